@@ -1,0 +1,330 @@
+"""The pinhole camera: intrinsics, projection and back-projection, rays, resize and crop.
+
+Frames: the camera frame is OpenCV's (x right, y down, z forward), metres. A pixel's integer
+coordinates ``(u, v) = (column, row)`` are its centre, so an image of width ``W`` covers
+``u`` in ``[-0.5, W - 0.5]``. A depth image holds z, not the distance along the ray; 0 or NaN
+marks a missing value.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import yaml
+
+FloatArray = npt.NDArray[np.floating[Any]]
+BoolArray = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Intrinsics:
+    """Pinhole intrinsics of an image of a known size, without lens distortion.
+
+    Args:
+        fx: Focal length along the rows, pixels.
+        fy: Focal length along the columns, pixels.
+        cx: Column of the principal point, pixels; pixel centres are integers.
+        cy: Row of the principal point, pixels.
+        width: Image width, pixels.
+        height: Image height, pixels.
+
+    Raises:
+        ValueError: A focal length or a size is not positive and finite, or the principal
+            point is further outside of the image than the image is wide or high.
+    """
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    width: int
+    height: int
+
+    def __post_init__(self) -> None:
+        for name in ("fx", "fy"):
+            value = getattr(self, name)
+            if not np.isfinite(value) or value <= 0:
+                raise ValueError(f"{name} must be a positive focal length in pixels, got {value}")
+        for name in ("width", "height"):
+            value = getattr(self, name)
+            if value != int(value) or value < 1:
+                raise ValueError(f"{name} must be a positive whole number of pixels, got {value}")
+        for name, size in (("cx", self.width), ("cy", self.height)):
+            value = getattr(self, name)
+            if not np.isfinite(value) or not -size <= value <= 2 * size:
+                raise ValueError(f"{name} must lie near the image of {size} pixels, got {value}")
+
+    @property
+    def matrix(self) -> npt.NDArray[np.float64]:
+        """The calibration matrix K, shape (3, 3): pixel ~ K @ point."""
+        return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Shape of an image of this camera, (height, width)."""
+        return self.height, self.width
+
+    @classmethod
+    def from_matrix(cls, matrix: npt.ArrayLike, width: int, height: int) -> Intrinsics:
+        """Build intrinsics from a calibration matrix.
+
+        Args:
+            matrix: K, shape (3, 3), pixels; its skew must be zero.
+            width: Image width, pixels.
+            height: Image height, pixels.
+
+        Returns:
+            The intrinsics.
+
+        Raises:
+            ValueError: The matrix has another shape, a skew, or a last row other than 0 0 1.
+        """
+        k = np.asarray(matrix, dtype=float)
+        if k.shape != (3, 3):
+            raise ValueError(f"K must have shape (3, 3), got {k.shape}")
+        if abs(k[0, 1]) > 1e-9 or abs(k[1, 0]) > 1e-9 or not np.allclose(k[2], (0, 0, 1)):
+            raise ValueError(f"K must be a pinhole matrix without skew, got {k.tolist()}")
+        return cls(float(k[0, 0]), float(k[1, 1]), float(k[0, 2]), float(k[1, 2]), width, height)
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Intrinsics:
+        """Build intrinsics from ``fx fy cx cy width height``; the inverse of :meth:`to_dict`.
+
+        Raises:
+            ValueError: A value is missing; the message names it.
+        """
+        missing = [key for key in ("fx", "fy", "cx", "cy", "width", "height") if key not in values]
+        if missing:
+            raise ValueError(f"intrinsics lack {', '.join(missing)}; found {sorted(values)}")
+        return cls(
+            *(float(values[key]) for key in ("fx", "fy", "cx", "cy")),
+            int(values["width"]),
+            int(values["height"]),
+        )
+
+    def to_dict(self) -> dict[str, float | int]:
+        """The six numbers by name."""
+        return asdict(self)
+
+    def resized(self, width: int, height: int) -> Intrinsics:
+        """Intrinsics of the same view resampled to another size.
+
+        A pixel centre c moves to (c + 0.5) s - 0.5, separately along each axis: squashing
+        1280x720 to 224x224 changes fx and fy by different factors.
+        """
+        sx, sy = width / self.width, height / self.height
+        return Intrinsics(
+            self.fx * sx,
+            self.fy * sy,
+            (self.cx + 0.5) * sx - 0.5,
+            (self.cy + 0.5) * sy - 0.5,
+            width,
+            height,
+        )
+
+    def cropped(self, x0: int, y0: int, width: int, height: int) -> Intrinsics:
+        """Intrinsics of the window whose first pixel is (x0, y0).
+
+        Raises:
+            ValueError: The window leaves the image.
+        """
+        if x0 < 0 or y0 < 0 or x0 + width > self.width or y0 + height > self.height:
+            raise ValueError(
+                f"crop ({x0}, {y0}, {width}, {height}) leaves the image of {self.width}x{self.height}"
+            )
+        return Intrinsics(self.fx, self.fy, self.cx - x0, self.cy - y0, width, height)
+
+
+#: TransHand-14K's camera at its native size (reference: the published loader's principal point).
+TRANSHAND_CAMERA = Intrinsics(1137.7778, 1137.7778, 639.5, 359.5, 1280, 720)
+
+
+def load_intrinsics(path: str | Path) -> Intrinsics:
+    """Read intrinsics from a YAML or JSON file.
+
+    Three forms are understood: ``fx fy cx cy width height``; the same with ``xres yres`` for
+    the size, as ClearGrasp publishes them; and ``K`` (3, 3) with ``width height``.
+
+    Args:
+        path: A ``.yaml``, ``.yml`` or ``.json`` file.
+
+    Returns:
+        The intrinsics.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        ValueError: The file can't be parsed, or a number is missing.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"no intrinsics file at {path}")
+    text = path.read_text(encoding="utf-8", errors="replace")
+    try:
+        values = json.loads(text) if path.suffix.lower() == ".json" else yaml.safe_load(text)
+    except (json.JSONDecodeError, yaml.YAMLError) as error:
+        raise ValueError(f"{path} is neither valid YAML nor JSON: {error}") from error
+    if not isinstance(values, Mapping):
+        raise ValueError(f"{path} must hold named values (fx, fy, cx, cy, width, height)")
+    named = dict(values)
+    for key, alias in (("width", "xres"), ("height", "yres")):
+        if key not in named and alias in named:
+            named[key] = named[alias]
+    try:
+        if "K" in named:
+            return Intrinsics.from_matrix(named["K"], int(named["width"]), int(named["height"]))
+        return Intrinsics.from_dict(named)
+    except KeyError as error:
+        raise ValueError(f"{path} lacks {error.args[0]!r} beside K") from error
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{path}: {error}") from error
+
+
+def valid_depth(depth: FloatArray) -> BoolArray:
+    """Where a depth image holds a measurement: finite and greater than zero, same shape."""
+    return np.isfinite(depth) & (depth > 0)
+
+
+def _check_image(name: str, image: npt.NDArray[Any], camera: Intrinsics) -> None:
+    if image.ndim < 2 or image.shape[:2] != camera.shape:
+        raise ValueError(
+            f"{name} has shape {image.shape}, but the intrinsics are of an image of "
+            f"{camera.width}x{camera.height} (shape {camera.shape})"
+        )
+
+
+def pixel_grid(camera: Intrinsics) -> npt.NDArray[np.float64]:
+    """Pixel centres (u, v) of every pixel, shape (H, W, 2)."""
+    u, v = np.meshgrid(np.arange(camera.width, dtype=float), np.arange(camera.height, dtype=float))
+    return np.stack([u, v], axis=-1)
+
+
+def back_project(depth: FloatArray, camera: Intrinsics) -> npt.NDArray[np.float64]:
+    """Lift a depth image to points in the camera frame.
+
+    Args:
+        depth: z-depth in metres, shape (H, W); 0 or NaN marks a missing value.
+        camera: Intrinsics of an image of exactly this size.
+
+    Returns:
+        Points in metres, shape (H, W, 3); NaN where depth is missing.
+
+    Raises:
+        ValueError: The shapes of image and intrinsics differ.
+    """
+    depth = np.asarray(depth)
+    if depth.ndim != 2:
+        raise ValueError(f"depth must be (H, W) float metres, got {depth.shape} {depth.dtype}")
+    _check_image("depth", depth, camera)
+    z = np.where(valid_depth(depth), depth, np.nan).astype(float)
+    uv = pixel_grid(camera)
+    x = (uv[..., 0] - camera.cx) / camera.fx * z
+    y = (uv[..., 1] - camera.cy) / camera.fy * z
+    return np.stack([x, y, z], axis=-1)
+
+
+def project(points: npt.ArrayLike, camera: Intrinsics) -> npt.NDArray[np.float64]:
+    """Project points of the camera frame to pixels.
+
+    Args:
+        points: Camera frame, metres, shape (..., 3).
+        camera: Intrinsics.
+
+    Returns:
+        Pixel coordinates (u, v), shape (..., 2); NaN for points at or behind the camera's centre.
+        A point outside of the image keeps its coordinates.
+    """
+    p = np.asarray(points, dtype=float)
+    if p.shape[-1:] != (3,):
+        raise ValueError(f"points must have shape (..., 3), got {p.shape}")
+    z = np.where(p[..., 2] > 0, p[..., 2], np.nan)
+    u = camera.fx * p[..., 0] / z + camera.cx
+    v = camera.fy * p[..., 1] / z + camera.cy
+    return np.stack([u, v], axis=-1)
+
+
+def ray_directions(camera: Intrinsics) -> npt.NDArray[np.float64]:
+    """Unit directions of the rays through all pixel centres, camera frame, shape (H, W, 3).
+
+    The point at distance t along a ray is ``t * direction``; its depth is ``t * direction[2]``.
+    """
+    uv = pixel_grid(camera)
+    x = (uv[..., 0] - camera.cx) / camera.fx
+    y = (uv[..., 1] - camera.cy) / camera.fy
+    d = np.stack([x, y, np.ones_like(x)], axis=-1)
+    unit: npt.NDArray[np.float64] = d / np.linalg.norm(d, axis=-1, keepdims=True)
+    return unit
+
+
+def transform_points(transform: npt.ArrayLike, points: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    """Apply a rigid transform ``to_from_from`` to points.
+
+    Args:
+        transform: Homogeneous matrix, shape (4, 4), e.g. ``camera_from_world``.
+        points: In the frame on the transform's right, metres, shape (..., 3).
+
+    Returns:
+        The points in the frame on its left, metres, shape (..., 3).
+
+    Raises:
+        ValueError: A shape differs.
+    """
+    t, p = np.asarray(transform, dtype=float), np.asarray(points, dtype=float)
+    if t.shape != (4, 4):
+        raise ValueError(f"transform must have shape (4, 4), got {t.shape}")
+    if p.shape[-1:] != (3,):
+        raise ValueError(f"points must have shape (..., 3), got {p.shape}")
+    moved: npt.NDArray[np.float64] = p @ t[:3, :3].T + t[:3, 3]
+    return moved
+
+
+def _check_target_size(width: int, height: int) -> None:
+    if width < 1 or height < 1:
+        raise ValueError(f"target size must be positive, got {width}x{height}")
+
+
+def resize_color(color: npt.NDArray[np.uint8], width: int, height: int) -> npt.NDArray[np.uint8]:
+    """Resize a colour image, shape (H, W, 3) uint8, by area when it shrinks, linearly else."""
+    _check_target_size(width, height)
+    shrinks = width < color.shape[1] or height < color.shape[0]
+    method = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
+    resized = cv2.resize(np.ascontiguousarray(color), (width, height), interpolation=method)
+    return np.asarray(resized, dtype=np.uint8)
+
+
+def _nearest_index(target: int, source: int) -> npt.NDArray[np.int64]:
+    centres = (np.arange(target) + 0.5) * source / target - 0.5
+    index = np.floor(centres + 0.5).astype(np.int64)
+    return np.clip(index, 0, source - 1)
+
+
+def resize_depth(depth: FloatArray, width: int, height: int) -> FloatArray:
+    """Resize a depth image by its nearest pixel, so that no depth is invented at an edge.
+
+    Args:
+        depth: Metres, shape (H, W).
+        width: New width, pixels.
+        height: New height, pixels.
+
+    Returns:
+        The same values, shape (height, width). A new pixel's centre c looks at the old pixel
+        nearest to (c + 0.5) / s - 0.5; the intrinsics follow with :meth:`Intrinsics.resized`.
+    """
+    _check_target_size(width, height)
+    rows = _nearest_index(height, depth.shape[0])
+    columns = _nearest_index(width, depth.shape[1])
+    return depth[rows[:, None], columns[None, :]]
+
+
+def resize_mask(mask: BoolArray, width: int, height: int) -> BoolArray:
+    """Resize a mask by its nearest pixel, with the same pixels as :func:`resize_depth`."""
+    _check_target_size(width, height)
+    rows = _nearest_index(height, mask.shape[0])
+    columns = _nearest_index(width, mask.shape[1])
+    return np.asarray(mask, dtype=bool)[rows[:, None], columns[None, :]]
