@@ -103,11 +103,8 @@ class Intrinsics:
         missing = [key for key in ("fx", "fy", "cx", "cy", "width", "height") if key not in values]
         if missing:
             raise ValueError(f"intrinsics lack {', '.join(missing)}; found {sorted(values)}")
-        return cls(
-            *(float(values[key]) for key in ("fx", "fy", "cx", "cy")),
-            int(values["width"]),
-            int(values["height"]),
-        )
+        fx, fy, cx, cy = (float(values[key]) for key in ("fx", "fy", "cx", "cy"))
+        return cls(fx, fy, cx, cy, int(values["width"]), int(values["height"]))
 
     def to_dict(self) -> dict[str, float | int]:
         """The six numbers by name."""
@@ -137,7 +134,8 @@ class Intrinsics:
         """
         if x0 < 0 or y0 < 0 or x0 + width > self.width or y0 + height > self.height:
             raise ValueError(
-                f"crop ({x0}, {y0}, {width}, {height}) leaves the image of {self.width}x{self.height}"
+                f"crop ({x0}, {y0}, {width}, {height}) leaves the image of "
+                f"{self.width}x{self.height}"
             )
         return Intrinsics(self.fx, self.fy, self.cx - x0, self.cy - y0, width, height)
 

@@ -1,0 +1,362 @@
+"""The hand: skeleton, 21 keypoints, wrist frame, the two hand features, the 2.5D-to-3D lift.
+
+Wrist frame: origin at the wrist, y toward the middle finger's knuckle (MCP), z out of the palm,
+x = y cross z. On a right hand x points to the thumb's side, on a left hand away from it.
+
+The paper's skeleton has 22 points: the usual 21 and a virtual point, its number 2, which we place
+inside the palm as the common root of the four fingers (the ledger's row on the 22-point
+skeleton). The keypoints leave it out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from scipy.spatial.transform import Rotation
+
+from hadr.camera import BoolArray, FloatArray, Intrinsics, valid_depth
+
+Side = Literal["right", "left"]
+
+_FINGER_JOINTS = {
+    "thumb": ("cmc", "mcp", "ip", "tip"),
+    "index": ("mcp", "pip", "dip", "tip"),
+    "middle": ("mcp", "pip", "dip", "tip"),
+    "ring": ("mcp", "pip", "dip", "tip"),
+    "little": ("mcp", "pip", "dip", "tip"),
+}
+#: Names of the 21 keypoints, in the order that detectors use (wrist, then thumb to little finger).
+KEYPOINT_NAMES: tuple[str, ...] = (
+    "wrist",
+    *(f"{finger}_{joint}" for finger, joints in _FINGER_JOINTS.items() for joint in joints),
+)
+#: Names of the skeleton's 22 joints; the second one, ``palm``, is virtual.
+SKELETON_NAMES: tuple[str, ...] = (KEYPOINT_NAMES[0], "palm", *KEYPOINT_NAMES[1:])
+#: Keypoint indices of each finger, root to tip.
+FINGERS: dict[str, tuple[int, int, int, int]] = {
+    finger: (4 * i + 1, 4 * i + 2, 4 * i + 3, 4 * i + 4) for i, finger in enumerate(_FINGER_JOINTS)
+}
+#: The 20 bones between keypoints, as (parent, child).
+BONES: tuple[tuple[int, int], ...] = tuple(
+    (0 if joint == 0 else indices[joint - 1], indices[joint])
+    for indices in FINGERS.values()
+    for joint in range(4)
+)
+#: Parent of each of the 22 joints; the wrist has none (-1). Four fingers hang on the virtual palm.
+SKELETON_PARENTS: tuple[int, ...] = (
+    -1,
+    0,
+    *(
+        ((0 if finger == "thumb" else 1) if joint == 0 else 2 + 4 * i + joint - 1)
+        for i, finger in enumerate(_FINGER_JOINTS)
+        for joint in range(4)
+    ),
+)
+#: Names of the twenty joint angles of a hand, four per finger, radians.
+ANGLE_NAMES: tuple[str, ...] = (
+    "thumb_cmc_spread",
+    "thumb_cmc_stretch",
+    "thumb_mcp_stretch",
+    "thumb_ip_stretch",
+    *(
+        f"{finger}_{angle}"
+        for finger in ("index", "middle", "ring", "little")
+        for angle in ("mcp_spread", "mcp_stretch", "pip_stretch", "dip_stretch")
+    ),
+)
+#: Lowest and highest angle of each joint, radians, shape (20, 2): usual active ranges of adults.
+ANGLE_LIMITS: npt.NDArray[np.float64] = np.deg2rad(
+    [(-30, 40), (-25, 50), (-10, 60), (-15, 80)] + [(-20, 20), (-20, 90), (0, 110), (0, 80)] * 4
+)
+
+
+@dataclass(frozen=True)
+class HandShape:
+    """Sizes of a hand in the wrist frame, metres, for a right hand with straight fingers.
+
+    Args:
+        side: Which hand; a left hand is the mirror image in x.
+        scale: Factor on every length; 1 is an adult's hand of 0.19 m.
+        roots: Position of each finger's first joint.
+        lengths: Lengths of each finger's three bones beyond that joint.
+        fan: Angle of each straight finger to y, radians, positive toward the thumb.
+
+    Raises:
+        ValueError: The side is neither ``right`` nor ``left``, or the scale is not in (0.3, 3).
+    """
+
+    side: Side = "right"
+    scale: float = 1.0
+    roots: Mapping[str, tuple[float, float, float]] = field(
+        default_factory=lambda: {
+            "thumb": (0.022, 0.022, 0.012),
+            "index": (0.024, 0.088, 0.0),
+            "middle": (0.0, 0.090, 0.0),
+            "ring": (-0.019, 0.084, 0.0),
+            "little": (-0.036, 0.074, 0.0),
+        }
+    )
+    lengths: Mapping[str, tuple[float, float, float]] = field(
+        default_factory=lambda: {
+            "thumb": (0.044, 0.034, 0.027),
+            "index": (0.044, 0.026, 0.022),
+            "middle": (0.048, 0.030, 0.023),
+            "ring": (0.044, 0.028, 0.023),
+            "little": (0.035, 0.021, 0.020),
+        }
+    )
+    fan: Mapping[str, float] = field(
+        default_factory=lambda: {"index": 0.06, "middle": 0.0, "ring": -0.07, "little": -0.16}
+    )
+
+    def __post_init__(self) -> None:
+        if self.side not in ("right", "left"):
+            raise ValueError(f"side must be 'right' or 'left', got {self.side!r}")
+        if not 0.3 < self.scale < 3:
+            raise ValueError(f"scale must lie in (0.3, 3), 1 being an adult, got {self.scale}")
+
+
+@dataclass(frozen=True)
+class Skeleton:
+    """A posed hand in the wrist frame.
+
+    Args:
+        joints: The 22 joints, metres, shape (22, 3), in the order of ``SKELETON_NAMES``.
+        frames: ``wrist_from_joint``, shape (22, 4, 4); y points along the bone that leaves the
+            joint, z to the palm's side. On a left hand they are mirrored and so left-handed.
+    """
+
+    joints: npt.NDArray[np.float64]
+    frames: npt.NDArray[np.float64]
+
+
+# The thumb leaves its root sideways and slightly out of the palm; y along it, z to its pulp.
+_THUMB_Y = np.array([0.68, 0.62, 0.39]) / np.linalg.norm([0.68, 0.62, 0.39])
+_THUMB_Z = np.array([-0.62, 0.15, 0.77]) - np.dot([-0.62, 0.15, 0.77], _THUMB_Y) * _THUMB_Y
+_THUMB_Z /= np.linalg.norm(_THUMB_Z)
+_THUMB_ROOT = np.stack([np.cross(_THUMB_Y, _THUMB_Z), _THUMB_Y, _THUMB_Z], axis=1)
+
+
+def forward_kinematics(angles: npt.ArrayLike, shape: HandShape | None = None) -> Skeleton:
+    """Pose the 22-joint skeleton by its joint angles.
+
+    A spread turns a finger sideways (positive toward the thumb), a stretch bends it to the palm.
+
+    Args:
+        angles: The twenty angles in the order of ``ANGLE_NAMES``, radians, shape (20,).
+        shape: Sizes and side of the hand; an adult's right hand where it is left out.
+
+    Returns:
+        Joints and joint frames in the wrist frame, metres.
+
+    Raises:
+        ValueError: There are not twenty finite angles.
+    """
+    shape = shape or HandShape()
+    q = np.asarray(angles, dtype=float)
+    if q.shape != (20,) or not np.isfinite(q).all():
+        raise ValueError(f"angles must be 20 finite radians, got shape {q.shape}: {q!r}")
+    frames = np.tile(np.eye(4), (22, 1, 1))
+    frames[1, :3, 3] = (0.0, 0.03, 0.0)
+    for i, finger in enumerate(_FINGER_JOINTS):
+        spread, *stretches = q[4 * i : 4 * i + 4]
+        if finger == "thumb":
+            turn = _THUMB_ROOT @ Rotation.from_euler("z", -spread).as_matrix()
+        else:
+            turn = Rotation.from_euler("z", -(shape.fan[finger] + spread)).as_matrix()
+        position = np.array(shape.roots[finger])
+        for joint in range(4):
+            if joint < 3:
+                turn = turn @ Rotation.from_euler("x", stretches[joint]).as_matrix()
+            frame = frames[2 + 4 * i + joint]
+            frame[:3, :3], frame[:3, 3] = turn, position
+            if joint < 3:
+                position = position + shape.lengths[finger][joint] * turn[:, 1]
+    frames[:, :3, 3] *= shape.scale
+    if shape.side == "left":
+        frames[:, 0, :] *= -1.0
+    return Skeleton(joints=frames[:, :3, 3].copy(), frames=frames)
+
+
+def keypoints_from_skeleton(joints: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    """Drop the virtual palm point: (22, 3) skeleton joints to (21, 3) keypoints.
+
+    Raises:
+        ValueError: There are not 22 joints.
+    """
+    joints = np.asarray(joints, dtype=float)
+    if joints.shape != (22, 3):
+        raise ValueError(f"a skeleton has 22 joints, shape (22, 3); got {joints.shape}")
+    return np.delete(joints, 1, axis=0)
+
+
+def check_keypoints(keypoints: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    """Return the keypoints as (21, 3) floats, or say what is wrong with them.
+
+    Raises:
+        ValueError: Another shape, a NaN or an infinite value (its keypoint is named).
+    """
+    points = np.asarray(keypoints, dtype=float)
+    if points.shape != (21, 3):
+        raise ValueError(f"a hand has 21 keypoints, shape (21, 3) in metres; got {points.shape}")
+    bad = ~np.isfinite(points).all(axis=1)
+    if bad.any():
+        names = ", ".join(KEYPOINT_NAMES[i] for i in np.flatnonzero(bad))
+        raise ValueError(f"keypoints must be finite; not so: {names}")
+    return points
+
+
+def wrist_axes(keypoints: torch.Tensor) -> torch.Tensor:
+    """Rotation of the wrist frame from the keypoints alone, the side taken as right.
+
+    Args:
+        keypoints: Any frame, metres, shape (B, 21, 3).
+
+    Returns:
+        ``frame_from_wrist`` rotations, shape (B, 3, 3), columns x, y, z. On a left hand z points
+        out of the back of the hand; the frame turns with the hand all the same. Where the
+        knuckles and the wrist lie on one line the rotation is undefined and holds zeros.
+    """
+    wrist = keypoints[:, 0]
+    index, middle, little = (keypoints[:, FINGERS[f][0]] for f in ("index", "middle", "little"))
+    y = torch.nn.functional.normalize(middle - wrist, dim=-1)
+    normal = torch.linalg.cross(index - wrist, little - wrist)
+    z = normal - (normal * y).sum(-1, keepdim=True) * y
+    z = torch.nn.functional.normalize(z, dim=-1)
+    return torch.stack([torch.linalg.cross(y, z), y, z], dim=-1)  # (B, 3, 3)
+
+
+def wrist_frame(keypoints: npt.ArrayLike, side: Side = "right") -> npt.NDArray[np.float64]:
+    """The wrist's pose from 21 keypoints.
+
+    Args:
+        keypoints: Camera frame (or any other), metres, shape (21, 3).
+        side: Which hand it is; needed to know on which side the palm lies.
+
+    Returns:
+        ``camera_from_wrist``, shape (4, 4), a proper rigid transform.
+
+    Raises:
+        ValueError: The keypoints have another shape or are not finite, or wrist and knuckles lie
+            on one line, so that no palm is defined.
+    """
+    points = check_keypoints(keypoints)
+    rotation = wrist_axes(torch.from_numpy(points)[None])[0].numpy()
+    if abs(np.linalg.det(rotation) - 1.0) > 1e-6:
+        raise ValueError("wrist, index, middle and little knuckle lie on one line: no palm plane")
+    if side == "left":
+        rotation = rotation * np.array([-1.0, 1.0, -1.0])
+    elif side != "right":
+        raise ValueError(f"side must be 'right' or 'left', got {side!r}")
+    camera_from_wrist = np.eye(4)
+    camera_from_wrist[:3, :3] = rotation
+    camera_from_wrist[:3, 3] = points[0]
+    return camera_from_wrist
+
+
+def absolute_hand_feature(keypoints: torch.Tensor, *, wrist_rotation: bool = True) -> torch.Tensor:
+    """The holding pose itself, F_hand^abs: keypoints in the wrist frame.
+
+    Args:
+        keypoints: Camera frame, metres, shape (B, 21, 3).
+        wrist_rotation: True turns them into the wrist frame, as the paper describes: the feature
+            does not change when the camera moves or turns. False only subtracts the wrist, as the
+            published code does: it changes when the camera turns.
+
+    Returns:
+        Shape (B, 63), metres. Source: paper, section III-B; the ledger's row on the wrist frame.
+    """
+    centred = keypoints - keypoints[:, :1]  # (B, 21, 3)
+    if wrist_rotation:
+        centred = centred @ wrist_axes(keypoints)
+    return centred.flatten(1)
+
+
+def relative_hand_feature(keypoints: torch.Tensor, centers: torch.Tensor) -> torch.Tensor:
+    """Where the hand is seen from a voxel, F_hand^rel: keypoints minus the voxel's centre.
+
+    Args:
+        keypoints: Camera frame, metres, shape (P, 21, 3) or (1, 21, 3).
+        centers: Voxel centres, camera frame, metres, shape (P, 3).
+
+    Returns:
+        Shape (P, 63), metres, axes of the camera frame. Source: paper, section III-B.
+    """
+    return (keypoints - centers[:, None]).flatten(1)
+
+
+def lift_keypoints(
+    uv: npt.ArrayLike, relative_depth: npt.ArrayLike, wrist_depth: float, camera: Intrinsics
+) -> npt.NDArray[np.float64]:
+    """Lift 2.5D keypoints to 3D by the wrist's depth, as the paper's real system does.
+
+    Args:
+        uv: Pixel coordinates, shape (21, 2).
+        relative_depth: Depth minus the wrist's depth, metres, shape (21,).
+        wrist_depth: z-depth of the wrist keypoint, metres.
+        camera: Intrinsics of the image that ``uv`` refers to.
+
+    Returns:
+        Keypoints in the camera frame, metres, shape (21, 3).
+
+    Raises:
+        ValueError: A shape differs, or the wrist's depth is not positive and finite, or a
+            keypoint would lie behind the camera.
+    """
+    pixels, relative = np.asarray(uv, dtype=float), np.asarray(relative_depth, dtype=float)
+    if pixels.shape != (21, 2):
+        raise ValueError(f"uv must have shape (21, 2) in pixels, got {pixels.shape}")
+    if relative.shape != (21,):
+        raise ValueError(f"relative_depth must have shape (21,) in metres, got {relative.shape}")
+    if not np.isfinite(wrist_depth) or wrist_depth <= 0:
+        raise ValueError(f"wrist_depth must be positive metres, got {wrist_depth}")
+    z = wrist_depth + relative
+    if (z <= 0).any():
+        worst = int(np.argmin(z))
+        raise ValueError(f"keypoint {KEYPOINT_NAMES[worst]} lies behind the camera: {z[worst]} m")
+    x = (pixels[:, 0] - camera.cx) / camera.fx * z
+    y = (pixels[:, 1] - camera.cy) / camera.fy * z
+    return check_keypoints(np.stack([x, y, z], axis=1))
+
+
+def wrist_depth_at(
+    depth: FloatArray,
+    uv_wrist: npt.ArrayLike,
+    hand_mask: BoolArray | None = None,
+    *,
+    window: int = 9,
+) -> float:
+    """Measure the depth at the wrist: the median of the valid depth around its pixel.
+
+    The camera sees the skin, a few centimetres in front of the joint; no correction is made.
+
+    Args:
+        depth: Metres, shape (H, W); 0 or NaN marks a missing value.
+        uv_wrist: The wrist's pixel (u, v).
+        hand_mask: Only these pixels count, shape (H, W); every pixel where it is left out.
+        window: Side of the square window, pixels.
+
+    Returns:
+        Metres. Where the window holds no valid depth, the median over the whole hand mask.
+
+    Raises:
+        ValueError: There is no valid depth at the wrist nor, with a mask, on the hand.
+    """
+    u, v = (round(float(c)) for c in np.asarray(uv_wrist, dtype=float))
+    usable = valid_depth(depth)
+    if hand_mask is not None:
+        usable = usable & hand_mask
+    half = window // 2
+    rows = slice(max(v - half, 0), max(v + half + 1, 0))
+    columns = slice(max(u - half, 0), max(u + half + 1, 0))
+    near: npt.NDArray[Any] = depth[rows, columns][usable[rows, columns]]
+    if near.size == 0 and hand_mask is not None:
+        near = depth[usable]
+    if near.size == 0:
+        raise ValueError(f"no valid depth around the wrist's pixel ({u}, {v})")
+    return float(np.median(near))
