@@ -1,0 +1,99 @@
+"""Check cells for the book's exercises: is the learner right, plausibly wrong, or not done yet."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a check found; shows itself in a notebook and as text.
+
+    Args:
+        status: ``right``, ``wrong`` or ``open`` (not answered yet).
+        message: One sentence for the learner.
+    """
+
+    status: Literal["right", "wrong", "open"]
+    message: str
+
+    def __bool__(self) -> bool:
+        """Whether the answer is right."""
+        return self.status == "right"
+
+    def __str__(self) -> str:
+        """The mark and the sentence, as plain text."""
+        mark = {"right": "✓", "wrong": "✗", "open": "…"}[self.status]
+        return f"{mark} {self.message}"
+
+    def _repr_html_(self) -> str:
+        color = {"right": "#00735c", "wrong": "#b04500", "open": "#5a5a5a"}[self.status]
+        return f'<p style="color:{color};font-weight:600">{html.escape(str(self))}</p>'
+
+
+def _as_array(value: Any) -> npt.NDArray[Any] | None:
+    try:
+        array = np.asarray(value.detach().cpu() if hasattr(value, "detach") else value)
+    except (TypeError, ValueError):
+        return None
+    return array if array.dtype.kind in "biufc" else None
+
+
+def _close(
+    answer: npt.NDArray[Any], expected: npt.NDArray[Any], rtol: float, atol: float
+) -> np.bool_ | bool:
+    if answer.shape != expected.shape:
+        return False
+    return bool(np.allclose(answer, expected, rtol=rtol, atol=atol, equal_nan=True))
+
+
+def check(
+    answer: Any,
+    expected: npt.ArrayLike,
+    *,
+    rtol: float = 1e-6,
+    atol: float = 1e-9,
+    wrong: Iterable[tuple[npt.ArrayLike, str]] = (),
+) -> Verdict:
+    """Compare a learner's answer with the expected one. It never raises for an answer.
+
+    Args:
+        answer: What the learner computed; ``...`` means not answered yet.
+        expected: The right number or array.
+        rtol: Relative tolerance.
+        atol: Absolute tolerance.
+        wrong: Plausible wrong answers, each with a hint that says what went wrong there.
+
+    Returns:
+        The verdict, true where the answer is right.
+    """
+    if answer is ...:
+        return Verdict("open", "Not answered yet: put your result in place of the three dots.")
+    target = np.asarray(expected)
+    if target.dtype.kind not in "biufc":
+        same = bool(np.all(np.asarray(answer, dtype=object) == np.asarray(expected, dtype=object)))
+        return Verdict("right", "Right.") if same else Verdict("wrong", f"Not {answer!r}.")
+    array = _as_array(answer)
+    if array is None:
+        return Verdict("wrong", f"A number or an array is expected, not {type(answer).__name__}.")
+    if array.shape != target.shape:
+        return Verdict(
+            "wrong", f"The shape is {array.shape}; {target.shape or 'one number'} is expected."
+        )
+    if _close(array, target, rtol, atol):
+        return Verdict("right", "Right.")
+    for value, hint in wrong:
+        if _close(array, np.asarray(value), rtol, atol):
+            return Verdict("wrong", hint)
+    if not np.isfinite(array.astype(complex)).all() and np.isfinite(target.astype(complex)).all():
+        return Verdict("wrong", "The answer holds NaN or infinite values; it should not.")
+    if array.size == 1:
+        return Verdict("wrong", f"Not {array.item():.6g}. Check the units and the formula.")
+    worst = float(np.nanmax(np.abs(array.astype(complex) - target.astype(complex))))
+    return Verdict("wrong", f"Not yet: the largest difference from the answer is {worst:.3g}.")
