@@ -1,0 +1,1 @@
+"""The HADR network and the parts of which it is made."""
