@@ -1,0 +1,159 @@
+"""Ray features: the dense colour features around a ray's pixel, by ROI align of an 8x8 box to 2x2.
+
+Two forms of the same thing. `roi_align` is the published operation, written plainly and slowly.
+`RayFeatures` uses that the box of every ray has the same size and stands on whole pixels: each of
+the four bins is then the mean of 4x4 pixels, so one average pooling of the map and four look-ups
+replace the sampling.
+
+Coordinates of boxes here are ROI align's: continuous, pixel k covers [k, k + 1) and has its centre
+at k + 0.5. (In the rest of the library integers are pixel centres: subtract 0.5.) The box of the
+pixel in column x is [x - 4, x + 4]: the four columns left of the pixel, the pixel itself and three
+columns right of it.
+
+Source: paper, "Ray and Voxel Feature Extraction"; He et al. 2017, "Mask R-CNN", section 3.
+"""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+
+def features_at(feature_map: Tensor, pixels: Tensor) -> Tensor:
+    """Look up the features of single pixels.
+
+    Args:
+        feature_map: Features, shape (B, C, H, W).
+        pixels: Rows (frame, row, column), shape (N, 3), long.
+
+    Returns:
+        Features, shape (N, C).
+    """
+    _, channels, height, width = feature_map.shape
+    frame, row, column = pixels.unbind(dim=1)
+    rows = feature_map.permute(0, 2, 3, 1).reshape(-1, channels)  # (B * H * W, C)
+    return rows.index_select(0, (frame * height + row) * width + column)
+
+
+class RayFeatures(nn.Module):
+    """ROI align of a box around each ray's pixel to 2x2, flattened; no weights.
+
+    Equal to `roi_align` with `aligned=True` and the usual sampling of one point per pixel. At the
+    border the box keeps its size and is pushed back until it lies in the image: a pixel nearer
+    than `box // 2` to the border gets the box of its nearest neighbour that has a whole one. (The
+    published code cuts the box off instead, which gives bins of other sizes there.)
+
+    Args:
+        box: Side of the box in pixels; even.
+
+    Raises:
+        ValueError: `box` is odd or not positive.
+    """
+
+    def __init__(self, box: int = 8) -> None:
+        super().__init__()
+        if box < 2 or box % 2:
+            raise ValueError(f"box must be an even number of pixels, got {box}")
+        self.box = box
+
+    def boxes(self, pixels: Tensor, height: int, width: int) -> Tensor:
+        """Give the boxes in ROI align's continuous coordinates.
+
+        Args:
+            pixels: Rows (frame, row, column), shape (R, 3), long.
+            height: Height of the feature map in pixels.
+            width: Width of the feature map in pixels.
+
+        Returns:
+            Boxes (left, top, right, bottom) inside of the image, shape (R, 4), long.
+
+        Raises:
+            ValueError: The image is smaller than the box.
+        """
+        if min(height, width) < self.box:
+            raise ValueError(
+                f"the feature map must be at least {self.box}x{self.box}, got {height}x{width}"
+            )
+        half = self.box // 2
+        top = pixels[:, 1].clamp(half, height - half) - half
+        left = pixels[:, 2].clamp(half, width - half) - half
+        return torch.stack((left, top, left + self.box, top + self.box), dim=1)
+
+    def forward(self, feature_map: Tensor, pixels: Tensor) -> Tensor:
+        """Compute the feature of each ray.
+
+        Args:
+            feature_map: Dense colour features at the image's resolution, shape (B, C, H, W).
+            pixels: Rows (frame, row, column) of the rays' pixels, shape (R, 3), long.
+
+        Returns:
+            Ray features, shape (R, 4 * C): for each channel the bins upper left, upper right,
+            lower left, lower right.
+        """
+        left, top, _, _ = self.boxes(pixels, *feature_map.shape[2:]).unbind(dim=1)
+        half = self.box // 2
+        # Channels last in memory: the pooling is several times faster, the look-ups need no copy.
+        feature_map = feature_map.contiguous(memory_format=torch.channels_last)
+        mean = functional.avg_pool2d(feature_map, kernel_size=half, stride=1)
+        bins = [
+            features_at(mean, torch.stack((pixels[:, 0], top + down, left + right), dim=1))
+            for down in (0, half)
+            for right in (0, half)
+        ]  # four of (rays, C)
+        return torch.stack(bins, dim=2).flatten(1)  # (rays, 4 * C)
+
+
+def _bin_weights(
+    start: float, end: float, bins: int, sampling: int, size: int, aligned: bool, dtype: torch.dtype
+) -> Tensor:
+    """Give, for one axis of one box, the weight of each pixel in each bin: (bins, size)."""
+    offset = 0.5 if aligned else 0.0
+    length = end - start if aligned else max(end - start, 1.0)
+    per_bin = sampling if sampling > 0 else max(1, math.ceil(length / bins))
+    step = length / (bins * per_bin)
+    sample = start - offset + (torch.arange(bins * per_bin, dtype=dtype) + 0.5) * step
+    counted = (sample >= -1) & (sample <= size)  # further out a sample counts as zero
+    sample = sample.clamp(0, size - 1)
+    pixel = torch.arange(size, dtype=dtype)
+    weight = (1 - (sample[:, None] - pixel).abs()).clamp(min=0) * counted[:, None]  # bilinear
+    return weight.reshape(bins, per_bin, size).mean(dim=1)
+
+
+def roi_align(
+    feature_map: Tensor,
+    boxes: Tensor,
+    frame: Tensor,
+    *,
+    bins: int = 2,
+    sampling: int = 0,
+    aligned: bool = True,
+) -> Tensor:
+    """ROI align, as defined: the mean of bilinear samples in each bin. One box at a time: slow.
+
+    Bilinear sampling is separable, so each bin is a weighted sum of pixels with one weight per row
+    times one weight per column. A sample up to one pixel outside of the image takes the border's
+    value; one further out counts as zero (as in the authors' and the common implementations).
+
+    Args:
+        feature_map: Features, shape (B, C, H, W).
+        boxes: Boxes (left, top, right, bottom) in continuous pixel coordinates, shape (R, 4).
+        frame: Frame of each box, shape (R,), long.
+        bins: Bins along each axis.
+        sampling: Samples in a bin along each axis; 0 = one per pixel, ceil(bin size).
+        aligned: Whether the centre of pixel k lies at k + 0.5 of the box's coordinates (True) or,
+            as in the first implementations, at k, where a box is also at least one pixel wide.
+
+    Returns:
+        Bin means, shape (R, C, bins, bins).
+    """
+    _, channels, height, width = feature_map.shape
+    result = feature_map.new_zeros(len(boxes), channels, bins, bins)
+    for i, (left, top, right, bottom) in enumerate(boxes.tolist()):
+        dtype = feature_map.dtype
+        rows = _bin_weights(top, bottom, bins, sampling, height, aligned, dtype)
+        columns = _bin_weights(left, right, bins, sampling, width, aligned, dtype)
+        result[i] = rows @ feature_map[frame[i]] @ columns.T
+    return result
