@@ -1,0 +1,323 @@
+"""Depth metrics: RMSE, REL, MAE and the delta thresholds, and how they are averaged.
+
+A pixel can be scored where the mask is set and the true depth is valid. Where the prediction is
+missing there (0 or NaN), a policy decides:
+
+* ``exclude``: the pixel is left out, and ``coverage`` tells how many remain. A method that
+  answers only where it is easy looks good under this policy, so read it beside the coverage.
+* ``zero``: the hole is scored as the depth 0 that stands in the image; it fails every delta.
+* ``error``: a missing prediction is a mistake and raises.
+
+A number says how it was averaged: over the pixels of one frame, as the mean of the frames'
+numbers (as the published evaluation does), or over the pixels of all frames pooled. The three
+differ, and no table here mixes them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Literal, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+from hadr.camera import BoolArray, FloatArray, valid_depth
+
+Missing = Literal["exclude", "zero", "error"]
+Averaging = Literal["frame", "per-frame mean", "pooled"]
+
+#: The columns of a table: field, heading with unit, digits.
+COLUMNS: tuple[tuple[str, str, int], ...] = (
+    ("rmse_m", "RMSE (m)", 4),
+    ("rel", "REL", 4),
+    ("mae_m", "MAE (m)", 4),
+    ("delta_105", "δ1.05 (%)", 2),
+    ("delta_110", "δ1.10 (%)", 2),
+    ("delta_125", "δ1.25 (%)", 2),
+    ("coverage", "coverage (%)", 1),
+)
+_AVERAGED = ("rmse_m", "rel", "mae_m", "delta_105", "delta_110", "delta_125")
+
+
+@dataclass(frozen=True)
+class DepthMetrics:
+    """The quality of restored depth, of one frame or of several.
+
+    Args:
+        rmse_m: Root of the mean squared error, metres.
+        rel: Mean of the absolute error divided by the true depth.
+        mae_m: Mean absolute error, metres.
+        delta_105: Percent of the scored pixels with max(p / t, t / p) < 1.05.
+        delta_110: The same for 1.10.
+        delta_125: The same for 1.25.
+        pixels: Number of scored pixels; where it is 0, the six numbers are NaN.
+        coverage: Share, 0 to 1, of the pixels that could be scored (mask set, truth valid) for
+            which a depth was predicted, whatever the policy.
+        frames: Number of frames with scored pixels.
+        averaging: How the numbers were averaged.
+    """
+
+    rmse_m: float
+    rel: float
+    mae_m: float
+    delta_105: float
+    delta_110: float
+    delta_125: float
+    pixels: int
+    coverage: float
+    frames: int = 1
+    averaging: Averaging = "frame"
+
+    def to_dict(self) -> dict[str, float | int | str | None]:
+        """The fields by name, for JSON; NaN becomes None."""
+        return {
+            key: None if isinstance(value, float) and math.isnan(value) else value
+            for key, value in asdict(self).items()
+        }
+
+
+@dataclass(frozen=True)
+class _Sums:
+    """Sums over pixels from which every metric follows; they add up over frames."""
+
+    scorable: int
+    predicted: int
+    pixels: int
+    squared: float
+    absolute: float
+    relative: float
+    within: tuple[int, int, int]
+
+    def metrics(self, frames: int, averaging: Averaging) -> DepthMetrics:
+        n = self.pixels
+        share = 1.0 / n if n else math.nan
+        d105, d110, d125 = (100.0 * count * share for count in self.within)
+        return DepthMetrics(
+            rmse_m=math.sqrt(self.squared * share) if n else math.nan,
+            rel=self.relative * share,
+            mae_m=self.absolute * share,
+            delta_105=d105,
+            delta_110=d110,
+            delta_125=d125,
+            pixels=n,
+            coverage=self.predicted / self.scorable,
+            frames=frames,
+            averaging=averaging,
+        )
+
+
+def _describe(array: npt.NDArray[Any]) -> str:
+    return f"{array.shape} {array.dtype}"
+
+
+def _check(predicted: FloatArray, truth: FloatArray, mask: BoolArray, missing: Missing) -> None:
+    for name, depth in (("predicted", predicted), ("truth", truth)):
+        if depth.ndim != 2 or not np.issubdtype(depth.dtype, np.floating):
+            raise ValueError(f"{name} must be (H, W) float metres, got {_describe(depth)}")
+    if predicted.shape != truth.shape:
+        raise ValueError(f"predicted has shape {predicted.shape}, but truth has {truth.shape}")
+    if mask.shape != truth.shape or mask.dtype != np.bool_:
+        raise ValueError(f"mask must be {truth.shape} bool, got {_describe(mask)}")
+    if missing not in get_args(Missing):
+        raise ValueError(f"missing must be one of {get_args(Missing)}, got {missing!r}")
+    if np.isinf(predicted[mask]).any():
+        raise ValueError("predicted holds infinite depth inside the mask; 0 or NaN means missing")
+
+
+def _scored(
+    predicted: FloatArray, truth: FloatArray, mask: BoolArray, missing: Missing
+) -> tuple[BoolArray, BoolArray, BoolArray]:
+    """Where a pixel could be scored, where it was predicted too, and where it is scored."""
+    _check(predicted, truth, mask, missing)
+    scorable = mask & valid_depth(truth)
+    if not scorable.any():
+        raise ValueError(
+            f"nothing to score: the mask selects {int(mask.sum())} pixels, none with a true depth"
+        )
+    answered = scorable & ~np.isnan(predicted) & (predicted != 0)
+    if missing == "error" and (answered != scorable).any():
+        absent = int(scorable.sum() - answered.sum())
+        raise ValueError(
+            f"{absent} of {int(scorable.sum())} pixels of the mask have no predicted depth"
+        )
+    return scorable, answered, scorable if missing == "zero" else answered
+
+
+def depth_errors(
+    predicted: FloatArray, truth: FloatArray, mask: BoolArray, *, missing: Missing = "exclude"
+) -> npt.NDArray[np.float64]:
+    """The signed error of each scored pixel, predicted minus true: positive lies behind.
+
+    Args:
+        predicted: z-depth in metres, shape (H, W); 0 or NaN marks a missing value.
+        truth: True z-depth in metres, shape (H, W); 0 or NaN marks a missing value.
+        mask: Pixels that count, shape (H, W) bool.
+        missing: What becomes of a missing prediction: ``exclude``, ``zero`` or ``error``.
+
+    Returns:
+        Metres, shape (H, W); NaN where a pixel is not scored.
+
+    Raises:
+        ValueError: Shapes or types differ, the prediction is infinite somewhere in the mask, no
+            pixel of the mask has a true depth, or ``missing`` is ``error`` and one is missing.
+    """
+    _, _, scored = _scored(predicted, truth, mask, missing)
+    error = np.full(truth.shape, np.nan)
+    error[scored] = np.nan_to_num(predicted[scored].astype(float)) - truth[scored].astype(float)
+    return error
+
+
+def _sums(predicted: FloatArray, truth: FloatArray, mask: BoolArray, missing: Missing) -> _Sums:
+    scorable, answered, scored = _scored(predicted, truth, mask, missing)
+    p = np.nan_to_num(predicted[scored].astype(np.float64))
+    t = truth[scored].astype(np.float64)
+    error = np.abs(p - t)
+    ratio = np.full(p.shape, np.inf)  # a hole or a negative depth is within no threshold
+    front = p > 0
+    ratio[front] = np.maximum(p[front] / t[front], t[front] / p[front])
+    return _Sums(
+        scorable=int(scorable.sum()),
+        predicted=int(answered.sum()),
+        pixels=int(scored.sum()),
+        squared=float(np.sum(error**2)),
+        absolute=float(np.sum(error)),
+        relative=float(np.sum(error / t)),
+        within=(int((ratio < 1.05).sum()), int((ratio < 1.10).sum()), int((ratio < 1.25).sum())),
+    )
+
+
+def frame_metrics(
+    predicted: FloatArray, truth: FloatArray, mask: BoolArray, *, missing: Missing = "exclude"
+) -> DepthMetrics:
+    """Score one frame.
+
+    Args:
+        predicted: z-depth in metres, shape (H, W); 0 or NaN marks a missing value. A negative
+            depth is not missing: it is scored, and fails every delta.
+        truth: True z-depth in metres, shape (H, W); 0 or NaN marks a missing value.
+        mask: Pixels that count, shape (H, W) bool.
+        missing: What becomes of a missing prediction: ``exclude``, ``zero`` or ``error``.
+
+    Returns:
+        The metrics; NaN with ``pixels`` 0 where nothing was predicted and ``exclude`` is set.
+
+    Raises:
+        ValueError: As :func:`depth_errors`.
+    """
+    return _sums(predicted, truth, mask, missing).metrics(1, "frame")
+
+
+def mean_over_frames(frames: Iterable[DepthMetrics]) -> DepthMetrics:
+    """Average the frames' numbers; every frame counts the same, however few pixels it has.
+
+    Frames in which nothing was scored can't enter the mean: ``frames`` counts those that did,
+    while ``coverage`` is the mean over all of them.
+
+    Args:
+        frames: Results of :func:`frame_metrics`.
+
+    Returns:
+        The per-frame mean; ``pixels`` is the total.
+
+    Raises:
+        ValueError: There is no frame, or one of them is itself an average.
+    """
+    listed = list(frames)
+    if not listed:
+        raise ValueError("no frames to average over")
+    averages = sorted({m.averaging for m in listed} - {"frame"})
+    if averages:
+        raise ValueError(f"expected single frames' metrics, got {averages[0]!r} ones")
+    scored = [m for m in listed if m.pixels > 0]
+    means = {
+        name: float(np.mean([getattr(m, name) for m in scored])) if scored else math.nan
+        for name in _AVERAGED
+    }
+    return replace(
+        listed[0],
+        **means,
+        pixels=sum(m.pixels for m in listed),
+        coverage=float(np.mean([m.coverage for m in listed])),
+        frames=len(scored),
+        averaging="per-frame mean",
+    )
+
+
+def pooled(
+    frames: Iterable[tuple[FloatArray, FloatArray, BoolArray]], *, missing: Missing = "exclude"
+) -> DepthMetrics:
+    """Score the pixels of all frames as if they were one image; a large object counts more.
+
+    Args:
+        frames: (predicted, truth, mask) of each frame, as :func:`frame_metrics` takes them. An
+            iterator will do: only sums are kept.
+        missing: What becomes of a missing prediction: ``exclude``, ``zero`` or ``error``.
+
+    Returns:
+        The pooled metrics; ``frames`` counts the frames with scored pixels.
+
+    Raises:
+        ValueError: There is no frame, or as :func:`depth_errors`.
+    """
+    parts = [_sums(*frame, missing) for frame in frames]
+    if not parts:
+        raise ValueError("no frames to pool")
+    total = _Sums(
+        scorable=sum(s.scorable for s in parts),
+        predicted=sum(s.predicted for s in parts),
+        pixels=sum(s.pixels for s in parts),
+        squared=math.fsum(s.squared for s in parts),
+        absolute=math.fsum(s.absolute for s in parts),
+        relative=math.fsum(s.relative for s in parts),
+        within=(
+            sum(s.within[0] for s in parts),
+            sum(s.within[1] for s in parts),
+            sum(s.within[2] for s in parts),
+        ),
+    )
+    return total.metrics(sum(s.pixels > 0 for s in parts), "pooled")
+
+
+def format_table(rows: Mapping[str, DepthMetrics], columns: Sequence[str] | None = None) -> str:
+    """Set metrics as a Markdown table, one row a method, and say how they were averaged.
+
+    Args:
+        rows: Name of the row to its metrics.
+        columns: Fields to show; all of :data:`COLUMNS` where they are left out.
+
+    Returns:
+        Markdown; a number that does not exist is a dash.
+
+    Raises:
+        ValueError: There is no row, the rows are averaged in different ways, or a column is
+            unknown.
+    """
+    if not rows:
+        raise ValueError("no rows for the table")
+    ways = sorted({m.averaging for m in rows.values()})
+    if len(ways) > 1:
+        raise ValueError(f"a table must not mix averages, got {' and '.join(ways)}")
+    unknown = set(columns or ()) - {name for name, _, _ in COLUMNS}
+    if unknown:
+        raise ValueError(f"no such column: {', '.join(sorted(unknown))}")
+    shown = [c for c in COLUMNS if columns is None or c[0] in columns]
+    lines = [
+        "| " + " | ".join(("method", *(heading for _, heading, _ in shown))) + " |",
+        "|" + "|".join((":--", *("--:" for _ in shown))) + "|",
+    ]
+    for name, metrics in rows.items():
+        cells = [name]
+        for column, _, digits in shown:
+            value = getattr(metrics, column) * (100 if column == "coverage" else 1)
+            cells.append("–" if math.isnan(value) else f"{value:.{digits}f}")
+        lines.append("| " + " | ".join(cells) + " |")
+    counts = sorted({m.frames for m in rows.values()})
+    over = str(counts[0]) if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
+    caption = {
+        "frame": "Over the pixels of one frame.",
+        "per-frame mean": f"Mean of the frames' numbers, {over} frames.",
+        "pooled": f"Pooled over the pixels of {over} frames.",
+    }[ways[0]]
+    return "\n".join([*lines, "", caption])
