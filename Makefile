@@ -1,0 +1,74 @@
+# Two commands matter: `make book` and `make test`. Everything else is for contributors.
+#
+#   PYTHON=python3.12   the Python that makes the environment (3.11 or newer)
+#   VENV=DIR            the environment's folder (default: .venv)
+#   BUILD=DIR           where the executed notebooks and the book go (default: build)
+#   PIP_FLAGS=...       more options for pip, such as another index for PyTorch's wheels
+
+PYTHON    ?= python3
+VENV      ?= .venv
+BUILD     ?= build
+PIP_FLAGS ?=
+PRESET    ?= tiny
+SEED      ?= 0
+
+BIN   := $(VENV)/bin
+PY    := $(BIN)/python
+READY := $(VENV)/.hadr-ready
+
+# Caches go into the build folder: the commands need no writable HOME.
+export MPLCONFIGDIR := $(abspath $(BUILD))/cache/matplotlib
+export XDG_CACHE_HOME := $(abspath $(BUILD))/cache
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+
+.DEFAULT_GOAL := help
+.PHONY: help book test lint env notebooks texts check-notebooks html readme-times readme-figure clean
+
+help: ## what can be made
+	@echo "usage: make TARGET [PYTHON=python3] [VENV=.venv] [BUILD=build]"
+	@grep -E '^[a-z-]+:.*## ' $(firstword $(MAKEFILE_LIST)) | sed 's/:.*## /\t/' | \
+	    awk -F'\t' '{ printf "  %-16s %s\n", $$1, $$2 }'
+
+book: $(READY) ## execute all notebooks and build the HTML book
+	@$(PY) -m hadr.book --build "$(BUILD)" --preset $(PRESET) --seed $(SEED)
+
+html: $(READY) ## rebuild the HTML book from the notebooks executed last time
+	@$(PY) -m hadr.book --build "$(BUILD)" --html-only
+
+test: $(READY) ## run the test suite
+	@HADR_BOOK_HTML="$(abspath $(BUILD))/html/_build/html" $(PY) -m pytest $(PYTEST_FLAGS)
+
+lint: $(READY) ## ruff and mypy
+	@$(BIN)/ruff check .
+	@$(BIN)/ruff format --check .
+	@$(BIN)/mypy
+
+env: $(READY) ## make the environment only
+
+notebooks: $(READY) ## write notebooks/*.ipynb from their text twins, and check the way back
+	@$(PY) -m hadr.notebook_twins
+
+texts: $(READY) ## write the text twins from notebooks that were edited in Jupyter
+	@$(PY) -m hadr.notebook_twins --from-notebooks
+
+check-notebooks: $(READY) ## compare notebooks and text twins, write nothing
+	@$(PY) -m hadr.notebook_twins --check
+
+readme-times: $(READY) ## write the run times that the last `make book` measured into README.md
+	@$(PY) -m hadr.book --build "$(BUILD)" --readme-times
+
+readme-figure: $(READY) ## draw the README's picture of a restored frame
+	@$(PY) book/restored_frame.py
+
+clean: ## remove what was built (the environment stays)
+	rm -rf "$(BUILD)" .pytest_cache .mypy_cache .ruff_cache .hypothesis
+
+$(READY): pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; v = sys.version_info; sys.exit(0 if v[:2] >= (3, 11) else \
+	    "hadr needs Python 3.11 or newer, but $(PYTHON) is %d.%d; name another one: make PYTHON=python3.11 ..." % v[:2])'
+	@$(PYTHON) -c 'import ensurepip' 2>/dev/null || { \
+	    echo "$(PYTHON) cannot make environments: its module ensurepip is missing (on Debian and Ubuntu: install python3-venv)"; exit 1; }
+	@test -x "$(PY)" || $(PYTHON) -m venv "$(VENV)"
+	@echo "installing into $(VENV): a few minutes the first time"
+	@$(PY) -m pip install --quiet $(PIP_FLAGS) -c constraints.txt -e '.[book,test]'
+	@touch "$(READY)"

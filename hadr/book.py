@@ -1,0 +1,313 @@
+"""Stage the executed chapters beside the book's pages, build the HTML book, and check the way.
+
+A launch link works only where a page's source is the notebook at the repository's own path, so
+the staged book holds ``notebooks/NN_name.ipynb`` exactly as the repository does. What a page
+without a kernel cannot show is taken out on the way; the executed notebooks stay as they are.
+"""
+
+import argparse
+import importlib.util
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from hadr.provenance import machine_text, write_json
+from hadr.reproduce import (
+    ChapterError,
+    ChapterRun,
+    chapter_paths,
+    checkout_root,
+    collect_results,
+    run_notebooks,
+    run_time_table,
+    seconds_text,
+)
+
+RUNTIME_TOKEN = "{{RUNTIME}}"
+TABLE_TOKEN = "{{RUNTIME_TABLE}}"
+REPOSITORY_TOKEN = "{{REPOSITORY}}"
+TABLE_BEGIN = "<!-- run times: begin (written by `make readme-times`) -->"
+TABLE_END = "<!-- run times: end -->"
+WIDGET_NOTE = (
+    "```{note}\n:class: needs-kernel\n"
+    "The control of this cell needs a running kernel: open the chapter with the rocket button "
+    "above, or on your own machine. The figure beside it tells the same story.\n```"
+)
+_WIDGET_VIEW = "application/vnd.jupyter.widget-view+json"
+
+
+def chapter_title(notebook: Path) -> str:
+    """The first heading of a notebook, without markup.
+
+    Args:
+        notebook: Path of an .ipynb file.
+    """
+    import nbformat
+
+    for cell in nbformat.read(notebook, 4).cells:
+        found = re.search(r"^# +(.+)$", cell.source, flags=re.MULTILINE)
+        if cell.cell_type == "markdown" and found:
+            return found.group(1).strip()
+    return notebook.stem
+
+
+def stage_notebook(notebook: Any, run_time: str) -> Any:
+    """Make an executed notebook ready for a page without a kernel.
+
+    The token for the run time is replaced; papermill's injected parameters, warnings and other
+    text on stderr, and the outputs and state of widgets are dropped; each cell tagged
+    ``interactive`` is followed by a note.
+
+    Args:
+        notebook: The executed notebook (nbformat's NotebookNode); changed in place.
+        run_time: Replaces ``{{RUNTIME}}``.
+
+    Returns:
+        The same notebook.
+    """
+    import nbformat
+
+    cells = []
+    for cell in notebook.cells:
+        tags = cell.metadata.get("tags", [])
+        if "injected-parameters" in tags:
+            continue
+        cells.append(cell)
+        if cell.cell_type != "code":
+            cell.source = cell.source.replace(RUNTIME_TOKEN, run_time)
+            continue
+        cell.outputs = [output for output in cell.outputs if _is_for_readers(output)]
+        if "interactive" in tags:
+            cell.outputs = []
+            cells.append(nbformat.v4.new_markdown_cell(WIDGET_NOTE))
+    notebook.cells = cells
+    notebook.metadata.pop("widgets", None)
+    notebook.metadata.pop("papermill", None)
+    return notebook
+
+
+def _is_for_readers(output: Any) -> bool:
+    if output.output_type == "stream":
+        return bool(output.name != "stderr")
+    return _WIDGET_VIEW not in output.get("data", {})
+
+
+def stage_book(
+    book: Path, runs: Sequence[ChapterRun], target: Path, *, total_s: float | None = None
+) -> Path:
+    """Copy the book's pages and the executed chapters into a build folder.
+
+    Args:
+        book: Folder with _config.yml, _toc.yml and the pages.
+        runs: The executed chapters.
+        target: Build folder; what was staged there before is replaced.
+        total_s: Wall-clock seconds of the execution, for the page of run times.
+
+    Returns:
+        The staged book's folder.
+    """
+    import nbformat
+
+    if target.exists():
+        shutil.rmtree(target)
+    shutil.copytree(book, target, ignore=shutil.ignore_patterns("_build", ".*"))
+    (target / "notebooks").mkdir()
+    titles = {}
+    for run in runs:
+        name = run.notebook.name
+        titles[run.name] = f"[{chapter_title(run.notebook)}](notebooks/{name})"
+        measured = f"{seconds_text(run.duration_s)} ({machine_text()})"
+        staged = stage_notebook(nbformat.read(run.notebook, 4), measured)
+        nbformat.write(staged, target / "notebooks" / name)
+    words = {
+        TABLE_TOKEN: run_time_table(runs, titles),
+        RUNTIME_TOKEN: seconds_text(total_s or sum(run.duration_s for run in runs)),
+        REPOSITORY_TOKEN: repository_address(book),
+        "{{MACHINE}}": machine_text(),
+    }
+    for page in target.glob("*.md"):
+        page.write_text(_fill(page.read_text(encoding="utf-8"), words), encoding="utf-8")
+    _drop_absent_chapters(target)
+    return target
+
+
+def _fill(text: str, words: Mapping[str, str]) -> str:
+    for token, word in words.items():
+        text = text.replace(token, word)
+    return text
+
+
+def repository_address(book: Path) -> str:
+    """The repository's address, which stands in book/_config.yml and nowhere else."""
+    config = yaml.safe_load((book / "_config.yml").read_text(encoding="utf-8"))
+    return str(config["repository"]["url"])
+
+
+def _drop_absent_chapters(target: Path) -> None:
+    """Take chapters that were not executed (``--only``) out of the staged table of contents."""
+    path = target / "_toc.yml"
+    contents = yaml.safe_load(path.read_text(encoding="utf-8"))
+    for part in contents.get("parts", []):
+        part["chapters"] = [
+            entry
+            for entry in part["chapters"]
+            if any((target / f"{entry['file']}{end}").exists() for end in ("", ".md", ".ipynb"))
+        ]
+    contents["parts"] = [part for part in contents.get("parts", []) if part["chapters"]]
+    path.write_text(yaml.safe_dump(contents, sort_keys=False), encoding="utf-8")
+
+
+def build_html(staged: Path, output: Path) -> Path:
+    """Build the HTML book with Jupyter Book; warnings are errors.
+
+    Args:
+        staged: The staged book's folder.
+        output: Takes ``html/index.html``.
+
+    Returns:
+        The index page.
+
+    Raises:
+        RuntimeError: Jupyter Book reported an error or a warning; its last lines are in the text.
+    """
+    if importlib.util.find_spec("jupyter_book") is None:
+        raise RuntimeError("Jupyter Book is not installed here: pip install -e '.[book]'")
+    program = "from jupyter_book.cli.main import main; main()"
+    command = [sys.executable, "-c", program, "build", str(staged)]
+    command += ["--path-output", str(output), "-W", "--keep-going", "-n", "--all"]
+    environment = os.environ | {"PYDEVD_DISABLE_FILE_VALIDATION": "1", "NO_COLOR": "1"}
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+    log = done.stdout + done.stderr
+    output.mkdir(parents=True, exist_ok=True)
+    (output / "build.log").write_text(log, encoding="utf-8")
+    index = output / "_build" / "html" / "index.html"
+    if done.returncode != 0 or not index.exists():
+        wanted = re.compile(r"WARNING|ERROR|Exception|error:", re.IGNORECASE)
+        lines = [line for line in log.splitlines() if wanted.search(line)]
+        told = "\n".join(lines[-40:] or log.splitlines()[-40:])
+        raise RuntimeError(f"the book did not build:\n{told}\nall of it: {output / 'build.log'}")
+    return index
+
+
+def update_readme(readme: Path, table: str) -> None:
+    """Replace the table of run times between its two markers.
+
+    Raises:
+        ValueError: The markers are missing.
+    """
+    text = readme.read_text(encoding="utf-8")
+    if TABLE_BEGIN not in text or TABLE_END not in text:
+        raise ValueError(f"{readme} has no lines {TABLE_BEGIN!r} and {TABLE_END!r}")
+    before, rest = text.split(TABLE_BEGIN, 1)
+    after = rest.split(TABLE_END, 1)[1]
+    new = f"{before}{TABLE_BEGIN}\n{table}\n{TABLE_END}{after}"
+    readme.write_text(new, encoding="utf-8")
+
+
+def readme_table(build: Path, root: Path) -> str:
+    """The chapter list with the run times that the last ``make book`` measured.
+
+    Args:
+        build: The build folder, with ``results.json``.
+        root: The checkout, whose README links to the notebooks.
+
+    Raises:
+        FileNotFoundError: No book was built yet.
+    """
+    path = build / "results.json"
+    if not path.exists():
+        raise FileNotFoundError(f"{path} is missing: run `make book` first")
+    measured = json.loads(path.read_text(encoding="utf-8"))
+    runs, titles = [], {}
+    for name, entry in measured["chapters"].items():
+        notebook = root / "notebooks" / f"{name}.ipynb"
+        runs.append(ChapterRun(name, entry["duration_s"], notebook, None))
+        titles[name] = f"[{chapter_title(notebook)}](notebooks/{name}.ipynb)"
+    return f"{run_time_table(runs, titles)}\n\nMeasured on {measured['machine']}."
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Describe the building of the book to a command line parser."""
+    parser.description = "Execute the chapters and build the HTML book from them."
+    parser.add_argument("--build", type=Path, default=Path("build"), metavar="DIR")
+    parser.add_argument("--preset", choices=("tiny", "mini", "paper"), default="tiny")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--only", nargs="+", default=[], metavar="NN", help="only these chapters")
+    parser.add_argument(
+        "--html-only", action="store_true", help="build from the notebooks executed last time"
+    )
+    parser.add_argument(
+        "--readme-times", action="store_true", help="write the measured times into README.md"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Build the book as the arguments say.
+
+    Returns:
+        0 when the book stands; 2 when a chapter or the build failed.
+    """
+    root = checkout_root()
+    build: Path = args.build.resolve()
+    try:
+        if args.readme_times:
+            update_readme(root / "README.md", readme_table(build, root))
+            return 0
+        paths = chapter_paths(root / "notebooks", args.only)
+        started = time.perf_counter()
+        if args.html_only:
+            runs = _runs_of_last_time(build, paths)
+        else:
+            print(f"executing {len(paths)} notebooks, preset {args.preset}", flush=True)
+            runs = run_notebooks(paths, build, preset=args.preset, seed=args.seed, say=_say)
+            collected = collect_results(runs, args.preset, args.seed)
+            write_json(build / "results.json", collected | {"machine": machine_text()})
+        print("building the HTML book", flush=True)
+        staged = stage_book(root / "book", runs, build / "book")
+        index = build_html(staged, build / "html")
+    except (ChapterError, RuntimeError, ValueError, OSError) as error:
+        print(error, file=sys.stderr)
+        return 2
+    print(f"\n{run_time_table(runs)}\n")
+    print(f"everything took {seconds_text(time.perf_counter() - started)} on {machine_text()}")
+    print(f"the book: {index}")
+    return 0
+
+
+def _say(line: str) -> None:
+    print(line, flush=True)
+
+
+def _runs_of_last_time(build: Path, paths: Sequence[Path]) -> list[ChapterRun]:
+    import nbformat
+
+    runs = []
+    for path in paths:
+        executed = build / "executed" / path.name
+        if not executed.exists():
+            raise FileNotFoundError(f"{executed} is missing: run without --html-only first")
+        times = nbformat.read(executed, 4).metadata.get("papermill", {})
+        results = build / "results" / path.stem / "results.json"
+        found = results if results.exists() else None
+        runs.append(ChapterRun(path.stem, float(times.get("duration") or 0), executed, found))
+    return runs
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Build the book from the command line."""
+    parser = argparse.ArgumentParser(prog="python -m hadr.book")
+    add_arguments(parser)
+    return run(parser.parse_args(arguments))
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,107 @@
+"""Where a number comes from, and JSON files that can hold it.
+
+Every measured table carries the versions, the machine and the commit it was measured with.
+"""
+
+import contextlib
+import datetime
+import importlib.metadata
+import json
+import os
+import platform
+import subprocess
+from collections.abc import Mapping
+from dataclasses import asdict, is_dataclass
+from pathlib import Path
+from typing import Any
+
+PROVENANCE_PACKAGES = ("hadr", "numpy", "scipy", "torch", "transformers", "trimesh", "embreex")
+
+
+def machine_text() -> str:
+    """The machine in a few words: system, processor family, CPU cores, Python."""
+    system = f"{platform.system()} {platform.machine()}"
+    return f"{system}, {usable_cores()} CPU cores, Python {platform.python_version()}"
+
+
+def usable_cores() -> int:
+    """The CPU cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def provenance() -> dict[str, Any]:
+    """Where a number comes from: versions, platform, time, and the commit where there is one."""
+    versions = {}
+    for package in PROVENANCE_PACKAGES:
+        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
+            versions[package] = importlib.metadata.version(package)
+    return {
+        "created": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        "python": platform.python_version(),
+        "platform": platform.platform(),
+        "cpu_cores": usable_cores(),
+        "versions": versions,
+        "commit": _git_commit(),
+    }
+
+
+def _git_commit() -> str | None:
+    here = Path(__file__).resolve().parent
+    try:
+        answer = subprocess.run(
+            ["git", "-C", str(here), "rev-parse", "HEAD"],
+            capture_output=True,
+            text=True,
+            timeout=10,
+            check=False,
+        )
+    except (OSError, subprocess.TimeoutExpired):
+        return None
+    return answer.stdout.strip() if answer.returncode == 0 else None
+
+
+def plain(value: Any, where: str = "results") -> Any:
+    """Turn numpy and torch values, paths and dataclasses into what JSON can hold.
+
+    Args:
+        value: Any nesting of mappings, sequences, numbers, arrays, strings and None.
+        where: The value's name in an error message.
+
+    Returns:
+        The same with built-in types; NaN and infinite numbers become None.
+
+    Raises:
+        TypeError: A value has no form in JSON; the message says where it stands.
+    """
+    if value is None or isinstance(value, (bool, int, str)):
+        return value
+    if isinstance(value, float):
+        return value if value - value == 0 else None
+    if is_dataclass(value) and not isinstance(value, type):
+        return plain(asdict(value), where)
+    if isinstance(value, Mapping):
+        return {str(key): plain(item, f"{where}.{key}") for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(item, f"{where}[{index}]") for index, item in enumerate(value)]
+    if isinstance(value, Path):
+        return str(value)
+    if hasattr(value, "tolist"):
+        return plain(value.tolist(), where)
+    raise TypeError(
+        f"{where} is a {type(value).__name__}, which JSON cannot hold; expected numbers, "
+        "strings, lists, mappings, arrays or dataclasses"
+    )
+
+
+def write_json(path: Path, content: Mapping[str, Any]) -> None:
+    """Write JSON atomically: a reader sees the old file or the whole new one."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    text = json.dumps(plain(content), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        temporary.write_text(text, encoding="utf-8")
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
