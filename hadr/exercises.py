@@ -53,6 +53,14 @@ def _close(
     return bool(np.allclose(answer, expected, rtol=rtol, atol=atol, equal_nan=True))
 
 
+def _same_words(answer: Any, expected: Any) -> bool:
+    try:
+        given, target = np.asarray(answer, dtype=object), np.asarray(expected, dtype=object)
+    except (TypeError, ValueError):
+        return False
+    return given.shape == target.shape and bool(np.all(given == target))
+
+
 def check(
     answer: Any,
     expected: npt.ArrayLike,
@@ -77,8 +85,10 @@ def check(
         return Verdict("open", "Not answered yet: put your result in place of the three dots.")
     target = np.asarray(expected)
     if target.dtype.kind not in "biufc":
-        same = bool(np.all(np.asarray(answer, dtype=object) == np.asarray(expected, dtype=object)))
-        return Verdict("right", "Right.") if same else Verdict("wrong", f"Not {answer!r}.")
+        if _same_words(answer, expected):
+            return Verdict("right", "Right.")
+        hints = (hint for value, hint in wrong if _same_words(answer, value))
+        return Verdict("wrong", next(hints, f"Not {answer!r}."))
     array = _as_array(answer)
     if array is None:
         return Verdict("wrong", f"A number or an array is expected, not {type(answer).__name__}.")

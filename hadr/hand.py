@@ -345,9 +345,13 @@ def wrist_depth_at(
         Metres. Where the window holds no valid depth, the median over the whole hand mask.
 
     Raises:
-        ValueError: There is no valid depth at the wrist nor, with a mask, on the hand.
+        ValueError: There is no valid depth at the wrist nor, with a mask, on the hand; or the
+            pixel is not two finite numbers.
     """
-    u, v = (round(float(c)) for c in np.asarray(uv_wrist, dtype=float))
+    pixel = np.asarray(uv_wrist, dtype=float)
+    if pixel.shape != (2,) or not np.isfinite(pixel).all():
+        raise ValueError(f"uv_wrist must be a finite pixel (u, v), got {pixel.tolist()}")
+    u, v = (round(float(c)) for c in pixel)
     usable = valid_depth(depth)
     if hand_mask is not None:
         usable = usable & hand_mask
