@@ -1,0 +1,238 @@
+"""Grasp candidates: the rows of 17 numbers, axes by name, the pose before and after the grasp.
+
+graspnetAPI writes a grasp's rotation with the approach axis first: R[:, 0] approach, R[:, 1]
+closing, R[:, 2] height. The paper calls the approach axis z. `Grasps.poses` is the only place where
+one convention becomes the other.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+Axis = Literal["approach", "closing", "height"]
+FinalMove = Literal["past_grasp", "from_pre_grasp"]
+
+ROW_NAMES: tuple[str, ...] = (
+    *("score", "width", "height", "depth"),
+    *(f"r{row}{column}" for row in range(3) for column in range(3)),
+    *("tx", "ty", "tz", "object_id"),
+)
+"""Names of a row's 17 numbers."""
+
+_COLUMN = {"approach": 0, "closing": 1, "height": 2}
+
+
+@dataclass(frozen=True)
+class Grasps:
+    """Parallel-gripper grasps in one frame.
+
+    Attributes:
+        scores: What the detector thinks of each, shape (n,).
+        widths: Opening between the fingers, shape (n,), metres.
+        heights: Thickness of a finger along the height axis, shape (n,), metres.
+        depths: How far the fingertips stand past the grasp's point, shape (n,), metres.
+        rotations: frame_from_grasp in graspnetAPI's order of axes, shape (n, 3, 3).
+        translations: The grasps' points in the frame, shape (n, 3), metres.
+        object_ids: Which object, shape (n,); -1 where unknown.
+        frame: Name of the frame that rotations and translations are written in.
+    """
+
+    scores: Array
+    widths: Array
+    heights: Array
+    depths: Array
+    rotations: Array
+    translations: Array
+    object_ids: NDArray[np.int64]
+    frame: str = "camera"
+
+    def __post_init__(self) -> None:
+        n = len(self.scores)
+        for name in ("scores", "widths", "heights", "depths"):
+            _check_column(getattr(self, name), (n,), name)
+        _check_column(self.rotations, (n, 3, 3), "rotations")
+        _check_column(self.translations, (n, 3), "translations")
+        if np.shape(self.object_ids) != (n,):
+            raise ValueError(f"object_ids must have shape {(n,)}, got {np.shape(self.object_ids)}")
+        if n and (self.widths < 0).any():
+            raise ValueError(f"widths must be 0 or more metres, got {self.widths.min()}")
+        product = np.einsum("nij,nkj->nik", self.rotations, self.rotations)
+        off = np.abs(product - np.eye(3)).max(axis=(1, 2), initial=0.0)
+        wrong = np.flatnonzero((off > 1e-4) | (np.linalg.det(self.rotations) < 0))
+        if len(wrong):
+            row = int(wrong[0])
+            raise ValueError(
+                f"grasp {row}: R must be a proper rotation (R R^T = I, det +1), got R R^T off by "
+                f"{off[row]:.3g} and det {np.linalg.det(self.rotations[row]):.3g}"
+            )
+
+    def __len__(self) -> int:
+        return len(self.scores)
+
+    @classmethod
+    def from_rows(cls, rows: ArrayLike, frame: str = "camera") -> "Grasps":
+        """Read graspnetAPI's array.
+
+        Args:
+            rows: Shape (n, 17): score, width, height, depth, R (9, row by row), t (3), object_id.
+            frame: Name of the frame they are written in.
+
+        Returns:
+            The grasps.
+
+        Raises:
+            ValueError: Not 17 columns, NaN or infinity, or R is no rotation; the row is named.
+        """
+        table = np.asarray(rows, dtype=np.float64)
+        if table.ndim != 2 or table.shape[1] != 17:
+            raise ValueError(
+                "grasp rows must have shape (n, 17): score, width, height, depth, R (9), t (3), "
+                f"object_id; got shape {table.shape}"
+            )
+        bad = np.argwhere(~np.isfinite(table))
+        if len(bad):
+            row, column = bad[0]
+            raise ValueError(
+                f"grasp {row}: {ROW_NAMES[column]} must be finite, got {table[row, column]}"
+            )
+        return cls(
+            scores=table[:, 0],
+            widths=table[:, 1],
+            heights=table[:, 2],
+            depths=table[:, 3],
+            rotations=table[:, 4:13].reshape(-1, 3, 3),
+            translations=table[:, 13:16],
+            object_ids=table[:, 16].astype(np.int64),
+            frame=frame,
+        )
+
+    def to_rows(self) -> Array:
+        """Write graspnetAPI's array, shape (n, 17)."""
+        columns = [self.scores, self.widths, self.heights, self.depths]
+        return np.concatenate(
+            [
+                np.stack(columns, axis=1),
+                self.rotations.reshape(-1, 9),
+                self.translations,
+                self.object_ids[:, None].astype(np.float64),
+            ],
+            axis=1,
+        )
+
+    def axis(self, name: Axis) -> Array:
+        """Unit vectors of an axis by its name, in the grasps' frame, shape (n, 3)."""
+        vectors: Array = self.rotations[:, :, _COLUMN[name]]
+        return vectors
+
+    @property
+    def poses(self) -> Array:
+        """frame_from_tool in the paper's convention, shape (n, 4, 4), metres.
+
+        x is the closing axis, y the height axis, z the approach axis.
+        """
+        poses = np.tile(np.eye(4), (len(self), 1, 1))
+        for column, name in enumerate(("closing", "height", "approach")):
+            poses[:, :3, column] = self.rotations[:, :, _COLUMN[name]]
+        poses[:, :3, 3] = self.translations
+        return poses
+
+    def select(self, index: NDArray[np.bool_] | NDArray[np.int64]) -> "Grasps":
+        """The grasps at a boolean mask (n,) or at indices, in that order."""
+        return Grasps(
+            self.scores[index],
+            self.widths[index],
+            self.heights[index],
+            self.depths[index],
+            self.rotations[index],
+            self.translations[index],
+            self.object_ids[index],
+            self.frame,
+        )
+
+    def in_frame(self, new_from_old: Array, frame: str) -> "Grasps":
+        """The same grasps written in another frame.
+
+        Args:
+            new_from_old: Transform from the present frame to the new one, shape (4, 4), metres.
+            frame: Name of the new frame.
+
+        Returns:
+            Grasps in the new frame.
+        """
+        rotation, shift = new_from_old[:3, :3], new_from_old[:3, 3]
+        return Grasps(
+            self.scores,
+            self.widths,
+            self.heights,
+            self.depths,
+            rotation @ self.rotations,
+            self.translations @ rotation.T + shift,
+            self.object_ids,
+            frame,
+        )
+
+
+def pre_grasp(grasps: Grasps, distance: float = 0.10, *, axis: Axis = "approach") -> Array:
+    """Where the gripper waits before it grasps.
+
+    Args:
+        grasps: The grasps.
+        distance: How far back, metres; the paper's 10 cm.
+        axis: Back along which axis. The paper says "z": its approach axis. graspnetAPI's z is the
+            third column, the height axis, and would put the gripper beside the object; it is here
+            to be looked at (ledger row 17).
+
+    Returns:
+        frame_from_tool in the paper's convention (z approaches), shape (n, 4, 4), metres.
+    """
+    poses = grasps.poses
+    poses[:, :3, 3] -= distance * grasps.axis(axis)
+    return poses
+
+
+def forward_of(pose: Array, distance: float) -> Array:
+    """A tool pose moved along its own approach axis.
+
+    Args:
+        pose: frame_from_tool, z approaches, shape (..., 4, 4), metres.
+        distance: Metres forward; negative is back.
+
+    Returns:
+        The moved pose, the same shape.
+    """
+    moved = np.array(pose, dtype=np.float64)
+    moved[..., :3, 3] += distance * moved[..., :3, 2]
+    return moved
+
+
+def final_travel(
+    reading: FinalMove = "past_grasp", *, back: float = 0.10, forward: float = 0.05
+) -> float:
+    """How far the gripper travels from the pre-grasp to where it closes (ledger row 21).
+
+    Args:
+        reading: "past_grasp": 5 cm past the predicted grasp, so 15 cm. "from_pre_grasp": 5 cm from
+            where it waits, which leaves it 5 cm short of the grasp.
+        back: Distance of the pre-grasp, metres.
+        forward: The paper's 5 cm, metres.
+
+    Returns:
+        Metres along the approach axis.
+
+    Raises:
+        ValueError: The reading is unknown.
+    """
+    if reading not in ("past_grasp", "from_pre_grasp"):
+        raise ValueError(f"reading must be past_grasp or from_pre_grasp, got {reading!r}")
+    return back + forward if reading == "past_grasp" else forward
+
+
+def _check_column(values: Array, shape: tuple[int, ...], name: str) -> None:
+    if np.shape(values) != shape:
+        raise ValueError(f"{name} must have shape {shape}, got {np.shape(values)}")
+    if not np.isfinite(values).all():
+        row = int(np.argwhere(~np.isfinite(values))[0][0])
+        raise ValueError(f"grasp {row}: {name} must be finite, got {values[row]}")

@@ -1,0 +1,138 @@
+"""Following the hand: the rigid motion of 21 keypoints, and what it does to a grasp.
+
+The paper's section on the handover workflow: the translation is the wrist's displacement, the
+rotation comes from the singular value decomposition of the keypoints' covariance about the wrist.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hadr.hand import check_keypoints
+
+Array = NDArray[np.float64]
+About = Literal["wrist", "origin"]
+Flip = Literal["v", "r"]
+
+
+@dataclass(frozen=True)
+class HandMotion:
+    """A rigid motion of the hand between two moments, both seen in one frame.
+
+    Attributes:
+        rotation: Proper rotation R, shape (3, 3).
+        initial_wrist: Where the wrist was, X_i0, shape (3,), metres.
+        current_wrist: Where it is now, X_c0, shape (3,), metres.
+        residual: Root mean square distance in metres between the moved initial keypoints and the
+            current ones: what is not rigid (fingers, noise).
+        about: "wrist" turns about the wrist, X' = R (X - X_i0) + X_c0. "origin" reads the paper's
+            figure by the letter, X' = R X + (X_c0 - X_i0), and turns about the frame's origin,
+            which throws a grasp off as soon as R is not the identity (ledger row 19).
+    """
+
+    rotation: Array
+    initial_wrist: Array
+    current_wrist: Array
+    residual: float
+    about: About = "wrist"
+
+    @property
+    def translation(self) -> Array:
+        """The wrist's displacement T = X_c0 - X_i0, shape (3,), metres."""
+        return self.current_wrist - self.initial_wrist
+
+    @property
+    def current_from_initial(self) -> Array:
+        """The motion as a transform, shape (4, 4), metres, of points in the keypoints' frame."""
+        transform = np.eye(4)
+        transform[:3, :3] = self.rotation
+        transform[:3, 3] = self.translation
+        if self.about == "wrist":
+            transform[:3, 3] = self.current_wrist - self.rotation @ self.initial_wrist
+        return transform
+
+    @property
+    def angle(self) -> float:
+        """Angle of the rotation in radians, 0 to pi."""
+        return float(np.arccos(np.clip((np.trace(self.rotation) - 1) / 2, -1.0, 1.0)))
+
+    def move_points(self, points: Array) -> Array:
+        """Move points (..., 3) in metres, given where they were at the initial moment."""
+        transform = self.current_from_initial
+        moved: Array = np.asarray(points) @ transform[:3, :3].T + transform[:3, 3]
+        return moved
+
+    def move_pose(self, pose: Array) -> Array:
+        """Move a grasp or any other pose, shape (4, 4), that is fixed to the hand.
+
+        Raises:
+            ValueError: The pose is not a finite (4, 4) matrix.
+        """
+        matrix = np.asarray(pose, dtype=np.float64)
+        if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
+            raise ValueError(f"pose must be a finite (4, 4) transform, got shape {matrix.shape}")
+        return self.current_from_initial @ matrix
+
+
+def best_rotation(initial: Array, current: Array, *, flip: Flip = "v") -> Array:
+    """The rotation that carries one centred point set onto another in the least-squares sense.
+
+    H = initial^T current = U S V^T and R = V U^T. If det R < 0 the best orthogonal matrix is a
+    mirror; the best rotation has the sign of V's last column flipped first.
+
+    Args:
+        initial: Points relative to the pivot, shape (n, 3), metres.
+        current: The same points later, relative to the pivot, shape (n, 3), metres.
+        flip: "v" flips V's last column before R is formed; "r" flips the last column of R, the
+            other reading of the paper's sentence. That is a proper rotation too, but a wrong one
+            (ledger row 20).
+
+    Returns:
+        Proper rotation, shape (3, 3).
+
+    Raises:
+        ValueError: The points lie on one line or in one place, so that the rotation about that
+            line is not determined.
+    """
+    u, s, vt = np.linalg.svd(initial.T @ current)
+    # s holds products of spreads (square metres): s[1] vanishes when either set is a line
+    if not s[1] > 1e-9 * s[0]:
+        raise ValueError(
+            "the rotation is not determined: the points of one set lie on a line through the "
+            f"pivot or in one place (singular values of H: {s[0]:.3g}, {s[1]:.3g}, {s[2]:.3g})"
+        )
+    v = vt.T.copy()
+    rotation: Array = v @ u.T
+    if np.linalg.det(rotation) < 0:
+        if flip == "r":
+            rotation[:, 2] *= -1
+        else:
+            v[:, 2] *= -1
+            rotation = v @ u.T
+    return rotation
+
+
+def hand_motion(
+    initial: Array, current: Array, *, about: About = "wrist", flip: Flip = "v"
+) -> HandMotion:
+    """Rigid motion of the hand from its keypoints at two moments.
+
+    Args:
+        initial: Keypoints when the grasp was chosen, shape (21, 3), metres, any fixed frame.
+        current: Keypoints now, the same frame.
+        about: How points are moved, see `HandMotion`.
+        flip: What is flipped where the fit is a mirror, see `best_rotation`.
+
+    Returns:
+        The motion; its residual says how far from rigid the hand was.
+
+    Raises:
+        ValueError: Keypoints of another shape or with NaN; or all on one line or in one place.
+    """
+    before, now = check_keypoints(initial), check_keypoints(current)
+    rotation = best_rotation(before - before[0], now - now[0], flip=flip)
+    misfit = (before - before[0]) @ rotation.T + now[0] - now
+    residual = float(np.sqrt((misfit**2).sum(axis=1).mean()))
+    return HandMotion(rotation, before[0], now[0], residual, about)

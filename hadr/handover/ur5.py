@@ -1,0 +1,298 @@
+"""The UR5's geometry: forward kinematics, all closed-form inverse solutions, limits.
+
+Two base frames and two tool frames are in use for this arm, and mixing them up is the usual
+mistake. Everything here is written in the Denavit-Hartenberg (DH) frames, `dh_base` and `flange`;
+`BASE_LINK_FROM_DH_BASE` and `FLANGE_FROM_EE_LINK` lead to the names of the ROS description.
+"""
+
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+DH_A: Array = np.array([0.0, -0.425, -0.39225, 0.0, 0.0, 0.0])
+"""Link lengths a_i in metres."""
+DH_D: Array = np.array([0.089159, 0.0, 0.0, 0.10915, 0.09465, 0.0823])
+"""Link offsets d_i in metres."""
+DH_ALPHA: Array = np.array([np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2, 0.0])
+"""Link twists alpha_i in radians."""
+
+JOINT_LOWER: Array = np.array([-2, -2, -1, -2, -2, -2]) * np.pi
+JOINT_UPPER: Array = -JOINT_LOWER
+"""Joint limits in radians: one turn each way, half a turn for the elbow."""
+JOINT_SPEED: float = np.pi
+"""Largest joint speed in radians per second (180 degrees per second)."""
+REACH: float = 0.85
+"""Working radius in metres, measured from the shoulder's centre to the flange."""
+
+BASE_LINK_FROM_DH_BASE: Array = np.diag([-1.0, -1.0, 1.0, 1.0])
+"""ROS `base_link` is the DH base turned by half a turn about the vertical."""
+FLANGE_FROM_EE_LINK: Array = np.array(
+    [[0.0, -1.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
+)
+"""ROS `ee_link`, whose x axis points out of the flange, seen from the DH flange frame."""
+
+_SHOULDER_OFFSET = 0.13585
+_ELBOW_OFFSET = -0.1197
+
+
+class UnreachableError(ValueError):
+    """No joint angles bring the arm to the target; the message says what stands in the way."""
+
+
+def check_pose(pose: Array, name: str = "pose") -> Array:
+    """Check that a matrix is a rigid transform.
+
+    Args:
+        pose: Homogeneous transform, shape (4, 4), metres.
+        name: What to call it in the error.
+
+    Returns:
+        The pose as float64.
+
+    Raises:
+        ValueError: Not (4, 4), not finite, or the upper left block is no proper rotation.
+    """
+    matrix = np.asarray(pose, dtype=np.float64)
+    if matrix.shape != (4, 4):
+        raise ValueError(f"{name} must be a (4, 4) transform, got shape {matrix.shape}")
+    if not np.isfinite(matrix).all():
+        raise ValueError(f"{name} must be finite, got NaN or infinity in it")
+    rotation = matrix[:3, :3]
+    error = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
+    if error > 1e-6 or np.linalg.det(rotation) < 0 or not np.allclose(matrix[3], [0, 0, 0, 1]):
+        raise ValueError(
+            f"{name} must hold a proper rotation (R R^T = I, det +1) over the row 0 0 0 1, got "
+            f"R R^T off by {error:.2g} and det {np.linalg.det(rotation):.3g}"
+        )
+    return matrix
+
+
+def check_joints(joints: Array) -> Array:
+    """Check that six joint angles are finite numbers.
+
+    Args:
+        joints: Joint angles in radians, shape (6,).
+
+    Returns:
+        The angles as float64.
+
+    Raises:
+        ValueError: Another shape, NaN or infinity.
+    """
+    angles = np.asarray(joints, dtype=np.float64)
+    if angles.shape != (6,):
+        raise ValueError(f"joints must be six angles in radians, got shape {angles.shape}")
+    if not np.isfinite(angles).all():
+        raise ValueError(f"joints must be finite, got {angles}")
+    return angles
+
+
+def link_transform(index: int, angle: float) -> Array:
+    """The DH transform from frame index to frame index + 1.
+
+    Args:
+        index: Joint, 0 to 5.
+        angle: Its angle in radians.
+
+    Returns:
+        Transform (4, 4): rotate by angle about z, shift d along z, shift a along x, twist by alpha.
+    """
+    c, s = np.cos(angle), np.sin(angle)
+    ca, sa = np.cos(DH_ALPHA[index]), np.sin(DH_ALPHA[index])
+    a, d = DH_A[index], DH_D[index]
+    return np.array(
+        [
+            [c, -s * ca, s * sa, a * c],
+            [s, c * ca, -c * sa, a * s],
+            [0.0, sa, ca, d],
+            [0.0, 0.0, 0.0, 1.0],
+        ]
+    )
+
+
+def joint_frames(joints: Array) -> Array:
+    """Where each DH frame stands.
+
+    Args:
+        joints: Joint angles in radians, shape (6,).
+
+    Returns:
+        dh_base_from_frame for frames 0 (the base) to 6 (the flange), shape (7, 4, 4), metres.
+    """
+    frames = [np.eye(4)]
+    for index, angle in enumerate(check_joints(joints)):
+        frames.append(frames[-1] @ link_transform(index, float(angle)))
+    return np.stack(frames)
+
+
+def forward_kinematics(joints: Array) -> Array:
+    """The flange for given joint angles.
+
+    Args:
+        joints: Joint angles in radians, shape (6,).
+
+    Returns:
+        dh_base_from_flange, shape (4, 4), metres.
+    """
+    frames: Array = joint_frames(joints)[-1]
+    return frames
+
+
+def ros_forward_kinematics(joints: Array) -> Array:
+    """The same pose under ROS' names.
+
+    Args:
+        joints: Joint angles in radians, shape (6,).
+
+    Returns:
+        base_link_from_ee_link, shape (4, 4), metres.
+    """
+    return BASE_LINK_FROM_DH_BASE @ forward_kinematics(joints) @ FLANGE_FROM_EE_LINK
+
+
+def link_outline(joints: Array) -> Array:
+    """Points along the arm's real links, which the DH frames put all into one plane.
+
+    Upper arm and forearm stand beside the shoulder's plane, not in it; the DH table folds both
+    offsets into d_4. A picture or a check against the table wants them where they are.
+
+    Args:
+        joints: Joint angles in radians, shape (6,).
+
+    Returns:
+        Points in `dh_base`, shape (9, 3), metres, from the base's foot to the flange.
+    """
+    frames = joint_frames(joints)
+    origin, sideways = frames[:, :3, 3], frames[1, :3, 2]
+    upper, fore = sideways * _SHOULDER_OFFSET, sideways * (_SHOULDER_OFFSET + _ELBOW_OFFSET)
+    return np.stack(
+        [
+            origin[0],
+            origin[1],
+            origin[1] + upper,
+            origin[2] + upper,
+            origin[2] + fore,
+            origin[3] + fore,
+            origin[4],
+            origin[5],
+            origin[6],
+        ]
+    )
+
+
+def inverse_kinematics(dh_base_from_flange: Array, free_angle: float = 0.0) -> Array:
+    """All joint angles that bring the flange to a pose.
+
+    The shoulder can stand left or right, the wrist be flipped or not, the elbow up or down: up to
+    eight solutions. Where the wrist's fifth angle is 0 or pi, the fourth and the sixth axis are
+    parallel and only their sum or difference counts; then the sixth angle is set to `free_angle`.
+
+    Args:
+        dh_base_from_flange: Target pose, shape (4, 4), metres.
+        free_angle: Sixth joint angle in radians at that singularity.
+
+    Returns:
+        Distinct solutions, shape (n, 6) with n from 1 to 8, angles in (-pi, pi] radians.
+
+    Raises:
+        UnreachableError: The target is too near to the base's axis or too far away.
+        ValueError: The target is no rigid transform.
+    """
+    target = check_pose(dh_base_from_flange, "dh_base_from_flange")
+    rotation = target[:3, :3]
+    wrist = target[:3, 3] - DH_D[5] * rotation[:, 2]
+    distance = float(np.hypot(wrist[0], wrist[1]))
+    if distance < DH_D[3] - 1e-9:
+        raise UnreachableError(
+            f"the wrist would stand {distance:.3f} m from the base's axis, inside the cylinder of "
+            f"{DH_D[3]:.3f} m that the arm's sideways offset leaves unreachable"
+        )
+    bearing = np.arctan2(wrist[1], wrist[0]) + np.pi / 2
+    swing = np.arccos(min(1.0, DH_D[3] / distance))
+    solutions: list[Array] = []
+    stretches: list[float] = []
+    for shoulder, flip in product((1.0, -1.0), (1.0, -1.0)):
+        q1 = bearing + shoulder * swing
+        # the base's sideways axis, written in the flange frame: (sin q5 cos q6, -sin q5 sin q6, .)
+        sideways = np.array([np.sin(q1), -np.cos(q1), 0.0]) @ rotation
+        sine = float(np.hypot(sideways[0], sideways[1]))
+        q5 = flip * np.arctan2(sine, sideways[2])
+        sixth = [np.arctan2(-flip * sideways[1], flip * sideways[0])]
+        if sine < 1e-7:  # only q4 and q6 together count: the free angle, or the nearest that works
+            sixth = [free_angle + np.deg2rad(5.0 * k * s) for k in range(37) for s in (1, -1)]
+        for q6 in sixth:
+            found, stretch = _planar_solutions(target, float(q1), float(q5), float(q6))
+            stretches.append(stretch)
+            solutions.extend(found)
+            if found:
+                break
+    if not solutions:
+        raise UnreachableError(
+            f"the wrist would have to be {min(stretches):.3f} m from the shoulder; upper arm and "
+            f"forearm reach from {abs(DH_A[1] - DH_A[2]):.3f} to {-DH_A[1] - DH_A[2]:.3f} m"
+        )
+    return distinct_solutions(np.stack(solutions))
+
+
+def _planar_solutions(target: Array, q1: float, q5: float, q6: float) -> tuple[list[Array], float]:
+    """Joint vectors for given first, fifth and sixth angles, and shoulder to wrist 1 in metres."""
+    wrist_part = link_transform(4, q5) @ link_transform(5, q6)
+    arm = np.linalg.inv(link_transform(0, q1)) @ target @ np.linalg.inv(wrist_part)
+    # wrist 1 in the plane of upper arm and forearm; d_4 lies along this frame's minus y
+    x, y = (arm @ np.array([0.0, -DH_D[3], 0.0, 1.0]))[:2]
+    stretch = float(np.hypot(x, y))
+    cosine = (stretch**2 - DH_A[1] ** 2 - DH_A[2] ** 2) / (2 * DH_A[1] * DH_A[2])
+    if abs(cosine) > 1 + 1e-9:
+        return [], stretch
+    solutions = []
+    for elbow in (1.0, -1.0):
+        q3 = elbow * np.arccos(np.clip(cosine, -1.0, 1.0))
+        q2 = np.angle((x + 1j * y) / (DH_A[1] + DH_A[2] * np.exp(1j * q3)))
+        total = np.arctan2(arm[1, 0], arm[0, 0])
+        solutions.append(np.array([q1, q2, q3, total - q2 - q3, q5, q6]))
+    return solutions, stretch
+
+
+def wrap_angle(angle: Array) -> Array:
+    """Angles in radians, any shape, brought into (-pi, pi]."""
+    wrapped: Array = -((np.pi - np.asarray(angle, dtype=np.float64)) % (2 * np.pi) - np.pi)
+    return wrapped
+
+
+def distinct_solutions(joints: Array, tolerance: float = 1e-5) -> Array:
+    """Keep one of several joint vectors that differ by whole turns only.
+
+    Args:
+        joints: Joint angles in radians, shape (n, 6).
+        tolerance: Largest difference in radians that counts as the same.
+
+    Returns:
+        Distinct joint vectors, shape (m, 6), in (-pi, pi] radians, in their first order.
+    """
+    kept: list[Array] = []
+    for row in wrap_angle(joints):
+        if not any(np.abs(wrap_angle(row - other)).max() < tolerance for other in kept):
+            kept.append(row)
+    return np.stack(kept) if kept else np.empty((0, 6))
+
+
+def nearest_turns(joints: Array, current: Array) -> Array:
+    """Add whole turns so that each joint is as near as its limits allow to where it is now.
+
+    Args:
+        joints: Joint angles in radians in (-pi, pi], shape (n, 6).
+        current: Joint angles now, shape (6,).
+
+    Returns:
+        The same poses within the joint limits, shape (n, 6).
+    """
+    turns = 2 * np.pi * np.arange(-2, 3)[:, None, None]
+    choices = joints[None] + turns  # (5, n, 6)
+    allowed = (choices >= JOINT_LOWER - 1e-12) & (choices <= JOINT_UPPER + 1e-12)
+    distance = np.where(allowed, np.abs(choices - current), np.inf)
+    best = distance.argmin(axis=0)[None]
+    nearest: Array = np.take_along_axis(choices, best, axis=0)[0]
+    return np.clip(nearest, JOINT_LOWER, JOINT_UPPER)

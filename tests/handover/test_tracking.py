@@ -1,0 +1,108 @@
+"""The rigid motion of the hand: exact recovery, proper rotations, what cannot be determined."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from hadr.handover.tracking import best_rotation, hand_motion
+
+HAND = np.random.default_rng(7).normal(size=(21, 3)) * 0.05 + [0.1, -0.05, 0.7]
+
+
+@settings(max_examples=80, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_recovers_any_rigid_motion(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    hand = rng.normal(size=(21, 3)) * 0.06 + rng.normal(size=3)
+    rotation, shift = Rotation.random(rng=rng).as_matrix(), rng.normal(size=3)
+    motion = hand_motion(hand, hand @ rotation.T + shift)
+    np.testing.assert_allclose(motion.rotation, rotation, atol=1e-9)
+    points = rng.normal(size=(5, 3))
+    np.testing.assert_allclose(motion.move_points(points), points @ rotation.T + shift, atol=1e-9)
+    assert motion.residual < 1e-9
+
+
+def test_quarter_turn_by_hand() -> None:
+    # a quarter turn about z at the wrist (1, 0, 0), which then moves to (1, 2, 0)
+    quarter = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    hand = HAND - HAND[0] + [1.0, 0, 0]
+    now = (hand - hand[0]) @ quarter.T + [1.0, 2, 0]
+    motion = hand_motion(hand, now)
+    # one metre in front of the wrist along x: afterwards one metre along y
+    np.testing.assert_allclose(motion.move_points(np.array([2.0, 0, 0])), [1, 3, 0], atol=1e-12)
+    assert motion.angle == pytest.approx(np.pi / 2)
+    origin = hand_motion(hand, now, about="origin")
+    # R X + T: (2, 0, 0) -> (0, 2, 0) + (0, 2, 0)
+    np.testing.assert_allclose(origin.move_points(np.array([2.0, 0, 0])), [0, 4, 0], atol=1e-12)
+
+
+def test_pose_moves_with_the_hand() -> None:
+    rotation = Rotation.from_euler("xyz", [0.3, -0.4, 1.0]).as_matrix()
+    moved = np.eye(4)
+    moved[:3, :3], moved[:3, 3] = rotation, [0.1, 0.2, -0.3]
+    grasp = np.eye(4)
+    grasp[:3, 3] = [0.2, 0.0, 0.6]
+    motion = hand_motion(HAND, HAND @ rotation.T + moved[:3, 3])
+    np.testing.assert_allclose(motion.move_pose(grasp), moved @ grasp, atol=1e-9)
+
+
+@pytest.mark.parametrize("flip", ["v", "r"])
+def test_mirrored_hand_gives_a_proper_rotation(flip: str) -> None:
+    mirrored = (HAND - HAND[0]) * [-1.0, 1.0, 1.0]
+    rotation = best_rotation(HAND - HAND[0], mirrored, flip=flip)
+    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(rotation) == pytest.approx(1.0)
+
+
+def test_flipping_v_is_the_best_rotation_and_flipping_r_is_not() -> None:
+    before = HAND - HAND[0]
+    after = before * [-1.0, 1.0, 1.0]
+
+    def misfit(rotation: np.ndarray) -> float:
+        return float(((before @ rotation.T - after) ** 2).sum())
+
+    best = misfit(best_rotation(before, after, flip="v"))
+    assert misfit(best_rotation(before, after, flip="r")) > 1.05 * best
+    drawn = Rotation.random(2000, rng=np.random.default_rng(0)).as_matrix()
+    assert best <= min(misfit(rotation) for rotation in drawn)
+    kabsch = Rotation.align_vectors(after, before)[0].as_matrix()
+    np.testing.assert_allclose(best_rotation(before, after), kabsch, atol=1e-6)
+
+
+def test_planar_hand_is_recovered() -> None:
+    flat = HAND * [1.0, 1.0, 0.0]
+    rotation = Rotation.from_euler("xyz", [0.5, 0.2, -0.9]).as_matrix()
+    motion = hand_motion(flat, flat @ rotation.T)
+    np.testing.assert_allclose(motion.rotation, rotation, atol=1e-9)
+
+
+def test_residual_by_hand() -> None:
+    # no rotation is better than none: two opposite points move apart by 1 cm each
+    before = np.zeros((21, 3))
+    before[1:7] = [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]]
+    after = before.copy()
+    after[1, 0], after[2, 0] = 1.01, -1.01
+    motion = hand_motion(before, after)
+    np.testing.assert_allclose(motion.rotation, np.eye(3), atol=1e-12)
+    assert motion.residual == pytest.approx(np.sqrt(2 * 0.01**2 / 21))
+
+
+def test_degenerate_hands_are_refused() -> None:
+    line = np.linspace(0, 1, 21)[:, None] * [1.0, 2.0, 0.5]
+    with pytest.raises(ValueError, match="not determined"):
+        hand_motion(line, line)
+    with pytest.raises(ValueError, match="not determined"):
+        hand_motion(np.ones((21, 3)), np.ones((21, 3)))
+
+
+def test_bad_keypoints_are_named() -> None:
+    with pytest.raises(ValueError, match=r"\(20, 3\)"):
+        hand_motion(HAND[:20], HAND[:20])
+    broken = HAND.copy()
+    broken[8, 1] = np.nan
+    with pytest.raises(ValueError, match="index_tip"):
+        hand_motion(HAND, broken)
+    with pytest.raises(ValueError, match="finite"):
+        hand_motion(HAND, HAND).move_pose(np.eye(3))

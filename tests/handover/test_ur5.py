@@ -1,0 +1,129 @@
+"""The UR5's geometry against published poses, and all inverse solutions."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from hadr.handover import ur5
+
+PAIRS = (
+    *("zero", "ros_main", "compas_doc", "compas_ik0", "home"),
+    *("compas_q", "rtb_qr", "rtb_ik", "up"),
+)
+DISTINCT = {"zero": 2, "rtb_qr": 2, "rtb_ik": 1, "up": 1}
+
+
+@pytest.fixture(scope="module")
+def reference(realdata: Path) -> dict:
+    return json.loads((realdata / "ur5" / "ur5_fk_ik_reference.json").read_text())
+
+
+def same_angles(a: np.ndarray, b: np.ndarray) -> bool:
+    return bool(np.abs((a - b + np.pi) % (2 * np.pi) - np.pi).max() < 1e-5)
+
+
+@pytest.mark.parametrize("name", PAIRS)
+def test_forward_kinematics_equals_the_reference_in_both_frames(reference: dict, name: str) -> None:
+    pair = reference["pairs"][name]
+    joints = np.array(pair["q"], dtype=float)
+    flange, tool = ur5.forward_kinematics(joints), ur5.ros_forward_kinematics(joints)
+    np.testing.assert_allclose(flange[:3], np.array(pair["T_dh_base_to_flange"])[:3], atol=1e-6)
+    np.testing.assert_allclose(tool[:3], np.array(pair["T_base_link_to_ee"])[:3], atol=1e-6)
+
+
+def test_forward_kinematics_at_zero_by_hand() -> None:
+    # stretched out: lengths along minus x, d4 + d6 along minus y, d1 - d5 along z
+    flange = ur5.forward_kinematics(np.zeros(6))
+    expected = [-(0.425 + 0.39225), -(0.10915 + 0.0823), 0.089159 - 0.09465]
+    np.testing.assert_allclose(flange[:3, 3], expected, atol=1e-12)
+
+
+def test_published_points_of_compas_fab(reference: dict) -> None:
+    for case in reference["published_by_compas_fab"]:
+        if "q" in case:
+            pose = ur5.ros_forward_kinematics(np.array(case["q"], dtype=float))
+            tolerance = float(case["tol"].split()[0])
+            np.testing.assert_allclose(pose[:3, 3], case["ee_point"], atol=tolerance)
+
+
+@pytest.mark.parametrize("name", PAIRS)
+def test_inverse_kinematics_gives_the_reference_set(reference: dict, name: str) -> None:
+    pair = reference["pairs"][name]
+    joints = np.array(pair["q"], dtype=float)
+    target = ur5.forward_kinematics(joints)
+    found = ur5.inverse_kinematics(target, free_angle=joints[5])
+    expected = ur5.distinct_solutions(np.array(pair["ik"]))
+    assert len(found) == len(expected) == DISTINCT.get(name, 8)
+    for solution in found:
+        np.testing.assert_allclose(ur5.forward_kinematics(solution), target, atol=1e-9)
+        assert sum(same_angles(solution, other) for other in expected) == 1
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.floats(-3.1, 3.1), min_size=6, max_size=6))
+def test_every_solution_returns_the_pose_and_one_is_the_start(angles: list[float]) -> None:
+    joints = np.array(angles)
+    target = ur5.forward_kinematics(joints)
+    solutions = ur5.inverse_kinematics(target, free_angle=joints[5])
+    assert 1 <= len(solutions) <= 8
+    for solution in solutions:
+        np.testing.assert_allclose(ur5.forward_kinematics(solution), target, atol=1e-7)
+    singular = min(abs(np.sin(joints[[2, 4]]))) < 1e-3
+    if not singular:
+        distance = np.abs(ur5.wrap_angle(solutions - joints)).max(axis=1)
+        assert distance.min() < 1e-5
+
+
+def test_free_angle_moves_on_where_the_wish_cannot_be_reached() -> None:
+    joints = np.array([0, -0.3, 0, -2.2, 0, 2.0])  # stretched, and the wrist singular
+    target = ur5.forward_kinematics(joints)
+    for solution in ur5.inverse_kinematics(target, free_angle=0.0):
+        np.testing.assert_allclose(ur5.forward_kinematics(solution), target, atol=1e-9)
+
+
+def test_unreachable_targets_say_why() -> None:
+    far, near = np.eye(4), np.eye(4)
+    far[:3, 3] = [1.2, 0.0, 0.3]
+    near[:3, 3] = [0.05, 0.0, 0.5]
+    with pytest.raises(ur5.UnreachableError, match=r"forearm reach from 0\.033 to 0\.817 m"):
+        ur5.inverse_kinematics(far)
+    with pytest.raises(ur5.UnreachableError, match=r"0\.050 m from the base's axis"):
+        ur5.inverse_kinematics(near)
+
+
+def test_a_mirror_or_nan_is_no_pose() -> None:
+    with pytest.raises(ValueError, match="proper rotation"):
+        ur5.inverse_kinematics(np.diag([1.0, 1.0, -1.0, 1.0]))
+    with pytest.raises(ValueError, match="must be finite"):
+        ur5.inverse_kinematics(np.full((4, 4), np.nan))
+    with pytest.raises(ValueError, match=r"shape \(3, 4\)"):
+        ur5.check_pose(np.eye(4)[:3])
+    with pytest.raises(ValueError, match="six angles"):
+        ur5.forward_kinematics(np.zeros(5))
+
+
+def test_wrap_angle_keeps_pi_and_not_minus_pi() -> None:
+    wrapped = ur5.wrap_angle(np.array([np.pi, -np.pi, 3 * np.pi, 0.5 - 4 * np.pi]))
+    np.testing.assert_allclose(wrapped, [np.pi, np.pi, np.pi, 0.5], atol=1e-12)
+
+
+def test_nearest_turns_stay_within_limits() -> None:
+    current = np.array([6.0, -6.0, 3.0, 0, 0, 0])
+    joints = np.array([[-0.2, 0.2, -3.1, 0, 0, 0]])
+    nearest = ur5.nearest_turns(joints, current)[0]
+    # joint 1 goes to 2 pi - 0.2, joint 2 to 0.2 - 2 pi; the elbow may not pass pi
+    np.testing.assert_allclose(nearest[:3], [2 * np.pi - 0.2, 0.2 - 2 * np.pi, -3.1])
+
+
+def test_outline_ends_at_the_flange_and_keeps_link_lengths() -> None:
+    joints = Rotation.random(2, rng=np.random.default_rng(0)).as_rotvec().ravel()
+    outline = ur5.link_outline(joints)
+    np.testing.assert_allclose(outline[-1], ur5.forward_kinematics(joints)[:3, 3])
+    lengths = np.linalg.norm(np.diff(outline, axis=0), axis=1)
+    expected = [0.089159, 0.13585, 0.425, 0.1197, 0.39225, 0.093, 0.09465, 0.0823]
+    np.testing.assert_allclose(lengths, expected, atol=1e-6)
