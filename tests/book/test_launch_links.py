@@ -1,0 +1,76 @@
+"""Launch links open a notebook that exists at that path in the repository."""
+
+import re
+import urllib.parse
+from pathlib import Path
+
+import pytest
+import yaml
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(scope="module")
+def repository():
+    return yaml.safe_load((ROOT / "book" / "_config.yml").read_text(encoding="utf-8"))["repository"]
+
+
+def links_of(page):
+    return re.findall(r'href="(https://[^"]+)"', page.read_text(encoding="utf-8"))
+
+
+def notebook_path(link, repository):
+    """The path in the repository that a launch link opens, or None for other links."""
+    parts = urllib.parse.urlsplit(link.replace("&amp;", "&"))
+    name = repository["url"].removeprefix("https://github.com/")
+    branch = repository["branch"]
+    if parts.netloc.startswith("colab."):
+        beginning = f"/github/{name}/blob/{branch}/"
+    elif parts.netloc.startswith("mybinder."):
+        beginning = f"/v2/gh/{name}/{branch}"
+    else:
+        return None
+    assert parts.path.startswith(beginning), f"{link} names another repository or branch"
+    if parts.netloc.startswith("colab."):
+        return parts.path.removeprefix(beginning)
+    wish = urllib.parse.parse_qs(parts.query)["urlpath"][0]
+    return wish.removeprefix("lab/tree/")
+
+
+@pytest.mark.parametrize(
+    ("link", "path"),
+    [
+        ("https://colab.research.google.com/github/a/b/blob/main/notebooks/1.ipynb", "notebooks/1"),
+        ("https://mybinder.org/v2/gh/a/b/main?urlpath=lab/tree/notebooks/1.ipynb", "notebooks/1"),
+        ("https://github.com/a/b", None),
+    ],
+)
+def test_reading_a_launch_link(link, path):
+    found = notebook_path(link, {"url": "https://github.com/a/b", "branch": "main"})
+    assert found == (path and f"{path}.ipynb")
+
+
+def test_each_chapter_has_both_launch_links_and_they_fit(html, repository):
+    chapters = sorted((html / "notebooks").glob("*.html"))
+    assert chapters
+    for page in chapters:
+        paths = [notebook_path(link, repository) for link in links_of(page)]
+        launched = [path for path in paths if path is not None]
+        assert set(launched) == {f"notebooks/{page.stem}.ipynb"}, page.name
+        assert len(launched) >= 2, f"{page.name} lacks Colab or Binder"
+        assert (ROOT / launched[0]).is_file()
+
+
+def test_the_address_stands_in_one_place(repository):
+    """Whoever forks the project changes one line."""
+    name = repository["url"].removeprefix("https://")
+    skipped = {".git", "build", "__pycache__", "node_modules"}
+    holders = []
+    for pattern in ("*.md", "*.toml", "*.yml", "*.cff", "*.py", "*.ipynb", "*.txt", "*.html"):
+        for path in ROOT.rglob(pattern):
+            parts = path.relative_to(ROOT).parts
+            if any(part in skipped or part.startswith(".venv") for part in parts):
+                continue
+            if name in path.read_text(encoding="utf-8", errors="replace"):
+                holders.append("/".join(parts))
+    assert holders == ["book/_config.yml"]
