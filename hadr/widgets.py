@@ -1,0 +1,103 @@
+"""The book's interactive figures; each stands beside a static one that tells the same story."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import ipywidgets as widgets
+import matplotlib.pyplot as plt
+import numpy as np
+import numpy.typing as npt
+import torch
+from scipy.spatial.transform import Rotation
+from torch import Tensor
+
+from hadr.hand import absolute_hand_feature, check_keypoints
+from hadr.plotting import COLORS, equal_axes_3d, show_skeleton_3d
+from hadr.ray_plotting import draw_walk
+from hadr.ray_voxels import OccupiedVoxels, RayVoxelPairs, VoxelGrid
+
+
+def orbit_hand(keypoints: npt.ArrayLike) -> Any:
+    """Turn the camera around a hand and watch both forms of the absolute hand feature.
+
+    Args:
+        keypoints: Camera frame, metres, shape (21, 3).
+
+    Returns:
+        A widget with two sliders: the camera's turn sideways and upwards, degrees.
+    """
+    points = check_keypoints(keypoints)
+    center = points.mean(axis=0)
+
+    def draw(sideways: float, upwards: float) -> None:
+        turn = Rotation.from_euler("yx", [sideways, upwards], degrees=True).as_matrix()
+        moved = (points - center) @ turn.T + center
+        both = torch.from_numpy(np.stack([points, moved]))
+        fig = plt.figure(figsize=(8.0, 3.4))
+        view = fig.add_subplot(1, 2, 1, projection="3d")
+        show_skeleton_3d(view, moved)
+        equal_axes_3d(view, center + 0.12 * np.array([[-1.0, -1, -1], [1, 1, 1]]), margin=0.0)
+        view.view_init(elev=-90, azim=-90)
+        view.set_title("the hand, seen by the turned camera")
+        bars = fig.add_subplot(1, 2, 2)
+        for offset, rotation, label in ((-0.2, True, "wrist frame"), (0.2, False, "wrist only")):
+            feature = absolute_hand_feature(both, wrist_rotation=rotation)
+            change = (feature[1] - feature[0]).reshape(21, 3).norm(dim=1).numpy() * 100
+            color = COLORS["hadr" if rotation else "baseline"]
+            bars.bar(np.arange(21) + offset, change, 0.4, label=label, color=color)
+        bars.set(xlabel="keypoint", ylabel="change of the feature (cm)", ylim=(0, 30))
+        bars.legend()
+        plt.show()
+
+    slider = {"min": -90.0, "max": 90.0, "step": 5.0, "value": 0.0, "continuous_update": False}
+    return widgets.interactive(
+        draw,
+        sideways=widgets.FloatSlider(description="sideways (°)", **slider),
+        upwards=widgets.FloatSlider(description="upwards (°)", **slider),
+    )
+
+
+def walk_along_ray(
+    directions: Tensor,
+    pairs: RayVoxelPairs,
+    occupied: OccupiedVoxels,
+    true_distance: Tensor,
+    grid: VoxelGrid,
+) -> Any:
+    """Two sliders that choose a ray and how far to walk along it through its candidate voxels.
+
+    Args:
+        directions: Unit directions of the rays, camera frame, shape (R, 3).
+        pairs: The rays' pairs.
+        occupied: Their voxels.
+        true_distance: Distance of each ray's true surface, metres along the ray, shape (R,).
+        grid: The voxel grid.
+
+    Returns:
+        The widget; show it as a cell's last value.
+    """
+    rays = sorted(set(pairs.ray.tolist()))
+
+    def draw(ray: int, distance: float) -> None:
+        mine = (pairs.ray == ray).nonzero().squeeze(1)
+        _, ax = plt.subplots(figsize=(8, 3.6))
+        draw_walk(
+            ax,
+            directions[ray],
+            occupied.center[pairs.voxel[mine]],
+            pairs.t_in[mine],
+            pairs.t_out[mine],
+            grid.voxel_size,
+            reached=distance,
+            truth=float(true_distance[ray]),
+        )
+        ax.set_title(f"ray {ray}, {distance:.2f} m from the camera")
+        plt.show()
+
+    ray = widgets.SelectionSlider(options=rays, value=rays[len(rays) // 2], description="ray")
+    farthest = float(pairs.t_out.max()) + 0.05
+    distance = widgets.FloatSlider(
+        value=farthest / 2, min=0.0, max=farthest, step=0.01, description="metres"
+    )
+    return widgets.interactive(draw, ray=ray, distance=distance)
