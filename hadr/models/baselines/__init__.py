@@ -1,0 +1,1 @@
+"""Methods that HADR is compared with."""

@@ -1,0 +1,201 @@
+"""Restoration without learning: the questions to ask every table first.
+
+Each method takes `(depth, mask, ...)` and returns depth. Only the mask's pixels change, and what
+was measured inside the mask is never used: it is what the camera got wrong. Depth is z-depth in
+metres, shape (H, W); 0 or NaN marks a missing value on the way in, 0 on the way out.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from hadr.camera import BoolArray, FloatArray, valid_depth
+
+Inpainting = Literal["telea", "navier-stokes"]
+
+
+def raw(depth: FloatArray, mask: BoolArray) -> FloatArray:
+    """Leave the depth as it is: the least that a method must beat.
+
+    Args:
+        depth: z-depth in metres, shape (H, W).
+        mask: Pixels to restore, shape (H, W) bool.
+
+    Returns:
+        The depth, NaN replaced by 0, shape (H, W).
+    """
+    return _checked(depth, mask)
+
+
+def nearest_valid(depth: FloatArray, mask: BoolArray) -> FloatArray:
+    """Give every pixel of the mask the depth of the nearest measured pixel outside of it.
+
+    Args:
+        depth: z-depth in metres, shape (H, W).
+        mask: Pixels to restore, shape (H, W) bool.
+
+    Returns:
+        Filled depth, shape (H, W).
+
+    Raises:
+        ValueError: Shapes differ, or no pixel outside the mask has depth.
+    """
+    restored = _checked(depth, mask)
+    source = (restored > 0) & ~mask
+    _check_source(source)
+    _, (rows, columns) = ndimage.distance_transform_edt(~source, return_indices=True)
+    restored[mask] = restored[rows[mask], columns[mask]]
+    return restored
+
+
+def inpaint(
+    depth: FloatArray, mask: BoolArray, method: Inpainting = "telea", radius_px: float = 3.0
+) -> FloatArray:
+    """Fill the mask with OpenCV's inpainting.
+
+    OpenCV overshoots on float images, so the depth goes in as 16-bit steps of 0.1 mm (1 mm where
+    the scene is deeper than 6.5 m). Missing pixels around the mask are filled along with it, so
+    that their zeros do not bleed in, and are missing again afterwards.
+
+    Args:
+        depth: z-depth in metres, shape (H, W).
+        mask: Pixels to restore, shape (H, W) bool.
+        method: "telea" (fast marching) or "navier-stokes".
+        radius_px: Neighbourhood that a pixel is filled from, pixels.
+
+    Returns:
+        Filled depth, shape (H, W), to the step of 0.1 mm (or 1 mm).
+
+    Raises:
+        ValueError: Shapes differ, no pixel outside the mask has depth, or the method is unknown.
+    """
+    flags = {"telea": cv2.INPAINT_TELEA, "navier-stokes": cv2.INPAINT_NS}
+    if method not in flags:
+        raise ValueError(f"method must be one of {sorted(flags)}, got {method!r}")
+    restored = _checked(depth, mask)
+    _check_source((restored > 0) & ~mask)
+    if not mask.any():
+        return restored
+    window = _window_around(mask, restored)
+    piece, hole = restored[window], mask[window]
+    deepest = float(piece.max())
+    step_m = 1e-4 if deepest < 65535 * 1e-4 else 1e-3
+    if deepest >= 65535 * step_m:
+        raise ValueError(f"depth must be below 65.5 m for inpainting, got {deepest:.1f} m")
+    steps = np.rint(piece / step_m).astype(np.uint16)
+    unknown = (hole | (piece <= 0)).astype(np.uint8)
+    filled = cv2.inpaint(steps, unknown, radius_px, flags[method])
+    piece[hole] = filled[hole].astype(np.float32) * np.float32(step_m)
+    return restored
+
+
+def hand_region(
+    shape: tuple[int, int], keypoints_uv: NDArray[np.floating], margin_px: float = 0.0
+) -> BoolArray:
+    """Mark the convex hull of the keypoints: the hand without the forearm.
+
+    Args:
+        shape: (H, W) of the image.
+        keypoints_uv: Keypoints in pixels (column, row), shape (21, 2).
+        margin_px: How far the hull is widened, pixels.
+
+    Returns:
+        True inside the hull, shape (H, W).
+
+    Raises:
+        ValueError: The keypoints are not (21, 2) finite numbers.
+    """
+    if keypoints_uv.shape != (21, 2) or not np.isfinite(keypoints_uv).all():
+        raise ValueError(
+            f"keypoints_uv must be (21, 2) finite pixels, got shape {keypoints_uv.shape}"
+        )
+    limit = 8 * max(shape)  # OpenCV draws with 16-bit fixed point; far outside is outside
+    hull = cv2.convexHull(np.clip(np.rint(keypoints_uv), -limit, limit).astype(np.int32))
+    region = np.zeros(shape, np.uint8)
+    cv2.fillConvexPoly(region, hull, 1)
+    if margin_px > 0:
+        size = 2 * round(margin_px) + 1
+        region = np.asarray(
+            cv2.dilate(region, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))),
+            dtype=np.uint8,
+        )
+    return region.astype(bool)
+
+
+def hand_median(
+    depth: FloatArray,
+    mask: BoolArray,
+    keypoints_uv: NDArray[np.floating],
+    keypoints_z: NDArray[np.floating],
+    hand_mask: BoolArray | None = None,
+    slack_m: float = 0.06,
+) -> FloatArray:
+    """Give the whole mask one depth: the median depth of the hand without the forearm.
+
+    The hand's pixels are those with a measured depth outside the object's mask that lie in the
+    convex hull of the keypoints and, where a hand mask is known, in it; without one, those whose
+    depth is within `slack_m` of the keypoints' range. Where no pixel is left, the keypoints' own
+    median depth is taken.
+
+    Args:
+        depth: z-depth in metres, shape (H, W).
+        mask: Pixels to restore, shape (H, W) bool.
+        keypoints_uv: Hand keypoints in pixels (column, row), shape (21, 2).
+        keypoints_z: z-depth of the keypoints, camera frame, metres, shape (21,).
+        hand_mask: Pixels of the hand and arm, shape (H, W) bool, if known.
+        slack_m: How far the skin may be from the keypoints' depths, metres.
+
+    Returns:
+        Depth with one value in the mask, shape (H, W).
+
+    Raises:
+        ValueError: Shapes differ.
+    """
+    restored = _checked(depth, mask)
+    region = hand_region((depth.shape[0], depth.shape[1]), keypoints_uv)
+    if hand_mask is not None:
+        if hand_mask.shape != depth.shape:
+            raise ValueError(
+                f"hand_mask must have depth's shape {depth.shape}, got {hand_mask.shape}"
+            )
+        region &= hand_mask
+    else:
+        region &= (restored > keypoints_z.min() - slack_m) & (
+            restored < keypoints_z.max() + slack_m
+        )
+    hand = restored[region & ~mask & (restored > 0)]
+    restored[mask] = np.median(hand) if hand.size else np.median(keypoints_z)
+    return restored
+
+
+def _checked(depth: FloatArray, mask: BoolArray) -> NDArray[np.float32]:
+    """Return a float32 copy with 0 where missing, after checking the shapes."""
+    if depth.ndim != 2 or mask.shape != depth.shape or mask.dtype != np.bool_:
+        raise ValueError(
+            "depth must be (H, W) metres and mask (H, W) bool, got "
+            f"{depth.shape} {depth.dtype} and {mask.shape} {mask.dtype}"
+        )
+    return np.where(valid_depth(depth), depth, 0.0).astype(np.float32)
+
+
+def _check_source(source: BoolArray) -> None:
+    if not source.any():
+        raise ValueError("no pixel outside the mask has a depth, so there is nothing to fill from")
+
+
+def _window_around(mask: BoolArray, depth: FloatArray, margin: int = 24) -> tuple[slice, slice]:
+    """Return the part of the image that matters: the mask's box with some depth around it."""
+    rows, columns = np.nonzero(mask.any(axis=1))[0], np.nonzero(mask.any(axis=0))[0]
+    while True:
+        window = (
+            slice(max(int(rows[0]) - margin, 0), int(rows[-1]) + margin + 1),
+            slice(max(int(columns[0]) - margin, 0), int(columns[-1]) + margin + 1),
+        )
+        if ((depth[window] > 0) & ~mask[window]).any() or margin > max(mask.shape):
+            return window
+        margin *= 2

@@ -1,0 +1,334 @@
+import json
+import subprocess
+import sys
+import time
+
+import cv2
+import numpy as np
+import pytest
+import trimesh
+
+from hadr import __version__
+from hadr.cli import COMMANDS, main
+from hadr.frame_io import read_depth, read_mask
+
+OUTPUTS = [
+    "cloud.ply",
+    "comparison.png",
+    "confidence.npy",
+    "confidence.png",
+    "depth.npy",
+    "depth.png",
+    "report.json",
+]
+
+
+@pytest.fixture
+def frame(tmp_path):
+    """The files of a small frame: a hole in a plane at 0.8 m, and the words that restore it."""
+    depth = np.full((48, 64), 800, np.uint16)
+    depth[10:30, 20:40] = 0
+    mask = np.zeros((48, 64), np.uint8)
+    mask[10:30, 20:40] = 255
+    color = np.random.default_rng(0).integers(0, 255, (48, 64, 3)).astype(np.uint8)
+    hand = np.zeros((21, 3)) + np.linspace(0, 0.15, 21)[:, None] + (0, 0, 0.7)
+    for name, image in (("rgb", color), ("depth", depth), ("mask", mask)):
+        cv2.imwrite(str(tmp_path / f"{name}.png"), image)
+    (tmp_path / "hand.json").write_text(json.dumps(hand.tolist()))
+    (tmp_path / "camera.yaml").write_text(
+        "fx: 80\nfy: 80\ncx: 31.5\ncy: 23.5\nwidth: 64\nheight: 48\n"
+    )
+    return tmp_path
+
+
+def words(folder, **changes) -> list[str]:
+    given = {
+        "rgb": folder / "rgb.png",
+        "depth": folder / "depth.png",
+        "intrinsics": folder / "camera.yaml",
+        "mask": folder / "mask.png",
+        "out": folder / "out",
+    } | changes
+    line = ["restore"]
+    for name, value in given.items():
+        if value is not None:
+            line += [f"--{name.replace('_', '-')}", str(value)]
+    return line
+
+
+def test_all_files_are_written_and_agree(frame, capsys) -> None:
+    assert main(words(frame)) == 0
+    out = frame / "out"
+    assert sorted(p.name for p in out.iterdir()) == OUTPUTS
+    depth = np.load(out / "depth.npy")
+    assert depth.dtype == np.float32
+    np.testing.assert_allclose(depth, 0.8, rtol=1e-6)
+    np.testing.assert_allclose(read_depth(out / "depth.png"), depth, atol=5e-4)
+    mask = read_mask(frame / "mask.png")
+    np.testing.assert_array_equal(np.load(out / "confidence.npy"), np.where(mask, 0, 1))
+    np.testing.assert_array_equal(read_mask(out / "confidence.png"), ~mask)
+    assert len(trimesh.load(out / "cloud.ply").vertices) == 48 * 64
+    assert min(cv2.imread(str(out / "comparison.png")).shape[:2]) > 500
+    report = json.loads((out / "report.json").read_text())
+    assert report["method"] == "nearest"
+    assert report["counts"]["restored"] == 400
+    assert report["counts"]["still_missing"] == 0
+    assert report["versions"]["hadr"] == __version__
+    assert len(report["inputs"]["depth"]["sha256"]) == 64
+    assert "0.001 m per unit" in report["outputs"]["depth.png"]
+    printed = capsys.readouterr().out
+    for said in (printed, " ".join(report["notes"])):
+        assert "no checkpoint fits" in said
+        assert "the result is nearest valid depth, not HADR" in said
+    assert "restored  400 of 400 pixels" in printed
+
+
+def test_output_reads_back_as_input(frame) -> None:
+    assert main(words(frame)) == 0
+    again = words(frame, depth=frame / "out" / "depth.png", out=frame / "again", method="inpaint")
+    assert main(again) == 0
+    np.testing.assert_allclose(np.load(frame / "again" / "depth.npy"), 0.8, atol=1e-3)
+
+
+def test_depth_formats_give_the_same(frame) -> None:
+    metres = read_depth(frame / "depth.png")
+    np.save(frame / "metres.npy", metres)
+    np.save(frame / "units.npy", np.rint(metres * 10000).astype(np.uint16))
+    for name, scale in (("metres.npy", None), ("units.npy", 1e-4)):
+        line = words(frame, depth=frame / name, depth_scale=scale, out=frame / name[:4])
+        assert main(line) == 0
+        np.testing.assert_allclose(np.load(frame / name[:4] / "depth.npy"), 0.8, rtol=1e-6)
+
+
+def test_truth_prints_the_errors_of_both(frame, capsys) -> None:
+    np.save(frame / "truth.npy", np.full((48, 64), 0.75, np.float32))
+    assert main(words(frame, truth=frame / "truth.npy")) == 0
+    report = json.loads((frame / "out" / "report.json").read_text())
+    assert "measured" not in report["errors_in_mask"], "nothing was measured in the mask"
+    assert report["errors_in_mask"]["restored"]["rmse_m"] == pytest.approx(0.05, rel=1e-5)
+    assert report["errors_in_mask"]["restored"]["pixels"] == 400
+    assert "RMSE 0.0500 m" in capsys.readouterr().out
+
+
+def test_hand_median_through_the_command(frame) -> None:
+    line = words(frame, hand=frame / "hand.json", method="hand-median")
+    assert main(line) == 0
+    mask = read_mask(frame / "mask.png")
+    inside = np.load(frame / "out" / "depth.npy")[mask]
+    assert np.unique(inside).size == 1
+    assert 0.64 < inside[0] < 0.91  # the keypoints lie 0.70 to 0.85 m away
+
+
+def spoil(folder, case: str) -> dict[str, object]:
+    """Make one input unusable; return the changed arguments."""
+    depth = read_depth(folder / "depth.png")
+    if case == "depth of another size than colour":
+        cv2.imwrite(str(folder / "bad.png"), np.full((24, 32), 800, np.uint16))
+        return {"depth": folder / "bad.png"}
+    if case == "all-missing depth":
+        cv2.imwrite(str(folder / "bad.png"), np.zeros((48, 64), np.uint16))
+        return {"depth": folder / "bad.png"}
+    if case == "empty mask":
+        cv2.imwrite(str(folder / "bad.png"), np.zeros((48, 64), np.uint8))
+        return {"mask": folder / "bad.png"}
+    if case == "nothing but NaN":
+        np.save(folder / "bad.npy", np.full((48, 64), np.nan))
+        return {"depth": folder / "bad.npy"}
+    if case == "depth in millimetres passed as metres":
+        np.save(folder / "bad.npy", depth * 1000)
+        return {"depth": folder / "bad.npy"}
+    if case == "a wrong scale":
+        return {"depth_scale": 1}
+    if case == "a missing file":
+        return {"rgb": folder / "gone.png"}
+    if case == "a truncated PNG":
+        (folder / "bad.png").write_bytes((folder / "depth.png").read_bytes()[:90])
+        return {"depth": folder / "bad.png"}
+    if case == "a hand of 20 points":
+        (folder / "bad.json").write_text(json.dumps([[0.0, 0.0, 0.7]] * 20))
+        return {"hand": folder / "bad.json"}
+    if case == "intrinsics of another size":
+        text = (folder / "camera.yaml").read_text().replace("width: 64", "width: 640")
+        (folder / "bad.yaml").write_text(text)
+        return {"intrinsics": folder / "bad.yaml"}
+    if case == "a truncated EXR":
+        (folder / "bad.exr").write_bytes(b"\x76\x2f\x31\x01\x02\x00\x00\x00channels\0chl")
+        return {"depth": folder / "bad.exr"}
+    if case == "a checkpoint that is not there":
+        return {"checkpoint": folder / "gone.safetensors", "hand": folder / "hand.json"}
+    if case == "HADR without a hand":
+        return {"method": "hadr"}
+    assert case == "truth of another size"
+    np.save(folder / "bad.npy", np.ones((4, 4)))
+    return {"truth": folder / "bad.npy"}
+
+
+BAD = {
+    "depth of another size than colour": "depth is 32x24 pixels but colour is 64x48; expected",
+    "all-missing depth": "missing everywhere: all 3072 pixels are 0, NaN or infinite, expected",
+    "empty mask": "the mask is empty: none of its 3072 pixels is set, expected",
+    "nothing but NaN": "missing everywhere: all 3072 pixels are 0, NaN or infinite, expected",
+    "depth in millimetres passed as metres": "a median of 800, expected metres between",
+    "a wrong scale": "a median of 800, expected metres between",
+    "a missing file": "gone.png does not exist",
+    "a truncated PNG": "is a truncated PNG: 90 bytes without the closing IEND chunk, expected",
+    "a hand of 20 points": "a hand has 21 keypoints, shape (21, 3) in metres; got (20, 3)",
+    "intrinsics of another size": "intrinsics are of a 640x48 image but colour and depth are 64x48",
+    "a truncated EXR": "cut off",
+    "a checkpoint that is not there": "gone.safetensors does not exist",
+    "HADR without a hand": "no checkpoint fits: the sample checkpoint needs 21 hand keypoints",
+    "truth of another size": "truth is (4, 4) but depth is (48, 64), expected the same",
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_input_is_one_sentence_and_leaves_nothing(frame, capfd, case: str) -> None:
+    line = words(frame, **spoil(frame, case))
+    before = sorted(p.name for p in frame.iterdir())
+    assert main(line) == 2
+    captured = capfd.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith("hadr restore: error: ")
+    assert captured.err.count("\n") == 1
+    assert BAD[case] in captured.err
+    assert sorted(p.name for p in frame.iterdir()) == before, "something was left behind"
+
+
+def test_scattered_nan_is_accepted_and_noted(frame, capsys) -> None:
+    depth = read_depth(frame / "depth.png")
+    depth[0, :5] = np.nan
+    np.save(frame / "nan.npy", depth)
+    assert main(words(frame, depth=frame / "nan.npy")) == 0
+    assert "5 pixels of the depth are NaN and count as missing" in capsys.readouterr().out
+    assert np.isfinite(np.load(frame / "out" / "depth.npy")).all()
+
+
+def test_an_earlier_result_is_only_replaced_when_asked(frame, capsys) -> None:
+    assert main(words(frame)) == 0
+    (frame / "out" / "report.json").write_text("old")
+    assert main(words(frame)) == 2
+    assert "already holds cloud.ply and 6 more; choose a new name" in capsys.readouterr().err
+    assert (frame / "out" / "report.json").read_text() == "old"
+    assert main([*words(frame), "--overwrite", "--quiet"]) == 0
+    assert capsys.readouterr().out == ""
+    assert json.loads((frame / "out" / "report.json").read_text())["method"] == "nearest"
+    (frame / "out" / "mine.txt").write_text("keep")
+    assert main([*words(frame), "--overwrite"]) == 2
+    assert "holds mine.txt, which no earlier run wrote" in capsys.readouterr().err
+    assert (frame / "out" / "mine.txt").read_text() == "keep"
+
+
+def test_a_crash_while_writing_leaves_nothing(frame, capsys, monkeypatch) -> None:
+    def full_disk(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("hadr.frame_io.write_point_cloud", full_disk)
+    before = sorted(p.name for p in frame.iterdir())
+    assert main(words(frame)) == 1
+    assert "cannot write" in capsys.readouterr().err
+    assert sorted(p.name for p in frame.iterdir()) == before
+
+
+def test_help_is_a_manual() -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "hadr.cli", "--help"], capture_output=True, text=True, check=True
+    )
+    for name in COMMANDS:
+        assert f"  {name} " in done.stdout
+    shown = subprocess.run(
+        [sys.executable, "-m", "hadr.cli", "restore", "--help"],
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
+    for said in ("metres per stored unit", "camera frame", "examples", "exit status", "cloud.ply"):
+        assert said in shown
+    assert max(len(line) for line in shown.splitlines()) <= 81
+
+
+def test_help_imports_nothing_heavy() -> None:
+    code = (
+        "import sys; from hadr.cli import main\n"
+        "try: main(['restore', '--help'])\n"
+        "except SystemExit: pass\n"
+        "print({'torch', 'cv2', 'matplotlib', 'numpy', 'trimesh'} & set(sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "set()"
+
+
+def test_wrong_calls(capsys) -> None:
+    with pytest.raises(SystemExit) as left:
+        main(["restor"])
+    assert left.value.code == 2
+    error = capsys.readouterr().err
+    assert "there is no command 'restor'; did you mean 'restore'?" in error
+    with pytest.raises(SystemExit) as left:
+        main(["restore", "--rgb", "a.png"])
+    assert left.value.code == 2
+    error = capsys.readouterr().err
+    assert "hadr restore: error: the following arguments are required: --depth" in error
+    assert error.count("\n") == 1
+    with pytest.raises(SystemExit) as left:
+        main(["--version"])
+    assert left.value.code == 0
+    assert capsys.readouterr().out == f"hadr {__version__}\n"
+    assert main([]) == 2
+    assert "usage: hadr COMMAND" in capsys.readouterr().out
+
+
+def test_errors_in_a_real_process_have_no_traceback(frame) -> None:
+    line = words(frame, depth=frame / "gone.png")
+    done = subprocess.run([sys.executable, "-m", "hadr.cli", *line], capture_output=True, text=True)
+    assert done.returncode == 2
+    assert done.stderr == f"hadr restore: error: depth file {frame / 'gone.png'} does not exist\n"
+    assert not (frame / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("scene", "pixels", "rmse", "rel", "mae", "deltas"),
+    [
+        ("000000080", 55288, 0.060429, 0.099972, 0.050076, (29.9613, 51.9986, 97.7319)),
+        ("000000130", 11478, 0.030019, 0.035260, 0.022731, (71.7285, 96.6109, 100.0)),
+    ],
+)
+def test_a_real_frame_of_glass(
+    realdata, tmp_path, capsys, scene, pixels, rmse, rel, mae, deltas
+) -> None:
+    """The command on a real D435 frame at 1280x720, with the published errors of its raw depth."""
+    folder = realdata / "cleargrasp_d435"
+    line = words(
+        folder,
+        rgb=folder / f"{scene}-transparent-rgb-img.jpg",
+        depth=folder / f"{scene}-transparent-depth-img.exr",
+        intrinsics=folder / "camera_intrinsics.yaml",
+        mask=folder / f"{scene}-mask.png",
+        truth=folder / f"{scene}-opaque-depth-img.exr",
+        out=tmp_path / "out",
+    )
+    started = time.perf_counter()
+    assert main(line) == 0
+    assert time.perf_counter() - started < 10
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    row = report["errors_in_mask"]["measured"]
+    assert row["pixels"] == pixels
+    found = [row[k] for k in ("rmse_m", "rel", "mae_m")]
+    np.testing.assert_allclose(found, (rmse, rel, mae), atol=5.1e-7)
+    found = [row[k] for k in ("delta_105", "delta_110", "delta_125")]
+    np.testing.assert_allclose(found, deltas, atol=5.1e-5)
+    assert "the result is nearest valid depth, not HADR" in capsys.readouterr().out
+
+    before = read_depth(folder / f"{scene}-transparent-depth-img.exr")
+    after = np.load(tmp_path / "out" / "depth.npy")
+    mask = read_mask(folder / f"{scene}-mask.png")
+    assert after.shape == (720, 1280)
+    np.testing.assert_array_equal(after[~mask], before[~mask])
+    assert (after[mask] > 0).all()
+    cloud = trimesh.load(tmp_path / "out" / "cloud.ply")
+    assert len(cloud.vertices) == (after > 0).sum()
+    low, high = cloud.bounds
+    assert low[2] > 0.25
+    assert high[2] < 1.2
+    u = 921 * cloud.vertices[:, 0] / cloud.vertices[:, 2] + 642
+    assert u.min() == pytest.approx(0, abs=3)
+    assert u.max() == pytest.approx(1279, abs=3)

@@ -1,0 +1,310 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hadr.camera import Intrinsics
+from hadr.corruption import (
+    SENSOR,
+    CorruptionConfig,
+    corrupt,
+    corruption_statistics,
+    depth_jumps,
+    edge_noise,
+    ellipse_dropout,
+    erase_mask,
+    see_through,
+    smooth_noise,
+    stereo_noise,
+)
+from hadr.frame_io import read_depth, read_mask
+
+CAMERA = Intrinsics(fx=640.0, fy=640.0, cx=79.5, cy=59.5, width=160, height=120)
+
+
+def plane(z: float) -> np.ndarray:
+    return np.full((120, 160), z, np.float32)
+
+
+def disc(radius: float = 30.0) -> np.ndarray:
+    v, u = np.indices((120, 160))
+    return (u - 80) ** 2 + (v - 60) ** 2 <= radius**2
+
+
+def two_steps() -> np.ndarray:
+    depth = plane(1.0)
+    depth[:, :80] = 0.5
+    return depth
+
+
+def test_erase_mask_changes_exactly_the_mask() -> None:
+    depth, mask = two_steps(), disc()
+    erased = erase_mask(depth, mask)
+    np.testing.assert_array_equal(erased[~mask], depth[~mask])
+    assert (erased[mask] == 0).all()
+    assert (depth > 0).all(), "the input must stay as it was"
+
+
+def test_see_through_has_the_asked_shares_and_the_backgrounds_depth() -> None:
+    depth, background, mask = plane(0.5), plane(0.9), disc()
+    seen = see_through(
+        depth,
+        background,
+        mask,
+        np.random.default_rng(0),
+        missing_share=0.3,
+        background_share=0.5,
+    )
+    inside = seen[mask]
+    n = inside.size
+    assert (inside == 0).sum() == round(0.3 * n)
+    assert (inside == np.float32(0.9)).sum() == round(0.8 * n) - round(0.3 * n)
+    assert (inside == np.float32(0.5)).sum() == n - round(0.8 * n)
+    np.testing.assert_array_equal(seen[~mask], depth[~mask])
+
+
+def test_see_through_falls_into_patches_not_into_pepper() -> None:
+    mask = np.ones((120, 160), bool)
+    seen = see_through(plane(0.5), plane(0.9), mask, np.random.default_rng(0))
+    missing = seen == 0
+    same_as_neighbour = (missing[:, 1:] == missing[:, :-1]).mean()
+    independent = missing.mean() ** 2 + (1 - missing.mean()) ** 2
+    assert same_as_neighbour > 0.9 > independent
+
+
+def test_see_through_where_the_background_is_unknown_is_missing() -> None:
+    mask = disc()
+    seen = see_through(
+        plane(0.5),
+        plane(0.0),
+        mask,
+        np.random.default_rng(0),
+        missing_share=0.0,
+        background_share=1.0,
+    )
+    assert (seen[mask] == 0).all()
+
+
+def test_quantisation_step_is_z_squared_over_f_b() -> None:
+    """Two neighbouring disparities differ by one step: dz = z^2 / (f b) * step."""
+    z = np.linspace(0.7, 0.9, 120 * 160, dtype=np.float32).reshape(120, 160)
+    step, baseline = 1 / 8, 0.05
+    levels = np.unique(
+        stereo_noise(
+            z,
+            CAMERA,
+            np.random.default_rng(0),
+            baseline_m=baseline,
+            disparity_step=step,
+            disparity_std=0,
+        )
+    )
+    middle = np.argmin(np.abs(levels - 0.8))
+    found = (levels[middle + 1] - levels[middle - 1]) / 2
+    assert found == pytest.approx(0.8**2 / (CAMERA.fx * baseline) * step, rel=0.02)
+
+
+def test_quantised_depth_on_the_grid_stays() -> None:
+    """f b / z = 640 * 0.05 / 0.8 = 40 pixels is a whole number of steps."""
+    rng = np.random.default_rng(0)
+    measured = stereo_noise(plane(0.8), CAMERA, rng, baseline_m=0.05, disparity_std=0)
+    np.testing.assert_allclose(measured, 0.8, rtol=1e-6)
+    measured = stereo_noise(
+        plane(0.8), CAMERA, rng, baseline_m=0.05, disparity_std=0, disparity_step=3.0
+    )
+    np.testing.assert_allclose(measured, 32 / 39, rtol=1e-6)  # round(40 / 3) * 3 = 39
+
+
+@pytest.mark.parametrize("z", [0.4, 0.8, 1.6])
+def test_noise_grows_with_the_square_of_the_distance(z: float) -> None:
+    measured = stereo_noise(
+        plane(z),
+        CAMERA,
+        np.random.default_rng(3),
+        baseline_m=0.055,
+        disparity_step=0,
+        disparity_std=0.1,
+    )
+    expected = z**2 / (CAMERA.fx * 0.055) * 0.1
+    assert measured.std() == pytest.approx(expected, rel=0.03)
+    assert np.median(measured) == pytest.approx(z, abs=0.02 * expected)
+
+
+def test_stereo_keeps_missing_pixels_and_refuses_nonsense() -> None:
+    depth = plane(0.8)
+    depth[:10] = 0
+    measured = stereo_noise(depth, CAMERA, np.random.default_rng(0))
+    assert (measured[:10] == 0).all()
+    assert (measured[10:] > 0).all()
+    with pytest.raises(ValueError, match=r"baseline_m must be positive.*got -0.1"):
+        stereo_noise(depth, CAMERA, np.random.default_rng(0), baseline_m=-0.1)
+
+
+def test_one_ellipse_has_the_area_of_an_ellipse() -> None:
+    """Gamma(10^6, a / 10^6) is a to a thousandth, so a circle of radius a: pi a^2 pixels."""
+    counts = []
+    for seed in range(40):
+        dropped = ellipse_dropout(
+            np.ones((400, 400), np.float32),
+            np.pad(np.ones((2, 2), bool), 199),
+            np.random.default_rng(seed),
+            probability=1.0,
+            mean_count=1e-9,
+        )
+        assert (dropped == 1).all(), "Poisson(0) drops nothing"
+        mask = np.ones((400, 400), bool)
+        dropped = ellipse_dropout(
+            np.ones((400, 400), np.float32),
+            mask,
+            np.random.default_rng(seed),
+            probability=1.0,
+            mean_count=1.0,
+            radius_shape=1e6,
+            radius_scale=20e-6,
+        )
+        counts.append((dropped == 0).sum())
+    largest_single = [c for c in counts if 0 < c <= 1300]
+    assert max(largest_single) == pytest.approx(np.pi * 20**2, rel=0.02)
+
+
+def test_ellipses_erase_only_inside_the_mask_and_mostly_with_the_probability() -> None:
+    depth, mask = plane(0.7), disc()
+    touched = 0
+    for seed in range(200):
+        dropped = ellipse_dropout(depth, mask, np.random.default_rng(seed))
+        np.testing.assert_array_equal(dropped[~mask], depth[~mask])
+        touched += bool((dropped == 0).any())
+    assert touched == pytest.approx(0.8 * 200, abs=3 * np.sqrt(200 * 0.8 * 0.2))
+
+
+def test_ellipse_count_is_poisson_20_by_default() -> None:
+    """Tiny ellipses on a huge image hardly overlap: holes per picture have mean 20."""
+    holes = [
+        (
+            ellipse_dropout(
+                np.ones((500, 500), np.float32),
+                None,
+                np.random.default_rng(seed),
+                probability=1.0,
+                radius_shape=1e6,
+                radius_scale=0.6e-6,
+            )
+            == 0
+        ).sum()
+        for seed in range(100)
+    ]
+    assert np.mean(holes) == pytest.approx(20, abs=3 * np.sqrt(20 / 100))
+
+
+def test_edge_noise_leaves_a_plane_and_missing_pixels_alone() -> None:
+    depth = plane(0.8)
+    depth[40:50, 40:50] = 0
+    np.testing.assert_array_equal(edge_noise(depth, np.random.default_rng(0)), depth)
+
+
+def test_edge_noise_touches_only_the_band_and_stays_between_both_surfaces() -> None:
+    depth = two_steps()
+    noisy = edge_noise(depth, np.random.default_rng(0), width_px=2, flying_share=0.5)
+    changed = noisy != depth
+    columns = np.flatnonzero(changed.any(axis=0))
+    assert columns.min() >= 78
+    assert columns.max() <= 81
+    assert noisy.min() >= 0.5
+    assert noisy.max() <= 1.0
+    flying = (noisy > 0.5) & (noisy < 1.0)
+    band = 4 * 120
+    assert flying.sum() == pytest.approx(0.5 * band, abs=3 * np.sqrt(band * 0.25))
+    assert noisy[flying].mean() == pytest.approx(0.75, abs=0.05)
+
+
+def test_depth_jumps_marks_both_sides_of_a_step() -> None:
+    jumps = depth_jumps(two_steps(), jump_m=0.02, width_px=1)
+    assert np.flatnonzero(jumps.any(axis=0)).tolist() == [79, 80]
+    assert not depth_jumps(two_steps(), jump_m=0.6).any()
+
+
+def test_corrupt_is_the_oracle_by_default_and_repeats_with_the_seed() -> None:
+    depth, mask = two_steps(), disc()
+    oracle = corrupt(depth, mask, CAMERA, np.random.default_rng(0))
+    np.testing.assert_array_equal(oracle, erase_mask(depth, mask))
+    first, again, other = (
+        corrupt(depth, mask, CAMERA, np.random.default_rng(seed), SENSOR, plane(1.3))
+        for seed in (5, 5, 6)
+    )
+    np.testing.assert_array_equal(first, again)
+    assert (first != other).any()
+    everything = CorruptionConfig(
+        erase=True, see_through=True, stereo=True, edges=True, ellipses=True
+    )
+    erased = corrupt(depth, mask, CAMERA, np.random.default_rng(0), everything, plane(1.3))
+    assert (erased[mask] == 0).all()
+
+
+def test_statistics_of_a_hand_made_picture() -> None:
+    truth = plane(0.5)
+    mask = np.zeros_like(truth, bool)
+    mask[0, :10] = True
+    measured = truth.copy()
+    measured[0, :4] = (0, np.nan, 0, 0)
+    measured[0, 4:8] = (0.53, 0.54, 0.55, 0.505)
+    truth[0, 9] = np.nan
+    found = corruption_statistics(measured, truth, mask)
+    assert found.pixels == 9
+    assert found.missing_share == pytest.approx(4 / 9)
+    assert found.bias_m == pytest.approx(0.03)  # the median of 3, 4, 5, 0.5 and 0 cm
+    assert found.within_1cm_share == pytest.approx(2 / 9)
+
+
+def test_errors_name_the_values() -> None:
+    depth, mask = plane(0.5), disc()
+    with pytest.raises(ValueError, match=r"depth and mask .* got \(120, 160\) and \(3, 3\)"):
+        erase_mask(depth, np.ones((3, 3), bool))
+    with pytest.raises(ValueError, match=r"at most 1, got 0.7 and 0.6"):
+        see_through(
+            depth,
+            depth,
+            mask,
+            np.random.default_rng(0),
+            missing_share=0.7,
+            background_share=0.6,
+        )
+    with pytest.raises(ValueError, match="see_through needs background_depth"):
+        corrupt(depth, mask, CAMERA, np.random.default_rng(0), SENSOR)
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), missing=st.floats(0, 0.6), background=st.floats(0, 0.4))
+def test_outside_the_mask_the_glass_changes_nothing(
+    seed: int, missing: float, background: float
+) -> None:
+    depth, mask = two_steps(), disc(10)
+    config = CorruptionConfig(
+        erase=False, see_through=True, missing_share=missing, background_share=background
+    )
+    corrupted = corrupt(depth, mask, CAMERA, np.random.default_rng(seed), config, plane(1.2))
+    np.testing.assert_array_equal(corrupted[~mask], depth[~mask])
+    assert (corrupted[mask] == 0).sum() == round(missing * mask.sum())
+
+
+def test_smooth_noise_is_standardised_and_smooth() -> None:
+    noise = smooth_noise((200, 200), 4.0, np.random.default_rng(0))
+    assert noise.mean() == pytest.approx(0, abs=1e-12)
+    assert noise.std() == pytest.approx(1)
+    neighbours = (noise[:, 1:] * noise[:, :-1]).mean()
+    assert neighbours == pytest.approx(np.exp(-1 / (4 * 4.0**2)), abs=0.005)
+
+
+@pytest.mark.parametrize(
+    ("scene", "missing"), [("000000080", (0.4, 0.5)), ("000000130", (0.7, 0.8))]
+)
+def test_real_glass_is_missing_and_behind(
+    realdata, scene: str, missing: tuple[float, float]
+) -> None:
+    folder = realdata / "cleargrasp_d435"
+    found = corruption_statistics(
+        read_depth(folder / f"{scene}-transparent-depth-img.exr"),
+        read_depth(folder / f"{scene}-opaque-depth-img.exr"),
+        read_mask(folder / f"{scene}-mask.png"),
+    )
+    assert missing[0] < found.missing_share < missing[1]
+    assert 0.01 < found.bias_m < 0.06

@@ -1,0 +1,185 @@
+import json
+
+import cv2
+import numpy as np
+import pytest
+import trimesh
+
+from hadr.camera import Intrinsics
+from hadr.frame_io import (
+    finished_folder,
+    read_color,
+    read_depth,
+    read_hand,
+    read_mask,
+    write_depth_png,
+    write_point_cloud,
+)
+
+
+def test_colour_keeps_the_order_red_green_blue(tmp_path) -> None:
+    bgr = np.zeros((4, 5, 3), np.uint8)
+    bgr[..., 2] = 200
+    cv2.imwrite(str(tmp_path / "red.png"), bgr)
+    color = read_color(tmp_path / "red.png")
+    assert color.shape == (4, 5, 3)
+    assert color[0, 0].tolist() == [200, 0, 0]
+
+
+def test_depth_png_is_millimetres_by_default_and_scales(tmp_path) -> None:
+    path = tmp_path / "depth.png"
+    cv2.imwrite(str(path), np.array([[0, 500], [1234, 65535]], np.uint16))
+    np.testing.assert_allclose(read_depth(path), [[0, 0.5], [1.234, 65.535]], rtol=1e-6)
+    np.testing.assert_allclose(read_depth(path, 1e-4), [[0, 0.05], [0.1234, 6.5535]], rtol=1e-6)
+
+
+def test_depth_png_round_trip(tmp_path) -> None:
+    depth = np.array([[0.0, 0.5004, np.nan], [0.5006, 70.0, 65.535]], np.float32)
+    write_depth_png(tmp_path / "depth.png", depth)
+    expected = [[0, 0.5, 0], [0.501, 0, 65.535]]
+    np.testing.assert_allclose(read_depth(tmp_path / "depth.png"), expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("stored", "scale", "expected"),
+    [
+        (np.array([[0.7]], np.float64), None, 0.7),
+        (np.array([[700]], np.uint16), None, 0.7),
+        (np.array([[700.0]], np.float32), 0.001, 0.7),
+        (np.array([[[0.7, 5.0, 5.0]]], np.float32), None, 0.7),
+    ],
+)
+def test_depth_npy_whole_numbers_are_millimetres_floats_are_metres(
+    tmp_path, stored, scale, expected
+) -> None:
+    np.save(tmp_path / "depth.npy", stored)
+    depth = read_depth(tmp_path / "depth.npy", scale)
+    assert depth.shape == (1, 1)
+    assert depth.dtype == np.float32
+    assert depth[0, 0] == pytest.approx(expected)
+
+
+def test_mask_is_everything_not_zero(tmp_path) -> None:
+    cv2.imwrite(str(tmp_path / "mask.png"), np.array([[0, 1], [255, 0]], np.uint8))
+    assert read_mask(tmp_path / "mask.png").tolist() == [[False, True], [True, False]]
+    color = np.zeros((2, 2, 3), np.uint8)
+    color[0, 0, 1] = 9
+    cv2.imwrite(str(tmp_path / "mask3.png"), color)
+    assert read_mask(tmp_path / "mask3.png").tolist() == [[True, False], [False, False]]
+
+
+def test_hand_in_all_its_forms(tmp_path) -> None:
+    hand = np.arange(63).reshape(21, 3) / 100
+    (tmp_path / "a.json").write_text(json.dumps(hand.tolist()))
+    (tmp_path / "b.json").write_text(json.dumps({"keypoints": hand.tolist()}))
+    (tmp_path / "c.txt").write_text("\n".join(f"{x} {y} {z}" for x, y, z in hand))
+    (tmp_path / "d.csv").write_text("\n".join(f"{x}, {y}, {z}" for x, y, z in hand) + "\n\n")
+    np.save(tmp_path / "e.npy", hand)
+    for name in ("a.json", "b.json", "c.txt", "d.csv", "e.npy"):
+        np.testing.assert_allclose(read_hand(tmp_path / name), hand)
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("a.json", '{"joints": []}'),
+        ("b.json", "[[1, 2, 3], [1, 2]]"),
+        ("c.txt", "wrist 1 2 3"),
+        ("d.json", "not json"),
+    ],
+)
+def test_hand_that_is_no_hand(tmp_path, name: str, content: str) -> None:
+    (tmp_path / name).write_text(content)
+    with pytest.raises(ValueError, match=f"{name} must hold 21 keypoints x y z in metres"):
+        read_hand(tmp_path / name)
+
+
+def test_image_errors_name_the_file_and_the_reason(tmp_path) -> None:
+    with pytest.raises(FileNotFoundError, match=r"colour file .*gone.png does not exist"):
+        read_color(tmp_path / "gone.png")
+    with pytest.raises(ValueError, match=r"is a folder, expected a file"):
+        read_color(tmp_path)
+    good = cv2.imencode(".png", np.random.default_rng(0).integers(0, 255, (40, 50, 3)))[1].tobytes()
+    path = tmp_path / "a.png"
+    for length in (len(good) - 1, len(good) - 12, len(good) // 2, 30):
+        path.write_bytes(good[:length])
+        with pytest.raises(ValueError, match=rf"truncated PNG: {length} bytes without"):
+            read_color(path)
+    damaged = bytearray(good)
+    damaged[len(good) // 2] ^= 0xFF
+    path.write_bytes(bytes(damaged))
+    with pytest.raises(ValueError, match=r"damaged PNG: chunk b'IDAT' fails its check sum"):
+        read_color(path)
+    path.write_bytes(b"")
+    with pytest.raises(ValueError, match=r"not a whole image: 0 bytes"):
+        read_color(path)
+
+
+def test_wrong_kinds_of_images_are_named(tmp_path) -> None:
+    cv2.imwrite(str(tmp_path / "grey.png"), np.ones((4, 5), np.uint8))
+    with pytest.raises(ValueError, match=r"8-bit RGB image, got shape \(4, 5\) uint8"):
+        read_color(tmp_path / "grey.png")
+    with pytest.raises(ValueError, match=r"16-bit one-channel PNG.*got shape \(4, 5\) uint8"):
+        read_depth(tmp_path / "grey.png")
+    np.save(tmp_path / "line.npy", np.ones(5))
+    with pytest.raises(ValueError, match=r"\(H, W\) numbers, got \(5,\) float64"):
+        read_depth(tmp_path / "line.npy")
+    (tmp_path / "cut.npy").write_bytes((tmp_path / "line.npy").read_bytes()[:-8])
+    with pytest.raises(ValueError, match=r"not a whole .npy file"):
+        read_depth(tmp_path / "cut.npy")
+    with pytest.raises(ValueError, match=r"positive number of metres per unit, got 0"):
+        read_depth(tmp_path / "line.npy", 0)
+
+
+def test_point_cloud_lies_where_the_camera_saw_it(tmp_path) -> None:
+    camera = Intrinsics(fx=100, fy=100, cx=1, cy=0, width=3, height=1)
+    depth = np.array([[2.0, 0.0, 1.0]], np.float32)
+    color = np.array([[[1, 2, 3], [4, 5, 6], [7, 8, 9]]], np.uint8)
+    assert write_point_cloud(tmp_path / "cloud.ply", depth, color, camera) == 2
+    assert b"format binary_little_endian" in (tmp_path / "cloud.ply").read_bytes()[:60]
+    cloud = trimesh.load(tmp_path / "cloud.ply")
+    np.testing.assert_allclose(cloud.vertices, [[-0.02, 0, 2], [0.01, 0, 1]], atol=1e-7)
+    np.testing.assert_array_equal(cloud.colors[:, :3], [[1, 2, 3], [7, 8, 9]])
+
+
+def fail_while_writing(target) -> None:
+    with finished_folder(target) as folder:
+        (folder / "a.txt").write_text("1")
+        raise RuntimeError("on purpose")
+
+
+def test_folder_appears_whole_or_not_at_all(tmp_path) -> None:
+    target = tmp_path / "deep" / "out"
+    with finished_folder(target) as folder:
+        (folder / "a.txt").write_text("1")
+        assert not target.exists()
+    assert [p.name for p in target.iterdir()] == ["a.txt"]
+    assert target.stat().st_mode & 0o777 == (tmp_path / "deep").stat().st_mode & 0o777
+    with pytest.raises(RuntimeError, match="on purpose"):
+        fail_while_writing(tmp_path / "other")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["deep"]
+
+
+def test_folder_with_files_is_replaced_only_when_they_are_ours(tmp_path) -> None:
+    target = tmp_path / "out"
+    target.mkdir()
+    with finished_folder(target) as folder:  # an empty folder may be filled
+        (folder / "a.txt").write_text("1")
+    with (
+        pytest.raises(FileExistsError, match=r"already holds a.txt; choose a new name"),
+        finished_folder(target),
+    ):
+        pass
+    with finished_folder(target, ("a.txt",)) as folder:
+        (folder / "a.txt").write_text("2")
+    assert (target / "a.txt").read_text() == "2"
+    (target / "thesis.tex").write_text("precious")
+    with (
+        pytest.raises(FileExistsError, match=r"holds thesis.tex, which no earlier run wrote"),
+        finished_folder(target, ("a.txt",)),
+    ):
+        pass
+    assert (target / "thesis.tex").read_text() == "precious"
+    assert [p.name for p in tmp_path.iterdir()] == ["out"]
+    with pytest.raises(NotADirectoryError, match="is a file"), finished_folder(target / "a.txt"):
+        pass

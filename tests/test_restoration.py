@@ -1,0 +1,196 @@
+import numpy as np
+import pytest
+
+from hadr import restoration
+from hadr.camera import Intrinsics
+from hadr.restoration import enlarge_known, restore
+
+CAMERA = Intrinsics(fx=100, fy=100, cx=39.5, cy=29.5, width=80, height=60)
+
+
+def frame() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Colour, depth with a hole and a mask twice as wide as the hole."""
+    color = np.full((60, 80, 3), 128, np.uint8)
+    depth = np.full((60, 80), 0.8, np.float32)
+    mask = np.zeros((60, 80), bool)
+    mask[20:40, 30:50] = True
+    depth[20:40, 30:40] = 0.0
+    depth[20:40, 40:50] = 1.5  # the wall behind the glass
+    return color, depth, mask
+
+
+def hand(z: float = 0.7) -> np.ndarray:
+    """21 points on a square of 10 cm at depth z, left of the mask."""
+    points = np.zeros((21, 3))
+    points[:, 0] = np.linspace(-0.2, -0.1, 21)
+    points[:, 1] = 0.05 * (-1.0) ** np.arange(21)
+    points[:, 2] = z
+    return points
+
+
+def test_nearest_changes_only_the_mask_and_fills_it() -> None:
+    color, depth, mask = frame()
+    result = restore(color, depth, CAMERA, mask, method="nearest")
+    np.testing.assert_array_equal(result.depth[~mask], depth[~mask])
+    np.testing.assert_allclose(result.depth[mask], 0.8)
+    np.testing.assert_array_equal(result.restored, mask)
+    np.testing.assert_array_equal(result.confidence, np.where(mask, 0, 1))
+    assert result.method == "nearest"
+    assert result.depth.dtype == result.confidence.dtype == np.float32
+    assert any("200 of the mask's 400 pixels had a measured depth" in n for n in result.notes)
+
+
+def test_without_mask_the_missing_pixels_are_restored_and_it_says_so() -> None:
+    color, depth, _ = frame()
+    result = restore(color, depth, CAMERA, method="nearest")
+    np.testing.assert_array_equal(result.restored, depth == 0)
+    np.testing.assert_array_equal(result.depth[depth > 0], depth[depth > 0])
+    assert any("no mask given: the 200 pixels without depth" in n for n in result.notes)
+
+
+def test_a_complete_frame_without_mask_comes_back_unchanged() -> None:
+    color, depth, _ = frame()
+    depth[depth == 0] = 0.8
+    result = restore(color, depth, CAMERA)
+    np.testing.assert_array_equal(result.depth, depth)
+    assert result.method == "none"
+    assert not result.restored.any()
+    assert any("nothing to restore" in n for n in result.notes)
+
+
+def test_auto_without_hand_says_that_it_is_not_hadr() -> None:
+    color, depth, mask = frame()
+    result = restore(color, depth, CAMERA, mask)
+    assert result.method == "nearest"
+    assert any(
+        n.startswith("no checkpoint fits: ") and n.endswith("nearest valid depth, not HADR")
+        for n in result.notes
+    )
+    with pytest.raises(ValueError, match=r"method hadr: no checkpoint fits: .*21 hand keypoints"):
+        restore(color, depth, CAMERA, mask, method="hadr")
+
+
+def test_auto_without_a_checkpoint_file_says_so(monkeypatch) -> None:
+    monkeypatch.setattr(restoration, "CHECKPOINT_NAME", "gone.safetensors")
+    color, depth, mask = frame()
+    result = restore(color, depth, CAMERA, mask, hand())
+    assert result.method == "nearest"
+    assert any("no checkpoint fits" in n and "not HADR" in n for n in result.notes)
+    with pytest.raises(FileNotFoundError, match=r"checkpoint .*mine.safetensors does not exist"):
+        restore(color, depth, CAMERA, mask, hand(), checkpoint="mine.safetensors")
+
+
+def test_inpaint_and_hand_median() -> None:
+    color, depth, mask = frame()
+    inpainted = restore(color, depth, CAMERA, mask, method="inpaint")
+    np.testing.assert_allclose(inpainted.depth[mask], 0.8, atol=1e-3)
+    depth[:, :30] = np.where(np.indices((60, 30))[1] > 5, 0.72, 0.8)  # the hand's skin
+    median = restore(color, depth, CAMERA, mask, hand(0.7), method="hand-median")
+    np.testing.assert_allclose(median.depth[mask], 0.72, atol=1e-6)
+    assert (median.confidence[mask] == 0).all()
+    with pytest.raises(ValueError, match="hand-median needs 21 hand keypoints"):
+        restore(color, depth, CAMERA, mask, method="hand-median")
+
+
+def test_nan_and_infinity_count_as_missing_and_are_noted() -> None:
+    color, depth, mask = frame()
+    depth[0, :3] = np.nan
+    depth[1, 0] = np.inf
+    result = restore(color, depth, CAMERA, mask, method="nearest")
+    assert (result.depth[0, :3] == 0).all()
+    assert result.depth[1, 0] == 0
+    assert "3 pixels of the depth are NaN and count as missing" in result.notes
+    assert "1 pixels of the depth are infinite and count as missing" in result.notes
+    assert any(
+        "4 pixels outside the mask have no depth and stay missing" in n for n in result.notes
+    )
+
+
+def test_the_input_is_never_changed() -> None:
+    color, depth, mask = frame()
+    before = depth.copy()
+    restore(color, depth, CAMERA, mask, method="inpaint")
+    np.testing.assert_array_equal(depth, before)
+
+
+BAD = {
+    "colour is grey": (dict(color=np.zeros((60, 80), np.uint8)), r"colour must be .*\(60, 80\) ui"),
+    "colour is float": (dict(color=np.zeros((60, 80, 3))), r"uint8 RGB, got .*float64"),
+    "depth is whole numbers": (
+        dict(depth=np.full((60, 80), 800, np.uint16)),
+        r"depth must be \(H, W\) float metres, got \(60, 80\) uint16",
+    ),
+    "another size": (
+        dict(depth=np.ones((30, 40), np.float32)),
+        "depth is 40x30 pixels but colour is 80x60; expected the same size",
+    ),
+    "another camera": (
+        dict(camera=Intrinsics(100, 100, 20, 15, 40, 30)),
+        "intrinsics are of a 40x30 image but colour and depth are 80x60",
+    ),
+    "all missing": (
+        dict(depth=np.zeros((60, 80), np.float32)),
+        "depth is missing everywhere: all 4800 pixels",
+    ),
+    "all NaN": (dict(depth=np.full((60, 80), np.nan)), "missing everywhere: all 4800 pixels"),
+    "millimetres": (
+        dict(depth=np.full((60, 80), 800.0)),
+        r"depth has a median of 800, expected metres .* is it in millimetres\?",
+    ),
+    "scaled twice": (dict(depth=np.full((60, 80), 0.0008)), r"median of 0.0008, .*scaled twice\?"),
+    "negative": (dict(depth=np.full((60, 80), -0.8)), "depth must not be negative, got -0.8 m in"),
+    "empty mask": (dict(mask=np.zeros((60, 80), bool)), "mask is empty: none of its 4800 pixels"),
+    "mask of another size": (
+        dict(mask=np.ones((30, 40), bool)),
+        "mask is 40x30 pixels but depth is 80x60",
+    ),
+    "mask of bytes": (
+        dict(mask=np.ones((60, 80), np.uint8)),
+        r"mask must be \(H, W\) bool, got \(60, 80\) uint8",
+    ),
+    "mask over everything": (dict(mask=np.ones((60, 80), bool)), "the mask covers all 4800 pixels"),
+    "20 keypoints": (dict(keypoints=hand()[:20]), r"21 keypoints.*got \(20, 3\)"),
+    "NaN in the hand": (
+        dict(keypoints=np.where(np.arange(21)[:, None] == 4, np.nan, hand())),
+        "thumb_tip",
+    ),
+    "hand behind": (
+        dict(keypoints=hand(-0.7)),
+        r"hand keypoint 0 \(wrist\) has z = -0.7 m, expected .* in front",
+    ),
+    "hand in millimetres": (
+        dict(keypoints=1000 * hand()),
+        r"100(\.\d+)? m from the wrist|141|are the keypoints in metres\?",
+    ),
+    "method": (dict(method="magic"), "method must be one of auto, hadr.*got 'magic'"),
+    "hand mask": (dict(hand_mask=np.ones((3, 3), bool)), "hand mask is 3x3 pixels but depth is"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_input_is_one_clear_sentence(case: str) -> None:
+    color, depth, mask = frame()
+    arguments = dict(color=color, depth=depth, camera=CAMERA, mask=mask) | BAD[case][0]
+    with pytest.raises(ValueError, match=BAD[case][1]) as caught:
+        restore(**arguments)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_hand_beside_the_picture_is_noted() -> None:
+    color, depth, mask = frame()
+    result = restore(color, depth, CAMERA, mask, hand() + np.array([3, 0, 0]), method="nearest")
+    assert any("project outside of the image" in n for n in result.notes)
+
+
+def test_enlarge_known_is_bilinear_inside_and_nearest_outside() -> None:
+    known = np.zeros((10, 10), bool)
+    known[2:8, 2:8] = True
+    v, u = np.indices((10, 10))
+    values = np.where(known, 1.0 + 0.1 * u + 0.01 * v, 99.0)
+    large = enlarge_known(values, known, (40, 40))
+    v, u = np.indices((40, 40))
+    exact = 1.0 + 0.1 * ((u + 0.5) / 4 - 0.5) + 0.01 * ((v + 0.5) / 4 - 0.5)
+    np.testing.assert_allclose(large[12:28, 12:28], exact[12:28, 12:28], atol=1e-5)
+    assert large.max() < 1.8, "unknown pixels must not bleed in"
+    np.testing.assert_allclose(large[0, 0], values[2, 2], rtol=1e-6)
+    np.testing.assert_allclose(large[39, 39], values[7, 7], rtol=1e-6)
