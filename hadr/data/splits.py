@@ -1,0 +1,122 @@
+"""Three ways to split frames, and how much each of them leaks.
+
+Frames of one holding pose differ only in camera and surroundings. Split by frame, nearly every
+test frame has a twin in the training set; split by holding pose it has none, but its object is
+known; split by object even that is new.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+SplitBy = Literal["frame", "holding", "object"]
+
+#: The paper's ratio of training, validation and testing frames.
+PAPER_RATIO = (7.0, 2.0, 1.0)
+#: The two objects that the unknown-category experiment holds out.
+UNKNOWN_OBJECTS: tuple[str, ...] = ("0004", "0007")
+_NAMES = ("train", "val", "test")
+
+
+def _counts(n: int, ratio: Sequence[float]) -> list[int]:
+    shares = np.asarray(ratio, dtype=float)
+    if shares.shape != (3,) or (shares < 0).any() or shares.sum() <= 0:
+        raise ValueError(f"ratio must be three shares train:val:test, got {tuple(ratio)}")
+    edges = np.round(np.cumsum(shares / shares.sum()) * n).astype(int)
+    return [int(c) for c in np.diff(np.concatenate([[0], edges]))]
+
+
+def split_by_frame(
+    n_frames: int, rng: np.random.Generator, ratio: Sequence[float] = PAPER_RATIO
+) -> npt.NDArray[np.str_]:
+    """Give each frame a split at random, whatever it shows.
+
+    Args:
+        n_frames: How many frames there are.
+        rng: The generator that shuffles.
+        ratio: Shares of train, val and test.
+
+    Returns:
+        ``train``, ``val`` or ``test`` per frame, shape (n_frames,).
+
+    Raises:
+        ValueError: The ratio is not three shares.
+    """
+    names = np.repeat(np.asarray(_NAMES), _counts(n_frames, ratio))
+    return rng.permutation(names)
+
+
+def split_by_holding(
+    hold_ids: Sequence[str], rng: np.random.Generator, ratio: Sequence[float] = PAPER_RATIO
+) -> npt.NDArray[np.str_]:
+    """Give each holding pose a split at random; all its frames follow.
+
+    Args:
+        hold_ids: Name of each frame's holding pose.
+        rng: The generator that shuffles.
+        ratio: Shares of train, val and test, counted in holding poses.
+
+    Returns:
+        The split per frame, shape (len(hold_ids),).
+
+    Raises:
+        ValueError: The ratio is not three shares.
+    """
+    poses, pose_of = np.unique(np.asarray(hold_ids), return_inverse=True)
+    return np.asarray(split_by_frame(len(poses), rng, ratio)[pose_of])
+
+
+def split_by_object(
+    object_ids: Sequence[str], unknown: Sequence[str] = UNKNOWN_OBJECTS
+) -> npt.NDArray[np.str_]:
+    """Train on the known objects, test on the unknown ones.
+
+    Args:
+        object_ids: Object of each frame.
+        unknown: The objects to hold out.
+
+    Returns:
+        ``train`` or ``test`` per frame, shape (len(object_ids),).
+
+    Raises:
+        ValueError: No frame shows an unknown object.
+    """
+    held_out = np.isin(np.asarray(object_ids), np.asarray(list(unknown)))
+    if not held_out.any():
+        raise ValueError(f"none of the frames shows {', '.join(unknown)}: nothing to test on")
+    return np.where(held_out, "test", "train")
+
+
+def leaked_share(split: npt.NDArray[np.str_], groups: Sequence[str]) -> float:
+    """Share of the test frames whose group (holding pose or object) also occurs in training.
+
+    Args:
+        split: Split per frame, shape (N,).
+        groups: Group of each frame, N names.
+
+    Returns:
+        From 0 (no test frame leaks) to 1.
+
+    Raises:
+        ValueError: The lengths differ, or there is no test frame.
+    """
+    names = np.asarray(groups)
+    if names.shape != split.shape:
+        raise ValueError(f"{len(split)} splits, but {len(names)} groups")
+    test = names[split == "test"]
+    if not len(test):
+        raise ValueError("there is no test frame")
+    return float(np.isin(test, names[split == "train"]).mean())
+
+
+def hold_split(hold_number: int) -> str:
+    """The split of an object's hold number, in a fixed cycle of ten that keeps 7:2:1.
+
+    A hold's split so never depends on how many frames are made.
+    """
+    cycle = "train train test train val train train train val train".split()
+    return cycle[hold_number % 10]
