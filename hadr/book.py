@@ -30,6 +30,7 @@ from hadr.reproduce import (
     run_notebooks,
     run_time_table,
     seconds_text,
+    without_ansi,
 )
 
 RUNTIME_TOKEN = "{{RUNTIME}}"
@@ -186,12 +187,12 @@ def build_html(staged: Path, output: Path) -> Path:
     command += ["--path-output", str(output), "-W", "--keep-going", "-n", "--all"]
     environment = os.environ | {"PYDEVD_DISABLE_FILE_VALIDATION": "1", "NO_COLOR": "1"}
     done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
-    log = done.stdout + done.stderr
+    log = without_ansi(done.stdout + done.stderr)
     output.mkdir(parents=True, exist_ok=True)
     (output / "build.log").write_text(log, encoding="utf-8")
     index = output / "_build" / "html" / "index.html"
     if done.returncode != 0 or not index.exists():
-        wanted = re.compile(r"WARNING|ERROR|Exception|error:", re.IGNORECASE)
+        wanted = re.compile(r"WARNING:|ERROR:|CRITICAL:|Exception|Error:")
         lines = [line for line in log.splitlines() if wanted.search(line)]
         told = "\n".join(lines[-40:] or log.splitlines()[-40:])
         raise RuntimeError(f"the book did not build:\n{told}\nall of it: {output / 'build.log'}")

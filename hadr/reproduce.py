@@ -210,9 +210,14 @@ def failure_text(notebook: Path, where: str, source: str, trace: str, kept: Path
     cell = "\n".join(f"    {line}" for line in source.splitlines())
     return (
         f"{rule}\n{notebook.name} failed in {where}:\n\n{cell}\n\n"
-        f"{_ANSI.sub('', trace).rstrip()}\n\n"
+        f"{without_ansi(trace).rstrip()}\n\n"
         f"The notebook as far as it was executed: {kept}\n{rule}"
     )
+
+
+def without_ansi(text: str) -> str:
+    """Text without the colour codes of a terminal."""
+    return _ANSI.sub("", text)
 
 
 def run_time_table(runs: Sequence[ChapterRun], titles: Mapping[str, str] | None = None) -> str:

@@ -1,0 +1,137 @@
+"""The dependencies are named alike in pyproject.toml, environment.yml and constraints.txt."""
+
+import ast
+import re
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+import yaml
+from packaging.requirements import Requirement
+from packaging.specifiers import SpecifierSet
+from packaging.utils import canonicalize_name
+from packaging.version import Version
+
+ROOT = Path(__file__).resolve().parents[1]
+CONDA_NAMES = {"pytorch": "torch", "matplotlib-base": "matplotlib"}
+CONDA_ONLY = {"python", "make", "pip"}
+IMPORT_NAMES = {
+    "cv2": "opencv-python-headless",
+    "yaml": "pyyaml",
+    "pyrender": "scikit-robot-pyrender",
+    "IPython": "ipykernel",
+    "nbclient": "papermill",
+    "sklearn": "scikit-learn",
+    "mpl_toolkits": "matplotlib",
+    "jupyter_book": "jupyter-book",
+}
+
+
+def project():
+    return tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+
+
+def pyproject_requirements():
+    table = project()
+    lines = list(table["dependencies"])
+    for extra in table["optional-dependencies"].values():
+        lines += extra
+    return {canonicalize_name(r.name): r.specifier for r in map(Requirement, lines)}
+
+
+def conda_requirements():
+    content = yaml.safe_load((ROOT / "environment.yml").read_text(encoding="utf-8"))
+    lines = []
+    for entry in content["dependencies"]:
+        lines += entry["pip"] if isinstance(entry, dict) else [entry]
+    found = {}
+    for requirement in map(Requirement, lines):
+        name = CONDA_NAMES.get(requirement.name, requirement.name)
+        if name not in CONDA_ONLY:
+            found[canonicalize_name(name)] = requirement.specifier
+    return found
+
+
+def constraints():
+    lines = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
+    pins = [Requirement(line) for line in lines if line.strip() and not line.startswith("#")]
+    return {canonicalize_name(pin.name): pin.specifier for pin in pins}
+
+
+def test_conda_and_pyproject_name_the_same_dependencies():
+    wanted = pyproject_requirements()
+    conda = conda_requirements()
+    assert set(conda) == set(wanted)
+    assert {name: str(conda[name]) for name in conda} == {n: str(wanted[n]) for n in wanted}
+
+
+def test_conda_asks_for_the_same_python():
+    content = yaml.safe_load((ROOT / "environment.yml").read_text(encoding="utf-8"))
+    pythons = [line for line in content["dependencies"] if str(line).startswith("python>")]
+    assert pythons == [f"python{project()['requires-python']}"]
+
+
+def test_every_dependency_is_pinned_inside_its_range():
+    pins = constraints()
+    for name, allowed in pyproject_requirements().items():
+        assert name in pins, f"{name} is not in constraints.txt"
+        (pin,) = pins[name]
+        assert pin.operator == "=="
+        assert Version(pin.version) in allowed, f"{name} {pin.version} is not in {allowed}"
+
+
+def test_constraints_are_exact_and_without_what_must_stay_out():
+    pins = constraints()
+    assert all(str(pin).startswith("==") and "+" not in str(pin) for pin in pins.values())
+    assert pins["torch"] == SpecifierSet("==2.13.0")
+    unwanted = [n for n in pins if n in {"torchvision", "pyrender", "opencv-python", "hadr"}]
+    unwanted += [n for n in pins if n.startswith(("nvidia-", "cuda-", "triton"))]
+    assert unwanted == []
+
+
+def imported_by(path):
+    names = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names |= {alias.name.split(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
+            names.add(node.module.split(".")[0])
+    return names - set(sys.stdlib_module_names) - {"hadr", "__future__"}
+
+
+def test_everything_the_library_imports_is_a_dependency():
+    declared = {canonicalize_name(Requirement(r).name) for r in project()["dependencies"]}
+    declared.add("pillow")  # matplotlib's own dependency, used through it
+    missing = {}
+    for path in sorted((ROOT / "hadr").rglob("*.py")):
+        for name in imported_by(path):
+            package = canonicalize_name(IMPORT_NAMES.get(name, "pillow" if name == "PIL" else name))
+            if package not in declared:
+                missing.setdefault(package, []).append(path.name)
+    assert missing == {}
+
+
+@pytest.mark.parametrize(
+    ("line", "name"), [("import torchvision.ops", "torchvision"), ("from a.b import c", "a")]
+)
+def test_reading_imports(tmp_path, line, name):
+    source = tmp_path / "module.py"
+    source.write_text(f"import os\nfrom . import x\n{line}\n", encoding="utf-8")
+    assert imported_by(source) == {name}
+
+
+def test_the_makefile_and_ci_use_the_one_constraints_file():
+    for name in ("Makefile", "binder/requirements.txt", "CONTRIBUTING.md"):
+        assert "constraints.txt" in (ROOT / name).read_text(encoding="utf-8"), name
+    workflow = yaml.safe_load((ROOT / ".github/workflows/ci.yml").read_text(encoding="utf-8"))
+    steps = [step.get("run", "") for job in workflow["jobs"].values() for step in job["steps"]]
+    assert any(re.search(r"^make book\b", step, re.MULTILINE) for step in steps)
+    assert any(re.search(r"^make test\b", step, re.MULTILINE) for step in steps)
+
+
+def test_version_is_the_same_everywhere():
+    import hadr
+
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert hadr.__version__ == project()["version"] == citation["version"]
