@@ -118,5 +118,5 @@ def hold_split(hold_number: int) -> str:
 
     A hold's split so never depends on how many frames are made.
     """
-    cycle = "train train test train val train train train val train".split()
+    cycle = ("train", "train", "test", "train", "val", "train", "train", "train", "val", "train")
     return cycle[hold_number % 10]

@@ -218,11 +218,9 @@ class TransHand(Sequence[Frame]):
         color = np.ascontiguousarray(color[..., ::-1])
         height, width = color.shape[:2]
         scale = self._depth_scale or log.get(DEPTH_SCALE_KEY)
-        images = {
-            "depth": _read_depth(files.depth, scale),
-            "hand_mask": _read_mask(files.hand_mask),
-            "object_mask": _read_mask(files.object_mask),
-        }
+        depth = _read_depth(files.depth, scale)
+        hand_mask, object_mask = _read_mask(files.hand_mask), _read_mask(files.object_mask)
+        images = {"depth": depth, "hand_mask": hand_mask, "object_mask": object_mask}
         for name, image in images.items():
             if image.shape != (height, width):
                 raise ValueError(
@@ -239,9 +237,9 @@ class TransHand(Sequence[Frame]):
             files.object_id,
             files.split,
             color,
-            images["depth"],
-            images["hand_mask"],
-            images["object_mask"],
+            depth,
+            hand_mask,
+            object_mask,
             keypoints,
             _image_pixels(uv, camera),
             camera,
@@ -286,8 +284,13 @@ def _list_frames(
             stem,
             object_id,
             split,
-            *(table[part][stem] for part in _FOLDERS),
-            background=path if (path := background / f"{stem}.png").is_file() else None,
+            table["color"][stem],
+            table["depth"][stem],
+            table["hand_mask"][stem],
+            table["object_mask"][stem],
+            table["log"][stem],
+            table["hand_kpt"][stem],
+            path if (path := background / f"{stem}.png").is_file() else None,
         )
         for stem in stems
     ]

@@ -58,7 +58,7 @@ class HandMesh:
 
 @dataclass
 class _Field:
-    """A distance field sampled on a regular grid; ``values[i, j, k]`` at origin + step (i, j, k)."""
+    """A distance field on a regular grid; ``values[i, j, k]`` is at origin + step (i, j, k)."""
 
     origin: Array
     step: float
@@ -292,17 +292,21 @@ def _paint(
     gloss = np.full(len(p), 0.25)
     red = np.array([1.10, 0.90, 0.88])
     for indices in FINGERS.values():
-        for joint, index in enumerate(indices):
-            distance = np.linalg.norm(p - skeleton.joints[1 + index], axis=1) / scale
-            reach = 0.011 if joint == 3 else 0.0125
-            color *= 1 + (red - 1) * np.exp(-((distance / reach) ** 2))[:, None] * 0.7
+        chain = skeleton.joints[[1 + i for i in indices]]
+        reach = 0.03 * scale
+        rows = np.flatnonzero(((p > chain.min(0) - reach) & (p < chain.max(0) + reach)).all(axis=1))
+        q, skin = p[rows], color[rows]
+        for joint, center in enumerate(chain):
+            squared = np.square((q - center) / scale).sum(1)
+            wide = 0.011 if joint == 3 else 0.0125
+            skin = skin * (1 + (red - 1) * np.exp(-squared / wide**2)[:, None] * 0.7)
         frame = skeleton.frames[1 + indices[3]]
-        local = (p - frame[:3, 3]) @ frame[:3, :3] / scale
-        nail = np.exp(-(((local[:, 0] / 0.0050) ** 4) + ((local[:, 1] + 0.0065) / 0.0062) ** 4))
-        nail *= (surface.normals @ frame[:3, 2] < -0.35) & (local[:, 2] < 0)
+        local = (q - frame[:3, 3]) @ frame[:3, :3] / scale
+        nail = np.exp(-((local[:, 0] / 0.0050) ** 4 + ((local[:, 1] + 0.0065) / 0.0062) ** 4))
+        nail *= (surface.normals[rows] @ frame[:3, 2] < -0.35) & (local[:, 2] < 0)
         pale = 0.55 * tone + 0.45 * np.array([0.80, 0.58, 0.52])
-        color = color * (1 - nail[:, None]) + pale * nail[:, None]
-        gloss += nail
+        color[rows] = skin * (1 - nail[:, None]) + pale * nail[:, None]
+        gloss[rows] += nail
     return np.clip(color, 0.01, 0.95), gloss
 
 

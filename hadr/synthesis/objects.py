@@ -22,7 +22,7 @@ SEGMENTS = 96
 HANDLE_SEGMENTS = 20
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Surface:
     """A closed triangle surface with a normal per vertex.
 

@@ -8,6 +8,7 @@ until it reaches something opaque.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -82,6 +83,15 @@ class Labels:
     hand_mask: npt.NDArray[np.bool_]
     object_mask: npt.NDArray[np.bool_]
     normals: npt.NDArray[np.float32]
+
+
+@lru_cache(maxsize=8)
+def _tree(surfaces: tuple[Surface, ...]) -> Any:
+    """The search tree over surfaces; kept, since a probe and a picture ask the same ones."""
+    tree = EmbreeScene()
+    for surface in surfaces:
+        TriangleMesh(tree, surface.vertices.astype(np.float32), surface.faces.astype(np.int32))
+    return tree
 
 
 @dataclass(frozen=True)
@@ -161,35 +171,28 @@ class RayScene:
             self._opaque.append((HAND, hand.surface))
         self._meshes = [*self._opaque, *((GLASS, body) for body in glass)]
         self._kinds = np.array([kind for kind, _ in self._meshes] + [NOTHING])
-        self._all = self._build([surface for _, surface in self._meshes])
-        self._solid = self._build([surface for _, surface in self._opaque])
-        self._clear = self._build(list(glass))
+        # One tree per kind of thing: (number of its first mesh, tree). A ray asks several.
+        self._solid = [(i, _tree((surface,))) for i, (_, surface) in enumerate(self._opaque)]
+        self._clear = [(len(self._opaque), _tree(glass))] if glass else []
+        self._all = [*self._solid, *self._clear]
 
     @staticmethod
-    def _build(surfaces: list[Surface]) -> Any:
-        if not surfaces:
-            return None
-        scene = EmbreeScene()
-        for surface in surfaces:
-            TriangleMesh(scene, surface.vertices.astype(np.float32), surface.faces.astype(np.int32))
-        return scene
-
-    @staticmethod
-    def _trace(scene: Any, origins: Array, directions: Array) -> Hits:
+    def _trace(trees: list[tuple[int, Any]], origins: Array, directions: Array) -> Hits:
         n = len(origins)
-        if scene is None or n == 0:
-            none = np.full(n, -1, dtype=np.int64)
-            return Hits(np.full(n, np.inf), none, none, np.zeros(n), np.zeros(n))
-        found = scene.run(
-            np.ascontiguousarray(origins, dtype=np.float32),
-            np.ascontiguousarray(directions, dtype=np.float32),
-            query="INTERSECT",
-            output=True,
-        )
-        face = found["primID"].astype(np.int64)
-        distance = np.where(face >= 0, found["tfar"].astype(np.float64), np.inf)
-        mesh = np.where(face >= 0, found["geomID"].astype(np.int64), -1)
-        return Hits(distance, mesh, face, found["u"].astype(float), found["v"].astype(float))
+        none = np.full(n, -1, dtype=np.int64)
+        hits = Hits(np.full(n, np.inf), none, none.copy(), np.zeros(n), np.zeros(n))
+        if n == 0:
+            return hits
+        start = np.ascontiguousarray(origins, dtype=np.float32)
+        heading = np.ascontiguousarray(directions, dtype=np.float32)
+        for first, tree in trees:
+            found = tree.run(start, heading, query="INTERSECT", output=True)
+            nearer = np.flatnonzero((found["primID"] >= 0) & (found["tfar"] < hits.distance))
+            hits.distance[nearer] = found["tfar"][nearer]
+            hits.mesh[nearer] = found["geomID"][nearer] + first
+            hits.face[nearer] = found["primID"][nearer]
+            hits.u[nearer], hits.v[nearer] = found["u"][nearer], found["v"][nearer]
+        return hits
 
     def first_kind(self, origins: Array, directions: Array) -> npt.NDArray[np.int64]:
         """What each ray meets first: NOTHING, HAND, GLASS or SURROUNDINGS, shape (N,)."""

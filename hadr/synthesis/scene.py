@@ -82,7 +82,7 @@ def _choose_camera(
     small = camera.resized(48, 27)
     best, best_score = np.eye(4), -1.0
     for _ in range(14):
-        distance = rng.uniform(0.45, 0.95)
+        distance = 0.43 + 0.5 * rng.random() ** 1.6
         azimuth, elevation = rng.uniform(0, 2 * np.pi), np.deg2rad(rng.uniform(-8, 62))
         offset = np.array(
             [
@@ -144,7 +144,7 @@ def _surroundings(
         tints.append(tint)
 
     def tint() -> Array:
-        return np.asarray(rng.uniform(0.75, 1.1) * (1 + 0.12 * rng.normal(size=3))).clip(0.4, 1.4)
+        return np.asarray(rng.uniform(0.75, 1.15) * (1 + 0.06 * rng.normal(size=3))).clip(0.4, 1.4)
 
     forward = (middle - eye) / np.linalg.norm(middle - eye)
     flat = np.array([forward[0], forward[1], 0.0]) / max(np.hypot(*forward[:2]), 1e-6)
@@ -188,7 +188,7 @@ def _surroundings(
     uv = square[None] * repeat[:, None] + rng.random((len(quads), 1, 2))
     # Pictures stand upright: the second coordinate runs down the wall.
     first = 4 * np.arange(len(quads))[:, None]
-    faces = np.concatenate([first + [0, 1, 2], first + [0, 2, 3]], axis=1).reshape(-1, 3)
+    faces = (first + np.array([0, 1, 2, 0, 2, 3])).reshape(-1, 3)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 3] - corners[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     surface = Surface(corners.reshape(-1, 3), faces, np.repeat(normals, 4, axis=0))

@@ -47,6 +47,17 @@ def _grid() -> tuple[Array, Array]:
     return u, v
 
 
+def _colors(rng: np.random.Generator, count: int) -> Array:
+    """Colours as rooms have them: mostly warm or green, some blue, few of them loud; (count, 3)."""
+    centers = np.array([8.0, 28.0, 42.0, 95.0, 140.0, 205.0, 225.0, 340.0])
+    odds = np.array([0.16, 0.24, 0.18, 0.1, 0.08, 0.12, 0.08, 0.04])
+    hsv = np.empty((1, count, 3), dtype=np.float32)
+    hsv[0, :, 0] = (rng.choice(centers, count, p=odds) + 9 * rng.normal(size=count)) % 360
+    hsv[0, :, 1] = rng.beta(1.5, 2.2, count)
+    hsv[0, :, 2] = rng.uniform(0.25, 0.98, count)
+    return np.asarray(cv2.cvtColor(hsv, cv2.COLOR_HSV2RGB)[0], dtype=float)
+
+
 def _wood(rng: np.random.Generator) -> Array:
     u, v = _grid()
     planks = int(rng.integers(3, 7))
@@ -101,7 +112,7 @@ def _books(rng: np.random.Generator) -> Array:
     image[:] = shelf_color * 0.35
     rows = int(rng.integers(3, 5))
     height = SIZE // rows
-    hues = rng.random(6)
+    hues = _colors(rng, 9)
     for row in range(rows):
         x, floor = 0, (row + 1) * height - 5
         while x < SIZE:
@@ -110,13 +121,7 @@ def _books(rng: np.random.Generator) -> Array:
             if rng.random() < 0.07:
                 x += int(rng.integers(8, 25))
                 continue
-            hue, saturation, value = (
-                (hues[int(rng.integers(6))] + rng.normal() * 0.03) % 1,
-                rng.uniform(0.15, 0.85),
-                rng.uniform(0.3, 0.95),
-            )
-            hsv = np.float32([[[hue * 360, saturation, value]]])
-            color = cv2.cvtColor(hsv, cv2.COLOR_HSV2RGB)[0, 0]
+            color = np.clip(hues[int(rng.integers(9))] + 0.05 * rng.normal(size=3), 0.05, 1)
             round_back = 1 - 0.35 * np.abs(np.linspace(-1, 1, width))[None, :, None] ** 2
             block = image[floor - tall : floor, x : x + width]
             block[:] = (color * round_back)[:, : block.shape[1]]
@@ -133,7 +138,7 @@ def _books(rng: np.random.Generator) -> Array:
 
 def _cloth(rng: np.random.Generator) -> Array:
     u, v = _grid()
-    colors = rng.random((4, 3)) ** 0.8
+    colors = _colors(rng, 4)
     image = np.ones((SIZE, SIZE, 3)) * colors[0]
     for axis, w in ((u, colors[1]), (v, colors[2])):
         for _ in range(3):
@@ -152,12 +157,12 @@ def _tiles(rng: np.random.Generator) -> Array:
     rows = n * 2 if rng.random() < 0.5 else n
     a, b = (u * n + offset), v * rows
     ids = (np.floor(a).astype(int) % n) * 31 + np.floor(b).astype(int) % rows
-    base = rng.random(3) * 0.6 + 0.3
+    base = 0.35 * _colors(rng, 1)[0] + 0.4
     tone = rng.normal(size=2048)[ids % 2048]
-    hue = rng.normal(size=(2048, 3))[ids % 2048]
+    hue = (_colors(rng, 2048) - 0.5)[ids % 2048]
     image = (
         base * (1 + 0.16 * tone[..., None])
-        + 0.05 * hue
+        + 0.12 * hue
         + 0.15 * (noise(rng, 16, 4)[..., None] - 0.5)
     )
     edge = np.minimum(np.minimum(a % 1, 1 - a % 1) / n, np.minimum(b % 1, 1 - b % 1) / rows) * SIZE
@@ -166,13 +171,13 @@ def _tiles(rng: np.random.Generator) -> Array:
 
 
 def _painting(rng: np.random.Generator) -> Array:
-    image = _ramp(noise(rng, 3, 5), [tuple(c) for c in rng.random((5, 3))]).astype(np.float32)
+    image = _ramp(noise(rng, 3, 5), [tuple(c) for c in _colors(rng, 5)]).astype(np.float32)
     image = np.ascontiguousarray(image)
     for _ in range(26):
         points = rng.integers(0, SIZE, 2) + rng.normal(
             size=(int(rng.integers(3, 7)), 2)
         ) * rng.uniform(8, 60)
-        color = rng.random(3) ** 1.2
+        color = _colors(rng, 1)[0]
         if rng.random() < 0.6:
             hull = cv2.convexHull(points.astype(np.int32))
             cv2.fillConvexPoly(image, hull, color.tolist(), cv2.LINE_AA)
@@ -192,7 +197,7 @@ def _print(rng: np.random.Generator) -> Array:
         kind = rng.random()
         if kind < 0.22:
             h = int(rng.integers(26, 70))
-            colors = [tuple(c) for c in rng.random((4, 3))]
+            colors = [tuple(c) for c in _colors(rng, 4)]
             x0, x1 = int(rng.integers(6, 60)), int(rng.integers(120, SIZE - 6))
             image[y : y + h, x0:x1] = _ramp(noise(rng, 4, 4), colors)[y : y + h, x0:x1]
             y += h + 6
@@ -237,7 +242,7 @@ def _window(rng: np.random.Generator) -> Array:
 
 
 def _branches(rng: np.random.Generator) -> Array:
-    ground = _ramp(noise(rng, 3, 3), [tuple(c) for c in (rng.random((3, 3)) * 0.5 + 0.45)])
+    ground = _ramp(noise(rng, 3, 3), [tuple(c) for c in (_colors(rng, 3) * 0.5 + 0.45)])
     image = np.ascontiguousarray(ground.astype(np.float32))
     ink = (
         (rng.random(3) * 0.25).tolist()

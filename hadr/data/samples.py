@@ -1,0 +1,123 @@
+"""Finds the small data set that comes with the project, and checks that it is whole."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import hadr
+from hadr.data.transhand import TransHand
+
+MANIFEST = "manifest.json"
+
+
+@dataclass(frozen=True)
+class ManifestReport:
+    """What a check of the manifest found.
+
+    Args:
+        checked: Number of files whose SHA-256 agrees.
+        changed: Files with other contents than the manifest says.
+        missing: Files that the manifest names and that are not there.
+        unlisted: Files that the manifest does not name.
+    """
+
+    checked: int
+    changed: tuple[str, ...]
+    missing: tuple[str, ...]
+    unlisted: tuple[str, ...]
+
+    @property
+    def ok(self) -> bool:
+        """Every listed file is there and unchanged."""
+        return not self.changed and not self.missing
+
+
+def samples_dir() -> Path:
+    """The folder ``data_samples``: ``$HADR_SAMPLES`` if set, else the checkout's.
+
+    Raises:
+        FileNotFoundError: Neither is a folder; the message says how to get one.
+    """
+    chosen = os.environ.get("HADR_SAMPLES")
+    if chosen:
+        if not Path(chosen).is_dir():
+            raise FileNotFoundError(f"HADR_SAMPLES names {chosen!r}, which is not a folder")
+        return Path(chosen)
+    folder = Path(hadr.__file__).resolve().parents[1] / "data_samples"
+    if not folder.is_dir():
+        raise FileNotFoundError(
+            "data_samples not found: it is part of a git checkout, not of the installed package. "
+            "Clone the repository and install it with 'pip install -e .', set HADR_SAMPLES to its "
+            "data_samples folder, or make frames with 'hadr generate'"
+        )
+    return folder
+
+
+def open_samples(split: str, objects: Sequence[str] | None = None) -> TransHand:
+    """Open one split of the bundled frames.
+
+    Args:
+        split: ``train``, ``val`` or ``test``.
+        objects: Only these objects; all where it is left out.
+
+    Returns:
+        The frames.
+
+    Raises:
+        FileNotFoundError: The samples are not there.
+    """
+    return TransHand(samples_dir() / "frames", split, objects)
+
+
+def _digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _files(root: Path) -> list[str]:
+    return sorted(
+        path.relative_to(root).as_posix()
+        for path in root.rglob("*")
+        if path.is_file() and path.name != MANIFEST and not path.name.startswith(".")
+    )
+
+
+def write_manifest(root: Path | None = None) -> Path:
+    """Write the SHA-256 of every file below ``root`` (``data_samples``) into its manifest."""
+    root = samples_dir() if root is None else root
+    listed = {name: _digest(root / name) for name in _files(root)}
+    path = root / MANIFEST
+    part = path.with_name(f".{MANIFEST}.part")
+    part.write_text(json.dumps({"sha256": listed}, indent=0) + "\n", encoding="utf-8")
+    os.replace(part, path)
+    return path
+
+
+def verify_manifest(root: Path | None = None) -> ManifestReport:
+    """Compare the files below ``root`` (``data_samples``) with its manifest.
+
+    Returns:
+        What agrees and what does not.
+
+    Raises:
+        FileNotFoundError: There is no manifest.
+    """
+    root = samples_dir() if root is None else root
+    path = root / MANIFEST
+    if not path.is_file():
+        raise FileNotFoundError(f"no {MANIFEST} in {root}")
+    listed: dict[str, str] = json.loads(path.read_text(encoding="utf-8"))["sha256"]
+    present = set(_files(root))
+    missing = tuple(name for name in listed if name not in present)
+    changed = tuple(
+        name
+        for name, digest in listed.items()
+        if name in present and _digest(root / name) != digest
+    )
+    unlisted = tuple(sorted(present - set(listed)))
+    checked = len(listed) - len(missing) - len(changed)
+    return ManifestReport(checked, changed, missing, unlisted)
