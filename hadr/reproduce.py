@@ -178,6 +178,7 @@ def _execute(source: Path, target: Path, parameters: dict[str, Any], label: str)
             str(target),
             parameters=parameters,
             kernel_name="python3",
+            language="python",
             progress_bar=progress,
             cwd=str(target.parent),
             execution_timeout=CELL_TIMEOUT_S,
