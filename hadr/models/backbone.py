@@ -1,0 +1,202 @@
+"""The colour backbone: a Swin Transformer and the aggregation of its scales into one dense map.
+
+Stage i of a Swin Transformer has stride 4 * 2^(i-1) and embed_dim * 2^(i-1) channels. (The paper
+prints H/4i x W/4i x iC, which is not what a Swin Transformer gives: ledger, row 11.)
+
+Source: paper, "Ray and Voxel Feature Extraction"; Liu et al. 2021, "Swin Transformer". The Swin
+Transformer itself is that of the `transformers` package, in plain torch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+IMAGENET_MEAN = (0.485, 0.456, 0.406)
+IMAGENET_STD = (0.229, 0.224, 0.225)
+
+
+@dataclass(frozen=True)
+class BackboneConfig:
+    """The size of the Swin Transformer; the defaults are Swin-T, the paper's.
+
+    Args:
+        embed_dim: Channels of the first stage.
+        depths: Transformer blocks of each stage.
+        heads: Attention heads of each stage.
+        window: Side of the attention window, in tokens.
+        drop_path: Largest rate of stochastic depth, 0..1.
+        normalize_color: Subtract ImageNet's mean and divide by its standard deviation, as the
+            ImageNet weights expect; False hands the 0..1 colours on as the published code does
+            (ledger, row 13).
+        pretrained: Name of published weights, e.g. "microsoft/swin-tiny-patch4-window7-224", which
+            are fetched once over the network; None starts from random weights.
+
+    Raises:
+        ValueError: The numbers of stages differ, or heads do not divide a stage's channels.
+    """
+
+    embed_dim: int = 96
+    depths: tuple[int, ...] = (2, 2, 6, 2)
+    heads: tuple[int, ...] = (3, 6, 12, 24)
+    window: int = 7
+    drop_path: float = 0.2
+    normalize_color: bool = True
+    pretrained: str | None = None
+
+    def __post_init__(self) -> None:
+        if len(self.depths) != len(self.heads) or not self.depths:
+            raise ValueError(
+                f"depths and heads need one number a stage, got {self.depths} and {self.heads}"
+            )
+        for channels, heads in zip(self.channels, self.heads, strict=True):
+            if channels % heads:
+                raise ValueError(f"{heads} heads do not divide a stage of {channels} channels")
+
+    @property
+    def channels(self) -> tuple[int, ...]:
+        """Channels of each stage."""
+        return tuple(self.embed_dim * 2**stage for stage in range(len(self.depths)))
+
+
+def build_swin(config: BackboneConfig) -> nn.Module:
+    """Build the Swin Transformer; importing `transformers` takes some seconds.
+
+    Args:
+        config: Its size, and the name of its weights if any.
+
+    Returns:
+        A module that turns colour (B, 3, H, W) into one feature map a stage.
+
+    Raises:
+        OSError: The named weights can't be fetched or are not in the local cache.
+        ValueError: The named weights are of another size than the configuration says.
+    """
+    from transformers import SwinBackbone, SwinConfig
+
+    stages = [f"stage{number + 1}" for number in range(len(config.depths))]
+    if config.pretrained is None:
+        size = SwinConfig(
+            embed_dim=config.embed_dim,
+            depths=list(config.depths),
+            num_heads=list(config.heads),
+            window_size=config.window,
+            drop_path_rate=config.drop_path,
+            out_features=stages,
+        )
+        random: nn.Module = SwinBackbone(size)
+        return random
+    try:
+        swin: Any = SwinBackbone.from_pretrained(
+            config.pretrained, out_features=stages, drop_path_rate=config.drop_path
+        )
+    except (OSError, RuntimeError) as error:
+        raise OSError(
+            f"the weights {config.pretrained!r} are not in the local cache and could not be "
+            "fetched; connect to the network once, or leave `pretrained` out to start from "
+            f"random weights ({type(error).__name__})"
+        ) from error
+    found = (swin.config.embed_dim, tuple(swin.config.depths), swin.config.window_size)
+    wanted = (config.embed_dim, config.depths, config.window)
+    if found != wanted:
+        raise ValueError(
+            f"{config.pretrained!r} has embed_dim, depths and window {found}, but {wanted} is "
+            "configured"
+        )
+    pretrained: nn.Module = swin
+    return pretrained
+
+
+class FeatureAggregation(nn.Module):
+    """Bring all stages to one map of `channels` channels at the image's resolution.
+
+    Each stage goes through a 1x1 convolution to `embed_dim` channels and is resized bilinearly to
+    the first stage's size, H/4 x W/4. The stages are concatenated, a 1x1 convolution takes them to
+    `channels`, and a bilinear resize brings the map to H x W. (The paper resizes first. A 1x1
+    convolution and a bilinear resize commute, because the weights of a resize sum to one, and in
+    this order the small maps are convolved.)
+
+    Args:
+        stage_channels: Channels of each stage.
+        channels: Channels of the dense map.
+        multi_scale: False is the ablation without aggregation: only the first stage is used. The
+            paper does not say which one; the first has the finest grid, and a ray needs to know
+            what is at its own pixel.
+    """
+
+    def __init__(
+        self, stage_channels: Sequence[int], channels: int = 32, multi_scale: bool = True
+    ) -> None:
+        super().__init__()
+        used = list(stage_channels) if multi_scale else [stage_channels[0]]
+        embed_dim = stage_channels[0]
+        self.align = nn.ModuleList(nn.Conv2d(width, embed_dim, 1) for width in used)
+        self.reduce = nn.Conv2d(embed_dim * len(used), channels, 1)
+
+    def forward(self, stages: Sequence[Tensor], height: int, width: int) -> Tensor:
+        """Aggregate the stages.
+
+        Args:
+            stages: Feature maps, the finest first, each (B, C_i, H_i, W_i).
+            height: Height of the dense map.
+            width: Width of the dense map.
+
+        Returns:
+            The dense map, shape (B, channels, height, width).
+        """
+        size = stages[0].shape[2:]  # (H / 4, W / 4)
+        aligned = [
+            _resize(convolution(stage), (int(size[0]), int(size[1])))
+            for convolution, stage in zip(self.align, stages, strict=False)
+        ]  # each (B, embed_dim, H / 4, W / 4)
+        dense = self.reduce(torch.cat(aligned, dim=1))  # (B, channels, H / 4, W / 4)
+        return _resize(dense, (height, width))  # (B, channels, H, W)
+
+
+def _resize(feature_map: Tensor, size: tuple[int, int]) -> Tensor:
+    if tuple(feature_map.shape[2:]) == size:
+        return feature_map
+    return functional.interpolate(feature_map, size=size, mode="bilinear", align_corners=False)
+
+
+class ColorBackbone(nn.Module):
+    """From colour to the dense colour feature map.
+
+    Args:
+        config: Size of the Swin Transformer.
+        channels: Channels of the dense map.
+        multi_scale: Aggregate all stages (True) or use the first alone.
+    """
+
+    def __init__(
+        self, config: BackboneConfig, channels: int = 32, multi_scale: bool = True
+    ) -> None:
+        super().__init__()
+        self.config = config
+        self.swin = build_swin(config)
+        self.aggregation = FeatureAggregation(config.channels, channels, multi_scale)
+        self.register_buffer("mean", torch.tensor(IMAGENET_MEAN)[:, None, None], persistent=False)
+        self.register_buffer("std", torch.tensor(IMAGENET_STD)[:, None, None], persistent=False)
+        self.mean: Tensor
+        self.std: Tensor
+
+    def forward(self, color: Tensor) -> Tensor:
+        """Compute the dense map.
+
+        Args:
+            color: sRGB in 0..1, shape (B, 3, H, W).
+
+        Returns:
+            Features, shape (B, channels, H, W).
+        """
+        if self.config.normalize_color:
+            color = (color - self.mean) / self.std
+        stages = self.swin(color).feature_maps  # each (B, C_i, H / s_i, W / s_i)
+        height, width = color.shape[2:]
+        dense: Tensor = self.aggregation(stages, height, width)
+        return dense

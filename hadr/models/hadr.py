@@ -1,0 +1,291 @@
+"""HADR: the restored depth of each pixel from its ray, the voxels it crosses, and the hand.
+
+The steps of `HADR.forward`: colour to a dense feature map; corrupted depth to points to occupied
+voxels; masked pixels to rays, and rays to pairs with the voxels that they cross; for each pair the
+probability that its ray ends there; for the most probable pair of each ray the offset between
+entering the voxel and the surface.
+
+Source: paper, section III-B and equations 1 and 2; ledger, rows 3 to 7, 10 and 11.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass, field
+from typing import Any, Literal, get_args
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from hadr.hand import absolute_hand_feature, relative_hand_feature
+from hadr.models.backbone import BackboneConfig, ColorBackbone
+from hadr.models.decoders import OffsetDecoder, PairDecoder, encode_position, leaky_clamp
+from hadr.models.hadr_input import (
+    HADRInput,
+    frame_to_input,
+    masked_rays,
+    ray_points,
+    stack_inputs,
+)
+from hadr.models.ray_features import RayFeatures, features_at
+from hadr.models.voxel_features import VoxelFeatures
+from hadr.ray_voxels import (
+    OccupiedVoxels,
+    RayVoxelPairs,
+    VoxelGrid,
+    occupied_voxels,
+    pair_of_true_point,
+    ray_voxel_pairs,
+    segment_argmax,
+    segment_softmax,
+    select_points,
+)
+
+__all__ = [
+    "HADR",
+    "HADRConfig",
+    "HADRInput",
+    "HADROutput",
+    "frame_to_input",
+    "masked_rays",
+    "ray_points",
+    "stack_inputs",
+]
+
+HandFeature = Literal["none", "2d", "3d"]
+POSITION_LEVELS = 8
+DIRECTION_LEVELS = 4
+
+
+@dataclass(frozen=True)
+class HADRConfig:
+    """What the network consists of; the defaults are the paper's full model.
+
+    Args:
+        hand: "3d" is the paper's hand feature (126 numbers: keypoints in the wrist frame, and
+            relative to the voxel); "2d" the ablation with the keypoints' pixels divided by the
+            image's width and height (42); "none" the ablation without.
+        wrist_rotation: Turn the absolute hand feature into the wrist frame (ledger, row 7).
+        aggregation: Aggregate all scales of the backbone, or use the finest alone.
+        point_fusion: Fuse the dense colour feature with the points, or use their raw colour.
+        backbone: Size of the Swin Transformer.
+        grid: The voxel grid.
+        feature_channels: Channels of the dense colour feature.
+        voxel_width: Length of a voxel's feature.
+        decoder_widths: Hidden layers of both decoders.
+        offset_steps: How often the offset decoder runs.
+        max_points: Most points of one frame that enter the voxels.
+        clamp_probability: End the probability head in the leaky clamp as the published code does.
+            It caps a ray's best probability near e / (e + K - 1) for K voxels, so it is off.
+
+    Raises:
+        ValueError: `hand` is unknown.
+    """
+
+    hand: HandFeature = "3d"
+    wrist_rotation: bool = True
+    aggregation: bool = True
+    point_fusion: bool = True
+    backbone: BackboneConfig = field(default_factory=BackboneConfig)
+    grid: VoxelGrid = field(default_factory=VoxelGrid)
+    feature_channels: int = 32
+    voxel_width: int = 128
+    decoder_widths: tuple[int, ...] = (256, 128, 64)
+    offset_steps: int = 2
+    max_points: int = 10_000
+    clamp_probability: bool = False
+
+    def __post_init__(self) -> None:
+        if self.hand not in get_args(HandFeature):
+            raise ValueError(f"hand must be one of {get_args(HandFeature)}, got {self.hand!r}")
+
+    @property
+    def hand_width(self) -> int:
+        """Length of the hand feature."""
+        return {"none": 0, "2d": 42, "3d": 126}[self.hand]
+
+    @property
+    def parts(self) -> tuple[int, int, int]:
+        """Widths of what a pair's embedding takes from its ray, its voxel and itself."""
+        ray = 4 * self.feature_channels + 3 * (1 + 2 * DIRECTION_LEVELS)
+        voxel = self.voxel_width + self.hand_width
+        return ray, voxel, 2 * 3 * (1 + 2 * POSITION_LEVELS)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The configuration as built-in types, for JSON."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, values: dict[str, Any]) -> HADRConfig:
+        """Build the configuration from `to_dict` or from the same read from JSON."""
+        given: dict[str, Any] = dict(values)
+        parts: dict[str, Any] = {"backbone": BackboneConfig, "grid": VoxelGrid}
+        for name, part in parts.items():
+            given[name] = part(**_tuples(given[name]))
+        return cls(**_tuples(given))
+
+
+@dataclass(frozen=True)
+class HADROutput:
+    """Restored depth, and per ray and pair what the losses need.
+
+    Attributes:
+        depth: Restored z-depth in metres, shape (B, H, W); 0 where nothing was restored.
+        confidence: Probability of the chosen voxel, shape (B, H, W); 0 where not restored.
+        restored: Where a ray found a voxel, shape (B, H, W), bool.
+        rays: Rows (frame, row, column) of the rays' pixels, shape (R, 3), long.
+        points: Predicted point of each ray in metres, camera frame, shape (R, 3); zeros where
+            there is none.
+        chosen: Row of the chosen pair of each ray, shape (R,), long; -1 where there is none.
+        pairs: The ray-voxel pairs.
+        occupied: The occupied voxels.
+        logits: Score of each pair, shape (P,).
+        probability: Softmax of the scores over each ray's pairs, shape (P,).
+        offset: Offset of each ray's chosen pair in 0..1 of the voxel's diagonal, shape (R,).
+    """
+
+    depth: Tensor
+    confidence: Tensor
+    restored: Tensor
+    rays: Tensor
+    points: Tensor
+    chosen: Tensor
+    pairs: RayVoxelPairs
+    occupied: OccupiedVoxels
+    logits: Tensor
+    probability: Tensor
+    offset: Tensor
+
+
+class HADR(nn.Module):
+    """The whole network.
+
+    Args:
+        config: What it consists of.
+    """
+
+    def __init__(self, config: HADRConfig | None = None) -> None:
+        super().__init__()
+        self.config = config = config or HADRConfig()
+        self.backbone = ColorBackbone(
+            config.backbone, config.feature_channels, multi_scale=config.aggregation
+        )
+        self.ray_features = RayFeatures()
+        self.voxel_features = VoxelFeatures(
+            config.point_fusion, config.feature_channels, config.voxel_width
+        )
+        self.probability_decoder = PairDecoder(config.parts, config.decoder_widths)
+        self.offset_decoder = OffsetDecoder(
+            config.parts, config.decoder_widths, config.offset_steps
+        )
+
+    def forward(
+        self, inputs: HADRInput, *, rays: Tensor | None = None, true_depth: Tensor | None = None
+    ) -> HADROutput:
+        """Restore the depth of masked pixels.
+
+        Args:
+            inputs: A batch of frames.
+            rays: Rows (frame, row, column) of the pixels to restore, shape (R, 3), long; all
+                pixels of the mask where they are left out.
+            true_depth: True z-depth in metres, shape (B, H, W), 0 = unknown. Where it is given,
+                each ray takes the voxel in which its true point lies (if that is a candidate)
+                instead of the most probable one: how the first epochs of training go.
+
+        Returns:
+            The restored depth and what belongs to it.
+        """
+        grid = self.config.grid
+        dense = self.backbone(inputs.color)  # (B, 32, H, W)
+
+        pixels = select_points(inputs.depth, self.config.max_points)  # (points, 3)
+        points = ray_points(pixels, _at(inputs.depth, pixels), inputs.intrinsics)  # (points, 3)
+        occupied = occupied_voxels(points, pixels[:, 0], grid, len(inputs))
+        color = features_at(dense if self.config.point_fusion else inputs.color, pixels)
+        voxel = self.voxel_features(
+            points, color, occupied.point_voxel, occupied.center
+        )  # (voxels, 128)
+
+        rays = masked_rays(inputs.mask) if rays is None else rays  # (rays, 3)
+        unit_depth = torch.ones(len(rays), dtype=points.dtype, device=points.device)
+        directions = functional.normalize(
+            ray_points(rays, unit_depth, inputs.intrinsics), dim=1
+        )  # (rays, 3)
+        pairs = ray_voxel_pairs(directions, rays[:, 0], occupied, grid)
+
+        in_ray = torch.cat(
+            (self.ray_features(dense, rays), encode_position(directions, DIRECTION_LEVELS)), dim=1
+        )  # (rays, 155)
+        in_voxel = torch.cat((voxel, self._hand_feature(inputs, occupied)), dim=1)  # (voxels, 254)
+
+        along = directions.index_select(0, pairs.ray)  # (pairs, 3)
+        enter, leave = along * pairs.t_in[:, None], along * pairs.t_out[:, None]
+        in_pair = torch.cat(
+            (encode_position(enter, POSITION_LEVELS), encode_position(leave, POSITION_LEVELS)),
+            dim=1,
+        )  # (pairs, 102)
+
+        first = self.probability_decoder.begin(in_ray, in_voxel, in_pair, pairs.ray, pairs.voxel)
+        logits = self.probability_decoder.finish(first)  # (pairs,)
+        if self.config.clamp_probability:
+            logits = leaky_clamp(logits)
+        probability = segment_softmax(logits, pairs.ray, pairs.n_rays)  # (pairs,)
+        chosen = segment_argmax(probability.detach(), pairs.ray, pairs.n_rays)  # (rays,)
+        if true_depth is not None:
+            true_points = ray_points(rays, _at(true_depth, rays), inputs.intrinsics)
+            true_pair = pair_of_true_point(pairs, occupied, true_points, grid)
+            chosen = torch.where(true_pair >= 0, true_pair, chosen)
+
+        # Only the chosen pair of a ray needs an offset: the loss sees no other.
+        ray = (chosen >= 0).nonzero().squeeze(1)  # rays with a candidate
+        pair = chosen.index_select(0, ray)
+        offset = self.offset_decoder(
+            in_ray, in_voxel, in_pair.index_select(0, pair), ray, pairs.voxel.index_select(0, pair)
+        )  # (rays with a candidate,)
+        distance = pairs.t_in.index_select(0, pair) + offset * math.sqrt(3) * grid.voxel_size
+        found = distance[:, None] * directions.index_select(0, ray)  # (rays with a candidate, 3)
+
+        frame, row, column = rays.index_select(0, ray).unbind(dim=1)
+        where = (frame, row, column)
+        in_front = (found[:, 2] > 0).to(found.dtype)
+        blank = torch.zeros_like(inputs.depth)
+        return HADROutput(
+            depth=blank.index_put(where, found[:, 2] * in_front),
+            confidence=blank.index_put(where, probability.index_select(0, pair) * in_front),
+            restored=blank.index_put(where, in_front) > 0,
+            rays=rays,
+            points=found.new_zeros(len(rays), 3).index_copy(0, ray, found),
+            chosen=chosen,
+            pairs=pairs,
+            occupied=occupied,
+            logits=logits,
+            probability=probability,
+            offset=offset.new_zeros(len(rays)).index_copy(0, ray, offset),
+        )
+
+    def _hand_feature(self, inputs: HADRInput, occupied: OccupiedVoxels) -> Tensor:
+        """Give each voxel its hand feature: (voxels, 0, 42 or 126)."""
+        if self.config.hand == "none":
+            return occupied.center.new_zeros(len(occupied), 0)
+        if self.config.hand == "2d":
+            height, width = inputs.color.shape[2:]
+            size = inputs.keypoints_uv.new_tensor([width, height])
+            uv = ((inputs.keypoints_uv + 0.5) / size).flatten(1)  # (B, 42)
+            return uv.index_select(0, occupied.frame)
+        absolute = absolute_hand_feature(
+            inputs.keypoints, wrist_rotation=self.config.wrist_rotation
+        )  # (B, 63)
+        keypoints = inputs.keypoints.index_select(0, occupied.frame)
+        relative = relative_hand_feature(keypoints, occupied.center)  # (voxels, 63)
+        return torch.cat((absolute.index_select(0, occupied.frame), relative), dim=1)
+
+
+def _at(image: Tensor, pixels: Tensor) -> Tensor:
+    """Look up single pixels (frame, row, column) of images (B, H, W)."""
+    return image[pixels[:, 0], pixels[:, 1], pixels[:, 2]]
+
+
+def _tuples(values: dict[str, Any]) -> dict[str, Any]:
+    """Turn the lists that JSON made out of tuples back."""
+    return {key: tuple(v) if isinstance(v, list) else v for key, v in values.items()}

@@ -1,0 +1,158 @@
+"""What the network takes: a batch of frames as tensors, and the way from one frame to it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from torch import Tensor
+
+from hadr.camera import (
+    BoolArray,
+    FloatArray,
+    Intrinsics,
+    project,
+    resize_color,
+    resize_depth,
+    resize_mask,
+    valid_depth,
+)
+from hadr.hand import check_keypoints
+
+
+@dataclass(frozen=True)
+class HADRInput:
+    """A batch of frames of one size.
+
+    Attributes:
+        color: sRGB in 0..1, shape (B, 3, H, W).
+        depth: Corrupted z-depth in metres, shape (B, H, W); 0 = missing.
+        mask: Pixels to restore, shape (B, H, W), bool.
+        intrinsics: fx, fy, cx, cy in pixels of this size, shape (B, 4).
+        keypoints: Hand keypoints in metres, camera frame, shape (B, 21, 3); zeros if unknown.
+        keypoints_uv: The same as pixels (column, row), shape (B, 21, 2); zeros if unknown.
+    """
+
+    color: Tensor
+    depth: Tensor
+    mask: Tensor
+    intrinsics: Tensor
+    keypoints: Tensor
+    keypoints_uv: Tensor
+
+    def __len__(self) -> int:
+        """Give the number of frames."""
+        return int(self.color.shape[0])
+
+    def take(self, frames: Tensor | slice) -> HADRInput:
+        """Give the batch of some frames, by their indices."""
+        return HADRInput(**{f.name: getattr(self, f.name)[frames] for f in fields(self)})
+
+
+def stack_inputs(inputs: Sequence[HADRInput]) -> HADRInput:
+    """Join batches of the same image size into one.
+
+    Raises:
+        ValueError: There is none, or the sizes differ.
+    """
+    sizes = sorted({tuple(one.color.shape[2:]) for one in inputs})
+    if len(sizes) != 1:
+        raise ValueError(f"a batch needs frames of one size (H, W), got {sizes}")
+    return HADRInput(
+        **{f.name: torch.cat([getattr(one, f.name) for one in inputs]) for f in fields(HADRInput)}
+    )
+
+
+def frame_to_input(
+    color: npt.NDArray[np.uint8],
+    depth: FloatArray,
+    mask: BoolArray,
+    keypoints: npt.ArrayLike | None,
+    camera: Intrinsics,
+    size: tuple[int, int],
+) -> HADRInput:
+    """Bring one frame to the network's size and form.
+
+    Colour is resized by area, depth and mask by their nearest pixel, and the intrinsics follow. A
+    frame of another shape than `size` is squashed: fx and fy then change by different factors,
+    and the geometry stays exact (ledger, row 12).
+
+    Args:
+        color: RGB, shape (H, W, 3) uint8.
+        depth: Corrupted z-depth in metres, shape (H, W); 0 or NaN = missing.
+        mask: Pixels to restore, shape (H, W) bool.
+        keypoints: 21 hand keypoints in metres, camera frame, shape (21, 3), or None; their pixels
+            are computed from them.
+        camera: Intrinsics of an image of exactly this size.
+        size: (width, height) of the network's input, pixels.
+
+    Returns:
+        A batch of one frame.
+
+    Raises:
+        ValueError: Shapes or types differ from the above, or keypoints hold NaN.
+    """
+    if color.shape != (*camera.shape, 3) or color.dtype != np.uint8:
+        raise ValueError(
+            f"color must be {(*camera.shape, 3)} uint8, got {color.shape} {color.dtype}"
+        )
+    for name, image in (("depth", depth), ("mask", mask)):
+        if image.shape != camera.shape:
+            raise ValueError(f"{name} must be {camera.shape} as the intrinsics, got {image.shape}")
+    width, height = size
+    resized = camera.resized(width, height)
+    points, uv = np.zeros((21, 3)), np.zeros((21, 2))
+    if keypoints is not None:
+        points = check_keypoints(keypoints)
+        uv = np.nan_to_num(project(points, resized))
+    small = resize_depth(depth, width, height)
+    return HADRInput(
+        color=_batch_of_one(resize_color(color, width, height) / 255).permute(0, 3, 1, 2),
+        depth=_batch_of_one(np.where(valid_depth(small), small, 0)),
+        mask=torch.from_numpy(resize_mask(mask, width, height).copy())[None],
+        intrinsics=_batch_of_one(np.array([resized.fx, resized.fy, resized.cx, resized.cy])),
+        keypoints=_batch_of_one(points),
+        keypoints_uv=_batch_of_one(uv),
+    )
+
+
+def masked_rays(mask: Tensor, stride: int = 1, row_start: int = 0, column_start: int = 0) -> Tensor:
+    """List the pixels of a mask, or those of every n-th row and column.
+
+    Args:
+        mask: Shape (B, H, W), bool.
+        stride: n; with 2 a quarter of the pixels remains.
+        row_start: First row that counts.
+        column_start: First column that counts.
+
+    Returns:
+        Rows (frame, row, column), shape (R, 3), long, in raster order.
+    """
+    kept = mask[:, row_start::stride, column_start::stride].nonzero()
+    scale = kept.new_tensor([1, stride, stride])
+    return kept * scale + kept.new_tensor([0, row_start, column_start])
+
+
+def ray_points(pixels: Tensor, depth: Tensor, intrinsics: Tensor) -> Tensor:
+    """Lift pixels to points.
+
+    Args:
+        pixels: Rows (frame, row, column), shape (N, 3), long.
+        depth: z-depth of each pixel in metres, shape (N,).
+        intrinsics: fx, fy, cx, cy of each frame, shape (B, 4).
+
+    Returns:
+        Points in metres, camera frame, shape (N, 3).
+    """
+    fx, fy, cx, cy = intrinsics.index_select(0, pixels[:, 0]).unbind(dim=1)
+    x = (pixels[:, 2] - cx) / fx
+    y = (pixels[:, 1] - cy) / fy
+    return torch.stack((x * depth, y * depth, depth), dim=1)
+
+
+def _batch_of_one(values: npt.NDArray[Any]) -> Tensor:
+    return torch.from_numpy(np.ascontiguousarray(values, dtype=np.float32))[None]

@@ -1,0 +1,147 @@
+"""Frames as tensors in memory: read, corrupted and resized once, then served in batches."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from hadr.camera import resize_depth, resize_mask
+from hadr.corruption import ORACLE, SENSOR, CorruptionConfig, corrupt
+from hadr.models.hadr import HADRInput, frame_to_input, stack_inputs
+
+if TYPE_CHECKING:
+    from hadr.data.transhand import Frame
+
+Corruption = Literal["oracle", "sensor"]
+CORRUPTIONS: dict[str, CorruptionConfig] = {"oracle": ORACLE, "sensor": SENSOR}
+
+
+@dataclass(frozen=True)
+class FrameTensors:
+    """Frames of one size, ready for the network.
+
+    Attributes:
+        inputs: What the network takes, N frames; its mask is the object's.
+        true_depth: True z-depth in metres, shape (N, H, W); 0 = unknown.
+        hand_mask: Pixels of hand and arm, shape (N, H, W), bool.
+        stems: Name of each frame, "object/stem".
+    """
+
+    inputs: HADRInput
+    true_depth: Tensor
+    hand_mask: Tensor
+    stems: tuple[str, ...]
+
+    def __len__(self) -> int:
+        """Give the number of frames."""
+        return len(self.stems)
+
+    def take(self, frames: list[int]) -> FrameTensors:
+        """Give some of the frames, by their indices."""
+        index = torch.tensor(frames, dtype=torch.long)
+        return FrameTensors(
+            self.inputs.take(index),
+            self.true_depth[index],
+            self.hand_mask[index],
+            tuple(self.stems[frame] for frame in frames),
+        )
+
+
+def load_frames(
+    frames: Iterable[Frame],
+    size: tuple[int, int],
+    corruption: Corruption = "oracle",
+    seed: int = 0,
+) -> FrameTensors:
+    """Read frames, corrupt their depth, and bring them to one size.
+
+    Frames in which no pixel of the object is left at this size are skipped.
+
+    Args:
+        frames: Frames with true depth.
+        size: (width, height) in pixels.
+        corruption: "oracle" erases the depth of the whole object, as the published experiments do;
+            "sensor" simulates an active-stereo camera, which loses part of it, sees the background
+            through the rest, and frays the outlines (ledger, row 8).
+        seed: Seed of the simulated sensor.
+
+    Returns:
+        The frames.
+
+    Raises:
+        ValueError: There is no frame, or `corruption` is unknown.
+    """
+    if corruption not in CORRUPTIONS:
+        raise ValueError(f"corruption must be one of {sorted(CORRUPTIONS)}, got {corruption!r}")
+    rng = np.random.default_rng(seed)
+    inputs, depths, hands, stems = [], [], [], []
+    for frame in frames:
+        corrupted = corrupt(
+            frame.depth,
+            frame.object_mask,
+            frame.camera,
+            rng,
+            CORRUPTIONS[corruption],
+            frame.background_depth,
+        )
+        one = frame_to_input(
+            frame.color, corrupted, frame.object_mask, frame.keypoints, frame.camera, size
+        )
+        if not one.mask.any():
+            continue
+        inputs.append(one)
+        depth = np.nan_to_num(resize_depth(frame.depth, *size)).astype(np.float32)
+        depths.append(torch.from_numpy(depth))
+        hands.append(torch.from_numpy(resize_mask(frame.hand_mask, *size).copy()))
+        stems.append(f"{frame.object_id}/{frame.stem}")
+    if not inputs:
+        raise ValueError("no frames: the folder is empty, or no frame shows an object")
+    return FrameTensors(stack_inputs(inputs), torch.stack(depths), torch.stack(hands), tuple(stems))
+
+
+def batches(
+    frames: FrameTensors, batch_size: int, generator: torch.Generator | None = None
+) -> Iterator[tuple[HADRInput, Tensor]]:
+    """Serve the frames once, in batches; the last one may be smaller.
+
+    Args:
+        frames: The frames.
+        batch_size: Frames in a batch.
+        generator: Shuffles them; None keeps their order.
+
+    Yields:
+        Input and true depth (B, H, W) of each batch.
+    """
+    count = len(frames)
+    order = torch.arange(count) if generator is None else torch.randperm(count, generator=generator)
+    for first in range(0, count, batch_size):
+        chosen = order[first : first + batch_size]
+        yield frames.inputs.take(chosen), frames.true_depth[chosen]
+
+
+def vary_color(color: Tensor, generator: torch.Generator) -> Tensor:
+    """Vary contrast, brightness and the balance of the colours, and add noise.
+
+    Args:
+        color: sRGB in 0..1, shape (B, 3, H, W).
+        generator: Source of randomness.
+
+    Returns:
+        The same shape, in 0..1. Depth and geometry are not touched.
+    """
+    frames = len(color)
+
+    def spread(*shape: int) -> Tensor:
+        return 2 * torch.rand(*shape, generator=generator) - 1  # uniform in -1..1
+
+    mean = color.mean(dim=(1, 2, 3), keepdim=True)
+    contrast = 1 + 0.3 * spread(frames, 1, 1, 1)
+    brightness = 0.15 * spread(frames, 1, 1, 1)
+    balance = 1 + 0.15 * spread(frames, 3, 1, 1)
+    noise = 0.02 * torch.randn(color.shape, generator=generator)
+    return (((color - mean) * contrast + mean + brightness) * balance + noise).clamp(0, 1)

@@ -1,0 +1,143 @@
+"""Checkpoints: the weights and how they came about, in one file that is whole or not there.
+
+A checkpoint is a safetensors file. Its header holds the network's configuration and the record of
+its training as JSON; the `.json` file beside it is the same record for human eyes. Both are
+written to a temporary file first and renamed, so a crash never leaves half a file under the name.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+from torch import Tensor
+
+from hadr.models.hadr import HADR, HADRConfig
+from hadr.provenance import plain, write_json
+
+_HEADER = "hadr"
+_STATE = "training/"  # prefix of tensors that only a resumed training needs
+
+
+def save_checkpoint(
+    path: str | Path,
+    model: HADR,
+    meta: Mapping[str, Any],
+    *,
+    half: bool = False,
+    training_state: Mapping[str, Tensor] | None = None,
+) -> None:
+    """Write a checkpoint and the record beside it.
+
+    Args:
+        path: A `.safetensors` file; the record goes to the same name with `.json`.
+        model: The network.
+        meta: What should be known about it; the key "model" is set to its configuration.
+        half: Store the weights as 16-bit floats, half the size and rounded to 3 digits.
+        training_state: Further tensors that a resumed training needs.
+
+    Raises:
+        ValueError: The name does not end with `.safetensors`.
+    """
+    path = Path(path)
+    if path.suffix != ".safetensors":
+        raise ValueError(f"a checkpoint's name must end with .safetensors, got {path.name!r}")
+    record = plain({**meta, "model": model.config.to_dict()})
+    tensors = {}
+    for name, values in model.state_dict().items():
+        values = values.detach().cpu().contiguous()
+        tensors[name] = values.half() if half and values.is_floating_point() else values
+    for name, values in (training_state or {}).items():
+        tensors[_STATE + name] = values.detach().cpu().contiguous()
+
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        save_file(tensors, temporary, metadata={_HEADER: json.dumps(record)})
+        os.replace(temporary, path)
+    finally:
+        with contextlib.suppress(FileNotFoundError):
+            temporary.unlink()
+    write_json(path.with_suffix(".json"), record)
+
+
+def load_checkpoint(path: str | Path) -> tuple[HADR, dict[str, Any]]:
+    """Read a checkpoint.
+
+    Args:
+        path: A `.safetensors` file that `save_checkpoint` wrote.
+
+    Returns:
+        The network with 32-bit weights, ready for inference, and its record.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        ValueError: The file is cut off, damaged, or not a checkpoint of this network.
+    """
+    tensors, meta = _read(Path(path))
+    model = HADR(_without_download(HADRConfig.from_dict(meta["model"])))
+    weights = {name: t.float() for name, t in tensors.items() if not name.startswith(_STATE)}
+    try:
+        model.load_state_dict(weights)
+    except RuntimeError as error:
+        raise ValueError(f"{path} does not fit its own configuration: {error}") from error
+    model.eval()
+    return model, meta
+
+
+def load_training_state(path: str | Path) -> dict[str, Tensor]:
+    """Read the tensors that a resumed training needs; errors as `load_checkpoint`."""
+    tensors, _ = _read(Path(path))
+    return {n.removeprefix(_STATE): t for n, t in tensors.items() if n.startswith(_STATE)}
+
+
+def _read(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
+    if not path.is_file():
+        raise FileNotFoundError(f"there is no checkpoint at {path}")
+    try:
+        with safe_open(path, framework="pt") as file:
+            header = file.metadata() or {}
+            names = file.keys()
+            tensors: dict[str, Tensor] = {name: file.get_tensor(name) for name in names}
+    except (SafetensorError, OSError) as error:
+        raise ValueError(
+            f"{path} ({path.stat().st_size} bytes) is cut off or damaged, not a whole checkpoint: "
+            f"{error}"
+        ) from error
+    if _HEADER not in header:
+        raise ValueError(f"{path} is a safetensors file, but not a checkpoint of HADR")
+    meta: dict[str, Any] = json.loads(header[_HEADER])
+    return tensors, meta
+
+
+def _without_download(config: HADRConfig) -> HADRConfig:
+    """Build without fetching published weights: they will be overwritten at once."""
+    return replace(config, backbone=replace(config.backbone, pretrained=None))
+
+
+def adam_state(optimizer: torch.optim.Adam) -> dict[str, Tensor]:
+    """Flatten Adam's moments to named tensors."""
+    state = optimizer.state_dict()["state"]
+    return {
+        f"{number}/{name}": torch.as_tensor(value)
+        for number, entry in state.items()
+        for name, value in entry.items()
+    }
+
+
+def restore_adam(optimizer: torch.optim.Adam, tensors: Mapping[str, Tensor]) -> None:
+    """Put the moments of `adam_state` back; an empty mapping leaves a fresh optimizer."""
+    entries: dict[int, dict[str, Tensor]] = {}
+    for key, value in tensors.items():
+        number, name = key.split("/")
+        entries.setdefault(int(number), {})[name] = value
+    groups = optimizer.state_dict()["param_groups"]
+    optimizer.load_state_dict({"state": entries, "param_groups": groups})

@@ -1,0 +1,140 @@
+"""Evaluation: the network and the methods without learning, on the same pixels of the same frames.
+
+All are scored at the network's resolution, on the object's pixels, with `hadr.metrics`. A pixel
+without a predicted depth is scored as the depth 0 that stands in the image, so that no method
+gains by leaving out what is difficult.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+import torch
+
+from hadr.camera import BoolArray, FloatArray
+from hadr.metrics import DepthMetrics, frame_metrics, mean_over_frames
+from hadr.models.baselines import classical
+from hadr.models.hadr import HADR, HADROutput
+from hadr.training.batches import FrameTensors
+
+Restorer = Callable[[FrameTensors, int], FloatArray]
+"""From the frames and a frame's number to restored z-depth in metres, shape (H, W)."""
+
+
+def predict(model: HADR, frames: FrameTensors, batch_size: int = 8) -> list[HADROutput]:
+    """Restore all frames, in batches.
+
+    Args:
+        model: The network; it is put into evaluation mode, and back afterwards.
+        frames: The frames.
+        batch_size: Frames at a time.
+
+    Returns:
+        One output a batch.
+    """
+    was_training = model.training
+    model.eval()
+    with torch.no_grad():
+        outputs = [
+            model(frames.inputs.take(slice(first, first + batch_size)))
+            for first in range(0, len(frames), batch_size)
+        ]
+    model.train(was_training)
+    return outputs
+
+
+def predict_depth(model: HADR, frames: FrameTensors, batch_size: int = 8) -> FloatArray:
+    """Give the whole depth image of all frames: restored in the mask, as measured elsewhere.
+
+    Args:
+        model: The network.
+        frames: The frames.
+        batch_size: Frames at a time.
+
+    Returns:
+        z-depth in metres, shape (N, H, W); 0 where it is missing.
+    """
+    restored = torch.cat([output.depth for output in predict(model, frames, batch_size)])
+    depth: FloatArray = torch.where(frames.inputs.mask, restored, frames.inputs.depth).numpy()
+    return depth
+
+
+def score(depth: FloatArray, frames: FrameTensors) -> list[DepthMetrics]:
+    """Score depth images on the object's pixels.
+
+    Args:
+        depth: z-depth in metres, shape (N, H, W); 0 = missing, scored as 0.
+        frames: The frames, with their true depth.
+
+    Returns:
+        The metrics of each frame.
+    """
+    truth, mask = frames.true_depth.numpy(), frames.inputs.mask.numpy()
+    return [
+        frame_metrics(depth[number], truth[number], mask[number], missing="zero")
+        for number in range(len(frames))
+    ]
+
+
+def evaluate(model: HADR, frames: FrameTensors, batch_size: int = 8) -> list[DepthMetrics]:
+    """Score the network.
+
+    Args:
+        model: The network.
+        frames: The frames.
+        batch_size: Frames at a time.
+
+    Returns:
+        The metrics of each frame; `hadr.metrics.mean_over_frames` averages them.
+    """
+    return score(predict_depth(model, frames, batch_size), frames)
+
+
+def _parts(frames: FrameTensors, number: int) -> tuple[FloatArray, BoolArray]:
+    return frames.inputs.depth[number].numpy(), frames.inputs.mask[number].numpy()
+
+
+def _hand_median(frames: FrameTensors, number: int) -> FloatArray:
+    keypoints, uv = frames.inputs.keypoints[number], frames.inputs.keypoints_uv[number]
+    return classical.hand_median(
+        *_parts(frames, number),
+        uv.numpy().astype(np.float64),
+        keypoints[:, 2].numpy().astype(np.float64),
+        frames.hand_mask[number].numpy(),
+    )
+
+
+BASELINES: dict[str, Restorer] = {
+    "raw": lambda frames, number: classical.raw(*_parts(frames, number)),
+    "inpainting": lambda frames, number: classical.inpaint(*_parts(frames, number)),
+    "nearest": lambda frames, number: classical.nearest_valid(*_parts(frames, number)),
+    "hand-median": _hand_median,
+}
+"""The methods that learn nothing, by the names that tables give them."""
+
+
+def compare(
+    frames: FrameTensors, models: Mapping[str, HADR], batch_size: int = 8
+) -> dict[str, list[DepthMetrics]]:
+    """Score the methods without learning and some networks on the same frames.
+
+    Args:
+        frames: The frames.
+        models: Networks by name.
+        batch_size: Frames at a time.
+
+    Returns:
+        The metrics of each frame, by the method's name, the baselines first.
+    """
+    rows = {
+        name: score(np.stack([restorer(frames, n) for n in range(len(frames))]), frames)
+        for name, restorer in BASELINES.items()
+    }
+    rows.update({name: evaluate(model, frames, batch_size) for name, model in models.items()})
+    return rows
+
+
+def averages(rows: Mapping[str, list[DepthMetrics]]) -> dict[str, DepthMetrics]:
+    """Average each method's metrics over the frames."""
+    return {name: mean_over_frames(metrics) for name, metrics in rows.items()}

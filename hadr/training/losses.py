@@ -1,0 +1,192 @@
+"""The training objective: depth, voxel probability and surface normals.
+
+Source: paper, "Training Objective" and equation 3; ledger, rows 1 (weights) and 2 (over what the
+depth loss runs).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from hadr.models.hadr import HADROutput, ray_points
+from hadr.ray_voxels import VoxelGrid, pair_of_true_point, segment_argmax
+
+DepthNorm = Literal["xyz", "z"]
+
+
+@dataclass(frozen=True)
+class LossWeights:
+    """Weights of the three terms.
+
+    Args:
+        depth: Weight of the depth term.
+        probability: Weight of the cross-entropy over each ray's voxels.
+        normals: Weight of the normals' term.
+        depth_over: "xyz": mean absolute error over the three coordinates of the predicted point;
+            "z": over its z-depth alone.
+    """
+
+    depth: float = 200.0
+    probability: float = 10.0
+    normals: float = 0.5
+    depth_over: DepthNorm = "xyz"
+
+
+PRINTED = LossWeights()
+"""As the paper prints them."""
+CODED = LossWeights(probability=0.5, normals=10.0)
+"""As the published code has them; LIDF's order too. The print has probably swapped the two."""
+
+
+@dataclass(frozen=True)
+class LossTerms:
+    """The terms of one batch, unweighted, and how well the voxels are chosen.
+
+    Attributes:
+        depth: Metres.
+        probability: Nats; ln K is what guessing among K voxels gives.
+        normals: 0 = parallel, 1 = opposite.
+        voxel_accuracy: Share of the rays, among those whose true voxel is a candidate, on which
+            it is the most probable one.
+        without_true_voxel: Share of the rays whose true voxel is no candidate.
+    """
+
+    depth: Tensor
+    probability: Tensor
+    normals: Tensor
+    voxel_accuracy: Tensor
+    without_true_voxel: Tensor
+
+    def total(self, weights: LossWeights) -> Tensor:
+        """Weigh and sum the three terms."""
+        return (
+            weights.depth * self.depth
+            + weights.probability * self.probability
+            + weights.normals * self.normals
+        )
+
+
+def depth_loss(points: Tensor, true_points: Tensor, over: DepthNorm = "xyz") -> Tensor:
+    """Mean absolute error of predicted points.
+
+    Args:
+        points: Predicted points in metres, camera frame, shape (R, 3).
+        true_points: True points of the same rays, shape (R, 3).
+        over: Mean over all three coordinates, or over z alone.
+
+    Returns:
+        One number, metres; 0 without rays.
+    """
+    error = (points - true_points).abs()
+    error = error if over == "xyz" else error[:, 2:]
+    return error.sum() / max(error.numel(), 1)
+
+
+def probability_loss(log_probability: Tensor, true_pair: Tensor) -> Tensor:
+    """Cross-entropy of each ray's choice among its voxels, mean over the rays.
+
+    Args:
+        log_probability: Logarithm of each pair's probability, shape (P,).
+        true_pair: Row of each ray's true pair, shape (R,), long; rays with -1 do not count.
+
+    Returns:
+        One number, nats; 0 where no ray counts.
+    """
+    known = true_pair[true_pair >= 0]
+    return -log_probability.index_select(0, known).sum() / max(len(known), 1)
+
+
+def normals(cloud: Tensor) -> Tensor:
+    """Normals of an organised point cloud, from the cross product of forward differences.
+
+    Args:
+        cloud: Points, shape (B, H, W, 3).
+
+    Returns:
+        Unit vectors, shape (B, H - 1, W - 1, 3): the step to the next column cross the step to
+        the next row. They are meaningless where one of the three points is.
+    """
+    to_column = cloud[:, :-1, 1:] - cloud[:, :-1, :-1]
+    to_row = cloud[:, 1:, :-1] - cloud[:, :-1, :-1]
+    return functional.normalize(torch.linalg.cross(to_column, to_row), dim=-1, eps=1e-9)
+
+
+def normals_loss(cloud: Tensor, true_cloud: Tensor, valid: Tensor) -> Tensor:
+    """Mean of (1 - cos) / 2 between predicted and true normals.
+
+    Args:
+        cloud: Predicted points, shape (B, H, W, 3).
+        true_cloud: True points, shape (B, H, W, 3).
+        valid: Where both are known, shape (B, H, W), bool; a normal counts where its pixel and
+            the next ones in column and row are.
+
+    Returns:
+        One number between 0 and 1; 0 where no normal counts.
+    """
+    whole = valid[:, :-1, :-1] & valid[:, :-1, 1:] & valid[:, 1:, :-1]
+    cosine = (normals(cloud) * normals(true_cloud)).sum(dim=-1)
+    return ((1 - cosine) / 2 * whole).sum() / whole.sum().clamp(min=1)
+
+
+def hadr_losses(
+    output: HADROutput,
+    true_depth: Tensor,
+    intrinsics: Tensor,
+    grid: VoxelGrid,
+    *,
+    depth_over: DepthNorm = "xyz",
+    ray_stride: int = 1,
+) -> LossTerms:
+    """Compute the terms for a batch.
+
+    Rays without a candidate voxel, and rays whose true depth is not known, count in no term.
+
+    Args:
+        output: What the network gave.
+        true_depth: True z-depth in metres, shape (B, H, W); 0 = unknown.
+        intrinsics: fx, fy, cx, cy of each frame, shape (B, 4).
+        grid: The network's voxel grid.
+        depth_over: What the depth term runs over.
+        ray_stride: Step in rows and columns between the rays that were restored; the normals are
+            those of the cloud of every n-th pixel.
+
+    Returns:
+        The terms.
+    """
+    rays = output.rays
+    depth = true_depth[rays[:, 0], rays[:, 1], rays[:, 2]]  # (rays,)
+    true_points = ray_points(rays, depth, intrinsics)  # (rays, 3)
+    counts = (output.chosen >= 0) & (depth > 0)
+    counted = counts.nonzero().squeeze(1)
+
+    nowhere = torch.full_like(true_points, torch.nan)
+    true_pair = pair_of_true_point(
+        output.pairs,
+        output.occupied,
+        torch.where(counts[:, None], true_points, nowhere),
+        grid,
+    )  # (rays,)
+    log_probability = output.probability.clamp(min=1e-12).log()
+    best = segment_argmax(output.probability.detach(), output.pairs.ray, output.pairs.n_rays)
+    known = true_pair >= 0
+
+    # The rays as an organised cloud at every n-th pixel.
+    frames, height, width = true_depth.shape
+    shape = (frames, -(-height // ray_stride), -(-width // ray_stride))
+    cell = (rays[:, 0], rays[:, 1] // ray_stride, rays[:, 2] // ray_stride)
+    blank = true_points.new_zeros(*shape, 3)
+    valid = torch.zeros(shape, dtype=torch.bool, device=rays.device).index_put(cell, counts)
+    return LossTerms(
+        depth=depth_loss(output.points[counted], true_points[counted], depth_over),
+        probability=probability_loss(log_probability, true_pair),
+        normals=normals_loss(
+            blank.index_put(cell, output.points), blank.index_put(cell, true_points), valid
+        ),
+        voxel_accuracy=(best[known] == true_pair[known]).float().sum() / known.sum().clamp(min=1),
+        without_true_voxel=1 - known.sum() / counts.sum().clamp(min=1),
+    )
