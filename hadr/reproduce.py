@@ -195,13 +195,16 @@ def _execute(source: Path, target: Path, parameters: dict[str, Any], label: str)
 
 
 def _cell_under_way(executed: Path) -> tuple[str, str]:
-    """The first code cell that did not complete, for a kernel that left no error output."""
+    """The last code cell that was begun, for a kernel that left no error output."""
     import nbformat
 
-    for index, cell in enumerate(nbformat.read(executed, 4).cells):
-        status = cell.metadata.get("papermill", {}).get("status")
-        if cell.cell_type == "code" and status != "completed":
-            return f"cell {index}", str(cell.source)
+    begun = [
+        (index, cell)
+        for index, cell in enumerate(nbformat.read(executed, 4).cells)
+        if cell.cell_type == "code" and cell.metadata.get("papermill", {}).get("start_time")
+    ]
+    if begun:
+        return f"cell {begun[-1][0]}", str(begun[-1][1].source)
     return "an unknown cell", ""
 
 
