@@ -78,7 +78,7 @@ class VoxelGrid:
         """
         scaled = (points - points.new_tensor(self.origin)) / self.voxel_size
         inside = ((scaled >= 0) & (scaled < self.cells + 1)).all(dim=-1, keepdim=True)
-        return torch.where(inside, scaled.nan_to_num(-1.0), -1.0).floor().long()
+        return torch.where(inside, scaled, -1.0).floor().long()
 
     def center_of(self, cells: Tensor, dtype: torch.dtype = torch.float32) -> Tensor:
         """Give the centres of cells.

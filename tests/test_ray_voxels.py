@@ -327,6 +327,17 @@ def test_camera_outside_of_the_grid_and_on_a_plane() -> None:
     assert pairs.t_out.tolist() == pytest.approx([edge, 2 * edge, edge])
 
 
+def test_rounding_of_a_plane_through_the_camera_gives_no_negative_distance() -> None:
+    # Plane 3 of this grid should be z = 0 and comes out as +1.1e-16.
+    grid = VoxelGrid((-0.8125,) * 3, (0.4875,) * 3, cells=4)
+    assert grid.origin[2] + 3 * grid.voxel_size > 0
+    occupied = occupy([(2, 2, 2), (3, 3, 3)], grid=grid)
+    pairs = ray_voxel_pairs(unit([[-1, -1, -1], [1, 1, 1]]), zeros(2), occupied, grid)
+    assert occupied.cell[pairs.voxel].tolist() == [[2, 2, 2], [3, 3, 3]]
+    assert pairs.t_in.tolist() == [0.0, 0.0]
+    assert pairs.t_out.tolist() == pytest.approx([0.325 * math.sqrt(3)] * 2)
+
+
 # --- pairs against brute force ----------------------------------------------------------------
 
 

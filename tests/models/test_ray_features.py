@@ -114,6 +114,16 @@ def test_roi_align_of_a_ramp_is_the_value_at_the_bin_centers() -> None:
         assert (shifted - aligned).flatten().tolist() == pytest.approx([5.5] * 4)
 
 
+def test_a_thin_box_is_widened_to_one_pixel_only_in_the_old_form() -> None:
+    ramp = torch.arange(12.0, dtype=torch.float64).expand(1, 1, 6, 12)
+    thin, frame = torch.tensor([[3.0, 1.0, 3.5, 4.0]]), torch.zeros(1, dtype=torch.long)
+    # aligned: bins of 0.25 px, centres 3.125 and 3.375 of the box's coordinates
+    assert roi_align(ramp, thin, frame)[0, 0, 0].tolist() == pytest.approx([2.625, 2.875])
+    # old: the box is [3, 4], bins of 0.5 px, centres 3.25 and 3.75
+    old = roi_align(ramp, thin, frame, aligned=False)[0, 0, 0]
+    assert old.tolist() == pytest.approx([3.25, 3.75])
+
+
 def test_four_average_pools_equal_roi_align_at_every_pixel() -> None:
     feature_map = noise(2, 5, 13, 17)
     pixels = every_pixel(2, 13, 17)

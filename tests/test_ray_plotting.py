@@ -1,0 +1,81 @@
+"""Figures of rays and voxels: they show what they are given."""
+
+from __future__ import annotations
+
+import matplotlib as mpl
+
+mpl.use("Agg")
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+import torch
+
+from hadr.plotting import COLORS
+from hadr.ray_plotting import draw_cubes, draw_strip, draw_walk, label_upright, upright
+from hadr.ray_voxels import VoxelGrid, occupied_voxels, ray_voxel_pairs
+
+GRID = VoxelGrid()
+
+
+@pytest.fixture(autouse=True)
+def _close_figures():
+    yield
+    plt.close("all")
+
+
+def scene():
+    cells = torch.tensor([[4, 4, 3], [4, 4, 4], [4, 4, 7]])
+    centers = GRID.center_of(cells, torch.float64)
+    occupied = occupied_voxels(centers, torch.zeros(3, dtype=torch.long), GRID, 1)
+    directions = torch.tensor([[0.0, 0.0, 1.0], [0.6, 0.0, 0.8]], dtype=torch.float64)
+    return directions, occupied, ray_voxel_pairs(directions, torch.zeros(2).long(), occupied, GRID)
+
+
+def test_upright_turns_y_down_to_z_up() -> None:
+    assert upright([1.0, 2.0, 3.0]).tolist() == [1.0, 3.0, -2.0]
+
+
+def test_a_cube_has_twelve_edges_of_its_size() -> None:
+    ax = plt.figure().add_subplot(projection="3d")
+    draw_cubes(ax, [[0.0, 0.0, 1.0], [0.25, 0.0, 1.0]], 0.25)
+    (collection,) = ax.collections
+    segments = np.asarray(collection._segments3d)
+    assert segments.shape == (24, 2, 3)
+    assert np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1) == pytest.approx([0.25] * 24)
+    first = segments[:12].reshape(-1, 3)
+    assert first.min(axis=0).tolist() == [-0.125, 0.875, -0.125]
+    assert first.max(axis=0).tolist() == [0.125, 1.125, 0.125]
+
+
+def test_label_upright_sets_limits_in_the_turned_frame() -> None:
+    ax = plt.figure().add_subplot(projection="3d")
+    label_upright(ax, [-1.0, -0.5, 0.0], [1.0, 0.2, 2.0])
+    assert ax.get_xlim() == pytest.approx((-1.0, 1.0))
+    assert ax.get_ylim() == pytest.approx((0.0, 2.0))
+    assert ax.get_zlim() == pytest.approx((-0.2, 0.5))
+
+
+def test_walk_marks_the_candidate_in_which_the_ray_is() -> None:
+    directions, occupied, pairs = scene()
+    mine = (pairs.ray == 0).nonzero().squeeze(1)
+    stay = (pairs.t_in[mine], pairs.t_out[mine])
+    for reached, dark in ((0.3, []), (0.7, [0]), (1.0, [1]), (1.3, []), (1.7, [2])):
+        _, ax = plt.subplots()
+        centers = occupied.center[pairs.voxel[mine]]
+        draw_walk(ax, directions[0], centers, *stay, 0.25, reached=reached)
+        opacity = [patch.get_facecolor()[3] for patch in ax.patches]
+        assert [k for k, a in enumerate(opacity) if a > 0.4] == dark
+        passed = sum(float(t) <= reached for t in torch.cat(stay))
+        assert len(ax.texts) == passed
+
+
+def test_strip_has_a_bar_for_each_pair_and_a_star_for_each_ray() -> None:
+    _, occupied, pairs = scene()
+    _, ax = plt.subplots()
+    draw_strip(ax, pairs, occupied, [0.7, 0.9], [0, 1])
+    ends = sorted((p.get_x(), p.get_x() + p.get_width()) for p in ax.patches)
+    expected = sorted(zip(pairs.t_in.tolist(), pairs.t_out.tolist(), strict=True))
+    assert ends == [pytest.approx(pair) for pair in expected]
+    assert [line.get_xdata()[0] for line in ax.lines] == [0.7, 0.9]
+    assert {line.get_color() for line in ax.lines} == {COLORS["truth"]}
