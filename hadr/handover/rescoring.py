@@ -1,6 +1,6 @@
 """Which grasp suits a handover: the paper's formula, and what its authors describe.
 
-The formula (paper, equation 3) compares a direction with itself after R_g. R_g maps gripper
+The formula (paper, equation 4) compares a direction with itself after R_g. R_g maps gripper
 coordinates into some frame, so the value depends on which frame that is, and is largest where
 R_g = I whatever the directions are. The described intention, a grasp that faces the human and
 points down, compares the approach axis with the directions; it is the same in every frame.
@@ -67,7 +67,7 @@ def literal_score(
         weights: The paper's where left out.
 
     Returns:
-        C, shape (n,). Source: paper, equation 3; ledger row 16.
+        C, shape (n,). Source: paper, equation 4; ledger row 16.
     """
     w = weights or Weights()
     v, u, r = directions.robot_to_human, directions.up_to_down, np.asarray(rotations)
