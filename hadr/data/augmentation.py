@@ -53,7 +53,7 @@ def bright_patches(color: Float, rng: np.random.Generator) -> Float:
 
 
 def color_jitter(color: Float, rng: np.random.Generator) -> Float:
-    """Change brightness, contrast, saturation (each by up to 30 %) and hue (by up to 18 degrees)."""
+    """Change brightness, contrast and saturation by up to 30 %, and hue by up to 18 degrees."""
     brightness, contrast, saturation = rng.uniform(0.7, 1.3, 3)
     changed = np.clip((color - 0.5) * contrast + 0.5, 0.0, 1.0) * brightness
     hsv = cv2.cvtColor(np.clip(changed, 0, 1).astype(np.float32), cv2.COLOR_RGB2HSV)

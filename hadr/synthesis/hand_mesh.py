@@ -37,7 +37,7 @@ FINGER_RADII: dict[str, tuple[float, float, float, float]] = {
     "ring": (0.0102, 0.0085, 0.0074, 0.0062),
     "little": (0.0090, 0.0074, 0.0065, 0.0055),
 }
-FOREARM_LENGTH = 0.60
+FOREARM_LENGTH = 0.75
 _MARGIN = 0.016
 
 
@@ -106,7 +106,7 @@ def _palm_parts(skeleton: Skeleton, scale: float) -> list[tuple[Array, Array, fl
     radii = {"index": 0.0120, "middle": 0.0120, "ring": 0.0115, "little": 0.0105}
     for finger, offset in starts.items():
         start = x * offset * scale + np.array([0.0, 0.008, 0.0]) * scale
-        parts.append((start, roots[finger] - 0.0005 * z, 0.0150, radii[finger], 0.012))
+        parts.append((start, roots[finger] - 0.0005 * z, 0.0138, radii[finger], 0.016))
     thumb_mcp = joints[1 + FINGERS["thumb"][1]]
     index_root = roots["index"]
     parts += [
@@ -287,7 +287,7 @@ def _paint(
     mottle = (
         np.sin(p @ np.array([310.0, 170.0, 230.0]))
         + np.sin(p @ np.array([-190.0, 260.0, 330.0]) + 1.7)
-    ) * 0.018 + np.sin(p @ np.array([60.0, 45.0, -70.0])) * 0.02
+    ) * 0.007 + np.sin(p @ np.array([60.0, 45.0, -70.0])) * 0.02
     color = tone * (1.0 + mottle)[:, None]
     gloss = np.full(len(p), 0.25)
     red = np.array([1.10, 0.90, 0.88])

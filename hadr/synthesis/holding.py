@@ -94,7 +94,8 @@ def _distance(item: GlassObject, points: Array) -> Array:
     line = handle_line(item)
     if len(line):
         offset = points[..., None, :] - line[::2]
-        distance = np.minimum(distance, np.sqrt((offset**2).sum(-1)).min(-1) - item.handle_radius)
+        tube = np.sqrt((offset**2).sum(-1)).min(-1) - item.handle_radius
+        distance = np.minimum(distance, np.maximum(tube, line[:, 0].min() - r))
     return np.asarray(distance)
 
 

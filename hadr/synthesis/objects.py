@@ -255,7 +255,9 @@ def signed_distance(item: GlassObject, points: npt.ArrayLike, *, filled: bool = 
     distance = np.where(inside, -distance, distance)
     line = handle_line(item)
     if len(line):
-        distance = np.minimum(distance, _polyline_distance(p, line) - item.handle_radius)
+        tube = _polyline_distance(p, line) - item.handle_radius
+        # The handle ends flat, inside the wall.
+        distance = np.minimum(distance, np.maximum(tube, line[:, 0].min() - rz[:, 0]))
     return np.asarray(distance)
 
 

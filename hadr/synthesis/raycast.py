@@ -352,7 +352,7 @@ class RayScene:
         """One jittered shadow ray per point toward the key light: 1 lit, 0 in shadow."""
         lit = np.ones(len(points))
         rows = np.flatnonzero(wanted)
-        d = self.key + 0.05 * rng.normal(size=(len(rows), 3))
+        d = self.key + 0.035 * rng.normal(size=(len(rows), 3))
         d /= np.linalg.norm(d, axis=1, keepdims=True)
         hits = self._trace(self._solid, points[rows], d)
         blocked = self._kinds[hits.mesh] == HAND

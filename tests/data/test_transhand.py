@@ -1,0 +1,278 @@
+"""The reader and the writer of TransHand-14K's layout, and a frame made by hand in its form."""
+
+import json
+import shutil
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from hadr.camera import TRANSHAND_CAMERA, project
+from hadr.data.transhand import (
+    Frame,
+    TransHand,
+    camera_log,
+    camera_pose,
+    native_pixels,
+    write_frame,
+)
+
+W, H = 64, 36
+CAMERA = TRANSHAND_CAMERA.resized(W, H)
+
+
+def make_frame(stem="000007", object_id="0004", split="train", seed=0, background=False) -> Frame:
+    rng = np.random.default_rng(seed)
+    pose = np.eye(4)
+    pose[:3, :3] = Rotation.from_euler("xyz", rng.uniform(-1, 1, 3)).as_matrix()
+    pose[:3, 3] = rng.normal(size=3)
+    keypoints = rng.normal(size=(21, 3)) * 0.05 + [0, 0, 0.7]
+    mask = rng.random((H, W)) < 0.2
+    depth = rng.uniform(0.3, 4.0, (H, W)).astype(np.float32)
+    return Frame(
+        stem,
+        object_id,
+        split,
+        rng.integers(0, 256, (H, W, 3), dtype=np.uint8),
+        depth,
+        (rng.random((H, W)) < 0.2) & ~mask,
+        mask,
+        keypoints,
+        project(keypoints, CAMERA),
+        CAMERA,
+        pose,
+        np.where(mask, depth + 0.5, depth).astype(np.float32) if background else None,
+        "0004-stem-0001",
+    )
+
+
+@pytest.mark.parametrize("nested", [True, False])
+@pytest.mark.parametrize("object_folder", ["obj_mask", "object_mask"])
+@pytest.mark.parametrize("depth_format", ["npy", "png"])
+def test_round_trip_in_every_layout(tmp_path, nested, object_folder, depth_format):
+    frame = make_frame(background=True)
+    write_frame(
+        tmp_path, frame, nested=nested, object_folder=object_folder, depth_format=depth_format
+    )
+    assert (tmp_path / "train" / "0004" / "depth").is_dir() == nested
+    frames = TransHand(tmp_path, "train")
+    assert len(frames) == 1
+    read = frames[0]
+    np.testing.assert_array_equal(read.color, frame.color)
+    np.testing.assert_allclose(read.depth, frame.depth, atol=0 if depth_format == "npy" else 5.1e-5)
+    np.testing.assert_allclose(read.background_depth, frame.background_depth, atol=5.1e-5)
+    np.testing.assert_array_equal(read.hand_mask, frame.hand_mask)
+    np.testing.assert_array_equal(read.object_mask, frame.object_mask)
+    np.testing.assert_allclose(read.keypoints, frame.keypoints, atol=1e-6)
+    np.testing.assert_allclose(read.keypoints_uv, frame.keypoints_uv, atol=1e-4)
+    np.testing.assert_allclose(read.world_from_camera, frame.world_from_camera, atol=1e-9)
+    assert read.camera == CAMERA
+    assert (read.stem, read.object_id, read.split) == ("000007", "0004", "train")
+    assert read.hold_id == "0004-stem-0001"
+    assert not list(tmp_path.rglob("*.part*"))
+
+
+def authors_frame(root, stems=("0001",), channels=3):
+    """A frame in the authors' form, its numbers worked out by hand.
+
+    Blender's camera stands at (0, 0, 2) and is not turned: it looks down the world's -z, y up.
+    The world point (0.1, 0.2, 1.5) then is 0.5 m ahead, 0.1 right and 0.2 up.
+    """
+    base = root / "test" / "0000" / "depth"
+    for name in ("rgb", "depth_np", "hand_mask", "obj_mask", "log_json", "hand_kpt"):
+        (base / name).mkdir(parents=True, exist_ok=True)
+    blue = np.zeros((720, 1280, 3), np.uint8)
+    blue[..., 0] = 200  # OpenCV writes BGR
+    for stem in stems:
+        cv2.imwrite(str(base / "rgb" / f"{stem}.png"), blue)
+        depth = np.full((720, 1280, channels), 9.0)
+        depth[..., 0] = 0.75
+        depth[0, 0, 0], depth[0, 1, 0] = np.inf, np.nan
+        np.save(base / "depth_np" / f"{stem}.npy", depth)
+        for name in ("hand_mask", "obj_mask"):
+            mask = np.zeros((720, 1280), np.uint8)
+            mask[: 10 if name == "hand_mask" else 0] = 255
+            cv2.imwrite(str(base / name / f"{stem}.png"), mask)
+        points = {f"bone_{i}": [0.1, 0.2, 1.5 - 0.01 * i] for i in range(25)}
+        log = {
+            "camera point": [0, 0, 2.0],
+            "camera angle": [0.0, 0.0, 0.0],
+            "hand_keypoint": points,
+            "camera internal": [[1137.7778, 0, 640], [0, 1137.7778, 360], [0, 0, 1]],
+        }
+        (base / "log_json" / f"{stem}.json").write_text(json.dumps(log))
+        lines = "".join(f"{100 + i} {50.5 + i}\n" for i in range(21))
+        (base / "hand_kpt" / f"{stem}.txt").write_text(lines)
+    return base
+
+
+def test_a_frame_in_the_authors_form(tmp_path):
+    authors_frame(tmp_path)
+    frame = TransHand(tmp_path, "test")[0]
+    assert frame.keypoints.shape == (21, 3)
+    np.testing.assert_allclose(frame.keypoints[0], [0.1, -0.2, 0.5], atol=1e-12)
+    np.testing.assert_allclose(frame.keypoints[20], [0.1, -0.2, 0.7], atol=1e-12)
+    np.testing.assert_allclose(frame.color[5, 5], [0, 0, 200])
+    assert frame.depth.dtype == np.float32
+    np.testing.assert_allclose(frame.depth[0, :3], [0, 0, 0.75])
+    assert frame.hand_mask.sum() == 12800
+    assert frame.camera.cx == 640
+    np.testing.assert_allclose(frame.keypoints_uv[3], [103, 53.5])
+    assert frame.background_depth is None
+    assert frame.hold_id is None
+
+
+def test_a_turned_camera_by_hand(tmp_path):
+    """Turned by 90 degrees about x, Blender's camera looks along the world's +y, z up."""
+    pose = camera_pose([1.0, 2.0, 3.0], [90.0, 0.0, 0.0])
+    ahead = np.linalg.inv(pose) @ [1.0, 5.0, 3.0, 1.0]
+    np.testing.assert_allclose(ahead, [0, 0, 3.0, 1], atol=1e-12)
+    above = np.linalg.inv(pose) @ [1.0, 5.0, 3.5, 1.0]
+    np.testing.assert_allclose(above[:3], [0, -0.5, 3.0], atol=1e-12)
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    st.tuples(*[st.floats(-5, 5)] * 3),
+    st.tuples(st.floats(-179, 179), st.floats(-89, 89), st.floats(-179, 179)),
+)
+def test_euler_angles_are_rz_ry_rx_and_round_trip(point, angle):
+    x, y, z = np.deg2rad(angle)
+    rx = np.array([[1, 0, 0], [0, np.cos(x), -np.sin(x)], [0, np.sin(x), np.cos(x)]])
+    ry = np.array([[np.cos(y), 0, np.sin(y)], [0, 1, 0], [-np.sin(y), 0, np.cos(y)]])
+    rz = np.array([[np.cos(z), -np.sin(z), 0], [np.sin(z), np.cos(z), 0], [0, 0, 1]])
+    pose = camera_pose(point, angle)
+    np.testing.assert_allclose(pose[:3, :3], rz @ ry @ rx @ np.diag([1, -1, -1]), atol=1e-9)
+    np.testing.assert_allclose(camera_pose(*camera_log(pose)), pose, atol=1e-9)
+
+
+def test_pixels_of_a_small_image_are_stored_at_native_size():
+    corner = native_pixels([[-0.5, -0.5], [W - 0.5, H - 0.5]], CAMERA)
+    np.testing.assert_allclose(corner, [[-0.5, -0.5], [1279.5, 719.5]])
+
+
+def test_frames_are_listed_by_object_and_sliced(tmp_path):
+    for stem, object_id in (("b", "0001"), ("a", "0001"), ("c", "0000")):
+        write_frame(tmp_path, make_frame(stem, object_id))
+    frames = TransHand(tmp_path, "train")
+    assert [f.stem for f in frames.files] == ["c", "a", "b"]
+    assert frames.object_ids == ["0000", "0001", "0001"]
+    assert [f.stem for f in frames[1:]] == ["a", "b"]
+    assert [f.stem for f in TransHand(tmp_path, "train", ["0001"]).files] == ["a", "b"]
+    assert frames.hold_ids == ["0004-stem-0001"] * 3
+    assert frames[-1].stem == "b"
+    with pytest.raises(IndexError):
+        frames[3]
+
+
+def test_the_frame_that_lacks_a_file_is_named(tmp_path):
+    for stem in ("000001", "000002"):
+        write_frame(tmp_path, make_frame(stem))
+    (tmp_path / "train/0004/depth/hand_mask/000002.png").unlink()
+    with pytest.raises(ValueError, match=r"train/0004: frame 000002 lacks depth/hand_mask"):
+        TransHand(tmp_path, "train")
+    with pytest.raises(ValueError, match=r"different numbers of files: .*'hand_mask': 1"):
+        TransHand(tmp_path, "train", pair_by="order")
+
+
+def test_pairing_by_order_takes_other_stems(tmp_path):
+    base = authors_frame(tmp_path, ("0001", "0002"))
+    for path in sorted((base / "depth_np").iterdir()):
+        path.rename(path.with_name(f"depth_{path.name}"))
+    with pytest.raises(ValueError, match=r"pair_by='order'"):
+        TransHand(tmp_path, "test")
+    frames = TransHand(tmp_path, "test", pair_by="order")
+    assert [f.depth.name for f in frames.files] == ["depth_0001.npy", "depth_0002.npy"]
+    assert frames[1].stem == "0002"
+
+
+def test_what_is_missing_is_named(tmp_path):
+    write_frame(tmp_path, make_frame())
+    with pytest.raises(FileNotFoundError, match="has no folder 'val'"):
+        TransHand(tmp_path, "val")
+    with pytest.raises(ValueError, match="split must be one of train, val, test, got 'training'"):
+        TransHand(tmp_path, "training")
+    with pytest.raises(FileNotFoundError, match=r"no object '0009' .* found 0004"):
+        TransHand(tmp_path, "train", ["0009"])
+    shutil.rmtree(tmp_path / "train/0004/depth/obj_mask")
+    with pytest.raises(FileNotFoundError, match="lacks the folder obj_mask or object_mask"):
+        TransHand(tmp_path, "train")
+
+
+def test_wrong_shapes_are_named(tmp_path):
+    write_frame(tmp_path, make_frame())
+    base = tmp_path / "train/0004/depth"
+    np.save(base / "depth_np/000007.npy", np.ones((H, W + 1)))
+    with pytest.raises(
+        ValueError, match=r"frame 000007 .* depth has shape \(36, 65\).* \(36, 64\)"
+    ):
+        TransHand(tmp_path, "train")[0]
+    np.save(base / "depth_np/000007.npy", np.ones((H, W), np.uint16))
+    with pytest.raises(ValueError, match=r"float metres, got \(36, 64\) uint16"):
+        TransHand(tmp_path, "train")[0]
+
+
+def edit_log(tmp_path, **changes):
+    path = tmp_path / "train/0004/depth/log_json/000007.json"
+    log = json.loads(path.read_text())
+    for key, value in changes.items():
+        key = key.replace("_", " ") if key != "hand_keypoint" else key
+        if value is None:
+            log.pop(key)
+        else:
+            log[key] = value
+    path.write_text(json.dumps(log))
+
+
+def test_a_broken_log_is_named(tmp_path):
+    write_frame(tmp_path, make_frame())
+    edit_log(tmp_path, camera_angle=[0, 0])
+    with pytest.raises(
+        ValueError, match=r"'camera angle' must hold 3 finite numbers, got \[0, 0\]"
+    ):
+        TransHand(tmp_path, "train")[0]
+    edit_log(tmp_path, camera_angle=[0, 0, 0], hand_keypoint={"wrist": [0, 0, 0]})
+    with pytest.raises(ValueError, match="must name at least 21 points, got 1"):
+        TransHand(tmp_path, "train")[0]
+
+
+def test_intrinsics_by_name_by_matrix_or_left_out(tmp_path):
+    write_frame(tmp_path, make_frame())
+    edit_log(tmp_path, camera_internal=None)
+    assert TransHand(tmp_path, "train")[0].camera == CAMERA
+    edit_log(tmp_path, camera_internal={"fx": 50, "fy": 51, "cx": 30, "cy": 18})
+    assert TransHand(tmp_path, "train")[0].camera.fy == 51
+    edit_log(tmp_path, camera_internal="f=50")
+    with pytest.raises(ValueError, match="'camera internal' must be a 3x3 matrix"):
+        TransHand(tmp_path, "train")[0]
+    assert TransHand(tmp_path, "train", camera=CAMERA)[0].camera == CAMERA
+
+
+def test_a_png_without_a_scale_asks_for_it(tmp_path):
+    frame = make_frame()
+    write_frame(tmp_path, frame, depth_format="png", depth_scale=0.0002)
+    path = tmp_path / "train/0004/depth/log_json/000007.json"
+    log = json.loads(path.read_text())
+    assert log.pop("depth_png scale") == 0.0002
+    path.write_text(json.dumps(log))
+    with pytest.raises(ValueError, match=r"pass depth_scale= \(metres per step\)"):
+        TransHand(tmp_path, "train")[0]
+    read = TransHand(tmp_path, "train", depth_scale=0.0002)[0]
+    np.testing.assert_allclose(read.depth, frame.depth, atol=1.1e-4)
+
+
+def test_depth_beyond_sixteen_bits_is_refused(tmp_path):
+    frame = make_frame()
+    far = replace(frame, depth=np.full((H, W), 7.0, np.float32))
+    with pytest.raises(ValueError, match=r"depth reaches 7.000 m, but 16 bits .* end at 6.554"):
+        write_frame(tmp_path, far, depth_format="png")
+
+
+def test_a_frame_of_another_shape_is_refused(tmp_path):
+    frame = make_frame()
+    with pytest.raises(ValueError, match=r"depth has shape \(36, 32\), the camera \(36, 64\)"):
+        write_frame(tmp_path, replace(frame, depth=frame.depth[:, :32]))

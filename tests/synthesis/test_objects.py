@@ -1,0 +1,119 @@
+from functools import lru_cache
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial import cKDTree
+
+from hadr.synthesis.objects import (
+    OBJECTS,
+    UNKNOWN_OBJECTS,
+    bodies,
+    glass_object,
+    handle_line,
+    merged,
+    profile,
+    signed_distance,
+)
+
+IDS = tuple(OBJECTS)
+
+
+def test_the_eight_ids_are_those_of_the_data_set():
+    assert IDS == ("0000", "0001", "0004", "0005", "0006", "0007", "0008", "0009")
+    assert UNKNOWN_OBJECTS == ("0004", "0007")
+
+
+@pytest.mark.parametrize("object_id", IDS)
+def test_bodies_are_closed_and_their_normals_point_outward(object_id):
+    for surface in bodies(glass_object(object_id)):
+        mesh = trimesh.Trimesh(surface.vertices, surface.faces, process=False)
+        assert mesh.is_watertight
+        assert mesh.is_winding_consistent
+        assert mesh.volume > 0
+        agreement = np.einsum("fij,fj->fi", surface.normals[surface.faces], mesh.face_normals)
+        assert agreement.min() > -1e-6
+        assert np.quantile(agreement, 0.02) > 0.8
+
+
+@pytest.mark.parametrize("object_id", IDS)
+def test_sizes_are_those_of_tableware(object_id):
+    size = np.ptp(merged(bodies(glass_object(object_id))).vertices, axis=0)
+    assert 0.05 <= size[:2].max() <= 0.12
+    assert 0.06 <= size[2] <= 0.22
+
+
+@pytest.mark.parametrize("object_id", IDS)
+def test_the_wall_has_a_thickness(object_id):
+    """From each point inside the hollow the glass is 1-7 mm thick, measured along the normal."""
+    curve = profile(glass_object(object_id))
+    rim = int(np.argmax(curve[:, 1]))
+    inner = curve[rim + 8 : -1]
+    inner = inner[inner[:, 1] < curve[rim, 1] - 0.006]
+    outer = curve[: rim - 4]
+    sides = inner[inner[:, 0] > 0.6 * inner[:, 0].max()]
+    gaps = np.linalg.norm(sides[:, None] - outer[None], axis=-1).min(1)
+    assert gaps.min() > 0.0010
+    assert gaps.max() < 0.011
+
+
+def test_the_volume_of_the_tumbler_is_that_of_its_profile():
+    """Pappus: the volume is the integral of pi r^2 over the closed outline."""
+    item = glass_object("0000")
+    r, z = profile(item).T
+    exact = abs(np.sum(np.diff(z) * np.pi * (r[:-1] ** 2 + r[:-1] * r[1:] + r[1:] ** 2) / 3))
+    mesh = trimesh.Trimesh(bodies(item)[0].vertices, bodies(item)[0].faces, process=False)
+    # A 96-gon has sin(2 pi/96)/(2 pi/96) of the circle's area.
+    assert mesh.volume == pytest.approx(exact * np.sin(2 * np.pi / 96) / (2 * np.pi / 96), rel=1e-6)
+
+
+def test_the_handles_ends_lie_inside_the_wall():
+    mug = glass_object("0008")
+    body_only = type(mug)(mug.object_id, mug.name, mug.outer, mug.inner, mug.grip)
+    line = handle_line(mug)
+    ends = signed_distance(body_only, line[[0, -1]])
+    assert (ends < 0).all()
+    inside_hollow = line[:, 0] < 0.034
+    assert not inside_hollow.any()
+
+
+def test_signed_distance_by_hand():
+    tumbler = glass_object("0000")
+    points = np.array([[0.0, 0, 0.005], [0, 0, 0.06], [0, 0, -0.01], [0.2, 0, 0.05]])
+    distance = signed_distance(tumbler, points)
+    assert distance[0] == pytest.approx(-0.005, abs=1e-4)  # the middle of the 10 mm floor
+    assert distance[1] > 0.02  # the hollow is outside of the glass ...
+    assert signed_distance(tumbler, points[1:2], filled=True)[0] < -0.02  # ... unless filled
+    assert distance[2] == pytest.approx(0.01, abs=1e-6)
+    assert distance[3] == pytest.approx(0.2 - 0.034, abs=1e-3)
+
+
+@lru_cache(maxsize=8)
+def surface_points(object_id):
+    surfaces = bodies(glass_object(object_id))
+    meshes = [trimesh.Trimesh(s.vertices, s.faces, process=False) for s in surfaces]
+    return cKDTree(
+        np.concatenate([trimesh.sample.sample_surface(m, 60000, seed=1)[0] for m in meshes])
+    )
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.sampled_from(IDS), st.floats(0, 2 * np.pi), st.floats(0.0, 0.08), st.floats(-0.02, 0.22))
+def test_distance_is_that_of_the_nearest_point_of_the_surface(object_id, angle, radius, height):
+    point = np.array([[radius * np.cos(angle), radius * np.sin(angle), height]])
+    nearest = surface_points(object_id).query(point)[0][0]
+    distance = signed_distance(glass_object(object_id), point)[0]
+    if (
+        distance > 0 or object_id != "0008"
+    ):  # inside two bodies the nearest wall may be a hidden one
+        assert abs(distance) <= nearest + 2e-4
+        assert nearest <= np.hypot(abs(distance) + 1e-4, 0.0025)
+
+
+def test_unknown_object_is_named():
+    with pytest.raises(ValueError, match=r"no object '0002'; there are 0000, 0001"):
+        glass_object("0002")
+    with pytest.raises(ValueError, match=r"shape \(N, 3\) in metres, got \(3,\)"):
+        signed_distance(glass_object("0000"), np.zeros(3))
