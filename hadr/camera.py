@@ -282,6 +282,28 @@ def transform_points(transform: npt.ArrayLike, points: npt.ArrayLike) -> npt.NDA
     return moved
 
 
+def window_around(mask: BoolArray, margin: int) -> tuple[slice, slice]:
+    """The rows and columns of a mask's bounding box and some pixels around it.
+
+    Args:
+        mask: Shape (H, W), at least one pixel set.
+        margin: Pixels to add on each side; the window ends at the image's border.
+
+    Returns:
+        (rows, columns), to be used as ``image[window_around(mask, 20)]``.
+
+    Raises:
+        ValueError: The mask is empty.
+    """
+    if not mask.any():
+        raise ValueError(f"the mask is empty: none of its {mask.size} pixels is set")
+    rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
+    return (
+        slice(max(int(rows[0]) - margin, 0), min(int(rows[-1]) + margin + 1, mask.shape[0])),
+        slice(max(int(columns[0]) - margin, 0), min(int(columns[-1]) + margin + 1, mask.shape[1])),
+    )
+
+
 def _check_target_size(width: int, height: int) -> None:
     if width < 1 or height < 1:
         raise ValueError(f"target size must be positive, got {width}x{height}")

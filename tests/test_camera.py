@@ -21,6 +21,7 @@ from hadr.camera import (
     resize_mask,
     transform_points,
     valid_depth,
+    window_around,
 )
 
 CAMERA = Intrinsics(fx=40.0, fy=50.0, cx=3.0, cy=1.5, width=8, height=4)
@@ -307,3 +308,13 @@ def test_resize_to_nothing():
     ):
         with pytest.raises(ValueError, match="target size must be positive, got 0x3"):
             resize(image, 0, 3)
+
+
+def test_window_around_a_mask_ends_at_the_border() -> None:
+    mask = np.zeros((20, 30), bool)
+    mask[3:6, 10:12] = True
+    assert window_around(mask, 2) == (slice(1, 8), slice(8, 14))
+    assert window_around(mask, 12) == (slice(0, 18), slice(0, 24))
+    assert window_around(mask, 99) == (slice(0, 20), slice(0, 30))
+    with pytest.raises(ValueError, match="none of its 600 pixels is set"):
+        window_around(np.zeros((20, 30), bool), 2)

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -194,3 +196,93 @@ def test_enlarge_known_is_bilinear_inside_and_nearest_outside() -> None:
     assert large.max() < 1.8, "unknown pixels must not bleed in"
     np.testing.assert_allclose(large[0, 0], values[2, 2], rtol=1e-6)
     np.testing.assert_allclose(large[39, 39], values[7, 7], rtol=1e-6)
+
+
+def checkpoint_file(folder, hand: str = "3d"):
+    """An untrained network of the preset tiny, as a checkpoint."""
+    import torch
+
+    from hadr.models.hadr import HADR
+    from hadr.training.checkpoints import save_checkpoint
+    from hadr.training.presets import preset
+
+    torch.manual_seed(0)
+    recipe = preset("tiny")
+    model = HADR(replace(recipe.model, hand=hand))
+    path = folder / "untrained.safetensors"
+    meta = {"width": 64, "height": 40, "preset": recipe.to_dict(), "epochs": 0}
+    save_checkpoint(path, model, meta)
+    return path
+
+
+def test_hadr_restores_only_the_mask_at_full_size_with_its_probability(tmp_path) -> None:
+    color, depth, mask = frame()
+    path = checkpoint_file(tmp_path)
+    result = restore(color, depth, CAMERA, mask, hand(), checkpoint=path)
+    assert result.method == "hadr"
+    np.testing.assert_array_equal(result.depth[~mask], depth[~mask])
+    np.testing.assert_array_equal(result.restored, mask)
+    assert (result.depth[mask] > 0).all()
+    # A ray ends in an occupied voxel, and all points lie at 0.8 m: cell 0.625 to 0.875 m deep.
+    assert result.depth[mask].min() > 0.6
+    assert result.depth[mask].max() < 1.4  # plus the leaky clamp's margin along the diagonal
+    inside = result.confidence[mask]
+    assert ((inside > 0) & (inside <= 1)).all()
+    assert (result.confidence[~mask] == 1).all()
+    assert any(
+        "untrained.safetensors (preset tiny, 0 epochs) ran at 64x40" in n for n in result.notes
+    )
+    again = restore(color, depth, CAMERA, mask, hand(), checkpoint=path)
+    np.testing.assert_array_equal(result.depth, again.depth)
+
+
+def test_what_the_camera_saw_in_the_mask_does_not_matter_to_hadr(tmp_path) -> None:
+    color, depth, mask = frame()
+    path = checkpoint_file(tmp_path)
+    other = np.where(mask, 0.4, depth).astype(np.float32)
+    first, second = (
+        restore(color, image, CAMERA, mask, hand(), checkpoint=path) for image in (depth, other)
+    )
+    np.testing.assert_array_equal(first.depth, second.depth)
+
+
+def test_a_mask_of_one_pixel_is_restored(tmp_path) -> None:
+    color, depth, _ = frame()
+    mask = np.zeros((60, 80), bool)
+    mask[31, 41] = True  # between the working pixels
+    result = restore(color, depth, CAMERA, mask, hand(), checkpoint=checkpoint_file(tmp_path))
+    assert result.restored[31, 41]
+    assert result.restored.sum() == 1
+
+
+def test_a_checkpoint_without_hand_fits_a_frame_without_hand(tmp_path) -> None:
+    color, depth, mask = frame()
+    with_hand = checkpoint_file(tmp_path)
+    result = restore(color, depth, CAMERA, mask, checkpoint=with_hand)
+    assert result.method == "nearest"
+    assert any(
+        "no checkpoint fits: untrained.safetensors needs 21 hand keypoints" in n
+        for n in result.notes
+    )
+    without_hand = checkpoint_file(tmp_path, hand="none")
+    assert restore(color, depth, CAMERA, mask, checkpoint=without_hand).method == "hadr"
+
+
+def test_a_damaged_checkpoint_is_named(tmp_path) -> None:
+    color, depth, mask = frame()
+    path = checkpoint_file(tmp_path)
+    path.write_bytes(path.read_bytes()[:1000])
+    with pytest.raises(ValueError, match=r"untrained.safetensors \(1000 bytes\) is cut off"):
+        restore(color, depth, CAMERA, mask, hand(), checkpoint=path)
+
+
+def test_a_scene_out_of_the_grid_is_left_missing_and_said_so(tmp_path) -> None:
+    """Nothing lies within 2.1 m, so no ray meets an occupied voxel."""
+    color, depth, mask = frame()
+    depth[depth > 0] = 5.0
+    result = restore(color, depth, CAMERA, mask, hand(), checkpoint=checkpoint_file(tmp_path))
+    assert not result.restored.any()
+    assert (result.depth[mask] == 0).all()
+    assert (result.confidence[mask] == 0).all()
+    assert any("HADR restored nothing" in n for n in result.notes)
+    assert "400 of 400 pixels of the mask could not be restored" in result.notes

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from hadr.camera import BoolArray, FloatArray, valid_depth
+from hadr.camera import BoolArray, FloatArray, valid_depth, window_around
 
 Inpainting = Literal["telea", "navier-stokes"]
 
@@ -190,12 +190,8 @@ def _check_source(source: BoolArray) -> None:
 
 def _window_around(mask: BoolArray, depth: FloatArray, margin: int = 24) -> tuple[slice, slice]:
     """Return the part of the image that matters: the mask's box with some depth around it."""
-    rows, columns = np.nonzero(mask.any(axis=1))[0], np.nonzero(mask.any(axis=0))[0]
     while True:
-        window = (
-            slice(max(int(rows[0]) - margin, 0), int(rows[-1]) + margin + 1),
-            slice(max(int(columns[0]) - margin, 0), int(columns[-1]) + margin + 1),
-        )
+        window = window_around(mask, margin)
         if ((depth[window] > 0) & ~mask[window]).any() or margin > max(mask.shape):
             return window
         margin *= 2

@@ -1,0 +1,121 @@
+"""The `hadr` command: a thin face over the library.
+
+Each subcommand lives in a module of its own that offers `add_arguments(parser)` and
+`run(arguments) -> int`. Modules are imported only when their command is called, so that
+`hadr --help` answers at once.
+"""
+
+from __future__ import annotations
+
+import argparse
+import difflib
+import importlib
+import sys
+from collections.abc import Sequence
+from typing import NoReturn
+
+from hadr import __version__
+
+COMMANDS: dict[str, tuple[str, str]] = {
+    "restore": ("hadr.restore_frame", "restore the depth of a transparent object in one frame"),
+    "reproduce": ("hadr.reproduce", "execute the chapters and report beside the paper's tables"),
+    "book": ("hadr.book", "execute the chapters and build the HTML book"),
+    "generate": (
+        "hadr.synthesis.generate",
+        "make a data set of hand-held glass in TransHand's form",
+    ),
+    "train": ("hadr.training.loop", "train the network on a data set"),
+}
+
+DESCRIPTION = """\
+hadr: depth restoration of hand-held transparent objects.
+
+A depth camera sees through glass. Given the colour image, the corrupted depth,
+the object's mask and the hand that holds it, hadr restores the object's depth."""
+
+EPILOG = """\
+commands
+{commands}
+
+  hadr COMMAND --help explains one command: its input with units, its output,
+  examples, exit status.
+
+a first try
+  hadr restore --rgb rgb.png --depth depth.png --intrinsics camera.yaml \\
+      --mask glass.png --out restored
+
+exit status
+  0 done   1 failed   2 unusable input or a wrong call   130 interrupted"""
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser whose errors are one sentence and where to read on."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: error: {message} (see {self.prog} --help)\n")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line.
+
+    Args:
+        argv: Arguments without the program's name; None takes the process's own.
+
+    Returns:
+        Exit status: 0 done, 1 failed, 2 unusable input, 130 interrupted.
+
+    Raises:
+        SystemExit: After --help and --version (status 0) and wrong calls (status 2).
+    """
+    words = list(sys.argv[1:] if argv is None else argv)
+    parser = _Parser(
+        prog="hadr",
+        usage="hadr COMMAND [options]",
+        description=DESCRIPTION,
+        epilog=EPILOG.format(commands=_command_list()),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"hadr {__version__}")
+    if not words:
+        parser.print_help()
+        return 2
+    if words[0].startswith("-"):
+        parser.parse_args(words)  # --help and --version leave here
+        return 2
+    if words[0] not in COMMANDS:
+        similar = difflib.get_close_matches(words[0], COMMANDS, n=1)
+        hint = f"; did you mean {similar[0]!r}?" if similar else ""
+        parser.error(f"there is no command {words[0]!r}{hint} Commands: {', '.join(COMMANDS)}")
+    return _run_command(words[0], words[1:])
+
+
+def _run_command(name: str, words: list[str]) -> int:
+    program = f"hadr {name}"
+    try:
+        module = importlib.import_module(COMMANDS[name][0])
+    except ModuleNotFoundError as error:
+        print(
+            f"{program}: error: this installation lacks the module {error.name!r}", file=sys.stderr
+        )
+        return 2
+    parser = _Parser(prog=program, formatter_class=argparse.RawDescriptionHelpFormatter)
+    module.add_arguments(parser)
+    arguments = parser.parse_args(words)
+    try:
+        status: int = module.run(arguments)
+        return status
+    except (ValueError, OSError) as error:
+        sentence = " ".join(str(error).split())
+        print(f"{program}: error: {sentence}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print(f"{program}: interrupted", file=sys.stderr)
+        return 130
+
+
+def _command_list() -> str:
+    return "\n".join(f"  {name:<11} {summary}" for name, (_, summary) in COMMANDS.items())
+
+
+if __name__ == "__main__":
+    sys.exit(main())

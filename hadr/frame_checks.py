@@ -1,0 +1,162 @@
+"""Is this a usable RGB-D frame? One clear sentence for each way in which it is not.
+
+What can be mended without guessing (NaN, infinity) is mended and written into `notes`; the rest
+raises a ValueError that names the value and what is expected.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hadr.camera import BoolArray, FloatArray, Intrinsics, project
+
+DEEPEST_MEDIAN_M = 20.0
+NEAREST_MEDIAN_M = 0.02
+
+
+def checked_depth(
+    color: NDArray[np.uint8], depth: FloatArray, camera: Intrinsics, notes: list[str]
+) -> NDArray[np.float32]:
+    """Check colour, depth and camera against each other.
+
+    Args:
+        color: RGB, shape (H, W, 3) uint8.
+        depth: z-depth in metres, shape (H, W) float; 0, NaN and infinity are missing.
+        camera: Intrinsics of both images.
+        notes: Gets a sentence for each thing that was mended.
+
+    Returns:
+        Depth in metres, shape (H, W) float32, 0 where missing.
+
+    Raises:
+        ValueError: Wrong type or size, negative, missing everywhere, or not in metres.
+    """
+    if color.ndim != 3 or color.shape[2] != 3 or color.dtype != np.uint8:
+        raise ValueError(f"colour must be (H, W, 3) uint8 RGB, got {color.shape} {color.dtype}")
+    if depth.ndim != 2 or depth.dtype.kind != "f":
+        raise ValueError(f"depth must be (H, W) float metres, got {depth.shape} {depth.dtype}")
+    if depth.shape != color.shape[:2]:
+        raise ValueError(
+            f"depth is {_size(depth.shape)} pixels but colour is {_size(color.shape)}; "
+            "expected the same size (depth aligned to colour)"
+        )
+    if depth.shape != camera.shape:
+        raise ValueError(
+            f"the intrinsics are of a {camera.width}x{camera.height} image but colour and depth "
+            f"are {_size(depth.shape)}; expected intrinsics of the same size"
+        )
+    for name, odd in (("NaN", np.isnan(depth)), ("infinite", np.isinf(depth))):
+        if odd.any():
+            notes.append(f"{int(odd.sum())} pixels of the depth are {name} and count as missing")
+    clean = np.where(np.isfinite(depth), depth, 0).astype(np.float32)
+    if (clean < 0).any():
+        raise ValueError(
+            f"depth must not be negative, got {float(clean.min()):g} m in "
+            f"{int((clean < 0).sum())} pixels; expected z-depth in metres, 0 where missing"
+        )
+    valid = clean > 0
+    if not valid.any():
+        raise ValueError(
+            f"depth is missing everywhere: all {clean.size} pixels are 0, NaN or infinite, "
+            "expected z-depth in metres"
+        )
+    median = float(np.median(clean[valid]))
+    if median > DEEPEST_MEDIAN_M or median < NEAREST_MEDIAN_M:
+        unit = "in millimetres" if median > DEEPEST_MEDIAN_M else "scaled twice"
+        raise ValueError(
+            f"depth has a median of {median:g}, expected metres between {NEAREST_MEDIAN_M:g} and "
+            f"{DEEPEST_MEDIAN_M:g}; is it {unit}? (on the command line: --depth-scale)"
+        )
+    return clean
+
+
+def checked_mask(mask: BoolArray | None, clean: NDArray[np.float32], notes: list[str]) -> BoolArray:
+    """Check the mask, or take the pixels without depth where there is none.
+
+    Args:
+        mask: Pixels to restore, shape (H, W) bool, or None.
+        clean: Depth from `checked_depth`, shape (H, W).
+        notes: Gets a sentence on what the mask means for the measured depth.
+
+    Returns:
+        Pixels to restore, shape (H, W) bool.
+
+    Raises:
+        ValueError: Wrong type or size, or empty.
+    """
+    if mask is None:
+        target = clean <= 0
+        notes.append(
+            f"no mask given: the {int(target.sum())} pixels without depth are restored, wherever "
+            "they lie; wrong depth seen through the glass stays"
+        )
+        return target
+    check_mask_form("mask", mask, clean)
+    if not mask.any():
+        raise ValueError(
+            f"the mask is empty: none of its {mask.size} pixels is set, expected the transparent "
+            "object's pixels"
+        )
+    discarded = int((mask & (clean > 0)).sum())
+    if discarded:
+        notes.append(
+            f"{discarded} of the mask's {int(mask.sum())} pixels had a measured depth; it is not "
+            "trusted and was replaced"
+        )
+    return mask
+
+
+def check_mask_form(name: str, mask: BoolArray, clean: NDArray[np.float32]) -> None:
+    """Raise a ValueError unless the mask is (H, W) bool of the depth's size."""
+    if mask.dtype != np.bool_ or mask.ndim != 2:
+        raise ValueError(f"{name} must be (H, W) bool, got {mask.shape} {mask.dtype}")
+    if mask.shape != clean.shape:
+        raise ValueError(
+            f"{name} is {_size(mask.shape)} pixels but depth is {_size(clean.shape)}; "
+            "expected the same size"
+        )
+
+
+def checked_hand(
+    keypoints: NDArray[np.floating], camera: Intrinsics, notes: list[str]
+) -> NDArray[np.float64]:
+    """Check the hand keypoints.
+
+    Args:
+        keypoints: Camera frame, metres, shape (21, 3).
+        camera: Intrinsics of the frame.
+        notes: Gets a sentence where the hand lies outside of the image.
+
+    Returns:
+        The keypoints, shape (21, 3) float64.
+
+    Raises:
+        ValueError: Not 21 finite points, behind the camera, or not of a hand's size in metres.
+    """
+    from hadr.hand import KEYPOINT_NAMES, check_keypoints
+
+    hand = check_keypoints(keypoints)
+    worst = int(np.argmin(hand[:, 2]))
+    if hand[worst, 2] <= 0:
+        raise ValueError(
+            f"hand keypoint {worst} ({KEYPOINT_NAMES[worst]}) has z = {hand[worst, 2]:g} m, "
+            "expected every keypoint in front of the camera (camera frame, z > 0)"
+        )
+    extent = float(np.linalg.norm(hand - hand[0], axis=1).max())
+    if not 0.02 < extent < 0.5:
+        raise ValueError(
+            f"the hand's farthest keypoint is {extent:g} m from the wrist, expected 0.02 to 0.5; "
+            "are the keypoints in metres?"
+        )
+    uv = project(hand, camera)
+    inside = (np.abs((uv + 0.5) / (camera.width, camera.height) - 0.5) <= 0.5).all(axis=1)
+    if not inside.any():
+        notes.append(
+            "all 21 hand keypoints project outside of the image; are they in this camera's frame?"
+        )
+    return hand
+
+
+def _size(shape: tuple[int, ...]) -> str:
+    return f"{shape[1]}x{shape[0]}"

@@ -1,0 +1,326 @@
+"""An RGB-D frame's files: reading what a camera left on disk, writing what came out.
+
+Every reader returns checked arrays in the library's units (metres, bool masks, RGB) or raises
+one sentence that names the file, what is wrong with it and what is expected.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import struct
+import tempfile
+import zlib
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from hadr.camera import BoolArray, FloatArray, Intrinsics, back_project, valid_depth
+from hadr.openexr import read_exr
+
+DEFAULT_DEPTH_SCALE = 0.001
+PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+
+
+def read_color(path: str | Path) -> NDArray[np.uint8]:
+    """Read a PNG or JPEG colour image.
+
+    Args:
+        path: Image file with three 8-bit channels (a fourth, alpha, is dropped).
+
+    Returns:
+        RGB, shape (H, W, 3) uint8, 0..255.
+
+    Raises:
+        FileNotFoundError: No such file.
+        ValueError: Not a whole image, or not 8-bit colour.
+    """
+    image = _read_image(path, "colour")
+    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] not in (3, 4):
+        raise ValueError(f"colour {path} must be an 8-bit RGB image, got {_kind(image)}")
+    code = cv2.COLOR_BGR2RGB if image.shape[2] == 3 else cv2.COLOR_BGRA2RGB
+    return np.asarray(cv2.cvtColor(image, code), dtype=np.uint8)
+
+
+def read_depth(path: str | Path, scale: float | None = None) -> NDArray[np.float32]:
+    """Read a depth image.
+
+    Args:
+        path: A 16-bit one-channel PNG, a `.npy` array or an OpenEXR image (its first channel).
+        scale: Metres per stored unit. None means 0.001 where whole numbers are stored (PNG,
+            integer `.npy`) and 1 where floats are (float `.npy`, EXR).
+
+    Returns:
+        z-depth in metres, shape (H, W) float32; missing values are 0 or NaN as in the file.
+
+    Raises:
+        FileNotFoundError: No such file.
+        ValueError: Not a whole depth image, or a scale that is not positive.
+    """
+    path = Path(path)
+    if scale is not None and not (np.isfinite(scale) and scale > 0):
+        raise ValueError(f"depth scale must be a positive number of metres per unit, got {scale}")
+    stored: NDArray[Any]
+    if path.suffix.lower() == ".npy":
+        stored = _read_npy(path, "depth")
+    elif path.suffix.lower() == ".exr":
+        _check_file(path, "depth")
+        try:
+            channels = read_exr(path)
+        except ValueError as error:
+            raise ValueError(f"depth {path} cannot be read: {error}") from error
+        stored = channels.get("Z", next(iter(channels.values())))
+    else:
+        stored = _read_image(path, "depth")
+        if stored.dtype != np.uint16 or stored.ndim != 2:
+            raise ValueError(
+                f"depth {path} must be a 16-bit one-channel PNG, a .npy or an .exr file, "
+                f"got {_kind(stored)}"
+            )
+    if stored.ndim == 3:
+        stored = stored[..., 0]
+    if stored.ndim != 2 or stored.dtype.kind not in "fiu":
+        raise ValueError(f"depth {path} must be (H, W) numbers, got {stored.shape} {stored.dtype}")
+    if scale is None:
+        scale = 1.0 if stored.dtype.kind == "f" else DEFAULT_DEPTH_SCALE
+    return (stored.astype(np.float64) * scale).astype(np.float32)
+
+
+def read_mask(path: str | Path, name: str = "mask") -> BoolArray:
+    """Read a mask: pixels that are not zero in an 8-bit image or a `.npy` array.
+
+    Args:
+        path: The file.
+        name: What to call it in errors.
+
+    Returns:
+        Shape (H, W) bool.
+
+    Raises:
+        FileNotFoundError: No such file.
+        ValueError: Not a whole image.
+    """
+    if Path(path).suffix.lower() == ".npy":
+        stored: NDArray[Any] = _read_npy(Path(path), name)
+    else:
+        stored = _read_image(path, name)
+        if stored.ndim == 3:
+            stored = stored[..., :3].max(axis=-1)
+    if stored.ndim != 2:
+        raise ValueError(f"{name} {path} must be (H, W), got {stored.shape} {stored.dtype}")
+    return np.asarray(stored != 0)
+
+
+def read_hand(path: str | Path) -> NDArray[np.float64]:
+    """Read 21 hand keypoints in the camera frame.
+
+    Args:
+        path: JSON (a list of 21 `[x, y, z]`, or an object with that list as `keypoints`), text
+            (21 lines `x y z`, spaces or commas) or `.npy`. Metres, camera frame (x right,
+            y down, z forward), order wrist, then thumb, index, middle, ring, little finger.
+
+    Returns:
+        Keypoints as they stand in the file, normally (21, 3); the shape is checked by the door
+        that uses them.
+
+    Raises:
+        FileNotFoundError: No such file.
+        ValueError: Not numbers.
+    """
+    path = Path(path)
+    if path.suffix.lower() == ".npy":
+        return np.asarray(_read_npy(path, "hand"), dtype=np.float64)
+    _check_file(path, "hand")
+    try:
+        text = path.read_text(encoding="utf-8")
+        if path.suffix.lower() == ".json":
+            values = json.loads(text)
+            if isinstance(values, dict):
+                if "keypoints" not in values:
+                    raise ValueError(f"no entry 'keypoints' among {sorted(values)}")
+                values = values["keypoints"]
+            return np.asarray(values, dtype=np.float64)
+        rows = [line.replace(",", " ").split() for line in text.splitlines()]
+        return np.asarray([[float(x) for x in row] for row in rows if row], dtype=np.float64)
+    except (ValueError, TypeError) as error:
+        raise ValueError(
+            f"hand {path} must hold 21 keypoints x y z in metres as JSON, text or .npy: {error}"
+        ) from error
+
+
+def write_depth_png(path: Path, depth: FloatArray, scale: float = DEFAULT_DEPTH_SCALE) -> None:
+    """Write depth as a 16-bit PNG: `round(depth / scale)`, 0 where missing or too far.
+
+    Args:
+        path: Where to write.
+        depth: z-depth in metres, shape (H, W).
+        scale: Metres per stored unit; 0.001 reaches to 65.5 m.
+    """
+    units = np.where(valid_depth(depth), np.rint(np.nan_to_num(depth) / scale), 0)
+    units = np.where(units <= np.iinfo(np.uint16).max, units, 0)
+    write_image(path, units.astype(np.uint16))
+
+
+def write_image(path: Path, image: NDArray[Any]) -> None:
+    """Write a one-channel or RGB image, the format chosen by the suffix."""
+    pixels = cv2.cvtColor(image, cv2.COLOR_RGB2BGR) if image.ndim == 3 else image
+    done, encoded = cv2.imencode(path.suffix, pixels)
+    if not done:
+        raise ValueError(f"{path.name}: an image of {_kind(image)} cannot be encoded")
+    path.write_bytes(encoded.tobytes())
+
+
+def write_point_cloud(
+    path: Path, depth: FloatArray, color: NDArray[np.uint8], camera: Intrinsics
+) -> int:
+    """Write the valid pixels as a coloured point cloud, binary PLY.
+
+    Args:
+        path: Where to write, suffix `.ply`.
+        depth: z-depth in metres, shape (H, W).
+        color: RGB, shape (H, W, 3) uint8.
+        camera: Intrinsics of both.
+
+    Returns:
+        The number of points, camera frame, metres.
+    """
+    import trimesh
+
+    points = back_project(depth, camera)
+    valid = valid_depth(depth)
+    cloud = trimesh.PointCloud(points[valid].astype(np.float32), colors=color[valid])
+    path.write_bytes(cloud.export(file_type="ply"))
+    return int(valid.sum())
+
+
+@contextmanager
+def finished_folder(
+    folder: str | Path, may_replace: Collection[str] | None = None
+) -> Iterator[Path]:
+    """Give a folder to write into that appears under its name only when all went well.
+
+    The files are written into a hidden sibling, which is renamed at the end, or removed when
+    anything went wrong: there is never a half-written result.
+
+    Args:
+        folder: The name of the finished folder. It may exist when it is empty.
+        may_replace: Names of the files that a former run wrote. When given, a folder that holds
+            nothing else is replaced.
+
+    Yields:
+        The folder to write into.
+
+    Raises:
+        FileExistsError: The folder holds files and must not be replaced.
+        NotADirectoryError: There is a file of that name.
+    """
+    target = Path(folder).absolute()
+    check_output_folder(target, may_replace)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    draft = Path(tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent))
+    try:
+        umask = os.umask(0)
+        os.umask(umask)
+        draft.chmod(0o777 & ~umask)
+        yield draft
+        check_output_folder(target, may_replace)
+        if target.exists():
+            former = Path(tempfile.mkdtemp(prefix=f".{target.name}-former-", dir=target.parent))
+            os.rename(target, former / target.name)
+            try:
+                os.rename(draft, target)
+            except OSError:
+                os.rename(former / target.name, target)
+                raise
+            finally:
+                shutil.rmtree(former, ignore_errors=True)
+        else:
+            os.rename(draft, target)
+    finally:
+        shutil.rmtree(draft, ignore_errors=True)
+
+
+def check_output_folder(folder: Path, may_replace: Collection[str] | None = None) -> None:
+    """Raise where `finished_folder` would refuse, before any work is done."""
+    if folder.exists() and not folder.is_dir():
+        raise NotADirectoryError(f"output {folder} is a file, expected a folder or a new name")
+    present = sorted(entry.name for entry in folder.iterdir()) if folder.exists() else []
+    if present and may_replace is None:
+        raise FileExistsError(
+            f"output folder {folder} already holds {present[0]}"
+            + (f" and {len(present) - 1} more" if len(present) > 1 else "")
+            + "; choose a new name, or --overwrite to replace an earlier result"
+        )
+    strange = [name for name in present if name not in (may_replace or ())]
+    if strange:
+        raise FileExistsError(
+            f"output folder {folder} holds {strange[0]}, which no earlier run wrote; "
+            "it is not replaced, choose another folder"
+        )
+
+
+def _check_file(path: Path, name: str) -> None:
+    if path.is_dir():
+        raise ValueError(f"{name} {path} is a folder, expected a file")
+    if not path.is_file():
+        raise FileNotFoundError(f"{name} file {path} does not exist")
+
+
+def _read_npy(path: Path, name: str) -> NDArray[Any]:
+    _check_file(path, name)
+    try:
+        stored = np.load(path, allow_pickle=False)
+    except (ValueError, EOFError, OSError) as error:
+        raise ValueError(
+            f"{name} {path} is not a whole .npy file of numbers: {str(error).splitlines()[0]}"
+        ) from error
+    return np.asarray(stored)
+
+
+def _read_image(path: str | Path, name: str) -> NDArray[Any]:
+    path = Path(path)
+    _check_file(path, name)
+    data = path.read_bytes()
+    if data.startswith(PNG_SIGNATURE):
+        _check_png(data, f"{name} {path}")
+    level = cv2.utils.logging.getLogLevel()
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    try:
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
+    finally:
+        cv2.utils.logging.setLogLevel(level)
+    if image is None:
+        raise ValueError(
+            f"{name} {path} is not a whole image: {len(data)} bytes that cannot be decoded, "
+            "expected PNG or JPEG"
+        )
+    return np.asarray(image)
+
+
+def _check_png(data: bytes, name: str) -> None:
+    """Walk the chunks of a PNG, so that a cut-off file is named before a decoder guesses."""
+    position = len(PNG_SIGNATURE)
+    while position + 12 <= len(data):
+        length, kind = struct.unpack_from(">I4s", data, position)
+        end = position + 12 + length
+        if end > len(data):
+            break
+        if zlib.crc32(data[position + 4 : end - 4]) != struct.unpack_from(">I", data, end - 4)[0]:
+            raise ValueError(f"{name} is a damaged PNG: chunk {kind!r} fails its check sum")
+        if kind == b"IEND":
+            return
+        position = end
+    raise ValueError(
+        f"{name} is a truncated PNG: {len(data)} bytes without the closing IEND chunk, "
+        "expected a whole file"
+    )
+
+
+def _kind(image: NDArray[Any]) -> str:
+    return f"shape {image.shape} {image.dtype}"
