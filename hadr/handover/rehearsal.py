@@ -58,7 +58,7 @@ class HeldGlass:
     glass: GlassObject = field(default_factory=lambda: glass_object("0004"))
     base_from_wrist: Array = field(
         default_factory=lambda: np.array(
-            [[0, -1, 0, 0.60], [0, 0, -1, 0.05], [1, 0, 0, 0.27], [0, 0, 0, 1]], dtype=np.float64
+            [[0, -1, 0, 0.65], [0, 0, -1, 0.03], [1, 0, 0, 0.27], [0, 0, 0, 1]], dtype=np.float64
         )
     )
     axis_at: tuple[float, float] = (0.0865, 0.030)
@@ -133,7 +133,7 @@ class MovingHand:
     seed: int = 0
     drift: float = 0.04
     turn: float = float(np.deg2rad(12.0))
-    calm_after: float = 2.5
+    calm_after: float = 2.0
     noise: float = 0.0
     lost_from: float = np.inf
     nan_from: float = np.inf

@@ -14,8 +14,8 @@ import numpy as np
 from hadr.handover import ur5
 from hadr.handover.ur5 import Array, UnreachableError
 
-HOME_JOINTS: Array = np.deg2rad([-37.9, -125.08, 113.66, 11.42, 52.1, 0.0])
-"""Waiting pose: elbow up, the tool at (0.42, 0, 0.42) m, level and facing forward along x."""
+HOME_JOINTS: Array = np.deg2rad([5.99, -130.74, 121.43, 9.32, 95.99, 0.0])
+"""Waiting pose: elbow up, the tool at (0.34, 0.12, 0.38) m, level and facing forward along x."""
 
 
 class Robot(Protocol):
@@ -158,13 +158,9 @@ class SimulatedUR5:
             UnreachableError: None is left; the message names the limit that the nearest breaks.
             ValueError: The target is no rigid transform.
         """
-        target = ur5.check_pose(base_from_tool, "base_from_tool")
-        flange = ur5.BASE_LINK_FROM_DH_BASE @ target @ np.linalg.inv(self.config.flange_from_tool)
-        found = ur5.inverse_kinematics(flange, free_angle=float(self._joints[5]))
-        found = ur5.nearest_turns(found, self._joints)
-        order = np.abs(found - self._joints).max(axis=1).argsort(kind="stable")
-        problems = [self._broken_limit(joints) for joints in found[order]]
-        allowed: Array = found[order][[problem == "" for problem in problems]]
+        found = self._solutions_by_way(base_from_tool)
+        problems = [self._broken_limit(joints) for joints in found]
+        allowed: Array = found[[problem == "" for problem in problems]]
         if not len(allowed):
             raise UnreachableError(f"no joint angles keep every limit: {problems[0]}")
         return allowed
@@ -193,7 +189,12 @@ class SimulatedUR5:
             raise ValueError(f"dt must be more than 0 and at most 0.1 seconds, got {dt}")
         if self._stopped:
             return
-        way = self.joint_solutions(base_from_tool)[0] - self._joints
+        found = self._solutions_by_way(base_from_tool)
+        goal = next((joints for joints in found if not self._broken_limit(joints)), None)
+        if goal is None:
+            problem = self._broken_limit(found[0])
+            raise UnreachableError(f"no joint angles keep every limit: {problem}")
+        way = goal - self._joints
         longest = float(np.abs(way).max())
         largest_step = ur5.JOINT_SPEED * self.config.speed_fraction * dt
         joints = self._joints + way * min(1.0, largest_step / max(longest, 1e-12))
@@ -226,6 +227,15 @@ class SimulatedUR5:
     def gripper_width(self) -> float:
         """Return the distance between the fingers now, metres."""
         return self._opening
+
+    def _solutions_by_way(self, base_from_tool: Array) -> Array:
+        """Joint angles (n, 6) for a tool pose, limits not yet checked, the shortest way first."""
+        target = ur5.check_pose(base_from_tool, "base_from_tool")
+        flange = ur5.BASE_LINK_FROM_DH_BASE @ target @ np.linalg.inv(self.config.flange_from_tool)
+        found = ur5.inverse_kinematics(flange, free_angle=float(self._joints[5]))
+        found = ur5.nearest_turns(found, self._joints)
+        by_way: Array = found[np.abs(found - self._joints).max(axis=1).argsort(kind="stable")]
+        return by_way
 
     def _move_fingers(self, dt: float) -> None:
         step = self.config.finger_speed * dt

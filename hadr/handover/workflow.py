@@ -80,6 +80,8 @@ class HandoverConfig:
         arrive_distance: The tool is at the pre-grasp within this distance ...
         arrive_angle: ... and this angle ...
         settle_time: ... for this long.
+        largest_drift: The pre-grasp may move by no more than this in the settle time, so that the
+            open-loop move starts from a calm hand. Infinity: the paper, which does not ask for it.
         hand_lost_after: Without a hand for this long, stop.
         largest_residual: A hand that differs from a rigid motion by more is holding differently.
         smallest_hand_distance: Free space between open gripper and skin before the final move.
@@ -96,6 +98,7 @@ class HandoverConfig:
     arrive_distance: float = 0.01
     arrive_angle: float = float(np.deg2rad(5.0))
     settle_time: float = 0.2
+    largest_drift: float = 0.005
     hand_lost_after: float = 0.3
     largest_residual: float = 0.02
     smallest_hand_distance: float = 0.005
@@ -133,7 +136,7 @@ class Handover:
     part: str = field(default="", init=False)
     _initial_keypoints: Array | None = field(default=None, init=False)
     _hand_seen: float = field(default=0.0, init=False)
-    _arrived: float | None = field(default=None, init=False)
+    _arrived: tuple[float, Array] | None = field(default=None, init=False)
     _entered: float = field(default=0.0, init=False)
     _travelled: float = field(default=0.0, init=False)
 
@@ -226,8 +229,9 @@ class Handover:
         if distance > c.arrive_distance or angle > c.arrive_angle:
             self._arrived = None
             return
-        self._arrived = now if self._arrived is None else self._arrived
-        if now - self._arrived >= c.settle_time - 1e-9:
+        if self._arrived is None or pose_distance(self._arrived[1], self.target)[0] > c.largest_drift:
+            self._arrived = (now, self.target)
+        if now - self._arrived[0] >= c.settle_time - 1e-9:
             reason = (
                 f"at the pre-grasp within {1000 * distance:.1f} mm, {np.rad2deg(angle):.1f} deg"
             )
