@@ -81,8 +81,8 @@ def _choose_camera(
     """The first of some random views from which enough of the glass is seen, else the best."""
     small = camera.resized(48, 27)
     best, best_score = np.eye(4), -1.0
-    for _ in range(14):
-        distance = 0.43 + 0.5 * rng.random() ** 1.6
+    for _ in range(18):
+        distance = 0.42 + 0.5 * rng.random() ** 1.8
         azimuth, elevation = rng.uniform(0, 2 * np.pi), np.deg2rad(rng.uniform(-8, 62))
         offset = np.array(
             [
@@ -105,10 +105,11 @@ def _choose_camera(
         border = glass.reshape(27, 48)
         cut = border[0].any() or border[-1].any() or border[:, 0].any() or border[:, -1].any()
         hand = (seen == 1).mean()
-        score = min(share, 0.62) - 0.5 * cut - (0.3 if hand < 0.02 else 0.0)
+        area = float((seen == 2).mean())
+        score = min(share, 0.62) + 0.4 * min(area / 0.022, 1.0) - 0.5 * cut - 0.3 * (hand < 0.02)
         if score > best_score:
             best, best_score = pose, score
-        if score > 0.58:
+        if score > 0.97:
             break
     return best
 

@@ -276,7 +276,7 @@ _MAKERS: tuple[Callable[[np.random.Generator], Array], ...] = (
 #: Names of the kinds of picture, in the order of :data:`COUNT`'s cycle.
 KINDS: tuple[str, ...] = tuple(maker.__name__[1:] for maker in _MAKERS)
 #: How many different pictures the library holds.
-COUNT = 4 * len(_MAKERS)
+COUNT = 5 * len(_MAKERS)
 #: First pixel of each level in a flattened pyramid.
 OFFSETS: tuple[int, ...] = tuple(
     int(sum((SIZE >> k) ** 2 for k in range(level))) for level in range(LEVELS)
