@@ -146,7 +146,9 @@ def show_axis(
     )
     color = AXIS_COLORS[name]
     arrow = {"arrowstyle": "-|>", "lw": 2.6, "color": color, "shrinkA": 0, "shrinkB": 0}
-    ax.annotate("", ends[1], ends[0], arrowprops=arrow, zorder=6)
+    ax.annotate("", ends[1], ends[0], arrowprops=arrow, annotation_clip=False, zorder=6)
+    ax.update_datalim(ends)
+    ax.autoscale_view()
     ax.text(
         ends[2, 0],
         ends[2, 1],

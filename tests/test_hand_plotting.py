@@ -72,6 +72,7 @@ def test_axis_is_named_in_its_colour(ax):
     assert label.get_text() == "z"
     assert label.get_color() == AXIS_COLORS["z"]
     assert label.get_position()[0] == pytest.approx(-12.2)
+    assert ax.get_xlim()[0] <= -12.2  # nothing of it falls outside of the picture
 
 
 def test_frame_has_one_scale_and_no_box(ax):
