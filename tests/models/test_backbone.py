@@ -1,0 +1,103 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import pytest
+import torch
+from torch.nn import functional
+
+from hadr.models.backbone import BackboneConfig, ColorBackbone, FeatureAggregation, build_swin
+
+MICRO = BackboneConfig(embed_dim=8, depths=(1, 1), heads=(1, 2), window=4, drop_path=0.0)
+
+
+def test_swin_t_has_the_strides_and_channels_of_the_published_network() -> None:
+    swin = build_swin(BackboneConfig()).eval()
+    with torch.no_grad():
+        stages = swin(torch.rand(1, 3, 64, 96)).feature_maps
+    shapes = [tuple(stage.shape) for stage in stages]
+    assert shapes == [(1, 96, 16, 24), (1, 192, 8, 12), (1, 384, 4, 6), (1, 768, 2, 3)]
+    assert BackboneConfig().channels == (96, 192, 384, 768)
+    # Swin-T's 27.5 M weights, and a LayerNorm (weight and bias) on each of the four stages.
+    weights = sum(p.numel() for p in swin.parameters())
+    assert weights == 27_519_354 + 2 * (96 + 192 + 384 + 768)
+
+
+def test_aggregation_equals_the_papers_order_resize_convolve_concatenate_reduce() -> None:
+    torch.manual_seed(0)
+    aggregation = FeatureAggregation((8, 16, 32), channels=5)
+    stages = [torch.randn(2, 8, 10, 14), torch.randn(2, 16, 5, 7), torch.randn(2, 32, 3, 4)]
+    resized = [
+        functional.interpolate(stage, size=(10, 14), mode="bilinear", align_corners=False)
+        for stage in stages
+    ]
+    aligned = [conv(x) for conv, x in zip(aggregation.align, resized, strict=True)]
+    reduced = aggregation.reduce(torch.cat(aligned, dim=1))
+    expected = functional.interpolate(reduced, size=(40, 56), mode="bilinear", align_corners=False)
+    torch.testing.assert_close(aggregation(stages, 40, 56), expected)
+
+
+def test_without_aggregation_only_the_finest_stage_counts() -> None:
+    torch.manual_seed(0)
+    aggregation = FeatureAggregation((8, 16), channels=5, multi_scale=False)
+    fine = torch.randn(1, 8, 4, 4)
+    first = aggregation([fine, torch.randn(1, 16, 2, 2)], 16, 16)
+    second = aggregation([fine, torch.randn(1, 16, 2, 2)], 16, 16)
+    assert torch.equal(first, second)
+    other = aggregation([fine + 1, torch.randn(1, 16, 2, 2)], 16, 16)
+    assert not torch.allclose(first, other)
+
+
+def test_dense_map_has_the_images_size_also_where_nothing_divides_evenly() -> None:
+    dense = ColorBackbone(MICRO, channels=6)(torch.rand(2, 3, 45, 50))
+    assert dense.shape == (2, 6, 45, 50)
+
+
+@pytest.mark.parametrize(("normalize", "red", "green"), [(True, 0.0, 1.0), (False, 0.485, 0.68)])
+def test_color_is_normalised_with_imagenet_numbers(
+    normalize: bool, red: float, green: float
+) -> None:
+    config = replace(MICRO, normalize_color=normalize)
+    backbone = ColorBackbone(config)
+    seen = []
+
+    def swin(color: torch.Tensor) -> SimpleNamespace:
+        seen.append(color)
+        return SimpleNamespace(feature_maps=[torch.zeros(1, 8, 2, 2), torch.zeros(1, 16, 1, 1)])
+
+    backbone.swin.forward = swin  # type: ignore[method-assign]
+    color = torch.zeros(1, 3, 8, 8)
+    color[:, 0] = 0.485
+    color[:, 1] = 0.456 + 0.224
+    backbone(color)
+    assert seen[0][0, 0, 3, 3].item() == pytest.approx(red, abs=1e-6)
+    assert seen[0][0, 1, 3, 3].item() == pytest.approx(green, abs=1e-6)
+
+
+def test_unreachable_weights_say_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    from transformers import SwinBackbone
+
+    def offline(*_: object, **__: object) -> None:
+        raise OSError("no network")
+
+    monkeypatch.setattr(SwinBackbone, "from_pretrained", offline)
+    config = BackboneConfig(pretrained="microsoft/swin-tiny-patch4-window7-224")
+    with pytest.raises(OSError, match=r"swin-tiny-patch4-window7-224.*could not be fetched"):
+        build_swin(config)
+
+
+def test_weights_of_another_size_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    from transformers import SwinBackbone
+
+    small = build_swin(MICRO)
+    monkeypatch.setattr(SwinBackbone, "from_pretrained", lambda *_, **__: small)
+    with pytest.raises(ValueError, match=r"\(8, \(1, 1\), 4\), but \(96"):
+        build_swin(BackboneConfig(pretrained="some/other-network"))
+
+
+def test_configuration_errors_name_the_values() -> None:
+    with pytest.raises(ValueError, match=r"3 heads do not divide a stage of 32 channels"):
+        BackboneConfig(embed_dim=32)
+    with pytest.raises(ValueError, match=r"one number a stage, got \(2, 2\) and \(3,\)"):
+        BackboneConfig(depths=(2, 2), heads=(3,))
