@@ -5,6 +5,7 @@ the robot. What the camera would restore is taken from the glass itself, the sid
 """
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -65,7 +66,7 @@ class HeldGlass:
     held_at: float = 0.065
     angles: Array = field(default_factory=lambda: HOLDING_ANGLES.copy())
 
-    @property
+    @cached_property
     def keypoints(self) -> Array:
         """The hand in the base frame, shape (21, 3), metres."""
         joints = forward_kinematics(self.angles, HandShape()).joints
@@ -140,9 +141,7 @@ class MovingHand:
 
     def motion(self, time: float) -> Array:
         """How hand and glass have moved since time 0: base_now_from_base_then, shape (4, 4)."""
-        rng = np.random.default_rng(self.seed)
-        periods = rng.uniform(3.0, 6.0, size=(2, 3))
-        signs = rng.choice([-1.0, 1.0], size=(2, 3))
+        periods, signs = self._rhythm
         moved_for = time
         if np.isfinite(self.calm_after):
             moved_for = self.calm_after * np.tanh(time / self.calm_after)
@@ -152,6 +151,12 @@ class MovingHand:
         moved[:3, :3] = Rotation.from_rotvec(swing[1]).as_matrix()
         moved[:3, 3] = wrist + swing[0] - moved[:3, :3] @ wrist
         return moved
+
+    @cached_property
+    def _rhythm(self) -> tuple[Array, Array]:
+        """Periods in seconds and signs of the six swings, each of shape (2, 3)."""
+        rng = np.random.default_rng(self.seed)
+        return rng.uniform(3.0, 6.0, size=(2, 3)), rng.choice([-1.0, 1.0], size=(2, 3))
 
     def observe(self, time: float) -> Observation:
         """What perception says at a time in seconds, in the camera frame."""

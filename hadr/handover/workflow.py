@@ -229,7 +229,10 @@ class Handover:
         if distance > c.arrive_distance or angle > c.arrive_angle:
             self._arrived = None
             return
-        if self._arrived is None or pose_distance(self._arrived[1], self.target)[0] > c.largest_drift:
+        if (
+            self._arrived is None
+            or pose_distance(self._arrived[1], self.target)[0] > c.largest_drift
+        ):
             self._arrived = (now, self.target)
         if now - self._arrived[0] >= c.settle_time - 1e-9:
             reason = (

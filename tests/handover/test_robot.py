@@ -1,0 +1,136 @@
+"""The simulated arm never leaves its limits, whatever it is told."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from hadr.handover import ur5
+from hadr.handover.robot import ArmConfig, Robot, SimulatedUR5, Workspace
+
+
+def level_pose(x: float, y: float, z: float) -> np.ndarray:
+    """A gripper at a point in the base frame that faces forward along x."""
+    pose = np.eye(4)
+    pose[:3, :3] = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]])
+    pose[:3, 3] = [x, y, z]
+    return pose
+
+
+def test_home_is_where_the_docstring_says() -> None:
+    robot: Robot = SimulatedUR5()
+    np.testing.assert_allclose(robot.tool_pose(), level_pose(0.34, 0.12, 0.38), atol=2e-3)
+
+
+def test_tool_pose_is_the_flange_and_the_gripper() -> None:
+    robot = SimulatedUR5()
+    flange = ur5.forward_kinematics(robot.joint_positions())
+    expected = np.diag([-1, -1, 1]) @ (flange[:3, 3] + 0.16 * flange[:3, 2])
+    np.testing.assert_allclose(robot.tool_pose()[:3, 3], expected)
+
+
+def test_goes_to_a_pose_at_the_speed_of_its_slowest_joint() -> None:
+    robot = SimulatedUR5(ArmConfig(speed_fraction=0.5))
+    target = level_pose(0.5, -0.1, 0.3)
+    way = np.abs(robot.joint_solutions(target)[0] - robot.joint_positions()).max()
+    steps = int(np.ceil(way / (0.5 * np.pi * 0.02) - 1e-9))
+    for step in range(steps):
+        assert np.abs(robot.tool_pose() - target).max() > 1e-9, f"arrived early, at step {step}"
+        robot.servo_to(target, 0.02)
+    np.testing.assert_allclose(robot.tool_pose(), target, atol=1e-9)
+
+
+def test_solutions_all_reach_and_come_nearest_first() -> None:
+    robot = SimulatedUR5()
+    target = level_pose(0.45, 0.0, 0.35)
+    solutions = robot.joint_solutions(target)
+    way = np.abs(solutions - robot.joint_positions()).max(axis=1)
+    assert (np.diff(way) >= 0).all()
+    for joints in solutions:
+        np.testing.assert_allclose(robot.tool_pose_at(joints), target, atol=1e-9)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.floats(0.1, 2.5))
+def test_no_target_makes_it_break_a_limit(seed: int, spread: float) -> None:
+    rng = np.random.default_rng(seed)
+    robot = SimulatedUR5(ArmConfig(speed_fraction=1.0))
+    workspace = robot.config.workspace
+    for _ in range(6):
+        target = np.eye(4)
+        target[:3, :3] = Rotation.random(rng=rng).as_matrix()
+        target[:3, 3] = rng.normal(0, spread, 3)
+        dt = float(rng.uniform(0.001, 0.1))
+        before = robot.joint_positions()
+        try:
+            robot.servo_to(target, dt)
+        except ur5.UnreachableError:
+            np.testing.assert_array_equal(robot.joint_positions(), before)
+        joints = robot.joint_positions()
+        assert (np.abs(joints - before) <= np.pi * dt + 1e-12).all()
+        assert (joints >= ur5.JOINT_LOWER).all()
+        assert (joints <= ur5.JOINT_UPPER).all()
+        outline = robot.outline()
+        assert np.linalg.norm(outline[-1] - outline[1]) <= 0.85
+        assert outline[2:, 2].min() >= workspace.table
+        assert workspace.contains(robot.tool_pose()[:3, 3])
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_bad_numbers_do_not_move_it(value: float) -> None:
+    robot = SimulatedUR5()
+    before = robot.joint_positions()
+    target = robot.tool_pose()
+    target[0, 3] = value
+    with pytest.raises(ValueError, match="base_from_tool must be finite"):
+        robot.servo_to(target, 0.03)
+    for dt in (0.0, -1.0, 5.0, value):
+        with pytest.raises(ValueError, match="dt must be more than 0"):
+            robot.servo_to(robot.tool_pose(), dt)
+    np.testing.assert_array_equal(robot.joint_positions(), before)
+
+
+def test_unreachable_targets_name_the_limit() -> None:
+    robot = SimulatedUR5()
+    with pytest.raises(ur5.UnreachableError, match="forearm reach"):
+        robot.servo_to(level_pose(1.4, 0.0, 0.4), 0.03)
+    with pytest.raises(ur5.UnreachableError, match="outside the workspace box"):
+        robot.servo_to(level_pose(0.5, 0.0, 0.01), 0.03)
+    with pytest.raises(ur5.UnreachableError, match=r"reach is 0\.85 m"):
+        robot.servo_to(level_pose(0.97, 0.0, 0.4), 0.03)
+    assert not robot.reachable(level_pose(1.4, 0.0, 0.4))
+    assert robot.reachable(level_pose(0.5, 0.0, 0.3))
+
+
+def test_home_must_be_allowed() -> None:
+    with pytest.raises(ur5.UnreachableError, match="the home pose is not allowed"):
+        SimulatedUR5(ArmConfig(home=np.zeros(6)))
+    with pytest.raises(ValueError, match="lower must lie below upper"):
+        Workspace(lower=(1, 0, 0), upper=(0, 1, 1))
+    with pytest.raises(ValueError, match=r"speed_fraction must lie in \(0, 1\], got 2"):
+        ArmConfig(speed_fraction=2.0)
+
+
+def test_stop_holds_until_released() -> None:
+    robot = SimulatedUR5()
+    before = robot.joint_positions()
+    robot.stop()
+    robot.servo_to(level_pose(0.5, 0, 0.3), 0.05)
+    np.testing.assert_array_equal(robot.joint_positions(), before)
+    robot.release()
+    robot.servo_to(level_pose(0.5, 0, 0.3), 0.05)
+    assert np.abs(robot.joint_positions() - before).max() > 1e-3
+
+
+def test_gripper_closes_at_its_speed_and_refuses_nonsense() -> None:
+    robot = SimulatedUR5()
+    robot.set_gripper(0.05)
+    for _ in range(3):
+        robot.servo_to(robot.tool_pose(), 0.1)
+    assert robot.gripper_width() == pytest.approx(0.055)  # 0.085 - 3 * 0.1 s * 0.1 m/s
+    robot.servo_to(robot.tool_pose(), 0.1)
+    assert robot.gripper_width() == pytest.approx(0.05)
+    for width in (-0.01, 0.2, np.nan):
+        with pytest.raises(ValueError, match="gripper width must lie between"):
+            robot.set_gripper(width)
