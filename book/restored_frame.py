@@ -1,0 +1,76 @@
+"""Draw the book's first picture: one bundled frame, restored by the shipped method.
+
+Run it with ``make readme-figure``; it writes ``book/images/restored_frame.png``.
+"""
+
+import argparse
+from pathlib import Path
+
+import matplotlib as mpl
+
+mpl.use("agg")
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from hadr import plotting
+from hadr.corruption import SENSOR, corrupt
+from hadr.data.samples import open_samples
+from hadr.metrics import frame_metrics
+from hadr.restoration import restore
+
+
+def crop_around(mask: np.ndarray, shape: tuple[int, int], margin: float = 1.1) -> tuple[slice, ...]:
+    """Rows and columns of a 4:3 window around a mask, inside the image."""
+    rows, columns = np.nonzero(mask)
+    height = min(int(margin * max(np.ptp(rows), 0.75 * np.ptp(columns))) + 1, shape[0])
+    width = min(int(height * 4 / 3), shape[1])
+    middle_row, middle_column = (rows.min() + rows.max()) // 2, (columns.min() + columns.max()) // 2
+    top = int(np.clip(middle_row - height // 2, 0, shape[0] - height))
+    left = int(np.clip(middle_column - width // 2, 0, shape[1] - width))
+    return slice(top, top + height), slice(left, left + width)
+
+
+def main() -> None:
+    """Restore one test frame and draw it."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    here = Path(__file__).resolve().parent
+    parser.add_argument("--frame", type=int, default=0, help="number of the test frame (0)")
+    parser.add_argument("--out", type=Path, default=here / "images" / "restored_frame.png")
+    args = parser.parse_args()
+
+    frame = open_samples("test")[args.frame]
+    rng = np.random.default_rng(0)
+    depth = corrupt(
+        frame.depth, frame.object_mask, frame.camera, rng, SENSOR, frame.background_depth
+    )
+    done = restore(
+        frame.color,
+        depth,
+        frame.camera,
+        frame.object_mask,
+        frame.keypoints,
+        hand_mask=frame.hand_mask,
+    )
+    scored = frame_metrics(done.depth, frame.depth, frame.object_mask)
+    error = np.where(frame.object_mask & (done.depth > 0), done.depth - frame.depth, np.nan)
+    window = crop_around(frame.object_mask, frame.depth.shape, margin=1.8)
+    near, far = np.percentile(frame.depth[frame.object_mask | frame.hand_mask], (1, 99))
+    limits = {"vmin": float(near) - 0.05, "vmax": float(far) + 0.1}
+
+    plotting.use_style()
+    fig, axes = plt.subplots(1, 4, figsize=(10.5, 2.35))
+    name = "HADR" if done.method == "hadr" else done.method
+    plotting.show_color(axes[0], frame.color[window], "what the camera sees")
+    plotting.show_depth(axes[1], depth[window], "its depth (simulated)", colorbar=False, **limits)
+    plotting.show_depth(axes[2], done.depth[window], f"restored ({name})", **limits)
+    plotting.show_error(axes[3], error[window], f"error, mean {100 * scored.mae_m:.1f} cm")
+    args.out.parent.mkdir(parents=True, exist_ok=True)
+    fig.savefig(args.out, dpi=140)
+    print(f"{args.out}: frame {frame.object_id}/{frame.stem}, method {done.method}")
+    for note in done.notes:
+        print(f"  {note}")
+
+
+if __name__ == "__main__":
+    main()
