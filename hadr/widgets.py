@@ -12,8 +12,10 @@ import torch
 from scipy.spatial.transform import Rotation
 from torch import Tensor
 
+from hadr.camera import BoolArray, FloatArray, window_around
+from hadr.corruption import corruption_statistics, see_through
 from hadr.hand import absolute_hand_feature, check_keypoints
-from hadr.plotting import COLORS, equal_axes_3d, show_skeleton_3d
+from hadr.plotting import COLORS, equal_axes_3d, show_depth, show_skeleton_3d
 from hadr.ray_plotting import draw_walk
 from hadr.ray_voxels import OccupiedVoxels, RayVoxelPairs, VoxelGrid
 
@@ -101,3 +103,42 @@ def walk_along_ray(
         value=farthest / 2, min=0.0, max=farthest, step=0.01, description="metres"
     )
     return widgets.interactive(draw, ray=ray, distance=distance)
+
+
+def corrupt_glass(depth: FloatArray, background_depth: FloatArray, mask: BoolArray) -> Any:
+    """Mix missing and background depth inside a glass with two sliders.
+
+    Args:
+        depth: True z-depth, metres, shape (H, W).
+        background_depth: z-depth without the glass, metres, shape (H, W).
+        mask: Pixels of the glass, shape (H, W).
+
+    Returns:
+        A widget with the share that is missing and the share of the rest that is background.
+    """
+    window = window_around(mask, 14)
+    near, far = np.percentile(background_depth[window], 2), np.percentile(depth[window], 98)
+
+    def draw(missing: float, background: float) -> None:
+        seen = see_through(
+            depth,
+            background_depth,
+            mask,
+            np.random.default_rng(0),
+            missing_share=missing,
+            background_share=(1 - missing) * background,
+        )
+        found = corruption_statistics(seen, depth, mask)
+        _, ax = plt.subplots(figsize=(5.0, 3.6))
+        show_depth(ax, seen[window], vmin=float(near) - 0.1, vmax=float(far))
+        ax.set_title(
+            f"{found.missing_share:.0%} missing, median error {found.bias_m * 100:+.1f} cm"
+        )
+        plt.show()
+
+    slider = {"min": 0.0, "max": 1.0, "step": 0.05, "value": 0.5, "continuous_update": False}
+    return widgets.interactive(
+        draw,
+        missing=widgets.FloatSlider(description="missing", **slider),
+        background=widgets.FloatSlider(description="background", **slider),
+    )
