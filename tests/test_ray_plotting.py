@@ -14,6 +14,7 @@ import torch
 from hadr.plotting import COLORS
 from hadr.ray_plotting import draw_cubes, draw_strip, draw_walk, label_upright, upright
 from hadr.ray_voxels import VoxelGrid, occupied_voxels, ray_voxel_pairs
+from hadr.widgets import walk_along_ray
 
 GRID = VoxelGrid()
 
@@ -79,3 +80,14 @@ def test_strip_has_a_bar_for_each_pair_and_a_star_for_each_ray() -> None:
     assert ends == [pytest.approx(pair) for pair in expected]
     assert [line.get_xdata()[0] for line in ax.lines] == [0.7, 0.9]
     assert {line.get_color() for line in ax.lines} == {COLORS["truth"]}
+
+
+def test_the_widget_offers_the_rays_that_have_a_candidate() -> None:
+    directions, occupied, pairs = scene()
+    assert pairs.candidates().tolist() == [3, 0]
+    widget = walk_along_ray(directions, pairs, occupied, torch.tensor([0.7, 0.9]), GRID)
+    ray, distance = widget.children[:2]
+    assert ray.options == (0,)
+    assert distance.max == pytest.approx(1.875 + 0.05)
+    widget.update()
+    assert "error" not in [output.get("output_type") for output in widget.out.outputs]
