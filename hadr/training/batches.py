@@ -12,6 +12,7 @@ from torch import Tensor
 
 from hadr.camera import resize_depth, resize_mask
 from hadr.corruption import ORACLE, SENSOR, CorruptionConfig, corrupt
+from hadr.data.augmentation import augment_color
 from hadr.models.hadr import HADRInput, frame_to_input, stack_inputs
 
 if TYPE_CHECKING:
@@ -124,24 +125,18 @@ def batches(
         yield frames.inputs.take(chosen), frames.true_depth[chosen]
 
 
-def vary_color(color: Tensor, generator: torch.Generator) -> Tensor:
-    """Vary contrast, brightness and the balance of the colours, and add noise.
+def augment_batch(color: Tensor, generator: torch.Generator) -> Tensor:
+    """Augment the colour of each frame of a batch; depth and geometry are not touched.
 
     Args:
         color: sRGB in 0..1, shape (B, 3, H, W).
         generator: Source of randomness.
 
     Returns:
-        The same shape, in 0..1. Depth and geometry are not touched.
+        The same shape, in 0..1.
     """
-    frames = len(color)
-
-    def spread(*shape: int) -> Tensor:
-        return 2 * torch.rand(*shape, generator=generator) - 1  # uniform in -1..1
-
-    mean = color.mean(dim=(1, 2, 3), keepdim=True)
-    contrast = 1 + 0.3 * spread(frames, 1, 1, 1)
-    brightness = 0.15 * spread(frames, 1, 1, 1)
-    balance = 1 + 0.15 * spread(frames, 3, 1, 1)
-    noise = 0.02 * torch.randn(color.shape, generator=generator)
-    return (((color - mean) * contrast + mean + brightness) * balance + noise).clamp(0, 1)
+    seed = int(torch.randint(2**31, (), generator=generator))
+    rng = np.random.default_rng(seed)
+    pictures = (color * 255).round().to(torch.uint8).permute(0, 2, 3, 1).numpy()
+    changed = np.stack([augment_color(picture, rng) for picture in pictures])
+    return torch.from_numpy(changed).permute(0, 3, 1, 2).float() / 255

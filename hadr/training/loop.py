@@ -20,7 +20,7 @@ from tqdm import tqdm
 from hadr.metrics import mean_over_frames
 from hadr.models.hadr import HADR, masked_rays
 from hadr.provenance import provenance
-from hadr.training.batches import FrameTensors, batches, load_frames, vary_color
+from hadr.training.batches import FrameTensors, augment_batch, batches, load_frames
 from hadr.training.checkpoints import (
     adam_state,
     load_checkpoint,
@@ -88,6 +88,7 @@ def train(
     if resume:
         history = _resume(model, optimizer, recipe, seed, folder)
 
+    made_with = provenance()
     epochs = range(len(history), min(recipe.epochs, stop_after or recipe.epochs))
     for epoch in tqdm(epochs, "epochs", disable=not progress, mininterval=1.0):
         started = time.perf_counter()
@@ -101,7 +102,7 @@ def train(
         model.train()
         for inputs, true_depth in batches(frames, recipe.batch_size, generator):
             if recipe.augment:
-                inputs = replace(inputs, color=vary_color(inputs.color, generator))
+                inputs = replace(inputs, color=augment_batch(inputs.color, generator))
             stride = recipe.ray_stride
             row, column = torch.randint(stride, (2,), generator=generator).tolist()
             output = model(
@@ -139,7 +140,7 @@ def train(
         row_of_numbers["seconds"] = time.perf_counter() - started
         history.append(row_of_numbers)
         if folder is not None:
-            _save(folder, model, optimizer, recipe, seed, history)
+            _save(folder, model, optimizer, recipe, seed, history, made_with)
     model.eval()
     return Trained(model, history)
 
@@ -151,6 +152,7 @@ def _save(
     recipe: Preset,
     seed: int,
     history: list[dict[str, float]],
+    made_with: dict[str, Any],
 ) -> None:
     """Write the epoch's checkpoint, the history, and the best checkpoint where this one is it."""
     meta = {
@@ -160,7 +162,7 @@ def _save(
         "seed": seed,
         "epochs": len(history),
         "history": history,
-        "made_with": provenance(),
+        "made_with": made_with,
     }
     save_checkpoint(folder / LAST, model, meta, training_state=adam_state(optimizer))
     errors = [row["validation_rmse_m"] for row in history if "validation_rmse_m" in row]

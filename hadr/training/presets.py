@@ -28,7 +28,7 @@ class Preset:
             probable one (ledger, row 10).
         ray_stride: In training only every n-th masked pixel in row and column is restored, at a
             random start; 1 takes all.
-        augment: Vary the brightness, contrast and colour of training frames, and add noise.
+        augment: Augment the colour of training frames (`hadr.data.augmentation`).
 
     Raises:
         ValueError: A count is not positive.

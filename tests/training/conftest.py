@@ -1,0 +1,53 @@
+"""A micro network and six little frames, made of a wall, a hand's strip and a glass's square."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from hadr.models.backbone import BackboneConfig
+from hadr.models.hadr import HADRConfig, HADRInput
+from hadr.training.batches import FrameTensors
+from hadr.training.presets import Preset
+
+MICRO = Preset(
+    name="micro",
+    width=32,
+    height=24,
+    model=HADRConfig(
+        backbone=BackboneConfig(embed_dim=8, depths=(1, 1), heads=(1, 2), window=4, drop_path=0.3),
+        decoder_widths=(32, 16),
+        voxel_width=24,
+        max_points=200,
+    ),
+    epochs=4,
+    drop_epoch=3,
+    batch_size=4,
+    true_voxel_epochs=1,
+)
+
+
+@pytest.fixture(scope="session")
+def micro() -> Preset:
+    return MICRO
+
+
+@pytest.fixture(scope="session")
+def frames() -> FrameTensors:
+    generator = torch.Generator().manual_seed(0)
+    count, height, width = 6, 24, 32
+    near = torch.linspace(0.45, 0.7, count)
+    depth = torch.full((count, height, width), 1.1)
+    mask = torch.zeros(count, height, width, dtype=torch.bool)
+    hand = torch.zeros_like(mask)
+    mask[:, 8:16, 12:20] = True
+    hand[:, 8:16, 8:12] = True
+    depth = torch.where(mask | hand, near[:, None, None], depth)
+    keypoints = 0.03 * torch.randn(count, 21, 3, generator=generator)
+    keypoints[..., 2] += near[:, None]
+    keypoints[..., 0] -= 0.08
+    uv = 40 * keypoints[..., :2] / keypoints[..., 2:] + torch.tensor([15.5, 11.5])
+    color = torch.rand(count, 3, height, width, generator=generator)
+    intrinsics = torch.tensor([[40.0, 40.0, 15.5, 11.5]]).repeat(count, 1)
+    inputs = HADRInput(color, depth * ~mask, mask, intrinsics, keypoints, uv)
+    return FrameTensors(inputs, depth, hand, tuple(f"0000/{n:03d}" for n in range(count)))

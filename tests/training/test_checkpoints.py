@@ -1,0 +1,79 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+import torch
+from safetensors.torch import save_file
+
+from hadr.models.hadr import HADR
+from hadr.training.batches import FrameTensors
+from hadr.training.checkpoints import load_checkpoint, save_checkpoint
+from hadr.training.presets import Preset
+
+
+def test_round_trip_and_the_record_beside_it(
+    tmp_path: Path, micro: Preset, frames: FrameTensors
+) -> None:
+    model = HADR(micro.model).eval()
+    path = tmp_path / "deep" / "net.safetensors"
+    save_checkpoint(path, model, {"width": 32, "note": "ä"})
+    again, meta = load_checkpoint(path)
+    assert again.config == model.config
+    assert not again.training
+    assert (meta["width"], meta["note"]) == (32, "ä")
+    assert json.loads(path.with_suffix(".json").read_text(encoding="utf-8")) == meta
+    with torch.no_grad():
+        assert torch.equal(again(frames.inputs).depth, model(frames.inputs).depth)
+
+
+def test_half_precision_halves_the_file_and_hardly_moves_the_depth(
+    tmp_path: Path, micro: Preset, frames: FrameTensors
+) -> None:
+    model = HADR(micro.model).eval()
+    save_checkpoint(tmp_path / "full.safetensors", model, {})
+    save_checkpoint(tmp_path / "half.safetensors", model, {}, half=True)
+    half, _ = load_checkpoint(tmp_path / "half.safetensors")
+    assert next(half.parameters()).dtype == torch.float32
+    sizes = [(tmp_path / f"{name}.safetensors").stat().st_size for name in ("half", "full")]
+    assert sizes[0] < 0.65 * sizes[1]
+    with torch.no_grad():
+        difference = half(frames.inputs).offset - model(frames.inputs).offset
+    assert 0 < difference.abs().max() < 0.01
+
+
+@pytest.mark.parametrize("keep", [0, 5, 1000, -1])
+def test_a_truncated_checkpoint_says_so(tmp_path: Path, micro: Preset, keep: int) -> None:
+    path = tmp_path / "net.safetensors"
+    save_checkpoint(path, HADR(micro.model), {})
+    path.write_bytes(path.read_bytes()[:keep])
+    with pytest.raises(ValueError, match=r"net\.safetensors \(\d+ bytes\) is cut off or damaged"):
+        load_checkpoint(path)
+
+
+def test_other_files_are_refused(tmp_path: Path, micro: Preset) -> None:
+    with pytest.raises(FileNotFoundError, match="no checkpoint at"):
+        load_checkpoint(tmp_path / "none.safetensors")
+    save_file({"x": torch.zeros(2)}, tmp_path / "other.safetensors")
+    with pytest.raises(ValueError, match="not a checkpoint of HADR"):
+        load_checkpoint(tmp_path / "other.safetensors")
+    with pytest.raises(ValueError, match=r"must end with \.safetensors, got 'net\.pt'"):
+        save_checkpoint(tmp_path / "net.pt", HADR(micro.model), {})
+
+
+def test_a_failed_write_leaves_the_old_checkpoint(
+    tmp_path: Path, micro: Preset, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "net.safetensors"
+    save_checkpoint(path, HADR(micro.model), {"round": 1})
+
+    def full_disk(tensors: object, file: Path, metadata: object) -> None:
+        Path(file).write_bytes(b"half")
+        raise OSError("no space left")
+
+    monkeypatch.setattr("hadr.training.checkpoints.save_file", full_disk)
+    with pytest.raises(OSError, match="no space left"):
+        save_checkpoint(path, HADR(micro.model), {"round": 2})
+    assert load_checkpoint(path)[1]["round"] == 1
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["net.json", "net.safetensors"]

@@ -1,0 +1,147 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+import torch
+
+from hadr.models.hadr import HADROutput
+from hadr.ray_voxels import VoxelGrid, occupied_voxels, ray_voxel_pairs
+from hadr.training.losses import (
+    CODED,
+    PRINTED,
+    LossTerms,
+    LossWeights,
+    depth_loss,
+    hadr_losses,
+    normals,
+    normals_loss,
+    probability_loss,
+)
+
+GRID = VoxelGrid()
+
+
+def test_weights_as_printed_and_as_coded() -> None:
+    assert (PRINTED.depth, PRINTED.probability, PRINTED.normals) == (200.0, 10.0, 0.5)
+    assert (CODED.depth, CODED.probability, CODED.normals) == (200.0, 0.5, 10.0)
+    terms = LossTerms(*(torch.tensor(x) for x in (0.02, 0.3, 0.1, 0.0, 0.0)))
+    assert terms.total(PRINTED).item() == pytest.approx(4.0 + 3.0 + 0.05)
+    assert terms.total(CODED).item() == pytest.approx(4.0 + 0.15 + 1.0)
+
+
+def test_depth_loss_over_xyz_and_over_z() -> None:
+    points = torch.tensor([[0.1, 0.0, 0.5], [0.0, 0.2, 0.7]])
+    truth = torch.tensor([[0.0, 0.0, 0.6], [0.0, 0.0, 0.4]])
+    assert depth_loss(points, truth).item() == pytest.approx((0.1 + 0.1 + 0.2 + 0.3) / 6)
+    assert depth_loss(points, truth, "z").item() == pytest.approx(0.2)
+    assert depth_loss(points[:0], truth[:0]).item() == 0.0
+
+
+def test_cross_entropy_of_three_rays() -> None:
+    # Ray 0 says 0.25 for its true voxel, ray 1 says 0.5, ray 2's true voxel is no candidate.
+    log_probability = torch.tensor([0.25, 0.75, 0.5, 0.5, 1.0]).log()
+    loss = probability_loss(log_probability, torch.tensor([0, 3, -1]))
+    assert loss.item() == pytest.approx((math.log(4) + math.log(2)) / 2)
+    assert probability_loss(log_probability, torch.tensor([-1, -1])).item() == 0.0
+
+
+def plane(slope: float) -> torch.Tensor:
+    """An organised cloud of the plane z = slope * x, with the rows along y."""
+    y, x = torch.meshgrid(torch.arange(4.0) * 0.01, torch.arange(5.0) * 0.01, indexing="ij")
+    return torch.stack((x, y, slope * x), dim=-1)[None]
+
+
+def test_normals_of_a_tilted_plane() -> None:
+    found = normals(plane(1.0))
+    assert found.shape == (1, 3, 4, 3)
+    expected = torch.tensor([-1.0, 0.0, 1.0]) / math.sqrt(2)
+    torch.testing.assert_close(found, expected.expand_as(found))
+
+
+def test_normals_loss_is_half_of_one_minus_cosine_over_whole_triangles() -> None:
+    everywhere = torch.ones(1, 4, 5, dtype=torch.bool)
+    tilted = normals_loss(plane(1.0), plane(0.0), everywhere)
+    assert tilted.item() == pytest.approx((1 - math.cos(math.pi / 4)) / 2, abs=1e-6)
+    assert normals_loss(plane(0.3), plane(0.3), everywhere).item() == pytest.approx(0, abs=1e-6)
+    # Spoil one point: the three triangles that use it must not count once it is invalid.
+    spoiled = plane(0.3)
+    spoiled[0, 1, 2] = 7.0
+    assert normals_loss(spoiled, plane(0.3), everywhere) > 0.05
+    holed = everywhere.clone()
+    holed[0, 1, 2] = False
+    assert normals_loss(spoiled, plane(0.3), holed).item() == pytest.approx(0, abs=1e-6)
+    assert normals_loss(plane(1.0), plane(0.0), ~everywhere).item() == 0.0
+
+
+def output_with(points: torch.Tensor, chosen_true: bool = True) -> HADROutput:
+    """Four rays of a 2x2 block in the middle of a 4x4 image, voxels at 0.5 m and 1 m."""
+    mask = torch.zeros(1, 4, 4, dtype=torch.bool)
+    mask[0, 1:3, 1:3] = True
+    rays = mask.nonzero()
+    occupied = occupied_voxels(
+        torch.tensor([[0.0, 0.0, 0.5], [0.0, 0.0, 1.0]]), torch.zeros(2, dtype=torch.long), GRID, 1
+    )
+    directions = torch.nn.functional.normalize(true_points(0.5), dim=1)
+    pairs = ray_voxel_pairs(directions, rays[:, 0], occupied, GRID)
+    assert pairs.ray.tolist() == [0, 0, 1, 1, 2, 2, 3, 3]
+    probability = torch.tensor([0.8, 0.2] * 4)
+    return HADROutput(
+        depth=torch.zeros(1, 4, 4),
+        confidence=torch.zeros(1, 4, 4),
+        restored=mask,
+        rays=rays,
+        points=points,
+        chosen=torch.tensor([0, 2, 4, 6]),
+        pairs=pairs,
+        occupied=occupied,
+        logits=probability.log(),
+        probability=probability,
+        offset=torch.zeros(4),
+    )
+
+
+INTRINSICS = torch.tensor([[100.0, 100.0, 1.5, 1.5]])
+
+
+def true_points(z: float) -> torch.Tensor:
+    half = 0.5 / 100 * z
+    signs = torch.tensor([[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]])
+    return torch.cat((signs * half, torch.full((4, 1), z)), dim=1)
+
+
+def test_all_terms_of_a_perfect_answer_in_the_near_voxel() -> None:
+    depth = torch.full((1, 4, 4), 0.5)
+    terms = hadr_losses(output_with(true_points(0.5)), depth, INTRINSICS, GRID)
+    assert terms.depth.item() == pytest.approx(0, abs=1e-7)
+    assert terms.probability.item() == pytest.approx(-math.log(0.8))
+    assert terms.normals.item() == pytest.approx(0, abs=1e-6)
+    assert terms.voxel_accuracy.item() == 1.0
+    assert terms.without_true_voxel.item() == 0.0
+
+
+def test_all_terms_where_the_truth_lies_in_the_other_voxel() -> None:
+    depth = torch.full((1, 4, 4), 1.0)
+    depth[0, 2, 2] = 3.0  # in no candidate
+    depth[0, 1, 1] = 0.0  # unknown: does not count at all
+    output = output_with(true_points(0.5))
+    terms = hadr_losses(output, depth, INTRINSICS, GRID, depth_over="z")
+    assert terms.depth.item() == pytest.approx((0.5 + 0.5 + 2.5) / 3)
+    assert terms.probability.item() == pytest.approx(-math.log(0.2))
+    assert terms.voxel_accuracy.item() == 0.0
+    assert terms.without_true_voxel.item() == pytest.approx(1 / 3)
+    assert terms.normals.item() == 0.0  # no whole triangle is left
+
+
+def test_a_ray_without_candidate_counts_in_no_term() -> None:
+    depth = torch.full((1, 4, 4), 0.5)
+    output = output_with(true_points(0.5) * torch.tensor([[1.0], [1.0], [1.0], [0.0]]))
+    lost = HADROutput(**{**vars(output), "chosen": torch.tensor([0, 2, 4, -1])})
+    terms = hadr_losses(lost, depth, INTRINSICS, GRID)
+    assert terms.depth.item() == pytest.approx(0, abs=1e-7)
+    assert terms.normals.item() == pytest.approx(0, abs=1e-6)
+
+
+def test_depth_over_is_part_of_the_weights() -> None:
+    assert LossWeights(depth_over="z").depth_over == "z"
+    assert PRINTED.depth_over == "xyz"
