@@ -491,6 +491,34 @@ class RayScene:
         inside = np.where(total, inside, np.maximum(after, 0))
         return point + _NUDGE * onward, out, weight, travelled + length, inside, row
 
+    def path(self, origin: Array, direction: Array, *, bounces: int = 10) -> Array:
+        """Follow one ray through the glass, always along its stronger part.
+
+        Args:
+            origin: World frame, metres, shape (3,).
+            direction: Unit direction, shape (3,).
+            bounces: Most interfaces to follow.
+
+        Returns:
+            The points at which it starts, crosses interfaces and ends, shape (K, 3). A ray that
+            leaves the scene ends 0.1 m behind its last interface.
+        """
+        o, d = np.asarray(origin, dtype=float)[None], np.asarray(direction, dtype=float)[None]
+        weight, travelled = np.ones((1, 3)), np.zeros(1)
+        inside, row = np.zeros(1, dtype=np.int64), np.zeros(1, dtype=np.int64)
+        points = [o[0]]
+        for depth in range(bounces):
+            hits = self._trace(self._all, o, d)
+            end = hits.distance[0] if np.isfinite(hits.distance[0]) else 0.1
+            points.append(o[0] + end * d[0])
+            if self._kinds[hits.mesh[0]] != GLASS:
+                break
+            unused = np.zeros((1, 3))
+            o, d, weight, travelled, inside, row = self._cross(
+                o, d, weight, travelled, inside, row, hits, unused, 0.0, None, depth
+            )
+        return np.stack(points)
+
     def picture(
         self,
         camera: Intrinsics,

@@ -109,6 +109,21 @@ def test_a_flat_pane_shifts_rays_but_does_not_bend_them():
     assert np.corrcoef(seen.ravel(), direct.ravel())[0, 1] > 0.97
 
 
+def test_the_path_through_a_pane_by_hand():
+    """At 30 degrees: in at 0.5 m, bent to asin(sin 30 / 1.5), out at 0.52 m in the old direction."""
+    mesh = trimesh.creation.box(bounds=[[-3, -3, 0.5], [3, 3, 0.52]])
+    mesh.unmerge_vertices()
+    pane = Surface(mesh.vertices, np.asarray(mesh.faces), np.asarray(mesh.vertex_normals))
+    scene = RayScene(None, (pane,), surroundings=plane([0, 0, 1.0], 1.0))
+    sine, cosine = np.sin(np.pi / 6), np.cos(np.pi / 6)
+    path = scene.path(np.zeros(3), np.array([sine, 0, cosine]))
+    x_in = 0.5 * sine / cosine
+    x_out = x_in + 0.02 * np.tan(np.arcsin(sine / 1.5))
+    x_wall = x_out + 0.48 * sine / cosine
+    expected = [[0, 0, 0], [x_in, 0, 0.5], [x_out, 0, 0.52], [x_wall, 0, 1.0]]
+    np.testing.assert_allclose(path, expected, atol=2e-5)
+
+
 def test_overlapping_bodies_count_as_one():
     """Two boxes of glass that share a slab look like the one box that they make up."""
 
