@@ -101,8 +101,19 @@ def test_arguments_become_a_recipe() -> None:
     parser = ArgumentParser()
     add_arguments(parser)
     args = parser.parse_args(
-        "data out --preset paper --epochs 50 --hand none --no-aggregation --no-point-fusion "
-        "--coded-weights".split()
+        [
+            "data",
+            "out",
+            "--preset",
+            "paper",
+            "--epochs",
+            "50",
+            "--hand",
+            "none",
+            "--no-aggregation",
+            "--no-point-fusion",
+            "--coded-weights",
+        ]
     )
     recipe = recipe_from(args)
     assert (recipe.epochs, recipe.drop_epoch) == (50, 40)
