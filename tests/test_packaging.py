@@ -1,6 +1,7 @@
 """The dependencies are named alike in pyproject.toml, environment.yml and constraints.txt."""
 
 import ast
+import importlib.metadata
 import re
 import sys
 import tomllib
@@ -88,6 +89,20 @@ def test_constraints_are_exact_and_without_what_must_stay_out():
     unwanted = [n for n in pins if n in {"torchvision", "pyrender", "opencv-python", "hadr"}]
     unwanted += [n for n in pins if n.startswith(("nvidia-", "cuda-", "triton"))]
     assert unwanted == []
+
+
+def test_pins_admit_the_oldest_python_that_is_promised():
+    """A patch release matters: some packages ask for 3.11.5, and a long-lived system has 3.11.2."""
+    oldest = project()["requires-python"].removeprefix(">=") + ".0"
+    refusing = {}
+    for name in constraints():
+        try:
+            wanted = importlib.metadata.metadata(name).get("Requires-Python")
+        except importlib.metadata.PackageNotFoundError:
+            continue
+        if wanted and oldest not in SpecifierSet(wanted):
+            refusing[name] = wanted
+    assert refusing == {}
 
 
 def imported_by(path):
