@@ -85,8 +85,11 @@ def sample_grasps(
         approach /= np.linalg.norm(approach)
         if approach @ normals[seed] > -0.3:
             continue
+        side = np.cross(approach, np.eye(3)[np.argmin(np.abs(approach))])
+        side /= np.linalg.norm(side)
+        axes = np.stack([approach, side, np.cross(approach, side)], axis=1)
         tries = (
-            _evaluate(cloud, normals, seed, approach, angle, largest_width)
+            _evaluate(cloud, normals, seed, axes, angle, largest_width)
             for angle in rng.uniform(0, np.pi / turns) + np.arange(turns) * np.pi / turns
         )
         kept = [row for row in tries if row is not None]
@@ -102,13 +105,12 @@ def sample_grasps(
 
 
 def _evaluate(
-    cloud: Array, normals: Array, seed: int, approach: Array, angle: float, largest_width: float
+    cloud: Array, normals: Array, seed: int, axes: Array, angle: float, largest_width: float
 ) -> Array | None:
-    """A row of 17 numbers for one point, approach and turn; None where no grasp is there."""
-    side = np.cross(approach, np.eye(3)[np.argmin(np.abs(approach))])
-    side /= np.linalg.norm(side)
-    closing = np.cos(angle) * side + np.sin(angle) * np.cross(approach, side)
-    rotation = np.stack([approach, closing, np.cross(approach, closing)], axis=1)
+    """A row of 17 numbers for one point and axes turned by an angle; None without a grasp there."""
+    c, s = np.cos(angle), np.sin(angle)
+    rotation = axes @ np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+    closing = rotation[:, 1]
     local = (cloud - cloud[seed]) @ rotation  # along approach, closing, height
     slab = np.abs(local[:, 2]) < FINGER_HEIGHT / 2
     slab &= np.abs(local[:, 1]) < largest_width
