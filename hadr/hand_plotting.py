@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from hadr.hand import BONES, FINGERS, check_keypoints
 from hadr.plotting import FINGER_COLORS
-from hadr.synthesis.objects import Surface
+from hadr.synthesis.surfaces import Surface
 
 Array = npt.NDArray[np.float64]
 

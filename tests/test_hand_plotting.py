@@ -14,7 +14,7 @@ from hadr.hand_plotting import (
     show_flesh,
 )
 from hadr.plotting import FINGER_COLORS
-from hadr.synthesis.objects import Surface
+from hadr.synthesis.surfaces import Surface
 
 mpl.use("Agg")
 

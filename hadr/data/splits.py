@@ -13,12 +13,12 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from hadr.synthesis.objects import UNKNOWN_OBJECTS
+
 SplitBy = Literal["frame", "holding", "object"]
 
 #: The paper's ratio of training, validation and testing frames.
 PAPER_RATIO = (7.0, 2.0, 1.0)
-#: The two objects that the unknown-category experiment holds out.
-UNKNOWN_OBJECTS: tuple[str, ...] = ("0004", "0007")
 _NAMES = ("train", "val", "test")
 
 

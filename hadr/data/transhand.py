@@ -18,9 +18,17 @@ from typing import Any, Literal, overload
 import cv2
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial.transform import Rotation
 
-from hadr.camera import TRANSHAND_CAMERA, Intrinsics, transform_points
+from hadr.camera import Intrinsics, transform_points
+from hadr.data.camera_log import (
+    camera_log,
+    image_pixels,
+    log_camera,
+    log_keypoints,
+    log_pose,
+    native_pixels,
+    read_log,
+)
 from hadr.hand import KEYPOINT_NAMES
 
 Array = npt.NDArray[np.float64]
@@ -28,9 +36,6 @@ Array = npt.NDArray[np.float64]
 SPLITS = ("train", "val", "test")
 #: The log's name for the metres of one step of ``depth_png``.
 DEPTH_SCALE_KEY = "depth_png scale"
-#: OpenCV's camera axes in Blender's: x the same, y and z the other way round.
-BLENDER_FROM_OPENCV: Array = np.diag([1.0, -1.0, -1.0, 1.0])
-
 _FOLDERS: dict[str, tuple[str, ...]] = {
     "color": ("rgb",),
     "depth": ("depth_np", "depth_png"),
@@ -96,44 +101,6 @@ class FrameFiles:
     log: Path
     hand_kpt: Path
     background: Path | None
-
-
-def camera_pose(point: Sequence[float], angle_degrees: Sequence[float]) -> Array:
-    """The pose of the OpenCV camera from the log's ``camera point`` and ``camera angle``.
-
-    Args:
-        point: Camera centre, world, metres, three numbers.
-        angle_degrees: Euler angles about x, y, z; R = Rz Ry Rx.
-
-    Returns:
-        ``world_from_camera``, shape (4, 4).
-    """
-    pose = np.eye(4)
-    pose[:3, :3] = Rotation.from_euler("xyz", angle_degrees, degrees=True).as_matrix()
-    pose[:3, 3] = point
-    return pose @ BLENDER_FROM_OPENCV
-
-
-def camera_log(world_from_camera: npt.ArrayLike) -> tuple[list[float], list[float]]:
-    """The log's ``camera point`` and ``camera angle``; the inverse of :func:`camera_pose`."""
-    pose = np.asarray(world_from_camera, dtype=float) @ BLENDER_FROM_OPENCV
-    angle = Rotation.from_matrix(pose[:3, :3]).as_euler("xyz", degrees=True)
-    return pose[:3, 3].tolist(), angle.tolist()
-
-
-def native_pixels(uv: npt.ArrayLike, camera: Intrinsics) -> Array:
-    """Pixels of an image resized from 1280x720 back to pixels at 1280x720, shape (..., 2)."""
-    scale = np.array(
-        [TRANSHAND_CAMERA.width / camera.width, TRANSHAND_CAMERA.height / camera.height]
-    )
-    return np.asarray((np.asarray(uv, dtype=float) + 0.5) * scale - 0.5)
-
-
-def _image_pixels(uv: Array, camera: Intrinsics) -> Array:
-    scale = np.array(
-        [camera.width / TRANSHAND_CAMERA.width, camera.height / TRANSHAND_CAMERA.height]
-    )
-    return np.asarray((uv + 0.5) * scale - 0.5)
 
 
 class TransHand(Sequence[Frame]):
@@ -208,10 +175,10 @@ class TransHand(Sequence[Frame]):
     @property
     def hold_ids(self) -> list[str | None]:
         """The holding pose of each frame from its log; None where the log has none."""
-        return [_read_log(files.log).get("hold_id") for files in self.files]
+        return [read_log(files.log).get("hold_id") for files in self.files]
 
     def _read(self, files: FrameFiles) -> Frame:
-        log = _read_log(files.log)
+        log = read_log(files.log)
         color = cv2.imread(str(files.color), cv2.IMREAD_COLOR)
         if color is None:
             raise ValueError(f"{files.color} is not a readable picture")
@@ -228,9 +195,9 @@ class TransHand(Sequence[Frame]):
                     f"{image.shape}, but the colour picture is {(height, width)}"
                 )
         background = None if files.background is None else _read_depth(files.background, scale)
-        camera = self._camera or _log_camera(log, width, height, files.log)
-        pose = camera_pose(_numbers(log, "camera point", files.log, 3), _angle(log, files.log))
-        keypoints = transform_points(np.linalg.inv(pose), _log_keypoints(log, files.log))
+        camera = self._camera or log_camera(log, width, height, files.log)
+        pose = log_pose(log, files.log)
+        keypoints = transform_points(np.linalg.inv(pose), log_keypoints(log, files.log))
         uv = _read_keypoints_uv(files.hand_kpt)
         return Frame(
             files.stem,
@@ -241,7 +208,7 @@ class TransHand(Sequence[Frame]):
             hand_mask,
             object_mask,
             keypoints,
-            _image_pixels(uv, camera),
+            image_pixels(uv, camera),
             camera,
             pose,
             background,
@@ -294,60 +261,6 @@ def _list_frames(
         )
         for stem in stems
     ]
-
-
-def _read_log(path: Path) -> dict[str, Any]:
-    try:
-        log = json.loads(path.read_text(encoding="utf-8"))
-    except json.JSONDecodeError as error:
-        raise ValueError(f"{path} is not valid JSON: {error}") from error
-    if not isinstance(log, dict):
-        raise ValueError(f"{path} must hold named values, got {type(log).__name__}")
-    return log
-
-
-def _numbers(log: Mapping[str, Any], key: str, path: Path, count: int) -> list[float]:
-    value = log.get(key)
-    value = list(value.values()) if isinstance(value, Mapping) else value
-    try:
-        numbers = [float(v) for v in value]  # type: ignore[union-attr]
-    except (TypeError, ValueError):
-        numbers = []
-    if len(numbers) != count or not np.isfinite(numbers).all():
-        raise ValueError(f"{path}: {key!r} must hold {count} finite numbers, got {value!r}")
-    return numbers
-
-
-def _angle(log: Mapping[str, Any], path: Path) -> list[float]:
-    return _numbers(log, "camera angle", path, 3)
-
-
-def _log_keypoints(log: Mapping[str, Any], path: Path) -> Array:
-    named = log.get("hand_keypoint")
-    if not isinstance(named, Mapping) or len(named) < 21:
-        count = len(named) if isinstance(named, Mapping) else 0
-        raise ValueError(f"{path}: 'hand_keypoint' must name at least 21 points, got {count}")
-    first = list(named)[:21]
-    return np.array([_numbers(named, name, path, 3) for name in first])
-
-
-def _log_camera(log: Mapping[str, Any], width: int, height: int, path: Path) -> Intrinsics:
-    value = log.get("camera internal")
-    if value is None:
-        return TRANSHAND_CAMERA.resized(width, height)
-    if isinstance(value, Mapping):
-        try:
-            return Intrinsics.from_dict({"width": width, "height": height, **value})
-        except (TypeError, ValueError) as error:
-            raise ValueError(f"{path}: 'camera internal': {error}") from error
-    try:
-        matrix = np.asarray(value, dtype=float).reshape(3, -1)[:, :3]
-        return Intrinsics.from_matrix(matrix, width, height)
-    except (TypeError, ValueError) as error:
-        raise ValueError(
-            f"{path}: 'camera internal' must be a 3x3 matrix or fx, fy, cx, cy by name, got "
-            f"{value!r} ({error}); pass camera= to use your own"
-        ) from error
 
 
 def _read_depth(path: Path, scale: float | None) -> npt.NDArray[np.float32]:

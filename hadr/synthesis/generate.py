@@ -20,10 +20,10 @@ import numpy as np
 
 from hadr import __version__
 from hadr.camera import project, transform_points
-from hadr.data.splits import PAPER_RATIO, UNKNOWN_OBJECTS, SplitBy, hold_split
+from hadr.data.splits import PAPER_RATIO, SplitBy, hold_split
 from hadr.data.transhand import Frame, frame_log_path, write_frame
 from hadr.synthesis.holding import make_hold
-from hadr.synthesis.objects import OBJECTS, glass_object
+from hadr.synthesis.objects import OBJECTS, UNKNOWN_OBJECTS, glass_object
 from hadr.synthesis.scene import Scene, make_scene
 
 Quality = Literal["fast", "fine"]

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from scipy.ndimage import map_coordinates
 
 from hadr.hand import FINGERS, HandShape, Skeleton
-from hadr.synthesis.objects import Surface
+from hadr.synthesis.surfaces import Surface
 
 Array = npt.NDArray[np.float64]
 Grid = npt.NDArray[np.float32]

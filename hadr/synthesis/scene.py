@@ -15,8 +15,10 @@ from hadr.camera import TRANSHAND_CAMERA, Intrinsics, ray_directions, transform_
 from hadr.hand import forward_kinematics, keypoints_from_skeleton
 from hadr.synthesis.hand_mesh import SKIN_TONES, HandMesh, hand_mesh
 from hadr.synthesis.holding import Hold
-from hadr.synthesis.objects import Surface, bodies, glass_object
-from hadr.synthesis.raycast import Lamp, RayScene, Surroundings
+from hadr.synthesis.objects import bodies, glass_object
+from hadr.synthesis.raycast import Surroundings
+from hadr.synthesis.shading import Lamp, RayScene
+from hadr.synthesis.surfaces import Surface
 from hadr.synthesis.textures import COUNT
 
 Array = npt.NDArray[np.float64]

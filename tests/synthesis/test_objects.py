@@ -13,10 +13,10 @@ from hadr.synthesis.objects import (
     bodies,
     glass_object,
     handle_line,
-    merged,
     profile,
     signed_distance,
 )
+from hadr.synthesis.surfaces import merged
 
 IDS = tuple(OBJECTS)
 

@@ -4,8 +4,10 @@ import trimesh
 
 from hadr.camera import Intrinsics, project, ray_directions
 from hadr.synthesis.generate import build_scene, frame_recipe
-from hadr.synthesis.objects import Surface
-from hadr.synthesis.raycast import GLASS_INDEX, RayScene, Surroundings, reflect, refract
+from hadr.synthesis.optics import GLASS_INDEX, reflect, refract
+from hadr.synthesis.raycast import Surroundings
+from hadr.synthesis.shading import RayScene
+from hadr.synthesis.surfaces import Surface
 
 CAMERA = Intrinsics(200.0, 210.0, 60.3, 40.7, 128, 80)
 
@@ -110,7 +112,7 @@ def test_a_flat_pane_shifts_rays_but_does_not_bend_them():
 
 
 def test_the_path_through_a_pane_by_hand():
-    """At 30 degrees: in at 0.5 m, bent to asin(sin 30 / 1.5), out at 0.52 m in the old direction."""
+    """At 30 degrees: in at 0.5 m, bent to asin(sin 30 / 1.5), out at 0.52 m as it came."""
     mesh = trimesh.creation.box(bounds=[[-3, -3, 0.5], [3, 3, 0.52]])
     mesh.unmerge_vertices()
     pane = Surface(mesh.vertices, np.asarray(mesh.faces), np.asarray(mesh.vertex_normals))

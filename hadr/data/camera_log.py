@@ -1,0 +1,122 @@
+"""The log of a TransHand-14K frame: Blender's camera, the keypoints, and their numbers.
+
+Blender's camera looks along -z with y up. Camera coordinates in our OpenCV frame are
+``diag(1, -1, -1) inverse(T) X`` for a world point X.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial.transform import Rotation
+
+from hadr.camera import TRANSHAND_CAMERA, Intrinsics
+
+Array = npt.NDArray[np.float64]
+
+#: OpenCV's camera axes in Blender's: x the same, y and z the other way round.
+BLENDER_FROM_OPENCV: Array = np.diag([1.0, -1.0, -1.0, 1.0])
+
+
+def camera_pose(point: Sequence[float], angle_degrees: Sequence[float]) -> Array:
+    """The pose of the OpenCV camera from the log's ``camera point`` and ``camera angle``.
+
+    Args:
+        point: Camera centre, world, metres, three numbers.
+        angle_degrees: Euler angles about x, y, z; R = Rz Ry Rx.
+
+    Returns:
+        ``world_from_camera``, shape (4, 4).
+    """
+    pose = np.eye(4)
+    pose[:3, :3] = Rotation.from_euler("xyz", angle_degrees, degrees=True).as_matrix()
+    pose[:3, 3] = point
+    return pose @ BLENDER_FROM_OPENCV
+
+
+def camera_log(world_from_camera: npt.ArrayLike) -> tuple[list[float], list[float]]:
+    """The log's ``camera point`` and ``camera angle``; the inverse of :func:`camera_pose`."""
+    pose = np.asarray(world_from_camera, dtype=float) @ BLENDER_FROM_OPENCV
+    angle = Rotation.from_matrix(pose[:3, :3]).as_euler("xyz", degrees=True)
+    return pose[:3, 3].tolist(), angle.tolist()
+
+
+def native_pixels(uv: npt.ArrayLike, camera: Intrinsics) -> Array:
+    """Pixels of an image resized from 1280x720 back to pixels at 1280x720, shape (..., 2)."""
+    scale = np.array(
+        [TRANSHAND_CAMERA.width / camera.width, TRANSHAND_CAMERA.height / camera.height]
+    )
+    return np.asarray((np.asarray(uv, dtype=float) + 0.5) * scale - 0.5)
+
+
+def image_pixels(uv: Array, camera: Intrinsics) -> Array:
+    """The inverse of :func:`native_pixels`."""
+    scale = np.array(
+        [camera.width / TRANSHAND_CAMERA.width, camera.height / TRANSHAND_CAMERA.height]
+    )
+    return np.asarray((uv + 0.5) * scale - 0.5)
+
+
+def read_log(path: Path) -> dict[str, Any]:
+    """Read a log; a ``ValueError`` names a file that is not one."""
+    try:
+        log = json.loads(path.read_text(encoding="utf-8"))
+    except json.JSONDecodeError as error:
+        raise ValueError(f"{path} is not valid JSON: {error}") from error
+    if not isinstance(log, dict):
+        raise ValueError(f"{path} must hold named values, got {type(log).__name__}")
+    return log
+
+
+def numbers(log: Mapping[str, Any], key: str, path: Path, count: int) -> list[float]:
+    """``count`` finite numbers from a list or from named values; else a ``ValueError``."""
+    value = log.get(key)
+    value = list(value.values()) if isinstance(value, Mapping) else value
+    try:
+        numbers = [float(v) for v in value]  # type: ignore[union-attr]
+    except (TypeError, ValueError):
+        numbers = []
+    if len(numbers) != count or not np.isfinite(numbers).all():
+        raise ValueError(f"{path}: {key!r} must hold {count} finite numbers, got {value!r}")
+    return numbers
+
+
+def log_pose(log: Mapping[str, Any], path: Path) -> Array:
+    """``world_from_camera`` (4, 4) of a log; ``path`` names it in errors."""
+    point = numbers(log, "camera point", path, 3)
+    return camera_pose(point, numbers(log, "camera angle", path, 3))
+
+
+def log_keypoints(log: Mapping[str, Any], path: Path) -> Array:
+    """The first 21 points of ``hand_keypoint``, world, metres, shape (21, 3)."""
+    named = log.get("hand_keypoint")
+    if not isinstance(named, Mapping) or len(named) < 21:
+        count = len(named) if isinstance(named, Mapping) else 0
+        raise ValueError(f"{path}: 'hand_keypoint' must name at least 21 points, got {count}")
+    first = list(named)[:21]
+    return np.array([numbers(named, name, path, 3) for name in first])
+
+
+def log_camera(log: Mapping[str, Any], width: int, height: int, path: Path) -> Intrinsics:
+    """Intrinsics of ``camera internal``: a matrix, named values, or the data set's if left out."""
+    value = log.get("camera internal")
+    if value is None:
+        return TRANSHAND_CAMERA.resized(width, height)
+    if isinstance(value, Mapping):
+        try:
+            return Intrinsics.from_dict({"width": width, "height": height, **value})
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"{path}: 'camera internal': {error}") from error
+    try:
+        matrix = np.asarray(value, dtype=float).reshape(3, -1)[:, :3]
+        return Intrinsics.from_matrix(matrix, width, height)
+    except (TypeError, ValueError) as error:
+        raise ValueError(
+            f"{path}: 'camera internal' must be a 3x3 matrix or fx, fy, cx, cy by name, got "
+            f"{value!r} ({error}); pass camera= to use your own"
+        ) from error
