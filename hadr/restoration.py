@@ -215,6 +215,10 @@ def _restore_with_hadr(
         f"{meta.get('epochs', 'unknown')} epochs) ran at {width}x{height}; its depth was "
         f"interpolated to {camera.width}x{camera.height}"
     )
+    if path.name == CHECKPOINT_NAME:
+        notes.append(
+            "the sample checkpoint has seen computed pictures only; expect larger errors on real ones"
+        )
     filled, confidence = clean.copy(), np.zeros_like(clean)
     filled[target] = 0
     if known.any():

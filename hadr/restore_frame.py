@@ -261,7 +261,7 @@ def _print_summary(report: dict[str, Any], out: str) -> None:
         if name == "restored_where_measured":
             name = "the same, where measured"
         deltas = "  ".join(
-            f"d{factor} {row[key]:.2f} %"
+            f"d{factor:.2f} {row[key]:.2f} %"
             for factor, key in ((1.05, "delta_105"), (1.1, "delta_110"), (1.25, "delta_125"))
         )
         print(

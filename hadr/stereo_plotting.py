@@ -24,10 +24,10 @@ def draw_stereo_camera(ax: Axes, glass: bool, title: str) -> None:
     ax.text(-0.74, _WALL_Y - 0.03, "wall", va="top")
     dot = np.array([0.12, _WALL_Y])
     if glass:
-        x = np.linspace(-0.45, 0.45, 60)
-        side = _GLASS_Y + 0.9 * x**2
-        ax.plot(x, side, color=COLORS["glass"], lw=9, alpha=0.55, solid_capstyle="butt")
-        ax.text(0.5, side[-1] - 0.06, "glass", va="center")
+        across = np.linspace(-0.45, 0.45, 60)
+        side = _GLASS_Y + 0.9 * across**2
+        ax.plot(across, side, color=COLORS["glass"], lw=9, alpha=0.55, solid_capstyle="butt")
+        ax.text(0.5, float(side[-1]) - 0.06, "glass", va="center")
     _ray(ax, np.zeros(2), dot, 0.0, COLORS["baseline"])
     for x, name, bend in zip(_IMAGERS, ("left", "right"), (0.035, -0.05), strict=True):
         _ray(ax, np.array([x, 0.0]), dot, bend if glass else 0.0, COLORS["hadr"])

@@ -326,9 +326,9 @@ def test_a_real_frame_of_glass(
         truth=folder / f"{scene}-opaque-depth-img.exr",
         out=tmp_path / "out",
     )
-    started = time.perf_counter()
+    started = time.process_time()
     assert main(line) == 0
-    assert time.perf_counter() - started < 10
+    assert time.process_time() - started < 10
     report = json.loads((tmp_path / "out" / "report.json").read_text())
     row = report["errors_in_mask"]["measured"]
     assert row["pixels"] == pixels
