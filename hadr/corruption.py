@@ -247,14 +247,6 @@ def see_through(
     return corrupted
 
 
-def disparity_from_depth(depth: FloatArray, camera: Intrinsics, baseline_m: float) -> FloatArray:
-    """Return the disparity d = f b / z in pixels, shape (H, W); 0 where depth is missing."""
-    focal_times_baseline = np.float32(camera.fx * baseline_m)
-    missing = ~(depth > 0)
-    disparity = focal_times_baseline / np.where(missing, np.float32(1), depth)
-    return np.where(missing, 0, disparity).astype(np.float32)
-
-
 def stereo_noise(
     depth: FloatArray,
     camera: Intrinsics,
@@ -288,11 +280,12 @@ def stereo_noise(
             "baseline_m must be positive and disparity_step, disparity_std not negative, got "
             f"{baseline_m}, {disparity_step}, {disparity_std}"
         )
-    disparity = disparity_from_depth(depth, camera, baseline_m).astype(np.float64)
+    seen = valid_depth(depth)
+    disparity = camera.fx * baseline_m / np.where(seen, depth, 1.0).astype(np.float64)
     measured = disparity + disparity_std * rng.standard_normal(depth.shape)
     if disparity_step > 0:
         measured = np.rint(measured / disparity_step) * disparity_step
-    valid = (disparity > 0) & (measured > 0)
+    valid = seen & (measured > 0)
     z = camera.fx * baseline_m / np.where(valid, measured, 1.0)
     return np.where(valid, z, 0.0).astype(np.float32)
 

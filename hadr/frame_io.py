@@ -248,8 +248,9 @@ def finished_folder(
 
 def check_output_folder(folder: Path, may_replace: Collection[str] | None = None) -> None:
     """Raise where `finished_folder` would refuse, before any work is done."""
-    if folder.exists() and not folder.is_dir():
-        raise NotADirectoryError(f"output {folder} is a file, expected a folder or a new name")
+    for place in (folder, *folder.absolute().parents):
+        if place.exists() and not place.is_dir():
+            raise NotADirectoryError(f"output {place} is a file, expected a folder or a new name")
     present = sorted(entry.name for entry in folder.iterdir()) if folder.exists() else []
     if present and may_replace is None:
         raise FileExistsError(

@@ -217,7 +217,8 @@ def _restore_with_hadr(
     )
     if path.name == CHECKPOINT_NAME:
         notes.append(
-            "the sample checkpoint has seen computed pictures only; expect larger errors on real ones"
+            "the sample checkpoint has seen computed pictures only; expect larger errors on "
+            "real ones"
         )
     filled, confidence = clean.copy(), np.zeros_like(clean)
     filled[target] = 0

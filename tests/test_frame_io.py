@@ -183,3 +183,8 @@ def test_folder_with_files_is_replaced_only_when_they_are_ours(tmp_path) -> None
     assert [p.name for p in tmp_path.iterdir()] == ["out"]
     with pytest.raises(NotADirectoryError, match="is a file"), finished_folder(target / "a.txt"):
         pass
+    with (
+        pytest.raises(NotADirectoryError, match=r"a.txt is a file"),
+        finished_folder(target / "a.txt" / "below"),
+    ):
+        pass
