@@ -8,14 +8,11 @@ known; split by object even that is new.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from hadr.synthesis.objects import UNKNOWN_OBJECTS
-
-SplitBy = Literal["frame", "holding", "object"]
 
 #: The paper's ratio of training, validation and testing frames.
 PAPER_RATIO = (7.0, 2.0, 1.0)
@@ -111,12 +108,3 @@ def leaked_share(split: npt.NDArray[np.str_], groups: Sequence[str]) -> float:
     if not len(test):
         raise ValueError("there is no test frame")
     return float(np.isin(test, names[split == "train"]).mean())
-
-
-def hold_split(hold_number: int) -> str:
-    """The split of an object's hold number, in a fixed cycle of ten that keeps 7:2:1.
-
-    A hold's split so never depends on how many frames are made.
-    """
-    cycle = ("train", "train", "test", "train", "val", "train", "train", "train", "val", "train")
-    return cycle[hold_number % 10]

@@ -20,13 +20,17 @@ import numpy as np
 
 from hadr import __version__
 from hadr.camera import project, transform_points
-from hadr.data.splits import PAPER_RATIO, SplitBy, hold_split
-from hadr.data.transhand import Frame, frame_log_path, write_frame
 from hadr.synthesis.holding import make_hold
 from hadr.synthesis.objects import OBJECTS, UNKNOWN_OBJECTS, glass_object
 from hadr.synthesis.scene import Scene, make_scene
+from hadr.synthesis.transhand_frame import Frame, frame_log_path, write_frame
 
 Quality = Literal["fast", "fine"]
+SplitBy = Literal["frame", "holding", "object"]
+
+#: Shares of training, validation and testing frames (paper, section IV-A).
+_RATIO = (0.7, 0.2, 0.1)
+_HOLD_CYCLE = ("train", "train", "test", "train", "val", "train", "train", "train", "val", "train")
 
 
 @dataclass(frozen=True)
@@ -72,6 +76,14 @@ class GenerationReport:
         return f"{self.written} frames written, {self.kept} kept in {self.root}{pace}"
 
 
+def hold_split(hold_number: int) -> str:
+    """The split of an object's hold number, in a fixed cycle of ten that keeps 7:2:1.
+
+    A hold's split so never depends on how many frames are made.
+    """
+    return _HOLD_CYCLE[hold_number % len(_HOLD_CYCLE)]
+
+
 def frame_recipe(
     index: int,
     *,
@@ -108,8 +120,7 @@ def frame_recipe(
     if split_by == "holding":
         split = hold_split(hold_number)
     elif split_by == "frame":
-        shares = np.asarray(PAPER_RATIO) / sum(PAPER_RATIO)
-        draw = np.random.default_rng([seed, index, 29]).choice(3, p=shares)
+        draw = np.random.default_rng([seed, index, 29]).choice(3, p=_RATIO)
         split = ("train", "val", "test")[int(draw)]
     elif split_by == "object":
         split = "test" if object_id in UNKNOWN_OBJECTS else "train"

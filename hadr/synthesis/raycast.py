@@ -103,8 +103,8 @@ class RayCaster:
             self._opaque.append((SURROUNDINGS, surroundings.surface))
         if hand is not None:
             self._opaque.append((HAND, hand.surface))
-        self._meshes = [*self._opaque, *((GLASS, body) for body in glass)]
-        self._kinds = np.array([kind for kind, _ in self._meshes] + [NOTHING])
+        self.meshes = [*self._opaque, *((GLASS, body) for body in glass)]
+        self._kinds = np.array([kind for kind, _ in self.meshes] + [NOTHING])
         # One tree per kind of thing: (number of its first mesh, tree). A ray asks several.
         self._solid = [(i, _tree((surface,))) for i, (_, surface) in enumerate(self._opaque)]
         self._clear = [(len(self._opaque), _tree(glass))] if glass else []
@@ -166,7 +166,7 @@ class RayCaster:
         behind = self._trace(self._solid, origins, directions)
         kind = self._kinds[hits.mesh]
         normals = np.zeros_like(directions)
-        for number, (_, surface) in enumerate(self._meshes):
+        for number, (_, surface) in enumerate(self.meshes):
             rows = np.flatnonzero(hits.mesh == number)
             if len(rows):
                 smooth, _ = self._normal(surface, hits, rows)

@@ -268,10 +268,10 @@ class RayScene(RayCaster):
     ) -> tuple[Array, Array, Array, Array, npt.NDArray[np.int64], npt.NDArray[np.int64]]:
         """Carry rays over one glass interface and add what it mirrors to ``color``."""
         smooth, flat = np.zeros_like(d), np.zeros_like(d)
-        for number in range(len(self._opaque), len(self._meshes)):
+        for number in range(len(self._opaque), len(self.meshes)):
             rows = np.flatnonzero(hits.mesh == number)
             if len(rows):
-                smooth[rows], flat[rows] = self._normal(self._meshes[number][1], hits, rows)
+                smooth[rows], flat[rows] = self._normal(self.meshes[number][1], hits, rows)
         entering = (flat * d).sum(1) < 0
         sign = np.where(entering, 1.0, -1.0)[:, None]
         against, flat_against = smooth * sign, flat * sign

@@ -4,12 +4,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hadr.data.splits import (
-    hold_split,
     leaked_share,
     split_by_frame,
     split_by_holding,
     split_by_object,
 )
+from hadr.synthesis.generate import hold_split
 
 HOLDS = [f"0000-side-{i // 3:04d}" for i in range(300)]
 
