@@ -80,3 +80,22 @@ def test_frame_has_one_scale_and_no_box(ax):
     assert ax.get_aspect() == 1.0
     assert not ax.axison
     assert ax.get_title() == "a hand"
+
+
+def test_orbit_widget_moves_one_feature_and_not_the_other():
+    from hadr.widgets import orbit_hand
+
+    posed = keypoints_from_skeleton(forward_kinematics(np.full(20, 0.2)).joints)
+    keypoints = posed + np.array([0.0, 0.0, 0.7])
+    sliders = orbit_hand(keypoints)
+    assert [child.description for child in sliders.children[:2]] == ["sideways (°)", "upwards (°)"]
+    sliders.f(sideways=40.0, upwards=0.0)
+    bars = plt.gcf().axes[1]
+    heights = [[bar.get_height() for bar in group] for group in bars.containers]
+    assert [text.get_text() for text in bars.get_legend().get_texts()] == [
+        "wrist frame",
+        "wrist only",
+    ]
+    assert max(heights[0]) < 1e-9
+    assert max(heights[1]) > 3.0
+    plt.close("all")
