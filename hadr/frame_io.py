@@ -22,7 +22,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hadr.camera import BoolArray, FloatArray, Intrinsics, back_project, valid_depth
-from hadr.openexr import read_exr
 
 DEFAULT_DEPTH_SCALE = 0.001
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
@@ -70,12 +69,7 @@ def read_depth(path: str | Path, scale: float | None = None) -> NDArray[np.float
     if path.suffix.lower() == ".npy":
         stored = _read_npy(path, "depth")
     elif path.suffix.lower() == ".exr":
-        _check_file(path, "depth")
-        try:
-            channels = read_exr(path)
-        except ValueError as error:
-            raise ValueError(f"depth {path} cannot be read: {error}") from error
-        stored = channels.get("Z", next(iter(channels.values())))
+        stored = _read_exr(path, "depth")
     else:
         stored = _read_image(path, "depth")
         if stored.dtype != np.uint16 or stored.ndim != 2:
@@ -90,6 +84,19 @@ def read_depth(path: str | Path, scale: float | None = None) -> NDArray[np.float
     if scale is None:
         scale = 1.0 if stored.dtype.kind == "f" else DEFAULT_DEPTH_SCALE
     return (stored.astype(np.float64) * scale).astype(np.float32)
+
+
+def _read_exr(path: Path, name: str) -> NDArray[Any]:
+    """The channel Z of an OpenEXR image or, where there is none, its first one, shape (H, W)."""
+    import OpenEXR
+
+    _check_file(path, name)
+    try:
+        channels = OpenEXR.File(str(path), separate_channels=True).channels()
+        stored: NDArray[Any] = channels.get("Z", next(iter(channels.values()))).pixels
+    except (RuntimeError, ValueError, StopIteration) as error:
+        raise ValueError(f"{name} {path} is not a whole OpenEXR image: {error}") from error
+    return stored
 
 
 def read_mask(path: str | Path, name: str = "mask") -> BoolArray:

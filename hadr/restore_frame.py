@@ -84,7 +84,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--depth",
         required=True,
         metavar="FILE",
-        help="depth: 16-bit PNG, .npy (H, W) or OpenEXR (ZIP, ZIPS, RLE or uncompressed)",
+        help="depth: 16-bit PNG, .npy (H, W) or OpenEXR",
     )
     needed.add_argument(
         "--depth-scale",

@@ -194,7 +194,7 @@ BAD = {
     "a truncated PNG": "is a truncated PNG: 90 bytes without the closing IEND chunk, expected",
     "a hand of 20 points": "a hand has 21 keypoints, shape (21, 3) in metres; got (20, 3)",
     "intrinsics of another size": "intrinsics are of a 640x48 image but colour and depth are 64x48",
-    "a truncated EXR": "cut off",
+    "a truncated EXR": "is not a whole OpenEXR image",
     "a checkpoint that is not there": "gone.safetensors does not exist",
     "HADR without a hand": "no checkpoint fits: the sample checkpoint needs 21 hand keypoints",
     "truth of another size": "truth is (4, 4) but depth is (48, 64), expected the same",

@@ -2,6 +2,7 @@ import json
 
 import cv2
 import numpy as np
+import OpenEXR
 import pytest
 import trimesh
 
@@ -188,3 +189,22 @@ def test_folder_with_files_is_replaced_only_when_they_are_ours(tmp_path) -> None
         finished_folder(target / "a.txt" / "below"),
     ):
         pass
+
+
+@pytest.mark.parametrize("compression", ["ZIP_COMPRESSION", "PIZ_COMPRESSION", "NO_COMPRESSION"])
+@pytest.mark.parametrize("dtype", [np.float16, np.float32])
+def test_an_exr_depth_image_keeps_its_values(tmp_path, compression, dtype):
+    depth = np.linspace(0.3, 2.0, 60, dtype=dtype).reshape(6, 10)
+    header = {"compression": getattr(OpenEXR, compression), "type": OpenEXR.scanlineimage}
+    OpenEXR.File(header, {"RGB": np.repeat(depth[..., None], 3, axis=2)}).write(
+        str(tmp_path / "depth.exr")
+    )
+    np.testing.assert_array_equal(read_depth(tmp_path / "depth.exr"), depth.astype(np.float32))
+
+
+def test_of_several_exr_channels_z_is_the_depth(tmp_path):
+    depth = np.full((4, 5), 0.7, np.float32)
+    channels = {"A": np.ones((4, 5), np.float32), "Z": depth.copy()}
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    OpenEXR.File(header, channels).write(str(tmp_path / "depth.exr"))
+    np.testing.assert_array_equal(read_depth(tmp_path / "depth.exr"), depth)

@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from hadr.frame_io import read_depth
 from hadr.metrics import (
     DepthMetrics,
     depth_errors,
@@ -17,7 +18,6 @@ from hadr.metrics import (
     mean_over_frames,
     pooled,
 )
-from hadr.openexr import read_exr
 
 #: Truth 1 m everywhere; predictions off by 0, 4, -20 and 30 cm.
 TRUTH = np.ones((2, 2))
@@ -293,8 +293,8 @@ def test_pooled_is_the_metric_of_the_concatenated_pixels(frames):
 )
 def test_published_values_of_a_real_camera_on_glass(realdata: Path, scene, pixels, published):
     folder = realdata / "cleargrasp_d435"
-    measured = read_exr(folder / f"{scene}-transparent-depth-img.exr")["R"]
-    truth = read_exr(folder / f"{scene}-opaque-depth-img.exr")["R"]
+    measured = read_depth(folder / f"{scene}-transparent-depth-img.exr")
+    truth = read_depth(folder / f"{scene}-opaque-depth-img.exr")
     mask = cv2.imread(str(folder / f"{scene}-mask.png"), cv2.IMREAD_UNCHANGED) > 0
     m = frame_metrics(measured, truth, mask)
     assert m.pixels == pixels
