@@ -25,6 +25,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "make a data set of hand-held glass in TransHand's form",
     ),
     "train": ("hadr.training.loop", "train the network on a data set"),
+    "evaluate": ("hadr.training.evaluation", "score a network beside methods that learn nothing"),
 }
 
 DESCRIPTION = """\

@@ -142,3 +142,25 @@ def corrupt_glass(depth: FloatArray, background_depth: FloatArray, mask: BoolArr
         missing=widgets.FloatSlider(description="missing", **slider),
         background=widgets.FloatSlider(description="background", **slider),
     )
+
+
+def step_through(pictures: dict[str, FloatArray], truth: FloatArray) -> Any:
+    """Step through restored depth images, each beside the truth and with its error.
+
+    Args:
+        pictures: Title to z-depth in metres, shape (H, W) each; 0 = missing.
+        truth: True z-depth in metres, shape (H, W).
+
+    Returns:
+        A widget with one slider: which of the pictures.
+    """
+    low, high = float(truth[truth > 0].min()), float(np.median(truth[truth > 0])) + 0.15
+
+    def draw(stage: str) -> None:
+        fig, axes = plt.subplots(1, 2, figsize=(7, 3))
+        show_depth(axes[0], pictures[stage], stage, vmin=low, vmax=high, colorbar=False)
+        show_depth(axes[1], truth, "truth", vmin=low, vmax=high)
+        plt.show(fig)
+
+    slider = widgets.SelectionSlider(options=list(pictures), description="after")
+    return widgets.interactive(draw, stage=slider)

@@ -7,16 +7,20 @@ gains by leaving out what is difficult.
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 
 from hadr.camera import BoolArray, FloatArray
-from hadr.metrics import DepthMetrics, frame_metrics, mean_over_frames
+from hadr.metrics import DepthMetrics, format_table, frame_metrics, mean_over_frames
 from hadr.models.baselines import classical
 from hadr.models.hadr import HADR, HADROutput
-from hadr.training.batches import FrameTensors
+from hadr.provenance import provenance, write_json
+from hadr.training.batches import FrameTensors, load_frames
 
 Restorer = Callable[[FrameTensors, int], FloatArray]
 """From the frames and a frame's number to restored z-depth in metres, shape (H, W)."""
@@ -138,3 +142,90 @@ def compare(
 def averages(rows: Mapping[str, list[DepthMetrics]]) -> dict[str, DepthMetrics]:
     """Average each method's metrics over the frames."""
     return {name: mean_over_frames(metrics) for name, metrics in rows.items()}
+
+
+def comparison(
+    frames: FrameTensors, rows: Mapping[str, list[DepthMetrics]], reference: str = "hand-median"
+) -> dict[str, Any]:
+    """Put a comparison into a form for JSON: averages, their uncertainty, and each frame's RMSE.
+
+    Args:
+        frames: The frames.
+        rows: What `compare` gave.
+        reference: The method that each other one is compared with, frame by frame.
+
+    Returns:
+        `rows` (the per-frame mean of each method, with the standard error of the RMSE),
+        `against` (each method's RMSE minus the reference's on the same frame: the mean and its
+        standard error) and `frames` (the RMSE of each frame by method).
+    """
+    rmse = {name: np.array([m.rmse_m for m in metrics]) for name, metrics in rows.items()}
+    return {
+        "rows": {
+            name: {**mean.to_dict(), "rmse_standard_error_m": _standard_error(rmse[name])}
+            for name, mean in averages(rows).items()
+        },
+        "against": [
+            {
+                "method": name,
+                "reference": reference,
+                "mean_difference_m": float((values - rmse[reference]).mean()),
+                "standard_error_m": _standard_error(values - rmse[reference]),
+                "better_on_frames": int((values < rmse[reference]).sum()),
+                "frames": len(values),
+            }
+            for name, values in rmse.items()
+            if name != reference
+        ],
+        "frames": [
+            {"frame": stem, **{name: float(values[number]) for name, values in rmse.items()}}
+            for number, stem in enumerate(frames.stems)
+        ],
+    }
+
+
+def _standard_error(values: FloatArray) -> float:
+    """Standard error of the mean; NaN for a single value."""
+    return float(values.std(ddof=1) / len(values) ** 0.5) if len(values) > 1 else float("nan")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `hadr evaluate`."""
+    parser.add_argument("checkpoint", help="a .safetensors file that `hadr train` wrote")
+    parser.add_argument("data", nargs="+", help="folders in TransHand's layout; one table each")
+    parser.add_argument("--split", default="test", choices=("train", "val", "test"))
+    parser.add_argument("--titles", nargs="+", help="names of the tables instead of the folders'")
+    parser.add_argument("--corruption", default="oracle", choices=("oracle", "sensor"))
+    parser.add_argument("--seed", type=int, default=0, help="seed of the simulated sensor")
+    parser.add_argument("--out", help="write the tables as JSON with their provenance")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run `hadr evaluate`."""
+    from hadr.data.transhand import TransHand
+    from hadr.training.checkpoints import load_checkpoint
+
+    titles = args.titles or args.data
+    if len(titles) != len(args.data):
+        raise ValueError(f"{len(args.data)} folders need as many titles, got {len(titles)}")
+    model, meta = load_checkpoint(args.checkpoint)
+    size = int(meta["width"]), int(meta["height"])
+    tables = {}
+    for title, folder in zip(titles, args.data, strict=True):
+        frames = load_frames(TransHand(folder, args.split), size, args.corruption, args.seed)
+        rows = compare(frames, {"hadr": model})
+        tables[title] = comparison(frames, rows)
+        print(f"{title}: split {args.split}, {len(frames)} frames at {size[0]}x{size[1]}\n")
+        print(format_table(averages(rows)) + "\n")
+    if args.out:
+        content = {
+            "what": "Depth of the glass restored from frames with the object's depth erased "
+            f"(corruption: {args.corruption}), true keypoints, scored on the object's pixels at "
+            f"{size[0]}x{size[1]}; a missing prediction counts as depth 0",
+            "checkpoint": Path(args.checkpoint).name,
+            "split": args.split,
+            "tables": tables,
+            "provenance": provenance(),
+        }
+        write_json(Path(args.out), content)
+    return 0

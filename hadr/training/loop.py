@@ -10,6 +10,7 @@ import argparse
 import csv
 import os
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -60,6 +61,7 @@ def train(
     resume: bool = False,
     stop_after: int | None = None,
     progress: bool = True,
+    watch: Callable[[int, HADR], None] | None = None,
 ) -> Trained:
     """Train the network.
 
@@ -73,6 +75,7 @@ def train(
         resume: Go on from the folder's last checkpoint, if there is one.
         stop_after: Stop after this many epochs, as if interrupted.
         progress: Show a progress bar.
+        watch: Called after each epoch with its number and the network, e.g. to keep pictures.
 
     Returns:
         The trained network and the history.
@@ -139,6 +142,8 @@ def train(
             }
         row_of_numbers["seconds"] = time.perf_counter() - started
         history.append(row_of_numbers)
+        if watch is not None:
+            watch(epoch, model)
         if folder is not None:
             _save(folder, model, optimizer, recipe, seed, history, made_with)
     model.eval()

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
+import numpy as np
 import pytest
 import torch
 
+from hadr.camera import Intrinsics
+from hadr.data.transhand import Frame
 from hadr.models.backbone import BackboneConfig
 from hadr.models.hadr import HADRConfig, HADRInput
 from hadr.training.batches import FrameTensors
@@ -51,3 +56,36 @@ def frames() -> FrameTensors:
     intrinsics = torch.tensor([[40.0, 40.0, 15.5, 11.5]]).repeat(count, 1)
     inputs = HADRInput(color, depth * ~mask, mask, intrinsics, keypoints, uv)
     return FrameTensors(inputs, depth, hand, tuple(f"0000/{n:03d}" for n in range(count)))
+
+
+CAMERA = Intrinsics(60.0, 60.0, 31.5, 23.5, 64, 48)
+
+
+def _frame(stem: str = "000001", object_rows: int = 8) -> Frame:
+    rng = np.random.default_rng(0)
+    depth = np.full(CAMERA.shape, 1.0, np.float32)
+    glass = np.zeros(CAMERA.shape, bool)
+    glass[20 : 20 + object_rows, 20:40] = True
+    hand = np.zeros(CAMERA.shape, bool)
+    hand[20:30, 10:20] = True
+    depth[glass | hand] = 0.5
+    return Frame(
+        stem=stem,
+        object_id="0004",
+        split="train",
+        color=rng.integers(0, 256, (*CAMERA.shape, 3), dtype=np.uint8),
+        depth=depth,
+        hand_mask=hand,
+        object_mask=glass,
+        keypoints=rng.normal(0, 0.03, (21, 3)) + np.array([0, 0, 0.5]),
+        keypoints_uv=np.zeros((21, 2)),
+        camera=CAMERA,
+        world_from_camera=np.eye(4),
+        background_depth=np.full(CAMERA.shape, 1.0, np.float32),
+    )
+
+
+@pytest.fixture(scope="session")
+def glass_frame() -> Callable[..., Frame]:
+    """Builds a frame with a glass's block and a hand's beside it: (stem, object_rows)."""
+    return _frame
