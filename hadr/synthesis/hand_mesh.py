@@ -111,13 +111,13 @@ def _palm_parts(skeleton: Skeleton, scale: float) -> list[tuple[Array, Array, fl
     index_root = roots["index"]
     parts += [
         # The ball of the thumb, the edge below the little finger, and the thumb's web.
-        (x * 0.016 * scale + np.array([0, 0.016, 0.008]) * scale, thumb_mcp, 0.0165, 0.0105, 0.012),
+        (x * 0.016 * scale + np.array([0, 0.016, 0.008]) * scale, thumb_mcp, 0.0160, 0.0105, 0.022),
         (
             -x * 0.021 * scale + np.array([0, 0.014, 0.007]) * scale,
             roots["little"] - np.array([0, 0.014, -0.004]) * scale,
-            0.0145,
+            0.0138,
             0.0100,
-            0.012,
+            0.022,
         ),
         (
             0.45 * roots["thumb"] + 0.55 * index_root - np.array([0, 0.014, 0]) * scale,
@@ -136,8 +136,8 @@ def _forearm(axes: tuple[Grid, Grid, Grid], scale: float) -> Grid:
     along = np.clip(-y / scale, -0.005, FOREARM_LENGTH)
     knots, wide, thick = (
         [-0.01, 0.03, 0.08, 0.16, 0.24, FOREARM_LENGTH],
-        [0.0265, 0.0270, 0.0300, 0.0385, 0.0430, 0.0450],
-        [0.0185, 0.0190, 0.0225, 0.0320, 0.0385, 0.0420],
+        [0.0275, 0.0278, 0.0305, 0.0385, 0.0430, 0.0450],
+        [0.0200, 0.0200, 0.0230, 0.0320, 0.0385, 0.0420],
     )
     half_x = np.interp(along, knots, wide).astype(np.float32) * scale
     half_z = np.interp(along, knots, thick).astype(np.float32) * scale
