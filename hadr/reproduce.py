@@ -94,7 +94,7 @@ def _private_jupyter(folder: Path) -> Iterator[None]:
         "ipykernel_launcher",
         "-f",
         "{connection_file}",
-        "--log-level=ERROR",
+        "--log-level=CRITICAL",
     ]
     specification = {"argv": command, "display_name": "Python 3", "language": "python"}
     (kernel / "kernel.json").write_text(json.dumps(specification), encoding="utf-8")
