@@ -62,6 +62,7 @@ def save_checkpoint(
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
     try:
         save_file(tensors, temporary, metadata={_HEADER: json.dumps(record)})
+        temporary.chmod(0o644)  # safetensors writes files that their owner alone can read
         os.replace(temporary, path)
     finally:
         with contextlib.suppress(FileNotFoundError):

@@ -23,6 +23,7 @@ def test_round_trip_and_the_record_beside_it(
     assert again.config == model.config
     assert not again.training
     assert (meta["width"], meta["note"]) == (32, "ä")
+    assert path.stat().st_mode & 0o044 == 0o044  # others can read it
     assert json.loads(path.with_suffix(".json").read_text(encoding="utf-8")) == meta
     with torch.no_grad():
         assert torch.equal(again(frames.inputs).depth, model(frames.inputs).depth)
