@@ -337,12 +337,12 @@ def make_hold(object_id: str, number: int, seed: int = 0) -> Hold:
     side: Side = "right" if rng.random() < 0.6 else "left"
     name = f"{object_id}-{kind}-{number:04d}"
     best, best_cost = None, np.inf
-    for _ in range(6):
+    for attempt in range(15):
         hold, cost = _make(item, kind, side, name, rng)
         cost += 0.0 if holds_well(hold) else 1.0
         if best is None or cost < best_cost:
             best, best_cost = hold, cost
-        if best_cost < 0.012:
+        if best_cost < 0.012 or (attempt >= 5 and best_cost < 1.0):
             break
     assert best is not None
     return best
