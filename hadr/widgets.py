@@ -16,7 +16,7 @@ from hadr.camera import BoolArray, FloatArray, window_around
 from hadr.corruption import corruption_statistics, see_through
 from hadr.hand import absolute_hand_feature, check_keypoints
 from hadr.plotting import COLORS, equal_axes_3d, show_depth, show_skeleton_3d
-from hadr.ray_plotting import draw_walk
+from hadr.plotting.rays import draw_walk
 from hadr.ray_voxels import OccupiedVoxels, RayVoxelPairs, VoxelGrid
 
 

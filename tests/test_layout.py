@@ -12,7 +12,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("cli",),
     ("reproduce", "book", "notebook_twins"),
     ("restore_frame", "restore_report"),
-    ("plotting", "plotting_3d", "hand_plotting", "ray_plotting", "stereo_plotting", "widgets"),
+    ("plotting", "widgets"),
     ("handover",),
     ("restoration", "frame_checks"),
     ("training",),

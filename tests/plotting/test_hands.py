@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from hadr.hand import forward_kinematics, keypoints_from_skeleton
-from hadr.hand_plotting import (
+from hadr.plotting import FINGER_COLORS
+from hadr.plotting.hands import (
     AXIS_COLORS,
     frame_hand_axes,
     on_screen,
@@ -13,7 +14,6 @@ from hadr.hand_plotting import (
     show_bones,
     show_flesh,
 )
-from hadr.plotting import FINGER_COLORS
 from hadr.synthesis.surfaces import Surface
 
 mpl.use("Agg")

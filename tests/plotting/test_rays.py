@@ -12,7 +12,7 @@ import pytest
 import torch
 
 from hadr.plotting import COLORS
-from hadr.ray_plotting import draw_cubes, draw_strip, draw_walk, label_upright, upright
+from hadr.plotting.rays import draw_cubes, draw_strip, draw_walk, label_upright, upright
 from hadr.ray_voxels import VoxelGrid, occupied_voxels, ray_voxel_pairs
 from hadr.widgets import walk_along_ray
 

@@ -2,7 +2,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from hadr.stereo_plotting import draw_stereo_camera
+from hadr.plotting.stereo import draw_stereo_camera
 
 
 @pytest.mark.parametrize("glass", [False, True])
