@@ -33,7 +33,7 @@ from hadr.reproduce import (
     without_ansi,
 )
 
-RUNTIME_TOKEN = "{{RUNTIME}}"
+RUNTIME_TOKEN = "*stands here in the built book*"
 TABLE_TOKEN = "{{RUNTIME_TABLE}}"
 REPOSITORY_TOKEN = "{{REPOSITORY}}"
 TABLE_BEGIN = "<!-- run times: begin (written by `make readme-times`) -->"
@@ -70,7 +70,7 @@ def stage_notebook(notebook: Any, run_time: str) -> Any:
 
     Args:
         notebook: The executed notebook (nbformat's NotebookNode); changed in place.
-        run_time: Replaces ``{{RUNTIME}}``.
+        run_time: Replaces the line's words ``RUNTIME_TOKEN``.
 
     Returns:
         The same notebook.

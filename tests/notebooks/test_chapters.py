@@ -70,7 +70,7 @@ def test_begins_with_one_title_and_the_run_time_line(notebook):
     assert re.match(r"# \S", first.source)
     fenced = re.sub(r"^(`{3,}).*?^\1", "", prose_of(notebook), flags=re.DOTALL | re.MULTILINE)
     assert len(re.findall(r"^# ", fenced, flags=re.MULTILINE)) == 1
-    assert prose_of(notebook).count("{{RUNTIME}}") == 1
+    assert prose_of(notebook).count("*stands here in the built book*") == 1
 
 
 def test_one_cell_of_typed_parameters(notebook):
