@@ -1,76 +1,24 @@
-"""Figures of rays and voxels for the book: cubes in 3D, a walk along one ray, a strip of rays.
+"""Figures of rays for the book: the slabs of a voxel, a walk along one ray, a strip of rays.
 
-The 3D figures use the camera frame turned for the eye: x to the right, z (away from the camera)
-into the page, and -y up.
+The figures from above show the camera frame's z to the right and its x upward.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
+import matplotlib.pyplot as plt
 import numpy as np
 import numpy.typing as npt
+from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
+from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
-from matplotlib.ticker import MultipleLocator
-from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
-from hadr.plotting import COLORS
+from hadr.camera import BoolArray
+from hadr.plotting import COLORS, show_color
 from hadr.ray_voxels import OccupiedVoxels, RayVoxelPairs
-
-_CUBE = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
-_EDGES = [(i, j) for i in range(8) for j in range(i) if np.abs(_CUBE[i] - _CUBE[j]).sum() == 1]
-
-
-def upright(points: npt.ArrayLike) -> npt.NDArray[np.float64]:
-    """Turn points (..., 3) of the camera frame for a 3D figure: columns x, z, -y."""
-    p = np.asarray(points, dtype=float)
-    return np.stack((p[..., 0], p[..., 2], -p[..., 1]), axis=-1)
-
-
-def label_upright(ax: Any, low: npt.ArrayLike, high: npt.ArrayLike) -> None:
-    """Frame and label 3D axes that show points turned by :func:`upright`, with equal scales.
-
-    Args:
-        ax: 3D axes.
-        low: Lower corner of what is to be seen, metres, camera frame, shape (3,).
-        high: Upper corner, metres, camera frame, shape (3,).
-    """
-    corners = upright(np.stack((np.asarray(low, dtype=float), np.asarray(high, dtype=float))))
-    first, last = corners.min(axis=0), corners.max(axis=0)
-    ax.set(xlim=(first[0], last[0]), ylim=(first[1], last[1]), zlim=(first[2], last[2]))
-    ax.set_box_aspect(last - first, zoom=1.15)
-    ax.set_xlabel("x (m)", labelpad=6)
-    ax.set_ylabel("z, away from the camera (m)", labelpad=12)
-    ax.set_zlabel("up, −y (m)", labelpad=4)
-    for axis in (ax.xaxis, ax.yaxis, ax.zaxis):
-        axis.set_pane_color((1, 1, 1, 0))
-        axis._axinfo["grid"]["color"] = (0.92, 0.92, 0.92, 1)
-        axis.set_major_locator(MultipleLocator(0.5))
-
-
-def draw_cubes(
-    ax: Any,
-    centers: npt.ArrayLike,
-    size: float,
-    color: str = COLORS["voxel"],
-    *,
-    width: float = 0.8,
-    alpha: float = 0.7,
-) -> None:
-    """Draw the edges of cubes in 3D axes.
-
-    Args:
-        ax: 3D axes whose points are turned by :func:`upright`.
-        centers: Centres in metres, camera frame, shape (V, 3).
-        size: Side of a cube in metres.
-        color: Colour of the edges.
-        width: Width of the lines.
-        alpha: Opacity of the lines.
-    """
-    corners = np.asarray(centers, dtype=float).reshape(-1, 1, 3) + _CUBE * size
-    lines = [upright(cube[list(edge)]) for cube in corners for edge in _EDGES]
-    ax.add_collection3d(Line3DCollection(lines, colors=color, linewidths=width, alpha=alpha))
 
 
 def draw_walk(
@@ -136,6 +84,132 @@ def draw_walk(
 
 def _square(corner: tuple[float, float], size: float, color: str, alpha: float) -> Any:
     return Rectangle(corner, size, size, fc=to_rgba(color, alpha), ec=color, lw=1.2)
+
+
+def draw_missed(ax: Axes, center: npt.ArrayLike, size: float, text: str) -> None:
+    """Add an occupied voxel that the ray misses to a walk from above: a dotted square and a text.
+
+    Args:
+        ax: Axes with a walk, see :func:`draw_walk`.
+        center: Centre of the voxel in metres, camera frame, shape (3,).
+        size: Side of a voxel in metres.
+        text: Written below the square.
+    """
+    x, _, z = np.asarray(center, dtype=float)
+    corner, color = (z - size / 2, x - size / 2), COLORS["raw"]
+    ax.add_patch(Rectangle(corner, size, size, fill=False, ec=color, ls=":"))
+    below, line = (z, x - size / 2), {"arrowstyle": "-", "color": color}
+    ax.annotate(text, below, (z, below[1] - 0.215), ha="center", fontsize=9, arrowprops=line)
+
+
+def draw_slabs(ax: Axes, near: npt.ArrayLike, far: npt.ArrayLike) -> None:
+    """Draw the stay of a ray in the three slabs of a voxel as bars, and what they share.
+
+    Args:
+        ax: 2D axes.
+        near: Distances at which the ray enters the x, y and z slab, metres along the ray, shape
+            (3,); -inf for a slab that it never leaves.
+        far: The same for leaving, shape (3,); inf without a limit.
+    """
+    starts, ends = (np.asarray(a, dtype=float) for a in (near, far))
+    starts, ends = np.append(starts, starts.max()), np.append(ends, ends.min())
+    limited = np.isfinite(starts) & np.isfinite(ends)
+    low, high = starts[limited].min() - 0.15, ends[limited].max() + 0.15
+    names = ["x slab", "y slab", "z slab", "all three"]
+    for row, (start, end) in enumerate(zip(starts.clip(low), ends.clip(max=high), strict=True)):
+        alpha = 1.0 if row == len(names) - 1 else 0.4
+        ax.barh(row, end - start, left=start, color=COLORS["voxel"], alpha=alpha)
+        text = f"{start:.3f} to {end:.3f}" if limited[row] else "no limit"
+        ax.text((start + end) / 2, row, text, ha="center", va="center", fontsize=9)
+    ax.set(xlim=(low, high), xlabel="distance along the ray (m)")
+    ax.set_yticks(range(len(names)), names)
+    ax.invert_yaxis()
+
+
+def stages_figure(
+    direction: npt.ArrayLike,
+    cells: npt.ArrayLike,
+    t_in: npt.ArrayLike,
+    t_out: npt.ArrayLike,
+    size: float,
+    truth: float,
+) -> Figure:
+    """Draw four moments of a walk: before the first candidate, in it, at the surface, past all.
+
+    Args:
+        direction: Unit direction of the ray, camera frame, shape (3,).
+        cells: Centres of the candidate voxels in metres, camera frame, shape (K, 3).
+        t_in: Entering distances, metres along the ray, ascending, shape (K,).
+        t_out: Leaving distances, metres along the ray, shape (K,).
+        size: Side of a voxel in metres.
+        truth: Distance of the true surface, metres along the ray.
+
+    Returns:
+        The figure, four axes.
+    """
+    first, last = float(np.asarray(t_in)[0]), float(np.asarray(t_out)[-1])
+    stops = {
+        "nothing yet": first / 2,
+        "first candidate": first + 0.03,
+        "the true surface": truth,
+        "past the last one": last + 0.05,
+    }
+    fig: Figure
+    fig, axes = plt.subplots(2, 2, figsize=(9, 4.4))
+    for ax, (title, t) in zip(axes.flat, stops.items(), strict=True):
+        draw_walk(ax, direction, cells, t_in, t_out, size, reached=t, truth=truth, numbers=False)
+        ax.set_title(f"{title}: t = {t:.2f} m")
+    return fig
+
+
+def show_pixels(ax: Axes, color: npt.NDArray[Any], mask: BoolArray, uv: npt.ArrayLike) -> None:
+    """Show the part of an image around a mask, with some pixels marked.
+
+    Args:
+        ax: 2D axes.
+        color: Image, shape (H, W, 3).
+        mask: What the part is around, shape (H, W).
+        uv: Pixels (column, row) to mark, shape (N, 2).
+    """
+    show_color(ax, color)
+    ax.plot(*np.asarray(uv).T, "o", ms=5, mfc="white", mec=COLORS["ray"])
+    _zoom_to(ax, mask)
+
+
+def show_labels(
+    ax: Axes,
+    color: npt.NDArray[Any],
+    mask: BoolArray,
+    values: npt.ArrayLike,
+    names: Sequence[str] | None = None,
+) -> None:
+    """Paint the pixels of a mask by a whole number each, over the faded image around it.
+
+    Args:
+        ax: 2D axes.
+        color: Image, shape (H, W, 3), uint8.
+        mask: The painted pixels, shape (H, W).
+        values: One whole number a pixel, in raster order, shape (N,); NaN leaves a pixel free.
+        names: Names of the numbers 0, 1, ..., for a colour bar of kinds; without them the colour
+            bar shows the numbers in order.
+    """
+    painted = np.full(mask.shape, np.nan)
+    painted[mask] = values
+    first, last = int(np.nanmin(painted)), int(np.nanmax(painted))
+    map_name = "viridis" if names is None else "Set2"
+    cmap = plt.get_cmap(map_name, last - first + 1)
+    show_color(ax, color // 2 + 127)
+    drawn = ax.imshow(painted, cmap=cmap, vmin=first - 0.5, vmax=last + 0.5)
+    bar = ax.figure.colorbar(drawn, ax=ax, ticks=range(first, last + 1), shrink=0.8)
+    if names is not None:
+        bar.set_ticklabels(list(names)[first : last + 1])
+    _zoom_to(ax, mask)
+
+
+def _zoom_to(ax: Axes, mask: BoolArray, margin: int = 15) -> None:
+    rows, columns = np.nonzero(mask)
+    ax.set_xlim(columns.min() - margin, columns.max() + margin)
+    ax.set_ylim(rows.max() + margin, rows.min() - margin)
 
 
 def draw_strip(

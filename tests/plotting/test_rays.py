@@ -12,7 +12,16 @@ import pytest
 import torch
 
 from hadr.plotting import COLORS
-from hadr.plotting.rays import draw_cubes, draw_strip, draw_walk, label_upright, upright
+from hadr.plotting.rays import (
+    draw_missed,
+    draw_slabs,
+    draw_strip,
+    draw_walk,
+    show_labels,
+    show_pixels,
+    stages_figure,
+)
+from hadr.plotting.voxels import draw_cubes, label_upright, ray_figure, upright, voxel_figure
 from hadr.ray_voxels import VoxelGrid, occupied_voxels, ray_voxel_pairs
 from hadr.widgets import walk_along_ray
 
@@ -80,6 +89,71 @@ def test_strip_has_a_bar_for_each_pair_and_a_star_for_each_ray() -> None:
     assert ends == [pytest.approx(pair) for pair in expected]
     assert [line.get_xdata()[0] for line in ax.lines] == [0.7, 0.9]
     assert {line.get_color() for line in ax.lines} == {COLORS["truth"]}
+
+
+def test_slabs_show_the_stay_in_each_and_what_they_share() -> None:
+    _, ax = plt.subplots()
+    draw_slabs(ax, [1.0417, -np.inf, 1.09375], [1.4583, np.inf, 1.40625])
+    bars = [(p.get_x(), p.get_x() + p.get_width()) for p in ax.patches]
+    low, high = ax.get_xlim()
+    assert bars[0] == pytest.approx((1.0417, 1.4583))
+    assert bars[1] == pytest.approx((low, high))  # no limit: as wide as the picture
+    assert bars[2] == bars[3] == pytest.approx((1.09375, 1.40625))
+    texts = [t.get_text() for t in ax.texts]
+    assert texts == ["1.042 to 1.458", "no limit", "1.094 to 1.406", "1.094 to 1.406"]
+
+
+def test_a_missed_voxel_is_a_dotted_square_at_its_place() -> None:
+    _, ax = plt.subplots()
+    draw_missed(ax, [0.5, 0.0, 1.0], 0.25, "missed")
+    (square,) = ax.patches
+    assert (square.get_x(), square.get_y()) == (0.875, 0.375)
+    assert (square.get_width(), square.get_height()) == (0.25, 0.25)
+    assert [t.get_text() for t in ax.texts] == ["missed"]
+
+
+def test_stages_stop_before_in_at_and_past() -> None:
+    directions, occupied, pairs = scene()
+    mine = (pairs.ray == 0).nonzero().squeeze(1)
+    centers, stay = occupied.center[pairs.voxel[mine]], (pairs.t_in[mine], pairs.t_out[mine])
+    fig = stages_figure(directions[0], centers, *stay, 0.25, 0.7)
+    first, last = float(stay[0][0]), float(stay[1][-1])
+    reached = [ax.lines[1].get_xdata()[1] for ax in fig.axes]  # the ray looks along z
+    assert reached == pytest.approx([first / 2, first + 0.03, 0.7, last + 0.05])
+    dark = [[p.get_facecolor()[3] > 0.4 for p in ax.patches] for ax in fig.axes]
+    assert dark == [[False] * 3, [True, False, False], [True, False, False], [False] * 3]
+
+
+def test_pixels_and_labels_stand_on_their_pixels() -> None:
+    picture, mask = np.full((60, 80, 3), 200, dtype=np.uint8), np.zeros((60, 80), dtype=bool)
+    mask[30, 40:43] = True
+    _, (left, right) = plt.subplots(1, 2)
+    show_pixels(left, picture, mask, [[40, 30]])
+    assert left.lines[0].get_xydata().tolist() == [[40, 30]]
+    assert left.get_xlim() == (25, 57)
+    assert left.get_ylim() == (45, 15)
+    show_labels(right, picture, mask, [1, np.nan, 0], ["a", "b"])
+    painted = np.ma.filled(right.images[1].get_array(), np.nan)
+    assert painted[30, 40:43] == pytest.approx([1, np.nan, 0], nan_ok=True)
+    assert np.isfinite(painted).sum() == 2
+    bar = right.images[1].colorbar
+    assert [t.get_text() for t in bar.ax.get_yticklabels()] == ["a", "b"]
+
+
+def test_figures_in_space_draw_what_they_are_given() -> None:
+    directions, occupied, pairs = scene()
+    points = np.random.default_rng(0).uniform(0.5, 1.0, (30, 3))
+    marked = [True, False, False]
+    ax = voxel_figure(points, points, occupied.center, marked, 0.25).axes[0]
+    cloud, grey, strong = ax.collections[:3]
+    assert len(cloud.get_offsets()) == 10
+    assert [len(c._segments3d) for c in (grey, strong)] == [24, 12]
+    mine = (pairs.ray == 0).nonzero().squeeze(1)
+    centers = occupied.center[pairs.voxel[mine]]
+    fig = ray_figure(directions[0], centers, pairs.t_in[mine], 0.25, {"hand": points})
+    ax = fig.axes[0]
+    assert ax.lines[0].get_data_3d()[1][1] == pytest.approx(float(pairs.t_in[mine][-1]) + 0.35)
+    assert [t.get_text() for t in ax.get_legend().get_texts()] == ["hand"]
 
 
 def test_the_widget_offers_the_rays_that_have_a_candidate() -> None:
