@@ -102,7 +102,7 @@ def voxel_figure(
     draw_cubes(ax, middle[strong], size, COLORS["hand"], width=1.3)
     _draw_camera(ax)
     low = np.minimum(cloud.min(axis=0) - 0.1, 0)
-    label_upright(ax, low, cloud.max(axis=0) + 0.1, zoom=1.28)
+    label_upright(ax, low, cloud.max(axis=0) + 0.1, zoom=1.15)
     return fig
 
 
