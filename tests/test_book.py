@@ -21,7 +21,9 @@ def executed():
     widget = new.new_output("display_data", data=view)
     notebook = new.new_notebook(
         cells=[
-            new.new_markdown_cell("# A *title*\n\n**Measured run time:** *stands here in the built book*"),
+            new.new_markdown_cell(
+                "# A *title*\n\n**Measured run time:** *stands here in the built book*"
+            ),
             new.new_code_cell("seed = 0", metadata={"tags": ["parameters"]}),
             new.new_code_cell("seed = 1", metadata={"tags": ["injected-parameters"]}),
             new.new_code_cell("work()", outputs=[stderr, stdout]),
