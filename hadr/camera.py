@@ -103,6 +103,11 @@ class Intrinsics:
         missing = [key for key in ("fx", "fy", "cx", "cy", "width", "height") if key not in values]
         if missing:
             raise ValueError(f"intrinsics lack {', '.join(missing)}; found {sorted(values)}")
+        for key in ("fx", "fy", "cx", "cy", "width", "height"):
+            try:
+                float(values[key])
+            except (TypeError, ValueError) as error:
+                raise ValueError(f"{key} must be a number, got {values[key]!r}") from error
         fx, fy, cx, cy = (float(values[key]) for key in ("fx", "fy", "cx", "cy"))
         return cls(fx, fy, cx, cy, int(values["width"]), int(values["height"]))
 

@@ -63,7 +63,9 @@ def checked_depth(
         )
     median = float(np.median(clean[valid]))
     if median > DEEPEST_MEDIAN_M or median < NEAREST_MEDIAN_M:
-        unit = "in millimetres" if median > DEEPEST_MEDIAN_M else "scaled twice"
+        unit = "scaled twice"
+        if median > DEEPEST_MEDIAN_M:
+            unit = "in millimetres" if median > 200 else "in centimetres"
         raise ValueError(
             f"depth has a median of {median:g}, expected metres between {NEAREST_MEDIAN_M:g} and "
             f"{DEEPEST_MEDIAN_M:g}; is it {unit}? (on the command line: --depth-scale)"

@@ -6,14 +6,16 @@ one sentence that names the file, what is wrong with it and what is expected.
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import shutil
 import struct
+import sys
 import tempfile
 import zlib
 from collections.abc import Collection, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
 from typing import Any
 
@@ -77,7 +79,7 @@ def read_depth(path: str | Path, scale: float | None = None) -> NDArray[np.float
                 f"depth {path} must be a 16-bit one-channel PNG, a .npy or an .exr file, "
                 f"got {_kind(stored)}"
             )
-    if stored.ndim == 3:
+    if stored.ndim == 3 and stored.shape[2] > 0:
         stored = stored[..., 0]
     if stored.ndim != 2 or stored.dtype.kind not in "fiu":
         raise ValueError(f"depth {path} must be (H, W) numbers, got {stored.shape} {stored.dtype}")
@@ -92,18 +94,36 @@ def _read_exr(path: Path, name: str) -> NDArray[Any]:
 
     _check_file(path, name)
     try:
-        channels = OpenEXR.File(str(path), separate_channels=True).channels()
+        with _quiet():
+            channels = OpenEXR.File(str(path), separate_channels=True).channels()
         stored: NDArray[Any] = channels.get("Z", next(iter(channels.values()))).pixels
     except (RuntimeError, ValueError, StopIteration) as error:
-        raise ValueError(f"{name} {path} is not a whole OpenEXR image: {error}") from error
+        raise ValueError(
+            f"{name} {path} is not a whole OpenEXR image: its {path.stat().st_size} bytes are "
+            "truncated, damaged or of another format"
+        ) from error
     return stored
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Hold back what a compiled library prints; its error reaches the user as one sentence."""
+    sys.stderr.flush()
+    kept = os.dup(2)
+    try:
+        with open(os.devnull, "wb") as nowhere, redirect_stdout(io.StringIO()):
+            os.dup2(nowhere.fileno(), 2)
+            yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
 
 
 def read_mask(path: str | Path, name: str = "mask") -> BoolArray:
     """Read a mask: pixels that are not zero in an 8-bit image or a `.npy` array.
 
     Args:
-        path: The file.
+        path: The file; no JPEG, whose compression puts small values around the mask.
         name: What to call it in errors.
 
     Returns:
@@ -111,10 +131,17 @@ def read_mask(path: str | Path, name: str = "mask") -> BoolArray:
 
     Raises:
         FileNotFoundError: No such file.
-        ValueError: Not a whole image.
+        ValueError: Not a whole image, a JPEG, or not numbers.
     """
+    if Path(path).suffix.lower() in (".jpg", ".jpeg"):
+        raise ValueError(
+            f"{name} {path} is a JPEG, whose compression blurs a mask's border; expected a PNG "
+            "(0 or 255) or a .npy"
+        )
     if Path(path).suffix.lower() == ".npy":
         stored: NDArray[Any] = _read_npy(Path(path), name)
+        if stored.dtype.kind not in "biuf" or not np.isfinite(stored).all():
+            raise ValueError(f"{name} {path} must hold finite numbers or bool, got {stored.dtype}")
     else:
         stored = _read_image(path, name)
         if stored.ndim == 3:
@@ -141,10 +168,10 @@ def read_hand(path: str | Path) -> NDArray[np.float64]:
         ValueError: Not numbers.
     """
     path = Path(path)
-    if path.suffix.lower() == ".npy":
-        return np.asarray(_read_npy(path, "hand"), dtype=np.float64)
     _check_file(path, "hand")
     try:
+        if path.suffix.lower() == ".npy":
+            return np.asarray(_read_npy(path, "hand"), dtype=np.float64)
         text = path.read_text(encoding="utf-8")
         if path.suffix.lower() == ".json":
             values = json.loads(text)

@@ -208,3 +208,39 @@ def test_of_several_exr_channels_z_is_the_depth(tmp_path):
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     OpenEXR.File(header, channels).write(str(tmp_path / "depth.exr"))
     np.testing.assert_array_equal(read_depth(tmp_path / "depth.exr"), depth)
+
+
+def test_a_jpeg_is_no_mask(tmp_path):
+    cv2.imwrite(str(tmp_path / "mask.jpg"), np.full((8, 8), 255, np.uint8))
+    with pytest.raises(ValueError, match="is a JPEG, whose compression blurs"):
+        read_mask(tmp_path / "mask.jpg")
+
+
+def test_a_mask_of_nan_is_refused(tmp_path):
+    np.save(tmp_path / "mask.npy", np.full((4, 4), np.nan))
+    with pytest.raises(ValueError, match="must hold finite numbers or bool, got float64"):
+        read_mask(tmp_path / "mask.npy")
+
+
+def test_depth_without_a_channel_is_refused(tmp_path):
+    np.save(tmp_path / "depth.npy", np.zeros((4, 5, 0), np.float32))
+    with pytest.raises(ValueError, match=r"must be \(H, W\) numbers, got \(4, 5, 0\)"):
+        read_depth(tmp_path / "depth.npy")
+
+
+def test_a_hand_of_words_is_refused_with_its_file(tmp_path):
+    np.save(tmp_path / "hand.npy", np.full((21, 3), "x"))
+    with pytest.raises(ValueError, match=r"hand\.npy must hold 21 keypoints"):
+        read_hand(tmp_path / "hand.npy")
+
+
+def test_a_truncated_exr_is_one_sentence(tmp_path, capfd):
+    depth = np.random.default_rng(0).random((64, 64), dtype=np.float32)
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    OpenEXR.File(header, {"Z": depth}).write(str(tmp_path / "whole.exr"))
+    whole = (tmp_path / "whole.exr").read_bytes()
+    capfd.readouterr()
+    (tmp_path / "half.exr").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(ValueError, match=r"is not a whole OpenEXR image: its [0-9]+ bytes"):
+        read_depth(tmp_path / "half.exr")
+    assert capfd.readouterr() == ("", "")

@@ -245,6 +245,8 @@ def generate(
     """
     if n_frames < 1 or workers < 1:
         raise ValueError(f"n_frames and workers must be positive, got {n_frames} and {workers}")
+    if jpeg_quality is not None and not 1 <= jpeg_quality <= 100:
+        raise ValueError(f"jpeg_quality must lie in 1..100, got {jpeg_quality}")
     start, root = time.perf_counter(), Path(root)
     recipes = [
         frame_recipe(
@@ -281,14 +283,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--height", type=int, default=252, help="image height in pixels (252)")
     parser.add_argument("--objects", nargs="+", metavar="ID", help="objects, e.g. 0000 0004 (all)")
     parser.add_argument(
-        "--split-by", choices=("holding", "frame", "object"), default="holding", help="(holding)"
+        "--split-by",
+        choices=("holding", "frame", "object"),
+        default="holding",
+        help="what a split keeps together: a holding pose, nothing but the frame (which leaks "
+        "near-twins), or the object with 0004 and 0007 for testing (holding)",
     )
     parser.add_argument(
         "--frames-per-hold", type=int, default=2, help="frames per holding pose (2)"
     )
-    parser.add_argument("--quality", choices=("fine", "fast"), default="fine", help="(fine)")
-    parser.add_argument("--depth", choices=("npy", "png"), default="npy", help="depth files (npy)")
-    parser.add_argument("--jpeg", type=int, metavar="QUALITY", help="store colour as JPEG")
+    parser.add_argument(
+        "--quality",
+        choices=("fine", "fast"),
+        default="fine",
+        help="fine: four rays a pixel and soft shadows; fast: one, for training (fine)",
+    )
+    parser.add_argument(
+        "--depth",
+        choices=("npy", "png"),
+        default="npy",
+        help="depth as float metres (npy) or 16-bit in 0.1 mm steps (png) (npy)",
+    )
+    parser.add_argument(
+        "--jpeg", type=int, metavar="QUALITY", help="store colour as JPEG, 1..100 (PNG)"
+    )
     parser.add_argument("--workers", type=int, default=1, help="processes (1)")
 
 

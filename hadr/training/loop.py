@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import argparse
 import csv
+import json
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -58,6 +59,7 @@ def train(
     *,
     folder: str | Path | None = None,
     seed: int = 0,
+    data: Mapping[str, Any] | None = None,
     resume: bool = False,
     stop_after: int | None = None,
     progress: bool = True,
@@ -72,6 +74,8 @@ def train(
         folder: Where `last.safetensors`, `best.safetensors` (the smallest validation error),
             their records and `history.csv` go; None writes nothing.
         seed: Seed of weights, shuffling, stochastic depth and colour variation.
+        data: What the frames are (their number, corruption, objects), plain values for the
+            record; a training can only be resumed with the same.
         resume: Go on from the folder's last checkpoint, if there is one.
         stop_after: Stop after this many epochs, as if interrupted.
         progress: Show a progress bar.
@@ -81,7 +85,8 @@ def train(
         The trained network and the history.
 
     Raises:
-        ValueError: `resume` without a folder, or with a checkpoint of another recipe or seed.
+        ValueError: `resume` without a folder, or with a checkpoint of another recipe, seed or
+            data; a folder that holds a training, without `resume`.
     """
     folder = None if folder is None else Path(folder)
     torch.manual_seed(seed)
@@ -89,7 +94,11 @@ def train(
     optimizer = torch.optim.Adam(model.parameters(), lr=recipe.learning_rate)
     history: list[dict[str, float]] = []
     if resume:
-        history = _resume(model, optimizer, recipe, seed, folder)
+        history = _resume(model, optimizer, recipe, seed, data, folder)
+    elif folder is not None and (folder / LAST).exists():
+        raise ValueError(
+            f"{folder} holds a training already ({LAST}); resume it, or name another folder"
+        )
 
     made_with = provenance()
     epochs = range(len(history), min(recipe.epochs, stop_after or recipe.epochs))
@@ -145,7 +154,7 @@ def train(
         if watch is not None:
             watch(epoch, model)
         if folder is not None:
-            _save(folder, model, optimizer, recipe, seed, history, made_with)
+            _save(folder, model, optimizer, recipe, seed, data, history, made_with)
     model.eval()
     return Trained(model, history)
 
@@ -156,6 +165,7 @@ def _save(
     optimizer: torch.optim.Adam,
     recipe: Preset,
     seed: int,
+    data: Mapping[str, Any] | None,
     history: list[dict[str, float]],
     made_with: dict[str, Any],
 ) -> None:
@@ -165,6 +175,7 @@ def _save(
         "height": recipe.height,
         "preset": recipe.to_dict(),
         "seed": seed,
+        "data": None if data is None else dict(data),
         "epochs": len(history),
         "history": history,
         "made_with": made_with,
@@ -186,6 +197,7 @@ def _resume(
     optimizer: torch.optim.Adam,
     recipe: Preset,
     seed: int,
+    data: Mapping[str, Any] | None,
     folder: Path | None,
 ) -> list[dict[str, float]]:
     """Load the folder's last checkpoint into model and optimizer; give the history so far."""
@@ -201,6 +213,16 @@ def _resume(
             f"{folder / LAST} holds a training of preset {meta['preset']['name']!r} with another "
             f"network than preset {recipe.name!r} asks for"
         )
+    asked = json.loads(json.dumps({"recipe": recipe.to_dict(), "data": data}))
+    stored = {"recipe": meta["preset"], "data": meta.get("data")}
+    for part, values in asked.items():
+        for name in sorted(set(values or {}) | set(stored[part] or {})):
+            then, now = (stored[part] or {}).get(name), (values or {}).get(name)
+            if then != now and name != "epochs":
+                raise ValueError(
+                    f"{folder / LAST} was trained with {name} = {then}, not {now}; resume it "
+                    "with the same, or name another folder"
+                )
     model.load_state_dict(earlier.state_dict())
     restore_adam(optimizer, load_training_state(folder / LAST))
     history: list[dict[str, float]] = meta["history"]
@@ -211,8 +233,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `hadr train`."""
     parser.add_argument("data", help="folder in TransHand's layout, with a split `train`")
     parser.add_argument("out", help="folder for checkpoints and history.csv")
-    parser.add_argument("--preset", default="mini", choices=("tiny", "mini", "paper"))
-    parser.add_argument("--epochs", type=int, help="instead of the preset's")
+    parser.add_argument(
+        "--preset",
+        default="mini",
+        choices=("tiny", "mini", "paper"),
+        help="size of network, pictures and schedule (mini)",
+    )
+    parser.add_argument(
+        "--epochs", type=int, help="instead of the preset's; the rate's drop moves along"
+    )
     parser.add_argument("--drop-epoch", type=int, help="when the rate falls, instead of preset's")
     parser.add_argument("--hand", choices=("none", "2d", "3d"), help="the hand feature")
     parser.add_argument(
@@ -225,9 +254,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--coded-weights", action="store_true", help="loss weights 0.5 and 10, not as printed"
     )
     parser.add_argument("--pretrained", metavar="NAME", help="published Swin weights to start from")
-    parser.add_argument("--corruption", default="oracle", choices=("oracle", "sensor"))
+    parser.add_argument(
+        "--corruption",
+        default="oracle",
+        choices=("oracle", "sensor"),
+        help="oracle: no depth in the object's mask; sensor: a simulated stereo camera (oracle)",
+    )
     parser.add_argument("--objects", nargs="+", metavar="ID", help="train on these objects only")
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--seed", type=int, default=0, help="seed of everything (0)")
     parser.add_argument("--resume", action="store_true", help="go on from the last checkpoint")
 
 
@@ -241,7 +275,9 @@ def recipe_from(args: argparse.Namespace) -> Preset:
         point_fusion=recipe.model.point_fusion and not args.no_point_fusion,
         backbone=replace(recipe.model.backbone, pretrained=args.pretrained),
     )
-    epochs = args.epochs or recipe.epochs
+    if args.epochs is not None and args.epochs < 1:
+        raise ValueError(f"--epochs must be at least 1, got {args.epochs}")
+    epochs = recipe.epochs if args.epochs is None else args.epochs
     scaled_drop = round(epochs * recipe.drop_epoch / recipe.epochs)
     return replace(
         recipe,
@@ -269,6 +305,11 @@ def run(args: argparse.Namespace) -> int:
         parts.get("val"),
         folder=args.out,
         seed=args.seed,
+        data={
+            "corruption": args.corruption,
+            "objects": sorted(args.objects) if args.objects else "all",
+            "frames": {split: len(part) for split, part in parts.items()},
+        },
         resume=args.resume,
     )
     last = trained.history[-1]

@@ -120,3 +120,50 @@ def test_arguments_become_a_recipe() -> None:
     assert recipe.weights == CODED
     model = recipe.model
     assert (model.hand, model.aggregation, model.point_fusion) == ("none", False, False)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"weights": CODED}, "trained with weights"),
+        ({"drop_epoch": 1}, "trained with drop_epoch"),
+        ({"batch_size": 1}, "trained with batch_size"),
+    ],
+)
+def test_resume_refuses_another_recipe_and_names_the_difference(
+    micro: Preset, frames: FrameTensors, tmp_path: Path, change, message
+) -> None:
+    short = replace(micro, epochs=1, drop_epoch=5, batch_size=2)
+    train(short, frames, folder=tmp_path, progress=False)
+    with pytest.raises(ValueError, match=message):
+        train(replace(short, **change), frames, folder=tmp_path, resume=True, progress=False)
+
+
+def test_resume_refuses_other_data(micro: Preset, frames: FrameTensors, tmp_path: Path) -> None:
+    short = replace(micro, epochs=1)
+    train(short, frames, folder=tmp_path, data={"corruption": "oracle"}, progress=False)
+    with pytest.raises(ValueError, match="corruption = oracle, not sensor"):
+        train(
+            short,
+            frames,
+            folder=tmp_path,
+            data={"corruption": "sensor"},
+            resume=True,
+            progress=False,
+        )
+
+
+def test_a_training_is_not_overwritten(micro: Preset, frames: FrameTensors, tmp_path: Path) -> None:
+    short = replace(micro, epochs=1)
+    train(short, frames, folder=tmp_path, progress=False)
+    before = (tmp_path / "last.safetensors").read_bytes()
+    with pytest.raises(ValueError, match="holds a training already"):
+        train(short, frames, folder=tmp_path, progress=False)
+    assert (tmp_path / "last.safetensors").read_bytes() == before
+
+
+def test_epochs_must_be_positive() -> None:
+    parser = ArgumentParser()
+    add_arguments(parser)
+    with pytest.raises(ValueError, match="--epochs must be at least 1, got 0"):
+        recipe_from(parser.parse_args(["data", "out", "--epochs", "0"]))
