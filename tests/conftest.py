@@ -1,8 +1,10 @@
 """Fixtures that every part of the suite shares."""
 
+import os
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 REALDATA = Path(__file__).resolve().parents[2] / "shared" / "realdata"
 
@@ -16,3 +18,9 @@ def realdata() -> Path:
             "and the UR5 reference into ../shared/realdata, beside the project's folder"
         )
     return REALDATA
+
+
+# A check that passes twice or never: the same examples each time where a machine judges.
+settings.register_profile("ci", derandomize=True, deadline=None)
+if os.environ.get("CI"):
+    settings.load_profile("ci")

@@ -221,7 +221,8 @@ def inverse_kinematics(dh_base_from_flange: Array, free_angle: float = 0.0) -> A
         sine = float(np.hypot(sideways[0], sideways[1]))
         q5 = flip * np.arctan2(sine, sideways[2])
         sixth = [np.arctan2(-flip * sideways[1], flip * sideways[0])]
-        if sine < 1e-7:  # only q4 and q6 together count: the free angle, or the nearest that works
+        if sine < 1e-8:  # only q4 and q6 together count: the free angle, or the nearest that works
+            q5 = 0.0 if sideways[2] > 0 else np.pi
             sixth = [free_angle + np.deg2rad(5.0 * k * s) for k in range(37) for s in (1, -1)]
         for q6 in sixth:
             found, stretch = _planar_solutions(target, float(q1), float(q5), float(q6))

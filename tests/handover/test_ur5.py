@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -66,6 +66,10 @@ def test_inverse_kinematics_gives_the_reference_set(reference: dict, name: str) 
 
 @settings(max_examples=60, deadline=None)
 @given(st.lists(st.floats(-3.1, 3.1), min_size=6, max_size=6))
+@example([0.0, 0.0, 0.0, 0.0, 1e-7, 0.0])
+@example([0.3, -1.0, 1.0, 0.2, -3e-8, 0.4])
+@example([0.3, -1.0, 1.0, 0.2, 1e-9, 0.4])
+@example([0.3, -1.0, 1.0, 0.2, np.pi - 1e-9, 0.4])
 def test_every_solution_returns_the_pose_and_one_is_the_start(angles: list[float]) -> None:
     joints = np.array(angles)
     target = ur5.forward_kinematics(joints)
