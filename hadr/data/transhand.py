@@ -8,30 +8,49 @@ level ``depth/`` may be missing. The log holds the camera in Blender's conventio
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Literal, overload
+from typing import Literal, TypeVar, overload
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
 from hadr.camera import Intrinsics, transform_points
-from hadr.synthesis.camera_log import image_pixels, log_camera, log_keypoints, log_pose, read_log
+from hadr.synthesis.camera_log import (
+    image_pixels,
+    log_camera,
+    log_keypoints,
+    log_pose,
+    log_transform,
+    read_log,
+)
+from hadr.synthesis.frame_pictures import (
+    decode_color,
+    decode_depth,
+    decode_depth_array,
+    decode_mask,
+    decode_normals,
+)
 from hadr.synthesis.transhand_frame import (
     BACKGROUND_FOLDER,
     DEPTH_SCALE_KEY,
+    NORMALS_FOLDER,
+    OBJECT_POSE_KEY,
+    RAW_FOLDER,
+    RAW_SCALE_KEY,
     Frame,
     frame_log_path,
     write_frame,
 )
 
 Array = npt.NDArray[np.float64]
+Dtype = TypeVar("Dtype", bound=np.generic)
 
 __all__ = ["SPLITS", "Frame", "FrameFiles", "TransHand", "frame_log_path", "write_frame"]
 
 SPLITS = ("train", "val", "test")
+#: The folders of a frame's parts; the first that exists is read.
 _FOLDERS: dict[str, tuple[str, ...]] = {
     "color": ("rgb",),
     "depth": ("depth_np", "depth_png"),
@@ -39,6 +58,12 @@ _FOLDERS: dict[str, tuple[str, ...]] = {
     "object_mask": ("obj_mask", "object_mask"),
     "log": ("log_json",),
     "hand_kpt": ("hand_kpt",),
+}
+#: Those that a data set may lack altogether.
+_MORE_FOLDERS = {
+    "background": (BACKGROUND_FOLDER,),
+    "raw_depth": (RAW_FOLDER,),
+    "normals": (NORMALS_FOLDER,),
 }
 
 
@@ -55,7 +80,12 @@ class FrameFiles:
     object_mask: Path
     log: Path
     hand_kpt: Path
-    background: Path | None
+    background: Path | None = None
+    raw_depth: Path | None = None
+    normals: Path | None = None
+
+    def __str__(self) -> str:
+        return f"{self.split}/{self.object_id}: frame {self.stem}"
 
 
 class TransHand(Sequence[Frame]):
@@ -63,7 +93,7 @@ class TransHand(Sequence[Frame]):
 
     Args:
         root: The folder that holds ``train``, ``val`` and ``test``.
-        split: One of the three.
+        split: One of the three, or several, one after the other.
         objects: Only these objects, in this order; all where it is left out.
         pair_by: ``stem`` pairs files by name; ``order`` by sorted position, as the published
             loader does.
@@ -78,7 +108,7 @@ class TransHand(Sequence[Frame]):
     def __init__(
         self,
         root: str | Path,
-        split: str,
+        split: str | Sequence[str],
         objects: Sequence[str] | None = None,
         *,
         pair_by: Literal["stem", "order"] = "stem",
@@ -87,24 +117,12 @@ class TransHand(Sequence[Frame]):
     ) -> None:
         self.root, self.split = Path(root), split
         self._camera, self._depth_scale = camera, depth_scale
-        if split not in SPLITS:
-            raise ValueError(f"split must be one of {', '.join(SPLITS)}, got {split!r}")
         if pair_by not in ("stem", "order"):
             raise ValueError(f"pair_by must be 'stem' or 'order', got {pair_by!r}")
-        folder = self.root / split
-        if not folder.is_dir():
-            raise FileNotFoundError(
-                f"{self.root} has no folder {split!r}; a TransHand root holds "
-                "{train,val,test}/{object}/"
-            )
-        found = sorted(p.name for p in folder.iterdir() if p.is_dir())
-        for name in objects or ():
-            if name not in found:
-                raise FileNotFoundError(f"no object {name!r} in {folder}; found {', '.join(found)}")
         self.files: tuple[FrameFiles, ...] = tuple(
             files
-            for name in (found if objects is None else objects)
-            for files in _list_frames(folder / name, name, split, pair_by)
+            for name in ((split,) if isinstance(split, str) else split)
+            for files in _list_split(self.root, name, objects, pair_by)
         )
 
     def __len__(self) -> int:
@@ -133,23 +151,43 @@ class TransHand(Sequence[Frame]):
         return [read_log(files.log).get("hold_id") for files in self.files]
 
     def _read(self, files: FrameFiles) -> Frame:
+        try:
+            return self._read_frame(files)
+        except (ValueError, OSError) as error:
+            raise ValueError(f"{files}: {error}") from error
+
+    def _read_frame(self, files: FrameFiles) -> Frame:
         log = read_log(files.log)
-        color = cv2.imread(str(files.color), cv2.IMREAD_COLOR)
-        if color is None:
-            raise ValueError(f"{files.color} is not a readable picture")
-        color = np.ascontiguousarray(color[..., ::-1])
+        color = _load(files.color, decode_color)
         height, width = color.shape[:2]
-        scale = self._depth_scale or log.get(DEPTH_SCALE_KEY)
-        depth = _read_depth(files.depth, scale)
-        hand_mask, object_mask = _read_mask(files.hand_mask), _read_mask(files.object_mask)
-        images = {"depth": depth, "hand_mask": hand_mask, "object_mask": object_mask}
-        for name, image in images.items():
-            if image.shape != (height, width):
+
+        def load(path: Path, decode: Callable[[bytes], npt.NDArray[Dtype]]) -> npt.NDArray[Dtype]:
+            image = _load(path, decode)
+            if image.shape[:2] != (height, width):
                 raise ValueError(
-                    f"frame {files.stem} of object {files.object_id}: {name} has shape "
-                    f"{image.shape}, but the colour picture is {(height, width)}"
+                    f"{path.parent.name} has shape {image.shape} in {path}, but the colour "
+                    f"picture is {(height, width)}"
                 )
-        background = None if files.background is None else _read_depth(files.background, scale)
+            return image
+
+        def load_depth(path: Path, key: str) -> npt.NDArray[np.float32]:
+            if path.suffix == ".npy":
+                return load(path, decode_depth_array)
+            scale = log.get(key, self._depth_scale)
+            if not isinstance(scale, (int, float)) or not scale > 0:
+                raise ValueError(
+                    f"{path}: the log does not name {key!r}; pass depth_scale= (metres per step)"
+                )
+            return load(path, lambda data: decode_depth(data, scale))
+
+        depth = load_depth(files.depth, DEPTH_SCALE_KEY)
+        object_mask = load(files.object_mask, decode_mask)
+        background = raw = None
+        if files.background is not None:
+            behind = load_depth(files.background, DEPTH_SCALE_KEY)
+            background = np.where(object_mask, behind, depth)
+        if files.raw_depth is not None:
+            raw = load_depth(files.raw_depth, RAW_SCALE_KEY)
         camera = self._camera or log_camera(log, width, height, files.log)
         pose = log_pose(log, files.log)
         keypoints = transform_points(np.linalg.inv(pose), log_keypoints(log, files.log))
@@ -160,7 +198,7 @@ class TransHand(Sequence[Frame]):
             files.split,
             color,
             depth,
-            hand_mask,
+            load(files.hand_mask, decode_mask),
             object_mask,
             keypoints,
             image_pixels(uv, camera),
@@ -168,7 +206,38 @@ class TransHand(Sequence[Frame]):
             pose,
             background,
             log.get("hold_id"),
+            raw,
+            None if files.normals is None else load(files.normals, decode_normals),
+            log_transform(log, OBJECT_POSE_KEY, files.log),
         )
+
+
+def _load(path: Path, decode: Callable[[bytes], npt.NDArray[Dtype]]) -> npt.NDArray[Dtype]:
+    try:
+        return decode(path.read_bytes())
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+
+
+def _list_split(
+    root: Path, split: str, objects: Sequence[str] | None, pair_by: Literal["stem", "order"]
+) -> list[FrameFiles]:
+    if split not in SPLITS:
+        raise ValueError(f"split must be one of {', '.join(SPLITS)}, got {split!r}")
+    folder = root / split
+    if not folder.is_dir():
+        raise FileNotFoundError(
+            f"{root} has no folder {split!r}; a TransHand root holds {{train,val,test}}/{{object}}/"
+        )
+    found = sorted(p.name for p in folder.iterdir() if p.is_dir())
+    for name in objects or ():
+        if name not in found:
+            raise FileNotFoundError(f"no object {name!r} in {folder}; found {', '.join(found)}")
+    return [
+        files
+        for name in (found if objects is None else objects)
+        for files in _list_frames(folder / name, name, split, pair_by)
+    ]
 
 
 def _list_frames(
@@ -176,11 +245,12 @@ def _list_frames(
 ) -> list[FrameFiles]:
     base = folder / "depth" if (folder / "depth").is_dir() else folder
     listed: dict[str, list[Path]] = {}
-    for part, names in _FOLDERS.items():
+    for part, names in (_FOLDERS | _MORE_FOLDERS).items():
         present = [base / name for name in names if (base / name).is_dir()]
-        if not present:
+        if not present and part in _FOLDERS:
             raise FileNotFoundError(f"{base} lacks the folder {' or '.join(names)}")
-        listed[part] = sorted(p for p in present[0].iterdir() if not p.name.startswith("."))
+        if present:
+            listed[part] = sorted(p for p in present[0].iterdir() if not p.name.startswith("."))
     stems = [p.stem for p in listed["color"]]
     if pair_by == "order":
         counts = {part: len(paths) for part, paths in listed.items()}
@@ -189,72 +259,47 @@ def _list_frames(
         table = {part: dict(zip(stems, paths, strict=True)) for part, paths in listed.items()}
     else:
         table = {part: {p.stem: p for p in paths} for part, paths in listed.items()}
-        problems = [
-            f"frame {stem} lacks {base.name}/{paths[0].parent.name if paths else part}"
-            for part, paths in listed.items()
-            for stem in sorted(set().union(*table.values()) - set(table[part]))
-        ]
-        if problems:
-            more = f", and {len(problems) - 5} more" if len(problems) > 5 else ""
-            raise ValueError(
-                f"{split}/{object_id}: {'; '.join(problems[:5])}{more} "
-                "(pair_by='order' pairs by sorted position instead)"
-            )
-    background = base / BACKGROUND_FOLDER
+        _check_pairs(f"{split}/{object_id}", base, listed, table)
+    wanted = {field.name for field in fields(FrameFiles)} & set(table)
     return [
-        FrameFiles(
-            stem,
-            object_id,
-            split,
-            table["color"][stem],
-            table["depth"][stem],
-            table["hand_mask"][stem],
-            table["object_mask"][stem],
-            table["log"][stem],
-            table["hand_kpt"][stem],
-            path if (path := background / f"{stem}.png").is_file() else None,
-        )
+        FrameFiles(stem, object_id, split, **{part: table[part][stem] for part in wanted})
         for stem in stems
     ]
 
 
-def _read_depth(path: Path, scale: float | None) -> npt.NDArray[np.float32]:
-    if path.suffix == ".npy":
-        depth = np.load(path, allow_pickle=False)
-        depth = depth[..., 0] if depth.ndim == 3 else depth
-        if depth.ndim != 2 or not np.issubdtype(depth.dtype, np.floating):
-            raise ValueError(
-                f"{path}: depth must be (H, W) or (H, W, C) float metres, got {depth.shape} "
-                f"{depth.dtype}"
-            )
-    else:
-        raw = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-        if raw is None or raw.dtype != np.uint16:
-            got = "nothing readable" if raw is None else f"{raw.shape} {raw.dtype}"
-            raise ValueError(f"{path}: depth must be a 16-bit PNG, got {got}")
-        if not scale:
-            raise ValueError(
-                f"{path}: the log does not name {DEPTH_SCALE_KEY!r}; pass depth_scale= (metres "
-                "per step)"
-            )
-        depth = (raw[..., 0] if raw.ndim == 3 else raw) * float(scale)
-    valid = np.isfinite(depth) & (depth > 0)
-    return np.where(valid, depth, 0.0).astype(np.float32)
-
-
-def _read_mask(path: Path) -> npt.NDArray[np.bool_]:
-    mask = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
-    if mask is None:
-        raise ValueError(f"{path} is not a readable mask")
-    return np.asarray(mask > 127)
+def _check_pairs(
+    place: str, base: Path, listed: dict[str, list[Path]], table: dict[str, dict[str, Path]]
+) -> None:
+    """Each frame has one file of each kind; else a ``ValueError`` names frames and files."""
+    problems = [
+        f"frame {path.stem} has two files, {table[part][path.stem].name} and {path.name}, in "
+        f"{path.parent.name}"
+        for part, paths in listed.items()
+        for path in paths
+        if table[part][path.stem] != path
+    ]
+    problems += [
+        f"frame {stem} lacks {base.name}/{paths[0].parent.name if paths else part}"
+        for part, paths in listed.items()
+        for stem in sorted(set().union(*table.values()) - set(table[part]))
+    ]
+    if problems:
+        more = f", and {len(problems) - 5} more" if len(problems) > 5 else ""
+        raise ValueError(
+            f"{place}: {'; '.join(problems[:5])}{more} (pair_by='order' pairs by sorted position "
+            "instead; a generator that was stopped is finished by starting it again)"
+        )
 
 
 def _read_keypoints_uv(path: Path) -> Array:
-    lines = [line.split() for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]
     try:
-        uv = np.array([[float(line[0]), float(line[1])] for line in lines])
+        lines = path.read_text(encoding="utf-8").splitlines()
+        words = [line.split() for line in lines if line.strip()]
+        uv = np.array([[float(line[0]), float(line[1])] for line in words])
     except (IndexError, ValueError) as error:
         raise ValueError(f"{path}: each line must hold 'u v' in pixels ({error})") from error
     if len(uv) < 21:
         raise ValueError(f"{path} holds {len(uv)} keypoints, expected 21")
+    if not np.isfinite(uv[:21]).all():
+        raise ValueError(f"{path}: a keypoint is not a finite number")
     return uv[:21]

@@ -66,7 +66,7 @@ def read_log(path: Path) -> dict[str, Any]:
     """Read a log; a ``ValueError`` names a file that is not one."""
     try:
         log = json.loads(path.read_text(encoding="utf-8"))
-    except json.JSONDecodeError as error:
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
         raise ValueError(f"{path} is not valid JSON: {error}") from error
     if not isinstance(log, dict):
         raise ValueError(f"{path} must hold named values, got {type(log).__name__}")
@@ -75,10 +75,12 @@ def read_log(path: Path) -> dict[str, Any]:
 
 def numbers(log: Mapping[str, Any], key: str, path: Path, count: int) -> list[float]:
     """``count`` finite numbers from a list or from named values; else a ``ValueError``."""
-    value = log.get(key)
+    if key not in log:
+        raise ValueError(f"{path} lacks the key {key!r}; it has {', '.join(log) or 'none'}")
+    value = log[key]
     value = list(value.values()) if isinstance(value, Mapping) else value
     try:
-        numbers = [float(v) for v in value]  # type: ignore[union-attr]
+        numbers = [float(v) for v in value]
     except (TypeError, ValueError):
         numbers = []
     if len(numbers) != count or not np.isfinite(numbers).all():
@@ -94,12 +96,27 @@ def log_pose(log: Mapping[str, Any], path: Path) -> Array:
 
 def log_keypoints(log: Mapping[str, Any], path: Path) -> Array:
     """The first 21 points of ``hand_keypoint``, world, metres, shape (21, 3)."""
-    named = log.get("hand_keypoint")
+    if "hand_keypoint" not in log:
+        raise ValueError(f"{path} lacks the key 'hand_keypoint'; it has {', '.join(log) or 'none'}")
+    named = log["hand_keypoint"]
     if not isinstance(named, Mapping) or len(named) < 21:
         count = len(named) if isinstance(named, Mapping) else 0
         raise ValueError(f"{path}: 'hand_keypoint' must name at least 21 points, got {count}")
     first = list(named)[:21]
     return np.array([numbers(named, name, path, 3) for name in first])
+
+
+def log_transform(log: Mapping[str, Any], key: str, path: Path) -> Array | None:
+    """A rigid transform (4, 4) of a log, or None where the log has none of this name."""
+    if key not in log:
+        return None
+    try:
+        matrix = np.asarray(log[key], dtype=float)
+    except (TypeError, ValueError):
+        matrix = np.full(1, np.nan)
+    if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
+        raise ValueError(f"{path}: {key!r} must be a 4x4 matrix of numbers, got {log[key]!r}")
+    return matrix
 
 
 def log_camera(log: Mapping[str, Any], width: int, height: int, path: Path) -> Intrinsics:

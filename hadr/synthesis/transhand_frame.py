@@ -1,31 +1,49 @@
 """One frame with all its labels, and how it is written in TransHand-14K's form.
 
-The reader of the same form is :mod:`hadr.data.transhand`.
+A frame is spread over some ten folders. All its files are first written into a folder of their
+own, ``.unfinished-*``, then moved to their places, the log last: a frame that has a log is
+complete, whatever happens to the program that writes it. The reader of the same form is
+:mod:`hadr.data.transhand`.
 """
 
 from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+import shutil
+import tempfile
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
 from hadr.camera import Intrinsics, transform_points
 from hadr.hand import KEYPOINT_NAMES
 from hadr.synthesis.camera_log import camera_log, native_pixels
+from hadr.synthesis.frame_pictures import (
+    encode_color,
+    encode_depth,
+    encode_depth_array,
+    encode_mask,
+    encode_normals,
+)
 
 Array = npt.NDArray[np.float64]
+Normals = Literal["all", "held", "object", "none"]
 
-#: The log's name for the metres of one step of ``depth_png``.
+#: The log's name for the metres of one step of ``depth_png`` and ``background_depth_png``.
 DEPTH_SCALE_KEY = "depth_png scale"
-#: The folder of the depth with the glass taken away; TransHand-14K has none.
-BACKGROUND_FOLDER = "background_depth_png"
+#: The same for ``raw_depth``.
+RAW_SCALE_KEY = "raw_depth scale"
+#: The log's name for the object's pose.
+OBJECT_POSE_KEY = "world_from_object"
+#: What TransHand-14K has no folder for.
+BACKGROUND_FOLDER, RAW_FOLDER, NORMALS_FOLDER = "background_depth_png", "raw_depth", "normals"
+#: How the folders begin in which frames lie while they are written.
+UNFINISHED_PREFIX = ".unfinished-"
 
 
 @dataclass(frozen=True)
@@ -46,6 +64,11 @@ class Frame:
         world_from_camera: Pose of the OpenCV camera, shape (4, 4).
         background_depth: Depth with the glass taken away, metres, (H, W) float32, or None.
         hold_id: Name of the holding pose, where the log knows it.
+        raw_depth: What a depth camera would measure, z-depth in the colour camera, metres,
+            (H, W) float32, 0 where it measures nothing; or None.
+        normals: Unit surface normals toward the viewer, camera frame, (H, W, 3) float32, 0 where
+            unknown; or None.
+        world_from_object: Pose of the object, shape (4, 4), or None.
     """
 
     stem: str
@@ -61,6 +84,9 @@ class Frame:
     world_from_camera: Array
     background_depth: npt.NDArray[np.float32] | None = None
     hold_id: str | None = None
+    raw_depth: npt.NDArray[np.float32] | None = None
+    normals: npt.NDArray[np.float32] | None = None
+    world_from_object: Array | None = None
 
     @property
     def camera_from_world(self) -> Array:
@@ -68,34 +94,64 @@ class Frame:
         return np.asarray(np.linalg.inv(self.world_from_camera))
 
 
-def _write(path: Path, data: bytes) -> None:
-    """Write a file whole or not at all."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    part.write_bytes(data)
-    os.replace(part, path)
-
-
-def _encode(extension: str, image: npt.NDArray[Any], options: Sequence[int] = ()) -> bytes:
-    done, data = cv2.imencode(extension, image, list(options))
-    if not done:
-        raise ValueError(f"can't encode a picture of shape {image.shape} as {extension}")
-    return bytes(data.tobytes())
-
-
-def _depth_steps(depth: npt.NDArray[np.float32], scale: float) -> npt.NDArray[np.uint16]:
-    farthest = float(np.max(depth, initial=0.0))
-    if farthest > 65535 * scale:
-        raise ValueError(
-            f"depth reaches {farthest:.3f} m, but 16 bits at {scale} m a step end at "
-            f"{65535 * scale:.3f} m"
-        )
-    return np.round(np.asarray(depth, dtype=float) / scale).astype(np.uint16)
-
-
 def frame_log_path(root: str | Path, split: str, object_id: str, stem: str) -> Path:
     """The log of a frame in the layout with the ``depth/`` level; it is written last."""
     return Path(root) / split / object_id / "depth" / "log_json" / f"{stem}.json"
+
+
+def _check_shapes(frame: Frame) -> None:
+    names = ("depth", "hand_mask", "object_mask", "color", "background_depth", "raw_depth")
+    for name in (*names, "normals"):
+        image = getattr(frame, name)
+        if image is not None and image.shape[:2] != frame.camera.shape:
+            raise ValueError(f"{name} has shape {image.shape}, the camera {frame.camera.shape}")
+
+
+def _kept_normals(frame: Frame, where: Normals) -> npt.NDArray[np.float32] | None:
+    if frame.normals is None or where == "none":
+        return None
+    if where == "all":
+        return frame.normals
+    if where not in ("held", "object"):
+        raise ValueError(f"normals must be 'all', 'held', 'object' or 'none', got {where!r}")
+    kept = frame.object_mask | frame.hand_mask if where == "held" else frame.object_mask
+    return np.where(kept[..., None], frame.normals, np.float32(0))
+
+
+def _rounded(values: npt.ArrayLike, digits: int) -> Any:
+    """Nested lists of numbers, short enough for a log."""
+    return (np.round(np.asarray(values, dtype=float), digits) + 0.0).tolist()
+
+
+def _log(frame: Frame) -> dict[str, Any]:
+    point, angle = camera_log(frame.world_from_camera)
+    world = transform_points(frame.world_from_camera, frame.keypoints)
+    log: dict[str, Any] = {
+        "camera point": _rounded(point, 9),
+        "camera angle": _rounded(angle, 9),
+        "camera internal": frame.camera.matrix.tolist(),
+        "hand_keypoint": dict(zip(KEYPOINT_NAMES, _rounded(world, 7), strict=True)),
+    }
+    if frame.world_from_object is not None:
+        log[OBJECT_POSE_KEY] = _rounded(frame.world_from_object, 9)
+    if frame.hold_id is not None:
+        log["hold_id"] = frame.hold_id
+    return log
+
+
+def _place(root: Path, base: Path, files: Mapping[Path, bytes]) -> None:
+    """Write all files, then move them to their places below ``base`` in the given order."""
+    root.mkdir(parents=True, exist_ok=True)
+    staged = Path(tempfile.mkdtemp(dir=root, prefix=UNFINISHED_PREFIX))
+    try:
+        for number, data in enumerate(files.values()):
+            (staged / str(number)).write_bytes(data)
+        for number, name in enumerate(files):
+            place = base / name
+            place.parent.mkdir(parents=True, exist_ok=True)
+            os.replace(staged / str(number), place)
+    finally:
+        shutil.rmtree(staged, ignore_errors=True)
 
 
 def write_frame(
@@ -105,7 +161,9 @@ def write_frame(
     extra_log: Mapping[str, Any] | None = None,
     depth_format: Literal["npy", "png"] = "npy",
     depth_scale: float = 0.0001,
+    raw_scale: float = 0.001,
     jpeg_quality: int | None = None,
+    normals: Normals = "all",
     nested: bool = True,
     object_folder: Literal["obj_mask", "object_mask"] = "obj_mask",
 ) -> Path:
@@ -117,7 +175,10 @@ def write_frame(
         extra_log: More values for the log.
         depth_format: ``npy`` writes ``depth_np``, float32 metres; ``png`` writes 16-bit steps.
         depth_scale: Metres of one step of the PNG.
+        raw_scale: Metres of one step of the raw depth; real depth cameras report millimetres.
         jpeg_quality: 1 to 100 stores the colour as JPEG; PNG where it is left out.
+        normals: Where normals are kept: ``all``, ``held`` (glass and hand), ``object`` (the
+            glass alone), or ``none``.
         nested: With the level ``depth/``.
         object_folder: Name of the folder of the object masks.
 
@@ -125,53 +186,38 @@ def write_frame(
         The path of the log, which is written last: a frame with a log is complete.
 
     Raises:
-        ValueError: The depth does not fit into 16 bits, or an image's shape differs.
+        ValueError: A depth does not fit into 16 bits, or an image's shape differs.
+        OSError: The folder can't be written.
     """
-    for name in ("depth", "hand_mask", "object_mask", "color"):
-        if getattr(frame, name).shape[:2] != frame.camera.shape:
-            raise ValueError(
-                f"{name} has shape {getattr(frame, name).shape}, the camera {frame.camera.shape}"
-            )
-    base = Path(root) / frame.split / frame.object_id / ("depth" if nested else ".")
-    bgr = np.ascontiguousarray(frame.color[..., ::-1])
-    if jpeg_quality is None:
-        _write(base / "rgb" / f"{frame.stem}.png", _encode(".png", bgr))
-    else:
-        options = (cv2.IMWRITE_JPEG_QUALITY, jpeg_quality)
-        _write(base / "rgb" / f"{frame.stem}.jpg", _encode(".jpg", bgr, options))
-    log: dict[str, Any] = {}
-    best = (cv2.IMWRITE_PNG_COMPRESSION, 9)
+    _check_shapes(frame)
+    stem, root = frame.stem, Path(root)
+    base = root / frame.split / frame.object_id / ("depth" if nested else ".")
+    ending, color = encode_color(frame.color, jpeg_quality)
+    files = {Path("rgb", stem + ending): color}
+    log = _log(frame)
     if depth_format == "npy":
-        path = base / "depth_np" / f"{frame.stem}.npy"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        part = path.with_name(f".{path.name}.{os.getpid()}.part.npy")
-        np.save(part, frame.depth.astype(np.float32))
-        os.replace(part, path)
+        files[Path("depth_np", f"{stem}.npy")] = encode_depth_array(frame.depth)
     else:
-        steps = _depth_steps(frame.depth, depth_scale)
-        _write(base / "depth_png" / f"{frame.stem}.png", _encode(".png", steps, best))
+        files[Path("depth_png", f"{stem}.png")] = encode_depth(frame.depth, depth_scale)
         log[DEPTH_SCALE_KEY] = depth_scale
     if frame.background_depth is not None:
-        steps = _depth_steps(frame.background_depth, depth_scale)
-        _write(base / BACKGROUND_FOLDER / f"{frame.stem}.png", _encode(".png", steps, best))
+        # Elsewhere it is the depth itself: the reader puts it back.
+        behind = np.where(frame.object_mask, frame.background_depth, np.float32(0))
+        files[Path(BACKGROUND_FOLDER, f"{stem}.png")] = encode_depth(behind, depth_scale)
         log[DEPTH_SCALE_KEY] = depth_scale
-    for folder, mask in (("hand_mask", frame.hand_mask), (object_folder, frame.object_mask)):
-        image = mask.astype(np.uint8) * 255
-        _write(base / folder / f"{frame.stem}.png", _encode(".png", image, best))
+    if frame.raw_depth is not None:
+        files[Path(RAW_FOLDER, f"{stem}.png")] = encode_depth(frame.raw_depth, raw_scale)
+        log[RAW_SCALE_KEY] = raw_scale
+    kept = _kept_normals(frame, normals)
+    if kept is not None:
+        files[Path(NORMALS_FOLDER, f"{stem}.png")] = encode_normals(kept)
+    files[Path("hand_mask", f"{stem}.png")] = encode_mask(frame.hand_mask)
+    files[Path(object_folder, f"{stem}.png")] = encode_mask(frame.object_mask)
     uv = native_pixels(frame.keypoints_uv, frame.camera)
     text = "".join(f"{u:.4f} {v:.4f}\n" for u, v in uv)
-    _write(base / "hand_kpt" / f"{frame.stem}.txt", text.encode())
-    point, angle = camera_log(frame.world_from_camera)
-    world = transform_points(frame.world_from_camera, frame.keypoints)
-    log |= {
-        "camera point": point,
-        "camera angle": angle,
-        "camera internal": frame.camera.matrix.tolist(),
-        "hand_keypoint": dict(zip(KEYPOINT_NAMES, world.tolist(), strict=True)),
-    }
-    if frame.hold_id is not None:
-        log["hold_id"] = frame.hold_id
+    files[Path("hand_kpt", f"{stem}.txt")] = text.encode()
     log |= dict(extra_log or {})
-    path = base / "log_json" / f"{frame.stem}.json"
-    _write(path, (json.dumps(log, indent=1) + "\n").encode())
-    return path
+    name = Path("log_json", f"{stem}.json")
+    files[name] = (json.dumps(log, separators=(",", ":")) + "\n").encode()
+    _place(root, base, files)
+    return base / name

@@ -206,7 +206,7 @@ def test_wrong_shapes_are_named(tmp_path):
     base = tmp_path / "train/0004/depth"
     np.save(base / "depth_np/000007.npy", np.ones((H, W + 1)))
     with pytest.raises(
-        ValueError, match=r"frame 000007 .* depth has shape \(36, 65\).* \(36, 64\)"
+        ValueError, match=r"train/0004: frame 000007: depth_np has shape \(36, 65\).* \(36, 64\)"
     ):
         TransHand(tmp_path, "train")[0]
     np.save(base / "depth_np/000007.npy", np.ones((H, W), np.uint16))
