@@ -1,58 +1,52 @@
 """Make data sets of hand-held glass in TransHand-14K's layout.
 
-Frame ``i`` depends on the seed, on ``i``, on the size and on the list of objects alone: a longer
-run begins with the frames of a shorter one, and a run that was stopped goes on where it ended.
+Frame ``i`` depends on the settings and on ``i`` alone: any number of workers gives the same
+bytes, a longer run begins with the frames of a shorter one, and a run that was stopped at any
+moment goes on where it ended.
 """
 
 from __future__ import annotations
 
 import argparse
+import errno
+import os
 import time
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from functools import partial
-from multiprocessing import get_context
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
-import numpy as np
+import cv2
+from tqdm import tqdm
 
-from hadr import __version__
-from hadr.camera import project, transform_points
-from hadr.synthesis.holding import make_hold
-from hadr.synthesis.objects import OBJECTS, UNKNOWN_OBJECTS, glass_object
-from hadr.synthesis.scene import Scene, make_scene
-from hadr.synthesis.transhand_frame import Frame, frame_log_path, write_frame
+import hadr
+from hadr.provenance import usable_cores
+from hadr.synthesis.farm import dask_installed, run_tasks
+from hadr.synthesis.frame_recipes import (
+    FrameRecipe,
+    SplitBy,
+    frame_recipe,
+    hold_split,
+    recipes_by_hold,
+)
+from hadr.synthesis.frame_rendering import build_scene, check_engine, render_frame, render_scene
+from hadr.synthesis.generation_folder import generation_folder
+from hadr.synthesis.generation_presets import PRESETS, Engine, GenerationSettings, Quality
+from hadr.synthesis.objects import OBJECTS
+from hadr.synthesis.transhand_frame import Normals, frame_log_path, write_frame
 
-Quality = Literal["fast", "fine"]
-SplitBy = Literal["frame", "holding", "object"]
-
-#: Shares of training, validation and testing frames (paper, section IV-A).
-_RATIO = (0.7, 0.2, 0.1)
-_HOLD_CYCLE = ("train", "train", "test", "train", "val", "train", "train", "train", "val", "train")
-
-
-@dataclass(frozen=True)
-class FrameRecipe:
-    """What frame ``index`` of a data set shows.
-
-    Args:
-        index: Position in the data set.
-        object_id: Which object.
-        hold_number: Which of its holding poses.
-        split: Where the frame belongs.
-    """
-
-    index: int
-    object_id: str
-    hold_number: int
-    split: str
-
-    @property
-    def stem(self) -> str:
-        """Name of the frame's files."""
-        return f"{self.index:06d}"
+__all__ = [
+    "FrameRecipe",
+    "GenerationReport",
+    "GenerationSettings",
+    "build_scene",
+    "frame_recipe",
+    "generate",
+    "generate_frames",
+    "hold_split",
+    "render_frame",
+]
 
 
 @dataclass(frozen=True)
@@ -76,134 +70,96 @@ class GenerationReport:
         return f"{self.written} frames written, {self.kept} kept in {self.root}{pace}"
 
 
-def hold_split(hold_number: int) -> str:
-    """The split of an object's hold number, in a fixed cycle of ten that keeps 7:2:1.
-
-    A hold's split so never depends on how many frames are made.
-    """
-    return _HOLD_CYCLE[hold_number % len(_HOLD_CYCLE)]
+def _is_complete(root: Path, recipe: FrameRecipe) -> bool:
+    return frame_log_path(root, recipe.split, recipe.object_id, recipe.stem).is_file()
 
 
-def frame_recipe(
-    index: int,
-    *,
-    seed: int = 0,
-    objects: Sequence[str] | None = None,
-    frames_per_hold: int = 2,
-    split_by: SplitBy = "holding",
-) -> FrameRecipe:
-    """Say what frame ``index`` shows.
-
-    Args:
-        index: Position in the data set, from 0. Objects alternate.
-        seed: Seed of the data set (only a split by frame depends on it).
-        objects: The objects to alternate between; all eight where it is left out.
-        frames_per_hold: How many frames share a holding pose.
-        split_by: ``holding`` and ``frame`` split 7:2:1; ``object`` tests on the unknown objects.
-
-    Returns:
-        The recipe.
-
-    Raises:
-        ValueError: A value is out of range or an object unknown.
-    """
-    names = list(OBJECTS) if objects is None else list(objects)
-    for name in names:
-        glass_object(name)
-    if index < 0 or frames_per_hold < 1 or not names:
-        raise ValueError(
-            f"need index >= 0, frames_per_hold >= 1 and an object, got {index}, {frames_per_hold}, "
-            f"{names}"
+def _make_frames(
+    recipes: tuple[FrameRecipe, ...], root: Path, settings: GenerationSettings
+) -> list[float]:
+    """Make the frames of one hold; the seconds that each took."""
+    cv2.setNumThreads(1)
+    took = []
+    for recipe in recipes:
+        start = time.perf_counter()
+        scene, frame = render_scene(recipe, settings)
+        hold = scene.hold
+        log = {
+            "object": OBJECTS[recipe.object_id].name,
+            "hold_kind": hold.kind,
+            "hand_side": hold.shape.side,
+            "hand_scale": round(hold.shape.scale, 4),
+            "engine": settings.engine,
+            "generator": f"hadr {hadr.__version__}",
+        }
+        write_frame(
+            root,
+            frame,
+            extra_log=log,
+            depth_format=settings.depth_format,
+            jpeg_quality=settings.jpeg_quality,
+            normals=settings.normals,
         )
-    object_id = names[index % len(names)]
-    hold_number = index // len(names) // frames_per_hold
-    if split_by == "holding":
-        split = hold_split(hold_number)
-    elif split_by == "frame":
-        draw = np.random.default_rng([seed, index, 29]).choice(3, p=_RATIO)
-        split = ("train", "val", "test")[int(draw)]
-    elif split_by == "object":
-        split = "test" if object_id in UNKNOWN_OBJECTS else "train"
-    else:
-        raise ValueError(f"split_by must be 'holding', 'frame' or 'object', got {split_by!r}")
-    return FrameRecipe(index, object_id, hold_number, split)
+        took.append(time.perf_counter() - start)
+    return took
 
 
-def build_scene(recipe: FrameRecipe, seed: int, width: int, height: int, quality: Quality) -> Scene:
-    """The scene of a recipe; the same for the same arguments."""
-    hold = make_hold(recipe.object_id, recipe.hold_number, seed)
-    rng = np.random.default_rng([seed, recipe.index, 3])
-    step = 0.004 if quality == "fast" else 0.0025
-    return make_scene(hold, rng, width, height, hand_step=step)
-
-
-def render_frame(
-    recipe: FrameRecipe,
+def generate_frames(
+    root: str | Path,
+    n_frames: int,
+    settings: GenerationSettings,
     *,
-    seed: int = 0,
-    width: int = 448,
-    height: int = 252,
-    quality: Quality = "fine",
-) -> Frame:
-    """Make one frame.
+    workers: int = 1,
+    scheduler: str | None = None,
+    progress: bool = False,
+) -> GenerationReport:
+    """Make a data set, or finish one that was begun.
 
     Args:
-        recipe: What it shows.
-        seed: Seed of the data set.
-        width: Image width, pixels.
-        height: Image height, pixels; TransHand-14K's pictures are 16:9.
-        quality: ``fine`` draws shadows and four rays a pixel; ``fast`` one ray and no shadows.
+        root: Where it goes; frames that are complete there are kept as they are.
+        n_frames: How many frames it shall have.
+        settings: What they have in common.
+        workers: Processes that work at the same time.
+        scheduler: Address of a Dask cluster that does the work instead.
+        progress: Shows a bar with the remaining time.
 
     Returns:
-        The frame with exact labels.
+        What was done.
 
     Raises:
-        ValueError: The quality is unknown, or the size is too small.
+        ValueError: A value is out of range, something is not installed, or the folder holds
+            frames of other settings.
+        OSError: The folder can't be written, or the disk is full.
     """
-    if quality not in ("fast", "fine"):
-        raise ValueError(f"quality must be 'fast' or 'fine', got {quality!r}")
-    if width < 16 or height < 9:
-        raise ValueError(f"a frame needs at least 16x9 pixels, got {width}x{height}")
-    scene = build_scene(recipe, seed, width, height, quality)
-    labels = scene.rays.labels(scene.camera, scene.world_from_camera)
-    jitter = np.random.default_rng([seed, recipe.index, 5]) if quality == "fine" else None
-    color = scene.rays.picture(
-        scene.camera,
-        scene.world_from_camera,
-        jitter,
-        supersample=2 if quality == "fine" else 1,
-    )
-    keypoints = transform_points(np.linalg.inv(scene.world_from_camera), scene.keypoints)
-    return Frame(
-        recipe.stem,
-        recipe.object_id,
-        recipe.split,
-        color,
-        labels.depth,
-        labels.hand_mask,
-        labels.object_mask,
-        keypoints,
-        project(keypoints, scene.camera),
-        scene.camera,
-        scene.world_from_camera,
-        labels.background_depth,
-        scene.hold.hold_id,
-    )
-
-
-def _make_frame(
-    recipe: FrameRecipe,
-    root: Path,
-    seed: int,
-    width: int,
-    height: int,
-    quality: Quality,
-    depth_format: Literal["npy", "png"],
-    jpeg_quality: int | None,
-) -> None:
-    frame = render_frame(recipe, seed=seed, width=width, height=height, quality=quality)
-    log = {"object": OBJECTS[recipe.object_id].name, "generator": f"hadr {__version__}"}
-    write_frame(root, frame, extra_log=log, depth_format=depth_format, jpeg_quality=jpeg_quality)
+    if n_frames < 1 or workers < 1:
+        raise ValueError(f"n_frames and workers must be positive, got {n_frames} and {workers}")
+    check_engine(settings.engine, settings.sensor)
+    start, root = time.perf_counter(), Path(root)
+    recipes = [settings.recipe(i) for i in range(n_frames)]
+    written = 0
+    try:
+        with generation_folder(root, settings):
+            todo = [r for r in recipes if not _is_complete(root, r)]
+            kept = n_frames - len(todo)
+            make = partial(_make_frames, root=root.absolute(), settings=settings)
+            bar = tqdm(total=n_frames, initial=kept, unit="frame", disable=not progress)
+            with bar:
+                for took in run_tasks(
+                    make, recipes_by_hold(todo), workers=workers, scheduler=scheduler
+                ):
+                    written += len(took)
+                    bar.update(len(took))
+    except OSError as error:
+        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+            raise OSError(
+                f"no space left for {root}: {written} frames were written, all of them whole. "
+                "Make room and run the same command again"
+            ) from error
+        if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOTDIR, errno.EEXIST):
+            reason = os.strerror(error.errno)
+            raise OSError(f"can't write frames into {root}: {reason}") from error
+        raise
+    return GenerationReport(root, len(todo), kept, time.perf_counter() - start)
 
 
 def generate(
@@ -215,13 +171,22 @@ def generate(
     objects: Sequence[str] | None = None,
     split_by: SplitBy = "holding",
     *,
-    frames_per_hold: int = 2,
+    frames_per_hold: float = 2,
     quality: Quality = "fine",
     depth_format: Literal["npy", "png"] = "npy",
     jpeg_quality: int | None = None,
+    normals: Normals = "all",
+    engine: Engine = "raycast",
+    samples: int = 8,
+    sensor: bool = False,
+    recordings: str | Path | None = None,
+    backgrounds: str | Path | None = None,
     workers: int = 1,
 ) -> GenerationReport:
     """Make a data set, or finish one that was begun.
+
+    See :class:`GenerationSettings` for the arguments that are not named here, and
+    :func:`generate_frames` for what can go wrong.
 
     Args:
         root: Where it goes; frames that are complete there are kept as they are.
@@ -235,96 +200,132 @@ def generate(
         quality: ``fine`` or ``fast``.
         depth_format: ``npy`` (float metres) or ``png`` (16-bit, 0.1 mm a step).
         jpeg_quality: Stores colour as JPEG; PNG where it is left out.
-        workers: Processes that draw at the same time.
+        normals: Where normals are stored.
+        engine: ``raycast`` or ``photo``.
+        samples: Paths a pixel of ``photo``.
+        sensor: With simulated raw depth.
+        recordings: Folder of recorded holds.
+        backgrounds: Folder of photographs for the surroundings.
+        workers: Processes that work at the same time.
 
     Returns:
         What was done.
-
-    Raises:
-        ValueError: A value is out of range.
     """
-    if n_frames < 1 or workers < 1:
-        raise ValueError(f"n_frames and workers must be positive, got {n_frames} and {workers}")
-    if jpeg_quality is not None and not 1 <= jpeg_quality <= 100:
-        raise ValueError(f"jpeg_quality must lie in 1..100, got {jpeg_quality}")
-    start, root = time.perf_counter(), Path(root)
-    recipes = [
-        frame_recipe(
-            i, seed=seed, objects=objects, frames_per_hold=frames_per_hold, split_by=split_by
-        )
-        for i in range(n_frames)
-    ]
-    todo = [r for r in recipes if not frame_log_path(root, r.split, r.object_id, r.stem).is_file()]
-    make = partial(
-        _make_frame,
-        root=root,
+    settings = GenerationSettings(
         seed=seed,
         width=width,
         height=height,
+        engine=engine,
+        samples=samples,
         quality=quality,
+        sensor=sensor,
+        objects=None if objects is None else tuple(objects),
+        split_by=split_by,
+        frames_per_hold=frames_per_hold,
+        recordings=None if recordings is None else str(recordings),
+        backgrounds=None if backgrounds is None else str(backgrounds),
         depth_format=depth_format,
         jpeg_quality=jpeg_quality,
+        normals=normals,
     )
-    if workers == 1 or len(todo) < 2:
-        for recipe in todo:
-            make(recipe)
-    else:
-        with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-            list(pool.map(make, todo, chunksize=4))
-    return GenerationReport(root, len(todo), n_frames - len(todo), time.perf_counter() - start)
+    return generate_frames(root, n_frames, settings, workers=workers)
+
+
+def bundled_recordings() -> Path:
+    """The recordings that are part of the project; ``$HADR_SAMPLES`` names another folder."""
+    samples = os.environ.get("HADR_SAMPLES")
+    root = Path(samples) if samples else Path(hadr.__file__).resolve().parents[1] / "data_samples"
+    return root / "recordings"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``hadr generate``."""
-    parser.add_argument("root", type=Path, help="folder of the data set; continued where it exists")
-    parser.add_argument("-n", "--frames", type=int, default=64, help="number of frames (64)")
-    parser.add_argument("--seed", type=int, default=0, help="seed of everything (0)")
-    parser.add_argument("--width", type=int, default=448, help="image width in pixels (448)")
-    parser.add_argument("--height", type=int, default=252, help="image height in pixels (252)")
-    parser.add_argument("--objects", nargs="+", metavar="ID", help="objects, e.g. 0000 0004 (all)")
-    parser.add_argument(
+    presets = "\n".join(f"  {name:<8} {p.purpose}" for name, p in PRESETS.items())
+    parser.description = (
+        "Make frames of hand-held glass with exact labels, in TransHand-14K's layout. A run that "
+        f"was stopped\ngoes on when the same command is given again.\n\npresets\n{presets}"
+    )
+    add = parser.add_argument
+    add("root", nargs="?", type=Path, help="the same as --out")
+    add("--out", type=Path, metavar="DIR", help="folder of the data set; continued where it exists")
+    add("--preset", choices=tuple(PRESETS), help="values for all that is not given (none)")
+    add("-n", "--frames", type=int, help="number of frames (the preset's, else 64)")
+    add("--engine", choices=("photo", "raycast"), help="trace paths, or cast rays (raycast)")
+    add("--samples", type=int, metavar="N", help="paths a pixel of the photo engine (8)")
+    add(
+        "--sensor",
+        action=argparse.BooleanOptionalAction,
+        default=None,
+        help="with the raw depth of a simulated depth camera (without)",
+    )
+    add("--recordings", metavar="DIR", help="recorded holds as CSV (holds are made from the seed)")
+    add("--backgrounds", metavar="DIR", help="photographs for the surroundings (textures)")
+    add("--workers", type=int, metavar="K", help="processes (one per core; 1 without Dask)")
+    add("--scheduler", metavar="ADDRESS", help="a Dask cluster, e.g. tcp://host:8786")
+    add("--seed", type=int, help="seed of everything (0)")
+    add("--width", type=int, help="image width in pixels (448)")
+    add("--height", type=int, help="image height in pixels (252)")
+    add("--objects", nargs="+", metavar="ID", help="objects, e.g. 0000 0004 (all)")
+    add(
         "--split-by",
         choices=("holding", "frame", "object"),
-        default="holding",
         help="what a split keeps together: a holding pose, nothing but the frame (which leaks "
         "near-twins), or the object with 0004 and 0007 for testing (holding)",
     )
-    parser.add_argument(
-        "--frames-per-hold", type=int, default=2, help="frames per holding pose (2)"
-    )
-    parser.add_argument(
+    add("--frames-per-hold", type=float, help="frames per holding pose (2)")
+    add("--hold-shift", type=int, help=argparse.SUPPRESS)
+    add(
         "--quality",
         choices=("fine", "fast"),
-        default="fine",
-        help="fine: four rays a pixel and soft shadows; fast: one, for training (fine)",
+        help="of the ray caster; fine: four rays a pixel and soft shadows; fast: one (fine)",
     )
-    parser.add_argument(
+    add(
         "--depth",
         choices=("npy", "png"),
-        default="npy",
+        dest="depth_format",
         help="depth as float metres (npy) or 16-bit in 0.1 mm steps (png) (npy)",
     )
-    parser.add_argument(
-        "--jpeg", type=int, metavar="QUALITY", help="store colour as JPEG, 1..100 (PNG)"
+    add(
+        "--jpeg",
+        type=int,
+        metavar="QUALITY",
+        dest="jpeg_quality",
+        help="store colour as JPEG, 1..100 (PNG)",
     )
-    parser.add_argument("--workers", type=int, default=1, help="processes (1)")
+    add(
+        "--normals",
+        choices=("all", "held", "object", "none"),
+        help="where surface normals are kept: everywhere, on glass and hand, on the glass (all)",
+    )
+
+
+def _settings(args: argparse.Namespace) -> GenerationSettings:
+    """The preset's settings with the given options put over them."""
+    preset = PRESETS[args.preset] if args.preset else None
+    settings = preset.settings if preset else GenerationSettings()
+    names = [f.name for f in fields(GenerationSettings)]
+    given: dict[str, Any] = {n: getattr(args, n) for n in names if getattr(args, n) is not None}
+    if "objects" in given:
+        given["objects"] = tuple(given["objects"])
+    if preset and preset.bundled_recordings and "recordings" not in given:
+        given["recordings"] = str(bundled_recordings())
+    return replace(settings, **given)
 
 
 def run(args: argparse.Namespace) -> int:
     """Carry out ``hadr generate``; returns the exit code."""
-    report = generate(
-        args.root,
-        args.frames,
-        args.seed,
-        args.width,
-        args.height,
-        args.objects,
-        args.split_by,
-        frames_per_hold=args.frames_per_hold,
-        quality=args.quality,
-        depth_format=args.depth,
-        jpeg_quality=args.jpeg,
-        workers=args.workers,
+    root = args.out if args.out is not None else args.root
+    if root is None or (args.out is not None and args.root is not None):
+        raise ValueError("name one folder for the frames with --out DIR")
+    settings = _settings(args)
+    frames = args.frames
+    if frames is None:
+        frames = PRESETS[args.preset].frames if args.preset else 64
+    workers = args.workers
+    if workers is None:
+        workers = usable_cores() if dask_installed() and args.preset != "tiny" else 1
+    report = generate_frames(
+        root, frames, settings, workers=workers, scheduler=args.scheduler, progress=True
     )
     print(report)
     return 0

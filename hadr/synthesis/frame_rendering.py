@@ -1,0 +1,194 @@
+"""Make one frame: its hold, its scene, its picture by one of two engines, and its exact labels."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hadr.camera import project, transform_points
+from hadr.synthesis.frame_recipes import FrameRecipe
+from hadr.synthesis.generation_presets import Engine, GenerationSettings, Quality
+from hadr.synthesis.holding import Hold, make_hold
+from hadr.synthesis.scene import Scene, make_scene
+from hadr.synthesis.transhand_frame import Frame
+
+
+def check_engine(engine: Engine, sensor: bool) -> None:
+    """Check that what an engine needs is installed.
+
+    Raises:
+        ValueError: It is not; the message names what to install.
+    """
+    for wanted, needs in ((engine == "photo", "--engine photo"), (sensor, "--sensor")):
+        if wanted and importlib.util.find_spec("mitsuba") is None:
+            instead = "--engine raycast" if needs == "--engine photo" else "--no-sensor"
+            raise ValueError(
+                f"{needs} needs Mitsuba, which is not installed: pip install 'hadr[generate]', "
+                f"or choose {instead}"
+            )
+
+
+def _number(seed: int, index: int, purpose: int) -> int:
+    """A seed of 32 bits for one purpose of one frame."""
+    return int(np.random.SeedSequence([seed, index, purpose]).generate_state(1)[0])
+
+
+@lru_cache(maxsize=4)
+def _recordings(folder: Path, object_id: str) -> tuple[Path, ...]:
+    """The recordings of an object, by the number at the end of their names."""
+    finder = importlib.import_module("hadr.synthesis.recordings")
+    found = [Path(p) for p in finder.find_recordings(folder)]
+    own = [p for p in found if object_id in (p.parent.name, p.stem.split("-")[0])]
+
+    def key(path: Path) -> tuple[int, str]:
+        number = path.stem.rsplit("-", 1)[-1]
+        return (int(number) if number.isdigit() else 0, path.name)
+
+    return tuple(sorted(own, key=key))
+
+
+@lru_cache(maxsize=4)
+def _read_recording(path: Path) -> Any:
+    return importlib.import_module("hadr.synthesis.recordings").read_recording(path)
+
+
+def recipe_hold(recipe: FrameRecipe, seed: int, recordings: str | Path | None = None) -> Hold:
+    """The holding pose of a frame: made from the seed, or a moment of a recording.
+
+    Args:
+        recipe: What the frame shows.
+        seed: Seed of the data set.
+        recordings: Folder of recordings, or None.
+
+    Raises:
+        ValueError: There are fewer recordings of the object than the frame's hold number asks.
+    """
+    if recordings is None:
+        return make_hold(recipe.object_id, recipe.hold_number, seed)
+    files = _recordings(Path(recordings), recipe.object_id)
+    if recipe.hold_number >= len(files):
+        raise ValueError(
+            f"frame {recipe.index} needs recording number {recipe.hold_number} of object "
+            f"{recipe.object_id}, but {recordings} holds {len(files)} of them"
+        )
+    recording = _read_recording(files[recipe.hold_number])
+    row = np.random.default_rng([seed, recipe.index, 13]).integers(len(recording.time))
+    hold: Hold = recording.at(int(row))
+    return hold
+
+
+def build_scene(
+    recipe: FrameRecipe,
+    seed: int,
+    width: int,
+    height: int,
+    quality: Quality,
+    *,
+    recordings: str | Path | None = None,
+) -> Scene:
+    """The scene of a recipe; the same for the same arguments."""
+    hold = recipe_hold(recipe, seed, recordings)
+    rng = np.random.default_rng([seed, recipe.index, 3])
+    step = 0.004 if quality == "fast" else 0.0025
+    return make_scene(hold, rng, width, height, hand_step=step)
+
+
+def render_frame(
+    recipe: FrameRecipe,
+    *,
+    seed: int = 0,
+    width: int = 448,
+    height: int = 252,
+    quality: Quality = "fine",
+    engine: Engine = "raycast",
+    samples: int = 8,
+    sensor: bool = False,
+    recordings: str | Path | None = None,
+) -> Frame:
+    """Make one frame.
+
+    Args:
+        recipe: What it shows.
+        seed: Seed of the data set.
+        width: Image width, pixels.
+        height: Image height, pixels; TransHand-14K's pictures are 16:9.
+        quality: Of the ray caster: ``fine`` draws shadows and four rays a pixel; ``fast`` one
+            ray and no shadows.
+        engine: ``raycast``, or ``photo``, which traces paths.
+        samples: Paths a pixel of ``photo``.
+        sensor: With the raw depth of a simulated depth camera.
+        recordings: Folder of recorded holds; None makes the hold from the seed.
+
+    Returns:
+        The frame with exact labels.
+
+    Raises:
+        ValueError: A name is unknown, the size too small, or what the engine needs is missing.
+    """
+    settings = GenerationSettings(
+        seed=seed,
+        width=width,
+        height=height,
+        quality=quality,
+        engine=engine,
+        samples=samples,
+        sensor=sensor,
+        recordings=None if recordings is None else str(recordings),
+    )
+    check_engine(engine, sensor)
+    return render_scene(recipe, settings)[1]
+
+
+def render_scene(recipe: FrameRecipe, settings: GenerationSettings) -> tuple[Scene, Frame]:
+    """Make one frame of a data set, and give the scene that it shows too."""
+    scene = build_scene(
+        recipe,
+        settings.seed,
+        settings.width,
+        settings.height,
+        settings.quality,
+        recordings=settings.recordings,
+    )
+    labels = scene.rays.labels(scene.camera, scene.world_from_camera)
+    if settings.engine == "photo":
+        photo = importlib.import_module("hadr.synthesis.photo")
+        color = photo.photograph(
+            scene, seed=_number(settings.seed, recipe.index, 5), samples=settings.samples
+        )
+    else:
+        fine = settings.quality == "fine"
+        color = scene.rays.picture(
+            scene.camera,
+            scene.world_from_camera,
+            np.random.default_rng([settings.seed, recipe.index, 5]) if fine else None,
+            supersample=2 if fine else 1,
+        )
+    raw = None
+    if settings.sensor:
+        depth_camera = importlib.import_module("hadr.synthesis.depth_camera")
+        raw = depth_camera.capture_depth(scene, _number(settings.seed, recipe.index, 7))
+    keypoints = transform_points(np.linalg.inv(scene.world_from_camera), scene.keypoints)
+    frame = Frame(
+        recipe.stem,
+        recipe.object_id,
+        recipe.split,
+        color,
+        labels.depth,
+        labels.hand_mask,
+        labels.object_mask,
+        keypoints,
+        project(keypoints, scene.camera),
+        scene.camera,
+        scene.world_from_camera,
+        labels.background_depth,
+        scene.hold.hold_id,
+        raw,
+        labels.normals,
+        scene.world_from_object,
+    )
+    return scene, frame

@@ -1,0 +1,128 @@
+"""The folder of a data set that is being made: whose it is, what it holds, what a stop left."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import shutil
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from hadr import __version__
+from hadr.synthesis.generation_presets import GenerationSettings
+from hadr.synthesis.transhand_frame import UNFINISHED_PREFIX
+
+#: The file that says with which settings the frames of a folder are made.
+SETTINGS_FILE = "generation.json"
+_SPLITS = ("train", "val", "test")
+
+
+def _digest_folder(folder: str, endings: tuple[str, ...]) -> str:
+    """SHA-256 over names and contents of the files below a folder; 16 digits of it."""
+    root = Path(folder)
+    paths = sorted(p for p in root.rglob("*") if p.suffix.lower() in endings)
+    if not paths:
+        raise ValueError(f"{folder} holds no {' or '.join(endings)} file")
+    digest = hashlib.sha256()
+    for path in paths:
+        digest.update(f"{path.relative_to(root).as_posix()}\0".encode())
+        digest.update(hashlib.sha256(path.read_bytes()).digest())
+    return digest.hexdigest()[:16]
+
+
+def settings_record(settings: GenerationSettings) -> dict[str, Any]:
+    """The settings as plain values; folders that are read from stand for their contents."""
+    record = json.loads(json.dumps(asdict(settings)))
+    if settings.recordings is not None:
+        record["recordings"] = _digest_folder(settings.recordings, (".csv",))
+    if settings.backgrounds is not None:
+        endings = (".jpg", ".jpeg", ".png")
+        record["backgrounds"] = _digest_folder(settings.backgrounds, endings)
+    return {"hadr": __version__, **record}
+
+
+def _check_settings(root: Path, record: dict[str, Any]) -> None:
+    path = root / SETTINGS_FILE
+    if not path.is_file():
+        if any((root / split).exists() for split in _SPLITS):
+            raise ValueError(
+                f"{root} holds frames, but no {SETTINGS_FILE} that says how they were made; "
+                "choose another folder"
+            )
+        return
+    try:
+        before = json.loads(path.read_text(encoding="utf-8"))
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path} is not valid JSON: {error}") from error
+    differing = [
+        f"{name} is {before.get(name)!r} there, {record.get(name)!r} here"
+        for name in [*record, *(n for n in before if n not in record)]
+        if before.get(name) != record.get(name)
+    ]
+    if differing:
+        raise ValueError(
+            f"the frames in {root} are made with other settings: {'; '.join(differing)}. "
+            "Go on with the same settings, or choose another folder"
+        )
+
+
+def _clean(root: Path) -> None:
+    """Remove what a stopped run left: staged files, and files of frames without a log."""
+    for staged in root.glob(f"{UNFINISHED_PREFIX}*"):
+        shutil.rmtree(staged, ignore_errors=True)
+    for split in _SPLITS:
+        for logs in sorted((root / split).glob("*/depth")):
+            done = {p.stem for p in (logs / "log_json").glob("*.json")}
+            for path in logs.glob("*/*"):
+                if path.stem not in done:
+                    path.unlink()
+
+
+@contextlib.contextmanager
+def _sole_owner(root: Path) -> Iterator[None]:
+    """Keep a second run out of the folder; the lock ends with the process."""
+    try:
+        import fcntl
+    except ImportError:  # Windows: nothing is locked
+        yield
+        return
+    handle = os.open(root, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise ValueError(f"another run is making frames in {root}") from error
+        yield
+    finally:
+        os.close(handle)
+
+
+@contextlib.contextmanager
+def generation_folder(root: Path, settings: GenerationSettings) -> Iterator[Path]:
+    """Take a folder for making frames: check that it is meant for them, and tidy it.
+
+    Args:
+        root: The folder; made where it is missing.
+        settings: With which the frames are made.
+
+    Yields:
+        The folder, which no other run uses meanwhile.
+
+    Raises:
+        ValueError: It holds frames of other settings (the message names what differs), or
+            frames of another origin, or another run is at work there.
+        OSError: The folder can't be made or written.
+    """
+    record = settings_record(settings)
+    root.mkdir(parents=True, exist_ok=True)
+    with _sole_owner(root):
+        _check_settings(root, record)
+        _clean(root)
+        part = root / f".{SETTINGS_FILE}.part"
+        part.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+        os.replace(part, root / SETTINGS_FILE)
+        yield root
