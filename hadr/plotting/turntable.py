@@ -21,7 +21,13 @@ import numpy.typing as npt
 from matplotlib.colors import to_rgb
 from scipy.spatial import cKDTree
 
-from hadr.hand import SKELETON_NAMES, SKELETON_PARENTS, forward_kinematics
+from hadr.hand import (
+    SKELETON_NAMES,
+    SKELETON_PARENTS,
+    HandShape,
+    Skeleton,
+    forward_kinematics,
+)
 from hadr.plotting import FINGER_COLORS
 from hadr.synthesis.hand_mesh import SKIN_TONES, hand_mesh
 from hadr.synthesis.holding import Hold
@@ -33,6 +39,8 @@ Array = npt.NDArray[np.float64]
 #: Longest forearm that is shown, metres behind the wrist; it fades out over the last third.
 FOREARM_SHOWN = 0.13
 _MOST_VERTICES = 65535
+# object_from_wrist of a hand without an object: z along the fingers, y into the back of the hand.
+_UPRIGHT = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
 
 
 @dataclass(frozen=True)
@@ -125,6 +133,39 @@ def _without_elbow(surface: Surface, length: float) -> Surface:
     return Surface(surface.vertices[used], faces.reshape(-1, 3), surface.normals[used])
 
 
+def bare_hand(
+    skeleton: Skeleton, shape: HandShape, *, tone: npt.ArrayLike = SKIN_TONES[1]
+) -> HeldGlass:
+    """A hand without a glass, fingers up: z is the wrist's y, the viewer sees the palm.
+
+    Args:
+        skeleton: The pose, wrist frame, metres.
+        shape: The sizes that posed it.
+        tone: Linear RGB reflectance of the skin.
+
+    Returns:
+        A scene whose glass has no faces.
+    """
+    hand, colors = _hand_shown(skeleton, shape, tone, 0.0003)
+    none = Surface(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), np.zeros((0, 3)))
+    note = f"{shape.side} hand"
+    joints = skeleton.joints @ _UPRIGHT[:3, :3].T
+    return HeldGlass(note, note, none, hand.moved(_UPRIGHT), colors, joints, -90.0, 0.0)
+
+
+def _hand_shown(
+    skeleton: Skeleton, shape: HandShape, tone: npt.ArrayLike, tolerance: float
+) -> tuple[Surface, npt.NDArray[np.uint8]]:
+    """The hand without its elbow in the wrist frame, and sRGB with opacity per vertex."""
+    full = hand_mesh(skeleton, shape, tone=tone)
+    length = FOREARM_SHOWN * shape.scale
+    hand = simplified(_without_elbow(full.surface, length), tolerance)
+    _, nearest = cKDTree(full.surface.vertices).query(hand.vertices)
+    fade = np.clip((length + hand.vertices[:, 1]) / (0.35 * length), 0.0, 1.0)
+    colors = np.concatenate([_srgb(full.albedo[nearest]), (fade**1.5)[:, None]], axis=1)
+    return hand, np.round(255 * colors).astype(np.uint8)
+
+
 def held_glass(
     hold: Hold,
     *,
@@ -145,12 +186,7 @@ def held_glass(
     """
     item = glass_object(hold.object_id)
     skeleton = forward_kinematics(hold.angles, hold.shape)
-    full = hand_mesh(skeleton, hold.shape, tone=tone)
-    length = FOREARM_SHOWN * hold.shape.scale
-    hand = simplified(_without_elbow(full.surface, length), tolerance)
-    _, nearest = cKDTree(full.surface.vertices).query(hand.vertices)
-    fade = np.clip((length + hand.vertices[:, 1]) / (0.35 * length), 0.0, 1.0)
-    colors = np.concatenate([_srgb(full.albedo[nearest]), (fade**1.5)[:, None]], axis=1)
+    hand, colors = _hand_shown(skeleton, hold.shape, tone, tolerance)
     object_from_wrist = np.asarray(np.linalg.inv(hold.wrist_from_object), dtype=np.float64)
     thumb_side = object_from_wrist[:3, 0] * (1.0 if hold.shape.side == "right" else -1.0)
     palm_side = object_from_wrist[:3, 2]
@@ -161,7 +197,7 @@ def held_glass(
         f"{hold.shape.side} hand, on the glass: {touching}",
         simplified(merged(bodies(item)), tolerance / 3),
         hand.moved(object_from_wrist),
-        np.round(255 * colors).astype(np.uint8),
+        colors,
         skeleton.joints @ object_from_wrist[:3, :3].T + object_from_wrist[:3, 3],
         float(np.rad2deg(np.arctan2(looked_from[1], looked_from[0]))),
     )
