@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import hadr
-from hadr.data.transhand import TransHand
+from hadr.data.transhand import SPLITS, TransHand
+from hadr.synthesis.objects import OBJECTS, UNKNOWN_OBJECTS
 
 MANIFEST = "manifest.json"
 
@@ -72,6 +73,59 @@ def open_samples(split: str, objects: Sequence[str] | None = None) -> TransHand:
         FileNotFoundError: The samples are not there.
     """
     return TransHand(samples_dir() / "frames", split, objects)
+
+
+@dataclass(frozen=True)
+class KnownUnknown:
+    """The frames of the known/unknown-category experiment.
+
+    Args:
+        train: Six known objects, training holds.
+        val: The same six, validation holds.
+        known: The same six, testing holds.
+        unknown: The two objects that are held out, all of their holds: none was trained on.
+    """
+
+    train: TransHand
+    val: TransHand
+    known: TransHand
+    unknown: TransHand
+
+
+def open_known_unknown(root: Path | None = None) -> KnownUnknown:
+    """Open a data set as the paper's experiment: train on six objects, hold 0004 and 0007 out.
+
+    Args:
+        root: The data set; the bundled frames where it is left out.
+
+    Returns:
+        The four parts; no holding pose and no object of ``unknown`` occurs in two of them.
+
+    Raises:
+        FileNotFoundError: The frames, or some of the objects, are not there.
+    """
+    root = samples_dir() / "frames" if root is None else root
+    six = [name for name in OBJECTS if name not in UNKNOWN_OBJECTS]
+    return KnownUnknown(
+        TransHand(root, "train", six),
+        TransHand(root, "val", six),
+        TransHand(root, "test", six),
+        TransHand(root, SPLITS, UNKNOWN_OBJECTS),
+    )
+
+
+def open_gallery() -> TransHand:
+    """Open the few bundled frames of 1280x720, whatever their split.
+
+    Raises:
+        FileNotFoundError: They are not there.
+    """
+    root = samples_dir() / "gallery"
+    if not root.is_dir():
+        raise FileNotFoundError(
+            f"{root} is not there; make it with 'hadr generate --preset gallery --out {root}'"
+        )
+    return TransHand(root, [split for split in SPLITS if (root / split).is_dir()])
 
 
 def _digest(path: Path) -> str:

@@ -18,19 +18,17 @@ from hadr.synthesis.scene import Scene, make_scene
 from hadr.synthesis.transhand_frame import Frame
 
 
-def check_engine(engine: Engine, sensor: bool) -> None:
+def check_engine(engine: Engine) -> None:
     """Check that what an engine needs is installed.
 
     Raises:
         ValueError: It is not; the message names what to install.
     """
-    for wanted, needs in ((engine == "photo", "--engine photo"), (sensor, "--sensor")):
-        if wanted and importlib.util.find_spec("mitsuba") is None:
-            instead = "--engine raycast" if needs == "--engine photo" else "--no-sensor"
-            raise ValueError(
-                f"{needs} needs Mitsuba, which is not installed: pip install 'hadr[generate]', "
-                f"or choose {instead}"
-            )
+    if engine == "photo" and importlib.util.find_spec("mitsuba") is None:
+        raise ValueError(
+            "the photo engine needs Mitsuba, which is not installed: pip install "
+            "'hadr[generate]', or choose --engine raycast"
+        )
 
 
 def _number(seed: int, index: int, purpose: int) -> int:
@@ -140,7 +138,7 @@ def render_frame(
         sensor=sensor,
         recordings=None if recordings is None else str(recordings),
     )
-    check_engine(engine, sensor)
+    check_engine(engine)
     return render_scene(recipe, settings)[1]
 
 

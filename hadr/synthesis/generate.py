@@ -133,7 +133,7 @@ def generate_frames(
     """
     if n_frames < 1 or workers < 1:
         raise ValueError(f"n_frames and workers must be positive, got {n_frames} and {workers}")
-    check_engine(settings.engine, settings.sensor)
+    check_engine(settings.engine)
     start, root = time.perf_counter(), Path(root)
     recipes = [settings.recipe(i) for i in range(n_frames)]
     written = 0

@@ -2,7 +2,9 @@
 
 import json
 import shutil
+import tempfile
 from dataclasses import replace
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -23,7 +25,9 @@ W, H = 64, 36
 CAMERA = TRANSHAND_CAMERA.resized(W, H)
 
 
-def make_frame(stem="000007", object_id="0004", split="train", seed=0, background=False) -> Frame:
+def make_frame(
+    stem="000007", object_id="0004", split="train", seed=0, background=False, more=False
+) -> Frame:
     rng = np.random.default_rng(seed)
     pose = np.eye(4)
     pose[:3, :3] = Rotation.from_euler("xyz", rng.uniform(-1, 1, 3)).as_matrix()
@@ -45,7 +49,21 @@ def make_frame(stem="000007", object_id="0004", split="train", seed=0, backgroun
         pose,
         np.where(mask, depth + 0.5, depth).astype(np.float32) if background else None,
         "0004-stem-0001",
+        *(_more(rng) if more else ()),
     )
+
+
+def _more(rng):
+    """Raw depth with holes, normals with unknown ones, the object's pose."""
+    raw = rng.uniform(0.0, 4.0, (H, W)).astype(np.float32)
+    raw[rng.random((H, W)) < 0.3] = 0
+    normals = rng.normal(size=(H, W, 3))
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    normals[rng.random((H, W)) < 0.3] = 0
+    pose = np.eye(4)
+    pose[:3, :3] = Rotation.from_rotvec(rng.normal(size=3)).as_matrix()
+    pose[:3, 3] = rng.normal(size=3)
+    return raw, normals.astype(np.float32), pose
 
 
 @pytest.mark.parametrize("nested", [True, False])
@@ -72,6 +90,64 @@ def test_round_trip_in_every_layout(tmp_path, nested, object_folder, depth_forma
     assert (read.stem, read.object_id, read.split) == ("000007", "0004", "train")
     assert read.hold_id == "0004-stem-0001"
     assert not list(tmp_path.rglob("*.part*"))
+
+
+@settings(max_examples=20, deadline=None)
+@given(
+    st.integers(0, 2**32 - 1),
+    st.booleans(),
+    st.sampled_from(["npy", "png"]),
+    st.sampled_from([None, 95]),
+)
+def test_every_frame_comes_back_to_the_stored_precision(seed, nested, depth_format, quality):
+    frame = make_frame(seed=seed, background=True, more=True)
+    with tempfile.TemporaryDirectory() as folder:
+        write_frame(folder, frame, nested=nested, depth_format=depth_format, jpeg_quality=quality)
+        read = TransHand(folder, "train")[0]
+        left = [p.name for p in Path(folder).iterdir()]
+    assert left == ["train"]  # nothing unfinished
+    np.testing.assert_allclose(read.raw_depth, frame.raw_depth, atol=0.501e-3)
+    np.testing.assert_array_equal(read.raw_depth == 0, frame.raw_depth < 0.5e-3)
+    np.testing.assert_allclose(read.background_depth, frame.background_depth, atol=5.1e-5)
+    np.testing.assert_array_equal(
+        read.background_depth[~frame.object_mask], read.depth[~frame.object_mask]
+    )
+    unknown = ~frame.normals.any(-1)
+    assert not read.normals[unknown].any()
+    cosine = (read.normals * frame.normals).sum(-1)[~unknown]
+    assert np.rad2deg(np.arccos(cosine.clip(-1, 1))).max() < 0.5
+    np.testing.assert_allclose(np.linalg.norm(read.normals[~unknown], axis=-1), 1, atol=1e-6)
+    np.testing.assert_allclose(read.world_from_object, frame.world_from_object, atol=1e-9)
+    np.testing.assert_allclose(read.world_from_camera, frame.world_from_camera, atol=2e-9)
+    np.testing.assert_allclose(read.keypoints, frame.keypoints, atol=2e-7)
+    for name in ("depth", "background_depth", "raw_depth", "normals"):
+        assert getattr(read, name).dtype == np.float32
+    assert read.camera == frame.camera
+
+
+@pytest.mark.parametrize("kept", ["all", "held", "object", "none"])
+def test_where_normals_are_kept(tmp_path, kept):
+    frame = make_frame(more=True)
+    write_frame(tmp_path, frame, normals=kept)
+    read = TransHand(tmp_path, "train")[0]
+    if kept == "none":
+        assert read.normals is None
+        assert not (tmp_path / "train/0004/depth/normals").exists()
+        return
+    held = frame.hand_mask | frame.object_mask
+    where = {"all": np.ones_like(held), "held": held, "object": frame.object_mask}[kept]
+    np.testing.assert_array_equal(read.normals.any(-1), frame.normals.any(-1) & where)
+
+
+def test_background_depth_is_stored_behind_the_glass_alone(tmp_path):
+    frame = make_frame(background=True)
+    write_frame(tmp_path, frame)
+    stored = cv2.imread(
+        str(tmp_path / "train/0004/depth/background_depth_png/000007.png"), cv2.IMREAD_UNCHANGED
+    )
+    np.testing.assert_array_equal(stored > 0, frame.object_mask)
+    steps = np.round(frame.background_depth[frame.object_mask] / 0.0001)
+    np.testing.assert_allclose(stored[frame.object_mask], steps, atol=1)
 
 
 def authors_frame(root, stems=("0001",), channels=3):
@@ -177,6 +253,117 @@ def test_the_frame_that_lacks_a_file_is_named(tmp_path):
         TransHand(tmp_path, "train", pair_by="order")
 
 
+@pytest.mark.parametrize("folder", ["background_depth_png", "raw_depth", "normals"])
+def test_a_frame_that_lacks_what_the_others_have_is_named(tmp_path, folder):
+    for stem in ("000001", "000002"):
+        write_frame(tmp_path, make_frame(stem, background=True, more=True))
+    (tmp_path / "train/0004/depth" / folder / "000001.png").unlink()
+    with pytest.raises(ValueError, match=f"train/0004: frame 000001 lacks depth/{folder}"):
+        TransHand(tmp_path, "train")
+    shutil.rmtree(tmp_path / "train/0004/depth" / folder)
+    assert len(TransHand(tmp_path, "train")) == 2
+
+
+def test_a_second_file_of_a_frame_is_named(tmp_path):
+    write_frame(tmp_path, make_frame())
+    rgb = tmp_path / "train/0004/depth/rgb"
+    shutil.copy(rgb / "000007.png", rgb / "000007.jpg")
+    with pytest.raises(
+        ValueError, match=r"frame 000007 has two files, 000007\.png and 000007\.jpg"
+    ):
+        TransHand(tmp_path, "train")
+
+
+BROKEN = {
+    "cut off": lambda data: data[: len(data) * 2 // 3],
+    "empty": lambda data: b"",
+    "not a picture": lambda data: b"not a picture at all",
+}
+
+
+@pytest.mark.parametrize("damage", BROKEN)
+@pytest.mark.parametrize(
+    "folder",
+    ["rgb", "depth_png", "obj_mask", "hand_mask", "raw_depth", "normals", "background_depth_png"],
+)
+@pytest.mark.parametrize("quality", [None, 90])
+def test_a_broken_picture_is_named(tmp_path, folder, damage, quality):
+    frame = make_frame(background=True, more=True)
+    write_frame(tmp_path, frame, depth_format="png", jpeg_quality=quality)
+    path = next((tmp_path / "train/0004/depth" / folder).iterdir())
+    path.write_bytes(BROKEN[damage](path.read_bytes()))
+    frames = TransHand(tmp_path, "train")  # files are opened when a frame is asked for
+    reason = "cut off after|file is empty|neither PNG nor JPEG"
+    with pytest.raises(ValueError, match=rf"frame 000007: .*{folder}/{path.name}: .*({reason})"):
+        frames[0]
+
+
+def test_a_flipped_bit_in_a_png_is_named(tmp_path):
+    write_frame(tmp_path, make_frame(), depth_format="png")
+    path = tmp_path / "train/0004/depth/depth_png/000007.png"
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 4
+    path.write_bytes(data)
+    with pytest.raises(ValueError, match=r"frame 000007: .*depth_png/000007.png: .*is damaged"):
+        TransHand(tmp_path, "train")[0]
+
+
+def test_other_broken_files_are_named(tmp_path):
+    write_frame(tmp_path, make_frame(more=True))
+    base = tmp_path / "train/0004/depth"
+    frames = TransHand(tmp_path, "train")
+
+    def check(name, data, message):
+        before = (base / name).read_bytes()
+        (base / name).write_bytes(data)
+        with pytest.raises(ValueError, match=rf"frame 000007: .*{name}.*{message}"):
+            frames[0]
+        (base / name).write_bytes(before)
+
+    npy = (base / "depth_np/000007.npy").read_bytes()
+    check("depth_np/000007.npy", npy[:2000], "cut off or damaged")
+    check("depth_np/000007.npy", b"", "cut off or damaged")
+    check("hand_kpt/000007.txt", b"1 2\n" * 20, "holds 20 keypoints, expected 21")
+    check("hand_kpt/000007.txt", b"1 nan\n" * 21, "not a finite number")
+    check("hand_kpt/000007.txt", b"one two\n" * 21, "must hold 'u v'")
+    check("log_json/000007.json", b'{"camera point": [0, 0', "not valid JSON")
+    check("log_json/000007.json", b"\xff\xfe", "not valid JSON")
+    one = cv2.imencode(".png", np.ones((H, W), np.uint8))[1].tobytes()
+    check("hand_mask/000007.png", one, "must hold 0 and 255, the largest value is 1")
+    deep = cv2.imencode(".png", np.ones((H, W), np.uint16))[1].tobytes()
+    check("obj_mask/000007.png", deep, r"8-bit picture, got \(36, 64\) uint16")
+    check("raw_depth/000007.png", one, r"16-bit PNG, got \(36, 64\) uint8")
+    check("normals/000007.png", one, r"8-bit RGB picture, got \(36, 64\) uint8")
+    small = cv2.imencode(".png", np.ones((9, 16), np.uint16))[1].tobytes()
+    (base / "raw_depth/000007.png").write_bytes(small)
+    with pytest.raises(ValueError, match=r"frame 000007: raw_depth has shape \(9, 16\)"):
+        frames[0]
+    (base / "raw_depth/000007.png").unlink()
+    with pytest.raises(ValueError, match=r"frame 000007: .*raw_depth/000007.png"):
+        frames[0]
+
+
+def test_a_frame_that_cant_be_written_leaves_nothing(tmp_path, monkeypatch):
+    write = Path.write_bytes
+
+    def full(path, data):
+        if path.name == "4":
+            raise OSError(28, "No space left on device")
+        return write(path, data)
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(OSError, match="No space left"):
+        write_frame(tmp_path, make_frame())
+    assert not list(tmp_path.rglob("*"))
+
+
+def test_several_splits_one_after_the_other(tmp_path):
+    for stem, split in (("a", "test"), ("b", "train")):
+        write_frame(tmp_path, make_frame(stem, split=split))
+    frames = TransHand(tmp_path, ("train", "test"))
+    assert [(f.stem, f.split) for f in frames] == [("b", "train"), ("a", "test")]
+
+
 def test_pairing_by_order_takes_other_stems(tmp_path):
     base = authors_frame(tmp_path, ("0001", "0002"))
     for path in sorted((base / "depth_np").iterdir()):
@@ -233,6 +420,12 @@ def test_a_broken_log_is_named(tmp_path):
         ValueError, match=r"'camera angle' must hold 3 finite numbers, got \[0, 0\]"
     ):
         TransHand(tmp_path, "train")[0]
+    edit_log(tmp_path, camera_point=None)
+    with pytest.raises(
+        ValueError, match=r"frame 000007: .*000007.json lacks the key 'camera point'; it has camera"
+    ):
+        TransHand(tmp_path, "train")[0]
+    edit_log(tmp_path, camera_point=[0, 0, 0])
     edit_log(tmp_path, camera_angle=[0, 0, 0], hand_keypoint={"wrist": [0, 0, 0]})
     with pytest.raises(ValueError, match="must name at least 21 points, got 1"):
         TransHand(tmp_path, "train")[0]
@@ -248,6 +441,16 @@ def test_intrinsics_by_name_by_matrix_or_left_out(tmp_path):
     with pytest.raises(ValueError, match="'camera internal' must be a 3x3 matrix"):
         TransHand(tmp_path, "train")[0]
     assert TransHand(tmp_path, "train", camera=CAMERA)[0].camera == CAMERA
+
+
+def test_the_objects_pose_of_a_log(tmp_path):
+    write_frame(tmp_path, make_frame())
+    assert TransHand(tmp_path, "train")[0].world_from_object is None
+    path = tmp_path / "train/0004/depth/log_json/000007.json"
+    log = json.loads(path.read_text()) | {"world_from_object": [[1, 2], [3, 4]]}
+    path.write_text(json.dumps(log))
+    with pytest.raises(ValueError, match=r"'world_from_object' must be a 4x4 matrix"):
+        TransHand(tmp_path, "train")[0]
 
 
 def test_a_png_without_a_scale_asks_for_it(tmp_path):
