@@ -8,10 +8,10 @@ level ``depth/`` may be missing. The log holds the camera in Blender's conventio
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Literal, TypeVar, overload
+from typing import Any, Literal, TypeVar, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -26,15 +26,19 @@ from hadr.synthesis.camera_log import (
     read_log,
 )
 from hadr.synthesis.frame_pictures import (
+    DisparityScale,
     decode_color,
     decode_depth,
     decode_depth_array,
+    decode_disparity,
     decode_mask,
     decode_normals,
 )
 from hadr.synthesis.transhand_frame import (
     BACKGROUND_FOLDER,
     DEPTH_SCALE_KEY,
+    DISPARITY_FOLDER,
+    DISPARITY_SCALE_KEY,
     NORMALS_FOLDER,
     OBJECT_POSE_KEY,
     RAW_FOLDER,
@@ -62,7 +66,7 @@ _FOLDERS: dict[str, tuple[str, ...]] = {
 #: Those that a data set may lack altogether.
 _MORE_FOLDERS = {
     "background": (BACKGROUND_FOLDER,),
-    "raw_depth": (RAW_FOLDER,),
+    "raw_depth": (RAW_FOLDER, DISPARITY_FOLDER),
     "normals": (NORMALS_FOLDER,),
 }
 
@@ -186,7 +190,10 @@ class TransHand(Sequence[Frame]):
         if files.background is not None:
             behind = load_depth(files.background, DEPTH_SCALE_KEY)
             background = np.where(object_mask, behind, depth)
-        if files.raw_depth is not None:
+        if files.raw_depth is not None and files.raw_depth.parent.name == DISPARITY_FOLDER:
+            scale = _disparity_scale(log, files.log)
+            raw = load(files.raw_depth, lambda data: decode_disparity(data, scale))
+        elif files.raw_depth is not None:
             raw = load_depth(files.raw_depth, RAW_SCALE_KEY)
         camera = self._camera or log_camera(log, width, height, files.log)
         pose = log_pose(log, files.log)
@@ -210,6 +217,13 @@ class TransHand(Sequence[Frame]):
             None if files.normals is None else load(files.normals, decode_normals),
             log_transform(log, OBJECT_POSE_KEY, files.log),
         )
+
+
+def _disparity_scale(log: Mapping[str, Any], path: Path) -> DisparityScale:
+    try:
+        return DisparityScale.from_record(log.get(DISPARITY_SCALE_KEY))
+    except ValueError as error:
+        raise ValueError(f"{path}: {DISPARITY_SCALE_KEY!r}: {error}") from error
 
 
 def _load(path: Path, decode: Callable[[bytes], npt.NDArray[Dtype]]) -> npt.NDArray[Dtype]:

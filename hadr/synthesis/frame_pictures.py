@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import io
 import zlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import cv2
@@ -114,6 +115,82 @@ def decode_depth(data: bytes, scale: float | None) -> Depth:
     if not scale:
         raise ValueError("the log does not name the metres of one step")
     return ((steps[..., 0] if steps.ndim == 3 else steps) * float(scale)).astype(np.float32)
+
+
+@dataclass(frozen=True)
+class DisparityScale:
+    """How a stereo camera's depth follows from its disparity: ``z = focal_baseline / disparity``.
+
+    Args:
+        focal_baseline: Focal length times baseline, pixels times metres.
+        step: Pixels of disparity of one step of the picture.
+        unit: The depth is rounded to multiples of this, metres.
+
+    Raises:
+        ValueError: A value is not positive.
+    """
+
+    focal_baseline: float
+    step: float
+    unit: float
+
+    def __post_init__(self) -> None:
+        if not min(self.focal_baseline, self.step, self.unit) > 0:
+            raise ValueError(f"the values of a disparity scale must be positive, got {self}")
+
+    def record(self) -> dict[str, float]:
+        """The values by name, for a log."""
+        return asdict(self)
+
+    @classmethod
+    def from_record(cls, record: Any) -> DisparityScale:
+        """The inverse of :meth:`record`; a ``ValueError`` says what a log lacks."""
+        if not isinstance(record, Mapping) or set(record) != {"focal_baseline", "step", "unit"}:
+            raise ValueError(
+                f"a disparity scale must name focal_baseline, step and unit, got {record!r}"
+            )
+        try:
+            return cls(**{name: float(value) for name, value in record.items()})
+        except TypeError as error:
+            raise ValueError(f"a disparity scale must hold numbers, got {record!r}") from error
+
+    def depth(self, steps: npt.NDArray[Any]) -> Depth:
+        """Depth in metres of whole steps; 0 stays 0."""
+        z = self.focal_baseline / (np.maximum(steps, 1) * self.step)
+        return np.where(steps > 0, np.rint(z / self.unit) * self.unit, 0.0).astype(np.float32)
+
+
+def encode_disparity(depth: Depth, scale: DisparityScale) -> bytes:
+    """Encode a stereo camera's depth as the 16-bit PNG of its disparity, without loss.
+
+    Neighbours differ by fewer steps in disparity than in depth, which makes the file a third
+    smaller.
+
+    Args:
+        depth: z-depth, metres, shape (H, W); 0 where it is missing.
+        scale: The camera's disparities.
+
+    Returns:
+        The file's bytes.
+
+    Raises:
+        ValueError: The depth is not one that these disparities give.
+    """
+    seen = depth > 0
+    disparity = scale.focal_baseline / np.where(seen, depth, 1.0) / scale.step
+    steps = np.where(seen, np.rint(disparity), 0).clip(0, 65535).astype(np.uint16)
+    off = float(np.abs(scale.depth(steps) - depth).max(initial=0.0))
+    if not off < 1e-6:
+        raise ValueError(f"the depth is up to {off:.6f} m away from what {scale} can give")
+    return _encode(".png", steps, (*_BEST, *_LEFT))
+
+
+def decode_disparity(data: bytes, scale: DisparityScale) -> Depth:
+    """Decode the 16-bit PNG of a disparity to depth in metres, (H, W) float32, 0 missing."""
+    steps = _decode(data, cv2.IMREAD_UNCHANGED)
+    if steps.dtype != np.uint16 or steps.ndim != 2:
+        raise ValueError(f"a disparity must be a 16-bit PNG, got {steps.shape} {steps.dtype}")
+    return scale.depth(steps)
 
 
 def encode_depth_array(depth: Depth) -> bytes:

@@ -24,9 +24,11 @@ from hadr.camera import Intrinsics, transform_points
 from hadr.hand import KEYPOINT_NAMES
 from hadr.synthesis.camera_log import camera_log, native_pixels
 from hadr.synthesis.frame_pictures import (
+    DisparityScale,
     encode_color,
     encode_depth,
     encode_depth_array,
+    encode_disparity,
     encode_mask,
     encode_normals,
 )
@@ -38,10 +40,13 @@ Normals = Literal["all", "held", "object", "none"]
 DEPTH_SCALE_KEY = "depth_png scale"
 #: The same for ``raw_depth``.
 RAW_SCALE_KEY = "raw_depth scale"
+#: The log's name for what turns ``raw_disparity`` into raw depth.
+DISPARITY_SCALE_KEY = "raw_disparity scale"
 #: The log's name for the object's pose.
 OBJECT_POSE_KEY = "world_from_object"
 #: What TransHand-14K has no folder for.
-BACKGROUND_FOLDER, RAW_FOLDER, NORMALS_FOLDER = "background_depth_png", "raw_depth", "normals"
+BACKGROUND_FOLDER, NORMALS_FOLDER = "background_depth_png", "normals"
+RAW_FOLDER, DISPARITY_FOLDER = "raw_depth", "raw_disparity"
 #: How the folders begin in which frames lie while they are written.
 UNFINISHED_PREFIX = ".unfinished-"
 
@@ -161,7 +166,7 @@ def write_frame(
     extra_log: Mapping[str, Any] | None = None,
     depth_format: Literal["npy", "png"] = "npy",
     depth_scale: float = 0.0001,
-    raw_scale: float = 0.001,
+    raw_scale: float | DisparityScale = 0.001,
     jpeg_quality: int | None = None,
     normals: Normals = "all",
     nested: bool = True,
@@ -175,7 +180,8 @@ def write_frame(
         extra_log: More values for the log.
         depth_format: ``npy`` writes ``depth_np``, float32 metres; ``png`` writes 16-bit steps.
         depth_scale: Metres of one step of the PNG.
-        raw_scale: Metres of one step of the raw depth; real depth cameras report millimetres.
+        raw_scale: Metres of one step of ``raw_depth``; real depth cameras report millimetres. Or
+            a stereo camera's scale: ``raw_disparity`` is written instead, without loss.
         jpeg_quality: 1 to 100 stores the colour as JPEG; PNG where it is left out.
         normals: Where normals are kept: ``all``, ``held`` (glass and hand), ``object`` (the
             glass alone), or ``none``.
@@ -206,8 +212,13 @@ def write_frame(
         files[Path(BACKGROUND_FOLDER, f"{stem}.png")] = encode_depth(behind, depth_scale)
         log[DEPTH_SCALE_KEY] = depth_scale
     if frame.raw_depth is not None:
-        files[Path(RAW_FOLDER, f"{stem}.png")] = encode_depth(frame.raw_depth, raw_scale)
-        log[RAW_SCALE_KEY] = raw_scale
+        if isinstance(raw_scale, DisparityScale):
+            folder, data = DISPARITY_FOLDER, encode_disparity(frame.raw_depth, raw_scale)
+            log[DISPARITY_SCALE_KEY] = raw_scale.record()
+        else:
+            folder, data = RAW_FOLDER, encode_depth(frame.raw_depth, raw_scale)
+            log[RAW_SCALE_KEY] = raw_scale
+        files[Path(folder, f"{stem}.png")] = data
     kept = _kept_normals(frame, normals)
     if kept is not None:
         files[Path(NORMALS_FOLDER, f"{stem}.png")] = encode_normals(kept)

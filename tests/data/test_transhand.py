@@ -20,6 +20,7 @@ from hadr.data.transhand import (
     write_frame,
 )
 from hadr.synthesis.camera_log import camera_log, camera_pose, native_pixels
+from hadr.synthesis.frame_pictures import DisparityScale
 
 W, H = 64, 36
 CAMERA = TRANSHAND_CAMERA.resized(W, H)
@@ -123,6 +124,33 @@ def test_every_frame_comes_back_to_the_stored_precision(seed, nested, depth_form
     for name in ("depth", "background_depth", "raw_depth", "normals"):
         assert getattr(read, name).dtype == np.float32
     assert read.camera == frame.camera
+
+
+@pytest.mark.parametrize("step", [1 / 16, 1 / 32])
+def test_a_stereo_cameras_depth_is_stored_as_disparity_without_loss(tmp_path, step):
+    """Every whole step from 0.25 m to 4 m: z = f b / d, rounded to millimetres."""
+    scale = DisparityScale(425 * 0.05, step, 0.001)
+    first, last = int(21.25 / 4.0 / step) + 1, int(21.25 / 0.25 / step)
+    steps = np.resize(np.arange(first, last + 1), H * W)
+    depth = np.round(21.25 / (steps * step), 3).astype(np.float32).reshape(H, W)
+    depth[:3] = 0
+    write_frame(tmp_path, replace(make_frame(), raw_depth=depth), raw_scale=scale)
+    base = tmp_path / "train/0004/depth"
+    assert not (base / "raw_depth").exists()
+    np.testing.assert_array_equal(TransHand(tmp_path, "train")[0].raw_depth, depth)
+    with pytest.raises(ValueError, match=r"depth is up to 0\.00\d+ m away from what Disparity"):
+        write_frame(tmp_path, replace(make_frame(), raw_depth=depth + 2e-4), raw_scale=scale)
+    path = base / "log_json/000007.json"
+    log = json.loads(path.read_text())
+    assert log["raw_disparity scale"] == {"focal_baseline": 21.25, "step": step, "unit": 0.001}
+    log["raw_disparity scale"] = {"focal_baseline": 21.25, "step": 0, "unit": 0.001}
+    path.write_text(json.dumps(log))
+    with pytest.raises(ValueError, match=r"frame 000007: .*disparity scale must be positive"):
+        TransHand(tmp_path, "train")[0]
+    del log["raw_disparity scale"]
+    path.write_text(json.dumps(log))
+    with pytest.raises(ValueError, match=r"must name focal_baseline, step and unit, got None"):
+        TransHand(tmp_path, "train")[0]
 
 
 @pytest.mark.parametrize("kept", ["all", "held", "object", "none"])
