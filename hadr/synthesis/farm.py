@@ -8,6 +8,9 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from typing import TypeVar
 
+#: Seconds to wait for a cluster.
+PATIENCE = 20.0
+
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
@@ -68,7 +71,7 @@ def run_tasks(
             client = Client(stack.enter_context(cluster))
         else:
             try:
-                client = Client(scheduler, timeout=20)
+                client = Client(scheduler, timeout=PATIENCE)
             except (OSError, ValueError) as error:
                 raise OSError(f"no Dask scheduler answers at {scheduler}: {error}") from error
         stack.enter_context(client)

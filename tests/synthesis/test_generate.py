@@ -1,8 +1,17 @@
 import argparse
+import errno
+import importlib.util
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from hadr.camera import back_project, transform_points
+from hadr.cli import main
 from hadr.data.transhand import TransHand, frame_log_path
 from hadr.synthesis.generate import (
     add_arguments,
@@ -11,6 +20,7 @@ from hadr.synthesis.generate import (
     render_frame,
     run,
 )
+from hadr.synthesis.objects import glass_object, signed_distance
 
 SIZE = {"width": 64, "height": 36, "quality": "fast"}
 
@@ -102,3 +112,107 @@ def test_errors(tmp_path):
         render_frame(frame_recipe(0), quality="nice")
     with pytest.raises(ValueError, match="at least 16x9 pixels, got 4x4"):
         render_frame(frame_recipe(0), width=4, height=4)
+
+
+def test_killed_three_times_and_started_again_the_tree_is_the_same(tmp_path):
+    script = Path(__file__).parents[2] / "benchmarks/kill_generator.py"
+    line = "--kills 3 --frames 10 --workers 1 -- --width 48 --height 27 --objects 0000 0005"
+    done = subprocess.run(
+        [sys.executable, str(script), "--json", str(tmp_path / "r.json"), *line.split()],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    report = json.loads((tmp_path / "r.json").read_text())
+    assert report["same"]
+    assert report["frames_at_the_end"] == 10
+    assert sum(kill["running"] for kill in report["kills"]) >= 2
+
+
+def test_a_full_disk_is_told_and_what_is_written_is_whole(six, tmp_path, monkeypatch):
+    replace_file, moved = os.replace, []
+
+    def full(source, place):
+        moved.append(place)
+        if len(moved) == 8 + 4:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        replace_file(source, place)
+
+    with monkeypatch.context() as patch:
+        patch.setattr("hadr.synthesis.transhand_frame.os.replace", full)
+        with pytest.raises(OSError, match=r"no space left for .*: 0 frames|: 1 frames were writt"):
+            generate(tmp_path, 6, objects=["0000", "0004"], **SIZE)
+    report = generate(tmp_path, 6, objects=["0000", "0004"], **SIZE)
+    assert report.kept >= 1
+    assert contents(tmp_path) == contents(six)
+
+
+def test_a_folder_that_cant_be_written_is_told(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OSError, match=r"can't write frames into .*file/set: Not a directory"):
+        generate(tmp_path / "file/set", 1, **SIZE)
+
+
+def test_other_settings_in_the_same_folder_are_refused(six):
+    before = contents(six)
+    with pytest.raises(ValueError, match="seed is 0 there, 1 here"):
+        generate(six, 6, seed=1, objects=["0000", "0004"], **SIZE)
+    assert contents(six) == before
+
+
+def test_options_stand_over_the_preset(tmp_path, capsys):
+    assert (
+        main(
+            f"generate --preset tiny --out {tmp_path} -n 1 --seed 4 --width 64 --height 36"
+            " --normals none --objects 0005".split()
+        )
+        == 0
+    )
+    record = json.loads((tmp_path / "generation.json").read_text())
+    assert (record["seed"], record["width"], record["jpeg_quality"]) == (4, 64, 92)
+    frame = TransHand(tmp_path, "train")[0]
+    assert frame.normals is None
+    assert frame.object_id == "0005"
+    assert "1/1" in capsys.readouterr().err  # the bar
+
+
+def test_one_folder_is_named_once(tmp_path, capsys):
+    assert main(["generate", "--preset", "tiny"]) == 2
+    assert main(["generate", str(tmp_path), "--out", str(tmp_path)]) == 2
+    assert capsys.readouterr().err.count("name one folder for the frames with --out DIR") == 2
+
+
+def test_without_mitsuba_the_photo_engine_says_what_to_install(tmp_path, monkeypatch):
+    find = importlib.util.find_spec
+    monkeypatch.setattr(
+        importlib.util, "find_spec", lambda name, *a: None if name == "mitsuba" else find(name, *a)
+    )
+    with pytest.raises(ValueError, match=r"pip install 'hadr\[generate\]', or choose --engine ray"):
+        generate(tmp_path, 1, engine="photo")
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_labels_of_a_frame_agree_with_each_other():
+    frame = render_frame(frame_recipe(2), width=128, height=72, quality="fast")
+    depth = np.where(frame.depth > 0, frame.depth, np.nan)
+    points = back_project(depth, frame.camera)
+    # Normals of unit length that face the camera.
+    known = frame.normals.any(-1)
+    assert known.all()
+    np.testing.assert_allclose(np.linalg.norm(frame.normals[known], axis=-1), 1, atol=1e-5)
+    assert ((frame.normals * points).sum(-1)[known] <= 1e-6).all()
+    # The glass's points lie where the object's pose puts the object.
+    camera_from_object = frame.camera_from_world @ frame.world_from_object
+    local = transform_points(np.linalg.inv(camera_from_object), points[frame.object_mask])
+    item = glass_object(frame.object_id)
+    assert np.abs(signed_distance(item, local)).max() < 1e-3
+
+
+def test_frames_per_hold_may_be_two_and_three_in_turn():
+    numbers = [
+        frame_recipe(i, objects=["0000"], frames_per_hold=2.5).hold_number for i in range(10)
+    ]
+    assert numbers == [0, 0, 0, 1, 1, 2, 2, 2, 3, 3]
+    shifted = [frame_recipe(i, objects=["0000", "0004"], hold_shift=3).hold_number for i in (0, 1)]
+    assert shifted == [0, 3]

@@ -1,0 +1,65 @@
+"""Tasks in this process, in several, on a cluster by its address."""
+
+import importlib.util
+import os
+import sys
+
+import pytest
+
+from hadr.synthesis.farm import run_tasks
+
+needs_dask = pytest.mark.skipif(
+    importlib.util.find_spec("distributed") is None,
+    reason="Dask is not installed: pip install 'hadr[generate]'",
+)
+
+
+def test_one_worker_needs_no_dask(monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    assert list(run_tasks(lambda n: (n * n, os.getpid()), [1, 2, 3])) == [
+        (n, os.getpid()) for n in (1, 4, 9)
+    ]
+    assert list(run_tasks(abs, [])) == []
+
+
+def test_results_come_one_by_one():
+    started = []
+    results = run_tasks(started.append, [1, 2, 3])
+    next(results)
+    assert started == [1]
+
+
+def test_what_is_missing_is_named(monkeypatch):
+    monkeypatch.setattr("hadr.synthesis.farm.dask_installed", lambda: False)
+    with pytest.raises(ValueError, match=r"2 workers need Dask.*hadr\[generate\].*--workers 1"):
+        list(run_tasks(abs, [1, 2], workers=2))
+    with pytest.raises(ValueError, match=r"a cluster needs Dask.*pip install"):
+        list(run_tasks(abs, [1], scheduler="tcp://host:1"))
+    with pytest.raises(ValueError, match="workers must be positive, got 0"):
+        list(run_tasks(abs, [1], workers=0))
+
+
+@needs_dask
+def test_a_cluster_by_its_address_and_the_error_of_a_task():
+    from distributed import LocalCluster
+
+    with LocalCluster(
+        n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None
+    ) as cluster:
+        address = cluster.scheduler_address
+        assert sorted(run_tasks(abs, [-3, 2, -1], scheduler=address)) == [1, 2, 3]
+        with pytest.raises(ValueError, match="expected a nonnegative input"):
+            list(run_tasks(_root, [4.0, -4.0], scheduler=address))
+
+
+def _root(value):
+    if value < 0:
+        raise ValueError(f"expected a nonnegative input, got {value}")
+    return value**0.5
+
+
+@needs_dask
+def test_a_cluster_that_does_not_answer_is_named(monkeypatch):
+    monkeypatch.setattr("hadr.synthesis.farm.PATIENCE", 0.5)
+    with pytest.raises(OSError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"):
+        list(run_tasks(abs, [1, 2], scheduler="tcp://127.0.0.1:9"))

@@ -1,0 +1,122 @@
+"""The folder of a data set that is being made: its settings, its lock, what a stop leaves."""
+
+import json
+from dataclasses import replace
+
+import pytest
+
+from hadr.synthesis.generation_folder import SETTINGS_FILE, generation_folder, settings_record
+from hadr.synthesis.generation_presets import PRESETS, GenerationSettings
+
+SETTINGS = GenerationSettings(width=64, height=36, quality="fast")
+
+
+def take(root, settings=SETTINGS):
+    with generation_folder(root, settings):
+        pass
+
+
+def test_the_settings_are_written_once_and_compared(tmp_path):
+    take(tmp_path / "new/set")
+    record = json.loads((tmp_path / "new/set" / SETTINGS_FILE).read_text())
+    assert record["width"] == 64
+    assert record == settings_record(SETTINGS)
+    take(tmp_path / "new/set")
+    with pytest.raises(ValueError, match=r"other settings: seed is 0 there, 5 here; width is 64 t"):
+        take(tmp_path / "new/set", replace(SETTINGS, seed=5, width=128))
+    with pytest.raises(ValueError, match=r"objects is None there, \['0004'\] here"):
+        take(tmp_path / "new/set", replace(SETTINGS, objects=("0004",)))
+
+
+def test_settings_that_no_version_knows_are_named(tmp_path):
+    take(tmp_path)
+    path = tmp_path / SETTINGS_FILE
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"lens": "fish-eye"}))
+    with pytest.raises(ValueError, match="lens is 'fish-eye' there, None here"):
+        take(tmp_path)
+    path.write_text("{")
+    with pytest.raises(ValueError, match=rf"{SETTINGS_FILE} is not valid JSON"):
+        take(tmp_path)
+
+
+def test_frames_of_another_origin_are_left_alone(tmp_path):
+    (tmp_path / "train").mkdir()
+    (tmp_path / "train/keep.txt").write_text("mine")
+    with pytest.raises(ValueError, match=r"holds frames, but no generation\.json"):
+        take(tmp_path)
+    assert (tmp_path / "train/keep.txt").read_text() == "mine"
+
+
+def test_leftovers_of_a_stopped_run_go_and_whole_frames_stay(tmp_path):
+    take(tmp_path)
+    base = tmp_path / "val/0004/depth"
+    for name in ("log_json/a.json", "rgb/a.jpg", "rgb/b.jpg", "depth_png/b.png"):
+        (base / name).parent.mkdir(parents=True, exist_ok=True)
+        (base / name).write_text("x")
+    (tmp_path / ".unfinished-xyz").mkdir()
+    (tmp_path / ".unfinished-xyz/0").write_text("x")
+    take(tmp_path)
+    left = {p.relative_to(tmp_path).as_posix() for p in tmp_path.rglob("*") if p.is_file()}
+    assert left == {SETTINGS_FILE, "val/0004/depth/log_json/a.json", "val/0004/depth/rgb/a.jpg"}
+    assert not (tmp_path / ".unfinished-xyz").exists()
+
+
+def test_two_runs_in_one_folder_are_refused(tmp_path):
+    pytest.importorskip("fcntl", reason="folders are locked on POSIX systems alone")
+    with (
+        generation_folder(tmp_path, SETTINGS),
+        pytest.raises(ValueError, match="another run is making frames in"),
+    ):
+        take(tmp_path)
+    take(tmp_path)
+
+
+def test_a_folder_that_is_read_from_counts_by_its_contents(tmp_path):
+    for name in ("one", "two"):
+        (tmp_path / name / "0004").mkdir(parents=True)
+        (tmp_path / name / "0004/hold.csv").write_text("time\n0\n")
+    one, two = (replace(SETTINGS, recordings=str(tmp_path / name)) for name in ("one", "two"))
+    assert settings_record(one) == settings_record(two)
+    take(tmp_path / "set", one)
+    (tmp_path / "two/0004/hold.csv").write_text("time\n1\n")
+    with pytest.raises(ValueError, match=r"recordings is '[0-9a-f]{16}' there, '[0-9a-f]{16}' he"):
+        take(tmp_path / "set", two)
+    with pytest.raises(ValueError, match=r"holds no \.jpg or \.jpeg or \.png file"):
+        take(tmp_path / "new", replace(SETTINGS, backgrounds=str(tmp_path / "one")))
+
+
+def test_presets_say_what_the_data_card_promises():
+    samples, mini, paper = (PRESETS[name] for name in ("samples", "mini", "paper"))
+    assert samples.frames == 480
+    assert (samples.settings.width, samples.settings.height) == (448, 252)
+    holds = {(r.object_id, r.hold_number) for r in map(samples.settings.recipe, range(480))}
+    assert len(holds) == 240
+    assert max(number for _, number in holds) == 29
+    recipes = [mini.settings.recipe(i) for i in range(mini.frames)]
+    holds = {(r.object_id, r.hold_number) for r in recipes}
+    assert mini.frames >= 4000
+    assert len(holds) >= 1500
+    assert mini.settings.seed != samples.settings.seed
+    assert (paper.frames, paper.settings.width, paper.settings.height) == (14100, 1280, 720)
+    gallery = PRESETS["gallery"]
+    kinds = [gallery.settings.recipe(i).hold_number % 8 for i in range(gallery.frames)]
+    assert len(set(kinds)) == 8
+    for preset in PRESETS.values():
+        numbers = [preset.settings.recipe(i) for i in range(preset.frames)]
+        split = {}
+        for recipe in numbers:
+            split.setdefault((recipe.object_id, recipe.hold_number), set()).add(recipe.split)
+        assert all(len(s) == 1 for s in split.values())
+
+
+def test_errors_name_the_value():
+    with pytest.raises(ValueError, match="engine must be 'photo' or 'raycast', got 'blender'"):
+        replace(SETTINGS, engine="blender")
+    with pytest.raises(ValueError, match="normals must be 'all', 'held', 'object' or 'none'"):
+        replace(SETTINGS, normals="some")
+    with pytest.raises(ValueError, match=r"jpeg_quality must lie in 1\.\.100, got 0"):
+        replace(SETTINGS, jpeg_quality=0)
+    with pytest.raises(ValueError, match="need seed >= 0 and samples >= 1, got -1 and 8"):
+        replace(SETTINGS, seed=-1)
+    with pytest.raises(ValueError, match="frames_per_hold >= 1"):
+        replace(SETTINGS, frames_per_hold=0.5)
