@@ -15,9 +15,10 @@ from hadr.camera import TRANSHAND_CAMERA, Intrinsics, ray_directions, transform_
 from hadr.hand import forward_kinematics, keypoints_from_skeleton
 from hadr.synthesis.hand_mesh import SKIN_TONES, HandMesh, hand_mesh
 from hadr.synthesis.holding import Hold
+from hadr.synthesis.lights import AreaLight, Environment
 from hadr.synthesis.objects import bodies, glass_object
 from hadr.synthesis.raycast import Surroundings
-from hadr.synthesis.shading import Lamp, RayScene
+from hadr.synthesis.shading import RayScene
 from hadr.synthesis.surfaces import Surface
 from hadr.synthesis.textures import COUNT
 
@@ -157,7 +158,11 @@ def _surroundings(
     half[2] = rng.uniform(1.1, 1.5)
     center = flat * rng.uniform(0.0, 0.25)
     for quad in _box_quads(-half, half, inward=True):
-        add(quad @ turn.T + center, rng.uniform(0.55, 1.5), int(rng.integers(COUNT)), tint())
+        wall = quad @ turn.T + center
+        behind = float((wall.mean(0) - middle) @ flat)
+        if wall[:, 2].min() > 0.5 or (np.ptp(wall[:, 2]) > 0.1 and behind < 0):
+            continue
+        add(wall, rng.uniform(0.55, 1.5), int(rng.integers(COUNT)), tint())
     if rng.random() < 0.75:
         top = lowest - rng.uniform(0.04, 0.30)
         if top > -half[2] + 0.15:
@@ -204,19 +209,25 @@ def _surroundings(
     )
 
 
-def _lamps(forward: Array, rng: np.random.Generator) -> tuple[Array, Array, tuple[Lamp, ...]]:
-    """Direction and colour of the key light, and the bright panels that glass mirrors."""
-    key = np.array([rng.normal() * 0.7, rng.normal() * 0.7, 1.0]) - 0.9 * forward
-    key /= np.linalg.norm(key)
-    warm = rng.uniform(-1, 1)
-    color = np.array([1.0 + 0.10 * warm, 1.0, 1.0 - 0.14 * warm]) * rng.uniform(0.75, 1.15)
-    lamps = [Lamp(key, rng.uniform(0.18, 0.4), rng.uniform(0.25, 0.6), color * rng.uniform(5, 10))]
-    for _ in range(int(rng.integers(2, 5))):
-        direction = rng.normal(size=3) + np.array([0, 0, 0.7]) - 0.5 * forward
-        direction /= np.linalg.norm(direction)
-        strength = np.ones(3) * rng.uniform(2.0, 5.0) * (1 + 0.06 * rng.normal(size=3))
-        lamps.append(Lamp(direction, rng.uniform(0.08, 0.3), rng.uniform(0.2, 0.7), strength))
-    return key, color, tuple(lamps)
+def _lamps(
+    eye: Array, middle: Array, rng: np.random.Generator
+) -> tuple[Environment, tuple[AreaLight, ...]]:
+    """The light from far away, and panels above and behind the camera."""
+    back = (eye - middle) / np.linalg.norm(eye - middle)
+    lamps = []
+    for number in range(2):
+        toward = back + np.array([0, 0, 0.8]) + 0.6 * rng.normal(size=3)
+        toward /= np.linalg.norm(toward)
+        center = middle + toward * rng.uniform(1.4, 2.0)
+        side = np.cross([0, 0, 1.0], -toward)
+        side /= np.linalg.norm(side)
+        up = np.cross(-toward, side)
+        wide, tall = rng.uniform(0.2, 0.5, 2)
+        color = np.ones(3) * (9.0 if number == 0 else 4.0)
+        lamps.append(AreaLight(center, side * wide, up * tall, color))
+    image = np.ones((64, 128, 3), dtype=np.float32)
+    image *= np.linspace(1.2, 0.5, 64, dtype=np.float32)[:, None, None]
+    return Environment(image), tuple(lamps)
 
 
 def make_scene(
@@ -255,8 +266,6 @@ def make_scene(
     eye = pose[:3, 3]
     lowest = min(float(hand.surface.vertices[:, 2].min()), float(glass[0].vertices[:, 2].min()))
     surroundings = _surroundings(eye, middle, max(lowest, -0.45), rng)
-    forward = pose[:3, 2]
-    key, color, lamps = _lamps(forward, rng)
-    ambient = np.array([0.52, 0.54, 0.58]) * rng.uniform(0.8, 1.15)
-    rays = RayScene(hand, glass, item.tint, surroundings, key, color, ambient, lamps)
+    environment, lamps = _lamps(eye, middle, rng)
+    rays = RayScene(hand, glass, item.tint, surroundings, lamps=lamps, environment=environment)
     return Scene(rays, camera, pose, keypoints, joints, world_from_object, hold)

@@ -6,7 +6,6 @@ and bent by Snell's law at each interface, until it reaches something opaque.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,6 +13,7 @@ import numpy.typing as npt
 
 from hadr.camera import Intrinsics, pixel_grid
 from hadr.synthesis.hand_mesh import HandMesh
+from hadr.synthesis.lights import AreaLight, Environment
 from hadr.synthesis.optics import GLASS_INDEX, reflect, refract
 from hadr.synthesis.raycast import GLASS, HAND, SURROUNDINGS, Hits, RayCaster, Surroundings
 from hadr.synthesis.surfaces import Surface
@@ -24,23 +24,6 @@ Array = npt.NDArray[np.float64]
 _NUDGE = 2e-6
 
 
-@dataclass(frozen=True)
-class Lamp:
-    """A bright, soft-edged panel far away; glass and nails mirror it.
-
-    Args:
-        direction: Unit vector toward it, world frame.
-        half_width: Half of its width as a tangent.
-        half_height: Half of its height as a tangent.
-        color: Linear RGB radiance.
-    """
-
-    direction: Array
-    half_width: float
-    half_height: float
-    color: Array
-
-
 class RayScene(RayCaster):
     """Surfaces, materials and lights, ready to be drawn.
 
@@ -49,10 +32,11 @@ class RayScene(RayCaster):
         glass: The closed glass bodies, world frame; overlapping ones count as one.
         tint: Share of red, green, blue that a centimetre of glass lets through.
         surroundings: Everything else, or None.
-        key: Unit direction toward the key light, world frame.
+        key: Unit direction toward the key light, world frame, where there are no lamps.
         key_color: Its linear RGB irradiance.
-        ambient: Linear RGB of the light from all sides.
-        lamps: Panels that are mirrored.
+        ambient: Linear RGB of the light from all sides, where there is no environment.
+        lamps: Rectangles that shine; the first one is the key light.
+        environment: Light from far away.
     """
 
     def __init__(
@@ -64,7 +48,8 @@ class RayScene(RayCaster):
         key: Array | None = None,
         key_color: Array | None = None,
         ambient: Array | None = None,
-        lamps: tuple[Lamp, ...] = (),
+        lamps: tuple[AreaLight, ...] = (),
+        environment: Environment | None = None,
     ) -> None:
         super().__init__(hand, glass, surroundings)
         self.tint = np.log(np.asarray(tint)) * 100.0  # per metre
@@ -72,20 +57,39 @@ class RayScene(RayCaster):
         self.key_color = np.ones(3) if key_color is None else key_color
         self.ambient = np.full(3, 0.5) if ambient is None else ambient
         self.lamps = lamps
+        self.environment = environment
 
-    def _lamp_light(self, directions: Array) -> Array:
+    def _lamp_light(self, origins: Array, directions: Array, before: Array) -> Array:
+        """Light of lamps that rays meet before they have travelled so far."""
         light = np.zeros((len(directions), 3))
         for lamp in self.lamps:
-            z = lamp.direction
-            x = np.cross([0.0, 0.0, 1.0] if abs(z[2]) < 0.9 else [0.0, 1.0, 0.0], z)
-            x /= np.linalg.norm(x)
-            ahead = directions @ z
-            safe = np.maximum(ahead, 1e-3)
-            a = np.abs(directions @ x) / safe / lamp.half_width
-            b = np.abs(directions @ np.cross(z, x)) / safe / lamp.half_height
-            panel = np.clip((1.08 - np.maximum(a, b)) / 0.16, 0.0, 1.0) * (ahead > 0)
-            light += panel[:, None] * lamp.color
+            light += lamp.radiance(origins, directions, before)
         return light
+
+    def _beyond(self, directions: Array) -> Array:
+        """Linear RGB from where there is no surface."""
+        if self.environment is None:
+            return np.broadcast_to(self.ambient, directions.shape)
+        return self.environment.radiance(directions)
+
+    def _sky(self, normals: Array) -> Array:
+        """Light from all sides on a white surface, linear RGB, before anything hides it."""
+        if self.environment is None:
+            return np.asarray(self.ambient * (0.81 + 0.19 * normals[:, 2:3]))
+        return self.environment.irradiance(normals) / np.pi
+
+    def _key(self, points: Array) -> tuple[Array, Array]:
+        """Unit directions toward the key light and its irradiance over pi when it falls straight.
+
+        Args:
+            points: World frame, metres, shape (N, 3).
+        """
+        if not self.lamps:
+            shape = points.shape
+            return np.broadcast_to(self.key, shape), np.broadcast_to(self.key_color, shape)
+        toward = self.lamps[0].center - points
+        toward = toward / np.linalg.norm(toward, axis=1, keepdims=True)
+        return toward, self.lamps[0].irradiance(points, toward) / np.pi
 
     def _shade(
         self,
@@ -99,7 +103,7 @@ class RayScene(RayCaster):
         """Linear RGB of opaque hits; ``rng`` None leaves out shadows and occlusion."""
         color = np.zeros((len(origins), 3))
         miss = hits.mesh < 0
-        color[miss] = self.ambient
+        color[miss] = self._beyond(directions[miss])
         for number, (kind, surface) in enumerate(self._opaque):
             rows = np.flatnonzero(hits.mesh == number)
             if not len(rows):
@@ -111,25 +115,24 @@ class RayScene(RayCaster):
             toward = -np.sign((flat * d).sum(1, keepdims=True))
             normal, flat = smooth * toward, flat * toward
             point = origins[rows] + hits.distance[rows, None] * d
-            facing = normal @ self.key
+            key, key_light = self._key(point)
+            facing = (normal * key).sum(1)
             lit = np.ones(len(rows))
             open_sky = np.ones(len(rows))
             if rng is not None:
-                lit = self._sunlit(point + 3e-4 * flat, rng, facing > -0.4)
+                lit = self._sunlit(point + 3e-4 * flat, key, rng, facing > -0.4)
                 if kind == HAND:
                     open_sky = self._openness(point + 4e-4 * flat, normal, rng)
-            up = 0.5 + 0.5 * normal[:, 2:3]
-            sky = self.ambient * (0.62 + 0.38 * up)
+            sky = self._sky(normal)
             if kind == SURROUNDINGS and self.surroundings is not None:
                 near = travelled[rows] + hits.distance[rows]
                 color[rows] = self._picture(self.surroundings, hits, rows, near * pixel)
-                light = 0.95 * sky + 0.55 * self.key_color * (np.maximum(facing, 0) * lit)[:, None]
-                color[rows] *= light
+                color[rows] *= sky + key_light * (np.maximum(facing, 0) * lit)[:, None]
             elif self.hand is not None:
                 color[rows] = self._skin(
-                    hits, rows, d, normal, facing, lit, sky * open_sky[:, None]
+                    hits, rows, d, normal, key, key_light * lit[:, None], sky * open_sky[:, None]
                 )
-        return color
+        return color + self._lamp_light(origins, directions, hits.distance)
 
     def _picture(self, around: Surroundings, hits: Hits, rows: Any, footprint: Array) -> Array:
         face = hits.face[rows]
@@ -141,7 +144,7 @@ class RayScene(RayCaster):
         return np.asarray(sample(around.picture[face], uv, texels) * around.tint[face])
 
     def _skin(
-        self, hits: Hits, rows: Any, d: Array, normal: Array, facing: Array, lit: Array, sky: Array
+        self, hits: Hits, rows: Any, d: Array, normal: Array, key: Array, light: Array, sky: Array
     ) -> Array:
         hand = self.hand
         assert hand is not None
@@ -155,23 +158,23 @@ class RayScene(RayCaster):
         albedo, gloss = mix(hand.albedo), mix(hand.gloss[:, None])
         # Light that seeps around the terminator is red: each channel wraps by its own share.
         wrap = np.array([0.42, 0.22, 0.16])
-        diffuse = np.maximum((facing[:, None] + wrap) / (1 + wrap), 0.0) * lit[:, None]
-        color = albedo * (sky + 0.85 * self.key_color * diffuse)
-        half = self.key - d
+        facing = (normal * key).sum(1)
+        color = albedo * (sky + light * np.maximum((facing[:, None] + wrap) / (1 + wrap), 0.0))
+        half = key - d
         half /= np.linalg.norm(half, axis=1, keepdims=True)
         shine = np.maximum((normal * half).sum(1), 0.0)
         sharp = np.where(gloss[:, 0] > 0.6, 70.0, 18.0)
         rim = (1 - np.clip(-(normal * d).sum(1), 0, 1)) ** 4
-        spark = gloss[:, 0] * 0.35 * shine**sharp * np.maximum(facing, 0) * lit
-        return np.asarray(color + spark[:, None] * self.key_color + 0.10 * rim[:, None] * sky)
+        spark = gloss[:, 0] * 0.5 * shine**sharp * np.maximum(facing, 0)
+        return np.asarray(color + spark[:, None] * light + 0.10 * rim[:, None] * sky)
 
     def _sunlit(
-        self, points: Array, rng: np.random.Generator, wanted: npt.NDArray[np.bool_]
+        self, points: Array, key: Array, rng: np.random.Generator, wanted: npt.NDArray[np.bool_]
     ) -> Array:
         """One jittered shadow ray per point toward the key light: 1 lit, 0 in shadow."""
         lit = np.ones(len(points))
         rows = np.flatnonzero(wanted)
-        d = self.key + 0.035 * rng.normal(size=(len(rows), 3))
+        d = key[rows] + 0.05 * rng.normal(size=(len(rows), 3))
         d /= np.linalg.norm(d, axis=1, keepdims=True)
         hits = self._trace(self._solid, points[rows], d)
         blocked = self._kinds[hits.mesh] == HAND
@@ -227,11 +230,6 @@ class RayScene(RayCaster):
                 if depth == bounces:
                     ends = self._trace(self._solid, o[k], d[k])
                 light = self._shade(o[k], d[k], ends, travelled[k], pixel, rng)
-                if depth:
-                    light = (
-                        light
-                        + 0.6 * self._lamp_light(d[k]) * (self._kinds[ends.mesh] != HAND)[:, None]
-                    )
                 color[row[k]] += weight[k] * light
             k = np.flatnonzero(~done)
             if not len(k):
@@ -300,10 +298,10 @@ class RayScene(RayCaster):
                 light = self._shade(
                     start, bounced[strong], seen, travelled[strong] + length[strong], pixel, None
                 )
-                light += self._lamp_light(bounced[strong])
                 np.add.at(color, row[strong], weight[strong] * share[strong, None] * light)
         else:
-            light = self._lamp_light(bounced) + 0.45 * self.ambient
+            far = np.full(len(bounced), np.inf)
+            light = self._lamp_light(point, bounced, far) + 0.45 * self._beyond(bounced)
             np.add.at(color, row, weight * share[:, None] * light)
         weight = weight * (1.0 - share)[:, None]
         onward = np.where(total[:, None], flat_against, -flat_against)

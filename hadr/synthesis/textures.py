@@ -300,6 +300,17 @@ def library() -> Image:
     return np.stack(pictures)
 
 
+@lru_cache(maxsize=COUNT)
+def pyramid(number: int) -> tuple[Image, ...]:
+    """A picture and its halved copies, sRGB, shapes (SIZE, SIZE, 3), (SIZE / 2, ...) and so on."""
+    flat = library()[number]
+    sizes = [SIZE >> level for level in range(LEVELS)]
+    return tuple(
+        flat[start : start + n * n].reshape(n, n, 3)
+        for start, n in zip(OFFSETS, sizes, strict=True)
+    )
+
+
 def sample(number: Array, uv: Array, texels: Array) -> Array:
     """Look colours up, bilinearly in the level whose pixels are about as large as asked for.
 

@@ -218,9 +218,8 @@ def test_a_picture_shows_glass_hand_and_surroundings(scene):
         scene.rays.hand,
         (),
         surroundings=scene.rays.surroundings,
-        key=scene.rays.key,
-        key_color=scene.rays.key_color,
-        ambient=scene.rays.ambient,
+        lamps=scene.rays.lamps,
+        environment=scene.rays.environment,
     ).picture(scene.camera, scene.world_from_camera)
     np.testing.assert_array_equal(picture[~labels.object_mask], bare[~labels.object_mask])
     changed = np.abs(picture.astype(int) - bare.astype(int)).sum(-1)[labels.object_mask]

@@ -1,0 +1,78 @@
+"""A colour camera's own faults: vignetting, blur, shot noise, read noise, eight bits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+Light = npt.NDArray[np.floating]
+Picture = npt.NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class ColorCamera:
+    """How a camera turns light into a picture.
+
+    Args:
+        exposure: Factor on the light; 1 keeps a radiance of 1 just below white.
+        vignetting: Share of light that is lost in the image's corners.
+        blur: Standard deviation of the lens's blur, pixels.
+        full_well: Electrons at a radiance of 1; their number is random (shot noise).
+        read_noise: Standard deviation of the electronics' noise, electrons.
+
+    Raises:
+        ValueError: A value is out of range.
+    """
+
+    exposure: float = 1.0
+    vignetting: float = 0.10
+    blur: float = 0.35
+    full_well: float = 9000.0
+    read_noise: float = 12.0
+
+    def __post_init__(self) -> None:
+        if self.exposure <= 0 or self.full_well <= 0:
+            raise ValueError(
+                f"exposure and full_well must be positive, got {self.exposure} and {self.full_well}"
+            )
+        if not 0 <= self.vignetting < 1 or self.blur < 0 or self.read_noise < 0:
+            raise ValueError(
+                "need 0 <= vignetting < 1, blur >= 0 and read_noise >= 0, got "
+                f"{self.vignetting}, {self.blur}, {self.read_noise}"
+            )
+
+
+def film(light: Light) -> Light:
+    """Roll bright light off smoothly instead of clipping it: linear to 0.6, then toward 1."""
+    knee = 0.6
+    over = np.maximum(light - knee, 0.0)
+    return np.asarray(np.minimum(light, knee) + (1 - knee) * (1 - np.exp(-over / (1 - knee))))
+
+
+def develop(light: Light, rng: np.random.Generator, camera: ColorCamera) -> Picture:
+    """Expose a camera to light.
+
+    Args:
+        light: Linear RGB radiance, shape (H, W, 3).
+        rng: Draws the noise.
+        camera: The camera.
+
+    Returns:
+        sRGB, shape (H, W, 3) uint8.
+    """
+    height, width = light.shape[:2]
+    image = np.maximum(np.asarray(light, dtype=np.float32), 0.0) * camera.exposure
+    if camera.blur > 0:
+        image = np.asarray(cv2.GaussianBlur(image, (0, 0), camera.blur))
+    y = (np.arange(height, dtype=np.float32) + 0.5 - height / 2)[:, None]
+    x = np.arange(width, dtype=np.float32) + 0.5 - width / 2
+    corner = (x**2 + y**2) / ((width**2 + height**2) / 4)
+    image *= (1 - camera.vignetting * corner)[..., None]
+    electrons = image * camera.full_well
+    spread = np.sqrt(electrons + camera.read_noise**2)
+    noisy = electrons + spread * rng.standard_normal(image.shape, dtype=np.float32)
+    shown = film(np.maximum(noisy / camera.full_well, 0.0)) ** (1 / 2.2)
+    return np.asarray(np.clip(np.rint(shown * 255), 0, 255), dtype=np.uint8)
