@@ -13,8 +13,8 @@ from hadr.camera import Intrinsics
 Float = npt.NDArray[np.float32]
 Picture = npt.NDArray[np.uint8]
 
-#: Fractions of a pixel in which disparity is reported.
-_STEPS = 32
+#: Parts of a pixel in which disparity is reported.
+STEPS = 32
 
 
 @dataclass(frozen=True)
@@ -84,14 +84,14 @@ def match(left: Picture, right: Picture, how: Matching) -> Float:
     )
     found = np.asarray(matcher.compute(left, right))
     found = np.where(found > 0, found, 0).astype(np.int16)
-    disparity, sure = _refine(left, right, found.astype(np.float32) / 16, how)
-    found = np.where(sure, np.rint(disparity * _STEPS), 0).astype(np.int16)
+    disparity, sure = _refine(left, right, (found / 16).astype(np.float32), how)
+    found = np.where(sure, np.rint(disparity * STEPS), 0).astype(np.int16)
     found = _without_edges(found, how)
-    cv2.filterSpeckles(found, 0, how.speckle, _STEPS)
+    cv2.filterSpeckles(found, 0, how.speckle, STEPS)
     if how.median:
         smooth = cv2.medianBlur(found, how.median)
         found = np.where((found > 0) & (smooth > 0), smooth, 0).astype(np.int16)
-    return np.asarray(found / np.float32(_STEPS), dtype=np.float32)
+    return np.asarray(found / np.float32(STEPS), dtype=np.float32)
 
 
 def _refine(
@@ -118,7 +118,7 @@ def _refine(
         there = cv2.remap(second, u - refined, v, cv2.INTER_CUBIC)
         rise = cv2.remap(slope, u - refined, v, cv2.INTER_LINEAR)
         change = window(rise * (there - first)) / (window(rise * rise) + 1.0)
-        refined = refined + np.clip(change, -0.5, 0.5) * known
+        refined = (refined + np.clip(change, -0.5, 0.5) * known).astype(np.float32)
     there = cv2.remap(second, u - refined, v, cv2.INTER_CUBIC)
     left_power, right_power = window(first * first), window(there * there)
     likeness = window(first * there) / np.sqrt(left_power * right_power + 1e-6)
@@ -139,7 +139,7 @@ def _without_edges(found: npt.NDArray[np.int16], how: Matching) -> npt.NDArray[n
     square = np.ones((3, 3), np.uint8)
     near = cv2.dilate(found, square)
     far = cv2.erode(np.where(found > 0, found, np.int16(32767)), square)
-    step = (found > 0) & (near - far > round(_STEPS * how.jump))
+    step = (found > 0) & (near - far > round(STEPS * how.jump))
     gap = cv2.morphologyEx((found == 0).astype(np.uint8), cv2.MORPH_OPEN, square)
     size = 2 * how.edge + 1
     bad = cv2.dilate(step.astype(np.uint8) | gap, np.ones((size, size), np.uint8))
