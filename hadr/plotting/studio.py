@@ -15,6 +15,8 @@ from hadr.synthesis.surfaces import Surface
 
 Array = npt.NDArray[np.float64]
 
+#: Grey of the plain background, sRGB in 0..1.
+PLAIN = 0.93
 _HALF_ANGLE = 0.22
 _MOST_WALLS = 8
 
@@ -107,7 +109,7 @@ def studio_picture(
     view = view or studio_view(scene)
     fine = 2 * pixels
     rays = _camera_rays(fine, view.distance)
-    image = _paper(fine, cell=30.0) if paper else np.full((fine, fine, 3), 0.975)
+    image = _paper(fine) if paper else np.full((fine, fine, 3), PLAIN)
     wall = np.full(fine * fine, np.inf)
     if len(scene.hand.faces):
         wall = _draw_skin(image, rays, _on_screen(scene.hand, view), scene.hand_colors)
@@ -163,8 +165,9 @@ class _Tree:
         return np.asarray(n / np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-12))
 
 
-def _paper(side: int, cell: float) -> Array:
+def _paper(side: int) -> Array:
     """Squared paper, light above: straight lines show what glass does to them."""
+    cell = side / 28
     y, x = np.mgrid[0:side, 0:side] - side / 2 + 0.5
 
     def lines(step: float, width: float) -> Array:

@@ -31,7 +31,7 @@ from hadr.hand import (
 from hadr.plotting import FINGER_COLORS
 from hadr.synthesis.hand_mesh import SKIN_TONES, hand_mesh
 from hadr.synthesis.holding import Hold
-from hadr.synthesis.objects import bodies, glass_object
+from hadr.synthesis.objects import GlassObject, bodies, glass_object
 from hadr.synthesis.surfaces import Surface, merged
 
 Array = npt.NDArray[np.float64]
@@ -100,13 +100,14 @@ def simplified(surface: Surface, tolerance: float) -> Surface:
     Returns:
         A surface with the nearest old vertices' normals; the same one where it isn't closed.
     """
-    solid = _solid(surface)
+    solid = solid_of(surface)
     if solid.is_empty():
         return surface
     return _surface(solid.simplify(tolerance), surface)
 
 
-def _solid(surface: Surface) -> Any:
+def solid_of(surface: Surface) -> Any:
+    """A surface as manifold3d's body; an empty one where it isn't closed."""
     return manifold3d.Manifold(
         manifold3d.Mesh64(
             np.array(surface.vertices, dtype=float),
@@ -125,7 +126,7 @@ def _surface(solid: Any, like: Surface) -> Surface:
 
 def _without_elbow(surface: Surface, length: float) -> Surface:
     """Cut the forearm ``length`` metres behind the wrist (wrist frame, along -y)."""
-    solid = _solid(surface)
+    solid = solid_of(surface)
     if not solid.is_empty():
         return _surface(solid.trim_by_plane((0.0, 1.0, 0.0), -length), surface)
     kept = (surface.vertices[surface.faces][:, :, 1] > -length).all(axis=1)
@@ -147,10 +148,21 @@ def bare_hand(
         A scene whose glass has no faces.
     """
     hand, colors = _hand_shown(skeleton, shape, tone, 0.0003)
-    none = Surface(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), np.zeros((0, 3)))
     note = f"{shape.side} hand"
     joints = skeleton.joints @ _UPRIGHT[:3, :3].T
-    return HeldGlass(note, note, none, hand.moved(_UPRIGHT), colors, joints, -90.0, 0.0)
+    return HeldGlass(note, note, _nothing(), hand.moved(_UPRIGHT), colors, joints, -90.0, 0.0)
+
+
+def bare_glass(item: GlassObject) -> HeldGlass:
+    """A glass that nobody holds, standing on the origin; its joints lie on its foot."""
+    colors = np.zeros((0, 4), dtype=np.uint8)
+    joints = np.zeros((len(SKELETON_NAMES), 3))
+    glass = merged(bodies(item))
+    return HeldGlass(item.name, item.object_id, glass, _nothing(), colors, joints, -75.0, 12.0)
+
+
+def _nothing() -> Surface:
+    return Surface(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), np.zeros((0, 3)))
 
 
 def _hand_shown(
