@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from hadr.camera import project, transform_points
+from hadr.synthesis.frame_pictures import DisparityScale
 from hadr.synthesis.frame_recipes import FrameRecipe
 from hadr.synthesis.generation_presets import Engine, GenerationSettings, Quality
 from hadr.synthesis.holding import Hold, make_hold
@@ -24,11 +25,27 @@ def check_engine(engine: Engine) -> None:
     Raises:
         ValueError: It is not; the message names what to install.
     """
-    if engine == "photo" and importlib.util.find_spec("mitsuba") is None:
-        raise ValueError(
-            "the photo engine needs Mitsuba, which is not installed: pip install "
-            "'hadr[generate]', or choose --engine raycast"
-        )
+    for name in ("mitsuba", "pyoidn") if engine == "photo" else ():
+        if importlib.util.find_spec(name) is None:
+            raise ValueError(
+                f"the photo engine needs {name}, which is not installed: pip install "
+                "'hadr[generate]', or choose --engine raycast"
+            )
+
+
+def mitsuba_variant(wanted: str | None = None) -> str:
+    """The variant of Mitsuba to draw with: the wanted one, or the fastest that works here."""
+    return wanted or str(importlib.import_module("hadr.synthesis.photo").mitsuba_variant())
+
+
+def raw_scale(settings: GenerationSettings) -> float | DisparityScale:
+    """How raw depth is stored: metres of a step, or the depth camera's disparities."""
+    depth_camera = importlib.import_module("hadr.synthesis.depth_camera")
+    camera = depth_camera.StereoCamera()
+    if settings.raw_format == "depth":
+        return float(camera.step)
+    steps = importlib.import_module("hadr.synthesis.stereo_matching").STEPS
+    return DisparityScale(camera.focal * camera.baseline, 1 / steps, camera.step)
 
 
 def _number(seed: int, index: int, purpose: int) -> int:
@@ -156,7 +173,10 @@ def render_scene(recipe: FrameRecipe, settings: GenerationSettings) -> tuple[Sce
     if settings.engine == "photo":
         photo = importlib.import_module("hadr.synthesis.photo")
         color = photo.photograph(
-            scene, seed=_number(settings.seed, recipe.index, 5), samples=settings.samples
+            scene,
+            seed=_number(settings.seed, recipe.index, 5),
+            samples=settings.samples,
+            variant=settings.variant,
         )
     else:
         fine = settings.quality == "fine"

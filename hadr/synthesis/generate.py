@@ -30,7 +30,14 @@ from hadr.synthesis.frame_recipes import (
     hold_split,
     recipes_by_hold,
 )
-from hadr.synthesis.frame_rendering import build_scene, check_engine, render_frame, render_scene
+from hadr.synthesis.frame_rendering import (
+    build_scene,
+    check_engine,
+    mitsuba_variant,
+    raw_scale,
+    render_frame,
+    render_scene,
+)
 from hadr.synthesis.generation_folder import generation_folder
 from hadr.synthesis.generation_presets import PRESETS, Engine, GenerationSettings, Quality
 from hadr.synthesis.objects import OBJECTS
@@ -97,6 +104,7 @@ def _make_frames(
             frame,
             extra_log=log,
             depth_format=settings.depth_format,
+            raw_scale=raw_scale(settings) if settings.sensor else 0.001,
             jpeg_quality=settings.jpeg_quality,
             normals=settings.normals,
         )
@@ -134,6 +142,8 @@ def generate_frames(
     if n_frames < 1 or workers < 1:
         raise ValueError(f"n_frames and workers must be positive, got {n_frames} and {workers}")
     check_engine(settings.engine)
+    if settings.engine == "photo":
+        settings = replace(settings, variant=mitsuba_variant(settings.variant))
     start, root = time.perf_counter(), Path(root)
     recipes = [settings.recipe(i) for i in range(n_frames)]
     written = 0
@@ -258,6 +268,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=None,
         help="with the raw depth of a simulated depth camera (without)",
     )
+    add("--variant", choices=("llvm_ad_rgb", "scalar_rgb"), help="of Mitsuba (what works here)")
     add("--recordings", metavar="DIR", help="recorded holds as CSV (holds are made from the seed)")
     add("--backgrounds", metavar="DIR", help="photographs for the surroundings (textures)")
     add("--workers", type=int, metavar="K", help="processes (one per core; 1 without Dask)")
@@ -291,6 +302,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="QUALITY",
         dest="jpeg_quality",
         help="store colour as JPEG, 1..100 (PNG)",
+    )
+    add(
+        "--raw",
+        choices=("depth", "disparity"),
+        dest="raw_format",
+        help="raw depth in 1 mm steps, or as the depth camera's disparity: the same, but smaller",
     )
     add(
         "--normals",

@@ -21,6 +21,7 @@ class GenerationSettings:
         width: Image width, pixels.
         height: Image height, pixels; TransHand-14K's pictures are 16:9.
         engine: ``photo`` traces paths (needs ``hadr[generate]``), ``raycast`` needs nothing.
+        variant: Of Mitsuba, which draws for ``photo``; None for the fastest that works.
         samples: Paths a pixel of ``photo``.
         quality: Of ``raycast``: ``fine`` has shadows and four rays a pixel, ``fast`` one ray.
         sensor: With the raw depth of a simulated depth camera.
@@ -32,6 +33,8 @@ class GenerationSettings:
         backgrounds: Folder of photographs for the surroundings; None computes textures.
         depth_format: ``npy`` (float metres) or ``png`` (16 bits, 0.1 mm a step).
         jpeg_quality: Stores colour as JPEG; None as PNG.
+        raw_format: Raw depth as ``depth`` (16 bits, 1 mm a step), or as the depth camera's
+            ``disparity``, which is smaller and holds the same.
         normals: Where normals are stored: ``all``, ``held``, ``object`` or ``none``.
 
     Raises:
@@ -42,6 +45,7 @@ class GenerationSettings:
     width: int = 448
     height: int = 252
     engine: Engine = "raycast"
+    variant: str | None = None
     samples: int = 8
     quality: Quality = "fine"
     sensor: bool = False
@@ -53,6 +57,7 @@ class GenerationSettings:
     backgrounds: str | None = None
     depth_format: Literal["npy", "png"] = "npy"
     jpeg_quality: int | None = None
+    raw_format: Literal["depth", "disparity"] = "depth"
     normals: Normals = "all"
 
     def __post_init__(self) -> None:
@@ -60,6 +65,7 @@ class GenerationSettings:
             "engine": ("photo", "raycast"),
             "quality": ("fast", "fine"),
             "depth_format": ("npy", "png"),
+            "raw_format": ("depth", "disparity"),
             "normals": ("all", "held", "object", "none"),
         }
         for name, allowed in choices.items():
@@ -120,6 +126,7 @@ PRESETS: dict[str, Preset] = {
             sensor=True,
             depth_format="png",
             jpeg_quality=90,
+            raw_format="disparity",
             normals="object",
         ),
         "the project's sample frames: 480 of 448x252 from 240 recorded holds",
@@ -138,6 +145,7 @@ PRESETS: dict[str, Preset] = {
             hold_shift=5,
             depth_format="png",
             jpeg_quality=90,
+            raw_format="disparity",
             normals="object",
         ),
         "12 frames of 1280x720 to look at",
