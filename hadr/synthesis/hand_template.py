@@ -1,0 +1,146 @@
+"""The hand's template: polygonised once, with the weights that bind its skin to the bones."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+
+from hadr.hand import FINGERS, HandShape
+from hadr.synthesis.hand_flesh import FOREARM_LENGTH, GIRTH, flesh_distance, rest_skeleton
+from hadr.synthesis.surface_nets import surface_nets
+
+Array = npt.NDArray[np.float64]
+
+#: Bone 0 is palm and forearm; bone 1 + 3 i + j is bone j of finger i (thumb 0 .. little 4).
+BONE_COUNT = 16
+#: Grids of the templates, metres.
+COARSE_STEP, MIDDLE_STEP, FINE_STEP = 0.0038, 0.0024, 0.0013
+
+
+@dataclass(frozen=True, eq=False)
+class HandTemplate:
+    """An adult's right hand at rest.
+
+    Args:
+        vertices: Wrist frame, metres, shape (V, 3).
+        faces: Vertex indices, counter-clockwise from outside, shape (F, 3).
+        weights: Share of each bone in each vertex's motion, rows sum to 1, shape (V, 16).
+        part: 0..4 thumb to little finger, 5 palm, 6 forearm, shape (V,).
+    """
+
+    vertices: Array
+    faces: npt.NDArray[np.int64]
+    weights: npt.NDArray[np.float32]
+    part: npt.NDArray[np.int8]
+
+
+def _hinge(distance: Array, radius: float, reach: float = 1.5) -> Array:
+    """How far a joint's bend has come, 0 before the joint to 1 beyond it.
+
+    The share follows the angle under which the skin is seen from the joint, so that skin at
+    ``radius`` on the inner side stays in order for bends up to 2 atan(reach).
+    """
+    share = np.arctan(np.clip(distance / radius, -reach, reach)) / (2 * np.arctan(reach)) + 0.5
+    smooth = share * share * (3 - 2 * share)
+    return np.asarray(0.7 * share + 0.3 * smooth)
+
+
+def _to_segments(points: Array, starts: Array, ends: Array) -> Array:
+    """Distance of each point from each segment, shape (V, S)."""
+    columns = []
+    for a, b in zip(starts, ends, strict=True):
+        edge = b - a
+        share = np.clip((points - a) @ edge / (edge @ edge), 0, 1)
+        columns.append(np.linalg.norm(points - a - share[:, None] * edge, axis=1))
+    return np.stack(columns, axis=1)
+
+
+def bone_weights(points: Array, shape: HandShape) -> Array:
+    """Weights of the 16 bones at points of the rest hand, shape (V, 16); rows sum to 1."""
+    rest = rest_skeleton(shape)
+    fingers = list(FINGERS)
+    roots = np.array([rest.joints[1 + FINGERS[f][0]] for f in fingers])
+    tips = np.array([rest.joints[1 + FINGERS[f][3]] for f in fingers])
+    to_finger = _to_segments(points, roots[1:], tips[1:]) / [GIRTH[f] for f in fingers[1:]]
+    closeness = np.exp(-np.clip(to_finger - to_finger.min(1, keepdims=True), 0, 0.1) / 0.0022)
+    nearest = closeness / closeness.sum(1, keepdims=True)
+
+    # The thumb moves what lies nearer to its metacarpal than to the palm's.
+    carpal = np.array([[0.008, 0.010, 0.0], [0.0, 0.008, 0.0], [-0.010, 0.008, 0.0]])
+    to_palm = _to_segments(points, np.vstack([carpal, carpal[-1:]]), roots[1:]).min(1) - 0.011
+    to_palm = np.minimum(
+        to_palm, _to_segments(points, np.array([[0, -0.5, 0]]), np.zeros((1, 3)))[:, 0] - 0.02
+    )
+    to_palm = np.minimum(to_palm, to_finger.min(1) - 0.009)
+    to_thumb = _to_segments(points, roots[:1], tips[:1])[:, 0] - 0.012
+    thumb = 1 / (1 + np.exp(-np.clip((to_palm - to_thumb) / 0.0035, -40, 40)))
+
+    weights = np.zeros((len(points), BONE_COUNT))
+    for i, finger in enumerate(fingers):
+        frame = rest.frames[1 + FINGERS[finger][0]]
+        s = (points - frame[:3, 3]) @ frame[:3, 1]
+        l1, l2, _ = shape.lengths[finger]
+        girth = GIRTH[finger]
+        if finger == "thumb":
+            bends = [
+                thumb * _hinge(s - 0.002, 0.014, 1.6),
+                _hinge(s - l1, 0.0110),
+                _hinge(s - l1 - l2, 0.0095),
+            ]
+        else:
+            bends = [
+                (1 - thumb) * nearest[:, i - 1] * _hinge(s, 0.0112 * girth),
+                _hinge(s - l1, 0.0086 * girth),
+                _hinge(s - l1 - l2, 0.0074 * girth),
+            ]
+        first = 1 + 3 * i
+        weights[:, first] = bends[0] * (1 - bends[1])
+        weights[:, first + 1] = bends[0] * bends[1] * (1 - bends[2])
+        weights[:, first + 2] = bends[0] * bends[1] * bends[2]
+    weights[:, 0] = np.maximum(1 - weights[:, 1:].sum(1), 0)
+    return np.asarray(weights / weights.sum(1, keepdims=True), dtype=float)
+
+
+def _axes(step: float) -> tuple[Array, Array, Array]:
+    """Grid lines: even around the hand, ever wider along the forearm."""
+    y, at, wide = [], -0.02, step
+    while at > -FOREARM_LENGTH - 0.012:
+        wide = min(wide * 1.06, 0.011)
+        at -= wide
+        y.append(at)
+    fine = np.arange(-0.02, 0.222, step)
+    return (
+        np.arange(-0.076, 0.118, step),
+        np.concatenate([y[::-1], fine]),
+        np.arange(-0.052, 0.088, step),
+    )
+
+
+@lru_cache(maxsize=4)
+def hand_template(step: float = COARSE_STEP) -> HandTemplate:
+    """Polygonise the hand at rest, once per resolution.
+
+    Args:
+        step: Grid around the hand, metres.
+
+    Raises:
+        ValueError: The grid is not between 1 and 10 mm.
+    """
+    if not 0.001 <= step <= 0.010:
+        raise ValueError(f"step must lie between 0.001 and 0.010 metres, got {step}")
+    shape = HandShape()
+    rest = rest_skeleton(shape)
+    axes = _axes(step)
+    values = np.empty(tuple(len(a) for a in axes), dtype=np.float32)
+    for i, x in enumerate(axes[0]):
+        plane = np.empty((len(axes[1]), len(axes[2]), 3), dtype=np.float32)
+        plane[..., 0], plane[..., 1], plane[..., 2] = x, axes[1][:, None], axes[2]
+        values[i] = flesh_distance(plane, rest, shape)
+    vertices, faces = surface_nets(values, axes)
+    weights = bone_weights(vertices, shape)
+    by_part = np.column_stack([weights[:, 1 + 3 * i : 4 + 3 * i].sum(1) for i in range(5)])
+    part = np.where(by_part.max(1) > 0.5, by_part.argmax(1), np.where(vertices[:, 1] < 0, 6, 5))
+    return HandTemplate(vertices, faces, weights.astype(np.float32), part.astype(np.int8))

@@ -1,0 +1,72 @@
+"""Naive surface nets: the zero level of a sampled field as a closed triangle surface."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+Grid = npt.NDArray[np.float32]
+
+
+def surface_nets(
+    values: Grid, axes: tuple[Array, Array, Array]
+) -> tuple[Array, npt.NDArray[np.int64]]:
+    """Triangulate the zero level of a sampled field, negative inside.
+
+    One vertex per cell that the surface crosses, the mean of the crossings on its edges; one quad
+    per grid edge whose ends differ in sign. The surface is closed where it stays off the border.
+
+    Args:
+        values: The field, shape (X, Y, Z).
+        axes: Increasing positions of the samples along each axis, shapes (X,), (Y,) and (Z,);
+            they need not be evenly spaced.
+
+    Returns:
+        Vertices, shape (V, 3), and faces, counter-clockwise from outside, shape (F, 3).
+    """
+    inside = values < 0
+    corners = [(i, j, k) for i in (0, 1) for j in (0, 1) for k in (0, 1)]
+    shape = tuple(n - 1 for n in values.shape)
+    count = np.zeros(shape, dtype=np.int8)
+    for i, j, k in corners:
+        count += inside[i : i + shape[0], j : j + shape[1], k : k + shape[2]]
+    cells = np.argwhere((count > 0) & (count < 8))
+    number = np.full(shape, -1, dtype=np.int64)
+    number[tuple(cells.T)] = np.arange(len(cells))
+    total, crossings = np.zeros((len(cells), 3)), np.zeros(len(cells))
+    for first in corners:
+        for axis in range(3):
+            if first[axis]:
+                continue
+            second = tuple(int(c + (a == axis)) for a, c in enumerate(first))
+            va = values[tuple((cells + first).T)]
+            vb = values[tuple((cells + second).T)]
+            cross = (va < 0) != (vb < 0)
+            share = np.where(cross, va / np.where(cross, va - vb, 1.0), 0.0)
+            point = np.asarray(first, dtype=float) + share[:, None] * np.eye(3)[axis]
+            total += np.where(cross[:, None], point, 0.0)
+            crossings += cross
+    place = cells + total / crossings[:, None]
+    vertices = np.stack(
+        [np.interp(place[:, a], np.arange(len(axes[a])), axes[a]) for a in range(3)], axis=1
+    )
+
+    quads = []
+    for axis in range(3):
+        u, v = (axis + 1) % 3, (axis + 2) % 3
+        low = [slice(None)] * 3
+        high = [slice(None)] * 3
+        low[axis], high[axis] = slice(None, -1), slice(1, None)
+        a, b = inside[tuple(low)], inside[tuple(high)]
+        for flip, edges in ((False, np.argwhere(a & ~b)), (True, np.argwhere(~a & b))):
+            around = []
+            for du, dv in ((0, 0), (-1, 0), (-1, -1), (0, -1)):
+                cell = edges.copy()
+                cell[:, u] += du
+                cell[:, v] += dv
+                around.append(number[tuple(cell.T)])
+            quad = np.stack(around, axis=1)
+            quads.append(quad[:, ::-1] if flip else quad)
+    quad = np.concatenate(quads)
+    return vertices, np.concatenate([quad[:, [0, 1, 2]], quad[:, [0, 2, 3]]])
