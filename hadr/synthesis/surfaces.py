@@ -1,18 +1,20 @@
-"""Closed triangle surfaces: turned around an axis, or a tube around a line."""
+"""Closed triangle surfaces: turned around an axis, a tube around a line, and their union."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import manifold3d
 import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import PchipInterpolator
 
 Array = npt.NDArray[np.float64]
 
-SEGMENTS = 96
-HANDLE_SEGMENTS = 20
+SEGMENTS = 128
+HANDLE_SEGMENTS = 32
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,64 +52,110 @@ def smooth_curve(points: tuple[tuple[float, float], ...], spacing: float) -> Arr
     return np.asarray(PchipInterpolator(length, p)(at), dtype=float)
 
 
-def revolve(curve: Array) -> Surface:
-    """Turn an outline that starts and ends on the axis into a closed surface."""
-    tangent = np.gradient(curve, axis=0)
-    # The mean of both neighbouring segments' normals, weighted by their lengths.
-    normal = np.stack([tangent[:, 1], -tangent[:, 0]], axis=1)
-    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
-    normal[0], normal[-1] = (0.0, -1.0), (0.0, 1.0)
-    angle = np.arange(SEGMENTS) * 2 * np.pi / SEGMENTS
-    cos, sin = np.cos(angle), np.sin(angle)
+def revolve(
+    curve: Array,
+    relief: Callable[[Array, Array], Array] | None = None,
+    segments: int = SEGMENTS,
+) -> Surface:
+    """Turn an outline that starts and ends on the axis into a closed surface.
 
-    def turn(rz: Array) -> Array:
-        ring = np.stack(
-            [
-                rz[:, :1] * cos,
-                rz[:, :1] * sin,
-                np.broadcast_to(rz[:, 1:], (len(rz), SEGMENTS)),
-            ],
-            axis=-1,
-        )
-        return ring.reshape(-1, 3)
-
+    Args:
+        curve: Outline (r, z), shape (N, 2), the inside of the solid on its left.
+        relief: Gives the radius, shape (N - 2, S), from angles of shape (N - 2, S) and outline
+            points of shape (N - 2, S, 2); None for a body of revolution.
+        segments: Number S of meridians.
+    """
     rings = len(curve) - 2
-    vertices = np.concatenate([turn(curve[1:-1]), [[0, 0, curve[0, 1]], [0, 0, curve[-1, 1]]]])
-    normals = np.concatenate([turn(normal[1:-1]), [[0, 0, -1.0], [0, 0, 1.0]]])
-    i = np.arange(SEGMENTS)
-    j = (i + 1) % SEGMENTS
+    angle = np.broadcast_to(np.arange(segments) * 2 * np.pi / segments, (rings, segments))
+    rz = np.broadcast_to(curve[1:-1, None], (rings, segments, 2))
+    radius = rz[..., 0] if relief is None else relief(angle, rz)
+    grid = np.stack([radius * np.cos(angle), radius * np.sin(angle), rz[..., 1]], axis=-1)
+    ends = np.array([[0.0, 0.0, curve[0, 1]], [0.0, 0.0, curve[-1, 1]]])
+    # Normals from the derivatives along both parameters, exact for lines and arcs of the outline.
+    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(curve, axis=0), axis=1))])
+    padded = np.concatenate(
+        [
+            np.broadcast_to(ends[:1, None], (1, segments, 3)),
+            grid,
+            np.broadcast_to(ends[1:, None], (1, segments, 3)),
+        ]
+    )
+    along = np.gradient(padded, length, axis=0)[1:-1]
+    around = np.roll(grid, -1, axis=1) - np.roll(grid, 1, axis=1)
+    normal = np.cross(around, along)
+    normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-18)
+    vertices = np.concatenate([grid.reshape(-1, 3), ends])
+    normals = np.concatenate([normal.reshape(-1, 3), [[0, 0, -1.0], [0, 0, 1.0]]])
+    i = np.arange(segments)
+    j = (i + 1) % segments
     faces = []
     for ring in range(rings - 1):
-        a, b = ring * SEGMENTS, (ring + 1) * SEGMENTS
+        a, b = ring * segments, (ring + 1) * segments
         faces += [np.stack([a + i, a + j, b + j], 1), np.stack([a + i, b + j, b + i], 1)]
-    bottom, top, last = rings * SEGMENTS, rings * SEGMENTS + 1, (rings - 1) * SEGMENTS
-    faces.append(np.stack([np.full(SEGMENTS, bottom), j, i], 1))
-    faces.append(np.stack([last + i, last + j, np.full(SEGMENTS, top)], 1))
+    bottom, top, last = rings * segments, rings * segments + 1, (rings - 1) * segments
+    faces.append(np.stack([np.full(segments, bottom), j, i], 1))
+    faces.append(np.stack([last + i, last + j, np.full(segments, top)], 1))
     return Surface(vertices, np.concatenate(faces), normals)
 
 
-def tube_around(line: Array, radius: float) -> Surface:
-    """A closed tube around a line in the plane y = 0."""
+def tube_around(line: Array, thickness: Array, width: Array) -> Surface:
+    """A closed tube of elliptic section around a line in the plane y = 0.
+
+    Args:
+        line: Its centre, shape (N, 3).
+        thickness: Half of its thickness in that plane, shape (N,).
+        width: Half of its width along y, shape (N,).
+    """
     tangent = np.gradient(line, axis=0)
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
     side = np.array([0.0, 1.0, 0.0])
-    up = np.cross(tangent, side)
-    angle = np.arange(HANDLE_SEGMENTS) * 2 * np.pi / HANDLE_SEGMENTS
-    normal = np.cos(angle)[:, None] * side + np.sin(angle)[:, None] * up[:, None]
-    vertices = (line[:, None] + radius * normal).reshape(-1, 3)
+    up = np.cross(tangent, side)[:, None]
+    angle = np.arange(HANDLE_SEGMENTS)[:, None] * 2 * np.pi / HANDLE_SEGMENTS
+    cos, sin = np.cos(angle), np.sin(angle)
+    a, b = width[:, None, None], thickness[:, None, None]
+    grid = line[:, None] + a * cos * side + b * sin * up
+    around = -a * sin * side + b * cos * up
+    normal = np.cross(around, np.gradient(grid, axis=0))
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
     i = np.arange(HANDLE_SEGMENTS)
     j = (i + 1) % HANDLE_SEGMENTS
     faces = []
     for ring in range(len(line) - 1):
-        a, b = ring * HANDLE_SEGMENTS, (ring + 1) * HANDLE_SEGMENTS
-        faces += [np.stack([a + i, b + j, a + j], 1), np.stack([a + i, b + i, b + j], 1)]
-    first, last = len(vertices), len(vertices) + 1
+        low, high = ring * HANDLE_SEGMENTS, (ring + 1) * HANDLE_SEGMENTS
+        faces += [np.stack([low + i, low + j, high + j], 1)]
+        faces += [np.stack([low + i, high + j, high + i], 1)]
+    first, last = len(line) * HANDLE_SEGMENTS, len(line) * HANDLE_SEGMENTS + 1
     end = (len(line) - 1) * HANDLE_SEGMENTS
-    faces.append(np.stack([np.full(HANDLE_SEGMENTS, first), i, j], 1))
-    faces.append(np.stack([end + j, end + i, np.full(HANDLE_SEGMENTS, last)], 1))
-    vertices = np.concatenate([vertices, line[:1], line[-1:]])
+    faces.append(np.stack([np.full(HANDLE_SEGMENTS, first), j, i], 1))
+    faces.append(np.stack([end + i, end + j, np.full(HANDLE_SEGMENTS, last)], 1))
+    vertices = np.concatenate([grid.reshape(-1, 3), line[:1], line[-1:]])
     normals = np.concatenate([normal.reshape(-1, 3), -tangent[:1], tangent[-1:]])
     return Surface(vertices, np.concatenate(faces), normals)
+
+
+def united(surfaces: tuple[Surface, ...]) -> Surface:
+    """The union of closed surfaces: one closed surface without walls inside of it.
+
+    Away from the cuts vertices and normals stay what they were; on a cut the normals of both
+    sides are averaged.
+    """
+    total = manifold3d.Manifold()
+    for surface in surfaces:
+        both = np.concatenate([surface.vertices, surface.normals], axis=1)
+        total += manifold3d.Manifold(
+            manifold3d.Mesh64(np.ascontiguousarray(both), surface.faces.astype(np.uint64))
+        )
+    mesh = total.to_mesh64()
+    both = np.asarray(mesh.vert_properties)
+    # A vertex on a cut has one set of normals per side; they share their place.
+    target = np.arange(len(both))
+    target[np.asarray(mesh.merge_from_vert, dtype=np.int64)] = mesh.merge_to_vert
+    kept, number = np.unique(target, return_inverse=True)
+    normals = np.zeros((len(kept), 3))
+    np.add.at(normals, number, both[:, 3:6])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    faces = number[np.asarray(mesh.tri_verts, dtype=np.int64)]
+    return Surface(both[kept, :3].copy(), faces, normals)
 
 
 def merged(surfaces: tuple[Surface, ...]) -> Surface:

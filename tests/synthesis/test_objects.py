@@ -8,21 +8,23 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
 from hadr.synthesis.objects import (
+    NOVEL_OBJECTS,
     OBJECTS,
     UNKNOWN_OBJECTS,
     bodies,
     glass_object,
-    handle_line,
     profile,
     signed_distance,
 )
 from hadr.synthesis.surfaces import merged
 
-IDS = tuple(OBJECTS)
+IDS = (*OBJECTS, *NOVEL_OBJECTS)
 
 
 def test_the_eight_ids_are_those_of_the_data_set():
-    assert IDS == ("0000", "0001", "0004", "0005", "0006", "0007", "0008", "0009")
+    eight = ("0000", "0001", "0004", "0005", "0006", "0007", "0008", "0009")
+    assert tuple(OBJECTS) == eight
+    assert tuple(NOVEL_OBJECTS) == ("0010", "0011", "0012")
     assert UNKNOWN_OBJECTS == ("0004", "0007")
 
 
@@ -59,35 +61,38 @@ def test_the_wall_has_a_thickness(object_id):
     assert gaps.max() < 0.011
 
 
-def test_the_volume_of_the_tumbler_is_that_of_its_profile():
+def test_the_volume_of_the_wine_glass_is_that_of_its_profile():
     """Pappus: the volume is the integral of pi r^2 over the closed outline."""
-    item = glass_object("0000")
+    item = glass_object("0001")
     r, z = profile(item).T
     exact = abs(np.sum(np.diff(z) * np.pi * (r[:-1] ** 2 + r[:-1] * r[1:] + r[1:] ** 2) / 3))
     mesh = trimesh.Trimesh(bodies(item)[0].vertices, bodies(item)[0].faces, process=False)
-    # A 96-gon has sin(2 pi/96)/(2 pi/96) of the circle's area.
-    assert mesh.volume == pytest.approx(exact * np.sin(2 * np.pi / 96) / (2 * np.pi / 96), rel=1e-6)
+    # A 128-gon has sin(2 pi/128)/(2 pi/128) of the circle's area.
+    step = 2 * np.pi / 128
+    assert mesh.volume == pytest.approx(exact * np.sin(step) / step, rel=1e-6)
 
 
-def test_the_handles_ends_lie_inside_the_wall():
-    mug = glass_object("0008")
-    body_only = type(mug)(mug.object_id, mug.name, mug.outer, mug.inner, mug.grip)
-    line = handle_line(mug)
-    ends = signed_distance(body_only, line[[0, -1]])
-    assert (ends < 0).all()
-    inside_hollow = line[:, 0] < 0.034
-    assert not inside_hollow.any()
+def test_the_mug_and_its_handle_are_one_surface_with_one_hole():
+    (surface,) = bodies(glass_object("0008"))
+    mesh = trimesh.Trimesh(surface.vertices, surface.faces, process=False)
+    assert mesh.euler_number == 0  # a torus's: no inner walls, no second piece, one hole
+    assert len(mesh.split()) == 1
+    # The handle's ends stay in the wall: the hollow is round.
+    r, z = np.hypot(*surface.vertices[:, :2].T), surface.vertices[:, 2]
+    wall = (r < 0.0372) & (z > 0.02) & (z < 0.0915)
+    assert wall.sum() > 1000
+    np.testing.assert_allclose(r[wall], 0.0344 + (z[wall] - 0.0085) * 0.0017 / 0.0835, atol=2e-5)
 
 
 def test_signed_distance_by_hand():
     tumbler = glass_object("0000")
     points = np.array([[0.0, 0, 0.005], [0, 0, 0.06], [0, 0, -0.01], [0.2, 0, 0.05]])
     distance = signed_distance(tumbler, points)
-    assert distance[0] == pytest.approx(-0.005, abs=1e-4)  # the middle of the 10 mm floor
+    assert distance[0] == pytest.approx(-0.0038, abs=1e-4)  # the floor begins at 1.2 mm
     assert distance[1] > 0.02  # the hollow is outside of the glass ...
     assert signed_distance(tumbler, points[1:2], filled=True)[0] < -0.02  # ... unless filled
-    assert distance[2] == pytest.approx(0.01, abs=1e-6)
-    assert distance[3] == pytest.approx(0.2 - 0.034, abs=1e-3)
+    assert distance[2] == pytest.approx(0.0112, abs=1e-6)
+    assert distance[3] == pytest.approx(0.2 - 0.035, abs=1e-3)
 
 
 @lru_cache(maxsize=8)
