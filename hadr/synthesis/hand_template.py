@@ -107,7 +107,7 @@ def bone_weights(points: Array, shape: HandShape) -> Array:
 def _axes(step: float) -> tuple[Array, Array, Array]:
     """Grid lines: even around the hand, ever wider along the forearm."""
     y, at, wide = [], -0.02, step
-    while at > -FOREARM_LENGTH - 0.012:
+    while at > -FOREARM_LENGTH - 0.028:  # a whole cell beyond the forearm's end
         wide = min(wide * 1.06, 0.011)
         at -= wide
         y.append(at)
