@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from hadr.hand import FINGERS, HandShape, Skeleton
+from hadr.hand import HandShape, Skeleton
+from hadr.synthesis.hand_relief import SkinMap
 from hadr.synthesis.hand_skinning import posed_vertices, skin_vertices
 from hadr.synthesis.hand_template import COARSE_STEP, FINE_STEP, MIDDLE_STEP, hand_template
 from hadr.synthesis.surfaces import Surface
@@ -54,35 +55,37 @@ class HandMesh:
     gloss: Array
 
 
-def _paint(
-    surface: Surface, skeleton: Skeleton, shape: HandShape, tone: Array
-) -> tuple[Array, Array]:
-    """Skin reflectance and gloss per vertex: nails, reddish tips and knuckles, mottled tone."""
-    p, scale = surface.vertices, shape.scale
-    mottle = (
-        np.sin(p @ np.array([310.0, 170.0, 230.0]))
-        + np.sin(p @ np.array([-190.0, 260.0, 330.0]) + 1.7)
-    ) * 0.007 + np.sin(p @ np.array([60.0, 45.0, -70.0])) * 0.02
-    color = tone * (1.0 + mottle)[:, None]
-    gloss = np.full(len(p), 0.25)
-    red = np.array([1.10, 0.90, 0.88])
-    for indices in FINGERS.values():
-        chain = skeleton.joints[[1 + i for i in indices]]
-        reach = 0.03 * scale
-        rows = np.flatnonzero(((p > chain.min(0) - reach) & (p < chain.max(0) + reach)).all(axis=1))
-        q, skin = p[rows], color[rows]
-        for joint, center in enumerate(chain):
-            squared = np.square((q - center) / scale).sum(1)
-            wide = 0.011 if joint == 3 else 0.0125
-            skin = skin * (1 + (red - 1) * np.exp(-squared / wide**2)[:, None] * 0.7)
-        frame = skeleton.frames[1 + indices[3]]
-        local = (q - frame[:3, 3]) @ frame[:3, :3] / scale
-        nail = np.exp(-((local[:, 0] / 0.0050) ** 4 + ((local[:, 1] + 0.0065) / 0.0062) ** 4))
-        nail *= (surface.normals[rows] @ frame[:3, 2] < -0.35) & (local[:, 2] < 0)
-        pale = 0.55 * tone + 0.45 * np.array([0.80, 0.58, 0.52])
-        color[rows] = skin * (1 - nail[:, None]) + pale * nail[:, None]
-        gloss[rows] += nail
-    return np.clip(color, 0.01, 0.95), gloss
+def paint(skin: SkinMap, tone: npt.ArrayLike) -> tuple[Array, Array]:
+    """Reflectance and gloss of skin and nails.
+
+    Args:
+        skin: Where the skin's features lie, V vertices.
+        tone: Linear RGB reflectance on the back of the hand, shape (3,).
+
+    Returns:
+        Linear RGB, shape (V, 3), and gloss, shape (V,).
+    """
+    base = np.asarray(tone, dtype=float)
+    fair = np.array([0.80, 0.53, 0.42])
+    darkness = float(np.clip(1 - base.mean() / 0.56, 0, 1))
+    inner = base + (0.10 + 0.62 * darkness) * (fair * [0.92, 0.80, 0.76] - base)
+
+    def mixed(color: Array, other: Array, share: Array) -> Array:
+        return color + share[:, None] * (other - color)
+
+    color = mixed(np.tile(base, (len(skin.palm), 1)), inner, skin.palm)
+    color *= 1 + (0.045 + 0.02 * darkness) * skin.mottle[:, None]
+    color *= 1 + skin.red[:, None] * (np.array([1.03, 0.80, 0.78]) - 1)
+    color *= 1 + skin.vein[:, None] * (1 - darkness) * (np.array([0.86, 0.95, 1.0]) - 1)
+    depth = np.array([0.74, 0.58, 0.55]) * (1 - 0.15 * darkness)
+    color *= 1 + skin.crease[:, None] * (depth - 1)
+    plate = mixed(
+        np.tile(inner * [1.03, 0.88, 0.88], (len(color), 1)), fair * 1.03, 0.25 + 0 * skin.nail
+    )
+    plate = mixed(plate, np.array([0.86, 0.76, 0.68]), 0.75 * skin.moon)
+    color = mixed(color, plate, skin.nail)
+    gloss = 0.25 + 0.06 * skin.palm - 0.10 * skin.crease + 0.75 * skin.nail
+    return np.clip(color, 0.01, 0.95), np.clip(gloss, 0.05, 1.0)
 
 
 def _level(step: float) -> float:
@@ -132,9 +135,10 @@ def hand_mesh(
     level = _level(step)
     shape = shape or HandShape()
     vertices = posed_vertices(skeleton, shape, level).astype(float)
-    faces = hand_template(level).faces
+    template = hand_template(level)
+    faces = template.faces
     if shape.side == "left":
         faces = faces[:, ::-1]
     surface = Surface(vertices, faces, vertex_normals(vertices, faces))
-    albedo, gloss = _paint(surface, skeleton, shape, np.asarray(tone, dtype=float))
+    albedo, gloss = paint(template.skin, tone)
     return HandMesh(surface, albedo, gloss)

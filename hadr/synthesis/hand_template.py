@@ -7,9 +7,11 @@ from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
+from scipy.ndimage import binary_dilation
 
-from hadr.hand import FINGERS, HandShape
+from hadr.hand import FINGERS, HandShape, Skeleton
 from hadr.synthesis.hand_flesh import FOREARM_LENGTH, GIRTH, flesh_distance, rest_skeleton
+from hadr.synthesis.hand_relief import SkinMap, skin_map
 from hadr.synthesis.surface_nets import surface_nets
 
 Array = npt.NDArray[np.float64]
@@ -18,6 +20,8 @@ Array = npt.NDArray[np.float64]
 BONE_COUNT = 16
 #: Grids of the templates, metres.
 COARSE_STEP, MIDDLE_STEP, FINE_STEP = 0.0038, 0.0024, 0.0013
+# Half a difference quotient's width each way, metres.
+_NEAR = (0.0008, -0.0008)
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,12 +33,14 @@ class HandTemplate:
         faces: Vertex indices, counter-clockwise from outside, shape (F, 3).
         weights: Share of each bone in each vertex's motion, rows sum to 1, shape (V, 16).
         part: 0..4 thumb to little finger, 5 palm, 6 forearm, shape (V,).
+        skin: Creases, nails, veins and tones; their height is in the vertices already.
     """
 
     vertices: Array
     faces: npt.NDArray[np.int64]
     weights: npt.NDArray[np.float32]
     part: npt.NDArray[np.int8]
+    skin: SkinMap
 
 
 def _hinge(distance: Array, radius: float, reach: float = 1.5) -> Array:
@@ -108,7 +114,7 @@ def _axes(step: float) -> tuple[Array, Array, Array]:
     """Grid lines: even around the hand, ever wider along the forearm."""
     y, at, wide = [], -0.02, step
     while at > -FOREARM_LENGTH - 0.028:  # a whole cell beyond the forearm's end
-        wide = min(wide * 1.06, 0.011)
+        wide = min(wide * 1.07, max(4 * step, 0.009))
         at -= wide
         y.append(at)
     fine = np.arange(-0.02, 0.222, step)
@@ -117,6 +123,40 @@ def _axes(step: float) -> tuple[Array, Array, Array]:
         np.concatenate([y[::-1], fine]),
         np.arange(-0.052, 0.088, step),
     )
+
+
+def _sampled(
+    axes: tuple[Array, Array, Array], rest: Skeleton, shape: HandShape
+) -> npt.NDArray[np.float32]:
+    """The flesh's distance on a grid: every third sample, and all of those near the skin."""
+
+    def places(rows: tuple[npt.NDArray[np.int64], ...]) -> npt.NDArray[np.float32]:
+        return np.stack([a[i] for a, i in zip(axes, rows, strict=True)], axis=-1).astype(np.float32)
+
+    size = tuple(len(a) for a in axes)
+    sparse = [np.unique(np.append(np.arange(0, n, 3), n - 1)) for n in size]
+    rough = flesh_distance(places(tuple(np.meshgrid(*sparse, indexing="ij"))), rest, shape)
+    below = [np.minimum(np.arange(n) // 3, len(s) - 1) for n, s in zip(size, sparse, strict=True)]
+    near = np.abs(rough) < 3.2 * (axes[0][1] - axes[0][0]) + 0.003
+    near |= np.abs(rough) < 0.012 * (axes[1][sparse[1]] < -0.03)[None, :, None]
+    near = binary_dilation(near)
+    values = rough[np.ix_(*below)]
+    rows = np.nonzero(near[np.ix_(*below)])
+    values[rows] = flesh_distance(places(rows), rest, shape)
+    return np.asarray(values, dtype=np.float32)
+
+
+def _onto_flesh(
+    points: Array, rest: Skeleton, shape: HandShape, farthest: float
+) -> tuple[Array, Array]:
+    """Points moved onto the field's zero level by one Newton step, and its unit normals there."""
+    around = np.concatenate([points[None], *(points[None] + s * np.eye(3)[:, None] for s in _NEAR)])
+    values = flesh_distance(around.astype(np.float32), rest, shape).astype(float)
+    slope = (values[1:4] - values[4:7]).T / (_NEAR[0] - _NEAR[1])
+    squared = np.maximum(np.square(slope).sum(1), 0.05)
+    move = np.clip(values[0] / np.sqrt(squared), -farthest, farthest)
+    normals = slope / np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 1e-9)
+    return points - normals * move[:, None], normals
 
 
 @lru_cache(maxsize=4)
@@ -134,13 +174,12 @@ def hand_template(step: float = COARSE_STEP) -> HandTemplate:
     shape = HandShape()
     rest = rest_skeleton(shape)
     axes = _axes(step)
-    values = np.empty(tuple(len(a) for a in axes), dtype=np.float32)
-    for i, x in enumerate(axes[0]):
-        plane = np.empty((len(axes[1]), len(axes[2]), 3), dtype=np.float32)
-        plane[..., 0], plane[..., 1], plane[..., 2] = x, axes[1][:, None], axes[2]
-        values[i] = flesh_distance(plane, rest, shape)
-    vertices, faces = surface_nets(values, axes)
-    weights = bone_weights(vertices, shape)
+    values = _sampled(axes, rest, shape)
+    rough, faces = surface_nets(values, axes)
+    smooth, normals = _onto_flesh(rough, rest, shape, 0.4 * step)
+    skin = skin_map(smooth, normals, shape)
+    vertices = smooth + normals * skin.height[:, None]
+    weights = bone_weights(smooth, shape)
     by_part = np.column_stack([weights[:, 1 + 3 * i : 4 + 3 * i].sum(1) for i in range(5)])
     part = np.where(by_part.max(1) > 0.5, by_part.argmax(1), np.where(vertices[:, 1] < 0, 6, 5))
-    return HandTemplate(vertices, faces, weights.astype(np.float32), part.astype(np.int8))
+    return HandTemplate(vertices, faces, weights.astype(np.float32), part.astype(np.int8), skin)
