@@ -85,9 +85,11 @@ class HandShape:
         roots: Position of each finger's first joint.
         lengths: Lengths of each finger's three bones beyond that joint.
         fan: Angle of each straight finger to y, radians, positive toward the thumb.
+        girth: Factor on the thickness of fingers, palm and forearm; the skeleton is the same.
 
     Raises:
-        ValueError: The side is neither ``right`` nor ``left``, or the scale is not in (0.3, 3).
+        ValueError: The side is neither ``right`` nor ``left``, the scale is not in (0.3, 3), or
+            the girth is not in (0.5, 2).
     """
 
     side: Side = "right"
@@ -113,12 +115,15 @@ class HandShape:
     fan: Mapping[str, float] = field(
         default_factory=lambda: {"index": 0.06, "middle": 0.0, "ring": -0.07, "little": -0.16}
     )
+    girth: float = 1.0
 
     def __post_init__(self) -> None:
         if self.side not in ("right", "left"):
             raise ValueError(f"side must be 'right' or 'left', got {self.side!r}")
         if not 0.3 < self.scale < 3:
             raise ValueError(f"scale must lie in (0.3, 3), 1 being an adult, got {self.scale}")
+        if not 0.5 < self.girth < 2:
+            raise ValueError(f"girth must lie in (0.5, 2), 1 being usual, got {self.girth}")
 
 
 @dataclass(frozen=True)

@@ -129,6 +129,40 @@ def skin_map(points: Array, normals: Array, shape: HandShape) -> SkinMap:
     return SkinMap(**maps)
 
 
+def knuckle_bulges(points: Array, normals: Array, shape: HandShape) -> Array:
+    """How much the back of each joint rises along the normals when it bends by a right angle.
+
+    Bone ends push the skin out; between the four knuckles it sinks.
+
+    Args:
+        points: The surface of the rest hand, metres, shape (V, 3).
+        normals: Its unit normals, shape (V, 3).
+        shape: The sizes of that hand.
+
+    Returns:
+        Metres, shape (V, 15); column 3 i + j is joint j of finger i, the thumb's CMC is flat.
+    """
+    rest = rest_skeleton(shape)
+    rises = np.zeros((len(points), 15))
+    for i, finger in enumerate(FINGERS):
+        girth = GIRTH[finger]
+        lengths = shape.lengths[finger]
+        frame = rest.frames[1 + FINGERS[finger][0]]
+        local, facing = (points - frame[:3, 3]) @ frame[:3, :3], normals @ frame[:3, 2]
+        across, s = local[:, 0] / girth, local[:, 1]
+        back = _step(-facing, 0.0, 0.7) * (local[:, 2] < 0.004)
+        for j, at in enumerate(np.cumsum([0.0, *lengths[:2]])):
+            if j == 0 and finger == "thumb":
+                continue
+            wide, high = ((0.0075, 0.0020), (0.0070, 0.0011), (0.0055, 0.0007))[j]
+            over = back * _bump(s - at - 0.001, 0.0085 if j == 0 else 0.0062)
+            rise = high * _bump(across, wide)
+            if j == 0:
+                rise = rise - 0.0016 * _bump(np.abs(across) - 0.0115, 0.0042)
+            rises[:, 3 * i + j] = girth * over * rise
+    return rises
+
+
 def _draw_palm(points: Array, normals: Array, maps: dict[str, Array]) -> None:
     x, y = points[:, 0], points[:, 1]
     facing = normals[:, 2]
@@ -159,7 +193,7 @@ def _draw_palm(points: Array, normals: Array, maps: dict[str, Array]) -> None:
         maps["height"][rows] += 0.0007 * fade * _bump(distance, 0.0030)
     for root, up in ((24, 88), (0, 90), (-19, 84), (-36, 74)):
         distance = np.hypot(x - root * 1e-3, y - up * 1e-3)
-        maps["red"] += 0.75 * back * _bump(distance, 0.0085)
+        maps["red"] += 0.6 * back * _bump(distance, 0.0090)
     balls = _bump(np.hypot(x - 0.024, y - 0.030), 0.018) + _bump(
         np.hypot(x + 0.033, y - 0.035), 0.020
     )
@@ -198,13 +232,13 @@ def _draw_finger(
         height -= 0.0008 * depth * inner * _bump(bent, 0.0013)
         crease += 0.9 * depth * inner * _bump(bent, 0.0013)
     # Wrinkles and red on the back of the joints.
-    for joint, wide, strong in ((1, 0.0066, 1.0), (2, 0.0042, 0.7)):
+    for joint, wide, strong in ((1, 0.0066, 0.35 if thumb else 1.0), (2, 0.0042, 0.7)):
         d = s - joints[joint] + 0.00016 * np.square(across / 0.005) * np.sign(s - joints[joint]) * 5
         over = back * _bump(d, wide * 1.15) * _bump(across, 0.0085)
         wave = np.cos(2 * np.pi * d / 0.0030 + 1.2 * np.sin(across / 0.0022))
         height -= 0.00027 * strong * over * wave
         crease += 0.34 * strong * over * np.clip(wave, 0, 1)
-        red += 0.8 * strong * back * _bump(s - joints[joint], 0.0085)
+        red += 0.65 * strong * back * _bump(s - joints[joint], 0.0085)
         red += 0.25 * inner * _bump(s - joints[joint], 0.006)
     red += 0.85 * _step(t, 2.30, 2.85) * (0.55 + 0.45 * inner)
 

@@ -54,6 +54,7 @@ def _sizes_key(shape: HandShape) -> tuple[object, ...]:
         tuple(tuple(shape.roots[f]) for f in FINGERS),
         tuple(tuple(shape.lengths[f]) for f in FINGERS),
         tuple(shape.fan.items()),
+        shape.girth,
     )
 
 
@@ -79,16 +80,25 @@ def sized_template(shape: HandShape, step: float) -> tuple[npt.NDArray[np.float3
     old, new = bone_frames(before, "right"), bone_frames(after, "right")
     moves = np.empty((BONE_COUNT, 4, 4))
     moves[0] = np.eye(4)
-    moves[0, :3, :3] = _palm_stretch(before, after, 1.0)
+    moves[0, :3, :3] = _palm_stretch(before, after, plain.girth)
     for i, finger in enumerate(FINGERS):
         for j in range(3):
             ratio = plain.lengths[finger][j] / standard.lengths[finger][j]
             bone = 1 + 3 * i + j
-            moves[bone] = new[bone] @ np.diag([1.0, ratio, 1.0, 1.0]) @ np.linalg.inv(old[bone])
+            moves[bone] = (
+                new[bone]
+                @ np.diag([plain.girth, ratio, plain.girth, 1.0])
+                @ np.linalg.inv(old[bone])
+            )
+    girth = plain.girth
     rows = (template.weights @ moves[:, :3].reshape(BONE_COUNT, 12).astype(np.float32)).reshape(
         -1, 3, 4
     )
     points = template.vertices.astype(np.float32)
+    # The palm's stretch ends at the wrist; the forearm only takes the girth.
+    arm = np.diag([girth, 1.0, girth]).astype(np.float32) - moves[0, :3, :3].astype(np.float32)
+    behind = np.clip((0.03 - points[:, 1]) / 0.06, 0, 1) * template.weights[:, 0]
+    rows[:, :, :3] += behind[:, None, None] * arm
     sized = (rows[:, :, :3] @ points[:, :, None])[..., 0] + rows[:, :, 3]
     _SIZED[key] = (sized.astype(np.float32), np.asarray(np.linalg.inv(new), dtype=float))
     while len(_SIZED) > _KEPT_SHAPES:
@@ -131,12 +141,25 @@ def blend_motions(
     return np.asarray(turned + 2 * (w * dv - dw * v + np.cross(v, dv)), dtype=np.float32)
 
 
+def bends(frames: Array) -> Array:
+    """How far each joint is bent toward the palm, radians, shape (15,), column 3 i + j."""
+    turns = frames[:, :3, :3]
+    parents = [0 if bone % 3 == 1 else bone - 1 for bone in range(1, BONE_COUNT)]
+    forward = np.einsum("bji,bj->bi", turns[parents], turns[1:, :, 1])
+    return np.asarray(np.arctan2(forward[:, 2], forward[:, 1]), dtype=float)
+
+
 def posed_vertices(skeleton: Skeleton, shape: HandShape, step: float) -> npt.NDArray[np.float32]:
     """The template's vertices in a pose, wrist frame, metres, shape (V, 3)."""
     sized, bone_from_wrist = sized_template(shape, step)
     posed = bone_frames(skeleton, shape.side)
     posed[:, :3, 3] /= shape.scale
-    vertices = blend_motions(sized, hand_template(step).weights, posed @ bone_from_wrist)
+    template = hand_template(step)
+    bent = np.sin(np.clip(bends(posed), 0, np.pi) / 2) ** 2 * 2
+    rises = template.bulges @ (shape.girth * bent).astype(np.float32)
+    vertices = blend_motions(
+        sized + template.normals * rises[:, None], template.weights, posed @ bone_from_wrist
+    )
     vertices *= np.float32(shape.scale)
     if shape.side == "left":
         vertices *= _MIRROR.astype(np.float32)

@@ -11,7 +11,7 @@ from scipy.ndimage import binary_dilation
 
 from hadr.hand import FINGERS, HandShape, Skeleton
 from hadr.synthesis.hand_flesh import FOREARM_LENGTH, GIRTH, flesh_distance, rest_skeleton
-from hadr.synthesis.hand_relief import SkinMap, skin_map
+from hadr.synthesis.hand_relief import SkinMap, knuckle_bulges, skin_map
 from hadr.synthesis.surface_nets import surface_nets
 
 Array = npt.NDArray[np.float64]
@@ -33,6 +33,9 @@ class HandTemplate:
         faces: Vertex indices, counter-clockwise from outside, shape (F, 3).
         weights: Share of each bone in each vertex's motion, rows sum to 1, shape (V, 16).
         part: 0..4 thumb to little finger, 5 palm, 6 forearm, shape (V,).
+        normals: Unit normals of the smooth flesh at rest, shape (V, 3).
+        bulges: Rise of the skin along the normals where a joint bends by a right angle, metres,
+            shape (V, 15); column 3 i + j is joint j of finger i.
         skin: Creases, nails, veins and tones; their height is in the vertices already.
     """
 
@@ -40,6 +43,8 @@ class HandTemplate:
     faces: npt.NDArray[np.int64]
     weights: npt.NDArray[np.float32]
     part: npt.NDArray[np.int8]
+    normals: npt.NDArray[np.float32]
+    bulges: npt.NDArray[np.float32]
     skin: SkinMap
 
 
@@ -182,4 +187,12 @@ def hand_template(step: float = COARSE_STEP) -> HandTemplate:
     weights = bone_weights(smooth, shape)
     by_part = np.column_stack([weights[:, 1 + 3 * i : 4 + 3 * i].sum(1) for i in range(5)])
     part = np.where(by_part.max(1) > 0.5, by_part.argmax(1), np.where(vertices[:, 1] < 0, 6, 5))
-    return HandTemplate(vertices, faces, weights.astype(np.float32), part.astype(np.int8), skin)
+    return HandTemplate(
+        vertices,
+        faces,
+        weights.astype(np.float32),
+        part.astype(np.int8),
+        normals.astype(np.float32),
+        knuckle_bulges(smooth, normals, shape).astype(np.float32),
+        skin,
+    )
