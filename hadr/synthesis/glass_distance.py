@@ -9,45 +9,56 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import map_coordinates
+from scipy.spatial import cKDTree
 
 from hadr.synthesis.glass_shape import GlassObject, handle_sections, profile, relieved
 
 Array = npt.NDArray[np.float64]
 
+_SAMPLES = 0.0001
 _CELL = 0.0005
 _REACH = 0.10
 
 
-def _polyline_distance(points: Array, curve: Array) -> Array:
-    a, b = curve[:-1], curve[1:]
-    edge = b - a
-    offset = points[:, None] - a
-    share = (offset * edge).sum(-1) / np.maximum((edge * edge).sum(-1), 1e-18)
-    nearest = offset - np.clip(share, 0, 1)[..., None] * edge
-    return np.asarray(np.sqrt((nearest * nearest).sum(-1).min(1)))
-
-
-def _outline(item: GlassObject, filled: bool) -> Array:
+@lru_cache(maxsize=48)
+def _outline(item: GlassObject, filled: bool) -> tuple[Array, cKDTree, npt.NDArray[np.int64]]:
+    """The outline, a search tree over samples of it, and the samples' piece numbers."""
     curve = profile(item)
-    if not filled:
-        return curve
-    rim = int(np.argmax(curve[:, 1]))
-    return np.concatenate([curve[: rim + 1], [[0.0, curve[rim, 1]]]])
+    if filled:
+        rim = int(np.argmax(curve[:, 1]))
+        curve = np.concatenate([curve[: rim + 1], [[0.0, curve[rim, 1]]]])
+    length = np.linalg.norm(np.diff(curve, axis=0), axis=1)
+    count = np.ceil(length / _SAMPLES).astype(int)
+    piece = np.repeat(np.arange(len(length)), count)
+    share = (np.arange(len(piece)) - np.repeat(np.cumsum(count) - count, count) + 0.5) / count[
+        piece
+    ]
+    samples = curve[piece] + share[:, None] * (curve[piece + 1] - curve[piece])
+    return curve, cKDTree(samples), piece
 
 
-def _outline_distance(rz: Array, curve: Array) -> Array:
-    """Signed distance in the half plane, shape (N,)."""
-    distance = np.concatenate(
-        [_polyline_distance(part, curve) for part in np.array_split(rz, len(rz) // 2000 + 1)]
-    )
+def _outline_distance(item: GlassObject, rz: Array, filled: bool) -> Array:
+    """Signed distance from the outline in the half plane, shape (N,)."""
+    curve, tree, pieces = _outline(item, filled)
+    nearest = pieces[tree.query(rz)[1]]
+    distance = np.full(len(rz), np.inf)
+    for step in (-1, 0, 1):
+        piece = np.clip(nearest + step, 0, len(curve) - 2)
+        a, edge = curve[piece], curve[piece + 1] - curve[piece]
+        share = ((rz - a) * edge).sum(1) / (edge * edge).sum(1)
+        offset = rz - a - np.clip(share, 0, 1)[:, None] * edge
+        distance = np.minimum(distance, np.hypot(offset[:, 0], offset[:, 1]))
     # Even-odd rule along the direction of growing r; the axis closes the outline.
-    closed = np.concatenate([curve, curve[:1]])
     inside = np.zeros(len(rz), dtype=bool)
     r, z = rz[:, 0], rz[:, 1]
-    for a, b in pairwise(closed):
+    order = np.argsort(z)
+    sorted_z = z[order]
+    for a, b in pairwise(np.concatenate([curve, curve[:1]])):
         if a[1] != b[1]:
-            between = (a[1] > z) != (b[1] > z)
-            inside ^= between & (a[0] + (z - a[1]) / (b[1] - a[1]) * (b[0] - a[0]) > r)
+            first, last = np.searchsorted(sorted_z, sorted((a[1], b[1])))
+            rows = order[first:last]
+            crossing = a[0] + (z[rows] - a[1]) / (b[1] - a[1]) * (b[0] - a[0])
+            inside[rows] ^= crossing > r[rows]
     return np.where(inside, -distance, distance)
 
 
@@ -118,9 +129,9 @@ def _checked(points: npt.ArrayLike) -> Array:
 def signed_distance(item: GlassObject, points: npt.ArrayLike, *, filled: bool = False) -> Array:
     """Distance from the glass, negative inside of it.
 
-    Exact for bodies of revolution and handles; where a surface has relief (facets, thread,
-    spout), within 0.15 mm for points up to 1 mm from it. For many points, `distance_field` is a
-    hundred times faster.
+    Exact for bodies of revolution, and on every surface within 0.07 mm; beside relief (facets,
+    thread, spout) distances come out too large, by up to a half where it is steepest. For many
+    points, `distance_field` is faster.
 
     Args:
         item: The object.
@@ -134,7 +145,7 @@ def signed_distance(item: GlassObject, points: npt.ArrayLike, *, filled: bool = 
         ValueError: The points have another shape.
     """
     p = _checked(points)
-    return _with_handle(item, p, _outline_distance(_half_plane(item, p), _outline(item, filled)))
+    return _with_handle(item, p, _outline_distance(item, _half_plane(item, p), filled))
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +181,7 @@ class DistanceField:
 
 @lru_cache(maxsize=24)
 def distance_field(item: GlassObject, *, filled: bool = False) -> DistanceField:
-    """The table of an object's signed distances; made in about a second, then kept.
+    """The table of an object's signed distances; made in half a second, then kept.
 
     Args:
         item: The object.
@@ -180,9 +191,8 @@ def distance_field(item: GlassObject, *, filled: bool = False) -> DistanceField:
         Call it with points: about 5 million a second without relief and handle.
     """
     plain = replace(item, reliefs=(), handle=())
-    curve = _outline(item, filled)
     r = np.arange(0.0, plain.radius + _REACH, _CELL)
     z = np.arange(-_REACH, plain.height + _REACH, _CELL)
     rz = np.stack(np.meshgrid(r, z, indexing="ij"), axis=-1)
-    table = _outline_distance(rz.reshape(-1, 2), curve).reshape(rz.shape[:2])
+    table = _outline_distance(plain, rz.reshape(-1, 2), filled).reshape(rz.shape[:2])
     return DistanceField(item, table.astype(np.float32), -_REACH)
