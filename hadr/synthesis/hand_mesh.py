@@ -68,7 +68,7 @@ def paint(skin: SkinMap, tone: npt.ArrayLike) -> tuple[Array, Array]:
     base = np.asarray(tone, dtype=float)
     fair = np.array([0.80, 0.53, 0.42])
     darkness = float(np.clip(1 - base.mean() / 0.56, 0, 1))
-    inner = base + (0.10 + 0.62 * darkness) * (fair * [0.92, 0.80, 0.76] - base)
+    inner = base + (0.10 + 0.38 * darkness) * (fair * [0.92, 0.80, 0.76] - base)
 
     def mixed(color: Array, other: Array, share: Array) -> Array:
         return color + share[:, None] * (other - color)
@@ -79,10 +79,8 @@ def paint(skin: SkinMap, tone: npt.ArrayLike) -> tuple[Array, Array]:
     color *= 1 + skin.vein[:, None] * (1 - darkness) * (np.array([0.86, 0.95, 1.0]) - 1)
     depth = np.array([0.74, 0.58, 0.55]) * (1 - 0.15 * darkness)
     color *= 1 + skin.crease[:, None] * (depth - 1)
-    plate = mixed(
-        np.tile(inner * [1.03, 0.88, 0.88], (len(color), 1)), fair * 1.03, 0.25 + 0 * skin.nail
-    )
-    plate = mixed(plate, np.array([0.86, 0.76, 0.68]), 0.75 * skin.moon)
+    bed = base + (0.40 + 0.10 * darkness) * (np.array([0.80, 0.50, 0.43]) - base)
+    plate = mixed(np.tile(bed, (len(color), 1)), np.array([0.84, 0.72, 0.62]), 0.5 * skin.moon)
     color = mixed(color, plate, skin.nail)
     gloss = 0.25 + 0.06 * skin.palm - 0.10 * skin.crease + 0.75 * skin.nail
     return np.clip(color, 0.01, 0.95), np.clip(gloss, 0.05, 1.0)

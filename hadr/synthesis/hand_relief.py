@@ -182,8 +182,8 @@ def _draw_palm(points: Array, normals: Array, maps: dict[str, Array]) -> None:
     for i, vein in enumerate(_VEINS):
         distance, _ = _to_curve(points[rows, :2], vein)
         fade = back[rows] * _step(y[rows], -0.12, -0.05) * (0.8 if i % 2 else 1.0)
-        maps["height"][rows] += 0.00055 * fade * _bump(distance, 0.0020)
-        maps["vein"][rows] += 0.7 * fade * _bump(distance, 0.0021)
+        maps["height"][rows] += 0.00042 * fade * _bump(distance, 0.0022)
+        maps["vein"][rows] += 0.45 * fade * _bump(distance, 0.0023)
     for root, start in ((24, 6), (0, 1), (-19, -5), (-36, -11)):
         ends = np.array([[start, 6.0], [root, 80.0 - 0.18 * abs(root)]]) * 1e-3
         edge = ends[1] - ends[0]
@@ -229,8 +229,9 @@ def _draw_finger(
         ]
     for at, depth in folds:
         bent = s - at + 0.0012 * np.cos(across / 0.005)
-        height -= 0.0008 * depth * inner * _bump(bent, 0.0013)
-        crease += 0.9 * depth * inner * _bump(bent, 0.0013)
+        deep = depth * inner * (0.75 + 0.25 * np.cos(across / 0.0045))
+        height -= 0.0007 * deep * _bump(bent, 0.0013)
+        crease += 0.6 * deep * _bump(bent, 0.0013)
     # Wrinkles and red on the back of the joints.
     for joint, wide, strong in ((1, 0.0066, 0.35 if thumb else 1.0), (2, 0.0042, 0.7)):
         d = s - joints[joint] + 0.00016 * np.square(across / 0.005) * np.sign(s - joints[joint]) * 5
@@ -248,21 +249,22 @@ def _draw_finger(
     start = joints[2] + (NAIL_FROM - 2) * lengths[2]
     v = (s - start) / length
     side = np.abs(across) / wide
-    root = 0.10 * np.square(side)
-    inside = np.minimum.reduce([1 - side, 1.6 * (v - 0.10 + root), 1.6 * (1.0 - root - v)])
-    on_back = facing[:, 2] < 0.25
-    plate = _step(inside, -0.05, 0.11) * on_back
-    rim = _bump(inside + 0.06, 0.11) * on_back * (v < 0.93)
-    fold = _bump(inside + 0.30, 0.17) * on_back * (v < 0.8)
-    height += 0.00030 * plate * _step(v, 0.5, 1.0) - 0.00050 * rim + 0.00032 * fold
-    height += 0.00012 * plate
-    edge = plate * _step(v, 0.86, 0.93)
-    crescent = plate * (1 - _step(np.hypot(across / wide / 1.5, (v - 0.02) / 0.62), 0.34, 0.46))
+    half = np.where(v < 0.52, (0.52 - v) / 0.46, (v - 0.52) / 0.48)
+    # An oval at the root, straighter toward the free edge; 0 on the border, 1 in the middle.
+    power = np.where(v < 0.52, 2.6, 4.0)
+    inside = 1 - (np.minimum(side, 3) ** power + np.minimum(half, 3) ** power) ** (1 / power)
+    on_back = _step(-facing[:, 2], -0.25, -0.05)
+    plate = _step(inside, -0.09, 0.15) * on_back
+    rim = _bump(inside + 0.05, 0.10) * on_back * (1 - _step(v, 0.80, 0.92))
+    fold = _bump(inside + 0.28, 0.17) * on_back * (1 - _step(v, 0.65, 0.85))
+    height += plate * (0.00010 + 0.00030 * _step(v, 0.5, 1.0)) - 0.00030 * rim + 0.00028 * fold
+    edge = plate * _step(v, 0.84, 0.96)
+    crescent = plate * (1 - _step(np.hypot(across / wide / 1.5, (v - 0.02) / 0.62), 0.30, 0.46))
     red *= 1 - 0.6 * plate
     maps["height"][rows] = height + maps["height"][rows] * (1 - _step(t, 0.1, 0.4))
     maps["palm"][rows] = np.where(t > 0.5, _step(facing[:, 2], -0.30, 0.40), maps["palm"][rows])
-    maps["crease"][rows] = np.clip(crease + maps["crease"][rows] + 0.8 * rim * (1 - plate), 0, 1)
+    maps["crease"][rows] = np.clip(crease + maps["crease"][rows] + 0.40 * rim, 0, 1)
     maps["red"][rows] = np.clip(red + maps["red"][rows], 0, 1)
     maps["nail"][rows] = plate
-    maps["moon"][rows] = np.clip(edge + 0.6 * crescent, 0, 1)
+    maps["moon"][rows] = np.clip(edge + 0.4 * crescent, 0, 1)
     maps["vein"][rows] *= 1 - _step(t, 0.0, 0.4)
