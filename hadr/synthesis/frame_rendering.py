@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from hadr.camera import project, transform_points
 from hadr.synthesis.frame_pictures import DisparityScale
@@ -38,14 +39,20 @@ def mitsuba_variant(wanted: str | None = None) -> str:
     return wanted or str(importlib.import_module("hadr.synthesis.photo").mitsuba_variant())
 
 
-def raw_scale(settings: GenerationSettings) -> float | DisparityScale:
-    """How raw depth is stored: metres of a step, or the depth camera's disparities."""
+def stored_raw_depth(
+    raw: npt.NDArray[np.float32], settings: GenerationSettings
+) -> tuple[npt.NDArray[np.float32], float | DisparityScale]:
+    """Raw depth rounded to what is stored, and the scale to store it with.
+
+    Disparity is stored in steps of 1/16 pixel, beyond 1 m of 1/8 pixel: there a real D435's noise
+    is larger than that.
+    """
     depth_camera = importlib.import_module("hadr.synthesis.depth_camera")
     camera = depth_camera.StereoCamera()
     if settings.raw_format == "depth":
-        return float(camera.step)
-    steps = importlib.import_module("hadr.synthesis.stereo_matching").STEPS
-    return DisparityScale(camera.focal * camera.baseline, 1 / steps, camera.step)
+        return raw, float(camera.step)
+    scale = DisparityScale(camera.focal * camera.baseline, 1 / 16, camera.step)
+    return scale.nearest(raw, double_beyond=1.0), scale
 
 
 def _number(seed: int, index: int, purpose: int) -> int:
@@ -105,12 +112,16 @@ def build_scene(
     quality: Quality,
     *,
     recordings: str | Path | None = None,
+    backgrounds: str | Path | None = None,
 ) -> Scene:
     """The scene of a recipe; the same for the same arguments."""
     hold = recipe_hold(recipe, seed, recordings)
     rng = np.random.default_rng([seed, recipe.index, 3])
     step = 0.004 if quality == "fast" else 0.0025
-    return make_scene(hold, rng, width, height, hand_step=step)
+    if backgrounds is None:
+        return make_scene(hold, rng, width, height, hand_step=step)
+    found = importlib.import_module("hadr.synthesis.backgrounds").find_backgrounds(backgrounds)
+    return make_scene(hold, rng, width, height, hand_step=step, backgrounds=found)
 
 
 def render_frame(
@@ -124,6 +135,7 @@ def render_frame(
     samples: int = 8,
     sensor: bool = False,
     recordings: str | Path | None = None,
+    backgrounds: str | Path | None = None,
 ) -> Frame:
     """Make one frame.
 
@@ -138,6 +150,7 @@ def render_frame(
         samples: Paths a pixel of ``photo``.
         sensor: With the raw depth of a simulated depth camera.
         recordings: Folder of recorded holds; None makes the hold from the seed.
+        backgrounds: Folder of photographs for the surroundings; None computes textures.
 
     Returns:
         The frame with exact labels.
@@ -154,6 +167,7 @@ def render_frame(
         samples=samples,
         sensor=sensor,
         recordings=None if recordings is None else str(recordings),
+        backgrounds=None if backgrounds is None else str(backgrounds),
     )
     check_engine(engine)
     return render_scene(recipe, settings)[1]
@@ -168,6 +182,7 @@ def render_scene(recipe: FrameRecipe, settings: GenerationSettings) -> tuple[Sce
         settings.height,
         settings.quality,
         recordings=settings.recordings,
+        backgrounds=settings.backgrounds,
     )
     labels = scene.rays.labels(scene.camera, scene.world_from_camera)
     if settings.engine == "photo":

@@ -23,6 +23,7 @@ from tqdm import tqdm
 import hadr
 from hadr.provenance import usable_cores
 from hadr.synthesis.farm import dask_installed, run_tasks
+from hadr.synthesis.frame_pictures import DisparityScale
 from hadr.synthesis.frame_recipes import (
     FrameRecipe,
     SplitBy,
@@ -34,9 +35,9 @@ from hadr.synthesis.frame_rendering import (
     build_scene,
     check_engine,
     mitsuba_variant,
-    raw_scale,
     render_frame,
     render_scene,
+    stored_raw_depth,
 )
 from hadr.synthesis.generation_folder import generation_folder
 from hadr.synthesis.generation_presets import PRESETS, Engine, GenerationSettings, Quality
@@ -91,6 +92,10 @@ def _make_frames(
         start = time.perf_counter()
         scene, frame = render_scene(recipe, settings)
         hold = scene.hold
+        scale: float | DisparityScale = 0.001
+        if frame.raw_depth is not None:
+            raw, scale = stored_raw_depth(frame.raw_depth, settings)
+            frame = replace(frame, raw_depth=raw)
         log = {
             "object": OBJECTS[recipe.object_id].name,
             "hold_kind": hold.kind,
@@ -104,7 +109,8 @@ def _make_frames(
             frame,
             extra_log=log,
             depth_format=settings.depth_format,
-            raw_scale=raw_scale(settings) if settings.sensor else 0.001,
+            rest_step=settings.rest_step,
+            raw_scale=scale,
             jpeg_quality=settings.jpeg_quality,
             normals=settings.normals,
         )
@@ -304,10 +310,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="store colour as JPEG, 1..100 (PNG)",
     )
     add(
+        "--rest-step",
+        type=float,
+        metavar="METRES",
+        help="round the depth of what is neither hand nor glass, for smaller files (as exact)",
+    )
+    add(
         "--raw",
         choices=("depth", "disparity"),
         dest="raw_format",
-        help="raw depth in 1 mm steps, or as the depth camera's disparity: the same, but smaller",
+        help="raw depth in 1 mm steps, or as the camera's disparity, which is smaller (depth)",
     )
     add(
         "--normals",

@@ -26,7 +26,7 @@ def _digest_folder(folder: str, endings: tuple[str, ...]) -> str:
     root = Path(folder)
     paths = sorted(p for p in root.rglob("*") if p.suffix.lower() in endings)
     if not paths:
-        raise ValueError(f"{folder} holds no {' or '.join(endings)} file")
+        raise ValueError(f"{folder} holds no file that ends with {', '.join(endings)}")
     digest = hashlib.sha256()
     for path in paths:
         digest.update(f"{path.relative_to(root).as_posix()}\0".encode())
@@ -40,7 +40,7 @@ def settings_record(settings: GenerationSettings) -> dict[str, Any]:
     if settings.recordings is not None:
         record["recordings"] = _digest_folder(settings.recordings, (".csv",))
     if settings.backgrounds is not None:
-        endings = (".jpg", ".jpeg", ".png")
+        endings = (".jpg", ".jpeg", ".png", ".bmp", ".webp", ".tif", ".tiff")
         record["backgrounds"] = _digest_folder(settings.backgrounds, endings)
     return {"hadr": __version__, **record}
 

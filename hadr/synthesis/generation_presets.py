@@ -33,8 +33,9 @@ class GenerationSettings:
         backgrounds: Folder of photographs for the surroundings; None computes textures.
         depth_format: ``npy`` (float metres) or ``png`` (16 bits, 0.1 mm a step).
         jpeg_quality: Stores colour as JPEG; None as PNG.
+        rest_step: Rounds the depth of what is neither hand nor glass, metres; None keeps it.
         raw_format: Raw depth as ``depth`` (16 bits, 1 mm a step), or as the depth camera's
-            ``disparity``, which is smaller and holds the same.
+            ``disparity``, which is smaller: 1/16 pixel, beyond 1 m 1/8 pixel.
         normals: Where normals are stored: ``all``, ``held``, ``object`` or ``none``.
 
     Raises:
@@ -57,6 +58,7 @@ class GenerationSettings:
     backgrounds: str | None = None
     depth_format: Literal["npy", "png"] = "npy"
     jpeg_quality: int | None = None
+    rest_step: float | None = None
     raw_format: Literal["depth", "disparity"] = "depth"
     normals: Normals = "all"
 
@@ -125,7 +127,8 @@ PRESETS: dict[str, Preset] = {
             engine="photo",
             sensor=True,
             depth_format="png",
-            jpeg_quality=90,
+            jpeg_quality=88,
+            rest_step=0.001,
             raw_format="disparity",
             normals="object",
         ),
@@ -144,7 +147,8 @@ PRESETS: dict[str, Preset] = {
             frames_per_hold=1,
             hold_shift=5,
             depth_format="png",
-            jpeg_quality=90,
+            jpeg_quality=88,
+            rest_step=0.001,
             raw_format="disparity",
             normals="object",
         ),

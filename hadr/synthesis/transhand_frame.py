@@ -123,6 +123,13 @@ def _kept_normals(frame: Frame, where: Normals) -> npt.NDArray[np.float32] | Non
     return np.where(kept[..., None], frame.normals, np.float32(0))
 
 
+def _coarse_rest(frame: Frame, step: float) -> npt.NDArray[np.float32]:
+    """Depth, in multiples of ``step`` where there is neither hand nor glass."""
+    coarse = np.rint(frame.depth / step) * step
+    held = frame.object_mask | frame.hand_mask
+    return np.where(held, frame.depth, coarse).astype(np.float32)
+
+
 def _rounded(values: npt.ArrayLike, digits: int) -> Any:
     """Nested lists of numbers, short enough for a log."""
     return (np.round(np.asarray(values, dtype=float), digits) + 0.0).tolist()
@@ -166,6 +173,7 @@ def write_frame(
     extra_log: Mapping[str, Any] | None = None,
     depth_format: Literal["npy", "png"] = "npy",
     depth_scale: float = 0.0001,
+    rest_step: float | None = None,
     raw_scale: float | DisparityScale = 0.001,
     jpeg_quality: int | None = None,
     normals: Normals = "all",
@@ -180,6 +188,8 @@ def write_frame(
         extra_log: More values for the log.
         depth_format: ``npy`` writes ``depth_np``, float32 metres; ``png`` writes 16-bit steps.
         depth_scale: Metres of one step of the PNG.
+        rest_step: Rounds the depth of all that is neither hand nor glass to multiples of this,
+            metres, which makes the PNG smaller.
         raw_scale: Metres of one step of ``raw_depth``; real depth cameras report millimetres. Or
             a stereo camera's scale: ``raw_disparity`` is written instead, without loss.
         jpeg_quality: 1 to 100 stores the colour as JPEG; PNG where it is left out.
@@ -201,10 +211,11 @@ def write_frame(
     ending, color = encode_color(frame.color, jpeg_quality)
     files = {Path("rgb", stem + ending): color}
     log = _log(frame)
+    depth = frame.depth if rest_step is None else _coarse_rest(frame, rest_step)
     if depth_format == "npy":
-        files[Path("depth_np", f"{stem}.npy")] = encode_depth_array(frame.depth)
+        files[Path("depth_np", f"{stem}.npy")] = encode_depth_array(depth)
     else:
-        files[Path("depth_png", f"{stem}.png")] = encode_depth(frame.depth, depth_scale)
+        files[Path("depth_png", f"{stem}.png")] = encode_depth(depth, depth_scale)
         log[DEPTH_SCALE_KEY] = depth_scale
     if frame.background_depth is not None:
         # Elsewhere it is the depth itself: the reader puts it back.

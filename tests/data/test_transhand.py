@@ -153,6 +153,28 @@ def test_a_stereo_cameras_depth_is_stored_as_disparity_without_loss(tmp_path, st
         TransHand(tmp_path, "train")[0]
 
 
+def test_disparities_round_to_whole_steps_and_farther_away_to_double_ones():
+    scale = DisparityScale(20.0, 0.125, 0.001)
+    depth = np.array([[0.0, 0.5, 0.501, 1.98, 2.04, 2.5]], np.float32)
+    # 20 / 0.125 = 160 steps at 1 m: 320, 319.4, 80.8, 78.4 and 64 steps.
+    np.testing.assert_allclose(
+        scale.nearest(depth), [[0, 0.5, 0.502, 1.975, 2.051, 2.5]], atol=1e-6
+    )
+    np.testing.assert_allclose(
+        scale.nearest(depth, double_beyond=1.0), [[0, 0.5, 0.502, 2.0, 2.051, 2.5]], atol=1e-6
+    )
+
+
+def test_what_is_not_held_may_be_stored_coarsely(tmp_path):
+    frame = make_frame()
+    write_frame(tmp_path, frame, rest_step=0.001, depth_format="png")
+    read = TransHand(tmp_path, "train")[0].depth
+    held = frame.hand_mask | frame.object_mask
+    assert np.abs(read - frame.depth)[held].max() <= 5.1e-5
+    assert 4e-4 < np.abs(read - frame.depth)[~held].max() <= 5.1e-4
+    np.testing.assert_allclose(read[~held] * 1000, np.rint(read[~held] * 1000), atol=1e-3)
+
+
 @pytest.mark.parametrize("kept", ["all", "held", "object", "none"])
 def test_where_normals_are_kept(tmp_path, kept):
     frame = make_frame(more=True)

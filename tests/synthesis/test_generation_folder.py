@@ -81,7 +81,7 @@ def test_a_folder_that_is_read_from_counts_by_its_contents(tmp_path):
     (tmp_path / "two/0004/hold.csv").write_text("time\n1\n")
     with pytest.raises(ValueError, match=r"recordings is '[0-9a-f]{16}' there, '[0-9a-f]{16}' he"):
         take(tmp_path / "set", two)
-    with pytest.raises(ValueError, match=r"holds no \.jpg or \.jpeg or \.png file"):
+    with pytest.raises(ValueError, match=r"holds no file that ends with \.jpg, \.jpeg"):
         take(tmp_path / "new", replace(SETTINGS, backgrounds=str(tmp_path / "one")))
 
 
