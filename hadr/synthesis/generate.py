@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import cv2
+import numpy as np
 from tqdm import tqdm
 
 import hadr
@@ -42,6 +43,7 @@ from hadr.synthesis.frame_rendering import (
 from hadr.synthesis.generation_folder import generation_folder
 from hadr.synthesis.generation_presets import PRESETS, Engine, GenerationSettings, Quality
 from hadr.synthesis.objects import OBJECTS
+from hadr.synthesis.scene import Scene
 from hadr.synthesis.transhand_frame import Normals, frame_log_path, write_frame
 
 __all__ = [
@@ -82,6 +84,12 @@ def _is_complete(root: Path, recipe: FrameRecipe) -> bool:
     return frame_log_path(root, recipe.split, recipe.object_id, recipe.stem).is_file()
 
 
+def _skin_albedo(scene: Scene) -> list[float]:
+    """The median reflectance of the hand, linear RGB."""
+    hand = scene.rays.hand
+    return [] if hand is None else np.median(hand.albedo, axis=0).round(4).tolist()
+
+
 def _make_frames(
     recipes: tuple[FrameRecipe, ...], root: Path, settings: GenerationSettings
 ) -> list[float]:
@@ -101,6 +109,7 @@ def _make_frames(
             "hold_kind": hold.kind,
             "hand_side": hold.shape.side,
             "hand_scale": round(hold.shape.scale, 4),
+            "skin_albedo": _skin_albedo(scene),
             "engine": settings.engine,
             "generator": f"hadr {hadr.__version__}",
         }
