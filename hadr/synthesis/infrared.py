@@ -17,7 +17,8 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from hadr.synthesis.glass_paths import Ends, GlassPaths, Mirrors
-from hadr.synthesis.raycast import GLASS, HAND, SURROUNDINGS, RayCaster
+from hadr.synthesis.raycast import GLASS, HAND, SURROUNDINGS
+from hadr.synthesis.shading import RayScene
 from hadr.synthesis.textures import SIZE, sample
 
 Array = npt.NDArray[np.float64]
@@ -28,6 +29,8 @@ _TEXTURE = 2048
 _PACKETS = 48
 #: The projector's own brightness, seen in a perfect mirror, and light from where nothing is.
 _GLINT, _BEYOND = 60.0, 0.35
+#: Shares of red, green and blue in an infrared grey: red is nearest to it.
+_GREY = np.array([0.6, 0.3, 0.1])
 
 
 @dataclass(frozen=True)
@@ -43,7 +46,7 @@ class Projector:
         aperture: Radius of the opening that glass mirrors as a glint, metres.
     """
 
-    dots: int = 7000
+    dots: int = 6000
     field: tuple[float, float] = (86.0, 57.0)
     dot_width: float = 1.5e-3
     strength: float = 3.0
@@ -99,13 +102,13 @@ class InfraredScene:
     """A scene as infrared light sees it.
 
     Args:
-        rays: Its surfaces.
+        rays: Its surfaces, and the light from far away.
         projector: The dot projector.
         position: The projector's place, world frame, metres, shape (3,).
         turn: Its orientation: columns are its x, y and viewing axes in the world, shape (3, 3).
     """
 
-    def __init__(self, rays: RayCaster, projector: Projector, position: Array, turn: Array) -> None:
+    def __init__(self, rays: RayScene, projector: Projector, position: Array, turn: Array) -> None:
         self._rays, self._paths = rays, GlassPaths(rays)
         self._projector, self._position, self._turn = projector, position, turn
         self._packets = self._beams_through_glass()
@@ -199,7 +202,7 @@ class InfraredScene:
             Light, shape (N,); 1 is a white wall in the room's light.
         """
         ends, mirrors = self._paths.follow(origins, directions)
-        light = np.full(len(ends.row), _BEYOND)
+        light = self._beyond(ends)
         met = np.flatnonzero(ends.mesh >= 0)
         solid = ends.take(met)
         smooth, flat = self._paths.normal(solid.mesh, solid.face, solid.u, solid.v)
@@ -209,6 +212,15 @@ class InfraredScene:
         total = np.bincount(ends.row, ends.weight * light, minlength=len(origins))
         total += np.bincount(mirrors.row, self._glints(mirrors), minlength=len(origins))
         return np.asarray(total)
+
+    def _beyond(self, ends: Ends) -> Array:
+        """Light from where there is no surface."""
+        light = np.full(len(ends.row), _BEYOND)
+        missed = np.flatnonzero(ends.mesh < 0)
+        if self._rays.environment is not None and len(missed):
+            color = self._rays.environment.radiance(ends.toward[missed])
+            light[missed] = np.minimum(color @ _GREY, 2.0)
+        return light
 
     def _albedo(self, ends: Ends, pixel: float) -> Array:
         """Reflectance near 850 nm: paler and flatter than in colour; all skins are alike."""
@@ -224,7 +236,7 @@ class InfraredScene:
             uv = uv + v * around.uv[corners[:, 2]]
             texels = 1.3 * ends.length[rows] * pixel / around.repeat[face] * SIZE
             color = sample(around.picture[face].astype(float), uv, texels) * around.tint[face]
-            albedo[rows] = 0.25 + 0.55 * np.clip(color @ [0.6, 0.3, 0.1], 0.0, 1.0)
+            albedo[rows] = 0.25 + 0.55 * np.clip(color @ _GREY, 0.0, 1.0)
         rows = np.flatnonzero(kind == HAND)
         if hand is not None and len(rows):
             corners = hand.surface.faces[ends.face[rows]]

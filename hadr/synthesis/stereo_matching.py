@@ -34,6 +34,9 @@ class Matching:
         edge: Pixels on both sides of such an edge that are refused.
         speckle: Isolated patches of fewer pixels are refused.
         median: Side of the median filter, 3 or 5; 0 leaves it out.
+
+    Raises:
+        ValueError: The window is even or the search range is no multiple of 16.
     """
 
     block: int = 7
@@ -42,12 +45,20 @@ class Matching:
     left_right: int = 1
     window: float = 2.2
     iterations: int = 3
-    likeness: float = 0.8
+    likeness: float = 0.75
     texture: float = 2.0
-    jump: float = 1.5
+    jump: float = 2.5
     edge: int = 1
-    speckle: int = 120
+    speckle: int = 60
     median: int = 5
+
+    def __post_init__(self) -> None:
+        if self.block < 3 or self.block % 2 == 0:
+            raise ValueError(f"block must be odd and at least 3, got {self.block}")
+        if self.disparities < 16 or self.disparities % 16:
+            raise ValueError(f"disparities must be a multiple of 16, got {self.disparities}")
+        if self.median not in (0, 3, 5):
+            raise ValueError(f"median must be 0, 3 or 5, got {self.median}")
 
 
 def match(left: Picture, right: Picture, how: Matching) -> Float:
@@ -64,7 +75,8 @@ def match(left: Picture, right: Picture, how: Matching) -> Float:
     Raises:
         ValueError: The pictures differ in shape or are no grey pictures of 8 bits.
     """
-    if left.shape != right.shape or left.ndim != 2 or left.dtype != right.dtype != np.uint8:
+    grey = left.dtype == right.dtype == np.uint8
+    if left.shape != right.shape or left.ndim != 2 or not grey:
         raise ValueError(
             f"left and right must be (H, W) uint8 of one shape, got {left.shape} {left.dtype} and "
             f"{right.shape} {right.dtype}"
