@@ -87,7 +87,7 @@ def _surroundings(mi: Any, around: Surroundings, eye: Array, pixel: float) -> di
             renumbered.reshape(faces.shape),
             around.surface.normals[used],
         )
-        levels = pyramid(int(groups[number, 0]))
+        levels = pyramid(int(groups[number, 0]), around.photographs)
         nearest = float(np.linalg.norm(part.vertices - eye, axis=1).min())
         texel = groups[number, 4] / levels[0].shape[0]
         level = int(np.clip(np.floor(np.log2(max(nearest * pixel / texel, 1.0))), 0, 4))

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,8 @@ Array = npt.NDArray[np.float64]
 
 #: What a ray can meet first.
 NOTHING, HAND, GLASS, SURROUNDINGS = 0, 1, 2, 3
+#: A turn of a ray by a millionth of a radian.
+_HAIR = np.array([6.1e-7, -3.7e-7, 7.0e-7])
 
 
 @dataclass(frozen=True)
@@ -33,7 +36,8 @@ class Surroundings:
         uv: Texture coordinates per vertex, in repeats, shape (V, 2).
         picture: Number of the picture per face, shape (F,).
         tint: Factor on the picture's colour per face, shape (F, 3).
-        repeat: Width of one repeat per face, metres, shape (F,).
+        repeat: Height of one repeat per face, metres, shape (F,).
+        photographs: Files that negative numbers of pictures stand for.
     """
 
     surface: Surface
@@ -41,6 +45,7 @@ class Surroundings:
     picture: npt.NDArray[np.int64]
     tint: Array
     repeat: Array
+    photographs: tuple[Path, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -64,8 +69,11 @@ class Labels:
 
 @lru_cache(maxsize=8)
 def _tree(surfaces: tuple[Surface, ...]) -> Any:
-    """The search tree over surfaces; kept, since a probe and a picture ask the same ones."""
-    tree = EmbreeScene()
+    """The search tree over surfaces; kept, since a probe and a picture ask the same ones.
+
+    Robust: hardly any ray passes between two triangles that share an edge.
+    """
+    tree = EmbreeScene(robust=True)
     for surface in surfaces:
         TriangleMesh(tree, surface.vertices.astype(np.float32), surface.faces.astype(np.int32))
     return tree
@@ -80,6 +88,50 @@ class Hits:
     face: npt.NDArray[np.int64]
     u: Array
     v: Array
+
+
+def _exact(
+    hits: Hits, surfaces: list[Surface], origins: Array, directions: Array
+) -> tuple[Hits, Array]:
+    """Meet the found triangles again in double precision (Embree computes in single).
+
+    A hit stays in its triangle: one that is seen edge-on can't be met far beyond its corners.
+
+    Returns:
+        The hits, and how far each ray passes from its triangle, metres; inf on a miss.
+    """
+    distance, u, v = hits.distance.copy(), hits.u.copy(), hits.v.copy()
+    beside = np.full(len(distance), np.inf)
+    for number, surface in enumerate(surfaces):
+        rows = np.flatnonzero(hits.mesh == number)
+        if not len(rows):
+            continue
+        corners = surface.vertices[surface.faces[hits.face[rows]]]
+        a, e1, e2 = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+        o, d = origins[rows] - a, directions[rows]
+        p, q = np.cross(d, e2), np.cross(o, e1)
+        det = (e1 * p).sum(1)
+        flat = np.abs(det) < 1e-12 * np.linalg.norm(e1, axis=1) * np.linalg.norm(e2, axis=1)
+        det = np.where(flat, 1.0, det)
+        exact_u = np.where(flat, u[rows], np.clip((o * p).sum(1) / det, 0.0, 1.0))
+        exact_v = np.where(flat, v[rows], (d * q).sum(1) / det)
+        exact_v = np.clip(exact_v, 0.0, 1.0 - exact_u)
+        to_eye = o - exact_u[:, None] * e1 - exact_v[:, None] * e2
+        along = -(to_eye * d).sum(1)
+        distance[rows], u[rows], v[rows] = along, exact_u, exact_v
+        beside[rows] = np.linalg.norm(to_eye + along[:, None] * d, axis=1)
+    return Hits(distance, hits.mesh, hits.face, u, v), beside
+
+
+def _chosen(second: npt.NDArray[np.bool_], a: Hits, b: Hits) -> Hits:
+    """Hits of b where ``second``, else those of a."""
+    return Hits(
+        np.where(second, b.distance, a.distance),
+        np.where(second, b.mesh, a.mesh),
+        np.where(second, b.face, a.face),
+        np.where(second, b.u, a.u),
+        np.where(second, b.v, a.v),
+    )
 
 
 class RayCaster:
@@ -128,6 +180,20 @@ class RayCaster:
             hits.u[nearer], hits.v[nearer] = found["u"][nearer], found["v"][nearer]
         return hits
 
+    def _first_hits(self, origins: Array, directions: Array) -> tuple[Hits, Hits]:
+        """Exact first hits with all surfaces, and with the opaque ones alone."""
+        surfaces = [surface for _, surface in self.meshes]
+        found = []
+        for trees in (self._solid, self._clear):
+            hits, _ = _exact(self._trace(trees, origins, directions), surfaces, origins, directions)
+            # Embree may lose a ray that meets a common corner of triangles; one a hair beside it
+            # finds them, and whether the ray itself meets what was found is then decided exactly.
+            near = self._trace(trees, origins, directions + _HAIR)
+            again, beside = _exact(near, surfaces, origins, directions)
+            found.append(_chosen((again.distance < hits.distance) & (beside < 1e-7), hits, again))
+        behind, glass = found
+        return _chosen(glass.distance < behind.distance, behind, glass), behind
+
     def first_kind(self, origins: Array, directions: Array) -> npt.NDArray[np.int64]:
         """What each ray meets first: NOTHING, HAND, GLASS or SURROUNDINGS, shape (N,)."""
         return np.asarray(self._kinds[self._trace(self._all, origins, directions).mesh])
@@ -162,8 +228,7 @@ class RayCaster:
         turn = world_from_camera[:3, :3]
         directions = local @ turn.T
         origins = np.broadcast_to(world_from_camera[:3, 3], directions.shape)
-        hits = self._trace(self._all, origins, directions)
-        behind = self._trace(self._solid, origins, directions)
+        hits, behind = self._first_hits(origins, directions)
         kind = self._kinds[hits.mesh]
         normals = np.zeros_like(directions)
         for number, (_, surface) in enumerate(self.meshes):

@@ -17,7 +17,8 @@ class ColorCamera:
     """How a camera turns light into a picture.
 
     Args:
-        exposure: Factor on the light; 1 keeps a radiance of 1 just below white.
+        brightness: Mean that automatic exposure aims at, of a picture's light where 1 is white.
+        exposures: Least and greatest factor on the light that it chooses.
         vignetting: Share of light that is lost in the image's corners.
         blur: Standard deviation of the lens's blur, pixels.
         full_well: Electrons at a radiance of 1; their number is random (shot noise).
@@ -27,17 +28,22 @@ class ColorCamera:
         ValueError: A value is out of range.
     """
 
-    exposure: float = 1.0
+    brightness: float = 0.42
+    exposures: tuple[float, float] = (0.7, 2.2)
     vignetting: float = 0.10
     blur: float = 0.35
-    full_well: float = 9000.0
-    read_noise: float = 12.0
+    full_well: float = 14000.0
+    read_noise: float = 10.0
 
     def __post_init__(self) -> None:
-        if self.exposure <= 0 or self.full_well <= 0:
+        if self.brightness <= 0 or self.full_well <= 0:
             raise ValueError(
-                f"exposure and full_well must be positive, got {self.exposure} and {self.full_well}"
+                "brightness and full_well must be positive, got "
+                f"{self.brightness} and {self.full_well}"
             )
+        low, high = self.exposures
+        if not 0 < low <= high:
+            raise ValueError(f"exposures must be two rising positive factors, got {low}, {high}")
         if not 0 <= self.vignetting < 1 or self.blur < 0 or self.read_noise < 0:
             raise ValueError(
                 "need 0 <= vignetting < 1, blur >= 0 and read_noise >= 0, got "
@@ -52,6 +58,12 @@ def film(light: Light) -> Light:
     return np.asarray(np.minimum(light, knee) + (1 - knee) * (1 - np.exp(-over / (1 - knee))))
 
 
+def exposure(light: Light, camera: ColorCamera) -> float:
+    """The factor on the light that a camera's automatic exposure chooses."""
+    mean = float(np.minimum(light, 1.0).mean())
+    return float(np.clip(camera.brightness / max(mean, 1e-6), *camera.exposures))
+
+
 def develop(light: Light, rng: np.random.Generator, camera: ColorCamera) -> Picture:
     """Expose a camera to light.
 
@@ -64,7 +76,8 @@ def develop(light: Light, rng: np.random.Generator, camera: ColorCamera) -> Pict
         sRGB, shape (H, W, 3) uint8.
     """
     height, width = light.shape[:2]
-    image = np.maximum(np.asarray(light, dtype=np.float32), 0.0) * camera.exposure
+    image = np.maximum(np.asarray(light, dtype=np.float32), 0.0)
+    image *= exposure(image, camera)
     if camera.blur > 0:
         image = np.asarray(cv2.GaussianBlur(image, (0, 0), camera.blur))
     y = (np.arange(height, dtype=np.float32) + 0.5 - height / 2)[:, None]

@@ -110,8 +110,6 @@ class RayScene(RayCaster):
                 continue
             smooth, flat = self._normal(surface, hits, rows)
             d = directions[rows]
-            if kind == SURROUNDINGS:
-                smooth = flat
             toward = -np.sign((flat * d).sum(1, keepdims=True))
             normal, flat = smooth * toward, flat * toward
             point = origins[rows] + hits.distance[rows, None] * d
@@ -141,7 +139,8 @@ class RayScene(RayCaster):
         uv = (1 - u - v) * around.uv[corners[:, 0]] + u * around.uv[corners[:, 1]]
         uv = uv + v * around.uv[corners[:, 2]]
         texels = 1.3 * footprint / around.repeat[face] * SIZE
-        return np.asarray(sample(around.picture[face], uv, texels) * around.tint[face])
+        colors = sample(around.picture[face], uv, texels, around.photographs)
+        return np.asarray(colors * around.tint[face])
 
     def _skin(
         self, hits: Hits, rows: Any, d: Array, normal: Array, key: Array, light: Array, sky: Array
