@@ -1,7 +1,8 @@
 """A quick OpenGL preview of a scene's surfaces: colour and depth without refraction.
 
 The ray caster needs no graphics driver and makes every frame of the data sets. Where OpenGL is
-there, this draws the same surfaces in milliseconds, to look around in a scene.
+there, this draws the same surfaces in milliseconds, to look around in a scene, and as a witness
+that the labels are right.
 """
 
 from __future__ import annotations
@@ -48,14 +49,14 @@ def rasterise(
 
     Returns:
         sRGB, shape (H, W, 3) uint8, the glass half transparent; and the z-depth of the first
-        surface, metres, (H, W) float32, 0 where there is none. With multisampling it belongs to
-        the driver's first sample, up to half a pixel beside the centre: a preview, no label.
+        surface at the pixel centres, metres, (H, W) float32, 0 where there is none.
 
     Raises:
         RuntimeError: There is no OpenGL; the message says what to install.
     """
     pyrender = _pyrender()
     drawn = pyrender.Scene(bg_color=(0.5, 0.5, 0.5, 1.0), ambient_light=(0.5, 0.5, 0.5))
+    nodes: dict[Any, int] = {}
     colors = {GLASS: (0.6, 0.8, 1.0, 0.45)}
     for kind, surface in scene.meshes:
         rgba = colors.get(kind, (0.75, 0.6, 0.5, 1.0))
@@ -71,7 +72,7 @@ def rasterise(
             indices=surface.faces.astype(np.uint32),
             material=material,
         )
-        drawn.add(pyrender.Mesh([primitive]))
+        nodes[drawn.add(pyrender.Mesh([primitive]))] = kind
     # OpenGL counts pixels from their corners and looks along -z with y up.
     lens = pyrender.IntrinsicsCamera(
         camera.fx, camera.fy, camera.cx + 0.5, camera.cy + 0.5, znear=0.05, zfar=20.0
@@ -84,7 +85,11 @@ def rasterise(
     except Exception as error:  # each platform of PyOpenGL raises its own type
         raise RuntimeError(f"{_ADVICE} ({type(error).__name__}: {error})") from error
     try:
-        color, depth = renderer.render(drawn)
+        color, _ = renderer.render(drawn)
+        # A picture is multisampled: its depth is that of a sample beside the pixel's centre. The
+        # pass that draws segments is not.
+        flags = pyrender.RenderFlags.SEG | pyrender.RenderFlags.SKIP_CULL_FACES
+        _, depth = renderer.render(drawn, flags, nodes)
     finally:
         renderer.delete()
     return np.asarray(color[..., :3], dtype=np.uint8), np.asarray(depth, dtype=np.float32)
