@@ -165,14 +165,16 @@ class Closing:
         self.inverse = object_from_wrist(self.placement.wrist_from_object)
 
     def _clearance(
-        self, skin: FingerSkin, action: Action, points: Floats, bone: npt.NDArray[np.int64]
-    ) -> Floats:
+        self, action: Action, points: Floats, bone: npt.NDArray[np.int64]
+    ) -> tuple[Floats, Floats]:
+        """How free each point is (negative: where it must not be) and how near the glass."""
         around = self.table.around(points)
         if action != "inside":
-            return around
+            return around, self.table.glass_near(points, around)
         within = self.table.within(points)
         either = np.maximum(around, within)
-        return np.asarray(np.where((bone == 2)[:, None], within, either))
+        free = np.where((bone == 2)[:, None], within, either)
+        return np.asarray(free), self.table.glass_near(points, free)
 
     def _habit(self, finger: str, angles: Array, neighbour: Array | None) -> Array:
         """How unnatural postures are, whatever they touch."""
@@ -194,23 +196,24 @@ class Closing:
         skin: FingerSkin,
         action: Action,
         clearance: Floats,
+        near: Floats,
         chosen: npt.NDArray[np.int64],
         joints: Array,
     ) -> Array:
         bone, pad, tip_pad = skin.bone[chosen], skin.pad[chosen], skin.tip_pad[chosen]
-        gap = clearance * np.float32(1000)
+        gap, touch_gap = clearance * np.float32(1000), near * np.float32(1000)
         pressed = np.maximum(-gap - _SLACK, 0)
         deepest = pressed.max(0)
         cost = 4 * deepest + 2 * deepest**2 + 0.15 * pressed.sum(0)
         if action == "free":
             return np.asarray(cost + 0.6 * np.maximum(2.0 - gap.min(0), 0))
         if action in ("tip", "inside"):
-            on_pad = np.abs(gap[tip_pad]).min(0)
-            beside = np.maximum(gap[tip_pad].min(0) - gap[bone == 2].min(0), 0)
+            on_pad = np.abs(touch_gap[tip_pad]).min(0)
+            beside = np.maximum(touch_gap[tip_pad].min(0) - touch_gap[bone == 2].min(0), 0)
             cost = cost + 1.6 * np.minimum(on_pad, 25) + 1.5 * beside
         elif action == "wrap":
             for number, weight in ((2, 1.0), (1, 0.7), (0, 0.25)):
-                touch = np.abs(gap[pad & (bone == number)]).min(0)
+                touch = np.abs(touch_gap[pad & (bone == number)]).min(0)
                 cost = cost + weight * np.minimum(touch, 20)
         else:
             touch = np.minimum(
@@ -271,14 +274,14 @@ class Closing:
         chosen: npt.NDArray[np.int64],
         closed: dict[str, Array],
         neighbour: Array | None,
-        bias: Floats | None = None,
+        bias: tuple[Floats, Floats] | None = None,
     ) -> tuple[Array, float, Array]:
         skin, action = self.hand.skins[finger], self.placement.plan[finger]
         points, joints = skin.pose(angles, self.inverse, chosen)
-        clearance = self._clearance(skin, action, points, skin.bone[chosen])
+        clearance, near = self._clearance(action, points, skin.bone[chosen])
         if bias is not None:
-            clearance = clearance + bias[:, None]
-        cost = self._contact(skin, action, clearance, chosen, joints)
+            clearance, near = clearance + bias[0][:, None], near + bias[1][:, None]
+        cost = self._contact(skin, action, clearance, near, chosen, joints)
         cost += self._habit(finger, angles, neighbour)
         if closed:
             cost += self._overlap(finger, joints, closed)
@@ -311,20 +314,37 @@ class Closing:
             best, cost, where = self._best(finger, self.hand.library[finger], few, joints, near)
             angles[finger], costs[finger], joints[finger] = best, cost, where
             self._improve(finger, 0.22, rng, angles, joints, costs, few, None)
-        for width in (0.10, 0.05, 0.03):
-            truth = self._true_skin(angles)
+        return self.settle(np.concatenate([angles[f] for f in FINGERS]), rng, (0.10, 0.05, 0.03))
+
+    def settle(
+        self, start: Array, rng: np.random.Generator, widths: tuple[float, ...]
+    ) -> tuple[Array, float]:
+        """Improve angles that are near already, on the skin itself.
+
+        Args:
+            start: The twenty angles of a right hand, radians.
+            rng: Source of the variations that are tried.
+            widths: How far they go in each round, as shares of a joint's range.
+
+        Returns:
+            The improved angles and their cost.
+        """
+        angles = {f: start[4 * i : 4 * i + 4] for i, f in enumerate(FINGERS)}
+        joints = {
+            f: skin.bones(angles[f][None])[1][0] * skin.scale for f, skin in self.hand.skins.items()
+        }
+        costs = dict.fromkeys(FINGERS, 0.0)
+        for width in widths:
+            truth = self._true_skin(angles).astype(np.float32)
             for finger in _ORDER:
-                skin = self.hand.skins[finger]
-                points, _ = skin.pose(angles[finger][None], self.inverse)
-                action = self.placement.plan[finger]
-                blended = self._clearance(skin, action, points, skin.bone)[:, 0]
-                exact = self._clearance(
-                    skin, action, truth[skin.rows][:, None].astype(np.float32), skin.bone
-                )[:, 0]
-                everything = np.arange(len(skin.rows))
-                self._improve(
-                    finger, width, rng, angles, joints, costs, everything, exact - blended
+                skin, action = self.hand.skins[finger], self.placement.plan[finger]
+                blended = self._clearance(
+                    action, skin.pose(angles[finger][None], self.inverse)[0], skin.bone
                 )
+                exact = self._clearance(action, truth[skin.rows][:, None], skin.bone)
+                bias = (exact[0] - blended[0])[:, 0], (exact[1] - blended[1])[:, 0]
+                everything = np.arange(len(skin.rows))
+                self._improve(finger, width, rng, angles, joints, costs, everything, bias)
         return np.concatenate([angles[f] for f in FINGERS]), sum(costs.values())
 
     def _true_skin(self, angles: dict[str, Array]) -> Array:
@@ -344,7 +364,7 @@ class Closing:
         joints: dict[str, Array],
         costs: dict[str, float],
         chosen: npt.NDArray[np.int64],
-        bias: Floats | None,
+        bias: tuple[Floats, Floats] | None,
     ) -> None:
         low, high = (_THUMB_RANGE if finger == "thumb" else _FINGER_RANGE).T
         near = angles[finger] + rng.normal(size=(_NEAR, 4)) * width * (high - low) * 0.5

@@ -188,6 +188,9 @@ def check_contact(
     if inside:
         rows = np.flatnonzero(may_enter[near])
         exact[rows] = np.maximum(exact[rows], hollow_distance(item, points[near[rows]]))
+    # The closed mouth is nothing to touch: what is free of it is as near as the glass is.
+    free = np.flatnonzero(exact >= 0)
+    exact[free] = np.maximum(exact[free], signed_distance(item, points[near[free]]))
     gaps[near] = exact
     by_part = {name: float(gaps[part == number].min()) for number, name in enumerate(PARTS)}
     limits = (q < ANGLE_LIMITS[:, 0] - 1e-6) | (q > ANGLE_LIMITS[:, 1] + 1e-6)

@@ -33,6 +33,7 @@ class ClearanceTable:
         outside: Distance from the filled object over (r, z), negative inside.
         hollow: The same for a finger in the mouth: positive in the hollow and above the rim,
             negative in the wall and on its other side.
+        glass: Distance from the glass alone over (r, z).
         lowest: Height of the table's first row.
         handle: Distance in a box around the handle over (x, |y|, z); empty without one.
         handle_from: Corner of that box.
@@ -40,6 +41,7 @@ class ClearanceTable:
 
     outside: Floats
     hollow: Floats
+    glass: Floats
     lowest: float
     handle: Floats
     handle_from: tuple[float, float, float]
@@ -66,6 +68,16 @@ class ClearanceTable:
             near = ((index >= 0) & (index < size)).all(axis=0)
             distance[near] = self.handle[tuple(index[:, near])]
         return np.asarray(distance)
+
+    def glass_near(self, points: Floats, free: Floats) -> Floats:
+        """Distance from the glass itself, metres; where a point is not free, that instead.
+
+        The closed mouth of the filled object is nothing that a finger could touch.
+        """
+        glass = self.glass.take(self._cells(points))
+        # Beside a handle the filled object is the glass.
+        beside = (points[..., 0] > self.handle_from[0]) if self.handle.size else False
+        return np.asarray(np.where((free < 0) | beside, free, np.maximum(free, glass)))
 
     def within(self, points: Floats) -> Floats:
         """Distance for a finger in the mouth, object frame, metres."""
@@ -120,6 +132,7 @@ def clearance_table(object_id: str) -> ClearanceTable:
         return np.asarray(zoom(grid, scale, order=1, grid_mode=False), dtype=np.float32)
 
     outside = table([signed_distance(item, p, filled=True) for p in parts])
+    glass = table([signed_distance(item, p) for p in parts])
     hollow = table([hollow_distance(item, p) for p in parts])
     handle: Floats = np.zeros((0, 0, 0), np.float32)
     corner = (0.0, 0.0, 0.0)
@@ -134,4 +147,4 @@ def clearance_table(object_id: str) -> ClearanceTable:
         values = np.concatenate([signed_distance(item, p, filled=True) for p in flat])
         handle = values.reshape(box.shape[:3]).astype(np.float32)
         corner = (float(low[0]), 0.0, float(low[2]))
-    return ClearanceTable(outside, hollow, -_BEYOND, handle, corner)
+    return ClearanceTable(outside, hollow, glass, -_BEYOND, handle, corner)

@@ -33,6 +33,7 @@ KIND_MEANING: dict[str, str] = {
     "below": "finger tips around the base, the palm below it",
     "cradle": "the base on the palm, fingers and thumb up along the wall",
     "rim": "the wall between the thumb inside the mouth and the fingers outside",
+    "nip": "the same with thumb, index and middle finger only",
     "lip": "the wall between the fingers inside the mouth and the thumb outside",
     "carry": "the thumb over the rim into the mouth, the fingers under the wall",
     "stem": "the stem between thumb, index and middle finger",
@@ -50,7 +51,7 @@ HOLD_KINDS: dict[str, tuple[str, ...]] = {
     "0006": ("side", "neck", "oblique", "above", "low", "tips", "reverse", "below"),
     "0007": ("above", "side", "tips", "cradle", "oblique", "below", "rim", "reverse"),
     "0008": ("handle", "side", "above", "cradle", "rim", "oblique", "tips", "below"),
-    "0009": ("cradle", "rim", "carry", "below", "oblique", "above", "tips", "lip"),
+    "0009": ("cradle", "rim", "carry", "below", "nip", "above", "tips", "lip"),
     "0010": ("neck", "side", "oblique", "above", "low", "tips", "reverse", "below"),
     "0011": ("neck", "side", "above", "tips", "oblique", "reverse", "cradle", "below"),
     "0012": ("stem", "side", "above", "foot", "tips", "oblique", "rim", "pinch"),
@@ -58,6 +59,7 @@ HOLD_KINDS: dict[str, tuple[str, ...]] = {
 #: Fingers that a kind of hold puts into the mouth.
 FINGERS_INSIDE: dict[str, tuple[str, ...]] = {
     "rim": ("thumb",),
+    "nip": ("thumb",),
     "carry": ("thumb",),
     "lip": ("index", "middle", "ring", "little"),
 }
@@ -112,9 +114,22 @@ def pose_from_axis(
     return pose
 
 
-def _plan(thumb: Action, *others: Action) -> dict[str, Action]:
-    chosen = others if len(others) == 4 else others * 4
-    return {"thumb": thumb, **dict(zip(_FINGERS, chosen, strict=True))}
+def finger_plan(kind: str) -> dict[str, Action]:
+    """What each finger does in a kind of hold."""
+    two: tuple[Action, ...] = ("tip", "tip", "free", "free")
+    thumb: Action = "inside" if kind in ("rim", "nip", "carry") else "tip"
+    others: tuple[Action, ...]
+    if kind in ("pinch", "stem", "foot", "nip"):
+        others = two
+    elif kind == "handle":
+        others = ("hook", "hook", "free", "free")
+    elif kind == "lip":
+        others = ("inside",) * 4
+    elif kind in ("tips", "above", "below", "rim", "carry"):
+        others = ("tip",) * 4
+    else:
+        others = ("wrap",) * 4
+    return {"thumb": thumb, **dict(zip(_FINGERS, others, strict=True))}
 
 
 _Draw = Callable[[float, float], float]
@@ -143,7 +158,7 @@ def _power(item: GlassObject, kind: str, s: float, draw: _Draw) -> tuple[Placeme
     point = np.array([-0.004 + draw(-0.004, 0.004), y, 0.10]) * s
     # A handle stands away from the palm, toward the fingers' tips or the thumb's.
     pose = pose_from_axis(up, point, height, (0, 0.4 * draw(-1, 1), 1), draw(-0.2, 0.2))
-    return Placement(pose, _plan("tip", "wrap")), np.array([0.0, 0.0, -1.0])
+    return Placement(pose, finger_plan(kind)), np.array([0.0, 0.0, -1.0])
 
 
 def _tips(item: GlassObject, kind: str, s: float, draw: _Draw) -> Placement:
@@ -159,8 +174,7 @@ def _tips(item: GlassObject, kind: str, s: float, draw: _Draw) -> Placement:
     point = np.array([x, draw(0.070, 0.100), 0.0]) * s
     point[2] = radius + draw(0.026, 0.046) * s
     pose = pose_from_axis(up, point, height, (0, 0.3, 1), draw(-0.4, 0.4))
-    plan = _plan("tip", "tip", "tip", "free", "free") if kind == "pinch" else _plan("tip", "tip")
-    return Placement(pose, plan, 0.008)
+    return Placement(pose, finger_plan(kind), 0.012)
 
 
 def _around(item: GlassObject, kind: str, s: float, draw: _Draw) -> Placement:
@@ -180,20 +194,20 @@ def _around(item: GlassObject, kind: str, s: float, draw: _Draw) -> Placement:
     point = base + draw(0.050, 0.085) * s * away + side * draw(-0.012, 0.012) * s
     point = point + np.array([0.0, 0.0, 0.3 * (radius - 0.03)])
     pose = pose_from_axis(up, point, height, (1, 0, 0.4), draw(-0.8, 0.8))
-    return Placement(pose, _plan("tip", "tip"), 0.008)
+    return Placement(pose, finger_plan(kind), 0.008)
 
 
 def _cradle(item: GlassObject, s: float, draw: _Draw) -> tuple[Placement, Array]:
     up = np.array([draw(-0.15, 0.15), draw(-0.30, 0.10), 1.0])
     point = np.array([draw(-0.008, 0.006), draw(0.062, 0.086), 0.08]) * s
     pose = pose_from_axis(up, point, 0.0, (draw(-1, 1), 1, 0))
-    return Placement(pose, _plan("tip", "wrap")), np.array([0.0, 0.0, -1.0])
+    return Placement(pose, finger_plan("cradle")), np.array([0.0, 0.0, -1.0])
 
 
 def _rim(item: GlassObject, kind: str, s: float, draw: _Draw) -> Placement:
     """The wall between thumb and fingers, near the mouth; one of them is inside."""
-    if kind == "rim":  # the hand above, its forearm over the mouth or beside it
-        slope = np.deg2rad(draw(0, 50))
+    if kind in ("rim", "nip"):  # the hand above, its forearm over the mouth or beside it
+        slope = np.deg2rad(draw(0, 50) if kind == "rim" else draw(25, 80))
         pinch = np.array([draw(0.010, 0.032), draw(0.090, 0.115), draw(0.040, 0.065)]) * s
         out = np.array([draw(-0.3, 0.1), np.cos(slope), -np.sin(slope)])
         up = np.array([draw(-0.25, 0.25), -np.sin(slope), -np.cos(slope)])
@@ -215,8 +229,7 @@ def _rim(item: GlassObject, kind: str, s: float, draw: _Draw) -> Placement:
     height = item.height - depth
     radius = item.outer_radius(height) - 0.001
     pose = pose_from_axis(up, pinch - radius * out, height, -out, draw(-0.3, 0.3))
-    plan = _plan("tip", "inside") if kind == "lip" else _plan("inside", "tip")
-    return Placement(pose, plan, 0.006)
+    return Placement(pose, finger_plan(kind), 0.006)
 
 
 def _stem(item: GlassObject, s: float, draw: _Draw) -> Placement:
@@ -225,7 +238,7 @@ def _stem(item: GlassObject, s: float, draw: _Draw) -> Placement:
     up = np.array([1.0, draw(-0.5, 0.3), draw(-0.4, 0.2)])
     point = np.array([draw(0.020, 0.038), draw(0.090, 0.115), draw(0.045, 0.070)]) * s
     pose = pose_from_axis(up, point, height, (0, 0, 1), draw(-3, 3))
-    return Placement(pose, _plan("tip", "tip", "tip", "free", "free"), 0.010)
+    return Placement(pose, finger_plan("stem"), 0.010)
 
 
 def _foot(item: GlassObject, s: float, draw: _Draw) -> Placement:
@@ -238,7 +251,7 @@ def _foot(item: GlassObject, s: float, draw: _Draw) -> Placement:
     height = 0.0015
     point = pinch + out * (foot - draw(0.008, 0.014))
     pose = pose_from_axis(up, point, height, out, draw(-3, 3))
-    return Placement(pose, _plan("tip", "tip", "tip", "free", "free"), 0.010)
+    return Placement(pose, finger_plan("foot"), 0.010)
 
 
 def _handle(item: GlassObject, s: float, draw: _Draw) -> Placement:
@@ -251,7 +264,7 @@ def _handle(item: GlassObject, s: float, draw: _Draw) -> Placement:
     bar = np.array([draw(0.002, 0.016), draw(0.086, 0.112), draw(0.020, 0.048)]) * s
     height = middle + draw(-0.004, 0.006)
     pose = pose_from_axis(up, bar + reach * body, height, -body, draw(-0.15, 0.15))
-    return Placement(pose, _plan("tip", "hook", "hook", "free", "free"), 0.002)
+    return Placement(pose, finger_plan("handle"), 0.002)
 
 
 def draw_placement(
@@ -284,7 +297,7 @@ def draw_placement(
         return _tips(item, kind, scale, draw), None
     if kind in ("above", "below"):
         return _around(item, kind, scale, draw), None
-    if kind in ("rim", "carry", "lip"):
+    if kind in ("rim", "nip", "carry", "lip"):
         return _rim(item, kind, scale, draw), None
     if kind == "stem":
         return _stem(item, scale, draw), None

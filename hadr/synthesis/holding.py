@@ -24,6 +24,7 @@ from hadr.synthesis.closing import (
 )
 from hadr.synthesis.contact import TOUCH, ContactReport, check_contact
 from hadr.synthesis.glass_clearance import ClearanceTable, clearance_table
+from hadr.synthesis.hand_shapes import draw_hand_shape
 from hadr.synthesis.hold_kinds import FINGERS_INSIDE, HOLD_KINDS, Placement, draw_placement
 from hadr.synthesis.objects import GlassObject, glass_object
 
@@ -147,6 +148,11 @@ def search_hold(
     return best[1], best[2], best[3], attempts
 
 
+def mirrored_pose(wrist_from_object: Array) -> Array:
+    """The object's pose in the other hand, shape (4, 4); objects are their own mirror image."""
+    return _MIRROR_X @ wrist_from_object @ _MIRROR_Y
+
+
 def hold_kind(object_id: str, number: int) -> str:
     """The kind of an object's hold number ``number``.
 
@@ -158,10 +164,6 @@ def hold_kind(object_id: str, number: int) -> str:
         raise ValueError(f"number of a hold starts at 0, got {number}")
     kinds = HOLD_KINDS[object_id]
     return kinds[number % len(kinds)]
-
-
-def _draw_shape(rng: np.random.Generator, side: Side) -> HandShape:
-    return HandShape(side, float(rng.uniform(0.88, 1.07)))
 
 
 @lru_cache(maxsize=64)
@@ -182,9 +184,9 @@ def make_hold(object_id: str, number: int, seed: int = 0) -> Hold:
     kind = hold_kind(object_id, number)
     rng = np.random.default_rng([seed, int(object_id), number, 11])
     side: Side = "right" if rng.random() < 0.6 else "left"
-    shape = _draw_shape(rng, side)
+    shape = draw_hand_shape(rng, side)
     angles, pose, report, _ = search_hold(object_id, kind, shape, rng)
     if side == "left":
-        pose = _MIRROR_X @ pose @ _MIRROR_Y
+        pose = mirrored_pose(pose)
     name = f"{object_id}-{kind}-{number:04d}"
     return Hold(name, object_id, kind, shape, angles, pose, report.gaps)
