@@ -15,7 +15,19 @@ from dataclasses import asdict, is_dataclass
 from pathlib import Path
 from typing import Any
 
-PROVENANCE_PACKAGES = ("hadr", "numpy", "scipy", "torch", "transformers", "trimesh", "embreex")
+PROVENANCE_PACKAGES = (
+    "hadr",
+    "numpy",
+    "scipy",
+    "torch",
+    "transformers",
+    "trimesh",
+    "embreex",
+    "opencv-python-headless",
+    "mitsuba",
+    "pyoidn",
+    "dask",
+)
 
 
 def machine_text() -> str:
