@@ -19,7 +19,7 @@ Array = npt.NDArray[np.float64]
 #: Bone 0 is palm and forearm; bone 1 + 3 i + j is bone j of finger i (thumb 0 .. little 4).
 BONE_COUNT = 16
 #: Grids of the templates, metres.
-COARSE_STEP, MIDDLE_STEP, FINE_STEP = 0.0038, 0.0024, 0.0013
+COARSE_STEP, MIDDLE_STEP, FINE_STEP = 0.0038, 0.0027, 0.0013
 # Half a difference quotient's width each way, metres.
 _NEAR = (0.0008, -0.0008)
 
