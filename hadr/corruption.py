@@ -23,7 +23,13 @@ class CorruptionConfig:
 
     The models act in the order in which the light meets them, and the oracle comes last.
 
+    The shares of `see_through` are those of two real D435 frames of ClearGrasp (their mean; each
+    frame counts once): of the pixels inside the mask whose true depth is known, 45.4 % and 74.6 %
+    are missing, 46.8 % and 15.6 % lie more than 1 cm behind the surface, 7.8 % and 9.8 % do not.
+
     Attributes:
+        captured: Start from the depth that a camera, real or simulated, has measured, and not
+            from the true one (see `hadr.synthesis.depth_camera`).
         erase: Oracle: every pixel of the true object mask is missing (ledger, row 8).
         see_through: Inside the mask the depth is missing or the background's.
         missing_share: Share of the mask that is missing under `see_through`, 0..1.
@@ -38,18 +44,23 @@ class CorruptionConfig:
 
     erase: bool = True
     see_through: bool = False
-    missing_share: float = 0.45
-    background_share: float = 0.45
+    missing_share: float = 0.60
+    background_share: float = 0.31
     stereo: bool = False
     baseline_m: float = 0.055
     disparity_step: float = 1 / 8
     disparity_std: float = 0.1
     edges: bool = False
     ellipses: bool = False
+    captured: bool = False
 
 
+#: No depth in the object's mask, as the published experiments have it.
 ORACLE = CorruptionConfig()
+#: A stereo camera imitated by formulas: patches, disparity noise, frayed outlines.
 SENSOR = CorruptionConfig(erase=False, see_through=True, stereo=True, edges=True)
+#: What a depth camera measured, taken as it is.
+CAPTURED = CorruptionConfig(erase=False, captured=True)
 
 
 @dataclass(frozen=True)
@@ -201,8 +212,8 @@ def see_through(
     mask: BoolArray,
     rng: np.random.Generator,
     *,
-    missing_share: float = 0.45,
-    background_share: float = 0.45,
+    missing_share: float = CorruptionConfig.missing_share,
+    background_share: float = CorruptionConfig.background_share,
     blob_px: float = 4.0,
 ) -> FloatArray:
     """Let the camera look through the glass.
@@ -297,6 +308,7 @@ def corrupt(
     rng: np.random.Generator,
     config: CorruptionConfig = ORACLE,
     background_depth: FloatArray | None = None,
+    raw_depth: FloatArray | None = None,
 ) -> FloatArray:
     """Apply the chosen models in physical order.
 
@@ -307,34 +319,39 @@ def corrupt(
         rng: Source of randomness.
         config: Which models, and how strongly; the default is the paper's oracle.
         background_depth: z-depth without the object in metres; `see_through` needs it.
+        raw_depth: z-depth that a camera measured, in metres; `captured` needs it.
 
     Returns:
         Corrupted depth in metres, shape (H, W), 0 where missing.
 
     Raises:
-        ValueError: `see_through` without `background_depth`, or shapes differ.
+        ValueError: `see_through` without `background_depth`, `captured` without `raw_depth`, or
+            shapes differ.
     """
     _check_same_shape(depth, mask, "mask")
     corrupted = depth.astype(np.float32)
+    if config.captured:
+        if raw_depth is None:
+            raise ValueError("captured needs raw_depth (H, W), got None")
+        _check_same_shape(depth, raw_depth, "raw_depth")
+        corrupted = np.where(valid_depth(raw_depth), raw_depth, 0.0).astype(np.float32)
     if config.see_through:
         if background_depth is None:
             raise ValueError("see_through needs background_depth (H, W), got None")
+        shares = (config.missing_share, config.background_share)
         corrupted = see_through(
             corrupted,
             background_depth,
             mask,
             rng,
-            missing_share=config.missing_share,
-            background_share=config.background_share,
+            missing_share=shares[0],
+            background_share=shares[1],
         )
     if config.stereo:
+        step, std = config.disparity_step, config.disparity_std
+        baseline = config.baseline_m
         corrupted = stereo_noise(
-            corrupted,
-            camera,
-            rng,
-            baseline_m=config.baseline_m,
-            disparity_step=config.disparity_step,
-            disparity_std=config.disparity_std,
+            corrupted, camera, rng, baseline_m=baseline, disparity_step=step, disparity_std=std
         )
     if config.edges:
         corrupted = edge_noise(corrupted, rng)

@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 
 from hadr.camera import Intrinsics
 from hadr.corruption import (
+    CAPTURED,
     SENSOR,
     CorruptionConfig,
     corrupt,
@@ -238,6 +239,36 @@ def test_corrupt_is_the_oracle_by_default_and_repeats_with_the_seed() -> None:
     )
     erased = corrupt(depth, mask, CAMERA, np.random.default_rng(0), everything, plane(1.3))
     assert (erased[mask] == 0).all()
+
+
+def test_a_captured_depth_replaces_the_true_one() -> None:
+    depth, mask = two_steps(), disc()
+    raw = np.full_like(depth, 0.7)
+    raw[:5], raw[5:9] = np.nan, -1.0
+    taken = corrupt(depth, mask, CAMERA, np.random.default_rng(0), CAPTURED, raw_depth=raw)
+    assert (taken[:9] == 0).all()
+    assert (taken[9:] == np.float32(0.7)).all()
+    assert taken.dtype == np.float32
+    with pytest.raises(ValueError, match="captured needs raw_depth"):
+        corrupt(depth, mask, CAMERA, np.random.default_rng(0), CAPTURED)
+    with pytest.raises(ValueError, match=r"depth and raw_depth .* got \(120, 160\) and \(2, 2\)"):
+        corrupt(depth, mask, CAMERA, np.random.default_rng(0), CAPTURED, raw_depth=np.ones((2, 2)))
+
+
+def test_the_default_shares_are_the_real_ones(realdata) -> None:
+    """Missing, and more than 1 cm behind: the mean of two real frames, each counting once."""
+    shares = []
+    for scene in ("000000080", "000000130"):
+        folder = realdata / "cleargrasp_d435"
+        raw = np.nan_to_num(read_depth(folder / f"{scene}-transparent-depth-img.exr"))
+        truth = np.nan_to_num(read_depth(folder / f"{scene}-opaque-depth-img.exr"))
+        known = read_mask(folder / f"{scene}-mask.png") & (truth > 0)
+        seen = known & (raw > 0)
+        behind = seen & (raw - truth > 0.01)
+        shares.append((1 - seen.sum() / known.sum(), behind.sum() / known.sum()))
+    missing, background = np.mean(shares, axis=0)
+    assert CorruptionConfig().missing_share == pytest.approx(missing, abs=0.01)
+    assert CorruptionConfig().background_share == pytest.approx(background, abs=0.01)
 
 
 def test_statistics_of_a_hand_made_picture() -> None:

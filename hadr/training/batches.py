@@ -11,15 +11,19 @@ import torch
 from torch import Tensor
 
 from hadr.camera import resize_depth, resize_mask
-from hadr.corruption import ORACLE, SENSOR, CorruptionConfig, corrupt
+from hadr.corruption import CAPTURED, ORACLE, SENSOR, CorruptionConfig, corrupt
 from hadr.data.augmentation import augment_color
 from hadr.models.hadr import HADRInput, frame_to_input, stack_inputs
 
 if TYPE_CHECKING:
     from hadr.data.transhand import Frame
 
-Corruption = Literal["oracle", "sensor"]
-CORRUPTIONS: dict[str, CorruptionConfig] = {"oracle": ORACLE, "sensor": SENSOR}
+Corruption = Literal["oracle", "analytic", "sensor"]
+CORRUPTIONS: dict[str, CorruptionConfig] = {
+    "oracle": ORACLE,
+    "analytic": SENSOR,
+    "sensor": CAPTURED,
+}
 
 
 @dataclass(frozen=True)
@@ -67,21 +71,28 @@ def load_frames(
         frames: Frames with true depth.
         size: (width, height) in pixels.
         corruption: "oracle" erases the depth of the whole object, as the published experiments do;
-            "sensor" simulates an active-stereo camera, which loses part of it, sees the background
-            through the rest, and frays the outlines (ledger, row 8).
-        seed: Seed of the simulated sensor.
+            "analytic" imitates an active-stereo camera by formulas: it loses part of the depth,
+            sees the background through the rest, and frays the outlines; "sensor" takes the
+            frame's raw depth, measured by a real or simulated camera (ledger, row 8).
+        seed: Seed of the analytic models.
 
     Returns:
         The frames.
 
     Raises:
-        ValueError: There is no frame, or `corruption` is unknown.
+        ValueError: There is no frame, `corruption` is unknown, or a frame lacks the raw depth
+            that "sensor" takes; the message names it.
     """
     if corruption not in CORRUPTIONS:
         raise ValueError(f"corruption must be one of {sorted(CORRUPTIONS)}, got {corruption!r}")
     rng = np.random.default_rng(seed)
     inputs, depths, hands, stems = [], [], [], []
     for frame in frames:
+        if corruption == "sensor" and frame.raw_depth is None:
+            raise ValueError(
+                f"frame {frame.object_id}/{frame.stem} has no raw depth, which the corruption "
+                "'sensor' takes; make frames with --sensor, or choose 'analytic' or 'oracle'"
+            )
         corrupted = corrupt(
             frame.depth,
             frame.object_mask,
@@ -89,6 +100,7 @@ def load_frames(
             rng,
             CORRUPTIONS[corruption],
             frame.background_depth,
+            frame.raw_depth,
         )
         one = frame_to_input(
             frame.color, corrupted, frame.object_mask, frame.keypoints, frame.camera, size

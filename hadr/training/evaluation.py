@@ -20,7 +20,7 @@ from hadr.metrics import DepthMetrics, format_table, frame_metrics, mean_over_fr
 from hadr.models.baselines import classical
 from hadr.models.hadr import HADR, HADROutput
 from hadr.provenance import provenance, write_json
-from hadr.training.batches import FrameTensors, load_frames
+from hadr.training.batches import CORRUPTIONS, FrameTensors, load_frames
 
 Restorer = Callable[[FrameTensors, int], FloatArray]
 """From the frames and a frame's number to restored z-depth in metres, shape (H, W)."""
@@ -195,7 +195,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("data", nargs="+", help="folders in TransHand's layout; one table each")
     parser.add_argument("--split", default="test", choices=("train", "val", "test"))
     parser.add_argument("--titles", nargs="+", help="names of the tables instead of the folders'")
-    parser.add_argument("--corruption", default="oracle", choices=("oracle", "sensor"))
+    parser.add_argument("--corruption", default="oracle", choices=tuple(CORRUPTIONS))
     parser.add_argument("--seed", type=int, default=0, help="seed of the simulated sensor")
     parser.add_argument("--out", help="write the tables as JSON with their provenance")
 

@@ -22,7 +22,13 @@ from tqdm import tqdm
 from hadr.metrics import mean_over_frames
 from hadr.models.hadr import HADR, masked_rays
 from hadr.provenance import provenance
-from hadr.training.batches import FrameTensors, augment_batch, batches, load_frames
+from hadr.training.batches import (
+    CORRUPTIONS,
+    FrameTensors,
+    augment_batch,
+    batches,
+    load_frames,
+)
 from hadr.training.checkpoints import (
     adam_state,
     load_checkpoint,
@@ -257,8 +263,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--corruption",
         default="oracle",
-        choices=("oracle", "sensor"),
-        help="oracle: no depth in the object's mask; sensor: a simulated stereo camera (oracle)",
+        choices=tuple(CORRUPTIONS),
+        help="oracle: no depth in the object's mask; analytic: a stereo camera imitated by "
+        "formulas; sensor: the frames' raw depth (oracle)",
     )
     parser.add_argument("--objects", nargs="+", metavar="ID", help="train on these objects only")
     parser.add_argument("--seed", type=int, default=0, help="seed of everything (0)")

@@ -1,7 +1,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
 
@@ -20,14 +22,34 @@ def test_oracle_erases_the_object_and_nothing_else(glass_frame: Callable[..., Fr
     assert loaded.hand_mask.sum() == 5 * 5
 
 
-def test_the_simulated_sensor_keeps_some_depth_and_follows_the_seed(
+def test_the_analytic_models_keep_some_depth_and_follow_the_seed(
     glass_frame: Callable[..., Frame],
 ) -> None:
-    one, two, three = (load_frames([glass_frame()], (32, 24), "sensor", seed) for seed in (1, 1, 2))
+    one, two, three = (
+        load_frames([glass_frame()], (32, 24), "analytic", seed) for seed in (1, 1, 2)
+    )
     assert torch.equal(one.inputs.depth, two.inputs.depth)
     assert not torch.equal(one.inputs.depth, three.inputs.depth)
     inside = one.inputs.depth[0][one.inputs.mask[0]]
     assert 0 < (inside > 0.9).float().mean() < 1  # the background shows through
+
+
+def test_the_sensor_is_the_frames_raw_depth_as_it_was_measured(
+    glass_frame: Callable[..., Frame],
+) -> None:
+    frame = glass_frame()
+    raw = np.where(frame.depth > 0, frame.depth + np.float32(0.003), 0).astype(np.float32)
+    raw[frame.object_mask] = 0.83
+    raw[:3] = np.nan
+    loaded = load_frames([replace(frame, raw_depth=raw)], frame.camera.shape[::-1], "sensor")
+    expected = np.nan_to_num(raw)
+    np.testing.assert_array_equal(loaded.inputs.depth[0].numpy(), expected)
+    np.testing.assert_array_equal(loaded.true_depth[0].numpy(), frame.depth)
+
+
+def test_a_frame_without_raw_depth_is_named(glass_frame: Callable[..., Frame]) -> None:
+    with pytest.raises(ValueError, match="frame 0004/000001 has no raw depth"):
+        load_frames([glass_frame()], (32, 24), "sensor")
 
 
 def test_frames_without_object_are_skipped_and_none_at_all_is_an_error(
@@ -37,7 +59,7 @@ def test_frames_without_object_are_skipped_and_none_at_all_is_an_error(
     assert loaded.stems == ("0004/2",)
     with pytest.raises(ValueError, match="no frames"):
         load_frames([glass_frame("1", 0)], (32, 24))
-    with pytest.raises(ValueError, match=r"one of \['oracle', 'sensor'\], got 'rain'"):
+    with pytest.raises(ValueError, match=r"one of \['analytic', 'oracle', 'sensor'\], got 'rain'"):
         load_frames([glass_frame()], (32, 24), "rain")  # type: ignore[arg-type]
 
 
