@@ -87,7 +87,7 @@ def bone_weights(points: Array, shape: HandShape) -> Array:
     )
     to_palm = np.minimum(to_palm, to_finger.min(1) - 0.009)
     to_thumb = _to_segments(points, roots[:1], tips[:1])[:, 0] - 0.012
-    thumb = 1 / (1 + np.exp(-np.clip((to_palm - to_thumb) / 0.0035, -40, 40)))
+    thumb = 1 / (1 + np.exp(-np.clip((to_palm - to_thumb) / 0.005, -40, 40)))
 
     weights = np.zeros((len(points), BONE_COUNT))
     for i, finger in enumerate(fingers):
