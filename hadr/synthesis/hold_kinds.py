@@ -46,7 +46,7 @@ KIND_MEANING: dict[str, str] = {
 HOLD_KINDS: dict[str, tuple[str, ...]] = {
     "0000": ("side", "above", "tips", "rim", "oblique", "cradle", "below", "reverse"),
     "0001": ("stem", "side", "above", "oblique", "foot", "tips", "reverse", "pinch"),
-    "0004": ("side", "stem", "tips", "above", "oblique", "foot", "pinch", "reverse"),
+    "0004": ("side", "stem", "tips", "above", "oblique", "fist", "pinch", "reverse"),
     "0005": ("tips", "side", "cradle", "above", "reverse", "rim", "oblique", "below"),
     "0006": ("side", "neck", "oblique", "above", "low", "tips", "reverse", "below"),
     "0007": ("above", "side", "tips", "cradle", "oblique", "below", "rim", "reverse"),
@@ -242,7 +242,7 @@ def _stem(item: GlassObject, s: float, draw: _Draw) -> Placement:
 
 
 def _foot(item: GlassObject, s: float, draw: _Draw) -> Placement:
-    tilt = np.deg2rad(draw(5, 50))
+    tilt = np.deg2rad(draw(45, 80))
     up = _unit([draw(-0.1, 0.5), -np.cos(tilt), np.sin(tilt)])
     pinch = np.array([draw(0.018, 0.034), draw(0.092, 0.112), draw(0.042, 0.062)]) * s
     out = np.array([draw(-0.3, 0.3), np.sin(tilt), np.cos(tilt)])  # from the pinch to the axis
