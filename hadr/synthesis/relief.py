@@ -55,7 +55,7 @@ class Facets:
         count: Number of planes around the axis.
         apothem: Distance of the planes from the axis at the table, metres.
         slope: Growth of that distance per metre of height.
-        top: Height above which no plane reaches the surface, metres.
+        top: Height where the planes end, metres; they fade out over the last fifth.
         rounding: Width over which edges are rounded, metres.
     """
 
@@ -81,7 +81,8 @@ class Facets:
         within = np.mod(angle + step / 2, step) - step / 2
         plane = (self.apothem + self.slope * np.maximum(z, 0.0)) / np.cos(within)
         near = np.maximum(self.rounding - np.abs(plane - radius), 0.0)
-        return np.asarray(np.minimum(plane - radius, 0.0) - near**2 / (4 * self.rounding))
+        cut = np.minimum(plane - radius, 0.0) - near**2 / (4 * self.rounding)
+        return np.asarray(cut * _rise(5.0 * (1.0 - z / self.top)))
 
 
 @dataclass(frozen=True)
