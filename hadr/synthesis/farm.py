@@ -65,7 +65,7 @@ def run_tasks(
                 threads_per_worker=1,
                 processes=True,
                 memory_limit=0,
-                dashboard_address=None,
+                dashboard_address=":0",
                 silence_logs=logging.CRITICAL,
             )
             client = Client(stack.enter_context(cluster))

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-import importlib
 import importlib.util
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from hadr.camera import project, transform_points
+from hadr.synthesis.backgrounds import find_backgrounds
+from hadr.synthesis.depth_camera import StereoCamera, capture_depth
 from hadr.synthesis.frame_pictures import DisparityScale
 from hadr.synthesis.frame_recipes import FrameRecipe
 from hadr.synthesis.generation_presets import Engine, GenerationSettings, Quality
 from hadr.synthesis.holding import Hold, make_hold
+from hadr.synthesis.objects import OBJECTS
+from hadr.synthesis.photo import photograph
+from hadr.synthesis.recordings import find_recordings, read_recording
 from hadr.synthesis.scene import Scene, make_scene
 from hadr.synthesis.transhand_frame import Frame
 
@@ -34,11 +37,6 @@ def check_engine(engine: Engine) -> None:
             )
 
 
-def mitsuba_variant(wanted: str | None = None) -> str:
-    """The variant of Mitsuba to draw with: the wanted one, or the fastest that works here."""
-    return wanted or str(importlib.import_module("hadr.synthesis.photo").mitsuba_variant())
-
-
 def stored_raw_depth(
     raw: npt.NDArray[np.float32], settings: GenerationSettings
 ) -> tuple[npt.NDArray[np.float32], float | DisparityScale]:
@@ -47,8 +45,7 @@ def stored_raw_depth(
     Disparity is stored in steps of 1/16 pixel, beyond 1 m of 1/8 pixel: there a real D435's noise
     is larger than that.
     """
-    depth_camera = importlib.import_module("hadr.synthesis.depth_camera")
-    camera = depth_camera.StereoCamera()
+    camera = StereoCamera()
     if settings.raw_format == "depth":
         return raw, float(camera.step)
     scale = DisparityScale(camera.focal * camera.baseline, 1 / 16, camera.step)
@@ -61,22 +58,17 @@ def _number(seed: int, index: int, purpose: int) -> int:
 
 
 @lru_cache(maxsize=4)
-def _recordings(folder: Path, object_id: str) -> tuple[Path, ...]:
-    """The recordings of an object, by the number at the end of their names."""
-    finder = importlib.import_module("hadr.synthesis.recordings")
-    found = [Path(p) for p in finder.find_recordings(folder)]
-    own = [p for p in found if object_id in (p.parent.name, p.stem.split("-")[0])]
-
-    def key(path: Path) -> tuple[int, str]:
-        number = path.stem.rsplit("-", 1)[-1]
-        return (int(number) if number.isdigit() else 0, path.name)
-
-    return tuple(sorted(own, key=key))
+def _recordings_by_object(folder: Path) -> dict[str, tuple[Path, ...]]:
+    """The recordings of each object; most say in their name which it is."""
+    found: dict[str, tuple[Path, ...]] = {}
+    for path in find_recordings(folder):
+        names = [n for n in (path.parent.name, path.stem.split("-")[0]) if n in OBJECTS]
+        object_id = names[0] if names else _read_recording(path).object_id
+        found[object_id] = (*found.get(object_id, ()), path)
+    return found
 
 
-@lru_cache(maxsize=4)
-def _read_recording(path: Path) -> Any:
-    return importlib.import_module("hadr.synthesis.recordings").read_recording(path)
+_read_recording = lru_cache(maxsize=4)(read_recording)
 
 
 def recipe_hold(recipe: FrameRecipe, seed: int, recordings: str | Path | None = None) -> Hold:
@@ -92,7 +84,7 @@ def recipe_hold(recipe: FrameRecipe, seed: int, recordings: str | Path | None = 
     """
     if recordings is None:
         return make_hold(recipe.object_id, recipe.hold_number, seed)
-    files = _recordings(Path(recordings), recipe.object_id)
+    files = _recordings_by_object(Path(recordings)).get(recipe.object_id, ())
     if recipe.hold_number >= len(files):
         raise ValueError(
             f"frame {recipe.index} needs recording number {recipe.hold_number} of object "
@@ -100,8 +92,7 @@ def recipe_hold(recipe: FrameRecipe, seed: int, recordings: str | Path | None = 
         )
     recording = _read_recording(files[recipe.hold_number])
     row = np.random.default_rng([seed, recipe.index, 13]).integers(len(recording.time))
-    hold: Hold = recording.at(int(row))
-    return hold
+    return recording.at(int(row))
 
 
 def build_scene(
@@ -120,8 +111,8 @@ def build_scene(
     step = 0.004 if quality == "fast" else 0.0025
     if backgrounds is None:
         return make_scene(hold, rng, width, height, hand_step=step)
-    found = importlib.import_module("hadr.synthesis.backgrounds").find_backgrounds(backgrounds)
-    return make_scene(hold, rng, width, height, hand_step=step, backgrounds=found)
+    photographs = find_backgrounds(backgrounds)
+    return make_scene(hold, rng, width, height, hand_step=step, backgrounds=photographs)
 
 
 def render_frame(
@@ -186,8 +177,7 @@ def render_scene(recipe: FrameRecipe, settings: GenerationSettings) -> tuple[Sce
     )
     labels = scene.rays.labels(scene.camera, scene.world_from_camera)
     if settings.engine == "photo":
-        photo = importlib.import_module("hadr.synthesis.photo")
-        color = photo.photograph(
+        color = photograph(
             scene,
             seed=_number(settings.seed, recipe.index, 5),
             samples=settings.samples,
@@ -203,8 +193,7 @@ def render_scene(recipe: FrameRecipe, settings: GenerationSettings) -> tuple[Sce
         )
     raw = None
     if settings.sensor:
-        depth_camera = importlib.import_module("hadr.synthesis.depth_camera")
-        raw = depth_camera.capture_depth(scene, _number(settings.seed, recipe.index, 7))
+        raw = capture_depth(scene, _number(settings.seed, recipe.index, 7))
     keypoints = transform_points(np.linalg.inv(scene.world_from_camera), scene.keypoints)
     frame = Frame(
         recipe.stem,

@@ -35,7 +35,6 @@ from hadr.synthesis.frame_recipes import (
 from hadr.synthesis.frame_rendering import (
     build_scene,
     check_engine,
-    mitsuba_variant,
     render_frame,
     render_scene,
     stored_raw_depth,
@@ -43,6 +42,7 @@ from hadr.synthesis.frame_rendering import (
 from hadr.synthesis.generation_folder import generation_folder
 from hadr.synthesis.generation_presets import PRESETS, Engine, GenerationSettings, Quality
 from hadr.synthesis.objects import OBJECTS
+from hadr.synthesis.photo import mitsuba_variant
 from hadr.synthesis.scene import Scene
 from hadr.synthesis.transhand_frame import Normals, frame_log_path, write_frame
 
@@ -158,7 +158,7 @@ def generate_frames(
         raise ValueError(f"n_frames and workers must be positive, got {n_frames} and {workers}")
     check_engine(settings.engine)
     if settings.engine == "photo":
-        settings = replace(settings, variant=mitsuba_variant(settings.variant))
+        settings = replace(settings, variant=settings.variant or mitsuba_variant())
     start, root = time.perf_counter(), Path(root)
     recipes = [settings.recipe(i) for i in range(n_frames)]
     written = 0

@@ -38,7 +38,7 @@ def settings_record(settings: GenerationSettings) -> dict[str, Any]:
     """The settings as plain values; folders that are read from stand for their contents."""
     record = json.loads(json.dumps(asdict(settings)))
     if settings.recordings is not None:
-        record["recordings"] = _digest_folder(settings.recordings, (".csv",))
+        record["recordings"] = _digest_folder(settings.recordings, (".csv", ".json"))
     if settings.backgrounds is not None:
         endings = (".jpg", ".jpeg", ".png", ".bmp", ".webp", ".tif", ".tiff")
         record["backgrounds"] = _digest_folder(settings.backgrounds, endings)

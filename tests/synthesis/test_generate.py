@@ -13,6 +13,7 @@ import pytest
 from hadr.camera import back_project, transform_points
 from hadr.cli import main
 from hadr.data.transhand import TransHand, frame_log_path
+from hadr.hand import forward_kinematics, keypoints_from_skeleton
 from hadr.synthesis.generate import (
     add_arguments,
     frame_recipe,
@@ -20,7 +21,10 @@ from hadr.synthesis.generate import (
     render_frame,
     run,
 )
+from hadr.synthesis.holding import make_hold
 from hadr.synthesis.objects import glass_object, signed_distance
+from hadr.synthesis.recording_motion import record_hold
+from hadr.synthesis.recordings import read_recording, write_recording
 
 SIZE = {"width": 64, "height": 36, "quality": "fast"}
 
@@ -92,7 +96,9 @@ def test_splits_by_frame_holding_and_object():
 def test_the_command_writes_frames(tmp_path, capsys):
     parser = argparse.ArgumentParser()
     add_arguments(parser)
-    line = f"{tmp_path} -n 2 --width 64 --height 36 --quality fast --depth png --jpeg 90"
+    line = (
+        f"{tmp_path} -n 2 --width 64 --height 36 --quality fast --depth png --jpeg 90 --workers 1"
+    )
     assert run(parser.parse_args(line.split())) == 0
     assert "2 frames written" in capsys.readouterr().out
     frame = TransHand(tmp_path, "train")[0]
@@ -207,6 +213,39 @@ def test_the_labels_of_a_frame_agree_with_each_other():
     local = transform_points(np.linalg.inv(camera_from_object), points[frame.object_mask])
     item = glass_object(frame.object_id)
     assert np.abs(signed_distance(item, local)).max() < 1e-3
+
+
+@pytest.fixture(scope="module")
+def recordings(tmp_path_factory):
+    """Two short recordings of one object, whose file's name says nothing of it."""
+    folder = tmp_path_factory.mktemp("recordings")
+    for number in (0, 1):
+        hold = make_hold("0005", number, 3)
+        recording = record_hold(hold, seed=3, seconds=0.3)
+        write_recording(recording, folder / f"take-{number}.csv")
+    return folder
+
+
+def test_recorded_holds_are_shown_at_a_moment_of_theirs(recordings, tmp_path):
+    generate(tmp_path, 4, objects=["0005"], recordings=recordings, **SIZE)
+    frames = TransHand(tmp_path, "train")
+    held = [read_recording(path) for path in sorted(recordings.glob("*.csv"))]
+    assert [f.hold_id for f in frames] == [held[k].hold_id for k in (0, 0, 1, 1)]
+    for frame, recording in zip(frames, (held[k] for k in (0, 0, 1, 1)), strict=True):
+        # Distances between keypoints and object do not depend on where the world is.
+        local = transform_points(
+            np.linalg.inv(frame.camera_from_world @ frame.world_from_object), frame.keypoints
+        )
+        moments = []
+        for row in range(len(recording.time)):
+            joints = forward_kinematics(recording.angles[row], recording.shape).joints
+            own = transform_points(np.linalg.inv(recording.wrist_from_object[row]), joints)
+            moments.append(np.abs(keypoints_from_skeleton(own) - local).max())
+        assert min(moments) < 1e-6
+    with pytest.raises(ValueError, match=r"frame 4 needs recording number 2 .* holds 2 of them"):
+        generate(tmp_path, 6, objects=["0005"], recordings=recordings, **SIZE)
+    with pytest.raises(ValueError, match=r"no folder of recordings|holds no file that ends with"):
+        generate(tmp_path / "b", 1, recordings=tmp_path / "none", **SIZE)
 
 
 def test_frames_per_hold_may_be_two_and_three_in_turn():
