@@ -169,7 +169,7 @@ def _hand_shown(
     skeleton: Skeleton, shape: HandShape, tone: npt.ArrayLike, tolerance: float
 ) -> tuple[Surface, npt.NDArray[np.uint8]]:
     """The hand without its elbow in the wrist frame, and sRGB with opacity per vertex."""
-    full = hand_mesh(skeleton, shape, tone=tone)
+    full = hand_mesh(skeleton, shape, tone=tone, step=0.003)
     length = FOREARM_SHOWN * shape.scale
     hand = simplified(_without_elbow(full.surface, length), tolerance)
     _, nearest = cKDTree(full.surface.vertices).query(hand.vertices)
