@@ -76,7 +76,7 @@ def make_lights(
         rng: Draws the light.
 
     Returns:
-        Light from far away, and two panels above or beside the camera.
+        Light from far away, and one or two panels above or beside the camera.
     """
     back = (eye - middle) / np.linalg.norm(eye - middle)
     sun = back + np.array([0, 0, rng.uniform(0.3, 1.0)]) + 0.8 * rng.normal(size=3)
@@ -97,7 +97,7 @@ def make_lights(
             [1.0, 0.95, 0.85], dtype=np.float32
         )
     lamps = []
-    for number in range(2):
+    for number in range(2 if rng.random() < 0.35 else 1):
         toward = 0.9 * back + np.array([0, 0, 0.7]) + 0.55 * rng.normal(size=3)
         toward /= np.linalg.norm(toward)
         center = middle + toward * rng.uniform(1.5, 2.2)

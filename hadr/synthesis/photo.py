@@ -14,9 +14,11 @@ import sys
 from functools import lru_cache
 from typing import Any
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
+from hadr.camera import ray_directions
 from hadr.synthesis.mitsuba_scene import mitsuba_sensor, scene_to_mitsuba
 from hadr.synthesis.scene import Scene
 from hadr.synthesis.sensor_noise import ColorCamera, develop
@@ -131,7 +133,34 @@ def trace(
         return np.nan_to_num(np.asarray(picture, dtype=np.float32), posinf=0.0, neginf=0.0)
 
     light, guides = draw(paths), draw(first)
-    return light[..., :3], guides[..., -6:-3], guides[..., -3:]
+    albedo, normal = np.clip(guides[..., -6:-3], 0, 1), guides[..., -3:]
+    _look_through_glass(scene, albedo)
+    return light[..., :3], albedo, normal
+
+
+def _look_through_glass(scene: Scene, albedo: Light) -> None:
+    """Put the reflectance of what is behind glass into its pixels, from four rays each."""
+    camera, pose = scene.camera, scene.world_from_camera
+    directions = ray_directions(camera).reshape(-1, 3) @ pose[:3, :3].T
+    glass = scene.rays.glass_alone(np.broadcast_to(pose[:3, 3], directions.shape), directions)
+    wide = cv2.dilate(glass.reshape(camera.shape).astype(np.uint8), np.ones((3, 3), np.uint8))
+    v, u = np.nonzero(wide)
+    if not len(v):
+        return
+    total = np.zeros((len(v), 3))
+    for du, dv in ((-0.3, -0.1), (0.1, -0.3), (0.3, 0.1), (-0.1, 0.3)):
+        local = np.stack(
+            [
+                (u + du - camera.cx) / camera.fx,
+                (v + dv - camera.cy) / camera.fy,
+                np.ones(len(u)),
+            ],
+            axis=1,
+        )
+        local /= np.linalg.norm(local, axis=1, keepdims=True)
+        origins = np.broadcast_to(pose[:3, 3], local.shape)
+        total += scene.rays.reflectance(origins, local @ pose[:3, :3].T, 1.0 / camera.fx)
+    albedo[v, u] = total / 4
 
 
 def denoise(light: Light, albedo: Light, normal: Light) -> Light:

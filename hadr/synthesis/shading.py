@@ -249,6 +249,54 @@ class RayScene(RayCaster):
             )
         return color
 
+    def reflectance(
+        self, origins: Array, directions: Array, pixel: float, *, bounces: int = 10
+    ) -> Array:
+        """Reflectance of what rays end on, through the glass and tinted by it, (N, 3).
+
+        Args:
+            origins: World frame, metres, shape (N, 3).
+            directions: Unit directions of looking, shape (N, 3).
+            pixel: Width of a pixel as a tangent, for the choice of the texture's level.
+            bounces: Most interfaces that a ray may cross.
+        """
+        n = len(origins)
+        result, unused = np.ones((n, 3)), np.zeros((n, 3))
+        o, d = np.array(origins, dtype=float), np.array(directions, dtype=float)
+        weight, travelled = np.ones((n, 3)), np.zeros(n)
+        inside, row = np.zeros(n, dtype=np.int64), np.arange(n)
+        for _ in range(bounces):
+            hits = self._trace(self._all, o, d)
+            clear = self._kinds[hits.mesh] == GLASS
+            for number, (kind, _) in enumerate(self._opaque):
+                k = np.flatnonzero(hits.mesh == number)
+                if not len(k):
+                    continue
+                if kind == SURROUNDINGS and self.surroundings is not None:
+                    footprint = (travelled[k] + hits.distance[k]) * pixel
+                    found = self._picture(self.surroundings, hits, k, footprint)
+                elif self.hand is not None:
+                    found = self.hand.albedo[self.hand.surface.faces[hits.face[k], 0]]
+                result[row[k]] = weight[k] * found
+            k = np.flatnonzero(clear)
+            if not len(k):
+                break
+            part = Hits(*(getattr(hits, f)[k] for f in ("distance", "mesh", "face", "u", "v")))
+            o, d, weight, travelled, inside, row = self._cross(
+                o[k],
+                d[k],
+                weight[k],
+                travelled[k],
+                inside[k],
+                row[k],
+                part,
+                unused,
+                pixel,
+                None,
+                bounces,
+            )
+        return result
+
     def _cross(
         self,
         o: Array,

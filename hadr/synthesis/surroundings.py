@@ -407,9 +407,9 @@ def make_surroundings(
             spot = middle + flat * rng.uniform(-0.15, 0.6) + side * rng.uniform(-0.45, 0.45)
             _sheet(stage, choice, np.array([spot[0], spot[1], level]))
     for _ in range(int(rng.integers(3, 9))):
-        away = float(rng.uniform(0.3, 0.95 * beyond if level < floor + 0.01 else 0.9))
-        spread = 0.55 * (away + float(np.linalg.norm(ahead)))
-        spot = middle + flat * away + side * rng.uniform(-spread, spread)
+        reach_out = float(rng.uniform(0.3, 0.95 * beyond if level < floor + 0.01 else 0.9))
+        spread = 0.55 * (reach_out + float(np.linalg.norm(ahead)))
+        spot = middle + flat * reach_out + side * rng.uniform(-spread, spread)
         extent = float(rng.uniform(0.04, 0.11)) * (1.0 if level > floor else 2.2)
         place = np.array([spot[0], spot[1], level])
         # Nothing may stand in hand or glass, or right before the camera.
