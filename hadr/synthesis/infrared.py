@@ -160,7 +160,7 @@ class InfraredScene:
         if self._packets is not None and len(shaded):
             tree, packets = self._packets
             blur = 0.5 * self._projector.dot_width * np.maximum(distance[shaded], 0.2)[:, None]
-            gap, which = tree.query(points[shaded], k=24, distance_upper_bound=0.008)
+            gap, which = tree.query(points[shaded], k=24, distance_upper_bound=3 * blur.max())
             kernel = np.exp(-0.5 * (gap / blur) ** 2) / blur**2
             light[shaded] = (np.append(packets, 0.0)[which] * kernel).sum(1)
         return light
@@ -235,7 +235,7 @@ class InfraredScene:
             uv = (1 - u - v) * around.uv[corners[:, 0]] + u * around.uv[corners[:, 1]]
             uv = uv + v * around.uv[corners[:, 2]]
             texels = 1.3 * ends.length[rows] * pixel / around.repeat[face] * SIZE
-            color = sample(around.picture[face].astype(float), uv, texels) * around.tint[face]
+            color = sample(around.picture[face], uv, texels, around.photographs) * around.tint[face]
             albedo[rows] = 0.25 + 0.55 * np.clip(color @ _GREY, 0.0, 1.0)
         rows = np.flatnonzero(kind == HAND)
         if hand is not None and len(rows):
