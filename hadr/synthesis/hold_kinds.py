@@ -54,7 +54,7 @@ HOLD_KINDS: dict[str, tuple[str, ...]] = {
     "0009": ("cradle", "rim", "carry", "below", "nip", "above", "tips", "lip"),
     "0010": ("neck", "side", "oblique", "above", "low", "tips", "reverse", "below"),
     "0011": ("neck", "side", "above", "tips", "oblique", "reverse", "cradle", "below"),
-    "0012": ("stem", "side", "above", "foot", "tips", "oblique", "rim", "pinch"),
+    "0012": ("stem", "fist", "above", "foot", "nip", "lip", "pinch", "reverse"),
 }
 #: Fingers that a kind of hold puts into the mouth.
 FINGERS_INSIDE: dict[str, tuple[str, ...]] = {

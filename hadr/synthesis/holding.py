@@ -186,7 +186,10 @@ def make_hold(object_id: str, number: int, seed: int = 0) -> Hold:
     side: Side = "right" if rng.random() < 0.6 else "left"
     shape = draw_hand_shape(rng, side)
     angles, pose, report, _ = search_hold(object_id, kind, shape, rng)
-    if side == "left":
-        pose = mirrored_pose(pose)
     name = f"{object_id}-{kind}-{number:04d}"
-    return Hold(name, object_id, kind, shape, angles, pose, report.gaps)
+    hold = Hold(name, object_id, kind, shape, angles, pose, report.gaps)
+    if side == "left":
+        # A thread is not its own mirror image, so the gaps change a little.
+        hold = replace(hold, wrist_from_object=mirrored_pose(pose))
+        hold = replace(hold, gaps=check_hold(hold).gaps)
+    return hold

@@ -207,7 +207,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if given.check:
         problems = verify_recordings(given.out)
         print("\n".join(problems) or "every row of every recording passes")
-        raise SystemExit(bool(problems))
+        raise SystemExit(int(bool(problems)))
     count = made = 0
     for _, new in write_recordings(
         given.out, seed=given.seed, holds=given.holds, objects=given.objects
