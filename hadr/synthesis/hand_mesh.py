@@ -17,27 +17,19 @@ from hadr.synthesis.hand_skinning import posed_vertices, skin_vertices
 from hadr.synthesis.hand_template import COARSE_STEP, FINE_STEP, MIDDLE_STEP, hand_template
 from hadr.synthesis.surfaces import Surface
 
-__all__ = ["FINGER_RADII", "SKIN_TONES", "HandMesh", "hand_mesh", "skin_vertices"]
+__all__ = ["SKIN_TONES", "HandMesh", "hand_mesh", "skin_vertices"]
 
 Array = npt.NDArray[np.float64]
 
 #: Skin tones, linear RGB reflectance, light to dark.
 SKIN_TONES: tuple[tuple[float, float, float], ...] = (
-    (0.76, 0.52, 0.41),
-    (0.68, 0.43, 0.32),
-    (0.58, 0.35, 0.24),
+    (0.70, 0.475, 0.365),
+    (0.63, 0.405, 0.295),
+    (0.55, 0.335, 0.23),
     (0.46, 0.26, 0.17),
     (0.31, 0.17, 0.105),
     (0.19, 0.10, 0.065),
 )
-#: Radii at the four joints of each finger, metres, for a hand of scale 1.
-FINGER_RADII: dict[str, tuple[float, float, float, float]] = {
-    "thumb": (0.0150, 0.0118, 0.0100, 0.0078),
-    "index": (0.0104, 0.0088, 0.0077, 0.0064),
-    "middle": (0.0106, 0.0090, 0.0079, 0.0066),
-    "ring": (0.0102, 0.0085, 0.0074, 0.0062),
-    "little": (0.0090, 0.0074, 0.0065, 0.0055),
-}
 
 
 @dataclass(frozen=True)

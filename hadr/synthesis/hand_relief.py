@@ -168,6 +168,10 @@ def _draw_palm(points: Array, normals: Array, maps: dict[str, Array]) -> None:
     facing = normals[:, 2]
     inner, back = _step(facing, 0.1, 0.6), _step(-facing, 0.1, 0.6)
     maps["palm"] += _step(facing, -0.25, 0.45) * _step(y, -0.03, 0.02)
+    maps["palm"] += 0.5 * _step(facing, -0.4, 0.6) * (1 - _step(y, -0.03, 0.02))
+    # The head of the ulna, on the back of the wrist below the little finger.
+    ulna = np.hypot(x + 0.020, (y + 0.020) * 0.8)
+    maps["height"] += 0.0021 * _step(-facing, -0.1, 0.7) * _bump(ulna, 0.0095)
     hand = (y > -0.02) & (points[:, 2] > -0.02)
     rows = np.flatnonzero(hand & (facing > 0.05))
     wander = noise(points, 0.006, 6)

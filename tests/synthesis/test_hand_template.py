@@ -34,7 +34,7 @@ def test_the_skin_lies_on_the_flesh_but_for_creases_and_nails():
     relief = template.skin.height[hand]
     # The distance is not exact off the surface, and less so where parts meet.
     assert np.median(np.abs(distance - relief)) < 0.0001
-    assert np.abs(template.skin.height).max() < 0.0015
+    assert np.abs(template.skin.height).max() < 0.003
 
 
 @pytest.mark.parametrize("finger", FINGERS)
