@@ -29,7 +29,7 @@ class ColorCamera:
     """
 
     brightness: float = 0.42
-    exposures: tuple[float, float] = (0.7, 2.2)
+    exposures: tuple[float, float] = (0.6, 2.2)
     vignetting: float = 0.10
     blur: float = 0.35
     full_well: float = 14000.0
@@ -59,9 +59,11 @@ def film(light: Light) -> Light:
 
 
 def exposure(light: Light, camera: ColorCamera) -> float:
-    """The factor on the light that a camera's automatic exposure chooses."""
+    """The factor on the light that automatic exposure chooses; few pixels may become white."""
     mean = float(np.minimum(light, 1.0).mean())
-    return float(np.clip(camera.brightness / max(mean, 1e-6), *camera.exposures))
+    bright = float(np.percentile(light, 96))
+    factor = min(camera.brightness / max(mean, 1e-6), 1.15 / max(bright, 1e-6))
+    return float(np.clip(factor, *camera.exposures))
 
 
 def develop(light: Light, rng: np.random.Generator, camera: ColorCamera) -> Picture:

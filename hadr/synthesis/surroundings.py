@@ -186,7 +186,7 @@ class _Choice:
         """A backdrop."""
         if self.photographs:
             return -1 - int(self.rng.integers(self.photographs))
-        names = [f.name for f in FAMILIES if f.place == "view"]
+        names = [f.name for f in FAMILIES if f.place == "view"] + ["leaf_wall", "flowers"]
         weight = {"garden": 3.2, "room": 3.2, "foliage": 1.6, "bookshelf": 1.8, "leaf_wall": 1.4}
         return self.draw(names, [weight.get(name, 1.0) for name in names])
 
@@ -196,7 +196,7 @@ class _Choice:
             return self.view()
         names = ["wood", "tiles", "marble", "terrazzo", "plaid", "print_cloth", "carpet"]
         names += ["pebbles", "grass"]
-        return self.draw(names, [3.5, 1.5, 1.5, 0.8, 1.2, 1.2, 1.0, 0.6, 0.5])
+        return self.draw(names, [3.2, 1.5, 1.2, 0.7, 1.3, 1.4, 1.2, 0.6, 0.5])
 
     def wall(self) -> int:
         """A wall beside the backdrop."""
@@ -212,6 +212,10 @@ class _Choice:
             self.kept.append(self.draw(names, odds, FEW))
             return self.kept[-1]
         return int(self.rng.choice(self.kept))
+
+
+def _is_view(number: int) -> bool:
+    return number < 0 or FAMILIES[number % len(FAMILIES)].place == "view"
 
 
 def _natural(number: int) -> float:
@@ -334,12 +338,18 @@ def make_surroundings(
     height = min(float(rng.uniform(3.4, 5.5)), top - floor - 0.1)
     # A whole number of pictures around; neighbours are mirrored.
     across = FARTHEST * 2 * 1.9 / steps
-    start = rng.random()
+    # Ahead stands about the middle of a picture, not a mirror's line.
+    start = 20 + 0.5 + rng.uniform(-0.2, 0.2) - steps / 2 * across / (height * stage.aspect(far))
     for k in range(steps):
         wide = across / (height * stage.aspect(far))
         corner = np.array([*ring[k][:2], top])
         right = np.array([*(ring[k + 1] - ring[k])[:2], 0.0])
         offset = np.array([start + k * wide, 0.0])
+        if not _is_view(far):
+            grain = _natural(far)
+            offset = np.array([k * across / (grain * stage.aspect(far)), 0.0])
+            stage.quad(corner, right, _UP * (floor - top), far, grain, offset)
+            continue
         middle_height = np.array([0, 0, floor + height - top])
         stage.mirrored(corner + middle_height, right, _UP * -height, far, height, offset)
         stage.stretched(corner, right, middle_height, far, height, offset)
@@ -368,13 +378,14 @@ def make_surroundings(
         left, right_end = -rng.uniform(0.8, 3.0), rng.uniform(0.8, 3.0)
         across_wall = (right_end - left) * along
         tall = 3.4
-        if view < 0 or FAMILIES[view % len(FAMILIES)].place == "view":
+        if _is_view(view):
             # The picture fills the wall's height once.
             tall = float(np.clip(0.65 * distance * rng.uniform(1.0, 1.9), 1.1, 3.6))
             sight = eye[2] + (middle[2] - eye[2]) * distance / np.linalg.norm(ahead)
             bottom = max(float(sight - tall * rng.uniform(0.35, 0.6)), floor)
             corner = np.array([*(center + left * along)[:2], bottom + tall])
-            offset = np.array([rng.random(), 0.0])
+            ahead_at = -left / (tall * stage.aspect(view))
+            offset = np.array([20.5 + rng.uniform(-0.25, 0.25) - ahead_at, 0.0])
             stage.mirrored(corner, across_wall, -tall * _UP, view, tall, offset)
         else:
             corner = np.array([*(center + left * along)[:2], floor + tall])
@@ -403,10 +414,10 @@ def make_surroundings(
         number = choice.ground()
         scale = _natural(number) * float(rng.uniform(0.6, 1.2))
         stage.box(pose, half, number, scale, rng.random(2))
-        for _ in range(int(rng.integers(0, 4))):
+        for _ in range(int(rng.integers(1, 5))):
             spot = middle + flat * rng.uniform(-0.15, 0.6) + side * rng.uniform(-0.45, 0.45)
             _sheet(stage, choice, np.array([spot[0], spot[1], level]))
-    for _ in range(int(rng.integers(3, 9))):
+    for _ in range(int(rng.integers(5, 12))):
         reach_out = float(rng.uniform(0.3, 0.95 * beyond if level < floor + 0.01 else 0.9))
         spread = 0.55 * (reach_out + float(np.linalg.norm(ahead)))
         spot = middle + flat * reach_out + side * rng.uniform(-spread, spread)
