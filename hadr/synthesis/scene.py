@@ -26,7 +26,7 @@ from hadr.synthesis.surroundings import make_surroundings
 Array = npt.NDArray[np.float64]
 
 #: Least and greatest distance of the camera from what is held, metres.
-CLOSEST, FARTHEST = 0.47, 0.98
+CLOSEST, FARTHEST = 0.51, 0.96
 
 
 @dataclass(frozen=True)
