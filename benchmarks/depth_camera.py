@@ -20,6 +20,7 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from hadr.camera import Intrinsics, load_intrinsics, valid_depth
+from hadr.corruption import SENSOR, corrupt
 from hadr.frame_io import read_depth, read_mask
 from hadr.provenance import machine_text, provenance, write_json
 from hadr.synthesis.depth_camera import StereoCamera, capture_depth
@@ -207,6 +208,18 @@ def simulated(
     return found, spent / max(len(scenes), 1)
 
 
+def analytic(scenes: list[Scene], seed: int) -> list[dict[str, float]]:
+    """Errors of the analytic models of `hadr.corruption` on hand-held glass."""
+    found = []
+    rng = np.random.default_rng(seed)
+    for scene in scenes:
+        labels = scene.rays.labels(scene.camera, scene.world_from_camera)
+        truth, glass = labels.depth, labels.object_mask
+        raw = corrupt(truth, glass, scene.camera, rng, SENSOR, labels.background_depth)
+        found.append(errors(raw, truth, glass, labels.hand_mask))
+    return found
+
+
 def real_camera(width: int, height: int) -> Intrinsics:
     """The colour camera of the real frames at another size."""
     path = REAL / "camera_intrinsics.yaml"
@@ -224,9 +237,11 @@ def compare(
     ]
     on_table, _ = simulated(table, seed, camera, held=False)
     in_hand, seconds = simulated(held, seed, camera, held=True)
+    by_formulas = analytic(held, seed)
     columns: dict[str, Any] = {
         "simulated_table": summary(on_table) | {"each": on_table},
         "simulated_held": summary(in_hand) | {"each": in_hand},
+        "analytic_held": summary(by_formulas) | {"each": by_formulas},
     }
     if REAL.is_dir():
         real = real_frames()
@@ -249,9 +264,8 @@ ROWS = (
 
 def print_table(columns: dict[str, Any]) -> None:
     """Print median (low to high) over each column's frames."""
-    names = [
-        name for name in ("real_table", "simulated_table", "simulated_held") if name in columns
-    ]
+    order = ("real_table", "simulated_table", "simulated_held", "analytic_held")
+    names = [name for name in order if name in columns]
     print(f"{'':28}" + "".join(f"{n} ({columns[n]['frames']})".rjust(28) for n in names))
     for key, label, factor, unit in ROWS:
         cells = ""
