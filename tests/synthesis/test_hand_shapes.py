@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 import trimesh
 
 from hadr.hand import HandShape, forward_kinematics
@@ -39,3 +40,8 @@ def test_girth_thickens_the_finger_and_length_lengthens_it():
         sizes.append((np.ptp(finger[:, 0]), finger[:, 1].max() - 0.090))
     assert abs(sizes[1][0] / sizes[0][0] - 1.1) < 0.01
     assert abs(sizes[1][1] / sizes[0][1] - 1.2) < 0.01
+
+
+def test_girth_is_checked():
+    with pytest.raises(ValueError, match=r"girth must lie in \(0.5, 2\), 1 being usual, got 3"):
+        HandShape(girth=3)
