@@ -63,13 +63,12 @@ def rasterise(
         material = pyrender.MetallicRoughnessMaterial(
             baseColorFactor=rgba,
             alphaMode="BLEND" if kind == GLASS else "OPAQUE",
-            doubleSided=True,
             metallicFactor=0.0,
         )
         primitive = pyrender.Primitive(
             positions=surface.vertices.astype(np.float32),
             normals=surface.normals.astype(np.float32),
-            indices=surface.faces.astype(np.uint32),
+            indices=np.concatenate([surface.faces, surface.faces[:, ::-1]]).astype(np.uint32),
             material=material,
         )
         nodes[drawn.add(pyrender.Mesh([primitive]))] = kind
@@ -87,9 +86,8 @@ def rasterise(
     try:
         color, _ = renderer.render(drawn)
         # A picture is multisampled: its depth is that of a sample beside the pixel's centre. The
-        # pass that draws segments is not.
-        flags = pyrender.RenderFlags.SEG | pyrender.RenderFlags.SKIP_CULL_FACES
-        _, depth = renderer.render(drawn, flags, nodes)
+        # pass that draws segments is not. It leaves faces out that look away, hence both windings.
+        _, depth = renderer.render(drawn, pyrender.RenderFlags.SEG, nodes)
     finally:
         renderer.delete()
     return np.asarray(color[..., :3], dtype=np.uint8), np.asarray(depth, dtype=np.float32)

@@ -5,7 +5,7 @@ import trimesh
 from hadr.camera import Intrinsics, project, ray_directions
 from hadr.synthesis.generate import build_scene, frame_recipe
 from hadr.synthesis.optics import GLASS_INDEX, reflect, refract
-from hadr.synthesis.raycast import Surroundings
+from hadr.synthesis.raycast import GLASS, HAND, SURROUNDINGS, Surroundings
 from hadr.synthesis.shading import RayScene
 from hadr.synthesis.surfaces import Surface
 
@@ -195,6 +195,90 @@ def test_depth_of_hand_and_glass_is_that_of_the_nearest_triangle(scene):
             world = scene.world_from_camera[:3, :3] @ d[row, column]
             depth = min(nearest_hit(eye, world, s) for s in surfaces) * d[row, column, 2]
             assert labels.depth[row, column] == pytest.approx(depth, abs=2e-5)
+
+
+def test_depth_is_exact_to_single_precision_at_any_slant():
+    """Embree alone is off everywhere by more than rounding to float32 explains."""
+    for slant in (0.0, 0.5, 1.2, 1.4):
+        normal = np.array([np.sin(slant), 0.1, np.cos(slant)])
+        normal /= np.linalg.norm(normal)
+        labels = RayScene(None, (), surroundings=plane(normal, 0.6, 60.0)).labels(CAMERA, np.eye(4))
+        d = ray_directions(CAMERA)
+        exact = 0.6 / (d @ normal) * d[..., 2]
+        seen = labels.depth > 0
+        assert seen.mean() > 0.4
+        off = np.abs(labels.depth / exact - 1)[seen]
+        assert np.quantile(off, 0.99) < 1e-7
+        assert off.max() < 2e-6  # where two triangles meet Embree may have found the other one
+
+
+def test_a_facet_of_a_coarse_sphere_is_met_in_its_plane():
+    """80 triangles, not the sphere that they stand for: the distance of the plane of each."""
+    ball = sphere(np.array([0.0, 0, 0.6]), 0.15, 1)
+    labels = RayScene(None, (ball,)).labels(CAMERA, np.eye(4))
+    d = ray_directions(CAMERA)
+    for row, column in np.argwhere(labels.object_mask)[::40]:
+        depth = nearest_hit(np.zeros(3), d[row, column], ball) * d[row, column, 2]
+        assert labels.depth[row, column] == pytest.approx(depth, rel=1e-7)
+
+
+def grid_of_squares(count) -> Surface:
+    """A plane at 1 m of 2 x count^2 triangles, from -1 to 1 m."""
+    line = np.linspace(-1, 1, count + 1)
+    x, y = np.meshgrid(line, line)
+    vertices = np.stack([x.ravel(), y.ravel(), np.ones(x.size)], axis=1)
+    i = np.arange(x.size).reshape(x.shape)
+    a, b, c, d = i[:-1, :-1].ravel(), i[:-1, 1:].ravel(), i[1:, 1:].ravel(), i[1:, :-1].ravel()
+    faces = np.concatenate([np.stack([a, c, b], 1), np.stack([a, d, c], 1)])
+    return Surface(vertices, faces, np.tile([0, 0, -1.0], (len(vertices), 1)))
+
+
+@pytest.mark.parametrize("count", [2, 300, 600])
+def test_no_ray_slips_through_where_triangles_meet(count):
+    """The pixels' rays run exactly through edges and corners of the triangles."""
+    camera = Intrinsics(300.0, 300.0, 160.0, 90.0, 321, 181)
+    labels = RayScene(None, (grid_of_squares(count),)).labels(camera, np.eye(4))
+    assert labels.object_mask.all()
+    np.testing.assert_allclose(labels.depth, 1.0, rtol=1e-7)
+
+
+def test_a_pixel_is_what_its_centre_sees():
+    """An edge between columns 60 and 61, a hundredth of a pixel beside the centre of one."""
+    wall = plane([0, 0, 1.0], 2.0)
+    for edge, first in ((60.01, 61), (59.99, 60)):
+        x = (edge - CAMERA.cx) / CAMERA.fx
+        corners = np.array([[x, -1, 1], [2, -1, 1], [2, 1, 1], [x, 1, 1.0]])
+        pane = Surface(corners, np.array([[0, 2, 1], [0, 3, 2]]), np.tile([0, 0, -1.0], (4, 1)))
+        labels = RayScene(None, (pane,), surroundings=wall).labels(CAMERA, np.eye(4))
+        np.testing.assert_array_equal(
+            labels.object_mask, np.broadcast_to(np.arange(128) >= first, (80, 128))
+        )
+        np.testing.assert_allclose(labels.background_depth, 2.0, rtol=1e-7)
+
+
+def test_normals_have_length_1_and_look_at_the_camera(scene):
+    labels = scene.rays.labels(scene.camera, scene.world_from_camera)
+    np.testing.assert_allclose(np.linalg.norm(labels.normals, axis=-1), 1.0, atol=1e-5)
+    toward = (labels.normals * ray_directions(scene.camera)).sum(-1)
+    assert (toward <= 1e-6).all()
+    # On the glass they agree with the slope of the depth, away from edges.
+    z = labels.depth.astype(float)
+    points = z[..., None] * ray_directions(scene.camera) / ray_directions(scene.camera)[..., 2:]
+    across, down = np.gradient(points, axis=1), np.gradient(points, axis=0)
+    slope = np.cross(down, across)
+    slope /= np.linalg.norm(slope, axis=-1, keepdims=True)
+    agreement = np.abs((slope * labels.normals).sum(-1))[labels.object_mask]
+    assert np.median(agreement) > 0.99
+
+
+def test_masks_hand_glass_and_the_rest_share_out_the_picture(scene):
+    labels = scene.rays.labels(scene.camera, scene.world_from_camera)
+    rays = ray_directions(scene.camera).reshape(-1, 3) @ scene.world_from_camera[:3, :3].T
+    eye = np.broadcast_to(scene.world_from_camera[:3, 3], rays.shape)
+    kind = scene.rays.first_kind(eye, rays).reshape(labels.depth.shape)
+    np.testing.assert_array_equal(labels.hand_mask, kind == HAND)
+    np.testing.assert_array_equal(labels.object_mask, kind == GLASS)
+    assert ((kind == HAND) | (kind == GLASS) | (kind == SURROUNDINGS)).all()
 
 
 def test_keypoints_project_into_or_next_to_the_hand(scene):

@@ -8,7 +8,7 @@ import pytest
 from scipy.ndimage import binary_dilation
 
 from hadr.synthesis.frame_recipes import frame_recipe
-from hadr.synthesis.frame_rendering import build_scene
+from hadr.synthesis.frame_rendering import build_scene, render_frame
 from hadr.synthesis.rasterise import rasterise
 
 WIDTH, HEIGHT = 160, 90
@@ -72,10 +72,13 @@ def mitsuba_depth(scene):
     return depth
 
 
-@pytest.mark.skipif(
+needs_mitsuba = pytest.mark.skipif(
     importlib.util.find_spec("mitsuba") is None or importlib.util.find_spec("pyoidn") is None,
-    reason="Mitsuba is not installed: pip install 'hadr[generate]'",
+    reason="Mitsuba or Open Image Denoise is not installed: pip install 'hadr[generate]'",
 )
+
+
+@needs_mitsuba
 def test_mitsuba_sees_the_depth_of_the_labels(scene):
     labels = scene.rays.labels(scene.camera, scene.world_from_camera)
     clear, everywhere = compare(mitsuba_depth(scene), labels)
@@ -97,3 +100,24 @@ def test_opengl_sees_the_depth_of_the_labels(scene):
     assert clear.max() < 0.0005
     assert np.median(everywhere) < 3e-5
     assert (everywhere < 0.0005).mean() > 0.99
+
+
+@needs_mitsuba
+def test_both_engines_give_a_frame_the_same_labels():
+    traced, cast = (
+        render_frame(frame_recipe(6), width=48, height=27, quality="fast", engine=engine, samples=1)
+        for engine in ("photo", "raycast")
+    )
+    assert (traced.color != cast.color).any()
+    for part in (
+        "depth",
+        "hand_mask",
+        "object_mask",
+        "background_depth",
+        "normals",
+        "keypoints",
+        "keypoints_uv",
+        "world_from_camera",
+        "world_from_object",
+    ):
+        np.testing.assert_array_equal(getattr(traced, part), getattr(cast, part), err_msg=part)
