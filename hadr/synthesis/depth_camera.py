@@ -3,6 +3,14 @@
 Two infrared imagers look at the scene under a projector's dots (`hadr.synthesis.infrared`), a
 matcher finds disparities and refuses what it is unsure of (`hadr.synthesis.stereo_matching`), and
 the depth is aligned to the colour camera.
+
+Free parameters (number of dots and their strength, the matcher's window, likeness, texture and
+edge thresholds) were chosen so that glasses on a table, drawn with seed 435, fail about as much as
+those of two real D435 frames; `benchmarks/depth_camera.py` compares both on another seed.
+
+Idealised: the imagers are perfectly rectified, glass is clean (no dust, no fingerprints, nothing
+scatters on it), skin and surroundings are matt, the room's light throws no shadows, and there is
+one exposure without motion.
 """
 
 from __future__ import annotations
