@@ -51,7 +51,7 @@ HOLD_KINDS: dict[str, tuple[str, ...]] = {
     "0006": ("side", "neck", "oblique", "above", "low", "tips", "reverse", "below"),
     "0007": ("above", "side", "tips", "cradle", "oblique", "below", "rim", "reverse"),
     "0008": ("handle", "side", "above", "cradle", "rim", "oblique", "tips", "below"),
-    "0009": ("cradle", "rim", "carry", "below", "nip", "above", "tips", "lip"),
+    "0009": ("cradle", "rim", "carry", "below", "nip", "above", "pinch", "lip"),
     "0010": ("neck", "side", "oblique", "above", "low", "tips", "reverse", "below"),
     "0011": ("neck", "side", "above", "tips", "oblique", "reverse", "cradle", "below"),
     "0012": ("stem", "fist", "above", "foot", "nip", "lip", "pinch", "reverse"),
