@@ -21,11 +21,23 @@ from hadr.synthesis.textures import pyramid
 
 Array = npt.NDArray[np.float64]
 
+#: Surroundings are this many meshes, or more where they have more pictures.
+MESHES = 24
 
-def _mesh(mi: Any, name: str, surface: Surface, bsdf: Any, uv: Array | None = None) -> Any:
+
+def _mesh(
+    mi: Any,
+    name: str,
+    surface: Surface,
+    bsdf: Any,
+    uv: Array | None = None,
+    emitter: Any | None = None,
+) -> Any:
     """A Mitsuba mesh of a surface."""
     properties = mi.Properties()
     properties["mesh_bsdf"] = bsdf
+    if emitter is not None:
+        properties["mesh_emitter"] = emitter
     mesh = mi.Mesh(
         name,
         vertex_count=len(surface.vertices),
@@ -100,6 +112,17 @@ def _surroundings(mi: Any, around: Surroundings, eye: Array, pixel: float) -> di
         # Mitsuba turns pictures upside down, ours have their first row at v = 0.
         uv = around.uv[used] * np.array([1.0, -1.0])
         shapes[f"surroundings{number}"] = _mesh(mi, f"surroundings{number}", part, matte, uv)
+    # Mitsuba compiles its kernels anew where the number of meshes differs: fill them up.
+    spare = Surface(
+        eye + np.array([0, 0, -50.0]) + 1e-3 * np.eye(3), np.array([[0, 1, 2]]), np.eye(3)
+    )
+    for number in range(len(groups), MESHES):
+        image = mi.Bitmap(np.full((2, 2, 3), 0.5, dtype=np.float32))
+        texture = {"type": "bitmap", "bitmap": image, "raw": True}
+        matte = mi.load_dict(
+            {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": texture}}
+        )
+        shapes[f"spare{number}"] = _mesh(mi, f"spare{number}", spare, matte, np.zeros((3, 2)))
     return shapes
 
 
@@ -121,16 +144,15 @@ def _lights(mi: Any, scene: Scene) -> dict[str, Any]:
             "to_world": transform().rotate([1, 0, 0], 90),
         }
     for number, lamp in enumerate(scene.rays.lamps):
-        pose = np.eye(4)
-        pose[:3] = np.stack([lamp.half_width, lamp.half_height, lamp.normal, lamp.center], axis=1)
-        lights[f"lamp{number}"] = {
-            "type": "rectangle",
-            "to_world": transform(pose),
-            "emitter": {
-                "type": "area",
-                "radiance": {"type": "rgb", "value": np.asarray(lamp.color).tolist()},
-            },
-        }
+        # A mesh, since the numbers of Mitsuba's own rectangle become part of the kernel.
+        signs = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+        corners = lamp.center + signs @ np.stack([lamp.half_width, lamp.half_height])
+        faces = np.array([[0, 1, 2], [0, 2, 3]])
+        panel = Surface(corners, faces, np.tile(lamp.normal, (4, 1)))
+        radiance = {"type": "rgb", "value": np.asarray(lamp.color).tolist()}
+        emitter = mi.load_dict({"type": "area", "radiance": radiance})
+        black = mi.load_dict({"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}})
+        lights[f"lamp{number}"] = _mesh(mi, f"lamp{number}", panel, black, emitter=emitter)
     return lights
 
 
