@@ -1,15 +1,17 @@
 import json
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hadr.hand import ANGLE_NAMES, FINGERS, HandShape
+from hadr.hand import ANGLE_LIMITS, ANGLE_NAMES, FINGERS, HandShape
 from hadr.synthesis.glove_columns import ANGLE_COLUMNS, find_angle_columns, read_column_name
-from hadr.synthesis.holding import holds_well, make_hold
+from hadr.synthesis.holding import check_hold, hold_kind, holds_well, make_hold
+from hadr.synthesis.objects import OBJECTS
 from hadr.synthesis.recording_motion import failing_rows, main, record_hold, write_recordings
 from hadr.synthesis.recordings import (
     Recording,
@@ -247,6 +249,34 @@ def test_every_row_of_a_made_recording_passes_and_none_repeats(made):
         assert len(hold.touching) >= 3
     with pytest.raises(IndexError, match="row 20 of 0001-side-0001, which has 20 rows"):
         recording.at(20)
+
+
+COMMITTED = Path(__file__).parents[2] / "data_samples" / "recordings"
+
+
+def test_the_recordings_of_the_project_are_thirty_of_each_object():
+    paths = find_recordings(COMMITTED)
+    assert len(paths) == 240
+    names = [p.stem for p in paths]
+    for object_id in OBJECTS:
+        own = [n for n in names if n.startswith(object_id)]
+        assert own == [f"{object_id}-{hold_kind(object_id, n)}-{n:04d}" for n in range(30)]
+    assert sum(p.stat().st_size for p in paths) < 2.5e6
+
+
+@pytest.mark.parametrize("object_id", list(OBJECTS))
+def test_all_sixty_four_recorded_kinds_pass_at_a_moment(object_id):
+    sides = set()
+    for path in find_recordings(COMMITTED / object_id)[:8]:
+        recording = read_recording(path)
+        hold = recording.at(13)
+        report = check_hold(hold)
+        assert report.problems == (), path.name
+        assert hold.kind == hold_kind(object_id, int(path.stem[-4:]))
+        assert (recording.angles >= ANGLE_LIMITS[:, 0]).all()
+        assert (recording.angles <= ANGLE_LIMITS[:, 1]).all()
+        sides.add(hold.shape.side)
+    assert sides == {"left", "right"}
 
 
 def test_making_recordings_goes_on_where_it_stopped(made, tmp_path, capsys):
