@@ -175,13 +175,30 @@ def denoise(light: Light, albedo: Light, normal: Light) -> Light:
         Linear RGB, (H, W, 3) float32.
     """
     oidn = importlib.import_module("pyoidn")
-    clean = oidn.denoise(
-        np.ascontiguousarray(light),
-        np.ascontiguousarray(np.clip(albedo, 0, 1)),
-        np.ascontiguousarray(normal),
-        hdr=True,
-    )
-    return np.asarray(clean, dtype=np.float32)
+    clean = np.zeros(light.shape, dtype=np.float32)
+    images = {"color": light, "albedo": np.clip(albedo, 0, 1), "normal": normal, "output": clean}
+    kept = {name: np.ascontiguousarray(image, dtype=np.float32) for name, image in images.items()}
+    device = _denoising_device()
+    with oidn.Filter(device, "RT") as task:
+        for name, image in kept.items():
+            task.set_image(name, image, oidn.OIDN_FORMAT_FLOAT3)
+        task.set_bool("hdr", True)
+        task.commit()
+        task.execute()
+    error = device.get_error()
+    if error is not None:
+        raise RuntimeError(f"Open Image Denoise failed: {error}")
+    return kept["output"]
+
+
+@lru_cache(maxsize=1)
+def _denoising_device() -> Any:
+    """Open Image Denoise on one thread that stays where it likes, as other processes' ones do."""
+    device = importlib.import_module("pyoidn").Device()
+    device.set_int("numThreads", 1)
+    device.set_bool("setAffinity", False)
+    device.commit()
+    return device
 
 
 def photograph(
