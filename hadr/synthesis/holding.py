@@ -30,7 +30,7 @@ from hadr.synthesis.objects import GlassObject, glass_object
 
 Array = npt.NDArray[np.float64]
 
-_PLACEMENTS, _TRIES, _ROUNDS = 10, 2, 6
+_PLACEMENTS, _TRIES, _ROUNDS, _REDRAWS = 10, 2, 6, 5
 #: What a hold made by the search keeps below the checks' limits, metres.
 _AIM = 0.0013
 _MIRROR_X, _MIRROR_Y = np.diag([-1.0, 1, 1, 1]), np.diag([1.0, -1, 1, 1])
@@ -179,13 +179,22 @@ def make_hold(object_id: str, number: int, seed: int = 0) -> Hold:
         The pose; the same for the same three arguments.
 
     Raises:
-        ValueError: The object is unknown, or the number is negative.
+        ValueError: The object is unknown, the number is negative, or five hands in turn fail.
     """
     kind = hold_kind(object_id, number)
-    rng = np.random.default_rng([seed, int(object_id), number, 11])
-    side: Side = "right" if rng.random() < 0.6 else "left"
-    shape = draw_hand_shape(rng, side)
-    angles, pose, report, _ = search_hold(object_id, kind, shape, rng)
+    for redraw in range(_REDRAWS):
+        # Another hand, too, where one does not manage.
+        rng = np.random.default_rng([seed, int(object_id), number, 11, redraw][: 4 + (redraw > 0)])
+        side: Side = "right" if rng.random() < 0.6 else "left"
+        shape = draw_hand_shape(rng, side)
+        angles, pose, report, _ = search_hold(object_id, kind, shape, rng)
+        if not report.problems:
+            break
+    else:
+        raise ValueError(
+            f"{_REDRAWS} hands do not manage hold {number} of {object_id} ({kind}) with seed "
+            f"{seed}: {'; '.join(report.problems)}"
+        )
     name = f"{object_id}-{kind}-{number:04d}"
     hold = Hold(name, object_id, kind, shape, angles, pose, report.gaps)
     if side == "left":

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from hadr.hand import ANGLE_LIMITS, ANGLE_NAMES, FINGERS, HandShape, forward_kinematics
+from hadr.synthesis import holding
 from hadr.synthesis.closing import DIP_FOLLOWS_PIP, closing_on, hand_skins
 from hadr.synthesis.contact import check_contact, passes_through_wall
 from hadr.synthesis.finger_skin import finger_skin
@@ -278,3 +279,25 @@ def test_errors():
     with pytest.raises(ValueError, match="no kind of hold 'elbow'; there are side"):
         draw_placement(glass_object("0000"), "elbow", 1.0, np.random.default_rng(0))
     assert holds_well(make_hold("0000", 0))
+
+
+def test_a_hold_that_fails_is_drawn_with_another_hand_and_never_handed_out(monkeypatch):
+    hold = make_hold("0005", 1)
+    good = check_hold(hold)
+    bad = replace(good, through_wall=True)
+    asked = []
+
+    def search(reports):
+        def found(object_id, kind, shape, rng):
+            asked.append(shape)
+            return hold.angles, hold.wrist_from_object, reports[len(asked) - 1], 1
+
+        return found
+
+    monkeypatch.setattr(holding, "search_hold", search([bad, bad, good]))
+    assert make_hold.__wrapped__("0005", 1).shape == asked[2]
+    assert len({shape.scale for shape in asked}) == 3
+    asked.clear()
+    monkeypatch.setattr(holding, "search_hold", search([bad] * 5))
+    with pytest.raises(ValueError, match=r"5 hands do not manage hold 1 of 0005 \(side\).*wall"):
+        make_hold.__wrapped__("0005", 1)
