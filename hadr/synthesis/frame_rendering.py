@@ -87,7 +87,7 @@ def recipe_hold(recipe: FrameRecipe, seed: int, recordings: str | Path | None = 
     files = _recordings_by_object(Path(recordings)).get(recipe.object_id, ())
     if recipe.hold_number >= len(files):
         raise ValueError(
-            f"frame {recipe.index} needs recording number {recipe.hold_number} of object "
+            f"it needs recording number {recipe.hold_number} of object "
             f"{recipe.object_id}, but {recordings} holds {len(files)} of them"
         )
     recording = _read_recording(files[recipe.hold_number])

@@ -98,7 +98,10 @@ def _make_frames(
     took = []
     for recipe in recipes:
         start = time.perf_counter()
-        scene, frame = render_scene(recipe, settings)
+        try:
+            scene, frame = render_scene(recipe, settings)
+        except ValueError as error:
+            raise ValueError(f"frame {recipe.index}: {error}") from error
         hold = scene.hold
         scale: float | DisparityScale = 0.001
         if frame.raw_depth is not None:

@@ -242,7 +242,7 @@ def test_recorded_holds_are_shown_at_a_moment_of_theirs(recordings, tmp_path):
             own = transform_points(np.linalg.inv(recording.wrist_from_object[row]), joints)
             moments.append(np.abs(keypoints_from_skeleton(own) - local).max())
         assert min(moments) < 1e-6
-    with pytest.raises(ValueError, match=r"frame 4 needs recording number 2 .* holds 2 of them"):
+    with pytest.raises(ValueError, match=r"frame 4: .*needs recording number 2 .* holds 2 of them"):
         generate(tmp_path, 6, objects=["0005"], recordings=recordings, **SIZE)
     with pytest.raises(ValueError, match=r"no folder of recordings|holds no file that ends with"):
         generate(tmp_path / "b", 1, recordings=tmp_path / "none", **SIZE)
