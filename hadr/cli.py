@@ -21,7 +21,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "reproduce": ("hadr.reproduce", "execute the chapters and report beside the paper's tables"),
     "book": ("hadr.book", "execute the chapters and build the HTML book"),
     "generate": (
-        "hadr.synthesis.generate",
+        "hadr.synthesis.generate_command",
         "make a data set of hand-held glass in TransHand's form",
     ),
     "train": ("hadr.training.loop", "train the network on a data set"),

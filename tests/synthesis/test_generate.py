@@ -14,13 +14,8 @@ from hadr.camera import back_project, transform_points
 from hadr.cli import main
 from hadr.data.transhand import TransHand, frame_log_path
 from hadr.hand import forward_kinematics, keypoints_from_skeleton
-from hadr.synthesis.generate import (
-    add_arguments,
-    frame_recipe,
-    generate,
-    render_frame,
-    run,
-)
+from hadr.synthesis.generate import frame_recipe, generate, render_frame
+from hadr.synthesis.generate_command import add_arguments, run
 from hadr.synthesis.holding import make_hold
 from hadr.synthesis.objects import glass_object, signed_distance
 from hadr.synthesis.recording_motion import record_hold
