@@ -161,6 +161,12 @@ def generate_frames(
     if settings.engine == "photo":
         settings = replace(settings, variant=settings.variant or mitsuba_variant())
     start, root = time.perf_counter(), Path(root)
+    # Workers of a cluster start elsewhere.
+    settings = replace(
+        settings,
+        recordings=settings.recordings and str(Path(settings.recordings).absolute()),
+        backgrounds=settings.backgrounds and str(Path(settings.backgrounds).absolute()),
+    )
     recipes = [settings.recipe(i) for i in range(n_frames)]
     written = 0
     try:
