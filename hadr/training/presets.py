@@ -93,10 +93,10 @@ TINY = Preset(
         backbone=BackboneConfig(embed_dim=32, depths=(2, 2), heads=(1, 2), drop_path=0.0),
         max_points=1500,
     ),
-    epochs=32,
-    drop_epoch=24,
+    epochs=8,
+    drop_epoch=6,
     batch_size=8,
-    true_voxel_epochs=6,
+    true_voxel_epochs=2,
     augment=False,
 )
 """Two stages, few frames: a minute on two CPU cores, enough to see every part at work."""
