@@ -1,4 +1,4 @@
-"""Procedural pictures of what tables, floors and walls are made of; each repeats seamlessly."""
+"""Procedural pictures of what tables, floors and walls are made of; they repeat without seams."""
 
 from __future__ import annotations
 
