@@ -89,6 +89,10 @@ class Hits:
     u: Array
     v: Array
 
+    def take(self, rows: Any) -> Hits:
+        """Some of them."""
+        return Hits(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
+
 
 def _exact(
     hits: Hits, surfaces: list[Surface], origins: Array, directions: Array

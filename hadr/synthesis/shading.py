@@ -14,17 +14,16 @@ import numpy.typing as npt
 from hadr.camera import Intrinsics, pixel_grid
 from hadr.synthesis.hand_mesh import HandMesh
 from hadr.synthesis.lights import AreaLight, Environment
-from hadr.synthesis.optics import GLASS_INDEX, reflect, refract
-from hadr.synthesis.raycast import GLASS, HAND, SURROUNDINGS, Hits, RayCaster, Surroundings
+from hadr.synthesis.raycast import GLASS, HAND, SURROUNDINGS, Hits, Surroundings
+from hadr.synthesis.refraction import Beams, GlassRays, Mirrored
+from hadr.synthesis.sensor_noise import film
 from hadr.synthesis.surfaces import Surface
 from hadr.synthesis.textures import SIZE, sample
 
 Array = npt.NDArray[np.float64]
 
-_NUDGE = 2e-6
 
-
-class RayScene(RayCaster):
+class RayScene(GlassRays):
     """Surfaces, materials and lights, ready to be drawn.
 
     Args:
@@ -51,8 +50,7 @@ class RayScene(RayCaster):
         lamps: tuple[AreaLight, ...] = (),
         environment: Environment | None = None,
     ) -> None:
-        super().__init__(hand, glass, surroundings)
-        self.tint = np.log(np.asarray(tint)) * 100.0  # per metre
+        super().__init__(hand, glass, tint, surroundings)
         self.key = np.array([0.0, 0.0, 1.0]) if key is None else key
         self.key_color = np.ones(3) if key_color is None else key_color
         self.ambient = np.full(3, 0.5) if ambient is None else ambient
@@ -214,40 +212,45 @@ class RayScene(RayCaster):
         Returns:
             Shape (N, 3).
         """
-        n = len(origins)
-        color = np.zeros((n, 3))
-        o, d = np.array(origins, dtype=float), np.array(directions, dtype=float)
-        weight, travelled = np.ones((n, 3)), np.zeros(n)
-        inside, row = np.zeros(n, dtype=np.int64), np.arange(n)
+        color = np.zeros((len(origins), 3))
+        beams = Beams.start(origins, directions)
         for depth in range(bounces + 1):
-            hits = self._trace(self._all, o, d)
+            hits = self._trace(self._all, beams.origin, beams.direction)
             clear = self._kinds[hits.mesh] == GLASS
-            done = ~clear if depth < bounces else np.ones(len(row), dtype=bool)
+            done = ~clear if depth < bounces else np.ones(len(beams.row), dtype=bool)
             if done.any():
                 k = np.flatnonzero(done)
-                ends = Hits(*(getattr(hits, f)[k] for f in ("distance", "mesh", "face", "u", "v")))
+                last, ends = beams.take(k), hits.take(k)
                 if depth == bounces:
-                    ends = self._trace(self._solid, o[k], d[k])
-                light = self._shade(o[k], d[k], ends, travelled[k], pixel, rng)
-                color[row[k]] += weight[k] * light
+                    ends = self._trace(self._solid, last.origin, last.direction)
+                light = self._shade(last.origin, last.direction, ends, last.travelled, pixel, rng)
+                color[last.row] += last.weight * light
             k = np.flatnonzero(~done)
             if not len(k):
                 break
-            part = Hits(*(getattr(hits, f)[k] for f in ("distance", "mesh", "face", "u", "v")))
-            o, d, weight, travelled, inside, row = self._cross(
-                o[k],
-                d[k],
-                weight[k],
-                travelled[k],
-                inside[k],
-                row[k],
-                part,
-                color,
-                pixel,
-                rng,
-                depth,
-            )
+            row = beams.row[k]
+            beams, mirrored = self.cross(beams.take(k), hits.take(k))
+            if rng is not None and depth < 5:
+                self._add_reflections(color, row, mirrored, pixel)
+            elif rng is None:
+                far = np.full(len(row), np.inf)
+                light = self._lamp_light(mirrored.origin, mirrored.direction, far)
+                light = light + 0.45 * self._beyond(mirrored.direction)
+                np.add.at(color, row, mirrored.weight * mirrored.share[:, None] * light)
         return color
+
+    def _add_reflections(
+        self, color: Array, row: npt.NDArray[np.int64], mirrored: Mirrored, pixel: float
+    ) -> None:
+        """Add what glass mirrors, where it is worth while."""
+        strong = np.flatnonzero(mirrored.share * mirrored.weight.max(1) > 0.012)
+        if not len(strong):
+            return
+        start, toward = mirrored.origin[strong], mirrored.direction[strong]
+        seen = self._trace(self._solid, start, toward)
+        light = self._shade(start, toward, seen, mirrored.travelled[strong], pixel, None)
+        share = mirrored.weight[strong] * mirrored.share[strong, None]
+        np.add.at(color, row[strong], share * light)
 
     def reflectance(
         self, origins: Array, directions: Array, pixel: float, *, bounces: int = 10
@@ -260,128 +263,25 @@ class RayScene(RayCaster):
             pixel: Width of a pixel as a tangent, for the choice of the texture's level.
             bounces: Most interfaces that a ray may cross.
         """
-        n = len(origins)
-        result, unused = np.ones((n, 3)), np.zeros((n, 3))
-        o, d = np.array(origins, dtype=float), np.array(directions, dtype=float)
-        weight, travelled = np.ones((n, 3)), np.zeros(n)
-        inside, row = np.zeros(n, dtype=np.int64), np.arange(n)
+        result = np.ones((len(origins), 3))
+        beams = Beams.start(origins, directions)
         for _ in range(bounces):
-            hits = self._trace(self._all, o, d)
-            clear = self._kinds[hits.mesh] == GLASS
+            hits = self._trace(self._all, beams.origin, beams.direction)
             for number, (kind, _) in enumerate(self._opaque):
                 k = np.flatnonzero(hits.mesh == number)
                 if not len(k):
                     continue
                 if kind == SURROUNDINGS and self.surroundings is not None:
-                    footprint = (travelled[k] + hits.distance[k]) * pixel
+                    footprint = (beams.travelled[k] + hits.distance[k]) * pixel
                     found = self._picture(self.surroundings, hits, k, footprint)
                 elif self.hand is not None:
                     found = self.hand.albedo[self.hand.surface.faces[hits.face[k], 0]]
-                result[row[k]] = weight[k] * found
-            k = np.flatnonzero(clear)
+                result[beams.row[k]] = beams.weight[k] * found
+            k = np.flatnonzero(self._kinds[hits.mesh] == GLASS)
             if not len(k):
                 break
-            part = Hits(*(getattr(hits, f)[k] for f in ("distance", "mesh", "face", "u", "v")))
-            o, d, weight, travelled, inside, row = self._cross(
-                o[k],
-                d[k],
-                weight[k],
-                travelled[k],
-                inside[k],
-                row[k],
-                part,
-                unused,
-                pixel,
-                None,
-                bounces,
-            )
+            beams, _mirrored = self.cross(beams.take(k), hits.take(k))
         return result
-
-    def _cross(
-        self,
-        o: Array,
-        d: Array,
-        weight: Array,
-        travelled: Array,
-        inside: npt.NDArray[np.int64],
-        row: npt.NDArray[np.int64],
-        hits: Hits,
-        color: Array,
-        pixel: float,
-        rng: np.random.Generator | None,
-        depth: int,
-    ) -> tuple[Array, Array, Array, Array, npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-        """Carry rays over one glass interface and add what it mirrors to ``color``."""
-        smooth, flat = np.zeros_like(d), np.zeros_like(d)
-        for number in range(len(self._opaque), len(self.meshes)):
-            rows = np.flatnonzero(hits.mesh == number)
-            if len(rows):
-                smooth[rows], flat[rows] = self._normal(self.meshes[number][1], hits, rows)
-        entering = (flat * d).sum(1) < 0
-        sign = np.where(entering, 1.0, -1.0)[:, None]
-        against, flat_against = smooth * sign, flat * sign
-        wrong = (against * d).sum(1) > -1e-3
-        against = np.where(wrong[:, None], flat_against, against)
-        length = hits.distance
-        weight = np.where(
-            (inside > 0)[:, None], weight * np.exp(self.tint * length[:, None]), weight
-        )
-        point = o + length[:, None] * d
-        after = inside + np.where(entering, 1, -1)
-        # Between two overlapping bodies there is glass on both sides: nothing happens.
-        border = np.minimum(np.maximum(inside, 0), np.maximum(after, 0)) == 0
-        ratio = np.where(entering, 1.0 / GLASS_INDEX, GLASS_INDEX)
-        bent, mirrored = refract(d, against, ratio)
-        total = border & (mirrored >= 1.0)
-        out = np.where(border[:, None], bent, d)
-        bounced = reflect(d, against)
-        out = np.where(total[:, None], bounced, out)
-        share = np.where(border & ~total, mirrored, 0.0)
-        if rng is not None:
-            strong = np.flatnonzero((share * weight.max(1) > 0.012) & (depth < 5))
-            if len(strong):
-                start = point[strong] + _NUDGE * flat_against[strong]
-                seen = self._trace(self._solid, start, bounced[strong])
-                light = self._shade(
-                    start, bounced[strong], seen, travelled[strong] + length[strong], pixel, None
-                )
-                np.add.at(color, row[strong], weight[strong] * share[strong, None] * light)
-        else:
-            far = np.full(len(bounced), np.inf)
-            light = self._lamp_light(point, bounced, far) + 0.45 * self._beyond(bounced)
-            np.add.at(color, row, weight * share[:, None] * light)
-        weight = weight * (1.0 - share)[:, None]
-        onward = np.where(total[:, None], flat_against, -flat_against)
-        inside = np.where(total, inside, np.maximum(after, 0))
-        return point + _NUDGE * onward, out, weight, travelled + length, inside, row
-
-    def path(self, origin: Array, direction: Array, *, bounces: int = 10) -> Array:
-        """Follow one ray through the glass, always along its stronger part.
-
-        Args:
-            origin: World frame, metres, shape (3,).
-            direction: Unit direction, shape (3,).
-            bounces: Most interfaces to follow.
-
-        Returns:
-            The points at which it starts, crosses interfaces and ends, shape (K, 3). A ray that
-            leaves the scene ends 0.1 m behind its last interface.
-        """
-        o, d = np.asarray(origin, dtype=float)[None], np.asarray(direction, dtype=float)[None]
-        weight, travelled = np.ones((1, 3)), np.zeros(1)
-        inside, row = np.zeros(1, dtype=np.int64), np.zeros(1, dtype=np.int64)
-        points = [o[0]]
-        for depth in range(bounces):
-            hits = self._trace(self._all, o, d)
-            end = hits.distance[0] if np.isfinite(hits.distance[0]) else 0.1
-            points.append(o[0] + end * d[0])
-            if self._kinds[hits.mesh[0]] != GLASS:
-                break
-            unused = np.zeros((1, 3))
-            o, d, weight, travelled, inside, row = self._cross(
-                o, d, weight, travelled, inside, row, hits, unused, 0.0, None, depth
-            )
-        return np.stack(points)
 
     def picture(
         self,
@@ -427,15 +327,8 @@ class RayScene(RayCaster):
                 directions = local @ turn.T
                 origins = np.broadcast_to(eye, directions.shape)
                 light = self.radiance(origins, directions, 1.0 / camera.fx, rng)
-                total += _film(light * exposure)
+                total += film(light * exposure)
         srgb = (total / supersample**2) ** (1 / 2.2)
         return np.asarray((srgb * 255).round().clip(0, 255), dtype=np.uint8).reshape(
             *camera.shape, 3
         )
-
-
-def _film(light: Array) -> Array:
-    """Roll bright light off smoothly instead of clipping it: linear to 0.6, then toward 1."""
-    knee = 0.6
-    over = np.maximum(light - knee, 0.0)
-    return np.asarray(np.minimum(light, knee) + (1 - knee) * (1 - np.exp(-over / (1 - knee))))

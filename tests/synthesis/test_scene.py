@@ -10,7 +10,8 @@ from hadr.synthesis.raycast import Surroundings
 from hadr.synthesis.recordings import find_recordings, read_recording
 from hadr.synthesis.scene import look_at, make_scene
 from hadr.synthesis.shading import RayScene
-from hadr.synthesis.surroundings import Stage, make_surroundings
+from hadr.synthesis.stage import Stage
+from hadr.synthesis.surroundings import make_surroundings
 
 RECORDINGS = Path(__file__).resolve().parents[2] / "data_samples" / "recordings"
 WIDTH, HEIGHT = 128, 72
