@@ -39,7 +39,7 @@ class PictureChoice:
         return self.draw(names, [weight.get(name, 1.0) for name in names])
 
     def ground(self) -> int:
-        """What a table or a floor is made of; a picture in one case of four."""
+        """What a table or a floor is made of; a view in one case of three."""
         if self.rng.random() < 0.32:
             return self.view()
         names = ["wood", "tiles", "marble", "terrazzo", "plaid", "print_cloth", "carpet"]
