@@ -39,12 +39,15 @@ class FrameRecipe:
         return f"{self.index:06d}"
 
 
-def hold_split(hold_number: int) -> str:
-    """The split of an object's hold number, in a fixed cycle of ten that keeps 7:2:1.
+def hold_split(hold_number: int, object_id: str = "0000") -> str:
+    """The split of an object's hold number: ten in turn hold seven, two and one.
 
-    A hold's split so never depends on how many frames are made.
+    A hold's split so never depends on how many frames are made. Kinds of hold come in turns of
+    eight; the cycle moves on by one each ten and begins elsewhere for each object, so that every
+    kind is tested with some object.
     """
-    return _HOLD_CYCLE[hold_number % len(_HOLD_CYCLE)]
+    turn = hold_number // len(_HOLD_CYCLE)
+    return _HOLD_CYCLE[(hold_number + turn + int(object_id)) % len(_HOLD_CYCLE)]
 
 
 def frame_recipe(
@@ -85,7 +88,7 @@ def frame_recipe(
     object_id = names[position]
     hold_number = int(turn // frames_per_hold) + position * hold_shift
     if split_by == "holding":
-        split = hold_split(hold_number)
+        split = hold_split(hold_number, object_id)
     elif split_by == "frame":
         draw = np.random.default_rng([seed, index, 29]).choice(3, p=_RATIO)
         split = ("train", "val", "test")[int(draw)]

@@ -9,7 +9,8 @@ from hadr.data.splits import (
     split_by_holding,
     split_by_object,
 )
-from hadr.synthesis.generate import hold_split
+from hadr.synthesis.frame_recipes import hold_split
+from hadr.synthesis.objects import OBJECTS
 
 HOLDS = [f"0000-side-{i // 3:04d}" for i in range(300)]
 
@@ -39,10 +40,24 @@ def test_by_object_holds_the_unknown_ones_out():
     assert leaked_share(split, objects) == 0.0
 
 
-def test_the_cycle_of_holds_is_seven_to_two_to_one():
-    names = [hold_split(i) for i in range(20)]
-    assert [names.count(n) for n in ("train", "val", "test")] == [14, 4, 2]
-    assert names[:10] == names[10:]
+@pytest.mark.parametrize("object_id", OBJECTS)
+def test_each_ten_holds_are_split_seven_to_two_to_one(object_id):
+    for first in range(0, 100, 10):
+        names = [hold_split(i, object_id) for i in range(first, first + 10)]
+        assert [names.count(n) for n in ("train", "val", "test")] == [7, 2, 1]
+
+
+def test_thirty_holds_an_object_test_every_kind_with_some_object():
+    """Kinds of hold come in turns of eight."""
+    kinds = {name: set() for name in ("train", "val", "test")}
+    for object_id in OBJECTS:
+        own = set()
+        for number in range(30):
+            split = hold_split(number, object_id)
+            kinds[split].add(number % 8)
+            own |= {number % 8} if split == "train" else set()
+        assert len(own) == 8  # every object is trained on with all kinds
+    assert all(len(found) == 8 for found in kinds.values())
 
 
 def test_leaked_share_by_hand():
