@@ -124,7 +124,7 @@ def test_each_bundled_frame_is_whole(splits):
         assert (frame.object_id, frame.split) == (recipe.object_id, recipe.split), name
         assert frame.color.shape == (252, 448, 3), name
         assert frame.color.std() > 12, name
-        assert 0.2 < frame.depth[frame.hand_mask | frame.object_mask].min(), name
+        assert frame.depth[frame.hand_mask | frame.object_mask].min() > 0.2, name
         assert 0.003 < frame.object_mask.mean() < 0.25, name
         assert frame.hand_mask.mean() > 0.004, name
         assert not (frame.object_mask & frame.hand_mask).any(), name
