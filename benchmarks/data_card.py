@@ -50,7 +50,7 @@ def plot_views(found: FrameStatistics, folder: Path) -> None:
     figure, axes = plt.subplots(1, 3, figsize=(9, 2.7))
     by_split(axes[0], found.distance_m, split, np.linspace(0.35, 1.1, 26))
     axes[0].set_xlabel("camera to hand, m")
-    by_split(axes[1], 100 * found.glass_share, split, np.linspace(0, 16, 25))
+    by_split(axes[1], 100 * found.glass_share, split, np.linspace(0, 10, 26))
     axes[1].set_xlabel("pixels of glass, % of the picture")
     by_split(axes[2], 100 * found.visible_share, split, np.linspace(0, 100, 26))
     axes[2].set_xlabel("glass that the hand leaves free, %")
@@ -87,12 +87,20 @@ def plot_holds(logs: list[dict], split: np.ndarray, folder: Path) -> None:
         bottom += height
     axes[0].tick_params(axis="x", rotation=60)
     axes[0].set_ylabel("frames")
-    axes[0].legend()
-    for side, color in (("right", COLORS["hadr"]), ("left", COLORS["baseline"])):
-        scale = [100 * g["hand_scale"] for g in logs if g["hand_side"] == side]
-        axes[1].hist(scale, 14, color=color, label=f"{side} ({len(scale)})", alpha=0.75)
+    axes[0].legend(loc="upper left", fontsize=8)
+    axes[0].set_ylim(0, 1.25 * bottom.max())
+    sides = ("right", "left")
+    scales = [[100 * g["hand_scale"] for g in logs if g["hand_side"] == side] for side in sides]
+    axes[1].hist(
+        scales,
+        14,
+        stacked=True,
+        color=[COLORS["hadr"], COLORS["baseline"]],
+        label=[f"{side} ({len(scale)})" for side, scale in zip(sides, scales, strict=True)],
+    )
     axes[1].set_xlabel("hand size, %")
-    axes[1].legend()
+    axes[1].legend(fontsize=8)
+    axes[1].set_ylim(0, 1.3 * axes[1].get_ylim()[1])
     tones = np.array([g["skin_albedo"] for g in logs])
     light = tones @ [0.2126, 0.7152, 0.0722]
     srgb = np.where(tones > 0.0031308, 1.055 * tones ** (1 / 2.4) - 0.055, 12.92 * tones)
@@ -103,7 +111,7 @@ def plot_holds(logs: list[dict], split: np.ndarray, folder: Path) -> None:
 
 
 def plot_depth(frames: TransHand, folder: Path) -> None:
-    bins = np.linspace(0.3, 3.5, 81)
+    bins = np.linspace(0.3, 5.5, 105)
     counts = {name: np.zeros(len(bins) - 1) for name in ("glass", "hand", "rest")}
     for frame in frames:
         rest = ~(frame.object_mask | frame.hand_mask)
@@ -127,7 +135,7 @@ def plot_raw(found: FrameStatistics, folder: Path) -> None:
     by_split(axes[0], 100 * found.missing_share, split, np.linspace(0, 100, 26))
     axes[0].set_xlabel("glass without raw depth, %")
     axes[0].legend()
-    by_split(axes[1], 1000 * found.bias_m, split, np.linspace(-60, 200, 27))
+    by_split(axes[1], 1000 * found.bias_m, split, np.linspace(-60, 300, 37))
     axes[1].set_xlabel("raw minus true depth on the glass, mm")
     by_split(axes[2], 1000 * found.hand_error_m, split, np.linspace(0, 12, 25))
     axes[2].set_xlabel("error on the hand, mm")
