@@ -250,3 +250,18 @@ def test_frames_per_hold_may_be_two_and_three_in_turn():
     assert numbers == [0, 0, 0, 1, 1, 2, 2, 2, 3, 3]
     shifted = [frame_recipe(i, objects=["0000", "0004"], hold_shift=3).hold_number for i in (0, 1)]
     assert shifted == [0, 3]
+
+
+def test_a_path_traced_frame_does_not_depend_on_those_made_before(tmp_path):
+    for name in ("mitsuba", "pyoidn"):
+        pytest.importorskip(name, reason=f"{name} is not installed: pip install 'hadr[generate]'")
+    settings = {"width": 48, "height": 27, "engine": "photo", "samples": 2, "sensor": True}
+    generate(tmp_path / "both", 2, objects=["0000"], **settings)
+    generate(tmp_path / "one", 1, objects=["0000"], **settings)
+    second = render_frame(frame_recipe(1, objects=["0000"]), **settings)
+    frames = TransHand(tmp_path / "both", "train")
+    np.testing.assert_array_equal(frames[0].color, TransHand(tmp_path / "one", "train")[0].color)
+    np.testing.assert_array_equal(frames[1].color, second.color)
+    np.testing.assert_allclose(frames[1].raw_depth, second.raw_depth, atol=1e-6)
+    record = json.loads((tmp_path / "one/generation.json").read_text())
+    assert record["variant"] in ("llvm_ad_rgb", "scalar_rgb")
