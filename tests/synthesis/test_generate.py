@@ -115,9 +115,9 @@ def test_errors(tmp_path):
         render_frame(frame_recipe(0), width=4, height=4)
 
 
-def test_killed_three_times_and_started_again_the_tree_is_the_same(tmp_path):
+def test_killed_and_started_again_the_tree_is_the_same(tmp_path):
     script = Path(__file__).parents[2] / "benchmarks/kill_generator.py"
-    line = "--kills 3 --frames 10 --workers 1 -- --width 48 --height 27 --objects 0000 0005"
+    line = "--kills 2 --frames 8 --workers 1 -- --width 48 --height 27 --objects 0000 0005"
     done = subprocess.run(
         [sys.executable, str(script), "--json", str(tmp_path / "r.json"), *line.split()],
         capture_output=True,
@@ -127,8 +127,8 @@ def test_killed_three_times_and_started_again_the_tree_is_the_same(tmp_path):
     assert done.returncode == 0, done.stdout + done.stderr
     report = json.loads((tmp_path / "r.json").read_text())
     assert report["same"]
-    assert report["frames_at_the_end"] == 10
-    assert sum(kill["running"] for kill in report["kills"]) >= 2
+    assert report["frames_at_the_end"] == 8
+    assert sum(kill["running"] for kill in report["kills"]) >= 1
 
 
 def test_a_full_disk_is_told_and_what_is_written_is_whole(six, tmp_path, monkeypatch):
