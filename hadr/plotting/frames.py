@@ -166,7 +166,8 @@ def draw_statistics(statistics: FrameStatistics, *, width: float = 9.0) -> Figur
     _histogram(axes[0, 1], 100 * s.glass_share, "glass in the picture (%)", COLORS["glass"])
     _histogram(axes[0, 2], 100 * s.visible_share, "of the glass is visible (%)", COLORS["glass"])
     _histogram(axes[1, 0], 100 * s.missing_share, "raw depth missing on glass (%)", COLORS["raw"])
-    _histogram(axes[1, 1], 100 * s.bias_m, "raw depth behind the glass (cm)", COLORS["raw"])
+    bias = 100 * s.bias_m
+    _histogram(axes[1, 1], bias, "raw depth behind the glass (cm)", COLORS["raw"], upper=90)
     errors = 1000 * s.hand_error_m
     _histogram(axes[1, 2], errors, "raw depth's error on the hand (mm)", COLORS["hand"])
     for ax in axes[:, 0]:
@@ -174,13 +175,13 @@ def draw_statistics(statistics: FrameStatistics, *, width: float = 9.0) -> Figur
     return fig
 
 
-def _histogram(ax: Axes, values: Array, label: str, color: str) -> None:
+def _histogram(ax: Axes, values: Array, label: str, color: str, *, upper: float = 97) -> None:
     known = values[np.isfinite(values)]
     ax.set_xlabel(label)
     if known.size == 0:
         ax.text(0.5, 0.5, "not stored", transform=ax.transAxes, ha="center")
         return
-    low, high = np.percentile(known, (0, 97))  # the last bar holds the rest
+    low, high = np.percentile(known, (0, upper))  # the last bar holds the rest
     bins = np.linspace(low, high, 25).tolist()
     ax.hist(np.clip(known, low, high), bins, color=color, alpha=0.85)
     middle = float(np.median(known))

@@ -21,6 +21,8 @@ from hadr.synthesis.surfaces import Surface
 
 Array = npt.NDArray[np.float64]
 
+# Vertices of a small picture's hand, metres apart.
+_QUICK_STEP = 0.003
 _HALF_CM, _CELL_CM = 12.5, 30.0
 
 
@@ -144,7 +146,7 @@ def draw_hold_sheet(
             ax.set(xticks=[], yticks=[])
             ax.spines[:].set_visible(False)
             if k < len(row):
-                scene = held_glass(row[k])
+                scene = held_glass(row[k], tolerance=0.0, step=_QUICK_STEP)
                 ax.imshow(studio_picture(scene, pixels=pixels), interpolation="bilinear")
                 ax.set_xlabel(row[k].kind, fontsize=8.5, labelpad=1)
         line[0].set_ylabel(title, fontsize=9)

@@ -30,6 +30,7 @@ from hadr.hand import (
 )
 from hadr.plotting import FINGER_COLORS
 from hadr.synthesis.hand_mesh import SKIN_TONES, hand_mesh
+from hadr.synthesis.hand_template import FINE_STEP
 from hadr.synthesis.holding import Hold
 from hadr.synthesis.objects import GlassObject, bodies, glass_object
 from hadr.synthesis.surfaces import Surface, merged
@@ -95,11 +96,13 @@ def simplified(surface: Surface, tolerance: float) -> Surface:
 
     Args:
         surface: Metres.
-        tolerance: How far a vertex may move, metres.
+        tolerance: How far a vertex may move, metres; 0 changes nothing.
 
     Returns:
         A surface with the nearest old vertices' normals; the same one where it isn't closed.
     """
+    if tolerance == 0:
+        return surface
     solid = solid_of(surface)
     if solid.is_empty():
         return surface
@@ -124,10 +127,10 @@ def _surface(solid: Any, like: Surface) -> Surface:
     return Surface(vertices, faces, like.normals[nearest])
 
 
-def _without_elbow(surface: Surface, length: float) -> Surface:
+def _without_elbow(surface: Surface, length: float, *, closed: bool) -> Surface:
     """Cut the forearm ``length`` metres behind the wrist (wrist frame, along -y)."""
-    solid = solid_of(surface)
-    if not solid.is_empty():
+    solid = solid_of(surface) if closed else None
+    if solid is not None and not solid.is_empty():
         return _surface(solid.trim_by_plane((0.0, 1.0, 0.0), -length), surface)
     kept = (surface.vertices[surface.faces][:, :, 1] > -length).all(axis=1)
     used, faces = np.unique(surface.faces[kept], return_inverse=True)
@@ -166,12 +169,17 @@ def _nothing() -> Surface:
 
 
 def _hand_shown(
-    skeleton: Skeleton, shape: HandShape, tone: npt.ArrayLike, tolerance: float
+    skeleton: Skeleton,
+    shape: HandShape,
+    tone: npt.ArrayLike,
+    tolerance: float,
+    step: float = FINE_STEP,
 ) -> tuple[Surface, npt.NDArray[np.uint8]]:
     """The hand without its elbow in the wrist frame, and sRGB with opacity per vertex."""
     full = hand_mesh(skeleton, shape, tone=tone, step=0.003)
     length = FOREARM_SHOWN * shape.scale
-    hand = simplified(_without_elbow(full.surface, length), tolerance)
+    cut = _without_elbow(full.surface, length, closed=tolerance > 0)
+    hand = simplified(cut, tolerance)
     _, nearest = cKDTree(full.surface.vertices).query(hand.vertices)
     fade = np.clip((length + hand.vertices[:, 1]) / (0.35 * length), 0.0, 1.0)
     colors = np.concatenate([_srgb(full.albedo[nearest]), (fade**1.5)[:, None]], axis=1)
@@ -184,6 +192,7 @@ def held_glass(
     name: str | None = None,
     tone: npt.ArrayLike = SKIN_TONES[1],
     tolerance: float = 0.0003,
+    step: float = FINE_STEP,
 ) -> HeldGlass:
     """Build what the turntable shows of a hold.
 
@@ -191,14 +200,16 @@ def held_glass(
         hold: The pose.
         name: What the reader chooses by; object and kind of hold where it is left out.
         tone: Linear RGB reflectance of the skin.
-        tolerance: How far triangles may stray from the exact surfaces, metres.
+        tolerance: How far triangles may stray from the exact surfaces, metres; 0 keeps them all
+            and leaves the forearm's end open, which is quicker and larger.
+        step: Coarsest distance of the hand's vertices, metres; larger is quicker.
 
     Returns:
         Hand and glass in the object's frame.
     """
     item = glass_object(hold.object_id)
     skeleton = forward_kinematics(hold.angles, hold.shape)
-    hand, colors = _hand_shown(skeleton, hold.shape, tone, tolerance)
+    hand, colors = _hand_shown(skeleton, hold.shape, tone, tolerance, step)
     object_from_wrist = np.asarray(np.linalg.inv(hold.wrist_from_object), dtype=np.float64)
     thumb_side = object_from_wrist[:3, 0] * (1.0 if hold.shape.side == "right" else -1.0)
     palm_side = object_from_wrist[:3, 2]
