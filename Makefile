@@ -57,8 +57,9 @@ check-notebooks: $(READY) ## compare notebooks and text twins, write nothing
 readme-times: $(READY) ## write the run times that the last `make book` measured into README.md
 	@$(PY) -m hadr.book --build "$(BUILD)" --readme-times
 
-readme-figure: $(READY) ## draw the README's picture of a restored frame
+readme-figure: $(READY) ## draw the README's pictures
 	@$(PY) book/restored_frame.py
+	@$(PY) book/sample_sheet.py
 
 clean: ## remove what was built (the environment stays)
 	rm -rf "$(BUILD)" .pytest_cache .mypy_cache .ruff_cache .hypothesis
