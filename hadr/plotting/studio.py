@@ -112,7 +112,7 @@ def studio_picture(
     image = _paper(fine) if paper else np.full((fine, fine, 3), PLAIN)
     wall = np.full(fine * fine, np.inf)
     if len(scene.hand.faces):
-        wall = _draw_skin(image, rays, _on_screen(scene.hand, view), scene.hand_colors)
+        wall = _draw_skin(image, rays, scene, view)
     if len(scene.glass.faces):
         _draw_glass(image, rays, _on_screen(scene.glass, view), wall)
     small = image.reshape(pixels, 2, pixels, 2, 3).mean(axis=(1, 3))
@@ -180,15 +180,16 @@ def _paper(side: int) -> Array:
     return np.asarray(color * (1 - ink) + ink * np.array([0.42, 0.58, 0.70]))
 
 
-def _draw_skin(image: Array, rays: _Rays, hand: Surface, colors: npt.NDArray[np.uint8]) -> Array:
+def _draw_skin(image: Array, rays: _Rays, scene: HeldGlass, view: StudioView) -> Array:
     """Shade the hand into the picture; returns the distance at which it stops each ray."""
+    hand = _on_screen(scene.hand, view)
     tree = _Tree(hand)
     everything = np.arange(len(rays.directions))
     rows, distance, faces, weights = tree.meet(rays, everything, np.zeros(len(everything)))
     n = tree.normals(faces, weights)
     v = -rays.directions[rows]
     n *= np.where((n * v).sum(1, keepdims=True) < -0.2, -1.0, 1.0)
-    paint = np.einsum("ij,ijk->ik", weights, colors[hand.faces[faces]] / 255.0)
+    paint = np.einsum("ij,ijk->ik", weights, scene.hand_colors[hand.faces[faces]] / 255.0)
     light = np.array([-0.45, 0.75, 0.62]) / np.linalg.norm([-0.45, 0.75, 0.62])
     soft = np.array([0.45, 0.28, 0.22])
     wrap = np.clip(((n @ light)[:, None] + soft) / (1 + soft), 0.0, 1.0)
@@ -197,12 +198,14 @@ def _draw_skin(image: Array, rays: _Rays, hand: Surface, colors: npt.NDArray[np.
     half /= np.linalg.norm(half, axis=1, keepdims=True)
     shine = np.clip((n * half).sum(1), 0.0, 1.0)[:, None] ** 26
     rim = (1 - np.clip((n * v).sum(1), 0.0, 1.0))[:, None] ** 4
-    shade = paint[:, :3] ** 2.2 * (0.95 * wrap + 0.75 * sky) + 0.10 * shine + 0.05 * rim
+    shade = paint**2.2 * (0.95 * wrap + 0.75 * sky) + 0.10 * shine + 0.05 * rim
     flat = image.reshape(-1, 3)
-    cover = paint[:, 3:4]
+    points = rays.origin + distance[:, None] * rays.directions[rows]
+    places = points @ view.screen_from_object + view.center
+    cover = np.clip(places @ np.array(scene.fade[:3]) + scene.fade[3], 0.0, 1.0)[:, None] ** 1.5
     flat[rows] = np.clip(shade, 0, 1) ** (1 / 2.2) * cover + flat[rows] * (1 - cover)
     wall = np.full(len(rays.directions), np.inf)
-    wall[rows] = np.where(paint[:, 3] > 0.5, distance, np.inf)
+    wall[rows] = np.where(cover[:, 0] > 0.5, distance, np.inf)
     return wall
 
 

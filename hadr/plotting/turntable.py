@@ -53,10 +53,11 @@ class HeldGlass:
         note: A line below the picture.
         glass: Closed surface, metres.
         hand: Closed surface, metres.
-        hand_colors: sRGB and opacity per vertex of the hand, shape (V, 4) uint8.
+        hand_colors: sRGB per vertex of the hand, shape (V, 3) uint8.
         joints: The skeleton, metres, shape (22, 3).
         azimuth_deg: Where the viewer stands first, degrees about z from x.
         elevation_deg: How far he is raised.
+        fade: (n, d), shape (4,): the hand's opacity at p is n . p + d, kept within 0 and 1.
     """
 
     name: str
@@ -67,6 +68,7 @@ class HeldGlass:
     joints: Array
     azimuth_deg: float
     elevation_deg: float = 14.0
+    fade: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -153,12 +155,24 @@ def bare_hand(
     hand, colors = _hand_shown(skeleton, shape, tone, 0.0003)
     note = f"{shape.side} hand"
     joints = skeleton.joints @ _UPRIGHT[:3, :3].T
-    return HeldGlass(note, note, _nothing(), hand.moved(_UPRIGHT), colors, joints, -90.0, 0.0)
+    fade = _fade(shape, np.linalg.inv(_UPRIGHT))
+    return HeldGlass(note, note, _nothing(), hand.moved(_UPRIGHT), colors, joints, -90.0, 0.0, fade)
+
+
+def _fade(
+    shape: HandShape, wrist_from_object: npt.NDArray[Any]
+) -> tuple[float, float, float, float]:
+    """The forearm fades out over its last third; the plane is given in the object's frame."""
+    slope = 1.0 / (0.35 * FOREARM_SHOWN * shape.scale)
+    normal = slope * wrist_from_object[1, :3]
+    offset = 1.0 / 0.35 + slope * wrist_from_object[1, 3]
+    x, y, z = (float(v) for v in normal)
+    return x, y, z, float(offset)
 
 
 def bare_glass(item: GlassObject) -> HeldGlass:
     """A glass that nobody holds, standing on the origin; its joints lie on its foot."""
-    colors = np.zeros((0, 4), dtype=np.uint8)
+    colors = np.zeros((0, 3), dtype=np.uint8)
     joints = np.zeros((len(SKELETON_NAMES), 3))
     glass = merged(bodies(item))
     return HeldGlass(item.name, item.object_id, glass, _nothing(), colors, joints, -75.0, 12.0)
@@ -175,15 +189,13 @@ def _hand_shown(
     tolerance: float,
     step: float = FINE_STEP,
 ) -> tuple[Surface, npt.NDArray[np.uint8]]:
-    """The hand without its elbow in the wrist frame, and sRGB with opacity per vertex."""
+    """The hand without its elbow in the wrist frame, and sRGB per vertex."""
     full = hand_mesh(skeleton, shape, tone=tone, step=0.003)
     length = FOREARM_SHOWN * shape.scale
     cut = _without_elbow(full.surface, length, closed=tolerance > 0)
     hand = simplified(cut, tolerance)
     _, nearest = cKDTree(full.surface.vertices).query(hand.vertices)
-    fade = np.clip((length + hand.vertices[:, 1]) / (0.35 * length), 0.0, 1.0)
-    colors = np.concatenate([_srgb(full.albedo[nearest]), (fade**1.5)[:, None]], axis=1)
-    return hand, np.round(255 * colors).astype(np.uint8)
+    return hand, np.round(255 * _srgb(full.albedo[nearest])).astype(np.uint8)
 
 
 def held_glass(
@@ -214,6 +226,8 @@ def held_glass(
     thumb_side = object_from_wrist[:3, 0] * (1.0 if hold.shape.side == "right" else -1.0)
     palm_side = object_from_wrist[:3, 2]
     looked_from = thumb_side + 0.35 * palm_side
+    if hold.kind == "handle":  # from the thumb's side the mug hides its handle
+        looked_from = palm_side + 0.2 * thumb_side
     touching = ", ".join(part for part in hold.gaps if part in hold.touching)
     return HeldGlass(
         name or f"{item.name}: {hold.kind}",
@@ -223,6 +237,7 @@ def held_glass(
         colors,
         skeleton.joints @ object_from_wrist[:3, :3].T + object_from_wrist[:3, 3],
         float(np.rad2deg(np.arctan2(looked_from[1], looked_from[0]))),
+        fade=_fade(hold.shape, hold.wrist_from_object),
     )
 
 
@@ -258,6 +273,7 @@ def turntable(scenes: Sequence[HeldGlass], *, height: int = 480) -> Turntable:
             "hand": _mesh(scene.hand, arrays, scene.hand_colors),
             "glass": _mesh(scene.glass, arrays),
             "joints": np.round(scene.joints, 5).tolist(),
+            "fade": np.round(scene.fade, 5).tolist(),
         }
         for scene in scenes
     ]

@@ -21,7 +21,7 @@ def ball(center=(0.0, 0.0, 0.0)):
     return Surface(body.vertices + np.asarray(center), body.faces, body.normals)
 
 
-def scene(hand=NOTHING, glass=NOTHING, color=(255, 0, 0, 255)):
+def scene(hand=NOTHING, glass=NOTHING, color=(255, 0, 0)):
     colors = np.tile(np.array(color, np.uint8), (len(hand.vertices), 1))
     return HeldGlass("n", "n", glass, hand, colors, np.zeros((22, 3)), 0.0)
 

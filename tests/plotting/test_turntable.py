@@ -27,7 +27,7 @@ def volume(surface):
 
 def scene(name="ball", surface=None, azimuth=90.0):
     surface = surface or ball()
-    colors = np.full((len(surface.vertices), 4), 200, np.uint8)
+    colors = np.full((len(surface.vertices), 3), 200, np.uint8)
     joints = forward_kinematics(np.zeros(20), HandShape()).joints
     return HeldGlass(name, "note", surface, surface, colors, joints, azimuth)
 
@@ -125,9 +125,11 @@ def test_the_forearm_ends_and_fades(held):
     )
     low = -FOREARM_SHOWN * hold.shape.scale
     assert in_wrist[:, 1].min() == pytest.approx(low, abs=1e-3)
-    alpha = shown.hand_colors[:, 3]
-    assert alpha[in_wrist[:, 1] < low + 0.002].max() < 20
-    assert (alpha[in_wrist[:, 1] > 0] == 255).all()
+    opacity = shown.hand.vertices @ shown.fade[:3] + shown.fade[3]
+    assert opacity[in_wrist[:, 1] < low + 0.002].max() < 0.1
+    assert opacity[in_wrist[:, 1] > 0.6 * low].min() > 1.0
+    told = data_of(turntable([shown]).page)["scenes"][0]["fade"]
+    np.testing.assert_allclose(told, shown.fade, atol=1e-5)
 
 
 def test_a_page_is_small(held):
