@@ -22,7 +22,7 @@ from hadr.synthesis.surfaces import Surface
 Array = npt.NDArray[np.float64]
 
 # Vertices of a small picture's hand, metres apart.
-_QUICK_STEP = 0.003
+_QUICK_STEP = 0.004
 _HALF_CM, _CELL_CM = 12.5, 30.0
 
 

@@ -11,6 +11,7 @@ import html
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -30,7 +31,7 @@ from hadr.hand import (
 )
 from hadr.plotting import FINGER_COLORS
 from hadr.synthesis.hand_mesh import SKIN_TONES, hand_mesh
-from hadr.synthesis.hand_template import FINE_STEP
+from hadr.synthesis.hand_template import MIDDLE_STEP
 from hadr.synthesis.holding import Hold
 from hadr.synthesis.objects import GlassObject, bodies, glass_object
 from hadr.synthesis.surfaces import Surface, merged
@@ -187,15 +188,20 @@ def _hand_shown(
     shape: HandShape,
     tone: npt.ArrayLike,
     tolerance: float,
-    step: float = FINE_STEP,
+    step: float = MIDDLE_STEP,
 ) -> tuple[Surface, npt.NDArray[np.uint8]]:
     """The hand without its elbow in the wrist frame, and sRGB per vertex."""
-    full = hand_mesh(skeleton, shape, tone=tone, step=0.003)
+    full = hand_mesh(skeleton, shape, tone=tone, step=step)
     length = FOREARM_SHOWN * shape.scale
     cut = _without_elbow(full.surface, length, closed=tolerance > 0)
     hand = simplified(cut, tolerance)
     _, nearest = cKDTree(full.surface.vertices).query(hand.vertices)
     return hand, np.round(255 * _srgb(full.albedo[nearest])).astype(np.uint8)
+
+
+@lru_cache(maxsize=32)
+def _simple_glass(object_id: str, tolerance: float) -> Surface:
+    return simplified(merged(bodies(glass_object(object_id))), tolerance)
 
 
 def held_glass(
@@ -204,7 +210,7 @@ def held_glass(
     name: str | None = None,
     tone: npt.ArrayLike = SKIN_TONES[1],
     tolerance: float = 0.0003,
-    step: float = FINE_STEP,
+    step: float = MIDDLE_STEP,
 ) -> HeldGlass:
     """Build what the turntable shows of a hold.
 
@@ -212,8 +218,8 @@ def held_glass(
         hold: The pose.
         name: What the reader chooses by; object and kind of hold where it is left out.
         tone: Linear RGB reflectance of the skin.
-        tolerance: How far triangles may stray from the exact surfaces, metres; 0 keeps them all
-            and leaves the forearm's end open, which is quicker and larger.
+        tolerance: How far triangles may stray from the exact surfaces, metres; 0 keeps all of
+            the hand's and leaves the forearm's end open, which is quicker and larger.
         step: Coarsest distance of the hand's vertices, metres; larger is quicker.
 
     Returns:
@@ -232,7 +238,7 @@ def held_glass(
     return HeldGlass(
         name or f"{item.name}: {hold.kind}",
         f"{hold.shape.side} hand, on the glass: {touching}",
-        simplified(merged(bodies(item)), tolerance / 3),
+        _simple_glass(hold.object_id, tolerance / 3 or 0.0002),
         hand.moved(object_from_wrist),
         colors,
         skeleton.joints @ object_from_wrist[:3, :3].T + object_from_wrist[:3, 3],
