@@ -105,9 +105,13 @@ def test_pins_admit_the_oldest_python_that_is_promised():
     assert refusing == {}
 
 
-def imported_by(path):
+def imported_by(path, *, on_import=False):
+    """Packages that a module imports, or only those that importing the module asks for."""
     names = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    nodes = ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+    if on_import:
+        nodes = ast.parse(path.read_text(encoding="utf-8")).body
+    for node in nodes:
         if isinstance(node, ast.Import):
             names |= {alias.name.split(".")[0] for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
@@ -115,12 +119,19 @@ def imported_by(path):
     return names - set(sys.stdlib_module_names) - {"hadr", "__future__"}
 
 
-def test_everything_the_library_imports_is_a_dependency():
-    declared = {canonicalize_name(Requirement(r).name) for r in project()["dependencies"]}
+@pytest.mark.parametrize("on_import", [True, False], ids=["on import", "when called"])
+def test_everything_the_library_imports_is_a_dependency(on_import):
+    """Importing a module needs the base alone; functions may need the extra that makes data."""
+    lines = list(project()["dependencies"])
+    if not on_import:
+        lines += project()["optional-dependencies"]["generate"]
+    declared = {canonicalize_name(Requirement(r).name) for r in lines}
     declared.add("pillow")  # matplotlib's own dependency, used through it
+    comes_with = {"distributed": "dask", "drjit": "mitsuba"}
+    declared |= {name for name, parent in comes_with.items() if parent in declared}
     missing = {}
     for path in sorted((ROOT / "hadr").rglob("*.py")):
-        for name in imported_by(path):
+        for name in imported_by(path, on_import=on_import):
             package = canonicalize_name(IMPORT_NAMES.get(name, "pillow" if name == "PIL" else name))
             if package not in declared:
                 missing.setdefault(package, []).append(path.name)
