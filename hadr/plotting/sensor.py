@@ -77,16 +77,17 @@ def _values(each: Any, key: str) -> npt.NDArray[np.float64]:
 
 
 def sensor_table(columns: Mapping[str, Mapping[str, Any]]) -> str:
-    """The same numbers as text: median, and lowest to highest frame.
+    """The same numbers as a Markdown table: median, and lowest to highest frame.
 
     Args:
         columns: As for :func:`draw_sensor_comparison`.
     """
     groups = [name for name in _COLUMNS if name in columns]
-    heads = [_COLUMNS[name][0].replace("\n", " ") for name in groups]
-    lines = [f"{'':40}" + "".join(f"{head:>26}" for head in heads)]
-    counts = [f"{columns[name]['frames']} frames" for name in groups]
-    lines.append(f"{'':40}" + "".join(f"{count:>26}" for count in counts))
+    heads = [
+        f"{_COLUMNS[name][0]}, {columns[name]['frames']} frames".replace("\n", " ")
+        for name in groups
+    ]
+    lines = ["| | " + " | ".join(heads) + " |", "|:--|" + "--:|" * len(groups)]
     for key, title, factor, unit in SENSOR_ROWS:
         cells = []
         for name in groups:
@@ -94,8 +95,8 @@ def sensor_table(columns: Mapping[str, Mapping[str, Any]]) -> str:
             text = "-"
             if len(values):
                 text = f"{np.median(values):.1f} ({values.min():.1f} to {values.max():.1f})"
-            cells.append(f"{text:>26}")
-        lines.append(f"{title + ', ' + unit:40}" + "".join(cells))
+            cells.append(text)
+        lines.append(f"| {title}, {unit} | " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
 
