@@ -14,7 +14,6 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from hadr import plotting
-from hadr.corruption import SENSOR, corrupt
 from hadr.data.samples import open_samples
 from hadr.metrics import frame_metrics
 from hadr.restoration import restore
@@ -40,10 +39,9 @@ def main() -> None:
     args = parser.parse_args()
 
     frame = open_samples("test")[args.frame]
-    rng = np.random.default_rng(0)
-    depth = corrupt(
-        frame.depth, frame.object_mask, frame.camera, rng, SENSOR, frame.background_depth
-    )
+    if frame.raw_depth is None:
+        raise SystemExit(f"frame {frame.stem} has no raw depth: generate it with --sensor")
+    depth = frame.raw_depth
     done = restore(
         frame.color,
         depth,
