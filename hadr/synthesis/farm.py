@@ -11,6 +11,11 @@ from typing import TypeVar
 #: Seconds to wait for a cluster.
 PATIENCE = 20.0
 
+_WORKER_ENVIRONMENT = "distributed.nanny.pre-spawn-environ"
+#: What Dask sets besides, a fixed MALLOC_TRIM_THRESHOLD_, hands each large array back to the
+#: system at once; getting it again then costs as much time as the work itself.
+_ONE_THREAD = {"OMP_NUM_THREADS": 1, "MKL_NUM_THREADS": 1, "OPENBLAS_NUM_THREADS": 1}
+
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
@@ -56,10 +61,12 @@ def run_tasks(
             if scheduler is None
             else "a cluster needs Dask, which is not installed: pip install 'hadr[generate]'"
         )
+    import dask
     from distributed import Client, LocalCluster, as_completed
 
     with ExitStack() as stack:
         if scheduler is None:
+            stack.enter_context(dask.config.set({_WORKER_ENVIRONMENT: _ONE_THREAD}))
             cluster = LocalCluster(
                 n_workers=min(workers, len(tasks)),
                 threads_per_worker=1,
