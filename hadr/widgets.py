@@ -13,7 +13,8 @@ from scipy.spatial.transform import Rotation
 from torch import Tensor
 
 from hadr.camera import BoolArray, FloatArray, window_around
-from hadr.corruption import corruption_statistics, see_through
+from hadr.corruption import see_through
+from hadr.corruption_statistics import corruption_statistics
 from hadr.hand import absolute_hand_feature, check_keypoints
 from hadr.plotting import COLORS, equal_axes_3d, show_depth, show_skeleton_3d
 from hadr.plotting.rays import draw_walk

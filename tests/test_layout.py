@@ -21,7 +21,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("synthesis",),
     ("hand",),
     ("ray_voxels",),
-    ("corruption",),
+    ("corruption", "corruption_statistics"),
     ("metrics",),
     ("frame_io",),
     ("camera",),
