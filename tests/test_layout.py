@@ -25,6 +25,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("metrics",),
     ("frame_io",),
     ("camera",),
+    ("result_file",),
     ("exercises", "provenance"),
 )
 FLOOR_OF = {name: floor for floor, names in enumerate(FLOORS) for name in names}

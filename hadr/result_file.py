@@ -1,0 +1,107 @@
+"""Result files: rows of measured numbers with where they come from, closed by a checksum.
+
+The book's tables are drawn from such files and nothing else. A number that was changed by hand no
+longer fits the checksum, and reading the file says so.
+
+    {"what": "...", "rows": [{"method": "hadr", "split": "known", "rmse_m": 0.01, ...}, ...],
+     "provenance": {..., "sha256": "..."}}
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from hadr.provenance import plain, write_json
+
+
+@dataclass(frozen=True)
+class ResultFile:
+    """What a result file holds.
+
+    Attributes:
+        what: What was measured, on which frames, under which protocol.
+        rows: The rows, each by the columns' names.
+        provenance: Commit, versions, machine, hashes of configuration and data, the checksum.
+    """
+
+    what: str
+    rows: tuple[dict[str, Any], ...]
+    provenance: dict[str, Any]
+
+    def row(self, **wanted: Any) -> dict[str, Any]:
+        """Give the one row with these values, such as ``method="hadr", split="known"``.
+
+        Raises:
+            KeyError: There is no such row, or more than one.
+        """
+        found = [r for r in self.rows if all(r.get(k) == v for k, v in wanted.items())]
+        if len(found) != 1:
+            asked = ", ".join(f"{key} = {value!r}" for key, value in wanted.items())
+            raise KeyError(f"{len(found)} of {len(self.rows)} rows have {asked}, expected one")
+        return found[0]
+
+
+def digest(content: Any) -> str:
+    """SHA-256 of plain values, whatever the order of their keys: 64 hexadecimal digits."""
+    text = json.dumps(plain(content), sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def write_result_file(
+    path: str | Path, what: str, rows: Sequence[Mapping[str, Any]], provenance: Mapping[str, Any]
+) -> None:
+    """Write a result file, whole or not at all.
+
+    Args:
+        path: A ``.json`` file; its folder is made.
+        what: What was measured, for readers.
+        rows: The rows; numbers that are NaN become null.
+        provenance: Where they come from.
+
+    Raises:
+        ValueError: There is no row.
+        TypeError: A value has no form in JSON.
+    """
+    if not rows:
+        raise ValueError(f"no rows for {path}: nothing was measured")
+    content = plain({"what": what, "rows": list(rows), "provenance": dict(provenance)})
+    content["provenance"].pop("sha256", None)
+    content["provenance"]["sha256"] = digest(content)
+    write_json(Path(path), content)
+
+
+def read_result_file(path: str | Path) -> ResultFile:
+    """Read a result file and compare it with its checksum.
+
+    Args:
+        path: A file that `write_result_file` wrote.
+
+    Returns:
+        Its content.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        ValueError: It is not such a file, or it was changed after it was written.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"there is no result file {path}")
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        provenance = dict(content["provenance"])
+        stored = provenance.pop("sha256")
+        rows = tuple(dict(row) for row in content["rows"])
+        what = str(content["what"])
+    except (json.JSONDecodeError, KeyError, TypeError) as error:
+        raise ValueError(f"{path} is not a result file: {error!r}") from error
+    if digest({**content, "provenance": provenance}) != stored:
+        raise ValueError(
+            f"{path} was changed after it was measured: its content does not fit its checksum "
+            f"{stored[:12]}...; measure it again instead of editing it"
+        )
+    return ResultFile(what, rows, {**provenance, "sha256": stored})
