@@ -12,6 +12,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("cli",),
     ("reproduce", "book", "notebook_twins"),
     ("restore_frame", "restore_report"),
+    ("experiments",),
     ("plotting", "widgets"),
     ("handover",),
     ("restoration", "frame_checks"),

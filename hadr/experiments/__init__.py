@@ -1,0 +1,1 @@
+"""The paper's tables measured again: which systems, on which frames, and what came out."""

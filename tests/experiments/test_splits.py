@@ -1,0 +1,66 @@
+import hashlib
+
+import pytest
+
+from hadr.data.samples import samples_dir
+from hadr.data.transhand import SPLITS
+from hadr.experiments.splits import data_digest, open_part
+from hadr.synthesis.objects import OBJECTS, UNKNOWN_OBJECTS
+
+
+@pytest.fixture(scope="module")
+def frames():
+    return samples_dir() / "frames"
+
+
+def stems(source):
+    return {f"{f.split}/{f.object_id}/{f.stem}" for folder in source.folders for f in folder.files}
+
+
+def test_known_parts_are_the_folders_splits(frames):
+    parts = {part: open_part([frames], "known", part) for part in SPLITS}
+    assert [len(parts[part]) for part in SPLITS] == [336, 96, 48]
+    assert all(part.objects == tuple(sorted(OBJECTS)) for part in parts.values())
+
+
+def test_unknown_objects_are_in_no_part_but_the_test(frames):
+    train, val, test = (open_part([frames], "unknown", part) for part in SPLITS)
+    assert set(test.objects) == set(UNKNOWN_OBJECTS)
+    assert not set(UNKNOWN_OBJECTS) & (set(train.objects) | set(val.objects))
+    assert set(train.objects) == set(OBJECTS) - set(UNKNOWN_OBJECTS)
+    assert len(test) == 120  # all frames of the two objects, whatever their split
+    assert not stems(train) & (stems(val) | stems(test))
+
+
+def test_folders_are_joined_in_order(frames):
+    one = open_part([frames], "known", "test")
+    two = open_part([frames, frames], "known", "test")
+    assert len(two) == 2 * len(one)
+    listed = [f.stem for folder in two.folders for f in folder.files]
+    assert listed[: len(one)] == listed[len(one) :]
+    first = next(iter(two))
+    assert (first.stem, first.object_mask.any()) == (listed[0], True)
+
+
+def test_wrong_names_are_told(frames):
+    with pytest.raises(ValueError, match=r"experiment must be one of .* got 'novel'"):
+        open_part([frames], "novel", "test")
+    with pytest.raises(ValueError, match="no data folder"):
+        open_part([], "known", "test")
+
+
+def test_digest_is_that_of_names_and_contents(tmp_path):
+    for name, text in (("b.txt", "two"), ("a/c.txt", "one"), (".hidden", "x")):
+        path = tmp_path / "set" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    by_hand = b"".join(
+        name + hashlib.sha256(text).digest()
+        for name, text in ((b"a/c.txt", b"one"), (b"b.txt", b"two"))
+    )
+    assert data_digest(tmp_path / "set") == hashlib.sha256(by_hand).hexdigest()
+    before = data_digest(tmp_path / "set")
+    (tmp_path / "set" / "b.txt").rename(tmp_path / "set" / "d.txt")
+    assert data_digest(tmp_path / "set") != before
+    with pytest.raises(FileNotFoundError, match="no files in the data folder"):
+        data_digest(tmp_path / "nowhere")
