@@ -23,6 +23,7 @@ from hadr.models.backbone import BackboneConfig, ColorBackbone
 from hadr.models.decoders import OffsetDecoder, PairDecoder, encode_position, leaky_clamp
 from hadr.models.hadr_input import (
     HADRInput,
+    float_color,
     frame_to_input,
     masked_rays,
     ray_points,
@@ -197,12 +198,13 @@ class HADR(nn.Module):
             The restored depth and what belongs to it.
         """
         grid = self.config.grid
-        dense = self.backbone(inputs.color)  # (B, 32, H, W)
+        picture = float_color(inputs.color)  # (B, 3, H, W)
+        dense = self.backbone(picture)  # (B, 32, H, W)
 
         pixels = select_points(inputs.depth, self.config.max_points)  # (points, 3)
         points = ray_points(pixels, _at(inputs.depth, pixels), inputs.intrinsics)  # (points, 3)
         occupied = occupied_voxels(points, pixels[:, 0], grid, len(inputs))
-        color = features_at(dense if self.config.point_fusion else inputs.color, pixels)
+        color = features_at(dense if self.config.point_fusion else picture, pixels)
         voxel = self.voxel_features(
             points, color, occupied.point_voxel, occupied.center
         )  # (voxels, 128)

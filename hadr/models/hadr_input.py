@@ -29,7 +29,8 @@ class HADRInput:
     """A batch of frames of one size.
 
     Attributes:
-        color: sRGB in 0..1, shape (B, 3, H, W).
+        color: sRGB in 0..1, shape (B, 3, H, W); many frames at once are kept as bytes in 0..255,
+            which `take` turns into floats.
         depth: Corrupted z-depth in metres, shape (B, H, W); 0 = missing.
         mask: Pixels to restore, shape (B, H, W), bool.
         intrinsics: fx, fy, cx, cy in pixels of this size, shape (B, 4).
@@ -49,8 +50,18 @@ class HADRInput:
         return int(self.color.shape[0])
 
     def take(self, frames: Tensor | slice) -> HADRInput:
-        """Give the batch of some frames, by their indices."""
-        return HADRInput(**{f.name: getattr(self, f.name)[frames] for f in fields(self)})
+        """Give the batch of some frames, by their indices; its colour is in 0..1."""
+        chosen = {f.name: getattr(self, f.name)[frames] for f in fields(self)}
+        return HADRInput(**chosen | {"color": float_color(chosen["color"])})
+
+    def to(self, device: torch.device | str) -> HADRInput:
+        """Give the batch on another device."""
+        return HADRInput(**{f.name: getattr(self, f.name).to(device) for f in fields(self)})
+
+
+def float_color(color: Tensor) -> Tensor:
+    """Turn colour bytes into sRGB in 0..1, float32; floats stay as they are."""
+    return color.float() / 255 if color.dtype == torch.uint8 else color
 
 
 def stack_inputs(inputs: Sequence[HADRInput]) -> HADRInput:

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import torch
 from torch import Tensor
+from tqdm import tqdm
 
 from hadr.camera import resize_depth, resize_mask
 from hadr.corruption import CAPTURED, ORACLE, SENSOR, CorruptionConfig, corrupt
 from hadr.data.augmentation import augment_color
-from hadr.models.hadr import HADRInput, frame_to_input, stack_inputs
+from hadr.models.hadr_input import HADRInput, frame_to_input
+from hadr.provenance import usable_cores
 
 if TYPE_CHECKING:
     from hadr.data.transhand import Frame
@@ -28,33 +31,44 @@ CORRUPTIONS: dict[str, CorruptionConfig] = {
 
 @dataclass(frozen=True)
 class FrameTensors:
-    """Frames of one size, ready for the network.
+    """Frames of one size, ready for a network.
 
     Attributes:
-        inputs: What the network takes, N frames; its mask is the object's.
+        inputs: What the network is given, N frames: its mask and keypoints may be true or
+            predicted ones. Colour is kept as bytes; `take` gives floats.
         true_depth: True z-depth in metres, shape (N, H, W); 0 = unknown.
         hand_mask: Pixels of hand and arm, shape (N, H, W), bool.
+        object_mask: True pixels of the object, on which is scored, shape (N, H, W), bool.
+        true_keypoints: True hand keypoints in metres, camera frame, shape (N, 21, 3).
         stems: Name of each frame, "object/stem".
     """
 
     inputs: HADRInput
     true_depth: Tensor
     hand_mask: Tensor
+    object_mask: Tensor
+    true_keypoints: Tensor
     stems: tuple[str, ...]
 
     def __len__(self) -> int:
         """Give the number of frames."""
         return len(self.stems)
 
-    def take(self, frames: list[int]) -> FrameTensors:
-        """Give some of the frames, by their indices."""
-        index = torch.tensor(frames, dtype=torch.long)
-        return FrameTensors(
-            self.inputs.take(index),
-            self.true_depth[index],
-            self.hand_mask[index],
-            tuple(self.stems[frame] for frame in frames),
-        )
+    def take(self, frames: Sequence[int] | Tensor) -> FrameTensors:
+        """Give some of the frames, by their indices; their colour is in 0..1."""
+        numbers = [int(frame) for frame in frames]
+        index = torch.tensor(numbers, dtype=torch.long)
+        parts = {name: getattr(self, name)[index] for name in _TENSORS}
+        stems = tuple(self.stems[number] for number in numbers)
+        return FrameTensors(inputs=self.inputs.take(index), stems=stems, **parts)
+
+    def to(self, device: torch.device | str) -> FrameTensors:
+        """Give the frames on another device."""
+        parts = {name: getattr(self, name).to(device) for name in _TENSORS}
+        return FrameTensors(inputs=self.inputs.to(device), stems=self.stems, **parts)
+
+
+_TENSORS = ("true_depth", "hand_mask", "object_mask", "true_keypoints")
 
 
 def load_frames(
@@ -62,10 +76,14 @@ def load_frames(
     size: tuple[int, int],
     corruption: Corruption = "oracle",
     seed: int = 0,
+    *,
+    keep_all: bool = False,
+    progress: str | None = None,
 ) -> FrameTensors:
     """Read frames, corrupt their depth, and bring them to one size.
 
-    Frames in which no pixel of the object is left at this size are skipped.
+    Frames in which no pixel of the object is left at this size are skipped. Some threads decode
+    at once; a frame's result does not depend on the others.
 
     Args:
         frames: Frames with true depth.
@@ -74,7 +92,9 @@ def load_frames(
             "analytic" imitates an active-stereo camera by formulas: it loses part of the depth,
             sees the background through the rest, and frays the outlines; "sensor" takes the
             frame's raw depth, measured by a real or simulated camera (ledger, row 8).
-        seed: Seed of the analytic models.
+        seed: Seed of the analytic models; each frame's chance follows from it and its number.
+        keep_all: Keep frames without a pixel of the object.
+        progress: Show a bar with this title.
 
     Returns:
         The frames.
@@ -85,36 +105,97 @@ def load_frames(
     """
     if corruption not in CORRUPTIONS:
         raise ValueError(f"corruption must be one of {sorted(CORRUPTIONS)}, got {corruption!r}")
-    rng = np.random.default_rng(seed)
-    inputs, depths, hands, stems = [], [], [], []
-    for frame in frames:
-        if corruption == "sensor" and frame.raw_depth is None:
-            raise ValueError(
-                f"frame {frame.object_id}/{frame.stem} has no raw depth, which the corruption "
-                "'sensor' takes; make frames with --sensor, or choose 'analytic' or 'oracle'"
-            )
-        corrupted = corrupt(
-            frame.depth,
-            frame.object_mask,
-            frame.camera,
-            rng,
-            CORRUPTIONS[corruption],
-            frame.background_depth,
-            frame.raw_depth,
-        )
-        one = frame_to_input(
-            frame.color, corrupted, frame.object_mask, frame.keypoints, frame.camera, size
-        )
-        if not one.mask.any():
-            continue
-        inputs.append(one)
-        depth = np.nan_to_num(resize_depth(frame.depth, *size)).astype(np.float32)
-        depths.append(torch.from_numpy(depth))
-        hands.append(torch.from_numpy(resize_mask(frame.hand_mask, *size).copy()))
-        stems.append(f"{frame.object_id}/{frame.stem}")
-    if not inputs:
+    source: Sequence[Frame] = frames if isinstance(frames, Sequence) else list(frames)
+    if not source:
         raise ValueError("no frames: the folder is empty, or no frame shows an object")
-    return FrameTensors(stack_inputs(inputs), torch.stack(depths), torch.stack(hands), tuple(stems))
+    store = _empty(len(source), size)
+
+    def load(number: int) -> str | None:
+        frame = source[number]
+        rng = np.random.default_rng((seed, number))
+        one = _one_frame(frame, size, corruption, rng)
+        if not keep_all and not one.object_mask.any():
+            return None
+        for name in _TENSORS:
+            getattr(store, name)[number] = getattr(one, name)[0]
+        for part in fields(HADRInput):
+            getattr(store.inputs, part.name)[number] = getattr(one.inputs, part.name)[0]
+        return one.stems[0]
+
+    with ThreadPoolExecutor(usable_cores()) as pool:
+        bar = tqdm(
+            pool.map(load, range(len(source))),
+            progress,
+            total=len(source),
+            disable=progress is None,
+            mininterval=1.0,
+        )
+        stems = list(bar)
+    kept = torch.tensor([number for number, stem in enumerate(stems) if stem is not None])
+    if len(kept) == 0:
+        raise ValueError("no frames: the folder is empty, or no frame shows an object")
+    names = tuple(stem for stem in stems if stem is not None)
+    if len(kept) == len(source):
+        return replace(store, stems=names)
+    inputs = {part.name: getattr(store.inputs, part.name)[kept] for part in fields(HADRInput)}
+    tensors = {name: getattr(store, name)[kept] for name in _TENSORS}
+    return FrameTensors(inputs=HADRInput(**inputs), stems=names, **tensors)
+
+
+def _one_frame(
+    frame: Frame, size: tuple[int, int], corruption: Corruption, rng: np.random.Generator
+) -> FrameTensors:
+    """Corrupt and resize one frame; colour as bytes."""
+    name = f"{frame.object_id}/{frame.stem}"
+    if corruption == "sensor" and frame.raw_depth is None:
+        raise ValueError(
+            f"frame {name} has no raw depth, which the corruption 'sensor' takes; make frames "
+            "with --sensor, or choose 'analytic' or 'oracle'"
+        )
+    corrupted = corrupt(
+        frame.depth,
+        frame.object_mask,
+        frame.camera,
+        rng,
+        CORRUPTIONS[corruption],
+        frame.background_depth,
+        frame.raw_depth,
+    )
+    given = frame_to_input(
+        frame.color, corrupted, frame.object_mask, frame.keypoints, frame.camera, size
+    )
+    depth = np.nan_to_num(resize_depth(frame.depth, *size)).astype(np.float32)
+    hand = resize_mask(frame.hand_mask, *size).copy()
+    return FrameTensors(
+        inputs=replace(given, color=(given.color * 255).round().to(torch.uint8)),
+        true_depth=torch.from_numpy(depth)[None],
+        hand_mask=torch.from_numpy(hand)[None],
+        object_mask=given.mask,
+        true_keypoints=given.keypoints,
+        stems=(name,),
+    )
+
+
+def _empty(count: int, size: tuple[int, int]) -> FrameTensors:
+    """Room for so many frames."""
+    width, height = size
+    image = (count, height, width)
+    inputs = HADRInput(
+        color=torch.zeros(count, 3, height, width, dtype=torch.uint8),
+        depth=torch.zeros(image),
+        mask=torch.zeros(image, dtype=torch.bool),
+        intrinsics=torch.zeros(count, 4),
+        keypoints=torch.zeros(count, 21, 3),
+        keypoints_uv=torch.zeros(count, 21, 2),
+    )
+    return FrameTensors(
+        inputs=inputs,
+        true_depth=torch.zeros(image),
+        hand_mask=torch.zeros(image, dtype=torch.bool),
+        object_mask=torch.zeros(image, dtype=torch.bool),
+        true_keypoints=torch.zeros(count, 21, 3),
+        stems=("",) * count,
+    )
 
 
 def batches(

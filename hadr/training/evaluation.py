@@ -74,7 +74,7 @@ def score(depth: FloatArray, frames: FrameTensors) -> list[DepthMetrics]:
     Returns:
         The metrics of each frame.
     """
-    truth, mask = frames.true_depth.numpy(), frames.inputs.mask.numpy()
+    truth, mask = frames.true_depth.numpy(), frames.object_mask.numpy()
     return [
         frame_metrics(depth[number], truth[number], mask[number], missing="zero")
         for number in range(len(frames))

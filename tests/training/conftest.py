@@ -55,7 +55,8 @@ def frames() -> FrameTensors:
     color = torch.rand(count, 3, height, width, generator=generator)
     intrinsics = torch.tensor([[40.0, 40.0, 15.5, 11.5]]).repeat(count, 1)
     inputs = HADRInput(color, depth * ~mask, mask, intrinsics, keypoints, uv)
-    return FrameTensors(inputs, depth, hand, tuple(f"0000/{n:03d}" for n in range(count)))
+    stems = tuple(f"0000/{n:03d}" for n in range(count))
+    return FrameTensors(inputs, depth, hand, mask, keypoints, stems)
 
 
 CAMERA = Intrinsics(60.0, 60.0, 31.5, 23.5, 64, 48)
