@@ -9,11 +9,11 @@ Source: paper, "Comparison with SOTA"; ledger, rows 14 and 22.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from itertools import chain
+from bisect import bisect_right
+from collections.abc import Sequence
+from itertools import accumulate
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal, get_args, overload
 
 from hadr.data.transhand import SPLITS, Frame, TransHand
 from hadr.synthesis.objects import OBJECTS, UNKNOWN_OBJECTS
@@ -23,23 +23,35 @@ Part = Literal["train", "val", "test"]
 EXPERIMENTS: tuple[Experiment, ...] = get_args(Experiment)
 
 
-@dataclass(frozen=True)
-class FrameSource:
-    """Some frames of some data folders, in a fixed order.
+class FrameSource(Sequence[Frame]):
+    """Some frames of some data folders, one after the other, read when asked for.
 
-    Attributes:
-        folders: The parts of the data folders that are joined.
+    Args:
+        folders: The parts of the data folders that are joined, in this order.
     """
 
-    folders: tuple[TransHand, ...]
+    def __init__(self, folders: Sequence[TransHand]) -> None:
+        self.folders = tuple(folders)
+        self._ends = list(accumulate(len(folder) for folder in self.folders))
 
     def __len__(self) -> int:
-        """Give the number of frames."""
-        return sum(len(folder) for folder in self.folders)
+        return self._ends[-1] if self._ends else 0
 
-    def __iter__(self) -> Iterator[Frame]:
-        """Read the frames, one after the other."""
-        return chain.from_iterable(self.folders)
+    @overload
+    def __getitem__(self, index: int) -> Frame: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> list[Frame]: ...
+
+    def __getitem__(self, index: int | slice) -> Frame | list[Frame]:
+        """Read one frame, or several."""
+        if isinstance(index, slice):
+            return [self[number] for number in range(*index.indices(len(self)))]
+        number = index + len(self) if index < 0 else index
+        if not 0 <= number < len(self):
+            raise IndexError(f"frame {index} of {len(self)}")
+        folder = bisect_right(self._ends, number)
+        return self.folders[folder][number - (self._ends[folder - 1] if folder else 0)]
 
     @property
     def objects(self) -> tuple[str, ...]:
@@ -74,7 +86,7 @@ def open_part(roots: Sequence[str | Path], experiment: Experiment, part: Part) -
         wanted, splits = sorted(unseen), SPLITS
     else:
         wanted = [name for name in OBJECTS if name not in unseen]
-    return FrameSource(tuple(TransHand(root, splits, wanted) for root in roots))
+    return FrameSource([TransHand(root, splits, wanted) for root in roots])
 
 
 def data_digest(root: str | Path) -> str:

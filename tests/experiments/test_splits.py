@@ -38,8 +38,11 @@ def test_folders_are_joined_in_order(frames):
     assert len(two) == 2 * len(one)
     listed = [f.stem for folder in two.folders for f in folder.files]
     assert listed[: len(one)] == listed[len(one) :]
-    first = next(iter(two))
-    assert (first.stem, first.object_mask.any()) == (listed[0], True)
+    for number in (0, len(one) - 1, len(one), -1):
+        assert two[number].stem == listed[number]
+    assert [frame.stem for frame in two[len(one) - 1 : len(one) + 1]] == [listed[-1], listed[0]]
+    with pytest.raises(IndexError, match="frame 96 of 96"):
+        two[96]
 
 
 def test_wrong_names_are_told(frames):
