@@ -24,7 +24,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "hadr.synthesis.generate_command",
         "make a data set of hand-held glass in TransHand's form",
     ),
-    "train": ("hadr.training.loop", "train the network on a data set"),
+    "train": ("hadr.training.train_command", "train a network on a data set"),
     "evaluate": ("hadr.training.evaluation", "score a network beside methods that learn nothing"),
 }
 

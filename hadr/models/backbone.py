@@ -17,6 +17,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from hadr.models.stochastic_depth import replace_drop_path
+
 IMAGENET_MEAN = (0.485, 0.456, 0.406)
 IMAGENET_STD = (0.229, 0.224, 0.225)
 
@@ -90,6 +92,7 @@ def build_swin(config: BackboneConfig) -> nn.Module:
             out_features=stages,
         )
         random: nn.Module = SwinBackbone(size)
+        replace_drop_path(random, "SwinDropPath")
         return random
     try:
         swin: Any = SwinBackbone.from_pretrained(
@@ -109,6 +112,7 @@ def build_swin(config: BackboneConfig) -> nn.Module:
             "configured"
         )
     pretrained: nn.Module = swin
+    replace_drop_path(pretrained, "SwinDropPath")
     return pretrained
 
 

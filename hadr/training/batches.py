@@ -1,11 +1,11 @@
-"""Frames as tensors in memory: read, corrupted and resized once, then served in batches."""
+"""Frames as tensors in memory: read, corrupted and resized once, then taken in batches."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
 import torch
@@ -14,8 +14,7 @@ from tqdm import tqdm
 
 from hadr.camera import resize_depth, resize_mask
 from hadr.corruption import CAPTURED, ORACLE, SENSOR, CorruptionConfig, corrupt
-from hadr.data.augmentation import augment_color
-from hadr.models.hadr_input import HADRInput, frame_to_input
+from hadr.models.hadr_input import HADRInput, frame_to_input, stack_inputs
 from hadr.provenance import usable_cores
 
 if TYPE_CHECKING:
@@ -27,6 +26,17 @@ CORRUPTIONS: dict[str, CorruptionConfig] = {
     "analytic": SENSOR,
     "sensor": CAPTURED,
 }
+
+
+@runtime_checkable
+class FrameList(Protocol):
+    """Frames by their number, such as `TransHand`; each is read when it is asked for."""
+
+    def __len__(self) -> int:
+        """Give the number of frames."""
+
+    def __getitem__(self, index: int, /) -> Any:
+        """Read a frame."""
 
 
 @dataclass(frozen=True)
@@ -67,12 +77,24 @@ class FrameTensors:
         parts = {name: getattr(self, name).to(device) for name in _TENSORS}
         return FrameTensors(inputs=self.inputs.to(device), stems=self.stems, **parts)
 
+    @staticmethod
+    def join(parts: Sequence[FrameTensors]) -> FrameTensors:
+        """Join frames of one size, in their order.
+
+        Raises:
+            ValueError: There is none, or the sizes differ.
+        """
+        inputs = stack_inputs([part.inputs for part in parts])
+        tensors = {name: torch.cat([getattr(part, name) for part in parts]) for name in _TENSORS}
+        stems = tuple(stem for part in parts for stem in part.stems)
+        return FrameTensors(inputs=inputs, stems=stems, **tensors)
+
 
 _TENSORS = ("true_depth", "hand_mask", "object_mask", "true_keypoints")
 
 
 def load_frames(
-    frames: Iterable[Frame],
+    frames: FrameList | Iterable[Frame],
     size: tuple[int, int],
     corruption: Corruption = "oracle",
     seed: int = 0,
@@ -86,7 +108,7 @@ def load_frames(
     at once; a frame's result does not depend on the others.
 
     Args:
-        frames: Frames with true depth.
+        frames: Frames with true depth; one that reads them when asked for, by number, is best.
         size: (width, height) in pixels.
         corruption: "oracle" erases the depth of the whole object, as the published experiments do;
             "analytic" imitates an active-stereo camera by formulas: it loses part of the depth,
@@ -105,13 +127,13 @@ def load_frames(
     """
     if corruption not in CORRUPTIONS:
         raise ValueError(f"corruption must be one of {sorted(CORRUPTIONS)}, got {corruption!r}")
-    source: Sequence[Frame] = frames if isinstance(frames, Sequence) else list(frames)
-    if not source:
+    source = frames if isinstance(frames, FrameList) else list(frames)
+    if len(source) == 0:
         raise ValueError("no frames: the folder is empty, or no frame shows an object")
     store = _empty(len(source), size)
 
     def load(number: int) -> str | None:
-        frame = source[number]
+        frame: Frame = source[number]
         rng = np.random.default_rng((seed, number))
         one = _one_frame(frame, size, corruption, rng)
         if not keep_all and not one.object_mask.any():
@@ -196,40 +218,3 @@ def _empty(count: int, size: tuple[int, int]) -> FrameTensors:
         true_keypoints=torch.zeros(count, 21, 3),
         stems=("",) * count,
     )
-
-
-def batches(
-    frames: FrameTensors, batch_size: int, generator: torch.Generator | None = None
-) -> Iterator[tuple[HADRInput, Tensor]]:
-    """Serve the frames once, in batches; the last one may be smaller.
-
-    Args:
-        frames: The frames.
-        batch_size: Frames in a batch.
-        generator: Shuffles them; None keeps their order.
-
-    Yields:
-        Input and true depth (B, H, W) of each batch.
-    """
-    count = len(frames)
-    order = torch.arange(count) if generator is None else torch.randperm(count, generator=generator)
-    for first in range(0, count, batch_size):
-        chosen = order[first : first + batch_size]
-        yield frames.inputs.take(chosen), frames.true_depth[chosen]
-
-
-def augment_batch(color: Tensor, generator: torch.Generator) -> Tensor:
-    """Augment the colour of each frame of a batch; depth and geometry are not touched.
-
-    Args:
-        color: sRGB in 0..1, shape (B, 3, H, W).
-        generator: Source of randomness.
-
-    Returns:
-        The same shape, in 0..1.
-    """
-    seed = int(torch.randint(2**31, (), generator=generator))
-    rng = np.random.default_rng(seed)
-    pictures = (color * 255).round().to(torch.uint8).permute(0, 2, 3, 1).numpy()
-    changed = np.stack([augment_color(picture, rng) for picture in pictures])
-    return torch.from_numpy(changed).permute(0, 3, 1, 2).float() / 255

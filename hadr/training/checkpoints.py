@@ -8,28 +8,36 @@ written to a temporary file first and renamed, so a crash never leaves half a fi
 from __future__ import annotations
 
 import contextlib
+import importlib
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import is_dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
-from torch import Tensor
+from torch import Tensor, nn
 
-from hadr.models.hadr import HADR, HADRConfig
 from hadr.provenance import plain, write_json
 
 _HEADER = "hadr"
 _STATE = "training/"  # prefix of tensors that only a resumed training needs
+_NETWORKS = {
+    "hadr": ("hadr.models.hadr", "HADR", "HADRConfig"),
+    "hadr-plus": ("hadr.models.hadr_plus", "HADRPlus", "HADRPlusConfig"),
+    "unet-hand": ("hadr.models.baselines.unet_hand", "UNetHand", "UNetHandConfig"),
+    "hand-keypoints": ("hadr.models.hand_keypoints", "HandKeypointNet", "HandKeypointConfig"),
+    "segmentation": ("hadr.models.segmentation", "SegmentationNet", "SegmentationConfig"),
+}
+"""Module, class and configuration of each kind of network; imported when it is asked for."""
 
 
 def save_checkpoint(
     path: str | Path,
-    model: HADR,
+    model: nn.Module,
     meta: Mapping[str, Any],
     *,
     half: bool = False,
@@ -39,18 +47,20 @@ def save_checkpoint(
 
     Args:
         path: A `.safetensors` file; the record goes to the same name with `.json`.
-        model: The network.
-        meta: What should be known about it; the key "model" is set to its configuration.
+        model: The network, with its configuration as `config`.
+        meta: What should be known about it; the key "network" is set to its kind and "model" to
+            its configuration.
         half: Store the weights as 16-bit floats, half the size and rounded to 3 digits.
         training_state: Further tensors that a resumed training needs.
 
     Raises:
-        ValueError: The name does not end with `.safetensors`.
+        ValueError: The name does not end with `.safetensors`, or the network is of no known kind.
     """
     path = Path(path)
     if path.suffix != ".safetensors":
         raise ValueError(f"a checkpoint's name must end with .safetensors, got {path.name!r}")
-    record = plain({**meta, "model": model.config.to_dict()})
+    config: Any = model.config
+    record = plain({**meta, "network": kind_of(model), "model": config.to_dict()})
     tensors = {}
     for name, values in model.state_dict().items():
         values = values.detach().cpu().contiguous()
@@ -70,28 +80,67 @@ def save_checkpoint(
     write_json(path.with_suffix(".json"), record)
 
 
-def load_checkpoint(path: str | Path) -> tuple[HADR, dict[str, Any]]:
-    """Read a checkpoint.
+def load_checkpoint(path: str | Path) -> tuple[Any, dict[str, Any]]:
+    """Read a checkpoint of any network.
 
     Args:
         path: A `.safetensors` file that `save_checkpoint` wrote.
 
     Returns:
-        The network with 32-bit weights, ready for inference, and its record.
+        The network with 32-bit weights, ready for inference (`HADR`, or the class of the kind that
+        the record's key "network" names), and its record.
 
     Raises:
         FileNotFoundError: There is no such file.
-        ValueError: The file is cut off, damaged, or not a checkpoint of this network.
+        ValueError: The file is cut off, damaged, or not a checkpoint of a known network.
     """
     tensors, meta = _read(Path(path))
-    model = HADR(_without_download(HADRConfig.from_dict(meta["model"])))
-    weights = {name: t.float() for name, t in tensors.items() if not name.startswith(_STATE)}
+    kind = meta.setdefault("network", "hadr")  # the first checkpoints were all of HADR
+    if kind not in _NETWORKS:
+        raise ValueError(f"{path} holds a {kind!r}, expected one of {', '.join(_NETWORKS)}")
+    module_name, class_name, config_name = _NETWORKS[kind]
+    module = importlib.import_module(module_name)
+    config = getattr(module, config_name).from_dict(meta["model"])
+    model = getattr(module, class_name)(_without_download(config))
+    weights = {
+        name: values.float() if values.is_floating_point() else values
+        for name, values in tensors.items()
+        if not name.startswith(_STATE)
+    }
     try:
         model.load_state_dict(weights)
     except RuntimeError as error:
         raise ValueError(f"{path} does not fit its own configuration: {error}") from error
     model.eval()
     return model, meta
+
+
+def kind_of(model: nn.Module) -> str:
+    """Give the kind of a network, such as "hadr".
+
+    Raises:
+        ValueError: It is of no known kind.
+    """
+    for kind, (_, class_name, _) in _NETWORKS.items():
+        if type(model).__name__ == class_name:
+            return kind
+    raise ValueError(f"{type(model).__name__} is none of the networks {', '.join(_NETWORKS)}")
+
+
+def strip_checkpoint(source: str | Path, target: str | Path, *, half: bool = True) -> None:
+    """Write a checkpoint again without what only a resumed training needs.
+
+    Args:
+        source: A checkpoint.
+        target: Where the smaller one goes.
+        half: Store its weights as 16-bit floats.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        ValueError: It is no checkpoint, or the target's name does not end with `.safetensors`.
+    """
+    model, meta = load_checkpoint(source)
+    save_checkpoint(target, model, meta, half=half)
 
 
 def load_training_state(path: str | Path) -> dict[str, Tensor]:
@@ -119,9 +168,14 @@ def _read(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
     return tensors, meta
 
 
-def _without_download(config: HADRConfig) -> HADRConfig:
+def _without_download(config: Any) -> Any:
     """Build without fetching published weights: they will be overwritten at once."""
-    return replace(config, backbone=replace(config.backbone, pretrained=None))
+    if getattr(config, "pretrained", None) is not None:
+        return replace(config, pretrained=None)
+    backbone = getattr(config, "backbone", None)
+    if is_dataclass(backbone) and getattr(backbone, "pretrained", None) is not None:
+        return replace(config, backbone=replace(backbone, pretrained=None))  # type: ignore[type-var]
+    return config
 
 
 def adam_state(optimizer: torch.optim.Adam) -> dict[str, Tensor]:

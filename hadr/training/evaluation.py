@@ -14,11 +14,12 @@ from typing import Any
 
 import numpy as np
 import torch
+from torch import nn
 
 from hadr.camera import BoolArray, FloatArray
 from hadr.metrics import DepthMetrics, format_table, frame_metrics, mean_over_frames
 from hadr.models.baselines import classical
-from hadr.models.hadr import HADR, HADROutput
+from hadr.models.hadr import HADROutput
 from hadr.provenance import provenance, write_json
 from hadr.training.batches import CORRUPTIONS, FrameTensors, load_frames
 
@@ -26,7 +27,7 @@ Restorer = Callable[[FrameTensors, int], FloatArray]
 """From the frames and a frame's number to restored z-depth in metres, shape (H, W)."""
 
 
-def predict(model: HADR, frames: FrameTensors, batch_size: int = 8) -> list[HADROutput]:
+def predict(model: nn.Module, frames: FrameTensors, batch_size: int = 8) -> list[HADROutput]:
     """Restore all frames, in batches.
 
     Args:
@@ -38,17 +39,18 @@ def predict(model: HADR, frames: FrameTensors, batch_size: int = 8) -> list[HADR
         One output a batch.
     """
     was_training = model.training
+    device = next(model.parameters()).device
     model.eval()
     with torch.no_grad():
         outputs = [
-            model(frames.inputs.take(slice(first, first + batch_size)))
+            model(frames.inputs.take(slice(first, first + batch_size)).to(device))
             for first in range(0, len(frames), batch_size)
         ]
     model.train(was_training)
     return outputs
 
 
-def predict_depth(model: HADR, frames: FrameTensors, batch_size: int = 8) -> FloatArray:
+def predict_depth(model: nn.Module, frames: FrameTensors, batch_size: int = 8) -> FloatArray:
     """Give the whole depth image of all frames: restored in the mask, as measured elsewhere.
 
     Args:
@@ -59,7 +61,7 @@ def predict_depth(model: HADR, frames: FrameTensors, batch_size: int = 8) -> Flo
     Returns:
         z-depth in metres, shape (N, H, W); 0 where it is missing.
     """
-    restored = torch.cat([output.depth for output in predict(model, frames, batch_size)])
+    restored = torch.cat([output.depth.cpu() for output in predict(model, frames, batch_size)])
     depth: FloatArray = torch.where(frames.inputs.mask, restored, frames.inputs.depth).numpy()
     return depth
 
@@ -81,7 +83,7 @@ def score(depth: FloatArray, frames: FrameTensors) -> list[DepthMetrics]:
     ]
 
 
-def evaluate(model: HADR, frames: FrameTensors, batch_size: int = 8) -> list[DepthMetrics]:
+def evaluate(model: nn.Module, frames: FrameTensors, batch_size: int = 8) -> list[DepthMetrics]:
     """Score the network.
 
     Args:
@@ -119,7 +121,7 @@ BASELINES: dict[str, Restorer] = {
 
 
 def compare(
-    frames: FrameTensors, models: Mapping[str, HADR], batch_size: int = 8
+    frames: FrameTensors, models: Mapping[str, nn.Module], batch_size: int = 8
 ) -> dict[str, list[DepthMetrics]]:
     """Score the methods without learning and some networks on the same frames.
 

@@ -15,6 +15,7 @@ from torch.nn import functional
 
 from hadr.models.hadr import HADROutput, ray_points
 from hadr.ray_voxels import VoxelGrid, pair_of_true_point, segment_argmax
+from hadr.training.task import shared_mean
 
 DepthNorm = Literal["xyz", "z"]
 
@@ -84,7 +85,7 @@ def depth_loss(points: Tensor, true_points: Tensor, over: DepthNorm = "xyz") -> 
     """
     error = (points - true_points).abs()
     error = error if over == "xyz" else error[:, 2:]
-    return error.sum() / max(error.numel(), 1)
+    return shared_mean(error.sum(), error.numel())
 
 
 def probability_loss(log_probability: Tensor, true_pair: Tensor) -> Tensor:
@@ -98,7 +99,7 @@ def probability_loss(log_probability: Tensor, true_pair: Tensor) -> Tensor:
         One number, nats; 0 where no ray counts.
     """
     known = true_pair[true_pair >= 0]
-    return -log_probability.index_select(0, known).sum() / max(len(known), 1)
+    return shared_mean(-log_probability.index_select(0, known).sum(), len(known))
 
 
 def normals(cloud: Tensor) -> Tensor:
@@ -130,7 +131,7 @@ def normals_loss(cloud: Tensor, true_cloud: Tensor, valid: Tensor) -> Tensor:
     """
     whole = valid[:, :-1, :-1] & valid[:, :-1, 1:] & valid[:, 1:, :-1]
     cosine = (normals(cloud) * normals(true_cloud)).sum(dim=-1)
-    return ((1 - cosine) / 2 * whole).sum() / whole.sum().clamp(min=1)
+    return shared_mean(((1 - cosine) / 2 * whole).sum(), whole.sum())
 
 
 def hadr_losses(
@@ -187,6 +188,6 @@ def hadr_losses(
         normals=normals_loss(
             blank.index_put(cell, output.points), blank.index_put(cell, true_points), valid
         ),
-        voxel_accuracy=(best[known] == true_pair[known]).float().sum() / known.sum().clamp(min=1),
-        without_true_voxel=1 - known.sum() / counts.sum().clamp(min=1),
+        voxel_accuracy=shared_mean((best[known] == true_pair[known]).float().sum(), known.sum()),
+        without_true_voxel=shared_mean((counts & ~known).float().sum(), counts.sum()),
     )

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from hadr.data.transhand import Frame
-from hadr.training.batches import FrameTensors, augment_batch, batches, load_frames
+from hadr.training.batches import FrameTensors, load_frames
 
 
 def test_oracle_erases_the_object_and_nothing_else(glass_frame: Callable[..., Frame]) -> None:
@@ -63,25 +63,39 @@ def test_frames_without_object_are_skipped_and_none_at_all_is_an_error(
         load_frames([glass_frame()], (32, 24), "rain")  # type: ignore[arg-type]
 
 
-def test_batches_serve_each_frame_once(frames: FrameTensors) -> None:
-    generator = torch.Generator().manual_seed(0)
-    served = list(batches(frames, 4, generator))
-    assert [len(inputs) for inputs, _ in served] == [4, 2]
-    depths = torch.cat([truth[:, 10, 15] for _, truth in served])
-    expected = frames.true_depth[:, 10, 15]
-    assert sorted(depths.tolist()) == sorted(expected.tolist())
-    assert depths.tolist() != expected.tolist()
-    in_order = torch.cat([truth[:, 10, 15] for _, truth in batches(frames, 4)])
-    assert torch.equal(in_order, expected)
+def test_colour_is_kept_as_bytes_and_taken_as_floats(glass_frame: Callable[..., Frame]) -> None:
+    frame = glass_frame()
+    loaded = load_frames([frame], frame.camera.shape[::-1])
+    assert loaded.inputs.color.dtype == torch.uint8
+    expected = frame.color.transpose(2, 0, 1)
+    np.testing.assert_array_equal(loaded.inputs.color[0].numpy(), expected)
+    for color in (loaded.take([0]).inputs.color, loaded.inputs.take(slice(0, 1)).color):
+        np.testing.assert_array_equal(color[0].numpy(), expected.astype(np.float32) / 255)
 
 
-def test_augmentation_changes_some_colours_and_follows_the_generator() -> None:
-    color = torch.rand(16, 3, 24, 32, generator=torch.Generator().manual_seed(1))
-    one = augment_batch(color, torch.Generator().manual_seed(5))
-    two = augment_batch(color, torch.Generator().manual_seed(5))
-    assert torch.equal(one, two)
-    assert one.shape == color.shape
-    assert one.min() >= 0
-    assert one.max() <= 1
-    changed = (one - color).abs().amax(dim=(1, 2, 3)) > 0.01
-    assert 0 < changed.sum() < 16
+def test_taking_and_joining_frames(frames: FrameTensors) -> None:
+    some = frames.take([4, 1])
+    assert some.stems == ("0000/004", "0000/001")
+    assert torch.equal(some.true_keypoints, frames.true_keypoints[[4, 1]])
+    both = FrameTensors.join([some, frames.take(torch.tensor([0]))])
+    assert both.stems == ("0000/004", "0000/001", "0000/000")
+    assert torch.equal(both.inputs.depth, frames.inputs.depth[[4, 1, 0]])
+    assert torch.equal(both.object_mask, frames.object_mask[[4, 1, 0]])
+
+
+def test_threads_keep_order_and_chance(glass_frame: Callable[..., Frame]) -> None:
+    many = [glass_frame(f"{n:06d}") for n in range(20)]
+    together = load_frames(many, (32, 24), "analytic", seed=3)
+    assert together.stems == tuple(f"0004/{n:06d}" for n in range(20))
+    assert not torch.equal(together.inputs.depth[0], together.inputs.depth[1])
+    again = load_frames((frame for frame in many), (32, 24), "analytic", seed=3)
+    assert torch.equal(together.inputs.depth, again.inputs.depth)
+
+
+def test_frames_without_object_stay_where_all_are_asked_for(
+    glass_frame: Callable[..., Frame],
+) -> None:
+    frames = [glass_frame("1", 0), glass_frame("2")]
+    loaded = load_frames(frames, (32, 24), keep_all=True)
+    assert loaded.stems == ("0004/1", "0004/2")
+    assert not loaded.object_mask[0].any()

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import csv
-from argparse import ArgumentParser
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +9,7 @@ import torch
 
 from hadr.training.batches import FrameTensors
 from hadr.training.checkpoints import load_checkpoint
-from hadr.training.loop import BEST, LAST, add_arguments, recipe_from, train
+from hadr.training.loop import BEST, LAST, train
 from hadr.training.losses import CODED
 from hadr.training.presets import Preset
 
@@ -42,7 +41,7 @@ def test_resuming_needs_the_optimizers_state_and_the_seed(
     through = train(short, frames, seed=3, progress=False)
     assert not same_weights(through.model, train(short, frames, seed=4, progress=False).model)
     train(short, frames, folder=tmp_path, seed=3, stop_after=1, progress=False)
-    monkeypatch.setattr("hadr.training.loop.load_training_state", lambda _: {})
+    monkeypatch.setattr("hadr.training.training_folder.load_training_state", lambda _: {})
     forgetful = train(short, frames, folder=tmp_path, seed=3, resume=True, progress=False)
     assert not same_weights(through.model, forgetful.model)
 
@@ -93,33 +92,8 @@ def test_resume_refuses_another_training(
     other = replace(short, model=replace(short.model, hand="none"))
     with pytest.raises(ValueError, match=r"preset 'micro' with another\s+network"):
         train(other, frames, folder=tmp_path, resume=True, progress=False)
-    with pytest.raises(ValueError, match="resume needs the folder"):
+    with pytest.raises(ValueError, match="resume and tensorboard need the folder"):
         train(short, frames, resume=True, progress=False)
-
-
-def test_arguments_become_a_recipe() -> None:
-    parser = ArgumentParser()
-    add_arguments(parser)
-    args = parser.parse_args(
-        [
-            "data",
-            "out",
-            "--preset",
-            "paper",
-            "--epochs",
-            "50",
-            "--hand",
-            "none",
-            "--no-aggregation",
-            "--no-point-fusion",
-            "--coded-weights",
-        ]
-    )
-    recipe = recipe_from(args)
-    assert (recipe.epochs, recipe.drop_epoch) == (50, 40)
-    assert recipe.weights == CODED
-    model = recipe.model
-    assert (model.hand, model.aggregation, model.point_fusion) == ("none", False, False)
 
 
 @pytest.mark.parametrize(
@@ -160,10 +134,3 @@ def test_a_training_is_not_overwritten(micro: Preset, frames: FrameTensors, tmp_
     with pytest.raises(ValueError, match="holds a training already"):
         train(short, frames, folder=tmp_path, progress=False)
     assert (tmp_path / "last.safetensors").read_bytes() == before
-
-
-def test_epochs_must_be_positive() -> None:
-    parser = ArgumentParser()
-    add_arguments(parser)
-    with pytest.raises(ValueError, match="--epochs must be at least 1, got 0"):
-        recipe_from(parser.parse_args(["data", "out", "--epochs", "0"]))

@@ -1,0 +1,223 @@
+"""Augmentation of training frames: other colours, and the same scene seen by another camera.
+
+The geometric changes are exact, because each of them is a camera that really could have taken the
+picture: a mirror's camera (a left hand holds the glass then), one with a longer focal length that
+looks at a part (zoom and crop), one that is turned about its optical axis (roll). The z-depth of a
+surface point is the same for all of them; only its pixel, the intrinsics, and x and y of the
+keypoints change. Depth and masks are taken from the nearest pixel, colour is interpolated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import torch
+from torch import Tensor
+
+from hadr.data.augmentation import augment_color
+from hadr.training.batches import FrameTensors
+from hadr.training.presets import Preset
+
+_TRIES = 5
+Matrix = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class OtherCamera:
+    """A camera at the same place that sees the same scene otherwise.
+
+    Attributes:
+        camera_from_old: Turns points of the old camera frame into the new one, (3, 3): a roll
+            about the optical axis and perhaps a mirror.
+        pixel_from_old: Affine map of old pixels (column, row, 1) to new ones, (2, 3).
+        intrinsics: fx, fy, cx, cy of the new camera in pixels, shape (4,).
+    """
+
+    camera_from_old: Matrix
+    pixel_from_old: Matrix
+    intrinsics: Matrix
+
+
+def other_camera(
+    intrinsics: npt.ArrayLike,
+    size: tuple[int, int],
+    *,
+    mirror: bool = False,
+    zoom: float = 1.0,
+    corner: tuple[float, float] = (0.0, 0.0),
+    roll: float = 0.0,
+) -> OtherCamera:
+    """Describe a camera that looks elsewhere.
+
+    Args:
+        intrinsics: fx, fy, cx, cy of the old camera in pixels.
+        size: (width, height) of both pictures, pixels.
+        mirror: Swap left and right, at last.
+        zoom: How much larger everything becomes.
+        corner: Upper left corner of the part that stays, (column, row) from the picture's edge
+            in pixels, after the roll.
+        roll: Angle about the optical axis in radians, from x to y.
+
+    Returns:
+        The camera.
+    """
+    fx, fy, cx, cy = np.asarray(intrinsics, dtype=np.float64)
+    sine, cosine = np.sin(roll), np.cos(roll)
+    turn = np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1.0]])
+    new = np.array(
+        [
+            fx * zoom,
+            fy * zoom,
+            (cx + 0.5 - corner[0]) * zoom - 0.5,
+            (cy + 0.5 - corner[1]) * zoom - 0.5,
+        ]
+    )
+    if mirror:
+        turn = np.diag([-1.0, 1.0, 1.0]) @ turn
+        new[2] = size[0] - 1 - new[2]
+    pixel = _matrix(new) @ turn @ np.linalg.inv(_matrix(np.array([fx, fy, cx, cy])))
+    return OtherCamera(turn, pixel[:2], new)
+
+
+def _matrix(intrinsics: Matrix) -> Matrix:
+    fx, fy, cx, cy = intrinsics
+    return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
+
+
+def seen_by(frame: FrameTensors, camera: OtherCamera) -> FrameTensors:
+    """Give one frame as the other camera sees it.
+
+    Args:
+        frame: A single frame.
+        camera: The other camera.
+
+    Returns:
+        The frame; beyond the old picture's edge depth is missing, masks are empty, and colour is
+        that of the edge.
+    """
+    given = frame.inputs
+    turn = torch.from_numpy(camera.camera_from_old).float()
+    pixel = torch.from_numpy(camera.pixel_from_old).float()
+    uv = given.keypoints_uv @ pixel[:, :2].T + pixel[:, 2]
+    known = (given.keypoints != 0).any().to(uv.dtype)
+    color = given.color[0].permute(1, 2, 0).numpy()
+    inputs = replace(
+        given,
+        color=_batch(_warp(color, camera, smooth=True)).permute(0, 3, 1, 2).contiguous(),
+        depth=_nearest(given.depth, camera),
+        mask=_nearest(given.mask, camera),
+        intrinsics=_batch(camera.intrinsics.astype(np.float32)),
+        keypoints=given.keypoints @ turn.T,
+        keypoints_uv=uv * known,
+    )
+    return FrameTensors(
+        inputs=inputs,
+        true_depth=_nearest(frame.true_depth, camera),
+        hand_mask=_nearest(frame.hand_mask, camera),
+        object_mask=_nearest(frame.object_mask, camera),
+        true_keypoints=frame.true_keypoints @ turn.T,
+        stems=frame.stems,
+    )
+
+
+def _nearest(images: Tensor, camera: OtherCamera) -> Tensor:
+    image = images[0].numpy()
+    if images.dtype == torch.bool:
+        return _batch(_warp(image.astype(np.uint8), camera, smooth=False).astype(bool))
+    return _batch(_warp(image, camera, smooth=False))
+
+
+def _warp(image: npt.NDArray[np.generic], camera: OtherCamera, *, smooth: bool) -> Matrix:
+    height, width = image.shape[:2]
+    old_from_pixel = cv2.invertAffineTransform(camera.pixel_from_old)
+    if smooth:
+        warped = cv2.warpAffine(
+            image,
+            old_from_pixel,
+            (width, height),
+            flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+            borderMode=cv2.BORDER_REPLICATE,
+        )
+        return np.asarray(warped)
+    column, row = np.meshgrid(np.arange(width), np.arange(height))
+    grid = np.stack([column, row, np.ones_like(column)], axis=-1)
+    source = np.floor(grid @ old_from_pixel.T + 0.5).astype(np.int64)
+    inside = ((source >= 0) & (source < [width, height])).all(axis=-1)
+    source = np.where(inside[..., None], source, 0)
+    return np.asarray(
+        np.where(inside, image[source[..., 1], source[..., 0]], 0).astype(image.dtype)
+    )
+
+
+def _batch(image: npt.NDArray[np.generic]) -> Tensor:
+    return torch.from_numpy(np.ascontiguousarray(image))[None]
+
+
+def draw_camera(frame: FrameTensors, recipe: Preset, rng: np.random.Generator) -> OtherCamera:
+    """Draw a camera for one frame that still sees all of the object's pixels.
+
+    Args:
+        frame: A single frame.
+        recipe: How far the camera may differ.
+        rng: Source of randomness.
+
+    Returns:
+        The camera; where none of some tries sees the whole object, it is only mirrored or not.
+    """
+    height, width = frame.true_depth.shape[1:]
+    intrinsics = frame.inputs.intrinsics[0].numpy()
+    mirror = bool(rng.random() < recipe.mirror)
+    rows, columns = np.nonzero((frame.object_mask | frame.inputs.mask)[0].numpy())
+    pixels = np.stack([columns, rows, np.ones_like(rows)], axis=1)
+    for _ in range(_TRIES if recipe.zoom > 1 or recipe.roll_deg > 0 else 0):
+        zoom = float(rng.uniform(1, recipe.zoom))
+        free = np.array([width, height]) * (1 - 1 / zoom)
+        camera = other_camera(
+            intrinsics,
+            (width, height),
+            mirror=mirror,
+            zoom=zoom,
+            corner=tuple(rng.uniform(0, free)),
+            roll=float(np.radians(rng.uniform(-recipe.roll_deg, recipe.roll_deg))),
+        )
+        moved = pixels @ camera.pixel_from_old.T
+        if ((moved > -0.5) & (moved < np.array([width, height]) - 0.5)).all():
+            return camera
+    return other_camera(intrinsics, (width, height), mirror=mirror)
+
+
+def augment_frames(
+    batch: FrameTensors, numbers: Sequence[int], recipe: Preset, seed: int, epoch: int
+) -> FrameTensors:
+    """Augment each frame of a batch by chance of its own.
+
+    Args:
+        batch: The frames, colour in 0..1.
+        numbers: Number of each frame among the training frames; with seed and epoch it decides
+            everything, so that it does not matter which process does it.
+        recipe: What may change.
+        seed: Seed of the training.
+        epoch: Number of the epoch.
+
+    Returns:
+        The augmented frames.
+    """
+    geometric = recipe.mirror > 0 or recipe.zoom > 1 or recipe.roll_deg > 0
+    if not (recipe.augment or geometric):
+        return batch
+    frames = []
+    for row, number in enumerate(numbers):
+        rng = np.random.default_rng((seed, epoch, number))
+        frame = batch.take([row])
+        if recipe.augment:
+            picture = (frame.inputs.color[0] * 255).round().to(torch.uint8).permute(1, 2, 0)
+            color = _batch(augment_color(picture.numpy(), rng)).permute(0, 3, 1, 2).float() / 255
+            frame = replace(frame, inputs=replace(frame.inputs, color=color))
+        if geometric:
+            frame = seen_by(frame, draw_camera(frame, recipe, rng))
+        frames.append(frame)
+    return FrameTensors.join(frames)

@@ -1,0 +1,131 @@
+"""An early look at what a network restores: a few frames side by side as one PNG."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import torch
+from torch import nn
+
+from hadr.camera import BoolArray, FloatArray
+from hadr.training.batches import FrameTensors
+
+Picture = npt.NDArray[np.uint8]
+AROUND_M = 0.15
+"""Depth is coloured from so much before to so much behind the glass's median, metres."""
+ERROR_M = 0.05
+"""The error's colours end at this many metres."""
+_HEIGHT = 160
+_GAP = 4
+_TITLES = ("colour", "corrupted", "restored", "truth", "error")
+
+
+def depth_picture(model: nn.Module, frames: FrameTensors, rows: int = 4) -> Picture:
+    """Draw colour, corrupted, restored and true depth and the error of some frames.
+
+    Depth has one colour scale a row, `AROUND_M` to both sides of the glass's median; black is
+    missing. The error is blue in front of the surface and red behind it, `ERROR_M` at most; the
+    number is the frame's RMSE.
+
+    Args:
+        model: A depth network in evaluation mode.
+        frames: The frames; `rows` of them are drawn, spread evenly.
+        rows: How many.
+
+    Returns:
+        RGB, shape (H, W, 3), uint8.
+    """
+    chosen = [int(n) for n in np.unique(np.linspace(0, len(frames) - 1, rows).round())]
+    some = frames.take(chosen)
+    device = next(model.parameters()).device
+    with torch.no_grad():
+        found = model(some.inputs.to(device)).depth.cpu()
+    restored = torch.where(some.inputs.mask, found, some.inputs.depth)
+    lines = []
+    for number in range(len(some)):
+        color = some.inputs.color[number].permute(1, 2, 0).numpy()
+        lines.append(
+            _line(
+                np.round(color * 255).astype(np.uint8),
+                some.inputs.depth[number].numpy(),
+                restored[number].numpy(),
+                some.true_depth[number].numpy(),
+                some.object_mask[number].numpy(),
+            )
+        )
+    return np.vstack([_header(lines[0].shape[1]), *lines])
+
+
+def save_png(path: Path, picture: Picture) -> None:
+    """Write an RGB picture as PNG, whole or not at all."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    _, data = cv2.imencode(".png", picture[..., ::-1])
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    temporary.write_bytes(data.tobytes())
+    os.replace(temporary, path)
+
+
+def _line(
+    color: Picture, corrupted: FloatArray, restored: FloatArray, truth: FloatArray, mask: BoolArray
+) -> Picture:
+    """One frame: five pictures beside each other."""
+    on_glass = mask & (truth > 0)
+    middle = float(np.median(truth[on_glass])) if on_glass.any() else 1.0
+    error = np.where(on_glass, restored - truth, 0)
+    rmse = float(np.sqrt(np.mean(error[on_glass] ** 2))) if on_glass.any() else 0.0
+    panels = [
+        color,
+        *(_depth_colors(image, middle) for image in (corrupted, restored, truth)),
+        _error_colors(error, on_glass),
+    ]
+    scale = _HEIGHT / mask.shape[0]
+    size = (round(mask.shape[1] * scale), _HEIGHT)
+    big = [cv2.resize(panel, size, interpolation=cv2.INTER_NEAREST) for panel in panels]
+    _write(big[-1], f"{rmse * 100:.1f} cm", (6, _HEIGHT - 8))
+    _write(big[3], f"{middle:.2f} m", (6, _HEIGHT - 8))
+    gap = np.full((_HEIGHT, _GAP, 3), 255, np.uint8)
+    parts = [part for panel in big for part in (panel, gap)][:-1]
+    line = np.hstack(parts)
+    return np.vstack([line, np.full((_GAP, line.shape[1], 3), 255, np.uint8)])
+
+
+def _header(width: int) -> Picture:
+    strip = np.full((22, width, 3), 255, np.uint8)
+    step = (width + _GAP) / len(_TITLES)
+    for number, title in enumerate(_TITLES):
+        cv2.putText(
+            strip,
+            title,
+            (round(number * step) + 4, 16),
+            cv2.FONT_HERSHEY_SIMPLEX,
+            0.5,
+            (0, 0, 0),
+            1,
+            cv2.LINE_AA,
+        )
+    return strip
+
+
+def _write(picture: Picture, text: str, where: tuple[int, int]) -> None:
+    for color, thick in (((0, 0, 0), 3), ((255, 255, 255), 1)):
+        cv2.putText(picture, text, where, cv2.FONT_HERSHEY_SIMPLEX, 0.5, color, thick, cv2.LINE_AA)
+
+
+def _depth_colors(depth: FloatArray, middle: float) -> Picture:
+    """Colour depth around a middle; black where it is missing."""
+    share = np.clip((depth - middle) / (2 * AROUND_M) + 0.5, 0, 1)
+    gray = np.round(255 * (1 - share)).astype(np.uint8)
+    colors = cv2.applyColorMap(gray, cv2.COLORMAP_VIRIDIS)[..., ::-1]
+    return np.where((depth > 0)[..., None], colors, 0).astype(np.uint8)
+
+
+def _error_colors(error: FloatArray, mask: BoolArray) -> Picture:
+    """Blue in front of the surface, red behind it, white without error, grey off the glass."""
+    share = np.clip(error / ERROR_M, -1, 1)[..., None]
+    white, red, blue = (np.array(c, float) for c in ((255, 255, 255), (200, 30, 30), (30, 60, 200)))
+    colors = white + np.abs(share) * (np.where(share > 0, red, blue) - white)
+    return np.where(mask[..., None], np.round(colors), 225).astype(np.uint8)

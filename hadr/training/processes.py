@@ -1,0 +1,83 @@
+"""Several processes that train one network: who sees which frames, and how they agree.
+
+Each step has one batch for all. A process takes a stretch of it, and after the backward pass the
+gradients are averaged, so that all processes make the same step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, distributed, nn
+
+
+@dataclass(frozen=True)
+class Share:
+    """A process's stretch of a step's batch, as positions in the epoch's order.
+
+    Attributes:
+        start: First frame of the stretch.
+        stop: One past its last frame.
+        batch_start: First frame of the whole batch.
+        batch_size: Frames in the whole batch.
+    """
+
+    start: int
+    stop: int
+    batch_start: int
+    batch_size: int
+
+
+def shares(frames: int, batch_size: int, process: int, processes: int) -> list[Share]:
+    """Cut an epoch into steps and each step into stretches as even as possible.
+
+    Args:
+        frames: Frames in the epoch.
+        batch_size: Frames in a step, of all processes together.
+        process: Number of this process, from 0.
+        processes: How many there are.
+
+    Returns:
+        This process's stretch of each step. The last step may be smaller; one with fewer frames
+        than processes is left out.
+    """
+    found = []
+    for first in range(0, frames, batch_size):
+        size = min(batch_size, frames - first)
+        if size < processes:
+            break
+        start, stop = (first + size * number // processes for number in (process, process + 1))
+        found.append(Share(start, stop, first, size))
+    return found
+
+
+def average_gradients(network: nn.Module, processes: int) -> None:
+    """Replace each gradient by its mean over the processes; one process changes nothing.
+
+    A weight without gradient in some processes has gradient 0 there; one without in all of them
+    keeps none.
+    """
+    if processes == 1:
+        return
+    weights = [weight for weight in network.parameters() if weight.requires_grad]
+    has = torch.tensor([float(weight.grad is not None) for weight in weights])
+    parts = [
+        (torch.zeros_like(weight) if weight.grad is None else weight.grad).flatten()
+        for weight in weights
+    ]
+    flat = torch.cat([*parts, has.to(parts[0])])
+    distributed.all_reduce(flat)
+    *means, has = torch.split(flat, [*(weight.numel() for weight in weights), len(weights)])
+    for weight, total, count in zip(weights, means, has.tolist(), strict=True):
+        weight.grad = (total / processes).view_as(weight) if count > 0 else None
+
+
+def average_numbers(numbers: Mapping[str, Tensor], processes: int) -> dict[str, float]:
+    """Give each number's mean over the processes as a float."""
+    values = torch.stack([value.detach().float() for value in numbers.values()])
+    if processes > 1:
+        distributed.all_reduce(values)
+        values = values / processes
+    return dict(zip(numbers, values.tolist(), strict=True))

@@ -1,0 +1,35 @@
+"""From a recipe to its task."""
+
+from __future__ import annotations
+
+import importlib
+
+from hadr.training.presets import Preset
+from hadr.training.task import Task
+
+_TASKS = {
+    "hadr": ("hadr.training.hadr_task", "HADRTask"),
+    "hadr-plus": ("hadr.training.hadr_plus_task", "HADRPlusTask"),
+    "unet-hand": ("hadr.training.unet_hand_task", "UNetHandTask"),
+    "hand-keypoints": ("hadr.training.keypoint_task", "KeypointTask"),
+    "segmentation": ("hadr.training.segmentation_task", "SegmentationTask"),
+}
+
+
+def task_of(recipe: Preset) -> Task:
+    """Build the task of a recipe; its module is imported only now.
+
+    Args:
+        recipe: The recipe; its field `network` decides.
+
+    Returns:
+        The task.
+
+    Raises:
+        ValueError: There is no such network.
+    """
+    if recipe.network not in _TASKS:
+        raise ValueError(f"network must be one of {', '.join(_TASKS)}, got {recipe.network!r}")
+    module, name = _TASKS[recipe.network]
+    task: Task = getattr(importlib.import_module(module), name)(recipe)
+    return task

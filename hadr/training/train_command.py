@@ -1,0 +1,227 @@
+"""`hadr train`: from arguments to a recipe, frames, and a trained network."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import is_dataclass, replace
+from pathlib import Path
+from typing import Any, get_args
+
+import torch
+from lightning_fabric import Fabric
+from torch.utils.data import ConcatDataset
+
+from hadr.models.hadr import HADRConfig
+from hadr.training.batches import CORRUPTIONS, FrameTensors, load_frames
+from hadr.training.loop import LAST, train
+from hadr.training.losses import CODED
+from hadr.training.predicted import Given, with_predicted
+from hadr.training.presets import NETWORKS, Preset, Schedule, preset
+
+PRECISIONS = ("32-true", "bf16-mixed")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `hadr train`."""
+    parser.add_argument("--out", required=True, help="folder for checkpoints, history and pictures")
+    parser.add_argument(
+        "--data",
+        nargs="+",
+        metavar="DIR",
+        help="folders in TransHand's layout, joined; the bundled frames where it is left out",
+    )
+    parser.add_argument("--network", default="hadr", choices=NETWORKS, help="what to train (hadr)")
+    parser.add_argument(
+        "--preset",
+        default="mini",
+        choices=("tiny", "mini", "paper"),
+        help="size of network, pictures and schedule (mini)",
+    )
+    parser.add_argument(
+        "--epochs", type=int, help="instead of the preset's; the rate's drop moves along"
+    )
+    parser.add_argument("--drop-epoch", type=int, help="when the rate falls, instead of preset's")
+    parser.add_argument("--schedule", choices=get_args(Schedule), help="how the rate falls")
+    parser.add_argument("--batch-size", type=int, help="frames in a step of each process")
+    add_given(parser)
+    parser.add_argument("--objects", nargs="+", metavar="ID", help="train on these objects only")
+    parser.add_argument("--pretrained", metavar="NAME", help="published weights to start from")
+    parser.add_argument("--seed", type=int, default=0, help="seed of everything (0)")
+    parser.add_argument("--resume", action="store_true", help="go on from the last checkpoint")
+    parser.add_argument("--tensorboard", action="store_true", help="write event files as well")
+    ablation = parser.add_argument_group("parts of HADR")
+    ablation.add_argument("--hand", choices=("none", "2d", "3d"), help="the hand feature")
+    ablation.add_argument(
+        "--no-aggregation", action="store_true", help="the backbone's finest scale alone"
+    )
+    ablation.add_argument(
+        "--no-point-fusion", action="store_true", help="raw colour in the voxel features"
+    )
+    ablation.add_argument(
+        "--coded-weights", action="store_true", help="loss weights 0.5 and 10, not as printed"
+    )
+    machine = parser.add_argument_group("machine")
+    machine.add_argument("--devices", type=int, default=1, help="processes on this machine (1)")
+    machine.add_argument(
+        "--accelerator",
+        choices=("auto", "cpu", "cuda"),
+        default="auto",
+        help="auto: cuda if any",
+    )
+    machine.add_argument(
+        "--precision", choices=PRECISIONS, default="32-true", help="of the forward pass (32-true)"
+    )
+
+
+def add_given(parser: argparse.ArgumentParser) -> None:
+    """Add what a network is given: the depth's corruption, masks and keypoints."""
+    parser.add_argument(
+        "--corruption",
+        default="oracle",
+        choices=tuple(CORRUPTIONS),
+        help="oracle: no depth in the object's mask; analytic: a stereo camera imitated by "
+        "formulas; sensor: the frames' raw depth (oracle)",
+    )
+    for name, what in (("masks", "segmentation"), ("keypoints", "hand-keypoints")):
+        parser.add_argument(
+            f"--{name}",
+            default="true",
+            metavar="FILE",
+            help=f"'true', or a {what} checkpoint whose predictions are given (true)",
+        )
+
+
+def given_from(args: argparse.Namespace) -> Given:
+    """Read the arguments of `add_given`."""
+    return Given(args.corruption, args.masks, args.keypoints, args.seed)
+
+
+def recipe_from(args: argparse.Namespace) -> Preset:
+    """Build the recipe that the arguments of `hadr train` describe.
+
+    Raises:
+        ValueError: A number is out of range, or a part of HADR is asked of another network.
+    """
+    recipe = preset(args.preset, args.network)
+    model: Any = recipe.model
+    if isinstance(model, HADRConfig):
+        model = replace(
+            model,
+            hand=args.hand or model.hand,
+            aggregation=model.aggregation and not args.no_aggregation,
+            point_fusion=model.point_fusion and not args.no_point_fusion,
+        )
+    elif args.hand or args.no_aggregation or args.no_point_fusion or args.coded_weights:
+        raise ValueError(
+            "--hand, --no-aggregation, --no-point-fusion and --coded-weights are parts of hadr, "
+            f"got --network {args.network}"
+        )
+    if args.epochs is not None and args.epochs < 1:
+        raise ValueError(f"--epochs must be at least 1, got {args.epochs}")
+    epochs = recipe.epochs if args.epochs is None else args.epochs
+    scaled_drop = round(epochs * recipe.drop_epoch / recipe.epochs)
+    return replace(
+        recipe,
+        model=_pretrained(model, args.pretrained),
+        weights=CODED if args.coded_weights else recipe.weights,
+        epochs=epochs,
+        warmup_epochs=min(recipe.warmup_epochs, epochs),
+        schedule=args.schedule or recipe.schedule,
+        drop_epoch=scaled_drop if args.drop_epoch is None else args.drop_epoch,
+        batch_size=recipe.batch_size if args.batch_size is None else args.batch_size,
+    )
+
+
+def _pretrained(config: Any, name: str | None) -> Any:
+    """Name published weights in a configuration."""
+    if name is None:
+        return config
+    if hasattr(config, "pretrained"):
+        return replace(config, pretrained=name)
+    if is_dataclass(backbone := getattr(config, "backbone", None)):
+        part: Any = backbone
+        return replace(config, backbone=replace(part, pretrained=name))
+    raise ValueError(f"{type(config).__name__} knows no published weights, got --pretrained {name}")
+
+
+def open_split(
+    folders: Sequence[str | Path], split: str, objects: Sequence[str] | None = None
+) -> ConcatDataset[Any] | None:
+    """Open a split of some data folders, joined; None where none of them has it.
+
+    Raises:
+        FileNotFoundError: An object is missing.
+    """
+    from hadr.data.transhand import TransHand
+
+    there = [Path(folder) for folder in folders if (Path(folder) / split).is_dir()]
+    if not there:
+        return None
+    opened: list[Any] = [TransHand(folder, split, objects) for folder in there]
+    return ConcatDataset(opened)
+
+
+def read_split(
+    folders: Sequence[str | Path],
+    split: str,
+    size: tuple[int, int],
+    given: Given,
+    objects: Sequence[str] | None = None,
+    *,
+    progress: bool = True,
+) -> FrameTensors | None:
+    """Read a split of some data folders, joined; None where none of them has it."""
+    found = open_split(folders, split, objects)
+    if found is None:
+        return None
+    bar = f"reading {split}" if progress else None
+    frames = load_frames(found, size, given.corruption, given.seed, progress=bar)
+    return with_predicted(frames, given)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run `hadr train`."""
+    from hadr.data.samples import samples_dir
+
+    recipe = recipe_from(args)
+    given = given_from(args)
+    if args.devices < 1:
+        raise ValueError(f"--devices must be at least 1, got {args.devices}")
+    cuda = torch.cuda.is_available() if args.accelerator == "auto" else args.accelerator == "cuda"
+    fabric = Fabric(
+        accelerator="cuda" if cuda else "cpu", devices=args.devices, precision=args.precision
+    )
+    fabric.launch()
+    folders = args.data or [samples_dir() / "frames"]
+    parts = {
+        split: read_split(
+            folders, split, recipe.size, given, args.objects, progress=fabric.is_global_zero
+        )
+        for split in ("train", "val")
+    }
+    if parts["train"] is None:
+        raise FileNotFoundError(f"no folder train in {', '.join(str(f) for f in folders)}")
+    trained = train(
+        recipe,
+        parts["train"],
+        parts["val"],
+        folder=args.out,
+        seed=args.seed,
+        data={
+            **given.record(),
+            "folders": [Path(folder).name for folder in folders],
+            "objects": sorted(args.objects) if args.objects else "all",
+            "frames": {split: len(part) for split, part in parts.items() if part is not None},
+            "processes": fabric.world_size,
+            "precision": args.precision,
+        },
+        resume=args.resume,
+        fabric=fabric,
+        tensorboard=args.tensorboard,
+    )
+    if fabric.is_global_zero:
+        last = trained.history[-1]
+        print(f"{len(trained.history)} epochs; the checkpoint is {Path(args.out) / LAST}")
+        print(", ".join(f"{name} {value:.4g}" for name, value in last.items() if name != "epoch"))
+    return 0

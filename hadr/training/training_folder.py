@@ -1,0 +1,197 @@
+"""A training's folder: what each epoch leaves there, and how a stopped training goes on from it.
+
+`last.safetensors` is the truth: network, optimiser and the whole history in one file that is
+replaced at once. Whatever else lies in the folder (the best epoch's checkpoint, `history.csv`, the
+records for human eyes) is written after it and can be made from it. So a training may be killed
+at any moment: `resume` brings the rest into line with the last whole epoch.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import nn
+
+from hadr.provenance import provenance
+from hadr.training.checkpoints import (
+    adam_state,
+    load_checkpoint,
+    load_training_state,
+    restore_adam,
+    save_checkpoint,
+)
+from hadr.training.presets import Preset
+from hadr.training.weight_average import WeightAverage
+
+LAST = "last.safetensors"
+BEST = "best.safetensors"
+HISTORY = "history.csv"
+_RAW = "weights/"  # the weights themselves, where the checkpoint's are their average
+History = list[dict[str, float]]
+
+
+@dataclass(frozen=True)
+class TrainingFolder:
+    """Where a training's files go.
+
+    Args:
+        path: The folder.
+        recipe: What is trained, and how.
+        seed: The training's seed.
+        data: What the frames are, plain values.
+    """
+
+    path: Path
+    recipe: Preset
+    seed: int
+    data: Mapping[str, Any] | None
+
+    def check_empty(self) -> None:
+        """Refuse a folder that holds a training already.
+
+        Raises:
+            ValueError: It does.
+        """
+        if (self.path / LAST).exists():
+            raise ValueError(
+                f"{self.path} holds a training already ({LAST}); resume it, or name another folder"
+            )
+
+    def save(
+        self,
+        network: nn.Module,
+        optimizer: torch.optim.Adam,
+        average: WeightAverage | None,
+        history: History,
+        score: str | None,
+    ) -> None:
+        """Write what an epoch has reached, the truth first.
+
+        Args:
+            network: The network.
+            optimizer: Its optimiser.
+            average: The running average of its weights, if there is one.
+            history: A row of numbers for each epoch so far.
+            score: Name of the number in it by which the best epoch is chosen, smaller is better;
+                None keeps no best.
+        """
+        state = adam_state(optimizer)
+        meta = self._meta(history, score)
+        if average is not None:
+            state |= {_RAW + name: values for name, values in network.state_dict().items()}
+        result = network if average is None else average.network
+        save_checkpoint(self.path / LAST, result, meta, training_state=state)
+        if best_epoch(history, score) == len(history):
+            save_checkpoint(self.path / BEST, result, meta)
+        self._write_history(history)
+
+    def resume(
+        self, network: nn.Module, optimizer: torch.optim.Adam, average: WeightAverage | None
+    ) -> History:
+        """Load the last epoch into network and optimiser, and bring the folder into line with it.
+
+        Args:
+            network: The network; its weights are replaced.
+            optimizer: Its optimiser.
+            average: The running average of the weights, if there is one.
+
+        Returns:
+            The history so far; empty where there is nothing to go on from.
+
+        Raises:
+            ValueError: The folder holds a training of another recipe, seed or data.
+        """
+        self._sweep()
+        if not (self.path / LAST).is_file():
+            return []
+        earlier, meta = load_checkpoint(self.path / LAST)
+        self._check_same(earlier, network, meta)
+        state = load_training_state(self.path / LAST)
+        raw = {n.removeprefix(_RAW): t for n, t in state.items() if n.startswith(_RAW)}
+        moments = {n: t for n, t in state.items() if not n.startswith(_RAW)}
+        network.load_state_dict(raw or earlier.state_dict())
+        if average is not None:
+            average.network.load_state_dict(earlier.state_dict())
+        restore_adam(optimizer, moments)
+        history: History = meta["history"]
+        newest_is_best = best_epoch(history, meta["score"]) == len(history)
+        if newest_is_best and self._epochs_of(BEST) != len(history):
+            save_checkpoint(self.path / BEST, earlier, meta)
+        self._write_history(history)
+        return history
+
+    def _meta(self, history: History, score: str | None) -> dict[str, Any]:
+        return {
+            "width": self.recipe.width,
+            "height": self.recipe.height,
+            "preset": self.recipe.to_dict(),
+            "seed": self.seed,
+            "data": None if self.data is None else dict(self.data),
+            "epochs": len(history),
+            "score": score,
+            "history": history,
+            "made_with": provenance(),
+        }
+
+    def _epochs_of(self, name: str) -> int | None:
+        """Epochs of a checkpoint in the folder; None where there is no whole one."""
+        try:
+            _, meta = load_checkpoint(self.path / name)
+        except (FileNotFoundError, ValueError):
+            return None
+        return int(meta["epochs"])
+
+    def _write_history(self, history: History) -> None:
+        names = list(dict.fromkeys(name for row in history for name in row))
+        temporary = self.path / f".{HISTORY}.{os.getpid()}"
+        with temporary.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, fieldnames=names)
+            writer.writeheader()
+            writer.writerows(history)
+        os.replace(temporary, self.path / HISTORY)
+
+    def _sweep(self) -> None:
+        """Remove the temporary files that a killed training left."""
+        for name in (LAST, BEST, HISTORY):
+            for stem in {name, str(Path(name).with_suffix(".json"))}:
+                for left in self.path.glob(f".{stem}.*"):
+                    left.unlink(missing_ok=True)
+
+    def _check_same(self, earlier: nn.Module, network: nn.Module, meta: Mapping[str, Any]) -> None:
+        """Refuse to go on with another network, recipe, seed or other data."""
+        last, recipe = self.path / LAST, self.recipe
+        if meta["seed"] != self.seed:
+            raise ValueError(f"{last} was trained with seed {meta['seed']}, not {self.seed}")
+        same_config = earlier.config == network.config
+        if not same_config or meta["preset"]["name"] != recipe.name:
+            raise ValueError(
+                f"{last} holds a training of preset {meta['preset']['name']!r} with another "
+                f"network than preset {recipe.name!r} asks for"
+            )
+        asked = json.loads(json.dumps({"recipe": recipe.to_dict(), "data": self.data}))
+        stored = {"recipe": meta["preset"], "data": meta.get("data")}
+        for part, values in asked.items():
+            for name in sorted(set(values or {}) | set(stored[part] or {})):
+                then, now = (stored[part] or {}).get(name), (values or {}).get(name)
+                if then != now and not (name == "epochs" and recipe.schedule == "step"):
+                    raise ValueError(
+                        f"{last} was trained with {name} = {then}, not {now}; resume it with the "
+                        "same, or name another folder"
+                    )
+
+
+def best_epoch(history: History, score: str | None) -> int | None:
+    """Give how many epochs had passed when the score was smallest; None without scores."""
+    scores = [
+        (row[score], number + 1)
+        for number, row in enumerate(history)
+        if score is not None and score in row
+    ]
+    return min(scores)[1] if scores else None
