@@ -17,6 +17,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from hadr.models.enlarged_map import EnlargedMap
 from hadr.models.stochastic_depth import replace_drop_path
 
 IMAGENET_MEAN = (0.485, 0.456, 0.406)
@@ -117,13 +118,16 @@ def build_swin(config: BackboneConfig) -> nn.Module:
 
 
 class FeatureAggregation(nn.Module):
-    """Bring all stages to one map of `channels` channels at the image's resolution.
+    """Bring all stages to one map of `channels` channels, of which a ray then takes its part.
 
     Each stage goes through a 1x1 convolution to `embed_dim` channels and is resized bilinearly to
     the first stage's size, H/4 x W/4. The stages are concatenated, a 1x1 convolution takes them to
-    `channels`, and a bilinear resize brings the map to H x W. (The paper resizes first. A 1x1
-    convolution and a bilinear resize commute, because the weights of a resize sum to one, and in
-    this order the small maps are convolved.)
+    `channels`, and a bilinear resize brings the map to H x W.
+
+    Nothing in this chain bends: convolutions of 1x1 and resizes commute (the weights of a resize
+    sum to one), and two convolutions in a row are one, whose matrix is the product of theirs. So
+    each stage is multiplied once, to `channels` channels, at its own small size, and the last
+    resize is left to `EnlargedMap`. The weights are those of the chain, and so is the result.
 
     Args:
         stage_channels: Channels of each stage.
@@ -138,12 +142,35 @@ class FeatureAggregation(nn.Module):
     ) -> None:
         super().__init__()
         used = list(stage_channels) if multi_scale else [stage_channels[0]]
-        embed_dim = stage_channels[0]
-        self.align = nn.ModuleList(nn.Conv2d(width, embed_dim, 1) for width in used)
-        self.reduce = nn.Conv2d(embed_dim * len(used), channels, 1)
+        self.embed_dim = stage_channels[0]
+        self.align = nn.ModuleList(nn.Conv2d(width, self.embed_dim, 1) for width in used)
+        self.reduce = nn.Conv2d(self.embed_dim * len(used), channels, 1)
+
+    def coarse(self, stages: Sequence[Tensor]) -> Tensor:
+        """Aggregate the stages at the first one's size.
+
+        Args:
+            stages: Feature maps, the finest first, each (B, C_i, H_i, W_i).
+
+        Returns:
+            The map at a quarter of the image's resolution, shape (B, channels, H / 4, W / 4), in
+            memory with the channels last.
+        """
+        size = (int(stages[0].shape[2]), int(stages[0].shape[3]))
+        parts = torch.split(self.reduce.weight.flatten(1), self.embed_dim, dim=1)
+        small = []
+        for align, part, stage in zip(self.align, parts, stages, strict=False):
+            weight, bias = align.parameters()  # (embed_dim, C_i, 1, 1) and (embed_dim,)
+            values = functional.linear(
+                stage.permute(0, 2, 3, 1), part @ weight.flatten(1), part @ bias
+            )  # (B, H_i, W_i, channels)
+            small.append(_resize(values.permute(0, 3, 1, 2), size).permute(0, 2, 3, 1))
+        _, bias = self.reduce.parameters()
+        coarse = torch.stack(small).sum(dim=0) + bias  # (B, H / 4, W / 4, channels)
+        return coarse.permute(0, 3, 1, 2)
 
     def forward(self, stages: Sequence[Tensor], height: int, width: int) -> Tensor:
-        """Aggregate the stages.
+        """Aggregate the stages and make the dense map.
 
         Args:
             stages: Feature maps, the finest first, each (B, C_i, H_i, W_i).
@@ -153,13 +180,7 @@ class FeatureAggregation(nn.Module):
         Returns:
             The dense map, shape (B, channels, height, width).
         """
-        size = stages[0].shape[2:]  # (H / 4, W / 4)
-        aligned = [
-            _resize(convolution(stage), (int(size[0]), int(size[1])))
-            for convolution, stage in zip(self.align, stages, strict=False)
-        ]  # each (B, embed_dim, H / 4, W / 4)
-        dense = self.reduce(torch.cat(aligned, dim=1))  # (B, channels, H / 4, W / 4)
-        return _resize(dense, (height, width))  # (B, channels, H, W)
+        return EnlargedMap(self.coarse(stages), height, width).dense()
 
 
 def _resize(feature_map: Tensor, size: tuple[int, int]) -> Tensor:
@@ -198,9 +219,16 @@ class ColorBackbone(nn.Module):
         Returns:
             Features, shape (B, channels, H, W).
         """
+        return self.features(color).dense()
+
+    def features(self, color: Tensor) -> EnlargedMap:
+        """Compute the same map in its coarse form, from which rays and points take their part."""
+        return EnlargedMap(self.coarse(color), int(color.shape[2]), int(color.shape[3]))
+
+    def coarse(self, color: Tensor) -> Tensor:
+        """Compute the features at a quarter of the resolution: (B, channels, H / 4, W / 4)."""
         if self.config.normalize_color:
             color = (color - self.mean) / self.std
         stages = self.swin(color).feature_maps  # each (B, C_i, H / s_i, W / s_i)
-        height, width = color.shape[2:]
-        dense: Tensor = self.aggregation(stages, height, width)
-        return dense
+        coarse: Tensor = self.aggregation.coarse(stages)
+        return coarse

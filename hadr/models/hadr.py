@@ -199,7 +199,7 @@ class HADR(nn.Module):
         """
         grid = self.config.grid
         picture = float_color(inputs.color)  # (B, 3, H, W)
-        dense = self.backbone(picture)  # (B, 32, H, W)
+        dense = self.backbone.features(picture)  # stands for (B, 32, H, W)
 
         pixels = select_points(inputs.depth, self.config.max_points)  # (points, 3)
         points = ray_points(pixels, _at(inputs.depth, pixels), inputs.intrinsics)  # (points, 3)
