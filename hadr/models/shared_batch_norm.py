@@ -6,10 +6,32 @@ differentiable sums over the processes, so that the share that a process sees do
 
 from __future__ import annotations
 
+from typing import Any
+
 import torch
-from torch import Tensor, nn
-from torch.distributed.nn.functional import all_reduce
+from torch import Tensor, distributed, nn
 from torch.nn import functional
+
+
+class _SumOverProcesses(torch.autograd.Function):
+    """The sum over the processes; what each process's loss owes to it flows back to all."""
+
+    @staticmethod
+    def forward(ctx: Any, values: Tensor) -> Tensor:
+        total = values.clone()
+        distributed.all_reduce(total)
+        return total
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: Tensor) -> Tensor:
+        total = gradients[0].clone()
+        distributed.all_reduce(total)
+        return total
+
+
+def _sum_over_processes(values: Tensor) -> Tensor:
+    total: Tensor = _SumOverProcesses.apply(values)  # type: ignore[no-untyped-call]
+    return total
 
 
 class SharedBatchNorm(nn.modules.batchnorm._BatchNorm):
@@ -31,11 +53,11 @@ class SharedBatchNorm(nn.modules.batchnorm._BatchNorm):
         axes = [axis for axis in range(values.ndim) if axis != 1]
         shape = [1, -1, *[1] * (values.ndim - 2)]
         own = values.new_tensor([values.numel() / values.shape[1]])
-        sums = all_reduce(torch.cat((values.sum(axes), own)))  # type: ignore[no-untyped-call]
+        sums = _sum_over_processes(torch.cat((values.sum(axes), own)))  # (C + 1,)
         count = sums[-1].detach()
         mean = sums[:-1] / count  # (C,)
         deviation = values - mean.view(shape)  # (B, C, ...)
-        squares = all_reduce(deviation.square().sum(axes))  # type: ignore[no-untyped-call]
+        squares = _sum_over_processes(deviation.square().sum(axes))  # (C,)
         variance = squares / count  # (C,)
         self._follow(mean.detach(), variance.detach() * count / (count - 1).clamp(min=1))
         normal = deviation * torch.rsqrt(variance + self.eps).view(shape)

@@ -68,16 +68,7 @@ def save_checkpoint(
     for name, values in (training_state or {}).items():
         tensors[_STATE + name] = values.detach().cpu().contiguous()
 
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        save_file(tensors, temporary, metadata={_HEADER: json.dumps(record)})
-        temporary.chmod(0o644)  # safetensors writes files that their owner alone can read
-        os.replace(temporary, path)
-    finally:
-        with contextlib.suppress(FileNotFoundError):
-            temporary.unlink()
-    write_json(path.with_suffix(".json"), record)
+    _write(path, tensors, record)
 
 
 def load_checkpoint(path: str | Path) -> tuple[Any, dict[str, Any]]:
@@ -143,10 +134,45 @@ def strip_checkpoint(source: str | Path, target: str | Path, *, half: bool = Tru
     save_checkpoint(target, model, meta, half=half)
 
 
+def update_record(path: str | Path, additions: Mapping[str, Any]) -> dict[str, Any]:
+    """Add to a checkpoint's record; every tensor keeps its bytes.
+
+    Args:
+        path: A checkpoint; the file and the record beside it are replaced.
+        additions: Values by their keys; a key that is there already is replaced.
+
+    Returns:
+        The whole record.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        ValueError: It is no checkpoint.
+    """
+    path = Path(path)
+    tensors, meta = _read(path)
+    record: dict[str, Any] = plain({**meta, **additions})
+    _write(path, tensors, record)
+    return record
+
+
 def load_training_state(path: str | Path) -> dict[str, Tensor]:
     """Read the tensors that a resumed training needs; errors as `load_checkpoint`."""
     tensors, _ = _read(Path(path))
     return {n.removeprefix(_STATE): t for n, t in tensors.items() if n.startswith(_STATE)}
+
+
+def _write(path: Path, tensors: Mapping[str, Tensor], record: dict[str, Any]) -> None:
+    """Write checkpoint and record, each whole or not at all."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        save_file(tensors, temporary, metadata={_HEADER: json.dumps(record)})
+        temporary.chmod(0o644)  # safetensors writes files that their owner alone can read
+        os.replace(temporary, path)
+    finally:
+        with contextlib.suppress(FileNotFoundError):
+            temporary.unlink()
+    write_json(path.with_suffix(".json"), record)
 
 
 def _read(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:

@@ -20,7 +20,7 @@ from torch import Tensor
 
 from hadr.data.augmentation import augment_color
 from hadr.training.batches import FrameTensors
-from hadr.training.presets import Preset
+from hadr.training.recipe import Preset
 
 _TRIES = 5
 Matrix = npt.NDArray[np.float64]

@@ -13,7 +13,7 @@ from hadr.training.batches import FrameTensors
 from hadr.training.evaluation import evaluate
 from hadr.training.losses import hadr_losses
 from hadr.training.pictures import depth_picture
-from hadr.training.presets import Preset
+from hadr.training.recipe import Preset
 
 
 class HADRTask:

@@ -25,8 +25,8 @@ from hadr.models.stochastic_depth import set_share
 from hadr.training.batches import FrameTensors
 from hadr.training.frame_augmentation import augment_frames
 from hadr.training.pictures import save_png
-from hadr.training.presets import Preset
 from hadr.training.processes import average_gradients, average_numbers, shares
+from hadr.training.recipe import Preset
 from hadr.training.task import PicturedTask, Task
 from hadr.training.tasks import task_of
 from hadr.training.training_folder import BEST, LAST, TrainingFolder

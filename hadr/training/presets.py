@@ -2,121 +2,12 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import asdict, dataclass, field
-from typing import Any, Literal, Protocol, get_args
-
 from hadr.models.backbone import BackboneConfig
 from hadr.models.hadr import HADRConfig
-from hadr.training.losses import PRINTED, LossWeights
+from hadr.models.hadr_plus import HADRPlusConfig
+from hadr.training.recipe import Preset
 
-Schedule = Literal["step", "cosine"]
-
-
-class NetworkConfig(Protocol):
-    """What the configuration of any network can do."""
-
-    def to_dict(self) -> dict[str, Any]:
-        """The configuration as built-in types, for JSON."""
-
-
-@dataclass(frozen=True)
-class Preset:
-    """A training recipe.
-
-    Args:
-        name: Its name.
-        width: Width of the network's input, pixels; frames are squashed to width x height.
-        height: Height of the network's input, pixels.
-        network: The kind of network: hadr, hadr-plus, unet-hand, hand-keypoints, segmentation.
-        model: The network's configuration.
-        weights: Weights of HADR's loss terms.
-        epochs: Passes over the training frames.
-        schedule: "step": the learning rate falls to a tenth after `drop_epoch` epochs; "cosine":
-            it falls to 0 along half a cosine.
-        drop_epoch: After this many epochs the step comes.
-        learning_rate: Adam's learning rate before that.
-        warmup_epochs: So long the rate rises linearly from 0; parts of an epoch count.
-        clip_norm: Longest gradient of a step; longer ones are scaled down. None leaves them.
-        average_decay: Weights of the result: the running average of those of all steps, with this
-            share kept a step, such as 0.999. None takes the last step's.
-        batch_size: Frames in a step, of each process.
-        true_voxel_epochs: In the first so many epochs a ray takes its true voxel, not the most
-            probable one (ledger, row 10).
-        ray_stride: In training only every n-th masked pixel in row and column is restored, at a
-            random start; 1 takes all.
-        augment: Augment the colour of training frames (`hadr.data.augmentation`).
-        mirror: Probability that a training frame is mirrored: a left hand for a right one.
-        zoom: Training frames are enlarged by up to this factor and cropped; 1 leaves them.
-        roll_deg: Training frames are turned about the optical axis by up to this angle, degrees.
-
-    Raises:
-        ValueError: A count is not positive, or another number is out of its range.
-    """
-
-    name: str
-    width: int
-    height: int
-    network: str = "hadr"
-    model: NetworkConfig = field(default_factory=HADRConfig)
-    weights: LossWeights = PRINTED
-    epochs: int = 100
-    schedule: Schedule = "step"
-    drop_epoch: int = 80
-    learning_rate: float = 1e-3
-    warmup_epochs: float = 0.0
-    clip_norm: float | None = None
-    average_decay: float | None = None
-    batch_size: int = 40
-    true_voxel_epochs: int = 6
-    ray_stride: int = 1
-    augment: bool = True
-    mirror: float = 0.0
-    zoom: float = 1.0
-    roll_deg: float = 0.0
-
-    def __post_init__(self) -> None:
-        for name in ("width", "height", "epochs", "batch_size", "ray_stride"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
-        if self.schedule not in get_args(Schedule):
-            raise ValueError(f"schedule must be 'step' or 'cosine', got {self.schedule!r}")
-        for name, value, low, high in (
-            ("warmup_epochs", self.warmup_epochs, 0, self.epochs),
-            ("average_decay", self.average_decay or 0, 0, 1),
-            ("mirror", self.mirror, 0, 1),
-            ("zoom", self.zoom, 1, 4),
-            ("roll_deg", self.roll_deg, 0, 45),
-        ):
-            if not low <= value <= high:
-                raise ValueError(f"{name} must be from {low} to {high}, got {value}")
-        if self.clip_norm is not None and not self.clip_norm > 0:
-            raise ValueError(f"clip_norm must be positive, got {self.clip_norm}")
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """(width, height) of the network's input, pixels."""
-        return self.width, self.height
-
-    def rate(self, progress: float) -> float:
-        """Give the learning rate.
-
-        Args:
-            progress: Epochs so far; 2.5 is the middle of the third.
-        """
-        rate = self.learning_rate
-        if self.schedule == "cosine":
-            rate *= 0.5 * (1 + math.cos(math.pi * min(progress / self.epochs, 1.0)))
-        elif progress >= self.drop_epoch:
-            rate *= 0.1
-        if progress < self.warmup_epochs:
-            rate *= progress / self.warmup_epochs
-        return rate
-
-    def to_dict(self) -> dict[str, Any]:
-        """The recipe as built-in types, for JSON."""
-        return asdict(self)  # type: ignore[call-overload, no-any-return, unused-ignore]
-
+__all__ = ["MINI", "NETWORKS", "PAPER", "RECIPES", "TINY", "Preset", "preset"]
 
 PAPER = Preset(name="paper", width=224, height=224)
 """The paper's figures: Swin-T, 224x224, 8^3 voxels, 100 epochs, 1e-3 and from epoch 80 1e-4."""
@@ -153,8 +44,41 @@ TINY = Preset(
 )
 """Two stages, few frames: a minute on two CPU cores, enough to see every part at work."""
 
+PLUS_MINI = Preset(
+    name="mini",
+    width=256,
+    height=144,
+    network="hadr-plus",
+    model=HADRPlusConfig(),
+    epochs=16,
+    schedule="cosine",
+    learning_rate=2e-3,
+    warmup_epochs=0.5,
+    clip_norm=5.0,
+    average_decay=0.995,
+    batch_size=16,
+    mirror=0.5,
+    roll_deg=30.0,
+)
+"""HADR-plus at the data's own 256x144, of which it looks at a crop."""
 
-RECIPES: tuple[Preset, ...] = (TINY, MINI, PAPER)
+PLUS_TINY = Preset(
+    name="tiny",
+    width=256,
+    height=144,
+    network="hadr-plus",
+    model=HADRPlusConfig(crop=64, pixel_m=0.0045, width=32, blocks=1),
+    epochs=8,
+    schedule="cosine",
+    learning_rate=3e-3,
+    clip_norm=5.0,
+    batch_size=8,
+    mirror=0.5,
+    augment=False,
+)
+"""A smaller one on few frames, enough to see every part at work."""
+
+RECIPES: tuple[Preset, ...] = (TINY, MINI, PAPER, PLUS_TINY, PLUS_MINI)
 """All recipes of all networks."""
 NETWORKS = ("hadr", "hadr-plus", "unet-hand", "hand-keypoints", "segmentation")
 """The kinds of network."""

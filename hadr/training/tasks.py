@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 
-from hadr.training.presets import Preset
+from hadr.training.recipe import Preset
 from hadr.training.task import Task
 
 _TASKS = {

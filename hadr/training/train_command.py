@@ -17,7 +17,8 @@ from hadr.training.batches import CORRUPTIONS, FrameTensors, load_frames
 from hadr.training.loop import LAST, train
 from hadr.training.losses import CODED
 from hadr.training.predicted import Given, with_predicted
-from hadr.training.presets import NETWORKS, Preset, Schedule, preset
+from hadr.training.presets import NETWORKS, preset
+from hadr.training.recipe import Preset, Schedule
 
 PRECISIONS = ("32-true", "bf16-mixed")
 

@@ -27,7 +27,7 @@ from hadr.training.checkpoints import (
     restore_adam,
     save_checkpoint,
 )
-from hadr.training.presets import Preset
+from hadr.training.recipe import Preset
 from hadr.training.weight_average import WeightAverage
 
 LAST = "last.safetensors"

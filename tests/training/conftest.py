@@ -37,8 +37,8 @@ def micro() -> Preset:
     return MICRO
 
 
-@pytest.fixture(scope="session")
-def frames() -> FrameTensors:
+def little_frames() -> FrameTensors:
+    """Six frames, each with its distance of hand and glass, and noise for colour."""
     generator = torch.Generator().manual_seed(0)
     count, height, width = 6, 24, 32
     near = torch.linspace(0.45, 0.7, count)
@@ -57,6 +57,11 @@ def frames() -> FrameTensors:
     inputs = HADRInput(color, depth * ~mask, mask, intrinsics, keypoints, uv)
     stems = tuple(f"0000/{n:03d}" for n in range(count))
     return FrameTensors(inputs, depth, hand, mask, keypoints, stems)
+
+
+@pytest.fixture(scope="session")
+def frames() -> FrameTensors:
+    return little_frames()
 
 
 CAMERA = Intrinsics(60.0, 60.0, 31.5, 23.5, 64, 48)
