@@ -23,7 +23,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("hand",),
     ("ray_voxels",),
     ("corruption", "corruption_statistics"),
-    ("metrics",),
+    ("metrics", "confidence", "confidence_rule"),
     ("frame_io",),
     ("camera",),
     ("result_file",),

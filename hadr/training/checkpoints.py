@@ -161,7 +161,7 @@ def load_training_state(path: str | Path) -> dict[str, Tensor]:
     return {n.removeprefix(_STATE): t for n, t in tensors.items() if n.startswith(_STATE)}
 
 
-def _write(path: Path, tensors: Mapping[str, Tensor], record: dict[str, Any]) -> None:
+def _write(path: Path, tensors: dict[str, Tensor], record: dict[str, Any]) -> None:
     """Write checkpoint and record, each whole or not at all."""
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.{os.getpid()}")

@@ -1,0 +1,293 @@
+"""How sure is a restored pixel, and is that true?
+
+A network gives each restored pixel a score between 0 and 1: the probability of the chosen voxel
+and of its neighbours, or what a network says of its own error. A score orders pixels, but 0.8 need
+not mean 80 percent. `fit_calibration` maps it to a probability with a meaning: *the error is below
+the tolerance, 2 cm where nothing else is said*. The map only rises, so it changes no order, and it
+is fitted on validation frames.
+
+Two questions show what a confidence is worth. *Is it honest?* Of the pixels that say 0.8, 80
+percent should be right: `reliability`. *Does it know anything?* Leaving out the least sure pixels
+should lower the error of the rest, at best as much as leaving out the worst ones: `sparsification`.
+A constant confidence can be perfectly honest and know nothing.
+
+Source: isotonic calibration: Zadrozny and Elkan 2002; expected calibration error: Naeini et al.
+2015; sparsification against an oracle: Ilg et al. 2018.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import isotonic_regression
+
+from hadr.camera import BoolArray, FloatArray
+
+TOLERANCE_M = 0.02
+"""An error below this is what a confidence speaks of, metres."""
+DROPPED: tuple[float, ...] = tuple(number / 20 for number in range(20))
+"""Shares of the pixels that are dropped, least sure first, where nothing else is said."""
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """A rising map from a network's score to the probability that the error is small.
+
+    Args:
+        scores: Scores at the knots, rising, each 0..1.
+        probabilities: Probability at each knot, not falling, each 0..1.
+        tolerance_m: The error is small below this, metres.
+        pixels: Number of pixels it was fitted on.
+        frames: Number of frames these come from.
+
+    Raises:
+        ValueError: The knots do not rise, lie outside 0..1, or differ in number; the tolerance is
+            not positive.
+    """
+
+    scores: tuple[float, ...]
+    probabilities: tuple[float, ...]
+    tolerance_m: float = TOLERANCE_M
+    pixels: int = 0
+    frames: int = 0
+
+    def __post_init__(self) -> None:
+        x, y = np.asarray(self.scores, float), np.asarray(self.probabilities, float)
+        if x.ndim != 1 or x.shape != y.shape or not x.size:
+            raise ValueError(
+                f"a calibration needs as many probabilities as scores, got {y.size} and {x.size}"
+            )
+        if not (np.isfinite(x).all() and np.isfinite(y).all()) or (np.diff(x) <= 0).any():
+            raise ValueError(f"scores must rise, got {self.scores}")
+        if (np.diff(y) < 0).any() or min(*x, *y) < 0 or max(*x, *y) > 1:
+            raise ValueError(
+                f"probabilities must not fall and all must lie in 0..1, got {self.probabilities}"
+            )
+        if not self.tolerance_m > 0:
+            raise ValueError(f"tolerance_m must be positive metres, got {self.tolerance_m}")
+
+    def __call__(self, score: FloatArray) -> npt.NDArray[np.float32]:
+        """Map scores, any shape, to probabilities; linear between the knots, constant beyond."""
+        return np.interp(score, self.scores, self.probabilities).astype(np.float32)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The numbers, for a checkpoint's record."""
+        return {**asdict(self), "scores": [*self.scores], "probabilities": [*self.probabilities]}
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Calibration:
+        """Build it from `to_dict`, or from the same read from JSON."""
+        return cls(
+            scores=tuple(float(x) for x in values["scores"]),
+            probabilities=tuple(float(x) for x in values["probabilities"]),
+            tolerance_m=float(values["tolerance_m"]),
+            pixels=int(values.get("pixels", 0)),
+            frames=int(values.get("frames", 0)),
+        )
+
+
+def fit_calibration(
+    score: FloatArray,
+    error_m: FloatArray,
+    *,
+    tolerance_m: float = TOLERANCE_M,
+    bins: int = 20,
+    frames: int = 0,
+) -> Calibration:
+    """Fit the map from score to the share of pixels whose error is below the tolerance.
+
+    The pixels are sorted by score and cut into bins of equal number; the bins' shares of small
+    errors are made to rise by pooling neighbours (isotonic regression), and each pool becomes one
+    knot at its mean score. Pooling needs no shape to be assumed, and few knots do not follow the
+    chance of single frames.
+
+    Args:
+        score: The network's score of each pixel, 0..1, shape (N,).
+        error_m: Error of each pixel in metres, signed or not, shape (N,).
+        tolerance_m: Errors below this are small, metres.
+        bins: Number of bins.
+        frames: Number of frames the pixels come from, for the record.
+
+    Returns:
+        The map.
+
+    Raises:
+        ValueError: There is no pixel, the shapes differ, a value is not finite, or a score lies
+            outside 0..1.
+    """
+    s, e = np.asarray(score, float).ravel(), np.abs(np.asarray(error_m, float)).ravel()
+    if s.size == 0 or s.shape != e.shape:
+        raise ValueError(f"need a score and an error for each pixel, got {s.size} and {e.size}")
+    if not (np.isfinite(s).all() and np.isfinite(e).all()) or s.min() < 0 or s.max() > 1:
+        raise ValueError(f"scores must be finite in 0..1, got {s.min():g} to {s.max():g}")
+    if bins < 1:
+        raise ValueError(f"bins must be at least 1, got {bins}")
+    order = np.argsort(s, kind="stable")
+    s, right = s[order], (e[order] < tolerance_m).astype(float)
+    # Equal scores stay in one bin: a bin begins where its first score begins.
+    edges = np.searchsorted(s, s[(np.arange(bins) * s.size) // bins])
+    starts = np.unique(edges)
+    count = np.diff(np.append(starts, s.size)).astype(float)
+    level = np.add.reduceat(s, starts) / count
+    share = np.add.reduceat(right, starts) / count
+    fitted = isotonic_regression(share, weights=count)
+    first = fitted.blocks[:-1]
+    weight = np.add.reduceat(count, first)
+    knots = np.add.reduceat(level * count, first) / weight
+    return Calibration(
+        scores=tuple(float(x) for x in knots),
+        probabilities=tuple(float(x) for x in np.clip(fitted.x[first], 0, 1)),
+        tolerance_m=tolerance_m,
+        pixels=s.size,
+        frames=frames,
+    )
+
+
+@dataclass(frozen=True)
+class Reliability:
+    """What a confidence says and what is true, bin by bin.
+
+    Attributes:
+        edges: Edges of the bins, shape (bins + 1,), 0 to 1.
+        said: Mean confidence in each bin, shape (bins,); NaN in an empty one.
+        true: Share of the pixels that are right, shape (bins,); NaN in an empty one.
+        count: Pixels in each bin, shape (bins,).
+    """
+
+    edges: npt.NDArray[np.float64]
+    said: npt.NDArray[np.float64]
+    true: npt.NDArray[np.float64]
+    count: npt.NDArray[np.int64]
+
+    @property
+    def expected_error(self) -> float:
+        """Expected calibration error: mean of |said - true|, each bin weighing as its pixels."""
+        filled = self.count > 0
+        gap = np.abs(self.said[filled] - self.true[filled])
+        return float((gap * self.count[filled]).sum() / self.count.sum())
+
+
+def reliability(confidence: FloatArray, right: BoolArray, bins: int = 10) -> Reliability:
+    """Compare a confidence with what is true.
+
+    Args:
+        confidence: Probability of being right, 0..1, shape (N,).
+        right: Whether it is, shape (N,) bool.
+        bins: Number of equally wide bins; the last one holds 1.
+
+    Returns:
+        The comparison.
+
+    Raises:
+        ValueError: There is no pixel, the shapes differ, or a confidence lies outside 0..1.
+    """
+    c, r = np.asarray(confidence, float).ravel(), np.asarray(right, bool).ravel()
+    if c.size == 0 or c.shape != r.shape:
+        raise ValueError(f"need a confidence and an answer each, got {c.size} and {r.size}")
+    if not ((c >= 0) & (c <= 1)).all():
+        raise ValueError(f"confidence must lie in 0..1, got {c.min():g} to {c.max():g}")
+    place = np.minimum((c * bins).astype(np.int64), bins - 1)
+    count = np.bincount(place, minlength=bins)
+    with np.errstate(invalid="ignore"):
+        said = np.bincount(place, weights=c, minlength=bins) / count
+        true = np.bincount(place, weights=r, minlength=bins) / count
+    return Reliability(np.linspace(0, 1, bins + 1), said, true, count)
+
+
+@dataclass(frozen=True)
+class Sparsification:
+    """The error of what is kept when the least sure pixels are dropped.
+
+    Attributes:
+        dropped: Share of the pixels that is dropped, shape (K,).
+        rmse_m: RMSE of the kept pixels in metres, shape (K,).
+        oracle_rmse_m: The same when the pixels with the largest errors are dropped: the best that
+            any confidence can do.
+        random_rmse_m: The same when chance decides (its expectation): the RMSE of all.
+    """
+
+    dropped: npt.NDArray[np.float64]
+    rmse_m: npt.NDArray[np.float64]
+    oracle_rmse_m: npt.NDArray[np.float64]
+    random_rmse_m: float
+
+    def gain(self, dropped: float = 0.1) -> float:
+        """Share of the oracle's gain over chance at a dropped share: 1 = oracle, 0 = chance.
+
+        Raises:
+            ValueError: The share is none of `dropped`.
+        """
+        found = np.flatnonzero(np.isclose(self.dropped, dropped))
+        if not found.size:
+            raise ValueError(f"dropped must be one of {self.dropped.tolist()}, got {dropped}")
+        at = int(found[0])
+        possible = self.random_rmse_m - self.oracle_rmse_m[at]
+        return float((self.random_rmse_m - self.rmse_m[at]) / possible) if possible > 0 else 0.0
+
+
+def sparsification(
+    confidence: FloatArray,
+    error_m: FloatArray,
+    dropped: Sequence[float] = DROPPED,
+) -> Sparsification:
+    """Drop the least sure pixels step by step.
+
+    Pixels of equal confidence count with their mean squared error, as if chance chose among them;
+    so the result depends on no order of the pixels.
+
+    Args:
+        confidence: Shape (N,); only its order counts.
+        error_m: Error of each pixel in metres, shape (N,).
+        dropped: Shares to drop, each in [0, 1).
+
+    Returns:
+        The errors of what is kept.
+
+    Raises:
+        ValueError: There is no pixel, the shapes differ, or a share is out of its range.
+    """
+    c, e = np.asarray(confidence, float).ravel(), np.asarray(error_m, float).ravel()
+    if c.size == 0 or c.shape != e.shape:
+        raise ValueError(f"need a confidence and an error each, got {c.size} and {e.size}")
+    shares = np.asarray(dropped, float)
+    if not ((shares >= 0) & (shares < 1)).all():
+        raise ValueError(f"dropped must lie in [0, 1), got {shares.tolist()}")
+    kept = np.maximum(np.rint((1 - shares) * c.size).astype(int), 1)
+    squared = e**2
+    values, place = np.unique(-c, return_inverse=True)  # the surest first
+    size = np.bincount(place, minlength=len(values))
+    mean = np.bincount(place, weights=squared, minlength=len(values)) / size
+
+    def rmse(sorted_squared: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        return np.asarray(np.sqrt(np.cumsum(sorted_squared)[kept - 1] / kept))
+
+    return Sparsification(
+        dropped=shares,
+        rmse_m=rmse(np.repeat(mean, size)),
+        oracle_rmse_m=rmse(np.sort(squared)),
+        random_rmse_m=float(np.sqrt(squared.mean())),
+    )
+
+
+def learned_range(true_depth: FloatArray, margin_m: float = TOLERANCE_M) -> tuple[float, float]:
+    """The range of depth in which a network has seen objects.
+
+    Args:
+        true_depth: True z-depth of the objects' pixels in the training frames, metres, shape
+            (N,); zeros and NaN are left out.
+        margin_m: How far beyond the smallest and largest of them the range goes, metres.
+
+    Returns:
+        Nearest and farthest depth, metres.
+
+    Raises:
+        ValueError: No pixel has a depth.
+    """
+    known = true_depth[np.isfinite(true_depth) & (true_depth > 0)]
+    if not known.size:
+        raise ValueError("no depth of any object: the learned range is unknown")
+    return max(float(known.min()) - margin_m, 0.0), float(known.max()) + margin_m

@@ -1,0 +1,208 @@
+"""`hadr calibrate`: teach a depth network's checkpoint what its confidence means.
+
+Adds two things to the record of a checkpoint and leaves its weights alone:
+
+* ``learned_range``: the depths at which training has shown the object;
+* ``confidence``: how its signals become the probability that a restored depth is right to 2 cm
+  (`hadr.confidence_rule`), fitted on validation frames.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from torch import nn
+from torch.utils.data import ConcatDataset, Subset
+
+from hadr.camera import FloatArray
+from hadr.confidence import learned_range, reliability, sparsification
+from hadr.confidence_rule import ConfidenceRule, Option, fit_confidence, ordering
+from hadr.models.signals import signals_of, within_learned
+from hadr.training.batches import CORRUPTIONS, FrameTensors, load_frames
+from hadr.training.checkpoints import load_checkpoint, update_record
+from hadr.training.evaluation import predict
+
+RANGE_FRAMES = 600
+"""At most so many training frames, evenly taken, are read for the range of depths."""
+
+
+@dataclass(frozen=True)
+class RestoredPixels:
+    """What a network restored on some frames, pixel by pixel, where the truth is known.
+
+    Attributes:
+        signals: Signals by name, each (N,).
+        error_m: Restored minus true depth in metres, shape (N,).
+        frame: Number of each pixel's frame, shape (N,).
+        coverage: Share of the object's pixels with a known truth that were restored, 0..1.
+    """
+
+    signals: dict[str, FloatArray]
+    error_m: FloatArray
+    frame: NDArray[np.int64]
+    coverage: float
+
+
+def restored_pixels(
+    model: nn.Module,
+    frames: FrameTensors,
+    depth_range_m: tuple[float, float] | None = None,
+    batch_size: int = 8,
+) -> RestoredPixels:
+    """Restore frames, and collect error and signals of each restored pixel of the object.
+
+    Args:
+        model: A depth network.
+        frames: The frames at its size.
+        depth_range_m: Learned range of depths, metres; None if unknown.
+        batch_size: Frames at a time.
+
+    Returns:
+        The pixels.
+    """
+    errors, numbers, signals = [], [], []
+    first, scorable = 0, 0
+    for output in predict(model, frames, batch_size):
+        count = len(output.depth)
+        truth = frames.true_depth[first : first + count]
+        scored = frames.object_mask[first : first + count] & (truth > 0)
+        scorable += int(scored.sum())
+        kept = scored & within_learned(output, depth_range_m).cpu()
+        errors.append((output.depth.cpu() - truth)[kept].numpy().astype(np.float64))
+        numbers.append(kept.nonzero()[:, 0].numpy() + first)
+        signals.append({k: v.cpu()[kept].numpy() for k, v in signals_of(output).items()})
+        first += count
+    error = np.concatenate(errors)
+    return RestoredPixels(
+        signals={name: np.concatenate([s[name] for s in signals]) for name in signals[0]},
+        error_m=error,
+        frame=np.concatenate(numbers),
+        coverage=len(error) / max(scorable, 1),
+    )
+
+
+def measure_confidence(rule: ConfidenceRule, pixels: RestoredPixels) -> dict[str, float]:
+    """Measure how honest a confidence is on some frames, and what it knows.
+
+    Args:
+        rule: The confidence.
+        pixels: Pixels of other frames than those it was fitted on.
+
+    Returns:
+        Numbers by name; RMSE in metres of all pixels and of those that remain when a tenth is
+        dropped: the least sure, the worst (oracle); and its mean over all shares dropped.
+    """
+    sure = rule(pixels.signals)
+    right = np.abs(pixels.error_m) < rule.calibration.tolerance_m
+    order = ordering(sure, rule.score(pixels.signals))
+    curve = sparsification(order, pixels.error_m)
+    tenth = int(np.flatnonzero(np.isclose(curve.dropped, 0.1))[0])
+    return {
+        "frames": len(np.unique(pixels.frame)),
+        "pixels": len(pixels.error_m),
+        "coverage": pixels.coverage,
+        "share_right": float(right.mean()),
+        "mean_confidence": float(sure.mean()),
+        "expected_calibration_error": reliability(sure, right).expected_error,
+        "rmse_m": curve.random_rmse_m,
+        "rmse_at_90_m": float(curve.rmse_m[tenth]),
+        "oracle_rmse_at_90_m": float(curve.oracle_rmse_m[tenth]),
+        "mean_rmse_m": float(curve.rmse_m.mean()),
+        "oracle_mean_rmse_m": float(curve.oracle_rmse_m.mean()),
+    }
+
+
+def calibrate(
+    model: nn.Module, train: FrameTensors, validation: FrameTensors, source: str
+) -> dict[str, Any]:
+    """Make the two additions to a checkpoint's record.
+
+    Args:
+        model: A depth network.
+        train: Frames that it has learned from, at its size; some of them are enough.
+        validation: Frames that it has not learned from.
+        source: What the validation frames are, for the record.
+
+    Returns:
+        The keys ``learned_range`` and ``confidence`` with plain values.
+    """
+    seen = train.true_depth[train.object_mask]
+    near, far = learned_range(seen.numpy())
+    pixels = restored_pixels(model, validation, (near, far))
+    rule, options = fit_confidence(pixels.signals, pixels.error_m, pixels.frame)
+    return {
+        "learned_range": {"depth_m": [near, far], "frames": len(train)},
+        "confidence": {
+            **rule.to_dict(),
+            "fitted_on": {"frames": len(validation), "pixels": len(pixels.error_m), "of": source},
+            "choices": [_option(option) for option in options],
+        },
+    }
+
+
+def _option(option: Option) -> dict[str, Any]:
+    return {**asdict(option), "signals": list(option.signals)}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `hadr calibrate`."""
+    parser.description = (
+        "Fit what a depth network's confidence means on validation frames, note the depths that "
+        "training has shown, and write both into the checkpoint's record. Its weights stay."
+    )
+    parser.add_argument("checkpoint", help="a .safetensors file that `hadr train` wrote")
+    parser.add_argument(
+        "data", nargs="+", help="folders in TransHand's layout that it was trained on"
+    )
+    parser.add_argument("--objects", nargs="+", metavar="ID", help="these objects only")
+    parser.add_argument("--corruption", default="oracle", choices=tuple(CORRUPTIONS))
+    parser.add_argument("--seed", type=int, default=0, help="seed of the analytic corruption")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run `hadr calibrate`."""
+    model, meta = load_checkpoint(args.checkpoint)
+    size = int(meta["width"]), int(meta["height"])
+    train, validation, test = (
+        _load(args.data, split, args.objects, size, args.corruption, args.seed)
+        for split in ("train", "val", "test")
+    )
+    source = f"split val of {len(args.data)} folder(s), corruption {args.corruption}"
+    additions = calibrate(model, train, validation, source)
+    update_record(args.checkpoint, additions)
+    rule = ConfidenceRule.from_dict(additions["confidence"])
+    near, far = additions["learned_range"]["depth_m"]
+    print(f"learned range  {near:.3f} to {far:.3f} m")
+    print(f"signals        {', '.join(rule.signals)}")
+    for title, frames in (("val", validation), ("test", test)):
+        found = measure_confidence(rule, restored_pixels(model, frames, (near, far)))
+        print(
+            f"{title:<14} {found['frames']} frames, {100 * found['coverage']:.1f} % restored, RMSE "
+            f"{found['rmse_m']:.4f} m; without the least sure tenth {found['rmse_at_90_m']:.4f} m "
+            f"(oracle {found['oracle_rmse_at_90_m']:.4f}); calibration error "
+            f"{found['expected_calibration_error']:.3f}"
+        )
+    return 0
+
+
+def _load(
+    folders: Sequence[str],
+    split: str,
+    objects: Sequence[str] | None,
+    size: tuple[int, int],
+    corruption: Any,
+    seed: int,
+) -> FrameTensors:
+    from hadr.data.transhand import TransHand
+
+    parts: list[Any] = [TransHand(folder, split, objects) for folder in folders]
+    source: Any = ConcatDataset(parts)
+    if split == "train" and len(source) > RANGE_FRAMES:
+        step = len(source) / RANGE_FRAMES
+        source = Subset(source, [int(step * n) for n in range(RANGE_FRAMES)])
+    return load_frames(source, size, corruption, seed)
