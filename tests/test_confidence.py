@@ -1,0 +1,183 @@
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hadr.confidence import (
+    Calibration,
+    fit_calibration,
+    learned_range,
+    reliability,
+    sparsification,
+)
+
+
+def test_calibration_finds_a_known_probability() -> None:
+    """A score s whose error is below 2 cm with probability s squared."""
+    rng = np.random.default_rng(0)
+    score = rng.random(200_000)
+    error = np.where(rng.random(score.size) < score**2, 0.01, -0.05)
+    found = fit_calibration(score, error, bins=40, frames=7)
+    at = np.linspace(0.05, 0.95, 19)
+    np.testing.assert_allclose(found(at), at**2, atol=0.02)
+    assert (found.pixels, found.frames, found.tolerance_m) == (200_000, 7, 0.02)
+    # Fresh pixels of the same kind: what it says is true. The score itself says too much.
+    score = rng.random(100_000)
+    right = rng.random(score.size) < score**2
+    assert reliability(found(score), right).expected_error < 0.01
+    assert reliability(score, right).expected_error == pytest.approx(1 / 6, abs=0.01)
+
+
+def test_a_laplace_scale_becomes_its_probability() -> None:
+    """Errors of a Laplace distribution with scale b: below 2 cm with 1 - exp(-0.02 / b)."""
+    rng = np.random.default_rng(1)
+    scale = np.exp(rng.uniform(np.log(0.003), np.log(0.1), 200_000))
+    score = 1 / (1 + 100 * scale)  # falls with b, but is no probability of anything
+    found = fit_calibration(score, rng.laplace(0, scale), bins=60)
+    for b in (0.006, 0.01, 0.02, 0.05):
+        assert found(1 / (1 + 100 * b)) == pytest.approx(1 - np.exp(-0.02 / b), abs=0.02)
+
+
+def test_calibration_by_hand() -> None:
+    """Four bins with shares 0, 1, 0, 1: the middle two are pooled to one half."""
+    score = np.repeat([0.1, 0.3, 0.5, 0.9], 2)
+    error = np.repeat([0.3, 0.0, 0.3, 0.0], 2)
+    found = fit_calibration(score, error, bins=4)
+    np.testing.assert_allclose(found.scores, (0.1, 0.4, 0.9))
+    np.testing.assert_allclose(found.probabilities, (0, 0.5, 1))
+    assert found(0.25) == pytest.approx(0.25)
+    assert found(0.0) == 0
+    assert found(1.0) == 1
+
+
+def test_equal_scores_share_a_bin() -> None:
+    found = fit_calibration(np.full(100, 0.7), np.where(np.arange(100) < 30, 0.0, 1.0), bins=20)
+    np.testing.assert_allclose(found.scores, (0.7,))
+    np.testing.assert_allclose(found.probabilities, (0.3,))
+    np.testing.assert_allclose(found(np.array([0.0, 0.7, 1.0])), 0.3)
+
+
+def test_a_score_that_misleads_becomes_a_constant() -> None:
+    score = np.linspace(0, 1, 1000)
+    found = fit_calibration(score, np.where(score < 0.4, 0.0, 1.0))
+    assert len(found.scores) == 1
+    np.testing.assert_allclose(found(score), 0.4)
+
+
+pixels = st.lists(st.tuples(st.floats(0, 1), st.floats(-1, 1)), min_size=1, max_size=200)
+
+
+@given(pixels, st.integers(1, 30))
+def test_a_calibration_never_falls(drawn, bins) -> None:
+    score, error = np.array(drawn).T
+    found = fit_calibration(score, error, bins=bins)
+    said = found(np.linspace(0, 1, 101))
+    assert (np.diff(said) >= 0).all()
+    assert said.min() >= 0
+    assert said.max() <= 1
+    assert Calibration.from_dict(json.loads(json.dumps(found.to_dict()))) == found
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (dict(scores=(0.5, 0.5)), "scores must rise"),
+        (dict(probabilities=(0.6, 0.4)), "probabilities must not fall"),
+        (dict(probabilities=(0.6, 1.4)), r"must lie in 0\.\.1, got \(0.6, 1.4\)"),
+        (dict(probabilities=(0.6,)), "as many probabilities as scores, got 1 and 2"),
+        (dict(tolerance_m=0.0), "tolerance_m must be positive metres, got 0"),
+        (dict(scores=(0.5, float("nan"))), "scores must rise"),
+    ],
+)
+def test_impossible_calibrations(change, message) -> None:
+    with pytest.raises(ValueError, match=message):
+        Calibration(**{"scores": (0.2, 0.8), "probabilities": (0.1, 0.9)} | change)
+
+
+@pytest.mark.parametrize(
+    ("score", "error", "message"),
+    [
+        ([], [], "a score and an error for each pixel, got 0 and 0"),
+        ([0.5], [0.1, 0.2], "got 1 and 2"),
+        ([1.5], [0.1], "scores must be finite in 0..1, got 1.5"),
+        ([0.5], [np.nan], "must be finite"),
+    ],
+)
+def test_unusable_pixels(score, error, message) -> None:
+    with pytest.raises(ValueError, match=message):
+        fit_calibration(np.array(score), np.array(error))
+
+
+def test_expected_calibration_error_by_hand() -> None:
+    """Bin 0.2..0.3: says 0.25, true 1 of 4. Bin 0.8..0.9: says 0.85, true 1 of 2. And a 1."""
+    confidence = np.array([0.25, 0.25, 0.25, 0.25, 0.8, 0.9 - 1e-9, 1.0])
+    right = np.array([1, 0, 0, 0, 1, 0, 1], bool)
+    found = reliability(confidence, right)
+    np.testing.assert_array_equal(found.count, [0, 0, 4, 0, 0, 0, 0, 0, 2, 1])
+    np.testing.assert_allclose(found.true[[2, 8, 9]], [0.25, 0.5, 1])
+    np.testing.assert_allclose(found.said[[2, 8, 9]], [0.25, 0.85, 1])
+    assert np.isnan(found.said[0])
+    assert found.expected_error == pytest.approx((4 * 0 + 2 * 0.35 + 1 * 0) / 7)
+
+
+def test_reliability_checks() -> None:
+    with pytest.raises(ValueError, match=r"confidence must lie in 0\.\.1, got -0.1 to 0.5"):
+        reliability(np.array([-0.1, 0.5]), np.array([True, False]))
+    with pytest.raises(ValueError, match="got 2 and 1"):
+        reliability(np.array([0.1, 0.5]), np.array([True]))
+
+
+def test_sparsification_by_hand() -> None:
+    """Squared errors 1, 4, 9, 16; the confidence knows the worst and mixes the others up."""
+    error = np.array([1.0, -2.0, 3.0, -4.0])
+    confidence = np.array([0.5, 0.9, 0.6, 0.1])
+    found = sparsification(confidence, error, (0.0, 0.25, 0.5, 0.75))
+    np.testing.assert_allclose(found.rmse_m**2, [30 / 4, 14 / 3, 13 / 2, 4])
+    np.testing.assert_allclose(found.oracle_rmse_m**2, [30 / 4, 14 / 3, 5 / 2, 1])
+    assert found.random_rmse_m**2 == pytest.approx(7.5)
+    assert found.gain(0.25) == pytest.approx(1)
+    assert 0 < found.gain(0.5) < 1
+    with pytest.raises(ValueError, match="dropped must be one of"):
+        found.gain(0.3)
+
+
+def test_a_constant_confidence_gains_nothing_in_any_order() -> None:
+    error = np.arange(100.0)
+    found = sparsification(np.full(100, 0.4), error)
+    np.testing.assert_allclose(found.rmse_m, found.random_rmse_m)
+    assert found.gain() == pytest.approx(0)
+
+
+def test_a_perfect_and_a_reversed_confidence() -> None:
+    error = np.random.default_rng(0).normal(size=1000)
+    best = sparsification(-np.abs(error), error)
+    np.testing.assert_allclose(best.rmse_m, best.oracle_rmse_m)
+    assert best.gain() == pytest.approx(1)
+    assert sparsification(np.abs(error), error).gain() < 0
+
+
+@given(pixels, st.integers(0, 9))
+def test_no_confidence_beats_the_oracle(drawn, tenths) -> None:
+    confidence, error = np.array(drawn).T
+    found = sparsification(confidence, error, (0.0, tenths / 10))
+    assert (found.rmse_m >= found.oracle_rmse_m - 1e-9).all()
+    assert found.rmse_m[0] == pytest.approx(found.random_rmse_m)
+    shuffled = np.random.default_rng(0).permutation(len(error))
+    again = sparsification(confidence[shuffled], error[shuffled], (0.0, tenths / 10))
+    np.testing.assert_allclose(found.rmse_m, again.rmse_m, rtol=1e-9)
+
+
+def test_sparsification_checks() -> None:
+    with pytest.raises(ValueError, match=r"dropped must lie in \[0, 1\), got \[1.0\]"):
+        sparsification(np.ones(3), np.ones(3), (1.0,))
+    with pytest.raises(ValueError, match="got 3 and 2"):
+        sparsification(np.ones(3), np.ones(2))
+
+
+def test_learned_range_leaves_unknown_depth_out() -> None:
+    near, far = learned_range(np.array([0.0, 0.5, np.nan, 0.9, 0.0]))
+    assert (near, far) == pytest.approx((0.48, 0.92))
+    with pytest.raises(ValueError, match="no depth of any object"):
+        learned_range(np.zeros(4))
