@@ -73,13 +73,20 @@ def checked_depth(
     return clean
 
 
-def checked_mask(mask: BoolArray | None, clean: NDArray[np.float32], notes: list[str]) -> BoolArray:
+def checked_mask(
+    mask: BoolArray | None,
+    clean: NDArray[np.float32],
+    notes: list[str],
+    *,
+    trusted: bool = False,
+) -> BoolArray:
     """Check the mask, or take the pixels without depth where there is none.
 
     Args:
         mask: Pixels to restore, shape (H, W) bool, or None.
         clean: Depth from `checked_depth`, shape (H, W).
         notes: Gets a sentence on what the mask means for the measured depth.
+        trusted: Whether depth measured in the mask is used.
 
     Returns:
         Pixels to restore, shape (H, W) bool.
@@ -101,7 +108,12 @@ def checked_mask(mask: BoolArray | None, clean: NDArray[np.float32], notes: list
             "object's pixels"
         )
     discarded = int((mask & (clean > 0)).sum())
-    if discarded:
+    if discarded and trusted:
+        notes.append(
+            f"{discarded} of the mask's {int(mask.sum())} pixels had a measured depth; it is "
+            "trusted as far as the method does"
+        )
+    elif discarded:
         notes.append(
             f"{discarded} of the mask's {int(mask.sum())} pixels had a measured depth; it is not "
             "trusted and was replaced"

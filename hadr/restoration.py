@@ -2,38 +2,38 @@
 
 `restore` checks what it is given, chooses a method and says in `Restoration.notes` what it did
 and, above all, what it could not do: where no trained network fits the input, the result is a
-classical fill and is called one.
+classical fill and is called one. `hadr.perception.Perception` does the same frame after frame with
+networks that are loaded once.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import Literal, get_args
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
-from hadr.camera import (
-    BoolArray,
-    FloatArray,
-    Intrinsics,
-    project,
-    resize_depth,
-    resize_mask,
-    valid_depth,
+from hadr.camera import BoolArray, FloatArray, Intrinsics, project, valid_depth
+from hadr.depth_network import (
+    TITLES,
+    Corruption,
+    DepthNetwork,
+    NetworkDepth,
+    enlarge_known,
+    enlarge_restored,
 )
 from hadr.frame_checks import check_mask_form, checked_depth, checked_hand, checked_mask
 from hadr.models.baselines import classical
+from hadr.perception import HandKeypoints, Segmentation
 
-if TYPE_CHECKING:
-    from hadr.models.hadr import HADR
+__all__ = ["METHODS", "Method", "Restoration", "enlarge_known", "enlarge_restored", "restore"]
 
-Method = Literal["auto", "hadr", "nearest", "inpaint", "hand-median"]
+Method = Literal["auto", "hadr", "hadr-plus", "unet-hand", "nearest", "inpaint", "hand-median"]
 METHODS: tuple[str, ...] = get_args(Method)
 CHECKPOINT_NAME = "hadr-mini.safetensors"
+"""The sample checkpoint that is taken where none is named."""
 
 
 @dataclass(frozen=True)
@@ -42,12 +42,15 @@ class Restoration:
 
     Attributes:
         depth: z-depth in metres, shape (H, W) float32, 0 where still missing.
-        confidence: Shape (H, W) float32, 0..1: 1 where the camera measured; in the restored
-            pixels the probability of the chosen voxel (HADR), or 0 for the classical methods,
-            which know no estimate; 0 where still missing.
+        confidence: Shape (H, W) float32, 0..1: 1 where the camera measured, 0 where still missing.
+            In restored pixels, where `tolerance_m` is set, the probability that the depth is right
+            to so many metres; otherwise a network's own score, which only orders pixels. 0 for the
+            classical methods, which know no estimate.
         restored: Pixels whose depth comes from the method, shape (H, W) bool.
         method: The method that was really used.
         notes: What a user must know about this result, one sentence each.
+        tolerance_m: What a calibrated confidence speaks of, metres; None where it is none.
+        mask: Pixels that were to be restored, given or predicted, shape (H, W) bool.
     """
 
     depth: NDArray[np.float32]
@@ -55,6 +58,8 @@ class Restoration:
     restored: BoolArray
     method: str
     notes: tuple[str, ...]
+    tolerance_m: float | None
+    mask: BoolArray
 
 
 def restore(
@@ -66,196 +71,233 @@ def restore(
     method: Method = "auto",
     checkpoint: str | Path | None = None,
     hand_mask: BoolArray | None = None,
+    *,
+    corruption: Corruption | None = None,
+    segmentation: str | Path | None = None,
+    keypoint_network: str | Path | None = None,
 ) -> Restoration:
     """Restore the depth of a transparent object in one RGB-D frame.
 
-    Only the mask's pixels change, and what the camera measured inside the mask is not used: on
-    glass it is mostly the background. HADR runs at the size it was trained at; its depth is
-    brought back to the full size by interpolating bilinearly between the restored pixels, and
-    by taking the nearest one at the mask's border.
+    Only the mask's pixels change. A network runs at the size it was trained at; its depth is
+    brought back to the full size by interpolating bilinearly between the restored pixels, and by
+    taking the nearest one at the mask's border. A pixel that the network can't know stays missing.
 
     Args:
         color: RGB, shape (H, W, 3) uint8.
         depth: z-depth in metres, shape (H, W) float; 0, NaN and infinity count as missing.
         camera: Intrinsics of both images.
-        mask: Pixels of the transparent object, shape (H, W) bool. None restores the pixels
-            that have no depth.
-        keypoints: 21 hand keypoints, camera frame, metres, shape (21, 3).
-        method: "auto" takes HADR where a checkpoint fits, else "nearest", and says so in the
-            notes. "hadr" insists on HADR. "nearest": nearest valid depth. "inpaint": OpenCV's
-            Telea inpainting. "hand-median": the hand's median depth (needs keypoints).
-        checkpoint: A HADR checkpoint (`.safetensors`); None looks for the sample checkpoint.
-        hand_mask: Pixels of hand and arm, shape (H, W) bool; sharpens "hand-median".
+        mask: Pixels of the transparent object, shape (H, W) bool. None has them predicted where
+            `segmentation` is given, and restores the pixels that have no depth where it is not.
+        keypoints: 21 hand keypoints, camera frame, metres, shape (21, 3). None has them predicted
+            where `keypoint_network` is given.
+        method: "auto" takes the checkpoint's network where one fits, else "nearest", and says so
+            in the notes. "hadr", "hadr-plus" and "unet-hand" insist on a network of this kind.
+            "nearest": nearest valid depth. "inpaint": OpenCV's Telea inpainting. "hand-median":
+            the hand's median depth (needs keypoints).
+        checkpoint: A checkpoint of a depth network (`.safetensors`); None looks for the sample
+            checkpoint.
+        hand_mask: Pixels of hand and arm, shape (H, W) bool; sharpens "hand-median", and tells
+            where to look for keypoints.
+        corruption: What becomes of depth that the camera measured inside of the mask. "oracle"
+            does not trust it: on glass it is mostly the background. "sensor" gives it to the
+            network; the methods without learning keep it and fill what is missing. None does as
+            the checkpoint was trained, and "oracle" without one.
+        segmentation: A segmentation checkpoint that predicts mask and hand mask.
+        keypoint_network: A hand-keypoint checkpoint that predicts the keypoints.
 
     Returns:
         The restored depth with its confidence and notes.
 
     Raises:
         ValueError: An input is unusable; the message names the value and what is expected.
-        FileNotFoundError: The checkpoint that was asked for does not exist.
+        FileNotFoundError: A checkpoint that was asked for does not exist.
     """
-    if method not in METHODS:
-        raise ValueError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
+    for name, value, known in (
+        ("method", method, METHODS),
+        ("corruption", corruption, (None, *get_args(Corruption))),
+    ):
+        if value not in known:
+            expected = ", ".join(str(one) for one in known if one)
+            raise ValueError(f"{name} must be one of {expected}, got {value!r}")
     notes: list[str] = []
     clean = checked_depth(color, depth, camera, notes)
-    target = checked_mask(mask, clean, notes)
     if hand_mask is not None:
         check_mask_form("hand mask", hand_mask, clean)
+    if segmentation is not None and (mask is None or hand_mask is None):
+        network = Segmentation.load(segmentation)
+        found, found_hand = network.masks(color)
+        if mask is None:
+            notes.append(f"the mask is not given but predicted by {network.name}")
+            if not found.any():
+                raise ValueError(f"{network.name} found no glass in the picture; give a mask")
+        mask = found if mask is None else mask
+        hand_mask = found_hand if hand_mask is None else hand_mask
+    target = checked_mask(mask, clean, notes, trusted=corruption == "sensor")
     hand = None if keypoints is None else checked_hand(keypoints, camera, notes)
     if not target.any():
         notes.append("every pixel has a depth and no mask was given: nothing to restore")
         return _result(clean, clean, np.zeros_like(clean), target, "none", notes)
-    if not (valid_depth(clean) & ~target).any():
+    erased = np.where(target, 0, clean).astype(np.float32)
+    if not valid_depth(erased).any():
         raise ValueError(
             f"the mask covers all {int(target.sum())} pixels that could have depth, expected at "
             "least one pixel with depth outside of it"
         )
+    if keypoint_network is not None and hand is None:
+        inside = clean if corruption == "sensor" else erased
+        hand = _predicted_hand(color, inside, camera, target, hand_mask, keypoint_network, notes)
 
     used: str = method
-    if method in ("auto", "hadr"):
-        found = _fitting_checkpoint(checkpoint, hand is not None)
-        if isinstance(found, str):
-            if method == "hadr":
-                raise ValueError(f"method hadr: no checkpoint fits: {found}")
-            notes.append(
-                f"no checkpoint fits: {found}; the result is nearest valid depth, not HADR"
-            )
-            used = "nearest"
-        else:
-            return _restore_with_hadr(color, clean, camera, target, hand, found, notes)
+    if method == "auto" or method in TITLES:
+        chosen = _fitting_checkpoint(checkpoint, method, hand is not None)
+        if isinstance(chosen, DepthNetwork):
+            chosen = _with_corruption(chosen, corruption, notes)
+            given = clean if chosen.corruption == "sensor" else erased
+            answer = chosen.restore(color, given, camera, target, hand)
+            _note_network(chosen, answer, camera, notes)
+            filled = np.where(target, answer.depth, clean)
+            result = _result(clean, filled, answer.confidence, target, chosen.kind, notes)
+            tolerance = None if chosen.rule is None else chosen.rule.calibration.tolerance_m
+            return replace(result, tolerance_m=tolerance)
+        if method != "auto":
+            raise ValueError(f"method {method}: no checkpoint fits: {chosen}")
+        notes.append(f"no checkpoint fits: {chosen}; the result is nearest valid depth, not HADR")
+        used = "nearest"
+    holes = target & ~valid_depth(clean) if corruption == "sensor" else target
     if used == "nearest":
-        filled = classical.nearest_valid(clean, target)
+        filled = classical.nearest_valid(clean, holes)
     elif used == "inpaint":
-        filled = classical.inpaint(clean, target)
+        filled = classical.inpaint(clean, holes)
     else:
         if hand is None:
             raise ValueError("method hand-median needs 21 hand keypoints (21, 3), got none")
         uv = project(hand, camera)
-        filled = classical.hand_median(clean, target, uv, hand[:, 2], hand_mask)
-    return _result(clean, filled, np.zeros_like(clean), target, used, notes)
+        filled = classical.hand_median(clean, holes, uv, hand[:, 2], hand_mask)
+    return _result(clean, filled, np.zeros_like(clean), holes, used, notes, target)
 
 
 def _result(
     measured: NDArray[np.float32],
-    filled: NDArray[np.float32],
+    filled: FloatArray,
     confidence_inside: NDArray[np.float32],
-    target: BoolArray,
+    changed: BoolArray,
     method: str,
     notes: list[str],
+    mask: BoolArray | None = None,
 ) -> Restoration:
-    restored = target & (filled > 0)
-    lost = int((target & ~restored).sum())
+    """Put the result together.
+
+    Args:
+        measured: The camera's depth, shape (H, W), 0 where missing.
+        filled: The result's depth, shape (H, W), 0 where missing.
+        confidence_inside: Confidence of what was restored, shape (H, W).
+        changed: Pixels whose measured depth was replaced or missing, shape (H, W) bool.
+        method: The method.
+        notes: Gets what is still missing.
+        mask: Pixels to restore if they are more than `changed`.
+    """
+    depth = filled.astype(np.float32)
+    restored = changed & (depth > 0)
+    lost = int((changed & ~restored).sum())
     if lost:
-        notes.append(f"{lost} of {int(target.sum())} pixels of the mask could not be restored")
-    outside = int((~target & (filled <= 0)).sum())
+        notes.append(f"{lost} of {int(changed.sum())} pixels of the mask could not be restored")
+    outside = int((~changed & (depth <= 0)).sum())
     if outside:
         notes.append(f"{outside} pixels outside the mask have no depth and stay missing")
-    confidence = np.where(target, np.where(restored, confidence_inside, 0), measured > 0)
-    return Restoration(filled, confidence.astype(np.float32), restored, method, tuple(notes))
+    confidence = np.where(changed, np.where(restored, confidence_inside, 0), measured > 0)
+    return Restoration(
+        depth=depth,
+        confidence=confidence.astype(np.float32),
+        restored=restored,
+        method=method,
+        notes=tuple(notes),
+        tolerance_m=None,
+        mask=changed if mask is None else mask,
+    )
 
 
 def _fitting_checkpoint(
-    checkpoint: str | Path | None, hand_is_known: bool
-) -> tuple[HADR, dict[str, Any], Path] | str:
+    checkpoint: str | Path | None, method: str, hand_is_known: bool
+) -> DepthNetwork | str:
     """Return the network that fits the input, or why there is none."""
-    if checkpoint is not None:
-        path = Path(checkpoint)
-        if not path.is_file():
-            raise FileNotFoundError(f"checkpoint {path} does not exist")
-    else:
+    if checkpoint is None:
         if not hand_is_known:
             return "the sample checkpoint needs 21 hand keypoints and none were given"
         from hadr.data.samples import samples_dir
 
+        name = CHECKPOINT_NAME if method in ("auto", "hadr") else f"{method}-mini.safetensors"
         try:
-            path = samples_dir() / "checkpoints" / CHECKPOINT_NAME
+            checkpoint = samples_dir() / "checkpoints" / name
         except FileNotFoundError:
             return "the folder data_samples with the sample checkpoint was not found"
-        if not path.is_file():
-            return f"there is no {CHECKPOINT_NAME} in {path.parent}"
-    from hadr.training.checkpoints import load_checkpoint
+        if not checkpoint.is_file():
+            return f"there is no {name} in {checkpoint.parent}"
+    network = DepthNetwork.load(checkpoint)
+    if method not in ("auto", network.kind):
+        return f"{network.name} holds a network of kind {network.kind}"
+    if not hand_is_known and network.needs_hand:
+        return f"{network.name} needs 21 hand keypoints and none were given"
+    return network
 
-    model, meta = load_checkpoint(path)
-    if not hand_is_known and model.config.hand != "none":
-        return f"{path.name} needs 21 hand keypoints and none were given"
-    return model, meta, path
 
-
-def _restore_with_hadr(
+def _predicted_hand(
     color: NDArray[np.uint8],
-    clean: NDArray[np.float32],
+    depth: NDArray[np.float32],
     camera: Intrinsics,
-    target: BoolArray,
-    hand: NDArray[np.float64] | None,
-    found: tuple[HADR, dict[str, Any], Path],
+    mask: BoolArray,
+    hand_mask: BoolArray | None,
+    checkpoint: str | Path,
     notes: list[str],
-) -> Restoration:
-    import torch
-
-    from hadr.models.hadr_input import frame_to_input
-
-    model, meta, path = found
-    width, height = _working_size(meta)
-    # A mask thinner than a working pixel would vanish; the network then sees it widened.
-    if not resize_mask(target, width, height).any():
-        target_seen = ndimage.maximum_filter(
-            target, size=(-(-camera.height // height), -(-camera.width // width))
+) -> NDArray[np.float64] | None:
+    """Predict the hand's keypoints, or say why not."""
+    network = HandKeypoints.load(checkpoint)
+    if hand_mask is None:
+        raise ValueError(
+            f"{network.name} needs to know where the hand is: give hand_mask, or a segmentation "
+            "checkpoint that predicts it"
         )
-    else:
-        target_seen = target
-    erased = np.where(target_seen, 0, clean)
-    batch = frame_to_input(color, erased, target_seen, hand, camera, (width, height))
-    model.eval()
-    with torch.no_grad():
-        output = model(batch)
-    found_depth, probability = output.depth[0].numpy(), output.confidence[0].numpy()
-    known = output.restored[0].numpy() & (found_depth > 0)
+    if not hand_mask.any():
+        notes.append("the picture shows no hand, so there are no keypoints")
+        return None
+    notes.append(f"the hand's keypoints are not given but predicted by {network.name}")
+    return network.find(color, depth, camera, mask, hand_mask)
+
+
+def _with_corruption(
+    network: DepthNetwork, corruption: Corruption | None, notes: list[str]
+) -> DepthNetwork:
+    """Give the network what the user asks for, and say where it learned something else."""
+    if corruption is None or corruption == network.corruption:
+        return network
+    learned = "without" if network.corruption == "oracle" else "with"
     notes.append(
-        f"HADR checkpoint {path.name} (preset {meta.get('preset', {}).get('name', 'unknown')}, "
-        f"{meta.get('epochs', 'unknown')} epochs) ran at {width}x{height}; its depth was "
-        f"interpolated to {camera.width}x{camera.height}"
+        f"{network.name} learned from frames {learned} measured depth inside the mask, and was "
+        "now given the other; expect larger errors"
     )
-    if path.name == CHECKPOINT_NAME:
+    return replace(network, corruption=corruption)
+
+
+def _note_network(
+    network: DepthNetwork, answer: NetworkDepth, camera: Intrinsics, notes: list[str]
+) -> None:
+    width, height = network.size
+    notes.append(
+        f"{network.title} checkpoint {network.name} ({network.trained}) ran at {width}x{height}; "
+        f"its depth was interpolated to {camera.width}x{camera.height}"
+    )
+    if network.name == CHECKPOINT_NAME:
         notes.append(
             "the sample checkpoint has seen computed pictures only; expect larger errors on "
             "real ones"
         )
-    filled, confidence = clean.copy(), np.zeros_like(clean)
-    filled[target] = 0
-    if known.any():
-        filled[target] = enlarge_known(found_depth, known, clean.shape)[target]
-        confidence[target] = enlarge_known(probability, known, clean.shape)[target]
-    else:
-        notes.append("no ray of the mask met an occupied voxel, so HADR restored nothing")
-    return _result(clean, filled, np.clip(confidence, 0, 1), target, "hadr", notes)
-
-
-def enlarge_known(
-    values: FloatArray, known: BoolArray, shape: tuple[int, ...]
-) -> NDArray[np.float32]:
-    """Enlarge an image of which only some pixels are known.
-
-    Bilinear between the known pixels (unknown ones get no weight), and the nearest known pixel
-    where all four neighbours are unknown.
-
-    Args:
-        values: Shape (h, w).
-        known: Which of them count, shape (h, w) bool; at least one.
-        shape: (H, W) of the result.
-
-    Returns:
-        Shape (H, W) float32, a value everywhere.
-    """
-    height, width = shape
-    complete = np.where(known, values, 0).astype(np.float32)
-    _, (rows, columns) = ndimage.distance_transform_edt(~known, return_indices=True)
-    nearest = resize_depth(complete[rows, columns], width, height)
-    weight = cv2.resize(known.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR)
-    total = cv2.resize(complete, (width, height), interpolation=cv2.INTER_LINEAR)
-    mixed = np.where(weight > 1e-3, total / np.maximum(weight, 1e-3), nearest)
-    return np.asarray(mixed, dtype=np.float32)
-
-
-def _working_size(meta: dict[str, Any]) -> tuple[int, int]:
-    """Return (width, height) at which the checkpoint was trained."""
-    return int(meta["width"]), int(meta["height"])
+    if network.rule is None:
+        notes.append("the confidence is the network's own score: it was never calibrated")
+    if answer.no_answer == 1:
+        notes.append(
+            f"no ray of the mask met an occupied voxel, so {network.title} restored nothing"
+        )
+    elif answer.out_of_range:
+        notes.append(
+            f"{100 * answer.out_of_range:.1f} % of the mask's depth lay outside of what "
+            f"{network.title} has learned and was discarded"
+        )

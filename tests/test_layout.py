@@ -15,7 +15,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("experiments",),
     ("plotting", "widgets"),
     ("handover",),
-    ("restoration", "frame_checks"),
+    ("perception", "restoration", "depth_network", "frame_checks"),
     ("training",),
     ("models",),
     ("data",),

@@ -1,0 +1,254 @@
+"""A depth network on one frame: brought to its size, restored, brought back, and honest about it.
+
+Whatever the network is, it gives three images at its working size: depth, a score of its certainty,
+and where it restored anything. Two things are added here. The score becomes a probability where
+the checkpoint knows how (`hadr.confidence_rule`). And a depth is *not restored* where the network
+can't know it: no ray met a voxel, the offset in the voxel is at its end, or the depth is outside
+of the range in which the training showed objects (`hadr.models.signals.within_learned`). Such a
+pixel stays missing; it is neither 0 metres away nor filled from its neighbours.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+from torch import nn
+
+from hadr.camera import BoolArray, FloatArray, Intrinsics, resize_depth, resize_mask
+from hadr.confidence_rule import ConfidenceRule
+
+TITLES = {"hadr": "HADR", "hadr-plus": "HADR-plus", "unet-hand": "U-Net with hand"}
+"""The networks that restore depth, by their kind in a checkpoint."""
+Corruption = Literal["oracle", "sensor"]
+
+
+@dataclass(frozen=True)
+class NetworkDepth:
+    """What a network says about one frame, at the frame's full size.
+
+    Attributes:
+        depth: z-depth in metres, shape (H, W) float32; 0 where nothing was restored.
+        confidence: Shape (H, W) float32, 0..1; 0 where nothing was restored.
+        restored: Pixels of the mask with a depth, shape (H, W) bool.
+        no_answer: Share of the mask's working pixels without any answer, 0..1.
+        out_of_range: Share of them whose answer lies outside of what was learned, 0..1.
+    """
+
+    depth: NDArray[np.float32]
+    confidence: NDArray[np.float32]
+    restored: BoolArray
+    no_answer: float
+    out_of_range: float
+
+
+@dataclass(frozen=True)
+class DepthNetwork:
+    """A depth network, loaded once.
+
+    Attributes:
+        model: The network, in evaluation mode.
+        kind: "hadr", "hadr-plus" or "unet-hand".
+        size: (width, height) that it runs at, pixels.
+        needs_hand: Whether it can't do without the hand's keypoints.
+        corruption: "oracle": it learned from frames without any depth inside the mask. "sensor":
+            what the camera measured there was given to it.
+        rule: From its signals to the probability that its depth is right; None where it was never
+            calibrated.
+        learned_range_m: Nearest and farthest depth of the objects that it learned from, metres;
+            None where it is not known.
+        name: Name of the checkpoint's file.
+        trained: Its recipe's name and epochs, for readers.
+    """
+
+    model: nn.Module
+    kind: str
+    size: tuple[int, int]
+    needs_hand: bool
+    corruption: Corruption
+    rule: ConfidenceRule | None
+    learned_range_m: tuple[float, float] | None
+    name: str
+    trained: str
+
+    @property
+    def title(self) -> str:
+        """What readers call it."""
+        return TITLES[self.kind]
+
+    @classmethod
+    def load(cls, path: str | Path) -> DepthNetwork:
+        """Read a checkpoint of any depth network.
+
+        Raises:
+            FileNotFoundError: There is no such file.
+            ValueError: The file is damaged, or a checkpoint of another kind of network.
+        """
+        from hadr.training.checkpoints import load_checkpoint
+
+        path = Path(path)
+        if not path.is_file():
+            raise FileNotFoundError(f"checkpoint {path} does not exist")
+        model, meta = load_checkpoint(path)
+        return cls.of(model, meta, path.name)
+
+    @classmethod
+    def of(cls, model: nn.Module, meta: dict[str, Any], name: str) -> DepthNetwork:
+        """Take a network that is loaded already.
+
+        Args:
+            model: The network.
+            meta: Its checkpoint's record.
+            name: What messages call it.
+
+        Raises:
+            ValueError: It is no depth network.
+        """
+        kind = meta.get("network", "hadr")
+        if kind not in TITLES:
+            raise ValueError(
+                f"{name} holds a network of kind {kind!r}, expected one that restores depth: "
+                f"{', '.join(TITLES)}"
+            )
+        config: Any = model.config
+        stored = meta.get("confidence")
+        learned = meta.get("learned_range", {}).get("depth_m")
+        recipe = meta.get("preset", {}).get("name", "unknown")
+        return cls(
+            model=model.eval(),
+            kind=kind,
+            size=(int(meta["width"]), int(meta["height"])),
+            needs_hand=getattr(config, "hand", "3d") != "none",
+            corruption=trained_corruption(meta),
+            rule=None if stored is None else ConfidenceRule.from_dict(stored),
+            learned_range_m=None if learned is None else (float(learned[0]), float(learned[1])),
+            name=name,
+            trained=f"preset {recipe}, {meta.get('epochs', 'unknown')} epochs",
+        )
+
+    def restore(
+        self,
+        color: NDArray[np.uint8],
+        depth: NDArray[np.float32],
+        camera: Intrinsics,
+        mask: BoolArray,
+        keypoints: NDArray[np.float64] | None,
+    ) -> NetworkDepth:
+        """Restore the mask's pixels.
+
+        Args:
+            color: RGB, shape (H, W, 3) uint8.
+            depth: z-depth in metres as the network shall see it, shape (H, W); 0 = missing.
+            camera: Intrinsics of both images.
+            mask: Pixels to restore, shape (H, W) bool.
+            keypoints: 21 hand keypoints, camera frame, metres, shape (21, 3).
+
+        Returns:
+            Depth and confidence at full size.
+        """
+        import torch
+
+        from hadr.models.hadr_input import frame_to_input
+        from hadr.models.signals import signals_of, within_learned
+
+        width, height = self.size
+        seen = mask
+        # A mask thinner than a working pixel would vanish; the network then sees it widened.
+        if mask.any() and not resize_mask(mask, width, height).any():
+            box = (-(-camera.height // height), -(-camera.width // width))
+            seen = ndimage.maximum_filter(mask, size=box)
+            if self.corruption == "oracle":
+                depth = np.where(seen, 0, depth)
+        with torch.inference_mode():
+            inputs = frame_to_input(color, depth, seen, keypoints, camera, self.size)
+            output = self.model(inputs)
+            asked = inputs.mask[0].numpy()
+            answered = (output.restored & (output.depth > 0))[0].numpy() & asked
+            known = within_learned(output, self.learned_range_m)[0].numpy() & asked
+            found, sure = output.depth[0].numpy(), output.confidence[0].numpy()
+            if self.rule is not None:
+                sure = self.rule({k: v[0].numpy() for k, v in signals_of(output).items()})
+        images = np.stack((found, np.clip(sure, 0, 1)))
+        (large, confidence), restored = enlarge_restored(images, known, asked, mask.shape)
+        restored &= mask
+        count = max(int(asked.sum()), 1)
+        return NetworkDepth(
+            depth=np.where(restored, large, 0).astype(np.float32),
+            confidence=np.where(restored, confidence, 0).astype(np.float32),
+            restored=restored,
+            no_answer=float((asked & ~answered).sum()) / count,
+            out_of_range=float((answered & ~known).sum()) / count,
+        )
+
+
+def trained_corruption(meta: dict[str, Any]) -> Corruption:
+    """Read from a checkpoint's record whether it learned to use depth inside of the mask."""
+    stored = meta.get("data", {}).get("corruption", meta.get("corruption", "oracle"))
+    return "oracle" if str(stored).startswith("oracle") else "sensor"
+
+
+def enlarge_known(
+    values: FloatArray, known: BoolArray, shape: tuple[int, ...]
+) -> NDArray[np.float32]:
+    """Enlarge an image of which only some pixels are known.
+
+    Bilinear between the known pixels (unknown ones get no weight), and the nearest known pixel
+    where all four neighbours are unknown.
+
+    Args:
+        values: Shape (h, w).
+        known: Which of them count, shape (h, w) bool; at least one.
+        shape: (H, W) of the result.
+
+    Returns:
+        Shape (H, W) float32, a value everywhere.
+    """
+    large: NDArray[np.float32] = _enlarge(values[None], known, (shape[0], shape[1]))[0]
+    return large
+
+
+def enlarge_restored(
+    values: FloatArray, known: BoolArray, asked: BoolArray, shape: tuple[int, ...]
+) -> tuple[NDArray[np.float32], BoolArray]:
+    """Enlarge images, and the answer to the question where they hold something.
+
+    Values are interpolated as by `enlarge_known`. A pixel of the result counts as restored where
+    the nearest of the small pixels that were asked for is known: so beyond the mask's rim the
+    neighbour inside of it decides, and a hole within the mask stays a hole.
+
+    Args:
+        values: K images, shape (K, h, w).
+        known: Pixels that were restored, shape (h, w) bool.
+        asked: Pixels that were to be restored, shape (h, w) bool.
+        shape: (H, W) of the result.
+
+    Returns:
+        The images, shape (K, H, W) float32, zeros where nothing is known at all; and where they
+        hold a restored value, shape (H, W) bool.
+    """
+    height, width = shape[0], shape[1]
+    if not known.any():
+        return np.zeros((len(values), height, width), np.float32), np.zeros((height, width), bool)
+    _, (rows, columns) = ndimage.distance_transform_edt(~(asked | known), return_indices=True)
+    restored = resize_mask(known[rows, columns], width, height)
+    return _enlarge(values, known, (height, width)), restored
+
+
+def _enlarge(values: FloatArray, known: BoolArray, shape: tuple[int, int]) -> NDArray[np.float32]:
+    """Enlarge images (K, h, w) with the same known pixels: (K, H, W)."""
+    height, width = shape
+    _, (rows, columns) = ndimage.distance_transform_edt(~known, return_indices=True)
+    weight = cv2.resize(known.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR)
+    between = weight > 1e-3
+    result = np.empty((len(values), height, width), np.float32)
+    for number, image in enumerate(values):
+        complete = np.where(known, image, 0).astype(np.float32)
+        total = cv2.resize(complete, (width, height), interpolation=cv2.INTER_LINEAR)
+        nearest = resize_depth(complete[rows, columns], width, height)
+        result[number] = np.where(between, total / np.maximum(weight, 1e-3), nearest)
+    return result
