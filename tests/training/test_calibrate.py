@@ -1,0 +1,89 @@
+import argparse
+import hashlib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from safetensors.torch import load_file
+
+from hadr.confidence_rule import ConfidenceRule
+from hadr.data.samples import samples_dir
+from hadr.models.hadr import HADR
+from hadr.training import calibrate as subject
+from hadr.training.calibrate import calibrate, measure_confidence, restored_pixels
+from hadr.training.checkpoints import load_checkpoint, save_checkpoint
+
+
+@pytest.fixture(scope="module")
+def model(micro):
+    torch.manual_seed(0)
+    return HADR(micro.model)
+
+
+def test_pixels_are_the_restored_ones_with_their_errors(model, frames) -> None:
+    pixels = restored_pixels(model, frames, batch_size=4)
+    with torch.no_grad():
+        output = model.eval()(frames.inputs)
+    kept = frames.object_mask & output.restored
+    outside = output.rays[(output.offset < 0) | (output.offset > 1)]
+    kept[tuple(outside.unbind(dim=1))] = False
+    assert len(pixels.error_m) == int(kept.sum())
+    expected = (output.depth - frames.true_depth)[kept].numpy()
+    np.testing.assert_allclose(pixels.error_m, expected, atol=1e-5)
+    np.testing.assert_array_equal(np.bincount(pixels.frame, minlength=6), kept.sum((1, 2)))
+    assert pixels.coverage == pytest.approx(float(kept.sum() / frames.object_mask.sum()))
+    assert set(pixels.signals) == {"network", "candidates", "neighbours"}
+    far = float(output.depth[kept].max()) - 1e-4
+    fewer = restored_pixels(model, frames, (0.0, far), batch_size=4)
+    assert 0 < len(pixels.error_m) - len(fewer.error_m) < 40
+    assert fewer.coverage < pixels.coverage
+
+
+def test_calibrating_says_what_it_was_fitted_on_and_makes_it_honest_there(model, frames) -> None:
+    additions = calibrate(model, frames, frames, "little frames")
+    near, far = additions["learned_range"]["depth_m"]
+    assert near == pytest.approx(0.45 - 0.02)
+    assert far == pytest.approx(0.7 + 0.02)
+    record = additions["confidence"]
+    assert record["fitted_on"]["of"] == "little frames"
+    assert record["fitted_on"]["frames"] == len(frames)
+    assert len(record["choices"]) == 4
+    assert record["signals"] == record["choices"][0]["signals"]
+    rule = ConfidenceRule.from_dict(record)
+    pixels = restored_pixels(model, frames, (near, far))
+    found = measure_confidence(rule, pixels)
+    assert found["mean_confidence"] == pytest.approx(found["share_right"], abs=0.05)
+    assert found["oracle_rmse_at_90_m"] <= found["rmse_at_90_m"]
+    assert found["oracle_mean_rmse_m"] <= found["mean_rmse_m"]
+    assert found["rmse_m"] == pytest.approx(float(np.sqrt(np.mean(pixels.error_m**2))))
+
+
+def test_the_command_adds_to_the_record_and_leaves_the_weights(micro, tmp_path, capsys) -> None:
+    torch.manual_seed(0)
+    path = tmp_path / "a.safetensors"
+    meta = {"width": 32, "height": 24, "epochs": 7, "preset": {"name": "micro"}}
+    save_checkpoint(path, HADR(micro.model), meta, half=True, training_state={"x": torch.ones(2)})
+    before = {name: (t.dtype, t.numpy().tobytes()) for name, t in load_file(path).items()}
+    parser = argparse.ArgumentParser()
+    subject.add_arguments(parser)
+    line = [str(path), str(samples_dir() / "frames"), "--objects", "0006"]
+    assert subject.run(parser.parse_args(line)) == 0
+    after = {name: (t.dtype, t.numpy().tobytes()) for name, t in load_file(path).items()}
+    assert {n: (d, hashlib.sha256(b).digest()) for n, (d, b) in before.items()} == {
+        n: (d, hashlib.sha256(b).digest()) for n, (d, b) in after.items()
+    }
+    _, record = load_checkpoint(path)
+    assert record["epochs"] == 7
+    near, far = record["learned_range"]["depth_m"]
+    assert 0.2 < near < 0.6 < far < 1.5
+    ConfidenceRule.from_dict(record["confidence"])
+    told = capsys.readouterr().out
+    assert "learned range" in told
+    assert "without the least sure tenth" in told
+
+
+def test_frames_without_the_objects_depth_teach_no_range(model, frames) -> None:
+    blind = replace(frames, true_depth=torch.zeros_like(frames.true_depth))
+    with pytest.raises(ValueError, match="the learned range is unknown"):
+        calibrate(model, blind, frames, "nothing")
