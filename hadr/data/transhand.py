@@ -186,6 +186,13 @@ class TransHand(Sequence[Frame]):
 
         depth = load_depth(files.depth, DEPTH_SCALE_KEY)
         object_mask = load(files.object_mask, decode_mask)
+        hand_mask = load(files.hand_mask, decode_mask)
+        both = int((hand_mask & object_mask).sum())
+        if both:
+            raise ValueError(
+                f"{files.hand_mask} and {files.object_mask} overlap in {both} pixels, but a pixel "
+                "belongs to hand or object, to what its ray meets first"
+            )
         background = raw = None
         if files.background is not None:
             behind = load_depth(files.background, DEPTH_SCALE_KEY)
@@ -205,7 +212,7 @@ class TransHand(Sequence[Frame]):
             files.split,
             color,
             depth,
-            load(files.hand_mask, decode_mask),
+            hand_mask,
             object_mask,
             keypoints,
             image_pixels(uv, camera),
@@ -301,7 +308,7 @@ def _check_pairs(
         more = f", and {len(problems) - 5} more" if len(problems) > 5 else ""
         raise ValueError(
             f"{place}: {'; '.join(problems[:5])}{more} (pair_by='order' pairs by sorted position "
-            "instead; a generator that was stopped is finished by starting it again)"
+            "instead; `hadr generate`, started again with its settings, makes what is missing)"
         )
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import importlib.util
 import logging
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack
-from typing import TypeVar
+from contextlib import ExitStack, contextmanager
+from typing import Any, TypeVar
 
 #: Seconds to wait for a cluster.
 PATIENCE = 20.0
@@ -25,12 +25,65 @@ def dask_installed() -> bool:
     return importlib.util.find_spec("distributed") is not None
 
 
+def check_workers(workers: int, scheduler: str | None = None) -> None:
+    """Check that there can be so many workers, before anything is done.
+
+    Args:
+        workers: Processes on this machine.
+        scheduler: Address of a Dask cluster that takes the tasks instead, or None.
+
+    Raises:
+        ValueError: ``workers`` is not positive, both are asked for, or Dask is not installed.
+    """
+    if workers < 1:
+        raise ValueError(f"workers must be at least 1, got {workers}")
+    if scheduler is not None and workers > 1:
+        raise ValueError(
+            f"{workers} workers of this machine or the cluster at {scheduler}: give one of both"
+        )
+    if (workers > 1 or scheduler is not None) and not dask_installed():
+        raise ValueError(
+            f"{workers} workers need Dask, which is not installed: pip install 'hadr[generate]', "
+            "or choose --workers 1"
+            if scheduler is None
+            else "a cluster needs Dask, which is not installed: pip install 'hadr[generate]'"
+        )
+
+
+@contextmanager
+def connected(scheduler: str | None) -> Iterator[Any]:
+    """Stay connected to a running Dask cluster.
+
+    Args:
+        scheduler: Its address (``tcp://host:8786``), or None for no cluster.
+
+    Yields:
+        The client of the cluster, or None.
+
+    Raises:
+        ValueError: Dask is not installed.
+        OSError: The cluster does not answer.
+    """
+    check_workers(1, scheduler)
+    if scheduler is None:
+        yield None
+        return
+    from distributed import Client
+
+    try:
+        client = Client(scheduler, timeout=PATIENCE)
+    except (OSError, ValueError) as error:
+        raise OSError(f"no Dask scheduler answers at {scheduler}: {error}") from error
+    with client:
+        yield client
+
+
 def run_tasks(
     function: Callable[[Task], Result],
     tasks: Sequence[Task],
     *,
     workers: int = 1,
-    scheduler: str | None = None,
+    client: Any = None,
 ) -> Iterator[Result]:
     """Carry out a function on each task, and give the results as they come in.
 
@@ -38,34 +91,25 @@ def run_tasks(
         function: What to do; it and its results travel between processes.
         tasks: One argument each. Which worker takes which is left open.
         workers: Processes on this machine; one works in this process, without Dask.
-        scheduler: Address of a running Dask cluster (``tcp://host:8786``) that takes the tasks
-            instead. Its workers need the same version of this package and must see the same
-            files under the same names.
+        client: Of a running Dask cluster (:func:`connected`) that takes the tasks instead. Its
+            workers need the same version of this package and must see the same files under the
+            same names.
 
     Yields:
         The results, in the order in which they are ready.
 
     Raises:
         ValueError: Dask is needed and not installed, or ``workers`` is not positive.
-        OSError: The cluster does not answer.
     """
-    if workers < 1:
-        raise ValueError(f"workers must be positive, got {workers}")
-    if scheduler is None and (workers == 1 or len(tasks) < 2):
+    check_workers(workers)
+    if client is None and (workers == 1 or len(tasks) < 2):
         yield from map(function, tasks)
         return
-    if not dask_installed():
-        raise ValueError(
-            f"{workers} workers need Dask, which is not installed: pip install 'hadr[generate]', "
-            "or choose --workers 1"
-            if scheduler is None
-            else "a cluster needs Dask, which is not installed: pip install 'hadr[generate]'"
-        )
     import dask
     from distributed import Client, LocalCluster, as_completed
 
     with ExitStack() as stack:
-        if scheduler is None:
+        if client is None:
             stack.enter_context(dask.config.set({_WORKER_ENVIRONMENT: _ONE_THREAD}))
             cluster = LocalCluster(
                 n_workers=min(workers, len(tasks)),
@@ -75,13 +119,7 @@ def run_tasks(
                 dashboard_address=":0",
                 silence_logs=logging.CRITICAL,
             )
-            client = Client(stack.enter_context(cluster))
-        else:
-            try:
-                client = Client(scheduler, timeout=PATIENCE)
-            except (OSError, ValueError) as error:
-                raise OSError(f"no Dask scheduler answers at {scheduler}: {error}") from error
-        stack.enter_context(client)
+            client = stack.enter_context(Client(stack.enter_context(cluster)))
         futures = client.map(function, list(tasks), pure=False, retries=1)
         for future in as_completed(futures):
             yield future.result()

@@ -7,6 +7,7 @@ grey end. Files are therefore checked for completeness before they are decoded.
 from __future__ import annotations
 
 import io
+import re
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -18,7 +19,10 @@ import numpy.typing as npt
 
 Depth = npt.NDArray[np.float32]
 
-_PNG_START = b"\x89PNG\r\n\x1a\n"
+PNG_START = b"\x89PNG\r\n\x1a\n"
+JPEG_START = b"\xff\xd8"
+# Within a JPEG's coded pixels, neither a stuffed 0xFF nor a restart.
+_JPEG_MARKER = re.compile(rb"\xff+([^\x00\xff\xd0-\xd7])")
 _BEST = (cv2.IMWRITE_PNG_COMPRESSION, 9)
 # Differences to the left neighbour, or Paeth's. One of them for a whole picture makes depth a
 # tenth smaller than a filter chosen row by row. Old OpenCV can't choose.
@@ -41,6 +45,20 @@ def _smallest_png(steps: npt.NDArray[np.uint16]) -> bytes:
     return min((_encode(".png", steps, (*_BEST, *one)) for one in _FILTERS), key=len)
 
 
+def _jpeg_ends(data: bytes) -> bool:
+    """Whether a JPEG reaches the marker of its end.
+
+    A preview inside of it has such a marker of its own, and phones append more behind it.
+    """
+    position = len(JPEG_START)
+    while (marker := _JPEG_MARKER.search(data, position)) is not None:
+        if marker[1] == b"\xd9":
+            return True
+        # The other markers begin a segment that says how long it is.
+        position = marker.end() + int.from_bytes(data[marker.end() : marker.end() + 2], "big")
+    return False
+
+
 def check_whole(data: bytes) -> None:
     """Check that a PNG or JPEG file is complete.
 
@@ -52,13 +70,13 @@ def check_whole(data: bytes) -> None:
     """
     if not data:
         raise ValueError("the file is empty")
-    if data.startswith(b"\xff\xd8"):
-        if b"\xff\xd9" not in data[-64:]:
+    if data.startswith(JPEG_START):
+        if not _jpeg_ends(data):
             raise ValueError(f"the JPEG is cut off after {len(data)} bytes")
         return
-    if not data.startswith(_PNG_START):
+    if not data.startswith(PNG_START):
         raise ValueError("the file is neither PNG nor JPEG")
-    position, kind = len(_PNG_START), b""
+    position, kind = len(PNG_START), b""
     while kind != b"IEND":
         size = int.from_bytes(data[position : position + 4], "big")
         kind = data[position + 4 : position + 8]
@@ -78,13 +96,19 @@ def _decode(data: bytes, flags: int) -> npt.NDArray[Any]:
     return np.asarray(image)
 
 
+def color_ending(jpeg_quality: int | None) -> str:
+    """How the file of a colour picture ends: JPEG where a quality is given, else PNG."""
+    return ".png" if jpeg_quality is None else ".jpg"
+
+
 def encode_color(color: npt.NDArray[np.uint8], jpeg_quality: int | None) -> tuple[str, bytes]:
     """Encode sRGB (H, W, 3) as JPEG, or as PNG where no quality is given: ending and bytes."""
     bgr = np.ascontiguousarray(color[..., ::-1])
+    ending = color_ending(jpeg_quality)
     if jpeg_quality is None:
-        return ".png", _encode(".png", bgr, _BEST)
+        return ending, _encode(ending, bgr, _BEST)
     options = (cv2.IMWRITE_JPEG_QUALITY, jpeg_quality, cv2.IMWRITE_JPEG_OPTIMIZE, 1)
-    return ".jpg", _encode(".jpg", bgr, (*options, cv2.IMWRITE_JPEG_PROGRESSIVE, 1))
+    return ending, _encode(ending, bgr, (*options, cv2.IMWRITE_JPEG_PROGRESSIVE, 1))
 
 
 def decode_color(data: bytes) -> npt.NDArray[np.uint8]:

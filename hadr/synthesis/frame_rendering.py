@@ -16,7 +16,7 @@ from hadr.synthesis.frame_pictures import DisparityScale
 from hadr.synthesis.frame_recipes import FrameRecipe
 from hadr.synthesis.generation_presets import Engine, GenerationSettings, Quality
 from hadr.synthesis.holding import Hold, make_hold
-from hadr.synthesis.objects import OBJECTS
+from hadr.synthesis.objects import NOVEL_OBJECTS, OBJECTS
 from hadr.synthesis.photo import photograph
 from hadr.synthesis.recordings import find_recordings, read_recording
 from hadr.synthesis.scene import Scene, make_scene
@@ -61,8 +61,9 @@ def _number(seed: int, index: int, purpose: int) -> int:
 def _recordings_by_object(folder: Path) -> dict[str, tuple[Path, ...]]:
     """The recordings of each object; most say in their name which it is."""
     found: dict[str, tuple[Path, ...]] = {}
+    known = {*OBJECTS, *NOVEL_OBJECTS}
     for path in find_recordings(folder):
-        names = [n for n in (path.parent.name, path.stem.split("-")[0]) if n in OBJECTS]
+        names = [n for n in (path.parent.name, path.stem.split("-")[0]) if n in known]
         object_id = names[0] if names else _read_recording(path).object_id
         found[object_id] = (*found.get(object_id, ()), path)
     return found

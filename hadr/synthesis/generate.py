@@ -21,7 +21,8 @@ import numpy as np
 from tqdm import tqdm
 
 import hadr
-from hadr.synthesis.farm import run_tasks
+from hadr.synthesis.backgrounds import check_backgrounds
+from hadr.synthesis.farm import check_workers, connected, run_tasks
 from hadr.synthesis.frame_pictures import DisparityScale
 from hadr.synthesis.frame_recipes import (
     FrameRecipe,
@@ -37,12 +38,12 @@ from hadr.synthesis.frame_rendering import (
     render_scene,
     stored_raw_depth,
 )
-from hadr.synthesis.generation_folder import generation_folder
+from hadr.synthesis.generation_folder import generation_folder, whole_frames
 from hadr.synthesis.generation_presets import Engine, GenerationSettings, Quality
-from hadr.synthesis.objects import OBJECTS
+from hadr.synthesis.objects import glass_object
 from hadr.synthesis.photo import mitsuba_variant
 from hadr.synthesis.scene import Scene
-from hadr.synthesis.transhand_frame import Normals, frame_log_path, write_frame
+from hadr.synthesis.transhand_frame import Normals, write_frame
 
 __all__ = [
     "FrameRecipe",
@@ -78,10 +79,6 @@ class GenerationReport:
         return f"{self.written} frames written, {self.kept} kept in {self.root}{pace}"
 
 
-def _is_complete(root: Path, recipe: FrameRecipe) -> bool:
-    return frame_log_path(root, recipe.split, recipe.object_id, recipe.stem).is_file()
-
-
 def _skin_albedo(scene: Scene) -> list[float]:
     """The median reflectance of the hand, linear RGB."""
     hand = scene.rays.hand
@@ -106,7 +103,7 @@ def _make_frames(
             raw, scale = stored_raw_depth(frame.raw_depth, settings)
             frame = replace(frame, raw_depth=raw)
         log = {
-            "object": OBJECTS[recipe.object_id].name,
+            "object": glass_object(recipe.object_id).name,
             "hold_kind": hold.kind,
             "hand_side": hold.shape.side,
             "hand_scale": round(hold.shape.scale, 4),
@@ -140,7 +137,7 @@ def generate_frames(
     """Make a data set, or finish one that was begun.
 
     Args:
-        root: Where it goes; frames that are complete there are kept as they are.
+        root: Where it goes; frames that lie there with all their files are kept as they are.
         n_frames: How many frames it shall have.
         settings: What they have in common.
         workers: Processes that work at the same time.
@@ -151,12 +148,13 @@ def generate_frames(
         What was done.
 
     Raises:
-        ValueError: A value is out of range, something is not installed, or the folder holds
-            frames of other settings.
+        ValueError: A value is out of range, something is not installed, a photograph can't be
+            used, or the folder holds frames of other settings.
         OSError: The folder can't be written, or the disk is full.
     """
-    if n_frames < 1 or workers < 1:
-        raise ValueError(f"n_frames and workers must be positive, got {n_frames} and {workers}")
+    if n_frames < 1:
+        raise ValueError(f"the number of frames must be at least 1, got {n_frames}")
+    check_workers(workers, scheduler)
     check_engine(settings.engine)
     if settings.engine == "photo":
         settings = replace(settings, variant=settings.variant or mitsuba_variant())
@@ -167,18 +165,19 @@ def generate_frames(
         recordings=settings.recordings and str(Path(settings.recordings).absolute()),
         backgrounds=settings.backgrounds and str(Path(settings.backgrounds).absolute()),
     )
+    if settings.backgrounds is not None:
+        check_backgrounds(settings.backgrounds)
     recipes = [settings.recipe(i) for i in range(n_frames)]
     written = 0
     try:
-        with generation_folder(root, settings):
-            todo = [r for r in recipes if not _is_complete(root, r)]
+        with connected(scheduler) as client, generation_folder(root, settings):
+            whole = whole_frames(root, recipes, settings)
+            todo = [r for r in recipes if r.index not in whole]
             kept = n_frames - len(todo)
             make = partial(_make_frames, root=root.absolute(), settings=settings)
             bar = tqdm(total=n_frames, initial=kept, unit="frame", disable=not progress)
             with bar:
-                for took in run_tasks(
-                    make, recipes_by_hold(todo), workers=workers, scheduler=scheduler
-                ):
+                for took in run_tasks(make, recipes_by_hold(todo), workers=workers, client=client):
                     written += len(took)
                     bar.update(len(took))
     except OSError as error:

@@ -119,6 +119,13 @@ def run(args: argparse.Namespace) -> int:
     if frames is None:
         frames = PRESETS[args.preset].frames if args.preset else 64
     workers = args.workers
+    if args.scheduler is not None:
+        if workers is not None:
+            raise ValueError(
+                f"--workers {workers} are processes of this machine and --scheduler "
+                f"{args.scheduler} is a cluster that works instead: give one of both"
+            )
+        workers = 1
     if workers is None:
         workers = usable_cores() if dask_installed() and args.preset != "tiny" else 1
     report = generate_frames(

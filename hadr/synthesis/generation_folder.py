@@ -7,23 +7,31 @@ import hashlib
 import json
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from hadr import __version__
+from hadr.synthesis.backgrounds import ENDINGS
+from hadr.synthesis.frame_recipes import FrameRecipe
 from hadr.synthesis.generation_presets import GenerationSettings
-from hadr.synthesis.transhand_frame import UNFINISHED_PREFIX
+from hadr.synthesis.transhand_frame import (
+    UNFINISHED_PREFIX,
+    frame_file_names,
+    frame_log_path,
+)
 
 #: The file that says with which settings the frames of a folder are made.
 SETTINGS_FILE = "generation.json"
 _SPLITS = ("train", "val", "test")
 
 
-def _digest_folder(folder: str, endings: tuple[str, ...]) -> str:
+def _digest_folder(folder: str, content: str, endings: tuple[str, ...]) -> str:
     """SHA-256 over names and contents of the files below a folder; 16 digits of it."""
     root = Path(folder)
+    if not root.is_dir():
+        raise ValueError(f"no folder of {content} at {folder}")
     paths = sorted(p for p in root.rglob("*") if p.suffix.lower() in endings)
     if not paths:
         raise ValueError(f"{folder} holds no file that ends with {', '.join(endings)}")
@@ -38,11 +46,52 @@ def settings_record(settings: GenerationSettings) -> dict[str, Any]:
     """The settings as plain values; folders that are read from stand for their contents."""
     record = json.loads(json.dumps(asdict(settings)))
     if settings.recordings is not None:
-        record["recordings"] = _digest_folder(settings.recordings, (".csv", ".json"))
+        record["recordings"] = _digest_folder(settings.recordings, "recordings", (".csv", ".json"))
     if settings.backgrounds is not None:
-        endings = (".jpg", ".jpeg", ".png", ".bmp", ".webp", ".tif", ".tiff")
-        record["backgrounds"] = _digest_folder(settings.backgrounds, endings)
+        record["backgrounds"] = _digest_folder(settings.backgrounds, "photographs", ENDINGS)
     return {"hadr": __version__, **record}
+
+
+def whole_frames(
+    root: Path, recipes: Sequence[FrameRecipe], settings: GenerationSettings
+) -> set[int]:
+    """Which frames lie in a folder with all their files.
+
+    Args:
+        root: The folder.
+        recipes: The frames to look for.
+        settings: With which they are made.
+
+    Returns:
+        Their indices. Each folder is listed once, however many frames it holds.
+    """
+    listed: dict[Path, frozenset[str]] = {}
+
+    def present(path: Path) -> bool:
+        if path.parent not in listed:
+            with contextlib.suppress(FileNotFoundError):
+                listed[path.parent] = frozenset(os.listdir(path.parent))
+        return path.name in listed.setdefault(path.parent, frozenset())
+
+    found = set()
+    for recipe in recipes:
+        base = frame_log_path(root, recipe.split, recipe.object_id, recipe.stem).parents[1]
+        names = frame_file_names(
+            recipe.stem,
+            depth_format=settings.depth_format,
+            jpeg_quality=settings.jpeg_quality,
+            normals=settings.normals,
+            raw=settings.raw_format if settings.sensor else None,
+        )
+        if all(present(base / name) for name in names):
+            found.add(recipe.index)
+    return found
+
+
+def _has_frames(root: Path) -> bool:
+    return any(
+        next((root / split).glob("*/depth/log_json/*.json"), None) is not None for split in _SPLITS
+    )
 
 
 def _check_settings(root: Path, record: dict[str, Any]) -> None:
@@ -53,6 +102,8 @@ def _check_settings(root: Path, record: dict[str, Any]) -> None:
                 f"{root} holds frames, but no {SETTINGS_FILE} that says how they were made; "
                 "choose another folder"
             )
+        return
+    if not _has_frames(root):  # a run that ended before its first frame
         return
     try:
         before = json.loads(path.read_text(encoding="utf-8"))
@@ -105,6 +156,8 @@ def _sole_owner(root: Path) -> Iterator[None]:
 def generation_folder(root: Path, settings: GenerationSettings) -> Iterator[Path]:
     """Take a folder for making frames: check that it is meant for them, and tidy it.
 
+    The settings of a run that ended before its first frame bind nobody.
+
     Args:
         root: The folder; made where it is missing.
         settings: With which the frames are made.
@@ -114,10 +167,13 @@ def generation_folder(root: Path, settings: GenerationSettings) -> Iterator[Path
 
     Raises:
         ValueError: It holds frames of other settings (the message names what differs), or
-            frames of another origin, or another run is at work there.
+            frames of another origin, or another run is at work there; or a file is in its place.
         OSError: The folder can't be made or written.
     """
     record = settings_record(settings)
+    for place in (root, *root.parents):
+        if place.exists() and not place.is_dir():
+            raise ValueError(f"can't write frames into {root}: {place} is a file, not a folder")
     root.mkdir(parents=True, exist_ok=True)
     with _sole_owner(root):
         _check_settings(root, record)

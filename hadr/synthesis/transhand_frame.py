@@ -25,6 +25,7 @@ from hadr.hand import KEYPOINT_NAMES
 from hadr.synthesis.camera_log import camera_log, native_pixels
 from hadr.synthesis.frame_pictures import (
     DisparityScale,
+    color_ending,
     encode_color,
     encode_depth,
     encode_depth_array,
@@ -102,6 +103,44 @@ class Frame:
 def frame_log_path(root: str | Path, split: str, object_id: str, stem: str) -> Path:
     """The log of a frame in the layout with the ``depth/`` level; it is written last."""
     return Path(root) / split / object_id / "depth" / "log_json" / f"{stem}.json"
+
+
+def frame_file_names(
+    stem: str,
+    *,
+    depth_format: Literal["npy", "png"] = "npy",
+    jpeg_quality: int | None = None,
+    normals: Normals = "all",
+    raw: Literal["depth", "disparity"] | None = None,
+    object_folder: Literal["obj_mask", "object_mask"] = "obj_mask",
+) -> frozenset[Path]:
+    """The files of a whole frame, below its folder of the object.
+
+    Args:
+        stem: The name that they share.
+        depth_format: As for :func:`write_frame`.
+        jpeg_quality: As for :func:`write_frame`.
+        normals: As for :func:`write_frame`.
+        raw: The form of raw depth; None where the frame has none.
+        object_folder: As for :func:`write_frame`.
+
+    Returns:
+        Paths such as ``rgb/000001.png``; background depth is one of them.
+    """
+    endings = {
+        "rgb": color_ending(jpeg_quality),
+        f"depth_{'np' if depth_format == 'npy' else 'png'}": f".{depth_format}",
+        BACKGROUND_FOLDER: ".png",
+        "hand_mask": ".png",
+        object_folder: ".png",
+        "hand_kpt": ".txt",
+        "log_json": ".json",
+    }
+    if raw is not None:
+        endings[RAW_FOLDER if raw == "depth" else DISPARITY_FOLDER] = ".png"
+    if normals != "none":
+        endings[NORMALS_FOLDER] = ".png"
+    return frozenset(Path(folder, stem + ending) for folder, ending in endings.items())
 
 
 def _check_shapes(frame: Frame) -> None:

@@ -438,6 +438,18 @@ def test_what_is_missing_is_named(tmp_path):
         TransHand(tmp_path, "train")
 
 
+def test_a_pixel_of_hand_and_object_is_refused(tmp_path):
+    frame = make_frame()
+    both = frame.hand_mask.copy()
+    v, u = np.argwhere(frame.object_mask)[0]
+    both[v, u] = True
+    write_frame(tmp_path, replace(frame, hand_mask=both))
+    with pytest.raises(
+        ValueError, match=r"train/0004: frame 000007: .*hand_mask.*obj_mask.* overlap in 1 pixels"
+    ):
+        TransHand(tmp_path, "train")[0]
+
+
 def test_wrong_shapes_are_named(tmp_path):
     write_frame(tmp_path, make_frame())
     base = tmp_path / "train/0004/depth"

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from hadr.synthesis.farm import run_tasks
+from hadr.synthesis.farm import check_workers, connected, run_tasks
 
 needs_dask = pytest.mark.skipif(
     importlib.util.find_spec("distributed") is None,
@@ -33,10 +33,21 @@ def test_what_is_missing_is_named(monkeypatch):
     monkeypatch.setattr("hadr.synthesis.farm.dask_installed", lambda: False)
     with pytest.raises(ValueError, match=r"2 workers need Dask.*hadr\[generate\].*--workers 1"):
         list(run_tasks(abs, [1, 2], workers=2))
-    with pytest.raises(ValueError, match=r"a cluster needs Dask.*pip install"):
-        list(run_tasks(abs, [1], scheduler="tcp://host:1"))
-    with pytest.raises(ValueError, match="workers must be positive, got 0"):
+    with (
+        pytest.raises(ValueError, match=r"a cluster needs Dask.*pip install"),
+        connected("tcp://host:1"),
+    ):
+        pass
+    with pytest.raises(ValueError, match="workers must be at least 1, got 0"):
         list(run_tasks(abs, [1], workers=0))
+
+
+def test_workers_of_this_machine_or_a_cluster_not_both():
+    with pytest.raises(ValueError, match=r"2 workers of this machine or the cluster at tcp://h:1:"):
+        check_workers(2, "tcp://h:1")
+    check_workers(1)
+    with connected(None) as client:
+        assert client is None
 
 
 @needs_dask
@@ -47,9 +58,10 @@ def test_a_cluster_by_its_address_and_the_error_of_a_task():
         n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None
     ) as cluster:
         address = cluster.scheduler_address
-        assert sorted(run_tasks(abs, [-3, 2, -1], scheduler=address)) == [1, 2, 3]
-        with pytest.raises(ValueError, match="expected a nonnegative input"):
-            list(run_tasks(_root, [4.0, -4.0], scheduler=address))
+        with connected(address) as client:
+            assert sorted(run_tasks(abs, [-3, 2, -1], client=client)) == [1, 2, 3]
+            with pytest.raises(ValueError, match="expected a nonnegative input"):
+                list(run_tasks(_root, [4.0, -4.0], client=client))
 
 
 def _root(value):
@@ -61,5 +73,8 @@ def _root(value):
 @needs_dask
 def test_a_cluster_that_does_not_answer_is_named(monkeypatch):
     monkeypatch.setattr("hadr.synthesis.farm.PATIENCE", 0.5)
-    with pytest.raises(OSError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"):
-        list(run_tasks(abs, [1, 2], scheduler="tcp://127.0.0.1:9"))
+    with (
+        pytest.raises(OSError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"),
+        connected("tcp://127.0.0.1:9"),
+    ):
+        pass

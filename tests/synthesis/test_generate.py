@@ -3,10 +3,12 @@ import errno
 import importlib.util
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -14,8 +16,10 @@ from hadr.camera import back_project, transform_points
 from hadr.cli import main
 from hadr.data.transhand import TransHand, frame_log_path
 from hadr.hand import forward_kinematics, keypoints_from_skeleton
-from hadr.synthesis.generate import frame_recipe, generate, render_frame
+from hadr.synthesis.generate import frame_recipe, generate, generate_frames, render_frame
 from hadr.synthesis.generate_command import add_arguments, run
+from hadr.synthesis.generation_folder import whole_frames
+from hadr.synthesis.generation_presets import GenerationSettings
 from hadr.synthesis.holding import make_hold
 from hadr.synthesis.objects import glass_object, signed_distance
 from hadr.synthesis.recording_motion import record_hold
@@ -101,8 +105,10 @@ def test_the_command_writes_frames(tmp_path, capsys):
 
 
 def test_errors(tmp_path):
-    with pytest.raises(ValueError, match="n_frames and workers must be positive, got 0 and 1"):
+    with pytest.raises(ValueError, match="the number of frames must be at least 1, got 0"):
         generate(tmp_path, 0)
+    with pytest.raises(ValueError, match="workers must be at least 1, got 0"):
+        generate(tmp_path, 1, workers=0)
     with pytest.raises(ValueError, match="no object '0002'"):
         generate(tmp_path, 1, objects=["0002"])
     with pytest.raises(
@@ -151,8 +157,94 @@ def test_a_full_disk_is_told_and_what_is_written_is_whole(six, tmp_path, monkeyp
 
 def test_a_folder_that_cant_be_written_is_told(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(OSError, match=r"can't write frames into .*file/set: Not a directory"):
+    message = r"can't write frames into .*file/set: .*/file is a file, not a folder"
+    with pytest.raises(ValueError, match=message):
         generate(tmp_path / "file/set", 1, **SIZE)
+
+
+@pytest.mark.parametrize("folder", ["obj_mask", "depth_np", "normals", "hand_kpt", "rgb"])
+def test_a_frame_that_lost_a_file_is_made_again(six, tmp_path, folder):
+    shutil.copytree(six, tmp_path, dirs_exist_ok=True)
+    recipe = frame_recipe(3, objects=["0000", "0004"])
+    lost = next((tmp_path / recipe.split / "0004/depth" / folder).glob("000003.*"))
+    lost.unlink()
+    with pytest.raises(ValueError, match=rf"frame 000003 lacks depth/{folder} .*started again"):
+        TransHand(tmp_path, recipe.split)
+    report = generate(tmp_path, 6, objects=["0000", "0004"], **SIZE)
+    assert (report.written, report.kept) == (1, 5)
+    assert contents(tmp_path) == contents(six)
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        {},
+        {"sensor": True, "depth_format": "png", "jpeg_quality": 90, "normals": "none"},
+        {"sensor": True, "raw_format": "disparity", "normals": "object"},
+    ],
+)
+def test_a_whole_frame_has_the_files_that_its_settings_promise(tmp_path, more):
+    settings = GenerationSettings(width=48, height=27, quality="fast", **more)
+    generate_frames(tmp_path, 1, settings)
+    recipe = settings.recipe(0)
+    base = tmp_path / recipe.split / recipe.object_id / "depth"
+    assert whole_frames(tmp_path, [recipe, settings.recipe(1)], settings) == {0}
+    files = sorted(p for p in base.rglob("*") if p.is_file())
+    assert len(files) == 8 + bool(more) - (more.get("normals") == "none")
+    for path in files:
+        path.rename(path.with_suffix(".away"))
+        assert whole_frames(tmp_path, [recipe], settings) == set(), path.name
+        path.with_suffix(".away").rename(path)
+    assert whole_frames(tmp_path, [recipe], settings) == {0}
+
+
+def test_a_novel_object_can_be_made(tmp_path):
+    generate(tmp_path, 1, objects=["0012"], **SIZE)
+    split = frame_recipe(0, objects=["0012"]).split
+    frame = TransHand(tmp_path, split)[0]
+    assert frame.object_id == "0012"
+    assert frame.object_mask.any()
+    log = next(tmp_path.glob("*/0012/depth/log_json/000000.json"))
+    assert json.loads(log.read_text())["object"] == "coupe"
+
+
+def test_photographs_are_checked_before_the_folder_is_taken(tmp_path):
+    photographs = tmp_path / "photographs"
+    photographs.mkdir()
+    picture = np.random.default_rng(0).integers(0, 256, (60, 80, 3), dtype=np.uint8)
+    cv2.imwrite(str(photographs / "good.jpg"), picture)
+    whole = (photographs / "good.jpg").read_bytes()
+    (photographs / "half.jpg").write_bytes(whole[: len(whole) // 2])
+    (photographs / "words.png").write_bytes(b"no picture")
+    with pytest.raises(ValueError, match=r"2 of the photographs can't be used.*half.*words\.png"):
+        generate(tmp_path / "set", 1, backgrounds=photographs, **SIZE)
+    assert not (tmp_path / "set").exists()
+    for name in ("half.jpg", "words.png"):
+        (photographs / name).unlink()
+    assert generate(tmp_path / "set", 1, backgrounds=photographs, **SIZE).written == 1
+
+
+def test_a_cluster_that_does_not_answer_leaves_the_folder_alone(tmp_path, monkeypatch):
+    pytest.importorskip("distributed", reason="Dask is not installed")
+    monkeypatch.setattr("hadr.synthesis.farm.PATIENCE", 0.5)
+    settings = GenerationSettings(width=48, height=27, quality="fast")
+    with pytest.raises(OSError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"):
+        generate_frames(tmp_path / "set", 1, settings, scheduler="tcp://127.0.0.1:9")
+    assert not (tmp_path / "set").exists()
+
+
+def test_the_command_refuses_workers_beside_a_cluster_and_names_what_is_wrong(tmp_path, capsys):
+    start = ["generate", "--preset", "tiny", "--out", str(tmp_path / "set")]
+    for line, message in (
+        ("--workers 2 --scheduler tcp://h:1", "--workers 2 are processes of this machine and --sc"),
+        ("--workers 0", "workers must be at least 1, got 0"),
+        ("--frames 0", "the number of frames must be at least 1, got 0"),
+        ("--backgrounds /nowhere", "no folder of photographs at /nowhere"),
+        ("--recordings /nowhere", "no folder of recordings at /nowhere"),
+    ):
+        assert main([*start, *line.split()]) == 2
+        assert message in capsys.readouterr().err
+    assert not (tmp_path / "set").exists()
 
 
 def test_other_settings_in_the_same_folder_are_refused(six):
@@ -239,7 +331,7 @@ def test_recorded_holds_are_shown_at_a_moment_of_theirs(recordings, tmp_path):
         assert min(moments) < 1e-6
     with pytest.raises(ValueError, match=r"frame 4: .*needs recording number 2 .* holds 2 of them"):
         generate(tmp_path, 6, objects=["0005"], recordings=recordings, **SIZE)
-    with pytest.raises(ValueError, match=r"no folder of recordings|holds no file that ends with"):
+    with pytest.raises(ValueError, match=r"no folder of recordings at .*none"):
         generate(tmp_path / "b", 1, recordings=tmp_path / "none", **SIZE)
 
 

@@ -11,6 +11,12 @@ from hadr.synthesis.generation_presets import PRESETS, GenerationSettings
 SETTINGS = GenerationSettings(width=64, height=36, quality="fast")
 
 
+def put_frame(root, place="train/0000/depth/log_json/000000.json"):
+    """A log, which makes a frame."""
+    (root / place).parent.mkdir(parents=True, exist_ok=True)
+    (root / place).write_text("{}")
+
+
 def take(root, settings=SETTINGS):
     with generation_folder(root, settings):
         pass
@@ -22,6 +28,7 @@ def test_the_settings_are_written_once_and_compared(tmp_path):
     assert record["width"] == 64
     assert record == settings_record(SETTINGS)
     take(tmp_path / "new/set")
+    put_frame(tmp_path / "new/set")
     with pytest.raises(ValueError, match=r"other settings: seed is 0 there, 5 here; width is 64 t"):
         take(tmp_path / "new/set", replace(SETTINGS, seed=5, width=128))
     with pytest.raises(ValueError, match=r"objects is None there, \['0004'\] here"):
@@ -30,6 +37,7 @@ def test_the_settings_are_written_once_and_compared(tmp_path):
 
 def test_settings_that_no_version_knows_are_named(tmp_path):
     take(tmp_path)
+    put_frame(tmp_path)
     path = tmp_path / SETTINGS_FILE
     path.write_text(json.dumps(json.loads(path.read_text()) | {"lens": "fish-eye"}))
     with pytest.raises(ValueError, match="lens is 'fish-eye' there, None here"):
@@ -78,11 +86,39 @@ def test_a_folder_that_is_read_from_counts_by_its_contents(tmp_path):
     one, two = (replace(SETTINGS, recordings=str(tmp_path / name)) for name in ("one", "two"))
     assert settings_record(one) == settings_record(two)
     take(tmp_path / "set", one)
+    put_frame(tmp_path / "set")
     (tmp_path / "two/0004/hold.csv").write_text("time\n1\n")
     with pytest.raises(ValueError, match=r"recordings is '[0-9a-f]{16}' there, '[0-9a-f]{16}' he"):
         take(tmp_path / "set", two)
     with pytest.raises(ValueError, match=r"holds no file that ends with \.jpg, \.jpeg"):
         take(tmp_path / "new", replace(SETTINGS, backgrounds=str(tmp_path / "one")))
+    for name, content in (("recordings", "recordings"), ("backgrounds", "photographs")):
+        with pytest.raises(ValueError, match=rf"no folder of {content} at .*nowhere"):
+            take(tmp_path / "new", replace(SETTINGS, **{name: str(tmp_path / "nowhere")}))
+    assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.parametrize("left", ["", "{"])
+def test_settings_of_a_run_without_a_frame_bind_nobody(tmp_path, left):
+    take(tmp_path)
+    if left:
+        (tmp_path / SETTINGS_FILE).write_text(left)
+    half = tmp_path / "train/0000/depth/rgb/000000.png"
+    half.parent.mkdir(parents=True)
+    half.write_text("half a frame of seed 0")
+    take(tmp_path, replace(SETTINGS, seed=5))
+    assert json.loads((tmp_path / SETTINGS_FILE).read_text())["seed"] == 5
+    assert not half.exists()
+    put_frame(tmp_path)
+    with pytest.raises(ValueError, match="seed is 5 there, 0 here"):
+        take(tmp_path)
+
+
+def test_a_file_in_the_place_of_the_folder_is_named(tmp_path):
+    (tmp_path / "file").write_text("")
+    for root in (tmp_path / "file", tmp_path / "file/set"):
+        with pytest.raises(ValueError, match=rf"into {root}: .*/file is a file, not a folder"):
+            take(root)
 
 
 def test_presets_say_what_the_data_card_promises():

@@ -2,7 +2,7 @@ import cv2
 import numpy as np
 import pytest
 
-from hadr.synthesis.backgrounds import find_backgrounds, load_background
+from hadr.synthesis.backgrounds import check_backgrounds, find_backgrounds, load_background
 from hadr.synthesis.texture_noise import SIZE, noise
 from hadr.synthesis.textures import FAMILIES, LEVELS, picture_number, pyramid, sample
 
@@ -97,3 +97,39 @@ def test_wrong_photographs_are_named(tmp_path):
     cv2.imwrite(str(tmp_path / "tiny.png"), np.zeros((9, 40, 3), np.uint8))
     with pytest.raises(ValueError, match=r"tiny\.png has only 40x9 pixels"):
         load_background(tmp_path / "tiny.png")
+
+
+def test_a_photograph_that_is_cut_off_is_named_and_all_are_checked_at_once(tmp_path):
+    picture = np.random.default_rng(0).integers(0, 256, (90, 120, 3), dtype=np.uint8)
+    for name in ("a.jpg", "b.png", "c.webp", "d.bmp", "e.tiff"):
+        cv2.imwrite(str(tmp_path / name), picture)
+    check_backgrounds(tmp_path)
+    for path in find_backgrounds(tmp_path):
+        path.write_bytes(path.read_bytes()[:-20])
+    with pytest.raises(ValueError, match=r"a\.jpg: the JPEG is cut off after \d+ bytes"):
+        load_background(tmp_path / "a.jpg")
+    with pytest.raises(ValueError, match=r"^[4-5] of .*a\.jpg: .*b\.png: the PNG is cut off"):
+        check_backgrounds(tmp_path)
+    for number in range(12):
+        (tmp_path / f"f{number}.png").write_bytes(b"")
+    with pytest.raises(ValueError, match=r"^1[67] of the photographs.*; and [67] more$"):
+        check_backgrounds(tmp_path)
+
+
+@pytest.mark.parametrize("progressive", [0, 1])
+def test_what_a_phone_writes_into_a_jpeg_does_not_hide_its_end(tmp_path, progressive):
+    """A preview in front, with an end of its own, and a film of many bytes behind."""
+    picture = np.random.default_rng(0).integers(0, 256, (90, 120, 3), dtype=np.uint8)
+    options = [cv2.IMWRITE_JPEG_PROGRESSIVE, progressive, cv2.IMWRITE_JPEG_RST_INTERVAL, 3]
+    jpeg = cv2.imencode(".jpg", picture, options)[1].tobytes()
+    preview = cv2.imencode(".jpg", picture[:20, :20])[1].tobytes()
+    inside = b"\xff\xe1" + (len(preview) + 2).to_bytes(2, "big") + preview
+    phone = jpeg[:2] + inside + jpeg[2:]
+    path = tmp_path / "phone.jpg"
+    path.write_bytes(phone + bytes(5000))
+    assert load_background(path).shape == (90, 120, 3)
+    for end in (len(inside) + 2, len(phone) // 2, len(phone) - 2):
+        path.write_bytes(phone[:end])
+        load_background.cache_clear()
+        with pytest.raises(ValueError, match="the JPEG is cut off"):
+            load_background(path)
