@@ -1,27 +1,43 @@
-"""Measure the generator: seconds a frame by engine and size, two workers against one, the cost.
+"""Measure the generator: seconds a frame by engine, size and part, two workers, the cost.
 
     OMP_NUM_THREADS=1 python benchmarks/generate.py --json results/generation/benchmark.json
 
 Takes about seven minutes on two quiet cores. Frames carry everything: hold, scene, labels,
-colour, raw depth, files. A first frame of each kind, in which programs are compiled, is made
-before the clock starts. What many workers do is read off the times at which frames were finished.
+colour, raw depth, files; what each part takes is measured in the same run, as seconds of one core.
+A first frame of each kind, in which programs are compiled, is made before the clock starts; each
+kind has a seed of its own, because a hold that was made once is remembered. What many workers do is
+read off the times at which frames were finished.
 """
 
 import argparse
 import json
 import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 
 from hadr.provenance import provenance
+from hadr.synthesis import frame_rendering, generate
 from hadr.synthesis.generate import generate_frames
 from hadr.synthesis.generation_presets import PRESETS, GenerationSettings
+from hadr.synthesis.shading import RayScene
 
 PAPER_FRAMES = 14100
 SIZES = {(256, 144): 12, (448, 252): 8, (1280, 720): 3}
+#: The functions that make each part of a frame.
+PARTS = {
+    "hold": ((frame_rendering, "recipe_hold"),),
+    "scene": ((frame_rendering, "make_scene"),),
+    "labels": ((RayScene, "labels"),),
+    "picture": ((frame_rendering, "photograph"), (RayScene, "picture")),
+    "sensor": ((frame_rendering, "capture_depth"),),
+    "files": ((generate, "write_frame"),),
+}
 
 
 def settings(engine: str, width: int, height: int, seed: int) -> GenerationSettings:
@@ -29,12 +45,41 @@ def settings(engine: str, width: int, height: int, seed: int) -> GenerationSetti
     return replace(base, engine=engine, width=width, height=height, seed=seed, variant=None)
 
 
+@contextmanager
+def timed_parts() -> Iterator[dict[str, float]]:
+    """Add up the CPU seconds of each part of the frames that are made meanwhile.
+
+    A part that calls another one, as the sensor may cast rays, does not count twice.
+    """
+    spent, running = dict.fromkeys(PARTS, 0.0), [""]
+
+    def timed(part: str, function):
+        def run(*args, **kwargs):
+            if running[0]:
+                return function(*args, **kwargs)
+            running[0], start = part, time.process_time()
+            try:
+                return function(*args, **kwargs)
+            finally:
+                spent[part] += time.process_time() - start
+                running[0] = ""
+
+        return run
+
+    with ExitStack() as stack:
+        for part, places in PARTS.items():
+            for owner, name in places:
+                stack.enter_context(patch.object(owner, name, timed(part, getattr(owner, name))))
+        yield spent
+
+
 def seconds_a_frame(engine: str, size: tuple[int, int], frames: int, seed: int) -> dict:
     """Frames made one after the other in this process."""
     with tempfile.TemporaryDirectory() as folder:
         generate_frames(Path(folder, "warm"), 1, settings(engine, *size, seed + 1))
         cpu = time.process_time()
-        report = generate_frames(Path(folder, "set"), frames, settings(engine, *size, seed))
+        with timed_parts() as parts:
+            report = generate_frames(Path(folder, "set"), frames, settings(engine, *size, seed))
         cpu = time.process_time() - cpu
         files = [p for p in Path(folder, "set").rglob("*") if p.is_file()]
         return {
@@ -44,6 +89,7 @@ def seconds_a_frame(engine: str, size: tuple[int, int], frames: int, seed: int) 
             "frames": frames,
             "seconds_a_frame": report.seconds / frames,
             "cpu_seconds_a_frame": cpu / frames,
+            "cpu_seconds_by_part": {name: spent / frames for name, spent in parts.items()},
             "kilobytes_a_frame": sum(p.stat().st_size for p in files) / frames / 1000,
         }
 
@@ -90,10 +136,11 @@ def main() -> None:
     start, table = time.perf_counter(), []
     for engine in ("photo", "raycast"):
         for size, frames in SIZES.items():
-            table.append(seconds_a_frame(engine, size, frames, args.seed))
+            table.append(seconds_a_frame(engine, size, frames, args.seed + 10 * len(table)))
             print(
                 f"{engine:8s} {size[0]:5d}x{size[1]:<4d} {table[-1]['seconds_a_frame']:7.2f} s "
-                f"{table[-1]['kilobytes_a_frame']:7.0f} kB",
+                f"{table[-1]['kilobytes_a_frame']:7.0f} kB   "
+                + ", ".join(f"{k} {v:.2f}" for k, v in table[-1]["cpu_seconds_by_part"].items()),
                 flush=True,
             )
     rates = [rate(workers, args.frames, args.seed) for workers in (1, 2)]
