@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 from hadr.models.backbone import BackboneConfig
+from hadr.models.baselines.unet_hand import UNetHandConfig
 from hadr.models.hadr import HADRConfig
 from hadr.models.hadr_plus import HADRPlusConfig
+from hadr.models.hand_keypoints import HandKeypointConfig
+from hadr.models.resnet import UNetConfig
+from hadr.models.segmentation import SegmentationConfig
 from hadr.training.recipe import Preset
 
 __all__ = ["MINI", "NETWORKS", "PAPER", "RECIPES", "TINY", "Preset", "preset"]
@@ -78,7 +82,114 @@ PLUS_TINY = Preset(
 )
 """A smaller one on few frames, enough to see every part at work."""
 
-RECIPES: tuple[Preset, ...] = (TINY, MINI, PAPER, PLUS_TINY, PLUS_MINI)
+KEYPOINTS_PAPER = Preset(
+    name="paper",
+    width=640,
+    height=360,
+    network="hand-keypoints",
+    model=HandKeypointConfig(),
+    batch_size=32,
+    mirror=0.5,
+    roll_deg=30.0,
+)
+"""ResNet-18 on crops of 128 pixels; the paper names no schedule of its own for it."""
+
+KEYPOINTS_MINI = Preset(
+    name="mini",
+    width=256,
+    height=144,
+    network="hand-keypoints",
+    model=HandKeypointConfig(
+        unet=UNetConfig(widths=(32, 64, 128, 256), decoder=(128, 64, 32, 32)), crop=64
+    ),
+    epochs=16,
+    schedule="cosine",
+    learning_rate=2e-3,
+    warmup_epochs=0.5,
+    clip_norm=5.0,
+    average_decay=0.995,
+    batch_size=16,
+    mirror=0.5,
+    roll_deg=30.0,
+)
+"""A ResNet-18 of half the width on crops of 64 pixels, about as many as a 256x144 frame has."""
+
+KEYPOINTS_TINY = Preset(
+    name="tiny",
+    width=256,
+    height=144,
+    network="hand-keypoints",
+    model=HandKeypointConfig(
+        unet=UNetConfig((1, 1, 1, 1), (16, 32, 64, 128), (64, 32, 32, 32)), crop=48
+    ),
+    epochs=8,
+    schedule="cosine",
+    learning_rate=3e-3,
+    clip_norm=5.0,
+    batch_size=8,
+    mirror=0.5,
+)
+"""A smaller one on few frames, enough to see every part at work."""
+
+SEGMENTATION_PAPER = Preset(
+    name="paper",
+    width=224,
+    height=224,
+    network="segmentation",
+    model=SegmentationConfig(),
+    mirror=0.5,
+)
+"""The whole ResNet-34 at the restoration's size; the paper names no schedule of its own for it."""
+
+SEGMENTATION_MINI = Preset(
+    name="mini",
+    width=256,
+    height=144,
+    network="segmentation",
+    model=SegmentationConfig(
+        UNetConfig(depths=(3, 4, 6, 3), widths=(16, 32, 64, 128), decoder=(64, 32, 16, 16))
+    ),
+    epochs=12,
+    schedule="cosine",
+    learning_rate=2e-3,
+    warmup_epochs=0.5,
+    clip_norm=5.0,
+    average_decay=0.995,
+    batch_size=16,
+    mirror=0.5,
+)
+"""A ResNet-34 of a quarter of the width."""
+
+SEGMENTATION_TINY = Preset(
+    name="tiny",
+    width=128,
+    height=72,
+    network="segmentation",
+    model=SegmentationConfig(
+        UNetConfig((1, 1, 1, 1), widths=(16, 32, 64, 128), decoder=(64, 32, 16, 16))
+    ),
+    epochs=8,
+    schedule="cosine",
+    learning_rate=3e-3,
+    clip_norm=5.0,
+    batch_size=8,
+    mirror=0.5,
+)
+"""A smaller one on few frames, enough to see every part at work."""
+
+RECIPES: tuple[Preset, ...] = (
+    TINY,
+    MINI,
+    PAPER,
+    PLUS_TINY,
+    PLUS_MINI,
+    KEYPOINTS_TINY,
+    KEYPOINTS_MINI,
+    KEYPOINTS_PAPER,
+    SEGMENTATION_TINY,
+    SEGMENTATION_MINI,
+    SEGMENTATION_PAPER,
+)
 """All recipes of all networks."""
 NETWORKS = ("hadr", "hadr-plus", "unet-hand", "hand-keypoints", "segmentation")
 """The kinds of network."""

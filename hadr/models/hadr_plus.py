@@ -1,0 +1,306 @@
+"""HADR-plus: a successor of HADR that looks at the glass from the hand.
+
+What it keeps: a ray has candidates, a network says with which probability the ray ends at each of
+them and where exactly, and the hand guides both. What it changes, each by a switch:
+
+* The candidates need no occupied voxel: the network places `candidates` surfaces along every ray
+  relative to the hand's depth, such as the near wall of a glass and, through its mouth, the far
+  one. HADR's voxels must hold a measured point, so a ray on which none does is lost, and a wall
+  behind the glass competes with it.
+* It looks at a crop in which a pixel has the same size in metres in every frame (`metric_crop`).
+* Mask, depth relative to the hand's (`hand_depth`) and the keypoints with their depth
+  (`keypoint_maps`) are pictures beside the colour, so that a wide neighbourhood of each ray is
+  seen and not a box of 8x8 pixels.
+* Each candidate has a scale: together they are a distribution over depth, a mixture of Laplace
+  distributions, that the loss fits and the confidence is read from.
+
+The network between is a plain U-Net.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from hadr.hand import FINGERS
+from hadr.models.hadr_input import HADRInput, float_color, masked_rays
+from hadr.models.hand_crop import HandCrop, hand_crop
+
+GROUPS: tuple[tuple[int, ...], ...] = ((0,), *FINGERS.values())
+"""Keypoints that share a map: the wrist, and each finger."""
+DEPTH_M = 0.1
+"""Unit of the network's depths, metres."""
+LOG_SCALE, LOG_SCALES = -3.5, (-7.0, -1.0)
+"""Where the logarithm of a candidate's scale starts (3 cm), and its range (1 mm to 37 cm)."""
+NEAR_M = 0.2
+"""Measured depth farther than this from the hand's is cut off in the depth picture."""
+
+
+@dataclass(frozen=True)
+class HADRPlusConfig:
+    """What the network consists of.
+
+    Args:
+        crop: Side of the crop in pixels; divisible by 32.
+        pixel_m: Metres that a crop pixel spans at the hand's depth.
+        width: Channels at a quarter of the crop's resolution; twice and three times as many below.
+        blocks: Residual blocks at each of the three resolutions.
+        candidates: Surfaces that are placed along each ray; 1 predicts the depth directly.
+        metric_crop: Crops have one size in metres; off, they have one size in pixels, that of a
+            hand at 0.7 m.
+        hand_depth: Depth relative to the hand's is seen.
+        keypoint_maps: Keypoints with their relative depth are seen.
+        color: Colour is seen.
+
+    Raises:
+        ValueError: A number is out of range.
+    """
+
+    crop: int = 96
+    pixel_m: float = 0.003
+    width: int = 64
+    blocks: int = 2
+    candidates: int = 2
+    metric_crop: bool = True
+    hand_depth: bool = True
+    keypoint_maps: bool = True
+    color: bool = True
+
+    def __post_init__(self) -> None:
+        if self.crop < 32 or self.crop % 32:
+            raise ValueError(f"crop must be a positive multiple of 32, got {self.crop}")
+        for name in ("pixel_m", "width", "blocks", "candidates"):
+            if getattr(self, name) <= 0:
+                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
+
+    def to_dict(self) -> dict[str, Any]:
+        """The configuration as built-in types, for JSON."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, values: dict[str, Any]) -> HADRPlusConfig:
+        """Build the configuration from `to_dict`."""
+        return cls(**values)
+
+
+@dataclass(frozen=True)
+class HADRPlusOutput:
+    """Restored depth, and what the loss needs; M candidates on each of R rays.
+
+    Attributes:
+        depth: Restored z-depth in metres, shape (B, H, W); 0 where nothing was restored.
+        confidence: Probability that the depth is right to 2 cm as the network sees it, shape
+            (B, H, W), 0..1; 0 where not restored.
+        restored: Where depth was restored, shape (B, H, W), bool.
+        rays: Rows (frame, row, column) of the rays' pixels, shape (R, 3), long.
+        candidate: z-depth of each candidate in metres, shape (R, M).
+        logits: Score of each candidate, shape (R, M).
+        log_scale: Logarithm of each candidate's expected absolute error in metres, shape (R, M).
+    """
+
+    depth: Tensor
+    confidence: Tensor
+    restored: Tensor
+    rays: Tensor
+    candidate: Tensor
+    logits: Tensor
+    log_scale: Tensor
+
+
+def _layer(channels: int, out: int, stride: int = 1) -> nn.Sequential:
+    return nn.Sequential(
+        nn.Conv2d(channels, out, 3, stride, 1, bias=False), nn.BatchNorm2d(out), nn.SiLU()
+    )
+
+
+class ResidualBlock(nn.Module):
+    """Two 3x3 convolutions around which the input is carried; starts as the identity."""
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        self.first = _layer(channels, channels)
+        self.second = nn.Conv2d(channels, channels, 3, 1, 1, bias=False)
+        self.norm = nn.BatchNorm2d(channels)
+        nn.init.zeros_(self.norm.weight)
+
+    def forward(self, values: Tensor) -> Tensor:
+        """Shape (B, C, H, W) to the same."""
+        return functional.silu(values + self.norm(self.second(self.first(values))))
+
+
+class CropUNet(nn.Module):
+    """A U-Net on a crop: resolutions 1/4, 1/8, 1/16, with the whole crop's mean at the bottom.
+
+    Args:
+        channels: Channels of the crop.
+        width: Channels at a quarter of the resolution.
+        blocks: Residual blocks at each resolution.
+    """
+
+    def __init__(self, channels: int, width: int, blocks: int) -> None:
+        super().__init__()
+        widths = (width, 2 * width, 3 * width)
+        self.stem = nn.Sequential(_layer(4 * channels, width // 2), _layer(width // 2, width, 2))
+        self.down = nn.ModuleList(_layer(widths[n], widths[n + 1], 2) for n in range(2))
+        self.left = nn.ModuleList(
+            nn.Sequential(*(ResidualBlock(w) for _ in range(blocks))) for w in widths
+        )
+        self.whole = nn.Sequential(
+            nn.Linear(widths[2], widths[2]), nn.SiLU(), nn.Linear(widths[2], widths[2])
+        )
+        self.up = nn.ModuleList(_layer(widths[n + 1] + widths[n], widths[n]) for n in range(2))
+        self.right = nn.ModuleList(ResidualBlock(widths[n]) for n in range(2))
+
+    def forward(self, crop: Tensor) -> Tensor:
+        """Shape (B, C, S, S) to (B, width, S/4, S/4)."""
+        values: Tensor = self.left[0](self.stem(functional.pixel_unshuffle(crop, 2)))  # S/4
+        skipped = [values]
+        for number in range(2):
+            values = self.left[number + 1](self.down[number](values))  # S/8, S/16
+            skipped.append(values)
+        values = values + self.whole(values.mean(dim=(2, 3)))[:, :, None, None]
+        for number in (1, 0):
+            values = functional.interpolate(
+                values, scale_factor=2, mode="bilinear", align_corners=False
+            )
+            joined = torch.cat((values, skipped[number]), dim=1)
+            values = self.right[number](self.up[number](joined))  # S/8, S/4
+        return values
+
+
+class _Head(nn.Sequential):
+    def __init__(self, channels: int, out: int) -> None:
+        super().__init__(_layer(channels, channels), nn.Conv2d(channels, out, 1))
+
+
+def _share_within(width: float, offset: Tensor, scale: Tensor) -> Tensor:
+    """Probability of a Laplace distribution, centred at `offset`, between -width and width."""
+    return _laplace_below((width - offset) / scale) - _laplace_below((-width - offset) / scale)
+
+
+def _laplace_below(value: Tensor) -> Tensor:
+    """Cumulative distribution of the Laplace distribution of scale 1."""
+    half = 0.5 * torch.exp(-value.abs())
+    return torch.where(value < 0, half, 1 - half)
+
+
+class HADRPlus(nn.Module):
+    """The whole network.
+
+    Args:
+        config: What it consists of.
+    """
+
+    channels = 3 + 1 + 2 + 2 * len(GROUPS) + 2
+
+    def __init__(self, config: HADRPlusConfig | None = None) -> None:
+        super().__init__()
+        self.config = config = config or HADRPlusConfig()
+        self.unet = CropUNet(self.channels, config.width, config.blocks)
+        # Of each candidate: depth, score and scale at every fourth ray, and at each of the 16 rays
+        # between them a step in depth and in score.
+        count = config.candidates
+        self.coarse = _Head(config.width, 3 * count)
+        self.fine = _Head(config.width, 2 * 16 * count)
+        start = torch.linspace(-0.3, 0.3, count) if count > 1 else torch.zeros(1)
+        self.start: Tensor
+        self.register_buffer("start", start)
+
+    def forward(self, inputs: HADRInput) -> HADRPlusOutput:
+        """Restore the depth of masked pixels.
+
+        Args:
+            inputs: A batch of frames; each has a hand.
+
+        Returns:
+            The restored depth and what belongs to it.
+
+        Raises:
+            ValueError: A frame has no hand.
+        """
+        crop, count = self.crop(inputs), self.config.candidates
+        values = self.unet(self.pictures(inputs, crop))  # (B, width, S/4, S/4)
+        coarse = functional.interpolate(
+            self.coarse(values), scale_factor=4, mode="bilinear", align_corners=False
+        )  # (B, 3 M, S, S)
+        fine = functional.pixel_shuffle(self.fine(values), 4)  # (B, 2 M, S, S)
+        maps = coarse + torch.cat((fine, torch.zeros_like(coarse[:, :count])), dim=1)
+
+        rays = masked_rays(inputs.mask)  # (rays, 3)
+        relative, logits, scale = crop.look_up(maps, rays).chunk(3, dim=1)  # (rays, M) each
+        candidate = crop.prior.index_select(0, rays[:, 0])[:, None] + DEPTH_M * (
+            relative + self.start
+        )  # (rays, M)
+        log_scale = (scale + LOG_SCALE).clamp(*LOG_SCALES)  # (rays, M)
+
+        chosen = logits.argmax(dim=1, keepdim=True)  # (rays, 1)
+        depth = candidate.gather(1, chosen)  # (rays, 1)
+        right = _share_within(0.02, candidate - depth, log_scale.exp())  # (rays, M)
+        sure = (logits.softmax(dim=1) * right).sum(dim=1)  # (rays,)
+        depth = depth[:, 0]
+        in_front = (depth > 0).to(depth.dtype)
+        where = rays.unbind(dim=1)
+        blank = torch.zeros_like(inputs.depth)
+        return HADRPlusOutput(
+            depth=blank.index_put(where, depth * in_front),
+            confidence=blank.index_put(where, sure * in_front),
+            restored=blank.index_put(where, in_front) > 0,
+            rays=rays,
+            candidate=candidate,
+            logits=logits,
+            log_scale=log_scale,
+        )
+
+    def crop(self, inputs: HADRInput) -> HandCrop:
+        """Lay the crops: of one size in metres, or of that of a hand at 0.7 m."""
+        crop = hand_crop(inputs, self.config.crop, self.config.pixel_m)
+        if self.config.metric_crop:
+            return crop
+        step = self.config.pixel_m * inputs.intrinsics[:, :2] / 0.7
+        return HandCrop(crop.center, step, crop.prior, crop.size)
+
+    def pictures(self, inputs: HADRInput, crop: HandCrop) -> Tensor:
+        """Make what the U-Net sees: (B, channels, S, S).
+
+        Colour; mask; depth relative to the hand's, cut off at `NEAR_M`, and where it is within;
+        of wrist and fingers a blob at each keypoint and its relative depth; direction of the ray.
+        """
+        config, size = self.config, crop.size
+        color = float_color(inputs.color)  # (B, 3, H, W)
+        mask = inputs.mask.unsqueeze(1).to(color.dtype)
+        seen = crop.sample(torch.cat((color, mask), dim=1), "bilinear")  # (B, 4, S, S)
+        measured = crop.sample((inputs.depth * ~inputs.mask).unsqueeze(1))  # (B, 1, S, S)
+        relative = measured - crop.prior[:, None, None, None]
+        valid = (measured > 0).to(color.dtype)
+        near = valid * (relative.abs() < NEAR_M)
+        depth = torch.cat((relative.clamp(-NEAR_M, NEAR_M) * valid / NEAR_M, near), dim=1)
+
+        pixel = torch.arange(size, device=color.device, dtype=color.dtype)
+        frames = torch.arange(len(inputs), device=color.device).repeat_interleave(21)
+        at = crop.place(inputs.keypoints_uv.flatten(0, 1), frames).view(-1, 21, 2)
+        across = torch.exp(-((at[:, :, :1] - pixel) ** 2) / 12.5)  # (B, 21, S)
+        along = torch.exp(-((at[:, :, 1:] - pixel) ** 2) / 12.5)  # (B, 21, S)
+        height = (inputs.keypoints[:, :, 2] - crop.prior[:, None]) / 0.1  # (B, 21)
+        blob, blob_depth = [], []
+        for group in map(list, GROUPS):
+            row, column = along[:, group], across[:, group]
+            blob.append(torch.einsum("bki,bkj->bij", row, column))
+            blob_depth.append(torch.einsum("bki,bkj,bk->bij", row, column, height[:, group]))
+        hand = torch.stack((*blob, *blob_depth), dim=1)  # (B, 12, S, S)
+
+        middle = (crop.center - inputs.intrinsics[:, 2:]) / inputs.intrinsics[:, :2]  # (B, 2)
+        ray = middle[:, :, None, None].expand(-1, -1, size, size)
+        return torch.cat(
+            (
+                (seen[:, :3] - 0.5) * config.color,
+                seen[:, 3:],
+                depth * config.hand_depth,
+                hand * config.keypoint_maps,
+                ray,
+            ),
+            dim=1,
+        )

@@ -1,0 +1,129 @@
+"""A crop around the held object in which a pixel has the same size in metres in every frame.
+
+The hand's depth says how far away the object is, roughly. A crop whose pixels span `pixel_m`
+metres at that depth shows an object at the same size wherever it is held, so that its outline can
+be read as a shape in metres. What such a crop shows differs from frame to frame by the object, not
+by the distance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from hadr.models.hadr_input import HADRInput
+
+
+@dataclass(frozen=True)
+class HandCrop:
+    """Where the crops of a batch lie in their frames.
+
+    Attributes:
+        center: Centre of each crop in pixels of the frame (column, row), shape (B, 2).
+        step: Pixels of the frame from one crop pixel to the next (column, row), shape (B, 2).
+        prior: The hand's depth in metres, shape (B,): median z-depth of its keypoints.
+        size: Side of the crops in pixels.
+    """
+
+    center: Tensor
+    step: Tensor
+    prior: Tensor
+    size: int
+
+    def sample(self, images: Tensor, mode: str = "nearest") -> Tensor:
+        """Cut the crops out of images.
+
+        Args:
+            images: Shape (B, C, H, W).
+            mode: "nearest" or "bilinear".
+
+        Returns:
+            Shape (B, C, size, size); zeros outside of the image.
+        """
+        height, width = images.shape[2:]
+        offset = torch.arange(self.size, device=images.device) - (self.size - 1) / 2
+        u = self.center[:, :1] + offset * self.step[:, :1]  # (B, size)
+        v = self.center[:, 1:] + offset * self.step[:, 1:]  # (B, size)
+        x = ((2 * u + 1) / width - 1)[:, None, :].expand(-1, self.size, -1)
+        y = ((2 * v + 1) / height - 1)[:, :, None].expand(-1, -1, self.size)
+        return functional.grid_sample(
+            images, torch.stack((x, y), dim=-1), mode=mode, align_corners=False
+        )
+
+    def place(self, pixels: Tensor, frame: Tensor) -> Tensor:
+        """Bring pixels of the frames into their crops.
+
+        Args:
+            pixels: Columns and rows, shape (N, 2).
+            frame: Frame of each, shape (N,), long.
+
+        Returns:
+            Columns and rows in the crop, shape (N, 2); 0..size-1 inside of it.
+        """
+        center, step = self.center.index_select(0, frame), self.step.index_select(0, frame)
+        return (pixels - center) / step + (self.size - 1) / 2
+
+    def look_up(self, crops: Tensor, rays: Tensor) -> Tensor:
+        """Interpolate crops bilinearly at pixels of the frames.
+
+        Args:
+            crops: Shape (B, C, size, size).
+            rays: Rows (frame, row, column), shape (R, 3), long.
+
+        Returns:
+            Shape (R, C); beyond the border the border's values.
+        """
+        at = self.place(rays[:, [2, 1]].to(crops.dtype), rays[:, 0])
+        at = at.clamp(0, self.size - 1)
+        low = at.floor().clamp(max=self.size - 2).long()
+        part = at - low  # (R, 2)
+        frame = rays[:, 0]
+        total = crops.new_zeros(len(rays), crops.shape[1])
+        for right in (0, 1):
+            for down in (0, 1):
+                weight = (part[:, 0] if right else 1 - part[:, 0]) * (
+                    part[:, 1] if down else 1 - part[:, 1]
+                )
+                value = crops[frame, :, low[:, 1] + down, low[:, 0] + right]  # (R, C)
+                total = total + weight[:, None] * value
+        return total
+
+
+def hand_crop(inputs: HADRInput, size: int, pixel_m: float) -> HandCrop:
+    """Lay a crop around each frame's mask.
+
+    Args:
+        inputs: Frames with keypoints and a mask.
+        size: Side of the crops in pixels.
+        pixel_m: Metres that a crop pixel spans at the hand's depth.
+
+    Returns:
+        The crops, centred on the boxes around the masks; on the image's centre where a mask is
+        empty.
+
+    Raises:
+        ValueError: A frame has no hand: its keypoints' median depth is not positive.
+    """
+    prior = inputs.keypoints[:, :, 2].median(dim=1).values  # (B,)
+    if not bool((prior > 0).all()):
+        number = int((~(prior > 0)).nonzero()[0])
+        raise ValueError(
+            f"frame {number} of the batch has no hand in front of the camera: the median depth of "
+            f"its keypoints is {float(prior[number]):.3g} m"
+        )
+    center = torch.stack([_middle(inputs.mask.any(dim=1)), _middle(inputs.mask.any(dim=2))], dim=1)
+    return HandCrop(center, pixel_m * inputs.intrinsics[:, :2] / prior[:, None], prior, size)
+
+
+def _middle(occupied: Tensor) -> Tensor:
+    """Middle between the first and the last True of each row: (B, N) bool to (B,)."""
+    count = occupied.shape[1]
+    flags = occupied.to(torch.uint8)
+    first = flags.argmax(dim=1)
+    last = count - 1 - flags.flip(1).argmax(dim=1)
+    middle = (first + last) / 2
+    empty = torch.full_like(middle, (count - 1) / 2)
+    return torch.where(occupied.any(dim=1), middle, empty)

@@ -1,0 +1,115 @@
+from dataclasses import replace
+
+import pytest
+import torch
+
+from hadr.data.samples import open_samples
+from hadr.models.hadr_plus import HADRPlus, HADRPlusConfig, _share_within
+from hadr.training.batches import load_frames
+
+SMALL = HADRPlusConfig(crop=64, pixel_m=0.0045, width=16, blocks=1)
+
+
+@pytest.fixture(scope="module")
+def batch():
+    return load_frames(open_samples("train")[:3], (256, 144)).take(range(3))
+
+
+@pytest.fixture(scope="module")
+def network():
+    torch.manual_seed(0)
+    return HADRPlus(SMALL).eval()
+
+
+def restored(network, inputs):
+    with torch.no_grad():
+        return network(inputs)
+
+
+def test_every_pixel_of_the_mask_is_restored_near_the_hand(network, batch):
+    output = restored(network, batch.inputs)
+    mask = batch.inputs.mask
+    assert torch.equal(output.restored, mask)
+    assert (output.depth[~mask] == 0).all()
+    assert (output.confidence[~mask] == 0).all()
+    prior = batch.inputs.keypoints[:, :, 2].median(dim=1).values
+    away = (output.depth - prior[:, None, None])[mask].abs()
+    assert away.max() < 0.5
+    assert ((output.confidence[mask] > 0) & (output.confidence[mask] <= 1)).all()
+
+
+def test_frames_of_a_batch_do_not_mix(network, batch):
+    together = restored(network, batch.inputs).depth
+    for number in range(3):
+        alone = restored(network, batch.take([number]).inputs).depth[0]
+        assert torch.allclose(alone, together[number], atol=1e-5)
+
+
+def test_measured_depth_in_the_mask_is_not_looked_at(network, batch):
+    spoiled = torch.where(batch.inputs.mask, 0.33, batch.inputs.depth)
+    other = restored(network, replace(batch.inputs, depth=spoiled))
+    assert torch.equal(other.depth, restored(network, batch.inputs).depth)
+
+
+def test_a_scene_twice_as_large_and_far_is_the_same_scene(network, batch):
+    """All lengths doubled, same picture: relative to the hand only the unit of depth changes.
+
+    The crop's pixel is a fixed length, so the object fills twice as many crop pixels: with pixels
+    of twice the length the network sees the same crop but for depths in metres.
+    """
+    inputs = batch.inputs
+    far = replace(inputs, depth=2 * inputs.depth, keypoints=2 * inputs.keypoints)
+    near_crop = network.crop(inputs)
+    double = HADRPlus(replace(SMALL, pixel_m=2 * SMALL.pixel_m))
+    far_crop = double.crop(far)
+    assert torch.allclose(near_crop.step, far_crop.step)
+    assert torch.allclose(2 * near_crop.prior, far_crop.prior)
+    same = [0, 1, 2, 3, *range(6, 12), 18, 19]  # colour, mask, blobs, ray
+    seen, seen_far = network.pictures(inputs, near_crop), double.pictures(far, far_crop)
+    assert torch.allclose(seen[:, same], seen_far[:, same], atol=1e-6)
+
+
+@pytest.mark.parametrize("switch", ["color", "hand_depth", "keypoint_maps"])
+def test_a_switch_blanks_its_channels_and_no_others(network, batch, switch):
+    channels = {"color": (0, 3), "hand_depth": (4, 6), "keypoint_maps": (6, 18)}
+    off = HADRPlus(replace(SMALL, **{switch: False}))
+    crop = network.crop(batch.inputs)
+    seen, blanked = network.pictures(batch.inputs, crop), off.pictures(batch.inputs, crop)
+    low, high = channels[switch]
+    assert (blanked[:, low:high] == 0).all()
+    assert seen[:, low:high].abs().sum() > 0
+    rest = [n for n in range(seen.shape[1]) if not low <= n < high]
+    assert torch.equal(seen[:, rest], blanked[:, rest])
+
+
+def test_without_metric_crop_all_frames_have_one_scale(batch):
+    crop = HADRPlus(replace(SMALL, metric_crop=False)).crop(batch.inputs)
+    assert torch.allclose(crop.step, crop.step[:1].expand_as(crop.step))
+
+
+def test_probability_of_being_within_a_width():
+    # A Laplace distribution of scale b: P(|x| < w) = 1 - exp(-w / b).
+    scale = torch.tensor([0.02, 0.01])
+    found = _share_within(0.02, torch.zeros(2), scale)
+    assert found.tolist() == pytest.approx([1 - 0.36787944, 1 - 0.13533528], rel=1e-5)
+    shifted = _share_within(0.02, torch.tensor([0.02]), torch.tensor([0.01]))
+    assert shifted.item() == pytest.approx(0.5 * (1 - 0.01831564), rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [({"crop": 50}, "crop must be .* 32, got 50"), ({"candidates": 0}, "candidates must be")],
+)
+def test_bad_configurations_are_named(change, message):
+    with pytest.raises(ValueError, match=message):
+        replace(SMALL, **change)
+
+
+def test_configuration_round_trip():
+    assert HADRPlusConfig.from_dict(SMALL.to_dict()) == SMALL
+
+
+def test_a_frame_without_hand_is_named(network, batch):
+    lost = replace(batch.inputs, keypoints=torch.zeros_like(batch.inputs.keypoints))
+    with pytest.raises(ValueError, match="frame 0 of the batch has no hand"):
+        network(lost)

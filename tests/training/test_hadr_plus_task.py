@@ -1,0 +1,84 @@
+import math
+from dataclasses import replace
+
+import pytest
+import torch
+
+from hadr.data.samples import open_samples
+from hadr.models.hadr_plus import HADRPlusOutput
+from hadr.training.batches import load_frames
+from hadr.training.hadr_plus_task import HADRPlusTask, plus_losses
+from hadr.training.loop import train
+from hadr.training.presets import preset
+
+
+@pytest.fixture(scope="module")
+def frames():
+    return load_frames(open_samples("train")[:4], (256, 144))
+
+
+def output_of(batch, candidates, logits, scale):
+    """An output as a network would give it that is the same on every ray, in metres off truth."""
+    rays = batch.inputs.mask.nonzero()
+    truth = batch.true_depth[batch.inputs.mask]
+    candidate = truth[:, None] + torch.tensor(candidates)
+    scores = torch.tensor(logits).expand(len(rays), -1)
+    depth = torch.zeros_like(batch.true_depth)
+    depth[batch.inputs.mask] = candidate[:, scores[0].argmax()]
+    return HADRPlusOutput(
+        depth=depth,
+        confidence=torch.zeros_like(depth),
+        restored=batch.inputs.mask,
+        rays=rays,
+        candidate=candidate,
+        logits=scores,
+        log_scale=torch.full_like(candidate, math.log(scale)),
+    )
+
+
+def test_terms_by_hand(frames):
+    batch = frames.take(range(2))
+    assert (batch.true_depth[batch.inputs.mask] > 0).all()
+    # Two candidates 1 cm before and 3 cm behind, with probabilities 3/4 and 1/4, scale 2 cm.
+    output = output_of(batch, [-0.01, 0.03], [math.log(3.0), 0.0], 0.02)
+    terms = plus_losses(output, batch)
+    density = (0.75 * math.exp(-0.5) + 0.25 * math.exp(-1.5)) / 0.04
+    assert terms["likelihood"].item() == pytest.approx(-math.log(density), rel=1e-4)
+    assert terms["depth"].item() == pytest.approx(0.75 * 0.01 + 0.25 * 0.03, rel=1e-4)
+    assert terms["mae"].item() == pytest.approx(0.01, rel=1e-4)
+    assert terms["step"].item() == pytest.approx(0.0, abs=1e-6)  # shifted, but of the right shape
+
+
+def test_each_frame_counts_the_same(frames):
+    batch = frames.take([0, 1])
+    output = output_of(batch, [0.0], [0.0], 0.02)
+    off = output.rays[:, 0] == 1
+    wrong = replace(output, candidate=output.candidate + 0.02 * off[:, None])
+    assert plus_losses(wrong, batch)["depth"].item() == pytest.approx(0.01, rel=1e-4)
+
+
+def test_rays_without_a_true_depth_do_not_count(frames):
+    batch = frames.take([0])
+    holes = batch.true_depth.clone()
+    row, column = batch.inputs.mask[0].nonzero()[10].tolist()
+    holes[0, row, column] = 0
+    terms = plus_losses(output_of(batch, [0.01], [0.0], 0.02), replace(batch, true_depth=holes))
+    assert terms["mae"].item() == pytest.approx(0.01, rel=1e-4)
+
+
+def test_overfits_four_frames(frames):
+    """Mean absolute error on its own four frames falls below 9 mm, less than half of the start's."""
+    torch.set_num_threads(1)
+    recipe = replace(
+        preset("tiny", "hadr-plus"), epochs=60, mirror=0.0, batch_size=4, learning_rate=4e-3
+    )
+    trained = train(recipe, frames, frames, progress=False)
+    first, last = trained.history[0], trained.history[-1]
+    assert last["validation_mae_m"] < 0.009
+    assert last["validation_mae_m"] < first["validation_mae_m"] / 2
+    assert last["likelihood"] < first["likelihood"] - 1
+
+
+def test_a_recipe_of_another_network_is_refused():
+    with pytest.raises(ValueError, match="none of HADR-plus"):
+        HADRPlusTask(preset("tiny"))
