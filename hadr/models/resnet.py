@@ -1,0 +1,179 @@
+"""A U-Net with a ResNet encoder: the form of both helper networks, hand keypoints and masks.
+
+The ResNet is that of the `transformers` package. Besides its four stages (strides 4, 8, 16, 32) the
+decoder also takes the map of its first convolution (stride 2), and ends there.
+
+Source: He et al. 2016, "Deep Residual Learning"; Ronneberger et al. 2015, "U-Net"; the paper names
+both encoders: ResNet-18 for the keypoints, ResNet-34 for the masks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+_STAGES = 4
+
+
+@dataclass(frozen=True)
+class UNetConfig:
+    """Size of a U-Net with a ResNet encoder; the defaults are ResNet-18's.
+
+    Args:
+        depths: Residual blocks of each stage: (2, 2, 2, 2) is ResNet-18, (3, 4, 6, 3) ResNet-34.
+        widths: Channels of each stage; the first convolution has as many as the first stage.
+        decoder: Channels of the decoder at strides 16, 8, 4 and 2.
+        pretrained: Name of published ImageNet weights, such as "microsoft/resnet-18", which are
+            fetched once over the network; None starts from random weights.
+
+    Raises:
+        ValueError: There are not four stages, or a number is not positive.
+    """
+
+    depths: tuple[int, ...] = (2, 2, 2, 2)
+    widths: tuple[int, ...] = (64, 128, 256, 512)
+    decoder: tuple[int, ...] = (256, 128, 64, 64)
+    pretrained: str | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("depths", "widths", "decoder"):
+            numbers = getattr(self, name)
+            if len(numbers) != _STAGES or min(numbers) < 1:
+                raise ValueError(f"{name} needs {_STAGES} positive numbers, got {numbers}")
+
+    def to_dict(self) -> dict[str, Any]:
+        """The configuration as built-in types, for JSON."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> UNetConfig:
+        """Read what `to_dict` gave, or the same from JSON."""
+        numbers = {name: tuple(values[name]) for name in ("depths", "widths", "decoder")}
+        return cls(pretrained=values.get("pretrained"), **numbers)
+
+
+def build_resnet(config: UNetConfig, channels: int) -> nn.Module:
+    """Build the encoder; importing `transformers` takes some seconds.
+
+    Args:
+        config: Its size, and the name of its weights if any.
+        channels: Channels of the input. Published weights are for 3: with another number the
+            first convolution's kernels are summed over the colours, as if a grey picture were
+            given three times, and shared among the channels.
+
+    Returns:
+        A `ResNetBackbone` with random weights, or with the named ones.
+
+    Raises:
+        OSError: The named weights can't be fetched or are not in the local cache.
+        ValueError: The named weights are of another size than the configuration says.
+    """
+    from transformers import ResNetBackbone, ResNetConfig
+
+    if config.pretrained is None:
+        random: nn.Module = ResNetBackbone(
+            ResNetConfig(
+                num_channels=channels,
+                embedding_size=config.widths[0],
+                hidden_sizes=list(config.widths),
+                depths=list(config.depths),
+                layer_type="basic",
+            )
+        )
+        return random
+    try:
+        resnet: Any = ResNetBackbone.from_pretrained(config.pretrained)
+    except (OSError, RuntimeError) as error:
+        raise OSError(
+            f"the weights {config.pretrained!r} are not in the local cache and could not be "
+            "fetched; connect to the network once, or leave `pretrained` out to start from "
+            f"random weights ({type(error).__name__})"
+        ) from error
+    found = tuple(resnet.config.depths), tuple(resnet.config.hidden_sizes)
+    if found != (config.depths, config.widths):
+        raise ValueError(
+            f"{config.pretrained!r} has depths and widths {found}, but "
+            f"{(config.depths, config.widths)} is configured"
+        )
+    if channels != 3:
+        _adapt_first(resnet, channels)
+    pretrained: nn.Module = resnet
+    return pretrained
+
+
+def _adapt_first(resnet: Any, channels: int) -> None:
+    """Replace the first convolution by one for another number of channels."""
+    old = resnet.embedder.embedder.convolution
+    new = nn.Conv2d(channels, old.out_channels, 7, stride=2, padding=3, bias=False)
+    with torch.no_grad():
+        new.weight.copy_(old.weight.sum(dim=1, keepdim=True) / channels)
+    resnet.embedder.embedder.convolution = new
+    resnet.embedder.num_channels = channels
+
+
+class ResNetUNet(nn.Module):
+    """From a picture to features at half of its resolution.
+
+    Args:
+        config: Sizes.
+        channels: Channels of the input.
+    """
+
+    def __init__(self, config: UNetConfig, channels: int) -> None:
+        super().__init__()
+        self.resnet = build_resnet(config, channels)
+        skips = (*reversed(config.widths[:-1]), config.widths[0])  # strides 16, 8, 4, 2
+        below = (config.widths[-1], *config.decoder[:-1])
+        self.blocks = nn.ModuleList(
+            _DecoderBlock(low + skip, out)
+            for low, skip, out in zip(below, skips, config.decoder, strict=True)
+        )
+
+    def forward(self, picture: Tensor) -> Tensor:
+        """Compute the features.
+
+        Args:
+            picture: Shape (B, C, H, W), any size; its feature in row i, column j is centred on
+                the picture's pixel (2 i, 2 j).
+
+        Returns:
+            Shape (B, decoder[-1], ceil(H / 2), ceil(W / 2)).
+        """
+        resnet: Any = self.resnet
+        half = resnet.embedder.embedder(picture)  # (B, widths[0], H / 2, W / 2)
+        values = resnet.embedder.pooler(half)  # (B, widths[0], H / 4, W / 4)
+        skips = [half]
+        for stage in resnet.encoder.stages:
+            values = stage(values)  # (B, widths[s], H / 2^(s+2), W / 2^(s+2))
+            skips.append(values)
+        for block, skip in zip(self.blocks, reversed(skips[:-1]), strict=True):
+            values = block(values, skip)  # (B, decoder[b], twice as high, twice as wide)
+        features: Tensor = values
+        return features
+
+
+class _DecoderBlock(nn.Module):
+    """Enlarge to the skip's size, join, convolve twice."""
+
+    def __init__(self, channels: int, out: int) -> None:
+        super().__init__()
+        self.convolutions = nn.Sequential(*_convolution(channels, out), *_convolution(out, out))
+
+    def forward(self, low: Tensor, skip: Tensor) -> Tensor:
+        size = (int(skip.shape[2]), int(skip.shape[3]))
+        joined = torch.cat((functional.interpolate(low, size=size, mode="nearest"), skip), dim=1)
+        values: Tensor = self.convolutions(joined)
+        return values
+
+
+def _convolution(channels: int, out: int) -> tuple[nn.Module, ...]:
+    return (
+        nn.Conv2d(channels, out, 3, padding=1, bias=False),
+        nn.BatchNorm2d(out),
+        nn.ReLU(inplace=True),
+    )

@@ -1,0 +1,108 @@
+"""The segmentation network: which pixels are the transparent object, and which are the hand.
+
+The restoration needs the object's mask, and the keypoint network needs to know where the hand is.
+The paper trains a U-Net with a ResNet-34 encoder for the first; the hand is a second class of the
+same network here. A pixel has a logit for each class on its own: a pixel may be neither.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from hadr.models.backbone import IMAGENET_MEAN, IMAGENET_STD
+from hadr.models.resnet import ResNetUNet, UNetConfig
+
+RESNET_34 = UNetConfig(depths=(3, 4, 6, 3), decoder=(256, 128, 64, 32))
+
+
+@dataclass(frozen=True)
+class SegmentationConfig:
+    """The segmentation network; the defaults are the paper's ResNet-34.
+
+    Args:
+        unet: Size of the U-Net, and the name of its encoder's published weights if any.
+        classes: Names of the classes, the object's first.
+
+    Raises:
+        ValueError: The first class is not the object.
+    """
+
+    unet: UNetConfig = field(default_factory=lambda: RESNET_34)
+    classes: tuple[str, ...] = ("object", "hand")
+
+    def __post_init__(self) -> None:
+        if self.classes[:1] != ("object",):
+            raise ValueError(f"the first class must be 'object', got {self.classes}")
+
+    def to_dict(self) -> dict[str, Any]:
+        """The configuration as built-in types, for JSON."""
+        return {"unet": self.unet.to_dict(), "classes": list(self.classes)}
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> SegmentationConfig:
+        """Read what `to_dict` gave, or the same from JSON."""
+        return cls(UNetConfig.from_dict(values["unet"]), tuple(values["classes"]))
+
+
+class SegmentationNet(nn.Module):
+    """From colour to a logit a class and pixel.
+
+    The U-Net ends at half of the resolution; a last convolution gives four logits there, those of
+    the 2 x 2 pixels that the feature stands for.
+
+    Args:
+        config: Sizes.
+    """
+
+    def __init__(self, config: SegmentationConfig) -> None:
+        super().__init__()
+        self.config = config
+        self.unet = ResNetUNet(config.unet, 3)
+        self.head = nn.Conv2d(config.unet.decoder[-1], 4 * len(config.classes), 3, padding=1)
+        self.register_buffer("mean", torch.tensor(IMAGENET_MEAN)[:, None, None], persistent=False)
+        self.register_buffer("std", torch.tensor(IMAGENET_STD)[:, None, None], persistent=False)
+        self.mean: Tensor
+        self.std: Tensor
+
+    def forward(self, color: Tensor) -> Tensor:
+        """Compute the logits.
+
+        Args:
+            color: sRGB in 0..1, shape (B, 3, H, W), any size.
+
+        Returns:
+            Logits, shape (B, classes, H, W); positive = the pixel belongs to the class.
+        """
+        height, width = color.shape[2:]
+        features = self.unet((color - self.mean) / self.std)  # (B, C, ceil(H / 2), ceil(W / 2))
+        logits = functional.pixel_shuffle(self.head(features), 2)  # (B, classes, H', W')
+        return logits[:, :, :height, :width]
+
+
+def predict_masks(model: SegmentationNet, color: Tensor) -> Tensor:
+    """Find each class's pixels.
+
+    Args:
+        model: The network in evaluation mode.
+        color: sRGB in 0..1, shape (B, 3, H, W).
+
+    Returns:
+        Shape (B, classes, H, W), bool; the object's first, then the hand's.
+
+    Raises:
+        ValueError: The colour is of another shape, or not in 0..1 (NaN included).
+    """
+    if color.ndim != 4 or color.shape[1] != 3:
+        raise ValueError(f"color must be (B, 3, H, W), got {tuple(color.shape)}")
+    if not bool(((color >= 0) & (color <= 1)).all()):
+        low, high = float(color.min()), float(color.max())
+        raise ValueError(f"color must be in 0..1, got {low:.4g} to {high:.4g}")
+    with torch.no_grad():
+        logits: Tensor = model(color)
+    return logits > 0
