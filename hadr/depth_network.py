@@ -25,6 +25,8 @@ from hadr.confidence_rule import ConfidenceRule
 
 TITLES = {"hadr": "HADR", "hadr-plus": "HADR-plus", "unet-hand": "U-Net with hand"}
 """The networks that restore depth, by their kind in a checkpoint."""
+SILENT = ("unet-hand",)
+"""Those of them that have no opinion of their own about how sure they are."""
 Corruption = Literal["oracle", "sensor"]
 
 
@@ -171,6 +173,8 @@ class DepthNetwork:
             answered = (output.restored & (output.depth > 0))[0].numpy() & asked
             known = within_learned(output, self.learned_range_m)[0].numpy() & asked
             found, sure = output.depth[0].numpy(), output.confidence[0].numpy()
+            if self.kind in SILENT:
+                sure = np.zeros_like(found)
             if self.rule is not None:
                 sure = self.rule({k: v[0].numpy() for k, v in signals_of(output).items()})
         images = np.stack((found, np.clip(sure, 0, 1)))

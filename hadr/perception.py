@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from torch import nn
 
 from hadr.camera import BoolArray, Intrinsics, resize_color, resize_mask, valid_depth
 from hadr.depth_network import DepthNetwork
@@ -56,13 +55,13 @@ class Segmentation:
     """A segmentation network, loaded once.
 
     Attributes:
-        model: The network: colour (B, 3, H, W) in 0..1 to logits (B, C, H, W), the object's first
-            and, where there are two, the hand's second.
+        model: The network; its first class is the object and, where there is one, its second the
+            hand.
         size: (width, height) that it runs at, pixels.
         name: Name of the checkpoint's file.
     """
 
-    model: nn.Module
+    model: Any
     size: tuple[int, int]
     name: str
 
@@ -89,11 +88,13 @@ class Segmentation:
         """
         import torch
 
+        from hadr.models.segmentation import predict_masks
+
         height, width = color.shape[:2]
         small = resize_color(color, *self.size).astype(np.float32) / 255
         with torch.inference_mode():
             picture = torch.from_numpy(np.ascontiguousarray(small.transpose(2, 0, 1)))[None]
-            positive = (self.model(picture)[0] > 0).numpy()  # (C, h, w)
+            positive = predict_masks(self.model, picture)[0].numpy()  # (C, h, w)
         large = [resize_mask(part, width, height) for part in positive[:2]]
         return large[0], large[1] if len(large) > 1 else None
 
@@ -108,7 +109,7 @@ class HandKeypoints:
         name: Name of the checkpoint's file.
     """
 
-    model: nn.Module
+    model: Any
     size: tuple[int, int]
     name: str
 
@@ -125,7 +126,7 @@ class HandKeypoints:
         camera: Intrinsics,
         mask: BoolArray,
         hand_mask: BoolArray,
-    ) -> NDArray[np.float64]:
+    ) -> NDArray[np.float64] | None:
         """Find the keypoints.
 
         Args:
@@ -136,7 +137,7 @@ class HandKeypoints:
             hand_mask: Pixels of hand and arm, shape (H, W) bool.
 
         Returns:
-            Camera frame, metres, shape (21, 3).
+            Camera frame, metres, shape (21, 3); None where the hand's pixels have no depth.
         """
         import torch
 
@@ -145,6 +146,8 @@ class HandKeypoints:
 
         inputs = frame_to_input(color, depth, mask, None, camera, self.size)
         hand = torch.from_numpy(resize_mask(hand_mask, *self.size).copy())[None]
+        if not bool((hand & (inputs.depth > 0)).any()):
+            return None
         with torch.inference_mode():
             found = predict_keypoints(self.model, inputs, hand)
         return np.asarray(found[0].double().numpy())
@@ -233,11 +236,11 @@ class Perception:
         given_depth = without(clean, mask, self.restoration)
         started = time.perf_counter()
         if wanted and self.keypoints is not None:
-            if hand_mask is None or not hand_mask.any():
-                notes.append("no hand was found, so there are no keypoints")
-            else:
+            if hand_mask is not None and hand_mask.any():
                 hand = self.keypoints.find(color, given_depth, camera, mask, hand_mask)
                 seconds["keypoints"] = time.perf_counter() - started
+            if hand is None:
+                notes.append("no hand with depth was found, so there are no keypoints")
 
         result = np.where(mask, 0, clean).astype(np.float32)
         confidence = (result > 0).astype(np.float32)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from hadr.camera import BoolArray, FloatArray, Intrinsics, project, valid_depth
 from hadr.depth_network import (
+    SILENT,
     TITLES,
     Corruption,
     DepthNetwork,
@@ -256,11 +257,13 @@ def _predicted_hand(
             f"{network.name} needs to know where the hand is: give hand_mask, or a segmentation "
             "checkpoint that predicts it"
         )
-    if not hand_mask.any():
-        notes.append("the picture shows no hand, so there are no keypoints")
-        return None
-    notes.append(f"the hand's keypoints are not given but predicted by {network.name}")
-    return network.find(color, depth, camera, mask, hand_mask)
+    found = network.find(color, depth, camera, mask, hand_mask)
+    notes.append(
+        "there is no hand with depth, so there are no keypoints"
+        if found is None
+        else f"the hand's keypoints are not given but predicted by {network.name}"
+    )
+    return found
 
 
 def _with_corruption(
@@ -291,7 +294,8 @@ def _note_network(
             "real ones"
         )
     if network.rule is None:
-        notes.append("the confidence is the network's own score: it was never calibrated")
+        own = "0: the network knows none" if network.kind in SILENT else "the network's own score"
+        notes.append(f"the confidence is {own}; {network.name} was never calibrated")
     if answer.no_answer == 1:
         notes.append(
             f"no ray of the mask met an occupied voxel, so {network.title} restored nothing"

@@ -30,9 +30,11 @@ units and frames
   and depth must be aligned and of one size; the intrinsics are of that size.
 
 methods
-  auto         HADR where a checkpoint fits the input, else nearest; the output
-               says which one it was and why
-  hadr         HADR, or an error that says why no checkpoint fits
+  auto         the checkpoint's network where it fits the input, else nearest; the
+               output says which one it was and why
+  hadr         a network of this kind, or an error that says why no checkpoint
+  hadr-plus    fits
+  unet-hand
   nearest      depth of the nearest measured pixel outside the mask
   inpaint      OpenCV's inpainting (Telea)
   hand-median  one depth for the whole object: the median of the hand's pixels
@@ -43,10 +45,15 @@ what is written
   depth.npy         float32 metres, 0 = missing
   confidence.png    8-bit, 255 = 1
   confidence.npy    float32: 1 where measured, 0 where missing; where restored
-                    the chosen voxel's probability (HADR) or 0, not known
+                    the probability that the depth is right to 2 cm, if the
+                    checkpoint is calibrated, else the network's own score;
+                    0, not known, for nearest, inpaint and hand-median
   comparison.png    colour, depth before and after, error or confidence
   cloud.ply         coloured point cloud, metres, camera frame, binary
+  mask.png          8-bit, 255 = pixels to restore, given or predicted
   report.json       method, notes, counts, versions, inputs' SHA-256, times
+  A pixel that a network can't know (no candidate, or a depth outside of what it
+  learned) stays missing, 0 in depth.*; it is never a depth of zero metres.
   The folder appears complete or not at all.
 
 examples
@@ -63,13 +70,26 @@ examples
 exit status
   0 done   1 the result could not be written   2 unusable input"""
 
-INPUT_NAMES = ("rgb", "depth", "intrinsics", "mask", "hand", "hand_mask", "truth", "checkpoint")
+INPUT_NAMES = (
+    "rgb",
+    "depth",
+    "intrinsics",
+    "mask",
+    "hand",
+    "hand_mask",
+    "truth",
+    "checkpoint",
+    "segmentation",
+    "keypoint_network",
+)
+METHODS = ("auto", "hadr", "hadr-plus", "unet-hand", "nearest", "inpaint", "hand-median")
 OUTPUTS = {
     "depth.png": "z-depth, 16-bit, 0.001 m per unit, 0 = missing",
     "depth.npy": "z-depth, float32 metres, 0 = missing",
     "confidence.png": "8-bit, 255 = 1",
-    "confidence.npy": "float32: 1 measured; restored: voxel probability (HADR) or 0 (no estimate)",
+    "confidence.npy": "float32: 1 measured, 0 missing; restored: see confidence_means",
     "comparison.png": "picture of colour, depth before and after, and error or confidence",
+    "mask.png": "pixels to restore, 8-bit, 255 = restore",
     "cloud.ply": "coloured points, metres, camera frame (x right, y down, z forward), binary",
     "report.json": "this report",
 }
@@ -101,8 +121,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     needed.add_argument(
         "--mask",
         metavar="FILE",
-        help="the transparent object's pixels, 8-bit PNG, not 0 = object; "
-        "without it the pixels that have no depth are restored",
+        help="the transparent object's pixels, 8-bit PNG, not 0 = object; without it they are "
+        "predicted (--segmentation), or the pixels that have no depth are restored",
     )
     needed.add_argument(
         "--hand",
@@ -117,11 +137,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     chosen.add_argument(
         "--method",
         default="auto",
-        choices=("auto", "hadr", "nearest", "inpaint", "hand-median"),
+        choices=METHODS,
+        metavar="METHOD",
         help="how to restore, see below (default: auto)",
     )
     chosen.add_argument(
-        "--checkpoint", metavar="FILE", help="HADR weights, .safetensors (default: the sample's)"
+        "--checkpoint",
+        metavar="FILE",
+        help="a depth network, .safetensors (default: the sample's HADR)",
+    )
+    chosen.add_argument(
+        "--segmentation", metavar="FILE", help="a segmentation network: predicts mask, hand mask"
+    )
+    chosen.add_argument(
+        "--keypoint-network", metavar="FILE", help="a hand-keypoint network: predicts the hand"
+    )
+    chosen.add_argument(
+        "--corruption",
+        choices=("oracle", "sensor"),
+        help="depth measured inside the mask: oracle discards it, sensor gives it to the network "
+        "(default: as the checkpoint was trained)",
     )
     written = parser.add_argument_group("output")
     written.add_argument("--out", required=True, metavar="DIR", help="folder for the result")
@@ -161,7 +196,15 @@ def run(arguments: argparse.Namespace) -> int:
         read_mask,
     )
     from hadr.restoration import restore
-    from hadr.restore_report import METHOD_TITLES, counts, errors, inputs, versions
+    from hadr.restore_report import (
+        METHOD_TITLES,
+        confidence_means,
+        counts,
+        errors,
+        inputs,
+        summary,
+        versions,
+    )
 
     started = time.perf_counter()
     replaceable = tuple(OUTPUTS) if arguments.overwrite else None
@@ -176,15 +219,28 @@ def run(arguments: argparse.Namespace) -> int:
     if truth is not None and truth.shape != depth.shape:
         raise ValueError(f"truth is {truth.shape} but depth is {depth.shape}, expected the same")
     read = time.perf_counter()
-    result = restore(color, depth, camera, mask, hand, arguments.method, arguments.checkpoint, arm)
+    result = restore(
+        color,
+        depth,
+        camera,
+        mask,
+        hand,
+        arguments.method,
+        arguments.checkpoint,
+        arm,
+        corruption=arguments.corruption,
+        segmentation=arguments.segmentation,
+        keypoint_network=arguments.keypoint_network,
+    )
     restored = time.perf_counter()
-    target = result.restored if mask is None else mask
+    target = result.mask
     measured_errors = {} if truth is None else errors(depth, result.depth, truth, target)
     report: dict[str, Any] = {
         "command": "hadr restore",
         "method": result.method,
         "method_title": METHOD_TITLES[result.method],
         "notes": list(result.notes),
+        "confidence_means": confidence_means(result),
         "image": {"width": camera.width, "height": camera.height},
         "intrinsics": camera.to_dict(),
         "counts": counts(depth, result, target),
@@ -210,7 +266,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"hadr restore: error: cannot write {arguments.out}: {error}", file=sys.stderr)
         return 1
     if not arguments.quiet:
-        _print_summary(report, arguments.out)
+        print(summary(report, arguments.out))
     return 0
 
 
@@ -232,6 +288,7 @@ def _write(
     np.save(folder / "depth.npy", result.depth)
     write_image(folder / "confidence.png", np.rint(result.confidence * 255).astype(np.uint8))
     np.save(folder / "confidence.npy", result.confidence)
+    write_image(folder / "mask.png", target.astype(np.uint8) * 255)
     write_point_cloud(folder / "cloud.ply", result.depth, color, camera)
     comparison_figure(color, depth, result, target, truth).savefig(
         folder / "comparison.png", dpi=130
@@ -247,26 +304,3 @@ def _read_truth(arguments: argparse.Namespace) -> NDArray[np.float32]:
         return read_depth(arguments.truth, arguments.depth_scale if alike else None)
     except (ValueError, FileNotFoundError) as error:
         raise type(error)(f"truth: {error}") from error
-
-
-def _print_summary(report: dict[str, Any], out: str) -> None:
-    numbers = report["counts"]
-    print(f"method    {report['method_title']}")
-    print(f"restored  {numbers['restored']} of {numbers['mask']} pixels")
-    for note in report["notes"]:
-        print(f"note      {note}")
-    if report["errors_in_mask"]:
-        print("errors inside the mask")
-    for name, row in report["errors_in_mask"].items():
-        if name == "restored_where_measured":
-            name = "the same, where measured"
-        deltas = "  ".join(
-            f"d{factor:.2f} {row[key]:.2f} %"
-            for factor, key in ((1.05, "delta_105"), (1.1, "delta_110"), (1.25, "delta_125"))
-        )
-        print(
-            f"  {name:<24} RMSE {row['rmse_m']:.4f} m  REL {row['rel']:.4f}  "
-            f"MAE {row['mae_m']:.4f} m  {deltas}  over {row['pixels']} pixels"
-        )
-    seconds = sum(report["seconds"].values())
-    print(f"written   {out}  ({seconds:.1f} s)")

@@ -5,8 +5,9 @@ from __future__ import annotations
 import hashlib
 import platform
 import sys
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     import numpy as np
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
 
 METHOD_TITLES = {
     "hadr": "HADR",
+    "hadr-plus": "HADR-plus",
+    "unet-hand": "U-Net with hand (not HADR)",
     "nearest": "nearest valid depth (not HADR)",
     "inpaint": "OpenCV inpainting (not HADR)",
     "hand-median": "the hand's median depth (not HADR)",
@@ -74,15 +77,26 @@ def comparison_figure(
             limit = next((x for x in (0.02, 0.05, 0.1, 0.2) if largest <= x), 0.5)
             plotting.show_error(top_right, error, "restored minus true depth", limit=limit)
         else:
-            estimated = result.method == "hadr"
-            kind = "probability of the voxel" if estimated else "restored: no estimate known"
+            kind = confidence_means(result)
             image = top_right.imshow(result.confidence, cmap="cividis", vmin=0, vmax=1)
-            top_right.set(title=f"confidence ({kind})", xticks=[], yticks=[])
+            top_right.set(title=f"confidence: {kind}", xticks=[], yticks=[])
+            top_right.title.set_fontsize(10)
             bar = figure.colorbar(image, ax=top_right, shrink=0.75, pad=0.02)
             bar.set_label("confidence")
         title = f"hadr restore: {METHOD_TITLES[result.method]}"
         figure.suptitle(title, fontsize=14, fontweight="bold")
     return figure
+
+
+def confidence_means(result: Restoration) -> str:
+    """Say what the confidence of restored pixels is, in a few words."""
+    if not result.restored.any():
+        return "nothing was restored"
+    if result.tolerance_m is not None:
+        return f"probability of being right to {100 * result.tolerance_m:g} cm"
+    if not result.confidence[result.restored].any():
+        return "0, the method knows no estimate"
+    return "the network's own score, not calibrated"
 
 
 def counts(depth: NDArray[np.float32], result: Restoration, target: BoolArray) -> dict[str, int]:
@@ -107,7 +121,11 @@ def errors(
     truth: NDArray[np.float32],
     target: BoolArray,
 ) -> dict[str, dict[str, float]]:
-    """Metrics inside the mask where the truth and the depth in question are valid."""
+    """Metrics inside the mask where the truth and the depth in question are valid.
+
+    Their ``coverage`` is the share of the pixels with a known truth (``scorable``) that have this
+    depth: a method that answers only where it is easy has a small error and a small coverage.
+    """
     from dataclasses import asdict
 
     from hadr.camera import valid_depth
@@ -121,7 +139,10 @@ def errors(
         ("restored_where_measured", after, known & valid_depth(after) & valid_depth(before)),
     ):
         if counted.any():
-            rows[name] = asdict(frame_metrics(depth, truth, counted))
+            scored = asdict(frame_metrics(depth, truth, counted))
+            # Of all pixels with a known truth: what RMSE and coverage have to be read together.
+            scored["coverage"] = scored["pixels"] / int(known.sum())
+            rows[name] = scored | {"scorable": int(known.sum())}
     return rows
 
 
@@ -152,3 +173,29 @@ def versions() -> dict[str, str]:
     if "torch" in sys.modules:
         versions["torch"] = str(sys.modules["torch"].__version__)
     return versions
+
+
+def summary(report: Mapping[str, Any], out: str) -> str:
+    """Sum a report up in some lines, for a terminal."""
+    numbers = report["counts"]
+    lines = [
+        f"method    {report['method_title']}",
+        f"restored  {numbers['restored']} of {numbers['mask']} pixels",
+        *(f"note      {note}" for note in report["notes"]),
+    ]
+    if report["errors_in_mask"]:
+        lines.append("errors inside the mask")
+    for name, row in report["errors_in_mask"].items():
+        if name == "restored_where_measured":
+            name = "the same, where measured"
+        deltas = "  ".join(
+            f"d{factor:.2f} {row[key]:.2f} %"
+            for factor, key in ((1.05, "delta_105"), (1.1, "delta_110"), (1.25, "delta_125"))
+        )
+        lines.append(
+            f"  {name:<24} RMSE {row['rmse_m']:.4f} m  REL {row['rel']:.4f}  "
+            f"MAE {row['mae_m']:.4f} m  {deltas}  over {row['pixels']} of "
+            f"{row['scorable']} pixels"
+        )
+    lines.append(f"written   {out}  ({sum(report['seconds'].values()):.1f} s)")
+    return "\n".join(lines)

@@ -19,6 +19,7 @@ OUTPUTS = [
     "confidence.png",
     "depth.npy",
     "depth.png",
+    "mask.png",
     "report.json",
 ]
 
@@ -80,6 +81,8 @@ def test_all_files_are_written_and_agree(frame, capsys) -> None:
     for said in (printed, " ".join(report["notes"])):
         assert "no checkpoint fits" in said
         assert "the result is nearest valid depth, not HADR" in said
+    assert report["confidence_means"] == "0, the method knows no estimate"
+    np.testing.assert_array_equal(read_mask(out / "mask.png"), mask)
     assert "restored  400 of 400 pixels" in printed
 
 
@@ -107,6 +110,7 @@ def test_truth_prints_the_errors_of_both(frame, capsys) -> None:
     assert "measured" not in report["errors_in_mask"], "nothing was measured in the mask"
     assert report["errors_in_mask"]["restored"]["rmse_m"] == pytest.approx(0.05, rel=1e-5)
     assert report["errors_in_mask"]["restored"]["pixels"] == 400
+    assert report["errors_in_mask"]["restored"]["coverage"] == 1
     assert "RMSE 0.0500 m" in capsys.readouterr().out
 
 
@@ -227,7 +231,7 @@ def test_an_earlier_result_is_only_replaced_when_asked(frame, capsys) -> None:
     assert main(words(frame)) == 0
     (frame / "out" / "report.json").write_text("old")
     assert main(words(frame)) == 2
-    assert "already holds cloud.ply and 6 more; choose a new name" in capsys.readouterr().err
+    assert "already holds cloud.ply and 7 more; choose a new name" in capsys.readouterr().err
     assert (frame / "out" / "report.json").read_text() == "old"
     assert main([*words(frame), "--overwrite", "--quiet"]) == 0
     assert capsys.readouterr().out == ""

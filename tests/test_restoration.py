@@ -1,11 +1,9 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from hadr import restoration
 from hadr.camera import Intrinsics
-from hadr.restoration import enlarge_known, restore
+from hadr.restoration import METHODS, restore
 
 CAMERA = Intrinsics(fx=100, fy=100, cx=39.5, cy=29.5, width=80, height=60)
 
@@ -184,34 +182,29 @@ def test_a_hand_beside_the_picture_is_noted() -> None:
     assert any("project outside of the image" in n for n in result.notes)
 
 
-def test_enlarge_known_is_bilinear_inside_and_nearest_outside() -> None:
-    known = np.zeros((10, 10), bool)
-    known[2:8, 2:8] = True
-    v, u = np.indices((10, 10))
-    values = np.where(known, 1.0 + 0.1 * u + 0.01 * v, 99.0)
-    large = enlarge_known(values, known, (40, 40))
-    v, u = np.indices((40, 40))
-    exact = 1.0 + 0.1 * ((u + 0.5) / 4 - 0.5) + 0.01 * ((v + 0.5) / 4 - 0.5)
-    np.testing.assert_allclose(large[12:28, 12:28], exact[12:28, 12:28], atol=1e-5)
-    assert large.max() < 1.8, "unknown pixels must not bleed in"
-    np.testing.assert_allclose(large[0, 0], values[2, 2], rtol=1e-6)
-    np.testing.assert_allclose(large[39, 39], values[7, 7], rtol=1e-6)
-
-
-def checkpoint_file(folder, hand: str = "3d"):
-    """An untrained network of the preset tiny, as a checkpoint."""
+def small_hadr(hand: str = "3d"):
+    """An untrained HADR, smaller than any preset."""
     import torch
 
-    from hadr.models.hadr import HADR
-    from hadr.training.checkpoints import save_checkpoint
-    from hadr.training.presets import preset
+    from hadr.models.backbone import BackboneConfig
+    from hadr.models.hadr import HADR, HADRConfig
 
     torch.manual_seed(0)
-    recipe = preset("tiny")
-    model = HADR(replace(recipe.model, hand=hand))
+    backbone = BackboneConfig(embed_dim=8, depths=(1, 1), heads=(1, 2), window=4, drop_path=0.0)
+    return HADR(
+        HADRConfig(
+            hand=hand, backbone=backbone, decoder_widths=(16, 8), voxel_width=24, max_points=500
+        )
+    )
+
+
+def checkpoint_file(folder, hand: str = "3d", **record):
+    """An untrained HADR as a checkpoint."""
+    from hadr.training.checkpoints import save_checkpoint
+
     path = folder / "untrained.safetensors"
-    meta = {"width": 64, "height": 40, "preset": recipe.to_dict(), "epochs": 0}
-    save_checkpoint(path, model, meta)
+    meta = {"width": 64, "height": 40, "preset": {"name": "tiny"}, "epochs": 0} | record
+    save_checkpoint(path, small_hadr(hand), meta)
     return path
 
 
@@ -286,3 +279,111 @@ def test_a_scene_out_of_the_grid_is_left_missing_and_said_so(tmp_path) -> None:
     assert (result.confidence[mask] == 0).all()
     assert any("HADR restored nothing" in n for n in result.notes)
     assert "400 of 400 pixels of the mask could not be restored" in result.notes
+
+
+def test_a_wrong_corruption_is_named() -> None:
+    color, depth, mask = frame()
+    with pytest.raises(ValueError, match="corruption must be one of oracle, sensor, got 'fog'"):
+        restore(color, depth, CAMERA, mask, corruption="fog")
+
+
+def test_measured_depth_in_the_mask_counts_where_it_is_trusted(tmp_path) -> None:
+    color, depth, mask = frame()
+    path = checkpoint_file(tmp_path)
+    other = np.where(mask & (depth > 0), 0.7, depth).astype(np.float32)
+    first, second = (
+        restore(color, image, CAMERA, mask, hand(), checkpoint=path, corruption="sensor")
+        for image in (depth, other)
+    )
+    assert (first.depth != second.depth).any()
+    assert any("learned from frames without measured depth" in n for n in first.notes)
+    assert any("it is trusted as far as the method does" in n for n in first.notes)
+    # A checkpoint that learned so takes it without being told.
+    path = checkpoint_file(tmp_path, data={"corruption": "sensor"})
+    told = restore(color, depth, CAMERA, mask, hand(), checkpoint=path)
+    np.testing.assert_array_equal(told.depth, first.depth)
+    assert not any("learned from" in n for n in told.notes)
+
+
+@pytest.mark.parametrize("method", ["nearest", "inpaint", "hand-median"])
+def test_without_learning_trust_means_to_keep_what_was_measured(method: str) -> None:
+    color, depth, mask = frame()
+    result = restore(color, depth, CAMERA, mask, hand(), method=method, corruption="sensor")
+    np.testing.assert_array_equal(result.depth[depth > 0], depth[depth > 0])
+    np.testing.assert_array_equal(result.restored, mask & (depth == 0))
+    assert (result.depth > 0).all()
+    np.testing.assert_array_equal(result.confidence, depth > 0)
+    np.testing.assert_array_equal(result.mask, mask)
+
+
+def test_a_calibrated_checkpoint_says_what_its_confidence_means(tmp_path) -> None:
+    """The rule says 0.3 whatever the network's score; the raw score is another."""
+    color, depth, mask = frame()
+    plain = restore(color, depth, CAMERA, mask, hand(), checkpoint=checkpoint_file(tmp_path))
+    assert plain.tolerance_m is None
+    assert any("never calibrated" in n for n in plain.notes)
+    calibration = {"scores": [0.2, 0.8], "probabilities": [0.3, 0.3], "tolerance_m": 0.02}
+    rule = {"signals": ["network"], "center": [0], "scale": [1], "weights": [1]}
+    path = checkpoint_file(tmp_path, confidence=rule | {"calibration": calibration})
+    sure = restore(color, depth, CAMERA, mask, hand(), checkpoint=path)
+    assert sure.tolerance_m == 0.02
+    assert not any("never calibrated" in n for n in sure.notes)
+    np.testing.assert_allclose(sure.confidence[mask], 0.3, rtol=1e-6)
+    assert (sure.confidence[~mask] == 1).all()
+    np.testing.assert_array_equal(sure.depth, plain.depth)
+    assert not np.allclose(plain.confidence[mask], 0.3)
+
+
+def test_depth_beyond_the_learned_range_is_left_missing(tmp_path) -> None:
+    color, depth, mask = frame()
+    path = checkpoint_file(tmp_path, learned_range={"depth_m": [0.2, 0.3], "frames": 4})
+    result = restore(color, depth, CAMERA, mask, hand(), checkpoint=path)
+    assert not result.restored.any()
+    assert (result.depth[mask] == 0).all()
+    assert (result.confidence[mask] == 0).all()
+    np.testing.assert_array_equal(result.depth[~mask], depth[~mask])
+    assert any("100.0 % of the mask's depth lay outside of what HADR" in n for n in result.notes)
+    assert "400 of 400 pixels of the mask could not be restored" in result.notes
+
+
+def depth_network(kind: str):
+    """A small untrained network that restores depth."""
+    import torch
+
+    from hadr.models.baselines.unet_hand import UNetHand, UNetHandConfig
+    from hadr.models.hadr_plus import HADRPlus, HADRPlusConfig
+
+    torch.manual_seed(0)
+    if kind == "hadr":
+        return small_hadr()
+    if kind == "hadr-plus":
+        return HADRPlus(HADRPlusConfig(crop=32, width=8, blocks=1))
+    return UNetHand(UNetHandConfig(width=4, levels=2))
+
+
+@pytest.mark.parametrize("kind", ["hadr", "hadr-plus", "unet-hand"])
+def test_each_kind_of_checkpoint_restores(tmp_path, kind: str) -> None:
+    from hadr.training.checkpoints import save_checkpoint
+
+    model = depth_network(kind)
+    path = tmp_path / "small.safetensors"
+    save_checkpoint(path, model, {"width": 64, "height": 40})
+    color, depth, mask = frame()
+    result = restore(color, depth, CAMERA, mask, hand(), checkpoint=path)
+    assert result.method == kind
+    assert result.restored.any()
+    np.testing.assert_array_equal(result.depth[~mask], depth[~mask])
+    assert (result.depth[result.restored] > 0).all()
+    assert (result.confidence[result.restored] >= 0).all()
+    assert (result.confidence <= 1).all()
+    insisted = restore(color, depth, CAMERA, mask, hand(), method=kind, checkpoint=path)
+    np.testing.assert_array_equal(insisted.depth, result.depth)
+    other = "unet-hand" if kind == "hadr" else "hadr"
+    with pytest.raises(ValueError, match=f"method {other}: .*holds a network of kind {kind}"):
+        restore(color, depth, CAMERA, mask, hand(), method=other, checkpoint=path)
+
+
+def test_the_command_offers_the_same_methods() -> None:
+    from hadr import restore_frame
+
+    assert restore_frame.METHODS == METHODS
