@@ -1,0 +1,84 @@
+"""The tables' part of `hadr reproduce`: its arguments, its plan, its run."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+from hadr.data.samples import samples_dir
+from hadr.experiments.plan import measure_all, plan, plan_text
+from hadr.experiments.runner import Bench
+from hadr.experiments.splits import EXPERIMENTS
+from hadr.experiments.systems import METHODS
+from hadr.training.batches import CORRUPTIONS
+
+TINY_FRAMES = 96
+"""Frames of each part in preset tiny, which shows that everything runs and no more."""
+
+
+def add_table_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what concerns the tables."""
+    parser.add_argument(
+        "--data",
+        nargs="+",
+        type=Path,
+        default=[],
+        metavar="DIR",
+        help="data folders for the tables; preset tiny takes the bundled samples, mini and paper "
+        "need a set that `hadr generate --preset mini` or paper has made",
+    )
+    parser.add_argument(
+        "--seeds", nargs="+", type=int, default=[0], metavar="N", help="seeds of trainings (0)"
+    )
+    parser.add_argument(
+        "--corruption", default="oracle", choices=tuple(CORRUPTIONS), help="depth inside the glass"
+    )
+
+
+def is_table_wish(wish: str) -> bool:
+    """Say whether a word of ``--only`` means a table's run and not a chapter."""
+    return "/" in wish or wish in EXPERIMENTS or wish in METHODS
+
+
+def open_bench(args: argparse.Namespace) -> Bench:
+    """Open the bench that the arguments describe.
+
+    Raises:
+        ValueError: No data folder is named, and the preset has none of its own.
+        FileNotFoundError: A data folder is not there.
+    """
+    roots: Sequence[Path] = args.data
+    if not roots:
+        if args.preset != "tiny":
+            raise ValueError(
+                f"the tables of preset {args.preset} need --data DIR; make one with "
+                f"'hadr generate --preset {args.preset} --out DIR', and name data_samples/frames "
+                "beside it for more training frames"
+            )
+        roots = [samples_dir() / "frames"]
+    for root in roots:
+        if not root.is_dir():
+            raise FileNotFoundError(f"there is no data folder {root}")
+    limit = TINY_FRAMES if args.preset == "tiny" else None
+    return Bench(roots, args.out / "runs", args.preset, args.corruption, limit)
+
+
+def run_tables(args: argparse.Namespace, wishes: Sequence[str]) -> None:
+    """Measure what is missing, or with ``--dry-run`` only say what that is.
+
+    Args:
+        args: Arguments of `hadr reproduce`.
+        wishes: Which runs, as `hadr.experiments.plan.plan` takes them; empty takes all.
+
+    Raises:
+        ValueError: A wish fits no run, or as `open_bench`.
+        FileNotFoundError: As `open_bench`.
+    """
+    bench = open_bench(args)
+    runs = plan(wishes, args.seeds)
+    table = args.out / "tables" / "hadr.json"
+    print(plan_text(bench, runs))
+    print(f"the table goes to {table}\n")
+    if not args.dry_run:
+        measure_all(bench, runs, table)

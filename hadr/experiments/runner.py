@@ -1,0 +1,228 @@
+"""Train and score what a table needs: resumable, one folder a run, one file a row.
+
+    OUT/known/hadr/seed-0/last.safetensors   the training, which goes on where it was stopped
+    OUT/known/hadr/seed-0/row.json           the finished row; it is what "done" means
+
+A row is measured again when its recipe, its data or its protocol is another than the file says.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from hadr.experiments.scoring import EVALUATION_SIZE, Scores, score_cheap, score_network
+from hadr.experiments.splits import Experiment, Part, data_digest, open_part
+from hadr.experiments.systems import system
+from hadr.provenance import machine_text, provenance, write_json
+from hadr.result_file import digest
+from hadr.training.batches import Corruption, FrameTensors, load_frames
+from hadr.training.loop import LAST, train
+from hadr.training.presets import Preset
+
+ROW = "row.json"
+
+
+@dataclass(frozen=True)
+class Run:
+    """One training with its evaluation.
+
+    Attributes:
+        experiment: "known" or "unknown".
+        method: A system's name.
+        seed: Seed of the training; methods that learn nothing have seed 0 only.
+    """
+
+    experiment: Experiment
+    method: str
+    seed: int = 0
+
+    @property
+    def name(self) -> str:
+        """The run's name, and its folder: such as ``known/hadr/seed-0``."""
+        return f"{self.experiment}/{self.method}/seed-{self.seed}"
+
+
+class Bench:
+    """What all runs share: the data folders, the size of preset, the corruption, the output.
+
+    Args:
+        roots: Data folders in TransHand's layout.
+        out: Folder of the runs.
+        size: Preset of all systems: "tiny", "mini" or "paper".
+        corruption: How the frames' depth is corrupted, in training and test.
+        limit: Take at most so many frames of each part, evenly spread; None takes all.
+    """
+
+    def __init__(
+        self,
+        roots: Sequence[str | Path],
+        out: str | Path,
+        size: str = "mini",
+        corruption: Corruption = "oracle",
+        limit: int | None = None,
+    ) -> None:
+        self.roots = tuple(Path(root) for root in roots)
+        self.out, self.size, self.corruption, self.limit = Path(out), size, corruption, limit
+        self._frames: dict[tuple[str, str, tuple[int, int]], FrameTensors] = {}
+        self._digest: str | None = None
+
+    @property
+    def data(self) -> dict[str, Any]:
+        """What the frames are, for the record: a digest of the folders, corruption, limit."""
+        if self._digest is None:
+            self._digest = digest([data_digest(root) for root in self.roots])
+        return {"sha256": self._digest, "corruption": self.corruption, "limit": self.limit}
+
+    def count(self, run: Run, part: Part) -> int:
+        """Count the frames of one part without reading them."""
+        number = len(open_part(self.roots, run.experiment, part))
+        return number if self.limit is None else min(number, self.limit)
+
+    def frames(self, run: Run, part: Part, size: tuple[int, int]) -> FrameTensors:
+        """Load one part of a run's frames; the last few loads are kept."""
+        key = (run.experiment, part, size)
+        if key not in self._frames:
+            while len(self._frames) > 3:
+                del self._frames[next(iter(self._frames))]
+            source = open_part(self.roots, run.experiment, part)
+            chosen: Any = source
+            if self.limit is not None and len(source) > self.limit:
+                chosen = [source[i * len(source) // self.limit] for i in range(self.limit)]
+            self._frames[key] = load_frames(
+                chosen,
+                size,
+                self.corruption,
+                keep_all=part == "test",  # so that the same frames come at every size
+                progress=f"reading {run.experiment} {part}",
+            )
+        return self._frames[key]
+
+    def configuration(self, run: Run) -> dict[str, Any]:
+        """Everything on which a run's numbers depend, the code's version aside."""
+        recipe = system(run.method, self.size).recipe
+        return {
+            "run": run.name,
+            "recipe": None if recipe is None else recipe.to_dict(),
+            "data": self.data,
+            "evaluation_size": list(EVALUATION_SIZE),
+        }
+
+    def finished(self, run: Run) -> dict[str, Any] | None:
+        """Give the run's row if it was measured with this configuration, else None."""
+        path = self.out / run.name / ROW
+        with contextlib.suppress(OSError, json.JSONDecodeError):
+            row: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+            if row.get("config_sha256") == digest(self.configuration(run)):
+                return row
+        return None
+
+    def measure(self, run: Run) -> dict[str, Any]:
+        """Train a run's system as far as it is not, score it, and keep the row.
+
+        Args:
+            run: What to measure.
+
+        Returns:
+            The row: names, the scores, training time, parameters, provenance.
+        """
+        found = self.finished(run)
+        if found is not None:
+            return found
+        recipe = system(run.method, self.size).recipe
+        started = time.perf_counter()
+        if recipe is None:
+            test = self.frames(run, "test", EVALUATION_SIZE)
+            scores, trained = score_cheap(test, run.method), dict[str, Any]()
+        else:
+            scores, trained = self._train_and_score(run, recipe)
+        row = {
+            "method": run.method,
+            "split": run.experiment,
+            "seed": run.seed,
+            **scores.columns(),
+            **trained,
+            "evaluation_s": time.perf_counter() - started - trained.get("training_s_now", 0.0),
+            "config_sha256": digest(self.configuration(run)),
+            "configuration": self.configuration(run),
+            "per_frame": scores.per_frame(),
+            "provenance": {**provenance(), "machine": machine_text()},
+        }
+        row.pop("training_s_now", None)
+        write_json(self.out / run.name / ROW, row)
+        return row
+
+    def _train_and_score(self, run: Run, recipe: Preset) -> tuple[Scores, dict[str, Any]]:
+        began = time.perf_counter()
+        folder = self.out / run.name
+        trained = train(
+            recipe,
+            self.frames(run, "train", recipe.size),
+            self.frames(run, "val", recipe.size),
+            folder=folder,
+            seed=run.seed,
+            data={"experiment": run.experiment, **self.data},
+            resume=(folder / LAST).exists(),
+        )
+        now = time.perf_counter() - began
+        test = self.frames(run, "test", recipe.size)
+        truth = self.frames(run, "test", EVALUATION_SIZE)
+        columns = {
+            "parameters": sum(p.numel() for p in trained.model.parameters()),
+            "epochs": len(trained.history),
+            "training_frames": len(self.frames(run, "train", recipe.size)),
+            "training_s": sum(row["seconds"] for row in trained.history),
+            "training_s_now": now,
+            "threads": torch.get_num_threads(),
+        }
+        return score_network(trained.model, test, truth), columns
+
+
+def table_rows(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Bring runs to the rows of a result file: one a method and split, seeds averaged.
+
+    Args:
+        rows: Rows of `Bench.measure`.
+
+    Returns:
+        In the order of their first appearance; numbers are means over the seeds, with
+        ``rmse_sd_m`` (standard deviation over seeds, n - 1; None for one seed) beside.
+    """
+    groups: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
+    for row in rows:
+        groups.setdefault((row["split"], row["method"]), []).append(row)
+    return [_averaged(group) for group in groups.values()]
+
+
+def _averaged(group: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    first = dict(group[0])
+    left_out = ("seed", "per_frame", "configuration", "provenance")
+    row = {name: value for name, value in first.items() if name not in left_out}
+    for name, value in row.items():
+        if isinstance(value, float):
+            row[name] = sum(r[name] for r in group) / len(group)
+    for part in ("pooled", "restored"):
+        columns = [r[part] for r in group]
+        row[part] = {name: sum(c[name] for c in columns) / len(columns) for name in columns[0]}
+    errors = [r["rmse_m"] for r in group]
+    mean = sum(errors) / len(errors)
+    spread = (
+        (sum((e - mean) ** 2 for e in errors) / (len(errors) - 1)) ** 0.5
+        if len(errors) > 1
+        else None
+    )
+    return {
+        **row,
+        "seeds": [r["seed"] for r in group],
+        "rmse_sd_m": spread,
+        "config_sha256": [r["config_sha256"] for r in group],
+        "commit": sorted({str(r["provenance"].get("commit")) for r in group}),
+        "machine": first["provenance"]["machine"],
+    }

@@ -1,0 +1,130 @@
+"""One protocol for all systems: their depth at one common size, on the true mask's pixels.
+
+Each system restores at its own resolution; its depth is enlarged between the restored pixels and
+scored against the true depth, which is brought to the common size by the nearest pixel, as the
+published evaluation does (ledger, row 15). A pixel that a system leaves out counts as the depth 0
+that stands in the image; the scores over the restored pixels alone stand beside, with their
+coverage.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from torch import nn
+
+from hadr.camera import FloatArray
+from hadr.metrics import DepthMetrics, frame_metrics, mean_over_frames, pooled
+from hadr.restoration import enlarge_known
+from hadr.training.batches import FrameTensors
+from hadr.training.evaluation import BASELINES, predict
+
+EVALUATION_SIZE = (224, 126)
+"""(width, height) at which all systems are scored, pixels."""
+COLUMNS = ("rmse_m", "rel", "mae_m", "delta_105", "delta_110", "delta_125")
+
+
+@dataclass(frozen=True)
+class Scores:
+    """The scores of one system on some frames.
+
+    Attributes:
+        stems: Name of each frame.
+        frames: Each frame's metrics; a missing pixel counts as depth 0.
+        restored: Each frame's metrics over the restored pixels alone.
+        pooled: Metrics over the pixels of all frames; a missing pixel counts as depth 0.
+    """
+
+    stems: tuple[str, ...]
+    frames: tuple[DepthMetrics, ...]
+    restored: tuple[DepthMetrics, ...]
+    pooled: DepthMetrics
+
+    def columns(self) -> dict[str, Any]:
+        """The columns of a table: per-frame means, and below ``pooled`` and ``restored`` more."""
+        mean, alone = mean_over_frames(self.frames), mean_over_frames(self.restored)
+        rmse = np.array([m.rmse_m for m in self.frames])
+        error = float(rmse.std(ddof=1) / len(rmse) ** 0.5) if len(rmse) > 1 else float("nan")
+        return {
+            **{name: getattr(mean, name) for name in COLUMNS},
+            "rmse_standard_error_m": error,
+            "coverage": mean.coverage,
+            "frames": len(self.frames),
+            "pooled": {name: getattr(self.pooled, name) for name in COLUMNS},
+            "restored": {name: getattr(alone, name) for name in COLUMNS},
+        }
+
+    def per_frame(self) -> dict[str, list[Any]]:
+        """The RMSE of each frame in metres, with its name."""
+        return {"stems": list(self.stems), "rmse_m": [m.rmse_m for m in self.frames]}
+
+
+def score_depth(depth: FloatArray, truth: FrameTensors) -> Scores:
+    """Score depth images at the size of the truth.
+
+    Args:
+        depth: z-depth in metres, shape (N, H, W); 0 = not restored.
+        truth: The frames at the evaluation size; those without a pixel of the object are left
+            out.
+
+    Returns:
+        The scores.
+
+    Raises:
+        ValueError: The shapes differ, or no frame shows an object.
+    """
+    true, masks = truth.true_depth.numpy(), truth.object_mask.numpy()
+    if depth.shape != true.shape:
+        raise ValueError(f"depth has shape {depth.shape}, the true depth {true.shape}")
+    shown = [n for n in range(len(truth)) if (masks[n] & (true[n] > 0)).any()]
+    if not shown:
+        raise ValueError(f"none of the {len(truth)} frames shows an object")
+    return Scores(
+        stems=tuple(truth.stems[n] for n in shown),
+        frames=tuple(frame_metrics(depth[n], true[n], masks[n], missing="zero") for n in shown),
+        restored=tuple(frame_metrics(depth[n], true[n], masks[n]) for n in shown),
+        pooled=pooled(((depth[n], true[n], masks[n]) for n in shown), missing="zero"),
+    )
+
+
+def score_network(model: nn.Module, given: FrameTensors, truth: FrameTensors) -> Scores:
+    """Let a depth network restore frames, and score it.
+
+    Args:
+        model: A network whose output has ``depth`` and ``restored``.
+        given: The frames at the network's own size.
+        truth: The same frames at the evaluation size.
+
+    Returns:
+        The scores.
+
+    Raises:
+        ValueError: The frames are not the same.
+    """
+    if given.stems != truth.stems:
+        raise ValueError("the frames at the network's size are not those at the evaluation size")
+    shape = tuple(truth.true_depth.shape[1:])
+    outputs = predict(model, given)
+    depth = np.concatenate([output.depth.cpu().numpy() for output in outputs])
+    known = np.concatenate([output.restored.cpu().numpy() for output in outputs]) & (depth > 0)
+    large = np.zeros((len(given), *shape), np.float32)
+    for number in range(len(given)):
+        if known[number].any():
+            large[number] = enlarge_known(depth[number], known[number], shape)
+    return score_depth(large, truth)
+
+
+def score_cheap(truth: FrameTensors, method: str) -> Scores:
+    """Score a method that learns nothing, at the evaluation size.
+
+    Args:
+        truth: The frames at the evaluation size.
+        method: One of ``hadr.training.evaluation.BASELINES``.
+
+    Returns:
+        The scores.
+    """
+    restorer = BASELINES[method]
+    return score_depth(np.stack([restorer(truth, n) for n in range(len(truth))]), truth)

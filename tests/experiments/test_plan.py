@@ -1,0 +1,115 @@
+from dataclasses import replace
+
+import pytest
+
+from hadr.data.samples import samples_dir
+from hadr.experiments import runner
+from hadr.experiments.plan import measure_all, plan, plan_text
+from hadr.experiments.runner import Bench, Run, table_rows
+from hadr.experiments.systems import LONG_RUN, METHODS, System, system
+from hadr.models.hadr import HADRConfig
+from hadr.result_file import read_result_file
+
+
+def test_a_plan_takes_whole_methods():
+    assert [run.name for run in plan(["known/hadr"])] == ["known/hadr/seed-0"]
+    assert [run.name for run in plan(["known/hadr"], seeds=(0, 2))] == [
+        "known/hadr/seed-0",
+        "known/hadr/seed-2",
+    ]
+    assert {run.experiment for run in plan(["hadr-plus"])} == {"known", "unknown"}
+    assert len(plan()) == 2 * len(METHODS)
+    assert [run.method for run in plan(["known"])] == list(METHODS)
+    assert plan(["known/raw"], seeds=(1, 2)) == [Run("known", "raw", 0)]
+
+
+def test_a_wish_that_fits_nothing_is_told():
+    with pytest.raises(ValueError, match="no run fits 'known/lidf2'"):
+        plan(["known/lidf2"])
+
+
+def test_systems_differ_from_hadr_in_one_thing():
+    base = system("hadr", "mini").recipe
+    long, handless = system("hadr-long", "mini").recipe, system("no-hand", "mini").recipe
+    assert (long.epochs, long.drop_epoch) == (LONG_RUN * base.epochs, LONG_RUN * base.drop_epoch)
+    assert replace(long, epochs=base.epochs, drop_epoch=base.drop_epoch) == base
+    assert handless.model.hand == "none"
+    assert replace(handless, model=replace(handless.model, hand="3d")) == base
+    assert system("raw", "mini").recipe is None
+    with pytest.raises(ValueError, match=r"method must be one of .* got 'gan'"):
+        system("gan", "mini")
+
+
+@pytest.fixture
+def bench(tmp_path, monkeypatch):
+    """A bench whose HADR has one epoch on six frames."""
+    recipe = replace(system("hadr", "tiny").recipe, epochs=1, drop_epoch=1)
+    assert isinstance(recipe.model, HADRConfig)
+    monkeypatch.setattr(
+        runner, "system", lambda m, size: System(m, recipe) if m == "hadr" else system(m, size)
+    )
+    return Bench([samples_dir() / "frames"], tmp_path / "runs", "tiny", limit=6)
+
+
+def test_runs_are_measured_once_and_gathered(bench, tmp_path, capsys):
+    runs, table = plan(["known/hand-median", "known/hadr"]), tmp_path / "tables" / "hadr.json"
+    measure_all(bench, runs, table)
+    found = read_result_file(table)
+    assert [row["method"] for row in found.rows] == ["hand-median", "hadr"]
+    row = found.row(method="hadr", split="known")
+    assert row["frames"] == 6
+    assert row["epochs"] == 1
+    assert row["parameters"] > 10_000
+    assert 0 < row["rmse_m"] < 1
+    assert row["seeds"] == [0]
+    assert found.provenance["data"]["sha256"] == bench.data["sha256"]
+
+    times = {p: p.stat().st_mtime_ns for p in bench.out.rglob("*") if p.is_file()}
+    capsys.readouterr()
+    measure_all(bench, runs, table)
+    assert {p: p.stat().st_mtime_ns for p in bench.out.rglob("*") if p.is_file()} == times
+    assert capsys.readouterr().out.count("was there") == 2
+    assert "done" in plan_text(bench, runs)
+    assert read_result_file(table).rows == found.rows
+
+
+def test_another_recipe_is_another_row(bench, tmp_path, monkeypatch):
+    run = Run("known", "hand-median")
+    row = bench.measure(run)
+    assert bench.finished(run) == row
+    monkeypatch.setattr(bench, "corruption", "analytic")
+    assert bench.finished(run) is None
+
+
+def test_a_damaged_row_is_measured_again(bench):
+    run = Run("known", "raw")
+    row = bench.measure(run)
+    path = bench.out / run.name / runner.ROW
+    path.write_text(path.read_text()[:100])
+    assert bench.finished(run) is None
+    assert bench.measure(run)["rmse_m"] == row["rmse_m"]
+
+
+def test_seeds_are_averaged():
+    def row(seed, rmse):
+        return {
+            "method": "hadr",
+            "split": "known",
+            "seed": seed,
+            "rmse_m": rmse,
+            "frames": 4,
+            "pooled": {"rmse_m": 2 * rmse},
+            "restored": {"rmse_m": 3 * rmse},
+            "per_frame": {},
+            "configuration": {},
+            "config_sha256": str(seed),
+            "provenance": {"commit": "a", "machine": "m"},
+        }
+
+    (found,) = table_rows([row(0, 0.01), row(1, 0.02), row(2, 0.03)])
+    assert found["rmse_m"] == pytest.approx(0.02)
+    assert found["rmse_sd_m"] == pytest.approx(0.01)
+    assert found["pooled"]["rmse_m"] == pytest.approx(0.04)
+    assert found["restored"]["rmse_m"] == pytest.approx(0.06)
+    assert (found["frames"], found["seeds"]) == (4, [0, 1, 2])
+    assert table_rows([row(0, 0.01)])[0]["rmse_sd_m"] is None

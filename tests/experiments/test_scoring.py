@@ -1,0 +1,86 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from hadr.data.samples import open_samples
+from hadr.experiments.scoring import EVALUATION_SIZE, score_cheap, score_depth, score_network
+from hadr.metrics import frame_metrics
+from hadr.training.batches import load_frames
+
+
+@pytest.fixture(scope="module")
+def truth():
+    return load_frames(open_samples("test")[:3], EVALUATION_SIZE, keep_all=True)
+
+
+def test_the_truth_scores_perfectly(truth):
+    columns = score_depth(truth.true_depth.numpy(), truth).columns()
+    assert columns["rmse_m"] == 0
+    assert columns["delta_105"] == 100
+    assert (columns["coverage"], columns["frames"]) == (1, 3)
+
+
+def test_missing_pixels_count_as_zero_and_are_told_apart(truth):
+    depth = truth.true_depth.numpy().copy()
+    rows, columns = np.nonzero(truth.object_mask[0].numpy())
+    depth[0, rows[::2], columns[::2]] = 0
+    scores = score_depth(depth, truth)
+    expected = frame_metrics(
+        depth[0], truth.true_depth[0].numpy(), truth.object_mask[0].numpy(), missing="zero"
+    )
+    assert scores.frames[0].rmse_m == pytest.approx(expected.rmse_m)
+    found = scores.columns()
+    assert found["rmse_m"] == pytest.approx(expected.rmse_m / 3)
+    assert found["restored"]["rmse_m"] == 0
+    assert found["coverage"] == pytest.approx((expected.coverage + 2) / 3)
+
+
+def test_pooled_weighs_by_pixels(truth):
+    depth = truth.true_depth.numpy().copy()
+    depth[0] += 0.03
+    counts = truth.object_mask.numpy().sum(axis=(1, 2))
+    found = score_depth(depth, truth).columns()
+    assert found["mae_m"] == pytest.approx(0.01, rel=1e-4)
+    assert found["pooled"]["mae_m"] == pytest.approx(0.03 * counts[0] / counts.sum(), rel=1e-4)
+
+
+def test_frames_that_show_nothing_are_left_out(truth):
+    hidden = truth.object_mask.clone()
+    hidden[1] = False
+    scores = score_depth(truth.true_depth.numpy(), replace(truth, object_mask=hidden))
+    assert scores.stems == (truth.stems[0], truth.stems[2])
+    with pytest.raises(ValueError, match="none of the 3 frames shows an object"):
+        score_depth(truth.true_depth.numpy(), replace(truth, object_mask=hidden & False))
+
+
+class Oracle(torch.nn.Module):
+    """Gives the true depth of the frames it is called with, at their size."""
+
+    def __init__(self, frames, gap):
+        super().__init__()
+        self.frames, self.gap, self.weight = frames, gap, torch.nn.Parameter(torch.zeros(1))
+
+    def forward(self, inputs):
+        depth = self.frames.true_depth * self.frames.object_mask
+        depth[:, :: self.gap] = 0
+        return type("Output", (), {"depth": depth, "restored": depth > 0})()
+
+
+def test_a_network_is_scored_at_the_common_size(truth):
+    """A network of another size that is right there has the error of enlarging only."""
+    given = load_frames(open_samples("test")[:3], (256, 144), keep_all=True)
+    found = score_network(Oracle(given, 1000), given, truth).columns()
+    cheap = score_cheap(truth, "hand-median").columns()
+    assert found["coverage"] == 1
+    assert found["mae_m"] < 0.004 < cheap["mae_m"]
+    assert found["delta_105"] > 97
+
+
+def test_other_frames_are_refused(truth):
+    given = load_frames(open_samples("test")[1:3], (128, 72), keep_all=True)
+    with pytest.raises(ValueError, match="not those at the evaluation size"):
+        score_network(Oracle(given, 2), given, truth)
+    with pytest.raises(ValueError, match=r"shape \(3, 72, 128\)"):
+        score_depth(np.ones((3, 72, 128), np.float32), truth)
