@@ -21,6 +21,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("data",),
     ("synthesis",),
     ("hand",),
+    ("dense_pairing",),
     ("ray_voxels",),
     ("corruption", "corruption_statistics"),
     ("metrics", "confidence", "confidence_rule"),

@@ -116,8 +116,22 @@ def within_learned(output: Any, depth_range_m: tuple[float, float] | None) -> Te
     good: Tensor = output.restored & (output.depth > 0)
     if depth_range_m is not None:
         good = good & (output.depth >= depth_range_m[0]) & (output.depth <= depth_range_m[1])
-    if hasattr(output, "pairs"):
-        cut = (output.offset <= 0) | (output.offset >= 1)
-        image = torch.zeros_like(output.restored)
-        good = good & ~image.index_put(tuple(output.rays.unbind(dim=1)), cut)
+    if hasattr(output, "clamped"):
+        good = good & ~output.clamped
+    elif hasattr(output, "pairs"):
+        good = good & ~clamped_answers(output)
     return good
+
+
+def clamped_answers(output: Any) -> Tensor:
+    """Mark the pixels whose offset lies at an end of the chosen voxel.
+
+    Args:
+        output: What HADR returned.
+
+    Returns:
+        Shape (B, H, W), bool.
+    """
+    cut = (output.offset <= 0) | (output.offset >= 1)
+    image = torch.zeros_like(output.restored)
+    return image.index_put(tuple(output.rays.unbind(dim=1)), cut)

@@ -14,13 +14,14 @@ This is an approximation for inference; training casts the rays that it needs.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 from torch.nn import functional
 
 from hadr.models.hadr_input import HADRInput
+from hadr.models.signals import candidate_spread, clamped_answers
 
 
 class DepthImages(Protocol):
@@ -54,12 +55,18 @@ class SparseRestoration:
         depth: z-depth in metres, shape (B, H, W); 0 where nothing was restored.
         confidence: The rays' confidence, shape (B, H, W); interpolated like the depth.
         restored: Where there is a depth, shape (B, H, W), bool.
+        spread: Standard deviation of a ray's candidate answers in metres, shape (B, H, W);
+            interpolated likewise; 0 where the network does not tell.
+        clamped: Where the answers lie at an end of their voxel, at least for half, shape (B, H, W),
+            bool.
         rays: Rows (frame, row, column) of the rays that were cast, shape (R, 3), long.
     """
 
     depth: Tensor
     confidence: Tensor
     restored: Tensor
+    spread: Tensor
+    clamped: Tensor
     rays: Tensor
 
 
@@ -79,18 +86,47 @@ def restore_sparsely(network: RayNetwork, inputs: HADRInput, stride: int = 2) ->
     """
     rays = lattice_rays(inputs.mask, stride)
     output = network(inputs, rays=rays)
-    if stride == 1:
-        return SparseRestoration(output.depth, output.confidence, output.restored, rays)
-    cast = torch.zeros_like(inputs.mask)
-    cast[rays[:, 0], rays[:, 1], rays[:, 2]] = True
-    between = (inputs.mask & ~cast).nonzero()  # (N, 3)
-    depth, confidence = fill_between(
-        torch.stack((output.depth, output.confidence)),
-        output.restored,
-        between,
-        stride,
-    )
-    return SparseRestoration(depth, confidence, depth > 0, rays)
+    images = [output.depth, output.confidence]
+    if hasattr(output, "pairs"):
+        images += [candidate_spread(output), clamped_answers(output).to(output.depth.dtype)]
+    else:
+        images += [torch.zeros_like(output.depth)] * 2
+    filled = torch.stack(images)  # (4, B, H, W)
+    if stride > 1:
+        cast = torch.zeros_like(inputs.mask)
+        cast[rays[:, 0], rays[:, 1], rays[:, 2]] = True
+        between = (inputs.mask & ~cast).nonzero()  # (N, 3)
+        filled = fill_between(filled, output.restored, between, stride)
+    depth, confidence, spread, clamped = filled
+    return SparseRestoration(depth, confidence, depth > 0, spread, clamped >= 0.5, rays)
+
+
+class SparseRays(nn.Module):
+    """A network that casts fewer rays, to stand where the network itself stood.
+
+    Args:
+        network: A depth network that casts rays.
+        stride: Rows and columns from one ray to the next.
+
+    Raises:
+        ValueError: `stride` is not positive.
+    """
+
+    def __init__(self, network: nn.Module, stride: int = 2) -> None:
+        super().__init__()
+        if stride < 1:
+            raise ValueError(f"stride must be at least 1, got {stride}")
+        self.network = network
+        self.stride = stride
+
+    @property
+    def config(self) -> Any:
+        """The network's configuration."""
+        return self.network.config
+
+    def forward(self, inputs: HADRInput) -> SparseRestoration:
+        """Restore the mask's pixels."""
+        return restore_sparsely(self.network, inputs, self.stride)
 
 
 def lattice_rays(mask: Tensor, stride: int = 2) -> Tensor:

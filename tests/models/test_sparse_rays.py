@@ -6,8 +6,11 @@ import pytest
 import torch
 from torch import Tensor
 
+from hadr.models.backbone import BackboneConfig
+from hadr.models.hadr import HADR, HADRConfig
 from hadr.models.hadr_input import HADRInput
-from hadr.models.sparse_rays import fill_between, lattice_rays, restore_sparsely
+from hadr.models.signals import signals_of, within_learned
+from hadr.models.sparse_rays import SparseRays, fill_between, lattice_rays, restore_sparsely
 
 
 @dataclass
@@ -153,3 +156,46 @@ def test_depth_outside_of_the_mask_is_not_used() -> None:
     got = restore_sparsely(Plane(), other)
     plain = restore_sparsely(Plane(), inputs)
     assert torch.equal(got.depth[mask], plain.depth[mask])
+
+
+def a_network_and_frames() -> tuple[HADR, HADRInput]:
+    torch.manual_seed(3)
+    backbone = BackboneConfig(embed_dim=8, depths=(1, 1), heads=(1, 2), window=4)
+    network = HADR(HADRConfig(backbone=backbone, feature_channels=4, max_points=500)).eval()
+    mask = torch.zeros(2, 32, 40, dtype=torch.bool)
+    mask[:, 10:21, 12:26] = True
+    inputs = replace(
+        batch(mask),
+        color=torch.rand(2, 3, 32, 40),
+        depth=torch.where(mask, 0.0, 0.5 + 0.3 * torch.rand(mask.shape)),
+        intrinsics=torch.tensor([[40.0, 40.0, 20.0, 16.0]] * 2),
+        keypoints=0.6 + 0.1 * torch.rand(2, 21, 3),
+    )
+    return network, inputs
+
+
+def test_hadr_with_all_rays_says_the_same_about_itself() -> None:
+    network, inputs = a_network_and_frames()
+    with torch.inference_mode():
+        exact, sparse = network(inputs), SparseRays(network, 1)(inputs)
+        assert torch.equal(sparse.depth, exact.depth)
+        for name, values in signals_of(exact).items():
+            assert torch.equal(signals_of(sparse)[name], values), name
+        for learned in (None, (0.4, 0.6)):
+            known = within_learned(exact, learned)
+            assert torch.equal(within_learned(sparse, learned), known)
+        # Push every answer to the end of its voxel.
+        network.offset_decoder.decoder.rest[-1].bias.fill_(9.0)
+        assert not within_learned(network(inputs), None).any()
+        assert not within_learned(SparseRays(network, 2)(inputs), None).any()
+
+
+def test_hadrs_cast_rays_are_those_of_the_whole_mask() -> None:
+    network, inputs = a_network_and_frames()
+    with torch.inference_mode():
+        exact, sparse = network(inputs), SparseRays(network, 2)(inputs)
+    cast = tuple(sparse.rays.unbind(dim=1))
+    assert len(sparse.rays) < 0.4 * int(inputs.mask.sum())
+    assert (sparse.depth[cast] - exact.depth[cast]).abs().max() < 1e-5
+    assert (sparse.confidence[cast] - exact.confidence[cast]).abs().max() < 1e-5
+    assert SparseRays(network).config is network.config
