@@ -48,7 +48,8 @@ def with_predicted(frames: FrameTensors, given: Given, batch_size: int = 16) -> 
     """Put predicted masks and keypoints in the place of the true ones, where asked for.
 
     With the oracle corruption the depth is missing in the true mask already; it is erased in the
-    predicted one as well.
+    predicted one as well. The keypoints' network looks where the predicted hand is, or the true
+    one where masks are true; a frame without a hand keeps zeros, which mean "unknown".
 
     Args:
         frames: The frames with true masks and keypoints.
@@ -62,19 +63,24 @@ def with_predicted(frames: FrameTensors, given: Given, batch_size: int = 16) -> 
         FileNotFoundError: A checkpoint does not exist.
         ValueError: A checkpoint is one of another network.
     """
-    inputs = frames.inputs
+    inputs, hand = frames.inputs, frames.hand_mask
     if str(given.masks) != TRUE:
         model = _network(given.masks, "segmentation")
-        mask = torch.cat([_masks(model, part) for part in _parts(frames, batch_size)])
+        masks = torch.cat([_masks(model, part) for part in _parts(frames, batch_size)])
+        if masks.shape[1] > 1:
+            hand = masks[:, 1]
         depth = inputs.depth
         if given.corruption == "oracle":
-            depth = torch.where(mask, torch.zeros_like(depth), depth)
-        inputs = replace(inputs, mask=mask, depth=depth)
+            depth = torch.where(masks[:, 0], torch.zeros_like(depth), depth)
+        inputs = replace(inputs, mask=masks[:, 0], depth=depth)
         frames = replace(frames, inputs=inputs)
     if str(given.keypoints) != TRUE:
         model = _network(given.keypoints, "hand-keypoints")
-        found = torch.cat([_keypoints(model, part) for part in _parts(frames, batch_size)])
-        uv = pixels_of(found, inputs.intrinsics)
+        found = torch.zeros_like(inputs.keypoints)
+        seen = hand.flatten(1).any(dim=1).nonzero().squeeze(1)
+        for index in torch.split(seen, batch_size):
+            found[index] = _keypoints(model, frames.take(index), hand[index])
+        uv = pixels_of(found, inputs.intrinsics) * (found != 0).any(dim=-1, keepdim=True)
         frames = replace(frames, inputs=replace(inputs, keypoints=found, keypoints_uv=uv))
     return frames
 
@@ -108,14 +114,14 @@ def _parts(frames: FrameTensors, batch_size: int) -> list[FrameTensors]:
 
 
 def _masks(model: Any, frames: FrameTensors) -> Tensor:
+    """Masks of the object and, if the network knows it, the hand: bool (B, classes, H, W)."""
     with torch.no_grad():
-        logits: Tensor = model(frames.inputs.color)  # (B, C, H, W); the first is the object's
-    return logits[:, 0] > 0
+        logits: Tensor = model(frames.inputs.color)  # (B, classes, H, W)
+    return logits > 0
 
 
-def _keypoints(model: Any, frames: FrameTensors) -> Tensor:
+def _keypoints(model: Any, frames: FrameTensors, hand: Tensor) -> Tensor:
     from hadr.models.hand_keypoints import predict_keypoints
 
     with torch.no_grad():
-        found: Tensor = predict_keypoints(model, frames.inputs, frames.hand_mask)
-    return found
+        return predict_keypoints(model, frames.inputs, hand)
