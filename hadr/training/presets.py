@@ -177,12 +177,42 @@ SEGMENTATION_TINY = Preset(
 )
 """A smaller one on few frames, enough to see every part at work."""
 
+UNET_MINI = Preset(
+    name="mini",
+    width=128,
+    height=72,
+    network="unet-hand",
+    model=UNetHandConfig(),
+    epochs=40,
+    schedule="cosine",
+    learning_rate=1e-3,
+    batch_size=16,
+    mirror=0.5,
+)
+"""The plain U-Net with the hand, as large as in the trial, at the size of HADR's own recipe."""
+
+UNET_TINY = Preset(
+    name="tiny",
+    width=128,
+    height=72,
+    network="unet-hand",
+    model=UNetHandConfig(width=16),
+    epochs=8,
+    schedule="cosine",
+    learning_rate=2e-3,
+    batch_size=8,
+    augment=False,
+)
+"""A smaller one on few frames, enough to see every part at work."""
+
 RECIPES: tuple[Preset, ...] = (
     TINY,
     MINI,
     PAPER,
     PLUS_TINY,
     PLUS_MINI,
+    UNET_TINY,
+    UNET_MINI,
     KEYPOINTS_TINY,
     KEYPOINTS_MINI,
     KEYPOINTS_PAPER,

@@ -1,0 +1,97 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from hadr.models.baselines.unet_hand import UNetHand, UNetHandConfig
+from hadr.models.hadr_input import HADRInput
+
+SMALL = UNetHandConfig(width=8, levels=3)
+
+
+def frames(height: int = 18, width: int = 32) -> HADRInput:
+    """Two frames with random pictures, a hand at 0.55 and at 0.7 m, and depth in the mask too."""
+    generator = torch.Generator().manual_seed(0)
+    near = torch.tensor([0.55, 0.7])
+    keypoints = 0.02 * torch.randn(2, 21, 3, generator=generator)
+    keypoints[..., 2] += near[:, None]
+    mask = torch.zeros(2, height, width, dtype=torch.bool)
+    mask[:, 4:12, 10:20] = True
+    return HADRInput(
+        color=torch.rand(2, 3, height, width, generator=generator),
+        depth=0.4 + torch.rand(2, height, width, generator=generator),
+        mask=mask,
+        intrinsics=torch.tensor([[30.0, 30.0, 15.5, 8.5]]).repeat(2, 1),
+        keypoints=keypoints,
+        keypoints_uv=torch.rand(2, 21, 2, generator=generator) * 16,
+    )
+
+
+@pytest.fixture(scope="module")
+def network() -> UNetHand:
+    torch.manual_seed(0)
+    return UNetHand(SMALL).eval()
+
+
+def test_it_has_the_trials_number_of_weights() -> None:
+    count = sum(values.numel() for values in UNetHand().parameters())
+    assert count == pytest.approx(2.8e6, rel=0.02)
+
+
+def test_without_an_answer_of_its_own_it_gives_the_hands_depth_in_the_mask() -> None:
+    network = UNetHand(SMALL).eval()
+    torch.nn.init.zeros_(network.head.weight)
+    torch.nn.init.zeros_(network.head.bias)
+    inputs = frames()
+    output = network(inputs)
+    hand = inputs.keypoints[:, :, 2].median(dim=1).values
+    torch.testing.assert_close(output.depth, hand[:, None, None] * inputs.mask)
+    assert torch.equal(output.restored, inputs.mask)
+    assert torch.equal(output.confidence, inputs.mask.float())
+
+
+def test_it_does_not_look_at_depth_behind_the_mask(network: UNetHand) -> None:
+    inputs = frames()
+    inside = torch.where(inputs.mask, 0.9, inputs.depth)
+    assert torch.equal(network(inputs).depth, network(replace(inputs, depth=inside)).depth)
+    outside = torch.where(inputs.mask, inputs.depth, 0.6)
+    assert not torch.equal(network(inputs).depth, network(replace(inputs, depth=outside)).depth)
+
+
+def test_everything_farther_off_is_restored_farther_off(network: UNetHand) -> None:
+    inputs = frames()
+    away = torch.tensor([0, 0, 0.25])
+    moved = replace(inputs, depth=inputs.depth + 0.25, keypoints=inputs.keypoints + away)
+    torch.testing.assert_close(
+        network(moved).depth, network(inputs).depth + 0.25 * inputs.mask, atol=2e-5, rtol=0
+    )
+
+
+def test_depth_before_the_camera_only_is_restored() -> None:
+    network = UNetHand(SMALL).eval()
+    torch.nn.init.zeros_(network.head.weight)
+    torch.nn.init.constant_(network.head.bias, -6.0)  # 0.6 m nearer than the hand
+    output = network(frames())
+    assert output.restored.flatten(1).sum(dim=1).tolist() == [0, 80]
+    assert output.depth[0].abs().max() == 0
+    assert output.depth[1].max().item() > 0
+
+
+def test_a_frame_without_a_hand_and_an_odd_size_are_told(network: UNetHand) -> None:
+    inputs = frames()
+    with pytest.raises(ValueError, match="frame 0 of the batch has no hand"):
+        network(replace(inputs, keypoints=torch.zeros(2, 21, 3)))
+    with pytest.raises(ValueError, match="must be even, got 17 x 32"):
+        network(frames(height=17))
+
+
+def test_any_even_size_will_do(network: UNetHand) -> None:
+    assert network(frames(height=22, width=34)).depth.shape == (2, 22, 34)
+
+
+def test_the_configuration_is_checked_and_goes_through_json() -> None:
+    assert UNetHandConfig.from_dict(SMALL.to_dict()) == SMALL
+    with pytest.raises(ValueError, match="levels must be at least 1, got 0"):
+        UNetHandConfig(levels=0)
