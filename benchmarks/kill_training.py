@@ -71,23 +71,35 @@ def written(path: Path) -> int:
     return path.stat().st_mtime_ns if path.is_file() else 0
 
 
-def kill_once(line: list[str], folder: Path, seconds: float | None, saves: int) -> bool:
-    """Start a training, and kill it after some time or while it saves; False if it had ended."""
+def kill_once(line: list[str], folder: Path, epochs: int, wait: float, watched: str) -> bool:
+    """Start a training, let it go so many epochs, and kill it.
+
+    Args:
+        line: The training's command.
+        folder: Its folder.
+        epochs: So many more epochs are let through.
+        wait: Then so many seconds.
+        watched: Or until this checkpoint is being written; "" takes the seconds.
+
+    Returns:
+        Whether it was still running.
+    """
     process = subprocess.Popen(
         line, start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
     )
-    watched = (LAST, BEST)[saves % 2]
     try:
-        before = written(folder / LAST)
+        for _ in range(epochs):
+            before = written(folder / LAST)
+            while process.poll() is None and written(folder / LAST) == before:
+                time.sleep(0.0005)
+        before, started = written(folder / LAST), time.perf_counter()
         stale = set(folder.glob(".*"))
-        started = time.perf_counter()
         while process.poll() is None:
-            if seconds is not None:
-                if time.perf_counter() - started > seconds:
-                    break
-            elif set(folder.glob(f".{watched}.*")) - stale:
+            if not watched and time.perf_counter() - started > wait:
                 break
-            elif watched == BEST and written(folder / LAST) > before:
+            if watched and set(folder.glob(f".{watched}.*")) - stale:
+                break
+            if watched == BEST and written(folder / LAST) > before:
                 break  # the new last checkpoint is there, the best one perhaps not yet
             time.sleep(0.0005)
         running = process.poll() is None
@@ -126,7 +138,7 @@ def compare(one: Path, two: Path) -> dict[str, bool]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--kills", type=int, default=10)
-    parser.add_argument("--epochs", type=int, default=12)
+    parser.add_argument("--epochs", type=int, default=16)
     parser.add_argument("--objects", nargs="+", default=["0000"])
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--json", type=Path)
@@ -142,13 +154,16 @@ def main() -> None:
         an_epoch = float(np.mean([r["seconds"] for r in record(straight / LAST)["history"]]))
         start = whole - args.epochs * an_epoch
         print(f"uninterrupted: {whole:.0f} s, an epoch {an_epoch:.1f} s", flush=True)
-        line, kills = command(killed, options, resume=True), []
+        line, kills, done = command(killed, options, resume=True), [], 0
         for number in range(args.kills):
-            while_saving = number % 2 == 1
-            seconds = None if while_saving else start + float(rng.uniform(0, 2 * an_epoch))
-            running = kill_once(line, killed, seconds, number // 2)
+            most = max((args.epochs - 2 - done) // (args.kills - number), 0)
+            epochs = int(rng.integers(0, most + 1))
+            wait = float(rng.uniform(0, an_epoch if epochs else start + an_epoch))
+            watched = ("", LAST, "", BEST)[number % 4]
+            running = kill_once(line, killed, epochs, wait, watched)
             found = look(killed) if killed.is_dir() else {"epochs": 0}
-            kills.append({"running": running, "while_saving": while_saving, **found})
+            done = found["epochs"]
+            kills.append({"running": running, "while_saving": watched or False, **found})
             print(f"kill {number + 1}: {kills[-1]}", flush=True)
         subprocess.run(line, **quiet)
         same = compare(straight, killed)

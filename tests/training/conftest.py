@@ -37,10 +37,10 @@ def micro() -> Preset:
     return MICRO
 
 
-def little_frames() -> FrameTensors:
-    """Six frames, each with its distance of hand and glass, and noise for colour."""
-    generator = torch.Generator().manual_seed(0)
-    count, height, width = 6, 24, 32
+def little_frames(count: int = 6, seed: int = 0) -> FrameTensors:
+    """Frames, each with its distance of hand and glass, and noise for colour."""
+    generator = torch.Generator().manual_seed(seed)
+    height, width = 24, 32
     near = torch.linspace(0.45, 0.7, count)
     depth = torch.full((count, height, width), 1.1)
     mask = torch.zeros(count, height, width, dtype=torch.bool)
@@ -57,6 +57,12 @@ def little_frames() -> FrameTensors:
     inputs = HADRInput(color, depth * ~mask, mask, intrinsics, keypoints, uv)
     stems = tuple(f"0000/{n:03d}" for n in range(count))
     return FrameTensors(inputs, depth, hand, mask, keypoints, stems)
+
+
+@pytest.fixture(scope="session")
+def make_frames() -> Callable[..., FrameTensors]:
+    """Builds little frames: (count, seed)."""
+    return little_frames
 
 
 @pytest.fixture(scope="session")
