@@ -1,0 +1,217 @@
+"""Hand keypoints as the paper's real system finds them: MediaPipe's landmarks, lifted by depth.
+
+The paper's authors found the regression from depth to suffer from occlusion and noise on real
+frames. Their robot takes the 21 landmarks that MediaPipe finds in the colour picture instead: each
+has a pixel and a depth relative to the wrist's, and the camera's depth at the wrist makes them 3D.
+
+MediaPipe is no part of this library: it is the extra "mediapipe", and its model is a file
+(`hand_landmarker.task`) that you fetch yourself and name. Only `MediaPipeHand` needs them; what
+follows on its result (`lift_landmarks`) does not.
+
+Source: paper, "Implementation" of the real-world experiments; MediaPipe, hand landmark detection:
+landmarks have x and y in 0..1 of the picture's width and height, and z relative to the wrist's in
+about the unit of x; world landmarks are metres, relative to the hand's middle. The order of the 21
+is that of `hadr.hand.KEYPOINT_NAMES`.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Literal, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from hadr.camera import BoolArray, FloatArray, Intrinsics
+from hadr.hand import KEYPOINT_NAMES, lift_keypoints, wrist_depth_at
+
+Relative = Literal["world", "image"]
+
+
+class Landmark(Protocol):
+    """A point that MediaPipe found."""
+
+    @property
+    def x(self) -> float | None:
+        """To the right."""
+
+    @property
+    def y(self) -> float | None:
+        """Down."""
+
+    @property
+    def z(self) -> float | None:
+        """Away from the camera."""
+
+
+class LandmarkResult(Protocol):
+    """What MediaPipe's hand landmarker gives for one picture."""
+
+    @property
+    def hand_landmarks(self) -> Sequence[Sequence[Landmark]]:
+        """21 landmarks a hand in the picture's coordinates."""
+
+    @property
+    def hand_world_landmarks(self) -> Sequence[Sequence[Landmark]]:
+        """The same in metres around the hand's middle."""
+
+
+def lift_landmarks(
+    result: LandmarkResult,
+    depth: FloatArray,
+    camera: Intrinsics,
+    hand_mask: BoolArray | None = None,
+    *,
+    relative: Relative = "world",
+) -> npt.NDArray[np.float64]:
+    """Lift the landmarks of the first hand to 3D by the depth at its wrist.
+
+    The camera measures the skin, one or two centimetres in front of the joint; as in the paper no
+    correction is made, so all points lie that much too near.
+
+    Args:
+        result: What MediaPipe found in the colour picture.
+        depth: z-depth in metres, registered to the colour, shape (H, W); 0 or NaN = missing.
+        camera: Intrinsics of both images.
+        hand_mask: Only depth of these pixels counts, shape (H, W); all where it is left out.
+        relative: Where each point's depth relative to the wrist's comes from: "world": its world
+            landmark, metres; "image": its landmark's z, which is in picture widths at the wrist's
+            depth.
+
+    Returns:
+        Camera frame, metres, shape (21, 3).
+
+    Raises:
+        ValueError: No hand was found; it has not 21 landmarks, or one is not finite; the wrist
+            lies outside of the picture or has no depth; or an image is of another size.
+    """
+    if depth.shape != camera.shape:
+        raise ValueError(f"depth must be {camera.shape} as the intrinsics, got {depth.shape}")
+    if hand_mask is not None and hand_mask.shape != camera.shape:
+        raise ValueError(f"hand_mask must be {camera.shape}, got {hand_mask.shape}")
+    if relative not in ("world", "image"):
+        raise ValueError(f"relative must be 'world' or 'image', got {relative!r}")
+    if not result.hand_landmarks:
+        raise ValueError("MediaPipe found no hand in the picture, so there are no keypoints")
+    picture = _coordinates(result.hand_landmarks[0], "landmarks")  # (21, 3)
+    size = np.array([camera.width, camera.height])
+    uv = picture[:, :2] * size - 0.5  # from the picture's edges to pixel centres
+    u, v = uv[0]
+    if not (-0.5 <= u < camera.width - 0.5 and -0.5 <= v < camera.height - 0.5):
+        raise ValueError(
+            f"the wrist lies outside of the picture, at pixel ({u:.0f}, {v:.0f}) of "
+            f"{camera.width} x {camera.height}: its depth can't be measured"
+        )
+    try:
+        wrist = wrist_depth_at(depth, uv[0], hand_mask)
+    except ValueError as error:
+        raise ValueError(f"the wrist has no depth to lift the keypoints by: {error}") from error
+    if relative == "world":
+        if not result.hand_world_landmarks:
+            raise ValueError("the result has no world landmarks; take relative='image'")
+        away = _coordinates(result.hand_world_landmarks[0], "world landmarks")[:, 2]
+    else:
+        away = picture[:, 2] * camera.width / camera.fx * wrist
+    return lift_keypoints(uv, away - away[0], wrist, camera)
+
+
+def _coordinates(landmarks: Sequence[Landmark], name: str) -> npt.NDArray[np.float64]:
+    if len(landmarks) != len(KEYPOINT_NAMES):
+        raise ValueError(f"a hand has {len(KEYPOINT_NAMES)} {name}, got {len(landmarks)}")
+    points = np.array([[p.x, p.y, p.z] for p in landmarks], dtype=float)
+    bad = ~np.isfinite(points).all(axis=1)
+    if bad.any():
+        names = ", ".join(KEYPOINT_NAMES[i] for i in np.flatnonzero(bad))
+        raise ValueError(f"{name} must be finite; not so: {names}")
+    return points
+
+
+class MediaPipeHand:
+    """MediaPipe's hand landmarker, loaded once; use it in a `with` statement.
+
+    Args:
+        model: Its model's file, `hand_landmarker.task`.
+        confidence: From this confidence on a hand counts as found, 0..1.
+
+    Raises:
+        ImportError: MediaPipe is not installed.
+        FileNotFoundError: There is no such file.
+        ValueError: `confidence` is out of its range.
+    """
+
+    def __init__(self, model: str | Path, confidence: float = 0.5) -> None:
+        if not 0 <= confidence <= 1:
+            raise ValueError(f"confidence must be from 0 to 1, got {confidence}")
+        if importlib.util.find_spec("mediapipe") is None:
+            raise ImportError(
+                "hand keypoints from colour need MediaPipe, which is not installed: "
+                "pip install 'hadr[mediapipe]'"
+            )
+        if not Path(model).is_file():
+            raise FileNotFoundError(
+                f"there is no hand landmarker model at {model}; fetch hand_landmarker.task from "
+                "MediaPipe's page on hand landmark detection and give its path"
+            )
+        import mediapipe
+
+        self._mediapipe: Any = mediapipe
+        tasks: Any = mediapipe.tasks
+        self._landmarker: Any = tasks.vision.HandLandmarker.create_from_options(
+            tasks.vision.HandLandmarkerOptions(
+                base_options=tasks.BaseOptions(model_asset_path=str(model)),
+                num_hands=1,
+                min_hand_detection_confidence=confidence,
+            )
+        )
+
+    def find(
+        self,
+        color: npt.NDArray[np.uint8],
+        depth: FloatArray,
+        camera: Intrinsics,
+        hand_mask: BoolArray | None = None,
+        *,
+        relative: Relative = "world",
+    ) -> npt.NDArray[np.float64]:
+        """Find the keypoints of the hand in one frame.
+
+        Args:
+            color: RGB, shape (H, W, 3) uint8.
+            depth: As `lift_landmarks`.
+            camera: As `lift_landmarks`.
+            hand_mask: As `lift_landmarks`.
+            relative: As `lift_landmarks`.
+
+        Returns:
+            Camera frame, metres, shape (21, 3).
+
+        Raises:
+            ValueError: The colour has another form, or as `lift_landmarks`.
+        """
+        if color.shape != (*camera.shape, 3) or color.dtype != np.uint8:
+            raise ValueError(
+                f"color must be {(*camera.shape, 3)} uint8, got {color.shape} {color.dtype}"
+            )
+        image = self._mediapipe.Image(
+            image_format=self._mediapipe.ImageFormat.SRGB, data=np.ascontiguousarray(color)
+        )
+        result = self._landmarker.detect(image)
+        return lift_landmarks(result, depth, camera, hand_mask, relative=relative)
+
+    def close(self) -> None:
+        """Free the landmarker."""
+        self._landmarker.close()
+
+    def __enter__(self) -> MediaPipeHand:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
