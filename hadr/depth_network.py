@@ -14,13 +14,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 from torch import nn
 
-from hadr.camera import BoolArray, FloatArray, Intrinsics, resize_depth, resize_mask
+from hadr.camera import BoolArray, FloatArray, Intrinsics, resize_mask, window_around
 from hadr.confidence_rule import ConfidenceRule
 
 TITLES = {"hadr": "HADR", "hadr-plus": "HADR-plus", "unet-hand": "U-Net with hand"}
@@ -177,13 +176,18 @@ class DepthNetwork:
                 sure = np.zeros_like(found)
             if self.rule is not None:
                 sure = self.rule({k: v[0].numpy() for k, v in signals_of(output).items()})
-        images = np.stack((found, np.clip(sure, 0, 1)))
-        (large, confidence), restored = enlarge_restored(images, known, asked, mask.shape)
-        restored &= mask
+        whole = np.zeros((2, *mask.shape), np.float32)
+        restored = np.zeros_like(mask)
+        if mask.any():
+            window = window_around(mask, 0)
+            images = np.stack((found, np.clip(sure, 0, 1)))
+            large, there = enlarge_restored(images, known, asked, mask.shape, window)
+            restored[window] = there & mask[window]
+            whole[:, *window] = np.where(restored[window], large, 0)
         count = max(int(asked.sum()), 1)
         return NetworkDepth(
-            depth=np.where(restored, large, 0).astype(np.float32),
-            confidence=np.where(restored, confidence, 0).astype(np.float32),
+            depth=whole[0],
+            confidence=whole[1],
             restored=restored,
             no_answer=float((asked & ~answered).sum()) / count,
             out_of_range=float((answered & ~known).sum()) / count,
@@ -212,12 +216,17 @@ def enlarge_known(
     Returns:
         Shape (H, W) float32, a value everywhere.
     """
-    large: NDArray[np.float32] = _enlarge(values[None], known, (shape[0], shape[1]))[0]
+    images, _ = enlarge_restored(values[None], known, known, shape)
+    large: NDArray[np.float32] = images[0]
     return large
 
 
 def enlarge_restored(
-    values: FloatArray, known: BoolArray, asked: BoolArray, shape: tuple[int, ...]
+    values: FloatArray,
+    known: BoolArray,
+    asked: BoolArray,
+    shape: tuple[int, ...],
+    window: tuple[slice, slice] | None = None,
 ) -> tuple[NDArray[np.float32], BoolArray]:
     """Enlarge images, and the answer to the question where they hold something.
 
@@ -229,30 +238,42 @@ def enlarge_restored(
         values: K images, shape (K, h, w).
         known: Pixels that were restored, shape (h, w) bool.
         asked: Pixels that were to be restored, shape (h, w) bool.
-        shape: (H, W) of the result.
+        shape: (H, W) of the whole result.
+        window: Rows and columns of the result that are wanted; all where it is left out.
 
     Returns:
-        The images, shape (K, H, W) float32, zeros where nothing is known at all; and where they
-        hold a restored value, shape (H, W) bool.
+        The images, shape (K, H, W) float32 or the window's, zeros where nothing is known at all;
+        and where they hold a restored value, shape (H, W) bool or the window's.
     """
-    height, width = shape[0], shape[1]
+    rows, columns = window or (slice(0, shape[0]), slice(0, shape[1]))
+    top, bottom, down = _neighbours(shape[0], known.shape[0], rows)
+    left, right, across = _neighbours(shape[1], known.shape[1], columns)
+    size = (len(top), len(left))
     if not known.any():
-        return np.zeros((len(values), height, width), np.float32), np.zeros((height, width), bool)
-    _, (rows, columns) = ndimage.distance_transform_edt(~(asked | known), return_indices=True)
-    restored = resize_mask(known[rows, columns], width, height)
-    return _enlarge(values, known, (height, width)), restored
+        return np.zeros((len(values), *size), np.float32), np.zeros(size, bool)
+
+    stack = np.concatenate((np.where(known, values, 0), known[None])).astype(np.float32)
+    tall = stack[:, top] * (1 - down[:, None]) + stack[:, bottom] * down[:, None]  # (K + 1, H, w)
+    wide = tall[:, :, left] * (1 - across) + tall[:, :, right] * across  # (K + 1, H, W)
+    total, weight = wide[:-1], wide[-1]
+
+    pixel = np.ix_(np.where(down < 0.5, top, bottom), np.where(across < 0.5, left, right))
+    _, near = ndimage.distance_transform_edt(~known, return_indices=True)
+    nearest = stack[:-1, near[0][pixel], near[1][pixel]]
+    _, asker = ndimage.distance_transform_edt(~(asked | known), return_indices=True)
+    restored: BoolArray = known[asker[0][pixel], asker[1][pixel]]
+    images = np.where(weight > 1e-3, total / np.maximum(weight, 1e-3), nearest)
+    return images.astype(np.float32), restored
 
 
-def _enlarge(values: FloatArray, known: BoolArray, shape: tuple[int, int]) -> NDArray[np.float32]:
-    """Enlarge images (K, h, w) with the same known pixels: (K, H, W)."""
-    height, width = shape
-    _, (rows, columns) = ndimage.distance_transform_edt(~known, return_indices=True)
-    weight = cv2.resize(known.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR)
-    between = weight > 1e-3
-    result = np.empty((len(values), height, width), np.float32)
-    for number, image in enumerate(values):
-        complete = np.where(known, image, 0).astype(np.float32)
-        total = cv2.resize(complete, (width, height), interpolation=cv2.INTER_LINEAR)
-        nearest = resize_depth(complete[rows, columns], width, height)
-        result[number] = np.where(between, total / np.maximum(weight, 1e-3), nearest)
-    return result
+def _neighbours(
+    target: int, source: int, wanted: slice
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float32]]:
+    """Between which pixels the pixels of a resized line lie: both indices and the second's weight.
+
+    A new pixel's centre c looks at (c + 0.5) * source / target - 0.5, as in `hadr.camera`.
+    """
+    centre = (np.arange(target)[wanted] + 0.5) * source / target - 0.5
+    first = np.floor(centre).astype(np.int64)
+    part = (centre - first).astype(np.float32)
+    return first.clip(0, source - 1), (first + 1).clip(0, source - 1), part

@@ -30,8 +30,8 @@ units and frames
   and depth must be aligned and of one size; the intrinsics are of that size.
 
 methods
-  auto         the checkpoint's network where it fits the input, else nearest; the
-               output says which one it was and why
+  auto         the checkpoint's network where it fits the input, else nearest;
+               the output says which one it was and why
   hadr         a network of this kind, or an error that says why no checkpoint
   hadr-plus    fits
   unet-hand

@@ -3,6 +3,7 @@
 import time
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 import pytest
 import torch
@@ -10,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch import Tensor, nn
 
-from hadr.camera import Intrinsics
+from hadr.camera import Intrinsics, resize_mask
 from hadr.confidence import Calibration
 from hadr.confidence_rule import ConfidenceRule
 from hadr.depth_network import DepthNetwork, enlarge_known, enlarge_restored, trained_corruption
@@ -160,6 +161,28 @@ def test_enlarged_rims_follow_the_neighbour_in_the_mask() -> None:
     (values,), restored = enlarge_restored(np.ones((1, 5, 5)), ~asked & False, asked, (20, 20))
     assert not restored.any()
     assert (values == 0).all()
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 12), st.integers(1, 50), st.integers(1, 50))
+def test_enlarging_is_the_common_resizing_of_values_and_masks(seed, small, height, width) -> None:
+    """Bilinear as OpenCV's, nearest as the masks'; a window is a part of the whole."""
+    rng = np.random.default_rng(seed)
+    values = rng.random((small, small + 1)).astype(np.float32)
+    all_known = np.ones(values.shape, bool)
+    expected = cv2.resize(values, (width, height), interpolation=cv2.INTER_LINEAR)
+    np.testing.assert_allclose(
+        enlarge_known(values, all_known, (height, width)), expected, atol=1e-5
+    )
+    known = rng.random(values.shape) < 0.5
+    _, restored = enlarge_restored(values[None], known, all_known, (height, width))
+    if known.any():
+        np.testing.assert_array_equal(restored, resize_mask(known, width, height))
+    window = (slice(height // 3, height), slice(0, width // 2 + 1))
+    whole = enlarge_restored(values[None], known, all_known, (height, width))
+    part = enlarge_restored(values[None], known, all_known, (height, width), window)
+    np.testing.assert_array_equal(part[0], whole[0][:, *window])
+    np.testing.assert_array_equal(part[1], whole[1][window])
 
 
 def test_enlarge_known_is_bilinear_inside_and_nearest_outside() -> None:
