@@ -2,9 +2,10 @@
 
 Each system restores at its own resolution; its depth is enlarged between the restored pixels and
 scored against the true depth, which is brought to the common size by the nearest pixel, as the
-published evaluation does (ledger, row 15). A pixel that a system leaves out counts as the depth 0
-that stands in the image; the scores over the restored pixels alone stand beside, with their
-coverage.
+published evaluation does (ledger, row 15). So a pixel that a system leaves out takes a depth from
+the restored ones around it; in a frame without any it counts as the depth 0 that stands in the
+image. The scores over the pixels that the system did restore stand beside, with their share, the
+coverage: a small error there is worth as much as its coverage.
 """
 
 from __future__ import annotations
@@ -15,9 +16,9 @@ from typing import Any
 import numpy as np
 from torch import nn
 
-from hadr.camera import FloatArray
+from hadr.camera import BoolArray, FloatArray
 from hadr.metrics import DepthMetrics, frame_metrics, mean_over_frames, pooled
-from hadr.restoration import enlarge_known
+from hadr.restoration import enlarge_restored
 from hadr.training.batches import FrameTensors
 from hadr.training.evaluation import BASELINES, predict
 
@@ -33,7 +34,8 @@ class Scores:
     Attributes:
         stems: Name of each frame.
         frames: Each frame's metrics; a missing pixel counts as depth 0.
-        restored: Each frame's metrics over the restored pixels alone.
+        restored: Each frame's metrics over the pixels that were restored, not filled; their
+            ``coverage`` is the share of these.
         pooled: Metrics over the pixels of all frames; a missing pixel counts as depth 0.
     """
 
@@ -50,7 +52,7 @@ class Scores:
         return {
             **{name: getattr(mean, name) for name in COLUMNS},
             "rmse_standard_error_m": error,
-            "coverage": mean.coverage,
+            "coverage": alone.coverage,
             "frames": len(self.frames),
             "pooled": {name: getattr(self.pooled, name) for name in COLUMNS},
             "restored": {name: getattr(alone, name) for name in COLUMNS},
@@ -61,13 +63,17 @@ class Scores:
         return {"stems": list(self.stems), "rmse_m": [m.rmse_m for m in self.frames]}
 
 
-def score_depth(depth: FloatArray, truth: FrameTensors) -> Scores:
+def score_depth(
+    depth: FloatArray, truth: FrameTensors, restored: BoolArray | None = None
+) -> Scores:
     """Score depth images at the size of the truth.
 
     Args:
         depth: z-depth in metres, shape (N, H, W); 0 = not restored.
         truth: The frames at the evaluation size; those without a pixel of the object are left
             out.
+        restored: Where the depth is the system's own answer and not filled from around it, shape
+            (N, H, W) bool; wherever there is a depth where it is left out.
 
     Returns:
         The scores.
@@ -76,6 +82,7 @@ def score_depth(depth: FloatArray, truth: FrameTensors) -> Scores:
         ValueError: The shapes differ, or no frame shows an object.
     """
     true, masks = truth.true_depth.numpy(), truth.object_mask.numpy()
+    own = depth if restored is None else np.where(restored, depth, 0)
     if depth.shape != true.shape:
         raise ValueError(f"depth has shape {depth.shape}, the true depth {true.shape}")
     shown = [n for n in range(len(truth)) if (masks[n] & (true[n] > 0)).any()]
@@ -84,7 +91,7 @@ def score_depth(depth: FloatArray, truth: FrameTensors) -> Scores:
     return Scores(
         stems=tuple(truth.stems[n] for n in shown),
         frames=tuple(frame_metrics(depth[n], true[n], masks[n], missing="zero") for n in shown),
-        restored=tuple(frame_metrics(depth[n], true[n], masks[n]) for n in shown),
+        restored=tuple(frame_metrics(own[n], true[n], masks[n]) for n in shown),
         pooled=pooled(((depth[n], true[n], masks[n]) for n in shown), missing="zero"),
     )
 
@@ -110,10 +117,12 @@ def score_network(model: nn.Module, given: FrameTensors, truth: FrameTensors) ->
     depth = np.concatenate([output.depth.cpu().numpy() for output in outputs])
     known = np.concatenate([output.restored.cpu().numpy() for output in outputs]) & (depth > 0)
     large = np.zeros((len(given), *shape), np.float32)
-    for number in range(len(given)):
-        if known[number].any():
-            large[number] = enlarge_known(depth[number], known[number], shape)
-    return score_depth(large, truth)
+    restored = np.zeros((len(given), *shape), bool)
+    for number, asked in enumerate(given.inputs.mask.cpu().numpy()):
+        (large[number],), restored[number] = enlarge_restored(
+            depth[number][None], known[number], asked, shape
+        )
+    return score_depth(large, truth, restored)
 
 
 def score_cheap(truth: FrameTensors, method: str) -> Scores:

@@ -78,6 +78,15 @@ def test_a_network_is_scored_at_the_common_size(truth):
     assert found["delta_105"] > 97
 
 
+def test_what_a_network_leaves_out_is_filled_in_one_number_and_left_out_in_the_other(truth):
+    """Every third row has no answer: two thirds are its own, all of them have a depth."""
+    given = load_frames(open_samples("test")[:3], (224, 126), keep_all=True)
+    found = score_network(Oracle(given, 3), given, truth).columns()
+    assert found["restored"]["rmse_m"] == pytest.approx(0, abs=1e-6)
+    assert 0.6 < found["coverage"] < 0.72
+    assert 0 < found["rmse_m"] < 0.01, "filled from the rows beside it, not 0 metres away"
+
+
 def test_other_frames_are_refused(truth):
     given = load_frames(open_samples("test")[1:3], (128, 72), keep_all=True)
     with pytest.raises(ValueError, match="not those at the evaluation size"):
