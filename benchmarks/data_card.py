@@ -24,6 +24,7 @@ from hadr.data.statistics import FrameStatistics, frame_statistics
 from hadr.data.transhand import SPLITS, TransHand
 from hadr.plotting import COLORS, use_style
 from hadr.synthesis.objects import OBJECTS, UNKNOWN_OBJECTS
+from hadr.synthesis.scene import SKIN_TONE_SHARES
 
 SPLIT_COLORS = {"train": COLORS["hadr"], "val": COLORS["baseline"], "test": COLORS["hand"]}
 
@@ -210,6 +211,70 @@ def statistics_table(found: FrameStatistics) -> str:
     return table(["over all frames", "unit", "least", "10 %", "median", "90 %", "most"], rows)
 
 
+def outside_table(frames: TransHand) -> str:
+    """Raw depth's error on what is not glass, by true distance."""
+    edges = (0.45, 0.6, 0.75, 1.0)
+    found: list[list[np.ndarray]] = [[] for _ in edges[1:]]
+    for frame in frames:
+        for k, errors in enumerate(found):
+            near = (frame.depth >= edges[k]) & (frame.depth < edges[k + 1]) & ~frame.object_mask
+            raw = frame.raw_depth[near]
+            errors.append(np.where(raw > 0, np.abs(raw - frame.depth[near]), np.nan))
+    rows = []
+    for k, errors in enumerate(found):
+        every = np.concatenate(errors)
+        seen = 1000 * every[np.isfinite(every)]
+        middle, most = np.percentile(seen, (50, 90))
+        cells = f"{middle:.2g}", f"{most:.2g}", f"{100 * (seen > 10).mean():.1f}"
+        missing = f"{100 * np.isnan(every).mean():.1f}"
+        rows.append([f"{edges[k]:.2f} to {edges[k + 1]:.2f}", f"{len(every):,}", *cells, missing])
+    head = ["true distance, m", "pixels", "median error, mm", "90 %, mm", "off by over 1 cm, %"]
+    return table([*head, "missing, %"], rows)
+
+
+def flat_share(path: Path, held: np.ndarray) -> float:
+    """Share of the surroundings that is nearly of one brightness, in tiles of 14 pixels.
+
+    A tile counts where grey values deviate by less than 3 of 255.
+    """
+    gray = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE).astype(float)
+    height, width = (size // 14 for size in gray.shape)
+
+    def tiles(image: np.ndarray) -> np.ndarray:
+        cut = image[: 14 * height, : 14 * width].reshape(height, 14, width, 14)
+        return cut.swapaxes(1, 2).reshape(height * width, -1)
+
+    around = ~tiles(held).any(axis=1)
+    return float((tiles(gray).std(axis=1)[around] < 3).mean())
+
+
+def limits_list(frames: TransHand, found: FrameStatistics, logs: list[dict]) -> str:
+    """The limits that are numbers."""
+    light = np.array([log["skin_albedo"] for log in logs]) @ [0.2126, 0.7152, 0.0722]
+    low, middle, high = np.percentile(light, (10, 50, 90))
+    free = 100 * found.visible_share[np.isfinite(found.visible_share)]
+    held = (frame.hand_mask | frame.object_mask for frame in frames)
+    flat = np.array([flat_share(f.color, m) for f, m in zip(frames.files, held, strict=True)])
+    shares = ", ".join(f"{100 * share:.0f}" for share in SKIN_TONE_SHARES)
+    return "\n".join(
+        [
+            f"- Skin tones are six base colours with small variation, not a survey of people, and "
+            f"they are drawn unevenly: {shares} % from light to dark. Light skin is "
+            f"over-represented: {100 * (light > 0.3).mean():.0f} % of the frames show skin that "
+            f"reflects more than 0.3 of the light (luminance of `skin_albedo`), "
+            f"{100 * (light < 0.2).mean():.0f} % less than 0.2; median {middle:.2f}, 10 % "
+            f"{low:.2f}, 90 % {high:.2f}. Results on dark skin rest on few frames.",
+            f"- Views favour glass that is little covered: hand and arm leave a median of "
+            f"{np.median(free):.1f} % of its outline free, and more than 90 % in "
+            f"{100 * (free > 90).mean():.0f} % of the frames, unlike in TransHand-14K's published "
+            f"pictures, where hands cover more of it.",
+            f"- Large flat fields: in {100 * (flat > 0.25).mean():.0f} % of the pictures more than "
+            f"a quarter of the surroundings is nearly of one brightness (tiles of 14 pixels whose "
+            f"grey values deviate by less than 3 of 255).",
+        ]
+    )
+
+
 def experiment_table(root: Path) -> str:
     parts = open_known_unknown(root)
     rows = []
@@ -264,6 +329,8 @@ def main() -> None:
         "holds": holds_table(frames, logs),
         "experiment": experiment_table(root / "frames"),
         "statistics": statistics_table(found),
+        "outside": outside_table(frames),
+        "limits": limits_list(frames, found, logs),
         "made": made_table(root),
     }.items():
         text = fill(text, name, content)

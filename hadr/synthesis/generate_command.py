@@ -46,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--recordings", metavar="DIR", help="recorded holds as CSV (holds are made from the seed)")
     add("--backgrounds", metavar="DIR", help="photographs for the surroundings (textures)")
     add("--workers", type=int, metavar="K", help="processes (one per core; 1 without Dask)")
-    add("--scheduler", metavar="ADDRESS", help="a Dask cluster, e.g. tcp://host:8786")
+    add("--scheduler", metavar="ADDRESS", help="a Dask cluster instead, e.g. tcp://host:8786")
     add("--seed", type=int, help="seed of everything (0)")
     add("--width", type=int, help="image width in pixels (448)")
     add("--height", type=int, help="image height in pixels (252)")

@@ -25,6 +25,8 @@ from hadr.synthesis.surroundings import make_surroundings
 
 Array = npt.NDArray[np.float64]
 
+#: How often each of the skin tones is drawn, light to dark.
+SKIN_TONE_SHARES = (0.30, 0.27, 0.17, 0.12, 0.08, 0.06)
 #: Least and greatest distance of the camera from what is held, metres.
 CLOSEST, FARTHEST = 0.51, 0.96
 
@@ -188,7 +190,7 @@ def make_scene(
     camera = TRANSHAND_CAMERA.resized(width, height)
     world_from_object, world_from_wrist = _place_hold(hold, rng)
     skeleton = forward_kinematics(hold.angles, hold.shape)
-    tone = np.asarray(SKIN_TONES[int(rng.choice(6, p=(0.30, 0.27, 0.17, 0.12, 0.08, 0.06)))])
+    tone = np.asarray(SKIN_TONES[int(rng.choice(6, p=SKIN_TONE_SHARES))])
     skin = hand_mesh(
         skeleton, hold.shape, tone=tone * (1 + 0.05 * rng.normal(size=3)), step=hand_step
     )
