@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,8 +24,10 @@ from hadr.camera import FloatArray
 from hadr.confidence import learned_range, reliability, sparsification
 from hadr.confidence_rule import ConfidenceRule, Option, fit_confidence, ordering
 from hadr.models.signals import signals_of, within_learned
+from hadr.provenance import provenance
+from hadr.result_file import write_result_file
 from hadr.training.batches import CORRUPTIONS, FrameTensors, load_frames
-from hadr.training.checkpoints import load_checkpoint, update_record
+from hadr.training.checkpoints import kind_of, load_checkpoint, update_record
 from hadr.training.evaluation import predict
 
 RANGE_FRAMES = 600
@@ -86,34 +89,57 @@ def restored_pixels(
     )
 
 
-def measure_confidence(rule: ConfidenceRule, pixels: RestoredPixels) -> dict[str, float]:
+def measure_confidence(
+    rule: ConfidenceRule, pixels: RestoredPixels, *, draws: int = 200
+) -> dict[str, Any]:
     """Measure how honest a confidence is on some frames, and what it knows.
 
     Args:
         rule: The confidence.
         pixels: Pixels of other frames than those it was fitted on.
+        draws: Bootstrap draws of whole frames, for the standard errors.
 
     Returns:
-        Numbers by name; RMSE in metres of all pixels and of those that remain when a tenth is
-        dropped: the least sure, the worst (oracle); and its mean over all shares dropped.
+        Numbers by name: lengths in metres; RMSE of all pixels and of those that remain when a
+        tenth is dropped (the least sure, or the worst: the oracle), their means over all shares
+        dropped, and the curves themselves.
     """
     sure = rule(pixels.signals)
     right = np.abs(pixels.error_m) < rule.calibration.tolerance_m
     order = ordering(sure, rule.score(pixels.signals))
-    curve = sparsification(order, pixels.error_m)
+    curve, bins = sparsification(order, pixels.error_m), reliability(sure, right)
     tenth = int(np.flatnonzero(np.isclose(curve.dropped, 0.1))[0])
+
+    rng = np.random.default_rng(0)
+    frames, place = np.unique(pixels.frame, return_inverse=True)
+    rows = [np.flatnonzero(place == number) for number in range(len(frames))]
+    gains, gaps = [], []
+    for _ in range(draws):
+        drawn = np.concatenate([rows[n] for n in rng.integers(len(frames), size=len(frames))])
+        again = sparsification(order[drawn], pixels.error_m[drawn], (0.0, 0.1))
+        gains.append(again.rmse_m[0] - again.rmse_m[1])
+        gaps.append(reliability(sure[drawn], right[drawn]).expected_error)
     return {
-        "frames": len(np.unique(pixels.frame)),
+        "frames": len(frames),
         "pixels": len(pixels.error_m),
         "coverage": pixels.coverage,
         "share_right": float(right.mean()),
         "mean_confidence": float(sure.mean()),
-        "expected_calibration_error": reliability(sure, right).expected_error,
+        "expected_calibration_error": bins.expected_error,
+        "expected_calibration_error_standard_error": float(np.std(gaps)),
         "rmse_m": curve.random_rmse_m,
         "rmse_at_90_m": float(curve.rmse_m[tenth]),
+        "gain_at_90_m": curve.random_rmse_m - float(curve.rmse_m[tenth]),
+        "gain_at_90_standard_error_m": float(np.std(gains)),
         "oracle_rmse_at_90_m": float(curve.oracle_rmse_m[tenth]),
         "mean_rmse_m": float(curve.rmse_m.mean()),
         "oracle_mean_rmse_m": float(curve.oracle_rmse_m.mean()),
+        "reliability": {"said": bins.said, "true": bins.true, "count": bins.count},
+        "sparsification": {
+            "dropped": curve.dropped,
+            "rmse_m": curve.rmse_m,
+            "oracle_rmse_m": curve.oracle_rmse_m,
+        },
     }
 
 
@@ -162,6 +188,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--objects", nargs="+", metavar="ID", help="these objects only")
     parser.add_argument("--corruption", default="oracle", choices=tuple(CORRUPTIONS))
     parser.add_argument("--seed", type=int, default=0, help="seed of the analytic corruption")
+    parser.add_argument("--out", metavar="FILE", help="write what was measured as JSON")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -179,14 +206,26 @@ def run(args: argparse.Namespace) -> int:
     near, far = additions["learned_range"]["depth_m"]
     print(f"learned range  {near:.3f} to {far:.3f} m")
     print(f"signals        {', '.join(rule.signals)}")
-    for title, frames in (("val", validation), ("test", test)):
+    rows = []
+    for split, frames in (("val", validation), ("test", test)):
         found = measure_confidence(rule, restored_pixels(model, frames, (near, far)))
+        rows.append({"split": split, "network": kind_of(model), **found})
         print(
-            f"{title:<14} {found['frames']} frames, {100 * found['coverage']:.1f} % restored, RMSE "
+            f"{split:<14} {found['frames']} frames, {100 * found['coverage']:.1f} % restored, RMSE "
             f"{found['rmse_m']:.4f} m; without the least sure tenth {found['rmse_at_90_m']:.4f} m "
             f"(oracle {found['oracle_rmse_at_90_m']:.4f}); calibration error "
             f"{found['expected_calibration_error']:.3f}"
         )
+    if args.out:
+        what = (
+            f"Confidence of {Path(args.checkpoint).name}, fitted on the frames of split val and "
+            "measured on those and on split test: pixels of the object that were restored, at "
+            f"{size[0]}x{size[1]}. 'Right' is an error below {rule.calibration.tolerance_m} m. "
+            "Standard errors are those of a bootstrap over frames."
+        )
+        choices = [{"split": "val", **choice} for choice in additions["confidence"]["choices"]]
+        origin = {**provenance(), "choices_by_cross_validation": choices}
+        write_result_file(args.out, what, rows, origin)
     return 0
 
 
