@@ -25,6 +25,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "make a data set of hand-held glass in TransHand's form",
     ),
     "train": ("hadr.training.train_command", "train a network on a data set"),
+    "calibrate": ("hadr.training.calibrate", "teach a checkpoint what its confidence means"),
     "evaluate": ("hadr.training.evaluation", "score a network beside methods that learn nothing"),
 }
 

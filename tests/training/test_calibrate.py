@@ -10,6 +10,7 @@ from safetensors.torch import load_file
 from hadr.confidence_rule import ConfidenceRule
 from hadr.data.samples import samples_dir
 from hadr.models.hadr import HADR
+from hadr.result_file import read_result_file
 from hadr.training import calibrate as subject
 from hadr.training.calibrate import calibrate, measure_confidence, restored_pixels
 from hadr.training.checkpoints import load_checkpoint, save_checkpoint
@@ -68,6 +69,7 @@ def test_the_command_adds_to_the_record_and_leaves_the_weights(micro, tmp_path, 
     parser = argparse.ArgumentParser()
     subject.add_arguments(parser)
     line = [str(path), str(samples_dir() / "frames"), "--objects", "0006"]
+    line += ["--out", str(tmp_path / "measured.json")]
     assert subject.run(parser.parse_args(line)) == 0
     after = {name: (t.dtype, t.numpy().tobytes()) for name, t in load_file(path).items()}
     assert {n: (d, hashlib.sha256(b).digest()) for n, (d, b) in before.items()} == {
@@ -78,6 +80,11 @@ def test_the_command_adds_to_the_record_and_leaves_the_weights(micro, tmp_path, 
     near, far = record["learned_range"]["depth_m"]
     assert 0.2 < near < 0.6 < far < 1.5
     ConfidenceRule.from_dict(record["confidence"])
+    result = read_result_file(tmp_path / "measured.json")
+    row = result.row(split="test", network="hadr")
+    assert len(row["sparsification"]["rmse_m"]) == 20
+    assert sum(row["reliability"]["count"]) == row["pixels"]
+    assert len(result.provenance["choices_by_cross_validation"]) == 4
     told = capsys.readouterr().out
     assert "learned range" in told
     assert "without the least sure tenth" in told
