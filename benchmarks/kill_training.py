@@ -138,7 +138,7 @@ def compare(one: Path, two: Path) -> dict[str, bool]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--kills", type=int, default=10)
-    parser.add_argument("--epochs", type=int, default=16)
+    parser.add_argument("--epochs", type=int, default=24)
     parser.add_argument("--objects", nargs="+", default=["0000"])
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--json", type=Path)
@@ -157,7 +157,7 @@ def main() -> None:
         line, kills, done = command(killed, options, resume=True), [], 0
         for number in range(args.kills):
             most = max((args.epochs - 2 - done) // (args.kills - number), 0)
-            epochs = int(rng.integers(0, most + 1))
+            epochs = int(rng.integers(0, max(most, 1)))
             wait = float(rng.uniform(0, an_epoch if epochs else start + an_epoch))
             watched = ("", LAST, "", BEST)[number % 4]
             running = kill_once(line, killed, epochs, wait, watched)

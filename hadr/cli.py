@@ -26,7 +26,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     ),
     "train": ("hadr.training.train_command", "train a network on a data set"),
     "calibrate": ("hadr.training.calibrate", "teach a checkpoint what its confidence means"),
-    "evaluate": ("hadr.training.evaluation", "score a network beside methods that learn nothing"),
+    "evaluate": ("hadr.experiments.evaluate_command", "score networks beside simple methods"),
 }
 
 DESCRIPTION = """\

@@ -1,15 +1,13 @@
 """Evaluation: the network and the methods without learning, on the same pixels of the same frames.
 
-All are scored at the network's resolution, on the object's pixels, with `hadr.metrics`. A pixel
+All are scored at the frames' resolution, on the object's pixels, with `hadr.metrics`. A pixel
 without a predicted depth is scored as the depth 0 that stands in the image, so that no method
 gains by leaving out what is difficult.
 """
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,11 +15,10 @@ import torch
 from torch import nn
 
 from hadr.camera import BoolArray, FloatArray
-from hadr.metrics import DepthMetrics, format_table, frame_metrics, mean_over_frames
+from hadr.metrics import DepthMetrics, frame_metrics, mean_over_frames
 from hadr.models.baselines import classical
 from hadr.models.hadr import HADROutput
-from hadr.provenance import provenance, write_json
-from hadr.training.batches import CORRUPTIONS, FrameTensors, load_frames
+from hadr.training.batches import FrameTensors
 
 Restorer = Callable[[FrameTensors, int], FloatArray]
 """From the frames and a frame's number to restored z-depth in metres, shape (H, W)."""
@@ -189,45 +186,3 @@ def comparison(
 def _standard_error(values: FloatArray) -> float:
     """Standard error of the mean; NaN for a single value."""
     return float(values.std(ddof=1) / len(values) ** 0.5) if len(values) > 1 else float("nan")
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of `hadr evaluate`."""
-    parser.add_argument("checkpoint", help="a .safetensors file that `hadr train` wrote")
-    parser.add_argument("data", nargs="+", help="folders in TransHand's layout; one table each")
-    parser.add_argument("--split", default="test", choices=("train", "val", "test"))
-    parser.add_argument("--titles", nargs="+", help="names of the tables instead of the folders'")
-    parser.add_argument("--corruption", default="oracle", choices=tuple(CORRUPTIONS))
-    parser.add_argument("--seed", type=int, default=0, help="seed of the simulated sensor")
-    parser.add_argument("--out", help="write the tables as JSON with their provenance")
-
-
-def run(args: argparse.Namespace) -> int:
-    """Run `hadr evaluate`."""
-    from hadr.data.transhand import TransHand
-    from hadr.training.checkpoints import load_checkpoint
-
-    titles = args.titles or args.data
-    if len(titles) != len(args.data):
-        raise ValueError(f"{len(args.data)} folders need as many titles, got {len(titles)}")
-    model, meta = load_checkpoint(args.checkpoint)
-    size = int(meta["width"]), int(meta["height"])
-    tables = {}
-    for title, folder in zip(titles, args.data, strict=True):
-        frames = load_frames(TransHand(folder, args.split), size, args.corruption, args.seed)
-        rows = compare(frames, {"hadr": model})
-        tables[title] = comparison(frames, rows)
-        print(f"{title}: split {args.split}, {len(frames)} frames at {size[0]}x{size[1]}\n")
-        print(format_table(averages(rows)) + "\n")
-    if args.out:
-        content = {
-            "what": "Depth of the glass restored from frames with the object's depth erased "
-            f"(corruption: {args.corruption}), true keypoints, scored on the object's pixels at "
-            f"{size[0]}x{size[1]}; a missing prediction counts as depth 0",
-            "checkpoint": Path(args.checkpoint).name,
-            "split": args.split,
-            "tables": tables,
-            "provenance": provenance(),
-        }
-        write_json(Path(args.out), content)
-    return 0

@@ -167,9 +167,9 @@ def train(
         if watch is not None:
             watch(epoch, result)
         if home is not None and first_process:
-            home.save(network, optimizer, average, history, next(iter(scores), None))
-            if validation is not None and early_look(epoch, last):
+            if validation is not None and early_look(epoch, recipe.epochs):
                 _draw(task, result, validation, home.path / "pictures" / f"{epoch + 1:04d}.png")
+            home.save(network, optimizer, average, history, next(iter(scores), None))
         if events is not None:
             for name, value in row.items():
                 events.add_scalar(name, value, epoch)

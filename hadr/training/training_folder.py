@@ -163,6 +163,8 @@ class TrainingFolder:
             for stem in {name, str(Path(name).with_suffix(".json"))}:
                 for left in self.path.glob(f".{stem}.*"):
                     left.unlink(missing_ok=True)
+        for left in self.path.glob("pictures/.*.png.*"):
+            left.unlink(missing_ok=True)
 
     def _check_same(self, earlier: nn.Module, network: nn.Module, meta: Mapping[str, Any]) -> None:
         """Refuse to go on with another network, recipe, seed or other data."""

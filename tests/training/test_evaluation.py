@@ -1,26 +1,19 @@
 from __future__ import annotations
 
-import json
-from argparse import ArgumentParser
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
-from hadr.data.transhand import Frame, write_frame
 from hadr.models.hadr import HADR
 from hadr.training.batches import FrameTensors
 from hadr.training.evaluation import (
-    add_arguments,
     averages,
     compare,
     comparison,
     evaluate,
     predict_depth,
-    run,
     score,
 )
 from hadr.training.presets import Preset
@@ -97,25 +90,3 @@ def test_comparison_states_differences_on_the_same_frames(
     assert against["better_on_frames"] == 2
     assert table["frames"][5]["frame"] == "0000/005"
     assert table["frames"][5]["hadr"] == pytest.approx(0.06, abs=1e-6)
-
-
-def test_the_command_writes_one_table_a_folder(
-    tmp_path: Path, micro: Preset, glass_frame: Callable[[], Frame]
-) -> None:
-    from hadr.training.checkpoints import save_checkpoint
-
-    for folder in ("one", "two"):
-        write_frame(tmp_path / folder, replace(glass_frame(), split="test"))
-    path = tmp_path / "net.safetensors"
-    save_checkpoint(path, HADR(micro.model), {"width": 32, "height": 24})
-    parser = ArgumentParser()
-    add_arguments(parser)
-    data = [str(tmp_path / "one"), str(tmp_path / "two")]
-    out = tmp_path / "table.json"
-    assert run(parser.parse_args([str(path), *data, "--titles", "a", "b", "--out", str(out)])) == 0
-    written = json.loads(out.read_text(encoding="utf-8"))
-    assert list(written["tables"]) == ["a", "b"]
-    assert written["tables"]["b"]["rows"]["hand-median"]["rmse_m"] < 0.02
-    assert written["provenance"]["versions"]["torch"]
-    with pytest.raises(ValueError, match="2 folders need as many titles, got 1"):
-        run(parser.parse_args([str(path), *data, "--titles", "a"]))

@@ -1,0 +1,92 @@
+from __future__ import annotations
+
+import json
+from argparse import ArgumentParser
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hadr.camera import Intrinsics
+from hadr.data.transhand import Frame, write_frame
+from hadr.experiments.evaluate_command import add_arguments, run
+from hadr.models.backbone import BackboneConfig
+from hadr.models.hadr import HADR, HADRConfig
+from hadr.models.segmentation import SegmentationNet
+from hadr.training.checkpoints import save_checkpoint
+from hadr.training.presets import preset
+
+CAMERA = Intrinsics(60.0, 60.0, 31.5, 17.5, 64, 36)
+
+
+def frame(stem: str, hand_off_m: float) -> Frame:
+    """A glass at 0.5 m, and a hand so much farther."""
+    rng = np.random.default_rng(0)
+    depth = np.full(CAMERA.shape, 1.0, np.float32)
+    glass, hand = np.zeros(CAMERA.shape, bool), np.zeros(CAMERA.shape, bool)
+    glass[12:24, 20:40] = True
+    hand[12:24, 8:20] = True
+    depth[glass], depth[hand] = 0.5, 0.5 + hand_off_m
+    keypoints = np.stack([np.full(21, -0.15), np.linspace(-0.04, 0.04, 21)], axis=1)
+    return Frame(
+        stem=stem,
+        object_id="0004",
+        split="test",
+        color=rng.integers(0, 256, (*CAMERA.shape, 3), dtype=np.uint8),
+        depth=depth,
+        hand_mask=hand,
+        object_mask=glass,
+        keypoints=np.column_stack([keypoints, np.full(21, 0.5 + hand_off_m)]),
+        keypoints_uv=np.zeros((21, 2)),
+        camera=CAMERA,
+        world_from_camera=np.eye(4),
+    )
+
+
+def test_networks_stand_beside_methods_that_learn_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # Two folders are joined; the hand's median is 2 cm off in one frame, 4 cm in the other.
+    write_frame(tmp_path / "one", frame("000001", 0.02))
+    write_frame(tmp_path / "two", frame("000002", 0.04))
+    net = HADRConfig(backbone=BackboneConfig(embed_dim=8, depths=(1, 1), heads=(1, 2), window=4))
+    for seed in ("a", "b"):
+        save_checkpoint(
+            tmp_path / seed / "last.safetensors", HADR(net), {"width": 32, "height": 18}
+        )
+    masks = preset("tiny", "segmentation")
+    save_checkpoint(
+        tmp_path / "masks.safetensors",
+        SegmentationNet(masks.model),  # type: ignore[arg-type]
+        {"width": 32, "height": 32},
+    )
+    parser = ArgumentParser()
+    add_arguments(parser)
+    words = [str(tmp_path / name) for name in ("a/last.safetensors", "b/last.safetensors")]
+    words += [str(tmp_path / "masks.safetensors"), "--data", str(tmp_path / "one")]
+    words += [str(tmp_path / "two"), "--out", str(tmp_path / "table.json")]
+    assert run(parser.parse_args(words)) == 0
+    written = json.loads((tmp_path / "table.json").read_text(encoding="utf-8"))
+    cheap = ["raw", "inpainting", "nearest", "hand-median"]
+    assert list(written["rows"]) == [*cheap, "a/last", "b/last"]
+    hand = written["rows"]["hand-median"]
+    assert hand["rmse_m"] == pytest.approx((0.02 + 0.04) / 2, abs=1e-3)
+    assert hand["pooled"]["rmse_m"] == pytest.approx(((0.02**2 + 0.04**2) / 2) ** 0.5, abs=1e-3)
+    assert written["size"] == [224, 126]
+    assert written["per_frame"]["a/last"]["stems"] == ["0004/000001", "0004/000002"]
+    assert written["given"] == {"corruption": "oracle", "masks": "true", "keypoints": "true"}
+    assert written["figures"]["masks"]["network"] == "segmentation"
+    assert len(written["figures"]["masks"]) > 1
+    assert written["provenance"]["versions"]["torch"]
+    assert "mean of the frames' numbers" in capsys.readouterr().out
+
+
+def test_a_split_that_is_nowhere_is_named(tmp_path: Path) -> None:
+    write_frame(tmp_path / "one", replace(frame("000001", 0.02), split="train"))
+    save_checkpoint(tmp_path / "net.safetensors", HADR(HADRConfig()), {"width": 32, "height": 18})
+    parser = ArgumentParser()
+    add_arguments(parser)
+    args = parser.parse_args([str(tmp_path / "net.safetensors"), "--data", str(tmp_path / "one")])
+    with pytest.raises(FileNotFoundError, match="no folder test in"):
+        run(args)
