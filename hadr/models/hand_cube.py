@@ -152,7 +152,7 @@ def hand_center(depth: Tensor, hand: Tensor, held: Tensor, intrinsics: Tensor) -
         z = depth[number, row, column]
         fx, fy, cx, cy = intrinsics[number]
         points = torch.stack(((column - cx) / fx * z, (row - cy) / fy * z, z), dim=1)
-        centers.append(points.median(dim=0).values)
+        centers.append(points.quantile(0.5, dim=0))
     return torch.stack(centers)
 
 

@@ -1,0 +1,104 @@
+"""The U-Net of both helpers, and the segmentation network on top."""
+
+import json
+
+import pytest
+import torch
+
+from hadr.models.resnet import ResNetUNet, UNetConfig, build_resnet
+from hadr.models.segmentation import RESNET_34, SegmentationConfig, SegmentationNet, predict_masks
+
+SMALL = UNetConfig((1, 1, 1, 1), widths=(4, 4, 8, 8), decoder=(8, 8, 8, 8))
+
+
+@pytest.mark.parametrize("size", [(64, 96), (45, 63), (33, 32)])
+def test_any_size_comes_back(size: tuple[int, int]) -> None:
+    model = SegmentationNet(SegmentationConfig(SMALL)).eval()
+    logits = model(torch.rand(2, 3, *size))
+    assert logits.shape == (2, 2, *size)
+    assert torch.isfinite(logits).all()
+
+
+def test_the_paper_s_encoders_are_resnet_18_and_34() -> None:
+    """Parameters of the published networks without their last layer of 513 thousand."""
+    counts = [
+        sum(p.numel() for p in build_resnet(config, 3).parameters())
+        for config in (UNetConfig(), RESNET_34)
+    ]
+    assert counts == [11_689_512 - 513_000, 21_797_672 - 513_000]
+
+
+def test_a_change_of_the_picture_stays_at_its_place() -> None:
+    """Features answer where the picture changed: column 2 j of it is column j of theirs."""
+    torch.manual_seed(0)
+    model = ResNetUNet(SMALL, 1).eval()
+    picture = torch.zeros(1, 1, 64, 96)
+    other = picture.clone()
+    other[0, 0, 20, 70] = 1
+    change = (model(other) - model(picture)).abs().sum(dim=1)[0]
+    row, column = divmod(int(change.argmax()), 48)
+    assert abs(row - 10) <= 2
+    assert abs(column - 35) <= 2
+
+
+def test_pixels_of_a_feature_are_its_2_x_2() -> None:
+    model = SegmentationNet(SegmentationConfig(SMALL, ("object",))).eval()
+    with torch.no_grad():
+        model.head.weight.zero_()
+        model.head.bias.copy_(torch.tensor([1.0, 2.0, 3.0, 4.0]))
+        logits = model(torch.rand(1, 3, 32, 32))
+    assert logits[0, 0, :4, :4].tolist() == [[1, 2, 1, 2], [3, 4, 3, 4]] * 2
+
+
+def test_masks_are_positive_logits_and_bad_colour_is_named() -> None:
+    model = SegmentationNet(SegmentationConfig(SMALL)).eval()
+    color = torch.rand(1, 3, 32, 64)
+    with torch.no_grad():
+        assert torch.equal(predict_masks(model, color), model(color) > 0)
+    with pytest.raises(ValueError, match=r"color must be \(B, 3, H, W\), got \(3, 32, 64\)"):
+        predict_masks(model, color[0])
+    with pytest.raises(ValueError, match=r"color must be in 0\.\.1, got .* to 255"):
+        predict_masks(model, color.clone().fill_(255))
+    color[0, 0, 0, 0] = float("nan")
+    with pytest.raises(ValueError, match=r"color must be in 0\.\.1, got nan"):
+        predict_masks(model, color)
+
+
+def test_configurations_go_through_json_and_say_what_is_wrong() -> None:
+    config = SegmentationConfig(SMALL)
+    assert SegmentationConfig.from_dict(json.loads(json.dumps(config.to_dict()))) == config
+    with pytest.raises(ValueError, match="first class must be 'object', got"):
+        SegmentationConfig(SMALL, ("hand", "object"))
+    with pytest.raises(ValueError, match=r"widths needs 4 positive numbers, got \(8, 8\)"):
+        UNetConfig(widths=(8, 8))
+
+
+def test_published_weights_for_another_number_of_channels(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A grey picture given once is then as good as given in three colours."""
+    from transformers import ResNetBackbone, ResNetConfig
+
+    torch.manual_seed(0)
+    published = ResNetBackbone(
+        ResNetConfig(
+            embedding_size=4, hidden_sizes=[4, 4, 8, 8], depths=[1] * 4, layer_type="basic"
+        )
+    ).eval()
+    monkeypatch.setattr(ResNetBackbone, "from_pretrained", lambda name: published)
+    grey = torch.rand(1, 1, 32, 32)
+    wanted = published.embedder(grey.expand(-1, 3, -1, -1))
+    named = UNetConfig((1, 1, 1, 1), SMALL.widths, SMALL.decoder, pretrained="some/resnet")
+    torch.testing.assert_close(build_resnet(named, 1).eval().embedder(grey), wanted)
+    wide = UNetConfig((1, 1, 1, 1), (8, 8, 8, 8), SMALL.decoder, pretrained="some/resnet")
+    with pytest.raises(ValueError, match="'some/resnet' has depths and widths"):
+        build_resnet(wide, 3)
+
+
+def test_weights_that_cannot_be_fetched_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    from transformers import ResNetBackbone
+
+    def fail(name: str) -> None:
+        raise OSError("no network")
+
+    monkeypatch.setattr(ResNetBackbone, "from_pretrained", fail)
+    with pytest.raises(OSError, match="'microsoft/resnet-18' are not in the local cache"):
+        build_resnet(UNetConfig(pretrained="microsoft/resnet-18"), 3)
