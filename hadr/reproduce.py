@@ -292,7 +292,12 @@ def collect_results(runs: Sequence[ChapterRun], preset: str, seed: int) -> dict[
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Describe ``hadr reproduce`` to a command line parser."""
-    parser.description = "Execute the book's chapters and collect what they measure."
+    from hadr.experiments.command import add_table_arguments
+
+    parser.description = (
+        "Train and score the systems of the tables, then execute the book's chapters and collect "
+        "what they measure. A run that is finished is not repeated; one that was stopped goes on."
+    )
     parser.add_argument(
         "--preset",
         choices=("tiny", "mini", "paper"),
@@ -304,25 +309,36 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--only",
         nargs="+",
         default=[],
-        metavar="NN",
-        help="chapters by number or name, such as `--only 03 04` (default: all)",
+        metavar="WHAT",
+        help="chapters by number or name (`--only 03 04`), runs of the tables (`--only "
+        "known/hadr unknown raw`), or all of either: `chapters`, `tables` (default: both)",
     )
     parser.add_argument(
         "--out", type=Path, required=True, metavar="DIR", help="folder for notebooks and results"
     )
     parser.add_argument(
-        "--dry-run", action="store_true", help="list what would be executed, and stop"
+        "--dry-run", action="store_true", help="say what would be done and how long, and stop"
     )
+    add_table_arguments(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Carry out ``hadr reproduce``.
 
     Returns:
-        0 when all chapters ran, 2 when one failed or a wish fits no chapter.
+        0 when all was done, 2 when a chapter failed or a wish fits nothing.
     """
+    from hadr.experiments.command import is_table_wish, run_tables
+
+    wanted = set(args.only)
+    runs = [wish for wish in args.only if is_table_wish(wish)]
+    chapters = [w for w in args.only if w not in ("tables", "chapters") and w not in runs]
     try:
-        paths = chapter_paths(checkout_root() / "notebooks", args.only)
+        paths = []
+        if not wanted or chapters or "chapters" in wanted:
+            paths = chapter_paths(checkout_root() / "notebooks", chapters)
+        if not wanted or runs or "tables" in wanted:
+            run_tables(args, runs)
     except (ValueError, FileNotFoundError) as error:
         print(f"hadr reproduce: {error}", file=sys.stderr)
         return 2
@@ -330,13 +346,15 @@ def run(args: argparse.Namespace) -> int:
         print(f"preset {args.preset}, seed {args.seed}; results go to {args.out}")
         print("\n".join(path.stem for path in paths))
         return 0
+    if not paths:
+        return 0
     try:
-        runs = run_notebooks(paths, args.out, preset=args.preset, seed=args.seed)
+        executed = run_notebooks(paths, args.out, preset=args.preset, seed=args.seed)
     except ChapterError as error:
         print(error, file=sys.stderr)
         return 2
-    write_json(args.out / "results.json", collect_results(runs, args.preset, args.seed))
-    print(f"\n{run_time_table(runs)}\n\nresults: {args.out / 'results.json'}")
+    write_json(args.out / "results.json", collect_results(executed, args.preset, args.seed))
+    print(f"\n{run_time_table(executed)}\n\nresults: {args.out / 'results.json'}")
     return 0
 
 

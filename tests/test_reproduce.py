@@ -97,8 +97,35 @@ def test_command_line_returns_2_and_prints_the_failure(folder, tmp_path, monkeyp
 def test_dry_run_executes_nothing(tmp_path, capsys):
     out = tmp_path / "out"
     assert reproduce.main(["--dry-run", "--out", str(out)]) == 0
-    assert "preset tiny, seed 0" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "preset tiny, seed 0" in said
+    assert "known/hadr-plus/seed-0" in said
+    assert "07_metrics" in said
     assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("wishes", "said", "unsaid"),
+    [
+        (["known/hadr"], ["known/hadr/seed-0", "hadr.json"], ["known/hadr-plus", "07_metrics"]),
+        (["tables"], ["unknown/raw/seed-0", "known/hadr-long/seed-0"], ["07_metrics"]),
+        (["chapters"], ["07_metrics"], ["known/"]),
+        (["3", "raw"], ["03_ray", "known/raw", "unknown/raw"], ["07_metrics", "nearest"]),
+    ],
+)
+def test_only_chooses_chapters_and_runs(tmp_path, capsys, wishes, said, unsaid):
+    assert reproduce.main(["--dry-run", "--only", *wishes, "--out", str(tmp_path / "out")]) == 0
+    found = capsys.readouterr().out
+    assert [text for text in said if text not in found] == []
+    assert [text for text in unsaid if text in found] == []
+
+
+def test_tables_of_a_large_preset_need_data(tmp_path, capsys):
+    words = ["--dry-run", "--preset", "mini", "--only", "tables", "--out", str(tmp_path / "out")]
+    assert reproduce.main(words) == 2
+    assert "hadr generate --preset mini --out DIR" in capsys.readouterr().err
+    assert reproduce.main([*words, "--data", str(tmp_path / "nowhere")]) == 2
+    assert "there is no data folder" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
