@@ -26,11 +26,17 @@ MINI = Preset(
         ),
         max_points=2500,
     ),
-    epochs=40,
-    drop_epoch=30,
+    epochs=16,
+    schedule="cosine",
+    drop_epoch=12,
+    warmup_epochs=0.5,
+    clip_norm=100.0,
     batch_size=8,
+    true_voxel_epochs=2,
+    ray_stride=2,
+    mirror=0.5,
 )
-"""A small Swin Transformer at 128x72: about half an hour for 800 frames on two CPU cores."""
+"""A small Swin Transformer at 128x72: about 20 minutes for 3,100 frames on two CPU cores."""
 
 TINY = Preset(
     name="tiny",
