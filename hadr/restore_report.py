@@ -60,16 +60,17 @@ def comparison_figure(
         figure: Figure = Figure(figsize=(11, height), dpi=130)
         (top_left, top_right), (left, right) = figure.subplots(2, 2)
         plotting.show_color(top_left, color, "colour, and the pixels to restore")
-        shown = result.depth[valid_depth(result.depth)]
+        there = valid_depth(result.depth)
+        inside = there & target
+        shown = result.depth[inside if inside.any() else there]
         low, high = (float(x) for x in np.percentile(shown, (1, 99)))
+        if inside.any():  # the object's depths shall be told apart, not those of a wall far behind
+            low, high = low - 0.1, high + 0.3
         for ax, image, title in (
             (left, depth, "depth as measured"),
             (right, result.depth, "depth restored"),
         ):
             plotting.show_depth(ax, image, title, vmin=low, vmax=high, colorbar=ax is right)
-        if target.any():
-            for ax in (top_left, left, right):
-                ax.contour(target, [0.5], colors=[plotting.COLORS["hand"]], linewidths=0.9)
         known = target & valid_depth(result.depth)
         if truth is not None and (known & valid_depth(truth)).any():
             error = np.where(known & valid_depth(truth), result.depth - truth, np.nan)
@@ -77,12 +78,17 @@ def comparison_figure(
             limit = next((x for x in (0.02, 0.05, 0.1, 0.2) if largest <= x), 0.5)
             plotting.show_error(top_right, error, "restored minus true depth", limit=limit)
         else:
-            kind = confidence_means(result)
-            image = top_right.imshow(result.confidence, cmap="cividis", vmin=0, vmax=1)
-            top_right.set(title=f"confidence: {kind}", xticks=[], yticks=[])
+            shades = np.ma.masked_where(~there, result.confidence)  # the axes' own grey shows
+            image = top_right.imshow(shades, cmap="cividis", vmin=0, vmax=1)
+            title = f"confidence; in the outline: {confidence_means(result)}"
+            top_right.set(title=title, xticks=[], yticks=[], facecolor="#d9d9d9")
             top_right.title.set_fontsize(10)
+            top_right.spines[:].set_visible(False)
             bar = figure.colorbar(image, ax=top_right, shrink=0.75, pad=0.02)
             bar.set_label("confidence")
+        if target.any():
+            for ax in (top_left, top_right, left, right):
+                ax.contour(target, [0.5], colors=[plotting.COLORS["hand"]], linewidths=0.9)
         title = f"hadr restore: {METHOD_TITLES[result.method]}"
         figure.suptitle(title, fontsize=14, fontweight="bold")
     return figure
