@@ -1,0 +1,97 @@
+"""How the benchmarks here measure: interleaved repetitions, CPU time, peak memory.
+
+Several functions are timed in turns, so that whatever else the machine does falls on all of them
+alike; what counts is the ratio of two numbers of one run. Two times are taken: the wall's, and the
+processor's (`time.process_time`, all threads together), which another program disturbs less.
+"""
+
+from __future__ import annotations
+
+import json
+import resource
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import torch
+from torch.profiler import ProfilerActivity, profile
+
+
+def interleaved(
+    functions: Mapping[str, Callable[[], Any]], repetitions: int, seconds: float = 60.0
+) -> dict[str, dict[str, float]]:
+    """Time functions in turns, after one warm-up each.
+
+    Args:
+        functions: By name.
+        repetitions: Most turns.
+        seconds: No turn begins after this time, but there are at least five.
+
+    Returns:
+        Per function minimum and median of both times, in milliseconds, and the number of turns.
+    """
+    for function in functions.values():
+        function()
+    wall: dict[str, list[float]] = {name: [] for name in functions}
+    cpu: dict[str, list[float]] = {name: [] for name in functions}
+    began = time.perf_counter()
+    turns = 0
+    while turns < repetitions and (turns < 5 or time.perf_counter() - began < seconds):
+        for name, function in functions.items():
+            start, used = time.perf_counter(), time.process_time()
+            function()
+            cpu[name].append(1e3 * (time.process_time() - used))
+            wall[name].append(1e3 * (time.perf_counter() - start))
+        turns += 1
+    return {
+        name: {
+            "wall_min_ms": min(wall[name]),
+            "wall_median_ms": median(wall[name]),
+            "cpu_min_ms": min(cpu[name]),
+            "cpu_median_ms": median(cpu[name]),
+            "turns": turns,
+        }
+        for name in functions
+    }
+
+
+def peak_tensor_bytes(function: Callable[[], Any]) -> int:
+    """Most bytes that torch's tensors held at once during a call, beyond those before it."""
+    with profile(activities=[ProfilerActivity.CPU], profile_memory=True) as record:
+        function()
+    events = [e for e in record.events() if e.name == "[memory]"]
+    held = peak = 0
+    for event in sorted(events, key=lambda e: e.time_range.start):
+        held += event.cpu_memory_usage
+        peak = max(peak, held)
+    return peak
+
+
+def peak_rss_bytes() -> int:
+    """Most memory that this process has used so far."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+
+
+def in_a_process(script: str | Path, *arguments: str) -> dict[str, Any]:
+    """Run a script in a process of its own and read the JSON of its last line."""
+    answer = subprocess.run(
+        [sys.executable, "-W", "ignore", str(script), *arguments],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if answer.returncode:
+        raise RuntimeError(f"{script} {' '.join(arguments)} failed:\n{answer.stderr[-2000:]}")
+    content: dict[str, Any] = json.loads(answer.stdout.strip().splitlines()[-1])
+    return content
+
+
+def growth(sizes: list[int], values: list[float]) -> float:
+    """Exponent p of values ~ sizes^p, by least squares of the logarithms: 1 is linear."""
+    x, y = torch.tensor(sizes).double().log(), torch.tensor(values).double().log()
+    x, y = x - x.mean(), y - y.mean()
+    return float((x * y).sum() / x.square().sum())

@@ -1,0 +1,149 @@
+"""Time and memory of ray-voxel pairing against trying every ray with every voxel.
+
+    python benchmarks/pairing.py [--json results/speed/pairing.json]
+
+Two series: more rays in one frame, and more frames (1, 8, 32) with a mask's usual number of rays.
+The rays and the voxels are those of the committed sample frames at 224x224, repeated.
+"""
+
+from __future__ import annotations
+
+import argparse
+import functools
+import json
+from pathlib import Path
+from typing import Any
+
+import torch
+from measuring import growth, in_a_process, interleaved, peak_rss_bytes, peak_tensor_bytes
+from torch import Tensor
+from torch.nn import functional
+
+from hadr.data.samples import open_samples
+from hadr.dense_pairing import dense_ray_voxel_pairs
+from hadr.models.hadr_input import masked_rays, ray_points
+from hadr.provenance import machine_text, provenance, write_json
+from hadr.ray_voxels import (
+    OccupiedVoxels,
+    VoxelGrid,
+    occupied_voxels,
+    ray_voxel_pairs,
+    select_points,
+)
+from hadr.training.batches import FrameTensors, load_frames
+
+METHODS = {"walk": ray_voxel_pairs, "dense": dense_ray_voxel_pairs}
+RAYS = (500, 1000, 2000, 4000, 8000, 16000, 32000)
+BATCHES = (1, 8, 32)
+MOST_DENSE = 3_000_000_000
+"""Bytes: larger dense formulations are left out, and said to be."""
+Case = tuple[Tensor, Tensor, OccupiedVoxels, VoxelGrid]
+
+
+@functools.cache
+def sample_frames() -> FrameTensors:
+    """Eight validation frames at 224x224."""
+    return load_frames([f for n, f in enumerate(open_samples("val")) if n % 12 == 0], (224, 224))
+
+
+def case(batch: int, rays_per_frame: int | None, cells: int = 8) -> Case:
+    """Rays, their frames, voxels and grid."""
+    grid = VoxelGrid(cells=cells)
+    frames = sample_frames()
+    inputs = frames.take([number % len(frames) for number in range(batch)]).inputs
+    pixels = select_points(inputs.depth, 10_000)
+    depth = inputs.depth[pixels[:, 0], pixels[:, 1], pixels[:, 2]]
+    points = ray_points(pixels, depth, inputs.intrinsics)
+    occupied = occupied_voxels(points, pixels[:, 0], grid, batch)
+    rays = masked_rays(inputs.mask if rays_per_frame is None else torch.ones_like(inputs.mask))
+    if rays_per_frame is not None:
+        rays = rays[torch.arange(rays_per_frame) * len(rays) // rays_per_frame]
+    directions = ray_points(rays, torch.ones(len(rays)), inputs.intrinsics)
+    return functional.normalize(directions, dim=1), rays[:, 0].contiguous(), occupied, grid
+
+
+def measure(name: str, batch: int) -> dict[str, Any]:
+    """Resident memory that one method adds to this process."""
+    one = case(batch, None)
+    METHODS[name](one[0][:8], one[1][:8], *one[2:])  # what loads with the first call
+    before = peak_rss_bytes()
+    METHODS[name](*one)
+    return {"rss_bytes": peak_rss_bytes() - before}
+
+
+def row(batch: int, rays: int | None, cells: int, turns: int) -> dict[str, Any]:
+    """Time and memory of both methods on one case."""
+    one = case(batch, rays, cells)
+    n_rays, n_voxels = len(one[0]), len(one[2])
+    names = ["walk"] + ["dense"] * (n_rays * n_voxels * 40 < MOST_DENSE)
+    times = interleaved({n: lambda n=n: METHODS[n](*one) for n in names}, turns, 3.0)
+    pairs = METHODS["walk"](*one)
+    result: dict[str, Any] = {
+        "frames": batch,
+        "cells": cells,
+        "rays": n_rays,
+        "voxels": n_voxels,
+        "pairs": len(pairs),
+    }
+    for name in names:
+        result[name] = dict(times[name])
+        result[name]["tensor_bytes"] = peak_tensor_bytes(lambda n=name: METHODS[n](*one))
+    if "dense" in names:
+        assert torch.equal(METHODS["dense"](*one).voxel, pairs.voxel)
+    return result
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--json", type=Path)
+    parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--turns", type=int, default=30)
+    parser.add_argument("--measure", help=argparse.SUPPRESS)
+    args = parser.parse_args()
+    torch.set_num_threads(args.threads)
+    if args.measure:
+        name, batch = args.measure.split(",")
+        print(json.dumps(measure(name, int(batch))))
+        return
+    by_rays = [row(1, rays, 8, args.turns) for rays in RAYS]
+    by_batch = [row(batch, None, 8, args.turns) for batch in BATCHES]
+    finer = [row(1, None, cells, args.turns) for cells in (8, 16, 32)]
+    resident = {
+        name: in_a_process(__file__, "--measure", f"{name},{BATCHES[-1]}")["rss_bytes"]
+        for name in METHODS
+    }
+    large = [r for r in by_rays if r["rays"] >= 2000]  # below, a call's fixed cost rules
+    exponents = {
+        name: {
+            key: growth([r["rays"] for r in large], [max(r[name][key], 1) for r in large])
+            for key in ("cpu_min_ms", "tensor_bytes")
+        }
+        for name in METHODS
+        if all(name in r for r in large)
+    }
+    content = {
+        "what": "Pairing rays with the voxels they cross: the walk through the grid, and every ray "
+        "tried with every voxel of the batch; memory: most bytes that torch's tensors held at once",
+        "machine": machine_text(),
+        "threads": args.threads,
+        "by_rays": by_rays,
+        "by_batch": by_batch,
+        "by_cells": finer,
+        "growth_with_rays": exponents,
+        "resident_bytes_of_largest_batch": resident,
+        "provenance": provenance(),
+    }
+    for r in by_rays + by_batch + finer:
+        texts = [
+            f"{n} {r[n]['cpu_min_ms']:.2f} ms {r[n]['tensor_bytes'] / 1e6:.1f} MB"
+            for n in METHODS
+            if n in r
+        ]
+        print(f"{r['frames']} frames, {r['rays']} rays, {r['voxels']} voxels: {'; '.join(texts)}")
+    print(exponents)
+    if args.json:
+        write_json(args.json, content)
+
+
+if __name__ == "__main__":
+    main()
