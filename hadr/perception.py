@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hadr.camera import BoolArray, Intrinsics, resize_color, resize_mask, valid_depth
+from hadr.camera import BoolArray, Intrinsics, resize_color, resize_mask
 from hadr.depth_network import DepthNetwork
 from hadr.frame_checks import check_mask_form, checked_depth, checked_hand
 
@@ -242,7 +242,7 @@ class Perception:
             if hand is None:
                 notes.append("no hand with depth was found, so there are no keypoints")
 
-        result = np.where(mask, 0, clean).astype(np.float32)
+        result = np.where(mask, np.float32(0), clean)
         confidence = (result > 0).astype(np.float32)
         restored = np.zeros_like(mask)
         if not mask.any():
@@ -277,7 +277,7 @@ def without(
     """
     if network.corruption == "sensor":
         return depth
-    return np.where(mask | ~valid_depth(depth), 0, depth).astype(np.float32)
+    return np.where(mask, np.float32(0), depth)
 
 
 def _load(path: str | Path, kind: str) -> tuple[Any, tuple[int, int]]:
