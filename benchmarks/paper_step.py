@@ -9,6 +9,7 @@ does not fit into that, the next smaller follows. The frames are bundled ones, s
 
 import argparse
 import json
+import os
 import resource
 import subprocess
 import sys
@@ -69,6 +70,7 @@ def measure(batch_size: int, steps: int) -> dict[str, object]:
         "rays": int(batch.inputs.mask.sum()),
         "seconds": seconds,
         "cpu_seconds": cpu,
+        "load_average": os.getloadavg()[0],
         "peak_mib": peak_mib(),
         "peak_before_the_step_mib": before,
     }

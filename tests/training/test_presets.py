@@ -1,11 +1,18 @@
 from __future__ import annotations
 
 import json
+import math
+from pathlib import Path
+from typing import Any
 
 import pytest
+import torch
 
 from hadr.provenance import plain
-from hadr.training.presets import preset
+from hadr.training.checkpoints import load_checkpoint, save_checkpoint, strip_checkpoint
+from hadr.training.presets import NETWORKS, preset
+from hadr.training.recipe import Preset
+from hadr.training.tasks import task_of
 
 
 def test_paper_preset_has_the_papers_figures() -> None:
@@ -37,3 +44,70 @@ def test_presets_are_known_by_their_names_and_fit_into_json(name: str) -> None:
 def test_an_unknown_preset_names_the_known_ones() -> None:
     with pytest.raises(ValueError, match="one of tiny, mini, paper, got 'huge'"):
         preset("huge")
+
+
+def test_the_paper_changes_nothing_that_is_not_published() -> None:
+    paper = preset("paper")
+    assert (paper.schedule, paper.warmup_epochs, paper.clip_norm) == ("step", 0.0, None)
+    assert (paper.average_decay, paper.mirror, paper.zoom, paper.roll_deg) == (None, 0, 1, 0)
+    assert (paper.ray_stride, paper.augment) == (1, True)
+
+
+def test_rates_of_a_cosine_with_warm_up() -> None:
+    recipe = Preset("test", 8, 8, schedule="cosine", epochs=10, learning_rate=2.0, warmup_epochs=2)
+    assert recipe.rate(0) == 0
+    assert recipe.rate(1) == pytest.approx(0.5 * (1 + math.cos(math.pi / 10)))
+    assert recipe.rate(5) == pytest.approx(1.0)
+    assert recipe.rate(10) == pytest.approx(0)
+    step = Preset("test", 8, 8, epochs=10, drop_epoch=8, learning_rate=2.0)
+    assert [step.rate(7.99), step.rate(8)] == pytest.approx([2.0, 0.2])
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"epochs": 0}, "epochs must be at least 1, got 0"),
+        ({"schedule": "linear"}, "schedule must be 'step' or 'cosine', got 'linear'"),
+        ({"mirror": 1.5}, "mirror must be from 0 to 1, got 1.5"),
+        ({"zoom": 0.5}, "zoom must be from 1 to 4, got 0.5"),
+        ({"clip_norm": 0.0}, "clip_norm must be positive, got 0.0"),
+        ({"warmup_epochs": 200.0}, "warmup_epochs must be from 0 to 100, got 200.0"),
+    ],
+)
+def test_numbers_out_of_range_are_refused(change: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        Preset("test", 8, 8, **change)
+
+
+def test_every_network_has_recipes_that_its_task_builds() -> None:
+    for network in NETWORKS:
+        recipe = preset("tiny", network)
+        task = task_of(recipe)
+        assert (task.network, recipe.network) == (network, network)
+    with pytest.raises(ValueError, match=r"network must be one of hadr, .*, got 'resnet'"):
+        preset("tiny", "resnet")
+    with pytest.raises(ValueError, match=r"network must be one of hadr, .*, got 'resnet'"):
+        task_of(Preset("test", 8, 8, network="resnet"))
+
+
+@pytest.mark.parametrize("network", NETWORKS)
+def test_a_checkpoint_of_every_network_is_read_as_that_network(
+    network: str, tmp_path: Path
+) -> None:
+    torch.manual_seed(0)
+    model = task_of(preset("tiny", network)).build()
+    for module in model.modules():  # so that integers and running statistics are seen to travel
+        if isinstance(module, torch.nn.BatchNorm2d) and module.num_batches_tracked is not None:
+            module.num_batches_tracked.fill_(3_000_001)
+    save_checkpoint(tmp_path / "net.safetensors", model, {"width": 32, "height": 24})
+    again, meta = load_checkpoint(tmp_path / "net.safetensors")
+    assert (type(again), meta["network"]) == (type(model), network)
+    assert again.config == model.config
+    state = again.state_dict()
+    for name, values in model.state_dict().items():
+        assert values.dtype == state[name].dtype
+        assert torch.equal(values, state[name]), name
+    strip_checkpoint(tmp_path / "net.safetensors", tmp_path / "half.safetensors")
+    assert load_checkpoint(tmp_path / "half.safetensors")[1]["network"] == network
+    sizes = [(tmp_path / f"{n}.safetensors").stat().st_size for n in ("half", "net")]
+    assert sizes[0] < 0.7 * sizes[1]
