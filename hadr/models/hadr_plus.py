@@ -11,6 +11,7 @@ them and where exactly, and the hand guides both. What it changes, each by a swi
 * Mask, depth relative to the hand's (`hand_depth`) and the keypoints with their depth
   (`keypoint_maps`) are pictures beside the colour, so that a wide neighbourhood of each ray is
   seen and not a box of 8x8 pixels.
+* Candidates may lie relative to a plane that is guessed from the keypoints alone (`hand_plane`).
 * Each candidate has a scale: together they are a distribution over depth, a mixture of Laplace
   distributions, that the loss fits and the confidence is read from.
 
@@ -29,6 +30,8 @@ from torch.nn import functional
 from hadr.hand import FINGERS
 from hadr.models.hadr_input import HADRInput, float_color, masked_rays
 from hadr.models.hand_crop import HandCrop, hand_crop
+from hadr.models.hand_plane import HandPlane, plane_picture
+from hadr.models.hand_prior import keypoint_maps, relative_depth
 
 GROUPS: tuple[tuple[int, ...], ...] = ((0,), *FINGERS.values())
 """Keypoints that share a map: the wrist, and each finger."""
@@ -55,6 +58,7 @@ class HADRPlusConfig:
         hand_depth: Depth relative to the hand's is seen.
         keypoint_maps: Keypoints with their relative depth are seen.
         color: Colour is seen.
+        hand_plane: Candidates are relative to the plane guessed from the keypoints.
 
     Raises:
         ValueError: A number is out of range.
@@ -69,6 +73,7 @@ class HADRPlusConfig:
     hand_depth: bool = True
     keypoint_maps: bool = True
     color: bool = True
+    hand_plane: bool = False
 
     def __post_init__(self) -> None:
         if self.crop < 32 or self.crop % 32:
@@ -100,6 +105,7 @@ class HADRPlusOutput:
         candidate: z-depth of each candidate in metres, shape (R, M).
         logits: Score of each candidate, shape (R, M).
         log_scale: Logarithm of each candidate's expected absolute error in metres, shape (R, M).
+        plane: z-depth of the plane guessed from the hand, metres, shape (R,); None without it.
     """
 
     depth: Tensor
@@ -109,6 +115,7 @@ class HADRPlusOutput:
     candidate: Tensor
     logits: Tensor
     log_scale: Tensor
+    plane: Tensor | None = None
 
 
 def _layer(channels: int, out: int, stride: int = 1) -> nn.Sequential:
@@ -200,7 +207,9 @@ class HADRPlus(nn.Module):
     def __init__(self, config: HADRPlusConfig | None = None) -> None:
         super().__init__()
         self.config = config = config or HADRPlusConfig()
-        self.unet = CropUNet(self.channels, config.width, config.blocks)
+        self.plane = HandPlane() if config.hand_plane else None
+        channels = self.channels + int(config.hand_plane)
+        self.unet = CropUNet(channels, config.width, config.blocks)
         # Of each candidate: depth, score and scale at every fourth ray, and at each of the 16 rays
         # between them a step in depth and in score.
         count = config.candidates
@@ -223,7 +232,11 @@ class HADRPlus(nn.Module):
             ValueError: A frame has no hand.
         """
         crop, count = self.crop(inputs), self.config.candidates
-        values = self.unet(self.pictures(inputs, crop))  # (B, width, S/4, S/4)
+        seen, plane = self.pictures(inputs, crop), None
+        if self.plane is not None:
+            plane = self.guess(self.plane, inputs, crop)  # (B, S, S)
+            seen = torch.cat((seen, plane.detach().unsqueeze(1) / DEPTH_M), dim=1)
+        values = self.unet(seen)  # (B, width, S/4, S/4)
         coarse = functional.interpolate(
             self.coarse(values), scale_factor=4, mode="bilinear", align_corners=False
         )  # (B, 3 M, S, S)
@@ -232,9 +245,12 @@ class HADRPlus(nn.Module):
 
         rays = masked_rays(inputs.mask)  # (rays, 3)
         relative, logits, scale = crop.look_up(maps, rays).chunk(3, dim=1)  # (rays, M) each
-        candidate = crop.prior.index_select(0, rays[:, 0])[:, None] + DEPTH_M * (
-            relative + self.start
-        )  # (rays, M)
+        base = crop.prior.index_select(0, rays[:, 0])  # (rays,)
+        guessed = None
+        if plane is not None:
+            guessed = base + crop.look_up(plane.unsqueeze(1), rays)[:, 0]  # (rays,)
+            base = guessed.detach()
+        candidate = base[:, None] + DEPTH_M * (relative + self.start)  # (rays, M)
         log_scale = (scale + LOG_SCALE).clamp(*LOG_SCALES)  # (rays, M)
 
         chosen = logits.argmax(dim=1, keepdim=True)  # (rays, 1)
@@ -253,6 +269,7 @@ class HADRPlus(nn.Module):
             candidate=candidate,
             logits=logits,
             log_scale=log_scale,
+            plane=guessed,
         )
 
     def crop(self, inputs: HADRInput) -> HandCrop:
@@ -262,6 +279,16 @@ class HADRPlus(nn.Module):
             return crop
         step = self.config.pixel_m * inputs.intrinsics[:, :2] / 0.7
         return HandCrop(crop.center, step, crop.prior, crop.size)
+
+    def guess(self, network: HandPlane, inputs: HADRInput, crop: HandCrop) -> Tensor:
+        """Draw the plane guessed from the keypoints: relative depth in metres, (B, S, S)."""
+        focal, middle = inputs.intrinsics[:, :2], inputs.intrinsics[:, 2:]
+        pixel = crop.step * crop.prior[:, None] / focal  # metres of a crop pixel, (B, 2)
+        away = (inputs.keypoints_uv - crop.center[:, None]) / focal[:, None]  # (B, 21, 2)
+        height = inputs.keypoints[:, :, 2:] - crop.prior[:, None, None]  # (B, 21, 1)
+        points = torch.cat((away * crop.prior[:, None, None], height), dim=2)  # (B, 21, 3)
+        plane = network(points, (crop.center - middle) / focal)  # (B, 3)
+        return plane_picture(plane, pixel, crop.size)
 
     def pictures(self, inputs: HADRInput, crop: HandCrop) -> Tensor:
         """Make what the U-Net sees: (B, channels, S, S).
@@ -274,24 +301,11 @@ class HADRPlus(nn.Module):
         mask = inputs.mask.unsqueeze(1).to(color.dtype)
         seen = crop.sample(torch.cat((color, mask), dim=1), "bilinear")  # (B, 4, S, S)
         measured = crop.sample((inputs.depth * ~inputs.mask).unsqueeze(1))  # (B, 1, S, S)
-        relative = measured - crop.prior[:, None, None, None]
-        valid = (measured > 0).to(color.dtype)
-        near = valid * (relative.abs() < NEAR_M)
-        depth = torch.cat((relative.clamp(-NEAR_M, NEAR_M) * valid / NEAR_M, near), dim=1)
-
-        pixel = torch.arange(size, device=color.device, dtype=color.dtype)
+        depth = relative_depth(measured[:, 0], crop.prior, NEAR_M)  # (B, 2, S, S)
         frames = torch.arange(len(inputs), device=color.device).repeat_interleave(21)
         at = crop.place(inputs.keypoints_uv.flatten(0, 1), frames).view(-1, 21, 2)
-        across = torch.exp(-((at[:, :, :1] - pixel) ** 2) / 12.5)  # (B, 21, S)
-        along = torch.exp(-((at[:, :, 1:] - pixel) ** 2) / 12.5)  # (B, 21, S)
-        height = (inputs.keypoints[:, :, 2] - crop.prior[:, None]) / 0.1  # (B, 21)
-        blob, blob_depth = [], []
-        for group in map(list, GROUPS):
-            row, column = along[:, group], across[:, group]
-            blob.append(torch.einsum("bki,bkj->bij", row, column))
-            blob_depth.append(torch.einsum("bki,bkj,bk->bij", row, column, height[:, group]))
-        hand = torch.stack((*blob, *blob_depth), dim=1)  # (B, 12, S, S)
-
+        height = (inputs.keypoints[:, :, 2] - crop.prior[:, None]) / DEPTH_M  # (B, 21)
+        hand = keypoint_maps(at, height, (size, size), 2.5, GROUPS)  # (B, 12, S, S)
         middle = (crop.center - inputs.intrinsics[:, 2:]) / inputs.intrinsics[:, :2]  # (B, 2)
         ray = middle[:, :, None, None].expand(-1, -1, size, size)
         return torch.cat(

@@ -20,6 +20,8 @@ DEPTH_WEIGHT = 20.0
 """Weight of a metre of expected depth error beside a nat of likelihood."""
 STEP_WEIGHT = 50.0
 """Weight of a metre of error in the step from a ray to the next: the shape."""
+PLANE_WEIGHT = 20.0
+"""Weight of a metre of error of the plane guessed from the hand."""
 SAME_SURFACE_M = 0.01
 """Neighbouring rays whose true depths differ by less see the same surface."""
 
@@ -71,7 +73,8 @@ def plus_losses(output: HADRPlusOutput, batch: FrameTensors) -> dict[str, Tensor
         "loss"; "likelihood": mean negative logarithm of the true depth's density, nats; "depth":
         mean absolute error in metres that the probabilities let expect; "step": mean absolute
         error in metres of the step from a ray to the next on the same surface; "mae": mean
-        absolute error of the chosen candidates in metres.
+        absolute error of the chosen candidates in metres; "plane", where it is guessed: mean
+        absolute error of the plane in metres.
     """
     frame, row, column = output.rays.unbind(dim=1)
     truth = batch.true_depth[frame, row, column]  # (rays,)
@@ -96,6 +99,9 @@ def plus_losses(output: HADRPlusOutput, batch: FrameTensors) -> dict[str, Tensor
         "mae": mean(chosen).detach(),
     }
     total = terms["likelihood"] + DEPTH_WEIGHT * terms["depth"] + STEP_WEIGHT * terms["step"]
+    if output.plane is not None:
+        terms["plane"] = mean((output.plane - truth).abs())
+        total = total + PLANE_WEIGHT * terms["plane"]
     return {"loss": total, **terms}
 
 

@@ -82,6 +82,27 @@ def test_a_switch_blanks_its_channels_and_no_others(network, batch, switch):
     assert torch.equal(seen[:, rest], blanked[:, rest])
 
 
+def test_the_hands_plane_lies_below_the_candidates_at_its_place_in_metres(batch):
+    torch.manual_seed(0)
+    network = HADRPlus(replace(SMALL, hand_plane=True)).eval()
+    for layer in (network.coarse[1], network.fine[1], network.plane.layers[-1]):
+        torch.nn.init.zeros_(layer.weight)
+        torch.nn.init.zeros_(layer.bias)
+    network.start.zero_()
+    # 3 cm before the hand at the crop's centre, 0.2 m a metre to the right, 0.4 down.
+    network.plane.layers[-1].bias.data = torch.tensor([-1.0, 0.5, 1.0])
+    inputs = batch.inputs
+    output, crop = restored(network, inputs), network.crop(inputs)
+    for frame, row, column in output.rays[::37].tolist():
+        prior, (fx, fy) = crop.prior[frame], inputs.intrinsics[frame, :2]
+        across = (column - crop.center[frame, 0]) / fx * prior
+        down = (row - crop.center[frame, 1]) / fy * prior
+        expected = prior - 0.03 + 0.2 * across + 0.4 * down
+        assert output.depth[frame, row, column].item() == pytest.approx(expected.item(), abs=1e-4)
+    mask = inputs.mask
+    assert torch.allclose(output.plane, output.depth[mask], atol=1e-6)
+
+
 def test_without_metric_crop_all_frames_have_one_scale(batch):
     crop = HADRPlus(replace(SMALL, metric_crop=False)).crop(batch.inputs)
     assert torch.allclose(crop.step, crop.step[:1].expand_as(crop.step))
