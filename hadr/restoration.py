@@ -186,17 +186,7 @@ def _result(
     notes: list[str],
     mask: BoolArray | None = None,
 ) -> Restoration:
-    """Put the result together.
-
-    Args:
-        measured: The camera's depth, shape (H, W), 0 where missing.
-        filled: The result's depth, shape (H, W), 0 where missing.
-        confidence_inside: Confidence of what was restored, shape (H, W).
-        changed: Pixels whose measured depth was replaced or missing, shape (H, W) bool.
-        method: The method.
-        notes: Gets what is still missing.
-        mask: Pixels to restore if they are more than `changed`.
-    """
+    """Put the result together; of `mask` only the pixels `changed` took another depth."""
     depth = filled.astype(np.float32)
     restored = changed & (depth > 0)
     lost = int((changed & ~restored).sum())
