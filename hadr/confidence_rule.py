@@ -24,7 +24,13 @@ from scipy.optimize import minimize
 from scipy.special import expit
 
 from hadr.camera import BoolArray, FloatArray
-from hadr.confidence import TOLERANCE_M, Calibration, fit_calibration, sparsification
+from hadr.confidence import (
+    DROPPED,
+    TOLERANCE_M,
+    Calibration,
+    fit_calibration,
+    sparsification,
+)
 
 Numbers = NDArray[np.float64]
 
@@ -120,7 +126,7 @@ class ConfidenceRule:
 
 @dataclass(frozen=True)
 class Option:
-    """One choice of signals, measured on frames left out of its fit.
+    """One choice of signals, measured on frames left out of its fit, fold by fold.
 
     Attributes:
         signals: Names of the signals.
@@ -146,7 +152,8 @@ def fit_confidence(
 ) -> tuple[ConfidenceRule, tuple[Option, ...]]:
     """Fit the rule, choosing the signals by cross-validation.
 
-    The choice with the smallest mean RMSE over all shares dropped wins.
+    The choice with the smallest log loss wins: a confidence is a probability, and that is the
+    proper score of one.
 
     Args:
         signals: Signals of each restored pixel by name, each (N,); larger = surer.
@@ -194,23 +201,27 @@ def fit_confidence(
         )
 
     def measure(chosen: tuple[str, ...]) -> Option:
-        probability, score = np.zeros(len(error)), np.zeros(len(error))
+        probability = np.zeros(len(error))
+        squares, at_90 = np.zeros(len(DROPPED)), 0.0
         for number in range(part.max() + 1):
             held = part == number
             rule = fit(chosen, ~held)
             given = {name: values[held, names.index(name)] for name in chosen}
-            probability[held], score[held] = rule(given), rule.score(given)
-        curve = sparsification(ordering(probability, score), error)
+            probability[held] = rule(given)
+            # Ranked within the fold: each fold's rule has another scale.
+            curve = sparsification(ordering(probability[held], rule.score(given)), error[held])
+            squares += held.sum() * curve.rmse_m**2
+            at_90 += held.sum() * float(curve.rmse_m[np.isclose(curve.dropped, 0.1)][0]) ** 2
         sure = np.clip(probability, 1e-3, 1 - 1e-3)
         return Option(
             signals=chosen,
-            mean_rmse_m=float(curve.rmse_m.mean()),
-            rmse_at_90_m=float(curve.rmse_m[np.isclose(curve.dropped, 0.1)][0]),
+            mean_rmse_m=float(np.sqrt(squares / len(error)).mean()),
+            rmse_at_90_m=float(np.sqrt(at_90 / len(error))),
             log_loss=float(-np.mean(np.where(right, np.log(sure), np.log(1 - sure)))),
         )
 
     choices = [(name,) for name in names] + ([names] if len(names) > 1 else [])
-    options = sorted(map(measure, choices), key=lambda option: option.mean_rmse_m)
+    options = sorted(map(measure, choices), key=lambda option: option.log_loss)
     return fit(options[0].signals, np.ones(len(error), bool)), tuple(options)
 
 

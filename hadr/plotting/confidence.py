@@ -90,7 +90,12 @@ def draw_sparsification(
 
 
 def show_confidence(
-    ax: Axes, confidence: FloatArray, restored: BoolArray, title: str | None = None
+    ax: Axes,
+    confidence: FloatArray,
+    restored: BoolArray,
+    title: str | None = None,
+    *,
+    limits: tuple[float, float] = (0.0, 1.0),
 ) -> AxesImage:
     """Show the confidence of the restored pixels; the others stay white.
 
@@ -99,11 +104,14 @@ def show_confidence(
         confidence: Shape (H, W), 0..1.
         restored: Shape (H, W) bool.
         title: Title of the axes.
+        limits: Ends of the colour scale.
     """
+    low, high = limits
     image = ax.imshow(
-        np.ma.masked_where(~restored, confidence), cmap=CONFIDENCE_MAP, vmin=0, vmax=1
+        np.ma.masked_where(~restored, confidence), cmap=CONFIDENCE_MAP, vmin=low, vmax=high
     )
     ax.set(xticks=[], yticks=[])
+    ax.spines[:].set_visible(False)
     if title is not None:
         ax.set_title(title)
     bar = ax.figure.colorbar(image, ax=ax, shrink=0.75, pad=0.02)
@@ -127,7 +135,7 @@ def draw_real_errors(ax: Axes, rows: Sequence[Mapping[str, Any]], scenes: Sequen
         y = np.array([methods.index(str(row["method"])) for row in own]) + 0.16 * (2 * number - 1)
         x = 100 * np.array([row["rmse_m"] for row in own])
         color = tones[number % len(tones)]
-        ax.scatter(x, y, color=color, s=45, zorder=3, label=f"scene {scene}")
+        ax.scatter(x, y, color=color, s=45, zorder=3, label=f"scene {scene[-3:]}")
         for place, row in zip(y, own, strict=True):
             if row.get("rmse_low_m") is not None:
                 span = (100 * row["rmse_low_m"], 100 * row["rmse_high_m"])
@@ -137,4 +145,4 @@ def draw_real_errors(ax: Axes, rows: Sequence[Mapping[str, Any]], scenes: Sequen
     ax.set(xlabel="RMSE inside the mask (cm)")
     ax.set_xlim(left=0)
     ax.grid(axis="x", alpha=0.3)
-    ax.legend(loc="lower right")
+    ax.legend(loc="upper right")

@@ -171,6 +171,25 @@ def calibrate(
     }
 
 
+def each_signal(fitted_on: RestoredPixels, measured_on: RestoredPixels) -> list[dict[str, Any]]:
+    """Measure what each signal alone would have given, for the record and not for the choice.
+
+    Args:
+        fitted_on: Pixels of validation frames.
+        measured_on: Pixels of other frames.
+
+    Returns:
+        One row a signal: RMSE without the least sure tenth (metres), and calibration error.
+    """
+    rows = []
+    for name, values in fitted_on.signals.items():
+        rule, _ = fit_confidence({name: values}, fitted_on.error_m, fitted_on.frame)
+        found = measure_confidence(rule, measured_on, draws=2)
+        kept = ("rmse_at_90_m", "mean_rmse_m", "expected_calibration_error")
+        rows.append({"signal": name, **{key: found[key] for key in kept}})
+    return rows
+
+
 def _option(option: Option) -> dict[str, Any]:
     return {**asdict(option), "signals": list(option.signals)}
 
@@ -224,7 +243,14 @@ def run(args: argparse.Namespace) -> int:
             "Standard errors are those of a bootstrap over frames."
         )
         choices = [{"split": "val", **choice} for choice in additions["confidence"]["choices"]]
-        origin = {**provenance(), "choices_by_cross_validation": choices}
+        origin = {
+            **provenance(),
+            "choices_by_cross_validation": choices,
+            "each_signal_on_test": each_signal(
+                restored_pixels(model, validation, (near, far)),
+                restored_pixels(model, test, (near, far)),
+            ),
+        }
         write_result_file(args.out, what, rows, origin)
     return 0
 

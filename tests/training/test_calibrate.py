@@ -85,6 +85,11 @@ def test_the_command_adds_to_the_record_and_leaves_the_weights(micro, tmp_path, 
     assert len(row["sparsification"]["rmse_m"]) == 20
     assert sum(row["reliability"]["count"]) == row["pixels"]
     assert len(result.provenance["choices_by_cross_validation"]) == 4
+    assert [row["signal"] for row in result.provenance["each_signal_on_test"]] == [
+        "network",
+        "candidates",
+        "neighbours",
+    ]
     told = capsys.readouterr().out
     assert "learned range" in told
     assert "without the least sure tenth" in told
