@@ -35,7 +35,7 @@ NOISE_M = 0.003
 """Standard deviation of the noise added to the depth, metres."""
 KNEE = 0.01
 """Where the smooth L1 loss bends from squares to absolute values; 1 is half of the cube's side."""
-DENSE_WEIGHT = 0.3
+DENSE_WEIGHT = 0.1
 """Weight of the dense maps' loss beside the joints'."""
 NEAR_M = 0.02
 AUC_TO_M = 0.05
