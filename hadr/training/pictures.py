@@ -27,9 +27,10 @@ _TITLES = ("colour", "corrupted", "restored", "truth", "error")
 def depth_picture(model: nn.Module, frames: FrameTensors, rows: int = 4) -> Picture:
     """Draw colour, corrupted, restored and true depth and the error of some frames.
 
-    Depth has one colour scale a row, `AROUND_M` to both sides of the glass's median; black is
-    missing. The error is blue in front of the surface and red behind it, `ERROR_M` at most; the
-    number is the frame's RMSE.
+    Each row shows the half of a frame in which the glass is (all of it for a large one). Depth has
+    one colour scale a row, `AROUND_M` to both sides of the glass's median; black is missing. The
+    error is blue in front of the surface and red behind it, `ERROR_M` at most; the number is the
+    frame's RMSE.
 
     Args:
         model: A depth network in evaluation mode.
@@ -72,7 +73,11 @@ def save_png(path: Path, picture: Picture) -> None:
 def _line(
     color: Picture, corrupted: FloatArray, restored: FloatArray, truth: FloatArray, mask: BoolArray
 ) -> Picture:
-    """One frame: five pictures beside each other."""
+    """One frame: five pictures beside each other, of the half around the glass where it fits."""
+    window = _window(mask)
+    color = color[window]
+    corrupted, restored, truth = corrupted[window], restored[window], truth[window]
+    mask = mask[window]
     on_glass = mask & (truth > 0)
     middle = float(np.median(truth[on_glass])) if on_glass.any() else 1.0
     error = np.where(on_glass, restored - truth, 0)
@@ -85,12 +90,26 @@ def _line(
     scale = _HEIGHT / mask.shape[0]
     size = (round(mask.shape[1] * scale), _HEIGHT)
     big = [cv2.resize(panel, size, interpolation=cv2.INTER_NEAREST) for panel in panels]
-    _write(big[-1], f"{rmse * 100:.1f} cm", (6, _HEIGHT - 8))
-    _write(big[3], f"{middle:.2f} m", (6, _HEIGHT - 8))
+    _write(big[-1], f"{rmse * 100:.1f} cm", (6, _HEIGHT - 8), dark=True)
+    _write(big[3], f"{middle:.2f} m", (6, _HEIGHT - 8), dark=False)
     gap = np.full((_HEIGHT, _GAP, 3), 255, np.uint8)
     parts = [part for panel in big for part in (panel, gap)][:-1]
     line = np.hstack(parts)
     return np.vstack([line, np.full((_GAP, line.shape[1], 3), 255, np.uint8)])
+
+
+def _window(mask: BoolArray) -> tuple[slice, slice]:
+    """Half of the picture's rows and columns around the mask; all of them if it needs more."""
+    rows, columns = np.nonzero(mask)
+    slices = []
+    for found, length in ((rows, mask.shape[0]), (columns, mask.shape[1])):
+        half = (length + 1) // 2
+        if len(found) == 0 or found.max() - found.min() >= half:
+            return slice(None), slice(None)
+        first = int(found.min() + found.max() + 1) // 2 - half // 2
+        first = min(max(first, 0), length - half)
+        slices.append(slice(first, first + half))
+    return slices[0], slices[1]
 
 
 def _header(width: int) -> Picture:
@@ -110,8 +129,10 @@ def _header(width: int) -> Picture:
     return strip
 
 
-def _write(picture: Picture, text: str, where: tuple[int, int]) -> None:
-    for color, thick in (((0, 0, 0), 3), ((255, 255, 255), 1)):
+def _write(picture: Picture, text: str, where: tuple[int, int], dark: bool) -> None:
+    black, white = (0, 0, 0), (255, 255, 255)
+    pen, edge = (black, white) if dark else (white, black)
+    for color, thick in ((edge, 3), (pen, 1)):
         cv2.putText(picture, text, where, cv2.FONT_HERSHEY_SIMPLEX, 0.5, color, thick, cv2.LINE_AA)
 
 
