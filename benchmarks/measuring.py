@@ -63,10 +63,11 @@ def peak_tensor_bytes(function: Callable[[], Any]) -> int:
     """Most bytes that torch's tensors held at once during a call, beyond those before it."""
     with profile(activities=[ProfilerActivity.CPU], profile_memory=True) as record:
         function()
-    events = [e for e in record.events() if e.name == "[memory]"]
+    # Each allocation (+) and release (-) of the CPU, which `record.events()` only holds summed up.
+    events = [e for e in record.profiler.kineto_results.events() if e.name() == "[memory]"]
     held = peak = 0
-    for event in sorted(events, key=lambda e: e.time_range.start):
-        held += event.cpu_memory_usage
+    for event in sorted(events, key=lambda e: e.start_ns()):
+        held += event.nbytes()
         peak = max(peak, held)
     return peak
 

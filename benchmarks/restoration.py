@@ -240,18 +240,18 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         key: {title: row[key] / times["Swin-T"][key] for title, row in times.items()}
         for key in ("wall_min_ms", "wall_median_ms", "cpu_min_ms", "cpu_median_ms")
     }
-    needed = {"Swin-T": in_a_process(__file__, "--measure", "swin,")}
-    for recipe in PRESETS:
-        for form in ("all rays", "half the rays"):
-            title = f"{recipe}, {form}"
-            needed[title] = in_a_process(__file__, "--measure", f"{recipe},{form}")
     for title, row in times.items():
         print(
             f"{title:24s} wall {row['wall_min_ms']:6.1f} (median {row['wall_median_ms']:6.1f}) "
             f"cpu {row['cpu_min_ms']:6.1f} (median {row['cpu_median_ms']:6.1f}) ms, "
             f"{against['cpu_median_ms'][title]:.2f} of Swin-T's processor time"
         )
-    print(parts, cost["change_percent"], sep="\n")
+    print(parts, cost["change_percent"], sep="\n", flush=True)
+    needed = {"Swin-T": in_a_process(__file__, "--measure", "swin,")}
+    for recipe in PRESETS:
+        for form in ("all rays", "half the rays"):
+            title = f"{recipe}, {form}"
+            needed[title] = in_a_process(__file__, "--measure", f"{recipe},{form}")
     return {
         "what": "Restoring one 224x224 frame at batch 1: sample frames in turns, random weights; "
         "ratios against a plain Swin-T forward in the same run. Approximations: RMSE on the "
