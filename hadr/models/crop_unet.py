@@ -1,0 +1,69 @@
+"""A plain U-Net on a crop, with residual blocks: what looks at the pictures in HADR-plus."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+
+def layer(channels: int, out: int, stride: int = 1) -> nn.Sequential:
+    """A 3x3 convolution with its normalisation and SiLU."""
+    return nn.Sequential(
+        nn.Conv2d(channels, out, 3, stride, 1, bias=False), nn.BatchNorm2d(out), nn.SiLU()
+    )
+
+
+class ResidualBlock(nn.Module):
+    """Two 3x3 convolutions around which the input is carried; starts as the identity."""
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        self.first = layer(channels, channels)
+        self.second = nn.Conv2d(channels, channels, 3, 1, 1, bias=False)
+        self.norm = nn.BatchNorm2d(channels)
+        nn.init.zeros_(self.norm.weight)
+
+    def forward(self, values: Tensor) -> Tensor:
+        """Shape (B, C, H, W) to the same."""
+        return functional.silu(values + self.norm(self.second(self.first(values))))
+
+
+class CropUNet(nn.Module):
+    """A U-Net on a crop: resolutions 1/4, 1/8, 1/16, with the whole crop's mean at the bottom.
+
+    Args:
+        channels: Channels of the crop.
+        width: Channels at a quarter of the resolution.
+        blocks: Residual blocks at each resolution.
+    """
+
+    def __init__(self, channels: int, width: int, blocks: int) -> None:
+        super().__init__()
+        widths = (width, 2 * width, 3 * width)
+        self.stem = nn.Sequential(layer(4 * channels, width // 2), layer(width // 2, width, 2))
+        self.down = nn.ModuleList(layer(widths[n], widths[n + 1], 2) for n in range(2))
+        self.left = nn.ModuleList(
+            nn.Sequential(*(ResidualBlock(w) for _ in range(blocks))) for w in widths
+        )
+        self.whole = nn.Sequential(
+            nn.Linear(widths[2], widths[2]), nn.SiLU(), nn.Linear(widths[2], widths[2])
+        )
+        self.up = nn.ModuleList(layer(widths[n + 1] + widths[n], widths[n]) for n in range(2))
+        self.right = nn.ModuleList(ResidualBlock(widths[n]) for n in range(2))
+
+    def forward(self, crop: Tensor) -> Tensor:
+        """Shape (B, C, S, S) to (B, width, S/4, S/4)."""
+        values: Tensor = self.left[0](self.stem(functional.pixel_unshuffle(crop, 2)))  # S/4
+        skipped = [values]
+        for number in range(2):
+            values = self.left[number + 1](self.down[number](values))  # S/8, S/16
+            skipped.append(values)
+        values = values + self.whole(values.mean(dim=(2, 3)))[:, :, None, None]
+        for number in (1, 0):
+            values = functional.interpolate(
+                values, scale_factor=2, mode="bilinear", align_corners=False
+            )
+            joined = torch.cat((values, skipped[number]), dim=1)
+            values = self.right[number](self.up[number](joined))  # S/8, S/4
+        return values
