@@ -153,15 +153,23 @@ def load_frames(
             mininterval=1.0,
         )
         stems = list(bar)
-    kept = torch.tensor([number for number, stem in enumerate(stems) if stem is not None])
-    if len(kept) == 0:
+    kept = [number for number, stem in enumerate(stems) if stem is not None]
+    if not kept:
         raise ValueError("no frames: the folder is empty, or no frame shows an object")
     names = tuple(stem for stem in stems if stem is not None)
-    if len(kept) == len(source):
-        return replace(store, stems=names)
-    inputs = {part.name: getattr(store.inputs, part.name)[kept] for part in fields(HADRInput)}
-    tensors = {name: getattr(store, name)[kept] for name in _TENSORS}
+    inputs = {
+        part.name: _packed(getattr(store.inputs, part.name), kept) for part in fields(HADRInput)
+    }
+    tensors = {name: _packed(getattr(store, name), kept) for name in _TENSORS}
     return FrameTensors(inputs=HADRInput(**inputs), stems=names, **tensors)
+
+
+def _packed(rows: Tensor, kept: list[int]) -> Tensor:
+    """Move the rows that are kept to the front, within the same memory."""
+    for place, number in enumerate(kept):
+        if place != number:
+            rows[place] = rows[number]
+    return rows[: len(kept)]
 
 
 def _one_frame(

@@ -57,6 +57,8 @@ def test_frames_without_object_are_skipped_and_none_at_all_is_an_error(
 ) -> None:
     loaded = load_frames([glass_frame("1", 0), glass_frame("2")], (32, 24))
     assert loaded.stems == ("0004/2",)
+    assert loaded.object_mask.sum() == loaded.inputs.mask.sum() == 4 * 10
+    assert len(loaded.inputs.color) == len(loaded.true_depth) == 1
     with pytest.raises(ValueError, match="no frames"):
         load_frames([glass_frame("1", 0)], (32, 24))
     with pytest.raises(ValueError, match=r"one of \['analytic', 'oracle', 'sensor'\], got 'rain'"):
