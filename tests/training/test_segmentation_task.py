@@ -23,9 +23,9 @@ RECIPE = Preset(
     model=SegmentationConfig(
         UNetConfig((1, 1, 1, 1), widths=(8, 16, 16, 16), decoder=(16, 16, 16, 16))
     ),
-    epochs=120,
+    epochs=200,
     schedule="cosine",
-    learning_rate=1e-2,
+    learning_rate=5e-3,
     batch_size=4,
     augment=False,
 )
