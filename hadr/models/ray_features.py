@@ -159,6 +159,7 @@ def roi_align(
         Bin means, shape (R, C, bins, bins).
     """
     _, channels, height, width = feature_map.shape
+    feature_map = feature_map.contiguous()  # products of strided maps are a hundred times slower
     result = feature_map.new_zeros(len(boxes), channels, bins, bins)
     for i, (left, top, right, bottom) in enumerate(boxes.tolist()):
         dtype = feature_map.dtype
