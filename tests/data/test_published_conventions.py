@@ -21,7 +21,7 @@ FOCAL, CENTER = 1137.7778, ((1280 - 1) / 2, (720 - 1) / 2)
 def logs(folder):
     root = samples_dir() / folder
     if not root.is_dir():
-        pytest.skip(f"{root} is not there")
+        pytest.skip(f"{root} is not there: restore it from the repository or `hadr generate` it")
     return sorted(root.glob("*/*/depth/log_json/*.json"))
 
 

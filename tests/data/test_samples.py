@@ -67,7 +67,7 @@ EIGHT = {"0000", "0001", "0004", "0005", "0006", "0007", "0008", "0009"}
 @pytest.fixture(scope="module")
 def splits():
     if not (samples_dir() / "frames/generation.json").is_file():
-        pytest.skip("the bundled frames are not made by the preset 'samples'")
+        pytest.skip("no generation.json: make the frames with `hadr generate --preset samples`")
     return {name: open_samples(name) for name in ("train", "val", "test")}
 
 

@@ -225,7 +225,7 @@ def test_photographs_are_checked_before_the_folder_is_taken(tmp_path):
 
 
 def test_a_cluster_that_does_not_answer_leaves_the_folder_alone(tmp_path, monkeypatch):
-    pytest.importorskip("distributed", reason="Dask is not installed")
+    pytest.importorskip("distributed", reason="Dask is not installed: pip install 'hadr[generate]'")
     monkeypatch.setattr("hadr.synthesis.farm.PATIENCE", 0.5)
     settings = GenerationSettings(width=48, height=27, quality="fast")
     with pytest.raises(OSError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"):

@@ -65,14 +65,14 @@ def four_hands() -> FrameTensors:
     return FrameTensors(inputs, depth, hand, held, keypoints, stems)
 
 
-def test_four_hands_are_learned_to_3_mm() -> None:
+def test_four_hands_are_learned_to_3_mm_in_training_and_4_mm_afterwards() -> None:
     frames = four_hands()
     trained = train(RECIPE, frames, progress=False, seed=1)
     scores = KeypointTask(RECIPE).validate(trained.model, frames, 3)
     assert next(iter(scores)) == "validation_keypoints_m"
     assert trained.history[-1]["error_m"] < 0.003
-    # the deepest maps have 16 values a batch, so the running variance is 16/15 of the batch's:
-    # outside of training the same weights are a little worse
+    # Outside of training the same weights are worse, measured 2.9 to 3.5 mm; probably because the
+    # running variance of 16 values in the deepest maps is not the batch's.
     assert scores["validation_keypoints_m"] < 0.004
     assert scores["validation_within_20mm"] > 0.95
     assert scores["validation_auc_50mm"] > 0.92
