@@ -104,53 +104,54 @@ def seen_by(frame: FrameTensors, camera: OtherCamera) -> FrameTensors:
     pixel = torch.from_numpy(camera.pixel_from_old).float()
     uv = given.keypoints_uv @ pixel[:, :2].T + pixel[:, 2]
     known = (given.keypoints != 0).any().to(uv.dtype)
-    color = given.color[0].permute(1, 2, 0).numpy()
+    height, width = given.depth.shape[1:]
+    source = _sources(camera, width, height)
     inputs = replace(
         given,
-        color=_batch(_warp(color, camera, smooth=True)).permute(0, 3, 1, 2).contiguous(),
-        depth=_nearest(given.depth, camera),
-        mask=_nearest(given.mask, camera),
+        color=_smooth(given.color, camera),
+        depth=_nearest(given.depth, source),
+        mask=_nearest(given.mask, source),
         intrinsics=_batch(camera.intrinsics.astype(np.float32)),
         keypoints=given.keypoints @ turn.T,
         keypoints_uv=uv * known,
     )
     return FrameTensors(
         inputs=inputs,
-        true_depth=_nearest(frame.true_depth, camera),
-        hand_mask=_nearest(frame.hand_mask, camera),
-        object_mask=_nearest(frame.object_mask, camera),
+        true_depth=_nearest(frame.true_depth, source),
+        hand_mask=_nearest(frame.hand_mask, source),
+        object_mask=_nearest(frame.object_mask, source),
         true_keypoints=frame.true_keypoints @ turn.T,
         stems=frame.stems,
     )
 
 
-def _nearest(images: Tensor, camera: OtherCamera) -> Tensor:
-    image = images[0].numpy()
-    if images.dtype == torch.bool:
-        return _batch(_warp(image.astype(np.uint8), camera, smooth=False).astype(bool))
-    return _batch(_warp(image, camera, smooth=False))
+def _sources(camera: OtherCamera, width: int, height: int) -> npt.NDArray[np.int64]:
+    """Number of the old pixel nearest to each new one, -1 beyond the old picture: (H, W)."""
+    old = cv2.invertAffineTransform(camera.pixel_from_old)
+    column, row = np.arange(width), np.arange(height)[:, None]
+    x = np.floor(old[0, 0] * column + old[0, 1] * row + old[0, 2] + 0.5).astype(np.int64)
+    y = np.floor(old[1, 0] * column + old[1, 1] * row + old[1, 2] + 0.5).astype(np.int64)
+    inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
+    return np.where(inside, y * width + x, -1)
 
 
-def _warp(image: npt.NDArray[np.generic], camera: OtherCamera, *, smooth: bool) -> Matrix:
-    height, width = image.shape[:2]
-    old_from_pixel = cv2.invertAffineTransform(camera.pixel_from_old)
-    if smooth:
-        warped = cv2.warpAffine(
-            image,
-            old_from_pixel,
-            (width, height),
-            flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
-            borderMode=cv2.BORDER_REPLICATE,
-        )
-        return np.asarray(warped)
-    column, row = np.meshgrid(np.arange(width), np.arange(height))
-    grid = np.stack([column, row, np.ones_like(column)], axis=-1)
-    source = np.floor(grid @ old_from_pixel.T + 0.5).astype(np.int64)
-    inside = ((source >= 0) & (source < [width, height])).all(axis=-1)
-    source = np.where(inside[..., None], source, 0)
-    return np.asarray(
-        np.where(inside, image[source[..., 1], source[..., 0]], 0).astype(image.dtype)
+def _nearest(images: Tensor, source: npt.NDArray[np.int64]) -> Tensor:
+    """Take the pixels of a single picture (1, H, W); zeros where the source is -1."""
+    taken = np.take(images.numpy().reshape(-1), source)  # -1 takes any
+    return torch.from_numpy(taken * (source >= 0))[None].to(images.dtype)
+
+
+def _smooth(images: Tensor, camera: OtherCamera) -> Tensor:
+    """Interpolate a single picture (1, C, H, W) bilinearly; the edge goes on beyond it."""
+    height, width = images.shape[2:]
+    warped = cv2.warpAffine(
+        images[0].permute(1, 2, 0).numpy(),
+        cv2.invertAffineTransform(camera.pixel_from_old),
+        (width, height),
+        flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+        borderMode=cv2.BORDER_REPLICATE,
     )
+    return _batch(warped).permute(0, 3, 1, 2).contiguous()
 
 
 def _batch(image: npt.NDArray[np.generic]) -> Tensor:

@@ -82,8 +82,8 @@ def train(
         stop_after: Stop after this many epochs, as if interrupted.
         progress: Show a progress bar.
         watch: Called after each epoch with its number and the network, e.g. to keep pictures.
-        fabric: Device, precision and processes, launched already; one process on the CPU where
-            it is left out.
+        fabric: Device, precision and processes, launched already; one process on the CPU with
+            the recipe's precision where it is left out.
         tensorboard: Write event files for TensorBoard into the folder as well.
 
     Returns:
@@ -95,7 +95,9 @@ def train(
         FloatingPointError: The loss is no longer a finite number.
         ImportError: TensorBoard is asked for and not installed.
     """
-    fabric = fabric or Fabric(accelerator="cpu", devices=1)
+    fabric = fabric or Fabric(accelerator="cpu", devices=1, precision=recipe.precision)
+    if validation is not None:
+        validation = evenly(validation, recipe.validation_frames)
     task = task or task_of(recipe)
     first_process, processes = fabric.is_global_zero, fabric.world_size
     torch.manual_seed(seed)
@@ -185,6 +187,14 @@ def chance(seed: int, epoch: int, step: int | None = None) -> torch.Generator:
     words = (seed, epoch) if step is None else (seed, epoch, step + 1)
     state = np.random.SeedSequence(words).generate_state(1, np.uint64)
     return torch.Generator().manual_seed(int(state[0] >> np.uint64(1)))
+
+
+def evenly(frames: FrameTensors, most: int | None) -> FrameTensors:
+    """Take at most so many frames, evenly spread over all; None takes all."""
+    count = len(frames)
+    if most is None or count <= most:
+        return frames
+    return frames.take([number * count // most for number in range(most)])
 
 
 def early_look(epoch: int, epochs: int) -> bool:

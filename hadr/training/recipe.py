@@ -10,6 +10,7 @@ from hadr.models.hadr import HADRConfig
 from hadr.training.losses import PRINTED, LossWeights
 
 Schedule = Literal["step", "cosine"]
+Precision = Literal["32-true", "bf16-mixed"]
 
 
 class NetworkConfig(Protocol):
@@ -48,6 +49,10 @@ class Preset:
         mirror: Probability that a training frame is mirrored: a left hand for a right one.
         zoom: Training frames are enlarged by up to this factor and cropped; 1 leaves them.
         roll_deg: Training frames are turned about the optical axis by up to this angle, degrees.
+        precision: Arithmetic of the forward pass in training, as Lightning Fabric names it:
+            "32-true" or "bf16-mixed".
+        validation_frames: At most so many validation frames, evenly spread, are scored after each
+            epoch; None scores all.
 
     Raises:
         ValueError: A count is not positive, or another number is out of its range.
@@ -73,6 +78,8 @@ class Preset:
     mirror: float = 0.0
     zoom: float = 1.0
     roll_deg: float = 0.0
+    precision: Precision = "32-true"
+    validation_frames: int | None = None
 
     def __post_init__(self) -> None:
         for name in ("width", "height", "epochs", "batch_size", "ray_stride"):
@@ -80,6 +87,14 @@ class Preset:
                 raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
         if self.schedule not in get_args(Schedule):
             raise ValueError(f"schedule must be 'step' or 'cosine', got {self.schedule!r}")
+        if self.precision not in get_args(Precision):
+            raise ValueError(
+                f"precision must be one of {get_args(Precision)}, got {self.precision!r}"
+            )
+        if self.validation_frames is not None and self.validation_frames < 1:
+            raise ValueError(
+                f"validation_frames must be at least 1, got {self.validation_frames}"
+            )
         for name, value, low, high in (
             ("warmup_epochs", self.warmup_epochs, 0, self.epochs),
             ("average_decay", self.average_decay or 0, 0, 1),

@@ -71,7 +71,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="auto: cuda if any",
     )
     machine.add_argument(
-        "--precision", choices=PRECISIONS, default="32-true", help="of the forward pass (32-true)"
+        "--precision", choices=PRECISIONS, help="of the forward pass (the preset's)"
     )
 
 
@@ -131,6 +131,7 @@ def recipe_from(args: argparse.Namespace) -> Preset:
         schedule=args.schedule or recipe.schedule,
         drop_epoch=scaled_drop if args.drop_epoch is None else args.drop_epoch,
         batch_size=recipe.batch_size if args.batch_size is None else args.batch_size,
+        precision=args.precision or recipe.precision,
     )
 
 
@@ -191,7 +192,7 @@ def run(args: argparse.Namespace) -> int:
         raise ValueError(f"--devices must be at least 1, got {args.devices}")
     cuda = torch.cuda.is_available() if args.accelerator == "auto" else args.accelerator == "cuda"
     fabric = Fabric(
-        accelerator="cuda" if cuda else "cpu", devices=args.devices, precision=args.precision
+        accelerator="cuda" if cuda else "cpu", devices=args.devices, precision=recipe.precision
     )
     fabric.launch()
     folders = args.data or [samples_dir() / "frames"]
@@ -215,7 +216,7 @@ def run(args: argparse.Namespace) -> int:
             "objects": sorted(args.objects) if args.objects else "all",
             "frames": {split: len(part) for split, part in parts.items() if part is not None},
             "processes": fabric.world_size,
-            "precision": args.precision,
+            "precision": recipe.precision,
         },
         resume=args.resume,
         fabric=fabric,
