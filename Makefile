@@ -22,7 +22,7 @@ export XDG_CACHE_HOME := $(abspath $(BUILD))/cache
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help book test lint env notebooks texts check-notebooks html readme-times readme-figure clean
+.PHONY: help book tables test lint env notebooks texts check-notebooks html readme-times readme-figure clean
 
 help: ## what can be made
 	@echo "usage: make TARGET [PYTHON=python3] [VENV=.venv] [BUILD=build]"
@@ -31,6 +31,10 @@ help: ## what can be made
 
 book: $(READY) ## execute all notebooks and build the HTML book
 	@$(PY) -m hadr.book --build "$(BUILD)" --preset $(PRESET) --seed $(SEED)
+
+tables: $(READY) ## train and compare all systems at PRESET (mini and paper: DATA=DIR)
+	@$(BIN)/hadr reproduce --preset $(PRESET) --only known unknown --out "$(BUILD)/$(PRESET)" \
+	    $(if $(DATA),--data $(DATA))
 
 html: $(READY) ## rebuild the HTML book from the notebooks executed last time
 	@$(PY) -m hadr.book --build "$(BUILD)" --html-only

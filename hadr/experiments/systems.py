@@ -13,7 +13,7 @@ CHEAP = ("raw", "inpainting", "nearest", "hand-median")
 LEARNED = ("hadr", "no-hand", "unet-hand", "hadr-plus", "hadr-long")
 """Networks, in the order in which they are trained: the long run last."""
 METHODS = (*CHEAP, *LEARNED)
-LONG_RUN = 3
+LONG_RUN = 4
 """How many times as many epochs the long run has."""
 
 PresetName = Literal["tiny", "mini", "paper"]

@@ -30,15 +30,20 @@ class ResidualBlock(nn.Module):
 
 
 class CropUNet(nn.Module):
-    """A U-Net on a crop: resolutions 1/4, 1/8, 1/16, with the whole crop's mean at the bottom.
+    """A U-Net on a crop with a whole view: resolutions 1/4, 1/8, 1/16, and all of it at once.
+
+    At the bottom everything that was seen, in a 4x4 arrangement, is joined with a vector of what
+    else is known; what is made of it is added to the bottom's map, and is an answer of its own.
 
     Args:
         channels: Channels of the crop.
         width: Channels at a quarter of the resolution.
         blocks: Residual blocks at each resolution.
+        given: Length of the vector of what else is known.
+        whole: Length of the answer for the whole crop.
     """
 
-    def __init__(self, channels: int, width: int, blocks: int) -> None:
+    def __init__(self, channels: int, width: int, blocks: int, given: int, whole: int) -> None:
         super().__init__()
         widths = (width, 2 * width, 3 * width)
         self.stem = nn.Sequential(layer(4 * channels, width // 2), layer(width // 2, width, 2))
@@ -46,24 +51,40 @@ class CropUNet(nn.Module):
         self.left = nn.ModuleList(
             nn.Sequential(*(ResidualBlock(w) for _ in range(blocks))) for w in widths
         )
-        self.whole = nn.Sequential(
-            nn.Linear(widths[2], widths[2]), nn.SiLU(), nn.Linear(widths[2], widths[2])
+        self.seen = nn.Conv2d(widths[2], width, 1)
+        self.join = nn.Sequential(
+            nn.Linear(16 * width + given, 4 * width),
+            nn.SiLU(),
+            nn.Linear(4 * width, 4 * width),
+            nn.SiLU(),
         )
+        self.to_map = nn.Linear(4 * width, widths[2])
+        self.answer = nn.Linear(4 * width, whole)
         self.up = nn.ModuleList(layer(widths[n + 1] + widths[n], widths[n]) for n in range(2))
         self.right = nn.ModuleList(ResidualBlock(widths[n]) for n in range(2))
 
-    def forward(self, crop: Tensor) -> Tensor:
-        """Shape (B, C, S, S) to (B, width, S/4, S/4)."""
+    def forward(self, crop: Tensor, given: Tensor) -> tuple[Tensor, Tensor]:
+        """Look at crops.
+
+        Args:
+            crop: Shape (B, channels, S, S).
+            given: What else is known, shape (B, given).
+
+        Returns:
+            A map, shape (B, width, S/4, S/4), and the answer for the whole crop, (B, whole).
+        """
         values: Tensor = self.left[0](self.stem(functional.pixel_unshuffle(crop, 2)))  # S/4
         skipped = [values]
         for number in range(2):
             values = self.left[number + 1](self.down[number](values))  # S/8, S/16
             skipped.append(values)
-        values = values + self.whole(values.mean(dim=(2, 3)))[:, :, None, None]
+        view = functional.adaptive_avg_pool2d(self.seen(values), 4).flatten(1)  # (B, 16 width)
+        joined = self.join(torch.cat((view, given), dim=1))  # (B, 4 width)
+        values = values + self.to_map(joined)[:, :, None, None]
         for number in (1, 0):
             values = functional.interpolate(
                 values, scale_factor=2, mode="bilinear", align_corners=False
             )
-            joined = torch.cat((values, skipped[number]), dim=1)
-            values = self.right[number](self.up[number](joined))  # S/8, S/4
-        return values
+            both = torch.cat((values, skipped[number]), dim=1)
+            values = self.right[number](self.up[number](both))  # S/8, S/4
+        return values, self.answer(joined)

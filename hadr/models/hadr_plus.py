@@ -11,7 +11,9 @@ them and where exactly, and the hand guides both. What it changes, each by a swi
 * Mask, depth relative to the hand's (`hand_depth`) and the keypoints with their depth
   (`keypoint_maps`) are pictures beside the colour, so that a wide neighbourhood of each ray is
   seen and not a box of 8x8 pixels.
-* Candidates may lie relative to a plane that is guessed from the keypoints alone (`hand_plane`).
+* The keypoints in metres are also given as a vector (`hand_vector`), beside a coarse view of the
+  whole crop, where the network decides what concerns the frame as a whole; from there one plane a
+  frame is added to all candidates (`plane`): where the object is and how it leans.
 * Each candidate has a scale: together they are a distribution over depth, a mixture of Laplace
   distributions, that the loss fits and the confidence is read from.
 
@@ -31,7 +33,7 @@ from hadr.hand import FINGERS
 from hadr.models.crop_unet import CropUNet, layer
 from hadr.models.hadr_input import HADRInput, float_color, masked_rays
 from hadr.models.hand_crop import HandCrop, hand_crop
-from hadr.models.hand_plane import HandPlane, plane_picture
+from hadr.models.plane import UNITS, plane_picture
 from hadr.models.hand_prior import keypoint_maps, relative_depth
 
 GROUPS: tuple[tuple[int, ...], ...] = ((0,), *FINGERS.values())
@@ -59,14 +61,15 @@ class HADRPlusConfig:
         hand_depth: Depth relative to the hand's is seen.
         keypoint_maps: Keypoints with their relative depth are seen.
         color: Colour is seen.
-        hand_plane: Candidates are relative to the plane guessed from the keypoints.
+        hand_vector: The keypoints are given as a vector, too.
+        plane: Candidates are relative to a plane that is guessed from the whole crop.
 
     Raises:
         ValueError: A number is out of range.
     """
 
-    crop: int = 96
-    pixel_m: float = 0.003
+    crop: int = 64
+    pixel_m: float = 0.0036
     width: int = 64
     blocks: int = 2
     candidates: int = 2
@@ -74,7 +77,8 @@ class HADRPlusConfig:
     hand_depth: bool = True
     keypoint_maps: bool = True
     color: bool = True
-    hand_plane: bool = False
+    hand_vector: bool = True
+    plane: bool = True
 
     def __post_init__(self) -> None:
         if self.crop < 32 or self.crop % 32:
@@ -106,7 +110,8 @@ class HADRPlusOutput:
         candidate: z-depth of each candidate in metres, shape (R, M).
         logits: Score of each candidate, shape (R, M).
         log_scale: Logarithm of each candidate's expected absolute error in metres, shape (R, M).
-        plane: z-depth of the plane guessed from the hand, metres, shape (R,); None without it.
+        plane: z-depth of the plane guessed from the whole crop in metres, shape (R,); None
+            without it.
     """
 
     depth: Tensor
@@ -143,13 +148,12 @@ class HADRPlus(nn.Module):
     """
 
     channels = 3 + 1 + 2 + 2 * len(GROUPS) + 2
+    given = 21 * 3 + 2
 
     def __init__(self, config: HADRPlusConfig | None = None) -> None:
         super().__init__()
         self.config = config = config or HADRPlusConfig()
-        self.plane = HandPlane() if config.hand_plane else None
-        channels = self.channels + int(config.hand_plane)
-        self.unet = CropUNet(channels, config.width, config.blocks)
+        self.unet = CropUNet(self.channels, config.width, config.blocks, self.given, 3)
         # Of each candidate: depth, score and scale at every fourth ray, and at each of the 16 rays
         # between them a step in depth and in score.
         count = config.candidates
@@ -172,24 +176,22 @@ class HADRPlus(nn.Module):
             ValueError: A frame has no hand.
         """
         crop, count = self.crop(inputs), self.config.candidates
-        seen, plane = self.pictures(inputs, crop), None
-        if self.plane is not None:
-            plane = self.guess(self.plane, inputs, crop)  # (B, S, S)
-            seen = torch.cat((seen, plane.detach().unsqueeze(1) / DEPTH_M), dim=1)
-        values = self.unet(seen)  # (B, width, S/4, S/4)
+        seen, known = self.pictures(inputs, crop), self.keypoints(inputs, crop)
+        values, whole = self.unet(seen, known)  # (B, width, S/4, S/4), (B, 3)
         coarse = functional.interpolate(
             self.coarse(values), scale_factor=4, mode="bilinear", align_corners=False
-        )  # (B, 3 M, S, S)
-        fine = functional.pixel_shuffle(self.fine(values), 4)  # (B, 2 M, S, S)
+        ).float()  # (B, 3 M, S, S)
+        fine = functional.pixel_shuffle(self.fine(values), 4).float()  # (B, 2 M, S, S)
         maps = coarse + torch.cat((fine, torch.zeros_like(coarse[:, :count])), dim=1)
 
         rays = masked_rays(inputs.mask)  # (rays, 3)
         relative, logits, scale = crop.look_up(maps, rays).chunk(3, dim=1)  # (rays, M) each
         base = crop.prior.index_select(0, rays[:, 0])  # (rays,)
         guessed = None
-        if plane is not None:
-            guessed = base + crop.look_up(plane.unsqueeze(1), rays)[:, 0]  # (rays,)
-            base = guessed.detach()
+        if self.config.plane:
+            lying = whole.float() * whole.new_tensor(UNITS, dtype=torch.float32)  # (B, 3)
+            picture = plane_picture(lying, self._pixel_m(inputs, crop), crop.size)  # (B, S, S)
+            guessed = base = base + crop.look_up(picture.unsqueeze(1), rays)[:, 0]  # (rays,)
         candidate = base[:, None] + DEPTH_M * (relative + self.start)  # (rays, M)
         log_scale = (scale + LOG_SCALE).clamp(*LOG_SCALES)  # (rays, M)
 
@@ -220,15 +222,25 @@ class HADRPlus(nn.Module):
         step = self.config.pixel_m * inputs.intrinsics[:, :2] / 0.7
         return HandCrop(crop.center, step, crop.prior, crop.size)
 
-    def guess(self, network: HandPlane, inputs: HADRInput, crop: HandCrop) -> Tensor:
-        """Draw the plane guessed from the keypoints: relative depth in metres, (B, S, S)."""
+    def keypoints(self, inputs: HADRInput, crop: HandCrop) -> Tensor:
+        """Give the keypoints as a vector: (B, given).
+
+        Metres across and down from the crop's centre at the hand's depth, and relative depth; and
+        the direction of the crop's centre.
+        """
         focal, middle = inputs.intrinsics[:, :2], inputs.intrinsics[:, 2:]
-        pixel = crop.step * crop.prior[:, None] / focal  # metres of a crop pixel, (B, 2)
         away = (inputs.keypoints_uv - crop.center[:, None]) / focal[:, None]  # (B, 21, 2)
         height = inputs.keypoints[:, :, 2:] - crop.prior[:, None, None]  # (B, 21, 1)
         points = torch.cat((away * crop.prior[:, None, None], height), dim=2)  # (B, 21, 3)
-        plane = network(points, (crop.center - middle) / focal)  # (B, 3)
-        return plane_picture(plane, pixel, crop.size)
+        known = torch.cat(
+            (points.flatten(1) / DEPTH_M, 3 * (crop.center - middle) / focal), dim=1
+        )  # (B, 65)
+        return known * self.config.hand_vector
+
+    @staticmethod
+    def _pixel_m(inputs: HADRInput, crop: HandCrop) -> Tensor:
+        """Metres that a crop pixel spans at the hand's depth (across, down), shape (B, 2)."""
+        return crop.step * crop.prior[:, None] / inputs.intrinsics[:, :2]
 
     def pictures(self, inputs: HADRInput, crop: HandCrop) -> Tensor:
         """Make what the U-Net sees: (B, channels, S, S).

@@ -21,7 +21,7 @@ DEPTH_WEIGHT = 20.0
 STEP_WEIGHT = 50.0
 """Weight of a metre of error in the step from a ray to the next: the shape."""
 PLANE_WEIGHT = 20.0
-"""Weight of a metre of error of the plane guessed from the hand."""
+"""Weight of a metre of error of the plane guessed from the whole crop."""
 SAME_SURFACE_M = 0.01
 """Neighbouring rays whose true depths differ by less see the same surface."""
 
@@ -95,7 +95,7 @@ def plus_losses(output: HADRPlusOutput, batch: FrameTensors) -> dict[str, Tensor
     terms = {
         "likelihood": mean(unlikely),
         "depth": mean(expected),
-        "step": _step_error(output.depth, batch.true_depth, batch.inputs.mask),
+        "step": _step_error(output, batch),
         "mae": mean(chosen).detach(),
     }
     total = terms["likelihood"] + DEPTH_WEIGHT * terms["depth"] + STEP_WEIGHT * terms["step"]
@@ -105,18 +105,24 @@ def plus_losses(output: HADRPlusOutput, batch: FrameTensors) -> dict[str, Tensor
     return {"loss": total, **terms}
 
 
-def _step_error(depth: Tensor, truth: Tensor, mask: Tensor) -> Tensor:
+def _step_error(output: HADRPlusOutput, batch: FrameTensors) -> Tensor:
     """Error in the step to the next pixel in row and column, where both see one surface."""
-    counted = mask & (truth > 0) & (depth > 0)
-    total = depth.new_zeros(len(depth))
-    count = depth.new_zeros(len(depth))
-    for axis in (1, 2):
-        length = depth.shape[axis] - 1
-        pair = counted.narrow(axis, 0, length) & counted.narrow(axis, 1, length)
-        pair &= truth.diff(dim=axis).abs() < SAME_SURFACE_M
-        wrong = (depth.diff(dim=axis) - truth.diff(dim=axis)).abs().clamp(max=SAME_SURFACE_M)
-        total = total + (wrong * pair).sum(dim=(1, 2))
-        count = count + pair.sum(dim=(1, 2))
+    frame, row, column = output.rays.unbind(dim=1)
+    chosen = output.logits.argmax(dim=1, keepdim=True)
+    depth = output.candidate.gather(1, chosen)[:, 0]  # (rays,)
+    truth = batch.true_depth[frame, row, column]
+    counts = (truth > 0) & (depth > 0)
+    frames, height, width = batch.true_depth.shape
+    number = torch.full((frames, height + 1, width + 1), -1, device=truth.device)
+    number[frame, row, column] = torch.arange(len(truth), device=truth.device)
+    total, count = depth.new_zeros(frames), depth.new_zeros(frames)
+    for down, right in ((0, 1), (1, 0)):
+        other = number[frame, row + down, column + right]  # (rays,); -1: no ray there
+        step = truth[other] - truth
+        pair = (other >= 0) & counts & counts[other] & (step.abs() < SAME_SURFACE_M)
+        wrong = (depth[other] - depth - step).abs().clamp(max=SAME_SURFACE_M)
+        total = total.index_add(0, frame, wrong * pair)
+        count = count.index_add(0, frame, pair.to(count.dtype))
     return _frame_mean(total, count)
 
 

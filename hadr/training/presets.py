@@ -61,13 +61,13 @@ PLUS_MINI = Preset(
     height=144,
     network="hadr-plus",
     model=HADRPlusConfig(),
-    epochs=12,
+    epochs=20,
     schedule="cosine",
     learning_rate=2e-3,
     warmup_epochs=0.5,
     clip_norm=5.0,
     average_decay=0.995,
-    batch_size=16,
+    batch_size=8,
     mirror=0.5,
     roll_deg=30.0,
     precision="bf16-mixed",
@@ -111,7 +111,7 @@ KEYPOINTS_MINI = Preset(
     model=HandKeypointConfig(
         unet=UNetConfig(widths=(32, 64, 128, 256), decoder=(128, 64, 32, 32)), crop=64
     ),
-    epochs=16,
+    epochs=12,
     schedule="cosine",
     learning_rate=2e-3,
     warmup_epochs=0.5,
@@ -120,6 +120,7 @@ KEYPOINTS_MINI = Preset(
     batch_size=16,
     mirror=0.5,
     roll_deg=30.0,
+    validation_frames=240,
 )
 """A ResNet-18 of half the width on crops of 64 pixels, about as many as a 256x144 frame has."""
 
@@ -166,6 +167,8 @@ SEGMENTATION_MINI = Preset(
     average_decay=0.995,
     batch_size=16,
     mirror=0.5,
+    precision="bf16-mixed",
+    validation_frames=240,
 )
 """A ResNet-34 of a quarter of the width."""
 

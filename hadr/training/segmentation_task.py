@@ -84,6 +84,7 @@ def mask_losses(logits: Tensor, truth: Tensor) -> dict[str, Tensor]:
         "loss"; "cross_entropy" in nats a pixel; "dice": 1 - 2 |A B| / (|A| + |B|), with one pixel
         added above and below so that an empty mask has a value.
     """
+    logits = logits.float()  # sums over a picture are too much for half precision
     target = truth.to(logits.dtype)
     entropy = functional.binary_cross_entropy_with_logits(logits, target, reduction="none")
     found = logits.sigmoid()

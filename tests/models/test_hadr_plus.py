@@ -82,15 +82,15 @@ def test_a_switch_blanks_its_channels_and_no_others(network, batch, switch):
     assert torch.equal(seen[:, rest], blanked[:, rest])
 
 
-def test_the_hands_plane_lies_below_the_candidates_at_its_place_in_metres(batch):
+def test_the_plane_lies_below_the_candidates_at_its_place_in_metres(batch):
     torch.manual_seed(0)
-    network = HADRPlus(replace(SMALL, hand_plane=True)).eval()
-    for layer in (network.coarse[1], network.fine[1], network.plane.layers[-1]):
+    network = HADRPlus(SMALL).eval()
+    for layer in (network.coarse[1], network.fine[1], network.unet.answer):
         torch.nn.init.zeros_(layer.weight)
         torch.nn.init.zeros_(layer.bias)
     network.start.zero_()
     # 3 cm before the hand at the crop's centre, 0.2 m a metre to the right, 0.4 down.
-    network.plane.layers[-1].bias.data = torch.tensor([-1.0, 0.5, 1.0])
+    network.unet.answer.bias.data = torch.tensor([-1.0, 0.5, 1.0])
     inputs = batch.inputs
     output, crop = restored(network, inputs), network.crop(inputs)
     for frame, row, column in output.rays[::37].tolist():
@@ -101,6 +101,29 @@ def test_the_hands_plane_lies_below_the_candidates_at_its_place_in_metres(batch)
         assert output.depth[frame, row, column].item() == pytest.approx(expected.item(), abs=1e-4)
     mask = inputs.mask
     assert torch.allclose(output.plane, output.depth[mask], atol=1e-6)
+
+
+def test_without_plane_nothing_is_guessed(batch):
+    assert restored(HADRPlus(replace(SMALL, plane=False)).eval(), batch.inputs).plane is None
+
+
+def test_the_keypoints_vector_is_in_metres_around_the_crop(network, batch):
+    inputs = batch.inputs
+    crop = network.crop(inputs)
+    known = network.keypoints(inputs, crop)
+    points = known[:, :63].reshape(-1, 21, 3) / 10
+    deep = inputs.keypoints[:, :, 2] - crop.prior[:, None]
+    assert torch.allclose(points[:, :, 2], deep, atol=1e-6)
+    # A keypoint as deep as the hand's median lies where the camera sees it.
+    for frame in range(len(inputs)):
+        number = int(deep[frame].abs().argmin())
+        (fx, fy, cx, cy), prior = inputs.intrinsics[frame].tolist(), crop.prior[frame].item()
+        x = (crop.center[frame, 0].item() - cx) / fx * prior
+        y = (crop.center[frame, 1].item() - cy) / fy * prior
+        expected = inputs.keypoints[frame, number, :2] - torch.tensor([x, y])
+        assert torch.allclose(points[frame, number, :2], expected, atol=1e-3)
+    off = HADRPlus(replace(SMALL, hand_vector=False))
+    assert (off.keypoints(inputs, crop) == 0).all()
 
 
 def test_without_metric_crop_all_frames_have_one_scale(batch):
