@@ -201,6 +201,12 @@ def table_rows(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     return [_averaged(group) for group in groups.values()]
 
 
+def _mean(values: Sequence[float | None]) -> float | None:
+    """Mean over the seeds; None where one of them has no value (nothing was restored)."""
+    known = [value for value in values if value is not None]
+    return sum(known) / len(known) if known and len(known) == len(values) else None
+
+
 def _averaged(group: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     first = dict(group[0])
     left_out = ("seed", "per_frame", "configuration", "provenance")
@@ -210,7 +216,7 @@ def _averaged(group: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
             row[name] = sum(r[name] for r in group) / len(group)
     for part in ("pooled", "restored"):
         columns = [r[part] for r in group]
-        row[part] = {name: sum(c[name] for c in columns) / len(columns) for name in columns[0]}
+        row[part] = {name: _mean([c[name] for c in columns]) for name in columns[0]}
     errors = [r["rmse_m"] for r in group]
     mean = sum(errors) / len(errors)
     spread = (

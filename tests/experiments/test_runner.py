@@ -1,0 +1,84 @@
+"""Runs of the tables: from data folder to row and table, kept, measured again where it must be."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from hadr.data.samples import samples_dir
+from hadr.experiments import runner
+from hadr.experiments.plan import measure_all
+from hadr.experiments.runner import Bench, Run, table_rows
+from hadr.experiments.systems import CHEAP, System, system
+from hadr.result_file import read_result_file
+
+
+def small(method: str, size: str) -> System:
+    """The system of preset tiny, trained for one epoch."""
+    found = system(method, size)
+    recipe = found.recipe and replace(found.recipe, epochs=1, drop_epoch=1, true_voxel_epochs=1)
+    return replace(found, recipe=recipe)
+
+
+@pytest.fixture
+def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Bench:
+    monkeypatch.setattr(runner, "system", small)
+    return Bench([samples_dir() / "frames"], tmp_path / "runs", "tiny", limit=8)
+
+
+def test_the_table_has_every_finished_run_and_its_rows_are_kept(
+    bench: Bench, tmp_path: Path
+) -> None:
+    runs = [Run("known", method) for method in (*CHEAP, "unet-hand")]
+    said: list[str] = []
+    measure_all(bench, runs, tmp_path / "hadr.json", said.append)
+    table = read_result_file(tmp_path / "hadr.json")
+    assert [row["method"] for row in table.rows] == [run.method for run in runs]
+    raw, learned = table.row(method="raw"), table.row(method="unet-hand")
+    assert raw["coverage"] == 0  # depth is erased in the mask, and raw restores nothing
+    assert raw["restored"]["rmse_m"] is None
+    assert raw["rmse_m"] > 0.3  # each pixel counts as depth 0
+    assert learned["coverage"] > 0.99
+    assert learned["training_frames"] == 8
+    assert learned["frames"] == 8
+    rows = {run: json.loads((bench.out / run.name / "row.json").read_text()) for run in runs}
+    before = {run: bench.out.joinpath(run.name, "row.json").read_bytes() for run in runs}
+    measure_all(bench, runs, tmp_path / "hadr.json", said.append)
+    assert all("was there" in line for line in said[len(runs) :])
+    assert before == {run: bench.out.joinpath(run.name, "row.json").read_bytes() for run in runs}
+    per_frame = rows[runs[-1]]["per_frame"]["rmse_m"]
+    assert learned["rmse_m"] == pytest.approx(sum(per_frame) / 8)
+
+
+def test_a_row_of_other_data_is_measured_again(bench: Bench) -> None:
+    run = Run("known", "nearest")
+    row = bench.measure(run)
+    assert bench.finished(run) == row
+    other = Bench(bench.roots, bench.out, "tiny", limit=4)
+    assert other.finished(run) is None
+    assert other.measure(run)["frames"] == 4
+    assert bench.finished(run) is None
+
+
+def test_seeds_are_averaged() -> None:
+    def row(seed: int, error: float, restored: float | None) -> dict[str, object]:
+        return {
+            "method": "hadr",
+            "split": "known",
+            "seed": seed,
+            "rmse_m": error,
+            "pooled": {"rmse_m": error},
+            "restored": {"rmse_m": restored},
+            "config_sha256": str(seed),
+            "provenance": {"commit": "c", "machine": "m"},
+        }
+
+    (mean,) = table_rows([row(0, 0.02, 0.01), row(1, 0.04, None)])
+    assert mean["rmse_m"] == pytest.approx(0.03)
+    assert mean["rmse_sd_m"] == pytest.approx(0.01 * 2**0.5)
+    assert mean["restored"]["rmse_m"] is None  # one of the seeds restored nothing
+    assert mean["seeds"] == [0, 1]
+    assert mean["config_sha256"] == ["0", "1"]
