@@ -119,7 +119,11 @@ def write_table(bench: Bench, table: str | Path) -> None:
     """
     names = sorted(path.parent.name for path in bench.out.glob("*/*/seed-*/row.json"))
     seeds = sorted({int(name.removeprefix("seed-")) for name in names})
-    rows = [row for run in plan(seeds=seeds or (0,)) if (row := bench.finished(run)) is not None]
+    rows = [
+        {**row, "curve": bench.curve(run)}
+        for run in plan(seeds=seeds or (0,))
+        if (row := bench.finished(run)) is not None
+    ]
     width, height = EVALUATION_SIZE
     what = (
         f"Depth of the glass restored from one frame (preset {bench.size}, corruption "

@@ -9,10 +9,12 @@ A row is measured again when its recipe, its data or its protocol is another tha
 from __future__ import annotations
 
 import contextlib
+import csv
 import json
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +29,7 @@ from hadr.training.batches import Corruption, FrameTensors, load_frames
 from hadr.training.loop import LAST, train
 from hadr.training.presets import Preset
 
-ROW = "row.json"
+ROW, HISTORY = "row.json", "history.csv"
 
 
 @dataclass(frozen=True)
@@ -124,6 +126,18 @@ class Bench:
                 return row
         return None
 
+    def curve(self, run: Run) -> dict[str, list[float]] | None:
+        """Give a training's seconds so far and validation RMSE after each epoch, None without."""
+        with contextlib.suppress(OSError, KeyError, ValueError):
+            text = (self.out / run.name / HISTORY).read_text(encoding="utf-8")
+            rows = list(csv.DictReader(text.splitlines()))
+            seconds = list(accumulate(float(row["seconds"]) for row in rows))
+            return {
+                "seconds": [round(value, 1) for value in seconds],
+                "validation_rmse_m": [float(row["validation_rmse_m"]) for row in rows],
+            }
+        return None
+
     def measure(self, run: Run) -> dict[str, Any]:
         """Train a run's system as far as it is not, score it, and keep the row.
 
@@ -201,6 +215,15 @@ def table_rows(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     return [_averaged(group) for group in groups.values()]
 
 
+def _by_object(listed: Sequence[Mapping[str, Any]]) -> dict[str, float]:
+    """Mean RMSE of each object's frames in metres, over all seeds."""
+    errors: dict[str, list[float]] = {}
+    for frames in listed:
+        for stem, error in zip(frames["stems"], frames["rmse_m"], strict=True):
+            errors.setdefault(stem.split("/")[0], []).append(error)
+    return {name: sum(errors[name]) / len(errors[name]) for name in sorted(errors)}
+
+
 def _mean(values: Sequence[float | None]) -> float | None:
     """Mean over the seeds; None where one of them has no value (nothing was restored)."""
     known = [value for value in values if value is not None]
@@ -211,6 +234,7 @@ def _averaged(group: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     first = dict(group[0])
     left_out = ("seed", "per_frame", "configuration", "provenance")
     row = {name: value for name, value in first.items() if name not in left_out}
+    row["by_object"] = _by_object([r["per_frame"] for r in group])
     for name, value in row.items():
         if isinstance(value, float):
             row[name] = sum(r[name] for r in group) / len(group)

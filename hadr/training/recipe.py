@@ -92,9 +92,7 @@ class Preset:
                 f"precision must be one of {get_args(Precision)}, got {self.precision!r}"
             )
         if self.validation_frames is not None and self.validation_frames < 1:
-            raise ValueError(
-                f"validation_frames must be at least 1, got {self.validation_frames}"
-            )
+            raise ValueError(f"validation_frames must be at least 1, got {self.validation_frames}")
         for name, value, low, high in (
             ("warmup_epochs", self.warmup_epochs, 0, self.epochs),
             ("average_decay", self.average_decay or 0, 0, 1),

@@ -100,7 +100,7 @@ def test_seeds_are_averaged():
             "frames": 4,
             "pooled": {"rmse_m": 2 * rmse},
             "restored": {"rmse_m": 3 * rmse},
-            "per_frame": {},
+            "per_frame": {"stems": ["0001/a", "0002/b"], "rmse_m": [rmse, 3 * rmse]},
             "configuration": {},
             "config_sha256": str(seed),
             "provenance": {"commit": "a", "machine": "m"},
@@ -111,5 +111,6 @@ def test_seeds_are_averaged():
     assert found["rmse_sd_m"] == pytest.approx(0.01)
     assert found["pooled"]["rmse_m"] == pytest.approx(0.04)
     assert found["restored"]["rmse_m"] == pytest.approx(0.06)
+    assert found["by_object"] == pytest.approx({"0001": 0.02, "0002": 0.06})
     assert (found["frames"], found["seeds"]) == (4, [0, 1, 2])
     assert table_rows([row(0, 0.01)])[0]["rmse_sd_m"] is None

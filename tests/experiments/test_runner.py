@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -49,7 +50,14 @@ def test_the_table_has_every_finished_run_and_its_rows_are_kept(
     measure_all(bench, runs, tmp_path / "hadr.json", said.append)
     assert all("was there" in line for line in said[len(runs) :])
     assert before == {run: bench.out.joinpath(run.name, "row.json").read_bytes() for run in runs}
+    assert raw["curve"] is None
+    (row,) = csv.DictReader((bench.out / runs[-1].name / "history.csv").open())
+    assert learned["curve"]["validation_rmse_m"] == [float(row["validation_rmse_m"])]
     per_frame = rows[runs[-1]]["per_frame"]["rmse_m"]
+    stems = rows[runs[-1]]["per_frame"]["stems"]
+    first = stems[0].split("/")[0]
+    own = [error for stem, error in zip(stems, per_frame, strict=True) if stem[:4] == first]
+    assert learned["by_object"][first] == pytest.approx(sum(own) / len(own))
     assert learned["rmse_m"] == pytest.approx(sum(per_frame) / 8)
 
 
@@ -63,22 +71,19 @@ def test_a_row_of_other_data_is_measured_again(bench: Bench) -> None:
     assert bench.finished(run) is None
 
 
-def test_seeds_are_averaged() -> None:
-    def row(seed: int, error: float, restored: float | None) -> dict[str, object]:
+def test_what_one_seed_did_not_restore_has_no_mean() -> None:
+    def row(error: float | None) -> dict[str, object]:
         return {
             "method": "hadr",
             "split": "known",
-            "seed": seed,
-            "rmse_m": error,
-            "pooled": {"rmse_m": error},
-            "restored": {"rmse_m": restored},
-            "config_sha256": str(seed),
+            "seed": 0,
+            "rmse_m": 0.02,
+            "pooled": {"rmse_m": 0.02},
+            "restored": {"rmse_m": error},
+            "per_frame": {"stems": [], "rmse_m": []},
+            "config_sha256": "s",
             "provenance": {"commit": "c", "machine": "m"},
         }
 
-    (mean,) = table_rows([row(0, 0.02, 0.01), row(1, 0.04, None)])
-    assert mean["rmse_m"] == pytest.approx(0.03)
-    assert mean["rmse_sd_m"] == pytest.approx(0.01 * 2**0.5)
-    assert mean["restored"]["rmse_m"] is None  # one of the seeds restored nothing
-    assert mean["seeds"] == [0, 1]
-    assert mean["config_sha256"] == ["0", "1"]
+    assert table_rows([row(0.01), row(None)])[0]["restored"]["rmse_m"] is None
+    assert table_rows([row(0.01), row(0.03)])[0]["restored"]["rmse_m"] == pytest.approx(0.02)
