@@ -33,8 +33,8 @@ from hadr.hand import FINGERS
 from hadr.models.crop_unet import CropUNet, layer
 from hadr.models.hadr_input import HADRInput, float_color, masked_rays
 from hadr.models.hand_crop import HandCrop, hand_crop
-from hadr.models.plane import UNITS, plane_picture
 from hadr.models.hand_prior import keypoint_maps, relative_depth
+from hadr.models.plane import UNITS, plane_picture
 
 GROUPS: tuple[tuple[int, ...], ...] = ((0,), *FINGERS.values())
 """Keypoints that share a map: the wrist, and each finger."""
