@@ -110,6 +110,26 @@ def score_network(model: nn.Module, given: FrameTensors, truth: FrameTensors) ->
     Raises:
         ValueError: The frames are not the same.
     """
+    depth, restored = restored_depth(model, given, truth)
+    return score_depth(depth, truth, restored)
+
+
+def restored_depth(
+    model: nn.Module, given: FrameTensors, truth: FrameTensors
+) -> tuple[FloatArray, BoolArray]:
+    """Let a depth network restore frames, and enlarge its depth to the truth's size.
+
+    Args:
+        model: A network whose output has ``depth`` and ``restored``.
+        given: The frames at the network's own size.
+        truth: The same frames at the evaluation size.
+
+    Returns:
+        z-depth in metres, 0 where none is, and where it is the network's own, both (N, H, W).
+
+    Raises:
+        ValueError: The frames are not the same.
+    """
     if given.stems != truth.stems:
         raise ValueError("the frames at the network's size are not those at the evaluation size")
     shape = tuple(truth.true_depth.shape[1:])
@@ -122,7 +142,7 @@ def score_network(model: nn.Module, given: FrameTensors, truth: FrameTensors) ->
         (large[number],), restored[number] = enlarge_restored(
             depth[number][None], known[number], asked, shape
         )
-    return score_depth(large, truth, restored)
+    return large, restored
 
 
 def score_cheap(truth: FrameTensors, method: str) -> Scores:

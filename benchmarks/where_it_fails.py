@@ -1,0 +1,73 @@
+"""Where the trained networks of the tables fail: place or shape, which objects, how new a pose.
+
+    python benchmarks/where_it_fails.py --runs out/runs --data DIR data_samples/frames \\
+        --json results/mini/errors.json
+
+`hadr reproduce` has made the runs from the same data folders. Test frames are only looked at here,
+after all trainings are done; nothing is chosen by them.
+"""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from hadr.experiments.errors import frame_error, hand_poses, pose_distance, summary
+from hadr.experiments.runner import Bench, Run
+from hadr.experiments.scoring import EVALUATION_SIZE, restored_depth
+from hadr.experiments.splits import EXPERIMENTS
+from hadr.experiments.systems import LEARNED, system
+from hadr.provenance import machine_text, provenance
+from hadr.result_file import write_result_file
+from hadr.training.checkpoints import load_checkpoint
+from hadr.training.evaluation import BASELINES
+from hadr.training.loop import LAST
+
+
+def row_of(bench: Bench, run: Run, size: str) -> dict[str, Any]:
+    """Take apart the errors of one run's network, or of the hand's median depth."""
+    truth = bench.frames(run, "test", EVALUATION_SIZE)
+    recipe = system(run.method, size).recipe
+    if recipe is None:
+        restorer = BASELINES[run.method]
+        depths = [restorer(truth, number) for number in range(len(truth))]
+    else:
+        model, _ = load_checkpoint(bench.out / run.name / LAST)
+        depths = list(restored_depth(model, bench.frames(run, "test", recipe.size), truth)[0])
+    true, masks = truth.true_depth.numpy(), truth.object_mask.numpy()
+    shown = [n for n in range(len(truth)) if (masks[n] & (true[n] > 0)).any()]
+    errors = [
+        frame_error(truth.stems[n].split("/")[0], depths[n], true[n], masks[n]) for n in shown
+    ]
+    learned = hand_poses(bench.frames(run, "train", EVALUATION_SIZE))
+    distance = pose_distance(hand_poses(truth)[shown], learned)
+    print(run.name, f"{sum(e.rmse_m for e in errors) / len(errors):.4f} m", flush=True)
+    return {"method": run.method, "split": run.experiment, **summary(errors, distance)}
+
+
+def main() -> None:
+    """Run the analysis."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--runs", type=Path, required=True, help="OUT/runs of hadr reproduce")
+    parser.add_argument("--data", type=Path, nargs="+", required=True)
+    parser.add_argument("--preset", default="mini")
+    parser.add_argument("--json", type=Path, required=True)
+    args = parser.parse_args()
+    bench = Bench(args.data, args.runs, args.preset)
+    rows = [
+        row_of(bench, run, args.preset)
+        for experiment in EXPERIMENTS
+        for method in ("hand-median", *LEARNED)
+        if bench.finished(run := Run(experiment, method)) is not None
+    ]
+    write_result_file(
+        args.json,
+        "Parts of the depth error on the test frames, means over the frames, metres: place (median "
+        "error), shape (what is left without it), tilt (what is left without the best plane); by "
+        "object; by thirds of the frames from the nearest to the farthest learned hand pose",
+        rows,
+        {**provenance(), "machine": machine_text(), "data": bench.data},
+    )
+
+
+if __name__ == "__main__":
+    main()
