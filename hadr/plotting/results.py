@@ -1,0 +1,197 @@
+"""The measured tables as pictures and Markdown, drawn from result files and nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from hadr.plotting import COLORS
+
+Row = Mapping[str, Any]
+
+NAMES: dict[str, str] = {
+    "raw": "raw depth",
+    "inpainting": "inpainting",
+    "nearest": "nearest valid depth",
+    "hand-median": "the hand's median depth",
+    "no-hand": "HADR without the hand",
+    "hadr": "HADR",
+    "hadr-long": "HADR, trained longer",
+    "unet-hand": "U-Net with the hand",
+    "hadr-plus": "HADR-plus",
+}
+"""How a method of a result file is called in tables and pictures, in the order of the tables."""
+_COLOR = {
+    "hadr": "hadr",
+    "hadr-long": "hadr",
+    "no-hand": "glass",
+    "unet-hand": "baseline",
+    "hadr-plus": "robot",
+    "hand-median": "hand",
+}
+
+
+def system_color(method: str) -> str:
+    """Colour of a method in all pictures of results."""
+    return COLORS[_COLOR.get(method, "raw")]
+
+
+def ordered(rows: Sequence[Row], split: str) -> list[Row]:
+    """Give the rows of a split in the order of `NAMES`."""
+    place = {name: number for number, name in enumerate(NAMES)}
+    chosen = [row for row in rows if row["split"] == split]
+    return sorted(chosen, key=lambda row: place.get(row["method"], len(place)))
+
+
+def results_table(rows: Sequence[Row], published: Mapping[str, Mapping[str, Any]]) -> str:
+    """Set the rows of both splits side by side, the paper's HADR below.
+
+    Args:
+        rows: Rows of `results/mini/hadr.json`.
+        published: Content of `results/paper_tables.json`.
+
+    Returns:
+        Markdown; "-" where a run is missing.
+    """
+    lines = [
+        "| method | known: RMSE (cm) | MAE (cm) | δ1.05 (%) | unknown: RMSE (cm) | MAE (cm) | "
+        "δ1.05 (%) | weights (M) | training (min) |",
+        "|:--" + "|--:" * 8 + "|",
+    ]
+    found = {(row["split"], row["method"]): row for row in rows}
+    for method, name in NAMES.items():
+        pair = [found.get((split, method)) for split in ("known", "unknown")]
+        if pair == [None, None]:
+            continue
+        cells = [cell for row in pair for cell in _scores(row)]
+        trained = next((row for row in pair if row and row.get("training_s")), None)
+        size = f"{trained['parameters'] / 1e6:.1f}" if trained else "-"
+        minutes = f"{trained['training_s'] / 60:.0f}" if trained else "-"
+        lines.append("| " + " | ".join([name, *cells, size, minutes]) + " |")
+    cells = []
+    for split in ("known", "unknown"):
+        rmse, _, mae, delta = published[split]["HADR"][:4]
+        cells += [f"{100 * rmse:.1f}", f"{100 * mae:.1f}", f"{delta:.2f}"]
+    lines.append("| *HADR as published, on other data* | " + " | ".join([*cells, "-", "-"]) + " |")
+    return "\n".join(lines)
+
+
+def _scores(row: Row | None) -> list[str]:
+    if row is None:
+        return ["-"] * 3
+    return [f"{100 * row['rmse_m']:.2f}", f"{100 * row['mae_m']:.2f}", f"{row['delta_105']:.2f}"]
+
+
+def draw_systems(ax: Axes, rows: Sequence[Row], split: str, published_rmse_m: float) -> None:
+    """Draw each method's RMSE as a dot with its standard error over the frames.
+
+    Args:
+        ax: Ordinary 2D axes.
+        rows: Rows of `results/mini/hadr.json`.
+        split: "known" or "unknown".
+        published_rmse_m: The paper's RMSE of HADR on its own data, metres.
+    """
+    chosen = ordered(rows, split)
+    places = np.arange(len(chosen))[::-1]
+    for place, row in zip(places, chosen, strict=True):
+        value, doubt = 100 * row["rmse_m"], 100 * (row.get("rmse_standard_error_m") or 0)
+        color = system_color(row["method"])
+        ax.errorbar(value, place, xerr=doubt, color=color, marker="o", ms=7, capsize=2)
+        ax.annotate(f"{value:.1f}", (value + doubt, place), xytext=(6, 0), va="center",
+                    textcoords="offset points", fontsize=9)  # fmt: skip
+    ax.axvline(100 * published_rmse_m, color=COLORS["truth"], lw=1, ls=":")
+    ax.set(
+        yticks=places,
+        yticklabels=[NAMES.get(row["method"], row["method"]) for row in chosen],
+        ylim=(-0.7, len(chosen) - 0.3),
+        xscale="log",
+        xlim=(0.6, 300),
+        xlabel="RMSE (cm)",
+        title=f"{split} objects",
+    )
+    ax.set_xticks([1, 3, 10, 30, 100], ["1", "3", "10", "30", "100"])
+    ax.minorticks_off()
+
+
+def draw_learning(ax: Axes, rows: Sequence[Row], split: str) -> None:
+    """Draw the validation error of each training over its minutes.
+
+    Args:
+        ax: Ordinary 2D axes.
+        rows: Rows with ``curve``.
+        split: "known" or "unknown".
+    """
+    for row in ordered(rows, split):
+        curve = row.get("curve")
+        if not curve:
+            continue
+        minutes = np.asarray(curve["seconds"]) / 60
+        error = 100 * np.asarray(curve["validation_rmse_m"])
+        style = "--" if row["method"] == "hadr-long" else "-"
+        ax.plot(minutes, error, style, color=system_color(row["method"]), marker="o", ms=2.5,
+                label=NAMES.get(row["method"], row["method"]))  # fmt: skip
+    ax.set(xlabel="minutes of training, one core", ylabel="RMSE (cm)", title=f"{split} objects")
+
+
+def draw_parts(ax: Axes, rows: Sequence[Row], split: str) -> None:
+    """Draw what is left of each method's error when place, and place and tilt, are given away.
+
+    Args:
+        ax: Ordinary 2D axes.
+        rows: Rows of `results/mini/errors.json`.
+        split: "known" or "unknown".
+    """
+    chosen = ordered(rows, split)
+    places = np.arange(len(chosen))[::-1]
+    parts = (
+        ("rmse_m", "whole error", "o"),
+        ("shape_m", "without its median: shape and tilt", "s"),
+        ("tilt_m", "without its best plane: shape alone", "D"),
+    )
+    for place, row in zip(places, chosen, strict=True):
+        values = [100 * row[part] for part, _, _ in parts]
+        color = system_color(row["method"])
+        ax.plot([min(values), max(values)], [place, place], color=color, lw=1.2)
+        for value, (_, _, marker) in zip(values, parts, strict=True):
+            face = color if marker == "o" else "white"
+            ax.plot(value, place, marker, color=color, ms=6, mfc=face)
+    for _, label, marker in parts:
+        face = COLORS["raw"] if marker == "o" else "white"
+        ax.plot([], [], marker, color=COLORS["raw"], mfc=face, label=label)
+    ax.set(
+        yticks=places,
+        yticklabels=[NAMES.get(row["method"], row["method"]) for row in chosen],
+        ylim=(-0.7, len(chosen) - 0.3),
+        xlim=(0, None),
+        xlabel="RMSE (cm)",
+        title=f"{split} objects",
+    )
+
+
+def draw_by_object(ax: Axes, rows: Sequence[Row], split: str, names: Mapping[str, str]) -> None:
+    """Draw each method's RMSE on each object.
+
+    Args:
+        ax: Ordinary 2D axes.
+        rows: Rows of `results/mini/errors.json`.
+        split: "known" or "unknown".
+        names: What the objects are called, by number.
+    """
+    chosen = ordered(rows, split)
+    objects = sorted({number for row in chosen for number in row["by_object"]})
+    for row in chosen:
+        values = [100 * row["by_object"][number]["rmse_m"] for number in objects]
+        ax.plot(values, range(len(objects)), "o", color=system_color(row["method"]), alpha=0.9,
+                label=NAMES.get(row["method"], row["method"]))  # fmt: skip
+    ax.set(
+        yticks=range(len(objects)),
+        yticklabels=[f"{number} {names.get(number, '')}".strip() for number in objects],
+        ylim=(len(objects) - 0.5, -0.5),
+        xlim=(0, None),
+        xlabel="RMSE (cm)",
+        title=f"{split} objects",
+    )
+    ax.grid(axis="y", lw=0.5, alpha=0.5)
