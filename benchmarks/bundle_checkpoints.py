@@ -1,0 +1,93 @@
+"""Put the small checkpoints into data_samples/checkpoints, calibrated, with their records.
+
+    hadr reproduce --preset mini --data DIR data_samples/frames --only hadr hadr-plus --out OUT
+    for network in hand-keypoints segmentation; do
+        hadr train --network $network --preset mini --data DIR data_samples/frames \\
+            --out OUT/nets/$network
+    done
+    python benchmarks/bundle_checkpoints.py --made OUT --data DIR data_samples/frames
+
+DIR is what `hadr generate --preset mini` has made. The last epoch's weights are taken, which was
+fixed beforehand, and stored as 16-bit floats. Depth networks are calibrated on validation frames;
+what that measured goes to results/confidence.
+"""
+
+import argparse
+import tempfile
+from pathlib import Path
+
+from hadr.cli import main as hadr
+from hadr.data.samples import samples_dir, write_manifest
+from hadr.experiments.splits import Experiment, open_part
+from hadr.reproduce import checkout_root
+from hadr.training.checkpoints import load_checkpoint, strip_checkpoint, update_record
+
+SOURCES: dict[str, tuple[str, Experiment | None]] = {
+    "hadr-mini": ("runs/known/hadr/seed-0", "known"),
+    "hadr-mini-unknown": ("runs/unknown/hadr/seed-0", "unknown"),
+    "hadr-plus-mini": ("runs/known/hadr-plus/seed-0", "known"),
+    "hand-keypoints-mini": ("nets/hand-keypoints", None),
+    "segmentation-mini": ("nets/segmentation", None),
+}
+"""Folder of the training of each checkpoint; of a depth network, the experiment it belongs to."""
+
+
+def bundle(name: str, made: Path, data: list[Path], folder: Path) -> None:
+    """Write one checkpoint: weights, record, calibration."""
+    source, experiment = SOURCES[name]
+    small = folder / f"{name}.safetensors"
+    strip_checkpoint(made / source / "last.safetensors", small)
+    model, record = load_checkpoint(small)
+    parts = {part: len(open_part(data, experiment or "known", part)) for part in ("train", "val")}
+    objects = open_part(data, experiment or "known", "train").objects
+    history = record["history"]
+    validation = {
+        key.removeprefix("validation_"): value
+        for key, value in history[-1].items()
+        if key.startswith("validation_")
+    }
+    update_record(
+        small,
+        {
+            "name": name,
+            "provenance": f"preset {record['preset']['name']}, epoch {record['epochs']} of "
+            f"{record['preset']['epochs']}, trained on {parts['train']} frames of "
+            f"{len(objects)} objects of TransHand-mini",
+            "corruption": "oracle: depth erased in the object's mask; true keypoints",
+            "data": {**record["data"], "frames": parts, "objects": list(objects)},
+            "training": {
+                "selected": "the last epoch, fixed beforehand: no frame was used for the choice",
+                "epochs": record["epochs"],
+                "seconds": sum(row["seconds"] for row in history),
+            },
+            "validation": validation,
+            "weights": {"number": sum(p.numel() for p in model.parameters()), "stored": "float16"},
+        },
+    )
+    if experiment is not None:
+        result = checkout_root() / "results" / "confidence" / f"{name}.json"
+        only = [] if experiment == "known" else ["--objects", *objects]
+        command = ["calibrate", str(small), *map(str, data), "--out", str(result), *only]
+        if hadr(command) != 0:
+            raise SystemExit(f"hadr {' '.join(command)} failed")
+    print(f"{name}: {small.stat().st_size / 1e6:.1f} MB", flush=True)
+
+
+def main() -> None:
+    """Write all checkpoints, or those that are named."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--made", type=Path, required=True, help="OUT of the trainings")
+    parser.add_argument("--data", type=Path, nargs="+", required=True)
+    parser.add_argument("--only", nargs="+", choices=tuple(SOURCES), default=list(SOURCES))
+    args = parser.parse_args()
+    target = samples_dir() / "checkpoints"
+    with tempfile.TemporaryDirectory(dir=target) as scratch:
+        for name in args.only:
+            bundle(name, args.made, args.data, Path(scratch))
+        for path in sorted(Path(scratch).iterdir()):
+            path.replace(target / path.name)
+    write_manifest()
+
+
+if __name__ == "__main__":
+    main()
