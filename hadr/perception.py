@@ -174,15 +174,26 @@ class Perception:
         restoration: str | Path,
         segmentation: str | Path | None = None,
         keypoints: str | Path | None = None,
+        *,
+        ray_stride: int = 1,
     ) -> Perception:
         """Read the checkpoints.
+
+        Args:
+            restoration: Checkpoint of a depth network.
+            segmentation: Checkpoint of a segmentation network.
+            keypoints: Checkpoint of a hand-keypoint network.
+            ray_stride: 2 lets HADR cast a ray at every other row and column only, which is faster
+                and costs hardly any accuracy (`benchmarks/restoration.py`).
 
         Raises:
             FileNotFoundError: A file does not exist.
             ValueError: A file is damaged, or a checkpoint of another kind of network.
         """
         return cls(
-            DepthNetwork.load(restoration),
+            DepthNetwork.load(restoration)
+            if ray_stride == 1
+            else DepthNetwork.load(restoration).with_fewer_rays(ray_stride),
             None if segmentation is None else Segmentation.load(segmentation),
             None if keypoints is None else HandKeypoints.load(keypoints),
         )

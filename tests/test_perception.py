@@ -1,5 +1,7 @@
 """Mask, keypoints and depth of one frame: networks whose answers are known stand in."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -188,6 +190,20 @@ def test_a_missing_or_wrong_checkpoint_is_named(tmp_path) -> None:
     loaded = Perception.load(path)
     assert loaded.restoration.kind == "hadr"
     assert loaded.restoration.size == (64, 40)
+    full, sparse = loaded.restoration, Perception.load(path, ray_stride=2).restoration
+    color, depth, glass, keypoints = frame()
+    answers = [
+        n.restore(color, np.where(glass, 0, depth), CAMERA, glass, np.full((21, 3), 0.7))
+        for n in (full, sparse)
+    ]
+    np.testing.assert_array_equal(answers[0].restored, answers[1].restored)
+    inside = answers[0].restored
+    assert inside.any()
+    assert np.abs(answers[0].depth - answers[1].depth)[inside].max() < 0.3  # within its voxel
+    with pytest.raises(ValueError, match="stride must be at least 1, got 0"):
+        full.with_fewer_rays(0)
+    with pytest.raises(ValueError, match="is a unet-hand, which does not restore ray by ray"):
+        replace(full, kind="unet-hand").with_fewer_rays()
     with pytest.raises(ValueError, match="of kind 'hadr', expected 'segmentation'"):
         Perception.load(path, segmentation=path)
     with pytest.raises(ValueError, match="of kind 'hadr', expected 'hand-keypoints'"):
