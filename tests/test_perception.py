@@ -191,7 +191,7 @@ def test_a_missing_or_wrong_checkpoint_is_named(tmp_path) -> None:
     assert loaded.restoration.kind == "hadr"
     assert loaded.restoration.size == (64, 40)
     full, sparse = loaded.restoration, Perception.load(path, ray_stride=2).restoration
-    color, depth, glass, keypoints = frame()
+    color, depth, glass, _keypoints = frame()
     answers = [
         n.restore(color, np.where(glass, 0, depth), CAMERA, glass, np.full((21, 3), 0.7))
         for n in (full, sparse)

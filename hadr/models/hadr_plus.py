@@ -123,6 +123,20 @@ class HADRPlusOutput:
     log_scale: Tensor
     plane: Tensor | None = None
 
+    @property
+    def spread(self) -> Tensor:
+        """Standard deviation of the predicted distribution of depth in metres, (B, H, W).
+
+        That of a mixture of Laplace distributions, whose variances are 2 scale^2; 0 where nothing
+        was restored.
+        """
+        share = self.logits.softmax(dim=1)
+        mean = (share * self.candidate).sum(dim=1, keepdim=True)
+        square = (self.candidate - mean) ** 2 + 2 * (2 * self.log_scale).exp()
+        values = (share * square).sum(dim=1).sqrt()  # (rays,)
+        image = torch.zeros_like(self.depth)
+        return image.index_put(tuple(self.rays.unbind(dim=1)), values) * self.restored
+
 
 class _Head(nn.Sequential):
     def __init__(self, channels: int, out: int) -> None:

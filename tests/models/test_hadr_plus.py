@@ -1,3 +1,4 @@
+import math
 from dataclasses import replace
 
 import pytest
@@ -129,6 +130,22 @@ def test_the_keypoints_vector_is_in_metres_around_the_crop(network, batch):
 def test_without_metric_crop_all_frames_have_one_scale(batch):
     crop = HADRPlus(replace(SMALL, metric_crop=False)).crop(batch.inputs)
     assert torch.allclose(crop.step, crop.step[:1].expand_as(crop.step))
+
+
+def test_spread_of_two_candidates_by_hand(network, batch):
+    output = restored(network, batch.inputs)
+    depth = output.depth[output.restored]
+    two = torch.stack((depth - 0.03, depth + 0.01), dim=1)
+    even = replace(
+        output,
+        candidate=two,
+        logits=torch.zeros_like(two),
+        log_scale=torch.full_like(two, math.log(0.01)),
+    )
+    # Means 4 cm apart: 2 cm off the middle each; a Laplace distribution's variance is 2 b^2.
+    expected = math.sqrt(0.02**2 + 2 * 0.01**2)
+    assert even.spread[output.restored].tolist() == pytest.approx([expected] * len(depth), rel=1e-3)
+    assert (even.spread[~output.restored] == 0).all()
 
 
 def test_probability_of_being_within_a_width():
