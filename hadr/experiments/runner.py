@@ -11,6 +11,7 @@ from __future__ import annotations
 import contextlib
 import csv
 import json
+import statistics
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -29,6 +30,8 @@ from hadr.training.batches import Corruption, FrameTensors, load_frames
 from hadr.training.loop import LAST, train
 from hadr.training.presets import Preset
 
+REFERENCE = "hand-median"
+"""The method that all others are compared with frame by frame."""
 ROW, HISTORY = "row.json", "history.csv"
 
 
@@ -207,12 +210,44 @@ def table_rows(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
 
     Returns:
         In the order of their first appearance; numbers are means over the seeds, with
-        ``rmse_sd_m`` (standard deviation over seeds, n - 1; None for one seed) beside.
+        ``rmse_sd_m`` (standard deviation over seeds, n - 1; None for one seed) beside, and the
+        first seed's frames compared with the hand's median depth (`paired`).
     """
     groups: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
     for row in rows:
         groups.setdefault((row["split"], row["method"]), []).append(row)
-    return [_averaged(group) for group in groups.values()]
+    table = [_averaged(group) for group in groups.values()]
+    for row, group in zip(table, groups.values(), strict=True):
+        reference = groups.get((row["split"], REFERENCE))
+        if reference is not None and row["method"] != REFERENCE:
+            row["against_hand_median"] = paired(group[0]["per_frame"], reference[0]["per_frame"])
+    return table
+
+
+def paired(own: Mapping[str, Any], reference: Mapping[str, Any]) -> dict[str, Any]:
+    """Compare two methods frame by frame.
+
+    Args:
+        own: RMSE of each frame with the frames' names (`Scores.per_frame`).
+        reference: The other method's.
+
+    Returns:
+        Mean of own minus the reference's RMSE over the frames that both have in metres, its
+        standard error (None for fewer than two frames), on how many frames the own one is
+        smaller, and the number of frames.
+    """
+    other = dict(zip(reference["stems"], reference["rmse_m"], strict=True))
+    gaps = [
+        error - other[stem]
+        for stem, error in zip(own["stems"], own["rmse_m"], strict=True)
+        if stem in other
+    ]
+    return {
+        "mean_difference_m": statistics.fmean(gaps) if gaps else None,
+        "standard_error_m": statistics.stdev(gaps) / len(gaps) ** 0.5 if len(gaps) > 1 else None,
+        "better_on_frames": sum(gap < 0 for gap in gaps),
+        "frames": len(gaps),
+    }
 
 
 def _by_object(listed: Sequence[Mapping[str, Any]]) -> dict[str, float]:

@@ -12,7 +12,7 @@ import pytest
 from hadr.data.samples import samples_dir
 from hadr.experiments import runner
 from hadr.experiments.plan import measure_all
-from hadr.experiments.runner import Bench, Run, table_rows
+from hadr.experiments.runner import Bench, Run, paired, table_rows
 from hadr.experiments.systems import CHEAP, System, system
 from hadr.result_file import read_result_file
 
@@ -87,3 +87,12 @@ def test_what_one_seed_did_not_restore_has_no_mean() -> None:
 
     assert table_rows([row(0.01), row(None)])[0]["restored"]["rmse_m"] is None
     assert table_rows([row(0.01), row(0.03)])[0]["restored"]["rmse_m"] == pytest.approx(0.02)
+
+
+def test_two_methods_frame_by_frame() -> None:
+    own = {"stems": ["a", "b", "c"], "rmse_m": [0.01, 0.05, 0.09]}
+    other = {"stems": ["b", "a", "d"], "rmse_m": [0.04, 0.04, 0.04]}
+    found = paired(own, other)
+    assert found["mean_difference_m"] == pytest.approx(-0.01)  # -0.03 and +0.01
+    assert found["standard_error_m"] == pytest.approx(0.02)
+    assert (found["better_on_frames"], found["frames"]) == (1, 2)
