@@ -13,6 +13,7 @@ what that measured goes to results/confidence.
 """
 
 import argparse
+import json
 import tempfile
 from pathlib import Path
 
@@ -73,6 +74,43 @@ def bundle(name: str, made: Path, data: list[Path], folder: Path) -> None:
     print(f"{name}: {small.stat().st_size / 1e6:.1f} MB", flush=True)
 
 
+def readme_table(folder: Path) -> str:
+    """Set what the bundled checkpoints are and what they reach on validation frames."""
+    lines = [
+        "| checkpoint | weights | size (MB) | trained on | minutes (one core) | on validation "
+        "frames |",
+        "|:--|--:|--:|:--|--:|:--|",
+    ]
+    for name in SOURCES:
+        record = json.loads((folder / f"{name}.json").read_text(encoding="utf-8"))
+        size = (folder / f"{name}.safetensors").stat().st_size / 1e6
+        seen, data = record["validation"], record["data"]
+        lines.append(
+            f"| `{name}` | {record['weights']['number']:,} | {size:.1f} | "
+            f"{data['frames']['train']:,} frames of {len(data['objects'])} objects | "
+            f"{record['training']['seconds'] / 60:.0f} | {reached(seen)} |"
+        )
+    return "\n".join(lines)
+
+
+def reached(validation: dict[str, float]) -> str:
+    """Say in words what a network reaches."""
+    if "rmse_m" in validation:
+        return (
+            f"RMSE {100 * validation['rmse_m']:.2f} cm, MAE {100 * validation['mae_m']:.2f} cm, "
+            f"δ1.05 {validation['delta_105']:.1f} %"
+        )
+    if "keypoints_m" in validation:
+        return (
+            f"mean distance {1000 * validation['keypoints_m']:.1f} mm, "
+            f"{100 * validation['within_20mm']:.0f} % within 2 cm"
+        )
+    return (
+        f"intersection over union: glass {validation['object_iou']:.3f}, "
+        f"hand and arm {validation['hand_iou']:.3f}"
+    )
+
+
 def main() -> None:
     """Write all checkpoints, or those that are named."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -86,6 +124,11 @@ def main() -> None:
             bundle(name, args.made, args.data, Path(scratch))
         for path in sorted(Path(scratch).iterdir()):
             path.replace(target / path.name)
+    readme = target / "README.md"
+    begin, end = "<!-- checkpoints -->", "<!-- end checkpoints -->"
+    before, rest = readme.read_text(encoding="utf-8").split(begin)
+    after = rest.split(end)[1]
+    readme.write_text(f"{before}{begin}\n{readme_table(target)}\n{end}{after}", encoding="utf-8")
     write_manifest()
 
 

@@ -229,23 +229,6 @@ def draw_intervals(
     ax.set_xlabel(xlabel)
 
 
-def draw_measured_errors(ax: Axes, mae_m: Mapping[str, float], title: str) -> None:
-    """Draw one table's MAE as dots on a logarithmic scale; HADR's rows in their colour.
-
-    Args:
-        ax: Ordinary 2D axes.
-        mae_m: Method to its mean absolute error, metres.
-        title: Title of the drawing.
-    """
-    colors = [COLORS["hadr" if "hadr" in name.lower() else "raw"] for name in mae_m]
-    errors_cm = [100 * error for error in mae_m.values()]
-    ax.scatter(errors_cm, range(len(errors_cm)), s=60, c=colors, zorder=3)
-    _method_rows(ax, list(mae_m))
-    _logarithmic_centimetres(ax, "MAE (cm)")
-    ax.set_title(title)
-    ax.grid(axis="x", color="#e4e4e4")
-
-
 def _method_rows(ax: Axes, names: Sequence[str]) -> None:
     """Name the rows, the first one at the top."""
     ax.set_yticks(range(len(names)), names)

@@ -11,7 +11,6 @@ from hadr.plotting.metrics import (
     draw_frame_dots,
     draw_intervals,
     draw_known_unknown,
-    draw_measured_errors,
     draw_object_dots,
     draw_scored_errors,
     draw_tolerances,
@@ -143,12 +142,3 @@ def test_intervals_lie_below_each_other(ax):
     assert [line.get_color() for line in ax.lines] == [COLORS["hadr"], COLORS["hand"]]
     assert [t.get_text() for t in ax.get_yticklabels()] == ["a", "b"]
     assert ax.get_ylim() == (1.5, -0.5)
-
-
-def test_measured_errors_are_dots_in_centimetres(ax):
-    draw_measured_errors(ax, {"hand median": 0.04, "HADR mini": 0.03}, "test frames")
-    (dots,) = ax.collections
-    np.testing.assert_allclose(dots.get_offsets(), [[4, 0], [3, 1]])
-    assert [to_hex(c).upper() for c in dots.get_facecolor()] == ["#7F7F7F", COLORS["hadr"]]
-    assert ax.get_title() == "test frames"
-    assert [t.get_text() for t in ax.get_xticklabels()] == ["1", "3", "10", "30", "100"]
