@@ -4,7 +4,7 @@ The frames are ClearGrasp's (RealSense D435, 1280x720), which are not part of th
 that data set's real D435 test frames and name the folder. The truth is the same camera's depth of
 the same scene with the glass replaced by sprayed twins.
 
-    python benchmarks/real_frames.py [--real DIR] [--checkpoint FILE] [--out FILE]
+    python benchmarks/real_frames.py [--real DIR] [--checkpoints FILE ...] [--out FILE]
 
 DIR is by default $HADR_CLEARGRASP, else ../shared/realdata/cleargrasp_d435.
 
@@ -158,15 +158,18 @@ def with_hands(
     return results
 
 
-def measure(folder: Path, checkpoint: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
-    """Measure all methods on both scenes: the rows, and what the stand-in hands teach."""
+def measure(
+    folder: Path, checkpoints: list[Path]
+) -> tuple[list[dict[str, Any]], dict[str, dict[str, Any]]]:
+    """Measure all methods on both scenes: the rows, and what stand-in hands teach of networks."""
     camera = load_intrinsics(folder / "camera_intrinsics.yaml")
-    network, hands = DepthNetwork.load(checkpoint), held_hands()
+    hands = held_hands()
+    networks = [DepthNetwork.load(path) for path in checkpoints]
     rows: list[dict[str, Any]] = []
-    lessons: dict[str, Any] = {}
+    lessons: dict[str, dict[str, Any]] = {}
     for scene in SCENES:
         color, raw, truth, mask = read_scene(folder, scene)
-        plain = restore(color, raw, camera, mask, checkpoint=checkpoint)
+        plain = restore(color, raw, camera, mask, checkpoint=checkpoints[0])
         inpainted = restore(color, raw, camera, mask, method="inpaint")
         for method, depth in (
             ("raw", raw),
@@ -174,47 +177,54 @@ def measure(folder: Path, checkpoint: Path) -> tuple[list[dict[str, Any]], dict[
             (plain.method, plain.depth),
         ):
             rows.append({"method": method, "scene": scene, **score(depth, raw, truth, mask)})
-        found = with_hands(network, color, raw, mask, camera, hands)
-        name = f"{network.kind}, stand-in hand"
-        scores = [score(depth, raw, truth, mask) for depth, _ in found]
-        rows.append({"method": name, "scene": scene, **mean_row(scores)})
-
-        few = hands[:3]
-        nearer, farther = (
-            with_hands(network, color, raw, mask, camera, few, shift_m)
-            for shift_m in (-SHIFT_M, SHIFT_M)
-        )
-        moved = [
-            float(np.median((b - a)[mask & (a > 0) & (b > 0)]))
-            for (a, _), (b, _) in zip(nearer, farther, strict=True)
-        ]
-        sure, right = [], []
-        for depth, confidence in found:
-            scored = mask & valid_depth(truth) & (confidence > 0)
-            sure.append(confidence[scored])
-            right.append(np.abs(depth - truth)[scored] < 0.02)
         lessons[scene] = {
             "note_of_restore": next(n for n in plain.notes if "checkpoint fits" in n),
             "glasses": len(glasses(mask)),
-            "answer_follows_hand": float(np.mean(moved)) / (2 * SHIFT_M),
-            "mean_confidence": float(np.concatenate(sure).mean()),
-            "share_right": float(np.concatenate(right).mean()),
+            "networks": {},
         }
+        for network in networks:
+            found = with_hands(network, color, raw, mask, camera, hands)
+            scores = [score(depth, raw, truth, mask) for depth, _ in found]
+            name = f"{network.title}, stand-in hand"
+            rows.append({"method": name, "scene": scene, **mean_row(scores)})
+            few = hands[:3]
+            nearer, farther = (
+                with_hands(network, color, raw, mask, camera, few, shift_m)
+                for shift_m in (-SHIFT_M, SHIFT_M)
+            )
+            moved = [
+                float(np.median((b - a)[mask & (a > 0) & (b > 0)]))
+                for (a, _), (b, _) in zip(nearer, farther, strict=True)
+            ]
+            sure, right = [], []
+            for depth, confidence in found:
+                scored = mask & valid_depth(truth) & (confidence > 0)
+                sure.append(confidence[scored])
+                right.append(np.abs(depth - truth)[scored] < 0.02)
+            lessons[scene]["networks"][network.title] = {
+                "answer_follows_hand": float(np.mean(moved)) / (2 * SHIFT_M),
+                "mean_confidence": float(np.concatenate(sure).mean()),
+                "share_right": float(np.concatenate(right).mean()),
+            }
     return rows, lessons
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--real", type=Path, default=real_folder(), help="ClearGrasp's frames")
+    bundled = samples_dir() / "checkpoints"
     parser.add_argument(
-        "--checkpoint", type=Path, default=samples_dir() / "checkpoints" / "hadr-mini.safetensors"
+        "--checkpoints",
+        type=Path,
+        nargs="+",
+        default=[bundled / "hadr-mini.safetensors", bundled / "hadr-plus-mini.safetensors"],
     )
     out = ROOT / "results" / "real" / "cleargrasp_d435.json"
     parser.add_argument("--out", type=Path, default=out)
     args = parser.parse_args()
     if not args.real.is_dir():
         parser.error(f"no folder {args.real}: name ClearGrasp's D435 frames with --real")
-    rows, lessons = measure(args.real, args.checkpoint)
+    rows, lessons = measure(args.real, args.checkpoints)
     write_result_file(
         args.out,
         "Two real D435 frames of ClearGrasp (glass on a table, no hand), 1280x720: errors inside "
@@ -225,7 +235,7 @@ def main() -> None:
         {
             **provenance(),
             "machine": machine_text(),
-            "checkpoint": args.checkpoint.name,
+            "checkpoints": [path.name for path in args.checkpoints],
             "scenes": lessons,
         },
     )

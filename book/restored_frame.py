@@ -18,6 +18,8 @@ from hadr.data.samples import open_samples
 from hadr.metrics import frame_metrics
 from hadr.restoration import restore
 
+NETWORKS = {"HADR": "hadr", "HADR-plus": "hadr-plus"}
+
 
 def crop_around(mask: np.ndarray, shape: tuple[int, int], margin: float = 1.1) -> tuple[slice, ...]:
     """Rows and columns of a 4:3 window around a mask, inside the image."""
@@ -42,32 +44,40 @@ def main() -> None:
     if frame.raw_depth is None:
         raise SystemExit(f"frame {frame.stem} has no raw depth: generate it with --sensor")
     depth = frame.raw_depth
-    done = restore(
-        frame.color,
-        depth,
-        frame.camera,
-        frame.object_mask,
-        frame.keypoints,
-        hand_mask=frame.hand_mask,
-    )
-    scored = frame_metrics(done.depth, frame.depth, frame.object_mask)
-    error = np.where(frame.object_mask & (done.depth > 0), done.depth - frame.depth, np.nan)
+    done = {
+        title: restore(
+            frame.color,
+            depth,
+            frame.camera,
+            frame.object_mask,
+            frame.keypoints,
+            hand_mask=frame.hand_mask,
+            method=method,
+        )
+        for title, method in NETWORKS.items()
+    }
     window = crop_around(frame.object_mask, frame.depth.shape, margin=1.8)
     near, far = np.percentile(frame.depth[frame.object_mask | frame.hand_mask], (1, 99))
     limits = {"vmin": float(near) - 0.05, "vmax": float(far) + 0.1}
 
     plotting.use_style()
-    fig, axes = plt.subplots(1, 4, figsize=(10.5, 2.35))
-    name = "HADR" if done.method == "hadr" else done.method
+    fig, axes = plt.subplots(1, 5, figsize=(12.5, 2.3))
     plotting.show_color(axes[0], frame.color[window], "what the camera sees")
     plotting.show_depth(axes[1], depth[window], "its depth (simulated)", colorbar=False, **limits)
-    plotting.show_depth(axes[2], done.depth[window], f"restored ({name})", **limits)
-    plotting.show_error(axes[3], error[window], f"error, mean {100 * scored.mae_m:.1f} cm")
+    for ax, (title, result) in zip(axes[2:], done.items(), strict=False):
+        last = ax is axes[3]
+        scored = frame_metrics(result.depth, frame.depth, frame.object_mask)
+        text = f"{title}: {100 * scored.mae_m:.1f} cm off"
+        plotting.show_depth(ax, result.depth[window], text, colorbar=last, **limits)
+    best = list(done.values())[-1].depth
+    error = np.where(frame.object_mask & (best > 0), best - frame.depth, np.nan)
+    plotting.show_error(axes[4], error[window], f"error of {list(done)[-1]}")
     args.out.parent.mkdir(parents=True, exist_ok=True)
     fig.savefig(args.out, dpi=140)
-    print(f"{args.out}: frame {frame.object_id}/{frame.stem}, method {done.method}")
-    for note in done.notes:
-        print(f"  {note}")
+    print(f"{args.out}: frame {frame.object_id}/{frame.stem}")
+    for title, result in done.items():
+        for note in result.notes:
+            print(f"  {title}: {note}")
 
 
 if __name__ == "__main__":

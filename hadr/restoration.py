@@ -35,6 +35,12 @@ Method = Literal["auto", "hadr", "hadr-plus", "unet-hand", "nearest", "inpaint",
 METHODS: tuple[str, ...] = get_args(Method)
 CHECKPOINT_NAME = "hadr-mini.safetensors"
 """The sample checkpoint that is taken where none is named."""
+SAMPLE_CHECKPOINTS = (
+    CHECKPOINT_NAME,
+    "hadr-mini-unknown.safetensors",
+    "hadr-plus-mini.safetensors",
+)
+"""All sample checkpoints that restore depth."""
 
 
 @dataclass(frozen=True)
@@ -278,7 +284,7 @@ def _note_network(
         f"{network.title} checkpoint {network.name} ({network.trained}) ran at {width}x{height}; "
         f"its depth was interpolated to {camera.width}x{camera.height}"
     )
-    if network.name == CHECKPOINT_NAME:
+    if network.name in SAMPLE_CHECKPOINTS:
         notes.append(
             "the sample checkpoint has seen computed pictures only; expect larger errors on "
             "real ones"
