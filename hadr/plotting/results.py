@@ -46,6 +46,21 @@ def ordered(rows: Sequence[Row], split: str) -> list[Row]:
     return sorted(chosen, key=lambda row: place.get(row["method"], len(place)))
 
 
+def _places(rows: Sequence[Row]) -> dict[str, int]:
+    """Line of each method that occurs in any split, the first at the top."""
+    there = {row["method"] for row in rows}
+    listed = [name for name in NAMES if name in there] + sorted(there - set(NAMES))
+    return {name: len(listed) - 1 - number for number, name in enumerate(listed)}
+
+
+def _name_lines(ax: Axes, places: Mapping[str, int]) -> None:
+    ax.set(
+        yticks=list(places.values()),
+        yticklabels=[NAMES.get(name, name) for name in places],
+        ylim=(-0.7, len(places) - 0.3),
+    )
+
+
 def results_table(rows: Sequence[Row], published: Mapping[str, Mapping[str, Any]]) -> str:
     """Set the rows of both splits side by side, the paper's HADR below.
 
@@ -94,19 +109,17 @@ def draw_systems(ax: Axes, rows: Sequence[Row], split: str, published_rmse_m: fl
         split: "known" or "unknown".
         published_rmse_m: The paper's RMSE of HADR on its own data, metres.
     """
-    chosen = ordered(rows, split)
-    places = np.arange(len(chosen))[::-1]
-    for place, row in zip(places, chosen, strict=True):
+    places = _places(rows)
+    for row in ordered(rows, split):
+        place = places[row["method"]]
         value, doubt = 100 * row["rmse_m"], 100 * (row.get("rmse_standard_error_m") or 0)
         color = system_color(row["method"])
         ax.errorbar(value, place, xerr=doubt, color=color, marker="o", ms=7, capsize=2)
         ax.annotate(f"{value:.1f}", (value + doubt, place), xytext=(6, 0), va="center",
                     textcoords="offset points", fontsize=9)  # fmt: skip
     ax.axvline(100 * published_rmse_m, color=COLORS["truth"], lw=1, ls=":")
+    _name_lines(ax, places)
     ax.set(
-        yticks=places,
-        yticklabels=[NAMES.get(row["method"], row["method"]) for row in chosen],
-        ylim=(-0.7, len(chosen) - 0.3),
         xscale="log",
         xlim=(0.6, 300),
         xlabel="RMSE (cm)",
@@ -144,14 +157,14 @@ def draw_parts(ax: Axes, rows: Sequence[Row], split: str) -> None:
         rows: Rows of `results/mini/errors.json`.
         split: "known" or "unknown".
     """
-    chosen = ordered(rows, split)
-    places = np.arange(len(chosen))[::-1]
+    places = _places(rows)
     parts = (
         ("rmse_m", "whole error", "o"),
         ("shape_m", "without its median: shape and tilt", "s"),
         ("tilt_m", "without its best plane: shape alone", "D"),
     )
-    for place, row in zip(places, chosen, strict=True):
+    for row in ordered(rows, split):
+        place = places[row["method"]]
         values = [100 * row[part] for part, _, _ in parts]
         color = system_color(row["method"])
         ax.plot([min(values), max(values)], [place, place], color=color, lw=1.2)
@@ -161,14 +174,8 @@ def draw_parts(ax: Axes, rows: Sequence[Row], split: str) -> None:
     for _, label, marker in parts:
         face = COLORS["raw"] if marker == "o" else "white"
         ax.plot([], [], marker, color=COLORS["raw"], mfc=face, label=label)
-    ax.set(
-        yticks=places,
-        yticklabels=[NAMES.get(row["method"], row["method"]) for row in chosen],
-        ylim=(-0.7, len(chosen) - 0.3),
-        xlim=(0, None),
-        xlabel="RMSE (cm)",
-        title=f"{split} objects",
-    )
+    _name_lines(ax, places)
+    ax.set(xlim=(0, None), xlabel="RMSE (cm)", title=f"{split} objects")
 
 
 def draw_by_object(ax: Axes, rows: Sequence[Row], split: str, names: Mapping[str, str]) -> None:

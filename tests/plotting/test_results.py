@@ -46,6 +46,17 @@ def test_systems_stand_where_they_were_measured() -> None:
     plt.close(fig)
 
 
+def test_a_run_that_one_split_lacks_leaves_its_line_empty() -> None:
+    fig, axes = plt.subplots(1, 2, sharey=True)
+    for ax, split in zip(axes, ("known", "unknown"), strict=True):
+        draw_systems(ax, ROWS, split, 0.009)
+    assert [t.get_text() for t in axes[0].get_yticklabels()] == ["raw depth", "HADR"]
+    (number,) = axes[1].texts
+    assert number.get_text() == "4.6"
+    assert number.xy[1] == axes[1].get_yticks()[1]  # HADR's line
+    plt.close(fig)
+
+
 def test_curves_are_in_minutes_and_centimetres() -> None:
     fig, ax = plt.subplots()
     draw_learning(ax, ROWS, "known")
