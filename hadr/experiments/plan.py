@@ -12,8 +12,12 @@ from hadr.experiments.systems import CHEAP, METHODS, system
 from hadr.provenance import machine_text, provenance
 from hadr.result_file import write_result_file
 
-SECONDS_A_FRAME = {"tiny": 0.02, "mini": 0.055, "paper": 1.0}
-"""Rough training seconds a frame and epoch on two CPU cores, for a plan's estimate alone."""
+SECONDS_A_FRAME = {
+    "tiny": {"hadr": 0.02, "hadr-plus": 0.01, "unet-hand": 0.01},
+    "mini": {"hadr": 0.037, "hadr-plus": 0.019, "unet-hand": 0.032},
+    "paper": {"hadr": 1.15},
+}
+"""Rough training seconds a frame and epoch on one CPU core, for a plan's estimate alone."""
 
 
 def plan(only: Sequence[str] = (), seeds: Sequence[int] = (0,)) -> list[Run]:
@@ -58,7 +62,7 @@ def plan(only: Sequence[str] = (), seeds: Sequence[int] = (0,)) -> list[Run]:
 
 
 def estimated_minutes(bench: Bench, run: Run) -> float:
-    """Estimate a run's minutes on two CPU cores; 0 where it is finished.
+    """Estimate a run's minutes on one CPU core; 0 where it is finished.
 
     Args:
         bench: Where it runs.
@@ -70,7 +74,7 @@ def estimated_minutes(bench: Bench, run: Run) -> float:
     if recipe is None:
         return 0.5
     frames = bench.count(run, "train")
-    return recipe.epochs * frames * SECONDS_A_FRAME[bench.size] / 60 + 0.5
+    return recipe.epochs * frames * SECONDS_A_FRAME[bench.size][recipe.network] / 60 + 0.5
 
 
 def plan_text(bench: Bench, runs: Sequence[Run]) -> str:
@@ -84,7 +88,7 @@ def plan_text(bench: Bench, runs: Sequence[Run]) -> str:
         left = "done" if minutes == 0 else f"{minutes:.1f}"
         lines.append(f"{run.name:<32} {recipe.epochs if recipe else '-':>6} {left:>8}")
     hours, rest = divmod(round(total), 60)
-    lines.append(f"{'together, on two CPU cores':<32} {'':>6} {hours} h {rest:02d} min")
+    lines.append(f"{'together, on one CPU core':<32} {'':>6} {hours} h {rest:02d} min")
     return "\n".join(lines)
 
 

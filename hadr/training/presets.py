@@ -37,7 +37,7 @@ MINI = Preset(
     mirror=0.5,
     validation_frames=240,
 )
-"""A small Swin Transformer at 128x72: about 20 minutes for 3,100 frames on two CPU cores."""
+"""A small Swin Transformer at 128x72: about 20 minutes for 3,100 frames on one CPU core."""
 
 TINY = Preset(
     name="tiny",
