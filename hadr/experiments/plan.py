@@ -15,7 +15,7 @@ from hadr.result_file import write_result_file
 SECONDS_A_FRAME = {
     "tiny": {"hadr": 0.02, "hadr-plus": 0.01, "unet-hand": 0.01},
     "mini": {"hadr": 0.037, "hadr-plus": 0.019, "unet-hand": 0.032},
-    "paper": {"hadr": 1.15},
+    "paper": {"hadr": 1.15, "hadr-plus": 0.08, "unet-hand": 0.18},
 }
 """Rough training seconds a frame and epoch on one CPU core, for a plan's estimate alone."""
 

@@ -205,6 +205,33 @@ UNET_MINI = Preset(
 )
 """The plain U-Net with the hand, as large as in the trial, at the size of HADR's own recipe."""
 
+PLUS_PAPER = Preset(
+    name="paper",
+    width=640,
+    height=360,
+    network="hadr-plus",
+    model=HADRPlusConfig(crop=128, pixel_m=0.0018),
+    schedule="cosine",
+    learning_rate=2e-3,
+    warmup_epochs=1.0,
+    clip_norm=5.0,
+    average_decay=0.999,
+    mirror=0.5,
+    roll_deg=30.0,
+)
+"""For as many epochs as the paper's network; made to measure, never trained."""
+
+UNET_PAPER = Preset(
+    name="paper",
+    width=224,
+    height=224,
+    network="unet-hand",
+    model=UNetHandConfig(),
+    schedule="cosine",
+    mirror=0.5,
+)
+"""At the size and for as many epochs as the paper's network; never trained."""
+
 UNET_TINY = Preset(
     name="tiny",
     width=128,
@@ -225,8 +252,10 @@ RECIPES: tuple[Preset, ...] = (
     PAPER,
     PLUS_TINY,
     PLUS_MINI,
+    PLUS_PAPER,
     UNET_TINY,
     UNET_MINI,
+    UNET_PAPER,
     KEYPOINTS_TINY,
     KEYPOINTS_MINI,
     KEYPOINTS_PAPER,

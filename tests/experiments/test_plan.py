@@ -4,7 +4,7 @@ import pytest
 
 from hadr.data.samples import samples_dir
 from hadr.experiments import runner
-from hadr.experiments.plan import measure_all, plan, plan_text
+from hadr.experiments.plan import estimated_minutes, measure_all, plan, plan_text
 from hadr.experiments.runner import Bench, Run, table_rows
 from hadr.experiments.systems import LONG_RUN, METHODS, System, system
 from hadr.models.hadr import HADRConfig
@@ -26,6 +26,14 @@ def test_a_plan_takes_whole_methods():
 def test_a_wish_that_fits_nothing_is_told():
     with pytest.raises(ValueError, match="no run fits 'known/lidf2'"):
         plan(["known/lidf2"])
+
+
+@pytest.mark.parametrize("size", ["tiny", "mini", "paper"])
+def test_every_system_has_every_preset_and_an_estimate(size, tmp_path):
+    bench = Bench([samples_dir() / "frames"], tmp_path, size)
+    text = plan_text(bench, plan())
+    assert len(text.splitlines()) == 2 * len(METHODS) + 2
+    assert estimated_minutes(bench, Run("known", "hadr-long")) > 1
 
 
 def test_systems_differ_from_hadr_in_one_thing():
