@@ -1,0 +1,133 @@
+"""What the benchmarks measured, as Markdown and pictures: learning by heart, ablation, speed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from matplotlib.axes import Axes
+
+from hadr.plotting import COLORS
+
+Record = Mapping[str, Any]
+
+_PART_COLORS = ("hadr", "glass", "voxel", "highlight", "robot", "baseline", "hand", "raw")
+_PAIRING = {"walk": ("walk through the grid", "hadr"), "dense": ("all rays x all voxels", "hand")}
+
+
+def by_heart_table(rows: Sequence[Record]) -> str:
+    """List what each network reaches on four frames that it learns by heart.
+
+    Args:
+        rows: Rows of `results/training/overfit.json`.
+
+    Returns:
+        Markdown.
+    """
+    lines = ["| network | steps | after them | goal | reached |", "|:--|--:|--:|--:|:--|"]
+    for row in rows:
+        value, goal = (_by_heart(row["counts"], row[key]) for key in ("reached", "goal"))
+        verdict = "yes" if row["is_reached"] else "**no**"
+        lines.append(f"| {row['network']} | {row['steps']} | {value} | {goal} | {verdict} |")
+    return "\n".join(lines)
+
+
+def _by_heart(counts: str, value: float) -> str:
+    if counts.endswith("_m"):
+        return f"{1000 * value:.1f} mm"
+    return f"{1 - value:.3f} IoU"
+
+
+def draw_ablation(ax: Axes, rows: Sequence[Record]) -> None:
+    """Draw how much each change is worth: the RMSE without it, minus that of the full network.
+
+    Args:
+        ax: Ordinary 2D axes.
+        rows: Rows of `results/mini/hadr-plus-ablation.json`, the full network first.
+    """
+    full, others = rows[0], list(rows[1:])[::-1]
+    for place, row in enumerate(others):
+        gap = 100 * row["against_full"]["mean_difference_m"]
+        doubt = 100 * row["against_full"]["standard_error_m"]
+        color = COLORS["robot"] if gap > 2 * doubt else COLORS["raw"]
+        ax.errorbar(gap, place, xerr=doubt, color=color, marker="o", ms=7, capsize=2)
+        ax.annotate(f"{gap:+.2f}", (gap + doubt, place), xytext=(6, 0), va="center",
+                    textcoords="offset points", fontsize=9)  # fmt: skip
+    ax.axvline(0, color=COLORS["truth"], lw=1)
+    ax.margins(x=0.15)
+    ax.set(
+        yticks=range(len(others)),
+        yticklabels=[row["network"] for row in others],
+        ylim=(-0.7, len(others) - 0.3),
+        xlabel=f"RMSE (cm) more than that of the full network, {100 * full['rmse_m']:.2f} cm",
+    )
+
+
+def speed_table(restoration: Record, perception: Record) -> str:
+    """List the time of one 224x224 frame: HADR against a Swin-T, and the whole perception.
+
+    Args:
+        restoration: Content of `results/speed/restoration.json`.
+        perception: Content of `results/speed/perception.json`.
+
+    Returns:
+        Markdown; "-" where a form was not measured.
+    """
+    times, ratios = restoration["times"], restoration["against_swin"]["wall_median_ms"]
+    cost, rates = restoration["accuracy"]["change_percent"], perception["frames_per_second"]
+    forms = list(dict.fromkeys(t.split(", ", 1)[1] for t in times if ", " in t))
+    lines = [
+        "| form | `mini` (ms) | `paper` (ms) | `paper` against Swin-T | RMSE of the bundled HADR | "
+        "whole perception, `mini` (frames a second) |",
+        "|:--|--:|--:|--:|--:|--:|",
+        f"| *plain Swin-T* | - | {times['Swin-T']['wall_median_ms']:.0f} | 1.00 | - | - |",
+    ]
+    for form in forms:
+        cells = [f"{times[f'{size}, {form}']['wall_median_ms']:.0f}" for size in ("mini", "paper")]
+        rate = rates.get("as it is" if form == "all rays" else form)
+        change = "-" if form == "all rays" else f"{cost[form]:+.1f} %"
+        ratio = ratios[f"paper, {form}"]
+        frames = f"{rate['wall_median']:.1f}" if rate else "-"
+        lines.append(f"| {form} | {cells[0]} | {cells[1]} | {ratio:.2f} | {change} | {frames} |")
+    return "\n".join(lines)
+
+
+def draw_parts_of_time(ax: Axes, restoration: Record) -> None:
+    """Draw where the processor time of one frame goes, each preset a bar beside Swin-T's.
+
+    Args:
+        ax: Ordinary 2D axes.
+        restoration: Content of `results/speed/restoration.json`.
+    """
+    bars = {
+        name: {part: ms for part, ms in parts.items() if part != "all"}
+        for name, parts in restoration["parts_cpu_ms"].items()
+    }
+    parts = list(dict.fromkeys(part for bar in bars.values() for part in bar))
+    for part, color in zip(parts, _PART_COLORS, strict=False):
+        for place, bar in enumerate(bars.values()):
+            left = sum(bar.get(earlier, 0) for earlier in parts[: parts.index(part)])
+            ax.barh(place, bar.get(part, 0), left=left, color=COLORS[color],
+                    label=part if place == 0 else None)  # fmt: skip
+    swin = restoration["times"]["Swin-T"]["cpu_median_ms"]
+    ax.barh(len(bars), swin, color=COLORS["hadr"], alpha=0.4)
+    ax.set(
+        yticks=range(len(bars) + 1),
+        yticklabels=[*(f"HADR, {name}" for name in bars), "plain Swin-T"],
+        xlabel="processor time of one frame (ms)",
+    )
+
+
+def draw_pairing(ax: Axes, pairing: Record) -> None:
+    """Draw the time of pairing rays with voxels over the number of rays.
+
+    Args:
+        ax: Ordinary 2D axes.
+        pairing: Content of `results/speed/pairing.json`.
+    """
+    for name, (label, color) in _PAIRING.items():
+        rows = [row for row in pairing["by_rays"] if name in row]
+        ax.plot([row["rays"] for row in rows], [row[name]["wall_median_ms"] for row in rows],
+                "o-", ms=4, color=COLORS[color], label=label)  # fmt: skip
+    ax.set(xscale="log", yscale="log", xlabel="rays", ylabel="time (ms)")
+    ax.legend()
