@@ -49,6 +49,8 @@ class Preset:
         mirror: Probability that a training frame is mirrored: a left hand for a right one.
         zoom: Training frames are enlarged by up to this factor and cropped; 1 leaves them.
         roll_deg: Training frames are turned about the optical axis by up to this angle, degrees.
+        stretch: The training frames' scene is stretched across and down by up to this factor each,
+            or pressed: other shapes at the same depth. 1 leaves it.
         precision: Arithmetic of the forward pass in training, as Lightning Fabric names it:
             "32-true" or "bf16-mixed".
         validation_frames: At most so many validation frames, evenly spread, are scored after each
@@ -80,6 +82,7 @@ class Preset:
     roll_deg: float = 0.0
     precision: Precision = "32-true"
     validation_frames: int | None = None
+    stretch: float = 1.0
 
     def __post_init__(self) -> None:
         for name in ("width", "height", "epochs", "batch_size", "ray_stride"):
@@ -99,6 +102,7 @@ class Preset:
             ("mirror", self.mirror, 0, 1),
             ("zoom", self.zoom, 1, 4),
             ("roll_deg", self.roll_deg, 0, 45),
+            ("stretch", self.stretch, 1, 2),
         ):
             if not low <= value <= high:
                 raise ValueError(f"{name} must be from {low} to {high}, got {value}")
@@ -126,5 +130,11 @@ class Preset:
         return rate
 
     def to_dict(self) -> dict[str, Any]:
-        """The recipe as built-in types, for JSON."""
-        return asdict(self)  # type: ignore[call-overload, no-any-return, unused-ignore]
+        """The recipe as built-in types, for JSON.
+
+        `stretch` is left out where it does nothing: records from before there was one stay valid.
+        """
+        values: dict[str, Any] = asdict(self)  # type: ignore[call-overload, unused-ignore]
+        if self.stretch == 1:
+            del values["stretch"]
+        return values
