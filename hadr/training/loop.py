@@ -104,7 +104,7 @@ def train(
     network: nn.Module = fabric.to_device(task.build())
     if processes > 1:
         share_batch_norm(network)
-    optimizer = torch.optim.Adam(network.parameters(), lr=recipe.learning_rate)
+    optimizer = optimizer_of(recipe, network)
     average = None if recipe.average_decay is None else WeightAverage(network, recipe.average_decay)
 
     history: list[dict[str, float]] = []
@@ -180,6 +180,15 @@ def train(
     if events is not None:
         events.close()
     return Trained((network if average is None else average.network).eval(), history)
+
+
+def optimizer_of(recipe: Preset, network: nn.Module) -> torch.optim.Adam:
+    """Build the recipe's optimiser; the loop sets its rate before each step."""
+    if recipe.optimizer == "adamw":
+        return torch.optim.AdamW(
+            network.parameters(), lr=recipe.learning_rate, weight_decay=recipe.weight_decay
+        )
+    return torch.optim.Adam(network.parameters(), lr=recipe.learning_rate)
 
 
 def chance(seed: int, epoch: int, step: int | None = None) -> torch.Generator:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
+from itertools import pairwise
 from typing import Any, Literal, Protocol, get_args
 
 from hadr.models.hadr import HADRConfig
@@ -11,6 +12,9 @@ from hadr.training.losses import PRINTED, LossWeights
 
 Schedule = Literal["step", "cosine"]
 Precision = Literal["32-true", "bf16-mixed"]
+Optimizer = Literal["adam", "adamw"]
+_LATER = ("stretch", "optimizer", "weight_decay", "milestones", "decay")
+"""Fields that joined after trainings were recorded; a record has them where they do something."""
 
 
 class NetworkConfig(Protocol):
@@ -53,6 +57,11 @@ class Preset:
             or pressed: other shapes at the same depth. 1 leaves it.
         precision: Arithmetic of the forward pass in training, as Lightning Fabric names it:
             "32-true" or "bf16-mixed".
+        optimizer: "adam", or "adamw" with decoupled weight decay.
+        weight_decay: That of AdamW.
+        milestones: With "step", shares of the training, 0..1 and rising, at each of which the rate
+            is multiplied by `decay`; where there are any, `drop_epoch` says nothing.
+        decay: Factor at each milestone.
         validation_frames: At most so many validation frames, evenly spread, are scored after each
             epoch; None scores all.
 
@@ -83,6 +92,10 @@ class Preset:
     precision: Precision = "32-true"
     validation_frames: int | None = None
     stretch: float = 1.0
+    optimizer: Optimizer = "adam"
+    weight_decay: float = 0.0
+    milestones: tuple[float, ...] = ()
+    decay: float = 0.1
 
     def __post_init__(self) -> None:
         for name in ("width", "height", "epochs", "batch_size", "ray_stride"):
@@ -94,6 +107,15 @@ class Preset:
             raise ValueError(
                 f"precision must be one of {get_args(Precision)}, got {self.precision!r}"
             )
+        if self.optimizer not in get_args(Optimizer):
+            raise ValueError(f"optimizer must be 'adam' or 'adamw', got {self.optimizer!r}")
+        if self.optimizer == "adam" and self.weight_decay:
+            raise ValueError(f"weight_decay is AdamW's, got {self.weight_decay} with 'adam'")
+        marks = (0.0, *self.milestones, 1.0)
+        if any(late <= early for early, late in pairwise(marks)):
+            raise ValueError(
+                f"milestones must rise strictly between 0 and 1, got {self.milestones}"
+            )
         if self.validation_frames is not None and self.validation_frames < 1:
             raise ValueError(f"validation_frames must be at least 1, got {self.validation_frames}")
         for name, value, low, high in (
@@ -103,6 +125,8 @@ class Preset:
             ("zoom", self.zoom, 1, 4),
             ("roll_deg", self.roll_deg, 0, 45),
             ("stretch", self.stretch, 1, 2),
+            ("weight_decay", self.weight_decay, 0, 1),
+            ("decay", self.decay, 0, 1),
         ):
             if not low <= value <= high:
                 raise ValueError(f"{name} must be from {low} to {high}, got {value}")
@@ -123,6 +147,8 @@ class Preset:
         rate = self.learning_rate
         if self.schedule == "cosine":
             rate *= 0.5 * (1 + math.cos(math.pi * min(progress / self.epochs, 1.0)))
+        elif self.milestones:
+            rate *= self.decay ** sum(progress >= m * self.epochs for m in self.milestones)
         elif progress >= self.drop_epoch:
             rate *= 0.1
         if progress < self.warmup_epochs:
@@ -132,9 +158,11 @@ class Preset:
     def to_dict(self) -> dict[str, Any]:
         """The recipe as built-in types, for JSON.
 
-        `stretch` is left out where it does nothing: records from before there was one stay valid.
+        Fields that came late are left out where they do nothing, so that older records stay valid.
         """
         values: dict[str, Any] = asdict(self)  # type: ignore[call-overload, unused-ignore]
-        if self.stretch == 1:
-            del values["stretch"]
+        first = {f.name: f.default for f in fields(self)}
+        for name in _LATER:
+            if values[name] == first[name]:
+                del values[name]
         return values

@@ -7,9 +7,11 @@ from typing import Any
 
 import pytest
 import torch
+from torch import nn
 
 from hadr.provenance import plain
 from hadr.training.checkpoints import load_checkpoint, save_checkpoint, strip_checkpoint
+from hadr.training.loop import optimizer_of
 from hadr.training.presets import NETWORKS, preset
 from hadr.training.recipe import Preset
 from hadr.training.tasks import task_of
@@ -63,6 +65,36 @@ def test_rates_of_a_cosine_with_warm_up() -> None:
     assert [step.rate(7.99), step.rate(8)] == pytest.approx([2.0, 0.2])
 
 
+def test_rates_at_milestones_which_are_shares_of_the_training() -> None:
+    recipe = Preset(
+        "test", 8, 8, epochs=40, learning_rate=1e-3, milestones=(5 / 40, 15 / 40), decay=0.2
+    )
+    rates = [recipe.rate(epoch) for epoch in (0, 4.99, 5, 14.99, 15, 39)]
+    assert rates == pytest.approx([1e-3, 1e-3, 2e-4, 2e-4, 4e-5, 4e-5])
+
+
+def test_a_late_field_is_recorded_only_where_it_does_something() -> None:
+    plain_one = Preset("test", 8, 8).to_dict()
+    assert not {"stretch", "optimizer", "weight_decay", "milestones", "decay"} & set(plain_one)
+    late = Preset("test", 8, 8, optimizer="adamw", weight_decay=0.01).to_dict()
+    assert {k: v for k, v in late.items() if k not in plain_one} == {
+        "optimizer": "adamw",
+        "weight_decay": 0.01,
+    }
+
+
+def test_weight_decay_shrinks_what_has_no_gradient() -> None:
+    layer = nn.Linear(2, 2)
+    before = layer.weight.detach().clone()
+    optimizer = optimizer_of(
+        Preset("test", 8, 8, optimizer="adamw", weight_decay=0.1, learning_rate=1e-2), layer
+    )
+    (layer.weight.sum() * 0).backward()
+    optimizer.step()
+    torch.testing.assert_close(layer.weight.detach(), before * (1 - 1e-3))
+    assert type(optimizer_of(Preset("test", 8, 8), layer)) is torch.optim.Adam
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -71,6 +103,10 @@ def test_rates_of_a_cosine_with_warm_up() -> None:
         ({"mirror": 1.5}, "mirror must be from 0 to 1, got 1.5"),
         ({"zoom": 0.5}, "zoom must be from 1 to 4, got 0.5"),
         ({"clip_norm": 0.0}, "clip_norm must be positive, got 0.0"),
+        ({"optimizer": "sgd"}, "optimizer must be 'adam' or 'adamw', got 'sgd'"),
+        ({"weight_decay": 0.1}, "weight_decay is AdamW's, got 0.1 with 'adam'"),
+        ({"milestones": (0.5, 0.2)}, r"milestones must rise strictly .* got \(0.5, 0.2\)"),
+        ({"milestones": (0.5, 1.0)}, r"milestones must rise strictly .* got \(0.5, 1.0\)"),
         ({"warmup_epochs": 200.0}, "warmup_epochs must be from 0 to 100, got 200.0"),
     ],
 )
