@@ -1,11 +1,12 @@
 """Each of HADR-plus's changes taken out once: a short training each, scored on validation frames.
 
     python benchmarks/ablate_plus.py --data DIR data_samples/frames \\
-        --json results/mini/hadr-plus-ablation.json
+        --out ROWS --json results/mini/hadr-plus-ablation.json
 
 DIR is what `hadr generate --preset mini` has made. All trainings have the same seed, steps and
-schedule, that of preset `mini` squeezed into `--epochs`. A row that is in the file already is kept
-while recipe and data are the same, so a stopped run goes on. No test frame is read.
+schedule, that of preset `mini` squeezed into `--epochs`. A row that is finished in ROWS is kept
+while recipe and data are the same, so a stopped run goes on, and two processes can share the
+work (`--rows`). No test frame is read.
 """
 
 import argparse
@@ -21,7 +22,7 @@ from hadr.experiments.runner import paired
 from hadr.experiments.scoring import EVALUATION_SIZE, score_network
 from hadr.experiments.splits import data_digest, open_part
 from hadr.models.hadr_plus import HADRPlusConfig
-from hadr.provenance import machine_text, provenance
+from hadr.provenance import machine_text, provenance, write_json
 from hadr.result_file import digest, write_result_file
 from hadr.training.batches import load_frames
 from hadr.training.loop import train
@@ -38,68 +39,82 @@ ROWS: dict[str, dict[str, Any]] = {
     "no metric crop": {"metric_crop": False},
     "one candidate": {"candidates": 1},
     "no colour": {"color": False},
+    "no mirror, no roll": {"mirror": 0.0, "roll_deg": 0.0},
+    "stretched scenes added": {"stretch": 1.2},
 }
-"""What each row takes out of the network."""
+"""What each row changes in the network or in its training."""
 
 
 def recipe_of(changes: dict[str, Any], epochs: int) -> Preset:
     """Give the recipe of a row."""
     recipe = preset("mini", "hadr-plus")
     assert isinstance(recipe.model, HADRPlusConfig)
-    return replace(recipe, epochs=epochs, model=replace(recipe.model, **changes))
+    own = {name: value for name, value in changes.items() if hasattr(recipe, name)}
+    rest = {name: value for name, value in changes.items() if name not in own}
+    return replace(recipe, epochs=epochs, **own, model=replace(recipe.model, **rest))
+
+
+def measure(name: str, recipe: Preset, parts: dict[str, Any]) -> dict[str, Any]:
+    """Train one row and score it."""
+    began = time.perf_counter()
+    trained = train(recipe, parts["train"], seed=0)
+    seconds = time.perf_counter() - began
+    scores = score_network(trained.model, parts["val"], parts["truth"])
+    row = {
+        "network": name,
+        "out": ROWS[name],
+        "parameters": sum(p.numel() for p in trained.model.parameters()),
+        "training_s": round(seconds, 1),
+        **scores.columns(),
+        "per_frame": scores.per_frame(),
+    }
+    print(f"{name}: {row['rmse_m']:.4f} m after {seconds:.0f} s", flush=True)
+    return row
 
 
 def main() -> None:
     """Run the ablation."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data", type=Path, nargs="+", required=True)
-    parser.add_argument("--epochs", type=int, default=6)
-    parser.add_argument("--json", type=Path, required=True)
+    parser.add_argument("--epochs", type=int, default=4)
+    parser.add_argument("--rows", nargs="+", default=list(ROWS), choices=ROWS)
+    parser.add_argument("--out", type=Path, required=True, help="a file for each finished row")
+    parser.add_argument("--json", type=Path, help="the result, once all rows are finished")
     args = parser.parse_args()
     torch.set_num_threads(1)
     data = digest([data_digest(root) for root in args.data])
-    done = {}
-    if args.json.exists():
-        done = {row["network"]: row for row in json.loads(args.json.read_text())["rows"]}
     parts: dict[str, Any] = {}
-    rows = []
-    for name in ROWS:
+    for name in args.rows:
         recipe = recipe_of(ROWS[name], args.epochs)
         sha = digest({"recipe": recipe.to_dict(), "data": data, "size": list(EVALUATION_SIZE)})
-        row = done.get(name)
-        if row is None or row["config_sha256"] != sha:
-            if not parts:
-                size = (recipe.width, recipe.height)
-                val = open_part(args.data, "known", "val")
-                parts = {
-                    "train": load_frames(open_part(args.data, "known", "train"), size),
-                    "val": load_frames(val, size, keep_all=True),
-                    "truth": load_frames(val, EVALUATION_SIZE, keep_all=True),
-                }
-            began = time.perf_counter()
-            trained = train(recipe, parts["train"], seed=0)
-            seconds = time.perf_counter() - began
-            scores = score_network(trained.model, parts["val"], parts["truth"])
-            row = {
-                "network": name,
-                "out": ROWS[name],
-                "parameters": sum(p.numel() for p in trained.model.parameters()),
-                "training_s": round(seconds, 1),
-                **scores.columns(),
-                "per_frame": scores.per_frame(),
-                "config_sha256": sha,
+        path = args.out / f"{name.replace(' ', '-')}.json"
+        if path.exists() and json.loads(path.read_text())["config_sha256"] == sha:
+            continue
+        if not parts:
+            size = (recipe.width, recipe.height)
+            val = open_part(args.data, "known", "val")
+            parts = {
+                "train": load_frames(open_part(args.data, "known", "train"), size),
+                "val": load_frames(val, size, keep_all=True),
+                "truth": load_frames(val, EVALUATION_SIZE, keep_all=True),
             }
-            print(f"{name}: {row['rmse_m']:.4f} m after {seconds:.0f} s", flush=True)
-        rows.append(row)
+        args.out.mkdir(parents=True, exist_ok=True)
+        write_json(path, {**measure(name, recipe, parts), "config_sha256": sha})
+    files = [args.out / f"{name.replace(' ', '-')}.json" for name in ROWS]
+    if args.json is None or not all(path.exists() for path in files):
+        return
+    rows = [json.loads(path.read_text()) for path in files]
+    for row in rows:
         row["against_full"] = paired(row["per_frame"], rows[0]["per_frame"])
-        write_result_file(
-            args.json,
-            f"HADR-plus of preset mini trained for {args.epochs} epochs on the known objects' "
-            "training frames, one part taken out, scored on their validation frames (means over "
-            "frames, metres); one seed",
-            rows,
-            {**provenance(), "machine": machine_text(), "data": {"sha256": data}, "seed": 0},
-        )
+        del row["per_frame"]
+    write_result_file(
+        args.json,
+        f"HADR-plus of preset mini trained for {args.epochs} epochs on the known objects' "
+        "training frames, one part taken out, scored on their validation frames (means over "
+        "frames, metres); one seed",
+        rows,
+        {**provenance(), "machine": machine_text(), "data": {"sha256": data}, "seed": 0},
+    )
 
 
 if __name__ == "__main__":
