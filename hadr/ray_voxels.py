@@ -260,6 +260,30 @@ def ray_voxel_pairs(
     )
 
 
+def voxels_at(
+    points: Tensor, point_frame: Tensor, occupied: OccupiedVoxels, grid: VoxelGrid
+) -> Tensor:
+    """Find the occupied voxel in which each point lies.
+
+    Args:
+        points: Points in metres, each in its own frame's camera frame, shape (N, 3).
+        point_frame: Index of each point's frame, shape (N,), long.
+        occupied: The occupied voxels of all frames.
+        grid: The grid with which `occupied` was made.
+
+    Returns:
+        Row of the voxel, shape (N,), long; -1 where the point's cell is not occupied in its frame.
+    """
+    shape = (occupied.n_frames, *grid.shape)
+    table = torch.full(shape, -1, dtype=torch.long, device=points.device)
+    table[occupied.frame, *occupied.cell.unbind(1)] = torch.arange(
+        len(occupied), device=points.device
+    )
+    cell = grid.cell_of(points)
+    found = table[point_frame, *cell.clamp(min=0).unbind(1)]
+    return torch.where(cell[:, 0] >= 0, found, -1)
+
+
 def pair_of_true_point(
     pairs: RayVoxelPairs, occupied: OccupiedVoxels, true_points: Tensor, grid: VoxelGrid
 ) -> Tensor:

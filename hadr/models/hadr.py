@@ -48,6 +48,7 @@ __all__ = [
     "HADRConfig",
     "HADRInput",
     "HADROutput",
+    "Seen",
     "frame_to_input",
     "masked_rays",
     "ray_points",
@@ -159,17 +160,37 @@ class HADROutput:
     offset: Tensor
 
 
+@dataclass(frozen=True)
+class Seen:
+    """What the network computed on the way, for a stage that comes after it.
+
+    Attributes:
+        points: Measured points that entered the voxels, metres, camera frame, shape (N, 3).
+        color: What the voxels took of their colour: RGB (N, 3), or with point fusion the dense
+            feature (N, feature_channels).
+        directions: Unit direction of each ray, camera frame, shape (R, 3).
+        in_ray: Embedding of each ray, shape (R, parts[0]).
+    """
+
+    points: Tensor
+    color: Tensor
+    directions: Tensor
+    in_ray: Tensor
+
+
 class HADR(nn.Module):
     """The whole network.
 
     Args:
         config: What it consists of.
+        backbone: Another colour network instead of the configuration's: a module whose `features`
+            turns colour (B, 3, H, W) into an `EnlargedMap` of `feature_channels` channels.
     """
 
-    def __init__(self, config: HADRConfig | None = None) -> None:
+    def __init__(self, config: HADRConfig | None = None, backbone: nn.Module | None = None) -> None:
         super().__init__()
         self.config = config = config or HADRConfig()
-        self.backbone = ColorBackbone(
+        self.backbone: Any = backbone or ColorBackbone(
             config.backbone, config.feature_channels, multi_scale=config.aggregation
         )
         self.ray_features = RayFeatures()
@@ -197,6 +218,12 @@ class HADR(nn.Module):
         Returns:
             The restored depth and what belongs to it.
         """
+        return self.restore(inputs, rays=rays, true_depth=true_depth)[0]
+
+    def restore(
+        self, inputs: HADRInput, *, rays: Tensor | None = None, true_depth: Tensor | None = None
+    ) -> tuple[HADROutput, Seen]:
+        """Do as `forward`, and give what a second stage needs too."""
         grid = self.config.grid
         picture = float_color(inputs.color)  # (B, 3, H, W)
         dense = self.backbone.features(picture)  # stands for (B, 32, H, W)
@@ -252,7 +279,7 @@ class HADR(nn.Module):
         where = (frame, row, column)
         in_front = (found[:, 2] > 0).to(found.dtype)
         blank = torch.zeros_like(inputs.depth)
-        return HADROutput(
+        output = HADROutput(
             depth=blank.index_put(where, found[:, 2] * in_front),
             confidence=blank.index_put(where, probability.index_select(0, pair) * in_front),
             restored=blank.index_put(where, in_front) > 0,
@@ -265,6 +292,7 @@ class HADR(nn.Module):
             probability=probability,
             offset=offset.new_zeros(len(rays)).index_copy(0, ray, offset),
         )
+        return output, Seen(points, color, directions, in_ray)
 
     def _hand_feature(self, inputs: HADRInput, occupied: OccupiedVoxels) -> Tensor:
         """Give each voxel its hand feature: (voxels, 0, 42 or 126)."""

@@ -29,6 +29,7 @@ _NETWORKS = {
     "hadr": ("hadr.models.hadr", "HADR", "HADRConfig"),
     "hadr-plus": ("hadr.models.hadr_plus", "HADRPlus", "HADRPlusConfig"),
     "unet-hand": ("hadr.models.baselines.unet_hand", "UNetHand", "UNetHandConfig"),
+    "lidf": ("hadr.models.baselines.lidf", "LIDF", "LIDFConfig"),
     "hand-keypoints": ("hadr.models.hand_keypoints", "HandKeypointNet", "HandKeypointConfig"),
     "segmentation": ("hadr.models.segmentation", "SegmentationNet", "SegmentationConfig"),
 }

@@ -42,6 +42,8 @@ PRINTED = LossWeights()
 """As the paper prints them."""
 CODED = LossWeights(probability=0.5, normals=10.0)
 """As the published code has them; LIDF's order too. The print has probably swapped the two."""
+LIDF_WEIGHTS = LossWeights(depth=100.0, probability=0.5, normals=10.0)
+"""LIDF's, as its published code has them; its refinement has no term for the probability."""
 
 
 @dataclass(frozen=True)

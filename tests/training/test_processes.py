@@ -33,7 +33,7 @@ def test_two_processes_learn_like_one_with_twice_the_batch(tmp_path: Path) -> No
         _, errors = process.communicate(timeout=300)
         assert process.returncode == 0, errors
     one, two = (json.loads(files[n].read_text(encoding="utf-8")) for n in (1, 2))
-    for network in ("hadr", "norm"):
+    for network in ("hadr", "norm", "lidf"):
         assert len(one[network]) == len(two[network]) == 3
         for mine, theirs in zip(one[network], two[network], strict=True):
             assert set(mine) == set(theirs)

@@ -1,4 +1,4 @@
-"""Trains a micro HADR and a small net with batch norm; run as a script, with several processes.
+"""Trains a micro HADR, a micro LIDF and a small net with batch norm, with several processes.
 
 python tests/training/two_processes.py PROCESSES OUT.json
 """
@@ -19,12 +19,26 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from conftest import MICRO, little_frames
 
+from hadr.models.baselines.lidf import LIDFConfig
+from hadr.models.dilated_resnet import DilatedResNetConfig
 from hadr.training.batches import FrameTensors
+from hadr.training.lidf_task import LIDFTask
 from hadr.training.loop import train
 from hadr.training.task import shared_mean
 
 TOGETHER = 4
 RECIPE = replace(MICRO, epochs=3, drop_epoch=2, mirror=0.5, zoom=1.2, clip_norm=50.0)
+LIDF_RECIPE = replace(
+    RECIPE,
+    network="lidf",
+    model=LIDFConfig(
+        backbone=DilatedResNetConfig(depths=(1, 1, 1, 1), widths=(8, 8, 8, 8)),
+        decoder_widths=(16,),
+        voxel_width=8,
+        first_share=0.4,
+    ),
+)
+"""One epoch of the first stage, two of the refinement."""
 
 
 def uneven_frames() -> FrameTensors:
@@ -74,14 +88,17 @@ class NormTask:
 
 
 def histories(processes: int) -> dict[str, list[dict[str, float]]]:
-    """Train both nets with so many processes."""
+    """Train the nets with so many processes."""
     fabric = Fabric(accelerator="cpu", devices=processes)
     fabric.launch()
-    recipe = replace(RECIPE, batch_size=TOGETHER // processes)
+    batch_size = TOGETHER // processes
+    recipe = replace(RECIPE, batch_size=batch_size)
+    lidf = replace(LIDF_RECIPE, batch_size=batch_size)
     frames = uneven_frames()
+    tasks = (("hadr", recipe, None), ("norm", recipe, NormTask()), ("lidf", lidf, LIDFTask(lidf)))
     found = {
-        name: train(recipe, frames, frames, task=task, progress=False, fabric=fabric).history
-        for name, task in (("hadr", None), ("norm", NormTask()))
+        name: train(of, frames, frames, task=task, progress=False, fabric=fabric).history
+        for name, of, task in tasks
     }
     return found if fabric.is_global_zero else {}
 
