@@ -19,14 +19,15 @@ from hadr.models.hadr import HADRConfig
 from hadr.provenance import machine_text, provenance, write_json
 from hadr.training.batches import load_frames
 from hadr.training.loop import train
-from hadr.training.presets import NETWORKS, preset
+from hadr.training.presets import NETWORKS, RIVALS, preset
 from hadr.training.recipe import Preset
 from hadr.training.tasks import task_of
 
-GOALS = {
+GOALS: dict[str, tuple[str, float]] = {
     "hadr": ("validation_mae_m", 0.002),
     "hadr-plus": ("validation_mae_m", 0.002),
     "unet-hand": ("validation_mae_m", 0.002),
+    **dict.fromkeys(RIVALS, ("validation_mae_m", 0.002)),
     "hand-keypoints": ("validation_keypoints_m", 0.003),
     "segmentation": ("validation_iou_missing", 0.02),
 }

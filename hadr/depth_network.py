@@ -22,9 +22,17 @@ from torch import nn
 from hadr.camera import BoolArray, FloatArray, Intrinsics, resize_mask, window_around
 from hadr.confidence_rule import ConfidenceRule
 
-TITLES = {"hadr": "HADR", "hadr-plus": "HADR-plus", "unet-hand": "U-Net with hand"}
+TITLES = {
+    "hadr": "HADR",
+    "hadr-plus": "HADR-plus",
+    "unet-hand": "U-Net with hand",
+    "lidf": "LIDF",
+    "dfnet": "DFNet",
+    "swindrnet": "SwinDRNet",
+    "tode": "TODE-Trans",
+}
 """The networks that restore depth, by their kind in a checkpoint."""
-SILENT = ("unet-hand",)
+SILENT = ("unet-hand", "dfnet", "swindrnet", "tode")
 """Those of them that have no opinion of their own about how sure they are."""
 Corruption = Literal["oracle", "sensor"]
 
@@ -54,7 +62,7 @@ class DepthNetwork:
 
     Attributes:
         model: The network, in evaluation mode.
-        kind: "hadr", "hadr-plus" or "unet-hand".
+        kind: One of `TITLES`.
         size: (width, height) that it runs at, pixels.
         needs_hand: Whether it can't do without the hand's keypoints.
         corruption: "oracle": it learned from frames without any depth inside the mask. "sensor":

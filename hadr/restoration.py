@@ -31,7 +31,19 @@ from hadr.perception import HandKeypoints, Segmentation
 
 __all__ = ["METHODS", "Method", "Restoration", "enlarge_known", "enlarge_restored", "restore"]
 
-Method = Literal["auto", "hadr", "hadr-plus", "unet-hand", "nearest", "inpaint", "hand-median"]
+Method = Literal[
+    "auto",
+    "hadr",
+    "hadr-plus",
+    "unet-hand",
+    "lidf",
+    "dfnet",
+    "swindrnet",
+    "tode",
+    "nearest",
+    "inpaint",
+    "hand-median",
+]
 METHODS: tuple[str, ...] = get_args(Method)
 CHECKPOINT_NAME = "hadr-mini.safetensors"
 """The sample checkpoint that is taken where none is named."""
@@ -98,7 +110,7 @@ def restore(
         keypoints: 21 hand keypoints, camera frame, metres, shape (21, 3). None has them predicted
             where `keypoint_network` is given.
         method: "auto" takes the checkpoint's network where one fits, else "nearest", and says so
-            in the notes. "hadr", "hadr-plus" and "unet-hand" insist on a network of this kind.
+            in the notes. The kind of a network, such as "hadr-plus", insists on one of that kind.
             "nearest": nearest valid depth. "inpaint": OpenCV's Telea inpainting. "hand-median":
             the hand's median depth (needs keypoints).
         checkpoint: A checkpoint of a depth network (`.safetensors`); None looks for the sample

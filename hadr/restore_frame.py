@@ -35,6 +35,8 @@ methods
   hadr         a network of this kind, or an error that says why no checkpoint
   hadr-plus    fits
   unet-hand
+  lidf, dfnet, swindrnet, tode
+               the same, for the systems that the paper compares with
   nearest      depth of the nearest measured pixel outside the mask
   inpaint      OpenCV's inpainting (Telea)
   hand-median  one depth for the whole object: the median of the hand's pixels
@@ -82,7 +84,19 @@ INPUT_NAMES = (
     "segmentation",
     "keypoint_network",
 )
-METHODS = ("auto", "hadr", "hadr-plus", "unet-hand", "nearest", "inpaint", "hand-median")
+METHODS = (
+    "auto",
+    "hadr",
+    "hadr-plus",
+    "unet-hand",
+    "lidf",
+    "dfnet",
+    "swindrnet",
+    "tode",
+    "nearest",
+    "inpaint",
+    "hand-median",
+)
 OUTPUTS = {
     "depth.png": "z-depth, 16-bit, 0.001 m per unit, 0 = missing",
     "depth.npy": "z-depth, float32 metres, 0 = missing",

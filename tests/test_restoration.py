@@ -3,6 +3,7 @@ import pytest
 
 from hadr import restoration
 from hadr.camera import Intrinsics
+from hadr.depth_network import TITLES
 from hadr.restoration import METHODS, restore
 
 CAMERA = Intrinsics(fx=100, fy=100, cx=39.5, cy=29.5, width=80, height=60)
@@ -352,16 +353,20 @@ def depth_network(kind: str):
 
     from hadr.models.baselines.unet_hand import UNetHand, UNetHandConfig
     from hadr.models.hadr_plus import HADRPlus, HADRPlusConfig
+    from hadr.training.presets import preset
+    from hadr.training.tasks import task_of
 
     torch.manual_seed(0)
     if kind == "hadr":
         return small_hadr()
     if kind == "hadr-plus":
         return HADRPlus(HADRPlusConfig(crop=32, width=8, blocks=1))
-    return UNetHand(UNetHandConfig(width=4, levels=2))
+    if kind == "unet-hand":
+        return UNetHand(UNetHandConfig(width=4, levels=2))
+    return task_of(preset("tiny", kind)).build()
 
 
-@pytest.mark.parametrize("kind", ["hadr", "hadr-plus", "unet-hand"])
+@pytest.mark.parametrize("kind", list(TITLES))
 def test_each_kind_of_checkpoint_restores(tmp_path, kind: str) -> None:
     from hadr.training.checkpoints import save_checkpoint
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from hadr.depth_network import TITLES
 from hadr.experiments.scoring import EVALUATION_SIZE, Scores, score_cheap, score_network
 from hadr.metrics import DepthMetrics, format_table, mean_over_frames
 from hadr.provenance import provenance, write_json
@@ -19,7 +20,7 @@ from hadr.training.recipe import Preset
 from hadr.training.tasks import task_of
 from hadr.training.train_command import add_given, given_from, open_split
 
-DEPTH_NETWORKS = ("hadr", "hadr-plus", "unet-hand")
+DEPTH_NETWORKS = tuple(TITLES)
 
 
 @dataclass(frozen=True)

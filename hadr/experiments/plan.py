@@ -13,9 +13,33 @@ from hadr.provenance import machine_text, provenance
 from hadr.result_file import write_result_file
 
 SECONDS_A_FRAME = {
-    "tiny": {"hadr": 0.02, "hadr-plus": 0.01, "unet-hand": 0.01},
-    "mini": {"hadr": 0.037, "hadr-plus": 0.019, "unet-hand": 0.032},
-    "paper": {"hadr": 1.15, "hadr-plus": 0.08, "unet-hand": 0.18},
+    "tiny": {
+        "hadr": 0.02,
+        "hadr-plus": 0.01,
+        "unet-hand": 0.01,
+        "lidf": 0.024,
+        "dfnet": 0.034,
+        "swindrnet": 0.018,
+        "tode": 0.02,
+    },
+    "mini": {
+        "hadr": 0.037,
+        "hadr-plus": 0.019,
+        "unet-hand": 0.032,
+        "lidf": 0.035,
+        "dfnet": 0.038,
+        "swindrnet": 0.036,
+        "tode": 0.033,
+    },
+    "paper": {
+        "hadr": 1.15,
+        "hadr-plus": 0.08,
+        "unet-hand": 0.18,
+        "lidf": 1.5,
+        "dfnet": 0.9,
+        "swindrnet": 4.0,
+        "tode": 1.2,
+    },
 }
 """Rough training seconds a frame and epoch on one CPU core, for a plan's estimate alone."""
 

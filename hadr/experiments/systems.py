@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from hadr.models.hadr import HADRConfig
-from hadr.training.presets import Preset, preset
+from hadr.training.presets import RIVALS, Preset, preset
 
 CHEAP = ("raw", "inpainting", "nearest", "hand-median")
 """Methods that learn nothing; what a learned one must beat."""
-LEARNED = ("hadr", "no-hand", "unet-hand", "hadr-plus", "hadr-long")
+LEARNED = ("hadr", "no-hand", "unet-hand", "hadr-plus", *RIVALS, "hadr-long")
 """Networks, in the order in which they are trained: the long run last."""
 METHODS = (*CHEAP, *LEARNED)
 LONG_RUN = 4
@@ -50,7 +50,7 @@ def system(method: str, size: str) -> System:
         raise ValueError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
     if method in CHEAP:
         return System(method, None)
-    if method in ("hadr-plus", "unet-hand"):
+    if method in ("hadr-plus", "unet-hand", *RIVALS):
         return System(method, preset(size, method))
     recipe = preset(size, "hadr")
     if method == "hadr-long":

@@ -20,6 +20,10 @@ NAMES: dict[str, str] = {
     "no-hand": "HADR without the hand",
     "hadr": "HADR",
     "hadr-long": "HADR, trained longer",
+    "lidf": "LIDF",
+    "dfnet": "DFNet (TransCG)",
+    "swindrnet": "SwinDRNet",
+    "tode": "TODE-Trans",
     "unet-hand": "U-Net with the hand",
     "hadr-plus": "HADR-plus",
 }
@@ -30,6 +34,10 @@ _COLOR = {
     "no-hand": "glass",
     "unet-hand": "baseline",
     "hadr-plus": "robot",
+    "lidf": "voxel",
+    "dfnet": "highlight",
+    "swindrnet": "truth",
+    "tode": "ray",
     "hand-median": "hand",
 }
 

@@ -30,6 +30,9 @@ _NETWORKS = {
     "hadr-plus": ("hadr.models.hadr_plus", "HADRPlus", "HADRPlusConfig"),
     "unet-hand": ("hadr.models.baselines.unet_hand", "UNetHand", "UNetHandConfig"),
     "lidf": ("hadr.models.baselines.lidf", "LIDF", "LIDFConfig"),
+    "dfnet": ("hadr.models.baselines.dfnet", "DFNet", "DFNetConfig"),
+    "swindrnet": ("hadr.models.baselines.swindrnet", "SwinDRNet", "SwinDRNetConfig"),
+    "tode": ("hadr.models.baselines.tode", "TODETrans", "TODEConfig"),
     "hand-keypoints": ("hadr.models.hand_keypoints", "HandKeypointNet", "HandKeypointConfig"),
     "segmentation": ("hadr.models.segmentation", "SegmentationNet", "SegmentationConfig"),
 }

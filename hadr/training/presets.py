@@ -10,6 +10,7 @@ from hadr.models.hand_keypoints import HandKeypointConfig
 from hadr.models.resnet import UNetConfig
 from hadr.models.segmentation import SegmentationConfig
 from hadr.training.recipe import Preset
+from hadr.training.rival_presets import RIVAL_RECIPES
 
 __all__ = ["MINI", "NETWORKS", "PAPER", "RECIPES", "TINY", "Preset", "preset"]
 
@@ -262,9 +263,12 @@ RECIPES: tuple[Preset, ...] = (
     SEGMENTATION_TINY,
     SEGMENTATION_MINI,
     SEGMENTATION_PAPER,
+    *RIVAL_RECIPES,
 )
 """All recipes of all networks."""
-NETWORKS = ("hadr", "hadr-plus", "unet-hand", "hand-keypoints", "segmentation")
+RIVALS = ("lidf", "dfnet", "swindrnet", "tode")
+"""The systems that the paper compares with."""
+NETWORKS = ("hadr", "hadr-plus", "unet-hand", *RIVALS, "hand-keypoints", "segmentation")
 """The kinds of network."""
 
 

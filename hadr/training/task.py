@@ -32,7 +32,7 @@ class Task(Protocol):
 
     @property
     def network(self) -> str:
-        """The network's kind: hadr, hadr-plus, unet-hand, hand-keypoints or segmentation."""
+        """The network's kind: one of `hadr.training.presets.NETWORKS`."""
 
     def build(self) -> nn.Module:
         """Build the network with fresh weights from torch's seeded generator.

@@ -11,6 +11,10 @@ _TASKS = {
     "hadr": ("hadr.training.hadr_task", "HADRTask"),
     "hadr-plus": ("hadr.training.hadr_plus_task", "HADRPlusTask"),
     "unet-hand": ("hadr.training.unet_hand_task", "UNetHandTask"),
+    "lidf": ("hadr.training.lidf_task", "LIDFTask"),
+    "dfnet": ("hadr.training.dfnet_task", "DFNetTask"),
+    "swindrnet": ("hadr.training.swindrnet_task", "SwinDRNetTask"),
+    "tode": ("hadr.training.tode_task", "TODETask"),
     "hand-keypoints": ("hadr.training.keypoint_task", "KeypointTask"),
     "segmentation": ("hadr.training.segmentation_task", "SegmentationTask"),
 }
