@@ -8,6 +8,7 @@ mode. Goals: depth 2 mm (mean absolute error), keypoints 3 mm, masks 0.98 inters
 """
 
 import argparse
+import json
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -60,6 +61,7 @@ def learn(network: str, steps: int) -> dict[str, object]:
     name, goal = GOALS[network]
     row: dict[str, object] = {
         "network": network,
+        "commit": provenance().get("commit"),
         "steps": steps,
         "seconds": seconds,
         "counts": name,
@@ -83,6 +85,10 @@ def main() -> None:
     torch.set_num_threads(args.threads)
     rows = [learn(network, args.steps or STEPS.get(network, 600)) for network in args.networks]
     if args.json:
+        if args.json.exists():  # rows of networks that were not asked for are kept
+            kept = json.loads(args.json.read_text(encoding="utf-8"))["rows"]
+            rows += [row for row in kept if row["network"] not in args.networks]
+            rows.sort(key=lambda row: NETWORKS.index(str(row["network"])))
         write_json(
             args.json,
             {
