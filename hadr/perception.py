@@ -142,15 +142,13 @@ class HandKeypoints:
         import torch
 
         from hadr.models.hadr_input import frame_to_input
-        from hadr.models.hand_keypoints import predict_keypoints
+        from hadr.models.hand_keypoints import keypoints_where_seen
 
         inputs = frame_to_input(color, depth, mask, None, camera, self.size)
         hand = torch.from_numpy(resize_mask(hand_mask, *self.size).copy())[None]
-        if not bool((hand & (inputs.depth > 0)).any()):
-            return None
         with torch.inference_mode():
-            found = predict_keypoints(self.model, inputs, hand)
-        return np.asarray(found[0].double().numpy())
+            found = keypoints_where_seen(self.model, inputs, hand)[0]
+        return np.asarray(found.double().numpy()) if bool(found.any()) else None
 
 
 @dataclass(frozen=True)

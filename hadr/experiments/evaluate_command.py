@@ -153,7 +153,7 @@ def run(args: argparse.Namespace) -> int:
 def _load(source: Any, size: tuple[int, int], given: Given) -> FrameTensors:
     """All frames, so that they are the same ones at each size."""
     frames = load_frames(source, size, given.corruption, given.seed, keep_all=True)
-    return with_predicted(frames, given)
+    return with_predicted(frames, source, given)
 
 
 def _open(paths: Sequence[str]) -> list[Checkpoint]:

@@ -116,6 +116,31 @@ def hand_cube(config: HandKeypointConfig, inputs: HADRInput, hand: Tensor) -> Ha
     return HandCube(center, inputs.intrinsics, config.cube_m, config.crop)
 
 
+def keypoints_where_seen(model: HandKeypointNet, inputs: HADRInput, hand: Tensor) -> Tensor:
+    """Find the hands' keypoints in those frames that show enough of a hand.
+
+    Args:
+        model: The network in evaluation mode.
+        inputs: As in `predict_keypoints`.
+        hand: Pixels of hand and arm, shape (B, H, W), bool.
+
+    Returns:
+        Metres, camera frame, shape (B, 21, 3); zeros, which mean "unknown", where no depth was
+        measured on a hand, or so little that none of it is left in the crop.
+    """
+    found = inputs.depth.new_zeros(len(inputs), 21, 3)
+    there = (hand & (inputs.depth > 0)).flatten(1).any(dim=1).nonzero().squeeze(1)
+    if len(there):
+        some = inputs.take(there)
+        cube = hand_cube(model.config, some, hand[there])
+        crop = cube.crop(torch.where(hand[there], some.depth, torch.zeros_like(some.depth)))
+        _, valid = cube.points(crop, MAP_STRIDE)  # (frames, h, w)
+        there = there[valid.flatten(1).any(dim=1)]
+    if len(there):
+        found[there] = predict_keypoints(model, inputs.take(there), hand[there])
+    return found
+
+
 def predict_keypoints(model: HandKeypointNet, inputs: HADRInput, hand: Tensor) -> Tensor:
     """Find the hands' keypoints in whole frames.
 

@@ -12,8 +12,10 @@ from typing import Any
 
 import torch
 from torch import Tensor
+from torch.nn import functional
 
-from hadr.training.batches import Corruption, FrameTensors
+from hadr.models.hand_keypoints import keypoints_where_seen
+from hadr.training.batches import Corruption, FrameList, FrameTensors, load_frames
 from hadr.training.checkpoints import load_checkpoint
 
 TRUE = "true"
@@ -44,15 +46,20 @@ class Given:
         }
 
 
-def with_predicted(frames: FrameTensors, given: Given, batch_size: int = 16) -> FrameTensors:
+def with_predicted(
+    frames: FrameTensors, source: FrameList, given: Given, batch_size: int = 16
+) -> FrameTensors:
     """Put predicted masks and keypoints in the place of the true ones, where asked for.
 
-    With the oracle corruption the depth is missing in the true mask already; it is erased in the
-    predicted one as well. The keypoints' network looks where the predicted hand is, or the true
-    one where masks are true; a frame without a hand keeps zeros, which mean "unknown".
+    Each network works at the size it was trained at, whatever the size of the frames, so that all
+    systems of a table are given the same masks and keypoints. With the oracle corruption the depth
+    is missing in the true mask already; it is erased in the predicted one as well. The keypoints'
+    network looks where the predicted hand is, or the true one where masks are true; a frame in
+    which too little of a hand is seen gets zeros, which mean "unknown".
 
     Args:
-        frames: The frames with true masks and keypoints.
+        frames: The frames with true masks and keypoints, in the order of the source.
+        source: What they were read from; it may have more frames.
         given: What is asked for.
         batch_size: Frames at a time.
 
@@ -61,28 +68,64 @@ def with_predicted(frames: FrameTensors, given: Given, batch_size: int = 16) -> 
 
     Raises:
         FileNotFoundError: A checkpoint does not exist.
-        ValueError: A checkpoint is one of another network.
+        ValueError: A checkpoint is one of another network; a frame is not in the source; or the
+            segmentation network finds an object in none of the frames.
     """
-    inputs, hand = frames.inputs, frames.hand_mask
+    inputs, hand = frames.inputs, None
     if str(given.masks) != TRUE:
-        model = _network(given.masks, "segmentation")
-        masks = torch.cat([_masks(model, part) for part in _parts(frames, batch_size)])
-        if masks.shape[1] > 1:
-            hand = masks[:, 1]
+        model, size = _network(given.masks, "segmentation")
+        seen = _at(size, frames, source, given)
+        found = torch.cat([_masks(model, part) for part in _parts(seen, batch_size)])
+        if not found[:, 0].any():
+            raise ValueError(f"{given.masks} finds no object in any of the {len(frames)} frames")
+        mask = resized(found[:, 0], inputs.mask)
+        hand = found[:, 1] if found.shape[1] > 1 else None
         depth = inputs.depth
         if given.corruption == "oracle":
-            depth = torch.where(masks[:, 0], torch.zeros_like(depth), depth)
-        inputs = replace(inputs, mask=masks[:, 0], depth=depth)
-        frames = replace(frames, inputs=inputs)
+            depth = torch.where(mask, torch.zeros_like(depth), depth)
+        inputs = replace(inputs, mask=mask, depth=depth)
     if str(given.keypoints) != TRUE:
-        model = _network(given.keypoints, "hand-keypoints")
-        found = torch.zeros_like(inputs.keypoints)
-        seen = hand.flatten(1).any(dim=1).nonzero().squeeze(1)
-        for index in torch.split(seen, batch_size):
-            found[index] = _keypoints(model, frames.take(index), hand[index])
-        uv = pixels_of(found, inputs.intrinsics) * (found != 0).any(dim=-1, keepdim=True)
-        frames = replace(frames, inputs=replace(inputs, keypoints=found, keypoints_uv=uv))
-    return frames
+        model, size = _network(given.keypoints, "hand-keypoints")
+        seen = _at(size, frames, source, given)
+        if str(given.masks) != TRUE:
+            mask = resized(found[:, 0], seen.inputs.mask)
+            depth = seen.inputs.depth
+            if given.corruption == "oracle":
+                depth = torch.where(mask, torch.zeros_like(depth), depth)
+            seen = replace(seen, inputs=replace(seen.inputs, mask=mask, depth=depth))
+        hands = seen.hand_mask if hand is None else resized(hand, seen.hand_mask)
+        keypoints = torch.cat([
+            _keypoints(model, part, hands[first * batch_size : (first + 1) * batch_size])
+            for first, part in enumerate(_parts(seen, batch_size))
+        ])  # fmt: skip
+        uv = pixels_of(keypoints, inputs.intrinsics) * (keypoints != 0).any(dim=-1, keepdim=True)
+        inputs = replace(inputs, keypoints=keypoints, keypoints_uv=uv)
+    return frames if inputs is frames.inputs else replace(frames, inputs=inputs)
+
+
+def resized(masks: Tensor, like: Tensor) -> Tensor:
+    """Bring masks (N, h, w) to the size of others (N, H, W): the pixel nearest to each centre."""
+    size = (int(like.shape[1]), int(like.shape[2]))
+    if tuple(masks.shape[1:]) == size:
+        return masks
+    return functional.interpolate(masks[:, None].float(), size, mode="nearest-exact")[:, 0] > 0
+
+
+def _at(
+    size: tuple[int, int], frames: FrameTensors, source: FrameList, given: Given
+) -> FrameTensors:
+    """Read the same frames at another size."""
+    height, width = frames.inputs.depth.shape[1:]
+    if size == (width, height):
+        return frames
+    every = load_frames(source, size, given.corruption, given.seed, keep_all=True)
+    numbers, stems = [], enumerate(every.stems)
+    for stem in frames.stems:
+        number = next((n for n, other in stems if other == stem), None)
+        if number is None:
+            raise ValueError(f"frame {stem} is not in the source, or out of its order")
+        numbers.append(number)
+    return every.take(numbers)
 
 
 def pixels_of(points: Tensor, intrinsics: Tensor) -> Tensor:
@@ -99,11 +142,12 @@ def pixels_of(points: Tensor, intrinsics: Tensor) -> Tensor:
     return points[..., :2] / points[..., 2:].clamp(min=1e-6) * focal + centre
 
 
-def _network(path: str | Path, kind: str) -> Any:
+def _network(path: str | Path, kind: str) -> tuple[Any, tuple[int, int]]:
+    """Load a network, and give the (width, height) at which it was trained."""
     model, meta = load_checkpoint(path)
     if meta["network"] != kind:
         raise ValueError(f"{path} holds a network of kind {meta['network']!r}, expected {kind!r}")
-    return model
+    return model.eval(), (int(meta["width"]), int(meta["height"]))
 
 
 def _parts(frames: FrameTensors, batch_size: int) -> list[FrameTensors]:
@@ -121,7 +165,5 @@ def _masks(model: Any, frames: FrameTensors) -> Tensor:
 
 
 def _keypoints(model: Any, frames: FrameTensors, hand: Tensor) -> Tensor:
-    from hadr.models.hand_keypoints import predict_keypoints
-
     with torch.no_grad():
-        return predict_keypoints(model, frames.inputs, hand)
+        return keypoints_where_seen(model, frames.inputs, hand)

@@ -179,7 +179,7 @@ def read_split(
         return None
     bar = f"reading {split}" if progress else None
     frames = load_frames(found, size, given.corruption, given.seed, progress=bar)
-    return with_predicted(frames, given)
+    return with_predicted(frames, found, given)
 
 
 def run(args: argparse.Namespace) -> int:

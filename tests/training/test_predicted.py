@@ -5,57 +5,122 @@ from pathlib import Path
 import pytest
 import torch
 
+from hadr.data.samples import open_samples
+from hadr.data.transhand import Frame
 from hadr.models.hadr import HADR
 from hadr.models.hand_keypoints import HandKeypointNet
 from hadr.models.segmentation import SegmentationNet
 from hadr.training import predicted
-from hadr.training.batches import FrameTensors
+from hadr.training.batches import FrameTensors, load_frames
 from hadr.training.checkpoints import save_checkpoint
 from hadr.training.predicted import Given, pixels_of, with_predicted
 from hadr.training.presets import Preset, preset
 
+SIZE, OWN = (64, 36), (128, 72)
+"""Size of the frames, and that at which the helpers were trained."""
 
-def test_true_ones_leave_the_frames_alone(frames: FrameTensors) -> None:
-    assert with_predicted(frames, Given()) is frames
+
+@pytest.fixture(scope="module")
+def source() -> list[Frame]:
+    samples = open_samples("val")
+    return [samples[number] for number in (0, 20, 40, 60, 80, 90)]
 
 
-def test_predicted_masks_and_keypoints_are_given_and_the_true_ones_kept(
-    frames: FrameTensors, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.fixture
+def helpers(tmp_path: Path) -> tuple[Path, Path]:
+    """Checkpoints of both helpers, untrained."""
     segmentation = SegmentationNet(preset("tiny", "segmentation").model)  # type: ignore[arg-type]
     keypoints = HandKeypointNet(preset("tiny", "hand-keypoints").model)  # type: ignore[arg-type]
-    save_checkpoint(tmp_path / "masks.safetensors", segmentation, {})
-    save_checkpoint(tmp_path / "hands.safetensors", keypoints, {})
-    shifted = frames.object_mask.roll(2, dims=2)
+    paths = tmp_path / "masks.safetensors", tmp_path / "hands.safetensors"
+    for path, model in zip(paths, (segmentation, keypoints), strict=True):
+        save_checkpoint(path, model, {"width": OWN[0], "height": OWN[1]})
+    return paths
+
+
+def test_true_ones_leave_the_frames_alone(source: list[Frame]) -> None:
+    frames = load_frames(source, SIZE)
+    assert with_predicted(frames, source, Given()) is frames
+
+
+def see_truth(monkeypatch: pytest.MonkeyPatch, blind: str = "") -> list[tuple[int, ...]]:
+    """Let the segmentation answer with the true masks, but for one frame's hand."""
+    sizes: list[tuple[int, ...]] = []
 
     def masks(_: object, part: FrameTensors) -> torch.Tensor:
-        rows = [frames.stems.index(stem) for stem in part.stems]
-        hand = frames.hand_mask[rows].clone()
-        hand[[row == 5 for row in rows]] = False  # the last frame's hand is not seen
-        return torch.stack((shifted[rows], hand), dim=1)
+        sizes.append(tuple(part.object_mask.shape[1:]))
+        hand = part.hand_mask.clone()
+        hand[[stem == blind for stem in part.stems]] = False
+        return torch.stack((part.object_mask, hand), dim=1)
 
     monkeypatch.setattr(predicted, "_masks", masks)
-    given = Given("oracle", tmp_path / "masks.safetensors", tmp_path / "hands.safetensors")
-    found = with_predicted(frames, given, batch_size=4)
-    assert torch.equal(found.inputs.mask, shifted)
+    return sizes
+
+
+def test_each_helper_works_at_its_own_size(
+    source: list[Frame], helpers: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    frames = load_frames(source[:1] + source[2:], SIZE)  # one of the source is not among them
+    blind = frames.stems[-1]
+    sizes = see_truth(monkeypatch, blind)
+    found = with_predicted(frames, source, Given("oracle", *helpers), batch_size=4)
+    assert set(sizes) == {(OWN[1], OWN[0])}
+    # The larger mask's pixels nearest to the small ones are the small mask, but for its rim.
+    wrong = (found.inputs.mask ^ frames.object_mask).float().mean()
+    assert wrong < 0.2 * frames.object_mask.float().mean()
     assert torch.equal(found.object_mask, frames.object_mask)
-    erased = shifted | frames.object_mask
-    assert torch.equal(found.inputs.depth == 0, erased)
+    assert torch.equal(found.inputs.depth == 0, found.inputs.mask | (frames.inputs.depth == 0))
     assert torch.equal(found.true_keypoints, frames.true_keypoints)
-    assert (found.inputs.keypoints[:5] != 0).all()
-    assert not found.inputs.keypoints[5].any()
-    assert not found.inputs.keypoints_uv[5].any()
-    sensor = with_predicted(frames, Given("sensor", tmp_path / "masks.safetensors"))
-    assert torch.equal(sensor.inputs.depth, frames.inputs.depth)
-    assert torch.equal(sensor.inputs.keypoints, frames.inputs.keypoints)
+    assert (found.inputs.keypoints[:-1] != 0).any(dim=(1, 2)).all()
+    assert not found.inputs.keypoints[-1].any()
+    assert not found.inputs.keypoints_uv[-1].any()
+
+
+def test_the_same_keypoints_whatever_the_size_of_the_frames(
+    source: list[Frame], helpers: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    see_truth(monkeypatch)
+    small, large = (
+        with_predicted(load_frames(source, size), source, Given("oracle", *helpers))
+        for size in (SIZE, (224, 126))
+    )
+    torch.testing.assert_close(small.inputs.keypoints, large.inputs.keypoints)
+    apart = small.inputs.keypoints_uv - large.inputs.keypoints_uv * SIZE[0] / 224
+    assert apart.abs().max() < 0.5
+
+
+def test_depth_of_a_sensor_is_left_in_the_mask(
+    source: list[Frame], helpers: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    see_truth(monkeypatch)
+    frames = load_frames(source, SIZE, "sensor")
+    found = with_predicted(frames, source, Given("sensor", helpers[0]))
+    assert torch.equal(found.inputs.depth, frames.inputs.depth)
+    assert torch.equal(found.inputs.keypoints, frames.inputs.keypoints)
+
+
+def test_a_network_that_finds_nothing_at_all_is_refused(
+    source: list[Frame], helpers: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        predicted, "_masks", lambda _, part: torch.zeros(len(part), 2, OWN[1], OWN[0]) > 0
+    )
+    with pytest.raises(ValueError, match="finds no object in any of the 6 frames"):
+        with_predicted(load_frames(source, SIZE), source, Given("oracle", helpers[0]))
+
+
+def test_frames_of_another_source_are_refused(
+    source: list[Frame], helpers: tuple[Path, Path]
+) -> None:
+    with pytest.raises(ValueError, match="is not in the source, or out of its order"):
+        with_predicted(load_frames(source, SIZE), source[1:], Given("oracle", helpers[0]))
 
 
 def test_a_checkpoint_of_another_network_is_refused(
-    frames: FrameTensors, micro: Preset, tmp_path: Path
+    frames: FrameTensors, source: list[Frame], micro: Preset, tmp_path: Path
 ) -> None:
     save_checkpoint(tmp_path / "hadr.safetensors", HADR(micro.model), {})  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="of kind 'hadr', expected 'segmentation'"):
-        with_predicted(frames, Given("oracle", tmp_path / "hadr.safetensors"))
+        with_predicted(frames, source, Given("oracle", tmp_path / "hadr.safetensors"))
 
 
 def test_pixels_hand_computed() -> None:
