@@ -157,11 +157,15 @@ def write_table(bench: Bench, table: str | Path) -> None:
         f"Depth of the glass restored from one frame (preset {bench.size}, corruption "
         f"{bench.corruption}, true masks and keypoints), scored on the object's pixels at "
         f"{width}x{height}: means over the frames, pooled values beside; a pixel that a method "
-        "leaves out counts as depth 0"
+        "leaves out takes the depth of the restored ones around it, and is 0 in a frame without "
+        "any. Standard errors are over holds: frames of one hold are alike"
     )
+    holds = {
+        row["split"]: bench.holds(row["split"], row["per_frame"]["stems"]) for row in rows[::-1]
+    }
     write_result_file(
         table,
         what,
-        table_rows(rows),
+        table_rows(rows, holds),
         {**provenance(), "machine": machine_text(), "data": bench.data},
     )

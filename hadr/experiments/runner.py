@@ -3,7 +3,8 @@
     OUT/known/hadr/seed-0/last.safetensors   the training, which goes on where it was stopped
     OUT/known/hadr/seed-0/row.json           the finished row; it is what "done" means
 
-A row is measured again when its recipe, its data or its protocol is another than the file says.
+A row is measured again when its recipe, its data or its protocol is another than the file says, or
+when the file was changed by another hand: it ends with a checksum.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import csv
 import json
 import statistics
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import accumulate
 from pathlib import Path
@@ -24,7 +25,7 @@ import torch
 from hadr.experiments.scoring import EVALUATION_SIZE, Scores, score_cheap, score_network
 from hadr.experiments.splits import Experiment, Part, data_digest, open_part
 from hadr.experiments.systems import system
-from hadr.provenance import machine_text, provenance, write_json
+from hadr.provenance import machine_text, plain, provenance, write_json
 from hadr.result_file import digest
 from hadr.training.batches import Corruption, FrameTensors, load_frames
 from hadr.training.loop import LAST, train
@@ -125,7 +126,9 @@ class Bench:
         path = self.out / run.name / ROW
         with contextlib.suppress(OSError, json.JSONDecodeError):
             row: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-            if row.get("config_sha256") == digest(self.configuration(run)):
+            sealed = {name: value for name, value in row.items() if name != "sha256"}
+            same = row.get("config_sha256") == digest(self.configuration(run))
+            if same and row.get("sha256") == digest(sealed):
                 return row
         return None
 
@@ -173,8 +176,29 @@ class Bench:
             "provenance": {**provenance(), "machine": machine_text()},
         }
         row.pop("training_s_now", None)
+        row = dict(plain(row))
+        row["sha256"] = digest(row)
         write_json(self.out / run.name / ROW, row)
         return row
+
+    def holds(self, experiment: Experiment, stems: Sequence[str]) -> list[str]:
+        """Say which hold each test frame shows; frames of one hold are alike.
+
+        Args:
+            experiment: "known" or "unknown".
+            stems: The frames' names in the order of the data folders, as a row has them.
+
+        Returns:
+            A name of the hold for each frame, another for each data folder; the frame's own name
+            where its log has none.
+        """
+        listed = [
+            (f"{files.object_id}/{files.stem}", f"{number}/{hold or files.stem}")
+            for number, folder in enumerate(open_part(self.roots, experiment, "test").folders)
+            for files, hold in zip(folder.files, folder.hold_ids, strict=True)
+        ]
+        rest = iter(listed)
+        return [next(hold for name, hold in rest if name == stem) for stem in stems]
 
     def _train_and_score(self, run: Run, recipe: Preset) -> tuple[Scores, dict[str, Any]]:
         began = time.perf_counter()
@@ -202,11 +226,14 @@ class Bench:
         return score_network(trained.model, test, truth), columns
 
 
-def table_rows(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+def table_rows(
+    rows: Sequence[Mapping[str, Any]], holds: Mapping[str, Sequence[str]] | None = None
+) -> list[dict[str, Any]]:
     """Bring runs to the rows of a result file: one a method and split, seeds averaged.
 
     Args:
         rows: Rows of `Bench.measure`.
+        holds: Hold of each frame, by split; without it each frame counts as a hold of its own.
 
     Returns:
         In the order of their first appearance; numbers are means over the seeds, with
@@ -220,34 +247,69 @@ def table_rows(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     for row, group in zip(table, groups.values(), strict=True):
         reference = groups.get((row["split"], REFERENCE))
         if reference is not None and row["method"] != REFERENCE:
-            row["against_hand_median"] = paired(group[0]["per_frame"], reference[0]["per_frame"])
+            row["against_hand_median"] = paired(
+                group[0]["per_frame"], reference[0]["per_frame"], (holds or {}).get(row["split"])
+            )
+        frames, known = group[0]["per_frame"], (holds or {}).get(row["split"])
+        row["rmse_standard_error_m"] = standard_error(frames["rmse_m"], known or frames["stems"])
+        row["holds"] = len(set(known)) if known else None
     return table
 
 
-def paired(own: Mapping[str, Any], reference: Mapping[str, Any]) -> dict[str, Any]:
+def paired(
+    own: Mapping[str, Any], reference: Mapping[str, Any], holds: Sequence[str] | None = None
+) -> dict[str, Any]:
     """Compare two methods frame by frame.
 
     Args:
         own: RMSE of each frame with the frames' names (`Scores.per_frame`).
-        reference: The other method's.
+        reference: The other method's, of the same frames in the same order.
+        holds: Hold of each frame; without it each frame counts as a hold of its own.
 
     Returns:
-        Mean of own minus the reference's RMSE over the frames that both have in metres, its
-        standard error (None for fewer than two frames), on how many frames the own one is
-        smaller, and the number of frames.
+        Mean of own minus the reference's RMSE in metres, its standard error over holds, on how
+        many frames the own one is smaller, and the number of frames.
+
+    Raises:
+        ValueError: The frames are not the same.
     """
-    other = dict(zip(reference["stems"], reference["rmse_m"], strict=True))
-    gaps = [
-        error - other[stem]
-        for stem, error in zip(own["stems"], own["rmse_m"], strict=True)
-        if stem in other
-    ]
+    if list(own["stems"]) != list(reference["stems"]):
+        raise ValueError(
+            f"only the same frames can be compared, got {len(own['stems'])} and "
+            f"{len(reference['stems'])} that differ in name or order"
+        )
+    gaps = [mine - other for mine, other in zip(own["rmse_m"], reference["rmse_m"], strict=True)]
     return {
         "mean_difference_m": statistics.fmean(gaps) if gaps else None,
-        "standard_error_m": statistics.stdev(gaps) / len(gaps) ** 0.5 if len(gaps) > 1 else None,
+        "standard_error_m": standard_error(gaps, holds or list(range(len(gaps)))),
         "better_on_frames": sum(gap < 0 for gap in gaps),
         "frames": len(gaps),
     }
+
+
+def standard_error(values: Sequence[float], groups: Sequence[Hashable]) -> float | None:
+    """Estimate how far a mean may be off when values come in groups that are alike.
+
+    The deviations from the mean are summed within each group first (cluster-robust). With groups
+    of one it is the ordinary standard error.
+
+    Args:
+        values: The values.
+        groups: Group of each.
+
+    Returns:
+        The standard error of the mean; None for fewer than two groups.
+    """
+    if not values:
+        return None
+    mean, sums = statistics.fmean(values), dict[Hashable, float]()
+    for value, group in zip(values, groups, strict=True):
+        sums[group] = sums.get(group, 0.0) + value - mean
+    count = len(sums)
+    if count < 2:
+        return None
+    total = sum(off**2 for off in sums.values())
+    return float((count / (count - 1) * total) ** 0.5 / len(values))
 
 
 def _by_object(listed: Sequence[Mapping[str, Any]]) -> dict[str, float]:

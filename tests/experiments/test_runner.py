@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import csv
 import json
+import statistics
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from hadr.data.samples import samples_dir
+from hadr.data.samples import open_samples, samples_dir
 from hadr.experiments import runner
 from hadr.experiments.plan import measure_all
-from hadr.experiments.runner import Bench, Run, paired, table_rows
+from hadr.experiments.runner import Bench, Run, paired, standard_error, table_rows
 from hadr.experiments.systems import CHEAP, System, system
 from hadr.result_file import read_result_file
 
@@ -90,9 +91,49 @@ def test_what_one_seed_did_not_restore_has_no_mean() -> None:
 
 
 def test_two_methods_frame_by_frame() -> None:
-    own = {"stems": ["a", "b", "c"], "rmse_m": [0.01, 0.05, 0.09]}
-    other = {"stems": ["b", "a", "d"], "rmse_m": [0.04, 0.04, 0.04]}
+    own = {"stems": ["a", "b"], "rmse_m": [0.01, 0.05]}
+    other = {"stems": ["a", "b"], "rmse_m": [0.04, 0.04]}
     found = paired(own, other)
     assert found["mean_difference_m"] == pytest.approx(-0.01)  # -0.03 and +0.01
     assert found["standard_error_m"] == pytest.approx(0.02)
     assert (found["better_on_frames"], found["frames"]) == (1, 2)
+    with pytest.raises(ValueError, match="only the same frames can be compared, got 2 and 2"):
+        paired(own, {"stems": ["b", "a"], "rmse_m": [0.04, 0.04]})
+
+
+def test_frames_of_two_folders_with_one_name_are_compared_each_with_its_own() -> None:
+    own = {"stems": ["a", "a"], "rmse_m": [0.01, 0.05]}
+    other = {"stems": ["a", "a"], "rmse_m": [0.02, 0.01]}
+    assert paired(own, other)["mean_difference_m"] == pytest.approx(0.015)
+
+
+def test_frames_that_are_alike_do_not_make_a_mean_surer() -> None:
+    values = [1.0, 3.0, 2.0, 6.0]
+    alone = standard_error(values, range(4))
+    assert alone == pytest.approx(statistics.stdev(values) / 2)
+    twice = [value for value in values for _ in range(2)]
+    assert standard_error(twice, [n // 2 for n in range(8)]) == pytest.approx(alone)
+    assert standard_error(twice, range(8)) < 0.7 * alone
+    assert standard_error([1.0, 2.0], ["one", "one"]) is None
+    assert standard_error([], []) is None
+
+
+def test_a_row_that_was_edited_by_hand_is_measured_again(bench: Bench) -> None:
+    run = Run("known", "raw")
+    row = bench.measure(run)
+    path = bench.out / run.name / "row.json"
+    edited = json.loads(path.read_text()) | {"rmse_m": 0.001}
+    path.write_text(json.dumps(edited))
+    assert bench.finished(run) is None
+    assert bench.measure(run)["rmse_m"] == row["rmse_m"]
+
+
+def test_holds_follow_the_frames(bench: Bench) -> None:
+    stems = bench.measure(Run("known", "nearest"))["per_frame"]["stems"]
+    holds = bench.holds("known", stems)
+    samples = open_samples("test")
+    logged = {
+        f"{o}/{s.stem}": h
+        for o, s, h in zip(samples.object_ids, samples.files, samples.hold_ids, strict=True)
+    }
+    assert [hold.split("/")[1] for hold in holds] == [logged[stem] for stem in stems]
