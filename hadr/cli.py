@@ -106,7 +106,7 @@ def _run_command(name: str, words: list[str]) -> int:
     try:
         status: int = module.run(arguments)
         return status
-    except (ValueError, OSError) as error:
+    except (ValueError, OSError, FloatingPointError) as error:
         sentence = " ".join(str(error).split())
         print(f"{program}: error: {sentence}", file=sys.stderr)
         return 2

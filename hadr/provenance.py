@@ -52,7 +52,7 @@ def provenance() -> dict[str, Any]:
     return {
         "created": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         "python": platform.python_version(),
-        "platform": platform.platform(),
+        "platform": f"{platform.system()} {platform.machine()}",
         "cpu_cores": usable_cores(),
         "versions": versions,
         "commit": _git_commit(),
@@ -105,6 +105,34 @@ def plain(value: Any, where: str = "results") -> Any:
         f"{where} is a {type(value).__name__}, which JSON cannot hold; expected numbers, "
         "strings, lists, mappings, arrays or dataclasses"
     )
+
+
+def check_writable(path: str | Path | None) -> None:
+    """Refuse a file for results that can't be written, before anything is computed for it.
+
+    Args:
+        path: The file; None is always right.
+
+    Raises:
+        ValueError: It is a folder, or a part of its path is a file.
+    """
+    if path is None:
+        return
+    if Path(path).is_dir():
+        raise ValueError(f"{path} is a folder, expected the name of a file to write")
+    check_folder(Path(path).parent)
+
+
+def check_folder(path: str | Path) -> None:
+    """Refuse a folder for results that is a file, or would lie in one.
+
+    Raises:
+        ValueError: It is.
+    """
+    path = Path(path)
+    there = next((part for part in (path, *path.parents) if part.exists()), None)
+    if there is not None and not there.is_dir():
+        raise ValueError(f"{path} can't be a folder: {there} is a file")
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:

@@ -78,7 +78,10 @@ def chapter_paths(notebooks: Path, only: Sequence[str] = ()) -> list[Path]:
         fitting = [path for path in paths if path.stem.startswith(beginning)]
         if not fitting:
             names = ", ".join(path.stem for path in paths)
-            raise ValueError(f"no chapter begins with {wish!r}; the chapters are {names}")
+            raise ValueError(
+                f"{wish!r} is no run of the tables (EXPERIMENT/METHOD) and no chapter begins with "
+                f"it; the chapters are {names}"
+            )
         wanted += fitting
     return sorted(set(wanted)) if only else paths
 

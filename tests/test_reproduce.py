@@ -89,9 +89,7 @@ def test_command_line_returns_2_and_prints_the_failure(folder, tmp_path, monkeyp
     assert "ZeroDivisionError" in capsys.readouterr().err
     assert not (out / "results.json").exists()
     assert reproduce.main(["--only", "77", "--out", str(out)]) == 2
-    assert (
-        "no chapter begins with '77'; the chapters are 00_good, 01_bad" in capsys.readouterr().err
-    )
+    assert "no chapter begins with it; the chapters are 00_good, 01_bad" in capsys.readouterr().err
 
 
 def test_dry_run_executes_nothing(tmp_path, capsys):

@@ -60,6 +60,10 @@ def open_bench(args: argparse.Namespace) -> Bench:
     for root in roots:
         if not root.is_dir():
             raise FileNotFoundError(f"there is no data folder {root}")
+        if not (root / "train").is_dir():
+            raise FileNotFoundError(f"{root} has no folder 'train': it is none of TransHand's form")
+    if min(args.seeds) < 0:
+        raise ValueError(f"--seeds must be at least 0, got {min(args.seeds)}")
     limit = TINY_FRAMES if args.preset == "tiny" else None
     return Bench(roots, args.out / "runs", args.preset, args.corruption, limit)
 

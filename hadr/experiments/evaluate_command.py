@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from hadr.depth_network import TITLES
 from hadr.experiments.scoring import EVALUATION_SIZE, Scores, score_cheap, score_network
 from hadr.metrics import DepthMetrics, format_table, mean_over_frames
-from hadr.provenance import provenance, write_json
+from hadr.provenance import check_writable, provenance, write_json
 from hadr.training.batches import FrameTensors, load_frames
 from hadr.training.checkpoints import load_checkpoint
 from hadr.training.evaluation import BASELINES
@@ -115,12 +115,16 @@ def run(args: argparse.Namespace) -> int:
     """Run `hadr evaluate`."""
     from hadr.data.samples import samples_dir
 
+    check_writable(args.out)
     folders = args.data or [samples_dir() / "frames"]
     source = open_split(folders, args.split, args.objects)
     if source is None:
         raise FileNotFoundError(f"no folder {args.split} in {', '.join(map(str, folders))}")
     given = given_from(args)
     checkpoints = _open(args.checkpoint)
+    for one in checkpoints:
+        given.check_network(one.kind)
+    given.check()
     depth = [one for one in checkpoints if one.kind in DEPTH_NETWORKS]
     content: dict[str, Any] = {
         "split": args.split,
@@ -131,8 +135,11 @@ def run(args: argparse.Namespace) -> int:
     }
     if depth:
         rows = depth_table(depth, source, given)
-        means = {name: mean_over_frames(scores.frames) for name, scores in rows.items()}
-        pooled: dict[str, DepthMetrics] = {name: scores.pooled for name, scores in rows.items()}
+        own = {name: mean_over_frames(s.restored).coverage for name, s in rows.items()}
+        means, pooled = (
+            {name: replace(found(scores), coverage=own[name]) for name, scores in rows.items()}
+            for found in (_mean, _pooled)
+        )
         print(f"split {args.split}, {len(source)} frames, depth {given.corruption}\n")
         print(f"mean of the frames' numbers\n{format_table(means)}\n")
         print(f"all pixels pooled\n{format_table(pooled)}\n")
@@ -148,6 +155,14 @@ def run(args: argparse.Namespace) -> int:
     if args.out:
         write_json(Path(args.out), {**content, "provenance": provenance()})
     return 0
+
+
+def _mean(scores: Scores) -> DepthMetrics:
+    return mean_over_frames(scores.frames)
+
+
+def _pooled(scores: Scores) -> DepthMetrics:
+    return scores.pooled
 
 
 def _load(source: Any, size: tuple[int, int], given: Given) -> FrameTensors:

@@ -24,7 +24,7 @@ from hadr.camera import FloatArray
 from hadr.confidence import learned_range, reliability, sparsification
 from hadr.confidence_rule import ConfidenceRule, Option, fit_confidence, ordering
 from hadr.models.signals import signals_of, within_learned
-from hadr.provenance import provenance
+from hadr.provenance import check_writable, provenance
 from hadr.result_file import write_result_file
 from hadr.training.batches import CORRUPTIONS, FrameTensors, load_frames
 from hadr.training.checkpoints import kind_of, load_checkpoint, update_record
@@ -212,7 +212,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run `hadr calibrate`."""
+    check_writable(args.out)
     model, meta = load_checkpoint(args.checkpoint)
+    name, kind = Path(args.checkpoint).name, kind_of(model)
+    if kind in ("segmentation", "hand-keypoints"):
+        raise ValueError(f"{name} holds a network of kind {kind!r}, which restores no depth")
+    learned = str(meta.get("data", {}).get("corruption", "oracle")).split(":")[0]
+    if learned != args.corruption:
+        raise ValueError(
+            f"{name} was trained with corruption {learned!r}; a calibration with "
+            f"{args.corruption!r} would speak of other pictures than it restores"
+        )
     size = int(meta["width"]), int(meta["height"])
     train, validation, test = (
         _load(args.data, split, args.objects, size, args.corruption, args.seed)

@@ -37,6 +37,29 @@ class Given:
     keypoints: str | Path = TRUE
     seed: int = 0
 
+    def check(self) -> None:
+        """Load the checkpoints that are named, so that a wrong one is told before frames are read.
+
+        Raises:
+            FileNotFoundError: A checkpoint does not exist.
+            ValueError: A checkpoint is damaged or one of another network.
+        """
+        for path, kind in ((self.masks, "segmentation"), (self.keypoints, "hand-keypoints")):
+            if str(path) != TRUE:
+                _network(path, kind)
+
+    def check_network(self, network: str) -> None:
+        """Refuse predictions for a network to which they would not be given.
+
+        Raises:
+            ValueError: The network restores no depth, and something is predicted.
+        """
+        predicted = str(self.masks) != TRUE or str(self.keypoints) != TRUE
+        if predicted and network in ("segmentation", "hand-keypoints"):
+            raise ValueError(
+                f"--masks and --keypoints are for networks that restore depth, got {network}"
+            )
+
     def record(self) -> dict[str, str]:
         """The same for a training's record: files by their names."""
         return {

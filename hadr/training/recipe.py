@@ -121,6 +121,7 @@ class Preset:
         for name, value, low, high in (
             ("warmup_epochs", self.warmup_epochs, 0, self.epochs),
             ("average_decay", self.average_decay or 0, 0, 1),
+            ("drop_epoch", self.drop_epoch, 0, math.inf),
             ("mirror", self.mirror, 0, 1),
             ("zoom", self.zoom, 1, 4),
             ("roll_deg", self.roll_deg, 0, 45),

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import importlib.util
+import json
 from collections.abc import Sequence
 from dataclasses import is_dataclass, replace
 from pathlib import Path
@@ -13,12 +15,14 @@ from lightning_fabric import Fabric
 from torch.utils.data import ConcatDataset
 
 from hadr.models.hadr import HADRConfig
+from hadr.provenance import check_folder
 from hadr.training.batches import CORRUPTIONS, FrameTensors, load_frames
 from hadr.training.loop import LAST, train
 from hadr.training.losses import CODED
 from hadr.training.predicted import Given, with_predicted
 from hadr.training.presets import NETWORKS, preset
 from hadr.training.recipe import Preset, Schedule
+from hadr.training.training_folder import TrainingFolder
 
 PRECISIONS = ("32-true", "bf16-mixed")
 
@@ -182,6 +186,15 @@ def read_split(
     return with_predicted(frames, found, given)
 
 
+def with_recorded_drop(recipe: Preset, folder: Path) -> Preset:
+    """Keep the epoch at which the rate falls where a training is resumed with more epochs."""
+    record = (folder / LAST).with_suffix(".json")
+    if recipe.schedule != "step" or not record.is_file():
+        return recipe
+    stored = json.loads(record.read_text(encoding="utf-8")).get("preset", {}).get("drop_epoch")
+    return recipe if stored is None else replace(recipe, drop_epoch=stored)
+
+
 def run(args: argparse.Namespace) -> int:
     """Run `hadr train`."""
     from hadr.data.samples import samples_dir
@@ -190,6 +203,19 @@ def run(args: argparse.Namespace) -> int:
     given = given_from(args)
     if args.devices < 1:
         raise ValueError(f"--devices must be at least 1, got {args.devices}")
+    if args.seed < 0:
+        raise ValueError(f"--seed must be at least 0, got {args.seed}")
+    if args.accelerator == "cuda" and not torch.cuda.is_available():
+        raise ValueError("--accelerator cuda: PyTorch finds no CUDA device on this machine")
+    if args.tensorboard and importlib.util.find_spec("tensorboard") is None:
+        raise ValueError("--tensorboard needs a package that is not here: pip install tensorboard")
+    given.check_network(recipe.network)
+    given.check()
+    check_folder(args.out)
+    if args.resume and args.drop_epoch is None:
+        recipe = with_recorded_drop(recipe, Path(args.out))
+    elif not args.resume:
+        TrainingFolder(Path(args.out), recipe, args.seed, None).check_empty()
     cuda = torch.cuda.is_available() if args.accelerator == "auto" else args.accelerator == "cuda"
     fabric = Fabric(
         accelerator="cuda" if cuda else "cpu", devices=args.devices, precision=recipe.precision

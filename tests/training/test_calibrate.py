@@ -99,3 +99,24 @@ def test_frames_without_the_objects_depth_teach_no_range(model, frames) -> None:
     blind = replace(frames, true_depth=torch.zeros_like(frames.true_depth))
     with pytest.raises(ValueError, match="the learned range is unknown"):
         calibrate(model, blind, frames, "nothing")
+
+
+def parsed(*words: str) -> argparse.Namespace:
+    parser = argparse.ArgumentParser()
+    subject.add_arguments(parser)
+    return parser.parse_args(words)
+
+
+def test_what_cannot_be_calibrated_is_left_as_it_is(model, tmp_path) -> None:
+    frames = str(samples_dir() / "frames")
+    masks = str(samples_dir() / "checkpoints" / "segmentation-mini.safetensors")
+    with pytest.raises(ValueError, match="kind 'segmentation', which restores no depth"):
+        subject.run(parsed(masks, frames))
+    path = tmp_path / "small.safetensors"
+    save_checkpoint(path, model, {"width": 32, "height": 24, "data": {"corruption": "oracle"}})
+    before = path.read_bytes()
+    with pytest.raises(ValueError, match="trained with corruption 'oracle'"):
+        subject.run(parsed(str(path), frames, "--corruption", "sensor"))
+    with pytest.raises(ValueError, match="is a folder, expected the name of a file"):
+        subject.run(parsed(str(path), frames, "--out", str(tmp_path)))
+    assert path.read_bytes() == before

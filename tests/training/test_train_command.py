@@ -1,12 +1,15 @@
 from __future__ import annotations
 
+import importlib.util
 from argparse import ArgumentParser, Namespace
+from pathlib import Path
 
 import pytest
 
 from hadr.models.hadr import HADRConfig
+from hadr.training import train_command
 from hadr.training.losses import CODED
-from hadr.training.train_command import add_arguments, recipe_from
+from hadr.training.train_command import add_arguments, recipe_from, run, with_recorded_drop
 
 
 def parsed(*words: str) -> Namespace:
@@ -34,3 +37,53 @@ def test_published_weights_are_named_in_the_backbone() -> None:
 def test_epochs_must_be_positive() -> None:
     with pytest.raises(ValueError, match="--epochs must be at least 1, got 0"):
         recipe_from(parsed("--epochs", "0"))
+
+
+def test_a_resumed_training_with_more_epochs_keeps_the_epoch_of_the_drop(tmp_path: Path) -> None:
+    (tmp_path / "last.json").write_text('{"preset": {"drop_epoch": 3}}')
+    recipe = recipe_from(parsed("--preset", "tiny", "--epochs", "40"))
+    assert recipe.drop_epoch == 30
+    assert with_recorded_drop(recipe, tmp_path).drop_epoch == 3
+    assert with_recorded_drop(recipe, tmp_path / "empty").drop_epoch == 30
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("--seed -1", "--seed must be at least 0, got -1"),
+        ("--accelerator cuda", "finds no CUDA device"),
+        ("--tensorboard", "pip install tensorboard"),
+        ("--network segmentation --masks some.safetensors", "got segmentation"),
+        ("--masks nowhere.safetensors", "nowhere.safetensors"),
+        ("--drop-epoch -3", "drop_epoch must be from 0 to inf, got -3"),
+    ],
+)
+def test_what_cannot_be_done_is_said_before_a_frame_is_read(
+    words: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("torch.cuda.is_available", lambda: False)
+    there = importlib.util.find_spec
+    monkeypatch.setattr(
+        importlib.util, "find_spec", lambda name: None if name == "tensorboard" else there(name)
+    )
+    monkeypatch.setattr(train_command, "read_split", lambda *_, **__: pytest.fail("frames read"))
+    args = parsed(*words.split())
+    args.out = str(tmp_path / "out")
+    with pytest.raises((ValueError, OSError), match=message):
+        run(args)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_folder_that_cannot_be_one_or_is_taken_is_refused_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(train_command, "read_split", lambda *_, **__: pytest.fail("frames read"))
+    args = parsed()
+    (tmp_path / "file").write_text("")
+    args.out = str(tmp_path / "file")
+    with pytest.raises(ValueError, match=r"file can't be a folder: .*file is a file"):
+        run(args)
+    (tmp_path / "last.safetensors").write_bytes(b"")
+    args.out = str(tmp_path)
+    with pytest.raises(ValueError, match="holds a training already"):
+        run(args)
