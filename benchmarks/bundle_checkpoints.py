@@ -21,6 +21,7 @@ from hadr.cli import main as hadr
 from hadr.data.samples import samples_dir, write_manifest
 from hadr.experiments.splits import Experiment, open_part
 from hadr.reproduce import checkout_root
+from hadr.synthesis.objects import UNKNOWN_OBJECTS
 from hadr.training.checkpoints import load_checkpoint, strip_checkpoint, update_record
 
 SOURCES: dict[str, tuple[str, Experiment | None]] = {
@@ -31,6 +32,13 @@ SOURCES: dict[str, tuple[str, Experiment | None]] = {
     "segmentation-mini": ("nets/segmentation", None),
 }
 """Folder of the training of each checkpoint; of a depth network, the experiment it belongs to."""
+GIVEN = {
+    "hadr": "oracle: depth erased in the object's mask; true keypoints",
+    "hadr-plus": "oracle: depth erased in the object's mask; true keypoints",
+    "hand-keypoints": "oracle: depth erased in the object's mask; true hand mask",
+    "segmentation": "none: colour alone",
+}
+"""What each kind of network was given."""
 
 
 def bundle(name: str, made: Path, data: list[Path], folder: Path) -> None:
@@ -40,6 +48,11 @@ def bundle(name: str, made: Path, data: list[Path], folder: Path) -> None:
     strip_checkpoint(made / source / "last.safetensors", small)
     model, record = load_checkpoint(small)
     parts = {part: len(open_part(data, experiment or "known", part)) for part in ("train", "val")}
+    row = made / source / "row.json"  # a frame without a pixel of the glass is left out
+    if row.exists():
+        parts["train"] = json.loads(row.read_text(encoding="utf-8"))["training_frames"]
+    elif "frames" in record["data"]:
+        parts = record["data"]["frames"]
     objects = open_part(data, experiment or "known", "train").objects
     history = record["history"]
     validation = {
@@ -54,7 +67,7 @@ def bundle(name: str, made: Path, data: list[Path], folder: Path) -> None:
             "provenance": f"preset {record['preset']['name']}, epoch {record['epochs']} of "
             f"{record['preset']['epochs']}, trained on {parts['train']} frames of "
             f"{len(objects)} objects of TransHand-mini",
-            "corruption": "oracle: depth erased in the object's mask; true keypoints",
+            "corruption": GIVEN[record["network"]],
             "data": {**record["data"], "frames": parts, "objects": list(objects)},
             "training": {
                 "selected": "the last epoch, fixed beforehand: no frame was used for the choice",
@@ -67,7 +80,9 @@ def bundle(name: str, made: Path, data: list[Path], folder: Path) -> None:
     )
     if experiment is not None:
         result = checkout_root() / "results" / "confidence" / f"{name}.json"
-        only = [] if experiment == "known" else ["--objects", *objects]
+        only = []
+        if experiment == "unknown":
+            only = ["--objects", *objects, "--test-objects", *UNKNOWN_OBJECTS]
         command = ["calibrate", str(small), *map(str, data), "--out", str(result), *only]
         if hadr(command) != 0:
             raise SystemExit(f"hadr {' '.join(command)} failed")

@@ -19,6 +19,7 @@ METHOD = {
     "inpainting": "inpainting",
     "hand's median": "hand-median",
     "HADR": "hadr",
+    "U-Net with the hand": "unet-hand",
     "HADR-plus": "hadr-plus",
 }
 

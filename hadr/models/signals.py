@@ -103,8 +103,8 @@ def within_learned(output: Any, depth_range_m: tuple[float, float] | None) -> Te
     """Mark restored pixels whose answer the network can have learned.
 
     Not learned are depths outside of the range that training has shown, and answers of HADR that
-    its clamp has cut off: the network wanted an answer outside of the voxel that it chose. On
-    validation frames those are 1.8 % of the pixels with an RMSE nearly twice that of the rest.
+    its clamp has cut off: the network wanted an answer outside of the voxel that it chose. How
+    many there are `results/confidence` says (`coverage`).
 
     Args:
         output: What a depth network returned.

@@ -205,6 +205,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "data", nargs="+", help="folders in TransHand's layout that it was trained on"
     )
     parser.add_argument("--objects", nargs="+", metavar="ID", help="these objects only")
+    parser.add_argument(
+        "--test-objects",
+        nargs="+",
+        metavar="ID",
+        help="of split test take these objects, such as those held out of the training (--objects)",
+    )
     parser.add_argument("--corruption", default="oracle", choices=tuple(CORRUPTIONS))
     parser.add_argument("--seed", type=int, default=0, help="seed of the analytic corruption")
     parser.add_argument("--out", metavar="FILE", help="write what was measured as JSON")
@@ -224,9 +230,10 @@ def run(args: argparse.Namespace) -> int:
             f"{args.corruption!r} would speak of other pictures than it restores"
         )
     size = int(meta["width"]), int(meta["height"])
+    tested = args.test_objects or args.objects
     train, validation, test = (
-        _load(args.data, split, args.objects, size, args.corruption, args.seed)
-        for split in ("train", "val", "test")
+        _load(args.data, split, objects, size, args.corruption, args.seed)
+        for split, objects in (("train", args.objects), ("val", args.objects), ("test", tested))
     )
     source = f"split val of {len(args.data)} folder(s), corruption {args.corruption}"
     additions = calibrate(model, train, validation, source)
@@ -246,11 +253,13 @@ def run(args: argparse.Namespace) -> int:
             f"{found['expected_calibration_error']:.3f}"
         )
     if args.out:
+        of = f" of objects {', '.join(tested)}" if args.test_objects else ""
         what = (
             f"Confidence of {Path(args.checkpoint).name}, fitted on the frames of split val and "
-            "measured on those and on split test: pixels of the object that were restored, at "
+            f"measured on those and on split test{of}: pixels of the object that were restored, at "
             f"{size[0]}x{size[1]}. 'Right' is an error below {rule.calibration.tolerance_m} m. "
-            "Standard errors are those of a bootstrap over frames."
+            "Standard errors are those of a bootstrap over frames, of which two or three show one "
+            "hold: somewhat too small."
         )
         choices = [{"split": "val", **choice} for choice in additions["confidence"]["choices"]]
         origin = {
