@@ -1,6 +1,7 @@
 """Put the small checkpoints into data_samples/checkpoints, calibrated, with their records.
 
-    hadr reproduce --preset mini --data DIR data_samples/frames --only hadr hadr-plus --out OUT
+    hadr reproduce --preset mini --data DIR data_samples/frames \\
+        --only known/hadr-long unknown/hadr known/hadr-plus --out OUT
     for network in hand-keypoints segmentation; do
         hadr train --network $network --preset mini --data DIR data_samples/frames \\
             --out OUT/nets/$network
@@ -25,7 +26,7 @@ from hadr.synthesis.objects import UNKNOWN_OBJECTS
 from hadr.training.checkpoints import load_checkpoint, strip_checkpoint, update_record
 
 SOURCES: dict[str, tuple[str, Experiment | None]] = {
-    "hadr-mini": ("runs/known/hadr/seed-0", "known"),
+    "hadr-mini": ("runs/known/hadr-long/seed-0", "known"),
     "hadr-mini-unknown": ("runs/unknown/hadr/seed-0", "unknown"),
     "hadr-plus-mini": ("runs/known/hadr-plus/seed-0", "known"),
     "hand-keypoints-mini": ("nets/hand-keypoints", None),
