@@ -104,9 +104,10 @@ def main() -> None:
     if args.json is None or not all(path.exists() for path in files):
         return
     rows = [json.loads(path.read_text()) for path in files]
-    for row in rows:
-        row["against_full"] = paired(row["per_frame"], rows[0]["per_frame"])
-        del row["per_frame"]
+    frames = [row.pop("per_frame") for row in rows]
+    holds = open_part(args.data, "known", "val").holds(frames[0]["stems"])
+    for row, own in zip(rows, frames, strict=True):
+        row["against_full"] = paired(own, frames[0], holds)
     write_result_file(
         args.json,
         f"HADR-plus of preset mini trained for {args.epochs} epochs on the known objects' "

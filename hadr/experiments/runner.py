@@ -182,23 +182,8 @@ class Bench:
         return row
 
     def holds(self, experiment: Experiment, stems: Sequence[str]) -> list[str]:
-        """Say which hold each test frame shows; frames of one hold are alike.
-
-        Args:
-            experiment: "known" or "unknown".
-            stems: The frames' names in the order of the data folders, as a row has them.
-
-        Returns:
-            A name of the hold for each frame, another for each data folder; the frame's own name
-            where its log has none.
-        """
-        listed = [
-            (f"{files.object_id}/{files.stem}", f"{number}/{hold or files.stem}")
-            for number, folder in enumerate(open_part(self.roots, experiment, "test").folders)
-            for files, hold in zip(folder.files, folder.hold_ids, strict=True)
-        ]
-        rest = iter(listed)
-        return [next(hold for name, hold in rest if name == stem) for stem in stems]
+        """Say which hold each test frame of an experiment shows (`FrameSource.holds`)."""
+        return open_part(self.roots, experiment, "test").holds(stems)
 
     def _train_and_score(self, run: Run, recipe: Preset) -> tuple[Scores, dict[str, Any]]:
         began = time.perf_counter()

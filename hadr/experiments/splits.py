@@ -53,6 +53,23 @@ class FrameSource(Sequence[Frame]):
         folder = bisect_right(self._ends, number)
         return self.folders[folder][number - (self._ends[folder - 1] if folder else 0)]
 
+    def holds(self, stems: Sequence[str]) -> list[str]:
+        """Say which hold each of some frames shows; frames of one hold are alike.
+
+        Args:
+            stems: The frames' names, OBJECT/STEM, in the order of the folders.
+
+        Returns:
+            A name of the hold for each frame, another for each data folder; the frame's own name
+            where its log has none.
+        """
+        listed = (
+            (f"{files.object_id}/{files.stem}", f"{number}/{hold or files.stem}")
+            for number, folder in enumerate(self.folders)
+            for files, hold in zip(folder.files, folder.hold_ids, strict=True)
+        )
+        return [next(hold for name, hold in listed if name == stem) for stem in stems]
+
     @property
     def objects(self) -> tuple[str, ...]:
         """The objects that occur, sorted."""
