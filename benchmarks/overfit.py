@@ -16,9 +16,10 @@ from pathlib import Path
 import torch
 
 from hadr.data.samples import open_samples
-from hadr.models.hadr import HADRConfig
+from hadr.models.hadr import HADR, HADRConfig, ray_points
 from hadr.provenance import machine_text, provenance, write_json
-from hadr.training.batches import load_frames
+from hadr.ray_voxels import pair_of_true_point
+from hadr.training.batches import FrameTensors, load_frames
 from hadr.training.loop import train
 from hadr.training.presets import NETWORKS, RIVALS, preset
 from hadr.training.recipe import Preset
@@ -58,6 +59,8 @@ def learn(network: str, steps: int) -> dict[str, object]:
     trained = train(recipe, frames, seed=0)
     seconds = time.perf_counter() - began
     scores = task_of(recipe).validate(trained.model, frames, 4)
+    if isinstance(trained.model, HADR):
+        scores |= where_a_voxel_is(trained.model, frames)
     name, goal = GOALS[network]
     row: dict[str, object] = {
         "network": network,
@@ -72,6 +75,25 @@ def learn(network: str, steps: int) -> dict[str, object]:
     }
     print(f"{network}: {name} {scores[name]:.4f} after {steps} steps, goal {goal}", flush=True)
     return row
+
+
+def where_a_voxel_is(model: HADR, frames: FrameTensors) -> dict[str, float]:
+    """Measure HADR on the rays that have their true voxel among the candidates, and count them.
+
+    Only voxels in which something was measured are candidates; on the other rays the network cannot
+    be right, however well it has learned.
+    """
+    with torch.no_grad():
+        output = model(frames.inputs)
+    frame, row, column = output.rays.unbind(dim=1)
+    truth = frames.true_depth[frame, row, column]
+    points = ray_points(output.rays, truth, frames.inputs.intrinsics)
+    pair = pair_of_true_point(output.pairs, output.occupied, points, model.config.grid)
+    error = (output.depth[frame, row, column] - truth).abs()
+    return {
+        "mae_where_true_voxel_m": float(error[pair >= 0].mean()),
+        "share_with_true_voxel": float((pair >= 0).float().mean()),
+    }
 
 
 def main() -> None:

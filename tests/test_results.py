@@ -38,6 +38,18 @@ def test_the_readmes_table_is_the_result_files() -> None:
             assert frames == row["frames"]
 
 
+def test_the_readmes_words_on_predicted_masks_are_the_result_files() -> None:
+    chain = read_result_file(RESULTS / "mini" / "chain.json")
+    text = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
+    said = re.search(
+        r"HADR \(the bundled one\) reaches ([\d.]+) cm and HADR-plus ([\d.]+) cm", text
+    )
+    assert said is not None
+    for method, number in zip(("hadr", "hadr-plus"), said.groups(), strict=True):
+        row = chain.row(method=method, given="both predicted")
+        assert number == f"{100 * row['rmse_m']:.1f}"
+
+
 def test_rows_of_the_mini_table_hang_together() -> None:
     table = read_result_file(RESULTS / "mini" / "hadr.json")
     assert {row["method"] for row in table.rows} <= set(METHODS)

@@ -59,7 +59,7 @@ def chain_table(rows: Sequence[Record], names: Mapping[str, str]) -> str:
         found = {row["method"]: row for row in rows if row["given"] == given}
         first = next(iter(found.values()))
         cells = [
-            f"{100 * found[method]['rmse_m']:.1f} ({found[method]['coverage']:.0f} %)"
+            f"{100 * found[method]['rmse_m']:.1f} ({100 * found[method]['coverage']:.0f} %)"
             for method in methods
         ]
         lines.append(
@@ -83,8 +83,10 @@ def draw_ablation(ax: Axes, rows: Sequence[Record]) -> None:
         doubt = 100 * row["against_full"]["standard_error_m"]
         color = COLORS["robot"] if gap > 2 * doubt else COLORS["raw"]
         ax.errorbar(gap, place, xerr=doubt, color=color, marker="o", ms=7, capsize=2)
-        ax.annotate(f"{gap:+.2f}", (gap + doubt, place), xytext=(6, 0), va="center",
-                    textcoords="offset points", fontsize=9)  # fmt: skip
+        side = 1 if gap >= 0 else -1
+        ax.annotate(f"{gap:+.2f}", (gap + side * doubt, place), xytext=(6 * side, 0), va="center",
+                    ha="left" if side > 0 else "right", textcoords="offset points",
+                    fontsize=9)  # fmt: skip
     ax.axvline(0, color=COLORS["truth"], lw=1)
     ax.margins(x=0.15)
     ax.set(
@@ -125,7 +127,7 @@ def speed_table(restoration: Record, perception: Record) -> str:
 
 
 def draw_parts_of_time(ax: Axes, restoration: Record) -> None:
-    """Draw where the processor time of one frame goes, each preset a bar beside Swin-T's.
+    """Draw where the processor time of one frame goes, a bar for each preset.
 
     Args:
         ax: Ordinary 2D axes.
@@ -141,25 +143,26 @@ def draw_parts_of_time(ax: Axes, restoration: Record) -> None:
             left = sum(bar.get(earlier, 0) for earlier in parts[: parts.index(part)])
             ax.barh(place, bar.get(part, 0), left=left, color=COLORS[color],
                     label=part if place == 0 else None)  # fmt: skip
-    swin = restoration["times"]["Swin-T"]["cpu_median_ms"]
-    ax.barh(len(bars), swin, color=COLORS["hadr"], alpha=0.4)
     ax.set(
-        yticks=range(len(bars) + 1),
-        yticklabels=[*(f"HADR, {name}" for name in bars), "plain Swin-T"],
+        yticks=range(len(bars)),
+        yticklabels=[f"HADR, {name}" for name in bars],
         xlabel="processor time of one frame (ms)",
     )
 
 
 def draw_pairing(ax: Axes, pairing: Record) -> None:
-    """Draw the time of pairing rays with voxels over the number of rays.
+    """Draw the time of pairing rays with voxels over the frames of a batch.
 
     Args:
         ax: Ordinary 2D axes.
         pairing: Content of `results/speed/pairing.json`.
     """
+    batches = [row["frames"] for row in pairing["by_batch"]]
     for name, (label, color) in _PAIRING.items():
-        rows = [row for row in pairing["by_rays"] if name in row]
-        ax.plot([row["rays"] for row in rows], [row[name]["wall_median_ms"] for row in rows],
-                "o-", ms=4, color=COLORS[color], label=label)  # fmt: skip
-    ax.set(xscale="log", yscale="log", xlabel="rays", ylabel="time (ms)")
-    ax.legend()
+        rows = [row for row in pairing["by_batch"] if name in row]
+        ax.plot([row["frames"] for row in rows], [row[name]["wall_median_ms"] for row in rows],
+                "o-", color=COLORS[color], label=label)  # fmt: skip
+    ax.set(xscale="log", yscale="log", xlabel="frames in the batch", ylabel="time (ms)")
+    ax.set_xticks(batches, [str(number) for number in batches])
+    ax.minorticks_off()
+    ax.legend(loc="upper left")
