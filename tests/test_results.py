@@ -50,6 +50,12 @@ def test_the_readmes_words_on_predicted_masks_are_the_result_files() -> None:
         assert number == f"{100 * row['rmse_m']:.1f}"
 
 
+def test_the_readmes_frames_a_second_are_the_result_files() -> None:
+    speed = json.loads((RESULTS / "speed" / "perception.json").read_text(encoding="utf-8"))
+    rate = speed["frames_per_second"]["as it is"]["wall_median"]
+    assert f"[{rate:.0f} frames a second]" in (ROOT / "README.md").read_text(encoding="utf-8")
+
+
 def test_rows_of_the_mini_table_hang_together() -> None:
     table = read_result_file(RESULTS / "mini" / "hadr.json")
     assert {row["method"] for row in table.rows} <= set(METHODS)
