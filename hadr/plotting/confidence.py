@@ -77,9 +77,11 @@ def draw_sparsification(
     ax.annotate(
         f"{found[tenth]:.1f} cm without\nthe least sure tenth",
         (share[tenth], found[tenth]),
-        xytext=(8, -38),
-        textcoords="offset points",
+        xytext=(0.5, 0.62),
+        textcoords="axes fraction",
         fontsize=9,
+        va="center",
+        arrowprops={"arrowstyle": "-", "color": COLORS["raw"], "lw": 0.8, "shrinkB": 5},
     )
     last = share[-1]
     ax.text(last, found[0], "by chance", ha="right", va="bottom", color=COLORS["raw"])
