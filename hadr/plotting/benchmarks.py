@@ -46,7 +46,7 @@ def chain_table(rows: Sequence[Record], names: Mapping[str, str]) -> str:
         names: What methods are called.
 
     Returns:
-        Markdown: RMSE in cm, and in brackets the share of pixels that a method restored itself.
+        Markdown: RMSE in cm.
     """
     methods = list(dict.fromkeys(row["method"] for row in rows))
     lines = [
@@ -58,10 +58,7 @@ def chain_table(rows: Sequence[Record], names: Mapping[str, str]) -> str:
     for given in dict.fromkeys(row["given"] for row in rows):
         found = {row["method"]: row for row in rows if row["given"] == given}
         first = next(iter(found.values()))
-        cells = [
-            f"{100 * found[method]['rmse_m']:.1f} ({100 * found[method]['coverage']:.0f} %)"
-            for method in methods
-        ]
+        cells = [f"{100 * found[method]['rmse_m']:.1f}" for method in methods]
         lines.append(
             f"| {given} | {first['mask_iou']:.2f} | {100 * first['keypoints_m']:.1f} | "
             + " | ".join(cells)
