@@ -199,7 +199,9 @@ def draw_by_object(ax: Axes, rows: Sequence[Row], split: str, names: Mapping[str
     objects = sorted({number for row in chosen for number in row["by_object"]})
     for row in chosen:
         values = [100 * row["by_object"][number]["rmse_m"] for number in objects]
-        ax.plot(values, range(len(objects)), "o", color=system_color(row["method"]), alpha=0.9,
+        color = system_color(row["method"])
+        face = "white" if row["method"] == "hadr-long" else color
+        ax.plot(values, range(len(objects)), "o", color=color, mfc=face, alpha=0.9,
                 label=NAMES.get(row["method"], row["method"]))  # fmt: skip
     ax.set(
         yticks=range(len(objects)),
