@@ -10,7 +10,7 @@ from typing import Any
 
 from hadr.depth_network import TITLES
 from hadr.experiments.scoring import EVALUATION_SIZE, Scores, score_cheap, score_network
-from hadr.metrics import DepthMetrics, format_table, mean_over_frames
+from hadr.metrics import format_table, mean_over_frames
 from hadr.provenance import check_writable, provenance, write_json
 from hadr.training.batches import FrameTensors, load_frames
 from hadr.training.checkpoints import load_checkpoint
@@ -136,10 +136,11 @@ def run(args: argparse.Namespace) -> int:
     if depth:
         rows = depth_table(depth, source, given)
         own = {name: mean_over_frames(s.restored).coverage for name, s in rows.items()}
-        means, pooled = (
-            {name: replace(found(scores), coverage=own[name]) for name, scores in rows.items()}
-            for found in (_mean, _pooled)
-        )
+        means = {
+            name: replace(mean_over_frames(scores.frames), coverage=own[name])
+            for name, scores in rows.items()
+        }
+        pooled = {name: replace(scores.pooled, coverage=own[name]) for name, scores in rows.items()}
         print(f"split {args.split}, {len(source)} frames, depth {given.corruption}\n")
         print(f"mean of the frames' numbers\n{format_table(means)}\n")
         print(f"all pixels pooled\n{format_table(pooled)}\n")
@@ -155,14 +156,6 @@ def run(args: argparse.Namespace) -> int:
     if args.out:
         write_json(Path(args.out), {**content, "provenance": provenance()})
     return 0
-
-
-def _mean(scores: Scores) -> DepthMetrics:
-    return mean_over_frames(scores.frames)
-
-
-def _pooled(scores: Scores) -> DepthMetrics:
-    return scores.pooled
 
 
 def _load(source: Any, size: tuple[int, int], given: Given) -> FrameTensors:

@@ -35,10 +35,10 @@ SECONDS_A_FRAME = {
         "hadr": 1.15,
         "hadr-plus": 0.08,
         "unet-hand": 0.18,
-        "lidf": 1.5,
+        "lidf": 1.0,
         "dfnet": 0.9,
-        "swindrnet": 4.0,
-        "tode": 1.2,
+        "swindrnet": 6.1,
+        "tode": 1.1,
     },
 }
 """Rough training seconds a frame and epoch on one CPU core, for a plan's estimate alone."""
