@@ -329,14 +329,17 @@ def run(args: argparse.Namespace) -> int:
     """Carry out ``hadr reproduce``.
 
     Returns:
-        0 when all was done, 2 when a chapter failed or a wish fits nothing.
+        0 when all was done, 1 when a row that was run again gave other numbers, 2 when a chapter
+        failed or a wish fits nothing.
     """
-    from hadr.experiments.command import is_table_wish, run_tables
+    from hadr.experiments.command import is_table_wish, run_again, run_tables
 
     wanted = set(args.only)
     runs = [wish for wish in args.only if is_table_wish(wish)]
     chapters = [w for w in args.only if w not in ("tables", "chapters") and w not in runs]
     try:
+        if args.again:
+            return run_again(args)
         paths = []
         if not wanted or chapters or "chapters" in wanted:
             paths = chapter_paths(checkout_root() / "notebooks", chapters)

@@ -1,16 +1,20 @@
-"""What is run for a table, how long it will take, and the table itself."""
+"""What is run for the tables, how long it will take, and the runs themselves."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import multiprocessing
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
+from typing import Any
 
-from hadr.experiments.runner import Bench, Run, table_rows
-from hadr.experiments.scoring import EVALUATION_SIZE
-from hadr.experiments.splits import EXPERIMENTS
-from hadr.experiments.systems import CHEAP, METHODS, system
-from hadr.provenance import machine_text, provenance
-from hadr.result_file import write_result_file
+import torch
+
+from hadr.experiments.conditions import conditions_of, finished_condition, measure_condition
+from hadr.experiments.runner import Bench, Run
+from hadr.experiments.splits import EXPERIMENTS, Experiment
+from hadr.experiments.systems import CHEAP, METHODS, PARTS, SWITCHES, system
+from hadr.experiments.tables import write_tables
 
 SECONDS_A_FRAME = {
     "tiny": {
@@ -44,26 +48,40 @@ SECONDS_A_FRAME = {
 """Rough training seconds a frame and epoch on one CPU core, for a plan's estimate alone."""
 
 
-def plan(only: Sequence[str] = (), seeds: Sequence[int] = (0,)) -> list[Run]:
+TABLES: tuple[Experiment, ...] = ("known", "unknown")
+"""The experiments in which all methods are compared."""
+OFTEN = ("hadr", "no-hand")
+"""Trained three times on the six objects, so that the hand's worth can be told from luck."""
+
+
+def plan(
+    only: Sequence[str] = (), seeds: Sequence[int] | None = None, size: str = "mini"
+) -> list[Run]:
     """List the runs of the tables, in the order in which they are made.
 
     Args:
         only: Beginnings of names such as ``known``, ``known/hadr`` or ``unknown/raw``, or bare
             methods such as ``hadr-plus``; a name that is a run's whole method or more takes that
             method alone (``known/hadr`` does not take ``known/hadr-plus``). Empty takes all.
-        seeds: Seeds of the trainings.
+        seeds: Seeds of all trainings; where it is left out, 0, and 0, 1, 2 for `OFTEN` on unknown
+            objects (not at preset tiny).
+        size: The preset.
 
     Returns:
-        The runs: what learns nothing first, then the trainings.
+        The runs: what learns nothing first, then the trainings of the two tables, of the ablation
+        and of the ledger.
 
     Raises:
         ValueError: A wish fits no run.
     """
+    pairs = [(experiment, method) for method in METHODS for experiment in TABLES]
+    pairs += [("known", part) for part in PARTS if part not in METHODS]
+    pairs += [("known", switch) for switch in SWITCHES]
+    pairs += [("by-frame", method) for method in ("hand-median", "hadr")]
     runs = [
         Run(experiment, method, seed)
-        for method in METHODS
-        for experiment in EXPERIMENTS
-        for seed in ((0,) if method in CHEAP else seeds)
+        for experiment, method in pairs
+        for seed in _seeds(experiment, method, seeds, size)
     ]
     if not only:
         return runs
@@ -79,10 +97,21 @@ def plan(only: Sequence[str] = (), seeds: Sequence[int] = (0,)) -> list[Run]:
         if not fitting:
             raise ValueError(
                 f"no run fits {wish!r}; runs are EXPERIMENT/METHOD with {', '.join(EXPERIMENTS)} "
-                f"and {', '.join(METHODS)}"
+                f"and {', '.join((*METHODS, *PARTS, *SWITCHES))}"
             )
         chosen += fitting
     return [run for run in runs if run in chosen]
+
+
+def _seeds(
+    experiment: Experiment, method: str, seeds: Sequence[int] | None, size: str
+) -> Sequence[int]:
+    if method in CHEAP:
+        return (0,)
+    if seeds is not None:
+        return seeds
+    often = experiment == "unknown" and method in OFTEN and size != "tiny"
+    return (0, 1, 2) if often else (0,)
 
 
 def estimated_minutes(bench: Bench, run: Run) -> float:
@@ -101,7 +130,7 @@ def estimated_minutes(bench: Bench, run: Run) -> float:
     return recipe.epochs * frames * SECONDS_A_FRAME[bench.size][recipe.network] / 60 + 0.5
 
 
-def plan_text(bench: Bench, runs: Sequence[Run]) -> str:
+def plan_text(bench: Bench, runs: Sequence[Run], jobs: int = 1) -> str:
     """Set the plan as a table: each run with what is left of it, and the sum."""
     lines = [f"{'run':<32} {'epochs':>6} {'minutes':>8}"]
     total = 0.0
@@ -113,59 +142,79 @@ def plan_text(bench: Bench, runs: Sequence[Run]) -> str:
         lines.append(f"{run.name:<32} {recipe.epochs if recipe else '-':>6} {left:>8}")
     hours, rest = divmod(round(total), 60)
     lines.append(f"{'together, on one CPU core':<32} {'':>6} {hours} h {rest:02d} min")
+    if jobs > 1:
+        hours, rest = divmod(round(total / min(jobs, len(runs))), 60)
+        lines.append(f"{f'{jobs} at a time, a core each':<32} {'':>6} {hours} h {rest:02d} min")
     return "\n".join(lines)
 
 
 def measure_all(
-    bench: Bench, runs: Sequence[Run], table: str | Path, say: Callable[[str], None] = print
+    bench: Bench,
+    runs: Sequence[Run],
+    tables: str | Path,
+    say: Callable[[str], None] = print,
+    *,
+    jobs: int = 1,
 ) -> None:
-    """Make the runs that are missing, and write the table after each.
+    """Make the runs that are missing, and write the tables after each.
 
     Args:
         bench: Where they run.
         runs: The runs.
-        table: The result file; it holds every run of the bench that is finished, also those
-            that were not asked for.
+        tables: Folder of the result files (`hadr.experiments.tables`); they hold every run of the
+            bench that is finished, also those that were not asked for.
         say: Receives a line a run.
-    """
-    for number, run in enumerate(runs, start=1):
-        done = bench.finished(run)
-        row = bench.measure(run)
-        state = "was there" if done else f"{row.get('training_s', 0) / 60:.1f} min of training"
-        say(
-            f"[{number}/{len(runs)}] {run.name:<28} RMSE {row['rmse_m']:.4f} m, "
-            f"δ1.05 {row['delta_105']:.2f} % ({state})"
-        )
-        write_table(bench, table)
-
-
-def write_table(bench: Bench, table: str | Path) -> None:
-    """Write the result file from all finished runs of a bench.
+        jobs: So many runs at a time, each in a process of its own with one thread.
 
     Raises:
-        ValueError: No run is finished.
+        ValueError: `jobs` is not positive.
     """
-    names = sorted(path.parent.name for path in bench.out.glob("*/*/seed-*/row.json"))
-    seeds = sorted({int(name.removeprefix("seed-")) for name in names})
-    rows = [
-        {**row, "curve": bench.curve(run)}
-        for run in plan(seeds=seeds or (0,))
-        if (row := bench.finished(run)) is not None
-    ]
-    width, height = EVALUATION_SIZE
-    what = (
-        f"Depth of the glass restored from one frame (preset {bench.size}, corruption "
-        f"{bench.corruption}, true masks and keypoints), scored on the object's pixels at "
-        f"{width}x{height}: means over the frames, pooled values beside; a pixel that a method "
-        "leaves out takes the depth of the restored ones around it, and is 0 in a frame without "
-        "any. Standard errors are over holds: frames of one hold are alike"
-    )
-    holds = {
-        row["split"]: bench.holds(row["split"], row["per_frame"]["stems"]) for row in rows[::-1]
-    }
-    write_result_file(
-        table,
-        what,
-        table_rows(rows, holds),
-        {**provenance(), "machine": machine_text(), "data": bench.data},
-    )
+    if jobs < 1:
+        raise ValueError(f"jobs must be at least 1, got {jobs}")
+    done = {run for run in runs if bench.finished(run) is not None}
+    for number, (run, row) in enumerate(_measured(bench, runs, jobs), start=1):
+        state = (
+            "was there" if run in done else f"{row.get('training_s', 0) / 60:.1f} min of training"
+        )
+        say(
+            f"[{number}/{len(runs)}] {run.name:<32} RMSE {row['rmse_m']:.4f} m, "
+            f"δ1.05 {row['delta_105']:.2f} % ({state})"
+        )
+        if run not in done:
+            write_tables(bench, tables)
+    measure_conditions(bench, runs, say)
+    write_tables(bench, tables)
+
+
+def measure_conditions(
+    bench: Bench, runs: Sequence[Run], say: Callable[[str], None] = print
+) -> None:
+    """Score the runs' networks with predicted masks and keypoints and with the sensor's depth.
+
+    Args:
+        bench: Where the runs are, finished.
+        runs: Those of known objects with seed 0 are scored, as far as the tables have them.
+        say: Receives a line a score that is new.
+    """
+    methods = [run.method for run in runs if run.experiment == "known" and run.seed == 0]
+    for run, name, given in conditions_of(methods):
+        if finished_condition(bench, run, name, given) is None:
+            row = measure_condition(bench, run, name, given)
+            say(f"{run.name:<32} RMSE {row['rmse_m']:.4f} m, given: {name}")
+
+
+def _measured(bench: Bench, runs: Sequence[Run], jobs: int) -> Iterator[tuple[Run, dict[str, Any]]]:
+    """The runs with their rows, in the order in which they are finished."""
+    if jobs == 1:
+        for run in runs:
+            yield run, bench.measure(run)
+        return
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(jobs, context, torch.set_num_threads, (1,)) as pool:
+        waiting = {pool.submit(Bench.measure, bench, run): run for run in runs}
+        try:
+            for future in as_completed(waiting):
+                yield waiting[future], future.result()
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise

@@ -22,7 +22,7 @@ from typing import Any
 
 import torch
 
-from hadr.experiments.scoring import EVALUATION_SIZE, Scores, score_cheap, score_network
+from hadr.experiments.scoring import COLUMNS, EVALUATION_SIZE, Scores, score_cheap, score_network
 from hadr.experiments.splits import Experiment, Part, data_digest, open_part
 from hadr.experiments.systems import system
 from hadr.provenance import machine_text, plain, provenance, write_json
@@ -78,6 +78,8 @@ class Bench:
         self.roots = tuple(Path(root) for root in roots)
         self.out, self.size, self.corruption, self.limit = Path(out), size, corruption, limit
         self._frames: dict[tuple[str, str, tuple[int, int]], FrameTensors] = {}
+        self.other_frames: dict[Any, FrameTensors] = {}
+        """Test frames under other conditions, by a key that names all of them."""
         self._digest: str | None = None
 
     @property
@@ -92,18 +94,21 @@ class Bench:
         number = len(open_part(self.roots, run.experiment, part))
         return number if self.limit is None else min(number, self.limit)
 
+    def source(self, run: Run, part: Part) -> Any:
+        """Open one part of a run's frames, read when asked for."""
+        source = open_part(self.roots, run.experiment, part)
+        if self.limit is None or len(source) <= self.limit:
+            return source
+        return [source[number * len(source) // self.limit] for number in range(self.limit)]
+
     def frames(self, run: Run, part: Part, size: tuple[int, int]) -> FrameTensors:
         """Load one part of a run's frames; the last few loads are kept."""
         key = (run.experiment, part, size)
         if key not in self._frames:
             while len(self._frames) > 3:
                 del self._frames[next(iter(self._frames))]
-            source = open_part(self.roots, run.experiment, part)
-            chosen: Any = source
-            if self.limit is not None and len(source) > self.limit:
-                chosen = [source[i * len(source) // self.limit] for i in range(self.limit)]
             self._frames[key] = load_frames(
-                chosen,
+                self.source(run, part),
                 size,
                 self.corruption,
                 keep_all=part == "test",  # so that the same frames come at every size
@@ -221,9 +226,10 @@ def table_rows(
         holds: Hold of each frame, by split; without it each frame counts as a hold of its own.
 
     Returns:
-        In the order of their first appearance; numbers are means over the seeds, with
-        ``rmse_sd_m`` (standard deviation over seeds, n - 1; None for one seed) beside, and the
-        first seed's frames compared with the hand's median depth (`paired`).
+        In the order of their first appearance; numbers are means over the seeds, beside them each
+        seed's (``by_seed``), their standard deviation (``seed_sd``, n - 1; None for one seed), the
+        first seed's configuration, and the first seed's frames compared with the hand's median
+        depth (`paired`).
     """
     groups: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
     for row in rows:
@@ -314,7 +320,7 @@ def _mean(values: Sequence[float | None]) -> float | None:
 
 def _averaged(group: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     first = dict(group[0])
-    left_out = ("seed", "per_frame", "configuration", "provenance")
+    left_out = ("seed", "per_frame", "provenance", "sha256")
     row = {name: value for name, value in first.items() if name not in left_out}
     row["by_object"] = _by_object([r["per_frame"] for r in group])
     for name, value in row.items():
@@ -323,18 +329,21 @@ def _averaged(group: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     for part in ("pooled", "restored"):
         columns = [r[part] for r in group]
         row[part] = {name: _mean([c[name] for c in columns]) for name in columns[0]}
-    errors = [r["rmse_m"] for r in group]
-    mean = sum(errors) / len(errors)
-    spread = (
-        (sum((e - mean) ** 2 for e in errors) / (len(errors) - 1)) ** 0.5
-        if len(errors) > 1
-        else None
-    )
     return {
         **row,
         "seeds": [r["seed"] for r in group],
-        "rmse_sd_m": spread,
+        "by_seed": {name: [r.get(name) for r in group] for name in COLUMNS},
+        "seed_sd": {name: _spread([r[name] for r in group if name in r]) for name in COLUMNS},
         "config_sha256": [r["config_sha256"] for r in group],
-        "commit": sorted({str(r["provenance"].get("commit")) for r in group}),
-        "machine": first["provenance"]["machine"],
+        "provenance": {
+            "commit": sorted({str(r["provenance"].get("commit")) for r in group}),
+            "versions": first["provenance"].get("versions"),
+            "machine": first["provenance"]["machine"],
+            "data_sha256": first["configuration"].get("data", {}).get("sha256"),
+        },
     }
+
+
+def _spread(values: Sequence[float]) -> float | None:
+    """Standard deviation with n - 1; None for one value."""
+    return statistics.stdev(values) if len(values) > 1 else None

@@ -1,7 +1,9 @@
 """The frames of the two experiments: objects known from training, and objects never seen.
 
 Known: trained, tuned and tested on all objects, with other holding poses in each part. Unknown:
-trained and tuned on six objects, tested on every frame of the two that were held out.
+trained and tuned on six objects, tested on every frame of the two that were held out. By frame:
+the same frames as known and as many in each part, but dealt out one by one, so that most test
+frames have a sister of the same hold in training. It is there to measure how that flatters.
 
 Source: paper, "Comparison with SOTA"; ledger, rows 14 and 22.
 """
@@ -15,12 +17,13 @@ from itertools import accumulate
 from pathlib import Path
 from typing import Literal, get_args, overload
 
-from hadr.data.transhand import SPLITS, Frame, TransHand
+from hadr.data.transhand import SPLITS, Frame, FrameFiles, TransHand
 from hadr.synthesis.objects import OBJECTS, UNKNOWN_OBJECTS
 
-Experiment = Literal["known", "unknown"]
+Experiment = Literal["known", "unknown", "by-frame"]
 Part = Literal["train", "val", "test"]
 EXPERIMENTS: tuple[Experiment, ...] = get_args(Experiment)
+PARTS_OF_DATA: tuple[Part, ...] = get_args(Part)
 
 
 class FrameSource(Sequence[Frame]):
@@ -28,14 +31,16 @@ class FrameSource(Sequence[Frame]):
 
     Args:
         folders: The parts of the data folders that are joined, in this order.
+        chosen: Numbers of the frames that belong to it, in its order; all where it is left out.
     """
 
-    def __init__(self, folders: Sequence[TransHand]) -> None:
+    def __init__(self, folders: Sequence[TransHand], chosen: Sequence[int] | None = None) -> None:
         self.folders = tuple(folders)
         self._ends = list(accumulate(len(folder) for folder in self.folders))
+        self._chosen = range(self._ends[-1] if self._ends else 0) if chosen is None else chosen
 
     def __len__(self) -> int:
-        return self._ends[-1] if self._ends else 0
+        return len(self._chosen)
 
     @overload
     def __getitem__(self, index: int) -> Frame: ...
@@ -50,6 +55,7 @@ class FrameSource(Sequence[Frame]):
         number = index + len(self) if index < 0 else index
         if not 0 <= number < len(self):
             raise IndexError(f"frame {index} of {len(self)}")
+        number = self._chosen[number]
         folder = bisect_right(self._ends, number)
         return self.folders[folder][number - (self._ends[folder - 1] if folder else 0)]
 
@@ -63,12 +69,21 @@ class FrameSource(Sequence[Frame]):
             A name of the hold for each frame, another for each data folder; the frame's own name
             where its log has none.
         """
+        logged = [folder.hold_ids for folder in self.folders]
         listed = (
-            (f"{files.object_id}/{files.stem}", f"{number}/{hold or files.stem}")
-            for number, folder in enumerate(self.folders)
-            for files, hold in zip(folder.files, folder.hold_ids, strict=True)
+            (f"{files.object_id}/{files.stem}", f"{root}/{hold or files.stem}")
+            for number in self._chosen
+            for root, files, hold in [self._place(number, logged)]
         )
         return [next(hold for name, hold in listed if name == stem) for stem in stems]
+
+    def _place(
+        self, number: int, logged: Sequence[Sequence[str | None]]
+    ) -> tuple[int, FrameFiles, str | None]:
+        """The folder's number, the files and the logged hold of a frame of the folders."""
+        folder = bisect_right(self._ends, number)
+        inside = number - (self._ends[folder - 1] if folder else 0)
+        return folder, self.folders[folder].files[inside], logged[folder][inside]
 
     @property
     def objects(self) -> tuple[str, ...]:
@@ -99,11 +114,28 @@ def open_part(roots: Sequence[str | Path], experiment: Experiment, part: Part) -
     splits: tuple[str, ...] = (part,)
     if experiment == "known":
         wanted = list(OBJECTS)
+    elif experiment == "by-frame":
+        return _dealt_out(roots, part)
     elif part == "test":
         wanted, splits = sorted(unseen), SPLITS
     else:
         wanted = [name for name in OBJECTS if name not in unseen]
     return FrameSource([TransHand(root, splits, wanted) for root in roots])
+
+
+def _dealt_out(roots: Sequence[str | Path], part: Part) -> FrameSource:
+    """Deal the known objects' frames out to the parts in an order that a hash of names gives."""
+    sizes = [len(open_part(roots, "known", each)) for each in PARTS_OF_DATA]
+    whole = FrameSource([TransHand(root, SPLITS, list(OBJECTS)) for root in roots])
+    names = [
+        f"{number}/{files.object_id}/{files.stem}"
+        for number, folder in enumerate(whole.folders)
+        for files in folder.files
+    ]
+    order = sorted(range(len(names)), key=lambda n: hashlib.sha256(names[n].encode()).hexdigest())
+    place = PARTS_OF_DATA.index(part)
+    begin = sum(sizes[:place])
+    return FrameSource(whole.folders, sorted(order[begin : begin + sizes[place]]))
 
 
 def data_digest(root: str | Path) -> str:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 from hadr.models.backbone import BackboneConfig
 from hadr.models.baselines.unet_hand import UNetHandConfig
 from hadr.models.hadr import HADRConfig
@@ -9,10 +12,11 @@ from hadr.models.hadr_plus import HADRPlusConfig
 from hadr.models.hand_keypoints import HandKeypointConfig
 from hadr.models.resnet import UNetConfig
 from hadr.models.segmentation import SegmentationConfig
+from hadr.training.losses import LossWeights
 from hadr.training.recipe import Preset
 from hadr.training.rival_presets import RIVAL_RECIPES
 
-__all__ = ["MINI", "NETWORKS", "PAPER", "RECIPES", "TINY", "Preset", "preset"]
+__all__ = ["MINI", "NETWORKS", "PAPER", "RECIPES", "TINY", "Preset", "preset", "recipe_from_dict"]
 
 PAPER = Preset(name="paper", width=224, height=224)
 """The paper's figures: Swin-T, 224x224, 8^3 voxels, 100 epochs, 1e-3 and from epoch 80 1e-4."""
@@ -291,3 +295,28 @@ def preset(name: str, network: str = "hadr") -> Preset:
     if name not in known:
         raise ValueError(f"preset must be one of {', '.join(known)}, got {name!r}")
     return known[name]
+
+
+def recipe_from_dict(values: Mapping[str, Any]) -> Preset:
+    """Build the recipe that a record describes.
+
+    Args:
+        values: What `Preset.to_dict` gave, also after a way through JSON.
+
+    Returns:
+        The recipe.
+
+    Raises:
+        ValueError: It is of an unknown network, or a number is out of range.
+        TypeError: A field is unknown.
+    """
+    network = values.get("network")
+    if network not in NETWORKS:
+        raise ValueError(f"network must be one of {', '.join(NETWORKS)}, got {network!r}")
+    model: Any = type(preset("mini", network).model)
+    own = {name: tuple(v) if isinstance(v, list) else v for name, v in values.items()}
+    parts = {
+        "model": model.from_dict(values["model"]),
+        "weights": LossWeights(**values["weights"]),
+    }
+    return Preset(**{**own, **parts})

@@ -13,7 +13,7 @@ from hadr.training.losses import PRINTED, LossWeights
 Schedule = Literal["step", "cosine"]
 Precision = Literal["32-true", "bf16-mixed"]
 Optimizer = Literal["adam", "adamw"]
-_LATER = ("stretch", "optimizer", "weight_decay", "milestones", "decay")
+_LATER = ("stretch", "optimizer", "weight_decay", "milestones", "decay", "restarts")
 """Fields that joined after trainings were recorded; a record has them where they do something."""
 
 
@@ -62,6 +62,8 @@ class Preset:
         milestones: With "step", shares of the training, 0..1 and rising, at each of which the rate
             is multiplied by `decay`; where there are any, `drop_epoch` says nothing.
         decay: Factor at each milestone.
+        restarts: With "cosine", shares of the training, 0..1 and rising, at each of which the
+            cosine begins anew, for trainings in stages.
         validation_frames: At most so many validation frames, evenly spread, are scored after each
             epoch; None scores all.
 
@@ -96,6 +98,7 @@ class Preset:
     weight_decay: float = 0.0
     milestones: tuple[float, ...] = ()
     decay: float = 0.1
+    restarts: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("width", "height", "epochs", "batch_size", "ray_stride"):
@@ -111,11 +114,9 @@ class Preset:
             raise ValueError(f"optimizer must be 'adam' or 'adamw', got {self.optimizer!r}")
         if self.optimizer == "adam" and self.weight_decay:
             raise ValueError(f"weight_decay is AdamW's, got {self.weight_decay} with 'adam'")
-        marks = (0.0, *self.milestones, 1.0)
-        if any(late <= early for early, late in pairwise(marks)):
-            raise ValueError(
-                f"milestones must rise strictly between 0 and 1, got {self.milestones}"
-            )
+        for name, shares in (("milestones", self.milestones), ("restarts", self.restarts)):
+            if any(late <= early for early, late in pairwise((0.0, *shares, 1.0))):
+                raise ValueError(f"{name} must rise strictly between 0 and 1, got {shares}")
         if self.validation_frames is not None and self.validation_frames < 1:
             raise ValueError(f"validation_frames must be at least 1, got {self.validation_frames}")
         for name, value, low, high in (
@@ -147,7 +148,9 @@ class Preset:
         """
         rate = self.learning_rate
         if self.schedule == "cosine":
-            rate *= 0.5 * (1 + math.cos(math.pi * min(progress / self.epochs, 1.0)))
+            rate *= 0.5 * (
+                1 + math.cos(math.pi * self._in_cosine(min(progress / self.epochs, 1.0)))
+            )
         elif self.milestones:
             rate *= self.decay ** sum(progress >= m * self.epochs for m in self.milestones)
         elif progress >= self.drop_epoch:
@@ -155,6 +158,12 @@ class Preset:
         if progress < self.warmup_epochs:
             rate *= progress / self.warmup_epochs
         return rate
+
+    def _in_cosine(self, share: float) -> float:
+        """Say how far its present cosine is, from 0 to 1."""
+        ends = (0.0, *self.restarts, 1.0)
+        begin = max(end for end in ends[:-1] if end <= share)
+        return (share - begin) / (ends[ends.index(begin) + 1] - begin)
 
     def to_dict(self) -> dict[str, Any]:
         """The recipe as built-in types, for JSON.

@@ -1,0 +1,150 @@
+"""Time, memory and weights of all methods that restore depth, one frame at a time, side by side.
+
+    python benchmarks/side_by_side.py [--json results/speed/side_by_side.json] [--threads 2]
+
+Each network with its recipes `paper` and `mini`, at the recipe's own input size, random weights
+(the time does not depend on them), on validation samples in turns; the methods that learn nothing
+at 224x224. Memory is that of a process of its own, beyond what it held before the network was
+built; Linux tells it, elsewhere it is left out.
+"""
+
+from __future__ import annotations
+
+import argparse
+import functools
+import itertools
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import torch
+from measuring import in_a_process, interleaved, peak_tensor_bytes
+from torch import nn
+
+from hadr.data.samples import open_samples
+from hadr.depth_network import TITLES
+from hadr.experiments.systems import CHEAP
+from hadr.provenance import machine_text, provenance
+from hadr.result_file import write_result_file
+from hadr.training.batches import FrameTensors, load_frames
+from hadr.training.evaluation import BASELINES
+from hadr.training.presets import preset
+from hadr.training.tasks import task_of
+
+SIZES = ("paper", "mini")
+
+
+@functools.cache
+def sample_frames(size: tuple[int, int], every: int = 12) -> FrameTensors:
+    """Validation frames, of small and large glasses; eight of them with 12."""
+    chosen = [frame for number, frame in enumerate(open_samples("val")) if number % every == 0]
+    with torch.inference_mode(False):  # the frames are read by threads that know nothing of it
+        return load_frames(chosen, size, keep_all=True)
+
+
+def build(network: str, size: str) -> nn.Module:
+    """The preset's network as it restores, random weights; LIDF with its refinement."""
+    torch.manual_seed(0)
+    model = task_of(preset(size, network)).build().eval()
+    if network == "lidf":
+        model.set_stage(2)
+    return model
+
+
+def in_turns(network: nn.Module, size: tuple[int, int]) -> Callable[[], Any]:
+    """A call that restores the next of the frames."""
+    frames = sample_frames(size)
+    numbers = itertools.cycle(range(len(frames)))
+    inputs = [frames.take([number]).inputs for number in range(len(frames))]
+    return lambda: network(inputs[next(numbers)])
+
+
+def cheap_in_turns(method: str) -> Callable[[], Any]:
+    """A call that restores the next of the frames without a network."""
+    frames = sample_frames((224, 224))
+    numbers = itertools.cycle(range(len(frames)))
+    return lambda: BASELINES[method](frames, next(numbers))
+
+
+def resident_peak(*, restart: bool = False) -> int | None:
+    """Most memory that this process has held, from now on with `restart`; None if nobody knows."""
+    try:
+        if restart:
+            Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
+        lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
+    except OSError:
+        return None
+    return next((1024 * int(line.split()[1]) for line in lines if line.startswith("VmHWM")), None)
+
+
+def memory(network: str, size: str) -> dict[str, Any]:
+    """Resident and tensor memory of restoring one frame, in this process."""
+    frames = sample_frames(preset(size, network).size)
+    before = resident_peak(restart=True)
+    model = build(network, size)
+    call = in_turns(model, preset(size, network).size)
+    for _ in range(len(frames)):
+        call()
+    after = resident_peak()
+    return {
+        "parameters": sum(p.numel() for p in model.parameters()),
+        "peak_rss_bytes": None if before is None or after is None else after - before,
+        "peak_tensor_bytes": max(peak_tensor_bytes(call) for _ in range(len(frames))),
+    }
+
+
+def main() -> None:
+    """Run the benchmark."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--json", type=Path)
+    parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--turns", type=int, default=24)
+    parser.add_argument("--seconds", type=float, default=240.0, help="for all timings together")
+    parser.add_argument("--measure", nargs=2, help=argparse.SUPPRESS)
+    args = parser.parse_args()
+    torch.set_num_threads(args.threads)
+    with torch.inference_mode():
+        if args.measure:
+            print(json.dumps(memory(*args.measure)))
+            return
+        pairs = [(network, size) for size in SIZES for network in TITLES]
+        calls = {
+            f"{network}, {size}": in_turns(build(network, size), preset(size, network).size)
+            for network, size in pairs
+        }
+        calls |= {method: cheap_in_turns(method) for method in CHEAP}
+        times = interleaved(calls, args.turns, args.seconds)
+    rows = []
+    for network, size in pairs:
+        recipe = preset(size, network)
+        needed = in_a_process(__file__, "--threads", str(args.threads), "--measure", network, size)
+        rows.append({
+            "method": network,
+            "preset": size,
+            "input": list(recipe.size),
+            **times[f"{network}, {size}"],
+            **needed,
+        })  # fmt: skip
+    rows += [
+        {"method": method, "preset": None, "input": [224, 224], "parameters": 0, **times[method]}
+        for method in CHEAP
+    ]
+    for row in rows:
+        print(
+            f"{row['method']:12s} {row['preset'] or '-':6s} {row['wall_median_ms']:8.1f} ms, "
+            f"{row['parameters'] / 1e6:7.2f} M, "
+            f"{(row.get('peak_rss_bytes') or 0) / 2**20:7.0f} MiB"
+        )
+    if args.json:
+        write_result_file(
+            args.json,
+            "Restoring one frame at batch 1, networks alone, all in turns in one run: the median "
+            "over the turns; memory of the network and one frame in a process of its own",
+            rows,
+            {**provenance(), "machine": machine_text(), "threads": args.threads},
+        )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,101 @@
+"""Run a row of a result file once more, from the configuration that it records."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from hadr.experiments.runner import Bench, Run
+from hadr.experiments.scoring import COLUMNS, EVALUATION_SIZE, score_cheap, score_network
+from hadr.result_file import digest, read_result_file
+from hadr.training.loop import LAST, train
+from hadr.training.presets import recipe_from_dict
+
+
+@dataclass(frozen=True)
+class Again:
+    """A row beside what it gave the second time.
+
+    Attributes:
+        run: The run's name.
+        recorded: The first seed's numbers as the file has them, by column.
+        now: The same of the second time.
+        threads: With how many threads the row was trained; None where nothing was.
+    """
+
+    run: str
+    recorded: dict[str, float]
+    now: dict[str, float]
+    threads: int | None
+
+    @property
+    def same(self) -> bool:
+        """Whether all numbers agree to a millionth of their value."""
+        return all(
+            abs(self.now[name] - value) <= 1e-6 * abs(value)
+            for name, value in self.recorded.items()
+        )
+
+    def text(self) -> str:
+        """Both side by side, for readers."""
+        lines = [f"{self.run:<24} {'recorded':>12} {'again':>12}"]
+        for name, value in self.recorded.items():
+            mark = "" if abs(self.now[name] - value) <= 1e-6 * abs(value) else "  differs"
+            lines.append(f"  {name:<22} {value:12.6f} {self.now[name]:12.6f}{mark}")
+        return "\n".join(lines)
+
+
+def measure_again(bench: Bench, file: str | Path, method: str) -> Again:
+    """Train and score a row's first seed again, from its recorded configuration.
+
+    The recipe is the one in the file, not the present one of that name. A training that was
+    stopped goes on.
+
+    Args:
+        bench: Data, corruption and limit; the second run goes to ``again`` below its output.
+        file: A result file with the rows known, unknown, ablation or ledger.
+        method: The row's method.
+
+    Returns:
+        Both sets of numbers.
+
+    Raises:
+        ValueError: The file was edited, has no such row, or the row has no recipe recorded; or
+            the bench's data, corruption or limit are others than the row's.
+        FileNotFoundError: There is no such file.
+    """
+    try:
+        row = read_result_file(file).row(method=method)
+    except KeyError as error:
+        raise ValueError(f"{file}: {error.args[0]}") from error
+    configuration: dict[str, Any] = row.get("configuration") or {}
+    if "recipe" not in configuration or digest(configuration) != row["config_sha256"][0]:
+        raise ValueError(f"{file}: row {method!r} has no whole configuration to run again")
+    if configuration["data"] != bench.data:
+        raise ValueError(
+            f"{file}: row {method!r} was measured on data {configuration['data']}, "
+            f"these are {bench.data}"
+        )
+    experiment, name, seed = configuration["run"].split("/")
+    run = Run(experiment, name, int(seed.removeprefix("seed-")))
+    recorded = {column: row["by_seed"][column][0] for column in COLUMNS}
+    truth = bench.frames(run, "test", EVALUATION_SIZE)
+    if configuration["recipe"] is None:
+        scores = score_cheap(truth, name)
+    else:
+        recipe = recipe_from_dict(configuration["recipe"])
+        folder = bench.out / "again" / run.name
+        trained = train(
+            recipe,
+            bench.frames(run, "train", recipe.size),
+            bench.frames(run, "val", recipe.size),
+            folder=folder,
+            seed=run.seed,
+            data={"experiment": run.experiment, **bench.data},
+            resume=(folder / LAST).exists(),
+        )
+        scores = score_network(trained.model, bench.frames(run, "test", recipe.size), truth)
+    columns = scores.columns()
+    now = {column: float(columns[column]) for column in COLUMNS}
+    return Again(run.name, recorded, now, row.get("threads"))

@@ -1,0 +1,218 @@
+"""The same trained networks under other conditions: predicted masks, predicted keypoints, sensor.
+
+Nothing is trained here. A condition of a run is measured once and kept beside its row, as
+``OUT/known/hadr/seed-0/given/PREDICTED-MASK.json``; the bundled segmentation and keypoint networks
+predict. What they find is given to all methods alike; the score is on the true mask's pixels.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from hadr.data.samples import samples_dir
+from hadr.depth_network import enlarge_known
+from hadr.experiments.runner import Bench, Run, paired, standard_error
+from hadr.experiments.scoring import EVALUATION_SIZE, Scores, score_depth, score_network
+from hadr.provenance import machine_text, plain, provenance, write_json
+from hadr.result_file import digest
+from hadr.training.batches import FrameTensors, load_frames
+from hadr.training.checkpoints import load_checkpoint
+from hadr.training.evaluation import BASELINES
+from hadr.training.loop import LAST
+from hadr.training.predicted import Given, with_predicted
+from hadr.training.presets import RIVALS
+
+CHECKPOINTS = samples_dir() / "checkpoints"
+SEGMENTATION = CHECKPOINTS / "segmentation-mini.safetensors"
+HANDS = CHECKPOINTS / "hand-keypoints-mini.safetensors"
+TRUE = "all true"
+KEYPOINTS: Mapping[str, Given] = {TRUE: Given(), "predicted keypoints": Given(keypoints=HANDS)}
+"""What the table of keypoints compares."""
+MASKS: Mapping[str, Given] = {
+    TRUE: Given(),
+    "predicted mask": Given(masks=SEGMENTATION),
+    "simulated sensor": Given("sensor"),
+    "predicted mask and keypoints": Given(masks=SEGMENTATION, keypoints=HANDS),
+    "simulated sensor, predicted mask and keypoints": Given("sensor", SEGMENTATION, HANDS),
+}
+"""What the table of masks compares."""
+WITH_HAND = ("hand-median", "hadr", "hadr-long", "unet-hand", "hadr-plus")
+"""Methods that are given keypoints."""
+IN_CONDITIONS = ("hand-median", "hadr", "hadr-long", *RIVALS, "unet-hand", "hadr-plus")
+"""Methods that the tables of conditions have."""
+
+
+def condition_of(run: Run, name: str) -> Path:
+    """Where a condition's row lies, below the folder of all runs."""
+    words = name.upper().replace(",", "").replace(" ", "-")
+    return Path(run.name) / "given" / f"{words}.json"
+
+
+def measure_condition(bench: Bench, run: Run, name: str, given: Given) -> dict[str, Any]:
+    """Score a finished run under another condition, or read what was measured.
+
+    Args:
+        bench: Where the run is.
+        run: A run of known objects that is finished.
+        name: The condition's name.
+        given: The condition.
+
+    Returns:
+        The row.
+
+    Raises:
+        ValueError: The run is not finished.
+    """
+    found = finished_condition(bench, run, name, given)
+    if found is not None:
+        return found
+    if bench.finished(run) is None:
+        raise ValueError(f"{run.name} is not finished: its network can't be scored as {name!r}")
+    truth = condition_frames(bench, run, EVALUATION_SIZE, given)
+    if run.method == "hand-median":
+        scores = hand_median(truth)
+    else:
+        model, meta = load_checkpoint(bench.out / run.name / LAST)
+        size = (int(meta["width"]), int(meta["height"]))
+        scores = score_network(model.eval(), condition_frames(bench, run, size, given), truth)
+    found_mask, true = truth.inputs.mask, truth.object_mask
+    overlap = (found_mask & true).sum((1, 2)) / (found_mask | true).sum((1, 2)).clamp(min=1)
+    seen = (truth.inputs.keypoints != 0).flatten(1).any(dim=1)
+    apart = (truth.inputs.keypoints - truth.true_keypoints).norm(dim=-1)[seen]
+    row = {
+        "method": run.method,
+        "split": run.experiment,
+        "seed": run.seed,
+        "given": name,
+        **given.record(),
+        **scores.columns(),
+        "mask_iou": float(overlap.mean()),
+        "keypoints_m": float(apart.mean()),
+        "hands_found": int(seen.sum()),
+        "config_sha256": digest(configuration(bench, run, name, given)),
+        "per_frame": scores.per_frame(),
+        "provenance": {**provenance(), "machine": machine_text()},
+    }
+    row = dict(plain(row))
+    row["sha256"] = digest(row)
+    write_json(bench.out / condition_of(run, name), row)
+    return row
+
+
+def finished_condition(bench: Bench, run: Run, name: str, given: Given) -> dict[str, Any] | None:
+    """Give a condition's row if it was measured with this configuration, else None."""
+    with contextlib.suppress(OSError, json.JSONDecodeError):
+        text = (bench.out / condition_of(run, name)).read_text(encoding="utf-8")
+        row: dict[str, Any] = json.loads(text)
+        sealed = {key: value for key, value in row.items() if key != "sha256"}
+        same = row.get("config_sha256") == digest(configuration(bench, run, name, given))
+        if same and row.get("sha256") == digest(sealed):
+            return row
+    return None
+
+
+def configuration(bench: Bench, run: Run, name: str, given: Given) -> dict[str, Any]:
+    """Everything on which a condition's numbers depend, the code's version aside."""
+    return {
+        **bench.configuration(run),
+        "given": name,
+        "corruption": given.corruption,
+        "predicted_by": [
+            digest(Path(path).read_bytes().hex())
+            for path in (given.masks, given.keypoints)
+            if str(path) != "true"
+        ],
+    }
+
+
+def condition_frames(bench: Bench, run: Run, size: tuple[int, int], given: Given) -> FrameTensors:
+    """Read a run's test frames under a condition; what they were read from is kept by the bench.
+
+    Depth within the mask that is given is erased, as `hadr restore` does.
+    """
+    key = (run.experiment, repr(given), size)
+    kept = bench.other_frames
+    if key not in kept:
+        while len(kept) > 3:
+            del kept[next(iter(kept))]
+        source = bench.source(run, "test")
+        frames = load_frames(source, size, given.corruption, keep_all=True)
+        frames = with_predicted(frames, source, given)
+        depth = torch.where(frames.inputs.mask, 0.0, frames.inputs.depth)
+        kept[key] = replace(frames, inputs=replace(frames.inputs, depth=depth))
+    return kept[key]
+
+
+def hand_median(truth: FrameTensors) -> Scores:
+    """Score the hand's median depth by the networks' rule: it answers in the mask that it is given.
+
+    Where the true mask goes beyond, a pixel takes the depth of those around it.
+    """
+    images, own = [], []
+    for number in range(len(truth)):
+        depth = BASELINES["hand-median"](truth, number)
+        known = truth.inputs.mask[number].numpy() & (depth > 0)
+        images.append(enlarge_known(depth, known, known.shape))
+        own.append(known)
+    return score_depth(np.stack(images), truth, np.stack(own))
+
+
+def condition_rows(
+    bench: Bench, conditions: Mapping[str, Given], holds: Sequence[str] | None
+) -> list[dict[str, Any]]:
+    """Gather the finished rows of some conditions, the methods in the tables' order.
+
+    Args:
+        bench: Where they are.
+        conditions: `KEYPOINTS` or `MASKS`.
+        holds: Hold of each test frame.
+
+    Returns:
+        Rows with ``against_true``: the same method compared, frame by frame, with itself when
+        all is true.
+    """
+    rows = []
+    for method in WITH_HAND if conditions is KEYPOINTS else IN_CONDITIONS:
+        run = Run("known", method)
+        found = {n: finished_condition(bench, run, n, g) for n, g in conditions.items()}
+        reference = found[TRUE]
+        for row in found.values():
+            if row is None:
+                continue
+            frames = row["per_frame"]
+            left_out = ("per_frame", "sha256")
+            shown = {key: value for key, value in row.items() if key not in left_out}
+            shown["rmse_standard_error_m"] = standard_error(
+                frames["rmse_m"], holds or frames["stems"]
+            )
+            if reference is not None and row is not reference:
+                shown["against_true"] = paired(frames, reference["per_frame"], holds)
+            rows.append(shown)
+    return rows
+
+
+def conditions_of(methods: Sequence[str]) -> list[tuple[Run, str, Given]]:
+    """List the conditions that the two tables need for some methods, each once.
+
+    Those with the same frames stand side by side, so that each frame is read once.
+    """
+    wanted = {
+        (name, method): given
+        for conditions, those in ((KEYPOINTS, WITH_HAND), (MASKS, IN_CONDITIONS))
+        for name, given in conditions.items()
+        for method in those
+        if method in methods
+    }
+    order = [*MASKS, *KEYPOINTS]
+    return [
+        (Run("known", method), name, given)
+        for (name, method), given in sorted(wanted.items(), key=lambda w: order.index(w[0][0]))
+    ]

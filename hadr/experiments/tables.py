@@ -1,0 +1,122 @@
+"""The result files: each a table of the book, made from finished runs and nothing else.
+
+    known.json, unknown.json     all methods, on objects known from training and on unknown ones
+    ablation.json                the paper's five rows, HADR with one part taken out
+    ledger.json                  HADR with one switch of the ledger turned, and frames dealt out
+    keypoints.json               true or predicted keypoints
+    segmentation.json            true or predicted masks, and the simulated sensor's depth
+
+A row is the mean over its seeds; how it was made stands in it: configuration, commit, versions,
+machine.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from hadr.experiments.conditions import KEYPOINTS, MASKS, condition_rows
+from hadr.experiments.runner import Bench, Run, table_rows
+from hadr.experiments.scoring import EVALUATION_SIZE
+from hadr.experiments.systems import METHODS, PARTS, SWITCHES
+from hadr.provenance import machine_text, provenance
+from hadr.result_file import write_result_file
+
+FILES = ("known", "unknown", "ablation", "ledger", "keypoints", "segmentation")
+"""Names of the result files."""
+ABLATION = {**{part: part for part in PARTS}, "full": "hadr"}
+"""Rows of the ablation, and the run on known objects that each is, in the paper's order."""
+LEDGER = {
+    "as by default": ("known", "hadr"),
+    **{switch: ("known", switch) for switch in SWITCHES},
+    "split by frame": ("by-frame", "hadr"),
+}
+"""Rows of the ledger's table, and which run each is."""
+
+
+def write_tables(bench: Bench, folder: str | Path) -> list[Path]:
+    """Write those result files for which a run is finished.
+
+    Args:
+        bench: Where the runs are.
+        folder: Where the files go.
+
+    Returns:
+        The files, in the order of `FILES`.
+
+    Raises:
+        ValueError: No run is finished.
+    """
+    rows = finished_rows(bench)
+    if not rows:
+        raise ValueError(f"no run in {bench.out} is finished")
+    holds = {
+        row["split"]: bench.holds(row["split"], row["per_frame"]["stems"]) for row in rows[::-1]
+    }
+    found = {(row["split"], row["method"]): row for row in table_rows(rows, holds)}
+    tables: dict[str, list[dict[str, Any]]] = {
+        "known": [found[key] for m in METHODS if (key := ("known", m)) in found],
+        "unknown": [found[key] for m in METHODS if (key := ("unknown", m)) in found],
+        "ablation": [
+            {**found[key], "method": name}
+            for name, method in ABLATION.items()
+            if (key := ("known", method)) in found
+        ],
+        "ledger": [{**found[key], "method": name} for name, key in LEDGER.items() if key in found],
+        "keypoints": condition_rows(bench, KEYPOINTS, holds.get("known")),
+        "segmentation": condition_rows(bench, MASKS, holds.get("known")),
+    }
+    written = []
+    origin = {**provenance(), "machine": machine_text(), "data": bench.data}
+    for name in FILES:
+        if tables[name]:
+            path = Path(folder) / f"{name}.json"
+            write_result_file(path, _what(name, bench), tables[name], origin)
+            written.append(path)
+    return written
+
+
+def finished_rows(bench: Bench) -> list[dict[str, Any]]:
+    """All finished runs of a bench with their learning curves, the methods in the tables' order."""
+    order = [*METHODS, *PARTS, *SWITCHES]
+    runs = sorted(
+        runs_in(bench.out), key=lambda run: (order.index(run.method), run.experiment, run.seed)
+    )
+    return [
+        {**row, "curve": bench.curve(run)}
+        for run in runs
+        if (row := bench.finished(run)) is not None
+    ]
+
+
+def runs_in(out: Path) -> Iterator[Run]:
+    """The runs that have a row, finished with the present configuration or not."""
+    known = {*METHODS, *PARTS, *SWITCHES}
+    for path in sorted(out.glob("*/*/seed-*/row.json")):
+        experiment, method, seed = path.parts[-4:-1]
+        if method in known:
+            number = int(seed.removeprefix("seed-"))
+            yield Run(experiment, method, number)  # type: ignore[arg-type]
+
+
+def _what(name: str, bench: Bench) -> str:
+    width, height = EVALUATION_SIZE
+    frames = {
+        "known": "objects known from training, in holds that are not",
+        "unknown": "two objects that no network has seen in training",
+        "ablation": "objects known from training, HADR with one part taken out",
+        "ledger": "objects known from training, HADR with one switch of the ledger turned; "
+        "split by frame: as many frames in each part, dealt out one by one",
+        "keypoints": "objects known from training, with true or predicted keypoints, true masks",
+        "segmentation": "objects known from training, with true or predicted masks and keypoints, "
+        "or with the simulated sensor's depth around the mask",
+    }[name]
+    return (
+        f"Depth of the glass restored from one frame (preset {bench.size}): {frames}. "
+        f"Corruption {bench.corruption}, true masks and keypoints unless a row says otherwise, "
+        f"scored on the object's true pixels at {width}x{height}: means over the frames, pooled "
+        "values beside; a pixel that a method leaves out takes the depth of the restored ones "
+        "around it, and is 0 in a frame without any. Standard errors are over holds: frames of "
+        "one hold are alike"
+    )
