@@ -105,7 +105,11 @@ def test_dry_run_executes_nothing(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("wishes", "said", "unsaid"),
     [
-        (["known/hadr"], ["known/hadr/seed-0", "hadr.json"], ["known/hadr-plus", "07_metrics"]),
+        (
+            ["known/hadr"],
+            ["known/hadr/seed-0", "the tables go to"],
+            ["known/hadr-plus", "07_metrics"],
+        ),
         (["tables"], ["unknown/raw/seed-0", "known/hadr-long/seed-0"], ["07_metrics"]),
         (["chapters"], ["07_metrics"], ["known/"]),
         (["3", "raw"], ["03_ray", "known/raw", "unknown/raw"], ["07_metrics", "nearest"]),

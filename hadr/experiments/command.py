@@ -8,9 +8,11 @@ from pathlib import Path
 
 import torch
 
+import hadr
 from hadr.data.samples import samples_dir
 from hadr.experiments.again import measure_again
 from hadr.experiments.plan import measure_all, plan, plan_text
+from hadr.experiments.report import report
 from hadr.experiments.runner import Bench
 from hadr.experiments.splits import EXPERIMENTS
 from hadr.experiments.systems import METHODS, PARTS, SWITCHES
@@ -129,3 +131,13 @@ def run_tables(args: argparse.Namespace, wishes: Sequence[str]) -> None:
     print(f"the tables go to {args.out / 'tables'}\n")
     if not args.dry_run:
         measure_all(bench, runs, args.out / "tables", jobs=args.jobs)
+        write_report(args.out, args.preset)
+
+
+def write_report(out: Path, size: str) -> None:
+    """Write the report of a folder's tables, beside the paper's where these are at hand."""
+    published = Path(hadr.__file__).resolve().parents[1] / "results" / "paper_tables.json"
+    if published.exists():
+        text = f"# The paper's tables, and ours\n\n{report(out / 'tables', published, size)}"
+        (out / "report.md").write_text(text, encoding="utf-8")
+        print(f"the report: {out / 'report.md'}")

@@ -339,7 +339,7 @@ def _averaged(group: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
             "commit": sorted({str(r["provenance"].get("commit")) for r in group}),
             "versions": first["provenance"].get("versions"),
             "machine": first["provenance"]["machine"],
-            "data_sha256": first["configuration"].get("data", {}).get("sha256"),
+            "data_sha256": first.get("configuration", {}).get("data", {}).get("sha256"),
         },
     }
 

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from hadr.experiments.conditions import KEYPOINTS, MASKS, condition_rows
+from hadr.experiments.report import DEFAULT
 from hadr.experiments.runner import Bench, Run, table_rows
 from hadr.experiments.scoring import EVALUATION_SIZE
 from hadr.experiments.systems import METHODS, PARTS, SWITCHES
@@ -28,7 +29,7 @@ FILES = ("known", "unknown", "ablation", "ledger", "keypoints", "segmentation")
 ABLATION = {**{part: part for part in PARTS}, "full": "hadr"}
 """Rows of the ablation, and the run on known objects that each is, in the paper's order."""
 LEDGER = {
-    "as by default": ("known", "hadr"),
+    DEFAULT: ("known", "hadr"),
     **{switch: ("known", switch) for switch in SWITCHES},
     "split by frame": ("by-frame", "hadr"),
 }

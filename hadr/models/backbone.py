@@ -37,11 +37,13 @@ class BackboneConfig:
         normalize_color: Subtract ImageNet's mean and divide by its standard deviation, as the
             ImageNet weights expect; False hands the 0..1 colours on as the published code does
             (ledger, row 13).
+        patch: Side of a token of the first stage, pixels; 2 keeps more of a small picture.
         pretrained: Name of published weights, e.g. "microsoft/swin-tiny-patch4-window7-224", which
             are fetched once over the network; None starts from random weights.
 
     Raises:
-        ValueError: The numbers of stages differ, or heads do not divide a stage's channels.
+        ValueError: The numbers of stages differ, heads do not divide a stage's channels, or the
+            patch is not positive.
     """
 
     embed_dim: int = 96
@@ -51,12 +53,15 @@ class BackboneConfig:
     drop_path: float = 0.2
     normalize_color: bool = True
     pretrained: str | None = None
+    patch: int = 4
 
     def __post_init__(self) -> None:
         if len(self.depths) != len(self.heads) or not self.depths:
             raise ValueError(
                 f"depths and heads need one number a stage, got {self.depths} and {self.heads}"
             )
+        if self.patch < 1:
+            raise ValueError(f"patch must be at least 1, got {self.patch}")
         for channels, heads in zip(self.channels, self.heads, strict=True):
             if channels % heads:
                 raise ValueError(f"{heads} heads do not divide a stage of {channels} channels")
@@ -86,6 +91,7 @@ def build_swin(config: BackboneConfig) -> nn.Module:
     if config.pretrained is None:
         size = SwinConfig(
             embed_dim=config.embed_dim,
+            patch_size=config.patch,
             depths=list(config.depths),
             num_heads=list(config.heads),
             window_size=config.window,
@@ -105,12 +111,13 @@ def build_swin(config: BackboneConfig) -> nn.Module:
             "fetched; connect to the network once, or leave `pretrained` out to start from "
             f"random weights ({type(error).__name__})"
         ) from error
-    found = (swin.config.embed_dim, tuple(swin.config.depths), swin.config.window_size)
-    wanted = (config.embed_dim, config.depths, config.window)
+    own = swin.config
+    found = (own.embed_dim, tuple(own.depths), own.window_size, own.patch_size)
+    wanted = (config.embed_dim, config.depths, config.window, config.patch)
     if found != wanted:
         raise ValueError(
-            f"{config.pretrained!r} has embed_dim, depths and window {found}, but {wanted} is "
-            "configured"
+            f"{config.pretrained!r} has embed_dim, depths, window and patch {found}, but {wanted} "
+            "is configured"
         )
     pretrained: nn.Module = swin
     replace_drop_path(pretrained, "SwinDropPath")

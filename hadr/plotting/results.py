@@ -26,6 +26,10 @@ NAMES: dict[str, str] = {
     "tode": "TODE-Trans",
     "unet-hand": "U-Net with the hand",
     "hadr-plus": "HADR-plus",
+    "no-aggregation": "HADR without aggregation of scales",
+    "no-point-fusion": "HADR without point fusion",
+    "hand-2d": "HADR with the 2D hand feature",
+    "full": "HADR, the full model",
 }
 """How a method of a result file is called in tables and pictures, in the order of the tables."""
 _COLOR = {

@@ -175,4 +175,7 @@ class Preset:
         for name in _LATER:
             if values[name] == first[name]:
                 del values[name]
+        backbone = values["model"].get("backbone", {})
+        if isinstance(backbone, dict) and backbone.get("patch") == 4:
+            del backbone["patch"]
         return values

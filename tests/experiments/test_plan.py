@@ -6,9 +6,10 @@ from hadr.data.samples import samples_dir
 from hadr.experiments import runner
 from hadr.experiments.plan import estimated_minutes, measure_all, plan, plan_text
 from hadr.experiments.runner import Bench, Run, table_rows
-from hadr.experiments.systems import LONG_RUN, METHODS, System, system
+from hadr.experiments.systems import LONG_RUN, METHODS, PARTS, SWITCHES, System, system
 from hadr.models.hadr import HADRConfig
 from hadr.result_file import read_result_file
+from hadr.training.losses import CODED
 
 
 def test_a_plan_takes_whole_methods():
@@ -18,8 +19,16 @@ def test_a_plan_takes_whole_methods():
         "known/hadr/seed-2",
     ]
     assert {run.experiment for run in plan(["hadr-plus"])} == {"known", "unknown"}
-    assert len(plan()) == 2 * len(METHODS)
-    assert [run.method for run in plan(["known"])] == list(METHODS)
+    assert [run.method for run in plan(["known"])] == [
+        *METHODS,
+        *(part for part in PARTS if part not in METHODS),
+        *SWITCHES,
+    ]
+    assert [run.method for run in plan(["by-frame"])] == ["hand-median", "hadr"]
+    assert [run.seed for run in plan(["unknown/no-hand"])] == [0, 1, 2]
+    assert [run.seed for run in plan(["unknown/no-hand"], size="tiny")] == [0]
+    assert [run.seed for run in plan(["known/no-hand"])] == [0]
+    assert len(plan(size="tiny")) == len({run.name for run in plan()}) - 4
     assert plan(["known/raw"], seeds=(1, 2)) == [Run("known", "raw", 0)]
 
 
@@ -32,7 +41,8 @@ def test_a_wish_that_fits_nothing_is_told():
 def test_every_system_has_every_preset_and_an_estimate(size, tmp_path):
     bench = Bench([samples_dir() / "frames"], tmp_path, size)
     text = plan_text(bench, plan())
-    assert len(text.splitlines()) == 2 * len(METHODS) + 2
+    assert len(text.splitlines()) == len(plan()) + 2
+    assert "4 at a time" in plan_text(bench, plan(), jobs=4)
     assert estimated_minutes(bench, Run("known", "hadr-long")) > 1
 
 
@@ -44,6 +54,19 @@ def test_systems_differ_from_hadr_in_one_thing():
     assert handless.model.hand == "none"
     assert replace(handless, model=replace(handless.model, hand="3d")) == base
     assert system("raw", "mini").recipe is None
+    for name, fields in {
+        "no-aggregation": {"aggregation": True},
+        "no-point-fusion": {"point_fusion": True},
+        "hand-2d": {"hand": "3d"},
+        "wrist-translation": {"wrist_rotation": True},
+        "clamped-probability": {"clamp_probability": False},
+    }.items():
+        changed = system(name, "mini").recipe
+        assert changed != base
+        assert replace(changed, model=replace(changed.model, **fields)) == base
+    coded = system("coded-weights", "mini").recipe
+    assert coded.weights == CODED
+    assert replace(coded, weights=base.weights) == base
     with pytest.raises(ValueError, match=r"method must be one of .* got 'gan'"):
         system("gan", "mini")
 
@@ -60,9 +83,9 @@ def bench(tmp_path, monkeypatch):
 
 
 def test_runs_are_measured_once_and_gathered(bench, tmp_path, capsys):
-    runs, table = plan(["known/hand-median", "known/hadr"]), tmp_path / "tables" / "hadr.json"
-    measure_all(bench, runs, table)
-    found = read_result_file(table)
+    runs, tables = plan(["known/hand-median", "known/hadr"]), tmp_path / "tables"
+    measure_all(bench, runs, tables)
+    found = read_result_file(tables / "known.json")
     assert [row["method"] for row in found.rows] == ["hand-median", "hadr"]
     row = found.row(method="hadr", split="known")
     assert row["frames"] == 6
@@ -74,11 +97,11 @@ def test_runs_are_measured_once_and_gathered(bench, tmp_path, capsys):
 
     times = {p: p.stat().st_mtime_ns for p in bench.out.rglob("*") if p.is_file()}
     capsys.readouterr()
-    measure_all(bench, runs, table)
+    measure_all(bench, runs, tables)
     assert {p: p.stat().st_mtime_ns for p in bench.out.rglob("*") if p.is_file()} == times
     assert capsys.readouterr().out.count("was there") == 2
     assert "done" in plan_text(bench, runs)
-    assert read_result_file(table).rows == found.rows
+    assert read_result_file(tables / "known.json").rows == found.rows
 
 
 def test_another_recipe_is_another_row(bench, tmp_path, monkeypatch):
@@ -105,6 +128,7 @@ def test_seeds_are_averaged():
             "split": "known",
             "seed": seed,
             "rmse_m": rmse,
+            "delta_105": 50.0,
             "frames": 4,
             "pooled": {"rmse_m": 2 * rmse},
             "restored": {"rmse_m": 3 * rmse},
@@ -116,9 +140,11 @@ def test_seeds_are_averaged():
 
     (found,) = table_rows([row(0, 0.01), row(1, 0.02), row(2, 0.03)])
     assert found["rmse_m"] == pytest.approx(0.02)
-    assert found["rmse_sd_m"] == pytest.approx(0.01)
+    assert found["seed_sd"]["rmse_m"] == pytest.approx(0.01)
+    assert found["seed_sd"]["delta_105"] == 0
+    assert found["by_seed"]["rmse_m"] == [0.01, 0.02, 0.03]
     assert found["pooled"]["rmse_m"] == pytest.approx(0.04)
     assert found["restored"]["rmse_m"] == pytest.approx(0.06)
     assert found["by_object"] == pytest.approx({"0001": 0.02, "0002": 0.06})
     assert (found["frames"], found["seeds"]) == (4, [0, 1, 2])
-    assert table_rows([row(0, 0.01)])[0]["rmse_sd_m"] is None
+    assert table_rows([row(0, 0.01)])[0]["seed_sd"]["rmse_m"] is None

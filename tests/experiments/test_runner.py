@@ -36,8 +36,8 @@ def test_the_table_has_every_finished_run_and_its_rows_are_kept(
 ) -> None:
     runs = [Run("known", method) for method in (*CHEAP, "unet-hand")]
     said: list[str] = []
-    measure_all(bench, runs, tmp_path / "hadr.json", said.append)
-    table = read_result_file(tmp_path / "hadr.json")
+    measure_all(bench, runs, tmp_path, said.append)
+    table = read_result_file(tmp_path / "known.json")
     assert [row["method"] for row in table.rows] == [run.method for run in runs]
     raw, learned = table.row(method="raw"), table.row(method="unet-hand")
     assert raw["coverage"] == 0  # depth is erased in the mask, and raw restores nothing
@@ -48,8 +48,8 @@ def test_the_table_has_every_finished_run_and_its_rows_are_kept(
     assert learned["frames"] == 8
     rows = {run: json.loads((bench.out / run.name / "row.json").read_text()) for run in runs}
     before = {run: bench.out.joinpath(run.name, "row.json").read_bytes() for run in runs}
-    measure_all(bench, runs, tmp_path / "hadr.json", said.append)
-    assert all("was there" in line for line in said[len(runs) :])
+    measure_all(bench, runs, tmp_path, said.append)
+    assert all("was there" in line for line in said[-len(runs) :])
     assert before == {run: bench.out.joinpath(run.name, "row.json").read_bytes() for run in runs}
     assert raw["curve"] is None
     (row,) = csv.DictReader((bench.out / runs[-1].name / "history.csv").open())
