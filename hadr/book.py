@@ -14,12 +14,19 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+from hadr.experiments.report import (
+    conditions_table,
+    ledger_table,
+    report,
+    speed_table,
+    tuning_table,
+)
 from hadr.provenance import machine_text, write_json
 from hadr.reproduce import (
     ChapterError,
@@ -36,6 +43,14 @@ from hadr.reproduce import (
 RUNTIME_TOKEN = "*stands here in the built book*"
 TABLE_TOKEN = "{{RUNTIME_TABLE}}"
 REPOSITORY_TOKEN = "{{REPOSITORY}}"
+REPORTS: dict[str, Callable[[Path], str]] = {
+    "{{REPORT}}": lambda results: report(results / "mini", results / "paper_tables.json"),
+    "{{CONDITIONS}}": lambda results: conditions_table(results / "mini"),
+    "{{TUNING}}": lambda results: tuning_table(results / "mini" / "tuning.json"),
+    "{{SPEED}}": lambda results: speed_table(results / "speed" / "side_by_side.json"),
+    "{{LEDGER_TABLE}}": lambda results: ledger_table(results / "mini" / "ledger.json"),
+}
+"""Words on pages in whose place a table from the result files stands."""
 TABLE_BEGIN = "<!-- run times: begin (written by `make readme-times`) -->"
 TABLE_END = "<!-- run times: end -->"
 WIDGET_NOTE = (
@@ -135,8 +150,13 @@ def stage_book(
         REPOSITORY_TOKEN: repository_address(book),
         "{{MACHINE}}": machine_text(),
     }
-    for page in target.glob("*.md"):
-        page.write_text(_fill(page.read_text(encoding="utf-8"), words), encoding="utf-8")
+    pages = {page: page.read_text(encoding="utf-8") for page in target.glob("*.md")}
+    results = book.parent / "results"
+    for token, make in REPORTS.items():
+        if any(token in text for text in pages.values()):
+            words[token] = make(results)
+    for page, text in pages.items():
+        page.write_text(_fill(text, words), encoding="utf-8")
     _drop_absent_chapters(target)
     return target
 

@@ -171,3 +171,92 @@ def ledger_table(path: str | Path) -> str:
     epochs = [f"{row['epochs']} epochs, seed {row['seeds'][0]}" for _, row in columns]
     lines.append("| trained | " + " | ".join(epochs) + " |")
     return "\n".join(lines)
+
+
+def conditions_table(folder: str | Path) -> str:
+    """Set each method's error under all conditions: true or predicted masks, keypoints, sensor.
+
+    Args:
+        folder: Has `keypoints.json` and `segmentation.json`.
+
+    Returns:
+        Markdown: RMSE in centimetres, a line a method, a column a condition.
+
+    Raises:
+        ValueError: A file was edited by hand.
+        FileNotFoundError: A file is missing.
+    """
+    rows: dict[tuple[str, str], Mapping[str, Any]] = {}
+    for name in ("segmentation", "keypoints"):
+        file = read_result_file(Path(folder) / f"{name}.json")
+        rows |= {(row["method"], row["given"]): row for row in file.rows}
+    methods = list(dict.fromkeys(method for method, _ in rows))
+    given = list(dict.fromkeys(condition for _, condition in rows))
+    lines = ["| method | " + " | ".join(given) + " |", "|:--" + "|--:" * len(given) + "|"]
+    for method in methods:
+        found = [rows.get((method, condition)) for condition in given]
+        cells = ["-" if row is None else f"{100 * row['rmse_m']:.2f}" for row in found]
+        lines.append(f"| {_title(method)} | " + " | ".join(cells) + " |")
+    shared = [next(row for (_, c), row in rows.items() if c == condition) for condition in given]
+    masks = [f"{row['mask_iou']:.2f}" for row in shared]
+    hands = [f"{100 * row['keypoints_m']:.1f}" for row in shared]
+    lines.append("| *IoU of the masks given* | " + " | ".join(masks) + " |")
+    lines.append("| *error of the keypoints given (cm)* | " + " | ".join(hands) + " |")
+    return "\n".join(lines)
+
+
+def tuning_table(path: str | Path) -> str:
+    """Set the trials that each network had, the best of each in bold.
+
+    Args:
+        path: `tuning.json`.
+
+    Returns:
+        Markdown: validation RMSE in centimetres, a line a network, a column a trial.
+
+    Raises:
+        ValueError: The file was edited by hand.
+        FileNotFoundError: There is no such file.
+    """
+    rows = read_result_file(path).rows
+    trials = list(dict.fromkeys(row["trial"] for row in rows))
+    lines = ["| network | " + " | ".join(trials) + " |", "|:--" + "|--:" * len(trials) + "|"]
+    for network in dict.fromkeys(row["network"] for row in rows):
+        own = {row["trial"]: row["rmse_m"] for row in rows if row["network"] == network}
+        best = min(own.values())
+        cells = [f"{100 * own[trial]:.2f}" for trial in trials]
+        cells = [
+            f"**{cell}**" if own[trial] == best else cell
+            for trial, cell in zip(trials, cells, strict=True)
+        ]
+        lines.append(f"| {_title(network)} | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def speed_table(path: str | Path) -> str:
+    """Set time, memory and weights of all methods side by side.
+
+    Args:
+        path: `side_by_side.json`.
+
+    Returns:
+        Markdown, a line a method and preset.
+
+    Raises:
+        ValueError: The file was edited by hand.
+        FileNotFoundError: There is no such file.
+    """
+    file = read_result_file(path)
+    lines = [
+        "| method | preset | input | time of a frame (ms) | memory (MiB) | weights (M) |",
+        "|:--|:--|--:|--:|--:|--:|",
+    ]
+    for row in file.rows:
+        width, height = row["input"]
+        memory = row.get("peak_rss_bytes")
+        lines.append(
+            f"| {_title(row['method'])} | {row['preset'] or '-'} | {width}x{height} | "
+            f"{row['wall_median_ms']:.1f} | {'-' if memory is None else f'{memory / 2**20:.0f}'} | "
+            f"{row['parameters'] / 1e6:.2f} |"
+        )
+    return "\n".join(lines)

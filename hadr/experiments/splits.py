@@ -17,6 +17,9 @@ from itertools import accumulate
 from pathlib import Path
 from typing import Literal, get_args, overload
 
+import numpy as np
+
+from hadr.data.splits import split_by_frame
 from hadr.data.transhand import SPLITS, Frame, FrameFiles, TransHand
 from hadr.synthesis.objects import OBJECTS, UNKNOWN_OBJECTS
 
@@ -124,18 +127,11 @@ def open_part(roots: Sequence[str | Path], experiment: Experiment, part: Part) -
 
 
 def _dealt_out(roots: Sequence[str | Path], part: Part) -> FrameSource:
-    """Deal the known objects' frames out to the parts in an order that a hash of names gives."""
+    """Deal the known objects' frames out to the parts one by one, always in the same way."""
     sizes = [len(open_part(roots, "known", each)) for each in PARTS_OF_DATA]
     whole = FrameSource([TransHand(root, SPLITS, list(OBJECTS)) for root in roots])
-    names = [
-        f"{number}/{files.object_id}/{files.stem}"
-        for number, folder in enumerate(whole.folders)
-        for files in folder.files
-    ]
-    order = sorted(range(len(names)), key=lambda n: hashlib.sha256(names[n].encode()).hexdigest())
-    place = PARTS_OF_DATA.index(part)
-    begin = sum(sizes[:place])
-    return FrameSource(whole.folders, sorted(order[begin : begin + sizes[place]]))
+    dealt = split_by_frame(len(whole), np.random.default_rng(0), sizes)
+    return FrameSource(whole.folders, np.flatnonzero(dealt == part).tolist())
 
 
 def data_digest(root: str | Path) -> str:

@@ -1,7 +1,9 @@
 """Recipes of the systems that the paper compares HADR with.
 
 `paper` has each system's own size, loss and schedule as published (at the paper's 224x224). `mini`
-is scaled to the time that HADR's own `mini` has, and `tiny` to a minute; neither was tuned yet.
+is scaled to the time that HADR's own `mini` has, with the schedule and the rate that did best in
+four short trials on validation frames (`results/mini/tuning.json`, `benchmarks/tune.py`), which all
+networks had. `tiny` is scaled to a minute and was not tuned.
 """
 
 from __future__ import annotations
@@ -89,6 +91,7 @@ DFNET_MINI = Preset(
     model=DFNetConfig(width=32, layers=4, growth=8),
     epochs=12,
     schedule="cosine",
+    learning_rate=3e-3,
     optimizer="adamw",
     weight_decay=0.01,
     batch_size=16,
