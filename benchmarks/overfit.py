@@ -12,11 +12,12 @@ import json
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import torch
 
 from hadr.data.samples import open_samples
-from hadr.models.hadr import HADR, HADRConfig, ray_points
+from hadr.models.hadr import HADR, ray_points
 from hadr.provenance import machine_text, provenance, write_json
 from hadr.ray_voxels import pair_of_true_point
 from hadr.training.batches import FrameTensors, load_frames
@@ -40,14 +41,23 @@ STEPS = {"hadr": 2000}
 
 def without_chance(recipe: Preset, steps: int) -> Preset:
     """Give the recipe that sees the same four frames in every step."""
-    model = recipe.model
-    if isinstance(model, HADRConfig):
-        model = replace(model, backbone=replace(model.backbone, drop_path=0.0))
     return replace(
-        recipe, model=model, epochs=steps, batch_size=4, ray_stride=1, schedule="cosine",
+        recipe, model=calm(recipe.model), milestones=(), epochs=steps, batch_size=4, ray_stride=1, schedule="cosine",
         learning_rate=2e-3, warmup_epochs=10, true_voxel_epochs=steps // 3, augment=False,
         mirror=0.0, zoom=1.0, roll_deg=0.0, average_decay=None, precision="32-true",
     )  # fmt: skip
+
+
+def calm(config: Any) -> Any:
+    """Give a network's configuration without stochastic depth, dropout and perturbed ends."""
+    off: dict[str, Any] = {
+        name: 0.0
+        for name in ("drop_path", "dropout", "perturb_probability")
+        if hasattr(config, name)
+    }
+    if hasattr(config, "backbone"):
+        off["backbone"] = calm(config.backbone)
+    return replace(config, **off)
 
 
 def learn(network: str, steps: int) -> dict[str, object]:

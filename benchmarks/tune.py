@@ -51,7 +51,7 @@ def recipe_of(network: str, trial: str, epochs: int) -> Preset:
         recipe, epochs=epochs, drop_epoch=drop, true_voxel_epochs=true_voxel, restarts=restarts
     )
     if trial == "published":
-        return replace(recipe, **PUBLISHED[network])
+        return replace(recipe, **{"learning_rate": 1e-3, **PUBLISHED[network]})
     return replace(recipe, schedule="cosine", learning_rate=1e-3 * RATES[trial])
 
 
