@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from hadr.experiments.errors import frame_error, hand_poses, pose_distance, summary
+from hadr.experiments.plan import TABLES
 from hadr.experiments.runner import Bench, Run
 from hadr.experiments.scoring import EVALUATION_SIZE, restored_depth
-from hadr.experiments.splits import EXPERIMENTS
 from hadr.experiments.systems import LEARNED, system
 from hadr.provenance import machine_text, provenance
 from hadr.result_file import write_result_file
@@ -55,7 +55,7 @@ def main() -> None:
     bench = Bench(args.data, args.runs, args.preset)
     rows = [
         row_of(bench, run, args.preset)
-        for experiment in EXPERIMENTS
+        for experiment in TABLES
         for method in ("hand-median", *LEARNED)
         if bench.finished(run := Run(experiment, method)) is not None
     ]
