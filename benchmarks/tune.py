@@ -20,6 +20,7 @@ import torch
 
 from hadr.experiments.scoring import EVALUATION_SIZE, score_network
 from hadr.experiments.splits import data_digest, open_part
+from hadr.models.hadr import HADRConfig
 from hadr.provenance import machine_text, plain, provenance, write_json
 from hadr.result_file import digest, write_result_file
 from hadr.training.batches import FrameTensors, load_frames
@@ -38,6 +39,8 @@ PUBLISHED: dict[str, dict[str, Any]] = {
 """What makes preset `mini` the published schedule; the U-Net, published nowhere, has HADR's."""
 RATES = {"cosine, third of the rate": 1 / 3, "cosine": 1.0, "cosine, three times the rate": 3.0}
 TRIALS = ("published", *RATES)
+FINE = "cosine, patches of 2 pixels"
+"""A trial of HADR alone: does its backbone see too little with patches of 4 pixels?"""
 
 
 def recipe_of(network: str, trial: str, epochs: int) -> Preset:
@@ -52,6 +55,11 @@ def recipe_of(network: str, trial: str, epochs: int) -> Preset:
     )
     if trial == "published":
         return replace(recipe, **{"learning_rate": 1e-3, **PUBLISHED[network]})
+    if trial == FINE:
+        assert isinstance(recipe.model, HADRConfig)
+        small = {"embed_dim": 24, "depths": (1, 1, 2, 1), "heads": (1, 2, 4, 8)}  # the same time
+        backbone = replace(recipe.model.backbone, patch=2, **small)  # type: ignore[arg-type]
+        return replace(recipe, model=replace(recipe.model, backbone=backbone))
     return replace(recipe, schedule="cosine", learning_rate=1e-3 * RATES[trial])
 
 
@@ -86,7 +94,7 @@ def main() -> None:
 
     rows = []
     for network in PUBLISHED:
-        for trial in TRIALS:
+        for trial in (*TRIALS, FINE) if network == "hadr" else TRIALS:
             recipe = recipe_of(network, trial, args.epochs)
             sha = digest({"recipe": recipe.to_dict(), "data": data, "frames": args.frames})
             path = args.out / f"{network}-{trial.replace(' ', '-').replace(',', '')}.json"
@@ -105,7 +113,7 @@ def main() -> None:
                 write_json(path, plain(done))
             print(f"{network}, {trial}: {done['rmse_m']:.4f} m", flush=True)
             rows.append(done)
-    if args.json is None or len(rows) < len(PUBLISHED) * len(TRIALS):
+    if args.json is None or len(rows) < len(PUBLISHED) * len(TRIALS) + 1:
         return
     write_result_file(
         args.json,

@@ -46,6 +46,25 @@ class ResultFile:
         return found[0]
 
 
+def read_result_files(folder: str | Path, *names: str) -> ResultFile:
+    """Read several result files as one.
+
+    Args:
+        folder: Where they are.
+        *names: Their names without ``.json``, at least one.
+
+    Returns:
+        All rows in the files' order, with the first one's words and provenance.
+
+    Raises:
+        FileNotFoundError: A file is missing.
+        ValueError: A file was changed since it was written, or is no result file.
+    """
+    files = [read_result_file(Path(folder) / f"{name}.json") for name in names]
+    rows = tuple(row for file in files for row in file.rows)
+    return ResultFile(files[0].what, rows, files[0].provenance)
+
+
 def digest(content: Any) -> str:
     """SHA-256 of plain values, whatever the order of their keys: 64 hexadecimal digits."""
     text = json.dumps(plain(content), sort_keys=True, separators=(",", ":"), ensure_ascii=False)

@@ -11,22 +11,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from hadr.plotting.results import NAMES
+from hadr.plotting.results import NAMES, PUBLISHED_NAMES
 from hadr.result_file import ResultFile, read_result_file
 
-PUBLISHED_NAMES = {
-    "tode": "TODE-Trans",
-    "dfnet": "TransCG",
-    "swindrnet": "SwinDRNet",
-    "lidf": "LIDF+Refine",
-    "hadr": "HADR",
-    "no-hand": "w/o Hand Feature",
-    "no-aggregation": "w/o MS Aggregation",
-    "no-point-fusion": "w/o Point Fusion",
-    "hand-2d": "2D Hand Feature",
-    "full": "Full Model",
-}
-"""Names of our rows in the paper's tables."""
 TITLES = {
     "known": "Known objects",
     "unknown": "Unknown objects",
@@ -212,17 +199,20 @@ def tuning_table(path: str | Path) -> str:
         path: `tuning.json`.
 
     Returns:
-        Markdown: validation RMSE in centimetres, a line a network, a column a trial.
+        Markdown: validation RMSE in centimetres, a line a network, a column a trial that all had.
 
     Raises:
         ValueError: The file was edited by hand.
         FileNotFoundError: There is no such file.
     """
     rows = read_result_file(path).rows
-    trials = list(dict.fromkeys(row["trial"] for row in rows))
+    networks = {row["network"] for row in rows}
+    asked = {t: {r["network"] for r in rows if r["trial"] == t} for t in (r["trial"] for r in rows)}
+    trials = [trial for trial, had in asked.items() if had == networks]
     lines = ["| network | " + " | ".join(trials) + " |", "|:--" + "|--:" * len(trials) + "|"]
     for network in dict.fromkeys(row["network"] for row in rows):
-        own = {row["trial"]: row["rmse_m"] for row in rows if row["network"] == network}
+        mine = [r for r in rows if r["network"] == network and r["trial"] in trials]
+        own = {row["trial"]: row["rmse_m"] for row in mine}
         best = min(own.values())
         cells = [f"{100 * own[trial]:.2f}" for trial in trials]
         cells = [
