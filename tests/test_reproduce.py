@@ -126,6 +126,7 @@ def test_tables_of_a_large_preset_need_data(tmp_path, capsys):
     words = ["--dry-run", "--preset", "mini", "--only", "tables", "--out", str(tmp_path / "out")]
     assert reproduce.main(words) == 2
     assert "hadr generate --preset mini --out DIR" in capsys.readouterr().err
+    assert reproduce.main([*words, "--jobs", "0", "--data", str(tmp_path)]) == 2
     assert reproduce.main([*words, "--data", str(tmp_path / "nowhere")]) == 2
     assert "there is no data folder" in capsys.readouterr().err
 

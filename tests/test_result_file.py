@@ -3,7 +3,7 @@ import json
 
 import pytest
 
-from hadr.result_file import digest, read_result_file, write_result_file
+from hadr.result_file import digest, read_result_file, read_result_files, write_result_file
 
 ROWS = [
     {"method": "hadr", "split": "known", "rmse_m": 0.0123, "seeds": [0, 1]},
@@ -85,3 +85,14 @@ def test_nothing_measured_is_an_error(tmp_path):
         write_result_file(tmp_path / "t.json", "nothing", [], {})
     with pytest.raises(FileNotFoundError, match="no result file"):
         read_result_file(tmp_path / "t.json")
+
+
+def test_several_files_are_read_as_one(tmp_path):
+    for name, error in (("known", 0.01), ("unknown", 0.02)):
+        row = {"method": "hadr", "split": name, "rmse_m": error}
+        write_result_file(tmp_path / f"{name}.json", name, [row], {"commit": name})
+    both = read_result_files(tmp_path, "known", "unknown")
+    assert both.row(method="hadr", split="unknown")["rmse_m"] == 0.02
+    assert both.provenance["commit"] == "known"
+    with pytest.raises(FileNotFoundError):
+        read_result_files(tmp_path, "known", "ablation")

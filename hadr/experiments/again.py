@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from lightning_fabric import Fabric
+
 from hadr.experiments.runner import Bench, Run
 from hadr.experiments.scoring import COLUMNS, EVALUATION_SIZE, score_cheap, score_network
 from hadr.result_file import digest, read_result_file
@@ -94,6 +96,7 @@ def measure_again(bench: Bench, file: str | Path, method: str) -> Again:
             seed=run.seed,
             data={"experiment": run.experiment, **bench.data},
             resume=(folder / LAST).exists(),
+            fabric=Fabric(accelerator=bench.accelerator, devices=1, precision=recipe.precision),
         )
         scores = score_network(trained.model, bench.frames(run, "test", recipe.size), truth)
     columns = scores.columns()

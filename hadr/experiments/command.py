@@ -50,6 +50,12 @@ def add_table_arguments(parser: argparse.ArgumentParser) -> None:
         "threads; exact numbers repeat for the same number of threads only)",
     )
     parser.add_argument(
+        "--accelerator",
+        choices=("auto", "cpu", "cuda"),
+        default="auto",
+        help="auto: cuda if any; numbers of a GPU are near to those of a CPU, not equal to them",
+    )
+    parser.add_argument(
         "--again",
         nargs=2,
         metavar=("FILE", "METHOD"),
@@ -91,7 +97,11 @@ def open_bench(args: argparse.Namespace) -> Bench:
     limit = TINY_FRAMES if args.preset == "tiny" else None
     if args.jobs < 1:
         raise ValueError(f"--jobs must be at least 1, got {args.jobs}")
-    return Bench(roots, args.out / "runs", args.preset, args.corruption, limit)
+    cuda = torch.cuda.is_available()
+    if args.accelerator == "cuda" and not cuda:
+        raise ValueError("--accelerator cuda: PyTorch finds no CUDA device on this machine")
+    accelerator = "cuda" if cuda and args.accelerator != "cpu" else "cpu"
+    return Bench(roots, args.out / "runs", args.preset, args.corruption, limit, accelerator)
 
 
 def run_again(args: argparse.Namespace) -> int:

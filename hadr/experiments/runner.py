@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from lightning_fabric import Fabric
 
 from hadr.experiments.scoring import COLUMNS, EVALUATION_SIZE, Scores, score_cheap, score_network
 from hadr.experiments.splits import Experiment, Part, data_digest, open_part
@@ -65,6 +66,7 @@ class Bench:
         size: Preset of all systems: "tiny", "mini" or "paper".
         corruption: How the frames' depth is corrupted, in training and test.
         limit: Take at most so many frames of each part, evenly spread; None takes all.
+        accelerator: Where networks are trained and scored: "cpu", or "cuda" for the first GPU.
     """
 
     def __init__(
@@ -74,8 +76,10 @@ class Bench:
         size: str = "mini",
         corruption: Corruption = "oracle",
         limit: int | None = None,
+        accelerator: str = "cpu",
     ) -> None:
         self.roots = tuple(Path(root) for root in roots)
+        self.accelerator = accelerator
         self.out, self.size, self.corruption, self.limit = Path(out), size, corruption, limit
         self._frames: dict[tuple[str, str, tuple[int, int]], FrameTensors] = {}
         self.other_frames: dict[Any, FrameTensors] = {}
@@ -201,6 +205,7 @@ class Bench:
             seed=run.seed,
             data={"experiment": run.experiment, **self.data},
             resume=(folder / LAST).exists(),
+            fabric=Fabric(accelerator=self.accelerator, devices=1, precision=recipe.precision),
         )
         now = time.perf_counter() - began
         test = self.frames(run, "test", recipe.size)
@@ -212,6 +217,7 @@ class Bench:
             "training_s": sum(row["seconds"] for row in trained.history),
             "training_s_now": now,
             "threads": torch.get_num_threads(),
+            "device": self.accelerator,
         }
         return score_network(trained.model, test, truth), columns
 

@@ -6,10 +6,17 @@ import matplotlib.pyplot as plt
 import pytest
 
 from hadr.plotting.results import (
+    ablation_table,
+    averages_table,
+    compared,
+    draw_against_paper,
     draw_by_object,
+    draw_error_over_time,
     draw_learning,
     draw_parts,
     draw_systems,
+    orders_table,
+    poses_table,
     results_table,
 )
 
@@ -78,3 +85,62 @@ def test_parts_and_objects_in_centimetres() -> None:
     assert right.get_yticklabels()[0].get_text() == "0001 cup"
     assert right.lines[0].get_xdata() == pytest.approx([4])
     plt.close(fig)
+
+
+FIVE = {
+    "known": {"HADR": [0.009, 0.016, 0.005, 95.22], "SwinDRNet": [0.009, 0.015, 0.005, 94.82],
+              "TODE-Trans": [0.024, 0.056, 0.017, 57.03]},
+    "unknown": {"HADR": [0.018, 0.042, 0.014, 72.74]},
+    "ablation": {"Full Model": [0.009, 0.016, 0.005, 95.22]},
+}  # fmt: skip
+RIVALS = [
+    row("hadr", "known", 0.0312, pooled={"rmse_m": 0.04}, parameters=1,
+        against_hand_median={"mean_difference_m": -0.01, "standard_error_m": 0.002,
+                             "better_on_frames": 3, "frames": 4}),
+    row("tode", "known", 0.025),
+    row("unet-hand", "known", 0.02),
+    row("hadr", "unknown", 0.0456),
+]  # fmt: skip
+
+
+def cells(line: str) -> list[str]:
+    return [cell.strip() for cell in line.strip("|").split("|")]
+
+
+def test_orders_are_those_of_the_methods_that_both_tables_have() -> None:
+    assert compared(RIVALS, FIVE, "known") == ["hadr", "tode"]
+    lines = [cells(line) for line in orders_table(RIVALS, FIVE).splitlines()]
+    assert lines[2] == ["known", "HADR", "0.9", "1", "95.22", "3.12", "2", "70.00"]
+    assert lines[3] == ["known", "TODE-Trans", "2.4", "2", "57.03", "2.50", "1", "70.00"]
+    assert lines[4][:2] == ["unknown", "HADR"]
+    assert len({len(line) for line in lines}) == 1
+
+
+def test_published_dots_are_hollow_and_ours_full() -> None:
+    fig, ax = plt.subplots()
+    draw_against_paper(ax, RIVALS, FIVE, "known")
+    dots = {(round(float(line.get_xdata()[0]), 2), line.get_markerfacecolor() == "white")
+            for line in ax.lines if line.get_marker() == "o"}  # fmt: skip
+    assert dots == {(0.9, True), (2.4, True), (3.12, False), (2.5, False)}
+    assert [t.get_text() for t in ax.get_yticklabels()] == ["HADR", "TODE-Trans"]
+    plt.close(fig)
+
+
+def test_times_are_those_of_the_networks_that_were_scored() -> None:
+    speed = [{"method": "hadr", "preset": size, "wall_median_ms": ms}
+             for size, ms in (("paper", 125.0), ("mini", 20.0))]  # fmt: skip
+    fig, ax = plt.subplots()
+    draw_error_over_time(ax, RIVALS, speed, "known")
+    (line,) = ax.lines
+    assert (line.get_xdata()[0], line.get_ydata()[0]) == (20.0, pytest.approx(3.12))
+    plt.close(fig)
+
+
+def test_tables_of_parts_averages_and_poses() -> None:
+    part = cells(ablation_table([row("full", "known", 0.0312)], FIVE).splitlines()[2])
+    assert part == ["HADR, the full model", "0.9", "0.5", "95.22", "3.12", "0.10", "1.56", "70.00"]
+    (line,) = averages_table(RIVALS).splitlines()[2:]  # the others were compared with nothing
+    assert cells(line) == ["known", "HADR", "3.12", "4.00", "-1.00 ± 0.20", "75"]
+    poses = [row("hadr", "known", 0.03, rank_correlation=0.25,
+                 by_pose=[{"rmse_m": 0.02}, {"rmse_m": 0.03}, {"rmse_m": 0.04}])]  # fmt: skip
+    assert cells(poses_table(poses).splitlines()[2]) == ["known", "HADR", "2.00", "4.00", "+0.25"]
