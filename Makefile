@@ -33,7 +33,7 @@ book: $(READY) ## execute all notebooks and build the HTML book
 	@$(PY) -m hadr.book --build "$(BUILD)" --preset $(PRESET) --seed $(SEED)
 
 tables: $(READY) ## train and compare all systems at PRESET (mini and paper: DATA=DIR)
-	@$(BIN)/hadr reproduce --preset $(PRESET) --only known unknown --out "$(BUILD)/$(PRESET)" \
+	@$(BIN)/hadr reproduce --preset $(PRESET) --only tables --out "$(BUILD)/$(PRESET)" \
 	    $(if $(DATA),--data $(DATA))
 
 html: $(READY) ## rebuild the HTML book from the notebooks executed last time

@@ -43,7 +43,7 @@ def without_chance(recipe: Preset, steps: int) -> Preset:
     """Give the recipe that sees the same four frames in every step."""
     return replace(
         recipe, model=calm(recipe.model), epochs=steps, batch_size=4, ray_stride=1,
-        schedule="cosine", milestones=(),
+        schedule="cosine", milestones=(), restarts=(2 / 3,) if recipe.network == "lidf" else (),
         learning_rate=2e-3, warmup_epochs=10, true_voxel_epochs=steps // 3, augment=False,
         mirror=0.0, zoom=1.0, roll_deg=0.0, average_decay=None, precision="32-true",
     )  # fmt: skip

@@ -30,7 +30,7 @@ from hadr.training.recipe import Preset
 
 PUBLISHED: dict[str, dict[str, Any]] = {
     "hadr": {"schedule": "step"},
-    "lidf": {"schedule": "step", "restarts": ()},
+    "lidf": {"schedule": "step"},
     "dfnet": {"schedule": "step", "milestones": (5 / 40, 15 / 40, 25 / 40, 35 / 40), "decay": 0.2},
     "swindrnet": {"learning_rate": 1e-4},
     "tode": {"schedule": "step", "milestones": (20 / 40, 30 / 40, 35 / 40)},
@@ -48,11 +48,7 @@ def recipe_of(network: str, trial: str, epochs: int) -> Preset:
     recipe = preset("mini", network)
     drop = round(recipe.drop_epoch / recipe.epochs * epochs)
     true_voxel = min(recipe.true_voxel_epochs, 1)
-    whole = [round(share * epochs) for share in recipe.restarts]  # LIDF's stages begin with epochs
-    restarts = tuple(epoch / epochs for epoch in whole)
-    recipe = replace(
-        recipe, epochs=epochs, drop_epoch=drop, true_voxel_epochs=true_voxel, restarts=restarts
-    )
+    recipe = replace(recipe, epochs=epochs, drop_epoch=drop, true_voxel_epochs=true_voxel)
     if trial == "published":
         return replace(recipe, **{"learning_rate": 1e-3, **PUBLISHED[network]})
     if trial == FINE:
@@ -60,7 +56,10 @@ def recipe_of(network: str, trial: str, epochs: int) -> Preset:
         small = {"embed_dim": 24, "depths": (1, 1, 2, 1), "heads": (1, 2, 4, 8)}  # the same time
         backbone = replace(recipe.model.backbone, patch=2, **small)  # type: ignore[arg-type]
         return replace(recipe, model=replace(recipe.model, backbone=backbone))
-    return replace(recipe, schedule="cosine", learning_rate=1e-3 * RATES[trial])
+    stages = {"restarts": (round(2 / 3 * epochs) / epochs,)} if network == "lidf" else {}
+    return replace(
+        recipe, schedule="cosine", milestones=(), learning_rate=1e-3 * RATES[trial], **stages
+    )
 
 
 def measure(recipe: Preset, train_frames: FrameTensors, val: Any, truth: Any) -> dict[str, Any]:

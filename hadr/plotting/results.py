@@ -234,7 +234,7 @@ def draw_by_object(ax: Axes, rows: Sequence[Row], split: str, names: Mapping[str
 def compared(rows: Sequence[Row], published: Mapping[str, Any], split: str) -> list[str]:
     """Give the methods of the paper's table that have a row, the paper's best first."""
     there = {row["method"] for row in rows if row["split"] == split}
-    found = [method for method in there if PUBLISHED_NAMES.get(method, "") in published[split]]
+    found = [m for m in NAMES if m in there and PUBLISHED_NAMES.get(m, "") in published[split]]
     return sorted(found, key=lambda method: published[split][PUBLISHED_NAMES[method]][0])
 
 

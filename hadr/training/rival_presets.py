@@ -38,8 +38,6 @@ LIDF_MINI = Preset(
     model=LIDFConfig(backbone=DilatedResNetConfig(widths=(24, 48, 96, 192)), max_points=2500),
     weights=LIDF_WEIGHTS,
     epochs=12,
-    schedule="cosine",
-    restarts=(2 / 3,),
     drop_epoch=12,
     clip_norm=100.0,
     batch_size=8,
