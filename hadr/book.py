@@ -156,7 +156,10 @@ def stage_book(
         if any(token in text for text in pages.values()):
             words[token] = make(results)
     for page, text in pages.items():
-        page.write_text(_fill(text, words), encoding="utf-8")
+        filled = _fill(text, words)
+        if left := re.search(r"\{\{[A-Z_]+\}\}", filled):
+            raise ValueError(f"{page.name} has {left.group()}, which nothing fills")
+        page.write_text(filled, encoding="utf-8")
     _drop_absent_chapters(target)
     return target
 

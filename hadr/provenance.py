@@ -55,15 +55,17 @@ def provenance() -> dict[str, Any]:
         "platform": f"{platform.system()} {platform.machine()}",
         "cpu_cores": usable_cores(),
         "versions": versions,
-        "commit": _git_commit(),
+        "commit": _git("rev-parse", "HEAD"),
+        "uncommitted_changes": bool(_git("status", "--porcelain", "--", "*.py")),
     }
 
 
-def _git_commit() -> str | None:
-    here = Path(__file__).resolve().parent
+def _git(*words: str) -> str | None:
+    """What git says of the checkout that the library lies in; None where there is none."""
+    here = Path(__file__).resolve().parents[1]
     try:
         answer = subprocess.run(
-            ["git", "-C", str(here), "rev-parse", "HEAD"],
+            ["git", "-C", str(here), *words],
             capture_output=True,
             text=True,
             timeout=10,

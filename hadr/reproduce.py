@@ -344,13 +344,14 @@ def run(args: argparse.Namespace) -> int:
         if not wanted or chapters or "chapters" in wanted:
             paths = chapter_paths(checkout_root() / "notebooks", chapters)
         if not wanted or runs or "tables" in wanted:
-            run_tables(args, runs)
-    except (ValueError, FileNotFoundError) as error:
+            run_tables(args, [] if "tables" in wanted else runs)
+    except (ValueError, FileNotFoundError, RuntimeError) as error:
         print(f"hadr reproduce: {error}", file=sys.stderr)
         return 2
     if args.dry_run:
-        print(f"preset {args.preset}, seed {args.seed}; results go to {args.out}")
-        print("\n".join(path.stem for path in paths))
+        if paths:
+            print(f"chapters, preset {args.preset}, seed {args.seed}; results go to {args.out}")
+            print("\n".join(path.stem for path in paths))
         return 0
     if not paths:
         return 0

@@ -111,12 +111,16 @@ def read_result_file(path: str | Path) -> ResultFile:
     if not path.is_file():
         raise FileNotFoundError(f"there is no result file {path}")
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(
+            path.read_text(encoding="utf-8"),
+            object_pairs_hook=_once_each,
+            parse_constant=_refuse,
+        )
         provenance = dict(content["provenance"])
         stored = provenance.pop("sha256")
         rows = tuple(dict(row) for row in content["rows"])
         what = str(content["what"])
-    except (json.JSONDecodeError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError) as error:
         raise ValueError(f"{path} is not a result file: {error!r}") from error
     if digest({**content, "provenance": provenance}) != stored:
         raise ValueError(
@@ -124,3 +128,15 @@ def read_result_file(path: str | Path) -> ResultFile:
             f"{stored[:12]}...; measure it again instead of editing it"
         )
     return ResultFile(what, rows, {**provenance, "sha256": stored})
+
+
+def _once_each(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """A JSON object, of which each name may stand there once."""
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        raise ValueError("a name stands there twice")
+    return found
+
+
+def _refuse(word: str) -> None:
+    raise ValueError(f"{word} is not JSON")

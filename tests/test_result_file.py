@@ -96,3 +96,18 @@ def test_several_files_are_read_as_one(tmp_path):
     assert both.provenance["commit"] == "known"
     with pytest.raises(FileNotFoundError):
         read_result_files(tmp_path, "known", "ablation")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("null", "NaN", "NaN is not JSON"),
+        ('"what"', '"what": "something else", "what"', "a name stands there twice"),
+    ],
+)
+def test_what_another_reader_would_read_otherwise_is_refused(written, old, new, said):
+    text = written.read_text(encoding="utf-8")
+    assert old in text
+    written.write_text(text.replace(old, new, 1), encoding="utf-8")
+    with pytest.raises(ValueError, match=said):
+        read_result_file(written)

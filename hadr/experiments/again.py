@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,12 +25,14 @@ class Again:
         recorded: The first seed's numbers as the file has them, by column.
         now: The same of the second time.
         threads: With how many threads the row was trained; None where nothing was.
+        device: On what it was trained.
     """
 
     run: str
     recorded: dict[str, float]
     now: dict[str, float]
     threads: int | None
+    device: str
 
     @property
     def same(self) -> bool:
@@ -52,7 +55,7 @@ def measure_again(bench: Bench, file: str | Path, method: str) -> Again:
     """Train and score a row's first seed again, from its recorded configuration.
 
     The recipe is the one in the file, not the present one of that name. A training that was
-    stopped goes on.
+    stopped goes on; one that came to its end is forgotten.
 
     Args:
         bench: Data, corruption and limit; the second run goes to ``again`` below its output.
@@ -67,17 +70,34 @@ def measure_again(bench: Bench, file: str | Path, method: str) -> Again:
             the bench's data, corruption or limit are others than the row's.
         FileNotFoundError: There is no such file.
     """
+    content = read_result_file(file)
+    if any("given" in row for row in content.rows):
+        raise ValueError(
+            f"{file} has networks under other conditions, which were not trained for it; run their "
+            "rows of known.json again"
+        )
     try:
-        row = read_result_file(file).row(method=method)
+        row = content.row(method=method)
     except KeyError as error:
         raise ValueError(f"{file}: {error.args[0]}") from error
     configuration: dict[str, Any] = row.get("configuration") or {}
     if "recipe" not in configuration or digest(configuration) != row["config_sha256"][0]:
         raise ValueError(f"{file}: row {method!r} has no whole configuration to run again")
-    if configuration["data"] != bench.data:
+    then, now = configuration["data"], bench.data
+    for part, option in (
+        ("corruption", "--corruption"),
+        ("limit", "--preset"),
+        ("sha256", "--data"),
+    ):
+        if then[part] != now[part]:
+            raise ValueError(
+                f"{file}: row {method!r} was measured with {part} = {then[part]}, and {option} "
+                f"gives {now[part]}"
+            )
+    if configuration["evaluation_size"] != list(EVALUATION_SIZE):
         raise ValueError(
-            f"{file}: row {method!r} was measured on data {configuration['data']}, "
-            f"these are {bench.data}"
+            f"{file}: row {method!r} was scored at {configuration['evaluation_size']}, and this "
+            f"version scores at {list(EVALUATION_SIZE)}"
         )
     experiment, name, seed = configuration["run"].split("/")
     run = Run(experiment, name, int(seed.removeprefix("seed-")))
@@ -99,6 +119,7 @@ def measure_again(bench: Bench, file: str | Path, method: str) -> Again:
             fabric=Fabric(accelerator=bench.accelerator, devices=1, precision=recipe.precision),
         )
         scores = score_network(trained.model, bench.frames(run, "test", recipe.size), truth)
+        shutil.rmtree(folder)  # or the next time would compare with this one
     columns = scores.columns()
-    now = {column: float(columns[column]) for column in COLUMNS}
-    return Again(run.name, recorded, now, row.get("threads"))
+    again = {column: float(columns[column]) for column in COLUMNS}
+    return Again(run.name, recorded, again, row.get("threads"), row.get("device", "cpu"))

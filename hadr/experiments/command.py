@@ -12,10 +12,11 @@ import hadr
 from hadr.data.samples import samples_dir
 from hadr.experiments.again import measure_again
 from hadr.experiments.plan import measure_all, plan, plan_text
-from hadr.experiments.report import report
+from hadr.experiments.report import TITLES, report
 from hadr.experiments.runner import Bench
 from hadr.experiments.splits import EXPERIMENTS
 from hadr.experiments.systems import METHODS, PARTS, SWITCHES
+from hadr.provenance import check_folder
 from hadr.training.batches import CORRUPTIONS
 
 TINY_FRAMES = 96
@@ -78,6 +79,7 @@ def open_bench(args: argparse.Namespace) -> Bench:
         ValueError: No data folder is named, and the preset has none of its own.
         FileNotFoundError: A data folder is not there.
     """
+    check_folder(args.out)
     roots: Sequence[Path] = args.data
     if not roots:
         if args.preset != "tiny":
@@ -115,10 +117,17 @@ def run_again(args: argparse.Namespace) -> int:
         FileNotFoundError: The result file or a data folder is not there.
     """
     file, method = args.again
-    found = measure_again(open_bench(args), file, method)
+    bench = open_bench(args)
+    if args.dry_run:
+        print(f"row {method!r} of {file} would be run again in {args.out}")
+        return 0
+    found = measure_again(bench, file, method)
     print(found.text())
     threads = torch.get_num_threads()
-    if not found.same and found.threads not in (None, threads):
+    if not found.same and found.device != bench.device:
+        print(f"it was trained on {found.device} and now on {bench.device}: their sums differ in "
+              "the last digits, and trainings with them")  # fmt: skip
+    elif not found.same and found.threads not in (None, threads):
         print(f"it was trained with {found.threads} threads and now with {threads}: sums differ in "
               "their last digits, and trainings with them; set OMP_NUM_THREADS")  # fmt: skip
     return 0 if found.same else 1
@@ -147,7 +156,7 @@ def run_tables(args: argparse.Namespace, wishes: Sequence[str]) -> None:
 def write_report(out: Path, size: str) -> None:
     """Write the report of a folder's tables, beside the paper's where these are at hand."""
     published = Path(hadr.__file__).resolve().parents[1] / "results" / "paper_tables.json"
-    if published.exists():
+    if published.exists() and any((out / "tables" / f"{name}.json").exists() for name in TITLES):
         text = f"# The paper's tables, and ours\n\n{report(out / 'tables', published, size)}"
         (out / "report.md").write_text(text, encoding="utf-8")
         print(f"the report: {out / 'report.md'}")

@@ -7,8 +7,6 @@ predict. What they find is given to all methods alike; the score is on the true 
 
 from __future__ import annotations
 
-import contextlib
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -19,9 +17,16 @@ import torch
 
 from hadr.data.samples import samples_dir
 from hadr.depth_network import enlarge_known
-from hadr.experiments.runner import Bench, Run, paired, standard_error
+from hadr.experiments.runner import (
+    Bench,
+    Run,
+    paired,
+    seal_row,
+    sealed_row,
+    standard_error,
+)
 from hadr.experiments.scoring import EVALUATION_SIZE, Scores, score_depth, score_network
-from hadr.provenance import machine_text, plain, provenance, write_json
+from hadr.provenance import machine_text, provenance
 from hadr.result_file import digest
 from hadr.training.batches import FrameTensors, load_frames
 from hadr.training.checkpoints import load_checkpoint
@@ -69,18 +74,24 @@ def measure_condition(bench: Bench, run: Run, name: str, given: Given) -> dict[s
         The row.
 
     Raises:
-        ValueError: The run is not finished.
+        ValueError: The run is not finished, or its network is not the one of its row.
     """
     found = finished_condition(bench, run, name, given)
     if found is not None:
         return found
-    if bench.finished(run) is None:
+    finished = bench.finished(run)
+    if finished is None:
         raise ValueError(f"{run.name} is not finished: its network can't be scored as {name!r}")
     truth = condition_frames(bench, run, EVALUATION_SIZE, given)
     if run.method == "hand-median":
         scores = hand_median(truth)
     else:
         model, meta = load_checkpoint(bench.out / run.name / LAST)
+        if meta["epochs"] != finished["epochs"]:
+            raise ValueError(
+                f"{run.name} has a row after {finished['epochs']} epochs and a network after "
+                f"{meta['epochs']}: delete its folder, or wait for the process that trains it"
+            )
         size = (int(meta["width"]), int(meta["height"]))
         scores = score_network(model.eval(), condition_frames(bench, run, size, given), truth)
     found_mask, true = truth.inputs.mask, truth.object_mask
@@ -101,28 +112,20 @@ def measure_condition(bench: Bench, run: Run, name: str, given: Given) -> dict[s
         "per_frame": scores.per_frame(),
         "provenance": {**provenance(), "machine": machine_text()},
     }
-    row = dict(plain(row))
-    row["sha256"] = digest(row)
-    write_json(bench.out / condition_of(run, name), row)
-    return row
+    return seal_row(bench.out / condition_of(run, name), row)
 
 
 def finished_condition(bench: Bench, run: Run, name: str, given: Given) -> dict[str, Any] | None:
     """Give a condition's row if it was measured with this configuration, else None."""
-    with contextlib.suppress(OSError, json.JSONDecodeError):
-        text = (bench.out / condition_of(run, name)).read_text(encoding="utf-8")
-        row: dict[str, Any] = json.loads(text)
-        sealed = {key: value for key, value in row.items() if key != "sha256"}
-        same = row.get("config_sha256") == digest(configuration(bench, run, name, given))
-        if same and row.get("sha256") == digest(sealed):
-            return row
-    return None
+    path = bench.out / condition_of(run, name)
+    return sealed_row(path, configuration(bench, run, name, given)) if path.exists() else None
 
 
 def configuration(bench: Bench, run: Run, name: str, given: Given) -> dict[str, Any]:
     """Everything on which a condition's numbers depend, the code's version aside."""
     return {
         **bench.configuration(run),
+        "row": (bench.finished(run) or {}).get("sha256"),  # another training is another condition
         "given": name,
         "corruption": given.corruption,
         "predicted_by": [
@@ -181,7 +184,7 @@ def condition_rows(
     """
     rows = []
     for method in WITH_HAND if conditions is KEYPOINTS else IN_CONDITIONS:
-        run = Run("known", method)
+        run = Run("known", method, _first_seed(bench, method))
         found = {n: finished_condition(bench, run, n, g) for n, g in conditions.items()}
         reference = found[TRUE]
         for row in found.values():
@@ -199,20 +202,30 @@ def condition_rows(
     return rows
 
 
-def conditions_of(methods: Sequence[str]) -> list[tuple[Run, str, Given]]:
+def _first_seed(bench: Bench, method: str) -> int:
+    """The smallest seed with which a method was trained on known objects; 0 where it was not."""
+    names = [path.parent.name for path in bench.out.glob(f"known/{method}/seed-*/given")]
+    numbers = [int(name[5:]) for name in names if name[5:].isdigit()]
+    return min(numbers, default=0)
+
+
+def conditions_of(seeds: Mapping[str, int]) -> list[tuple[Run, str, Given]]:
     """List the conditions that the two tables need for some methods, each once.
 
     Those with the same frames stand side by side, so that each frame is read once.
+
+    Args:
+        seeds: The methods, with the seed that is scored.
     """
     wanted = {
         (name, method): given
         for conditions, those in ((KEYPOINTS, WITH_HAND), (MASKS, IN_CONDITIONS))
         for name, given in conditions.items()
         for method in those
-        if method in methods
+        if method in seeds
     }
     order = [*MASKS, *KEYPOINTS]
     return [
-        (Run("known", method), name, given)
+        (Run("known", method, seeds[method]), name, given)
         for (name, method), given in sorted(wanted.items(), key=lambda w: order.index(w[0][0]))
     ]

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
+import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from multiprocessing import connection
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +18,7 @@ from hadr.experiments.runner import Bench, Run
 from hadr.experiments.splits import EXPERIMENTS, Experiment
 from hadr.experiments.systems import CHEAP, METHODS, PARTS, SWITCHES, system
 from hadr.experiments.tables import write_tables
+from hadr.provenance import usable_cores
 
 SECONDS_A_FRAME = {
     "tiny": {
@@ -97,7 +101,7 @@ def plan(
         if not fitting:
             raise ValueError(
                 f"no run fits {wish!r}; runs are EXPERIMENT/METHOD with {', '.join(EXPERIMENTS)} "
-                f"and {', '.join((*METHODS, *PARTS, *SWITCHES))}"
+                f"and {', '.join((*METHODS, *PARTS, *SWITCHES))}; seeds are chosen with --seeds"
             )
         chosen += fitting
     return [run for run in runs if run in chosen]
@@ -109,7 +113,7 @@ def _seeds(
     if method in CHEAP:
         return (0,)
     if seeds is not None:
-        return seeds
+        return tuple(dict.fromkeys(seeds))
     often = experiment == "unknown" and method in OFTEN and size != "tiny"
     return (0, 1, 2) if often else (0,)
 
@@ -126,8 +130,8 @@ def estimated_minutes(bench: Bench, run: Run) -> float:
     recipe = system(run.method, bench.size).recipe
     if recipe is None:
         return 0.5
-    frames = bench.count(run, "train")
-    return recipe.epochs * frames * SECONDS_A_FRAME[bench.size][recipe.network] / 60 + 0.5
+    frames, left = bench.count(run, "train"), max(recipe.epochs - bench.epochs_done(run), 0)
+    return left * frames * SECONDS_A_FRAME[bench.size][recipe.network] / 60 + 0.5
 
 
 def plan_text(bench: Bench, runs: Sequence[Run], jobs: int = 1) -> str:
@@ -143,8 +147,9 @@ def plan_text(bench: Bench, runs: Sequence[Run], jobs: int = 1) -> str:
     hours, rest = divmod(round(total), 60)
     lines.append(f"{'together, on one CPU core':<32} {'':>6} {hours} h {rest:02d} min")
     if jobs > 1:
-        hours, rest = divmod(round(total / min(jobs, len(runs))), 60)
-        lines.append(f"{f'{jobs} at a time, a core each':<32} {'':>6} {hours} h {rest:02d} min")
+        most = max(min(jobs, len(runs), usable_cores()), 1)
+        hours, rest = divmod(round(total / most), 60)
+        lines.append(f"{f'on {most} cores at a time':<32} {'':>6} {hours} h {rest:02d} min")
     return "\n".join(lines)
 
 
@@ -168,6 +173,8 @@ def measure_all(
 
     Raises:
         ValueError: `jobs` is not positive.
+        RuntimeError: A run failed in a process of its own; those beside it were brought to an
+            end, and the tables have them.
     """
     if jobs < 1:
         raise ValueError(f"jobs must be at least 1, got {jobs}")
@@ -193,11 +200,14 @@ def measure_conditions(
 
     Args:
         bench: Where the runs are, finished.
-        runs: Those of known objects with seed 0 are scored, as far as the tables have them.
+        runs: Those of known objects are scored with their first seed, as far as the tables have
+            them. With another corruption than "oracle" none is: these tables are about that one.
         say: Receives a line a score that is new.
     """
-    methods = [run.method for run in runs if run.experiment == "known" and run.seed == 0]
-    for run, name, given in conditions_of(methods):
+    if bench.corruption != "oracle":
+        return
+    seeds = {run.method: run.seed for run in reversed(runs) if run.experiment == "known"}
+    for run, name, given in conditions_of(seeds):
         if finished_condition(bench, run, name, given) is None:
             row = measure_condition(bench, run, name, given)
             say(f"{run.name:<32} RMSE {row['rmse_m']:.4f} m, given: {name}")
@@ -210,11 +220,44 @@ def _measured(bench: Bench, runs: Sequence[Run], jobs: int) -> Iterator[tuple[Ru
             yield run, bench.measure(run)
         return
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(jobs, context, torch.set_num_threads, (1,)) as pool:
-        waiting = {pool.submit(Bench.measure, bench, run): run for run in runs}
-        try:
-            for future in as_completed(waiting):
-                yield waiting[future], future.result()
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+    waiting = sorted(runs, key=lambda run: -estimated_minutes(bench, run))  # the longest first
+    failed: list[str] = []
+    working: dict[Any, tuple[Run, Any]] = {}
+    try:
+        while working or (waiting and not failed):
+            while waiting and not failed and len(working) < jobs:
+                run = waiting.pop(0)
+                process = context.Process(
+                    target=_measure_alone, args=(bench, run, os.getpid()), daemon=True
+                )
+                process.start()
+                working[process.sentinel] = (run, process)
+            for sentinel in connection.wait(list(working)):
+                run, process = working.pop(sentinel)
+                process.join()
+                row = bench.finished(run)
+                if row is not None:
+                    yield run, row
+                else:
+                    failed.append(f"{run.name} (exit status {process.exitcode})")
+    finally:
+        for _, process in working.values():
+            process.terminate()
+    if failed:
+        raise RuntimeError(
+            f"not finished: {', '.join(failed)}; what it said stands above. A status of -9 means "
+            "that it was killed, perhaps for want of memory: fewer --jobs need less"
+        )
+
+
+def _measure_alone(bench: Bench, run: Run, parent: int) -> None:
+    """Make one run in a process of its own, which ends when its parent is gone."""
+    torch.set_num_threads(1)
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(1)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+    bench.measure(run)

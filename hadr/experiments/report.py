@@ -49,17 +49,23 @@ def report(results: str | Path, published: str | Path, size: str = "mini") -> st
         FileNotFoundError: The paper's tables are missing.
     """
     paper = json.loads(Path(published).read_text(encoding="utf-8"))
-    parts = []
+    parts = [
+        "Each command is the end of `hadr reproduce --preset "
+        f"{size} --data DIR data_samples/frames --out OUT`, where DIR is what `hadr generate "
+        f"--preset {size}` has made."
+        if size != "tiny"
+        else "Each command is the end of `hadr reproduce --preset tiny --out OUT`."
+    ]
     for name, title in TITLES.items():
         path = Path(results) / f"{name}.json"
         if path.exists():
-            parts.append(_section(title, name, read_result_file(path), paper, size))
-    if not parts:
+            parts.append(_section(title, name, read_result_file(path), paper))
+    if len(parts) == 1:
         raise ValueError(f"{results} has none of the files {', '.join(TITLES)}")
     return "\n\n".join(parts) + "\n"
 
 
-def _section(title: str, name: str, file: ResultFile, paper: Mapping[str, Any], size: str) -> str:
+def _section(title: str, name: str, file: ResultFile, paper: Mapping[str, Any]) -> str:
     frames = sorted({row["frames"] for row in file.rows})
     lines = [
         f"## {title}",
@@ -71,13 +77,15 @@ def _section(title: str, name: str, file: ResultFile, paper: Mapping[str, Any], 
         "",
         "How each of our rows was made:",
         "",
-        *_makings(file.rows, name, size),
+        *_makings(file.rows),
     ]
     origin = file.provenance
+    torch, numpy = (origin["versions"].get(name, "?") for name in ("torch", "numpy"))
     lines += [
         "",
-        f"`{name}.json`, written {origin['created']}, data {_short(origin['data']['sha256'])}, "
-        f"checksum {_short(origin['sha256'])}.",
+        f"`{name}.json`, written {origin['created']} on {origin['machine']}, PyTorch {torch}, "
+        f"NumPy {numpy}; data {_short(origin['data']['sha256'])}, checksum "
+        f"{_short(origin['sha256'])}.",
     ]
     return "\n".join(lines)
 
@@ -102,23 +110,36 @@ def _pairs(rows: Sequence[Mapping[str, Any]], paper: Mapping[str, Sequence[float
     return lines
 
 
-def _makings(rows: Sequence[Mapping[str, Any]], name: str, size: str) -> list[str]:
+def _makings(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     lines = [
-        "| method | command: `hadr reproduce …` | training (min) | weights (M) | seeds | "
+        "| method | command | training (min) | threads | weights (M) | seeds | "
         "SD of RMSE (cm) | commit | configuration |",
-        "|:--|:--|--:|--:|--:|--:|:--|:--|",
+        "|:--|:--|--:|--:|--:|--:|--:|:--|:--|",
     ]
     for row in rows:
         run = row["configuration"]["run"].rsplit("/", 1)[0]
         minutes = f"{row['training_s'] / 60:.1f}" if row.get("training_s") else "-"
         weights = f"{row['parameters'] / 1e6:.2f}" if row.get("parameters") else "-"
         spread = row["seed_sd"]["rmse_m"]
+        seeds = " ".join(map(str, row["seeds"]))
+        if seeds != "0":
+            run += f" --seeds {seeds}"
+        corruption = row["configuration"]["data"]["corruption"]
+        if corruption != "oracle":
+            run += f" --corruption {corruption}"
         commits = ", ".join(commit[:7] for commit in row["provenance"]["commit"])
-        lines.append(
-            f"| {_title(row['method'])} | `--preset {size} --only {run}` | {minutes} | {weights} | "
-            f"{len(row['seeds'])} | {'-' if spread is None else f'{100 * spread:.2f}'} | "
-            f"{commits} | {_short(row['config_sha256'][0])} |"
-        )
+        cells = [
+            _title(row["method"]),
+            f"`--only {run}`",
+            minutes,
+            str(row.get("threads", "-")),
+            weights,
+            str(len(row["seeds"])),
+            "-" if spread is None else f"{100 * spread:.2f}",
+            commits,
+            _short(row["config_sha256"][0]),
+        ]
+        lines.append("| " + " | ".join(cells) + " |")
     return lines
 
 
@@ -155,7 +176,9 @@ def ledger_table(path: str | Path) -> str:
     for column, title, factor, digits in _COLUMNS:
         cells = [f"{factor * row[column]:.{digits}f}" for _, row in columns]
         lines.append(f"| {title} | " + " | ".join(cells) + " |")
-    epochs = [f"{row['epochs']} epochs, seed {row['seeds'][0]}" for _, row in columns]
+    epochs = [
+        f"{row['epochs']} epochs, seed {' '.join(map(str, row['seeds']))}" for _, row in columns
+    ]
     lines.append("| trained | " + " | ".join(epochs) + " |")
     return "\n".join(lines)
 

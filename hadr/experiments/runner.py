@@ -4,7 +4,8 @@
     OUT/known/hadr/seed-0/row.json           the finished row; it is what "done" means
 
 A row is measured again when its recipe, its data or its protocol is another than the file says, or
-when the file was changed by another hand: it ends with a checksum.
+when the file was changed by another hand: it ends with a checksum. A training of another recipe or
+of other data is set aside (``seed-0.old-1``) before a new one begins.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from filelock import FileLock, Timeout
 from lightning_fabric import Fabric
 
 from hadr.experiments.scoring import COLUMNS, EVALUATION_SIZE, Scores, score_cheap, score_network
@@ -93,6 +95,11 @@ class Bench:
             self._digest = digest([data_digest(root) for root in self.roots])
         return {"sha256": self._digest, "corruption": self.corruption, "limit": self.limit}
 
+    @property
+    def device(self) -> str:
+        """Name of what networks are trained and scored on."""
+        return "cpu" if self.accelerator == "cpu" else torch.cuda.get_device_name()
+
     def count(self, run: Run, part: Part) -> int:
         """Count the frames of one part without reading them."""
         number = len(open_part(self.roots, run.experiment, part))
@@ -132,14 +139,14 @@ class Bench:
 
     def finished(self, run: Run) -> dict[str, Any] | None:
         """Give the run's row if it was measured with this configuration, else None."""
-        path = self.out / run.name / ROW
-        with contextlib.suppress(OSError, json.JSONDecodeError):
-            row: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-            sealed = {name: value for name, value in row.items() if name != "sha256"}
-            same = row.get("config_sha256") == digest(self.configuration(run))
-            if same and row.get("sha256") == digest(sealed):
-                return row
-        return None
+        return sealed_row(self.out / run.name / ROW, self.configuration(run))
+
+    def epochs_done(self, run: Run) -> int:
+        """Count the epochs that a run's training has behind it."""
+        with contextlib.suppress(OSError):
+            text = (self.out / run.name / HISTORY).read_text(encoding="utf-8")
+            return max(len(text.splitlines()) - 1, 0)
+        return 0
 
     def curve(self, run: Run) -> dict[str, list[float]] | None:
         """Give a training's seconds so far and validation RMSE after each epoch, None without."""
@@ -161,10 +168,24 @@ class Bench:
 
         Returns:
             The row: names, the scores, training time, parameters, provenance.
+
+        Raises:
+            ValueError: Another process makes this run now.
         """
         found = self.finished(run)
         if found is not None:
             return found
+        folder = self.out / run.name
+        folder.mkdir(parents=True, exist_ok=True)
+        try:
+            with FileLock(folder.with_name(f".{folder.name}.lock"), timeout=0):
+                return self.finished(run) or self._measure(run)
+        except Timeout as error:
+            raise ValueError(
+                f"{run.name} is being made by another process in {self.out}"
+            ) from error
+
+    def _measure(self, run: Run) -> dict[str, Any]:
         recipe = system(run.method, self.size).recipe
         started = time.perf_counter()
         if recipe is None:
@@ -181,14 +202,12 @@ class Bench:
             "evaluation_s": time.perf_counter() - started - trained.get("training_s_now", 0.0),
             "config_sha256": digest(self.configuration(run)),
             "configuration": self.configuration(run),
+            "curve": self.curve(run),
             "per_frame": scores.per_frame(),
             "provenance": {**provenance(), "machine": machine_text()},
         }
         row.pop("training_s_now", None)
-        row = dict(plain(row))
-        row["sha256"] = digest(row)
-        write_json(self.out / run.name / ROW, row)
-        return row
+        return seal_row(self.out / run.name / ROW, row)
 
     def holds(self, experiment: Experiment, stems: Sequence[str]) -> list[str]:
         """Say which hold each test frame of an experiment shows (`FrameSource.holds`)."""
@@ -197,13 +216,15 @@ class Bench:
     def _train_and_score(self, run: Run, recipe: Preset) -> tuple[Scores, dict[str, Any]]:
         began = time.perf_counter()
         folder = self.out / run.name
+        data = {"experiment": run.experiment, **self.data}
+        set_aside_another(folder, recipe, data)
         trained = train(
             recipe,
             self.frames(run, "train", recipe.size),
             self.frames(run, "val", recipe.size),
             folder=folder,
             seed=run.seed,
-            data={"experiment": run.experiment, **self.data},
+            data=data,
             resume=(folder / LAST).exists(),
             fabric=Fabric(accelerator=self.accelerator, devices=1, precision=recipe.precision),
         )
@@ -217,9 +238,52 @@ class Bench:
             "training_s": sum(row["seconds"] for row in trained.history),
             "training_s_now": now,
             "threads": torch.get_num_threads(),
-            "device": self.accelerator,
+            "device": self.device,
         }
         return score_network(trained.model, test, truth), columns
+
+
+def sealed_row(path: Path, configuration: Mapping[str, Any]) -> dict[str, Any] | None:
+    """Read a row, if it is there, whole, untouched, and was measured with this configuration."""
+    with contextlib.suppress(OSError, ValueError):
+        row = json.loads(path.read_text(encoding="utf-8"))
+        if isinstance(row, dict) and row.get("config_sha256") == digest(configuration):
+            sealed = {name: value for name, value in row.items() if name != "sha256"}
+            return row if row.get("sha256") == digest(sealed) else None
+    return None
+
+
+def seal_row(path: Path, row: Mapping[str, Any]) -> dict[str, Any]:
+    """Write a row with the checksum by which `sealed_row` knows it."""
+    content = dict(plain(row))
+    content.pop("sha256", None)
+    content["sha256"] = digest(content)
+    write_json(path, content)
+    return content
+
+
+def set_aside_another(folder: Path, recipe: Preset, data: Mapping[str, Any]) -> Path | None:
+    """Move a training of another recipe or other data out of the way, so that nothing is lost.
+
+    Args:
+        folder: The training's folder.
+        recipe: What is to be trained there.
+        data: On what.
+
+    Returns:
+        Where the earlier training lies now, beside the folder; None where there was none.
+    """
+    record = (folder / LAST).with_suffix(".json")
+    if not record.is_file():
+        return None
+    found = json.loads(record.read_text(encoding="utf-8"))
+    asked = json.loads(json.dumps(plain({"preset": recipe.to_dict(), "data": data})))
+    if {name: found.get(name) for name in asked} == asked:
+        return None
+    number = 1
+    while (aside := folder.with_name(f"{folder.name}.old-{number}")).exists():
+        number += 1
+    return folder.rename(aside)
 
 
 def table_rows(
@@ -234,8 +298,8 @@ def table_rows(
     Returns:
         In the order of their first appearance; numbers are means over the seeds, beside them each
         seed's (``by_seed``), their standard deviation (``seed_sd``, n - 1; None for one seed), the
-        first seed's configuration, and the first seed's frames compared with the hand's median
-        depth (`paired`).
+        first seed's configuration, and each frame's mean over the seeds compared with the hand's
+        median depth (`paired`).
     """
     groups: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
     for row in rows:
@@ -243,14 +307,21 @@ def table_rows(
     table = [_averaged(group) for group in groups.values()]
     for row, group in zip(table, groups.values(), strict=True):
         reference = groups.get((row["split"], REFERENCE))
+        frames, known = _over_seeds(group), (holds or {}).get(row["split"])
         if reference is not None and row["method"] != REFERENCE:
-            row["against_hand_median"] = paired(
-                group[0]["per_frame"], reference[0]["per_frame"], (holds or {}).get(row["split"])
-            )
-        frames, known = group[0]["per_frame"], (holds or {}).get(row["split"])
+            row["against_hand_median"] = paired(frames, reference[0]["per_frame"], known)
         row["rmse_standard_error_m"] = standard_error(frames["rmse_m"], known or frames["stems"])
         row["holds"] = len(set(known)) if known else None
     return table
+
+
+def _over_seeds(group: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Each frame's RMSE, the mean over the seeds."""
+    listed = [row["per_frame"] for row in group]
+    if any(frames["stems"] != listed[0]["stems"] for frames in listed):
+        raise ValueError(f"the seeds of {group[0]['method']} were scored on different frames")
+    errors = [statistics.fmean(each) for each in zip(*(f["rmse_m"] for f in listed), strict=True)]
+    return {"stems": listed[0]["stems"], "rmse_m": errors}
 
 
 def paired(

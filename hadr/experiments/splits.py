@@ -99,7 +99,7 @@ def open_part(roots: Sequence[str | Path], experiment: Experiment, part: Part) -
 
     Args:
         roots: Data folders in TransHand's layout, joined in this order.
-        experiment: "known" or "unknown".
+        experiment: "known", "unknown" or "by-frame".
         part: "train", "val" or "test".
 
     Returns:

@@ -13,7 +13,7 @@ from hadr.training.presets import RIVALS, Preset, preset
 CHEAP = ("raw", "inpainting", "nearest", "hand-median")
 """Methods that learn nothing; what a learned one must beat."""
 LEARNED = ("hadr", "no-hand", "unet-hand", "hadr-plus", *RIVALS, "hadr-long")
-"""Networks, in the order in which they are trained: the long run last."""
+"""Networks of the two tables, in the order in which they are trained: the long run last."""
 METHODS = (*CHEAP, *LEARNED)
 """What the tables of known and of unknown objects compare."""
 PARTS: Mapping[str, Mapping[str, Any]] = {

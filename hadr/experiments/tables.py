@@ -20,6 +20,7 @@ from hadr.experiments.conditions import KEYPOINTS, MASKS, condition_rows
 from hadr.experiments.report import DEFAULT
 from hadr.experiments.runner import Bench, Run, table_rows
 from hadr.experiments.scoring import EVALUATION_SIZE
+from hadr.experiments.splits import EXPERIMENTS
 from hadr.experiments.systems import METHODS, PARTS, SWITCHES
 from hadr.provenance import machine_text, provenance
 from hadr.result_file import write_result_file
@@ -37,7 +38,7 @@ LEDGER = {
 
 
 def write_tables(bench: Bench, folder: str | Path) -> list[Path]:
-    """Write those result files for which a run is finished.
+    """Write those result files for which a run is finished, and remove the others.
 
     Args:
         bench: Where the runs are.
@@ -56,6 +57,7 @@ def write_tables(bench: Bench, folder: str | Path) -> list[Path]:
         row["split"]: bench.holds(row["split"], row["per_frame"]["stems"]) for row in rows[::-1]
     }
     found = {(row["split"], row["method"]): row for row in table_rows(rows, holds)}
+    oracle = bench.corruption == "oracle"
     tables: dict[str, list[dict[str, Any]]] = {
         "known": [found[key] for m in METHODS if (key := ("known", m)) in found],
         "unknown": [found[key] for m in METHODS if (key := ("unknown", m)) in found],
@@ -65,14 +67,16 @@ def write_tables(bench: Bench, folder: str | Path) -> list[Path]:
             if (key := ("known", method)) in found
         ],
         "ledger": [{**found[key], "method": name} for name, key in LEDGER.items() if key in found],
-        "keypoints": condition_rows(bench, KEYPOINTS, holds.get("known")),
-        "segmentation": condition_rows(bench, MASKS, holds.get("known")),
+        "keypoints": condition_rows(bench, KEYPOINTS, holds.get("known")) if oracle else [],
+        "segmentation": condition_rows(bench, MASKS, holds.get("known")) if oracle else [],
     }
     written = []
     origin = {**provenance(), "machine": machine_text(), "data": bench.data}
     for name in FILES:
-        if tables[name]:
-            path = Path(folder) / f"{name}.json"
+        path = Path(folder) / f"{name}.json"
+        if not tables[name]:
+            path.unlink(missing_ok=True)  # of other data or another preset: no run stands for it
+        else:
             write_result_file(path, _what(name, bench), tables[name], origin)
             written.append(path)
     return written
@@ -85,7 +89,7 @@ def finished_rows(bench: Bench) -> list[dict[str, Any]]:
         runs_in(bench.out), key=lambda run: (order.index(run.method), run.experiment, run.seed)
     )
     return [
-        {**row, "curve": bench.curve(run)}
+        {**row, "curve": row.get("curve") or bench.curve(run)}
         for run in runs
         if (row := bench.finished(run)) is not None
     ]
@@ -96,9 +100,9 @@ def runs_in(out: Path) -> Iterator[Run]:
     known = {*METHODS, *PARTS, *SWITCHES}
     for path in sorted(out.glob("*/*/seed-*/row.json")):
         experiment, method, seed = path.parts[-4:-1]
-        if method in known:
-            number = int(seed.removeprefix("seed-"))
-            yield Run(experiment, method, number)  # type: ignore[arg-type]
+        number = seed.removeprefix("seed-")
+        if method in known and experiment in EXPERIMENTS and number.isdigit():
+            yield Run(experiment, method, int(number))
 
 
 def _what(name: str, bench: Bench) -> str:

@@ -126,7 +126,7 @@ def _scores(row: Row | None) -> list[str]:
 
 
 def draw_systems(ax: Axes, rows: Sequence[Row], split: str, published_rmse_m: float) -> None:
-    """Draw each method's RMSE as a dot with its standard error over the frames.
+    """Draw each method's RMSE as a dot with its standard error over holds.
 
     Args:
         ax: Ordinary 2D axes.
@@ -283,6 +283,7 @@ def draw_against_paper(
     """
     own = {row["method"]: row for row in rows if row["split"] == split}
     methods = compared(rows, published, split)
+    largest = max((100 * own[method]["rmse_m"] for method in methods), default=1)
     for line, method in enumerate(methods):
         color = system_color(method)
         theirs = 100 * published[split][PUBLISHED_NAMES[method]][0]
@@ -296,7 +297,7 @@ def draw_against_paper(
         yticks=range(len(methods)),
         yticklabels=[NAMES[method] for method in methods],
         ylim=(len(methods) - 0.5, -0.5),
-        xlim=(0.7, 10),
+        xlim=(0.7, max(10, 1.3 * largest)),
         xlabel="RMSE (cm)",
         title=f"{split} objects",
     )

@@ -77,8 +77,9 @@ def with_predicted(
     Each network works at the size it was trained at, whatever the size of the frames, so that all
     systems of a table are given the same masks and keypoints. With the oracle corruption the depth
     is missing in the true mask already; it is erased in the predicted one as well. The keypoints'
-    network looks where the predicted hand is, or the true one where masks are true; a frame in
-    which too little of a hand is seen gets zeros, which mean "unknown".
+    network looks where the predicted hand is, or the true one where masks are true, and so does the
+    hand's median depth; a frame in which too little of a hand is seen gets zeros, which mean
+    "unknown".
 
     Args:
         frames: The frames with true masks and keypoints, in the order of the source.
@@ -123,6 +124,8 @@ def with_predicted(
         ])  # fmt: skip
         uv = pixels_of(keypoints, inputs.intrinsics) * (keypoints != 0).any(dim=-1, keepdim=True)
         inputs = replace(inputs, keypoints=keypoints, keypoints_uv=uv)
+    if hand is not None:
+        frames = replace(frames, hand_mask=resized(hand, frames.hand_mask))
     return frames if inputs is frames.inputs else replace(frames, inputs=inputs)
 
 

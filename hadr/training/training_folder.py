@@ -182,7 +182,8 @@ class TrainingFolder:
         for part, values in asked.items():
             for name in sorted(set(values or {}) | set(stored[part] or {})):
                 then, now = (stored[part] or {}).get(name), (values or {}).get(name)
-                if then != now and not (name == "epochs" and recipe.schedule == "step"):
+                longer = name == "epochs" and recipe.schedule == "step" and not recipe.milestones
+                if then != now and not longer:
                     raise ValueError(
                         f"{last} was trained with {name} = {then}, not {now}; resume it with the "
                         "same, or name another folder"

@@ -42,7 +42,7 @@ def test_every_system_has_every_preset_and_an_estimate(size, tmp_path):
     bench = Bench([samples_dir() / "frames"], tmp_path, size)
     text = plan_text(bench, plan())
     assert len(text.splitlines()) == len(plan()) + 2
-    assert "4 at a time" in plan_text(bench, plan(), jobs=4)
+    assert "cores at a time" in plan_text(bench, plan(), jobs=4)
     assert estimated_minutes(bench, Run("known", "hadr-long")) > 1
 
 

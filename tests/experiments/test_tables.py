@@ -7,8 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from filelock import FileLock
 
 from hadr.data.samples import samples_dir
+from hadr.data.transhand import FrameFiles
 from hadr.experiments import runner
 from hadr.experiments.again import measure_again
 from hadr.experiments.conditions import (
@@ -17,11 +19,13 @@ from hadr.experiments.conditions import (
     TRUE,
     condition_of,
     conditions_of,
+    finished_condition,
     measure_condition,
 )
 from hadr.experiments.plan import measure_all, plan
 from hadr.experiments.report import DEFAULT, ledger_table, report
-from hadr.experiments.runner import Bench, Run
+from hadr.experiments.runner import Bench, Run, seal_row
+from hadr.experiments.splits import FrameSource
 from hadr.experiments.systems import System, system
 from hadr.experiments.tables import ABLATION, FILES, write_tables
 from hadr.result_file import read_result_file
@@ -90,18 +94,27 @@ def test_the_ablation_is_the_papers() -> None:
     assert len(ABLATION) == len(paper)
 
 
-def test_frames_by_frame_are_as_many_and_have_sisters(made: tuple[Bench, Path]) -> None:
+def test_frames_dealt_out_are_as_many_and_have_sisters(made: tuple[Bench, Path]) -> None:
     bench, _ = made
     whole = Bench(bench.roots, bench.out, "tiny")
     known, dealt = Run("known", "hadr"), Run("by-frame", "hadr")
-    holds = {}
-    for part in ("train", "val", "test"):
-        assert whole.count(dealt, part) == whole.count(known, part)
-        source = whole.source(dealt, part)
-        stems = [f"{f.object_id}/{f.stem}" for f in (source[0], source[len(source) - 1])]
-        assert len(set(stems)) == 2
-        holds[part] = stems
-    assert len({stem for stems in holds.values() for stem in stems}) == 6
+    for run, leaks in ((known, False), (dealt, True)):
+        names, holds = {}, {}
+        for part in ("train", "val", "test"):
+            source = whole.source(run, part)
+            names[part] = [f"{f.split}/{f.object_id}/{f.stem}" for f in files_of(source)]
+            holds[part] = set(source.holds([name.split("/", 1)[1] for name in names[part]]))
+            assert len(names[part]) == whole.count(known, part)
+        assert len({name for listed in names.values() for name in listed}) == sum(
+            len(listed) for listed in names.values()
+        )
+        assert bool(holds["train"] & holds["test"]) == leaks
+
+
+def files_of(source: FrameSource) -> list[FrameFiles]:
+    """The files of each frame, without reading pictures."""
+    everything = [files for folder in source.folders for files in folder.files]
+    return [everything[number] for number in source._chosen]
 
 
 def test_conditions_are_measured_once_and_sealed(made: tuple[Bench, Path]) -> None:
@@ -123,7 +136,9 @@ def test_conditions_are_measured_once_and_sealed(made: tuple[Bench, Path]) -> No
 
 
 def test_each_condition_is_listed_once() -> None:
-    listed = [(run.method, name) for run, name, _ in conditions_of(["hadr", "dfnet", "raw"])]
+    seeds = {"hadr": 2, "dfnet": 0, "raw": 0}
+    assert {run.seed for run, _, _ in conditions_of(seeds) if run.method == "hadr"} == {2}
+    listed = [(run.method, name) for run, name, _ in conditions_of(seeds)]
     assert len(listed) == len(set(listed))
     assert {name for method, name in listed if method == "hadr"} == {*KEYPOINTS, *MASKS}
     assert {name for method, name in listed if method == "dfnet"} == set(MASKS)
@@ -139,6 +154,7 @@ def test_a_row_runs_again_from_its_record(
     monkeypatch.setattr(runner, "system", lambda *_: pytest.fail("the present recipe was asked"))
     found = measure_again(bench, folder / f"{file}.json", method)
     assert found.same, found.text()
+    assert not (bench.out / "again" / found.run).exists()  # the next time trains again
     assert found.now["rmse_m"] == pytest.approx(found.recorded["rmse_m"], rel=1e-6)
     assert "differs" not in found.text()
 
@@ -146,10 +162,12 @@ def test_a_row_runs_again_from_its_record(
 def test_a_row_of_other_data_does_not_run_again(made: tuple[Bench, Path]) -> None:
     bench, folder = made
     other = Bench(bench.roots, bench.out, "tiny", limit=4)
-    with pytest.raises(ValueError, match="was measured on data"):
+    with pytest.raises(ValueError, match="measured with limit = 8, and --preset gives 4"):
         measure_again(other, folder / "known.json", "hadr")
     with pytest.raises(ValueError, match="0 of 3 rows have method = 'tode'"):
         measure_again(bench, folder / "known.json", "tode")
+    with pytest.raises(ValueError, match="were not trained for it"):
+        measure_again(bench, folder / "keypoints.json", "hadr")
 
 
 def test_an_edited_file_makes_no_report(made: tuple[Bench, Path], tmp_path: Path) -> None:
@@ -158,7 +176,8 @@ def test_an_edited_file_makes_no_report(made: tuple[Bench, Path], tmp_path: Path
     row = read_result_file(folder / "known.json").row(method="hadr")
     rmse, paper = 100 * row["rmse_m"], 0.9
     assert f"0.9 → **{rmse:.2f}** ({rmse - paper:+.2f})" in text
-    assert "`--preset tiny --only known/hadr`" in text
+    assert "`hadr reproduce --preset tiny --out OUT`" in text
+    assert "| `--only known/hadr` |" in text
     assert "Unknown objects" not in text
     for name in ("known", "ablation", "ledger"):
         content = (folder / f"{name}.json").read_text(encoding="utf-8")
@@ -180,6 +199,81 @@ def test_the_ledgers_table_has_a_column_a_switch(made: tuple[Bench, Path]) -> No
     cells = [cell.strip() for cell in lines[2].strip("|").split("|")]
     assert cells[1] == f"{100 * default['rmse_m']:.2f}"
     assert cells[2] == f"{100 * default['pooled']['rmse_m']:.2f}"
+
+
+def test_another_training_is_another_condition(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(runner, "system", small)
+    bench = Bench([samples_dir() / "frames"], tmp_path, "tiny", limit=4)
+    run, name = Run("known", "unet-hand"), "predicted keypoints"
+    row = bench.measure(run)
+    first = measure_condition(bench, run, name, KEYPOINTS[name])
+    seal_row(bench.out / run.name / runner.ROW, {**row, "training_s": 1.0})
+    assert finished_condition(bench, run, name, KEYPOINTS[name]) is None
+    again = measure_condition(bench, run, name, KEYPOINTS[name])
+    assert again["rmse_m"] == first["rmse_m"]
+    seal_row(bench.out / run.name / runner.ROW, {**row, "epochs": 2})
+    with pytest.raises(ValueError, match="a row after 2 epochs and a network after 1"):
+        measure_condition(bench, run, name, KEYPOINTS[name])
+
+
+def test_a_training_of_another_recipe_is_set_aside(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def longer(method: str, size: str) -> System:
+        found = small(method, size)
+        assert found.recipe is not None
+        return replace(found, recipe=replace(found.recipe, epochs=2))
+
+    bench = Bench([samples_dir() / "frames"], tmp_path, "tiny", limit=4)
+    run = Run("known", "unet-hand")
+    monkeypatch.setattr(runner, "system", longer)
+    assert bench.measure(run)["epochs"] == 2
+    monkeypatch.setattr(runner, "system", small)
+    assert bench.finished(run) is None
+    row = bench.measure(run)
+    assert (row["epochs"], row["configuration"]["recipe"]["epochs"]) == (1, 1)
+    aside = bench.out / "known" / "unet-hand" / "seed-0.old-1"
+    assert json.loads((aside / runner.ROW).read_text())["epochs"] == 2
+    write_tables(bench, tmp_path / "tables")
+    assert len(read_result_file(tmp_path / "tables" / "known.json").rows) == 1
+
+
+def test_files_without_rows_are_removed(tmp_path: Path) -> None:
+    bench = Bench([samples_dir() / "frames"], tmp_path / "runs", "tiny", limit=4)
+    measure_all(bench, plan(["raw"], size="tiny"), tmp_path)
+    assert (tmp_path / "unknown.json").exists()
+    other = Bench(bench.roots, bench.out, "tiny", "analytic", limit=4)
+    measure_all(other, plan(["known/raw"], size="tiny"), tmp_path)
+    assert [path.name for path in tmp_path.glob("*.json")] == ["known.json"]
+
+
+def test_a_run_is_made_by_one_process(tmp_path: Path) -> None:
+    bench = Bench([samples_dir() / "frames"], tmp_path, "tiny", limit=4)
+    run = Run("known", "raw")
+    (tmp_path / "known" / "raw").mkdir(parents=True)
+    with (
+        FileLock(tmp_path / "known" / "raw" / ".seed-0.lock"),
+        pytest.raises(ValueError, match="known/raw/seed-0 is being made by another process"),
+    ):
+        bench.measure(run)
+    assert bench.measure(run)["frames"] == 4
+
+
+def test_a_failing_process_leaves_the_rows_of_the_others(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    bench = Bench([samples_dir() / "frames"], tmp_path / "runs", "tiny", limit=4)
+    broken = bench.out / "known" / "unet-hand" / "seed-0"
+    broken.mkdir(parents=True)
+    (broken / "last.safetensors").write_bytes(b"cut off")
+    runs = plan(["known/raw", "known/nearest", "known/unet-hand"], size="tiny")
+    with pytest.raises(RuntimeError, match=r"not finished: known/unet-hand/seed-0 \(exit status 1"):
+        measure_all(bench, runs, tmp_path / "tables", jobs=3)
+    rows = read_result_file(tmp_path / "tables" / "known.json").rows
+    assert {row["method"] for row in rows} == {"raw", "nearest"}
+    assert "last.safetensors" in capfd.readouterr().err
 
 
 def test_several_processes_give_the_rows_of_one(tmp_path: Path) -> None:
