@@ -20,7 +20,7 @@ from typing import Any
 import torch
 
 from hadr.experiments.scoring import EVALUATION_SIZE, score_network
-from hadr.experiments.splits import data_digest, open_part
+from hadr.experiments.splits import Part, data_digest, open_part
 from hadr.models.hadr import HADRConfig
 from hadr.provenance import machine_text, plain, provenance, write_json
 from hadr.result_file import digest, write_result_file
@@ -57,9 +57,14 @@ def recipe_of(network: str, trial: str, epochs: int) -> Preset:
         small = {"embed_dim": 24, "depths": (1, 1, 2, 1), "heads": (1, 2, 4, 8)}  # the same time
         backbone = replace(recipe.model.backbone, patch=2, **small)  # type: ignore[arg-type]
         return replace(recipe, model=replace(recipe.model, backbone=backbone))
-    stages = {"restarts": (round(2 / 3 * epochs) / epochs,)} if network == "lidf" else {}
+    whole = round(2 / 3 * epochs)  # LIDF's second stage begins with an epoch
+    restarts = (whole / epochs,) if network == "lidf" else ()
     return replace(
-        recipe, schedule="cosine", milestones=(), learning_rate=1e-3 * RATES[trial], **stages
+        recipe,
+        schedule="cosine",
+        milestones=(),
+        learning_rate=1e-3 * RATES[trial],
+        restarts=restarts,
     )
 
 
@@ -86,7 +91,7 @@ def main() -> None:
     args.out.mkdir(parents=True, exist_ok=True)
     frames: dict[tuple[str, tuple[int, int]], FrameTensors] = {}
 
-    def part(name: str, size: tuple[int, int]) -> FrameTensors:
+    def part(name: Part, size: tuple[int, int]) -> FrameTensors:
         if (name, size) not in frames:
             source = open_part(args.data, "unknown", name)
             loaded = load_frames(source, size, keep_all=name == "val")
