@@ -22,6 +22,7 @@ class FrameError:
         object_id: The held object.
         rmse_m: Root mean square of the error; a pixel without a depth counts as depth 0.
         place_m: Size of the median error: the whole object stands too near or too far.
+        bias_m: The median error with its sign: negative is too near, positive too far.
         shape_m: Root mean square that is left without the median error.
         tilt_m: Root mean square that is left without the best plane in pixels: what neither
             moving nor tilting the object heals.
@@ -30,6 +31,7 @@ class FrameError:
     object_id: str
     rmse_m: float
     place_m: float
+    bias_m: float
     shape_m: float
     tilt_m: float
 
@@ -63,6 +65,7 @@ def frame_error(
         object_id,
         rmse_m=_root_mean_square(error),
         place_m=abs(middle),
+        bias_m=middle,
         shape_m=_root_mean_square(error - middle),
         tilt_m=_root_mean_square(error - basis @ fit),
     )
@@ -110,7 +113,7 @@ def summary(errors: list[FrameError], distance: Tensor) -> dict[str, Any]:
         distance: Of each frame from the nearest learned pose in metres, shape (N,).
 
     Returns:
-        ``rmse_m``, ``place_m``, ``shape_m``, ``tilt_m``: means over the frames; ``by_object`` the
+        ``rmse_m``, ``place_m``, ``bias_m``, ``shape_m``, ``tilt_m``: means over the frames; ``by_object`` the
         same for each; ``by_pose``: thirds of the frames from the nearest to the farthest pose,
         each with its mean distance and RMSE; ``rank_correlation`` of distance and RMSE.
     """
@@ -133,6 +136,6 @@ def summary(errors: list[FrameError], distance: Tensor) -> dict[str, Any]:
 
 
 def _means(errors: list[FrameError]) -> dict[str, Any]:
-    names = ("rmse_m", "place_m", "shape_m", "tilt_m")
+    names = ("rmse_m", "place_m", "bias_m", "shape_m", "tilt_m")
     values = {name: float(np.mean([getattr(e, name) for e in errors])) for name in names}
     return {"frames": len(errors), **values}

@@ -231,6 +231,31 @@ def draw_by_object(ax: Axes, rows: Sequence[Row], split: str, names: Mapping[str
     ax.grid(axis="y", lw=0.5, alpha=0.5)
 
 
+def draw_bias(ax: Axes, rows: Sequence[Row], split: str, names: Mapping[str, str]) -> None:
+    """Draw for each method how far off each object is placed in the mean, with its sign.
+
+    Args:
+        ax: Ordinary 2D axes.
+        rows: Rows of `results/mini/errors.json`.
+        split: "known" or "unknown".
+        names: What the objects are called, by number.
+    """
+    chosen = ordered(rows, split)
+    objects = sorted({number for row in chosen for number in row["by_object"]})
+    for row in chosen:
+        values = [100 * row["by_object"][number]["bias_m"] for number in objects]
+        ax.plot(values, range(len(objects)), "o", color=system_color(row["method"]), alpha=0.9,
+                label=NAMES.get(row["method"], row["method"]))  # fmt: skip
+    ax.axvline(0, color=COLORS["truth"], lw=0.8)
+    ax.set(
+        yticks=range(len(objects)),
+        yticklabels=[f"{number} {names.get(number, '')}".strip() for number in objects],
+        ylim=(len(objects) - 0.5, -0.5),
+        xlabel="too near  ←  mean error of place (cm)  →  too far",
+        title=f"{split} objects",
+    )
+
+
 def compared(rows: Sequence[Row], published: Mapping[str, Any], split: str) -> list[str]:
     """Give the methods of the paper's table that have a row, the paper's best first."""
     there = {row["method"] for row in rows if row["split"] == split}

@@ -19,6 +19,7 @@ def test_place_shape_and_tilt_by_hand() -> None:
     assert (shifted.shape_m, shifted.tilt_m) == pytest.approx((0, 0), abs=1e-9)
     tilted = frame_error("0001", truth - 0.01 + 0.03 * (column - 3), truth, mask)
     assert tilted.place_m == pytest.approx(0.01)
+    assert (shifted.bias_m, tilted.bias_m) == pytest.approx((0.02, -0.01))
     assert tilted.shape_m == pytest.approx(0.03 * (2 / 3) ** 0.5)
     assert tilted.tilt_m == pytest.approx(0, abs=1e-9)
     bent = frame_error("0001", truth + 0.03 * (column == 3), truth, mask)
@@ -44,10 +45,13 @@ def test_distance_from_the_nearest_pose_counts_mirrored_ones() -> None:
 
 
 def test_a_summary_by_object_and_pose() -> None:
-    errors = [FrameError(f"000{n % 2}", 0.01 * (n + 1), 0.0, 0.0, 0.0) for n in range(6)]
+    errors = [
+        FrameError(f"000{n % 2}", 0.01 * (n + 1), 0.0, -0.002 * n, 0.0, 0.0) for n in range(6)
+    ]
     found = summary(errors, torch.tensor([0.6, 0.5, 0.4, 0.3, 0.2, 0.1]))
     assert found["rmse_m"] == pytest.approx(0.035)
     assert found["by_object"]["0000"]["rmse_m"] == pytest.approx(0.03)
     assert found["by_object"]["0001"]["frames"] == 3
+    assert found["by_object"]["0000"]["bias_m"] == pytest.approx(-0.004)
     assert [part["rmse_m"] for part in found["by_pose"]] == pytest.approx([0.055, 0.035, 0.015])
     assert found["rank_correlation"] == pytest.approx(-1)

@@ -10,6 +10,7 @@ from hadr.plotting.results import (
     averages_table,
     compared,
     draw_against_paper,
+    draw_bias,
     draw_by_object,
     draw_error_over_time,
     draw_learning,
@@ -144,3 +145,12 @@ def test_tables_of_parts_averages_and_poses() -> None:
     poses = [row("hadr", "known", 0.03, rank_correlation=0.25,
                  by_pose=[{"rmse_m": 0.02}, {"rmse_m": 0.03}, {"rmse_m": 0.04}])]  # fmt: skip
     assert cells(poses_table(poses).splitlines()[2]) == ["known", "HADR", "2.00", "4.00", "+0.25"]
+
+
+def test_places_are_drawn_with_their_sign() -> None:
+    rows = [row("tode", "unknown", 0.06, by_object={"0004": {"bias_m": 0.088}})]
+    fig, ax = plt.subplots()
+    draw_bias(ax, rows, "unknown", {"0004": "flute"})
+    assert ax.lines[0].get_xdata()[0] == pytest.approx(8.8)
+    assert [t.get_text() for t in ax.get_yticklabels()] == ["0004 flute"]
+    plt.close(fig)
