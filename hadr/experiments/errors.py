@@ -113,9 +113,10 @@ def summary(errors: list[FrameError], distance: Tensor) -> dict[str, Any]:
         distance: Of each frame from the nearest learned pose in metres, shape (N,).
 
     Returns:
-        ``rmse_m``, ``place_m``, ``bias_m``, ``shape_m``, ``tilt_m``: means over the frames; ``by_object`` the
-        same for each; ``by_pose``: thirds of the frames from the nearest to the farthest pose,
-        each with its mean distance and RMSE; ``rank_correlation`` of distance and RMSE.
+        ``rmse_m``, ``place_m``, ``bias_m``, ``shape_m``, ``tilt_m``: means over the frames;
+        ``by_object`` the same for each; ``by_pose``: thirds of the frames from the nearest to the
+        farthest pose, each with its mean distance and RMSE; ``rank_correlation`` of distance and
+        RMSE.
     """
     far = distance.numpy()
     thirds = np.array_split(np.argsort(far, kind="stable"), 3)
