@@ -2,8 +2,8 @@
 
 `paper` has each system's own size, loss and schedule as published (at the paper's 224x224). `mini`
 is scaled to the time that HADR's own `mini` has, with the schedule and the rate that did best in
-four short trials on validation frames (`results/mini/tuning.json`, `benchmarks/tune.py`), which all
-networks had. `tiny` is scaled to a minute and was not tuned.
+four short trials on validation frames (`benchmarks/tune.py`). `tiny` is scaled to a minute and was
+not tuned.
 """
 
 from __future__ import annotations
