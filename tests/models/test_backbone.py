@@ -92,11 +92,13 @@ def test_weights_of_another_size_are_refused(monkeypatch: pytest.MonkeyPatch) ->
 
     small = build_swin(MICRO)
     monkeypatch.setattr(SwinBackbone, "from_pretrained", lambda *_, **__: small)
-    with pytest.raises(ValueError, match=r"\(8, \(1, 1\), 4\), but \(96"):
+    with pytest.raises(ValueError, match=r"\(8, \(1, 1\), 4, 4\), but \(96"):
         build_swin(BackboneConfig(pretrained="some/other-network"))
 
 
 def test_configuration_errors_name_the_values() -> None:
+    with pytest.raises(ValueError, match="patch must be at least 1, got 0"):
+        BackboneConfig(patch=0)
     with pytest.raises(ValueError, match=r"3 heads do not divide a stage of 32 channels"):
         BackboneConfig(embed_dim=32)
     with pytest.raises(ValueError, match=r"one number a stage, got \(2, 2\) and \(3,\)"):
