@@ -13,19 +13,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 
 from hadr.data.samples import samples_dir
-from hadr.depth_network import enlarge_known
+from hadr.experiments.conditions import hand_median
 from hadr.experiments.runner import standard_error
-from hadr.experiments.scoring import EVALUATION_SIZE, Scores, score_depth, score_network
+from hadr.experiments.scoring import EVALUATION_SIZE, score_network
 from hadr.experiments.splits import data_digest, open_part
 from hadr.provenance import machine_text, provenance
 from hadr.result_file import digest, write_result_file
 from hadr.training.batches import FrameTensors, load_frames
 from hadr.training.checkpoints import load_checkpoint
-from hadr.training.evaluation import BASELINES
 from hadr.training.predicted import Given, with_predicted
 
 CHECKPOINTS = {"hadr": "hadr-mini", "hadr-plus": "hadr-plus-mini"}
@@ -46,20 +44,6 @@ def read(source: Any, size: tuple[int, int], given: Given) -> FrameTensors:
     frames = with_predicted(frames, source, given)
     depth = torch.where(frames.inputs.mask, 0.0, frames.inputs.depth)
     return replace(frames, inputs=replace(frames.inputs, depth=depth))
-
-
-def hand_median(truth: FrameTensors) -> Scores:
-    """Score the hand's median depth by the networks' rule: it answers in the mask that it is given.
-
-    Where the true mask goes beyond, a pixel takes the depth of those around it.
-    """
-    images, own = [], []
-    for number in range(len(truth)):
-        depth = BASELINES["hand-median"](truth, number)
-        known = truth.inputs.mask[number].numpy() & (depth > 0)
-        images.append(enlarge_known(depth, known, known.shape))
-        own.append(known)
-    return score_depth(np.stack(images), truth, np.stack(own))
 
 
 def main() -> None:

@@ -203,19 +203,28 @@ def draw_parts(ax: Axes, rows: Sequence[Row], split: str) -> None:
     ax.set(xlim=(0, None), xlabel="RMSE (cm)", title=f"{split} objects")
 
 
-def draw_by_object(ax: Axes, rows: Sequence[Row], split: str, names: Mapping[str, str]) -> None:
-    """Draw each method's RMSE on each object.
+def draw_by_object(
+    ax: Axes,
+    rows: Sequence[Row],
+    split: str,
+    names: Mapping[str, str],
+    part: str = "rmse_m",
+    xlabel: str = "RMSE (cm)",
+) -> None:
+    """Draw each method's error on each object as a dot.
 
     Args:
         ax: Ordinary 2D axes.
         rows: Rows of `results/mini/errors.json`.
         split: "known" or "unknown".
         names: What the objects are called, by number.
+        part: Which part of the error, in metres.
+        xlabel: What that is, with its unit.
     """
     chosen = ordered(rows, split)
     objects = sorted({number for row in chosen for number in row["by_object"]})
     for row in chosen:
-        values = [100 * row["by_object"][number]["rmse_m"] for number in objects]
+        values = [100 * row["by_object"][number][part] for number in objects]
         color = system_color(row["method"])
         face = "white" if row["method"] == "hadr-long" else color
         ax.plot(values, range(len(objects)), "o", color=color, mfc=face, alpha=0.9,
@@ -224,10 +233,11 @@ def draw_by_object(ax: Axes, rows: Sequence[Row], split: str, names: Mapping[str
         yticks=range(len(objects)),
         yticklabels=[f"{number} {names.get(number, '')}".strip() for number in objects],
         ylim=(len(objects) - 0.5, -0.5),
-        xlim=(0, None),
-        xlabel="RMSE (cm)",
+        xlabel=xlabel,
         title=f"{split} objects",
     )
+    if part != "bias_m":
+        ax.set_xlim(0, None)
     ax.grid(axis="y", lw=0.5, alpha=0.5)
 
 
@@ -240,20 +250,9 @@ def draw_bias(ax: Axes, rows: Sequence[Row], split: str, names: Mapping[str, str
         split: "known" or "unknown".
         names: What the objects are called, by number.
     """
-    chosen = ordered(rows, split)
-    objects = sorted({number for row in chosen for number in row["by_object"]})
-    for row in chosen:
-        values = [100 * row["by_object"][number]["bias_m"] for number in objects]
-        ax.plot(values, range(len(objects)), "o", color=system_color(row["method"]), alpha=0.9,
-                label=NAMES.get(row["method"], row["method"]))  # fmt: skip
+    xlabel = "too near  ←  mean error of place (cm)  →  too far"
+    draw_by_object(ax, rows, split, names, "bias_m", xlabel)
     ax.axvline(0, color=COLORS["truth"], lw=0.8)
-    ax.set(
-        yticks=range(len(objects)),
-        yticklabels=[f"{number} {names.get(number, '')}".strip() for number in objects],
-        ylim=(len(objects) - 0.5, -0.5),
-        xlabel="too near  ←  mean error of place (cm)  →  too far",
-        title=f"{split} objects",
-    )
 
 
 def compared(rows: Sequence[Row], published: Mapping[str, Any], split: str) -> list[str]:
