@@ -18,7 +18,7 @@ from typing import Any
 
 import torch
 
-from hadr.experiments.runner import paired
+from hadr.experiments.averages import paired
 from hadr.experiments.scoring import EVALUATION_SIZE, score_network
 from hadr.experiments.splits import data_digest, open_part
 from hadr.models.hadr_plus import HADRPlusConfig

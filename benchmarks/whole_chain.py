@@ -16,8 +16,8 @@ from typing import Any
 import torch
 
 from hadr.data.samples import samples_dir
+from hadr.experiments.averages import standard_error
 from hadr.experiments.conditions import hand_median
-from hadr.experiments.runner import standard_error
 from hadr.experiments.scoring import EVALUATION_SIZE, score_network
 from hadr.experiments.splits import data_digest, open_part
 from hadr.provenance import machine_text, provenance

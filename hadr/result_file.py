@@ -9,6 +9,7 @@ longer fits the checksum, and reading the file says so.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
@@ -128,6 +129,25 @@ def read_result_file(path: str | Path) -> ResultFile:
             f"{stored[:12]}...; measure it again instead of editing it"
         )
     return ResultFile(what, rows, {**provenance, "sha256": stored})
+
+
+def sealed_row(path: Path, configuration: Mapping[str, Any]) -> dict[str, Any] | None:
+    """Read a row, if it is there, whole, untouched, and was measured with this configuration."""
+    with contextlib.suppress(OSError, ValueError):
+        row = json.loads(path.read_text(encoding="utf-8"))
+        if isinstance(row, dict) and row.get("config_sha256") == digest(configuration):
+            sealed = {name: value for name, value in row.items() if name != "sha256"}
+            return row if row.get("sha256") == digest(sealed) else None
+    return None
+
+
+def seal_row(path: Path, row: Mapping[str, Any]) -> dict[str, Any]:
+    """Write a row with the checksum by which `sealed_row` knows it."""
+    content = dict(plain(row))
+    content.pop("sha256", None)
+    content["sha256"] = digest(content)
+    write_json(path, content)
+    return content
 
 
 def _once_each(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

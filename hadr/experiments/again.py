@@ -7,12 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from lightning_fabric import Fabric
-
 from hadr.experiments.runner import Bench, Run
-from hadr.experiments.scoring import COLUMNS, EVALUATION_SIZE, score_cheap, score_network
+from hadr.experiments.scoring import COLUMNS, EVALUATION_SIZE, score_cheap
 from hadr.result_file import digest, read_result_file
-from hadr.training.loop import LAST, train
 from hadr.training.presets import recipe_from_dict
 
 
@@ -37,16 +34,17 @@ class Again:
     @property
     def same(self) -> bool:
         """Whether all numbers agree to a millionth of their value."""
-        return all(
-            abs(self.now[name] - value) <= 1e-6 * abs(value)
-            for name, value in self.recorded.items()
-        )
+        return all(self._agrees(name) for name in self.recorded)
+
+    def _agrees(self, name: str) -> bool:
+        value = self.recorded[name]
+        return abs(self.now[name] - value) <= 1e-6 * abs(value)
 
     def text(self) -> str:
         """Both side by side, for readers."""
         lines = [f"{self.run:<24} {'recorded':>12} {'again':>12}"]
         for name, value in self.recorded.items():
-            mark = "" if abs(self.now[name] - value) <= 1e-6 * abs(value) else "  differs"
+            mark = "" if self._agrees(name) else "  differs"
             lines.append(f"  {name:<22} {value:12.6f} {self.now[name]:12.6f}{mark}")
         return "\n".join(lines)
 
@@ -102,23 +100,12 @@ def measure_again(bench: Bench, file: str | Path, method: str) -> Again:
     experiment, name, seed = configuration["run"].split("/")
     run = Run(experiment, name, int(seed.removeprefix("seed-")))
     recorded = {column: row["by_seed"][column][0] for column in COLUMNS}
-    truth = bench.frames(run, "test", EVALUATION_SIZE)
     if configuration["recipe"] is None:
-        scores = score_cheap(truth, name)
+        scores = score_cheap(bench.frames(run, "test", EVALUATION_SIZE), name)
     else:
         recipe = recipe_from_dict(configuration["recipe"])
         folder = bench.out / "again" / run.name
-        trained = train(
-            recipe,
-            bench.frames(run, "train", recipe.size),
-            bench.frames(run, "val", recipe.size),
-            folder=folder,
-            seed=run.seed,
-            data={"experiment": run.experiment, **bench.data},
-            resume=(folder / LAST).exists(),
-            fabric=Fabric(accelerator=bench.accelerator, devices=1, precision=recipe.precision),
-        )
-        scores = score_network(trained.model, bench.frames(run, "test", recipe.size), truth)
+        scores = bench.score(run, recipe, bench.train(run, recipe, folder).model)
         shutil.rmtree(folder)  # or the next time would compare with this one
     columns = scores.columns()
     again = {column: float(columns[column]) for column in COLUMNS}

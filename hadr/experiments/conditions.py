@@ -7,8 +7,10 @@ predict. What they find is given to all methods alike; the score is on the true 
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -17,17 +19,11 @@ import torch
 
 from hadr.data.samples import samples_dir
 from hadr.depth_network import enlarge_known
-from hadr.experiments.runner import (
-    Bench,
-    Run,
-    paired,
-    seal_row,
-    sealed_row,
-    standard_error,
-)
+from hadr.experiments.averages import paired, standard_error
+from hadr.experiments.runner import Bench, Run
 from hadr.experiments.scoring import EVALUATION_SIZE, Scores, score_depth, score_network
 from hadr.provenance import machine_text, provenance
-from hadr.result_file import digest
+from hadr.result_file import digest, seal_row, sealed_row
 from hadr.training.batches import FrameTensors, load_frames
 from hadr.training.checkpoints import load_checkpoint
 from hadr.training.evaluation import BASELINES
@@ -129,11 +125,16 @@ def configuration(bench: Bench, run: Run, name: str, given: Given) -> dict[str, 
         "given": name,
         "corruption": given.corruption,
         "predicted_by": [
-            digest(Path(path).read_bytes().hex())
+            _file_digest(Path(path))
             for path in (given.masks, given.keypoints)
             if str(path) != "true"
         ],
     }
+
+
+@cache
+def _file_digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def condition_frames(bench: Bench, run: Run, size: tuple[int, int], given: Given) -> FrameTensors:
@@ -141,17 +142,15 @@ def condition_frames(bench: Bench, run: Run, size: tuple[int, int], given: Given
 
     Depth within the mask that is given is erased, as `hadr restore` does.
     """
-    key = (run.experiment, repr(given), size)
-    kept = bench.other_frames
-    if key not in kept:
-        while len(kept) > 3:
-            del kept[next(iter(kept))]
+
+    def load() -> FrameTensors:
         source = bench.source(run, "test")
         frames = load_frames(source, size, given.corruption, keep_all=True)
         frames = with_predicted(frames, source, given)
         depth = torch.where(frames.inputs.mask, 0.0, frames.inputs.depth)
-        kept[key] = replace(frames, inputs=replace(frames.inputs, depth=depth))
-    return kept[key]
+        return replace(frames, inputs=replace(frames.inputs, depth=depth))
+
+    return bench.kept((run.experiment, given, size), load)
 
 
 def hand_median(truth: FrameTensors) -> Scores:

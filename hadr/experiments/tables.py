@@ -16,9 +16,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from hadr.experiments.averages import table_rows
 from hadr.experiments.conditions import KEYPOINTS, MASKS, condition_rows
 from hadr.experiments.report import DEFAULT
-from hadr.experiments.runner import Bench, Run, table_rows
+from hadr.experiments.runner import Bench, Run
 from hadr.experiments.scoring import EVALUATION_SIZE
 from hadr.experiments.splits import EXPERIMENTS
 from hadr.experiments.systems import METHODS, PARTS, SWITCHES

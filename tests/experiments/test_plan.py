@@ -4,8 +4,9 @@ import pytest
 
 from hadr.data.samples import samples_dir
 from hadr.experiments import runner
+from hadr.experiments.averages import table_rows
 from hadr.experiments.plan import estimated_minutes, measure_all, plan, plan_text
-from hadr.experiments.runner import Bench, Run, table_rows
+from hadr.experiments.runner import Bench, Run
 from hadr.experiments.systems import LONG_RUN, METHODS, PARTS, SWITCHES, System, system
 from hadr.models.hadr import HADRConfig
 from hadr.result_file import read_result_file

@@ -12,8 +12,9 @@ import pytest
 
 from hadr.data.samples import open_samples, samples_dir
 from hadr.experiments import runner
+from hadr.experiments.averages import paired, standard_error, table_rows
 from hadr.experiments.plan import measure_all
-from hadr.experiments.runner import Bench, Run, paired, standard_error, table_rows
+from hadr.experiments.runner import Bench, Run
 from hadr.experiments.systems import CHEAP, System, system
 from hadr.result_file import read_result_file
 

@@ -24,11 +24,11 @@ from hadr.experiments.conditions import (
 )
 from hadr.experiments.plan import measure_all, plan
 from hadr.experiments.report import DEFAULT, ledger_table, report
-from hadr.experiments.runner import Bench, Run, seal_row
+from hadr.experiments.runner import Bench, Run
 from hadr.experiments.splits import FrameSource
 from hadr.experiments.systems import System, system
 from hadr.experiments.tables import ABLATION, FILES, write_tables
-from hadr.result_file import read_result_file
+from hadr.result_file import read_result_file, seal_row
 
 PUBLISHED = Path(__file__).resolve().parents[2] / "results" / "paper_tables.json"
 

@@ -1,0 +1,152 @@
+"""Rows of the tables from rows of runs: seeds averaged, methods compared, errors over holds."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Hashable, Mapping, Sequence
+from typing import Any
+
+from hadr.experiments.scoring import COLUMNS
+
+REFERENCE = "hand-median"
+"""The method that all others are compared with frame by frame."""
+
+
+def table_rows(
+    rows: Sequence[Mapping[str, Any]], holds: Mapping[str, Sequence[str]] | None = None
+) -> list[dict[str, Any]]:
+    """Bring runs to the rows of a result file: one a method and split, seeds averaged.
+
+    Args:
+        rows: Rows of `Bench.measure`.
+        holds: Hold of each frame, by split; without it each frame counts as a hold of its own.
+
+    Returns:
+        In the order of their first appearance; numbers are means over the seeds, beside them each
+        seed's (``by_seed``), their standard deviation (``seed_sd``, n - 1; None for one seed), the
+        first seed's configuration, and each frame's mean over the seeds compared with the hand's
+        median depth (`paired`).
+    """
+    groups: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
+    for row in rows:
+        groups.setdefault((row["split"], row["method"]), []).append(row)
+    table = [_averaged(group) for group in groups.values()]
+    for row, group in zip(table, groups.values(), strict=True):
+        reference = groups.get((row["split"], REFERENCE))
+        frames, known = _over_seeds(group), (holds or {}).get(row["split"])
+        if reference is not None and row["method"] != REFERENCE:
+            row["against_hand_median"] = paired(frames, reference[0]["per_frame"], known)
+        row["rmse_standard_error_m"] = standard_error(frames["rmse_m"], known or frames["stems"])
+        row["holds"] = len(set(known)) if known else None
+    return table
+
+
+def _over_seeds(group: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Each frame's RMSE, the mean over the seeds."""
+    listed = [row["per_frame"] for row in group]
+    if any(frames["stems"] != listed[0]["stems"] for frames in listed):
+        raise ValueError(f"the seeds of {group[0]['method']} were scored on different frames")
+    errors = [statistics.fmean(each) for each in zip(*(f["rmse_m"] for f in listed), strict=True)]
+    return {"stems": listed[0]["stems"], "rmse_m": errors}
+
+
+def paired(
+    own: Mapping[str, Any], reference: Mapping[str, Any], holds: Sequence[str] | None = None
+) -> dict[str, Any]:
+    """Compare two methods frame by frame.
+
+    Args:
+        own: RMSE of each frame with the frames' names (`Scores.per_frame`).
+        reference: The other method's, of the same frames in the same order.
+        holds: Hold of each frame; without it each frame counts as a hold of its own.
+
+    Returns:
+        Mean of own minus the reference's RMSE in metres, its standard error over holds, on how
+        many frames the own one is smaller, and the number of frames.
+
+    Raises:
+        ValueError: The frames are not the same.
+    """
+    if list(own["stems"]) != list(reference["stems"]):
+        raise ValueError(
+            f"only the same frames can be compared, got {len(own['stems'])} and "
+            f"{len(reference['stems'])} that differ in name or order"
+        )
+    gaps = [mine - other for mine, other in zip(own["rmse_m"], reference["rmse_m"], strict=True)]
+    return {
+        "mean_difference_m": statistics.fmean(gaps) if gaps else None,
+        "standard_error_m": standard_error(gaps, holds or list(range(len(gaps)))),
+        "better_on_frames": sum(gap < 0 for gap in gaps),
+        "frames": len(gaps),
+    }
+
+
+def standard_error(values: Sequence[float], groups: Sequence[Hashable]) -> float | None:
+    """Estimate how far a mean may be off when values come in groups that are alike.
+
+    The deviations from the mean are summed within each group first (cluster-robust). With groups
+    of one it is the ordinary standard error.
+
+    Args:
+        values: The values.
+        groups: Group of each.
+
+    Returns:
+        The standard error of the mean; None for fewer than two groups.
+    """
+    if not values:
+        return None
+    mean, sums = statistics.fmean(values), dict[Hashable, float]()
+    for value, group in zip(values, groups, strict=True):
+        sums[group] = sums.get(group, 0.0) + value - mean
+    count = len(sums)
+    if count < 2:
+        return None
+    total = sum(off**2 for off in sums.values())
+    return float((count / (count - 1) * total) ** 0.5 / len(values))
+
+
+def _by_object(listed: Sequence[Mapping[str, Any]]) -> dict[str, float]:
+    """Mean RMSE of each object's frames in metres, over all seeds."""
+    errors: dict[str, list[float]] = {}
+    for frames in listed:
+        for stem, error in zip(frames["stems"], frames["rmse_m"], strict=True):
+            errors.setdefault(stem.split("/")[0], []).append(error)
+    return {name: sum(errors[name]) / len(errors[name]) for name in sorted(errors)}
+
+
+def _mean(values: Sequence[float | None]) -> float | None:
+    """Mean over the seeds; None where one of them has no value (nothing was restored)."""
+    known = [value for value in values if value is not None]
+    return sum(known) / len(known) if known and len(known) == len(values) else None
+
+
+def _averaged(group: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    first = dict(group[0])
+    left_out = ("seed", "per_frame", "provenance", "sha256")
+    row = {name: value for name, value in first.items() if name not in left_out}
+    row["by_object"] = _by_object([r["per_frame"] for r in group])
+    for name, value in row.items():
+        if isinstance(value, float):
+            row[name] = sum(r[name] for r in group) / len(group)
+    for part in ("pooled", "restored"):
+        columns = [r[part] for r in group]
+        row[part] = {name: _mean([c[name] for c in columns]) for name in columns[0]}
+    return {
+        **row,
+        "seeds": [r["seed"] for r in group],
+        "by_seed": {name: [r.get(name) for r in group] for name in COLUMNS},
+        "seed_sd": {name: _spread([r[name] for r in group if name in r]) for name in COLUMNS},
+        "config_sha256": [r["config_sha256"] for r in group],
+        "provenance": {
+            "commit": sorted({str(r["provenance"].get("commit")) for r in group}),
+            "versions": first["provenance"].get("versions"),
+            "machine": first["provenance"]["machine"],
+            "data_sha256": first.get("configuration", {}).get("data", {}).get("sha256"),
+        },
+    }
+
+
+def _spread(values: Sequence[float]) -> float | None:
+    """Standard deviation with n - 1; None for one value."""
+    return statistics.stdev(values) if len(values) > 1 else None
