@@ -24,6 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hadr.camera import BoolArray, FloatArray, valid_depth
+from hadr.markdown import markdown_table
 
 Missing = Literal["exclude", "zero", "error"]
 Averaging = Literal["frame", "per-frame mean", "pooled"]
@@ -303,16 +304,14 @@ def format_table(rows: Mapping[str, DepthMetrics], columns: Sequence[str] | None
     if unknown:
         raise ValueError(f"no such column: {', '.join(sorted(unknown))}")
     shown = [c for c in COLUMNS if columns is None or c[0] in columns]
-    lines = [
-        "| " + " | ".join(("method", *(heading for _, heading, _ in shown))) + " |",
-        "|" + "|".join((":--", *("--:" for _ in shown))) + "|",
-    ]
+    lines = []
     for name, metrics in rows.items():
         cells = [name]
         for column, _, digits in shown:
             value = getattr(metrics, column) * (100 if column == "coverage" else 1)
             cells.append("–" if math.isnan(value) else f"{value:.{digits}f}")
-        lines.append("| " + " | ".join(cells) + " |")
+        lines.append(cells)
+    table = markdown_table(["method", *(heading for _, heading, _ in shown)], lines)
     counts = sorted({m.frames for m in rows.values()})
     over = str(counts[0]) if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
     caption = {
@@ -320,4 +319,4 @@ def format_table(rows: Mapping[str, DepthMetrics], columns: Sequence[str] | None
         "per-frame mean": f"Mean of the frames' numbers, {over} frames.",
         "pooled": f"Pooled over the pixels of {over} frames.",
     }[ways[0]]
-    return "\n".join([*lines, "", caption])
+    return f"{table}\n\n{caption}"

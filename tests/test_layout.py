@@ -28,7 +28,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("frame_io",),
     ("camera",),
     ("result_file",),
-    ("exercises", "provenance"),
+    ("exercises", "markdown", "provenance"),
 )
 FLOOR_OF = {name: floor for floor, names in enumerate(FLOORS) for name in names}
 

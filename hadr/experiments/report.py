@@ -11,7 +11,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from hadr.plotting.results import NAMES, PUBLISHED_NAMES
+from hadr.markdown import markdown_table
+from hadr.plotting.comparison import PUBLISHED_NAMES
+from hadr.plotting.results import NAMES
 from hadr.result_file import ResultFile, read_result_file
 
 TITLES = {
@@ -73,11 +75,11 @@ def _section(title: str, name: str, file: ResultFile, paper: Mapping[str, Any]) 
         f"{' or '.join(map(str, frames))} test frames. Each cell: the paper's number on its data, "
         "**ours** on ours (mean over the frames), and the difference, ours minus the paper's.",
         "",
-        *_pairs(file.rows, paper[name]),
+        _pairs(file.rows, paper[name]),
         "",
         "How each of our rows was made:",
         "",
-        *_makings(file.rows),
+        _makings(file.rows),
     ]
     origin = file.provenance
     torch, numpy = (origin["versions"].get(name, "?") for name in ("torch", "numpy"))
@@ -90,11 +92,8 @@ def _section(title: str, name: str, file: ResultFile, paper: Mapping[str, Any]) 
     return "\n".join(lines)
 
 
-def _pairs(rows: Sequence[Mapping[str, Any]], paper: Mapping[str, Sequence[float]]) -> list[str]:
-    lines = [
-        "| method | " + " | ".join(title for _, title, _, _ in _COLUMNS) + " |",
-        "|:--" + "|--:" * len(_COLUMNS) + "|",
-    ]
+def _pairs(rows: Sequence[Mapping[str, Any]], paper: Mapping[str, Sequence[float]]) -> str:
+    lines = []
     for row in rows:
         theirs = paper.get(PUBLISHED_NAMES.get(row["method"], ""))
         cells = []
@@ -106,16 +105,16 @@ def _pairs(rows: Sequence[Mapping[str, Any]], paper: Mapping[str, Sequence[float
             printed = factor * theirs[place]
             shown = f"{printed:.1f}" if factor == 100 else f"{printed:.2f}"
             cells.append(f"{shown} → **{own:.{digits}f}** ({own - printed:+.{digits}f})")
-        lines.append(f"| {_title(row['method'])} | " + " | ".join(cells) + " |")
-    return lines
+        lines.append([_title(row["method"]), *cells])
+    return markdown_table(["method", *(title for _, title, _, _ in _COLUMNS)], lines)
 
 
-def _makings(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    lines = [
-        "| method | command | training (min) | threads | weights (M) | seeds | "
-        "SD of RMSE (cm) | commit | configuration |",
-        "|:--|:--|--:|--:|--:|--:|--:|:--|:--|",
-    ]
+def _makings(rows: Sequence[Mapping[str, Any]]) -> str:
+    head = [
+        "method", "command", "training (min)", "threads", "weights (M)", "seeds",
+        "SD of RMSE (cm)", "commit", "configuration",
+    ]  # fmt: skip
+    lines = []
     for row in rows:
         run = row["configuration"]["run"].rsplit("/", 1)[0]
         minutes = f"{row['training_s'] / 60:.1f}" if row.get("training_s") else "-"
@@ -139,8 +138,8 @@ def _makings(rows: Sequence[Mapping[str, Any]]) -> list[str]:
             commits,
             _short(row["config_sha256"][0]),
         ]
-        lines.append("| " + " | ".join(cells) + " |")
-    return lines
+        lines.append(cells)
+    return markdown_table(head, lines, "llrrrrrll")
 
 
 def _short(sha: str) -> str:
@@ -170,17 +169,14 @@ def ledger_table(path: str | Path) -> str:
     if default is not None:
         columns.insert(1, ("metrics pooled", {**default, **default["pooled"]}))
     lines = [
-        "| metric | " + " | ".join(name for name, _ in columns) + " |",
-        "|:--" + "|--:" * len(columns) + "|",
+        [title, *(f"{factor * row[column]:.{digits}f}" for _, row in columns)]
+        for column, title, factor, digits in _COLUMNS
     ]
-    for column, title, factor, digits in _COLUMNS:
-        cells = [f"{factor * row[column]:.{digits}f}" for _, row in columns]
-        lines.append(f"| {title} | " + " | ".join(cells) + " |")
     epochs = [
         f"{row['epochs']} epochs, seed {' '.join(map(str, row['seeds']))}" for _, row in columns
     ]
-    lines.append("| trained | " + " | ".join(epochs) + " |")
-    return "\n".join(lines)
+    lines.append(["trained", *epochs])
+    return markdown_table(["metric", *(name for name, _ in columns)], lines)
 
 
 def conditions_table(folder: str | Path) -> str:
@@ -202,17 +198,17 @@ def conditions_table(folder: str | Path) -> str:
         rows |= {(row["method"], row["given"]): row for row in file.rows}
     methods = list(dict.fromkeys(method for method, _ in rows))
     given = list(dict.fromkeys(condition for _, condition in rows))
-    lines = ["| method | " + " | ".join(given) + " |", "|:--" + "|--:" * len(given) + "|"]
+    lines = []
     for method in methods:
         found = [rows.get((method, condition)) for condition in given]
         cells = ["-" if row is None else f"{100 * row['rmse_m']:.2f}" for row in found]
-        lines.append(f"| {_title(method)} | " + " | ".join(cells) + " |")
+        lines.append([_title(method), *cells])
     shared = [next(row for (_, c), row in rows.items() if c == condition) for condition in given]
     masks = [f"{row['mask_iou']:.2f}" for row in shared]
     hands = [f"{100 * row['keypoints_m']:.1f}" for row in shared]
-    lines.append("| *IoU of the masks given* | " + " | ".join(masks) + " |")
-    lines.append("| *error of the keypoints given (cm)* | " + " | ".join(hands) + " |")
-    return "\n".join(lines)
+    lines.append(["*IoU of the masks given*", *masks])
+    lines.append(["*error of the keypoints given (cm)*", *hands])
+    return markdown_table(["method", *given], lines)
 
 
 def tuning_table(path: str | Path) -> str:
@@ -232,7 +228,7 @@ def tuning_table(path: str | Path) -> str:
     networks = {row["network"] for row in rows}
     asked = {t: {r["network"] for r in rows if r["trial"] == t} for t in (r["trial"] for r in rows)}
     trials = [trial for trial, had in asked.items() if had == networks]
-    lines = ["| network | " + " | ".join(trials) + " |", "|:--" + "|--:" * len(trials) + "|"]
+    lines = []
     for network in dict.fromkeys(row["network"] for row in rows):
         mine = [r for r in rows if r["network"] == network and r["trial"] in trials]
         own = {row["trial"]: row["rmse_m"] for row in mine}
@@ -242,8 +238,8 @@ def tuning_table(path: str | Path) -> str:
             f"**{cell}**" if own[trial] == best else cell
             for trial, cell in zip(trials, cells, strict=True)
         ]
-        lines.append(f"| {_title(network)} | " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+        lines.append([_title(network), *cells])
+    return markdown_table(["network", *trials], lines)
 
 
 def speed_table(path: str | Path) -> str:
@@ -260,16 +256,19 @@ def speed_table(path: str | Path) -> str:
         FileNotFoundError: There is no such file.
     """
     file = read_result_file(path)
-    lines = [
-        "| method | preset | input | time of a frame (ms) | memory (MiB) | weights (M) |",
-        "|:--|:--|--:|--:|--:|--:|",
-    ]
+    head = ["method", "preset", "input", "time of a frame (ms)", "memory (MiB)", "weights (M)"]
+    lines = []
     for row in file.rows:
         width, height = row["input"]
         memory = row.get("peak_rss_bytes")
         lines.append(
-            f"| {_title(row['method'])} | {row['preset'] or '-'} | {width}x{height} | "
-            f"{row['wall_median_ms']:.1f} | {'-' if memory is None else f'{memory / 2**20:.0f}'} | "
-            f"{row['parameters'] / 1e6:.2f} |"
+            [
+                _title(row["method"]),
+                row["preset"] or "-",
+                f"{width}x{height}",
+                f"{row['wall_median_ms']:.1f}",
+                "-" if memory is None else f"{memory / 2**20:.0f}",
+                f"{row['parameters'] / 1e6:.2f}",
+            ]
         )
-    return "\n".join(lines)
+    return markdown_table(head, lines, "llr")

@@ -7,6 +7,7 @@ from typing import Any
 
 from matplotlib.axes import Axes
 
+from hadr.markdown import markdown_table
 from hadr.plotting import COLORS
 
 Record = Mapping[str, Any]
@@ -24,12 +25,12 @@ def by_heart_table(rows: Sequence[Record]) -> str:
     Returns:
         Markdown.
     """
-    lines = ["| network | steps | after them | goal | reached |", "|:--|--:|--:|--:|:--|"]
+    lines = []
     for row in rows:
         value, goal = (_by_heart(row["counts"], row[key]) for key in ("reached", "goal"))
         verdict = "yes" if row["is_reached"] else "**no**"
-        lines.append(f"| {row['network']} | {row['steps']} | {value} | {goal} | {verdict} |")
-    return "\n".join(lines)
+        lines.append([row["network"], str(row["steps"]), value, goal, verdict])
+    return markdown_table(["network", "steps", "after them", "goal", "reached"], lines, "lrrrl")
 
 
 def _by_heart(counts: str, value: float) -> str:
@@ -107,20 +108,20 @@ def speed_table(restoration: Record, perception: Record) -> str:
     times, ratios = restoration["times"], restoration["against_swin"]["wall_median_ms"]
     cost, rates = restoration["accuracy"]["change_percent"], perception["frames_per_second"]
     forms = list(dict.fromkeys(t.split(", ", 1)[1] for t in times if ", " in t))
-    lines = [
-        "| form | `mini` (ms) | `paper` (ms) | `paper` against Swin-T | RMSE of the bundled HADR | "
-        "whole perception, `mini` (frames a second) |",
-        "|:--|--:|--:|--:|--:|--:|",
-        f"| *plain Swin-T* | - | {times['Swin-T']['wall_median_ms']:.0f} | 1.00 | - | - |",
-    ]
+    head = [
+        "form", "`mini` (ms)", "`paper` (ms)", "`paper` against Swin-T",
+        "RMSE of the bundled HADR", "whole perception, `mini` (frames a second)",
+    ]  # fmt: skip
+    swin = f"{times['Swin-T']['wall_median_ms']:.0f}"
+    lines = [["*plain Swin-T*", "-", swin, "1.00", "-", "-"]]
     for form in forms:
         cells = [f"{times[f'{size}, {form}']['wall_median_ms']:.0f}" for size in ("mini", "paper")]
         rate = rates.get("as it is" if form == "all rays" else form)
         change = "-" if form == "all rays" else f"{cost[form]:+.1f} %"
         ratio = ratios[f"paper, {form}"]
         frames = f"{rate['wall_median']:.1f}" if rate else "-"
-        lines.append(f"| {form} | {cells[0]} | {cells[1]} | {ratio:.2f} | {change} | {frames} |")
-    return "\n".join(lines)
+        lines.append([form, *cells, f"{ratio:.2f}", change, frames])
+    return markdown_table(head, lines)
 
 
 def draw_parts_of_time(ax: Axes, restoration: Record) -> None:

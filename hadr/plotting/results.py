@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
+from hadr.markdown import markdown_table
 from hadr.plotting import COLORS
 
 Row = Mapping[str, Any]
@@ -32,19 +33,6 @@ NAMES: dict[str, str] = {
     "full": "HADR, the full model",
 }
 """How a method of a result file is called in tables and pictures, in the order of the tables."""
-PUBLISHED_NAMES: dict[str, str] = {
-    "tode": "TODE-Trans",
-    "dfnet": "TransCG",
-    "swindrnet": "SwinDRNet",
-    "lidf": "LIDF+Refine",
-    "hadr": "HADR",
-    "no-hand": "w/o Hand Feature",
-    "no-aggregation": "w/o MS Aggregation",
-    "no-point-fusion": "w/o Point Fusion",
-    "hand-2d": "2D Hand Feature",
-    "full": "Full Model",
-}
-"""Names of our rows in the paper's tables."""
 _COLOR = {
     "hadr": "hadr",
     "hadr-long": "hadr",
@@ -96,11 +84,11 @@ def results_table(rows: Sequence[Row], published: Mapping[str, Mapping[str, Any]
     Returns:
         Markdown; "-" where a run is missing.
     """
-    lines = [
-        "| method | known: RMSE (cm) | MAE (cm) | δ1.05 (%) | unknown: RMSE (cm) | MAE (cm) | "
-        "δ1.05 (%) | weights (M) | training (min) |",
-        "|:--" + "|--:" * 8 + "|",
-    ]
+    head = [
+        "method", "known: RMSE (cm)", "MAE (cm)", "δ1.05 (%)", "unknown: RMSE (cm)", "MAE (cm)",
+        "δ1.05 (%)", "weights (M)", "training (min)",
+    ]  # fmt: skip
+    lines = []
     found = {(row["split"], row["method"]): row for row in rows}
     for method, name in NAMES.items():
         pair = [found.get((split, method)) for split in ("known", "unknown")]
@@ -110,13 +98,13 @@ def results_table(rows: Sequence[Row], published: Mapping[str, Mapping[str, Any]
         trained = next((row for row in pair if row and row.get("training_s")), None)
         size = f"{trained['parameters'] / 1e6:.1f}" if trained else "-"
         minutes = f"{trained['training_s'] / 60:.0f}" if trained else "-"
-        lines.append("| " + " | ".join([name, *cells, size, minutes]) + " |")
+        lines.append([name, *cells, size, minutes])
     cells = []
     for split in ("known", "unknown"):
         rmse, _, mae, delta = published[split]["HADR"][:4]
         cells += [f"{100 * rmse:.1f}", f"{100 * mae:.1f}", f"{delta:.2f}"]
-    lines.append("| *HADR as published, on other data* | " + " | ".join([*cells, "-", "-"]) + " |")
-    return "\n".join(lines)
+    lines.append(["*HADR as published, on other data*", *cells, "-", "-"])
+    return markdown_table(head, lines)
 
 
 def _scores(row: Row | None) -> list[str]:
@@ -255,132 +243,6 @@ def draw_bias(ax: Axes, rows: Sequence[Row], split: str, names: Mapping[str, str
     ax.axvline(0, color=COLORS["truth"], lw=0.8)
 
 
-def compared(rows: Sequence[Row], published: Mapping[str, Any], split: str) -> list[str]:
-    """Give the methods of the paper's table that have a row, the paper's best first."""
-    there = {row["method"] for row in rows if row["split"] == split}
-    found = [m for m in NAMES if m in there and PUBLISHED_NAMES.get(m, "") in published[split]]
-    return sorted(found, key=lambda method: published[split][PUBLISHED_NAMES[method]][0])
-
-
-def orders_table(rows: Sequence[Row], published: Mapping[str, Any]) -> str:
-    """Set the paper's methods side by side: its error and ours, and the place that each gives.
-
-    Args:
-        rows: Rows of `known.json` and `unknown.json`.
-        published: Content of `results/paper_tables.json`.
-
-    Returns:
-        Markdown, a line a method and split.
-    """
-    lines = [
-        "| objects | method | paper: RMSE (cm) | place | δ1.05 (%) | ours: RMSE (cm) | place | "
-        "δ1.05 (%) |",
-        "|:--|:--" + "|--:" * 6 + "|",
-    ]
-    for split in ("known", "unknown"):
-        methods = compared(rows, published, split)
-        own = {row["method"]: row for row in rows if row["split"] == split}
-        theirs = [published[split][PUBLISHED_NAMES[method]] for method in methods]
-        for method, row in zip(methods, theirs, strict=True):
-            ours = own[method]
-            places = [
-                1 + sum(other[0] < row[0] for other in theirs),
-                1 + sum(own[other]["rmse_m"] < ours["rmse_m"] for other in methods),
-            ]
-            lines.append(
-                f"| {split} | {NAMES[method]} | {100 * row[0]:.1f} | {places[0]} | {row[3]:.2f} | "
-                f"{100 * ours['rmse_m']:.2f} | {places[1]} | {ours['delta_105']:.2f} |"
-            )
-    return "\n".join(lines)
-
-
-def draw_against_paper(
-    ax: Axes, rows: Sequence[Row], published: Mapping[str, Any], split: str
-) -> None:
-    """Draw each method's RMSE as published (hollow) and ours (full, with its standard error).
-
-    Args:
-        ax: Ordinary 2D axes.
-        rows: Rows of `known.json` and `unknown.json`.
-        published: Content of `results/paper_tables.json`.
-        split: "known" or "unknown".
-    """
-    own = {row["method"]: row for row in rows if row["split"] == split}
-    methods = compared(rows, published, split)
-    largest = max((100 * own[method]["rmse_m"] for method in methods), default=1)
-    for line, method in enumerate(methods):
-        color = system_color(method)
-        theirs = 100 * published[split][PUBLISHED_NAMES[method]][0]
-        ours = 100 * own[method]["rmse_m"]
-        doubt = 100 * (own[method].get("rmse_standard_error_m") or 0)
-        ax.plot([theirs, ours], [line, line], color=color, lw=1, alpha=0.5)
-        ax.plot(theirs, line, "o", color=color, mfc="white", ms=8)
-        ax.errorbar(ours, line, xerr=doubt, color=color, marker="o", ms=8, capsize=2)
-    ax.set(
-        xscale="log",
-        yticks=range(len(methods)),
-        yticklabels=[NAMES[method] for method in methods],
-        ylim=(len(methods) - 0.5, -0.5),
-        xlim=(0.7, max(10, 1.3 * largest)),
-        xlabel="RMSE (cm)",
-        title=f"{split} objects",
-    )
-    ax.set_xticks([1, 2, 5, 10], ["1", "2", "5", "10"])
-    ax.minorticks_off()
-
-
-def draw_error_over_time(ax: Axes, rows: Sequence[Row], speed: Sequence[Row], split: str) -> None:
-    """Draw each method's error over the time that a frame takes, both at preset `mini`.
-
-    Args:
-        ax: Ordinary 2D axes.
-        rows: Rows of `known.json` and `unknown.json`.
-        speed: Rows of `results/speed/side_by_side.json`.
-        split: "known" or "unknown".
-    """
-    times = {row["method"]: row["wall_median_ms"] for row in speed if row["preset"] != "paper"}
-    for row in ordered(rows, split):
-        if row["method"] not in times or row["rmse_m"] > 0.2:
-            continue
-        place = (times[row["method"]], 100 * row["rmse_m"])
-        ax.plot(*place, "o", color=system_color(row["method"]), ms=8)
-        ax.annotate(NAMES[row["method"]], place, xytext=(6, 4), textcoords="offset points",
-                    fontsize=9)  # fmt: skip
-    ax.set(
-        xscale="log",
-        ylim=(0, None),
-        xlabel="time of a frame (ms)",
-        ylabel="RMSE (cm)",
-        title=f"{split} objects",
-    )
-
-
-def ablation_table(rows: Sequence[Row], published: Mapping[str, Any]) -> str:
-    """Set the ablation of HADR beside the paper's.
-
-    Args:
-        rows: Rows of `ablation.json`.
-        published: Content of `results/paper_tables.json`.
-
-    Returns:
-        Markdown, the rows in the paper's order.
-    """
-    lines = [
-        "| row | paper: RMSE (cm) | MAE (cm) | δ1.05 (%) | ours: RMSE (cm) | standard error | "
-        "MAE (cm) | δ1.05 (%) |",
-        "|:--" + "|--:" * 7 + "|",
-    ]
-    for row in rows:
-        theirs = published["ablation"][PUBLISHED_NAMES[row["method"]]]
-        lines.append(
-            f"| {NAMES[row['method']]} | {100 * theirs[0]:.1f} | {100 * theirs[2]:.1f} | "
-            f"{theirs[3]:.2f} | {100 * row['rmse_m']:.2f} | "
-            f"{100 * row['rmse_standard_error_m']:.2f} | {100 * row['mae_m']:.2f} | "
-            f"{row['delta_105']:.2f} |"
-        )
-    return "\n".join(lines)
-
-
 def averages_table(rows: Sequence[Row]) -> str:
     """Set each network's error in both averages, and against the hand's median frame by frame.
 
@@ -390,22 +252,21 @@ def averages_table(rows: Sequence[Row]) -> str:
     Returns:
         Markdown.
     """
-    lines = [
-        "| objects | method | RMSE, mean over frames (cm) | pooled (cm) | minus the hand's median "
-        "(cm) | better on frames (%) |",
-        "|:--|:--" + "|--:" * 4 + "|",
-    ]
+    head = [
+        "objects", "method", "RMSE, mean over frames (cm)", "pooled (cm)",
+        "minus the hand's median (cm)", "better on frames (%)",
+    ]  # fmt: skip
+    lines = []
     for row in [r for split in ("known", "unknown") for r in ordered(rows, split)]:
         pair = row.get("against_hand_median")
         if "parameters" not in row or pair is None:
             continue
         gap, doubt = 100 * pair["mean_difference_m"], 100 * pair["standard_error_m"]
         share = 100 * pair["better_on_frames"] / pair["frames"]
-        lines.append(
-            f"| {row['split']} | {NAMES[row['method']]} | {100 * row['rmse_m']:.2f} | "
-            f"{100 * row['pooled']['rmse_m']:.2f} | {gap:+.2f} ± {doubt:.2f} | {share:.0f} |"
-        )
-    return "\n".join(lines)
+        both = (f"{100 * part['rmse_m']:.2f}" for part in (row, row["pooled"]))
+        name = NAMES[row["method"]]
+        lines.append([row["split"], name, *both, f"{gap:+.2f} ± {doubt:.2f}", f"{share:.0f}"])
+    return markdown_table(head, lines, "llr")
 
 
 def poses_table(rows: Sequence[Row]) -> str:
@@ -417,15 +278,14 @@ def poses_table(rows: Sequence[Row]) -> str:
     Returns:
         Markdown.
     """
-    lines = [
-        "| objects | method | RMSE, most familiar third (cm) | newest third (cm) | rank "
-        "correlation |",
-        "|:--|:--" + "|--:" * 3 + "|",
-    ]
+    head = [
+        "objects", "method", "RMSE, most familiar third (cm)", "newest third (cm)",
+        "rank correlation",
+    ]  # fmt: skip
+    lines = []
     for row in [r for split in ("known", "unknown") for r in ordered(rows, split)]:
         near, _, far = row["by_pose"]
-        lines.append(
-            f"| {row['split']} | {NAMES[row['method']]} | {100 * near['rmse_m']:.2f} | "
-            f"{100 * far['rmse_m']:.2f} | {row['rank_correlation']:+.2f} |"
-        )
-    return "\n".join(lines)
+        both = (f"{100 * part['rmse_m']:.2f}" for part in (near, far))
+        name = NAMES[row["method"]]
+        lines.append([row["split"], name, *both, f"{row['rank_correlation']:+.2f}"])
+    return markdown_table(head, lines, "llr")

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from hadr.markdown import markdown_table
 from hadr.plotting import COLORS
 
 #: What is compared: key in the results, title, factor, unit.
@@ -87,7 +88,7 @@ def sensor_table(columns: Mapping[str, Mapping[str, Any]]) -> str:
         f"{_COLUMNS[name][0]}, {columns[name]['frames']} frames".replace("\n", " ")
         for name in groups
     ]
-    lines = ["| | " + " | ".join(heads) + " |", "|:--|" + "--:|" * len(groups)]
+    lines = []
     for key, title, factor, unit in SENSOR_ROWS:
         cells = []
         for name in groups:
@@ -96,8 +97,8 @@ def sensor_table(columns: Mapping[str, Mapping[str, Any]]) -> str:
             if len(values):
                 text = f"{np.median(values):.1f} ({values.min():.1f} to {values.max():.1f})"
             cells.append(text)
-        lines.append(f"| {title}, {unit} | " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+        lines.append([f"{title}, {unit}", *cells])
+    return markdown_table(["", *heads], lines)
 
 
 def show_infrared(ax: Axes, picture: npt.NDArray[np.uint8], title: str) -> None:

@@ -5,18 +5,20 @@ from __future__ import annotations
 import matplotlib.pyplot as plt
 import pytest
 
-from hadr.plotting.results import (
+from hadr.plotting.comparison import (
     ablation_table,
-    averages_table,
     compared,
     draw_against_paper,
+    draw_error_over_time,
+    orders_table,
+)
+from hadr.plotting.results import (
+    averages_table,
     draw_bias,
     draw_by_object,
-    draw_error_over_time,
     draw_learning,
     draw_parts,
     draw_systems,
-    orders_table,
     poses_table,
     results_table,
 )

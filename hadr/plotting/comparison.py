@@ -1,0 +1,152 @@
+"""Our tables beside the paper's: orders, distances, parts; all from files, as in `results`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from matplotlib.axes import Axes
+
+from hadr.markdown import markdown_table
+from hadr.plotting.results import NAMES, Row, ordered, system_color
+
+PUBLISHED_NAMES: dict[str, str] = {
+    "tode": "TODE-Trans",
+    "dfnet": "TransCG",
+    "swindrnet": "SwinDRNet",
+    "lidf": "LIDF+Refine",
+    "hadr": "HADR",
+    "no-hand": "w/o Hand Feature",
+    "no-aggregation": "w/o MS Aggregation",
+    "no-point-fusion": "w/o Point Fusion",
+    "hand-2d": "2D Hand Feature",
+    "full": "Full Model",
+}
+"""Names of our rows in the paper's tables."""
+
+
+def compared(rows: Sequence[Row], published: Mapping[str, Any], split: str) -> list[str]:
+    """Give the methods of the paper's table that have a row, the paper's best first."""
+    there = {row["method"] for row in rows if row["split"] == split}
+    found = [m for m in NAMES if m in there and PUBLISHED_NAMES.get(m, "") in published[split]]
+    return sorted(found, key=lambda method: published[split][PUBLISHED_NAMES[method]][0])
+
+
+def orders_table(rows: Sequence[Row], published: Mapping[str, Any]) -> str:
+    """Set the paper's methods side by side: its error and ours, and the place that each gives.
+
+    Args:
+        rows: Rows of `known.json` and `unknown.json`.
+        published: Content of `results/paper_tables.json`.
+
+    Returns:
+        Markdown, a line a method and split.
+    """
+    head = [
+        "objects", "method", "paper: RMSE (cm)", "place", "δ1.05 (%)", "ours: RMSE (cm)", "place",
+        "δ1.05 (%)",
+    ]  # fmt: skip
+    lines = []
+    for split in ("known", "unknown"):
+        methods = compared(rows, published, split)
+        own = {row["method"]: row for row in rows if row["split"] == split}
+        theirs = [published[split][PUBLISHED_NAMES[method]] for method in methods]
+        for method, row in zip(methods, theirs, strict=True):
+            ours = own[method]
+            place = 1 + sum(other[0] < row[0] for other in theirs)
+            printed = [f"{100 * row[0]:.1f}", str(place), f"{row[3]:.2f}"]
+            place = 1 + sum(own[other]["rmse_m"] < ours["rmse_m"] for other in methods)
+            measured = [f"{100 * ours['rmse_m']:.2f}", str(place), f"{ours['delta_105']:.2f}"]
+            lines.append([split, NAMES[method], *printed, *measured])
+    return markdown_table(head, lines, "llr")
+
+
+def draw_against_paper(
+    ax: Axes, rows: Sequence[Row], published: Mapping[str, Any], split: str
+) -> None:
+    """Draw each method's RMSE as published (hollow) and ours (full, with its standard error).
+
+    Args:
+        ax: Ordinary 2D axes.
+        rows: Rows of `known.json` and `unknown.json`.
+        published: Content of `results/paper_tables.json`.
+        split: "known" or "unknown".
+    """
+    own = {row["method"]: row for row in rows if row["split"] == split}
+    methods = compared(rows, published, split)
+    largest = max((100 * own[method]["rmse_m"] for method in methods), default=1)
+    for line, method in enumerate(methods):
+        color = system_color(method)
+        theirs = 100 * published[split][PUBLISHED_NAMES[method]][0]
+        ours = 100 * own[method]["rmse_m"]
+        doubt = 100 * (own[method].get("rmse_standard_error_m") or 0)
+        ax.plot([theirs, ours], [line, line], color=color, lw=1, alpha=0.5)
+        ax.plot(theirs, line, "o", color=color, mfc="white", ms=8)
+        ax.errorbar(ours, line, xerr=doubt, color=color, marker="o", ms=8, capsize=2)
+    ax.set(
+        xscale="log",
+        yticks=range(len(methods)),
+        yticklabels=[NAMES[method] for method in methods],
+        ylim=(len(methods) - 0.5, -0.5),
+        xlim=(0.7, max(10, 1.3 * largest)),
+        xlabel="RMSE (cm)",
+        title=f"{split} objects",
+    )
+    ax.set_xticks([1, 2, 5, 10], ["1", "2", "5", "10"])
+    ax.minorticks_off()
+
+
+def draw_error_over_time(ax: Axes, rows: Sequence[Row], speed: Sequence[Row], split: str) -> None:
+    """Draw each method's error over the time that a frame takes, both at preset `mini`.
+
+    Args:
+        ax: Ordinary 2D axes.
+        rows: Rows of `known.json` and `unknown.json`.
+        speed: Rows of `results/speed/side_by_side.json`.
+        split: "known" or "unknown".
+    """
+    times = {row["method"]: row["wall_median_ms"] for row in speed if row["preset"] != "paper"}
+    for row in ordered(rows, split):
+        if row["method"] not in times or row["rmse_m"] > 0.2:
+            continue
+        place = (times[row["method"]], 100 * row["rmse_m"])
+        ax.plot(*place, "o", color=system_color(row["method"]), ms=8)
+        ax.annotate(NAMES[row["method"]], place, xytext=(6, 4), textcoords="offset points",
+                    fontsize=9)  # fmt: skip
+    ax.set(
+        xscale="log",
+        ylim=(0, None),
+        xlabel="time of a frame (ms)",
+        ylabel="RMSE (cm)",
+        title=f"{split} objects",
+    )
+
+
+def ablation_table(rows: Sequence[Row], published: Mapping[str, Any]) -> str:
+    """Set the ablation of HADR beside the paper's.
+
+    Args:
+        rows: Rows of `ablation.json`.
+        published: Content of `results/paper_tables.json`.
+
+    Returns:
+        Markdown, the rows in the paper's order.
+    """
+    head = [
+        "row", "paper: RMSE (cm)", "MAE (cm)", "δ1.05 (%)", "ours: RMSE (cm)", "standard error",
+        "MAE (cm)", "δ1.05 (%)",
+    ]  # fmt: skip
+    lines = []
+    for row in rows:
+        theirs = published["ablation"][PUBLISHED_NAMES[row["method"]]]
+        own = ("rmse_m", "rmse_standard_error_m", "mae_m")
+        lines.append(
+            [
+                NAMES[row["method"]],
+                *(f"{100 * value:.1f}" for value in (theirs[0], theirs[2])),
+                f"{theirs[3]:.2f}",
+                *(f"{100 * row[column]:.2f}" for column in own),
+                f"{row['delta_105']:.2f}",
+            ]
+        )
+    return markdown_table(head, lines)
