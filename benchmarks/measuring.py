@@ -7,6 +7,8 @@ processor's (`time.process_time`, all threads together), which another program d
 
 from __future__ import annotations
 
+import functools
+import itertools
 import json
 import resource
 import subprocess
@@ -18,7 +20,27 @@ from statistics import median
 from typing import Any
 
 import torch
+from torch import nn
 from torch.profiler import ProfilerActivity, profile
+
+from hadr.data.samples import open_samples
+from hadr.training.batches import FrameTensors, load_frames
+
+
+@functools.cache
+def sample_frames(size: tuple[int, int] = (224, 224), every: int = 12) -> FrameTensors:
+    """Validation frames, of small and large glasses; eight of them with 12."""
+    chosen = [frame for number, frame in enumerate(open_samples("val")) if number % every == 0]
+    with torch.inference_mode(False):  # the frames are read by threads that know nothing of it
+        return load_frames(chosen, size, keep_all=True)
+
+
+def in_turns(network: nn.Module, size: tuple[int, int] = (224, 224)) -> Callable[[], Any]:
+    """A call that restores the next of the sample frames."""
+    frames = sample_frames(size)
+    numbers = itertools.cycle(range(len(frames)))
+    inputs = [frames.take([number]).inputs for number in range(len(frames))]
+    return lambda: network(inputs[next(numbers)])
 
 
 def interleaved(

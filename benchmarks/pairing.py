@@ -9,17 +9,22 @@ The rays and the voxels are those of the committed sample frames at 224x224, rep
 from __future__ import annotations
 
 import argparse
-import functools
 import json
 from pathlib import Path
 from typing import Any
 
 import torch
-from measuring import growth, in_a_process, interleaved, peak_rss_bytes, peak_tensor_bytes
+from measuring import (
+    growth,
+    in_a_process,
+    interleaved,
+    peak_rss_bytes,
+    peak_tensor_bytes,
+    sample_frames,
+)
 from torch import Tensor
 from torch.nn import functional
 
-from hadr.data.samples import open_samples
 from hadr.dense_pairing import dense_ray_voxel_pairs
 from hadr.models.hadr_input import masked_rays, ray_points
 from hadr.provenance import machine_text, provenance, write_json
@@ -30,7 +35,6 @@ from hadr.ray_voxels import (
     ray_voxel_pairs,
     select_points,
 )
-from hadr.training.batches import FrameTensors, load_frames
 
 METHODS = {"walk": ray_voxel_pairs, "dense": dense_ray_voxel_pairs}
 RAYS = (500, 1000, 2000, 4000, 8000, 16000, 32000)
@@ -38,12 +42,6 @@ BATCHES = (1, 8, 32)
 MOST_DENSE = 3_000_000_000
 """Bytes: larger dense formulations are left out, and said to be."""
 Case = tuple[Tensor, Tensor, OccupiedVoxels, VoxelGrid]
-
-
-@functools.cache
-def sample_frames() -> FrameTensors:
-    """Eight validation frames at 224x224."""
-    return load_frames([f for n, f in enumerate(open_samples("val")) if n % 12 == 0], (224, 224))
 
 
 def case(batch: int, rays_per_frame: int | None, cells: int = 8) -> Case:

@@ -13,7 +13,6 @@ from __future__ import annotations
 import argparse
 import functools
 import importlib.util
-import itertools
 import json
 import tempfile
 import time
@@ -23,18 +22,24 @@ from typing import Any
 from unittest.mock import patch
 
 import torch
-from measuring import in_a_process, interleaved, peak_rss_bytes, peak_tensor_bytes
+from measuring import (
+    in_a_process,
+    in_turns,
+    interleaved,
+    peak_rss_bytes,
+    peak_tensor_bytes,
+    sample_frames,
+)
 from torch import nn
 
 import hadr.models.hadr as steps
-from hadr.data.samples import open_samples, samples_dir
+from hadr.data.samples import samples_dir
 from hadr.metrics import mean_over_frames
 from hadr.models.backbone import BackboneConfig, build_swin
 from hadr.models.exported import export_backbone, with_exported_backbone
 from hadr.models.hadr import HADR
 from hadr.models.sparse_rays import SparseRays
 from hadr.provenance import machine_text, provenance, write_json
-from hadr.training.batches import FrameTensors, load_frames
 from hadr.training.checkpoints import load_checkpoint
 from hadr.training.evaluation import score
 from hadr.training.presets import preset
@@ -51,22 +56,6 @@ PARTS = {
     "decoders": ("probability_decoder", "offset_decoder", "segment_softmax", "segment_argmax"),
 }
 """Which functions and modules of `HADR.forward` belong to which part."""
-
-
-@functools.cache
-def sample_frames(every: int = 12) -> FrameTensors:
-    """Validation frames, of small and large glasses; eight of them with 12."""
-    chosen = [frame for number, frame in enumerate(open_samples("val")) if number % every == 0]
-    with torch.inference_mode(False):  # the frames are read by threads that know nothing of it
-        return load_frames(chosen, SIZE)
-
-
-def in_turns(network: nn.Module) -> Callable[[], Any]:
-    """A call that restores the next of the frames."""
-    frames = sample_frames()
-    numbers = itertools.cycle(range(len(frames)))
-    inputs = [frames.take([number]).inputs for number in range(len(frames))]
-    return lambda: network(inputs[next(numbers)])
 
 
 def build(name: str) -> HADR:
@@ -160,7 +149,7 @@ def variants(name: str, folder: Path, threads: int, onnx: bool) -> dict[str, nn.
 def accuracy(folder: Path, every: int, onnx: bool) -> dict[str, Any]:
     """Error on validation samples with the committed checkpoint, by form."""
     network, _ = load_checkpoint(samples_dir() / "checkpoints" / "hadr-mini.safetensors")
-    frames = sample_frames(every)
+    frames = sample_frames(every=every)
     forms: dict[str, nn.Module] = {"all rays": network.eval(), "half the rays": SparseRays(network)}
     if onnx:
         for title, integers in (("ONNX", False), ("ONNX, 8 bit", True)):

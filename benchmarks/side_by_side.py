@@ -11,7 +11,6 @@ built; Linux tells it, elsewhere it is left out.
 from __future__ import annotations
 
 import argparse
-import functools
 import itertools
 import json
 from collections.abc import Callable
@@ -19,28 +18,18 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from measuring import in_a_process, interleaved, peak_tensor_bytes
+from measuring import in_a_process, in_turns, interleaved, peak_tensor_bytes, sample_frames
 from torch import nn
 
-from hadr.data.samples import open_samples
 from hadr.depth_network import TITLES
 from hadr.experiments.systems import CHEAP
 from hadr.provenance import machine_text, provenance
 from hadr.result_file import write_result_file
-from hadr.training.batches import FrameTensors, load_frames
 from hadr.training.evaluation import BASELINES
 from hadr.training.presets import preset
 from hadr.training.tasks import task_of
 
 SIZES = ("paper", "mini")
-
-
-@functools.cache
-def sample_frames(size: tuple[int, int], every: int = 12) -> FrameTensors:
-    """Validation frames, of small and large glasses; eight of them with 12."""
-    chosen = [frame for number, frame in enumerate(open_samples("val")) if number % every == 0]
-    with torch.inference_mode(False):  # the frames are read by threads that know nothing of it
-        return load_frames(chosen, size, keep_all=True)
 
 
 def build(network: str, size: str) -> nn.Module:
@@ -50,14 +39,6 @@ def build(network: str, size: str) -> nn.Module:
     if network == "lidf":
         model.set_stage(2)
     return model
-
-
-def in_turns(network: nn.Module, size: tuple[int, int]) -> Callable[[], Any]:
-    """A call that restores the next of the frames."""
-    frames = sample_frames(size)
-    numbers = itertools.cycle(range(len(frames)))
-    inputs = [frames.take([number]).inputs for number in range(len(frames))]
-    return lambda: network(inputs[next(numbers)])
 
 
 def cheap_in_turns(method: str) -> Callable[[], Any]:

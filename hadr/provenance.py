@@ -11,10 +11,12 @@ import os
 import platform
 import subprocess
 from collections.abc import Mapping
-from dataclasses import asdict, is_dataclass
+from dataclasses import asdict, fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
+IF_CHANGED: Mapping[str, bool] = {"recorded if changed": True}
+"""Metadata of a dataclass field that joined after configurations were recorded (`record_of`)."""
 PROVENANCE_PACKAGES = (
     "hadr",
     "numpy",
@@ -74,6 +76,26 @@ def _git(*words: str) -> str | None:
     except (OSError, subprocess.TimeoutExpired):
         return None
     return answer.stdout.strip() if answer.returncode == 0 else None
+
+
+def record_of(config: Any) -> dict[str, Any]:
+    """Bring a configuration to built-in types, in a form that stays the same as fields join.
+
+    Args:
+        config: A dataclass; those in its fields are brought along.
+
+    Returns:
+        Name and value of each field, but for the fields with metadata `IF_CHANGED` that have their
+        default: so older records, and their digests, stay valid.
+    """
+    values: dict[str, Any] = asdict(config)
+    for one in fields(config):
+        own = getattr(config, one.name)
+        if one.metadata == IF_CHANGED and own == one.default:
+            del values[one.name]
+        elif is_dataclass(own):
+            values[one.name] = record_of(own)
+    return values
 
 
 def plain(value: Any, where: str = "results") -> Any:

@@ -91,6 +91,13 @@ def test_staging_again_leaves_nothing_of_the_last_time(small_book, tmp_path):
     assert not (staged / "notebooks" / "99_old.ipynb").exists()
 
 
+def test_staging_refuses_a_word_that_nothing_fills(small_book, tmp_path):
+    pages, runs = small_book
+    (pages / "more.md").write_text("# More\n\n{{WEATHER}}\n")
+    with pytest.raises(ValueError, match=r"more.md has \{\{WEATHER\}\}, which nothing fills"):
+        book.stage_book(pages, runs, tmp_path / "staged")
+
+
 def test_the_readme_takes_measured_times(tmp_path):
     readme = tmp_path / "README.md"
     readme.write_text(f"before\n{book.TABLE_BEGIN}\nold\n{book.TABLE_END}\nafter\n")

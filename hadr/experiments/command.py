@@ -17,6 +17,7 @@ from hadr.experiments.runner import Bench
 from hadr.experiments.splits import EXPERIMENTS
 from hadr.experiments.systems import METHODS, PARTS, SWITCHES
 from hadr.provenance import check_folder
+from hadr.training.accelerator import add_accelerator, chosen_accelerator
 from hadr.training.batches import CORRUPTIONS
 
 TINY_FRAMES = 96
@@ -50,12 +51,7 @@ def add_table_arguments(parser: argparse.ArgumentParser) -> None:
         help="so many trainings at a time, each in a process with one thread (1: one, with all "
         "threads; exact numbers repeat for the same number of threads only)",
     )
-    parser.add_argument(
-        "--accelerator",
-        choices=("auto", "cpu", "cuda"),
-        default="auto",
-        help="auto: cuda if any; numbers of a GPU are near to those of a CPU, not equal to them",
-    )
+    add_accelerator(parser)
     parser.add_argument(
         "--again",
         nargs=2,
@@ -99,10 +95,7 @@ def open_bench(args: argparse.Namespace) -> Bench:
     limit = TINY_FRAMES if args.preset == "tiny" else None
     if args.jobs < 1:
         raise ValueError(f"--jobs must be at least 1, got {args.jobs}")
-    cuda = torch.cuda.is_available()
-    if args.accelerator == "cuda" and not cuda:
-        raise ValueError("--accelerator cuda: PyTorch finds no CUDA device on this machine")
-    accelerator = "cuda" if cuda and args.accelerator != "cpu" else "cpu"
+    accelerator = chosen_accelerator(args.accelerator)
     return Bench(roots, args.out / "runs", args.preset, args.corruption, limit, accelerator)
 
 

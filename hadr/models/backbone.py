@@ -10,7 +10,7 @@ Transformer itself is that of the `transformers` package, in plain torch.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import torch
@@ -19,6 +19,7 @@ from torch.nn import functional
 
 from hadr.models.enlarged_map import EnlargedMap
 from hadr.models.stochastic_depth import replace_drop_path
+from hadr.provenance import IF_CHANGED
 
 IMAGENET_MEAN = (0.485, 0.456, 0.406)
 IMAGENET_STD = (0.229, 0.224, 0.225)
@@ -53,7 +54,7 @@ class BackboneConfig:
     drop_path: float = 0.2
     normalize_color: bool = True
     pretrained: str | None = None
-    patch: int = 4
+    patch: int = field(default=4, metadata=IF_CHANGED)
 
     def __post_init__(self) -> None:
         if len(self.depths) != len(self.heads) or not self.depths:

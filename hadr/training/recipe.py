@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any, Literal, Protocol, get_args
 
 from hadr.models.hadr import HADRConfig
+from hadr.provenance import IF_CHANGED, record_of
 from hadr.training.losses import PRINTED, LossWeights
 
 Schedule = Literal["step", "cosine"]
 Precision = Literal["32-true", "bf16-mixed"]
 Optimizer = Literal["adam", "adamw"]
-_LATER = ("stretch", "optimizer", "weight_decay", "milestones", "decay", "restarts")
-"""Fields that joined after trainings were recorded; a record has them where they do something."""
 
 
 class NetworkConfig(Protocol):
@@ -93,12 +92,12 @@ class Preset:
     roll_deg: float = 0.0
     precision: Precision = "32-true"
     validation_frames: int | None = None
-    stretch: float = 1.0
-    optimizer: Optimizer = "adam"
-    weight_decay: float = 0.0
-    milestones: tuple[float, ...] = ()
-    decay: float = 0.1
-    restarts: tuple[float, ...] = ()
+    stretch: float = field(default=1.0, metadata=IF_CHANGED)
+    optimizer: Optimizer = field(default="adam", metadata=IF_CHANGED)
+    weight_decay: float = field(default=0.0, metadata=IF_CHANGED)
+    milestones: tuple[float, ...] = field(default=(), metadata=IF_CHANGED)
+    decay: float = field(default=0.1, metadata=IF_CHANGED)
+    restarts: tuple[float, ...] = field(default=(), metadata=IF_CHANGED)
 
     def __post_init__(self) -> None:
         for name in ("width", "height", "epochs", "batch_size", "ray_stride"):
@@ -166,16 +165,5 @@ class Preset:
         return (share - begin) / (ends[ends.index(begin) + 1] - begin)
 
     def to_dict(self) -> dict[str, Any]:
-        """The recipe as built-in types, for JSON.
-
-        Fields that came late are left out where they do nothing, so that older records stay valid.
-        """
-        values: dict[str, Any] = asdict(self)  # type: ignore[call-overload, unused-ignore]
-        first = {f.name: f.default for f in fields(self)}
-        for name in _LATER:
-            if values[name] == first[name]:
-                del values[name]
-        backbone = values["model"].get("backbone", {})
-        if isinstance(backbone, dict) and backbone.get("patch") == 4:
-            del backbone["patch"]
-        return values
+        """The recipe as built-in types, for JSON (`record_of`)."""
+        return record_of(self)

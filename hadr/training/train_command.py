@@ -10,12 +10,12 @@ from dataclasses import is_dataclass, replace
 from pathlib import Path
 from typing import Any, get_args
 
-import torch
 from lightning_fabric import Fabric
 from torch.utils.data import ConcatDataset
 
 from hadr.models.hadr import HADRConfig
 from hadr.provenance import check_folder
+from hadr.training.accelerator import add_accelerator, chosen_accelerator
 from hadr.training.batches import CORRUPTIONS, FrameTensors, load_frames
 from hadr.training.loop import LAST, train
 from hadr.training.losses import CODED
@@ -68,12 +68,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     machine = parser.add_argument_group("machine")
     machine.add_argument("--devices", type=int, default=1, help="processes on this machine (1)")
-    machine.add_argument(
-        "--accelerator",
-        choices=("auto", "cpu", "cuda"),
-        default="auto",
-        help="auto: cuda if any",
-    )
+    add_accelerator(machine)
     machine.add_argument(
         "--precision", choices=PRECISIONS, help="of the forward pass (the preset's)"
     )
@@ -205,8 +200,7 @@ def run(args: argparse.Namespace) -> int:
         raise ValueError(f"--devices must be at least 1, got {args.devices}")
     if args.seed < 0:
         raise ValueError(f"--seed must be at least 0, got {args.seed}")
-    if args.accelerator == "cuda" and not torch.cuda.is_available():
-        raise ValueError("--accelerator cuda: PyTorch finds no CUDA device on this machine")
+    accelerator = chosen_accelerator(args.accelerator)
     if args.tensorboard and importlib.util.find_spec("tensorboard") is None:
         raise ValueError("--tensorboard needs a package that is not here: pip install tensorboard")
     given.check_network(recipe.network)
@@ -216,10 +210,7 @@ def run(args: argparse.Namespace) -> int:
         recipe = with_recorded_drop(recipe, Path(args.out))
     elif not args.resume:
         TrainingFolder(Path(args.out), recipe, args.seed, None).check_empty()
-    cuda = torch.cuda.is_available() if args.accelerator == "auto" else args.accelerator == "cuda"
-    fabric = Fabric(
-        accelerator="cuda" if cuda else "cpu", devices=args.devices, precision=recipe.precision
-    )
+    fabric = Fabric(accelerator=accelerator, devices=args.devices, precision=recipe.precision)
     fabric.launch()
     folders = args.data or [samples_dir() / "frames"]
     parts = {

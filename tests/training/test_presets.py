@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from torch import nn
 from hadr.provenance import plain
 from hadr.training.checkpoints import load_checkpoint, save_checkpoint, strip_checkpoint
 from hadr.training.loop import optimizer_of
-from hadr.training.presets import NETWORKS, preset
+from hadr.training.presets import NETWORKS, RECIPES, preset, recipe_from_dict
 from hadr.training.recipe import Preset
 from hadr.training.tasks import task_of
 
@@ -71,6 +72,24 @@ def test_rates_at_milestones_which_are_shares_of_the_training() -> None:
     )
     rates = [recipe.rate(epoch) for epoch in (0, 4.99, 5, 14.99, 15, 39)]
     assert rates == pytest.approx([1e-3, 1e-3, 2e-4, 2e-4, 4e-5, 4e-5])
+
+
+def test_a_cosine_that_begins_again_at_a_restart() -> None:
+    recipe = Preset("test", 8, 8, schedule="cosine", epochs=12, restarts=(2 / 3,))
+    rates = [recipe.rate(epoch) / recipe.learning_rate for epoch in (0, 4, 8 - 1e-9, 8, 10, 12)]
+    assert rates == pytest.approx([1, 0.5, 0, 1, 0.5, 0], abs=1e-9)
+
+
+@pytest.mark.parametrize("recipe", RECIPES, ids=lambda recipe: f"{recipe.network}-{recipe.name}")
+def test_a_recorded_recipe_is_the_recipe_again(recipe: Preset) -> None:
+    assert recipe_from_dict(json.loads(json.dumps(plain(recipe.to_dict())))) == recipe
+
+
+def test_a_late_field_of_a_part_is_recorded_only_where_it_does_something() -> None:
+    recipe = preset("mini")
+    assert "patch" not in recipe.to_dict()["model"]["backbone"]
+    fine = replace(recipe.model, backbone=replace(recipe.model.backbone, patch=2))
+    assert replace(recipe, model=fine).to_dict()["model"]["backbone"]["patch"] == 2
 
 
 def test_a_late_field_is_recorded_only_where_it_does_something() -> None:
