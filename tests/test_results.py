@@ -8,12 +8,18 @@ from pathlib import Path
 
 import pytest
 
-from hadr.experiments.systems import METHODS
-from hadr.result_file import read_result_file
+from hadr.experiments.conditions import IN_CONDITIONS, WITH_HAND
+from hadr.experiments.plan import OFTEN
+from hadr.experiments.report import DEFAULT, TITLES, report
+from hadr.experiments.systems import METHODS, SWITCHES
+from hadr.experiments.tables import ABLATION, FILES, LEDGER
+from hadr.result_file import digest, read_result_file, read_result_files
 from hadr.synthesis.objects import OBJECTS, UNKNOWN_OBJECTS
+from hadr.training.presets import RIVALS
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "results"
+DELTAS = ("delta_105", "delta_110", "delta_125")
 METHOD = {
     "raw": "raw",
     "inpainting": "inpainting",
@@ -25,7 +31,7 @@ METHOD = {
 
 
 def test_the_readmes_table_is_the_result_files() -> None:
-    table = read_result_file(RESULTS / "mini" / "hadr.json")
+    table = read_result_files(RESULTS / "mini", "known", "unknown")
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     begins = ("| root mean square", "| known objects", "| unknown objects")
     lines = [line for line in text.splitlines() if line.startswith(begins)]
@@ -39,14 +45,14 @@ def test_the_readmes_table_is_the_result_files() -> None:
 
 
 def test_the_readmes_words_on_predicted_masks_are_the_result_files() -> None:
-    chain = read_result_file(RESULTS / "mini" / "chain.json")
+    chain = read_result_file(RESULTS / "mini" / "segmentation.json")
     text = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
     said = re.search(
         r"HADR \(the bundled one\) reaches ([\d.]+) cm and HADR-plus ([\d.]+) cm", text
     )
     assert said is not None
-    for method, number in zip(("hadr", "hadr-plus"), said.groups(), strict=True):
-        row = chain.row(method=method, given="both predicted")
+    for method, number in zip(("hadr-long", "hadr-plus"), said.groups(), strict=True):
+        row = chain.row(method=method, given="predicted mask and keypoints")
         assert number == f"{100 * row['rmse_m']:.1f}"
 
 
@@ -56,22 +62,143 @@ def test_the_readmes_frames_a_second_are_the_result_files() -> None:
     assert f"[{rate:.0f} frames a second]" in (ROOT / "README.md").read_text(encoding="utf-8")
 
 
-def test_rows_of_the_mini_table_hang_together() -> None:
-    table = read_result_file(RESULTS / "mini" / "hadr.json")
-    assert {row["method"] for row in table.rows} <= set(METHODS)
+@pytest.mark.parametrize("name", ["known", "unknown", "ablation", "ledger"])
+def test_rows_of_the_mini_tables_hang_together(name: str) -> None:
+    table = read_result_file(RESULTS / "mini" / f"{name}.json")
     assert {"commit", "versions", "machine", "data", "sha256"} <= set(table.provenance)
-    parts = read_result_file(RESULTS / "mini" / "errors.json")
     for row in table.rows:
-        assert row["config_sha256"]
-        assert row["seeds"]
+        assert len(row["config_sha256"]) == len(row["seeds"]) == len(row["by_seed"]["rmse_m"])
+        assert row["config_sha256"][0] == digest(row["configuration"])
+        assert row["rmse_m"] == pytest.approx(sum(row["by_seed"]["rmse_m"]) / len(row["seeds"]))
+        assert (row["seed_sd"]["rmse_m"] is None) == (len(row["seeds"]) == 1)
         assert row["mae_m"] <= row["rmse_m"]
         assert row["delta_105"] <= row["delta_110"] <= row["delta_125"]
-        objects = OBJECTS if row["split"] == "known" else UNKNOWN_OBJECTS
+        assert set(row["pooled"]) == {"rmse_m", "rel", "mae_m", *DELTAS}
+        assert row["provenance"]["data_sha256"] == table.provenance["data"]["sha256"]
+        assert row["provenance"]["commit"]
+        objects = UNKNOWN_OBJECTS if row["split"] == "unknown" else OBJECTS
         assert set(row["by_object"]) == set(objects)
         if "parameters" in row:
             assert len(row["curve"]["validation_rmse_m"]) == row["epochs"]
+            assert row["training_s"] > 0
+
+
+def test_the_tables_have_every_method() -> None:
+    mini = RESULTS / "mini"
+    found = {name: {row["method"] for row in read_result_file(mini / f"{name}.json").rows}
+             for name in FILES}  # fmt: skip
+    assert found["known"] == set(METHODS)
+    assert found["unknown"] >= set(METHODS) - {"hadr-long"}
+    assert found["ablation"] == set(ABLATION)
+    assert found["ledger"] == set(LEDGER)
+    unknown = read_result_file(mini / "unknown.json")
+    for method in OFTEN:
+        assert len(unknown.row(method=method)["seeds"]) >= 3
+    assert found["keypoints"] == set(WITH_HAND)
+    assert found["segmentation"] == set(IN_CONDITIONS)
+
+
+def test_errors_taken_apart_are_those_of_the_tables() -> None:
+    table = read_result_files(RESULTS / "mini", "known", "unknown")
+    parts = read_result_file(RESULTS / "mini" / "errors.json")
+    for row in table.rows:
+        if "parameters" in row:
             apart = parts.row(method=row["method"], split=row["split"])
-            assert apart["rmse_m"] == pytest.approx(row["rmse_m"], abs=1e-6)
+            assert apart["rmse_m"] == pytest.approx(row["by_seed"]["rmse_m"][0], abs=1e-6)
+
+
+def test_what_chapter_7_says_of_the_rivals_is_so() -> None:
+    mini = RESULTS / "mini"
+    error = {
+        (row["split"], row["method"]): row["rmse_m"]
+        for row in read_result_files(mini, "known", "unknown").rows
+    }
+    for split in ("known", "unknown"):
+        assert all(error[split, rival] > error[split, "hadr"] for rival in RIVALS)
+        assert error[split, "hadr-plus"] == min(e for (s, _), e in error.items() if s == split)
+        assert error[split, "unet-hand"] < error[split, "hadr"]
+    assert all(error["unknown", rival] > error["unknown", "hand-median"] for rival in RIVALS)
+    for transformer in ("swindrnet", "tode"):
+        assert error["known", transformer] < error["known", "hand-median"]
+        others = (error["unknown", m] for m in ("hadr", "lidf", "dfnet"))
+        assert error["unknown", transformer] > max(others)
+    parts = read_result_file(mini / "errors.json")
+    flute, jar = UNKNOWN_OBJECTS
+    for method in ("swindrnet", "tode"):
+        row = parts.row(method=method, split="unknown")["by_object"]
+        assert row[flute]["bias_m"] == pytest.approx(0.08, abs=0.01)
+        assert row[jar]["bias_m"] == pytest.approx(-0.02, abs=0.004)
+    own = parts.row(method="hadr", split="unknown")["by_object"]
+    assert abs(own[flute]["bias_m"]) == pytest.approx(0.005, abs=0.002)
+
+
+def test_what_chapter_7_says_of_parts_and_colours_is_so() -> None:
+    mini = RESULTS / "mini"
+    ablation = read_result_file(mini / "ablation.json")
+    gap = {row["method"]: row["against_full"] for row in ablation.rows}
+    for part in ("no-hand", "hand-2d"):
+        assert gap[part]["mean_difference_m"] > max(0.01, 3 * gap[part]["standard_error_m"])
+    for part in ("no-aggregation", "no-point-fusion"):
+        assert -0.0002 < gap[part]["mean_difference_m"] < 0
+    grows = {
+        row["method"]: row["others_minus_own"]["mean_difference_m"]
+        for row in read_result_file(mini / "colors.json").rows
+    }
+    assert all(abs(grows[m]) < 0.0002 for m in ("hadr", "hadr-long", "hadr-plus", "swindrnet"))
+    assert sorted(grows, key=lambda m: -grows[m])[:2] == ["lidf", "no-hand"]
+    unknown = read_result_file(mini / "unknown.json")
+    seeds = {m: unknown.row(method=m)["by_seed"]["rmse_m"] for m in ("hadr", "no-hand")}
+    assert all(max(each) - min(each) < 0.004 for each in seeds.values())
+    assert min(seeds["no-hand"]) - max(seeds["hadr"]) > 0.01
+
+
+def test_what_chapter_7_says_of_predicted_masks_is_so() -> None:
+    rows = read_result_file(RESULTS / "mini" / "segmentation.json").rows
+    error = {(row["given"], row["method"]): row["rmse_m"] for row in rows}
+    for given in ("predicted mask and keypoints", "simulated sensor, predicted mask and keypoints"):
+        order = sorted((e, m) for (g, m), e in error.items() if g == given)
+        assert {method for _, method in order[:2]} == {"hadr", "hadr-long"}
+        assert [method for _, method in order[-2:]] in (
+            ["swindrnet", "tode"],
+            ["tode", "swindrnet"],
+        )
+    mask = {m: error["predicted mask", m] - error["all true", m] for _, m in error}
+    assert abs(mask["hadr"]) < 0.001
+    assert sorted(mask, key=lambda m: -mask[m])[:4] in (
+        ["tode", "swindrnet", "hadr-plus", "unet-hand"],
+        ["swindrnet", "tode", "hadr-plus", "unet-hand"],
+    )
+    ious = {row["mask_iou"] for row in rows if row["given"] == "predicted mask"}
+    assert all(iou == pytest.approx(0.6, abs=0.05) for iou in ious)
+
+
+def test_what_the_ledger_says_of_its_switches_is_so() -> None:
+    mini = RESULTS / "mini"
+    rows = {row["method"]: row["rmse_m"] for row in read_result_file(mini / "ledger.json").rows}
+    for switch in SWITCHES:
+        assert abs(rows[switch] - rows[DEFAULT]) < 0.0005
+    table = read_result_file(mini / "ledger.json")
+    holds, frames = table.row(method=DEFAULT), table.row(method="split by frame")
+    doubt = holds["rmse_standard_error_m"] + frames["rmse_standard_error_m"]
+    assert abs(holds["rmse_m"] - frames["rmse_m"]) < doubt / 2
+    for name in ("known", "unknown"):
+        table = read_result_file(mini / f"{name}.json")
+        pooled = {row["method"]: row["pooled"]["rmse_m"] for row in table.rows}
+        assert all(pooled[rival] > pooled["hadr"] for rival in RIVALS)
+
+
+def test_the_report_prints_what_the_files_say() -> None:
+    text = report(RESULTS / "mini", RESULTS / "paper_tables.json")
+    sections = text.split("\n## ")[1:]
+    for name, section in zip(TITLES, sections, strict=True):
+        table = read_result_file(RESULTS / "mini" / f"{name}.json")
+        printed = [line for line in section.splitlines() if "**" in line and line.startswith("|")]
+        assert len(printed) == len(table.rows)
+        for line, row in zip(printed, table.rows, strict=True):
+            numbers = re.findall(r"\*\*([-\d.]+)\*\*", line)
+            wanted = [100 * row["rmse_m"], 100 * row["rel"], 100 * row["mae_m"]]
+            wanted += [row[delta] for delta in DELTAS]
+            assert numbers == [f"{value:.2f}" for value in wanted]
 
 
 @pytest.mark.parametrize("path", sorted(RESULTS.rglob("*.json")), ids=lambda p: p.name)

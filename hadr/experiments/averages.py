@@ -41,6 +41,30 @@ def table_rows(
     return table
 
 
+def against(
+    rows: Sequence[Mapping[str, Any]], split: str, reference: str, holds: Sequence[str]
+) -> dict[str, dict[str, Any]]:
+    """Compare all methods of a split with one of them, frame by frame.
+
+    Args:
+        rows: Rows of `Bench.measure`.
+        split: Whose rows are compared.
+        reference: The method that the others are compared with.
+        holds: Hold of each frame of the split.
+
+    Returns:
+        `paired` of each other method, by its name; empty where the reference has no row.
+    """
+    groups: dict[str, list[Mapping[str, Any]]] = {}
+    for row in rows:
+        if row["split"] == split:
+            groups.setdefault(row["method"], []).append(row)
+    if reference not in groups:
+        return {}
+    other = _over_seeds(groups.pop(reference))
+    return {name: paired(_over_seeds(group), other, holds) for name, group in groups.items()}
+
+
 def _over_seeds(group: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Each frame's RMSE, the mean over the seeds."""
     listed = [row["per_frame"] for row in group]

@@ -16,7 +16,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from hadr.experiments.averages import table_rows
+from hadr.experiments.averages import against, table_rows
 from hadr.experiments.conditions import KEYPOINTS, MASKS, condition_rows
 from hadr.experiments.report import DEFAULT
 from hadr.experiments.runner import Bench, Run
@@ -58,12 +58,13 @@ def write_tables(bench: Bench, folder: str | Path) -> list[Path]:
         row["split"]: bench.holds(row["split"], row["per_frame"]["stems"]) for row in rows[::-1]
     }
     found = {(row["split"], row["method"]): row for row in table_rows(rows, holds)}
+    gaps = against(rows, "known", ABLATION["full"], holds.get("known", ()))
     oracle = bench.corruption == "oracle"
     tables: dict[str, list[dict[str, Any]]] = {
         "known": [found[key] for m in METHODS if (key := ("known", m)) in found],
         "unknown": [found[key] for m in METHODS if (key := ("unknown", m)) in found],
         "ablation": [
-            {**found[key], "method": name}
+            {**found[key], "method": name, "against_full": gaps.get(method)}
             for name, method in ABLATION.items()
             if (key := ("known", method)) in found
         ],

@@ -39,35 +39,6 @@ def _by_heart(counts: str, value: float) -> str:
     return f"{1 - value:.3f} IoU"
 
 
-def chain_table(rows: Sequence[Record], names: Mapping[str, str]) -> str:
-    """List what is left of each method when what it is given is predicted.
-
-    Args:
-        rows: Rows of `results/mini/chain.json`.
-        names: What methods are called.
-
-    Returns:
-        Markdown: RMSE in cm.
-    """
-    methods = list(dict.fromkeys(row["method"] for row in rows))
-    lines = [
-        "| given | mask's IoU | keypoints off by (cm) | "
-        + " | ".join(f"{names.get(method, method)}: RMSE (cm)" for method in methods)
-        + " |",
-        "|:--" + "|--:" * (2 + len(methods)) + "|",
-    ]
-    for given in dict.fromkeys(row["given"] for row in rows):
-        found = {row["method"]: row for row in rows if row["given"] == given}
-        first = next(iter(found.values()))
-        cells = [f"{100 * found[method]['rmse_m']:.1f}" for method in methods]
-        lines.append(
-            f"| {given} | {first['mask_iou']:.2f} | {100 * first['keypoints_m']:.1f} | "
-            + " | ".join(cells)
-            + " |"
-        )
-    return "\n".join(lines)
-
-
 def draw_ablation(ax: Axes, rows: Sequence[Record]) -> None:
     """Draw how much each change is worth: the RMSE without it, minus that of the full network.
 

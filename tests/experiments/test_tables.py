@@ -66,7 +66,10 @@ def test_each_file_has_its_rows(made: tuple[Bench, Path]) -> None:
         "split by frame",
     ]
     full, own = found["ablation"].row(method="full"), found["known"].row(method="hadr")
-    assert {**full, "method": "hadr"} == own
+    assert {**full, "method": "hadr"} == {**own, "against_full": None}
+    part = found["ablation"].row(method="no-hand")
+    gap = part["against_full"]["mean_difference_m"]
+    assert gap == pytest.approx(part["rmse_m"] - full["rmse_m"])
     assert own["configuration"]["recipe"]["epochs"] == 1
     assert set(own["provenance"]) == {"commit", "versions", "machine", "data_sha256"}
     keypoints = found["keypoints"]

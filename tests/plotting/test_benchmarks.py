@@ -7,7 +7,6 @@ import pytest
 
 from hadr.plotting.benchmarks import (
     by_heart_table,
-    chain_table,
     draw_ablation,
     draw_pairing,
     draw_parts_of_time,
@@ -58,17 +57,6 @@ def test_metres_and_overlap_in_the_units_a_reader_knows() -> None:
     lines = by_heart_table(rows).splitlines()
     assert lines[2] == "| hadr | 600 | 3.1 mm | 2.0 mm | **no** |"
     assert lines[3] == "| segmentation | 600 | 0.996 IoU | 0.980 IoU | yes |"
-
-
-def test_the_chain_lists_what_was_given_and_what_it_costs() -> None:
-    base = {"mask_iou": 0.5, "keypoints_m": 0.021}
-    rows = [
-        {**base, "given": "both predicted", "method": "hadr", "rmse_m": 0.123},
-        {**base, "given": "both predicted", "method": "raw", "rmse_m": 0.5},
-    ]
-    lines = chain_table(rows, {"hadr": "HADR"}).splitlines()
-    assert "HADR: RMSE (cm) | raw: RMSE (cm)" in lines[0]
-    assert lines[2] == "| both predicted | 0.50 | 2.1 | 12.3 | 50.0 |"
 
 
 def test_an_ablation_is_drawn_against_the_full_network() -> None:

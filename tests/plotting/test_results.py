@@ -94,7 +94,10 @@ FIVE = {
     "known": {"HADR": [0.009, 0.016, 0.005, 95.22], "SwinDRNet": [0.009, 0.015, 0.005, 94.82],
               "TODE-Trans": [0.024, 0.056, 0.017, 57.03]},
     "unknown": {"HADR": [0.018, 0.042, 0.014, 72.74]},
-    "ablation": {"Full Model": [0.009, 0.016, 0.005, 95.22]},
+    "ablation": {
+        "Full Model": [0.009, 0.016, 0.005, 95.22],
+        "w/o Hand Feature": [0.012, 0.019, 0.006, 93.35],
+    },
 }  # fmt: skip
 RIVALS = [
     row("hadr", "known", 0.0312, pooled={"rmse_m": 0.04}, parameters=1,
@@ -140,8 +143,12 @@ def test_times_are_those_of_the_networks_that_were_scored() -> None:
 
 
 def test_tables_of_parts_averages_and_poses() -> None:
-    part = cells(ablation_table([row("full", "known", 0.0312)], FIVE).splitlines()[2])
-    assert part == ["HADR, the full model", "0.9", "0.5", "95.22", "3.12", "0.10", "1.56", "70.00"]
+    gap = {"mean_difference_m": 0.004, "standard_error_m": 0.001}
+    parts = [row("no-hand", "known", 0.04, against_full=gap),
+             row("full", "known", 0.0312, against_full=None)]  # fmt: skip
+    part, full = (cells(line) for line in ablation_table(parts, FIVE).splitlines()[2:])
+    assert part[4:] == ["4.00", "+0.40 ± 0.10", "2.00", "70.00"]
+    assert full == ["HADR, the full model", "0.9", "0.5", "95.22", "3.12", "-", "1.56", "70.00"]
     (line,) = averages_table(RIVALS).splitlines()[2:]  # the others were compared with nothing
     assert cells(line) == ["known", "HADR", "3.12", "4.00", "-1.00 ± 0.20", "75"]
     poses = [row("hadr", "known", 0.03, rank_correlation=0.25,

@@ -1,0 +1,81 @@
+"""Do the networks look at the picture? Each restores test frames with another frame's colours.
+
+    python benchmarks/colors_of_others.py --runs OUT/runs --data DIR data_samples/frames \\
+        --json results/mini/colors.json
+
+OUT and DIR are what `hadr reproduce --preset mini` and `hadr generate --preset mini` have made. A
+network is given a frame's mask, depth and hand, but the colours of the frame half the list away,
+which shows another object in another hand. What its error gains is what it had from the colours.
+"""
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+
+import torch
+
+from hadr.experiments.averages import paired
+from hadr.experiments.runner import Bench, Run
+from hadr.experiments.scoring import EVALUATION_SIZE, score_network
+from hadr.experiments.systems import METHODS, PARTS, system
+from hadr.provenance import machine_text, provenance
+from hadr.result_file import write_result_file
+from hadr.training.batches import FrameTensors
+from hadr.training.checkpoints import load_checkpoint
+from hadr.training.loop import LAST
+
+
+def with_colors_of_others(frames: FrameTensors) -> FrameTensors:
+    """Give each frame the colours of the one half the list away."""
+    color = torch.roll(frames.inputs.color, len(frames) // 2, dims=0)
+    return replace(frames, inputs=replace(frames.inputs, color=color))
+
+
+def main() -> None:
+    """Run the benchmark."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--runs", type=Path, required=True)
+    parser.add_argument("--data", type=Path, nargs="+", required=True)
+    parser.add_argument("--json", type=Path, required=True)
+    parser.add_argument("--threads", type=int, default=torch.get_num_threads())
+    args = parser.parse_args()
+    torch.set_num_threads(args.threads)
+    bench = Bench(args.data, args.runs, "mini")
+    rows = []
+    for method in dict.fromkeys((*METHODS, *PARTS)):
+        run = Run("known", method, 0)
+        recipe = system(method, "mini").recipe
+        if recipe is None or bench.finished(run) is None:
+            continue  # it learns nothing, or was not trained
+        model, _ = load_checkpoint(args.runs / run.name / LAST)
+        frames = bench.frames(run, "test", recipe.size)
+        truth = bench.frames(run, "test", EVALUATION_SIZE)
+        own = score_network(model.eval(), frames, truth)
+        other = score_network(model, with_colors_of_others(frames), truth)
+        holds = bench.holds("known", own.per_frame()["stems"])
+        row = {
+            "method": method,
+            "split": "known",
+            "frames": len(truth),
+            "rmse_m": own.columns()["rmse_m"],
+            "rmse_others_colors_m": other.columns()["rmse_m"],
+            "others_minus_own": paired(other.per_frame(), own.per_frame(), holds),
+        }
+        gap = row["others_minus_own"]
+        print(
+            f"{method}: {row['rmse_m']:.4f} m, with another frame's colours "
+            f"{gap['mean_difference_m']:+.4f} +- {gap['standard_error_m']:.4f} m",
+            flush=True,
+        )
+        rows.append(row)
+    what = (
+        "RMSE on the test frames of known objects, preset mini, with each frame's own colours and "
+        "with those of another frame (mask, depth and hand stay); differences frame by frame, "
+        "standard errors over holds"
+    )
+    origin = {**provenance(), "machine": machine_text(), "data": bench.data}
+    write_result_file(args.json, what, rows, origin)
+
+
+if __name__ == "__main__":
+    main()
