@@ -8,7 +8,7 @@ from typing import Any
 from matplotlib.axes import Axes
 
 from hadr.markdown import markdown_table
-from hadr.plotting.results import NAMES, Row, ordered, system_color
+from hadr.plotting.results import NAMES, Row, ordered, system_color, system_marker
 
 PUBLISHED_NAMES: dict[str, str] = {
     "tode": "TODE-Trans",
@@ -81,8 +81,9 @@ def draw_against_paper(
         ours = 100 * own[method]["rmse_m"]
         doubt = 100 * (own[method].get("rmse_standard_error_m") or 0)
         ax.plot([theirs, ours], [line, line], color=color, lw=1, alpha=0.5)
-        ax.plot(theirs, line, "o", color=color, mfc="white", ms=8)
-        ax.errorbar(ours, line, xerr=doubt, color=color, marker="o", ms=8, capsize=2)
+        marker = system_marker(method)
+        ax.plot(theirs, line, marker, color=color, mfc="white", ms=8)
+        ax.errorbar(ours, line, xerr=doubt, color=color, marker=marker, ms=8, capsize=2)
     ax.set(
         xscale="log",
         yticks=range(len(methods)),
@@ -96,8 +97,14 @@ def draw_against_paper(
     ax.minorticks_off()
 
 
+READABLE_M = 0.2
+"""Larger errors, such as that of a hole, are left out where errors are drawn over time; metres."""
+
+
 def draw_error_over_time(ax: Axes, rows: Sequence[Row], speed: Sequence[Row], split: str) -> None:
     """Draw each method's error over the time that a frame takes, both at preset `mini`.
+
+    The axes of both splits can be shared. Labels are for a legend.
 
     Args:
         ax: Ordinary 2D axes.
@@ -107,19 +114,19 @@ def draw_error_over_time(ax: Axes, rows: Sequence[Row], speed: Sequence[Row], sp
     """
     times = {row["method"]: row["wall_median_ms"] for row in speed if row["preset"] != "paper"}
     for row in ordered(rows, split):
-        if row["method"] not in times or row["rmse_m"] > 0.2:
-            continue
-        place = (times[row["method"]], 100 * row["rmse_m"])
-        ax.plot(*place, "o", color=system_color(row["method"]), ms=8)
-        ax.annotate(NAMES[row["method"]], place, xytext=(6, 4), textcoords="offset points",
-                    fontsize=9)  # fmt: skip
+        method = row["method"]
+        if method in times and row["rmse_m"] < READABLE_M:
+            ax.plot(times[method], 100 * row["rmse_m"], system_marker(method), ms=9,
+                    color=system_color(method), label=NAMES[method])  # fmt: skip
+    shown = [row["rmse_m"] for row in rows if row["rmse_m"] < READABLE_M]
     ax.set(
         xscale="log",
-        ylim=(0, None),
+        ylim=(0, 110 * max(shown, default=0.1)),
         xlabel="time of a frame (ms)",
         ylabel="RMSE (cm)",
         title=f"{split} objects",
     )
+    ax.xaxis.set_major_formatter("{x:g}")
 
 
 def ablation_table(rows: Sequence[Row], published: Mapping[str, Any]) -> str:

@@ -47,6 +47,22 @@ _COLOR = {
 }
 
 
+_MARKER = {
+    "hand-median": "D",
+    "lidf": "^",
+    "dfnet": "v",
+    "swindrnet": "s",
+    "tode": "X",
+    "unet-hand": "P",
+    "hadr-plus": "*",
+}
+
+
+def system_marker(method: str) -> str:
+    """Marker of a method in all pictures of results, so that colour alone tells nothing."""
+    return _MARKER.get(method, "o")
+
+
 def system_color(method: str) -> str:
     """Colour of a method in all pictures of results."""
     return COLORS[_COLOR.get(method, "raw")]
@@ -157,7 +173,8 @@ def draw_learning(ax: Axes, rows: Sequence[Row], split: str) -> None:
         minutes = np.asarray(curve["seconds"]) / 60
         error = 100 * np.asarray(curve["validation_rmse_m"])
         style = "--" if row["method"] == "hadr-long" else "-"
-        ax.plot(minutes, error, style, color=system_color(row["method"]), marker="o", ms=2.5,
+        ax.plot(minutes, error, style, color=system_color(row["method"]),
+                marker=system_marker(row["method"]), ms=4,
                 label=NAMES.get(row["method"], row["method"]))  # fmt: skip
     ax.set(xlabel="minutes of training, one core", ylabel="RMSE (cm)", title=f"{split} objects")
 
@@ -215,8 +232,8 @@ def draw_by_object(
         values = [100 * row["by_object"][number][part] for number in objects]
         color = system_color(row["method"])
         face = "white" if row["method"] == "hadr-long" else color
-        ax.plot(values, range(len(objects)), "o", color=color, mfc=face, alpha=0.9,
-                label=NAMES.get(row["method"], row["method"]))  # fmt: skip
+        ax.plot(values, range(len(objects)), system_marker(row["method"]), color=color, mfc=face,
+                ms=7, alpha=0.9, label=NAMES.get(row["method"], row["method"]))  # fmt: skip
     ax.set(
         yticks=range(len(objects)),
         yticklabels=[f"{number} {names.get(number, '')}".strip() for number in objects],
