@@ -126,7 +126,7 @@ def test_published_dots_are_hollow_and_ours_full() -> None:
     fig, ax = plt.subplots()
     draw_against_paper(ax, RIVALS, FIVE, "known")
     dots = {(round(float(line.get_xdata()[0]), 2), line.get_markerfacecolor() == "white")
-            for line in ax.lines if line.get_marker() == "o"}  # fmt: skip
+            for line in ax.lines if line.get_marker() in ("o", "X")}  # fmt: skip
     assert dots == {(0.9, True), (2.4, True), (3.12, False), (2.5, False)}
     assert [t.get_text() for t in ax.get_yticklabels()] == ["HADR", "TODE-Trans"]
     plt.close(fig)
