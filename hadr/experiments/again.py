@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import torch
+
 from hadr.experiments.runner import Bench, Run
 from hadr.experiments.scoring import COLUMNS, EVALUATION_SIZE, score_cheap
 from hadr.result_file import digest, read_result_file
@@ -52,8 +54,8 @@ class Again:
 def measure_again(bench: Bench, file: str | Path, method: str) -> Again:
     """Train and score a row's first seed again, from its recorded configuration.
 
-    The recipe is the one in the file, not the present one of that name. A training that was
-    stopped goes on; one that came to its end is forgotten.
+    The recipe is the one in the file, not the present one of that name, and so is the number of
+    threads. A training that was stopped goes on; one that came to its end is forgotten.
 
     Args:
         bench: Data, corruption and limit; the second run goes to ``again`` below its output.
@@ -62,6 +64,43 @@ def measure_again(bench: Bench, file: str | Path, method: str) -> Again:
 
     Returns:
         Both sets of numbers.
+
+    Raises:
+        ValueError: As `row_to_run`.
+        FileNotFoundError: There is no such file.
+    """
+    row = row_to_run(bench, file, method)
+    configuration = row["configuration"]
+    experiment, name, seed = configuration["run"].split("/")
+    run = Run(experiment, name, int(seed.removeprefix("seed-")))
+    recorded = {column: row["by_seed"][column][0] for column in COLUMNS}
+    if configuration["recipe"] is None:
+        scores = score_cheap(bench.frames(run, "test", EVALUATION_SIZE), name)
+    else:
+        before = torch.get_num_threads()
+        torch.set_num_threads(row.get("threads") or before)
+        try:
+            recipe = recipe_from_dict(configuration["recipe"])
+            folder = bench.out / "again" / run.name
+            scores = bench.score(run, recipe, bench.train(run, recipe, folder).model)
+        finally:
+            torch.set_num_threads(before)
+        shutil.rmtree(folder)  # or the next time would compare with this one
+    columns = scores.columns()
+    again = {column: float(columns[column]) for column in COLUMNS}
+    return Again(run.name, recorded, again, row.get("threads"), row.get("device", "cpu"))
+
+
+def row_to_run(bench: Bench, file: str | Path, method: str) -> dict[str, Any]:
+    """Find a row of a result file that can be run again on a bench.
+
+    Args:
+        bench: Data, corruption and limit.
+        file: A result file with the rows known, unknown, ablation or ledger.
+        method: The row's method.
+
+    Returns:
+        The row.
 
     Raises:
         ValueError: The file was edited, has no such row, or the row has no recipe recorded; or
@@ -97,16 +136,4 @@ def measure_again(bench: Bench, file: str | Path, method: str) -> Again:
             f"{file}: row {method!r} was scored at {configuration['evaluation_size']}, and this "
             f"version scores at {list(EVALUATION_SIZE)}"
         )
-    experiment, name, seed = configuration["run"].split("/")
-    run = Run(experiment, name, int(seed.removeprefix("seed-")))
-    recorded = {column: row["by_seed"][column][0] for column in COLUMNS}
-    if configuration["recipe"] is None:
-        scores = score_cheap(bench.frames(run, "test", EVALUATION_SIZE), name)
-    else:
-        recipe = recipe_from_dict(configuration["recipe"])
-        folder = bench.out / "again" / run.name
-        scores = bench.score(run, recipe, bench.train(run, recipe, folder).model)
-        shutil.rmtree(folder)  # or the next time would compare with this one
-    columns = scores.columns()
-    again = {column: float(columns[column]) for column in COLUMNS}
-    return Again(run.name, recorded, again, row.get("threads"), row.get("device", "cpu"))
+    return row

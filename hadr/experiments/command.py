@@ -6,11 +6,9 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-import torch
-
 import hadr
 from hadr.data.samples import samples_dir
-from hadr.experiments.again import measure_again
+from hadr.experiments.again import measure_again, row_to_run
 from hadr.experiments.plan import measure_all, plan, plan_text
 from hadr.experiments.report import TITLES, report
 from hadr.experiments.runner import Bench
@@ -112,17 +110,17 @@ def run_again(args: argparse.Namespace) -> int:
     file, method = args.again
     bench = open_bench(args)
     if args.dry_run:
+        row_to_run(bench, file, method)  # raises where it can't be run
         print(f"row {method!r} of {file} would be run again in {args.out}")
         return 0
     found = measure_again(bench, file, method)
     print(found.text())
-    threads = torch.get_num_threads()
     if not found.same and found.device != bench.device:
         print(f"it was trained on {found.device} and now on {bench.device}: their sums differ in "
               "the last digits, and trainings with them")  # fmt: skip
-    elif not found.same and found.threads not in (None, threads):
-        print(f"it was trained with {found.threads} threads and now with {threads}: sums differ in "
-              "their last digits, and trainings with them; set OMP_NUM_THREADS")  # fmt: skip
+    elif not found.same:
+        print("another processor or another version of PyTorch sums in another order, and with the "
+              "last digits trainings differ; the row's provenance names both")  # fmt: skip
     return 0 if found.same else 1
 
 

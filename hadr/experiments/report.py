@@ -111,8 +111,8 @@ def _pairs(rows: Sequence[Mapping[str, Any]], paper: Mapping[str, Sequence[float
 
 def _makings(rows: Sequence[Mapping[str, Any]]) -> str:
     head = [
-        "method", "command", "training (min)", "threads", "weights (M)", "seeds",
-        "SD of RMSE (cm)", "commit", "configuration",
+        "command", "training (min)", "weights (M)", "seeds", "SD of RMSE (cm)", "commit",
+        "configuration",
     ]  # fmt: skip
     lines = []
     for row in rows:
@@ -128,10 +128,8 @@ def _makings(rows: Sequence[Mapping[str, Any]]) -> str:
             run += f" --corruption {corruption}"
         commits = ", ".join(commit[:7] for commit in row["provenance"]["commit"])
         cells = [
-            _title(row["method"]),
             f"`--only {run}`",
             minutes,
-            str(row.get("threads", "-")),
             weights,
             str(len(row["seeds"])),
             "-" if spread is None else f"{100 * spread:.2f}",
@@ -139,11 +137,15 @@ def _makings(rows: Sequence[Mapping[str, Any]]) -> str:
             _short(row["config_sha256"][0]),
         ]
         lines.append(cells)
-    return markdown_table(head, lines, "llrrrrrll")
+    return markdown_table(head, lines, "lrrrrll")
 
 
 def _short(sha: str) -> str:
-    return f"`{sha[:10]}`"
+    return f"`{sha[:7]}`"
+
+
+def _with_doubt(row: Mapping[str, Any]) -> str:
+    return f"{100 * row['rmse_m']:.2f} ± {100 * row['rmse_standard_error_m']:.2f}"
 
 
 def _title(method: str) -> str:
@@ -186,7 +188,8 @@ def conditions_table(folder: str | Path) -> str:
         folder: Has `keypoints.json` and `segmentation.json`.
 
     Returns:
-        Markdown: RMSE in centimetres, a line a method, a column a condition.
+        Markdown: RMSE in centimetres and its standard error over holds, a line a method, a column
+        a condition; "-" where a method has nothing of what is predicted.
 
     Raises:
         ValueError: A file was edited by hand.
@@ -201,7 +204,7 @@ def conditions_table(folder: str | Path) -> str:
     lines = []
     for method in methods:
         found = [rows.get((method, condition)) for condition in given]
-        cells = ["-" if row is None else f"{100 * row['rmse_m']:.2f}" for row in found]
+        cells = ["-" if row is None else _with_doubt(row) for row in found]
         lines.append([_title(method), *cells])
     shared = [next(row for (_, c), row in rows.items() if c == condition) for condition in given]
     masks = [f"{row['mask_iou']:.2f}" for row in shared]

@@ -176,7 +176,11 @@ def draw_learning(ax: Axes, rows: Sequence[Row], split: str) -> None:
         ax.plot(minutes, error, style, color=system_color(row["method"]),
                 marker=system_marker(row["method"]), ms=4,
                 label=NAMES.get(row["method"], row["method"]))  # fmt: skip
-    ax.set(xlabel="minutes of training, one core", ylabel="RMSE (cm)", title=f"{split} objects")
+    ax.set(
+        xlabel="minutes of training, one core",
+        ylabel="RMSE on validation (cm)",
+        title="training on all eight" if split == "known" else "training on six, two unknown",
+    )
 
 
 def draw_parts(ax: Axes, rows: Sequence[Row], split: str) -> None:
