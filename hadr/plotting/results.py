@@ -259,7 +259,7 @@ def draw_bias(ax: Axes, rows: Sequence[Row], split: str, names: Mapping[str, str
         split: "known" or "unknown".
         names: What the objects are called, by number.
     """
-    xlabel = "too near  ←  mean error of place (cm)  →  too far"
+    xlabel = "too near  ←  mean error (cm)  →  too far"
     draw_by_object(ax, rows, split, names, "bias_m", xlabel)
     ax.axvline(0, color=COLORS["truth"], lw=0.8)
 
