@@ -121,8 +121,10 @@ def read_result_file(path: str | Path) -> ResultFile:
         stored = provenance.pop("sha256")
         rows = tuple(dict(row) for row in content["rows"])
         what = str(content["what"])
-    except (ValueError, KeyError, TypeError) as error:
-        raise ValueError(f"{path} is not a result file: {error!r}") from error
+    except KeyError as error:
+        raise ValueError(f"{path} is not a whole result file: it has no {error}") from error
+    except (ValueError, TypeError) as error:
+        raise ValueError(f"{path} is not a result file: {error}") from error
     if digest({**content, "provenance": provenance}) != stored:
         raise ValueError(
             f"{path} was changed after it was measured: its content does not fit its checksum "

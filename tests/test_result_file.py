@@ -76,7 +76,7 @@ def test_a_row_must_be_the_only_one(written):
 def test_other_files_are_named(tmp_path, text):
     path = tmp_path / "other.json"
     path.write_text(text, encoding="utf-8")
-    with pytest.raises(ValueError, match=r"other\.json is not a result file"):
+    with pytest.raises(ValueError, match=r"other\.json is not a (whole )?result file"):
         read_result_file(path)
 
 

@@ -18,7 +18,7 @@ from hadr.provenance import check_folder
 from hadr.training.accelerator import add_accelerator, chosen_accelerator
 from hadr.training.batches import CORRUPTIONS
 
-TINY_FRAMES = 96
+TINY_FRAMES = 48
 """Frames of each part in preset tiny, which shows that everything runs and no more."""
 
 
