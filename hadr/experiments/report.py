@@ -112,7 +112,7 @@ def _pairs(rows: Sequence[Mapping[str, Any]], paper: Mapping[str, Sequence[float
 def _makings(rows: Sequence[Mapping[str, Any]]) -> str:
     head = [
         "command", "training (min)", "weights (M)", "seeds", "SD of RMSE (cm)", "commit",
-        "configuration",
+        "recipe",
     ]  # fmt: skip
     lines = []
     for row in rows:
@@ -132,7 +132,7 @@ def _makings(rows: Sequence[Mapping[str, Any]]) -> str:
             minutes,
             weights,
             str(len(row["seeds"])),
-            "-" if spread is None else f"{100 * spread:.2f}",
+            "-" if spread is None else f"{100 * spread:.3f}",
             commits,
             _short(row["config_sha256"][0]),
         ]
