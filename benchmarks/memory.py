@@ -1,0 +1,128 @@
+"""What is a memory of the training frames worth, when holds are dealt out whole, and when not?
+
+    python benchmarks/memory.py --runs OUT/runs --data DIR data_samples/frames \\
+        --json results/mini/memory.json
+
+OUT and DIR are what `hadr reproduce --preset mini` and `hadr generate --preset mini` have made. The
+*nearest hand* learns nothing and remembers everything: it looks for the training frame whose hand,
+turned and shifted rigidly, is most like the one it sees, and puts the glass where it was in that
+hand, as one depth. Of the networks HADR-plus, the most accurate of all, is trained here on frames
+dealt out one by one. Test frames are looked at once, after all is trained.
+"""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import torch
+
+from hadr.camera import Intrinsics, back_project
+from hadr.experiments.averages import paired, standard_error
+from hadr.experiments.runner import Bench, Run
+from hadr.experiments.scoring import EVALUATION_SIZE, Scores, score_depth
+from hadr.experiments.splits import Experiment
+from hadr.provenance import machine_text, provenance
+from hadr.result_file import write_result_file
+from hadr.training.batches import FrameTensors
+
+SPLITS: tuple[Experiment, ...] = ("known", "by-frame")
+NETWORKS = ("hadr", "hadr-plus")
+NEAREST = "nearest-hand"
+
+Array = npt.NDArray[np.float64]
+
+
+def rigid_fits(hand: Array, others: Array) -> tuple[Array, Array, Array]:
+    """Fit other hands to one, rigidly.
+
+    Args:
+        hand: Keypoints, shape (21, 3), metres.
+        others: Keypoints of M hands, shape (M, 21, 3), metres.
+
+    Returns:
+        Rotations (M, 3, 3) and translations (M, 3) that bring the others upon the hand, and the
+        root mean square distance that is left, shape (M,), metres.
+    """
+    middle, middles = hand.mean(axis=0), others.mean(axis=1)
+    near, far = hand - middle, others - middles[:, None]
+    u, _, vt = np.linalg.svd(np.einsum("mki,kj->mij", far, near))
+    flip = np.ones((len(others), 3))
+    flip[:, 2] = np.sign(np.linalg.det(u @ vt))
+    rotations = np.einsum("mji,mj,mkj->mik", vt, flip, u)
+    left = near - np.einsum("mij,mkj->mki", rotations, far)
+    translations = middle - np.einsum("mij,mj->mi", rotations, middles)
+    return rotations, translations, np.sqrt((left**2).sum(axis=2).mean(axis=1))
+
+
+def glass_points(frames: FrameTensors, number: int) -> Array:
+    """True points of a frame's glass in the camera frame, shape (n, 3), metres."""
+    depth = frames.true_depth[number].numpy()
+    fx, fy, cx, cy = (float(value) for value in frames.inputs.intrinsics[number])
+    camera = Intrinsics(fx, fy, cx, cy, depth.shape[1], depth.shape[0])
+    mask = frames.object_mask[number].numpy() & (depth > 0)
+    points: Array = back_project(np.where(mask, depth, 0), camera)[mask].astype(np.float64)
+    return points
+
+
+def nearest_hand(train: FrameTensors, test: FrameTensors) -> Scores:
+    """Score the glass put where it was in the most similar hand of the training frames."""
+    learned = train.true_keypoints.numpy().astype(np.float64)
+    depths = np.zeros(tuple(test.true_depth.shape), np.float32)
+    for number, hand in enumerate(test.true_keypoints.numpy().astype(np.float64)):
+        rotations, translations, left = rigid_fits(hand, learned)
+        best = int(left.argmin())
+        remembered = glass_points(train, best) @ rotations[best].T + translations[best]
+        depths[number][test.inputs.mask[number].numpy()] = np.median(remembered[:, 2])
+    return score_depth(depths, test)
+
+
+def columns(scores: dict[str, Any], holds: list[str], median: dict[str, Any]) -> dict[str, Any]:
+    """RMSE, its standard error over holds, and the difference from the hand's median depth."""
+    errors = scores["rmse_m"]
+    return {
+        "frames": len(errors),
+        "rmse_m": float(np.mean(errors)),
+        "rmse_standard_error_m": standard_error(errors, holds),
+        "against_hand_median": paired(scores, median, holds),
+    }
+
+
+def main() -> None:
+    """Run the benchmark."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--runs", type=Path, required=True)
+    parser.add_argument("--data", type=Path, nargs="+", required=True)
+    parser.add_argument("--json", type=Path, required=True)
+    parser.add_argument("--threads", type=int, default=torch.get_num_threads())
+    args = parser.parse_args()
+    torch.set_num_threads(args.threads)
+    bench = Bench(args.data, args.runs, "mini")
+    rows = []
+    for split in SPLITS:
+        run = Run(split, NEAREST)
+        test, train = (bench.frames(run, part, EVALUATION_SIZE) for part in ("test", "train"))
+        median = bench.measure(Run(split, "hand-median"))["per_frame"]
+        holds = bench.holds(split, median["stems"])
+        scores = {
+            "hand-median": median,
+            NEAREST: nearest_hand(train, test).per_frame(),
+            **{name: bench.measure(Run(split, name))["per_frame"] for name in NETWORKS},
+        }
+        for method, listed in scores.items():
+            row = {"method": method, "split": split, **columns(listed, holds, median)}
+            rows.append(row)
+            gap = row["against_hand_median"]["mean_difference_m"]
+            print(f"{split}, {method}: {row['rmse_m']:.4f} m, against the median {gap:+.4f} m")
+    what = (
+        "RMSE on test frames with whole holds held out (known) and with frames dealt out one by "
+        "one (by-frame), preset mini: metres, means over frames, standard errors over holds; "
+        "nearest-hand puts the glass where it was in the most similar training hand"
+    )
+    origin = {**provenance(), "machine": machine_text(), "data": bench.data}
+    write_result_file(args.json, what, rows, origin)
+
+
+if __name__ == "__main__":
+    main()
