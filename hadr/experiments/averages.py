@@ -23,26 +23,35 @@ def table_rows(
 
     Returns:
         In the order of their first appearance; numbers are means over the seeds, beside them each
-        seed's (``by_seed``), their standard deviation (``seed_sd``, n - 1; None for one seed), the
-        first seed's configuration, and each frame's mean over the seeds compared with the hand's
-        median depth (`paired`).
+        seed's (``by_seed``), their standard deviation (``seed_sd``, n - 1; None for one seed), and
+        the first seed's configuration; each frame's mean over the seeds is compared with the
+        hand's median depth (``against_hand_median``, `paired`).
     """
     groups: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
     for row in rows:
         groups.setdefault((row["split"], row["method"]), []).append(row)
-    table = [_averaged(group) for group in groups.values()]
-    for row, group in zip(table, groups.values(), strict=True):
-        reference = groups.get((row["split"], REFERENCE))
-        frames, known = _over_seeds(group), (holds or {}).get(row["split"])
-        if reference is not None and row["method"] != REFERENCE:
-            row["against_hand_median"] = paired(frames, reference[0]["per_frame"], known)
-        row["rmse_standard_error_m"] = standard_error(frames["rmse_m"], known or frames["stems"])
-        row["holds"] = len(set(known)) if known else None
+    known = holds or {}
+    gaps = {
+        split: against(rows, split, REFERENCE, known.get(split))
+        for split in dict.fromkeys(split for split, _ in groups)
+    }
+    table = []
+    for (split, method), group in groups.items():
+        row, frames = _averaged(group), _over_seeds(group)
+        if method in gaps[split]:
+            row["against_hand_median"] = gaps[split][method]
+        of = known.get(split)
+        row["rmse_standard_error_m"] = standard_error(frames["rmse_m"], of or frames["stems"])
+        row["holds"] = len(set(of)) if of else None
+        table.append(row)
     return table
 
 
 def against(
-    rows: Sequence[Mapping[str, Any]], split: str, reference: str, holds: Sequence[str]
+    rows: Sequence[Mapping[str, Any]],
+    split: str,
+    reference: str,
+    holds: Sequence[str] | None = None,
 ) -> dict[str, dict[str, Any]]:
     """Compare all methods of a split with one of them, frame by frame.
 
@@ -50,7 +59,7 @@ def against(
         rows: Rows of `Bench.measure`.
         split: Whose rows are compared.
         reference: The method that the others are compared with.
-        holds: Hold of each frame of the split.
+        holds: Hold of each frame of the split; without it each counts as a hold of its own.
 
     Returns:
         `paired` of each other method, by its name; empty where the reference has no row.
@@ -164,6 +173,7 @@ def _averaged(group: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "config_sha256": [r["config_sha256"] for r in group],
         "provenance": {
             "commit": sorted({str(r["provenance"].get("commit")) for r in group}),
+            "uncommitted_changes": any(r["provenance"].get("uncommitted_changes") for r in group),
             "versions": first["provenance"].get("versions"),
             "machine": first["provenance"]["machine"],
             "data_sha256": first.get("configuration", {}).get("data", {}).get("sha256"),

@@ -9,7 +9,7 @@ from pathlib import Path
 import hadr
 from hadr.data.samples import samples_dir
 from hadr.experiments.again import measure_again, row_to_run
-from hadr.experiments.plan import measure_all, plan, plan_text
+from hadr.experiments.plan import TABLE_RUNS, measure_all, plan, plan_text
 from hadr.experiments.report import TITLES, report
 from hadr.experiments.runner import Bench
 from hadr.experiments.splits import EXPERIMENTS
@@ -63,7 +63,7 @@ def add_table_arguments(parser: argparse.ArgumentParser) -> None:
 
 def is_table_wish(wish: str) -> bool:
     """Say whether a word of ``--only`` means a table's run and not a chapter."""
-    return "/" in wish or wish in (*EXPERIMENTS, *METHODS, *PARTS, *SWITCHES)
+    return "/" in wish or wish in (*EXPERIMENTS, *METHODS, *PARTS, *SWITCHES, *TABLE_RUNS)
 
 
 def open_bench(args: argparse.Namespace) -> Bench:

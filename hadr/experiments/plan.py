@@ -13,11 +13,17 @@ from typing import Any
 
 import torch
 
-from hadr.experiments.conditions import conditions_of, finished_condition, measure_condition
+from hadr.experiments.conditions import (
+    IN_CONDITIONS,
+    WITH_HAND,
+    conditions_of,
+    finished_condition,
+    measure_condition,
+)
 from hadr.experiments.runner import Bench, Run
 from hadr.experiments.splits import EXPERIMENTS, Experiment
 from hadr.experiments.systems import CHEAP, METHODS, PARTS, SWITCHES, system
-from hadr.experiments.tables import write_tables
+from hadr.experiments.tables import ABLATION, LEDGER, TABLES, write_tables
 from hadr.provenance import usable_cores
 
 SECONDS_A_FRAME = {
@@ -52,12 +58,19 @@ SECONDS_A_FRAME = {
 """Rough training seconds a frame and epoch on one CPU core, for a plan's estimate alone."""
 
 
-TABLES: tuple[Experiment, ...] = ("known", "unknown")
-"""The experiments in which all methods are compared."""
 KNOWN_ALONE = ("hadr-long",)
 """Trained for the known objects alone: it asks whether HADR had too few epochs."""
 OFTEN = ("hadr", "no-hand")
 """Trained three times on the six objects, so that the hand's worth can be told from luck."""
+
+
+TABLE_RUNS: dict[str, Sequence[tuple[str, str]]] = {
+    "ablation": [("known", method) for method in ABLATION.values()],
+    "ledger": [*LEDGER.values(), ("by-frame", "hand-median")],
+    "keypoints": [("known", method) for method in WITH_HAND],
+    "segmentation": [("known", method) for method in IN_CONDITIONS],
+}
+"""The runs that those result files need which are none of an experiment's."""
 
 
 def plan(
@@ -66,9 +79,10 @@ def plan(
     """List the runs of the tables, in the order in which they are made.
 
     Args:
-        only: Beginnings of names such as ``known``, ``known/hadr`` or ``unknown/raw``, or bare
-            methods such as ``hadr-plus``; a name that is a run's whole method or more takes that
-            method alone (``known/hadr`` does not take ``known/hadr-plus``). Empty takes all.
+        only: Beginnings of names such as ``known``, ``known/hadr`` or ``unknown/raw``, bare
+            methods such as ``hadr-plus``, or one of `TABLE_RUNS`; a name that is a run's whole
+            method or more takes that method alone (``known/hadr`` does not take
+            ``known/hadr-plus``). Empty takes all.
         seeds: Seeds of all trainings; where it is left out, 0, and 0, 1, 2 for `OFTEN` on unknown
             objects (not at preset tiny).
         size: The preset.
@@ -98,17 +112,19 @@ def plan(
         return runs
     chosen = []
     for wish in only:
-        words = wish.strip("/").split("/")
+        words, table = wish.strip("/").split("/"), TABLE_RUNS.get(wish, ())
         fitting = [
             run
             for run in runs
             if run.name.split("/")[: len(words)] == words
             or (len(words) == 1 and run.method == wish)
+            or (run.experiment, run.method) in table
         ]
         if not fitting:
             raise ValueError(
                 f"no run fits {wish!r}; runs are EXPERIMENT/METHOD with {', '.join(EXPERIMENTS)} "
-                f"and {', '.join((*METHODS, *PARTS, *SWITCHES))}; seeds are chosen with --seeds"
+                f"and {', '.join((*METHODS, *PARTS, *SWITCHES))}, or a table of "
+                f"{', '.join(TABLE_RUNS)}; seeds are chosen with --seeds"
             )
         chosen += fitting
     return [run for run in runs if run in chosen]

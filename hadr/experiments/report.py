@@ -24,6 +24,12 @@ TITLES = {
 """The paper's tables that have a result file."""
 DEFAULT = "as by default"
 """The ledger's column that has every switch as the project has it."""
+_SWITCHED = {
+    "coded-weights": "loss weights as coded",
+    "wrist-translation": "wrist without rotation",
+    "clamped-probability": "probability clamped",
+}
+"""How the ledger's switches are called above their columns."""
 _COLUMNS = (
     ("rmse_m", "RMSE (cm)", 100, 2),
     ("rel", "REL (%)", 100, 2),
@@ -159,20 +165,26 @@ def ledger_table(path: str | Path) -> str:
         path: `ledger.json`.
 
     Returns:
-        Markdown; the pooled column is the default's own, averaged otherwise.
+        Markdown; the pooled column is the default's own, averaged otherwise. Beside each RMSE
+        stands its standard error over holds.
 
     Raises:
         ValueError: The file was edited by hand.
         FileNotFoundError: There is no such file.
     """
     file = read_result_file(path)
-    columns = [(row["method"], row) for row in file.rows]
+    columns = [(_SWITCHED.get(row["method"], row["method"]), row) for row in file.rows]
     default = dict(columns).get(DEFAULT)
     if default is not None:
-        columns.insert(1, ("metrics pooled", {**default, **default["pooled"]}))
+        doubtless = {"rmse_standard_error_m": None}  # of a mean over frames, which this is none
+        columns.insert(1, ("metrics pooled", {**default, **default["pooled"], **doubtless}))
     lines = [
         [title, *(f"{factor * row[column]:.{digits}f}" for _, row in columns)]
         for column, title, factor, digits in _COLUMNS
+    ]
+    lines[0][1:] = [
+        cell if row["rmse_standard_error_m"] is None else _with_doubt(row)
+        for cell, (_, row) in zip(lines[0][1:], columns, strict=True)
     ]
     epochs = [
         f"{row['epochs']} epochs, seed {' '.join(map(str, row['seeds']))}" for _, row in columns

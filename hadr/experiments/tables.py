@@ -12,7 +12,8 @@ machine.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -21,13 +22,16 @@ from hadr.experiments.conditions import KEYPOINTS, MASKS, condition_rows
 from hadr.experiments.report import DEFAULT
 from hadr.experiments.runner import Bench, Run
 from hadr.experiments.scoring import EVALUATION_SIZE
-from hadr.experiments.splits import EXPERIMENTS
+from hadr.experiments.splits import EXPERIMENTS, Experiment
 from hadr.experiments.systems import METHODS, PARTS, SWITCHES
 from hadr.provenance import machine_text, provenance
 from hadr.result_file import write_result_file
+from hadr.training.presets import RIVALS
 
 FILES = ("known", "unknown", "ablation", "ledger", "keypoints", "segmentation")
 """Names of the result files."""
+TABLES: tuple[Experiment, ...] = ("known", "unknown")
+"""The experiments in which all methods are compared."""
 ABLATION = {**{part: part for part in PARTS}, "full": "hadr"}
 """Rows of the ablation, and the run on known objects that each is, in the paper's order."""
 LEDGER = {
@@ -58,7 +62,10 @@ def write_tables(bench: Bench, folder: str | Path) -> list[Path]:
         row["split"]: bench.holds(row["split"], row["per_frame"]["stems"]) for row in rows[::-1]
     }
     found = {(row["split"], row["method"]): row for row in table_rows(rows, holds)}
-    gaps = against(rows, "known", ABLATION["full"], holds.get("known", ()))
+    for split in TABLES:
+        for method, pair in against_next(rows, found, split, holds.get(split)).items():
+            found[split, method]["against_next"] = pair
+    gaps = against(rows, "known", ABLATION["full"], holds.get("known"))
     oracle = bench.corruption == "oracle"
     tables: dict[str, list[dict[str, Any]]] = {
         "known": [found[key] for m in METHODS if (key := ("known", m)) in found],
@@ -82,6 +89,32 @@ def write_tables(bench: Bench, folder: str | Path) -> list[Path]:
             write_result_file(path, _what(name, bench), tables[name], origin)
             written.append(path)
     return written
+
+
+def against_next(
+    rows: Sequence[Mapping[str, Any]],
+    averaged: Mapping[tuple[str, str], Mapping[str, Any]],
+    split: str,
+    holds: Sequence[str] | None = None,
+) -> dict[str, dict[str, Any]]:
+    """Compare each of the paper's five methods with the next better of them, frame by frame.
+
+    Args:
+        rows: Rows of `Bench.measure`.
+        averaged: Their means over the seeds, by split and method.
+        split: Whose rows are compared.
+        holds: Hold of each frame of the split.
+
+    Returns:
+        `hadr.experiments.averages.paired` and the ``method`` that it is compared with, by method;
+        the best of the five is not among them.
+    """
+    there = [method for method in ("hadr", *RIVALS) if (split, method) in averaged]
+    there.sort(key=lambda method: float(averaged[split, method]["rmse_m"]))
+    return {
+        method: {"method": better, **against(rows, split, better, holds)[method]}
+        for better, method in pairwise(there)
+    }
 
 
 def finished_rows(bench: Bench) -> list[dict[str, Any]]:

@@ -26,6 +26,13 @@ def test_a_plan_takes_whole_methods():
         *SWITCHES,
     ]
     assert [run.method for run in plan(["by-frame"])] == ["hand-median", "hadr"]
+    assert [run.method for run in plan(["ablation"])] == ["hadr", *PARTS]
+    assert {run.name for run in plan(["ledger"])} == {
+        "known/hadr/seed-0",
+        *(f"known/{switch}/seed-0" for switch in SWITCHES),
+        "by-frame/hadr/seed-0",
+        "by-frame/hand-median/seed-0",
+    }
     assert [run.seed for run in plan(["unknown/no-hand"])] == [0, 1, 2]
     assert [run.seed for run in plan(["unknown/no-hand"], size="tiny")] == [0]
     assert [run.seed for run in plan(["known/no-hand"])] == [0]

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import statistics
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from filelock import FileLock
@@ -27,7 +29,7 @@ from hadr.experiments.report import DEFAULT, ledger_table, report
 from hadr.experiments.runner import Bench, Run
 from hadr.experiments.splits import FrameSource
 from hadr.experiments.systems import System, system
-from hadr.experiments.tables import ABLATION, FILES, write_tables
+from hadr.experiments.tables import ABLATION, FILES, against_next, write_tables
 from hadr.result_file import read_result_file, seal_row
 
 PUBLISHED = Path(__file__).resolve().parents[2] / "results" / "paper_tables.json"
@@ -71,7 +73,9 @@ def test_each_file_has_its_rows(made: tuple[Bench, Path]) -> None:
     gap = part["against_full"]["mean_difference_m"]
     assert gap == pytest.approx(part["rmse_m"] - full["rmse_m"])
     assert own["configuration"]["recipe"]["epochs"] == 1
-    assert set(own["provenance"]) == {"commit", "versions", "machine", "data_sha256"}
+    assert set(own["provenance"]) == {
+        "commit", "uncommitted_changes", "versions", "machine", "data_sha256",
+    }  # fmt: skip
     keypoints = found["keypoints"]
     assert {(r["method"], r["given"]) for r in keypoints.rows} == {
         (method, name) for method in ("hand-median", "hadr") for name in KEYPOINTS
@@ -90,6 +94,29 @@ def test_each_file_has_its_rows(made: tuple[Bench, Path]) -> None:
     assert 0 < masks.row(method="hadr", given="predicted mask")["mask_iou"] < 1
     sensor = masks.row(method="hadr", given="simulated sensor")
     assert (sensor["corruption"], sensor["masks"]) == ("sensor", "true")
+
+
+def test_neighbours_of_the_papers_five_are_compared_frame_by_frame() -> None:
+    def run(method: str, *errors: float) -> dict[str, Any]:
+        per_frame = {"stems": ["a/0", "a/1", "a/2"], "rmse_m": list(errors)}
+        return {"method": method, "split": "known", "per_frame": per_frame}
+
+    rows = [run("lidf", 0.04, 0.05, 0.06), run("hadr", 0.02, 0.02, 0.02),
+            run("tode", 0.03, 0.03, 0.03), run("hadr-plus", 0.01, 0.01, 0.01)]  # fmt: skip
+    averaged = {
+        ("known", row["method"]): {"rmse_m": statistics.fmean(row["per_frame"]["rmse_m"])}
+        for row in rows
+    }
+    found = against_next(rows, averaged, "known", ["one", "one", "two"])
+    assert {name: pair["method"] for name, pair in found.items()} == {
+        "tode": "hadr",
+        "lidf": "tode",
+    }
+    gap = found["lidf"]
+    assert gap["mean_difference_m"] == pytest.approx(0.02)
+    # deviations -0.01, 0 and +0.01, the first two of one hold
+    assert gap["standard_error_m"] == pytest.approx((2 * (0.01**2 + 0.01**2)) ** 0.5 / 3)
+    assert against_next(rows, averaged, "unknown") == {}
 
 
 def test_the_ablation_is_the_papers() -> None:
@@ -197,10 +224,13 @@ def test_the_ledgers_table_has_a_column_a_switch(made: tuple[Bench, Path]) -> No
     _, folder = made
     lines = ledger_table(folder / "ledger.json").splitlines()
     head = [cell.strip() for cell in lines[0].strip("|").split("|")]
-    assert head == ["metric", DEFAULT, "metrics pooled", "coded-weights", "split by frame"]
+    assert head == [
+        "metric", DEFAULT, "metrics pooled", "loss weights as coded", "split by frame",
+    ]  # fmt: skip
     default = read_result_file(folder / "ledger.json").row(method=DEFAULT)
     cells = [cell.strip() for cell in lines[2].strip("|").split("|")]
-    assert cells[1] == f"{100 * default['rmse_m']:.2f}"
+    doubt = 100 * default["rmse_standard_error_m"]
+    assert cells[1] == f"{100 * default['rmse_m']:.2f} ± {doubt:.2f}"
     assert cells[2] == f"{100 * default['pooled']['rmse_m']:.2f}"
 
 

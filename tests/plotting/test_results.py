@@ -102,7 +102,8 @@ FIVE = {
 RIVALS = [
     row("hadr", "known", 0.0312, pooled={"rmse_m": 0.04}, parameters=1,
         against_hand_median={"mean_difference_m": -0.01, "standard_error_m": 0.002,
-                             "better_on_frames": 3, "frames": 4}),
+                             "better_on_frames": 3, "frames": 4},
+        against_next={"method": "tode", "mean_difference_m": 0.0062, "standard_error_m": 0.001}),
     row("tode", "known", 0.025),
     row("unet-hand", "known", 0.02),
     row("hadr", "unknown", 0.0456),
@@ -116,8 +117,9 @@ def cells(line: str) -> list[str]:
 def test_orders_are_those_of_the_methods_that_both_tables_have() -> None:
     assert compared(RIVALS, FIVE, "known") == ["hadr", "tode"]
     lines = [cells(line) for line in orders_table(RIVALS, FIVE).splitlines()]
-    assert lines[2] == ["known", "HADR", "0.9", "1", "95.22", "3.12", "2", "70.00"]
-    assert lines[3] == ["known", "TODE-Trans", "2.4", "2", "57.03", "2.50", "1", "70.00"]
+    assert lines[2][:8] == ["known", "HADR", "0.9", "1", "95.22", "3.12", "2", "70.00"]
+    assert lines[2][8] == "+0.62 ± 0.10"
+    assert lines[3] == ["known", "TODE-Trans", "2.4", "2", "57.03", "2.50", "1", "70.00", "-"]
     assert lines[4][:2] == ["unknown", "HADR"]
     assert len({len(line) for line in lines}) == 1
 
