@@ -87,6 +87,8 @@ def _section(title: str, name: str, file: ResultFile, paper: Mapping[str, Any]) 
         "",
         _makings(file.rows),
     ]
+    if any(row["provenance"].get("uncommitted_changes") for row in file.rows):
+        lines += ["", "\\* of this commit, with changes beside it that were committed later."]
     origin = file.provenance
     torch, numpy = (origin["versions"].get(name, "?") for name in ("torch", "numpy"))
     lines += [
@@ -133,6 +135,8 @@ def _makings(rows: Sequence[Mapping[str, Any]]) -> str:
         if corruption != "oracle":
             run += f" --corruption {corruption}"
         commits = ", ".join(commit[:7] for commit in row["provenance"]["commit"])
+        if row["provenance"].get("uncommitted_changes"):
+            commits += " \\*"
         cells = [
             f"`--only {run}`",
             minutes,
@@ -233,7 +237,8 @@ def tuning_table(path: str | Path) -> str:
         path: `tuning.json`.
 
     Returns:
-        Markdown: validation RMSE in centimetres, a line a network, a column a trial that all had.
+        Markdown: validation RMSE in centimetres, a line a network, a column a trial that all had;
+        below it the trials that one network alone had.
 
     Raises:
         ValueError: The file was edited by hand.
@@ -254,7 +259,13 @@ def tuning_table(path: str | Path) -> str:
             for trial, cell in zip(trials, cells, strict=True)
         ]
         lines.append([_title(network), *cells])
-    return markdown_table(["network", *trials], lines)
+    table = markdown_table(["network", *trials], lines)
+    alone = [
+        f"{_title(row['network'])}, {row['trial']}: {100 * row['rmse_m']:.2f}"
+        for row in rows
+        if row["trial"] not in trials
+    ]
+    return f"{table}\n\nBeyond these, {'; '.join(alone)}." if alone else table
 
 
 def speed_table(path: str | Path) -> str:

@@ -264,6 +264,45 @@ def draw_bias(ax: Axes, rows: Sequence[Row], split: str, names: Mapping[str, str
     ax.axvline(0, color=COLORS["truth"], lw=0.8)
 
 
+def draw_hole(ax: Axes, rows: Sequence[Row], split: str) -> None:
+    """Draw how far each network moves the glass as its hole grows and shrinks.
+
+    The dashed line is who takes the size of the hole for the measure of distance: of two equal
+    glasses the one whose picture is 1 + s times as wide stands at 1 / (1 + s) of the distance.
+
+    Args:
+        ax: Ordinary 2D axes.
+        rows: Rows of `results/mini/size_of_hole.json`.
+        split: "known" or "unknown".
+    """
+    for row in ordered(rows, split):
+        points = sorted([(0.0, 0.0, 0.0)] + [
+            (100 * p["share"], 100 * p["moved_m"], 100 * (p["standard_error_m"] or 0))
+            for p in row["by_share"]
+        ])  # fmt: skip
+        share, moved, doubt = (list(column) for column in zip(*points, strict=True))
+        color, marker = system_color(row["method"]), system_marker(row["method"])
+        name = NAMES[row["method"]]
+        ax.errorbar(share, moved, doubt, color=color, marker=marker, ms=5, lw=1.4, label=name)
+    shown = [row for row in rows if row["split"] == split]
+    if shown:
+        shares = np.linspace(*_ends(shown), 40)
+        distance = float(np.mean([row["depth_m"] for row in shown]))
+        ruler = 100 * distance * (1 / (1 + shares / 100) - 1)
+        ax.plot(shares, ruler, "--", color=COLORS["raw"], lw=1, label="size alone", zorder=0)
+    ax.axhline(0, color=COLORS["truth"], lw=0.8)
+    ax.set(
+        xlabel="hole wider by (% of its radius)",
+        ylabel="too near  ←  glass moves (cm)  →  too far",
+        title=f"{split} objects",
+    )
+
+
+def _ends(rows: Sequence[Row]) -> tuple[float, float]:
+    shares = [100 * point["share"] for row in rows for point in row["by_share"]]
+    return min(*shares, 0.0), max(*shares, 0.0)
+
+
 def averages_table(rows: Sequence[Row]) -> str:
     """Set each network's error in both averages, and against the hand's median frame by frame.
 

@@ -25,12 +25,12 @@ from hadr.experiments.conditions import (
     measure_condition,
 )
 from hadr.experiments.plan import measure_all, plan
-from hadr.experiments.report import DEFAULT, ledger_table, report
+from hadr.experiments.report import DEFAULT, ledger_table, report, tuning_table
 from hadr.experiments.runner import Bench, Run
 from hadr.experiments.splits import FrameSource
 from hadr.experiments.systems import System, system
 from hadr.experiments.tables import ABLATION, FILES, against_next, write_tables
-from hadr.result_file import read_result_file, seal_row
+from hadr.result_file import read_result_file, seal_row, write_result_file
 
 PUBLISHED = Path(__file__).resolve().parents[2] / "results" / "paper_tables.json"
 
@@ -232,6 +232,21 @@ def test_the_ledgers_table_has_a_column_a_switch(made: tuple[Bench, Path]) -> No
     doubt = 100 * default["rmse_standard_error_m"]
     assert cells[1] == f"{100 * default['rmse_m']:.2f} ± {doubt:.2f}"
     assert cells[2] == f"{100 * default['pooled']['rmse_m']:.2f}"
+
+
+def test_trials_that_one_network_alone_had_stand_below_the_table(tmp_path: Path) -> None:
+    def trial(network: str, name: str, rmse_m: float) -> dict[str, Any]:
+        return {"network": network, "trial": name, "rmse_m": rmse_m}
+
+    rows = [trial("hadr", "published", 0.04), trial("hadr", "cosine", 0.03),
+            trial("hadr", "finer", 0.02), trial("tode", "published", 0.05),
+            trial("tode", "cosine", 0.06)]  # fmt: skip
+    write_result_file(tmp_path / "tuning.json", "trials", rows, {})
+    lines = tuning_table(tmp_path / "tuning.json").splitlines()
+    cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
+    assert cells[0] == ["network", "published", "cosine"]
+    assert cells[2:4] == [["HADR", "4.00", "**3.00**"], ["TODE-Trans", "**5.00**", "6.00"]]
+    assert lines[-1] == "Beyond these, HADR, finer: 2.00."
 
 
 def test_another_training_is_another_condition(

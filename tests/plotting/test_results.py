@@ -16,6 +16,7 @@ from hadr.plotting.results import (
     averages_table,
     draw_bias,
     draw_by_object,
+    draw_hole,
     draw_learning,
     draw_parts,
     draw_systems,
@@ -164,4 +165,21 @@ def test_places_are_drawn_with_their_sign() -> None:
     draw_bias(ax, rows, "unknown", {"0004": "flute"})
     assert ax.lines[0].get_xdata()[0] == pytest.approx(8.8)
     assert [t.get_text() for t in ax.get_yticklabels()] == ["0004 flute"]
+    plt.close(fig)
+
+
+def test_a_hole_moves_the_glass_in_centimetres_beside_the_line_of_size_alone() -> None:
+    shares = [{"share": s, "moved_m": -s / 10, "standard_error_m": 0.001} for s in (-0.2, 0.25)]
+    rows = [row("tode", "known", 0.04, depth_m=0.6, by_share=shares, elsewhere={})]
+    fig, ax = plt.subplots()
+    draw_hole(ax, rows, "known")
+    drawn = {line.get_label(): line for line in ax.lines}
+    (bars,) = ax.containers
+    x, y = bars.lines[0].get_data()
+    assert x == pytest.approx([-20, 0, 25])
+    assert y == pytest.approx([2, 0, -2.5])
+    ruler = drawn["size alone"]
+    assert ruler.get_xdata()[[0, -1]] == pytest.approx([-20, 25])
+    # 60 cm away: a hole four fifths as wide is 75 cm away, one 5/4 as wide 48 cm
+    assert ruler.get_ydata()[[0, -1]] == pytest.approx([15, -12])
     plt.close(fig)
