@@ -6,7 +6,7 @@
 OUT and DIR are what `hadr reproduce --preset mini` and `hadr generate --preset mini` have made. The
 *nearest hand* learns nothing and remembers everything: it looks for the training frame whose hand,
 turned and shifted rigidly, is most like the one it sees, and puts the glass where it was in that
-hand, as one depth. Of the networks HADR-plus, the most accurate of all, is trained here on frames
+hand. Of the networks HADR-plus, the most accurate of all, is trained here on frames
 dealt out one by one. Test frames are looked at once, after all is trained.
 """
 
@@ -23,6 +23,7 @@ from hadr.experiments.averages import paired, standard_error
 from hadr.experiments.runner import Bench, Run
 from hadr.experiments.scoring import EVALUATION_SIZE, Scores, score_depth
 from hadr.experiments.splits import Experiment
+from hadr.models.baselines.classical import nearest_valid
 from hadr.provenance import machine_text, provenance
 from hadr.result_file import write_result_file
 from hadr.training.batches import FrameTensors
@@ -66,16 +67,46 @@ def glass_points(frames: FrameTensors, number: int) -> Array:
     return points
 
 
-def nearest_hand(train: FrameTensors, test: FrameTensors) -> Scores:
-    """Score the glass put where it was in the most similar hand of the training frames."""
+def nearest_hand(train: FrameTensors, test: FrameTensors) -> tuple[Scores, list[int]]:
+    """Score the glass put where it was in the most similar hand of the training frames.
+
+    The remembered points, seen from the test camera, the nearest in each pixel; pixels of the mask
+    that none of them meets take the depth of the nearest one that is met, and the median of all
+    points where none is met.
+
+    Returns:
+        The scores, and the training frame that each test frame was reminded of.
+    """
     learned = train.true_keypoints.numpy().astype(np.float64)
     depths = np.zeros(tuple(test.true_depth.shape), np.float32)
+    chosen = []
     for number, hand in enumerate(test.true_keypoints.numpy().astype(np.float64)):
         rotations, translations, left = rigid_fits(hand, learned)
         best = int(left.argmin())
+        chosen.append(best)
         remembered = glass_points(train, best) @ rotations[best].T + translations[best]
-        depths[number][test.inputs.mask[number].numpy()] = np.median(remembered[:, 2])
-    return score_depth(depths, test)
+        mask = test.inputs.mask[number].numpy()
+        seen = seen_depth(remembered, test.inputs.intrinsics[number].tolist(), mask)
+        if seen.any():
+            depths[number] = np.where(mask, nearest_valid(seen, mask & (seen == 0)), 0)
+        else:
+            depths[number][mask] = np.median(remembered[:, 2])
+    return score_depth(depths, test), chosen
+
+
+def seen_depth(
+    points: Array, intrinsics: list[float], mask: npt.NDArray[np.bool_]
+) -> npt.NDArray[np.float32]:
+    """Depth of the nearest point in each pixel of a mask, metres, shape (H, W); 0 where none is."""
+    fx, fy, cx, cy = intrinsics
+    x, y, z = points[points[:, 2] > 0].T
+    column, row = np.rint(fx * x / z + cx).astype(int), np.rint(fy * y / z + cy).astype(int)
+    height, width = mask.shape
+    inside = (row >= 0) & (row < height) & (column >= 0) & (column < width)
+    depth = np.full(mask.shape, np.inf)
+    np.minimum.at(depth, (row[inside], column[inside]), z[inside])
+    found: npt.NDArray[np.float32] = np.where(mask & np.isfinite(depth), depth, 0)
+    return found.astype(np.float32)
 
 
 def columns(scores: dict[str, Any], holds: list[str], median: dict[str, Any]) -> dict[str, Any]:
@@ -104,14 +135,21 @@ def main() -> None:
         run = Run(split, NEAREST)
         test, train = (bench.frames(run, part, EVALUATION_SIZE) for part in ("test", "train"))
         median = bench.measure(Run(split, "hand-median"))["per_frame"]
-        holds = bench.holds(split, median["stems"])
-        scores = {
+        shown, learned = (bench.source(run, part) for part in ("test", "train"))
+        holds, others = shown.holds(test.stems), learned.holds(train.stems)
+        scores, chosen = nearest_hand(train, test)
+        measured = {
             "hand-median": median,
-            NEAREST: nearest_hand(train, test).per_frame(),
+            NEAREST: scores.per_frame(),
             **{name: bench.measure(Run(split, name))["per_frame"] for name in NETWORKS},
         }
-        for method, listed in scores.items():
+        sisters = set(others)
+        for method, listed in measured.items():
             row = {"method": method, "split": split, **columns(listed, holds, median)}
+            row["share_with_sister"] = float(np.mean([hold in sisters for hold in holds]))
+            if method == NEAREST:
+                same = [hold == others[number] for hold, number in zip(holds, chosen, strict=True)]
+                row["share_reminded_of_sister"] = float(np.mean(same))
             rows.append(row)
             gap = row["against_hand_median"]["mean_difference_m"]
             print(f"{split}, {method}: {row['rmse_m']:.4f} m, against the median {gap:+.4f} m")
