@@ -4,7 +4,9 @@
 
 A network that cannot has a fault that no amount of data heals. Chance is off (augmentation,
 stochastic depth), each step sees all four frames, and the learned network is scored in evaluation
-mode. Goals: depth 2 mm (mean absolute error), keypoints 3 mm, masks 0.98 intersection over union.
+mode. DFNet and SwinDRNet then learn on with their batch normalisation as it is in evaluation: what
+it computes from four small pictures differs by millimetres from what it keeps of them. Goals:
+depth 2 mm (mean absolute error), keypoints 3 mm, masks 0.98 intersection over union.
 """
 
 import argparse
@@ -18,7 +20,9 @@ import torch
 
 from hadr.data.samples import open_samples
 from hadr.models.baselines.lidf import LIDF
+from hadr.models.baselines.swindrnet import SwinDRNet
 from hadr.models.hadr import HADR, ray_points
+from hadr.models.pyramid_head import resize
 from hadr.provenance import machine_text, provenance, write_json
 from hadr.ray_voxels import pair_of_true_point
 from hadr.training.batches import FrameTensors, load_frames
@@ -38,6 +42,9 @@ GOALS: dict[str, tuple[str, float]] = {
 """Of each network the number that counts, and how small it shall become."""
 STEPS = dict.fromkeys(("hadr", "lidf", "dfnet", "swindrnet"), 2000)
 """Networks that need more steps than 600: after those HADR is at 4 mm, DFNet and SwinDRNet at 6."""
+
+FROZEN_STEPS = dict.fromkeys(("dfnet", "swindrnet"), 600)
+"""Networks that learn on with frozen batch normalisation, and for how many steps."""
 
 
 def without_chance(recipe: Preset, steps: int) -> Preset:
@@ -69,10 +76,15 @@ def learn(network: str, steps: int) -> dict[str, object]:
     frames = load_frames([samples[number * len(samples) // 4] for number in range(4)], recipe.size)
     began = time.perf_counter()
     trained = train(recipe, frames, seed=0)
+    more = FROZEN_STEPS.get(network, 0)
+    before = task_of(recipe).validate(trained.model, frames, 4)
+    learn_frozen(recipe, trained.model, frames, more)
     seconds = time.perf_counter() - began
     scores = task_of(recipe).validate(trained.model, frames, 4)
     if isinstance(trained.model, HADR | LIDF):
         scores |= where_a_voxel_is(trained.model, frames)
+    if isinstance(trained.model, SwinDRNet):
+        scores["least_mae_of_its_grid_m"] = least_error_of_a_quarter(frames)
     name, goal = GOALS[network]
     row: dict[str, object] = {
         "network": network,
@@ -84,9 +96,53 @@ def learn(network: str, steps: int) -> dict[str, object]:
         "goal": goal,
         "is_reached": scores[name] <= goal,
         **scores,
+        **({"frozen_steps": more, "before_frozen": before[name]} if more else {}),
     }
     print(f"{network}: {name} {scores[name]:.4f} after {steps} steps, goal {goal}", flush=True)
     return row
+
+
+def learn_frozen(recipe: Preset, model: torch.nn.Module, frames: FrameTensors, steps: int) -> None:
+    """Let a network learn on in evaluation mode, its rate falling from 5e-4 to 0."""
+    task, batch = task_of(recipe), frames.take(range(len(frames)))
+    optimizer = torch.optim.Adam(model.parameters(), lr=5e-4)
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, max(steps, 1))
+    generator = torch.Generator().manual_seed(0)
+    model.eval()
+    for _ in range(steps):
+        loss = task.losses(model, batch, recipe.epochs, generator)["loss"]
+        optimizer.zero_grad()
+        loss.backward()  # type: ignore[no-untyped-call]
+        optimizer.step()
+        schedule.step()
+
+
+def least_error_of_a_quarter(frames: FrameTensors, steps: int = 1500) -> float:
+    """Find the smallest mean absolute error of a depth image drawn at a quarter of the size.
+
+    SwinDRNet's heads answer at a quarter of the picture's width and height, and their answer is
+    enlarged: not even the best one follows a rim. The error of such an image is convex in its
+    pixels, so gradient steps find the least.
+
+    Returns:
+        Metres, the mean over the frames.
+    """
+    true, mask = frames.true_depth, frames.object_mask & (frames.true_depth > 0)
+    height, width = true.shape[1:]
+    coarse = torch.full((len(frames), 1, -(-height // 4), -(-width // 4)), 0.6, requires_grad=True)
+    optimizer = torch.optim.Adam([coarse], lr=0.02)
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps)
+    error = torch.zeros(())
+    for _ in range(steps):
+        miss = (resize(coarse, (height, width))[:, 0] - true).abs()
+        error = torch.stack(
+            [one[there].mean() for one, there in zip(miss, mask, strict=True)]
+        ).mean()
+        optimizer.zero_grad()
+        error.backward()  # type: ignore[no-untyped-call]
+        optimizer.step()
+        schedule.step()
+    return float(error.detach())
 
 
 def where_a_voxel_is(model: HADR | LIDF, frames: FrameTensors) -> dict[str, float]:

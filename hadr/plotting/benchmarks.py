@@ -29,8 +29,24 @@ def by_heart_table(rows: Sequence[Record]) -> str:
     for row in rows:
         value, goal = (_by_heart(row["counts"], row[key]) for key in ("reached", "goal"))
         verdict = "yes" if row["is_reached"] else "**no**"
-        lines.append([row["network"], str(row["steps"]), value, goal, verdict])
-    return markdown_table(["network", "steps", "after them", "goal", "reached"], lines, "lrrrl")
+        steps = str(row["steps"] + row.get("frozen_steps", 0))
+        lines.append([row["network"], steps, value, goal, verdict, _within_reach(row)])
+    head = ["network", "steps", "after them", "goal", "reached", "what lies within its reach"]
+    return markdown_table(head, lines, "lrrrll")
+
+
+def _within_reach(row: Record) -> str:
+    """What a network that misses its goal can express at all."""
+    if row["is_reached"]:
+        return ""
+    if "mae_where_true_voxel_m" in row:
+        share = 100 * row["share_with_true_voxel"]
+        reached = 1000 * row["mae_where_true_voxel_m"]
+        return f"{share:.1f} % of its rays, those whose true voxel is a candidate: {reached:.2f} mm"
+    if "least_mae_of_its_grid_m" in row:
+        least = 1000 * row["least_mae_of_its_grid_m"]
+        return f"an image of a quarter of the size, enlarged: no less than {least:.1f} mm"
+    return ""
 
 
 def _by_heart(counts: str, value: float) -> str:

@@ -50,13 +50,21 @@ def test_each_form_has_its_own_line() -> None:
 def test_metres_and_overlap_in_the_units_a_reader_knows() -> None:
     rows = [
         {"network": "hadr", "steps": 600, "counts": "validation_mae_m", "reached": 0.0031,
-         "goal": 0.002, "is_reached": False},
+         "goal": 0.002, "is_reached": False, "share_with_true_voxel": 0.985,
+         "mae_where_true_voxel_m": 0.00006},
+        {"network": "swindrnet", "steps": 2000, "frozen_steps": 600, "goal": 0.002,
+         "counts": "validation_mae_m", "reached": 0.005, "is_reached": False,
+         "least_mae_of_its_grid_m": 0.0042},
         {"network": "segmentation", "steps": 600, "counts": "validation_iou_missing",
          "reached": 0.004, "goal": 0.02, "is_reached": True},
     ]  # fmt: skip
     lines = by_heart_table(rows).splitlines()
-    assert lines[2] == "| hadr | 600 | 3.1 mm | 2.0 mm | **no** |"
-    assert lines[3] == "| segmentation | 600 | 0.996 IoU | 0.980 IoU | yes |"
+    own, grid, masks = ([c.strip() for c in line.strip("|").split("|")] for line in lines[2:])
+    assert own[:5] == ["hadr", "600", "3.1 mm", "2.0 mm", "**no**"]
+    assert own[5] == "98.5 % of its rays, those whose true voxel is a candidate: 0.06 mm"
+    assert grid[1:3] == ["2600", "5.0 mm"]
+    assert grid[5] == "an image of a quarter of the size, enlarged: no less than 4.2 mm"
+    assert masks == ["segmentation", "600", "0.996 IoU", "0.980 IoU", "yes", ""]
 
 
 def test_an_ablation_is_drawn_against_the_full_network() -> None:
