@@ -18,6 +18,7 @@ NAMES: dict[str, str] = {
     "inpainting": "inpainting",
     "nearest": "nearest valid depth",
     "hand-median": "the hand's median depth",
+    "nearest-hand": "the most similar hand's glass",
     "no-hand": "HADR without the hand",
     "hadr": "HADR",
     "hadr-long": "HADR, trained longer",
@@ -262,6 +263,35 @@ def draw_bias(ax: Axes, rows: Sequence[Row], split: str, names: Mapping[str, str
     xlabel = "too near  ←  mean error (cm)  →  too far"
     draw_by_object(ax, rows, split, names, "bias_m", xlabel)
     ax.axvline(0, color=COLORS["truth"], lw=0.8)
+
+
+def memory_table(rows: Sequence[Row]) -> str:
+    """Set each method's error with whole holds held out beside that with frames dealt out.
+
+    Args:
+        rows: Rows of `results/mini/memory.json`.
+
+    Returns:
+        Markdown, centimetres: RMSE, and its difference from the hand's median depth on the same
+        frames, each with its standard error over holds.
+    """
+    head = [
+        "method", "whole holds: RMSE (cm)", "minus the hand's median", "frame by frame: RMSE (cm)",
+        "minus the hand's median",
+    ]  # fmt: skip
+    lines = []
+    for one in ordered(rows, "known"):
+        (other,) = (
+            row for row in rows if (row["method"], row["split"]) == (one["method"], "by-frame")
+        )
+        cells = []
+        for row in (one, other):
+            gap = row["against_hand_median"]
+            off, doubt = 100 * gap["mean_difference_m"], 100 * gap["standard_error_m"]
+            cells.append(f"{100 * row['rmse_m']:.2f} ± {100 * row['rmse_standard_error_m']:.2f}")
+            cells.append("-" if row["method"] == "hand-median" else f"{off:+.2f} ± {doubt:.2f}")
+        lines.append([NAMES[one["method"]], *cells])
+    return markdown_table(head, lines)
 
 
 def draw_hole(ax: Axes, rows: Sequence[Row], split: str) -> None:

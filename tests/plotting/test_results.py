@@ -20,6 +20,7 @@ from hadr.plotting.results import (
     draw_learning,
     draw_parts,
     draw_systems,
+    memory_table,
     poses_table,
     results_table,
 )
@@ -183,3 +184,22 @@ def test_a_hole_moves_the_glass_in_centimetres_beside_the_line_of_size_alone() -
     # 60 cm away: a hole four fifths as wide is 75 cm away, one 5/4 as wide 48 cm
     assert ruler.get_ydata()[[0, -1]] == pytest.approx([15, -12])
     plt.close(fig)
+
+
+def test_a_memory_is_shown_under_both_splits() -> None:
+    def one(method: str, split: str, rmse_m: float, gap_m: float) -> dict[str, object]:
+        gap = {"mean_difference_m": gap_m, "standard_error_m": 0.001}
+        return row(method, split, rmse_m, rmse_standard_error_m=0.002, against_hand_median=gap)
+
+    rows = [
+        one("nearest-hand", "known", 0.04, -0.01),
+        one("nearest-hand", "by-frame", 0.03, -0.02),
+        one("hand-median", "by-frame", 0.049, 0),
+        one("hand-median", "known", 0.05, 0),
+    ]
+    lines = [cells(line) for line in memory_table(rows).splitlines()[2:]]
+    assert lines == [
+        ["the hand's median depth", "5.00 ± 0.20", "-", "4.90 ± 0.20", "-"],
+        ["the most similar hand's glass", "4.00 ± 0.20", "-1.00 ± 0.10",
+         "3.00 ± 0.20", "-2.00 ± 0.10"],
+    ]  # fmt: skip
