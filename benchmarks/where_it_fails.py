@@ -11,13 +11,16 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from hadr.experiments.averages import paired
 from hadr.experiments.errors import frame_error, hand_poses, pose_distance, summary
 from hadr.experiments.plan import TABLES
 from hadr.experiments.runner import Bench, Run
-from hadr.experiments.scoring import EVALUATION_SIZE, restored_depth
+from hadr.experiments.scoring import EVALUATION_SIZE, restored_depth, score_network
 from hadr.experiments.systems import LEARNED, system
+from hadr.models.baselines.lidf import LIDF
 from hadr.provenance import machine_text, provenance
 from hadr.result_file import write_result_file
+from hadr.training.batches import FrameTensors
 from hadr.training.checkpoints import load_checkpoint
 from hadr.training.evaluation import BASELINES
 from hadr.training.loop import LAST
@@ -27,12 +30,16 @@ def row_of(bench: Bench, run: Run, size: str) -> dict[str, Any]:
     """Take apart the errors of one run's network, or of the hand's median depth."""
     truth = bench.frames(run, "test", EVALUATION_SIZE)
     recipe = system(run.method, size).recipe
+    more: dict[str, Any] = {}
     if recipe is None:
         restorer = BASELINES[run.method]
         depths = [restorer(truth, number) for number in range(len(truth))]
     else:
         model, _ = load_checkpoint(bench.out / run.name / LAST)
-        depths = list(restored_depth(model, bench.frames(run, "test", recipe.size), truth)[0])
+        given = bench.frames(run, "test", recipe.size)
+        if isinstance(model, LIDF):
+            more = {"refinement": what_refinement_does(model, given, truth, bench, run)}
+        depths = list(restored_depth(model, given, truth)[0])
     true, masks = truth.true_depth.numpy(), truth.object_mask.numpy()
     shown = [n for n in range(len(truth)) if (masks[n] & (true[n] > 0)).any()]
     errors = [
@@ -41,7 +48,22 @@ def row_of(bench: Bench, run: Run, size: str) -> dict[str, Any]:
     learned = hand_poses(bench.frames(run, "train", EVALUATION_SIZE))
     distance = pose_distance(hand_poses(truth)[shown], learned)
     print(run.name, f"{sum(e.rmse_m for e in errors) / len(errors):.4f} m", flush=True)
-    return {"method": run.method, "split": run.experiment, **summary(errors, distance)}
+    return {"method": run.method, "split": run.experiment, **summary(errors, distance), **more}
+
+
+def what_refinement_does(
+    model: LIDF, given: FrameTensors, truth: FrameTensors, bench: Bench, run: Run
+) -> dict[str, Any]:
+    """Compare LIDF with its first stage alone, frame by frame, and leave it in stage 2."""
+    both = {}
+    for stage in (1, 2):
+        model.set_stage(stage)
+        both[stage] = score_network(model, given, truth)
+    holds = bench.holds(run.experiment, both[1].stems)
+    return {
+        "first_stage_rmse_m": both[1].columns()["rmse_m"],
+        "refined_minus_first": paired(both[2].per_frame(), both[1].per_frame(), holds),
+    }
 
 
 def main() -> None:
@@ -63,7 +85,8 @@ def main() -> None:
         args.json,
         "Parts of the depth error on the test frames, means over the frames, metres: place (median "
         "error), shape (what is left without it), tilt (what is left without the best plane); by "
-        "object; by thirds of the frames from the nearest to the farthest learned hand pose",
+        "object; by thirds of the frames from the nearest to the farthest learned hand pose; what "
+        "LIDF's refinement adds to its first stage",
         rows,
         {**provenance(), "machine": machine_text(), "data": bench.data},
     )
