@@ -26,9 +26,9 @@ import torch
 from torch import Tensor
 
 from hadr.experiments.averages import standard_error
-from hadr.experiments.plan import TABLES
 from hadr.experiments.runner import Bench, Run
 from hadr.experiments.systems import LEARNED, system
+from hadr.experiments.tables import TABLES
 from hadr.models.baselines.classical import nearest_valid
 from hadr.provenance import machine_text, provenance
 from hadr.result_file import write_result_file

@@ -13,10 +13,10 @@ from typing import Any
 
 from hadr.experiments.averages import paired
 from hadr.experiments.errors import frame_error, hand_poses, pose_distance, summary
-from hadr.experiments.plan import TABLES
 from hadr.experiments.runner import Bench, Run
 from hadr.experiments.scoring import EVALUATION_SIZE, restored_depth, score_network
 from hadr.experiments.systems import LEARNED, system
+from hadr.experiments.tables import TABLES
 from hadr.models.baselines.lidf import LIDF
 from hadr.provenance import machine_text, provenance
 from hadr.result_file import write_result_file
