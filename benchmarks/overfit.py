@@ -43,7 +43,7 @@ GOALS: dict[str, tuple[str, float]] = {
 STEPS = dict.fromkeys(("hadr", "lidf", "dfnet", "swindrnet"), 2000)
 """Networks that need more steps than 600: after those HADR is at 4 mm, DFNet and SwinDRNet at 6."""
 
-FROZEN_STEPS = dict.fromkeys(("dfnet", "swindrnet"), 600)
+FROZEN_STEPS = {"dfnet": 2000, "swindrnet": 600}
 """Networks that learn on with frozen batch normalisation, and for how many steps."""
 
 
