@@ -158,6 +158,24 @@ def test_what_chapter_7_says_of_parts_and_colours_is_so() -> None:
     assert min(seeds["no-hand"]) - max(seeds["hadr"]) > 0.01
 
 
+def test_what_chapter_7_says_of_a_memory_is_so() -> None:
+    memory = read_result_file(RESULTS / "mini" / "memory.json")
+    ledger = read_result_file(RESULTS / "mini" / "ledger.json")
+    known = read_result_file(RESULTS / "mini" / "known.json")
+    error = {(row["method"], row["split"]): row["rmse_m"] for row in memory.rows}
+    for method in ("hand-median", "hadr", "hadr-plus"):
+        assert error[method, "known"] == pytest.approx(known.row(method=method)["rmse_m"], abs=1e-9)
+        assert error[method, "by-frame"] == pytest.approx(error[method, "known"], abs=0.002)
+    split = ledger.row(method="split by frame")["rmse_m"]
+    assert error["hadr", "by-frame"] == pytest.approx(split, abs=1e-9)
+    gain = error["nearest-hand", "known"] - error["nearest-hand", "by-frame"]
+    assert gain == pytest.approx(0.005, abs=0.001)
+    assert all(error["nearest-hand", "known"] < known.row(method=m)["rmse_m"] for m in RIVALS)
+    reminded = memory.row(method="nearest-hand", split="by-frame")
+    assert reminded["share_reminded_of_sister"] == reminded["share_with_sister"] > 0.5
+    assert memory.row(method="nearest-hand", split="known")["share_with_sister"] == 0
+
+
 def test_what_chapter_7_says_of_predicted_masks_is_so() -> None:
     rows = read_result_file(RESULTS / "mini" / "segmentation.json").rows
     masked = {row["method"]: row for row in rows if row["given"] == "predicted mask"}
