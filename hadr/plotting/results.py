@@ -307,7 +307,7 @@ def draw_hole(ax: Axes, rows: Sequence[Row], split: str) -> None:
     """
     for row in ordered(rows, split):
         points = sorted([(0.0, 0.0, 0.0)] + [
-            (100 * p["share"], 100 * p["moved_m"], 100 * (p["standard_error_m"] or 0))
+            (100 * p["grown"], 100 * p["moved_m"], 100 * (p["standard_error_m"] or 0))
             for p in row["by_share"]
         ])  # fmt: skip
         share, moved, doubt = (list(column) for column in zip(*points, strict=True))
@@ -326,10 +326,11 @@ def draw_hole(ax: Axes, rows: Sequence[Row], split: str) -> None:
         ylabel="too near  ←  glass moves (cm)  →  too far",
         title=f"{split} objects",
     )
+    ax.label_outer()
 
 
 def _ends(rows: Sequence[Row]) -> tuple[float, float]:
-    shares = [100 * point["share"] for row in rows for point in row["by_share"]]
+    shares = [100 * point["grown"] for row in rows for point in row["by_share"]]
     return min(*shares, 0.0), max(*shares, 0.0)
 
 

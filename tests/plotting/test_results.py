@@ -170,7 +170,7 @@ def test_places_are_drawn_with_their_sign() -> None:
 
 
 def test_a_hole_moves_the_glass_in_centimetres_beside_the_line_of_size_alone() -> None:
-    shares = [{"share": s, "moved_m": -s / 10, "standard_error_m": 0.001} for s in (-0.2, 0.25)]
+    shares = [{"grown": s, "moved_m": -s / 10, "standard_error_m": 0.001} for s in (-0.2, 0.25)]
     rows = [row("tode", "known", 0.04, depth_m=0.6, by_share=shares, elsewhere={})]
     fig, ax = plt.subplots()
     draw_hole(ax, rows, "known")
