@@ -202,7 +202,7 @@ TODE_MINI = Preset(
     network="tode",
     model=TODEConfig(patch=4, embed_dim=32, depths=(2, 2, 2), heads=(1, 2, 4), width=48),
     epochs=12,
-    milestones=(20 / 40, 30 / 40, 35 / 40),
+    schedule="cosine",
     warmup_epochs=0.5,
     clip_norm=5.0,
     optimizer="adamw",
