@@ -15,7 +15,7 @@ from hadr.experiments.systems import METHODS, SWITCHES
 from hadr.experiments.tables import ABLATION, FILES, LEDGER
 from hadr.result_file import digest, read_result_file, read_result_files
 from hadr.synthesis.objects import OBJECTS, UNKNOWN_OBJECTS
-from hadr.training.presets import RIVALS
+from hadr.training.presets import RIVALS, preset
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "results"
@@ -202,6 +202,15 @@ def test_what_the_ledger_says_of_its_switches_is_so() -> None:
         table = read_result_file(mini / f"{name}.json")
         pooled = {row["method"]: row["pooled"]["rmse_m"] for row in table.rows}
         assert all(pooled[rival] > pooled["hadr"] for rival in RIVALS)
+
+
+def test_each_network_has_the_schedule_that_did_best_in_its_trials() -> None:
+    rows = read_result_file(RESULTS / "mini" / "tuning.json").rows
+    for network in ("hadr", *RIVALS):
+        mine = [row for row in rows if row["network"] == network and "patches" not in row["trial"]]
+        best, recipe = min(mine, key=lambda row: row["rmse_m"]), preset("mini", network)
+        schedule = "step" if best["trial"] == "published" else "cosine"
+        assert (recipe.schedule, recipe.learning_rate) == (schedule, best["learning_rate"])
 
 
 def test_the_report_prints_what_the_files_say() -> None:
