@@ -158,6 +158,29 @@ def test_what_chapter_7_says_of_parts_and_colours_is_so() -> None:
     assert min(seeds["no-hand"]) - max(seeds["hadr"]) > 0.01
 
 
+def test_what_chapter_7_says_of_the_size_of_the_hole_is_so() -> None:
+    rows = read_result_file(RESULTS / "mini" / "size_of_hole.json").rows
+    for row in rows:
+        narrow, wide = row["by_share"][0], row["by_share"][-1]
+        distance = row["depth_m"]
+        slope = (wide["moved_m"] - narrow["moved_m"]) / (
+            distance / (1 + wide["grown"]) - distance / (1 + narrow["grown"])
+        )
+        if row["method"] in ("swindrnet", "tode"):
+            assert 0.4 < slope < 0.65
+            assert wide["moved_m"] < -0.05
+            assert narrow["moved_m"] > 0.05
+            assert abs(row["elsewhere"]["moved_m"]) < 0.015
+        elif row["method"] in ("unet-hand", "hadr-plus"):
+            assert 0.1 < slope < 0.3
+        elif row["method"] in ("hadr", "lidf", "dfnet"):
+            assert abs(slope) < 0.03
+    lidf = read_result_file(RESULTS / "mini" / "errors.json")
+    for split in ("known", "unknown"):
+        row = lidf.row(method="lidf", split=split)["refinement"]
+        assert row["refined_minus_first"]["mean_difference_m"] > 0
+
+
 def test_what_chapter_7_says_of_a_memory_is_so() -> None:
     memory = read_result_file(RESULTS / "mini" / "memory.json")
     ledger = read_result_file(RESULTS / "mini" / "ledger.json")
