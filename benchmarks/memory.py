@@ -6,7 +6,8 @@
 OUT and DIR are what `hadr reproduce --preset mini` and `hadr generate --preset mini` have made. The
 *nearest hand* learns nothing and remembers everything: it looks for the training frame whose hand,
 turned and shifted rigidly, is most like the one it sees, and puts the glass where it was in that
-hand. Of the networks HADR-plus, the most accurate of all, is trained here on frames
+hand. Beside it stands the same with all frames of the test frame's own hold left out. (It is given
+true keypoints, as all methods of the tables are, so it always recognises a sister.) Of the networks HADR-plus, the most accurate of all, is trained here on frames
 dealt out one by one. Test frames are looked at once, after all is trained.
 """
 
@@ -31,6 +32,7 @@ from hadr.training.batches import FrameTensors
 SPLITS: tuple[Experiment, ...] = ("known", "by-frame")
 NETWORKS = ("hadr", "hadr-plus")
 NEAREST = "nearest-hand"
+NO_SISTER = "nearest-hand-no-sister"
 
 Array = npt.NDArray[np.float64]
 
@@ -67,12 +69,19 @@ def glass_points(frames: FrameTensors, number: int) -> Array:
     return points
 
 
-def nearest_hand(train: FrameTensors, test: FrameTensors) -> tuple[Scores, list[int]]:
+def nearest_hand(
+    train: FrameTensors, test: FrameTensors, left_out: npt.NDArray[np.bool_] | None = None
+) -> tuple[Scores, list[int]]:
     """Score the glass put where it was in the most similar hand of the training frames.
 
     The remembered points, seen from the test camera, the nearest in each pixel; pixels of the mask
     that none of them meets take the depth of the nearest one that is met, and the median of all
     points where none is met.
+
+    Args:
+        train: The frames that are remembered.
+        test: The frames that are restored.
+        left_out: Which training frames a test frame may not be reminded of, shape (test, train).
 
     Returns:
         The scores, and the training frame that each test frame was reminded of.
@@ -82,7 +91,9 @@ def nearest_hand(train: FrameTensors, test: FrameTensors) -> tuple[Scores, list[
     chosen = []
     for number, hand in enumerate(test.true_keypoints.numpy().astype(np.float64)):
         rotations, translations, left = rigid_fits(hand, learned)
-        best = int(left.argmin())
+        best = int(
+            (left if left_out is None else np.where(left_out[number], np.inf, left)).argmin()
+        )
         chosen.append(best)
         remembered = glass_points(train, best) @ rotations[best].T + translations[best]
         mask = test.inputs.mask[number].numpy()
@@ -138,15 +149,23 @@ def main() -> None:
         shown, learned = (bench.source(run, part) for part in ("test", "train"))
         holds, others = shown.holds(test.stems), learned.holds(train.stems)
         scores, chosen = nearest_hand(train, test)
+        sister = np.array(holds)[:, None] == np.array(others)
+        strangers, _ = nearest_hand(train, test, sister)
         measured = {
             "hand-median": median,
             NEAREST: scores.per_frame(),
+            NO_SISTER: strangers.per_frame(),
             **{name: bench.measure(Run(split, name))["per_frame"] for name in NETWORKS},
         }
         sisters = set(others)
         for method, listed in measured.items():
             row = {"method": method, "split": split, **columns(listed, holds, median)}
             row["share_with_sister"] = float(np.mean([hold in sisters for hold in holds]))
+            if method in NETWORKS:
+                own = bench.measure(Run(split, method))
+                row |= {name: own[name] for name in ("seed", "configuration", "config_sha256")}
+            if method == NO_SISTER:
+                row["against_with_sisters"] = paired(listed, measured[NEAREST], holds)
             if method == NEAREST:
                 same = [hold == others[number] for hold, number in zip(holds, chosen, strict=True)]
                 row["share_reminded_of_sister"] = float(np.mean(same))

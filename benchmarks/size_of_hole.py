@@ -8,7 +8,7 @@ hole that a glass leaves in the depth is made wider or narrower all round by a s
 (the radius of the disc of the same area); a pixel that no longer lies in it takes the depth of the
 nearest one outside. Colours and hand stay. Who takes a larger hole for a nearer glass then places
 the glass nearer: of two equal glasses the one whose picture is 1 + s times as wide stands at
-1 / (1 + s) of the distance. As a control, a hole of the same shape is cut elsewhere and the
+1 / (1 + s) of the distance. As a control, what the widest hole adds is cut elsewhere and the
 glass's own stays. Measured is by how much the median depth moves over the pixels that lie in all
 holes; frames in which fewer than 20 of them are left are not counted. A step of less than a pixel
 changes nothing, so each row says by how much the holes did grow in the mean (the square root of

@@ -112,7 +112,7 @@ def plan(
         return runs
     chosen = []
     for wish in only:
-        words, table = wish.strip("/").split("/"), TABLE_RUNS.get(wish, ())
+        words, table = wish.strip("/").split("/"), TABLE_RUNS.get(wish.strip("/"), ())
         fitting = [
             run
             for run in runs

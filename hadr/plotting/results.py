@@ -19,6 +19,7 @@ NAMES: dict[str, str] = {
     "nearest": "nearest valid depth",
     "hand-median": "the hand's median depth",
     "nearest-hand": "the most similar hand's glass",
+    "nearest-hand-no-sister": "the same, its own hold left out",
     "no-hand": "HADR without the hand",
     "hadr": "HADR",
     "hadr-long": "HADR, trained longer",
@@ -323,7 +324,7 @@ def draw_hole(ax: Axes, rows: Sequence[Row], split: str) -> None:
     ax.axhline(0, color=COLORS["truth"], lw=0.8)
     ax.set(
         xlabel="hole wider by (% of its radius)",
-        ylabel="too near  ←  glass moves (cm)  →  too far",
+        ylabel="nearer  ←  glass moves (cm)  →  farther",
         title=f"{split} objects",
     )
     ax.label_outer()
