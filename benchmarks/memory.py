@@ -7,8 +7,9 @@ OUT and DIR are what `hadr reproduce --preset mini` and `hadr generate --preset 
 *nearest hand* learns nothing and remembers everything: it looks for the training frame whose hand,
 turned and shifted rigidly, is most like the one it sees, and puts the glass where it was in that
 hand. Beside it stands the same with all frames of the test frame's own hold left out. (It is given
-true keypoints, as all methods of the tables are, so it always recognises a sister.) Of the networks HADR-plus, the most accurate of all, is trained here on frames
-dealt out one by one. Test frames are looked at once, after all is trained.
+true keypoints, as all methods of the tables are, so it always recognises a sister.) Of the networks
+HADR-plus, the most accurate of all, is trained here on frames dealt out one by one. Test frames are
+looked at once, after all is trained.
 """
 
 import argparse

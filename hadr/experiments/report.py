@@ -90,7 +90,7 @@ def _section(title: str, name: str, file: ResultFile, paper: Mapping[str, Any]) 
     if any(row["provenance"].get("uncommitted_changes") for row in file.rows):
         lines += [
             "",
-            "\\* of this commit, with changes of some file beside it that were not committed.",
+            "\\* of this commit, with changes beside it that were not committed.",
         ]
     origin = file.provenance
     torch, numpy = (origin["versions"].get(name, "?") for name in ("torch", "numpy"))
