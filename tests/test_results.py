@@ -200,6 +200,9 @@ def test_what_chapter_7_says_of_a_memory_is_so() -> None:
     gain = error["nearest-hand", "known"] - error["nearest-hand", "by-frame"]
     assert gain == pytest.approx(0.005, abs=0.001)
     assert all(error["nearest-hand", "known"] < known.row(method=m)["rmse_m"] for m in RIVALS)
+    strangers = memory.row(method="nearest-hand-no-sister", split="by-frame")
+    leak = strangers["against_with_sisters"]
+    assert leak["mean_difference_m"] > 2 * leak["standard_error_m"] > 0
     reminded = memory.row(method="nearest-hand", split="by-frame")
     assert reminded["share_reminded_of_sister"] == reminded["share_with_sister"] > 0.5
     assert memory.row(method="nearest-hand", split="known")["share_with_sister"] == 0
