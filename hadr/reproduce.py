@@ -67,13 +67,15 @@ def chapter_paths(notebooks: Path, only: Sequence[str] = ()) -> list[Path]:
         only: Numbers or beginnings of names (``03``, ``3``, ``03_ray``); empty takes all.
 
     Raises:
-        ValueError: A wish fits no chapter, or there is no chapter at all.
+        ValueError: A wish is empty or fits no chapter, or there is no chapter at all.
     """
     paths = sorted(notebooks.glob("[0-9][0-9]_*.ipynb"))
     if not paths:
         raise ValueError(f"no notebook named NN_name.ipynb in {notebooks}")
     wanted = []
     for wish in only:
+        if not wish.strip():
+            raise ValueError("--only has an empty word; leave --only out to take everything")
         beginning = wish.zfill(2) if wish.isdigit() else wish
         fitting = [path for path in paths if path.stem.startswith(beginning)]
         if not fitting:

@@ -152,6 +152,12 @@ def test_choosing_from_nothing(tmp_path):
         reproduce.chapter_paths(tmp_path)
 
 
+def test_an_empty_wish_is_refused(tmp_path):
+    (tmp_path / "01_ray.ipynb").write_text("{}")
+    with pytest.raises(ValueError, match="empty word"):
+        reproduce.chapter_paths(tmp_path, [""])
+
+
 def test_write_results_without_a_folder_writes_nothing(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     content = reproduce.write_results("", "03_x", {"rmse_m": np.float32(0.5)}, preset="tiny")
