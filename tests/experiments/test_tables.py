@@ -88,6 +88,11 @@ def test_each_file_has_its_rows(made: tuple[Bench, Path]) -> None:
         else:
             assert row["keypoints_m"] > 0
             assert row["against_true"]["frames"] == row["frames"]
+    median = keypoints.row(method="hand-median", given=TRUE)["against_hadr"]
+    both = [found["known"].row(method=m)["rmse_m"] for m in ("hand-median", "hadr")]
+    assert median["mean_difference_m"] == pytest.approx(both[0] - both[1], abs=1e-6)
+    assert abs(median["median_difference_m"]) < 1
+    assert "against_hadr" not in keypoints.row(method="hadr", given=TRUE)
     masks = found["segmentation"]
     assert {r["given"] for r in masks.rows} == set(MASKS)
     assert masks.row(method="hadr", given=TRUE)["mask_iou"] == 1
