@@ -8,18 +8,15 @@ network is given a frame's mask, depth and hand, but the colours of the frame ha
 which shows another object in another hand. What its error gains is what it had from the colours.
 """
 
-import argparse
 from dataclasses import replace
-from pathlib import Path
 
 import torch
+from finished_runs import arguments, open_runs, write_rows
 
 from hadr.experiments.averages import paired
-from hadr.experiments.runner import Bench, Run
+from hadr.experiments.runner import Run
 from hadr.experiments.scoring import EVALUATION_SIZE, score_network
 from hadr.experiments.systems import METHODS, PARTS, system
-from hadr.provenance import machine_text, provenance
-from hadr.result_file import write_result_file
 from hadr.training.batches import FrameTensors
 from hadr.training.checkpoints import load_checkpoint
 from hadr.training.loop import LAST
@@ -33,14 +30,8 @@ def with_colors_of_others(frames: FrameTensors) -> FrameTensors:
 
 def main() -> None:
     """Run the benchmark."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--runs", type=Path, required=True)
-    parser.add_argument("--data", type=Path, nargs="+", required=True)
-    parser.add_argument("--json", type=Path, required=True)
-    parser.add_argument("--threads", type=int, default=torch.get_num_threads())
-    args = parser.parse_args()
-    torch.set_num_threads(args.threads)
-    bench = Bench(args.data, args.runs, "mini")
+    args = arguments(__doc__).parse_args()
+    bench = open_runs(args)
     rows = []
     for method in dict.fromkeys((*METHODS, *PARTS)):
         run = Run("known", method, 0)
@@ -73,8 +64,7 @@ def main() -> None:
         "with those of another frame (mask, depth and hand stay); differences frame by frame, "
         "standard errors over holds"
     )
-    origin = {**provenance(), "machine": machine_text(), "data": bench.data}
-    write_result_file(args.json, what, rows, origin)
+    write_rows(args.json, what, rows, bench)
 
 
 if __name__ == "__main__":

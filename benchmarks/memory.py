@@ -12,22 +12,18 @@ HADR-plus, the most accurate of all, is trained here on frames dealt out one by 
 looked at once, after all is trained.
 """
 
-import argparse
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import torch
+from finished_runs import arguments, open_runs, write_rows
 
 from hadr.camera import Intrinsics, back_project
 from hadr.experiments.averages import paired, standard_error
-from hadr.experiments.runner import Bench, Run
+from hadr.experiments.runner import Run
 from hadr.experiments.scoring import EVALUATION_SIZE, Scores, score_depth
 from hadr.experiments.splits import Experiment
 from hadr.models.baselines.classical import nearest_valid
-from hadr.provenance import machine_text, provenance
-from hadr.result_file import write_result_file
 from hadr.training.batches import FrameTensors
 
 SPLITS: tuple[Experiment, ...] = ("known", "by-frame")
@@ -134,19 +130,14 @@ def columns(scores: dict[str, Any], holds: list[str], median: dict[str, Any]) ->
 
 def main() -> None:
     """Run the benchmark."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--runs", type=Path, required=True)
-    parser.add_argument("--data", type=Path, nargs="+", required=True)
-    parser.add_argument("--json", type=Path, required=True)
-    parser.add_argument("--threads", type=int, default=torch.get_num_threads())
-    args = parser.parse_args()
-    torch.set_num_threads(args.threads)
-    bench = Bench(args.data, args.runs, "mini")
+    args = arguments(__doc__).parse_args()
+    bench = open_runs(args)
     rows = []
     for split in SPLITS:
         run = Run(split, NEAREST)
         test, train = (bench.frames(run, part, EVALUATION_SIZE) for part in ("test", "train"))
         median = bench.measure(Run(split, "hand-median"))["per_frame"]
+        networks = {name: bench.measure(Run(split, name)) for name in NETWORKS}
         shown, learned = (bench.source(run, part) for part in ("test", "train"))
         holds, others = shown.holds(test.stems), learned.holds(train.stems)
         scores, chosen = nearest_hand(train, test)
@@ -156,14 +147,13 @@ def main() -> None:
             "hand-median": median,
             NEAREST: scores.per_frame(),
             NO_SISTER: strangers.per_frame(),
-            **{name: bench.measure(Run(split, name))["per_frame"] for name in NETWORKS},
+            **{name: own["per_frame"] for name, own in networks.items()},
         }
         sisters = set(others)
         for method, listed in measured.items():
             row = {"method": method, "split": split, **columns(listed, holds, median)}
             row["share_with_sister"] = float(np.mean([hold in sisters for hold in holds]))
-            if method in NETWORKS:
-                own = bench.measure(Run(split, method))
+            if (own := networks.get(method)) is not None:
                 row |= {name: own[name] for name in ("seed", "configuration", "config_sha256")}
             if method == NO_SISTER:
                 row["against_with_sisters"] = paired(listed, measured[NEAREST], holds)
@@ -178,8 +168,7 @@ def main() -> None:
         "one (by-frame), preset mini: metres, means over frames, standard errors over holds; "
         "nearest-hand puts the glass where it was in the most similar training hand"
     )
-    origin = {**provenance(), "machine": machine_text(), "data": bench.data}
-    write_result_file(args.json, what, rows, origin)
+    write_rows(args.json, what, rows, bench)
 
 
 if __name__ == "__main__":

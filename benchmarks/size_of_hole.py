@@ -15,29 +15,26 @@ changes nothing, so each row says by how much the holes did grow in the mean (th
 the areas' ratio, minus 1).
 """
 
-import argparse
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 import torch
+from finished_runs import arguments, open_runs, write_rows
 from torch import Tensor
 
 from hadr.experiments.averages import standard_error
-from hadr.experiments.runner import Bench, Run
+from hadr.experiments.runner import Run
 from hadr.experiments.systems import LEARNED, system
 from hadr.experiments.tables import TABLES
 from hadr.models.baselines.classical import nearest_valid
-from hadr.provenance import machine_text, provenance
-from hadr.result_file import write_result_file
 from hadr.training.batches import FrameTensors
 from hadr.training.checkpoints import load_checkpoint
 from hadr.training.evaluation import predict
-from hadr.training.loop import LAST
+from hadr.training.loop import LAST, evenly
 
 SHARES = (-0.25, -0.15, 0.15, 0.25, 0.35)
 """By which share of its radius the hole grows or shrinks."""
@@ -135,24 +132,17 @@ def measure(
 
 def main() -> None:
     """Run the benchmark."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--runs", type=Path, required=True)
-    parser.add_argument("--data", type=Path, nargs="+", required=True)
-    parser.add_argument("--json", type=Path, required=True)
+    parser = arguments(__doc__)
     parser.add_argument("--frames", type=int, default=224, help="of each split, evenly spread")
-    parser.add_argument("--threads", type=int, default=torch.get_num_threads())
     args = parser.parse_args()
-    torch.set_num_threads(args.threads)
-    bench = Bench(args.data, args.runs, "mini")
+    bench = open_runs(args)
     rows = []
     for split, method in ((split, method) for split in TABLES for method in LEARNED):
         run, recipe = Run(split, method), system(method, "mini").recipe
         if recipe is None or bench.finished(run) is None:
             continue
         model = load_checkpoint(args.runs / run.name / LAST)[0]
-        frames = bench.frames(run, "test", recipe.size)
-        some = [number * len(frames) // args.frames for number in range(args.frames)]
-        frames = frames.take(some if args.frames < len(frames) else range(len(frames)))
+        frames = evenly(bench.frames(run, "test", recipe.size), args.frames)
         cores = [resized(mask, min(SHARES)) for mask in frames.inputs.mask.numpy()]
         counted = [number for number, core in enumerate(cores) if core.sum() >= LEAST_PIXELS]
         frames = frames.take(counted)
@@ -170,8 +160,7 @@ def main() -> None:
         "when its hole is wider or narrower by a share of its radius, and when what the widest "
         "adds is cut elsewhere; metres, standard errors over holds"
     )
-    origin = {**provenance(), "machine": machine_text(), "data": bench.data}
-    write_result_file(args.json, what, rows, origin)
+    write_rows(args.json, what, rows, bench)
 
 
 if __name__ == "__main__":

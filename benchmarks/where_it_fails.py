@@ -7,9 +7,9 @@
 after all trainings are done; nothing is chosen by them.
 """
 
-import argparse
-from pathlib import Path
 from typing import Any
+
+from finished_runs import arguments, open_runs, write_rows
 
 from hadr.experiments.averages import paired
 from hadr.experiments.errors import frame_error, hand_poses, pose_distance, summary
@@ -18,8 +18,6 @@ from hadr.experiments.scoring import EVALUATION_SIZE, restored_depth, score_netw
 from hadr.experiments.systems import LEARNED, system
 from hadr.experiments.tables import TABLES
 from hadr.models.baselines.lidf import LIDF
-from hadr.provenance import machine_text, provenance
-from hadr.result_file import write_result_file
 from hadr.training.batches import FrameTensors
 from hadr.training.checkpoints import load_checkpoint
 from hadr.training.evaluation import BASELINES
@@ -68,27 +66,24 @@ def what_refinement_does(
 
 def main() -> None:
     """Run the analysis."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--runs", type=Path, required=True, help="OUT/runs of hadr reproduce")
-    parser.add_argument("--data", type=Path, nargs="+", required=True)
+    parser = arguments(__doc__)
     parser.add_argument("--preset", default="mini")
-    parser.add_argument("--json", type=Path, required=True)
     args = parser.parse_args()
-    bench = Bench(args.data, args.runs, args.preset)
+    bench = open_runs(args, args.preset)
     rows = [
         row_of(bench, run, args.preset)
         for experiment in TABLES
         for method in ("hand-median", *LEARNED)
         if bench.finished(run := Run(experiment, method)) is not None
     ]
-    write_result_file(
+    write_rows(
         args.json,
         "Parts of the depth error on the test frames, means over the frames, metres: place (median "
         "error), shape (what is left without it), tilt (what is left without the best plane); by "
         "object; by thirds of the frames from the nearest to the farthest learned hand pose; what "
         "LIDF's refinement adds to its first stage",
         rows,
-        {**provenance(), "machine": machine_text(), "data": bench.data},
+        bench,
     )
 
 

@@ -8,7 +8,7 @@ from typing import Any
 from matplotlib.axes import Axes
 
 from hadr.markdown import markdown_table
-from hadr.plotting.results import NAMES, Row, ordered, system_color, system_marker
+from hadr.plotting.results import NAMES, Row, difference_cell, ordered, system_color, system_marker
 
 PUBLISHED_NAMES: dict[str, str] = {
     "tode": "TODE-Trans",
@@ -58,16 +58,9 @@ def orders_table(rows: Sequence[Row], published: Mapping[str, Any]) -> str:
             printed = [f"{100 * row[0]:.1f}", str(place), f"{row[3]:.2f}"]
             place = 1 + sum(own[other]["rmse_m"] < ours["rmse_m"] for other in methods)
             measured = [f"{100 * ours['rmse_m']:.2f}", str(place), f"{ours['delta_105']:.2f}"]
-            gap = _with_doubt(ours.get("against_next"))
+            gap = difference_cell(ours.get("against_next"))
             lines.append([split, NAMES[method], *printed, *measured, gap])
     return markdown_table(head, lines, "llr")
-
-
-def _with_doubt(pair: Mapping[str, Any] | None) -> str:
-    """A mean difference with its standard error, centimetres; "-" where nothing was compared."""
-    if pair is None or pair["standard_error_m"] is None:
-        return "-"
-    return f"{100 * pair['mean_difference_m']:+.2f} ± {100 * pair['standard_error_m']:.2f}"
 
 
 def draw_against_paper(
@@ -161,7 +154,7 @@ def ablation_table(rows: Sequence[Row], published: Mapping[str, Any]) -> str:
                 *(f"{100 * value:.1f}" for value in (theirs[0], theirs[2])),
                 f"{theirs[3]:.2f}",
                 f"{100 * row['rmse_m']:.2f}",
-                _with_doubt(row["against_full"]),
+                difference_cell(row["against_full"]),
                 f"{100 * row['mae_m']:.2f}",
                 f"{row['delta_105']:.2f}",
             ]

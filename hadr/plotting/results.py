@@ -77,6 +77,20 @@ def ordered(rows: Sequence[Row], split: str) -> list[Row]:
     return sorted(chosen, key=lambda row: place.get(row["method"], len(place)))
 
 
+def difference_cell(pair: Mapping[str, Any] | None) -> str:
+    """Set a mean difference with its standard error, as `hadr.experiments.averages.paired` has it.
+
+    Args:
+        pair: The comparison; None where nothing was compared.
+
+    Returns:
+        Centimetres with their sign; "-" without a comparison or a standard error.
+    """
+    if pair is None or pair["standard_error_m"] is None:
+        return "-"
+    return f"{100 * pair['mean_difference_m']:+.2f} ± {100 * pair['standard_error_m']:.2f}"
+
+
 def _places(rows: Sequence[Row]) -> dict[str, int]:
     """Line of each method that occurs in any split, the first at the top."""
     there = {row["method"] for row in rows}
@@ -287,10 +301,9 @@ def memory_table(rows: Sequence[Row]) -> str:
         )
         cells = []
         for row in (one, other):
-            gap = row["against_hand_median"]
-            off, doubt = 100 * gap["mean_difference_m"], 100 * gap["standard_error_m"]
+            itself = row["method"] == "hand-median"
             cells.append(f"{100 * row['rmse_m']:.2f} ± {100 * row['rmse_standard_error_m']:.2f}")
-            cells.append("-" if row["method"] == "hand-median" else f"{off:+.2f} ± {doubt:.2f}")
+            cells.append(difference_cell(None if itself else row["against_hand_median"]))
         lines.append([NAMES[one["method"]], *cells])
     return markdown_table(head, lines)
 
@@ -353,11 +366,10 @@ def averages_table(rows: Sequence[Row]) -> str:
         pair = row.get("against_hand_median")
         if "parameters" not in row or pair is None:
             continue
-        gap, doubt = 100 * pair["mean_difference_m"], 100 * pair["standard_error_m"]
         share = 100 * pair["better_on_frames"] / pair["frames"]
         both = (f"{100 * part['rmse_m']:.2f}" for part in (row, row["pooled"]))
         name = NAMES[row["method"]]
-        lines.append([row["split"], name, *both, f"{gap:+.2f} ± {doubt:.2f}", f"{share:.0f}"])
+        lines.append([row["split"], name, *both, difference_cell(pair), f"{share:.0f}"])
     return markdown_table(head, lines, "llr")
 
 
