@@ -75,5 +75,5 @@ $(READY): pyproject.toml constraints.txt
 	    echo "$(PYTHON) cannot make environments: its module ensurepip is missing (on Debian and Ubuntu: install python3-venv)"; exit 1; }
 	@test -x "$(PY)" || $(PYTHON) -m venv "$(VENV)"
 	@echo "installing into $(VENV): a few minutes the first time"
-	@$(PY) -m pip install --quiet $(PIP_FLAGS) -c constraints.txt -e '.[book,generate,test]'
+	@$(PY) -m pip install --quiet $(PIP_FLAGS) -c constraints.txt -e '.[book,generate,handover,test]'
 	@touch "$(READY)"
