@@ -28,6 +28,10 @@ _MOST_POINTS = 500
 _STRIPS = 4  # over the pad's height
 
 
+class NoCandidateError(ValueError):
+    """No grasp fits the gripper; the message says why."""
+
+
 def surface_normals(points: Array, viewpoint: Array, neighbours: int = 16) -> Array:
     """Unit normals of a point cloud, turned to the side from which it was seen.
 
@@ -53,6 +57,7 @@ def sample_grasps(
     rng: np.random.Generator,
     *,
     viewpoint: Array | None = None,
+    toward: Array | None = None,
     attempts: int = 800,
     turns: int = 3,
     most: int = 400,
@@ -63,14 +68,16 @@ def sample_grasps(
     """Draw grasp candidates around an object's points.
 
     Each attempt takes a surface point and a closing axis inside its friction cone, and tries
-    several approach directions about that axis. The score is the geometric mean of three
+    several approach directions about that axis. The score is the geometric mean of four
     shares, each 0 to 1: how much of the friction is to spare, how much of the pads' height
-    touches, and how near to the object's middle it is held.
+    touches, how much room the open fingers have, and how near to its middle the object is held.
 
     Args:
         points: Points of the object alone, shape (n, 3), metres; seen from one side is enough.
         rng: Source of the draws.
         viewpoint: Where the camera stood, shape (3,), metres; the frame's origin if left out.
+        toward: Only approaches at less than 90 degrees to this direction, shape (3,): an arm
+            cannot reach round the object. All directions if left out.
         attempts: How many contacts to try.
         turns: Approach directions tried at each, evenly about the closing axis.
         most: How many of the candidates that a quick look leaves are scored.
@@ -83,7 +90,8 @@ def sample_grasps(
         Candidates, highest score first. The grasp's point is where the object is met first.
 
     Raises:
-        ValueError: Fewer than 30 points, another shape, NaN, no friction, or no candidate found.
+        NoCandidateError: Nothing was found that fits between the fingers.
+        ValueError: Fewer than 30 points, another shape, NaN, or no friction.
     """
     cloud = np.asarray(points, dtype=np.float64)
     if cloud.ndim != 2 or cloud.shape[1] != 3 or len(cloud) < 30:
@@ -99,6 +107,8 @@ def sample_grasps(
     places = _narrow_places(cloud, normals, largest_width)
     seeds = rng.choice(places, attempts) if len(places) else np.zeros(0, dtype=np.int64)
     axes = _axes(normals[seeds], rng, turns, friction)
+    if toward is not None:  # half a turn about the closing axis
+        axes[axes[:, :, 0] @ np.asarray(toward) < 0] *= [-1.0, 1.0, -1.0]
     seeds = np.repeat(seeds, turns)
     # a look at every fourth point rules most out: fewer points never reach further apart
     coarse = _Slabs(cloud[::4], cloud[seeds], axes, largest_width)
@@ -107,7 +117,7 @@ def sample_grasps(
     kept = np.flatnonzero(slabs.fits(8, 0.003, largest_width))
     table = _rows(cloud, normals, slabs, kept, largest_width, friction)
     if not len(table):
-        raise ValueError(
+        raise NoCandidateError(
             f"no candidate among {attempts} attempts: the object is wider than the gripper's "
             f"{largest_width} m in every direction tried, or its points are too sparse"
         )
@@ -223,7 +233,8 @@ def _rows(
     line = contact[1] - contact[0]
     worst = np.maximum.reduce([*used, _tangent(line, closing)])
     middle = (contact[0] + contact[1]) / 2
-    scores = _scores(worst / friction, np.minimum(*touched), middle, closing, cloud)
+    room = (largest_width - extent) / SPARE
+    scores = _scores(worst / friction, np.minimum(*touched), room, middle, closing, cloud)
     good = scores > 0
     # the grasp's point: first touch along the approach, middle of the slab across
     shift = np.stack([slabs.first[kept], (low + high) / 2, np.zeros(len(kept))], axis=1)
@@ -238,13 +249,16 @@ def _rows(
     return table[good]
 
 
-def _scores(used: Array, touched: Array, middle: Array, closing: Array, cloud: Array) -> Array:
-    """Score of grasps, 0 to 1: geometric mean of friction to spare, pad that touches, balance.
+def _scores(
+    used: Array, touched: Array, room: Array, middle: Array, closing: Array, cloud: Array
+) -> Array:
+    """Score of grasps, 0 to 1: geometric mean of friction, pad that touches, room and balance.
 
     Args:
         used: Share of the friction cone that is used at the worse contact, shape (n,); 0: the
             surfaces face the pads squarely, 1 or more: they slip.
         touched: Share of the pad's height that meets the object at the worse contact, shape (n,).
+        room: Opening that is left beside the object over the opening that is wanted, shape (n,).
         middle: Middle between the contacts, shape (n, 3), metres.
         closing: Closing axes, shape (n, 3).
         cloud: All points, shape (m, 3), metres.
@@ -256,7 +270,8 @@ def _scores(used: Array, touched: Array, middle: Array, closing: Array, cloud: A
     away = middle - cloud.mean(axis=0)
     away -= (away * closing).sum(axis=1, keepdims=True) * closing
     balance = np.exp(-(away**2).sum(axis=1) / LEVER**2)
-    scores: Array = np.cbrt(np.clip(1 - used, 0, 1) * touched * balance)
+    product = np.clip(1 - used, 0, 1) * touched * np.clip(room, 0, 1) * balance
+    scores: Array = product**0.25
     return scores
 
 

@@ -175,7 +175,13 @@ def free_of_hand(
 
 
 def free_of_object(
-    grasps: Grasps, points: Array, *, back: float = 0.10, forward: float = 0.05, allowed: int = 3
+    grasps: Grasps,
+    points: Array,
+    *,
+    back: float = 0.10,
+    forward: float = 0.05,
+    clearance: float = 0.003,
+    allowed: int = 3,
 ) -> NDArray[np.bool_]:
     """Which grasps get the object between the fingers without running into it on their way.
 
@@ -184,12 +190,17 @@ def free_of_object(
         points: Object's points in the grasps' frame, shape (n, 3), metres.
         back: Distance of the pre-grasp, metres.
         forward: How far past the grasp's point the fingertips end, metres.
+        clearance: Free space to keep to the bar and the palm, metres; beside the fingers the
+            grasp's own width says what is free.
         allowed: How many points may be met (noise).
 
     Returns:
         True where no more points than that are met, shape (n,).
     """
-    return _met(grasps, points, back, forward, 0.0) <= allowed
+    boxes = gripper_boxes(grasps.widths, behind=back, ahead=forward)
+    boxes[:, 2:, 0] -= clearance
+    boxes[:, 2:, 1] += clearance
+    return _count_inside(grasps, boxes, points) <= allowed
 
 
 def free_of_scene(
@@ -218,16 +229,27 @@ def free_of_scene(
         True where no more points than that are nearer, shape (n,).
     """
     beside = cKDTree(object_points).query(scene_points, distance_upper_bound=0.008)[0]
-    return _met(grasps, scene_points[np.isinf(beside)], back, forward, clearance) <= allowed
-
-
-def _met(
-    grasps: Grasps, points: Array, back: float, forward: float, margin: float
-) -> NDArray[np.int64]:
-    """How many points come nearer than a margin to the gripper on its way, shape (n,)."""
     boxes = gripper_boxes(grasps.widths, behind=back, ahead=forward)
-    gaps = _gaps(grasps.poses, boxes, points)
-    count: NDArray[np.int64] = (gaps <= margin).sum(axis=1)
+    boxes[:, :, 0] -= clearance
+    boxes[:, :, 1] += clearance
+    return _count_inside(grasps, boxes, scene_points[np.isinf(beside)]) <= allowed
+
+
+def _count_inside(grasps: Grasps, boxes: Array, points: Array) -> NDArray[np.int64]:
+    """How many points (m, 3) lie inside the boxes (n, k, 2, 3) of each grasp: (n,)."""
+    poses, middle = grasps.poses, points.mean(axis=0) if len(points) else np.zeros(3)
+    near = (points - middle).T.astype(np.float32)
+    turn = poses[:, :3, :3].transpose(2, 0, 1).astype(np.float32)  # (3, n, 3)
+    own = np.einsum("ani,ni->an", turn, (poses[:, :3, 3] - middle).astype(np.float32))
+    local = [turn[i] @ near - own[i][:, None] for i in range(3)]  # x, y, z, each (n, m)
+    limits = boxes.astype(np.float32)
+    inside = np.zeros(local[0].shape, dtype=bool)
+    for part in range(boxes.shape[1]):
+        within = np.ones_like(inside)
+        for i, value in enumerate(local):
+            within &= (value >= limits[:, part, :1, i]) & (value <= limits[:, part, 1:, i])
+        inside |= within
+    count: NDArray[np.int64] = inside.sum(axis=1)
     return count
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from hadr.handover.candidates import completed, sample_grasps
+from hadr.handover.candidates import NoCandidateError, completed, sample_grasps
 from hadr.handover.collision import free_of_object, free_of_scene, way_to_hand
 from hadr.handover.grasps import Grasps, forward_of
 from hadr.handover.rescoring import Directions, Form, Weights, rescore
@@ -51,7 +51,7 @@ class GraspSelection:
     attempts: int = 800
     back: float = 0.10
     forward: float = 0.05
-    clearances: tuple[float, ...] = (0.02, 0.012)
+    clearances: tuple[float, ...] = (0.02, 0.012, 0.007)
     rescoring: bool = True
     most_checked: int = 25
     rounds: int = 4
@@ -78,12 +78,16 @@ class GraspSelection:
             candidate is left.
 
         Raises:
-            ValueError: The points allow no candidate at all, see `sample_grasps`.
+            ValueError: The points are too few or not finite, see `sample_grasps`.
         """
         seen = np.asarray(points, dtype=np.float64)
         whole, _ = completed(_thinned(seen, 500), self.viewpoint)
         for _ in range(self.rounds):
-            chosen = self._best(self.candidates(seen), whole, keypoints, robot, scene_points)
+            try:
+                grasps = self.candidates(seen)
+            except NoCandidateError:
+                continue
+            chosen = self._best(grasps, whole, keypoints, robot, scene_points)
             if chosen is not None:
                 return chosen
         return None
@@ -93,7 +97,12 @@ class GraspSelection:
         if self.source is not None:
             return self.source(points)
         return sample_grasps(
-            points, self.rng, viewpoint=self.viewpoint, attempts=self.attempts, frame="base"
+            points,
+            self.rng,
+            viewpoint=self.viewpoint,
+            toward=self.directions.robot_to_human,
+            attempts=self.attempts,
+            frame="base",
         )
 
     def scores(self, grasps: Grasps) -> Array:
@@ -112,6 +121,8 @@ class GraspSelection:
     ) -> ChosenGrasp | None:
         """The best of some candidates that is free and can be reached."""
         back, forward = self.back, self.forward
+        room = way_to_hand(grasps, keypoints, back=back, forward=forward)
+        grasps = grasps.select(room >= min(self.clearances))
         grasps = grasps.select(free_of_object(grasps, points, back=back, forward=forward))
         if scene_points is not None and len(scene_points):
             few = _thinned(scene_points)
