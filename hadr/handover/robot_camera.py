@@ -265,10 +265,10 @@ class RobotCamera:
         uv = project(points, self.intrinsics)
         size = [self.intrinsics.width - 0.5, self.intrinsics.height - 0.5]
         inside: Mask = (uv >= -0.5) & (uv <= size)  # NaN is outside
-        found: Mask = inside.all(axis=1)
+        found: Mask = np.asarray(inside.all(axis=1))
         if self.see_arm:
             arm = merged(tuple(s for s, _ in arm_surfaces(state.joints, state.gripper_width)))
-            camera_from_base: Array = np.linalg.inv(self.base_from_camera)
+            camera_from_base = np.linalg.inv(self.base_from_camera).astype(np.float64)
             tree = search_tree(arm.moved(camera_from_base))
             rays = points.astype(np.float32)  # the parameter along them is 1 at the point
             hits = tree.run(np.zeros_like(rays), rays, query="INTERSECT", output=True)
