@@ -7,6 +7,7 @@ object are built once, each in its own frame; for a new frame the rays are moved
 from __future__ import annotations
 
 import copy
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -107,14 +108,14 @@ class MovingView(RayScene):
         self,
         base_from_wrist: Array,
         base_from_object: Array,
-        arm: list[tuple[Surface, Array]],
+        arm: Sequence[tuple[Surface, tuple[float, float, float]]],
     ) -> MovingView:
         """Give the same scene at another moment.
 
         Args:
             base_from_wrist: Pose of the hand, shape (4, 4), metres.
             base_from_object: Pose of the object, shape (4, 4), metres.
-            arm: The robot's surfaces in the base frame with their linear RGB, shape (3,).
+            arm: The robot's surfaces in the base frame with their linear RGB.
         """
         now = copy.copy(self)
         hand = self._own_hand
@@ -122,7 +123,9 @@ class MovingView(RayScene):
         now.glass = tuple(body.moved(base_from_object) for body in self._own_glass)
         room_tree = self._solid[0]
         if arm:
-            parts = [(part.vertices, part.faces, part.normals, color) for part, color in arm]
+            parts = [
+                (part.vertices, part.faces, part.normals, np.asarray(color)) for part, color in arm
+            ]
             now.surroundings = with_parts(self._room.surroundings, parts)
             tree = search_tree(merged(tuple(part for part, _ in arm)))
             number, of_room = self._solid[0]

@@ -7,11 +7,8 @@ stereo camera does (chapter 1).
 
 from __future__ import annotations
 
-import importlib
-import importlib.util
 import json
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,13 +19,14 @@ from scipy.spatial.transform import Rotation
 from hadr.camera import TRANSHAND_CAMERA, Intrinsics, project, transform_points
 from hadr.corruption import edge_noise, see_through, smooth_noise, stereo_noise
 from hadr.handover import ur5
+from hadr.handover.arm_shape import Part, arm_surfaces
 from hadr.handover.moving_view import MovingView, search_tree
 from hadr.handover.rehearsal import camera_at
 from hadr.handover.room import make_room
 from hadr.handover.scenes import MIDDLE, HeldScene
 from hadr.handover.world_state import WorldState
 from hadr.synthesis.sensor_noise import ColorCamera, develop
-from hadr.synthesis.surfaces import Surface, merged, tube_around
+from hadr.synthesis.surfaces import merged
 
 Array = npt.NDArray[np.float64]
 Depth = npt.NDArray[np.float32]
@@ -179,7 +177,7 @@ class RobotCamera:
     base_from_camera: Array = field(default_factory=lambda: camera_at(EYE, MIDDLE))
     intrinsics: Intrinsics = field(default_factory=lambda: TRANSHAND_CAMERA.resized(256, 144))
     calibrated: Array | None = None
-    room: int = 0
+    room: int = 7
     sensor: DepthSensor = field(default_factory=DepthSensor)
     see_arm: bool = True
     _views: dict[int, tuple[HeldScene, MovingView]] = field(
@@ -225,7 +223,7 @@ class RobotCamera:
             rng: Draws the sensors' noise.
             color: Draw the colour too, which takes most of the time.
         """
-        arm = arm_surfaces(state.joints, state.gripper_width) if self.see_arm else []
+        arm = self._arm_in_view(state)
         view = self._view(scene).at(state.base_from_wrist, state.base_from_object, arm)
         labels = view.seen(self.intrinsics, self.base_from_camera)
         picture = None
@@ -266,14 +264,31 @@ class RobotCamera:
         size = [self.intrinsics.width - 0.5, self.intrinsics.height - 0.5]
         inside: Mask = (uv >= -0.5) & (uv <= size)  # NaN is outside
         found: Mask = np.asarray(inside.all(axis=1))
-        if self.see_arm:
-            arm = merged(tuple(s for s, _ in arm_surfaces(state.joints, state.gripper_width)))
+        parts = self._arm_in_view(state)
+        if parts:
             camera_from_base = np.linalg.inv(self.base_from_camera).astype(np.float64)
-            tree = search_tree(arm.moved(camera_from_base))
+            arm = merged(tuple(surface for surface, _ in parts)).moved(camera_from_base)
             rays = points.astype(np.float32)  # the parameter along them is 1 at the point
-            hits = tree.run(np.zeros_like(rays), rays, query="INTERSECT", output=True)
+            hits = search_tree(arm).run(np.zeros_like(rays), rays, query="INTERSECT", output=True)
             found = found & ((hits["primID"] < 0) | (hits["tfar"] > 1))
         return found
+
+    def _arm_in_view(self, state: WorldState) -> list[Part]:
+        """The arm's parts that a ray of this camera may meet: most of it is beside the picture."""
+        if not self.see_arm:
+            return []
+        camera_from_base = np.linalg.inv(self.base_from_camera)
+        # the picture is the part of space on the inner side of four planes through the camera
+        c = self.intrinsics
+        left, right = (-0.5 - c.cx) / c.fx, (c.width - 0.5 - c.cx) / c.fx
+        top, bottom = (-0.5 - c.cy) / c.fy, (c.height - 0.5 - c.cy) / c.fy
+        inward = np.array([[1, 0, -left], [-1, 0, right], [0, 1, -top], [0, -1, bottom]])
+        seen = []
+        for part in arm_surfaces(state.joints, state.gripper_width):
+            corners = transform_points(camera_from_base, part[0].vertices)
+            if (corners @ inward.T > 0).any(axis=0).all():
+                seen.append(part)
+        return seen
 
     def _view(self, scene: HeldScene) -> MovingView:
         """The drawn scene, kept while the same scene is asked for."""
@@ -283,38 +298,6 @@ class RobotCamera:
             kept = (scene, MovingView(scene, make_room(self.room)))
             self._views[id(scene)] = kept
         return kept[1]
-
-
-def arm_surfaces(joints: Array, gripper_width: float) -> list[tuple[Surface, Array]]:
-    """The robot's surfaces for pictures: base frame, with linear RGB reflectance.
-
-    Args:
-        joints: Shape (6,), radians.
-        gripper_width: Distance between the fingers' pads, metres.
-    """
-    if importlib.util.find_spec("hadr.handover.arm_shape") is not None:
-        shape: Any = importlib.import_module("hadr.handover.arm_shape")
-        parts = shape.arm_surfaces(joints, gripper_width)
-        return [(surface, np.asarray(color, dtype=float)) for surface, color in parts]
-    outline = ur5.link_outline(joints) @ ur5.BASE_LINK_FROM_DH_BASE[:3, :3].T
-    parts = []
-    for start, end in pairwise(outline):
-        if np.linalg.norm(end - start) > 1e-3:
-            parts.append((_rod(start, end, 0.045), np.array([0.5, 0.52, 0.54])))
-    return parts
-
-
-def _rod(start: Array, end: Array, radius: float) -> Surface:
-    """A round rod between two points of the base frame, metres."""
-    along = (end - start) / np.linalg.norm(end - start)
-    side = np.cross(along, [0.0, 0.0, 1.0] if abs(along[2]) < 0.9 else [1.0, 0.0, 0.0])
-    side /= np.linalg.norm(side)
-    pose = np.eye(4)
-    pose[:3, :3] = np.stack([along, side, np.cross(along, side)], axis=1)
-    pose[:3, 3] = start
-    line = np.linspace(0.0, 1.0, 4)[:, None] * [np.linalg.norm(end - start), 0.0, 0.0]
-    even = np.full(4, radius)
-    return tube_around(line, even, even).moved(pose)
 
 
 class Calibration(NamedTuple):
