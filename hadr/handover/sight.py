@@ -1,0 +1,357 @@
+"""What the robot sees at one moment: the hand, the object's points, what stands around.
+
+Masks and keypoints come from the simulator, with noise that lasts from frame to frame. They are
+the same for every arm of the experiment: the arms differ by the object's depth alone. The network
+of `hadr` sees the picture, the measured depth outside of the glass, the mask and the keypoints.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Literal, get_args
+
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
+from scipy.spatial import cKDTree
+
+from hadr.camera import Intrinsics, back_project, window_around
+from hadr.corruption import smooth_noise
+from hadr.data.samples import samples_dir
+from hadr.depth_network import DepthNetwork
+from hadr.handover.robot_camera import CapturedFrame, RobotCamera
+from hadr.handover.scenes import HeldScene
+from hadr.handover.workflow import Observation
+from hadr.handover.world_state import WorldState
+from hadr.models.baselines import classical
+from hadr.perception import without
+
+Array = npt.NDArray[np.float64]
+Depth = npt.NDArray[np.float32]
+Mask = npt.NDArray[np.bool_]
+DepthArm = Literal["raw", "inpainted", "hadr", "hadr-plus", "perfect"]
+ARMS: tuple[DepthArm, ...] = get_args(DepthArm)
+CHECKPOINTS = {"hadr": "hadr-mini.safetensors", "hadr-plus": "hadr-plus-mini.safetensors"}
+"""The bundled networks of two of the arms, trained on all known objects."""
+
+_LARGEST_CLOUD = 1500
+_SMALLEST_CLOUD = 10
+_SCENE_SPACING = 0.015
+_SCENE_REACH = 0.50
+_FOREARM_FROM = 0.06
+
+
+@dataclass(frozen=True)
+class Seen(Observation):
+    """What is seen in one picture, in the camera frame.
+
+    Attributes:
+        scene_points: Points that the gripper must not touch, shape (m, 3), metres; None: not asked.
+        confidence: Mean probability that the object's depth is right to 2 cm; None: unknown.
+        frame_time: When the picture was taken, seconds.
+    """
+
+    scene_points: Array | None = None
+    confidence: float | None = None
+    frame_time: float = 0.0
+
+
+@dataclass(frozen=True)
+class SightConfig:
+    """The noise of masks and keypoints, and the camera's rate; metres, seconds, pixels.
+
+    Attributes:
+        keypoint_noise: Standard deviation of each keypoint coordinate. Half of the variance is
+            common to all keypoints, as where a hand is taken for nearer than it is.
+        noise_lasts: Time after which a keypoint's error is mostly a new one.
+        mask_jitter: Standard deviation of the mask's outline.
+        period: Time from one picture to the next; between them the last one is given again.
+        smallest_visible: With fewer keypoints in view no hand is found.
+    """
+
+    keypoint_noise: float = 0.004
+    noise_lasts: float = 0.3
+    mask_jitter: float = 0.6
+    period: float = 0.1
+    smallest_visible: int = 8
+
+
+class Sight:
+    """Perception through one camera, with one way to the object's depth.
+
+    Args:
+        scene: What is held.
+        camera: The camera.
+        arm: Where the object's depth comes from: "raw" takes what the sensor measured, "inpainted"
+            fills the mask from around it, "hadr" and "hadr-plus" restore it, "perfect" knows it.
+        seed: Seed of all noise.
+        config: Noise and rate.
+        network: The depth network of "hadr" or "hadr-plus", if not the bundled one.
+
+    Raises:
+        ValueError: The arm is unknown.
+    """
+
+    def __init__(
+        self,
+        scene: HeldScene,
+        camera: RobotCamera,
+        arm: DepthArm,
+        *,
+        seed: int = 0,
+        config: SightConfig | None = None,
+        network: DepthNetwork | None = None,
+    ) -> None:
+        if arm not in ARMS:
+            raise ValueError(f"arm must be one of {', '.join(ARMS)}, got {arm!r}")
+        self.scene, self.camera, self.arm = scene, camera, arm
+        self.config = config or SightConfig()
+        self.frame: CapturedFrame | None = None
+        """The last picture that points were taken from."""
+        self._network = network
+        if arm in CHECKPOINTS and network is None:
+            self._network = bundled_network(arm)
+        self._sensor_rng, self._noise_rng, self._mask_rng = (
+            np.random.default_rng([seed, part, 83]) for part in range(3)
+        )
+        self._noise: tuple[float, Array] | None = None
+        self._last: Seen | None = None
+
+    def look(self, state: WorldState, *, with_points: bool) -> Seen:
+        """Look at the world.
+
+        Args:
+            state: The world now.
+            with_points: Also take the points of object and surroundings, which costs a picture.
+
+        Returns:
+            What is seen, in the camera frame. Before the next picture is due, the last one again.
+        """
+        last = self._last
+        if (
+            last is not None
+            and state.time - last.frame_time < self.config.period - 1e-9
+            and state.time >= last.time
+        ):
+            return replace(last, time=state.time)
+        keypoints: Array | None = self.camera.true_keypoints(state, self.scene)
+        assert keypoints is not None  # for the type checker: it may become None below
+        seen = self.camera.visible(keypoints, state)
+        keypoints = keypoints + self._keypoint_noise(state.time)
+        if seen.sum() < self.config.smallest_visible:
+            keypoints = None
+        found = Seen(state.time, keypoints, frame_time=state.time)
+        if with_points:
+            found = self._with_points(found, state)
+        self._last = found
+        return found
+
+    def _with_points(self, found: Seen, state: WorldState) -> Seen:
+        color = self._network is not None
+        frame = self.camera.capture(state, self.scene, self._sensor_rng, color=color)
+        mask = self._seen_mask(frame.object_mask)
+        self.frame = frame
+        if not mask.any():
+            return replace(found, scene_points=scene_points(frame, mask, found.keypoints))
+        depth, confidence = self.object_depth(frame, mask, found.keypoints)
+        return replace(
+            found,
+            object_points=object_points(depth, mask, frame.camera, self._mask_rng),
+            scene_points=scene_points(frame, mask, found.keypoints),
+            confidence=confidence,
+        )
+
+    def object_depth(
+        self, frame: CapturedFrame, mask: Mask, keypoints: Array | None
+    ) -> tuple[Depth, float | None]:
+        """The depth that this arm believes in.
+
+        Args:
+            frame: The picture.
+            mask: The object's pixels, shape (H, W) bool.
+            keypoints: The hand, camera frame, metres, shape (21, 3); None: no hand was found.
+
+        Returns:
+            z-depth in metres, shape (H, W), 0 where unknown; and the mean probability over the
+            mask that it is right to 2 cm, None where the arm has no opinion.
+        """
+        if self.arm == "perfect":
+            # where the mask is too wide, the object's depth goes on
+            known = np.where(frame.object_mask, frame.depth, 0)
+            return classical.nearest_valid(known, ~frame.object_mask).astype(np.float32), 1.0
+        if self.arm == "raw":
+            return frame.raw_depth, None
+        if self.arm == "inpainted":
+            return classical.inpaint(frame.raw_depth, mask).astype(np.float32), None
+        network = self._network
+        assert network is not None  # the constructor loads it for the other arms
+        assert frame.color is not None
+        if keypoints is None:
+            return np.where(mask, np.float32(0), frame.raw_depth), 0.0
+        given = without(frame.raw_depth, mask, network)
+        answer = network.restore(frame.color, given, frame.camera, mask, keypoints)
+        return answer.depth, float(answer.confidence[mask].mean())
+
+    def _keypoint_noise(self, time: float) -> Array:
+        """Errors that die away and are renewed, shape (21, 3), metres."""
+        half = np.sqrt(0.5) * self.config.keypoint_noise
+        rng = self._noise_rng
+        fresh = half * (rng.standard_normal((21, 3)) + rng.standard_normal((1, 3)))
+        if self._noise is not None:
+            before, old = self._noise
+            kept = np.exp(-max(time - before, 0.0) / self.config.noise_lasts)
+            fresh = kept * old + np.sqrt(1 - kept**2) * fresh
+        self._noise = (time, fresh)
+        return np.asarray(fresh)
+
+    def _seen_mask(self, mask: Mask) -> Mask:
+        """The mask with an outline that wavers."""
+        if self.config.mask_jitter <= 0 or not mask.any():
+            return mask
+        window = window_around(mask, 6)
+        true = mask[window]
+        inside = ndimage.distance_transform_edt(true) - ndimage.distance_transform_edt(~true)
+        wave = self.config.mask_jitter * smooth_noise(true.shape, 2.0, self._mask_rng)
+        seen = np.zeros_like(mask)
+        # the outline lies half a pixel outside of the last pixel on either side
+        seen[window] = inside - 0.5 * np.sign(inside) + wave > 0
+        return seen
+
+
+def object_points(
+    depth: Depth, mask: Mask, camera: Intrinsics, rng: np.random.Generator
+) -> Array | None:
+    """The points of the mask's pixels, without those that lie apart from the others.
+
+    Args:
+        depth: z-depth in metres, shape (H, W); 0 or NaN is missing.
+        mask: The object's pixels, shape (H, W) bool.
+        camera: Intrinsics.
+        rng: Chooses which points stay where there are more than 1500.
+
+    Returns:
+        Camera frame, metres, shape (n, 3); None where fewer than ten are left.
+    """
+    points = back_project(np.where(mask, depth, 0), camera)[mask]
+    points = points[np.isfinite(points).all(axis=1)]
+    if len(points) > _LARGEST_CLOUD:
+        points = points[np.sort(rng.choice(len(points), _LARGEST_CLOUD, replace=False))]
+    points = without_outliers(points)
+    return points if len(points) >= _SMALLEST_CLOUD else None
+
+
+def without_outliers(points: Array, neighbours: int = 8, spread: float = 2.0) -> Array:
+    """Drop points whose neighbours are much farther away than is usual in the cloud.
+
+    Args:
+        points: Shape (n, 3), metres.
+        neighbours: How many neighbours count.
+        spread: A point's mean distance to them may exceed the cloud's mean by so many standard
+            deviations.
+
+    Returns:
+        The points that stay, shape (m, 3), in their order.
+    """
+    if len(points) <= neighbours:
+        return points
+    distances, _ = cKDTree(points).query(points, neighbours + 1)
+    apart = distances[:, 1:].mean(axis=1)
+    kept: Array = points[apart <= apart.mean() + spread * apart.std()]
+    return kept
+
+
+def scene_points(frame: CapturedFrame, mask: Mask, keypoints: Array | None) -> Array:
+    """Measured points that the gripper must not touch: what stands around, and the forearm.
+
+    The robot knows its own arm and leaves it out; the hand itself is known by its keypoints.
+
+    Args:
+        frame: The picture.
+        mask: The object's pixels, shape (H, W) bool.
+        keypoints: The hand, camera frame, metres, shape (21, 3), or None.
+
+    Returns:
+        Camera frame, metres, shape (n, 3): one a cube of 1.5 cm, within 0.5 m of the hand, or of
+        the picture's middle where none was found.
+    """
+    near_own = ndimage.binary_dilation(mask | frame.arm_mask, iterations=3)
+    points = back_project(np.where(near_own, 0, frame.raw_depth), frame.camera).reshape(-1, 3)
+    known = np.isfinite(points[:, 2])
+    points, skin = points[known], frame.hand_mask.ravel()[known]
+    if keypoints is None:
+        middle = np.median(points, axis=0) if len(points) else np.zeros(3)
+    else:
+        middle = keypoints.mean(axis=0)
+    near = np.linalg.norm(points - middle, axis=1) < _SCENE_REACH
+    points, skin = points[near], skin[near]
+    if keypoints is not None and len(points):
+        margin = ndimage.binary_dilation(frame.hand_mask, iterations=2).ravel()[known][near] & ~skin
+        distance, _ = cKDTree(keypoints).query(points)
+        # pixels beside the hand's outline hold flying points, no obstacles
+        points = points[(distance > _FOREARM_FROM) & ~margin]
+    _, first = np.unique(np.floor(points / _SCENE_SPACING), axis=0, return_index=True)
+    thinned: Array = points[np.sort(first)]
+    return thinned
+
+
+@lru_cache(maxsize=2)
+def bundled_network(arm: str) -> DepthNetwork:
+    """The bundled network of an arm, loaded once.
+
+    Raises:
+        FileNotFoundError: The folder `data_samples` is not there.
+        KeyError: The arm has no network.
+    """
+    return DepthNetwork.load(samples_dir() / "checkpoints" / CHECKPOINTS[arm])
+
+
+Fault = Literal["no hand", "nan keypoints", "frozen keypoints", "no frames", "low confidence"]
+FAULTS: tuple[Fault, ...] = get_args(Fault)
+
+
+class BrokenSight:
+    """Perception that breaks at a given time: for tests of what the robot does then.
+
+    Args:
+        sight: The perception that works until then.
+        fault: How it breaks. "no hand": none is found. "nan keypoints": one keypoint is NaN.
+            "frozen keypoints": new pictures, but always the same hand. "no frames": the camera
+            stops, so the last picture is all there is. "low confidence": 0.02.
+        since: From this time on, seconds.
+        until: Until this time, seconds.
+
+    Raises:
+        ValueError: The fault is unknown.
+    """
+
+    def __init__(
+        self, sight: Sight, fault: Fault, since: float = 0.0, until: float = np.inf
+    ) -> None:
+        if fault not in FAULTS:
+            raise ValueError(f"fault must be one of {', '.join(FAULTS)}, got {fault!r}")
+        self.sight, self.fault, self.since, self.until = sight, fault, since, until
+        self._held: Seen | None = None
+
+    def look(self, state: WorldState, *, with_points: bool) -> Seen:
+        """As `Sight.look`, with the fault while it lasts."""
+        broken = self.since <= state.time < self.until
+        if broken and self.fault == "no frames":
+            held = self._held or Seen(state.time, frame_time=-np.inf)
+            return replace(held, time=state.time)
+        found = self.sight.look(state, with_points=with_points)
+        if not broken:
+            self._held = found
+            return found
+        if self.fault == "no hand":
+            return replace(found, keypoints=None)
+        if self.fault == "low confidence":
+            return replace(found, confidence=0.02)
+        if self.fault == "frozen keypoints":
+            self._held = self._held or found
+            return replace(found, keypoints=self._held.keypoints)
+        if found.keypoints is None:
+            return found
+        keypoints = found.keypoints.copy()
+        keypoints[8] = np.nan
+        return replace(found, keypoints=keypoints)
