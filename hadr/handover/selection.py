@@ -9,8 +9,8 @@ from hadr.handover.collision import free_of_hand, free_of_object
 from hadr.handover.grasps import Grasps, forward_of
 from hadr.handover.rescoring import Directions, Form, Weights, rescore
 from hadr.handover.robot import Robot
+from hadr.handover.stages import ChosenGrasp
 from hadr.handover.ur5 import Array
-from hadr.handover.workflow import ChosenGrasp
 
 HALF_TURN: Array = np.diag([-1.0, -1.0, 1.0, 1.0])
 """Turns the gripper about its approach axis; a parallel gripper grasps the same either way."""
@@ -42,13 +42,20 @@ class GraspSelection:
     forward: float = 0.05
     clearance: float = 0.02
 
-    def __call__(self, points: Array, keypoints: Array, robot: Robot) -> ChosenGrasp | None:
+    def __call__(
+        self,
+        points: Array,
+        keypoints: Array,
+        robot: Robot,
+        scene_points: Array | None = None,
+    ) -> ChosenGrasp | None:
         """Choose a grasp.
 
         Args:
             points: Object's points in the base frame, shape (n, 3), metres.
             keypoints: Hand in the base frame, shape (21, 3), metres.
             robot: Says what it can reach.
+            scene_points: What is not the object, base frame, shape (m, 3), metres; not used.
 
         Returns:
             The best grasp whose pre-grasp, grasp and final pose can all be reached; None where no
