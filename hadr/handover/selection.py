@@ -11,8 +11,8 @@ from hadr.handover.collision import free_of_object, free_of_scene, way_to_hand
 from hadr.handover.grasps import Grasps, forward_of
 from hadr.handover.rescoring import Directions, Form, Weights, rescore
 from hadr.handover.robot import Robot
+from hadr.handover.stages import ChosenGrasp
 from hadr.handover.ur5 import Array
-from hadr.handover.workflow import ChosenGrasp
 
 HALF_TURN: Array = np.diag([-1.0, -1.0, 1.0, 1.0])
 """Turns the gripper about its approach axis; a parallel gripper grasps the same either way."""
