@@ -42,6 +42,7 @@ LARGEST_OPENING = 0.085
 """Widest distance between the pads, metres."""
 FLANGE_TO_TOOL = 0.16
 """Standard distance of the tool point from the flange, metres."""
+_GIVE = 0.002
 _SHOULDER, _FOREARM = 0.13585, 0.13585 - 0.1197
 _BODY_TOP, _BODY_END = -0.145, -0.082
 
@@ -236,7 +237,8 @@ def arm_surfaces(
 
     Args:
         joints: Joint angles in radians, shape (6,).
-        gripper_width: Distance between the pads, metres.
+        gripper_width: Distance between the pads, metres; 2 mm beyond its limits pass, since soft
+            pads give way in a simulation.
         flange_from_tool: Where the point between the fingertips stands in the flange's frame,
             shape (4, 4); 16 cm along z where left out.
 
@@ -246,10 +248,11 @@ def arm_surfaces(
     Raises:
         ValueError: The joints or the pose are no such thing, or the width is not from 0 to 85 mm.
     """
-    if not 0 <= gripper_width <= LARGEST_OPENING + 1e-3:
+    if not -_GIVE <= gripper_width <= LARGEST_OPENING + _GIVE:
         raise ValueError(
             f"gripper_width must lie between 0 and {LARGEST_OPENING} m, got {gripper_width}"
         )
+    gripper_width = max(0.0, gripper_width)
     if flange_from_tool is None:
         flange_from_tool = np.eye(4)
         flange_from_tool[2, 3] = FLANGE_TO_TOOL

@@ -60,7 +60,7 @@ def view_from(
 
 def side_view(width: int = 640, height: int = 360) -> View:
     """Robot at the left, human at the right: the film's standard view."""
-    return view_from((0.72, -1.6, 0.80), (0.36, 0.0, 0.29), width=width, height=height, across=1.5)
+    return view_from((0.72, -1.6, 0.80), (0.36, 0.0, 0.32), width=width, height=height, across=1.55)
 
 
 def close_view(point: tuple[float, float, float], width: int = 640, height: int = 360) -> View:

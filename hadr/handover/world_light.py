@@ -150,7 +150,7 @@ class Moment(GlassRays):
         """Share of the key light that arrives, from one of 16 places on the lamp, (N,)."""
         lit = np.ones(len(which), dtype=np.float32)
         rows = np.flatnonzero((seen.kind > NOTHING) & (seen.kind != FLOOR))
-        rows = rows[(seen.normal[rows] @ _KEY) > np.where(seen.kind[rows] == HAND, -0.3, 0.02)]
+        rows = rows[(seen.normal[rows] @ _KEY) > np.where(seen.kind[rows] == HAND, -0.45, 0.02)]
         toward = _LAMP[which[rows]]
         start = seen.point[rows] + np.float32(0.003) * seen.normal[rows]
         hidden = self.things.hides(start, toward)

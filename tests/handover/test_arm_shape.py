@@ -97,7 +97,14 @@ def test_a_longer_tool_leaves_no_gap_to_the_flange() -> None:
     assert heights.max() == pytest.approx(0.24)
 
 
-@pytest.mark.parametrize("width", [-0.001, 0.2, np.nan])
+@pytest.mark.parametrize("width", [-0.003, 0.088, 0.2, np.nan])
 def test_an_impossible_width_is_refused(width: float) -> None:
     with pytest.raises(ValueError, match=r"gripper_width must lie between 0 and 0\.085"):
         arm_surfaces(HOME_JOINTS, width)
+
+
+def test_pads_that_give_way_are_drawn_closed() -> None:
+    for (a, _), (b, _) in zip(
+        arm_surfaces(HOME_JOINTS, -0.001), arm_surfaces(HOME_JOINTS, 0.0), strict=True
+    ):
+        np.testing.assert_array_equal(a.vertices, b.vertices)

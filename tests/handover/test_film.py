@@ -129,7 +129,7 @@ def test_glass_is_seen_through_and_has_darker_and_brighter_places(
     wall = np.median(light[:20][np.isin(kind[:20], (NOTHING, FLOOR))])
     assert abs(np.median(glass) - wall) < 45  # the wall shows through
     assert np.percentile(glass, 3) < wall - 25  # outlines
-    assert glass.max() > wall + 8  # mirrored panels
+    assert glass.max() > np.median(glass) + 20  # mirrored panels
 
 
 def test_an_arm_over_the_cloth_throws_a_shadow(scene: HeldScene, start: WorldState) -> None:
