@@ -19,7 +19,7 @@ from hadr.handover.judge import Judge, Verdict
 from hadr.handover.robot_camera import RobotCamera
 from hadr.handover.scenes import HeldScene, held_scene
 from hadr.handover.selection import GraspSelection
-from hadr.handover.sight import Sight
+from hadr.handover.sight import DepthArm, Sight
 from hadr.handover.workflow import ChosenGrasp, Handover, HandoverConfig, Stage, Transition
 from hadr.handover.world import World
 from hadr.handover.world_state import WorldState
@@ -30,6 +30,15 @@ Arm = Literal[
     "raw", "inpainted", "hadr", "hadr-plus", "perfect", "hadr-no-rescoring", "hadr-no-tracking"
 ]
 ARMS: tuple[Arm, ...] = get_args(Arm)
+_DEPTH_OF: dict[Arm, DepthArm] = {
+    "raw": "raw",
+    "inpainted": "inpainted",
+    "hadr": "hadr",
+    "hadr-plus": "hadr-plus",
+    "perfect": "perfect",
+    "hadr-no-rescoring": "hadr",
+    "hadr-no-tracking": "hadr",
+}
 CONTROL_STEP, SIGHT_STEP = 0.02, 0.1
 """Seconds between two steps of the workflow, and between two pictures."""
 
@@ -174,12 +183,13 @@ def run_trial(
     world = World(scene, path)
     camera = RobotCamera().miscalibrated(trial.extrinsics_error_deg, trial.seed)
     base_from_camera = camera.calibration
-    sight = Sight(scene, camera, trial.arm.partition("-no-")[0], seed=trial.seed)
+    sight = Sight(scene, camera, _DEPTH_OF[trial.arm], seed=trial.seed)
     rng = np.random.default_rng([trial.seed, int(trial.object_id), trial.hold_number, 67])
     select = _Timed(
         GraspSelection(rng, base_from_camera[:3, 3], rescoring=trial.arm != "hadr-no-rescoring")
     )
-    config = config or HandoverConfig()
+    config = replace(config or HandoverConfig(), tracking=trial.arm != "hadr-no-tracking")
+    home = world.robot.tool_pose()
     handover = Handover(world.robot, select, base_from_camera, config)
     judge = Judge(scene.item.height)
     judge.rules = replace(judge.rules, time_limit=trial.time_limit)
@@ -192,12 +202,15 @@ def run_trial(
                 arriving,
                 sight.look(states[-1], with_points=handover.stage is Stage.WAIT_AND_OBSERVE),
             )
-        handover.step(replace(observation, time=world.time), CONTROL_STEP)
+        if handover.stage is Stage.FINISHED:
+            world.robot.servo_to(home, CONTROL_STEP)  # carries the object to the goal
+        else:
+            handover.step(replace(observation, time=world.time), CONTROL_STEP)
         world.step(CONTROL_STEP)
         state = world.state()
         states.append(state)
         judge.look(state)
-        if handover.over and handover.stage is Stage.STOPPED:
+        if handover.stage is Stage.GAVE_UP:
             judge.give_up(world.time)
         if on_step is not None:
             on_step(world, state, handover.stage)
