@@ -20,6 +20,8 @@ FINGER_HEIGHT = 0.02
 """Height of a finger's pad along the height axis, metres."""
 FINGER_REACH = 0.05
 """How far past the first touched point the fingertips end (the paper's 5 cm), metres."""
+PAST_CONTACT = 0.02
+"""How far past the contacts the fingertips end on thin things such as a stem, metres."""
 SPARE = 0.016
 """How much wider than the object the fingers open, both sides together, metres."""
 LEAST_SPARE = 0.003
@@ -95,7 +97,9 @@ def sample_grasps(
         frame: Name of the points' frame.
 
     Returns:
-        Candidates, highest score first. The grasp's point is where the object is met first.
+        Candidates, highest score first. The fingertips are to end 5 cm past a grasp's point. It
+        lies where the object is met first; on things less than 6 cm thick it lies before that, so
+        that the tips end 2 cm past the contacts.
 
     Raises:
         NoCandidateError: Nothing was found that fits between the fingers.
@@ -246,8 +250,11 @@ def _rows(
     room = (largest_width - extent) / SPARE
     scores = _scores(worst / friction, np.minimum(*touched), room, middle, closing, cloud)
     good = scores > 0
-    # the grasp's point: first touch along the approach, middle of the slab across
-    shift = np.stack([slabs.first[kept], (low + high) / 2, np.zeros(len(kept))], axis=1)
+    # across: the middle of the slab; along the approach: the first touch, or before it where the
+    # contacts are so near that the tips would end far behind them
+    touch = ((middle - slabs.contacts[kept]) * axes[:, :, 0]).sum(axis=1)
+    start = np.minimum(slabs.first[kept], touch - (FINGER_REACH - PAST_CONTACT))
+    shift = np.stack([start, (low + high) / 2, np.zeros(len(kept))], axis=1)
     point = slabs.contacts[kept] + np.einsum("kij,kj->ki", axes, shift)
     table = np.zeros((len(kept), 17))
     table[:, 0] = scores
