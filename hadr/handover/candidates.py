@@ -20,11 +20,16 @@ FINGER_HEIGHT = 0.02
 """Height of a finger's pad along the height axis, metres."""
 FINGER_REACH = 0.05
 """How far past the first touched point the fingertips end (the paper's 5 cm), metres."""
+PAST_CONTACT = 0.02
+"""How far past the contacts the fingertips end on thin things such as a stem, metres."""
 SPARE = 0.016
 """How much wider than the object the fingers open, both sides together, metres."""
+LEAST_SPARE = 0.003
+"""Least opening beyond the object's width, both sides together, metres."""
 LEVER = 0.10
 """Distance from the object's middle at which the balance of a grasp falls to 1/e, metres."""
 _MOST_POINTS = 500
+_MOST_NEIGHBOURS = 2000
 _STRIPS = 4  # over the pad's height
 
 
@@ -32,19 +37,24 @@ class NoCandidateError(ValueError):
     """No grasp fits the gripper; the message says why."""
 
 
-def surface_normals(points: Array, viewpoint: Array, neighbours: int = 16) -> Array:
+def surface_normals(
+    points: Array, viewpoint: Array, neighbours: int = 16, *, among: Array | None = None
+) -> Array:
     """Unit normals of a point cloud, turned to the side from which it was seen.
 
     Args:
         points: Shape (n, 3), metres.
         viewpoint: Where the camera stood, shape (3,), metres.
         neighbours: How many nearest points span the tangent plane.
+        among: Points to take the neighbours from, shape (m, 3), metres: a denser cloud of the same
+            surface. The points themselves if left out.
 
     Returns:
         Normals, shape (n, 3).
     """
-    _, near = cKDTree(points).query(points, k=min(neighbours, len(points)))
-    around = points[near] - points[near].mean(axis=1, keepdims=True)  # (n, k, 3)
+    cloud = points if among is None else among
+    _, near = cKDTree(cloud).query(points, k=min(neighbours, len(cloud)))
+    around = cloud[near] - cloud[near].mean(axis=1, keepdims=True)  # (n, k, 3)
     _, vectors = np.linalg.eigh(around.transpose(0, 2, 1) @ around)
     normals: Array = vectors[:, :, 0]
     away = ((viewpoint - points) * normals).sum(axis=1) < 0
@@ -60,7 +70,7 @@ def sample_grasps(
     toward: Array | None = None,
     attempts: int = 800,
     turns: int = 3,
-    most: int = 400,
+    most: int = 500,
     largest_width: float = 0.085,
     friction: float = 0.6,
     frame: str = "camera",
@@ -87,7 +97,9 @@ def sample_grasps(
         frame: Name of the points' frame.
 
     Returns:
-        Candidates, highest score first. The grasp's point is where the object is met first.
+        Candidates, highest score first. The fingertips are to end 5 cm past a grasp's point. It
+        lies where the object is met first; on things less than 6 cm thick it lies before that, so
+        that the tips end 2 cm past the contacts.
 
     Raises:
         NoCandidateError: Nothing was found that fits between the fingers.
@@ -100,8 +112,7 @@ def sample_grasps(
         raise ValueError("points must be finite, got NaN or infinity; drop the missing ones first")
     if not friction > 0:
         raise ValueError(f"friction must be more than 0, got {friction}")
-    if len(cloud) > _MOST_POINTS:
-        cloud = cloud[rng.choice(len(cloud), _MOST_POINTS, replace=False)]
+    cloud = cloud[rng.permutation(len(cloud))[:_MOST_NEIGHBOURS]]
     eye = np.zeros(3) if viewpoint is None else np.asarray(viewpoint, dtype=np.float64)
     cloud, normals = completed(cloud, eye)
     places = _narrow_places(cloud, normals, largest_width)
@@ -125,18 +136,21 @@ def sample_grasps(
 
 
 def completed(points: Array, viewpoint: Array) -> tuple[Array, Array]:
-    """Seen points with the guessed ones behind them.
+    """Some of the seen points with the guessed ones behind them.
 
     Args:
-        points: Seen points, shape (n, 3), metres.
+        points: Seen points in any but a regular order, shape (n, 3), metres. The first 500 are
+            kept; all help to find their normals.
         viewpoint: Where the camera stood, shape (3,), metres.
 
     Returns:
-        Points (m, 3) in metres, the n seen ones first, and their unit normals (m, 3).
+        Points (m, 3) in metres, the seen ones first, and their unit normals (m, 3).
     """
-    normals = surface_normals(points, viewpoint)
-    more, more_normals = unseen_side(points, normals, viewpoint)
-    return np.concatenate([points, more]), np.concatenate([normals, more_normals])
+    kept = points[:_MOST_POINTS]
+    dense = len(points) > 2 * _MOST_POINTS
+    normals = surface_normals(kept, viewpoint, 32 if dense else 16, among=points)
+    more, more_normals = unseen_side(kept, normals, viewpoint)
+    return np.concatenate([kept, more]), np.concatenate([normals, more_normals])
 
 
 def _narrow_places(cloud: Array, normals: Array, widest: float) -> NDArray[np.int64]:
@@ -204,7 +218,7 @@ class _Slabs:
     def fits(self, points: int, narrowest: float, widest: float) -> Mask:
         """Which have that many points between the fingers and an extent that fits, (k,)."""
         fits: Mask = (self.count >= points) & (self.extent >= narrowest)
-        fits &= self.extent < widest - 0.002
+        fits &= self.extent < widest - LEAST_SPARE
         return fits
 
 
@@ -236,8 +250,11 @@ def _rows(
     room = (largest_width - extent) / SPARE
     scores = _scores(worst / friction, np.minimum(*touched), room, middle, closing, cloud)
     good = scores > 0
-    # the grasp's point: first touch along the approach, middle of the slab across
-    shift = np.stack([slabs.first[kept], (low + high) / 2, np.zeros(len(kept))], axis=1)
+    # across: the middle of the slab; along the approach: the first touch, or before it where the
+    # contacts are so near that the tips would end far behind them
+    touch = ((middle - slabs.contacts[kept]) * axes[:, :, 0]).sum(axis=1)
+    start = np.minimum(slabs.first[kept], touch - (FINGER_REACH - PAST_CONTACT))
+    shift = np.stack([start, (low + high) / 2, np.zeros(len(kept))], axis=1)
     point = slabs.contacts[kept] + np.einsum("kij,kj->ki", axes, shift)
     table = np.zeros((len(kept), 17))
     table[:, 0] = scores

@@ -11,8 +11,9 @@ from hadr.handover.collision import free_of_object, free_of_scene, way_to_hand
 from hadr.handover.grasps import Grasps, forward_of
 from hadr.handover.rescoring import Directions, Form, Weights, rescore
 from hadr.handover.robot import Robot
-from hadr.handover.stages import ChosenGrasp
+from hadr.handover.unseen_side import turned_about_axis
 from hadr.handover.ur5 import Array
+from hadr.handover.workflow import ChosenGrasp
 
 HALF_TURN: Array = np.diag([-1.0, -1.0, 1.0, 1.0])
 """Turns the gripper about its approach axis; a parallel gripper grasps the same either way."""
@@ -51,7 +52,7 @@ class GraspSelection:
     attempts: int = 800
     back: float = 0.10
     forward: float = 0.05
-    clearances: tuple[float, ...] = (0.02, 0.012, 0.007)
+    clearances: tuple[float, ...] = (0.02, 0.012)
     rescoring: bool = True
     most_checked: int = 25
     rounds: int = 4
@@ -81,13 +82,13 @@ class GraspSelection:
             ValueError: The points are too few or not finite, see `sample_grasps`.
         """
         seen = np.asarray(points, dtype=np.float64)
-        whole, _ = completed(_thinned(seen, 500), self.viewpoint)
+        taken = self._taken_space(self.rng.permutation(seen)[:2000])
         for _ in range(self.rounds):
             try:
                 grasps = self.candidates(seen)
             except NoCandidateError:
                 continue
-            chosen = self._best(grasps, whole, keypoints, robot, scene_points)
+            chosen = self._best(grasps, taken, keypoints, robot, scene_points)
             if chosen is not None:
                 return chosen
         return None
@@ -104,6 +105,11 @@ class GraspSelection:
             attempts=self.attempts,
             frame="base",
         )
+
+    def _taken_space(self, points: Array) -> Array:
+        """Where the object may be: points in random order (n, 3), seen and guessed (m, 3)."""
+        whole, normals = completed(points, self.viewpoint)
+        return np.concatenate([whole, turned_about_axis(whole, normals)])
 
     def scores(self, grasps: Grasps) -> Array:
         """What the grasps are ordered by, shape (n,)."""

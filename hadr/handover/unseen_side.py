@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 Array = NDArray[np.float64]
 
@@ -68,7 +69,8 @@ def unseen_side(points: Array, normals: Array, viewpoint: Array) -> tuple[Array,
     """Guess the far half of an object from its near half.
 
     The seen points are mirrored in the plane through the axis of symmetry that faces the camera.
-    Where the normals give no clear axis, the object is taken to be as deep as it is wide.
+    Where the normals give no clear axis, as those of a box, they are mirrored in the middle of
+    what is seen: each seen side has its like opposite.
 
     Args:
         points: Seen points of one object, shape (n, 3), metres.
@@ -82,20 +84,61 @@ def unseen_side(points: Array, normals: Array, viewpoint: Array) -> tuple[Array,
     axis = symmetry_axis(points, normals)
     view = viewpoint - points.mean(axis=0)
     view = view / np.linalg.norm(view)
-    facing = view - (view @ axis.direction) * axis.direction
+    direction = axis.direction
+    if axis.miss > LARGEST_MISS:
+        sides = _sides(normals)
+        middle = sides @ np.percentile(points @ sides, [1, 99], axis=0).mean(axis=0)
+        return 2 * middle - points, -normals
+    facing = view - (view @ direction) * direction
     if np.linalg.norm(facing) < 0.3:
         return np.zeros((0, 3)), np.zeros((0, 3))
     facing /= np.linalg.norm(facing)
     depth = points @ facing
-    left, right = np.percentile(points @ np.cross(axis.direction, facing), [2, 98])
+    left, right = np.percentile(points @ np.cross(direction, facing), [2, 98])
     nearest, half = float(np.percentile(depth, 98)), float(right - left) / 2
     plane = float(axis.point @ facing)
-    if axis.miss > LARGEST_MISS or not 0 < nearest - plane < 1.6 * half + 0.01:
+    if not 0 < nearest - plane < 1.6 * half + 0.01:
         plane = nearest - half
     seen = depth > plane
     mirrored = points[seen] - 2 * (depth[seen] - plane)[:, None] * facing
     turned = normals[seen] - 2 * (normals[seen] @ facing)[:, None] * facing
     return mirrored, turned
+
+
+def turned_about_axis(points: Array, normals: Array, copies: int = 7) -> Array:
+    """Guess the space that an object may take: its seen points turned about its axis.
+
+    What the hand hides on one side is often seen on another. Points whose normals pass the axis by
+    more than 1 cm (a handle) are not turned.
+
+    Args:
+        points: Seen points of one object, shape (n, 3), metres.
+        normals: Their unit normals, shape (n, 3).
+        copies: How many turns are made, evenly over the circle.
+
+    Returns:
+        The turned points without the seen ones, shape (m, 3), metres; m is 0 where the normals
+        give no clear axis.
+    """
+    axis = symmetry_axis(points, normals)
+    if axis.miss > LARGEST_MISS:
+        return np.zeros((0, 3))
+    from_axis = points - axis.point
+    off = np.abs((np.cross(axis.direction, normals) * from_axis).sum(axis=1))
+    turned = from_axis[off < 0.01]
+    angles = 2 * np.pi * np.arange(1, copies + 1) / (copies + 1)
+    turns = Rotation.from_rotvec(angles[:, None] * axis.direction).as_matrix()
+    return np.concatenate([turned @ turn.T for turn in turns]) + axis.point
+
+
+def _sides(normals: Array) -> Array:
+    """Three axes across each other, the first two along the most frequent normals: columns."""
+    frequent = (np.abs(normals @ normals.T) > 0.95).sum(axis=1)
+    first = normals[frequent.argmax()]
+    across = np.abs(normals @ first) < 0.3
+    second = normals[np.where(across, frequent, -1).argmax()] if across.any() else first[[1, 2, 0]]
+    axes: Array = np.linalg.qr(np.stack([first, second, np.cross(first, second)], axis=1))[0]
+    return axes
 
 
 def _fitted(directions: Array, points: Array, normals: Array) -> SymmetryAxis:

@@ -122,3 +122,34 @@ def test_selection_returns_none_where_nothing_can_be_reached() -> None:
     points = scene.visible_points(camera[:3, 3]) + np.array([1.0, 0, 0])
     choose = GraspSelection(np.random.default_rng(0), camera[:3, 3] + [1.0, 0, 0])
     assert choose(points, scene.keypoints + np.array([1.0, 0, 0]), SimulatedUR5()) is None
+
+
+def test_selection_without_rescoring_takes_the_score_alone() -> None:
+    scene = HeldGlass()
+    eye = camera_at(np.array([0.0, -0.55, 0.65]), np.array([0.55, 0.0, 0.3]))[:3, 3]
+    points, robot = scene.visible_points(eye), SimulatedUR5()
+    plain = GraspSelection(np.random.default_rng(0), eye, rescoring=False)
+    chosen = plain(points, scene.keypoints, robot)
+    assert chosen is not None
+    assert 0 < chosen.score <= 1
+    rescored = GraspSelection(np.random.default_rng(0), eye)(points, scene.keypoints, robot)
+    assert rescored is not None
+    wish = np.array([0.4, 0.0, -0.2])
+    assert rescored.pose[:3, 2] @ wish >= chosen.pose[:3, 2] @ wish - 1e-9
+
+
+def test_selection_keeps_off_measured_points() -> None:
+    scene = HeldGlass()
+    eye = camera_at(np.array([0.0, -0.55, 0.65]), np.array([0.55, 0.0, 0.3]))[:3, 3]
+    points, robot = scene.visible_points(eye), SimulatedUR5()
+    free = GraspSelection(np.random.default_rng(0), eye)(points, scene.keypoints, robot)
+    assert free is not None
+    # a wall where that gripper waits; then walls all around
+    wall = np.random.default_rng(0).normal(0, 0.02, (200, 3)) + free.pose[:3, 3]
+    wall -= 0.12 * free.pose[:3, 2]
+    other = GraspSelection(np.random.default_rng(0), eye)(points, scene.keypoints, robot, wall)
+    assert other is None or np.abs(other.pose - free.pose).max() > 0.01
+    out = np.random.default_rng(1).normal(size=(4000, 3))
+    shell = points.mean(axis=0) + 0.16 * out / np.linalg.norm(out, axis=1, keepdims=True)
+    shut = GraspSelection(np.random.default_rng(0), eye, rounds=1)
+    assert shut(points, scene.keypoints, robot, shell) is None

@@ -1,0 +1,104 @@
+"""Arrays of graspnetAPI: read from file and memory, brought into the base frame, filtered."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hadr.handover.graspnet import DetectedGrasps, from_graspnet
+from hadr.handover.rehearsal import HeldGlass, camera_at
+from hadr.handover.robot import SimulatedUR5
+from hadr.handover.selection import GraspSelection
+
+# the camera stands 1 m before the base and 0.5 m above it, level, and looks back at it
+BASE_FROM_CAMERA = np.array([[0, 0, -1, 1.0], [1, 0, 0, 0], [0, -1, 0, 0.5], [0, 0, 0, 1]])
+
+
+def rows() -> np.ndarray:
+    """Three grasps as `GraspGroup.save_npy` writes them: float64, object id -1."""
+    identity = [1, 0, 0, 0, 1, 0, 0, 0, 1]
+    turned = [0, -1, 0, 1, 0, 0, 0, 0, 1]  # approach along camera y, closing along -x
+    return np.array(
+        [
+            [0.30, 0.060, 0.02, 0.02, *identity, 0.0, 0.0, 0.5, -1],
+            [0.90, 0.040, 0.02, 0.04, *turned, 0.1, -0.2, 0.6, -1],
+            [0.95, 0.098, 0.02, 0.01, *identity, 0.0, 0.0, 0.5, -1],
+        ]
+    )
+
+
+def test_array_is_read_sorted_and_without_what_is_too_wide() -> None:
+    grasps = from_graspnet(rows())
+    np.testing.assert_array_equal(grasps.scores, [0.90, 0.30])
+    np.testing.assert_array_equal(grasps.object_ids, [-1, -1])
+    assert grasps.frame == "camera"
+    assert len(from_graspnet(rows(), widest=0.1)) == 3
+
+
+def test_camera_frame_becomes_base_frame_by_hand() -> None:
+    best = from_graspnet(rows(), BASE_FROM_CAMERA)
+    assert best.frame == "base"
+    # camera (0.1, -0.2, 0.6): base x = 1 - 0.6, y = 0.1, z = 0.5 + 0.2
+    np.testing.assert_allclose(best.translations[0], [0.4, 0.1, 0.7], atol=1e-12)
+    np.testing.assert_allclose(best.axis("approach")[0], [0, 0, -1], atol=1e-12)  # camera y
+    np.testing.assert_allclose(best.axis("closing")[0], [0, -1, 0], atol=1e-12)  # camera -x
+    np.testing.assert_allclose(best.poses[0, :3, 2], [0, 0, -1], atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", [np.float64, np.float32])
+def test_file_of_graspnet_api(tmp_path: Path, kind: type) -> None:
+    np.save(tmp_path / "grasps.npy", rows().astype(kind))
+    np.testing.assert_allclose(
+        from_graspnet(tmp_path / "grasps.npy").to_rows(), from_graspnet(rows()).to_rows(), atol=1e-7
+    )
+    assert len(from_graspnet(str(tmp_path / "grasps.npy"))) == 2
+
+
+def test_rows_without_object_id() -> None:
+    np.testing.assert_array_equal(
+        from_graspnet(rows()[:, :16]).to_rows(), from_graspnet(rows()).to_rows()
+    )
+
+
+def test_bad_sources_are_named(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError):
+        from_graspnet(tmp_path / "none.npy")
+    (tmp_path / "text.npy").write_text("score, width")
+    with pytest.raises(ValueError, match=r"text\.npy is not an array"):
+        from_graspnet(tmp_path / "text.npy")
+    with pytest.raises(ValueError, match=r"\(n, 17\).*\(3, 7\)"):
+        from_graspnet(rows()[:, :7])
+    broken = rows()
+    broken[1, 14] = np.nan
+    with pytest.raises(ValueError, match="grasp 1: ty must be finite"):
+        from_graspnet(broken)
+
+
+def test_detector_in_the_sampler_s_place() -> None:
+    scene = HeldGlass()
+    base_from_camera = camera_at(np.array([0.0, -0.55, 0.65]), np.array([0.55, 0.0, 0.3]))
+    points = scene.visible_points(base_from_camera[:3, 3])
+    sampled = GraspSelection(np.random.default_rng(0), base_from_camera[:3, 3]).candidates(points)
+    asked = []
+
+    def detect(camera_points: np.ndarray) -> np.ndarray:
+        """A detector that finds good grasps, and better ones on another thing half a metre away."""
+        asked.append(camera_points)
+        own = sampled.in_frame(np.linalg.inv(base_from_camera), "camera").to_rows()
+        other = own.copy()
+        other[:, 0] += 10
+        other[:, 13] += 0.5
+        return np.concatenate([other, own])
+
+    source = DetectedGrasps(detect, base_from_camera)
+    found = source(points)
+    assert len(found) == len(sampled)
+    np.testing.assert_allclose(found.translations, sampled.translations, atol=1e-9)
+    assert found.frame == "base"
+    # the detector was asked in the camera frame, where the glass is in front of the camera
+    assert asked[0][:, 2].min() > 0.3
+    choose = GraspSelection(np.random.default_rng(1), base_from_camera[:3, 3], source=source)
+    chosen = choose(points, scene.keypoints, SimulatedUR5())
+    assert chosen is not None
+    nearest = np.abs(found.poses[:, :3, 3] - chosen.pose[:3, 3]).max(axis=1).min()
+    assert nearest < 1e-9
