@@ -26,6 +26,7 @@ class PhysicalArmConfig:
         motion: How it may move.
         gentle_force: Force of a finger while the human still holds the object, newtons.
         firm_force: Force of a finger once the gripper alone holds it, newtons.
+        opening_force: Force of a finger that opens in a protective stop, newtons.
         protective_force: Force on the hand at which the arm freezes, newtons.
         emergency_deceleration: Of the joints in a protective stop, rad/s2.
     """
@@ -34,13 +35,13 @@ class PhysicalArmConfig:
     motion: MotionConfig = field(default_factory=MotionConfig)
     gentle_force: float = 7.0
     firm_force: float = 22.0
+    opening_force: float = 3.0
     protective_force: float = 9.0
     emergency_deceleration: float = 20.0
 
     def __post_init__(self) -> None:
-        for name in ("gentle_force", "firm_force", "protective_force", "emergency_deceleration"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
+        for name, value in vars(self).items():
+            if name not in ("arm", "motion") and not (np.isfinite(value) and value > 0):
                 raise ValueError(f"{name} must be a positive number, got {value}")
 
 
@@ -132,7 +133,7 @@ class PhysicalUR5:
     def reachable(self, base_from_tool: Array) -> bool:
         """Say whether the tool could stand at this pose, shape (4, 4), within all limits."""
         try:
-            self._motion.joint_goal(base_from_tool)
+            next(self._motion.joint_goals(base_from_tool))
         except UnreachableError:
             return False
         return True
@@ -164,10 +165,21 @@ class PhysicalUR5:
         """Brake and stand still; later commands do nothing until `release`."""
         self._stopped = True
 
+    def straight_way(self, base_from_tool: Array) -> bool:
+        """Say whether the tool can go to a pose, shape (4, 4), on a straight line from here.
+
+        Where it cannot, `servo_to` turns the joints evenly instead, and the tool swings out.
+        """
+        try:
+            return self._motion.straight_way(base_from_tool) is not None
+        except UnreachableError:
+            return False
+
     def release(self) -> None:
         """Let the arm move again after a stop or a protective stop."""
         self._stopped = False
         self.protective_stop = ""
+        self.set_firm_grip(False)
 
     def set_gripper(self, width: float) -> None:
         """Open or close the fingers to a width in metres; an object between them stops them.
@@ -188,6 +200,8 @@ class PhysicalUR5:
     def set_firm_grip(self, firm: bool) -> None:
         """Let the fingers press firmly (the gripper alone holds), or only gently."""
         force = self.config.firm_force if firm else self.config.gentle_force
+        if self.protective_stop and not firm:
+            force = min(force, self.config.opening_force)
         # half of the motor's force acts on each finger
         self._model.actuator_forcerange[self._grip] = [-2 * force, 2 * force]
 
@@ -205,6 +219,7 @@ class PhysicalUR5:
             f"{force:.1f} N on the hand, more than {self.config.protective_force:.1f} N"
         )
         if open_fingers:
+            self.set_firm_grip(False)
             self._target_opening = self.config.arm.largest_opening
 
     def drive(self) -> None:
