@@ -182,6 +182,7 @@ class ArmMotion:
         self._goal: Array | None = None
         self._goal_pose = np.zeros((4, 4))
         self._way = [self.joints]
+        self._start = np.zeros(3)
         self._idle, self._best, self._by_joints = 0.0, np.inf, False
         problem = self.rows.broken(self._configuration)
         if problem:
@@ -241,6 +242,7 @@ class ArmMotion:
         else:
             self._goal, self._goal_pose, self._way = end, target.copy(), [end]
         self._by_joints, self._best, self._idle = end is None, np.inf, 0.0
+        self._start = self._pose(self._configuration)[:3, 3].copy()
 
     def straight_way(self, target: Array) -> Array | None:
         """Joint angles (6,) at the end of the tool's straight way, None where it leads nowhere.
@@ -294,10 +296,7 @@ class ArmMotion:
         now, c = self._pose(self._configuration), self.motion
         distance, angle = _difference(now, target)
         self._choose_way(target, distance, angle, dt)
-        shift = _slowing(distance, c.tool_speed, c.tool_acceleration, dt) * dt / max(distance, 1e-9)
-        turn = _slowing(angle, c.turn_speed, c.turn_acceleration, dt) * dt / max(angle, 1e-9)
-        reference = _between(now, target, shift, turn)
-        self._frame.set_target(mink.SE3.from_matrix(reference))
+        self._frame.set_target(mink.SE3.from_matrix(self._reference(now, target, dt)))
         way = (self._way[0] if self._by_joints else self._way[-1]) - self.joints
         longest = float(np.abs(way).max())
         fast = _slowing(longest, self.rows.speed, 0.5 * c.joint_acceleration, dt)
@@ -311,6 +310,34 @@ class ArmMotion:
         except mink.NoSolutionFound:
             velocity = self.velocity * (1.0 - dt / self.rows.braking_time)
         self.put(self.joints + velocity * dt, velocity)
+
+    def _reference(self, now: Array, target: Array, dt: float) -> Array:
+        """The tool pose (4, 4) for the next moment, on the line from where the way began.
+
+        Joints that are at their limits push the tool off the line; it then goes on more slowly
+        until it is back.
+        """
+        c = self.motion
+        moving = self._configuration.get_frame_jacobian("tool", "site") @ self.velocity
+        speed, spin = float(np.linalg.norm(moving[:3])), float(np.linalg.norm(moving[3:]))
+        line = target[:3, 3] - self._start
+        left = target[:3, 3] - now[:3, 3]
+        length = float(np.linalg.norm(line))
+        along = line * ((left @ line) / length**2) if length > 0.01 else left
+        aside = left - along
+        ahead, off = float(np.linalg.norm(along)), float(np.linalg.norm(aside))
+        fast = min(
+            _slowing(ahead, c.tool_speed, c.tool_acceleration, dt) / (1 + off / 0.004),
+            speed + c.tool_acceleration * dt,
+        )
+        back = _slowing(off, c.tool_speed / 2, c.tool_acceleration, dt)
+        angle = _difference(now, target)[1]
+        turn = min(
+            _slowing(angle, c.turn_speed, c.turn_acceleration, dt), spin + c.turn_acceleration * dt
+        )
+        pose = _between(now, target, 0.0, turn * dt / max(angle, 1e-9))
+        pose[:3, 3] += (fast / max(ahead, 1e-9) * along + back / max(off, 1e-9) * aside) * dt
+        return pose
 
     def brake(self, dt: float, acceleration: float) -> None:
         """Slow all joints down in step for dt seconds, at most at an acceleration in rad/s2."""
@@ -328,6 +355,7 @@ class ArmMotion:
         if self._by_joints:
             if np.abs(self._way[0] - self.joints).max() < 0.05:
                 self._by_joints = len(self._way) > 1
+                self._start = self._pose(self._configuration)[:3, 3].copy()
                 self._way = self._way[-1:]
             return
         left = distance + 0.1 * angle

@@ -108,6 +108,7 @@ class PhysicalUR5:
             [model.joint(f"{side}_finger").qposadr[0] for side in ("left", "right")]
         )
         self._stopped = False
+        self._released_at = -np.inf
         self._opening = self._target_opening = self.config.arm.largest_opening
         data.qpos[self._joints] = self.config.arm.home
         data.qpos[self._fingers] = self._opening / 2
@@ -176,9 +177,14 @@ class PhysicalUR5:
             return False
 
     def release(self) -> None:
-        """Let the arm move again after a stop or a protective stop."""
+        """Let the arm move again after a stop or a protective stop.
+
+        For half a second it then bears half as much again, so that it can draw back from a hand
+        that still leans on it.
+        """
         self._stopped = False
         self.protective_stop = ""
+        self._released_at = self._data.time
         self.set_firm_grip(False)
 
     def set_gripper(self, width: float) -> None:
@@ -213,11 +219,11 @@ class PhysicalUR5:
             open_fingers: Whether a protective stop opens the fingers: not with an object in them
                 that nobody else holds.
         """
-        if force <= self.config.protective_force or self.protective_stop:
+        released = self._data.time < self._released_at + 0.5
+        allowed = self.config.protective_force * (1.5 if released else 1.0)
+        if force <= allowed or self.protective_stop:
             return
-        self.protective_stop = (
-            f"{force:.1f} N on the hand, more than {self.config.protective_force:.1f} N"
-        )
+        self.protective_stop = f"{force:.1f} N on the hand, more than {allowed:.1f} N"
         if open_fingers:
             self.set_firm_grip(False)
             self._target_opening = self.config.arm.largest_opening

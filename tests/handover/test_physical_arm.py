@@ -54,7 +54,7 @@ def test_no_number_is_no_target_and_the_arm_does_not_move(scene: HeldScene) -> N
         world.robot.servo_to(moved(before, np.nan, 0, 0), 0.02)
     with pytest.raises(ValueError, match=r"at most 0\.1 seconds, got nan"):
         world.robot.servo_to(before, np.nan)
-    with pytest.raises(UnreachableError, match="outside the workspace|forearm reach"):
+    with pytest.raises(UnreachableError, match=r"forearm reach from"):
         world.robot.servo_to(moved(before, 3, 0, 0), 0.02)
     with pytest.raises(ValueError, match="gripper width must lie between"):
         world.robot.set_gripper(np.nan)
