@@ -26,6 +26,7 @@ class PhysicalArmConfig:
         motion: How it may move.
         gentle_force: Force of a finger while the human still holds the object, newtons.
         firm_force: Force of a finger once the gripper alone holds it, newtons.
+        opening_force: Force of a finger that opens in a protective stop, newtons.
         protective_force: Force on the hand at which the arm freezes, newtons.
         emergency_deceleration: Of the joints in a protective stop, rad/s2.
     """
@@ -34,13 +35,13 @@ class PhysicalArmConfig:
     motion: MotionConfig = field(default_factory=MotionConfig)
     gentle_force: float = 7.0
     firm_force: float = 22.0
+    opening_force: float = 3.0
     protective_force: float = 9.0
     emergency_deceleration: float = 20.0
 
     def __post_init__(self) -> None:
-        for name in ("gentle_force", "firm_force", "protective_force", "emergency_deceleration"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
+        for name, value in vars(self).items():
+            if name not in ("arm", "motion") and not (np.isfinite(value) and value > 0):
                 raise ValueError(f"{name} must be a positive number, got {value}")
 
 
@@ -107,6 +108,7 @@ class PhysicalUR5:
             [model.joint(f"{side}_finger").qposadr[0] for side in ("left", "right")]
         )
         self._stopped = False
+        self._released_at = -np.inf
         self._opening = self._target_opening = self.config.arm.largest_opening
         data.qpos[self._joints] = self.config.arm.home
         data.qpos[self._fingers] = self._opening / 2
@@ -132,7 +134,7 @@ class PhysicalUR5:
     def reachable(self, base_from_tool: Array) -> bool:
         """Say whether the tool could stand at this pose, shape (4, 4), within all limits."""
         try:
-            self._motion.joint_goal(base_from_tool)
+            next(self._motion.joint_goals(base_from_tool))
         except UnreachableError:
             return False
         return True
@@ -164,10 +166,26 @@ class PhysicalUR5:
         """Brake and stand still; later commands do nothing until `release`."""
         self._stopped = True
 
+    def straight_way(self, base_from_tool: Array) -> bool:
+        """Say whether the tool can go to a pose, shape (4, 4), on a straight line from here.
+
+        Where it cannot, `servo_to` turns the joints evenly instead, and the tool swings out.
+        """
+        try:
+            return self._motion.straight_way(base_from_tool) is not None
+        except UnreachableError:
+            return False
+
     def release(self) -> None:
-        """Let the arm move again after a stop or a protective stop."""
+        """Let the arm move again after a stop or a protective stop.
+
+        For half a second it then bears half as much again, so that it can draw back from a hand
+        that still leans on it.
+        """
         self._stopped = False
         self.protective_stop = ""
+        self._released_at = self._data.time
+        self.set_firm_grip(False)
 
     def set_gripper(self, width: float) -> None:
         """Open or close the fingers to a width in metres; an object between them stops them.
@@ -188,6 +206,8 @@ class PhysicalUR5:
     def set_firm_grip(self, firm: bool) -> None:
         """Let the fingers press firmly (the gripper alone holds), or only gently."""
         force = self.config.firm_force if firm else self.config.gentle_force
+        if self.protective_stop and not firm:
+            force = min(force, self.config.opening_force)
         # half of the motor's force acts on each finger
         self._model.actuator_forcerange[self._grip] = [-2 * force, 2 * force]
 
@@ -199,12 +219,13 @@ class PhysicalUR5:
             open_fingers: Whether a protective stop opens the fingers: not with an object in them
                 that nobody else holds.
         """
-        if force <= self.config.protective_force or self.protective_stop:
+        released = self._data.time < self._released_at + 0.5
+        allowed = self.config.protective_force * (1.5 if released else 1.0)
+        if force <= allowed or self.protective_stop:
             return
-        self.protective_stop = (
-            f"{force:.1f} N on the hand, more than {self.config.protective_force:.1f} N"
-        )
+        self.protective_stop = f"{force:.1f} N on the hand, more than {allowed:.1f} N"
         if open_fingers:
+            self.set_firm_grip(False)
             self._target_opening = self.config.arm.largest_opening
 
     def drive(self) -> None:

@@ -11,7 +11,6 @@ from dataclasses import dataclass, field
 
 import mujoco
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from hadr.camera import transform_points
 from hadr.handover.arm_model import GRIPPER_GEOMS, HAND, OBJECT, ROBOT
@@ -22,6 +21,8 @@ from hadr.handover.world_model import HAND_INERTIA, HAND_MASS, world_model
 from hadr.handover.world_state import HandPath, Holder, WorldState
 
 _NEAR_PARTS = (*GRIPPER_GEOMS, "wrist_3", "wrist_2", "wrist_1", "forearm", "forearm_1")
+_KNOT = 0.01
+"""Seconds between two looks at the hand's path; between them the hand wants to move evenly."""
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,8 @@ class WorldConfig:
         arm: Settings of the physical arm.
         hand_stiffness: Force that a displaced hand holds against, N/m.
         hand_turn_stiffness: Torque that a twisted hand holds against, N m/rad.
+        hand_strength: A hand that is pushed harder gives way, newtons.
+        hand_torque: A hand that is twisted harder gives way, N m.
         release_after: The hand lets go once both fingers have pressed for this long.
         release_force: What counts as pressing.
         withdraw_speed: How fast the hand draws back after it has let go, m/s.
@@ -41,6 +44,8 @@ class WorldConfig:
     arm: PhysicalArmConfig = field(default_factory=PhysicalArmConfig)
     hand_stiffness: float = 250.0
     hand_turn_stiffness: float = 5.0
+    hand_strength: float = 12.0
+    hand_torque: float = 1.5
     release_after: float = 0.1
     release_force: float = 0.5
     withdraw_speed: float = 0.05
@@ -50,6 +55,61 @@ class WorldConfig:
         for name, value in vars(self).items():
             if name != "arm" and not (np.isfinite(value) and value > 0):
                 raise ValueError(f"{name} must be a positive number, got {value}")
+
+
+@dataclass(frozen=True)
+class _Course:
+    """The hand's wanted motion over one short time: constant speed (3,) and spin (3,)."""
+
+    start: float
+    first: Array
+    end: Array
+    speed: Array
+    spin: Array
+    quaternion: Array
+    turn: Array
+
+    @classmethod
+    def between(cls, start: float, first: Array, end: Array) -> _Course:
+        """The motion from one wrist pose (4, 4) to the next, base frame."""
+        quaternions = np.zeros((2, 4))
+        for pose, quaternion in zip((first, end), quaternions, strict=True):
+            mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(pose[:3, :3]).ravel())
+        turn = np.zeros(3)
+        mujoco.mju_subQuat(turn, quaternions[1], quaternions[0])
+        turn /= _KNOT
+        speed = (end[:3, 3] - first[:3, 3]) / _KNOT
+        return cls(start, first, end, speed, first[:3, :3] @ turn, quaternions[0], turn)
+
+    def origin(self, elapsed: float) -> Array:
+        """Where the wrist should be, shape (3,)."""
+        place: Array = self.first[:3, 3] + elapsed * self.speed
+        return place
+
+    def place(self, elapsed: float, point: Array) -> Array:
+        """Where a point (3,) of the wrist frame should be, shape (3,)."""
+        rotated = np.zeros(3)
+        mujoco.mju_rotVecQuat(rotated, point, self._quaternion_at(elapsed))
+        place: Array = self.origin(elapsed) + rotated
+        return place
+
+    def turn_from(self, elapsed: float, quaternion: Array) -> Array:
+        """Rotation vector (3,) to the wanted rotation, in the frame of the quaternion (4,)."""
+        turn = np.zeros(3)
+        mujoco.mju_subQuat(turn, self._quaternion_at(elapsed), quaternion)
+        return turn
+
+    def _quaternion_at(self, elapsed: float) -> Array:
+        quaternion = self.quaternion.copy()
+        mujoco.mju_quatIntegrate(quaternion, self.turn, elapsed)
+        return quaternion
+
+
+def _cross(first: Array, second: Array) -> Array:
+    """Cross product of two vectors (3,); numpy's takes ten times as long."""
+    product = np.zeros(3)
+    mujoco.mju_cross(product, first, second)
+    return product
 
 
 class World:
@@ -78,7 +138,6 @@ class World:
         self.robot = PhysicalUR5(self._model, self._data, self.config.arm)
         model, data = self._model, self._data
         self._hand, self._object = model.body("hand").id, model.body("object").id
-        self._hand_speed = slice(*(model.joint("hand").dofadr[0] + np.array([0, 6])))
         self._grip = model.equality("grip").id
         self._kinds = model.geom_contype.copy()
         self._finger = np.full(model.ngeom, -1)
@@ -92,8 +151,9 @@ class World:
         self._pressing_since: float | None = None
         self._released_at: float | None = None
         self._forearm = np.zeros(3)
-        self._largest_force = 0.0
-        self._knot = (-1.0, self._hand_target(0.0), self._hand_target(0.0))
+        self._largest_force, self._touched_at = 0.0, -np.inf
+        self._velocity = np.zeros(6)
+        self._course = _Course.between(0.0, self._hand_target(0.0), self._hand_target(_KNOT))
         mujoco.mj_forward(model, data)
 
     @property
@@ -164,39 +224,38 @@ class World:
 
     def _move_hand(self) -> None:
         """Pull the hand toward its path by a damped spring, and let it carry the object."""
-        knot, span, now = self._knot, 0.01, self.time
-        if now >= knot[0] + span - 1e-9:
-            knot = self._knot = (now, knot[2], self._hand_target(now + span))
-        start, first, second = knot
-        share = (now - start) / span
-        turn = Rotation.from_matrix(second[:3, :3] @ first[:3, :3].T).as_rotvec()
-        wanted = Rotation.from_rotvec(share * turn).as_matrix() @ first[:3, :3]
-        c, body = self.config, self._hand
-        velocity = np.zeros(6)  # of the centre, then of rotation
+        now, body, data = self.time, self._hand, self._data
+        if now >= self._course.start + _KNOT - 1e-9:
+            self._course = _Course.between(now, self._course.end, self._hand_target(now + _KNOT))
+        course, c, rotation = self._course, self.config, data.xmat[body].reshape(3, 3)
+        elapsed = now - course.start
         mujoco.mj_objectVelocity(
-            self._model, self._data, mujoco.mjtObj.mjOBJ_BODY, body, velocity, 0
+            self._model, data, mujoco.mjtObj.mjOBJ_BODY, body, self._velocity, 0
         )
-        spin, speed = velocity[:3], velocity[3:]
-        centers = [pose[:3, :3] @ self._hand_center + pose[:3, 3] for pose in (first, second)]
-        goal = (1 - share) * centers[0] + share * centers[1]
-        goal_speed = (centers[1] - centers[0]) / span
-        away = goal - self._data.xipos[body]
-        twist = Rotation.from_matrix(wanted @ self._data.xmat[body].reshape(3, 3).T).as_rotvec()
+        spin, speed = self._velocity[:3], self._velocity[3:]  # of the hand's centre
+        goal = course.place(elapsed, self._hand_center)
+        goal_speed = course.speed + _cross(course.spin, goal - course.origin(elapsed))
+        away = goal - data.xipos[body]
+        twist = rotation @ course.turn_from(elapsed, data.xquat[body])
         damping = 2 * np.sqrt(c.hand_stiffness * HAND_MASS)
         turn_damping = 2 * np.sqrt(c.hand_turn_stiffness * HAND_INERTIA)
         force = c.hand_stiffness * away + damping * (goal_speed - speed)
-        torque = c.hand_turn_stiffness * twist + turn_damping * (turn / span - spin)
+        torque = c.hand_turn_stiffness * twist + turn_damping * (course.spin - spin)
+        force *= min(1.0, c.hand_strength / max(float(np.linalg.norm(force)), 1e-9))
+        torque *= min(1.0, c.hand_torque / max(float(np.linalg.norm(torque)), 1e-9))
         if self._released_at is None:
             weight = -self._model.body_mass[self._object] * self._model.opt.gravity
-            lever = self._data.xipos[self._object] - self._data.xipos[body]
-            force, torque = force + weight, torque + np.cross(lever, weight)
-        self._data.xfrc_applied[body] = [*force, *torque]
+            arm = data.xipos[self._object] - data.xipos[body]
+            force, torque = force + weight, torque + _cross(arm, weight)
+        data.xfrc_applied[body, :3] = force
+        data.xfrc_applied[body, 3:] = torque
 
     def _look_at_contacts(self) -> None:
         """Sum up the forces on the hand, note who presses on the object, and let go in time."""
         on_hand, on_object = 0.0, np.zeros(2)
         wrench = np.zeros(6)
-        for index, (first, second) in enumerate(self._data.contact.geom):
+        pairs = self._data.contact.geom if self._data.ncon else ()
+        for index, (first, second) in enumerate(pairs):
             kinds = self._kinds[first] | self._kinds[second]
             if kinds == ROBOT | HAND:
                 mujoco.mj_contactForce(self._model, self._data, index, wrench)
@@ -209,8 +268,12 @@ class World:
         self._largest_force = max(self._largest_force, on_hand)
         pressing = on_object > self.config.release_force
         self._pressed[pressing] = self.time
+        if on_hand > 0:
+            self._touched_at = self.time
         self.robot.feel(on_hand, open_fingers=self._released_at is None)
         if self._released_at is not None:
+            clear = self.time - max(self._touched_at, self._released_at)
+            self.robot.set_firm_grip(clear > self.config.release_after)
             return
         if not pressing.all():
             self._pressing_since = None
@@ -223,7 +286,6 @@ class World:
         self._released_at = self.time
         self._data.eq_active[self._grip] = 0
         self._forearm = -self._data.xmat[self._hand].reshape(3, 3)[:, 1]
-        self.robot.set_firm_grip(True)
 
     def _hand_distance(self) -> float:
         """Smallest distance of gripper, wrist and forearm to the hand, metres; 0 in contact."""

@@ -51,6 +51,7 @@ def world_model(scene: HeldScene, arm: ArmConfig) -> mujoco.MjModel:
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.impratio = 10.0
+    spec.option.noslip_iterations = 4
     add_arm(spec, arm)
     add_table(spec)
     spec.worldbody.add_geom(
