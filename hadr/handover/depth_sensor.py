@@ -34,7 +34,8 @@ class DepthSensor:
         baseline: Their distance, metres.
         disparity_std: Standard deviation of the matching error, pixels.
         disparity_step: The matcher's step, pixels.
-        lost: Share of other pixels that find no match.
+        lost: Share of all pixels that find no match for another reason; a tenth of the hand is
+            then missing, as in those frames.
         farthest: Larger depths are not reported, metres.
     """
 
@@ -44,7 +45,7 @@ class DepthSensor:
     baseline: float = 0.050
     disparity_std: float = 0.08
     disparity_step: float = 1 / 16
-    lost: float = 0.03
+    lost: float = 0.08
     farthest: float = 4.0
 
     def measure(
