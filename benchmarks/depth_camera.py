@@ -22,7 +22,8 @@ from scipy.spatial.transform import Rotation
 from hadr.camera import Intrinsics, load_intrinsics, valid_depth
 from hadr.corruption import SENSOR, corrupt
 from hadr.frame_io import read_depth, read_mask
-from hadr.provenance import machine_text, provenance, write_json
+from hadr.provenance import machine_text, provenance
+from hadr.result_file import write_sealed
 from hadr.synthesis.depth_camera import StereoCamera, capture_depth
 from hadr.synthesis.frame_recipes import frame_recipe
 from hadr.synthesis.frame_rendering import build_scene
@@ -300,7 +301,7 @@ def main() -> None:
             "machine": machine_text(),
             "provenance": provenance(),
         }
-        write_json(args.out / "comparison.json", content)
+        write_sealed(args.out / "comparison.json", content)
 
 
 if __name__ == "__main__":

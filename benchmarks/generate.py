@@ -10,7 +10,6 @@ read off the times at which frames were finished.
 """
 
 import argparse
-import json
 import tempfile
 import time
 from collections.abc import Iterator
@@ -22,6 +21,7 @@ from unittest.mock import patch
 import numpy as np
 
 from hadr.provenance import provenance
+from hadr.result_file import write_sealed
 from hadr.synthesis import frame_rendering, generate
 from hadr.synthesis.generate import generate_frames
 from hadr.synthesis.generation_presets import PRESETS, GenerationSettings
@@ -169,8 +169,7 @@ def main() -> None:
         "provenance": provenance(),
     }
     if args.json:
-        args.json.parent.mkdir(parents=True, exist_ok=True)
-        args.json.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
+        write_sealed(args.json, report)
 
 
 if __name__ == "__main__":

@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from hadr.provenance import provenance
+from hadr.result_file import write_sealed
 
 
 def tree(root: Path) -> dict[str, str]:
@@ -123,8 +124,7 @@ def main() -> None:
         }
     print("the trees are the same" if same else "the trees differ")
     if args.json:
-        args.json.parent.mkdir(parents=True, exist_ok=True)
-        args.json.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
+        write_sealed(args.json, report)
     raise SystemExit(0 if same else 1)
 
 

@@ -22,7 +22,8 @@ import numpy as np
 from safetensors import safe_open
 from safetensors.torch import load_file
 
-from hadr.provenance import provenance, write_json
+from hadr.provenance import provenance
+from hadr.result_file import write_sealed
 from hadr.training.training_folder import BEST, LAST, best_epoch
 
 HEADER = "hadr"
@@ -177,7 +178,7 @@ def main() -> None:
             "same": same,
             "provenance": provenance(),
         }
-        write_json(args.json, content)
+        write_sealed(args.json, content)
     raise SystemExit(0 if all(same.values()) else 1)
 
 

@@ -12,7 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from hadr.provenance import machine_text, provenance, write_json
+from hadr.provenance import machine_text, provenance
+from hadr.result_file import write_sealed
 
 
 def main() -> None:
@@ -43,7 +44,7 @@ def main() -> None:
     }
     print(json.dumps({k: v for k, v in found.items() if k != "provenance"}, indent=1))
     if args.json:
-        write_json(args.json, found)
+        write_sealed(args.json, found)
 
 
 if __name__ == "__main__":

@@ -10,7 +10,6 @@ depth 2 mm (mean absolute error), keypoints 3 mm, masks 0.98 intersection over u
 """
 
 import argparse
-import json
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -23,8 +22,9 @@ from hadr.models.baselines.lidf import LIDF
 from hadr.models.baselines.swindrnet import SwinDRNet
 from hadr.models.hadr import HADR, ray_points
 from hadr.models.pyramid_head import resize
-from hadr.provenance import machine_text, provenance, write_json
+from hadr.provenance import machine_text, provenance
 from hadr.ray_voxels import pair_of_true_point
+from hadr.result_file import read_result_file, write_result_file
 from hadr.training.batches import FrameTensors, load_frames
 from hadr.training.loop import train
 from hadr.training.presets import NETWORKS, RIVALS, preset
@@ -176,20 +176,15 @@ def main() -> None:
     rows = [learn(network, args.steps or STEPS.get(network, 600)) for network in args.networks]
     if args.json:
         if args.json.exists():  # rows of networks that were not asked for are kept
-            kept = json.loads(args.json.read_text(encoding="utf-8"))["rows"]
+            kept = read_result_file(args.json).rows
             rows += [row for row in kept if row["network"] not in args.networks]
             rows.sort(key=lambda row: NETWORKS.index(str(row["network"])))
-        write_json(
+        write_result_file(
             args.json,
-            {
-                "what": "four frames of data_samples learned by heart, preset mini, scored in "
-                "evaluation mode",
-                "rows": rows,
-                "provenance": {
-                    **provenance(), "machine": machine_text(), "threads": args.threads
-                },
-            },
-        )  # fmt: skip
+            "four frames of data_samples learned by heart, preset mini, scored in evaluation mode",
+            rows,
+            {**provenance(), "machine": machine_text(), "threads": args.threads},
+        )
 
 
 if __name__ == "__main__":

@@ -27,7 +27,7 @@ from torch.nn import functional
 
 from hadr.dense_pairing import dense_ray_voxel_pairs
 from hadr.models.hadr_input import masked_rays, ray_points
-from hadr.provenance import machine_text, provenance, write_json
+from hadr.provenance import machine_text, provenance
 from hadr.ray_voxels import (
     OccupiedVoxels,
     VoxelGrid,
@@ -35,6 +35,7 @@ from hadr.ray_voxels import (
     ray_voxel_pairs,
     select_points,
 )
+from hadr.result_file import write_sealed
 
 METHODS = {"walk": ray_voxel_pairs, "dense": dense_ray_voxel_pairs}
 RAYS = (500, 1000, 2000, 4000, 8000, 16000, 32000)
@@ -140,7 +141,7 @@ def main() -> None:
         print(f"{r['frames']} frames, {r['rays']} rays, {r['voxels']} voxels: {'; '.join(texts)}")
     print(exponents)
     if args.json:
-        write_json(args.json, content)
+        write_sealed(args.json, content)
 
 
 if __name__ == "__main__":

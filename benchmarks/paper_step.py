@@ -19,7 +19,8 @@ from pathlib import Path
 import torch
 
 from hadr.data.samples import open_samples
-from hadr.provenance import machine_text, provenance, write_json
+from hadr.provenance import machine_text, provenance
+from hadr.result_file import write_sealed
 from hadr.training.batches import load_frames
 from hadr.training.hadr_task import HADRTask
 from hadr.training.loop import chance
@@ -115,7 +116,7 @@ def main() -> None:
             "tried": tried,
             "provenance": provenance(),
         }
-        write_json(args.json, content)
+        write_sealed(args.json, content)
 
 
 if __name__ == "__main__":

@@ -34,7 +34,8 @@ from hadr.models.hand_keypoints import HandKeypointNet, predict_keypoints
 from hadr.models.segmentation import SegmentationNet
 from hadr.models.sparse_rays import SparseRays
 from hadr.models.weighted_regression import JointMaps
-from hadr.provenance import machine_text, provenance, write_json
+from hadr.provenance import machine_text, provenance
+from hadr.result_file import write_sealed
 from hadr.training.batches import FrameTensors, load_frames
 from hadr.training.presets import preset
 
@@ -164,7 +165,7 @@ def main() -> None:
             f"{rate['wall_best']:.1f}); {rate['cpu_median_one_core']:.1f} per second of CPU"
         )
     if args.json:
-        write_json(
+        write_sealed(
             args.json,
             {
                 "what": "Whole perception of one frame at batch 1, networks of preset mini: mask "

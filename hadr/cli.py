@@ -26,6 +26,10 @@ COMMANDS: dict[str, tuple[str, str]] = {
     ),
     "train": ("hadr.training.train_command", "train a network on a data set"),
     "calibrate": ("hadr.training.calibrate", "teach a checkpoint what its confidence means"),
+    "handover": (
+        "hadr.handover.handover_command",
+        "let a simulated UR5 take glasses from a hand",
+    ),
     "evaluate": ("hadr.experiments.evaluate_command", "score networks beside simple methods"),
 }
 

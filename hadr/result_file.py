@@ -89,10 +89,57 @@ def write_result_file(
     """
     if not rows:
         raise ValueError(f"no rows for {path}: nothing was measured")
-    content = plain({"what": what, "rows": list(rows), "provenance": dict(provenance)})
-    content["provenance"].pop("sha256", None)
-    content["provenance"]["sha256"] = digest(content)
-    write_json(Path(path), content)
+    write_sealed(path, {"what": what, "rows": list(rows), "provenance": dict(provenance)})
+
+
+def write_sealed(path: str | Path, content: Mapping[str, Any]) -> None:
+    """Write measured numbers of any form with a checksum, whole or not at all.
+
+    Args:
+        path: A ``.json`` file; its folder is made.
+        content: Plain values; under ``provenance`` where they come from.
+
+    Raises:
+        KeyError: Nothing stands under ``provenance``.
+        TypeError: A value has no form in JSON.
+    """
+    sealed = dict(plain(content))
+    sealed["provenance"] = {k: v for k, v in sealed["provenance"].items() if k != "sha256"}
+    sealed["provenance"]["sha256"] = digest(sealed)
+    write_json(Path(path), sealed)
+
+
+def read_sealed(path: str | Path) -> dict[str, Any]:
+    """Read what `write_sealed` wrote and compare it with its checksum.
+
+    Returns:
+        The content, with ``sha256`` under ``provenance``.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        ValueError: It is not such a file, or it was changed after it was written.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"there is no result file {path}")
+    try:
+        content: dict[str, Any] = json.loads(
+            path.read_text(encoding="utf-8"),
+            object_pairs_hook=_once_each,
+            parse_constant=_refuse,
+        )
+        provenance = dict(content["provenance"])
+        stored = provenance.pop("sha256")
+    except KeyError as error:
+        raise ValueError(f"{path} is not a whole result file: it has no {error}") from error
+    except (ValueError, TypeError) as error:
+        raise ValueError(f"{path} is not a result file: {error}") from error
+    if digest({**content, "provenance": provenance}) != stored:
+        raise ValueError(
+            f"{path} was changed after it was measured: its content does not fit its checksum "
+            f"{str(stored)[:12]}...; measure it again instead of editing it"
+        )
+    return content
 
 
 def read_result_file(path: str | Path) -> ResultFile:
@@ -108,29 +155,15 @@ def read_result_file(path: str | Path) -> ResultFile:
         FileNotFoundError: There is no such file.
         ValueError: It is not such a file, or it was changed after it was written.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise FileNotFoundError(f"there is no result file {path}")
+    content = read_sealed(path)
     try:
-        content = json.loads(
-            path.read_text(encoding="utf-8"),
-            object_pairs_hook=_once_each,
-            parse_constant=_refuse,
-        )
-        provenance = dict(content["provenance"])
-        stored = provenance.pop("sha256")
         rows = tuple(dict(row) for row in content["rows"])
         what = str(content["what"])
     except KeyError as error:
         raise ValueError(f"{path} is not a whole result file: it has no {error}") from error
     except (ValueError, TypeError) as error:
         raise ValueError(f"{path} is not a result file: {error}") from error
-    if digest({**content, "provenance": provenance}) != stored:
-        raise ValueError(
-            f"{path} was changed after it was measured: its content does not fit its checksum "
-            f"{stored[:12]}...; measure it again instead of editing it"
-        )
-    return ResultFile(what, rows, {**provenance, "sha256": stored})
+    return ResultFile(what, rows, content["provenance"])
 
 
 def sealed_row(path: Path, configuration: Mapping[str, Any]) -> dict[str, Any] | None:

@@ -16,8 +16,12 @@ from hadr.camera import BoolArray, FloatArray, window_around
 from hadr.corruption import see_through
 from hadr.corruption_statistics import corruption_statistics
 from hadr.hand import absolute_hand_feature, check_keypoints
+from hadr.handover.grasps import Grasps
+from hadr.handover.rehearsal import HeldGlass
+from hadr.handover.rescoring import Directions, Weights
 from hadr.plotting import COLORS, equal_axes_3d, show_depth, show_skeleton_3d
 from hadr.plotting.rays import draw_walk
+from hadr.plotting.rescoring_sphere import candidate_choice
 from hadr.ray_voxels import OccupiedVoxels, RayVoxelPairs, VoxelGrid
 
 
@@ -165,3 +169,50 @@ def step_through(pictures: dict[str, FloatArray], truth: FloatArray) -> Any:
 
     slider = widgets.SelectionSlider(options=list(pictures), description="after")
     return widgets.interactive(draw, stage=slider)
+
+
+def weigh_wishes(scene: HeldGlass, grasps: Grasps, directions: Directions) -> Any:
+    """Two sliders for the weights of the intended score: its sphere and the grasp it chooses.
+
+    Args:
+        scene: Hand and glass, base frame.
+        grasps: Candidates, base frame.
+        directions: To the human and down, base frame.
+
+    Returns:
+        The widget; show it as a cell's last value.
+    """
+
+    def draw(human: float, down: float) -> None:
+        weights = Weights(robot_to_human=human, up_to_down=down)
+        candidate_choice(scene, grasps, directions, weights, limit=1.2)
+        plt.show()
+
+    slider = {"min": 0.0, "max": 1.0, "step": 0.1, "continuous_update": False}
+    return widgets.interactive(
+        draw,
+        human=widgets.FloatSlider(description="w_r2h", value=0.4, **slider),
+        down=widgets.FloatSlider(description="w_u2d", value=0.2, **slider),
+    )
+
+
+def turn_frame(scene: HeldGlass, grasps: Grasps, directions: Directions) -> Any:
+    """A slider that turns the frame in which the printed formula's rotation is written.
+
+    Args:
+        scene: Hand and glass, base frame.
+        grasps: Candidates, base frame.
+        directions: To the human and down, base frame.
+
+    Returns:
+        The widget; show it as a cell's last value.
+    """
+
+    def draw(turn: float) -> None:
+        candidate_choice(scene, grasps, directions, Weights(), tilt_deg=turn)
+        plt.show()
+
+    slider = {"min": 0.0, "max": 360.0, "step": 5.0, "continuous_update": False}
+    return widgets.interactive(
+        draw, turn=widgets.FloatSlider(description="turn (°)", value=90.0, **slider)
+    )

@@ -3,7 +3,14 @@ import json
 
 import pytest
 
-from hadr.result_file import digest, read_result_file, read_result_files, write_result_file
+from hadr.result_file import (
+    digest,
+    read_result_file,
+    read_result_files,
+    read_sealed,
+    write_result_file,
+    write_sealed,
+)
 
 ROWS = [
     {"method": "hadr", "split": "known", "rmse_m": 0.0123, "seeds": [0, 1]},
@@ -111,3 +118,23 @@ def test_what_another_reader_would_read_otherwise_is_refused(written, old, new, 
     written.write_text(text.replace(old, new, 1), encoding="utf-8")
     with pytest.raises(ValueError, match=said):
         read_result_file(written)
+
+
+def test_numbers_of_any_form_are_sealed(tmp_path):
+    path = tmp_path / "times.json"
+    content = {"times": {"swin": [0.1, 0.2]}, "provenance": {"commit": "abc", "sha256": "stale"}}
+    write_sealed(path, content)
+    found = read_sealed(path)
+    assert found["times"] == {"swin": [0.1, 0.2]}
+    assert found["provenance"]["sha256"] == digest(
+        {"times": {"swin": [0.1, 0.2]}, "provenance": {"commit": "abc"}}
+    )
+    path.write_text(path.read_text().replace("0.2", "0.1"), encoding="utf-8")
+    with pytest.raises(ValueError, match="was changed after it was measured"):
+        read_sealed(path)
+
+
+def test_what_has_no_provenance_is_not_sealed(tmp_path):
+    with pytest.raises(KeyError, match="provenance"):
+        write_sealed(tmp_path / "times.json", {"times": []})
+    assert not list(tmp_path.iterdir())

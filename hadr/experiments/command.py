@@ -63,7 +63,8 @@ def add_table_arguments(parser: argparse.ArgumentParser) -> None:
 
 def is_table_wish(wish: str) -> bool:
     """Say whether a word of ``--only`` means a table's run and not a chapter."""
-    return "/" in wish or wish in (*EXPERIMENTS, *METHODS, *PARTS, *SWITCHES, *TABLE_RUNS)
+    names = (*EXPERIMENTS, *METHODS, *PARTS, *SWITCHES, *TABLE_RUNS, "full")
+    return "/" in wish or wish.lower() in names
 
 
 def open_bench(args: argparse.Namespace) -> Bench:

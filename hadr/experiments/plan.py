@@ -112,22 +112,30 @@ def plan(
         return runs
     chosen = []
     for wish in only:
-        words, table = wish.strip("/").split("/"), TABLE_RUNS.get(wish.strip("/"), ())
+        words = _as_a_run(wish.strip("/").lower()).split("/")
+        table = TABLE_RUNS.get("/".join(words), ())
         fitting = [
             run
             for run in runs
             if run.name.split("/")[: len(words)] == words
-            or (len(words) == 1 and run.method == wish)
+            or [run.method] == words
             or (run.experiment, run.method) in table
         ]
         if not fitting:
             raise ValueError(
                 f"no run fits {wish!r}; runs are EXPERIMENT/METHOD with {', '.join(EXPERIMENTS)} "
-                f"and {', '.join((*METHODS, *PARTS, *SWITCHES))}, or a table of "
+                f"and {', '.join(dict.fromkeys((*METHODS, *PARTS, *SWITCHES)))}, or a table of "
                 f"{', '.join(TABLE_RUNS)}; seeds are chosen with --seeds"
             )
         chosen += fitting
     return [run for run in runs if run in chosen]
+
+
+def _as_a_run(wish: str) -> str:
+    """The run behind a row of the ablation, such as ``ablation/full``; anything else as it is."""
+    row = wish.removeprefix("ablation/")
+    is_row = row in ABLATION and (row != wish or row not in METHODS)
+    return f"known/{ABLATION[row]}" if is_row else wish
 
 
 def _seeds(

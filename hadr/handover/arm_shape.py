@@ -14,6 +14,7 @@ import trimesh
 
 from hadr.handover import ur5
 from hadr.handover.collision import FINGER_LENGTH, FINGER_WIDTH
+from hadr.handover.world_parts import box
 from hadr.synthesis.surfaces import Surface, merged, revolve
 
 Array = npt.NDArray[np.float64]
@@ -56,7 +57,7 @@ def _round_bar(
         room = float(min(np.linalg.norm(back), np.linalg.norm(on))) / 2
         cut = min(fillet, 0.98 * room)
         start, end = (corner + cut * leg / np.linalg.norm(leg) for leg in (back, on))
-        t = np.linspace(0.0, 1.0, 5)[:, None]
+        t = np.linspace(0.0, 1.0, 4)[:, None]
         arc = (1 - t) ** 2 * start + 2 * t * (1 - t) * corner + t**2 * end
         # one point close to each end keeps the straight sides' normals straight
         curve += [start + 0.02 * cut * back / np.linalg.norm(back) + np.zeros((1, 2)), arc]
@@ -83,15 +84,6 @@ def _bar(
 ) -> Surface:
     """A round bar along an axis through a point, from low to high along it; metres."""
     return _round_bar(((radius, low), (radius, high)), fillet).moved(_along(axis, at))
-
-
-def _box(low: tuple[float, float, float], high: tuple[float, float, float]) -> Surface:
-    """A box between two corners with flat sides; metres."""
-    corners = np.array([low, high])
-    box = trimesh.creation.box(bounds=corners)
-    vertices = box.triangles.reshape(-1, 3)
-    faces = np.arange(len(vertices)).reshape(-1, 3)
-    return Surface(np.array(vertices), faces, np.repeat(box.face_normals, 3, axis=0))
 
 
 def _rounded_block(half_x: float, half_y: float, low: float, high: float) -> Surface:
@@ -206,7 +198,7 @@ def _gripper(adapter: float) -> tuple[Part, ...]:
     """The gripper's fixed parts in the tool frame; the adapter's length in metres."""
     reach = LARGEST_OPENING / 2 + FINGER_WIDTH + 0.004
     top = _BODY_TOP - adapter
-    rail = _box((-reach, -0.009, _BODY_END - 0.012), (reach, 0.009, _BODY_END + 0.008))
+    rail = box((-reach, -0.009, _BODY_END - 0.012), (reach, 0.009, _BODY_END + 0.008))
     return _colored(
         (
             BODY,
@@ -228,12 +220,12 @@ def _finger() -> tuple[Part, ...]:
         (
             METAL,
             [
-                _box((PAD, -y, -tip), (FINGER_WIDTH, y, 0.0)),
-                _box((0.0, -0.009, 0.001 - tip), (PAD + 0.001, 0.009, -0.042)),
-                _box((-0.002, -0.013, -tip - 0.014), (FINGER_WIDTH + 0.003, 0.013, -tip)),
+                box((PAD, -y, -tip), (FINGER_WIDTH, y, 0.0)),
+                box((0.0, -0.009, 0.001 - tip), (PAD + 0.001, 0.009, -0.042)),
+                box((-0.002, -0.013, -tip - 0.014), (FINGER_WIDTH + 0.003, 0.013, -tip)),
             ],
         ),
-        (SEAM, [_box((0.0, -y, -0.042), (PAD, y, 0.0))]),
+        (SEAM, [box((0.0, -y, -0.042), (PAD, y, 0.0))]),
     )
 
 

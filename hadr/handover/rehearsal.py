@@ -4,7 +4,8 @@ Everything is geometry in the robot's base frame: the human stands beyond the ob
 the robot. What the camera would restore is taken from the glass itself, the side that it sees.
 """
 
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -12,7 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from hadr.camera import transform_points
 from hadr.hand import HandShape, forward_kinematics, keypoints_from_skeleton
-from hadr.handover.collision import hand_distance
+from hadr.handover.candidates import FINGER_HEIGHT
+from hadr.handover.collision import FINGER_LENGTH, hand_distance
 from hadr.handover.robot import SimulatedUR5
 from hadr.handover.ur5 import Array
 from hadr.handover.workflow import Handover, Observation, Stage, pose_distance
@@ -124,7 +126,8 @@ class MovingHand:
         turn: Largest rotation about each axis, radians.
         calm_after: The movement dies down over about this long, seconds: people who hand
             something over come to rest. Infinity keeps the hand moving.
-        noise: Standard deviation of each keypoint coordinate, metres.
+        noise: Standard deviation of each keypoint coordinate, metres. Never quite 0 in a real
+            hand; the workflow takes keypoints that stay bitwise the same for a camera that hangs.
         lost_from: From this time on no hand is found, seconds.
         nan_from: From this time on one keypoint is NaN, seconds.
     """
@@ -135,7 +138,7 @@ class MovingHand:
     drift: float = 0.04
     turn: float = float(np.deg2rad(12.0))
     calm_after: float = 2.0
-    noise: float = 0.0
+    noise: float = 1e-5
     lost_from: float = np.inf
     nan_from: float = np.inf
 
@@ -169,11 +172,31 @@ class MovingHand:
             keypoints = keypoints + rng.normal(0.0, self.noise, keypoints.shape)
         if time >= self.nan_from:
             keypoints[8] = np.nan
-        points = None
-        if time == 0.0:  # the workflow needs the object only to choose a grasp
-            seen = self.scene.visible_points(self.base_from_camera[:3, 3])
-            points = transform_points(camera_from_base, seen)
-        return Observation(time, keypoints, points)
+        return Observation(time, keypoints, transform_points(camera_from_base, self._seen))
+
+    @cached_property
+    def _seen(self) -> Array:
+        """The side of the glass that the camera sees at time 0, base frame, shape (n, 3)."""
+        return self.scene.visible_points(self.base_from_camera[:3, 3])
+
+
+def width_between(base_from_tool: Array, base_from_glass: Array, glass: GlassObject) -> float:
+    """How wide a glass is between the fingers.
+
+    Args:
+        base_from_tool: Tool pose, shape (4, 4), metres.
+        base_from_glass: Pose of the glass, shape (4, 4), metres.
+        glass: Which object.
+
+    Returns:
+        Metres along the closing axis; 0 where no part of the glass is between the fingers.
+    """
+    points = transform_points(
+        np.linalg.inv(base_from_tool) @ base_from_glass, bodies(glass)[0].vertices
+    )
+    inside = (np.abs(points[:, 1]) < FINGER_HEIGHT / 2) & (np.abs(points[:, 0]) < 0.06)
+    inside &= (points[:, 2] < 0) & (points[:, 2] > -FINGER_LENGTH)
+    return float(np.ptp(points[inside, 0])) if inside.any() else 0.0
 
 
 @dataclass(frozen=True)
@@ -193,7 +216,14 @@ class Moment:
 
 
 def rehearse(
-    handover: Handover, hand: MovingHand, *, dt: float = 1 / 30, longest: float = 30.0
+    handover: Handover,
+    hand: MovingHand,
+    *,
+    dt: float = 1 / 30,
+    longest: float = 30.0,
+    past_stops: bool = False,
+    picture_every: float = 0.0,
+    spoil: Callable[[Observation], Observation] | None = None,
 ) -> list[Moment]:
     """Run the workflow against the moving hand until it finishes, stops or time is up.
 
@@ -205,6 +235,9 @@ def rehearse(
         hand: The moving hand.
         dt: Time between two observations, seconds.
         longest: Give up after this long, seconds.
+        past_stops: Go on after a stop, until the workflow has finished or given up.
+        picture_every: Time between two pictures, seconds, in whole steps; 0: one every step.
+        spoil: What breaks between the camera and the workflow; nothing where left out.
 
     Returns:
         One moment a step. `to_target` is the distance from the tool to the pre-grasp, NaN before
@@ -217,16 +250,22 @@ def rehearse(
     if not isinstance(robot, SimulatedUR5):
         raise TypeError(f"a rehearsal needs a SimulatedUR5, got {type(robot).__name__}")
     moments: list[Moment] = []
-    tool_from_glass: Array | None = None
+    tool_from_glass = np.eye(4)
+    newest = hand.observe(0.0)
     for step in range(round(longest / dt) + 1):
         time = step * dt
-        handover.step(hand.observe(time), dt)
-        tool = robot.tool_pose()
         moved = hand.motion(time)
-        glass = moved @ hand.scene.base_from_glass
-        if handover.part == "retreat":
-            if tool_from_glass is None:
-                tool_from_glass = np.linalg.inv(tool) @ glass
+        tool = robot.tool_pose()
+        if handover.part not in ("let go", "retreat"):
+            tool_from_glass = np.linalg.inv(tool) @ moved @ hand.scene.base_from_glass
+        glass = tool @ tool_from_glass
+        robot.between_fingers = width_between(tool, glass, hand.scene.glass)
+        if time >= newest.time + picture_every - 1e-9:
+            newest = hand.observe(time)
+        seen = replace(newest, time=time, frame_time=newest.time)
+        handover.step(seen if spoil is None else spoil(seen), dt)
+        tool = robot.tool_pose()
+        if handover.part in ("let go", "retreat"):
             glass = tool @ tool_from_glass
         keypoints = transform_points(moved, hand.scene.keypoints)
         to_target = np.nan
@@ -246,6 +285,6 @@ def rehearse(
                 to_hand=hand_distance(tool, robot.gripper_width(), keypoints),
             )
         )
-        if handover.over:
+        if handover.over or (handover.stage is Stage.STOPPED and not past_stops):
             break
     return moments

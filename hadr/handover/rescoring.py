@@ -76,6 +76,42 @@ def literal_score(
     return total
 
 
+def literal_at_best_turn(
+    approach: ArrayLike,
+    directions: Directions,
+    *,
+    axes: AxisOrder = "paper",
+    weights: Weights | None = None,
+) -> Array:
+    """The printed formula's two wishes for an approach axis, at the best turn about that axis.
+
+    An approach axis leaves the gripper's turn about it free, and the printed formula depends on
+    it: with M = w_r2h v v^T + w_u2d u u^T it is the trace of R_g M, a constant and one sine of the
+    turn. The maximum is found in closed form.
+
+    Args:
+        approach: Unit approach axes a, shape (n, 3), written in the directions' frame.
+        directions: v and u.
+        axes: Which column of R_g is the approach axis: "paper" z, "graspnet" x.
+        weights: The paper's where left out; the detector's score takes no part.
+
+    Returns:
+        Largest w_r2h v^T (R_g v) + w_u2d u^T (R_g u) over all turns, shape (n,).
+    """
+    w = weights or Weights()
+    v, u = directions.robot_to_human, directions.up_to_down
+    m = w.robot_to_human * np.outer(v, v) + w.up_to_down * np.outer(u, u)
+    front, first, second = (2, 0, 1) if axes == "paper" else (0, 1, 2)  # second = front x first
+    a = np.asarray(approach, dtype=np.float64)
+    side = np.cross(a, np.eye(3)[np.abs(a).argmin(axis=1)])
+    side /= np.linalg.norm(side, axis=1, keepdims=True)  # (n, 3)
+    other = np.cross(a, side)  # (n, 3)
+    cosine = side @ m[first] + other @ m[second]
+    sine = other @ m[first] - side @ m[second]
+    best: Array = a @ m[front] + np.hypot(cosine, sine)
+    return best
+
+
 def intended_score(
     scores: ArrayLike, approach: ArrayLike, directions: Directions, weights: Weights | None = None
 ) -> Array:

@@ -41,6 +41,15 @@ class Robot(Protocol):
         """Stand still; no later command moves the arm until a person has released it."""
         ...
 
+    def release(self) -> None:
+        """Let the arm move again after a stop, and clear a protective stop."""
+        ...
+
+    @property
+    def protective_stop(self) -> str:
+        """Why the arm stopped by itself, such as a contact force; empty while it did not."""
+        ...
+
     def set_gripper(self, width: float) -> None:
         """Open or close the fingers to a width in metres."""
         ...
@@ -113,6 +122,11 @@ class SimulatedUR5:
     Args:
         config: Settings; the standard ones where left out.
 
+    Attributes:
+        between_fingers: Width of what stands between the fingers, metres: they close no further.
+            Whoever knows the object sets it; there is no contact in this arm.
+        protective_stop: Always empty: this arm feels no force. A test may write a reason here.
+
     Raises:
         UnreachableError: The home pose breaks a limit.
     """
@@ -122,6 +136,8 @@ class SimulatedUR5:
         self._joints = self.config.home.copy()
         self._opening = self._target_opening = self.config.largest_opening
         self._stopped = False
+        self.between_fingers = 0.0
+        self.protective_stop = ""
         problem = self._broken_limit(self._joints)
         if problem:
             raise UnreachableError(f"the home pose is not allowed: {problem}")
@@ -211,6 +227,7 @@ class SimulatedUR5:
     def release(self) -> None:
         """Let the arm move again after a stop."""
         self._stopped = False
+        self.protective_stop = ""
 
     def set_gripper(self, width: float) -> None:
         """Open or close the fingers to a width in metres, within what they can do.
@@ -239,7 +256,9 @@ class SimulatedUR5:
 
     def _move_fingers(self, dt: float) -> None:
         step = self.config.finger_speed * dt
-        self._opening += float(np.clip(self._target_opening - self._opening, -step, step))
+        blocked = min(self._opening, self.between_fingers)
+        goal = max(self._target_opening, blocked)
+        self._opening += float(np.clip(goal - self._opening, -step, step))
 
     def _broken_limit(self, joints: Array) -> str:
         """Name the limit that joint angles (6,) break, or return an empty string."""

@@ -1,19 +1,24 @@
 """From restored points to the one grasp to go for: sample, filter, rescore, check the reach."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
-from hadr.handover.candidates import sample_grasps
-from hadr.handover.collision import free_of_hand, free_of_object
+from hadr.handover.candidates import NoCandidateError, completed, sample_grasps
+from hadr.handover.collision import free_of_object, free_of_scene, way_to_hand
 from hadr.handover.grasps import Grasps, forward_of
 from hadr.handover.rescoring import Directions, Form, Weights, rescore
 from hadr.handover.robot import Robot
+from hadr.handover.stages import ChosenGrasp
 from hadr.handover.ur5 import Array
-from hadr.handover.workflow import ChosenGrasp
 
 HALF_TURN: Array = np.diag([-1.0, -1.0, 1.0, 1.0])
 """Turns the gripper about its approach axis; a parallel gripper grasps the same either way."""
+
+CandidateSource = Callable[[Array], Grasps]
+"""From the object's points in the base frame (n, 3), metres, to candidates in the base frame."""
 
 
 @dataclass(frozen=True)
@@ -26,10 +31,16 @@ class GraspSelection:
         directions: Robot to human, and down, in the base frame.
         form: Which reading of the score, see `hadr.handover.rescoring`.
         weights: Weights of the score.
-        attempts: How many candidates are tried.
+        attempts: How many contacts are tried.
         back: Distance of the pre-grasp, metres.
         forward: How far past the grasp the fingertips end, metres.
-        clearance: Free space to keep to the skin, metres.
+        clearances: Free space to keep to the skin, metres: the second is tried where the first
+            leaves no grasp that can be reached, and so on.
+        rescoring: False orders the candidates by their own score alone.
+        most_checked: How many of the best of one round are asked for their reach, at most.
+        rounds: How often candidates are drawn anew while none is left.
+        source: Where the candidates come from instead of `sample_grasps`, such as
+            `hadr.handover.graspnet.DetectedGrasps`.
     """
 
     rng: np.random.Generator
@@ -37,42 +48,102 @@ class GraspSelection:
     directions: Directions = field(default_factory=Directions)
     form: Form = "intended"
     weights: Weights = field(default_factory=Weights)
-    attempts: int = 400
+    attempts: int = 800
     back: float = 0.10
     forward: float = 0.05
-    clearance: float = 0.02
+    clearances: tuple[float, ...] = (0.02, 0.012, 0.007)
+    rescoring: bool = True
+    most_checked: int = 25
+    rounds: int = 4
+    source: CandidateSource | None = None
 
-    def __call__(self, points: Array, keypoints: Array, robot: Robot) -> ChosenGrasp | None:
+    def __call__(
+        self,
+        points: Array,
+        keypoints: Array,
+        robot: Robot,
+        scene_points: Array | None = None,
+    ) -> ChosenGrasp | None:
         """Choose a grasp.
 
         Args:
             points: Object's points in the base frame, shape (n, 3), metres.
             keypoints: Hand in the base frame, shape (21, 3), metres.
             robot: Says what it can reach.
+            scene_points: Measured points of anything else (hand, arm, table) in the base frame,
+                shape (m, 3), metres.
 
         Returns:
             The best grasp whose pre-grasp, grasp and final pose can all be reached; None where no
             candidate is left.
 
         Raises:
-            ValueError: The points allow no candidate at all, see `sample_grasps`.
+            ValueError: The points are too few or not finite, see `sample_grasps`.
         """
-        grasps = self.candidates(points)
-        free = free_of_object(grasps, points, forward=self.forward)
-        free &= free_of_hand(grasps, keypoints, forward=self.forward, clearance=self.clearance)
-        grasps = grasps.select(free)
-        scores = rescore(grasps, self.directions, form=self.form, weights=self.weights)
-        for row in np.argsort(-scores, kind="stable"):
-            pose = self._turned(grasps.poses[row], robot)
-            if pose is not None:
-                return ChosenGrasp(pose, float(grasps.widths[row]), float(scores[row]))
+        seen = np.asarray(points, dtype=np.float64)
+        whole, _ = completed(_thinned(seen, 500), self.viewpoint)
+        for _ in range(self.rounds):
+            try:
+                grasps = self.candidates(seen)
+            except NoCandidateError:
+                continue
+            chosen = self._best(grasps, whole, keypoints, robot, scene_points)
+            if chosen is not None:
+                return chosen
         return None
 
     def candidates(self, points: Array) -> Grasps:
         """Candidates around points (n, 3) in the base frame, before any filter."""
+        if self.source is not None:
+            return self.source(points)
         return sample_grasps(
-            points, self.rng, viewpoint=self.viewpoint, attempts=self.attempts, frame="base"
+            points,
+            self.rng,
+            viewpoint=self.viewpoint,
+            toward=self.directions.robot_to_human,
+            attempts=self.attempts,
+            frame="base",
         )
+
+    def scores(self, grasps: Grasps) -> Array:
+        """What the grasps are ordered by, shape (n,)."""
+        if not self.rescoring:
+            return grasps.scores
+        return rescore(grasps, self.directions, form=self.form, weights=self.weights)
+
+    def _best(
+        self,
+        grasps: Grasps,
+        points: Array,
+        keypoints: Array,
+        robot: Robot,
+        scene_points: Array | None,
+    ) -> ChosenGrasp | None:
+        """The best of some candidates that is free and can be reached."""
+        back, forward = self.back, self.forward
+        room = way_to_hand(grasps, keypoints, back=back, forward=forward)
+        grasps = grasps.select(room >= min(self.clearances))
+        grasps = grasps.select(free_of_object(grasps, points, back=back, forward=forward))
+        if scene_points is not None and len(scene_points):
+            few = _thinned(scene_points)
+            free = free_of_scene(grasps, few, points, back=back, forward=forward)
+            grasps = grasps.select(free)
+        room = way_to_hand(grasps, keypoints, back=back, forward=forward)
+        scores = self.scores(grasps)
+        best_first = np.argsort(-scores, kind="stable")
+        tried: list[Array] = []
+        for clearance in self.clearances:
+            for row in best_first[room[best_first] >= clearance]:
+                pose = grasps.poses[row]
+                if len(tried) >= self.most_checked:
+                    return None
+                if any(_alike(pose, other) for other in tried):
+                    continue
+                tried.append(pose)
+                reached = self._turned(pose, robot)
+                if reached is not None:
+                    return ChosenGrasp(reached, float(grasps.widths[row]), float(scores[row]))
+        return None
 
     def _turned(self, pose: Array, robot: Robot) -> Array | None:
         """The reachable one of a pose and its half turn, the one nearer to the tool's own turn."""
@@ -83,3 +154,18 @@ class GraspSelection:
             if all(robot.reachable(forward_of(option, stop)) for stop in stops):
                 return option
         return None
+
+
+def _alike(pose: Array, other: Array) -> bool:
+    """Whether two poses are so near that what one cannot reach the other cannot either."""
+    near = float(np.abs(pose[:3, 3] - other[:3, 3]).max()) < 0.02
+    turned = float(np.trace(pose[:3, :3].T @ other[:3, :3])) > 1 + 2 * np.cos(np.deg2rad(12.0))
+    return near and turned
+
+
+def _thinned(points: Array, most: int = 1000) -> Array:
+    """At most that many of the points, evenly over their order."""
+    if len(points) <= most:
+        return points
+    rows: NDArray[np.int64] = np.linspace(0, len(points) - 1, most).astype(np.int64)
+    return points[rows]

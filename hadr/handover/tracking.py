@@ -2,6 +2,8 @@
 
 The paper's section on the handover workflow: the translation is the wrist's displacement, the
 rotation comes from the singular value decomposition of the keypoints' covariance about the wrist.
+A finger that moves by itself turns that fit. The robust form, off unless asked for, finds the
+keypoints that move as one body and leaves out the others.
 """
 
 from dataclasses import dataclass
@@ -10,11 +12,18 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from hadr.hand import check_keypoints
+from hadr.hand import FINGERS, KEYPOINT_NAMES, check_keypoints
 
 Array = NDArray[np.float64]
 About = Literal["wrist", "origin"]
 Flip = Literal["v", "r"]
+
+PALM: tuple[int, ...] = (0, *(FINGERS[finger][0] for finger in FINGERS))
+"""Wrist and roots of the fingers: the keypoints that no finger can move."""
+LEAST_CUT = 0.006
+"""Keypoints that miss the fit by less than this are never left out, metres."""
+LARGEST_CUT = 0.015
+"""Keypoints that miss it by more always are, metres."""
 
 
 @dataclass(frozen=True)
@@ -26,10 +35,11 @@ class HandMotion:
         initial_wrist: Where the wrist was, X_i0, shape (3,), metres.
         current_wrist: Where it is now, X_c0, shape (3,), metres.
         residual: Root mean square distance in metres between the moved initial keypoints and the
-            current ones: what is not rigid (fingers, noise).
+            current ones: what is not rigid (fingers, noise). Outliers do not count.
         about: "wrist" turns about the wrist, X' = R (X - X_i0) + X_c0. "origin" reads the paper's
             figure by the letter, X' = R X + (X_c0 - X_i0), and turns about the frame's origin,
             which throws a grasp off as soon as R is not the identity (ledger row 19).
+        outliers: Names of the keypoints that the robust form left out.
     """
 
     rotation: Array
@@ -37,6 +47,7 @@ class HandMotion:
     current_wrist: Array
     residual: float
     about: About = "wrist"
+    outliers: tuple[str, ...] = ()
 
     @property
     def translation(self) -> Array:
@@ -76,10 +87,12 @@ class HandMotion:
         return self.current_from_initial @ matrix
 
 
-def best_rotation(initial: Array, current: Array, *, flip: Flip = "v") -> Array:
+def best_rotation(
+    initial: Array, current: Array, *, flip: Flip = "v", weights: Array | None = None
+) -> Array:
     """The rotation that carries one centred point set onto another in the least-squares sense.
 
-    H = initial^T current = U S V^T and R = V U^T. If det R < 0 the best orthogonal matrix is a
+    H = initial^T W current = U S V^T and R = V U^T. If det R < 0 the best orthogonal matrix is a
     mirror; the best rotation has the sign of V's last column flipped first.
 
     Args:
@@ -88,6 +101,7 @@ def best_rotation(initial: Array, current: Array, *, flip: Flip = "v") -> Array:
         flip: "v" flips V's last column before R is formed; "r" flips the last column of R, the
             other reading of the paper's sentence. That is a proper rotation too, but a wrong one
             (ledger row 20).
+        weights: W's diagonal, shape (n,), 0 or more; all 1 if left out.
 
     Returns:
         Proper rotation, shape (3, 3).
@@ -96,7 +110,8 @@ def best_rotation(initial: Array, current: Array, *, flip: Flip = "v") -> Array:
         ValueError: The points lie on one line or in one place, so that the rotation about that
             line is not determined.
     """
-    u, s, vt = np.linalg.svd(initial.T @ current)
+    weighted = initial if weights is None else initial * weights[:, None]
+    u, s, vt = np.linalg.svd(weighted.T @ current)
     # s holds products of spreads (square metres): s[1] vanishes when either set is a line
     if not s[1] > 1e-9 * s[0]:
         raise ValueError(
@@ -115,7 +130,13 @@ def best_rotation(initial: Array, current: Array, *, flip: Flip = "v") -> Array:
 
 
 def hand_motion(
-    initial: Array, current: Array, *, about: About = "wrist", flip: Flip = "v"
+    initial: Array,
+    current: Array,
+    *,
+    about: About = "wrist",
+    flip: Flip = "v",
+    weights: Array | None = None,
+    robust: bool = False,
 ) -> HandMotion:
     """Rigid motion of the hand from its keypoints at two moments.
 
@@ -124,15 +145,102 @@ def hand_motion(
         current: Keypoints now, the same frame.
         about: How points are moved, see `HandMotion`.
         flip: What is flipped where the fit is a mirror, see `best_rotation`.
+        weights: How much each keypoint counts, shape (21,), 0 or more; see `finger_weights`. All
+            alike if left out, as in the paper.
+        robust: False: the paper's. True: the largest group of keypoints that moves as one body is
+            looked for, and the others are left out and named. The fit turns about the group's
+            middle, so that an error of the wrist's keypoint does not shift everything;
+            `current_wrist` is then where the fit puts the wrist.
 
     Returns:
         The motion; its residual says how far from rigid the hand was.
 
     Raises:
-        ValueError: Keypoints of another shape or with NaN; or all on one line or in one place.
+        ValueError: Keypoints of another shape or with NaN; all on one line or in one place; or
+            weights that are not 21 finite numbers, 0 or more, at least three of them above 0.
     """
     before, now = check_keypoints(initial), check_keypoints(current)
-    rotation = best_rotation(before - before[0], now - now[0], flip=flip)
-    misfit = (before - before[0]) @ rotation.T + now[0] - now
-    residual = float(np.sqrt((misfit**2).sum(axis=1).mean()))
+    count = np.ones(len(before)) if weights is None else _checked_weights(weights, len(before))
+    if robust:
+        return _robust_motion(before, now, count, about, flip)
+    rotation = best_rotation(before - before[0], now - now[0], flip=flip, weights=count)
+    misfit = (((before - before[0]) @ rotation.T + now[0] - now) ** 2).sum(axis=1)
+    residual = float(np.sqrt(np.average(misfit, weights=count)))
     return HandMotion(rotation, before[0], now[0], residual, about)
+
+
+def finger_weights(**fingers: float) -> Array:
+    """Weights of the 21 keypoints: 1 for the wrist, and one number for each finger.
+
+    Args:
+        **fingers: By name, such as ``index=0.2``; fingers that are not named have 1. The root of a
+            finger belongs to the palm and keeps 1.
+
+    Returns:
+        Shape (21,).
+
+    Raises:
+        ValueError: There is no such finger.
+    """
+    weights = np.ones(len(KEYPOINT_NAMES))
+    for name, value in fingers.items():
+        if name not in FINGERS:
+            raise ValueError(f"fingers must be among {list(FINGERS)}, got {name!r}")
+        weights[list(FINGERS[name][1:])] = value
+    return weights
+
+
+def _robust_motion(
+    before: Array, now: Array, weights: Array, about: About, flip: Flip
+) -> HandMotion:
+    """The better of two fits: one begun from the palm, one from all keypoints.
+
+    The better one misses less, where no keypoint counts for more than `LARGEST_CUT`.
+    """
+    palm = np.zeros(len(before))
+    palm[list(PALM)] = weights[list(PALM)]
+    fits = []
+    for start in (palm, weights):
+        if np.count_nonzero(start) >= 3:
+            fits.append(_trimmed(before, now, start, weights, flip))
+    rotation, shift, inlier, miss = min(
+        fits, key=lambda fit: float(weights @ np.minimum(fit[3], LARGEST_CUT) ** 2)
+    )
+    kept = weights * inlier
+    residual = float(np.sqrt(np.average(miss**2, weights=kept)))
+    outliers = tuple(KEYPOINT_NAMES[i] for i in np.flatnonzero(~inlier))
+    wrist = rotation @ before[0] + shift
+    return HandMotion(rotation, before[0], wrist, residual, about, outliers)
+
+
+def _trimmed(
+    before: Array, now: Array, start: Array, weights: Array, flip: Flip, rounds: int = 12
+) -> tuple[Array, Array, NDArray[np.bool_], Array]:
+    """Fit, leave out what misses by more than three spreads, and again until nothing changes.
+
+    Returns:
+        Rotation (3, 3), translation (3,), which keypoints are kept (n,), misses (n,) in metres.
+    """
+    used = start
+    for _ in range(rounds):
+        share = used / used.sum()
+        first, then = share @ before, share @ now
+        rotation = best_rotation(before - first, now - then, flip=flip, weights=share)
+        shift = then - rotation @ first
+        miss = np.linalg.norm(before @ rotation.T + shift - now, axis=1)
+        spread = 1.4826 * float(np.median(miss[used > 0]))
+        inlier: NDArray[np.bool_] = miss <= np.clip(3 * spread, LEAST_CUT, LARGEST_CUT)
+        following = weights * inlier
+        if np.count_nonzero(following) < 4 or np.array_equal(following, used):
+            break
+        used = following
+    return rotation, shift, inlier, miss
+
+
+def _checked_weights(weights: Array, n: int) -> Array:
+    values = np.asarray(weights, dtype=np.float64)
+    if values.shape != (n,) or not np.isfinite(values).all() or (values < 0).any():
+        raise ValueError(f"weights must be {n} finite numbers, 0 or more, got {values}")
+    if np.count_nonzero(values) < 3:
+        raise ValueError(f"at least 3 weights must be above 0, got {np.count_nonzero(values)}")
+    return values

@@ -1,293 +1,382 @@
 """The three stages of the handover as a state machine that anyone can read and replay.
 
 Wait & Observe chooses a grasp from restored points. Approach & React goes to the pre-grasp and
-follows the hand. Grasp & Retrieve closes in without looking, as in the paper. Anything that must
-not go on ends in Stopped, with a reason. The logic knows a robot and observations, nothing else.
+follows the hand. Grasp & Retrieve closes in, takes the object and pulls it back. Whatever must not
+go on ends in Stopped with a reason; once the cause is gone it starts again, and after too many
+stops or too long a time the arm goes home. The logic knows a robot and observations, nothing else.
 """
 
-from collections.abc import Callable
+from __future__ import annotations
+
 from dataclasses import dataclass, field
-from enum import Enum
-from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
-from hadr.camera import transform_points
-from hadr.hand import check_keypoints
-from hadr.handover.collision import hand_distance
-from hadr.handover.grasps import FinalMove, final_travel, forward_of
+from hadr.handover import safety
+from hadr.handover.choosing import Choosing
+from hadr.handover.grasps import final_travel, forward_of
+from hadr.handover.guarded_arm import GuardedArm, HaltError, Recovery
+from hadr.handover.observation import HandWatch, Observation, number
+from hadr.handover.pacing import pose_distance
+from hadr.handover.retrieval import Retrieval
 from hadr.handover.robot import Robot
+from hadr.handover.stages import (
+    ChooseGrasp,
+    ChosenGrasp,
+    FollowHand,
+    HandoverConfig,
+    Stage,
+    Transition,
+)
 from hadr.handover.tracking import HandMotion, hand_motion
-from hadr.handover.ur5 import Array, UnreachableError, check_pose
+from hadr.handover.ur5 import UnreachableError, check_pose
 
+__all__ = [
+    "ChooseGrasp",
+    "ChosenGrasp",
+    "Handover",
+    "HandoverConfig",
+    "Observation",
+    "Stage",
+    "Transition",
+    "pose_distance",
+]
 
-class Stage(Enum):
-    """Where a handover stands; the value is the name that people read."""
-
-    WAIT_AND_OBSERVE = "Wait & Observe"
-    APPROACH_AND_REACT = "Approach & React"
-    GRASP_AND_RETRIEVE = "Grasp & Retrieve"
-    FINISHED = "Finished"
-    STOPPED = "Stopped"
-
-
-class Transition(NamedTuple):
-    """One change of stage: when (seconds), from, to, and why in words."""
-
-    time: float
-    before: Stage
-    after: Stage
-    reason: str
-
-
-@dataclass(frozen=True)
-class Observation:
-    """What perception says at one moment.
-
-    Attributes:
-        time: Seconds.
-        keypoints: Hand in the camera frame, shape (21, 3), metres; None where no hand was found.
-        object_points: Restored points of the object in the camera frame, shape (n, 3), metres;
-            None where there are none.
-    """
-
-    time: float
-    keypoints: Array | None = None
-    object_points: Array | None = None
-
-
-@dataclass(frozen=True)
-class ChosenGrasp:
-    """The grasp to go for, in the base frame: tool pose (4, 4), opening in metres, final score."""
-
-    pose: Array
-    width: float
-    score: float
-
-
-ChooseGrasp = Callable[[Array, Array, Robot], ChosenGrasp | None]
-"""From object points (n, 3) and keypoints (21, 3), both in the base frame, and the robot."""
-
-
-@dataclass(frozen=True)
-class HandoverConfig:
-    """Distances, times and limits of the workflow; metres, radians, seconds.
-
-    Attributes:
-        back: Pre-grasp's distance behind the grasp (the paper's 10 cm).
-        forward: The final move's 5 cm.
-        final_move: From where those 5 cm count (ledger row 21).
-        arrive_distance: The tool is at the pre-grasp within this distance ...
-        arrive_angle: ... and this angle ...
-        settle_time: ... for this long.
-        largest_drift: The pre-grasp may move by no more than this in the settle time, so that the
-            open-loop move starts from a calm hand. Infinity: the paper, which does not ask for it.
-        hand_lost_after: Without a hand for this long, stop.
-        largest_residual: A hand that differs from a rigid motion by more is holding differently.
-        smallest_hand_distance: Free space between open gripper and skin before the final move.
-        approach_timeout: Longest second stage.
-        grasp_timeout: Longest third stage.
-        advance_speed: Speed of the open-loop moves.
-        retreat: How far back the object is pulled before it is carried off.
-        squeeze: How much closer than the object's width the fingers are told to close.
-    """
-
-    back: float = 0.10
-    forward: float = 0.05
-    final_move: FinalMove = "past_grasp"
-    arrive_distance: float = 0.01
-    arrive_angle: float = float(np.deg2rad(5.0))
-    settle_time: float = 0.2
-    largest_drift: float = 0.005
-    hand_lost_after: float = 0.3
-    largest_residual: float = 0.02
-    smallest_hand_distance: float = 0.005
-    approach_timeout: float = 13.0
-    grasp_timeout: float = 13.0
-    advance_speed: float = 0.10
-    retreat: float = 0.15
-    squeeze: float = 0.02
+Array = npt.NDArray[np.float64]
+CLOCK_JUMP = 1.0
+"""An observation's time this much later than the one before, seconds, is not believed."""
+FAR_FROM_GOAL = 0.02
+"""The final move waits for a tool that is farther behind than this, metres."""
 
 
 @dataclass
 class Handover:
-    """One handover in progress. Call `step` with each observation, at a steady rate.
+    """One handover in progress. Call `step` at a steady rate with the newest observation.
 
     Attributes:
         robot: The arm.
         choose_grasp: Chooses among candidates; see `hadr.handover.selection`.
         base_from_camera: The camera's calibration, shape (4, 4), metres.
         config: Settings.
+        follow: How the hand is followed; see `hadr.handover.tracking`.
         stage: Where it stands.
+        part: Which part of the stage: advance, close, let go, retreat; still, open, back, clear.
         transitions: Every change of stage with its reason, oldest first.
+        caution: Why the robot is slower than it could be or waits; empty where it is not.
+        tries: How often it was stopped.
+        time: Its clock, seconds: the observations' time as far as that runs forward.
         target: Tool pose that the robot is sent to, shape (4, 4); None before a grasp is chosen.
         motion: The hand's motion since the grasp was chosen; None before.
+        grasp: The grasp that was chosen, where the object was then; None before.
     """
 
     robot: Robot
     choose_grasp: ChooseGrasp
     base_from_camera: Array
     config: HandoverConfig = field(default_factory=HandoverConfig)
+    follow: FollowHand = hand_motion
     stage: Stage = field(default=Stage.WAIT_AND_OBSERVE, init=False)
+    part: str = field(default="", init=False)
     transitions: list[Transition] = field(default_factory=list, init=False)
+    caution: str = field(default="", init=False)
+    tries: int = field(default=0, init=False)
+    time: float = field(default=float("nan"), init=False)
     target: Array | None = field(default=None, init=False)
     motion: HandMotion | None = field(default=None, init=False)
     grasp: ChosenGrasp | None = field(default=None, init=False)
-    part: str = field(default="", init=False)
-    _initial_keypoints: Array | None = field(default=None, init=False)
-    _hand_seen: float = field(default=0.0, init=False)
+    _first_seen: float = field(default=float("inf"), init=False)
+    _chosen_hand: Array = field(init=False)
+    _away: Array = field(init=False)
     _arrived: tuple[float, Array] | None = field(default=None, init=False)
+    _there_since: float | None = field(default=None, init=False)
+    _looked_again: bool = field(default=False, init=False)
     _entered: float = field(default=0.0, init=False)
     _travelled: float = field(default=0.0, init=False)
 
     def __post_init__(self) -> None:
         check_pose(self.base_from_camera, "base_from_camera")
+        self.watch = HandWatch(self.base_from_camera, self.config.safety)
+        self.arm = GuardedArm(self.robot, self.config)
+        self.choosing = Choosing(self.choose_grasp, self.watch, self.config)
+        self.recovery, self.retrieval = Recovery(self.arm), Retrieval(self.arm)
 
     @property
     def over(self) -> bool:
-        """True once the handover has finished or stopped."""
-        return self.stage in (Stage.FINISHED, Stage.STOPPED)
+        """True once the handover has finished, or was given up and the arm stands."""
+        return self.stage in (Stage.FINISHED, Stage.GAVE_UP)
 
     def step(self, observation: Observation, dt: float) -> Stage:
         """Look once and move for dt seconds.
 
         Args:
-            observation: What perception says now.
-            dt: Time until the next call, seconds.
+            observation: What perception says now; it may be of the same picture as the one before.
+            dt: Time until the next call, seconds, more than 0 and at most 0.1.
 
         Returns:
             The stage after this step. Nothing raises on bad observations: they stop the robot.
+
+        Raises:
+            ValueError: dt is out of range.
         """
+        if not 0 < dt <= 0.1:
+            raise ValueError(f"dt must be more than 0 and at most 0.1 seconds, got {dt}")
         if self.over:
             return self.stage
-        now = observation.time
+        self._tick(number(observation.time), dt)
+        new = self.watch.look(observation, self.time)
+        if self.watch.keypoints is not None:
+            self._first_seen = min(self._first_seen, self.time)
+        self.arm.read()
+        self.caution = ""
         try:
-            keypoints = self._hand(observation)
-            if self.stage is Stage.WAIT_AND_OBSERVE:
-                self._wait_and_observe(now, keypoints, observation, dt)
-            elif self.stage is Stage.APPROACH_AND_REACT:
-                self._approach_and_react(now, keypoints, dt)
-            else:
-                self._grasp_and_retrieve(now, dt)
-        except (UnreachableError, ValueError) as error:
-            self._stop(now, str(error))
+            self._act(observation, new, dt)
+        except HaltError as halt:
+            self._stop(str(halt), back=halt.back)
+        except (UnreachableError, ValueError, np.linalg.LinAlgError) as error:
+            self._stop(str(error))
         return self.stage
 
-    def _hand(self, observation: Observation) -> Array | None:
-        """Keypoints in the base frame, or None; refuses a hand with NaN in it."""
-        if observation.keypoints is None:
-            return None
-        keypoints = check_keypoints(observation.keypoints)
-        self._hand_seen = observation.time
-        in_base: Array = transform_points(self.base_from_camera, keypoints)
-        return in_base
+    def _tick(self, time: float, dt: float) -> None:
+        if np.isnan(self.time):
+            self.time = time if np.isfinite(time) else 0.0
+        elif self.time < time <= self.time + CLOCK_JUMP:
+            self.time = time
+        else:
+            self.time += dt
 
-    def _wait_and_observe(
-        self, now: float, keypoints: Array | None, observation: Observation, dt: float
-    ) -> None:
-        self.robot.servo_to(self.robot.tool_pose(), dt)
-        if keypoints is None or observation.object_points is None:
-            return
-        points = transform_points(self.base_from_camera, observation.object_points)
-        chosen = self.choose_grasp(points, keypoints, self.robot)
-        if chosen is None:
-            return
-        self.grasp, self._initial_keypoints, self._arrived = chosen, keypoints, None
-        self.robot.set_gripper(chosen.width)
-        self._enter(Stage.APPROACH_AND_REACT, now, f"chose a grasp with score {chosen.score:.2f}")
-
-    def _approach_and_react(self, now: float, keypoints: Array | None, dt: float) -> None:
-        assert self.grasp is not None  # set before this stage is entered
-        assert self._initial_keypoints is not None
-        c = self.config
-        if now - self._entered > c.approach_timeout:
-            self._stop(now, f"pre-grasp not reached within {c.approach_timeout:.1f} s")
-            return
-        if keypoints is None:
-            if now - self._hand_seen >= c.hand_lost_after - 1e-9:
-                self._stop(now, f"no hand seen for {now - self._hand_seen:.2f} s")
+    def _act(self, observation: Observation, new: bool, dt: float) -> None:
+        c, halted = self.config, self.arm.reading.protective_stop
+        if halted and not (self.stage is Stage.STOPPED and self.part == "still"):
+            raise HaltError(f"protective stop: {halted}", back=True)
+        if self.stage is Stage.GOING_HOME:
+            self._go_home(dt)
+        elif (
+            self.stage is not Stage.GRASP_AND_RETRIEVE and self.time - self._first_seen > c.patience
+        ):
+            self._leave(f"no handover within {c.patience:.0f} s", observation)
+        elif self.stage is Stage.STOPPED:
+            self._recover(observation, dt)
+        elif self.stage is Stage.WAIT_AND_OBSERVE:
+            self._wait_and_observe(observation, new, dt)
+        else:
+            self.arm.check_joints()
+            if self.stage is Stage.APPROACH_AND_REACT:
+                self._approach_and_react(observation, new, dt)
             else:
-                self.robot.servo_to(self.robot.tool_pose(), dt)
+                self._grasp_and_retrieve(new, dt)
+            self.caution = self.caution or self.arm.caution
+
+    # Wait & Observe
+
+    def _wait_and_observe(self, observation: Observation, new: bool, dt: float) -> None:
+        c, choosing = self.config, self.choosing
+        self.arm.hold(dt)
+        chosen = None
+        if choosing.ready(observation, self.time, new=new):
+            chosen = choosing.search(observation, self.time, self.robot)
+        self.caution = choosing.caution
+        if chosen is None or self.watch.keypoints is None:
             return
-        self.motion = hand_motion(self._initial_keypoints, keypoints)
-        if self.motion.residual > c.largest_residual:
-            self._enter(
-                Stage.WAIT_AND_OBSERVE,
-                now,
-                f"the holding pose changed: keypoints {1000 * self.motion.residual:.0f} mm from "
-                "a rigid motion",
-            )
+        way = self.arm.ahead(forward_of(chosen.pose, -c.back), within=np.inf)
+        free = safety.path_distance(way, chosen.width, self.watch.keypoints)
+        if free < c.safety.approach_distance:
+            self.caution = f"the hand is {1000 * free:.0f} mm from the way to the grasp"
             return
-        self.target = self.motion.move_pose(forward_of(self.grasp.pose, -c.back))
-        self.robot.servo_to(self.target, dt)
-        tool = self.robot.tool_pose()
-        free = hand_distance(tool, self.robot.gripper_width(), keypoints)
-        if free < c.smallest_hand_distance:
-            self._stop(now, f"gripper {1000 * free:.0f} mm from the hand during the approach")
+        self._take(chosen)
+        self._looked_again = False
+        self._enter(Stage.APPROACH_AND_REACT, f"chose a grasp with score {chosen.score:.2f}")
+
+    def _take(self, chosen: ChosenGrasp) -> None:
+        hand = self.watch.keypoints
+        assert hand is not None
+        self.grasp, self._chosen_hand, self.motion = chosen, hand, None
+        self.target = forward_of(chosen.pose, -self.config.back)
+        way = self.watch.middle - self.arm.reading.tool[:3, 3]
+        self._away = way / max(float(np.linalg.norm(way)), 1e-9)
+        self._arrived = self._there_since = None
+        self.robot.set_gripper(chosen.width)
+
+    # Approach & React
+
+    def _approach_and_react(self, observation: Observation, new: bool, dt: float) -> None:
+        c, now = self.config, self.time
+        if now - self._entered > c.approach_timeout:
+            raise HaltError(f"pre-grasp not reached within {c.approach_timeout:.1f} s")
+        if not self._see(new, dt):
             return
-        distance, angle = pose_distance(tool, self.target)
+        assert self.target is not None  # set before this stage is entered
+        path = self.arm.ahead(self.target)
+        least = c.safety.approach_distance
+        factor = self.arm.allowed(path, self.watch, least, c.approach_speed)
+        self.arm.go(self.target, c.approach_speed, dt, factor=factor)
+        distance, angle = pose_distance(self.arm.reading.tool, self.target)
         if distance > c.arrive_distance or angle > c.arrive_angle:
-            self._arrived = None
+            self._arrived = self._there_since = None
             return
+        self._there_since = now if self._there_since is None else self._there_since
+        restless = now - self._there_since >= c.restless_after
         if (
             self._arrived is None
             or pose_distance(self._arrived[1], self.target)[0] > c.largest_drift
         ):
             self._arrived = (now, self.target)
-        if now - self._arrived[0] >= c.settle_time - 1e-9:
-            reason = (
-                f"at the pre-grasp within {1000 * distance:.1f} mm, {np.rad2deg(angle):.1f} deg"
-            )
-            self.part, self._travelled = "advance", 0.0
-            self._enter(Stage.GRASP_AND_RETRIEVE, now, reason)
+        if now - self._arrived[0] < c.settle_time - 1e-9 and not restless:
+            return
+        if c.look_again and not self._looked_again and not self._look_again(observation, new):
+            return
+        self.part, self._travelled = "advance", 0.0
+        reason = f"at the pre-grasp within {1000 * distance:.1f} mm, {np.rad2deg(angle):.1f} deg"
+        self._enter(Stage.GRASP_AND_RETRIEVE, reason + (", the hand not calm" if restless else ""))
 
-    def _grasp_and_retrieve(self, now: float, dt: float) -> None:
+    def _see(self, new: bool, dt: float) -> bool:
+        """Renew the target from the hand; hold and say False where there is none now."""
+        c, watch = self.config, self.watch
+        trouble = watch.trouble(self.time)
+        if trouble:
+            raise HaltError(trouble)
+        if watch.keypoints is None:
+            self.caution = watch.problem
+            self.arm.hold(dt)
+            return False
+        assert self.grasp is not None  # set before these stages are entered
+        moved = watch.middle - self._chosen_hand.mean(axis=0)
+        leaving = safety.withdrawal(moved, watch.velocity(0.15), self._away, c.safety)
+        if leaving:
+            raise HaltError(leaving, back=True)
+        follows = c.tracking and (c.final_tracking or self.stage is Stage.APPROACH_AND_REACT)
+        if not (new and follows):
+            return True
+        self.motion = self.follow(self._chosen_hand, watch.keypoints)
+        if self.motion.residual > c.safety.largest_residual:
+            off = f"keypoints {1000 * self.motion.residual:.0f} mm from a rigid motion"
+            if self.stage is Stage.GRASP_AND_RETRIEVE:
+                raise HaltError(f"the holding pose changed: {off}", back=True)
+            self._observe_again(f"the holding pose changed: {off}")
+            self.arm.hold(dt)
+            return False
+        self.target = self.motion.move_pose(forward_of(self.grasp.pose, -c.back))
+        self.arm.check_target(self.target)
+        return True
+
+    def _look_again(self, observation: Observation, new: bool) -> bool:
+        """Take a newer picture's grasp if it is nearly the same; False: no picture yet."""
+        c = self.config
+        waited = self._there_since is not None and self.time - self._there_since > 1.0
+        if not new or self.choosing.obstacle(observation, self.time):
+            self._looked_again = waited
+            return waited
+        self._looked_again = True
+        chosen = self.choosing.search(observation, self.time, self.robot)
+        assert self.target is not None
+        if chosen is None:
+            return True
+        way, angle = pose_distance(forward_of(chosen.pose, -c.back), self.target)
+        if way > c.refresh_distance or angle > c.refresh_angle:
+            return True
+        self._take(chosen)
+        return False
+
+    # Grasp & Retrieve
+
+    def _grasp_and_retrieve(self, new: bool, dt: float) -> None:
+        c, now = self.config, self.time
         assert self.grasp is not None  # set before this stage is entered
         assert self.target is not None
-        c = self.config
         if now - self._entered > c.grasp_timeout:
-            self._stop(now, f"grasp not finished within {c.grasp_timeout:.1f} s")
+            raise HaltError(f"grasp not finished within {c.grasp_timeout:.1f} s", back=True)
+        goal = final_travel(c.final_move, back=c.back, forward=c.forward)
+        if self.part != "advance":
+            pulled_back = self.retrieval.step(now, dt)
+            self.part = self.retrieval.part
+            if pulled_back:
+                reason = "object pulled back to where it can be carried off, still held"
+                self._enter(Stage.FINISHED, reason)
             return
-        if self.part == "advance":
-            goal = final_travel(c.final_move, back=c.back, forward=c.forward)
-            self._travelled = min(goal, self._travelled + c.advance_speed * dt)
-            self.robot.servo_to(forward_of(self.target, self._travelled), dt)
-            if self._travelled >= goal:
-                self.part = "close"
-                self.target = forward_of(self.target, goal)
-                self.robot.set_gripper(max(0.0, self.grasp.width - c.squeeze))
-        elif self.part == "close":
-            width = self.robot.gripper_width()
-            self.robot.servo_to(self.target, dt)
-            if abs(self.robot.gripper_width() - width) < 1e-9:
-                self.part, self._travelled = "retreat", 0.0
-        else:
-            self._travelled = min(c.retreat, self._travelled + c.advance_speed * dt)
-            self.robot.servo_to(forward_of(self.target, -self._travelled), dt)
-            if self._travelled >= c.retreat:
-                self._enter(
-                    Stage.FINISHED, now, "object pulled back to where it can be carried off"
-                )
+        if not self._see(new, dt):
+            return
+        goal = final_travel(c.final_move, back=c.back, forward=c.forward)
+        path = [forward_of(self.target, s) for s in np.linspace(self._travelled, goal, 4)]
+        path.append(self.arm.reading.tool)
+        least = c.safety.grasp_distance
+        factor = self.arm.allowed(path, self.watch, least, c.advance_speed)
+        here = forward_of(self.target, self._travelled)
+        if pose_distance(self.arm.reading.tool, here)[0] < FAR_FROM_GOAL:
+            self._travelled = min(goal, self._travelled + factor * c.advance_speed * dt)
+        here = forward_of(self.target, self._travelled)
+        self.arm.go(here, 2 * c.advance_speed, dt, factor=factor)
+        near = pose_distance(self.arm.reading.tool, here)[0] < c.arrive_distance
+        if self._travelled >= goal and near:
+            self.target = here
+            self.retrieval.begin(now, here, self.grasp.width)
+            self.part = self.retrieval.part
 
-    def _enter(self, stage: Stage, now: float, reason: str) -> None:
-        self.transitions.append(Transition(now, self.stage, stage, reason))
-        self.stage, self._entered = stage, now
+    # Stopped and home
 
-    def _stop(self, now: float, reason: str) -> None:
-        self.robot.stop()
-        self._enter(Stage.STOPPED, now, reason)
+    def _stop(self, reason: str, *, back: bool = False) -> None:
+        c = self.config
+        if self.stage is Stage.GOING_HOME:
+            self.arm.stop()
+            self._enter(Stage.GAVE_UP, f"stands where it is: {reason}")
+            return
+        if self.stage is Stage.STOPPED and self.part == "back" and not back:
+            self.recovery.stay(self.time)  # no way back: stand
+            return
+        self.tries += 1
+        distance = c.back_off
+        if self.stage is Stage.GRASP_AND_RETRIEVE:  # beside the object: out as it came in
+            back, distance = True, max(distance, self._travelled)
+        opening = None if self.grasp is None else self.grasp.width
+        self.recovery.begin(
+            self.time, back=distance if back else 0.0, opening=opening if back else None
+        )
+        self._enter(Stage.STOPPED, reason)
+        self.part = self.recovery.part
 
+    def _recover(self, observation: Observation, dt: float) -> None:
+        watch, c = self.watch, self.config
+        trouble = watch.trouble(self.time) or watch.problem
+        if not trouble and watch.keypoints is not None:
+            free = safety.path_distance(
+                [self.arm.reading.tool], self.arm.reading.width, watch.keypoints
+            )
+            if free < c.safety.approach_distance:
+                trouble = f"hand {1000 * free:.0f} mm from the gripper"
+        self.caution = trouble
+        clear = self.recovery.step(self.time, dt, trouble)
+        self.part = self.recovery.part
+        if clear and self.tries >= c.tries:
+            self._leave(f"stopped {self.tries} times", observation)
+        elif clear:
+            self.arm.release()
+            self._observe_again("the cause of the stop is gone")
 
-def pose_distance(first: Array, second: Array) -> tuple[float, float]:
-    """How far two poses are apart.
+    def _observe_again(self, reason: str) -> None:
+        self.choosing.start()
+        self.part = ""
+        self._enter(Stage.WAIT_AND_OBSERVE, reason)
 
-    Args:
-        first: Shape (4, 4), metres.
-        second: Shape (4, 4), the same frame.
+    def _leave(self, reason: str, observation: Observation) -> None:
+        why = self.choosing.obstacle(observation, self.time)
+        self.arm.release()
+        self.part = ""
+        self._enter(Stage.GOING_HOME, reason + (f"; {why}" if why else ""))
 
-    Returns:
-        Distance of the origins in metres, and the angle of the rotation between them in radians.
-    """
-    turn = first[:3, :3].T @ second[:3, :3]
-    angle = float(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1.0, 1.0)))
-    return float(np.linalg.norm(first[:3, 3] - second[:3, 3])), angle
+    def _go_home(self, dt: float) -> None:
+        c, home = self.config, self.arm.home
+        distance, angle = pose_distance(self.arm.reading.tool, home)
+        if distance < c.arrive_distance and angle < c.arrive_angle:
+            self.arm.stop()
+            self._enter(Stage.GAVE_UP, "at home without the object")
+            return
+        if self.time - self._entered > c.home_timeout:
+            raise HaltError(f"home not reached within {c.home_timeout:.0f} s")
+        factor = 0.5
+        if self.watch.keypoints is not None:
+            path = self.arm.ahead(home)
+            factor = self.arm.allowed(path, self.watch, 0.0, c.approach_speed)
+        self.arm.go(home, c.approach_speed, dt, factor=factor)
+
+    def _enter(self, stage: Stage, reason: str) -> None:
+        self.transitions.append(Transition(self.time, self.stage, stage, reason))
+        self.stage, self._entered = stage, self.time

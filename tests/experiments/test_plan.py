@@ -40,6 +40,13 @@ def test_a_plan_takes_whole_methods():
     assert plan(["known/raw"], seeds=(1, 2)) == [Run("known", "raw", 0)]
 
 
+def test_a_row_of_the_ablation_is_the_run_behind_it():
+    assert [run.name for run in plan(["ablation/full"])] == ["known/hadr/seed-0"]
+    assert [run.name for run in plan(["full"])] == ["known/hadr/seed-0"]
+    assert [run.name for run in plan(["ablation/no-hand"])] == ["known/no-hand/seed-0"]
+    assert plan(["Ablation"]) == plan(["ablation"])
+
+
 def test_a_wish_that_fits_nothing_is_told():
     with pytest.raises(ValueError, match="no run fits 'known/lidf2'"):
         plan(["known/lidf2"])

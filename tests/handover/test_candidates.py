@@ -86,7 +86,7 @@ def test_hand_distance_by_hand() -> None:
     # a hand shrunk to one point (nearly) 10 cm in front of the right fingertip
     keypoints = np.tile([0.035, 0.0, 0.10], (21, 1))
     free = hand_distance(np.eye(4), 0.06, keypoints)
-    assert free == pytest.approx(0.10 - 0.010 - 0.005)
+    assert free == pytest.approx(0.10 - 0.010)
 
 
 def test_free_of_object_wants_the_object_between_the_fingers() -> None:
@@ -111,7 +111,7 @@ def test_selection_faces_the_human_and_keeps_off_the_hand() -> None:
     choose = GraspSelection(np.random.default_rng(0), camera[:3, 3])
     chosen = choose(points, scene.keypoints, robot)
     assert chosen is not None
-    assert chosen.pose[0, 2] > 0.5  # approaches forward, to the human
+    assert chosen.pose[0, 2] > 0.4  # approaches forward, to the human
     assert robot.reachable(chosen.pose)
     assert hand_distance(chosen.pose, chosen.width, scene.keypoints) > 0.02
 

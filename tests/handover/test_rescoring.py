@@ -7,7 +7,14 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from hadr.handover.grasps import Grasps
-from hadr.handover.rescoring import Directions, Weights, intended_score, literal_score, rescore
+from hadr.handover.rescoring import (
+    Directions,
+    Weights,
+    intended_score,
+    literal_at_best_turn,
+    literal_score,
+    rescore,
+)
 
 BASE = Directions(np.array([1.0, 0, 0]), np.array([0.0, 0, -1.0]), "base")
 QUARTER_Z = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
@@ -94,3 +101,34 @@ def test_mixed_frames_and_bad_directions_are_refused() -> None:
         Directions(np.zeros(3))
     with pytest.raises(ValueError, match="form must be"):
         rescore(one_grasp(np.eye(3)), BASE, form="other")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("axes", ["paper", "graspnet"])
+def test_best_turn_is_the_best_of_many_turns(axes):
+    rng = np.random.default_rng(3)
+    approach = rng.normal(size=(20, 3))
+    approach /= np.linalg.norm(approach, axis=1, keepdims=True)
+    directions = Directions(rng.normal(size=3), rng.normal(size=3))
+    weights = Weights(1.0, 0.7, 0.3)
+    found = literal_at_best_turn(approach, directions, axes=axes, weights=weights)
+    for a, best in zip(approach, found, strict=True):
+        side = np.cross(a, [0.3, -0.2, 0.9])
+        side /= np.linalg.norm(side)
+        turn = np.radians(np.arange(0, 360, 0.5))[:, None]
+        closing = np.cos(turn) * side + np.sin(turn) * np.cross(a, side)
+        front = np.broadcast_to(a, closing.shape)
+        columns = [front, closing, np.cross(front, closing)]  # graspnetAPI: approach first
+        if axes == "paper":
+            columns = columns[1:] + columns[:1]
+        rotations = np.stack(columns, axis=-1)
+        tried = literal_score(np.zeros(len(turn)), rotations, directions, weights)
+        assert best == pytest.approx(tried.max(), abs=1e-4)
+        assert best >= tried.max() - 1e-9
+
+
+def test_best_turn_at_the_frames_own_axis_reaches_the_whole_weight():
+    directions = Directions(np.array([0.6, 0.0, 0.8]), np.array([0.0, 1.0, 0.0]))
+    at_z = literal_at_best_turn(np.array([[0.0, 0.0, 1.0]]), directions)
+    assert at_z == pytest.approx([0.6])
+    at_x = literal_at_best_turn(np.array([[1.0, 0.0, 0.0]]), directions, axes="graspnet")
+    assert at_x == pytest.approx([0.6])

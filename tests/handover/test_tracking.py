@@ -6,7 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from hadr.handover.tracking import best_rotation, hand_motion
+from hadr.hand import FINGERS, KEYPOINT_NAMES, forward_kinematics, keypoints_from_skeleton
+from hadr.handover.tracking import best_rotation, finger_weights, hand_motion
 
 HAND = np.random.default_rng(7).normal(size=(21, 3)) * 0.05 + [0.1, -0.05, 0.7]
 
@@ -106,3 +107,88 @@ def test_bad_keypoints_are_named() -> None:
         hand_motion(HAND, broken)
     with pytest.raises(ValueError, match="finite"):
         hand_motion(HAND, HAND).move_pose(np.eye(3))
+
+
+def moved_hand(bent: tuple[str, ...], seed: int = 3) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A hand, the same moved rigidly with some fingers bent by 50 degrees, and the true motion."""
+    angles = np.zeros(20)
+    before = keypoints_from_skeleton(forward_kinematics(angles).joints)
+    for finger in bent:
+        first = 4 * list(FINGERS).index(finger)
+        angles[first + 1 : first + 4] = np.deg2rad(50)
+    bent_hand = keypoints_from_skeleton(forward_kinematics(angles).joints)
+    transform = np.eye(4)
+    transform[:3, :3] = Rotation.random(rng=np.random.default_rng(seed)).as_matrix()
+    transform[:3, 3] = [0.03, -0.02, 0.05]
+    return before, bent_hand @ transform[:3, :3].T + transform[:3, 3], transform
+
+
+def turned_by(found: np.ndarray, true: np.ndarray) -> float:
+    """Angle between two rotations, degrees."""
+    return float(np.rad2deg(Rotation.from_matrix(found.T @ true).magnitude()))
+
+
+@pytest.mark.parametrize("bent", [("index",), ("index", "little"), tuple(FINGERS)[1:]])
+def test_robust_form_is_exact_where_fingers_move_and_the_paper_s_is_not(
+    bent: tuple[str, ...],
+) -> None:
+    before, now, true = moved_hand(bent)
+    robust = hand_motion(before, now, robust=True)
+    np.testing.assert_allclose(robust.current_from_initial, true, atol=1e-9)
+    assert robust.residual < 1e-9
+    # each bent finger's joints beyond its root are named, and nothing else
+    expected = {KEYPOINT_NAMES[i] for finger in bent for i in FINGERS[finger][1:]}
+    assert set(robust.outliers) == expected
+    paper = hand_motion(before, now)
+    assert turned_by(paper.rotation, true[:3, :3]) > 2.0
+    assert paper.residual > 0.005
+    assert paper.outliers == ()
+
+
+def test_robust_form_is_not_moved_by_a_wrong_wrist() -> None:
+    before, now, true = moved_hand(())
+    now[0] += [0.0, 0.03, 0.0]
+    robust = hand_motion(before, now, robust=True)
+    np.testing.assert_allclose(robust.current_from_initial, true, atol=1e-9)
+    assert robust.outliers == ("wrist",)
+    np.testing.assert_allclose(robust.current_wrist, (true @ [*before[0], 1])[:3], atol=1e-9)
+
+
+def test_robust_form_keeps_a_hand_with_noise_whole() -> None:
+    before, now, true = moved_hand(())
+    seen = now + np.random.default_rng(0).normal(0, 0.001, now.shape)
+    robust = hand_motion(before, seen, robust=True)
+    assert robust.outliers == ()
+    assert turned_by(robust.rotation, true[:3, :3]) < 0.6
+    assert 0.001 < robust.residual < 0.0025
+
+
+def test_robust_form_gives_a_proper_rotation_for_a_mirrored_hand() -> None:
+    mirrored = HAND * [-1.0, 1.0, 1.0]
+    rotation = hand_motion(HAND, mirrored, robust=True).rotation
+    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(rotation) == pytest.approx(1.0)
+
+
+def test_weights_leave_a_finger_out() -> None:
+    before, now, true = moved_hand(("index",))
+    motion = hand_motion(before, now, weights=finger_weights(index=0.0))
+    np.testing.assert_allclose(motion.current_from_initial, true, atol=1e-9)
+    assert motion.residual < 1e-9
+    weights = finger_weights(index=0.25)
+    assert weights.sum() == pytest.approx(18 + 3 * 0.25)
+    # weighted Kabsch against scipy's, both about the wrist
+    half = hand_motion(before, now, weights=weights)
+    expected = Rotation.align_vectors(now - now[0], before - before[0], weights=weights)[0]
+    np.testing.assert_allclose(half.rotation, expected.as_matrix(), atol=1e-9)
+
+
+def test_bad_weights_are_refused() -> None:
+    with pytest.raises(ValueError, match="21 finite numbers"):
+        hand_motion(HAND, HAND, weights=np.ones(20))
+    with pytest.raises(ValueError, match="0 or more"):
+        hand_motion(HAND, HAND, weights=-np.ones(21))
+    with pytest.raises(ValueError, match="at least 3"):
+        hand_motion(HAND, HAND, weights=np.eye(21)[0])
+    with pytest.raises(ValueError, match="'toe'"):
+        finger_weights(toe=0.0)

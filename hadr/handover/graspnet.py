@@ -1,0 +1,101 @@
+"""A user's own grasp detector in the sampler's place: arrays of graspnetAPI, read and converted.
+
+graspnetAPI's `GraspGroup.save_npy` writes one row of 17 numbers for each grasp, in the camera
+frame and in metres: score, width, height, depth, R (9, row by row; its first column approaches),
+t (3), object_id.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import cKDTree
+
+from hadr.camera import transform_points
+from hadr.handover.grasps import Grasps
+
+Array = NDArray[np.float64]
+Detect = Callable[[Array], ArrayLike]
+"""From the object's points in the camera frame (n, 3), metres, to rows (m, 17)."""
+
+
+def from_graspnet(
+    source: str | Path | ArrayLike, base_from_camera: Array | None = None, *, widest: float = 0.085
+) -> Grasps:
+    """Read a detector's grasps.
+
+    Args:
+        source: A `.npy` file of `GraspGroup.save_npy`, or its array `grasp_group_array`, shape
+            (n, 17). Rows of 16, without object_id, are read with -1 in its place.
+        base_from_camera: The camera's calibration, shape (4, 4), metres; where left out the grasps
+            stay in the camera frame.
+        widest: Grasps that need a wider opening than the gripper has are left out, metres
+            (the network was trained for 100 mm).
+
+    Returns:
+        The grasps, highest score first, in frame "base" or "camera".
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        ValueError: It holds no rows of 17 numbers, or one is no grasp, see `Grasps.from_rows`.
+    """
+    if isinstance(source, str | Path):
+        path = Path(source)
+        try:
+            table = np.load(path, allow_pickle=False)
+        except (ValueError, EOFError) as error:
+            raise ValueError(f"{path} is not an array that numpy.save wrote: {error}") from error
+    else:
+        table = np.asarray(source)
+    if table.ndim == 2 and table.shape[1] == 16:
+        table = np.concatenate([table, -np.ones((len(table), 1))], axis=1)
+    grasps = Grasps.from_rows(table, "camera")
+    if base_from_camera is not None:
+        grasps = grasps.in_frame(np.asarray(base_from_camera, dtype=np.float64), "base")
+    order = np.argsort(-grasps.scores, kind="stable")
+    return grasps.select(order[grasps.widths[order] <= widest])
+
+
+@dataclass(frozen=True)
+class DetectedGrasps:
+    """Gives `GraspSelection` a detector's grasps instead of sampled ones.
+
+        detect = lambda points: network(points).grasp_group_array     # yours, camera frame
+        choose = GraspSelection(rng, eye, source=DetectedGrasps(detect, base_from_camera))
+
+    Attributes:
+        detect: From the object's points in the camera frame, (n, 3) in metres, to rows (m, 17); it
+            may leave the points aside and work on a picture of its own.
+        base_from_camera: The camera's calibration, shape (4, 4), metres.
+        nearest: Grasps whose point is further than this from the object's points belong to
+            something else and are left out: the filter by the object's mask. Metres.
+        widest: Widest opening of the gripper, metres.
+    """
+
+    detect: Detect
+    base_from_camera: Array
+    nearest: float = 0.03
+    widest: float = 0.085
+
+    def __call__(self, points: Array) -> Grasps:
+        """Detect around the object's points.
+
+        Args:
+            points: Shape (n, 3), metres, base frame.
+
+        Returns:
+            The detector's grasps of this object in the base frame, highest score first.
+
+        Raises:
+            ValueError: The detector's rows are no grasps.
+        """
+        camera_from_base = np.linalg.inv(self.base_from_camera)
+        rows = self.detect(transform_points(camera_from_base, points))
+        grasps = from_graspnet(rows, self.base_from_camera, widest=self.widest)
+        # the grasp's point stands before the surface: look at the fingertips too
+        tips = grasps.translations + grasps.depths[:, None] * grasps.axis("approach")
+        tree = cKDTree(points)
+        away = np.minimum(tree.query(grasps.translations)[0], tree.query(tips)[0])
+        return grasps.select(away <= self.nearest)

@@ -1,0 +1,232 @@
+"""The robot as the workflow moves it: at a limited speed, and no nearer to the hand than allowed.
+
+Stages say where to go; here stands how: read the arm once a step, slow down near the hand, hold
+still, stop, back off after a stop, go home.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from hadr.handover import safety
+from hadr.handover.grasps import forward_of
+from hadr.handover.observation import HandWatch
+from hadr.handover.pacing import Pace, between, pose_distance
+from hadr.handover.robot import Robot
+from hadr.handover.stages import HandoverConfig
+
+Array = npt.NDArray[np.float64]
+
+
+class HaltError(Exception):
+    """The robot must stop now: why, and whether the gripper opens and backs off."""
+
+    def __init__(self, reason: str, *, back: bool = False) -> None:
+        super().__init__(reason)
+        self.back = back
+
+
+class Reading(NamedTuple):
+    """What the robot says at the start of a step: tool pose, joints, width, protective stop."""
+
+    tool: Array
+    joints: Array
+    width: float
+    protective_stop: str
+
+
+@dataclass
+class GuardedArm:
+    """A robot with a paced reference.
+
+    Attributes:
+        robot: The arm.
+        config: Settings.
+        reading: What the robot said at the start of this step.
+        home: Where the tool was at the start, shape (4, 4), metres.
+        caution: Why it is slower than it could be; empty where it is not.
+    """
+
+    robot: Robot
+    config: HandoverConfig
+    reading: Reading = field(init=False)
+    home: Array = field(init=False)
+    caution: str = field(default="", init=False)
+    _pace: Pace = field(default_factory=Pace, init=False)
+    _singular: float = field(default=np.inf, init=False)
+
+    def __post_init__(self) -> None:
+        self.read()
+        self.home = self.reading.tool
+
+    def read(self) -> None:
+        """Ask the robot once; everything in this step goes by the answer."""
+        robot = self.robot
+        self.reading = Reading(
+            robot.tool_pose(), robot.joint_positions(), robot.gripper_width(), robot.protective_stop
+        )
+        self.caution = ""
+
+    def check_joints(self) -> None:
+        """HaltError an arm that is nearly singular and on its way there."""
+        value, before = safety.singularity(self.reading.joints), self._singular
+        self._singular = value
+        if value < min(before, self.config.safety.smallest_singular_value):
+            raise HaltError(f"the arm is singular: smallest singular value {value:.4f} and falling")
+
+    def check_target(self, target: Array) -> None:
+        """HaltError where a tool pose, shape (4, 4), cannot be gone to."""
+        if not self.config.workspace.contains(target[:3, 3]):
+            raise HaltError(f"target {np.round(target[:3, 3], 2)} m lies outside the workspace")
+        if not self.robot.reachable(target):
+            raise HaltError(f"target {np.round(target[:3, 3], 2)} m is out of reach")
+
+    def hold(self, dt: float) -> None:
+        """Stay where the tool was when the hold began."""
+        self.robot.servo_to(self._pace.hold(self.reading.tool), dt)
+
+    def go(self, goal: Array, speed: float, dt: float, *, factor: float = 1.0) -> None:
+        """Move toward a goal.
+
+        Args:
+            goal: Tool pose, shape (4, 4), metres.
+            speed: Metres per second.
+            dt: Seconds.
+            factor: Part of speed and of the turn's speed that is used.
+        """
+        if factor <= 0:
+            self.hold(dt)
+            return
+        turn = factor * self.config.turn_speed * dt
+        self.robot.servo_to(self._pace.go(self.reading.tool, goal, factor * speed * dt, turn), dt)
+
+    def allowed(self, path: Iterable[Array], watch: HandWatch, least: float, speed: float) -> float:
+        """Part of a speed that the hand beside the path leaves.
+
+        Args:
+            path: Tool poses that come next, each (4, 4), metres, base frame.
+            watch: Knows the hand.
+            least: Least free space to the skin, metres.
+            speed: Speed wanted, metres per second.
+
+        Returns:
+            0 to 1; 0 where no hand is known.
+
+        Raises:
+            HaltError: The hand is nearer to the path than that.
+        """
+        if watch.keypoints is None:
+            self.caution = watch.problem
+            return 0.0
+        free = safety.path_distance(path, self.reading.width, watch.keypoints)
+        where = f"{1000 * free:.0f} mm from the gripper's path"
+        if free < least:
+            raise HaltError(f"hand {where}, at least {1000 * least:.0f} mm are needed", back=True)
+        velocity = watch.velocity(0.15)
+        closing = safety.closing_speed(velocity, watch.middle, self.reading.tool[:3, 3])
+        reaction = self.config.safety.reaction_time
+        factor = safety.speed_factor(free, least, speed, closing, reaction)
+        if factor < 1:
+            self.caution = f"hand {where}: {100 * factor:.0f} % of the speed"
+        return factor
+
+    def ahead(self, goal: Array, *, within: float | None = None) -> list[Array]:
+        """Poses from the tool on toward a goal, over the part of the way that is looked ahead.
+
+        Args:
+            goal: Tool pose, shape (4, 4), metres.
+            within: How far to look, metres; None: `look_ahead`.
+        """
+        look = self.config.safety.look_ahead if within is None else within
+        way, angle = pose_distance(self.reading.tool, goal)
+        part = min(1.0, look / max(way, 0.1 * angle, 1e-9))  # a turn moves the fingers too
+        return [between(self.reading.tool, goal, part * step) for step in (0.0, 0.5, 1.0)]
+
+    def stop(self) -> None:
+        """Stand still until `release`."""
+        self.robot.stop()
+
+    def release(self) -> None:
+        """May move again, from wherever the tool is."""
+        self.robot.release()
+        self._pace.forget()
+
+
+@dataclass
+class Recovery:
+    """What happens after a stop: stand; where the gripper is beside the hand, open and back off.
+
+    Attributes:
+        arm: The arm.
+        part: still, open, back, clear.
+    """
+
+    arm: GuardedArm
+    part: str = field(default="", init=False)
+    _since: float = field(default=0.0, init=False)
+    _clear_from: float = field(default=0.0, init=False)
+    _back: float = field(default=0.0, init=False)
+    _opening: float | None = field(default=None, init=False)
+    _from: Array = field(init=False)
+    _travelled: float = field(default=0.0, init=False)
+
+    def begin(self, now: float, *, back: float, opening: float | None) -> None:
+        """Stop the arm.
+
+        Args:
+            now: Seconds.
+            back: How far to back off along the approach axis, metres; 0: not at all.
+            opening: Width in metres to open the fingers to first, or None.
+        """
+        self.arm.stop()
+        self._back, self._opening = back, opening
+        if opening is not None:
+            self.arm.robot.set_gripper(opening)
+        self._enter("still", now)
+
+    def step(self, now: float, dt: float, trouble: str) -> bool:
+        """Go on for dt seconds.
+
+        Args:
+            now: Seconds.
+            dt: Seconds.
+            trouble: What forbids to start again, or an empty string.
+
+        Returns:
+            True where the arm may start again: the cause is gone for `stand_time`.
+        """
+        arm, stand = self.arm, self.arm.config.stand_time
+        if self.part == "still" and now - self._since >= stand - 1e-9:
+            if self._back > 0:
+                arm.release()
+            self._enter("open" if self._back > 0 else "clear", now)
+        elif self.part == "open":
+            arm.hold(dt)
+            wide = self._opening is None or arm.reading.width >= self._opening - 0.002
+            if wide or now - self._since > 1.5:
+                self._from, self._travelled = arm.reading.tool, 0.0
+                self._enter("back", now)
+        elif self.part == "back":
+            speed = arm.config.advance_speed
+            self._travelled = min(self._back, self._travelled + speed * dt)
+            arm.go(forward_of(self._from, -self._travelled), 2 * speed, dt)
+            if self._travelled >= self._back:
+                self.stay(now)
+        if trouble or self.part in ("open", "back"):
+            self._clear_from = now
+        return self.part == "clear" and now - self._clear_from >= stand - 1e-9
+
+    def stay(self, now: float) -> None:
+        """Back off no farther; stand and wait for the cause to go."""
+        self.arm.stop()
+        self._enter("clear", now)
+
+    def _enter(self, part: str, now: float) -> None:
+        if part == "still":
+            self._clear_from = now
+        self.part, self._since = part, now

@@ -1,0 +1,185 @@
+"""What perception tells the workflow, and the watch that decides how much of it can be trusted.
+
+Nothing in an observation is believed: a hand with NaN in it, a picture from the future, the same
+keypoints again and again are named and leave the robot standing; nothing here raises.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from hadr.camera import transform_points
+from hadr.handover.safety import SafetyConfig, hand_problem, line_velocity
+
+Array = npt.NDArray[np.float64]
+
+FEWEST_POINTS = 30
+"""An object of fewer points is none."""
+FARTHEST_POINT = 5.0
+"""Points farther than this from the camera, metres, are none."""
+
+
+@dataclass(frozen=True)
+class Observation:
+    """What perception says at one moment.
+
+    Attributes:
+        time: Now, seconds.
+        keypoints: Hand in the camera frame, shape (21, 3), metres; None where no hand was found.
+        object_points: Restored points of the object in the camera frame, shape (n, 3), metres;
+            None where there are none.
+        scene_points: Measured points of hand, arm and table, which are not the object, in the
+            camera frame, shape (m, 3), metres; None where there are none.
+        confidence: Mean confidence of the object's restored depth, 0 to 1; None: not known.
+        frame_time: When the picture was taken, seconds; None: now. Observations of the same
+            picture have the same `frame_time`.
+    """
+
+    time: float
+    keypoints: Array | None = None
+    object_points: Array | None = None
+    scene_points: Array | None = None
+    confidence: float | None = None
+    frame_time: float | None = None
+
+    @property
+    def taken(self) -> float:
+        """When the picture was taken, seconds."""
+        return self.time if self.frame_time is None else self.frame_time
+
+
+def clean_points(points: npt.ArrayLike | None) -> Array | None:
+    """Drop what is no point.
+
+    Args:
+        points: Anything; points in the camera frame, shape (n, 3), metres.
+
+    Returns:
+        The finite points within `FARTHEST_POINT`, or None where fewer than `FEWEST_POINTS` are
+        left or the shape is another.
+    """
+    if points is None:
+        return None
+    try:
+        cloud = np.asarray(points, dtype=np.float64)
+    except (TypeError, ValueError):
+        return None
+    if cloud.ndim != 2 or cloud.shape[1] != 3:
+        return None
+    cloud = cloud[(np.abs(cloud) <= FARTHEST_POINT).all(axis=1)]  # False for NaN
+    return cloud if len(cloud) >= FEWEST_POINTS else None
+
+
+def number(value: object) -> float:
+    """A finite number as a float, NaN for anything else."""
+    if not isinstance(value, (int, float, np.number)) or isinstance(value, complex):
+        return float("nan")
+    try:
+        found = float(value)
+    except (OverflowError, TypeError):
+        return float("nan")
+    return found if np.isfinite(found) else float("nan")
+
+
+@dataclass
+class HandWatch:
+    """The newest hand in the base frame, and what is wrong with the pictures.
+
+    Attributes:
+        base_from_camera: The camera's calibration, shape (4, 4), metres.
+        config: Limits.
+        keypoints: The hand in the newest picture, base frame, shape (21, 3), metres; None where
+            there is none that can be used.
+        frame_time: When the newest picture was taken, seconds; NaN before the first.
+        problem: What is wrong with the newest picture's hand; empty where nothing is.
+    """
+
+    base_from_camera: Array
+    config: SafetyConfig
+    keypoints: Array | None = field(default=None, init=False)
+    frame_time: float = field(default=float("nan"), init=False)
+    problem: str = field(default="", init=False)
+    _started: float = field(default=float("nan"), init=False)
+    _frame_came: float = field(default=float("nan"), init=False)
+    _hand_came: float = field(default=float("nan"), init=False)
+    _in_camera: Array | None = field(default=None, init=False)
+    _equal: int = field(default=1, init=False)
+    _path: list[tuple[float, Array]] = field(default_factory=list, init=False)
+
+    def look(self, observation: Observation, now: float) -> bool:
+        """Take in an observation.
+
+        Args:
+            observation: Whatever perception says.
+            now: The workflow's clock, seconds.
+
+        Returns:
+            True where it shows a new picture. A picture from the future, one older than
+            `oldest_picture` or older than the one before is none.
+        """
+        if np.isnan(self._started):
+            self._started = now
+        taken = number(observation.taken)
+        fresh = now - self.config.oldest_picture <= taken <= now + 1e-6
+        if not fresh or taken <= self.frame_time:
+            return False
+        self.frame_time, self._frame_came = taken, now
+        self.keypoints, self.problem = None, "no hand in the picture"
+        if observation.keypoints is None:
+            return True
+        self.problem = hand_problem(observation.keypoints)
+        if self.problem:
+            return True
+        in_camera = np.array(observation.keypoints, dtype=np.float64)
+        same = self._in_camera is not None and np.array_equal(in_camera, self._in_camera)
+        self._equal = self._equal + 1 if same else 1
+        self._in_camera = in_camera
+        self.keypoints = transform_points(self.base_from_camera, in_camera)
+        self._hand_came = now
+        middle: Array = self.keypoints.mean(axis=0)
+        self._path = [p for p in self._path if p[0] > taken - 1.0] + [(taken, middle)]
+        return True
+
+    @property
+    def middle(self) -> Array:
+        """Mean of the newest hand's keypoints in the base frame, shape (3,), metres."""
+        return self._path[-1][1]
+
+    def velocity(self, window: float) -> Array | None:
+        """How fast the middle of the hand moves.
+
+        Args:
+            window: Over how long back from the newest hand, seconds.
+
+        Returns:
+            Metres per second in the base frame, shape (3,); None where the pictures do not reach
+            back over half of the window.
+        """
+        if not self._path:
+            return None
+        newest = self._path[-1][0]
+        recent = [p for p in self._path if p[0] >= newest - window - 1e-6]
+        if newest - recent[0][0] < window / 2:
+            return None
+        times = np.array([p[0] for p in recent])
+        return line_velocity(times, np.stack([p[1] for p in recent]))
+
+    def trouble(self, now: float) -> str:
+        """Why the robot may not move on what is seen, or an empty string.
+
+        Args:
+            now: The workflow's clock, seconds.
+        """
+        c = self.config
+        silent = now - (self._started if np.isnan(self._frame_came) else self._frame_came)
+        if silent >= c.camera_silent_after - 1e-9:
+            return f"the camera stopped: no new picture for {silent:.2f} s"
+        lost = now - (self._started if np.isnan(self._hand_came) else self._hand_came)
+        if lost >= c.hand_lost_after - 1e-9:
+            return f"no hand seen for {lost:.2f} s: {self.problem}"
+        if self._equal >= c.frozen_frames:
+            return f"keypoints frozen: the same in {self._equal} pictures in a row"
+        return ""

@@ -1,0 +1,220 @@
+"""One attempt, closed loop: world, camera, sight, workflow and judge, stepped together.
+
+The world is stepped at 50 Hz beside the workflow. The camera takes a picture ten times a second,
+and what it says arrives one picture later, as a real pipeline's answer does. Everything random
+comes from the attempt's seed, so the same attempt ends in the same way.
+"""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Literal, get_args
+
+import numpy as np
+
+from hadr.handover.hand_motions import HandMotionConfig, motion_for
+from hadr.handover.judge import Judge, Verdict
+from hadr.handover.robot_camera import RobotCamera
+from hadr.handover.scenes import HeldScene, held_scene
+from hadr.handover.selection import GraspSelection
+from hadr.handover.sight import Sight
+from hadr.handover.workflow import ChosenGrasp, Handover, HandoverConfig, Stage, Transition
+from hadr.handover.world import World
+from hadr.handover.world_state import WorldState
+from hadr.provenance import record_of
+from hadr.result_file import digest
+
+Arm = Literal[
+    "raw", "inpainted", "hadr", "hadr-plus", "perfect", "hadr-no-rescoring", "hadr-no-tracking"
+]
+ARMS: tuple[Arm, ...] = get_args(Arm)
+CONTROL_STEP, SIGHT_STEP = 0.02, 0.1
+"""Seconds between two steps of the workflow, and between two pictures."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One attempt.
+
+    Attributes:
+        object_id: Which object.
+        hold_number: Which of its holding poses.
+        arm: Whose depth the robot sees, and what is switched off.
+        seed: Seed of place, motion, noise and of the grasps' draws.
+        hand_speed: Factor on the speed of the hand's motion.
+        extrinsics_error_deg: The camera stands turned by this angle from what its calibration says.
+        time_limit: Seconds until the attempt has failed.
+    """
+
+    object_id: str
+    hold_number: int
+    arm: Arm = "hadr"
+    seed: int = 0
+    hand_speed: float = 1.0
+    extrinsics_error_deg: float = 0.0
+    time_limit: float = 13.0
+
+    def __post_init__(self) -> None:
+        if self.arm not in ARMS:
+            raise ValueError(f"arm must be one of {', '.join(ARMS)}, got {self.arm!r}")
+        if not (np.isfinite(self.hand_speed) and self.hand_speed > 0):
+            raise ValueError(f"hand_speed must be a factor above 0, got {self.hand_speed}")
+        if not 0 <= self.extrinsics_error_deg <= 90:
+            raise ValueError(
+                f"extrinsics_error_deg must lie in 0..90, got {self.extrinsics_error_deg}"
+            )
+        if not (np.isfinite(self.time_limit) and self.time_limit > 0):
+            raise ValueError(f"time_limit must be seconds above 0, got {self.time_limit}")
+
+    @property
+    def name(self) -> str:
+        """Name of the attempt's files, such as ``0004-902``."""
+        return f"{self.object_id}-{self.hold_number}"
+
+    @property
+    def digest(self) -> str:
+        """Checksum of the description."""
+        return digest(record_of(self))
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How an attempt ended; seconds, metres, newtons.
+
+    Attributes:
+        verdict: The judge's word.
+        reason: Why the workflow last stopped, or the last transition's reason.
+        decided_at: Simulated time of the verdict.
+        first_grasp_at: Simulated time at which the first grasp was chosen; NaN without one.
+        grasps_chosen: How often one was chosen.
+        smallest_distance: Of robot and hand.
+        largest_force: Of the robot on the hand.
+        motion: Kind of the hand's motion.
+        kind: Kind of the hold.
+        planning_wall_seconds: Mean real time of one search for a grasp; NaN without one.
+        wall_seconds: Real time of the whole attempt.
+    """
+
+    verdict: Verdict
+    reason: str
+    decided_at: float
+    first_grasp_at: float
+    grasps_chosen: int
+    smallest_distance: float
+    largest_force: float
+    motion: str
+    kind: str
+    planning_wall_seconds: float
+    wall_seconds: float
+
+
+@dataclass(frozen=True)
+class Run:
+    """An attempt that has been made.
+
+    Attributes:
+        trial: Its description.
+        scene: What was held out.
+        outcome: How it ended.
+        states: The world, 25 times a second.
+        transitions: Every change of stage, with its reason.
+    """
+
+    trial: Trial
+    scene: HeldScene
+    outcome: Outcome
+    states: tuple[WorldState, ...]
+    transitions: tuple[Transition, ...]
+
+
+class _Timed:
+    """A grasp selection that measures how long it takes."""
+
+    def __init__(self, select: GraspSelection) -> None:
+        self.select, self.seconds = select, list[float]()
+
+    def __call__(self, *args: object) -> ChosenGrasp | None:
+        started = clock.perf_counter()
+        try:
+            return self.select(*args)  # type: ignore[arg-type]
+        finally:
+            self.seconds.append(clock.perf_counter() - started)
+
+
+def run_trial(
+    trial: Trial,
+    *,
+    config: HandoverConfig | None = None,
+    on_step: Callable[[World, WorldState, Stage], None] | None = None,
+) -> Run:
+    """Make one attempt.
+
+    Args:
+        trial: What to try.
+        config: Settings of the workflow; the standard ones where left out.
+        on_step: Told of the world, its state and the stage after each step, for watching.
+
+    Returns:
+        The attempt; the same for the same description, but for its wall-clock times.
+
+    Raises:
+        ValueError: The object is unknown.
+    """
+    started = clock.perf_counter()
+    scene = held_scene(trial.object_id, trial.hold_number, trial.seed)
+    path = motion_for(
+        trial.object_id,
+        trial.hold_number,
+        trial.seed,
+        config=HandMotionConfig(speed=trial.hand_speed),
+        scene=scene,
+    )
+    world = World(scene, path)
+    camera = RobotCamera().miscalibrated(trial.extrinsics_error_deg, trial.seed)
+    base_from_camera = camera.calibration
+    sight = Sight(scene, camera, trial.arm.partition("-no-")[0], seed=trial.seed)
+    rng = np.random.default_rng([trial.seed, int(trial.object_id), trial.hold_number, 67])
+    select = _Timed(
+        GraspSelection(rng, base_from_camera[:3, 3], rescoring=trial.arm != "hadr-no-rescoring")
+    )
+    config = config or HandoverConfig()
+    handover = Handover(world.robot, select, base_from_camera, config)
+    judge = Judge(scene.item.height)
+    judge.rules = replace(judge.rules, time_limit=trial.time_limit)
+    states = [world.state()]
+    arriving = sight.look(states[0], with_points=True)
+    step = 0
+    while not judge.verdict:
+        if step % round(SIGHT_STEP / CONTROL_STEP) == 0:
+            observation, arriving = (
+                arriving,
+                sight.look(states[-1], with_points=handover.stage is Stage.WAIT_AND_OBSERVE),
+            )
+        handover.step(replace(observation, time=world.time), CONTROL_STEP)
+        world.step(CONTROL_STEP)
+        state = world.state()
+        states.append(state)
+        judge.look(state)
+        if handover.over and handover.stage is Stage.STOPPED:
+            judge.give_up(world.time)
+        if on_step is not None:
+            on_step(world, state, handover.stage)
+        step += 1
+    chosen = [t for t in handover.transitions if t.after is Stage.APPROACH_AND_REACT]
+    last = handover.transitions[-1].reason if handover.transitions else "nothing was chosen"
+    outcome = Outcome(
+        verdict=judge.verdict,
+        reason=last,
+        decided_at=judge.decided_at,
+        first_grasp_at=chosen[0].time if chosen else float("nan"),
+        grasps_chosen=len(chosen),
+        smallest_distance=judge.smallest_distance,
+        largest_force=judge.largest_force,
+        motion=path.kind,
+        kind=scene.hold.kind,
+        planning_wall_seconds=float(np.mean(select.seconds)) if select.seconds else float("nan"),
+        wall_seconds=clock.perf_counter() - started,
+    )
+    return Run(trial, scene, outcome, tuple(states[::2]), tuple(handover.transitions))

@@ -1,0 +1,123 @@
+"""The side that the camera does not see: an axis of symmetry from normals, and a mirror.
+
+A camera sees the near half of a glass, and a gripper needs to know where the far half ends. Most
+vessels are turned about an axis, and every normal of such a surface points at that axis. The axis
+that the seen normals point at best gives the plane in which the seen half is mirrored.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+LARGEST_MISS = 0.006
+"""Normals that pass the axis by more than this on the whole belong to no turned surface, metres."""
+_SPREAD = 0.2  # least mean squared sine between normals and axis: a flat disc has no axis
+
+
+@dataclass(frozen=True)
+class SymmetryAxis:
+    """A line that a surface is turned about.
+
+    Attributes:
+        direction: Unit vector, shape (3,); its sign has no meaning.
+        point: A point on the line, shape (3,), metres.
+        miss: Root mean square distance at which the nearest two thirds of the normals pass the
+            line, metres; what is left out may be a handle.
+    """
+
+    direction: Array
+    point: Array
+    miss: float
+
+
+def symmetry_axis(points: Array, normals: Array, most: int = 200) -> SymmetryAxis:
+    """The line that the normals of a surface point at best.
+
+    For a direction d the distances of the normals from a line along d are linear in where the line
+    passes, so each of some hundred directions costs one equation of two unknowns.
+
+    Args:
+        points: Shape (n, 3), metres.
+        normals: Unit normals, shape (n, 3); their signs do not matter.
+        most: How many of the points are used, evenly over their order.
+
+    Returns:
+        The axis; `miss` is infinite where no direction gives one (a flat thing).
+    """
+    chosen = np.linspace(0, len(points) - 1, min(most, len(points))).astype(np.int64)
+    middle = points.mean(axis=0)
+    near, n = points[chosen] - middle, normals[chosen]
+    best = _fitted(_half_sphere(120), near, n)
+    for width in (0.12, 0.03):
+        around = best.direction + width * _half_sphere(40)
+        around = np.concatenate([around, 2 * best.direction - around, [best.direction]])
+        around /= np.linalg.norm(around, axis=1, keepdims=True)
+        best = _fitted(around, near, n)
+    # a handle's normals point elsewhere: fit once more to the two thirds that pass nearest
+    across = np.cross(best.direction, n)
+    off = np.abs((across * (near - best.point)).sum(axis=1))
+    kept = off <= np.quantile(off, 0.67)
+    best = _fitted(around, near[kept], n[kept])
+    return SymmetryAxis(best.direction, best.point + middle, best.miss)
+
+
+def unseen_side(points: Array, normals: Array, viewpoint: Array) -> tuple[Array, Array]:
+    """Guess the far half of an object from its near half.
+
+    The seen points are mirrored in the plane through the axis of symmetry that faces the camera.
+    Where the normals give no clear axis, the object is taken to be as deep as it is wide.
+
+    Args:
+        points: Seen points of one object, shape (n, 3), metres.
+        normals: Their unit normals, shape (n, 3).
+        viewpoint: Where the camera stood, shape (3,), metres.
+
+    Returns:
+        Guessed points (m, 3) in metres and their unit normals (m, 3). m is 0 where the camera
+        looks along the axis.
+    """
+    axis = symmetry_axis(points, normals)
+    view = viewpoint - points.mean(axis=0)
+    view = view / np.linalg.norm(view)
+    facing = view - (view @ axis.direction) * axis.direction
+    if np.linalg.norm(facing) < 0.3:
+        return np.zeros((0, 3)), np.zeros((0, 3))
+    facing /= np.linalg.norm(facing)
+    depth = points @ facing
+    left, right = np.percentile(points @ np.cross(axis.direction, facing), [2, 98])
+    nearest, half = float(np.percentile(depth, 98)), float(right - left) / 2
+    plane = float(axis.point @ facing)
+    if axis.miss > LARGEST_MISS or not 0 < nearest - plane < 1.6 * half + 0.01:
+        plane = nearest - half
+    seen = depth > plane
+    mirrored = points[seen] - 2 * (depth[seen] - plane)[:, None] * facing
+    turned = normals[seen] - 2 * (normals[seen] @ facing)[:, None] * facing
+    return mirrored, turned
+
+
+def _fitted(directions: Array, points: Array, normals: Array) -> SymmetryAxis:
+    """The best of some directions, with the line along it that the normals pass nearest."""
+    across = np.cross(directions[:, None], normals)  # (d, n, 3)
+    along = (across * points).sum(axis=2)
+    spread = (across**2).sum(axis=2).mean(axis=1)
+    # along direction there is nothing to solve for: one is added to keep the system regular
+    system = np.einsum("dni,dnj->dij", across, across) / len(points)
+    system += np.einsum("di,dj->dij", directions, directions) + 1e-9 * np.eye(3)
+    right = np.einsum("dni,dn->di", across, along) / len(points)
+    places = np.linalg.solve(system, right[..., None])[..., 0]
+    off = np.minimum((along - np.einsum("dni,di->dn", across, places)) ** 2, 0.02**2)
+    miss = np.sqrt(off.mean(axis=1) / np.maximum(spread, 1e-12))
+    miss[spread < _SPREAD] = np.inf
+    best = int(miss.argmin())
+    return SymmetryAxis(directions[best], places[best], float(miss[best]))
+
+
+def _half_sphere(count: int) -> Array:
+    """Unit vectors spread evenly over half a sphere, shape (count, 3)."""
+    height = (np.arange(count) + 0.5) / count
+    turn = np.pi * (1 + 5**0.5) * np.arange(count)
+    ring = np.sqrt(1 - height**2)
+    return np.stack([ring * np.cos(turn), ring * np.sin(turn), height], axis=1)
