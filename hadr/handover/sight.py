@@ -19,10 +19,10 @@ from hadr.camera import window_around
 from hadr.corruption import smooth_noise
 from hadr.data.samples import samples_dir
 from hadr.depth_network import DepthNetwork
+from hadr.handover.observation import Observation
 from hadr.handover.robot_camera import CapturedFrame, RobotCamera
 from hadr.handover.scenes import HeldScene
 from hadr.handover.seen_points import object_points, scene_points
-from hadr.handover.workflow import Observation
 from hadr.handover.world_state import WorldState
 from hadr.models.baselines import classical
 from hadr.perception import without
@@ -34,21 +34,6 @@ DepthArm = Literal["raw", "inpainted", "hadr", "hadr-plus", "perfect"]
 ARMS: tuple[DepthArm, ...] = get_args(DepthArm)
 CHECKPOINTS = {"hadr": "hadr-mini.safetensors", "hadr-plus": "hadr-plus-mini.safetensors"}
 """The bundled networks of two of the arms, trained on all known objects."""
-
-
-@dataclass(frozen=True)
-class Seen(Observation):
-    """What is seen in one picture, in the camera frame.
-
-    Attributes:
-        scene_points: Points that the gripper must not touch, shape (m, 3), metres; None: not asked.
-        confidence: Mean probability that the object's depth is right to 2 cm; None: unknown.
-        frame_time: When the picture was taken, seconds.
-    """
-
-    scene_points: Array | None = None
-    confidence: float | None = None
-    frame_time: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -79,7 +64,7 @@ class Sight:
         camera: The camera.
         arm: Where the object's depth comes from: "raw" takes what the sensor measured, "inpainted"
             fills the mask from around it, "hadr" and "hadr-plus" restore it, "perfect" knows it.
-        seed: Seed of all noise.
+        seed: Seed of all noise, which differs from hold to hold.
         config: Noise and rate.
         network: The depth network of "hadr" or "hadr-plus", if not the bundled one.
 
@@ -106,13 +91,14 @@ class Sight:
         self._network = network
         if arm in CHECKPOINTS and network is None:
             self._network = bundled_network(arm)
+        name = list(scene.hold.hold_id.encode())  # every hold has noise of its own
         self._sensor_rng, self._noise_rng, self._mask_rng = (
-            np.random.default_rng([seed, part, 83]) for part in range(3)
+            np.random.default_rng([seed, part, 83, *name]) for part in range(3)
         )
         self._noise: tuple[float, Array] | None = None
-        self._last: Seen | None = None
+        self._last: Observation | None = None
 
-    def look(self, state: WorldState, *, with_points: bool) -> Seen:
+    def look(self, state: WorldState, *, with_points: bool) -> Observation:
         """Look at the world.
 
         Args:
@@ -125,7 +111,7 @@ class Sight:
         last = self._last
         if (
             last is not None
-            and state.time - last.frame_time < self.config.period - 1e-9
+            and state.time - last.taken < self.config.period - 1e-9
             and state.time >= last.time
         ):
             return replace(last, time=state.time)
@@ -135,13 +121,13 @@ class Sight:
         keypoints = keypoints + self._keypoint_noise(state.time)
         if seen.sum() < self.config.smallest_visible:
             keypoints = None
-        found = Seen(state.time, keypoints, frame_time=state.time)
+        found = Observation(state.time, keypoints, frame_time=state.time)
         if with_points:
             found = self._with_points(found, state)
         self._last = found
         return found
 
-    def _with_points(self, found: Seen, state: WorldState) -> Seen:
+    def _with_points(self, found: Observation, state: WorldState) -> Observation:
         color = self._network is not None
         frame = self.camera.capture(state, self.scene, self._sensor_rng, color=color)
         mask = self._seen_mask(frame.object_mask)
@@ -249,13 +235,13 @@ class BrokenSight:
         if fault not in FAULTS:
             raise ValueError(f"fault must be one of {', '.join(FAULTS)}, got {fault!r}")
         self.sight, self.fault, self.since, self.until = sight, fault, since, until
-        self._held: Seen | None = None
+        self._held: Observation | None = None
 
-    def look(self, state: WorldState, *, with_points: bool) -> Seen:
+    def look(self, state: WorldState, *, with_points: bool) -> Observation:
         """As `Sight.look`, with the fault while it lasts."""
         broken = self.since <= state.time < self.until
         if broken and self.fault == "no frames":
-            held = self._held or Seen(state.time, frame_time=-np.inf)
+            held = self._held or Observation(state.time, frame_time=-np.inf)
             return replace(held, time=state.time)
         found = self.sight.look(state, with_points=with_points)
         if not broken:
