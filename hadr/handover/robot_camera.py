@@ -28,8 +28,9 @@ Array = npt.NDArray[np.float64]
 Depth = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
 
-EYE: Array = np.array([0.18, 0.44, 0.54])
-"""Where the camera stands in the base frame, metres: 0.66 m from `scenes.MIDDLE`."""
+EYE: Array = np.array([0.32, 0.52, 0.54])
+"""Where the camera stands in the base frame, metres: 0.64 m from `scenes.MIDDLE`, so far to the
+side that a gripper at the object seldom hides the hand."""
 
 
 @dataclass(frozen=True)

@@ -46,6 +46,8 @@ class SightConfig:
         noise_lasts: Time after which a keypoint's error is mostly a new one.
         mask_jitter: Standard deviation of the mask's outline.
         period: Time from one picture to the next; between them the last one is given again.
+        hidden_noise: Factor on the error of keypoints that the robot hides or that lie outside of
+            the picture: they are guessed from the others.
         smallest_visible: With fewer keypoints in view no hand is found.
     """
 
@@ -53,7 +55,8 @@ class SightConfig:
     noise_lasts: float = 0.3
     mask_jitter: float = 0.6
     period: float = 0.1
-    smallest_visible: int = 8
+    hidden_noise: float = 2.0
+    smallest_visible: int = 5
 
 
 class Sight:
@@ -118,7 +121,8 @@ class Sight:
         keypoints: Array | None = self.camera.true_keypoints(state, self.scene)
         assert keypoints is not None  # for the type checker: it may become None below
         seen = self.camera.visible(keypoints, state)
-        keypoints = keypoints + self._keypoint_noise(state.time)
+        factor = np.where(seen, 1.0, self.config.hidden_noise)[:, None]
+        keypoints = keypoints + factor * self._keypoint_noise(state.time)
         if seen.sum() < self.config.smallest_visible:
             keypoints = None
         found = Observation(state.time, keypoints, frame_time=state.time)

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from hadr.camera import transform_points
-from hadr.handover.robot import HOME_JOINTS
+from hadr.handover.robot import HOME_JOINTS, SimulatedUR5
 from hadr.handover.robot_camera import RobotCamera
 from hadr.handover.scenes import HeldScene, held_scene
 from hadr.handover.sight import (
@@ -111,6 +111,28 @@ def test_keypoint_noise_has_its_size_and_lasts(scene: HeldScene, camera: RobotCa
     seen = [sight.look(at(scene, 500.0 + t), with_points=False).keypoints for t in (0.0, 0.1)]
     assert np.abs(np.array(seen) - true).max() < 0.03
     assert not np.array_equal(seen[0], seen[1])
+
+
+def test_keypoints_behind_the_gripper_are_guessed(scene: HeldScene, camera: RobotCamera) -> None:
+    hand = scene.keypoints.mean(axis=0)
+    robot = SimulatedUR5()
+    pose = robot.tool_pose()
+    pose[:3, 3] = hand + 0.35 * (camera.base_from_camera[:3, 3] - hand)
+    state = replace(at(scene, 0.0), joints=robot.joint_solutions(pose)[0])
+    true = camera.true_keypoints(state, scene)
+    free = camera.visible(true, state)
+    assert 5 <= free.sum() < 21
+    hidden, open_view = (
+        Sight(scene, replace(camera, see_arm=see), "raw", seed=1).look(state, with_points=False)
+        for see in (True, False)
+    )
+    factor = np.where(free, 1.0, 2.0)[:, None]
+    np.testing.assert_allclose(
+        hidden.keypoints - true, factor * (open_view.keypoints - true), atol=1e-12
+    )
+    strict = SightConfig(smallest_visible=int(free.sum()) + 1)
+    sight = Sight(scene, camera, "raw", config=strict)
+    assert sight.look(state, with_points=False).keypoints is None
 
 
 def test_pictures_come_at_the_cameras_rate(scene: HeldScene, camera: RobotCamera) -> None:
