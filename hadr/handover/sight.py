@@ -14,15 +14,15 @@ from typing import Literal, get_args
 import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
-from scipy.spatial import cKDTree
 
-from hadr.camera import Intrinsics, back_project, window_around
+from hadr.camera import window_around
 from hadr.corruption import smooth_noise
 from hadr.data.samples import samples_dir
 from hadr.depth_network import DepthNetwork
+from hadr.handover.observation import Observation
 from hadr.handover.robot_camera import CapturedFrame, RobotCamera
 from hadr.handover.scenes import HeldScene
-from hadr.handover.workflow import Observation
+from hadr.handover.seen_points import object_points, scene_points
 from hadr.handover.world_state import WorldState
 from hadr.models.baselines import classical
 from hadr.perception import without
@@ -35,27 +35,6 @@ ARMS: tuple[DepthArm, ...] = get_args(DepthArm)
 CHECKPOINTS = {"hadr": "hadr-mini.safetensors", "hadr-plus": "hadr-plus-mini.safetensors"}
 """The bundled networks of two of the arms, trained on all known objects."""
 
-_LARGEST_CLOUD = 1500
-_SMALLEST_CLOUD = 10
-_SCENE_SPACING = 0.015
-_SCENE_REACH = 0.50
-_FOREARM_FROM = 0.06
-
-
-@dataclass(frozen=True)
-class Seen(Observation):
-    """What is seen in one picture, in the camera frame.
-
-    Attributes:
-        scene_points: Points that the gripper must not touch, shape (m, 3), metres; None: not asked.
-        confidence: Mean probability that the object's depth is right to 2 cm; None: unknown.
-        frame_time: When the picture was taken, seconds.
-    """
-
-    scene_points: Array | None = None
-    confidence: float | None = None
-    frame_time: float = 0.0
-
 
 @dataclass(frozen=True)
 class SightConfig:
@@ -67,6 +46,8 @@ class SightConfig:
         noise_lasts: Time after which a keypoint's error is mostly a new one.
         mask_jitter: Standard deviation of the mask's outline.
         period: Time from one picture to the next; between them the last one is given again.
+        hidden_noise: Factor on the error of keypoints that the robot hides or that lie outside of
+            the picture: they are guessed from the others.
         smallest_visible: With fewer keypoints in view no hand is found.
     """
 
@@ -74,7 +55,8 @@ class SightConfig:
     noise_lasts: float = 0.3
     mask_jitter: float = 0.6
     period: float = 0.1
-    smallest_visible: int = 8
+    hidden_noise: float = 2.0
+    smallest_visible: int = 5
 
 
 class Sight:
@@ -85,7 +67,7 @@ class Sight:
         camera: The camera.
         arm: Where the object's depth comes from: "raw" takes what the sensor measured, "inpainted"
             fills the mask from around it, "hadr" and "hadr-plus" restore it, "perfect" knows it.
-        seed: Seed of all noise.
+        seed: Seed of all noise, which differs from hold to hold.
         config: Noise and rate.
         network: The depth network of "hadr" or "hadr-plus", if not the bundled one.
 
@@ -112,13 +94,14 @@ class Sight:
         self._network = network
         if arm in CHECKPOINTS and network is None:
             self._network = bundled_network(arm)
+        name = list(scene.hold.hold_id.encode())  # every hold has noise of its own
         self._sensor_rng, self._noise_rng, self._mask_rng = (
-            np.random.default_rng([seed, part, 83]) for part in range(3)
+            np.random.default_rng([seed, part, 83, *name]) for part in range(3)
         )
         self._noise: tuple[float, Array] | None = None
-        self._last: Seen | None = None
+        self._last: Observation | None = None
 
-    def look(self, state: WorldState, *, with_points: bool) -> Seen:
+    def look(self, state: WorldState, *, with_points: bool) -> Observation:
         """Look at the world.
 
         Args:
@@ -131,23 +114,24 @@ class Sight:
         last = self._last
         if (
             last is not None
-            and state.time - last.frame_time < self.config.period - 1e-9
+            and state.time - last.taken < self.config.period - 1e-9
             and state.time >= last.time
         ):
             return replace(last, time=state.time)
         keypoints: Array | None = self.camera.true_keypoints(state, self.scene)
         assert keypoints is not None  # for the type checker: it may become None below
         seen = self.camera.visible(keypoints, state)
-        keypoints = keypoints + self._keypoint_noise(state.time)
+        factor = np.where(seen, 1.0, self.config.hidden_noise)[:, None]
+        keypoints = keypoints + factor * self._keypoint_noise(state.time)
         if seen.sum() < self.config.smallest_visible:
             keypoints = None
-        found = Seen(state.time, keypoints, frame_time=state.time)
+        found = Observation(state.time, keypoints, frame_time=state.time)
         if with_points:
             found = self._with_points(found, state)
         self._last = found
         return found
 
-    def _with_points(self, found: Seen, state: WorldState) -> Seen:
+    def _with_points(self, found: Observation, state: WorldState) -> Observation:
         color = self._network is not None
         frame = self.camera.capture(state, self.scene, self._sensor_rng, color=color)
         mask = self._seen_mask(frame.object_mask)
@@ -219,82 +203,6 @@ class Sight:
         return seen
 
 
-def object_points(
-    depth: Depth, mask: Mask, camera: Intrinsics, rng: np.random.Generator
-) -> Array | None:
-    """The points of the mask's pixels, without those that lie apart from the others.
-
-    Args:
-        depth: z-depth in metres, shape (H, W); 0 or NaN is missing.
-        mask: The object's pixels, shape (H, W) bool.
-        camera: Intrinsics.
-        rng: Chooses which points stay where there are more than 1500.
-
-    Returns:
-        Camera frame, metres, shape (n, 3); None where fewer than ten are left.
-    """
-    points = back_project(np.where(mask, depth, 0), camera)[mask]
-    points = points[np.isfinite(points).all(axis=1)]
-    if len(points) > _LARGEST_CLOUD:
-        points = points[np.sort(rng.choice(len(points), _LARGEST_CLOUD, replace=False))]
-    points = without_outliers(points)
-    return points if len(points) >= _SMALLEST_CLOUD else None
-
-
-def without_outliers(points: Array, neighbours: int = 8, spread: float = 2.0) -> Array:
-    """Drop points whose neighbours are much farther away than is usual in the cloud.
-
-    Args:
-        points: Shape (n, 3), metres.
-        neighbours: How many neighbours count.
-        spread: A point's mean distance to them may exceed the cloud's mean by so many standard
-            deviations.
-
-    Returns:
-        The points that stay, shape (m, 3), in their order.
-    """
-    if len(points) <= neighbours:
-        return points
-    distances, _ = cKDTree(points).query(points, neighbours + 1)
-    apart = distances[:, 1:].mean(axis=1)
-    kept: Array = points[apart <= apart.mean() + spread * apart.std()]
-    return kept
-
-
-def scene_points(frame: CapturedFrame, mask: Mask, keypoints: Array | None) -> Array:
-    """Measured points that the gripper must not touch: what stands around, and the forearm.
-
-    The robot knows its own arm and leaves it out; the hand itself is known by its keypoints.
-
-    Args:
-        frame: The picture.
-        mask: The object's pixels, shape (H, W) bool.
-        keypoints: The hand, camera frame, metres, shape (21, 3), or None.
-
-    Returns:
-        Camera frame, metres, shape (n, 3): one a cube of 1.5 cm, within 0.5 m of the hand, or of
-        the picture's middle where none was found.
-    """
-    near_own = ndimage.binary_dilation(mask | frame.arm_mask, iterations=3)
-    points = back_project(np.where(near_own, 0, frame.raw_depth), frame.camera).reshape(-1, 3)
-    known = np.isfinite(points[:, 2])
-    points, skin = points[known], frame.hand_mask.ravel()[known]
-    if keypoints is None:
-        middle = np.median(points, axis=0) if len(points) else np.zeros(3)
-    else:
-        middle = keypoints.mean(axis=0)
-    near = np.linalg.norm(points - middle, axis=1) < _SCENE_REACH
-    points, skin = points[near], skin[near]
-    if keypoints is not None and len(points):
-        margin = ndimage.binary_dilation(frame.hand_mask, iterations=2).ravel()[known][near] & ~skin
-        distance, _ = cKDTree(keypoints).query(points)
-        # pixels beside the hand's outline hold flying points, no obstacles
-        points = points[(distance > _FOREARM_FROM) & ~margin]
-    _, first = np.unique(np.floor(points / _SCENE_SPACING), axis=0, return_index=True)
-    thinned: Array = points[np.sort(first)]
-    return thinned
-
-
 @lru_cache(maxsize=2)
 def bundled_network(arm: str) -> DepthNetwork:
     """The bundled network of an arm, loaded once.
@@ -331,13 +239,13 @@ class BrokenSight:
         if fault not in FAULTS:
             raise ValueError(f"fault must be one of {', '.join(FAULTS)}, got {fault!r}")
         self.sight, self.fault, self.since, self.until = sight, fault, since, until
-        self._held: Seen | None = None
+        self._held: Observation | None = None
 
-    def look(self, state: WorldState, *, with_points: bool) -> Seen:
+    def look(self, state: WorldState, *, with_points: bool) -> Observation:
         """As `Sight.look`, with the fault while it lasts."""
         broken = self.since <= state.time < self.until
         if broken and self.fault == "no frames":
-            held = self._held or Seen(state.time, frame_time=-np.inf)
+            held = self._held or Observation(state.time, frame_time=-np.inf)
             return replace(held, time=state.time)
         found = self.sight.look(state, with_points=with_points)
         if not broken:

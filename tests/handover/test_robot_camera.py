@@ -1,8 +1,6 @@
-"""The camera beside the robot: exact labels, a moved world, the sensor's faults, calibration."""
+"""The camera beside the robot: exact labels, a moved world, an arm in the way, the picture."""
 
-import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,10 +11,7 @@ from hadr.corruption_statistics import corruption_statistics
 from hadr.handover.robot import HOME_JOINTS, SimulatedUR5
 from hadr.handover.robot_camera import (
     EYE,
-    DepthSensor,
     RobotCamera,
-    in_shadow,
-    read_calibration,
 )
 from hadr.handover.room import FLOOR, make_room
 from hadr.handover.scenes import MIDDLE, HeldScene, held_scene
@@ -110,7 +105,7 @@ def test_keypoints_follow_the_hand_and_an_object_that_was_taken_leaves_it(
     np.testing.assert_allclose(frame.keypoints, expected, atol=1e-12)
     rest = camera.capture(at_rest(scene), scene, np.random.default_rng(0), color=False)
     # the object stayed: with the hand gone more of it is seen
-    assert frame.object_mask.sum() > 1.2 * rest.object_mask.sum()
+    assert frame.object_mask.sum() > 1.1 * rest.object_mask.sum()
     assert (frame.object_mask | ~rest.object_mask).all()
 
 
@@ -188,26 +183,6 @@ def test_the_sensor_fails_on_glass_and_errs_more_from_afar(
     assert 0.03 < (frame.raw_depth[outside] == 0).mean() < 0.35
 
 
-def test_shadows_lie_on_the_left_of_what_is_near() -> None:
-    depth = np.full((3, 100), 2.0, np.float32)
-    depth[:, 60:80] = 0.5
-    hidden = in_shadow(depth, 10.0)  # disparities 5 and 20 pixels
-    # column 45 + k of the background falls on the right imager's 40 + k, as the object's 60 + k
-    np.testing.assert_array_equal(np.flatnonzero(hidden[1]), np.arange(45, 60))
-    assert not in_shadow(np.full((2, 50), 1.0, np.float32), 10.0).any()
-
-
-def test_a_perfect_sensor_measures_the_truth() -> None:
-    sensor = DepthSensor(missing=0, behind=0, disparity_std=0, disparity_step=0, lost=0)
-    depth = np.full((20, 30), 0.8, np.float32)
-    none = np.zeros(depth.shape, bool)
-    camera = RobotCamera().intrinsics.resized(30, 20)
-    raw = sensor.measure(depth, depth, none, camera, np.random.default_rng(0))
-    np.testing.assert_allclose(raw, depth, atol=1e-6)
-    far = sensor.measure(depth * 6, depth * 6, none, camera, np.random.default_rng(0))
-    assert (far == 0).all()  # 4.8 m is too far
-
-
 @pytest.mark.parametrize("degrees", [0.0, 3.0])
 def test_a_turned_calibration_is_wrong_by_that_angle_about_the_camera(degrees: float) -> None:
     camera = RobotCamera().miscalibrated(degrees, seed=4)
@@ -216,62 +191,3 @@ def test_a_turned_calibration_is_wrong_by_that_angle_about_the_camera(degrees: f
     assert np.rad2deg(turn) == pytest.approx(degrees, abs=1e-9)
     np.testing.assert_array_equal(true[:3, 3], believed[:3, 3])
     np.testing.assert_array_equal(RobotCamera().calibration, RobotCamera().base_from_camera)
-
-
-def calibration_values() -> dict[str, object]:
-    """Camera 2's colour sensor of a real file, rounded, with P computed from K, R and t."""
-    matrix = [[925.355957, 0.0, 649.697632], [0.0, 925.826294, 359.535522], [0.0, 0.0, 1.0]]
-    turn = Rotation.from_euler("xyz", [100.0, -5.0, 165.0], degrees=True).as_matrix()
-    shift = [[0.0210294], [0.3760795], [1.4884954]]
-    projection = np.array(matrix) @ np.hstack([turn, shift])
-    pose = {"R": turn.tolist(), "t": shift, "P": projection.tolist()}
-    return {
-        "camera2": {
-            "K": {"rgb": matrix},
-            "extrinsics_world_to_camera": {"rgb": pose},
-            "extra_points_uv": [[556, 324]],
-        }
-    }
-
-
-def written(folder: Path, values: object) -> Path:
-    path = folder / "calib.json"
-    path.write_text(json.dumps(values), encoding="utf-8")
-    return path
-
-
-def test_a_calibration_file_gives_intrinsics_and_pose(tmp_path: Path) -> None:
-    values = calibration_values()
-    found = read_calibration(written(tmp_path, values), "camera2")
-    assert found.intrinsics.fx == 925.355957
-    assert found.intrinsics.cy == 359.535522
-    assert found.intrinsics.shape == (720, 1280)
-    pose = values["camera2"]["extrinsics_world_to_camera"]["rgb"]  # type: ignore[index]
-    # a point of the world is seen where the file's own P projects it
-    point = np.array([0.3, 0.2, 0.1])
-    u, v, w = np.array(pose["P"]) @ [*point, 1]
-    seen = transform_points(np.linalg.inv(found.base_from_camera), point)
-    np.testing.assert_allclose(project(seen, found.intrinsics), [u / w, v / w], atol=1e-9)
-    assert seen[2] == pytest.approx(w)
-    moved = np.eye(4)
-    moved[:3, 3] = [0.5, 0.0, 0.1]
-    there = read_calibration(tmp_path / "calib.json", "camera2", base_from_world=moved)
-    np.testing.assert_allclose(there.base_from_camera, moved @ found.base_from_camera, atol=1e-12)
-
-
-def test_a_broken_calibration_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(FileNotFoundError, match=r"nowhere\.json"):
-        read_calibration(tmp_path / "nowhere.json")
-    with pytest.raises(ValueError, match="camera1/rgb"):
-        read_calibration(written(tmp_path, calibration_values()))
-    values = calibration_values()
-    pose = values["camera2"]["extrinsics_world_to_camera"]["rgb"]  # type: ignore[index]
-    pose["t"][0][0] += 0.01
-    with pytest.raises(ValueError, match=r"is not K \[R \| t\]"):
-        read_calibration(written(tmp_path, values), "camera2")
-    pose["R"][0][0] += 0.1
-    with pytest.raises(ValueError, match="proper rotation"):
-        read_calibration(written(tmp_path, values), "camera2")
-    (tmp_path / "calib.json").write_text("{", encoding="utf-8")
-    with pytest.raises(ValueError, match="is no JSON"):
-        read_calibration(tmp_path / "calib.json")
