@@ -105,14 +105,22 @@ class GuardedArm:
         turn = factor * self.config.turn_speed * dt
         self.robot.servo_to(self._pace.go(self.reading.tool, goal, factor * speed * dt, turn), dt)
 
-    def allowed(self, path: Iterable[Array], watch: HandWatch, least: float, speed: float) -> float:
+    def allowed(
+        self,
+        near: Iterable[Array],
+        watch: HandWatch,
+        least: float,
+        speed: float,
+        far: Iterable[Array] = (),
+    ) -> float:
         """Part of a speed that the hand beside the path leaves.
 
         Args:
-            path: Tool poses that come next, each (4, 4), metres, base frame.
+            near: Tool poses that come next, each (4, 4), metres, base frame.
             watch: Knows the hand.
             least: Least free space to the skin, metres.
             speed: Speed wanted, metres per second.
+            far: Poses later on the path: the hand may not be there, but does not slow it yet.
 
         Returns:
             0 to 1; 0 where no hand is known.
@@ -123,16 +131,18 @@ class GuardedArm:
         if watch.keypoints is None:
             self.caution = watch.problem
             return 0.0
-        free = safety.path_distance(path, self.reading.width, watch.keypoints)
-        where = f"{1000 * free:.0f} mm from the gripper's path"
-        if free < least:
+        width, near, far = self.reading.width, list(near), list(far)
+        free = safety.path_distance(near, width, watch.keypoints)
+        later = safety.path_distance(far, width, watch.keypoints) if far else free
+        where = f"{1000 * min(free, later):.0f} mm from the gripper's path"
+        if min(free, later) < least:
             raise HaltError(f"hand {where}, at least {1000 * least:.0f} mm are needed", back=True)
         velocity = watch.velocity(0.15)
         closing = safety.closing_speed(velocity, watch.middle, self.reading.tool[:3, 3])
         reaction = self.config.safety.reaction_time
         factor = safety.speed_factor(free, least, speed, closing, reaction)
         if factor < 1:
-            self.caution = f"hand {where}: {100 * factor:.0f} % of the speed"
+            self.caution = f"hand {1000 * free:.0f} mm away: {100 * factor:.0f} % of the speed"
         return factor
 
     def ahead(self, goal: Array, *, within: float | None = None) -> list[Array]:
@@ -214,8 +224,11 @@ class Recovery:
         elif self.part == "back":
             speed = arm.config.advance_speed
             self._travelled = min(self._back, self._travelled + speed * dt)
-            arm.go(forward_of(self._from, -self._travelled), 2 * speed, dt)
-            if self._travelled >= self._back:
+            goal = forward_of(self._from, -self._travelled)
+            arm.go(goal, 2 * speed, dt)
+            near = pose_distance(arm.reading.tool, goal)[0] < 0.002
+            late = now - self._since > self._back / speed + 1.0
+            if self._travelled >= self._back and (near or late):
                 self.stay(now)
         if trouble or self.part in ("open", "back"):
             self._clear_from = now

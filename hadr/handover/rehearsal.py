@@ -15,6 +15,7 @@ from hadr.camera import transform_points
 from hadr.hand import HandShape, forward_kinematics, keypoints_from_skeleton
 from hadr.handover.candidates import FINGER_HEIGHT
 from hadr.handover.collision import FINGER_LENGTH, hand_distance
+from hadr.handover.recording import RecordedRobot
 from hadr.handover.robot import SimulatedUR5
 from hadr.handover.ur5 import Array
 from hadr.handover.workflow import Handover, Observation, Stage, pose_distance
@@ -247,6 +248,8 @@ def rehearse(
         TypeError: The handover's robot is not a `SimulatedUR5`.
     """
     robot = handover.robot
+    if isinstance(robot, RecordedRobot):
+        robot = robot.robot
     if not isinstance(robot, SimulatedUR5):
         raise TypeError(f"a rehearsal needs a SimulatedUR5, got {type(robot).__name__}")
     moments: list[Moment] = []

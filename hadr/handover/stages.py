@@ -79,7 +79,8 @@ class HandoverConfig:
         settle_time: ... for this long.
         largest_drift: The pre-grasp may move by no more than this in the settle time, so that the
             final move starts from a calm hand. Infinity: the paper, which does not ask for it.
-        restless_after: At the pre-grasp for this long, go on although the hand is not calm.
+        restless_after: Within three times that distance and angle for this long, go on although
+            the hand is not calm.
         approach_speed: Fastest motion of the tool, metres per second.
         turn_speed: Fastest turn of the tool, radians per second.
         advance_speed: Speed of the final move and of the way back.

@@ -211,11 +211,15 @@ class Handover:
         factor = self.arm.allowed(path, self.watch, least, c.approach_speed)
         self.arm.go(self.target, c.approach_speed, dt, factor=factor)
         distance, angle = pose_distance(self.arm.reading.tool, self.target)
-        if distance > c.arrive_distance or angle > c.arrive_angle:
-            self._arrived = self._there_since = None
+        if distance > 3 * c.arrive_distance or angle > 3 * c.arrive_angle:
+            self._there_since = None
+        elif self._there_since is None:
+            self._there_since = now
+        waited = 0.0 if self._there_since is None else now - self._there_since
+        restless = waited >= c.restless_after
+        if not restless and (distance > c.arrive_distance or angle > c.arrive_angle):
+            self._arrived = None
             return
-        self._there_since = now if self._there_since is None else self._there_since
-        restless = now - self._there_since >= c.restless_after
         if (
             self._arrived is None
             or pose_distance(self._arrived[1], self.target)[0] > c.largest_drift
@@ -296,11 +300,16 @@ class Handover:
         if not self._see(new, dt):
             return
         goal = final_travel(c.final_move, back=c.back, forward=c.forward)
-        path = [forward_of(self.target, s) for s in np.linspace(self._travelled, goal, 4)]
-        path.append(self.arm.reading.tool)
-        least = c.safety.grasp_distance
-        factor = self.arm.allowed(path, self.watch, least, c.advance_speed)
         here = forward_of(self.target, self._travelled)
+        soon = forward_of(self.target, min(goal, self._travelled + c.safety.look_ahead))
+        later = [forward_of(self.target, s) for s in np.linspace(self._travelled, goal, 4)]
+        factor = self.arm.allowed(
+            [self.arm.reading.tool, here, soon],
+            self.watch,
+            c.safety.grasp_distance,
+            c.advance_speed,
+            far=later,
+        )
         if pose_distance(self.arm.reading.tool, here)[0] < FAR_FROM_GOAL:
             self._travelled = min(goal, self._travelled + factor * c.advance_speed * dt)
         here = forward_of(self.target, self._travelled)
@@ -320,7 +329,8 @@ class Handover:
             self._enter(Stage.GAVE_UP, f"stands where it is: {reason}")
             return
         if self.stage is Stage.STOPPED and self.part == "back" and not back:
-            self.recovery.stay(self.time)  # no way back: stand
+            self.recovery.stay(self.time)  # no way farther back: stand
+            self.caution = reason
             return
         self.tries += 1
         distance = c.back_off

@@ -1,5 +1,7 @@
 """The three stages: every transition, every way to stop and to go on, the limits on the way."""
 
+import copy
+import functools
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -86,7 +88,7 @@ def test_runs_through_the_stages_and_keeps_every_limit(seed: int) -> None:
 
 
 def test_same_seed_same_handover() -> None:
-    first, second = (run(fixed_handover(), MovingHand(SCENE, CAMERA)) for _ in "ab")
+    first, second = (run(fixed_handover(), MovingHand(SCENE, CAMERA), longest=2.5) for _ in "ab")
     np.testing.assert_array_equal([m.joints for m in first], [m.joints for m in second])
 
 
@@ -94,7 +96,7 @@ def test_approach_follows_the_moved_hand_and_without_tracking_does_not() -> None
     hand = MovingHand(SCENE, CAMERA, seed=2, noise=0.0)
     start = forward_of(fixed_grasp(), -0.10)
     for tracking in (True, False):
-        handover = fixed_handover(HandoverConfig(tracking=tracking))
+        handover = fixed_handover(HandoverConfig(tracking=tracking, calm_speed=np.inf))
         chosen_at = None
         for step in range(40):
             time = step * DT
@@ -205,20 +207,22 @@ def test_another_holding_pose_is_observed_again() -> None:
 
 
 def test_hand_beside_the_path_stops_it_and_it_backs_off() -> None:
-    handover = fixed_handover(HandoverConfig(safety=SafetyConfig(grasp_distance=0.06)))
+    handover = fixed_handover(
+        HandoverConfig(safety=SafetyConfig(grasp_distance=0.06), back_off=0.05)
+    )
     moments = run(handover, longest=7.0)
     reason = first_stop(handover)[1]
     assert "mm from the gripper's path, at least 60 mm are needed" in reason
     assert min(m.to_hand for m in moments) > 0.06 - 0.03
     stop = first_stop(handover)[0]
     at_stop = next(m for m in moments if m.time >= stop)
-    later = next(m for m in moments if m.time >= stop + 0.5 + 0.08 / 0.1 + 0.2)
+    later = next(m for m in moments if m.time >= stop + 0.5 + 0.05 / 0.1 + 0.4)
     moved = at_stop.tool[:3, :3].T @ (later.tool[:3, 3] - at_stop.tool[:3, 3])
-    np.testing.assert_allclose(moved, [0, 0, -0.08], atol=0.003)
+    np.testing.assert_allclose(moved, [0, 0, -0.05], atol=0.003)
 
 
 def test_it_slows_down_beside_the_hand_and_says_so() -> None:
-    handover = fixed_handover(HandoverConfig(safety=SafetyConfig(reaction_time=2.0)))
+    handover = fixed_handover(HandoverConfig(safety=SafetyConfig(reaction_time=0.5)))
     said = []
     run(handover, spoil=lambda seen: (said.append(handover.caution), seen)[1])
     slow = [words for words in said if words.endswith("% of the speed")]
@@ -227,12 +231,12 @@ def test_it_slows_down_beside_the_hand_and_says_so() -> None:
     fast = fixed_handover()
     run(fast)
     assert handover.stage is fast.stage is Stage.FINISHED
-    assert final[-1] > fast.transitions[-1].time + 1.0
+    assert final[-1] > fast.transitions[-1].time + 0.3
 
 
 def test_out_of_reach_stops_it() -> None:
     far = fixed_grasp()
-    far[0, 3] = 0.93  # within the workspace's box, beyond the arm's reach
+    far[:3, 3] = [0.6, 0.8, 0.35]  # in the workspace's box, beside the hand, 1 m from the base
     handover = Handover(
         SimulatedUR5(), lambda p, k, r, s: ChosenGrasp(far, 0.07, 1.0), CAMERA, HandoverConfig()
     )
@@ -276,7 +280,8 @@ def test_a_human_who_withdraws_is_not_followed(speed: float, words: str) -> None
     time, reason = first_stop(handover)
     assert reason.startswith("the human withdraws")
     assert words in reason
-    assert time <= 1.0 + 0.3 if speed == 0.5 else time <= 1.0 + 0.17 / 0.1
+    # 0.5 m/s: seen in the second picture; 0.1 m/s along x: 15 cm along the way from tool to hand
+    assert 1.1 <= time <= (1.3 if speed == 0.5 else 1.0 + 0.15 / (0.1 * 0.75))
     stood = next(m for m in moments if m.time >= time)
     assert handover.robot.tool_pose()[0, 3] < stood.tool[0, 3]  # backed off
 
@@ -302,7 +307,7 @@ def test_an_object_that_slips_away_is_named_and_tried_again() -> None:
 def test_an_object_that_is_not_in_the_hand_is_left_alone() -> None:
     def fallen(seen: Observation) -> Observation:
         assert seen.object_points is not None
-        return replace(seen, object_points=seen.object_points + [0, 0.4, 0])
+        return replace(seen, object_points=seen.object_points + np.array([0, 0.4, 0]))
 
     handover = fixed_handover(HandoverConfig(patience=2.0))
     run(handover, spoil=fallen)
@@ -388,7 +393,7 @@ def test_a_restless_hand_is_not_grasped_at_once() -> None:
     times = []
     for drift in (np.inf, 0.005):
         handover = fixed_handover(HandoverConfig(largest_drift=drift))
-        run(handover, restless)
+        run(handover, restless, longest=8.0)
         times.append(next(t.time for t in handover.transitions if t.after is STAGES[1]))
     assert times[0] < times[1]
 
@@ -407,16 +412,24 @@ SHAPES = st.sampled_from([(21, 3), (20, 3), (0, 3), (3,), (), (40, 3), (21, 4), 
 CLOUDS = st.none() | SHAPES.flatmap(lambda shape: arrays(np.float64, shape, elements=ANY))
 
 
-@settings(max_examples=40, deadline=None)
-@given(data=st.data(), start=st.sampled_from([0, 60, 110, 160, 210]))
-def test_garbage_neither_raises_nor_leaves_the_workspace(data: st.DataObject, start: int) -> None:
+@functools.cache
+def after(steps: int) -> Handover:
+    """A handover after so many good steps, the fingers around something 6 cm wide."""
     handover = fixed_handover()
+    assert isinstance(handover.robot, SimulatedUR5)
+    handover.robot.between_fingers = 0.06
+    for step in range(steps):
+        handover.step(STILL.observe(step * DT), DT)
+    return handover
+
+
+@settings(max_examples=40, deadline=None)
+@given(data=st.data(), start=st.sampled_from([0, 30, 60, 110, 160, 210]))
+def test_garbage_neither_raises_nor_leaves_the_workspace(data: st.DataObject, start: int) -> None:
+    handover = copy.deepcopy(after(start))
     arm = handover.robot
     assert isinstance(arm, SimulatedUR5)
-    arm.between_fingers = 0.06
-    for step in range(start):
-        handover.step(STILL.observe(step * DT), DT)
-    for step in range(12):
+    for step in range(8):
         good = STILL.observe((start + step) * DT)
         garbage = Observation(
             data.draw(ANY | st.just(good.time)),

@@ -1,0 +1,173 @@
+"""Logs: what is in them, that a replay gives the same transitions, that damage is refused."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hadr.handover.grasps import forward_of
+from hadr.handover.recording import RecordedHandover
+from hadr.handover.rehearsal import HeldGlass, MovingHand, camera_at, rehearse
+from hadr.handover.robot import SimulatedUR5
+from hadr.handover.run_log import RunLog, logged_observation, read_run_log, replay
+from hadr.handover.stages import ChosenGrasp, HandoverConfig, Stage
+from hadr.handover.workflow import Observation
+
+SCENE = HeldGlass()
+CAMERA = camera_at(np.array([0.0, -0.55, 0.65]), np.array([0.55, 0.0, 0.3]))
+HAND = MovingHand(SCENE, CAMERA, drift=0.005, turn=0.01, noise=0.001)
+
+
+def grasp() -> np.ndarray:
+    pose = np.eye(4)
+    pose[:3, :3] = [[0, 0, 1], [1, 0, 0], [0, 1, 0]]
+    pose[:3, 3] = SCENE.base_from_glass[:3, 3] + [-0.033, 0, 0.17]
+    return pose
+
+
+def troubled(seen: Observation) -> Observation:
+    """One thing after the other goes wrong."""
+    bad = None if seen.keypoints is None else seen.keypoints.copy()
+    if 0.9 <= seen.time < 1.4:
+        return replace(seen, keypoints=None)
+    if 3.0 <= seen.time < 3.4 and bad is not None:
+        bad[8] = np.nan
+        return replace(seen, keypoints=bad, confidence=np.nan)
+    if 3.4 <= seen.time < 3.5 and bad is not None:
+        return replace(seen, keypoints=bad[:20], object_points=np.zeros((3, 3)))
+    if 3.5 <= seen.time < 3.6:
+        return replace(seen, frame_time=np.inf, confidence=0.1)
+    return seen
+
+
+@pytest.fixture(scope="module")
+def run() -> RecordedHandover:
+    failures = iter([ValueError("too few points"), None])
+
+    def choose(*_: object) -> ChosenGrasp | None:
+        failure = next(failures, grasp())
+        if isinstance(failure, ValueError):
+            raise failure
+        return None if failure is None else ChosenGrasp(grasp(), 0.075, 1.25)
+
+    handover = RecordedHandover(SimulatedUR5(), choose, CAMERA, HandoverConfig(restless_after=1.0))
+    rehearse(handover, HAND, dt=0.02, past_stops=True, picture_every=0.1, spoil=troubled)
+    return handover
+
+
+@pytest.fixture(scope="module")
+def path(run: RecordedHandover, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return run.save(tmp_path_factory.mktemp("logs") / "run")
+
+
+def test_the_run_is_eventful(run: RecordedHandover) -> None:
+    stages = [t.after for t in run.transitions]
+    assert stages.count(Stage.STOPPED) == 2
+    assert stages[-1] is Stage.FINISHED
+
+
+def test_a_log_comes_back_as_it_was_and_is_small(run: RecordedHandover, path: Path) -> None:
+    log = read_run_log(path)
+    assert path.suffix == ".npz"
+    assert log.transitions == run.transitions
+    assert len(log.arrays["time"]) > 400
+    assert path.stat().st_size < 300_000
+    words = [said for _, said in log.cautions]
+    assert "no grasp: too few points" in words
+    assert any("index_tip" in said for said in words)
+    seen = logged_observation(log, 10)
+    expected = HAND.observe(0.2).keypoints
+    assert expected is not None
+    np.testing.assert_allclose(seen.keypoints, expected, atol=1e-7)
+    assert (seen.time, seen.frame_time) == (0.2, 0.2)
+    assert logged_observation(log, 50).keypoints is None
+    servo = log.arrays["servo"]
+    tools = log.arrays["tool"][1:]
+    # the command runs at most 5 cm ahead of the tool
+    assert np.nanmax(np.linalg.norm((servo - tools)[:, :, 3], axis=1)) < 0.051
+
+
+def test_replay_gives_the_same_transitions(run: RecordedHandover, path: Path) -> None:
+    again = replay(read_run_log(path))
+    assert again.transitions == run.transitions
+    assert again.stage is Stage.FINISHED
+    assert again.tries == run.tries
+    assert again.target is not None
+    assert run.target is not None
+    np.testing.assert_array_equal(again.target, run.target)
+
+
+def test_replay_names_what_differs(path: Path) -> None:
+    log = read_run_log(path)
+    header = dict(log.header)
+    header["config"] = {**header["config"], "settle_time": 0.4}
+    with pytest.raises(ValueError, match=r"transition 4 differs: the log has .*Approach"):
+        replay(RunLog(log.arrays, header))
+    hands = log.arrays["keypoints"].copy()
+    hands[60:] += 0.3
+    with pytest.raises(ValueError, match="differs: the log has"):
+        replay(RunLog({**log.arrays, "keypoints": hands}, log.header))
+
+
+@pytest.mark.parametrize("part", [0.05, 0.5, 0.98])
+def test_a_log_that_was_cut_off_is_refused(path: Path, tmp_path: Path, part: float) -> None:
+    whole = path.read_bytes()
+    short = tmp_path / "short.npz"
+    short.write_bytes(whole[: int(part * len(whole))])
+    with pytest.raises(ValueError, match=r"short.npz is no run log, or is cut off or damaged"):
+        read_run_log(short)
+
+
+def test_a_log_that_was_changed_is_refused(path: Path, tmp_path: Path) -> None:
+    log = read_run_log(path)
+    with np.load(path) as file:
+        content = {name: file[name] for name in file.files}
+    changed = tmp_path / "changed.npz"
+    content["width"] = log.arrays["width"] + np.float32(0.001)
+    np.savez_compressed(changed, **content)
+    with pytest.raises(ValueError, match=r"changed.npz was changed: .* checksum"):
+        read_run_log(changed)
+    content["width"] = log.arrays["width"]
+    content["header"] = np.array(str(content["header"]).replace("no hand seen", "a hand seen"))
+    np.savez_compressed(changed, **content)
+    with pytest.raises(ValueError, match=r"changed.npz was changed"):
+        read_run_log(changed)
+    flipped = bytearray(path.read_bytes())
+    flipped[len(flipped) // 2] ^= 0xFF
+    changed.write_bytes(flipped)
+    with pytest.raises(ValueError, match=r"changed.npz"):
+        read_run_log(changed)
+    with pytest.raises(FileNotFoundError):
+        read_run_log(tmp_path / "none.npz")
+
+
+def test_another_format_is_refused(path: Path, tmp_path: Path) -> None:
+    log = read_run_log(path)
+    other = RunLog(log.arrays, {**log.header, "format": 99}).save(tmp_path / "other.npz")
+    with pytest.raises(ValueError, match="has format 99, this version reads 1"):
+        read_run_log(other)
+
+
+def test_forces_and_refusals_of_the_robot_are_replayed() -> None:
+    arm = SimulatedUR5()
+    far = grasp()
+    far[:3, 3] = [0.6, 0.8, 0.35]
+    chosen = iter([far, forward_of(grasp(), 0.0)])
+    last = ChosenGrasp(grasp(), 0.075, 1.0)
+    handover = RecordedHandover(
+        arm, lambda *_: ChosenGrasp(next(chosen, last.pose), 0.075, 1.0), CAMERA
+    )
+    pushed: list[float] = []
+
+    def push(seen: Observation) -> Observation:
+        if handover.part == "close" and not pushed:
+            pushed.append(seen.time)
+            arm.protective_stop = "contact force 11 N"
+        return seen
+
+    rehearse(handover, HAND, dt=0.02, past_stops=True, picture_every=0.1, spoil=push)
+    reasons = " ".join(t.reason for t in handover.transitions)
+    assert "out of reach" in reasons
+    assert "contact force 11 N" in reasons
+    assert replay(handover.log()).transitions == handover.transitions
