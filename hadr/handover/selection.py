@@ -101,7 +101,7 @@ class GraspSelection:
             points,
             self.rng,
             viewpoint=self.viewpoint,
-            toward=self.directions.robot_to_human,
+            toward=self.directions.robot_to_human if self.rescoring else None,
             attempts=self.attempts,
             frame="base",
         )
