@@ -167,19 +167,28 @@ class HandWatch:
         times = np.array([p[0] for p in recent])
         return line_velocity(times, np.stack([p[1] for p in recent]))
 
+    def camera_trouble(self, now: float) -> str:
+        """Say that the camera stopped, or nothing.
+
+        Args:
+            now: The workflow's clock, seconds.
+        """
+        silent = now - (self._started if np.isnan(self._frame_came) else self._frame_came)
+        if silent >= self.config.camera_silent_after - 1e-9:
+            return f"the camera stopped: no new picture for {silent:.2f} s"
+        return ""
+
     def trouble(self, now: float) -> str:
         """Why the robot may not move on what is seen, or an empty string.
 
         Args:
             now: The workflow's clock, seconds.
         """
-        c = self.config
-        silent = now - (self._started if np.isnan(self._frame_came) else self._frame_came)
-        if silent >= c.camera_silent_after - 1e-9:
-            return f"the camera stopped: no new picture for {silent:.2f} s"
+        if self.camera_trouble(now):
+            return self.camera_trouble(now)
         lost = now - (self._started if np.isnan(self._hand_came) else self._hand_came)
-        if lost >= c.hand_lost_after - 1e-9:
+        if lost >= self.config.hand_lost_after - 1e-9:
             return f"no hand seen for {lost:.2f} s: {self.problem}"
-        if self._equal >= c.frozen_frames:
+        if self._equal >= self.config.frozen_frames:
             return f"keypoints frozen: the same in {self._equal} pictures in a row"
         return ""

@@ -288,6 +288,7 @@ def rehearse(
                 to_hand=hand_distance(tool, robot.gripper_width(), keypoints),
             )
         )
-        if handover.over or (handover.stage is Stage.STOPPED and not past_stops):
+        halted = handover.stage in (Stage.STOPPED, Stage.GOING_HOME)
+        if handover.over or (halted and not past_stops):
             break
     return moments

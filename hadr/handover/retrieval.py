@@ -50,8 +50,13 @@ class Retrieval:
         self._still = (now, self.arm.reading.width)
         self._enter("close", now)
 
-    def step(self, now: float, dt: float) -> bool:
+    def step(self, now: float, dt: float, *, factor: float = 1.0) -> bool:
         """Go on for dt seconds.
+
+        Args:
+            now: Seconds.
+            dt: Seconds.
+            factor: Part of the speed of the way back that is used.
 
         Returns:
             True where the object is pulled back and still held.
@@ -75,7 +80,7 @@ class Retrieval:
                 self._enter("retreat", now)
         else:
             self._check_held("the object was dropped on the way back")
-            self._travelled = min(c.retreat, self._travelled + c.advance_speed * dt)
+            self._travelled = min(c.retreat, self._travelled + factor * c.advance_speed * dt)
             goal = forward_of(self._pose, -self._travelled)
             arm.go(goal, 2 * c.advance_speed, dt)
             near = pose_distance(arm.reading.tool, goal)[0] < c.arrive_distance

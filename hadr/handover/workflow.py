@@ -46,6 +46,8 @@ __all__ = [
 Array = npt.NDArray[np.float64]
 CLOCK_JUMP = 1.0
 """An observation's time this much later than the one before, seconds, is not believed."""
+BLIND = 0.5
+"""Part of the speed on the ways back while the camera shows nothing."""
 FAR_FROM_GOAL = 0.02
 """The final move waits for a tool that is farther behind than this, metres."""
 
@@ -133,7 +135,9 @@ class Handover:
             self._act(observation, new, dt)
         except HaltError as halt:
             self._stop(str(halt), back=halt.back)
-        except (UnreachableError, ValueError, np.linalg.LinAlgError) as error:
+        except UnreachableError as error:
+            self._stop(f"out of reach: {error}")
+        except (ValueError, np.linalg.LinAlgError) as error:
             self._stop(str(error))
         return self.stage
 
@@ -291,7 +295,8 @@ class Handover:
             raise HaltError(f"grasp not finished within {c.grasp_timeout:.1f} s", back=True)
         goal = final_travel(c.final_move, back=c.back, forward=c.forward)
         if self.part != "advance":
-            pulled_back = self.retrieval.step(now, dt)
+            self.caution = self.watch.camera_trouble(now)
+            pulled_back = self.retrieval.step(now, dt, factor=BLIND if self.caution else 1.0)
             self.part = self.retrieval.part
             if pulled_back:
                 reason = "object pulled back to where it can be carried off, still held"
@@ -381,10 +386,11 @@ class Handover:
             return
         if self.time - self._entered > c.home_timeout:
             raise HaltError(f"home not reached within {c.home_timeout:.0f} s")
-        factor = 0.5
-        if self.watch.keypoints is not None:
+        factor, self.caution = BLIND, self.watch.trouble(self.time) or self.watch.problem
+        if not self.caution:
             path = self.arm.ahead(home)
             factor = self.arm.allowed(path, self.watch, 0.0, c.approach_speed)
+            self.caution = self.arm.caution
         self.arm.go(home, c.approach_speed, dt, factor=factor)
 
     def _enter(self, stage: Stage, reason: str) -> None:

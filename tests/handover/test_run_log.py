@@ -171,3 +171,27 @@ def test_forces_and_refusals_of_the_robot_are_replayed() -> None:
     assert "out of reach" in reasons
     assert "contact force 11 N" in reasons
     assert replay(handover.log()).transitions == handover.transitions
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_run_on_garbage_is_replayed(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    last = ChosenGrasp(grasp(), 0.075, 1.0)
+    handover = RecordedHandover(SimulatedUR5(), lambda *_: last, CAMERA)
+    odd = (np.nan, np.inf, -np.inf, 1e300, 1e-300, -1.0)
+
+    def garble(seen: Observation) -> Observation:
+        if seen.time < 0.8 or rng.random() < 0.7:
+            return seen
+        name = str(rng.choice(["time", "keypoints", "object_points", "confidence", "frame_time"]))
+        value: object = float(rng.choice(odd))
+        if name in ("keypoints", "object_points"):
+            shape = [(21, 3), (20, 3), (0, 3), (), (50, 3)][rng.integers(5)]
+            value = np.where(rng.random(shape) < 0.1, value, rng.normal(size=shape))
+        return replace(seen, **{name: value})
+
+    rehearse(handover, HAND, dt=0.02, longest=4.0, past_stops=True, spoil=garble)
+    assert len(handover.transitions) >= 2
+    again = replay(handover.log())
+    assert again.transitions == handover.transitions
+    assert (again.caution, again.time) == (handover.caution, handover.time)

@@ -17,6 +17,7 @@ from hadr.handover.rehearsal import HeldGlass, Moment, MovingHand, camera_at, re
 from hadr.handover.robot import SimulatedUR5, Workspace
 from hadr.handover.safety import SafetyConfig
 from hadr.handover.selection import GraspSelection
+from hadr.handover.tracking import hand_motion
 from hadr.handover.workflow import (
     ChosenGrasp,
     Handover,
@@ -44,9 +45,12 @@ def fixed_grasp() -> np.ndarray:
 
 def fixed_handover(config: HandoverConfig | None = None) -> Handover:
     """Chooses the grasp that is fixed to the glass wherever the hand has moved it."""
-    chosen = ChosenGrasp(fixed_grasp(), 0.075, 1.0)
-    config = config or HandoverConfig()
-    return Handover(SimulatedUR5(), lambda p, k, r, s: chosen, CAMERA, config)
+
+    def choose(_: object, keypoints: np.ndarray, *__: object) -> ChosenGrasp:
+        moved = hand_motion(SCENE.keypoints, keypoints)
+        return ChosenGrasp(moved.move_pose(fixed_grasp()), 0.075, 1.0)
+
+    return Handover(SimulatedUR5(), choose, CAMERA, config or HandoverConfig())
 
 
 def run(
@@ -107,8 +111,7 @@ def test_approach_follows_the_moved_hand_and_without_tracking_does_not() -> None
             if chosen_at is None:
                 chosen_at = time
                 continue
-            moved = hand.motion(time) @ np.linalg.inv(hand.motion(chosen_at))
-            expected = moved @ start if tracking else start
+            expected = hand.motion(time if tracking else chosen_at) @ start
             np.testing.assert_allclose(handover.target, expected, atol=1e-9)
         assert chosen_at is not None
 
@@ -187,6 +190,22 @@ def test_a_camera_that_stops_stops_it_within_three_tenths() -> None:
     time, reason = first_stop(handover)
     assert reason == "the camera stopped: no new picture for 0.30 s"
     assert time == pytest.approx(1.3)
+
+
+@pytest.mark.parametrize(("hangs", "expected"), [(False, 1.5), (True, 0.3 + 2 * 1.2)])
+def test_a_camera_that_stops_on_the_way_back_slows_it(hangs: bool, expected: float) -> None:
+    handover = fixed_handover()
+    begun: list[Observation] = []
+
+    def hang(seen: Observation) -> Observation:
+        if handover.part == "retreat":
+            begun.append(seen)
+        return replace(seen, frame_time=begun[0].taken) if begun and hangs else seen
+
+    run(handover, spoil=hang)
+    assert handover.stage is Stage.FINISHED
+    # 15 cm at 0.1 m/s; the camera is missed after 0.3 s, the other 12 cm take twice as long
+    assert handover.transitions[-1].time - begun[0].time == pytest.approx(expected, abs=0.12)
 
 
 def test_another_holding_pose_is_observed_again() -> None:
