@@ -33,6 +33,10 @@ class Robot(Protocol):
         """Say whether the tool could stand at this pose, shape (4, 4), within all limits."""
         ...
 
+    def straight_way(self, base_from_tool: Array) -> bool:
+        """Say whether it could go from here to a pose, shape (4, 4), without a detour."""
+        ...
+
     def servo_to(self, base_from_tool: Array, dt: float) -> None:
         """Move toward a tool pose, shape (4, 4), for dt seconds, keeping every limit."""
         ...
@@ -188,6 +192,10 @@ class SimulatedUR5:
         except UnreachableError:
             return False
         return True
+
+    def straight_way(self, base_from_tool: Array) -> bool:
+        """Say whether the tool could stand at a pose: this arm's joints go there evenly."""
+        return self.reachable(base_from_tool)
 
     def servo_to(self, base_from_tool: Array, dt: float) -> None:
         """Move toward a tool pose for a short time, all joints in step, in joint space.

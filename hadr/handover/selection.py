@@ -75,8 +75,9 @@ class GraspSelection:
                 shape (m, 3), metres.
 
         Returns:
-            The best grasp whose pre-grasp, grasp and final pose can all be reached; None where no
-            candidate is left.
+            The best grasp whose pre-grasp, grasp and final pose can all be reached, and to whose
+            pre-grasp a straight way leads, or, without such a one, the best to which any way does;
+            None where no candidate is left.
 
         Raises:
             ValueError: The points are too few or not finite, see `sample_grasps`.
@@ -138,28 +139,43 @@ class GraspSelection:
         scores = self.scores(grasps)
         best_first = np.argsort(-scores, kind="stable")
         tried: list[Array] = []
+        roundabout: ChosenGrasp | None = None
         for clearance in self.clearances:
             for row in best_first[room[best_first] >= clearance]:
                 pose = grasps.poses[row]
                 if len(tried) >= self.most_checked:
-                    return None
+                    return roundabout
                 if any(_alike(pose, other) for other in tried):
                     continue
                 tried.append(pose)
-                reached = self._turned(pose, robot)
-                if reached is not None:
-                    return ChosenGrasp(reached, float(grasps.widths[row]), float(scores[row]))
-        return None
+                for reached in self._turned(pose, robot):
+                    found = ChosenGrasp(reached, float(grasps.widths[row]), float(scores[row]))
+                    if robot.straight_way(forward_of(reached, -self.back)):
+                        return found
+                    roundabout = roundabout or found
+        return roundabout
 
-    def _turned(self, pose: Array, robot: Robot) -> Array | None:
-        """The reachable one of a pose and its half turn, the one nearer to the tool's own turn."""
+    def _turned(self, pose: Array, robot: Robot) -> list[Array]:
+        """The reachable ones of a pose and its half turn, the nearer to the tool's turn first."""
         closing = robot.tool_pose()[:3, 0]
         both = sorted((pose, pose @ HALF_TURN), key=lambda p: -float(p[:3, 0] @ closing))
-        for option in both:
-            stops = (-self.back, 0.0, self.forward)
-            if all(robot.reachable(forward_of(option, stop)) for stop in stops):
-                return option
-        return None
+        stops = [(-self.back, side) for side in _ASIDE]
+        stops += [(0.0, np.zeros(3)), (self.forward, np.zeros(3))]
+        return [
+            option
+            for option in both
+            if all(robot.reachable(_moved(forward_of(option, s), aside)) for s, aside in stops)
+        ]
+
+
+_ASIDE = 0.03 * np.array([[0, 0, 0], [0, 0, 1], [0, 0, -1], [0, 1, 0], [0, -1, 0]])
+"""So far the pre-grasp may move with the hand and must still be within reach, metres."""
+
+
+def _moved(pose: Array, shift: Array) -> Array:
+    moved = pose.copy()
+    moved[:3, 3] += shift
+    return moved
 
 
 def _alike(pose: Array, other: Array) -> bool:
