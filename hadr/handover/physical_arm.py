@@ -12,7 +12,8 @@ import mujoco
 import numpy as np
 
 from hadr.handover import ur5
-from hadr.handover.arm_motion import ArmMotion, MotionConfig
+from hadr.handover.arm_motion import ArmMotion
+from hadr.handover.motion_limits import MotionConfig
 from hadr.handover.robot import ArmConfig
 from hadr.handover.ur5 import Array, UnreachableError
 
