@@ -61,7 +61,7 @@ def add_arm(spec: mujoco.MjSpec, config: ArmConfig, gripper_width: float | None 
         fromto=[0, 0, 0, 0, 0, 0.08],
         size=[0.075, 0, 0],
         mass=4.0,
-        **_touch(),
+        **_touch(on_table=True),
     )
     parent, parent_from_body = base, np.eye(4)
     for index, name in enumerate(LINKS):
@@ -90,7 +90,7 @@ def add_arm(spec: mujoco.MjSpec, config: ArmConfig, gripper_width: float | None 
                 fromto=[*start, *end],
                 size=[_TUBE[index], 0, 0],
                 mass=LINK_MASSES[index] * lengths[part] / sum(lengths),
-                **_touch(),
+                **_touch(on_table=index == 0),
             )
         for part, point in enumerate(_joint_points(index)):
             parent.add_site(name=f"{name}_point_{part}", pos=point, size=[0.002, 0, 0])
@@ -226,7 +226,7 @@ def add_table(spec: mujoco.MjSpec) -> None:
         pos=[0.01, 0.0, -0.015],
         size=[0.41, 0.8, 0.015],
         contype=GROUND,
-        conaffinity=OBJECT | ROBOT,
+        conaffinity=OBJECT,
     )
 
 
@@ -258,9 +258,9 @@ def _joint_points(index: int) -> list[Array]:
     return [np.array(point, dtype=np.float64) for point in points[index]]
 
 
-def _touch() -> dict[str, int]:
-    """The robot's shapes touch the hand, the object and the table; not each other."""
-    return {"contype": ROBOT, "conaffinity": HAND | OBJECT | GROUND}
+def _touch(*, on_table: bool = False) -> dict[str, int]:
+    """The robot's shapes touch the hand, the object and the table that it does not stand on."""
+    return {"contype": ROBOT, "conaffinity": HAND | OBJECT | (0 if on_table else GROUND)}
 
 
 def _quaternion(pose: Array) -> Array:

@@ -12,7 +12,8 @@ import mujoco
 import numpy as np
 
 from hadr.handover import ur5
-from hadr.handover.arm_motion import ArmMotion, MotionConfig
+from hadr.handover.arm_motion import ArmMotion
+from hadr.handover.motion_limits import MotionConfig
 from hadr.handover.robot import ArmConfig
 from hadr.handover.ur5 import Array, UnreachableError
 
@@ -27,6 +28,7 @@ class PhysicalArmConfig:
         gentle_force: Force of a finger while the human still holds the object, newtons.
         firm_force: Force of a finger once the gripper alone holds it, newtons.
         opening_force: Force of a finger that opens in a protective stop, newtons.
+        force_rise: How fast the fingers' force may grow, newtons per second.
         protective_force: Force on the hand at which the arm freezes, newtons.
         emergency_deceleration: Of the joints in a protective stop, rad/s2.
     """
@@ -36,6 +38,7 @@ class PhysicalArmConfig:
     gentle_force: float = 7.0
     firm_force: float = 22.0
     opening_force: float = 3.0
+    force_rise: float = 20.0
     protective_force: float = 9.0
     emergency_deceleration: float = 20.0
 
@@ -116,7 +119,7 @@ class PhysicalUR5:
         still = (np.zeros(6), np.zeros(6))
         self._stretch = _Stretch(data.time - 0.02, 0.02, (home, home), still)
         self.home_pose: Array = self._motion.tool_pose_at(home)
-        self.set_firm_grip(False)
+        self._force = self._wanted_force = self.config.gentle_force
         self.drive()
 
     def tool_pose(self) -> Array:
@@ -190,13 +193,16 @@ class PhysicalUR5:
     def set_gripper(self, width: float) -> None:
         """Open or close the fingers to a width in metres; an object between them stops them.
 
+        In a protective stop this does nothing.
+
         Raises:
             ValueError: The width is not finite or lies outside 0 to the largest opening.
         """
         largest = self.config.arm.largest_opening
         if not 0 <= width <= largest:
             raise ValueError(f"gripper width must lie between 0 and {largest} m, got {width}")
-        self._target_opening = width
+        if not self.protective_stop:
+            self._target_opening = width
 
     def gripper_width(self) -> float:
         """Return the distance between the fingers now, metres."""
@@ -208,8 +214,7 @@ class PhysicalUR5:
         force = self.config.firm_force if firm else self.config.gentle_force
         if self.protective_stop and not firm:
             force = min(force, self.config.opening_force)
-        # half of the motor's force acts on each finger
-        self._model.actuator_forcerange[self._grip] = [-2 * force, 2 * force]
+        self._wanted_force = force
 
     def feel(self, force: float, *, open_fingers: bool) -> None:
         """Freeze when the force on the hand, newtons, is too large, as real arms do.
@@ -247,3 +252,7 @@ class PhysicalUR5:
         step = c.arm.finger_speed * self._model.opt.timestep
         self._opening += float(np.clip(self._target_opening - self._opening, -step, step))
         self._data.ctrl[self._grip] = self._opening / 2
+        rise = c.force_rise * self._model.opt.timestep
+        self._force = min(self._force + rise, self._wanted_force)
+        # half of the motor's force acts on each finger
+        self._model.actuator_forcerange[self._grip] = [-2 * self._force, 2 * self._force]

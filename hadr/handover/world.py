@@ -112,6 +112,13 @@ def _cross(first: Array, second: Array) -> Array:
     return product
 
 
+def _at_most(vector: Array, largest: float) -> Array:
+    """The vector (3,), shortened to a length where it is longer."""
+    length = float(np.sqrt(vector @ vector))
+    shortened: Array = vector if length <= largest else vector * (largest / length)
+    return shortened
+
+
 class World:
     """One handover's physics.
 
@@ -239,10 +246,11 @@ class World:
         twist = rotation @ course.turn_from(elapsed, data.xquat[body])
         damping = 2 * np.sqrt(c.hand_stiffness * HAND_MASS)
         turn_damping = 2 * np.sqrt(c.hand_turn_stiffness * HAND_INERTIA)
-        force = c.hand_stiffness * away + damping * (goal_speed - speed)
-        torque = c.hand_turn_stiffness * twist + turn_damping * (course.spin - spin)
-        force *= min(1.0, c.hand_strength / max(float(np.linalg.norm(force)), 1e-9))
-        torque *= min(1.0, c.hand_torque / max(float(np.linalg.norm(torque)), 1e-9))
+        # the spring is the weaker part, so that a hand that comes free does not shoot back
+        pull = _at_most(c.hand_stiffness * away, 0.6 * c.hand_strength)
+        force = _at_most(pull + damping * (goal_speed - speed), c.hand_strength)
+        twisting = _at_most(c.hand_turn_stiffness * twist, 0.6 * c.hand_torque)
+        torque = _at_most(twisting + turn_damping * (course.spin - spin), c.hand_torque)
         if self._released_at is None:
             weight = -self._model.body_mass[self._object] * self._model.opt.gravity
             arm = data.xipos[self._object] - data.xipos[body]

@@ -7,7 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from hadr.handover.arm_motion import ArmMotion, MotionConfig
+from hadr.handover.arm_motion import ArmMotion
+from hadr.handover.motion_limits import MotionConfig
 from hadr.handover.robot import ArmConfig
 from hadr.handover.ur5 import UnreachableError
 from hadr.handover.workflow import pose_distance

@@ -166,7 +166,7 @@ def test_the_gripper_alone_carries_the_glass(handed_over: Handed) -> None:
 
 
 def test_open_fingers_drop_it_and_the_ground_bears_it(handed_over: Handed) -> None:
-    world, _, lifted = handed_over
+    world = handed_over[0]
     back = world.robot.home_pose.copy()  # over the robot's own table
     back[2, 3] = 0.2
     drive(world, back, 2.5)
