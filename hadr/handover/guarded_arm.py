@@ -58,6 +58,7 @@ class GuardedArm:
     home: Array = field(init=False)
     caution: str = field(default="", init=False)
     _pace: Pace = field(default_factory=Pace, init=False)
+    _trail: list[Array] = field(default_factory=list, init=False)
     _singular: float = field(default=np.inf, init=False)
 
     def __post_init__(self) -> None:
@@ -71,6 +72,18 @@ class GuardedArm:
             robot.tool_pose(), robot.joint_positions(), robot.gripper_width(), robot.protective_stop
         )
         self.caution = ""
+        tool = self.reading.tool
+        if not self._trail or pose_distance(tool, self._trail[-1])[0] > 0.005:
+            self._trail = [*self._trail[-99:], tool]
+
+    def came_from(self, distance: float) -> Array:
+        """Where the tool was so far back on its way, shape (4, 4); distance in metres."""
+        poses = [*self._trail, self.reading.tool]
+        for last, pose in zip(poses[:0:-1], poses[-2::-1], strict=True):
+            distance -= pose_distance(last, pose)[0]
+            if distance <= 0:
+                return pose
+        return poses[0]
 
     def check_joints(self) -> None:
         """HaltError an arm that is nearly singular and on its way there."""
@@ -141,6 +154,9 @@ class GuardedArm:
         closing = safety.closing_speed(velocity, watch.middle, self.reading.tool[:3, 3])
         reaction = self.config.safety.reaction_time
         factor = safety.speed_factor(free, least, speed, closing, reaction)
+        crawl = self.config.crawl_speed
+        if closing < crawl and free > least + crawl * reaction:
+            factor = max(factor, min(1.0, crawl / speed))
         if factor < 1:
             self.caution = f"hand {1000 * free:.0f} mm away: {100 * factor:.0f} % of the speed"
         return factor
@@ -182,19 +198,22 @@ class Recovery:
     _clear_from: float = field(default=0.0, init=False)
     _back: float = field(default=0.0, init=False)
     _opening: float | None = field(default=None, init=False)
+    _straight: bool = field(default=True, init=False)
     _from: Array = field(init=False)
+    _goal: Array = field(init=False)
     _travelled: float = field(default=0.0, init=False)
 
-    def begin(self, now: float, *, back: float, opening: float | None) -> None:
+    def begin(self, now: float, *, back: float, opening: float | None, straight: bool) -> None:
         """Stop the arm.
 
         Args:
             now: Seconds.
-            back: How far to back off along the approach axis, metres; 0: not at all.
+            back: How far to back off, metres; 0: not at all.
             opening: Width in metres to open the fingers to first, or None.
+            straight: Back off along the approach axis; False: along the way that the tool came.
         """
         self.arm.stop()
-        self._back, self._opening = back, opening
+        self._back, self._opening, self._straight = back, opening, straight
         if opening is not None:
             self.arm.robot.set_gripper(opening)
         self._enter("still", now)
@@ -220,11 +239,14 @@ class Recovery:
             wide = self._opening is None or arm.reading.width >= self._opening - 0.002
             if wide or now - self._since > 1.5:
                 self._from, self._travelled = arm.reading.tool, 0.0
+                self._goal = forward_of(self._from, -self._back)
+                if not self._straight:
+                    self._goal = arm.came_from(self._back)
                 self._enter("back", now)
         elif self.part == "back":
             speed = arm.config.advance_speed
             self._travelled = min(self._back, self._travelled + speed * dt)
-            goal = forward_of(self._from, -self._travelled)
+            goal = between(self._from, self._goal, self._travelled / self._back)
             arm.go(goal, 2 * speed, dt)
             near = pose_distance(arm.reading.tool, goal)[0] < 0.002
             late = now - self._since > self._back / speed + 1.0

@@ -83,6 +83,7 @@ class HandoverConfig:
             the hand is not calm.
         approach_speed: Fastest motion of the tool, metres per second.
         turn_speed: Fastest turn of the tool, radians per second.
+        crawl_speed: Beside a hand that does not come nearer, no slower than this.
         advance_speed: Speed of the final move and of the way back.
         approach_timeout: Longest second stage.
         grasp_timeout: Longest third stage.
@@ -118,6 +119,7 @@ class HandoverConfig:
     restless_after: float = 2.0
     approach_speed: float = 0.25
     turn_speed: float = 1.0
+    crawl_speed: float = 0.02
     advance_speed: float = 0.10
     approach_timeout: float = 13.0
     grasp_timeout: float = 13.0

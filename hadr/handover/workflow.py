@@ -339,12 +339,13 @@ class Handover:
             return
         self.tries += 1
         distance = c.back_off
-        if self.stage is Stage.GRASP_AND_RETRIEVE:  # beside the object: out as it came in
+        straight = self.stage is Stage.GRASP_AND_RETRIEVE
+        if straight:  # beside the object: out as it came in
             back, distance = True, max(distance, self._travelled)
         opening = None if self.grasp is None else self.grasp.width
-        self.recovery.begin(
-            self.time, back=distance if back else 0.0, opening=opening if back else None
-        )
+        if not back:
+            distance, opening = 0.0, None
+        self.recovery.begin(self.time, back=distance, opening=opening, straight=straight)
         self._enter(Stage.STOPPED, reason)
         self.part = self.recovery.part
 
