@@ -2,6 +2,7 @@
 
     OUT/hadr/0004-902.json   a finished attempt: its outcome, sealed by a checksum
     OUT/hadr/0004-902.npz    the states of the world, for films and for a second look
+    OUT/hadr/0004-902-log.npz  what the workflow saw and commanded, for a replay
 
 An attempt is run again when its description or the code's version of the world differs from what
 its file says, or when the file was changed by hand.
@@ -117,6 +118,7 @@ def _attempt(trial: Trial, out: Path) -> dict[str, Any]:
     path.parent.mkdir(parents=True, exist_ok=True)
     run = run_trial(trial)
     save_states(path.with_suffix(".npz"), run.states)
+    run.log.save(path.with_name(f"{trial.name}-log.npz"))
     outcome = plain({**record_of(run.outcome), "config_sha256": trial.digest})
     changes = [[t.time, t.before.value, t.after.value, t.reason] for t in run.transitions]
     return seal_row(path, {"trial": plain(record_of(trial)), **outcome, "transitions": changes})

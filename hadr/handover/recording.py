@@ -86,6 +86,10 @@ class RecordedRobot:
         self.step.events.append(["reachable", bool(answer)])
         return answer
 
+    def straight_way(self, base_from_tool: Array) -> bool:
+        """Say whether it could go from here to a pose, shape (4, 4), without a detour."""
+        return self.robot.straight_way(base_from_tool)
+
     def servo_to(self, base_from_tool: Array, dt: float) -> None:
         """Move toward a tool pose, shape (4, 4), for dt seconds."""
         self.step.servo = np.array(base_from_tool)

@@ -176,6 +176,10 @@ class LoggedRobot:
         event = self.take("reachable")
         return bool(event[1]) if event else True
 
+    def straight_way(self, base_from_tool: Array) -> bool:
+        """Not asked in a replay: the grasps are those that were chosen then."""
+        return True
+
     def servo_to(self, base_from_tool: Array, dt: float) -> None:
         """Fail where the robot failed then."""
         self._fail("servo_error")

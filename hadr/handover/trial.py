@@ -14,16 +14,19 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from hadr.handover.arm_motion import MotionConfig
 from hadr.handover.hand_motions import HandMotionConfig, motion_for
 from hadr.handover.judge import Judge, Verdict
+from hadr.handover.motion_limits import MotionConfig
 from hadr.handover.physical_arm import PhysicalArmConfig
+from hadr.handover.recording import RecordedHandover
 from hadr.handover.robot import ArmConfig
 from hadr.handover.robot_camera import RobotCamera
+from hadr.handover.run_log import RunLog
+from hadr.handover.safety import SafetyConfig
 from hadr.handover.scenes import HeldScene, held_scene
 from hadr.handover.selection import GraspSelection
 from hadr.handover.sight import DepthArm, Sight
-from hadr.handover.workflow import ChosenGrasp, Handover, HandoverConfig, Stage, Transition
+from hadr.handover.workflow import ChosenGrasp, HandoverConfig, Stage, Transition
 from hadr.handover.world import World, WorldConfig
 from hadr.handover.world_state import WorldState
 from hadr.provenance import record_of
@@ -52,9 +55,11 @@ ATTEMPT_CONFIG = HandoverConfig(
     advance_speed=0.12,
     largest_drift=0.012,
     restless_after=1.0,
+    safety=SafetyConfig(smallest_singular_value=0.001),
 )
 """Settings of all attempts, found on holds that are none of the experiment's. Keypoints with an
-error of 4 mm make the pre-grasp move by more than the standard 5 mm although the hand rests."""
+error of 4 mm make the pre-grasp move by more than the standard 5 mm although the hand rests, and
+the program that moves this arm holds its limits nearer to a singular pose than the standard."""
 ATTEMPT_ARM = PhysicalArmConfig(
     arm=ArmConfig(speed_fraction=0.6),
     motion=MotionConfig(joint_acceleration=9.0, turn_speed=2.0, turn_acceleration=6.0),
@@ -147,6 +152,7 @@ class Run:
         outcome: How it ended.
         states: The world, 25 times a second.
         transitions: Every change of stage, with its reason.
+        log: What the workflow saw and commanded, for a replay.
     """
 
     trial: Trial
@@ -154,6 +160,7 @@ class Run:
     outcome: Outcome
     states: tuple[WorldState, ...]
     transitions: tuple[Transition, ...]
+    log: RunLog
 
 
 class _Timed:
@@ -208,7 +215,7 @@ def run_trial(
     )
     config = replace(config or ATTEMPT_CONFIG, tracking=trial.arm != "hadr-no-tracking")
     home = world.robot.tool_pose()
-    handover = Handover(world.robot, select, base_from_camera, config)
+    handover = RecordedHandover(world.robot, select, base_from_camera, config)
     judge = Judge(scene.item.height)
     judge.rules = replace(judge.rules, time_limit=trial.time_limit)
     states = [world.state()]
@@ -248,4 +255,6 @@ def run_trial(
         planning_wall_seconds=float(np.mean(select.seconds)) if select.seconds else float("nan"),
         wall_seconds=clock.perf_counter() - started,
     )
-    return Run(trial, scene, outcome, tuple(states[::2]), tuple(handover.transitions))
+    return Run(
+        trial, scene, outcome, tuple(states[::2]), tuple(handover.transitions), handover.log()
+    )

@@ -47,7 +47,7 @@ def watch_trial(trial: Trial) -> Run:
     def show(world: World, state: WorldState, stage: Stage) -> None:
         nonlocal viewer
         if viewer is None:
-            viewer = mujoco.viewer.launch_passive(world.model, world.data)
+            viewer = mujoco.viewer.launch_passive(*world.physics)
         viewer.sync()
         time.sleep(max(0.0, started + state.time - time.perf_counter()))
 

@@ -186,6 +186,11 @@ class World:
             self._look_at_contacts()
         mujoco.mj_kinematics(self._model, self._data)
 
+    @property
+    def physics(self) -> tuple[mujoco.MjModel, mujoco.MjData]:
+        """MuJoCo's model and data, for its viewer; changing them changes the world."""
+        return self._model, self._data
+
     def state(self) -> WorldState:
         """What is true now; the largest force on the hand counts from the call before."""
         force, self._largest_force = self._largest_force, 0.0
