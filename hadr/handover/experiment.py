@@ -71,7 +71,7 @@ def run_attempts(
     Args:
         trials: The attempts.
         out: Folder of their files; made where it is missing.
-        jobs: So many at a time, each in a process with one thread.
+        jobs: So many at a time, each with one thread: in this process, or each in its own.
         report: Told of each one as it is finished.
 
     Returns:
@@ -89,10 +89,15 @@ def run_attempts(
         if row is not None and report is not None:
             report(trials[i], row)
     if jobs == 1:
-        for i in missing:
-            found[i] = _attempt(trials[i], out)
-            if report is not None:
-                report(trials[i], found[i] or {})
+        threads = torch.get_num_threads()
+        _one_thread()
+        try:
+            for i in missing:
+                found[i] = _attempt(trials[i], out)
+                if report is not None:
+                    report(trials[i], found[i] or {})
+        finally:
+            torch.set_num_threads(threads)
     elif missing:
         # processes are spawned: a forked one would inherit PyTorch's threads
         context = multiprocessing.get_context("spawn")
@@ -106,6 +111,7 @@ def run_attempts(
 
 
 def _one_thread() -> None:
+    """Sums have one order then, whatever the number of jobs."""
     torch.set_num_threads(1)
 
 

@@ -8,7 +8,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from hadr.handover.scenes import TRIAL_HOLDS, TRIAL_OBJECTS
+from hadr.handover.trial_set import TRIAL_HOLDS, TRIAL_OBJECTS
 from hadr.provenance import (
     check_folder,
     check_writable,
