@@ -29,6 +29,8 @@ PROVENANCE_PACKAGES = (
     "mitsuba",
     "pyoidn",
     "dask",
+    "mujoco",
+    "mink",
 )
 
 

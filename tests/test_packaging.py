@@ -19,6 +19,16 @@ CONDA_NAMES = {"pytorch": "torch", "matplotlib-base": "matplotlib"}
 CONDA_ONLY = {"python", "make", "pip"}
 #: An extra of its own environment: MediaPipe brings an OpenCV that collides with the headless one.
 APART = {"mediapipe"}
+#: The physical world: importing it needs the extra "handover".
+PHYSICAL = {
+    "hadr.handover.arm_model",
+    "hadr.handover.arm_motion",
+    "hadr.handover.motion_limits",
+    "hadr.handover.physical_arm",
+    "hadr.handover.world",
+    "hadr.handover.world_model",
+}
+ON_PHYSICAL = {"hadr.handover.trial", "hadr.handover.experiment", "hadr.handover.watch"}
 IMPORT_NAMES = {
     "cv2": "opencv-python-headless",
     "yaml": "pyyaml",
@@ -123,12 +133,14 @@ def imported_by(path, *, on_import=False):
 
 @pytest.mark.parametrize("on_import", [True, False], ids=["on import", "when called"])
 def test_everything_the_library_imports_is_a_dependency(on_import):
-    """Importing a module needs the base alone; functions may need an extra."""
+    """Importing a module needs the base alone; functions, and `PHYSICAL`, may need an extra."""
     lines = list(project()["dependencies"])
+    extras = project()["optional-dependencies"]
     if not on_import:
-        for extra in project()["optional-dependencies"].values():
+        for extra in extras.values():
             lines += extra
     declared = {canonicalize_name(Requirement(r).name) for r in lines}
+    physics = {canonicalize_name(Requirement(r).name) for r in extras["handover"]}
     declared.add("pillow")  # matplotlib's own dependency, used through it
     comes_with = {"distributed": "dask", "drjit": "mitsuba"}
     declared |= {name for name, parent in comes_with.items() if parent in declared}
@@ -136,9 +148,35 @@ def test_everything_the_library_imports_is_a_dependency(on_import):
     for path in sorted((ROOT / "hadr").rglob("*.py")):
         for name in imported_by(path, on_import=on_import):
             package = canonicalize_name(IMPORT_NAMES.get(name, "pillow" if name == "PIL" else name))
-            if package not in declared:
+            allowed = declared | (physics if module_name(path) in PHYSICAL else set())
+            if package not in allowed:
                 missing.setdefault(package, []).append(path.name)
     assert missing == {}
+
+
+def module_name(path):
+    return ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+
+
+def test_only_the_attempts_stand_on_the_physical_world():
+    """Chapters, film and command can be imported where the extra "handover" is not installed."""
+    asked = {}
+    for path in (ROOT / "hadr").rglob("*.py"):
+        found = asked[module_name(path)] = set()
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.Import):
+                found |= {alias.name for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module:
+                found |= {node.module, *(f"{node.module}.{a.name}" for a in node.names)}
+    needing = set(PHYSICAL)
+    while more := {name for name, found in asked.items() if found & needing} - needing:
+        needing |= more
+    assert needing == PHYSICAL | ON_PHYSICAL
+
+
+def test_the_tests_extra_brings_what_the_handover_needs():
+    extras = project()["optional-dependencies"]
+    assert set(extras["handover"]) <= set(extras["test"])
 
 
 @pytest.mark.parametrize(

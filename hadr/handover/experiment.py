@@ -4,8 +4,8 @@
     OUT/hadr/0004-902.npz    the states of the world, for films and for a second look
     OUT/hadr/0004-902-log.npz  what the workflow saw and commanded, for a replay
 
-An attempt is run again when its description or the code's version of the world differs from what
-its file says, or when the file was changed by hand.
+An attempt is run again when its description or the attempts' settings differ from what its file
+says, or when the file was changed by hand. A change of the code is not noticed: it needs a new OUT.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from hadr.handover.trial import Arm, Trial, run_trial
 from hadr.handover.workflow import Stage, Transition
 from hadr.handover.world_state import WorldState
 from hadr.provenance import plain, record_of
-from hadr.result_file import seal_row, sealed_row
+from hadr.result_file import digest, seal_row, sealed_row
 
 Report = Callable[[Trial, dict[str, Any]], None]
 """Told of each attempt and its outcome, finished now or before."""
@@ -71,7 +71,7 @@ def run_attempts(
     Args:
         trials: The attempts.
         out: Folder of their files; made where it is missing.
-        jobs: So many at a time, each in a process with one thread.
+        jobs: So many at a time, each with one thread: in this process, or each in its own.
         report: Told of each one as it is finished.
 
     Returns:
@@ -83,16 +83,21 @@ def run_attempts(
     if jobs < 1:
         raise ValueError(f"jobs must be at least 1, got {jobs}")
     trials = list(trials)
-    found = [sealed_row(_path(out, t), record_of(t)) for t in trials]
+    found = [sealed_row(_path(out, t), t.record) for t in trials]
     missing = [i for i, row in enumerate(found) if row is None]
     for i, row in enumerate(found):
         if row is not None and report is not None:
             report(trials[i], row)
     if jobs == 1:
-        for i in missing:
-            found[i] = _attempt(trials[i], out)
-            if report is not None:
-                report(trials[i], found[i] or {})
+        threads = torch.get_num_threads()
+        _one_thread()
+        try:
+            for i in missing:
+                found[i] = _attempt(trials[i], out)
+                if report is not None:
+                    report(trials[i], found[i] or {})
+        finally:
+            torch.set_num_threads(threads)
     elif missing:
         # processes are spawned: a forked one would inherit PyTorch's threads
         context = multiprocessing.get_context("spawn")
@@ -106,6 +111,7 @@ def run_attempts(
 
 
 def _one_thread() -> None:
+    """Sums have one order then, whatever the number of jobs."""
     torch.set_num_threads(1)
 
 
@@ -119,7 +125,7 @@ def _attempt(trial: Trial, out: Path) -> dict[str, Any]:
     run = run_trial(trial)
     save_states(path.with_suffix(".npz"), run.states)
     run.log.save(path.with_name(f"{trial.name}-log.npz"))
-    outcome = plain({**record_of(run.outcome), "config_sha256": trial.digest})
+    outcome = plain({**record_of(run.outcome), "config_sha256": digest(trial.record)})
     changes = [[t.time, t.before.value, t.after.value, t.reason] for t in run.transitions]
     return seal_row(path, {"trial": plain(record_of(trial)), **outcome, "transitions": changes})
 
@@ -140,7 +146,7 @@ def finished_attempt(
         FileNotFoundError: It is not finished, or it was another attempt, or its row was edited.
     """
     path = _path(out, trial)
-    row = sealed_row(path, record_of(trial))
+    row = sealed_row(path, trial.record)
     if row is None:
         raise FileNotFoundError(f"{path} holds no finished attempt as it is described")
     changes = [Transition(t, Stage(a), Stage(b), why) for t, a, b, why in row["transitions"]]

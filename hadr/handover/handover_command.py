@@ -3,46 +3,101 @@
 from __future__ import annotations
 
 import argparse
+import importlib.util
+import math
 from pathlib import Path
 from typing import Any
 
-from hadr.handover.scenes import TRIAL_HOLDS, TRIAL_OBJECTS
-from hadr.provenance import check_folder, machine_text, provenance, usable_cores
+from hadr.handover.trial_set import TRIAL_HOLDS, TRIAL_OBJECTS
+from hadr.provenance import (
+    check_folder,
+    check_writable,
+    machine_text,
+    provenance,
+    record_of,
+    usable_cores,
+)
 from hadr.result_file import write_result_file
 
+DESCRIPTION = """\
+Let a simulated UR5 take glasses out of a human's hand, and count how often it
+succeeds.
+
+Each attempt is one object in one holding pose. The world is physical (MuJoCo);
+the robot sees it through one simulated depth camera, ten times a second. An arm
+of the experiment says whose depth of the glass the robot believes, or which
+part of the method is switched off. All arms meet the same hands, motions and
+noise."""
+
 EPILOG = """\
+arms
+  raw                 the depth that the camera measured
+  inpainted           the glass filled in from around it
+  hadr, hadr-plus     restored by the bundled network
+  perfect             the true depth
+  hadr-no-rescoring   hadr, grasps by their own score alone
+  hadr-no-tracking    hadr, the robot does not follow the hand
+
 examples
-  hadr handover --arms hadr --objects 0004 --holds 902 --out build/handover --film
+  hadr handover --arms hadr --objects 0004 --holds 902 --film \\
+      --out build/handover
   hadr handover --arms raw hadr perfect --jobs 2 --out build/handover
 
 output, in --out
-  ARM/OBJECT-HOLD.json   an attempt's outcome      ARM/OBJECT-HOLD.npz   its states
-  ARM/OBJECT-HOLD.mp4    with --film               handover.json         one row per arm
+  ARM/OBJECT-HOLD.json      an attempt's outcome and its changes of stage
+  ARM/OBJECT-HOLD.npz       the states of the world, 25 a second
+  ARM/OBJECT-HOLD-log.npz   what the workflow saw and commanded, for a replay
+  ARM/OBJECT-HOLD.mp4       with --film
+  handover.json             one row per arm: successes, rate and its 95 %
+                            interval, failures by kind, times, distance, force
 
-An attempt that is finished is not run again, so the command goes on where it was stopped.
-Lengths in metres, times in seconds, forces in newtons."""
+units
+  metres, seconds of the simulated world (wall times are named so), newtons
+
+An attempt that is finished is not run again, so the command goes on where it
+was stopped. The same seed gives the same outcomes.
+
+exit status
+  0 done, however many attempts failed   2 a wrong call   130 interrupted"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.epilog = EPILOG
-    parser.add_argument("--out", type=Path, required=True, help="folder of the attempts' files")
+    parser.description, parser.epilog = DESCRIPTION, EPILOG
+    parser.add_argument(
+        "--out", type=Path, required=True, metavar="DIR", help="folder of the attempts' files"
+    )
     parser.add_argument(
         "--arms",
         nargs="+",
         default=["raw", "inpainted", "hadr", "perfect", "hadr-no-rescoring", "hadr-no-tracking"],
         metavar="ARM",
-        help="raw, inpainted, hadr, hadr-plus, perfect, hadr-no-rescoring, hadr-no-tracking",
+        help="which to run, see below (all but hadr-plus)",
     )
     parser.add_argument(
-        "--objects", nargs="+", default=list(TRIAL_OBJECTS), metavar="ID", help="objects' ids"
+        "--objects",
+        nargs="+",
+        default=list(TRIAL_OBJECTS),
+        metavar="ID",
+        help=f"objects, of {' '.join(TRIAL_OBJECTS)} (all)",
     )
     parser.add_argument(
-        "--holds", nargs="+", type=int, default=list(TRIAL_HOLDS), metavar="N", help="holding poses"
+        "--holds",
+        nargs="+",
+        type=int,
+        default=list(TRIAL_HOLDS),
+        metavar="N",
+        help=f"numbers of holding poses ({' '.join(map(str, TRIAL_HOLDS))})",
     )
     parser.add_argument("--seed", type=int, default=0, help="seed of places, motions, noise (0)")
-    parser.add_argument("--jobs", type=int, default=usable_cores(), help="attempts at a time")
+    parser.add_argument(
+        "--jobs",
+        type=int,
+        default=usable_cores(),
+        metavar="K",
+        help="attempts at a time, each a process with one thread (one per core)",
+    )
     parser.add_argument(
         "--hand-speed", type=float, default=1.0, metavar="X", help="factor on the hand's speed (1)"
     )
@@ -55,9 +110,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--film", action="store_true", help="write an MP4 of each attempt")
     parser.add_argument(
-        "--watch", action="store_true", help="show the attempts live in MuJoCo's viewer"
+        "--watch",
+        action="store_true",
+        help="show the attempts live in MuJoCo's viewer, keep no files",
     )
-    parser.add_argument("--json", type=Path, help="result file (OUT/handover.json)")
+    parser.add_argument(
+        "--json", type=Path, metavar="FILE", help="the rows' file (handover.json in --out)"
+    )
     parser.add_argument("--dry-run", action="store_true", help="say what would be run, and stop")
 
 
@@ -68,21 +127,17 @@ def run(args: argparse.Namespace) -> int:
         0.
 
     Raises:
-        ValueError: An argument is out of range or unknown; the message names it.
+        ValueError: An argument is out of range or unknown, or a package is missing; the message
+            names it.
     """
+    check_arguments(args)
+    check_packages()
     from hadr.handover.experiment import arm_row, attempts, film_of_attempt, run_attempts
     from hadr.handover.trial import Trial
+    from hadr.handover.watch import check_display, watch_trial
 
-    if args.jobs < 1:
-        raise ValueError(f"--jobs must be at least 1, got {args.jobs}")
-    if args.seed < 0:
-        raise ValueError(f"--seed must be at least 0, got {args.seed}")
-    unknown = [name for name in args.objects if name not in TRIAL_OBJECTS]
-    if unknown:
-        raise ValueError(f"no object {unknown[0]!r} here; there are {', '.join(TRIAL_OBJECTS)}")
-    if min(args.holds) < 0:
-        raise ValueError(f"--holds must be 0 or more, got {min(args.holds)}")
-    check_folder(args.out)
+    if args.watch:
+        check_display()
     template = Trial(
         args.objects[0],
         args.holds[0],
@@ -93,20 +148,21 @@ def run(args: argparse.Namespace) -> int:
         arm: attempts(
             arm, objects=args.objects, holds=args.holds, seed=args.seed, template=template
         )
-        for arm in dict.fromkeys(args.arms)
+        for arm in args.arms
     }
     total = sum(map(len, plan.values()))
-    print(f"{total} attempts: {len(args.objects)} objects, {len(args.holds)} holds, "
-          f"{len(plan)} arms, {args.jobs} at a time")  # fmt: skip
+    print(
+        f"{_count(total, 'attempt')}: {_count(len(args.objects), 'object')}, "
+        f"{_count(len(args.holds), 'hold')}, {_count(len(plan), 'arm')}, "
+        f"{1 if args.watch else args.jobs} at a time"
+    )
     if args.dry_run:
         return 0
     rows = []
     for arm, trials in plan.items():
         if args.watch:
-            from hadr.handover.watch import watch_trial
-
             for trial in trials:
-                watch_trial(trial)
+                _say(trial, record_of(watch_trial(trial).outcome))
             continue
         outcomes = run_attempts(trials, args.out, jobs=args.jobs, report=_say)
         rows.append(arm_row(arm, outcomes))
@@ -119,6 +175,54 @@ def run(args: argparse.Namespace) -> int:
         write_result_file(path, _what(args), rows, {**provenance(), "machine": machine_text()})
         print(f"the rows: {path}")
     return 0
+
+
+def check_arguments(args: argparse.Namespace) -> None:
+    """Check the command's arguments before anything is computed.
+
+    Raises:
+        ValueError: One is out of range, unknown or there twice; the message names it.
+    """
+    for name, least in (("jobs", 1), ("seed", 0)):
+        if getattr(args, name) < least:
+            raise ValueError(f"--{name} must be at least {least}, got {getattr(args, name)}")
+    for name in ("arms", "objects", "holds"):
+        given = getattr(args, name)
+        twice = [value for i, value in enumerate(given) if value in given[:i]]
+        if twice:
+            raise ValueError(f"--{name} names {twice[0]} twice")
+    unknown = [name for name in args.objects if name not in TRIAL_OBJECTS]
+    if unknown:
+        raise ValueError(f"no object {unknown[0]!r} here; there are {', '.join(TRIAL_OBJECTS)}")
+    if min(args.holds) < 0:
+        raise ValueError(f"--holds must be 0 or more, got {min(args.holds)}")
+    if not (math.isfinite(args.hand_speed) and args.hand_speed > 0):
+        raise ValueError(f"--hand-speed must be a factor above 0, got {args.hand_speed:g}")
+    if not 0 <= args.extrinsics_error <= 90:
+        raise ValueError(
+            f"--extrinsics-error must lie in 0..90 degrees, got {args.extrinsics_error:g}"
+        )
+    if args.watch and args.film:
+        raise ValueError("--watch keeps no files to film: give one of --watch and --film")
+    check_folder(args.out)
+    check_writable(args.json)
+
+
+def check_packages() -> None:
+    """Check that the physical world's packages are installed.
+
+    Raises:
+        ValueError: One is not; the message says how to get it.
+    """
+    missing = [n for n in ("mujoco", "mink", "daqp") if importlib.util.find_spec(n) is None]
+    if missing:
+        raise ValueError(
+            f"attempts need {', '.join(missing)}, not installed here: pip install 'hadr[handover]'"
+        )
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}" + ("" if number == 1 else "s")
 
 
 def _what(args: argparse.Namespace) -> str:

@@ -15,17 +15,15 @@ from scipy.spatial.transform import Rotation
 
 from hadr.camera import transform_points
 from hadr.hand import Skeleton, forward_kinematics, keypoints_from_skeleton
+from hadr.handover.trial_set import TRIAL_HOLDS, TRIAL_OBJECTS
 from hadr.synthesis.hand_mesh import SKIN_TONES, HandMesh, hand_mesh
 from hadr.synthesis.holding import Hold, make_hold
 from hadr.synthesis.objects import GlassObject, bodies, glass_object
 from hadr.synthesis.surfaces import Surface
 
-Array = npt.NDArray[np.float64]
+__all__ = ["MIDDLE", "TRIAL_HOLDS", "TRIAL_OBJECTS", "HeldScene", "held_scene"]
 
-TRIAL_OBJECTS: tuple[str, ...] = ("0000", "0001", "0004", "0006", "0008", "0010", "0011", "0012")
-"""The eight objects of the experiment; the last three are novel shapes."""
-TRIAL_HOLDS: tuple[int, ...] = (900, 901, 902, 903, 904, 905)
-"""Holding poses of the 48 attempts: no data set for training goes beyond number 320."""
+Array = npt.NDArray[np.float64]
 MIDDLE: Array = np.array([0.62, 0.0, 0.32])
 """Where the middle of the object is held out, metres; each scene differs by some centimetres."""
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Literal, get_args
+from typing import Literal, Protocol, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -57,6 +57,14 @@ class SightConfig:
     period: float = 0.1
     hidden_noise: float = 2.0
     smallest_visible: int = 5
+
+
+class Looks(Protocol):
+    """Whatever looks at the world for the workflow: `Sight`, or one that breaks."""
+
+    def look(self, state: WorldState, *, with_points: bool) -> Observation:
+        """Look at the world, see `Sight.look`."""
+        ...
 
 
 class Sight:
@@ -234,7 +242,7 @@ class BrokenSight:
     """
 
     def __init__(
-        self, sight: Sight, fault: Fault, since: float = 0.0, until: float = np.inf
+        self, sight: Looks, fault: Fault, since: float = 0.0, until: float = np.inf
     ) -> None:
         if fault not in FAULTS:
             raise ValueError(f"fault must be one of {', '.join(FAULTS)}, got {fault!r}")

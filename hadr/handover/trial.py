@@ -10,12 +10,12 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 
 from hadr.handover.hand_motions import HandMotionConfig, motion_for
-from hadr.handover.judge import Judge, Verdict
+from hadr.handover.judge import Judge, Rules, Verdict
 from hadr.handover.motion_limits import MotionConfig
 from hadr.handover.physical_arm import PhysicalArmConfig
 from hadr.handover.recording import RecordedHandover
@@ -25,12 +25,13 @@ from hadr.handover.run_log import RunLog
 from hadr.handover.safety import SafetyConfig
 from hadr.handover.scenes import HeldScene, held_scene
 from hadr.handover.selection import GraspSelection
-from hadr.handover.sight import DepthArm, Sight
+from hadr.handover.sight import DepthArm, Looks, Sight, SightConfig
 from hadr.handover.workflow import ChosenGrasp, HandoverConfig, Stage, Transition
 from hadr.handover.world import World, WorldConfig
 from hadr.handover.world_state import WorldState
 from hadr.provenance import record_of
 from hadr.result_file import digest
+from hadr.synthesis.objects import glass_object
 
 Arm = Literal[
     "raw", "inpainted", "hadr", "hadr-plus", "perfect", "hadr-no-rescoring", "hadr-no-tracking"
@@ -60,9 +61,11 @@ ATTEMPT_CONFIG = HandoverConfig(
 """Settings of all attempts, found on holds that are none of the experiment's. Keypoints with an
 error of 4 mm make the pre-grasp move by more than the standard 5 mm although the hand rests, and
 the program that moves this arm holds its limits nearer to a singular pose than the standard."""
-ATTEMPT_ARM = PhysicalArmConfig(
-    arm=ArmConfig(speed_fraction=0.6),
-    motion=MotionConfig(joint_acceleration=9.0, turn_speed=2.0, turn_acceleration=6.0),
+ATTEMPT_WORLD = WorldConfig(
+    arm=PhysicalArmConfig(
+        arm=ArmConfig(speed_fraction=0.6),
+        motion=MotionConfig(joint_acceleration=9.0, turn_speed=2.0, turn_acceleration=6.0),
+    )
 )
 
 
@@ -89,6 +92,10 @@ class Trial:
     time_limit: float = 13.0
 
     def __post_init__(self) -> None:
+        glass_object(self.object_id)  # says which there are
+        for name in ("hold_number", "seed"):
+            if getattr(self, name) < 0:
+                raise ValueError(f"{name} must be 0 or more, got {getattr(self, name)}")
         if self.arm not in ARMS:
             raise ValueError(f"arm must be one of {', '.join(ARMS)}, got {self.arm!r}")
         if not (np.isfinite(self.hand_speed) and self.hand_speed > 0):
@@ -106,9 +113,12 @@ class Trial:
         return f"{self.object_id}-{self.hold_number}"
 
     @property
-    def digest(self) -> str:
-        """Checksum of the description."""
-        return digest(record_of(self))
+    def record(self) -> dict[str, Any]:
+        """The description and a checksum of the settings that all attempts share."""
+        shared = (
+            ATTEMPT_CONFIG, ATTEMPT_WORLD, HandMotionConfig(), SightConfig(), Rules(),
+        )  # fmt: skip
+        return {**record_of(self), "settings_sha256": digest([record_of(s) for s in shared])}
 
 
 @dataclass(frozen=True)
@@ -117,7 +127,7 @@ class Outcome:
 
     Attributes:
         verdict: The judge's word.
-        reason: Why the workflow last stopped, or the last transition's reason.
+        reason: The last transition's reason; without one, why no grasp was chosen.
         decided_at: Simulated time of the verdict.
         first_grasp_at: Simulated time at which the first grasp was chosen; NaN without one.
         grasps_chosen: How often one was chosen.
@@ -181,6 +191,7 @@ def run_trial(
     trial: Trial,
     *,
     config: HandoverConfig | None = None,
+    spoil: Callable[[Sight], Looks] | None = None,
     on_step: Callable[[World, WorldState, Stage], None] | None = None,
 ) -> Run:
     """Make one attempt.
@@ -188,6 +199,7 @@ def run_trial(
     Args:
         trial: What to try.
         config: Settings of the workflow; the standard ones where left out.
+        spoil: Puts something between the world and its sight, such as a `BrokenSight`.
         on_step: Told of the world, its state and the stage after each step, for watching.
 
     Returns:
@@ -205,10 +217,11 @@ def run_trial(
         config=HandMotionConfig(speed=trial.hand_speed),
         scene=scene,
     )
-    world = World(scene, path, WorldConfig(arm=ATTEMPT_ARM))
+    world = World(scene, path, ATTEMPT_WORLD)
     camera = RobotCamera().miscalibrated(trial.extrinsics_error_deg, trial.seed)
     base_from_camera = camera.calibration
-    sight = Sight(scene, camera, _DEPTH_OF[trial.arm], seed=trial.seed)
+    whole = Sight(scene, camera, _DEPTH_OF[trial.arm], seed=trial.seed)
+    sight: Looks = whole if spoil is None else spoil(whole)
     rng = np.random.default_rng([trial.seed, int(trial.object_id), trial.hold_number, 67])
     select = _Timed(
         GraspSelection(rng, base_from_camera[:3, 3], rescoring=trial.arm != "hadr-no-rescoring")
@@ -241,7 +254,9 @@ def run_trial(
             on_step(world, state, handover.stage)
         step += 1
     chosen = [t for t in handover.transitions if t.after is Stage.APPROACH_AND_REACT]
-    last = handover.transitions[-1].reason if handover.transitions else "nothing was chosen"
+    last = f"no grasp was chosen: {handover.caution or 'none was searched for'}"
+    if handover.transitions:
+        last = handover.transitions[-1].reason
     outcome = Outcome(
         verdict=judge.verdict,
         reason=last,

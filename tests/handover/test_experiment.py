@@ -1,0 +1,215 @@
+"""The experiment: what is run again and what is not, and how an arm's row is summed up."""
+
+import json
+import math
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from hadr.handover import experiment
+from hadr.handover.experiment import arm_row, attempts, finished_attempt, run_attempts
+from hadr.handover.run_log import read_run_log, replay
+from hadr.handover.trial import ATTEMPT_CONFIG, Run, Trial
+from hadr.result_file import digest
+
+
+@pytest.fixture
+def made(whole: Run, monkeypatch: pytest.MonkeyPatch) -> Counter[Trial]:
+    """How often each attempt was made; the whole attempt's run stands for all of them."""
+    count: Counter[Trial] = Counter()
+
+    def run_trial(trial: Trial) -> Run:
+        count[trial] += 1
+        return replace(whole, trial=trial)
+
+    monkeypatch.setattr(experiment, "run_trial", run_trial)
+    return count
+
+
+def test_attempts_are_paired_between_arms() -> None:
+    template = Trial("0000", 920, hand_speed=3.0, time_limit=5.0)
+    hadr = attempts("hadr", objects=("0004", "0010"), holds=(921, 920), seed=4, template=template)
+    assert [(t.object_id, t.hold_number) for t in hadr] == [
+        ("0004", 921), ("0004", 920), ("0010", 921), ("0010", 920),
+    ]  # fmt: skip
+    assert {(t.arm, t.seed, t.hand_speed, t.time_limit) for t in hadr} == {("hadr", 4, 3.0, 5.0)}
+    raw = attempts("raw", objects=("0004", "0010"), holds=(921, 920), seed=4, template=template)
+    assert [replace(t, arm="hadr") for t in raw] == hadr
+    assert len(attempts("raw")) == 48
+
+
+def test_a_finished_attempt_is_read_back(whole: Run, made: Counter[Trial], tmp_path: Path) -> None:
+    trial = whole.trial
+    (row,) = run_attempts([trial], tmp_path)
+    assert row["verdict"] == "success"
+    assert row["trial"] == json.loads(json.dumps(vars(trial)))
+    assert sorted(p.name for p in (tmp_path / "perfect").iterdir()) == [
+        "0010-922-log.npz", "0010-922.json", "0010-922.npz",
+    ]  # fmt: skip
+    again, states, changes, scene = finished_attempt(tmp_path, trial)
+    assert again == row
+    assert tuple(changes) == whole.transitions
+    assert scene.hold.hold_id == whole.scene.hold.hold_id
+    np.testing.assert_array_equal(scene.base_from_wrist, whole.scene.base_from_wrist)
+    assert len(states) == len(whole.states)
+    np.testing.assert_allclose(states[-1].joints, whole.states[-1].joints, atol=1e-6)
+    log = read_run_log(tmp_path / "perfect" / "0010-922-log.npz")
+    assert tuple(replay(log).transitions) == whole.transitions
+    with pytest.raises(FileNotFoundError, match=r"0010-922\.json holds no finished attempt"):
+        finished_attempt(tmp_path, replace(trial, seed=7))
+
+
+def test_only_what_is_not_finished_is_run(whole: Run, made: Counter[Trial], tmp_path: Path) -> None:
+    trials = attempts("perfect", objects=("0010", "0004"), holds=(922,))
+    run_attempts(trials[:1], tmp_path)
+    told: list[str] = []
+    rows = run_attempts(trials, tmp_path, report=lambda trial, row: told.append(trial.name))
+    assert made == {trials[0]: 1, trials[1]: 1}
+    assert sorted(told) == ["0004-922", "0010-922"]
+    assert [row["trial"]["object_id"] for row in rows] == ["0010", "0004"]  # in their order
+    assert run_attempts(trials, tmp_path) == rows
+    assert sum(made.values()) == 2
+
+
+def test_what_is_no_longer_true_is_run_again(
+    made: Counter[Trial], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    trial = Trial("0010", 922, "perfect")
+    path = tmp_path / "perfect" / "0010-922.json"
+    (row,) = run_attempts([trial], tmp_path)
+    # edited by hand
+    path.write_text(path.read_text().replace('"largest_force": 0.0', '"largest_force": 0.5'))
+    assert json.loads(path.read_text())["largest_force"] == 0.5
+    assert run_attempts([trial], tmp_path) == [row]
+    assert made[trial] == 2
+    # cut off while it was written
+    path.write_text(path.read_text()[:100])
+    run_attempts([trial], tmp_path)
+    assert made[trial] == 3
+    # another description under the same name
+    run_attempts([replace(trial, hand_speed=3.0)], tmp_path)
+    run_attempts([trial], tmp_path)
+    assert made == {trial: 4, replace(trial, hand_speed=3.0): 1}
+    # other settings of all attempts
+    changed = replace(ATTEMPT_CONFIG, approach_speed=0.2)
+    monkeypatch.setattr("hadr.handover.trial.ATTEMPT_CONFIG", changed)
+    run_attempts([trial], tmp_path)
+    assert made[trial] == 5
+    run_attempts([trial], tmp_path)
+    assert made[trial] == 5
+
+
+@pytest.mark.parametrize("jobs", [0, -1])
+def test_jobs_are_counted_from_one(jobs: int, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=f"jobs must be at least 1, got {jobs}"):
+        run_attempts([Trial("0010", 922)], tmp_path / "out", jobs=jobs)
+    assert not (tmp_path / "out").exists()
+
+
+def test_another_process_gives_what_this_one_gives(tmp_path: Path) -> None:
+    finished, missing = trials = attempts(
+        "hadr",
+        objects=("0010",),
+        holds=(923, 922),
+        template=Trial("0010", 922, time_limit=0.2),
+    )
+    threads = torch.get_num_threads()
+    here = run_attempts(trials, tmp_path / "one")
+    assert torch.get_num_threads() == threads
+    run_attempts([finished], tmp_path / "two")
+    told: list[Trial] = []
+    there = run_attempts(trials, tmp_path / "two", jobs=2, report=lambda t, _: told.append(t))
+    assert told == trials
+    for a, b in zip(here, there, strict=True):
+        for name in ("wall_seconds", "planning_wall_seconds", "sha256"):
+            a.pop(name)
+            b.pop(name)
+        assert a == b
+        assert a["verdict"] == "time-out"
+    first, second = (finished_attempt(tmp_path / n, missing)[1][-1] for n in ("one", "two"))
+    np.testing.assert_array_equal(first.joints, second.joints)
+    np.testing.assert_array_equal(first.base_from_object, second.base_from_object)
+
+
+def outcome(object_id: str, verdict: str, **values: Any) -> dict[str, Any]:
+    return {
+        "trial": {"object_id": object_id},
+        "verdict": verdict,
+        "decided_at": 6.0,
+        "first_grasp_at": 1.0,
+        "planning_wall_seconds": 0.1,
+        "wall_seconds": 4.0,
+        "smallest_distance": 0.04,
+        "largest_force": 0.0,
+        **values,
+    }
+
+
+def test_an_arms_row_by_hand() -> None:
+    outcomes = [
+        # 0000: all of two; 0001: one of two, which is not above 0.5; 0004: none of one
+        outcome("0000", "success", decided_at=5.0, largest_force=0.0),
+        outcome("0000", "success", decided_at=8.0, smallest_distance=0.01),
+        outcome("0001", "success", decided_at=8.0, planning_wall_seconds=None),
+        outcome("0001", "drop", decided_at=9.0, first_grasp_at=4.0, wall_seconds=9.0),
+        outcome("0004", "gave up", decided_at=1.0, first_grasp_at=None, largest_force=2.5),
+    ]
+    row = arm_row("hadr", outcomes)
+    assert (row["arm"], row["attempts"], row["successes"], row["rate"]) == ("hadr", 5, 3, 0.6)
+    assert row["rate_by_object"] == {"0000": 1.0, "0001": 0.5, "0004": 0.0}
+    assert row["objects_at_50_percent"] == 1
+    assert row["objects_at_80_percent"] == 1
+    assert row["objects_at_100_percent"] == 1
+    assert row["failures"] == {"drop": 1, "gave up": 1}
+    assert row["mean_seconds"] == pytest.approx(7.0)  # of the successes
+    assert row["mean_seconds_to_first_grasp"] == pytest.approx((3 * 1.0 + 4.0) / 4)
+    assert row["mean_planning_wall_seconds"] == pytest.approx(0.1)
+    assert row["mean_wall_seconds"] == pytest.approx(5.0)
+    assert row["smallest_hand_distance_m"] == 0.01
+    assert row["largest_force_n"] == 2.5
+
+
+def test_objects_above_the_papers_marks() -> None:
+    won = {"0000": 6, "0001": 5, "0004": 4, "0006": 3}  # of six: 1.0, 0.83, 0.67, 0.5
+    row = arm_row(
+        "raw",
+        [outcome(o, "success" if i < n else "drop") for o, n in won.items() for i in range(6)],
+    )
+    marks = [row[f"objects_at_{mark}_percent"] for mark in (50, 80, 100)]
+    assert marks == [3, 2, 1]
+
+
+def wilson(successes: int, attempts: int) -> list[float]:
+    """Wilson's interval from its formula, with the normal's 97.5 % point."""
+    z, p, n = 1.959964, successes / attempts, attempts
+    middle = (p + z * z / (2 * n)) / (1 + z * z / n)
+    half = z / (1 + z * z / n) * math.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
+    return [middle - half, middle + half]
+
+
+@pytest.mark.parametrize(("successes", "attempts"), [(0, 48), (34, 48), (48, 48), (1, 2)])
+def test_the_interval_is_wilsons(successes: int, attempts: int) -> None:
+    rows = [outcome("0000", "success" if i < successes else "drop") for i in range(attempts)]
+    found = arm_row("hadr", rows)["interval"]
+    assert found == pytest.approx(wilson(successes, attempts), abs=1e-6)
+    # a published value: 8 of 10 give 0.490 to 0.943
+    ten = arm_row("x", [outcome("0000", "success" if i < 8 else "drop") for i in range(10)])
+    assert ten["interval"] == pytest.approx([0.490, 0.943], abs=5e-4)
+
+
+def test_means_without_a_success_are_nan_and_no_outcome_is_refused() -> None:
+    row = arm_row("raw", [outcome("0000", "drop")])
+    assert math.isnan(row["mean_seconds"])
+    with pytest.raises(ValueError, match="no attempt of arm 'raw' to sum up"):
+        arm_row("raw", [])
+
+
+def test_the_rows_digest_is_the_descriptions(made: Counter[Trial], tmp_path: Path) -> None:
+    trial = Trial("0010", 922, "perfect")
+    (row,) = run_attempts([trial], tmp_path)
+    assert row["config_sha256"] == digest(trial.record)
