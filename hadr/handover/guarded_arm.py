@@ -1,7 +1,7 @@
 """The robot as the workflow moves it: at a limited speed, and no nearer to the hand than allowed.
 
 Stages say where to go; here stands how: read the arm once a step, slow down near the hand, hold
-still, stop, back off after a stop, go home.
+still, stop. What follows a stop is in `hadr.handover.recovery`.
 """
 
 from __future__ import annotations
@@ -14,13 +14,16 @@ import numpy as np
 import numpy.typing as npt
 
 from hadr.handover import safety
-from hadr.handover.grasps import forward_of
 from hadr.handover.observation import HandWatch
 from hadr.handover.pacing import Pace, between, pose_distance
 from hadr.handover.robot import Robot
 from hadr.handover.stages import HandoverConfig
 
 Array = npt.NDArray[np.float64]
+
+
+NO_NEARER = 0.004
+"""Beside a hand that touches the gripper the arm may move, but not nearer by more, metres."""
 
 
 class HaltError(Exception):
@@ -161,6 +164,12 @@ class GuardedArm:
             self.caution = f"hand {1000 * free:.0f} mm away: {100 * factor:.0f} % of the speed"
         return factor
 
+    def free(self, watch: HandWatch) -> float:
+        """Free space between gripper and skin now, metres; infinity where no hand is known."""
+        if watch.keypoints is None:
+            return np.inf
+        return safety.path_distance([self.reading.tool], self.reading.width, watch.keypoints)
+
     def ahead(self, goal: Array, *, within: float | None = None) -> list[Array]:
         """Poses from the tool on toward a goal, over the part of the way that is looked ahead.
 
@@ -181,87 +190,3 @@ class GuardedArm:
         """May move again, from wherever the tool is."""
         self.robot.release()
         self._pace.forget()
-
-
-@dataclass
-class Recovery:
-    """What happens after a stop: stand; where the gripper is beside the hand, open and back off.
-
-    Attributes:
-        arm: The arm.
-        part: still, open, back, clear.
-    """
-
-    arm: GuardedArm
-    part: str = field(default="", init=False)
-    _since: float = field(default=0.0, init=False)
-    _clear_from: float = field(default=0.0, init=False)
-    _back: float = field(default=0.0, init=False)
-    _opening: float | None = field(default=None, init=False)
-    _straight: bool = field(default=True, init=False)
-    _from: Array = field(init=False)
-    _goal: Array = field(init=False)
-    _travelled: float = field(default=0.0, init=False)
-
-    def begin(self, now: float, *, back: float, opening: float | None, straight: bool) -> None:
-        """Stop the arm.
-
-        Args:
-            now: Seconds.
-            back: How far to back off, metres; 0: not at all.
-            opening: Width in metres to open the fingers to first, or None.
-            straight: Back off along the approach axis; False: along the way that the tool came.
-        """
-        self.arm.stop()
-        self._back, self._opening, self._straight = back, opening, straight
-        if opening is not None:
-            self.arm.robot.set_gripper(opening)
-        self._enter("still", now)
-
-    def step(self, now: float, dt: float, trouble: str) -> bool:
-        """Go on for dt seconds.
-
-        Args:
-            now: Seconds.
-            dt: Seconds.
-            trouble: What forbids to start again, or an empty string.
-
-        Returns:
-            True where the arm may start again: the cause is gone for `stand_time`.
-        """
-        arm, stand = self.arm, self.arm.config.stand_time
-        if self.part == "still" and now - self._since >= stand - 1e-9:
-            if self._back > 0:
-                arm.release()
-            self._enter("open" if self._back > 0 else "clear", now)
-        elif self.part == "open":
-            arm.hold(dt)
-            wide = self._opening is None or arm.reading.width >= self._opening - 0.002
-            if wide or now - self._since > 1.5:
-                self._from, self._travelled = arm.reading.tool, 0.0
-                self._goal = forward_of(self._from, -self._back)
-                if not self._straight:
-                    self._goal = arm.came_from(self._back)
-                self._enter("back", now)
-        elif self.part == "back":
-            speed = arm.config.advance_speed
-            self._travelled = min(self._back, self._travelled + speed * dt)
-            goal = between(self._from, self._goal, self._travelled / self._back)
-            arm.go(goal, 2 * speed, dt)
-            near = pose_distance(arm.reading.tool, goal)[0] < 0.002
-            late = now - self._since > self._back / speed + 1.0
-            if self._travelled >= self._back and (near or late):
-                self.stay(now)
-        if trouble or self.part in ("open", "back"):
-            self._clear_from = now
-        return self.part == "clear" and now - self._clear_from >= stand - 1e-9
-
-    def stay(self, now: float) -> None:
-        """Back off no farther; stand and wait for the cause to go."""
-        self.arm.stop()
-        self._enter("clear", now)
-
-    def _enter(self, part: str, now: float) -> None:
-        if part == "still":
-            self._clear_from = now
-        self.part, self._since = part, now

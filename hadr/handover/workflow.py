@@ -16,9 +16,10 @@ import numpy.typing as npt
 from hadr.handover import safety
 from hadr.handover.choosing import Choosing
 from hadr.handover.grasps import final_travel, forward_of
-from hadr.handover.guarded_arm import GuardedArm, HaltError, Recovery
+from hadr.handover.guarded_arm import NO_NEARER, GuardedArm, HaltError
 from hadr.handover.observation import HandWatch, Observation, number
 from hadr.handover.pacing import pose_distance
+from hadr.handover.recovery import Recovery
 from hadr.handover.retrieval import Retrieval
 from hadr.handover.robot import Robot
 from hadr.handover.stages import (
@@ -354,18 +355,9 @@ class Handover:
         self.part = self.recovery.part
 
     def _recover(self, observation: Observation, dt: float) -> None:
-        watch, c = self.watch, self.config
-        trouble = watch.trouble(self.time) or watch.problem
-        if not trouble and watch.keypoints is not None:
-            free = safety.path_distance(
-                [self.arm.reading.tool], self.arm.reading.width, watch.keypoints
-            )
-            if free < c.safety.approach_distance:
-                trouble = f"hand {1000 * free:.0f} mm from the gripper"
-        self.caution = trouble
-        clear = self.recovery.step(self.time, dt, trouble)
-        self.part = self.recovery.part
-        if clear and self.tries >= c.tries:
+        clear = self.recovery.step(self.time, dt, self.watch)
+        self.caution, self.part = self.recovery.trouble, self.recovery.part
+        if clear and self.tries >= self.config.tries:
             self._leave(f"stopped {self.tries} times", observation)
         elif clear:
             self.arm.release()
@@ -394,7 +386,8 @@ class Handover:
         factor, self.caution = BLIND, self.watch.trouble(self.time) or self.watch.problem
         if not self.caution:
             path = self.arm.ahead(home)
-            factor = self.arm.allowed(path, self.watch, 0.0, c.approach_speed)
+            least = min(0.0, self.arm.free(self.watch) - NO_NEARER)
+            factor = self.arm.allowed(path, self.watch, least, c.approach_speed)
             self.caution = self.arm.caution
         self.arm.go(home, c.approach_speed, dt, factor=factor)
 

@@ -1,0 +1,145 @@
+"""What the arm does after a stop, until it may start again.
+
+It stands. Beside the hand it opens the fingers and backs off; from a hand that is then still too
+near it backs off farther, where that brings it no nearer.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from hadr.handover import safety
+from hadr.handover.grasps import forward_of
+from hadr.handover.guarded_arm import NO_NEARER, GuardedArm
+from hadr.handover.observation import HandWatch
+from hadr.handover.pacing import between, pose_distance
+
+Array = npt.NDArray[np.float64]
+MOST_YIELDS = 3
+"""So often the gripper backs off farther from a hand that follows it."""
+LONGEST_OPENING, PRESSED_OPENING = 1.5, 0.2
+"""Longest wait for the fingers to open, seconds; the second one after a protective stop, where the
+gripper is pressed against the hand and the next stop would come."""
+
+
+@dataclass
+class Recovery:
+    """What happens after a stop: stand; where the gripper is beside the hand, open and back off.
+
+    From a hand that is then still too near it backs off farther.
+
+    Attributes:
+        arm: The arm.
+        part: still, open, back, clear.
+        trouble: What forbids to start again; empty where nothing does.
+    """
+
+    arm: GuardedArm
+    part: str = field(default="", init=False)
+    trouble: str = field(default="", init=False)
+    _since: float = field(default=0.0, init=False)
+    _pressed: bool = field(default=False, init=False)
+    _apart_at: float = field(default=0.0, init=False)
+    _yields: int = field(default=0, init=False)
+    _clear_from: float = field(default=0.0, init=False)
+    _back: float = field(default=0.0, init=False)
+    _opening: float | None = field(default=None, init=False)
+    _straight: bool = field(default=True, init=False)
+    _from: Array = field(init=False)
+    _goal: Array = field(init=False)
+    _travelled: float = field(default=0.0, init=False)
+
+    def begin(self, now: float, *, back: float, opening: float | None, straight: bool) -> None:
+        """Stop the arm.
+
+        Args:
+            now: Seconds.
+            back: How far to back off, metres; 0: not at all.
+            opening: Width in metres to open the fingers to first, or None.
+            straight: Back off along the approach axis; False: along the way that the tool came.
+        """
+        self.arm.stop()
+        self._back, self._opening, self._straight = back, opening, straight
+        self._pressed, self._yields = bool(self.arm.reading.protective_stop), 0
+        if opening is not None:
+            self.arm.robot.set_gripper(opening)
+        self._enter("still", now)
+
+    def step(self, now: float, dt: float, watch: HandWatch) -> bool:
+        """Go on for dt seconds.
+
+        Args:
+            now: Seconds.
+            dt: Seconds.
+            watch: Knows the hand.
+
+        Returns:
+            True where the arm may start again: the cause is gone for `stand_time`.
+        """
+        arm, stand = self.arm, self.arm.config.stand_time
+        free = arm.free(watch)
+        self.trouble = watch.trouble(now) or watch.problem
+        if not self.trouble and free < arm.config.safety.approach_distance:
+            self.trouble = f"hand {1000 * free:.0f} mm from the gripper"
+        if self.part == "still" and now - self._since >= stand - 1e-9:
+            if self._back > 0:
+                arm.release()
+                if self._opening is not None:  # fingers take no command in a protective stop
+                    arm.robot.set_gripper(self._opening)
+            self._enter("open" if self._back > 0 else "clear", now)
+        elif self.part == "open":
+            arm.hold(dt)
+            wide = self._opening is None or arm.reading.width >= self._opening - 0.002
+            longest = PRESSED_OPENING if self._pressed else LONGEST_OPENING
+            if wide or now - self._since > longest:
+                self._from, self._travelled = arm.reading.tool, 0.0
+                self._goal = forward_of(self._from, -self._back)
+                if not self._straight:
+                    self._goal = arm.came_from(self._back)
+                self._enter("back", now)
+        elif self.part == "back":
+            speed = arm.config.advance_speed
+            self._travelled = min(self._back, self._travelled + speed * dt)
+            goal = between(self._from, self._goal, self._travelled / self._back)
+            arm.go(goal, 2 * speed, dt)
+            near = pose_distance(arm.reading.tool, goal)[0] < 0.002
+            late = now - self._since > self._back / speed + 1.0
+            if self._travelled >= self._back and (near or late):
+                self.stay(now)
+        elif self.part == "clear":
+            self._yield(now, free, watch)
+        if self.trouble or self.part in ("open", "back"):
+            self._clear_from = now
+        return self.part == "clear" and now - self._clear_from >= stand - 1e-9
+
+    def stay(self, now: float) -> None:
+        """Back off no farther; stand and wait for the cause to go."""
+        self.arm.stop()
+        self._enter("clear", now)
+
+    def _yield(self, now: float, free: float, watch: HandWatch) -> None:
+        """Back off farther from a hand that has been too near for long enough."""
+        arm, c = self.arm, self.arm.config
+        if free >= c.safety.approach_distance or watch.trouble(now) or watch.keypoints is None:
+            self._apart_at = now
+            return
+        if now - self._apart_at < 2 * c.stand_time or self._yields >= MOST_YIELDS:
+            return
+        tool = arm.reading.tool
+        back = forward_of(tool, -c.back_off)
+        way = [between(tool, back, part) for part in (0.25, 0.5, 1.0)]
+        self._apart_at = now
+        if safety.path_distance(way, arm.reading.width, watch.keypoints) < free - NO_NEARER:
+            return
+        arm.release()
+        self._yields += 1
+        self._from, self._goal, self._back, self._travelled = tool, back, c.back_off, 0.0
+        self._enter("back", now)
+
+    def _enter(self, part: str, now: float) -> None:
+        if part == "still":
+            self._clear_from = now
+        self.part, self._since, self._apart_at = part, now, now

@@ -1,0 +1,209 @@
+"""After a stop: the arm leaves a hand that it is pressed against, and one that stays too near."""
+
+import numpy as np
+import pytest
+
+from hadr.handover.guarded_arm import GuardedArm
+from hadr.handover.observation import HandWatch, Observation
+from hadr.handover.recovery import Recovery
+from hadr.handover.rehearsal import HeldGlass
+from hadr.handover.robot import SimulatedUR5
+from hadr.handover.safety import SafetyConfig
+from hadr.handover.stages import ChosenGrasp, HandoverConfig, Stage
+from hadr.handover.workflow import Handover
+
+DT = 0.02
+CONFIG = HandoverConfig()
+FAR_HAND = HeldGlass().keypoints + np.array([0.5, 0.0, 0.3])
+
+
+class PressedUR5(SimulatedUR5):
+    """Feels a hand until it is 15 mm away from where it was pressed, as the physical arm does.
+
+    After a release it bears the force for half a second; in a protective stop the fingers take no
+    command.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.pressed_at = self.tool_pose()[:3, 3]
+        self.time, self.released, self.stops, self.stuck = 0.0, -1.0, 0, False
+
+    def feel(self) -> None:
+        self.time += DT
+        pressed = float(np.linalg.norm(self.tool_pose()[:3, 3] - self.pressed_at)) < 0.015
+        if pressed and self.time > self.released + 0.5 and not self.protective_stop:
+            self.protective_stop = "10 N on the hand"
+            self.stops += 1
+
+    def release(self) -> None:
+        super().release()
+        self.released = self.time
+
+    def set_gripper(self, width: float) -> None:
+        if not self.protective_stop and not self.stuck:
+            super().set_gripper(width)
+
+
+def at_distance(arm: GuardedArm, free: float, direction: np.ndarray) -> np.ndarray:
+    """A hand (21, 3) whose skin is so far from the gripper, to one side of it."""
+    hand = HeldGlass().keypoints
+    hand = hand - hand.mean(axis=0) + arm.reading.tool[:3, 3]
+    watch = HandWatch(np.eye(4), SafetyConfig())
+    low, high = 0.0, 0.5
+    for _ in range(40):
+        middle = (low + high) / 2
+        watch.keypoints = hand + middle * direction
+        low, high = (low, middle) if arm.free(watch) > free else (middle, high)
+    return hand + high * direction
+
+
+class Watched:
+    """A hand in pictures ten times a second, never twice the same."""
+
+    def __init__(self, hand: np.ndarray) -> None:
+        self.watch, self.hand, self.steps = HandWatch(np.eye(4), SafetyConfig()), hand, 0
+
+    def seen(self) -> Observation:
+        taken = 0.1 * (self.steps // 5)
+        return Observation(self.steps * DT, self.hand + 1e-6 * (self.steps // 5), frame_time=taken)
+
+    def look(self) -> float:
+        now = self.steps * DT
+        self.watch.look(self.seen(), now)
+        self.steps += 1
+        return now
+
+
+def recover(robot: SimulatedUR5, hand: np.ndarray, *, seconds: float) -> tuple[Recovery, float]:
+    """From a stop with a protective stop on; the time at which it may go on, or infinity."""
+    arm, watched = GuardedArm(robot, CONFIG), Watched(hand)
+    recovery = Recovery(arm)
+    recovery.begin(0.0, back=CONFIG.back_off, opening=0.085, straight=True)
+    for _ in range(round(seconds / DT)):
+        now = watched.look()
+        if isinstance(robot, PressedUR5):
+            robot.feel()
+        arm.read()
+        if arm.reading.protective_stop and recovery.part != "still":
+            recovery.begin(now, back=CONFIG.back_off, opening=0.085, straight=True)
+        if recovery.step(now, DT, watched.watch):
+            return recovery, now
+    return recovery, float("inf")
+
+
+@pytest.mark.parametrize("stuck", [False, True], ids=["fingers open", "fingers stuck"])
+def test_a_pressed_arm_backs_off_after_one_stop(stuck: bool) -> None:
+    robot = PressedUR5()
+    robot.set_gripper(0.02)
+    robot._opening = robot._target_opening = 0.02
+    robot.stuck = stuck
+    start = robot.tool_pose()
+    robot.feel()
+    assert robot.protective_stop
+    recovery, restarted = recover(robot, FAR_HAND, seconds=5.0)
+    assert robot.stops == 1
+    # stand 0.5 s, open (0.65 s at 0.1 m/s, cut short at 0.2 s), back 0.8 s, stand 0.5 s
+    assert restarted == pytest.approx(2.1, abs=0.2)
+    moved = start[:3, :3].T @ (robot.tool_pose()[:3, 3] - start[:3, 3])
+    np.testing.assert_allclose(moved, [0, 0, -CONFIG.back_off], atol=0.003)
+    assert recovery.trouble == ""
+    assert robot.gripper_width() == pytest.approx(0.02 if stuck else 0.085, abs=1e-6)
+
+
+def test_without_contact_it_waits_for_the_fingers() -> None:
+    robot = SimulatedUR5()
+    robot._opening = robot._target_opening = 0.02
+    start = robot.tool_pose()[:3, 3]
+    arm, watched = GuardedArm(robot, CONFIG), Watched(FAR_HAND)
+    recovery = Recovery(arm)
+    recovery.begin(0.0, back=CONFIG.back_off, opening=0.085, straight=True)
+    while recovery.part != "back":
+        now = watched.look()
+        arm.read()
+        recovery.step(now, DT, watched.watch)
+        assert np.linalg.norm(robot.tool_pose()[:3, 3] - start) < 1e-9
+        assert now < 3.0
+    assert robot.gripper_width() > 0.083
+
+
+@pytest.mark.parametrize("follows", [False, True], ids=["hand stays", "hand follows"])
+def test_it_leaves_a_hand_that_is_too_near(follows: bool) -> None:
+    arm = GuardedArm(SimulatedUR5(), CONFIG)
+    start = arm.reading.tool
+    approach = start[:3, 2]
+    watched = Watched(at_distance(arm, 0.004, approach))
+    recovery = Recovery(arm)
+    recovery.begin(0.0, back=0.0, opening=None, straight=True)
+    frees, ways = [], []
+    restarted = np.inf
+    for step in range(round(10.0 / DT)):
+        if follows and recovery.part == "clear":
+            watched.hand = at_distance(arm, 0.004, approach)
+        now = watched.look()
+        arm.read()
+        frees.append(arm.free(watched.watch))
+        ways.append(float((start[:3, 3] - arm.reading.tool[:3, 3]) @ approach))
+        if recovery.step(now, DT, watched.watch):
+            restarted = step * DT
+            break
+    assert min(frees) > 0.003
+    assert max(ways[: round(1.45 / DT)]) < 1e-9  # stands 0.5 s, and 1 s beside the hand
+    if follows:  # three times, then it waits
+        assert ways[-1] == pytest.approx(3 * CONFIG.back_off, abs=0.01)
+        assert restarted == np.inf
+    else:  # 0.5 s, 1 s, 8 cm at 0.1 m/s, 0.5 s
+        assert ways[-1] == pytest.approx(CONFIG.back_off, abs=0.003)
+        assert restarted == pytest.approx(2.8, abs=0.15)
+
+
+def test_it_does_not_back_into_a_hand_behind_it() -> None:
+    robot = SimulatedUR5()
+    arm = GuardedArm(robot, CONFIG)
+    start = arm.reading.tool[:3, 3]
+    watched = Watched(at_distance(arm, 0.008, -arm.reading.tool[:3, 2]))
+    recovery = Recovery(arm)
+    recovery.begin(0.0, back=0.0, opening=None, straight=True)
+    for _ in range(150):
+        now = watched.look()
+        arm.read()
+        assert not recovery.step(now, DT, watched.watch)
+    assert np.linalg.norm(robot.tool_pose()[:3, 3] - start) < 1e-9
+    assert recovery.trouble == "hand 8 mm from the gripper"
+
+
+@pytest.mark.parametrize(("side", "leaves"), [(1.0, True), (-1.0, False)])
+def test_the_way_home_begins_beside_a_hand_that_touches(side: float, leaves: bool) -> None:
+    """It goes where the hand is not, and stays where the hand is in its way."""
+    robot = SimulatedUR5()
+    home = robot.tool_pose()
+
+    def nothing(*_: object) -> ChosenGrasp | None:
+        return None
+
+    handover = Handover(robot, nothing, np.eye(4), HandoverConfig(patience=0.1))
+    away = home.copy()
+    away[:3, 3] -= 0.1 * home[:3, 2]
+    for _ in range(100):
+        robot.servo_to(away, DT)
+    arm = GuardedArm(robot, CONFIG)
+    assert np.linalg.norm(arm.reading.tool[:3, 3] - away[:3, 3]) < 1e-3
+    # home lies ahead: a hand behind the gripper is left, one before it is not run into
+    watched = Watched(at_distance(arm, -0.002, -side * home[:3, 2]))
+    frees = []
+    for _ in range(round(8.0 / DT)):
+        watched.look()
+        handover.step(watched.seen(), DT)
+        arm.read()
+        frees.append(arm.free(watched.watch))
+        if handover.over:
+            break
+    assert handover.stage is Stage.GAVE_UP
+    assert min(frees) > -0.007
+    last = handover.transitions[-1].reason
+    if leaves:
+        assert last == "at home without the object"
+        assert np.linalg.norm(robot.tool_pose()[:3, 3] - home[:3, 3]) < CONFIG.arrive_distance
+    else:
+        assert last.startswith("stands where it is: hand ")
+        assert np.linalg.norm(robot.tool_pose()[:3, 3] - away[:3, 3]) < 0.01
