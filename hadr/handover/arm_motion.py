@@ -104,7 +104,7 @@ class ArmMotion:
                 return
         end = self.straight_way(target)
         away = _difference(self._pose(self._configuration), target)
-        if end is None and away[0] < 0.02 and away[1] < 0.2:
+        if end is None and away[0] < 0.06 and away[1] < 0.35:
             end = self.joints.copy()  # all but there: no other branch
         if end is None:
             self._find_way(target)

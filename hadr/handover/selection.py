@@ -37,6 +37,7 @@ class GraspSelection:
         forward: How far past the grasp the fingertips end, metres.
         clearances: Free space to keep to the skin, metres: the second is tried where the first
             leaves no grasp that can be reached, and so on.
+        friction: Coefficient that a grasp may need at most.
         rescoring: False orders the candidates by their own score alone.
         widest: The gripper's widest opening, metres; it opens as far as hand and object allow.
         most_checked: How many of the best of one round are asked for their reach, at most.
@@ -54,6 +55,7 @@ class GraspSelection:
     back: float = 0.10
     forward: float = 0.05
     clearances: tuple[float, ...] = (0.02, 0.012)
+    friction: float = 0.6
     rescoring: bool = True
     widest: float = 0.085
     most_checked: int = 25
@@ -106,6 +108,7 @@ class GraspSelection:
             viewpoint=self.viewpoint,
             toward=self.directions.robot_to_human if self.rescoring else None,
             attempts=self.attempts,
+            friction=self.friction,
             frame="base",
         )
 
