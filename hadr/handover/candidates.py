@@ -20,7 +20,7 @@ FINGER_HEIGHT = 0.02
 """Height of a finger's pad along the height axis, metres."""
 FINGER_REACH = 0.05
 """How far past the first touched point the fingertips end (the paper's 5 cm), metres."""
-PAST_CONTACT = 0.02
+PAST_CONTACT = 0.035
 """How far past the contacts the fingertips end on thin things such as a stem, metres."""
 SPARE = 0.016
 """How much wider than the object the fingers open, both sides together, metres."""

@@ -29,6 +29,8 @@ STAGE_COLORS: dict[str, str] = {
     "Grasp & Retrieve": "#009E73",
     "Finished": "#56B4E9",
     "Stopped": "#D55E00",
+    "Going home": "#E69F00",
+    "Gave up": "#CC79A7",
 }
 """Colours of the stages by the name that people read; Okabe and Ito's."""
 CAPTION_HEIGHT = 72

@@ -186,6 +186,7 @@ class PhysicalUR5:
         that still leans on it.
         """
         self._stopped = False
+        self._motion.forget()
         self.protective_stop = ""
         self._released_at = self._data.time
         self.set_firm_grip(False)

@@ -203,6 +203,24 @@ def something_held(width: float, commanded: float, margin: float) -> bool:
     return bool(width > commanded + margin)
 
 
+def pushed_away(began: Array, now: Array, most: float) -> float:
+    """How much too far a target has gone along its own approach axis since the final move began.
+
+    A gripper that pushes the object pushes the hand with it; a robot that follows the hand would
+    then chase it.
+
+    Args:
+        began: Pre-grasp when the final move began, shape (4, 4), metres.
+        now: Pre-grasp now.
+        most: So far it may go.
+
+    Returns:
+        Metres, 0 or more.
+    """
+    gone = float((now[:3, 3] - began[:3, 3]) @ now[:3, 2])
+    return max(0.0, gone - most)
+
+
 def singularity(joints: Array) -> float:
     """How far the arm is from a singular pose.
 

@@ -1,7 +1,7 @@
 """From restored points to the one grasp to go for: sample, filter, rescore, check the reach."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +38,7 @@ class GraspSelection:
         clearances: Free space to keep to the skin, metres: the second is tried where the first
             leaves no grasp that can be reached, and so on.
         rescoring: False orders the candidates by their own score alone.
+        widest: The gripper's widest opening, metres; it opens as far as hand and object allow.
         most_checked: How many of the best of one round are asked for their reach, at most.
         rounds: How often candidates are drawn anew while none is left.
         source: Where the candidates come from instead of `sample_grasps`, such as
@@ -54,6 +55,7 @@ class GraspSelection:
     forward: float = 0.05
     clearances: tuple[float, ...] = (0.02, 0.012)
     rescoring: bool = True
+    widest: float = 0.085
     most_checked: int = 25
     rounds: int = 4
     source: CandidateSource | None = None
@@ -149,11 +151,39 @@ class GraspSelection:
                     continue
                 tried.append(pose)
                 for reached in self._turned(pose, robot):
-                    found = ChosenGrasp(reached, float(grasps.widths[row]), float(scores[row]))
+                    one = grasps.select(np.array([row]))
+                    width = self._opening(one, points, keypoints, scene_points, clearance)
+                    found = ChosenGrasp(reached, width, float(scores[row]))
                     if robot.straight_way(forward_of(reached, -self.back)):
                         return found
                     roundabout = roundabout or found
         return roundabout
+
+    def _opening(
+        self,
+        grasp: Grasps,
+        points: Array,
+        keypoints: Array,
+        scene_points: Array | None,
+        clearance: float,
+    ) -> float:
+        """How wide the fingers may open on the way in, metres: an error to the side is forgiven."""
+        least = float(grasp.widths[0])
+        for width in np.linspace(self.widest, least, 4)[:-1]:
+            if width <= least:
+                break
+            wide = replace(grasp, widths=np.array([width]))
+            room = way_to_hand(wide, keypoints, back=self.back, forward=self.forward)
+            if room[0] < clearance:
+                continue
+            if not free_of_object(wide, points, back=self.back, forward=self.forward)[0]:
+                continue
+            if scene_points is not None and len(scene_points):
+                few = _thinned(scene_points)
+                if not free_of_scene(wide, few, points, back=self.back, forward=self.forward)[0]:
+                    continue
+            return float(width)
+        return least
 
     def _turned(self, pose: Array, robot: Robot) -> list[Array]:
         """The reachable ones of a pose and its half turn, the nearer to the tool's turn first."""

@@ -87,6 +87,8 @@ class HandoverConfig:
         advance_speed: Speed of the final move and of the way back.
         approach_timeout: Longest second stage.
         grasp_timeout: Longest third stage.
+        largest_push: In the final move the target goes along with the hand by no more than this
+            away from the robot: beyond, it is the gripper that pushes.
         close_timeout: Longest closing of the fingers.
         squeeze: How much closer than the grasp's width the fingers are told to close.
         let_go_time: Time for the human to let go.
@@ -123,6 +125,7 @@ class HandoverConfig:
     advance_speed: float = 0.10
     approach_timeout: float = 13.0
     grasp_timeout: float = 13.0
+    largest_push: float = 0.02
     close_timeout: float = 1.5
     squeeze: float = 0.03
     let_go_time: float = 0.3

@@ -56,6 +56,8 @@ ATTEMPT_CONFIG = HandoverConfig(
     advance_speed=0.12,
     largest_drift=0.012,
     restless_after=1.0,
+    squeeze=0.085,
+    forward=0.06,
     safety=SafetyConfig(smallest_singular_value=0.001),
 )
 """Settings of all attempts, found on holds that are none of the experiment's. Keypoints with an

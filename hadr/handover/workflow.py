@@ -91,6 +91,7 @@ class Handover:
     _first_seen: float = field(default=float("inf"), init=False)
     _chosen_hand: Array = field(init=False)
     _away: Array = field(init=False)
+    _began: Array = field(init=False)
     _arrived: tuple[float, Array] | None = field(default=None, init=False)
     _there_since: float | None = field(default=None, init=False)
     _looked_again: bool = field(default=False, init=False)
@@ -234,7 +235,7 @@ class Handover:
             return
         if c.look_again and not self._looked_again and not self._look_again(observation, new):
             return
-        self.part, self._travelled = "advance", 0.0
+        self.part, self._travelled, self._began = "advance", 0.0, self.target
         reason = f"at the pre-grasp within {1000 * distance:.1f} mm, {np.rad2deg(angle):.1f} deg"
         self._enter(Stage.GRASP_AND_RETRIEVE, reason + (", the hand not calm" if restless else ""))
 
@@ -265,6 +266,9 @@ class Handover:
             self.arm.hold(dt)
             return False
         self.target = self.motion.move_pose(forward_of(self.grasp.pose, -c.back))
+        if self.stage is Stage.GRASP_AND_RETRIEVE:
+            pushed = safety.pushed_away(self._began, self.target, c.largest_push)
+            self.target = forward_of(self.target, -pushed)
         self.arm.check_target(self.target)
         return True
 

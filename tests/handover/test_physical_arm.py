@@ -86,7 +86,7 @@ def test_stop_holds_until_release(scene: HeldScene) -> None:
     drive(world, target, 0.3)
     assert pose_distance(world.robot.tool_pose(), stood)[0] < 2e-4
     world.robot.release()
-    drive(world, target, 1.5)
+    drive(world, target, 2.0)
     assert pose_distance(world.robot.tool_pose(), target)[0] < 0.001
 
 

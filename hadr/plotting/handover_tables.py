@@ -1,0 +1,71 @@
+"""The handover experiment as tables: each arm's attempts, and the settings that all share."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from hadr.markdown import markdown_table
+from hadr.plotting.handover_film import ARMS
+
+Row = Mapping[str, Any]
+
+
+def arms_table(rows: Sequence[Row], published: Mapping[str, Sequence[int]] | None = None) -> str:
+    """List each arm's attempts in the columns of the paper's table, and what that lacks.
+
+    Args:
+        rows: Rows of `results/mini/handover.json`.
+        published: The paper's rows: successes of 48, objects above 0.5, 0.8 and at 1.0, by method.
+
+    Returns:
+        Markdown, in the rows' order, the paper's rows last.
+    """
+    lines = []
+    for row in rows:
+        low, high = row["interval"]
+        lines.append(
+            [
+                ARMS.get(row["arm"], row["arm"]),
+                f"{row['successes']}/{row['attempts']}",
+                f"{100 * row['rate']:.1f} %",
+                f"{100 * low:.0f} to {100 * high:.0f}",
+                *(f"{row[f'objects_at_{n}_percent']}/8" for n in (50, 80, 100)),
+                _seconds(row["mean_seconds"]),
+                _seconds(row["mean_planning_wall_seconds"]),
+                f"{1000 * row['smallest_hand_distance_m']:.0f} mm",
+                f"{row['largest_force_n']:.1f} N",
+            ]
+        )
+    for name, (won, *objects) in (published or {}).items():
+        counts = [f"{count}/8" for count in objects]
+        lines.append(
+            [f"*paper: {name}*", f"{won}/48", f"{100 * won / 48:.1f} %", "", *counts, *[""] * 4]
+        )
+    head = ["depth", "successes", "rate", "95 % interval", "> 0.5", "> 0.8", "1.0",
+            "time of a success", "search for a grasp", "nearest to the hand",
+            "largest force on it"]  # fmt: skip
+    return markdown_table(head, lines, "lr")
+
+
+def failures_table(rows: Sequence[Row]) -> str:
+    """List how each arm's attempts failed, by the judge's kinds.
+
+    Args:
+        rows: Rows of `results/mini/handover.json`.
+
+    Returns:
+        Markdown.
+    """
+    kinds = sorted({kind for row in rows for kind in row["failures"]})
+    lines = [
+        [ARMS.get(row["arm"], row["arm"]), *(str(row["failures"].get(kind, 0)) for kind in kinds)]
+        for row in rows
+    ]
+    return markdown_table(["depth", *kinds], lines, "lr")
+
+
+def _seconds(value: float | None) -> str:
+    if value is None:
+        return "none"
+    return f"{value:.1f} s" if value >= 1 else f"{1000 * value:.0f} ms"
