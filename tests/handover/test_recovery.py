@@ -51,7 +51,7 @@ def at_distance(arm: GuardedArm, free: float, direction: np.ndarray) -> np.ndarr
     hand = hand - hand.mean(axis=0) + arm.reading.tool[:3, 3]
     watch = HandWatch(np.eye(4), SafetyConfig())
     low, high = 0.0, 0.5
-    for _ in range(40):
+    for _ in range(18):  # to 2 micrometres
         middle = (low + high) / 2
         watch.keypoints = hand + middle * direction
         low, high = (low, middle) if arm.free(watch) > free else (middle, high)
