@@ -90,7 +90,8 @@ class HandoverConfig:
         largest_push: In the final move the target goes along with the hand by no more than this
             away from the robot: beyond, it is the gripper that pushes.
         close_timeout: Longest closing of the fingers.
-        squeeze: How much closer than the grasp's width the fingers are told to close.
+        squeeze: How much closer than they were opened the fingers are told to close: as far as the
+            object lets them, where it is the whole opening.
         let_go_time: Time for the human to let go.
         retreat: How far back the object is pulled before it is carried off.
         stand_time: How long the robot stands after a stop, and how long the cause must be gone.
@@ -127,7 +128,7 @@ class HandoverConfig:
     grasp_timeout: float = 13.0
     largest_push: float = 0.02
     close_timeout: float = 1.5
-    squeeze: float = 0.03
+    squeeze: float = 0.085
     let_go_time: float = 0.3
     retreat: float = 0.15
     stand_time: float = 0.5

@@ -26,7 +26,7 @@ def arms_table(rows: Sequence[Row], published: Mapping[str, Sequence[int]] | Non
         low, high = row["interval"]
         lines.append(
             [
-                ARMS.get(row["arm"], row["arm"]),
+                str(ARMS.get(row["arm"], row["arm"])),
                 f"{row['successes']}/{row['attempts']}",
                 f"{100 * row['rate']:.1f} %",
                 f"{100 * low:.0f} to {100 * high:.0f}",
@@ -59,7 +59,10 @@ def failures_table(rows: Sequence[Row]) -> str:
     """
     kinds = sorted({kind for row in rows for kind in row["failures"]})
     lines = [
-        [ARMS.get(row["arm"], row["arm"]), *(str(row["failures"].get(kind, 0)) for kind in kinds)]
+        [
+            str(ARMS.get(row["arm"], row["arm"])),
+            *(str(row["failures"].get(kind, 0)) for kind in kinds),
+        ]
         for row in rows
     ]
     return markdown_table(["depth", *kinds], lines, "lr")
