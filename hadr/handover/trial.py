@@ -256,7 +256,7 @@ def run_trial(
             on_step(world, state, handover.stage)
         step += 1
     chosen = [t for t in handover.transitions if t.after is Stage.APPROACH_AND_REACT]
-    last = f"no grasp was chosen: {handover.caution or 'none was searched for'}"
+    last = f"no grasp was chosen: {handover.choosing.caution or handover.caution}"
     if handover.transitions:
         last = handover.transitions[-1].reason
     outcome = Outcome(

@@ -1,0 +1,83 @@
+"""Put the handover experiment's results, and the recordings of chapter 11, where they belong.
+
+    hadr handover --out build/handover                                          (the table)
+    hadr handover --arms perfect --extrinsics-error 3 --out build/turned        (made worse)
+    python benchmarks/handover_bundle.py --out build/handover --worse build/turned \\
+        --films success=hadr/0004-904 failure=raw/0006-900
+
+Rows are summed up from the attempts' own sealed files; films are drawn from their states.
+"""
+
+import argparse
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+from hadr.data.samples import samples_dir, write_manifest
+from hadr.handover.experiment import arm_row, finished_attempt
+from hadr.handover.film import film_frames, write_film
+from hadr.handover.trial import Trial
+from hadr.handover.views import side_view
+from hadr.provenance import machine_text
+from hadr.result_file import read_result_file, write_result_file
+
+
+def outcomes_below(folder: Path, arm: str) -> list[dict[str, Any]]:
+    """All finished attempts of an arm, in the order of their names."""
+    found = []
+    for path in sorted((folder / arm).glob("*-*.json")):
+        trial = Trial(**json.loads(path.read_text(encoding="utf-8"))["trial"])
+        found.append(finished_attempt(folder, trial)[0])
+    return found
+
+
+def main() -> None:
+    """Run the script."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, required=True, help="folder of the table's attempts")
+    parser.add_argument("--worse", type=Path, nargs="*", default=[], help="folders made worse")
+    parser.add_argument("--films", nargs="*", default=[], metavar="NAME=ARM/OBJECT-HOLD")
+    parser.add_argument("--results", type=Path, default=Path("results/mini"))
+    args = parser.parse_args()
+    table = read_result_file(args.out / "handover.json")
+    write_result_file(args.results / "handover.json", table.what, table.rows, table.provenance)
+    made_worse = [read_result_file(folder / "handover.json") for folder in args.worse]
+    arms = {row["arm"] for file in made_worse for row in file.rows}
+    rows = []
+    for folder, file in zip((args.out, *args.worse), (table, *made_worse), strict=True):
+        for row in file.rows:
+            outcomes = outcomes_below(folder, row["arm"])
+            if arm_row(row["arm"], outcomes)["successes"] != row["successes"]:
+                raise ValueError(f"{folder}: arm {row['arm']} has other attempts than its row")
+            if row["arm"] in arms:
+                trial = outcomes[0]["trial"]
+                made = {"extrinsics_deg": trial["extrinsics_error_deg"]}
+                rows.append({**row, **made, "hand_speed": trial["hand_speed"]})
+    what = table.what + "; the same with the camera turned or a faster hand"
+    if args.worse:
+        write_result_file(args.results / "handover_worse.json", what, rows,
+                          {**table.provenance, "machine": machine_text()})  # fmt: skip
+    kept = samples_dir() / "handover"
+    films = {}
+    if args.films:
+        shutil.rmtree(kept, ignore_errors=True)
+    for wish in args.films:
+        name, _, where = wish.partition("=")
+        arm, _, attempt = where.partition("/")
+        object_id, _, hold = attempt.partition("-")
+        trial = Trial(object_id, int(hold), arm=arm)  # type: ignore[arg-type]
+        _, states, changes, scene = finished_attempt(args.out, trial)
+        (kept / arm).mkdir(parents=True, exist_ok=True)
+        for ending in (".json", ".npz"):
+            shutil.copy(args.out / arm / f"{attempt}{ending}", kept / arm / f"{attempt}{ending}")
+        frames = film_frames(states, scene, changes, view=side_view(480, 270), rate=10)
+        write_film(kept / f"{name}.mp4", frames, rate=10)
+        films[name] = [arm, object_id, int(hold)]
+    if films:
+        (kept / "films.json").write_text(json.dumps(films, indent=1) + "\n", encoding="utf-8")
+        write_manifest(samples_dir())
+
+
+if __name__ == "__main__":
+    main()
