@@ -98,8 +98,8 @@ def sample_grasps(
 
     Returns:
         Candidates, highest score first. The fingertips are to end 5 cm past a grasp's point. It
-        lies where the object is met first; on things less than 6 cm thick it lies before that, so
-        that the tips end 2 cm past the contacts.
+        lies where the object is met first; on things less than 3 cm thick it lies before that, so
+        that the tips end 3.5 cm past the contacts.
 
     Raises:
         NoCandidateError: Nothing was found that fits between the fingers.
