@@ -32,6 +32,24 @@ def outcomes_below(folder: Path, arm: str) -> list[dict[str, Any]]:
     return found
 
 
+def verdicts(folder: Path, arm: str) -> dict[str, str]:
+    """The judge's word on each attempt of an arm, by the attempt's name."""
+    rows = outcomes_below(folder, arm)
+    return {name_of(row): row["verdict"] for row in rows}
+
+
+def name_of(row: dict[str, Any]) -> str:
+    """An attempt's name, such as ``0004-902``."""
+    return f"{row['trial']['object_id']}-{row['trial']['hold_number']}"
+
+
+def worse_row(arm: str, outcomes: list[dict[str, Any]]) -> dict[str, Any]:
+    """An arm's row with what was made worse."""
+    trial = outcomes[0]["trial"]
+    made = {"extrinsics_deg": trial["extrinsics_error_deg"], "hand_speed": trial["hand_speed"]}
+    return {**arm_row(arm, outcomes), **made}
+
+
 def main() -> None:
     """Run the script."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -41,19 +59,17 @@ def main() -> None:
     parser.add_argument("--results", type=Path, default=Path("results/mini"))
     args = parser.parse_args()
     table = read_result_file(args.out / "handover.json")
-    write_result_file(args.results / "handover.json", table.what, table.rows, table.provenance)
+    full = [{**row, "verdicts": verdicts(args.out, row["arm"])} for row in table.rows]
+    write_result_file(args.results / "handover.json", table.what, full, table.provenance)
     made_worse = [read_result_file(folder / "handover.json") for folder in args.worse]
-    arms = {row["arm"] for file in made_worse for row in file.rows}
-    rows = []
-    for folder, file in zip((args.out, *args.worse), (table, *made_worse), strict=True):
+    rows, names = [], set[str]()
+    for folder, file in zip(args.worse, made_worse, strict=True):
         for row in file.rows:
-            outcomes = outcomes_below(folder, row["arm"])
-            if arm_row(row["arm"], outcomes)["successes"] != row["successes"]:
-                raise ValueError(f"{folder}: arm {row['arm']} has other attempts than its row")
-            if row["arm"] in arms:
-                trial = outcomes[0]["trial"]
-                made = {"extrinsics_deg": trial["extrinsics_error_deg"]}
-                rows.append({**row, **made, "hand_speed": trial["hand_speed"]})
+            names = set(verdicts(folder, row["arm"]))
+            rows.append(worse_row(row["arm"], outcomes_below(folder, row["arm"])))
+    for arm in dict.fromkeys(row["arm"] for row in rows):  # the same attempts, not made worse
+        same = [r for r in outcomes_below(args.out, arm) if name_of(r) in names]
+        rows.append(worse_row(arm, same))
     what = table.what + "; the same with the camera turned or a faster hand"
     if args.worse:
         write_result_file(args.results / "handover_worse.json", what, rows,
@@ -66,7 +82,7 @@ def main() -> None:
         name, _, where = wish.partition("=")
         arm, _, attempt = where.partition("/")
         object_id, _, hold = attempt.partition("-")
-        trial = Trial(object_id, int(hold), arm=arm)  # type: ignore[arg-type]
+        trial = Trial(object_id, int(hold), arm=arm)
         _, states, changes, scene = finished_attempt(args.out, trial)
         (kept / arm).mkdir(parents=True, exist_ok=True)
         for ending in (".json", ".npz"):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -285,3 +286,33 @@ def test_chapter_6_says_of_each_network_that_misses_what_lies_within_its_reach()
     assert swindrnet["goal"] < swindrnet["least_mae_of_its_grid_m"] < swindrnet["reached"]
     assert dfnet["frozen_steps"] == 2000
     assert f"{1000 * dfnet['before_frozen']:.1f}" == "5.9"
+
+
+def handover_rows() -> dict[str, dict[str, Any]]:
+    """Rows of the handover experiment by arm."""
+    return {row["arm"]: row for row in read_result_file(RESULTS / "mini" / "handover.json").rows}
+
+
+def test_the_handover_has_all_arms_and_their_attempts_add_up() -> None:
+    rows = handover_rows()
+    arms = {"raw", "inpainted", "hadr", "perfect", "hadr-no-rescoring", "hadr-no-tracking"}
+    assert arms <= set(rows)
+    for row in rows.values():
+        assert row["attempts"] == len(row["verdicts"]) == 48
+        assert list(row["verdicts"].values()).count("success") == row["successes"]
+        assert row["successes"] + sum(row["failures"].values()) == 48
+        assert row["largest_force_n"] < 20  # "stays far below the 20 N"
+
+
+def test_readme_and_chapter_11_say_what_the_handover_file_says() -> None:
+    rows = handover_rows()
+    text = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
+    hadr, perfect, raw = (rows[arm]["successes"] for arm in ("hadr", "perfect", "raw"))
+    assert (
+        f"succeeds in {perfect} with perfect depth, in {hadr} with HADR's, and in {raw} wi" in text
+    )
+    assert rows["hadr"]["interval"][1] < 34 / 48  # "The paper's 70.8 % are not reached here"
+    assert rows["perfect"]["interval"][0] < 34 / 48 < rows["perfect"]["interval"][1]
+    assert hadr < perfect / 2  # "less than half of that"
+    assert raw > 5  # "Raw depth does better than in the paper, too"
+    assert max(row["largest_force_n"] for row in rows.values()) < 10  # "far below the 20 N"

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from scipy.stats import binomtest
+
 from hadr.markdown import markdown_table
 from hadr.plotting.handover_film import ARMS
 
@@ -66,6 +68,31 @@ def failures_table(rows: Sequence[Row]) -> str:
         for row in rows
     ]
     return markdown_table(["depth", *kinds], lines, "lr")
+
+
+def paired(first: Row, second: Row) -> tuple[int, int, float]:
+    """Compare two arms attempt by attempt.
+
+    Args:
+        first: A row of `results/mini/handover.json` with its ``verdicts``.
+        second: Another one.
+
+    Returns:
+        In how many attempts the first alone succeeds, in how many the second alone, and how likely
+        chance alone makes at least such a difference (two-sided sign test; 1 without any).
+
+    Raises:
+        ValueError: The two have not made the same attempts.
+    """
+    if first["verdicts"].keys() != second["verdicts"].keys():
+        raise ValueError(f"{first['arm']} and {second['arm']} have not made the same attempts")
+    won = [
+        (verdict == "success", second["verdicts"][name] == "success")
+        for name, verdict in first["verdicts"].items()
+    ]
+    ahead, behind = won.count((True, False)), won.count((False, True))
+    doubt = float(binomtest(ahead, ahead + behind).pvalue) if ahead + behind else 1.0
+    return ahead, behind, doubt
 
 
 def _seconds(value: float | None) -> str:

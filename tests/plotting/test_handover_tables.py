@@ -1,4 +1,6 @@
-from hadr.plotting.handover_tables import arms_table, failures_table
+import pytest
+
+from hadr.plotting.handover_tables import arms_table, failures_table, paired
 
 ROW = {
     "arm": "hadr",
@@ -40,3 +42,14 @@ def test_kinds_of_failure_are_counted_by_name():
     assert cells(lines[0]) == ["depth", "drop", "time-out"]
     assert cells(lines[2]) == ["HADR", "10", "8"]
     assert cells(lines[3]) == ["raw sensor depth", "0", "48"]
+
+
+def test_two_arms_are_compared_attempt_by_attempt():
+    first = {"arm": "a", "verdicts": {"1": "success", "2": "success", "3": "drop", "4": "drop"}}
+    second = {"arm": "b", "verdicts": {"1": "success", "2": "drop", "3": "drop", "4": "success"}}
+    assert paired(first, second) == (1, 1, 1.0)
+    better = {"arm": "c", "verdicts": dict.fromkeys("1234", "success")}
+    assert paired(better, first) == (2, 0, 0.5)  # 2 of 2: once each way in four
+    assert paired(first, first) == (0, 0, 1.0)
+    with pytest.raises(ValueError, match="a and d have not made the same attempts"):
+        paired(first, {"arm": "d", "verdicts": {"1": "drop"}})
