@@ -60,8 +60,14 @@ def test_a_finished_attempt_is_read_back(whole: Run, made: Counter[Trial], tmp_p
     np.testing.assert_allclose(states[-1].joints, whole.states[-1].joints, atol=1e-6)
     log = read_run_log(tmp_path / "perfect" / "0010-922-log.npz")
     assert tuple(replay(log).transitions) == whole.transitions
-    with pytest.raises(FileNotFoundError, match=r"0010-922\.json holds no finished attempt"):
+    with pytest.raises(FileNotFoundError, match=r"0010-922\.json is of another attempt"):
         finished_attempt(tmp_path, replace(trial, seed=7))
+    with pytest.raises(FileNotFoundError, match=r"there is no finished attempt .*0010-923\.json"):
+        finished_attempt(tmp_path, replace(trial, hold_number=923))
+    path = tmp_path / "perfect" / "0010-922.json"
+    path.write_text(path.read_text().replace('"verdict": "success"', '"verdict": "drop"'))
+    with pytest.raises(FileNotFoundError, match="changed by hand"):
+        finished_attempt(tmp_path, trial)
 
 
 def test_only_what_is_not_finished_is_run(whole: Run, made: Counter[Trial], tmp_path: Path) -> None:

@@ -150,11 +150,11 @@ def test_grasps_move_with_their_frame() -> None:
     assert np.rad2deg(np.arcsin(along)).max() < 20
 
 
-def test_on_a_thin_rod_the_tips_end_two_centimetres_past_the_contacts() -> None:
+def test_on_a_thin_rod_the_tips_end_35_mm_past_the_contacts() -> None:
     rod = cylinder(np.array([0, 0, 1.0]), radius=0.004)
     best = sample_grasps(rod, np.random.default_rng(0), viewpoint=EYE).select(np.arange(10))
     ends = best.translations + 0.05 * best.axis("approach")
     past = ((ends - [0.5, 0, 0.3]) * best.axis("approach") * [1, 1, 0]).sum(axis=1)
     level = np.abs(best.axis("approach")[:, 2]) < 0.3
     assert level.sum() > 3
-    np.testing.assert_allclose(past[level], 0.02, atol=0.006)
+    np.testing.assert_allclose(past[level], 0.035, atol=0.006)
