@@ -15,6 +15,7 @@ from hadr.experiments.report import DEFAULT, TITLES, report
 from hadr.experiments.systems import METHODS, SWITCHES
 from hadr.experiments.tables import ABLATION, FILES, LEDGER
 from hadr.plotting.benchmarks import by_heart_table
+from hadr.plotting.handover_tables import paired
 from hadr.result_file import digest, read_result_file, read_result_files, read_sealed
 from hadr.synthesis.objects import OBJECTS, UNKNOWN_OBJECTS
 from hadr.training.presets import RIVALS, preset
@@ -316,3 +317,24 @@ def test_readme_and_chapter_11_say_what_the_handover_file_says() -> None:
     assert hadr < perfect / 2  # "less than half of that"
     assert raw > 5  # "Raw depth does better than in the paper, too"
     assert max(row["largest_force_n"] for row in rows.values()) < 10  # "far below the 20 N"
+
+
+def test_chapter_11_says_which_differences_could_be_chance() -> None:
+    rows = handover_rows()
+    ahead, behind, chance = paired(rows["perfect"], rows["hadr"])
+    assert ahead > behind
+    assert chance < 0.001
+    for arm in ("hadr-no-rescoring", "hadr-no-tracking"):
+        assert rows[arm]["successes"] < rows["hadr"]["successes"]  # "takes fewer"
+        assert paired(rows["hadr"], rows[arm])[2] > 0.05  # "cannot tell that from chance"
+    assert rows["inpainted"]["successes"] < rows["raw"]["successes"]  # "worse than doing nothing"
+
+
+def test_chapter_11_what_makes_it_worse_makes_it_worse() -> None:
+    rows = read_result_file(RESULTS / "mini" / "handover_worse.json").rows
+    same = {len(row["rate_by_object"]) for row in rows} | {row["attempts"] for row in rows}
+    assert same == {8, 24}
+    whole = next(r for r in rows if r["extrinsics_deg"] == 0 and r["hand_speed"] == 1)
+    others = [row for row in rows if row is not whole]
+    assert len(others) >= 2
+    assert all(row["successes"] < whole["successes"] for row in others)
