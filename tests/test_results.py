@@ -330,11 +330,10 @@ def test_chapter_11_says_which_differences_could_be_chance() -> None:
     assert rows["inpainted"]["successes"] < rows["raw"]["successes"]  # "worse than doing nothing"
 
 
-def test_chapter_11_what_makes_it_worse_makes_it_worse() -> None:
+def test_chapter_11_says_what_makes_it_worse() -> None:
     rows = read_result_file(RESULTS / "mini" / "handover_worse.json").rows
     same = {len(row["rate_by_object"]) for row in rows} | {row["attempts"] for row in rows}
     assert same == {8, 24}
-    whole = next(r for r in rows if r["extrinsics_deg"] == 0 and r["hand_speed"] == 1)
-    others = [row for row in rows if row is not whole]
-    assert len(others) >= 2
-    assert all(row["successes"] < whole["successes"] for row in others)
+    won = {(row["extrinsics_deg"], row["hand_speed"]): row["successes"] for row in rows}
+    assert won[3.0, 1.0] < won[0.0, 1.0] - 3  # "more than the fingers forgive"
+    assert abs(won[0.0, 3.0] - won[0.0, 1.0]) <= 3  # "costs nothing that 24 attempts could show"
