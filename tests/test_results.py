@@ -337,3 +337,13 @@ def test_chapter_11_says_what_makes_it_worse() -> None:
     won = {(row["extrinsics_deg"], row["hand_speed"]): row["successes"] for row in rows}
     assert won[3.0, 1.0] < won[0.0, 1.0] - 3  # "more than the fingers forgive"
     assert abs(won[0.0, 3.0] - won[0.0, 1.0]) <= 3  # "costs nothing that 24 attempts could show"
+
+
+def test_chapter_11_says_how_far_the_depth_is_off() -> None:
+    file = read_result_file(RESULTS / "mini" / "handover_depth.json")
+    hadr = file.row(arm="hadr")
+    assert 0.012 < hadr["median_error_m"] < 0.018  # "a centimetre and a half"
+    assert abs(hadr["confidence_rank_correlation"]) < 0.2  # "about zero"
+    assert file.row(arm="perfect")["median_error_m"] == 0
+    rows = handover_rows()
+    assert paired(rows["hadr"], rows["raw"])[2] > 0.05  # "could be chance"
