@@ -61,6 +61,8 @@ ORACLE = CorruptionConfig()
 SENSOR = CorruptionConfig(erase=False, see_through=True, stereo=True, edges=True)
 #: What a depth camera measured, taken as it is.
 CAPTURED = CorruptionConfig(erase=False, captured=True)
+#: The same with the depth in the object's mask erased.
+ERASED = CorruptionConfig(erase=True, captured=True)
 
 
 def erase_mask(depth: FloatArray, mask: BoolArray) -> FloatArray:

@@ -223,7 +223,7 @@ class DepthNetwork:
 def trained_corruption(meta: dict[str, Any]) -> Corruption:
     """Read from a checkpoint's record whether it learned to use depth inside of the mask."""
     stored = meta.get("data", {}).get("corruption", meta.get("corruption", "oracle"))
-    return "oracle" if str(stored).startswith("oracle") else "sensor"
+    return "oracle" if str(stored).startswith(("oracle", "erased")) else "sensor"
 
 
 def enlarge_known(

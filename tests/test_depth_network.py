@@ -206,6 +206,7 @@ def test_enlarge_known_is_bilinear_inside_and_nearest_outside() -> None:
         ({"corruption": "oracle: depth erased in the object's mask; true keypoints"}, "oracle"),
         ({"data": {"corruption": "sensor"}}, "sensor"),
         ({"data": {"corruption": "analytic"}}, "sensor"),
+        ({"data": {"corruption": "erased"}}, "oracle"),
         ({"data": {"folder": "somewhere"}, "corruption": "oracle: erased"}, "oracle"),
     ],
 )

@@ -13,18 +13,19 @@ from torch import Tensor
 from tqdm import tqdm
 
 from hadr.camera import resize_depth, resize_mask
-from hadr.corruption import CAPTURED, ORACLE, SENSOR, CorruptionConfig, corrupt
+from hadr.corruption import CAPTURED, ERASED, ORACLE, SENSOR, CorruptionConfig, corrupt
 from hadr.models.hadr_input import HADRInput, frame_to_input, stack_inputs
 from hadr.provenance import usable_cores
 
 if TYPE_CHECKING:
     from hadr.data.transhand import Frame
 
-Corruption = Literal["oracle", "analytic", "sensor"]
+Corruption = Literal["oracle", "analytic", "sensor", "erased"]
 CORRUPTIONS: dict[str, CorruptionConfig] = {
     "oracle": ORACLE,
     "analytic": SENSOR,
     "sensor": CAPTURED,
+    "erased": ERASED,
 }
 
 
@@ -113,7 +114,8 @@ def load_frames(
         corruption: "oracle" erases the depth of the whole object, as the published experiments do;
             "analytic" imitates an active-stereo camera by formulas: it loses part of the depth,
             sees the background through the rest, and frays the outlines; "sensor" takes the
-            frame's raw depth, measured by a real or simulated camera (ledger, row 8).
+            frame's raw depth, measured by a real or simulated camera (ledger, row 8); "erased"
+            takes it outside of the object alone.
         seed: Seed of the analytic models; each frame's chance follows from it and its number.
         keep_all: Keep frames without a pixel of the object.
         progress: Show a bar with this title.
@@ -123,7 +125,7 @@ def load_frames(
 
     Raises:
         ValueError: There is no frame, `corruption` is unknown, or a frame lacks the raw depth
-            that "sensor" takes; the message names it.
+            that "sensor" and "erased" take; the message names it.
     """
     if corruption not in CORRUPTIONS:
         raise ValueError(f"corruption must be one of {sorted(CORRUPTIONS)}, got {corruption!r}")
@@ -177,10 +179,10 @@ def _one_frame(
 ) -> FrameTensors:
     """Corrupt and resize one frame; colour as bytes."""
     name = f"{frame.object_id}/{frame.stem}"
-    if corruption == "sensor" and frame.raw_depth is None:
+    if CORRUPTIONS[corruption].captured and frame.raw_depth is None:
         raise ValueError(
-            f"frame {name} has no raw depth, which the corruption 'sensor' takes; make frames "
-            "with --sensor, or choose 'analytic' or 'oracle'"
+            f"frame {name} has no raw depth, which the corruption {corruption!r} takes; make "
+            "frames with --sensor, or choose 'analytic' or 'oracle'"
         )
     corrupted = corrupt(
         frame.depth,

@@ -24,6 +24,7 @@ from torch import Tensor
 
 from hadr.data.augmentation import augment_color
 from hadr.training.batches import FrameTensors
+from hadr.training.predicted import pixels_of
 from hadr.training.recipe import Preset
 
 _TRIES = 5
@@ -207,6 +208,26 @@ def _draw_stretch(most: float, rng: np.random.Generator) -> tuple[float, float]:
     return float(across), float(down)
 
 
+def with_keypoint_noise(
+    frame: FrameTensors, deviation: float, rng: np.random.Generator
+) -> FrameTensors:
+    """Give the keypoints of one frame an error, as those that a network finds have one.
+
+    Args:
+        frame: A single frame; its true keypoints stay as they are.
+        deviation: Standard deviation of each coordinate, metres. Half of the variance is common to
+            the whole hand, as where a hand is taken for nearer than it is.
+        rng: Source of randomness.
+    """
+    keypoints = frame.inputs.keypoints
+    if not bool((keypoints != 0).any()):
+        return frame  # no hand is known
+    error = np.sqrt(0.5) * deviation * (rng.normal(size=(21, 3)) + rng.normal(size=(1, 3)))
+    moved = keypoints + torch.from_numpy(error).to(keypoints.dtype)
+    uv = pixels_of(moved, frame.inputs.intrinsics)
+    return replace(frame, inputs=replace(frame.inputs, keypoints=moved, keypoints_uv=uv))
+
+
 def augment_frames(
     batch: FrameTensors, numbers: Sequence[int], recipe: Preset, seed: int, epoch: int
 ) -> FrameTensors:
@@ -225,7 +246,7 @@ def augment_frames(
     """
     geometric = recipe.mirror > 0 or recipe.zoom > 1 or recipe.roll_deg > 0
     geometric = geometric or recipe.stretch > 1
-    if not (recipe.augment or geometric):
+    if not (recipe.augment or geometric or recipe.keypoint_noise):
         return batch
     frames = []
     for row, number in enumerate(numbers):
@@ -237,5 +258,7 @@ def augment_frames(
             frame = replace(frame, inputs=replace(frame.inputs, color=color))
         if geometric:
             frame = seen_by(frame, draw_camera(frame, recipe, rng))
+        if recipe.keypoint_noise:
+            frame = with_keypoint_noise(frame, recipe.keypoint_noise, rng)
         frames.append(frame)
     return FrameTensors.join(frames)

@@ -58,6 +58,7 @@ def train(
     folder: str | Path | None = None,
     seed: int = 0,
     data: Mapping[str, Any] | None = None,
+    start: nn.Module | None = None,
     resume: bool = False,
     stop_after: int | None = None,
     progress: bool = True,
@@ -78,6 +79,8 @@ def train(
         seed: Seed of weights, shuffling, stochastic depth and augmentation.
         data: What the frames are (their number, corruption, objects), plain values for the
             record; a training can only be resumed with the same.
+        start: A network of the same form whose weights the training begins with; new ones, drawn
+            by chance, where it is left out.
         resume: Go on from the folder's last checkpoint, if there is one.
         stop_after: Stop after this many epochs, as if interrupted.
         progress: Show a progress bar.
@@ -102,6 +105,8 @@ def train(
     first_process, processes = fabric.is_global_zero, fabric.world_size
     torch.manual_seed(seed)
     network: nn.Module = fabric.to_device(task.build())
+    if start is not None:
+        network.load_state_dict(start.state_dict())
     if processes > 1:
         share_batch_norm(network)
     optimizer = optimizer_of(recipe, network)

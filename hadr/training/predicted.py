@@ -74,12 +74,12 @@ def with_predicted(
 ) -> FrameTensors:
     """Put predicted masks and keypoints in the place of the true ones, where asked for.
 
-    Each network works at the size it was trained at, whatever the size of the frames, so that all
-    systems of a table are given the same masks and keypoints. With the oracle corruption the depth
-    is missing in the true mask already; it is erased in the predicted one as well. The keypoints'
-    network looks where the predicted hand is, or the true one where masks are true, and so does the
-    hand's median depth; a frame in which too little of a hand is seen gets zeros, which mean
-    "unknown".
+    Each network works at the size it was trained at, whatever the size of the frames, so that
+    all systems of a table are given the same masks and keypoints. With the corruptions "oracle"
+    and "erased" the depth is missing in the true mask already; it is erased in the predicted
+    one as well. The keypoints' network looks where the predicted hand is, or the true one where
+    masks are true, and so does the hand's median depth; a frame in which too little of a hand
+    is seen gets zeros, which mean "unknown".
 
     Args:
         frames: The frames with true masks and keypoints, in the order of the source.
@@ -105,7 +105,7 @@ def with_predicted(
         mask = resized(found[:, 0], inputs.mask)
         hand = found[:, 1] if found.shape[1] > 1 else None
         depth = inputs.depth
-        if given.corruption == "oracle":
+        if given.corruption in ("oracle", "erased"):
             depth = torch.where(mask, torch.zeros_like(depth), depth)
         inputs = replace(inputs, mask=mask, depth=depth)
     if str(given.keypoints) != TRUE:
@@ -114,7 +114,7 @@ def with_predicted(
         if str(given.masks) != TRUE:
             mask = resized(found[:, 0], seen.inputs.mask)
             depth = seen.inputs.depth
-            if given.corruption == "oracle":
+            if given.corruption in ("oracle", "erased"):
                 depth = torch.where(mask, torch.zeros_like(depth), depth)
             seen = replace(seen, inputs=replace(seen.inputs, mask=mask, depth=depth))
         hands = seen.hand_mask if hand is None else resized(hand, seen.hand_mask)

@@ -56,6 +56,8 @@ class Preset:
             or pressed: other shapes at the same depth. 1 leaves it.
         precision: Arithmetic of the forward pass in training, as Lightning Fabric names it:
             "32-true" or "bf16-mixed".
+        keypoint_noise: Standard deviation of the error that each keypoint coordinate of a training
+            frame is given, metres; half of the variance is common to the whole hand.
         optimizer: "adam", or "adamw" with decoupled weight decay.
         weight_decay: That of AdamW.
         milestones: With "step", shares of the training, 0..1 and rising, at each of which the rate
@@ -93,6 +95,7 @@ class Preset:
     precision: Precision = "32-true"
     validation_frames: int | None = None
     stretch: float = field(default=1.0, metadata=IF_CHANGED)
+    keypoint_noise: float = field(default=0.0, metadata=IF_CHANGED)
     optimizer: Optimizer = field(default="adam", metadata=IF_CHANGED)
     weight_decay: float = field(default=0.0, metadata=IF_CHANGED)
     milestones: tuple[float, ...] = field(default=(), metadata=IF_CHANGED)
@@ -126,6 +129,7 @@ class Preset:
             ("zoom", self.zoom, 1, 4),
             ("roll_deg", self.roll_deg, 0, 45),
             ("stretch", self.stretch, 1, 2),
+            ("keypoint_noise", self.keypoint_noise, 0, 0.1),
             ("weight_decay", self.weight_decay, 0, 1),
             ("decay", self.decay, 0, 1),
         ):

@@ -6,7 +6,7 @@ import argparse
 import importlib.util
 import json
 from collections.abc import Sequence
-from dataclasses import is_dataclass, replace
+from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any, get_args
 
@@ -52,6 +52,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_given(parser)
     parser.add_argument("--objects", nargs="+", metavar="ID", help="train on these objects only")
     parser.add_argument("--pretrained", metavar="NAME", help="published weights to start from")
+    parser.add_argument(
+        "--start-from", metavar="FILE", help="checkpoint of the same network whose weights begin"
+    )
+    parser.add_argument("--learning-rate", type=float, help="instead of the preset's")
+    parser.add_argument(
+        "--keypoint-noise",
+        type=float,
+        metavar="METRES",
+        help="standard deviation of the error that training keypoints are given (0)",
+    )
     parser.add_argument("--seed", type=int, default=0, help="seed of everything (0)")
     parser.add_argument("--resume", action="store_true", help="go on from the last checkpoint")
     parser.add_argument("--tensorboard", action="store_true", help="write event files as well")
@@ -81,7 +91,7 @@ def add_given(parser: argparse.ArgumentParser) -> None:
         default="oracle",
         choices=tuple(CORRUPTIONS),
         help="oracle: no depth in the object's mask; analytic: a stereo camera imitated by "
-        "formulas; sensor: the frames' raw depth (oracle)",
+        "formulas; sensor: the frames' raw depth; erased: the same but none in the mask (oracle)",
     )
     for name, what in (("masks", "segmentation"), ("keypoints", "hand-keypoints")):
         parser.add_argument(
@@ -131,6 +141,10 @@ def recipe_from(args: argparse.Namespace) -> Preset:
         drop_epoch=scaled_drop if args.drop_epoch is None else args.drop_epoch,
         batch_size=recipe.batch_size if args.batch_size is None else args.batch_size,
         precision=args.precision or recipe.precision,
+        learning_rate=(recipe.learning_rate if args.learning_rate is None else args.learning_rate),
+        keypoint_noise=(
+            recipe.keypoint_noise if args.keypoint_noise is None else args.keypoint_noise
+        ),
     )
 
 
@@ -181,6 +195,28 @@ def read_split(
     return with_predicted(frames, found, given)
 
 
+def starting_weights(path: str | Path, recipe: Preset) -> Any:
+    """Read the network whose weights a training begins with.
+
+    Raises:
+        FileNotFoundError: There is no such checkpoint.
+        ValueError: It is of another network, or of the same kind in another form.
+    """
+    from hadr.training.checkpoints import load_checkpoint
+
+    network, meta = load_checkpoint(path)
+    if meta["network"] != recipe.network:
+        raise ValueError(f"--start-from {path} is a {meta['network']}, expected {recipe.network}")
+    form: Any = recipe.model
+    stored = type(form).from_dict(meta["model"])
+    parts = [part.name for part in fields(form)]
+    other = [name for name in parts if getattr(form, name) != getattr(stored, name)]
+    if other:
+        named = ", ".join(other)
+        raise ValueError(f"--start-from {path} differs from the preset's network in {named}")
+    return network
+
+
 def with_recorded_drop(recipe: Preset, folder: Path) -> Preset:
     """Keep the epoch at which the rate falls where a training is resumed with more epochs."""
     record = (folder / LAST).with_suffix(".json")
@@ -205,6 +241,9 @@ def run(args: argparse.Namespace) -> int:
         raise ValueError("--tensorboard needs a package that is not here: pip install tensorboard")
     given.check_network(recipe.network)
     given.check()
+    if args.start_from and args.resume:
+        raise ValueError("--start-from begins a training and --resume goes on with one: name one")
+    start = None if args.start_from is None else starting_weights(args.start_from, recipe)
     check_folder(args.out)
     if args.resume and args.drop_epoch is None:
         recipe = with_recorded_drop(recipe, Path(args.out))
@@ -234,7 +273,9 @@ def run(args: argparse.Namespace) -> int:
             "frames": {split: len(part) for split, part in parts.items() if part is not None},
             "processes": fabric.world_size,
             "precision": recipe.precision,
+            **({"start_from": Path(args.start_from).name} if args.start_from else {}),
         },
+        start=start,
         resume=args.resume,
         fabric=fabric,
         tensorboard=args.tensorboard,

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from hadr.data.transhand import Frame
-from hadr.training.batches import FrameTensors, load_frames
+from hadr.training.batches import Corruption, FrameTensors, load_frames
 
 
 def test_oracle_erases_the_object_and_nothing_else(glass_frame: Callable[..., Frame]) -> None:
@@ -47,9 +47,21 @@ def test_the_sensor_is_the_frames_raw_depth_as_it_was_measured(
     np.testing.assert_array_equal(loaded.true_depth[0].numpy(), frame.depth)
 
 
-def test_a_frame_without_raw_depth_is_named(glass_frame: Callable[..., Frame]) -> None:
-    with pytest.raises(ValueError, match="frame 0004/000001 has no raw depth"):
-        load_frames([glass_frame()], (32, 24), "sensor")
+def test_erased_is_the_raw_depth_without_the_object(glass_frame: Callable[..., Frame]) -> None:
+    frame = glass_frame()
+    raw = np.where(frame.depth > 0, frame.depth + np.float32(0.003), 0).astype(np.float32)
+    loaded = load_frames([replace(frame, raw_depth=raw)], frame.camera.shape[::-1], "erased")
+    np.testing.assert_array_equal(
+        loaded.inputs.depth[0].numpy(), np.where(frame.object_mask, 0, raw)
+    )
+
+
+@pytest.mark.parametrize("corruption", ["sensor", "erased"])
+def test_a_frame_without_raw_depth_is_named(
+    glass_frame: Callable[..., Frame], corruption: Corruption
+) -> None:
+    with pytest.raises(ValueError, match=rf"0004/000001 has no raw depth, .* '{corruption}' takes"):
+        load_frames([glass_frame()], (32, 24), corruption)
 
 
 def test_frames_without_object_are_skipped_and_none_at_all_is_an_error(
@@ -61,7 +73,9 @@ def test_frames_without_object_are_skipped_and_none_at_all_is_an_error(
     assert len(loaded.inputs.color) == len(loaded.true_depth) == 1
     with pytest.raises(ValueError, match="no frames"):
         load_frames([glass_frame("1", 0)], (32, 24))
-    with pytest.raises(ValueError, match=r"one of \['analytic', 'oracle', 'sensor'\], got 'rain'"):
+    with pytest.raises(
+        ValueError, match=r"one of \['analytic', 'erased', 'oracle', 'sensor'\], got 'rain'"
+    ):
         load_frames([glass_frame()], (32, 24), "rain")  # type: ignore[arg-type]
 
 

@@ -171,3 +171,25 @@ def test_unknown_keypoints_stay_unknown() -> None:
     camera = other_camera(INTRINSICS, (WIDTH, HEIGHT), mirror=True, zoom=1.2)
     moved = seen_by(replace(frame, inputs=unknown), camera)
     assert not moved.inputs.keypoints_uv.any()
+
+
+def test_noisy_keypoints_move_alike_and_each_for_itself_and_the_truth_stays() -> None:
+    frame, sigma = plane_frame(), 0.004
+    errors = []
+    for number in range(400):
+        noisy = augment_frames(frame, [number], recipe_with(keypoint_noise=sigma), 0, 0)
+        errors.append((noisy.inputs.keypoints - frame.inputs.keypoints)[0].double())
+        assert torch.equal(noisy.true_keypoints, frame.true_keypoints)
+    found = torch.stack(errors)  # (frames, 21, 3)
+    assert float(found.std()) == pytest.approx(sigma, rel=0.06)
+    assert float(found.mean(dim=1).std()) == pytest.approx(sigma * np.sqrt(0.5 * 22 / 21), rel=0.1)
+    fx, _, cx, _ = INTRINSICS
+    x, _, z = noisy.inputs.keypoints[0].T
+    torch.testing.assert_close(noisy.inputs.keypoints_uv[0, :, 0], fx * x / z + cx)
+
+
+def test_an_unknown_hand_gets_no_noise() -> None:
+    frame = plane_frame()
+    none = replace(frame, inputs=replace(frame.inputs, keypoints=torch.zeros(1, 21, 3)))
+    noisy = augment_frames(none, [0], recipe_with(keypoint_noise=0.01), 0, 0)
+    assert not noisy.inputs.keypoints.any()

@@ -265,3 +265,13 @@ def test_gradients_are_clipped(micro: Preset, frames: FrameTensors) -> None:
     free = train(short, frames, progress=False, seed=2)
     clipped = train(replace(short, clip_norm=1e-9), frames, progress=False, seed=2)
     assert not same_weights(free.model, clipped.model)
+
+
+def test_a_training_begins_with_the_weights_that_it_is_given(
+    micro: Preset, frames: FrameTensors
+) -> None:
+    first = train(micro, frames, seed=1, progress=False).model
+    still = replace(micro, learning_rate=0.0, epochs=1, warmup_epochs=0.0)
+    again = train(still, frames, seed=2, start=first, progress=False).model
+    for name, values in first.state_dict().items():
+        torch.testing.assert_close(again.state_dict()[name], values, msg=name)

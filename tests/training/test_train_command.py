@@ -6,10 +6,17 @@ from pathlib import Path
 
 import pytest
 
+from hadr.data.samples import samples_dir
 from hadr.models.hadr import HADRConfig
 from hadr.training import train_command
 from hadr.training.losses import CODED
-from hadr.training.train_command import add_arguments, recipe_from, run, with_recorded_drop
+from hadr.training.train_command import (
+    add_arguments,
+    recipe_from,
+    run,
+    starting_weights,
+    with_recorded_drop,
+)
 
 
 def parsed(*words: str) -> Namespace:
@@ -55,6 +62,9 @@ def test_a_resumed_training_with_more_epochs_keeps_the_epoch_of_the_drop(tmp_pat
         ("--tensorboard", "pip install tensorboard"),
         ("--network segmentation --masks some.safetensors", "got segmentation"),
         ("--masks nowhere.safetensors", "nowhere.safetensors"),
+        ("--start-from nowhere.safetensors", "nowhere.safetensors"),
+        ("--start-from some.safetensors --resume", "name one"),
+        ("--keypoint-noise 1", "keypoint_noise must be from 0 to 0.1, got 1.0"),
         ("--drop-epoch -3", "drop_epoch must be from 0 to inf, got -3"),
     ],
 )
@@ -87,3 +97,16 @@ def test_a_folder_that_cannot_be_one_or_is_taken_is_refused_at_once(
     args.out = str(tmp_path)
     with pytest.raises(ValueError, match="holds a training already"):
         run(args)
+
+
+def test_a_start_must_be_a_network_of_the_same_form() -> None:
+    checkpoints = samples_dir() / "checkpoints"
+    recipe = recipe_from(parsed())
+    start = starting_weights(checkpoints / "hadr-mini.safetensors", recipe)
+    assert sum(p.numel() for p in start.parameters()) == 2708160
+    with pytest.raises(ValueError, match="is a segmentation, expected hadr"):
+        starting_weights(checkpoints / "segmentation-mini.safetensors", recipe)
+    with pytest.raises(ValueError, match=r"differs from the preset's network in hand$"):
+        starting_weights(
+            checkpoints / "hadr-mini.safetensors", recipe_from(parsed("--hand", "none"))
+        )
