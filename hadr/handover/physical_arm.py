@@ -111,6 +111,7 @@ class PhysicalUR5:
             [model.joint(f"{side}_finger").qposadr[0] for side in ("left", "right")]
         )
         self._stopped = False
+        self._touch = np.zeros(6)
         self._released_at = -np.inf
         self._opening = self._target_opening = self.config.arm.largest_opening
         data.qpos[self._joints] = self.config.arm.home
@@ -209,6 +210,20 @@ class PhysicalUR5:
         """Return the distance between the fingers now, metres."""
         width = float(self._data.qpos[self._fingers].sum())
         return min(max(width, 0.0), self.config.arm.largest_opening)
+
+    def tool_wrench(self) -> Array:
+        """Return force and torque about the tool point of what the gripper touches on it, (6,)."""
+        return self._touch.copy()
+
+    def touched(self, wrench: Array, dt: float) -> None:
+        """Tell the sensor at the wrist of the contacts in dt seconds; it smooths over 20 ms.
+
+        Args:
+            wrench: Force and torque about the tool point on the gripper, shape (6,), N and N m,
+                base frame.
+            dt: Seconds.
+        """
+        self._touch += (wrench - self._touch) * min(1.0, dt / 0.02)
 
     def set_firm_grip(self, firm: bool) -> None:
         """Let the fingers press firmly (the gripper alone holds), or only gently."""

@@ -72,6 +72,13 @@ class RecordedRobot:
         self.step.width = float(np.float32(self.robot.gripper_width()))
         return self.step.width
 
+    def tool_wrench(self) -> Array:
+        """Return force and torque on the gripper, shape (6,), base frame."""
+        wrench = _single(self.robot.tool_wrench())
+        if wrench.any():
+            self.step.events.append(["tool_wrench", *wrench.tolist()])
+        return wrench
+
     @property
     def protective_stop(self) -> str:
         """Why the arm stopped by itself; empty while it did not."""

@@ -62,6 +62,14 @@ class Robot(Protocol):
         """Return the distance between the fingers now, metres."""
         ...
 
+    def tool_wrench(self) -> Array:
+        """Return what pushes and twists the gripper now, shape (6,), base frame.
+
+        Force in newtons, then torque about the tool point in newton metres. The gripper's own
+        weight is taken off, as a zeroed sensor at the wrist does.
+        """
+        ...
+
 
 @dataclass(frozen=True)
 class Workspace:
@@ -252,6 +260,10 @@ class SimulatedUR5:
     def gripper_width(self) -> float:
         """Return the distance between the fingers now, metres."""
         return self._opening
+
+    def tool_wrench(self) -> Array:
+        """Return no force and torque, shape (6,): nothing is touched without physics."""
+        return np.zeros(6)
 
     def _solutions_by_way(self, base_from_tool: Array) -> Array:
         """Joint angles (n, 6) for a tool pose, limits not yet checked, the shortest way first."""

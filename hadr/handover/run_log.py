@@ -165,6 +165,11 @@ class LoggedRobot:
         """Return the distance between the fingers then, metres."""
         return float(self._log.arrays["width"][self._step + 1])
 
+    def tool_wrench(self) -> Array:
+        """Return force and torque on the gripper then, shape (6,), base frame."""
+        event = self.take("tool_wrench")
+        return np.array(event[1:], dtype=np.float64) if event else np.zeros(6)
+
     @property
     def protective_stop(self) -> str:
         """Why the arm had stopped by itself; empty where it had not."""

@@ -64,6 +64,12 @@ class HandoverConfig:
         back: Pre-grasp's distance behind the grasp (the paper's 10 cm).
         forward: The final move's 5 cm.
         final_move: From where those 5 cm count (ledger row 21).
+        feel_ahead: After the final move the fingers go on, by this much at most, until the object
+            meets the palm. 0 closes them at once, as in the paper.
+        feel_aside: Where one finger runs into the object on the way in, the gripper draws back and
+            goes in again this much farther to that finger's side; 0 does not feel.
+        corrections: How often it does, at most, before it closes where it is.
+        contact_force: What the sensor at the wrist must feel against the approach, newtons.
         tracking: False: the target stays where it was when the grasp was chosen.
         final_tracking: False: the final move does not follow the hand, as in the paper.
         look_again: At the pre-grasp choose once more from a newer picture, and take that grasp if
@@ -106,6 +112,10 @@ class HandoverConfig:
     back: float = 0.10
     forward: float = 0.05
     final_move: FinalMove = "past_grasp"
+    feel_ahead: float = 0.0
+    feel_aside: float = 0.0
+    corrections: int = 3
+    contact_force: float = 3.0
     tracking: bool = True
     final_tracking: bool = True
     look_again: bool = False

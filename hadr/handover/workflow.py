@@ -14,8 +14,9 @@ import numpy as np
 import numpy.typing as npt
 
 from hadr.handover import safety
+from hadr.handover.advance import Advance
 from hadr.handover.choosing import Choosing
-from hadr.handover.grasps import final_travel, forward_of
+from hadr.handover.grasps import forward_of
 from hadr.handover.guarded_arm import NO_NEARER, GuardedArm, HaltError
 from hadr.handover.observation import HandWatch, Observation, number
 from hadr.handover.pacing import pose_distance
@@ -49,8 +50,6 @@ CLOCK_JUMP = 1.0
 """An observation's time this much later than the one before, seconds, is not believed."""
 BLIND = 0.5
 """Part of the speed on the ways back while the camera shows nothing."""
-FAR_FROM_GOAL = 0.02
-"""The final move waits for a tool that is farther behind than this, metres."""
 
 
 @dataclass
@@ -96,7 +95,6 @@ class Handover:
     _there_since: float | None = field(default=None, init=False)
     _looked_again: bool = field(default=False, init=False)
     _entered: float = field(default=0.0, init=False)
-    _travelled: float = field(default=0.0, init=False)
 
     def __post_init__(self) -> None:
         check_pose(self.base_from_camera, "base_from_camera")
@@ -104,6 +102,7 @@ class Handover:
         self.arm = GuardedArm(self.robot, self.config)
         self.choosing = Choosing(self.choose_grasp, self.watch, self.config)
         self.recovery, self.retrieval = Recovery(self.arm), Retrieval(self.arm)
+        self.advance = Advance(self.arm, self.watch)
 
     @property
     def over(self) -> bool:
@@ -235,7 +234,8 @@ class Handover:
             return
         if c.look_again and not self._looked_again and not self._look_again(observation, new):
             return
-        self.part, self._travelled, self._began = "advance", 0.0, self.target
+        self.part, self._began = "advance", self.target
+        self.advance.begin()
         reason = f"at the pre-grasp within {1000 * distance:.1f} mm, {np.rad2deg(angle):.1f} deg"
         self._enter(Stage.GRASP_AND_RETRIEVE, reason + (", the hand not calm" if restless else ""))
 
@@ -298,7 +298,6 @@ class Handover:
         assert self.target is not None
         if now - self._entered > c.grasp_timeout:
             raise HaltError(f"grasp not finished within {c.grasp_timeout:.1f} s", back=True)
-        goal = final_travel(c.final_move, back=c.back, forward=c.forward)
         if self.part != "advance":
             self.caution = self.watch.camera_trouble(now)
             pulled_back = self.retrieval.step(now, dt, factor=BLIND if self.caution else 1.0)
@@ -309,25 +308,10 @@ class Handover:
             return
         if not self._see(new, dt):
             return
-        goal = final_travel(c.final_move, back=c.back, forward=c.forward)
-        here = forward_of(self.target, self._travelled)
-        soon = forward_of(self.target, min(goal, self._travelled + c.safety.look_ahead))
-        later = [forward_of(self.target, s) for s in np.linspace(self._travelled, goal, 4)]
-        factor = self.arm.allowed(
-            [self.arm.reading.tool, here, soon],
-            self.watch,
-            c.safety.grasp_distance,
-            c.advance_speed,
-            far=later,
-        )
-        if pose_distance(self.arm.reading.tool, here)[0] < FAR_FROM_GOAL:
-            self._travelled = min(goal, self._travelled + factor * c.advance_speed * dt)
-        here = forward_of(self.target, self._travelled)
-        self.arm.go(here, 2 * c.advance_speed, dt, factor=factor)
-        near = pose_distance(self.arm.reading.tool, here)[0] < c.arrive_distance
-        if self._travelled >= goal and near:
-            self.target = here
-            self.retrieval.begin(now, here, self.grasp.width)
+        pose = self.advance.step(self.target, dt)
+        if pose is not None:
+            self.target = pose
+            self.retrieval.begin(now, pose, self.grasp.width)
             self.part = self.retrieval.part
 
     # Stopped and home
@@ -346,7 +330,7 @@ class Handover:
         distance = c.back_off
         straight = self.stage is Stage.GRASP_AND_RETRIEVE
         if straight:  # beside the object: out as it came in
-            back, distance = True, max(distance, self._travelled)
+            back, distance = True, max(distance, self.advance.travelled)
         opening = None if self.grasp is None else self.grasp.width
         if not back:
             distance, opening = 0.0, None

@@ -150,6 +150,9 @@ class World:
         self._finger = np.full(model.ngeom, -1)
         for index, name in enumerate(GRIPPER_GEOMS[:2]):
             self._finger[model.geom(name).id] = index
+        self._tool = model.site("tool").id
+        self._gripper = np.zeros(model.ngeom, dtype=bool)
+        self._gripper[[model.geom(name).id for name in GRIPPER_GEOMS]] = True
         self._near = np.array([model.geom(name).id for name in _NEAR_PARTS])
         self._skin = np.flatnonzero(model.geom_bodyid == self._hand)
         self._hand_center = model.body_ipos[self._hand].copy()
@@ -265,7 +268,7 @@ class World:
 
     def _look_at_contacts(self) -> None:
         """Sum up the forces on the hand, note who presses on the object, and let go in time."""
-        on_hand, on_object = 0.0, np.zeros(2)
+        on_hand, on_object, on_gripper = 0.0, np.zeros(2), np.zeros(6)
         wrench = np.zeros(6)
         pairs = self._data.contact.geom if self._data.ncon else ()
         for index, (first, second) in enumerate(pairs):
@@ -273,12 +276,15 @@ class World:
             if kinds == ROBOT | HAND:
                 mujoco.mj_contactForce(self._model, self._data, index, wrench)
                 on_hand += float(np.linalg.norm(wrench[:3]))
+                on_gripper += self._on_gripper(index, first, second, wrench)
             elif kinds == ROBOT | OBJECT:
+                mujoco.mj_contactForce(self._model, self._data, index, wrench)
+                on_gripper += self._on_gripper(index, first, second, wrench)
                 finger = max(self._finger[first], self._finger[second])
                 if finger >= 0:
-                    mujoco.mj_contactForce(self._model, self._data, index, wrench)
                     on_object[finger] += float(np.linalg.norm(wrench[:3]))
         self._largest_force = max(self._largest_force, on_hand)
+        self.robot.touched(on_gripper, self._model.opt.timestep)
         pressing = on_object > self.config.release_force
         self._pressed[pressing] = self.time
         if on_hand > 0:
@@ -294,6 +300,19 @@ class World:
             self._pressing_since = self.time
         elif self.time - self._pressing_since >= self.config.release_after - 1e-9:
             self._let_go()
+
+    def _on_gripper(self, index: int, first: int, second: int, wrench: Array) -> Array:
+        """A contact's force on the gripper and its torque about the tool point, shape (6,).
+
+        Zeros where another part of the arm is touched. MuJoCo gives the force on the contact's
+        second geom, in axes whose first is the normal.
+        """
+        sign = int(self._gripper[second]) - int(self._gripper[first])
+        if sign == 0:
+            return np.zeros(6)
+        force = sign * (self._data.contact.frame[index].reshape(3, 3).T @ wrench[:3])
+        lever = self._data.contact.pos[index] - self._data.site_xpos[self._tool]
+        return np.concatenate([force, _cross(lever, force)])
 
     def _let_go(self) -> None:
         self._released_at = self.time

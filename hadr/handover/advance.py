@@ -1,0 +1,156 @@
+"""The final move: from the pre-grasp along the approach axis to where the fingers close.
+
+As the paper has it, the fingers go on by a fixed length. Depth that is some centimetres off then
+closes them on an edge, so an arm with a sensor at its wrist may feel: where one finger runs into
+the object, the gripper draws back and goes in again farther to that side; and where nothing was met
+at the end, it goes on until the object meets the palm.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from hadr.handover import safety
+from hadr.handover.grasps import final_travel, forward_of
+from hadr.handover.guarded_arm import GuardedArm
+from hadr.handover.observation import HandWatch
+from hadr.handover.pacing import pose_distance
+
+Array = npt.NDArray[np.float64]
+
+FAR_FROM_GOAL = 0.02
+"""The final move waits for a tool that is farther behind than this, metres."""
+FEELING_STEP = 0.01
+"""Past its end the final move is made longer by this at a time, metres, while nothing is felt."""
+DRAW_BACK = 0.03
+"""So far the gripper draws back before it goes to the side, metres."""
+ON_A_FINGER = 0.25
+"""A contact farther from the middle than this part of the opening is on a finger."""
+
+
+@dataclass
+class Advance:
+    """The final move.
+
+    Attributes:
+        arm: The arm.
+        watch: The newest hand.
+        aside: How far the grasp was moved along the closing axis by what was felt, metres.
+        corrections: How often.
+        travelled: How far the fingers have come from the pre-grasp, metres.
+    """
+
+    arm: GuardedArm
+    watch: HandWatch
+    aside: float = field(default=0.0, init=False)
+    corrections: int = field(default=0, init=False)
+    travelled: float = field(default=0.0, init=False)
+    _end: float = field(default=0.0, init=False)
+    _back_to: float | None = field(default=None, init=False)
+    _side: float = field(default=0.0, init=False)
+
+    def begin(self) -> None:
+        """Start at the pre-grasp."""
+        c = self.arm.config
+        self._end = final_travel(c.final_move, back=c.back, forward=c.forward)
+        self.travelled = self.aside = 0.0
+        self.corrections, self._back_to = 0, None
+
+    def step(self, pre_grasp: Array, dt: float) -> Array | None:
+        """Go on for dt seconds.
+
+        Args:
+            pre_grasp: The pre-grasp as it has moved with the hand, shape (4, 4), metres.
+            dt: Seconds.
+
+        Returns:
+            Where the fingers shall close, shape (4, 4); None while they shall not.
+
+        Raises:
+            HaltError: The hand is too near.
+        """
+        arm, c = self.arm, self.arm.config
+        target = pre_grasp.copy()
+        target[:3, 3] += self.aside * pre_grasp[:3, 0]
+        if self._back_to is not None:
+            self._draw_back(target, dt)
+            return None
+        here = forward_of(target, self.travelled)
+        soon = forward_of(target, min(self._end, self.travelled + c.safety.look_ahead))
+        later = [forward_of(target, s) for s in np.linspace(self.travelled, self._end, 4)]
+        factor = arm.allowed(
+            [arm.reading.tool, here, soon],
+            self.watch,
+            c.safety.grasp_distance,
+            c.advance_speed,
+            far=later,
+        )
+        if pose_distance(arm.reading.tool, here)[0] < FAR_FROM_GOAL:
+            self.travelled = min(self._end, self.travelled + factor * c.advance_speed * dt)
+        here = forward_of(target, self.travelled)
+        arm.go(here, 2 * c.advance_speed, dt, factor=factor)
+        near = pose_distance(arm.reading.tool, here)[0] < c.arrive_distance
+        met = self._met_at()
+        if met is not None:
+            on_finger = abs(met) > ON_A_FINGER * arm.reading.width
+            if not (on_finger and self._go_aside(target, float(np.sign(met)))):
+                return arm.reading.tool
+        elif self.travelled >= self._end and near and not self._farther(target):
+            return here
+        return None
+
+    def _met_at(self) -> float | None:
+        """Where something presses against the gripper: metres along the closing axis, or None."""
+        arm, c = self.arm, self.arm.config
+        if c.feel_ahead <= 0 and c.feel_aside <= 0:
+            return None
+        tool, wrench = arm.reading.tool, arm.robot.tool_wrench()
+        force = -float(wrench[:3] @ tool[:3, 2])
+        if force <= c.contact_force:
+            return None
+        return float(wrench[3:] @ tool[:3, 1]) / force
+
+    def _go_aside(self, target: Array, side: float) -> bool:
+        """Draw back and go in again farther to a side (1 or -1); False where that can't be."""
+        c = self.arm.config
+        moved = forward_of(target, self._end)
+        moved[:3, 3] += side * c.feel_aside * target[:3, 0]
+        free = c.feel_aside > 0 and self.corrections < c.corrections
+        if not (free and self._clear(moved)):
+            return False
+        self.corrections += 1
+        self._back_to = max(0.0, self.travelled - DRAW_BACK)
+        self._side = side * c.feel_aside
+        return True
+
+    def _draw_back(self, target: Array, dt: float) -> None:
+        arm, c = self.arm, self.arm.config
+        assert self._back_to is not None
+        self.travelled = max(self._back_to, self.travelled - c.advance_speed * dt)
+        here = forward_of(target, self.travelled)
+        arm.go(here, 2 * c.advance_speed, dt)
+        near = pose_distance(arm.reading.tool, here)[0] < c.arrive_distance
+        if self.travelled <= self._back_to and near:
+            self.aside += self._side
+            self._back_to = None
+
+    def _farther(self, target: Array) -> bool:
+        """Whether the fingers may go on, feeling for the object; the end of the way moves on."""
+        c = self.arm.config
+        last = final_travel(c.final_move, back=c.back, forward=c.forward) + c.feel_ahead
+        end = min(last, self._end + FEELING_STEP)
+        if end <= self._end or not self._clear(forward_of(target, end)):
+            return False
+        self._end = end
+        return True
+
+    def _clear(self, pose: Array) -> bool:
+        """Whether a tool pose (4, 4) keeps off the hand and can be reached."""
+        arm, hand = self.arm, self.watch.keypoints
+        if hand is None:
+            return False
+        free = safety.path_distance([pose], arm.reading.width, hand)
+        return free >= arm.config.safety.grasp_distance and arm.robot.reachable(pose)
