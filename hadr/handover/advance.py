@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from hadr.handover import safety
 from hadr.handover.grasps import final_travel, forward_of
-from hadr.handover.guarded_arm import GuardedArm
+from hadr.handover.guarded_arm import GuardedArm, HaltError
 from hadr.handover.observation import HandWatch
 from hadr.handover.pacing import pose_distance
 
@@ -27,6 +27,8 @@ FEELING_STEP = 0.01
 """Past its end the final move is made longer by this at a time, metres, while nothing is felt."""
 DRAW_BACK = 0.03
 """So far the gripper draws back before it goes to the side, metres."""
+TOO_SOON = 0.03
+"""What both fingers meet farther than this before the end is wider than they are apart, metres."""
 ON_A_FINGER = 0.25
 """A contact farther from the middle than this part of the opening is on a finger."""
 
@@ -70,7 +72,7 @@ class Advance:
             Where the fingers shall close, shape (4, 4); None while they shall not.
 
         Raises:
-            HaltError: The hand is too near.
+            HaltError: The hand is too near, or the object does not fit between the fingers.
         """
         arm, c = self.arm, self.arm.config
         target = pre_grasp.copy()
@@ -96,8 +98,16 @@ class Advance:
         met = self._met_at()
         if met is not None:
             on_finger = abs(met) > ON_A_FINGER * arm.reading.width
-            if not (on_finger and self._go_aside(target, float(np.sign(met)))):
-                return arm.reading.tool
+            if on_finger and self._go_aside(target, float(np.sign(met))):
+                return None
+            short = self._end - self.travelled
+            if c.feel_aside > 0 and short > TOO_SOON:
+                raise HaltError(
+                    f"the gripper met the object {1000 * short:.0f} mm before the end of its way: "
+                    "it does not fit between the fingers here",
+                    back=True,
+                )
+            return arm.reading.tool
         elif self.travelled >= self._end and near and not self._farther(target):
             return here
         return None

@@ -63,6 +63,7 @@ class GuardedArm:
     _pace: Pace = field(default_factory=Pace, init=False)
     _trail: list[Array] = field(default_factory=list, init=False)
     _singular: float = field(default=np.inf, init=False)
+    _regular_at: float = field(default=-np.inf, init=False)
 
     def __post_init__(self) -> None:
         self.read()
@@ -88,12 +89,21 @@ class GuardedArm:
                 return pose
         return poses[0]
 
-    def check_joints(self) -> None:
-        """HaltError an arm that is nearly singular and on its way there."""
+    def check_joints(self, now: float) -> None:
+        """HaltError an arm that is nearly singular for too long and gets more so.
+
+        Args:
+            now: Seconds.
+        """
+        limits = self.config.safety
         value, before = safety.singularity(self.reading.joints), self._singular
         self._singular = value
-        if value < min(before, self.config.safety.smallest_singular_value):
-            raise HaltError(f"the arm is singular: smallest singular value {value:.4f} and falling")
+        if value >= limits.smallest_singular_value:
+            self._regular_at = now
+        elif value < before and now - self._regular_at > limits.longest_singular:
+            raise HaltError(
+                f"the arm is singular: smallest singular value {value:.4f} and falling", back=True
+            )
 
     def check_target(self, target: Array) -> None:
         """HaltError where a tool pose, shape (4, 4), cannot be gone to."""

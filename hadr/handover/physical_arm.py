@@ -15,6 +15,7 @@ from hadr.handover import ur5
 from hadr.handover.arm_motion import ArmMotion
 from hadr.handover.motion_limits import MotionConfig
 from hadr.handover.robot import ArmConfig
+from hadr.handover.safety import singularity
 from hadr.handover.ur5 import Array, UnreachableError
 
 
@@ -31,6 +32,8 @@ class PhysicalArmConfig:
         force_rise: How fast the fingers' force may grow, newtons per second.
         protective_force: Force on the hand at which the arm freezes, newtons.
         emergency_deceleration: Of the joints in a protective stop, rad/s2.
+        least_singular_value: Where the Jacobian's smallest singular value is less, a pose counts as
+            out of reach, see `hadr.handover.safety.singularity`.
     """
 
     arm: ArmConfig = field(default_factory=lambda: ArmConfig(speed_fraction=0.35))
@@ -41,6 +44,7 @@ class PhysicalArmConfig:
     force_rise: float = 20.0
     protective_force: float = 9.0
     emergency_deceleration: float = 20.0
+    least_singular_value: float = 0.01
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -136,12 +140,15 @@ class PhysicalUR5:
         return joints
 
     def reachable(self, base_from_tool: Array) -> bool:
-        """Say whether the tool could stand at this pose, shape (4, 4), within all limits."""
+        """Say whether the tool could stand at this pose, shape (4, 4), within all limits.
+
+        A pose at which the arm is nearly singular counts as one that it can't reach.
+        """
         try:
-            next(self._motion.joint_goals(base_from_tool))
+            joints = next(self._motion.joint_goals(base_from_tool))
         except UnreachableError:
             return False
-        return True
+        return singularity(joints) >= self.config.least_singular_value
 
     def servo_to(self, base_from_tool: Array, dt: float) -> None:
         """Set the command for the next dt seconds: move toward a tool pose.

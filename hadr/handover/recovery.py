@@ -101,7 +101,7 @@ class Recovery:
                     self._goal = arm.came_from(self._back)
                 self._enter("back", now)
         elif self.part == "back":
-            speed = arm.config.advance_speed
+            speed = arm.config.back_speed
             self._travelled = min(self._back, self._travelled + speed * dt)
             goal = between(self._from, self._goal, self._travelled / self._back)
             arm.go(goal, 2 * speed, dt)

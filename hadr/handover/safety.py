@@ -50,6 +50,7 @@ class SafetyConfig:
         held_margin: Something is held if the fingers stay this much wider than commanded.
         smallest_singular_value: Of the arm's Jacobian (metres and radians); below, and on the way
             down, the arm is singular.
+        longest_singular: So long, seconds, it may be: an arm that only passes is not stopped.
     """
 
     camera_silent_after: float = 0.3
@@ -67,6 +68,7 @@ class SafetyConfig:
     object_near: float = 0.05
     held_margin: float = 0.003
     smallest_singular_value: float = 0.005
+    longest_singular: float = 0.0
 
     def __post_init__(self) -> None:
         for item in fields(self):

@@ -88,12 +88,13 @@ class GraspSelection:
         """
         seen = np.asarray(points, dtype=np.float64)
         taken = self._taken_space(self.rng.permutation(seen)[:2000])
-        for _ in range(self.rounds):
+        for number in range(self.rounds):
             try:
                 grasps = self.candidates(seen)
             except NoCandidateError:
                 continue
-            chosen = self._best(grasps, taken, keypoints, robot, scene_points)
+            aside = _ASIDE if number < self.rounds - 1 else _ASIDE[:1]  # at last: as it stands
+            chosen = self._best(grasps, taken, keypoints, robot, scene_points, aside)
             if chosen is not None:
                 return chosen
         return None
@@ -130,8 +131,9 @@ class GraspSelection:
         keypoints: Array,
         robot: Robot,
         scene_points: Array | None,
+        aside: Array,
     ) -> ChosenGrasp | None:
-        """The best of some candidates that is free and can be reached."""
+        """The best of some candidates that is free and can be reached, moved aside (n, 3) too."""
         back, forward = self.back, self.forward
         room = way_to_hand(grasps, keypoints, back=back, forward=forward)
         grasps = grasps.select(room >= min(self.clearances))
@@ -153,7 +155,7 @@ class GraspSelection:
                 if any(_alike(pose, other) for other in tried):
                     continue
                 tried.append(pose)
-                for reached in self._turned(pose, robot):
+                for reached in self._turned(pose, robot, aside):
                     one = grasps.select(np.array([row]))
                     width = self._opening(one, points, keypoints, scene_points, clearance)
                     found = ChosenGrasp(reached, width, float(scores[row]))
@@ -188,16 +190,16 @@ class GraspSelection:
             return float(width)
         return least
 
-    def _turned(self, pose: Array, robot: Robot) -> list[Array]:
+    def _turned(self, pose: Array, robot: Robot, aside: Array) -> list[Array]:
         """The reachable ones of a pose and its half turn, the nearer to the tool's turn first."""
         closing = robot.tool_pose()[:3, 0]
         both = sorted((pose, pose @ HALF_TURN), key=lambda p: -float(p[:3, 0] @ closing))
-        stops = [(-self.back, side) for side in _ASIDE]
+        stops = [(-self.back, side) for side in aside]
         stops += [(0.0, np.zeros(3)), (self.forward, np.zeros(3))]
         return [
             option
             for option in both
-            if all(robot.reachable(_moved(forward_of(option, s), aside)) for s, aside in stops)
+            if all(robot.reachable(_moved(forward_of(option, s), side)) for s, side in stops)
         ]
 
 

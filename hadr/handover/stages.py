@@ -100,6 +100,7 @@ class HandoverConfig:
             object lets them, where it is the whole opening.
         let_go_time: Time for the human to let go.
         retreat: How far back the object is pulled before it is carried off.
+        back_speed: Speed of backing off from the hand after a stop.
         stand_time: How long the robot stands after a stop, and how long the cause must be gone.
         back_off: How far the gripper backs off from the hand after a stop beside it.
         tries: After so many stops, go home.
@@ -115,7 +116,7 @@ class HandoverConfig:
     feel_ahead: float = 0.0
     feel_aside: float = 0.0
     corrections: int = 3
-    contact_force: float = 3.0
+    contact_force: float = 1.5
     tracking: bool = True
     final_tracking: bool = True
     look_again: bool = False
@@ -141,6 +142,7 @@ class HandoverConfig:
     squeeze: float = 0.085
     let_go_time: float = 0.3
     retreat: float = 0.15
+    back_speed: float = 0.10
     stand_time: float = 0.5
     back_off: float = 0.08
     tries: int = 3

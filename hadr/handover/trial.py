@@ -58,14 +58,17 @@ ATTEMPT_CONFIG = HandoverConfig(
     restless_after=1.0,
     squeeze=0.085,
     forward=0.06,
-    safety=SafetyConfig(smallest_singular_value=0.001),
+    feel_ahead=0.04,
+    feel_aside=0.02,
+    back_speed=0.12,
+    safety=SafetyConfig(smallest_singular_value=0.001, longest_singular=0.3),
 )
 """Settings of all attempts, found on holds that are none of the experiment's. Keypoints with an
 error of 4 mm make the pre-grasp move by more than the standard 5 mm although the hand rests, and
 the program that moves this arm holds its limits nearer to a singular pose than the standard."""
 ATTEMPT_WORLD = WorldConfig(
     arm=PhysicalArmConfig(
-        arm=ArmConfig(speed_fraction=0.6),
+        arm=ArmConfig(speed_fraction=0.6, finger_speed=0.15),
         motion=MotionConfig(joint_acceleration=9.0, turn_speed=2.0, turn_acceleration=6.0),
     )
 )

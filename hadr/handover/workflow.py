@@ -165,7 +165,7 @@ class Handover:
         elif self.stage is Stage.WAIT_AND_OBSERVE:
             self._wait_and_observe(observation, new, dt)
         else:
-            self.arm.check_joints()
+            self.arm.check_joints(self.time)
             if self.stage is Stage.APPROACH_AND_REACT:
                 self._approach_and_react(observation, new, dt)
             else:
