@@ -6,7 +6,17 @@
         hadr train --network $network --preset mini --data DIR data_samples/frames \\
             --out OUT/nets/$network
     done
-    python benchmarks/bundle_checkpoints.py --made OUT --data DIR data_samples/frames
+    python benchmarks/bundle_checkpoints.py --made OUT --data DIR data_samples/frames \\
+        --only hadr-mini hadr-mini-unknown hadr-plus-mini hand-keypoints-mini segmentation-mini
+
+    python benchmarks/handover_frames.py --out CAMERA
+    for network in hadr hadr-plus hand-keypoints segmentation; do  # options: each record has them
+        hadr train --network $network --preset mini --data CAMERA --corruption erased \\
+            --start-from data_samples/checkpoints/$network-mini.safetensors \\
+            --out OUT/handover/$network
+    done
+    python benchmarks/bundle_checkpoints.py --made OUT --data CAMERA --only hadr-handover \\
+        hadr-plus-handover hand-keypoints-handover segmentation-handover
 
 DIR is what `hadr generate --preset mini` has made. The last epoch's weights are taken, which was
 fixed beforehand, and stored as 16-bit floats. Depth networks are calibrated on validation frames;
@@ -22,7 +32,7 @@ from hadr.cli import main as hadr
 from hadr.data.samples import samples_dir, write_manifest
 from hadr.experiments.splits import Experiment, open_part
 from hadr.reproduce import checkout_root
-from hadr.synthesis.objects import UNKNOWN_OBJECTS
+from hadr.synthesis.objects import OBJECTS, UNKNOWN_OBJECTS
 from hadr.training.checkpoints import load_checkpoint, strip_checkpoint, update_record
 
 SOURCES: dict[str, tuple[str, Experiment | None]] = {
@@ -31,6 +41,10 @@ SOURCES: dict[str, tuple[str, Experiment | None]] = {
     "hadr-plus-mini": ("runs/known/hadr-plus/seed-0", "known"),
     "hand-keypoints-mini": ("nets/hand-keypoints", None),
     "segmentation-mini": ("nets/segmentation", None),
+    "hadr-handover": ("handover/hadr", None),
+    "hadr-plus-handover": ("handover/hadr-plus", None),
+    "hand-keypoints-handover": ("handover/hand-keypoints", None),
+    "segmentation-handover": ("handover/segmentation", None),
 }
 """Folder of the training of each checkpoint; of a depth network, the experiment it belongs to."""
 GIVEN = {
@@ -40,6 +54,14 @@ GIVEN = {
     "segmentation": "none: colour alone",
 }
 """What each kind of network was given."""
+ERASED = {
+    "hadr": "erased: measured depth, none in the object's mask; keypoints with an error of 4 mm",
+    "hadr-plus": "erased: measured depth, none in the object's mask; keypoints with an error of "
+    "4 mm",
+    "hand-keypoints": "erased: measured depth, none in the object's mask; true hand mask",
+    "segmentation": "none: colour alone",
+}
+"""The same for those of the handover's camera."""
 
 
 def bundle(name: str, made: Path, data: list[Path], folder: Path) -> None:
@@ -48,13 +70,18 @@ def bundle(name: str, made: Path, data: list[Path], folder: Path) -> None:
     small = folder / f"{name}.safetensors"
     strip_checkpoint(made / source / "last.safetensors", small)
     model, record = load_checkpoint(small)
-    parts = {part: len(open_part(data, experiment or "known", part)) for part in ("train", "val")}
+    camera = name.endswith("-handover")
+    if camera:
+        parts, objects = record["data"]["frames"], tuple(OBJECTS)
+    else:
+        of = experiment or "known"
+        parts = {part: len(open_part(data, of, part)) for part in ("train", "val")}
+        objects = open_part(data, of, "train").objects
     row = made / source / "row.json"  # a frame without a pixel of the glass is left out
     if row.exists():
         parts["train"] = json.loads(row.read_text(encoding="utf-8"))["training_frames"]
     elif "frames" in record["data"]:
         parts = record["data"]["frames"]
-    objects = open_part(data, experiment or "known", "train").objects
     history = record["history"]
     validation = {
         key.removeprefix("validation_"): value
@@ -67,8 +94,8 @@ def bundle(name: str, made: Path, data: list[Path], folder: Path) -> None:
             "name": name,
             "provenance": f"preset {record['preset']['name']}, epoch {record['epochs']} of "
             f"{record['preset']['epochs']}, trained on {parts['train']} frames of "
-            f"{len(objects)} objects of TransHand-mini",
-            "corruption": GIVEN[record["network"]],
+            f"{len(objects)} objects " + ("before the robot" if camera else "of TransHand-mini"),
+            "corruption": (ERASED if camera else GIVEN)[record["network"]],
             "data": {**record["data"], "frames": parts, "objects": list(objects)},
             "training": {
                 "selected": "the last epoch, fixed beforehand: no frame was used for the choice",
@@ -79,11 +106,13 @@ def bundle(name: str, made: Path, data: list[Path], folder: Path) -> None:
             "weights": {"number": sum(p.numel() for p in model.parameters()), "stored": "float16"},
         },
     )
-    if experiment is not None:
+    if experiment is not None or (camera and record["network"].startswith("hadr")):
         result = checkout_root() / "results" / "confidence" / f"{name}.json"
         only = []
         if experiment == "unknown":
             only = ["--objects", *objects, "--test-objects", *UNKNOWN_OBJECTS]
+        elif camera:
+            only = ["--corruption", "erased"]
         command = ["calibrate", str(small), *map(str, data), "--out", str(result), *only]
         if hadr(command) != 0:
             raise SystemExit(f"hadr {' '.join(command)} failed")
@@ -98,6 +127,8 @@ def readme_table(folder: Path) -> str:
         "|:--|--:|--:|:--|--:|:--|",
     ]
     for name in SOURCES:
+        if not (folder / f"{name}.json").exists():
+            continue
         record = json.loads((folder / f"{name}.json").read_text(encoding="utf-8"))
         size = (folder / f"{name}.safetensors").stat().st_size / 1e6
         seen, data = record["validation"], record["data"]

@@ -35,10 +35,12 @@ def main() -> None:
     parser.add_argument("--out", type=Path, required=True, help="folder in TransHand's layout")
     parser.add_argument("--train", type=int, default=2400, help="frames for training")
     parser.add_argument("--val", type=int, default=240, help="frames for validation")
+    parser.add_argument("--test", type=int, default=120, help="frames to score with")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=1)
     args = parser.parse_args()
-    wanted = [("val", n) for n in range(args.val)] + [("train", n) for n in range(args.train)]
+    sizes = {"val": args.val, "test": args.test, "train": args.train}
+    wanted = [(split, number) for split, size in sizes.items() for number in range(size)]
     with ProcessPoolExecutor(args.jobs) as pool:
         found = pool.map(partial(draw, args.out, args.seed), wanted, chunksize=32)
         missing = sum(not there for there in tqdm(found, total=len(wanted), unit="frame"))

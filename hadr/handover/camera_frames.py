@@ -29,8 +29,14 @@ TRAINING_HOLDS = range(400, 600)
 """Holding poses that may be drawn for training."""
 VALIDATION_HOLDS = range(600, 640)
 """Holding poses that may be drawn for validation."""
-_ROOMS = {"train": range(100, 124), "val": range(200, 206)}  # the trials are made in number 7
-_HOLDS = {"train": TRAINING_HOLDS, "val": VALIDATION_HOLDS}
+TEST_HOLDS = range(640, 680)
+"""Holding poses that may be drawn to score the networks; none of them is one of a trial's."""
+_ROOMS = {  # the trials are made in number 7
+    "train": range(100, 124),
+    "val": range(200, 206),
+    "test": range(300, 306),
+}
+_HOLDS = {"train": TRAINING_HOLDS, "val": VALIDATION_HOLDS, "test": TEST_HOLDS}
 
 
 @dataclass(frozen=True)
@@ -62,7 +68,7 @@ def camera_frame(
     """Draw one frame.
 
     Args:
-        split: "train" or "val"; they share no hold and no room.
+        split: "train", "val" or "test"; they share no hold and no room.
         number: Which frame; it chooses object, hold, place, room, camera and the arm's pose.
         seed: Seed of all of them.
         config: How frames differ.

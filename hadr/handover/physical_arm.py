@@ -44,7 +44,7 @@ class PhysicalArmConfig:
     force_rise: float = 20.0
     protective_force: float = 9.0
     emergency_deceleration: float = 20.0
-    least_singular_value: float = 0.01
+    least_singular_value: float = 0.005
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():

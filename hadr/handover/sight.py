@@ -1,8 +1,9 @@
 """What the robot sees at one moment: the hand, the object's points, what stands around.
 
-Masks and keypoints come from the simulator, with noise that lasts from frame to frame. They are
-the same for every arm of the experiment: the arms differ by the object's depth alone. The network
-of `hadr` sees the picture, the measured depth outside of the glass, the mask and the keypoints.
+Masks and keypoints come from the simulator, with noise that lasts from frame to frame: the same
+for every arm of the experiment, which then differ by the object's depth alone. Or they come from
+networks, as on a real robot. The network of `hadr` sees the picture, the measured depth outside of
+the glass, the mask and the keypoints.
 """
 
 from __future__ import annotations
@@ -25,15 +26,20 @@ from hadr.handover.scenes import HeldScene
 from hadr.handover.seen_points import object_points, scene_points
 from hadr.handover.world_state import WorldState
 from hadr.models.baselines import classical
-from hadr.perception import without
+from hadr.perception import HandKeypoints, Segmentation, without
 
 Array = npt.NDArray[np.float64]
 Depth = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
 DepthArm = Literal["raw", "inpainted", "hadr", "hadr-plus", "perfect"]
 ARMS: tuple[DepthArm, ...] = get_args(DepthArm)
-CHECKPOINTS = {"hadr": "hadr-mini.safetensors", "hadr-plus": "hadr-plus-mini.safetensors"}
-"""The bundled networks of two of the arms, trained on all known objects."""
+CHECKPOINTS = {
+    "hadr": "hadr-handover.safetensors",
+    "hadr-plus": "hadr-plus-handover.safetensors",
+    "segmentation": "segmentation-handover.safetensors",
+    "keypoints": "hand-keypoints-handover.safetensors",
+}
+"""The bundled networks, trained on other holds of the known objects before this camera."""
 
 
 @dataclass(frozen=True)
@@ -78,6 +84,8 @@ class Sight:
         seed: Seed of all noise, which differs from hold to hold.
         config: Noise and rate.
         network: The depth network of "hadr" or "hadr-plus", if not the bundled one.
+        finder: Networks that find mask and keypoints in each picture; the simulator's, with noise,
+            where it is left out.
 
     Raises:
         ValueError: The arm is unknown.
@@ -92,6 +100,7 @@ class Sight:
         seed: int = 0,
         config: SightConfig | None = None,
         network: DepthNetwork | None = None,
+        finder: HandAndGlass | None = None,
     ) -> None:
         if arm not in ARMS:
             raise ValueError(f"arm must be one of {', '.join(ARMS)}, got {arm!r}")
@@ -99,8 +108,8 @@ class Sight:
         self.config = config or SightConfig()
         self.frame: CapturedFrame | None = None
         """The last picture that points were taken from."""
-        self._network = network
-        if arm in CHECKPOINTS and network is None:
+        self._network, self._finder = network, finder
+        if arm in ("hadr", "hadr-plus") and network is None:
             self._network = bundled_network(arm)
         name = list(scene.hold.hold_id.encode())  # every hold has noise of its own
         self._sensor_rng, self._noise_rng, self._mask_rng = (
@@ -126,6 +135,9 @@ class Sight:
             and state.time >= last.time
         ):
             return replace(last, time=state.time)
+        if self._finder is not None:
+            self._last = self._found_by(self._finder, state, with_points=with_points)
+            return self._last
         keypoints: Array | None = self.camera.true_keypoints(state, self.scene)
         assert keypoints is not None  # for the type checker: it may become None below
         seen = self.camera.visible(keypoints, state)
@@ -139,10 +151,22 @@ class Sight:
         self._last = found
         return found
 
+    def _found_by(
+        self, finder: HandAndGlass, state: WorldState, *, with_points: bool
+    ) -> Observation:
+        """What networks find in a new picture."""
+        frame = self.camera.capture(state, self.scene, self._sensor_rng, color=True)
+        mask, hand, keypoints = finder.find(frame)
+        found = Observation(state.time, keypoints, frame_time=state.time)
+        # the depth camera's masks of the arm are the robot's own knowledge, the hand's are not
+        return self._points(found, replace(frame, hand_mask=hand), mask) if with_points else found
+
     def _with_points(self, found: Observation, state: WorldState) -> Observation:
         color = self._network is not None
         frame = self.camera.capture(state, self.scene, self._sensor_rng, color=color)
-        mask = self._seen_mask(frame.object_mask)
+        return self._points(found, frame, self._seen_mask(frame.object_mask))
+
+    def _points(self, found: Observation, frame: CapturedFrame, mask: Mask) -> Observation:
         self.frame = frame
         if not mask.any():
             return replace(found, scene_points=scene_points(frame, mask, found.keypoints))
@@ -220,6 +244,53 @@ def bundled_network(arm: str) -> DepthNetwork:
         KeyError: The arm has no network.
     """
     return DepthNetwork.load(samples_dir() / "checkpoints" / CHECKPOINTS[arm])
+
+
+@dataclass(frozen=True)
+class HandAndGlass:
+    """Networks that find glass, hand and keypoints in one picture.
+
+    Attributes:
+        segmentation: Finds the masks in the colour.
+        keypoints: Finds the keypoints in the depth around the hand.
+    """
+
+    segmentation: Segmentation
+    keypoints: HandKeypoints
+
+    def find(self, frame: CapturedFrame) -> tuple[Mask, Mask, Array | None]:
+        """Find them.
+
+        Args:
+            frame: The picture, with colour.
+
+        Returns:
+            The object's and the hand's pixels, shape (H, W) bool, and the keypoints, camera frame,
+            metres, shape (21, 3), or None where there is no hand with depth.
+        """
+        if frame.color is None:
+            raise ValueError("networks find mask and keypoints in a picture with colour, got none")
+        mask, hand = self.segmentation.masks(frame.color)
+        hand = np.zeros_like(mask) if hand is None else hand & ~mask & ~frame.arm_mask
+        depth = np.where(mask, np.float32(0), frame.raw_depth)
+        if not hand.any():
+            return mask, hand, None
+        found = self.keypoints.find(frame.color, depth, frame.camera, mask, hand)
+        return mask, hand, found
+
+
+@lru_cache(maxsize=1)
+def bundled_finder() -> HandAndGlass:
+    """The bundled networks of this camera, loaded once.
+
+    Raises:
+        FileNotFoundError: The folder `data_samples` is not there.
+    """
+    folder = samples_dir() / "checkpoints"
+    return HandAndGlass(
+        Segmentation.load(folder / CHECKPOINTS["segmentation"]),
+        HandKeypoints.load(folder / CHECKPOINTS["keypoints"]),
+    )
 
 
 Fault = Literal["no hand", "nan keypoints", "frozen keypoints", "no frames", "low confidence"]

@@ -25,7 +25,7 @@ from hadr.handover.run_log import RunLog
 from hadr.handover.safety import SafetyConfig
 from hadr.handover.scenes import HeldScene, held_scene
 from hadr.handover.selection import GraspSelection
-from hadr.handover.sight import DepthArm, Looks, Sight, SightConfig
+from hadr.handover.sight import DepthArm, Looks, Sight, SightConfig, bundled_finder
 from hadr.handover.workflow import ChosenGrasp, HandoverConfig, Stage, Transition
 from hadr.handover.world import World, WorldConfig
 from hadr.handover.world_state import WorldState
@@ -34,7 +34,14 @@ from hadr.result_file import digest
 from hadr.synthesis.objects import glass_object
 
 Arm = Literal[
-    "raw", "inpainted", "hadr", "hadr-plus", "perfect", "hadr-no-rescoring", "hadr-no-tracking"
+    "raw",
+    "inpainted",
+    "hadr",
+    "hadr-plus",
+    "perfect",
+    "hadr-no-rescoring",
+    "hadr-no-tracking",
+    "hadr-plus-networks",
 ]
 ARMS: tuple[Arm, ...] = get_args(Arm)
 _DEPTH_OF: dict[Arm, DepthArm] = {
@@ -45,6 +52,7 @@ _DEPTH_OF: dict[Arm, DepthArm] = {
     "perfect": "perfect",
     "hadr-no-rescoring": "hadr",
     "hadr-no-tracking": "hadr",
+    "hadr-plus-networks": "hadr-plus",
 }
 CONTROL_STEP, SIGHT_STEP = 0.02, 0.1
 """Seconds between two steps of the workflow, and between two pictures."""
@@ -81,7 +89,8 @@ class Trial:
     Attributes:
         object_id: Which object.
         hold_number: Which of its holding poses.
-        arm: Whose depth the robot sees, and what is switched off.
+        arm: Whose depth the robot sees, and what is switched off; with "-networks" mask and
+            keypoints are those of networks, too.
         seed: Seed of place, motion, noise and of the grasps' draws.
         hand_speed: Factor on the speed of the hand's motion.
         extrinsics_error_deg: The camera stands turned by this angle from what its calibration says.
@@ -225,7 +234,8 @@ def run_trial(
     world = World(scene, path, ATTEMPT_WORLD)
     camera = RobotCamera().miscalibrated(trial.extrinsics_error_deg, trial.seed)
     base_from_camera = camera.calibration
-    whole = Sight(scene, camera, _DEPTH_OF[trial.arm], seed=trial.seed)
+    finder = bundled_finder() if trial.arm.endswith("-networks") else None
+    whole = Sight(scene, camera, _DEPTH_OF[trial.arm], seed=trial.seed, finder=finder)
     sight: Looks = whole if spoil is None else spoil(whole)
     rng = np.random.default_rng([trial.seed, int(trial.object_id), trial.hold_number, 67])
     select = _Timed(
