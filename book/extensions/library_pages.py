@@ -1,0 +1,151 @@
+"""A Sphinx extension for the pages on the library: modules and commands, from the code itself.
+
+A page names its modules once, in a fence ``{modules}``; each becomes a line in a list and a
+section with its documented names. The fence ``{commands}`` becomes the description of the command
+line, from the parsers that answer ``--help``. Both are expanded to text before a page is read.
+"""
+
+import argparse
+import ast
+import importlib.util
+import re
+from pathlib import Path
+from typing import Any
+
+from hadr.cli import COMMANDS, command_parser
+
+MODULES = re.compile(r"^```\{modules\}\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+COMMAND_LINE = re.compile(r"^```\{commands\}\n```$", re.MULTILINE)
+#: numpy's own spelling of an array's type, as it is printed, and what the code says.
+ARRAY = re.compile(r"ndarray\[(?:tuple\[(?:Any|int), \.\.\.\]|Any), dtype\[([\w.]+)\]\]")
+USAGE_WIDTH = 64
+
+
+def module_summary(name: str) -> str:
+    """The first line of a module's docstring as Markdown; the module is not imported.
+
+    Args:
+        name: Such as ``hadr.camera``.
+
+    Raises:
+        ValueError: There is no such module, or it says nothing about itself.
+    """
+    spec = importlib.util.find_spec(name)
+    if spec is None or spec.origin is None:
+        raise ValueError(f"there is no module {name!r}")
+    text = ast.get_docstring(ast.parse(Path(spec.origin).read_text(encoding="utf-8")))
+    if not text:
+        raise ValueError(f"the module {name!r} has no docstring")
+    line = re.sub(r":\w+:`~?([^`]+)`", r"`\1`", text.splitlines()[0])
+    return line.replace("``", "`")
+
+
+def modules_text(names: list[str]) -> str:
+    """A list of the modules, where there are several, and a section for each."""
+    lines = []
+    if len(names) > 1:
+        lines += [f"- [`{name}`](#{name}): {module_summary(name)}" for name in names] + [""]
+    for name in names:
+        module_summary(name)
+        lines += [f"## {name}", "", "```{eval-rst}", f".. automodule:: {name}", "```", ""]
+    return "\n".join(lines)
+
+
+def commands_text() -> str:
+    """The whole command line: a list of the commands, and a section for each."""
+    lines = [f"- [`hadr {name}`](#hadr-{name}): {about}" for name, (_, about) in COMMANDS.items()]
+    for name in COMMANDS:
+        lines += ["", f"(hadr-{name})=", f"## hadr {name}", "", parser_text(command_parser(name))]
+    return "\n".join(lines) + "\n"
+
+
+def parser_text(parser: argparse.ArgumentParser) -> str:
+    """One parser as Markdown: what it is for, how it is called, each argument, the closing words.
+
+    Args:
+        parser: Any parser without subparsers.
+
+    Returns:
+        Markdown with definition lists; free text of the parser stands as it is, between fences.
+    """
+    parser.formatter_class = lambda prog: argparse.RawDescriptionHelpFormatter(
+        prog, width=USAGE_WIDTH
+    )
+    usage = parser.format_usage().removeprefix("usage: ").rstrip()
+    parts = [_free_text(parser.description), f"```text\n{_dedented(usage)}\n```"]
+    for group in parser._action_groups:
+        actions = [a for a in group._group_actions if a.help is not argparse.SUPPRESS]
+        actions = [a for a in actions if not isinstance(a, argparse._HelpAction)]
+        if actions:
+            parts.append(f"**{(group.title or 'options').capitalize()}**")
+            parts += [_action_text(parser, action) for action in actions]
+    parts.append(_free_text(parser.epilog))
+    return "\n\n".join(part for part in parts if part)
+
+
+def _free_text(text: str | None) -> str:
+    """Prose as prose; anything that is set in columns keeps its form."""
+    if not text:
+        return ""
+    text = text.strip("\n")
+    set_in_columns = re.search(r"^ |\S {2,}\S", text, re.MULTILINE)
+    return f"```text\n{text}\n```" if set_in_columns else text
+
+
+def _dedented(usage: str) -> str:
+    return re.sub(r"\n +", "\n    ", usage)
+
+
+def _action_text(parser: argparse.ArgumentParser, action: argparse.Action) -> str:
+    formatter = argparse.HelpFormatter(parser.prog)
+    name = formatter._format_action_invocation(action)
+    told = " ".join(formatter._expand_help(action).split()) if action.help else ""
+    told = re.sub(r"([*_<\[$|])", r"\\\1", told)
+    has_default = action.default not in (None, False, argparse.SUPPRESS, [], "")
+    if has_default and "default" not in told and f"({action.default})" not in told:
+        told = f"{told} (default: `{action.default}`)".strip()
+    if action.required and action.option_strings:
+        told = f"{told} Required.".strip()
+    return f"`{name}`\n: {told or 'See above.'}"
+
+
+def expand(text: str) -> str:
+    """Put text from the code in place of a page's fences ``{modules}`` and ``{commands}``."""
+    text = MODULES.sub(lambda found: modules_text(found.group(1).split()), text)
+    return COMMAND_LINE.sub(lambda found: commands_text(), text)
+
+
+def plain_bars(lines: list[str]) -> list[str]:
+    """Lines of a docstring in which a bar is a bar, as in ``|A|``: Sphinx takes it for markup.
+
+    Args:
+        lines: Docstrings are plain text with literals in double backticks, which stay as they are.
+    """
+    parts = re.split(r"(``.*?``|`[^`]*`)", "\n".join(lines), flags=re.DOTALL)
+    parts[::2] = [part.replace("|", r"\|") for part in parts[::2]]
+    return "".join(parts).split("\n")
+
+
+def readable_types(signature: str | None) -> str | None:
+    """Array types in a signature as they are written in the code."""
+    return signature and ARRAY.sub(r"NDArray[\1]", signature)
+
+
+def setup(app: Any) -> dict[str, Any]:
+    """Hook into Sphinx."""
+
+    def on_source(_app: Any, _page: str, source: list[str]) -> None:
+        source[0] = expand(source[0])
+
+    def on_signature(*told: Any) -> tuple[str | None, str | None]:
+        signature, returned = told[-2:]
+        return readable_types(signature), readable_types(returned)
+
+    def on_docstring(*told: Any) -> None:
+        told[-1][:] = plain_bars(told[-1])
+
+    app.setup_extension("sphinx.ext.autodoc")
+    app.connect("source-read", on_source)
+    app.connect("autodoc-process-signature", on_signature)
+    app.connect("autodoc-process-docstring", on_docstring)
+    return {"parallel_read_safe": True}
