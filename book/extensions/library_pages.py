@@ -84,12 +84,19 @@ def parser_text(parser: argparse.ArgumentParser) -> str:
 
 
 def _free_text(text: str | None) -> str:
-    """Prose as prose; anything that is set in columns keeps its form."""
-    if not text:
-        return ""
-    text = text.strip("\n")
-    set_in_columns = re.search(r"^ |\S {2,}\S", text, re.MULTILINE)
-    return f"```text\n{text}\n```" if set_in_columns else text
+    """Paragraphs of prose as prose; what is set in columns keeps its form."""
+    parts: list[tuple[bool, str]] = []
+    for part in re.split(r"\n\s*\n", (text or "").strip("\n")):
+        in_columns = bool(re.search(r"^ |\S {2,}\S", part, re.MULTILINE))
+        if in_columns and parts and parts[-1][0]:
+            parts[-1] = (True, f"{parts[-1][1]}\n\n{part}")
+        elif part:
+            parts.append((in_columns, part))
+    return "\n\n".join(f"```text\n{t}\n```" if kept else _escaped(t) for kept, t in parts)
+
+
+def _escaped(text: str) -> str:
+    return re.sub(r"([*_<\[$|])", r"\\\1", text)
 
 
 def _dedented(usage: str) -> str:
@@ -100,12 +107,12 @@ def _action_text(parser: argparse.ArgumentParser, action: argparse.Action) -> st
     formatter = argparse.HelpFormatter(parser.prog)
     name = formatter._format_action_invocation(action)
     told = " ".join(formatter._expand_help(action).split()) if action.help else ""
-    told = re.sub(r"([*_<\[$|])", r"\\\1", told)
+    told = _escaped(told)
     has_default = action.default not in (None, False, argparse.SUPPRESS, [], "")
     if has_default and "default" not in told and f"({action.default})" not in told:
         told = f"{told} (default: `{action.default}`)".strip()
     if action.required and action.option_strings:
-        told = f"{told} Required.".strip()
+        told = f"{told} (required)".strip()
     return f"`{name}`\n: {told or 'See above.'}"
 
 

@@ -105,7 +105,7 @@ def test_a_parser_becomes_text(extension):
     assert text.startswith("Make tea.\n\n```text\nbrew [-h]")
     assert "`pot`\n: which pot\n" in text
     assert "`--minutes M`\n: how long (default: `3`)\n" in text
-    assert "`--leaves {green,black}`\n: which Required." in text
+    assert "`--leaves {green,black}`\n: which (required)" in text
     assert "secret" not in text
     assert text.endswith("```text\na  b\n```")
 
@@ -114,7 +114,8 @@ def test_a_parser_becomes_text(extension):
 def test_every_argument_of_every_command_is_explained(extension, name):
     text = extension.commands_text()
     section = text.split(f"(hadr-{name})=")[1].split("\n(hadr-")[0]
-    options = [s for action in command_parser(name)._actions for s in action.option_strings]
+    actions = [a for a in command_parser(name)._actions if a.help is not argparse.SUPPRESS]
+    options = [string for action in actions for string in action.option_strings]
     for option in set(options) - {"-h", "--help"}:
         assert re.search(rf"^`(.*, )?{option}\b", section, re.MULTILINE), option
     assert "/home" not in section
@@ -130,3 +131,13 @@ def test_the_built_pages_hold_names_hints_and_links(html):
     chapter = (html / "notebooks" / "03_ray_voxels.html").read_text()
     assert 'href="../library/ray_voxels.html#module-hadr.ray_voxels"' in chapter
     assert 'href="../glossary.html#term-occupied-voxel"' in chapter
+
+
+def test_prose_is_prose_and_columns_stay(extension):
+    text = extension._free_text(
+        "Two *words*\nof prose.\n\npots\n  red    large\n\n  blue   small\n\nEnd."
+    )
+    assert text == (
+        "Two \\*words\\*\nof prose.\n\n```text\npots\n  red    large\n\n  blue   small\n```\n\nEnd."
+    )
+    assert extension._free_text(None) == ""
