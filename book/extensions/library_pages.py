@@ -12,12 +12,20 @@ import re
 from pathlib import Path
 from typing import Any
 
+from numpy.typing import ArrayLike
+from sphinx.ext import autodoc
+from sphinx.util.typing import stringify_annotation
+
 from hadr.cli import COMMANDS, command_parser
 
 MODULES = re.compile(r"^```\{modules\}\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 COMMAND_LINE = re.compile(r"^```\{commands\}\n```$", re.MULTILINE)
-#: numpy's own spelling of an array's type, as it is printed, and what the code says.
-ARRAY = re.compile(r"ndarray\[(?:tuple\[(?:Any|int), \.\.\.\]|Any), dtype\[([\w.]+)\]\]")
+#: numpy's own spelling of an array's type, as Sphinx prints it, and of what becomes an array.
+ARRAY = re.compile(
+    r"~numpy\.ndarray\[tuple\[~typing\.Any, \.\.\.\], "
+    r"~numpy\.dtype\[(~[\w.]+)(?:\[~typing\.Any\])?\]\]"
+)
+ARRAY_LIKE = stringify_annotation(ArrayLike, "smart")
 USAGE_WIDTH = 64
 
 
@@ -135,7 +143,10 @@ def plain_bars(lines: list[str]) -> list[str]:
 
 def readable_types(signature: str | None) -> str | None:
     """Array types in a signature as they are written in the code."""
-    return signature and ARRAY.sub(r"NDArray[\1]", signature)
+    if not signature:
+        return signature
+    named = signature.replace(ARRAY_LIKE, "~numpy.typing.ArrayLike")
+    return ARRAY.sub(r"~numpy.typing.NDArray[\1]", named)
 
 
 def setup(app: Any) -> dict[str, Any]:
@@ -148,10 +159,16 @@ def setup(app: Any) -> dict[str, Any]:
         signature, returned = told[-2:]
         return readable_types(signature), readable_types(returned)
 
-    def on_docstring(*told: Any) -> None:
-        told[-1][:] = plain_bars(told[-1])
+    def on_docstring(_app: Any, what: str, *told: Any) -> None:
+        lines = told[-1]
+        lines[:] = plain_bars(lines)
+        if what in ("attribute", "data", "property") and lines and ":" in lines[0]:
+            lines[:0] = ["..", ""]  # else napoleon takes what is before the colon for a type
 
     app.setup_extension("sphinx.ext.autodoc")
+    # the type of a property passes no event
+    printed = autodoc.stringify_annotation
+    autodoc.stringify_annotation = lambda *args: readable_types(printed(*args))
     app.connect("source-read", on_source)
     app.connect("autodoc-process-signature", on_signature)
     app.connect("autodoc-process-docstring", on_docstring)
