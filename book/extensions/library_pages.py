@@ -26,7 +26,8 @@ ARRAY = re.compile(
     r"~numpy\.dtype\[(~[\w.]+)(?:\[~typing\.Any\])?\]\]"
 )
 ARRAY_LIKE = stringify_annotation(ArrayLike, "smart")
-USAGE_WIDTH = 64
+OPTION = re.compile(r"(?<![\w`-])(--[a-z][a-z-]*\b)")
+USAGE_WIDTH = 42
 
 
 def module_summary(name: str) -> str:
@@ -104,7 +105,7 @@ def _free_text(text: str | None) -> str:
 
 
 def _escaped(text: str) -> str:
-    return re.sub(r"([*_<\[$|])", r"\\\1", text)
+    return OPTION.sub(r"`\1`", re.sub(r"([*_<\[$|])", r"\\\1", text))
 
 
 def _dedented(usage: str) -> str:
@@ -130,14 +131,22 @@ def expand(text: str) -> str:
     return COMMAND_LINE.sub(lambda found: commands_text(), text)
 
 
-def plain_bars(lines: list[str]) -> list[str]:
-    """Lines of a docstring in which a bar is a bar, as in ``|A|``: Sphinx takes it for markup.
+def sphinx_text(lines: list[str]) -> list[str]:
+    """A docstring of this library as Sphinx has to be told it.
+
+    A bar is a bar, as in ``|A|``, and no markup; what stands between single backticks is code, and
+    so is an option such as --help, whose dashes would be joined.
 
     Args:
-        lines: Docstrings are plain text with literals in double backticks, which stay as they are.
+        lines: Plain text; roles, links and literals in double backticks stay as they are.
     """
-    parts = re.split(r"(``.*?``|`[^`]*`)", "\n".join(lines), flags=re.DOTALL)
-    parts[::2] = [part.replace("|", r"\|") for part in parts[::2]]
+    parts = re.split(r"(``.*?``|`[^`]*`_*)", "\n".join(lines), flags=re.DOTALL)
+    for number, part in enumerate(parts):
+        if number % 2 == 0:
+            part = OPTION.sub(r"``\1``", part.replace("|", r"\|"))
+        elif part[:2] != "``" and part[-1] != "_" and not parts[number - 1].endswith(":"):
+            part = f"`{part}`"
+        parts[number] = part
     return "".join(parts).split("\n")
 
 
@@ -161,7 +170,7 @@ def setup(app: Any) -> dict[str, Any]:
 
     def on_docstring(_app: Any, what: str, *told: Any) -> None:
         lines = told[-1]
-        lines[:] = plain_bars(lines)
+        lines[:] = sphinx_text(lines)
         if what in ("attribute", "data", "property") and lines and ":" in lines[0]:
             lines[:0] = ["..", ""]  # else napoleon takes what is before the colon for a type
 

@@ -103,8 +103,12 @@ def test_array_types_read_as_the_code_says_them(extension):
     assert extension.readable_types(None) is None
 
 
-def test_bars_are_bars(extension):
-    assert extension.plain_bars(["1 - |A| / 2", "and ``|B|``"]) == [r"1 - \|A\| / 2", "and ``|B|``"]
+def test_docstrings_become_what_sphinx_wants(extension):
+    told = ["1 - |A| / 2", "and ``|B|``, `C`, :mod:`hadr.hand`, `D <d>`_ and --only-e."]
+    assert extension.sphinx_text(told) == [
+        r"1 - \|A\| / 2",
+        "and ``|B|``, ``C``, :mod:`hadr.hand`, `D <d>`_ and ``--only-e``.",
+    ]
 
 
 def test_a_parser_becomes_text(extension):
