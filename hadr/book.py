@@ -264,9 +264,16 @@ def readme_table(build: Path, root: Path) -> str:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Describe the building of the book to a command line parser."""
     parser.description = "Execute the chapters and build the HTML book from them."
-    parser.add_argument("--build", type=Path, default=Path("build"), metavar="DIR")
-    parser.add_argument("--preset", choices=("tiny", "mini", "paper"), default="tiny")
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument(
+        "--build", type=Path, default=Path("build"), metavar="DIR", help="takes all that is made"
+    )
+    parser.add_argument(
+        "--preset",
+        choices=("tiny", "mini", "paper"),
+        default="tiny",
+        help="how much the chapters compute",
+    )
+    parser.add_argument("--seed", type=int, default=0, help="the chapters' seed")
     parser.add_argument(
         "--only",
         nargs="+",

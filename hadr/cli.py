@@ -95,6 +95,23 @@ def main(argv: Sequence[str] | None = None) -> int:
     return _run_command(words[0], words[1:])
 
 
+def command_parser(name: str) -> argparse.ArgumentParser:
+    """The parser of one command.
+
+    Args:
+        name: A key of ``COMMANDS``.
+
+    Returns:
+        The parser that ``hadr NAME --help`` prints.
+
+    Raises:
+        ModuleNotFoundError: This installation lacks what the command needs.
+    """
+    parser = _Parser(prog=f"hadr {name}", formatter_class=argparse.RawDescriptionHelpFormatter)
+    importlib.import_module(COMMANDS[name][0]).add_arguments(parser)
+    return parser
+
+
 def _run_command(name: str, words: list[str]) -> int:
     program = f"hadr {name}"
     try:
@@ -104,9 +121,7 @@ def _run_command(name: str, words: list[str]) -> int:
             f"{program}: error: this installation lacks the module {error.name!r}", file=sys.stderr
         )
         return 2
-    parser = _Parser(prog=program, formatter_class=argparse.RawDescriptionHelpFormatter)
-    module.add_arguments(parser)
-    arguments = parser.parse_args(words)
+    arguments = command_parser(name).parse_args(words)
     try:
         status: int = module.run(arguments)
         return status

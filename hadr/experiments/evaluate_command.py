@@ -62,7 +62,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="folders in TransHand's layout, joined; the bundled frames where it is left out",
     )
-    parser.add_argument("--split", default="test", choices=("train", "val", "test"))
+    parser.add_argument(
+        "--split", default="test", choices=("train", "val", "test"), help="which frames (test)"
+    )
     parser.add_argument("--objects", nargs="+", metavar="ID", help="score these objects only")
     add_given(parser)
     parser.add_argument("--seed", type=int, default=0, help="seed of the analytic corruption (0)")

@@ -211,7 +211,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="ID",
         help="of split test take these objects, such as those held out of the training (--objects)",
     )
-    parser.add_argument("--corruption", default="oracle", choices=tuple(CORRUPTIONS))
+    parser.add_argument(
+        "--corruption",
+        default="oracle",
+        choices=tuple(CORRUPTIONS),
+        help="how the depth of the frames is corrupted (oracle)",
+    )
     parser.add_argument("--seed", type=int, default=0, help="seed of the analytic corruption")
     parser.add_argument("--out", metavar="FILE", help="write what was measured as JSON")
 

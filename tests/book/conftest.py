@@ -202,5 +202,6 @@ def browser() -> Iterator[Browser]:
 @pytest.fixture(scope="session")
 def pages(html: Path, browser: Browser) -> list[Page]:
     """Every page of the book, visited once."""
-    paths = sorted(html.glob("*.html")) + sorted(html.glob("notebooks/*.html"))
+    folders = ("*.html", "notebooks/*.html", "library/*.html")
+    paths = [path for folder in folders for path in sorted(html.glob(folder))]
     return [browser.visit(path) for path in paths]

@@ -74,3 +74,29 @@ def test_the_address_stands_in_one_place(repository):
             if name in path.read_text(encoding="utf-8", errors="replace"):
                 holders.append("/".join(parts))
     assert holders == ["book/_config.yml"]
+
+
+def test_pages_name_no_host_of_scripts(html):
+    """Thebe and other live code would load its scripts from elsewhere."""
+    for page in sorted(html.rglob("*.html")):
+        text = page.read_text(encoding="utf-8")
+        assert not re.search(r"<(script|link)[^>]+(src|href)=\"(https?:)?//[^\"]+\.(js|css)", text)
+        assert "thebe" not in text.lower() or page.name == "running.html", page.name
+
+
+def test_binder_takes_the_pinned_environment():
+    """From binder/, the constraints are one folder up; the programs need no apt package."""
+    lines = (ROOT / "binder" / "requirements.txt").read_text(encoding="utf-8").split("\n")
+    assert "-c ../constraints.txt" in lines
+    (installed,) = [line for line in lines if line.startswith("-e ")]
+    extras = set(re.search(r"\[(.+)\]", installed).group(1).split(","))
+    assert {"book", "handover", "generate"} <= extras
+    pinned = (ROOT / "binder" / "runtime.txt").read_text(encoding="utf-8").strip()
+    project = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    assert (
+        pinned.removeprefix("python-") == re.search(r'requires-python = ">=([\d.]+)"', project)[1]
+    )
+    assert {path.name for path in (ROOT / "binder").iterdir()} == {
+        "requirements.txt",
+        "runtime.txt",
+    }

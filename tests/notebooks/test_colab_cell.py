@@ -1,0 +1,157 @@
+"""The first code cell of each chapter: a whole set-up on Colab, and nothing anywhere else."""
+
+import ast
+import io
+import json
+import re
+import socket
+import subprocess
+import sys
+import types
+import urllib.parse
+import urllib.request
+from pathlib import Path
+
+import nbformat
+import pytest
+import yaml
+
+from hadr.data import samples
+
+ROOT = Path(__file__).resolve().parents[2]
+CHAPTERS = sorted((ROOT / "notebooks").glob("*.ipynb"))
+ADDRESS = "https://github.com/somebody/a-fork"
+
+
+def first_cell(path):
+    cells = [cell for cell in nbformat.read(path, 4).cells if cell.cell_type == "code"]
+    return cells[0]
+
+
+@pytest.fixture
+def source():
+    return first_cell(CHAPTERS[0]).source
+
+
+def test_every_chapter_begins_with_the_same_cell(source):
+    for path in CHAPTERS:
+        cell = first_cell(path)
+        assert cell.source == source, path.name
+        assert cell.metadata["tags"] == ["colab", "remove-cell"], path.name
+        tagged = [c for c in nbformat.read(path, 4).cells if "colab" in c.metadata.get("tags", [])]
+        assert len(tagged) == 1
+    assert source.startswith("# On Colab only: ")
+    assert max(len(line) for line in source.splitlines()) <= 120
+
+
+def test_elsewhere_it_does_nothing(source, monkeypatch, tmp_path, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(subprocess, "run", lambda *a, **k: pytest.fail("it runs a program"))
+    before = list(sys.path)
+    names = {}
+    exec(source, names)
+    assert set(names) - {"__builtins__"} == {"sys"}
+    assert sys.path == before
+    assert list(tmp_path.iterdir()) == []
+    assert capsys.readouterr().out == ""
+
+
+class Colab:
+    """As far as the cell can see: the module, the address of the notebook, what was run."""
+
+    def __init__(self, monkeypatch, folder, opened):
+        self.commands = []
+        self.asked = []
+        self.manifest = samples.ManifestReport(3, (), (), ())
+        monkeypatch.chdir(folder)
+        monkeypatch.setitem(sys.modules, "google.colab", types.ModuleType("google.colab"))
+        monkeypatch.setattr(sys, "path", list(sys.path))
+        monkeypatch.setattr(socket, "gethostbyname", lambda name: "172.28.0.12")
+        monkeypatch.setattr(subprocess, "run", self.run)
+        monkeypatch.setattr(samples, "verify_manifest", lambda: self.manifest)
+        told = json.dumps([{"name": "x.ipynb", "path": opened}]).encode()
+
+        def urlopen(address, timeout):
+            self.asked.append(address)
+            return io.BytesIO(told)
+
+        monkeypatch.setattr(urllib.request, "urlopen", urlopen)
+
+    def run(self, command, check):
+        assert check
+        self.commands.append(command)
+        if "clone" in command:
+            Path(command[-1]).mkdir()
+
+
+def opened_at(branch="main"):
+    page = f"{ADDRESS}/blob/{branch}/notebooks/03_ray_voxels.ipynb"
+    return "fileId=" + urllib.parse.quote(page, safe="/")
+
+
+def test_on_colab_it_fetches_installs_and_checks(source, monkeypatch, tmp_path, capsys):
+    colab = Colab(monkeypatch, tmp_path, opened_at("course"))
+    exec(source, {})
+    clone, install = colab.commands
+    assert clone[:2] == ["git", "clone"]
+    assert clone[-2:] == [ADDRESS, "hadr-book"]
+    assert clone[clone.index("-b") + 1] == "course"
+    assert install[0] == sys.executable
+    assert install[-2:] == ["-e", "hadr-book[handover]"]
+    assert sys.path[0] == str(tmp_path / "hadr-book")
+    assert colab.asked == ["http://172.28.0.12:9000/api/sessions"]
+    told = capsys.readouterr().out
+    assert ADDRESS in told
+    assert "checksums" in told
+    colab.commands.clear()
+    exec(source, {})
+    assert [command[0] for command in colab.commands] == [sys.executable], "fetched twice"
+
+
+def test_a_damaged_sample_is_told(source, monkeypatch, tmp_path):
+    colab = Colab(monkeypatch, tmp_path, opened_at())
+    colab.manifest = samples.ManifestReport(2, ("frames/a.png",), (), ())
+    with pytest.raises(AssertionError, match="a sample differs from its checksum"):
+        exec(source, {})
+
+
+def test_an_unknown_origin_asks_for_the_address(source, monkeypatch, tmp_path):
+    colab = Colab(monkeypatch, tmp_path, "fileId=1AbcDriveId")
+    with pytest.raises(AssertionError, match="fill in `repository` above"):
+        exec(source, {})
+    assert colab.commands == []
+    filled = source.replace('repository, branch = "",', f'repository, branch = "{ADDRESS}",')
+    assert filled != source
+    exec(filled, {})
+    assert colab.commands[0][-2:] == [ADDRESS, "hadr-book"]
+
+
+def test_the_cell_works_for_the_address_of_the_book(source, monkeypatch, tmp_path):
+    """The launch link of the configuration is of the form that the cell understands."""
+    repository = yaml.safe_load((ROOT / "book" / "_config.yml").read_text())["repository"]
+    page = f"{repository['url']}/blob/{repository['branch']}/notebooks/x.ipynb"
+    colab = Colab(monkeypatch, tmp_path, f"fileId={urllib.parse.quote(page)}")
+    exec(source, {})
+    assert repository["url"] in colab.commands[0]
+    assert repository["url"] not in source
+
+
+@pytest.mark.parametrize("path", CHAPTERS, ids=lambda path: path.stem)
+def test_chapters_import_only_what_every_environment_has(path):
+    """What Binder, Colab and conda install: the base and the extra "handover"."""
+    environment = yaml.safe_load((ROOT / "environment.yml").read_text())["dependencies"]
+    lines = [line for line in environment if isinstance(line, str)]
+    lines += next(entry["pip"] for entry in environment if isinstance(entry, dict))
+    there = {re.split(r"[<>=]", line)[0].lower() for line in lines} | {"hadr", "ipython", "google"}
+    called = {"torch": "pytorch", "matplotlib": "matplotlib-base", "cv2": "opencv-python-headless"}
+    for cell in nbformat.read(path, 4).cells:
+        if cell.cell_type != "code":
+            continue
+        for node in ast.walk(ast.parse(cell.source)):
+            names = []
+            if isinstance(node, ast.Import):
+                names = [alias.name for alias in node.names]
+            elif isinstance(node, ast.ImportFrom):
+                names = [node.module]
+            for name in {name.split(".")[0] for name in names} - set(sys.stdlib_module_names):
+                assert called.get(name, name).lower() in there, f"{path.name} imports {name}"
