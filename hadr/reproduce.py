@@ -350,7 +350,8 @@ def run(args: argparse.Namespace) -> int:
             done = run_notebooks(paths, args.out, preset=args.preset, seed=args.seed, resume=True)
             write_json(args.out / "results.json", collect_results(done, args.preset, args.seed))
             print(f"\n{run_time_table(done)}\n\nresults: {args.out / 'results.json'}")
-        print(f"how long each step took: {write_run_times(args.out)}")
+        if noted := write_run_times(args.out):
+            print(f"how long each step took: {noted}")
     except ChapterError as error:
         print(error, file=sys.stderr)
         return 2

@@ -108,17 +108,17 @@ def read_run_times(size: str, results: Path | None = None) -> RunTimes:
     return RunTimes(training, {}, {}, attempts, given)
 
 
-def write_run_times(out: Path) -> Path:
+def write_run_times(out: Path) -> Path | None:
     """Note how long the finished steps of a reproduction took.
 
     Args:
         out: The folder of `hadr reproduce`, with any of ``tables`` and ``results.json``.
 
     Returns:
-        ``run_times.json`` in it.
+        ``run_times.json`` in it; None where no step is finished that was timed.
 
     Raises:
-        ValueError: No step is finished, or a table was changed by hand.
+        ValueError: A table was changed by hand.
     """
     rows: dict[str, dict[str, Any]] = {}
     for name in _TABLES:
@@ -144,6 +144,8 @@ def write_run_times(out: Path) -> Path:
             "attempts": row["attempts"],
             "seconds_an_attempt": row["mean_wall_seconds"],
         }
+    if not rows:
+        return None
     path = out / NAME
     write_result_file(
         path,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import re
 import shlex
@@ -89,8 +90,6 @@ def test_depth_tables_have_every_number(text: str, name: str) -> None:
 
 
 def test_the_handover_has_every_number(text: str) -> None:
-    import argparse
-
     found = blocks(text, "Handover")
     rows = {row["arm"]: row for row in read_result_file(RESULTS / "mini" / "handover.json").rows}
     assert len(found) == len(rows)
