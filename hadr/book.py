@@ -303,8 +303,7 @@ def run(args: argparse.Namespace) -> int:
         else:
             print(f"executing {len(paths)} notebooks, preset {args.preset}", flush=True)
             runs = run_notebooks(paths, build, preset=args.preset, seed=args.seed, say=_say)
-            collected = collect_results(runs, args.preset, args.seed)
-            write_json(build / "results.json", collected | {"machine": machine_text()})
+            write_json(build / "results.json", collect_results(runs, args.preset, args.seed))
         print("building the HTML book", flush=True)
         staged = stage_book(root / "book", runs, build / "book")
         index = build_html(staged, build / "html", strict=not args.only)

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 from hadr.chapter_record import RECORD, chapter_configuration, finished_chapter, keep_chapter
 from hadr.checkout import checkout_root as checkout_root
 from hadr.private_kernel import private_jupyter
-from hadr.provenance import plain, provenance, write_json
+from hadr.provenance import machine_text, plain, provenance, write_json
 
 if TYPE_CHECKING:
     from hadr.experiments.reproduction_plan import Step
@@ -261,7 +261,8 @@ def collect_results(runs: Sequence[ChapterRun], preset: str, seed: int) -> dict[
             entry["results"] = json.loads(run.results.read_text(encoding="utf-8"))["results"]
         chapters[run.name] = entry
     parameters = {"preset": preset, "seed": seed}
-    return {"parameters": parameters, "chapters": chapters, "provenance": provenance()}
+    told = {"machine": machine_text(), "provenance": provenance()}
+    return {"parameters": parameters, "chapters": chapters, **told}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

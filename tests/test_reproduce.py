@@ -54,6 +54,7 @@ def test_parameters_reach_the_notebook_and_results_come_back(folder, tmp_path, m
     assert nbformat.read(runs[0].notebook, 4).cells[3].outputs[0]["data"]["text/plain"] == "2"
     collected = reproduce.collect_results(runs, "mini", 4)
     assert collected["parameters"] == {"preset": "mini", "seed": 4}
+    assert "CPU cores" in collected["machine"]
     assert collected["chapters"]["00_good"]["results"] == {"seed": 4, "preset": "mini"}
     assert collected["chapters"]["00_good"]["duration_s"] == round(runs[0].duration_s, 3)
 
