@@ -185,7 +185,7 @@ def _handover(name: str, file: ResultFile, paper: Mapping[str, Any], size: str) 
             bodies.append(_body(title, HANDOVER_COLUMNS, [("paper", theirs)], origin, NOT_RUN))
             continue
         gap = [f"{row['successes'] - won:+d}"] if row["attempts"] == of_all else ["-"]
-        gap.append(f"{100 * row['rate'] - 100 * won / of_all:+.1f} %")
+        gap.append(f"{100 * row['rate'] - 100 * won / of_all:+.1f}")
         same = len(row["rate_by_object"]) == objects
         counts = zip(_reached(row), reached, strict=True)
         gap += [f"{a - b:+d}" if same else "-" for a, b in counts]

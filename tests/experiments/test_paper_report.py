@@ -106,7 +106,7 @@ def test_the_handover_has_every_number(text: str) -> None:
             f"{row['successes']}/48", f"{100 * row['rate']:.1f} %", *(f"{n}/8" for n in reached),
         ]  # fmt: skip
         assert block["difference"] == [
-            f"{row['successes'] - won:+d}", f"{100 * (row['successes'] - won) / 48:+.1f} %",
+            f"{row['successes'] - won:+d}", f"{100 * (row['successes'] - won) / 48:+.1f}",
             f"{reached[0] - half:+d}", f"{reached[1] - most:+d}", f"{reached[2] - whole:+d}",
         ]  # fmt: skip
     parser = argparse.ArgumentParser()
@@ -143,7 +143,7 @@ def test_few_attempts_are_not_subtracted_from_48(tmp_path: Path) -> None:
     write_result_file(tmp_path / "handover.json", file.what, [row], file.provenance)
     block = blocks(report(tmp_path, PUBLISHED, "tiny"), "Handover")["HADR + GraspNet"]
     assert block["ours"][0] == "1/1"
-    assert block["difference"] == ["-", "+29.2 %", "-", "-", "-"]
+    assert block["difference"] == ["-", "+29.2", "-", "-", "-"]
     assert "--objects 0004" in block["origin"]["command"]
 
 
