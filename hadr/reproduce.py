@@ -74,8 +74,8 @@ def chapter_paths(notebooks: Path, only: Sequence[str] = ()) -> list[Path]:
         if not fitting:
             names = ", ".join(path.stem for path in paths)
             raise ValueError(
-                f"{wish!r} is no run of the tables (EXPERIMENT/METHOD) and no chapter begins with "
-                f"it; the chapters are {names}"
+                f"{wish!r} is none of {', '.join(PARTS)} and no run of the tables "
+                f"(EXPERIMENT/METHOD), and no chapter begins with it; the chapters are {names}"
             )
         wanted += fitting
     return sorted(set(wanted)) if only else paths
