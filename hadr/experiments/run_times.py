@@ -22,6 +22,8 @@ from hadr.provenance import machine_text, provenance
 from hadr.result_file import read_result_file, read_sealed, write_result_file
 
 NAME = "run_times.json"
+TRAINING_CHAPTERS = ("06_training",)
+"""Chapters that train a network of the preset: their time at tiny says nothing about mini."""
 _TABLES = ("known", "unknown", "ablation", "ledger")
 _OF_HADR = (
     "hadr", "no-hand", "no-aggregation", "no-point-fusion", "hand-2d", "coded-weights",
@@ -75,7 +77,7 @@ def read_run_times(size: str, results: Path | None = None) -> RunTimes:
 
     Returns:
         The times; without any where the files are not at hand. At preset mini, a chapter without
-        a time of its own is taken to be as long as at preset tiny: most do the same there.
+        a time of its own is taken to be as long as at preset tiny, but for those that train.
 
     Raises:
         ValueError: A file was changed by hand.
@@ -97,6 +99,7 @@ def read_run_times(size: str, results: Path | None = None) -> RunTimes:
     attempts = {r["arm"]: r["mean_wall_seconds"] for r in _rows(results / "mini" / "handover.json")}
     if size == "mini":
         own = [r for r in _rows(results / "mini" / NAME) if r["part"] == "chapter"]
+        chapters = {name: s for name, s in chapters.items() if name not in TRAINING_CHAPTERS}
         chapters |= {row["step"]: float(row["seconds"]) for row in own}
         tables = [row for name in _TABLES for row in _rows(results / "mini" / f"{name}.json")]
         return RunTimes(*_training(tables), chapters, attempts, given)
