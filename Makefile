@@ -11,6 +11,8 @@ BUILD     ?= build
 PIP_FLAGS ?=
 PRESET    ?= tiny
 SEED      ?= 0
+# At preset tiny beside the book, whose chapters are then not executed a second time.
+OUT       ?= $(BUILD)$(if $(filter tiny,$(PRESET)),,/$(PRESET))
 
 BIN   := $(VENV)/bin
 PY    := $(BIN)/python
@@ -22,7 +24,7 @@ export XDG_CACHE_HOME := $(abspath $(BUILD))/cache
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help book tables test lint env notebooks texts check-notebooks html readme-times readme-figure clean
+.PHONY: help book tables reproduce wheel-check test lint env notebooks texts check-notebooks html readme-times readme-figure clean
 
 help: ## what can be made
 	@echo "usage: make TARGET [PYTHON=python3] [VENV=.venv] [BUILD=build]"
@@ -33,8 +35,14 @@ book: $(READY) ## execute all notebooks and build the HTML book
 	@$(PY) -m hadr.book --build "$(BUILD)" --preset $(PRESET) --seed $(SEED)
 
 tables: $(READY) ## train and compare all systems at PRESET (mini and paper: DATA=DIR)
-	@$(BIN)/hadr reproduce --preset $(PRESET) --only tables --out "$(BUILD)/$(PRESET)" \
+	@$(BIN)/hadr reproduce --preset $(PRESET) --only tables --out "$(OUT)" \
 	    $(if $(DATA),--data $(DATA))
+
+reproduce: $(READY) ## tables, handover and chapters at PRESET; prints the plan first and goes on where it was stopped
+	@$(BIN)/hadr reproduce --preset $(PRESET) --out "$(OUT)" $(if $(DATA),--data $(DATA))
+
+wheel-check: $(READY) ## run all chapters with the built wheel, in a folder outside of the repository
+	@HADR_WHEEL_CHAPTERS=all $(PY) -m pytest tests/test_wheel.py $(PYTEST_FLAGS)
 
 html: $(READY) ## rebuild the HTML book from the notebooks executed last time
 	@$(PY) -m hadr.book --build "$(BUILD)" --html-only

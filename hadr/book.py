@@ -20,10 +20,11 @@ from typing import Any
 
 import yaml
 
+from hadr.experiments.paper_report import report
 from hadr.experiments.report import (
     conditions_table,
+    ledger_effects,
     ledger_table,
-    report,
     speed_table,
     tuning_table,
 )
@@ -48,6 +49,7 @@ REPORTS: dict[str, Callable[[Path], str]] = {
     "{{CONDITIONS}}": lambda results: conditions_table(results / "mini"),
     "{{TUNING}}": lambda results: tuning_table(results / "mini" / "tuning.json"),
     "{{SPEED}}": lambda results: speed_table(results / "speed" / "side_by_side.json"),
+    "{{LEDGER_EFFECTS}}": lambda results: ledger_effects(results / "mini"),
     "{{LEDGER_TABLE}}": lambda results: ledger_table(results / "mini" / "ledger.json"),
 }
 """Words on pages in whose place a table from the result files stands."""
@@ -308,8 +310,7 @@ def run(args: argparse.Namespace) -> int:
         else:
             print(f"executing {len(paths)} notebooks, preset {args.preset}", flush=True)
             runs = run_notebooks(paths, build, preset=args.preset, seed=args.seed, say=_say)
-            collected = collect_results(runs, args.preset, args.seed)
-            write_json(build / "results.json", collected | {"machine": machine_text()})
+            write_json(build / "results.json", collect_results(runs, args.preset, args.seed))
         print("building the HTML book", flush=True)
         staged = stage_book(root / "book", runs, build / "book")
         index = build_html(staged, build / "html", strict=not args.only)

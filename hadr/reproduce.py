@@ -1,25 +1,33 @@
 """Run the chapters with papermill, time them, and collect what they measured.
 
-``hadr reproduce --preset tiny --out DIR`` executes every notebook without a user's hand and
-leaves in DIR the executed notebooks, each chapter's ``results.json``, and one ``results.json``
-over all of them with its provenance.
+``hadr reproduce --preset tiny --out DIR`` makes the tables, the attempts of the handover and the
+executed notebooks without a user's hand. It leaves in DIR the tables and their report, each
+chapter's ``results.json``, one over all of them with its provenance, and how long each step took.
 """
 
+from __future__ import annotations
+
 import argparse
-import contextlib
 import json
-import os
 import re
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from hadr.provenance import plain, provenance, write_json
+from hadr.chapter_record import RECORD, chapter_configuration, finished_chapter, keep_chapter
+from hadr.checkout import checkout_root as checkout_root
+from hadr.private_kernel import private_jupyter
+from hadr.provenance import machine_text, plain, provenance, write_json
+
+if TYPE_CHECKING:
+    from hadr.experiments.reproduction_plan import Step
 
 CELL_TIMEOUT_S = 900
+PARTS = ("tables", "handover", "chapters")
+"""What ``--only`` takes as a whole, in the order in which it is made."""
 _ANSI = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
 
 
@@ -44,21 +52,6 @@ class ChapterError(RuntimeError):
     """A chapter stopped with an error; the text says where, and where the notebook was kept."""
 
 
-def checkout_root() -> Path:
-    """The folder of the checkout that holds ``notebooks/`` and ``book/``.
-
-    Raises:
-        FileNotFoundError: The library was installed without its checkout.
-    """
-    root = Path(__file__).resolve().parents[1]
-    if not (root / "notebooks").is_dir():
-        raise FileNotFoundError(
-            f"no folder 'notebooks' in {root}: chapters are run from a checkout of the "
-            "repository; clone it and install it with `pip install -e .`"
-        )
-    return root
-
-
 def chapter_paths(notebooks: Path, only: Sequence[str] = ()) -> list[Path]:
     """The chapters' notebooks in the book's order.
 
@@ -81,48 +74,11 @@ def chapter_paths(notebooks: Path, only: Sequence[str] = ()) -> list[Path]:
         if not fitting:
             names = ", ".join(path.stem for path in paths)
             raise ValueError(
-                f"{wish!r} is no run of the tables (EXPERIMENT/METHOD) and no chapter begins with "
-                f"it; the chapters are {names}"
+                f"{wish!r} is none of {', '.join(PARTS)} and no run of the tables "
+                f"(EXPERIMENT/METHOD), and no chapter begins with it; the chapters are {names}"
             )
         wanted += fitting
     return sorted(set(wanted)) if only else paths
-
-
-@contextlib.contextmanager
-def _private_jupyter(folder: Path) -> Iterator[None]:
-    """Keep a user's kernels, start-up files and caches out, and need no writable HOME."""
-    kernel = folder / "jupyter" / "kernels" / "python3"
-    kernel.mkdir(parents=True, exist_ok=True)
-    command = [
-        sys.executable,
-        "-m",
-        "ipykernel_launcher",
-        "-f",
-        "{connection_file}",
-        "--log-level=CRITICAL",
-    ]
-    specification = {"argv": command, "display_name": "Python 3", "language": "python"}
-    (kernel / "kernel.json").write_text(json.dumps(specification), encoding="utf-8")
-    changes = {
-        "JUPYTER_PATH": str(folder / "jupyter"),
-        "JUPYTER_CONFIG_DIR": str(folder / "jupyter" / "config"),
-        "JUPYTER_RUNTIME_DIR": str(folder / "jupyter" / "runtime"),
-        "JUPYTER_PLATFORM_DIRS": "1",
-        "IPYTHONDIR": str(folder / "ipython"),
-        "MPLCONFIGDIR": str(folder / "matplotlib"),
-        "PYDEVD_DISABLE_FILE_VALIDATION": "1",
-    }
-    before = {key: os.environ.get(key) for key in [*changes, "MPLBACKEND"]}
-    os.environ.update(changes)
-    os.environ.pop("MPLBACKEND", None)
-    try:
-        yield
-    finally:
-        for key, value in before.items():
-            if value is None:
-                os.environ.pop(key, None)
-            else:
-                os.environ[key] = value
 
 
 def run_notebooks(
@@ -132,6 +88,7 @@ def run_notebooks(
     preset: str = "tiny",
     seed: int = 0,
     say: Callable[[str], None] = print,
+    resume: bool = False,
 ) -> list[ChapterRun]:
     """Execute notebooks with papermill, one after the other.
 
@@ -142,6 +99,8 @@ def run_notebooks(
         preset: Value of the notebooks' parameter ``preset``.
         seed: Value of the notebooks' parameter ``seed``.
         say: Receives one line per notebook.
+        resume: Leave out those that were executed already, if since then neither they nor the
+            library nor the data that they read have changed.
 
     Returns:
         One entry per notebook, in order.
@@ -151,23 +110,33 @@ def run_notebooks(
             notebook is kept.
     """
     out_dir = out_dir.resolve()
-    executed = out_dir / "executed"
-    executed.mkdir(parents=True, exist_ok=True)
     runs = []
-    with _private_jupyter(out_dir / "cache"):
+    with private_jupyter(out_dir / "cache"):
         for number, notebook in enumerate(notebooks, start=1):
             label = f"[{number:2d}/{len(notebooks)}] {notebook.stem}"
-            results_dir = out_dir / "results" / notebook.stem
-            results_dir.mkdir(parents=True, exist_ok=True)
-            (results_dir / "results.json").unlink(missing_ok=True)
-            parameters = {"preset": preset, "seed": seed, "out_dir": str(results_dir)}
-            target = executed / notebook.name
-            duration = _execute(notebook, target, parameters, label)
-            say(f"{label:<40} {duration:6.1f} s")
-            results = results_dir / "results.json"
+            target, folder, results = _places(notebook, out_dir)
+            configuration = chapter_configuration(notebook, preset, seed)
+            before = finished_chapter(folder, configuration, target) if resume else None
+            if before is None:
+                folder.mkdir(parents=True, exist_ok=True)
+                target.parent.mkdir(parents=True, exist_ok=True)
+                for stale in (results, folder / RECORD):
+                    stale.unlink(missing_ok=True)
+                parameters = {"preset": preset, "seed": seed, "out_dir": str(folder)}
+                duration = _execute(notebook, target, parameters, label)
+                keep_chapter(folder, configuration, duration)
+            else:
+                duration = before
+            say(f"{label:<40} {duration:6.1f} s" + (" (was there)" if before is not None else ""))
             found = results if results.exists() else None
             runs.append(ChapterRun(notebook.stem, duration, target, found))
     return runs
+
+
+def _places(notebook: Path, out_dir: Path) -> tuple[Path, Path, Path]:
+    """The executed notebook, the folder of what it measures, and its ``results.json``."""
+    folder = out_dir / "results" / notebook.stem
+    return out_dir / "executed" / notebook.name, folder, folder / "results.json"
 
 
 def _execute(source: Path, target: Path, parameters: dict[str, Any], label: str) -> float:
@@ -292,7 +261,8 @@ def collect_results(runs: Sequence[ChapterRun], preset: str, seed: int) -> dict[
             entry["results"] = json.loads(run.results.read_text(encoding="utf-8"))["results"]
         chapters[run.name] = entry
     parameters = {"preset": preset, "seed": seed}
-    return {"parameters": parameters, "chapters": chapters, "provenance": provenance()}
+    told = {"machine": machine_text(), "provenance": provenance()}
+    return {"parameters": parameters, "chapters": chapters, **told}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -300,8 +270,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     from hadr.experiments.command import add_table_arguments
 
     parser.description = (
-        "Train and score the systems of the tables, then execute the book's chapters and collect "
-        "what they measure. A run that is finished is not repeated; one that was stopped goes on."
+        "Train and score the systems of the tables, make the attempts of the handover, execute the "
+        "book's chapters and collect what they measure. The plan is printed first. A step that is "
+        "finished is not repeated; one that was stopped goes on."
     )
     parser.add_argument(
         "--preset",
@@ -316,55 +287,105 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=[],
         metavar="WHAT",
         help="chapters by number or name (`--only 03 04`), runs of the tables (`--only "
-        "known/hadr unknown raw`), or all of either: `chapters`, `tables` (default: both)",
+        "known/hadr unknown raw`), or all of a part: `tables`, `handover`, `chapters` (default: "
+        "everything)",
     )
     parser.add_argument(
         "--out", type=Path, required=True, metavar="DIR", help="folder for notebooks and results"
     )
     parser.add_argument(
-        "--dry-run", action="store_true", help="say what would be done and how long, and stop"
+        "--dry-run", action="store_true", help="print the plan with its times, and stop"
     )
     add_table_arguments(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Carry out ``hadr reproduce``.
+    """Carry out ``hadr reproduce``: print the plan, then do what is left of it.
 
     Returns:
         0 when all was done, 1 when a row that was run again gave other numbers, 2 when a chapter
         failed or a wish fits nothing.
     """
-    from hadr.experiments.command import is_table_wish, run_again, run_tables
+    from hadr.experiments.command import (
+        is_table_wish,
+        measure_tables,
+        open_bench,
+        run_again,
+        write_report,
+    )
+    from hadr.experiments.handover_table import handover_steps, open_handover, run_handover
+    from hadr.experiments.plan import plan, table_steps
+    from hadr.experiments.reproduction_plan import steps_text
+    from hadr.experiments.run_times import read_run_times, write_run_times
 
     wanted = set(args.only)
-    runs = [wish for wish in args.only if is_table_wish(wish)]
-    chapters = [w for w in args.only if w not in ("tables", "chapters") and w not in runs]
+    wishes = [wish for wish in args.only if is_table_wish(wish)]
+    chapters = [w for w in args.only if w not in PARTS and w not in wishes]
+    paths, bench, attempts = [], None, None
     try:
         if args.again:
             return run_again(args)
-        paths = []
+        times, steps = read_run_times(args.preset), []
+        if not wanted or wishes or "tables" in wanted:
+            bench = open_bench(args)
+            runs = plan([] if "tables" in wanted else wishes, args.seeds, args.preset)
+            steps += table_steps(bench, runs, times)
+        if not wanted or "handover" in wanted:
+            attempts = open_handover(args.out, args.preset, args.seed, args.jobs)
+            steps += handover_steps(attempts, times)
         if not wanted or chapters or "chapters" in wanted:
             paths = chapter_paths(checkout_root() / "notebooks", chapters)
-        if not wanted or runs or "tables" in wanted:
-            run_tables(args, [] if "tables" in wanted else runs)
-    except (ValueError, FileNotFoundError, RuntimeError) as error:
-        print(f"hadr reproduce: {error}", file=sys.stderr)
-        return 2
-    if args.dry_run:
+            steps += chapter_steps(paths, args.out, args.preset, args.seed, times.chapters)
+        print(f"preset {args.preset}, seed {args.seed}; everything goes to {args.out}\n")
+        print(steps_text(steps, args.jobs), flush=True)
+        if args.dry_run:
+            return 0
+        print()
+        if bench is not None:
+            measure_tables(args, bench, runs)
+        if attempts is not None:
+            run_handover(attempts)
+        if bench is not None or attempts is not None:
+            write_report(args.out, args.preset)
         if paths:
-            print(f"chapters, preset {args.preset}, seed {args.seed}; results go to {args.out}")
-            print("\n".join(path.stem for path in paths))
-        return 0
-    if not paths:
-        return 0
-    try:
-        executed = run_notebooks(paths, args.out, preset=args.preset, seed=args.seed)
+            done = run_notebooks(paths, args.out, preset=args.preset, seed=args.seed, resume=True)
+            write_json(args.out / "results.json", collect_results(done, args.preset, args.seed))
+            print(f"\n{run_time_table(done)}\n\nresults: {args.out / 'results.json'}")
+        if noted := write_run_times(args.out):
+            print(f"how long each step took: {noted}")
     except ChapterError as error:
         print(error, file=sys.stderr)
         return 2
-    write_json(args.out / "results.json", collect_results(executed, args.preset, args.seed))
-    print(f"\n{run_time_table(executed)}\n\nresults: {args.out / 'results.json'}")
+    except (ValueError, FileNotFoundError, RuntimeError) as error:
+        print(f"hadr reproduce: {error}", file=sys.stderr)
+        return 2
     return 0
+
+
+def chapter_steps(
+    notebooks: Sequence[Path], out_dir: Path, preset: str, seed: int, times: Mapping[str, float]
+) -> list[Step]:
+    """Describe the chapters as steps of a plan.
+
+    Args:
+        notebooks: Their notebooks.
+        out_dir: As of `run_notebooks`.
+        preset: As of `run_notebooks`.
+        seed: As of `run_notebooks`.
+        times: Seconds that a chapter took when it was last measured, by its name.
+    """
+    from hadr.experiments.reproduction_plan import Step
+
+    steps = []
+    for notebook in notebooks:
+        target, folder, _ = _places(notebook, out_dir)
+        configuration = chapter_configuration(notebook, preset, seed)
+        done = finished_chapter(folder, configuration, target) is not None
+        made = f"executed/{notebook.name}"
+        seconds = times.get(notebook.stem)
+        left = "done" if done else "execution"
+        steps.append(Step("chapters", notebook.stem, left, seconds, made))
+    return steps
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -11,6 +11,7 @@ PACKAGE = Path(__file__).resolve().parents[1] / "hadr"
 FLOORS: tuple[tuple[str, ...], ...] = (
     ("cli",),
     ("reproduce", "book", "notebook_twins"),
+    ("chapter_record", "private_kernel"),
     ("restore_frame", "restore_report"),
     ("experiments",),
     ("plotting", "widgets"),
@@ -28,7 +29,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("frame_io",),
     ("camera",),
     ("result_file",),
-    ("exercises", "markdown", "provenance"),
+    ("checkout", "exercises", "markdown", "provenance"),
 )
 FLOOR_OF = {name: floor for floor, names in enumerate(FLOORS) for name in names}
 

@@ -53,8 +53,9 @@ def pyproject_requirements():
     return {canonicalize_name(r.name): r.specifier for r in map(Requirement, lines)}
 
 
-def conda_requirements():
-    content = yaml.safe_load((ROOT / "environment.yml").read_text(encoding="utf-8"))
+def conda_requirements(text=None):
+    text = text or (ROOT / "environment.yml").read_text(encoding="utf-8")
+    content = yaml.safe_load(text)
     lines = []
     for entry in content["dependencies"]:
         lines += entry["pip"] if isinstance(entry, dict) else [entry]
@@ -77,6 +78,24 @@ def test_conda_and_pyproject_name_the_same_dependencies():
     conda = conda_requirements()
     assert set(conda) == set(wanted)
     assert {name: str(conda[name]) for name in conda} == {n: str(wanted[n]) for n in wanted}
+
+
+@pytest.mark.parametrize(
+    ("line", "instead"),
+    [
+        ("  - filelock>=3.16\n", ""),  # forgotten
+        ("  - filelock>=3.16\n", "  - filelock>=3.16\n  - pandas\n"),  # left over
+        ("- transformers>=5,<6", "- transformers>=5"),  # another range
+        ("      - mujoco>=4,<5\n", ""),  # forgotten among those of pip
+        ("- pytorch>=2.4", "- torch-cpu>=2.4"),  # another name
+    ],
+)
+def test_a_drift_of_the_conda_environment_is_seen(line, instead):
+    text = (ROOT / "environment.yml").read_text(encoding="utf-8")
+    assert text.count(line) == 1
+    drifted = conda_requirements(text.replace(line, instead))
+    assert drifted != pyproject_requirements()
+    assert conda_requirements(text) == pyproject_requirements()
 
 
 def test_conda_asks_for_the_same_python():

@@ -12,6 +12,7 @@ import pytest
 from hadr import reproduce
 from hadr.provenance import plain, write_json
 from hadr.reproduce import ChapterError, ChapterRun
+from hadr.result_file import read_result_file
 
 RESULTS = """from hadr.reproduce import write_results
 kept = write_results(out_dir, "00_good", {"seed": seed, "preset": preset})"""
@@ -53,6 +54,7 @@ def test_parameters_reach_the_notebook_and_results_come_back(folder, tmp_path, m
     assert nbformat.read(runs[0].notebook, 4).cells[3].outputs[0]["data"]["text/plain"] == "2"
     collected = reproduce.collect_results(runs, "mini", 4)
     assert collected["parameters"] == {"preset": "mini", "seed": 4}
+    assert "CPU cores" in collected["machine"]
     assert collected["chapters"]["00_good"]["results"] == {"seed": 4, "preset": "mini"}
     assert collected["chapters"]["00_good"]["duration_s"] == round(runs[0].duration_s, 3)
 
@@ -92,6 +94,44 @@ def test_command_line_returns_2_and_prints_the_failure(folder, tmp_path, monkeyp
     assert "no chapter begins with it; the chapters are 00_good, 01_bad" in capsys.readouterr().err
 
 
+def test_the_plan_is_printed_first_and_what_is_finished_is_not_repeated(
+    folder, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.setattr(reproduce, "checkout_root", lambda: tmp_path / "root")
+    (tmp_path / "root").mkdir()
+    (tmp_path / "root" / "notebooks").symlink_to(folder)
+    out = tmp_path / "out"
+    words = ["--only", "0", "--out", str(out)]
+    assert reproduce.main(words) == 0
+    said = capsys.readouterr().out
+    assert said.index("1 of 1 steps are left") < said.index("[ 1/1] 00_good")
+    times = {row["step"]: row for row in read_result_file(out / "run_times.json").rows}
+    before = nbformat.read(out / "executed" / "00_good.ipynb", 4).metadata.papermill.end_time
+    assert reproduce.main(words) == 0
+    said = capsys.readouterr().out
+    assert "all of 1 steps are done" in said
+    assert "(was there)" in said
+    after = nbformat.read(out / "executed" / "00_good.ipynb", 4).metadata.papermill.end_time
+    assert after == before
+    again = {row["step"]: row for row in read_result_file(out / "run_times.json").rows}
+    assert again == times
+    collected = json.loads((out / "results.json").read_text())
+    assert collected["chapters"]["00_good"]["results"] == {"seed": 0, "preset": "tiny"}
+    assert reproduce.main([*words, "--seed", "1"]) == 0
+    assert "1 of 1 steps are left" in capsys.readouterr().out
+
+
+def test_a_chapter_that_failed_is_not_finished(folder, tmp_path):
+    paths = reproduce.chapter_paths(folder, ["0"])
+    said = []
+    reproduce.run_notebooks(paths, tmp_path / "out", say=said.append, resume=True)
+    nbformat.write(notebook_of("1 / 0"), paths[0])
+    for _ in range(2):
+        with pytest.raises(ChapterError):
+            reproduce.run_notebooks(paths, tmp_path / "out", say=said.append, resume=True)
+    assert len(said) == 1
+
+
 def test_dry_run_executes_nothing(tmp_path, capsys):
     out = tmp_path / "out"
     assert reproduce.main(["--dry-run", "--out", str(out)]) == 0
@@ -99,6 +139,8 @@ def test_dry_run_executes_nothing(tmp_path, capsys):
     assert "preset tiny, seed 0" in said
     assert "known/hadr-plus/seed-0" in said
     assert "07_metrics" in said
+    assert "handover/perfect" in said
+    assert "steps are left: about" in said
     assert not out.exists()
 
 
@@ -107,11 +149,12 @@ def test_dry_run_executes_nothing(tmp_path, capsys):
     [
         (
             ["known/hadr"],
-            ["known/hadr/seed-0", "the tables go to"],
-            ["known/hadr-plus", "07_metrics"],
+            ["known/hadr/seed-0", "everything goes to"],
+            ["known/hadr-plus", "07_metrics", "handover/"],
         ),
-        (["tables"], ["unknown/raw/seed-0", "known/hadr-long/seed-0"], ["07_metrics"]),
-        (["chapters"], ["07_metrics"], ["known/"]),
+        (["tables"], ["unknown/raw/seed-0", "known/hadr-long/seed-0"], ["07_metrics", "handover/"]),
+        (["chapters"], ["07_metrics"], ["known/", "handover/"]),
+        (["handover"], ["handover/raw", "1 of 1 attempts"], ["known/", "07_metrics"]),
         (["3", "raw"], ["03_ray", "known/raw", "unknown/raw"], ["07_metrics", "nearest"]),
     ],
 )

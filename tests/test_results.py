@@ -11,7 +11,7 @@ import pytest
 
 from hadr.experiments.conditions import IN_CONDITIONS, WITH_HAND
 from hadr.experiments.plan import KNOWN_ALONE, OFTEN
-from hadr.experiments.report import DEFAULT, TITLES, report
+from hadr.experiments.report import DEFAULT, ledger_effects
 from hadr.experiments.systems import METHODS, SWITCHES
 from hadr.experiments.tables import ABLATION, FILES, LEDGER
 from hadr.plotting.benchmarks import by_heart_table
@@ -254,18 +254,36 @@ def test_each_network_has_the_schedule_that_did_best_in_its_trials() -> None:
         assert (recipe.schedule, recipe.learning_rate) == (schedule, best["learning_rate"])
 
 
-def test_the_report_prints_what_the_files_say() -> None:
-    text = report(RESULTS / "mini", RESULTS / "paper_tables.json")
-    sections = text.split("\n## ")[1:]
-    for name, section in zip(TITLES, sections, strict=True):
-        table = read_result_file(RESULTS / "mini" / f"{name}.json")
-        printed = [line for line in section.splitlines() if "**" in line and line.startswith("|")]
-        assert len(printed) == len(table.rows)
-        for line, row in zip(printed, table.rows, strict=True):
-            numbers = re.findall(r"\*\*([-\d.]+)\*\*", line)
-            wanted = [100 * row["rmse_m"], 100 * row["rel"], 100 * row["mae_m"]]
-            wanted += [row[delta] for delta in DELTAS]
-            assert numbers == [f"{value:.2f}" for value in wanted]
+def test_the_ledger_says_what_its_measured_rows_change() -> None:
+    mini = RESULTS / "mini"
+    lines = [line.strip("| ").split(" | ") for line in ledger_effects(mini).splitlines()[2:]]
+    assert [line[0] for line in lines] == [f"[{n}](#ledger-{n})" for n in (1, 4, 7, 8, 9, 14, 15)]
+    ledger = read_result_file(mini / "ledger.json")
+    default = ledger.row(method=DEFAULT)
+    given = read_result_files(mini, "segmentation", "keypoints")
+    turned = [
+        *(ledger.row(method=m) for m in ("coded-weights", "clamped-probability")),
+        ledger.row(method="wrist-translation"),
+        given.row(method="hadr", given="simulated sensor"),
+        given.row(method="hadr", given="predicted keypoints"),
+        ledger.row(method="split by frame"),
+        default["pooled"],
+    ]
+    for line, row in zip(lines, turned, strict=True):
+        before, after = 100 * default["rmse_m"], 100 * row["rmse_m"]
+        assert line[2:5] == [f"{before:.2f}", f"{after:.2f}", f"{after - before:+.2f}"]
+
+
+def test_with_predictions_the_order_turns_as_the_ledger_says() -> None:
+    rows = read_result_file(RESULTS / "mini" / "segmentation.json").rows
+
+    def order(given: str) -> list[str]:
+        there = [row for row in rows if row["given"] == given]
+        return [row["method"] for row in sorted(there, key=lambda row: row["rmse_m"])]
+
+    assert order("all true")[0] == "hadr-plus"
+    assert order("predicted mask and keypoints")[:2] == ["hadr-long", "hadr"]
+    assert order("simulated sensor, predicted mask and keypoints")[-2:] == ["tode", "swindrnet"]
 
 
 @pytest.mark.parametrize("path", sorted(RESULTS.rglob("*.json")), ids=lambda p: p.name)

@@ -6,12 +6,12 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-import hadr
+from hadr.checkout import checkout_root
 from hadr.data.samples import samples_dir
 from hadr.experiments.again import measure_again, row_to_run
-from hadr.experiments.plan import TABLE_RUNS, measure_all, plan, plan_text
-from hadr.experiments.report import TITLES, report
-from hadr.experiments.runner import Bench
+from hadr.experiments.paper_report import TITLES, report
+from hadr.experiments.plan import TABLE_RUNS, measure_all
+from hadr.experiments.runner import Bench, Run
 from hadr.experiments.splits import EXPERIMENTS
 from hadr.experiments.systems import METHODS, PARTS, SWITCHES
 from hadr.provenance import check_folder
@@ -125,29 +125,26 @@ def run_again(args: argparse.Namespace) -> int:
     return 0 if found.same else 1
 
 
-def run_tables(args: argparse.Namespace, wishes: Sequence[str]) -> None:
-    """Measure what is missing, or with ``--dry-run`` only say what that is.
+def measure_tables(args: argparse.Namespace, bench: Bench, runs: Sequence[Run]) -> None:
+    """Measure those runs of the tables that are missing.
 
     Args:
         args: Arguments of `hadr reproduce`.
-        wishes: Which runs, as `hadr.experiments.plan.plan` takes them; empty takes all.
+        bench: What `open_bench` gave for them.
+        runs: The runs.
 
     Raises:
-        ValueError: A wish fits no run, or as `open_bench`.
-        FileNotFoundError: As `open_bench`.
+        RuntimeError: As `hadr.experiments.plan.measure_all`.
     """
-    bench = open_bench(args)
-    runs = plan(wishes, args.seeds, args.preset)
-    print(plan_text(bench, runs, args.jobs))
-    print(f"the tables go to {args.out / 'tables'}\n")
-    if not args.dry_run:
-        measure_all(bench, runs, args.out / "tables", jobs=args.jobs)
-        write_report(args.out, args.preset)
+    measure_all(bench, runs, args.out / "tables", jobs=args.jobs)
 
 
 def write_report(out: Path, size: str) -> None:
     """Write the report of a folder's tables, beside the paper's where these are at hand."""
-    published = Path(hadr.__file__).resolve().parents[1] / "results" / "paper_tables.json"
+    try:
+        published = checkout_root() / "results" / "paper_tables.json"
+    except FileNotFoundError:
+        return
     if published.exists() and any((out / "tables" / f"{name}.json").exists() for name in TITLES):
         text = f"# The paper's tables, and ours\n\n{report(out / 'tables', published, size)}"
         (out / "report.md").write_text(text, encoding="utf-8")

@@ -16,47 +16,18 @@ import torch
 from hadr.experiments.conditions import (
     IN_CONDITIONS,
     WITH_HAND,
+    condition_of,
     conditions_of,
     finished_condition,
     measure_condition,
 )
-from hadr.experiments.runner import Bench, Run
+from hadr.experiments.reproduction_plan import Step
+from hadr.experiments.run_times import RunTimes, read_run_times
+from hadr.experiments.runner import ROW, Bench, Run
 from hadr.experiments.splits import EXPERIMENTS, Experiment
 from hadr.experiments.systems import CHEAP, METHODS, PARTS, SWITCHES, system
 from hadr.experiments.tables import ABLATION, LEDGER, TABLES, write_tables
-from hadr.provenance import usable_cores
-
-SECONDS_A_FRAME = {
-    "tiny": {
-        "hadr": 0.02,
-        "hadr-plus": 0.01,
-        "unet-hand": 0.01,
-        "lidf": 0.024,
-        "dfnet": 0.034,
-        "swindrnet": 0.018,
-        "tode": 0.02,
-    },
-    "mini": {
-        "hadr": 0.037,
-        "hadr-plus": 0.019,
-        "unet-hand": 0.032,
-        "lidf": 0.035,
-        "dfnet": 0.038,
-        "swindrnet": 0.036,
-        "tode": 0.033,
-    },
-    "paper": {
-        "hadr": 1.15,
-        "hadr-plus": 0.08,
-        "unet-hand": 0.18,
-        "lidf": 1.0,
-        "dfnet": 0.9,
-        "swindrnet": 6.1,
-        "tode": 1.1,
-    },
-}
-"""Rough training seconds a frame and epoch on one CPU core, for a plan's estimate alone."""
-
+from hadr.training.predicted import Given
 
 KNOWN_ALONE = ("hadr-long",)
 """Trained for the known objects alone: it asks whether HADR had too few epochs."""
@@ -149,39 +120,67 @@ def _seeds(
     return (0, 1, 2) if often else (0,)
 
 
-def estimated_minutes(bench: Bench, run: Run) -> float:
-    """Estimate a run's minutes on one CPU core; 0 where it is finished.
+def estimated_seconds(bench: Bench, run: Run, times: RunTimes) -> float | None:
+    """Estimate what is left of a run, in wall-clock seconds.
 
     Args:
         bench: Where it runs.
         run: The run.
+        times: What such runs took when they were last measured.
+
+    Returns:
+        0 where it is finished; None where no such run was timed.
     """
     if bench.finished(run) is not None:
         return 0.0
+    left = _epochs_left(bench, run)
+    return times.of_run(run.method, left, bench.count(run, "train") if left else 0)
+
+
+def _epochs_left(bench: Bench, run: Run) -> int:
     recipe = system(run.method, bench.size).recipe
-    if recipe is None:
-        return 0.5
-    frames, left = bench.count(run, "train"), max(recipe.epochs - bench.epochs_done(run), 0)
-    return left * frames * SECONDS_A_FRAME[bench.size][recipe.network] / 60 + 0.5
+    return 0 if recipe is None else max(recipe.epochs - bench.epochs_done(run), 0)
 
 
-def plan_text(bench: Bench, runs: Sequence[Run], jobs: int = 1) -> str:
-    """Set the plan as a table: each run with what is left of it, and the sum."""
-    lines = [f"{'run':<32} {'epochs':>6} {'minutes':>8}"]
-    total = 0.0
+def table_steps(bench: Bench, runs: Sequence[Run], times: RunTimes) -> list[Step]:
+    """Describe the runs as steps of a plan, and the scores of their networks in other conditions.
+
+    Args:
+        bench: Where they run.
+        runs: The runs.
+        times: What such steps took when they were last measured.
+    """
+    steps = []
     for run in runs:
         recipe = system(run.method, bench.size).recipe
-        minutes = estimated_minutes(bench, run)
-        total += minutes
-        left = "done" if minutes == 0 else f"{minutes:.1f}"
-        lines.append(f"{run.name:<32} {recipe.epochs if recipe else '-':>6} {left:>8}")
-    hours, rest = divmod(round(total), 60)
-    lines.append(f"{'together, on one CPU core':<32} {'':>6} {hours} h {rest:02d} min")
-    if jobs > 1:
-        most = max(min(jobs, len(runs), usable_cores()), 1)
-        hours, rest = divmod(round(total / most), 60)
-        lines.append(f"{f'on {most} cores at a time':<32} {'':>6} {hours} h {rest:02d} min")
-    return "\n".join(lines)
+        left, of = _epochs_left(bench, run), 0 if recipe is None else recipe.epochs
+        words = (
+            "scoring" if left == 0 else f"{left} of {of} epochs" if left < of else f"{of} epochs"
+        )
+        if bench.finished(run) is not None:
+            words = "done"
+        made = f"{bench.out.name}/{run.name}/{ROW}"
+        steps.append(Step("tables", run.name, words, estimated_seconds(bench, run, times), made))
+    conditions: dict[str, list[tuple[Run, bool]]] = {}
+    for run, name, given in _conditions(bench, runs):
+        done = finished_condition(bench, run, name, given) is not None
+        conditions.setdefault(name, []).append((run, done))
+    for name, scores in conditions.items():
+        left = sum(not done for _, done in scores)
+        rate = times.conditions.get(name)
+        seconds = None if rate is None else left * rate * bench.count(scores[0][0], "test")
+        words = f"{left} of {len(scores)} scores" if left else "done"
+        made = f"{bench.out.name}/known/*/{condition_of(scores[0][0], name).name}"
+        steps.append(Step("tables", name, words, seconds, made.replace("*/", "*/*/given/")))
+    return steps
+
+
+def _conditions(bench: Bench, runs: Sequence[Run]) -> list[tuple[Run, str, Given]]:
+    """What the tables of conditions need of these runs; with another corruption, nothing."""
+    if bench.corruption != "oracle":
+        return []
+    seeds = {run.method: run.seed for run in reversed(runs) if run.experiment == "known"}
+    return list(conditions_of(seeds))
 
 
 def measure_all(
@@ -235,10 +234,7 @@ def measure_conditions(
             them. With another corruption than "oracle" none is: these tables are about that one.
         say: Receives a line a score that is new.
     """
-    if bench.corruption != "oracle":
-        return
-    seeds = {run.method: run.seed for run in reversed(runs) if run.experiment == "known"}
-    for run, name, given in conditions_of(seeds):
+    for run, name, given in _conditions(bench, runs):
         if finished_condition(bench, run, name, given) is None:
             row = measure_condition(bench, run, name, given)
             say(f"{run.name:<32} RMSE {row['rmse_m']:.4f} m, given: {name}")
@@ -251,7 +247,8 @@ def _measured(bench: Bench, runs: Sequence[Run], jobs: int) -> Iterator[tuple[Ru
             yield run, bench.measure(run)
         return
     context = multiprocessing.get_context("spawn")
-    waiting = sorted(runs, key=lambda run: -estimated_minutes(bench, run))  # the longest first
+    times = read_run_times(bench.size)
+    waiting = sorted(runs, key=lambda run: -(estimated_seconds(bench, run, times) or 0))
     failed: list[str] = []
     working: dict[Any, tuple[Run, Any]] = {}
     try:

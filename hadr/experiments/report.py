@@ -1,168 +1,51 @@
-"""The report: the paper's tables beside ours, with what each of our rows cost and comes from.
+"""The report's other tables: conditions, the ledger's switches, trials, speed; from result files.
 
-It is made from the result files and `paper_tables.json`, whether these are the repository's own or
-what `hadr reproduce` has just written, and the book's page *The paper's tables, and ours* is it.
+The paper's own tables beside ours are made by `hadr.experiments.paper_report`.
 """
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from hadr.markdown import markdown_table
-from hadr.plotting.comparison import PUBLISHED_NAMES
 from hadr.plotting.results import NAMES
-from hadr.result_file import ResultFile, read_result_file
+from hadr.result_file import read_result_file
 
-TITLES = {
-    "known": "Known objects",
-    "unknown": "Unknown objects",
-    "ablation": "Ablation of HADR, known objects",
-}
-"""The paper's tables that have a result file."""
 DEFAULT = "as by default"
 """The ledger's column that has every switch as the project has it."""
+METRICS = (
+    ("rmse_m", "RMSE (cm)", 100),
+    ("rel", "REL (%)", 100),
+    ("mae_m", "MAE (cm)", 100),
+    ("delta_105", "δ1.05 (%)", 1),
+    ("delta_110", "δ1.10 (%)", 1),
+    ("delta_125", "δ1.25 (%)", 1),
+)
+"""Columns of the paper's tables: as in a row, as above a column, and the factor between."""
 _SWITCHED = {
     "coded-weights": "loss weights as coded",
     "wrist-translation": "wrist without rotation",
     "clamped-probability": "probability clamped",
 }
 """How the ledger's switches are called above their columns."""
-_COLUMNS = (
-    ("rmse_m", "RMSE (cm)", 100, 2),
-    ("rel", "REL (%)", 100, 2),
-    ("mae_m", "MAE (cm)", 100, 2),
-    ("delta_105", "δ1.05 (%)", 1, 2),
-    ("delta_110", "δ1.10 (%)", 1, 2),
-    ("delta_125", "δ1.25 (%)", 1, 2),
+
+
+_EFFECTS = (
+    (1, "loss weights as coded", "ledger", "coded-weights"),
+    (4, "probability clamped", "ledger", "clamped-probability"),
+    (7, "wrist frame without rotation", "ledger", "wrist-translation"),
+    (8, "simulated sensor instead of erased depth", "segmentation", "simulated sensor"),
+    (9, "predicted keypoints", "keypoints", "predicted keypoints"),
+    (14, "split by frame instead of by hold", "ledger", "split by frame"),
+    (15, "metrics pooled over all pixels", "ledger", None),
 )
-
-
-def report(results: str | Path, published: str | Path, size: str = "mini") -> str:
-    """Set the paper's tables beside those of a folder of result files.
-
-    Args:
-        results: The folder, with any of known.json, unknown.json and ablation.json.
-        published: The paper's tables, `results/paper_tables.json`.
-        size: The preset, for the commands.
-
-    Returns:
-        Markdown with one section a table: the numbers in pairs, then command, training time,
-        weights, seeds and provenance of each row.
-
-    Raises:
-        ValueError: A result file was edited by hand, or there is none.
-        FileNotFoundError: The paper's tables are missing.
-    """
-    paper = json.loads(Path(published).read_text(encoding="utf-8"))
-    parts = [
-        "Each command is the end of `hadr reproduce --preset "
-        f"{size} --data DIR data_samples/frames --out OUT`, where DIR is what `hadr generate "
-        f"--preset {size}` has made."
-        if size != "tiny"
-        else "Each command is the end of `hadr reproduce --preset tiny --out OUT`."
-    ]
-    for name, title in TITLES.items():
-        path = Path(results) / f"{name}.json"
-        if path.exists():
-            parts.append(_section(title, name, read_result_file(path), paper))
-    if len(parts) == 1:
-        raise ValueError(f"{results} has none of the files {', '.join(TITLES)}")
-    return "\n\n".join(parts) + "\n"
-
-
-def _section(title: str, name: str, file: ResultFile, paper: Mapping[str, Any]) -> str:
-    frames = sorted({row["frames"] for row in file.rows})
-    lines = [
-        f"## {title}",
-        "",
-        f"{' or '.join(map(str, frames))} test frames. Each cell: the paper's number on its data, "
-        "**ours** on ours (mean over the frames), and the difference, ours minus the paper's.",
-        "",
-        _pairs(file.rows, paper[name]),
-        "",
-        "How each of our rows was made:",
-        "",
-        _makings(file.rows),
-    ]
-    if any(row["provenance"].get("uncommitted_changes") for row in file.rows):
-        lines += [
-            "",
-            "\\* of this commit, with changes beside it that were not committed.",
-        ]
-    origin = file.provenance
-    torch, numpy = (origin["versions"].get(name, "?") for name in ("torch", "numpy"))
-    lines += [
-        "",
-        f"`{name}.json`, written {origin['created']} on {origin['machine']}, PyTorch {torch}, "
-        f"NumPy {numpy}; data {_short(origin['data']['sha256'])}, checksum "
-        f"{_short(origin['sha256'])}.",
-    ]
-    return "\n".join(lines)
-
-
-def _pairs(rows: Sequence[Mapping[str, Any]], paper: Mapping[str, Sequence[float]]) -> str:
-    lines = []
-    for row in rows:
-        theirs = paper.get(PUBLISHED_NAMES.get(row["method"], ""))
-        cells = []
-        for place, (column, _, factor, digits) in enumerate(_COLUMNS):
-            own = factor * row[column]
-            if theirs is None:
-                cells.append(f"**{own:.{digits}f}**")
-                continue
-            printed = factor * theirs[place]
-            shown = f"{printed:.1f}" if factor == 100 else f"{printed:.2f}"
-            cells.append(f"{shown} → **{own:.{digits}f}** ({own - printed:+.{digits}f})")
-        lines.append([_title(row["method"]), *cells])
-    return markdown_table(["method", *(title for _, title, _, _ in _COLUMNS)], lines)
-
-
-def _makings(rows: Sequence[Mapping[str, Any]]) -> str:
-    head = [
-        "command", "training (min)", "weights (M)", "seeds", "SD of RMSE (cm)", "commit",
-        "recipe",
-    ]  # fmt: skip
-    lines = []
-    for row in rows:
-        run = row["configuration"]["run"].rsplit("/", 1)[0]
-        minutes = f"{row['training_s'] / 60:.1f}" if row.get("training_s") else "-"
-        weights = f"{row['parameters'] / 1e6:.2f}" if row.get("parameters") else "-"
-        spread = row["seed_sd"]["rmse_m"]
-        seeds = " ".join(map(str, row["seeds"]))
-        if seeds != "0":
-            run += f" --seeds {seeds}"
-        corruption = row["configuration"]["data"]["corruption"]
-        if corruption != "oracle":
-            run += f" --corruption {corruption}"
-        commits = ", ".join(commit[:7] for commit in row["provenance"]["commit"])
-        if row["provenance"].get("uncommitted_changes"):
-            commits += " \\*"
-        cells = [
-            f"`--only {run}`",
-            minutes,
-            weights,
-            str(len(row["seeds"])),
-            "-" if spread is None else f"{100 * spread:.3f}",
-            commits,
-            _short(row["config_sha256"][0]),
-        ]
-        lines.append(cells)
-    return markdown_table(head, lines, "lrrrrll")
-
-
-def _short(sha: str) -> str:
-    return f"`{sha[:7]}`"
+"""The ledger's rows that were measured: number, the change, the result file, and its row there."""
 
 
 def _with_doubt(row: Mapping[str, Any]) -> str:
     return f"{100 * row['rmse_m']:.2f} ± {100 * row['rmse_standard_error_m']:.2f}"
-
-
-def _title(method: str) -> str:
-    return NAMES.get(method, method)
 
 
 def ledger_table(path: str | Path) -> str:
@@ -186,8 +69,8 @@ def ledger_table(path: str | Path) -> str:
         doubtless = {"rmse_standard_error_m": None}  # of a mean over frames, which this is none
         columns.insert(1, ("metrics pooled", {**default, **default["pooled"], **doubtless}))
     lines = [
-        [title, *(f"{factor * row[column]:.{digits}f}" for _, row in columns)]
-        for column, title, factor, digits in _COLUMNS
+        [title, *(f"{factor * row[column]:.2f}" for _, row in columns)]
+        for column, title, factor in METRICS
     ]
     lines[0][1:] = [
         cell if row["rmse_standard_error_m"] is None else _with_doubt(row)
@@ -198,6 +81,41 @@ def ledger_table(path: str | Path) -> str:
     ]
     lines.append(["trained", *epochs])
     return markdown_table(["metric", *(name for name, _ in columns)], lines)
+
+
+def ledger_effects(folder: str | Path) -> str:
+    """List what each measured row of the ledger does to HADR's error on known objects.
+
+    Args:
+        folder: Has `ledger.json`, `segmentation.json` and `keypoints.json`.
+
+    Returns:
+        Markdown, a line a row: its number, what was turned, HADR's RMSE in centimetres as by
+        default and with it, the difference, and the file.
+
+    Raises:
+        ValueError: A file was edited by hand.
+        FileNotFoundError: A file is missing.
+        KeyError: A row is missing.
+    """
+    read = {
+        name: read_result_file(Path(folder) / f"{name}.json")
+        for name in ("ledger", "segmentation", "keypoints")
+    }
+    default = read["ledger"].row(method=DEFAULT)
+    lines = []
+    for number, words, name, wanted in _EFFECTS:
+        if name == "ledger":
+            before = default["rmse_m"]
+            turned = default["pooled"] if wanted is None else read[name].row(method=wanted)
+            after = turned["rmse_m"]
+        else:
+            both = (read[name].row(method="hadr", given=given) for given in ("all true", wanted))
+            before, after = (row["rmse_m"] for row in both)
+        cells = [f"{100 * before:.2f}", f"{100 * after:.2f}", f"{100 * (after - before):+.2f}"]
+        lines.append([f"[{number}](#ledger-{number})", words, *cells, f"`{name}.json`"])
+    head = ["row", "what is turned", "default (cm)", "turned (cm)", "difference", "from"]
+    return markdown_table(head, lines, "llrrrl")
 
 
 def conditions_table(folder: str | Path) -> str:
@@ -301,3 +219,7 @@ def speed_table(path: str | Path) -> str:
             ]
         )
     return markdown_table(head, lines, "llr")
+
+
+def _title(method: str) -> str:
+    return NAMES.get(method, method)

@@ -161,7 +161,10 @@ class Bench:
         return []
 
     def epochs_done(self, run: Run) -> int:
-        """Count the epochs that a run's training has behind it."""
+        """Count the epochs that a run's training has behind it, with this recipe and these data."""
+        recipe = system(run.method, self.size).recipe
+        if recipe is not None and _is_another(self.out / run.name, recipe, self.data_of(run)):
+            return 0
         return len(self._history(run))
 
     def curve(self, run: Run) -> dict[str, list[float]] | None:
@@ -276,14 +279,19 @@ def set_aside_another(folder: Path, recipe: Preset, data: Mapping[str, Any]) -> 
     Returns:
         Where the earlier training lies now, beside the folder; None where there was none.
     """
-    record = (folder / LAST).with_suffix(".json")
-    if not record.is_file():
-        return None
-    found = json.loads(record.read_text(encoding="utf-8"))
-    asked = json.loads(json.dumps(plain({"preset": recipe.to_dict(), "data": data})))
-    if {name: found.get(name) for name in asked} == asked:
+    if not _is_another(folder, recipe, data):
         return None
     number = 1
     while (aside := folder.with_name(f"{folder.name}.old-{number}")).exists():
         number += 1
     return folder.rename(aside)
+
+
+def _is_another(folder: Path, recipe: Preset, data: Mapping[str, Any]) -> bool:
+    """Whether a training lies in this folder that is of another recipe or of other data."""
+    record = (folder / LAST).with_suffix(".json")
+    if not record.is_file():
+        return False
+    found = json.loads(record.read_text(encoding="utf-8"))
+    asked = json.loads(json.dumps(plain({"preset": recipe.to_dict(), "data": data})))
+    return bool({name: found.get(name) for name in asked} != asked)

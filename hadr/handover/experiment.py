@@ -116,6 +116,16 @@ def _one_thread() -> None:
     torch.set_num_threads(1)
 
 
+def is_finished(out: Path, trial: Trial) -> bool:
+    """Say whether an attempt was made with these settings, so that it is not made again.
+
+    Args:
+        out: The folder that `run_attempts` writes to.
+        trial: Which attempt.
+    """
+    return sealed_row(_path(out, trial), trial.record) is not None
+
+
 def _path(out: Path, trial: Trial) -> Path:
     return out / trial.arm / f"{trial.name}.json"
 

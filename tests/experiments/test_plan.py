@@ -5,7 +5,9 @@ import pytest
 from hadr.data.samples import samples_dir
 from hadr.experiments import runner
 from hadr.experiments.averages import table_rows
-from hadr.experiments.plan import estimated_minutes, measure_all, plan, plan_text
+from hadr.experiments.conditions import KEYPOINTS, MASKS
+from hadr.experiments.plan import estimated_seconds, measure_all, plan, table_steps
+from hadr.experiments.run_times import RunTimes, read_run_times
 from hadr.experiments.runner import Bench, Run
 from hadr.experiments.systems import LONG_RUN, METHODS, PARTS, SWITCHES, System, system
 from hadr.models.hadr import HADRConfig
@@ -53,12 +55,25 @@ def test_a_wish_that_fits_nothing_is_told():
 
 
 @pytest.mark.parametrize("size", ["tiny", "mini", "paper"])
-def test_every_system_has_every_preset_and_an_estimate(size, tmp_path):
+def test_every_system_has_every_preset_and_a_step(size, tmp_path):
     bench = Bench([samples_dir() / "frames"], tmp_path, size)
-    text = plan_text(bench, plan())
-    assert len(text.splitlines()) == len(plan()) + 2
-    assert "cores at a time" in plan_text(bench, plan(), jobs=4)
-    assert estimated_minutes(bench, Run("known", "hadr-long")) > 1
+    times = read_run_times(size)
+    steps = table_steps(bench, plan(), times)
+    assert [step.name for step in steps[: len(plan())]] == [run.name for run in plan()]
+    assert [step.name for step in steps[len(plan()) :]] == list({**MASKS, **KEYPOINTS})
+    assert not any(step.is_done for step in steps)
+    if size != "paper":  # where one step of HADR alone was timed
+        assert all(step.seconds for step in steps)
+    assert estimated_seconds(bench, Run("known", "hadr-long"), times) > 60
+
+
+def test_estimates_are_recorded_times(bench):
+    times = RunTimes({"hadr": 0.5}, {"hadr": 3.0, "raw": 2.0}, {}, {}, {})
+    assert estimated_seconds(bench, Run("known", "raw"), times) == 2.0
+    epochs = system("hadr", "tiny").recipe.epochs
+    assert estimated_seconds(bench, Run("known", "hadr"), times) == epochs * 6 * 0.5 + 3.0
+    assert estimated_seconds(bench, Run("known", "tode"), times) is None
+    assert estimated_seconds(bench, Run("known", "nearest"), times) is None
 
 
 def test_systems_differ_from_hadr_in_one_thing():
@@ -115,7 +130,13 @@ def test_runs_are_measured_once_and_gathered(bench, tmp_path, capsys):
     measure_all(bench, runs, tables)
     assert {p: p.stat().st_mtime_ns for p in bench.out.rglob("*") if p.is_file()} == times
     assert capsys.readouterr().out.count("was there") == 2
-    assert "done" in plan_text(bench, runs)
+    times = RunTimes({}, {}, {}, {}, {})
+    steps = {step.name: step for step in table_steps(bench, runs, times)}
+    assert steps["known/hadr/seed-0"].is_done
+    assert steps["known/hadr/seed-0"].seconds == 0
+    assert (tmp_path / steps["known/hadr/seed-0"].makes).is_file()
+    assert steps["predicted mask"].is_done
+    assert len(list(tmp_path.glob(steps["predicted mask"].makes))) == 2
     assert read_result_file(tables / "known.json").rows == found.rows
 
 

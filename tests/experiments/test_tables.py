@@ -24,8 +24,9 @@ from hadr.experiments.conditions import (
     finished_condition,
     measure_condition,
 )
+from hadr.experiments.paper_report import report
 from hadr.experiments.plan import measure_all, plan
-from hadr.experiments.report import DEFAULT, ledger_table, report, tuning_table
+from hadr.experiments.report import DEFAULT, ledger_table, tuning_table
 from hadr.experiments.runner import Bench, Run
 from hadr.experiments.splits import FrameSource
 from hadr.experiments.systems import System, system
@@ -209,10 +210,10 @@ def test_an_edited_file_makes_no_report(made: tuple[Bench, Path], tmp_path: Path
     _, folder = made
     text = report(folder, PUBLISHED, "tiny")
     row = read_result_file(folder / "known.json").row(method="hadr")
-    rmse, paper = 100 * row["rmse_m"], 0.9
-    assert f"0.9 → **{rmse:.2f}** ({rmse - paper:+.2f})" in text
-    assert "`hadr reproduce --preset tiny --out OUT`" in text
-    assert "| `--only known/hadr` |" in text
+    rmse = 100 * row["rmse_m"]
+    assert f'<th scope="row">ours</th><td>{rmse:.2f}</td>' in text
+    assert f'<th scope="row">difference</th><td>{rmse - 0.9:+.2f}</td>' in text
+    assert "<code>hadr reproduce --preset tiny --out OUT --only known/hadr</code>" in text
     assert "Unknown objects" not in text
     for name in ("known", "ablation", "ledger"):
         content = (folder / f"{name}.json").read_text(encoding="utf-8")
@@ -283,8 +284,10 @@ def test_a_training_of_another_recipe_is_set_aside(
     run = Run("known", "unet-hand")
     monkeypatch.setattr(runner, "system", longer)
     assert bench.measure(run)["epochs"] == 2
+    assert bench.epochs_done(run) == 2
     monkeypatch.setattr(runner, "system", small)
     assert bench.finished(run) is None
+    assert bench.epochs_done(run) == 0  # those epochs were another recipe's
     row = bench.measure(run)
     assert (row["epochs"], row["configuration"]["recipe"]["epochs"]) == (1, 1)
     aside = bench.out / "known" / "unet-hand" / "seed-0.old-1"

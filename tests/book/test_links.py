@@ -1,0 +1,60 @@
+"""Links inside of the built book, with their anchors; no browser is needed to follow them."""
+
+from html.parser import HTMLParser
+from pathlib import Path
+from urllib.parse import unquote, urlsplit
+
+
+class Page(HTMLParser):
+    """The addresses that a page leads to or shows, and the places on it that can be led to."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.links, self.places = [], set()
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        told = dict(attrs)
+        self.places |= {told[name] for name in ("id", "name") if told.get(name) is not None}
+        wanted = {"a": "href", "link": "href", "img": "src", "script": "src", "video": "src",
+                  "source": "src", "iframe": "src"}  # fmt: skip
+        if told.get(wanted.get(tag, "")) and told.get("rel") not in ("search", "canonical"):
+            self.links.append(told[wanted[tag]])
+
+
+def dead_links(html: Path) -> list[str]:
+    """Links of a folder's pages to files or anchors that are not there, each once."""
+    paths = [path for path in html.rglob("*.html") if "_static" not in path.parts]
+    pages = {path.resolve(): Page(path.read_text(encoding="utf-8")) for path in paths}
+    dead = set()
+    for path, page in pages.items():
+        for link in page.links:
+            parts = urlsplit(link)
+            if parts.scheme or parts.netloc:
+                continue
+            target = (path.parent / unquote(parts.path)).resolve() if parts.path else path
+            place = unquote(parts.fragment)
+            lost = place and target in pages and place not in pages[target].places
+            if not target.exists() or lost:
+                dead.add(f"{path.relative_to(html.resolve())} -> {link}")
+    return sorted(dead)
+
+
+def test_every_link_inside_of_the_book_leads_somewhere(html):
+    assert dead_links(html) == []
+
+
+def test_dead_links_are_seen(tmp_path):
+    (tmp_path / "notebooks").mkdir()
+    (tmp_path / "notebooks" / "a.html").write_text('<h1 id="there">A</h1><a href="../b.html">b</a>')
+    (tmp_path / "b.html").write_text(
+        '<a href="notebooks/a.html#there">1</a><a href="notebooks/a.html#gone">2</a>'
+        '<a href="#here">3</a><i id="here"></i><a href="#lost">4</a><a href="c.html">5</a>'
+        '<img src="x%20y.png"><a href="https://example.org/z#q">6</a><a href="mailto:a@b">7</a>'
+    )
+    assert dead_links(tmp_path) == [
+        "b.html -> #lost", "b.html -> c.html", "b.html -> notebooks/a.html#gone",
+        "b.html -> x%20y.png",
+    ]  # fmt: skip
+    (tmp_path / "x y.png").touch()
+    assert "b.html -> x%20y.png" not in dead_links(tmp_path)

@@ -1,0 +1,55 @@
+"""A chapter gives the same numbers, words and pictures when it is executed twice."""
+
+import json
+from pathlib import Path
+
+import nbformat
+
+from hadr.reproduce import run_notebooks
+
+ROOT = Path(__file__).resolve().parents[2]
+#: The quickest chapter; it draws, computes with a network, and has exercises.
+CHAPTER = ROOT / "notebooks" / "00_introduction.ipynb"
+
+
+def shown(path):
+    """What a reader sees of each cell: text, HTML and pictures, but not what goes to stderr."""
+    cells = []
+    for cell in nbformat.read(path, 4).cells:
+        outputs = cell.get("outputs", [])
+        seen = [o.text if o.output_type == "stream" else dict(o.get("data", {})) for o in outputs
+                if o.get("name") != "stderr"]  # fmt: skip
+        for data in (each for each in seen if isinstance(each, dict)):
+            data.pop("application/vnd.jupyter.widget-view+json", None)  # a random name
+        cells.append(seen)
+    return cells
+
+
+def test_a_chapter_gives_the_same_twice(tmp_path):
+    first, second = (
+        run_notebooks([CHAPTER], tmp_path / name, say=lambda line: None)[0]
+        for name in ("first", "second")
+    )
+    results = [json.loads(run.results.read_text())["results"] for run in (first, second)]
+    assert results[0] == results[1]
+    assert len(results[0]) > 0
+    cells = [shown(run.notebook) for run in (first, second)]
+    assert sum(bool(seen) for seen in cells[0]) > 5
+    for one, other in zip(*cells, strict=True):
+        assert one == other
+
+
+def test_the_comparison_sees_a_number_and_a_picture_that_differ(tmp_path):
+    for name, text, picture in (("a", "0.1", "AAAA"), ("b", "0.2", "AAAA"), ("c", "0.1", "AAAB")):
+        outputs = [
+            nbformat.v4.new_output("stream", name="stdout", text=text),
+            nbformat.v4.new_output("stream", name="stderr", text=f"warning {name}"),
+            nbformat.v4.new_output("display_data", data={"image/png": picture}),
+        ]
+        cell = nbformat.v4.new_code_cell("1", outputs=outputs)
+        nbformat.write(nbformat.v4.new_notebook(cells=[cell]), tmp_path / f"{name}.ipynb")
+    a, b, c = (shown(tmp_path / f"{name}.ipynb") for name in "abc")
+    assert a == shown(tmp_path / "a.ipynb")
+    assert a != b
+    assert a != c
+    assert "warning" not in str(a)
