@@ -122,6 +122,15 @@ def read_chapter(path: Path) -> Chapter:
     )
 
 
+def read_chapters(root: Path) -> list[Chapter]:
+    """Take all chapters of a checkout apart, in the book's order.
+
+    Args:
+        root: The checkout, with ``notebooks/``.
+    """
+    return [read_chapter(path) for path in sorted((root / "notebooks").glob("[0-9][0-9]_*.ipynb"))]
+
+
 def _pieces(cells: Sequence[Any], name: str) -> tuple[list[Piece], dict[str, str]]:
     pieces: list[Piece] = []
     titles: dict[str, str] = {}

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from hadr.book import repository_address
-from hadr.course.chapter import Chapter, read_chapter
+from hadr.course.chapter import Chapter, read_chapters
 from hadr.course.folder import check_target, written_whole
 from hadr.course.graded import course_notebook, otter_test
 from hadr.course.plain_text import plain_markdown, short_citations
@@ -79,8 +79,7 @@ def run(args: argparse.Namespace) -> int:
     """
     root = checkout_root()
     check_target(args.out)
-    paths = chapter_paths(root / "notebooks")
-    every = [read_chapter(path) for path in paths]
+    every = read_chapters(root)
     wanted = {path.stem for path in chapter_paths(root / "notebooks", args.only)}
     chapters = [chapter for chapter in every if chapter.name in wanted]
     if not args.no_slides and (missing := missing_packages()):
