@@ -92,7 +92,7 @@ def run(args: argparse.Namespace) -> int:
     try:
         with written_whole(args.out, about) as folder:
             write_notebooks(folder, chapters, marks, args.preset, args.seed, plain)
-            text = instructor_text(chapters, every)
+            text = plain(instructor_text(chapters, every))
             (folder / "instructor.md").write_text(text, encoding="utf-8")
             (folder / "nbgrader_config.py").write_text(NBGRADER_CONFIG, encoding="utf-8")
             if not args.no_slides:

@@ -194,7 +194,8 @@ def course_notebook(
             add("code", text, marked | (_figure_of(chapter, exercise) if solved else {}))
         elif piece.kind == "check":
             marked = _marked(f"{exercise.label}-check", "code", points=points[exercise.label])
-            add("code", check_cell(exercise, hidden_test=solved), marked)
+            closed = {} if solved else {"jupyter": {"source_hidden": True}}
+            add("code", check_cell(exercise, hidden_test=solved), marked | closed)
             if solved:
                 add("markdown", f"**Solution.** {plain(exercise.words)}", {})
     notebook = nbformat.v4.new_notebook(

@@ -163,10 +163,11 @@ def plans_text(chapters: Sequence[Chapter]) -> str:
             for block in session:
                 done = "; ".join(titles.get(label, label) for label in block.exercises)
                 where = ", ".join(str(chapter) for chapter in block.chapters)
-                rows.append([str(number), str(block.minutes), where, block.what, done or "none"])
-        head = ["session", "minutes", "chapter", "what", "exercises in class"]
+                when = f"{number}: {block.minutes} min"
+                rows.append([when, f"{block.what} ({where})", done or "none"])
+        head = ["session", "what (chapter)", "exercises in class"]
         parts.append(
-            f"### {plan.hours} hours\n\nAim: {plan.aim}.\n\n{markdown_table(head, rows, 'rrlll')}"
+            f"### {plan.hours} hours\n\nAim: {plan.aim}.\n\n{markdown_table(head, rows, 'l')}"
         )
     return "\n\n".join(parts)
 
@@ -223,8 +224,9 @@ test.
 `otter check notebook.ipynb -t tests/03_ray_voxels` shows the marks at once. Each test runs the
 exercise's own check on what the notebook leaves behind; the library must be installed there.
 
-The check cells are for learning: whoever reads one finds the expected answer. For an exam, ask for
-the way to the answer, or change the numbers in `solutions/` before the release is made.
+The check cells are for learning. JupyterLab shows them closed in `student/`, but whoever opens one
+finds the expected answer. For an exam, ask for the way to the answer, or change the numbers in
+`solutions/` before the release is made.
 """
 
 NBGRADER_CONFIG = f"""\

@@ -25,6 +25,8 @@ def test_writes_a_course_and_the_same_again(tmp_path, capsys):
         "tests/03_ray_voxels/ex-03-3.py", "tests/11_handover_experiment/ex-11-1.py",
         "tests/11_handover_experiment/ex-11-2.py",
     }  # fmt: skip
+    for name, data in first.items():
+        assert b"{cite}" not in data, name
     about = json.loads(first["course.json"])
     assert (about["preset"], about["chapters"]) == (
         "mini",

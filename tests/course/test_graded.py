@@ -109,6 +109,13 @@ def test_the_student_finds_no_solution(small):
     assert "last = 1" in text
 
 
+def test_the_students_check_is_closed(small):
+    """It holds the expected answer: JupyterLab shows the cell folded until somebody opens it."""
+    folded = {"source_hidden": True}
+    assert marked(notebook_of(small, solved=False))["ex-07-1-check"].metadata.jupyter == folded
+    assert "jupyter" not in marked(notebook_of(small, solved=True))["ex-07-1-check"].metadata
+
+
 def test_parameters_and_run_time(small):
     text = nbformat.writes(notebook_of(small, solved=False, preset="mini", seed=3))
     assert 'preset: str = \\"mini\\"' in text
