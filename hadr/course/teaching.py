@@ -235,7 +235,7 @@ c = get_config()  # noqa: F821
 # What stands in place of a solution. The line "answer_... = ..." above it stays.
 c.ClearSolutions.code_stub = {{"python": "{STUB}"}}
 # Seconds for the longest cell of the longest chapter, with room for slow machines.
-c.Execute.timeout = 900
+c.ExecutePreprocessor.timeout = 900
 """
 
 

@@ -162,7 +162,7 @@ def test_every_chapter_is_what_nbgrader_releases_from_its_solutions(root):
 
 def test_the_settings_for_nbgrader_put_the_same_stub():
     settings = types.SimpleNamespace(
-        ClearSolutions=types.SimpleNamespace(), Execute=types.SimpleNamespace()
+        ClearSolutions=types.SimpleNamespace(), ExecutePreprocessor=types.SimpleNamespace()
     )
     exec(NBGRADER_CONFIG, {"get_config": lambda: settings})
     assert settings.ClearSolutions.code_stub == {"python": STUB}
