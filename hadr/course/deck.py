@@ -1,8 +1,8 @@
 """A chapter's slides as text: what is on which slide, before anything is drawn.
 
 A deck has one column per section of the chapter. Its first slide holds the idea, in few words;
-below it stand the section's formulas and figures. Exercises have a slide each. What the chapter
-says at length goes into the speaker's notes.
+below it, under the same heading, stand the section's formulas and figures. Exercises have a slide
+each. What the chapter says at length goes into the speaker's notes.
 """
 
 from __future__ import annotations
@@ -147,12 +147,12 @@ def _column(section: Section, pictures: Mapping[str, str]) -> list[str]:
     if shown:
         rows = [f"{_capital(shown[0][0])}\n\n{shown[0][1]}"]
         rows += [f"{lead}\n\n{formula}" for lead, formula in shown[1:]]
-        slides.append("### In a formula\n\n" + "\n\n".join(rows))
+        slides.append(f"### {section.heading}\n\n" + "\n\n".join(rows))
     drawn = [piece for piece in section.figures if piece.source in pictures]
     for piece in drawn[:MOST_FIGURES]:
         words = str(piece.metadata["mystnb"]["image"]["alt"]).replace('"', "'")
         picture = f"```{{image}} {pictures[piece.source]}\n:alt: {words}\n```"
-        slides.append(f"### In a picture\n\n{picture}\n\n*{words}*")
+        slides.append(f"### {section.heading}\n\n{picture}\n\n*{words}*")
     return slides
 
 

@@ -47,7 +47,8 @@ _STYLE = """\
 .reveal .slides section { text-align: left; }
 .reveal h1 { font-size: 2.1em; text-transform: none; margin-top: 22vh; }
 .reveal h2 { font-size: 1.5em; text-transform: none; }
-.reveal h3 { font-size: 1.2em; text-transform: none; }
+.reveal h3 { font-size: 1.1em; text-transform: none; color: #555; }
+.reveal .slide-number { left: 8px; right: auto; }
 .reveal li { margin-bottom: 0.5em; }
 .reveal img { display: block; margin: 0 auto; max-width: 100%; max-height: 500px; }
 .reveal em { color: #555; font-size: 0.8em; }
