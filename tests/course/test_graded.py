@@ -1,8 +1,10 @@
 """Notebooks for a course. nbgrader and otter-grader are not needed to run these tests: what they
 read is written down here from their documentation."""
 
+import builtins
 import json
 import re
+import symtable
 import sys
 import types
 
@@ -201,3 +203,23 @@ def test_a_test_file_for_otter(small, otter):
         case.function(env={"answer_07_1": ...})
     with pytest.raises(AssertionError):  # a check of one's own does not help
         case.function(env={"answer_07_1": 9, "check": lambda *_, **__: True})
+
+
+@pytest.mark.parametrize("solved", [False, True])
+def test_no_cell_reads_what_only_a_removed_cell_made(book, solved):
+    """Read from the code alone: each name is made in a cell before, or in the cell itself."""
+    for chapter in book:
+        made = set(dir(builtins)) | {"get_ipython", "display"}
+        for cell in notebook_of(chapter, solved=solved).cells:
+            if cell.cell_type != "code":
+                continue
+            tables = [symtable.symtable(cell.source, "<cell>", "exec")]
+            made |= {s.get_name() for s in tables[0].get_symbols() if s.is_assigned()}
+            made |= {s.get_name() for s in tables[0].get_symbols() if s.is_imported()}
+            made |= {s.get_name() for s in tables[0].get_symbols() if s.is_namespace()}
+            asked = {s.get_name() for s in tables[0].get_symbols() if s.is_referenced()}
+            while tables:
+                inner = tables.pop().get_children()
+                tables += inner
+                asked |= {s.get_name() for t in inner for s in t.get_symbols() if s.is_global()}
+            assert asked <= made, (chapter.name, cell.source)
