@@ -50,7 +50,7 @@ _STYLE = """\
 .reveal h3 { font-size: 1.1em; text-transform: none; color: #555; }
 .reveal .slide-number { left: 8px; right: auto; }
 .reveal li { margin-bottom: 0.5em; }
-.reveal img { display: block; margin: 0 auto; max-width: 100%; max-height: 500px; }
+.reveal img { display: block; margin: 0 auto; max-width: 100%; max-height: 450px; }
 .reveal em { color: #555; font-size: 0.8em; }
 .reveal code { background: #f2f2f2; padding: 0 0.2em; }
 .reveal div.math { overflow-x: auto; margin: 1em 0; }
