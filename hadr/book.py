@@ -20,6 +20,8 @@ from typing import Any
 
 import yaml
 
+from hadr.course.chapter import read_chapters
+from hadr.course.teaching import chapters_text, plans_text
 from hadr.experiments.paper_report import report
 from hadr.experiments.report import (
     conditions_table,
@@ -51,8 +53,12 @@ REPORTS: dict[str, Callable[[Path], str]] = {
     "{{SPEED}}": lambda results: speed_table(results / "speed" / "side_by_side.json"),
     "{{LEDGER_EFFECTS}}": lambda results: ledger_effects(results / "mini"),
     "{{LEDGER_TABLE}}": lambda results: ledger_table(results / "mini" / "ledger.json"),
+    "{{TEACHING_PLANS}}": lambda results: plans_text(read_chapters(results.parent)),
+    "{{TEACHING_CHAPTERS}}": lambda results: chapters_text(
+        read_chapters(results.parent), lambda chapter: f"notebooks/{chapter.name}.ipynb"
+    ),
 }
-"""Words on pages in whose place a table from the result files stands."""
+"""Words on pages in whose place stands what is made from the result files or the chapters."""
 TABLE_BEGIN = "<!-- run times: begin (written by `make readme-times`) -->"
 TABLE_END = "<!-- run times: end -->"
 WIDGET_NOTE = (

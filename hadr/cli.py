@@ -20,6 +20,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "restore": ("hadr.restore_frame", "restore the depth of a transparent object in one frame"),
     "reproduce": ("hadr.reproduce", "execute the chapters and report beside the paper's tables"),
     "book": ("hadr.book", "execute the chapters and build the HTML book"),
+    "course": ("hadr.course.course_command", "write student notebooks, solutions and slides"),
     "generate": (
         "hadr.synthesis.generate_command",
         "make a data set of hand-held glass in TransHand's form",

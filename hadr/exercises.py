@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -61,6 +61,14 @@ def _same_words(answer: Any, expected: Any) -> bool:
     return given.shape == target.shape and bool(np.all(given == target))
 
 
+def _pairs(wrong: Iterable[tuple[npt.ArrayLike, str]]) -> list[tuple[npt.ArrayLike, str]]:
+    pairs = [] if isinstance(wrong, str | Mapping) else list(wrong)
+    good = (isinstance(pair, tuple) and len(pair) == 2 for pair in pairs)
+    if isinstance(wrong, str | Mapping) or not all(good):
+        raise ValueError(f"wrong must list pairs (value, 'hint'), got {wrong!r}")
+    return pairs
+
+
 def check(
     answer: Any,
     expected: npt.ArrayLike,
@@ -80,7 +88,11 @@ def check(
 
     Returns:
         The verdict, true where the answer is right.
+
+    Raises:
+        ValueError: ``wrong`` does not list pairs, whatever the answer is.
     """
+    wrong = _pairs(wrong)
     if answer is ...:
         return Verdict("open", "Not answered yet: put your result in place of the three dots.")
     target = np.asarray(expected)

@@ -107,6 +107,14 @@ def test_any_answer_gives_a_verdict(answer):
     assert str(verdict)
 
 
+@pytest.mark.parametrize("answer", [..., 3.0, 4.0])
+@pytest.mark.parametrize("wrong", [{4.0: "A mapping."}, [4.0], "no", [(4.0, "a", "b")]])
+def test_a_check_whose_hints_are_no_pairs_says_so_at_once(answer, wrong):
+    """Not only to the learner who gives a wrong answer: every run of the chapter meets it."""
+    with pytest.raises(ValueError, match="wrong must list pairs"):
+        check(answer, 3.0, wrong=wrong)
+
+
 def test_html_is_escaped_and_coloured_by_verdict():
     shown = Verdict("wrong", "Not <b>3</b>.")._repr_html_()
     assert "&lt;b&gt;3" in shown

@@ -10,7 +10,7 @@ PACKAGE = Path(__file__).resolve().parents[1] / "hadr"
 #: From the outermost room down. A module may import from its own floor and from those below.
 FLOORS: tuple[tuple[str, ...], ...] = (
     ("cli",),
-    ("reproduce", "book", "notebook_twins"),
+    ("reproduce", "book", "notebook_twins", "course"),
     ("chapter_record", "private_kernel"),
     ("restore_frame", "restore_report"),
     ("experiments",),

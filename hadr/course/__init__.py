@@ -1,0 +1,1 @@
+"""What a teacher needs: student notebooks, solutions, slides and a plan, made from the chapters."""

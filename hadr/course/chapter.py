@@ -1,0 +1,262 @@
+"""A chapter as a course sees it: its goals, its sections, its exercises with their cells.
+
+A chapter's notebook marks an exercise with the book's own fences: ``{exercise-start}`` and
+``{exercise-end}`` around the question, a cell in which ``answer = ...`` waits for the reader, a
+cell that ends with ``check(answer, ...)``, and ``{solution-start}`` to ``{solution-end}`` around
+the solution, whose last line is ``check(RESULT, ...)``.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+Kind = Literal["prose", "code", "question", "answer", "check", "solution"]
+
+_FENCE = re.compile(
+    r"^(?P<ticks>`{3,})\{(?P<gate>exercise|solution)-(?P<end>start|end)\}[ \t]*(?P<words>[^\n]*)\n"
+    r"(?P<options>(?::[\w-]+:[^\n]*\n)*)(?P=ticks)[ \t]*$",
+    flags=re.MULTILINE,
+)
+_GOALS = re.compile(
+    r"^\*\*You will be able to\*\*:?\s*\n((?:\s*\n|[-*] .*\n|  .*\n)+)", re.MULTILINE
+)
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A stretch of a chapter: one code cell, or prose between two fences.
+
+    Args:
+        kind: What the stretch is for.
+        source: Markdown or Python.
+        metadata: The cell's metadata; empty for prose.
+        label: The exercise's label; empty outside of exercises.
+        is_code: Whether the source is Python.
+    """
+
+    kind: Kind
+    source: str
+    metadata: Mapping[str, Any] = field(default_factory=dict)
+    label: str = ""
+    is_code: bool = False
+
+
+@dataclass(frozen=True)
+class Exercise:
+    """One exercise of a chapter.
+
+    Args:
+        label: Its label in the book, such as ``ex-03-1``.
+        title: Its heading.
+        question: The question, as Markdown.
+        answer: Code of the cell in which the learner writes.
+        check: Code of the cell that tells right from wrong.
+        words: The explanation of the solution, as Markdown.
+        solution: Code of the solution's cells, in order.
+    """
+
+    label: str
+    title: str
+    question: str
+    answer: str
+    check: str
+    words: str
+    solution: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Chapter:
+    """A chapter of the book, taken apart.
+
+    Args:
+        name: The notebook's name without suffix, such as ``03_ray_voxels``.
+        title: The first heading.
+        goals: What a reader will be able to do, one sentence each.
+        pieces: The whole chapter in order.
+        exercises: Its exercises in order.
+    """
+
+    name: str
+    title: str
+    goals: tuple[str, ...]
+    pieces: tuple[Piece, ...]
+    exercises: tuple[Exercise, ...]
+
+    @property
+    def number(self) -> int:
+        """The chapter's number in the book."""
+        return int(self.name[:2])
+
+
+def read_chapter(path: Path) -> Chapter:
+    """Take a notebook apart.
+
+    Args:
+        path: NN_name.ipynb.
+
+    Raises:
+        ValueError: The title, the goals or a part of an exercise is missing; the text says which.
+    """
+    import nbformat
+
+    notebook = nbformat.read(path, 4)
+    pieces, titles = _pieces(notebook.cells, path.name)
+    prose = "\n\n".join(piece.source for piece in pieces if piece.kind == "prose")
+    title = re.search(r"^# +(.+)$", prose, flags=re.MULTILINE)
+    goals = _GOALS.search(prose + "\n")
+    if title is None or goals is None:
+        missing = "title" if title is None else "list under '**You will be able to**'"
+        raise ValueError(f"{path.name} has no {missing}")
+    listed = re.split(r"^[-*] ", goals.group(1), flags=re.MULTILINE)[1:]
+    return Chapter(
+        name=path.stem,
+        title=title.group(1).strip(),
+        goals=tuple(" ".join(goal.split()).rstrip(".;") for goal in listed),
+        pieces=tuple(pieces),
+        exercises=tuple(_exercise(pieces, titles, label, path.name) for label in titles),
+    )
+
+
+def read_chapters(root: Path) -> list[Chapter]:
+    """Take all chapters of a checkout apart, in the book's order.
+
+    Args:
+        root: The checkout, with ``notebooks/``.
+    """
+    return [read_chapter(path) for path in sorted((root / "notebooks").glob("[0-9][0-9]_*.ipynb"))]
+
+
+def _pieces(cells: Sequence[Any], name: str) -> tuple[list[Piece], dict[str, str]]:
+    pieces: list[Piece] = []
+    titles: dict[str, str] = {}
+    kind: Kind = "prose"
+    label = ""
+    for cell in cells:
+        if cell.cell_type == "code":
+            pieces.append(Piece(_code_kind(kind, label, pieces), cell.source, dict(cell.metadata),
+                                label, True))  # fmt: skip
+            continue
+        position = 0
+        for fence in _FENCE.finditer(cell.source):
+            _add_prose(pieces, kind, cell.source[position : fence.start()], label)
+            position = fence.end()
+            if fence["end"] == "end":
+                kind = "prose"
+                label = label if fence["gate"] == "exercise" else ""
+            elif fence["gate"] == "exercise":
+                found = re.search(r"^:label: *(\S+)", fence["options"], flags=re.MULTILINE)
+                if found is None:
+                    raise ValueError(f"{name}: the exercise {fence['words']!r} has no label")
+                kind, label = "question", found.group(1)
+                titles[label] = fence["words"].strip()
+            else:
+                kind, label = "solution", fence["words"].strip()
+        _add_prose(pieces, kind, cell.source[position:], label)
+    return pieces, titles
+
+
+def _code_kind(kind: Kind, label: str, before: Sequence[Piece]) -> Kind:
+    """Between question and solution stand the cell for the answer and then the check."""
+    if kind != "prose" or not label:
+        return "code" if kind == "prose" else kind
+    answered = any(piece.kind == "answer" and piece.label == label for piece in before)
+    return "check" if answered else "answer"
+
+
+def _add_prose(pieces: list[Piece], kind: Kind, text: str, label: str) -> None:
+    if text.strip():
+        inside = label if kind in ("question", "solution") else ""
+        pieces.append(Piece(kind, text.strip(), {}, inside))
+
+
+def _exercise(
+    pieces: Sequence[Piece], titles: Mapping[str, str], label: str, name: str
+) -> Exercise:
+    own = [piece for piece in pieces if piece.label == label]
+    by_kind: dict[str, list[str]] = {}
+    for piece in own:
+        key = "code" if piece.kind == "solution" and piece.is_code else piece.kind
+        by_kind.setdefault(key, []).append(piece.source)
+    for part, wanted in {"question": 1, "answer": 1, "check": 1, "solution": 1}.items():
+        if len(by_kind.get(part, [])) < wanted:
+            raise ValueError(f"{name}: the exercise {label} has no {part}")
+    if len(by_kind["check"]) > 1 or not by_kind.get("code"):
+        raise ValueError(
+            f"{name}: the exercise {label} needs one check cell and a solution with code; it has "
+            f"{len(by_kind['check'])} and {len(by_kind.get('code', []))}"
+        )
+    last_call(by_kind["check"][0], f"{name}: the check cell of {label}")
+    last_call(by_kind["code"][-1], f"{name}: the solution of {label}")
+    return Exercise(
+        label=label,
+        title=titles[label],
+        question="\n\n".join(by_kind["question"]),
+        answer=by_kind["answer"][0],
+        check=by_kind["check"][0],
+        words="\n\n".join(by_kind["solution"]),
+        solution=tuple(by_kind["code"]),
+    )
+
+
+def last_call(source: str, what: str) -> ast.Call:
+    """The call of ``check`` with which a cell ends.
+
+    Args:
+        source: The cell's code.
+        what: How an error names the cell.
+
+    Raises:
+        ValueError: The cell does not end with ``check(...)``.
+    """
+    body = ast.parse(source).body
+    last = body[-1] if body else None
+    if (
+        isinstance(last, ast.Expr)
+        and isinstance(last.value, ast.Call)
+        and isinstance(last.value.func, ast.Name)
+        and last.value.func.id == "check"
+        and last.value.args
+    ):
+        return last.value
+    raise ValueError(f"{what} must end with check(...), got {source.splitlines()[-1:]}")
+
+
+def hints(exercise: Exercise) -> tuple[str, ...]:
+    """What the check says to plausible wrong answers, read from its code.
+
+    Args:
+        exercise: The exercise; its check is not run.
+
+    Returns:
+        The sentences, in the order of the code. They stand as the second of two in a pair, in
+        ``wrong=`` itself or in a list that has a name of its own.
+    """
+    tree = ast.parse(exercise.check)
+    call = last_call(exercise.check, exercise.label)
+    named = {
+        target.id: node.value
+        for node in tree.body
+        if isinstance(node, ast.Assign)
+        for target in node.targets
+        if isinstance(target, ast.Name)
+    }
+    listed = next((word.value for word in call.keywords if word.arg == "wrong"), None)
+    if isinstance(listed, ast.Name):
+        listed = named.get(listed.id)
+    found: list[str] = []
+    for pair in listed.elts if isinstance(listed, ast.List | ast.Tuple) else ():
+        hint = pair.elts[1] if isinstance(pair, ast.Tuple) and len(pair.elts) == 2 else pair
+        if isinstance(hint, ast.Name):
+            hint = named.get(hint.id, hint)
+        if not (isinstance(hint, ast.Constant) and isinstance(hint.value, str)):
+            raise ValueError(
+                f"{exercise.label}: wrong= must list pairs (value, 'sentence'), "
+                f"got {ast.unparse(pair)}"
+            )
+        found.append(hint.value)
+    return tuple(found)
