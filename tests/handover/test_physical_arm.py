@@ -147,3 +147,29 @@ def test_a_push_into_the_hand_stays_gentle(scene: HeldScene, speed: float, keypo
         world.robot.release()
         drive(world, start, 2.5)
         assert pose_distance(world.robot.tool_pose(), start)[0] < 0.005
+
+
+def test_the_wrist_feels_what_the_gripper_pushes(scene: HeldScene) -> None:
+    """Closed fingers run into the glass: the hand's spring says how hard."""
+    world = World(scene)
+    robot = world.robot
+    assert not robot.tool_wrench().any()
+    robot.set_gripper(0.0)
+    drive(world, robot.tool_pose(), 1.2)
+    start = robot.tool_pose()
+    middle = scene.base_from_object @ [0.0, 0.0, scene.item.height / 2, 1.0]
+    start[:3, 3] = middle[:3] - [0.16, 0.0, 0.0]
+    drive(world, start, 2.0)
+    assert np.linalg.norm(robot.tool_wrench()[:3]) < 0.05
+    felt = np.zeros(6)
+    for step in range(60):
+        world.robot.servo_to(moved(start, 0.002 * step, 0.0, 0.0), 0.02)
+        world.step(0.02)
+        felt = robot.tool_wrench()
+        if np.linalg.norm(felt[:3]) > 1.5:
+            break
+    tool = robot.tool_pose()
+    assert 1.5 < -felt[:3] @ tool[:3, 2] < 8.0  # against the approach
+    # the torque is that of a force at the tips, no farther aside than a finger is wide
+    lever = felt[3:] @ tool[:3, 1] / -(felt[:3] @ tool[:3, 2])
+    assert abs(lever) < 0.015

@@ -7,8 +7,9 @@ import pytest
 from scipy.spatial import cKDTree
 
 from hadr.camera import transform_points
+from hadr.handover.camera_frames import camera_frame
 from hadr.handover.robot import HOME_JOINTS, SimulatedUR5
-from hadr.handover.robot_camera import RobotCamera
+from hadr.handover.robot_camera import CapturedFrame, RobotCamera
 from hadr.handover.scenes import HeldScene, held_scene
 from hadr.handover.sight import (
     ARMS,
@@ -17,6 +18,7 @@ from hadr.handover.sight import (
     DepthArm,
     Sight,
     SightConfig,
+    bundled_finder,
 )
 from hadr.handover.world_state import WorldState
 
@@ -212,3 +214,39 @@ def test_wrong_names_are_refused(scene: HeldScene, camera: RobotCamera) -> None:
         Sight(scene, camera, wrong)
     with pytest.raises(ValueError, match="got 'asleep'"):
         BrokenSight(Sight(scene, camera, "raw"), "asleep")  # type: ignore[arg-type]
+
+
+def test_networks_find_glass_and_hand_in_a_picture_of_this_camera() -> None:
+    """Not of a trial, nor of the training: a frame of the split for scoring."""
+    frame = camera_frame("test", 2)
+    found = CapturedFrame(
+        0.0, frame.color, frame.raw_depth, frame.depth, frame.background_depth, frame.object_mask,
+        frame.hand_mask, np.zeros_like(frame.hand_mask), frame.keypoints, frame.camera,
+    )  # fmt: skip
+    mask, hand, keypoints = bundled_finder().find(found)
+    for seen, true in ((mask, frame.object_mask), (hand, frame.hand_mask)):
+        assert (seen & true).sum() / (seen | true).sum() > 0.5
+    assert not (mask & hand).any()
+    assert keypoints is not None
+    assert np.linalg.norm(keypoints - frame.keypoints, axis=1).mean() < 0.04
+    with pytest.raises(ValueError, match="a picture with colour, got none"):
+        bundled_finder().find(replace(found, color=None))
+
+
+def test_a_robot_with_networks_is_told_nothing_by_the_simulator(
+    scene: HeldScene, camera: RobotCamera
+) -> None:
+    told: list[CapturedFrame] = []
+
+    class Blind:
+        def find(self, frame: CapturedFrame):
+            told.append(frame)
+            return np.zeros_like(frame.object_mask), np.zeros_like(frame.hand_mask), None
+
+    sight = Sight(scene, camera, "hadr", finder=Blind())  # type: ignore[arg-type]
+    seen = sight.look(at(scene, 0.0), with_points=True)
+    assert seen.keypoints is None
+    assert seen.object_points is None
+    assert told[0].color is not None
+    assert sight.look(at(scene, 0.05), with_points=True).taken == 0.0  # no new picture yet
+    assert len(told) == 1

@@ -1,0 +1,158 @@
+"""The final move: how far it goes, and what it does when it feels something."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from hadr.handover.advance import DRAW_BACK, Advance
+from hadr.handover.grasps import forward_of
+from hadr.handover.guarded_arm import GuardedArm, HaltError
+from hadr.handover.robot import SimulatedUR5
+from hadr.handover.stages import HandoverConfig
+
+DT = 0.02
+PLAIN = HandoverConfig(arrive_distance=0.002)
+FEELING = replace(PLAIN, feel_ahead=0.04, feel_aside=0.02, contact_force=2.0)
+
+
+class Touching(SimulatedUR5):
+    """A kinematic arm whose gripper meets a block in front of the starting pose.
+
+    Attributes:
+        block: Lower and upper end along the closing axis, and the near face along the approach,
+            metres from the pre-grasp; None is nothing.
+        stiffness: N/m.
+    """
+
+    block: tuple[float, float, float] | None = None
+    palm: float | None = None
+    stiffness = 2000.0
+
+    def tool_wrench(self) -> np.ndarray:
+        tool = self.tool_pose()
+        local = np.linalg.inv(self.start) @ tool
+        x, z = local[0, 3], local[2, 3]
+        pushes = []  # place along the closing axis, force against the approach
+        if self.block is not None:
+            low, high, face = self.block
+            for finger in (-0.0475, 0.0475):
+                if low < x + finger < high and z > face:
+                    pushes.append((finger, self.stiffness * (z - face)))
+        if self.palm is not None and z > self.palm:
+            pushes.append((0.0, self.stiffness * (z - self.palm)))
+        force = sum((-f * tool[:3, 2] for _, f in pushes), np.zeros(3))
+        torque = sum(
+            (np.cross(at * tool[:3, 0], -f * tool[:3, 2]) for at, f in pushes), np.zeros(3)
+        )
+        return np.concatenate([force, torque])
+
+
+def advancing(config: HandoverConfig, **block: object) -> tuple[Touching, Advance, np.ndarray]:
+    robot = Touching()
+    robot.start = robot.tool_pose()
+    for name, value in block.items():
+        setattr(robot, name, value)
+    away = robot.start[:3, 3] + [0.0, 0.6, 0.3] + np.zeros((21, 3))
+    away += 0.01 * np.arange(63).reshape(21, 3) / 63
+    watch = SimpleNamespace(
+        keypoints=away, problem="", middle=away.mean(axis=0), velocity=lambda window: np.zeros(3)
+    )
+    arm = GuardedArm(robot, config)
+    advance = Advance(arm, watch)
+    advance.begin()
+    return robot, advance, robot.start
+
+
+def closing_pose(robot: Touching, advance: Advance, start: np.ndarray) -> np.ndarray:
+    """Run the final move; where the fingers close, relative to the pre-grasp."""
+    for _ in range(600):
+        advance.arm.read()
+        pose = advance.step(start, DT)
+        if pose is not None:
+            return np.linalg.inv(start) @ pose
+    raise AssertionError("the final move does not end")
+
+
+def test_without_feeling_it_ends_where_the_paper_says() -> None:
+    robot, advance, start = advancing(PLAIN, palm=0.05)  # what it meets, it does not feel
+    end = closing_pose(robot, advance, start)
+    np.testing.assert_allclose(end[:3, 3], [0, 0, PLAIN.back + PLAIN.forward], atol=1e-9)
+
+
+def test_it_goes_on_until_the_palm_is_met() -> None:
+    way = FEELING.back + FEELING.forward
+    robot, advance, start = advancing(FEELING, palm=way + 0.022)
+    end = closing_pose(robot, advance, start)
+    assert abs(end[2, 3] - way - 0.022) < 0.004
+    assert advance.corrections == 0
+
+
+def test_where_nothing_is_met_it_ends_a_fixed_way_on() -> None:
+    robot, advance, start = advancing(FEELING)
+    end = closing_pose(robot, advance, start)
+    assert end[2, 3] == pytest.approx(FEELING.back + FEELING.forward + FEELING.feel_ahead, abs=2e-3)
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+def test_a_finger_on_the_object_sends_the_gripper_to_that_side(side: int) -> None:
+    """A block from 0.03 m on one side: free once the gripper has gone 0.02 m towards it."""
+    block = sorted((side * 0.030, side * 0.062))
+    robot, advance, start = advancing(FEELING, block=(*block, 0.11))
+    end = closing_pose(robot, advance, start)
+    assert advance.corrections == 1
+    assert end[0, 3] == pytest.approx(side * FEELING.feel_aside, abs=1e-3)
+    assert end[2, 3] > FEELING.back + FEELING.forward
+
+
+def test_it_draws_back_before_it_goes_aside() -> None:
+    robot, advance, start = advancing(FEELING, block=(0.030, 0.062, 0.11))
+    deepest, drawn, ways = 0.0, False, []
+    for _ in range(400):
+        advance.arm.read()
+        local = np.linalg.inv(start) @ robot.tool_pose()
+        ways.append(local[[0, 2], 3])
+        if advance.step(start, DT) is not None:
+            break
+    x, z = np.array(ways).T
+    first_aside = int(np.argmax(x > 0.002))
+    deepest = z[:first_aside].max()
+    drawn = deepest - z[first_aside]
+    assert 0.11 < deepest < 0.118  # it did not push through
+    assert drawn > DRAW_BACK - 0.012
+
+
+def test_corrections_end() -> None:
+    """A wall on one side that no correction passes: after the last it closes or says so."""
+    few = replace(FEELING, corrections=2)
+    robot, advance, start = advancing(few, block=(0.0, 0.5, 0.145))
+    closing_pose(robot, advance, start)
+    assert advance.corrections == 2
+
+
+def test_an_object_wider_than_the_opening_stops_it() -> None:
+    robot, advance, start = advancing(FEELING, block=(-0.2, 0.2, 0.10))
+    with pytest.raises(HaltError, match=r"met the object \d+ mm before the end .* does not fit"):
+        closing_pose(robot, advance, start)
+
+
+def test_a_gripper_that_would_leave_its_reach_does_not_go_on() -> None:
+    robot, advance, start = advancing(FEELING)
+    robot.reachable = lambda pose: False
+    end = closing_pose(robot, advance, start)
+    assert end[2, 3] == pytest.approx(FEELING.back + FEELING.forward, abs=2e-3)
+
+
+def test_beside_the_hand_it_does_not_go_on() -> None:
+    """The hand stands where the fingers would come only by feeling ahead."""
+    robot, advance, start = advancing(FEELING)
+    ahead = forward_of(start, FEELING.back + FEELING.forward + 0.035)
+    spot = ahead[:3, 3] + 0.0475 * ahead[:3, 0]
+    advance.watch.keypoints = spot + 1e-4 * np.arange(63).reshape(21, 3)
+    advance.watch.middle = advance.watch.keypoints.mean(axis=0)
+    end = closing_pose(robot, advance, start)
+    way = end[2, 3] - FEELING.back - FEELING.forward
+    assert 0.009 < way < 0.021  # 1 cm of flesh and 5 mm to spare leave 2 cm
