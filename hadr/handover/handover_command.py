@@ -33,10 +33,12 @@ EPILOG = """\
 arms
   raw                 the depth that the camera measured
   inpainted           the glass filled in from around it
-  hadr, hadr-plus     restored by the bundled network
+  hadr, hadr-plus     restored by a bundled network trained for this camera
   perfect             the true depth
   hadr-no-rescoring   hadr, grasps by their own score alone
   hadr-no-tracking    hadr, the robot does not follow the hand
+  hadr-plus-networks  hadr-plus, and networks find the mask and the keypoints,
+                      which the simulator gives in all other arms, with noise
 
 examples
   hadr handover --arms hadr --objects 0004 --holds 902 --film \\
@@ -71,9 +73,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--arms",
         nargs="+",
-        default=["raw", "inpainted", "hadr", "perfect", "hadr-no-rescoring", "hadr-no-tracking"],
+        default=[
+            *("raw", "inpainted", "hadr", "hadr-plus", "perfect"),
+            *("hadr-no-rescoring", "hadr-no-tracking"),
+        ],
         metavar="ARM",
-        help="which to run, see below (all but hadr-plus)",
+        help="which to run, see below (all but hadr-plus-networks)",
     )
     parser.add_argument(
         "--objects",

@@ -46,7 +46,7 @@ def test_help_is_a_manual_and_imports_nothing_heavy() -> None:
     ("words", "says"),
     [
         (["--arms", "rau"], "arm must be one of raw, inpainted, hadr, hadr-plus, perfect, "
-         "hadr-no-rescoring, hadr-no-tracking, got 'rau'"),
+         "hadr-no-rescoring, hadr-no-tracking, hadr-plus-networks, got 'rau'"),
         (["--arms", "raw", "raw"], "--arms names raw twice"),
         (["--jobs", "0"], "--jobs must be at least 1, got 0"),
         (["--seed", "-1"], "--seed must be at least 0, got -1"),
@@ -94,7 +94,7 @@ def test_a_dry_run_says_what_it_would_do_and_writes_nothing(
     out: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert call(out, "--dry-run", "--jobs", 2) == 0
-    assert capsys.readouterr().out == "288 attempts: 8 objects, 6 holds, 6 arms, 2 at a time\n"
+    assert capsys.readouterr().out == "336 attempts: 8 objects, 6 holds, 7 arms, 2 at a time\n"
     words = ["--arms", "raw", "--objects", "0004", "--holds", 920, "--dry-run", "--jobs", 1]
     assert call(out, *words) == 0
     assert capsys.readouterr().out == "1 attempt: 1 object, 1 hold, 1 arm, 1 at a time\n"
