@@ -1,6 +1,9 @@
 """Launch links open a notebook that exists at that path in the repository."""
 
+import os
 import re
+import subprocess
+import tomllib
 import urllib.parse
 from pathlib import Path
 
@@ -84,19 +87,44 @@ def test_pages_name_no_host_of_scripts(html):
         assert "thebe" not in text.lower() or page.name == "running.html", page.name
 
 
-def test_binder_takes_the_pinned_environment():
-    """From binder/, the constraints are one folder up; the programs need no apt package."""
-    lines = (ROOT / "binder" / "requirements.txt").read_text(encoding="utf-8").split("\n")
-    assert "-c ../constraints.txt" in lines
-    (installed,) = [line for line in lines if line.startswith("-e ")]
-    extras = set(re.search(r"\[(.+)\]", installed).group(1).split(","))
-    assert {"book", "handover", "generate"} <= extras
-    pinned = (ROOT / "binder" / "runtime.txt").read_text(encoding="utf-8").strip()
-    project = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
-    assert (
-        pinned.removeprefix("python-") == re.search(r'requires-python = ">=([\d.]+)"', project)[1]
+def project():
+    return tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+
+
+def test_binder_takes_a_pytorch_without_gpu_libraries():
+    """Of conda-forge, as pip's own wheel brings them; and nothing else but Python and pip."""
+    text = (ROOT / "binder" / "environment.yml").read_text(encoding="utf-8")
+    content = yaml.safe_load(text)
+    assert content["channels"] == ["conda-forge", "nodefaults"]
+    (torch,) = [line for line in project()["dependencies"] if line.startswith("torch>")]
+    python = project()["requires-python"].removeprefix(">=")
+    wanted = {f"python={python}", "pip", torch.replace("torch", "pytorch-cpu")}
+    assert set(content["dependencies"]) == wanted
+    assert {path.name for path in (ROOT / "binder").iterdir()} == {"environment.yml", "postBuild"}
+
+
+def test_binder_installs_the_pinned_versions_and_leaves_pytorch_alone(tmp_path):
+    """postBuild in the repository's root, with a Python that notes what it is asked for."""
+    python = tmp_path / "bin" / "python"
+    python.parent.mkdir()
+    python.write_text(
+        '#!/bin/sh\nif [ "$1" = -c ]; then echo 2.99.1.post3; exit; fi\n'
+        'printf "%s\\n" "$@" >"$NOTED/words"\n'
+        'while [ "$1" != -c ]; do shift; done\ncp "$2" "$NOTED/pins"\n'
     )
-    assert {path.name for path in (ROOT / "binder").iterdir()} == {
-        "requirements.txt",
-        "runtime.txt",
-    }
+    python.chmod(0o755)
+    script = ROOT / "binder" / "postBuild"
+    assert os.access(script, os.X_OK)
+    path = f"{python.parent}{os.pathsep}{os.environ['PATH']}"
+    settings = {**os.environ, "PATH": path, "NOTED": str(tmp_path)}
+    subprocess.run([str(script)], cwd=ROOT, env=settings, check=True)
+
+    words = (tmp_path / "words").read_text().split()
+    assert words[:3] == ["-m", "pip", "install"]
+    extras = set(re.fullmatch(r"\.\[(.+)\]", words[words.index("-e") + 1])[1].split(","))
+    assert {"book", "handover", "generate"} <= extras <= set(project()["optional-dependencies"])
+    pins = (tmp_path / "pins").read_text().splitlines()
+    ours = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
+    changed = [(old, new) for old, new in zip(ours, pins, strict=True) if old != new]
+    assert [new for _, new in changed] == ["torch==2.99.1.post3"]
+    assert [old.partition("==")[0] for old, _ in changed] == ["torch"]
