@@ -350,8 +350,8 @@ def test_chapter_11_says_which_differences_could_be_chance() -> None:
     assert paired(rows["hadr-plus"], rows["raw"])[2] < 0.01  # "which is no chance"
     assert paired(rows["hadr"], rows["raw"])[2] > 0.05  # "could be chance"
     for arm in ("hadr-no-rescoring", "hadr-no-tracking"):
-        assert rows[arm]["successes"] < rows["hadr"]["successes"]  # "takes fewer"
-        assert paired(rows["hadr"], rows[arm])[2] > 0.05  # "cannot tell that from chance"
+        assert paired(rows["hadr"], rows[arm])[2] > 0.05  # "cannot say"
+        assert abs(rows[arm]["successes"] - rows["hadr"]["successes"]) <= 4  # "about as many"
     assert rows["inpainted"]["successes"] < rows["raw"]["successes"]  # "worse than doing nothing"
 
 
