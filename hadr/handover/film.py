@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import closing
 from functools import lru_cache
 from itertools import chain
 from pathlib import Path
@@ -256,7 +257,7 @@ def _write_mp4(path: Path, frames: Iterable[Picture], rate: float) -> None:
         raise ImportError(
             "an MP4 needs imageio and imageio-ffmpeg: pip install 'hadr[handover]'"
         ) from error
-    with writer:
+    with closing(writer):  # as its own context it would stay open where a picture fails
         for frame in frames:
             writer.append_data(frame)
 
