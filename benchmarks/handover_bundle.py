@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from hadr.data.samples import samples_dir, write_manifest
-from hadr.handover.experiment import arm_row, finished_attempt
+from hadr.handover.experiment import arm_row, ending_of, finished_attempt, read_row, verdicts
 from hadr.handover.film import film_frames, write_film
 from hadr.handover.trial import Trial
 from hadr.handover.views import side_view
@@ -27,20 +27,19 @@ def outcomes_below(folder: Path, arm: str) -> list[dict[str, Any]]:
     """All finished attempts of an arm, in the order of their names."""
     found = []
     for path in sorted((folder / arm).glob("*-*.json")):
-        trial = Trial(**json.loads(path.read_text(encoding="utf-8"))["trial"])
+        try:
+            trial = Trial(**read_row(path)["trial"])
+        except (KeyError, TypeError) as error:
+            raise ValueError(f"{path} describes no attempt: {error}") from error
         found.append(finished_attempt(folder, trial)[0])
     return found
 
 
-def verdicts(folder: Path, arm: str) -> dict[str, str]:
-    """The judge's word on each attempt of an arm, by the attempt's name."""
-    rows = outcomes_below(folder, arm)
-    return {name_of(row): row["verdict"] for row in rows}
-
-
-def name_of(row: dict[str, Any]) -> str:
-    """An attempt's name, such as ``0004-902``."""
-    return f"{row['trial']['object_id']}-{row['trial']['hold_number']}"
+def with_verdicts(row: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """A row of the table with each attempt's verdict, which rows once had not."""
+    if "verdicts" in row:
+        return row
+    return {**row, "verdicts": verdicts(outcomes_below(folder, row["arm"]))}
 
 
 def worse_row(arm: str, outcomes: list[dict[str, Any]]) -> dict[str, Any]:
@@ -59,16 +58,16 @@ def main() -> None:
     parser.add_argument("--results", type=Path, default=Path("results/mini"))
     args = parser.parse_args()
     table = read_result_file(args.out / "handover.json")
-    full = [{**row, "verdicts": verdicts(args.out, row["arm"])} for row in table.rows]
+    full = [with_verdicts(row, args.out) for row in table.rows]
     write_result_file(args.results / "handover.json", table.what, full, table.provenance)
     made_worse = [read_result_file(folder / "handover.json") for folder in args.worse]
     rows, names = [], set[str]()
     for folder, file in zip(args.worse, made_worse, strict=True):
         for row in file.rows:
-            names = set(verdicts(folder, row["arm"]))
             rows.append(worse_row(row["arm"], outcomes_below(folder, row["arm"])))
+            names = set(rows[-1]["verdicts"])
     for arm in dict.fromkeys(row["arm"] for row in rows):  # the same attempts, not made worse
-        same = [r for r in outcomes_below(args.out, arm) if name_of(r) in names]
+        same = [r for r in outcomes_below(args.out, arm) if set(verdicts([r])) <= names]
         rows.append(worse_row(arm, same))
     what = table.what + "; the same with the camera turned or a faster hand"
     if args.worse:
@@ -83,11 +82,12 @@ def main() -> None:
         arm, _, attempt = where.partition("/")
         object_id, _, hold = attempt.partition("-")
         trial = Trial(object_id, int(hold), arm=arm)
-        _, states, changes, scene = finished_attempt(args.out, trial)
+        row, states, changes, scene = finished_attempt(args.out, trial)
         (kept / arm).mkdir(parents=True, exist_ok=True)
         for ending in (".json", ".npz"):
             shutil.copy(args.out / arm / f"{attempt}{ending}", kept / arm / f"{attempt}{ending}")
-        frames = film_frames(states, scene, changes, view=side_view(480, 270), rate=10)
+        view = side_view(480, 270)
+        frames = film_frames(states, scene, changes, view=view, rate=10, ending=ending_of(row))
         write_film(kept / f"{name}.mp4", frames, rate=10)
         films[name] = [arm, object_id, int(hold)]
     if films:

@@ -5,8 +5,10 @@ The files play in browsers: MP4 (H.264, yuv420p) through imageio's ffmpeg, or GI
 
 from __future__ import annotations
 
+import os
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import closing
 from functools import lru_cache
 from itertools import chain
 from pathlib import Path
@@ -167,6 +169,7 @@ def film_frames(
     speed: float = 1.0,
     hold: float = 1.0,
     note: str = "",
+    ending: str = "",
 ) -> Iterator[Picture]:
     """Draw a film's pictures, one after the other.
 
@@ -179,6 +182,7 @@ def film_frames(
         speed: How much faster than life.
         hold: How long the last picture stays, seconds.
         note: A line in place of the stages' reasons.
+        ending: A line in place of all that below the last picture, such as the verdict.
 
     Yields:
         sRGB, shape (H + CAPTION_HEIGHT, W, 3) uint8.
@@ -187,14 +191,15 @@ def film_frames(
     span = (states[0].time, states[-1].time)
     drawn = FilmSet(scene, view)
     for time in times:
-        frame = captioned(drawn.draw(nearest_state(states, time)), time, transitions, span, note)
+        words = ending if ending and time == times[-1] else note
+        frame = captioned(drawn.draw(nearest_state(states, time)), time, transitions, span, words)
         yield frame
     for _ in range(round(hold * rate)):
         yield frame
 
 
 def write_film(path: str | Path, frames: Iterable[Picture], rate: float = 12.5) -> Path:
-    """Write pictures as a film.
+    """Write pictures as a film, whole or not at all.
 
     Args:
         path: Ends in .mp4 or .gif; folders are made.
@@ -216,12 +221,24 @@ def write_film(path: str | Path, frames: Iterable[Picture], rate: float = 12.5) 
     if first is None:
         raise ValueError("a film needs at least one picture, got none")
     path.parent.mkdir(parents=True, exist_ok=True)
-    if path.suffix == ".gif":
-        pictures = [_few_colors(frame) for frame in chain([first], checked)]
-        pictures[0].save(
-            path, save_all=True, append_images=pictures[1:], duration=round(1000 / rate), loop=0
-        )
-        return path
+    unfinished = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
+    write = _write_gif if path.suffix == ".gif" else _write_mp4
+    try:
+        write(unfinished, chain([first], checked), rate)
+        os.replace(unfinished, path)
+    finally:
+        unfinished.unlink(missing_ok=True)
+    return path
+
+
+def _write_gif(path: Path, frames: Iterable[Picture], rate: float) -> None:
+    pictures = [_few_colors(frame) for frame in frames]
+    pictures[0].save(
+        path, save_all=True, append_images=pictures[1:], duration=round(1000 / rate), loop=0
+    )
+
+
+def _write_mp4(path: Path, frames: Iterable[Picture], rate: float) -> None:
     try:
         import imageio.v2 as imageio
 
@@ -240,10 +257,9 @@ def write_film(path: str | Path, frames: Iterable[Picture], rate: float = 12.5) 
         raise ImportError(
             "an MP4 needs imageio and imageio-ffmpeg: pip install 'hadr[handover]'"
         ) from error
-    with writer:
-        for frame in chain([first], checked):
+    with closing(writer):  # as its own context it would stay open where a picture fails
+        for frame in frames:
             writer.append_data(frame)
-    return path
 
 
 def _same_size(frames: Iterable[Picture], *, even: bool) -> Iterator[Picture]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 import importlib.util
 import math
+import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -44,20 +46,26 @@ examples
   hadr handover --arms hadr --objects 0004 --holds 902 --film \\
       --out build/handover
   hadr handover --arms raw hadr perfect --jobs 2 --out build/handover
+  hadr handover --replay build/handover/hadr/0004-902-log.npz
 
 output, in --out
   ARM/OBJECT-HOLD.json      an attempt's outcome and its changes of stage
   ARM/OBJECT-HOLD.npz       the states of the world, 25 a second
   ARM/OBJECT-HOLD-log.npz   what the workflow saw and commanded, for a replay
-  ARM/OBJECT-HOLD.mp4       with --film
+  ARM/OBJECT-HOLD.mp4       with --film, drawn after the rows are written;
+                            about a minute each, on one core
   handover.json             one row per arm: successes, rate and its 95 %
-                            interval, failures by kind, times, distance, force
+                            interval, failures by kind, times, distance, force,
+                            and each attempt's verdict
 
 units
   metres, seconds of the simulated world (wall times are named so), newtons
 
 An attempt that is finished is not run again, so the command goes on where it
-was stopped. The same seed gives the same outcomes.
+was stopped; Ctrl-C loses only what was under way. Attempts of other settings,
+other networks or another version of the attempts are run again, and so is one
+whose states or log are missing or damaged. --dry-run counts what is done. The
+same seed gives the same outcomes.
 
 exit status
   0 done, however many attempts failed   2 a wrong call   130 interrupted"""
@@ -67,8 +75,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.description, parser.epilog = DESCRIPTION, EPILOG
-    parser.add_argument(
-        "--out", type=Path, required=True, metavar="DIR", help="folder of the attempts' files"
+    made_or_read = parser.add_mutually_exclusive_group(required=True)
+    made_or_read.add_argument(
+        "--out", type=_named_path, metavar="DIR", help="folder of the attempts' files"
+    )
+    made_or_read.add_argument(
+        "--replay",
+        type=_named_path,
+        metavar="FILE",
+        help="replay an attempt's log and print its changes of stage and its cautions; runs none",
     )
     parser.add_argument(
         "--arms",
@@ -113,16 +128,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="DEG",
         help="turn the camera by so many degrees from its calibration (0)",
     )
-    parser.add_argument("--film", action="store_true", help="write an MP4 of each attempt")
+    parser.add_argument(
+        "--film",
+        action="store_true",
+        help="write an MP4 of each attempt, one by one: about a minute each",
+    )
     parser.add_argument(
         "--watch",
         action="store_true",
         help="show the attempts live in MuJoCo's viewer, keep no files",
     )
     parser.add_argument(
-        "--json", type=Path, metavar="FILE", help="the rows' file (handover.json in --out)"
+        "--json", type=_named_path, metavar="FILE", help="the rows' file (handover.json in --out)"
     )
-    parser.add_argument("--dry-run", action="store_true", help="say what would be run, and stop")
+    parser.add_argument(
+        "--dry-run", action="store_true", help="say what would be run and what is done, and stop"
+    )
+
+
+def _named_path(text: str) -> Path:
+    if not text.strip():
+        raise argparse.ArgumentTypeError("expected a path, got an empty one")
+    return Path(text)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -135,9 +162,18 @@ def run(args: argparse.Namespace) -> int:
         ValueError: An argument is out of range or unknown, or a package is missing; the message
             names it.
     """
+    if args.replay is not None:
+        return _replay(args.replay)
     check_arguments(args)
     check_packages()
-    from hadr.handover.experiment import arm_row, attempts, film_of_attempt, run_attempts
+    from hadr.handover.experiment import (
+        arm_row,
+        attempts,
+        film_of_attempt,
+        film_path,
+        is_finished,
+        run_attempts,
+    )
     from hadr.handover.trial import Trial
     from hadr.handover.watch import check_display, watch_trial
 
@@ -161,8 +197,15 @@ def run(args: argparse.Namespace) -> int:
         f"{_count(len(args.holds), 'hold')}, {_count(len(plan), 'arm')}, "
         f"{1 if args.watch else args.jobs} at a time"
     )
+    if not args.watch:
+        done = sum(is_finished(args.out, trial) for trials in plan.values() for trial in trials)
+        print(f"finished already: {done} of {total} in {args.out}")
     if args.dry_run:
         return 0
+    path = args.json or args.out / "handover.json"
+    if not args.watch:
+        for folder in (args.out, path.parent):
+            _make_folder(folder)
     rows = []
     for arm, trials in plan.items():
         if args.watch:
@@ -172,13 +215,34 @@ def run(args: argparse.Namespace) -> int:
         outcomes = run_attempts(trials, args.out, jobs=args.jobs, report=_say)
         rows.append(arm_row(arm, outcomes))
         print(_sum_up(rows[-1]))
-        if args.film:
-            for trial in trials:
-                print(f"film: {film_of_attempt(args.out, trial)}")
     if rows:
-        path = args.json or args.out / "handover.json"
         write_result_file(path, _what(args), rows, {**provenance(), "machine": machine_text()})
         print(f"the rows: {path}")
+    if args.film:
+        for trial in (trial for trials in plan.values() for trial in trials):
+            print(f"drawing {film_path(args.out, trial)}", flush=True)
+            film_of_attempt(args.out, trial)
+    return 0
+
+
+def _replay(path: Path) -> int:
+    """Replay an attempt's log, and print what happened in the order of time."""
+    from hadr.handover.run_log import read_run_log, replay
+
+    if path.is_dir():
+        raise ValueError(f"--replay {path} is a folder, expected a log, such as 0004-902-log.npz")
+    log = read_run_log(path)
+    try:
+        again = replay(log)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+    changes = [
+        (t.time, 1, f"{t.before.value} -> {t.after.value}: {t.reason}") for t in again.transitions
+    ]
+    cautions = [(time, 0, f"  caution: {words}") for time, words in log.cautions if words]
+    for time, _, words in sorted([*changes, *cautions], key=lambda line: line[:2]):
+        print(f"{time:6.2f} s  {words}")
+    print(f"replayed {path}: the same {_count(len(changes), 'change')} of stage, the same commands")
     return 0
 
 
@@ -209,8 +273,23 @@ def check_arguments(args: argparse.Namespace) -> None:
         )
     if args.watch and args.film:
         raise ValueError("--watch keeps no files to film: give one of --watch and --film")
-    check_folder(args.out)
-    check_writable(args.json)
+    for name, path in (("--out", args.out), ("--json", args.json)):
+        try:
+            (check_folder if name == "--out" else check_writable)(path)
+        except ValueError as error:
+            raise ValueError(f"{name}: {error}") from error
+    if args.json is None and (args.out / "handover.json").is_dir():
+        raise ValueError(f"{args.out / 'handover.json'} is a folder, expected the rows' file")
+
+
+def _make_folder(path: Path) -> None:
+    """Make a folder for results before hours are spent on what it is to hold."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ValueError(f"can't make the folder {path}: {error.strerror}") from error
+    if not os.access(path, os.W_OK | os.X_OK):
+        raise ValueError(f"can't write to the folder {path}: permission denied")
 
 
 def check_packages() -> None:
@@ -234,9 +313,24 @@ def _what(args: argparse.Namespace) -> str:
     return (
         f"handover attempts in simulation: objects {' '.join(args.objects)}, holds "
         f"{' '.join(map(str, args.holds))}, seed {args.seed}, hand's speed x{args.hand_speed:g}, "
-        f"camera turned by {args.extrinsics_error:g} degrees; masks and keypoints from the "
-        "simulator with noise; success by HandoverSim's rules"
+        f"camera turned by {args.extrinsics_error:g} degrees; {_origin_of_masks(args.arms)}; "
+        "success by HandoverSim's rules"
     )
+
+
+def _origin_of_masks(arms: Sequence[str]) -> str:
+    """Say of which arms masks and keypoints are the simulator's, and of which networks'."""
+    from hadr.handover.trial import finds_by_networks
+
+    told = [arm for arm in arms if not finds_by_networks(arm)]
+    found = [arm for arm in arms if finds_by_networks(arm)]
+    words = []
+    if told:
+        of = f" for {', '.join(told)}" if found else ""
+        words.append(f"from the simulator with noise{of}")
+    if found:
+        words.append(f"from networks for {', '.join(found)}")
+    return f"masks and keypoints {' and '.join(words)}"
 
 
 def _say(trial: Any, row: dict[str, Any]) -> None:

@@ -12,7 +12,7 @@ import json
 import zipfile
 import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -95,7 +95,10 @@ def read_run_log(path: str | Path) -> RunLog:
         FileNotFoundError: There is no such file.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
+        file = np.load(path, allow_pickle=False)
+        if not isinstance(file, np.lib.npyio.NpzFile):
+            raise ValueError("it holds a single array, a log is an .npz of several")
+        with file:
             arrays = {name: file[name] for name in file.files}
         text, sealed = str(arrays.pop("header")), str(arrays.pop("checksum"))
     except FileNotFoundError:
@@ -109,6 +112,8 @@ def read_run_log(path: str | Path) -> RunLog:
             f"the file says {sealed[:12]}..."
         )
     header = json.loads(text)
+    if not isinstance(header, dict):
+        raise ValueError(f"{path} is no run log: its header is no JSON object")
     if header.get("format") != FORMAT:
         raise ValueError(f"{path} has format {header.get('format')}, this version reads {FORMAT}")
     return RunLog(arrays, header)
@@ -221,12 +226,41 @@ class LoggedRobot:
 
 
 def config_from(record: Mapping[str, Any]) -> HandoverConfig:
-    """Rebuild the settings from `dataclasses.asdict` of them, as JSON gives it back."""
+    """Rebuild the settings from `dataclasses.asdict` of them, as JSON gives it back.
+
+    Args:
+        record: Settings by their names; those that a log has not keep their standard.
+
+    Raises:
+        ValueError: A setting is unknown, as in a log of another version; the message names it.
+    """
     values = dict(record)
-    box = values["workspace"]
-    values["workspace"] = Workspace(tuple(box["lower"]), tuple(box["upper"]), box["table"])
+    for name, kind in (("workspace", Workspace), ("safety", SafetyConfig)):
+        part = values.get(name)
+        if not isinstance(part, Mapping):
+            raise ValueError(f"the log's settings have no {name}: it is of another version")
+        _check_known(part, kind, f"{name}.")
+    _check_known(values, HandoverConfig)
+    box: dict[str, Any] = {
+        name: value if name == "table" else tuple(value)
+        for name, value in values["workspace"].items()
+    }
+    values["workspace"] = Workspace(**box)
     values["safety"] = SafetyConfig(**values["safety"])
     return HandoverConfig(**values)
+
+
+def _check_known(
+    values: Mapping[str, Any],
+    kind: type[HandoverConfig | SafetyConfig | Workspace],
+    where: str = "",
+) -> None:
+    unknown = sorted(set(values) - {one.name for one in fields(kind)})
+    if unknown:
+        raise ValueError(
+            f"the log has the setting {where}{unknown[0]}, which this version does not know: "
+            "replay it with the version that made it"
+        )
 
 
 def logged_observation(log: RunLog, step: int) -> Observation:
@@ -262,7 +296,8 @@ def replay(log: RunLog, *, follow: FollowHand = hand_motion) -> Handover:
         The handover at the end, its robot a `LoggedRobot`.
 
     Raises:
-        ValueError: Another transition or command comes out than is in the log.
+        ValueError: Another transition or command comes out than is in the log, or it has a setting
+            that is unknown here.
     """
     robot = LoggedRobot(log)
     robot.turn_to(-1)

@@ -7,13 +7,17 @@ comes from the attempt's seed, so the same attempt ends in the same way.
 
 from __future__ import annotations
 
+import hashlib
 import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
 from typing import Any, Literal, get_args
 
 import numpy as np
 
+from hadr.data.samples import samples_dir
 from hadr.handover.hand_motions import HandMotionConfig, motion_for
 from hadr.handover.judge import Judge, Rules, Verdict
 from hadr.handover.motion_limits import MotionConfig
@@ -25,8 +29,15 @@ from hadr.handover.run_log import RunLog
 from hadr.handover.safety import SafetyConfig
 from hadr.handover.scenes import HeldScene, held_scene
 from hadr.handover.selection import GraspSelection
-from hadr.handover.sight import DepthArm, Looks, Sight, SightConfig, bundled_finder
-from hadr.handover.workflow import ChosenGrasp, HandoverConfig, Stage, Transition
+from hadr.handover.sight import (
+    CHECKPOINTS,
+    DepthArm,
+    Looks,
+    Sight,
+    SightConfig,
+    bundled_finder,
+)
+from hadr.handover.workflow import ChosenGrasp, Handover, HandoverConfig, Stage, Transition
 from hadr.handover.world import World, WorldConfig
 from hadr.handover.world_state import WorldState
 from hadr.provenance import record_of
@@ -54,6 +65,8 @@ _DEPTH_OF: dict[Arm, DepthArm] = {
     "hadr-no-tracking": "hadr",
     "hadr-plus-networks": "hadr-plus",
 }
+ATTEMPT_VERSION = 2
+"""Raised with every change of the code after which an attempt may end in another way."""
 CONTROL_STEP, SIGHT_STEP = 0.02, 0.1
 """Seconds between two steps of the workflow, and between two pictures."""
 
@@ -128,11 +141,42 @@ class Trial:
 
     @property
     def record(self) -> dict[str, Any]:
-        """The description and a checksum of the settings that all attempts share."""
+        """The description, and a checksum of what all attempts share and of the arm's networks.
+
+        Raises:
+            FileNotFoundError: A bundled network of this arm is not there.
+        """
         shared = (
             ATTEMPT_CONFIG, ATTEMPT_WORLD, HandMotionConfig(), SightConfig(), Rules(),
         )  # fmt: skip
-        return {**record_of(self), "settings_sha256": digest([record_of(s) for s in shared])}
+        settings = [record_of(s) for s in shared]
+        sums = {name: _file_sha256(path) for name, path in network_files(self.arm).items()}
+        return {
+            **record_of(self), "settings_sha256": digest([settings, ATTEMPT_VERSION, sums]),
+        }  # fmt: skip
+
+
+def network_files(arm: Arm) -> dict[str, Path]:
+    """The bundled checkpoints that an arm uses, by their names in `hadr.handover.sight`."""
+    names = [_DEPTH_OF[arm], *(("segmentation", "keypoints") if finds_by_networks(arm) else ())]
+    used = [name for name in names if name in CHECKPOINTS]
+    return {name: samples_dir() / "checkpoints" / CHECKPOINTS[name] for name in used}
+
+
+def finds_by_networks(arm: str) -> bool:
+    """Say whether networks find mask and keypoints, which else come from the simulator."""
+    return arm.endswith("-networks")
+
+
+def _file_sha256(path: Path) -> str:
+    state = path.stat()
+    return _sha256_then(path, state.st_mtime_ns, state.st_size)
+
+
+@lru_cache(maxsize=16)
+def _sha256_then(path: Path, changed: int, size: int) -> str:
+    """Checksum of a file, computed once for each time and size that it has."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 @dataclass(frozen=True)
@@ -141,7 +185,8 @@ class Outcome:
 
     Attributes:
         verdict: The judge's word.
-        reason: The last transition's reason; without one, why no grasp was chosen.
+        reason: The last transition's reason; without one, why no grasp was chosen. For a time-out
+            where the robot then was, and why it was slow or stood.
         decided_at: Simulated time of the verdict.
         first_grasp_at: Simulated time at which the first grasp was chosen; NaN without one.
         grasps_chosen: How often one was chosen.
@@ -234,7 +279,7 @@ def run_trial(
     world = World(scene, path, ATTEMPT_WORLD)
     camera = RobotCamera().miscalibrated(trial.extrinsics_error_deg, trial.seed)
     base_from_camera = camera.calibration
-    finder = bundled_finder() if trial.arm.endswith("-networks") else None
+    finder = bundled_finder() if finds_by_networks(trial.arm) else None
     whole = Sight(scene, camera, _DEPTH_OF[trial.arm], seed=trial.seed, finder=finder)
     sight: Looks = whole if spoil is None else spoil(whole)
     rng = np.random.default_rng([trial.seed, int(trial.object_id), trial.hold_number, 67])
@@ -269,12 +314,9 @@ def run_trial(
             on_step(world, state, handover.stage)
         step += 1
     chosen = [t for t in handover.transitions if t.after is Stage.APPROACH_AND_REACT]
-    last = f"no grasp was chosen: {handover.choosing.caution or handover.caution}"
-    if handover.transitions:
-        last = handover.transitions[-1].reason
     outcome = Outcome(
         verdict=judge.verdict,
-        reason=last,
+        reason=_reason(judge.verdict, handover),
         decided_at=judge.decided_at,
         first_grasp_at=chosen[0].time if chosen else float("nan"),
         grasps_chosen=len(chosen),
@@ -288,3 +330,18 @@ def run_trial(
     return Run(
         trial, scene, outcome, tuple(states[::2]), tuple(handover.transitions), handover.log()
     )
+
+
+def _reason(verdict: Verdict, handover: Handover) -> str:
+    """Why an attempt ended as it did, in words; see `Outcome.reason`."""
+    if not handover.transitions:
+        return f"no grasp was chosen: {handover.choosing.caution or handover.caution}"
+    last = handover.transitions[-1].reason
+    if verdict != "time-out":
+        return last
+    stage, part = handover.stage, ""
+    if stage in (Stage.GRASP_AND_RETRIEVE, Stage.STOPPED) and handover.part:
+        part = f", {handover.part}"
+    told = stage in (Stage.STOPPED, Stage.FINISHED)  # why it stands there is what entering it said
+    why = last if told else handover.caution or last
+    return f"time-out in {stage.value}{part}: {why}"

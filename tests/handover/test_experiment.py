@@ -2,8 +2,16 @@
 
 import json
 import math
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import time
 from collections import Counter
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +20,22 @@ import pytest
 import torch
 
 from hadr.handover import experiment
-from hadr.handover.experiment import arm_row, attempts, finished_attempt, run_attempts
+from hadr.handover.experiment import (
+    arm_row,
+    attempts,
+    ending_of,
+    film_of_attempt,
+    finished_attempt,
+    is_finished,
+    read_row,
+    run_attempts,
+    verdicts,
+)
 from hadr.handover.run_log import read_run_log, replay
-from hadr.handover.trial import ATTEMPT_CONFIG, Run, Trial
-from hadr.result_file import digest
+from hadr.handover.sight import CHECKPOINTS
+from hadr.handover.trial import ARMS, ATTEMPT_CONFIG, Run, Trial
+from hadr.plotting.handover_tables import paired
+from hadr.result_file import digest, seal_row
 
 
 @pytest.fixture
@@ -66,8 +86,176 @@ def test_a_finished_attempt_is_read_back(whole: Run, made: Counter[Trial], tmp_p
         finished_attempt(tmp_path, replace(trial, hold_number=923))
     path = tmp_path / "perfect" / "0010-922.json"
     path.write_text(path.read_text().replace('"verdict": "success"', '"verdict": "drop"'))
-    with pytest.raises(FileNotFoundError, match="changed by hand"):
+    with pytest.raises(FileNotFoundError, match=r"changed by hand; hadr handover makes it again"):
         finished_attempt(tmp_path, trial)
+
+
+def test_files_that_are_gone_or_cut_are_made_again(made: Counter[Trial], tmp_path: Path) -> None:
+    trial = Trial("0010", 922, "perfect")
+    (row,) = run_attempts([trial], tmp_path)
+    folder = tmp_path / "perfect"
+    times = 1
+    for name in ("0010-922.npz", "0010-922-log.npz"):
+        file = folder / name
+        for content in (None, file.read_bytes()[:-1], b""):
+            file.unlink() if content is None else file.write_bytes(content)
+            assert not is_finished(tmp_path, trial)
+            run_attempts([trial], tmp_path)
+            times += 1
+            assert made[trial] == times
+            assert is_finished(tmp_path, trial)
+    # a row of the time before the checksums: its files must be there, no more can be known
+    old = {name: row[name] for name in row if name not in ("states_sha256", "log_sha256")}
+    seal_row(folder / "0010-922.json", old)
+    assert is_finished(tmp_path, trial)
+    assert finished_attempt(tmp_path, trial)[0]["verdict"] == "success"
+    (folder / "0010-922-log.npz").unlink()
+    assert not is_finished(tmp_path, trial)
+    assert len(finished_attempt(tmp_path, trial)[1]) > 50  # for a film it is not needed
+
+
+def test_what_cannot_be_read_is_named_with_what_to_do(made: Counter[Trial], tmp_path: Path) -> None:
+    trial = Trial("0010", 922, "perfect")
+    run_attempts([trial], tmp_path)
+    path = tmp_path / "perfect" / "0010-922.json"
+    states = path.with_suffix(".npz")
+    whole, kept = states.read_bytes(), path.read_text()
+    states.write_bytes(whole[:-10])
+    with pytest.raises(ValueError, match=rf"{states} is cut off or was changed: hadr handover"):
+        finished_attempt(tmp_path, trial)
+    row = read_row(path)
+    seal_row(path, {name: row[name] for name in row if name != "states_sha256"})
+    with pytest.raises(ValueError, match=rf"{states}: .*; hadr handover makes the attempt again"):
+        finished_attempt(tmp_path, trial)
+    states.unlink()
+    with pytest.raises(FileNotFoundError, match=rf"{states} is missing: hadr handover makes"):
+        finished_attempt(tmp_path, trial)
+    for text, says in ((kept[:200], "is cut off or no JSON"), ("[1]", "holds a list")):
+        path.write_text(text)
+        with pytest.raises(ValueError, match=rf"{path} {says}.*hadr handover makes"):
+            finished_attempt(tmp_path, trial)
+
+
+def test_other_networks_or_another_version_are_other_settings(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "checkpoints").mkdir()
+    for file in CHECKPOINTS.values():
+        (tmp_path / "checkpoints" / file).write_bytes(b"one")
+    monkeypatch.setattr("hadr.handover.trial.samples_dir", lambda: tmp_path)
+
+    def settings() -> dict[str, str]:
+        return {arm: Trial("0010", 922, arm).record["settings_sha256"] for arm in ARMS}
+
+    def changed_by(change: Callable[[], object]) -> set[str]:
+        before = settings()
+        change()
+        after = settings()
+        return {arm for arm in before if before[arm] != after[arm]}
+
+    assert settings() == settings()
+    of_hadr = {"hadr", "hadr-no-rescoring", "hadr-no-tracking"}
+    for name, concerned in [
+        ("hadr", of_hadr),
+        ("hadr-plus", {"hadr-plus", "hadr-plus-networks"}),
+        ("segmentation", {"hadr-plus-networks"}),
+        ("keypoints", {"hadr-plus-networks"}),
+    ]:
+        file = tmp_path / "checkpoints" / CHECKPOINTS[name]
+        assert changed_by(lambda file=file: file.write_bytes(b"another")) == concerned
+    assert changed_by(
+        lambda: monkeypatch.setattr("hadr.handover.trial.ATTEMPT_VERSION", 99)
+    ) == set(ARMS)
+
+
+SLOW = """
+import os, pickle, sys, time
+from pathlib import Path
+from hadr.handover import experiment
+from hadr.handover.trial import Trial
+
+out = Path(sys.argv[1])
+
+def run_trial(trial):
+    (out / f"begun-{trial.hold_number}").write_text(str(os.getpid()))
+    if trial.hold_number == 900:
+        return pickle.loads((out / "whole").read_bytes())
+    time.sleep(300)
+
+experiment.run_trial = run_trial
+if __name__ == "__main__":
+    try:
+        experiment.run_attempts([Trial("0010", n, "perfect") for n in range(900, 906)], out, jobs=2)
+    except KeyboardInterrupt:
+        sys.exit(130)
+"""
+
+
+@pytest.fixture
+def under_way(whole: Run, tmp_path: Path) -> Iterator[tuple[subprocess.Popen[str], list[int]]]:
+    """Two processes at work on the second and the third of six attempts, the first is finished."""
+    (tmp_path / "slow.py").write_text(SLOW)
+    (tmp_path / "whole").write_bytes(pickle.dumps(whole))
+    process = subprocess.Popen(
+        [sys.executable, str(tmp_path / "slow.py"), str(tmp_path)],
+        stderr=subprocess.PIPE, text=True, start_new_session=True,
+    )  # fmt: skip
+    begun = [tmp_path / f"begun-{number}" for number in (901, 902)]
+    try:
+        assert within(180, lambda: all(f.is_file() and f.read_text() for f in begun))
+        yield process, [int(file.read_text()) for file in begun]
+    finally:
+        process.kill()
+        process.wait()
+        assert process.stderr is not None
+        process.stderr.close()
+
+
+def within(seconds: float, happens: Callable[[], bool]) -> bool:
+    end = time.monotonic() + seconds
+    while not happens():
+        if time.monotonic() > end:
+            return False
+        time.sleep(0.05)
+    return True
+
+
+def runs(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+on_linux = pytest.mark.skipif(sys.platform != "linux", reason="looks at processes in /proc")
+
+
+@on_linux
+def test_an_interrupt_ends_all_processes_and_keeps_what_is_finished(
+    under_way: tuple[subprocess.Popen[str], list[int]], tmp_path: Path
+) -> None:
+    process, workers = under_way
+    assert all(map(runs, workers))
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the workers, too
+    assert process.wait(20) == 130
+    assert within(5, lambda: not any(map(runs, workers)))
+    assert process.stderr is not None
+    assert process.stderr.read() == ""
+    # so many at a time, and no more were begun
+    assert sorted(f.name for f in tmp_path.glob("begun-*")) == [
+        f"begun-{n}" for n in range(900, 903)
+    ]
+    assert [is_finished(tmp_path, Trial("0010", n, "perfect")) for n in (900, 901)] == [True, False]
+
+
+@on_linux
+def test_processes_end_with_the_one_that_started_them(
+    under_way: tuple[subprocess.Popen[str], list[int]],
+) -> None:
+    process, workers = under_way
+    assert all(map(runs, workers))
+    process.kill()
+    assert within(20, lambda: not any(map(runs, workers)))
 
 
 def test_only_what_is_not_finished_is_run(whole: Run, made: Counter[Trial], tmp_path: Path) -> None:
@@ -134,7 +322,7 @@ def test_another_process_gives_what_this_one_gives(
         (before,) = run_attempts([finished], tmp_path / "two")
     told: list[Trial] = []
     rows = run_attempts(trials, tmp_path / "two", jobs=2, report=lambda t, _: told.append(t))
-    assert told == trials
+    assert told == trials  # what was finished is told first
     assert rows[0] == before
     for row in (here, rows[1]):
         for name in ("wall_seconds", "planning_wall_seconds", "sha256"):
@@ -146,9 +334,12 @@ def test_another_process_gives_what_this_one_gives(
     np.testing.assert_array_equal(first.base_from_object, second.base_from_object)
 
 
+HOLDS = count()
+
+
 def outcome(object_id: str, verdict: str, **values: Any) -> dict[str, Any]:
     return {
-        "trial": {"object_id": object_id},
+        "trial": {"object_id": object_id, "hold_number": next(HOLDS)},
         "verdict": verdict,
         "decided_at": 6.0,
         "first_grasp_at": 1.0,
@@ -182,6 +373,41 @@ def test_an_arms_row_by_hand() -> None:
     assert row["mean_wall_seconds"] == pytest.approx(5.0)
     assert row["smallest_hand_distance_m"] == 0.01
     assert row["largest_force_n"] == 2.5
+    names = [f"{o['trial']['object_id']}-{o['trial']['hold_number']}" for o in outcomes]
+    assert list(row["verdicts"]) == names
+    assert list(row["verdicts"].values()) == ["success"] * 3 + ["drop", "gave up"]
+    with pytest.raises(ValueError, match=f"attempt {names[0]} is there twice"):
+        arm_row("hadr", [*outcomes, outcomes[0]])
+
+
+def test_arms_are_compared_attempt_by_attempt() -> None:
+    def row(arm: str, *won: bool) -> dict[str, Any]:
+        rows = [outcome("0000", "success" if one else "drop") for one in won]
+        for number, one in enumerate(rows):
+            one["trial"]["hold_number"] = 900 + number
+        return arm_row(arm, rows)
+
+    ahead, behind, _ = paired(row("a", True, True, False), row("b", True, False, False))
+    assert (ahead, behind) == (1, 0)
+    assert verdicts([]) == {}
+
+
+def test_the_last_caption_says_the_verdict(
+    made: Counter[Trial], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    trial = Trial("0010", 922, "perfect")
+    (row,) = run_attempts([trial], tmp_path)
+    assert ending_of(row) == f"success after {row['decided_at']:.1f} s"
+    given: dict[str, Any] = {}
+
+    def frames(*_: object, **words: Any) -> list[object]:
+        given.update(words)
+        return []
+
+    monkeypatch.setattr(experiment, "film_frames", frames)
+    monkeypatch.setattr(experiment, "write_film", lambda path, _: path)
+    assert film_of_attempt(tmp_path, trial) == tmp_path / "perfect" / "0010-922.mp4"
+    assert given["ending"] == ending_of(row)
 
 
 def test_objects_above_the_papers_marks() -> None:

@@ -1,5 +1,6 @@
 """Pictures and films of the handover: what stands where, and what comes back from the files."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -216,6 +217,44 @@ def test_a_film_read_back_has_its_pictures(
     error = [np.abs(last.astype(float) - frame).mean() for frame in frames]
     assert int(np.argmin(error)) == 3
     assert error[3] < 4
+
+
+def test_the_ending_stands_below_the_last_picture_alone(
+    scene: HeldScene, start: WorldState
+) -> None:
+    states = [replace(start, time=0.2 * k) for k in range(4)]
+
+    def frames(**words: str) -> list[np.ndarray]:
+        view = side_view(128, 72)
+        return list(film_frames(states, scene, CHANGES, view=view, rate=5, hold=0.4, **words))
+
+    with_ending, without = frames(ending="drop after 0.6 s"), frames()
+    noted = frames(note="drop after 0.6 s")
+    assert len(with_ending) == 6
+    for k in range(3):
+        np.testing.assert_array_equal(with_ending[k], without[k])
+    for k in range(3, 6):  # as long as the last one stays
+        np.testing.assert_array_equal(with_ending[k], noted[k])
+        assert not np.array_equal(with_ending[k], without[k])
+
+
+@pytest.mark.parametrize("ending", [".mp4", ".gif"])
+def test_a_film_is_written_whole_or_not_at_all(ending: str, tmp_path: Path) -> None:
+    frame = np.zeros((20, 30, 3), dtype=np.uint8)
+    path = tmp_path / f"film{ending}"
+    path.write_bytes(b"the film before")
+
+    def broken() -> Iterator[np.ndarray]:
+        yield frame
+        raise RuntimeError("no more")
+
+    with pytest.raises(RuntimeError, match="no more"):
+        write_film(path, broken())
+    assert path.read_bytes() == b"the film before"
+    assert list(tmp_path.iterdir()) == [path]
+    write_film(path, [frame, frame])
+    assert path.read_bytes() != b"the film before"
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_what_is_no_film_is_refused(tmp_path: Path) -> None:

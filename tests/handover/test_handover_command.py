@@ -86,18 +86,110 @@ def test_places_that_cannot_be_written_are_named(
     assert call(file / "deeper", "--dry-run") == 2
     assert f"{file} is a file" in capsys.readouterr().err
     assert call(tmp_path / "out", "--dry-run", "--json", tmp_path) == 2
-    assert f"{tmp_path} is a folder" in capsys.readouterr().err
+    assert f"--json: {tmp_path} is a folder" in capsys.readouterr().err
+    assert call(tmp_path / "out", "--dry-run", "--json", file / "rows.json") == 2
+    assert f"--json: {file} can't be a folder" in capsys.readouterr().err
+    (tmp_path / "taken" / "handover.json").mkdir(parents=True)
+    assert call(tmp_path / "taken", "--dry-run") == 2
+    assert "handover.json is a folder" in capsys.readouterr().err
     assert file.read_text() == "kept"
+
+
+@pytest.mark.parametrize("words", [["--out", ""], ["--out", "x", "--json", " "], []])
+def test_an_empty_name_is_no_place(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as left:
+        main(["handover", *words, "--dry-run"])
+    assert left.value.code == 2
+    said = capsys.readouterr().err
+    assert (
+        f"argument {words[-2]}: expected a path, got an empty" in said
+        if words
+        else ("one of the arguments --out --replay is required" in said)
+    )
+
+
+def test_a_folder_for_the_rows_that_cannot_be_made_is_named_before_the_attempts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(experiment, "run_trial", None)
+    (tmp_path / "away").symlink_to(tmp_path / "nowhere" / "at" / "all")
+    words = ["--arms", "perfect", "--objects", "0010", "--holds", 922, "--jobs", 1]
+    assert call(tmp_path / "out", *words, "--json", tmp_path / "away" / "rows.json") == 2
+    assert f"can't make the folder {tmp_path / 'away'}" in capsys.readouterr().err
+
+
+def test_a_replay_prints_changes_and_cautions(
+    whole: Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = whole.log.save(tmp_path / "a-log.npz")
+    assert main(["handover", "--replay", str(file)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    for change in whole.transitions:
+        (line,) = [n for n in lines if f"{change.before.value} -> {change.after.value}" in n]
+        assert line.endswith(change.reason)
+        assert float(line.split()[0]) == pytest.approx(change.time, abs=0.006)
+    cautions = [words for _, words in whole.log.cautions if words]
+    assert [n.partition("caution: ")[2] for n in lines if "caution: " in n] == cautions
+    times = [float(line.split()[0]) for line in lines[:-1]]
+    assert times == sorted(times)
+    assert lines[-1] == f"replayed {file}: the same 3 changes of stage, the same commands"
+    (tmp_path / "b.npz").write_bytes(file.read_bytes()[:500])
+    assert main(["handover", "--replay", str(tmp_path / "b.npz")]) == 2
+    assert "b.npz is no run log" in capsys.readouterr().err
+    assert main(["handover", "--replay", str(tmp_path / "none.npz")]) == 2
+    assert "none.npz" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arms", "says"),
+    [
+        (["raw", "hadr"], "; masks and keypoints from the simulator with noise; "),
+        (["hadr-plus-networks"], "; masks and keypoints from networks for hadr-plus-networks; "),
+        (["raw", "hadr-plus-networks", "hadr"], "; masks and keypoints from the simulator with "
+         "noise for raw, hadr and from networks for hadr-plus-networks; "),
+    ],
+)  # fmt: skip
+def test_the_rows_file_says_whose_masks_and_keypoints(
+    arms: list[str],
+    says: str,
+    whole: Run,
+    out: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(experiment, "run_trial", lambda trial: replace(whole, trial=trial))
+    words = ["--objects", "0010", "--holds", 922, "--jobs", 1]
+    assert call(out, "--arms", *arms, *words) == 0
+    assert says in read_result_file(out / "handover.json").what
+
+
+def test_films_are_drawn_after_the_rows_are_written(
+    whole: Run, out: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(experiment, "run_trial", lambda trial: replace(whole, trial=trial))
+
+    def broken(*_: object) -> None:
+        raise OSError("the disk is full")
+
+    monkeypatch.setattr(experiment, "film_of_attempt", broken)
+    words = ["--arms", "raw", "perfect", "--objects", "0010", "--holds", 922, "--jobs", 1]
+    assert call(out, *words, "--film") == 2
+    said = capsys.readouterr()
+    assert "the disk is full" in said.err
+    assert said.out.endswith(f"drawing {out / 'raw' / '0010-922.mp4'}\n")
+    assert len(read_result_file(out / "handover.json").rows) == 2
 
 
 def test_a_dry_run_says_what_it_would_do_and_writes_nothing(
     out: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert call(out, "--dry-run", "--jobs", 2) == 0
-    assert capsys.readouterr().out == "336 attempts: 8 objects, 6 holds, 7 arms, 2 at a time\n"
+    assert capsys.readouterr().out == (
+        "336 attempts: 8 objects, 6 holds, 7 arms, 2 at a time\n"
+        f"finished already: 0 of 336 in {out}\n"
+    )
     words = ["--arms", "raw", "--objects", "0004", "--holds", 920, "--dry-run", "--jobs", 1]
     assert call(out, *words) == 0
-    assert capsys.readouterr().out == "1 attempt: 1 object, 1 hold, 1 arm, 1 at a time\n"
+    assert capsys.readouterr().out.startswith("1 attempt: 1 object, 1 hold, 1 arm, 1 at a time\n")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -154,5 +246,8 @@ def test_attempts_are_told_and_summed_up(
     assert {"mujoco", "mink"} <= set(file.provenance["versions"])
     # once more: nothing is run, the same rows
     monkeypatch.setattr(experiment, "run_trial", None)
+    capsys.readouterr()
+    assert call(out, *words, "--hand-speed", 2, "--dry-run") == 0
+    assert f"finished already: 4 of 4 in {out}" in capsys.readouterr().out
     assert call(out, *words, "--hand-speed", 2, "--json", out / "rows.json") == 0
     assert read_result_file(out / "rows.json").rows == file.rows

@@ -142,6 +142,29 @@ def test_a_log_that_was_changed_is_refused(path: Path, tmp_path: Path) -> None:
         read_run_log(tmp_path / "none.npz")
 
 
+def test_other_files_of_numpy_are_no_logs(tmp_path: Path) -> None:
+    np.save(tmp_path / "one.npy", np.zeros(3))
+    with pytest.raises(ValueError, match=r"one\.npy is no run log.*a single array"):
+        read_run_log(tmp_path / "one.npy")
+    np.savez(tmp_path / "two.npz", a=np.zeros(3))
+    with pytest.raises(ValueError, match=r"two\.npz is no run log"):
+        read_run_log(tmp_path / "two.npz")
+
+
+def test_settings_of_another_version_are_named(path: Path) -> None:
+    log = read_run_log(path)
+    config = log.header["config"]
+    safety, workspace = config["safety"], config["workspace"]
+    for other, says in [
+        ({**config, "boldness": 2.0}, "setting boldness, which this version does not know"),
+        ({**config, "safety": {**safety, "luck": 1.0}}, r"setting safety\.luck, which"),
+        ({**config, "workspace": {**workspace, "roof": 1.0}}, r"setting workspace\.roof, which"),
+        ({k: v for k, v in config.items() if k != "safety"}, "have no safety"),
+    ]:
+        with pytest.raises(ValueError, match=says):
+            replay(RunLog(log.arrays, {**log.header, "config": other}))
+
+
 def test_another_format_is_refused(path: Path, tmp_path: Path) -> None:
     log = read_run_log(path)
     other = RunLog(log.arrays, {**log.header, "format": 99}).save(tmp_path / "other.npz")

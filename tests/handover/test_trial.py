@@ -71,6 +71,7 @@ def test_a_watcher_sees_each_step_and_changes_nothing(whole: Run) -> None:
     run = run_trial(short, on_step=lambda world, state, stage: seen.append((state.time, stage)))
     assert [t for t, _ in seen] == pytest.approx(np.arange(1, len(seen) + 1) * STEP)
     assert run.outcome.verdict == "time-out"
+    assert run.outcome.reason.startswith("time-out in Approach & React: ")
     assert run.outcome.decided_at == pytest.approx(1.0, abs=STEP)
     assert all(map(equal, run.states, whole.states))
     chosen = whole.transitions[0].time
@@ -111,7 +112,11 @@ def test_broken_sight_stops_the_robot_in_time(
     assert stop.before is (Stage.APPROACH_AND_REACT if since < 3 else Stage.GRASP_AND_RETRIEVE)
     assert since < stop.time <= latest + 1e-9
     assert re.search(reason, stop.reason)
-    assert run.outcome.reason == stop.reason
+    assert run.outcome.verdict == "time-out"
+    assert re.fullmatch(
+        rf"time-out in Stopped, (still|open|back|clear): {re.escape(stop.reason)}",
+        run.outcome.reason,
+    )
     # it brakes within 0.3 s and stands for the rest of the stand time
     standing = fastest_joint(run, stop.time + 0.3, stop.time + 0.5)
     assert standing < 0.01
