@@ -32,6 +32,9 @@ TOO_SOON = 0.03
 ON_A_FINGER = 0.25
 """A contact farther from the middle than this part of the opening is on a finger."""
 
+ADVANCING = ("advance", "draw back", "feel")
+"""The parts of the final move."""
+
 
 @dataclass
 class Advance:
@@ -42,6 +45,7 @@ class Advance:
         watch: The newest hand.
         aside: How far the grasp was moved along the closing axis by what was felt, metres.
         corrections: How often.
+        all_corrections: How often in all final moves of this handover.
         travelled: How far the fingers have come from the pre-grasp, metres.
     """
 
@@ -49,17 +53,38 @@ class Advance:
     watch: HandWatch
     aside: float = field(default=0.0, init=False)
     corrections: int = field(default=0, init=False)
+    all_corrections: int = field(default=0, init=False)
     travelled: float = field(default=0.0, init=False)
     _end: float = field(default=0.0, init=False)
     _back_to: float | None = field(default=None, init=False)
     _side: float = field(default=0.0, init=False)
+    _felt: str = field(default="", init=False)
+
+    @property
+    def part(self) -> str:
+        """What it does: "advance", "draw back", or "feel" once it goes on past its end."""
+        if self._back_to is not None:
+            return "draw back"
+        return "feel" if self.travelled >= self._planned < self._end else "advance"
+
+    @property
+    def words(self) -> str:
+        """What it felt and what it does about it; empty on the planned way."""
+        if self._felt:
+            return self._felt
+        return "goes on, feeling for the object" if self.part == "feel" else ""
+
+    @property
+    def _planned(self) -> float:
+        """The final move's end without feeling, metres from the pre-grasp."""
+        c = self.arm.config
+        return final_travel(c.final_move, back=c.back, forward=c.forward)
 
     def begin(self) -> None:
         """Start at the pre-grasp."""
-        c = self.arm.config
-        self._end = final_travel(c.final_move, back=c.back, forward=c.forward)
+        self._end = self._planned
         self.travelled = self.aside = 0.0
-        self.corrections, self._back_to = 0, None
+        self.corrections, self._back_to, self._felt = 0, None, ""
 
     def step(self, pre_grasp: Array, dt: float) -> Array | None:
         """Go on for dt seconds.
@@ -72,7 +97,8 @@ class Advance:
             Where the fingers shall close, shape (4, 4); None while they shall not.
 
         Raises:
-            HaltError: The hand is too near, or the object does not fit between the fingers.
+            HaltError: The hand is too near, the object does not fit between the fingers, or the
+                sensor at the wrist gives no number.
         """
         arm, c = self.arm, self.arm.config
         target = pre_grasp.copy()
@@ -98,7 +124,7 @@ class Advance:
         met = self._met_at()
         if met is not None:
             on_finger = abs(met) > ON_A_FINGER * arm.reading.width
-            if on_finger and self._go_aside(target, float(np.sign(met))):
+            if on_finger and self._go_aside(target, met):
                 return None
             short = self._end - self.travelled
             if c.feel_aside > 0 and short > TOO_SOON:
@@ -107,6 +133,7 @@ class Advance:
                     "it does not fit between the fingers here",
                     back=True,
                 )
+            self._felt = f"{self._contact(met)}: closes here"
             return arm.reading.tool
         elif self.travelled >= self._end and near and not self._farther(target):
             return here
@@ -117,21 +144,43 @@ class Advance:
         arm, c = self.arm, self.arm.config
         if c.feel_ahead <= 0 and c.feel_aside <= 0:
             return None
-        tool, wrench = arm.reading.tool, arm.robot.tool_wrench()
+        tool, wrench = arm.reading.tool, np.asarray(arm.robot.tool_wrench(), dtype=np.float64)
+        if wrench.shape != (6,) or not np.isfinite(wrench).all():
+            raise HaltError("the sensor at the wrist gives no number", back=True)
         force = -float(wrench[:3] @ tool[:3, 2])
         if force <= c.contact_force:
             return None
         return float(wrench[3:] @ tool[:3, 1]) / force
 
-    def _go_aside(self, target: Array, side: float) -> bool:
-        """Draw back and go in again farther to a side (1 or -1); False where that can't be."""
-        c = self.arm.config
+    def _contact(self, met: float) -> str:
+        """Say what was met: so far along the closing axis, metres, as seen from the base."""
+        tool, width = self.arm.reading.tool, self.arm.reading.width
+        if abs(met) <= ON_A_FINGER * width:
+            return "the palm met the object"
+        side = float(np.sign(met)) * tool[:3, 0]
+        outward = tool[:2, 3] / max(float(np.linalg.norm(tool[:2, 3])), 1e-9)
+        parts = {
+            ("to the left", "to the right"): side[1] * outward[0] - side[0] * outward[1],
+            ("up", "down"): side[2],
+            ("outward", "inward"): side[:2] @ outward,
+        }
+        (one, other), part = max(parts.items(), key=lambda item: abs(item[1]))
+        return f"a finger met the object {1000 * abs(met):.0f} mm {one if part > 0 else other}"
+
+    def _go_aside(self, target: Array, met: float) -> bool:
+        """Draw back and go in again farther to the side of a contact; False where it can't be."""
+        c, side = self.arm.config, float(np.sign(met))
         moved = forward_of(target, self._end)
         moved[:3, 3] += side * c.feel_aside * target[:3, 0]
         free = c.feel_aside > 0 and self.corrections < c.corrections
         if not (free and self._clear(moved)):
             return False
         self.corrections += 1
+        self.all_corrections += 1
+        self._felt = (
+            f"{self._contact(met)}: draws back, goes {1000 * c.feel_aside:.0f} mm aside "
+            f"({self.corrections} of {c.corrections})"
+        )
         self._back_to = max(0.0, self.travelled - DRAW_BACK)
         self._side = side * c.feel_aside
         return True
@@ -145,12 +194,12 @@ class Advance:
         near = pose_distance(arm.reading.tool, here)[0] < c.arrive_distance
         if self.travelled <= self._back_to and near:
             self.aside += self._side
-            self._back_to = None
+            self._back_to, self._felt = None, ""
 
     def _farther(self, target: Array) -> bool:
         """Whether the fingers may go on, feeling for the object; the end of the way moves on."""
         c = self.arm.config
-        last = final_travel(c.final_move, back=c.back, forward=c.forward) + c.feel_ahead
+        last = self._planned + c.feel_ahead
         end = min(last, self._end + FEELING_STEP)
         if end <= self._end or not self._clear(forward_of(target, end)):
             return False

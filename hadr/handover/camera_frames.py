@@ -46,18 +46,26 @@ class CameraFrameConfig:
     Attributes:
         eye: Largest displacement of the camera along each axis.
         aim: The same of the point that it looks at.
-        arm_away: Share of the frames in which the arm is at home; else it is turned by ...
+        arm_at_home: Share of the frames in which the arm is at home; else it is turned by ...
         joints: ... this standard deviation in each joint.
         objects: Those that may be held: the eight that the bundled networks know.
     """
 
     eye: float = 0.06
     aim: float = 0.05
-    arm_away: float = 0.7
+    arm_at_home: float = 0.7
     joints: float = 0.15
     objects: tuple[str, ...] = tuple(OBJECTS)
 
     def __post_init__(self) -> None:
+        for name in ("eye", "aim", "joints"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value >= 0):
+                raise ValueError(f"{name} must be finite and 0 or more, got {value}")
+        if not 0 <= self.arm_at_home <= 1:
+            raise ValueError(f"arm_at_home must be a share in 0..1, got {self.arm_at_home}")
+        if not self.objects:
+            raise ValueError(f"objects must name at least one object, got {self.objects}")
         for name in self.objects:
             glass_object(name)  # says which there are
 
@@ -98,7 +106,7 @@ def camera_frame(
         room=room,
     )
     joints = HOME_JOINTS.copy()
-    if rng.random() > c.arm_away:
+    if rng.random() > c.arm_at_home:
         joints += rng.normal(0, c.joints, 6)
     state = WorldState(
         0.0,

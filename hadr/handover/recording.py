@@ -236,14 +236,17 @@ class RecordedHandover(Handover):
             events = self.recorded.step.events
             try:
                 grasp = choose(points, keypoints, self.recorded.robot, scene)
+                chose: list[Any] = [None]
+                if grasp is not None:
+                    pose = np.asarray(grasp.pose, dtype=np.float64).tolist()
+                    chose = [pose, float(grasp.width), float(grasp.score)]
             except (UnreachableError, ValueError) as error:
                 events.append(["choose_error", type(error).__name__, str(error)])
                 raise
-            if grasp is None:
-                events.append(["chose", None])
-            else:
-                pose = np.asarray(grasp.pose, dtype=np.float64).tolist()
-                events.append(["chose", pose, float(grasp.width), float(grasp.score)])
+            except Exception as error:
+                events.append(["choose_failed", type(error).__name__, str(error)])
+                raise
+            events.append(["chose", *chose])
             return grasp
 
         return chosen

@@ -212,6 +212,9 @@ class LoggedRobot:
     ) -> ChosenGrasp | None:
         """Choose what was chosen then."""
         self._fail("choose_error")
+        failed = self.take("choose_failed")
+        if failed:  # neither of the errors that say there is no grasp
+            raise type(failed[1], (Exception,), {})(failed[2])
         event = self.take("chose")
         if event is None or event[1] is None:
             return None

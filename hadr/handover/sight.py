@@ -309,7 +309,7 @@ class BrokenSight:
         until: Until this time, seconds.
 
     Raises:
-        ValueError: The fault is unknown.
+        ValueError: The fault is unknown, or it would end before it begins.
     """
 
     def __init__(
@@ -317,6 +317,8 @@ class BrokenSight:
     ) -> None:
         if fault not in FAULTS:
             raise ValueError(f"fault must be one of {', '.join(FAULTS)}, got {fault!r}")
+        if not since <= until:
+            raise ValueError(f"since must not be later than until, got {since} and {until}")
         self.sight, self.fault, self.since, self.until = sight, fault, since, until
         self._held: Observation | None = None
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from enum import Enum
-from typing import NamedTuple
+from numbers import Integral, Real
+from typing import NamedTuple, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -68,7 +69,8 @@ class HandoverConfig:
             meets the palm. 0 closes them at once, as in the paper.
         feel_aside: Where one finger runs into the object on the way in, the gripper draws back and
             goes in again this much farther to that finger's side; 0 does not feel.
-        corrections: How often it does, at most, before it closes where it is.
+        corrections: How often it does, at most. After that it closes where it is; but what it
+            meets more than 3 cm before the end of its way does not fit, and there it halts.
         contact_force: What the sensor at the wrist must feel against the approach, newtons.
         tracking: False: the target stays where it was when the grasp was chosen.
         final_tracking: False: the final move does not follow the hand, as in the paper.
@@ -76,7 +78,8 @@ class HandoverConfig:
             it lies within `refresh_distance` and `refresh_angle` of the one before.
         refresh_distance: See `look_again`.
         refresh_angle: See `look_again`.
-        calm_speed: A grasp is chosen once the hand is slower than this, metres per second ...
+        calm_speed: A grasp is chosen once the hand is slower than this, metres per second
+            (infinity: always) ...
         calm_window: ... over so long ...
         longest_wait: ... or has been seen for so long.
         choose_every: Least time between two searches for a grasp.
@@ -152,8 +155,33 @@ class HandoverConfig:
     workspace: Workspace = field(default_factory=Workspace)
 
     def __post_init__(self) -> None:
-        for name in ("approach_speed", "turn_speed", "advance_speed", "patience"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{name} must be more than 0, got {getattr(self, name)}")
-        if self.tries < 1:
-            raise ValueError(f"tries must be 1 or more, got {self.tries}")
+        for item in fields(self):
+            name, value = item.name, getattr(self, item.name)
+            if item.type == "float":
+                _check_number(name, value)
+            elif item.type == "int":
+                least = 1 if name == "tries" else 0
+                if not isinstance(value, Integral):
+                    raise ValueError(f"{name} must be an integer, got {value!r}")
+                if value < least:
+                    raise ValueError(f"{name} must be {least} or more, got {value}")
+        if self.final_move not in get_args(FinalMove):
+            known = ", ".join(get_args(FinalMove))
+            raise ValueError(f"final_move must be one of {known}, got {self.final_move!r}")
+
+
+_ABOVE_ZERO = ("approach_speed", "turn_speed", "advance_speed", "back_speed", "patience")
+_ENDLESS = ("largest_drift", "calm_speed")
+"""Infinity switches these limits off."""
+
+
+def _check_number(name: str, value: object) -> None:
+    """ValueError a setting that is no number, not finite, or too small."""
+    number = isinstance(value, Real) and not isinstance(value, bool)
+    size = float(value) if number else np.nan  # type: ignore[arg-type]
+    if not (np.isfinite(size) or (size == np.inf and name in _ENDLESS)):
+        raise ValueError(f"{name} must be a finite number, got {value!r}")
+    if name in _ABOVE_ZERO and size <= 0:
+        raise ValueError(f"{name} must be more than 0, got {value}")
+    if size < 0:
+        raise ValueError(f"{name} must be 0 or more, got {value}")

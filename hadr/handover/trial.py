@@ -191,11 +191,13 @@ class Outcome:
         first_grasp_at: Simulated time at which the first grasp was chosen; NaN without one.
         grasps_chosen: How often one was chosen.
         smallest_distance: Of robot and hand.
-        largest_force: Of the robot on the hand.
+        largest_force: Of the robot on the hand, up to the verdict: the first contact ends the
+            attempt, so this is that contact's first force, not what would have followed.
         motion: Kind of the hand's motion.
         kind: Kind of the hold.
         planning_wall_seconds: Mean real time of one search for a grasp; NaN without one.
         wall_seconds: Real time of the whole attempt.
+        corrections: How often a finger met the object and the gripper went in again beside.
     """
 
     verdict: Verdict
@@ -209,6 +211,7 @@ class Outcome:
     kind: str
     planning_wall_seconds: float
     wall_seconds: float
+    corrections: int = 0
 
 
 @dataclass(frozen=True)
@@ -326,6 +329,7 @@ def run_trial(
         kind=scene.hold.kind,
         planning_wall_seconds=float(np.mean(select.seconds)) if select.seconds else float("nan"),
         wall_seconds=clock.perf_counter() - started,
+        corrections=handover.advance.all_corrections,
     )
     return Run(
         trial, scene, outcome, tuple(states[::2]), tuple(handover.transitions), handover.log()

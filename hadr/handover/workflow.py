@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hadr.handover import safety
-from hadr.handover.advance import Advance
+from hadr.handover.advance import ADVANCING, Advance
 from hadr.handover.choosing import Choosing
 from hadr.handover.grasps import forward_of
 from hadr.handover.guarded_arm import NO_NEARER, GuardedArm, HaltError
@@ -63,7 +63,8 @@ class Handover:
         config: Settings.
         follow: How the hand is followed; see `hadr.handover.tracking`.
         stage: Where it stands.
-        part: Which part of the stage: advance, close, let go, retreat; still, open, back, clear.
+        part: Which part of the stage: advance, draw back, feel, close, let go, retreat; still,
+            open, back, clear.
         transitions: Every change of stage with its reason, oldest first.
         caution: Why the robot is slower than it could be or waits; empty where it is not.
         tries: How often it was stopped.
@@ -186,7 +187,8 @@ class Handover:
         way = self.arm.ahead(forward_of(chosen.pose, -c.back), within=np.inf)
         free = safety.path_distance(way, chosen.width, self.watch.keypoints)
         if free < c.safety.approach_distance:
-            self.caution = f"the hand is {1000 * free:.0f} mm from the way to the grasp"
+            choosing.refuse(f"the hand is {1000 * free:.0f} mm from the way to the grasp")
+            self.caution = choosing.caution
             return
         self._take(chosen)
         self._looked_again = False
@@ -298,7 +300,7 @@ class Handover:
         assert self.target is not None
         if now - self._entered > c.grasp_timeout:
             raise HaltError(f"grasp not finished within {c.grasp_timeout:.1f} s", back=True)
-        if self.part != "advance":
+        if self.part not in ADVANCING:
             self.caution = self.watch.camera_trouble(now)
             pulled_back = self.retrieval.step(now, dt, factor=BLIND if self.caution else 1.0)
             self.part = self.retrieval.part
@@ -309,6 +311,8 @@ class Handover:
         if not self._see(new, dt):
             return
         pose = self.advance.step(self.target, dt)
+        self.part = self.advance.part
+        self.caution = "; ".join(filter(None, (self.advance.words, self.arm.caution)))
         if pose is not None:
             self.target = pose
             self.retrieval.begin(now, pose, self.grasp.width)
@@ -354,6 +358,8 @@ class Handover:
 
     def _leave(self, reason: str, observation: Observation) -> None:
         why = self.choosing.obstacle(observation, self.time)
+        if not why and self.stage is Stage.WAIT_AND_OBSERVE:
+            why = self.choosing.reason
         self.arm.release()
         self.part = ""
         self._enter(Stage.GOING_HOME, reason + (f"; {why}" if why else ""))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -13,6 +14,7 @@ from hadr.handover.grasps import forward_of
 from hadr.handover.guarded_arm import GuardedArm, HaltError
 from hadr.handover.robot import SimulatedUR5
 from hadr.handover.stages import HandoverConfig
+from hadr.handover.trial import Outcome
 
 DT = 0.02
 PLAIN = HandoverConfig(arrive_distance=0.002)
@@ -123,6 +125,84 @@ def test_it_draws_back_before_it_goes_aside() -> None:
     drawn = deepest - z[first_aside]
     assert 0.11 < deepest < 0.118  # it did not push through
     assert drawn > DRAW_BACK - 0.012
+
+
+def said(robot: Touching, advance: Advance, start: np.ndarray) -> list[tuple[str, str]]:
+    """The parts and words of the final move, each once, up to the closing."""
+    heard = [(advance.part, advance.words)]
+    for _ in range(600):
+        advance.arm.read()
+        pose = advance.step(start, DT)
+        if heard[-1] != (advance.part, advance.words):
+            heard.append((advance.part, advance.words))
+        if pose is not None:
+            return heard
+    raise AssertionError("the final move does not end")
+
+
+def test_on_the_papers_way_there_is_nothing_to_say() -> None:
+    assert said(*advancing(PLAIN, palm=0.05)) == [("advance", "")]
+
+
+def test_feeling_for_the_object_is_said() -> None:
+    robot, advance, start = advancing(FEELING, palm=FEELING.back + FEELING.forward + 0.022)
+    assert said(robot, advance, start) == [
+        ("advance", ""),
+        ("feel", "goes on, feeling for the object"),
+        ("feel", "the palm met the object: closes here"),
+    ]
+    assert advance.all_corrections == 0
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+def test_a_correction_is_said_and_counted(side: int) -> None:
+    robot, advance, start = advancing(FEELING, block=(*sorted((side * 0.030, side * 0.062)), 0.11))
+    # left of the line from the base to the tool, seen from above
+    left = np.cross([0, 0, 1], [*start[:2, 3], 0.0])
+    where = "left" if side * start[:3, 0] @ left > 0 else "right"
+    heard = said(robot, advance, start)
+    assert [part for part, _ in heard[:3]] == ["advance", "draw back", "advance"]
+    assert [heard[0][1], heard[2][1]] == ["", ""]
+    assert re.fullmatch(  # the finger's middle lies 47.5 mm beside the tool's
+        rf"a finger met the object 4[78] mm to the {where}: "
+        r"draws back, goes 20 mm aside \(1 of 3\)",
+        heard[1][1],
+    )
+    advance.begin()
+    assert (advance.corrections, advance.all_corrections) == (0, 1)
+    assert said(robot, advance, start)[0] == ("advance", "")
+
+
+def test_left_right_up_and_outward_are_seen_from_the_base() -> None:
+    advance = advancing(FEELING)[1]
+    tool = np.eye(4)
+    tool[:3, 3] = [0.0, 0.5, 0.3]
+    words = []
+    for closing in ([-1, 0, 0], [1, 0, 0], [0, 0, 1], [0, 0, -1], [0, 1, 0], [0, -1, 0]):
+        tool[:3, 0] = closing
+        advance.arm.reading = advance.arm.reading._replace(tool=tool)
+        words.append(advance._contact(0.04).removeprefix("a finger met the object 40 mm "))
+    assert words == ["to the left", "to the right", "up", "down", "outward", "inward"]
+    assert advance._contact(-0.04).endswith("outward")
+
+
+@pytest.mark.parametrize(
+    "wrench", [np.full(6, np.nan), np.array([0, 0, 0, np.inf, 0, 0]), np.zeros(3), None]
+)
+def test_a_sensor_without_a_number_stops_it_and_it_goes_back(wrench: object) -> None:
+    robot, advance, start = advancing(FEELING)
+    robot.tool_wrench = lambda: wrench
+    with pytest.raises(HaltError, match="the sensor at the wrist gives no number") as halt:
+        closing_pose(robot, advance, start)
+    assert halt.value.back
+    robot, advance, start = advancing(PLAIN)  # who does not feel, does not ask
+    robot.tool_wrench = lambda: wrench
+    closing_pose(robot, advance, start)
+
+
+def test_a_row_from_before_corrections_were_counted_is_read() -> None:
+    old = ("success", "", 5.8, 0.3, 1, 0.03, 0.0, "still", "fist", 0.4, 14.7)
+    assert Outcome(*old).corrections == 0  # type: ignore[arg-type]
 
 
 def test_corrections_end() -> None:

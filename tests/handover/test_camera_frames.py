@@ -15,8 +15,10 @@ from hadr.handover.camera_frames import (
     CameraFrameConfig,
     camera_frame,
 )
-from hadr.handover.robot_camera import EYE
+from hadr.handover.robot import HOME_JOINTS
+from hadr.handover.robot_camera import EYE, RobotCamera
 from hadr.handover.trial_set import TRIAL_HOLDS
+from hadr.handover.world_state import WorldState
 from hadr.synthesis.objects import NOVEL_OBJECTS
 from hadr.synthesis.transhand_frame import Frame, write_frame
 
@@ -73,3 +75,38 @@ def test_wrong_arguments_are_named() -> None:
         camera_frame("train", -1)
     with pytest.raises(ValueError, match="0099"):
         CameraFrameConfig(objects=("0099",))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "says"),
+    [
+        ({"eye": np.nan}, "eye must be finite and 0 or more, got nan"),
+        ({"aim": np.inf}, "aim must be finite and 0 or more, got inf"),
+        ({"joints": -0.1}, "joints must be finite and 0 or more, got -0.1"),
+        ({"arm_at_home": 1.1}, "arm_at_home must be a share in 0..1, got 1.1"),
+        ({"arm_at_home": np.nan}, "arm_at_home must be a share in 0..1, got nan"),
+        ({"objects": ()}, "objects must name at least one object"),
+    ],
+)
+def test_wrong_settings_are_named(wrong: dict[str, object], says: str) -> None:
+    with pytest.raises(ValueError, match=says):
+        CameraFrameConfig(**wrong)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("share", "at_home"), [(1.0, True), (0.0, False)])
+def test_the_arm_is_at_home_in_its_share_of_the_frames(
+    share: float, at_home: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen: list[np.ndarray] = []
+
+    class DrawnError(Exception):
+        """The arm's pose is drawn: the picture is not needed."""
+
+    def capture(camera: RobotCamera, state: WorldState, *_: object) -> None:
+        seen.append(state.joints)
+        raise DrawnError
+
+    monkeypatch.setattr(RobotCamera, "capture", capture)
+    with pytest.raises(DrawnError):
+        camera_frame("train", 0, config=CameraFrameConfig(arm_at_home=share))
+    assert np.array_equal(seen[0], HOME_JOINTS) == at_home

@@ -74,6 +74,83 @@ def test_bad_sources_are_named(tmp_path: Path) -> None:
         from_graspnet(broken)
 
 
+def test_other_files_are_named(tmp_path: Path) -> None:
+    np.savez(tmp_path / "some.npz", grasps=rows())
+    with pytest.raises(ValueError, match=r"some\.npz is an archive \(grasps\)"):
+        from_graspnet(tmp_path / "some.npz")
+    (tmp_path / "broken.npy").write_bytes((tmp_path / "some.npz").read_bytes()[:200])
+    with pytest.raises(ValueError, match=r"broken\.npy is not an array"):
+        from_graspnet(tmp_path / "broken.npy")
+    with pytest.raises(ValueError, match="is a folder"):
+        from_graspnet(tmp_path)
+
+
+@pytest.mark.parametrize("shape", [(0,), (0, 16), (0, 17)])
+def test_no_grasps_are_no_error(shape: tuple[int, ...], tmp_path: Path) -> None:
+    assert len(from_graspnet(np.zeros(shape), BASE_FROM_CAMERA)) == 0
+    np.save(tmp_path / "none.npy", np.zeros(shape))
+    assert len(from_graspnet(tmp_path / "none.npy")) == 0
+
+
+def test_a_detector_that_finds_nothing_gives_no_grasps() -> None:
+    found = DetectedGrasps(lambda points: [], BASE_FROM_CAMERA)(np.eye(3))
+    assert len(found) == 0
+    assert found.frame == "base"
+
+
+@pytest.mark.parametrize(
+    ("calibration", "says"),
+    [
+        (np.eye(3), r"base_from_camera must be a \(4, 4\) transform, got shape \(3, 3\)"),
+        (np.diag([1.0, 1, -1, 1]), "base_from_camera must hold a proper rotation"),
+        (np.full((4, 4), np.nan), "base_from_camera must be finite"),
+    ],
+)
+def test_bad_calibrations_are_named(calibration: np.ndarray, says: str) -> None:
+    with pytest.raises(ValueError, match=says):
+        from_graspnet(rows(), calibration)
+    with pytest.raises(ValueError, match=says):
+        DetectedGrasps(lambda points: rows(), calibration)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, 0.0, -0.085])
+def test_bad_lengths_are_named(bad: float) -> None:
+    with pytest.raises(ValueError, match=f"widest must be metres above 0, got {bad}"):
+        from_graspnet(rows(), widest=bad)
+    for name in ("widest", "nearest"):
+        with pytest.raises(ValueError, match=f"{name} must be metres above 0, got {bad}"):
+            DetectedGrasps(lambda points: rows(), BASE_FROM_CAMERA, **{name: bad})
+
+
+def test_millimetres_are_told_from_metres() -> None:
+    wide = rows()
+    wide[1, 1] = 40.0
+    with pytest.raises(ValueError, match=r"grasp 1: width must be in metres.* 40 looks like mill"):
+        from_graspnet(wide)
+    wide[1, 1] = 0.4  # wider than the gripper, but a width
+    assert len(from_graspnet(wide)) == 1
+
+
+@pytest.mark.parametrize(
+    ("score", "fits"), [(90.0, False), (-2.0, False), (2.4, True), (-0.1, True)]
+)
+def test_scores_of_another_scale_are_refused(score: float, fits: bool) -> None:
+    """A network trained on ln(u_max / u) gives up to 2.5; percent would outweigh all else."""
+    scored = rows()
+    scored[1, 0] = score
+    if fits:
+        assert score in from_graspnet(scored).scores
+        return
+    with pytest.raises(ValueError, match=rf"grasp 1: score must lie in -1\.\.3, got {score:g}"):
+        from_graspnet(scored)
+
+
+@pytest.mark.parametrize("source", [rows().astype(complex), rows().astype(str), None, object()])
+def test_what_is_no_real_number_is_refused(source: object) -> None:
+    with pytest.raises(ValueError, match=r"rows must be real numbers, got .*(128|U32|None|obj)"):
+        from_graspnet(source)  # type: ignore[arg-type]
+
+
 def test_detector_in_the_sampler_s_place() -> None:
     scene = HeldGlass()
     base_from_camera = camera_at(np.array([0.0, -0.55, 0.65]), np.array([0.55, 0.0, 0.3]))
@@ -86,7 +163,7 @@ def test_detector_in_the_sampler_s_place() -> None:
         asked.append(camera_points)
         own = sampled.in_frame(np.linalg.inv(base_from_camera), "camera").to_rows()
         other = own.copy()
-        other[:, 0] += 10
+        other[:, 0] += 1.5
         other[:, 13] += 0.5
         return np.concatenate([other, own])
 

@@ -214,6 +214,8 @@ def test_wrong_names_are_refused(scene: HeldScene, camera: RobotCamera) -> None:
         Sight(scene, camera, wrong)
     with pytest.raises(ValueError, match="got 'asleep'"):
         BrokenSight(Sight(scene, camera, "raw"), "asleep")  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=r"since must not be later than until, got 2\.0 and 1\.0"):
+        BrokenSight(Sight(scene, camera, "raw"), "no hand", 2.0, 1.0)
 
 
 def test_networks_find_glass_and_hand_in_a_picture_of_this_camera() -> None:
