@@ -89,11 +89,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--arms",
         nargs="+",
         default=[
-            *("raw", "inpainted", "hadr", "hadr-plus", "perfect"),
+            *("raw", "inpainted", "hadr", "perfect"),
             *("hadr-no-rescoring", "hadr-no-tracking"),
         ],
         metavar="ARM",
-        help="which to run, see below (all but hadr-plus-networks)",
+        help="which to run, see below (all but those with hadr-plus)",
     )
     parser.add_argument(
         "--objects",

@@ -31,7 +31,7 @@ def finish(out: Path, trial: Trial, **changed: float) -> None:
 def test_tiny_makes_one_attempt_an_arm_and_the_others_48(tmp_path: Path) -> None:
     one = open_handover(tmp_path, "tiny", 0, 1)
     assert (len(one.objects), len(one.holds)) == (1, 1)
-    assert len(one.arms) == 7
+    assert len(one.arms) == 6
     for size in ("mini", "paper"):
         args = open_handover(tmp_path, size, 3, 2)
         assert args.objects == list(TRIAL_OBJECTS)

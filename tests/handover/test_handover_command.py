@@ -184,8 +184,8 @@ def test_a_dry_run_says_what_it_would_do_and_writes_nothing(
 ) -> None:
     assert call(out, "--dry-run", "--jobs", 2) == 0
     assert capsys.readouterr().out == (
-        "336 attempts: 8 objects, 6 holds, 7 arms, 2 at a time\n"
-        f"finished already: 0 of 336 in {out}\n"
+        "288 attempts: 8 objects, 6 holds, 6 arms, 2 at a time\n"
+        f"finished already: 0 of 288 in {out}\n"
     )
     words = ["--arms", "raw", "--objects", "0004", "--holds", 920, "--dry-run", "--jobs", 1]
     assert call(out, *words) == 0
