@@ -199,6 +199,8 @@ def under_way(whole: Run, tmp_path: Path) -> Iterator[tuple[subprocess.Popen[str
     process = subprocess.Popen(
         [sys.executable, str(tmp_path / "slow.py"), str(tmp_path)],
         stderr=subprocess.PIPE, text=True, start_new_session=True,
+        # where the tests run in the background, SIGINT may be ignored, and that is inherited
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )  # fmt: skip
     begun = [tmp_path / f"begun-{number}" for number in (901, 902)]
     try:
