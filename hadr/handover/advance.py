@@ -2,8 +2,10 @@
 
 As the paper has it, the fingers go on by a fixed length. Depth that is some centimetres off then
 closes them on an edge, so an arm with a sensor at its wrist may feel: where one finger runs into
-the object, the gripper draws back and goes in again farther to that side; and where nothing was met
-at the end, it goes on until the object meets the palm.
+the object, the gripper draws back and goes in again farther to that side (half as far each time
+the side changes, so that it does not swing between two places); and where nothing was met at the
+end, it goes on until the object meets the palm. Which of hand and object it met, it can't feel: a
+hand as near as that has already stopped it, as far as the hand's place is known.
 """
 
 from __future__ import annotations
@@ -31,6 +33,9 @@ TOO_SOON = 0.03
 """What both fingers meet farther than this before the end is wider than they are apart, metres."""
 ON_A_FINGER = 0.25
 """A contact farther from the middle than this part of the opening is on a finger."""
+
+SMALLEST_STEP = 0.3
+"""A step aside of less than this part of the first is not made."""
 
 ADVANCING = ("advance", "draw back", "feel")
 """The parts of the final move."""
@@ -83,7 +88,7 @@ class Advance:
     def begin(self) -> None:
         """Start at the pre-grasp."""
         self._end = self._planned
-        self.travelled = self.aside = 0.0
+        self.travelled = self.aside = self._side = 0.0
         self.corrections, self._back_to, self._felt = 0, None, ""
 
     def step(self, pre_grasp: Array, dt: float) -> Array | None:
@@ -97,12 +102,16 @@ class Advance:
             Where the fingers shall close, shape (4, 4); None while they shall not.
 
         Raises:
-            HaltError: The hand is too near, the object does not fit between the fingers, or the
-                sensor at the wrist gives no number.
+            HaltError: The hand is too near (on the way on or back), the object does not fit between
+                the fingers, or the sensor at the wrist gives no number.
         """
         arm, c = self.arm, self.arm.config
         target = pre_grasp.copy()
         target[:3, 3] += self.aside * pre_grasp[:3, 0]
+        if self.watch.keypoints is None:  # neither on nor back nor shut beside an unseen hand
+            arm.caution = self.watch.problem
+            arm.hold(dt)
+            return None
         if self._back_to is not None:
             self._draw_back(target, dt)
             return None
@@ -170,27 +179,34 @@ class Advance:
     def _go_aside(self, target: Array, met: float) -> bool:
         """Draw back and go in again farther to the side of a contact; False where it can't be."""
         c, side = self.arm.config, float(np.sign(met))
+        step = abs(self._side) or c.feel_aside
+        if side * self._side < 0:
+            step /= 2
         moved = forward_of(target, self._end)
-        moved[:3, 3] += side * c.feel_aside * target[:3, 0]
-        free = c.feel_aside > 0 and self.corrections < c.corrections
-        if not (free and self._clear(moved)):
+        moved[:3, 3] += side * step * target[:3, 0]
+        left = self.corrections < c.corrections and step > SMALLEST_STEP * c.feel_aside
+        if not (left and self._clear(moved)):
             return False
         self.corrections += 1
         self.all_corrections += 1
         self._felt = (
-            f"{self._contact(met)}: draws back, goes {1000 * c.feel_aside:.0f} mm aside "
+            f"{self._contact(met)}: draws back, goes {1000 * step:.0f} mm aside "
             f"({self.corrections} of {c.corrections})"
         )
         self._back_to = max(0.0, self.travelled - DRAW_BACK)
-        self._side = side * c.feel_aside
+        self._side = side * step
         return True
 
     def _draw_back(self, target: Array, dt: float) -> None:
         arm, c = self.arm, self.arm.config
         assert self._back_to is not None
-        self.travelled = max(self._back_to, self.travelled - c.advance_speed * dt)
+        soon = forward_of(target, max(self._back_to, self.travelled - c.safety.look_ahead))
+        factor = arm.allowed(
+            [arm.reading.tool, soon], self.watch, c.safety.grasp_distance, c.advance_speed
+        )
+        self.travelled = max(self._back_to, self.travelled - factor * c.advance_speed * dt)
         here = forward_of(target, self.travelled)
-        arm.go(here, 2 * c.advance_speed, dt)
+        arm.go(here, 2 * c.advance_speed, dt, factor=factor)
         near = pose_distance(arm.reading.tool, here)[0] < c.arrive_distance
         if self.travelled <= self._back_to and near:
             self.aside += self._side

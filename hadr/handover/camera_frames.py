@@ -7,7 +7,6 @@ that a network learns this view and not this one calibration.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -137,11 +136,3 @@ def camera_frame(
         raw_depth=seen.raw_depth,
         world_from_object=scene.base_from_object,
     )
-
-
-def camera_frames(
-    split: str, frames: int, seed: int = 0, config: CameraFrameConfig | None = None
-) -> Iterator[Frame]:
-    """Draw the first so many frames of a split, see `camera_frame`."""
-    for number in range(frames):
-        yield camera_frame(split, number, seed, config)

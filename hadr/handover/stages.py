@@ -68,7 +68,8 @@ class HandoverConfig:
         feel_ahead: After the final move the fingers go on, by this much at most, until the object
             meets the palm. 0 closes them at once, as in the paper.
         feel_aside: Where one finger runs into the object on the way in, the gripper draws back and
-            goes in again this much farther to that finger's side; 0 does not feel.
+            goes in again this much farther to that finger's side (half as far each time the side
+            changes); 0 does not feel.
         corrections: How often it does, at most. After that it closes where it is; but what it
             meets more than 3 cm before the end of its way does not fit, and there it halts.
         contact_force: What the sensor at the wrist must feel against the approach, newtons.

@@ -65,7 +65,7 @@ _DEPTH_OF: dict[Arm, DepthArm] = {
     "hadr-no-tracking": "hadr",
     "hadr-plus-networks": "hadr-plus",
 }
-ATTEMPT_VERSION = 2
+ATTEMPT_VERSION = 3
 """Raised with every change of the code after which an attempt may end in another way."""
 CONTROL_STEP, SIGHT_STEP = 0.02, 0.1
 """Seconds between two steps of the workflow, and between two pictures."""

@@ -27,10 +27,12 @@ class Touching(SimulatedUR5):
     Attributes:
         block: Lower and upper end along the closing axis, and the near face along the approach,
             metres from the pre-grasp; None is nothing.
+        other: A second block.
         stiffness: N/m.
     """
 
     block: tuple[float, float, float] | None = None
+    other: tuple[float, float, float] | None = None
     palm: float | None = None
     stiffness = 2000.0
 
@@ -39,8 +41,7 @@ class Touching(SimulatedUR5):
         local = np.linalg.inv(self.start) @ tool
         x, z = local[0, 3], local[2, 3]
         pushes = []  # place along the closing axis, force against the approach
-        if self.block is not None:
-            low, high, face = self.block
+        for low, high, face in filter(None, (self.block, self.other)):
             for finger in (-0.0475, 0.0475):
                 if low < x + finger < high and z > face:
                     pushes.append((finger, self.stiffness * (z - face)))
@@ -236,3 +237,64 @@ def test_beside_the_hand_it_does_not_go_on() -> None:
     end = closing_pose(robot, advance, start)
     way = end[2, 3] - FEELING.back - FEELING.forward
     assert 0.009 < way < 0.021  # 1 cm of flesh and 5 mm to spare leave 2 cm
+
+
+def test_where_the_side_changes_it_goes_half_as_far() -> None:
+    """Free only between 5 and 15 mm to the right; 20 mm, the first step, is too far."""
+    robot, advance, start = advancing(
+        FEELING, block=(0.030, 0.0525, 0.11), other=(-0.0325, -0.020, 0.11)
+    )
+    heard = said(robot, advance, start)
+    steps = [word for part, word in heard if part == "draw back"]
+    assert ["20 mm aside" in steps[0], "10 mm aside" in steps[1], len(steps)] == [True, True, 2]
+    x = (np.linalg.inv(start) @ robot.tool_pose())[0, 3]
+    assert x == pytest.approx(0.010, abs=1e-3)
+
+
+def test_between_two_obstacles_that_leave_no_room_it_stops() -> None:
+    robot, advance, start = advancing(
+        FEELING, block=(0.030, 0.060, 0.10), other=(-0.040, -0.020, 0.10)
+    )
+    with pytest.raises(HaltError, match="does not fit between the fingers"):
+        closing_pose(robot, advance, start)
+    assert advance.corrections == 2  # 20 mm to one side, 10 mm back; 5 mm is not tried
+
+
+@pytest.mark.parametrize("when", ["on the way", "at the end", "drawing back"])
+def test_while_no_hand_is_known_it_stands(when: str) -> None:
+    robot, advance, start = advancing(FEELING, block=(0.030, 0.062, 0.11))
+    if when == "at the end":
+        robot.block = None
+        advance.arm.config = replace(PLAIN, arrive_distance=0.0)  # so that it does not end yet
+    end = PLAIN.back + PLAIN.forward
+    reached = {
+        "on the way": lambda: advance.travelled > 0.05,
+        "at the end": lambda: advance.travelled >= end,
+        "drawing back": lambda: advance.part == "draw back",
+    }
+    while not reached[when]():
+        advance.arm.read()
+        assert advance.step(start, DT) is None
+    advance.arm.config = replace(advance.arm.config, arrive_distance=0.05)
+    advance.watch.keypoints, advance.watch.problem = None, "no hand in the picture"
+    held, way = robot.tool_pose(), advance.travelled
+    for _ in range(20):
+        advance.arm.read()
+        assert advance.step(start, DT) is None
+        assert advance.arm.caution == "no hand in the picture"
+    assert advance.travelled == way
+    assert np.linalg.norm(robot.tool_pose()[:3, 3] - held[:3, 3]) < 2e-3
+
+
+def test_a_hand_behind_the_gripper_stops_the_drawing_back() -> None:
+    robot, advance, start = advancing(FEELING, block=(0.030, 0.062, 0.11))
+    while advance.part != "draw back":
+        advance.arm.read()
+        advance.step(start, DT)
+    finger = robot.tool_pose()
+    spot = finger[:3, 3] + 0.0475 * finger[:3, 0]
+    advance.watch.keypoints = spot + 1e-4 * np.arange(63).reshape(21, 3)
+    advance.watch.middle = spot
+    advance.arm.read()
+    with pytest.raises(HaltError, match=r"hand .* mm from the gripper's path"):
+        advance.step(start, DT)
