@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from hadr.handover import safety
 from hadr.handover.grasps import final_travel, forward_of
-from hadr.handover.guarded_arm import GuardedArm, HaltError
+from hadr.handover.guarded_arm import NO_NEARER, GuardedArm, HaltError
 from hadr.handover.observation import HandWatch
 from hadr.handover.pacing import pose_distance
 
@@ -61,6 +61,7 @@ class Advance:
     all_corrections: int = field(default=0, init=False)
     travelled: float = field(default=0.0, init=False)
     _end: float = field(default=0.0, init=False)
+    _ahead: float = field(default=0.0, init=False)
     _back_to: float | None = field(default=None, init=False)
     _side: float = field(default=0.0, init=False)
     _felt: str = field(default="", init=False)
@@ -85,8 +86,9 @@ class Advance:
         c = self.arm.config
         return final_travel(c.final_move, back=c.back, forward=c.forward)
 
-    def begin(self) -> None:
-        """Start at the pre-grasp."""
+    def begin(self, ahead: float = 1.0) -> None:
+        """Start at the pre-grasp; `ahead` as in `ChosenGrasp`."""
+        self._ahead = min(ahead, self.arm.config.feel_ahead)
         self._end = self._planned
         self.travelled = self.aside = self._side = 0.0
         self.corrections, self._back_to, self._felt = 0, None, ""
@@ -201,9 +203,9 @@ class Advance:
         arm, c = self.arm, self.arm.config
         assert self._back_to is not None
         soon = forward_of(target, max(self._back_to, self.travelled - c.safety.look_ahead))
-        factor = arm.allowed(
-            [arm.reading.tool, soon], self.watch, c.safety.grasp_distance, c.advance_speed
-        )
+        factor = 1.0
+        if arm.free(self.watch, soon) < arm.free(self.watch) - NO_NEARER:
+            factor = arm.allowed([soon], self.watch, c.safety.grasp_distance, c.advance_speed)
         self.travelled = max(self._back_to, self.travelled - factor * c.advance_speed * dt)
         here = forward_of(target, self.travelled)
         arm.go(here, 2 * c.advance_speed, dt, factor=factor)
@@ -215,7 +217,7 @@ class Advance:
     def _farther(self, target: Array) -> bool:
         """Whether the fingers may go on, feeling for the object; the end of the way moves on."""
         c = self.arm.config
-        last = self._planned + c.feel_ahead
+        last = self._planned + self._ahead
         end = min(last, self._end + FEELING_STEP)
         if end <= self._end or not self._clear(forward_of(target, end)):
             return False

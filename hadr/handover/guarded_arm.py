@@ -174,11 +174,17 @@ class GuardedArm:
             self.caution = f"hand {1000 * free:.0f} mm away: {100 * factor:.0f} % of the speed"
         return factor
 
-    def free(self, watch: HandWatch) -> float:
-        """Free space between gripper and skin now, metres; infinity where no hand is known."""
+    def free(self, watch: HandWatch, tool: Array | None = None) -> float:
+        """Free space between gripper and skin, metres; infinity where no hand is known.
+
+        Args:
+            watch: Knows the hand.
+            tool: Tool pose, shape (4, 4), metres; where the tool is now if left out.
+        """
         if watch.keypoints is None:
             return np.inf
-        return safety.path_distance([self.reading.tool], self.reading.width, watch.keypoints)
+        tool = self.reading.tool if tool is None else tool
+        return safety.path_distance([tool], self.reading.width, watch.keypoints)
 
     def ahead(self, goal: Array, *, within: float | None = None) -> list[Array]:
         """Poses from the tool on toward a goal, over the part of the way that is looked ahead.

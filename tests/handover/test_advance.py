@@ -291,10 +291,27 @@ def test_a_hand_behind_the_gripper_stops_the_drawing_back() -> None:
     while advance.part != "draw back":
         advance.arm.read()
         advance.step(start, DT)
-    finger = robot.tool_pose()
-    spot = finger[:3, 3] + 0.0475 * finger[:3, 0]
+    tool = robot.tool_pose()
+    spot = tool[:3, 3] + 0.0475 * tool[:3, 0] - 0.09 * tool[:3, 2]  # 3 cm behind the fingers' bar
     advance.watch.keypoints = spot + 1e-4 * np.arange(63).reshape(21, 3)
     advance.watch.middle = spot
     advance.arm.read()
     with pytest.raises(HaltError, match=r"hand .* mm from the gripper's path"):
         advance.step(start, DT)
+    assert np.linalg.norm(robot.tool_pose()[:3, 3] - tool[:3, 3]) < 2e-3
+
+
+def test_a_hand_in_front_lets_it_draw_back() -> None:
+    """Nearer to the hand than it may go on, but on the way away from it."""
+    robot, advance, start = advancing(FEELING, block=(0.030, 0.062, 0.11))
+    while advance.part != "draw back":
+        advance.arm.read()
+        advance.step(start, DT)
+    tool = robot.tool_pose()
+    spot = tool[:3, 3] + 0.0475 * tool[:3, 0] + 0.016 * tool[:3, 2]
+    advance.watch.keypoints = spot + 1e-5 * np.arange(63).reshape(21, 3)
+    advance.watch.middle = spot
+    for _ in range(5):
+        advance.arm.read()
+        advance.step(start, DT)
+    assert (tool[:3, 3] - robot.tool_pose()[:3, 3]) @ tool[:3, 2] > 0.005

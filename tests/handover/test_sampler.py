@@ -158,3 +158,41 @@ def test_on_a_thin_rod_the_tips_end_35_mm_past_the_contacts() -> None:
     level = np.abs(best.axis("approach")[:, 2]) < 0.3
     assert level.sum() > 3
     np.testing.assert_allclose(past[level], 0.035, atol=0.006)
+
+
+@pytest.mark.parametrize("reach", [0.05, 0.04, 0.02])
+def test_the_fingertips_end_that_far_past_the_first_point(reach: float) -> None:
+    points = cylinder(np.array([0, 0, 1.0]))
+    grasps = sample_grasps(points, np.random.default_rng(0), viewpoint=EYE, reach=reach)
+    cloud = np.concatenate([points, [1, 0, 0.6] - points * [1, 1, 1]])  # and the unseen half
+    past = []
+    for pose, width in zip(grasps.poses[:60], grasps.widths[:60], strict=True):
+        local = (cloud - pose[:3, 3]) @ pose[:3, :3]
+        between = (np.abs(local[:, 1]) < 0.01) & (np.abs(local[:, 0]) < width / 2)
+        past.append(0.05 - local[between, 2].min())
+    assert np.median(past) == pytest.approx(min(reach, 0.05), abs=0.006)
+    assert max(past) < reach + 0.02
+
+
+@pytest.mark.parametrize("reach", [0.0, -0.01, 0.06, np.nan])
+def test_such_a_reach_is_refused(reach: float) -> None:
+    with pytest.raises(ValueError, match="reach must be more than 0 and at most"):
+        sample_grasps(sphere(0.03), np.random.default_rng(0), viewpoint=EYE, reach=reach)
+
+
+def test_no_contact_under_the_skin_is_tried() -> None:
+    """A finger lies around the lower half of an upright cylinder: all grasps go to the upper."""
+    points = cylinder(np.array([0, 0, 1.0]))
+    angle = np.linspace(0, 2 * np.pi, 60)
+    x, y = 0.5 + 0.035 * np.cos(angle), 0.035 * np.sin(angle)
+    every = np.concatenate(
+        [np.stack([x, y, np.full(60, z)], axis=1) for z in np.linspace(0.22, 0.38, 17)]
+    )
+    bones = every[every[:, 2] < 0.305]
+    free = sample_grasps(points, np.random.default_rng(0), viewpoint=EYE)
+    off = sample_grasps(points, np.random.default_rng(0), viewpoint=EYE, keep_off=bones)
+    low = [(g.translations + 0.03 * g.axis("approach"))[:, 2] < 0.30 for g in (free, off)]
+    assert low[0].mean() > 0.3
+    assert low[1].mean() < 0.3 * low[0].mean()  # one contact lies above, the other near it
+    with pytest.raises(NoCandidateError):  # a hand all around
+        sample_grasps(points, np.random.default_rng(0), viewpoint=EYE, keep_off=every)
