@@ -61,7 +61,6 @@ class Advance:
     all_corrections: int = field(default=0, init=False)
     travelled: float = field(default=0.0, init=False)
     _end: float = field(default=0.0, init=False)
-    _ahead: float = field(default=0.0, init=False)
     _back_to: float | None = field(default=None, init=False)
     _side: float = field(default=0.0, init=False)
     _felt: str = field(default="", init=False)
@@ -86,9 +85,8 @@ class Advance:
         c = self.arm.config
         return final_travel(c.final_move, back=c.back, forward=c.forward)
 
-    def begin(self, ahead: float = 1.0) -> None:
-        """Start at the pre-grasp; `ahead` as in `ChosenGrasp`."""
-        self._ahead = min(ahead, self.arm.config.feel_ahead)
+    def begin(self) -> None:
+        """Start at the pre-grasp."""
         self._end = self._planned
         self.travelled = self.aside = self._side = 0.0
         self.corrections, self._back_to, self._felt = 0, None, ""
@@ -216,8 +214,7 @@ class Advance:
 
     def _farther(self, target: Array) -> bool:
         """Whether the fingers may go on, feeling for the object; the end of the way moves on."""
-        c = self.arm.config
-        last = self._planned + self._ahead
+        last = self._planned + self.arm.config.feel_ahead
         end = min(last, self._end + FEELING_STEP)
         if end <= self._end or not self._clear(forward_of(target, end)):
             return False

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from hadr.handover.collision import FINGER_WIDTH, FLESH
 from hadr.handover.grasps import Grasps
 from hadr.handover.unseen_side import unseen_side
 
@@ -74,8 +73,6 @@ def sample_grasps(
     most: int = 500,
     largest_width: float = 0.085,
     friction: float = 0.6,
-    reach: float = FINGER_REACH,
-    keep_off: Array | None = None,
     frame: str = "camera",
 ) -> Grasps:
     """Draw grasp candidates around an object's points.
@@ -97,21 +94,16 @@ def sample_grasps(
         largest_width: Widest opening of the gripper, metres.
         friction: Coefficient of friction between pad and object; rubber on dry glass has 0.6 or
             more.
-        reach: How far past the first touched point the fingertips end, metres, up to the paper's
-            5 cm. Less takes the object by a rim that a hand leaves free.
-        keep_off: Points of the hand's bones, shape (h, 3), metres: no contact so near to them that
-            a pad there would touch flesh is tried. All are if left out.
         frame: Name of the points' frame.
 
     Returns:
         Candidates, highest score first. The fingertips are to end 5 cm past a grasp's point. It
-        lies where the object is met first; on things less than 3 cm thick, and with a smaller
-        `reach`, it lies before that, so that the tips end 3.5 cm past the contacts and no farther
-        than `reach`.
+        lies where the object is met first; on things less than 3 cm thick it lies before that, so
+        that the tips end 3.5 cm past the contacts.
 
     Raises:
         NoCandidateError: Nothing was found that fits between the fingers.
-        ValueError: Fewer than 30 points, another shape, NaN, no friction, or such a reach.
+        ValueError: Fewer than 30 points, another shape, NaN, or no friction.
     """
     cloud = np.asarray(points, dtype=np.float64)
     if cloud.ndim != 2 or cloud.shape[1] != 3 or len(cloud) < 30:
@@ -120,24 +112,19 @@ def sample_grasps(
         raise ValueError("points must be finite, got NaN or infinity; drop the missing ones first")
     if not friction > 0:
         raise ValueError(f"friction must be more than 0, got {friction}")
-    if not 0 < reach <= FINGER_REACH:
-        raise ValueError(f"reach must be more than 0 and at most {FINGER_REACH} m, got {reach}")
     cloud = cloud[rng.permutation(len(cloud))[:_MOST_NEIGHBOURS]]
     eye = np.zeros(3) if viewpoint is None else np.asarray(viewpoint, dtype=np.float64)
     cloud, normals = completed(cloud, eye)
     places = _narrow_places(cloud, normals, largest_width)
-    if keep_off is not None:
-        near = FLESH + FINGER_WIDTH / 2
-        places = places[cKDTree(keep_off).query(cloud[places])[0] > near]
     seeds = rng.choice(places, attempts) if len(places) else np.zeros(0, dtype=np.int64)
     axes = _axes(normals[seeds], rng, turns, friction)
     if toward is not None:  # half a turn about the closing axis
         axes[axes[:, :, 0] @ np.asarray(toward) < 0] *= [-1.0, 1.0, -1.0]
     seeds = np.repeat(seeds, turns)
     # a look at every fourth point rules most out: fewer points never reach further apart
-    coarse = _Slabs(cloud[::4], cloud[seeds], axes, largest_width, reach)
+    coarse = _Slabs(cloud[::4], cloud[seeds], axes, largest_width)
     likely = np.flatnonzero(coarse.fits(3, 0.0, largest_width))[:most]
-    slabs = _Slabs(cloud, cloud[seeds[likely]], axes[likely], largest_width, reach)
+    slabs = _Slabs(cloud, cloud[seeds[likely]], axes[likely], largest_width)
     kept = np.flatnonzero(slabs.fits(8, 0.003, largest_width))
     table = _rows(cloud, normals, slabs, kept, largest_width, friction)
     if not len(table):
@@ -205,15 +192,12 @@ class _Slabs:
         height: The same along the height axis.
         inside: Which points would lie between the fingers, (k, n).
         count: How many those are, (k,).
-        reach: How far past that point the fingertips end, metres.
         first: Approach coordinate of the first point met, from the contact, (k,).
         low, high, extent: Ends along the closing axis and their distance, (k,).
     """
 
-    def __init__(
-        self, cloud: Array, contacts: Array, axes: Array, largest_width: float, reach: float
-    ) -> None:
-        self.axes, self.contacts, self.reach = axes, contacts, reach
+    def __init__(self, cloud: Array, contacts: Array, axes: Array, largest_width: float) -> None:
+        self.axes, self.contacts = axes, contacts
         middle = cloud.mean(axis=0)
         flat = axes.transpose(2, 0, 1).astype(np.float32)  # (3, k, 3)
         near = (cloud - middle).T.astype(np.float32)
@@ -223,7 +207,7 @@ class _Slabs:
         slab &= np.abs(self.along) < largest_width
         big = np.float32(1e3)
         self.first = np.where(slab, approach, big).min(axis=1)
-        slab &= approach < (self.first + reach)[:, None]
+        slab &= approach < (self.first + FINGER_REACH)[:, None]
         self.inside = slab
         self.count = slab.sum(axis=1)
         self.low = np.where(slab, self.along, big).min(axis=1)
@@ -267,10 +251,9 @@ def _rows(
     scores = _scores(worst / friction, np.minimum(*touched), room, middle, closing, cloud)
     good = scores > 0
     # across: the middle of the slab; along the approach: the first touch, or before it where the
-    # contacts are so near that the tips would end far behind them, or where they reach less far
+    # contacts are so near that the tips would end far behind them
     touch = ((middle - slabs.contacts[kept]) * axes[:, :, 0]).sum(axis=1)
-    first = slabs.first[kept] - (FINGER_REACH - slabs.reach)
-    start = np.minimum(first, touch - (FINGER_REACH - PAST_CONTACT))
+    start = np.minimum(slabs.first[kept], touch - (FINGER_REACH - PAST_CONTACT))
     shift = np.stack([start, (low + high) / 2, np.zeros(len(kept))], axis=1)
     point = slabs.contacts[kept] + np.einsum("kij,kj->ki", axes, shift)
     table = np.zeros((len(kept), 17))

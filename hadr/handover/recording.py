@@ -239,7 +239,7 @@ class RecordedHandover(Handover):
                 chose: list[Any] = [None]
                 if grasp is not None:
                     pose = np.asarray(grasp.pose, dtype=np.float64).tolist()
-                    chose = [pose, float(grasp.width), float(grasp.score), float(grasp.ahead)]
+                    chose = [pose, float(grasp.width), float(grasp.score)]
             except (UnreachableError, ValueError) as error:
                 events.append(["choose_error", type(error).__name__, str(error)])
                 raise

@@ -218,8 +218,8 @@ class LoggedRobot:
         event = self.take("chose")
         if event is None or event[1] is None:
             return None
-        pose, *numbers = event[1:]  # old logs have no `ahead`
-        return ChosenGrasp(np.array(pose, dtype=np.float64), *numbers)
+        pose, width, score = event[1:]
+        return ChosenGrasp(np.array(pose, dtype=np.float64), width, score)
 
     def _fail(self, name: str) -> None:
         event = self.take(name)

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hadr.handover.candidates import FINGER_REACH, NoCandidateError, completed, sample_grasps
-from hadr.handover.collision import free_of_object, free_of_scene, hand_points, way_to_hand
+from hadr.handover.candidates import NoCandidateError, completed, sample_grasps
+from hadr.handover.collision import free_of_object, free_of_scene, way_to_hand
 from hadr.handover.grasps import Grasps, forward_of
 from hadr.handover.rescoring import Directions, Form, Weights, rescore
 from hadr.handover.robot import Robot
@@ -42,9 +42,6 @@ class GraspSelection:
         widest: The gripper's widest opening, metres; it opens as far as hand and object allow.
         most_checked: How many of the best of one round are asked for their reach, at most.
         rounds: How often candidates are drawn anew while none is left.
-        shallow: After those, so many rounds take the object by its edge, the fingertips `reach`
-            past it; 0 where `source` gives the candidates.
-        reach: See `shallow`, metres.
         source: Where the candidates come from instead of `sample_grasps`, such as
             `hadr.handover.graspnet.DetectedGrasps`.
     """
@@ -63,8 +60,6 @@ class GraspSelection:
     widest: float = 0.085
     most_checked: int = 25
     rounds: int = 4
-    shallow: int = 2
-    reach: float = 0.025
     source: CandidateSource | None = None
 
     def __call__(
@@ -93,33 +88,19 @@ class GraspSelection:
         """
         seen = np.asarray(points, dtype=np.float64)
         taken = self._taken_space(self.rng.permutation(seen)[:2000])
-        shallow = self.shallow if self.source is None else 0
-        for number in range(self.rounds + shallow):
-            deep = number < self.rounds
+        for number in range(self.rounds):
             try:
-                grasps = self.candidates(
-                    seen, keypoints, reach=FINGER_REACH if deep else self.reach
-                )
+                grasps = self.candidates(seen)
             except NoCandidateError:
                 continue
-            last = number in (self.rounds - 1, self.rounds + shallow - 1)
-            aside = _ASIDE[:1] if last else _ASIDE  # at last: as it stands
-            ahead = 1.0 if deep else 0.0
-            chosen = self._best(grasps, taken, keypoints, robot, scene_points, aside, ahead)
+            aside = _ASIDE if number < self.rounds - 1 else _ASIDE[:1]  # at last: as it stands
+            chosen = self._best(grasps, taken, keypoints, robot, scene_points, aside)
             if chosen is not None:
                 return chosen
         return None
 
-    def candidates(
-        self, points: Array, keypoints: Array | None = None, reach: float = FINGER_REACH
-    ) -> Grasps:
-        """Candidates around an object, before any filter.
-
-        Args:
-            points: The object's in the base frame, shape (n, 3), metres.
-            keypoints: The hand, shape (21, 3): no contact under its skin is tried.
-            reach: See `sample_grasps`.
-        """
+    def candidates(self, points: Array) -> Grasps:
+        """Candidates around points (n, 3) in the base frame, before any filter."""
         if self.source is not None:
             return self.source(points)
         return sample_grasps(
@@ -129,8 +110,6 @@ class GraspSelection:
             toward=self.directions.robot_to_human if self.rescoring else None,
             attempts=self.attempts,
             friction=self.friction,
-            reach=reach,
-            keep_off=None if keypoints is None else hand_points(keypoints),
             frame="base",
         )
 
@@ -153,7 +132,6 @@ class GraspSelection:
         robot: Robot,
         scene_points: Array | None,
         aside: Array,
-        ahead: float,
     ) -> ChosenGrasp | None:
         """The best of some candidates that is free and can be reached, moved aside (n, 3) too."""
         back, forward = self.back, self.forward
@@ -180,7 +158,7 @@ class GraspSelection:
                 for reached in self._turned(pose, robot, aside):
                     one = grasps.select(np.array([row]))
                     width = self._opening(one, points, keypoints, scene_points, clearance)
-                    found = ChosenGrasp(reached, width, float(scores[row]), ahead)
+                    found = ChosenGrasp(reached, width, float(scores[row]))
                     if robot.straight_way(forward_of(reached, -self.back)):
                         return found
                     roundabout = roundabout or found

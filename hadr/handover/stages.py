@@ -42,19 +42,11 @@ class Transition(NamedTuple):
 
 @dataclass(frozen=True)
 class ChosenGrasp:
-    """The grasp to go for.
-
-    Attributes:
-        pose: Tool pose in the base frame, shape (4, 4), metres.
-        width: Opening on the way in, metres.
-        score: Final score.
-        ahead: So far past its end the final move may feel for the object, metres, at most.
-    """
+    """The grasp to go for, in the base frame: tool pose (4, 4), opening in metres, final score."""
 
     pose: Array
     width: float
     score: float
-    ahead: float = 1.0
 
 
 ChooseGrasp = Callable[[Array, Array, Robot, Array | None], ChosenGrasp | None]

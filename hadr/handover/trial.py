@@ -286,10 +286,10 @@ def run_trial(
     whole = Sight(scene, camera, _DEPTH_OF[trial.arm], seed=trial.seed, finder=finder)
     sight: Looks = whole if spoil is None else spoil(whole)
     rng = np.random.default_rng([trial.seed, int(trial.object_id), trial.hold_number, 67])
+    select = _Timed(
+        GraspSelection(rng, base_from_camera[:3, 3], rescoring=trial.arm != "hadr-no-rescoring")
+    )
     config = replace(config or ATTEMPT_CONFIG, tracking=trial.arm != "hadr-no-tracking")
-    rescoring = trial.arm != "hadr-no-rescoring"
-    eye = base_from_camera[:3, 3]
-    select = _Timed(GraspSelection(rng, eye, forward=config.forward, rescoring=rescoring))
     home = world.robot.tool_pose()
     handover = RecordedHandover(world.robot, select, base_from_camera, config)
     judge = Judge(scene.item.height)

@@ -236,9 +236,8 @@ class Handover:
             return
         if c.look_again and not self._looked_again and not self._look_again(observation, new):
             return
-        assert self.grasp is not None  # set before this stage is entered
         self.part, self._began = "advance", self.target
-        self.advance.begin(self.grasp.ahead)
+        self.advance.begin()
         reason = f"at the pre-grasp within {1000 * distance:.1f} mm, {np.rad2deg(angle):.1f} deg"
         self._enter(Stage.GRASP_AND_RETRIEVE, reason + (", the hand not calm" if restless else ""))
 
