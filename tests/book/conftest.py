@@ -9,6 +9,7 @@ import tempfile
 import time
 import urllib.request
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -20,8 +21,9 @@ HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 #: A phone in portrait; without it, the window of FLAGS.
 PHONE = {"width": 390, "height": 844, "deviceScaleFactor": 2, "mobile": True}
-#: The page's theme, and what the reader's system prefers.
-SHADES = [(theme, system) for theme in ("light", "dark") for system in ("light", "dark")]
+#: The page's theme, and what the reader's system prefers: all four on each page, two a device.
+AT_ODDS = [("light", "dark"), ("dark", "light")]
+AT_ONE = [("light", "light"), ("dark", "dark")]
 FLAGS = (
     "--headless",
     "--no-sandbox",
@@ -180,7 +182,7 @@ class Browser:
             " root.style.colorScheme = ''; })()"
         )
 
-    def examine(self, path: Path) -> Page:
+    def examine(self, path: Path, shades: list[tuple[str, str]]) -> Page:
         """Visit a page, open all that is folded, and see it in each of the shades."""
         page = self.visit(path)
         self.evaluate(
@@ -189,7 +191,7 @@ class Browser:
         )
         page.layout = self.evaluate((HERE / "layout.js").read_text(encoding="utf-8"))
         look = (HERE / "contrast.js").read_text(encoding="utf-8")
-        for shade in SHADES:
+        for shade in shades:
             self.shade(*shade)
             page.contrast[shade] = self.evaluate(look)
         self.call("Emulation.setEmulatedMedia", features=[])
@@ -230,17 +232,39 @@ def html() -> Path:
 
 
 @pytest.fixture(scope="session")
-def browser() -> Iterator[Browser]:
-    """A headless Chromium with a profile of its own."""
+def chromium() -> str:
+    """The program that shows the pages."""
     names = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
     wish = os.environ.get("CHROME_BIN")
     program = wish or next((found for name in names if (found := shutil.which(name))), None)
     if program is None:
         pytest.skip("no Chromium found: install the package chromium, or set CHROME_BIN")
+    return program
+
+
+@contextmanager
+def opened(program: str) -> Iterator[Browser]:
+    """A headless Chromium with a profile of its own."""
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
         browser = Browser(program, Path(profile))
+        try:
+            yield browser
+        finally:
+            browser.close()
+
+
+@pytest.fixture(scope="session")
+def browser(chromium: str) -> Iterator[Browser]:
+    """One browser for all pages that are files."""
+    with opened(chromium) as browser:
         yield browser
-        browser.close()
+
+
+@pytest.fixture(scope="module")
+def second_browser(chromium: str) -> Iterator[Browser]:
+    """One that is thrown away: an application in it may hold on to its page."""
+    with opened(chromium) as browser:
+        yield browser
 
 
 def all_paths(html: Path) -> list[Path]:
@@ -253,7 +277,7 @@ def all_paths(html: Path) -> list[Path]:
 @pytest.fixture(scope="session")
 def pages(html: Path, browser: Browser) -> list[Page]:
     """Every page of the book, visited once in the desktop's window."""
-    return [browser.examine(path) for path in all_paths(html)]
+    return [browser.examine(path, AT_ODDS) for path in all_paths(html)]
 
 
 @pytest.fixture(scope="session")
@@ -261,6 +285,6 @@ def phone_pages(html: Path, browser: Browser) -> list[Page]:
     """Every page of the book, visited once on a phone."""
     browser.screen(phone=True)
     try:
-        return [browser.examine(path) for path in all_paths(html)]
+        return [browser.examine(path, AT_ONE) for path in all_paths(html)]
     finally:
         browser.screen(phone=False)

@@ -32,6 +32,12 @@
     }
     return behind.get(element);
   };
+  const fades = new Map();
+  const fading = (element) => {
+    if (!fades.has(element))
+      fades.set(element, Number(style(element).opacity) * (element.parentElement ? fading(element.parentElement) : 1));
+    return fades.get(element);
+  };
   const luminance = (colour) => {
     const [r, g, b] = colour.map((v) => {
       const c = v / 255;
@@ -52,9 +58,8 @@
     if (box.width < 2 || box.height < 2 || element.closest("[disabled], [aria-disabled=true]")) return;
     texts += 1;
     const css = style(element), below = backdrop(element);
-    let colour = parse(element.closest("svg") ? css.fill : css.color);
-    let opacity = 1;
-    for (let up = element; up; up = up.parentElement) opacity *= Number(style(up).opacity);
+    const colour = parse(element.closest("svg") ? css.fill : css.color);
+    const opacity = fading(element);
     const found = ratio(over([...colour.slice(0, 3), colour[3] * opacity], below), below);
     const size = parseFloat(css.fontSize);
     const large = size >= 24 || (size >= 18.66 && Number(css.fontWeight) >= 700);

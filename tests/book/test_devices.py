@@ -1,5 +1,6 @@
 """The pages on a desktop and on a phone, in a light and in a dark theme."""
 
+import functools
 import urllib.parse
 from pathlib import Path
 
@@ -43,9 +44,14 @@ def found(pages, kind):
     return {page.path.name: page.layout[kind][:5] for page in pages if page.layout[kind]}
 
 
+@functools.lru_cache
+def drawing(path):
+    return cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+
+
 def lost_on(picture, behind):
     """Whether a picture that was made for white paper looks different on this backdrop."""
-    if picture is None or picture.ndim < 3 or picture.shape[2] < 4:
+    if picture.ndim < 3 or picture.shape[2] < 4:
         return False
     alpha = picture[..., 3:].astype(float) / 255
     return float((np.abs(np.subtract(255, behind[::-1])) * (1 - alpha)).max(axis=2).mean()) > 8
@@ -60,8 +66,7 @@ def pale_pictures(page):
             if source.scheme != "file" or min(picture["behind"]) > 215:
                 continue
             path = Path(urllib.parse.unquote(source.path))
-            drawn = None if path.suffix == ".svg" else cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-            if path.suffix == ".svg" or lost_on(drawn, picture["behind"]):
+            if path.suffix == ".svg" or lost_on(drawing(path), picture["behind"]):
                 lost.append(f"{path.name} on {picture['behind']} in {shade}")
     return lost
 
@@ -89,7 +94,8 @@ def damaged(browser, tmp_path):
     page = DAMAGED.replace("FIGURE", (tmp_path / "figure.png").as_uri())
     (tmp_path / "damaged.html").write_text(page, encoding="utf-8")
     browser.screen(phone=True)
-    yield browser.examine(tmp_path / "damaged.html")
+    shades = [(theme, system) for theme in ("light", "dark") for system in ("light", "dark")]
+    yield browser.examine(tmp_path / "damaged.html", shades)
     browser.screen(phone=False)
 
 
@@ -146,8 +152,9 @@ def test_letters_of_figures_are_large_enough(visited):
 def test_text_stands_out_in_every_shade(visited):
     weak = {page.path.name: weak_texts(page)[:5] for page in visited}
     assert {name: lines for name, lines in weak.items() if lines} == {}
-    counts = [told["texts"] for page in visited for told in page.contrast.values()]
-    assert min(counts) > 10, "the check saw the texts"
+    for page in visited:
+        least = 2 if page.path.name == "search.html" else 30
+        assert all(told["texts"] > least for told in page.contrast.values()), page.path.name
 
 
 def test_pictures_stand_on_light_paper(visited):
