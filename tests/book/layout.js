@@ -27,6 +27,8 @@
         const edge = up.getBoundingClientRect();
         if (hides(up) && box.right > edge.right + 2 && !up.closest("svg")) { reach = "cut"; break; }
       }
+      // A film or a frame that moves has to be seen as a whole.
+      if (["VIDEO", "IFRAME"].includes(element.tagName) && box.width > width + 1) reach = null;
       if (reach === "cut") hidden.push(told(element));
       else if (reach === null && (box.right > width + 1 || box.left < -1)) outside.push(told(element));
     }

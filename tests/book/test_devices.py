@@ -20,6 +20,7 @@ DAMAGED = """<html data-theme="light"><head><title>t</title>
 </style></head><body><main><article>
 <details><summary>folded</summary><div id="wide" style="width:900px">wide</div></details>
 <div id="box" style="overflow:hidden"><div id="lost" style="width:700px">lost</div></div>
+<div style="overflow-x:auto"><video width="640" class="film"></video></div>
 <div style="overflow-x:auto"><div id="fine" style="width:800px">scrolls</div></div>
 <p id="stays">black on black</p><p id="system">grey</p><p style="opacity:.4" id="faint">faint</p>
 <p style="color:#767676; background:#fff; font-size:16px" id="enough">4.54 to 1</p>
@@ -102,6 +103,7 @@ def damaged(browser, tmp_path):
 def test_the_layout_check_notices_damage(damaged):
     outside = " ".join(damaged.layout["outside"])
     assert "wide" in outside
+    assert "video.film" in outside
     assert "scrolls" not in outside
     assert [line for line in damaged.layout["hidden"] if "lost" in line]
     assert not [line for line in damaged.layout["hidden"] if "scrolls" in line]
