@@ -33,8 +33,14 @@ class Verdict:
         return f"{mark} {self.message}"
 
     def _repr_html_(self) -> str:
-        color = {"right": "#00735c", "wrong": "#b04500", "open": "#5a5a5a"}[self.status]
-        return f'<p style="color:{color};font-weight:600">{html.escape(str(self))}</p>'
+        # with a paper of its own, so that it is read on dark pages, too
+        color, paper = {
+            "right": ("#00604c", "#e2f3ee"),
+            "wrong": ("#963a00", "#fdeee2"),
+            "open": ("#4d4d4d", "#f0f0f0"),
+        }[self.status]
+        style = f"color:{color};background:{paper};padding:0.2em 0.6em;font-weight:600"
+        return f'<p style="{style}">{html.escape(str(self))}</p>'
 
 
 def _as_array(value: Any) -> npt.NDArray[Any] | None:

@@ -151,9 +151,13 @@ def sphinx_text(lines: list[str]) -> list[str]:
 
 
 def readable_types(signature: str | None) -> str | None:
-    """Array types in a signature as they are written in the code."""
+    """Array types in a signature as they are written in the code; a made default is left open.
+
+    Sphinx cannot read the ``<factory>`` of a dataclass, and would print the signature unread.
+    """
     if not signature:
         return signature
+    signature = signature.replace("<factory>", "...")
     named = signature.replace(ARRAY_LIKE, "~numpy.typing.ArrayLike")
     return ARRAY.sub(r"~numpy.typing.NDArray[\1]", named)
 

@@ -9,6 +9,7 @@ import tempfile
 import time
 import urllib.request
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,13 @@ from typing import Any
 import pytest
 from tornado.websocket import websocket_connect
 
-ROOT = Path(__file__).resolve().parents[2]
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parents[1]
+#: A phone in portrait; without it, the window of FLAGS.
+PHONE = {"width": 390, "height": 844, "deviceScaleFactor": 2, "mobile": True}
+#: The page's theme, and what the reader's system prefers: all four on each page, two a device.
+AT_ODDS = [("light", "dark"), ("dark", "light")]
+AT_ONE = [("light", "light"), ("dark", "dark")]
 FLAGS = (
     "--headless",
     "--no-sandbox",
@@ -79,6 +86,8 @@ class Page:
     requests: list[str] = field(default_factory=list)
     failed: list[str] = field(default_factory=list)
     seen: dict[str, Any] = field(default_factory=dict)
+    layout: dict[str, list[str]] = field(default_factory=dict)
+    contrast: dict[tuple[str, str], dict[str, Any]] = field(default_factory=dict)
 
 
 class Browser:
@@ -141,14 +150,51 @@ class Browser:
         self.call("Page.navigate", url=path.as_uri())
         while not any(event["method"] == "Page.loadEventFired" for event in self.events):
             self.events.append(self._next())
-        answer = self.call(
-            "Runtime.evaluate", expression=INSPECT, awaitPromise=True, returnByValue=True
-        )
-        if "exceptionDetails" in answer:
-            raise RuntimeError(f"{path.name}: {answer['exceptionDetails']}")
-        page.seen = answer["result"]["value"]
+        page.seen = self.evaluate(INSPECT)
         for event in self.events:
             self._note(page, event["method"], event.get("params", {}))
+        return page
+
+    def evaluate(self, expression: str) -> Any:
+        """A JavaScript expression's value on the page; a promise is awaited."""
+        answer = self.call(
+            "Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True
+        )
+        if "exceptionDetails" in answer:
+            raise RuntimeError(f"{expression[:80]}: {answer['exceptionDetails']}")
+        return answer["result"].get("value")
+
+    def screen(self, *, phone: bool) -> None:
+        """Become a phone, or the desktop's window again."""
+        if phone:
+            self.call("Emulation.setDeviceMetricsOverride", **PHONE)
+        else:
+            self.call("Emulation.clearDeviceMetricsOverride")
+        self.call("Emulation.setTouchEmulationEnabled", enabled=phone)
+
+    def shade(self, theme: str, system: str) -> None:
+        """Set the page's theme, and the scheme that the reader's system prefers."""
+        wish = [{"name": "prefers-color-scheme", "value": system}]
+        self.call("Emulation.setEmulatedMedia", features=wish)
+        self.evaluate(
+            f"(() => {{ const root = document.documentElement; root.dataset.theme = {theme!r};"
+            f" root.dataset.mode = {theme!r};"
+            " root.style.colorScheme = ''; })()"
+        )
+
+    def examine(self, path: Path, shades: list[tuple[str, str]]) -> Page:
+        """Visit a page, open all that is folded, and see it in each of the shades."""
+        page = self.visit(path)
+        self.evaluate(
+            "document.head.append(Object.assign(document.createElement('style'),"
+            " {textContent: '* { transition: none !important; animation: none !important; }'}))"
+        )
+        page.layout = self.evaluate((HERE / "layout.js").read_text(encoding="utf-8"))
+        look = (HERE / "contrast.js").read_text(encoding="utf-8")
+        for shade in shades:
+            self.shade(*shade)
+            page.contrast[shade] = self.evaluate(look)
+        self.call("Emulation.setEmulatedMedia", features=[])
         return page
 
     @staticmethod
@@ -186,22 +232,59 @@ def html() -> Path:
 
 
 @pytest.fixture(scope="session")
-def browser() -> Iterator[Browser]:
-    """A headless Chromium with a profile of its own."""
+def chromium() -> str:
+    """The program that shows the pages."""
     names = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
     wish = os.environ.get("CHROME_BIN")
     program = wish or next((found for name in names if (found := shutil.which(name))), None)
     if program is None:
         pytest.skip("no Chromium found: install the package chromium, or set CHROME_BIN")
+    return program
+
+
+@contextmanager
+def opened(program: str) -> Iterator[Browser]:
+    """A headless Chromium with a profile of its own."""
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
         browser = Browser(program, Path(profile))
+        try:
+            yield browser
+        finally:
+            browser.close()
+
+
+@pytest.fixture(scope="session")
+def browser(chromium: str) -> Iterator[Browser]:
+    """One browser for all pages that are files."""
+    with opened(chromium) as browser:
         yield browser
-        browser.close()
+
+
+@pytest.fixture(scope="module")
+def second_browser(chromium: str) -> Iterator[Browser]:
+    """One that is thrown away: an application in it may hold on to its page."""
+    with opened(chromium) as browser:
+        yield browser
+
+
+def all_paths(html: Path) -> list[Path]:
+    """Every page that is part of the book."""
+    return [
+        p for part in ("", "notebooks/", "library/") for p in sorted(html.glob(part + "*.html"))
+    ]
 
 
 @pytest.fixture(scope="session")
 def pages(html: Path, browser: Browser) -> list[Page]:
-    """Every page of the book, visited once."""
-    folders = ("*.html", "notebooks/*.html", "library/*.html")
-    paths = [path for folder in folders for path in sorted(html.glob(folder))]
-    return [browser.visit(path) for path in paths]
+    """Every page of the book, visited once in the desktop's window."""
+    return [browser.examine(path, AT_ODDS) for path in all_paths(html)]
+
+
+@pytest.fixture(scope="session")
+def phone_pages(html: Path, browser: Browser) -> list[Page]:
+    """Every page of the book, visited once on a phone."""
+    browser.screen(phone=True)
+    try:
+        return [browser.examine(path, AT_ONE) for path in all_paths(html)]
+    finally:
+        browser.screen(phone=False)

@@ -100,6 +100,7 @@ def test_array_types_read_as_the_code_says_them(extension):
     assert shown(NDArray[np.floating], extension) == "NDArray[floating]"
     assert shown(ArrayLike, extension) == "ArrayLike"
     assert extension.readable_types("(n: int)") == "(n: int)"
+    assert extension.readable_types("(n: A = <factory>)") == "(n: A = ...)"
     assert extension.readable_types(None) is None
 
 

@@ -1,0 +1,54 @@
+// What sticks out of the window, once every folded part of the page is open. Also inside of frames.
+(() => {
+  const documents = (doc) => [doc, ...[...doc.querySelectorAll("iframe")]
+    .filter((frame) => frame.contentDocument).flatMap((frame) => documents(frame.contentDocument))];
+  for (const part of document.querySelectorAll("main details, article details")) part.open = true;
+  for (const part of document.querySelectorAll("article .toggle-hidden"))
+    part.classList.remove("toggle-hidden");
+  const told = (element) => `${element.tagName.toLowerCase()}.${element.classList}`.slice(0, 60) +
+    ` ${(element.textContent || element.src || "").trim().replace(/\s+/g, " ").slice(0, 50)}`;
+  const style = (element) => element.ownerDocument.defaultView.getComputedStyle(element);
+  const scrolls = (element) => ["auto", "scroll"].includes(style(element).overflowX);
+  const hides = (element) => ["hidden", "clip"].includes(style(element).overflowX);
+  const outside = [], hidden = [], squeezed = [], small = [], scenes = [];
+  for (const doc of documents(document)) {
+    const width = doc.documentElement.clientWidth;
+    const area = doc.querySelector("main") || doc.body;
+    if (doc.documentElement.scrollWidth > width + 1)
+      outside.push(`${doc.title}: ${doc.documentElement.scrollWidth} px in ${width}`);
+    for (const element of area.querySelectorAll("*")) {
+      const box = element.getBoundingClientRect();
+      if (!box.width || !box.height || element.closest("mjx-assistive-mml, .visually-hidden, .sr-only")) continue;
+      if (style(element).visibility === "hidden") continue;
+      // Past the window's edge, or past the edge of a box that cuts it off, and out of a finger's reach.
+      let reach = null;
+      for (let up = element.parentElement; up && up !== doc.body; up = up.parentElement) {
+        if (scrolls(up)) { reach = "scrolls"; break; }
+        const edge = up.getBoundingClientRect();
+        if (hides(up) && box.right > edge.right + 2 && !up.closest("svg")) { reach = "cut"; break; }
+      }
+      // A film or a frame that moves has to be seen as a whole.
+      if (["VIDEO", "IFRAME"].includes(element.tagName) && box.width > width + 1) reach = null;
+      if (reach === "cut") hidden.push(told(element));
+      else if (reach === null && (box.right > width + 1 || box.left < -1)) outside.push(told(element));
+    }
+    // A scrubber's picture must not lose its room to the sliders below it.
+    const stage = doc !== document && doc.querySelector("#stage img");
+    if (stage && stage.naturalWidth) {
+      const drawn = Math.min(stage.clientWidth, stage.clientHeight * stage.naturalWidth / stage.naturalHeight);
+      if (drawn < 0.9 * Math.min(width, stage.naturalWidth))
+        squeezed.push(`${doc.title}: ${Math.round(drawn)} px wide in a frame of ${width}`);
+    }
+    // Figures are drawn at their natural size with letters of 10 points, 15 pixels.
+    for (const image of doc.querySelectorAll(".cell_output img, #stage img")) {
+      const scale = image.getBoundingClientRect().width / image.naturalWidth;
+      if (image.naturalWidth && scale > 0 && scale < 0.55)
+        small.push(`${(image.alt || image.src).slice(0, 60)}: at ${scale.toFixed(2)} of its size`);
+    }
+    for (const canvas of doc.querySelectorAll("canvas"))
+      if (canvas.checkVisibility()) scenes.push(doc.title);
+    if (doc !== document && doc.documentElement.scrollHeight > doc.documentElement.clientHeight + 1)
+      squeezed.push(`${doc.title}: ${doc.documentElement.scrollHeight} px high in ${doc.documentElement.clientHeight}`);
+  }
+  return { outside: [...new Set(outside)], hidden: [...new Set(hidden)], squeezed, small, scenes };
+})()

@@ -1,0 +1,276 @@
+"""The book's widgets with a live kernel: JupyterLab in a browser, a slider that is moved."""
+
+import base64
+import importlib.util
+import json
+import os
+import secrets
+import socket
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.request
+from contextlib import contextmanager
+from pathlib import Path
+
+import cv2
+import nbformat
+import numpy as np
+import psutil
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+LAB = [sys.executable, "-m", "jupyterlab"]
+
+pytestmark = pytest.mark.browser
+
+GLASS = """import numpy as np
+from hadr.widgets import corrupt_glass
+row, column = np.mgrid[:48, :64]
+mask = (abs(row - 24) < 14) & (abs(column - 32) < 9)
+wall = np.full((48, 64), 0.9)
+corrupt_glass(np.where(mask, 0.5, wall), wall, mask)"""
+DEAD = """import ipywidgets, matplotlib.pyplot as plt
+def draw(x):
+    plt.figure(figsize=(2, 2)); plt.plot([0, 1]); plt.show()
+ipywidgets.interactive(draw, x=ipywidgets.FloatSlider(description="dead", value=5))"""
+HANDLE = "document.querySelector('.jp-OutputArea .widget-slider [role=slider]')"
+VALUE = f"{HANDLE}.getAttribute('aria-valuenow')"
+FIGURE = "document.querySelector('.jp-OutputArea .widget-output img').src"
+
+
+def check(condition, what, seconds, told=lambda: ""):
+    """Wait until the condition holds, and return what it returned; else say what was missing."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        if found := condition():
+            return found
+        time.sleep(0.2)
+    raise AssertionError(f"{what}: not within {seconds} s\n{told()}")
+
+
+class Server:
+    """A Jupyter server of its own: free port, token, and no folder of the user's.
+
+    Args:
+        folder: Holds the notebooks below ``notebooks`` and all that the server writes.
+        command: What starts it.
+        patience: Seconds that it may take to answer.
+    """
+
+    def __init__(self, folder, command, patience=120.0):
+        self.token = secrets.token_hex(16)
+        self.notebooks = folder / "notebooks"
+        self.log = folder / "server.log"
+        self.notebooks.mkdir(parents=True, exist_ok=True)
+        settings = folder / "settings" / "@jupyterlab" / "apputils-extension"
+        settings.mkdir(parents=True)
+        # no question about news on the first start, and no search for updates
+        quiet = {"fetchNews": "false", "checkForUpdates": False, "doNotDisturbMode": True}
+        (settings / "notification.jupyterlab-settings").write_text(json.dumps(quiet))
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            self.port = free.getsockname()[1]
+        own = {
+            "JUPYTER_CONFIG_DIR": "config",
+            "JUPYTER_DATA_DIR": "data",
+            "JUPYTER_RUNTIME_DIR": "runtime",
+            "JUPYTERLAB_SETTINGS_DIR": "settings",
+            "JUPYTERLAB_WORKSPACES_DIR": "workspaces",
+            "IPYTHONDIR": "ipython",
+            "MPLCONFIGDIR": "matplotlib",
+        }
+        surroundings = {k: v for k, v in os.environ.items() if k != "MPLBACKEND"}
+        surroundings |= {name: str(folder / part) for name, part in own.items()}
+        paths = [str(ROOT), os.environ.get("PYTHONPATH", "")]
+        surroundings["PYTHONPATH"] = os.pathsep.join(filter(None, paths))
+        options = [
+            "--no-browser",
+            "--allow-root",
+            "--expose-app-in-browser",
+            "--ServerApp.ip=127.0.0.1",
+            f"--ServerApp.port={self.port}",
+            "--ServerApp.port_retries=0",
+            f"--ServerApp.root_dir={self.notebooks}",
+            f"--IdentityProvider.token={self.token}",
+        ]
+        with self.log.open("wb") as log:
+            self.process = subprocess.Popen(
+                [*command, *options], cwd=folder, env=surroundings, stdout=log, stderr=log
+            )
+        try:
+            check(self._answers, "the Jupyter server answers", patience, self.tail)
+        except BaseException:
+            self.close()
+            raise
+
+    def tail(self):
+        """The last lines that the server wrote."""
+        lines = self.log.read_text(encoding="utf-8", errors="replace").splitlines()
+        return "the server's log ends:\n" + "\n".join(lines[-20:])
+
+    def ask(self, path):
+        """What the server's own interface tells."""
+        address = f"http://127.0.0.1:{self.port}{path}"
+        asked = urllib.request.Request(address, headers={"Authorization": f"token {self.token}"})
+        with urllib.request.urlopen(asked, timeout=10) as answer:
+            return json.load(answer)
+
+    def _answers(self):
+        if self.process.poll() is not None:
+            raise AssertionError(
+                f"the server ended, status {self.process.returncode}\n{self.tail()}"
+            )
+        try:
+            return "version" in self.ask("/api")
+        except (urllib.error.URLError, OSError, ValueError):
+            return False
+
+    def idle(self, name):
+        """Whether the notebook has a kernel that waits for work."""
+        return any(
+            session["path"] == name and session["kernel"]["execution_state"] == "idle"
+            for session in self.ask("/api/sessions")
+        )
+
+    def close(self):
+        """End the server and every process that it has started."""
+        try:
+            family = [*psutil.Process(self.process.pid).children(recursive=True)]
+        except psutil.NoSuchProcess:
+            family = []
+        self.process.terminate()
+        try:
+            self.process.wait(30)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait(10)
+        _, left = psutil.wait_procs(family, timeout=5)
+        for process in left:
+            process.kill()
+        psutil.wait_procs(left, timeout=5)
+
+
+@contextmanager
+def serving(*parts, **options):
+    server = Server(*parts, **options)
+    try:
+        yield server
+    finally:
+        server.close()
+
+
+@pytest.fixture(scope="module")
+def lab(tmp_path_factory):
+    if importlib.util.find_spec("jupyterlab") is None:
+        pytest.skip("JupyterLab is not installed: pip install jupyterlab")
+    with serving(tmp_path_factory.mktemp("lab"), LAB) as server:
+        yield server
+
+
+def picture(source):
+    data = np.frombuffer(base64.b64decode(source.split(",", 1)[1]), np.uint8)
+    return cv2.imdecode(data, cv2.IMREAD_COLOR).astype(int)
+
+
+def press(browser, key):
+    codes = {"ArrowRight": 39, "End": 35}
+    for kind in ("keyDown", "keyUp"):
+        browser.call(
+            "Input.dispatchKeyEvent",
+            type=kind,
+            key=key,
+            code=key,
+            windowsVirtualKeyCode=codes[key],
+        )
+
+
+def figures_around_a_move(browser, server, name, code, patience=180.0):
+    """Run a notebook of one cell and move its first slider.
+
+    Returns:
+        The figure before and after, and whether it changed within 20 seconds.
+    """
+
+    def value(expression):
+        return browser.evaluate(
+            f"(() => {{ try {{ return {expression}; }} catch {{ return null; }} }})()"
+        )
+
+    def told():
+        words = browser.evaluate("document.body ? document.body.innerText.slice(-1500) : ''")
+        return f"{server.tail()}\nthe page ends:\n{words}"
+
+    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(code)])
+    notebook.metadata["kernelspec"] = {
+        "name": "python3",
+        "display_name": "Python 3",
+        "language": "python",
+    }
+    nbformat.write(notebook, server.notebooks / name)
+    address = f"http://127.0.0.1:{server.port}/lab/tree/{name}?token={server.token}"
+    # JupyterLab asks before one leaves a changed notebook.
+    browser.evaluate(
+        "addEventListener('beforeunload', (e) => e.stopImmediatePropagation(), { capture: true })"
+    )
+    browser.call("Page.navigate", url=address)
+    open_now = f"window.jupyterapp.shell.currentWidget.context.path === '{name}'"
+    check(lambda: value(open_now), f"JupyterLab shows {name}", patience, told)
+    check(lambda: server.idle(name), "a kernel is ready", patience, told)
+    browser.evaluate("void window.jupyterapp.commands.execute('notebook:run-all-cells')")
+    check(lambda: value(VALUE), "a slider appears", patience, told)
+    first = check(lambda: value(FIGURE), "the widget draws its figure", patience, told)
+    stood = value(VALUE)
+    browser.evaluate(f"{HANDLE}.focus()")
+    # Versions of JupyterLab differ in whether they take the arrows for themselves.
+    for key in ("ArrowRight", "End"):
+        press(browser, key)
+        time.sleep(1)
+        if value(VALUE) != stood:
+            break
+    else:
+        raise AssertionError(f"no key moves the slider from {stood}\n{told()}")
+    end = time.monotonic() + 20
+    # While a figure is drawn anew there is none for a moment.
+    while (second := value(FIGURE)) in (None, first) and time.monotonic() < end:
+        time.sleep(0.2)
+    return picture(first), picture(second or first), second not in (None, first)
+
+
+def test_moving_a_slider_changes_the_figure(second_browser, lab):
+    before, after, changed = figures_around_a_move(second_browser, lab, "glass.ipynb", GLASS)
+    assert changed
+    assert before.shape != after.shape or (np.abs(before - after).max(axis=2) > 40).mean() > 0.002
+
+
+def test_a_figure_that_ignores_its_slider_is_noticed(second_browser, lab):
+    _, _, changed = figures_around_a_move(second_browser, lab, "dead.ipynb", DEAD)
+    assert not changed
+
+
+STAND_IN = """import http.server, json, subprocess, sys
+child = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
+print("child", child.pid, flush=True)
+port = next(int(a.split("=")[1]) for a in sys.argv if a.startswith("--ServerApp.port="))
+class Answer(http.server.BaseHTTPRequestHandler):
+    def do_GET(self):
+        self.send_response(200); self.end_headers()
+        self.wfile.write(json.dumps({"version": "0"}).encode())
+http.server.HTTPServer(("127.0.0.1", port), Answer).serve_forever()"""
+
+
+def test_the_server_leaves_no_process_behind(tmp_path):
+    with serving(tmp_path, [sys.executable, "-c", STAND_IN]) as server:
+        child = int(server.log.read_text().split()[1])
+        assert psutil.pid_exists(child)
+    assert server.process.returncode is not None
+    assert not psutil.pid_exists(child)
+
+
+def test_a_server_that_dies_or_hangs_says_so(tmp_path):
+    with pytest.raises(AssertionError, match=r"status 3\n(.*\n)*no such option"):
+        Server(tmp_path / "dies", [sys.executable, "-c", "print('no such option'); exit(3)"])
+    sleeper = [sys.executable, "-c", "print('thinking', flush=True); import time; time.sleep(99)"]
+    with pytest.raises(AssertionError, match=r"answers: not within 3.0 s\n(.*\n)*thinking"):
+        Server(tmp_path / "hangs", sleeper, patience=3.0)
