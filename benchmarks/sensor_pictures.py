@@ -86,9 +86,8 @@ def real_example(folder: Path, scene: str) -> tuple[CorruptionExample, dict[str,
         "measured_minus_plane_median_m": float(np.median((raw - table)[seen])),
         "measured_within_1cm_of_plane": float((np.abs(raw - table)[seen] < 0.01).mean()),
     }
-    example = CorruptionExample(
-        WHAT[scene], camera, *(a.astype(np.float32) for a in (raw, truth, table)), mask
-    )
+    depths = [np.asarray(depth, dtype=np.float32) for depth in (raw, truth, table)]
+    example = CorruptionExample(WHAT[scene], camera, depths[0], depths[1], depths[2], mask)
     return example, known
 
 

@@ -83,7 +83,7 @@ def write_examples(
             arrays[f"{key}/{name}"] = np.diff(steps, axis=1, prepend=np.uint16(0))  # packs better
         arrays[f"{key}/mask"] = np.packbits(example.mask, axis=1)
     target.parent.mkdir(parents=True, exist_ok=True)
-    np.savez_compressed(target, **arrays)  # type: ignore[arg-type]
+    np.savez_compressed(target, **arrays)
     told = {
         "depth_step_m": DEPTH_STEP,
         "file_sha256": hashlib.sha256(target.read_bytes()).hexdigest(),

@@ -241,7 +241,9 @@ def _draw_picture(
 ) -> None:
     ax.imshow(picture, interpolation="bilinear")
     uv = project(track.keypoints[place], track.camera)
-    at = project(transform_points(track.camera_from_object[place], [point]), track.camera)[0]
+    at = project(
+        transform_points(track.camera_from_object[place], np.asarray([point])), track.camera
+    )[0]
     for end, color in zip(uv, _keypoint_colors(), strict=True):
         ax.plot(*np.stack([at, end]).T, color=COLORS["truth"], lw=0.5, alpha=0.45)
         ax.plot(*end, "o", ms=4.5, color=color, mec="white", mew=0.6)

@@ -176,7 +176,7 @@ def draw_kind_bars(ax: Axes, sources: Mapping[str, Source], place: str) -> None:
     """
     rows = 100 * np.array([source.shares(place) for source in sources.values()])
     left = np.zeros(len(rows))
-    places = np.arange(len(rows))
+    places = range(len(rows))
     for kind, (name, color) in enumerate(zip(KINDS, KIND_COLORS, strict=True)):
         values = rows[:, kind]
         ax.barh(places, values, 0.72, left, color=color, edgecolor=_EDGE, lw=0.7, label=name)
