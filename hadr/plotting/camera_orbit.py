@@ -219,8 +219,8 @@ def orbit_picture(
     """
     if not 0 <= place < len(track.turns_deg):
         raise ValueError(f"the orbit has places 0 to {len(track.turns_deg) - 1}, got {place}")
-    figure: Figure = plt.figure(figsize=(9, 5.2), layout="none")  # all alike, and drawn faster
-    figure.subplots_adjust(0.005, 0.095, 0.99, 0.945, 0.34, 0.62)
+    figure: Figure = plt.figure(figsize=(7.8, 4.9), layout="none")  # all alike, and drawn faster
+    figure.subplots_adjust(0.005, 0.1, 0.99, 0.945, 0.36, 0.68)
     names = [[side, name] for side, name in zip("pppl", FEATURES, strict=True)]
     axes: dict[str, Axes] = figure.subplot_mosaic(
         names, width_ratios=(1, 1.62), height_ratios=(1, 1, 1, 1.2)
@@ -230,7 +230,7 @@ def orbit_picture(
         _draw_bars(axes[name], features[name] * (100 if metric else 1), place, start)
         change = float(change_of(features[name], start)[place])
         said = f"changed by {change:.0%}" if change > 1e-9 else "unchanged"
-        axes[name].set_title(f"{title}: {said}", fontsize=10, loc="left", pad=3)
+        axes[name].set_title(f"{title}: {said}", fontsize=9.5, loc="left", pad=3)
         axes[name].set_ylabel("cm" if metric else "share", labelpad=1)
     _draw_changes(axes["l"], track, features, place, start)
     return figure
@@ -263,7 +263,7 @@ def _draw_bars(ax: Axes, rows: Array, place: int, start: int) -> None:
     count = rows.shape[1]
     colors = np.repeat(_keypoint_colors(), count // 21).tolist()
     numbers = np.arange(count)
-    ax.vlines(numbers, 0, rows[place], colors=colors, lw=280 / count)  # quicker than bars
+    ax.vlines(numbers, 0, rows[place], colors=colors, lw=240 / count)  # quicker than bars
     ax.hlines(rows[start], numbers - 0.5, numbers + 0.5, color="black", lw=1.3)
     ax.axhline(0, color="black", lw=0.5)
     low, high = min(float(rows.min()), 0.0), float(rows.max())
@@ -285,11 +285,11 @@ def _draw_changes(
         ax.plot(track.turns_deg, change, color=color, lw=width, label=label)
         ax.plot(track.turns_deg[place], change[place], "o", ms=6, color=color)
     ax.axvline(track.turns_deg[place], color="black", lw=0.8, ls=":", zorder=0)
-    ax.set(xlabel="camera's turn (°)", ylabel="changed by (%)")
+    ax.set(xlabel="camera's turn (°)", ylabel="change (%)")
     ax.legend(loc="upper left", fontsize=8, ncols=2, handlelength=1.2, columnspacing=0.8)
     ax.set_ylim(top=1.55 * ax.get_ylim()[1])  # room for the legend
     box = ax.get_position()
-    ax.set_position((0.07, box.y0, box.width - 0.065, box.height))
+    ax.set_position((0.085, box.y0, box.width - 0.08, box.height))
 
 
 def draw_orbit_losses(

@@ -94,8 +94,8 @@ def error_kinds_picture(sources: Sequence[Source], place: str) -> Figure:
     """
     if place not in PLACES:
         raise ValueError(f"place must be one of {', '.join(PLACES)}, got {place!r}")
-    figure: Figure = plt.figure(figsize=(9, 5.6), layout="none")  # all alike, and drawn faster
-    figure.subplots_adjust(0.065, 0.085, 0.905, 0.945, 0.06, 0.16)
+    figure: Figure = plt.figure(figsize=(8, 5.5), layout="none")  # all alike, and drawn faster
+    figure.subplots_adjust(0.072, 0.085, 0.895, 0.945, 0.06, 0.16)
     axes = figure.subplots(3, len(sources), squeeze=False, height_ratios=(1, 1, 0.8))
     near, far = _depth_range(sources)
     image = None
@@ -120,7 +120,7 @@ def error_kinds_picture(sources: Sequence[Source], place: str) -> Figure:
         ax.set_yticks([])
     if image is not None:
         box = axes[0, -1].get_position()
-        bar = figure.colorbar(image, cax=figure.add_axes((0.915, box.y0, 0.014, box.height)))
+        bar = figure.colorbar(image, cax=figure.add_axes((0.905, box.y0, 0.014, box.height)))
         bar.locator = MaxNLocator(4)
         bar.update_ticks()
         bar.set_label("depth (m)")
