@@ -150,7 +150,7 @@ def _draw_shares(ax: Axes, source: Source, place: str) -> None:
     shares = 100 * source.shares(place)
     bars = ax.bar(range(len(KINDS)), shares, color=KIND_COLORS, edgecolor=_EDGE, lw=0.7)
     ax.bar_label(bars, fmt="%.0f", fontsize=9)
-    ax.set(ylim=(0, 118), yticks=(0, 50, 100))
+    ax.set(ylim=(0, 165), yticks=(0, 50, 100))  # the words stand above the bars
     ax.set_xticks(range(len(KINDS)), _SHORT, fontsize=8.5)
     ax.tick_params(axis="x", length=0)
     errors, unknown = source.errors_m(place), 1 - source.known_share(place)
