@@ -319,6 +319,7 @@ def draw_orbit_losses(
     inks = [color for _, color in kinds.values()]
     counts.stackplot(turns, rows, labels=list(kinds), colors=inks, alpha=0.85)
     counts.set(xlabel="camera's turn (°)", ylabel="keypoints", ylim=(0, 21), xlim=turns[[0, -1]])
+    counts.set_yticks([0, 7, 14, 21])
     counts.legend(loc="lower left", frameon=True, framealpha=0.85)
     for values, color, label in (
         (errors_m, COLORS["raw"], "predicted keypoints, in the camera frame"),
