@@ -24,7 +24,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("hand",),
     ("dense_pairing",),
     ("ray_voxels",),
-    ("corruption", "corruption_statistics"),
+    ("corruption", "corruption_examples", "corruption_statistics"),
     ("metrics", "confidence", "confidence_rule"),
     ("frame_io",),
     ("camera",),
