@@ -35,6 +35,7 @@ DEAD = """import ipywidgets, matplotlib.pyplot as plt
 def draw(x):
     plt.figure(figsize=(2, 2)); plt.plot([0, 1]); plt.show()
 ipywidgets.interactive(draw, x=ipywidgets.FloatSlider(description="dead", value=5))"""
+CELL = ".jp-Notebook .jp-Cell .cm-content"
 HANDLE = "document.querySelector('.jp-OutputArea .widget-slider [role=slider]')"
 VALUE = f"{HANDLE}.getAttribute('aria-valuenow')"
 FIGURE = "document.querySelector('.jp-OutputArea .widget-output img').src"
@@ -186,6 +187,12 @@ def press(browser, key):
         )
 
 
+def click(browser, place):
+    for kind in ("mousePressed", "mouseReleased"):
+        x, y = place
+        browser.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
+
+
 def figures_around_a_move(browser, server, name, code, patience=180.0):
     """Run a notebook of one cell and move its first slider.
 
@@ -209,15 +216,22 @@ def figures_around_a_move(browser, server, name, code, patience=180.0):
         "language": "python",
     }
     nbformat.write(notebook, server.notebooks / name)
-    address = f"http://127.0.0.1:{server.port}/lab/tree/{name}?token={server.token}"
-    # JupyterLab asks before one leaves a changed notebook.
-    browser.evaluate(
-        "addEventListener('beforeunload', (e) => e.stopImmediatePropagation(), { capture: true })"
-    )
+    # A workspace of its own: else what was open before is open again.
+    place = f"lab/workspaces/{Path(name).stem}/tree/{name}"
+    address = f"http://127.0.0.1:{server.port}/{place}?token={server.token}"
     browser.call("Page.navigate", url=address)
-    open_now = f"window.jupyterapp.shell.currentWidget.context.path === '{name}'"
-    check(lambda: value(open_now), f"JupyterLab shows {name}", patience, told)
+    # A page without the focus has no current notebook, and runs none.
+    browser.call("Emulation.setFocusEmulationEnabled", enabled=True)
+    where = f"document.querySelector('{CELL}').getBoundingClientRect()"
+    check(lambda: value(f"{where}.width"), f"JupyterLab shows {name}", patience, told)
     check(lambda: server.idle(name), "a kernel is ready", patience, told)
+    open_now = f"window.jupyterapp.shell.currentWidget.context.path === '{name}'"
+    check(
+        lambda: (click(browser, value(f"[{where}.x + 20, {where}.y + 8]")), value(open_now))[1],
+        f"{name} has the focus",
+        patience,
+        told,
+    )
     browser.evaluate("void window.jupyterapp.commands.execute('notebook:run-all-cells')")
     check(lambda: value(VALUE), "a slider appears", patience, told)
     first = check(lambda: value(FIGURE), "the widget draws its figure", patience, told)
@@ -235,6 +249,10 @@ def figures_around_a_move(browser, server, name, code, patience=180.0):
     # While a figure is drawn anew there is none for a moment.
     while (second := value(FIGURE)) in (None, first) and time.monotonic() < end:
         time.sleep(0.2)
+    # A changed notebook would ask before it is left.
+    browser.evaluate("window.jupyterapp.commands.execute('docmanager:save-all')")
+    unsaved = "window.jupyterapp.shell.currentWidget.context.model.dirty"
+    check(lambda: value(unsaved) is False, f"{name} is saved", patience, told)
     return picture(first), picture(second or first), second not in (None, first)
 
 
