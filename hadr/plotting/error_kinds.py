@@ -26,7 +26,7 @@ _BLUE, *_REDS = (mpl.colors.to_hex(mpl.colormaps[ERROR_MAP](x)) for x in (0.12, 
 #: Colours of the kinds of error: light grey is missing, as in all depth pictures; blue and red are
 #: in front and behind, as in all pictures of errors; what is right is highlighted.
 KIND_COLORS: tuple[str, ...] = ("#d9d9d9", _BLUE, COLORS["highlight"], *_REDS)
-_SHORT = ("none", "< −1", "±1", "1–5", "5–20", "> 20")
+_SHORT = ("none", "<−1", "±1", "1–5", "5–20", ">20")
 _NOWHERE = "#ffffff"
 _EDGE = "#404040"
 

@@ -129,12 +129,13 @@ def draw_feature_hands(
     points = np.asarray(hands, dtype=float)
     flat = on_screen(points, screen_from_frame).reshape(-1, 2)
     middle = (flat.min(axis=0) + flat.max(axis=0)) / 2
+    half = np.maximum((flat.max(axis=0) - flat.min(axis=0)) / 2 + 1, (11, 10))
     for ax, hand in zip(axes, points, strict=True):
         show_bones(ax, hand, screen_from_frame, lw=2)
         frame_hand_axes(ax)
-        ax.set_xlim(middle[0] - 11, middle[0] + 11)
-        ax.set_ylim(middle[1] - 10, middle[1] + 10)
-    axes[0].text(middle[0] - 12, middle[1], label, rotation=90, ha="right", va="center")
+        ax.set_xlim(middle[0] - half[0], middle[0] + half[0])
+        ax.set_ylim(middle[1] - half[1], middle[1] + half[1])
+    axes[0].text(middle[0] - half[0] - 1, middle[1], label, rotation=90, ha="right", va="center")
 
 
 def draw_both_frames(
