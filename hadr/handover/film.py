@@ -86,7 +86,9 @@ def captioned(
     span: tuple[float, float],
     note: str = "",
 ) -> Picture:
-    """Put the ribbon of stages, the stage, the time and the reason below a picture.
+    """Put the stage, the time, the reason and the ribbon of stages above a picture.
+
+    Above, because a player's controls cover what is below.
 
     Args:
         picture: sRGB, shape (H, W, 3) uint8.
@@ -100,7 +102,8 @@ def captioned(
     """
     rows, width = picture.shape[:2]
     whole = Image.new("RGB", (width, rows + CAPTION_HEIGHT), _PAPER)
-    whole.paste(Image.fromarray(picture), (0, 0))
+    whole.paste(Image.fromarray(picture), (0, CAPTION_HEIGHT))
+    ribbon = CAPTION_HEIGHT - _RIBBON
     draw = ImageDraw.Draw(whole)
     start, end = span
     length = max(end - start, 1e-9)
@@ -115,11 +118,12 @@ def captioned(
         if stage in (Stage.FINISHED, Stage.STOPPED):
             wide = width
         left_at = min(column(left), width - 6)
-        draw.rectangle((left_at, rows, wide, rows + _RIBBON), fill=stage_color(stage))
+        draw.rectangle((left_at, ribbon, wide, CAPTION_HEIGHT - 1), fill=stage_color(stage))
     here = min(max(column(time), 2.0), width - 3.0)
-    draw.rectangle((here - 2, rows - 3, here + 2, rows + _RIBBON + 3), fill=_INK, outline=_PAPER)
+    end_of_mark = CAPTION_HEIGHT + 2
+    draw.rectangle((here - 2, ribbon - 3, here + 2, end_of_mark), fill=_INK, outline=_PAPER)
     stage, reason = stage_at(time, transitions)
-    top = rows + _RIBBON + 7
+    top = 5
     clock = f"{time:.1f} s"
     draw.text((width - _MARGIN, top), clock, _INK, _font(17), anchor="ra")
     square = (_MARGIN, top + 3, _MARGIN + 13, top + 16)

@@ -175,19 +175,20 @@ def show_run(
     top.legend(loc="upper right")
     middle.plot(time, opening, color=COLORS["hadr"])
     middle.set(ylabel="opening (mm)", ylim=(0, 90))
-    taken = np.array([state.holder == "gripper" for state in states])
-    if taken.any():
-        first = int(np.argmax(taken))
-        middle.axvline(time[first], color=COLORS["truth"], lw=1, ls=":")
-        left = time[first] > (time[0] + time[-1]) / 2
-        middle.annotate(
-            "the hand lets go", (time[first], 4), xytext=(-5 if left else 5, 0),
-            textcoords="offset points", ha="right" if left else "left", va="bottom", fontsize=9,
-        )  # fmt: skip
     low.plot(time, force, color=COLORS["hand"])
     low.axhline(largest_force, color=COLORS["truth"], lw=1, ls=":")
     low.text(time[0], largest_force, f" limit {largest_force:g} N", va="top", ha="left", fontsize=9)
     low.set(ylabel="force (N)", ylim=(0, 1.15 * max(largest_force, float(force.max()))))
+    taken = np.array([state.holder == "gripper" for state in states])
+    if taken.any():
+        first = int(np.argmax(taken))
+        left = time[first] > (time[0] + time[-1]) / 2
+        for ax in axes:
+            ax.axvline(time[first], color=COLORS["truth"], lw=1, ls=":")
+        low.annotate(
+            "the hand lets go", (time[first], largest_force / 2), xytext=(-5 if left else 5, 0),
+            textcoords="offset points", ha="right" if left else "left", va="center", fontsize=9,
+        )  # fmt: skip
     low.set_xlabel("time (s)")
     span = (float(time[0]), float(time[-1]))
     for ax in axes:

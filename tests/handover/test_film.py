@@ -160,7 +160,7 @@ def test_the_ribbon_has_each_stage_in_its_place() -> None:
     picture = np.full((60, 400, 3), 255, dtype=np.uint8)
     whole = captioned(picture, 2.0, CHANGES, (0.0, 4.0))
     assert whole.shape == (60 + CAPTION_HEIGHT, 400, 3)
-    np.testing.assert_array_equal(whole[:50], picture[:50])
+    np.testing.assert_array_equal(whole[-50:], picture[-50:])
     for column, name in (
         (50, "Wait & Observe"),  # 0 to 1 s: columns 0 to 100
         (150, "Approach & React"),
@@ -169,8 +169,8 @@ def test_the_ribbon_has_each_stage_in_its_place() -> None:
         (399, "Stopped"),
     ):
         expected = tuple(int(STAGE_COLORS[name][i : i + 2], 16) for i in (1, 3, 5))
-        assert tuple(whole[65, column]) == expected
-    assert whole[65, 200].max() < 60  # the mark of the time: 2 of 4 s
+        assert tuple(whole[CAPTION_HEIGHT - 5, column]) == expected
+    assert whole[CAPTION_HEIGHT - 5, 200].max() < 60  # the mark of the time: 2 of 4 s
     # the caption changes with stage, time and note
     assert not np.array_equal(whole, captioned(picture, 2.1, CHANGES, (0.0, 4.0)))
     assert not np.array_equal(whole, captioned(picture, 2.0, CHANGES, (0.0, 4.0), "a note"))
