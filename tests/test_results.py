@@ -337,7 +337,7 @@ def test_readme_and_chapter_11_say_what_the_handover_file_says() -> None:
     assert rows["hadr-plus"]["rate_by_object"]["0012"] == 0  # "of the coupe ... none"
     assert rows["hadr"]["interval"][1] < 34 / 48  # "The paper's 70.8 % are not reached here"
     assert rows["perfect"]["interval"][0] < 34 / 48 < rows["perfect"]["interval"][1]
-    assert hadr == perfect / 2  # "half of that"
+    assert 0.5 < hadr / perfect < 0.6  # "little more than half of that"
     assert raw > 5  # "Raw depth does better than in the paper, too"
     assert max(row["largest_force_n"] for row in rows.values()) < 10  # "far below the 20 N"
 
