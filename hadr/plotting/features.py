@@ -198,7 +198,7 @@ def widths_figure(parts: Mapping[str, int]) -> Figure:
         ax.barh(0, count, left=start, color=shade, ec="white", lw=1.5)
         wide = count > 30
         text = f"{name}\n{count}".replace(" point", "\npoint") if wide else f"{name} {count}"
-        ink = "black" if shade == _PARTS[-1] else "white"
+        ink = "black" if shade in (_PARTS[-1], COLORS["voxel"]) else "white"
         middle, turn = start + count / 2, 0 if wide else 90
         ax.text(middle, 0, text, ha="center", va="center", color=ink, fontsize=9, rotation=turn)
         start += count
