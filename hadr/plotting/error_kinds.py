@@ -156,8 +156,8 @@ def _draw_shares(ax: Axes, source: Source, place: str) -> None:
     errors, unknown = source.errors_m(place), 1 - source.known_share(place)
     lines = ["nothing measured"]
     if errors.size:
-        typical = 1000 * np.median(np.abs(errors))
-        lines = [f"median {100 * np.median(errors):+.1f} cm, size {typical:.1f} mm"]
+        middle, typical = 100 * np.median(errors), 100 * np.median(np.abs(errors))
+        lines = [f"median {middle:+.2f} cm, size {typical:.2f} cm"]
     if unknown > 0.005:
         lines.append(f"truth unknown: {unknown:.0%}")
     ax.text(

@@ -11,12 +11,13 @@ import numpy.typing as npt
 import torch
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from torch import Tensor
 
 from hadr.camera import BoolArray, FloatArray
 from hadr.plotting import COLORS, show_color
 
-_PARTS = (COLORS["hadr"], COLORS["robot"], COLORS["hand"], "#5a5a5a", "#8a8a8a", "#b8b8b8")
+_PARTS = (COLORS["hadr"], COLORS["voxel"], COLORS["hand"], "#5a5a5a", "#8a8a8a", "#b8b8b8")
 
 
 def false_color(feature_map: Tensor) -> npt.NDArray[np.float32]:
@@ -75,6 +76,38 @@ def show_box(
     ax.set(ylim=(row + half + 2.5, row - half - 2.5))
 
 
+def box_picture(picture: npt.NDArray[Any], row: int, column: int) -> Figure:
+    """Draw one ray's box three times: in the picture, enlarged with samples, and its bins' means.
+
+    Args:
+        picture: Image, shape (H, W, 3), in 0..1.
+        row: Row of the ray's pixel.
+        column: Column of the ray's pixel.
+
+    Returns:
+        The figure; of one size for all pixels.
+
+    Raises:
+        ValueError: The box of 8x8 pixels leaves the picture.
+    """
+    height, width = picture.shape[:2]
+    if not (4 <= row <= height - 4 and 4 <= column <= width - 4):
+        raise ValueError(
+            f"the box of pixel ({column}, {row}) leaves the picture of {width} x {height}"
+        )
+    figure: Figure = plt.figure(figsize=(9, 2.9), layout="none")  # all alike, and drawn faster
+    figure.subplots_adjust(0.01, 0.02, 0.99, 0.89, 0.06, 0.0)
+    axes = figure.subplots(1, 3, width_ratios=(1.75, 1, 1))
+    show_color(axes[0], picture, f"column {column}, row {row}")
+    corner = (column - 4.5, row - 4.5)
+    axes[0].add_patch(plt.Rectangle(corner, 8, 8, fill=False, ec=COLORS["ray"], lw=2))
+    show_box(axes[1], picture, row, column, aligned=True)
+    axes[1].set_title("box, bins, samples")
+    box = np.asarray(picture, dtype=float)[row - 4 : row + 4, column - 4 : column + 4]
+    show_color(axes[2], box.reshape(2, 4, 2, 4, 3).mean(axis=(1, 3)), "mean of each bin")
+    return figure
+
+
 def winners_figure(
     picture: npt.NDArray[Any],
     points_uv: npt.ArrayLike,
@@ -104,6 +137,8 @@ def winners_figure(
     image = right.imshow(shares, aspect="auto", cmap="magma_r", vmin=0, vmax=1)
     right.plot(range(shares.shape[1]), shares.argmax(axis=0), "o", ms=4, **marks)
     right.set(xlabel="channel", ylabel="winning point", title="share of the channel's maximum")
+    for axis in (right.xaxis, right.yaxis):
+        axis.set_major_locator(MaxNLocator(integer=True))
     fig.colorbar(image, ax=right, shrink=0.8)
     return fig
 
@@ -163,7 +198,7 @@ def widths_figure(parts: Mapping[str, int]) -> Figure:
         ax.barh(0, count, left=start, color=shade, ec="white", lw=1.5)
         wide = count > 30
         text = f"{name}\n{count}".replace(" point", "\npoint") if wide else f"{name} {count}"
-        ink = "black" if shade == _PARTS[-1] else "white"
+        ink = "black" if shade in (_PARTS[-1], COLORS["voxel"]) else "white"
         middle, turn = start + count / 2, 0 if wide else 90
         ax.text(middle, 0, text, ha="center", va="center", color=ink, fontsize=9, rotation=turn)
         start += count

@@ -82,7 +82,7 @@ def draw_labels(frame: Frame, normals: FloatArray, *, width: float = 9.0) -> Fig
     """Draw a frame with everything that is known about it.
 
     Args:
-        frame: With background and raw depth.
+        frame: With background and sensor depth (`raw_depth`).
         normals: Unit normals toward the viewer, camera frame, (H, W, 3); 0 where unknown.
         width: Width of the figure, inches.
 
@@ -105,7 +105,7 @@ def draw_labels(frame: Frame, normals: FloatArray, *, width: float = 9.0) -> Fig
     show_mask(axes[0, 2], frame.hand_mask, COLORS["hand"], alpha=0.7)
     held = frame.depth[frame.object_mask | frame.hand_mask]
     limits = {"vmin": float(held.min()), "vmax": float(np.percentile(held, 99)) + 0.15}
-    titles = ("true depth", "depth without the glass", "raw depth of a stereo camera")
+    titles = ("true depth", "depth without the glass", "sensor depth (stereo)")
     for ax, depth, title in zip(
         axes[1], (frame.depth, frame.background_depth, frame.raw_depth), titles, strict=True
     ):
@@ -115,7 +115,7 @@ def draw_labels(frame: Frame, normals: FloatArray, *, width: float = 9.0) -> Fig
     show_color(axes[2, 0], normal_colors(normals), "normals")
     behind = np.where(frame.object_mask, frame.background_depth - frame.depth, np.nan)
     show_error(axes[2, 1], behind, "without the glass minus true", limit=0.3, colorbar=False)
-    image = show_error(axes[2, 2], error, "raw minus true", limit=0.3, colorbar=False)
+    image = show_error(axes[2, 2], error, "sensor minus true", limit=0.3, colorbar=False)
     fig.colorbar(
         image, ax=axes[2].tolist(), shrink=0.9, pad=0.01, label="difference (cm)", extend="both"
     )
@@ -165,11 +165,13 @@ def draw_statistics(statistics: FrameStatistics, *, width: float = 9.0) -> Figur
     _histogram(axes[0, 0], s.distance_m, "hand's distance (m)", COLORS["hand"])
     _histogram(axes[0, 1], 100 * s.glass_share, "glass in the picture (%)", COLORS["glass"])
     _histogram(axes[0, 2], 100 * s.visible_share, "of the glass is visible (%)", COLORS["glass"])
-    _histogram(axes[1, 0], 100 * s.missing_share, "raw depth missing on glass (%)", COLORS["raw"])
+    _histogram(
+        axes[1, 0], 100 * s.missing_share, "sensor depth missing on glass (%)", COLORS["raw"]
+    )
     bias = 100 * s.bias_m
-    _histogram(axes[1, 1], bias, "raw depth behind the glass (cm)", COLORS["raw"], upper=90)
+    _histogram(axes[1, 1], bias, "sensor depth behind the glass (cm)", COLORS["raw"], upper=90)
     errors = 1000 * s.hand_error_m
-    _histogram(axes[1, 2], errors, "raw depth's error on the hand (mm)", COLORS["hand"])
+    _histogram(axes[1, 2], errors, "sensor depth off on the hand (mm)", COLORS["hand"])
     for ax in axes[:, 0]:
         ax.set_ylabel("frames")
     return fig

@@ -105,6 +105,8 @@ def draw_missed(ax: Axes, center: npt.ArrayLike, size: float, text: str) -> None
 def draw_slabs(ax: Axes, near: npt.ArrayLike, far: npt.ArrayLike) -> None:
     """Draw the stay of a ray in the three slabs of a voxel as bars, and what they share.
 
+    The numbers stand to the right of the axes, where no bar is too narrow for them.
+
     Args:
         ax: 2D axes.
         near: Distances at which the ray enters the x, y and z slab, metres along the ray, shape
@@ -120,7 +122,7 @@ def draw_slabs(ax: Axes, near: npt.ArrayLike, far: npt.ArrayLike) -> None:
         alpha = 1.0 if row == len(names) - 1 else 0.4
         ax.barh(row, end - start, left=start, color=COLORS["voxel"], alpha=alpha)
         text = f"{start:.3f} to {end:.3f}" if limited[row] else "no limit"
-        ax.text((start + end) / 2, row, text, ha="center", va="center", fontsize=9)
+        ax.text(1.02, row, text, va="center", fontsize=9, transform=ax.get_yaxis_transform())
     ax.set(xlim=(low, high), xlabel="distance along the ray (m)")
     ax.set_yticks(range(len(names)), names)
     ax.invert_yaxis()

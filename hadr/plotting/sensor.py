@@ -11,8 +11,12 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from hadr.camera import window_around
+from hadr.corruption import see_through
+from hadr.corruption_statistics import corruption_statistics
 from hadr.markdown import markdown_table
-from hadr.plotting import COLORS
+from hadr.plotting import COLORS, show_color, show_depth, show_error
+from hadr.synthesis.transhand_frame import Frame
 
 #: What is compared: key in the results, title, factor, unit.
 SENSOR_ROWS: tuple[tuple[str, str, float, str], ...] = (
@@ -108,3 +112,48 @@ def show_infrared(ax: Axes, picture: npt.NDArray[np.uint8], title: str) -> None:
     )
     ax.set(title=title, xticks=[], yticks=[])
     ax.spines[:].set_visible(False)
+
+
+def see_through_picture(frame: Frame, missing: float, background: float, seed: int = 0) -> Figure:
+    """Draw a glass whose depth is partly missing and partly the background's.
+
+    Args:
+        frame: With the depth without the glass.
+        missing: Share of the glass without any depth, 0..1.
+        background: Share of the rest that shows what stands behind the glass, 0..1.
+        seed: Where the patches lie.
+
+    Returns:
+        The figure, of one size for all shares: colour, depth, and measured minus true.
+
+    Raises:
+        ValueError: The frame has no background depth, or a share is outside of 0..1.
+    """
+    if frame.background_depth is None:
+        raise ValueError(f"frame {frame.stem} lacks the depth without the glass")
+    for name, share in (("missing", missing), ("background", background)):
+        if not 0 <= share <= 1:
+            raise ValueError(f"{name} must be a share in 0..1, got {share}")
+    truth, mask = frame.depth, frame.object_mask
+    seen = see_through(
+        truth,
+        frame.background_depth,
+        mask,
+        np.random.default_rng(seed),
+        missing_share=missing,
+        background_share=(1 - missing) * background,
+    )
+    found = corruption_statistics(seen, truth, mask)
+    window = window_around(mask, 14)
+    near = float(truth[mask].min()) - 0.03
+    far = float(np.percentile(frame.background_depth[mask], 95)) + 0.1
+    figure: Figure = plt.figure(figsize=(9, 3.4), layout="none")  # all alike, and drawn faster
+    figure.subplots_adjust(0.01, 0.02, 0.94, 0.88, 0.14, 0.0)
+    axes = figure.subplots(1, 3)
+    show_color(axes[0], frame.color[window], "colour")
+    title = f"{found.missing_share:.0%} of the glass missing"
+    show_depth(axes[1], seen[window], title, vmin=near, vmax=far)
+    error = np.where(mask & (seen > 0), seen - truth, np.nan)
+    known = "none" if np.isnan(found.bias_m) else f"{100 * found.bias_m:+.1f} cm"
+    show_error(axes[2], error[window], f"median error {known}", limit=0.4)
+    return figure

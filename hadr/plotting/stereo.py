@@ -71,4 +71,6 @@ def _ghosts(ax: Axes) -> None:
     for _, knee in ends:
         ax.plot(*np.array([knee, ghost]).T, "--", color=COLORS["hadr"], lw=1)
     ax.plot(*ghost, "x", ms=10, mew=2.5, color=COLORS["hand"], zorder=4)
-    ax.text(ghost[0] + 0.05, ghost[1], "measured", va="center", color=COLORS["hand"])
+    aside = (0.3, float(ghost[1]) + 0.16)  # between glass and wall
+    line = {"arrowstyle": "-", "color": COLORS["hand"], "shrinkB": 6}
+    ax.annotate("measured", ghost, aside, va="center", color=COLORS["hand"], arrowprops=line)

@@ -111,7 +111,7 @@ def walk_picture(
     if not here.any() or len(probability) != here.sum():
         raise ValueError(f"{here.sum()} candidates, but {len(probability)} probabilities")
     figure: Figure = plt.figure(figsize=(9, 3.9), layout="none")  # all alike, and drawn faster
-    figure.subplots_adjust(0.085, 0.13, 0.985, 0.92, 0.32, 0.5)
+    figure.subplots_adjust(0.085, 0.13, 0.885, 0.92, 0.32, 0.5)  # numbers stand at the right
     panels = [["above", "slabs"], ["beside", "shares"]]
     axes: dict[str, Axes] = figure.subplot_mosaic(panels, width_ratios=(1.5, 1))
     _draw_view(axes["above"], walk, _ABOVE, truth, place)

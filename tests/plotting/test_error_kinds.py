@@ -53,7 +53,7 @@ def bars(figure):
 def test_the_picture_shows_the_shares_of_its_place(source):
     ax, heights = bars(error_kinds_picture([source], "in the glass"))
     assert heights == pytest.approx([50, 0, 0, 0, 50, 0])
-    assert ax.texts[-1].get_text() == "median +10.0 cm, size 100.0 mm\ntruth unknown: 17%"
+    assert ax.texts[-1].get_text() == "median +10.00 cm, size 10.00 cm\ntruth unknown: 17%"
     _, heights = bars(error_kinds_picture([source], "elsewhere"))
     assert heights == pytest.approx([0, 0, 100, 0, 0, 0])
     sizes = {tuple(error_kinds_picture([source], p).get_size_inches()) for p in source.places}

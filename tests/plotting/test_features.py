@@ -12,6 +12,7 @@ import pytest
 import torch
 
 from hadr.plotting.features import (
+    box_picture,
     encoding_figure,
     false_color,
     influence_figure,
@@ -61,6 +62,20 @@ def test_aligned_samples_fall_on_pixel_centres() -> None:
         left = min(patch.get_x() for patch in ax.patches)
         assert left == first - 0.5
         assert max(patch.get_x() + patch.get_width() for patch in ax.patches) == left + 8
+
+
+def test_the_box_is_drawn_around_its_pixel_and_its_bins_are_averaged() -> None:
+    picture = np.zeros((32, 64, 3))
+    picture[6:10, 20:24] = 1.0  # the upper right bin of row 10, column 20
+    figure = box_picture(picture, 10, 20)
+    whole, enlarged, means = figure.axes
+    (square,) = whole.patches
+    assert (square.get_x(), square.get_y()) == (15.5, 5.5)
+    assert (square.get_width(), square.get_height()) == (8, 8)
+    assert len(enlarged.patches) == 4
+    np.testing.assert_allclose(means.images[0].get_array()[..., 0], [[0, 1], [0, 0]])
+    with pytest.raises(ValueError, match=r"pixel \(2, 10\) leaves the picture of 64 x 32"):
+        box_picture(picture, 10, 2)
 
 
 def test_winners_are_marked_at_the_largest_share_of_each_channel() -> None:

@@ -73,7 +73,7 @@ def test_labels_show_raw_error_in_centimetres_and_grey_where_missing():
     raw = np.full(CAMERA.shape, 0.52, np.float32)
     raw[0, 0] = 0.0
     fig = draw_labels(frame(raw_depth=raw), np.zeros((*CAMERA.shape, 3)))
-    error = images_of(fig, "raw minus true")[0].get_array()
+    error = images_of(fig, "sensor minus true")[0].get_array()
     assert error.mask[0, 0]
     assert float(error[10, 10]) == pytest.approx(2.0, abs=1e-4)
     behind = images_of(fig, "without the glass minus true")[0].get_array()

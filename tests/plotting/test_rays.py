@@ -101,6 +101,8 @@ def test_slabs_show_the_stay_in_each_and_what_they_share() -> None:
     assert bars[2] == bars[3] == pytest.approx((1.09375, 1.40625))
     texts = [t.get_text() for t in ax.texts]
     assert texts == ["1.042 to 1.458", "no limit", "1.094 to 1.406", "1.094 to 1.406"]
+    right = ax.get_window_extent().x1
+    assert all(text.get_window_extent().x0 > right for text in ax.texts), "beside the bars"
 
 
 def test_a_missed_voxel_is_a_dotted_square_at_its_place() -> None:
