@@ -98,6 +98,20 @@ def reasons_table(
     return markdown_table(head, lines, "lrrll")
 
 
+def ways_table(ways: Sequence[tuple[str, str, str, float]]) -> str:
+    """List one network's errors: where it was scored, on which frames, and what a hole counts.
+
+    Args:
+        ways: Where, the frames, what becomes of a pixel without an answer, and the RMSE in metres.
+
+    Returns:
+        Markdown, a line a way; the RMSE in centimetres.
+    """
+    head = ["scored in", "frames", "a pixel without an answer", "RMSE (cm)"]
+    lines = [[*words, f"{100 * rmse:.2f}"] for *words, rmse in ways]
+    return markdown_table(head, lines, "lllr")
+
+
 def draw_against_paper(
     ax: Axes, rows: Sequence[Row], published: Mapping[str, Any], split: str
 ) -> None:

@@ -12,6 +12,7 @@ from hadr.plotting.comparison import (
     draw_error_over_time,
     orders_table,
     reasons_table,
+    ways_table,
 )
 from hadr.plotting.results import (
     averages_table,
@@ -147,6 +148,11 @@ def test_reasons_stand_beside_the_differences() -> None:
     ]
     with pytest.raises(KeyError, match="lidf"):
         reasons_table(tables, {**FIVE, "known": {}, "unknown": {}}, {"lidf": ("", "")})
+
+
+def test_ways_of_scoring_are_listed_in_centimetres() -> None:
+    line = ways_table([("here", "48 frames", "counts as 0", 0.0643)]).splitlines()[2]
+    assert cells(line) == ["here", "48 frames", "counts as 0", "6.43"]
 
 
 def test_published_dots_are_hollow_and_ours_full() -> None:
