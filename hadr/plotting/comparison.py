@@ -94,7 +94,7 @@ def reasons_table(
             raise KeyError(method)
         cells = [f"{gaps[s]:+.1f}" if s in gaps else "-" for s in ("known", "unknown")]
         lines.append([NAMES[method], *cells, reason, where])
-    head = ["row", "known (cm)", "unknown (cm)", "main reason", "where tested"]
+    head = ["row", "ours minus paper: known (cm)", "unknown (cm)", "main reason", "where tested"]
     return markdown_table(head, lines, "lrrll")
 
 
