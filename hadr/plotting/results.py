@@ -92,7 +92,7 @@ def difference_cell(pair: Mapping[str, Any] | None) -> str:
 
 
 def with_doubt(value_m: float, doubt_m: float, *, sign: str = "") -> str:
-    """Set a length with its standard error in centimetres, so that no line breaks within.
+    """Set a length with its standard error in centimetres, on two lines at most.
 
     Args:
         value_m: Metres.
@@ -100,9 +100,9 @@ def with_doubt(value_m: float, doubt_m: float, *, sign: str = "") -> str:
         sign: "+" where a positive value shows its sign.
 
     Returns:
-        Both, held together by no-break spaces.
+        Both; a narrow column can break the line before "±" and nowhere else.
     """
-    return f"{100 * value_m:{sign}.2f}\N{NO-BREAK SPACE}±\N{NO-BREAK SPACE}{100 * doubt_m:.2f}"
+    return f"{100 * value_m:{sign}.2f} ±\N{NO-BREAK SPACE}{100 * doubt_m:.2f}"
 
 
 def _places(rows: Sequence[Row]) -> dict[str, int]:
