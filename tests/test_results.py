@@ -110,6 +110,19 @@ def test_errors_taken_apart_are_those_of_the_tables() -> None:
             assert apart["rmse_m"] == pytest.approx(row["by_seed"]["rmse_m"][0], abs=1e-6)
 
 
+def test_what_chapter_5_says_of_2d_keypoints_is_so() -> None:
+    table = read_result_file(RESULTS / "mini" / "ablation.json")
+    flat, none, full = (table.row(method=m) for m in ("hand-2d", "no-hand", "full"))
+    more = flat["rmse_m"] - none["rmse_m"]  # "even a little larger, within the standard errors"
+    assert 0 < more < flat["rmse_standard_error_m"] + none["rmse_standard_error_m"]
+    assert flat["rmse_m"] > full["rmse_m"] + 0.01
+    ledger = read_result_file(RESULTS / "mini" / "ledger.json")
+    turned, default = (ledger.row(method=m) for m in ("wrist-translation", DEFAULT))
+    gain = default["rmse_m"] - turned["rmse_m"]
+    assert 0 < gain < 0.0005  # "less than half a millimetre", "if anything ... is ahead"
+    assert gain < turned["rmse_standard_error_m"] / 2
+
+
 def test_what_chapter_7_says_of_the_rivals_is_so() -> None:
     mini = RESULTS / "mini"
     error = {

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from hadr.markdown import markdown_table
-from hadr.plotting.results import NAMES
+from hadr.plotting.results import NAMES, with_doubt
 from hadr.result_file import read_result_file
 
 DEFAULT = "as by default"
@@ -45,7 +45,7 @@ _EFFECTS = (
 
 
 def _with_doubt(row: Mapping[str, Any]) -> str:
-    return f"{100 * row['rmse_m']:.2f} ± {100 * row['rmse_standard_error_m']:.2f}"
+    return with_doubt(row["rmse_m"], row["rmse_standard_error_m"])
 
 
 def ledger_table(path: str | Path) -> str:

@@ -31,7 +31,7 @@ def by_heart_table(rows: Sequence[Record]) -> str:
         verdict = "yes" if row["is_reached"] else "**no**"
         steps = str(row["steps"] + row.get("frozen_steps", 0))
         lines.append([row["network"], steps, value, goal, verdict, _within_reach(row)])
-    head = ["network", "steps", "after them", "goal", "reached", "what lies within its reach"]
+    head = ["network", "steps", "after them", "goal", "reached", "the most that it can express"]
     return markdown_table(head, lines, "lrrrll")
 
 

@@ -63,6 +63,55 @@ def orders_table(rows: Sequence[Row], published: Mapping[str, Any]) -> str:
     return markdown_table(head, lines, "llr")
 
 
+def reasons_table(
+    tables: Mapping[str, Sequence[Row]],
+    published: Mapping[str, Any],
+    reasons: Mapping[str, tuple[str, str]],
+) -> str:
+    """Set how far each of our rows lies from the paper's, why, and where that was tried.
+
+    Args:
+        tables: Table of the paper ("known", "unknown", "ablation") to our rows of it.
+        published: Content of `results/paper_tables.json`.
+        reasons: Method to its main reason and to where that was tested.
+
+    Returns:
+        Markdown, a line a method of ``reasons``: ours minus the paper's RMSE in centimetres for
+        known and for unknown objects; "-" where the paper has no such row.
+
+    Raises:
+        KeyError: A method has a row in none of the tables.
+    """
+    lines = []
+    for method, (reason, where) in reasons.items():
+        gaps = {}
+        for table, rows in tables.items():
+            there = published[table].get(PUBLISHED_NAMES[method])
+            ours = [row["rmse_m"] for row in rows if row["method"] == method]
+            if there is not None and ours:
+                gaps["unknown" if table == "unknown" else "known"] = 100 * (ours[0] - there[0])
+        if not gaps:
+            raise KeyError(method)
+        cells = [f"{gaps[s]:+.1f}" if s in gaps else "-" for s in ("known", "unknown")]
+        lines.append([NAMES[method], *cells, reason, where])
+    head = ["row", "ours minus paper: known (cm)", "unknown (cm)", "main reason", "where tested"]
+    return markdown_table(head, lines, "lrrll")
+
+
+def ways_table(ways: Sequence[tuple[str, str, str, float]]) -> str:
+    """List one network's errors: where it was scored, on which frames, and what a hole counts.
+
+    Args:
+        ways: Where, the frames, what becomes of a pixel without an answer, and the RMSE in metres.
+
+    Returns:
+        Markdown, a line a way; the RMSE in centimetres.
+    """
+    head = ["scored in", "frames", "a pixel without an answer", "RMSE (cm)"]
+    lines = [[*words, f"{100 * rmse:.2f}"] for *words, rmse in ways]
+    return markdown_table(head, lines, "lllr")
+
+
 def draw_against_paper(
     ax: Axes, rows: Sequence[Row], published: Mapping[str, Any], split: str
 ) -> None:

@@ -13,6 +13,7 @@ from hadr.camera import BoolArray, FloatArray
 from hadr.plotting import COLORS
 
 CONFIDENCE_MAP = "cividis"
+_SENSOR = {"raw": "sensor depth"}  # what a camera measured; a result file calls it raw
 
 
 def draw_reliability(
@@ -131,18 +132,21 @@ def draw_real_errors(ax: Axes, rows: Sequence[Mapping[str, Any]], scenes: Sequen
         scenes: The scenes, in the order of their colours.
     """
     methods = list(dict.fromkeys(str(row["method"]) for row in rows))
-    tones = (COLORS["hadr"], COLORS["hand"])
+    tones, markers = (COLORS["truth"], COLORS["raw"]), "os"
     for number, scene in enumerate(scenes):
         own = [row for row in rows if row["scene"] == scene]
         y = np.array([methods.index(str(row["method"])) for row in own]) + 0.16 * (2 * number - 1)
         x = 100 * np.array([row["rmse_m"] for row in own])
         color = tones[number % len(tones)]
-        ax.scatter(x, y, color=color, s=45, zorder=3, label=f"scene {scene[-3:]}")
+        ax.scatter(
+            x, y, color=color, marker=markers[number % 2], s=45, zorder=3,
+            label=f"scene {scene[-3:]}",
+        )  # fmt: skip
         for place, row in zip(y, own, strict=True):
             if row.get("rmse_low_m") is not None:
                 span = (100 * row["rmse_low_m"], 100 * row["rmse_high_m"])
                 ax.plot(span, (place, place), color=color, lw=2.2, alpha=0.6)
-    ax.set_yticks(range(len(methods)), methods)
+    ax.set_yticks(range(len(methods)), [_SENSOR.get(name, name) for name in methods])
     ax.invert_yaxis()
     ax.set(xlabel="RMSE inside the mask (cm)")
     ax.set_xlim(left=0)

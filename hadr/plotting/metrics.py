@@ -5,7 +5,7 @@ Every length comes in metres, as everywhere in the library, and is drawn in cent
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -152,7 +152,7 @@ def draw_frame_dots(
         dots = 100 * np.array([m.mae_m for m in listed])
         height = y + rng.uniform(-0.12, 0.12, len(dots))
         ax.scatter(dots, height, s=16, color=COLORS["raw"], alpha=0.7)
-        for (label, rows), color in zip(averages.items(), ("hadr", "hand"), strict=False):
+        for (label, rows), color in zip(averages.items(), ("hadr", "baseline"), strict=False):
             bar: dict[str, Any] = {"lw": 2.5, "color": COLORS[color]}
             x = rows[name].mae_m * 100
             ax.plot([x, x], [y - 0.3, y + 0.3], label=label if y == 0 else None, **bar)
@@ -214,6 +214,8 @@ def draw_intervals(
     intervals: Mapping[str, tuple[float, float]],
     colors: Mapping[str, str],
     xlabel: str,
+    *,
+    hollow: Container[str] = (),
 ) -> None:
     """Draw named intervals as bars below each other.
 
@@ -222,9 +224,12 @@ def draw_intervals(
         intervals: Name to its lower and upper end.
         colors: Name to the name of its colour in :data:`hadr.plotting.COLORS`.
         xlabel: What lies to the right, with its unit.
+        hollow: Names whose bars are drawn empty.
     """
-    for y, (name, ends) in enumerate(intervals.items()):
-        ax.plot(ends, [y, y], lw=6, color=COLORS[colors[name]])
+    for y, (name, (low, high)) in enumerate(intervals.items()):
+        color = COLORS[colors[name]]
+        face = "white" if name in hollow else color
+        ax.barh(y, high - low, left=low, height=0.5, facecolor=face, edgecolor=color, lw=1.8)
     _method_rows(ax, list(intervals))
     ax.set_xlabel(xlabel)
 

@@ -14,7 +14,7 @@ from hadr.plotting import COLORS
 Row = Mapping[str, Any]
 
 NAMES: dict[str, str] = {
-    "raw": "raw depth",
+    "raw": "nothing",
     "inpainting": "inpainting",
     "nearest": "nearest valid depth",
     "hand-median": "the hand's median depth",
@@ -88,7 +88,21 @@ def difference_cell(pair: Mapping[str, Any] | None) -> str:
     """
     if pair is None or pair["standard_error_m"] is None:
         return "-"
-    return f"{100 * pair['mean_difference_m']:+.2f} ± {100 * pair['standard_error_m']:.2f}"
+    return with_doubt(pair["mean_difference_m"], pair["standard_error_m"], sign="+")
+
+
+def with_doubt(value_m: float, doubt_m: float, *, sign: str = "") -> str:
+    """Set a length with its standard error in centimetres, on two lines at most.
+
+    Args:
+        value_m: Metres.
+        doubt_m: Its standard error, metres.
+        sign: "+" where a positive value shows its sign.
+
+    Returns:
+        Both; a narrow column can break the line before "±" and nowhere else.
+    """
+    return f"{100 * value_m:{sign}.2f} ±\N{NO-BREAK SPACE}{100 * doubt_m:.2f}"
 
 
 def _places(rows: Sequence[Row]) -> dict[str, int]:
@@ -114,12 +128,20 @@ def results_table(rows: Sequence[Row], published: Mapping[str, Mapping[str, Any]
         published: Content of `results/paper_tables.json`.
 
     Returns:
-        Markdown; "-" where a run is missing.
+        Markdown; "-" where a run is missing. Errors are in centimetres, δ1.05 in percent, weights
+        in millions, and time is minutes of training.
     """
     head = [
-        "method", "known: RMSE (cm)", "MAE (cm)", "δ1.05 (%)", "unknown: RMSE (cm)", "MAE (cm)",
-        "δ1.05 (%)", "weights (M)", "training (min)",
-    ]  # fmt: skip
+        "method",
+        "known: RMSE",
+        "MAE",
+        "δ1.05",
+        "unknown: RMSE",
+        "MAE",
+        "δ1.05",
+        "weights",
+        "time",
+    ]
     lines = []
     found = {(row["split"], row["method"]): row for row in rows}
     for method, name in NAMES.items():
@@ -135,7 +157,7 @@ def results_table(rows: Sequence[Row], published: Mapping[str, Mapping[str, Any]
     for split in ("known", "unknown"):
         rmse, _, mae, delta = published[split]["HADR"][:4]
         cells += [f"{100 * rmse:.1f}", f"{100 * mae:.1f}", f"{delta:.2f}"]
-    lines.append(["*HADR as published, on other data*", *cells, "-", "-"])
+    lines.append(["*HADR as published*", *cells, "-", "-"])
     return markdown_table(head, lines)
 
 
@@ -302,7 +324,7 @@ def memory_table(rows: Sequence[Row]) -> str:
         cells = []
         for row in (one, other):
             itself = row["method"] == "hand-median"
-            cells.append(f"{100 * row['rmse_m']:.2f} ± {100 * row['rmse_standard_error_m']:.2f}")
+            cells.append(with_doubt(row["rmse_m"], row["rmse_standard_error_m"]))
             cells.append(difference_cell(None if itself else row["against_hand_median"]))
         lines.append([NAMES[one["method"]], *cells])
     return markdown_table(head, lines)

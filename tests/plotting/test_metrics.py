@@ -99,7 +99,7 @@ def test_a_dot_for_each_frame_and_a_bar_for_each_average(ax):
     np.testing.assert_allclose(ax.collections[1].get_offsets()[:, 1], 1, atol=0.12)
     bars = [line.get_xdata()[0] for line in ax.lines]
     np.testing.assert_allclose(bars, [40, 45, 1, 2])
-    assert [line.get_color() for line in ax.lines[:2]] == [COLORS["hadr"], COLORS["hand"]]
+    assert [line.get_color() for line in ax.lines[:2]] == [COLORS["hadr"], COLORS["baseline"]]
     assert [t.get_text() for t in ax.get_legend().get_texts()] == list(averages)
     assert [t.get_text() for t in ax.get_yticklabels()] == ["far", "near"]
     assert ax.get_xscale() == "log"
@@ -137,8 +137,14 @@ def test_known_is_filled_and_unknown_is_empty(ax):
 
 def test_intervals_lie_below_each_other(ax):
     intervals = {"a": (0.3, 0.35), "b": (0.6, 0.7)}
-    draw_intervals(ax, intervals, {"a": "hadr", "b": "hand"}, "distance (m)")
-    np.testing.assert_allclose(ax.lines[1].get_xydata(), [[0.6, 1], [0.7, 1]])
-    assert [line.get_color() for line in ax.lines] == [COLORS["hadr"], COLORS["hand"]]
+    draw_intervals(ax, intervals, {"a": "hadr", "b": "raw"}, "distance (m)", hollow=["b"])
+    full, hollow = ax.patches
+    assert (hollow.get_x(), hollow.get_width()) == pytest.approx((0.6, 0.1))
+    assert hollow.get_y() + hollow.get_height() / 2 == pytest.approx(1)
+    assert to_hex(hollow.get_edgecolor()) == COLORS["raw"]
+    assert [to_hex(bar.get_facecolor()).upper() for bar in (full, hollow)] == [
+        COLORS["hadr"].upper(),
+        "#FFFFFF",
+    ]
     assert [t.get_text() for t in ax.get_yticklabels()] == ["a", "b"]
     assert ax.get_ylim() == (1.5, -0.5)

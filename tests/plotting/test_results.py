@@ -11,6 +11,8 @@ from hadr.plotting.comparison import (
     draw_against_paper,
     draw_error_over_time,
     orders_table,
+    reasons_table,
+    ways_table,
 )
 from hadr.plotting.results import (
     averages_table,
@@ -43,7 +45,7 @@ ROWS = [
 
 def test_the_table_has_each_number_once_and_says_what_is_missing() -> None:
     lines = results_table(ROWS, PAPER).splitlines()
-    assert lines[2].startswith("| raw depth | 65.00 | 32.50 | 70.00 | - | - | - | - | - |")
+    assert lines[2].startswith("| nothing | 65.00 | 32.50 | 70.00 | - | - | - | - | - |")
     assert lines[3] == "| HADR | 3.12 | 1.56 | 70.00 | 4.56 | 2.28 | 70.00 | 2.7 | 20 |"
     assert "published" in lines[-1]
     assert "| 0.9 | 0.5 | 95.22 |" in lines[-1]
@@ -53,7 +55,7 @@ def test_the_table_has_each_number_once_and_says_what_is_missing() -> None:
 def test_systems_stand_where_they_were_measured() -> None:
     fig, ax = plt.subplots()
     draw_systems(ax, ROWS, "known", 0.009)
-    assert [t.get_text() for t in ax.get_yticklabels()] == ["raw depth", "HADR"]
+    assert [t.get_text() for t in ax.get_yticklabels()] == ["nothing", "HADR"]
     assert {t.get_text() for t in ax.texts} == {"65.0", "3.1"}
     plt.close(fig)
 
@@ -62,7 +64,7 @@ def test_a_run_that_one_split_lacks_leaves_its_line_empty() -> None:
     fig, axes = plt.subplots(1, 2, sharey=True)
     for ax, split in zip(axes, ("known", "unknown"), strict=True):
         draw_systems(ax, ROWS, split, 0.009)
-    assert [t.get_text() for t in axes[0].get_yticklabels()] == ["raw depth", "HADR"]
+    assert [t.get_text() for t in axes[0].get_yticklabels()] == ["nothing", "HADR"]
     (number,) = axes[1].texts
     assert number.get_text() == "4.6"
     assert number.xy[1] == axes[1].get_yticks()[1]  # HADR's line
@@ -113,7 +115,8 @@ RIVALS = [
 
 
 def cells(line: str) -> list[str]:
-    return [cell.strip() for cell in line.strip("|").split("|")]
+    """Cells of a line; the spaces that hold a number and its doubt together as plain ones."""
+    return [cell.strip().replace("\N{NO-BREAK SPACE}", " ") for cell in line.strip("|").split("|")]
 
 
 def test_orders_are_those_of_the_methods_that_both_tables_have() -> None:
@@ -124,6 +127,32 @@ def test_orders_are_those_of_the_methods_that_both_tables_have() -> None:
     assert lines[3] == ["known", "TODE-Trans", "2.4", "2", "57.03", "2.50", "1", "70.00", "-"]
     assert lines[4][:2] == ["unknown", "HADR"]
     assert len({len(line) for line in lines}) == 1
+
+
+def test_a_number_and_its_doubt_take_two_lines_at_most() -> None:
+    line = orders_table(RIVALS, FIVE).splitlines()[2]
+    assert "+0.62 ±\N{NO-BREAK SPACE}0.10" in line
+
+
+def test_reasons_stand_beside_the_differences() -> None:
+    tables = {
+        "known": RIVALS[:1],
+        "unknown": RIVALS[3:],
+        "ablation": [row("no-hand", "known", 0.05)],
+    }
+    reasons = {"hadr": ("it is small", "nowhere"), "no-hand": ("it is blind", "here")}
+    lines = [cells(line) for line in reasons_table(tables, FIVE, reasons).splitlines()[2:]]
+    assert lines == [
+        ["HADR", "+2.2", "+2.8", "it is small", "nowhere"],
+        ["HADR without the hand", "+3.8", "-", "it is blind", "here"],
+    ]
+    with pytest.raises(KeyError, match="lidf"):
+        reasons_table(tables, {**FIVE, "known": {}, "unknown": {}}, {"lidf": ("", "")})
+
+
+def test_ways_of_scoring_are_listed_in_centimetres() -> None:
+    line = ways_table([("here", "48 frames", "counts as 0", 0.0643)]).splitlines()[2]
+    assert cells(line) == ["here", "48 frames", "counts as 0", "6.43"]
 
 
 def test_published_dots_are_hollow_and_ours_full() -> None:
