@@ -15,6 +15,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -88,8 +89,8 @@ def stage_notebook(notebook: Any, run_time: str) -> Any:
     """Make an executed notebook ready for a page without a kernel.
 
     The token for the run time is replaced; papermill's injected parameters, warnings and other
-    text on stderr, and the outputs and state of widgets are dropped; each cell tagged
-    ``interactive`` is followed by a note.
+    text on stderr, and the outputs and state of widgets are dropped; films get a name for screen
+    readers; each cell tagged ``interactive`` is followed by a note.
 
     Args:
         notebook: The executed notebook (nbformat's NotebookNode); changed in place.
@@ -110,6 +111,7 @@ def stage_notebook(notebook: Any, run_time: str) -> Any:
             cell.source = cell.source.replace(RUNTIME_TOKEN, run_time)
             continue
         cell.outputs = [output for output in cell.outputs if _is_for_readers(output)]
+        _label_films(cell.outputs)
         if "interactive" in tags:
             cell.outputs = []
             cells.append(nbformat.v4.new_markdown_cell(WIDGET_NOTE))
@@ -123,6 +125,19 @@ def _is_for_readers(output: Any) -> bool:
     if output.output_type == "stream":
         return bool(output.name != "stderr")
     return _WIDGET_VIEW not in output.get("data", {})
+
+
+def _label_films(outputs: Sequence[Any]) -> None:
+    """Give each film the words displayed before it as its name, which screen readers say."""
+    words = ""
+    for output in outputs:
+        shown = output.get("data", {})
+        if "text/markdown" in shown:
+            words = re.sub(r"[*_`]", "", shown["text/markdown"])
+        found = shown.get("text/html", "")
+        if words and "<video" in found and "aria-label" not in found:
+            label = f'<video aria-label="Film: {escape(words)}"'
+            shown["text/html"] = found.replace("<video", label, 1)
 
 
 def stage_book(
