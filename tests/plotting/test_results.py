@@ -43,7 +43,7 @@ ROWS = [
 
 def test_the_table_has_each_number_once_and_says_what_is_missing() -> None:
     lines = results_table(ROWS, PAPER).splitlines()
-    assert lines[2].startswith("| raw depth | 65.00 | 32.50 | 70.00 | - | - | - | - | - |")
+    assert lines[2].startswith("| nothing | 65.00 | 32.50 | 70.00 | - | - | - | - | - |")
     assert lines[3] == "| HADR | 3.12 | 1.56 | 70.00 | 4.56 | 2.28 | 70.00 | 2.7 | 20 |"
     assert "published" in lines[-1]
     assert "| 0.9 | 0.5 | 95.22 |" in lines[-1]
@@ -53,7 +53,7 @@ def test_the_table_has_each_number_once_and_says_what_is_missing() -> None:
 def test_systems_stand_where_they_were_measured() -> None:
     fig, ax = plt.subplots()
     draw_systems(ax, ROWS, "known", 0.009)
-    assert [t.get_text() for t in ax.get_yticklabels()] == ["raw depth", "HADR"]
+    assert [t.get_text() for t in ax.get_yticklabels()] == ["nothing", "HADR"]
     assert {t.get_text() for t in ax.texts} == {"65.0", "3.1"}
     plt.close(fig)
 
@@ -62,7 +62,7 @@ def test_a_run_that_one_split_lacks_leaves_its_line_empty() -> None:
     fig, axes = plt.subplots(1, 2, sharey=True)
     for ax, split in zip(axes, ("known", "unknown"), strict=True):
         draw_systems(ax, ROWS, split, 0.009)
-    assert [t.get_text() for t in axes[0].get_yticklabels()] == ["raw depth", "HADR"]
+    assert [t.get_text() for t in axes[0].get_yticklabels()] == ["nothing", "HADR"]
     (number,) = axes[1].texts
     assert number.get_text() == "4.6"
     assert number.xy[1] == axes[1].get_yticks()[1]  # HADR's line
@@ -120,7 +120,7 @@ def test_orders_are_those_of_the_methods_that_both_tables_have() -> None:
     assert compared(RIVALS, FIVE, "known") == ["hadr", "tode"]
     lines = [cells(line) for line in orders_table(RIVALS, FIVE).splitlines()]
     assert lines[2][:8] == ["known", "HADR", "0.9", "1", "95.22", "3.12", "2", "70.00"]
-    assert lines[2][8] == "+0.62 ± 0.10"
+    assert lines[2][8] == "+0.62\u00a0±\u00a00.10"
     assert lines[3] == ["known", "TODE-Trans", "2.4", "2", "57.03", "2.50", "1", "70.00", "-"]
     assert lines[4][:2] == ["unknown", "HADR"]
     assert len({len(line) for line in lines}) == 1
@@ -151,10 +151,10 @@ def test_tables_of_parts_averages_and_poses() -> None:
     parts = [row("no-hand", "known", 0.04, against_full=gap),
              row("full", "known", 0.0312, against_full=None)]  # fmt: skip
     part, full = (cells(line) for line in ablation_table(parts, FIVE).splitlines()[2:])
-    assert part[4:] == ["4.00", "+0.40 ± 0.10", "2.00", "70.00"]
+    assert part[4:] == ["4.00", "+0.40\u00a0±\u00a00.10", "2.00", "70.00"]
     assert full == ["HADR, the full model", "0.9", "0.5", "95.22", "3.12", "-", "1.56", "70.00"]
     (line,) = averages_table(RIVALS).splitlines()[2:]  # the others were compared with nothing
-    assert cells(line) == ["known", "HADR", "3.12", "4.00", "-1.00 ± 0.20", "75"]
+    assert cells(line) == ["known", "HADR", "3.12", "4.00", "-1.00\u00a0±\u00a00.20", "75"]
     poses = [row("hadr", "known", 0.03, rank_correlation=0.25,
                  by_pose=[{"rmse_m": 0.02}, {"rmse_m": 0.03}, {"rmse_m": 0.04}])]  # fmt: skip
     assert cells(poses_table(poses).splitlines()[2]) == ["known", "HADR", "2.00", "4.00", "+0.25"]
@@ -199,7 +199,7 @@ def test_a_memory_is_shown_under_both_splits() -> None:
     ]
     lines = [cells(line) for line in memory_table(rows).splitlines()[2:]]
     assert lines == [
-        ["the hand's median depth", "5.00 ± 0.20", "-", "4.90 ± 0.20", "-"],
-        ["the most similar hand's glass", "4.00 ± 0.20", "-1.00 ± 0.10",
-         "3.00 ± 0.20", "-2.00 ± 0.10"],
+        ["the hand's median depth", "5.00\u00a0±\u00a00.20", "-", "4.90\u00a0±\u00a00.20", "-"],
+        ["the most similar hand's glass", "4.00\u00a0±\u00a00.20", "-1.00\u00a0±\u00a00.10",
+         "3.00\u00a0±\u00a00.20", "-2.00\u00a0±\u00a00.10"],
     ]  # fmt: skip
