@@ -23,6 +23,7 @@ import yaml
 
 from hadr.course.chapter import read_chapters
 from hadr.course.teaching import chapters_text, plans_text
+from hadr.experiments.figures_apart import figures_apart_table
 from hadr.experiments.paper_report import report
 from hadr.experiments.report import (
     conditions_table,
@@ -52,6 +53,7 @@ REPORTS: dict[str, Callable[[Path], str]] = {
     "{{CONDITIONS}}": lambda results: conditions_table(results / "mini"),
     "{{TUNING}}": lambda results: tuning_table(results / "mini" / "tuning.json"),
     "{{SPEED}}": lambda results: speed_table(results / "speed" / "side_by_side.json"),
+    "{{APART}}": lambda _: figures_apart_table(),
     "{{LEDGER_EFFECTS}}": lambda results: ledger_effects(results / "mini"),
     "{{LEDGER_TABLE}}": lambda results: ledger_table(results / "mini" / "ledger.json"),
     "{{TEACHING_PLANS}}": lambda results: plans_text(read_chapters(results.parent)),
