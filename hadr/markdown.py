@@ -28,19 +28,5 @@ def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]], align: st
     return "\n".join(lines)
 
 
-def plus_minus(value: float, doubt: float, sign: str = "") -> str:
-    """Write a number with its doubt so that no line breaks between them.
-
-    Args:
-        value: The number.
-        doubt: Its standard error, in the same unit.
-        sign: "+" to write the sign of a positive number, too.
-
-    Returns:
-        Both with two decimals.
-    """
-    return f"{value:{sign}.2f}\u00a0±\u00a0{doubt:.2f}"
-
-
 def _line(cells: Sequence[str]) -> str:
     return "| " + " | ".join(cells) + " |"

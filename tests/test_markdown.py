@@ -2,7 +2,7 @@
 
 import pytest
 
-from hadr.markdown import markdown_table, plus_minus
+from hadr.markdown import markdown_table
 
 
 def test_the_last_side_counts_for_all_columns_that_follow() -> None:
@@ -18,11 +18,3 @@ def test_each_column_can_have_its_side() -> None:
 def test_a_row_with_another_number_of_cells_is_refused(cells: list[str]) -> None:
     with pytest.raises(ValueError, match=f"2 columns has {len(cells)} cells"):
         markdown_table(["a", "b"], [cells])
-
-
-def test_a_number_and_its_doubt_stay_on_one_line() -> None:
-    cell = plus_minus(4.816, 0.149)
-    assert cell.split("\u00a0") == ["4.82", "±", "0.15"]
-    assert " " not in cell
-    assert plus_minus(0.5, 0.1, "+").startswith("+0.50")
-    assert plus_minus(-0.5, 0.1, "+").startswith("-0.50")

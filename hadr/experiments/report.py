@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from hadr.markdown import markdown_table, plus_minus
+from hadr.markdown import markdown_table
 from hadr.plotting.results import NAMES
 from hadr.result_file import read_result_file
 
@@ -45,7 +45,7 @@ _EFFECTS = (
 
 
 def _with_doubt(row: Mapping[str, Any]) -> str:
-    return plus_minus(100 * row["rmse_m"], 100 * row["rmse_standard_error_m"])
+    return f"{100 * row['rmse_m']:.2f} ± {100 * row['rmse_standard_error_m']:.2f}"
 
 
 def ledger_table(path: str | Path) -> str:

@@ -236,7 +236,7 @@ def test_the_ledgers_table_has_a_column_a_switch(made: tuple[Bench, Path]) -> No
     default = read_result_file(folder / "ledger.json").row(method=DEFAULT)
     cells = [cell.strip() for cell in lines[2].strip("|").split("|")]
     doubt = 100 * default["rmse_standard_error_m"]
-    assert cells[1] == f"{100 * default['rmse_m']:.2f}\u00a0±\u00a0{doubt:.2f}"
+    assert cells[1] == f"{100 * default['rmse_m']:.2f} ± {doubt:.2f}"
     assert cells[2] == f"{100 * default['pooled']['rmse_m']:.2f}"
 
 
