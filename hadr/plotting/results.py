@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from hadr.markdown import markdown_table, plus_minus
+from hadr.markdown import markdown_table
 from hadr.plotting import COLORS
 
 Row = Mapping[str, Any]
@@ -88,7 +88,7 @@ def difference_cell(pair: Mapping[str, Any] | None) -> str:
     """
     if pair is None or pair["standard_error_m"] is None:
         return "-"
-    return plus_minus(100 * pair["mean_difference_m"], 100 * pair["standard_error_m"], "+")
+    return f"{100 * pair['mean_difference_m']:+.2f} ± {100 * pair['standard_error_m']:.2f}"
 
 
 def _places(rows: Sequence[Row]) -> dict[str, int]:
@@ -302,7 +302,7 @@ def memory_table(rows: Sequence[Row]) -> str:
         cells = []
         for row in (one, other):
             itself = row["method"] == "hand-median"
-            cells.append(plus_minus(100 * row["rmse_m"], 100 * row["rmse_standard_error_m"]))
+            cells.append(f"{100 * row['rmse_m']:.2f} ± {100 * row['rmse_standard_error_m']:.2f}")
             cells.append(difference_cell(None if itself else row["against_hand_median"]))
         lines.append([NAMES[one["method"]], *cells])
     return markdown_table(head, lines)
