@@ -179,8 +179,8 @@ def plans_text(chapters: Sequence[Chapter]) -> str:
                 done = "; ".join(titles.get(label, label) for label in block.exercises)
                 where = ", ".join(str(chapter) for chapter in block.chapters)
                 words = f"{block.what} ({where})"
-                rows.append([str(number), f"{block.minutes} min", words, done or "none"])
-        head = ["session", "time", "what (chapter)", "exercises in class"]
+                rows.append([str(number), str(block.minutes), words, done or "none"])
+        head = ["session", "minutes", "what (chapter)", "exercises in class"]
         parts.append(
             f"### {plan.hours} hours\n\nAim: {plan.aim}.\n\n{markdown_table(head, rows, 'lrl')}"
         )
