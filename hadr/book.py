@@ -15,6 +15,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ import yaml
 
 from hadr.course.chapter import read_chapters
 from hadr.course.teaching import chapters_text, plans_text
+from hadr.experiments.figures_apart import figures_apart_table
 from hadr.experiments.paper_report import report
 from hadr.experiments.report import (
     conditions_table,
@@ -51,6 +53,7 @@ REPORTS: dict[str, Callable[[Path], str]] = {
     "{{CONDITIONS}}": lambda results: conditions_table(results / "mini"),
     "{{TUNING}}": lambda results: tuning_table(results / "mini" / "tuning.json"),
     "{{SPEED}}": lambda results: speed_table(results / "speed" / "side_by_side.json"),
+    "{{APART}}": lambda _: figures_apart_table(),
     "{{LEDGER_EFFECTS}}": lambda results: ledger_effects(results / "mini"),
     "{{LEDGER_TABLE}}": lambda results: ledger_table(results / "mini" / "ledger.json"),
     "{{TEACHING_PLANS}}": lambda results: plans_text(read_chapters(results.parent)),
@@ -88,8 +91,8 @@ def stage_notebook(notebook: Any, run_time: str) -> Any:
     """Make an executed notebook ready for a page without a kernel.
 
     The token for the run time is replaced; papermill's injected parameters, warnings and other
-    text on stderr, and the outputs and state of widgets are dropped; each cell tagged
-    ``interactive`` is followed by a note.
+    text on stderr, and the outputs and state of widgets are dropped; films get a name for screen
+    readers; each cell tagged ``interactive`` is followed by a note.
 
     Args:
         notebook: The executed notebook (nbformat's NotebookNode); changed in place.
@@ -110,6 +113,7 @@ def stage_notebook(notebook: Any, run_time: str) -> Any:
             cell.source = cell.source.replace(RUNTIME_TOKEN, run_time)
             continue
         cell.outputs = [output for output in cell.outputs if _is_for_readers(output)]
+        _label_films(cell.outputs)
         if "interactive" in tags:
             cell.outputs = []
             cells.append(nbformat.v4.new_markdown_cell(WIDGET_NOTE))
@@ -123,6 +127,19 @@ def _is_for_readers(output: Any) -> bool:
     if output.output_type == "stream":
         return bool(output.name != "stderr")
     return _WIDGET_VIEW not in output.get("data", {})
+
+
+def _label_films(outputs: Sequence[Any]) -> None:
+    """Give each film the words displayed before it as its name, which screen readers say."""
+    words = ""
+    for output in outputs:
+        shown = output.get("data", {})
+        if "text/markdown" in shown:
+            words = re.sub(r"[*_`]", "", shown["text/markdown"])
+        found = shown.get("text/html", "")
+        if words and "<video" in found and "aria-label" not in found:
+            label = f'<video aria-label="Film: {escape(words)}"'
+            shown["text/html"] = found.replace("<video", label, 1)
 
 
 def stage_book(

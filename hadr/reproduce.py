@@ -314,6 +314,7 @@ def run(args: argparse.Namespace) -> int:
         write_report,
     )
     from hadr.experiments.handover_table import handover_steps, open_handover, run_handover
+    from hadr.experiments.nominal_data import data_steps
     from hadr.experiments.plan import plan, table_steps
     from hadr.experiments.reproduction_plan import steps_text
     from hadr.experiments.run_times import read_run_times, write_run_times
@@ -329,7 +330,7 @@ def run(args: argparse.Namespace) -> int:
         if not wanted or wishes or "tables" in wanted:
             bench = open_bench(args)
             runs = plan([] if "tables" in wanted else wishes, args.seeds, args.preset)
-            steps += table_steps(bench, runs, times)
+            steps += [*data_steps(bench), *table_steps(bench, runs, times)]
         if not wanted or "handover" in wanted:
             attempts = open_handover(args.out, args.preset, args.seed, args.jobs)
             steps += handover_steps(attempts, times)

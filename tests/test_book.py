@@ -48,6 +48,25 @@ def test_a_page_shows_what_needs_no_kernel():
     nbformat.validate(staged)
 
 
+def test_a_film_is_named_by_the_words_before_it():
+    new = nbformat.v4
+    outputs = []
+    for words in ('**success** after 7.1 s: "raw" depth', "**contact** after 3 s"):
+        outputs.append(new.new_output("display_data", data={"text/markdown": words}))
+        film = '<video controls muted src="data:video/mp4;base64,AA"></video>'
+        outputs.append(new.new_output("display_data", data={"text/html": film}))
+    notebook = new.new_notebook(cells=[new.new_code_cell("films()", outputs=outputs)])
+    shown = book.stage_notebook(notebook, "3 s").cells[0].outputs
+    assert (
+        shown[1]
+        .data["text/html"]
+        .startswith('<video aria-label="Film: success after 7.1 s: &quot;raw&quot; depth" controls')
+    )
+    assert 'aria-label="Film: contact after 3 s"' in shown[3].data["text/html"]
+    again = book.stage_notebook(notebook, "3 s").cells[0].outputs[1].data["text/html"]
+    assert again.count("aria-label") == 1
+
+
 @pytest.fixture
 def small_book(tmp_path):
     pages = tmp_path / "book"

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from hadr.experiments.report import ledger_effects
+
 ROOT = Path(__file__).resolve().parents[1]
 TEXT = (ROOT / "book" / "ledger.md").read_text(encoding="utf-8")
 NAMED = sorted(set(re.findall(r"`(hadr(?:\.\w+)+)(?:\(([\w, ]+)\))?`", TEXT)))
@@ -43,6 +45,43 @@ def test_all_rows_are_there_with_their_four_parts():
     assert [int(row) for row in rows] == list(range(1, 28))
     for part in ("The paper", "The published code", "What we do, and why", "The switch"):
         assert len(re.findall(rf"^{part}\n: \S", TEXT, re.MULTILINE)) == 27
+
+
+def overview():
+    """Number, title and what was measured of each row of the first table."""
+    rows = re.findall(r"^\| \[(\d+)\]\(#ledger-(\d+)\) \| (.+?) \| .+? \| (.+?) \|$", TEXT, re.M)
+    assert all(shown == target for shown, target, _, _ in rows)
+    return [(int(number), title, measured) for number, _, title, measured in rows]
+
+
+def test_the_overview_has_the_rows_that_follow():
+    headings = re.findall(r"^\(ledger-(\d+)\)=\n## (\d+)\. (.+)$", TEXT, re.MULTILINE)
+    assert all(anchor == number for anchor, number, _ in headings)
+    assert [row[:2] for row in overview()] == [(int(n), title) for _, n, title in headings]
+    assert len(headings) == 27
+    index = (ROOT / "book" / "index.md").read_text(encoding="utf-8")
+    assert f"lists the {len(headings)} places" in index
+
+
+def test_what_was_measured_is_counted_as_the_table_has_it():
+    rows = overview()
+    below = [number for number, _, measured in rows if measured == "yes, below"]
+    lines = ledger_effects(ROOT / "results" / "mini").splitlines()[2:]
+    assert [f"| [{number}](#ledger-{number}) " for number in below] == [
+        line[: line.index("|", 1)] for line in lines
+    ]
+    chapters = re.compile(
+        r"(?:by example|in part), \[chapter (\d+)\]\((notebooks/(\d+)_\w+)\.ipynb\)"
+    )
+    shown = [chapters.fullmatch(measured) for _, _, measured in rows if "chapter" in measured]
+    assert all(match and int(match[1]) == int(match[3]) for match in shown)
+    assert all((ROOT / f"{match[2]}.ipynb").is_file() for match in shown)
+    unmeasured = [number for number, _, measured in rows if measured == "no"]
+    assert len(below) + len(shown) + len(unmeasured) == len(rows)
+    text = " ".join(TEXT.split())
+    assert f"Of the {len(rows)} rows, {len(below)} were measured" in text
+    assert f" {len(shown)} more are about the robot" in text
+    assert f"The other {len(unmeasured)} were not measured at all" in text
 
 
 def test_the_library_points_to_rows_that_exist():

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from hadr import reproduce
+from hadr.experiments.reproduction_plan import seconds_text as estimate
 from hadr.provenance import plain, write_json
 from hadr.reproduce import ChapterError, ChapterRun
 from hadr.result_file import read_result_file
@@ -166,12 +167,31 @@ def test_only_chooses_chapters_and_runs(tmp_path, capsys, wishes, said, unsaid):
 
 
 def test_tables_of_a_large_preset_need_data(tmp_path, capsys):
-    words = ["--dry-run", "--preset", "mini", "--only", "tables", "--out", str(tmp_path / "out")]
+    words = ["--preset", "mini", "--only", "tables", "--out", str(tmp_path / "out")]
     assert reproduce.main(words) == 2
     assert "hadr generate --preset mini --out DIR" in capsys.readouterr().err
     assert reproduce.main([*words, "--jobs", "0", "--data", str(tmp_path)]) == 2
     assert reproduce.main([*words, "--data", str(tmp_path / "nowhere")]) == 2
     assert "there is no data folder" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("data", [[], ["--data", "nowhere"]])
+def test_a_large_preset_is_planned_without_its_data(tmp_path, capsys, monkeypatch, data):
+    monkeypatch.chdir(tmp_path)
+    words = ["--dry-run", "--preset", "mini", "--out", "out", *data]
+    assert reproduce.main(words) == 0
+    said = capsys.readouterr().out
+    steps = {line.split("  ")[1]: line for line in said.splitlines() if line.startswith("  ")}
+    assert "4,000 frames" in steps["hadr generate --preset mini"]
+    made = json.loads((reproduce.checkout_root() / "results/generation/mini_run.json").read_text())
+    assert f" {estimate(made['seconds'])} " in steps["hadr generate --preset mini"]
+    assert steps["hadr generate --preset mini"].endswith(data[-1] if data else "DIR, a data folder")
+    assert "12 epochs" in steps["known/hadr/seed-0"]
+    assert "?" not in steps["known/hadr/seed-0"]
+    assert "handover/hadr-plus" in steps
+    assert "the data are not there: all of this is planned for the 4,000 frames" in said
+    assert "hadr generate --preset mini --out DIR" in said
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(

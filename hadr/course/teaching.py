@@ -82,7 +82,7 @@ PLANS = (
                 Block(15, (0,), "the problem, and one frame restored in five lines"),
                 Block(25, (1,), "three ways in which depth goes wrong", ("ex-01-1",)),
                 Block(35, (3,), "the hole as a multiple-choice question", ("ex-03-1",)),
-                Block(25, (5,), "the wrist's frame: what stays when the camera moves"),
+                Block(25, (5,), "the wrist's frame: what stays as the camera moves", ("ex-05-1",)),
                 Block(20, (7,), "what a good number means, and what it hides", ("ex-07-1",)),
             ),
         ),
@@ -149,13 +149,28 @@ def marks_of(exercise: Exercise) -> int:
     return MARKS.get(exercise.label, DEFAULT_MARKS)
 
 
+def numbers_in_the_book(chapters: Sequence[Chapter]) -> dict[str, int]:
+    """The number that the book's pages show above each exercise, by its label.
+
+    Args:
+        chapters: All chapters of the book in order: the pages count through them.
+    """
+    labels = [exercise.label for chapter in chapters for exercise in chapter.exercises]
+    return {label: number for number, label in enumerate(labels, start=1)}
+
+
 def plans_text(chapters: Sequence[Chapter]) -> str:
     """The plans as Markdown tables.
 
     Args:
-        chapters: The book's chapters; exercises are named by their titles.
+        chapters: The book's chapters; exercises are named by their numbers there and their titles.
     """
-    titles = {exercise.label: exercise.title for c in chapters for exercise in c.exercises}
+    numbers = numbers_in_the_book(chapters)
+    titles = {
+        exercise.label: f"{numbers[exercise.label]} {exercise.title}"
+        for chapter in chapters
+        for exercise in chapter.exercises
+    }
     parts = []
     for plan in PLANS:
         rows = []
@@ -163,22 +178,28 @@ def plans_text(chapters: Sequence[Chapter]) -> str:
             for block in session:
                 done = "; ".join(titles.get(label, label) for label in block.exercises)
                 where = ", ".join(str(chapter) for chapter in block.chapters)
-                when = f"{number}: {block.minutes} min"
-                rows.append([when, f"{block.what} ({where})", done or "none"])
-        head = ["session", "what (chapter)", "exercises in class"]
+                words = f"{block.what} ({where})"
+                rows.append([str(number), str(block.minutes), words, done or "none"])
+        head = ["session", "minutes", "what (chapter)", "exercises in class"]
         parts.append(
-            f"### {plan.hours} hours\n\nAim: {plan.aim}.\n\n{markdown_table(head, rows, 'l')}"
+            f"### {plan.hours} hours\n\nAim: {plan.aim}.\n\n{markdown_table(head, rows, 'lrl')}"
         )
     return "\n\n".join(parts)
 
 
-def chapters_text(chapters: Sequence[Chapter], link: Callable[[Chapter], str]) -> str:
+def chapters_text(
+    chapters: Sequence[Chapter],
+    link: Callable[[Chapter], str],
+    every: Sequence[Chapter] | None = None,
+) -> str:
     """Goals, exercises, marks and common mistakes of each chapter, as Markdown.
 
     Args:
         chapters: The chapters, in order.
         link: Where a chapter's title leads.
+        every: All chapters of the book, for the exercises' numbers; None where these are all.
     """
+    numbers = numbers_in_the_book(chapters if every is None else every)
     parts = []
     for chapter in chapters:
         total = sum(marks_of(exercise) for exercise in chapter.exercises)
@@ -189,10 +210,10 @@ def chapters_text(chapters: Sequence[Chapter], link: Callable[[Chapter], str]) -
             f"Exercises, {total} marks, and the mistakes that their checks know:",
         ]
         listed = []
-        for place, exercise in enumerate(chapter.exercises, start=1):
+        for exercise in chapter.exercises:
             marks = marks_of(exercise)
             unit = "mark" if marks == 1 else "marks"
-            head = f"- **{chapter.number}.{place} {exercise.title}** ({marks} {unit})"
+            head = f"- **{numbers[exercise.label]} {exercise.title}** ({marks} {unit})"
             listed.append("\n".join([head, *(f"  - {hint}" for hint in hints(exercise))]))
         parts.append("\n\n".join([*lines, "\n".join(listed)]))
     return "\n\n".join(parts)
@@ -246,5 +267,5 @@ def instructor_text(chapters: Sequence[Chapter], every: Sequence[Chapter]) -> st
         chapters: The chapters in the folder.
         every: All chapters of the book, for the plans.
     """
-    told = chapters_text(chapters, lambda chapter: f"student/{chapter.name}.ipynb")
+    told = chapters_text(chapters, lambda chapter: f"student/{chapter.name}.ipynb", every)
     return f"{FOLDER}\n## Plans\n\n{plans_text(every)}\n\n## The chapters\n\n{told}\n"

@@ -9,6 +9,7 @@ from pathlib import Path
 from hadr.checkout import checkout_root
 from hadr.data.samples import samples_dir
 from hadr.experiments.again import measure_again, row_to_run
+from hadr.experiments.nominal_data import NominalBench
 from hadr.experiments.paper_report import TITLES, report
 from hadr.experiments.plan import TABLE_RUNS, measure_all
 from hadr.experiments.runner import Bench, Run
@@ -68,14 +69,21 @@ def is_table_wish(wish: str) -> bool:
 
 
 def open_bench(args: argparse.Namespace) -> Bench:
-    """Open the bench that the arguments describe.
+    """Open the bench that the arguments describe; for a dry run without its data, one that plans.
 
     Raises:
         ValueError: No data folder is named, and the preset has none of its own.
         FileNotFoundError: A data folder is not there.
     """
     check_folder(args.out)
+    if args.seeds and min(args.seeds) < 0:
+        raise ValueError(f"--seeds must be at least 0, got {min(args.seeds)}")
+    if args.jobs < 1:
+        raise ValueError(f"--jobs must be at least 1, got {args.jobs}")
     roots: Sequence[Path] = args.data
+    missing = tuple(root for root in roots if not root.is_dir())
+    if args.dry_run and not args.again and args.preset != "tiny" and (missing or not roots):
+        return NominalBench(args.out / "runs", args.preset, missing)
     if not roots:
         if args.preset != "tiny":
             raise ValueError(
@@ -89,11 +97,7 @@ def open_bench(args: argparse.Namespace) -> Bench:
             raise FileNotFoundError(f"there is no data folder {root}")
         if not (root / "train").is_dir():
             raise FileNotFoundError(f"{root} has no folder 'train': it is none of TransHand's form")
-    if args.seeds and min(args.seeds) < 0:
-        raise ValueError(f"--seeds must be at least 0, got {min(args.seeds)}")
     limit = TINY_FRAMES if args.preset == "tiny" else None
-    if args.jobs < 1:
-        raise ValueError(f"--jobs must be at least 1, got {args.jobs}")
     accelerator = chosen_accelerator(args.accelerator)
     return Bench(roots, args.out / "runs", args.preset, args.corruption, limit, accelerator)
 

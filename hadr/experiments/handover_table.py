@@ -14,6 +14,10 @@ from hadr.experiments.run_times import RunTimes
 from hadr.handover import handover_command
 from hadr.handover.handover_command import check_arguments, check_packages
 
+REPRODUCED = (
+    "raw", "inpainted", "hadr", "hadr-plus", "perfect", "hadr-no-rescoring", "hadr-no-tracking",
+)  # fmt: skip
+"""The arms of results/mini/handover.json; `hadr handover` alone leaves out hadr-plus."""
 TINY = ("--objects", "0004", "--holds", "902")
 """At preset tiny each arm makes one attempt, which shows that everything runs and no more."""
 
@@ -28,7 +32,7 @@ def handover_words(out: Path, size: str, seed: int, jobs: int) -> list[str]:
         jobs: Attempts at a time.
     """
     words = ["--out", str(out / "handover"), "--json", str(out / "tables" / "handover.json")]
-    words += ["--seed", str(seed), "--jobs", str(jobs)]
+    words += ["--seed", str(seed), "--jobs", str(jobs), "--arms", *REPRODUCED]
     return [*words, *TINY] if size == "tiny" else words
 
 

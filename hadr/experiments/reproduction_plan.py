@@ -8,13 +8,16 @@ from itertools import groupby
 
 from hadr.provenance import usable_cores
 
+MAKING_DATA = "data"
+"""The part of a plan that makes the data; a plan has it where no data folder is there."""
+
 
 @dataclass(frozen=True)
 class Step:
     """One step of a reproduction.
 
     Attributes:
-        part: "tables", "handover" or "chapters".
+        part: "data", "tables", "handover" or "chapters".
         name: What is made.
         left: What is left to be done, in words; "done" where nothing is.
         seconds: Estimate of what is left, from recorded times; None where nobody has timed it.
@@ -75,7 +78,8 @@ def _sums(steps: Sequence[Step], jobs: int) -> list[str]:
     told += f": about {seconds_text(sum(s for _, s in timed))}, one after the other"
     at_once = min(jobs, usable_cores(), len(left))
     if at_once > 1:
-        shared = sum(s / (1 if part == "chapters" else at_once) for part, s in timed)
+        alone = ("chapters", MAKING_DATA)
+        shared = sum(s / (1 if part in alone else at_once) for part, s in timed)
         told += f"; about {seconds_text(shared)}, {at_once} at a time"
     lines = [told]
     if unknown := len(left) - len(timed):
@@ -83,4 +87,12 @@ def _sums(steps: Sequence[Step], jobs: int) -> list[str]:
     lines.append(
         "estimates are what the same steps took when they were last measured (files in results/)"
     )
+    lines += [
+        f"the data are not there: all of this is planned for the {step.left} that\n"
+        f"  {step.name} --out DIR\n"
+        "makes, and the bundled samples beside them (--data DIR data_samples/frames); which "
+        "trainings of the\noutput folder are finished, only the data can tell: here none is"
+        for step in left
+        if step.part == MAKING_DATA
+    ]
     return lines

@@ -28,7 +28,7 @@ from hadr.plotting import COLORS
 Row = Mapping[str, Any]
 
 ARMS: dict[str, str] = {
-    "raw": "raw sensor depth",
+    "raw": "sensor depth",
     "inpainted": "inpainted depth",
     "hadr": "HADR",
     "hadr-plus": "HADR-plus",

@@ -1,7 +1,17 @@
+import re
+
 import pytest
 
 from hadr.course.chapter import hints
-from hadr.course.teaching import MARKS, PLANS, chapters_text, instructor_text, marks_of, plans_text
+from hadr.course.teaching import (
+    MARKS,
+    PLANS,
+    chapters_text,
+    instructor_text,
+    marks_of,
+    numbers_in_the_book,
+    plans_text,
+)
 
 
 @pytest.mark.parametrize("plan", PLANS, ids=lambda plan: f"{plan.hours}h")
@@ -25,6 +35,28 @@ def test_plans_and_marks_name_what_there_is(book):
         assert len(done) == len(set(done))
     long = {number for session in PLANS[-1].sessions for b in session for number in b.chapters}
     assert long == numbers
+
+
+def test_exercises_are_numbered_as_on_the_pages_of_the_book(book):
+    every = [exercise for chapter in book for exercise in chapter.exercises]
+    numbers = numbers_in_the_book(book)
+    assert [numbers[exercise.label] for exercise in every] == list(range(1, len(every) + 1))
+    third = book[3].exercises[0]
+    before = sum(len(chapter.exercises) for chapter in book[:3])
+    assert f"- **{before + 1} {third.title}**" in instructor_text(book[3:4], book)
+    assert f"{before + 1} {third.title}" in plans_text(book)
+
+
+def test_a_time_has_a_column_of_its_own(book):
+    lines = [line for line in plans_text(book).splitlines() if line.startswith("| 1 |")]
+    assert all(re.fullmatch(r"\| 1 \| \d+ \| .+ \| .+ \|", line) for line in lines)
+    assert len(lines) >= 5
+
+
+def test_two_hours_have_an_exercise_on_the_hand():
+    (session,) = PLANS[0].sessions
+    (block,) = [block for block in session if block.chapters == (5,)]
+    assert block.exercises
 
 
 def test_the_page_names_goals_marks_and_mistakes(book):

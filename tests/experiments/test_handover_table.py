@@ -13,8 +13,9 @@ from hadr.handover import experiment
 from hadr.handover.trial import Trial
 from hadr.handover.trial_set import TRIAL_HOLDS, TRIAL_OBJECTS
 from hadr.provenance import plain
-from hadr.result_file import digest, seal_row
+from hadr.result_file import digest, read_result_file, seal_row
 
+RESULTS = Path(__file__).resolve().parents[2] / "results"
 TIMES = RunTimes({}, {}, {}, {"hadr": 10.0}, {})
 
 
@@ -31,7 +32,8 @@ def finish(out: Path, trial: Trial, **changed: float) -> None:
 def test_tiny_makes_one_attempt_an_arm_and_the_others_48(tmp_path: Path) -> None:
     one = open_handover(tmp_path, "tiny", 0, 1)
     assert (len(one.objects), len(one.holds)) == (1, 1)
-    assert len(one.arms) == 6
+    table = read_result_file(RESULTS / "mini" / "handover.json")
+    assert sorted(one.arms) == sorted(row["arm"] for row in table.rows)
     for size in ("mini", "paper"):
         args = open_handover(tmp_path, size, 3, 2)
         assert args.objects == list(TRIAL_OBJECTS)

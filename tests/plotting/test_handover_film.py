@@ -118,7 +118,7 @@ def test_bars_are_as_long_as_the_rates_and_stand_in_order() -> None:
     _, ax = plt.subplots()
     draw_success(ax, ROWS, published=34 / 48)
     names = [label.get_text() for label in ax.get_yticklabels()]
-    assert names == ["raw sensor depth", "HADR", "perfect depth"]
+    assert names == ["sensor depth", "HADR", "perfect depth"]
     lengths = [bar.get_width() for bar in ax.patches[::2]]
     assert lengths == pytest.approx([25.0, 75.0, 100 * 40 / 48])
     intervals = [c.get_segments()[0][:, 0] for c in ax.collections]

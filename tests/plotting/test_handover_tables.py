@@ -24,7 +24,7 @@ def cells(line):
 def test_each_arm_has_its_numbers_and_the_paper_stands_below():
     lines = arms_table([ROW, NEVER], {"GraspNet": [5, 0, 0, 0]}).splitlines()
     assert cells(lines[2]) == ["HADR", "30/48", "62.5 %", "48 to 75", "5/8", "2/8", "1/8", "7.2 s"]
-    assert cells(lines[3])[:3] == ["raw sensor depth", "0/48", "0.0 %"]
+    assert cells(lines[3])[:3] == ["sensor depth", "0/48", "0.0 %"]
     assert cells(lines[3])[7] == "none"
     assert cells(lines[4]) == ["*paper: GraspNet*", "5/48", "10.4 %", "", "0/8", "0/8", "0/8", ""]
 
@@ -34,7 +34,7 @@ def test_kinds_of_failure_are_counted_by_name():
     lines = failures_table([ROW, other]).splitlines()
     assert cells(lines[0]) == ["depth", "drop", "time-out"]
     assert cells(lines[2]) == ["HADR", "10", "8"]
-    assert cells(lines[3]) == ["raw sensor depth", "0", "48"]
+    assert cells(lines[3]) == ["sensor depth", "0", "48"]
 
 
 def test_two_arms_are_compared_attempt_by_attempt():
