@@ -131,12 +131,12 @@ def captioned(
     draw.text((_MARGIN + 21, top), stage.value, _INK, _font(17, True))
     text = note or reason
     size = 13
-    letters = max(20, int((width - 2 * _MARGIN) / (0.56 * size)))
-    lines = textwrap.wrap(text, letters)[:2]
     strong = stage is Stage.STOPPED
+    letter = 0.66 if strong else 0.56  # width over size
+    lines = textwrap.wrap(text, max(20, int((width - 2 * _MARGIN) / (letter * size))))[:2]
     if len(lines) == 2:
         size = 11
-        lines = textwrap.wrap(text, int((width - 2 * _MARGIN) / (0.56 * size)))[:2]
+        lines = textwrap.wrap(text, max(20, int((width - 2 * _MARGIN) / (letter * size))))[:2]
     for number, line in enumerate(lines):
         place = (_MARGIN, top + 23 + number * 14)
         draw.text(place, line, _INK if strong else _QUIET, _font(size, strong))
