@@ -20,6 +20,7 @@ import cv2
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d import Axes3D
 
 _CONTROLS = 44  # CSS pixels below the picture
 
@@ -133,6 +134,46 @@ def scrubber(
     told = json.dumps(data, separators=(",", ":")).replace("</", "<\\/")
     ((width, height),) = sizes
     return Scrubber(page.replace("__DATA__", told), title, width, height)
+
+
+def turning(figure: Figure, *, title: str, alt: str, turns: int = 12) -> Scrubber:
+    """Let a reader turn the 3D axes of a figure about their vertical, on a page without a kernel.
+
+    Args:
+        figure: One with 3D axes; it keeps its view.
+        title: What the frame is called.
+        alt: What the pictures show, in words.
+        turns: How many views, evenly over the whole turn.
+
+    Returns:
+        The page.
+
+    Raises:
+        ValueError: The figure has no 3D axes, or fewer than two turns.
+    """
+    views = [(ax, ax.elev, ax.azim) for ax in figure.axes if isinstance(ax, Axes3D)]
+    if not views:
+        raise ValueError("only a figure with 3D axes can be turned, got one without")
+
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")  # the axes stay where they are while things turn in them
+    for ax, _, _ in views:
+        for drawn in ax.get_children():
+            drawn.set_clip_on(False)  # what turns out of the axes' box is still in the figure
+
+    def turned(place: int) -> Figure:
+        for ax, elevation, azimuth in views:
+            ax.view_init(elevation, azimuth + 360 * place / turns)
+        return figure
+
+    labels = tuple(f"{360 * place / turns:.0f}" for place in range(turns))
+    try:
+        return scrubber(
+            turned, [Slider("turn (°)", labels)], title=title, alt=alt, frames_per_second=3
+        )
+    finally:
+        for ax, elevation, azimuth in views:
+            ax.view_init(elevation, azimuth)
 
 
 def _encoded(figure: Figure, quality: int) -> tuple[str, tuple[int, int]]:

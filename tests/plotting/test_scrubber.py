@@ -8,7 +8,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from hadr.plotting.scrubber import Slider, scrubber
+from hadr.plotting.scrubber import Slider, scrubber, turning
 
 mpl.use("Agg")
 
@@ -101,3 +101,37 @@ def test_wrong_sliders_and_sizes_are_refused():
             alt="a",
         )
     plt.close("all")
+
+
+def test_a_figure_with_3d_axes_is_turned_about_its_vertical():
+    figure = plt.figure(figsize=(2, 2), dpi=60)
+    ax = figure.add_subplot(projection="3d", elev=10, azim=-60)
+    ax.scatter([1.0], [0.0], [0.0], s=80, c="red", depthshade=False)
+    ax.set(xlim=(-1, 1), ylim=(-1, 1), zlim=(-1, 1))
+    ax.set_axis_off()
+    data = data_of(turning(figure, title="t", alt="a", turns=4).page)
+    assert data["sliders"][0]["labels"] == ["0", "90", "180", "270"]
+    assert data["milliseconds"] > 0
+    columns, rows = [], []
+    for place in range(4):
+        raw = base64.b64decode(data["pictures"][data["order"][place]])
+        picture = cv2.imdecode(np.frombuffer(raw, np.uint8), cv2.IMREAD_COLOR).astype(int)
+        red = (picture[..., 2] > 180) & (picture[..., :2].max(axis=2) < 120)
+        rows.append(np.argwhere(red)[:, 0].mean())
+        columns.append(np.argwhere(red)[:, 1].mean())
+    # the dot goes around: opposite places lie on opposite sides of the middle, at like heights
+    middle = picture.shape[1] / 2
+    assert min(abs(columns[0] - columns[2]), abs(columns[1] - columns[3])) > 5
+    assert (columns[0] - middle) * (columns[2] - middle) < 0
+    assert (columns[1] - middle) * (columns[3] - middle) < 0
+    assert np.ptp(rows) < 0.25 * picture.shape[0]
+    assert (ax.elev, ax.azim) == (10, -60)
+
+
+def test_a_flat_figure_cannot_be_turned():
+    with pytest.raises(ValueError, match="only a figure with 3D axes"):
+        turning(patch(0), title="t", alt="a")
+    figure = plt.figure()
+    figure.add_subplot(projection="3d")
+    with pytest.raises(ValueError, match="at least two places"):
+        turning(figure, title="t", alt="a", turns=1)
