@@ -30,15 +30,24 @@ def arms_table(rows: Sequence[Row], published: Mapping[str, Sequence[int]] | Non
             [
                 str(ARMS.get(row["arm"], row["arm"])),
                 f"{row['successes']}/{row['attempts']}",
-                f"{100 * row['rate']:.1f} %",
-                f"{100 * low:.0f} to {100 * high:.0f}",
+                f"{100 * row['rate']:.1f}\N{NO-BREAK SPACE}%",
+                f"{100 * low:.0f}\N{NO-BREAK SPACE}to\N{NO-BREAK SPACE}{100 * high:.0f}",
                 *(f"{row[f'objects_at_{n}_percent']}/8" for n in (50, 80, 100)),
                 _seconds(row["mean_seconds"]),
             ]
         )
     for name, (won, *objects) in (published or {}).items():
         counts = [f"{count}/8" for count in objects]
-        lines.append([f"*paper: {name}*", f"{won}/48", f"{100 * won / 48:.1f} %", "", *counts, ""])
+        lines.append(
+            [
+                f"*paper: {name}*",
+                f"{won}/48",
+                f"{100 * won / 48:.1f}\N{NO-BREAK SPACE}%",
+                "",
+                *counts,
+                "",
+            ]
+        )
     head = ["depth", "successes", "rate", "95 % interval", "> 0.5", "> 0.8", "1.0", "time"]
     return markdown_table(head, lines, "lr")
 

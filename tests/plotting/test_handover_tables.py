@@ -18,7 +18,10 @@ NEVER = {**ROW, "arm": "raw", "successes": 0, "rate": 0.0, "mean_seconds": None}
 
 
 def cells(line):
-    return [cell.strip() for cell in line.strip("|").split("|")]
+    """The cells of a row; what must not break over lines is held by no-break spaces."""
+    found = [cell.strip(" ") for cell in line.strip("|").split("|")]
+    assert not any(" %" in cell or " to " in cell for cell in found)
+    return [cell.replace("\N{NO-BREAK SPACE}", " ") for cell in found]
 
 
 def test_each_arm_has_its_numbers_and_the_paper_stands_below():
