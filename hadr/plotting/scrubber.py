@@ -20,6 +20,7 @@ import cv2
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.transforms import Bbox, BboxBase
 from mpl_toolkits.mplot3d import Axes3D
 
 _CONTROLS = 44  # CSS pixels below the picture
@@ -88,6 +89,7 @@ def scrubber(
     alt: str,
     frames_per_second: float = 0.0,
     quality: int = 70,
+    box: BboxBase | None = None,
 ) -> Scrubber:
     """Draw a picture for each place of the sliders and put all of them into one page.
 
@@ -99,6 +101,7 @@ def scrubber(
         alt: What the pictures show, in words.
         frames_per_second: Above 0 a button plays the first slider at this rate.
         quality: WebP's quality, 1 to 100.
+        box: The part of each figure that is kept, inches; the whole one if left out.
 
     Returns:
         The page.
@@ -112,7 +115,7 @@ def scrubber(
     order: list[int] = []
     sizes: set[tuple[int, int]] = set()
     for places in itertools.product(*(range(len(slider.labels)) for slider in sliders)):
-        text, size = _encoded(draw(*places), quality)
+        text, size = _encoded(draw(*places), quality, box)
         sizes.add(size)
         if len(sizes) > 1:
             raise ValueError(f"pictures of one scrubber must have one size, got {sorted(sizes)}")
@@ -166,20 +169,27 @@ def turning(figure: Figure, *, title: str, alt: str, turns: int = 12) -> Scrubbe
             ax.view_init(elevation, azimuth + 360 * place / turns)
         return figure
 
-    labels = tuple(f"{360 * place / turns:.0f}" for place in range(turns))
+    slider = Slider("turn (°)", tuple(f"{360 * place / turns:.0f}" for place in range(turns)))
     try:
-        return scrubber(
-            turned, [Slider("turn (°)", labels)], title=title, alt=alt, frames_per_second=3
-        )
+        seen = Bbox.union([_tight(turned(place)) for place in range(turns)]).padded(0.05)
+        return scrubber(turned, [slider], title=title, alt=alt, frames_per_second=3, box=seen)
     finally:
         for ax, elevation, azimuth in views:
             ax.view_init(elevation, azimuth)
 
 
-def _encoded(figure: Figure, quality: int) -> tuple[str, tuple[int, int]]:
+def _tight(figure: Figure) -> BboxBase:
+    """The box around all that a figure shows, inches."""
+    figure.draw_without_rendering()
+    return figure.get_tightbbox()
+
+
+def _encoded(
+    figure: Figure, quality: int, box: BboxBase | None = None
+) -> tuple[str, tuple[int, int]]:
     """A figure as base64 of a WebP picture, and its width and height in pixels; closes it."""
     drawn = io.BytesIO()
-    figure.savefig(drawn, format="png", facecolor="white")
+    figure.savefig(drawn, format="png", facecolor="white", bbox_inches=box)
     plt.close(figure)
     raw = np.frombuffer(drawn.getvalue(), np.uint8)
     pixels = np.asarray(cv2.imdecode(raw, cv2.IMREAD_COLOR))
