@@ -1,7 +1,5 @@
 """The table of real frames: its script on cases made by hand, and on the frames where they are."""
 
-import importlib.util
-import sys
 from pathlib import Path
 from types import ModuleType
 
@@ -17,15 +15,8 @@ RESULTS = REPOSITORY / "results" / "real" / "cleargrasp_d435.json"
 
 
 @pytest.fixture(scope="module")
-def script() -> ModuleType:
-    path = REPOSITORY / "benchmarks" / "real_frames.py"
-    spec = importlib.util.spec_from_file_location("benchmark_of_real_frames", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
+def script(load_benchmark) -> ModuleType:
+    return load_benchmark("real_frames")
 
 
 def test_a_stand_in_hand_keeps_its_form_and_holds_the_glass_at_the_tables_depth(script) -> None:

@@ -1,8 +1,6 @@
 """The table that sets the simulated depth camera beside a real one."""
 
-import importlib.util
 import json
-import sys
 from dataclasses import asdict
 from pathlib import Path
 from types import ModuleType
@@ -15,15 +13,8 @@ RESULTS = REPOSITORY / "results" / "sensor" / "comparison.json"
 
 
 @pytest.fixture(scope="module")
-def benchmark_script() -> ModuleType:
-    path = REPOSITORY / "benchmarks" / "depth_camera.py"
-    spec = importlib.util.spec_from_file_location("benchmark_of_the_depth_camera", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
+def benchmark_script(load_benchmark) -> ModuleType:
+    return load_benchmark("depth_camera")
 
 
 def test_errors_of_a_picture_made_by_hand(benchmark_script):

@@ -1,7 +1,5 @@
 """The frames that are kept for the comparison of real, simulated and analytic errors."""
 
-import importlib.util
-import sys
 from pathlib import Path
 from types import ModuleType
 
@@ -16,15 +14,8 @@ KEPT = REPOSITORY / "results" / "sensor" / "pictures.npz"
 
 
 @pytest.fixture(scope="module")
-def benchmark_script() -> ModuleType:
-    path = REPOSITORY / "benchmarks" / "sensor_pictures.py"
-    spec = importlib.util.spec_from_file_location("benchmark_of_the_sensor_pictures", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
+def benchmark_script(load_benchmark) -> ModuleType:
+    return load_benchmark("sensor_pictures")
 
 
 def test_a_plane_is_found_among_other_points(benchmark_script):
