@@ -14,16 +14,14 @@ from hadr.plotting.comparison import (
     reasons_table,
     ways_table,
 )
+from hadr.plotting.finding_tables import averages_table, memory_table, poses_table
 from hadr.plotting.results import (
-    averages_table,
     draw_bias,
     draw_by_object,
     draw_hole,
     draw_learning,
     draw_parts,
     draw_systems,
-    memory_table,
-    poses_table,
     results_table,
 )
 
