@@ -3,6 +3,7 @@
 #   PYTHON=python3.12   the Python that makes the environment (3.11 or newer)
 #   VENV=DIR            the environment's folder (default: .venv)
 #   BUILD=DIR           where the executed notebooks and the book go (default: build)
+#   WORKERS=2           processes that run tests at the same time
 #   PIP_FLAGS=...       more options for pip, such as another index for PyTorch's wheels
 
 PYTHON    ?= python3
@@ -11,12 +12,15 @@ BUILD     ?= build
 PIP_FLAGS ?=
 PRESET    ?= tiny
 SEED      ?= 0
+WORKERS   ?= 2
 # At preset tiny beside the book, whose chapters are then not executed a second time.
 OUT       ?= $(BUILD)$(if $(filter tiny,$(PRESET)),,/$(PRESET))
 
 BIN   := $(VENV)/bin
 PY    := $(BIN)/python
 READY := $(VENV)/.hadr-ready
+PYTEST = HADR_BOOK_HTML="$(abspath $(BUILD))/html/_build/html" \
+    $(PY) -m pytest -n $(WORKERS) --dist loadgroup --durations=10
 
 # Caches go into the build folder: the commands need no writable HOME.
 export MPLCONFIGDIR := $(abspath $(BUILD))/cache/matplotlib
@@ -24,7 +28,7 @@ export XDG_CACHE_HOME := $(abspath $(BUILD))/cache
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help book tables reproduce wheel-check test lint env notebooks texts check-notebooks html readme-times readme-figure clean
+.PHONY: help book tables reproduce test test-long test-all lint env notebooks texts check-notebooks html readme-times readme-figure clean
 
 help: ## what can be made
 	@echo "usage: make TARGET [PYTHON=python3] [VENV=.venv] [BUILD=build]"
@@ -41,14 +45,16 @@ tables: $(READY) ## train and compare all systems at PRESET (mini and paper: DAT
 reproduce: $(READY) ## tables, handover and chapters at PRESET; prints the plan first and goes on where it was stopped
 	@$(BIN)/hadr reproduce --preset $(PRESET) --out "$(OUT)" $(if $(DATA),--data $(DATA))
 
-wheel-check: $(READY) ## run all chapters with the built wheel, in a folder outside of the repository
-	@HADR_WHEEL_CHAPTERS=all $(PY) -m pytest tests/test_wheel.py $(PYTEST_FLAGS)
-
 html: $(READY) ## rebuild the HTML book from the notebooks executed last time
 	@$(PY) -m hadr.book --build "$(BUILD)" --html-only
 
-test: $(READY) ## run the test suite
-	@HADR_BOOK_HTML="$(abspath $(BUILD))/html/_build/html" $(PY) -m pytest $(PYTEST_FLAGS)
+test: $(READY) ## run the tests, without those that take minutes; prints the ten slowest
+	@$(PYTEST) $(PYTEST_FLAGS)
+
+test-long: $(READY) ## run the tests that take minutes: every page at every width and theme, all chapters from the wheel
+	@$(PYTEST) -m long $(PYTEST_FLAGS)
+
+test-all: test test-long ## run every test
 
 lint: $(READY) ## ruff and mypy
 	@$(BIN)/ruff check .

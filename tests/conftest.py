@@ -10,6 +10,11 @@ from types import ModuleType
 import pytest
 from hypothesis import settings
 
+if "PYTEST_XDIST_WORKER" in os.environ:
+    # Two workers share two cores: one thread each, set before a library reads it.
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
+
 REALDATA = Path(__file__).resolve().parents[2] / "shared" / "realdata"
 
 
@@ -39,6 +44,14 @@ def load_benchmark() -> Callable[[str], ModuleType]:
         return module
 
     return load
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Give each file to one worker, and all that share the one browser to one as well."""
+    for item in items:
+        browser = item.get_closest_marker("browser")
+        group = "browser" if browser else item.nodeid.split("::")[0]
+        item.add_marker(pytest.mark.xdist_group(group))
 
 
 # A check that passes twice or never: the same examples each time where a machine judges.

@@ -1,6 +1,6 @@
 """The book against the built wheel: chapters run in a foreign folder, with the installed library.
 
-The quickest chapter runs with every test run; `make wheel-check` runs all of them.
+A small notebook runs with every test run, all chapters with `make test-long`.
 """
 
 import json
@@ -18,9 +18,6 @@ from hadr.cli import COMMANDS
 
 ROOT = Path(__file__).resolve().parents[1]
 CHAPTERS = sorted((ROOT / "notebooks").glob("[0-9][0-9]_*.ipynb"))
-#: The chapters to run: "all", or numbers such as "0 3".
-WISH = os.environ.get("HADR_WHEEL_CHAPTERS", "0").split()
-CHOSEN = [path for path in CHAPTERS if WISH == ["all"] or str(int(path.name[:2])) in WISH]
 
 RUN = """
 import sys
@@ -115,8 +112,11 @@ def test_what_needs_the_checkout_says_how_to_get_it(installed, elsewhere):
     assert CHAPTERS[-1].stem in whole.stdout, whole.stderr[-2000:]
 
 
-@pytest.mark.skipif(not CHOSEN, reason="HADR_WHEEL_CHAPTERS names no chapter")
-def test_chapters_run_with_the_wheel(installed, elsewhere):
+@pytest.mark.parametrize(
+    "chapters",
+    [pytest.param([], id="none"), pytest.param(CHAPTERS, id="all", marks=pytest.mark.long)],
+)
+def test_chapters_run_with_the_wheel(installed, elsewhere, chapters):
     """A first notebook tells which library the kernel has: with the checkout's, all were vain."""
     probe = nbformat.v4.new_notebook(
         cells=[
@@ -125,10 +125,10 @@ def test_chapters_run_with_the_wheel(installed, elsewhere):
         ]
     )
     nbformat.write(probe, elsewhere / "probe.ipynb")
-    for path in CHOSEN:
+    for path in chapters:
         shutil.copy(path, elsewhere)
     out = elsewhere / "out"
-    names = ["probe.ipynb", *(path.name for path in CHOSEN)]
+    names = ["probe.ipynb", *(path.name for path in chapters)]
     done = call(
         "-c", RUN, out, *names, cwd=elsewhere, PYTHONPATH=installed,
         HADR_SAMPLES=ROOT / "data_samples",
@@ -136,7 +136,7 @@ def test_chapters_run_with_the_wheel(installed, elsewhere):
     assert done.returncode == 0, done.stderr[-4000:]
     told = nbformat.read(out / "executed" / "probe.ipynb", 4).cells[-1].outputs[0].text.strip()
     assert Path(told) == installed / "hadr" / "__init__.py"
-    for path in CHOSEN:
+    for path in chapters:
         kept = json.loads((out / "results" / path.stem / "results.json").read_text())
         assert kept["chapter"] == path.stem
         assert kept["results"]
