@@ -46,8 +46,10 @@ def load_benchmark() -> Callable[[str], ModuleType]:
     return load
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Give each file to one worker, and all that share the one browser to one as well."""
+    if not config.pluginmanager.hasplugin("xdist"):
+        return
     for item in items:
         browser = item.get_closest_marker("browser")
         group = "browser" if browser else item.nodeid.split("::")[0]
