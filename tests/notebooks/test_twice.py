@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import nbformat
+import pytest
 
 from hadr.reproduce import run_notebooks
 
@@ -25,6 +26,7 @@ def shown(path):
     return cells
 
 
+@pytest.mark.long
 def test_a_chapter_gives_the_same_twice(tmp_path):
     first, second = (
         run_notebooks([CHAPTER], tmp_path / name, say=lambda line: None)[0]
