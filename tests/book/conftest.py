@@ -276,13 +276,19 @@ def all_paths(html: Path) -> list[Path]:
 
 @pytest.fixture(scope="session")
 def pages(html: Path, browser: Browser) -> list[Page]:
-    """Every page of the book, visited once in the desktop's window."""
+    """Every page of the book, visited once in the desktop's window, in its own shade."""
+    return [browser.examine(path, []) for path in all_paths(html)]
+
+
+@pytest.fixture(scope="session")
+def shaded_pages(html: Path, browser: Browser) -> list[Page]:
+    """Every page of the book in the desktop's window, the theme at odds with the system."""
     return [browser.examine(path, AT_ODDS) for path in all_paths(html)]
 
 
 @pytest.fixture(scope="session")
 def phone_pages(html: Path, browser: Browser) -> list[Page]:
-    """Every page of the book, visited once on a phone."""
+    """Every page of the book on a phone, the theme at one with the system."""
     browser.screen(phone=True)
     try:
         return [browser.examine(path, AT_ONE) for path in all_paths(html)]

@@ -35,9 +35,14 @@ DAMAGED = """<html data-theme="light"><head><title>t</title>
 </article></main></body></html>"""
 
 
-@pytest.fixture(params=["desktop", "phone"])
+@pytest.fixture(params=["pages", pytest.param("phone_pages", marks=pytest.mark.long)])
 def visited(request):
-    return request.getfixturevalue({"desktop": "pages", "phone": "phone_pages"}[request.param])
+    return request.getfixturevalue(request.param)
+
+
+@pytest.fixture(params=["shaded_pages", "phone_pages"])
+def shaded(request):
+    return request.getfixturevalue(request.param)
 
 
 def found(pages, kind):
@@ -151,19 +156,22 @@ def test_letters_of_figures_are_large_enough(visited):
     assert found(visited, "small") == {}
 
 
-def test_text_stands_out_in_every_shade(visited):
-    weak = {page.path.name: weak_texts(page)[:5] for page in visited}
+@pytest.mark.long
+def test_text_stands_out_in_every_shade(shaded):
+    weak = {page.path.name: weak_texts(page)[:5] for page in shaded}
     assert {name: lines for name, lines in weak.items() if lines} == {}
-    for page in visited:
+    for page in shaded:
         least = 2 if page.path.name == "search.html" else 30
         assert all(told["texts"] > least for told in page.contrast.values()), page.path.name
 
 
-def test_pictures_stand_on_light_paper(visited):
-    lost = {page.path.name: pale_pictures(page)[:5] for page in visited}
+@pytest.mark.long
+def test_pictures_stand_on_light_paper(shaded):
+    lost = {page.path.name: pale_pictures(page)[:5] for page in shaded}
     assert {name: lines for name, lines in lost.items() if lines} == {}
 
 
+@pytest.mark.long
 def test_a_phone_shows_the_whole_page_without_errors(phone_pages):
     for kind in ("missing", "unlabelled", "raw", "unrendered", "errors", "fonts"):
         seen = {page.path.name: page.seen[kind] for page in phone_pages}
