@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 from hadr.chapter_record import RECORD, chapter_configuration, finished_chapter, keep_chapter
 from hadr.checkout import checkout_root as checkout_root
-from hadr.private_kernel import private_jupyter
+from hadr.private_kernel import private_jupyter, register_engine
 from hadr.provenance import machine_text, plain, provenance, write_json
 
 if TYPE_CHECKING:
@@ -151,6 +151,7 @@ def _execute(source: Path, target: Path, parameters: dict[str, Any], label: str)
             str(source),
             str(target),
             parameters=parameters,
+            engine_name=register_engine(),
             kernel_name="python3",
             language="python",
             progress_bar=progress,

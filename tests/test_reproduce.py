@@ -83,6 +83,16 @@ def test_a_kernel_that_dies_is_told_with_its_cell(tmp_path):
     assert "died" in str(caught.value).lower()
 
 
+def test_what_a_widgets_function_prints_is_output_of_its_cell(tmp_path):
+    """Only so is nothing sent on the socket on which the cell's reply is awaited."""
+    widget = "import ipywidgets\nipywidgets.interactive(lambda x: print(f'drawn at {x}'), x=(3, 3))"
+    nbformat.write(notebook_of(widget), tmp_path / "00_widget.ipynb")
+    (run,) = reproduce.run_notebooks([tmp_path / "00_widget.ipynb"], tmp_path / "out")
+    printed, widget = nbformat.read(run.notebook, 4).cells[-1].outputs
+    assert "drawn at 3" in printed.text
+    assert "application/vnd.jupyter.widget-view+json" in widget.data
+
+
 def test_command_line_returns_2_and_prints_the_failure(folder, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(reproduce, "checkout_root", lambda: tmp_path / "root")
     (tmp_path / "root").mkdir()
