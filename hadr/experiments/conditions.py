@@ -12,13 +12,13 @@ import statistics
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 
+from hadr.caches import kept_by_file
 from hadr.data.samples import samples_dir
 from hadr.depth_network import enlarge_known
 from hadr.experiments.averages import paired, standard_error
@@ -145,7 +145,7 @@ def configuration(bench: Bench, run: Run, name: str, given: Given) -> dict[str, 
     }
 
 
-@cache
+@kept_by_file(16)
 def _file_digest(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 

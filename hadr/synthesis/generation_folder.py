@@ -7,15 +7,16 @@ import hashlib
 import json
 import os
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from hadr import __version__
-from hadr.synthesis.backgrounds import ENDINGS
+from hadr.synthesis.backgrounds import find_backgrounds
 from hadr.synthesis.frame_recipes import FrameRecipe
 from hadr.synthesis.generation_presets import GenerationSettings
+from hadr.synthesis.recordings import companions, find_recordings
 from hadr.synthesis.transhand_frame import (
     UNFINISHED_PREFIX,
     frame_file_names,
@@ -27,16 +28,10 @@ SETTINGS_FILE = "generation.json"
 _SPLITS = ("train", "val", "test")
 
 
-def _digest_folder(folder: str, content: str, endings: tuple[str, ...]) -> str:
-    """SHA-256 over names and contents of the files below a folder; 16 digits of it."""
-    root = Path(folder)
-    if not root.is_dir():
-        raise ValueError(f"no folder of {content} at {folder}")
-    paths = sorted(p for p in root.rglob("*") if p.suffix.lower() in endings)
-    if not paths:
-        raise ValueError(f"{folder} holds no file that ends with {', '.join(endings)}")
+def _digest(root: str, paths: Iterable[Path]) -> str:
+    """SHA-256 over names and contents of files below a folder; 16 digits of it."""
     digest = hashlib.sha256()
-    for path in paths:
+    for path in sorted(paths):
         digest.update(f"{path.relative_to(root).as_posix()}\0".encode())
         digest.update(hashlib.sha256(path.read_bytes()).digest())
     return digest.hexdigest()[:16]
@@ -46,9 +41,14 @@ def settings_record(settings: GenerationSettings) -> dict[str, Any]:
     """The settings as plain values; folders that are read from stand for their contents."""
     record = json.loads(json.dumps(asdict(settings)))
     if settings.recordings is not None:
-        record["recordings"] = _digest_folder(settings.recordings, "recordings", (".csv", ".json"))
+        found = find_recordings(settings.recordings)
+        if not found:
+            raise ValueError(f"{settings.recordings} holds no recording (.csv)")
+        beside = (path for one in found for path in companions(one) if path.is_file())
+        record["recordings"] = _digest(settings.recordings, {*found, *beside})
     if settings.backgrounds is not None:
-        record["backgrounds"] = _digest_folder(settings.backgrounds, "photographs", ENDINGS)
+        photographs = find_backgrounds(settings.backgrounds)
+        record["backgrounds"] = _digest(settings.backgrounds, photographs)
     return {"hadr": __version__, **record}
 
 

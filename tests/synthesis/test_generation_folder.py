@@ -90,12 +90,37 @@ def test_a_folder_that_is_read_from_counts_by_its_contents(tmp_path):
     (tmp_path / "two/0004/hold.csv").write_text("time\n1\n")
     with pytest.raises(ValueError, match=r"recordings is '[0-9a-f]{16}' there, '[0-9a-f]{16}' he"):
         take(tmp_path / "set", two)
-    with pytest.raises(ValueError, match=r"holds no file that ends with \.jpg, \.jpeg"):
+    with pytest.raises(ValueError, match=r"one holds no photograph \(\.jpg, \.jpeg"):
         take(tmp_path / "new", replace(SETTINGS, backgrounds=str(tmp_path / "one")))
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(ValueError, match=r"empty holds no recording \(\.csv\)"):
+        take(tmp_path / "new", replace(SETTINGS, recordings=str(tmp_path / "empty")))
     for name, content in (("recordings", "recordings"), ("backgrounds", "photographs")):
         with pytest.raises(ValueError, match=rf"no folder of {content} at .*nowhere"):
             take(tmp_path / "new", replace(SETTINGS, **{name: str(tmp_path / "nowhere")}))
     assert not (tmp_path / "new").exists()
+
+
+def test_only_files_that_are_read_count(tmp_path):
+    (tmp_path / "photographs/more").mkdir(parents=True)
+    (tmp_path / "photographs/a.jpg").write_text("a")
+    (tmp_path / "recordings").mkdir()
+    (tmp_path / "recordings/hold.csv").write_text("time\n0\n")
+    settings = replace(
+        SETTINGS,
+        backgrounds=str(tmp_path / "photographs"),
+        recordings=str(tmp_path / "recordings"),
+    )
+    before = settings_record(settings)
+    (tmp_path / "photographs/more/b.jpg").write_text("b")
+    (tmp_path / "recordings/settings.json").write_text("{}")
+    assert settings_record(settings) == before
+    (tmp_path / "photographs/b.jpg").write_text("b")
+    assert settings_record(settings)["backgrounds"] != before["backgrounds"]
+    for name in ("hold.json", "hold.placement.csv"):
+        before = settings_record(settings)
+        (tmp_path / "recordings" / name).write_text("{}")
+        assert settings_record(settings)["recordings"] != before["recordings"], name
 
 
 @pytest.mark.parametrize("left", ["", "{"])
