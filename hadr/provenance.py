@@ -48,7 +48,11 @@ def usable_cores() -> int:
 
 
 def provenance() -> dict[str, Any]:
-    """Where a number comes from: versions, platform, time, and the commit where there is one."""
+    """Where a number comes from: versions, platform, time, and the library's commit if it is known.
+
+    Without git, or installed apart from its checkout, the library's ``commit`` and
+    ``uncommitted_changes`` are None: unknown.
+    """
     versions = {}
     for package in PROVENANCE_PACKAGES:
         with contextlib.suppress(importlib.metadata.PackageNotFoundError):
@@ -59,17 +63,32 @@ def provenance() -> dict[str, Any]:
         "platform": f"{platform.system()} {platform.machine()}",
         "cpu_cores": usable_cores(),
         "versions": versions,
-        "commit": _git("rev-parse", "HEAD"),
-        "uncommitted_changes": bool(_git("status", "--porcelain", "--", "*.py")),
+        **_commit(),
     }
 
 
-def _git(*words: str) -> str | None:
-    """What git says of the checkout that the library lies in; None where there is none."""
-    here = Path(__file__).resolve().parents[1]
+def _commit() -> dict[str, Any]:
+    """The library's own commit, and whether code beside it differs; None where nobody knows.
+
+    A library that was installed into somebody's repository has none, whatever git says there.
+    """
+    root = Path(__file__).resolve().parents[1]
+    top = _git(root, "rev-parse", "--show-toplevel")
+    tracked = _git(root, "ls-files", "--error-unmatch", "hadr/provenance.py")
+    if top is None or tracked is None or Path(top).resolve() != root:
+        return {"commit": None, "uncommitted_changes": None}
+    status = _git(root, "status", "--porcelain", "--", "*.py", "hadr")
+    return {
+        "commit": _git(root, "rev-parse", "HEAD"),
+        "uncommitted_changes": None if status is None else bool(status),
+    }
+
+
+def _git(folder: Path, *words: str) -> str | None:
+    """What git says in a folder; None where it is not installed or fails."""
     try:
         answer = subprocess.run(
-            ["git", "-C", str(here), *words],
+            ["git", "-C", str(folder), *words],
             capture_output=True,
             text=True,
             timeout=10,
