@@ -32,6 +32,12 @@ from hadr.experiments.report import (
     speed_table,
     tuning_table,
 )
+from hadr.output_folder import (
+    check_output_folder,
+    check_removable,
+    make_output_folder,
+    remove_output_folder,
+)
 from hadr.provenance import machine_text, write_json
 from hadr.reproduce import (
     ChapterError,
@@ -150,17 +156,22 @@ def stage_book(
     Args:
         book: Folder with _config.yml, _toc.yml and the pages.
         runs: The executed chapters.
-        target: Build folder; what was staged there before is replaced.
+        target: The staged book's folder; what was staged there before is replaced.
         total_s: Wall-clock seconds of the execution, for the page of run times.
 
     Returns:
         The staged book's folder.
+
+    Raises:
+        ValueError: The target is somebody's own folder (`hadr.output_folder`), or a page has a
+            word that nothing fills.
     """
     import nbformat
 
-    if target.exists():
-        shutil.rmtree(target)
-    shutil.copytree(book, target, ignore=shutil.ignore_patterns("_build", ".*"))
+    remove_output_folder(target)
+    make_output_folder(target)
+    left_out = shutil.ignore_patterns("_build", ".*")
+    shutil.copytree(book, target, ignore=left_out, dirs_exist_ok=True)
     (target / "notebooks").mkdir()
     titles = {}
     for run in runs:
@@ -232,7 +243,7 @@ def build_html(staged: Path, output: Path, *, strict: bool = True) -> Path:
     if importlib.util.find_spec("jupyter_book") is None:
         raise RuntimeError("Jupyter Book is not installed here: pip install -e '.[book]'")
     program = "from jupyter_book.cli.main import main; main()"
-    command = [sys.executable, "-c", program, "build", str(staged)]
+    command = [sys.executable, "-P", "-c", program, "build", str(staged)]
     command += ["--path-output", str(output), "--all"]
     command += ["-W", "--keep-going", "-n"] if strict else []
     environment = os.environ | {"PYDEVD_DISABLE_FILE_VALIDATION": "1", "NO_COLOR": "1"}
@@ -321,12 +332,14 @@ def run(args: argparse.Namespace) -> int:
         0 when the book stands; 2 when a chapter or the build failed.
     """
     root = checkout_root()
-    build: Path = args.build.resolve()
     try:
+        build = check_output_folder(args.build)
         if args.readme_times:
             update_readme(root / "README.md", readme_table(build, root))
             return 0
+        check_removable(build / "book")
         paths = chapter_paths(root / "notebooks", args.only)
+        make_output_folder(build)
         started = time.perf_counter()
         if args.html_only:
             runs = _runs_of_last_time(build, paths)

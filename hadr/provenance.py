@@ -152,34 +152,6 @@ def plain(value: Any, where: str = "results") -> Any:
     )
 
 
-def check_writable(path: str | Path | None) -> None:
-    """Refuse a file for results that can't be written, before anything is computed for it.
-
-    Args:
-        path: The file; None is always right.
-
-    Raises:
-        ValueError: It is a folder, or a part of its path is a file.
-    """
-    if path is None:
-        return
-    if Path(path).is_dir():
-        raise ValueError(f"{path} is a folder, expected the name of a file to write")
-    check_folder(Path(path).parent)
-
-
-def check_folder(path: str | Path) -> None:
-    """Refuse a folder for results that is a file, or would lie in one.
-
-    Raises:
-        ValueError: It is.
-    """
-    path = Path(path)
-    there = next((part for part in (path, *path.parents) if part.exists()), None)
-    if there is not None and not there.is_dir():
-        raise ValueError(f"{path} can't be a folder: {there} is a file")
-
-
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
     """Write JSON atomically: a reader sees the old file or the whole new one."""
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 from hadr.chapter_record import RECORD, chapter_configuration, finished_chapter, keep_chapter
 from hadr.checkout import checkout_root as checkout_root
+from hadr.output_folder import CACHE, check_output_folder, make_output_folder
 from hadr.private_kernel import private_jupyter
 from hadr.provenance import machine_text, plain, provenance, write_json
 
@@ -111,7 +112,7 @@ def run_notebooks(
     """
     out_dir = out_dir.resolve()
     runs = []
-    with private_jupyter(out_dir / "cache"):
+    with private_jupyter(out_dir / CACHE):
         for number, notebook in enumerate(notebooks, start=1):
             label = f"[{number:2d}/{len(notebooks)}] {notebook.stem}"
             target, folder, results = _places(notebook, out_dir)
@@ -324,6 +325,7 @@ def run(args: argparse.Namespace) -> int:
     chapters = [w for w in args.only if w not in PARTS and w not in wishes]
     paths, bench, attempts = [], None, None
     try:
+        check_output_folder(args.out)
         if args.again:
             return run_again(args)
         times, steps = read_run_times(args.preset), []
@@ -342,6 +344,7 @@ def run(args: argparse.Namespace) -> int:
         if args.dry_run:
             return 0
         print()
+        make_output_folder(args.out)
         if bench is not None:
             measure_tables(args, bench, runs)
         if attempts is not None:

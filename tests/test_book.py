@@ -110,6 +110,16 @@ def test_staging_again_leaves_nothing_of_the_last_time(small_book, tmp_path):
     assert not (staged / "notebooks" / "99_old.ipynb").exists()
 
 
+def test_staging_replaces_no_folder_that_it_did_not_make(small_book, tmp_path):
+    pages, runs = small_book
+    own = tmp_path / "staged" / "thesis.md"
+    own.parent.mkdir()
+    own.write_text("years of work")
+    with pytest.raises(ValueError, match="staged was not made by hadr"):
+        book.stage_book(pages, runs, tmp_path / "staged")
+    assert [path.name for path in own.parent.iterdir()] == [own.name]
+
+
 def test_staging_refuses_a_word_that_nothing_fills(small_book, tmp_path):
     pages, runs = small_book
     (pages / "more.md").write_text("# More\n\n{{WEATHER}}\n")
@@ -140,15 +150,18 @@ def test_the_readme_table_comes_from_the_measurement(tmp_path):
     assert table.endswith("Measured on two cores.")
 
 
-def test_a_warning_stops_the_build_and_is_told(tmp_path):
+def test_a_warning_stops_the_build_and_is_told(tmp_path, monkeypatch):
     pytest.importorskip("jupyter_book", reason="needs the extra: pip install -e '.[book]'")
-    (tmp_path / "_config.yml").write_text(
-        "title: t\nauthor: a\nexecute:\n  execute_notebooks: off\n"
-    )
-    (tmp_path / "_toc.yml").write_text("format: jb-book\nroot: index\n")
-    (tmp_path / "index.md").write_text("# Title\n\n{ref}`nowhere`\n")
+    pages = tmp_path / "pages"
+    pages.mkdir()
+    (pages / "_config.yml").write_text("title: t\nauthor: a\nexecute:\n  execute_notebooks: off\n")
+    (pages / "_toc.yml").write_text("format: jb-book\nroot: index\n")
+    (pages / "index.md").write_text("# Title\n\n{ref}`nowhere`\n")
+    # a user's own module in the working folder is not Jupyter Book
+    (tmp_path / "jupyter_book.py").write_text("raise SystemExit('somebody else')")
+    monkeypatch.chdir(tmp_path)
     with pytest.raises(RuntimeError, match=r"WARNING: undefined label: 'nowhere'"):
-        book.build_html(tmp_path, tmp_path / "out")
+        book.build_html(pages, tmp_path / "out")
 
 
 def test_the_readme_of_the_project_has_the_markers():

@@ -11,14 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from hadr.handover.trial_set import TRIAL_HOLDS, TRIAL_OBJECTS
-from hadr.provenance import (
-    check_folder,
-    check_writable,
-    machine_text,
-    provenance,
-    record_of,
-    usable_cores,
-)
+from hadr.output_folder import check_folder, check_writable
+from hadr.provenance import machine_text, provenance, record_of, usable_cores
 from hadr.result_file import write_result_file
 
 DESCRIPTION = """\
