@@ -57,9 +57,9 @@ units
 
 An attempt that is finished is not run again, so the command goes on where it
 was stopped; Ctrl-C loses only what was under way. Attempts of other settings,
-other networks or another version of the attempts are run again, and so is one
-whose states or log are missing or damaged. --dry-run counts what is done. The
-same seed gives the same outcomes.
+networks or code are run again, and so is one whose states or log are missing
+or damaged. --dry-run counts what is done. The same seed gives the same
+outcomes.
 
 exit status
   0 done, however many attempts failed   2 a wrong call   130 interrupted"""
