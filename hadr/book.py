@@ -21,6 +21,7 @@ from typing import Any
 
 import yaml
 
+from hadr.chapter_record import keep_results
 from hadr.course.chapter import read_chapters
 from hadr.course.teaching import chapters_text, plans_text
 from hadr.experiments.figures_apart import figures_apart_table
@@ -38,13 +39,12 @@ from hadr.output_folder import (
     make_output_folder,
     remove_output_folder,
 )
-from hadr.provenance import machine_text, write_json
+from hadr.provenance import machine_text
 from hadr.reproduce import (
     ChapterError,
     ChapterRun,
     chapter_paths,
     checkout_root,
-    collect_results,
     run_notebooks,
     run_time_table,
     seconds_text,
@@ -284,17 +284,24 @@ def readme_table(build: Path, root: Path) -> str:
 
     Raises:
         FileNotFoundError: No book was built yet.
+        ValueError: The times are not of all chapters, or not of one machine; the message says it.
     """
     path = build / "results.json"
     if not path.exists():
         raise FileNotFoundError(f"{path} is missing: run `make book` first")
     measured = json.loads(path.read_text(encoding="utf-8"))
+    notebooks, timed = chapter_paths(root / "notebooks"), measured.get("chapters", {})
+    missing = [notebook.stem for notebook in notebooks if notebook.stem not in timed]
+    if missing:
+        raise ValueError(f"{path} has no time of {', '.join(missing)}: run `make book` first")
     runs, titles = [], {}
-    for name, entry in measured["chapters"].items():
-        notebook = root / "notebooks" / f"{name}.ipynb"
-        runs.append(ChapterRun(name, entry["duration_s"], notebook, None))
+    for notebook in notebooks:
+        name = notebook.stem
+        runs.append(ChapterRun(name, timed[name]["duration_s"], notebook, None))
         titles[name] = f"[{chapter_title(notebook)}](notebooks/{name}.ipynb)"
-    return f"{run_time_table(runs, titles)}\n\nMeasured on {measured['machine']}."
+    if len(machines := sorted({timed[run.name]["machine"] for run in runs})) > 1:
+        raise ValueError(f"{path} has times of {' and of '.join(machines)}: run `make book` again")
+    return f"{run_time_table(runs, titles)}\n\nMeasured on {machines[0]}."
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -338,6 +345,7 @@ def run(args: argparse.Namespace) -> int:
             update_readme(root / "README.md", readme_table(build, root))
             return 0
         check_removable(build / "book")
+        every = chapter_paths(root / "notebooks")
         paths = chapter_paths(root / "notebooks", args.only)
         make_output_folder(build)
         started = time.perf_counter()
@@ -346,7 +354,7 @@ def run(args: argparse.Namespace) -> int:
         else:
             print(f"executing {len(paths)} notebooks, preset {args.preset}", flush=True)
             runs = run_notebooks(paths, build, preset=args.preset, seed=args.seed, say=_say)
-            write_json(build / "results.json", collect_results(runs, args.preset, args.seed))
+            keep_results(build, every, args.preset, args.seed, say=_say)
         print("building the HTML book", flush=True)
         staged = stage_book(root / "book", runs, build / "book")
         index = build_html(staged, build / "html", strict=not args.only)

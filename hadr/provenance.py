@@ -162,3 +162,28 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
         os.replace(temporary, path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def write_results(
+    out_dir: str | Path, name: str, results: Mapping[str, Any], **parameters: str | int
+) -> dict[str, Any]:
+    """Keep what a chapter measured, as ``results.json`` with its provenance.
+
+    Args:
+        out_dir: Folder for the file; empty writes nothing, for readers who only look.
+        name: The chapter's name, such as ``03_ray_voxels``.
+        results: Numbers, strings, lists, arrays, nested as you like.
+        **parameters: The run's parameters worth keeping, such as ``preset`` and ``seed``.
+
+    Returns:
+        What was, or would have been, written.
+    """
+    content: dict[str, Any] = {
+        "chapter": name,
+        "parameters": parameters,
+        "results": plain(results),
+        "provenance": provenance(),
+    }
+    if str(out_dir):
+        write_json(Path(out_dir) / "results.json", content)
+    return content

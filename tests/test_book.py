@@ -143,11 +143,39 @@ def test_the_readme_table_comes_from_the_measurement(tmp_path):
     nbformat.write(executed(), tmp_path / "notebooks" / "00_a.ipynb")
     with pytest.raises(FileNotFoundError, match="run `make book` first"):
         book.readme_table(tmp_path, tmp_path)
-    measured = {"chapters": {"00_a": {"duration_s": 61.2}}, "machine": "two cores"}
-    (tmp_path / "results.json").write_text(json.dumps(measured))
+    gone = {"duration_s": 5.0, "machine": "four cores"}  # a chapter that was renamed since
+    chapters = {"00_a": {"duration_s": 61.2, "machine": "two cores"}, "00_old": gone}
+    (tmp_path / "results.json").write_text(json.dumps({"chapters": chapters}))
     table = book.readme_table(tmp_path, tmp_path)
+    assert "00_old" not in table
     assert "| [A *title*](notebooks/00_a.ipynb) | 1 min 01 s |" in table
     assert table.endswith("Measured on two cores.")
+
+
+@pytest.mark.parametrize(
+    ("chapters", "says"),
+    [
+        ({}, "results.json has no time of 00_a, 01_b: run `make book` first"),
+        ({"01_b": "one core"}, "results.json has no time of 00_a: run `make book` first"),
+        ({"00_a": "one core", "01_b": "two cores"}, "has times of one core and of two cores: run"),
+    ],
+)
+def test_times_of_some_chapters_or_of_two_machines_are_no_table(
+    tmp_path, monkeypatch, capsys, chapters, says
+):
+    (tmp_path / "notebooks").mkdir()
+    for name in ("00_a", "01_b"):
+        nbformat.write(executed(), tmp_path / "notebooks" / f"{name}.ipynb")
+    readme = f"{book.TABLE_BEGIN}\nold\n{book.TABLE_END}\n"
+    (tmp_path / "README.md").write_text(readme)
+    (tmp_path / "build").mkdir()
+    timed = {name: {"duration_s": 1.0, "machine": where} for name, where in chapters.items()}
+    record = {"chapters": timed, "machine": "one core"} if timed else {}
+    (tmp_path / "build" / "results.json").write_text(json.dumps(record))
+    monkeypatch.setattr(book, "checkout_root", lambda: tmp_path)
+    assert book.main(["--build", str(tmp_path / "build"), "--readme-times"]) == 2
+    assert says in capsys.readouterr().err
+    assert (tmp_path / "README.md").read_text() == readme
 
 
 def test_a_warning_stops_the_build_and_is_told(tmp_path, monkeypatch):
