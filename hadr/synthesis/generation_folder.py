@@ -6,6 +6,7 @@ import contextlib
 import hashlib
 import json
 import os
+import re
 import shutil
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
@@ -122,15 +123,23 @@ def _check_settings(root: Path, record: dict[str, Any]) -> None:
 
 
 def _clean(root: Path) -> None:
-    """Remove what a stopped run left: staged files, and files of frames without a log."""
+    """Remove what a stopped run left: staged files, and the files of frames without a log."""
     for staged in root.glob(f"{UNFINISHED_PREFIX}*"):
         shutil.rmtree(staged, ignore_errors=True)
     for split in _SPLITS:
         for logs in sorted((root / split).glob("*/depth")):
             done = {p.stem for p in (logs / "log_json").glob("*.json")}
             for path in logs.glob("*/*"):
-                if path.stem not in done:
+                if path.stem not in done and path.is_file() and _is_of_a_frame(path):
                     path.unlink()
+
+
+def _is_of_a_frame(path: Path) -> bool:
+    """Whether a file is named as the generator names one: any other is somebody's own."""
+    names = frame_file_names(path.stem, raw="depth")
+    names |= frame_file_names(path.stem, depth_format="png", jpeg_quality=90, raw="disparity")
+    own = Path(path.parent.name, path.name) in names
+    return own and re.fullmatch(r"\d{6,}", path.stem) is not None
 
 
 @contextlib.contextmanager

@@ -2,11 +2,13 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
 from hadr.synthesis.generation_folder import SETTINGS_FILE, generation_folder, settings_record
 from hadr.synthesis.generation_presets import PRESETS, GenerationSettings
+from hadr.synthesis.transhand_frame import frame_file_names
 
 SETTINGS = GenerationSettings(width=64, height=36, quality="fast")
 
@@ -58,15 +60,36 @@ def test_frames_of_another_origin_are_left_alone(tmp_path):
 def test_leftovers_of_a_stopped_run_go_and_whole_frames_stay(tmp_path):
     take(tmp_path)
     base = tmp_path / "val/0004/depth"
-    for name in ("log_json/a.json", "rgb/a.jpg", "rgb/b.jpg", "depth_png/b.png"):
+    whole = ("log_json/000001.json", "rgb/000001.jpg")
+    half = {
+        *frame_file_names("000002", jpeg_quality=90, raw="depth"),
+        *frame_file_names("1234567", depth_format="png", raw="disparity"),
+    } - {Path("log_json/000002.json"), Path("log_json/1234567.json")}
+    for name in (*whole, *half):
         (base / name).parent.mkdir(parents=True, exist_ok=True)
         (base / name).write_text("x")
     (tmp_path / ".unfinished-xyz").mkdir()
     (tmp_path / ".unfinished-xyz/0").write_text("x")
     take(tmp_path)
     left = {p.relative_to(tmp_path).as_posix() for p in tmp_path.rglob("*") if p.is_file()}
-    assert left == {SETTINGS_FILE, "val/0004/depth/log_json/a.json", "val/0004/depth/rgb/a.jpg"}
+    assert left == {SETTINGS_FILE, *(f"val/0004/depth/{name}" for name in whole)}
     assert not (tmp_path / ".unfinished-xyz").exists()
+
+
+def test_somebodys_own_files_stay(tmp_path):
+    take(tmp_path)
+    put_frame(tmp_path)
+    base = tmp_path / "train/0000/depth"
+    own = (
+        "rgb/notes.txt", "rgb/glass.png", "rgb/000002.png.bak", "rgb/000002.tif", "rgb/2.png",
+        "rgb/000002_edited.png", "normals/000002.npy", "mine/000002.png", "rgb/000003.png/mine",
+        "rgb/old/000002.png",
+    )  # fmt: skip
+    for name in own:
+        (base / name).parent.mkdir(parents=True, exist_ok=True)
+        (base / name).write_text("mine")
+    take(tmp_path)
+    assert [name for name in own if not (base / name).is_file()] == []
 
 
 def test_two_runs_in_one_folder_are_refused(tmp_path):
