@@ -3,10 +3,12 @@
 import importlib.util
 import os
 import sys
+import time
 
+import psutil
 import pytest
 
-from hadr.synthesis.farm import check_workers, connected, run_tasks
+from hadr.synthesis.farm import check_workers, connected, one_thread, run_tasks
 
 needs_dask = pytest.mark.skipif(
     importlib.util.find_spec("distributed") is None,
@@ -78,3 +80,48 @@ def test_a_cluster_that_does_not_answer_is_named(monkeypatch):
         connected("tcp://127.0.0.1:9"),
     ):
         pass
+
+
+@needs_dask
+def test_a_worker_that_dies_is_named_and_nobody_else_can_reach_the_cluster(tmp_path):
+    import dask
+
+    go_on = tmp_path / "go on"
+
+    def die_later(number):
+        while number and not go_on.exists():
+            time.sleep(0.05)
+        return os.abort() if number else number
+
+    with dask.config.set({"distributed.scheduler.allowed-failures": 0}):
+        results = run_tasks(die_later, [0, 1], workers=2)
+        assert next(results) == 0
+        ours = [psutil.Process(), *psutil.Process().children(recursive=True)]
+        sockets = [s for process in ours for s in process.net_connections("tcp")]
+        assert {s.laddr.ip for s in sockets if s.status == psutil.CONN_LISTEN} == {"127.0.0.1"}
+        go_on.touch()
+        message = r"workers died over one task.* at tcp://127\.0\.0\.1:\d+: .*killed by signal 6"
+        with pytest.raises(ChildProcessError, match=message):
+            next(results)
+
+
+def test_a_library_gets_back_the_threads_that_it_had():
+    threads = [4]
+    count, set_count = (lambda: threads[-1]), threads.append
+
+    def work():
+        with one_thread(count, set_count):
+            assert threads[-1] == 1
+            raise ValueError("it ends badly")
+
+    with pytest.raises(ValueError, match="badly"):
+        work()
+    assert threads == [4, 1, 4]
+    # As in two threads of a worker: who ends first is not alone.
+    first, second = one_thread(count, set_count), one_thread(count, set_count)
+    first.__enter__()
+    second.__enter__()
+    first.__exit__(None, None, None)
+    assert threads[-1] == 1
+    second.__exit__(None, None, None)
+    assert threads[-1] == 4
