@@ -2,6 +2,7 @@
 
 import importlib.util
 import os
+import platform
 import sys
 import time
 
@@ -9,6 +10,7 @@ import psutil
 import pytest
 
 from hadr.synthesis.farm import check_workers, connected, one_thread, run_tasks
+from hadr.synthesis.mitsuba_variant import LLVM, SCALAR, check_variant, mitsuba_variant
 
 needs_dask = pytest.mark.skipif(
     importlib.util.find_spec("distributed") is None,
@@ -103,6 +105,25 @@ def test_a_worker_that_dies_is_named_and_nobody_else_can_reach_the_cluster(tmp_p
         message = r"workers died over one task.* at tcp://127\.0\.0\.1:\d+: .*killed by signal 6"
         with pytest.raises(ChildProcessError, match=message):
             next(results)
+
+
+@needs_dask
+def test_a_worker_finds_out_for_itself_what_it_can_draw_with():
+    pytest.importorskip("mitsuba", reason="path-traced pictures need hadr[generate]")
+    from distributed import LocalCluster
+
+    environment = {"DRJIT_LIBLLVM_PATH": "/nowhere/libLLVM.so", "HADR_MITSUBA_VARIANT": ""}
+    with (
+        LocalCluster(
+            n_workers=1, threads_per_worker=1, dashboard_address=None, env=environment
+        ) as cluster,
+        connected(cluster.scheduler_address) as client,
+    ):
+        assert list(client.run(mitsuba_variant).values()) == [SCALAR]
+        assert list(run_tasks(check_variant, [SCALAR], client=client)) == [None]
+        message = f"can't be used on {platform.node()}: Dr.Jit finds no LLVM that it can use"
+        with pytest.raises(ValueError, match=message):
+            list(run_tasks(check_variant, [LLVM], client=client))
 
 
 def test_a_library_gets_back_the_threads_that_it_had():
