@@ -11,6 +11,7 @@ import numpy.typing as npt
 from hadr.caches import kept_by_file
 from hadr.camera import project, transform_points
 from hadr.synthesis.backgrounds import find_backgrounds
+from hadr.synthesis.child_process import call_in_child
 from hadr.synthesis.depth_camera import StereoCamera, capture_depth
 from hadr.synthesis.frame_pictures import DisparityScale
 from hadr.synthesis.frame_recipes import FrameRecipe
@@ -21,6 +22,11 @@ from hadr.synthesis.photo import photograph
 from hadr.synthesis.recordings import Recording, companions, find_recordings, read_recording
 from hadr.synthesis.scene import Scene, make_scene
 from hadr.synthesis.transhand_frame import Frame
+
+#: Seconds for a picture that a reader waits for.
+PATIENCE = 300.0
+
+Color = npt.NDArray[np.uint8]
 
 
 def check_engine(engine: Engine) -> None:
@@ -170,6 +176,41 @@ def render_frame(
     )
     check_engine(engine)
     return render_scene(recipe, settings)[1]
+
+
+def live_picture(
+    recipe: FrameRecipe, stored: Color, *, seed: int, width: int, height: int
+) -> tuple[Color, str, str]:
+    """Trace a picture now, in a child process, or give a stored one where that can't be done.
+
+    Args:
+        recipe: What the picture shows.
+        stored: The picture to give instead, sRGB, (H, W, 3) uint8.
+        seed: Seed of the data set.
+        width: Width of the traced picture, pixels.
+        height: Its height, pixels.
+
+    Returns:
+        The picture, sRGB, (H, W, 3) uint8; its title; and one sentence that says why a stored one
+        stands there although Mitsuba is installed, else nothing.
+    """
+    try:
+        check_engine("photo")
+    except ValueError:
+        return stored, "a stored picture (Mitsuba is not installed here)", ""
+    try:
+        frame = call_in_child(
+            render_frame,
+            recipe,
+            timeout=PATIENCE,
+            seed=seed,
+            width=width,
+            height=height,
+            engine="photo",
+        )
+    except Exception as error:
+        return stored, "a stored picture", f"No picture could be traced here: {error}."
+    return frame.color, f"traced just now: {frame.hold_id}", ""
 
 
 def render_scene(recipe: FrameRecipe, settings: GenerationSettings) -> tuple[Scene, Frame]:

@@ -95,21 +95,34 @@ def _has_frames(root: Path) -> bool:
     )
 
 
-def _check_settings(root: Path, record: dict[str, Any]) -> None:
+def recorded_settings(root: Path) -> dict[str, Any]:
+    """The settings of a folder's frames as plain values; empty where there are no frames.
+
+    Args:
+        root: The folder.
+
+    Raises:
+        ValueError: The file that says them is broken.
+    """
     path = root / SETTINGS_FILE
-    if not path.is_file():
-        if any((root / split).exists() for split in _SPLITS):
-            raise ValueError(
-                f"{root} holds frames, but no {SETTINGS_FILE} that says how they were made; "
-                "choose another folder"
-            )
-        return
-    if not _has_frames(root):  # a run that ended before its first frame
-        return
+    if not path.is_file() or not _has_frames(root):  # perhaps a run ended before its first frame
+        return {}
     try:
-        before = json.loads(path.read_text(encoding="utf-8"))
+        recorded: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     except (json.JSONDecodeError, UnicodeDecodeError) as error:
         raise ValueError(f"{path} is not valid JSON: {error}") from error
+    return recorded
+
+
+def _check_settings(root: Path, record: dict[str, Any]) -> None:
+    if not (root / SETTINGS_FILE).is_file() and any((root / split).exists() for split in _SPLITS):
+        raise ValueError(
+            f"{root} holds frames, but no {SETTINGS_FILE} that says how they were made; "
+            "choose another folder"
+        )
+    before = recorded_settings(root)
+    if not before:
+        return
     differing = [
         f"{name} is {before.get(name)!r} there, {record.get(name)!r} here"
         for name in [*record, *(n for n in before if n not in record)]
