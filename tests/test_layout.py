@@ -29,7 +29,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("frame_io",),
     ("camera",),
     ("result_file",),
-    ("checkout", "exercises", "markdown", "provenance"),
+    ("caches", "checkout", "exercises", "markdown", "provenance"),
 )
 FLOOR_OF = {name: floor for floor, names in enumerate(FLOORS) for name in names}
 
