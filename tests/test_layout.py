@@ -29,7 +29,10 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("frame_io",),
     ("camera",),
     ("result_file",),
-    ("checkout", "dependencies", "exercises", "markdown", "output_folder", "provenance"),
+    (
+        "caches", "checkout", "dependencies", "exercises", "markdown", "output_folder",
+        "provenance",
+    ),  # fmt: skip
 )
 FLOOR_OF = {name: floor for floor, names in enumerate(FLOORS) for name in names}
 
