@@ -56,7 +56,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         item.add_marker(pytest.mark.xdist_group(group))
 
 
-# A check that passes twice or never: the same examples each time where a machine judges.
-settings.register_profile("ci", derandomize=True, deadline=None)
-if os.environ.get("CI"):
-    settings.load_profile("ci")
+# A check passes twice or never: the same examples each time, and however long they take.
+settings.register_profile("same", derandomize=True, deadline=None)
+settings.register_profile("random", deadline=None)  # pytest --hypothesis-profile=random
+settings.load_profile("same")
