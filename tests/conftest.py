@@ -56,12 +56,6 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         item.add_marker(pytest.mark.xdist_group(group))
 
 
-# A check that passes twice or never: the same examples each time where a machine judges.
-settings.register_profile("ci", derandomize=True, deadline=None)
-if os.environ.get("CI"):
-    settings.load_profile("ci")
-
-
 TOP = """
 from typing import TYPE_CHECKING
 import hadr.table
@@ -98,3 +92,9 @@ def library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         (root / name).write_text(text)
     monkeypatch.setattr("hadr.dependencies.LIBRARY", root)
     return root
+
+
+# A check passes twice or never: the same examples each time, and however long they take.
+settings.register_profile("same", derandomize=True, deadline=None)
+settings.register_profile("random", deadline=None)  # pytest --hypothesis-profile=random
+settings.load_profile("same")

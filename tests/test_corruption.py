@@ -303,7 +303,7 @@ def test_errors_name_the_values() -> None:
         corrupt(depth, mask, CAMERA, np.random.default_rng(0), SENSOR)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(seed=st.integers(0, 2**32 - 1), missing=st.floats(0, 0.6), background=st.floats(0, 0.4))
 def test_outside_the_mask_the_glass_changes_nothing(
     seed: int, missing: float, background: float

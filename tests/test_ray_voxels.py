@@ -366,7 +366,7 @@ def test_random_rays_agree_with_a_slab_test_loop(dtype: torch.dtype, tolerance: 
     assert_same_pairs(pairs, expected, tolerance)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     seed=st.integers(0, 2**31),
     component=st.sampled_from([0.0, -0.0, 1.0, -1.0, 1e-12, -1e-300, 0.5]),
@@ -458,7 +458,7 @@ def test_pair_of_true_point() -> None:
     assert row.tolist() == [1, 2, -1, 5, -1]
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(seed=st.integers(0, 2**31))
 def test_true_pair_brackets_the_true_distance(seed: int) -> None:
     directions, ray_frame, occupied = random_scene(seed, 50, 400, torch.float64)
@@ -517,7 +517,7 @@ def test_segment_softmax_survives_large_logits() -> None:
     assert got.tolist() == pytest.approx([high, 1 - high, 0.5, 0.5, 0.0, 1.0])
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(seed=st.integers(0, 2**31), n=st.integers(1, 6), p=st.integers(1, 20))
 def test_segment_softmax_and_argmax_agree_with_torch_per_segment(seed: int, n: int, p: int) -> None:
     generator = torch.Generator().manual_seed(seed)

@@ -88,16 +88,6 @@ def share_batch_norm(model: nn.Module) -> None:
     Args:
         model: The network, changed in place; the names in its state stay the same.
     """
-    for parent in list(model.modules()):
-        for name, child in list(parent.named_children()):
-            if isinstance(child, nn.modules.batchnorm._BatchNorm):
-                shared = SharedBatchNorm(
-                    child.num_features,
-                    child.eps,
-                    child.momentum,
-                    child.affine,
-                    child.track_running_stats,
-                )
-                shared.load_state_dict(child.state_dict())
-                shared.train(child.training)
-                setattr(parent, name, shared)
+    for module in model.modules():
+        if isinstance(module, nn.modules.batchnorm._BatchNorm):
+            module.__class__ = SharedBatchNorm  # keeps weights, mode, precision and device

@@ -93,7 +93,7 @@ def test_round_trip_in_every_layout(tmp_path, nested, object_folder, depth_forma
     assert not list(tmp_path.rglob("*.part*"))
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(
     st.integers(0, 2**32 - 1),
     st.booleans(),
@@ -259,7 +259,7 @@ def test_a_turned_camera_by_hand(tmp_path):
     np.testing.assert_allclose(above[:3], [0, -0.5, 3.0], atol=1e-12)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(
     st.tuples(*[st.floats(-5, 5)] * 3),
     st.tuples(st.floats(-179, 179), st.floats(-89, 89), st.floats(-179, 179)),

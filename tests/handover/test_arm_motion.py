@@ -14,6 +14,8 @@ from hadr.handover.ur5 import UnreachableError
 from hadr.handover.workflow import pose_distance
 
 DT = 0.02
+SOLVER = 1e-6 / DT
+"""DAQP keeps a row to 1e-6; the rows bound a step's angles, so speeds are kept to this, rad/s."""
 
 
 @pytest.fixture(scope="module")
@@ -84,7 +86,7 @@ def test_short_ways_are_straight_and_as_fast_as_allowed(motion: ArmMotion) -> No
     np.testing.assert_allclose(places[-1], target[:3, 3] - start[:3, 3], atol=1e-4)
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(st.integers(0, 2**32 - 1), st.floats(0.1, 1.5))
 def test_no_target_breaks_a_limit(seed: int, spread: float) -> None:
     rng = np.random.default_rng(seed)
@@ -102,9 +104,9 @@ def test_no_target_breaks_a_limit(seed: int, spread: float) -> None:
             except UnreachableError:
                 np.testing.assert_array_equal(motion.joints, joints)
                 motion.brake(DT, limits.joint_acceleration)
-            assert np.abs(motion.velocity).max() <= np.pi * 0.35 + 1e-6
+            assert np.abs(motion.velocity).max() <= np.pi * 0.35 + SOLVER
             step = np.abs(motion.velocity - before).max()
-            assert step <= limits.joint_acceleration * DT + 1e-6
+            assert step <= limits.joint_acceleration * DT + SOLVER
             assert space.contains(motion.tool_pose_at(motion.joints)[:3, 3])
             assert nearest_links(motion) > limits.clearance - 1e-3
 

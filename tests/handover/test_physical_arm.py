@@ -90,9 +90,7 @@ def test_stop_holds_until_release(scene: HeldScene) -> None:
     assert pose_distance(world.robot.tool_pose(), target)[0] < 0.001
 
 
-@settings(
-    max_examples=4, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=4, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.integers(0, 2**32 - 1))
 def test_the_tool_never_leaves_its_workspace(scene: HeldScene, seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -37,7 +37,7 @@ def test_intended_by_hand() -> None:
     np.testing.assert_allclose(intended_score(np.zeros(4), approach, BASE), expected, atol=1e-12)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.integers(0, 2**32 - 1))
 def test_literal_is_largest_at_the_identity_whatever_the_directions(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -47,7 +47,7 @@ def test_literal_is_largest_at_the_identity_whatever_the_directions(seed: int) -
     assert (literal_score(np.zeros(20), rotations, directions) <= 0.6 + 1e-12).all()
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.integers(0, 2**32 - 1))
 def test_intended_does_not_depend_on_the_frame(seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -51,7 +51,7 @@ def test_solutions_all_reach_and_come_nearest_first() -> None:
         np.testing.assert_allclose(robot.tool_pose_at(joints), target, atol=1e-9)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.integers(0, 2**32 - 1), st.floats(0.1, 2.5))
 def test_no_target_makes_it_break_a_limit(seed: int, spread: float) -> None:
     rng = np.random.default_rng(seed)

@@ -12,7 +12,7 @@ from hadr.handover.tracking import best_rotation, finger_weights, hand_motion
 HAND = np.random.default_rng(7).normal(size=(21, 3)) * 0.05 + [0.1, -0.05, 0.7]
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 @given(st.integers(0, 2**32 - 1))
 def test_recovers_any_rigid_motion(seed: int) -> None:
     rng = np.random.default_rng(seed)

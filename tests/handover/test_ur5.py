@@ -64,7 +64,7 @@ def test_inverse_kinematics_gives_the_reference_set(reference: dict, name: str) 
         assert sum(same_angles(solution, other) for other in expected) == 1
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.lists(st.floats(-3.1, 3.1), min_size=6, max_size=6))
 @example([0.0, 0.0, 0.0, 0.0, 1e-7, 0.0])
 @example([0.3, -1.0, 1.0, 0.2, -3e-8, 0.4])

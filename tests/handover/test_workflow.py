@@ -442,7 +442,7 @@ def after(steps: int) -> Handover:
     return handover
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(data=st.data(), start=st.sampled_from([0, 30, 60, 110, 160, 210]))
 def test_garbage_neither_raises_nor_leaves_the_workspace(data: st.DataObject, start: int) -> None:
     handover = copy.deepcopy(after(start))

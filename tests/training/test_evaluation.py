@@ -48,6 +48,19 @@ def test_predicted_depth_keeps_what_was_measured(micro: Preset, frames: FrameTen
         assert a.rmse_m == pytest.approx(b.rmse_m, abs=1e-5)
 
 
+def test_the_truth_has_no_say_in_a_prediction(micro: Preset, frames: FrameTensors) -> None:
+    torch.manual_seed(0)
+    model = HADR(micro.model)
+    lie = replace(
+        frames,
+        true_depth=frames.true_depth.flip(0),
+        true_keypoints=frames.true_keypoints + 1,
+        object_mask=~frames.object_mask,
+        hand_mask=~frames.hand_mask,
+    )
+    np.testing.assert_array_equal(predict_depth(model, lie), predict_depth(model, frames))
+
+
 def test_comparison_on_frames_whose_baselines_are_known(
     micro: Preset, frames: FrameTensors
 ) -> None:

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,6 @@ import torch
 
 from hadr.training.batches import FrameTensors
 from hadr.training.checkpoints import load_checkpoint
-from hadr.training.evaluation import averages, compare
 from hadr.training.loop import BEST, LAST, early_look, train
 from hadr.training.losses import CODED
 from hadr.training.presets import Preset
@@ -159,59 +157,6 @@ def test_a_training_is_not_overwritten(micro: Preset, frames: FrameTensors, tmp_
     with pytest.raises(ValueError, match="holds a training already"):
         train(short, frames, folder=tmp_path, progress=False)
     assert (tmp_path / "last.safetensors").read_bytes() == before
-
-
-def overfitting(recipe: Preset, epochs: int) -> Preset:
-    """A recipe without chance, for few frames."""
-    backbone = replace(recipe.model.backbone, drop_path=0.0)
-    return replace(
-        recipe,
-        model=replace(recipe.model, backbone=backbone),
-        epochs=epochs,
-        schedule="cosine",
-        learning_rate=3e-3,
-        clip_norm=100.0,
-        true_voxel_epochs=epochs // 3,
-        augment=False,
-    )
-
-
-def test_four_frames_are_learned_to_two_millimetres(
-    micro: Preset, make_frames: Callable[..., FrameTensors]
-) -> None:
-    four = make_frames(4)
-    trained = train(overfitting(micro, 60), four, four, progress=False, seed=1)
-    assert trained.history[-1]["validation_rmse_m"] < 0.002
-    assert trained.history[-1]["voxel_accuracy"] == 1.0
-
-
-def shown_by_colour(frames: FrameTensors, seed: int) -> FrameTensors:
-    """Put each glass up to 5 cm off its hand, the brighter the farther."""
-    offset = 0.1 * torch.rand(len(frames), generator=torch.Generator().manual_seed(seed)) - 0.05
-    glass = frames.object_mask
-    bright = (0.5 + 8 * offset)[:, None, None, None]
-    color = torch.where(glass[:, None], bright, frames.inputs.color)
-    return replace(
-        frames,
-        true_depth=frames.true_depth + glass * offset[:, None, None],
-        inputs=replace(frames.inputs, color=color),
-    )
-
-
-def test_shuffled_labels_teach_nothing(
-    micro: Preset, make_frames: Callable[..., FrameTensors]
-) -> None:
-    recipe = overfitting(micro, 20)
-    learn, other = shown_by_colour(make_frames(24, 5), 5), shown_by_colour(make_frames(8, 6), 6)
-    order = torch.randperm(24, generator=torch.Generator().manual_seed(3))
-    shuffled = torch.where(learn.object_mask, learn.true_depth[order], learn.true_depth)
-    errors = [
-        train(recipe, frames, other, progress=False, seed=1).history[-1]["validation_rmse_m"]
-        for frames in (learn, replace(learn, true_depth=shuffled))
-    ]
-    hand = averages(compare(other, {}))["hand-median"].rmse_m
-    assert errors[1] > 1.4 * errors[0]
-    assert errors[1] > hand
 
 
 def test_the_best_epoch_is_mended_after_a_kill_between_two_files(

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -16,29 +15,19 @@ from hadr.training.task import shared_mean
 SCRIPT = Path(__file__).with_name("two_processes.py")
 
 
-def start(processes: int, out: Path) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [sys.executable, str(SCRIPT), str(processes), str(out)],
-        env={**os.environ, "OMP_NUM_THREADS": "1"},
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-
-
 def test_two_processes_learn_like_one_with_twice_the_batch(tmp_path: Path) -> None:
     # The glasses have 8 to 56 pixels: a mean of the processes' means would be another number.
-    files = {processes: tmp_path / f"{processes}.json" for processes in (1, 2)}
-    started = [start(processes, out) for processes, out in files.items()]
-    for process in started:
-        _, errors = process.communicate(timeout=300)
-        assert process.returncode == 0, errors
-    one, two = (json.loads(files[n].read_text(encoding="utf-8")) for n in (1, 2))
+    # In double precision both are the same but for the record's numbers, which have 32 bits.
+    out = tmp_path / "histories.json"
+    done = subprocess.run([sys.executable, str(SCRIPT), str(out)], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    alone, together = json.loads(out.read_text(encoding="utf-8")).values()
     for network in ("hadr", "norm", "lidf"):
-        assert len(one[network]) == len(two[network]) == 3
-        for mine, theirs in zip(one[network], two[network], strict=True):
-            assert set(mine) == set(theirs)
-            for name in set(mine) - {"seconds"}:
-                assert theirs[name] == pytest.approx(mine[name], rel=1e-4, abs=1e-5), name
+        assert len(alone[network]) == len(together[network]) == 3
+        for one, two in zip(alone[network], together[network], strict=True):
+            assert set(one) == set(two)
+            for name in set(one) - {"seconds"}:
+                assert two[name] == pytest.approx(one[name], rel=1e-6, abs=1e-9), name
 
 
 def test_shares_cover_each_step_and_leave_no_process_without_frames() -> None:

