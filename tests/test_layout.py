@@ -30,9 +30,14 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("camera",),
     ("result_file",),
     (
-        "caches", "checkout", "dependencies", "exercises", "markdown", "output_folder",
+        "caches",
+        "checkout",
+        "dependencies",
+        "exercises",
+        "markdown",
+        "output_folder",
         "provenance",
-    ),  # fmt: skip
+    ),
 )
 FLOOR_OF = {name: floor for floor, names in enumerate(FLOORS) for name in names}
 
