@@ -140,6 +140,7 @@ def test_errors(tmp_path):
         render_frame(frame_recipe(0), width=4, height=4)
 
 
+@pytest.mark.long
 def test_killed_and_started_again_the_tree_is_the_same(tmp_path):
     script = Path(__file__).parents[2] / "benchmarks/kill_generator.py"
     line = "--kills 2 --frames 8 --workers 1 -- --width 48 --height 27 --objects 0000 0005"
