@@ -77,21 +77,23 @@ def test_any_size_will_do(network: DFNet, size: tuple[int, int]) -> None:
 
 def test_an_odd_size_is_cut_and_not_stretched() -> None:
     # Far from the cut a cut picture gives what the whole one gives.
-    network = settled(replace(SMALL, levels=1, layers=1)).network
+    network = settled(replace(SMALL, levels=1, layers=1)).double().network
     generator = torch.Generator().manual_seed(1)
-    color, depth = (torch.rand(1, channels, 136, 136, generator=generator) for channels in (3, 1))
+    color, depth = (
+        torch.rand(1, channels, 136, 136, generator=generator).double() for channels in (3, 1)
+    )
     whole = network(color, depth)
     cut = network(color[:, :, :131, :133], depth[:, :, :131, :133])
     assert cut.shape == (1, 131, 133)
-    torch.testing.assert_close(cut[:, :64, :64], whole[:, :64, :64], atol=1e-6, rtol=0)
+    torch.testing.assert_close(cut[:, :64, :64], whole[:, :64, :64], atol=1e-12, rtol=0)
 
 
-def test_frames_of_a_batch_do_not_influence_each_other(network: DFNet) -> None:
-    inputs = frames()
+def test_frames_of_a_batch_do_not_influence_each_other(network: DFNet, in_double) -> None:
+    network, inputs = in_double(network, frames())
     both = network(inputs).image
     for number in range(2):
         alone = network(inputs.take(slice(number, number + 1))).image
-        torch.testing.assert_close(alone[0], both[number], atol=1e-6, rtol=0)
+        torch.testing.assert_close(alone[0], both[number], atol=1e-12, rtol=0)
 
 
 def test_colour_and_measured_depth_matter_in_and_out_of_the_mask(network: DFNet) -> None:
@@ -106,9 +108,10 @@ def test_colour_and_measured_depth_matter_in_and_out_of_the_mask(network: DFNet)
     assert torch.equal(network(elsewhere).image, before)  # it does not see the mask
 
 
-def test_a_scene_in_other_units_is_restored_in_those(network: DFNet) -> None:
-    inputs = frames()
+def test_a_scene_in_other_units_is_restored_in_those(network: DFNet, in_double) -> None:
+    network, inputs = in_double(network, frames())
     moved = replace(inputs, depth=torch.where(inputs.depth > 0, 0.5 * inputs.depth + 0.4, 0))
+    # apart from the micrometre that the range is wider than the frame's own
     torch.testing.assert_close(
         network(moved).image, 0.5 * network(inputs).image + 0.4, atol=2e-5, rtol=0
     )
@@ -138,8 +141,8 @@ def test_depth_not_before_the_camera_is_not_restored() -> None:
     assert output.depth.abs().max() == 0
 
 
-def test_a_frame_without_depth_in_range_gives_nothing_and_no_nan(network: DFNet) -> None:
-    inputs = frames()
+def test_a_frame_without_depth_in_range_gives_nothing_and_no_nan(network: DFNet, in_double) -> None:
+    network, inputs = in_double(network, frames())
     for missing in (0.0, 0.25, 1.6):
         depth = inputs.depth.clone()
         depth[0] = missing
@@ -148,8 +151,8 @@ def test_a_frame_without_depth_in_range_gives_nothing_and_no_nan(network: DFNet)
         assert output.image[0].abs().max() == 0
         assert not output.restored[0].any()
         assert output.depth[0].abs().max() == 0
-        torch.testing.assert_close(output.image[1], network(inputs).image[1], atol=1e-6, rtol=0)
-    training = DFNet(SMALL)
+        torch.testing.assert_close(output.image[1], network(inputs).image[1], atol=1e-12, rtol=0)
+    training = DFNet(SMALL).double()
     training(partly).image.sum().backward()
     assert all(torch.isfinite(values.grad).all() for values in training.parameters())
 

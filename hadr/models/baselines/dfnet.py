@@ -277,5 +277,5 @@ class DFNet(nn.Module):
         values = values[:, :, : size[0], : size[1]]  # (B, width, H, W)
         values = self.final(values)
         with torch.autocast(values.device.type, enabled=False):  # 16 bits would round to 4 mm
-            answer: Tensor = self.head(values.float())[:, 0]
+            answer: Tensor = self.head(values.to(self.head.weight.dtype))[:, 0]
         return answer
