@@ -30,7 +30,8 @@ from hadr.private_kernel import private_jupyter, register_engine
 if TYPE_CHECKING:
     from hadr.experiments.reproduction_plan import Step
 
-CELL_TIMEOUT_S = 900
+CELL_TIMEOUT_S = 3600
+"""A cell that takes longer hangs; the longest takes a minute, or many on a busy machine."""
 PARTS = ("tables", "handover", "chapters")
 """What ``--only`` takes as a whole, in the order in which it is made."""
 _ANSI = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
