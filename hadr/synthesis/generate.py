@@ -134,12 +134,13 @@ def _chosen_variant(settings: GenerationSettings, root: Path, client: Any) -> st
 
     Each worker of a cluster finds out for itself what it can use.
     """
-    variant = settings.variant or recorded_settings(root).get("variant")
+    recorded = recorded_settings(root).get("variant")
+    variant = settings.variant or recorded
     if variant is None:
         told = {} if client is None else client.run(mitsuba_variant)
         usable = set(told.values()) or {mitsuba_variant()}
         variant = SCALAR if SCALAR in usable else LLVM
-    if client is None:
+    if client is None and variant != recorded:  # there may be nothing left to draw
         check_variant(variant)
     return str(variant)
 

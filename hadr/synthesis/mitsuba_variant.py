@@ -32,8 +32,8 @@ VARIANT_VARIABLE = "HADR_MITSUBA_VARIANT"
 OLDEST_LLVM = 17
 #: What trials said, for each combination of what they depend on.
 RECORD = "hadr-mitsuba.json"
-#: Seconds for a trial, which takes five on an idle machine.
-PATIENCE = 300.0
+#: Seconds for a trial, which takes about five.
+PATIENCE = 120.0
 
 _PACKAGES = ("mitsuba", "drjit", "pyoidn")
 #: Where Dr.Jit and the system's loader look for LLVM.
@@ -147,7 +147,7 @@ def llvm_problem() -> str:
     It is loaded into this process, and nothing is compiled with it.
     """
     drjit = importlib.import_module("drjit")
-    # Three numbers, as a tuple or, before Dr.Jit 1.1, as text; -1 where there is no LLVM.
+    # Three numbers as a tuple, in Dr.Jit 1.0 as text; -1 where there is no LLVM.
     version = re.findall(r"-?\d+", str(drjit.detail.llvm_version()))
     if int(version[0]) < 0:
         return "Dr.Jit finds no LLVM that it can use"
