@@ -2,7 +2,8 @@
 #
 #   PYTHON=python3.12   the Python that makes the environment (3.11 or newer)
 #   VENV=DIR            the environment's folder (default: .venv)
-#   BUILD=DIR           where the executed notebooks and the book go (default: build)
+#   BUILD=DIR           where the executed notebooks and the book go (default: build); a folder of
+#                       its own, which `make clean` removes whole
 #   WORKERS=2           processes that run tests at the same time
 #   PIP_FLAGS=...       more options for pip, such as another index for PyTorch's wheels
 
@@ -19,12 +20,17 @@ OUT       ?= $(BUILD)$(if $(filter tiny,$(PRESET)),,/$(PRESET))
 BIN   := $(VENV)/bin
 PY    := $(BIN)/python
 READY := $(VENV)/.hadr-ready
-PYTEST = HADR_BOOK_HTML="$(abspath $(BUILD))/html/_build/html" \
+PYTEST = HADR_BOOK_HTML="$(BUILD_PATH)/html/_build/html" \
     $(PY) -m pytest -n $(WORKERS) --dist loadgroup --durations=10
 
-# Caches go into the build folder: the commands need no writable HOME.
-export MPLCONFIGDIR := $(abspath $(BUILD))/cache/matplotlib
-export XDG_CACHE_HOME := $(abspath $(BUILD))/cache
+ifeq ($(strip $(BUILD)),)
+$(error BUILD is empty: name a folder, such as BUILD=build)
+endif
+# The build folder's absolute path (abspath would cut it at a blank). Caches go there: the commands
+# need no writable HOME.
+BUILD_PATH := $(if $(filter /%,$(firstword $(BUILD))),,$(CURDIR)/)$(BUILD)
+export MPLCONFIGDIR := $(BUILD_PATH)/hadr-cache/matplotlib
+export XDG_CACHE_HOME := $(BUILD_PATH)/hadr-cache
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
@@ -80,7 +86,8 @@ readme-figure: $(READY) ## draw the README's pictures
 	@$(PY) book/sample_sheet.py
 
 clean: ## remove what was built (the environment stays)
-	rm -rf "$(BUILD)" .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	@$(if $(wildcard $(PY)),$(PY),$(PYTHON)) -m hadr.output_folder "$(BUILD)"
+	rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis
 
 $(READY): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; v = sys.version_info; sys.exit(0 if v[:2] >= (3, 11) else \

@@ -19,6 +19,7 @@ from typing import Any
 import torch
 
 from hadr.experiments.averages import paired
+from hadr.experiments.runner import code_of
 from hadr.experiments.scoring import EVALUATION_SIZE, score_network
 from hadr.experiments.splits import data_digest, open_part
 from hadr.models.hadr_plus import HADRPlusConfig
@@ -86,7 +87,8 @@ def main() -> None:
     parts: dict[str, Any] = {}
     for name in args.rows:
         recipe = recipe_of(ROWS[name], args.epochs)
-        sha = digest({"recipe": recipe.to_dict(), "data": data, "size": list(EVALUATION_SIZE)})
+        code = code_of("hadr.experiments.runner", recipe.network)
+        sha = digest([recipe.to_dict(), data, EVALUATION_SIZE, code])
         path = args.out / f"{name.replace(' ', '-')}.json"
         if path.exists() and json.loads(path.read_text())["config_sha256"] == sha:
             continue

@@ -34,6 +34,7 @@ from hadr.synthesis.raycast import Surroundings
 from hadr.synthesis.scene import Scene, look_at
 from hadr.synthesis.shading import RayScene
 from hadr.synthesis.surfaces import Surface
+from hadr.synthesis.textures import picture_number
 
 Array = npt.NDArray[np.float64]
 Float = npt.NDArray[np.float32]
@@ -45,6 +46,8 @@ REAL_SCENES = ("000000080", "000000130")
 TUNING_SEED = 435
 #: Depth range of the comparison, metres.
 NEAR, FAR = 0.5, 0.9
+#: Families of the tables' pictures, without holes of contrast: wood, cloth and stone.
+PICTURES = ("wood", "plaid", "marble")
 #: A frame with fewer pixels outside the glass in this range does not count there.
 LEAST = 500
 
@@ -133,8 +136,7 @@ def table_scene(seed: int, camera: Intrinsics) -> Scene:
     scales = np.array([rng.uniform(0.3, 0.6), 1.0, 0.8])
     square = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=float)
     uv = square[None] * (size / scales[:, None])[:, None]
-    # Pictures without holes of contrast: wood, cloth and stone.
-    numbers = [int(rng.choice([0, 3, 7]) + 10 * rng.integers(5)) for _ in quads]
+    numbers = [picture_number(str(rng.choice(PICTURES)), int(rng.integers(5))) for _ in quads]
     around = Surroundings(
         Surface(
             corners.reshape(-1, 3),

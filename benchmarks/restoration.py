@@ -113,10 +113,7 @@ class Clocks:
                     continue
                 owner: Any = functools.reduce(getattr, name.split(".")[:-1], network)
                 target = getattr(owner, name.split(".")[-1])
-                methods = {
-                    "backbone.aggregation": ["coarse"],
-                    "probability_decoder": ["begin", "finish"],
-                }
+                methods = {"probability_decoder": ["begin", "finish"]}
                 if name.startswith("_"):
                     self.patches.append(patch.object(owner, name, timed(part, target)))
                     continue

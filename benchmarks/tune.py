@@ -19,6 +19,7 @@ from typing import Any
 
 import torch
 
+from hadr.experiments.runner import code_of
 from hadr.experiments.scoring import EVALUATION_SIZE, score_network
 from hadr.experiments.splits import Part, data_digest, open_part
 from hadr.models.hadr import HADRConfig
@@ -107,9 +108,8 @@ def main() -> None:
     for network in PUBLISHED:
         for trial in (*TRIALS, *MORE.get(network, ())):
             recipe = recipe_of(network, trial, args.epochs)
-            sha = digest(
-                {"recipe": recipe.to_dict(), "data": data, "frames": args.frames, "objects": 6}
-            )
+            code = code_of("hadr.experiments.runner", recipe.network)
+            sha = digest([recipe.to_dict(), data, args.frames, code])
             path = args.out / f"{network}-{trial.replace(' ', '-').replace(',', '')}.json"
             done = json.loads(path.read_text()) if path.exists() else None
             if done is None or done["config_sha256"] != sha:

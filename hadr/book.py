@@ -21,6 +21,7 @@ from typing import Any
 
 import yaml
 
+from hadr.chapter_record import keep_results
 from hadr.course.chapter import read_chapters
 from hadr.course.teaching import chapters_text, plans_text
 from hadr.experiments.figures_apart import figures_apart_table
@@ -32,13 +33,18 @@ from hadr.experiments.report import (
     speed_table,
     tuning_table,
 )
-from hadr.provenance import machine_text, write_json
+from hadr.output_folder import (
+    check_output_folder,
+    check_removable,
+    make_output_folder,
+    remove_output_folder,
+)
+from hadr.provenance import machine_text
 from hadr.reproduce import (
     ChapterError,
     ChapterRun,
     chapter_paths,
     checkout_root,
-    collect_results,
     run_notebooks,
     run_time_table,
     seconds_text,
@@ -150,17 +156,22 @@ def stage_book(
     Args:
         book: Folder with _config.yml, _toc.yml and the pages.
         runs: The executed chapters.
-        target: Build folder; what was staged there before is replaced.
+        target: The staged book's folder; what was staged there before is replaced.
         total_s: Wall-clock seconds of the execution, for the page of run times.
 
     Returns:
         The staged book's folder.
+
+    Raises:
+        ValueError: The target is somebody's own folder (`hadr.output_folder`), or a page has a
+            word that nothing fills.
     """
     import nbformat
 
-    if target.exists():
-        shutil.rmtree(target)
-    shutil.copytree(book, target, ignore=shutil.ignore_patterns("_build", ".*"))
+    remove_output_folder(target)
+    make_output_folder(target)
+    left_out = shutil.ignore_patterns("_build", ".*")
+    shutil.copytree(book, target, ignore=left_out, dirs_exist_ok=True)
     (target / "notebooks").mkdir()
     titles = {}
     for run in runs:
@@ -232,7 +243,7 @@ def build_html(staged: Path, output: Path, *, strict: bool = True) -> Path:
     if importlib.util.find_spec("jupyter_book") is None:
         raise RuntimeError("Jupyter Book is not installed here: pip install -e '.[book]'")
     program = "from jupyter_book.cli.main import main; main()"
-    command = [sys.executable, "-c", program, "build", str(staged)]
+    command = [sys.executable, "-P", "-c", program, "build", str(staged)]
     command += ["--path-output", str(output), "--all"]
     command += ["-W", "--keep-going", "-n"] if strict else []
     environment = os.environ | {"PYDEVD_DISABLE_FILE_VALIDATION": "1", "NO_COLOR": "1"}
@@ -273,17 +284,24 @@ def readme_table(build: Path, root: Path) -> str:
 
     Raises:
         FileNotFoundError: No book was built yet.
+        ValueError: The times are not of all chapters, or not of one machine; the message says it.
     """
     path = build / "results.json"
     if not path.exists():
         raise FileNotFoundError(f"{path} is missing: run `make book` first")
     measured = json.loads(path.read_text(encoding="utf-8"))
+    notebooks, timed = chapter_paths(root / "notebooks"), measured.get("chapters", {})
+    missing = [notebook.stem for notebook in notebooks if notebook.stem not in timed]
+    if missing:
+        raise ValueError(f"{path} has no time of {', '.join(missing)}: run `make book` first")
     runs, titles = [], {}
-    for name, entry in measured["chapters"].items():
-        notebook = root / "notebooks" / f"{name}.ipynb"
-        runs.append(ChapterRun(name, entry["duration_s"], notebook, None))
+    for notebook in notebooks:
+        name = notebook.stem
+        runs.append(ChapterRun(name, timed[name]["duration_s"], notebook, None))
         titles[name] = f"[{chapter_title(notebook)}](notebooks/{name}.ipynb)"
-    return f"{run_time_table(runs, titles)}\n\nMeasured on {measured['machine']}."
+    if len(machines := sorted({timed[run.name]["machine"] for run in runs})) > 1:
+        raise ValueError(f"{path} has times of {' and of '.join(machines)}: run `make book` again")
+    return f"{run_time_table(runs, titles)}\n\nMeasured on {machines[0]}."
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -321,19 +339,22 @@ def run(args: argparse.Namespace) -> int:
         0 when the book stands; 2 when a chapter or the build failed.
     """
     root = checkout_root()
-    build: Path = args.build.resolve()
     try:
+        build = check_output_folder(args.build)
         if args.readme_times:
             update_readme(root / "README.md", readme_table(build, root))
             return 0
+        check_removable(build / "book")
+        every = chapter_paths(root / "notebooks")
         paths = chapter_paths(root / "notebooks", args.only)
+        make_output_folder(build)
         started = time.perf_counter()
         if args.html_only:
             runs = _runs_of_last_time(build, paths)
         else:
             print(f"executing {len(paths)} notebooks, preset {args.preset}", flush=True)
             runs = run_notebooks(paths, build, preset=args.preset, seed=args.seed, say=_say)
-            write_json(build / "results.json", collect_results(runs, args.preset, args.seed))
+            keep_results(build, every, args.preset, args.seed, say=_say)
         print("building the HTML book", flush=True)
         staged = stage_book(root / "book", runs, build / "book")
         index = build_html(staged, build / "html", strict=not args.only)

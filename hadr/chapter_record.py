@@ -1,18 +1,22 @@
 """What a finished chapter was made from, so that it need not be made again.
 
-OUT/results/NAME/chapter.json   sealed: the notebook's, the library's and the data's checksums,
-                                preset, seed, and how long it took
+OUT/results/NAME/chapter.json   sealed: what the chapter depends on (`hadr.dependencies`), how long
+                                it took, and on which machine
 """
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
-from collections.abc import Iterable
+import json
+from collections.abc import Callable, Iterable, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from hadr.checkout import checkout_root
+from hadr.dependencies import code_digest, named_modules
+from hadr.provenance import machine_text, provenance, write_json
 from hadr.result_file import digest, seal_row, sealed_row
 
 RECORD = "chapter.json"
@@ -31,7 +35,8 @@ def chapter_configuration(notebook: Path, preset: str, seed: int) -> dict[str, A
         "notebook": _digest([notebook]),
         "preset": preset,
         "seed": seed,
-        **_surroundings(),
+        "code": code_digest(*named_modules(_code(notebook))),
+        **_data(),
     }
 
 
@@ -60,22 +65,81 @@ def keep_chapter(folder: Path, configuration: dict[str, Any], duration_s: float)
         configuration: `chapter_configuration`.
         duration_s: Wall-clock seconds of its execution.
     """
-    row = {"configuration": configuration, "duration_s": duration_s}
+    row = {"configuration": configuration, "duration_s": duration_s, "machine": machine_text()}
     seal_row(folder / RECORD, {**row, "config_sha256": digest(configuration)})
 
 
+def keep_results(
+    out: Path, notebooks: Sequence[Path], preset: str, seed: int, say: Callable[[str], None] = print
+) -> dict[str, Any]:
+    """Gather what the chapters measured in one file, ``OUT/results.json``.
+
+    Chapters that were executed before are in it as well, each with its machine; but those with
+    another preset or seed are not: numbers of two kinds never stand side by side.
+
+    Args:
+        out: The folder into which they were executed.
+        notebooks: The notebooks of all chapters; of any other nothing is gathered.
+        preset: The preset.
+        seed: The seed.
+        say: Receives a line where the file does not have all chapters.
+
+    Returns:
+        What was written: results and run time of each chapter, and where they come from.
+    """
+    chapters = {}
+    for name in (notebook.stem for notebook in notebooks):
+        record = _record(out / "results" / name / RECORD)
+        if record is None or (record["preset"], record["seed"]) != (preset, seed):
+            continue
+        results = out / "results" / name / "results.json"
+        content = json.loads(results.read_text(encoding="utf-8")) if results.exists() else {}
+        chapters[name] = {
+            "duration_s": round(record["duration_s"], 3),
+            "machine": record["machine"],
+            "results": content.get("results"),
+        }
+    if len(chapters) < len(notebooks):
+        say(
+            f"{out / 'results.json'} has {len(chapters)} of {len(notebooks)} chapters: the others "
+            f"were not executed with preset {preset} and seed {seed}"
+        )
+    whole = {
+        "parameters": {"preset": preset, "seed": seed},
+        "chapters": chapters,
+        "machine": machine_text(),
+        "provenance": provenance(),
+    }
+    write_json(out / "results.json", whole)
+    return whole
+
+
+def _record(path: Path) -> dict[str, Any] | None:
+    """How a chapter was executed last, whatever changed since; None if the record was edited."""
+    with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
+        configuration = json.loads(path.read_text(encoding="utf-8"))["configuration"]
+        row = sealed_row(path, configuration) or {}
+        names = ("duration_s", "machine")
+        return {**configuration, **{name: row[name] for name in names}}
+    return None
+
+
+def _code(notebook: Path) -> str:
+    """The code of all cells of a notebook."""
+    cells = json.loads(notebook.read_text(encoding="utf-8")).get("cells", [])
+    return "\n".join("".join(c["source"]) for c in cells if c["cell_type"] == "code")
+
+
 @cache
-def _surroundings() -> dict[str, str]:
-    """Checksums of the library, and of the result files and samples that chapters read."""
-    library = Path(__file__).resolve().parent
-    found = {"library": _digest(sorted(library.rglob("*.py")))}
+def _data() -> dict[str, str]:
+    """Checksums of the result files and of the samples that chapters read."""
     try:
         root = checkout_root()
     except FileNotFoundError:
-        return found
-    found["results"] = _digest(sorted((root / "results").rglob("*.json")))
-    samples = root / "data_samples" / "manifest.json"
-    return found | ({"samples": _digest([samples])} if samples.is_file() else {})
+        return {}
+    files = sorted(path for path in (root / "results").rglob("*") if path.is_file())
+    manifest = root / "data_samples" / "manifest.json"
+    return {"results": _digest(files), "samples": _digest([manifest])}
 
 
 def _digest(paths: Iterable[Path]) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hadr.camera import BoolArray, FloatArray, Intrinsics, project
+from hadr.depth_network import Corruption
 
 DEEPEST_MEDIAN_M = 20.0
 NEAREST_MEDIAN_M = 0.02
@@ -77,20 +78,13 @@ def checked_depth(
     return clean
 
 
-def checked_mask(
-    mask: BoolArray | None,
-    clean: NDArray[np.float32],
-    notes: list[str],
-    *,
-    trusted: bool = False,
-) -> BoolArray:
+def checked_mask(mask: BoolArray | None, clean: NDArray[np.float32], notes: list[str]) -> BoolArray:
     """Check the mask, or take the pixels without depth where there is none.
 
     Args:
         mask: Pixels to restore, shape (H, W) bool, or None.
         clean: Depth from `checked_depth`, shape (H, W).
-        notes: Gets a sentence on what the mask means for the measured depth.
-        trusted: Whether depth measured in the mask is used.
+        notes: Gets a sentence where there is no mask.
 
     Returns:
         Pixels to restore, shape (H, W) bool.
@@ -111,18 +105,31 @@ def checked_mask(
             f"the mask is empty: none of its {mask.size} pixels is set, expected the transparent "
             "object's pixels"
         )
-    discarded = int((mask & (clean > 0)).sum())
-    if discarded and trusted:
-        notes.append(
-            f"{discarded} of the mask's {int(mask.sum())} pixels had a measured depth; it is "
-            "trusted as far as the method does"
-        )
-    elif discarded:
-        notes.append(
-            f"{discarded} of the mask's {int(mask.sum())} pixels had a measured depth; it is not "
-            "trusted and was replaced"
-        )
     return mask
+
+
+def depth_to_use(
+    depth: NDArray[np.float32], mask: BoolArray, corruption: Corruption, notes: list[str]
+) -> NDArray[np.float32]:
+    """Erase what the camera measured inside of the mask, unless it is to be used, and say so.
+
+    Args:
+        depth: z-depth in metres, shape (H, W); 0 = missing.
+        mask: Pixels to restore, shape (H, W) bool.
+        corruption: "oracle" erases it, "sensor" leaves it.
+        notes: Gets a sentence where anything was measured there.
+
+    Returns:
+        Shape (H, W).
+    """
+    measured = int((mask & (depth > 0)).sum())
+    trusted = corruption == "sensor"
+    if measured:
+        notes.append(
+            f"{measured} of the mask's {int(mask.sum())} pixels had a measured depth; it is "
+            + ("trusted as far as the method does" if trusted else "not trusted and was erased")
+        )
+    return depth if trusted else np.where(mask, np.float32(0), depth)
 
 
 def check_mask_form(name: str, mask: BoolArray, clean: NDArray[np.float32]) -> None:

@@ -251,7 +251,7 @@ def wrist_frame(keypoints: npt.ArrayLike, side: Side = "right") -> npt.NDArray[n
             on one line, so that no palm is defined.
     """
     points = check_keypoints(keypoints)
-    rotation = wrist_axes(torch.from_numpy(points)[None])[0].numpy()
+    rotation = wrist_axes(torch.tensor(points)[None])[0].numpy()
     if abs(np.linalg.det(rotation) - 1.0) > 1e-6:
         raise ValueError("wrist, index, middle and little knuckle lie on one line: no palm plane")
     if side == "left":

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from hadr.camera import BoolArray, Intrinsics, resize_color, resize_mask
 from hadr.depth_network import DepthNetwork
-from hadr.frame_checks import check_mask_form, checked_depth, checked_hand
+from hadr.frame_checks import check_mask_form, checked_depth, checked_hand, depth_to_use
 
 PARTS = ("segmentation", "keypoints", "restoration")
 """The parts whose time is taken, in their order."""
@@ -242,7 +242,7 @@ class Perception:
             hand_mask = found_hand if hand_mask is None else hand_mask
             seconds["segmentation"] = time.perf_counter() - started
 
-        given_depth = without(clean, mask, self.restoration)
+        given_depth = depth_to_use(clean, mask, self.restoration.corruption, notes)
         started = time.perf_counter()
         if wanted and self.keypoints is not None:
             if hand_mask is not None and hand_mask.any():
@@ -269,24 +269,6 @@ class Perception:
             result[restored] = answer.depth[restored]
             confidence[restored] = answer.confidence[restored]
         return Perceived(mask, hand_mask, hand, result, confidence, restored, tuple(notes), seconds)
-
-
-def without(
-    depth: NDArray[np.float32], mask: BoolArray, network: DepthNetwork
-) -> NDArray[np.float32]:
-    """Erase the depth inside the mask, unless the network learned to use it.
-
-    Args:
-        depth: z-depth in metres, shape (H, W); 0 = missing.
-        mask: Pixels to restore, shape (H, W) bool.
-        network: The network that will be given the result.
-
-    Returns:
-        Shape (H, W).
-    """
-    if network.corruption == "sensor":
-        return depth
-    return np.where(mask, np.float32(0), depth)
 
 
 def _load(path: str | Path, kind: str) -> tuple[Any, tuple[int, int]]:

@@ -48,7 +48,11 @@ def usable_cores() -> int:
 
 
 def provenance() -> dict[str, Any]:
-    """Where a number comes from: versions, platform, time, and the commit where there is one."""
+    """Where a number comes from: versions, platform, time, and the library's commit if it is known.
+
+    Without git, or installed apart from its checkout, the library's ``commit`` and
+    ``uncommitted_changes`` are None: unknown.
+    """
     versions = {}
     for package in PROVENANCE_PACKAGES:
         with contextlib.suppress(importlib.metadata.PackageNotFoundError):
@@ -59,17 +63,32 @@ def provenance() -> dict[str, Any]:
         "platform": f"{platform.system()} {platform.machine()}",
         "cpu_cores": usable_cores(),
         "versions": versions,
-        "commit": _git("rev-parse", "HEAD"),
-        "uncommitted_changes": bool(_git("status", "--porcelain", "--", "*.py")),
+        **_commit(),
     }
 
 
-def _git(*words: str) -> str | None:
-    """What git says of the checkout that the library lies in; None where there is none."""
-    here = Path(__file__).resolve().parents[1]
+def _commit() -> dict[str, Any]:
+    """The library's own commit, and whether code beside it differs; None where nobody knows.
+
+    A library that was installed into somebody's repository has none, whatever git says there.
+    """
+    root = Path(__file__).resolve().parents[1]
+    top = _git(root, "rev-parse", "--show-toplevel")
+    tracked = _git(root, "ls-files", "--error-unmatch", "hadr/provenance.py")
+    if top is None or tracked is None or Path(top).resolve() != root:
+        return {"commit": None, "uncommitted_changes": None}
+    status = _git(root, "status", "--porcelain", "--", "*.py", "hadr")
+    return {
+        "commit": _git(root, "rev-parse", "HEAD"),
+        "uncommitted_changes": None if status is None else bool(status),
+    }
+
+
+def _git(folder: Path, *words: str) -> str | None:
+    """What git says in a folder; None where it is not installed or fails."""
     try:
         answer = subprocess.run(
-            ["git", "-C", str(here), *words],
+            ["git", "-C", str(folder), *words],
             capture_output=True,
             text=True,
             timeout=10,
@@ -133,34 +152,6 @@ def plain(value: Any, where: str = "results") -> Any:
     )
 
 
-def check_writable(path: str | Path | None) -> None:
-    """Refuse a file for results that can't be written, before anything is computed for it.
-
-    Args:
-        path: The file; None is always right.
-
-    Raises:
-        ValueError: It is a folder, or a part of its path is a file.
-    """
-    if path is None:
-        return
-    if Path(path).is_dir():
-        raise ValueError(f"{path} is a folder, expected the name of a file to write")
-    check_folder(Path(path).parent)
-
-
-def check_folder(path: str | Path) -> None:
-    """Refuse a folder for results that is a file, or would lie in one.
-
-    Raises:
-        ValueError: It is.
-    """
-    path = Path(path)
-    there = next((part for part in (path, *path.parents) if part.exists()), None)
-    if there is not None and not there.is_dir():
-        raise ValueError(f"{path} can't be a folder: {there} is a file")
-
-
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
     """Write JSON atomically: a reader sees the old file or the whole new one."""
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -171,3 +162,28 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
         os.replace(temporary, path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def write_results(
+    out_dir: str | Path, name: str, results: Mapping[str, Any], **parameters: str | int
+) -> dict[str, Any]:
+    """Keep what a chapter measured, as ``results.json`` with its provenance.
+
+    Args:
+        out_dir: Folder for the file; empty writes nothing, for readers who only look.
+        name: The chapter's name, such as ``03_ray_voxels``.
+        results: Numbers, strings, lists, arrays, nested as you like.
+        **parameters: The run's parameters worth keeping, such as ``preset`` and ``seed``.
+
+    Returns:
+        What was, or would have been, written.
+    """
+    content: dict[str, Any] = {
+        "chapter": name,
+        "parameters": parameters,
+        "results": plain(results),
+        "provenance": provenance(),
+    }
+    if str(out_dir):
+        write_json(Path(out_dir) / "results.json", content)
+    return content

@@ -347,10 +347,11 @@ def segment_max(values: Tensor, segment: Tensor, n: int) -> Tensor:
     return result.scatter_reduce(0, index, values, reduce="amax", include_self=False)
 
 
-def segment_softmax(logits: Tensor, segment: Tensor, n: int) -> Tensor:
-    """Turn the logits of each segment into probabilities that sum to one.
+def segment_log_softmax(logits: Tensor, segment: Tensor, n: int) -> Tensor:
+    """Turn the logits of each segment into logarithms of probabilities that sum to one.
 
-    The largest logit of a segment is subtracted first, so that large logits do not overflow.
+    The largest logit of a segment is subtracted first, so that large logits do not overflow; and a
+    row of which the probability rounds to zero still has its logarithm and a gradient.
 
     Args:
         logits: One logit a row, shape (P,).
@@ -358,12 +359,16 @@ def segment_softmax(logits: Tensor, segment: Tensor, n: int) -> Tensor:
         n: Number of segments.
 
     Returns:
-        Probabilities, shape (P,).
+        Logarithms of the probabilities, shape (P,).
     """
-    largest = segment_max(logits.detach().unsqueeze(1), segment, n).squeeze(1)
-    weight = torch.exp(logits - largest[segment])
-    total = weight.new_zeros(n).index_add(0, segment, weight)
-    return weight / total[segment]
+    below = logits - segment_max(logits.detach().unsqueeze(1), segment, n).squeeze(1)[segment]
+    total = below.new_zeros(n).index_add(0, segment, below.exp())
+    return below - total[segment].log()
+
+
+def segment_softmax(logits: Tensor, segment: Tensor, n: int) -> Tensor:
+    """Give the probabilities themselves; arguments as `segment_log_softmax`."""
+    return segment_log_softmax(logits, segment, n).exp()
 
 
 def segment_argmax(values: Tensor, segment: Tensor, n: int) -> Tensor:

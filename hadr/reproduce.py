@@ -8,7 +8,6 @@ chapter's ``results.json``, one over all of them with its provenance, and how lo
 from __future__ import annotations
 
 import argparse
-import json
 import re
 import sys
 import time
@@ -17,10 +16,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hadr.chapter_record import RECORD, chapter_configuration, finished_chapter, keep_chapter
+from hadr.chapter_record import (
+    RECORD,
+    chapter_configuration,
+    finished_chapter,
+    keep_chapter,
+    keep_results,
+)
 from hadr.checkout import checkout_root as checkout_root
-from hadr.private_kernel import private_jupyter
-from hadr.provenance import machine_text, plain, provenance, write_json
+from hadr.output_folder import CACHE, check_output_folder, make_output_folder
+from hadr.private_kernel import private_jupyter, register_engine
 
 if TYPE_CHECKING:
     from hadr.experiments.reproduction_plan import Step
@@ -111,7 +116,7 @@ def run_notebooks(
     """
     out_dir = out_dir.resolve()
     runs = []
-    with private_jupyter(out_dir / "cache"):
+    with private_jupyter(out_dir / CACHE):
         for number, notebook in enumerate(notebooks, start=1):
             label = f"[{number:2d}/{len(notebooks)}] {notebook.stem}"
             target, folder, results = _places(notebook, out_dir)
@@ -151,6 +156,7 @@ def _execute(source: Path, target: Path, parameters: dict[str, Any], label: str)
             str(source),
             str(target),
             parameters=parameters,
+            engine_name=register_engine(),
             kernel_name="python3",
             language="python",
             progress_bar=progress,
@@ -221,50 +227,6 @@ def seconds_text(seconds: float) -> str:
     return f"{whole} s" if whole < 60 else f"{whole // 60} min {whole % 60:02d} s"
 
 
-def write_results(
-    out_dir: str | Path, name: str, results: Mapping[str, Any], **parameters: str | int
-) -> dict[str, Any]:
-    """Keep what a chapter measured, as ``results.json`` with its provenance.
-
-    Args:
-        out_dir: Folder for the file; empty writes nothing, for readers who only look.
-        name: The chapter's name, such as ``03_ray_voxels``.
-        results: Numbers, strings, lists, arrays, nested as you like.
-        **parameters: The run's parameters worth keeping, such as ``preset`` and ``seed``.
-
-    Returns:
-        What was, or would have been, written.
-    """
-    content: dict[str, Any] = {
-        "chapter": name,
-        "parameters": parameters,
-        "results": plain(results),
-        "provenance": provenance(),
-    }
-    if str(out_dir):
-        write_json(Path(out_dir) / "results.json", content)
-    return content
-
-
-def collect_results(runs: Sequence[ChapterRun], preset: str, seed: int) -> dict[str, Any]:
-    """All chapters' results and run times in one mapping.
-
-    Args:
-        runs: Executed chapters.
-        preset: The preset they ran with.
-        seed: The seed they ran with.
-    """
-    chapters = {}
-    for run in runs:
-        entry: dict[str, Any] = {"duration_s": round(run.duration_s, 3), "results": None}
-        if run.results is not None:
-            entry["results"] = json.loads(run.results.read_text(encoding="utf-8"))["results"]
-        chapters[run.name] = entry
-    parameters = {"preset": preset, "seed": seed}
-    told = {"machine": machine_text(), "provenance": provenance()}
-    return {"parameters": parameters, "chapters": chapters, **told}
-
-
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Describe ``hadr reproduce`` to a command line parser."""
     from hadr.experiments.command import add_table_arguments
@@ -324,6 +286,7 @@ def run(args: argparse.Namespace) -> int:
     chapters = [w for w in args.only if w not in PARTS and w not in wishes]
     paths, bench, attempts = [], None, None
     try:
+        check_output_folder(args.out)
         if args.again:
             return run_again(args)
         times, steps = read_run_times(args.preset), []
@@ -342,6 +305,7 @@ def run(args: argparse.Namespace) -> int:
         if args.dry_run:
             return 0
         print()
+        make_output_folder(args.out)
         if bench is not None:
             measure_tables(args, bench, runs)
         if attempts is not None:
@@ -350,7 +314,8 @@ def run(args: argparse.Namespace) -> int:
             write_report(args.out, args.preset)
         if paths:
             done = run_notebooks(paths, args.out, preset=args.preset, seed=args.seed, resume=True)
-            write_json(args.out / "results.json", collect_results(done, args.preset, args.seed))
+            every = chapter_paths(checkout_root() / "notebooks")
+            keep_results(args.out, every, args.preset, args.seed)
             print(f"\n{run_time_table(done)}\n\nresults: {args.out / 'results.json'}")
         if noted := write_run_times(args.out):
             print(f"how long each step took: {noted}")

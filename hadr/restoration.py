@@ -25,7 +25,13 @@ from hadr.depth_network import (
     enlarge_known,
     enlarge_restored,
 )
-from hadr.frame_checks import check_mask_form, checked_depth, checked_hand, checked_mask
+from hadr.frame_checks import (
+    check_mask_form,
+    checked_depth,
+    checked_hand,
+    checked_mask,
+    depth_to_use,
+)
 from hadr.models.baselines import classical
 from hadr.perception import HandKeypoints, Segmentation
 
@@ -151,38 +157,41 @@ def restore(
                 raise ValueError(f"{network.name} found no glass in the picture; give a mask")
         mask = found if mask is None else mask
         hand_mask = found_hand if hand_mask is None else hand_mask
-    target = checked_mask(mask, clean, notes, trusted=corruption == "sensor")
+    target = checked_mask(mask, clean, notes)
     hand = None if keypoints is None else checked_hand(keypoints, camera, notes)
     if not target.any():
         notes.append("every pixel has a depth and no mask was given: nothing to restore")
         return _result(clean, clean, np.zeros_like(clean), target, "none", notes)
-    erased = np.where(target, 0, clean).astype(np.float32)
-    if not valid_depth(erased).any():
+    if not valid_depth(clean[~target]).any():
         raise ValueError(
             f"the mask covers all {int(target.sum())} pixels that could have depth, expected at "
             "least one pixel with depth outside of it"
         )
-    if keypoint_network is not None and hand is None:
-        inside = clean if corruption == "sensor" else erased
-        hand = _predicted_hand(color, inside, camera, target, hand_mask, keypoint_network, notes)
-
-    used: str = method
+    chosen: DepthNetwork | str = "none was asked for"
     if method == "auto" or method in TITLES:
-        chosen = _fitting_checkpoint(checkpoint, method, hand is not None)
-        if isinstance(chosen, DepthNetwork):
-            chosen = _with_corruption(chosen, corruption, notes)
-            given = clean if chosen.corruption == "sensor" else erased
-            answer = chosen.restore(color, given, camera, target, hand)
-            _note_network(chosen, answer, camera, notes)
-            filled = np.where(target, answer.depth, clean)
-            result = _result(clean, filled, answer.confidence, target, chosen.kind, notes)
-            tolerance = None if chosen.rule is None else chosen.rule.calibration.tolerance_m
-            return replace(result, tolerance_m=tolerance)
-        if method != "auto":
-            raise ValueError(f"method {method}: no checkpoint fits: {chosen}")
+        hand_comes = hand is not None or keypoint_network is not None
+        chosen = _fitting_checkpoint(checkpoint, method, hand_comes)
+    if keypoint_network is not None and hand is None:
+        inside = depth_to_use(clean, target, _corruption(corruption, chosen), [])
+        hand = _predicted_hand(color, inside, camera, target, hand_mask, keypoint_network, notes)
+        if hand is None and isinstance(chosen, DepthNetwork) and chosen.needs_hand:
+            chosen = f"{chosen.name} needs 21 hand keypoints and none were found"
+    inside = depth_to_use(clean, target, _corruption(corruption, chosen), notes)
+    if isinstance(chosen, DepthNetwork):
+        chosen = _with_corruption(chosen, corruption, notes)
+        answer = chosen.restore(color, inside, camera, target, hand)
+        _note_network(chosen, answer, camera, notes)
+        filled = np.where(target, answer.depth, clean)
+        result = _result(clean, filled, answer.confidence, target, chosen.kind, notes)
+        tolerance = None if chosen.rule is None else chosen.rule.calibration.tolerance_m
+        return replace(result, tolerance_m=tolerance)
+    used: str = method
+    if method in TITLES:
+        raise ValueError(f"method {method}: no checkpoint fits: {chosen}")
+    if method == "auto":
         notes.append(f"no checkpoint fits: {chosen}; the result is nearest valid depth, not HADR")
         used = "nearest"
-    holes = target & ~valid_depth(clean) if corruption == "sensor" else target
+    holes = target & ~valid_depth(inside)
     if used == "nearest":
         filled = classical.nearest_valid(clean, holes)
     elif used == "inpaint":
@@ -272,6 +281,11 @@ def _predicted_hand(
         else f"the hand's keypoints are not given but predicted by {network.name}"
     )
     return found
+
+
+def _corruption(asked: Corruption | None, network: DepthNetwork | str) -> Corruption:
+    """What becomes of measured depth: as asked, else as the network learned, else erased."""
+    return asked or (network.corruption if isinstance(network, DepthNetwork) else "oracle")
 
 
 def _with_corruption(

@@ -56,6 +56,44 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         item.add_marker(pytest.mark.xdist_group(group))
 
 
+TOP = """
+from typing import TYPE_CHECKING
+import hadr.table
+if TYPE_CHECKING:
+    from hadr.typed import VALUE
+PAGE = "page.html"
+def work():
+    'What it does.'
+    from hadr.part import inner
+"""
+
+
+@pytest.fixture
+def library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A small library in the place of hadr, for `hadr.dependencies`: `top` leads to `deep`."""
+    root = tmp_path / "library"
+    files = {
+        "__init__.py": "",
+        "top.py": TOP,
+        "part/__init__.py": "",
+        "part/inner.py": "import hadr.deep\n",
+        "part/other.py": "VALUE = 1\n",
+        "deep.py": "import hadr.provenance\nVALUE = 1\n",
+        "provenance.py": "VALUE = 1\n",
+        "table.py": 'NETWORKS = {"a": ("hadr.named", "A")}\n',
+        "named.py": "VALUE = 1\n",
+        "beside.py": "VALUE = 1\n",
+        "typed.py": "VALUE = 1\n",
+        "page.html": "<p>old",
+        "other.html": "<p>old",
+    }
+    for name, text in files.items():
+        (root / name).parent.mkdir(parents=True, exist_ok=True)
+        (root / name).write_text(text)
+    monkeypatch.setattr("hadr.dependencies.LIBRARY", root)
+    return root
+
+
 # A check passes twice or never: the same examples each time, and however long they take.
 settings.register_profile("same", derandomize=True, deadline=None)
 settings.register_profile("random", deadline=None)  # pytest --hypothesis-profile=random

@@ -110,6 +110,16 @@ def test_staging_again_leaves_nothing_of_the_last_time(small_book, tmp_path):
     assert not (staged / "notebooks" / "99_old.ipynb").exists()
 
 
+def test_staging_replaces_no_folder_that_it_did_not_make(small_book, tmp_path):
+    pages, runs = small_book
+    own = tmp_path / "staged" / "thesis.md"
+    own.parent.mkdir()
+    own.write_text("years of work")
+    with pytest.raises(ValueError, match="staged was not made by hadr"):
+        book.stage_book(pages, runs, tmp_path / "staged")
+    assert [path.name for path in own.parent.iterdir()] == [own.name]
+
+
 def test_staging_refuses_a_word_that_nothing_fills(small_book, tmp_path):
     pages, runs = small_book
     (pages / "more.md").write_text("# More\n\n{{WEATHER}}\n")
@@ -133,22 +143,53 @@ def test_the_readme_table_comes_from_the_measurement(tmp_path):
     nbformat.write(executed(), tmp_path / "notebooks" / "00_a.ipynb")
     with pytest.raises(FileNotFoundError, match="run `make book` first"):
         book.readme_table(tmp_path, tmp_path)
-    measured = {"chapters": {"00_a": {"duration_s": 61.2}}, "machine": "two cores"}
-    (tmp_path / "results.json").write_text(json.dumps(measured))
+    gone = {"duration_s": 5.0, "machine": "four cores"}  # a chapter that was renamed since
+    chapters = {"00_a": {"duration_s": 61.2, "machine": "two cores"}, "00_old": gone}
+    (tmp_path / "results.json").write_text(json.dumps({"chapters": chapters}))
     table = book.readme_table(tmp_path, tmp_path)
+    assert "00_old" not in table
     assert "| [A *title*](notebooks/00_a.ipynb) | 1 min 01 s |" in table
     assert table.endswith("Measured on two cores.")
 
 
-def test_a_warning_stops_the_build_and_is_told(tmp_path):
+@pytest.mark.parametrize(
+    ("chapters", "says"),
+    [
+        ({}, "results.json has no time of 00_a, 01_b: run `make book` first"),
+        ({"01_b": "one core"}, "results.json has no time of 00_a: run `make book` first"),
+        ({"00_a": "one core", "01_b": "two cores"}, "has times of one core and of two cores: run"),
+    ],
+)
+def test_times_of_some_chapters_or_of_two_machines_are_no_table(
+    tmp_path, monkeypatch, capsys, chapters, says
+):
+    (tmp_path / "notebooks").mkdir()
+    for name in ("00_a", "01_b"):
+        nbformat.write(executed(), tmp_path / "notebooks" / f"{name}.ipynb")
+    readme = f"{book.TABLE_BEGIN}\nold\n{book.TABLE_END}\n"
+    (tmp_path / "README.md").write_text(readme)
+    (tmp_path / "build").mkdir()
+    timed = {name: {"duration_s": 1.0, "machine": where} for name, where in chapters.items()}
+    record = {"chapters": timed, "machine": "one core"} if timed else {}
+    (tmp_path / "build" / "results.json").write_text(json.dumps(record))
+    monkeypatch.setattr(book, "checkout_root", lambda: tmp_path)
+    assert book.main(["--build", str(tmp_path / "build"), "--readme-times"]) == 2
+    assert says in capsys.readouterr().err
+    assert (tmp_path / "README.md").read_text() == readme
+
+
+def test_a_warning_stops_the_build_and_is_told(tmp_path, monkeypatch):
     pytest.importorskip("jupyter_book", reason="needs the extra: pip install -e '.[book]'")
-    (tmp_path / "_config.yml").write_text(
-        "title: t\nauthor: a\nexecute:\n  execute_notebooks: off\n"
-    )
-    (tmp_path / "_toc.yml").write_text("format: jb-book\nroot: index\n")
-    (tmp_path / "index.md").write_text("# Title\n\n{ref}`nowhere`\n")
+    pages = tmp_path / "pages"
+    pages.mkdir()
+    (pages / "_config.yml").write_text("title: t\nauthor: a\nexecute:\n  execute_notebooks: off\n")
+    (pages / "_toc.yml").write_text("format: jb-book\nroot: index\n")
+    (pages / "index.md").write_text("# Title\n\n{ref}`nowhere`\n")
+    # a user's own module in the working folder is not Jupyter Book
+    (tmp_path / "jupyter_book.py").write_text("raise SystemExit('somebody else')")
+    monkeypatch.chdir(tmp_path)
     with pytest.raises(RuntimeError, match=r"WARNING: undefined label: 'nowhere'"):
-        book.build_html(tmp_path, tmp_path / "out")
+        book.build_html(pages, tmp_path / "out")
 
 
 def test_the_readme_of_the_project_has_the_markers():

@@ -303,6 +303,14 @@ def test_a_hand_on_one_line_has_no_palm():
         wrist_frame(np.tile([0.0, 0.0, 0.7], (21, 1)))
 
 
+@pytest.mark.filterwarnings("error")
+def test_read_only_keypoints_have_a_wrist_frame_without_a_warning():
+    keypoints = hand_in_camera()
+    expected = wrist_frame(keypoints)
+    keypoints.flags.writeable = False
+    np.testing.assert_array_equal(wrist_frame(keypoints), expected)
+
+
 def test_unknown_side_of_the_wrist_frame():
     with pytest.raises(ValueError, match="side must be 'right' or 'left', got 'up'"):
         wrist_frame(hand_in_camera(), "up")

@@ -29,7 +29,15 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("frame_io",),
     ("camera",),
     ("result_file",),
-    ("checkout", "exercises", "markdown", "provenance"),
+    (
+        "caches",
+        "checkout",
+        "dependencies",
+        "exercises",
+        "markdown",
+        "output_folder",
+        "provenance",
+    ),
 )
 FLOOR_OF = {name: floor for floor, names in enumerate(FLOORS) for name in names}
 

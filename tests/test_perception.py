@@ -234,6 +234,41 @@ def test_restore_predicts_mask_and_keypoints_and_says_so(finder, monkeypatch) ->
         restore(color, depth, CAMERA, glass, keypoint_network="hand.safetensors")
 
 
+@pytest.mark.parametrize(
+    ("learned", "told"),
+    [
+        ("oracle", "is not trusted and was erased"),
+        ("sensor", "is trusted as far as the method does"),
+    ],
+)
+def test_restore_and_perception_treat_measured_depth_alike(
+    learned: str, told: str, finder, monkeypatch, tmp_path
+) -> None:
+    from hadr.training.checkpoints import save_checkpoint
+
+    network, asked = finder
+    monkeypatch.setattr(Segmentation, "load", classmethod(lambda cls, path: SEGMENTATION))
+    monkeypatch.setattr(HandKeypoints, "load", classmethod(lambda cls, path: network))
+    path = tmp_path / "depth.safetensors"
+    record = {"width": 64, "height": 40, "data": {"corruption": learned}}
+    save_checkpoint(path, small_hadr(), record)
+    color, depth, glass, _ = frame()
+    found = Perception.load(path, "masks", "hand")(color, depth, CAMERA)
+    result = restore(
+        color, depth, CAMERA, checkpoint=path, segmentation="masks", keypoint_network="hand"
+    )
+    assert result.method == "hadr"
+    for name in ("mask", "depth", "confidence", "restored"):
+        np.testing.assert_array_equal(getattr(result, name), getattr(found, name), name)
+    seen = [image for image, _, _ in asked]  # what the keypoint network was given
+    np.testing.assert_array_equal(seen[0], seen[1])
+    np.testing.assert_array_equal(seen[0] == 0, glass & (learned == "oracle"))
+    said = [
+        [n for n in notes if "had a measured depth" in n] for notes in (found.notes, result.notes)
+    ]
+    assert said[0] == said[1] == [f"400 of the mask's 400 pixels had a measured depth; it {told}"]
+
+
 def test_untrained_networks_of_all_kinds_work_together(tmp_path) -> None:
     """Shapes, sizes and files fit; what untrained networks see is of no matter."""
     from hadr.models.hand_keypoints import HandKeypointConfig, HandKeypointNet

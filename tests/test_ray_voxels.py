@@ -20,6 +20,7 @@ from hadr.ray_voxels import (
     pair_of_true_point,
     ray_voxel_pairs,
     segment_argmax,
+    segment_log_softmax,
     segment_max,
     segment_softmax,
     select_points,
@@ -531,6 +532,13 @@ def test_segment_softmax_and_argmax_agree_with_torch_per_segment(seed: int, n: i
             continue
         torch.testing.assert_close(softmax[rows], torch.softmax(logits[rows], 0))
         assert argmax[k] == rows[logits[rows].argmax()]
+
+
+def test_the_logarithm_of_a_vanishing_probability_is_exact() -> None:
+    logits = torch.tensor([1000.0, 0.0, 3.0])
+    segment = torch.tensor([0, 0, 2])
+    assert segment_softmax(logits, segment, 3).tolist() == [1.0, 0.0, 1.0]
+    assert segment_log_softmax(logits, segment, 3).tolist() == [0.0, -1000.0, 0.0]
 
 
 def test_segment_softmax_gradient() -> None:

@@ -11,11 +11,11 @@ import pytest
 
 from hadr import reproduce
 from hadr.experiments.reproduction_plan import seconds_text as estimate
-from hadr.provenance import plain, write_json
+from hadr.provenance import plain, write_json, write_results
 from hadr.reproduce import ChapterError, ChapterRun
 from hadr.result_file import read_result_file
 
-RESULTS = """from hadr.reproduce import write_results
+RESULTS = """from hadr.provenance import write_results
 kept = write_results(out_dir, "00_good", {"seed": seed, "preset": preset})"""
 
 
@@ -53,7 +53,7 @@ def test_parameters_reach_the_notebook_and_results_come_back(folder, tmp_path, m
     assert results["provenance"]["versions"]["numpy"] == np.__version__
     assert nbformat.read(folder / "00_good.ipynb", 4).cells[2].outputs == []
     assert nbformat.read(runs[0].notebook, 4).cells[3].outputs[0]["data"]["text/plain"] == "2"
-    collected = reproduce.collect_results(runs, "mini", 4)
+    collected = reproduce.keep_results(tmp_path / "out", paths, "mini", 4, told.append)
     assert collected["parameters"] == {"preset": "mini", "seed": 4}
     assert "CPU cores" in collected["machine"]
     assert collected["chapters"]["00_good"]["results"] == {"seed": 4, "preset": "mini"}
@@ -81,6 +81,16 @@ def test_a_kernel_that_dies_is_told_with_its_cell(tmp_path):
         reproduce.run_notebooks([tmp_path / "00_dies.ipynb"], tmp_path, say=lambda line: None)
     assert "os._exit(1)" in str(caught.value)
     assert "died" in str(caught.value).lower()
+
+
+def test_what_a_widgets_function_prints_is_output_of_its_cell(tmp_path):
+    """Only so is nothing sent on the socket on which the cell's reply is awaited."""
+    widget = "import ipywidgets\nipywidgets.interactive(lambda x: print(f'drawn at {x}'), x=(3, 3))"
+    nbformat.write(notebook_of(widget), tmp_path / "00_widget.ipynb")
+    (run,) = reproduce.run_notebooks([tmp_path / "00_widget.ipynb"], tmp_path / "out")
+    printed, widget = nbformat.read(run.notebook, 4).cells[-1].outputs
+    assert "drawn at 3" in printed.text
+    assert "application/vnd.jupyter.widget-view+json" in widget.data
 
 
 def test_command_line_returns_2_and_prints_the_failure(folder, tmp_path, monkeypatch, capsys):
@@ -118,6 +128,14 @@ def test_the_plan_is_printed_first_and_what_is_finished_is_not_repeated(
     assert again == times
     collected = json.loads((out / "results.json").read_text())
     assert collected["chapters"]["00_good"]["results"] == {"seed": 0, "preset": "tiny"}
+    nbformat.write(
+        notebook_of("2", RESULTS.replace("00_good", "02_more")), folder / "02_more.ipynb"
+    )
+    assert reproduce.main(["--only", "2", "--out", str(out)]) == 0
+    merged = json.loads((out / "results.json").read_text())["chapters"]
+    assert merged["00_good"] == collected["chapters"]["00_good"]
+    assert list(merged) == ["00_good", "02_more"]
+    assert "has 2 of 3 chapters" in capsys.readouterr().out  # the third one fails
     assert reproduce.main([*words, "--seed", "1"]) == 0
     assert "1 of 1 steps are left" in capsys.readouterr().out
 
@@ -223,7 +241,7 @@ def test_an_empty_wish_is_refused(tmp_path):
 
 def test_write_results_without_a_folder_writes_nothing(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    content = reproduce.write_results("", "03_x", {"rmse_m": np.float32(0.5)}, preset="tiny")
+    content = write_results("", "03_x", {"rmse_m": np.float32(0.5)}, preset="tiny")
     assert content["chapter"] == "03_x"
     assert content["results"] == {"rmse_m": 0.5}
     assert content["parameters"] == {"preset": "tiny"}

@@ -304,6 +304,7 @@ def test_measured_depth_in_the_mask_counts_where_it_is_trusted(tmp_path) -> None
     told = restore(color, depth, CAMERA, mask, hand(), checkpoint=path)
     np.testing.assert_array_equal(told.depth, first.depth)
     assert not any("learned from" in n for n in told.notes)
+    assert any("it is trusted as far as the method does" in n for n in told.notes)
 
 
 @pytest.mark.parametrize("method", ["nearest", "inpaint", "hand-median"])

@@ -15,6 +15,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from hadr.output_folder import check_output_folder
+
 MANIFEST = "course.json"
 MADE_BY = "hadr course"
 
@@ -34,13 +36,11 @@ def check_target(out: Path) -> None:
         out: The folder to write. It may be missing, empty, or as an earlier run left it.
 
     Raises:
-        ValueError: It is a file, or holds what no earlier run wrote; the text names some of it.
+        ValueError: It lies among the sources, is a file, or holds what no earlier run wrote; the
+            text names some of it.
     """
-    if not out.exists():
-        return
-    if not out.is_dir():
-        raise ValueError(f"--out {out} is a file; name a folder")
-    if not any(out.iterdir()):
+    check_output_folder(out)
+    if not out.exists() or not any(out.iterdir()):
         return
     try:
         known = json.loads((out / MANIFEST).read_text(encoding="utf-8"))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import statistics
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from typing import Any
 
 from hadr.experiments.scoring import COLUMNS
@@ -154,6 +154,12 @@ def _mean(values: Sequence[float | None]) -> float | None:
     return sum(known) / len(known) if known and len(known) == len(values) else None
 
 
+def _any(answers: Iterable[bool | None]) -> bool | None:
+    """Whether one is true; None where none is and one is unknown."""
+    found = set(answers)
+    return True if True in found else None if None in found else False
+
+
 def _averaged(group: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     first = dict(group[0])
     left_out = ("seed", "per_frame", "provenance", "sha256")
@@ -172,8 +178,8 @@ def _averaged(group: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "seed_sd": {name: _spread([r[name] for r in group if name in r]) for name in COLUMNS},
         "config_sha256": [r["config_sha256"] for r in group],
         "provenance": {
-            "commit": sorted({str(r["provenance"].get("commit")) for r in group}),
-            "uncommitted_changes": any(r["provenance"].get("uncommitted_changes") for r in group),
+            "commit": sorted({r["provenance"].get("commit") or "unknown" for r in group}),
+            "uncommitted_changes": _any(r["provenance"].get("uncommitted_changes") for r in group),
             "versions": first["provenance"].get("versions"),
             "machine": first["provenance"]["machine"],
             "data_sha256": first.get("configuration", {}).get("data", {}).get("sha256"),

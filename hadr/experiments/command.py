@@ -15,7 +15,7 @@ from hadr.experiments.plan import TABLE_RUNS, measure_all
 from hadr.experiments.runner import Bench, Run
 from hadr.experiments.splits import EXPERIMENTS
 from hadr.experiments.systems import METHODS, PARTS, SWITCHES
-from hadr.provenance import check_folder
+from hadr.output_folder import check_folder
 from hadr.training.accelerator import add_accelerator, chosen_accelerator
 from hadr.training.batches import CORRUPTIONS
 

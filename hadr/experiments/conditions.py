@@ -12,17 +12,17 @@ import statistics
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 
+from hadr.caches import kept_by_file
 from hadr.data.samples import samples_dir
 from hadr.depth_network import enlarge_known
 from hadr.experiments.averages import paired, standard_error
-from hadr.experiments.runner import Bench, Run
+from hadr.experiments.runner import Bench, Run, code_of
 from hadr.experiments.scoring import EVALUATION_SIZE, Scores, score_depth, score_network
 from hadr.provenance import machine_text, provenance
 from hadr.result_file import digest, seal_row, sealed_row
@@ -131,9 +131,10 @@ def finished_condition(bench: Bench, run: Run, name: str, given: Given) -> dict[
 
 
 def configuration(bench: Bench, run: Run, name: str, given: Given) -> dict[str, Any]:
-    """Everything on which a condition's numbers depend, the code's version aside."""
+    """Everything on which a condition's numbers depend."""
     return {
         **bench.configuration(run),
+        "scored_by": code_of("hadr.experiments.conditions", None),
         "row": (bench.finished(run) or {}).get("sha256"),  # another training is another condition
         "given": name,
         "corruption": given.corruption,
@@ -145,7 +146,7 @@ def configuration(bench: Bench, run: Run, name: str, given: Given) -> dict[str, 
     }
 
 
-@cache
+@kept_by_file(16)
 def _file_digest(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 

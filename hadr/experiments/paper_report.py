@@ -238,7 +238,7 @@ def _making_of(arm: str, row: Mapping[str, Any], file: ResultFile) -> str:
         ("command", _code(command)),
         ("run time", f"{seconds_text(seconds)} for {row['attempts']} attempts, one at a time"),
         ("rate", f"95 % interval {low:.0f} to {high:.0f} %"),
-        ("commit", _code(str(origin["commit"])[:7])),
+        ("commit", _code((origin["commit"] or "unknown")[:7])),
         ("machine", escape(str(origin["machine"]))),
     ]
     return _details(told, f"command, {seconds_text(seconds)}, origin")

@@ -3,9 +3,10 @@
     OUT/known/hadr/seed-0/last.safetensors   the training, which goes on where it was stopped
     OUT/known/hadr/seed-0/row.json           the finished row; it is what "done" means
 
-A row is measured again when its recipe, its data or its protocol is another than the file says, or
-when the file was changed by another hand: it ends with a checksum. A training of another recipe or
-of other data is set aside (``seed-0.old-1``) before a new one begins.
+A row is measured again when its recipe, its data, its protocol or its code is another than the file
+says (`hadr.dependencies`), or when the file was changed by another hand: it ends with a checksum. A
+training of another recipe, of other data or by other code is set aside (``seed-0.old-1``) before a
+new one begins; code that only scores does not count there.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import json
 import time
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from itertools import accumulate
 from pathlib import Path
 from typing import Any
@@ -25,6 +27,7 @@ from filelock import FileLock, Timeout
 from lightning_fabric import Fabric
 from torch import nn
 
+from hadr.dependencies import code_digest
 from hadr.experiments.scoring import EVALUATION_SIZE, Scores, score_cheap, score_network
 from hadr.experiments.splits import Experiment, Part, data_digest, open_part
 from hadr.experiments.systems import system
@@ -32,9 +35,27 @@ from hadr.provenance import machine_text, plain, provenance
 from hadr.result_file import digest, seal_row, sealed_row
 from hadr.training.batches import Corruption, FrameTensors, load_frames
 from hadr.training.loop import LAST, Trained, train
-from hadr.training.presets import Preset
+from hadr.training.recipe import Preset
+from hadr.training.tasks import task_module
 
 ROW, HISTORY = "row.json", "history.csv"
+TABLES_OF_NETWORKS = (
+    "hadr.experiments.systems", "hadr.training.checkpoints", "hadr.training.presets",
+    "hadr.training.tasks",
+)  # fmt: skip
+"""Modules that lead to every network: a run depends on its own, and on its recipe as a value."""
+
+
+@cache  # what this process has loaded does not change
+def code_of(module: str, network: str | None) -> str:
+    """Checksum of the code of a run (`hadr.dependencies`).
+
+    Args:
+        module: The module with which it begins.
+        network: The kind of its network; None for a method that learns nothing.
+    """
+    task = () if network is None else (task_module(network),)
+    return code_digest(module, *task, without=TABLES_OF_NETWORKS)
 
 
 @dataclass(frozen=True)
@@ -91,9 +112,10 @@ class Bench:
             self._digest = digest([data_digest(root) for root in self.roots])
         return {"sha256": self._digest, "corruption": self.corruption, "limit": self.limit}
 
-    def data_of(self, run: Run) -> dict[str, Any]:
-        """What a run is trained on, for the record of its training."""
-        return {"experiment": run.experiment, **self.data}
+    def data_of(self, run: Run, recipe: Preset) -> dict[str, Any]:
+        """What a run is trained on and by which code, for the record of its training."""
+        code = code_of("hadr.training.loop", recipe.network)
+        return {"experiment": run.experiment, **self.data, "code": code}
 
     @property
     def device(self) -> str:
@@ -140,13 +162,14 @@ class Bench:
         return self._frames[key]
 
     def configuration(self, run: Run) -> dict[str, Any]:
-        """Everything on which a run's numbers depend, the code's version aside."""
+        """Everything on which a run's numbers depend."""
         recipe = system(run.method, self.size).recipe
         return {
             "run": run.name,
             "recipe": None if recipe is None else recipe.to_dict(),
             "data": self.data,
             "evaluation_size": list(EVALUATION_SIZE),
+            "code": code_of("hadr.experiments.runner", recipe and recipe.network),
         }
 
     def finished(self, run: Run) -> dict[str, Any] | None:
@@ -161,9 +184,11 @@ class Bench:
         return []
 
     def epochs_done(self, run: Run) -> int:
-        """Count the epochs that a run's training has behind it, with this recipe and these data."""
+        """Count the epochs that a run's training has behind it; 0 if it would be set aside."""
         recipe = system(run.method, self.size).recipe
-        if recipe is not None and _is_another(self.out / run.name, recipe, self.data_of(run)):
+        if recipe is not None and _is_another(
+            self.out / run.name, recipe, self.data_of(run, recipe)
+        ):
             return 0
         return len(self._history(run))
 
@@ -212,7 +237,7 @@ class Bench:
             scores = score_cheap(self.frames(run, "test", EVALUATION_SIZE), run.method)
         else:
             folder = self.out / run.name
-            set_aside_another(folder, recipe, self.data_of(run))
+            set_aside_another(folder, recipe, self.data_of(run, recipe))
             trained = self.train(run, recipe, folder)
             started = time.perf_counter()
             scores = self.score(run, recipe, trained.model)
@@ -257,7 +282,7 @@ class Bench:
             self.frames(run, "val", recipe.size),
             folder=folder,
             seed=run.seed,
-            data=self.data_of(run),
+            data=self.data_of(run, recipe),
             resume=(folder / LAST).exists(),
             fabric=Fabric(accelerator=self.accelerator, devices=1, precision=recipe.precision),
         )
@@ -269,12 +294,12 @@ class Bench:
 
 
 def set_aside_another(folder: Path, recipe: Preset, data: Mapping[str, Any]) -> Path | None:
-    """Move a training of another recipe or other data out of the way, so that nothing is lost.
+    """Move a training of another recipe, data or code out of the way, so that nothing is lost.
 
     Args:
         folder: The training's folder.
         recipe: What is to be trained there.
-        data: On what.
+        data: On what, and by which code.
 
     Returns:
         Where the earlier training lies now, beside the folder; None where there was none.
@@ -288,7 +313,7 @@ def set_aside_another(folder: Path, recipe: Preset, data: Mapping[str, Any]) -> 
 
 
 def _is_another(folder: Path, recipe: Preset, data: Mapping[str, Any]) -> bool:
-    """Whether a training lies in this folder that is of another recipe or of other data."""
+    """Whether a training lies in this folder that is of another recipe, other data or code."""
     record = (folder / LAST).with_suffix(".json")
     if not record.is_file():
         return False

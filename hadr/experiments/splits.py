@@ -71,6 +71,9 @@ class FrameSource(Sequence[Frame]):
         Returns:
             A name of the hold for each frame, another for each data folder; the frame's own name
             where its log has none.
+
+        Raises:
+            ValueError: A frame is not there, or not in this order.
         """
         logged = [folder.hold_ids for folder in self.folders]
         listed = (
@@ -78,7 +81,13 @@ class FrameSource(Sequence[Frame]):
             for number in self._chosen
             for root, files, hold in [self._place(number, logged)]
         )
-        return [next(hold for name, hold in listed if name == stem) for stem in stems]
+        holds = []
+        for stem in stems:
+            hold = next((hold for name, hold in listed if name == stem), None)
+            if hold is None:
+                raise ValueError(f"there is no frame {stem!r} here, or not in this order")
+            holds.append(hold)
+        return holds
 
     def _place(
         self, number: int, logged: Sequence[Sequence[str | None]]

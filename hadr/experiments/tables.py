@@ -58,9 +58,8 @@ def write_tables(bench: Bench, folder: str | Path) -> list[Path]:
     rows = finished_rows(bench)
     if not rows:
         raise ValueError(f"no run in {bench.out} is finished")
-    holds = {
-        row["split"]: bench.holds(row["split"], row["per_frame"]["stems"]) for row in rows[::-1]
-    }
+    stems = {row["split"]: row["per_frame"]["stems"] for row in rows[::-1]}
+    holds = {split: bench.holds(split, named) for split, named in stems.items()}
     found = {(row["split"], row["method"]): row for row in table_rows(rows, holds)}
     for split in TABLES:
         for method, pair in against_next(rows, found, split, holds.get(split)).items():

@@ -6,12 +6,11 @@ for the camera's depth: rounded solids of about the real sizes, a centimetre off
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 import numpy.typing as npt
 import trimesh
 
+from hadr.caches import kept
 from hadr.handover import ur5
 from hadr.handover.collision import FINGER_LENGTH, FINGER_WIDTH
 from hadr.handover.world_parts import box
@@ -105,7 +104,7 @@ def _colored(*parts: tuple[Color, list[Surface]]) -> tuple[Part, ...]:
     return tuple((merged(tuple(surfaces)), color) for color, surfaces in parts)
 
 
-@lru_cache(maxsize=1)
+@kept(1)
 def _links() -> tuple[tuple[Part, ...], ...]:
     """The parts of link 0 (base) to link 6 (flange), each in its own DH frame."""
     s, e = _SHOULDER, _FOREARM
@@ -194,7 +193,7 @@ def _links() -> tuple[tuple[Part, ...], ...]:
     )
 
 
-@lru_cache(maxsize=4)
+@kept(4)
 def _gripper(adapter: float) -> tuple[Part, ...]:
     """The gripper's fixed parts in the tool frame; the adapter's length in metres."""
     reach = LARGEST_OPENING / 2 + FINGER_WIDTH + 0.004
@@ -213,7 +212,7 @@ def _gripper(adapter: float) -> tuple[Part, ...]:
     )
 
 
-@lru_cache(maxsize=1)
+@kept(1)
 def _finger() -> tuple[Part, ...]:
     """The finger on the side of +x in the tool frame, its pad's face in the plane x = 0."""
     y, tip = FINGER_HEIGHT / 2, FINGER_LENGTH

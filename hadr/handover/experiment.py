@@ -4,9 +4,9 @@
     OUT/hadr/0004-902.npz    the states of the world, for films and for a second look
     OUT/hadr/0004-902-log.npz  what the workflow saw and commanded, for a replay
 
-An attempt is run again when its description, the attempts' settings or the networks differ from
-what its file says, when the file was changed by hand, or when its states or log are missing or
-damaged. A change of the code is noticed by `hadr.handover.trial.ATTEMPT_VERSION` alone.
+An attempt is run again when its description, its code or its networks are others than its file
+says (`hadr.dependencies`), when the file was changed by hand, or when its states or log are missing
+or damaged.
 """
 
 from __future__ import annotations
@@ -172,7 +172,7 @@ def _end_with_parent() -> None:
 
 
 def is_finished(out: Path, trial: Trial) -> bool:
-    """Say whether an attempt is whole and of these settings, so that it is not made again.
+    """Say whether an attempt is whole and of this code, so that it is not made again.
 
     Args:
         out: The folder that `run_attempts` writes to.
@@ -210,12 +210,13 @@ def _checksum(file: Path) -> str:
 def _attempt(trial: Trial, out: Path) -> dict[str, Any]:
     path = _path(out, trial)
     path.parent.mkdir(parents=True, exist_ok=True)
+    sha = digest(trial.record)  # of the code as it is before the attempt
     run = run_trial(trial)
     files = _companions(path)
     save_states(files["states_sha256"], run.states)
     run.log.save(files["log_sha256"])
     sums = {name: _checksum(file) for name, file in files.items()}
-    outcome = plain({**record_of(run.outcome), "config_sha256": digest(trial.record)})
+    outcome = plain({**record_of(run.outcome), "config_sha256": sha})
     changes = [[t.time, t.before.value, t.after.value, t.reason] for t in run.transitions]
     described = {"trial": plain(record_of(trial)), **outcome, **sums}
     return seal_row(path, {**described, "transitions": changes})

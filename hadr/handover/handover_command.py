@@ -11,14 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from hadr.handover.trial_set import TRIAL_HOLDS, TRIAL_OBJECTS
-from hadr.provenance import (
-    check_folder,
-    check_writable,
-    machine_text,
-    provenance,
-    record_of,
-    usable_cores,
-)
+from hadr.output_folder import check_folder, check_writable
+from hadr.provenance import machine_text, provenance, record_of, usable_cores
 from hadr.result_file import write_result_file
 
 DESCRIPTION = """\
@@ -63,9 +57,9 @@ units
 
 An attempt that is finished is not run again, so the command goes on where it
 was stopped; Ctrl-C loses only what was under way. Attempts of other settings,
-other networks or another version of the attempts are run again, and so is one
-whose states or log are missing or damaged. --dry-run counts what is done. The
-same seed gives the same outcomes.
+networks or code are run again, and so is one whose states or log are missing
+or damaged. --dry-run counts what is done. The same seed gives the same
+outcomes.
 
 exit status
   0 done, however many attempts failed   2 a wrong call   130 interrupted"""

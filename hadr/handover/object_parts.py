@@ -8,13 +8,13 @@ reliefs (facets, thread, spout) move no part: they are about as fine as that.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
 import trimesh
 
+from hadr.caches import kept
 from hadr.synthesis.glass_shape import GlassObject, handle_sections, profile
 from hadr.synthesis.objects import bodies
 
@@ -51,7 +51,7 @@ class Capsule:
     radius: float
 
 
-@lru_cache(maxsize=32)
+@kept(32)
 def mass_properties(item: GlassObject) -> MassProperties:
     """Mass and inertia of the closed glass wall, hollow inside.
 
@@ -111,7 +111,7 @@ def _thinned(points: Array, tolerance: float) -> Array:
     return points[kept]
 
 
-@lru_cache(maxsize=32)
+@kept(32)
 def stacked_rings(item: GlassObject) -> tuple[Array, ...]:
     """Cut the outside into convex pieces, each a concave curve (r, z) with heights rising.
 

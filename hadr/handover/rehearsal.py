@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from hadr.caches import read_only
 from hadr.camera import transform_points
 from hadr.hand import HandShape, forward_kinematics, keypoints_from_skeleton
 from hadr.handover.candidates import FINGER_HEIGHT
@@ -74,7 +75,7 @@ class HeldGlass:
         """The hand in the base frame, shape (21, 3), metres."""
         joints = forward_kinematics(self.angles, HandShape()).joints
         points: Array = transform_points(self.base_from_wrist, keypoints_from_skeleton(joints))
-        return points
+        return read_only(points)
 
     @property
     def base_from_glass(self) -> Array:

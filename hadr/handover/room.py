@@ -7,11 +7,11 @@ ray of a camera beside the robot ends on something.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
 
+from hadr.caches import kept
 from hadr.handover.scenes import MIDDLE
 from hadr.synthesis.environments import make_lights
 from hadr.synthesis.furnishing import UP, PictureChoice, natural_size, put_thing
@@ -49,7 +49,7 @@ class Room:
     lamps: tuple[AreaLight, ...]
 
 
-@lru_cache(maxsize=8)
+@kept(8)
 def make_room(number: int) -> Room:
     """Furnish a room.
 
@@ -149,7 +149,7 @@ def with_parts(
     )
 
 
-@lru_cache(maxsize=1)
+@kept(1)
 def _plain_color() -> Array:
     """Linear RGB of the nearly even picture that plain parts are tinted from, shape (3,)."""
     mean = pyramid(_PLAIN)[-1].reshape(-1, 3).astype(float).mean(axis=0) / 255

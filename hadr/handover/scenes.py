@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
+from hadr.caches import read_only
 from hadr.camera import transform_points
 from hadr.hand import Skeleton, forward_kinematics, keypoints_from_skeleton
 from hadr.handover.trial_set import TRIAL_HOLDS, TRIAL_OBJECTS
@@ -56,14 +57,14 @@ class HeldScene:
     @cached_property
     def skeleton(self) -> Skeleton:
         """The hand's joints in the wrist frame."""
-        return forward_kinematics(self.hold.angles, self.hold.shape)
+        return read_only(forward_kinematics(self.hold.angles, self.hold.shape))
 
     @cached_property
     def keypoints(self) -> Array:
         """The hand in the base frame, shape (21, 3), metres."""
         in_wrist = keypoints_from_skeleton(self.skeleton.joints)
         points: Array = transform_points(self.base_from_wrist, in_wrist)
-        return points
+        return read_only(points)
 
     def hand(self, step: float = 0.005) -> HandMesh:
         """The hand with its forearm in the wrist frame.

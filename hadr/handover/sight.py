@@ -20,13 +20,14 @@ from hadr.camera import window_around
 from hadr.corruption import smooth_noise
 from hadr.data.samples import samples_dir
 from hadr.depth_network import DepthNetwork
+from hadr.frame_checks import depth_to_use
 from hadr.handover.observation import Observation
 from hadr.handover.robot_camera import CapturedFrame, RobotCamera
 from hadr.handover.scenes import HeldScene
 from hadr.handover.seen_points import object_points, scene_points
 from hadr.handover.world_state import WorldState
 from hadr.models.baselines import classical
-from hadr.perception import HandKeypoints, Segmentation, without
+from hadr.perception import HandKeypoints, Segmentation
 
 Array = npt.NDArray[np.float64]
 Depth = npt.NDArray[np.float32]
@@ -205,7 +206,7 @@ class Sight:
         assert frame.color is not None
         if keypoints is None:
             return np.where(mask, np.float32(0), frame.raw_depth), 0.0
-        given = without(frame.raw_depth, mask, network)
+        given = depth_to_use(frame.raw_depth, mask, network.corruption, [])
         answer = network.restore(frame.color, given, frame.camera, mask, keypoints)
         return answer.depth, float(answer.confidence[mask].mean())
 

@@ -11,15 +11,16 @@ import hashlib
 import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any, Literal, get_args
 
 import numpy as np
 
 from hadr.data.samples import samples_dir
+from hadr.dependencies import code_digest
 from hadr.handover.hand_motions import HandMotionConfig, motion_for
-from hadr.handover.judge import Judge, Rules, Verdict
+from hadr.handover.judge import Judge, Verdict
 from hadr.handover.motion_limits import MotionConfig
 from hadr.handover.physical_arm import PhysicalArmConfig
 from hadr.handover.recording import RecordedHandover
@@ -34,14 +35,12 @@ from hadr.handover.sight import (
     DepthArm,
     Looks,
     Sight,
-    SightConfig,
     bundled_finder,
 )
 from hadr.handover.workflow import ChosenGrasp, Handover, HandoverConfig, Stage, Transition
 from hadr.handover.world import World, WorldConfig
 from hadr.handover.world_state import WorldState
 from hadr.provenance import record_of
-from hadr.result_file import digest
 from hadr.synthesis.objects import glass_object
 
 Arm = Literal[
@@ -65,8 +64,8 @@ _DEPTH_OF: dict[Arm, DepthArm] = {
     "hadr-no-tracking": "hadr",
     "hadr-plus-networks": "hadr-plus",
 }
-ATTEMPT_VERSION = 3
-"""Raised with every change of the code after which an attempt may end in another way."""
+CODE = ("hadr.handover.trial", "hadr.models.hadr", "hadr.models.hadr_plus")
+"""Modules with which an attempt begins: this one, and those of networks that are loaded by name."""
 CONTROL_STEP, SIGHT_STEP = 0.02, 0.1
 """Seconds between two steps of the workflow, and between two pictures."""
 
@@ -141,19 +140,22 @@ class Trial:
 
     @property
     def record(self) -> dict[str, Any]:
-        """The description, and a checksum of what all attempts share and of the arm's networks.
+        """All that the attempt depends on (`hadr.dependencies`).
+
+        What all attempts share, such as `ATTEMPT_CONFIG` and the settings of the grasps' selection,
+        is part of the code.
 
         Raises:
             FileNotFoundError: A bundled network of this arm is not there.
         """
-        shared = (
-            ATTEMPT_CONFIG, ATTEMPT_WORLD, HandMotionConfig(), SightConfig(), Rules(),
-        )  # fmt: skip
-        settings = [record_of(s) for s in shared]
         sums = {name: _file_sha256(path) for name, path in network_files(self.arm).items()}
-        return {
-            **record_of(self), "settings_sha256": digest([settings, ATTEMPT_VERSION, sums]),
-        }  # fmt: skip
+        return {**record_of(self), "networks": sums, "code": _code()}
+
+
+@cache  # what this process has loaded does not change
+def _code() -> str:
+    """Checksum of the code of all attempts."""
+    return code_digest(*CODE, without=("hadr.training.checkpoints",))  # it leads to every network
 
 
 def network_files(arm: Arm) -> dict[str, Path]:

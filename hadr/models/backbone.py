@@ -17,7 +17,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from hadr.models.enlarged_map import EnlargedMap
+from hadr.models.enlarged_map import EnlargedMap, enlarge
 from hadr.models.stochastic_depth import replace_drop_path
 from hadr.provenance import IF_CHANGED
 
@@ -132,6 +132,10 @@ class FeatureAggregation(nn.Module):
     the first stage's size, H/4 x W/4. The stages are concatenated, a 1x1 convolution takes them to
     `channels`, and a bilinear resize brings the map to H x W.
 
+    A cell of each stage spans twice as many pixels as one of the stage before. Where the picture is
+    no multiple of the coarsest, the Swin Transformer pads below and on the right, and a coarse map
+    reaches beyond the picture: what does is cut off after the resize.
+
     Nothing in this chain bends: convolutions of 1x1 and resizes commute (the weights of a resize
     sum to one), and two convolutions in a row are one, whose matrix is the product of theirs. So
     each stage is multiplied once, to `channels` channels, at its own small size, and the last
@@ -154,47 +158,30 @@ class FeatureAggregation(nn.Module):
         self.align = nn.ModuleList(nn.Conv2d(width, self.embed_dim, 1) for width in used)
         self.reduce = nn.Conv2d(self.embed_dim * len(used), channels, 1)
 
-    def coarse(self, stages: Sequence[Tensor]) -> Tensor:
+    def forward(self, stages: Sequence[Tensor]) -> Tensor:
         """Aggregate the stages at the first one's size.
 
         Args:
-            stages: Feature maps, the finest first, each (B, C_i, H_i, W_i).
+            stages: Feature maps, the finest first, each half as fine as the one before, shapes
+                (B, C_i, H_i, W_i).
 
         Returns:
             The map at a quarter of the image's resolution, shape (B, channels, H / 4, W / 4), in
             memory with the channels last.
         """
-        size = (int(stages[0].shape[2]), int(stages[0].shape[3]))
+        size = stages[0].shape[2:]
         parts = torch.split(self.reduce.weight.flatten(1), self.embed_dim, dim=1)
         small = []
-        for align, part, stage in zip(self.align, parts, stages, strict=False):
+        for number, (align, part) in enumerate(zip(self.align, parts, strict=True)):
             weight, bias = align.parameters()  # (embed_dim, C_i, 1, 1) and (embed_dim,)
             values = functional.linear(
-                stage.permute(0, 2, 3, 1), part @ weight.flatten(1), part @ bias
+                stages[number].permute(0, 2, 3, 1), part @ weight.flatten(1), part @ bias
             )  # (B, H_i, W_i, channels)
-            small.append(_resize(values.permute(0, 3, 1, 2), size).permute(0, 2, 3, 1))
+            fine = enlarge(values.permute(0, 3, 1, 2), 2**number, size)
+            small.append(fine.permute(0, 2, 3, 1))  # (B, H / 4, W / 4, channels)
         _, bias = self.reduce.parameters()
         coarse = torch.stack(small).sum(dim=0) + bias  # (B, H / 4, W / 4, channels)
         return coarse.permute(0, 3, 1, 2)
-
-    def forward(self, stages: Sequence[Tensor], height: int, width: int) -> Tensor:
-        """Aggregate the stages and make the dense map.
-
-        Args:
-            stages: Feature maps, the finest first, each (B, C_i, H_i, W_i).
-            height: Height of the dense map.
-            width: Width of the dense map.
-
-        Returns:
-            The dense map, shape (B, channels, height, width).
-        """
-        return EnlargedMap(self.coarse(stages), height, width).dense()
-
-
-def _resize(feature_map: Tensor, size: tuple[int, int]) -> Tensor:
-    if tuple(feature_map.shape[2:]) == size:
-        return feature_map
-    return functional.interpolate(feature_map, size=size, mode="bilinear", align_corners=False)
 
 
 class ColorBackbone(nn.Module):
@@ -231,12 +218,13 @@ class ColorBackbone(nn.Module):
 
     def features(self, color: Tensor) -> EnlargedMap:
         """Compute the same map in its coarse form, from which rays and points take their part."""
-        return EnlargedMap(self.coarse(color), int(color.shape[2]), int(color.shape[3]))
+        height, width = color.shape[2:]
+        return EnlargedMap(self.coarse(color), height, width, self.config.patch)
 
     def coarse(self, color: Tensor) -> Tensor:
         """Compute the features at a quarter of the resolution: (B, channels, H / 4, W / 4)."""
         if self.config.normalize_color:
             color = (color - self.mean) / self.std
         stages = self.swin(color).feature_maps  # each (B, C_i, H / s_i, W / s_i)
-        coarse: Tensor = self.aggregation.coarse(stages)
+        coarse: Tensor = self.aggregation(stages)
         return coarse

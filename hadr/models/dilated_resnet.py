@@ -21,6 +21,8 @@ from torch import Tensor, nn
 from hadr.models.enlarged_map import EnlargedMap
 from hadr.models.resnet import UNetConfig, build_resnet
 
+STRIDE = 8
+"""Pixels from one cell of the map to the next."""
 DILATIONS = {2: 2, 3: 4}
 """Dilation of the stages that do not halve, by their number from 0."""
 
@@ -101,4 +103,4 @@ class DilatedResNet(nn.Module):
 
     def features(self, color: Tensor) -> EnlargedMap:
         """Compute the map (B, channels, H, W) in its coarse form; argument as in `coarse`."""
-        return EnlargedMap(self.coarse(color), int(color.shape[2]), int(color.shape[3]))
+        return EnlargedMap(self.coarse(color), color.shape[2], color.shape[3], STRIDE)

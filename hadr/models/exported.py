@@ -151,11 +151,12 @@ class ExportedBackbone(nn.Module):
 
     Args:
         network: The exported backbone.
+        patch: Side of a cell of its map, pixels.
     """
 
-    def __init__(self, network: ExportedNetwork) -> None:
+    def __init__(self, network: ExportedNetwork, patch: int) -> None:
         super().__init__()
-        self.network = network
+        self.network, self.patch = network, patch
 
     def coarse(self, color: Tensor) -> Tensor:
         """As `ColorBackbone.coarse`."""
@@ -163,7 +164,7 @@ class ExportedBackbone(nn.Module):
 
     def features(self, color: Tensor) -> EnlargedMap:
         """As `ColorBackbone.features`."""
-        return EnlargedMap(self.coarse(color), int(color.shape[2]), int(color.shape[3]))
+        return EnlargedMap(self.coarse(color), color.shape[2], color.shape[3], self.patch)
 
     def forward(self, color: Tensor) -> Tensor:
         """As `ColorBackbone.forward`."""
@@ -198,7 +199,7 @@ def with_exported_backbone(model: Network, path: str | Path, threads: int | None
     """
     backbone = _backbone(model)
     memo: dict[int, Any] = {id(p): p for p in [*model.parameters(), *model.buffers()]}
-    memo[id(backbone)] = ExportedBackbone(ExportedNetwork(path, threads))
+    memo[id(backbone)] = ExportedBackbone(ExportedNetwork(path, threads), backbone.config.patch)
     return copy.deepcopy(model, memo).eval()
 
 

@@ -11,6 +11,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from hadr.models.enlarged_map import enlarge
 from hadr.models.stochastic_depth import StochasticDepth
 
 
@@ -50,25 +51,27 @@ class PyramidHead(nn.Module):
         """Draw.
 
         Args:
-            stages: Feature maps, the finest first, each (B, C_i, H_i, W_i).
+            stages: Feature maps, the finest first, each half as fine as the one before (odd sizes
+                rounded up), shapes (B, C_i, H_i, W_i).
 
         Returns:
             The drawing at the finest stage's size, shape (B, answers, H_1, W_1), float32.
         """
         coarse = stages[-1]
-        size = _size(coarse)
         parts = [coarse]
         for cells, layers in zip(self.pools, self.pooled, strict=True):
             pooled = layers(functional.adaptive_avg_pool2d(coarse, cells))  # (B, ch, cells, cells)
-            parts.append(resize(pooled, size))
+            parts.append(functional.interpolate(pooled, coarse.shape[2:], mode="bilinear"))
         values = self.pyramid(torch.cat(parts, dim=1))  # (B, ch, H_4, W_4)
         levels = [values]
         for number in reversed(range(len(self.lateral))):
             finer = self.lateral[number](stages[number])
-            values = finer + resize(values, _size(finer))
+            values = finer + enlarge(values, 2, finer.shape[2:])
             levels.append(self.smooth[number](values))  # (B, ch, H_i, W_i)
-        finest = _size(stages[0])
-        whole = torch.cat([resize(level, finest) for level in reversed(levels)], dim=1)
+        finest = stages[0].shape[2:]
+        whole = torch.cat(
+            [enlarge(level, 2**n, finest) for n, level in enumerate(reversed(levels))], dim=1
+        )  # (B, stages * ch, H_1, W_1)
         values = self.dropout(self.merge(whole)).float()
         # In 32 bits also where the rest has 16, which tell depths of a metre only 4 mm apart.
         with torch.autocast(values.device.type, enabled=False):
@@ -125,14 +128,3 @@ def _convolution(channels: int, out: int, side: int) -> nn.Sequential:
         _LoneBatchNorm(out),
         nn.ReLU(),
     )
-
-
-def _size(features: Tensor) -> tuple[int, int]:
-    return int(features.shape[2]), int(features.shape[3])
-
-
-def resize(features: Tensor, size: tuple[int, int]) -> Tensor:
-    """Resize (B, C, H, W) bilinearly to a height and width."""
-    if _size(features) == size:
-        return features
-    return functional.interpolate(features, size=size, mode="bilinear", align_corners=False)

@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
+from hadr.caches import read_only
 from hadr.camera import BoolArray, valid_depth, window_around
 from hadr.corruption_examples import KINDS, PLACES, error_kinds, error_places, kind_shares
 from hadr.plotting import COLORS, ERROR_MAP, show_depth
@@ -52,13 +53,13 @@ class Source:
     @cached_property
     def places(self) -> dict[str, BoolArray]:
         """Where the pixels lie: each of `PLACES`, shape (H, W)."""
-        return error_places(self.truth, self.mask)
+        return read_only(error_places(self.truth, self.mask))
 
     @cached_property
     def kinds(self) -> npt.NDArray[np.int64]:
         """The kind of each pixel's error, shape (H, W); -1 where the truth is unknown."""
         measured = np.zeros_like(self.truth) if self.measured is None else self.measured
-        return error_kinds(measured, self.truth)
+        return read_only(error_kinds(measured, self.truth))
 
     def shares(self, place: str) -> npt.NDArray[np.float64]:
         """Share of each kind of error at a place, shape (6,); NaN without a picture."""

@@ -11,7 +11,6 @@ import html
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -22,6 +21,7 @@ import numpy.typing as npt
 from matplotlib.colors import to_rgb
 from scipy.spatial import cKDTree
 
+from hadr.caches import kept
 from hadr.hand import (
     SKELETON_NAMES,
     SKELETON_PARENTS,
@@ -199,7 +199,7 @@ def _hand_shown(
     return hand, np.round(255 * _srgb(full.albedo[nearest])).astype(np.uint8)
 
 
-@lru_cache(maxsize=32)
+@kept(32)
 def _simple_glass(object_id: str, tolerance: float) -> Surface:
     return simplified(merged(bodies(glass_object(object_id))), tolerance)
 

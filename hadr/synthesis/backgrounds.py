@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from pathlib import Path
 
 import cv2
@@ -20,7 +19,7 @@ _NAMED = 10
 
 
 def find_backgrounds(folder: str | Path) -> tuple[Path, ...]:
-    """The photographs of a folder, by name.
+    """The photographs of a folder, by name; those of its subfolders are not looked for.
 
     Args:
         folder: With JPEG, PNG, BMP, WebP or TIFF files.
@@ -31,7 +30,8 @@ def find_backgrounds(folder: str | Path) -> tuple[Path, ...]:
     folder = Path(folder)
     if not folder.is_dir():
         raise ValueError(f"no folder of photographs at {folder}")
-    found = tuple(sorted(p for p in folder.iterdir() if p.suffix.lower() in ENDINGS))
+    files = (path for path in folder.iterdir() if path.is_file())
+    found = tuple(sorted(path for path in files if path.suffix.lower() in ENDINGS))
     if not found:
         raise ValueError(f"{folder} holds no photograph ({', '.join(ENDINGS)})")
     return found
@@ -60,7 +60,6 @@ def check_backgrounds(folder: str | Path) -> None:
         )
 
 
-@lru_cache(maxsize=24)
 def load_background(path: Path) -> Image:
     """A photograph, at most 1024 pixels wide or high.
 

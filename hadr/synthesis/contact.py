@@ -6,12 +6,12 @@ They look at the skin itself, against the object's exact distance, and hold for 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
+from hadr.caches import kept
 from hadr.hand import ANGLE_LIMITS, ANGLE_NAMES, FINGERS, HandShape, forward_kinematics
 from hadr.synthesis.closing import bone_spheres, object_from_wrist
 from hadr.synthesis.finger_skin import finger_skin
@@ -81,7 +81,7 @@ class ContactReport:
         return tuple(found)
 
 
-@lru_cache(maxsize=1)
+@kept(1)
 def _edges() -> npt.NDArray[np.int64]:
     """Edges of the coarse skin without the forearm's, each once, shape (E, 2)."""
     template = hand_template(COARSE_STEP)

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import importlib.util
 import logging
+import re
+import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
+from threading import Lock
 from typing import Any, TypeVar
 
 #: Seconds to wait for a cluster.
@@ -15,6 +18,10 @@ _WORKER_ENVIRONMENT = "distributed.nanny.pre-spawn-environ"
 #: What Dask sets besides, a fixed MALLOC_TRIM_THRESHOLD_, hands each large array back to the
 #: system at once; getting it again then costs as much time as the work itself.
 _ONE_THREAD = {"OMP_NUM_THREADS": 1, "MKL_NUM_THREADS": 1, "OPENBLAS_NUM_THREADS": 1}
+
+#: How many want a library at one thread just now, and how many threads it had before.
+_USERS: dict[Callable[[int], object], tuple[int, int]] = {}
+_COUNTING = Lock()
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -78,6 +85,29 @@ def connected(scheduler: str | None) -> Iterator[Any]:
         yield client
 
 
+@contextmanager
+def one_thread(count: Callable[[], int], set_count: Callable[[int], object]) -> Iterator[None]:
+    """Keep a library to one thread, and give it back those that it had when the last user is done.
+
+    Args:
+        count: Says how many threads the library has.
+        set_count: Gives it so many.
+    """
+    with _COUNTING:
+        users, before = _USERS.get(set_count) or (0, count())
+        _USERS[set_count] = users + 1, before
+        set_count(1)
+    try:
+        yield
+    finally:
+        with _COUNTING:
+            users, before = _USERS.pop(set_count)
+            if users > 1:
+                _USERS[set_count] = users - 1, before
+            else:
+                set_count(before)
+
+
 def run_tasks(
     function: Callable[[Task], Result],
     tasks: Sequence[Task],
@@ -100,13 +130,14 @@ def run_tasks(
 
     Raises:
         ValueError: Dask is needed and not installed, or ``workers`` is not positive.
+        ChildProcessError: Workers died over a task; the message names the last one and the reason.
     """
     check_workers(workers)
     if client is None and (workers == 1 or len(tasks) < 2):
         yield from map(function, tasks)
         return
     import dask
-    from distributed import Client, LocalCluster, as_completed
+    from distributed import Client, KilledWorker, LocalCluster, as_completed
 
     with ExitStack() as stack:
         if client is None:
@@ -116,11 +147,32 @@ def run_tasks(
                 threads_per_worker=1,
                 processes=True,
                 memory_limit=0,
-                dashboard_address=":0",
+                host="127.0.0.1",
+                # No dashboard; what is left of its server takes any port, and no other host's word.
+                dashboard_address=None,
+                scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
                 silence_logs=logging.CRITICAL,
             )
             client = stack.enter_context(Client(stack.enter_context(cluster)))
         futures = client.map(function, list(tasks), pure=False, retries=1)
-        for future in as_completed(futures):
-            yield future.result()
-            future.release()
+        try:
+            for future in as_completed(futures):
+                yield future.result()
+                future.release()
+        except KilledWorker as error:
+            raise ChildProcessError(_obituary(client, error)) from error
+
+
+def _obituary(client: Any, error: Any) -> str:
+    """Which worker died, and what the process that watched it noted of its end."""
+    address, deaths = error.last_worker.address, error.allowed_failures + 1
+    host, ends = address.rpartition(":")[0], list[str]()
+    deadline = time.monotonic() + PATIENCE
+    while not ends and time.monotonic() < deadline:
+        time.sleep(0.2)  # it is asked through the dead one's successor
+        with suppress(Exception):
+            logs = client.get_worker_logs(nanny=True)
+            lines = sorted(line for name in logs if name.startswith(host) for _, line in logs[name])
+            ends = re.findall(r"Worker process \d+ (.*)", "\n".join(lines))  # the last one last
+    reason = f"its process {ends[-1]}" if ends else "what watched it says nothing of the reason"
+    return f"workers died over one task ({deaths} of them), the last at {address}: {reason}"

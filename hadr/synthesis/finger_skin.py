@@ -7,11 +7,11 @@ final check looks at the skin of :func:`hadr.synthesis.hand_mesh.skin_vertices` 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
 
+from hadr.caches import kept
 from hadr.hand import FINGERS, HandShape, forward_kinematics
 from hadr.synthesis.hand_skinning import sized_template
 from hadr.synthesis.hand_template import COARSE_STEP, hand_template
@@ -31,7 +31,7 @@ def _turn(axis: int, angle: Array) -> Array:
     return turn
 
 
-@lru_cache(maxsize=1)
+@kept(1)
 def skin_normals() -> Array:
     """Unit normals of the coarse skin at rest, shape (V, 3)."""
     template = hand_template(COARSE_STEP)

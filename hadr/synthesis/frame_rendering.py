@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import importlib.util
-from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
+from hadr.caches import kept_by_file
 from hadr.camera import project, transform_points
 from hadr.synthesis.backgrounds import find_backgrounds
+from hadr.synthesis.child_process import call_in_child
 from hadr.synthesis.depth_camera import StereoCamera, capture_depth
 from hadr.synthesis.frame_pictures import DisparityScale
 from hadr.synthesis.frame_recipes import FrameRecipe
@@ -18,9 +19,14 @@ from hadr.synthesis.generation_presets import Engine, GenerationSettings, Qualit
 from hadr.synthesis.holding import Hold, make_hold
 from hadr.synthesis.objects import NOVEL_OBJECTS, OBJECTS
 from hadr.synthesis.photo import photograph
-from hadr.synthesis.recordings import find_recordings, read_recording
+from hadr.synthesis.recordings import Recording, companions, find_recordings, read_recording
 from hadr.synthesis.scene import Scene, make_scene
 from hadr.synthesis.transhand_frame import Frame
+
+#: Seconds for a picture that a reader waits for.
+PATIENCE = 300.0
+
+Color = npt.NDArray[np.uint8]
 
 
 def check_engine(engine: Engine) -> None:
@@ -57,19 +63,25 @@ def _number(seed: int, index: int, purpose: int) -> int:
     return int(np.random.SeedSequence([seed, index, purpose]).generate_state(1)[0])
 
 
-@lru_cache(maxsize=4)
-def _recordings_by_object(folder: Path) -> dict[str, tuple[Path, ...]]:
+def _recordings_by_object(folder: str | Path) -> dict[str, tuple[Path, ...]]:
     """The recordings of each object; most say in their name which it is."""
     found: dict[str, tuple[Path, ...]] = {}
     known = {*OBJECTS, *NOVEL_OBJECTS}
     for path in find_recordings(folder):
         names = [n for n in (path.parent.name, path.stem.split("-")[0]) if n in known]
-        object_id = names[0] if names else _read_recording(path).object_id
+        object_id = names[0] if names else _object_of(path, *companions(path))
         found[object_id] = (*found.get(object_id, ()), path)
     return found
 
 
-_read_recording = lru_cache(maxsize=4)(read_recording)
+@kept_by_file(1000)
+def _object_of(path: Path, *_: Path) -> str:
+    return read_recording(path).object_id
+
+
+@kept_by_file(4)
+def _recording(path: Path, *_: Path) -> Recording:
+    return read_recording(path)
 
 
 def recipe_hold(recipe: FrameRecipe, seed: int, recordings: str | Path | None = None) -> Hold:
@@ -85,13 +97,14 @@ def recipe_hold(recipe: FrameRecipe, seed: int, recordings: str | Path | None = 
     """
     if recordings is None:
         return make_hold(recipe.object_id, recipe.hold_number, seed)
-    files = _recordings_by_object(Path(recordings)).get(recipe.object_id, ())
+    files = _recordings_by_object(recordings).get(recipe.object_id, ())
     if recipe.hold_number >= len(files):
         raise ValueError(
             f"it needs recording number {recipe.hold_number} of object "
             f"{recipe.object_id}, but {recordings} holds {len(files)} of them"
         )
-    recording = _read_recording(files[recipe.hold_number])
+    path = files[recipe.hold_number]
+    recording = _recording(path, *companions(path))
     row = np.random.default_rng([seed, recipe.index, 13]).integers(len(recording.time))
     return recording.at(int(row))
 
@@ -163,6 +176,41 @@ def render_frame(
     )
     check_engine(engine)
     return render_scene(recipe, settings)[1]
+
+
+def live_picture(
+    recipe: FrameRecipe, stored: Color, *, seed: int, width: int, height: int
+) -> tuple[Color, str, str]:
+    """Trace a picture now, in a child process, or give a stored one where that can't be done.
+
+    Args:
+        recipe: What the picture shows.
+        stored: The picture to give instead, sRGB, (H, W, 3) uint8.
+        seed: Seed of the data set.
+        width: Width of the traced picture, pixels.
+        height: Its height, pixels.
+
+    Returns:
+        The picture, sRGB, (H, W, 3) uint8; its title; and one sentence that says why a stored one
+        stands there although Mitsuba is installed, else nothing.
+    """
+    try:
+        check_engine("photo")
+    except ValueError:
+        return stored, "a stored picture (Mitsuba is not installed here)", ""
+    try:
+        frame = call_in_child(
+            render_frame,
+            recipe,
+            timeout=PATIENCE,
+            seed=seed,
+            width=width,
+            height=height,
+            engine="photo",
+        )
+    except Exception as error:
+        return stored, "a stored picture", f"No picture could be traced here: {error}."
+    return frame.color, f"traced just now: {frame.hold_id}", ""
 
 
 def render_scene(recipe: FrameRecipe, settings: GenerationSettings) -> tuple[Scene, Frame]:

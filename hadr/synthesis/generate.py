@@ -2,7 +2,8 @@
 
 Frame ``i`` depends on the settings and on ``i`` alone: any number of workers gives the same
 bytes, a longer run begins with the frames of a shorter one, and a run that was stopped at any
-moment goes on where it ended.
+moment goes on where it ended. The settings include Mitsuba's variant, since path-traced bytes
+depend on it: all workers use the same one, and one that can't ends the run with its reason.
 """
 
 from __future__ import annotations
@@ -11,10 +12,11 @@ import errno
 import os
 import time
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import cv2
 import numpy as np
@@ -22,7 +24,7 @@ from tqdm import tqdm
 
 import hadr
 from hadr.synthesis.backgrounds import check_backgrounds
-from hadr.synthesis.farm import check_workers, connected, run_tasks
+from hadr.synthesis.farm import check_workers, connected, one_thread, run_tasks
 from hadr.synthesis.frame_pictures import DisparityScale
 from hadr.synthesis.frame_recipes import (
     FrameRecipe,
@@ -38,10 +40,10 @@ from hadr.synthesis.frame_rendering import (
     render_scene,
     stored_raw_depth,
 )
-from hadr.synthesis.generation_folder import generation_folder, whole_frames
+from hadr.synthesis.generation_folder import generation_folder, recorded_settings, whole_frames
 from hadr.synthesis.generation_presets import Engine, GenerationSettings, Quality
+from hadr.synthesis.mitsuba_variant import LLVM, SCALAR, check_variant, mitsuba_variant
 from hadr.synthesis.objects import glass_object
-from hadr.synthesis.photo import mitsuba_variant
 from hadr.synthesis.scene import Scene
 from hadr.synthesis.transhand_frame import Normals, write_frame
 
@@ -89,40 +91,57 @@ def _make_frames(
     recipes: tuple[FrameRecipe, ...], root: Path, settings: GenerationSettings
 ) -> list[float]:
     """Make the frames of one hold; the seconds that each took."""
-    cv2.setNumThreads(1)
-    took = []
-    for recipe in recipes:
-        start = time.perf_counter()
-        try:
-            scene, frame = render_scene(recipe, settings)
-        except ValueError as error:
-            raise ValueError(f"frame {recipe.index}: {error}") from error
-        hold = scene.hold
-        scale: float | DisparityScale = 0.001
-        if frame.raw_depth is not None:
-            raw, scale = stored_raw_depth(frame.raw_depth, settings)
-            frame = replace(frame, raw_depth=raw)
-        log = {
-            "object": glass_object(recipe.object_id).name,
-            "hold_kind": hold.kind,
-            "hand_side": hold.shape.side,
-            "hand_scale": round(hold.shape.scale, 4),
-            "skin_albedo": _skin_albedo(scene),
-            "engine": settings.engine,
-            "generator": f"hadr {hadr.__version__}",
-        }
-        write_frame(
-            root,
-            frame,
-            extra_log=log,
-            depth_format=settings.depth_format,
-            rest_step=settings.rest_step,
-            raw_scale=scale,
-            jpeg_quality=settings.jpeg_quality,
-            normals=settings.normals,
-        )
-        took.append(time.perf_counter() - start)
-    return took
+    with one_thread(cv2.getNumThreads, cv2.setNumThreads):
+        return [_make_frame(recipe, root, settings) for recipe in recipes]
+
+
+def _make_frame(recipe: FrameRecipe, root: Path, settings: GenerationSettings) -> float:
+    """Make one frame and write it; the seconds that it took."""
+    start = time.perf_counter()
+    try:
+        scene, frame = render_scene(recipe, settings)
+    except ValueError as error:
+        raise ValueError(f"frame {recipe.index}: {error}") from error
+    hold = scene.hold
+    scale: float | DisparityScale = 0.001
+    if frame.raw_depth is not None:
+        raw, scale = stored_raw_depth(frame.raw_depth, settings)
+        frame = replace(frame, raw_depth=raw)
+    log = {
+        "object": glass_object(recipe.object_id).name,
+        "hold_kind": hold.kind,
+        "hand_side": hold.shape.side,
+        "hand_scale": round(hold.shape.scale, 4),
+        "skin_albedo": _skin_albedo(scene),
+        "engine": settings.engine,
+        "generator": f"hadr {hadr.__version__}",
+    }
+    write_frame(
+        root,
+        frame,
+        extra_log=log,
+        depth_format=settings.depth_format,
+        rest_step=settings.rest_step,
+        raw_scale=scale,
+        jpeg_quality=settings.jpeg_quality,
+        normals=settings.normals,
+    )
+    return time.perf_counter() - start
+
+
+def _chosen_variant(settings: GenerationSettings, root: Path, client: Any) -> str:
+    """The variant asked for, else that of the folder's frames, else the fastest for all workers.
+
+    Each worker of a cluster finds out for itself what it can use.
+    """
+    variant = settings.variant or recorded_settings(root).get("variant")
+    if variant is None:
+        told = {} if client is None else client.run(mitsuba_variant)
+        usable = set(told.values()) or {mitsuba_variant()}
+        variant = SCALAR if SCALAR in usable else LLVM
+    if client is None:
+        check_variant(variant)
+    return str(variant)
 
 
 def generate_frames(
@@ -139,7 +158,9 @@ def generate_frames(
     Args:
         root: Where it goes; frames that lie there with all their files are kept as they are.
         n_frames: How many frames it shall have.
-        settings: What they have in common.
+        settings: What they have in common. Frames of one folder have one variant of Mitsuba; where
+            none is named, a new folder gets the fastest that all workers can use, on a cluster
+            those that are there at the start.
         workers: Processes that work at the same time.
         scheduler: Address of a Dask cluster that does the work instead.
         progress: Shows a bar with the remaining time.
@@ -148,16 +169,14 @@ def generate_frames(
         What was done.
 
     Raises:
-        ValueError: A value is out of range, something is not installed, a photograph can't be
-            used, or the folder holds frames of other settings.
-        OSError: The folder can't be written, or the disk is full.
+        ValueError: A value is out of range, something is not installed, a photograph or Mitsuba's
+            variant can't be used, or the folder holds frames of other settings.
+        OSError: The folder can't be written, the disk is full, or workers died.
     """
     if n_frames < 1:
         raise ValueError(f"the number of frames must be at least 1, got {n_frames}")
     check_workers(workers, scheduler)
     check_engine(settings.engine)
-    if settings.engine == "photo":
-        settings = replace(settings, variant=settings.variant or mitsuba_variant())
     start, root = time.perf_counter(), Path(root)
     # Workers of a cluster start elsewhere.
     settings = replace(
@@ -170,7 +189,11 @@ def generate_frames(
     recipes = [settings.recipe(i) for i in range(n_frames)]
     written = 0
     try:
-        with connected(scheduler) as client, generation_folder(root, settings):
+        with ExitStack() as stack:
+            client = stack.enter_context(connected(scheduler))
+            if settings.engine == "photo":
+                settings = replace(settings, variant=_chosen_variant(settings, root, client))
+            stack.enter_context(generation_folder(root, settings))
             whole = whole_frames(root, recipes, settings)
             todo = [r for r in recipes if r.index not in whole]
             kept = n_frames - len(todo)

@@ -6,16 +6,18 @@ import contextlib
 import hashlib
 import json
 import os
+import re
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from hadr import __version__
-from hadr.synthesis.backgrounds import ENDINGS
+from hadr.synthesis.backgrounds import find_backgrounds
 from hadr.synthesis.frame_recipes import FrameRecipe
 from hadr.synthesis.generation_presets import GenerationSettings
+from hadr.synthesis.recordings import companions, find_recordings
 from hadr.synthesis.transhand_frame import (
     UNFINISHED_PREFIX,
     frame_file_names,
@@ -27,16 +29,10 @@ SETTINGS_FILE = "generation.json"
 _SPLITS = ("train", "val", "test")
 
 
-def _digest_folder(folder: str, content: str, endings: tuple[str, ...]) -> str:
-    """SHA-256 over names and contents of the files below a folder; 16 digits of it."""
-    root = Path(folder)
-    if not root.is_dir():
-        raise ValueError(f"no folder of {content} at {folder}")
-    paths = sorted(p for p in root.rglob("*") if p.suffix.lower() in endings)
-    if not paths:
-        raise ValueError(f"{folder} holds no file that ends with {', '.join(endings)}")
+def _digest(root: str, paths: Iterable[Path]) -> str:
+    """SHA-256 over names and contents of files below a folder; 16 digits of it."""
     digest = hashlib.sha256()
-    for path in paths:
+    for path in sorted(paths):
         digest.update(f"{path.relative_to(root).as_posix()}\0".encode())
         digest.update(hashlib.sha256(path.read_bytes()).digest())
     return digest.hexdigest()[:16]
@@ -46,9 +42,14 @@ def settings_record(settings: GenerationSettings) -> dict[str, Any]:
     """The settings as plain values; folders that are read from stand for their contents."""
     record = json.loads(json.dumps(asdict(settings)))
     if settings.recordings is not None:
-        record["recordings"] = _digest_folder(settings.recordings, "recordings", (".csv", ".json"))
+        found = find_recordings(settings.recordings)
+        if not found:
+            raise ValueError(f"{settings.recordings} holds no recording (.csv)")
+        beside = (path for one in found for path in companions(one) if path.is_file())
+        record["recordings"] = _digest(settings.recordings, {*found, *beside})
     if settings.backgrounds is not None:
-        record["backgrounds"] = _digest_folder(settings.backgrounds, "photographs", ENDINGS)
+        photographs = find_backgrounds(settings.backgrounds)
+        record["backgrounds"] = _digest(settings.backgrounds, photographs)
     return {"hadr": __version__, **record}
 
 
@@ -94,21 +95,34 @@ def _has_frames(root: Path) -> bool:
     )
 
 
-def _check_settings(root: Path, record: dict[str, Any]) -> None:
+def recorded_settings(root: Path) -> dict[str, Any]:
+    """The settings of a folder's frames as plain values; empty where there are no frames.
+
+    Args:
+        root: The folder.
+
+    Raises:
+        ValueError: The file that says them is broken.
+    """
     path = root / SETTINGS_FILE
-    if not path.is_file():
-        if any((root / split).exists() for split in _SPLITS):
-            raise ValueError(
-                f"{root} holds frames, but no {SETTINGS_FILE} that says how they were made; "
-                "choose another folder"
-            )
-        return
-    if not _has_frames(root):  # a run that ended before its first frame
-        return
+    if not path.is_file() or not _has_frames(root):  # perhaps a run ended before its first frame
+        return {}
     try:
-        before = json.loads(path.read_text(encoding="utf-8"))
+        recorded: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     except (json.JSONDecodeError, UnicodeDecodeError) as error:
         raise ValueError(f"{path} is not valid JSON: {error}") from error
+    return recorded
+
+
+def _check_settings(root: Path, record: dict[str, Any]) -> None:
+    if not (root / SETTINGS_FILE).is_file() and any((root / split).exists() for split in _SPLITS):
+        raise ValueError(
+            f"{root} holds frames, but no {SETTINGS_FILE} that says how they were made; "
+            "choose another folder"
+        )
+    before = recorded_settings(root)
+    if not before:
+        return
     differing = [
         f"{name} is {before.get(name)!r} there, {record.get(name)!r} here"
         for name in [*record, *(n for n in before if n not in record)]
@@ -122,15 +136,23 @@ def _check_settings(root: Path, record: dict[str, Any]) -> None:
 
 
 def _clean(root: Path) -> None:
-    """Remove what a stopped run left: staged files, and files of frames without a log."""
+    """Remove what a stopped run left: staged files, and the files of frames without a log."""
     for staged in root.glob(f"{UNFINISHED_PREFIX}*"):
         shutil.rmtree(staged, ignore_errors=True)
     for split in _SPLITS:
         for logs in sorted((root / split).glob("*/depth")):
             done = {p.stem for p in (logs / "log_json").glob("*.json")}
             for path in logs.glob("*/*"):
-                if path.stem not in done:
+                if path.stem not in done and path.is_file() and _is_of_a_frame(path):
                     path.unlink()
+
+
+def _is_of_a_frame(path: Path) -> bool:
+    """Whether a file is named as the generator names one: any other is somebody's own."""
+    names = frame_file_names(path.stem, raw="depth")
+    names |= frame_file_names(path.stem, depth_format="png", jpeg_quality=90, raw="disparity")
+    own = Path(path.parent.name, path.name) in names
+    return own and re.fullmatch(r"\d{6,}", path.stem) is not None
 
 
 @contextlib.contextmanager

@@ -21,7 +21,8 @@ class GenerationSettings:
         width: Image width, pixels.
         height: Image height, pixels; TransHand-14K's pictures are 16:9.
         engine: ``photo`` traces paths (needs ``hadr[generate]``), ``raycast`` needs nothing.
-        variant: Of Mitsuba, which draws for ``photo``; None for the fastest that works.
+        variant: Of Mitsuba, which draws for ``photo``; None for that of the frames that are there
+            already, else for the fastest that works.
         samples: Paths a pixel of ``photo``.
         quality: Of ``raycast``: ``fine`` has shadows and four rays a pixel, ``fast`` one ray.
         sensor: With the raw depth of a simulated depth camera.

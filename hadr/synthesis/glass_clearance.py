@@ -8,12 +8,12 @@ from the hollow's side instead: it may be in the hollow or above the rim, nowher
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import zoom
 
+from hadr.caches import kept
 from hadr.synthesis.objects import GlassObject, glass_object, profile, signed_distance
 
 Array = npt.NDArray[np.float64]
@@ -111,7 +111,7 @@ def hollow_distance(item: GlassObject, points: npt.ArrayLike) -> Array:
     return np.asarray(np.where(free, np.maximum(glass, 0), -np.sqrt(squared)))
 
 
-@lru_cache(maxsize=16)
+@kept(16)
 def clearance_table(object_id: str) -> ClearanceTable:
     """The table of an object, made once."""
     item = glass_object(object_id)

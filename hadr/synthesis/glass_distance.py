@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -11,6 +10,7 @@ import numpy.typing as npt
 from scipy.ndimage import map_coordinates
 from scipy.spatial import cKDTree
 
+from hadr.caches import kept
 from hadr.synthesis.glass_shape import GlassObject, handle_sections, profile, relieved
 
 Array = npt.NDArray[np.float64]
@@ -20,7 +20,7 @@ _CELL = 0.0005
 _REACH = 0.10
 
 
-@lru_cache(maxsize=48)
+@kept(48)
 def _outline(item: GlassObject, filled: bool) -> tuple[Array, cKDTree, npt.NDArray[np.int64]]:
     """The outline, a search tree over samples of it, and the samples' piece numbers."""
     curve = profile(item)
@@ -179,7 +179,7 @@ class DistanceField:
         return _with_handle(self.item, p, distance).reshape(given.shape[:-1])
 
 
-@lru_cache(maxsize=24)
+@kept(24)
 def distance_field(item: GlassObject, *, filled: bool = False) -> DistanceField:
     """The table of an object's signed distances; made in half a second, then kept.
 

@@ -8,11 +8,11 @@ outside, over the rounded rim, down along the inside and back to the axis.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
 
+from hadr.caches import kept
 from hadr.synthesis.outlines import Corners, rounded_path, subdivided
 from hadr.synthesis.relief import Relief
 from hadr.synthesis.surfaces import smooth_curve
@@ -77,7 +77,7 @@ class GlassObject:
         return float((a[:, 0] + share * (b[:, 0] - a[:, 0])).max())
 
 
-@lru_cache(maxsize=64)
+@kept(64)
 def profile(item: GlassObject, spacing: float = SPACING) -> Array:
     """The closed outline in the half plane, without relief, from the axis below to that inside.
 
@@ -124,7 +124,7 @@ def handle_sections(item: GlassObject) -> tuple[Array, Array, Array]:
     return line, thickness, (item.handle_width or item.handle_radius) * (1 + 0.5 * flare)
 
 
-@lru_cache(maxsize=32)
+@kept(32)
 def _walls(item: GlassObject) -> tuple[Array, Array, Array]:
     """Heights every 0.5 mm, and the outer and the inner radius there; 0 inside of solid glass."""
     curve = profile(item)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import binary_dilation
 
+from hadr.caches import kept
 from hadr.hand import FINGERS, HandShape, Skeleton
 from hadr.synthesis.hand_flesh import FOREARM_LENGTH, GIRTH, flesh_distance, rest_skeleton
 from hadr.synthesis.hand_relief import SkinMap, knuckle_bulges, skin_map
@@ -164,7 +164,7 @@ def _onto_flesh(
     return points - normals * move[:, None], normals
 
 
-@lru_cache(maxsize=4)
+@kept(4)
 def hand_template(step: float = COARSE_STEP) -> HandTemplate:
     """Polygonise the hand at rest, once per resolution.
 

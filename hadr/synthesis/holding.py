@@ -9,11 +9,11 @@ image.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
 
+from hadr.caches import kept
 from hadr.hand import HandShape, Side
 from hadr.synthesis.closing import (
     HandSkins,
@@ -166,7 +166,7 @@ def hold_kind(object_id: str, number: int) -> str:
     return kinds[number % len(kinds)]
 
 
-@lru_cache(maxsize=64)
+@kept(64)
 def make_hold(object_id: str, number: int, seed: int = 0) -> Hold:
     """Make the holding pose number ``number`` of an object.
 

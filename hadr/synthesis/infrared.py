@@ -9,13 +9,13 @@ and blurred. Glass itself scatters nothing: there are no dots on it, only mirror
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
+from hadr.caches import kept
 from hadr.synthesis.glass_paths import Ends, GlassPaths, Mirrors
 from hadr.synthesis.raycast import GLASS, HAND, SURROUNDINGS
 from hadr.synthesis.shading import RayScene
@@ -65,7 +65,7 @@ class Projector:
         return _dot_grid(self.dots, self.reach)
 
 
-@lru_cache(maxsize=4)
+@kept(4)
 def _dot_grid(dots: int, reach: tuple[float, float]) -> Array:
     rng = np.random.default_rng(435)
     columns = max(round(np.sqrt(dots * reach[0] / reach[1])), 1)
@@ -76,7 +76,7 @@ def _dot_grid(dots: int, reach: tuple[float, float]) -> Array:
     return np.stack([(2 * x.ravel() - 1) * reach[0], (2 * y.ravel() - 1) * reach[1]], axis=1)
 
 
-@lru_cache(maxsize=4)
+@kept(4)
 def _pattern(projector: Projector) -> npt.NDArray[np.float32]:
     """The pattern as a picture over the field, 1 in the middle of a dot, (H, W) float32."""
     half_x, half_y = projector.reach

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
+from hadr.caches import kept
 from hadr.synthesis.glass_distance import DistanceField, distance_field, signed_distance
 from hadr.synthesis.glass_shape import (
     GlassObject,
@@ -31,7 +30,7 @@ __all__ = [
 ]
 
 
-@lru_cache(maxsize=32)
+@kept(32)
 def bodies(item: GlassObject) -> tuple[Surface, ...]:
     """The closed surface of the object in its own frame; a handle and its body are one."""
     if item.reliefs:

@@ -1,16 +1,12 @@
 """Path-traced pictures: a scene's light by Mitsuba 3, denoised, and taken by a camera.
 
-Needs the extra ``hadr[generate]``. The fast variant of Mitsuba compiles its kernels with LLVM. An
-LLVM that is too old ends the whole process, so it is tried in another process first.
+Needs the extra ``hadr[generate]``.
 """
 
 from __future__ import annotations
 
 import importlib
-import importlib.util
-import os
-import subprocess
-import sys
+from contextlib import AbstractContextManager, nullcontext
 from functools import lru_cache
 from typing import Any
 
@@ -19,84 +15,13 @@ import numpy as np
 import numpy.typing as npt
 
 from hadr.camera import ray_directions
+from hadr.synthesis.farm import one_thread
 from hadr.synthesis.mitsuba_scene import mitsuba_sensor, scene_to_mitsuba
+from hadr.synthesis.mitsuba_variant import LLVM, mitsuba
 from hadr.synthesis.scene import Scene
 from hadr.synthesis.sensor_noise import ColorCamera, develop
 
 Light = npt.NDArray[np.float32]
-
-#: Name of the environment variable that chooses the variant.
-VARIANT_VARIABLE = "HADR_MITSUBA_VARIANT"
-_VARIANTS = ("llvm_ad_rgb", "scalar_rgb")
-_PROBE = (
-    "import mitsuba as mi, drjit as dr; mi.set_variant('llvm_ad_rgb'); "
-    "x = dr.arange(mi.Float, 5); dr.eval(x); assert dr.sum(x)[0] == 10"
-)
-
-
-def llvm_works(command: tuple[str, ...] | None = None) -> bool:
-    """Whether Mitsuba's LLVM variant runs here, tried in another process.
-
-    Args:
-        command: What to run instead of the trial; it works where it ends with 0.
-    """
-    command = command or (sys.executable, "-c", _PROBE)
-    try:
-        done = subprocess.run(command, capture_output=True, timeout=120, check=False)
-    except (OSError, subprocess.TimeoutExpired):
-        return False
-    return done.returncode == 0
-
-
-@lru_cache(maxsize=1)
-def mitsuba_variant() -> str:
-    """The variant to draw with: that of ``HADR_MITSUBA_VARIANT``, or the fastest that works.
-
-    Raises:
-        ValueError: The environment variable names no variant that we use.
-    """
-    wanted = os.environ.get(VARIANT_VARIABLE, "")
-    if wanted:
-        return _checked(wanted)
-    found = "llvm_ad_rgb" if llvm_works() else "scalar_rgb"
-    # Worker processes need not try again.
-    os.environ[VARIANT_VARIABLE] = found
-    return found
-
-
-def _checked(variant: str) -> str:
-    if variant not in _VARIANTS:
-        raise ValueError(f"variant must be {' or '.join(map(repr, _VARIANTS))}, got {variant!r}")
-    return variant
-
-
-def mitsuba(variant: str | None = None) -> Any:
-    """Import Mitsuba and choose its variant.
-
-    Args:
-        variant: ``llvm_ad_rgb`` or ``scalar_rgb``; :func:`mitsuba_variant` where left out.
-
-    Returns:
-        The module.
-
-    Raises:
-        ValueError: There is no such variant.
-        ImportError: Mitsuba is not installed.
-    """
-    variant = _checked(variant or mitsuba_variant())
-    for name in ("mitsuba", "pyoidn"):
-        if importlib.util.find_spec(name) is None:
-            raise ImportError(
-                f"path-traced pictures need {name}, which is not installed: "
-                "pip install 'hadr[generate]'"
-            )
-    mi = importlib.import_module("mitsuba")
-    if mi.variant() != variant:
-        mi.set_variant(variant)
-    if variant == "llvm_ad_rgb":
-        # One thread a process: sums have one order, so the same seed gives the same bytes.
-        importlib.import_module("drjit").set_thread_count(1)
-    return mi
 
 
 def trace(
@@ -116,26 +41,35 @@ def trace(
         first; each (H, W, 3) float32.
 
     Raises:
-        ValueError: The number of samples is not positive.
+        ValueError: The number of samples is not positive, or the variant can't be used here.
     """
     if samples < 1:
         raise ValueError(f"samples must be at least 1 path a pixel, got {samples}")
     mi = mitsuba(variant)
-    description = scene_to_mitsuba(scene)
-    description["sensor"] = mitsuba_sensor(scene.camera, scene.world_from_camera, samples, seed)
-    loaded = mi.load_dict(description)
-    paths = mi.load_dict({"type": "path", "max_depth": depth, "rr_depth": 3})
-    # One integrator for both would trace every path twice.
-    first = mi.load_dict({"type": "aov", "aovs": "albedo:albedo,normal:sh_normal"})
+    with _one_order(mi):
+        description = scene_to_mitsuba(scene)
+        description["sensor"] = mitsuba_sensor(scene.camera, scene.world_from_camera, samples, seed)
+        loaded = mi.load_dict(description)
+        paths = mi.load_dict({"type": "path", "max_depth": depth, "rr_depth": 3})
+        # One integrator for both would trace every path twice.
+        first = mi.load_dict({"type": "aov", "aovs": "albedo:albedo,normal:sh_normal"})
 
-    def draw(integrator: Any) -> Light:
-        picture = mi.render(loaded, integrator=integrator, spp=samples, seed=seed)
-        return np.nan_to_num(np.asarray(picture, dtype=np.float32), posinf=0.0, neginf=0.0)
+        def draw(integrator: Any) -> Light:
+            picture = mi.render(loaded, integrator=integrator, spp=samples, seed=seed)
+            return np.nan_to_num(np.asarray(picture, dtype=np.float32), posinf=0.0, neginf=0.0)
 
-    light, guides = draw(paths), draw(first)
+        light, guides = draw(paths), draw(first)
     albedo, normal = np.clip(guides[..., -6:-3], 0, 1), guides[..., -3:]
     _look_through_glass(scene, albedo)
     return light[..., :3], albedo, normal
+
+
+def _one_order(mi: Any) -> AbstractContextManager[None]:
+    """LLVM's kernels on one thread: sums have one order, so the same seed gives the same bytes."""
+    if mi.variant() != LLVM:
+        return nullcontext()
+    drjit = importlib.import_module("drjit")
+    return one_thread(drjit.thread_count, drjit.set_thread_count)
 
 
 def _look_through_glass(scene: Scene, albedo: Light) -> None:

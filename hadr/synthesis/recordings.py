@@ -101,6 +101,11 @@ def find_recordings(folder: str | Path) -> list[Path]:
     return sorted(found, key=key)
 
 
+def companions(path: Path) -> tuple[Path, Path]:
+    """The files that may lie beside a recording: its JSON file and its placement file."""
+    return path.with_suffix(".json"), path.with_name(f"{path.stem}.placement.csv")
+
+
 @dataclass(frozen=True)
 class _Table:
     """The cells of a CSV file."""
@@ -217,7 +222,7 @@ def _poses(table: _Table, positions: list[int], rotations: list[int]) -> Array:
 def _placement(table: _Table, time: Array) -> Array:
     """The object's pose in each row, from the table or from the file beside it."""
     wanted = [*POSITION_COLUMNS, *ROTATION_COLUMNS]
-    side_file = table.path.with_name(f"{table.path.stem}.placement.csv")
+    _, side_file = companions(table.path)
     own = [name for name in wanted if name in table.header]
     source = table
     if not own and side_file.is_file():
@@ -246,7 +251,7 @@ def _placement(table: _Table, time: Array) -> Array:
 
 def _notes(table: _Table) -> dict[str, Any]:
     notes: dict[str, Any] = dict(table.notes)
-    companion = table.path.with_suffix(".json")
+    companion, _ = companions(table.path)
     if companion.is_file():
         try:
             notes |= json.loads(companion.read_text(encoding="utf-8"))

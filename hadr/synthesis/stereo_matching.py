@@ -27,7 +27,7 @@ class Matching:
         uniqueness: How much worse than the best match, in percent, every other one must be.
         left_right: Largest difference of the two directions' disparities, pixels.
         window: Standard deviation of the window of sub-pixel matching, pixels.
-        iterations: Its steps.
+        iterations: Its steps; 0 leaves the disparity as the semi-global matcher found it.
         likeness: Least correlation of the two matched windows, -1..1.
         texture: Least root mean square of the horizontal gradient in it, grey values a pixel.
         jump: Disparity step that counts as an edge, pixels.
@@ -36,7 +36,8 @@ class Matching:
         median: Side of the median filter, 3 or 5; 0 leaves it out.
 
     Raises:
-        ValueError: The window is even or the search range is no multiple of 16.
+        ValueError: The window is even, the search range is no multiple of 16, or `iterations` or
+            `median` is out of range.
     """
 
     block: int = 7
@@ -57,6 +58,8 @@ class Matching:
             raise ValueError(f"block must be odd and at least 3, got {self.block}")
         if self.disparities < 16 or self.disparities % 16:
             raise ValueError(f"disparities must be a multiple of 16, got {self.disparities}")
+        if self.iterations < 0:
+            raise ValueError(f"iterations must be at least 0, got {self.iterations}")
         if self.median not in (0, 3, 5):
             raise ValueError(f"median must be 0, 3 or 5, got {self.median}")
 
@@ -126,6 +129,7 @@ def _refine(
         return np.asarray(cv2.GaussianBlur(image * known, (0, 0), how.window), dtype=np.float32)
 
     refined = disparity.copy()
+    rise = cv2.remap(slope, u - refined, v, cv2.INTER_LINEAR)
     for _ in range(how.iterations):
         there = cv2.remap(second, u - refined, v, cv2.INTER_CUBIC)
         rise = cv2.remap(slope, u - refined, v, cv2.INTER_LINEAR)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import Literal
 
@@ -17,6 +16,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from hadr.caches import kept, kept_by_file
 from hadr.synthesis import texture_materials as materials
 from hadr.synthesis import texture_plants as plants
 from hadr.synthesis import texture_views as views
@@ -107,7 +107,7 @@ def _halved(image: Image) -> tuple[Image, ...]:
     return tuple(levels)
 
 
-@lru_cache(maxsize=128)
+@kept(128)
 def _library_pyramid(number: int) -> tuple[Image, ...]:
     variant, family = divmod(number, len(FAMILIES))
     rng = np.random.default_rng([20240917, family, variant])
@@ -115,7 +115,7 @@ def _library_pyramid(number: int) -> tuple[Image, ...]:
     return _halved(np.clip(np.rint(painted * 255), 0, 255).astype(np.uint8))
 
 
-@lru_cache(maxsize=16)
+@kept_by_file(16)
 def _photograph_pyramid(path: Path) -> tuple[Image, ...]:
     return _halved(load_background(path))
 

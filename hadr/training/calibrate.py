@@ -24,7 +24,8 @@ from hadr.camera import FloatArray
 from hadr.confidence import learned_range, reliability, sparsification
 from hadr.confidence_rule import ConfidenceRule, Option, fit_confidence, ordering
 from hadr.models.signals import signals_of, within_learned
-from hadr.provenance import check_writable, provenance
+from hadr.output_folder import check_writable
+from hadr.provenance import provenance
 from hadr.result_file import write_result_file
 from hadr.training.batches import CORRUPTIONS, FrameTensors, load_frames
 from hadr.training.checkpoints import kind_of, load_checkpoint, update_record

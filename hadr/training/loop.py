@@ -110,6 +110,7 @@ def train(
     if processes > 1:
         share_batch_norm(network)
     optimizer = optimizer_of(recipe, network)
+    rates = [group["lr"] for group in optimizer.param_groups]  # of each, before the schedule
     average = None if recipe.average_decay is None else WeightAverage(network, recipe.average_decay)
 
     history: list[dict[str, float]] = []
@@ -149,7 +150,8 @@ def train(
             average_gradients(network, processes)
             if recipe.clip_norm is not None:
                 nn.utils.clip_grad_norm_(network.parameters(), recipe.clip_norm)
-            optimizer.param_groups[0]["lr"] = recipe.rate(epoch + (step + 0.5) / steps)
+            for group, rate in zip(optimizer.param_groups, rates, strict=True):
+                group["lr"] = recipe.rate(epoch + (step + 0.5) / steps, rate)
             optimizer.step()
             if average is not None:
                 average.follow(network, epoch * steps + step + 1)
@@ -188,7 +190,7 @@ def train(
 
 
 def optimizer_of(recipe: Preset, network: nn.Module) -> torch.optim.Adam:
-    """Build the recipe's optimiser; the loop sets its rate before each step."""
+    """Build the recipe's optimiser; the loop schedules the rate of each of its groups."""
     if recipe.optimizer == "adamw":
         return torch.optim.AdamW(
             network.parameters(), lr=recipe.learning_rate, weight_decay=recipe.weight_decay

@@ -14,7 +14,12 @@ from torch import Tensor
 from torch.nn import functional
 
 from hadr.models.hadr import HADROutput, ray_points
-from hadr.ray_voxels import VoxelGrid, pair_of_true_point, segment_argmax
+from hadr.ray_voxels import (
+    VoxelGrid,
+    pair_of_true_point,
+    segment_argmax,
+    segment_log_softmax,
+)
 from hadr.training.task import shared_mean
 
 DepthNorm = Literal["xyz", "z"]
@@ -174,8 +179,9 @@ def hadr_losses(
         torch.where(counts[:, None], true_points, nowhere),
         grid,
     )  # (rays,)
-    log_probability = output.probability.clamp(min=1e-12).log()
-    best = segment_argmax(output.probability.detach(), output.pairs.ray, output.pairs.n_rays)
+    segments = (output.pairs.ray, output.pairs.n_rays)
+    log_probability = segment_log_softmax(output.logits, *segments)
+    best = segment_argmax(output.probability.detach(), *segments)
     known = true_pair >= 0
 
     # The rays as an organised cloud at every n-th pixel.

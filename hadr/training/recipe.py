@@ -143,13 +143,14 @@ class Preset:
         """(width, height) of the network's input, pixels."""
         return self.width, self.height
 
-    def rate(self, progress: float) -> float:
+    def rate(self, progress: float, start: float | None = None) -> float:
         """Give the learning rate.
 
         Args:
             progress: Epochs so far; 2.5 is the middle of the third.
+            start: The rate that is scheduled; the recipe's where it is left out.
         """
-        rate = self.learning_rate
+        rate = self.learning_rate if start is None else start
         if self.schedule == "cosine":
             rate *= 0.5 * (
                 1 + math.cos(math.pi * self._in_cosine(min(progress / self.epochs, 1.0)))

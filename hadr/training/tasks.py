@@ -20,6 +20,17 @@ _TASKS = {
 }
 
 
+def task_module(network: str) -> str:
+    """Dotted name of the module that trains a kind of network.
+
+    Raises:
+        ValueError: There is no such network.
+    """
+    if network not in _TASKS:
+        raise ValueError(f"network must be one of {', '.join(_TASKS)}, got {network!r}")
+    return _TASKS[network][0]
+
+
 def task_of(recipe: Preset) -> Task:
     """Build the task of a recipe; its module is imported only now.
 
@@ -32,8 +43,6 @@ def task_of(recipe: Preset) -> Task:
     Raises:
         ValueError: There is no such network.
     """
-    if recipe.network not in _TASKS:
-        raise ValueError(f"network must be one of {', '.join(_TASKS)}, got {recipe.network!r}")
-    module, name = _TASKS[recipe.network]
-    task: Task = getattr(importlib.import_module(module), name)(recipe)
+    module = importlib.import_module(task_module(recipe.network))
+    task: Task = getattr(module, _TASKS[recipe.network][1])(recipe)
     return task

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import csv
 import json
+import shutil
 import statistics
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from hadr import dependencies
 from hadr.data.samples import open_samples, samples_dir
 from hadr.experiments import runner
 from hadr.experiments.averages import paired, standard_error, table_rows
@@ -64,6 +67,58 @@ def test_a_row_of_other_data_is_measured_again(bench: Bench) -> None:
     assert other.finished(run) is None
     assert other.measure(run)["frames"] == 2
     assert bench.finished(run) is None
+
+
+@pytest.fixture
+def code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A copy of the library in which code may be changed: what it says is what rows depend on."""
+    litter = shutil.ignore_patterns("__pycache__")
+    shutil.copytree(dependencies.LIBRARY, tmp_path / "library", ignore=litter)
+    monkeypatch.setattr(dependencies, "LIBRARY", tmp_path / "library")
+    runner.code_of.cache_clear()
+    yield tmp_path / "library"
+    runner.code_of.cache_clear()
+
+
+def append(path: Path, line: str = "VALUE = 1") -> None:
+    """Change code, as if the process had begun with it."""
+    path.write_text(f"{path.read_text()}{line}\n")
+    runner.code_of.cache_clear()
+
+
+def test_a_row_of_other_code_is_measured_again(bench: Bench, code: Path) -> None:
+    run, other = Run("known", "nearest"), Run("known", "tode")
+    row, before = bench.measure(run), bench.configuration(other)
+    append(code / "handover" / "workflow.py")
+    append(code / "training" / "presets.py")  # recipes count as values
+    append(code / "experiments" / "scoring.py", "# a comment")
+    assert (bench.finished(run), bench.configuration(other)) == (row, before)
+    append(code / "models" / "baselines" / "tode.py")
+    assert bench.finished(run) == row
+    assert bench.configuration(other) != before
+    append(code / "metrics.py")
+    assert bench.finished(run) is None
+    again = bench.measure(run)
+    assert again["rmse_m"] == row["rmse_m"]
+    assert bench.finished(run) == again
+
+
+def test_code_that_scores_keeps_a_training_and_code_that_trains_sets_it_aside(
+    bench: Bench, code: Path
+) -> None:
+    run = Run("known", "unet-hand")
+    row, last = bench.measure(run), bench.out / run.name / "last.safetensors"
+    weights = last.read_bytes()
+    append(code / "experiments" / "scoring.py")
+    assert (bench.finished(run), bench.epochs_done(run)) == (None, 1)
+    assert bench.measure(run)["rmse_m"] == row["rmse_m"]
+    assert last.read_bytes() == weights
+    append(code / "training" / "unet_hand_task.py")
+    assert (bench.finished(run), bench.epochs_done(run)) == (None, 0)
+    bench.measure(run)
+    assert (bench.finished(run) or {})["epochs"] == 1
+    aside = bench.out / "known" / "unet-hand" / "seed-0.old-1"
+    assert (aside / "last.safetensors").read_bytes() == weights
 
 
 def test_what_one_seed_did_not_restore_has_no_mean() -> None:

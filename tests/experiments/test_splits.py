@@ -52,6 +52,15 @@ def test_wrong_names_are_told(frames):
         open_part([], "known", "test")
 
 
+def test_a_frame_that_is_not_there_has_no_hold(frames):
+    source = open_part([frames], "known", "test")
+    first, second = (f"{f.object_id}/{f.stem}" for f in source.folders[0].files[:2])
+    assert len(source.holds([first, second])) == 2
+    for asked, lost in (([first, "0004/lost"], "0004/lost"), ([second, first], first)):
+        with pytest.raises(ValueError, match=f"there is no frame '{lost}' here, or not in this"):
+            source.holds(asked)
+
+
 def test_digest_is_that_of_names_and_contents(tmp_path):
     for name, text in (("b.txt", "two"), ("a/c.txt", "one"), (".hidden", "x")):
         path = tmp_path / "set" / name

@@ -221,6 +221,21 @@ def test_a_row_runs_again_from_its_record(
     assert "differs" not in found.text()
 
 
+def test_logs_are_read_once_for_each_experiment(
+    made: tuple[Bench, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench, _ = made
+    asked: list[str] = []
+
+    def holds(split: str, stems: list[str]) -> list[str]:
+        asked.append(split)
+        return Bench.holds(bench, split, stems)
+
+    monkeypatch.setattr(bench, "holds", holds)
+    write_tables(bench, tmp_path)
+    assert sorted(asked) == ["by-frame", "known"]
+
+
 def test_a_row_of_other_data_does_not_run_again(made: tuple[Bench, Path]) -> None:
     bench, folder = made
     other = Bench(bench.roots, bench.out, "tiny", limit=2)

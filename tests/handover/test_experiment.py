@@ -4,6 +4,7 @@ import json
 import math
 import os
 import pickle
+import shutil
 import signal
 import subprocess
 import sys
@@ -20,6 +21,9 @@ import numpy as np
 import pytest
 import torch
 
+from hadr import dependencies
+from hadr.data.samples import samples_dir
+from hadr.dependencies import modules_behind
 from hadr.handover import experiment
 from hadr.handover.experiment import (
     arm_row,
@@ -34,9 +38,10 @@ from hadr.handover.experiment import (
 )
 from hadr.handover.run_log import read_run_log, replay
 from hadr.handover.sight import CHECKPOINTS
-from hadr.handover.trial import ARMS, ATTEMPT_CONFIG, Run, Trial
+from hadr.handover.trial import ARMS, CODE, Run, Trial, _code
 from hadr.plotting.handover_tables import paired
 from hadr.result_file import digest, seal_row
+from hadr.training.checkpoints import load_checkpoint
 
 
 @pytest.fixture
@@ -137,16 +142,14 @@ def test_what_cannot_be_read_is_named_with_what_to_do(made: Counter[Trial], tmp_
             finished_attempt(tmp_path, trial)
 
 
-def test_other_networks_or_another_version_are_other_settings(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_other_networks_are_other_attempts(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     (tmp_path / "checkpoints").mkdir()
     for file in CHECKPOINTS.values():
         (tmp_path / "checkpoints" / file).write_bytes(b"one")
     monkeypatch.setattr("hadr.handover.trial.samples_dir", lambda: tmp_path)
 
     def settings() -> dict[str, str]:
-        return {arm: Trial("0010", 922, arm).record["settings_sha256"] for arm in ARMS}
+        return {arm: digest(Trial("0010", 922, arm).record) for arm in ARMS}
 
     def changed_by(change: Callable[[], object]) -> set[str]:
         before = settings()
@@ -164,9 +167,55 @@ def test_other_networks_or_another_version_are_other_settings(
     ]:
         file = tmp_path / "checkpoints" / CHECKPOINTS[name]
         assert changed_by(lambda file=file: file.write_bytes(b"another")) == concerned
-    assert changed_by(
-        lambda: monkeypatch.setattr("hadr.handover.trial.ATTEMPT_VERSION", 99)
-    ) == set(ARMS)
+
+
+@pytest.fixture
+def code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A copy of the library in which code may be changed: what it says is what attempts are."""
+    litter = shutil.ignore_patterns("__pycache__")
+    shutil.copytree(dependencies.LIBRARY, tmp_path / "library", ignore=litter)
+    monkeypatch.setattr(dependencies, "LIBRARY", tmp_path / "library")
+    _code.cache_clear()
+    yield tmp_path / "library"
+    _code.cache_clear()
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "counts"),
+    [
+        ("handover/selection.py", "friction: float = 0.6", "friction: float = 0.7", True),
+        ("handover/trial.py", "approach_speed=0.35", "approach_speed=0.2", True),
+        ("handover/judge.py", "class Rules", "class AllRules", True),
+        ("handover/sight.py", "keypoint_noise: float = 0.004", "keypoint_noise: float = 0.0", True),
+        ("models/hadr.py", "import torch\n", "import torch as pytorch\n", True),
+        ("models/hadr_plus.py", "import torch\n", "import torch as pytorch\n", True),
+        ("handover/selection.py", "Chooses a grasp", "Selects a grasp", False),
+        ("models/baselines/tode.py", "import torch\n", "import torch as pytorch\n", False),
+        ("training/loop.py", "import torch\n", "import torch as pytorch\n", False),
+        ("handover/film.py", "import os\n", "import os as system\n", False),
+    ],
+)
+def test_attempts_of_other_code_are_made_again(
+    made: Counter[Trial], tmp_path: Path, code: Path, file: str, old: str, new: str, counts: bool
+) -> None:
+    trial = Trial("0010", 922, "perfect")
+    (row,) = run_attempts([trial], tmp_path / "out")
+    text = (code / file).read_text()
+    assert text.count(old) == 1
+    (code / file).write_text(text.replace(old, new))
+    _code.cache_clear()
+    assert is_finished(tmp_path / "out", trial) == (not counts)
+    assert finished_attempt(tmp_path / "out", trial)[0] == row  # films and tables still read it
+    run_attempts([trial], tmp_path / "out")
+    assert made[trial] == 1 + counts
+    assert is_finished(tmp_path / "out", trial)
+
+
+def test_every_bundled_network_is_part_of_the_code() -> None:
+    used = modules_behind(*CODE, without=("hadr.training.checkpoints",))
+    for file in CHECKPOINTS.values():
+        network, _ = load_checkpoint(samples_dir() / "checkpoints" / file)
+        assert type(network).__module__ in used
 
 
 SLOW = """
@@ -278,9 +327,7 @@ def test_only_what_is_not_finished_is_run(whole: Run, made: Counter[Trial], tmp_
     assert sum(made.values()) == 2
 
 
-def test_what_is_no_longer_true_is_run_again(
-    made: Counter[Trial], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_is_no_longer_true_is_run_again(made: Counter[Trial], tmp_path: Path) -> None:
     trial = Trial("0010", 922, "perfect")
     path = tmp_path / "perfect" / "0010-922.json"
     (row,) = run_attempts([trial], tmp_path)
@@ -297,13 +344,6 @@ def test_what_is_no_longer_true_is_run_again(
     run_attempts([replace(trial, hand_speed=3.0)], tmp_path)
     run_attempts([trial], tmp_path)
     assert made == {trial: 4, replace(trial, hand_speed=3.0): 1}
-    # other settings of all attempts
-    changed = replace(ATTEMPT_CONFIG, approach_speed=0.2)
-    monkeypatch.setattr("hadr.handover.trial.ATTEMPT_CONFIG", changed)
-    run_attempts([trial], tmp_path)
-    assert made[trial] == 5
-    run_attempts([trial], tmp_path)
-    assert made[trial] == 5
 
 
 @pytest.mark.parametrize("jobs", [0, -1])

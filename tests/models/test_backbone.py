@@ -3,6 +3,7 @@ from __future__ import annotations
 from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 import torch
 from torch.nn import functional
@@ -28,25 +29,63 @@ def test_aggregation_equals_the_papers_order_resize_convolve_concatenate_reduce(
     torch.manual_seed(0)
     aggregation = FeatureAggregation((8, 16, 32), channels=5)
     stages = [torch.randn(2, 8, 10, 14), torch.randn(2, 16, 5, 7), torch.randn(2, 32, 3, 4)]
-    resized = [
-        functional.interpolate(stage, size=(10, 14), mode="bilinear", align_corners=False)
-        for stage in stages
+    resized = [  # the last stage has half a cell more than the picture, on the right and below
+        functional.interpolate(stage, size=size, mode="bilinear", align_corners=False)
+        for stage, size in zip(stages, ((10, 14), (10, 14), (12, 16)), strict=True)
     ]
-    aligned = [conv(x) for conv, x in zip(aggregation.align, resized, strict=True)]
-    reduced = aggregation.reduce(torch.cat(aligned, dim=1))
-    expected = functional.interpolate(reduced, size=(40, 56), mode="bilinear", align_corners=False)
-    torch.testing.assert_close(aggregation(stages, 40, 56), expected)
+    aligned = [conv(x[:, :, :10, :14]) for conv, x in zip(aggregation.align, resized, strict=True)]
+    expected = aggregation.reduce(torch.cat(aligned, dim=1))
+    torch.testing.assert_close(aggregation(stages), expected)
 
 
 def test_without_aggregation_only_the_finest_stage_counts() -> None:
     torch.manual_seed(0)
     aggregation = FeatureAggregation((8, 16), channels=5, multi_scale=False)
     fine = torch.randn(1, 8, 4, 4)
-    first = aggregation([fine, torch.randn(1, 16, 2, 2)], 16, 16)
-    second = aggregation([fine, torch.randn(1, 16, 2, 2)], 16, 16)
+    first = aggregation([fine, torch.randn(1, 16, 2, 2)])
+    second = aggregation([fine, torch.randn(1, 16, 2, 2)])
     assert torch.equal(first, second)
-    other = aggregation([fine + 1, torch.randn(1, 16, 2, 2)], 16, 16)
+    other = aggregation([fine + 1, torch.randn(1, 16, 2, 2)])
     assert not torch.allclose(first, other)
+
+
+@pytest.mark.parametrize("stage", range(4))
+@pytest.mark.parametrize(("height", "width"), [(72, 128), (144, 48), (45, 50)])
+def test_a_bright_spot_stays_in_its_place_through_every_stage(
+    height: int, width: int, stage: int
+) -> None:
+    torch.manual_seed(0)
+    # With windows of one token a cell sees its own pixels alone: the spot is in one cell a stage.
+    local = BackboneConfig(embed_dim=8, depths=(1,) * 4, heads=(1,) * 4, window=1, drop_path=0.0)
+    backbone = ColorBackbone(local, channels=4).double().eval()
+    side = 4 * 2**stage
+    with torch.no_grad():
+        for number, align in enumerate(backbone.aggregation.align):
+            if number != stage:
+                align.weight.zero_()
+        picture = torch.rand(1, 3, height, width, dtype=torch.float64)
+        plain = backbone(picture)
+        for spot in ((5, 9), (height // 2, width // 2), (height - 3, width - 2)):
+            bright = picture.clone()
+            bright[:, :, spot[0], spot[1]] += 1
+            answer = (backbone(bright) - plain).abs().sum(dim=(0, 1))  # (height, width)
+            down, across = (
+                _tent(pixel, side, end) for pixel, end in zip(spot, (height, width), strict=True)
+            )
+            expected = torch.outer(down, across)
+            torch.testing.assert_close(
+                answer / answer.sum(), expected / expected.sum(), rtol=0, atol=1e-9
+            )
+
+
+def _tent(pixel: int, side: int, end: int) -> torch.Tensor:
+    """One in the middle of the pixel's cell, linear to zero in the middles beside it."""
+    cells = (
+        torch.arange(-(-end // 4)) + 0.5
+    ) * 4 - 0.5  # where the finest cells have their middles
+    middles = (torch.arange(-(-end // side)) + 0.5) * side - 0.5
+    values = (torch.arange(len(middles)) == pixel // side).double()
+    return torch.from_numpy(np.interp(range(end), cells, np.interp(cells, middles, values)))
 
 
 def test_dense_map_has_the_images_size_also_where_nothing_divides_evenly() -> None:

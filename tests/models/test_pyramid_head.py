@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from hadr.models.pyramid_head import ChannelDropout, PyramidHead
 from hadr.models.stochastic_depth import set_share
@@ -31,9 +31,28 @@ def test_it_draws_at_the_finest_stages_size_from_all_stages_with_all_weights() -
         assert weight.grad.abs().max() > 0, name
 
 
+def test_stages_of_odd_sizes_stay_in_their_places() -> None:
+    network = PyramidHead((1, 1, 1), 1, 1, (), 0.0).eval()
+    network.pyramid = network.merge = nn.Identity()  # type: ignore[assignment]
+    for layers in (network.lateral, network.smooth):
+        layers[0] = layers[1] = nn.Identity()
+    network.last = nn.Conv2d(3, 1, 1, bias=False)
+    nn.init.ones_(network.last.weight)
+    # Each stage tells the place of its cells in pixels: 18, 9 and 5 rows, 32, 16 and 8 columns.
+    rows = [2.0**n * (torch.arange(-(-18 // 2**n)) + 0.5) - 0.5 for n in range(3)]
+    columns = [2.0**n * (torch.arange(-(-32 // 2**n)) + 0.5) - 0.5 for n in range(3)]
+    given = [(r[:, None] + 100 * c)[None, None] for r, c in zip(rows, columns, strict=True)]
+    drawn = network(given)[0, 0]
+    # The finest is heard once, the next twice, the coarsest three times; off the border, where
+    # nothing lies beyond to interpolate with, all of them tell the same place.
+    place = torch.arange(18.0)[:, None] + 100 * torch.arange(32.0)
+    torch.testing.assert_close(drawn[4:17, 4:28], 6 * place[4:17, 4:28])
+
+
 def test_the_pyramid_takes_the_whole_picture_in() -> None:
-    given = stages()
-    given[-1] = torch.rand(2, 16, 20, 20, generator=torch.Generator().manual_seed(1))
+    generator = torch.Generator().manual_seed(1)
+    shapes = ((4, 80, 80), (8, 40, 40), (16, 20, 20))
+    given = [torch.rand(2, *shape, generator=generator) for shape in shapes]
     other = [*given[:-1], given[-1].clone()]
     other[-1][:, :, 0, 0] += 5.0  # one corner
     for pools, heard in (((1,), True), ((20,), False)):

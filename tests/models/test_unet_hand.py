@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import pytest
 import torch
+from torch import Tensor, nn
 
 from hadr.models.baselines.unet_hand import UNetHand, UNetHandConfig
 from hadr.models.hadr_input import HADRInput
@@ -50,6 +51,31 @@ def test_without_an_answer_of_its_own_it_gives_the_hands_depth_in_the_mask() -> 
     torch.testing.assert_close(output.depth, hand[:, None, None] * inputs.mask)
     assert torch.equal(output.restored, inputs.mask)
     assert torch.equal(output.confidence, inputs.mask.float())
+
+
+class _Coarser(nn.Module):
+    """Hands the first channel of the coarser level on, and nothing of the finer one."""
+
+    def forward(self, both: Tensor) -> Tensor:
+        return both[:, :1]
+
+
+@pytest.mark.parametrize("height", [72, 90])
+def test_a_spot_stays_in_its_place_where_levels_have_an_odd_height(height: int) -> None:
+    network = UNetHand(replace(SMALL, levels=4)).eval()
+    for level in range(4):
+        network.down[level] = nn.Identity()
+    network.up = nn.ModuleList(_Coarser() for _ in range(3))
+    network.head = nn.Conv2d(1, 4, 1, bias=False)
+    nn.init.ones_(network.head.weight)
+    inputs = replace(frames(height, 64), color=torch.zeros(2, 3, height, 64))
+    for row in (24, height // 2, height - 22):
+        inputs.color[:] = 0
+        inputs.color[:, 0, row & ~1, 32] = 1
+        everywhere = replace(inputs, mask=torch.ones_like(inputs.mask))
+        answer = network(everywhere).depth[0, :, 32]
+        peak = (answer > answer.max() - 1e-6).nonzero().double().mean().item()
+        assert peak == pytest.approx((row // 16 + 0.5) * 16 - 0.5, abs=1), row
 
 
 def test_it_does_not_look_at_depth_behind_the_mask(network: UNetHand) -> None:

@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -16,7 +17,15 @@ from hadr.camera import back_project, transform_points
 from hadr.cli import main
 from hadr.data.transhand import TransHand, frame_log_path
 from hadr.hand import forward_kinematics, keypoints_from_skeleton
-from hadr.synthesis.generate import frame_recipe, generate, generate_frames, render_frame
+from hadr.synthesis.child_process import call_in_child
+from hadr.synthesis.frame_rendering import live_picture
+from hadr.synthesis.generate import (
+    _chosen_variant,
+    frame_recipe,
+    generate,
+    generate_frames,
+    render_frame,
+)
 from hadr.synthesis.generate_command import add_arguments, run
 from hadr.synthesis.generation_folder import whole_frames
 from hadr.synthesis.generation_presets import GenerationSettings
@@ -45,6 +54,16 @@ def test_the_same_seed_gives_the_same_bytes_whatever_the_number_and_the_workers(
     assert len(first) == 6 * 8 + 1  # eight files a frame, and the settings
     for name, data in first.items():
         assert longer[name] == data, name
+
+
+def test_opencv_gets_back_the_threads_that_it_had(tmp_path):
+    before = cv2.getNumThreads()
+    try:
+        cv2.setNumThreads(3)
+        generate(tmp_path, 1, workers=1, **SIZE)
+        assert cv2.getNumThreads() == 3
+    finally:
+        cv2.setNumThreads(before)
 
 
 def test_a_run_goes_on_where_it_ended(six, tmp_path):
@@ -121,6 +140,7 @@ def test_errors(tmp_path):
         render_frame(frame_recipe(0), width=4, height=4)
 
 
+@pytest.mark.long
 def test_killed_and_started_again_the_tree_is_the_same(tmp_path):
     script = Path(__file__).parents[2] / "benchmarks/kill_generator.py"
     line = "--kills 2 --frames 8 --workers 1 -- --width 48 --height 27 --objects 0000 0005"
@@ -344,7 +364,7 @@ def test_frames_per_hold_may_be_two_and_three_in_turn():
     assert shifted == [0, 3]
 
 
-def test_a_path_traced_frame_does_not_depend_on_those_made_before(tmp_path):
+def test_a_path_traced_frame_does_not_depend_on_those_made_before(tmp_path, monkeypatch):
     for name in ("mitsuba", "pyoidn"):
         pytest.importorskip(name, reason=f"{name} is not installed: pip install 'hadr[generate]'")
     settings = {"width": 48, "height": 27, "engine": "photo", "samples": 2, "sensor": True}
@@ -357,3 +377,67 @@ def test_a_path_traced_frame_does_not_depend_on_those_made_before(tmp_path):
     np.testing.assert_allclose(frames[1].raw_depth, second.raw_depth, atol=1e-6)
     record = json.loads((tmp_path / "one/generation.json").read_text())
     assert record["variant"] in ("llvm_ad_rgb", "scalar_rgb")
+    # The run goes on with the same variant, though another one may have become usable since.
+    other = "scalar_rgb" if record["variant"] == "llvm_ad_rgb" else "llvm_ad_rgb"
+    monkeypatch.setattr("hadr.synthesis.generate.mitsuba_variant", lambda: other)
+    assert generate(tmp_path / "one", 1, objects=["0000"], **settings).kept == 1
+    assert json.loads((tmp_path / "one/generation.json").read_text()) == record
+
+
+def test_one_variant_for_all_workers_of_a_cluster(tmp_path, monkeypatch):
+    def chosen(answers, **more):
+        client = SimpleNamespace(run=lambda function: dict(enumerate(answers)))
+        return _chosen_variant(GenerationSettings(engine="photo", **more), tmp_path, client)
+
+    monkeypatch.setattr("hadr.synthesis.generate.mitsuba_variant", lambda: "scalar_rgb")
+    assert chosen(["llvm_ad_rgb", "llvm_ad_rgb"]) == "llvm_ad_rgb"
+    assert chosen(["llvm_ad_rgb", "scalar_rgb"]) == "scalar_rgb"
+    assert chosen(["scalar_rgb"], variant="llvm_ad_rgb") == "llvm_ad_rgb"
+    assert chosen([]) == "scalar_rgb"  # no worker is there yet
+
+
+def test_a_variant_that_cant_be_used_is_refused_before_anything_is_made(tmp_path, monkeypatch):
+    monkeypatch.setattr("hadr.synthesis.mitsuba_variant.why_not_llvm", lambda: "it is broken")
+    monkeypatch.delenv("HADR_MITSUBA_VARIANT", raising=False)
+    pytest.importorskip("mitsuba", reason="path-traced pictures need hadr[generate]")
+    settings = GenerationSettings(width=48, height=27, engine="photo", variant="llvm_ad_rgb")
+    with pytest.raises(ValueError, match=r"llvm_ad_rgb can't be used on .*: it is broken"):
+        generate_frames(tmp_path / "set", 1, settings)
+    assert not (tmp_path / "set").exists()
+
+
+def test_a_live_picture_is_made_in_a_child_process(monkeypatch):
+    pytest.importorskip("mitsuba", reason="path-traced pictures need hadr[generate]")
+    recipe, stored, fresh = frame_recipe(5), np.zeros((2, 2, 3), np.uint8), np.ones((2, 2, 3))
+
+    def child(function, *args, timeout, **options):
+        assert (function, args, options["engine"]) == (render_frame, (recipe,), "photo")
+        return SimpleNamespace(color=fresh, hold_id="0007-rim-0000")
+
+    monkeypatch.setattr("hadr.synthesis.frame_rendering.call_in_child", child)
+    color, title, sentence = live_picture(recipe, stored, seed=0, width=48, height=27)
+    assert color is fresh
+    assert (title, sentence) == ("traced just now: 0007-rim-0000", "")
+
+
+def test_a_stored_picture_stands_where_none_can_be_made(monkeypatch):
+    def child(*args, **options):
+        return call_in_child(os.abort, timeout=60)
+
+    find, stored = importlib.util.find_spec, np.zeros((2, 2, 3), np.uint8)
+    for missing in (set(), {"mitsuba"}):
+        with monkeypatch.context() as patch:
+            patch.setattr("hadr.synthesis.frame_rendering.call_in_child", child)
+            patch.setattr(
+                importlib.util,
+                "find_spec",
+                lambda name, *a, missing=missing: None if name in missing else find(name, *a),
+            )
+            made = live_picture(frame_recipe(5), stored, seed=0, width=48, height=27)
+        assert made[0] is stored
+        if missing or not find("mitsuba"):
+            assert made[1:] == ("a stored picture (Mitsuba is not installed here)", "")
+        else:
+            why = "No picture could be traced here: its process was ended by SIGABRT"
+            assert made[1] == "a stored picture"
+            assert made[2].startswith(why)

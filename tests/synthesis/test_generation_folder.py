@@ -2,11 +2,13 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
 from hadr.synthesis.generation_folder import SETTINGS_FILE, generation_folder, settings_record
 from hadr.synthesis.generation_presets import PRESETS, GenerationSettings
+from hadr.synthesis.transhand_frame import frame_file_names
 
 SETTINGS = GenerationSettings(width=64, height=36, quality="fast")
 
@@ -58,15 +60,36 @@ def test_frames_of_another_origin_are_left_alone(tmp_path):
 def test_leftovers_of_a_stopped_run_go_and_whole_frames_stay(tmp_path):
     take(tmp_path)
     base = tmp_path / "val/0004/depth"
-    for name in ("log_json/a.json", "rgb/a.jpg", "rgb/b.jpg", "depth_png/b.png"):
+    whole = ("log_json/000001.json", "rgb/000001.jpg")
+    half = {
+        *frame_file_names("000002", jpeg_quality=90, raw="depth"),
+        *frame_file_names("1234567", depth_format="png", raw="disparity"),
+    } - {Path("log_json/000002.json"), Path("log_json/1234567.json")}
+    for name in (*whole, *half):
         (base / name).parent.mkdir(parents=True, exist_ok=True)
         (base / name).write_text("x")
     (tmp_path / ".unfinished-xyz").mkdir()
     (tmp_path / ".unfinished-xyz/0").write_text("x")
     take(tmp_path)
     left = {p.relative_to(tmp_path).as_posix() for p in tmp_path.rglob("*") if p.is_file()}
-    assert left == {SETTINGS_FILE, "val/0004/depth/log_json/a.json", "val/0004/depth/rgb/a.jpg"}
+    assert left == {SETTINGS_FILE, *(f"val/0004/depth/{name}" for name in whole)}
     assert not (tmp_path / ".unfinished-xyz").exists()
+
+
+def test_somebodys_own_files_stay(tmp_path):
+    take(tmp_path)
+    put_frame(tmp_path)
+    base = tmp_path / "train/0000/depth"
+    own = (
+        "rgb/notes.txt", "rgb/glass.png", "rgb/000002.png.bak", "rgb/000002.tif", "rgb/2.png",
+        "rgb/000002_edited.png", "normals/000002.npy", "mine/000002.png", "rgb/000003.png/mine",
+        "rgb/old/000002.png",
+    )  # fmt: skip
+    for name in own:
+        (base / name).parent.mkdir(parents=True, exist_ok=True)
+        (base / name).write_text("mine")
+    take(tmp_path)
+    assert [name for name in own if not (base / name).is_file()] == []
 
 
 def test_two_runs_in_one_folder_are_refused(tmp_path):
@@ -90,12 +113,37 @@ def test_a_folder_that_is_read_from_counts_by_its_contents(tmp_path):
     (tmp_path / "two/0004/hold.csv").write_text("time\n1\n")
     with pytest.raises(ValueError, match=r"recordings is '[0-9a-f]{16}' there, '[0-9a-f]{16}' he"):
         take(tmp_path / "set", two)
-    with pytest.raises(ValueError, match=r"holds no file that ends with \.jpg, \.jpeg"):
+    with pytest.raises(ValueError, match=r"one holds no photograph \(\.jpg, \.jpeg"):
         take(tmp_path / "new", replace(SETTINGS, backgrounds=str(tmp_path / "one")))
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(ValueError, match=r"empty holds no recording \(\.csv\)"):
+        take(tmp_path / "new", replace(SETTINGS, recordings=str(tmp_path / "empty")))
     for name, content in (("recordings", "recordings"), ("backgrounds", "photographs")):
         with pytest.raises(ValueError, match=rf"no folder of {content} at .*nowhere"):
             take(tmp_path / "new", replace(SETTINGS, **{name: str(tmp_path / "nowhere")}))
     assert not (tmp_path / "new").exists()
+
+
+def test_only_files_that_are_read_count(tmp_path):
+    (tmp_path / "photographs/more").mkdir(parents=True)
+    (tmp_path / "photographs/a.jpg").write_text("a")
+    (tmp_path / "recordings").mkdir()
+    (tmp_path / "recordings/hold.csv").write_text("time\n0\n")
+    settings = replace(
+        SETTINGS,
+        backgrounds=str(tmp_path / "photographs"),
+        recordings=str(tmp_path / "recordings"),
+    )
+    before = settings_record(settings)
+    (tmp_path / "photographs/more/b.jpg").write_text("b")
+    (tmp_path / "recordings/settings.json").write_text("{}")
+    assert settings_record(settings) == before
+    (tmp_path / "photographs/b.jpg").write_text("b")
+    assert settings_record(settings)["backgrounds"] != before["backgrounds"]
+    for name in ("hold.json", "hold.placement.csv"):
+        before = settings_record(settings)
+        (tmp_path / "recordings" / name).write_text("{}")
+        assert settings_record(settings)["recordings"] != before["recordings"], name
 
 
 @pytest.mark.parametrize("left", ["", "{"])

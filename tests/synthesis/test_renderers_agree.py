@@ -52,7 +52,7 @@ def compare(depth, labels):
 def mitsuba_depth(scene):
     """Depth at the pixel centres, by Mitsuba's own camera and its own intersections."""
     from hadr.synthesis.mitsuba_scene import mitsuba_sensor, scene_to_mitsuba
-    from hadr.synthesis.photo import mitsuba
+    from hadr.synthesis.mitsuba_variant import mitsuba
 
     mi = mitsuba("scalar_rgb")
     description = scene_to_mitsuba(scene)

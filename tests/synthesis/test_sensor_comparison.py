@@ -8,6 +8,8 @@ from types import ModuleType
 import numpy as np
 import pytest
 
+from hadr.synthesis.textures import FAMILIES
+
 REPOSITORY = Path(__file__).resolve().parents[2]
 RESULTS = REPOSITORY / "results" / "sensor" / "comparison.json"
 
@@ -38,6 +40,18 @@ def test_errors_of_a_picture_made_by_hand(benchmark_script):
     assert found["outside_median_abs_m"] == pytest.approx(0.002, abs=1e-6)
     # The glass and a margin of three pixels on each side do not count as outside.
     assert found["outside_pixels"] == 64 * 90 - 16 * 16
+
+
+def test_tables_and_walls_wear_wood_cloth_and_stone_alone(benchmark_script):
+    camera = benchmark_script.real_camera(64, 36)
+    seeds = range(1435, 1447)
+    around = [benchmark_script.table_scene(seed, camera).rays.surroundings for seed in seeds]
+    numbers = np.concatenate([each.picture for each in around])
+    assert {FAMILIES[number % len(FAMILIES)].name for number in numbers} == {
+        "wood",
+        "plaid",
+        "marble",
+    }
 
 
 def test_the_real_column_is_what_the_real_frames_give(benchmark_script, realdata):

@@ -32,6 +32,15 @@ def test_a_known_shift_is_found_to_a_small_part_of_a_pixel(disparity):
     np.testing.assert_array_equal(found * STEPS, np.rint(found * STEPS))
 
 
+def test_without_refinement_the_disparity_is_the_semi_global_matchers():
+    disparity = 20.3  # 9.6 sixteenths of a pixel beyond a whole one
+    found = match(*speckle_pair(disparity), Matching(disparities=64, iterations=0))
+    inner = found[10:-10, 80:-20]
+    assert (inner > 0).mean() > 0.98
+    assert np.abs(inner[inner > 0] - disparity).max() < 0.5
+    np.testing.assert_array_equal(found * 16, np.rint(found * 16))  # its steps are coarser
+
+
 def test_pictures_that_have_nothing_in_common_do_not_match():
     left, _ = speckle_pair(20.0, seed=1)
     _, right = speckle_pair(20.0, seed=2)
@@ -62,6 +71,8 @@ def test_impossible_settings_are_named():
         Matching(disparities=50)
     with pytest.raises(ValueError, match="median must be 0, 3 or 5, got 4"):
         Matching(median=4)
+    with pytest.raises(ValueError, match="iterations must be at least 0, got -1"):
+        Matching(iterations=-1)
 
 
 def test_one_depth_pixel_lands_where_geometry_says():

@@ -35,6 +35,40 @@ def test_a_resumed_training_ends_with_the_same_weights(
         assert {**one, "seconds": 0} == {**two, "seconds": 0}
 
 
+def test_every_group_of_weights_follows_the_schedule_from_its_own_rate(
+    tmp_path: Path, micro: Preset, frames: FrameTensors, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rates: list[tuple[float, ...]] = []
+
+    class Watched(torch.optim.Adam):
+        def step(self, closure: Any = None) -> Any:
+            rates.append(tuple(group["lr"] for group in self.param_groups))
+            return super().step(closure)
+
+    def grouped(recipe: Preset, network: torch.nn.Module) -> torch.optim.Adam:
+        slow, fast = (
+            network.backbone.parameters(),
+            [
+                weight
+                for name, weight in network.named_parameters()
+                if not name.startswith("backbone.")
+            ],
+        )
+        groups = [{"params": slow, "lr": recipe.learning_rate / 8}, {"params": fast}]
+        return Watched(groups, lr=recipe.learning_rate)
+
+    monkeypatch.setattr("hadr.training.loop.optimizer_of", grouped)
+    through = train(micro, frames, folder=tmp_path / "a", seed=3, progress=False)
+    # Six frames in batches of four: two steps an epoch; the fourth epoch has a tenth of the rate.
+    assert [fast for _, fast in rates] == [1e-3] * 6 + [pytest.approx(1e-4)] * 2
+    assert [slow for slow, _ in rates] == [fast / 8 for _, fast in rates]
+    train(micro, frames, folder=tmp_path / "b", seed=3, stop_after=3, progress=False)
+    rates.clear()
+    resumed = train(micro, frames, folder=tmp_path / "b", seed=3, resume=True, progress=False)
+    assert rates == [(pytest.approx(1.25e-5), pytest.approx(1e-4))] * 2
+    assert same_weights(through.model, resumed.model)
+
+
 def test_resuming_needs_the_optimizers_state_and_the_seed(
     tmp_path: Path, micro: Preset, frames: FrameTensors, monkeypatch: pytest.MonkeyPatch
 ) -> None:

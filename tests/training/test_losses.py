@@ -1,12 +1,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 import torch
 
 from hadr.models.hadr import HADROutput
-from hadr.ray_voxels import VoxelGrid, occupied_voxels, ray_voxel_pairs
+from hadr.ray_voxels import VoxelGrid, occupied_voxels, ray_voxel_pairs, segment_softmax
 from hadr.training.losses import (
     CODED,
     PRINTED,
@@ -131,6 +132,24 @@ def test_all_terms_where_the_truth_lies_in_the_other_voxel() -> None:
     assert terms.voxel_accuracy.item() == 0.0
     assert terms.without_true_voxel.item() == pytest.approx(1 / 3)
     assert terms.normals.item() == 0.0  # no whole triangle is left
+
+
+def test_the_worst_choice_has_the_gradient_of_a_log_softmax_over_each_ray() -> None:
+    depth = torch.full((1, 4, 4), 1.0)  # the truth lies in each ray's second voxel
+    values = [100.0, 0.0, 0.0, 100.0, -50.0, 50.0, 1.0, -99.0]
+    logits = torch.tensor(values, requires_grad=True)
+    output = replace(
+        output_with(true_points(0.5)),
+        logits=logits,
+        probability=segment_softmax(logits, torch.arange(8) // 2, 4),
+    )
+    hadr_losses(output, depth, INTRINSICS, GRID).probability.backward()
+    exact = torch.tensor(values, dtype=torch.float64, requires_grad=True)
+    expected = -torch.stack([torch.log_softmax(ray, dim=0)[1] for ray in exact.split(2)]).mean()
+    expected.backward()
+    assert logits.grad is not None
+    assert logits.grad[1].item() == -0.25  # one of four rays, certain of the wrong voxel
+    torch.testing.assert_close(logits.grad.double(), exact.grad, rtol=1e-6, atol=1e-12)
 
 
 def test_a_ray_without_candidate_counts_in_no_term() -> None:

@@ -31,8 +31,9 @@ from torch import Tensor, nn
 
 from hadr.models.backbone import IMAGENET_MEAN, IMAGENET_STD, BackboneConfig, build_swin
 from hadr.models.cross_fusion import CrossFusion
+from hadr.models.enlarged_map import enlarge
 from hadr.models.hadr_input import HADRInput, float_color
-from hadr.models.pyramid_head import PyramidHead, resize
+from hadr.models.pyramid_head import PyramidHead
 
 PUBLISHED_ENCODER = BackboneConfig(normalize_color=False)
 """Swin-T on colours in 0..1."""
@@ -164,7 +165,7 @@ class SwinDRNet(nn.Module):
             The restored depth.
         """
         raw = inputs.depth  # (B, H, W)
-        size = (int(raw.shape[1]), int(raw.shape[2]))
+        size, patch = raw.shape[1:], self.config.backbone.patch
         color = float_color(inputs.color)  # (B, 3, H, W)
         if self.config.backbone.normalize_color:
             color = (color - self.mean) / self.std
@@ -174,8 +175,8 @@ class SwinDRNet(nn.Module):
             torch.cat((fuse(one, other), one, other), dim=1)
             for fuse, one, other in zip(self.fusions, seen, measured, strict=True)
         ]  # each (B, 3 C_i, H_i, W_i)
-        initial = resize(self.depth_head(stages), size)[:, 0]  # (B, H, W)
-        trust = resize(self.confidence_head(stages), size)  # (B, 2, H, W)
+        initial = enlarge(self.depth_head(stages), patch, size)[:, 0]  # (B, H, W)
+        trust = enlarge(self.confidence_head(stages), patch, size)  # (B, 2, H, W)
         share = trust.softmax(dim=1)[:, 1]  # (B, H, W)
         if not self.config.mix_missing:
             share = torch.where(raw > 0, share, torch.ones_like(share))

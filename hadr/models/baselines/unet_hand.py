@@ -16,6 +16,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from hadr.models.enlarged_map import enlarge
 from hadr.models.hadr_input import HADRInput, float_color
 from hadr.models.hand_prior import hand_depth, keypoint_maps, relative_depth
 
@@ -121,9 +122,7 @@ class UNetHand(nn.Module):
             skipped.append(values)
         for level in reversed(range(len(self.up))):
             fine = skipped[level]
-            values = functional.interpolate(
-                values, size=fine.shape[2:], mode="bilinear", align_corners=False
-            )
+            values = enlarge(values, 2, fine.shape[2:])
             values = self.up[level](torch.cat((values, fine), dim=1))
         relative = functional.pixel_shuffle(self.head(values), 2)[:, 0].float()  # (B, H, W)
         depth = hand[:, None, None] + UNIT_M * relative

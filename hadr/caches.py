@@ -1,0 +1,96 @@
+"""Results that are computed once and kept: no caller can spoil them, and a changed file is noticed.
+
+`functools.lru_cache` hands the same object to every caller. Who scales a kept array in place would
+change it for everybody until the session ends; so all arrays in a kept result are read-only, and
+`array.copy()` gives one's own. What was read from a file is kept for as long as the file's time and
+size stay the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import fields, is_dataclass
+from functools import _lru_cache_wrapper, lru_cache, wraps
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+Result = TypeVar("Result")
+
+
+def read_only(value: Result) -> Result:
+    """Forbid writing to an array, or to all arrays in a tuple, list, dictionary or dataclass.
+
+    Args:
+        value: What is to be kept; anything else in it stays as it is.
+
+    Returns:
+        The same object.
+    """
+    parts: Any = ()
+    if isinstance(value, np.ndarray):
+        value.flags.writeable = False
+    elif isinstance(value, tuple | list):
+        parts = value
+    elif isinstance(value, dict):
+        parts = value.values()
+    elif is_dataclass(value) and not isinstance(value, type):
+        parts = [getattr(value, field.name) for field in fields(value)]
+    for part in parts:
+        read_only(part)
+    return value
+
+
+def kept(maxsize: int) -> Callable[[Callable[..., Result]], _lru_cache_wrapper[Result]]:
+    """Decorate a function as `functools.lru_cache` does; its results become `read_only`.
+
+    Args:
+        maxsize: How many results are kept, those asked for last.
+    """
+
+    def decorate(function: Callable[..., Result]) -> _lru_cache_wrapper[Result]:
+        @lru_cache(maxsize=maxsize)
+        @wraps(function)
+        def computed(*args: Any, **kwargs: Any) -> Result:
+            return read_only(function(*args, **kwargs))
+
+        return computed
+
+    return decorate
+
+
+def kept_by_file(
+    maxsize: int,
+) -> Callable[[Callable[..., Result]], Callable[..., Result]]:
+    """Decorate a function of files as `kept` does; a result holds until one of them changes.
+
+    Args:
+        maxsize: How many results are kept.
+
+    Returns:
+        The function, whose arguments are paths alone; it is called anew where the time or size of
+        a file differs, or a file has come or gone.
+    """
+
+    def decorate(function: Callable[..., Result]) -> Callable[..., Result]:
+        @kept(maxsize)
+        def then(paths: tuple[Path, ...], states: tuple[object, ...]) -> Result:
+            return function(*paths)
+
+        @wraps(function)
+        def now(*paths: Path) -> Result:
+            return then(paths, tuple(map(_state, paths)))
+
+        return now
+
+    return decorate
+
+
+def _state(path: Path) -> tuple[int, int] | None:
+    """Time and size of a file; None where there is none."""
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_mtime_ns, found.st_size
