@@ -27,7 +27,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from scipy.stats import binomtest
 
 from hadr.handover.film import film_frames, write_film
 from hadr.handover.scenes import TRIAL_HOLDS, TRIAL_OBJECTS, HeldScene, held_scene
@@ -342,6 +341,8 @@ def arm_row(arm: str, outcomes: Sequence[dict[str, Any]]) -> dict[str, Any]:
     won = np.array([row["verdict"] == "success" for row in outcomes])
     objects = np.array([row["trial"]["object_id"] for row in outcomes])
     by_object = {name: float(won[objects == name].mean()) for name in sorted(set(objects))}
+    from scipy.stats import binomtest  # takes a second to import, which no worker needs
+
     interval = binomtest(int(won.sum()), len(won)).proportion_ci(0.95, "wilson")
     succeeded = [row for row in outcomes if row["verdict"] == "success"]
 

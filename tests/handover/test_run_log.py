@@ -196,7 +196,7 @@ def test_forces_and_refusals_of_the_robot_are_replayed() -> None:
     assert replay(handover.log()).transitions == handover.transitions
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("seed", [0, 1])
 def test_a_run_on_garbage_is_replayed(seed: int) -> None:
     rng = np.random.default_rng(seed)
     last = ChosenGrasp(grasp(), 0.075, 1.0)

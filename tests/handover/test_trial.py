@@ -95,7 +95,6 @@ STOPS: list[tuple[Fault, float, float, str]] = [
     ("frozen keypoints", 2.0, 0.4, r"^keypoints frozen: the same in 5 pictures in a row$"),
     ("no frames", 2.0, 0.3, r"^the camera stopped: no new picture for 0\.3. s$"),
     ("no hand", 3.8, 0.3, r"^no hand seen for 0\.3. s: no hand in the picture$"),
-    ("no frames", 3.8, 0.3, r"^the camera stopped: no new picture for 0\.3. s$"),
 ]
 
 

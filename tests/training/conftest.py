@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from hadr.data.transhand import Frame
 from hadr.models.backbone import BackboneConfig
 from hadr.models.hadr import HADRConfig, HADRInput
 from hadr.training.batches import FrameTensors
+from hadr.training.loop import Trained, train
 from hadr.training.presets import Preset
 
 MICRO = Preset(
@@ -68,6 +70,15 @@ def make_frames() -> Callable[..., FrameTensors]:
 @pytest.fixture(scope="session")
 def frames() -> FrameTensors:
     return little_frames()
+
+
+@pytest.fixture(scope="session")
+def through(
+    micro: Preset, frames: FrameTensors, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Trained, Path]:
+    """A whole training of the micro network with seed 3, and its folder, which is only read."""
+    folder = tmp_path_factory.mktemp("through")
+    return train(micro, frames, frames, folder=folder, seed=3, progress=False), folder
 
 
 CAMERA = Intrinsics(60.0, 60.0, 31.5, 23.5, 64, 48)

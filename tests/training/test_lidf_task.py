@@ -15,7 +15,7 @@ from hadr.training.batches import FrameTensors
 from hadr.training.checkpoints import load_checkpoint
 from hadr.training.hadr_task import validate_depth
 from hadr.training.lidf_task import LIDFTask, draw_perturbation
-from hadr.training.loop import LAST, train
+from hadr.training.loop import LAST, Trained, train
 from hadr.training.losses import LIDF_WEIGHTS
 from hadr.training.presets import Preset, preset
 
@@ -40,7 +40,7 @@ MICRO = Preset(
 )
 
 
-def learn(frames: FrameTensors, recipe: Preset = MICRO, **how: Any) -> Any:
+def learn(frames: FrameTensors, recipe: Preset = MICRO, **how: Any) -> Trained:
     return train(recipe, frames, task=LIDFTask(recipe), progress=False, **how)
 
 
@@ -100,11 +100,16 @@ def test_clipping_and_averaging_leave_the_frozen_stage_alone_too(frames: FrameTe
     assert all(torch.equal(averages[1][name], averages[3][name]) for name in running)
 
 
+@pytest.fixture(scope="module")
+def through(frames: FrameTensors) -> Trained:
+    """A whole training with seed 3."""
+    return learn(frames, seed=3)
+
+
 @pytest.mark.parametrize("stopped", [1, 2, 3])
 def test_a_resumed_training_ends_with_the_same_weights(
-    frames: FrameTensors, tmp_path: Path, stopped: int
+    frames: FrameTensors, through: Trained, tmp_path: Path, stopped: int
 ) -> None:
-    through = learn(frames, seed=3)
     learn(frames, seed=3, folder=tmp_path, stop_after=stopped)
     kept, _ = load_checkpoint(tmp_path / LAST)
     assert kept.refines == (stopped > 2)  # what has not begun to learn does not answer

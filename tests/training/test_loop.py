@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import csv
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import torch
 
 from hadr.training.batches import FrameTensors
 from hadr.training.checkpoints import load_checkpoint
-from hadr.training.loop import BEST, LAST, early_look, train
+from hadr.training.loop import BEST, LAST, Trained, early_look, train
 from hadr.training.losses import CODED
 from hadr.training.presets import Preset
 from hadr.training.weight_average import WeightAverage
@@ -23,17 +24,14 @@ def same_weights(a: torch.nn.Module, b: torch.nn.Module) -> bool:
 
 
 def test_a_resumed_training_ends_with_the_same_weights(
-    tmp_path: Path, micro: Preset, frames: FrameTensors
+    tmp_path: Path, micro: Preset, frames: FrameTensors, through: tuple[Trained, Path]
 ) -> None:
-    through = train(micro, frames, frames, folder=tmp_path / "a", seed=3, progress=False)
-    train(micro, frames, frames, folder=tmp_path / "b", seed=3, stop_after=2, progress=False)
+    train(micro, frames, frames, folder=tmp_path, seed=3, stop_after=2, progress=False)
     torch.manual_seed(999)  # whatever happened in between
-    resumed = train(
-        micro, frames, frames, folder=tmp_path / "b", seed=3, resume=True, progress=False
-    )
-    assert same_weights(through.model, resumed.model)
+    resumed = train(micro, frames, frames, folder=tmp_path, seed=3, resume=True, progress=False)
+    assert same_weights(through[0].model, resumed.model)
     assert [row["epoch"] for row in resumed.history] == [0, 1, 2, 3]
-    for one, two in zip(through.history, resumed.history, strict=True):
+    for one, two in zip(through[0].history, resumed.history, strict=True):
         assert {**one, "seconds": 0} == {**two, "seconds": 0}
 
 
@@ -83,21 +81,19 @@ def test_resuming_needs_the_optimizers_state_and_the_seed(
     assert not same_weights(through.model, forgetful.model)
 
 
-def test_history_and_checkpoints_are_written(
-    tmp_path: Path, micro: Preset, frames: FrameTensors
-) -> None:
-    trained = train(micro, frames, frames, folder=tmp_path, progress=False)
-    with (tmp_path / "history.csv").open(encoding="utf-8") as file:
+def test_history_and_checkpoints_are_written(through: tuple[Trained, Path]) -> None:
+    trained, folder = through
+    with (folder / "history.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert [float(row["rate"]) for row in rows] == pytest.approx([1e-3, 1e-3, 1e-3, 1e-4])
     assert float(rows[2]["loss"]) == trained.history[2]["loss"]
-    last, meta = load_checkpoint(tmp_path / LAST)
+    last, meta = load_checkpoint(folder / LAST)
     assert same_weights(last, trained.model)
     assert (meta["width"], meta["height"], meta["epochs"]) == (32, 24, 4)
-    _, best_meta = load_checkpoint(tmp_path / BEST)
+    _, best_meta = load_checkpoint(folder / BEST)
     errors = [row["validation_rmse_m"] for row in trained.history]
     assert best_meta["epochs"] - 1 == errors.index(min(errors))
-    assert not list(tmp_path.glob(".*"))  # no temporary file stays
+    assert not list(folder.glob(".*"))  # no temporary file stays
 
 
 def test_strided_rays_train_too(micro: Preset, frames: FrameTensors) -> None:
@@ -160,12 +156,16 @@ def test_a_training_is_not_overwritten(micro: Preset, frames: FrameTensors, tmp_
 
 
 def test_the_best_epoch_is_mended_after_a_kill_between_two_files(
-    tmp_path: Path, micro: Preset, frames: FrameTensors, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path,
+    micro: Preset,
+    frames: FrameTensors,
+    through: tuple[Trained, Path],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     import hadr.training.training_folder as home
 
-    one, two = tmp_path / "one", tmp_path / "two"
-    through = train(micro, frames, frames, folder=one, progress=False)
+    (whole, one), two = through, tmp_path
+    again = partial(train, micro, frames, frames, folder=two, seed=3, progress=False)
     best = load_checkpoint(one / BEST)[1]["epochs"]
     write = home.save_checkpoint
 
@@ -177,33 +177,32 @@ def test_the_best_epoch_is_mended_after_a_kill_between_two_files(
 
     monkeypatch.setattr(home, "save_checkpoint", killed)
     with pytest.raises(KeyboardInterrupt):
-        train(micro, frames, frames, folder=two, progress=False)
+        again()
     monkeypatch.setattr(home, "save_checkpoint", write)
     assert load_checkpoint(two / LAST)[1]["epochs"] == best
-    short = train(micro, frames, frames, folder=two, resume=True, stop_after=best, progress=False)
+    short = again(resume=True, stop_after=best)
     assert len(short.history) == best  # nothing was trained, and yet all is in line:
     assert load_checkpoint(two / BEST)[1]["epochs"] == best
     assert len((two / "history.csv").read_text(encoding="utf-8").splitlines()) == best + 1
     assert not list(two.glob(".*"))
-    train(micro, frames, frames, folder=two, resume=True, progress=False)
+    again(resume=True)
     for name in (LAST, BEST):
         mine, theirs = load_checkpoint(one / name)[0], load_checkpoint(two / name)[0]
         assert same_weights(mine, theirs)
-    assert same_weights(through.model, load_checkpoint(two / LAST)[0])
+    assert same_weights(whole.model, load_checkpoint(two / LAST)[0])
 
 
 def test_the_average_of_the_weights_is_the_result_and_is_resumed(
-    tmp_path: Path, micro: Preset, frames: FrameTensors
+    tmp_path: Path, micro: Preset, frames: FrameTensors, through: tuple[Trained, Path]
 ) -> None:
-    recipe = replace(micro, average_decay=0.9)
-    plain = train(micro, frames, progress=False)
-    through = train(recipe, frames, folder=tmp_path / "a", progress=False)
-    assert not same_weights(plain.model, through.model)
-    assert plain.history[-1]["loss"] == through.history[-1]["loss"]  # it only watches
-    train(recipe, frames, folder=tmp_path / "b", stop_after=2, progress=False)
-    resumed = train(recipe, frames, folder=tmp_path / "b", resume=True, progress=False)
-    assert same_weights(through.model, resumed.model)
-    assert same_weights(through.model, load_checkpoint(tmp_path / "b" / LAST)[0])
+    averaging = partial(train, replace(micro, average_decay=0.9), frames, seed=3, progress=False)
+    plain, averaged = through[0], averaging()
+    assert not same_weights(plain.model, averaged.model)
+    assert plain.history[-1]["loss"] == averaged.history[-1]["loss"]  # it only watches
+    averaging(folder=tmp_path, stop_after=2)
+    resumed = averaging(folder=tmp_path, resume=True)
+    assert same_weights(averaged.model, resumed.model)
+    assert same_weights(averaged.model, load_checkpoint(tmp_path / LAST)[0])
 
 
 def test_weight_average_hand_computed() -> None:
