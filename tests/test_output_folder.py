@@ -188,7 +188,8 @@ def make(checkout):
         shutil.copy(ROOT / "hadr" / name, checkout / "hadr")
 
     def call(*words):
-        kept = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "MAKEFLAGS")}
+        outer = ("PYTHONPATH", "MAKEFLAGS", "MAKELEVEL", "BUILD")
+        kept = {k: v for k, v in os.environ.items() if k not in outer}
         kept["PYTHONDONTWRITEBYTECODE"] = "1"
         return subprocess.run(["make", *words], env=kept, capture_output=True, text=True,
                               check=False)  # fmt: skip
