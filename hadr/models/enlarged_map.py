@@ -110,7 +110,7 @@ def enlarge(features: Tensor, factor: int, size: Sequence[int]) -> Tensor:
         size: Height and width to cut to, at most (h * factor, w * factor).
 
     Returns:
-        Shape (B, C, *size).
+        Shape (B, C, height, width), as `size` says.
     """
     if factor > 1:
         features = functional.interpolate(

@@ -1,7 +1,7 @@
 """A scene as Mitsuba 3 wants it: surfaces, materials and lights as one dictionary.
 
 Needs the extra ``hadr[generate]``. Mitsuba is only imported when a function is called, after a
-variant was chosen with :func:`hadr.synthesis.photo.mitsuba`.
+variant was chosen with :func:`hadr.synthesis.mitsuba_variant.mitsuba`.
 """
 
 from __future__ import annotations
