@@ -20,6 +20,7 @@ OUT       ?= $(BUILD)$(if $(filter tiny,$(PRESET)),,/$(PRESET))
 BIN   := $(VENV)/bin
 PY    := $(BIN)/python
 READY := $(VENV)/.hadr-ready
+ANY_PYTHON = $(if $(wildcard $(PY)),$(PY),$(PYTHON))
 PYTEST = HADR_BOOK_HTML="$(BUILD_PATH)/html/_build/html" \
     $(PY) -m pytest -n $(WORKERS) --dist loadgroup --durations=10
 
@@ -34,7 +35,7 @@ export XDG_CACHE_HOME := $(BUILD_PATH)/hadr-cache
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help book tables reproduce test test-long test-all lint env notebooks texts check-notebooks html readme-times readme-figure clean
+.PHONY: help book tables reproduce test test-long test-all lint env notebooks texts check-notebooks html readme-times readme-figure clean build-folder
 
 help: ## what can be made
 	@echo "usage: make TARGET [PYTHON=python3] [VENV=.venv] [BUILD=build]"
@@ -86,10 +87,13 @@ readme-figure: $(READY) ## draw the README's pictures
 	@$(PY) book/sample_sheet.py
 
 clean: ## remove what was built (the environment stays)
-	@$(if $(wildcard $(PY)),$(PY),$(PYTHON)) -m hadr.output_folder "$(BUILD)"
+	@$(ANY_PYTHON) -m hadr.output_folder "$(BUILD)"
 	rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis
 
-$(READY): pyproject.toml constraints.txt
+build-folder:
+	@$(ANY_PYTHON) -m hadr.output_folder --check "$(BUILD)"
+
+$(READY): pyproject.toml constraints.txt | build-folder
 	@$(PYTHON) -c 'import sys; v = sys.version_info; sys.exit(0 if v[:2] >= (3, 11) else \
 	    "hadr needs Python 3.11 or newer, but $(PYTHON) is %d.%d; name another one: make PYTHON=python3.11 ..." % v[:2])'
 	@$(PYTHON) -c 'import ensurepip' 2>/dev/null || { \

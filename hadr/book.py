@@ -284,13 +284,21 @@ def readme_table(build: Path, root: Path) -> str:
 
     Raises:
         FileNotFoundError: No book was built yet.
-        ValueError: The times are not of all chapters, or not of one machine; the message says it.
+        ValueError: The record is broken, or its times are not of all chapters, of preset tiny and
+            of one machine; the message says which.
     """
     path = build / "results.json"
     if not path.exists():
         raise FileNotFoundError(f"{path} is missing: run `make book` first")
-    measured = json.loads(path.read_text(encoding="utf-8"))
-    notebooks, timed = chapter_paths(root / "notebooks"), measured.get("chapters", {})
+    try:
+        measured = json.loads(path.read_text(encoding="utf-8"))
+        preset, chapters = measured["parameters"]["preset"], measured["chapters"]
+        timed = {name: c for name, c in chapters.items() if {"duration_s", "machine"} <= c.keys()}
+    except (ValueError, LookupError, AttributeError, TypeError) as error:
+        raise ValueError(f"{path} is broken ({error!r}): run `make book` first") from error
+    if preset != "tiny":
+        raise ValueError(f"{path} has times of preset {preset}, README those of tiny")
+    notebooks = chapter_paths(root / "notebooks")
     missing = [notebook.stem for notebook in notebooks if notebook.stem not in timed]
     if missing:
         raise ValueError(f"{path} has no time of {', '.join(missing)}: run `make book` first")

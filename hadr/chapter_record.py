@@ -6,7 +6,6 @@ OUT/results/NAME/chapter.json   sealed: what the chapter depends on (`hadr.depen
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import json
 from collections.abc import Callable, Iterable, Sequence
@@ -74,8 +73,8 @@ def keep_results(
 ) -> dict[str, Any]:
     """Gather what the chapters measured in one file, ``OUT/results.json``.
 
-    Chapters that were executed before are in it as well, each with its machine; but those with
-    another preset or seed are not: numbers of two kinds never stand side by side.
+    Chapters that were executed before are in it as well, each with its machine and provenance, if
+    they are finished with this preset and seed and as they are now (`hadr.dependencies`).
 
     Args:
         out: The folder into which they were executed.
@@ -88,21 +87,24 @@ def keep_results(
         What was written: results and run time of each chapter, and where they come from.
     """
     chapters = {}
-    for name in (notebook.stem for notebook in notebooks):
-        record = _record(out / "results" / name / RECORD)
-        if record is None or (record["preset"], record["seed"]) != (preset, seed):
+    for notebook in notebooks:
+        folder = out / "results" / notebook.stem
+        record = sealed_row(folder / RECORD, chapter_configuration(notebook, preset, seed))
+        if record is None:
             continue
-        results = out / "results" / name / "results.json"
-        content = json.loads(results.read_text(encoding="utf-8")) if results.exists() else {}
-        chapters[name] = {
-            "duration_s": round(record["duration_s"], 3),
-            "machine": record["machine"],
-            "results": content.get("results"),
-        }
+        results = folder / "results.json"
+        try:
+            content = json.loads(results.read_text(encoding="utf-8")) if results.exists() else {}
+            kept = {name: content.get(name) for name in ("results", "provenance")}
+        except (OSError, ValueError, AttributeError) as error:
+            say(f"{results} can't be read: {error}")
+            continue
+        seconds = round(record["duration_s"], 3)
+        chapters[notebook.stem] = {"duration_s": seconds, "machine": record["machine"], **kept}
     if len(chapters) < len(notebooks):
         say(
             f"{out / 'results.json'} has {len(chapters)} of {len(notebooks)} chapters: the others "
-            f"were not executed with preset {preset} and seed {seed}"
+            f"were not executed, as they are now, with preset {preset} and seed {seed}"
         )
     whole = {
         "parameters": {"preset": preset, "seed": seed},
@@ -112,16 +114,6 @@ def keep_results(
     }
     write_json(out / "results.json", whole)
     return whole
-
-
-def _record(path: Path) -> dict[str, Any] | None:
-    """How a chapter was executed last, whatever changed since; None if the record was edited."""
-    with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
-        configuration = json.loads(path.read_text(encoding="utf-8"))["configuration"]
-        row = sealed_row(path, configuration) or {}
-        names = ("duration_s", "machine")
-        return {**configuration, **{name: row[name] for name in names}}
-    return None
 
 
 def _code(notebook: Path) -> str:

@@ -38,7 +38,7 @@ def code_digest(*modules: str, without: Collection[str] = ()) -> str:
         64 hexadecimal digits; other ones on a Python with another syntax tree.
 
     Raises:
-        KeyError: The library has no such module.
+        KeyError: The library has no such module. `hadr.provenance` counts for nothing.
     """
     whole, known = hashlib.sha256(), _modules()
     for name in sorted(modules_behind(*modules, without=without)):

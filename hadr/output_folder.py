@@ -1,9 +1,10 @@
 """Where commands may write: what is refused, and which folders may be replaced or removed whole.
 
-A folder that hadr made holds a marker. Any other is somebody's own: files are put into it where
-that is asked for, but it is never replaced or removed.
+A folder that hadr made holds a marker, or is the checkout's ``build``. Any other is somebody's own:
+files are put into it where that is asked for, but it is never replaced or removed.
 
-    python -m hadr.output_folder build    removes what was built, as `make clean` does
+    python -m hadr.output_folder build            removes what was built, as `make clean` does
+    python -m hadr.output_folder --check build    refuses it if it can't take what is made
 """
 
 from __future__ import annotations
@@ -101,7 +102,7 @@ def make_output_folder(folder: str | Path) -> Path:
         OSError: It can't be made or written.
     """
     target = check_output_folder(folder)
-    own = not target.exists() or _is_own(target)
+    own = not target.exists() or _is_own(target) or _is_free(target)
     target.mkdir(parents=True, exist_ok=True)
     if own:
         words = "hadr made this folder: `make clean` may remove it with all that is in it.\n"
@@ -158,24 +159,32 @@ def _same(one: Path, other: Path) -> bool:
 
 
 def _is_own(folder: Path) -> bool:
-    """Whether a folder is marked, or holds nothing but marked ones and caches."""
-    return (folder / MARKER).is_file() or all(
-        entry.name == CACHE or (entry / MARKER).is_file() for entry in folder.iterdir()
-    )
+    """Whether a folder is marked, is or lies in the checkout's ``build``, or holds caches alone."""
+    with contextlib.suppress(FileNotFoundError):
+        if (checkout_root() / "build").resolve() in (folder, *folder.parents):
+            return True
+    return (folder / MARKER).is_file() or {entry.name for entry in folder.iterdir()} == {CACHE}
+
+
+def _is_free(folder: Path) -> bool:
+    """Whether nothing lies in a folder but what hadr made."""
+    return all(entry.name == CACHE or (entry / MARKER).is_file() for entry in folder.iterdir())
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Remove a folder that was made.
 
     Returns:
-        0 when it is gone; 2 when it is not hadr's to remove.
+        0 when it is gone, or may take what is made; 2 when it is not hadr's to remove, or may not.
     """
     parser = argparse.ArgumentParser(
         prog="python -m hadr.output_folder", description="Remove a folder that hadr made."
     )
     parser.add_argument("folder", help="such as build")
+    parser.add_argument("--check", action="store_true", help="only refuse it, remove nothing")
+    args = parser.parse_args(arguments)
     try:
-        remove_output_folder(parser.parse_args(arguments).folder)
+        (check_output_folder if args.check else remove_output_folder)(args.folder)
     except (ValueError, OSError) as error:
         print(error, file=sys.stderr)
         return 2

@@ -70,7 +70,7 @@ def provenance() -> dict[str, Any]:
 def _commit() -> dict[str, Any]:
     """The library's own commit, and whether code beside it differs; None where nobody knows.
 
-    A library that was installed into somebody's repository has none, whatever git says there.
+    A library that lies in somebody's repository without being part of it has none.
     """
     root = Path(__file__).resolve().parents[1]
     top = _git(root, "rev-parse", "--show-toplevel")
@@ -86,9 +86,11 @@ def _commit() -> dict[str, Any]:
 
 def _git(folder: Path, *words: str) -> str | None:
     """What git says in a folder; None where it is not installed or fails."""
+    environment = {name: v for name, v in os.environ.items() if not name.startswith("GIT_")}
     try:
         answer = subprocess.run(
             ["git", "-C", str(folder), *words],
+            env=environment,
             capture_output=True,
             text=True,
             timeout=10,

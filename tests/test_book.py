@@ -145,7 +145,9 @@ def test_the_readme_table_comes_from_the_measurement(tmp_path):
         book.readme_table(tmp_path, tmp_path)
     gone = {"duration_s": 5.0, "machine": "four cores"}  # a chapter that was renamed since
     chapters = {"00_a": {"duration_s": 61.2, "machine": "two cores"}, "00_old": gone}
-    (tmp_path / "results.json").write_text(json.dumps({"chapters": chapters}))
+    (tmp_path / "results.json").write_text(
+        json.dumps({"parameters": {"preset": "tiny"}, "chapters": chapters})
+    )
     table = book.readme_table(tmp_path, tmp_path)
     assert "00_old" not in table
     assert "| [A *title*](notebooks/00_a.ipynb) | 1 min 01 s |" in table
@@ -153,15 +155,16 @@ def test_the_readme_table_comes_from_the_measurement(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("chapters", "says"),
+    ("preset", "chapters", "says"),
     [
-        ({}, "results.json has no time of 00_a, 01_b: run `make book` first"),
-        ({"01_b": "one core"}, "results.json has no time of 00_a: run `make book` first"),
-        ({"00_a": "one core", "01_b": "two cores"}, "has times of one core and of two cores: run"),
+        ("tiny", {}, "results.json is broken"),
+        ("mini", {"00_a": "one core"}, "has times of preset mini, README those of tiny"),
+        ("tiny", {"01_b": "one core"}, "results.json has no time of 00_a: run `make book` first"),
+        ("tiny", {"00_a": "one core", "01_b": "two cores"}, "of one core and of two cores: run"),
     ],
 )
 def test_times_of_some_chapters_or_of_two_machines_are_no_table(
-    tmp_path, monkeypatch, capsys, chapters, says
+    tmp_path, monkeypatch, capsys, preset, chapters, says
 ):
     (tmp_path / "notebooks").mkdir()
     for name in ("00_a", "01_b"):
@@ -170,8 +173,8 @@ def test_times_of_some_chapters_or_of_two_machines_are_no_table(
     (tmp_path / "README.md").write_text(readme)
     (tmp_path / "build").mkdir()
     timed = {name: {"duration_s": 1.0, "machine": where} for name, where in chapters.items()}
-    record = {"chapters": timed, "machine": "one core"} if timed else {}
-    (tmp_path / "build" / "results.json").write_text(json.dumps(record))
+    record = {"parameters": {"preset": preset}, "chapters": timed}
+    (tmp_path / "build" / "results.json").write_text(json.dumps(record) if chapters else "[]")
     monkeypatch.setattr(book, "checkout_root", lambda: tmp_path)
     assert book.main(["--build", str(tmp_path / "build"), "--readme-times"]) == 2
     assert says in capsys.readouterr().err

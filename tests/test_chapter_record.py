@@ -118,7 +118,7 @@ def test_results_of_two_presets_or_seeds_are_not_mixed(tmp_path):
         assert list(kept["chapters"]) == names
         assert kept["parameters"] == {"preset": preset, "seed": seed}
         (line,) = said
-        assert f"has {len(names)} of 3 chapters: the others were not executed with preset" in line
+        assert f"has {len(names)} of 3 chapters: the others were not executed" in line
     assert keep_results(tmp_path, notebooks, "tiny", 1, said.append)["chapters"] == {}
 
 

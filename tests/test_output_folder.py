@@ -117,18 +117,24 @@ def test_somebodys_folder_is_filled_and_never_removed(checkout):
 
 
 def test_folders_of_caches_and_of_what_was_made_count_as_made(checkout):
-    for name in ("hadr-cache/matplotlib", "caches/hadr-cache"):
-        (checkout / "build" / name).mkdir(parents=True)
+    (checkout / "made" / "hadr-cache").mkdir(parents=True)
+    check_removable("made")
+    make_output_folder("made/mini")  # `make reproduce PRESET=mini BUILD=made`
     with pytest.raises(ValueError, match="was not made by hadr"):
-        check_removable("build")
-    (checkout / "build" / "caches").rename(checkout / "caches")
-    make_output_folder("build/mini")  # `make reproduce PRESET=mini`
-    check_removable("build")
-    make_output_folder("caches")
-    assert Path("caches", MARKER).is_file()
-    (checkout / "build" / "notes").write_text("mine")
+        check_removable("made")
+    make_output_folder("made")
+    assert Path("made", MARKER).is_file()
+    check_removable("made")
+    (checkout / "empty").mkdir()
     with pytest.raises(ValueError, match="was not made by hadr"):
-        remove_output_folder("build")
+        remove_output_folder("empty")
+
+
+def test_the_checkouts_own_build_folder_needs_no_marker(checkout):
+    (checkout / "build" / "handover").mkdir(parents=True)
+    (checkout / "build" / "handover" / "0004-902.json").write_text("{}")
+    remove_output_folder("build")
+    assert not Path("build").exists()
 
 
 def test_a_link_goes_with_the_folder_that_was_made(checkout, tmp_path):

@@ -108,9 +108,11 @@ def recorded_settings(root: Path) -> dict[str, Any]:
     if not path.is_file() or not _has_frames(root):  # perhaps a run ended before its first frame
         return {}
     try:
-        recorded: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        recorded = json.loads(path.read_text(encoding="utf-8"))
     except (json.JSONDecodeError, UnicodeDecodeError) as error:
         raise ValueError(f"{path} is not valid JSON: {error}") from error
+    if not isinstance(recorded, dict):
+        raise ValueError(f"{path} must hold an object with settings, got {recorded!r:.60}")
     return recorded
 
 

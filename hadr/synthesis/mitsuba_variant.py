@@ -35,6 +35,8 @@ RECORD = "hadr-mitsuba.json"
 #: Seconds for a trial, which takes about five.
 PATIENCE = 120.0
 
+#: Words of a failure that says nothing of LLVM.
+_PASSING = ("SIGKILL", "SIGTERM", "SIGINT", "bad_alloc", "memory", "No space left")
 _PACKAGES = ("mitsuba", "drjit", "pyoidn")
 #: Where Dr.Jit and the system's loader look for LLVM.
 _LIBRARIES = (
@@ -100,8 +102,9 @@ def check_variant(variant: str) -> None:
     why = ("" if trusted else why_not_llvm()) or llvm_problem()
     if why:
         raise ValueError(
-            f"the variant {LLVM} can't be used on {platform.node()}: {why}. Choose {SCALAR}, "
-            f"or install LLVM {OLDEST_LLVM} or newer (on Debian: libllvm19)"
+            f"the variant {LLVM} can't be used on {platform.node()}: {why}. Choose {SCALAR}, in "
+            f"a new folder if frames were made, or install LLVM {OLDEST_LLVM} or newer (on Debian: "
+            "libllvm19)"
         )
 
 
@@ -132,8 +135,8 @@ def why_not_llvm() -> str:
             why = call_in_child(draw_trial, timeout=PATIENCE, environment=environment)
     except Exception as error:
         why = f"a small picture can't be drawn, {error}"
-        if isinstance(error, TimeoutError) or "SIGKILL" in why:
-            return why  # a want of time or of memory passes: it is no answer for other processes
+        if isinstance(error, TimeoutError | MemoryError) or any(word in why for word in _PASSING):
+            return why  # a want of time, memory or room is no answer for other processes
     for place in _places():
         with suppress(OSError):
             write_json(place, _answers(place) | {key: {"why_not": why, "facts": facts}})
@@ -167,7 +170,7 @@ def _answers(place: Path) -> dict[str, Any]:
     """What a file of answers holds; nothing where it is missing or broken."""
     try:
         answers = json.loads(place.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         return {}
     return answers if isinstance(answers, dict) else {}
 

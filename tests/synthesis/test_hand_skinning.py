@@ -1,4 +1,3 @@
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
