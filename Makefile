@@ -43,7 +43,7 @@ help: ## what can be made
 	    awk -F'\t' '{ printf "  %-16s %s\n", $$1, $$2 }'
 
 book: $(READY) ## execute all notebooks and build the HTML book
-	@$(PY) -m hadr.book --build "$(BUILD)" --preset $(PRESET) --seed $(SEED)
+	@$(PY) -m hadr.press.book --build "$(BUILD)" --preset $(PRESET) --seed $(SEED)
 
 tables: $(READY) ## train and compare all systems at PRESET (mini and paper: DATA=DIR)
 	@$(BIN)/hadr reproduce --preset $(PRESET) --only tables --out "$(OUT)" \
@@ -53,7 +53,7 @@ reproduce: $(READY) ## tables, handover and chapters at PRESET; prints the plan 
 	@$(BIN)/hadr reproduce --preset $(PRESET) --out "$(OUT)" $(if $(DATA),--data $(DATA))
 
 html: $(READY) ## rebuild the HTML book from the notebooks executed last time
-	@$(PY) -m hadr.book --build "$(BUILD)" --html-only
+	@$(PY) -m hadr.press.book --build "$(BUILD)" --html-only
 
 test: $(READY) ## run the tests, without those that take minutes; prints the ten slowest
 	@$(PYTEST) $(PYTEST_FLAGS)
@@ -71,27 +71,27 @@ lint: $(READY) ## ruff and mypy
 env: $(READY) ## make the environment only
 
 notebooks: $(READY) ## write notebooks/*.ipynb from their text twins, and check the way back
-	@$(PY) -m hadr.notebook_twins
+	@$(PY) -m hadr.press.notebook_twins
 
 texts: $(READY) ## write the text twins from notebooks that were edited in Jupyter
-	@$(PY) -m hadr.notebook_twins --from-notebooks
+	@$(PY) -m hadr.press.notebook_twins --from-notebooks
 
 check-notebooks: $(READY) ## compare notebooks and text twins, write nothing
-	@$(PY) -m hadr.notebook_twins --check
+	@$(PY) -m hadr.press.notebook_twins --check
 
 readme-times: $(READY) ## write the run times that the last `make book` measured into README.md
-	@$(PY) -m hadr.book --build "$(BUILD)" --readme-times
+	@$(PY) -m hadr.press.book --build "$(BUILD)" --readme-times
 
 readme-figure: $(READY) ## draw the README's pictures
 	@$(PY) book/restored_frame.py
 	@$(PY) book/sample_sheet.py
 
 clean: ## remove what was built (the environment stays)
-	@$(ANY_PYTHON) -m hadr.output_folder "$(BUILD)"
+	@$(ANY_PYTHON) -m hadr.records.output_folder "$(BUILD)"
 	rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis
 
 build-folder:
-	@$(ANY_PYTHON) -m hadr.output_folder --check "$(BUILD)"
+	@$(ANY_PYTHON) -m hadr.records.output_folder --check "$(BUILD)"
 
 $(READY): pyproject.toml constraints.txt | build-folder
 	@$(PYTHON) -c 'import sys; v = sys.version_info; sys.exit(0 if v[:2] >= (3, 11) else \

@@ -30,9 +30,10 @@ from pathlib import Path
 
 from hadr.cli import main as hadr
 from hadr.data.samples import samples_dir, write_manifest
+from hadr.data.splits import UNKNOWN_OBJECTS
 from hadr.experiments.splits import Experiment, open_part
-from hadr.reproduce import checkout_root
-from hadr.synthesis.objects import OBJECTS, UNKNOWN_OBJECTS
+from hadr.press.reproduce import checkout_root
+from hadr.synthesis.glass.objects import OBJECTS
 from hadr.training.checkpoints import load_checkpoint, strip_checkpoint, update_record
 
 SOURCES: dict[str, tuple[str, Experiment | None]] = {

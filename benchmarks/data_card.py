@@ -20,11 +20,12 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from hadr.data.samples import open_known_unknown, samples_dir
-from hadr.data.statistics import FrameStatistics, frame_statistics
+from hadr.data.splits import UNKNOWN_OBJECTS
 from hadr.data.transhand import SPLITS, TransHand
-from hadr.plotting import COLORS, use_style
-from hadr.synthesis.objects import OBJECTS, UNKNOWN_OBJECTS
-from hadr.synthesis.scene import SKIN_TONE_SHARES
+from hadr.figures import COLORS, use_style
+from hadr.synthesis.generation.statistics import FrameStatistics, frame_statistics
+from hadr.synthesis.glass.objects import OBJECTS
+from hadr.synthesis.scene.scene import SKIN_TONE_SHARES
 
 SPLIT_COLORS = {"train": COLORS["hadr"], "val": COLORS["baseline"], "test": COLORS["hand"]}
 

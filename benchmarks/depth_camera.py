@@ -22,19 +22,19 @@ from scipy.spatial.transform import Rotation
 from hadr.camera import Intrinsics, load_intrinsics, valid_depth
 from hadr.corruption import SENSOR, corrupt
 from hadr.frame_io import read_depth, read_mask
-from hadr.provenance import machine_text, provenance
-from hadr.result_file import write_sealed
-from hadr.synthesis.depth_camera import StereoCamera, capture_depth
-from hadr.synthesis.frame_recipes import frame_recipe
-from hadr.synthesis.frame_rendering import build_scene
-from hadr.synthesis.hand_mesh import HandMesh
-from hadr.synthesis.holding import make_hold
-from hadr.synthesis.objects import OBJECTS, bodies
-from hadr.synthesis.raycast import Surroundings
-from hadr.synthesis.scene import Scene, look_at
-from hadr.synthesis.shading import RayScene
-from hadr.synthesis.surfaces import Surface
-from hadr.synthesis.textures import picture_number
+from hadr.records.provenance import machine_text, provenance
+from hadr.records.result_file import write_sealed
+from hadr.synthesis.depth_sensor.depth_camera import StereoCamera, capture_depth
+from hadr.synthesis.generation.frames import build_scene
+from hadr.synthesis.generation.recipes import frame_recipe
+from hadr.synthesis.glass.objects import OBJECTS, bodies
+from hadr.synthesis.glass.surfaces import Surface
+from hadr.synthesis.hand.mesh import HandMesh
+from hadr.synthesis.holding.hold import make_hold
+from hadr.synthesis.rendering.raycast import Surroundings
+from hadr.synthesis.rendering.shading import RayScene
+from hadr.synthesis.scene.scene import Scene, look_at
+from hadr.synthesis.textures.families import picture_number
 
 Array = npt.NDArray[np.float64]
 Float = npt.NDArray[np.float32]

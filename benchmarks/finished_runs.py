@@ -8,8 +8,8 @@ from typing import Any
 import torch
 
 from hadr.experiments.runner import Bench
-from hadr.provenance import machine_text, provenance
-from hadr.result_file import write_result_file
+from hadr.records.provenance import machine_text, provenance
+from hadr.records.result_file import write_result_file
 
 
 def arguments(description: str | None) -> argparse.ArgumentParser:

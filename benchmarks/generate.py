@@ -20,12 +20,13 @@ from unittest.mock import patch
 
 import numpy as np
 
-from hadr.provenance import provenance
-from hadr.result_file import write_sealed
-from hadr.synthesis import frame_rendering, generate
-from hadr.synthesis.generate import generate_frames
-from hadr.synthesis.generation_presets import PRESETS, GenerationSettings
-from hadr.synthesis.shading import RayScene
+from hadr.records.provenance import provenance
+from hadr.records.result_file import write_sealed
+from hadr.synthesis.generation import frames as frame_rendering
+from hadr.synthesis.generation import generate
+from hadr.synthesis.generation.generate import generate_frames
+from hadr.synthesis.generation.presets import PRESETS, GenerationSettings
+from hadr.synthesis.rendering.shading import RayScene
 
 PAPER_FRAMES = 14100
 SIZES = {(256, 144): 12, (448, 252): 8, (1280, 720): 3}

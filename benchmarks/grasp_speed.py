@@ -18,14 +18,14 @@ import numpy as np
 import torch
 from measuring import interleaved
 
-from hadr.handover.candidates import sample_grasps
+from hadr.handover.grasping.candidates import sample_grasps
+from hadr.handover.grasping.selection import GraspSelection
 from hadr.handover.robot import SimulatedUR5
-from hadr.handover.scenes import TRIAL_OBJECTS, HeldScene, held_scene
-from hadr.handover.selection import GraspSelection
 from hadr.handover.tracking import hand_motion
-from hadr.provenance import machine_text, provenance
-from hadr.result_file import write_result_file
-from hadr.synthesis.surfaces import Surface
+from hadr.records.provenance import machine_text, provenance
+from hadr.records.result_file import write_result_file
+from hadr.simulation.world.scenes import TRIAL_OBJECTS, HeldScene, held_scene
+from hadr.synthesis.glass.surfaces import Surface
 
 EYE = np.array([0.05, 0.62, 0.62])
 

@@ -15,12 +15,18 @@ from pathlib import Path
 from typing import Any
 
 from hadr.data.samples import samples_dir, write_manifest
-from hadr.handover.experiment import arm_row, ending_of, finished_attempt, read_row, verdicts
-from hadr.handover.film import film_frames, write_film
-from hadr.handover.trial import Trial
-from hadr.handover.views import side_view
-from hadr.provenance import machine_text
-from hadr.result_file import read_result_file, write_result_file
+from hadr.records.provenance import machine_text
+from hadr.records.result_file import read_result_file, write_result_file
+from hadr.simulation.film.film import film_frames, write_film
+from hadr.simulation.film.views import side_view
+from hadr.simulation.trials.experiment import (
+    arm_row,
+    ending_of,
+    finished_attempt,
+    read_row,
+    verdicts,
+)
+from hadr.simulation.trials.trial import Trial
 
 
 def outcomes_below(folder: Path, arm: str) -> list[dict[str, Any]]:

@@ -14,13 +14,13 @@ import numpy as np
 import torch
 from scipy.stats import spearmanr
 
-from hadr.handover.hand_motions import motion_for
-from hadr.handover.robot_camera import RobotCamera
-from hadr.handover.scenes import TRIAL_OBJECTS, held_scene
-from hadr.handover.sight import DepthArm, Sight
-from hadr.handover.world import World
-from hadr.provenance import machine_text, provenance
-from hadr.result_file import write_result_file
+from hadr.records.provenance import machine_text, provenance
+from hadr.records.result_file import write_result_file
+from hadr.simulation.camera.robot_camera import RobotCamera
+from hadr.simulation.camera.sight import DepthArm, Sight
+from hadr.simulation.world.hand_motions import motion_for
+from hadr.simulation.world.physics import World
+from hadr.simulation.world.scenes import TRIAL_OBJECTS, held_scene
 
 HOLDS = range(920, 926)
 

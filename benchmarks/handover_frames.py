@@ -12,8 +12,8 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from hadr.handover.camera_frames import CameraFrameConfig, camera_frame
-from hadr.synthesis.transhand_frame import frame_log_path, write_frame
+from hadr.data.frame import frame_log_path, write_frame
+from hadr.simulation.camera.camera_frames import CameraFrameConfig, camera_frame
 
 
 def draw(out: Path, seed: int, which: tuple[str, int]) -> bool:

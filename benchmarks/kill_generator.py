@@ -19,8 +19,8 @@ from pathlib import Path
 
 import numpy as np
 
-from hadr.provenance import provenance
-from hadr.result_file import write_sealed
+from hadr.records.provenance import provenance
+from hadr.records.result_file import write_sealed
 
 
 def tree(root: Path) -> dict[str, str]:

@@ -22,8 +22,8 @@ import numpy as np
 from safetensors import safe_open
 from safetensors.torch import load_file
 
-from hadr.provenance import provenance
-from hadr.result_file import write_sealed
+from hadr.records.provenance import provenance
+from hadr.records.result_file import write_sealed
 from hadr.training.training_folder import BEST, LAST, best_epoch
 
 HEADER = "hadr"

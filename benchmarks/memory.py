@@ -23,7 +23,7 @@ from hadr.experiments.averages import paired, standard_error
 from hadr.experiments.runner import Run
 from hadr.experiments.scoring import EVALUATION_SIZE, Scores, score_depth
 from hadr.experiments.splits import Experiment
-from hadr.models.baselines.classical import nearest_valid
+from hadr.rivals.classical import nearest_valid
 from hadr.training.batches import FrameTensors
 
 SPLITS: tuple[Experiment, ...] = ("known", "by-frame")

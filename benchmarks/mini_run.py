@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from hadr.provenance import machine_text, provenance
-from hadr.result_file import write_sealed
+from hadr.records.provenance import machine_text, provenance
+from hadr.records.result_file import write_sealed
 
 
 def main() -> None:

@@ -18,18 +18,18 @@ from typing import Any
 import torch
 
 from hadr.data.samples import open_samples
-from hadr.models.baselines.lidf import LIDF
-from hadr.models.baselines.swindrnet import SwinDRNet
+from hadr.models.blocks.pyramid_head import resize
 from hadr.models.hadr import HADR, ray_points
-from hadr.models.pyramid_head import resize
-from hadr.provenance import machine_text, provenance
 from hadr.ray_voxels import pair_of_true_point
-from hadr.result_file import read_result_file, write_result_file
+from hadr.records.provenance import machine_text, provenance
+from hadr.records.result_file import read_result_file, write_result_file
+from hadr.rivals.lidf import LIDF
+from hadr.rivals.swindrnet import SwinDRNet
 from hadr.training.batches import FrameTensors, load_frames
 from hadr.training.loop import train
 from hadr.training.presets import NETWORKS, RIVALS, preset
 from hadr.training.recipe import Preset
-from hadr.training.tasks import task_of
+from hadr.training.tasks.table import task_of
 
 GOALS: dict[str, tuple[str, float]] = {
     "hadr": ("validation_mae_m", 0.002),

@@ -27,7 +27,6 @@ from torch.nn import functional
 
 from hadr.dense_pairing import dense_ray_voxel_pairs
 from hadr.models.hadr_input import masked_rays, ray_points
-from hadr.provenance import machine_text, provenance
 from hadr.ray_voxels import (
     OccupiedVoxels,
     VoxelGrid,
@@ -35,7 +34,8 @@ from hadr.ray_voxels import (
     ray_voxel_pairs,
     select_points,
 )
-from hadr.result_file import write_sealed
+from hadr.records.provenance import machine_text, provenance
+from hadr.records.result_file import write_sealed
 
 METHODS = {"walk": ray_voxel_pairs, "dense": dense_ray_voxel_pairs}
 RAYS = (500, 1000, 2000, 4000, 8000, 16000, 32000)

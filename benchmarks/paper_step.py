@@ -19,12 +19,12 @@ from pathlib import Path
 import torch
 
 from hadr.data.samples import open_samples
-from hadr.provenance import machine_text, provenance
-from hadr.result_file import write_sealed
+from hadr.records.provenance import machine_text, provenance
+from hadr.records.result_file import write_sealed
 from hadr.training.batches import load_frames
-from hadr.training.hadr_task import HADRTask
 from hadr.training.loop import chance
 from hadr.training.presets import preset
+from hadr.training.tasks.hadr_task import HADRTask
 
 
 def peak_mib() -> float:

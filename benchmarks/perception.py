@@ -30,12 +30,12 @@ from hadr.models.exported import (
     with_exported_backbone,
 )
 from hadr.models.hadr import HADR
-from hadr.models.hand_keypoints import HandKeypointNet, predict_keypoints
+from hadr.models.hand.keypoints import HandKeypointNet, predict_keypoints
+from hadr.models.hand.weighted_regression import JointMaps
 from hadr.models.segmentation import SegmentationNet
 from hadr.models.sparse_rays import SparseRays
-from hadr.models.weighted_regression import JointMaps
-from hadr.provenance import machine_text, provenance
-from hadr.result_file import write_sealed
+from hadr.records.provenance import machine_text, provenance
+from hadr.records.result_file import write_sealed
 from hadr.training.batches import FrameTensors, load_frames
 from hadr.training.presets import preset
 

@@ -32,9 +32,9 @@ from hadr.data.samples import open_samples, samples_dir
 from hadr.depth_network import DepthNetwork
 from hadr.frame_io import read_color, read_depth, read_mask
 from hadr.metrics import frame_metrics
-from hadr.provenance import machine_text, provenance
+from hadr.records.provenance import machine_text, provenance
+from hadr.records.result_file import write_result_file
 from hadr.restoration import restore
-from hadr.result_file import write_result_file
 
 Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]

@@ -39,8 +39,8 @@ from hadr.models.backbone import BackboneConfig, build_swin
 from hadr.models.exported import export_backbone, with_exported_backbone
 from hadr.models.hadr import HADR
 from hadr.models.sparse_rays import SparseRays
-from hadr.provenance import machine_text, provenance
-from hadr.result_file import write_sealed
+from hadr.records.provenance import machine_text, provenance
+from hadr.records.result_file import write_sealed
 from hadr.training.checkpoints import load_checkpoint
 from hadr.training.evaluation import score
 from hadr.training.presets import preset

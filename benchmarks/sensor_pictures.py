@@ -20,10 +20,10 @@ import numpy as np
 import numpy.typing as npt
 
 from hadr.camera import Intrinsics, back_project, load_intrinsics, ray_directions
-from hadr.corruption_examples import CorruptionExample, write_examples
+from hadr.figures.depth.corruption_examples import CorruptionExample, write_examples
 from hadr.frame_io import read_depth, read_mask
-from hadr.provenance import machine_text, provenance
-from hadr.synthesis.depth_camera import StereoCamera, capture_depth
+from hadr.records.provenance import machine_text, provenance
+from hadr.synthesis.depth_sensor.depth_camera import StereoCamera, capture_depth
 
 HERE = Path(__file__).resolve().parent
 SIZE = (448, 252)

@@ -23,11 +23,11 @@ from torch import nn
 
 from hadr.depth_network import TITLES
 from hadr.experiments.systems import CHEAP
-from hadr.provenance import machine_text, provenance
-from hadr.result_file import write_result_file
+from hadr.records.provenance import machine_text, provenance
+from hadr.records.result_file import write_result_file
 from hadr.training.evaluation import BASELINES
 from hadr.training.presets import preset
-from hadr.training.tasks import task_of
+from hadr.training.tasks.table import task_of
 
 SIZES = ("paper", "mini")
 

@@ -30,7 +30,7 @@ from hadr.experiments.averages import standard_error
 from hadr.experiments.runner import Run
 from hadr.experiments.systems import LEARNED, system
 from hadr.experiments.tables import TABLES
-from hadr.models.baselines.classical import nearest_valid
+from hadr.rivals.classical import nearest_valid
 from hadr.training.batches import FrameTensors
 from hadr.training.checkpoints import load_checkpoint
 from hadr.training.evaluation import predict

@@ -17,7 +17,7 @@ from hadr.experiments.runner import Bench, Run
 from hadr.experiments.scoring import EVALUATION_SIZE, restored_depth, score_network
 from hadr.experiments.systems import LEARNED, system
 from hadr.experiments.tables import TABLES
-from hadr.models.baselines.lidf import LIDF
+from hadr.rivals.lidf import LIDF
 from hadr.training.batches import FrameTensors
 from hadr.training.checkpoints import load_checkpoint
 from hadr.training.evaluation import BASELINES

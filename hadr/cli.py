@@ -18,18 +18,24 @@ from typing import NoReturn
 from hadr import __version__
 
 COMMANDS: dict[str, tuple[str, str]] = {
-    "restore": ("hadr.restore_frame", "restore the depth of a transparent object in one frame"),
-    "reproduce": ("hadr.reproduce", "execute the chapters and report beside the paper's tables"),
-    "book": ("hadr.book", "execute the chapters and build the HTML book"),
-    "course": ("hadr.course.course_command", "write student notebooks, solutions and slides"),
+    "restore": (
+        "hadr.press.restore_command",
+        "restore the depth of a transparent object in one frame",
+    ),
+    "reproduce": (
+        "hadr.press.reproduce",
+        "execute the chapters and report beside the paper's tables",
+    ),
+    "book": ("hadr.press.book", "execute the chapters and build the HTML book"),
+    "course": ("hadr.press.course.command", "write student notebooks, solutions and slides"),
     "generate": (
-        "hadr.synthesis.generate_command",
+        "hadr.synthesis.generation.command",
         "make a data set of hand-held glass in TransHand's form",
     ),
     "train": ("hadr.training.train_command", "train a network on a data set"),
     "calibrate": ("hadr.training.calibrate", "teach a checkpoint what its confidence means"),
     "handover": (
-        "hadr.handover.handover_command",
+        "hadr.simulation.trials.command",
         "let a simulated UR5 take glasses from a hand",
     ),
     "evaluate": ("hadr.experiments.evaluate_command", "score networks beside simple methods"),
@@ -75,7 +81,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     Raises:
         SystemExit: After --help and --version (status 0) and wrong calls (status 2).
     """
-    # Before a library starts its threads: see `hadr.private_kernel`.
+    # Before a library starts its threads: see `hadr.press.private_kernel`.
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     words = list(sys.argv[1:] if argv is None else argv)
     parser = _Parser(

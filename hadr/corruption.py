@@ -29,7 +29,7 @@ class CorruptionConfig:
 
     Attributes:
         captured: Start from the depth that a camera, real or simulated, has measured, and not
-            from the true one (see `hadr.synthesis.depth_camera`).
+            from the true one (see `hadr.synthesis.depth_sensor.depth_camera`).
         erase: Oracle: every pixel of the true object mask is missing (ledger, row 8).
         see_through: Inside the mask the depth is missing or the background's.
         missing_share: Share of the mask that is missing under `see_through`, 0..1.

@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hadr.camera import BoolArray, FloatArray, valid_depth
-from hadr.markdown import markdown_table
+from hadr.records.markdown import markdown_table
 
 Missing = Literal["exclude", "zero", "error"]
 Averaging = Literal["frame", "per-frame mean", "pooled"]

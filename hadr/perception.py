@@ -142,7 +142,7 @@ class HandKeypoints:
         import torch
 
         from hadr.models.hadr_input import frame_to_input
-        from hadr.models.hand_keypoints import keypoints_where_seen
+        from hadr.models.hand.keypoints import keypoints_where_seen
 
         inputs = frame_to_input(color, depth, mask, None, camera, self.size)
         hand = torch.from_numpy(resize_mask(hand_mask, *self.size).copy())[None]

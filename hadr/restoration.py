@@ -32,8 +32,8 @@ from hadr.frame_checks import (
     checked_mask,
     depth_to_use,
 )
-from hadr.models.baselines import classical
 from hadr.perception import HandKeypoints, Segmentation
+from hadr.rivals import classical
 
 __all__ = ["METHODS", "Method", "Restoration", "enlarge_known", "enlarge_restored", "restore"]
 

@@ -1,9 +1,11 @@
 """Fixtures that every part of the suite shares."""
 
+import copy
 import importlib.util
 import os
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
@@ -46,6 +48,28 @@ def load_benchmark() -> Callable[[str], ModuleType]:
     return load
 
 
+@pytest.fixture(scope="session")
+def whole() -> object:
+    """An attempt with perfect depth that succeeds, from the first picture to the goal."""
+    from hadr.simulation.trials.trial import Trial, run_trial
+
+    return run_trial(Trial("0010", 922, "perfect"))
+
+
+@pytest.fixture(scope="session")
+def in_double() -> Callable[..., tuple[object, object]]:
+    """Gives a copy of a network, and frames, with numbers of 64 bits.
+
+    What then differs by more than 1e-12 is no rounding, whatever the processor.
+    """
+
+    def exact(network, inputs):
+        wide = {name: v.double() for name, v in vars(inputs).items() if v.is_floating_point()}
+        return copy.deepcopy(network).double(), replace(inputs, **wide)
+
+    return exact
+
+
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Give each file to one worker, and all that share the one browser to one as well."""
     if not config.pluginmanager.hasplugin("xdist"):
@@ -70,7 +94,7 @@ def work():
 
 @pytest.fixture
 def library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A small library in the place of hadr, for `hadr.dependencies`: `top` leads to `deep`."""
+    """A small library in place of hadr, for `hadr.records.dependencies`: `top` leads to `deep`."""
     root = tmp_path / "library"
     files = {
         "__init__.py": "",
@@ -78,7 +102,7 @@ def library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         "part/__init__.py": "",
         "part/inner.py": "import hadr.deep\n",
         "part/other.py": "VALUE = 1\n",
-        "deep.py": "import hadr.provenance\nVALUE = 1\n",
+        "deep.py": "import hadr.records.provenance\nVALUE = 1\n",
         "provenance.py": "VALUE = 1\n",
         "table.py": 'NETWORKS = {"a": ("hadr.named", "A")}\n',
         "named.py": "VALUE = 1\n",
@@ -90,7 +114,7 @@ def library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for name, text in files.items():
         (root / name).parent.mkdir(parents=True, exist_ok=True)
         (root / name).write_text(text)
-    monkeypatch.setattr("hadr.dependencies.LIBRARY", root)
+    monkeypatch.setattr("hadr.records.dependencies.LIBRARY", root)
     return root
 
 

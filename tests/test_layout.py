@@ -1,52 +1,48 @@
-"""The house rule on imports: one way, down the floors; a module never imports from above."""
+"""The house rule on imports: three rings, inward only; inside a ring, down the list."""
 
 import ast
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 PACKAGE = Path(__file__).resolve().parents[1] / "hadr"
 
-#: From the outermost room down. A module may import from its own floor and from those below.
-FLOORS: tuple[tuple[str, ...], ...] = (
-    ("cli",),
-    ("reproduce", "book", "notebook_twins", "course"),
-    ("chapter_record", "private_kernel"),
-    ("restore_frame", "restore_report"),
-    ("experiments",),
-    ("plotting", "widgets"),
-    ("handover",),
-    ("perception", "restoration", "depth_network", "frame_checks"),
-    ("training",),
-    ("models",),
-    ("data",),
-    ("synthesis",),
-    ("hand",),
-    ("dense_pairing",),
-    ("ray_voxels",),
-    ("corruption", "corruption_examples", "corruption_statistics"),
-    ("metrics", "confidence", "confidence_rule"),
-    ("frame_io",),
-    ("camera",),
-    ("result_file",),
-    (
-        "caches",
-        "checkout",
-        "dependencies",
-        "exercises",
-        "markdown",
-        "output_folder",
-        "provenance",
-    ),
+#: From the innermost on. A module may import from its own room and from those before it.
+METHOD = (
+    "records",
+    "camera",
+    "frame_io",
+    "metrics",
+    "confidence",
+    "confidence_rule",
+    "corruption",
+    "ray_voxels",
+    "dense_pairing",
+    "hand",
+    "data",
+    "models",
+    "rivals",
+    "training",
+    "depth_network",
+    "frame_checks",
+    "perception",
+    "restoration",
+    "handover",
 )
-FLOOR_OF = {name: floor for floor, names in enumerate(FLOORS) for name in names}
+WORKSHOPS = ("synthesis", "simulation", "experiments")
+PRESS = ("figures", "press")
+ROOMS = (*METHOD, *WORKSHOPS, *PRESS, "cli")
+#: Packages that `import hadr` and the method must not load.
+HEAVY = ("matplotlib", "mitsuba", "mujoco", "dask", "manifold3d", "hadr.synthesis", "hadr.figures")
 
 
 def modules() -> list[Path]:
     return sorted(p for p in PACKAGE.rglob("*.py") if p != PACKAGE / "__init__.py")
 
 
-def imported_floors(path: Path) -> set[str]:
+def imported_rooms(path: Path) -> set[str]:
     names: set[str] = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
@@ -57,16 +53,34 @@ def imported_floors(path: Path) -> set[str]:
         else:
             continue
         names |= {t.split(".")[1] for t in targets if t.startswith("hadr.")}
-    return names & set(FLOOR_OF)
+    return names & set(ROOMS)
 
 
-def test_each_module_has_a_floor() -> None:
-    rooms = {p.relative_to(PACKAGE).parts[0].removesuffix(".py") for p in modules()}
-    assert rooms == set(FLOOR_OF)
+def room(path: Path) -> str:
+    return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+
+
+def test_each_module_lies_in_a_ring() -> None:
+    assert {room(path) for path in modules()} == set(ROOMS)
 
 
 @pytest.mark.parametrize("path", modules(), ids=lambda p: p.relative_to(PACKAGE).as_posix())
-def test_imports_run_down_the_floors(path: Path) -> None:
-    own = path.relative_to(PACKAGE).parts[0].removesuffix(".py")
-    above = {name for name in imported_floors(path) if FLOOR_OF[name] < FLOOR_OF[own]}
-    assert not above, f"{path.relative_to(PACKAGE)} imports from a floor above: {sorted(above)}"
+def test_imports_run_inward(path: Path) -> None:
+    outer = {name for name in imported_rooms(path) if ROOMS.index(name) > ROOMS.index(room(path))}
+    assert not outer, f"{path.relative_to(PACKAGE)} imports from outside: {sorted(outer)}"
+
+
+def test_the_method_loads_neither_workshop_nor_press() -> None:
+    inner = [
+        ".".join(("hadr", *path.relative_to(PACKAGE).with_suffix("").parts))
+        for path in modules()
+        if room(path) in METHOD and path.stem not in ("__init__", "mediapipe_hand")
+    ]
+    code = (
+        f"import hadr, sys, importlib\nfor name in {inner}: importlib.import_module(name)\n"
+        f"print([name for name in {HEAVY} if name in sys.modules])"
+    )
+    loaded = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    assert loaded.stdout.strip() == "[]"

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from hadr.experiments.report import ledger_effects
+from hadr.press.report import ledger_effects
 
 ROOT = Path(__file__).resolve().parents[1]
 TEXT = (ROOT / "book" / "ledger.md").read_text(encoding="utf-8")

@@ -21,14 +21,18 @@ CONDA_ONLY = {"python", "make", "pip"}
 APART = {"mediapipe"}
 #: The physical world: importing it needs the extra "handover".
 PHYSICAL = {
-    "hadr.handover.arm_model",
-    "hadr.handover.arm_motion",
-    "hadr.handover.motion_limits",
-    "hadr.handover.physical_arm",
-    "hadr.handover.world",
-    "hadr.handover.world_model",
+    "hadr.simulation.robot.arm_model",
+    "hadr.simulation.robot.arm_motion",
+    "hadr.simulation.robot.motion_limits",
+    "hadr.simulation.robot.physical_arm",
+    "hadr.simulation.world.physics",
+    "hadr.simulation.world.model",
 }
-ON_PHYSICAL = {"hadr.handover.trial", "hadr.handover.experiment", "hadr.handover.watch"}
+ON_PHYSICAL = {
+    "hadr.simulation.trials.trial",
+    "hadr.simulation.trials.experiment",
+    "hadr.simulation.trials.watch",
+}
 IMPORT_NAMES = {
     "cv2": "opencv-python-headless",
     "yaml": "pyyaml",

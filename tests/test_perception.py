@@ -271,8 +271,8 @@ def test_restore_and_perception_treat_measured_depth_alike(
 
 def test_untrained_networks_of_all_kinds_work_together(tmp_path) -> None:
     """Shapes, sizes and files fit; what untrained networks see is of no matter."""
-    from hadr.models.hand_keypoints import HandKeypointConfig, HandKeypointNet
-    from hadr.models.resnet import UNetConfig
+    from hadr.models.blocks.resnet import UNetConfig
+    from hadr.models.hand.keypoints import HandKeypointConfig, HandKeypointNet
     from hadr.models.segmentation import SegmentationConfig, SegmentationNet
     from hadr.training.checkpoints import save_checkpoint
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from hadr.camera import Intrinsics, load_intrinsics
+from hadr.records.result_file import read_result_file
 from hadr.restoration import restore
-from hadr.result_file import read_result_file
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 RESULTS = REPOSITORY / "results" / "real" / "cleargrasp_d435.json"

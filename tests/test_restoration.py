@@ -352,10 +352,10 @@ def depth_network(kind: str):
     """A small untrained network that restores depth."""
     import torch
 
-    from hadr.models.baselines.unet_hand import UNetHand, UNetHandConfig
     from hadr.models.hadr_plus import HADRPlus, HADRPlusConfig
+    from hadr.rivals.unet_hand import UNetHand, UNetHandConfig
     from hadr.training.presets import preset
-    from hadr.training.tasks import task_of
+    from hadr.training.tasks.table import task_of
 
     torch.manual_seed(0)
     if kind == "hadr":
@@ -390,6 +390,6 @@ def test_each_kind_of_checkpoint_restores(tmp_path, kind: str) -> None:
 
 
 def test_the_command_offers_the_same_methods() -> None:
-    from hadr import restore_frame
+    from hadr.press import restore_command as restore_frame
 
     assert restore_frame.METHODS == METHODS

@@ -9,15 +9,16 @@ from typing import Any
 
 import pytest
 
+from hadr.data.splits import UNKNOWN_OBJECTS
 from hadr.experiments.conditions import IN_CONDITIONS, WITH_HAND
 from hadr.experiments.plan import KNOWN_ALONE, OFTEN
-from hadr.experiments.report import DEFAULT, ledger_effects
 from hadr.experiments.systems import METHODS, SWITCHES
 from hadr.experiments.tables import ABLATION, FILES, LEDGER
-from hadr.plotting.benchmarks import by_heart_table
-from hadr.plotting.handover_tables import paired
-from hadr.result_file import digest, read_result_file, read_result_files, read_sealed
-from hadr.synthesis.objects import OBJECTS, UNKNOWN_OBJECTS
+from hadr.figures.tables.benchmarks import by_heart_table
+from hadr.figures.tables.handover import paired
+from hadr.press.report import DEFAULT, ledger_effects
+from hadr.records.result_file import digest, read_result_file, read_result_files, read_sealed
+from hadr.synthesis.glass.objects import OBJECTS
 from hadr.training.presets import RIVALS, preset
 
 ROOT = Path(__file__).resolve().parents[1]

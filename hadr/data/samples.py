@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import hadr
+from hadr.data.splits import OBJECT_IDS, UNKNOWN_OBJECTS
 from hadr.data.transhand import SPLITS, TransHand
-from hadr.synthesis.objects import OBJECTS, UNKNOWN_OBJECTS
 
 MANIFEST = "manifest.json"
 
@@ -105,7 +105,7 @@ def open_known_unknown(root: Path | None = None) -> KnownUnknown:
         FileNotFoundError: The frames, or some of the objects, are not there.
     """
     root = samples_dir() / "frames" if root is None else root
-    six = [name for name in OBJECTS if name not in UNKNOWN_OBJECTS]
+    six = [name for name in OBJECT_IDS if name not in UNKNOWN_OBJECTS]
     return KnownUnknown(
         TransHand(root, "train", six),
         TransHand(root, "val", six),

@@ -12,8 +12,10 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from hadr.synthesis.objects import UNKNOWN_OBJECTS
-
+#: The eight objects of the data set (`hadr.synthesis.glass.objects` has their shapes).
+OBJECT_IDS = ("0000", "0001", "0004", "0005", "0006", "0007", "0008", "0009")
+#: The objects of the paper's unknown-category experiment.
+UNKNOWN_OBJECTS = ("0004", "0007")
 #: The paper's ratio of training, validation and testing frames.
 PAPER_RATIO = (7.0, 2.0, 1.0)
 _NAMES = ("train", "val", "test")

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hadr.camera import Intrinsics, transform_points
-from hadr.synthesis.camera_log import (
+from hadr.data.camera_log import (
     image_pixels,
     log_camera,
     log_keypoints,
@@ -25,16 +25,7 @@ from hadr.synthesis.camera_log import (
     log_transform,
     read_log,
 )
-from hadr.synthesis.frame_pictures import (
-    DisparityScale,
-    decode_color,
-    decode_depth,
-    decode_depth_array,
-    decode_disparity,
-    decode_mask,
-    decode_normals,
-)
-from hadr.synthesis.transhand_frame import (
+from hadr.data.frame import (
     BACKGROUND_FOLDER,
     DEPTH_SCALE_KEY,
     DISPARITY_FOLDER,
@@ -46,6 +37,15 @@ from hadr.synthesis.transhand_frame import (
     Frame,
     frame_log_path,
     write_frame,
+)
+from hadr.data.frame_pictures import (
+    DisparityScale,
+    decode_color,
+    decode_depth,
+    decode_depth_array,
+    decode_disparity,
+    decode_mask,
+    decode_normals,
 )
 
 Array = npt.NDArray[np.float64]

@@ -11,7 +11,7 @@ import torch
 
 from hadr.experiments.runner import Bench, Run
 from hadr.experiments.scoring import COLUMNS, EVALUATION_SIZE, score_cheap
-from hadr.result_file import digest, read_result_file
+from hadr.records.result_file import digest, read_result_file
 from hadr.training.presets import recipe_from_dict
 
 

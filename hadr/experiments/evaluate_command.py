@@ -11,14 +11,14 @@ from typing import Any
 from hadr.depth_network import TITLES
 from hadr.experiments.scoring import EVALUATION_SIZE, Scores, score_cheap, score_network
 from hadr.metrics import format_table, mean_over_frames
-from hadr.output_folder import check_writable
-from hadr.provenance import provenance, write_json
+from hadr.records.output_folder import check_writable
+from hadr.records.provenance import provenance, write_json
 from hadr.training.batches import FrameTensors, load_frames
 from hadr.training.checkpoints import load_checkpoint
 from hadr.training.evaluation import BASELINES
 from hadr.training.predicted import Given, with_predicted
 from hadr.training.recipe import Preset
-from hadr.training.tasks import task_of
+from hadr.training.tasks.table import task_of
 from hadr.training.train_command import add_given, given_from, open_split
 
 DEPTH_NETWORKS = tuple(TITLES)

@@ -11,8 +11,8 @@ from pathlib import Path
 
 from hadr.experiments.reproduction_plan import Step
 from hadr.experiments.run_times import RunTimes
-from hadr.handover import handover_command
-from hadr.handover.handover_command import check_arguments, check_packages
+from hadr.simulation.trials import command as handover_command
+from hadr.simulation.trials.command import check_arguments, check_packages
 
 REPRODUCED = (
     "raw", "inpainted", "hadr", "hadr-plus", "perfect", "hadr-no-rescoring", "hadr-no-tracking",
@@ -60,7 +60,7 @@ def handover_steps(args: argparse.Namespace, times: RunTimes) -> list[Step]:
         args: What `open_handover` gave.
         times: What an attempt took when it was last measured.
     """
-    from hadr.handover.experiment import attempts, is_finished
+    from hadr.simulation.trials.experiment import attempts, is_finished
 
     steps = []
     for arm in args.arms:

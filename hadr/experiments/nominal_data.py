@@ -9,13 +9,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from hadr.checkout import checkout_root
+from hadr.data.splits import OBJECT_IDS, UNKNOWN_OBJECTS
 from hadr.experiments.reproduction_plan import MAKING_DATA, Step
 from hadr.experiments.runner import Bench, Run
 from hadr.experiments.splits import Experiment, Part
-from hadr.result_file import read_sealed
-from hadr.synthesis.generation_presets import PRESETS
-from hadr.synthesis.objects import OBJECTS, UNKNOWN_OBJECTS
+from hadr.records.checkout import checkout_root
+from hadr.records.result_file import read_sealed
+from hadr.synthesis.generation.presets import PRESETS
 
 SHARES: Mapping[Part, float] = {"train": 0.7, "val": 0.2, "test": 0.1}
 """What each part of a data set has of its frames (7:2:1, by holds)."""
@@ -33,7 +33,7 @@ def nominal_frames(size: str, experiment: Experiment, part: Part) -> int:
         Frames; a set that was made has a few more or less, for its holds are dealt out whole.
     """
     frames = PRESETS[size].frames + PRESETS["samples"].frames
-    held_out = len(UNKNOWN_OBJECTS) / len(OBJECTS)
+    held_out = len(UNKNOWN_OBJECTS) / len(OBJECT_IDS)
     if experiment != "unknown":
         return round(SHARES[part] * frames)
     return round(held_out * frames if part == "test" else (1 - held_out) * SHARES[part] * frames)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
-from hadr.provenance import usable_cores
+from hadr.records.provenance import usable_cores
 
 MAKING_DATA = "data"
 """The part of a plan that makes the data; a plan has it where no data folder is there."""

@@ -17,9 +17,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hadr.checkout import checkout_root
-from hadr.provenance import machine_text, provenance
-from hadr.result_file import read_result_file, read_sealed, write_result_file
+from hadr.records.checkout import checkout_root
+from hadr.records.provenance import machine_text, provenance
+from hadr.records.result_file import read_result_file, read_sealed, write_result_file
 
 NAME = "run_times.json"
 TRAINING_CHAPTERS = ("06_training",)

@@ -4,9 +4,9 @@
     OUT/known/hadr/seed-0/row.json           the finished row; it is what "done" means
 
 A row is measured again when its recipe, its data, its protocol or its code is another than the file
-says (`hadr.dependencies`), or when the file was changed by another hand: it ends with a checksum. A
-training of another recipe, of other data or by other code is set aside (``seed-0.old-1``) before a
-new one begins; code that only scores does not count there.
+says (`hadr.records.dependencies`), or when the file was changed by another hand: it ends with a
+checksum. A training of another recipe, of other data or by other code is set aside
+(``seed-0.old-1``) before a new one begins; code that only scores does not count there.
 """
 
 from __future__ import annotations
@@ -27,28 +27,28 @@ from filelock import FileLock, Timeout
 from lightning_fabric import Fabric
 from torch import nn
 
-from hadr.dependencies import code_digest
 from hadr.experiments.scoring import EVALUATION_SIZE, Scores, score_cheap, score_network
 from hadr.experiments.splits import Experiment, Part, data_digest, open_part
 from hadr.experiments.systems import system
-from hadr.provenance import machine_text, plain, provenance
-from hadr.result_file import digest, seal_row, sealed_row
+from hadr.records.dependencies import code_digest
+from hadr.records.provenance import machine_text, plain, provenance
+from hadr.records.result_file import digest, seal_row, sealed_row
 from hadr.training.batches import Corruption, FrameTensors, load_frames
 from hadr.training.loop import LAST, Trained, train
 from hadr.training.recipe import Preset
-from hadr.training.tasks import task_module
+from hadr.training.tasks.table import task_module
 
 ROW, HISTORY = "row.json", "history.csv"
 TABLES_OF_NETWORKS = (
     "hadr.experiments.systems", "hadr.training.checkpoints", "hadr.training.presets",
-    "hadr.training.tasks",
+    "hadr.training.tasks.table",
 )  # fmt: skip
 """Modules that lead to every network: a run depends on its own, and on its recipe as a value."""
 
 
 @cache  # what this process has loaded does not change
 def code_of(module: str, network: str | None) -> str:
-    """Checksum of the code of a run (`hadr.dependencies`).
+    """Checksum of the code of a run (`hadr.records.dependencies`).
 
     Args:
         module: The module with which it begins.

@@ -19,9 +19,8 @@ from typing import Literal, get_args, overload
 
 import numpy as np
 
-from hadr.data.splits import split_by_frame
+from hadr.data.splits import OBJECT_IDS, UNKNOWN_OBJECTS, split_by_frame
 from hadr.data.transhand import SPLITS, Frame, FrameFiles, TransHand
-from hadr.synthesis.objects import OBJECTS, UNKNOWN_OBJECTS
 
 Experiment = Literal["known", "unknown", "by-frame"]
 Part = Literal["train", "val", "test"]
@@ -125,20 +124,20 @@ def open_part(roots: Sequence[str | Path], experiment: Experiment, part: Part) -
     unseen = set(UNKNOWN_OBJECTS)
     splits: tuple[str, ...] = (part,)
     if experiment == "known":
-        wanted = list(OBJECTS)
+        wanted = list(OBJECT_IDS)
     elif experiment == "by-frame":
         return _dealt_out(roots, part)
     elif part == "test":
         wanted, splits = sorted(unseen), SPLITS
     else:
-        wanted = [name for name in OBJECTS if name not in unseen]
+        wanted = [name for name in OBJECT_IDS if name not in unseen]
     return FrameSource([TransHand(root, splits, wanted) for root in roots])
 
 
 def _dealt_out(roots: Sequence[str | Path], part: Part) -> FrameSource:
     """Deal the known objects' frames out to the parts one by one, always in the same way."""
     sizes = [len(open_part(roots, "known", each)) for each in PARTS_OF_DATA]
-    whole = FrameSource([TransHand(root, SPLITS, list(OBJECTS)) for root in roots])
+    whole = FrameSource([TransHand(root, SPLITS, list(OBJECT_IDS)) for root in roots])
     dealt = split_by_frame(len(whole), np.random.default_rng(0), sizes)
     return FrameSource(whole.folders, np.flatnonzero(dealt == part).tolist())
 

@@ -19,13 +19,12 @@ from typing import Any
 
 from hadr.experiments.averages import against, table_rows
 from hadr.experiments.conditions import KEYPOINTS, MASKS, condition_rows
-from hadr.experiments.report import DEFAULT
 from hadr.experiments.runner import Bench, Run
 from hadr.experiments.scoring import EVALUATION_SIZE
 from hadr.experiments.splits import EXPERIMENTS, Experiment
 from hadr.experiments.systems import METHODS, PARTS, SWITCHES
-from hadr.provenance import machine_text, provenance
-from hadr.result_file import write_result_file
+from hadr.records.provenance import machine_text, provenance
+from hadr.records.result_file import write_result_file
 from hadr.training.presets import RIVALS
 
 FILES = ("known", "unknown", "ablation", "ledger", "keypoints", "segmentation")
@@ -34,6 +33,7 @@ TABLES: tuple[Experiment, ...] = ("known", "unknown")
 """The experiments in which all methods are compared."""
 ABLATION = {**{part: part for part in PARTS}, "full": "hadr"}
 """Rows of the ablation, and the run on known objects that each is, in the paper's order."""
+DEFAULT = "as by default"
 LEDGER = {
     DEFAULT: ("known", "hadr"),
     **{switch: ("known", switch) for switch in SWITCHES},

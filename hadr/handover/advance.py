@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hadr.handover import safety
-from hadr.handover.grasps import final_travel, forward_of
+from hadr.handover.grasping.grasps import final_travel, forward_of
 from hadr.handover.guarded_arm import NO_NEARER, GuardedArm, HaltError
 from hadr.handover.observation import HandWatch
 from hadr.handover.pacing import pose_distance

@@ -22,7 +22,7 @@ class Choosing:
     """Decides when to search for a grasp, and keeps what went wrong in words.
 
     Attributes:
-        choose_grasp: Searches; see `hadr.handover.selection`.
+        choose_grasp: Searches; see `hadr.handover.grasping.selection`.
         watch: The newest hand.
         config: Settings.
         caution: Why there is no grasp; empty after one was found.

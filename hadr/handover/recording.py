@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from hadr.handover.collision import hand_points
+from hadr.handover.grasping.collision import hand_points
 from hadr.handover.observation import Observation, clean_points, number
 from hadr.handover.robot import Robot
 from hadr.handover.run_log import FORMAT, RunLog

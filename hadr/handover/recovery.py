@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hadr.handover import safety
-from hadr.handover.grasps import forward_of
+from hadr.handover.grasping.grasps import forward_of
 from hadr.handover.guarded_arm import NO_NEARER, GuardedArm
 from hadr.handover.observation import HandWatch
 from hadr.handover.pacing import between, pose_distance

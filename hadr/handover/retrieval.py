@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hadr.handover import safety
-from hadr.handover.grasps import forward_of
+from hadr.handover.grasping.grasps import forward_of
 from hadr.handover.guarded_arm import GuardedArm, HaltError
 from hadr.handover.pacing import pose_distance
 

@@ -11,7 +11,7 @@ from typing import NamedTuple, get_args
 import numpy as np
 import numpy.typing as npt
 
-from hadr.handover.grasps import FinalMove
+from hadr.handover.grasping.grasps import FinalMove
 from hadr.handover.robot import Robot, Workspace
 from hadr.handover.safety import SafetyConfig
 from hadr.handover.tracking import HandMotion

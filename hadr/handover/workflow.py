@@ -16,7 +16,7 @@ import numpy.typing as npt
 from hadr.handover import safety
 from hadr.handover.advance import ADVANCING, Advance
 from hadr.handover.choosing import Choosing
-from hadr.handover.grasps import forward_of
+from hadr.handover.grasping.grasps import forward_of
 from hadr.handover.guarded_arm import NO_NEARER, GuardedArm, HaltError
 from hadr.handover.observation import HandWatch, Observation, number
 from hadr.handover.pacing import pose_distance
@@ -58,7 +58,7 @@ class Handover:
 
     Attributes:
         robot: The arm.
-        choose_grasp: Chooses among candidates; see `hadr.handover.selection`.
+        choose_grasp: Chooses among candidates; see `hadr.handover.grasping.selection`.
         base_from_camera: The camera's calibration, shape (4, 4), metres.
         config: Settings.
         follow: How the hand is followed; see `hadr.handover.tracking`.

@@ -17,9 +17,9 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from hadr.models.blocks.stochastic_depth import replace_drop_path
 from hadr.models.enlarged_map import EnlargedMap, enlarge
-from hadr.models.stochastic_depth import replace_drop_path
-from hadr.provenance import IF_CHANGED
+from hadr.records.provenance import IF_CHANGED
 
 IMAGENET_MEAN = (0.485, 0.456, 0.406)
 IMAGENET_STD = (0.229, 0.224, 0.225)

@@ -30,11 +30,11 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from hadr.hand import FINGERS
-from hadr.models.crop_unet import CropUNet, layer
+from hadr.models.blocks.crop_unet import CropUNet, layer
+from hadr.models.blocks.plane import UNITS, plane_picture
 from hadr.models.hadr_input import HADRInput, float_color, masked_rays
-from hadr.models.hand_crop import HandCrop, hand_crop
-from hadr.models.hand_prior import keypoint_maps, relative_depth
-from hadr.models.plane import UNITS, plane_picture
+from hadr.models.hand.crop import HandCrop, hand_crop
+from hadr.models.hand.prior import keypoint_maps, relative_depth
 
 GROUPS: tuple[tuple[int, ...], ...] = ((0,), *FINGERS.values())
 """Keypoints that share a map: the wrist, and each finger."""

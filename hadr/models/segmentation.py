@@ -16,7 +16,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from hadr.models.backbone import IMAGENET_MEAN, IMAGENET_STD
-from hadr.models.resnet import ResNetUNet, UNetConfig
+from hadr.models.blocks.resnet import ResNetUNet, UNetConfig
 
 RESNET_34 = UNetConfig(depths=(3, 4, 6, 3), decoder=(256, 128, 64, 32))
 

@@ -15,7 +15,7 @@ from tqdm import tqdm
 from hadr.camera import resize_depth, resize_mask
 from hadr.corruption import CAPTURED, ERASED, ORACLE, SENSOR, CorruptionConfig, corrupt
 from hadr.models.hadr_input import HADRInput, frame_to_input, stack_inputs
-from hadr.provenance import usable_cores
+from hadr.records.provenance import usable_cores
 
 if TYPE_CHECKING:
     from hadr.data.transhand import Frame

@@ -24,9 +24,9 @@ from hadr.camera import FloatArray
 from hadr.confidence import learned_range, reliability, sparsification
 from hadr.confidence_rule import ConfidenceRule, Option, fit_confidence, ordering
 from hadr.models.signals import signals_of, within_learned
-from hadr.output_folder import check_writable
-from hadr.provenance import provenance
-from hadr.result_file import write_result_file
+from hadr.records.output_folder import check_writable
+from hadr.records.provenance import provenance
+from hadr.records.result_file import write_result_file
 from hadr.training.batches import CORRUPTIONS, FrameTensors, load_frames
 from hadr.training.checkpoints import kind_of, load_checkpoint, update_record
 from hadr.training.evaluation import predict

@@ -21,19 +21,19 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor, nn
 
-from hadr.provenance import plain, write_json
+from hadr.records.provenance import plain, write_json
 
 _HEADER = "hadr"
 _STATE = "training/"  # prefix of tensors that only a resumed training needs
 _NETWORKS = {
     "hadr": ("hadr.models.hadr", "HADR", "HADRConfig"),
     "hadr-plus": ("hadr.models.hadr_plus", "HADRPlus", "HADRPlusConfig"),
-    "unet-hand": ("hadr.models.baselines.unet_hand", "UNetHand", "UNetHandConfig"),
-    "lidf": ("hadr.models.baselines.lidf", "LIDF", "LIDFConfig"),
-    "dfnet": ("hadr.models.baselines.dfnet", "DFNet", "DFNetConfig"),
-    "swindrnet": ("hadr.models.baselines.swindrnet", "SwinDRNet", "SwinDRNetConfig"),
-    "tode": ("hadr.models.baselines.tode", "TODETrans", "TODEConfig"),
-    "hand-keypoints": ("hadr.models.hand_keypoints", "HandKeypointNet", "HandKeypointConfig"),
+    "unet-hand": ("hadr.rivals.unet_hand", "UNetHand", "UNetHandConfig"),
+    "lidf": ("hadr.rivals.lidf", "LIDF", "LIDFConfig"),
+    "dfnet": ("hadr.rivals.dfnet", "DFNet", "DFNetConfig"),
+    "swindrnet": ("hadr.rivals.swindrnet", "SwinDRNet", "SwinDRNetConfig"),
+    "tode": ("hadr.rivals.tode", "TODETrans", "TODEConfig"),
+    "hand-keypoints": ("hadr.models.hand.keypoints", "HandKeypointNet", "HandKeypointConfig"),
     "segmentation": ("hadr.models.segmentation", "SegmentationNet", "SegmentationConfig"),
 }
 """Module, class and configuration of each kind of network; imported when it is asked for."""

@@ -16,8 +16,8 @@ from torch import nn
 
 from hadr.camera import BoolArray, FloatArray
 from hadr.metrics import DepthMetrics, frame_metrics, mean_over_frames
-from hadr.models.baselines import classical
 from hadr.models.hadr import HADROutput
+from hadr.rivals import classical
 from hadr.training.batches import FrameTensors
 
 Restorer = Callable[[FrameTensors, int], FloatArray]

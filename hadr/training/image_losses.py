@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from hadr.training.task import shared_mean
+from hadr.training.tasks.task import shared_mean
 
 
 def depth_and_steps(depth: Tensor, truth: Tensor, counted: Tensor) -> tuple[Tensor, Tensor]:

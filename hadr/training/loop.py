@@ -20,15 +20,15 @@ from lightning_fabric import Fabric
 from torch import nn
 from tqdm import tqdm
 
-from hadr.models.shared_batch_norm import share_batch_norm
-from hadr.models.stochastic_depth import set_share
+from hadr.models.blocks.shared_batch_norm import share_batch_norm
+from hadr.models.blocks.stochastic_depth import set_share
 from hadr.training.batches import FrameTensors
 from hadr.training.frame_augmentation import augment_frames
 from hadr.training.pictures import save_png
 from hadr.training.processes import average_gradients, average_numbers, shares
 from hadr.training.recipe import Preset
-from hadr.training.task import PicturedTask, Task
-from hadr.training.tasks import task_of
+from hadr.training.tasks.table import task_of
+from hadr.training.tasks.task import PicturedTask, Task
 from hadr.training.training_folder import BEST, LAST, TrainingFolder
 from hadr.training.weight_average import WeightAverage
 

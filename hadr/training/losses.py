@@ -20,7 +20,7 @@ from hadr.ray_voxels import (
     segment_argmax,
     segment_log_softmax,
 )
-from hadr.training.task import shared_mean
+from hadr.training.tasks.task import shared_mean
 
 DepthNorm = Literal["xyz", "z"]
 

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from hadr.models.hand_keypoints import keypoints_where_seen
+from hadr.models.hand.keypoints import keypoints_where_seen
 from hadr.training.batches import Corruption, FrameList, FrameTensors, load_frames
 from hadr.training.checkpoints import load_checkpoint
 

@@ -6,12 +6,12 @@ from collections.abc import Mapping
 from typing import Any
 
 from hadr.models.backbone import BackboneConfig
-from hadr.models.baselines.unet_hand import UNetHandConfig
+from hadr.models.blocks.resnet import UNetConfig
 from hadr.models.hadr import HADRConfig
 from hadr.models.hadr_plus import HADRPlusConfig
-from hadr.models.hand_keypoints import HandKeypointConfig
-from hadr.models.resnet import UNetConfig
+from hadr.models.hand.keypoints import HandKeypointConfig
 from hadr.models.segmentation import SegmentationConfig
+from hadr.rivals.unet_hand import UNetHandConfig
 from hadr.training.losses import LossWeights
 from hadr.training.recipe import Preset
 from hadr.training.rival_presets import RIVAL_RECIPES

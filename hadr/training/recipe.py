@@ -8,7 +8,7 @@ from itertools import pairwise
 from typing import Any, Literal, Protocol, get_args
 
 from hadr.models.hadr import HADRConfig
-from hadr.provenance import IF_CHANGED, record_of
+from hadr.records.provenance import IF_CHANGED, record_of
 from hadr.training.losses import PRINTED, LossWeights
 
 Schedule = Literal["step", "cosine"]

@@ -9,11 +9,11 @@ not tuned.
 from __future__ import annotations
 
 from hadr.models.backbone import BackboneConfig
-from hadr.models.baselines.dfnet import DFNetConfig
-from hadr.models.baselines.lidf import LIDFConfig
-from hadr.models.baselines.swindrnet import SwinDRNetConfig
-from hadr.models.baselines.tode import TODEConfig
-from hadr.models.dilated_resnet import DilatedResNetConfig
+from hadr.models.blocks.dilated_resnet import DilatedResNetConfig
+from hadr.rivals.dfnet import DFNetConfig
+from hadr.rivals.lidf import LIDFConfig
+from hadr.rivals.swindrnet import SwinDRNetConfig
+from hadr.rivals.tode import TODEConfig
 from hadr.training.losses import LIDF_WEIGHTS
 from hadr.training.recipe import Preset
 

@@ -14,7 +14,7 @@ from lightning_fabric import Fabric
 from torch.utils.data import ConcatDataset
 
 from hadr.models.hadr import HADRConfig
-from hadr.output_folder import check_folder
+from hadr.records.output_folder import check_folder
 from hadr.training.accelerator import add_accelerator, chosen_accelerator
 from hadr.training.batches import CORRUPTIONS, FrameTensors, load_frames
 from hadr.training.loop import LAST, train

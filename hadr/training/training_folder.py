@@ -19,7 +19,7 @@ from typing import Any
 import torch
 from torch import nn
 
-from hadr.provenance import provenance
+from hadr.records.provenance import provenance
 from hadr.training.checkpoints import (
     adam_state,
     load_checkpoint,

@@ -8,7 +8,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from hadr.plotting.scrubber import Slider, scrubber
+from hadr.figures.solids.scrubber import Slider, scrubber
 
 pytestmark = pytest.mark.browser
 

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from hadr.plotting.turntable import held_glass, turntable
-from hadr.synthesis.holding import make_hold
+from hadr.figures.solids.turntable import held_glass, turntable
+from hadr.synthesis.holding.hold import make_hold
 
 pytestmark = pytest.mark.browser
 

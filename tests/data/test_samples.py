@@ -12,9 +12,9 @@ from hadr.data.samples import (
     verify_manifest,
     write_manifest,
 )
-from hadr.synthesis.frame_recipes import frame_recipe
-from hadr.synthesis.objects import glass_object, signed_distance
-from hadr.synthesis.recordings import find_recordings
+from hadr.synthesis.generation.recipes import frame_recipe
+from hadr.synthesis.glass.objects import glass_object, signed_distance
+from hadr.synthesis.recordings.recording import find_recordings
 
 
 def test_manifest_finds_a_changed_a_missing_and_a_new_file(tmp_path):

@@ -9,8 +9,8 @@ from hadr.data.splits import (
     split_by_holding,
     split_by_object,
 )
-from hadr.synthesis.frame_recipes import hold_split
-from hadr.synthesis.objects import OBJECTS
+from hadr.synthesis.generation.recipes import hold_split
+from hadr.synthesis.glass.objects import OBJECTS
 
 HOLDS = [f"0000-side-{i // 3:04d}" for i in range(300)]
 

@@ -14,13 +14,13 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from hadr.camera import TRANSHAND_CAMERA, project
+from hadr.data.camera_log import camera_log, camera_pose, native_pixels
+from hadr.data.frame_pictures import DisparityScale
 from hadr.data.transhand import (
     Frame,
     TransHand,
     write_frame,
 )
-from hadr.synthesis.camera_log import camera_log, camera_pose, native_pixels
-from hadr.synthesis.frame_pictures import DisparityScale
 
 W, H = 64, 36
 CAMERA = TRANSHAND_CAMERA.resized(W, H)

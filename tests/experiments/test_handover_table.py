@@ -9,18 +9,18 @@ import pytest
 from hadr.experiments import handover_table
 from hadr.experiments.handover_table import handover_steps, open_handover
 from hadr.experiments.run_times import RunTimes
-from hadr.handover import experiment
-from hadr.handover.trial import Trial
-from hadr.handover.trial_set import TRIAL_HOLDS, TRIAL_OBJECTS
-from hadr.provenance import plain
-from hadr.result_file import digest, read_result_file, seal_row
+from hadr.records.provenance import plain
+from hadr.records.result_file import digest, read_result_file, seal_row
+from hadr.simulation.trials import experiment
+from hadr.simulation.trials.trial import Trial
+from hadr.simulation.trials.trial_set import TRIAL_HOLDS, TRIAL_OBJECTS
 
 RESULTS = Path(__file__).resolve().parents[2] / "results"
 TIMES = RunTimes({}, {}, {}, {"hadr": 10.0}, {})
 
 
 def finish(out: Path, trial: Trial, **changed: float) -> None:
-    """Leave the file of an attempt as `hadr.handover.experiment` does."""
+    """Leave the file of an attempt as `hadr.simulation.trials.experiment` does."""
     path = out / trial.arm / f"{trial.name}.json"
     path.parent.mkdir(parents=True, exist_ok=True)
     row = {"trial": plain(trial.record), "config_sha256": digest({**trial.record, **changed})}

@@ -10,7 +10,7 @@ from hadr.experiments.nominal_data import SHARES, NominalBench, data_steps, nomi
 from hadr.experiments.plan import estimated_seconds, plan
 from hadr.experiments.run_times import read_run_times
 from hadr.experiments.runner import Bench
-from hadr.result_file import read_result_files
+from hadr.records.result_file import read_result_files
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -10,7 +10,7 @@ import pytest
 from hadr.experiments.handover_table import REPRODUCED
 from hadr.experiments.run_times import TRAINING_CHAPTERS, read_run_times, write_run_times
 from hadr.experiments.systems import LEARNED, METHODS, PARTS, SWITCHES
-from hadr.result_file import read_result_file, write_result_file
+from hadr.records.result_file import read_result_file, write_result_file
 
 ROOT = Path(__file__).resolve().parents[2]
 

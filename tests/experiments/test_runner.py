@@ -12,14 +12,14 @@ from pathlib import Path
 
 import pytest
 
-from hadr import dependencies
 from hadr.data.samples import open_samples, samples_dir
 from hadr.experiments import runner
 from hadr.experiments.averages import paired, standard_error, table_rows
 from hadr.experiments.runner import Bench, Run
 from hadr.experiments.systems import CHEAP, System, system
 from hadr.experiments.tables import write_tables
-from hadr.result_file import read_result_file
+from hadr.records import dependencies
+from hadr.records.result_file import read_result_file
 
 
 def small(method: str, size: str) -> System:
@@ -93,7 +93,7 @@ def test_a_row_of_other_code_is_measured_again(bench: Bench, code: Path) -> None
     append(code / "training" / "presets.py")  # recipes count as values
     append(code / "experiments" / "scoring.py", "# a comment")
     assert (bench.finished(run), bench.configuration(other)) == (row, before)
-    append(code / "models" / "baselines" / "tode.py")
+    append(code / "rivals" / "tode.py")
     assert bench.finished(run) == row
     assert bench.configuration(other) != before
     append(code / "metrics.py")

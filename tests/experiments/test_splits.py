@@ -3,9 +3,10 @@ import hashlib
 import pytest
 
 from hadr.data.samples import samples_dir
+from hadr.data.splits import UNKNOWN_OBJECTS
 from hadr.data.transhand import SPLITS
 from hadr.experiments.splits import data_digest, open_part
-from hadr.synthesis.objects import OBJECTS, UNKNOWN_OBJECTS
+from hadr.synthesis.glass.objects import OBJECTS
 
 
 @pytest.fixture(scope="module")

@@ -24,15 +24,15 @@ from hadr.experiments.conditions import (
     finished_condition,
     measure_condition,
 )
-from hadr.experiments.paper_report import report
 from hadr.experiments.plan import measure_all, plan, table_steps
-from hadr.experiments.report import DEFAULT, ledger_table, tuning_table
 from hadr.experiments.run_times import RunTimes
 from hadr.experiments.runner import Bench, Run
 from hadr.experiments.splits import FrameSource
 from hadr.experiments.systems import System, system
 from hadr.experiments.tables import ABLATION, FILES, against_next, write_tables
-from hadr.result_file import read_result_file, seal_row, write_result_file
+from hadr.press.paper_report import report
+from hadr.press.report import DEFAULT, ledger_table, tuning_table
+from hadr.records.result_file import read_result_file, seal_row, write_result_file
 
 PUBLISHED = Path(__file__).resolve().parents[2] / "results" / "paper_tables.json"
 

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from hadr.handover.advance import DRAW_BACK, Advance
-from hadr.handover.grasps import forward_of
+from hadr.handover.grasping.grasps import forward_of
 from hadr.handover.guarded_arm import GuardedArm, HaltError
 from hadr.handover.robot import SimulatedUR5
 from hadr.handover.stages import HandoverConfig
-from hadr.handover.trial import Outcome
+from hadr.simulation.trials.trial import Outcome
 
 DT = 0.02
 PLAIN = HandoverConfig(arrive_distance=0.002)

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from hadr.handover.recording import RecordedHandover
-from hadr.handover.rehearsal import HeldGlass, MovingHand, camera_at, rehearse
 from hadr.handover.robot import SimulatedUR5
 from hadr.handover.run_log import replay
 from hadr.handover.stages import ChosenGrasp, HandoverConfig, Stage
 from hadr.handover.workflow import Observation
+from hadr.simulation.trials.rehearsal import HeldGlass, MovingHand, camera_at, rehearse
 
 SCENE = HeldGlass()
 CAMERA = camera_at(np.array([0.0, -0.55, 0.65]), np.array([0.55, 0.0, 0.3]))

@@ -6,11 +6,11 @@ import pytest
 from hadr.handover.guarded_arm import GuardedArm
 from hadr.handover.observation import HandWatch, Observation
 from hadr.handover.recovery import Recovery
-from hadr.handover.rehearsal import HeldGlass
 from hadr.handover.robot import SimulatedUR5
 from hadr.handover.safety import SafetyConfig
 from hadr.handover.stages import ChosenGrasp, HandoverConfig, Stage
 from hadr.handover.workflow import Handover
+from hadr.simulation.trials.rehearsal import HeldGlass
 
 DT = 0.02
 CONFIG = HandoverConfig()

@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hadr.handover.grasps import forward_of
+from hadr.handover.grasping.grasps import forward_of
 from hadr.handover.recording import RecordedHandover
-from hadr.handover.rehearsal import HeldGlass, MovingHand, camera_at, rehearse
 from hadr.handover.robot import SimulatedUR5
 from hadr.handover.run_log import RunLog, logged_observation, read_run_log, replay
 from hadr.handover.stages import ChosenGrasp, HandoverConfig, Stage
 from hadr.handover.workflow import Observation
+from hadr.simulation.trials.rehearsal import HeldGlass, MovingHand, camera_at, rehearse
 
 SCENE = HeldGlass()
 CAMERA = camera_at(np.array([0.0, -0.55, 0.65]), np.array([0.55, 0.0, 0.3]))

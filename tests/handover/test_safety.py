@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hadr.handover import ur5
-from hadr.handover.collision import FINGER_WIDTH, FLESH
+from hadr.handover.grasping.collision import FINGER_WIDTH, FLESH
 from hadr.handover.observation import HandWatch, Observation, clean_points, number
 from hadr.handover.pacing import Pace, between, toward
 from hadr.handover.robot import HOME_JOINTS

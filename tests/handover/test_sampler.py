@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from hadr.handover.candidates import NoCandidateError, sample_grasps
+from hadr.handover.grasping.candidates import NoCandidateError, sample_grasps
 
 EYE = np.array([-1.0, -0.3, 0.6])
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hadr.handover.stages import HandoverConfig
-from hadr.handover.trial import ATTEMPT_CONFIG
+from hadr.simulation.trials.trial import ATTEMPT_CONFIG
 
 NUMBERS = [item.name for item in fields(HandoverConfig) if item.type == "float"]
 

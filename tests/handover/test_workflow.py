@@ -12,11 +12,10 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from hadr.handover import ur5
-from hadr.handover.grasps import forward_of
-from hadr.handover.rehearsal import HeldGlass, Moment, MovingHand, camera_at, rehearse
+from hadr.handover.grasping.grasps import forward_of
+from hadr.handover.grasping.selection import GraspSelection
 from hadr.handover.robot import SimulatedUR5, Workspace
 from hadr.handover.safety import SafetyConfig
-from hadr.handover.selection import GraspSelection
 from hadr.handover.tracking import hand_motion
 from hadr.handover.workflow import (
     ChosenGrasp,
@@ -26,6 +25,7 @@ from hadr.handover.workflow import (
     Stage,
     pose_distance,
 )
+from hadr.simulation.trials.rehearsal import HeldGlass, Moment, MovingHand, camera_at, rehearse
 
 SCENE = HeldGlass()
 CAMERA = camera_at(np.array([0.0, -0.55, 0.65]), np.array([0.55, 0.0, 0.3]))

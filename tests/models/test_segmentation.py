@@ -5,7 +5,7 @@ import json
 import pytest
 import torch
 
-from hadr.models.resnet import ResNetUNet, UNetConfig, build_resnet
+from hadr.models.blocks.resnet import ResNetUNet, UNetConfig, build_resnet
 from hadr.models.segmentation import RESNET_34, SegmentationConfig, SegmentationNet, predict_masks
 
 SMALL = UNetConfig((1, 1, 1, 1), widths=(4, 4, 8, 8), decoder=(8, 8, 8, 8))

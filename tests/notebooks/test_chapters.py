@@ -8,7 +8,7 @@ import nbformat
 import pytest
 import yaml
 
-from hadr.notebook_twins import notebook_from_text, twin_problems
+from hadr.press.notebook_twins import notebook_from_text, twin_problems
 
 ROOT = Path(__file__).resolve().parents[2]
 NOTEBOOKS = ROOT / "notebooks"

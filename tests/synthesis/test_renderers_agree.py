@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from scipy.ndimage import binary_dilation
 
-from hadr.synthesis.frame_recipes import frame_recipe
-from hadr.synthesis.frame_rendering import build_scene, render_frame
-from hadr.synthesis.rasterise import rasterise
+from hadr.synthesis.generation.frames import build_scene, render_frame
+from hadr.synthesis.generation.recipes import frame_recipe
+from hadr.synthesis.rendering.rasterise import rasterise
 
 WIDTH, HEIGHT = 160, 90
 
@@ -51,8 +51,8 @@ def compare(depth, labels):
 
 def mitsuba_depth(scene):
     """Depth at the pixel centres, by Mitsuba's own camera and its own intersections."""
-    from hadr.synthesis.mitsuba_scene import mitsuba_sensor, scene_to_mitsuba
-    from hadr.synthesis.mitsuba_variant import mitsuba
+    from hadr.synthesis.rendering.mitsuba_scene import mitsuba_sensor, scene_to_mitsuba
+    from hadr.synthesis.rendering.mitsuba_variant import mitsuba
 
     mi = mitsuba("scalar_rgb")
     description = scene_to_mitsuba(scene)

@@ -8,7 +8,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from hadr.synthesis.textures import FAMILIES
+from hadr.synthesis.textures.families import FAMILIES
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 RESULTS = REPOSITORY / "results" / "sensor" / "comparison.json"

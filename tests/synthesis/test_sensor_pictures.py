@@ -6,8 +6,8 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from hadr.corruption_examples import read_examples
-from hadr.result_file import read_sealed
+from hadr.figures.depth.corruption_examples import read_examples
+from hadr.records.result_file import read_sealed
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 KEPT = REPOSITORY / "results" / "sensor" / "pictures.npz"

@@ -10,7 +10,7 @@ from safetensors.torch import load_file
 from hadr.confidence_rule import ConfidenceRule
 from hadr.data.samples import samples_dir
 from hadr.models.hadr import HADR
-from hadr.result_file import read_result_file
+from hadr.records.result_file import read_result_file
 from hadr.training import calibrate as subject
 from hadr.training.calibrate import calibrate, measure_confidence, restored_pixels
 from hadr.training.checkpoints import load_checkpoint, save_checkpoint

@@ -13,15 +13,15 @@ import pytest
 import torch
 
 from hadr.models.backbone import BackboneConfig
-from hadr.models.baselines.dfnet import DFNetConfig
-from hadr.models.baselines.swindrnet import SwinDRNetConfig
-from hadr.models.baselines.tode import TODEConfig
-from hadr.models.baselines.unet_hand import UNetHandConfig
+from hadr.rivals.dfnet import DFNetConfig
+from hadr.rivals.swindrnet import SwinDRNetConfig
+from hadr.rivals.tode import TODEConfig
+from hadr.rivals.unet_hand import UNetHandConfig
 from hadr.training.batches import FrameTensors
 from hadr.training.evaluation import predict_depth
 from hadr.training.loop import train
 from hadr.training.presets import Preset
-from hadr.training.tasks import task_of
+from hadr.training.tasks.table import task_of
 
 PLAIN = Preset(
     "micro", 32, 24, schedule="cosine", batch_size=4, augment=False, clip_norm=1.0, epochs=100

@@ -8,7 +8,7 @@ import torch
 from hadr.data.samples import open_samples
 from hadr.data.transhand import Frame
 from hadr.models.hadr import HADR
-from hadr.models.hand_keypoints import HandKeypointNet
+from hadr.models.hand.keypoints import HandKeypointNet
 from hadr.models.segmentation import SegmentationNet
 from hadr.training import predicted
 from hadr.training.batches import FrameTensors, load_frames

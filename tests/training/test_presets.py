@@ -10,12 +10,12 @@ import pytest
 import torch
 from torch import nn
 
-from hadr.provenance import plain
+from hadr.records.provenance import plain
 from hadr.training.checkpoints import load_checkpoint, save_checkpoint, strip_checkpoint
 from hadr.training.loop import optimizer_of
 from hadr.training.presets import NETWORKS, RECIPES, preset, recipe_from_dict
 from hadr.training.recipe import Preset
-from hadr.training.tasks import task_of
+from hadr.training.tasks.table import task_of
 
 
 def test_paper_preset_has_the_papers_figures() -> None:

@@ -20,12 +20,12 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from conftest import MICRO, little_frames
 
-from hadr.models.baselines.lidf import LIDFConfig
-from hadr.models.dilated_resnet import DilatedResNetConfig
+from hadr.models.blocks.dilated_resnet import DilatedResNetConfig
+from hadr.rivals.lidf import LIDFConfig
 from hadr.training.batches import FrameTensors
 from hadr.training.loop import train
-from hadr.training.task import Task, shared_mean
-from hadr.training.tasks import task_of
+from hadr.training.tasks.table import task_of
+from hadr.training.tasks.task import Task, shared_mean
 
 TOGETHER = 4
 RECIPE = replace(MICRO, epochs=3, drop_epoch=2, mirror=0.5, zoom=1.2, clip_norm=50.0)

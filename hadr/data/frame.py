@@ -1,0 +1,284 @@
+"""One frame with all its labels, and how it is written in TransHand-14K's form.
+
+A frame is spread over some ten folders. All its files are first written into a folder of their
+own, ``.unfinished-*``, then moved to their places, the log last: a frame that has a log is
+complete, whatever happens to the program that writes it. The reader of the same form is
+:mod:`hadr.data.transhand`.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from hadr.camera import Intrinsics, transform_points
+from hadr.data.camera_log import camera_log, native_pixels
+from hadr.data.frame_pictures import (
+    DisparityScale,
+    color_ending,
+    encode_color,
+    encode_depth,
+    encode_depth_array,
+    encode_disparity,
+    encode_mask,
+    encode_normals,
+)
+from hadr.hand import KEYPOINT_NAMES
+
+Array = npt.NDArray[np.float64]
+Normals = Literal["all", "held", "object", "none"]
+
+#: The log's name for the metres of one step of ``depth_png`` and ``background_depth_png``.
+DEPTH_SCALE_KEY = "depth_png scale"
+#: The same for ``raw_depth``.
+RAW_SCALE_KEY = "raw_depth scale"
+#: The log's name for what turns ``raw_disparity`` into raw depth.
+DISPARITY_SCALE_KEY = "raw_disparity scale"
+#: The log's name for the object's pose.
+OBJECT_POSE_KEY = "world_from_object"
+#: What TransHand-14K has no folder for.
+BACKGROUND_FOLDER, NORMALS_FOLDER = "background_depth_png", "normals"
+RAW_FOLDER, DISPARITY_FOLDER = "raw_depth", "raw_disparity"
+#: How the folders begin in which frames lie while they are written.
+UNFINISHED_PREFIX = ".unfinished-"
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One frame with all its labels.
+
+    Args:
+        stem: The name that its files share.
+        object_id: Four digits, e.g. ``0004``.
+        split: ``train``, ``val`` or ``test``.
+        color: sRGB, shape (H, W, 3) uint8, channels red, green, blue.
+        depth: True z-depth, metres, shape (H, W) float32; 0 where there is none.
+        hand_mask: Shape (H, W) bool.
+        object_mask: Shape (H, W) bool, disjoint from the hand's.
+        keypoints: Camera frame, metres, shape (21, 3).
+        keypoints_uv: Pixels of this image, shape (21, 2).
+        camera: Intrinsics of this image.
+        world_from_camera: Pose of the OpenCV camera, shape (4, 4).
+        background_depth: Depth with the glass taken away, metres, (H, W) float32, or None.
+        hold_id: Name of the holding pose, where the log knows it.
+        raw_depth: What a depth camera would measure, z-depth in the colour camera, metres,
+            (H, W) float32, 0 where it measures nothing; or None.
+        normals: Unit surface normals toward the viewer, camera frame, (H, W, 3) float32, 0 where
+            unknown; or None.
+        world_from_object: Pose of the object, shape (4, 4), or None.
+    """
+
+    stem: str
+    object_id: str
+    split: str
+    color: npt.NDArray[np.uint8]
+    depth: npt.NDArray[np.float32]
+    hand_mask: npt.NDArray[np.bool_]
+    object_mask: npt.NDArray[np.bool_]
+    keypoints: Array
+    keypoints_uv: Array
+    camera: Intrinsics
+    world_from_camera: Array
+    background_depth: npt.NDArray[np.float32] | None = None
+    hold_id: str | None = None
+    raw_depth: npt.NDArray[np.float32] | None = None
+    normals: npt.NDArray[np.float32] | None = None
+    world_from_object: Array | None = None
+
+    @property
+    def camera_from_world(self) -> Array:
+        """World points into the camera frame, shape (4, 4)."""
+        return np.asarray(np.linalg.inv(self.world_from_camera))
+
+
+def frame_log_path(root: str | Path, split: str, object_id: str, stem: str) -> Path:
+    """The log of a frame in the layout with the ``depth/`` level; it is written last."""
+    return Path(root) / split / object_id / "depth" / "log_json" / f"{stem}.json"
+
+
+def frame_file_names(
+    stem: str,
+    *,
+    depth_format: Literal["npy", "png"] = "npy",
+    jpeg_quality: int | None = None,
+    normals: Normals = "all",
+    raw: Literal["depth", "disparity"] | None = None,
+    object_folder: Literal["obj_mask", "object_mask"] = "obj_mask",
+) -> frozenset[Path]:
+    """The files of a whole frame, below its folder of the object.
+
+    Args:
+        stem: The name that they share.
+        depth_format: As for :func:`write_frame`.
+        jpeg_quality: As for :func:`write_frame`.
+        normals: As for :func:`write_frame`.
+        raw: The form of raw depth; None where the frame has none.
+        object_folder: As for :func:`write_frame`.
+
+    Returns:
+        Paths such as ``rgb/000001.png``; background depth is one of them.
+    """
+    endings = {
+        "rgb": color_ending(jpeg_quality),
+        f"depth_{'np' if depth_format == 'npy' else 'png'}": f".{depth_format}",
+        BACKGROUND_FOLDER: ".png",
+        "hand_mask": ".png",
+        object_folder: ".png",
+        "hand_kpt": ".txt",
+        "log_json": ".json",
+    }
+    if raw is not None:
+        endings[RAW_FOLDER if raw == "depth" else DISPARITY_FOLDER] = ".png"
+    if normals != "none":
+        endings[NORMALS_FOLDER] = ".png"
+    return frozenset(Path(folder, stem + ending) for folder, ending in endings.items())
+
+
+def _check_shapes(frame: Frame) -> None:
+    names = ("depth", "hand_mask", "object_mask", "color", "background_depth", "raw_depth")
+    for name in (*names, "normals"):
+        image = getattr(frame, name)
+        if image is not None and image.shape[:2] != frame.camera.shape:
+            raise ValueError(f"{name} has shape {image.shape}, the camera {frame.camera.shape}")
+
+
+def _kept_normals(frame: Frame, where: Normals) -> npt.NDArray[np.float32] | None:
+    if frame.normals is None or where == "none":
+        return None
+    if where == "all":
+        return frame.normals
+    if where not in ("held", "object"):
+        raise ValueError(f"normals must be 'all', 'held', 'object' or 'none', got {where!r}")
+    kept = frame.object_mask | frame.hand_mask if where == "held" else frame.object_mask
+    return np.where(kept[..., None], frame.normals, np.float32(0))
+
+
+def _coarse_rest(frame: Frame, step: float) -> npt.NDArray[np.float32]:
+    """Depth, in multiples of ``step`` where there is neither hand nor glass."""
+    coarse = np.rint(frame.depth / step) * step
+    held = frame.object_mask | frame.hand_mask
+    return np.where(held, frame.depth, coarse).astype(np.float32)
+
+
+def _rounded(values: npt.ArrayLike, digits: int) -> Any:
+    """Nested lists of numbers, short enough for a log."""
+    return (np.round(np.asarray(values, dtype=float), digits) + 0.0).tolist()
+
+
+def _log(frame: Frame) -> dict[str, Any]:
+    point, angle = camera_log(frame.world_from_camera)
+    world = transform_points(frame.world_from_camera, frame.keypoints)
+    log: dict[str, Any] = {
+        "camera point": _rounded(point, 9),
+        "camera angle": _rounded(angle, 9),
+        "camera internal": frame.camera.matrix.tolist(),
+        "hand_keypoint": dict(zip(KEYPOINT_NAMES, _rounded(world, 7), strict=True)),
+    }
+    if frame.world_from_object is not None:
+        log[OBJECT_POSE_KEY] = _rounded(frame.world_from_object, 9)
+    if frame.hold_id is not None:
+        log["hold_id"] = frame.hold_id
+    return log
+
+
+def _place(root: Path, base: Path, files: Mapping[Path, bytes]) -> None:
+    """Write all files, then move them to their places below ``base`` in the given order."""
+    root.mkdir(parents=True, exist_ok=True)
+    staged = Path(tempfile.mkdtemp(dir=root, prefix=UNFINISHED_PREFIX))
+    try:
+        for number, data in enumerate(files.values()):
+            (staged / str(number)).write_bytes(data)
+        for number, name in enumerate(files):
+            place = base / name
+            place.parent.mkdir(parents=True, exist_ok=True)
+            os.replace(staged / str(number), place)
+    finally:
+        shutil.rmtree(staged, ignore_errors=True)
+
+
+def write_frame(
+    root: str | Path,
+    frame: Frame,
+    *,
+    extra_log: Mapping[str, Any] | None = None,
+    depth_format: Literal["npy", "png"] = "npy",
+    depth_scale: float = 0.0001,
+    rest_step: float | None = None,
+    raw_scale: float | DisparityScale = 0.001,
+    jpeg_quality: int | None = None,
+    normals: Normals = "all",
+    nested: bool = True,
+    object_folder: Literal["obj_mask", "object_mask"] = "obj_mask",
+) -> Path:
+    """Write a frame in TransHand-14K's form.
+
+    Args:
+        root: The folder that holds ``train``, ``val`` and ``test``; made where it is missing.
+        frame: What to write.
+        extra_log: More values for the log.
+        depth_format: ``npy`` writes ``depth_np``, float32 metres; ``png`` writes 16-bit steps.
+        depth_scale: Metres of one step of the PNG.
+        rest_step: Rounds the depth of all that is neither hand nor glass to multiples of this,
+            metres, which makes the PNG smaller.
+        raw_scale: Metres of one step of ``raw_depth``; real depth cameras report millimetres. Or
+            a stereo camera's scale: ``raw_disparity`` is written instead, without loss.
+        jpeg_quality: 1 to 100 stores the colour as JPEG; PNG where it is left out.
+        normals: Where normals are kept: ``all``, ``held`` (glass and hand), ``object`` (the
+            glass alone), or ``none``.
+        nested: With the level ``depth/``.
+        object_folder: Name of the folder of the object masks.
+
+    Returns:
+        The path of the log, which is written last: a frame with a log is complete.
+
+    Raises:
+        ValueError: A depth does not fit into 16 bits, or an image's shape differs.
+        OSError: The folder can't be written.
+    """
+    _check_shapes(frame)
+    stem, root = frame.stem, Path(root)
+    base = root / frame.split / frame.object_id / ("depth" if nested else ".")
+    ending, color = encode_color(frame.color, jpeg_quality)
+    files = {Path("rgb", stem + ending): color}
+    log = _log(frame)
+    depth = frame.depth if rest_step is None else _coarse_rest(frame, rest_step)
+    if depth_format == "npy":
+        files[Path("depth_np", f"{stem}.npy")] = encode_depth_array(depth)
+    else:
+        files[Path("depth_png", f"{stem}.png")] = encode_depth(depth, depth_scale)
+        log[DEPTH_SCALE_KEY] = depth_scale
+    if frame.background_depth is not None:
+        # Elsewhere it is the depth itself: the reader puts it back.
+        behind = np.where(frame.object_mask, frame.background_depth, np.float32(0))
+        files[Path(BACKGROUND_FOLDER, f"{stem}.png")] = encode_depth(behind, depth_scale)
+        log[DEPTH_SCALE_KEY] = depth_scale
+    if frame.raw_depth is not None:
+        if isinstance(raw_scale, DisparityScale):
+            folder, data = DISPARITY_FOLDER, encode_disparity(frame.raw_depth, raw_scale)
+            log[DISPARITY_SCALE_KEY] = raw_scale.record()
+        else:
+            folder, data = RAW_FOLDER, encode_depth(frame.raw_depth, raw_scale)
+            log[RAW_SCALE_KEY] = raw_scale
+        files[Path(folder, f"{stem}.png")] = data
+    kept = _kept_normals(frame, normals)
+    if kept is not None:
+        files[Path(NORMALS_FOLDER, f"{stem}.png")] = encode_normals(kept)
+    files[Path("hand_mask", f"{stem}.png")] = encode_mask(frame.hand_mask)
+    files[Path(object_folder, f"{stem}.png")] = encode_mask(frame.object_mask)
+    uv = native_pixels(frame.keypoints_uv, frame.camera)
+    text = "".join(f"{u:.4f} {v:.4f}\n" for u, v in uv)
+    files[Path("hand_kpt", f"{stem}.txt")] = text.encode()
+    log |= dict(extra_log or {})
+    name = Path("log_json", f"{stem}.json")
+    files[name] = (json.dumps(log, separators=(",", ":")) + "\n").encode()
+    _place(root, base, files)
+    return base / name

@@ -1,0 +1,185 @@
+"""Frames whose measured depth, from a real or a simulated camera, is kept beside the true one.
+
+A file holds several frames: depth in steps of 0.5 mm as 16-bit numbers, masks as bits, compressed
+by numpy. What its numbers mean and where they come from stands beside it in a sealed JSON file.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
+
+from hadr.camera import BoolArray, Intrinsics, valid_depth
+from hadr.corruption import depth_jumps
+from hadr.records.result_file import read_sealed, write_sealed
+
+Depth = npt.NDArray[np.float32]
+
+#: Step in which depth is kept, metres.
+DEPTH_STEP = 0.0005
+#: Bounds of the kinds of error, metres; in between lie the kinds of `KINDS` after the first.
+BOUNDS: tuple[float, ...] = (-0.01, 0.01, 0.05, 0.20)
+#: What can become of a pixel's depth: nothing is measured, or how far it lies behind the truth.
+KINDS: tuple[str, ...] = (
+    "missing",
+    "more than 1 cm in front",
+    "right to 1 cm",
+    "1 to 5 cm behind",
+    "5 to 20 cm behind",
+    "more than 20 cm behind",
+)
+#: Where errors are counted.
+PLACES: tuple[str, ...] = ("in the glass", "at outlines", "elsewhere")
+
+
+@dataclass(frozen=True)
+class CorruptionExample:
+    """One frame with what a camera measured and what it should have.
+
+    Attributes:
+        name: What the frame shows.
+        camera: Intrinsics of all pictures.
+        measured: What the camera measured, z-depth in metres, 0 = missing, shape (H, W).
+        truth: True z-depth, metres, 0 = unknown, shape (H, W).
+        background: True z-depth without the glass, metres, 0 = unknown, shape (H, W).
+        mask: Pixels of the glass, shape (H, W).
+    """
+
+    name: str
+    camera: Intrinsics
+    measured: Depth
+    truth: Depth
+    background: Depth
+    mask: BoolArray
+
+
+def write_examples(
+    path: str | Path, examples: Mapping[str, CorruptionExample], content: Mapping[str, Any]
+) -> None:
+    """Write examples as ``path`` (.npz), and beside it a sealed ``.json``.
+
+    Args:
+        path: A ``.npz`` file.
+        examples: Key to example.
+        content: What is kept beside them in words; under ``provenance`` where they come from.
+
+    Raises:
+        ValueError: A depth is negative, not finite, or 32 m and more.
+    """
+    target, arrays = Path(path), {}
+    for key, example in examples.items():
+        for name in ("measured", "truth", "background"):
+            depth = getattr(example, name)
+            if not (np.isfinite(depth).all() and depth.min() >= 0 and depth.max() < 32):
+                raise ValueError(f"{name} of {key!r} must lie in 0..32 m, got {depth.max()}")
+            steps = np.rint(depth / DEPTH_STEP).astype(np.uint16)
+            arrays[f"{key}/{name}"] = np.diff(steps, axis=1, prepend=np.uint16(0))  # packs better
+        arrays[f"{key}/mask"] = np.packbits(example.mask, axis=1)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    np.savez_compressed(target, **arrays)
+    told = {
+        "depth_step_m": DEPTH_STEP,
+        "file_sha256": hashlib.sha256(target.read_bytes()).hexdigest(),
+        "examples": {
+            key: {"name": example.name, "camera": example.camera.to_dict()}
+            for key, example in examples.items()
+        },
+    }
+    write_sealed(target.with_suffix(".json"), told | dict(content))
+
+
+def read_examples(path: str | Path) -> dict[str, CorruptionExample]:
+    """Read what `write_examples` wrote.
+
+    Args:
+        path: The ``.npz`` file.
+
+    Returns:
+        Key to example.
+
+    Raises:
+        FileNotFoundError: One of the two files is missing.
+        ValueError: One of them was changed since.
+    """
+    source = Path(path)
+    told = read_sealed(source.with_suffix(".json"))
+    if hashlib.sha256(source.read_bytes()).hexdigest() != told["file_sha256"]:
+        raise ValueError(f"{source} is not the file that {source.stem}.json speaks of")
+    examples = {}
+    with np.load(source) as arrays:
+        for key, known in told["examples"].items():
+            camera = Intrinsics.from_dict(known["camera"])
+            depths = [
+                np.cumsum(arrays[f"{key}/{name}"], axis=1, dtype=np.uint16) * told["depth_step_m"]
+                for name in ("measured", "truth", "background")
+            ]
+            mask = np.unpackbits(arrays[f"{key}/mask"], axis=1, count=camera.width).astype(bool)
+            measured, truth, background = (depth.astype(np.float32) for depth in depths)
+            examples[key] = CorruptionExample(
+                known["name"], camera, measured, truth, background, mask
+            )
+    return examples
+
+
+def error_kinds(measured: Depth, truth: Depth) -> npt.NDArray[np.int64]:
+    """Say of each pixel what became of its depth.
+
+    Args:
+        measured: z-depth, metres, 0 or NaN = missing, shape (H, W).
+        truth: True z-depth, metres, 0 or NaN = unknown, shape (H, W).
+
+    Returns:
+        Number of one of `KINDS`; -1 where the truth is unknown; shape (H, W).
+    """
+    seen = valid_depth(measured)
+    error = np.where(seen, measured, 0.0) - np.where(valid_depth(truth), truth, 0.0)
+    kinds = 1 + np.digitize(error, BOUNDS)
+    return np.where(valid_depth(truth), np.where(seen, kinds, 0), -1)
+
+
+def error_places(
+    truth: Depth, mask: BoolArray, *, band_px: int = 2, reach_m: float = 1.5
+) -> dict[str, BoolArray]:
+    """Say where a frame's pixels lie: in the glass, at outlines, or elsewhere.
+
+    Args:
+        truth: True z-depth, metres, 0 = unknown, shape (H, W).
+        mask: Pixels of the glass, shape (H, W).
+        band_px: Half the width of the band at outlines: the mask's border, and jumps of depth.
+        reach_m: Outside of the glass, what lies farther away than this does not count, metres.
+
+    Returns:
+        Each of `PLACES` to its pixels, shape (H, W); no pixel is in two of them.
+    """
+    square = np.ones((3, 3), bool)
+    grown = ndimage.binary_dilation(mask, square, iterations=band_px)
+    shrunk = ndimage.binary_erosion(mask, square, iterations=band_px, border_value=1)
+    outline = (grown & ~shrunk) | depth_jumps(truth, width_px=band_px)
+    inside = mask & ~outline
+    far = valid_depth(truth) & (truth >= reach_m)
+    rest = ~mask & ~outline & ~far
+    return dict(zip(PLACES, (inside, outline & (mask | ~far), rest), strict=True))
+
+
+def kind_shares(kinds: npt.NDArray[np.int64], where: BoolArray) -> npt.NDArray[np.float64]:
+    """Count the kinds of error.
+
+    Args:
+        kinds: As `error_kinds` gives them, shape (H, W).
+        where: Pixels that count, shape (H, W).
+
+    Returns:
+        Share of each of `KINDS` among those pixels whose truth is known, shape (6,); NaN without
+        any.
+    """
+    counts = np.bincount(kinds[where & (kinds >= 0)], minlength=len(KINDS))
+    with np.errstate(invalid="ignore"):
+        shares: npt.NDArray[np.float64] = counts / counts.sum()
+    return shares

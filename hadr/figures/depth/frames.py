@@ -1,0 +1,232 @@
+"""Pictures of a data set's frames: contact sheets, one frame with all its labels, histograms."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from hadr.camera import FloatArray
+from hadr.data.frame import Frame
+from hadr.figures import (
+    COLORS,
+    show_color,
+    show_depth,
+    show_error,
+    show_keypoints,
+    show_mask,
+)
+from hadr.synthesis.generation.statistics import FrameStatistics
+
+Array = npt.NDArray[np.float64]
+
+
+def contact_sheet(
+    pictures: Sequence[npt.NDArray[np.uint8]],
+    titles: Sequence[str] | None = None,
+    *,
+    columns: int = 6,
+    width: float = 9.0,
+) -> Figure:
+    """Lay pictures of one size out in a grid.
+
+    Args:
+        pictures: Each (H, W, 3).
+        titles: One a picture; an empty one leaves no word.
+        columns: Pictures a row.
+        width: Width of the figure, inches.
+
+    Returns:
+        The figure.
+
+    Raises:
+        ValueError: There are no pictures, or another number of titles.
+    """
+    if not pictures:
+        raise ValueError("a contact sheet needs pictures, got none")
+    if titles is not None and len(titles) != len(pictures):
+        raise ValueError(f"{len(pictures)} pictures, but {len(titles)} titles")
+    rows = -(-len(pictures) // columns)
+    high, wide = pictures[0].shape[:2]
+    line = 0.2 if titles is not None else 0.0
+    cell = width / columns
+    fig: Figure
+    fig, axes = plt.subplots(
+        rows,
+        columns,
+        figsize=(width, rows * (cell * high / wide + line)),
+        layout="constrained",
+        squeeze=False,
+    )
+    _tighten(fig)
+    for k, ax in enumerate(axes.flat):
+        if k >= len(pictures):
+            ax.set_axis_off()
+            continue
+        show_color(ax, pictures[k]).set_interpolation("antialiased")
+        if titles is not None:
+            ax.set_title(titles[k], fontsize=8.5, pad=2)
+    return fig
+
+
+def _tighten(fig: Figure) -> None:
+    fig.set_layout_engine("constrained", w_pad=0.015, h_pad=0.015, hspace=0.0, wspace=0.0)
+
+
+def draw_labels(frame: Frame, normals: FloatArray, *, width: float = 9.0) -> Figure:
+    """Draw a frame with everything that is known about it.
+
+    Args:
+        frame: With background and sensor depth (`raw_depth`).
+        normals: Unit normals toward the viewer, camera frame, (H, W, 3); 0 where unknown.
+        width: Width of the figure, inches.
+
+    Returns:
+        The figure: nine pictures.
+
+    Raises:
+        ValueError: The frame has no background depth or no raw depth.
+    """
+    if frame.raw_depth is None or frame.background_depth is None:
+        raise ValueError(f"frame {frame.stem} lacks raw depth or the depth without the glass")
+    fig: Figure
+    fig, axes = plt.subplots(3, 3, figsize=(width, 0.68 * width), layout="constrained")
+    _tighten(fig)
+    show_color(axes[0, 0], frame.color, "colour")
+    show_color(axes[0, 1], frame.color, "21 keypoints")
+    show_keypoints(axes[0, 1], frame.keypoints_uv, size=5)
+    show_color(axes[0, 2], frame.color // 2, "object mask, hand mask")
+    show_mask(axes[0, 2], frame.object_mask, COLORS["glass"], alpha=0.8)
+    show_mask(axes[0, 2], frame.hand_mask, COLORS["hand"], alpha=0.7)
+    held = frame.depth[frame.object_mask | frame.hand_mask]
+    limits = {"vmin": float(held.min()), "vmax": float(np.percentile(held, 99)) + 0.15}
+    titles = ("true depth", "depth without the glass", "sensor depth (stereo)")
+    for ax, depth, title in zip(
+        axes[1], (frame.depth, frame.background_depth, frame.raw_depth), titles, strict=True
+    ):
+        image = show_depth(ax, depth, title, colorbar=False, **limits)
+    fig.colorbar(image, ax=axes[1].tolist(), shrink=0.9, pad=0.01, label="depth (m)", extend="max")
+    error = np.where(frame.raw_depth > 0, frame.raw_depth - frame.depth, np.nan)
+    show_color(axes[2, 0], normal_colors(normals), "normals")
+    behind = np.where(frame.object_mask, frame.background_depth - frame.depth, np.nan)
+    show_error(axes[2, 1], behind, "without the glass minus true", limit=0.3, colorbar=False)
+    image = show_error(axes[2, 2], error, "sensor minus true", limit=0.3, colorbar=False)
+    fig.colorbar(
+        image, ax=axes[2].tolist(), shrink=0.9, pad=0.01, label="difference (cm)", extend="both"
+    )
+    return fig
+
+
+def normal_colors(normals: FloatArray) -> npt.NDArray[np.float64]:
+    """Normals as colours: red to the right, green up, blue toward the viewer; grey where unknown.
+
+    Args:
+        normals: Camera frame, (H, W, 3), unit or zero.
+    """
+    known = np.linalg.norm(normals, axis=-1, keepdims=True) > 0.5
+    colors = (1.0 + np.asarray(normals, dtype=float) * [1.0, -1.0, -1.0]) / 2
+    return np.where(known, np.clip(colors, 0.0, 1.0), 0.85)
+
+
+def normals_from_depth(depth_points: FloatArray) -> Array:
+    """Normals of an organised cloud by forward differences, toward the viewer.
+
+    Args:
+        depth_points: Camera frame, metres, (H, W, 3); NaN where missing.
+
+    Returns:
+        Shape (H, W, 3), unit; 0 in the last row and column and where a point is missing.
+    """
+    p = np.asarray(depth_points, dtype=float)
+    right, below = p[:-1, 1:] - p[:-1, :-1], p[1:, :-1] - p[:-1, :-1]
+    n = np.cross(below, right)
+    n /= np.maximum(np.linalg.norm(n, axis=-1, keepdims=True), 1e-20)
+    return np.pad(np.nan_to_num(n), ((0, 1), (0, 1), (0, 0)))
+
+
+def draw_statistics(statistics: FrameStatistics, *, width: float = 9.0) -> Figure:
+    """Draw six histograms of a data set's frames.
+
+    Args:
+        statistics: One row a frame.
+        width: Width of the figure, inches.
+
+    Returns:
+        The figure.
+    """
+    fig: Figure
+    fig, axes = plt.subplots(2, 3, figsize=(width, 0.56 * width), layout="constrained")
+    s = statistics
+    _histogram(axes[0, 0], s.distance_m, "hand's distance (m)", COLORS["hand"])
+    _histogram(axes[0, 1], 100 * s.glass_share, "glass in the picture (%)", COLORS["glass"])
+    _histogram(axes[0, 2], 100 * s.visible_share, "of the glass is visible (%)", COLORS["glass"])
+    _histogram(
+        axes[1, 0], 100 * s.missing_share, "sensor depth missing on glass (%)", COLORS["raw"]
+    )
+    bias = 100 * s.bias_m
+    _histogram(axes[1, 1], bias, "sensor depth behind the glass (cm)", COLORS["raw"], upper=90)
+    errors = 1000 * s.hand_error_m
+    _histogram(axes[1, 2], errors, "sensor depth off on the hand (mm)", COLORS["hand"])
+    for ax in axes[:, 0]:
+        ax.set_ylabel("frames")
+    return fig
+
+
+def _histogram(ax: Axes, values: Array, label: str, color: str, *, upper: float = 97) -> None:
+    known = values[np.isfinite(values)]
+    ax.set_xlabel(label)
+    if known.size == 0:
+        ax.text(0.5, 0.5, "not stored", transform=ax.transAxes, ha="center")
+        return
+    low, high = np.percentile(known, (0, upper))  # the last bar holds the rest
+    bins = np.linspace(low, high, 25).tolist()
+    ax.hist(np.clip(known, low, high), bins, color=color, alpha=0.85)
+    middle = float(np.median(known))
+    ax.axvline(middle, color="black", lw=1.2, ls="--")
+    ax.text(middle, 1.0, f" {middle:.3g}", transform=ax.get_xaxis_transform(), va="top", fontsize=9)
+
+
+def draw_angles(
+    angles: FloatArray, limits: FloatArray, names: Sequence[str], *, width: float = 9.0
+) -> Figure:
+    """Draw how far each joint bends in a set of poses, inside its limits.
+
+    Args:
+        angles: Radians, shape (N, A).
+        limits: Lowest and highest allowed angle, radians, shape (A, 2).
+        names: One an angle.
+        width: Width of the figure, inches.
+
+    Returns:
+        The figure; a row an angle, the grey bar is what the joint allows.
+
+    Raises:
+        ValueError: The numbers of angles, limits and names differ.
+    """
+    count = len(names)
+    if angles.ndim != 2 or angles.shape[1] != count or limits.shape != (count, 2):
+        raise ValueError(
+            f"angles {angles.shape}, limits {limits.shape} and {count} names don't belong together"
+        )
+    fig: Figure
+    fig, ax = plt.subplots(figsize=(width, 0.21 * count + 0.7), layout="constrained")
+    rows = np.arange(count)
+    low, high = np.rad2deg(limits).T
+    ax.barh(rows, high - low, left=low, height=0.78, color="#e3e3e3", label="allowed")
+    degrees = np.rad2deg(angles)
+    box: dict[str, Any] = {"orientation": "horizontal", "positions": rows, "widths": 0.7}
+    parts = ax.violinplot(degrees, showextrema=False, **box)
+    for body in parts["bodies"]:
+        body.set(facecolor=COLORS["hadr"], alpha=0.75, edgecolor="none")
+    quartiles = np.percentile(degrees, (25, 50, 75), axis=0)
+    ax.hlines(rows, quartiles[0], quartiles[2], color="black", lw=2.2)
+    ax.plot(quartiles[1], rows, "o", color="white", mec="black", ms=4)
+    ax.set(yticks=rows, yticklabels=[name.replace("_", " ") for name in names])
+    ax.set(xlabel="angle (degrees)", ylim=(count - 0.4, -0.6))
+    ax.tick_params(axis="y", labelsize=8.5)
+    return fig

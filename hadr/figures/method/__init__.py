@@ -1,0 +1,1 @@
+"""Pictures of the method: rays, voxels, features, hands, errors."""

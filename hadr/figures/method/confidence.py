@@ -1,0 +1,154 @@
+"""Pictures of a confidence: is it honest, and does it know where the errors are?"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.image import AxesImage
+
+from hadr.camera import BoolArray, FloatArray
+from hadr.figures import COLORS
+
+CONFIDENCE_MAP = "cividis"
+_SENSOR = {"raw": "sensor depth"}  # what a camera measured; a result file calls it raw
+
+
+def draw_reliability(
+    ax: Axes,
+    said: Sequence[float | None],
+    true: Sequence[float | None],
+    count: Sequence[int],
+    *,
+    tolerance_m: float = 0.02,
+) -> None:
+    """Draw the share of right pixels over what the confidence says; a dot's size is its weight.
+
+    Args:
+        ax: Ordinary 2D axes.
+        said: Mean confidence in each bin, None or NaN where it is empty.
+        true: Share of right pixels in each bin, likewise.
+        count: Pixels in each bin.
+        tolerance_m: What "right" means, metres.
+    """
+    number = np.asarray(count, dtype=float)
+    filled = number > 0
+    x = np.array([np.nan if v is None else v for v in said])[filled]
+    y = np.array([np.nan if v is None else v for v in true])[filled]
+    share = number[filled] / number.sum()
+    ax.plot([0, 1], [0, 1], color=COLORS["truth"], lw=1, ls="--", label="honest")
+    ax.vlines(x, x, y, color=COLORS["raw"], lw=1.2)
+    ax.plot(x, y, color=COLORS["hadr"], lw=1.2)
+    ax.scatter(x, y, s=20 + 260 * share, color=COLORS["hadr"], zorder=3, edgecolors="white")
+    gap = float((np.abs(x - y) * share).sum())
+    ax.text(0.97, 0.05, f"mean gap {gap:.3f}", ha="right", transform=ax.transAxes)
+    ax.set(
+        xlim=(0, 1),
+        ylim=(0, 1),
+        aspect="equal",
+        xlabel="confidence",
+        ylabel=f"share within {tolerance_m * 100:g} cm",
+    )
+    ax.legend(loc="upper left")
+
+
+def draw_sparsification(
+    ax: Axes,
+    dropped: Sequence[float],
+    rmse_m: Sequence[float],
+    oracle_rmse_m: Sequence[float],
+) -> None:
+    """Draw the error of what is kept over the share that is dropped, beside chance and oracle.
+
+    Args:
+        ax: Ordinary 2D axes.
+        dropped: Share of the pixels that is dropped, the least sure first; begins with 0.
+        rmse_m: RMSE of the others, metres.
+        oracle_rmse_m: The same where the largest errors are dropped, metres.
+    """
+    share = 100 * np.asarray(dropped)
+    found, best = 100 * np.asarray(rmse_m), 100 * np.asarray(oracle_rmse_m)
+    ax.axhline(found[0], color=COLORS["raw"], lw=1.4, ls=":")
+    ax.plot(share, found, color=COLORS["hadr"], marker="o", ms=3)
+    ax.plot(share, best, color=COLORS["truth"], lw=1.2, ls="--")
+    tenth = int(np.argmin(np.abs(share - 10)))
+    ax.scatter(share[tenth], found[tenth], s=70, color=COLORS["hadr"], zorder=4)
+    ax.annotate(
+        f"{found[tenth]:.1f} cm without\nthe least sure tenth",
+        (share[tenth], found[tenth]),
+        xytext=(0.5, 0.62),
+        textcoords="axes fraction",
+        fontsize=9,
+        va="center",
+        arrowprops={"arrowstyle": "-", "color": COLORS["raw"], "lw": 0.8, "shrinkB": 5},
+    )
+    last = share[-1]
+    ax.text(last, found[0], "by chance", ha="right", va="bottom", color=COLORS["raw"])
+    ax.text(share[len(share) // 2], best[len(best) // 2], " oracle", va="bottom")
+    ax.text(last, found[-1], "by confidence", ha="right", va="top", color=COLORS["hadr"])
+    ax.set(xlabel="dropped (%)", ylabel="RMSE of the rest (cm)", xlim=(0, 100))
+    ax.set_ylim(0, 1.15 * max(found.max(), found[0]))
+
+
+def show_confidence(
+    ax: Axes,
+    confidence: FloatArray,
+    restored: BoolArray,
+    title: str | None = None,
+    *,
+    limits: tuple[float, float] = (0.0, 1.0),
+) -> AxesImage:
+    """Show the confidence of the restored pixels; the others stay white.
+
+    Args:
+        ax: Ordinary 2D axes.
+        confidence: Shape (H, W), 0..1.
+        restored: Shape (H, W) bool.
+        title: Title of the axes.
+        limits: Ends of the colour scale.
+    """
+    low, high = limits
+    image = ax.imshow(
+        np.ma.masked_where(~restored, confidence), cmap=CONFIDENCE_MAP, vmin=low, vmax=high
+    )
+    ax.set(xticks=[], yticks=[])
+    ax.spines[:].set_visible(False)
+    if title is not None:
+        ax.set_title(title)
+    bar = ax.figure.colorbar(image, ax=ax, shrink=0.75, pad=0.02)
+    bar.set_label("confidence")
+    return image
+
+
+def draw_real_errors(ax: Axes, rows: Sequence[Mapping[str, Any]], scenes: Sequence[str]) -> None:
+    """Draw each method's RMSE on real frames as dots, one a scene; bars span the stand-in hands.
+
+    Args:
+        ax: Ordinary 2D axes.
+        rows: Each with "method", "scene", "rmse_m" in metres, and where there were several hands
+            "rmse_low_m" and "rmse_high_m".
+        scenes: The scenes, in the order of their colours.
+    """
+    methods = list(dict.fromkeys(str(row["method"]) for row in rows))
+    tones, markers = (COLORS["truth"], COLORS["raw"]), "os"
+    for number, scene in enumerate(scenes):
+        own = [row for row in rows if row["scene"] == scene]
+        y = np.array([methods.index(str(row["method"])) for row in own]) + 0.16 * (2 * number - 1)
+        x = 100 * np.array([row["rmse_m"] for row in own])
+        color = tones[number % len(tones)]
+        ax.scatter(
+            x, y, color=color, marker=markers[number % 2], s=45, zorder=3,
+            label=f"scene {scene[-3:]}",
+        )  # fmt: skip
+        for place, row in zip(y, own, strict=True):
+            if row.get("rmse_low_m") is not None:
+                span = (100 * row["rmse_low_m"], 100 * row["rmse_high_m"])
+                ax.plot(span, (place, place), color=color, lw=2.2, alpha=0.6)
+    ax.set_yticks(range(len(methods)), [_SENSOR.get(name, name) for name in methods])
+    ax.invert_yaxis()
+    ax.set(xlabel="RMSE inside the mask (cm)")
+    ax.set_xlim(left=0)
+    ax.grid(axis="x", alpha=0.3)
+    ax.legend(loc="upper right")

@@ -1,0 +1,203 @@
+"""Errors of depth by kind: real, simulated and analytic side by side, in one set of colours."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import matplotlib as mpl
+import matplotlib.pyplot as plt
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
+
+from hadr.camera import BoolArray, valid_depth, window_around
+from hadr.figures import COLORS, ERROR_MAP, show_depth
+from hadr.figures.depth.corruption_examples import (
+    KINDS,
+    PLACES,
+    error_kinds,
+    error_places,
+    kind_shares,
+)
+from hadr.records.caches import read_only
+
+Depth = npt.NDArray[np.float32]
+
+_BLUE, *_REDS = (mpl.colors.to_hex(mpl.colormaps[ERROR_MAP](x)) for x in (0.12, 0.66, 0.82, 0.97))
+#: Colours of the kinds of error: light grey is missing, as in all depth pictures; blue and red are
+#: in front and behind, as in all pictures of errors; what is right is highlighted.
+KIND_COLORS: tuple[str, ...] = ("#d9d9d9", _BLUE, COLORS["highlight"], *_REDS)
+_SHORT = ("none", "<−1", "±1", "1–5", "5–20", ">20")
+_NOWHERE = "#ffffff"
+_EDGE = "#404040"
+
+
+@dataclass(frozen=True)
+class Source:
+    """One column of the comparison: a depth picture and what is true.
+
+    Attributes:
+        title: Where the picture comes from.
+        measured: z-depth, metres, 0 = missing, shape (H, W); None where there is no such picture.
+        truth: True z-depth, metres, 0 = unknown, shape (H, W).
+        mask: Pixels of the glass, shape (H, W).
+        note: What stands in the column if there is no picture.
+    """
+
+    title: str
+    measured: Depth | None
+    truth: Depth
+    mask: BoolArray
+    note: str = ""
+
+    @cached_property
+    def places(self) -> dict[str, BoolArray]:
+        """Where the pixels lie: each of `PLACES`, shape (H, W)."""
+        return read_only(error_places(self.truth, self.mask))
+
+    @cached_property
+    def kinds(self) -> npt.NDArray[np.int64]:
+        """The kind of each pixel's error, shape (H, W); -1 where the truth is unknown."""
+        measured = np.zeros_like(self.truth) if self.measured is None else self.measured
+        return read_only(error_kinds(measured, self.truth))
+
+    def shares(self, place: str) -> npt.NDArray[np.float64]:
+        """Share of each kind of error at a place, shape (6,); NaN without a picture."""
+        if self.measured is None:
+            return np.full(len(KINDS), np.nan)
+        return kind_shares(self.kinds, self.places[place])
+
+    def errors_m(self, place: str) -> npt.NDArray[np.float64]:
+        """Measured minus true depth at a place, where both are known, metres, shape (N,)."""
+        if self.measured is None:
+            return np.zeros(0)
+        known = self.places[place] & valid_depth(self.truth) & valid_depth(self.measured)
+        return np.asarray((self.measured - self.truth)[known], dtype=float)
+
+    def known_share(self, place: str) -> float:
+        """Share of a place's pixels whose true depth is known; NaN without a pixel."""
+        known = valid_depth(self.truth)[self.places[place]]
+        return float(known.mean()) if known.size else float("nan")
+
+
+def error_kinds_picture(sources: Sequence[Source], place: str) -> Figure:
+    """Draw sources side by side: what was measured, the kind of each error, and their shares.
+
+    Args:
+        sources: The columns.
+        place: One of `hadr.figures.depth.corruption_examples.PLACES`; other pixels are left white.
+
+    Returns:
+        The figure; of one size for all places and as many sources.
+
+    Raises:
+        ValueError: There is no such place.
+    """
+    if place not in PLACES:
+        raise ValueError(f"place must be one of {', '.join(PLACES)}, got {place!r}")
+    figure: Figure = plt.figure(figsize=(8, 5.5), layout="none")  # all alike, and drawn faster
+    figure.subplots_adjust(0.072, 0.085, 0.895, 0.945, 0.06, 0.16)
+    axes = figure.subplots(3, len(sources), squeeze=False, height_ratios=(1, 1, 0.8))
+    near, far = _depth_range(sources)
+    image = None
+    for column, source in zip(axes.T, sources, strict=True):
+        column[0].set_title(source.title)
+        if source.measured is None:
+            _say(column, source.note)
+            continue
+        window = window_around(source.mask, 22)
+        image = show_depth(column[0], source.measured[window], vmin=near, vmax=far, colorbar=False)
+        kinds = np.where(source.places[place], source.kinds, -1)
+        colors = ListedColormap([_NOWHERE, *KIND_COLORS])
+        column[1].imshow(kinds[window], cmap=colors, vmin=-1.5, vmax=len(KINDS) - 0.5)
+        column[1].set(xticks=[], yticks=[])
+        column[1].spines[:].set_color("#b0b0b0")
+        column[1].spines[:].set_visible(True)
+        _draw_shares(column[2], source, place)
+    axes[0, 0].set_ylabel("measured depth")
+    axes[1, 0].set_ylabel(f"error {place}")
+    axes[2, 0].set_ylabel("share (%)")
+    for ax in axes[2, 1:]:
+        ax.set_yticks([])
+    if image is not None:
+        box = axes[0, -1].get_position()
+        bar = figure.colorbar(image, cax=figure.add_axes((0.905, box.y0, 0.014, box.height)))
+        bar.locator = MaxNLocator(4)
+        bar.update_ticks()
+        bar.set_label("depth (m)")
+    return figure
+
+
+def _depth_range(sources: Sequence[Source]) -> tuple[float, float]:
+    """The scale that all columns share: that of the true depth around the glasses."""
+    seen = []
+    for source in sources:
+        values = source.truth[window_around(source.mask, 22)]
+        seen.append(values[valid_depth(values)])
+    low, high = np.percentile(np.concatenate(seen), (1, 95))
+    return float(low), float(high)
+
+
+def _say(column: Sequence[Axes], note: str) -> None:
+    for ax in column:
+        ax.set(xticks=[], yticks=[])
+        ax.spines[:].set_visible(False)
+    column[1].text(
+        0.5, 0.5, note, ha="center", va="center", transform=column[1].transAxes, color="#505050"
+    )
+
+
+def _draw_shares(ax: Axes, source: Source, place: str) -> None:
+    shares = 100 * source.shares(place)
+    bars = ax.bar(range(len(KINDS)), shares, color=KIND_COLORS, edgecolor=_EDGE, lw=0.7)
+    ax.bar_label(bars, fmt="%.0f", fontsize=9)
+    ax.set(ylim=(0, 165), yticks=(0, 50, 100))  # the words stand above the bars
+    ax.set_xticks(range(len(KINDS)), _SHORT, fontsize=8.5)
+    ax.tick_params(axis="x", length=0)
+    errors, unknown = source.errors_m(place), 1 - source.known_share(place)
+    lines = ["nothing measured"]
+    if errors.size:
+        middle, typical = 100 * np.median(errors), 100 * np.median(np.abs(errors))
+        lines = [f"median {middle:+.2f} cm, size {typical:.2f} cm"]
+    if unknown > 0.005:
+        lines.append(f"truth unknown: {unknown:.0%}")
+    ax.text(
+        0.985, 0.97, "\n".join(lines), ha="right", va="top", fontsize=8.5, transform=ax.transAxes
+    )
+    ax.set_xlabel("cm behind the truth", fontsize=9)
+
+
+def draw_kind_bars(ax: Axes, sources: Mapping[str, Source], place: str) -> None:
+    """Draw the shares of several sources as stacked bars, one below the other.
+
+    Args:
+        ax: Where.
+        sources: Label to source, from above.
+        place: One of `hadr.figures.depth.corruption_examples.PLACES`.
+    """
+    rows = 100 * np.array([source.shares(place) for source in sources.values()])
+    left = np.zeros(len(rows))
+    places = range(len(rows))
+    for kind, (name, color) in enumerate(zip(KINDS, KIND_COLORS, strict=True)):
+        values = rows[:, kind]
+        ax.barh(places, values, 0.72, left, color=color, edgecolor=_EDGE, lw=0.7, label=name)
+        for y, value, start in zip(places, values, left, strict=True):
+            if value >= 4:
+                ink = "white" if kind in (1, 5) else "black"
+                ax.text(start + value / 2, y, f"{value:.0f}", ha="center", va="center", color=ink)
+        left = left + values
+    ax.set_yticks(places, list(sources))
+    ax.set(xlim=(0, 100), xlabel=f"share of the pixels {place} (%)")
+    ax.invert_yaxis()
+    ax.tick_params(axis="y", length=0)
+    ax.spines["left"].set_visible(False)
+    handles = [
+        Patch(fc=c, ec=_EDGE, lw=0.7, label=n) for n, c in zip(KINDS, KIND_COLORS, strict=True)
+    ]
+    ax.legend(handles=handles, loc="lower center", bbox_to_anchor=(0.42, 1.0), ncols=3)

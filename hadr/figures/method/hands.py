@@ -1,0 +1,170 @@
+"""Pictures of hands: flesh and bones in a parallel projection, axes as arrows.
+
+A view is a rotation ``screen_from_frame`` (3, 3) whose rows are the screen's right, up and toward
+the viewer, written in the frame in which the hand is given. The axes are in centimetres.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import to_rgb
+from scipy.spatial.transform import Rotation
+
+from hadr.figures import FINGER_COLORS
+from hadr.hand import BONES, FINGERS, check_keypoints
+from hadr.synthesis.glass.surfaces import Surface
+
+Array = npt.NDArray[np.float64]
+
+#: Colours of the axes x, y and z.
+AXIS_COLORS: dict[str, str] = {"x": "#D55E00", "y": "#009E73", "z": "#0072B2"}
+_LIGHT = np.array([0.35, 0.55, 0.76])
+
+
+def orbit_view(azimuth_deg: float, elevation_deg: float) -> Array:
+    """Look at a frame from around it.
+
+    Args:
+        azimuth_deg: Turn of the viewer about the frame's y, degrees; 0 looks along -z with x to
+            the right, so at a hand in its wrist frame into the palm.
+        elevation_deg: How far the viewer is raised toward y, degrees.
+
+    Returns:
+        ``screen_from_frame``, shape (3, 3), a rotation.
+    """
+    turn = Rotation.from_euler("xy", [elevation_deg, -azimuth_deg], degrees=True)
+    return np.asarray(turn.as_matrix(), dtype=float)
+
+
+def on_screen(points: npt.ArrayLike, screen_from_frame: Array) -> Array:
+    """Project points in metres, shape (..., 3), to the screen's centimetres, shape (..., 2)."""
+    projected: Array = 100.0 * np.asarray(points, dtype=float) @ screen_from_frame[:2].T
+    return projected
+
+
+def show_flesh(
+    ax: Axes, surface: Surface, screen_from_frame: Array, *, color: str = "#d8a98a"
+) -> PolyCollection:
+    """Draw a closed surface with soft shading.
+
+    Args:
+        ax: Ordinary 2D axes.
+        surface: Metres, in the view's frame.
+        screen_from_frame: The view.
+        color: Colour where the light falls at a right angle.
+
+    Returns:
+        The collection that was added.
+    """
+    vertices = surface.vertices @ screen_from_frame.T
+    normals = surface.normals @ screen_from_frame.T
+    facing = normals[surface.faces].mean(axis=1)
+    front = facing[:, 2] > 0
+    corners = vertices[surface.faces[front]]  # (F, 3, 3)
+    order = np.argsort(corners[:, :, 2].mean(axis=1))
+    light = np.clip(facing[front] @ _LIGHT, 0.0, 1.0)
+    shades = np.clip((0.52 + 0.52 * light[:, None]) * np.array(to_rgb(color)), 0.0, 1.0)
+    flesh = PolyCollection(
+        list(100.0 * corners[order, :, :2]),
+        facecolors=shades[order],
+        edgecolors=shades[order],
+        linewidths=0.4,
+        rasterized=True,
+        zorder=1,
+    )
+    ax.add_collection(flesh)
+    return flesh
+
+
+def show_bones(
+    ax: Axes,
+    keypoints: npt.ArrayLike,
+    screen_from_frame: Array,
+    *,
+    lw: float = 3.0,
+    alpha: float = 1.0,
+    joints: bool = True,
+) -> None:
+    """Draw the 21 keypoints and their bones, one colour a finger, far bones first.
+
+    Args:
+        ax: Ordinary 2D axes.
+        keypoints: Metres, in the view's frame, shape (21, 3).
+        screen_from_frame: The view.
+        lw: Width of a bone, points.
+        alpha: Opacity of the bones.
+        joints: Whether the keypoints are marked.
+    """
+    points = check_keypoints(keypoints)
+    flat, height = on_screen(points, screen_from_frame), points @ screen_from_frame[2]
+    colors = [FINGER_COLORS[finger] for finger in FINGERS for _ in range(4)]
+    bones = sorted(zip(BONES, colors, strict=True), key=lambda bone: height[list(bone[0])].mean())
+    for level, ((parent, child), color) in enumerate(bones):
+        line: dict[str, Any] = {"solid_capstyle": "round", "zorder": 3 + 0.01 * level}
+        ax.plot(*flat[[parent, child]].T, color="white", lw=lw + 1.6, alpha=alpha, **line)
+        ax.plot(*flat[[parent, child]].T, color=color, lw=lw, alpha=alpha, **line)
+    if joints:
+        ax.scatter(
+            flat[:, 0],
+            flat[:, 1],
+            s=5 * lw,
+            c="white",
+            edgecolors="black",
+            linewidths=0.7,
+            zorder=4,
+            alpha=alpha,
+        )
+
+
+def show_axis(
+    ax: Axes,
+    name: str,
+    origin: npt.ArrayLike,
+    direction: npt.ArrayLike,
+    screen_from_frame: Array,
+    *,
+    length_m: float = 0.06,
+) -> None:
+    """Draw one axis as a named arrow in its colour.
+
+    Args:
+        ax: Ordinary 2D axes.
+        name: ``x``, ``y`` or ``z``.
+        origin: Metres, in the view's frame, shape (3,).
+        direction: Unit vector in the view's frame, shape (3,).
+        screen_from_frame: The view.
+        length_m: Length of the arrow, metres.
+    """
+    start, step = np.asarray(origin, dtype=float), np.asarray(direction, dtype=float)
+    ends = on_screen(
+        [start, start + length_m * step, start + 1.22 * length_m * step], screen_from_frame
+    )
+    color = AXIS_COLORS[name]
+    arrow = {"arrowstyle": "-|>", "lw": 2.6, "color": color, "shrinkA": 0, "shrinkB": 0}
+    ax.annotate("", ends[1], ends[0], arrowprops=arrow, annotation_clip=False, zorder=6)
+    ax.update_datalim(ends)
+    ax.autoscale_view()
+    ax.text(
+        ends[2, 0],
+        ends[2, 1],
+        name,
+        color=color,
+        weight="bold",
+        size=13,
+        ha="center",
+        va="center",
+        zorder=6,
+    )
+
+
+def frame_hand_axes(ax: Axes, title: str | None = None) -> None:
+    """Give both directions one scale and hide the box, for pictures without a ruler."""
+    ax.set_aspect("equal")
+    ax.set_axis_off()
+    if title is not None:
+        ax.set_title(title)

@@ -1,0 +1,247 @@
+"""Pictures of measurements: error maps with their scores, tolerances, frames as dots, tables.
+
+Every length comes in metres, as everywhere in the library, and is drawn in centimetres.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Container, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+
+from hadr.camera import BoolArray, FloatArray
+from hadr.figures import COLORS, show_color, show_error
+from hadr.metrics import DepthMetrics
+
+_THRESHOLD_COLORS = {1.05: COLORS["hadr"], 1.10: COLORS["robot"], 1.25: COLORS["baseline"]}
+_LOG_TICKS_CM = (1, 3, 10, 30, 100)
+
+
+def draw_scored_errors(
+    axes: Sequence[Axes],
+    errors: Mapping[str, FloatArray],
+    scores: Mapping[str, DepthMetrics],
+    *,
+    limit: float = 0.03,
+) -> None:
+    """Draw error maps side by side with RMSE and MAE below each, and one colour bar.
+
+    Args:
+        axes: As many as error maps.
+        errors: Title to signed error, metres, shape (H, W); NaN where nothing is scored.
+        scores: The same titles to the map's metrics.
+        limit: End of the colour scale, metres.
+    """
+    for ax, (name, error) in zip(axes, errors.items(), strict=True):
+        image = show_error(ax, error, limit=limit, colorbar=False)
+        ax.set_title(name, fontsize=9.5)
+        text = f"RMSE {scores[name].rmse_m * 100:.1f} cm\nMAE {scores[name].mae_m * 100:.1f} cm"
+        ax.set_xlabel(text, fontsize=9.5)
+    _error_bar(axes, image, shrink=0.7, pad=0.01)
+
+
+def draw_error_rows(
+    axes: npt.NDArray[Any],
+    colors: Sequence[npt.NDArray[np.uint8]],
+    errors: Sequence[Mapping[str, FloatArray]],
+    *,
+    limit: float = 0.1,
+) -> None:
+    """Draw one row a frame: its colour image and the error map of each method.
+
+    Args:
+        axes: Shape (frames, 1 + methods).
+        colors: Colour images, (H, W, 3) uint8.
+        errors: For each frame, method to signed error, metres, shape (H, W).
+        limit: End of the colour scale, metres.
+    """
+    for row, color, maps in zip(axes, colors, errors, strict=True):
+        show_color(row[0], color)
+        for ax, error in zip(row[1:], maps.values(), strict=True):
+            image = show_error(ax, error, limit=limit, colorbar=False)
+    for ax, title in zip(axes[0], ("colour", *errors[0]), strict=True):
+        ax.set_title(title)
+    _error_bar(axes[:, -1], image, shrink=0.8, pad=0.05)
+
+
+def _error_bar(
+    axes: Sequence[Axes] | npt.NDArray[Any], image: Any, *, shrink: float, pad: float
+) -> None:
+    bar = axes[0].figure.colorbar(image, ax=list(axes), shrink=shrink, pad=pad, extend="both")
+    bar.set_label("error (cm)")
+
+
+def wide_window(mask: BoolArray, margin: float = 1.7) -> tuple[slice, slice]:
+    """Give rows and columns of a window of three to two around a mask's bounding box.
+
+    Args:
+        mask: Shape (H, W), at least one pixel set.
+        margin: How much larger than the box the window is.
+
+    Returns:
+        (rows, columns); the window ends at the image's border.
+
+    Raises:
+        ValueError: The mask is empty.
+    """
+    if not mask.any():
+        raise ValueError(f"the mask is empty: none of its {mask.size} pixels is set")
+    (top, left), (bottom, right) = np.argwhere(mask).min(axis=0), np.argwhere(mask).max(axis=0)
+    half = margin * max(bottom - top, (right - left) / 1.5) / 2
+    row, column = (top + bottom) / 2, (left + right) / 2
+    return (
+        slice(max(int(row - half), 0), int(row + half)),
+        slice(max(int(column - 1.5 * half), 0), int(column + 1.5 * half)),
+    )
+
+
+def draw_tolerances(
+    ax: Axes,
+    distance_m: npt.NDArray[np.float64],
+    bands_m: Mapping[float, tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]],
+    marks: Mapping[float, str],
+    *,
+    gripper_m: float = 0.01,
+) -> None:
+    """Draw which error each threshold lets pass, over the distance of the glass.
+
+    Args:
+        ax: Ordinary 2D axes.
+        distance_m: Metres, shape (N,), ascending.
+        bands_m: Threshold (1.05, 1.10 or 1.25) to the largest error in front of the surface
+            (negative) and behind it, metres, each shape (N,).
+        marks: Distances to mark, metres, and their names.
+        gripper_m: Half width of the grey band, metres.
+    """
+    left, right = distance_m[0], distance_m[-1]
+    for threshold, (front, behind) in sorted(bands_m.items(), reverse=True):
+        color = _THRESHOLD_COLORS[threshold]
+        ax.fill_between(distance_m, front * 100, behind * 100, color=color, alpha=0.3, lw=0)
+        ax.plot(distance_m, behind * 100, distance_m, front * 100, color=color)
+        style: dict[str, Any] = {"color": color, "va": "center", "weight": "bold"}
+        ax.text(right + 0.01, behind[-1] * 100, f"δ{threshold:.2f}", **style)
+    ax.axhspan(-gripper_m * 100, gripper_m * 100, color="black", alpha=0.55, lw=0)
+    ax.text(right + 0.01, 0, f"±{gripper_m * 100:.0f} cm", va="center", weight="bold")
+    for mark, name in marks.items():
+        ax.axvline(mark, color="black", lw=0.8, ls=":")
+        ax.text(mark + 0.01, 27, name, size=9.5)
+    ax.set(xlabel="distance of the glass (m)", ylabel="allowed error (cm)")
+    ax.set(xlim=(left, right), ylim=(-26, 31))
+    ax.text(left + 0.11, -22, "in front of the surface", size=9.5)
+    ax.text(left + 0.11, 20, "behind the surface", size=9.5)
+
+
+def draw_frame_dots(
+    ax: Axes,
+    frames: Mapping[str, Sequence[DepthMetrics]],
+    averages: Mapping[str, Mapping[str, DepthMetrics]],
+    rng: np.random.Generator,
+) -> None:
+    """Draw the MAE of each frame as a dot, one row a method, and the averages as bars.
+
+    Args:
+        ax: Ordinary 2D axes; they get a logarithmic scale in centimetres.
+        frames: Method to the metrics of its frames.
+        averages: Kind of the average to {method: metrics}; at most two kinds.
+        rng: Moves the dots up and down a little, so that they do not hide each other.
+    """
+    for y, (name, listed) in enumerate(frames.items()):
+        dots = 100 * np.array([m.mae_m for m in listed])
+        height = y + rng.uniform(-0.12, 0.12, len(dots))
+        ax.scatter(dots, height, s=16, color=COLORS["raw"], alpha=0.7)
+        for (label, rows), color in zip(averages.items(), ("hadr", "baseline"), strict=False):
+            bar: dict[str, Any] = {"lw": 2.5, "color": COLORS[color]}
+            x = rows[name].mae_m * 100
+            ax.plot([x, x], [y - 0.3, y + 0.3], label=label if y == 0 else None, **bar)
+    _method_rows(ax, list(frames))
+    _logarithmic_centimetres(ax, "MAE (cm), one dot per frame")
+    ax.legend(loc="lower right")
+
+
+def draw_object_dots(
+    ax: Axes, errors_m: Mapping[str, Mapping[str, npt.ArrayLike]], colors: Mapping[str, str]
+) -> None:
+    """Draw each frame's error as a dot, one column an object, with the mean as a bar.
+
+    Args:
+        ax: Ordinary 2D axes.
+        errors_m: Method to {object: errors of its frames, metres, shape (N,)}; every method has
+            the same objects.
+        colors: Method to the name of its colour in :data:`hadr.figures.COLORS`.
+    """
+    shifts = np.linspace(-0.15, 0.15, len(errors_m)) if len(errors_m) > 1 else [0.0]
+    for (name, columns), shift in zip(errors_m.items(), shifts, strict=True):
+        color = COLORS[colors[name]]
+        for x, errors in enumerate(columns.values()):
+            dots = 100 * np.asarray(errors, dtype=float)
+            label = name if x == 0 else None
+            ax.scatter(np.full(len(dots), x + shift), dots, s=18, color=color, label=label)
+            ends = [x + shift - 0.12, x + shift + 0.12]
+            ax.plot(ends, [dots.mean()] * 2, color=color, lw=3)
+    objects = list(next(iter(errors_m.values())))
+    ax.set_xticks(range(len(objects)), [name.replace(" ", "\n") for name in objects])
+    ax.set(ylabel="MAE (cm)", ylim=(0, None))
+    ax.legend()
+
+
+def draw_known_unknown(
+    ax: Axes, known: Mapping[str, float], unknown: Mapping[str, float], xlabel: str
+) -> None:
+    """Draw for each method a filled dot (known objects) joined to an empty one (unknown).
+
+    Args:
+        ax: Ordinary 2D axes.
+        known: Method to its number on known objects; ``HADR`` is drawn in its colour.
+        unknown: The same methods' numbers on unknown objects.
+        xlabel: What the number is, with its unit.
+    """
+    for y, name in enumerate(known):
+        color = COLORS["hadr" if name == "HADR" else "raw"]
+        named = y == len(known) - 1
+        ax.plot([known[name], unknown[name]], [y, y], color=color, lw=1.5)
+        dot: dict[str, Any] = {"s": 55, "edgecolor": color, "lw": 1.8, "zorder": 3}
+        ax.scatter(known[name], y, facecolor=color, label="known" if named else None, **dot)
+        ax.scatter(unknown[name], y, facecolor="white", label="unknown" if named else None, **dot)
+    _method_rows(ax, list(known))
+    ax.set_xlabel(xlabel)
+
+
+def draw_intervals(
+    ax: Axes,
+    intervals: Mapping[str, tuple[float, float]],
+    colors: Mapping[str, str],
+    xlabel: str,
+    *,
+    hollow: Container[str] = (),
+) -> None:
+    """Draw named intervals as bars below each other.
+
+    Args:
+        ax: Ordinary 2D axes.
+        intervals: Name to its lower and upper end.
+        colors: Name to the name of its colour in :data:`hadr.figures.COLORS`.
+        xlabel: What lies to the right, with its unit.
+        hollow: Names whose bars are drawn empty.
+    """
+    for y, (name, (low, high)) in enumerate(intervals.items()):
+        color = COLORS[colors[name]]
+        face = "white" if name in hollow else color
+        ax.barh(y, high - low, left=low, height=0.5, facecolor=face, edgecolor=color, lw=1.8)
+    _method_rows(ax, list(intervals))
+    ax.set_xlabel(xlabel)
+
+
+def _method_rows(ax: Axes, names: Sequence[str]) -> None:
+    """Name the rows, the first one at the top."""
+    ax.set_yticks(range(len(names)), names)
+    ax.set_ylim(len(names) - 0.5, -0.5)
+
+
+def _logarithmic_centimetres(ax: Axes, xlabel: str) -> None:
+    ax.set_xscale("log")
+    ax.set_xticks(_LOG_TICKS_CM, [str(tick) for tick in _LOG_TICKS_CM])
+    ax.minorticks_off()
+    ax.set_xlabel(xlabel)

@@ -1,0 +1,248 @@
+"""Figures of rays for the book: the slabs of a voxel, a walk along one ray, a strip of rays.
+
+The figures from above show the camera frame's z to the right and its x upward.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgba
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from hadr.camera import BoolArray
+from hadr.figures import COLORS, show_color
+from hadr.ray_voxels import OccupiedVoxels, RayVoxelPairs
+
+
+def draw_walk(
+    ax: Any,
+    direction: npt.ArrayLike,
+    cells: npt.ArrayLike,
+    t_in: npt.ArrayLike,
+    t_out: npt.ArrayLike,
+    size: float,
+    *,
+    reached: float | None = None,
+    truth: float | None = None,
+    numbers: bool = True,
+) -> None:
+    """Draw one ray and its candidate voxels from above: z to the right, x up.
+
+    Args:
+        ax: 2D axes.
+        direction: Unit direction of the ray, camera frame, shape (3,).
+        cells: Centres of the candidate voxels in metres, camera frame, shape (K, 3).
+        t_in: Entering distances, metres along the ray, shape (K,).
+        t_out: Leaving distances, metres along the ray, shape (K,).
+        size: Side of a voxel in metres.
+        reached: How far the walk has come, metres along the ray; the candidate in which it is
+            then gets a stronger colour. None = the whole ray.
+        truth: Distance of the true surface, metres along the ray, or None.
+        numbers: Whether to write the distances beside the crossings.
+    """
+    d = np.asarray(direction, dtype=float)
+    centers, starts, ends = (np.asarray(a, dtype=float) for a in (cells, t_in, t_out))
+    far = float(ends.max()) + 0.12
+    for k, center in enumerate(centers):
+        here = reached is not None and starts[k] <= reached < ends[k]
+        corner = (center[2] - size / 2, center[0] - size / 2)
+        ax.add_patch(_square(corner, size, COLORS["voxel"], 0.55 if here else 0.16))
+    ax.plot([0, far * d[2]], [0, far * d[0]], color=COLORS["raw"], lw=1, ls=(0, (4, 3)))
+    stop = far if reached is None else reached
+    ax.plot([0, stop * d[2]], [0, stop * d[0]], color=COLORS["ray"], lw=2.2)
+    ax.plot(0, 0, marker="s", color="black", ms=7)
+    side = np.array([-d[0], d[2]]) / np.hypot(d[0], d[2])
+    for k in range(len(starts)):
+        for t, sign, face in ((starts[k], 1, COLORS["ray"]), (ends[k], -1, "white")):
+            if t > stop + 1e-9:
+                continue
+            at = np.array([t * d[2], t * d[0]])
+            ax.plot(*at, "o", ms=6, mfc=face, mec=COLORS["ray"], mew=1.4, zorder=4)
+            if numbers:
+                ax.annotate(
+                    f"{t:.3f}",
+                    at,
+                    at + sign * side * 0.055,
+                    ha="center",
+                    va="center",
+                    fontsize=9,
+                    bbox={"fc": "white", "ec": "none", "alpha": 0.8, "pad": 0.6},
+                )
+    if truth is not None:
+        ax.plot(truth * d[2], truth * d[0], "*", ms=14, color=COLORS["truth"], zorder=5)
+    ax.set_aspect("equal", adjustable="datalim")
+    ax.set_xlabel("z (m)")
+    ax.set_ylabel("x (m)")
+
+
+def _square(corner: tuple[float, float], size: float, color: str, alpha: float) -> Any:
+    return Rectangle(corner, size, size, fc=to_rgba(color, alpha), ec=color, lw=1.2)
+
+
+def draw_missed(ax: Axes, center: npt.ArrayLike, size: float, text: str) -> None:
+    """Add an occupied voxel that the ray misses to a walk from above: a dotted square and a text.
+
+    Args:
+        ax: Axes with a walk, see :func:`draw_walk`.
+        center: Centre of the voxel in metres, camera frame, shape (3,).
+        size: Side of a voxel in metres.
+        text: Written below the square.
+    """
+    x, _, z = np.asarray(center, dtype=float)
+    corner, color = (z - size / 2, x - size / 2), COLORS["raw"]
+    ax.add_patch(Rectangle(corner, size, size, fill=False, ec=color, ls=":"))
+    below, line = (z, x - size / 2), {"arrowstyle": "-", "color": color}
+    ax.annotate(text, below, (z, below[1] - 0.215), ha="center", fontsize=9, arrowprops=line)
+
+
+def draw_slabs(ax: Axes, near: npt.ArrayLike, far: npt.ArrayLike) -> None:
+    """Draw the stay of a ray in the three slabs of a voxel as bars, and what they share.
+
+    The numbers stand to the right of the axes, where no bar is too narrow for them.
+
+    Args:
+        ax: 2D axes.
+        near: Distances at which the ray enters the x, y and z slab, metres along the ray, shape
+            (3,); -inf for a slab that it never leaves.
+        far: The same for leaving, shape (3,); inf without a limit.
+    """
+    starts, ends = (np.asarray(a, dtype=float) for a in (near, far))
+    starts, ends = np.append(starts, starts.max()), np.append(ends, ends.min())
+    limited = np.isfinite(starts) & np.isfinite(ends)
+    low, high = starts[limited].min() - 0.15, ends[limited].max() + 0.15
+    names = ["x slab", "y slab", "z slab", "all three"]
+    for row, (start, end) in enumerate(zip(starts.clip(low), ends.clip(max=high), strict=True)):
+        alpha = 1.0 if row == len(names) - 1 else 0.4
+        ax.barh(row, end - start, left=start, color=COLORS["voxel"], alpha=alpha)
+        text = f"{start:.3f} to {end:.3f}" if limited[row] else "no limit"
+        ax.text(1.02, row, text, va="center", fontsize=9, transform=ax.get_yaxis_transform())
+    ax.set(xlim=(low, high), xlabel="distance along the ray (m)")
+    ax.set_yticks(range(len(names)), names)
+    ax.invert_yaxis()
+
+
+def stages_figure(
+    direction: npt.ArrayLike,
+    cells: npt.ArrayLike,
+    t_in: npt.ArrayLike,
+    t_out: npt.ArrayLike,
+    size: float,
+    truth: float,
+) -> Figure:
+    """Draw four moments of a walk: before the first candidate, in it, at the surface, past all.
+
+    Args:
+        direction: Unit direction of the ray, camera frame, shape (3,).
+        cells: Centres of the candidate voxels in metres, camera frame, shape (K, 3).
+        t_in: Entering distances, metres along the ray, ascending, shape (K,).
+        t_out: Leaving distances, metres along the ray, shape (K,).
+        size: Side of a voxel in metres.
+        truth: Distance of the true surface, metres along the ray.
+
+    Returns:
+        The figure, four axes.
+    """
+    first, last = float(np.asarray(t_in)[0]), float(np.asarray(t_out)[-1])
+    stops = {
+        "nothing yet": first / 2,
+        "first candidate": first + 0.03,
+        "the true surface": truth,
+        "past the last one": last + 0.05,
+    }
+    fig: Figure
+    fig, axes = plt.subplots(2, 2, figsize=(9, 4.4))
+    for ax, (title, t) in zip(axes.flat, stops.items(), strict=True):
+        draw_walk(ax, direction, cells, t_in, t_out, size, reached=t, truth=truth, numbers=False)
+        ax.set_title(f"{title}: t = {t:.2f} m")
+    return fig
+
+
+def show_pixels(ax: Axes, color: npt.NDArray[Any], mask: BoolArray, uv: npt.ArrayLike) -> None:
+    """Show the part of an image around a mask, with some pixels marked.
+
+    Args:
+        ax: 2D axes.
+        color: Image, shape (H, W, 3).
+        mask: What the part is around, shape (H, W).
+        uv: Pixels (column, row) to mark, shape (N, 2).
+    """
+    show_color(ax, color)
+    ax.plot(*np.asarray(uv).T, "o", ms=5, mfc="white", mec=COLORS["ray"])
+    _zoom_to(ax, mask)
+
+
+def show_labels(
+    ax: Axes,
+    color: npt.NDArray[Any],
+    mask: BoolArray,
+    values: npt.ArrayLike,
+    names: Sequence[str] | None = None,
+) -> None:
+    """Paint the pixels of a mask by a whole number each, over the faded image around it.
+
+    Args:
+        ax: 2D axes.
+        color: Image, shape (H, W, 3), uint8.
+        mask: The painted pixels, shape (H, W).
+        values: One whole number a pixel, in raster order, shape (N,); NaN leaves a pixel free.
+        names: Names of the numbers 0, 1, ..., for a colour bar of kinds; without them the colour
+            bar shows the numbers in order.
+    """
+    painted = np.full(mask.shape, np.nan)
+    painted[mask] = values
+    first, last = int(np.nanmin(painted)), int(np.nanmax(painted))
+    map_name = "viridis" if names is None else "Set2"
+    cmap = plt.get_cmap(map_name, last - first + 1)
+    show_color(ax, color // 2 + 127)
+    drawn = ax.imshow(painted, cmap=cmap, vmin=first - 0.5, vmax=last + 0.5)
+    bar = ax.figure.colorbar(drawn, ax=ax, ticks=range(first, last + 1), shrink=0.8)
+    if names is not None:
+        bar.set_ticklabels(list(names)[first : last + 1])
+    _zoom_to(ax, mask)
+
+
+def _zoom_to(ax: Axes, mask: BoolArray, margin: int = 15) -> None:
+    rows, columns = np.nonzero(mask)
+    ax.set_xlim(columns.min() - margin, columns.max() + margin)
+    ax.set_ylim(rows.max() + margin, rows.min() - margin)
+
+
+def draw_strip(
+    ax: Any,
+    pairs: RayVoxelPairs,
+    occupied: OccupiedVoxels,
+    true_distance: npt.ArrayLike,
+    rays: npt.ArrayLike,
+) -> None:
+    """Draw some rays as rows: a bar for each candidate voxel, a star for the true surface.
+
+    Bars of the same voxel have the same shade, so that one sees a voxel end and the next begin.
+
+    Args:
+        ax: 2D axes.
+        pairs: The pairs of all rays.
+        occupied: Their voxels.
+        true_distance: Distance of each ray's true surface along the ray, metres, shape (R,).
+        rays: Indices of the rays to draw, top to bottom.
+    """
+    truth = np.asarray(true_distance, dtype=float)
+    chosen = np.asarray(rays, dtype=int)
+    shades = ("#CC79A7", "#E3B3CC", "#A9527F")
+    for row, ray in enumerate(chosen):
+        for p in (pairs.ray == int(ray)).nonzero().squeeze(1).tolist():
+            voxel = int(pairs.voxel[p])
+            shade = shades[int(occupied.cell[voxel].sum()) % 3]
+            start, end = float(pairs.t_in[p]), float(pairs.t_out[p])
+            ax.barh(row, end - start, left=start, height=0.82, color=shade, ec="white", lw=0.8)
+        ax.plot(truth[ray], row, "*", color=COLORS["truth"], ms=9)
+    ax.set_ylim(len(chosen) - 0.4, -0.6)
+    ax.set_yticks(range(len(chosen)), [str(r) for r in chosen])
+    ax.set_ylabel("ray")
+    ax.set_xlabel("distance along the ray (m)")

@@ -1,0 +1,1 @@
+"""Things to turn and to scrub in a page."""

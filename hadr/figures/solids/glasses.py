@@ -1,0 +1,153 @@
+"""The glass objects with their sections, and a sheet of the ways in which hands hold them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import matplotlib.pyplot as plt
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path
+
+from hadr.figures import COLORS
+from hadr.figures.solids.studio import PLAIN, studio_picture, studio_view
+from hadr.figures.solids.turntable import bare_glass, held_glass, solid_of
+from hadr.synthesis.glass.objects import GlassObject, bodies
+from hadr.synthesis.glass.surfaces import Surface
+from hadr.synthesis.holding.hold import Hold
+
+Array = npt.NDArray[np.float64]
+
+# Vertices of a small picture's hand, metres apart.
+_QUICK_STEP = 0.004
+_HALF_CM, _CELL_CM = 12.5, 30.0
+
+
+def glass_section(item: GlassObject) -> list[Array]:
+    """Cut an object through its axis, in the plane y = 0.
+
+    Args:
+        item: The object.
+
+    Returns:
+        Closed outlines (x, z) in metres, shape (N, 2) each; holes run the other way round.
+    """
+    outlines: list[Array] = []
+    for body in bodies(item):
+        # The section plane of the library is z = 0: lay the object on its back.
+        turned = body.vertices @ np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+        lying = Surface(turned, body.faces, body.normals)
+        outlines += [np.asarray(p, dtype=float) for p in solid_of(lying).slice(0.0).to_polygons()]
+    return outlines
+
+
+def draw_objects(
+    items: Sequence[GlassObject],
+    notes: Mapping[str, str],
+    *,
+    columns: int = 4,
+    pixels: int = 260,
+    width: float = 9.0,
+) -> Figure:
+    """Draw objects at one scale, each beside its section.
+
+    Args:
+        items: The objects.
+        notes: Words below an object, by its id; none where it has no entry.
+        columns: Objects a row.
+        pixels: Side of each picture.
+        width: Width of the figure, inches.
+
+    Returns:
+        The figure; sections show the walls as thick as they are.
+    """
+    rows = [items[k : k + columns] for k in range(0, len(items), columns)]
+    tall = [100 * max(item.height for item in row) + 5.0 for row in rows]
+    cell = width / columns
+    fig: Figure
+    fig, axes = plt.subplots(
+        len(rows),
+        columns,
+        figsize=(width, sum(cell * t / _CELL_CM for t in tall) + 0.3 * len(rows)),
+        height_ratios=tall,
+        squeeze=False,
+    )
+    fig.set_layout_engine("constrained", w_pad=0.03, h_pad=0.03, hspace=0.0, wspace=0.0)
+    for row, line, top in zip(rows, axes, tall, strict=True):
+        for ax in line[len(row) :]:
+            ax.set_axis_off()
+        for ax, item in zip(line, row, strict=False):
+            _draw_object(ax, item, notes.get(item.object_id, ""), pixels)
+            ax.set_ylim(-3.9, top - 3.9)
+    return fig
+
+
+def _draw_object(ax: Axes, item: GlassObject, note: str, pixels: int) -> None:
+    scene = bare_glass(item)
+    view = studio_view(scene, radius=_HALF_CM / 100 / 1.06, center=(0.0, 0.0, item.height / 2))
+    picture = studio_picture(scene, view, pixels=pixels, paper=False)
+    outlines = [100 * p for p in glass_section(item)]
+    low_x, high_x = (float(f([f(p[:, 0]) for p in outlines])) for f in (np.min, np.max))
+    # The picture is cut to the glass; its scale holds in the plane of the axis.
+    shown = min(max(-low_x, high_x) + 0.8, _HALF_CM)
+    cut = round(pixels / 2 * (1 - shown / _HALF_CM))
+    low_z = 50 * item.height - _HALF_CM
+    extent = (-shown, shown, low_z, low_z + 2 * _HALF_CM)
+    ax.imshow(picture[:, cut : pixels - cut], extent=extent, interpolation="bilinear")
+    across = shown + 0.7 - low_x
+    offset = np.array([across, 0.0])
+    closed = [offset + np.concatenate([p, p[:1]]) for p in outlines]
+    codes: list[int] = []
+    for outline in outlines:
+        codes += [int(Path.MOVETO), *[int(Path.LINETO)] * (len(outline) - 1), int(Path.CLOSEPOLY)]
+    section = Path(np.concatenate(closed), codes)
+    ax.add_patch(PathPatch(section, fc=COLORS["glass"], ec=COLORS["hadr"], lw=0.7))
+    ax.plot([across, across], [-0.6, 100 * item.height + 0.8], "-.", color="0.5", lw=0.7)
+    ax.plot([across - 2.5, across + 2.5], [-1.5, -1.5], color="black", lw=1.5)
+    ax.text(across, -1.8, "5 cm", ha="center", va="top", fontsize=7.5)
+    middle = (across + high_x - shown) / 2
+    ax.set(xlim=(middle - _CELL_CM / 2, middle + _CELL_CM / 2), aspect="equal")
+    ax.set(xticks=[], yticks=[], facecolor=(PLAIN, PLAIN, PLAIN))
+    ax.spines[:].set_visible(False)
+    ax.set_title(f"{item.object_id} {item.name}" + (f" ({note})" if note else ""), fontsize=9.5)
+
+
+def draw_hold_sheet(
+    holds: Sequence[Sequence[Hold]], titles: Sequence[str], *, pixels: int = 150, width: float = 9.0
+) -> Figure:
+    """Draw a sheet of holds: a row an object, a column a kind.
+
+    Args:
+        holds: Rows of equal length.
+        titles: One a row.
+        pixels: Side of each picture.
+        width: Width of the figure, inches.
+
+    Returns:
+        The figure; each hold is seen from the thumb's side, its kind stands below.
+
+    Raises:
+        ValueError: There is no hold, or another number of titles than rows.
+    """
+    if not holds or not holds[0] or len(titles) != len(holds):
+        raise ValueError(f"need rows of holds and a title each, got {len(holds)}, {len(titles)}")
+    columns = max(len(row) for row in holds)
+    side = width / columns
+    fig: Figure
+    fig, axes = plt.subplots(
+        len(holds), columns, figsize=(width, len(holds) * (side + 0.16)), squeeze=False
+    )
+    fig.set_layout_engine("constrained", w_pad=0.01, h_pad=0.01, hspace=0.0, wspace=0.0)
+    for row, title, line in zip(holds, titles, axes, strict=True):
+        for k, ax in enumerate(line):
+            ax.set(xticks=[], yticks=[])
+            ax.spines[:].set_visible(False)
+            if k < len(row):
+                scene = held_glass(row[k], tolerance=0.0, step=_QUICK_STEP)
+                ax.imshow(studio_picture(scene, pixels=pixels), interpolation="bilinear")
+                ax.set_xlabel(row[k].kind, fontsize=8.5, labelpad=1)
+        line[0].set_ylabel(title, fontsize=9)
+    return fig

@@ -1,0 +1,173 @@
+"""Drawings of the hand's skeleton with its names, and of what each joint angle does."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import matplotlib.pyplot as plt
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from hadr.figures import FINGER_COLORS
+from hadr.figures.solids.studio import studio_picture, studio_view
+from hadr.figures.solids.turntable import HeldGlass, bare_hand
+from hadr.hand import (
+    ANGLE_LIMITS,
+    ANGLE_NAMES,
+    FINGERS,
+    SKELETON_NAMES,
+    SKELETON_PARENTS,
+    HandShape,
+    forward_kinematics,
+)
+
+Array = npt.NDArray[np.float64]
+
+_PALM = SKELETON_NAMES.index("palm")
+_SHORT = {"cmc": "CMC", "mcp": "MCP", "pip": "PIP", "dip": "DIP", "ip": "IP", "tip": "tip"}
+#: One finger's angles stand for those of the other three.
+SHOWN_ANGLES: tuple[str, ...] = tuple(
+    name for name in ANGLE_NAMES if name.startswith(("thumb", "index"))
+)
+
+
+def open_hand(shape: HandShape | None = None) -> HeldGlass:
+    """An open hand with its fingers a little apart, so that names find room between them."""
+    shape = shape or HandShape()
+    angles = np.zeros(20)
+    for name, degrees in (("index", 7.0), ("ring", -5.0), ("little", -9.0)):
+        angles[ANGLE_NAMES.index(f"{name}_mcp_spread")] = np.deg2rad(degrees)
+    return bare_hand(forward_kinematics(angles, shape), shape)
+
+
+def draw_named_skeleton(hand: HeldGlass, *, pixels: int = 640, width: float = 9.0) -> Figure:
+    """Draw the 22 joints with their names, and beside them the 21 keypoints.
+
+    Args:
+        hand: A hand without a glass.
+        pixels: Side of each picture.
+        width: Width of the figure, inches.
+
+    Returns:
+        The figure; joints are counted from 1 as in the paper, keypoints from 0 as detectors do.
+    """
+    view = studio_view(hand, radius=0.121, center=(0.014, 0.0, 0.088))
+    picture = 255 - (255 - studio_picture(hand, view, pixels=pixels, paper=False)) // 2
+    at = view.pixels_of(hand.joints, pixels)
+    fig: Figure
+    fig, axes = plt.subplots(1, 2, figsize=(width, 0.56 * width), layout="constrained")
+    titles = ("22 joints of the animated skeleton", "21 keypoints of a detector")
+    for ax, title in zip(axes, titles, strict=True):
+        ax.imshow(picture, interpolation="bilinear")
+        ax.set(title=title, xticks=[], yticks=[], xlim=(0.1 * pixels, pixels), ylim=(pixels, 0))
+        ax.spines[:].set_visible(False)
+    _bones(axes[0], at, SKELETON_PARENTS)
+    _bones(axes[1], at, [0 if parent == _PALM else parent for parent in SKELETON_PARENTS], _PALM)
+    for i, name in enumerate(SKELETON_NAMES):
+        _joint(axes[0], at[i], str(i + 1), name, virtual=i == _PALM)
+        if i != _PALM:
+            _joint(axes[1], at[i], str(i - (i > _PALM)), name)
+        _name(axes[0], at[i], name, pixels)
+    for finger, indices in FINGERS.items():
+        tip, before = at[indices[3] + 1], at[indices[2] + 1]
+        place = tip + 0.062 * pixels * (tip - before) / np.linalg.norm(tip - before)
+        for ax in axes:
+            ax.text(place[0], place[1], finger, color=FINGER_COLORS[finger], ha="center",
+                    va="center", weight="bold", fontsize=9)  # fmt: skip
+    return fig
+
+
+def _finger_color(name: str) -> str:
+    return FINGER_COLORS.get(name.split("_")[0], "#404040")
+
+
+def _bones(ax: Axes, at: Array, parents: Sequence[int], left_out: int = -1) -> None:
+    for i, parent in enumerate(parents):
+        if parent < 0 or i == left_out:
+            continue
+        color = _finger_color(SKELETON_NAMES[i])
+        ax.plot(*at[[parent, i]].T, color="white", lw=5, solid_capstyle="round", zorder=2)
+        ax.plot(*at[[parent, i]].T, color=color, lw=2.6, solid_capstyle="round", zorder=3)
+
+
+def _joint(ax: Axes, at: Array, number: str, name: str, *, virtual: bool = False) -> None:
+    color = "white" if virtual else _finger_color(name)
+    ax.scatter(
+        at[0],
+        at[1],
+        s=190,
+        c=color,
+        marker="D" if virtual else "o",
+        edgecolors="black" if virtual else "white",
+        linewidths=1.6 if virtual else 1.0,
+        zorder=4,
+    )
+    ink = "black" if virtual or name.startswith("index") else "white"
+    ax.text(at[0], at[1], number, color=ink, ha="center", va="center_baseline", fontsize=7.5,
+            weight="bold", zorder=5)  # fmt: skip
+
+
+def _name(ax: Axes, at: Array, name: str, pixels: int) -> None:
+    label = {"wrist": "wrist", "palm": "palm: the virtual point"}.get(name)
+    text = label or _SHORT[name.split("_")[1]]
+    side = -1 if name.startswith("thumb") else 1
+    if name == "palm":
+        side = -1
+    drop = 0.022 * pixels if name.endswith("mcp") else 0.0
+    place = at + np.array([side * 0.032 * pixels, drop])
+    if name.startswith("thumb"):
+        place = at + np.array([0.012, 0.042]) * pixels
+    box = {"facecolor": "white", "alpha": 0.7 if label else 0.45, "edgecolor": "none", "pad": 0.6}
+    ax.text(place[0], place[1], text, fontsize=7.5, va="center", ha="left" if side > 0 else "right",
+            zorder=6, bbox=box)  # fmt: skip
+
+
+def draw_angle_sheet(*, pixels: int = 190, width: float = 9.0) -> Figure:
+    """Draw the real hand at both ends of each angle's range: the thumb's four, the index's four.
+
+    Args:
+        pixels: Side of each picture.
+        width: Width of the figure, inches.
+
+    Returns:
+        The figure: a column an angle; below, at rest and above.
+    """
+    fig: Figure
+    fig, axes = plt.subplots(
+        3, len(SHOWN_ANGLES), figsize=(width, 0.44 * width), layout="constrained"
+    )
+    fig.set_layout_engine("constrained", w_pad=0.01, h_pad=0.01, hspace=0.0, wspace=0.0)
+    hands: dict[bytes, HeldGlass] = {}
+    for column, name in enumerate(SHOWN_ANGLES):
+        number = ANGLE_NAMES.index(name)
+        finger, joint, kind = name.split("_")
+        for row, degrees in enumerate((*np.rad2deg(ANGLE_LIMITS[number])[::-1], 0.0)):
+            ax = axes[(0, 2, 1)[row], column]
+            _bent_hand(ax, hands, number, float(degrees), pixels)
+            ax.text(0.5, 0.02, f"{degrees:+.0f}°" if degrees else "0°", transform=ax.transAxes,
+                    ha="center", va="bottom", fontsize=8.5)  # fmt: skip
+        axes[0, column].set_title(f"{finger} {_SHORT[joint]}\n{kind}", fontsize=9.5)
+    for row, label in enumerate(("upper limit", "rest", "lower limit")):
+        axes[row, 0].set_ylabel(label, fontsize=9.5)
+    return fig
+
+
+def _bent_hand(
+    ax: Axes, hands: dict[bytes, HeldGlass], number: int, degrees: float, pixels: int
+) -> None:
+    name = ANGLE_NAMES[number]
+    finger, _, kind = name.split("_")
+    angles = np.zeros(20)
+    angles[number] = np.deg2rad(degrees)
+    if angles.tobytes() not in hands:
+        hands[angles.tobytes()] = bare_hand(forward_kinematics(angles), HandShape())
+    hand = hands[angles.tobytes()]
+    azimuth = -90.0 if kind == "spread" else (-55.0 if finger == "thumb" else -12.0)
+    view = studio_view(hand, azimuth_deg=azimuth, radius=0.104, center=(0.012, 0.0, 0.078))
+    ax.imshow(studio_picture(hand, view, pixels=pixels, paper=False), interpolation="bilinear")
+    chain = view.pixels_of(hand.joints[[i + 1 for i in FINGERS[finger]]], pixels)
+    ax.plot(*chain.T, "o-", color=FINGER_COLORS[finger], lw=1.6, ms=2.8, mec="white", mew=0.4)
+    ax.set(xticks=[], yticks=[], xlim=(0, pixels), ylim=(pixels, 0))
+    ax.spines[:].set_visible(False)

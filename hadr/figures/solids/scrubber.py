@@ -1,0 +1,198 @@
+"""Sliders over pictures drawn beforehand: they work on a page without a kernel and a network.
+
+The page is one HTML file that holds its pictures. In a notebook it stands in a frame of its own;
+the built book keeps it as it is.
+"""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+import itertools
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from importlib.resources import files
+from pathlib import Path
+
+import cv2
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.transforms import Bbox, BboxBase
+from mpl_toolkits.mplot3d import Axes3D
+
+_CONTROLS = 44  # CSS pixels below the picture
+
+
+@dataclass(frozen=True)
+class Slider:
+    """One slider of a page.
+
+    Args:
+        name: What it changes, with the unit.
+        labels: The text of each of its places, at least two.
+        start: Where it stands first.
+
+    Raises:
+        ValueError: Fewer than two places, or it starts outside of them.
+    """
+
+    name: str
+    labels: tuple[str, ...]
+    start: int = 0
+
+    def __post_init__(self) -> None:
+        if len(self.labels) < 2:
+            raise ValueError(f"slider {self.name!r} needs at least two places, got {self.labels}")
+        if not 0 <= self.start < len(self.labels):
+            raise ValueError(
+                f"slider {self.name!r} has places 0 to {len(self.labels) - 1}, starts at "
+                f"{self.start}"
+            )
+
+
+@dataclass(frozen=True)
+class Scrubber:
+    """A page of pictures and sliders; a notebook shows it in a frame.
+
+    Args:
+        page: The whole HTML document.
+        title: What the frame is called for readers who cannot see it.
+        width: Width of the pictures, pixels.
+        height: Their height, pixels.
+    """
+
+    page: str = field(repr=False)
+    title: str = ""
+    width: int = 1
+    height: int = 1
+
+    def _repr_html_(self) -> str:
+        source = html.escape(self.page, quote=True)
+        shape = f"aspect-ratio:{self.width}/{self.height + _CONTROLS};min-height:230px"
+        style = f"width:100%;max-width:{self.width}px;{shape};border:0;display:block"
+        title = html.escape(self.title, quote=True)
+        return f'<iframe title="{title}" style="{style}" srcdoc="{source}"></iframe>'
+
+    def save(self, path: str | Path) -> None:
+        """Write the page as a file that any browser opens."""
+        Path(path).write_text(self.page, encoding="utf-8")
+
+
+def scrubber(
+    draw: Callable[..., Figure],
+    sliders: Sequence[Slider],
+    *,
+    title: str,
+    alt: str,
+    frames_per_second: float = 0.0,
+    quality: int = 70,
+    box: BboxBase | None = None,
+) -> Scrubber:
+    """Draw a picture for each place of the sliders and put all of them into one page.
+
+    Args:
+        draw: Called with one index a slider; returns a figure, which is closed afterwards. All
+            figures have one size.
+        sliders: One or more; the pictures are as many as the product of their places.
+        title: What the frame is called.
+        alt: What the pictures show, in words.
+        frames_per_second: Above 0 a button plays the first slider at this rate.
+        quality: WebP's quality, 1 to 100.
+        box: The part of each figure that is kept, inches; the whole one if left out.
+
+    Returns:
+        The page.
+
+    Raises:
+        ValueError: No slider, or the pictures differ in size.
+    """
+    if not sliders:
+        raise ValueError("a scrubber needs at least one slider")
+    pictures: list[str] = []
+    order: list[int] = []
+    sizes: set[tuple[int, int]] = set()
+    for places in itertools.product(*(range(len(slider.labels)) for slider in sliders)):
+        text, size = _encoded(draw(*places), quality, box)
+        sizes.add(size)
+        if len(sizes) > 1:
+            raise ValueError(f"pictures of one scrubber must have one size, got {sorted(sizes)}")
+        if text not in pictures:
+            pictures.append(text)
+        order.append(pictures.index(text))
+    data = {
+        "sliders": [
+            {"name": slider.name, "labels": slider.labels, "start": slider.start}
+            for slider in sliders
+        ],
+        "pictures": pictures,
+        "order": order,
+        "kind": "webp",
+        "milliseconds": round(1000 / frames_per_second) if frames_per_second > 0 else 0,
+    }
+    page = files("hadr.figures.solids").joinpath("scrubber.html").read_text(encoding="utf-8")
+    page = page.replace("__TITLE__", html.escape(title)).replace("__ALT__", html.escape(alt))
+    told = json.dumps(data, separators=(",", ":")).replace("</", "<\\/")
+    ((width, height),) = sizes
+    return Scrubber(page.replace("__DATA__", told), title, width, height)
+
+
+def turning(figure: Figure, *, title: str, alt: str, turns: int = 12) -> Scrubber:
+    """Let a reader turn the 3D axes of a figure about their vertical, on a page without a kernel.
+
+    Args:
+        figure: One with 3D axes; it keeps its view.
+        title: What the frame is called.
+        alt: What the pictures show, in words.
+        turns: How many views, evenly over the whole turn.
+
+    Returns:
+        The page.
+
+    Raises:
+        ValueError: The figure has no 3D axes, or fewer than two turns.
+    """
+    views = [(ax, ax.elev, ax.azim) for ax in figure.axes if isinstance(ax, Axes3D)]
+    if not views:
+        raise ValueError("only a figure with 3D axes can be turned, got one without")
+
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")  # the axes stay where they are while things turn in them
+    for ax, _, _ in views:
+        for drawn in ax.get_children():
+            drawn.set_clip_on(False)  # what turns out of the axes' box is still in the figure
+
+    def turned(place: int) -> Figure:
+        for ax, elevation, azimuth in views:
+            ax.view_init(elevation, azimuth + 360 * place / turns)
+        return figure
+
+    slider = Slider("turn (°)", tuple(f"{360 * place / turns:.0f}" for place in range(turns)))
+    try:
+        seen = Bbox.union([_tight(turned(place)) for place in range(turns)]).padded(0.05)
+        return scrubber(turned, [slider], title=title, alt=alt, frames_per_second=3, box=seen)
+    finally:
+        for ax, elevation, azimuth in views:
+            ax.view_init(elevation, azimuth)
+
+
+def _tight(figure: Figure) -> BboxBase:
+    """The box around all that a figure shows, inches."""
+    figure.draw_without_rendering()
+    return figure.get_tightbbox()
+
+
+def _encoded(
+    figure: Figure, quality: int, box: BboxBase | None = None
+) -> tuple[str, tuple[int, int]]:
+    """A figure as base64 of a WebP picture, and its width and height in pixels; closes it."""
+    drawn = io.BytesIO()
+    figure.savefig(drawn, format="png", facecolor="white", bbox_inches=box)
+    plt.close(figure)
+    raw = np.frombuffer(drawn.getvalue(), np.uint8)
+    pixels = np.asarray(cv2.imdecode(raw, cv2.IMREAD_COLOR))
+    _, small = cv2.imencode(".webp", pixels, [cv2.IMWRITE_WEBP_QUALITY, quality])
+    height, width = pixels.shape[:2]
+    return base64.b64encode(small.tobytes()).decode(), (width, height)

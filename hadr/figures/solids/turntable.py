@@ -1,0 +1,343 @@
+"""Hands on glass that a reader turns in the browser, without a kernel and without a network.
+
+The page is one HTML file that draws with plain WebGL: no library, no other host. In a notebook it
+stands in a frame of its own; the built book keeps it as it is.
+"""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import manifold3d
+import numpy as np
+import numpy.typing as npt
+from matplotlib.colors import to_rgb
+from scipy.spatial import cKDTree
+
+from hadr.figures import FINGER_COLORS
+from hadr.hand import (
+    SKELETON_NAMES,
+    SKELETON_PARENTS,
+    HandShape,
+    Skeleton,
+    forward_kinematics,
+)
+from hadr.records.caches import kept
+from hadr.synthesis.glass.objects import GlassObject, bodies, glass_object
+from hadr.synthesis.glass.surfaces import Surface, merged
+from hadr.synthesis.hand.mesh import SKIN_TONES, hand_mesh
+from hadr.synthesis.hand.template import MIDDLE_STEP
+from hadr.synthesis.holding.hold import Hold
+
+Array = npt.NDArray[np.float64]
+
+#: Longest forearm that is shown, metres behind the wrist; it fades out over the last third.
+FOREARM_SHOWN = 0.13
+_MOST_VERTICES = 65535
+# object_from_wrist of a hand without an object: z along the fingers, y into the back of the hand.
+_UPRIGHT = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
+
+
+@dataclass(frozen=True)
+class HeldGlass:
+    """One hold as the turntable shows it, in the object's frame: z is the glass's axis.
+
+    Args:
+        name: What the reader chooses by.
+        note: A line below the picture.
+        glass: Closed surface, metres.
+        hand: Closed surface, metres.
+        hand_colors: sRGB per vertex of the hand, shape (V, 3) uint8.
+        joints: The skeleton, metres, shape (22, 3).
+        azimuth_deg: Where the viewer stands first, degrees about z from x.
+        elevation_deg: How far he is raised.
+        fade: (n, d), shape (4,): the hand's opacity at p is n . p + d, kept within 0 and 1.
+    """
+
+    name: str
+    note: str
+    glass: Surface
+    hand: Surface
+    hand_colors: npt.NDArray[np.uint8]
+    joints: Array
+    azimuth_deg: float
+    elevation_deg: float = 14.0
+    fade: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Turntable:
+    """A page with one or more holds; a notebook shows it in a frame.
+
+    Args:
+        page: The whole HTML document.
+        height: Height of the frame, CSS pixels.
+    """
+
+    page: str = field(repr=False)
+    height: int = 480
+
+    def _repr_html_(self) -> str:
+        source = html.escape(self.page, quote=True)
+        style = f"width:100%;height:{self.height}px;border:0;display:block"
+        return f'<iframe title="Hands on glass" style="{style}" srcdoc="{source}"></iframe>'
+
+    def save(self, path: str | Path) -> None:
+        """Write the page as a file that any browser opens."""
+        Path(path).write_text(self.page, encoding="utf-8")
+
+
+def simplified(surface: Surface, tolerance: float) -> Surface:
+    """Spend fewer triangles on a closed surface.
+
+    Args:
+        surface: Metres.
+        tolerance: How far a vertex may move, metres; 0 changes nothing.
+
+    Returns:
+        A surface with the nearest old vertices' normals; the same one where it isn't closed.
+    """
+    if tolerance == 0:
+        return surface
+    solid = solid_of(surface)
+    if solid.is_empty():
+        return surface
+    return _surface(solid.simplify(tolerance), surface)
+
+
+def solid_of(surface: Surface) -> Any:
+    """A surface as manifold3d's body; an empty one where it isn't closed."""
+    return manifold3d.Manifold(
+        manifold3d.Mesh64(
+            np.array(surface.vertices, dtype=float),
+            np.array(surface.faces, dtype=np.uint64),
+        )
+    )
+
+
+def _surface(solid: Any, like: Surface) -> Surface:
+    mesh = solid.to_mesh64()
+    vertices = np.array(mesh.vert_properties, dtype=float)[:, :3]
+    faces = np.array(mesh.tri_verts, dtype=np.int64)
+    _, nearest = cKDTree(like.vertices).query(vertices)
+    return Surface(vertices, faces, like.normals[nearest])
+
+
+def _without_elbow(surface: Surface, length: float, *, closed: bool) -> Surface:
+    """Cut the forearm ``length`` metres behind the wrist (wrist frame, along -y)."""
+    solid = solid_of(surface) if closed else None
+    if solid is not None and not solid.is_empty():
+        return _surface(solid.trim_by_plane((0.0, 1.0, 0.0), -length), surface)
+    kept = (surface.vertices[surface.faces][:, :, 1] > -length).all(axis=1)
+    used, faces = np.unique(surface.faces[kept], return_inverse=True)
+    return Surface(surface.vertices[used], faces.reshape(-1, 3), surface.normals[used])
+
+
+def bare_hand(
+    skeleton: Skeleton, shape: HandShape, *, tone: npt.ArrayLike = SKIN_TONES[1]
+) -> HeldGlass:
+    """A hand without a glass, fingers up: z is the wrist's y, the viewer sees the palm.
+
+    Args:
+        skeleton: The pose, wrist frame, metres.
+        shape: The sizes that posed it.
+        tone: Linear RGB reflectance of the skin.
+
+    Returns:
+        A scene whose glass has no faces.
+    """
+    hand, colors = _hand_shown(skeleton, shape, tone, 0.0003)
+    note = f"{shape.side} hand"
+    joints = skeleton.joints @ _UPRIGHT[:3, :3].T
+    fade = _fade(shape, np.linalg.inv(_UPRIGHT))
+    return HeldGlass(note, note, _nothing(), hand.moved(_UPRIGHT), colors, joints, -90.0, 0.0, fade)
+
+
+def _fade(
+    shape: HandShape, wrist_from_object: npt.NDArray[Any]
+) -> tuple[float, float, float, float]:
+    """The forearm fades out over its last third; the plane is given in the object's frame."""
+    slope = 1.0 / (0.35 * FOREARM_SHOWN * shape.scale)
+    normal = slope * wrist_from_object[1, :3]
+    offset = 1.0 / 0.35 + slope * wrist_from_object[1, 3]
+    x, y, z = (float(v) for v in normal)
+    return x, y, z, float(offset)
+
+
+def bare_glass(item: GlassObject) -> HeldGlass:
+    """A glass that nobody holds, standing on the origin; its joints lie on its foot."""
+    colors = np.zeros((0, 3), dtype=np.uint8)
+    joints = np.zeros((len(SKELETON_NAMES), 3))
+    glass = merged(bodies(item))
+    return HeldGlass(item.name, item.object_id, glass, _nothing(), colors, joints, -75.0, 12.0)
+
+
+def _nothing() -> Surface:
+    return Surface(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), np.zeros((0, 3)))
+
+
+def _hand_shown(
+    skeleton: Skeleton,
+    shape: HandShape,
+    tone: npt.ArrayLike,
+    tolerance: float,
+    step: float = MIDDLE_STEP,
+) -> tuple[Surface, npt.NDArray[np.uint8]]:
+    """The hand without its elbow in the wrist frame, and sRGB per vertex."""
+    full = hand_mesh(skeleton, shape, tone=tone, step=step)
+    length = FOREARM_SHOWN * shape.scale
+    cut = _without_elbow(full.surface, length, closed=tolerance > 0)
+    hand = simplified(cut, tolerance)
+    _, nearest = cKDTree(full.surface.vertices).query(hand.vertices)
+    return hand, np.round(255 * _srgb(full.albedo[nearest])).astype(np.uint8)
+
+
+@kept(32)
+def _simple_glass(object_id: str, tolerance: float) -> Surface:
+    return simplified(merged(bodies(glass_object(object_id))), tolerance)
+
+
+def held_glass(
+    hold: Hold,
+    *,
+    name: str | None = None,
+    tone: npt.ArrayLike = SKIN_TONES[1],
+    tolerance: float = 0.0003,
+    step: float = MIDDLE_STEP,
+) -> HeldGlass:
+    """Build what the turntable shows of a hold.
+
+    Args:
+        hold: The pose.
+        name: What the reader chooses by; object and kind of hold where it is left out.
+        tone: Linear RGB reflectance of the skin.
+        tolerance: How far triangles may stray from the exact surfaces, metres; 0 keeps all of
+            the hand's and leaves the forearm's end open, which is quicker and larger.
+        step: Coarsest distance of the hand's vertices, metres; larger is quicker.
+
+    Returns:
+        Hand and glass in the object's frame.
+    """
+    item = glass_object(hold.object_id)
+    skeleton = forward_kinematics(hold.angles, hold.shape)
+    hand, colors = _hand_shown(skeleton, hold.shape, tone, tolerance, step)
+    object_from_wrist = np.asarray(np.linalg.inv(hold.wrist_from_object), dtype=np.float64)
+    thumb_side = object_from_wrist[:3, 0] * (1.0 if hold.shape.side == "right" else -1.0)
+    palm_side = object_from_wrist[:3, 2]
+    looked_from = thumb_side + 0.35 * palm_side
+    if hold.kind == "handle":  # from the thumb's side the mug hides its handle
+        looked_from = palm_side + 0.2 * thumb_side
+    touching = ", ".join(part for part in hold.gaps if part in hold.touching)
+    return HeldGlass(
+        name or f"{item.name}: {hold.kind}",
+        f"{hold.shape.side} hand, on the glass: {touching}",
+        _simple_glass(hold.object_id, tolerance / 3 or 0.0002),
+        hand.moved(object_from_wrist),
+        colors,
+        skeleton.joints @ object_from_wrist[:3, :3].T + object_from_wrist[:3, 3],
+        float(np.rad2deg(np.arctan2(looked_from[1], looked_from[0]))),
+        fade=_fade(hold.shape, hold.wrist_from_object),
+    )
+
+
+def _srgb(linear: npt.ArrayLike) -> Array:
+    value = np.clip(np.asarray(linear, dtype=float), 0.0, 1.0)
+    bent = np.where(value <= 0.0031308, 12.92 * value, 1.055 * value ** (1 / 2.4) - 0.055)
+    return np.asarray(bent, dtype=float)
+
+
+def turntable(scenes: Sequence[HeldGlass], *, height: int = 480) -> Turntable:
+    """Make the page that turns the holds.
+
+    Args:
+        scenes: At least one; the reader chooses among them by their names.
+        height: Height of the frame in a notebook, CSS pixels.
+
+    Returns:
+        The page.
+
+    Raises:
+        ValueError: There is no scene, or a surface has more vertices than 16 bits can number.
+    """
+    if not scenes:
+        raise ValueError("a turntable needs at least one hold")
+    arrays: dict[str, str] = {}
+    told = [
+        {
+            "name": scene.name,
+            "note": scene.note,
+            "yaw": float(np.deg2rad(scene.azimuth_deg)),
+            "pitch": float(np.deg2rad(scene.elevation_deg)),
+            **_middle(scene),
+            "hand": _mesh(scene.hand, arrays, scene.hand_colors),
+            "glass": _mesh(scene.glass, arrays),
+            "joints": np.round(scene.joints, 5).tolist(),
+            "fade": np.round(scene.fade, 5).tolist(),
+        }
+        for scene in scenes
+    ]
+    data = {
+        "scenes": told,
+        "arrays": arrays,
+        "parents": SKELETON_PARENTS,
+        "jointNames": [name.replace("_", " ") for name in SKELETON_NAMES],
+        "jointColors": [_joint_color(name) for name in SKELETON_NAMES],
+    }
+    page = files("hadr.figures.solids").joinpath("turntable.html").read_text(encoding="utf-8")
+    text = json.dumps(data, separators=(",", ":")).replace("</", "<\\/")
+    return Turntable(
+        page.replace("__TITLE__", "A hand that holds glass").replace("__DATA__", text), height
+    )
+
+
+def _joint_color(name: str) -> list[int]:
+    finger = name.split("_")[0]
+    color = to_rgb(FINGER_COLORS.get(finger, "#404040"))
+    return [round(255 * float(c)) for c in color]
+
+
+def _middle(scene: HeldGlass) -> dict[str, Any]:
+    """The sphere around glass and fingers; the forearm may leave the picture."""
+    points = np.concatenate([scene.glass.vertices, scene.joints])
+    center = (points.min(axis=0) + points.max(axis=0)) / 2
+    radius = float(np.linalg.norm(points - center, axis=1).max())
+    return {"center": np.round(center, 5).tolist(), "radius": round(radius, 5)}
+
+
+def _mesh(
+    surface: Surface, arrays: dict[str, str], colors: npt.NDArray[np.uint8] | None = None
+) -> dict[str, Any]:
+    """Positions in 16 bits, normals and colours in 8; equal arrays are kept once."""
+    if len(surface.vertices) > _MOST_VERTICES:
+        raise ValueError(
+            f"a surface of {len(surface.vertices)} vertices is too fine for a page: at most "
+            f"{_MOST_VERTICES}; simplify it"
+        )
+    low = surface.vertices.min(axis=0)
+    step = float(np.ptp(surface.vertices, axis=0).max()) / _MOST_VERTICES or 1.0
+
+    def keep(values: npt.NDArray[Any]) -> str:
+        text = base64.b64encode(np.ascontiguousarray(values).tobytes()).decode()
+        return next((name for name, old in arrays.items() if old == text), None) or _add(text)
+
+    def _add(text: str) -> str:
+        arrays[f"a{len(arrays)}"] = text
+        return f"a{len(arrays) - 1}"
+
+    told: dict[str, Any] = {
+        "low": low.tolist(),
+        "step": step,
+        "positions": keep(np.round((surface.vertices - low) / step).astype("<u2")),
+        "normals": keep(np.round(127 * surface.normals).astype("i1")),
+        "faces": keep(surface.faces.astype("<u2")),
+    }
+    if colors is not None:
+        told["colors"] = keep(colors)
+    return told

@@ -1,0 +1,218 @@
+"""Our tables beside the paper's: orders, distances, parts; all from files, as in `results`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from matplotlib.axes import Axes
+
+from hadr.figures.tables.results import (
+    NAMES,
+    Row,
+    difference_cell,
+    ordered,
+    system_color,
+    system_marker,
+)
+from hadr.records.markdown import markdown_table
+
+PUBLISHED_NAMES: dict[str, str] = {
+    "tode": "TODE-Trans",
+    "dfnet": "TransCG",
+    "swindrnet": "SwinDRNet",
+    "lidf": "LIDF+Refine",
+    "hadr": "HADR",
+    "no-hand": "w/o Hand Feature",
+    "no-aggregation": "w/o MS Aggregation",
+    "no-point-fusion": "w/o Point Fusion",
+    "hand-2d": "2D Hand Feature",
+    "full": "Full Model",
+}
+"""Names of our rows in the paper's tables."""
+
+
+def compared(rows: Sequence[Row], published: Mapping[str, Any], split: str) -> list[str]:
+    """Give the methods of the paper's table that have a row, the paper's best first."""
+    there = {row["method"] for row in rows if row["split"] == split}
+    found = [m for m in NAMES if m in there and PUBLISHED_NAMES.get(m, "") in published[split]]
+    return sorted(found, key=lambda method: published[split][PUBLISHED_NAMES[method]][0])
+
+
+def orders_table(rows: Sequence[Row], published: Mapping[str, Any]) -> str:
+    """Set the paper's methods side by side: its error and ours, and the place that each gives.
+
+    Args:
+        rows: Rows of `known.json` and `unknown.json`.
+        published: Content of `results/paper_tables.json`.
+
+    Returns:
+        Markdown, a line a method and split; the last column is the mean over the frames of the
+        difference from the next better of ours, with its standard error over holds.
+    """
+    head = [
+        "objects", "method", "paper: RMSE (cm)", "place", "δ1.05 (%)", "ours: RMSE (cm)", "place",
+        "δ1.05 (%)", "minus the next better (cm)",
+    ]  # fmt: skip
+    lines = []
+    for split in ("known", "unknown"):
+        methods = compared(rows, published, split)
+        own = {row["method"]: row for row in rows if row["split"] == split}
+        theirs = [published[split][PUBLISHED_NAMES[method]] for method in methods]
+        for method, row in zip(methods, theirs, strict=True):
+            ours = own[method]
+            place = 1 + sum(other[0] < row[0] for other in theirs)
+            printed = [f"{100 * row[0]:.1f}", str(place), f"{row[3]:.2f}"]
+            place = 1 + sum(own[other]["rmse_m"] < ours["rmse_m"] for other in methods)
+            measured = [f"{100 * ours['rmse_m']:.2f}", str(place), f"{ours['delta_105']:.2f}"]
+            gap = difference_cell(ours.get("against_next"))
+            lines.append([split, NAMES[method], *printed, *measured, gap])
+    return markdown_table(head, lines, "llr")
+
+
+def reasons_table(
+    tables: Mapping[str, Sequence[Row]],
+    published: Mapping[str, Any],
+    reasons: Mapping[str, tuple[str, str]],
+) -> str:
+    """Set how far each of our rows lies from the paper's, why, and where that was tried.
+
+    Args:
+        tables: Table of the paper ("known", "unknown", "ablation") to our rows of it.
+        published: Content of `results/paper_tables.json`.
+        reasons: Method to its main reason and to where that was tested.
+
+    Returns:
+        Markdown, a line a method of ``reasons``: ours minus the paper's RMSE in centimetres for
+        known and for unknown objects; "-" where the paper has no such row.
+
+    Raises:
+        KeyError: A method has a row in none of the tables.
+    """
+    lines = []
+    for method, (reason, where) in reasons.items():
+        gaps = {}
+        for table, rows in tables.items():
+            there = published[table].get(PUBLISHED_NAMES[method])
+            ours = [row["rmse_m"] for row in rows if row["method"] == method]
+            if there is not None and ours:
+                gaps["unknown" if table == "unknown" else "known"] = 100 * (ours[0] - there[0])
+        if not gaps:
+            raise KeyError(method)
+        cells = [f"{gaps[s]:+.1f}" if s in gaps else "-" for s in ("known", "unknown")]
+        lines.append([NAMES[method], *cells, reason, where])
+    head = ["row", "ours minus paper: known (cm)", "unknown (cm)", "main reason", "where tested"]
+    return markdown_table(head, lines, "lrrll")
+
+
+def ways_table(ways: Sequence[tuple[str, str, str, float]]) -> str:
+    """List one network's errors: where it was scored, on which frames, and what a hole counts.
+
+    Args:
+        ways: Where, the frames, what becomes of a pixel without an answer, and the RMSE in metres.
+
+    Returns:
+        Markdown, a line a way; the RMSE in centimetres.
+    """
+    head = ["scored in", "frames", "a pixel without an answer", "RMSE (cm)"]
+    lines = [[*words, f"{100 * rmse:.2f}"] for *words, rmse in ways]
+    return markdown_table(head, lines, "lllr")
+
+
+def draw_against_paper(
+    ax: Axes, rows: Sequence[Row], published: Mapping[str, Any], split: str
+) -> None:
+    """Draw each method's RMSE as published (hollow) and ours (full, with its standard error).
+
+    Args:
+        ax: Ordinary 2D axes.
+        rows: Rows of `known.json` and `unknown.json`.
+        published: Content of `results/paper_tables.json`.
+        split: "known" or "unknown".
+    """
+    own = {row["method"]: row for row in rows if row["split"] == split}
+    methods = compared(rows, published, split)
+    largest = max((100 * own[method]["rmse_m"] for method in methods), default=1)
+    for line, method in enumerate(methods):
+        color = system_color(method)
+        theirs = 100 * published[split][PUBLISHED_NAMES[method]][0]
+        ours = 100 * own[method]["rmse_m"]
+        doubt = 100 * (own[method].get("rmse_standard_error_m") or 0)
+        ax.plot([theirs, ours], [line, line], color=color, lw=1, alpha=0.5)
+        marker = system_marker(method)
+        ax.plot(theirs, line, marker, color=color, mfc="white", ms=8)
+        ax.errorbar(ours, line, xerr=doubt, color=color, marker=marker, ms=8, capsize=2)
+    ax.set(
+        xscale="log",
+        yticks=range(len(methods)),
+        yticklabels=[NAMES[method] for method in methods],
+        ylim=(len(methods) - 0.5, -0.5),
+        xlim=(0.7, max(10, 1.3 * largest)),
+        xlabel="RMSE (cm)",
+        title=f"{split} objects",
+    )
+    ax.set_xticks([1, 2, 5, 10], ["1", "2", "5", "10"])
+    ax.minorticks_off()
+
+
+READABLE_M = 0.2
+"""Larger errors, such as that of a hole, are left out where errors are drawn over time; metres."""
+
+
+def draw_error_over_time(ax: Axes, rows: Sequence[Row], speed: Sequence[Row], split: str) -> None:
+    """Draw each method's error over the time that a frame takes, both at preset `mini`.
+
+    The axes of both splits can be shared. Labels are for a legend.
+
+    Args:
+        ax: Ordinary 2D axes.
+        rows: Rows of `known.json` and `unknown.json`.
+        speed: Rows of `results/speed/side_by_side.json`.
+        split: "known" or "unknown".
+    """
+    times = {row["method"]: row["wall_median_ms"] for row in speed if row["preset"] != "paper"}
+    for row in ordered(rows, split):
+        method = row["method"]
+        if method in times and row["rmse_m"] < READABLE_M:
+            ax.plot(times[method], 100 * row["rmse_m"], system_marker(method), ms=9,
+                    color=system_color(method), label=NAMES[method])  # fmt: skip
+    shown = [row["rmse_m"] for row in rows if row["rmse_m"] < READABLE_M]
+    ax.set(
+        xscale="log",
+        ylim=(0, 110 * max(shown, default=0.1)),
+        xlabel="time of a frame (ms)",
+        ylabel="RMSE (cm)",
+        title=f"{split} objects",
+    )
+    ax.xaxis.set_major_formatter("{x:g}")
+
+
+def ablation_table(rows: Sequence[Row], published: Mapping[str, Any]) -> str:
+    """Set the ablation of HADR beside the paper's.
+
+    Args:
+        rows: Rows of `ablation.json`.
+        published: Content of `results/paper_tables.json`.
+
+    Returns:
+        Markdown, the rows in the paper's order.
+    """
+    head = [
+        "row", "paper: RMSE (cm)", "MAE (cm)", "δ1.05 (%)", "ours: RMSE (cm)",
+        "minus the full model's (cm)", "MAE (cm)", "δ1.05 (%)",
+    ]  # fmt: skip
+    lines = []
+    for row in rows:
+        theirs = published["ablation"][PUBLISHED_NAMES[row["method"]]]
+        lines.append(
+            [
+                NAMES[row["method"]],
+                *(f"{100 * value:.1f}" for value in (theirs[0], theirs[2])),
+                f"{theirs[3]:.2f}",
+                f"{100 * row['rmse_m']:.2f}",
+                difference_cell(row["against_full"]),
+                f"{100 * row['mae_m']:.2f}",
+                f"{row['delta_105']:.2f}",
+            ]
+        )
+    return markdown_table(head, lines)

@@ -1,0 +1,342 @@
+"""The measured tables as pictures and Markdown, drawn from result files and nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from hadr.figures import COLORS
+from hadr.records.markdown import markdown_table
+
+Row = Mapping[str, Any]
+
+NAMES: dict[str, str] = {
+    "raw": "nothing",
+    "inpainting": "inpainting",
+    "nearest": "nearest valid depth",
+    "hand-median": "the hand's median depth",
+    "nearest-hand": "the most similar hand's glass",
+    "nearest-hand-no-sister": "the same, its own hold left out",
+    "no-hand": "HADR without the hand",
+    "hadr": "HADR",
+    "hadr-long": "HADR, trained longer",
+    "lidf": "LIDF",
+    "dfnet": "DFNet (TransCG)",
+    "swindrnet": "SwinDRNet",
+    "tode": "TODE-Trans",
+    "unet-hand": "U-Net with the hand",
+    "hadr-plus": "HADR-plus",
+    "no-aggregation": "HADR without aggregation of scales",
+    "no-point-fusion": "HADR without point fusion",
+    "hand-2d": "HADR with the 2D hand feature",
+    "full": "HADR, the full model",
+}
+"""How a method of a result file is called in tables and pictures, in the order of the tables."""
+_COLOR = {
+    "hadr": "hadr",
+    "hadr-long": "hadr",
+    "no-hand": "glass",
+    "unet-hand": "baseline",
+    "hadr-plus": "robot",
+    "lidf": "voxel",
+    "dfnet": "highlight",
+    "swindrnet": "truth",
+    "tode": "ray",
+    "hand-median": "hand",
+}
+
+
+_MARKER = {
+    "hand-median": "D",
+    "lidf": "^",
+    "dfnet": "v",
+    "swindrnet": "s",
+    "tode": "X",
+    "unet-hand": "P",
+    "hadr-plus": "*",
+}
+
+
+def system_marker(method: str) -> str:
+    """Marker of a method in all pictures of results, so that colour alone tells nothing."""
+    return _MARKER.get(method, "o")
+
+
+def system_color(method: str) -> str:
+    """Colour of a method in all pictures of results."""
+    return COLORS[_COLOR.get(method, "raw")]
+
+
+def ordered(rows: Sequence[Row], split: str) -> list[Row]:
+    """Give the rows of a split in the order of `NAMES`."""
+    place = {name: number for number, name in enumerate(NAMES)}
+    chosen = [row for row in rows if row["split"] == split]
+    return sorted(chosen, key=lambda row: place.get(row["method"], len(place)))
+
+
+def difference_cell(pair: Mapping[str, Any] | None) -> str:
+    """Set a mean difference with its standard error, as `hadr.experiments.averages.paired` has it.
+
+    Args:
+        pair: The comparison; None where nothing was compared.
+
+    Returns:
+        Centimetres with their sign; "-" without a comparison or a standard error.
+    """
+    if pair is None or pair["standard_error_m"] is None:
+        return "-"
+    return with_doubt(pair["mean_difference_m"], pair["standard_error_m"], sign="+")
+
+
+def with_doubt(value_m: float, doubt_m: float, *, sign: str = "") -> str:
+    """Set a length with its standard error in centimetres, on two lines at most.
+
+    Args:
+        value_m: Metres.
+        doubt_m: Its standard error, metres.
+        sign: "+" where a positive value shows its sign.
+
+    Returns:
+        Both; a narrow column can break the line before "±" and nowhere else.
+    """
+    return f"{100 * value_m:{sign}.2f} ±\N{NO-BREAK SPACE}{100 * doubt_m:.2f}"
+
+
+def _places(rows: Sequence[Row]) -> dict[str, int]:
+    """Line of each method that occurs in any split, the first at the top."""
+    there = {row["method"] for row in rows}
+    listed = [name for name in NAMES if name in there] + sorted(there - set(NAMES))
+    return {name: len(listed) - 1 - number for number, name in enumerate(listed)}
+
+
+def _name_lines(ax: Axes, places: Mapping[str, int]) -> None:
+    ax.set(
+        yticks=list(places.values()),
+        yticklabels=[NAMES.get(name, name) for name in places],
+        ylim=(-0.7, len(places) - 0.3),
+    )
+
+
+def results_table(rows: Sequence[Row], published: Mapping[str, Mapping[str, Any]]) -> str:
+    """Set the rows of both splits side by side, the paper's HADR below.
+
+    Args:
+        rows: Rows of `known.json` and `unknown.json`.
+        published: Content of `results/paper_tables.json`.
+
+    Returns:
+        Markdown; "-" where a run is missing. Errors are in centimetres, δ1.05 in percent, weights
+        in millions, and time is minutes of training.
+    """
+    head = [
+        "method",
+        "known: RMSE",
+        "MAE",
+        "δ1.05",
+        "unknown: RMSE",
+        "MAE",
+        "δ1.05",
+        "weights",
+        "time",
+    ]
+    lines = []
+    found = {(row["split"], row["method"]): row for row in rows}
+    for method, name in NAMES.items():
+        pair = [found.get((split, method)) for split in ("known", "unknown")]
+        if pair == [None, None]:
+            continue
+        cells = [cell for row in pair for cell in _scores(row)]
+        trained = next((row for row in pair if row and row.get("training_s")), None)
+        size = f"{trained['parameters'] / 1e6:.1f}" if trained else "-"
+        minutes = f"{trained['training_s'] / 60:.0f}" if trained else "-"
+        lines.append([name, *cells, size, minutes])
+    cells = []
+    for split in ("known", "unknown"):
+        rmse, _, mae, delta = published[split]["HADR"][:4]
+        cells += [f"{100 * rmse:.1f}", f"{100 * mae:.1f}", f"{delta:.2f}"]
+    lines.append(["*HADR as published*", *cells, "-", "-"])
+    return markdown_table(head, lines)
+
+
+def _scores(row: Row | None) -> list[str]:
+    if row is None:
+        return ["-"] * 3
+    return [f"{100 * row['rmse_m']:.2f}", f"{100 * row['mae_m']:.2f}", f"{row['delta_105']:.2f}"]
+
+
+def draw_systems(ax: Axes, rows: Sequence[Row], split: str, published_rmse_m: float) -> None:
+    """Draw each method's RMSE as a dot with its standard error over holds.
+
+    Args:
+        ax: Ordinary 2D axes.
+        rows: Rows of `known.json` and `unknown.json`.
+        split: "known" or "unknown".
+        published_rmse_m: The paper's RMSE of HADR on its own data, metres.
+    """
+    places = _places(rows)
+    for row in ordered(rows, split):
+        place = places[row["method"]]
+        value, doubt = 100 * row["rmse_m"], 100 * (row.get("rmse_standard_error_m") or 0)
+        color = system_color(row["method"])
+        ax.errorbar(value, place, xerr=doubt, color=color, marker="o", ms=7, capsize=2)
+        ax.annotate(f"{value:.1f}", (value + doubt, place), xytext=(6, 0), va="center",
+                    textcoords="offset points", fontsize=9)  # fmt: skip
+    ax.axvline(100 * published_rmse_m, color=COLORS["truth"], lw=1, ls=":")
+    _name_lines(ax, places)
+    ax.set(
+        xscale="log",
+        xlim=(0.6, 300),
+        xlabel="RMSE (cm)",
+        title=f"{split} objects",
+    )
+    ax.set_xticks([1, 3, 10, 30, 100], ["1", "3", "10", "30", "100"])
+    ax.minorticks_off()
+
+
+def draw_learning(ax: Axes, rows: Sequence[Row], split: str) -> None:
+    """Draw the validation error of each training over its minutes.
+
+    Args:
+        ax: Ordinary 2D axes.
+        rows: Rows with ``curve``.
+        split: "known" or "unknown".
+    """
+    for row in ordered(rows, split):
+        curve = row.get("curve")
+        if not curve:
+            continue
+        minutes = np.asarray(curve["seconds"]) / 60
+        error = 100 * np.asarray(curve["validation_rmse_m"])
+        style = "--" if row["method"] == "hadr-long" else "-"
+        ax.plot(minutes, error, style, color=system_color(row["method"]),
+                marker=system_marker(row["method"]), ms=4,
+                label=NAMES.get(row["method"], row["method"]))  # fmt: skip
+    ax.set(
+        xlabel="minutes of training, one core",
+        ylabel="RMSE on validation (cm)",
+        title="training on all eight" if split == "known" else "training on six, two unknown",
+    )
+
+
+def draw_parts(ax: Axes, rows: Sequence[Row], split: str) -> None:
+    """Draw what is left of each method's error when place, and place and tilt, are given away.
+
+    Args:
+        ax: Ordinary 2D axes.
+        rows: Rows of `results/mini/errors.json`.
+        split: "known" or "unknown".
+    """
+    places = _places(rows)
+    parts = (
+        ("rmse_m", "whole error", "o"),
+        ("shape_m", "without its median: shape and tilt", "s"),
+        ("tilt_m", "without its best plane: shape alone", "D"),
+    )
+    for row in ordered(rows, split):
+        place = places[row["method"]]
+        values = [100 * row[part] for part, _, _ in parts]
+        color = system_color(row["method"])
+        ax.plot([min(values), max(values)], [place, place], color=color, lw=1.2)
+        for value, (_, _, marker) in zip(values, parts, strict=True):
+            face = color if marker == "o" else "white"
+            ax.plot(value, place, marker, color=color, ms=6, mfc=face)
+    for _, label, marker in parts:
+        face = COLORS["raw"] if marker == "o" else "white"
+        ax.plot([], [], marker, color=COLORS["raw"], mfc=face, label=label)
+    _name_lines(ax, places)
+    ax.set(xlim=(0, None), xlabel="RMSE (cm)", title=f"{split} objects")
+
+
+def draw_by_object(
+    ax: Axes,
+    rows: Sequence[Row],
+    split: str,
+    names: Mapping[str, str],
+    part: str = "rmse_m",
+    xlabel: str = "RMSE (cm)",
+) -> None:
+    """Draw each method's error on each object as a dot.
+
+    Args:
+        ax: Ordinary 2D axes.
+        rows: Rows of `results/mini/errors.json`.
+        split: "known" or "unknown".
+        names: What the objects are called, by number.
+        part: Which part of the error, in metres.
+        xlabel: What that is, with its unit.
+    """
+    chosen = ordered(rows, split)
+    objects = sorted({number for row in chosen for number in row["by_object"]})
+    for row in chosen:
+        values = [100 * row["by_object"][number][part] for number in objects]
+        color = system_color(row["method"])
+        face = "white" if row["method"] == "hadr-long" else color
+        ax.plot(values, range(len(objects)), system_marker(row["method"]), color=color, mfc=face,
+                ms=7, alpha=0.9, label=NAMES.get(row["method"], row["method"]))  # fmt: skip
+    ax.set(
+        yticks=range(len(objects)),
+        yticklabels=[f"{number} {names.get(number, '')}".strip() for number in objects],
+        ylim=(len(objects) - 0.5, -0.5),
+        xlabel=xlabel,
+        title=f"{split} objects",
+    )
+    if part != "bias_m":
+        ax.set_xlim(0, None)
+    ax.grid(axis="y", lw=0.5, alpha=0.5)
+
+
+def draw_bias(ax: Axes, rows: Sequence[Row], split: str, names: Mapping[str, str]) -> None:
+    """Draw for each method how far off each object is placed in the mean, with its sign.
+
+    Args:
+        ax: Ordinary 2D axes.
+        rows: Rows of `results/mini/errors.json`.
+        split: "known" or "unknown".
+        names: What the objects are called, by number.
+    """
+    xlabel = "too near  ←  mean error (cm)  →  too far"
+    draw_by_object(ax, rows, split, names, "bias_m", xlabel)
+    ax.axvline(0, color=COLORS["truth"], lw=0.8)
+
+
+def draw_hole(ax: Axes, rows: Sequence[Row], split: str) -> None:
+    """Draw how far each network moves the glass as its hole grows and shrinks.
+
+    The dashed line is who takes the size of the hole for the measure of distance: of two equal
+    glasses the one whose picture is 1 + s times as wide stands at 1 / (1 + s) of the distance.
+
+    Args:
+        ax: Ordinary 2D axes.
+        rows: Rows of `results/mini/size_of_hole.json`.
+        split: "known" or "unknown".
+    """
+    for row in ordered(rows, split):
+        points = sorted([(0.0, 0.0, 0.0)] + [
+            (100 * p["grown"], 100 * p["moved_m"], 100 * (p["standard_error_m"] or 0))
+            for p in row["by_share"]
+        ])  # fmt: skip
+        share, moved, doubt = (list(column) for column in zip(*points, strict=True))
+        color, marker = system_color(row["method"]), system_marker(row["method"])
+        name = NAMES[row["method"]]
+        ax.errorbar(share, moved, doubt, color=color, marker=marker, ms=5, lw=1.4, label=name)
+    shown = [row for row in rows if row["split"] == split]
+    if shown:
+        shares = np.linspace(*_ends(shown), 40)
+        distance = float(np.mean([row["depth_m"] for row in shown]))
+        ruler = 100 * distance * (1 / (1 + shares / 100) - 1)
+        ax.plot(shares, ruler, "--", color=COLORS["raw"], lw=1, label="size alone", zorder=0)
+    ax.axhline(0, color=COLORS["truth"], lw=0.8)
+    ax.set(
+        xlabel="hole wider by (% of its radius)",
+        ylabel="nearer  ←  glass moves (cm)  →  farther",
+        title=f"{split} objects",
+    )
+    ax.label_outer()
+
+
+def _ends(rows: Sequence[Row]) -> tuple[float, float]:
+    shares = [100 * point["grown"] for row in rows for point in row["by_share"]]
+    return min(*shares, 0.0), max(*shares, 0.0)

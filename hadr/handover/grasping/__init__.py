@@ -1,0 +1,1 @@
+"""Grasps: candidates, collisions, rescoring by the hand."""

@@ -1,0 +1,158 @@
+"""A user's own grasp detector in the sampler's place: arrays of graspnetAPI, read and converted.
+
+graspnetAPI's `GraspGroup.save_npy` writes one row of 17 numbers for each grasp, in the camera
+frame and in metres: score, width, height, depth, R (9, row by row; its first column approaches),
+t (3), object_id.
+"""
+
+import zipfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import cKDTree
+
+from hadr.camera import transform_points
+from hadr.handover.grasping.grasps import Grasps
+from hadr.handover.ur5 import check_pose
+
+Array = NDArray[np.float64]
+Detect = Callable[[Array], ArrayLike]
+"""From the object's points in the camera frame (n, 3), metres, to rows (m, 17)."""
+METRES = 0.5
+"""No parallel gripper opens wider, metres: a larger number is a width in millimetres."""
+SCORES = (-1.0, 3.0)
+"""Where a score must lie to be weighed against the other two terms of the rescoring.
+graspnet-baseline is trained on ln(u_max / u), u the friction that a grasp needs: 0 to about 2.5,
+not 0 to 1, and what a network predicts may be a little below 0. Percentages do not belong here."""
+
+
+def from_graspnet(
+    source: str | Path | ArrayLike, base_from_camera: Array | None = None, *, widest: float = 0.085
+) -> Grasps:
+    """Read a detector's grasps.
+
+    Args:
+        source: A `.npy` file of `GraspGroup.save_npy`, or its array `grasp_group_array`, shape
+            (n, 17). Rows of 16, without object_id, are read with -1 in its place; an array
+            without any number, such as [], is no grasps.
+        base_from_camera: The camera's calibration, shape (4, 4), metres; where left out the grasps
+            stay in the camera frame.
+        widest: Grasps that need a wider opening than the gripper has are left out, metres
+            (the network was trained for 100 mm).
+
+    Returns:
+        The grasps, highest score first, in frame "base" or "camera".
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        ValueError: It holds no rows of 17 real numbers, or one is no grasp, see `Grasps.from_rows`;
+            a width looks like millimetres, a score lies outside `SCORES`; the calibration is no
+            rigid transform, or `widest` no length.
+    """
+    _check_length("widest", widest)
+    table = _read(Path(source)) if isinstance(source, str | Path) else np.asarray(source)
+    if table.size == 0 and table.ndim == 1:
+        table = np.zeros((0, 17))
+    if table.dtype.kind not in "fiu":
+        what = f"an array of {table.dtype}" if table.ndim else repr(source)
+        raise ValueError(
+            f"grasp rows must be real numbers, got {what} (a GraspGroup's are its "
+            "grasp_group_array)"
+        )
+    if table.ndim == 2 and table.shape[1] == 16:
+        table = np.concatenate([table, -np.ones((len(table), 1))], axis=1)
+    grasps = Grasps.from_rows(table, "camera")
+    _check_scale(grasps)
+    if base_from_camera is not None:
+        grasps = grasps.in_frame(check_pose(base_from_camera, "base_from_camera"), "base")
+    order = np.argsort(-grasps.scores, kind="stable")
+    return grasps.select(order[grasps.widths[order] <= widest])
+
+
+def _read(path: Path) -> NDArray[np.generic]:
+    """The array of a file of numpy.save."""
+    if path.is_dir():
+        raise ValueError(f"{path} is a folder, not a file of numpy.save")
+    try:
+        found = np.load(path, allow_pickle=False)
+    except (ValueError, EOFError, zipfile.BadZipFile) as error:
+        raise ValueError(f"{path} is not an array that numpy.save wrote: {error}") from error
+    if not isinstance(found, np.ndarray):
+        names = ", ".join(found.files)
+        found.close()
+        raise ValueError(
+            f"{path} is an archive ({names}), not an array that numpy.save wrote: "
+            "load it and pass one of its arrays"
+        )
+    return found
+
+
+def _check_length(name: str, value: float) -> None:
+    if not (np.isfinite(value) and value > 0):
+        raise ValueError(f"{name} must be metres above 0, got {value}")
+
+
+def _check_scale(grasps: Grasps) -> None:
+    """ValueError widths in millimetres, and scores that outweigh everything else."""
+    for row in np.flatnonzero(grasps.widths > METRES)[:1]:
+        raise ValueError(
+            f"grasp {row}: width must be in metres, at most {METRES}; {grasps.widths[row]:g} looks "
+            "like millimetres"
+        )
+    low, high = SCORES
+    for row in np.flatnonzero((grasps.scores < low) | (grasps.scores > high))[:1]:
+        raise ValueError(
+            f"grasp {row}: score must lie in {low:g}..{high:g}, got {grasps.scores[row]:g}: scale "
+            "the detector's scores first"
+        )
+
+
+@dataclass(frozen=True)
+class DetectedGrasps:
+    """Gives `GraspSelection` a detector's grasps instead of sampled ones.
+
+        detect = lambda points: network(points).grasp_group_array     # yours, camera frame
+        choose = GraspSelection(rng, eye, source=DetectedGrasps(detect, base_from_camera))
+
+    Attributes:
+        detect: From the object's points in the camera frame, (n, 3) in metres, to rows (m, 17); it
+            may leave the points aside and work on a picture of its own.
+        base_from_camera: The camera's calibration, shape (4, 4), metres.
+        nearest: Grasps whose point is further than this from the object's points belong to
+            something else and are left out: the filter by the object's mask. Metres.
+        widest: Widest opening of the gripper, metres.
+    """
+
+    detect: Detect
+    base_from_camera: Array
+    nearest: float = 0.03
+    widest: float = 0.085
+
+    def __post_init__(self) -> None:
+        check_pose(self.base_from_camera, "base_from_camera")
+        _check_length("nearest", self.nearest)
+        _check_length("widest", self.widest)
+
+    def __call__(self, points: Array) -> Grasps:
+        """Detect around the object's points.
+
+        Args:
+            points: Shape (n, 3), metres, base frame.
+
+        Returns:
+            The detector's grasps of this object in the base frame, highest score first.
+
+        Raises:
+            ValueError: The detector's rows are no grasps.
+        """
+        camera_from_base = np.linalg.inv(self.base_from_camera)
+        rows = self.detect(transform_points(camera_from_base, points))
+        grasps = from_graspnet(rows, self.base_from_camera, widest=self.widest)
+        # the grasp's point stands before the surface: look at the fingertips too
+        tips = grasps.translations + grasps.depths[:, None] * grasps.axis("approach")
+        tree = cKDTree(points)
+        away = np.minimum(tree.query(grasps.translations)[0], tree.query(tips)[0])
+        return grasps.select(away <= self.nearest)

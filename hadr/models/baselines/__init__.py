@@ -1,1 +1,0 @@
-"""Methods that HADR is compared with."""

@@ -1,0 +1,1 @@
+"""Networks and inputs that know the hand: keypoints, crop, prior."""

@@ -1,0 +1,178 @@
+"""The hand-keypoint network: from the corrupted depth around the hand to its 21 keypoints.
+
+A U-Net with a ResNet-18 encoder looks at the depth in a cube around the hand and gives dense maps;
+adaptive weighting regression (`hadr.models.hand.weighted_regression`) turns them into keypoints.
+Where the cube lies follows from the hand's mask alone (`hadr.models.hand.cube.hand_center`): no
+truth is needed. What is not hand is blanked first, so the network sees neither the background nor
+what a camera measures through the glass.
+
+Source: paper, "Hand feature", and reference section 2; Huang et al. 2020, "AWR".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from hadr.models.blocks.resnet import ResNetUNet, UNetConfig
+from hadr.models.hadr_input import HADRInput
+from hadr.models.hand.cube import HandCube, hand_center
+from hadr.models.hand.weighted_regression import JointMaps, joints_of_maps
+
+KEYPOINTS = 21
+MAP_STRIDE = 2
+"""Pixels of the crop from one feature of the maps to the next."""
+
+
+@dataclass(frozen=True)
+class HandKeypointConfig:
+    """The keypoint network; the defaults are ResNet-18's on crops of 128 pixels.
+
+    Args:
+        unet: Size of the U-Net, and the name of its encoder's published weights if any.
+        crop: Side of the crop in pixels.
+        cube_m: Side of the cube in metres.
+        reach: The regression's k: from this distance on a pixel's heat is 0; 1 is half of the
+            cube's side.
+
+    Raises:
+        ValueError: A size is not positive, or the crop is smaller than 32 pixels.
+    """
+
+    unet: UNetConfig = field(default_factory=UNetConfig)
+    crop: int = 128
+    cube_m: float = 0.3
+    reach: float = 1.0
+
+    def __post_init__(self) -> None:
+        if self.crop < 32:
+            raise ValueError(f"crop must be at least 32 pixels, got {self.crop}")
+        for name in ("cube_m", "reach"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
+
+    def to_dict(self) -> dict[str, Any]:
+        """The configuration as built-in types, for JSON."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> HandKeypointConfig:
+        """Read what `to_dict` gave, or the same from JSON."""
+        return cls(
+            UNetConfig.from_dict(values["unet"]),
+            int(values["crop"]),
+            float(values["cube_m"]),
+            float(values["reach"]),
+        )
+
+
+class HandKeypointNet(nn.Module):
+    """From a depth crop to the dense maps of 21 joints.
+
+    Args:
+        config: Sizes.
+    """
+
+    def __init__(self, config: HandKeypointConfig) -> None:
+        super().__init__()
+        self.config = config
+        self.unet = ResNetUNet(config.unet, 1)
+        self.head = nn.Conv2d(config.unet.decoder[-1], KEYPOINTS * 5, 1)
+
+    def forward(self, crop: Tensor) -> JointMaps:
+        """Compute the maps.
+
+        Args:
+            crop: Depth in the cube, -1..1, 1 = nothing, shape (B, 1, S, S).
+
+        Returns:
+            The maps, with h = w = S / 2 rounded up.
+        """
+        values = self.head(self.unet(crop))  # (B, 105, h, w)
+        batch, _, height, width = values.shape
+        maps = values.view(batch, KEYPOINTS, 5, height, width)
+        return JointMaps(offset=maps[:, :, :3], heat=maps[:, :, 3], weight=maps[:, :, 4])
+
+
+def hand_cube(config: HandKeypointConfig, inputs: HADRInput, hand: Tensor) -> HandCube:
+    """Lay the cube around each frame's hand, by its mask and the object's.
+
+    Args:
+        config: Sizes.
+        inputs: The frames; their keypoints are not looked at.
+        hand: Pixels of hand and arm, shape (B, H, W), bool.
+
+    Returns:
+        The cubes.
+
+    Raises:
+        ValueError: A hand has no pixel with depth; the message says which.
+    """
+    center = hand_center(inputs.depth, hand, inputs.mask, inputs.intrinsics)
+    return HandCube(center, inputs.intrinsics, config.cube_m, config.crop)
+
+
+def keypoints_where_seen(model: HandKeypointNet, inputs: HADRInput, hand: Tensor) -> Tensor:
+    """Find the hands' keypoints in those frames that show enough of a hand.
+
+    Args:
+        model: The network in evaluation mode.
+        inputs: As in `predict_keypoints`.
+        hand: Pixels of hand and arm, shape (B, H, W), bool.
+
+    Returns:
+        Metres, camera frame, shape (B, 21, 3); zeros, which mean "unknown", where no depth was
+        measured on a hand, or so little that none of it is left in the crop.
+    """
+    found = inputs.depth.new_zeros(len(inputs), 21, 3)
+    there = (hand & (inputs.depth > 0)).flatten(1).any(dim=1).nonzero().squeeze(1)
+    if len(there):
+        some = inputs.take(there)
+        cube = hand_cube(model.config, some, hand[there])
+        crop = cube.crop(torch.where(hand[there], some.depth, torch.zeros_like(some.depth)))
+        _, valid = cube.points(crop, MAP_STRIDE)  # (frames, h, w)
+        there = there[valid.flatten(1).any(dim=1)]
+    if len(there):
+        found[there] = predict_keypoints(model, inputs.take(there), hand[there])
+    return found
+
+
+def predict_keypoints(model: HandKeypointNet, inputs: HADRInput, hand: Tensor) -> Tensor:
+    """Find the hands' keypoints in whole frames.
+
+    Args:
+        model: The network in evaluation mode.
+        inputs: Colour is not looked at, nor are the keypoints; depth, intrinsics and the object's
+            mask are.
+        hand: Pixels of hand and arm, shape (B, H, W), bool: true or predicted ones. A detector's
+            box does as well, as a mask that is filled within it, if little else lies in the cube.
+
+    Returns:
+        Metres, camera frame, shape (B, 21, 3).
+
+    Raises:
+        ValueError: The mask has another form, depth is not finite, or a frame shows no hand; the
+            message says which.
+    """
+    depth = inputs.depth
+    if hand.shape != depth.shape or hand.dtype != torch.bool:
+        raise ValueError(
+            f"hand must be {tuple(depth.shape)} bool as the depth, got {tuple(hand.shape)} "
+            f"{hand.dtype}"
+        )
+    broken = ~depth.isfinite().flatten(1).all(dim=1)
+    if bool(broken.any()):
+        raise ValueError(
+            f"the depth of frame {int(broken.nonzero()[0])} of the batch is not finite; a missing "
+            "depth is 0"
+        )
+    cube = hand_cube(model.config, inputs, hand)
+    crop = cube.crop(torch.where(hand, depth, torch.zeros_like(depth)))  # (B, 1, S, S)
+    points, valid = cube.points(crop, MAP_STRIDE)  # (B, 3, h, w) and (B, h, w)
+    with torch.no_grad():
+        joints = joints_of_maps(model(crop), points, valid, model.config.reach)  # (B, 21, 3)
+    return cube.out_of(joints)

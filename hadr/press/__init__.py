@@ -1,0 +1,1 @@
+"""What turns notebooks and results into the book."""

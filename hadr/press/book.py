@@ -1,0 +1,406 @@
+"""Stage the executed chapters beside the book's pages, build the HTML book, and check the way.
+
+A launch link works only where a page's source is the notebook at the repository's own path, so
+the staged book holds ``notebooks/NN_name.ipynb`` exactly as the repository does. What a page
+without a kernel cannot show is taken out on the way; the executed notebooks stay as they are.
+"""
+
+import argparse
+import importlib.util
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from hadr.press.chapter_record import keep_results
+from hadr.press.course.chapter import read_chapters
+from hadr.press.course.teaching import chapters_text, plans_text
+from hadr.press.figures_apart import figures_apart_table
+from hadr.press.paper_report import report
+from hadr.press.report import (
+    conditions_table,
+    ledger_effects,
+    ledger_table,
+    speed_table,
+    tuning_table,
+)
+from hadr.press.reproduce import (
+    ChapterError,
+    ChapterRun,
+    chapter_paths,
+    checkout_root,
+    run_notebooks,
+    run_time_table,
+    seconds_text,
+    without_ansi,
+)
+from hadr.records.output_folder import (
+    check_output_folder,
+    check_removable,
+    make_output_folder,
+    remove_output_folder,
+)
+from hadr.records.provenance import machine_text
+
+RUNTIME_TOKEN = "*stands here in the built book*"
+TABLE_TOKEN = "{{RUNTIME_TABLE}}"
+REPOSITORY_TOKEN = "{{REPOSITORY}}"
+REPORTS: dict[str, Callable[[Path], str]] = {
+    "{{REPORT}}": lambda results: report(results / "mini", results / "paper_tables.json"),
+    "{{CONDITIONS}}": lambda results: conditions_table(results / "mini"),
+    "{{TUNING}}": lambda results: tuning_table(results / "mini" / "tuning.json"),
+    "{{SPEED}}": lambda results: speed_table(results / "speed" / "side_by_side.json"),
+    "{{APART}}": lambda _: figures_apart_table(),
+    "{{LEDGER_EFFECTS}}": lambda results: ledger_effects(results / "mini"),
+    "{{LEDGER_TABLE}}": lambda results: ledger_table(results / "mini" / "ledger.json"),
+    "{{TEACHING_PLANS}}": lambda results: plans_text(read_chapters(results.parent)),
+    "{{TEACHING_CHAPTERS}}": lambda results: chapters_text(
+        read_chapters(results.parent), lambda chapter: f"notebooks/{chapter.name}.ipynb"
+    ),
+}
+"""Words on pages in whose place stands what is made from the result files or the chapters."""
+TABLE_BEGIN = "<!-- run times: begin (written by `make readme-times`) -->"
+TABLE_END = "<!-- run times: end -->"
+WIDGET_NOTE = (
+    "```{note}\n:class: needs-kernel\n"
+    "The control of this cell needs a running kernel: open the chapter with the rocket button "
+    "above, or on your own machine. The figure beside it tells the same story.\n```"
+)
+_WIDGET_VIEW = "application/vnd.jupyter.widget-view+json"
+
+
+def chapter_title(notebook: Path) -> str:
+    """The first heading of a notebook, without markup.
+
+    Args:
+        notebook: Path of an .ipynb file.
+    """
+    import nbformat
+
+    for cell in nbformat.read(notebook, 4).cells:
+        found = re.search(r"^# +(.+)$", cell.source, flags=re.MULTILINE)
+        if cell.cell_type == "markdown" and found:
+            return found.group(1).strip()
+    return notebook.stem
+
+
+def stage_notebook(notebook: Any, run_time: str) -> Any:
+    """Make an executed notebook ready for a page without a kernel.
+
+    The token for the run time is replaced; papermill's injected parameters, warnings and other
+    text on stderr, and the outputs and state of widgets are dropped; films get a name for screen
+    readers; each cell tagged ``interactive`` is followed by a note.
+
+    Args:
+        notebook: The executed notebook (nbformat's NotebookNode); changed in place.
+        run_time: Replaces the line's words ``RUNTIME_TOKEN``.
+
+    Returns:
+        The same notebook.
+    """
+    import nbformat
+
+    cells = []
+    for cell in notebook.cells:
+        tags = cell.metadata.get("tags", [])
+        if "injected-parameters" in tags:
+            continue
+        cells.append(cell)
+        if cell.cell_type != "code":
+            cell.source = cell.source.replace(RUNTIME_TOKEN, run_time)
+            continue
+        cell.outputs = [output for output in cell.outputs if _is_for_readers(output)]
+        _label_films(cell.outputs)
+        if "interactive" in tags:
+            cell.outputs = []
+            cells.append(nbformat.v4.new_markdown_cell(WIDGET_NOTE))
+    notebook.cells = cells
+    notebook.metadata.pop("widgets", None)
+    notebook.metadata.pop("papermill", None)
+    return notebook
+
+
+def _is_for_readers(output: Any) -> bool:
+    if output.output_type == "stream":
+        return bool(output.name != "stderr")
+    return _WIDGET_VIEW not in output.get("data", {})
+
+
+def _label_films(outputs: Sequence[Any]) -> None:
+    """Give each film the words displayed before it as its name, which screen readers say."""
+    words = ""
+    for output in outputs:
+        shown = output.get("data", {})
+        if "text/markdown" in shown:
+            words = re.sub(r"[*_`]", "", shown["text/markdown"])
+        found = shown.get("text/html", "")
+        if words and "<video" in found and "aria-label" not in found:
+            label = f'<video aria-label="Film: {escape(words)}"'
+            shown["text/html"] = found.replace("<video", label, 1)
+
+
+def stage_book(
+    book: Path, runs: Sequence[ChapterRun], target: Path, *, total_s: float | None = None
+) -> Path:
+    """Copy the book's pages and the executed chapters into a build folder.
+
+    Args:
+        book: Folder with _config.yml, _toc.yml and the pages.
+        runs: The executed chapters.
+        target: The staged book's folder; what was staged there before is replaced.
+        total_s: Wall-clock seconds of the execution, for the page of run times.
+
+    Returns:
+        The staged book's folder.
+
+    Raises:
+        ValueError: The target is somebody's own folder (`hadr.records.output_folder`), or a page
+        has a
+            word that nothing fills.
+    """
+    import nbformat
+
+    remove_output_folder(target)
+    make_output_folder(target)
+    left_out = shutil.ignore_patterns("_build", ".*")
+    shutil.copytree(book, target, ignore=left_out, dirs_exist_ok=True)
+    (target / "notebooks").mkdir()
+    titles = {}
+    for run in runs:
+        name = run.notebook.name
+        titles[run.name] = f"[{chapter_title(run.notebook)}](notebooks/{name})"
+        measured = f"{seconds_text(run.duration_s)} ({machine_text()})"
+        staged = stage_notebook(nbformat.read(run.notebook, 4), measured)
+        nbformat.write(staged, target / "notebooks" / name)
+    words = {
+        TABLE_TOKEN: run_time_table(runs, titles),
+        RUNTIME_TOKEN: seconds_text(total_s or sum(run.duration_s for run in runs)),
+        REPOSITORY_TOKEN: repository_address(book),
+        "{{MACHINE}}": machine_text(),
+    }
+    pages = {page: page.read_text(encoding="utf-8") for page in target.glob("*.md")}
+    results = book.parent / "results"
+    for token, make in REPORTS.items():
+        if any(token in text for text in pages.values()):
+            words[token] = make(results)
+    for page, text in pages.items():
+        filled = _fill(text, words)
+        if left := re.search(r"\{\{[A-Z_]+\}\}", filled):
+            raise ValueError(f"{page.name} has {left.group()}, which nothing fills")
+        page.write_text(filled, encoding="utf-8")
+    _drop_absent_chapters(target)
+    return target
+
+
+def _fill(text: str, words: Mapping[str, str]) -> str:
+    for token, word in words.items():
+        text = text.replace(token, word)
+    return text
+
+
+def repository_address(book: Path) -> str:
+    """The repository's address, which stands in book/_config.yml and nowhere else."""
+    config = yaml.safe_load((book / "_config.yml").read_text(encoding="utf-8"))
+    return str(config["repository"]["url"])
+
+
+def _drop_absent_chapters(target: Path) -> None:
+    """Take chapters that were not executed (``--only``) out of the staged table of contents."""
+    path = target / "_toc.yml"
+    contents = yaml.safe_load(path.read_text(encoding="utf-8"))
+    for part in contents.get("parts", []):
+        part["chapters"] = [
+            entry
+            for entry in part["chapters"]
+            if any((target / f"{entry['file']}{end}").exists() for end in ("", ".md", ".ipynb"))
+        ]
+    contents["parts"] = [part for part in contents.get("parts", []) if part["chapters"]]
+    path.write_text(yaml.safe_dump(contents, sort_keys=False), encoding="utf-8")
+
+
+def build_html(staged: Path, output: Path, *, strict: bool = True) -> Path:
+    """Build the HTML book with Jupyter Book.
+
+    Args:
+        staged: The staged book's folder.
+        output: Takes ``_build/html/index.html`` and ``build.log``.
+        strict: Warnings are errors.
+
+    Returns:
+        The index page.
+
+    Raises:
+        RuntimeError: Jupyter Book reported an error or a warning; its last lines are in the text.
+    """
+    if importlib.util.find_spec("jupyter_book") is None:
+        raise RuntimeError("Jupyter Book is not installed here: pip install -e '.[book]'")
+    program = "from jupyter_book.cli.main import main; main()"
+    command = [sys.executable, "-P", "-c", program, "build", str(staged)]
+    command += ["--path-output", str(output), "--all"]
+    command += ["-W", "--keep-going", "-n"] if strict else []
+    environment = os.environ | {"PYDEVD_DISABLE_FILE_VALIDATION": "1", "NO_COLOR": "1"}
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+    log = without_ansi(done.stdout + done.stderr)
+    output.mkdir(parents=True, exist_ok=True)
+    (output / "build.log").write_text(log, encoding="utf-8")
+    index = output / "_build" / "html" / "index.html"
+    if done.returncode != 0 or not index.exists():
+        wanted = re.compile(r"WARNING:|ERROR:|CRITICAL:|Exception|Error:")
+        lines = [line for line in log.splitlines() if wanted.search(line)]
+        told = "\n".join(lines[-40:] or log.splitlines()[-40:])
+        raise RuntimeError(f"the book did not build:\n{told}\nall of it: {output / 'build.log'}")
+    return index
+
+
+def update_readme(readme: Path, table: str) -> None:
+    """Replace the table of run times between its two markers.
+
+    Raises:
+        ValueError: The markers are missing.
+    """
+    text = readme.read_text(encoding="utf-8")
+    if TABLE_BEGIN not in text or TABLE_END not in text:
+        raise ValueError(f"{readme} has no lines {TABLE_BEGIN!r} and {TABLE_END!r}")
+    before, rest = text.split(TABLE_BEGIN, 1)
+    after = rest.split(TABLE_END, 1)[1]
+    new = f"{before}{TABLE_BEGIN}\n{table}\n{TABLE_END}{after}"
+    readme.write_text(new, encoding="utf-8")
+
+
+def readme_table(build: Path, root: Path) -> str:
+    """The chapter list with the run times that the last ``make book`` measured.
+
+    Args:
+        build: The build folder, with ``results.json``.
+        root: The checkout, whose README links to the notebooks.
+
+    Raises:
+        FileNotFoundError: No book was built yet.
+        ValueError: The record is broken, or its times are not of all chapters, of preset tiny and
+            of one machine; the message says which.
+    """
+    path = build / "results.json"
+    if not path.exists():
+        raise FileNotFoundError(f"{path} is missing: run `make book` first")
+    try:
+        measured = json.loads(path.read_text(encoding="utf-8"))
+        preset, chapters = measured["parameters"]["preset"], measured["chapters"]
+        timed = {name: c for name, c in chapters.items() if {"duration_s", "machine"} <= c.keys()}
+    except (ValueError, LookupError, AttributeError, TypeError) as error:
+        raise ValueError(f"{path} is broken ({error!r}): run `make book` first") from error
+    if preset != "tiny":
+        raise ValueError(f"{path} has times of preset {preset}, README those of tiny")
+    notebooks = chapter_paths(root / "notebooks")
+    missing = [notebook.stem for notebook in notebooks if notebook.stem not in timed]
+    if missing:
+        raise ValueError(f"{path} has no time of {', '.join(missing)}: run `make book` first")
+    runs, titles = [], {}
+    for notebook in notebooks:
+        name = notebook.stem
+        runs.append(ChapterRun(name, timed[name]["duration_s"], notebook, None))
+        titles[name] = f"[{chapter_title(notebook)}](notebooks/{name}.ipynb)"
+    if len(machines := sorted({timed[run.name]["machine"] for run in runs})) > 1:
+        raise ValueError(f"{path} has times of {' and of '.join(machines)}: run `make book` again")
+    return f"{run_time_table(runs, titles)}\n\nMeasured on {machines[0]}."
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Describe the building of the book to a command line parser."""
+    parser.description = "Execute the chapters and build the HTML book from them."
+    parser.add_argument(
+        "--build", type=Path, default=Path("build"), metavar="DIR", help="takes all that is made"
+    )
+    parser.add_argument(
+        "--preset",
+        choices=("tiny", "mini", "paper"),
+        default="tiny",
+        help="how much the chapters compute",
+    )
+    parser.add_argument("--seed", type=int, default=0, help="the chapters' seed")
+    parser.add_argument(
+        "--only",
+        nargs="+",
+        default=[],
+        metavar="NN",
+        help="only these chapters; links to the others are not checked",
+    )
+    parser.add_argument(
+        "--html-only", action="store_true", help="build from the notebooks executed last time"
+    )
+    parser.add_argument(
+        "--readme-times", action="store_true", help="write the measured times into README.md"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Build the book as the arguments say.
+
+    Returns:
+        0 when the book stands; 2 when a chapter or the build failed.
+    """
+    root = checkout_root()
+    try:
+        build = check_output_folder(args.build)
+        if args.readme_times:
+            update_readme(root / "README.md", readme_table(build, root))
+            return 0
+        check_removable(build / "book")
+        every = chapter_paths(root / "notebooks")
+        paths = chapter_paths(root / "notebooks", args.only)
+        make_output_folder(build)
+        started = time.perf_counter()
+        if args.html_only:
+            runs = _runs_of_last_time(build, paths)
+        else:
+            print(f"executing {len(paths)} notebooks, preset {args.preset}", flush=True)
+            runs = run_notebooks(paths, build, preset=args.preset, seed=args.seed, say=_say)
+            keep_results(build, every, args.preset, args.seed, say=_say)
+        print("building the HTML book", flush=True)
+        staged = stage_book(root / "book", runs, build / "book")
+        index = build_html(staged, build / "html", strict=not args.only)
+    except (ChapterError, RuntimeError, ValueError, OSError) as error:
+        print(error, file=sys.stderr)
+        return 2
+    print(f"\n{run_time_table(runs)}\n")
+    print(f"everything took {seconds_text(time.perf_counter() - started)} on {machine_text()}")
+    print(f"the book: {index}")
+    return 0
+
+
+def _say(line: str) -> None:
+    print(line, flush=True)
+
+
+def _runs_of_last_time(build: Path, paths: Sequence[Path]) -> list[ChapterRun]:
+    import nbformat
+
+    runs = []
+    for path in paths:
+        executed = build / "executed" / path.name
+        if not executed.exists():
+            raise FileNotFoundError(f"{executed} is missing: run without --html-only first")
+        times = nbformat.read(executed, 4).metadata.get("papermill", {})
+        results = build / "results" / path.stem / "results.json"
+        found = results if results.exists() else None
+        runs.append(ChapterRun(path.stem, float(times.get("duration") or 0), executed, found))
+    return runs
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Build the book from the command line."""
+    parser = argparse.ArgumentParser(prog="python -m hadr.press.book")
+    add_arguments(parser)
+    return run(parser.parse_args(arguments))
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,142 @@
+"""What a finished chapter was made from, so that it need not be made again.
+
+OUT/results/NAME/chapter.json   sealed: what the chapter depends on (`hadr.records.dependencies`),
+how long
+                                it took, and on which machine
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Iterable, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from hadr.records.checkout import checkout_root
+from hadr.records.dependencies import code_digest, named_modules
+from hadr.records.provenance import machine_text, provenance, write_json
+from hadr.records.result_file import digest, seal_row, sealed_row
+
+RECORD = "chapter.json"
+
+
+def chapter_configuration(notebook: Path, preset: str, seed: int) -> dict[str, Any]:
+    """Everything on which a chapter's numbers depend, the installed packages aside.
+
+    Args:
+        notebook: The notebook, not executed.
+        preset: Its parameter ``preset``.
+        seed: Its parameter ``seed``.
+    """
+    return {
+        "chapter": notebook.stem,
+        "notebook": _digest([notebook]),
+        "preset": preset,
+        "seed": seed,
+        "code": code_digest(*named_modules(_code(notebook))),
+        **_data(),
+    }
+
+
+def finished_chapter(folder: Path, configuration: dict[str, Any], *made: Path) -> float | None:
+    """Say how long a chapter took, if it is finished.
+
+    Args:
+        folder: Its folder, ``OUT/results/NAME``.
+        configuration: `chapter_configuration`.
+        *made: Files that must be there, too.
+
+    Returns:
+        Wall-clock seconds of its execution; None where it has to be executed.
+    """
+    row = sealed_row(folder / RECORD, configuration)
+    if row is None or not all(path.is_file() for path in made):
+        return None
+    return float(row["duration_s"])
+
+
+def keep_chapter(folder: Path, configuration: dict[str, Any], duration_s: float) -> None:
+    """Note that a chapter is finished.
+
+    Args:
+        folder: Its folder.
+        configuration: `chapter_configuration`.
+        duration_s: Wall-clock seconds of its execution.
+    """
+    row = {"configuration": configuration, "duration_s": duration_s, "machine": machine_text()}
+    seal_row(folder / RECORD, {**row, "config_sha256": digest(configuration)})
+
+
+def keep_results(
+    out: Path, notebooks: Sequence[Path], preset: str, seed: int, say: Callable[[str], None] = print
+) -> dict[str, Any]:
+    """Gather what the chapters measured in one file, ``OUT/results.json``.
+
+    Chapters that were executed before are in it as well, each with its machine and provenance, if
+    they are finished with this preset and seed and as they are now (`hadr.records.dependencies`).
+
+    Args:
+        out: The folder into which they were executed.
+        notebooks: The notebooks of all chapters; of any other nothing is gathered.
+        preset: The preset.
+        seed: The seed.
+        say: Receives a line where the file does not have all chapters.
+
+    Returns:
+        What was written: results and run time of each chapter, and where they come from.
+    """
+    chapters = {}
+    for notebook in notebooks:
+        folder = out / "results" / notebook.stem
+        record = sealed_row(folder / RECORD, chapter_configuration(notebook, preset, seed))
+        if record is None:
+            continue
+        results = folder / "results.json"
+        try:
+            content = json.loads(results.read_text(encoding="utf-8")) if results.exists() else {}
+            kept = {name: content.get(name) for name in ("results", "provenance")}
+        except (OSError, ValueError, AttributeError) as error:
+            say(f"{results} can't be read: {error}")
+            continue
+        seconds = round(record["duration_s"], 3)
+        chapters[notebook.stem] = {"duration_s": seconds, "machine": record["machine"], **kept}
+    if len(chapters) < len(notebooks):
+        say(
+            f"{out / 'results.json'} has {len(chapters)} of {len(notebooks)} chapters: the others "
+            f"were not executed, as they are now, with preset {preset} and seed {seed}"
+        )
+    whole = {
+        "parameters": {"preset": preset, "seed": seed},
+        "chapters": chapters,
+        "machine": machine_text(),
+        "provenance": provenance(),
+    }
+    write_json(out / "results.json", whole)
+    return whole
+
+
+def _code(notebook: Path) -> str:
+    """The code of all cells of a notebook."""
+    cells = json.loads(notebook.read_text(encoding="utf-8")).get("cells", [])
+    return "\n".join("".join(c["source"]) for c in cells if c["cell_type"] == "code")
+
+
+@cache
+def _data() -> dict[str, str]:
+    """Checksums of the result files and of the samples that chapters read."""
+    try:
+        root = checkout_root()
+    except FileNotFoundError:
+        return {}
+    files = sorted(path for path in (root / "results").rglob("*") if path.is_file())
+    manifest = root / "data_samples" / "manifest.json"
+    return {"results": _digest(files), "samples": _digest([manifest])}
+
+
+def _digest(paths: Iterable[Path]) -> str:
+    whole = hashlib.sha256()
+    for path in paths:
+        whole.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
+    return whole.hexdigest()

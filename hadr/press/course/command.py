@@ -1,0 +1,168 @@
+"""``hadr course``: everything a teacher hands out, made from the chapters."""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from hadr.press.book import repository_address
+from hadr.press.course.chapter import Chapter, read_chapters
+from hadr.press.course.folder import check_target, written_whole
+from hadr.press.course.graded import course_notebook, otter_test
+from hadr.press.course.plain_text import plain_markdown, short_citations
+from hadr.press.course.slides import build_slides, missing_packages
+from hadr.press.course.teaching import NBGRADER_CONFIG, instructor_text, marks_of
+from hadr.press.reproduce import ChapterError, chapter_paths, checkout_root, run_notebooks
+
+DESCRIPTION = """\
+Write what a teacher needs into one folder: student/ (notebooks with solutions removed and check
+cells kept), solutions/ (with the solutions filled in), tests/ (for otter-grader), slides/ (one
+reveal.js deck per chapter, which needs no network) and instructor.md (plans for 2, 6 and 12 hours,
+goals, marks, common mistakes). The notebooks carry nbgrader's metadata.
+
+For the slides' figures the solutions are executed, which takes about as long as `hadr book`, and
+which also proves that each solution passes its check. The same chapters give the same files."""
+
+EPILOG = """\
+examples
+  hadr course --out course                     all chapters, some minutes
+  hadr course --out course --no-slides         the notebooks alone, seconds
+  hadr course --out week2 --only 3 4           two chapters
+  hadr course --out course --executed build    figures from the last `hadr book`
+
+exit status
+  0 done   2 a chapter failed, or the folder cannot be used"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Describe ``hadr course`` to a command line parser."""
+    parser.description, parser.epilog = DESCRIPTION, EPILOG
+    parser.add_argument(
+        "--out",
+        type=Path,
+        required=True,
+        metavar="DIR",
+        help="a new folder, or one that this command wrote and nobody changed",
+    )
+    parser.add_argument(
+        "--only", nargs="+", default=[], metavar="NN", help="only these chapters (`--only 3 4`)"
+    )
+    parser.add_argument(
+        "--preset",
+        choices=("tiny", "mini", "paper"),
+        default="tiny",
+        help="the notebooks' parameter of this name (default: tiny)",
+    )
+    parser.add_argument("--seed", type=int, default=0, help="the notebooks' seed (default: 0)")
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument(
+        "--executed",
+        type=Path,
+        metavar="BUILD",
+        help="take figures from the chapters that `hadr book --build BUILD` executed, and execute "
+        "nothing",
+    )
+    which.add_argument("--no-slides", action="store_true", help="write no slides, execute nothing")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Write a course as the arguments say.
+
+    Returns:
+        0 when the folder stands.
+
+    Raises:
+        ValueError: The folder cannot be used, or a chapter lacks what a course needs.
+        FileNotFoundError: There is no checkout, or no executed chapter where one was named.
+    """
+    root = checkout_root()
+    check_target(args.out)
+    every = read_chapters(root)
+    wanted = {path.stem for path in chapter_paths(root / "notebooks", args.only)}
+    chapters = [chapter for chapter in every if chapter.name in wanted]
+    if not args.no_slides and (missing := missing_packages()):
+        raise ValueError(
+            f"slides need {', '.join(missing)}: pip install -e '.[book]', or --no-slides"
+        )
+    marks = {exercise.label: marks_of(exercise) for c in every for exercise in c.exercises}
+    plain = plainer(root)
+    about = {"preset": args.preset, "seed": args.seed, "chapters": [c.name for c in chapters]}
+    try:
+        with written_whole(args.out, about) as folder:
+            write_notebooks(folder, chapters, marks, args.preset, args.seed, plain)
+            text = plain(instructor_text(chapters, every))
+            (folder / "instructor.md").write_text(text, encoding="utf-8")
+            (folder / "nbgrader_config.py").write_text(NBGRADER_CONFIG, encoding="utf-8")
+            if not args.no_slides:
+                with tempfile.TemporaryDirectory() as work:
+                    executed = _executed(args, chapters, folder / "solutions", Path(work))
+                    build_slides(chapters, executed, marks, plain, Path(work) / "slides",
+                                 folder / "slides")  # fmt: skip
+    except (ChapterError, RuntimeError) as error:
+        raise ValueError(str(error)) from error
+    labels = [exercise.label for chapter in chapters for exercise in chapter.exercises]
+    total = sum(marks[label] for label in labels)
+    print(f"{len(chapters)} chapters, {len(labels)} exercises, {total} marks: {args.out}")
+    return 0
+
+
+def plainer(root: Path) -> Callable[[str], str]:
+    """What turns the book's Markdown into such as any Jupyter shows.
+
+    Args:
+        root: The checkout, for its bibliography and its address.
+    """
+    citations = short_citations((root / "book" / "references.bib").read_text(encoding="utf-8"))
+    pages = f"{repository_address(root / 'book')}/blob/main/book"
+    return lambda text: plain_markdown(text, citations, pages)
+
+
+def write_notebooks(
+    folder: Path,
+    chapters: Sequence[Chapter],
+    marks: dict[str, int],
+    preset: str,
+    seed: int,
+    plain: Callable[[str], str],
+) -> None:
+    """Write ``student/``, ``solutions/`` and ``tests/`` into a folder.
+
+    Args:
+        folder: An empty folder.
+        chapters: The chapters.
+        marks: Marks by exercise label.
+        preset: The notebooks' parameter of this name.
+        seed: The notebooks' parameter of this name.
+        plain: Turns the book's Markdown into such as any Jupyter shows.
+    """
+    for chapter in chapters:
+        for part, solved in (("student", False), ("solutions", True)):
+            text = course_notebook(
+                chapter, marks, solved=solved, preset=preset, seed=seed, plain=plain
+            )
+            (folder / part).mkdir(exist_ok=True)
+            (folder / part / f"{chapter.name}.ipynb").write_text(text, encoding="utf-8")
+        tests = folder / "tests" / chapter.name
+        tests.mkdir(parents=True)
+        for exercise in chapter.exercises:
+            test = otter_test(exercise, marks[exercise.label])
+            (tests / f"{exercise.label}.py").write_text(test, encoding="utf-8")
+
+
+def _executed(
+    args: argparse.Namespace, chapters: Sequence[Chapter], solutions: Path, work: Path
+) -> dict[str, Path]:
+    """The executed notebook of each chapter, by name."""
+    if args.executed is not None:
+        folder = args.executed / "executed"
+        found = {chapter.name: folder / f"{chapter.name}.ipynb" for chapter in chapters}
+        for path in found.values():
+            if not path.exists():
+                raise FileNotFoundError(f"{path} is missing: run `hadr book` first")
+        return found
+    print(f"executing {len(chapters)} solutions, preset {args.preset}", flush=True)
+    paths = [solutions / f"{chapter.name}.ipynb" for chapter in chapters]
+    runs = run_notebooks(paths, work / "run", preset=args.preset, seed=args.seed)
+    return {run.name: run.notebook for run in runs}

@@ -1,0 +1,97 @@
+"""An output folder that is never half-written and never swallows somebody's work.
+
+Everything is written beside the target and takes its place at the end. A list of checksums in the
+folder says what was written, so a later run knows its own files from changed and foreign ones.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import shutil
+import tempfile
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from hadr.records.output_folder import check_output_folder
+
+MANIFEST = "course.json"
+MADE_BY = "hadr course"
+
+
+def _checksums(folder: Path) -> dict[str, str]:
+    return {
+        path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file() and path != folder / MANIFEST
+    }
+
+
+def check_target(out: Path) -> None:
+    """Refuse a folder in which something would be lost.
+
+    Args:
+        out: The folder to write. It may be missing, empty, or as an earlier run left it.
+
+    Raises:
+        ValueError: It lies among the sources, is a file, or holds what no earlier run wrote; the
+            text names some of it.
+    """
+    check_output_folder(out)
+    if not out.exists() or not any(out.iterdir()):
+        return
+    try:
+        known = json.loads((out / MANIFEST).read_text(encoding="utf-8"))
+        files = known["files"] if known["made_by"] == MADE_BY else None
+    except (OSError, ValueError, KeyError, TypeError):
+        files = None
+    if not isinstance(files, dict):
+        raise ValueError(
+            f"--out {out} is not empty, and `{MADE_BY}` did not write it; name a new folder"
+        )
+    present = _checksums(out)
+    changed = sorted(name for name, checksum in present.items() if files.get(name) != checksum)
+    if changed:
+        listed = ", ".join(changed[:3]) + (f" and {len(changed) - 3} more" if changed[3:] else "")
+        raise ValueError(
+            f"--out {out} holds files that were added or changed since `{MADE_BY}` wrote it: "
+            f"{listed}; move them away or name a new folder"
+        )
+
+
+@contextlib.contextmanager
+def written_whole(out: Path, about: Mapping[str, Any]) -> Iterator[Path]:
+    """Fill a folder in one step: all of it or nothing.
+
+    Args:
+        out: The folder; see ``check_target``.
+        about: What else the list of checksums should say; the same for the same content.
+
+    Yields:
+        An empty folder beside ``out``, to be filled. It becomes ``out`` when the block ends, and
+        is removed when the block raises.
+    """
+    out = out.absolute()
+    check_target(out)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    work = Path(tempfile.mkdtemp(prefix=f".{out.name}.partial-", dir=out.parent))
+    try:
+        fresh = work / "new"
+        fresh.mkdir()
+        yield fresh
+        content = {"made_by": MADE_BY, **about, "files": _checksums(fresh)}
+        text = json.dumps(content, indent=1, ensure_ascii=False) + "\n"
+        (fresh / MANIFEST).write_text(text, encoding="utf-8")
+        check_target(out)  # it may have been filled meanwhile
+        if out.exists():
+            out.rename(work / "old")
+        try:
+            fresh.rename(out)
+        except OSError:
+            if (work / "old").exists():
+                (work / "old").rename(out)
+            raise
+    finally:
+        shutil.rmtree(work, ignore_errors=True)

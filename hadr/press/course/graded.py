@@ -1,0 +1,236 @@
+"""Notebooks of a course: the student's, the teacher's, and the tests that give the marks.
+
+Both notebooks carry nbgrader's cell metadata, schema version 3. The teacher's is a *source* of
+nbgrader: its solutions stand between ``### BEGIN SOLUTION`` and ``### END SOLUTION``, and what
+makes a wrong answer cost its marks between ``### BEGIN HIDDEN TESTS`` and ``### END HIDDEN
+TESTS``. The student's is what nbgrader releases from it. For otter-grader each exercise has a
+test file in its exception-based format.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from hadr.press.course.chapter import Chapter, Exercise, last_call
+from hadr.press.notebook_twins import KERNELSPEC
+
+NBGRADER_SCHEMA = 3
+STUB = "# your result goes in place of the three dots"
+"""Stands where a solution was; nbgrader is told to put the same words there."""
+RUN_TIME_LINE = re.compile(r"^\*\*Measured run time:\*\*[^\n]*\n*", flags=re.MULTILINE)
+
+
+def variable_of(label: str) -> str:
+    """Name of the variable that holds an exercise's answer: ``ex-03-1`` has ``answer_03_1``."""
+    return re.sub(r"\W", "_", re.sub(r"^ex-", "answer-", label))
+
+
+def rename(source: str, old: str, new: str) -> str:
+    """Rename a variable in Python code, and nothing else: no text, no keyword, no attribute.
+
+    Args:
+        source: The code.
+        old: The variable's name.
+        new: Its new name.
+    """
+    lines = source.encode().splitlines(keepends=True)
+    places = [
+        (node.lineno - 1, node.col_offset)
+        for node in ast.walk(ast.parse(source))
+        if isinstance(node, ast.Name) and node.id == old
+    ]
+    for row, column in sorted(places, reverse=True):
+        line = lines[row]
+        lines[row] = line[:column] + new.encode() + line[column + len(old.encode()) :]
+    return b"".join(lines).decode()
+
+
+def student_answer(exercise: Exercise) -> str:
+    """The cell in which a student writes."""
+    return f"{_waiting_cell(exercise)}\n{STUB}"
+
+
+def _waiting_cell(exercise: Exercise) -> str:
+    variable = variable_of(exercise.label)
+    cell = rename(exercise.answer, "answer", variable)
+    if cell.splitlines()[-1:] != [f"{variable} = ..."]:
+        raise ValueError(
+            f"{exercise.label}: its answer cell must end with 'answer = ...', got "
+            f"{exercise.answer.splitlines()[-1:]}"
+        )
+    return cell
+
+
+def solution_answer(exercise: Exercise) -> str:
+    """The same cell with the solution filled in, between nbgrader's marks."""
+    variable = variable_of(exercise.label)
+    *before, last = exercise.solution
+    call = last_call(last, exercise.label)
+    result = ast.get_source_segment(last, call.args[0])
+    lines = last.splitlines()[: call.lineno - 1]
+    code = "\n\n".join([*before, "\n".join([*lines, f"{variable} = {result}"])])
+    return f"{_waiting_cell(exercise)}\n### BEGIN SOLUTION\n{code}\n### END SOLUTION"
+
+
+def check_cell(exercise: Exercise, *, hidden_test: bool) -> str:
+    """The check of an exercise, which shows its verdict.
+
+    Args:
+        exercise: The exercise.
+        hidden_test: Whether an answer that is not right raises, which is how nbgrader learns of it.
+    """
+    source = rename(exercise.check, "answer", variable_of(exercise.label))
+    call = last_call(source, exercise.label)
+    lines = source.splitlines()
+    lines[call.lineno - 1] = f"verdict = {lines[call.lineno - 1]}"
+    if hidden_test:
+        lines += ["### BEGIN HIDDEN TESTS", "assert verdict, verdict", "### END HIDDEN TESTS"]
+    return "\n".join([*lines, "verdict"])
+
+
+def otter_test(exercise: Exercise, points: int) -> str:
+    """A test file of otter-grader for one exercise, in its exception-based format.
+
+    Args:
+        exercise: The exercise.
+        points: Its marks.
+
+    Returns:
+        The Python text of ``LABEL.py``. The test runs the exercise's own check on what the
+        student's notebook leaves behind.
+    """
+    source = rename(exercise.check, "answer", variable_of(exercise.label))
+    call = last_call(source, exercise.label)
+    lines = source.splitlines()
+    lines[call.lineno - 1] = f"verdict = {lines[call.lineno - 1]}"
+    body = "".join(f"    {line!r},\n" for line in lines)
+    return (
+        f'"""{exercise.title}"""\n\n'
+        "from otter.test_files import test_case\n\n"
+        "from hadr.press.exercises import check\n\n"
+        "OK_FORMAT = False\n\n"
+        f'name = "{exercise.label}"\n'
+        f"points = {points}\n\n"
+        f"CHECK = [\n{body}]\n\n\n"
+        f"@test_case(points={points}, hidden=False)\n"
+        "def test_answer(env):\n"
+        "    scope = {**env, 'check': check}\n"
+        '    exec("\\n".join(CHECK), scope)\n'
+        '    assert scope["verdict"], str(scope["verdict"])\n'
+    )
+
+
+def nbgrader_metadata(
+    grade_id: str, cell_type: str, *, solution: bool = False, points: int | None = None
+) -> dict[str, Any]:
+    """Metadata of one cell, as nbgrader's schema 3 wants it.
+
+    Args:
+        grade_id: Unique in the notebook; letters, digits, ``-`` and ``_``.
+        cell_type: ``code`` or ``markdown``.
+        solution: Whether the student writes here; every other marked cell is locked.
+        points: Marks, for a cell that is graded.
+    """
+    entry: dict[str, Any] = {
+        "schema_version": NBGRADER_SCHEMA,
+        "grade_id": grade_id,
+        "cell_type": cell_type,
+        "grade": points is not None,
+        "solution": solution,
+        "locked": not solution,
+        "task": False,
+    }
+    return entry if points is None else entry | {"points": points}
+
+
+def course_notebook(
+    chapter: Chapter,
+    points: Mapping[str, int],
+    *,
+    solved: bool,
+    preset: str,
+    seed: int,
+    plain: Callable[[str], str],
+) -> str:
+    """Write a chapter's notebook for a course.
+
+    Args:
+        chapter: The chapter.
+        points: Marks by exercise label.
+        solved: Whether the solutions stand in it (the teacher's) or not (the student's).
+        preset: Value of the notebook's parameter of this name.
+        seed: Value of the notebook's parameter of this name.
+        plain: Turns the book's Markdown into such as any Jupyter shows.
+
+    Returns:
+        The notebook as JSON text, always the same for the same chapter; it ends with a newline.
+    """
+    import nbformat
+
+    cells: list[Any] = []
+
+    def add(kind: str, source: str, metadata: Mapping[str, Any]) -> None:
+        make = nbformat.v4.new_code_cell if kind == "code" else nbformat.v4.new_markdown_cell
+        cells.append(make(source, metadata=dict(metadata), id=f"cell-{len(cells):03d}"))
+
+    exercises = {exercise.label: exercise for exercise in chapter.exercises}
+    for piece in chapter.pieces:
+        exercise = exercises.get(piece.label)
+        if exercise is None:
+            source = RUN_TIME_LINE.sub("", piece.source)
+            if piece.is_code:
+                add("code", _with_parameters(source, piece.metadata, preset, seed), piece.metadata)
+            else:
+                add("markdown", plain(source), {})
+        elif piece.kind == "question":
+            text = _question(exercise, chapter, points[exercise.label], plain)
+            add("markdown", text, _marked(f"{exercise.label}-question", "markdown"))
+        elif piece.kind == "answer":
+            text = solution_answer(exercise) if solved else student_answer(exercise)
+            marked = _marked(f"{exercise.label}-answer", "code", solution=True)
+            add("code", text, marked | (_figure_of(chapter, exercise) if solved else {}))
+        elif piece.kind == "check":
+            marked = _marked(f"{exercise.label}-check", "code", points=points[exercise.label])
+            closed = {} if solved else {"jupyter": {"source_hidden": True}}
+            add("code", check_cell(exercise, hidden_test=solved), marked | closed)
+            if solved:
+                add("markdown", f"**Solution.** {plain(exercise.words)}", {})
+    notebook = nbformat.v4.new_notebook(
+        cells=cells,
+        metadata={"kernelspec": KERNELSPEC, "language_info": {"name": "python"}},
+    )
+    nbformat.validate(notebook)
+    return str(nbformat.writes(notebook)).rstrip("\n") + "\n"
+
+
+def _marked(
+    grade_id: str, cell_type: str, *, solution: bool = False, points: int | None = None
+) -> dict[str, Any]:
+    entry = nbgrader_metadata(grade_id, cell_type, solution=solution, points=points)
+    locked = {} if solution else {"editable": False, "deletable": False}
+    return {"nbgrader": entry} | (locked or {"deletable": False})
+
+
+def _figure_of(chapter: Chapter, exercise: Exercise) -> dict[str, Any]:
+    """Alternative text of a figure that the solution draws."""
+    own = [p for p in chapter.pieces if p.label == exercise.label and p.kind == "solution"]
+    return next(({"mystnb": p.metadata["mystnb"]} for p in own if "mystnb" in p.metadata), {})
+
+
+def _question(
+    exercise: Exercise, chapter: Chapter, points: int, plain: Callable[[str], str]
+) -> str:
+    place = [one.label for one in chapter.exercises].index(exercise.label) + 1
+    marks = "1 mark" if points == 1 else f"{points} marks"
+    head = f"### Exercise {chapter.number}.{place}: {exercise.title} ({marks})"
+    return f"{head}\n\n{plain(exercise.question)}"
+
+
+def _with_parameters(source: str, metadata: Mapping[str, Any], preset: str, seed: int) -> str:
+    if "parameters" not in metadata.get("tags", []):
+        return source
+    source = re.sub(r'^preset: str = ".*"', f'preset: str = "{preset}"', source, flags=re.MULTILINE)
+    return re.sub(r"^seed: int = \d+", f"seed: int = {seed}", source, flags=re.MULTILINE)

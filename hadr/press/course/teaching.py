@@ -1,0 +1,271 @@
+"""The teacher's page: plans for 2, 6 and 12 hours, goals, marks and common mistakes.
+
+Goals and mistakes are read from the chapters, so the page says what the notebooks say: a common
+mistake is what a check cell answers to a plausible wrong result.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from hadr.press.course.chapter import Chapter, Exercise, hints
+from hadr.press.course.graded import STUB
+from hadr.records.markdown import markdown_table
+
+DEFAULT_MARKS = 2
+MARKS = {
+    "ex-00-1": 1,
+    "ex-01-1": 1,
+    "ex-01-2": 1,
+    "ex-01-3": 1,
+    "ex-02-2": 1,
+    "ex-03-3": 3,
+    "ex-04-2": 1,
+    "ex-05-2": 1,
+    "ex-06-1": 1,
+    "ex-06-3": 1,
+    "ex-07-1": 1,
+    "ex-07-3": 3,
+    "ex-08-1": 1,
+    "ex-08-3": 1,
+    "ex-09-1": 1,
+    "ex-09-2": 1,
+    "ex-09-3": 3,
+    "ex-10-1": 1,
+    "ex-10-3": 3,
+    "ex-11-1": 1,
+    "ex-11-2": 1,
+}
+"""Marks of the exercises that are not worth two: one for pencil and paper, three for a small
+experiment of one's own."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """A stretch of a lesson.
+
+    Args:
+        minutes: How long it takes.
+        chapters: Numbers of the chapters that it uses.
+        what: What happens.
+        exercises: Labels of the exercises done in class.
+    """
+
+    minutes: int
+    chapters: tuple[int, ...]
+    what: str
+    exercises: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A course of a given length.
+
+    Args:
+        hours: Its length, without breaks.
+        aim: What a student takes home.
+        sessions: Lessons, each a row of blocks.
+    """
+
+    hours: int
+    aim: str
+    sessions: tuple[tuple[Block, ...], ...]
+
+
+PLANS = (
+    Plan(
+        2,
+        "why a depth camera fails on glass, and why the hand that holds it is the clue",
+        (
+            (
+                Block(15, (0,), "the problem, and one frame restored in five lines"),
+                Block(25, (1,), "three ways in which depth goes wrong", ("ex-01-1",)),
+                Block(35, (3,), "the hole as a multiple-choice question", ("ex-03-1",)),
+                Block(25, (5,), "the wrist's frame: what stays as the camera moves", ("ex-05-1",)),
+                Block(20, (7,), "what a good number means, and what it hides", ("ex-07-1",)),
+            ),
+        ),
+    ),
+    Plan(
+        6,
+        "the whole method, from a corrupted frame to a number that can be trusted",
+        (
+            (
+                Block(20, (0,), "the problem, and one frame restored", ("ex-00-1",)),
+                Block(50, (1,), "real, simulated and analytic errors", ("ex-01-1", "ex-01-2")),
+                Block(50, (2,), "how frames are made; a split that leaks", ("ex-02-1", "ex-02-3")),
+            ),
+            (
+                Block(55, (3,), "rays, voxels and pairs", ("ex-03-1", "ex-03-2")),
+                Block(30, (4,), "what the network knows about a pair", ("ex-04-1",)),
+                Block(35, (5,), "what the hand adds", ("ex-05-1", "ex-05-2")),
+            ),
+            (
+                Block(45, (6,), "losses, and a network that learns", ("ex-06-1", "ex-06-2")),
+                Block(45, (7,), "metrics, and the table beside the paper's", ("ex-07-2",)),
+                Block(30, (8, 10), "what the robot does with it, as a demonstration"),
+            ),
+        ),
+    ),
+    Plan(
+        12,
+        "the method and the handover, with an experiment of one's own",
+        (
+            (
+                Block(40, (0,), "the problem; frames, units, tools", ("ex-00-1", "ex-00-2")),
+                Block(80, (1,), "how depth goes wrong", ("ex-01-1", "ex-01-2", "ex-01-3")),
+            ),
+            (
+                Block(80, (2,), "the data and their splits", ("ex-02-1", "ex-02-2", "ex-02-3")),
+                Block(40, (3,), "the grid, and the walk of a ray through it", ("ex-03-1",)),
+            ),
+            (
+                Block(55, (3,), "offsets, depth, and what cannot be restored",
+                      ("ex-03-2", "ex-03-3")),
+                Block(65, (4,), "the 511 numbers of a pair", ("ex-04-1", "ex-04-2", "ex-04-3")),
+            ),
+            (
+                Block(50, (5,), "hand features", ("ex-05-1", "ex-05-2", "ex-05-3")),
+                Block(70, (6,), "training", ("ex-06-1", "ex-06-2", "ex-06-3")),
+            ),
+            (
+                Block(75, (7,), "metrics and comparison", ("ex-07-1", "ex-07-2", "ex-07-3")),
+                Block(45, (8,), "which grasp one would like to be offered",
+                      ("ex-08-1", "ex-08-2", "ex-08-3")),
+            ),
+            (
+                Block(35, (9,), "following the hand", ("ex-09-1", "ex-09-2")),
+                Block(50, (10,), "the handover", ("ex-10-1", "ex-10-3")),
+                Block(35, (11,), "48 attempts, and how sure they make us", ("ex-11-1", "ex-11-2")),
+            ),
+        ),
+    ),
+)  # fmt: skip
+
+
+def marks_of(exercise: Exercise) -> int:
+    """The marks of an exercise; one that the table does not name is worth two."""
+    return MARKS.get(exercise.label, DEFAULT_MARKS)
+
+
+def numbers_in_the_book(chapters: Sequence[Chapter]) -> dict[str, int]:
+    """The number that the book's pages show above each exercise, by its label.
+
+    Args:
+        chapters: All chapters of the book in order: the pages count through them.
+    """
+    labels = [exercise.label for chapter in chapters for exercise in chapter.exercises]
+    return {label: number for number, label in enumerate(labels, start=1)}
+
+
+def plans_text(chapters: Sequence[Chapter]) -> str:
+    """The plans as Markdown tables.
+
+    Args:
+        chapters: The book's chapters; exercises are named by their numbers there and their titles.
+    """
+    numbers = numbers_in_the_book(chapters)
+    titles = {
+        exercise.label: f"{numbers[exercise.label]} {exercise.title}"
+        for chapter in chapters
+        for exercise in chapter.exercises
+    }
+    parts = []
+    for plan in PLANS:
+        rows = []
+        for number, session in enumerate(plan.sessions, start=1):
+            for block in session:
+                done = "; ".join(titles.get(label, label) for label in block.exercises)
+                where = ", ".join(str(chapter) for chapter in block.chapters)
+                words = f"{block.what} ({where})"
+                rows.append([str(number), str(block.minutes), words, done or "none"])
+        head = ["session", "minutes", "what (chapter)", "exercises in class"]
+        parts.append(
+            f"### {plan.hours} hours\n\nAim: {plan.aim}.\n\n{markdown_table(head, rows, 'lrl')}"
+        )
+    return "\n\n".join(parts)
+
+
+def chapters_text(
+    chapters: Sequence[Chapter],
+    link: Callable[[Chapter], str],
+    every: Sequence[Chapter] | None = None,
+) -> str:
+    """Goals, exercises, marks and common mistakes of each chapter, as Markdown.
+
+    Args:
+        chapters: The chapters, in order.
+        link: Where a chapter's title leads.
+        every: All chapters of the book, for the exercises' numbers; None where these are all.
+    """
+    numbers = numbers_in_the_book(chapters if every is None else every)
+    parts = []
+    for chapter in chapters:
+        total = sum(marks_of(exercise) for exercise in chapter.exercises)
+        lines = [
+            f"### {chapter.number}. [{chapter.title}]({link(chapter)})",
+            "After it, a student can",
+            "\n".join(f"- {goal};" for goal in chapter.goals)[:-1] + ".",
+            f"Exercises, {total} marks, and the mistakes that their checks know:",
+        ]
+        listed = []
+        for exercise in chapter.exercises:
+            marks = marks_of(exercise)
+            unit = "mark" if marks == 1 else "marks"
+            head = f"- **{numbers[exercise.label]} {exercise.title}** ({marks} {unit})"
+            listed.append("\n".join([head, *(f"  - {hint}" for hint in hints(exercise))]))
+        parts.append("\n\n".join([*lines, "\n".join(listed)]))
+    return "\n\n".join(parts)
+
+
+FOLDER = """\
+# Teaching with this book
+
+Written by `hadr course`; `course.json` says from which chapters, and holds each file's checksum.
+
+- `student/`: the notebooks for students. Solutions are taken out, check cells are kept. A student
+  writes in place of the three dots and runs the cell below, which says right, wrong or open.
+- `solutions/`: the same notebooks with the solutions filled in.
+- `tests/NN_name/`: one test file per exercise for otter-grader.
+- `slides/`: one reveal.js deck per chapter. Open `slides/index.html`; no network is needed. `S`
+  opens the speaker's view with notes, `?print-pdf` behind the address makes a page to print.
+- `nbgrader_config.py`: the settings that nbgrader needs for these notebooks.
+
+## Marks by machine
+
+**nbgrader.** The notebooks carry nbgrader's cell metadata (schema 3). In the folder of an
+nbgrader course, copy `nbgrader_config.py` there and the notebooks of `solutions/` to
+`source/glass/`; `nbgrader generate_assignment glass` then makes the release from them, and
+`nbgrader autograde glass` gives the marks: a check that does not say "right" raises in a hidden
+test.
+
+**otter-grader.** For one chapter,
+`otter generate -t tests/03_ray_voxels -o autograder.zip` makes the autograder, and
+`otter check notebook.ipynb -t tests/03_ray_voxels` shows the marks at once. Each test runs the
+exercise's own check on what the notebook leaves behind; the library must be installed there.
+
+The check cells are for learning. JupyterLab shows them closed in `student/`, but whoever opens one
+finds the expected answer. For an exam, ask for the way to the answer, or change the numbers in
+`solutions/` before the release is made.
+"""
+
+NBGRADER_CONFIG = f"""\
+c = get_config()  # noqa: F821
+
+# What stands in place of a solution. The line "answer_... = ..." above it stays.
+c.ClearSolutions.code_stub = {{"python": "{STUB}"}}
+# Seconds for the longest cell of the longest chapter, with room for slow machines.
+c.ExecutePreprocessor.timeout = 900
+"""
+
+
+def instructor_text(chapters: Sequence[Chapter], every: Sequence[Chapter]) -> str:
+    """The page that lies beside the notebooks.
+
+    Args:
+        chapters: The chapters in the folder.
+        every: All chapters of the book, for the plans.
+    """
+    told = chapters_text(chapters, lambda chapter: f"student/{chapter.name}.ipynb", every)
+    return f"{FOLDER}\n## Plans\n\n{plans_text(every)}\n\n## The chapters\n\n{told}\n"

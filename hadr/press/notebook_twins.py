@@ -1,0 +1,170 @@
+"""Text twins of the chapters: notebooks/text/NN_name.md <-> notebooks/NN_name.ipynb.
+
+The text (MyST, written by jupytext) is what a reviewer reads; the notebook, without outputs, is
+what Colab and Binder open. Both are committed, so a check regenerates one from the other and
+compares, instead of trusting time stamps: ``python -m hadr.press.notebook_twins --check``.
+"""
+
+import argparse
+import json
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import nbformat
+
+KERNELSPEC = {"display_name": "Python 3", "language": "python", "name": "python3"}
+TEXT_HEADER = {
+    "extension": ".md",
+    "format_name": "myst",
+}
+
+
+def notebook_from_text(text: str) -> str:
+    """Turn the MyST text of a chapter into the bytes of its notebook, always the same ones.
+
+    Args:
+        text: The text twin, jupytext's MyST form.
+
+    Returns:
+        The notebook as JSON text without outputs; cell ids are ``cell-000``, ``cell-001``, ...
+    """
+    import jupytext
+
+    return serialise(jupytext.reads(text, fmt="md:myst"))
+
+
+def serialise(notebook: Any) -> str:
+    """Write a notebook in the committed form: no outputs, numbered cell ids, fixed metadata.
+
+    Args:
+        notebook: A notebook as nbformat's NotebookNode; it is not changed.
+
+    Returns:
+        JSON text that ends with a newline.
+    """
+    cells = []
+    for number, cell in enumerate(notebook.cells):
+        metadata = {
+            key: value
+            for key, value in json.loads(json.dumps(cell.metadata)).items()
+            if key in ("tags", "mystnb", "jupyter", "editable")
+        }
+        entry: dict[str, Any] = {"cell_type": cell.cell_type, "id": f"cell-{number:03d}"}
+        if cell.cell_type == "code":
+            entry |= {"execution_count": None, "metadata": metadata, "outputs": []}
+        else:
+            entry |= {"metadata": metadata}
+        entry["source"] = cell.source.splitlines(keepends=True)
+        cells.append(entry)
+    content = {
+        "cells": cells,
+        "metadata": {
+            "jupytext": {"text_representation": TEXT_HEADER},
+            "kernelspec": KERNELSPEC,
+            "language_info": {"name": "python"},
+        },
+        "nbformat": 4,
+        "nbformat_minor": 5,
+    }
+    return json.dumps(content, indent=1, ensure_ascii=False) + "\n"
+
+
+def text_from_notebook(notebook_json: str) -> str:
+    """Turn a notebook into its MyST text, for chapters that were edited in Jupyter.
+
+    Args:
+        notebook_json: The notebook's JSON text; outputs are ignored.
+
+    Returns:
+        The text twin.
+    """
+    import jupytext
+
+    notebook = nbformat.reads(serialise(nbformat.reads(notebook_json, 4)), 4)
+    notebook.metadata["kernelspec"] = dict(KERNELSPEC)
+    notebook.metadata.pop("language_info", None)
+    text: str = jupytext.writes(notebook, fmt="md:myst")
+    lines = [line for line in text.splitlines() if not line.startswith("    jupytext_version:")]
+    return "\n".join(lines) + "\n"
+
+
+def twin_problems(notebooks: Path) -> list[str]:
+    """Compare every chapter with its text twin.
+
+    Args:
+        notebooks: The folder with NN_name.ipynb and, in ``text/``, NN_name.md.
+
+    Returns:
+        One sentence per chapter that is out of step or stands alone; empty when all agree.
+    """
+    texts = {path.stem: path for path in sorted((notebooks / "text").glob("*.md"))}
+    books = {path.stem: path for path in sorted(notebooks.glob("*.ipynb"))}
+    problems = [f"{stem}.ipynb has no text twin text/{stem}.md" for stem in books.keys() - texts]
+    problems += [f"text/{stem}.md has no notebook {stem}.ipynb" for stem in texts.keys() - books]
+    for stem in sorted(texts.keys() & books.keys()):
+        generated = notebook_from_text(texts[stem].read_text(encoding="utf-8"))
+        if generated == books[stem].read_text(encoding="utf-8"):
+            back = notebook_from_text(text_from_notebook(generated))
+            if back != generated:
+                problems.append(f"{stem}: text -> notebook -> text does not come back the same")
+        else:
+            problems.append(
+                f"{stem}: notebook and text differ; `make notebooks` takes the text, "
+                "`make texts` takes the notebook"
+            )
+    return sorted(problems)
+
+
+def _replace_if_changed(path: Path, content: str) -> bool:
+    if path.exists() and path.read_text(encoding="utf-8") == content:
+        return False
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    temporary.write_text(content, encoding="utf-8")
+    os.replace(temporary, path)
+    return True
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Write or check the twins; the exit status is 1 where a check fails.
+
+    Args:
+        arguments: Command line without the program's name; None takes ``sys.argv``.
+    """
+    parser = argparse.ArgumentParser(
+        prog="python -m hadr.press.notebook_twins",
+        description="Keep notebooks/NN_name.ipynb and notebooks/text/NN_name.md in step.",
+    )
+    parser.add_argument("--notebooks", type=Path, default=Path("notebooks"), metavar="DIR")
+    mode = parser.add_mutually_exclusive_group()
+    mode.add_argument("--check", action="store_true", help="compare only, write nothing")
+    mode.add_argument(
+        "--from-notebooks", action="store_true", help="write the texts from the notebooks"
+    )
+    options = parser.parse_args(arguments)
+    folder: Path = options.notebooks
+    if not options.check:
+        if options.from_notebooks:
+            for source in sorted(folder.glob("*.ipynb")):
+                target = folder / "text" / f"{source.stem}.md"
+                text = text_from_notebook(source.read_text(encoding="utf-8"))
+                if _replace_if_changed(target, text):
+                    print(f"written: {target}")
+        for source in sorted((folder / "text").glob("*.md")):
+            target = folder / f"{source.stem}.ipynb"
+            content = notebook_from_text(source.read_text(encoding="utf-8"))
+            if _replace_if_changed(target, content):
+                print(f"written: {target}")
+    problems = twin_problems(folder)
+    for problem in problems:
+        print(problem, file=sys.stderr)
+    if not problems:
+        print(f"{len(list(folder.glob('*.ipynb')))} notebooks and their texts are in step")
+    return 1 if problems else 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

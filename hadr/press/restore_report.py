@@ -1,0 +1,211 @@
+"""What `hadr restore` tells about a result: the comparison picture, counts, errors, provenance."""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import numpy as np
+    from matplotlib.figure import Figure
+    from numpy.typing import NDArray
+
+    from hadr.camera import BoolArray
+    from hadr.restoration import Restoration
+
+METHOD_TITLES = {
+    "hadr": "HADR",
+    "hadr-plus": "HADR-plus",
+    "unet-hand": "U-Net with hand (not HADR)",
+    "lidf": "LIDF (not HADR)",
+    "dfnet": "DFNet (not HADR)",
+    "swindrnet": "SwinDRNet (not HADR)",
+    "tode": "TODE-Trans (not HADR)",
+    "nearest": "nearest valid depth (not HADR)",
+    "inpaint": "OpenCV inpainting (not HADR)",
+    "hand-median": "the hand's median depth (not HADR)",
+    "none": "nothing to restore",
+}
+
+
+def comparison_figure(
+    color: NDArray[np.uint8],
+    depth: NDArray[np.floating],
+    result: Restoration,
+    target: BoolArray,
+    truth: NDArray[np.floating] | None = None,
+) -> Figure:
+    """Draw colour, depth before and after, and the error (or, without truth, the confidence).
+
+    Args:
+        color: RGB, shape (H, W, 3) uint8.
+        depth: Measured z-depth in metres, shape (H, W).
+        result: What `hadr.restoration.restore` returned.
+        target: Pixels that were to be restored, shape (H, W) bool.
+        truth: True z-depth in metres, shape (H, W), if known.
+
+    Returns:
+        The figure, 2 x 2 panels with one depth scale.
+    """
+    import numpy as np
+    from matplotlib import rc_context
+    from matplotlib.figure import Figure
+
+    from hadr import figures
+    from hadr.camera import valid_depth
+
+    with rc_context():
+        figures.use_style()
+        height = 0.9 + 9.8 * depth.shape[0] / depth.shape[1]
+        figure: Figure = Figure(figsize=(11, height), dpi=130)
+        (top_left, top_right), (left, right) = figure.subplots(2, 2)
+        figures.show_color(top_left, color, "colour, and the pixels to restore")
+        there = valid_depth(result.depth)
+        inside = there & target
+        shown = result.depth[inside if inside.any() else there]
+        low, high = (float(x) for x in np.percentile(shown, (1, 99)))
+        if inside.any():  # the object's depths shall be told apart, not those of a wall far behind
+            low, high = low - 0.1, high + 0.3
+        for ax, image, title in (
+            (left, depth, "depth as measured"),
+            (right, result.depth, "depth restored"),
+        ):
+            figures.show_depth(ax, image, title, vmin=low, vmax=high, colorbar=ax is right)
+        known = target & valid_depth(result.depth)
+        if truth is not None and (known & valid_depth(truth)).any():
+            error = np.where(known & valid_depth(truth), result.depth - truth, np.nan)
+            largest = float(np.nanpercentile(np.abs(error), 75))
+            limit = next((x for x in (0.02, 0.05, 0.1, 0.2) if largest <= x), 0.5)
+            figures.show_error(top_right, error, "restored minus true depth", limit=limit)
+        else:
+            shades = np.ma.masked_where(~there, result.confidence)  # the axes' own grey shows
+            image = top_right.imshow(shades, cmap="cividis", vmin=0, vmax=1)
+            title = f"confidence; in the outline: {confidence_means(result)}"
+            top_right.set(title=title, xticks=[], yticks=[], facecolor="#d9d9d9")
+            top_right.title.set_fontsize(10)
+            top_right.spines[:].set_visible(False)
+            bar = figure.colorbar(image, ax=top_right, shrink=0.75, pad=0.02)
+            bar.set_label("confidence")
+        if target.any():
+            for ax in (top_left, top_right, left, right):
+                ax.contour(target, [0.5], colors=[figures.COLORS["hand"]], linewidths=0.9)
+        title = f"hadr restore: {METHOD_TITLES[result.method]}"
+        figure.suptitle(title, fontsize=14, fontweight="bold")
+    return figure
+
+
+def confidence_means(result: Restoration) -> str:
+    """Say what the confidence of restored pixels is, in a few words."""
+    if not result.restored.any():
+        return "nothing was restored"
+    if result.tolerance_m is not None:
+        return f"probability of being right to {100 * result.tolerance_m:g} cm"
+    if not result.confidence[result.restored].any():
+        return "0, the method knows no estimate"
+    return "the network's own score, not calibrated"
+
+
+def counts(depth: NDArray[np.float32], result: Restoration, target: BoolArray) -> dict[str, int]:
+    """Count the frame's pixels: measured, to restore, restored, still missing."""
+    from hadr.camera import valid_depth
+
+    measured = valid_depth(depth)
+    return {
+        "pixels": int(depth.size),
+        "measured": int(measured.sum()),
+        "mask": int(target.sum()),
+        "measured_in_mask": int((measured & target).sum()),
+        "restored": int(result.restored.sum()),
+        "still_missing_in_mask": int((target & ~result.restored).sum()),
+        "still_missing": int((~valid_depth(result.depth)).sum()),
+    }
+
+
+def errors(
+    before: NDArray[np.float32],
+    after: NDArray[np.float32],
+    truth: NDArray[np.float32],
+    target: BoolArray,
+) -> dict[str, dict[str, float]]:
+    """Metrics inside the mask where the truth and the depth in question are valid.
+
+    Their ``coverage`` is the share of the pixels with a known truth (``scorable``) that have this
+    depth: a method that answers only where it is easy has a small error and a small coverage.
+    """
+    from dataclasses import asdict
+
+    from hadr.camera import valid_depth
+    from hadr.metrics import frame_metrics
+
+    rows = {}
+    known = target & valid_depth(truth)
+    for name, depth, counted in (
+        ("measured", before, known & valid_depth(before)),
+        ("restored", after, known & valid_depth(after)),
+        ("restored_where_measured", after, known & valid_depth(after) & valid_depth(before)),
+    ):
+        if counted.any():
+            scored = asdict(frame_metrics(depth, truth, counted))
+            # Of all pixels with a known truth: what RMSE and coverage have to be read together.
+            scored["coverage"] = scored["pixels"] / int(known.sum())
+            rows[name] = scored | {"scorable": int(known.sum())}
+    return rows
+
+
+def inputs(given: dict[str, str | None]) -> dict[str, dict[str, str]]:
+    """Name each input file with its SHA-256; inputs that were not given are left out."""
+    return {
+        name: {"file": path, "sha256": hashlib.sha256(Path(path).read_bytes()).hexdigest()}
+        for name, path in given.items()
+        if path is not None
+    }
+
+
+def versions() -> dict[str, str]:
+    """Versions of what computed the result."""
+    import cv2
+    import numpy as np
+    import scipy
+
+    import hadr
+
+    versions = {
+        "hadr": hadr.__version__,
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "scipy": scipy.__version__,
+        "opencv": cv2.__version__,
+    }
+    if "torch" in sys.modules:
+        versions["torch"] = str(sys.modules["torch"].__version__)
+    return versions
+
+
+def summary(report: Mapping[str, Any], out: str) -> str:
+    """Sum a report up in some lines, for a terminal."""
+    numbers = report["counts"]
+    lines = [
+        f"method    {report['method_title']}",
+        f"restored  {numbers['restored']} of {numbers['mask']} pixels",
+        *(f"note      {note}" for note in report["notes"]),
+    ]
+    if report["errors_in_mask"]:
+        lines.append("errors inside the mask")
+    for name, row in report["errors_in_mask"].items():
+        if name == "restored_where_measured":
+            name = "the same, where measured"
+        deltas = "  ".join(
+            f"d{factor:.2f} {row[key]:.2f} %"
+            for factor, key in ((1.05, "delta_105"), (1.1, "delta_110"), (1.25, "delta_125"))
+        )
+        lines.append(
+            f"  {name:<24} RMSE {row['rmse_m']:.4f} m  REL {row['rel']:.4f}  "
+            f"MAE {row['mae_m']:.4f} m  {deltas}  over {row['pixels']} of "
+            f"{row['scorable']} pixels"
+        )
+    lines.append(f"written   {out}  ({sum(report['seconds'].values()):.1f} s)")
+    return "\n".join(lines)

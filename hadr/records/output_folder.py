@@ -1,0 +1,196 @@
+"""Where commands may write: what is refused, and which folders may be replaced or removed whole.
+
+A folder that hadr made holds a marker, or is the checkout's ``build``. Any other is somebody's own:
+files are put into it where that is asked for, but it is never replaced or removed.
+
+    python -m hadr.records.output_folder build            removes what was built, as `make clean`
+    does python -m hadr.records.output_folder --check build    refuses it if it can't take what is
+    made
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import shutil
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from hadr.records.checkout import checkout_root
+
+MARKER = ".made-by-hadr"
+CACHE = "hadr-cache"
+"""Name of the folder in which the Makefile and the chapters keep caches: no output of its own."""
+SOURCES = (
+    "benchmarks", "binder", "book", "data_samples", "hadr", "notebooks", "results", "tests",
+    ".ci", ".git", ".github",
+)  # fmt: skip
+"""The checkout's own folders."""
+
+
+def check_writable(path: str | Path | None) -> None:
+    """Refuse a file for results that can't be written, before anything is computed for it.
+
+    Args:
+        path: The file; None is always right.
+
+    Raises:
+        ValueError: It is a folder, or a part of its path is a file.
+    """
+    if path is None:
+        return
+    if Path(path).is_dir():
+        raise ValueError(f"{path} is a folder, expected the name of a file to write")
+    check_folder(Path(path).parent)
+
+
+def check_folder(path: str | Path) -> None:
+    """Refuse a folder for results that is a file, or would lie in one.
+
+    Raises:
+        ValueError: It is.
+    """
+    path = Path(path)
+    there = next((part for part in (path, *path.parents) if part.exists()), None)
+    if there is not None and not there.is_dir():
+        raise ValueError(f"{path} can't be a folder: {there} is a file")
+
+
+def check_output_folder(folder: str | Path) -> Path:
+    """Refuse a folder for results in which sources lie, or which lies among them.
+
+    Args:
+        folder: It may be missing.
+
+    Returns:
+        Its absolute path, links followed.
+
+    Raises:
+        ValueError: It has no name, or is a file; or it is, contains or lies in one of the
+            checkout's own folders.
+    """
+    if not str(folder).strip():
+        raise ValueError("expected the name of a folder for what is made, got an empty one")
+    check_folder(folder)
+    target = Path(folder).resolve()
+    for source in _sources():
+        around = (*source.parents, *source.resolve().parents)
+        if any(_same(part, source) for part in (target, *target.parents)):
+            word = "is" if _same(target, source) else "lies in"
+        elif any(_same(part, target) for part in around):
+            word = "contains"
+        else:
+            continue
+        raise ValueError(
+            f"{folder} can't take what is made: it {word} {source}, which is no output; "
+            "name another folder"
+        )
+    return target
+
+
+def make_output_folder(folder: str | Path) -> Path:
+    """Make a folder for results, and mark it as hadr's where nobody's files are in it yet.
+
+    Args:
+        folder: It may be there already.
+
+    Returns:
+        Its absolute path, links followed.
+
+    Raises:
+        ValueError: As `check_output_folder`.
+        OSError: It can't be made or written.
+    """
+    target = check_output_folder(folder)
+    own = not target.exists() or _is_own(target) or _is_free(target)
+    target.mkdir(parents=True, exist_ok=True)
+    if own:
+        words = "hadr made this folder: `make clean` may remove it with all that is in it.\n"
+        (target / MARKER).write_text(words, encoding="utf-8")
+    return target
+
+
+def check_removable(folder: str | Path) -> Path:
+    """Refuse to remove or replace a folder that hadr did not make.
+
+    Args:
+        folder: It may be missing.
+
+    Returns:
+        Its absolute path, links followed.
+
+    Raises:
+        ValueError: As `check_output_folder`; or it holds files and no marker.
+    """
+    target = check_output_folder(folder)
+    if target.exists() and not _is_own(target):
+        raise ValueError(
+            f"{folder} was not made by hadr (no {MARKER} lies in it), so it is neither removed nor "
+            "replaced: move it away, or name another folder"
+        )
+    return target
+
+
+def remove_output_folder(folder: str | Path) -> None:
+    """Remove a folder that hadr made, with all that is in it; a missing one is no error.
+
+    Raises:
+        ValueError: As `check_removable`; nothing is removed then.
+        OSError: A part of it can't be removed.
+    """
+    target = check_removable(folder)
+    if target.exists():
+        shutil.rmtree(target)
+        if Path(folder).is_symlink():
+            Path(folder).unlink()
+
+
+def _sources() -> list[Path]:
+    """The library's own folder, and those of the checkout, where there is one."""
+    found = [Path(__file__).resolve().parents[1]]
+    with contextlib.suppress(FileNotFoundError):
+        found += [checkout_root() / name for name in SOURCES]
+    return found
+
+
+def _same(one: Path, other: Path) -> bool:
+    """Whether two paths lead to one folder, also where a file system has two names for it."""
+    return one == other or (one.exists() and other.exists() and one.samefile(other))
+
+
+def _is_own(folder: Path) -> bool:
+    """Whether a folder is marked, is or lies in the checkout's ``build``, or holds caches alone."""
+    with contextlib.suppress(FileNotFoundError):
+        if (checkout_root() / "build").resolve() in (folder, *folder.parents):
+            return True
+    return (folder / MARKER).is_file() or {entry.name for entry in folder.iterdir()} == {CACHE}
+
+
+def _is_free(folder: Path) -> bool:
+    """Whether nothing lies in a folder but what hadr made."""
+    return all(entry.name == CACHE or (entry / MARKER).is_file() for entry in folder.iterdir())
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Remove a folder that was made.
+
+    Returns:
+        0 when it is gone, or may take what is made; 2 when it is not hadr's to remove, or may not.
+    """
+    parser = argparse.ArgumentParser(
+        prog="python -m hadr.records.output_folder", description="Remove a folder that hadr made."
+    )
+    parser.add_argument("folder", help="such as build")
+    parser.add_argument("--check", action="store_true", help="only refuse it, remove nothing")
+    args = parser.parse_args(arguments)
+    try:
+        (check_output_folder if args.check else remove_output_folder)(args.folder)
+    except (ValueError, OSError) as error:
+        print(error, file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,197 @@
+"""Result files: rows of measured numbers with where they come from, closed by a checksum.
+
+The book's tables are drawn from such files and nothing else. A number that was changed by hand no
+longer fits the checksum, and reading the file says so.
+
+    {"what": "...", "rows": [{"method": "hadr", "split": "known", "rmse_m": 0.01, ...}, ...],
+     "provenance": {..., "sha256": "..."}}
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from hadr.records.provenance import plain, write_json
+
+
+@dataclass(frozen=True)
+class ResultFile:
+    """What a result file holds.
+
+    Attributes:
+        what: What was measured, on which frames, under which protocol.
+        rows: The rows, each by the columns' names.
+        provenance: Commit, versions, machine, hashes of configuration and data, the checksum.
+    """
+
+    what: str
+    rows: tuple[dict[str, Any], ...]
+    provenance: dict[str, Any]
+
+    def row(self, **wanted: Any) -> dict[str, Any]:
+        """Give the one row with these values, such as ``method="hadr", split="known"``.
+
+        Raises:
+            KeyError: There is no such row, or more than one.
+        """
+        found = [r for r in self.rows if all(r.get(k) == v for k, v in wanted.items())]
+        if len(found) != 1:
+            asked = ", ".join(f"{key} = {value!r}" for key, value in wanted.items())
+            raise KeyError(f"{len(found)} of {len(self.rows)} rows have {asked}, expected one")
+        return found[0]
+
+
+def read_result_files(folder: str | Path, *names: str) -> ResultFile:
+    """Read several result files as one.
+
+    Args:
+        folder: Where they are.
+        *names: Their names without ``.json``, at least one.
+
+    Returns:
+        All rows in the files' order, with the first one's words and provenance.
+
+    Raises:
+        FileNotFoundError: A file is missing.
+        ValueError: A file was changed since it was written, or is no result file.
+    """
+    files = [read_result_file(Path(folder) / f"{name}.json") for name in names]
+    rows = tuple(row for file in files for row in file.rows)
+    return ResultFile(files[0].what, rows, files[0].provenance)
+
+
+def digest(content: Any) -> str:
+    """SHA-256 of plain values, whatever the order of their keys: 64 hexadecimal digits."""
+    text = json.dumps(plain(content), sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def write_result_file(
+    path: str | Path, what: str, rows: Sequence[Mapping[str, Any]], provenance: Mapping[str, Any]
+) -> None:
+    """Write a result file, whole or not at all.
+
+    Args:
+        path: A ``.json`` file; its folder is made.
+        what: What was measured, for readers.
+        rows: The rows; numbers that are NaN become null.
+        provenance: Where they come from.
+
+    Raises:
+        ValueError: There is no row.
+        TypeError: A value has no form in JSON.
+    """
+    if not rows:
+        raise ValueError(f"no rows for {path}: nothing was measured")
+    write_sealed(path, {"what": what, "rows": list(rows), "provenance": dict(provenance)})
+
+
+def write_sealed(path: str | Path, content: Mapping[str, Any]) -> None:
+    """Write measured numbers of any form with a checksum, whole or not at all.
+
+    Args:
+        path: A ``.json`` file; its folder is made.
+        content: Plain values; under ``provenance`` where they come from.
+
+    Raises:
+        KeyError: Nothing stands under ``provenance``.
+        TypeError: A value has no form in JSON.
+    """
+    sealed = dict(plain(content))
+    sealed["provenance"] = {k: v for k, v in sealed["provenance"].items() if k != "sha256"}
+    sealed["provenance"]["sha256"] = digest(sealed)
+    write_json(Path(path), sealed)
+
+
+def read_sealed(path: str | Path) -> dict[str, Any]:
+    """Read what `write_sealed` wrote and compare it with its checksum.
+
+    Returns:
+        The content, with ``sha256`` under ``provenance``.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        ValueError: It is not such a file, or it was changed after it was written.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"there is no result file {path}")
+    try:
+        content: dict[str, Any] = json.loads(
+            path.read_text(encoding="utf-8"),
+            object_pairs_hook=_once_each,
+            parse_constant=_refuse,
+        )
+        provenance = dict(content["provenance"])
+        stored = provenance.pop("sha256")
+    except KeyError as error:
+        raise ValueError(f"{path} is not a whole result file: it has no {error}") from error
+    except (ValueError, TypeError) as error:
+        raise ValueError(f"{path} is not a result file: {error}") from error
+    if digest({**content, "provenance": provenance}) != stored:
+        raise ValueError(
+            f"{path} was changed after it was measured: its content does not fit its checksum "
+            f"{str(stored)[:12]}...; measure it again instead of editing it"
+        )
+    return content
+
+
+def read_result_file(path: str | Path) -> ResultFile:
+    """Read a result file and compare it with its checksum.
+
+    Args:
+        path: A file that `write_result_file` wrote.
+
+    Returns:
+        Its content.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        ValueError: It is not such a file, or it was changed after it was written.
+    """
+    content = read_sealed(path)
+    try:
+        rows = tuple(dict(row) for row in content["rows"])
+        what = str(content["what"])
+    except KeyError as error:
+        raise ValueError(f"{path} is not a whole result file: it has no {error}") from error
+    except (ValueError, TypeError) as error:
+        raise ValueError(f"{path} is not a result file: {error}") from error
+    return ResultFile(what, rows, content["provenance"])
+
+
+def sealed_row(path: Path, configuration: Mapping[str, Any]) -> dict[str, Any] | None:
+    """Read a row, if it is there, whole, untouched, and was measured with this configuration."""
+    with contextlib.suppress(OSError, ValueError):
+        row = json.loads(path.read_text(encoding="utf-8"))
+        if isinstance(row, dict) and row.get("config_sha256") == digest(configuration):
+            sealed = {name: value for name, value in row.items() if name != "sha256"}
+            return row if row.get("sha256") == digest(sealed) else None
+    return None
+
+
+def seal_row(path: Path, row: Mapping[str, Any]) -> dict[str, Any]:
+    """Write a row with the checksum by which `sealed_row` knows it."""
+    content = dict(plain(row))
+    content.pop("sha256", None)
+    content["sha256"] = digest(content)
+    write_json(path, content)
+    return content
+
+
+def _once_each(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """A JSON object, of which each name may stand there once."""
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        raise ValueError("a name stands there twice")
+    return found
+
+
+def _refuse(word: str) -> None:
+    raise ValueError(f"{word} is not JSON")

@@ -1,0 +1,1 @@
+"""The networks and simple methods that HADR is compared with."""

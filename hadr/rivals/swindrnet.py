@@ -1,0 +1,205 @@
+"""SwinDRNet, the rival that has two Swin Transformers and no hand.
+
+One encoder sees colour, the other measured depth as a picture. At each of their stages a window of
+one asks the same window of the other (cross-attention). Two UPerNet heads read what comes out: one
+draws a first depth image, the other decides pixel by pixel which share of the answer is that image
+and which share is the measured depth. The object's mask is not shown to the network.
+
+Where description and published code differ:
+
+* The code computes the cross-attention, but with windows that are not shifted it goes on with the
+  attention's input. Here its result is used, as described.
+* The code does not set missing depth apart: it enters the mix as 0 m. The confidence has to learn
+  that it can't be trusted, and until then the answer is drawn towards 0. Here missing depth has no
+  share; `mix_missing` is the published mix.
+* The depth head starts at 0 m there. The normals of a surface at 0 m have no direction, and their
+  loss no bounded gradient; so here it starts at `start_m`.
+* Padding beside the image is attended to there (not at 224x224, where there is none); not here.
+
+Source: Dai et al. 2022, "Domain Randomization-Enhanced Depth Simulation and Restoration for
+Perceiving and Grasping Specular and Transparent Objects"; Xiao et al. 2018, "Unified Perceptual
+Parsing for Scene Understanding" (the heads).
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any, ClassVar
+
+import torch
+from torch import Tensor, nn
+
+from hadr.models.backbone import IMAGENET_MEAN, IMAGENET_STD, BackboneConfig, build_swin
+from hadr.models.blocks.cross_fusion import CrossFusion
+from hadr.models.blocks.pyramid_head import PyramidHead
+from hadr.models.enlarged_map import enlarge
+from hadr.models.hadr_input import HADRInput, float_color
+
+PUBLISHED_ENCODER = BackboneConfig(normalize_color=False)
+"""Swin-T on colours in 0..1."""
+
+
+@dataclass(frozen=True)
+class SwinDRNetConfig:
+    """What the network consists of; the defaults are the published size, 160 M weights.
+
+    Of these, 55 M are in the two Swin-T, 20 M in the fusion (26 C^2 for a stage of C channels) and
+    85 M in the two heads: 512 channels throughout, on 3 C channels a stage (fused, colour, depth).
+
+    Args:
+        backbone: Size of each encoder. The published one loads ImageNet weights into both and
+            hands on 0..1 colours; depth enters in metres in any case.
+        channels: Channels inside of the heads.
+        pools: Cells a side of the pooling pyramid over the coarsest stage.
+        fusion_heads: Attention heads of the fusion.
+        dropout: Probability with which a channel is left out before a head's last layer.
+        mix_missing: Missing depth takes part in the mix as 0 m, as published; False gives it no
+            share.
+        start_m: Depth in metres around which the untrained depth head answers; 0 is published.
+
+    Raises:
+        ValueError: A number is out of its range, or the heads do not divide a stage's channels.
+    """
+
+    hand: ClassVar[str] = "none"
+
+    backbone: BackboneConfig = PUBLISHED_ENCODER
+    channels: int = 512
+    pools: tuple[int, ...] = (1, 2, 3, 6)
+    fusion_heads: int = 1
+    dropout: float = 0.1
+    mix_missing: bool = False
+    start_m: float = 0.5
+
+    def __post_init__(self) -> None:
+        for name in ("channels", "fusion_heads"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
+        if not self.pools or min(self.pools) < 1:
+            raise ValueError(f"pools must be one or more numbers from 1 on, got {self.pools}")
+        if not 0 <= self.dropout < 1:
+            raise ValueError(f"dropout must be at least 0 and less than 1, got {self.dropout}")
+        if not self.start_m >= 0:
+            raise ValueError(f"start_m must be at least 0 m, got {self.start_m}")
+        for channels in self.backbone.channels:
+            if channels % self.fusion_heads:
+                raise ValueError(
+                    f"{self.fusion_heads} fusion_heads do not divide a stage of {channels} channels"
+                )
+
+    def to_dict(self) -> dict[str, Any]:
+        """The configuration as built-in types, for JSON."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, values: dict[str, Any]) -> SwinDRNetConfig:
+        """Build the configuration from `to_dict`, also after JSON made lists of its tuples."""
+        backbone: dict[str, Any] = _tuples(values["backbone"])
+        return cls(**_tuples(values) | {"backbone": BackboneConfig(**backbone)})
+
+
+@dataclass(frozen=True)
+class SwinDRNetOutput:
+    """Restored depth.
+
+    Attributes:
+        depth: z-depth in metres, shape (B, H, W); 0 where not restored.
+        confidence: 1 where restored, else 0, shape (B, H, W). The published confidence chooses
+            between two depths and says nothing about how good the chosen one is: where measured
+            depth is missing, predicted depth gets the whole share, however poor. So it is no
+            measure of certainty, and is given as `share` alone.
+        restored: Pixels of the mask with a depth before the camera, shape (B, H, W), bool.
+        image: The answer for the whole image, z-depth in metres, shape (B, H, W).
+        initial: The depth head's image, before measured depth is mixed in, shape (B, H, W).
+        share: Share of `initial` in `image`, 0..1, shape (B, H, W); measured depth has the rest.
+    """
+
+    depth: Tensor
+    confidence: Tensor
+    restored: Tensor
+    image: Tensor
+    initial: Tensor
+    share: Tensor
+
+
+class SwinDRNet(nn.Module):
+    """The whole network.
+
+    Args:
+        config: What it consists of.
+
+    Raises:
+        OSError: Published weights are named and can't be had.
+        ValueError: They are of another size than the configuration says.
+    """
+
+    def __init__(self, config: SwinDRNetConfig | None = None) -> None:
+        super().__init__()
+        self.config = config = config or SwinDRNetConfig()
+        stages = config.backbone.channels
+        self.color_swin = build_swin(config.backbone)
+        self.depth_swin = build_swin(config.backbone)
+        if config.backbone.pretrained is None:
+            for swin in (self.color_swin, self.depth_swin):
+                _start_patches(swin)
+        self.fusions = nn.ModuleList(
+            CrossFusion(channels, config.fusion_heads, config.backbone.window)
+            for channels in stages
+        )
+        widths = [3 * channels for channels in stages]
+        self.depth_head = PyramidHead(widths, config.channels, 1, config.pools, config.dropout)
+        self.confidence_head = PyramidHead(widths, config.channels, 2, config.pools, config.dropout)
+        nn.init.constant_(self.depth_head.last.bias, config.start_m)  # type: ignore[arg-type]
+        self.register_buffer("mean", torch.tensor(IMAGENET_MEAN)[:, None, None], persistent=False)
+        self.register_buffer("std", torch.tensor(IMAGENET_STD)[:, None, None], persistent=False)
+        self.mean: Tensor
+        self.std: Tensor
+
+    def forward(self, inputs: HADRInput) -> SwinDRNetOutput:
+        """Restore the depth of masked pixels.
+
+        Args:
+            inputs: A batch of frames of any size; no hand is needed.
+
+        Returns:
+            The restored depth.
+        """
+        raw = inputs.depth  # (B, H, W)
+        size, patch = raw.shape[1:], self.config.backbone.patch
+        color = float_color(inputs.color)  # (B, 3, H, W)
+        if self.config.backbone.normalize_color:
+            color = (color - self.mean) / self.std
+        seen = self.color_swin(color).feature_maps  # each (B, C_i, H_i, W_i)
+        measured = self.depth_swin(raw.unsqueeze(1).expand(-1, 3, -1, -1)).feature_maps
+        stages = [
+            torch.cat((fuse(one, other), one, other), dim=1)
+            for fuse, one, other in zip(self.fusions, seen, measured, strict=True)
+        ]  # each (B, 3 C_i, H_i, W_i)
+        initial = enlarge(self.depth_head(stages), patch, size)[:, 0]  # (B, H, W)
+        trust = enlarge(self.confidence_head(stages), patch, size)  # (B, 2, H, W)
+        share = trust.softmax(dim=1)[:, 1]  # (B, H, W)
+        if not self.config.mix_missing:
+            share = torch.where(raw > 0, share, torch.ones_like(share))
+        image = (1 - share) * raw + share * initial
+        restored = inputs.mask & (image > 0)
+        return SwinDRNetOutput(
+            depth=image * restored,
+            confidence=restored.to(image.dtype),
+            restored=restored,
+            image=image,
+            initial=initial,
+            share=share,
+        )
+
+
+def _start_patches(swin: Any) -> None:
+    """Start the first layer as torch starts a convolution.
+
+    `transformers` starts it without a bias. The layer normalisation behind it then makes the same
+    of a flat patch at any depth.
+    """
+    swin.swin.embeddings.patch_embeddings.projection.reset_parameters()
+
+
+def _tuples(values: dict[str, Any]) -> dict[str, Any]:
+    return {name: tuple(v) if isinstance(v, list) else v for name, v in values.items()}

@@ -1,0 +1,1 @@
+"""The handover in a physical simulation: world, robot, camera, attempts, films."""

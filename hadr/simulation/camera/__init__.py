@@ -1,0 +1,1 @@
+"""The robot's camera: where it stands, what it sees, what is made of it."""

@@ -1,0 +1,201 @@
+"""The camera beside the robot: where it stands, where it is believed to stand, and what it sees.
+
+A third-person RGB-D camera that looks at the place where things are held out. Labels are exact by
+ray casting, and the colour refracts in the glass.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial.transform import Rotation
+
+from hadr.camera import TRANSHAND_CAMERA, Intrinsics, project, transform_points
+from hadr.handover import ur5
+from hadr.simulation.camera.depth_sensor import DepthSensor
+from hadr.simulation.camera.moving_view import MovingView, search_tree
+from hadr.simulation.camera.room import make_room
+from hadr.simulation.robot.arm_shape import Part, arm_surfaces
+from hadr.simulation.trials.rehearsal import camera_at
+from hadr.simulation.world.scenes import MIDDLE, HeldScene
+from hadr.simulation.world.state import WorldState
+from hadr.synthesis.depth_sensor.sensor_noise import ColorCamera, develop
+from hadr.synthesis.glass.surfaces import merged
+
+Array = npt.NDArray[np.float64]
+Depth = npt.NDArray[np.float32]
+Mask = npt.NDArray[np.bool_]
+
+EYE: Array = np.array([0.32, 0.52, 0.54])
+"""Where the camera stands in the base frame, metres: 0.64 m from `scenes.MIDDLE`, so far to the
+side that a gripper at the object seldom hides the hand."""
+
+
+@dataclass(frozen=True)
+class CapturedFrame:
+    """One picture with its exact labels; all images (H, W).
+
+    Attributes:
+        time: When it was taken, seconds.
+        color: sRGB, shape (H, W, 3) uint8, or None where no colour was asked for.
+        raw_depth: Measured z-depth, metres, float32; 0 is missing.
+        depth: True z-depth, metres, float32.
+        background_depth: True z-depth with the object taken away.
+        object_mask: The object's pixels.
+        hand_mask: The hand's and forearm's pixels.
+        arm_mask: The robot's pixels, also where the object is before it.
+        keypoints: True keypoints, camera frame, metres, shape (21, 3).
+        camera: Intrinsics.
+    """
+
+    time: float
+    color: npt.NDArray[np.uint8] | None
+    raw_depth: Depth
+    depth: Depth
+    background_depth: Depth
+    object_mask: Mask
+    hand_mask: Mask
+    arm_mask: Mask
+    keypoints: Array
+    camera: Intrinsics
+
+
+@dataclass(frozen=True)
+class RobotCamera:
+    """A third-person RGB-D camera.
+
+    Attributes:
+        base_from_camera: Where it really stands, shape (4, 4), metres.
+        intrinsics: Of colour and depth.
+        calibrated: Where the robot believes it stands; the truth where it is left out.
+        room: Number of the room in which all of this happens.
+        sensor: How its depth errs.
+        see_arm: Draw the robot's arm.
+    """
+
+    base_from_camera: Array = field(default_factory=lambda: camera_at(EYE, MIDDLE))
+    intrinsics: Intrinsics = field(default_factory=lambda: TRANSHAND_CAMERA.resized(256, 144))
+    calibrated: Array | None = None
+    room: int = 7
+    sensor: DepthSensor = field(default_factory=DepthSensor)
+    see_arm: bool = True
+    _views: dict[int, tuple[HeldScene, MovingView]] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
+
+    def __post_init__(self) -> None:
+        ur5.check_pose(self.base_from_camera, "base_from_camera")
+        if self.calibrated is not None:
+            ur5.check_pose(self.calibrated, "calibrated")
+
+    @property
+    def calibration(self) -> Array:
+        """base_from_camera as the robot knows it, shape (4, 4), metres."""
+        return self.base_from_camera if self.calibrated is None else self.calibrated
+
+    def miscalibrated(self, degrees: float, seed: int = 0) -> RobotCamera:
+        """Give the same camera whose calibration is turned about the camera by an angle.
+
+        Args:
+            degrees: The angle; 0 is a perfect calibration.
+            seed: Chooses the axis.
+        """
+        axis = np.random.default_rng([seed, 29]).normal(size=3)
+        believed = self.base_from_camera.copy()
+        turn = Rotation.from_rotvec(np.deg2rad(degrees) * axis / np.linalg.norm(axis))
+        believed[:3, :3] = believed[:3, :3] @ turn.as_matrix()
+        return replace(self, calibrated=believed)
+
+    def capture(
+        self,
+        state: WorldState,
+        scene: HeldScene,
+        rng: np.random.Generator,
+        *,
+        color: bool = True,
+    ) -> CapturedFrame:
+        """Take a picture.
+
+        Args:
+            state: The world now.
+            scene: What is held, by which hand.
+            rng: Draws the sensors' noise.
+            color: Draw the colour too, which takes most of the time.
+        """
+        arm = self._arm_in_view(state)
+        view = self._view(scene).at(state.base_from_wrist, state.base_from_object, arm)
+        labels = view.seen(self.intrinsics, self.base_from_camera)
+        picture = None
+        if color:
+            light = view.light(self.intrinsics, self.base_from_camera, rng)
+            picture = develop(light, rng, ColorCamera())
+        raw = self.sensor.measure(
+            labels.depth, labels.background_depth, labels.object_mask, self.intrinsics, rng
+        )
+        return CapturedFrame(
+            time=state.time,
+            color=picture,
+            raw_depth=raw,
+            depth=labels.depth,
+            background_depth=labels.background_depth,
+            object_mask=labels.object_mask,
+            hand_mask=labels.hand_mask,
+            arm_mask=labels.arm_mask,
+            keypoints=self.true_keypoints(state, scene),
+            camera=self.intrinsics,
+        )
+
+    def true_keypoints(self, state: WorldState, scene: HeldScene) -> Array:
+        """The hand's keypoints in the camera frame, metres, shape (21, 3)."""
+        moved = state.base_from_wrist @ np.linalg.inv(scene.base_from_wrist)
+        camera_from_start = np.linalg.inv(self.base_from_camera) @ moved
+        points: Array = transform_points(camera_from_start, scene.keypoints)
+        return points
+
+    def visible(self, points: Array, state: WorldState) -> Mask:
+        """Which points lie within the picture and are not hidden by the robot's arm, shape (n,).
+
+        Args:
+            points: Camera frame, metres, shape (n, 3).
+            state: The world now.
+        """
+        uv = project(points, self.intrinsics)
+        size = [self.intrinsics.width - 0.5, self.intrinsics.height - 0.5]
+        inside: Mask = (uv >= -0.5) & (uv <= size)  # NaN is outside
+        found: Mask = np.asarray(inside.all(axis=1))
+        parts = self._arm_in_view(state)
+        if parts:
+            camera_from_base = np.linalg.inv(self.base_from_camera).astype(np.float64)
+            arm = merged(tuple(surface for surface, _ in parts)).moved(camera_from_base)
+            rays = points.astype(np.float32)  # the parameter along them is 1 at the point
+            hits = search_tree(arm).run(np.zeros_like(rays), rays, query="INTERSECT", output=True)
+            found = found & ((hits["primID"] < 0) | (hits["tfar"] > 1))
+        return found
+
+    def _arm_in_view(self, state: WorldState) -> list[Part]:
+        """The arm's parts that a ray of this camera may meet: most of it is beside the picture."""
+        if not self.see_arm:
+            return []
+        camera_from_base = np.linalg.inv(self.base_from_camera)
+        # the picture is the part of space on the inner side of four planes through the camera
+        c = self.intrinsics
+        left, right = (-0.5 - c.cx) / c.fx, (c.width - 0.5 - c.cx) / c.fx
+        top, bottom = (-0.5 - c.cy) / c.fy, (c.height - 0.5 - c.cy) / c.fy
+        inward = np.array([[1, 0, -left], [-1, 0, right], [0, 1, -top], [0, -1, bottom]])
+        seen = []
+        for part in arm_surfaces(state.joints, state.gripper_width):
+            corners = transform_points(camera_from_base, part[0].vertices)
+            if (corners @ inward.T > 0).any(axis=0).all():
+                seen.append(part)
+        return seen
+
+    def _view(self, scene: HeldScene) -> MovingView:
+        """The drawn scene, kept while the same scene is asked for."""
+        kept = self._views.get(id(scene))
+        if kept is None or kept[0] is not scene:
+            self._views.clear()
+            kept = (scene, MovingView(scene, make_room(self.room)))
+            self._views[id(scene)] = kept
+        return kept[1]

@@ -1,0 +1,156 @@
+"""The room in which the robot stands: its table with a patterned cloth, floor, walls and light.
+
+Robot's base frame: the table's top is z = 0, the human stands beyond its edge at x = 0.42 m. Every
+ray of a camera beside the robot ends on something.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from hadr.records.caches import kept
+from hadr.simulation.world.scenes import MIDDLE
+from hadr.synthesis.rendering.raycast import Surroundings
+from hadr.synthesis.scene.environments import make_lights
+from hadr.synthesis.scene.furnishing import UP, PictureChoice, natural_size, put_thing
+from hadr.synthesis.scene.lights import AreaLight, Environment
+from hadr.synthesis.scene.stage import Stage
+from hadr.synthesis.textures.families import picture_number, pyramid
+
+Array = npt.NDArray[np.float64]
+
+TABLE_LOWER: Array = np.array([-0.40, -0.65, -0.04])
+"""One corner of the table's top, metres."""
+TABLE_UPPER: Array = np.array([0.42, 0.65, 0.0])
+"""The opposite corner."""
+FLOOR = -0.75
+"""Height of the floor, metres."""
+BESIDE, BEYOND = 1.7, 2.1
+"""The walls' distances from the robot to either side, and beyond the human, metres."""
+_TALL = 2.6
+_PLAIN = picture_number("plaster", 2)
+
+
+@dataclass(frozen=True)
+class Room:
+    """What stands around robot and human, and the light.
+
+    Attributes:
+        surroundings: Table, floor, walls, things; base frame.
+        environment: Light from far away.
+        lamps: Panels that shine.
+    """
+
+    surroundings: Surroundings
+    environment: Environment
+    lamps: tuple[AreaLight, ...]
+
+
+@kept(8)
+def make_room(number: int) -> Room:
+    """Furnish a room.
+
+    Args:
+        number: Which one; it chooses cloth, walls, things and light.
+
+    Returns:
+        The room; the same for the same number.
+    """
+    rng = np.random.default_rng([number, 71])
+    stage, choice = Stage(), PictureChoice(rng, 0)
+    _add_table(stage, rng)
+    _add_floor_and_walls(stage, choice, rng)
+    _add_sideboard(stage, choice, rng)
+    # the light comes as in the training pictures: from behind and above a camera
+    environment, lamps = make_lights(np.array([0.2, 0.1, 0.7]), MIDDLE, rng)
+    return Room(stage.surroundings(), environment, lamps)
+
+
+def _add_table(stage: Stage, rng: np.random.Generator) -> None:
+    cloth = picture_number("plaid" if rng.random() < 0.5 else "print_cloth", int(rng.integers(6)))
+    pose = np.eye(4)
+    pose[:3, 3] = (TABLE_LOWER + TABLE_UPPER) / 2
+    half = (TABLE_UPPER - TABLE_LOWER) / 2
+    stage.box(pose, half, cloth, natural_size(cloth), rng.random(2))
+
+
+def _add_floor_and_walls(stage: Stage, choice: PictureChoice, rng: np.random.Generator) -> None:
+    floor = picture_number(str(rng.choice(["wood", "tiles", "carpet"])), int(rng.integers(6)))
+    wide = BESIDE + 0.1
+    stage.quad(
+        np.array([-2.0, wide, FLOOR]),
+        np.array([BEYOND + 2.1, 0.0, 0.0]),
+        np.array([0.0, -2 * wide, 0.0]),
+        floor,
+        natural_size(floor),
+        rng.random(2),
+    )
+    kinds = ["boards", "plaster", "tiles", "shingles", "bookshelf", "leaf_wall"]
+    top = FLOOR + _TALL
+    corners = {
+        (BEYOND, BESIDE, top): (0.0, -2 * BESIDE, 0.0),
+        (-2.0, BESIDE, top): (BEYOND + 2.0, 0.0, 0.0),
+        (BEYOND, -BESIDE, top): (-BEYOND - 2.0, 0.0, 0.0),
+        (-2.0, -BESIDE, top): (0.0, 2 * BESIDE, 0.0),
+    }
+    for corner, right in corners.items():
+        wall = picture_number(str(rng.choice(kinds)), int(rng.integers(6)))
+        size = natural_size(wall)
+        stage.quad(np.array(corner), np.array(right), -_TALL * UP, wall, size, rng.random(2))
+
+
+def _add_sideboard(stage: Stage, choice: PictureChoice, rng: np.random.Generator) -> None:
+    """Low boards along two walls, with things on them."""
+    wood = picture_number("wood", int(rng.integers(6)))
+    for middle, half in (
+        (np.array([0.8, -BESIDE + 0.25, -0.35]), np.array([0.9, 0.22, 0.40])),
+        (np.array([BEYOND - 0.25, -0.2, -0.35]), np.array([0.22, 1.1, 0.40])),
+    ):
+        pose = np.eye(4)
+        pose[:3, 3] = middle
+        stage.box(pose, half, wood, natural_size(wood), rng.random(2))
+        for _ in range(6):
+            spot = middle + rng.uniform(-0.9, 0.9, 3) * half
+            spot[2] = middle[2] + half[2]
+            put_thing(stage, choice, spot, float(rng.uniform(0.07, 0.15)))
+
+
+def with_parts(
+    room: Surroundings, parts: list[tuple[Array, npt.NDArray[np.int64], Array, Array]]
+) -> Surroundings:
+    """Put plain opaque parts into a room.
+
+    Args:
+        room: The room.
+        parts: Vertices (V, 3) in metres, faces (F, 3), normals (V, 3) and linear RGB (3,) of each.
+
+    Returns:
+        Room and parts as one.
+    """
+    stage = Stage()
+    for vertices, faces, normals, _ in parts:
+        stage.add(vertices, faces, normals, np.zeros((len(vertices), 2)), _PLAIN, 1.0)
+    added = stage.surroundings()
+    tints = [np.tile(color / _plain_color(), (len(faces), 1)) for _, faces, _, color in parts]
+    surface = type(room.surface)(
+        np.concatenate([room.surface.vertices, added.surface.vertices]),
+        np.concatenate([room.surface.faces, added.surface.faces + len(room.surface.vertices)]),
+        np.concatenate([room.surface.normals, added.surface.normals]),
+    )
+    return Surroundings(
+        surface,
+        np.concatenate([room.uv, added.uv]),
+        np.concatenate([room.picture, added.picture]),
+        np.concatenate([room.tint, *tints]),
+        np.concatenate([room.repeat, added.repeat]),
+    )
+
+
+@kept(1)
+def _plain_color() -> Array:
+    """Linear RGB of the nearly even picture that plain parts are tinted from, shape (3,)."""
+    mean = pyramid(_PLAIN)[-1].reshape(-1, 3).astype(float).mean(axis=0) / 255
+    return np.asarray(mean**2.2)

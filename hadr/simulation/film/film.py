@@ -1,0 +1,285 @@
+"""Films of a handover: one picture a moment, below it the stage, the time and the reason.
+
+The files play in browsers: MP4 (H.264, yuv420p) through imageio's ffmpeg, or GIF.
+"""
+
+from __future__ import annotations
+
+import os
+import textwrap
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import closing
+from functools import lru_cache
+from itertools import chain
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from PIL import Image, ImageDraw, ImageFont
+
+from hadr.handover.workflow import Stage, Transition
+from hadr.simulation.film.views import View
+from hadr.simulation.film.world_view import FilmSet
+from hadr.simulation.world.scenes import HeldScene
+from hadr.simulation.world.state import WorldState
+
+Picture = npt.NDArray[np.uint8]
+
+STAGE_COLORS: dict[str, str] = {
+    "Wait & Observe": "#9a9a9a",
+    "Approach & React": "#0072B2",
+    "Grasp & Retrieve": "#009E73",
+    "Finished": "#56B4E9",
+    "Stopped": "#D55E00",
+    "Going home": "#E69F00",
+    "Gave up": "#CC79A7",
+}
+"""Colours of the stages by the name that people read; Okabe and Ito's."""
+CAPTION_HEIGHT = 72
+"""Rows below each picture of a film, pixels."""
+_OTHER_STAGE, _PAPER, _INK, _QUIET = "#CC79A7", "#ffffff", "#1a1a1a", "#555555"
+_MARGIN, _RIBBON = 12, 10
+
+
+def stage_color(stage: Stage) -> str:
+    """The colour of a stage; one colour for all that `STAGE_COLORS` doesn't name."""
+    return STAGE_COLORS.get(stage.value, _OTHER_STAGE)
+
+
+def stage_at(
+    time: float, transitions: Sequence[Transition], first: Stage = Stage.WAIT_AND_OBSERVE
+) -> tuple[Stage, str]:
+    """The stage at a time in seconds, and the reason for which it was entered.
+
+    Args:
+        time: Seconds.
+        transitions: Changes of stage, oldest first.
+        first: The stage before the first change.
+    """
+    now, reason = (transitions[0].before if transitions else first), ""
+    for change in transitions:
+        if change.time > time + 1e-9:
+            break
+        now, reason = change.after, change.reason
+    return now, reason
+
+
+def nearest_state(states: Sequence[WorldState], time: float) -> WorldState:
+    """The state whose time is nearest to a time in seconds."""
+    times = np.array([state.time for state in states])
+    return states[int(np.abs(times - time).argmin())]
+
+
+@lru_cache(maxsize=8)
+def _font(size: int, bold: bool = False) -> ImageFont.FreeTypeFont:
+    """DejaVu Sans, which matplotlib brings along."""
+    from matplotlib import get_data_path
+
+    name = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
+    return ImageFont.truetype(str(Path(get_data_path()) / "fonts" / "ttf" / name), size)
+
+
+def captioned(
+    picture: Picture,
+    time: float,
+    transitions: Sequence[Transition],
+    span: tuple[float, float],
+    note: str = "",
+) -> Picture:
+    """Put the stage, the time, the reason and the ribbon of stages above a picture.
+
+    Above, because a player's controls cover what is below.
+
+    Args:
+        picture: sRGB, shape (H, W, 3) uint8.
+        time: Seconds.
+        transitions: Changes of stage, oldest first.
+        span: First and last time of the ribbon, seconds.
+        note: What stands in place of the stage's reason.
+
+    Returns:
+        Shape (H + CAPTION_HEIGHT, W, 3) uint8.
+    """
+    rows, width = picture.shape[:2]
+    whole = Image.new("RGB", (width, rows + CAPTION_HEIGHT), _PAPER)
+    whole.paste(Image.fromarray(picture), (0, CAPTION_HEIGHT))
+    ribbon = CAPTION_HEIGHT - _RIBBON
+    draw = ImageDraw.Draw(whole)
+    start, end = span
+    length = max(end - start, 1e-9)
+
+    def column(moment: float) -> float:
+        return float(width * np.clip((moment - start) / length, 0.0, 1.0))
+
+    edges = [start, *(change.time for change in transitions), end]
+    stages = [stage_at(start - 1.0, transitions)[0], *(change.after for change in transitions)]
+    for left, right, stage in zip(edges, edges[1:], stages, strict=False):
+        wide = max(column(right), column(left) + 3)  # a last stage of no length is seen too
+        if stage in (Stage.FINISHED, Stage.STOPPED):
+            wide = width
+        left_at = min(column(left), width - 6)
+        draw.rectangle((left_at, ribbon, wide, CAPTION_HEIGHT - 1), fill=stage_color(stage))
+    here = min(max(column(time), 2.0), width - 3.0)
+    end_of_mark = CAPTION_HEIGHT + 2
+    draw.rectangle((here - 2, ribbon - 3, here + 2, end_of_mark), fill=_INK, outline=_PAPER)
+    stage, reason = stage_at(time, transitions)
+    top = 5
+    clock = f"{time:.1f} s"
+    draw.text((width - _MARGIN, top), clock, _INK, _font(17), anchor="ra")
+    square = (_MARGIN, top + 3, _MARGIN + 13, top + 16)
+    draw.rectangle(square, fill=stage_color(stage))
+    draw.text((_MARGIN + 21, top), stage.value, _INK, _font(17, True))
+    text = note or reason
+    size = 13
+    strong = stage is Stage.STOPPED
+    letter = 0.66 if strong else 0.56  # width over size
+    lines = textwrap.wrap(text, max(20, int((width - 2 * _MARGIN) / (letter * size))))[:2]
+    if len(lines) == 2:
+        size = 11
+        lines = textwrap.wrap(text, max(20, int((width - 2 * _MARGIN) / (letter * size))))[:2]
+    for number, line in enumerate(lines):
+        place = (_MARGIN, top + 23 + number * 14)
+        draw.text(place, line, _INK if strong else _QUIET, _font(size, strong))
+    return np.asarray(whole, dtype=np.uint8)
+
+
+def film_times(states: Sequence[WorldState], rate: float, speed: float = 1.0) -> list[float]:
+    """Times in seconds of a film's pictures, the last state's included.
+
+    Args:
+        states: In the order of time, at least one.
+        rate: Pictures a second.
+        speed: How much faster than life.
+
+    Raises:
+        ValueError: There is no state, or rate or speed is not positive.
+    """
+    if not states:
+        raise ValueError("a film needs at least one state, got none")
+    if not (rate > 0 and speed > 0):
+        raise ValueError(f"rate and speed must be positive, got {rate} and {speed}")
+    start, end = states[0].time, states[-1].time
+    count = int(np.ceil((end - start) * rate / speed - 1e-6)) + 1
+    return [min(start + k * speed / rate, end) for k in range(count)]
+
+
+def film_frames(
+    states: Sequence[WorldState],
+    scene: HeldScene,
+    transitions: Sequence[Transition] = (),
+    *,
+    view: View | None = None,
+    rate: float = 12.5,
+    speed: float = 1.0,
+    hold: float = 1.0,
+    note: str = "",
+    ending: str = "",
+) -> Iterator[Picture]:
+    """Draw a film's pictures, one after the other.
+
+    Args:
+        states: In the order of time; the nearest one is taken for each picture.
+        scene: Hand and object.
+        transitions: Changes of stage for caption and ribbon.
+        view: From where; the side view where left out.
+        rate: Pictures a second.
+        speed: How much faster than life.
+        hold: How long the last picture stays, seconds.
+        note: A line in place of the stages' reasons.
+        ending: A line in place of all that below the last picture, such as the verdict.
+
+    Yields:
+        sRGB, shape (H + CAPTION_HEIGHT, W, 3) uint8.
+    """
+    times = film_times(states, rate, speed)
+    span = (states[0].time, states[-1].time)
+    drawn = FilmSet(scene, view)
+    for time in times:
+        words = ending if ending and time == times[-1] else note
+        frame = captioned(drawn.draw(nearest_state(states, time)), time, transitions, span, words)
+        yield frame
+    for _ in range(round(hold * rate)):
+        yield frame
+
+
+def write_film(path: str | Path, frames: Iterable[Picture], rate: float = 12.5) -> Path:
+    """Write pictures as a film, whole or not at all.
+
+    Args:
+        path: Ends in .mp4 or .gif; folders are made.
+        frames: sRGB, shape (H, W, 3) uint8 of one size; for MP4 height and width are even.
+        rate: Pictures a second.
+
+    Returns:
+        The path.
+
+    Raises:
+        ValueError: Another ending, no picture, or pictures of an odd or another size.
+        ImportError: MP4 without imageio-ffmpeg (``pip install hadr[handover]``).
+    """
+    path = Path(path)
+    if path.suffix not in (".mp4", ".gif"):
+        raise ValueError(f"a film's name must end in .mp4 or .gif, got {path.name!r}")
+    checked = _same_size(frames, even=path.suffix == ".mp4")
+    first = next(checked, None)
+    if first is None:
+        raise ValueError("a film needs at least one picture, got none")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    unfinished = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
+    write = _write_gif if path.suffix == ".gif" else _write_mp4
+    try:
+        write(unfinished, chain([first], checked), rate)
+        os.replace(unfinished, path)
+    finally:
+        unfinished.unlink(missing_ok=True)
+    return path
+
+
+def _write_gif(path: Path, frames: Iterable[Picture], rate: float) -> None:
+    pictures = [_few_colors(frame) for frame in frames]
+    pictures[0].save(
+        path, save_all=True, append_images=pictures[1:], duration=round(1000 / rate), loop=0
+    )
+
+
+def _write_mp4(path: Path, frames: Iterable[Picture], rate: float) -> None:
+    try:
+        import imageio.v2 as imageio
+
+        writer = imageio.get_writer(
+            path,
+            format="FFMPEG",
+            fps=rate,
+            codec="libx264",
+            pixelformat="yuv420p",
+            macro_block_size=2,
+            quality=None,
+            output_params=["-crf", "23", "-movflags", "+faststart"],
+            ffmpeg_log_level="error",
+        )
+    except ImportError as error:
+        raise ImportError(
+            "an MP4 needs imageio and imageio-ffmpeg: pip install 'hadr[handover]'"
+        ) from error
+    with closing(writer):  # as its own context it would stay open where a picture fails
+        for frame in frames:
+            writer.append_data(frame)
+
+
+def _same_size(frames: Iterable[Picture], *, even: bool) -> Iterator[Picture]:
+    size: tuple[int, ...] | None = None
+    for frame in frames:
+        size = size or frame.shape
+        if frame.dtype != np.uint8 or frame.ndim != 3 or frame.shape != size or size[2] != 3:
+            raise ValueError(
+                f"pictures must be uint8 of one size (H, W, 3), got {frame.shape} {frame.dtype} "
+                f"after {size}"
+            )
+        if even and (size[0] % 2 or size[1] % 2):
+            raise ValueError(f"an MP4 needs even height and width, got {size[0]} x {size[1]}")
+        yield frame
+
+
+def _few_colors(frame: Picture) -> Image.Image:
+    """A picture in 256 colours of its own, for GIF; the octree keeps skin smooth."""
+    return Image.fromarray(frame).quantize(256, method=Image.Quantize.FASTOCTREE)

@@ -1,0 +1,1 @@
+"""The UR5 in MuJoCo: model, motion, limits, shape."""

@@ -1,0 +1,270 @@
+"""The UR5 with a two-finger gripper as a MuJoCo model, written by program from the DH numbers.
+
+Nothing here is a mesh from a manufacturer: the joints come from `hadr.handover.ur5`, the masses are
+the published ones, and each link is a capsule where `ur5.link_outline` says that it runs. Body i
+stands in DH frame i - 1 and turns about its z axis, so that MuJoCo's forward kinematics is the DH
+product itself.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from hadr.handover import ur5
+from hadr.handover.grasping.collision import FINGER_LENGTH, FINGER_WIDTH, STEM_LENGTH
+from hadr.handover.robot import ArmConfig
+from hadr.handover.ur5 import Array
+
+ROBOT, HAND, OBJECT, GROUND = 1, 2, 4, 8
+"""Bits that say what collides with what."""
+
+LINKS: tuple[str, ...] = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
+"""The moving links, each behind the joint of the same number."""
+LINK_MASSES: tuple[float, ...] = (3.7, 8.393, 2.33, 1.219, 1.219, 0.1879)
+"""Published masses of the six links in kilograms."""
+GRIPPER_MASSES: dict[str, float] = {"stem": 0.5, "bar": 0.25, "finger": 0.06}
+"""Our gripper's masses in kilograms; one finger."""
+FINGER_HEIGHT = 0.02
+"""Size of a finger along the tool's y axis, metres."""
+BAR_DEPTH = 0.02
+"""Size of the bar between the fingers along the approach axis, metres."""
+STEM_RADIUS = 0.03
+"""Radius of the gripper's body between the flange and the bar, metres."""
+GRIPPER_GEOMS: tuple[str, ...] = ("left_finger", "right_finger", "bar", "stem")
+"""Names of the gripper's collision shapes."""
+ARM_TORQUES: tuple[float, ...] = (150.0, 150.0, 150.0, 28.0, 28.0, 28.0)
+"""Largest joint torques in newton metres."""
+
+_TUBE = (0.060, 0.054, 0.045, 0.040, 0.040, 0.038)
+_SIDE, _FORE_SIDE = 0.13585, 0.13585 - 0.1197  # of upper arm and forearm, as in ur5.link_outline
+_POSITION_GAINS = (6000.0, 6000.0, 4000.0, 900.0, 900.0, 500.0)
+_SPEED_GAINS = (450.0, 450.0, 260.0, 40.0, 40.0, 18.0)
+_ARMATURES = (0.2, 0.2, 0.2, 0.05, 0.05, 0.05)
+
+
+def add_arm(spec: mujoco.MjSpec, config: ArmConfig, gripper_width: float | None = None) -> None:
+    """Add the arm, its base at the world's origin in the frame `base_link`, and its gripper.
+
+    Args:
+        spec: What to add it to.
+        config: Home pose, tool and largest opening.
+        gripper_width: Fixes the fingers at this distance, metres; None lets them slide.
+    """
+    spec.compiler.autolimits, spec.compiler.degree = False, False
+    base = spec.worldbody.add_body(name="base_link", quat=_quaternion(ur5.BASE_LINK_FROM_DH_BASE))
+    base.add_geom(
+        name="base",
+        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+        fromto=[0, 0, 0, 0, 0, 0.08],
+        size=[0.075, 0, 0],
+        mass=4.0,
+        **_touch(on_table=True),
+    )
+    parent, parent_from_body = base, np.eye(4)
+    for index, name in enumerate(LINKS):
+        parent = parent.add_body(
+            name=name,
+            pos=parent_from_body[:3, 3],
+            quat=_quaternion(parent_from_body),
+            gravcomp=1.0,
+        )
+        parent.add_joint(
+            name=f"joint_{index + 1}",
+            type=mujoco.mjtJoint.mjJNT_HINGE,
+            axis=[0, 0, 1],
+            limited=True,
+            range=[ur5.JOINT_LOWER[index], ur5.JOINT_UPPER[index]],
+            armature=_ARMATURES[index],
+            actfrclimited=True,
+            actfrcrange=[-ARM_TORQUES[index], ARM_TORQUES[index]],
+        )
+        segments = _segments(index)
+        lengths = [float(np.linalg.norm(end - start)) + 0.05 for start, end in segments]
+        for part, (start, end) in enumerate(segments):
+            parent.add_geom(
+                name=name if part == 0 else f"{name}_{part}",
+                type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+                fromto=[*start, *end],
+                size=[_TUBE[index], 0, 0],
+                mass=LINK_MASSES[index] * lengths[part] / sum(lengths),
+                **_touch(on_table=index == 0),
+            )
+        for part, point in enumerate(_joint_points(index)):
+            parent.add_site(name=f"{name}_point_{part}", pos=point, size=[0.002, 0, 0])
+        _add_servo(spec, index)
+        parent_from_body = ur5.link_transform(index, 0.0)
+    flange = parent.add_body(
+        name="flange",
+        pos=parent_from_body[:3, 3],
+        quat=_quaternion(parent_from_body),
+        gravcomp=1.0,
+    )
+    _add_gripper(spec, flange, config, gripper_width)
+
+
+def _add_gripper(spec: mujoco.MjSpec, flange: Any, config: ArmConfig, width: float | None) -> None:
+    """Stem, bar and two fingers in the tool frame, which stands on the flange."""
+    pose = config.flange_from_tool
+    tool = flange.add_body(name="tool", pos=pose[:3, 3], quat=_quaternion(pose), gravcomp=1.0)
+    tool.add_site(name="tool", pos=[0, 0, 0], size=[0.002, 0, 0])
+    back = -FINGER_LENGTH - BAR_DEPTH
+    tool.add_geom(
+        name="stem",
+        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+        fromto=[0, 0, back, 0, 0, min(back - 0.01, -FINGER_LENGTH - STEM_LENGTH)],
+        size=[STEM_RADIUS, 0, 0],
+        mass=GRIPPER_MASSES["stem"],
+        **_touch(),
+    )
+    tool.add_geom(
+        name="bar",
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        pos=[0, 0, -FINGER_LENGTH - BAR_DEPTH / 2],
+        size=[config.largest_opening / 2 + FINGER_WIDTH, 0.0125, BAR_DEPTH / 2],
+        mass=GRIPPER_MASSES["bar"],
+        **_touch(),
+    )
+    half = (config.largest_opening if width is None else width) / 2
+    for name, side in (("left", -1.0), ("right", 1.0)):
+        # at joint position 0 the finger closes in the middle
+        middle = side * (FINGER_WIDTH / 2 + (0.0 if width is None else half))
+        body = tool.add_body(
+            name=f"{name}_finger", pos=[middle, 0, -FINGER_LENGTH / 2], gravcomp=1.0
+        )
+        if width is None:
+            body.add_joint(
+                name=f"{name}_finger",
+                type=mujoco.mjtJoint.mjJNT_SLIDE,
+                axis=[side, 0, 0],
+                limited=True,
+                range=[0.0, config.largest_opening / 2],
+                armature=0.1,
+                damping=2.0,
+            )
+        body.add_geom(
+            name=f"{name}_finger",
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            size=[FINGER_WIDTH / 2, FINGER_HEIGHT / 2, FINGER_LENGTH / 2],
+            mass=GRIPPER_MASSES["finger"],
+            # rubber pads: they give way by about a millimetre and resist twisting
+            condim=4,
+            friction=[1.0, 0.02, 0.001],
+            solref=[0.015, 1.0],
+            solimp=[0.8, 0.95, 0.002, 0.5, 2.0],
+            priority=1,
+            **_touch(),
+        )
+    if width is None:
+        _couple_fingers(spec)
+
+
+def _couple_fingers(spec: mujoco.MjSpec) -> None:
+    """Both fingers move by the same way, drawn by one motor; its length is half the opening."""
+    spec.add_equality(
+        name="fingers",
+        type=mujoco.mjtEq.mjEQ_JOINT,
+        objtype=mujoco.mjtObj.mjOBJ_JOINT,
+        name1="left_finger",
+        name2="right_finger",
+        data=[0, 1, *[0] * 10],
+        solref=[0.005, 1.0],
+    )
+    tendon = spec.add_tendon(name="fingers")
+    tendon.wrap_joint("left_finger", 0.5)
+    tendon.wrap_joint("right_finger", 0.5)
+    motor = spec.add_actuator(
+        name="fingers",
+        target="fingers",
+        trntype=mujoco.mjtTrn.mjTRN_TENDON,
+        gaintype=mujoco.mjtGain.mjGAIN_FIXED,
+        biastype=mujoco.mjtBias.mjBIAS_AFFINE,
+        forcelimited=True,
+        forcerange=[-14.0, 14.0],
+    )
+    motor.gainprm[0] = 6000.0
+    motor.biasprm[:3] = [0.0, -6000.0, -60.0]
+
+
+def _add_servo(spec: mujoco.MjSpec, index: int) -> None:
+    """A position and a speed actuator on one joint: together they follow a path without lag."""
+    gains = {"position": _POSITION_GAINS[index], "speed": _SPEED_GAINS[index]}
+    for kind, gain in gains.items():
+        servo = spec.add_actuator(
+            name=f"{kind}_{index + 1}",
+            target=f"joint_{index + 1}",
+            trntype=mujoco.mjtTrn.mjTRN_JOINT,
+            gaintype=mujoco.mjtGain.mjGAIN_FIXED,
+            biastype=mujoco.mjtBias.mjBIAS_AFFINE,
+        )
+        servo.gainprm[0] = gain
+        servo.biasprm[1 if kind == "position" else 2] = -gain
+
+
+def kinematic_model(config: ArmConfig) -> mujoco.MjModel:
+    """The arm alone with open fingers that do not slide: what the inverse kinematics computes on.
+
+    Returns:
+        A model with six degrees of freedom, a box `table` whose top is z = 0, and shapes that are
+        all allowed to collide, so that distances between any two can be asked for.
+    """
+    spec = mujoco.MjSpec()
+    add_arm(spec, config, gripper_width=config.largest_opening)
+    add_table(spec)
+    for geom in spec.geoms:
+        geom.contype = geom.conaffinity = 1
+    return spec.compile()
+
+
+def add_table(spec: mujoco.MjSpec) -> None:
+    """Add the robot's own table: its top is z = 0, x from -0.4 to 0.42 m, 3 cm thick."""
+    spec.worldbody.add_geom(
+        name="table",
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        pos=[0.01, 0.0, -0.015],
+        size=[0.41, 0.8, 0.015],
+        contype=GROUND,
+        conaffinity=OBJECT,
+    )
+
+
+def _segments(index: int) -> list[tuple[Array, Array]]:
+    """Centre lines of one link in its body's frame, metres."""
+    a, d = float(ur5.DH_A[index]), float(ur5.DH_D[index])
+    along: dict[int, list[tuple[list[float], list[float]]]] = {
+        0: [([0, 0, 0.04], [0, 0, d]), ([0, 0, d], [0, -_SIDE, d])],
+        1: [([0, 0, _SIDE], [a, 0, _SIDE])],
+        2: [([0, 0, _SIDE], [0, 0, _FORE_SIDE]), ([0, 0, _FORE_SIDE], [a, 0, _FORE_SIDE])],
+        3: [([0, 0, _FORE_SIDE], [0, 0, d])],
+        4: [([0, 0, 0], [0, 0, d])],
+        5: [([0, 0, 0], [0, 0, d - 0.038])],
+    }
+    return [(np.array(start, float), np.array(end, float)) for start, end in along[index]]
+
+
+def _joint_points(index: int) -> list[Array]:
+    """The points of `ur5.link_outline` beyond the shoulder that this link carries, metres."""
+    a, d = float(ur5.DH_A[index]), float(ur5.DH_D[index])
+    points: dict[int, list[list[float]]] = {
+        0: [],
+        1: [[a, 0, _SIDE]],
+        2: [[0, 0, _FORE_SIDE], [a, 0, _FORE_SIDE]],
+        3: [[0, 0, d]],
+        4: [[0, 0, d]],
+        5: [[0, 0, d]],
+    }
+    return [np.array(point, dtype=np.float64) for point in points[index]]
+
+
+def _touch(*, on_table: bool = False) -> dict[str, int]:
+    """The robot's shapes touch the hand, the object and the table that it does not stand on."""
+    return {"contype": ROBOT, "conaffinity": HAND | OBJECT | (0 if on_table else GROUND)}
+
+
+def _quaternion(pose: Array) -> Array:
+    """Rotation of a pose (4, 4) as MuJoCo's quaternion (w, x, y, z)."""
+    quaternion = np.zeros(4)
+    mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(pose[:3, :3]).ravel())
+    return quaternion

@@ -1,0 +1,266 @@
+"""Where the arm goes next: differential inverse kinematics as a quadratic program.
+
+The tool goes straight where it can, else the joints turn evenly, to another branch of solutions or
+past the home pose. Every limit is a row of the program, see `hadr.simulation.robot.motion_limits`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import mink
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from hadr.handover import ur5
+from hadr.handover.robot import ArmConfig
+from hadr.handover.ur5 import Array, UnreachableError
+from hadr.simulation.robot.arm_model import kinematic_model
+from hadr.simulation.robot.motion_limits import MotionConfig, MotionRows
+
+
+@dataclass
+class ArmMotion:
+    """The commanded motion: joint angles and velocities now, and the way to a target.
+
+    Attributes:
+        arm: Settings of the arm.
+        motion: How it may move.
+        joints: Commanded joint angles, shape (6,), radians.
+        velocity: Commanded joint velocities, shape (6,), rad/s.
+    """
+
+    arm: ArmConfig
+    motion: MotionConfig = field(default_factory=MotionConfig)
+    joints: Array = field(init=False)
+    velocity: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        model = kinematic_model(self.arm)
+        self.joints, self.velocity = self.arm.home.copy(), np.zeros(6)
+        self._configuration = mink.Configuration(model, self.joints)
+        self._trial = mink.Configuration(model, self.joints)
+        self.rows = MotionRows(model, self.arm, self.motion)
+        self._site = model.site("tool").id
+        self._frame = mink.FrameTask("tool", "site", position_cost=1.0, orientation_cost=0.3)
+        self._posture = mink.PostureTask(model, cost=self.motion.posture_weight)
+        self._goal: Array | None = None
+        self._goal_pose = np.zeros((4, 4))
+        self._way = [self.joints]
+        self._start = np.zeros(3)
+        self._idle, self._best, self._by_joints = 0.0, np.inf, False
+        problem = self.rows.broken(self._configuration)
+        if problem:
+            raise UnreachableError(f"the home pose is not allowed: {problem}")
+
+    def tool_pose_at(self, joints: Array) -> Array:
+        """Return base_from_tool (4, 4) in metres for joint angles (6,) in radians."""
+        self._trial.update(joints)
+        return self._pose(self._trial)
+
+    def joint_goals(self, base_from_tool: Array, near: Array | None = None) -> Iterator[Array]:
+        """Joint angles that reach a pose within every limit.
+
+        Args:
+            base_from_tool: Target, shape (4, 4), metres.
+            near: Joint angles (6,) to start from; where the arm stands if left out.
+
+        Yields:
+            Joint angles (6,) in radians, the shortest way first; at least one.
+
+        Raises:
+            UnreachableError: None keeps every limit; the message names one of them.
+            ValueError: The target is no rigid transform.
+        """
+        start = self.joints if near is None else near
+        target = ur5.check_pose(base_from_tool, "base_from_tool")
+        flange = ur5.BASE_LINK_FROM_DH_BASE @ target @ np.linalg.inv(self.arm.flange_from_tool)
+        found = ur5.inverse_kinematics(flange, free_angle=float(start[5]))
+        found = ur5.nearest_turns(found, start)
+        problems = []
+        for row in np.abs(found - start).max(axis=1).argsort(kind="stable"):
+            self._trial.update(found[row])
+            problems.append(self.rows.broken(self._trial))
+            if not problems[-1]:
+                yield found[row]
+        if all(problems):
+            raise UnreachableError(f"no joint angles keep every limit: {problems[0]}")
+
+    def _plan(self, target: Array) -> None:
+        """Choose joint angles for a target, and the points in joint space on the way to them.
+
+        A target near the one before keeps its branch of solutions. To another one the tool goes
+        straight if it can, else straight in joint space, to another branch or past the home pose.
+        """
+        moved = (1.0, 1.0) if self._goal is None else _difference(self._goal_pose, target)
+        if moved[0] < 0.005 and moved[1] < 0.03:
+            return
+        if self._goal is not None and moved[0] < 0.10 and moved[1] < 0.5:
+            goal = next(self.joint_goals(target, self._goal))
+            if np.abs(goal - self._goal).max() < 1.0:
+                self._way[-1] = self._goal = goal
+                self._goal_pose = target.copy()
+                return
+        end = self.straight_way(target)
+        away = _difference(self._pose(self._configuration), target)
+        if end is None and away[0] < 0.06 and away[1] < 0.35:
+            end = self.joints.copy()  # all but there: no other branch
+        if end is None:
+            self._find_way(target)
+        else:
+            self._goal, self._goal_pose, self._way = end, target.copy(), [end]
+        self._by_joints, self._best, self._idle = end is None, np.inf, 0.0
+        self._start = self._pose(self._configuration)[:3, 3].copy()
+
+    def straight_way(self, target: Array) -> Array | None:
+        """Joint angles (6,) at the end of the tool's straight way, None where it leads nowhere.
+
+        Raises:
+            UnreachableError: The target itself breaks a limit.
+        """
+        next(self.joint_goals(target))
+        here = self._pose(self._configuration)
+        distance, angle = _difference(here, target)
+        count = int(np.ceil(max(distance / 0.04, angle / 0.2, 1.0)))
+        joints = self.joints
+        for share in np.arange(1, count + 1) / count:
+            try:
+                goal = next(self.joint_goals(_between(here, target, share, share), joints))
+            except UnreachableError:
+                return None
+            if np.abs(goal - joints).max() > 0.7:
+                return None
+            joints = goal
+        return joints
+
+    def _find_way(self, target: Array) -> None:
+        """Look for a way in joint space from here to a target that keeps every limit."""
+        goals = list(self.joint_goals(target))
+        ways = [[goal] for goal in goals] + [[self.arm.home, goal] for goal in goals]
+        self._way = next((way for way in ways if self._free(way)), ways[len(goals)])
+        self._goal, self._goal_pose = self._way[-1], target.copy()
+
+    def _free(self, way: list[Array]) -> bool:
+        """Whether straight ways in joint space from here past these points keep every limit."""
+        start = self.joints
+        for end in way:
+            count = int(np.ceil(np.abs(end - start).max() / 0.2))
+            for share in np.arange(1, count) / max(count, 1):
+                self._trial.update(start + share * (end - start))
+                if self.rows.broken(self._trial):
+                    return False
+            start = end
+        return True
+
+    def advance(self, base_from_tool: Array, dt: float) -> None:
+        """Move the command toward a tool pose for one step of dt seconds.
+
+        Raises:
+            UnreachableError: The target breaks a limit; the command has not changed.
+            ValueError: The target is no rigid transform.
+        """
+        target = ur5.check_pose(base_from_tool, "base_from_tool")
+        self._plan(target)
+        now, c = self._pose(self._configuration), self.motion
+        distance, angle = _difference(now, target)
+        self._choose_way(target, distance, angle, dt)
+        self._frame.set_target(mink.SE3.from_matrix(self._reference(now, target, dt)))
+        way = (self._way[0] if self._by_joints else self._way[-1]) - self.joints
+        longest = float(np.abs(way).max())
+        fast = _slowing(longest, self.rows.speed, 0.5 * c.joint_acceleration, dt)
+        self._posture.set_target(self.joints + way * fast * dt / max(longest, 1e-9))
+        tasks = [self._posture] if self._by_joints else [self._frame, self._posture]
+        self.rows.velocity = self.velocity
+        try:
+            velocity = mink.solve_ik(
+                self._configuration, tasks, dt, "daqp", damping=1e-7, limits=[self.rows]
+            )
+        except mink.NoSolutionFound:
+            velocity = self.velocity * (1.0 - dt / self.rows.braking_time)
+        self.put(self.joints + velocity * dt, velocity)
+
+    def _reference(self, now: Array, target: Array, dt: float) -> Array:
+        """The tool pose (4, 4) for the next moment, on the line from where the way began.
+
+        Joints that are at their limits push the tool off the line; it then goes on more slowly
+        until it is back.
+        """
+        c = self.motion
+        moving = self._configuration.get_frame_jacobian("tool", "site") @ self.velocity
+        speed, spin = float(np.linalg.norm(moving[:3])), float(np.linalg.norm(moving[3:]))
+        line = target[:3, 3] - self._start
+        left = target[:3, 3] - now[:3, 3]
+        length = float(np.linalg.norm(line))
+        along = line * ((left @ line) / length**2) if length > 0.01 else left
+        aside = left - along
+        ahead, off = float(np.linalg.norm(along)), float(np.linalg.norm(aside))
+        fast = min(
+            _slowing(ahead, c.tool_speed, c.tool_acceleration, dt) / (1 + off / 0.004),
+            speed + c.tool_acceleration * dt,
+        )
+        back = _slowing(off, c.tool_speed / 2, c.tool_acceleration, dt)
+        angle = _difference(now, target)[1]
+        turn = min(
+            _slowing(angle, c.turn_speed, c.turn_acceleration, dt), spin + c.turn_acceleration * dt
+        )
+        pose = _between(now, target, 0.0, turn * dt / max(angle, 1e-9))
+        pose[:3, 3] += (fast / max(ahead, 1e-9) * along + back / max(off, 1e-9) * aside) * dt
+        return pose
+
+    def brake(self, dt: float, acceleration: float) -> None:
+        """Slow all joints down in step for dt seconds, at most at an acceleration in rad/s2."""
+        fastest = float(np.abs(self.velocity).max())
+        velocity = self.velocity * max(0.0, 1.0 - acceleration * dt / max(fastest, 1e-12))
+        self.put(self.joints + velocity * dt, velocity)
+
+    def forget(self) -> None:
+        """Look for a way anew at the next call: the arm was stopped on the one before."""
+        self._goal = None
+
+    def put(self, joints: Array, velocity: Array) -> None:
+        """Say where the command stands: joint angles (6,) and velocities (6,)."""
+        self.joints, self.velocity = joints, velocity
+        self._configuration.update(joints)
+
+    def _choose_way(self, target: Array, distance: float, angle: float, dt: float) -> None:
+        """A straight way that comes no nearer gives way to one in joint space, to its end."""
+        if self._by_joints:
+            if np.abs(self._way[0] - self.joints).max() < 0.05:
+                self._by_joints = len(self._way) > 1
+                self._start = self._pose(self._configuration)[:3, 3].copy()
+                self._way = self._way[-1:]
+            return
+        left = distance + 0.1 * angle
+        arrived = distance < 0.002 and angle < 0.02
+        self._idle = 0.0 if arrived or left < self._best - 0.03 * dt else self._idle + dt
+        self._best = min(left, self._best) if self._idle else left
+        if self._idle > 0.3:
+            self._find_way(target)
+            self._by_joints, self._idle, self._best = True, 0.0, np.inf
+
+    def _pose(self, configuration: mink.Configuration) -> Array:
+        pose = np.eye(4)
+        pose[:3, :3] = configuration.data.site_xmat[self._site].reshape(3, 3)
+        pose[:3, 3] = configuration.data.site_xpos[self._site]
+        return pose
+
+
+def _slowing(distance: float, speed: float, acceleration: float, dt: float) -> float:
+    """Speed at a distance from the target so that it is reached without overshoot."""
+    return min(speed, float(np.sqrt(2 * acceleration * distance)), distance / (3 * dt))
+
+
+def _difference(first: Array, second: Array) -> tuple[float, float]:
+    """Distance in metres and angle in radians between two poses (4, 4)."""
+    turn = Rotation.from_matrix(first[:3, :3].T @ second[:3, :3]).magnitude()
+    return float(np.linalg.norm(first[:3, 3] - second[:3, 3])), float(turn)
+
+
+def _between(first: Array, second: Array, shift: float, turn: float) -> Array:
+    """A pose at the shares shift and turn of the way from the first pose to the second."""
+    pose = np.eye(4)
+    way = Rotation.from_matrix(first[:3, :3].T @ second[:3, :3]).as_rotvec()
+    pose[:3, :3] = first[:3, :3] @ Rotation.from_rotvec(turn * way).as_matrix()
+    pose[:3, 3] = first[:3, 3] + shift * (second[:3, 3] - first[:3, 3])
+    return pose

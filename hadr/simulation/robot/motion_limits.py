@@ -1,0 +1,152 @@
+"""The limits of the arm's motion as rows of a quadratic program, none of which needs clipping.
+
+A row bounds how fast a distance may shrink by distance / braking time. As no joint takes longer
+than that to stand still, slowing all joints down in step keeps every row: the program always has
+an answer.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+
+import mink
+import mujoco
+import numpy as np
+
+from hadr.handover import ur5
+from hadr.handover.robot import ArmConfig
+from hadr.handover.ur5 import Array
+from hadr.simulation.robot.arm_model import GRIPPER_GEOMS
+
+
+@dataclass(frozen=True)
+class MotionConfig:
+    """How the arm may move.
+
+    Attributes:
+        joint_acceleration: Largest acceleration of a joint, rad/s2.
+        tool_speed: Largest speed of the tool point, m/s.
+        tool_acceleration: How hard the tool slows down before its target, m/s2.
+        turn_speed: Largest speed of the tool's rotation on a straight way, rad/s.
+        turn_acceleration: How hard the rotation slows down, rad/s2.
+        clearance: Free space that links and gripper keep to each other and to the table, metres.
+        margin: The commanded tool point stays this far inside the workspace box, metres.
+        posture_weight: Pull of the chosen joint angles beside that of the straight way.
+    """
+
+    joint_acceleration: float = 5.0
+    tool_speed: float = 0.35
+    tool_acceleration: float = 0.8
+    turn_speed: float = 1.5
+    turn_acceleration: float = 4.0
+    clearance: float = 0.008
+    margin: float = 0.004
+    posture_weight: float = 0.02
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not (np.isfinite(value) and value > 0):
+                raise ValueError(f"{name} must be a positive number, got {value}")
+
+
+def _directions() -> Array:
+    """Thirteen axes whose 26 half spaces hold a ball: the tool's speed is bounded along each."""
+    rows = [np.array(d, dtype=np.float64) for d in product((-1, 0, 1), repeat=3) if d > (0, 0, 0)]
+    return np.array([row / np.linalg.norm(row) for row in rows])
+
+
+_DIRECTIONS = _directions()
+_ROUNDNESS = 0.89
+"""The 26 half spaces at this distance lie in the ball of radius 1."""
+_LOW_PARTS = ("forearm", "forearm_1", "wrist_1", "wrist_2", "wrist_3", *GRIPPER_GEOMS)
+
+
+class MotionRows(mink.Limit):  # type: ignore[misc]
+    """All limits as rows G dq <= h; see the module's text for why they never contradict."""
+
+    def __init__(self, model: mujoco.MjModel, arm: ArmConfig, motion: MotionConfig) -> None:
+        self.arm, self.motion = arm, motion
+        self.speed = ur5.JOINT_SPEED * arm.speed_fraction
+        self.braking_time = max(0.2, 1.1 * self.speed / motion.joint_acceleration)
+        self.velocity: Array = np.zeros(6)
+        self._tool = model.site("tool").id
+        names = [model.site(i).name for i in range(model.nsite)]
+        self._points = [i for i, name in enumerate(names) if "_point_" in name]
+        self._flange = model.site("wrist_3_point_0").id
+        self._shoulder = np.array([0.0, 0.0, ur5.DH_D[0]])
+        wrist = ("wrist_1", "wrist_2", "wrist_3", *GRIPPER_GEOMS)
+        self._apart = mink.CollisionAvoidanceLimit(
+            model,
+            [
+                (("base", "shoulder", "shoulder_1"), ("forearm", *wrist)),
+                (("upper_arm",), wrist),
+                (("forearm", "forearm_1"), ("wrist_3", *GRIPPER_GEOMS)),
+                (("table",), _LOW_PARTS),
+            ],
+            minimum_distance_from_collisions=motion.clearance,
+            collision_detection_distance=0.2,
+        )
+
+    def broken(self, configuration: mink.Configuration) -> str:
+        """Name the limit that a configuration breaks, or return an empty string."""
+        data, space = configuration.data, self.arm.workspace
+        joints = data.qpos
+        if np.any(joints < ur5.JOINT_LOWER) or np.any(joints > ur5.JOINT_UPPER):
+            return f"joint angles {np.round(joints, 3)} rad lie outside the joint limits"
+        tool = data.site_xpos[self._tool]
+        m = self.motion.margin
+        if not (np.all(tool >= np.add(space.lower, m)) and np.all(tool <= np.add(space.upper, -m))):
+            return f"tool point {np.round(tool, 3)} m lies outside the workspace box"
+        reach = float(np.linalg.norm(data.site_xpos[self._flange] - self._shoulder))
+        if reach > ur5.REACH:
+            return f"flange {reach:.3f} m from the shoulder, reach is {ur5.REACH} m"
+        lowest = float(data.site_xpos[self._points, 2].min())
+        if lowest < space.table:
+            return f"a link would be at height {lowest:.3f} m, the table at {space.table} m"
+        model = configuration.model
+        for first, second in self._apart.geom_id_pairs:
+            gap = mujoco.mj_geomDistance(model, data, first, second, 0.02, None)
+            if gap < self.motion.clearance:
+                names = f"{model.geom(first).name} and {model.geom(second).name}"
+                return f"{names} would be {1000 * gap:.0f} mm apart"
+        return ""
+
+    def compute_qp_inequalities(
+        self, configuration: mink.Configuration, dt: float
+    ) -> mink.Constraint:
+        """Rows for one step of dt seconds from a configuration."""
+        model, data, space = configuration.model, configuration.data, self.arm.workspace
+        share = dt / self.braking_time
+        step = self.motion.joint_acceleration * dt
+        up = np.minimum(self.speed, self.velocity + step) * dt
+        up = np.minimum(up, (ur5.JOINT_UPPER - data.qpos) * share)
+        down = np.minimum(self.speed, step - self.velocity) * dt
+        down = np.minimum(down, (data.qpos - ur5.JOINT_LOWER) * share)
+        tool = self._jacobian(model, data, self._tool)
+        place, m = data.site_xpos[self._tool], self.motion.margin
+        along = _DIRECTIONS @ tool
+        fast = np.full(len(along), self.motion.tool_speed * _ROUNDNESS * dt)
+        heights = np.stack([self._jacobian(model, data, i)[2] for i in self._points])
+        above = (data.site_xpos[self._points, 2] - space.table) * share
+        away = data.site_xpos[self._flange] - self._shoulder
+        reach = float(np.linalg.norm(away))
+        out = (away / reach) @ self._jacobian(model, data, self._flange)
+        self._apart.gain = share
+        apart = self._apart.compute_qp_inequalities(configuration, dt)
+        near = np.isfinite(apart.h)
+        rows = [np.eye(6), -np.eye(6), tool, -tool, along, -along, -heights, out[None]]
+        bounds = [up, down]
+        bounds += [(np.asarray(space.upper) - m - place) * share]
+        bounds += [(place - np.asarray(space.lower) - m) * share]
+        bounds += [fast, fast, above, np.array([(ur5.REACH - reach) * share])]
+        G = np.concatenate([*rows, apart.G[near]])
+        h = np.concatenate([*bounds, apart.h[near]])
+        # curvature may make braking miss a row by micrometres: braking is always allowed
+        braking = self.velocity * (1.0 - share) * dt
+        return mink.Constraint(G, np.maximum(h, G @ braking + 1e-12))
+
+    def _jacobian(self, model: mujoco.MjModel, data: mujoco.MjData, site: int) -> Array:
+        jacobian = np.zeros((3, model.nv))
+        mujoco.mj_jacSite(model, data, jacobian, None, site)
+        return jacobian

@@ -1,0 +1,281 @@
+"""A UR5 of mass and motors, behind the same calls as every other robot.
+
+`servo_to` only sets the command for the next moment; the world's steps carry it out. A command
+that is not renewed in time makes the arm brake, as a real UR5 does when its client falls silent.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import mujoco
+import numpy as np
+
+from hadr.handover import ur5
+from hadr.handover.robot import ArmConfig
+from hadr.handover.safety import singularity
+from hadr.handover.ur5 import Array, UnreachableError
+from hadr.simulation.robot.arm_motion import ArmMotion
+from hadr.simulation.robot.motion_limits import MotionConfig
+
+
+@dataclass(frozen=True)
+class PhysicalArmConfig:
+    """Settings of the physical arm.
+
+    Attributes:
+        arm: Home, tool, speed, gripper and workspace.
+        motion: How it may move.
+        gentle_force: Force of a finger while the human still holds the object, newtons.
+        firm_force: Force of a finger once the gripper alone holds it, newtons.
+        opening_force: Force of a finger that opens in a protective stop, newtons.
+        force_rise: How fast the fingers' force may grow, newtons per second.
+        protective_force: Force on the hand at which the arm freezes, newtons.
+        emergency_deceleration: Of the joints in a protective stop, rad/s2.
+        least_singular_value: Where the Jacobian's smallest singular value is less, a pose counts as
+            out of reach, see `hadr.handover.safety.singularity`.
+    """
+
+    arm: ArmConfig = field(default_factory=lambda: ArmConfig(speed_fraction=0.35))
+    motion: MotionConfig = field(default_factory=MotionConfig)
+    gentle_force: float = 7.0
+    firm_force: float = 22.0
+    opening_force: float = 3.0
+    force_rise: float = 20.0
+    protective_force: float = 9.0
+    emergency_deceleration: float = 20.0
+    least_singular_value: float = 0.005
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if name not in ("arm", "motion") and not (np.isfinite(value) and value > 0):
+                raise ValueError(f"{name} must be a positive number, got {value}")
+
+
+@dataclass(frozen=True)
+class _Stretch:
+    """One piece of the commanded path: a cubic between two states, seconds and radians."""
+
+    start: float
+    length: float
+    joints: tuple[Array, Array]
+    velocities: tuple[Array, Array]
+
+    @property
+    def end(self) -> float:
+        return self.start + self.length
+
+    def at(self, time: float) -> tuple[Array, Array]:
+        """Joint angles and velocities at a time within the stretch, each of shape (6,)."""
+        s = float(np.clip((time - self.start) / self.length, 0.0, 1.0))
+        (a, b), (va, vb) = self.joints, self.velocities
+        u, w = s * self.length * va, s * self.length * vb
+        joints = (
+            (1 + 2 * s) * (1 - s) ** 2 * a
+            + (1 - s) ** 2 * u
+            + s * s * (3 - 2 * s) * b
+            + s * (s - 1) * w
+        )
+        velocity = (
+            6 * s * (1 - s) * (b - a) / self.length
+            + (1 - s) * (1 - 3 * s) * va
+            + s * (3 * s - 2) * vb
+        )
+        return joints, velocity
+
+
+class PhysicalUR5:
+    """The arm and gripper of a `hadr.simulation.world.physics.World`.
+
+    Args:
+        model: The world's model; this robot changes the motor limits of its gripper.
+        data: The world's state; this robot writes its controls.
+        config: Settings.
+
+    Attributes:
+        protective_stop: Why the arm has frozen; empty while it has not.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        config: PhysicalArmConfig | None = None,
+    ) -> None:
+        self.config = config or PhysicalArmConfig()
+        self.protective_stop = ""
+        self._model, self._data = model, data
+        self._motion = ArmMotion(self.config.arm, self.config.motion)
+        self._site = model.site("tool").id
+        self._position = np.array([model.actuator(f"position_{i}").id for i in range(1, 7)])
+        self._speed = np.array([model.actuator(f"speed_{i}").id for i in range(1, 7)])
+        self._grip = model.actuator("fingers").id
+        self._joints = np.array([model.joint(f"joint_{i}").qposadr[0] for i in range(1, 7)])
+        self._fingers = np.array(
+            [model.joint(f"{side}_finger").qposadr[0] for side in ("left", "right")]
+        )
+        self._stopped = False
+        self._touch = np.zeros(6)
+        self._released_at = -np.inf
+        self._opening = self._target_opening = self.config.arm.largest_opening
+        data.qpos[self._joints] = self.config.arm.home
+        data.qpos[self._fingers] = self._opening / 2
+        home = self.config.arm.home
+        still = (np.zeros(6), np.zeros(6))
+        self._stretch = _Stretch(data.time - 0.02, 0.02, (home, home), still)
+        self.home_pose: Array = self._motion.tool_pose_at(home)
+        self._force = self._wanted_force = self.config.gentle_force
+        self.drive()
+
+    def tool_pose(self) -> Array:
+        """Return base_from_tool now as the physics has it, shape (4, 4), metres."""
+        pose = np.eye(4)
+        pose[:3, :3] = self._data.site_xmat[self._site].reshape(3, 3)
+        pose[:3, 3] = self._data.site_xpos[self._site]
+        return pose
+
+    def joint_positions(self) -> Array:
+        """Return the six joint angles now, radians."""
+        joints: Array = self._data.qpos[self._joints].copy()
+        return joints
+
+    def reachable(self, base_from_tool: Array) -> bool:
+        """Say whether the tool could stand at this pose, shape (4, 4), within all limits.
+
+        A pose at which the arm is nearly singular counts as one that it can't reach.
+        """
+        try:
+            joints = next(self._motion.joint_goals(base_from_tool))
+        except UnreachableError:
+            return False
+        return singularity(joints) >= self.config.least_singular_value
+
+    def servo_to(self, base_from_tool: Array, dt: float) -> None:
+        """Set the command for the next dt seconds: move toward a tool pose.
+
+        Args:
+            base_from_tool: Target, shape (4, 4), metres.
+            dt: Time that the command holds, seconds, more than 0 and at most 0.1; without a new
+                one the arm brakes after it.
+
+        Raises:
+            UnreachableError: The target breaks a limit; the arm brakes.
+            ValueError: The target is no rigid transform, or dt is out of range; the arm brakes.
+        """
+        if not 0 < dt <= 0.1:
+            raise ValueError(f"dt must be more than 0 and at most 0.1 seconds, got {dt}")
+        target = ur5.check_pose(base_from_tool, "base_from_tool")
+        if self._stopped or self.protective_stop:
+            return
+        joints, velocity = self._stretch.at(self._data.time)
+        self._motion.put(joints, velocity)
+        self._motion.advance(target, dt)
+        after = (self._motion.joints, self._motion.velocity)
+        self._stretch = _Stretch(self._data.time, dt, (joints, after[0]), (velocity, after[1]))
+
+    def stop(self) -> None:
+        """Brake and stand still; later commands do nothing until `release`."""
+        self._stopped = True
+
+    def straight_way(self, base_from_tool: Array) -> bool:
+        """Say whether the tool can go to a pose, shape (4, 4), on a straight line from here.
+
+        Where it cannot, `servo_to` turns the joints evenly instead, and the tool swings out.
+        """
+        try:
+            return self._motion.straight_way(base_from_tool) is not None
+        except UnreachableError:
+            return False
+
+    def release(self) -> None:
+        """Let the arm move again after a stop or a protective stop.
+
+        For half a second it then bears half as much again, so that it can draw back from a hand
+        that still leans on it.
+        """
+        self._stopped = False
+        self._motion.forget()
+        self.protective_stop = ""
+        self._released_at = self._data.time
+        self.set_firm_grip(False)
+
+    def set_gripper(self, width: float) -> None:
+        """Open or close the fingers to a width in metres; an object between them stops them.
+
+        In a protective stop this does nothing.
+
+        Raises:
+            ValueError: The width is not finite or lies outside 0 to the largest opening.
+        """
+        largest = self.config.arm.largest_opening
+        if not 0 <= width <= largest:
+            raise ValueError(f"gripper width must lie between 0 and {largest} m, got {width}")
+        if not self.protective_stop:
+            self._target_opening = width
+
+    def gripper_width(self) -> float:
+        """Return the distance between the fingers now, metres."""
+        width = float(self._data.qpos[self._fingers].sum())
+        return min(max(width, 0.0), self.config.arm.largest_opening)
+
+    def tool_wrench(self) -> Array:
+        """Return force and torque about the tool point of what the gripper touches on it, (6,)."""
+        return self._touch.copy()
+
+    def touched(self, wrench: Array, dt: float) -> None:
+        """Tell the sensor at the wrist of the contacts in dt seconds; it smooths over 20 ms.
+
+        Args:
+            wrench: Force and torque about the tool point on the gripper, shape (6,), N and N m,
+                base frame.
+            dt: Seconds.
+        """
+        self._touch += (wrench - self._touch) * min(1.0, dt / 0.02)
+
+    def set_firm_grip(self, firm: bool) -> None:
+        """Let the fingers press firmly (the gripper alone holds), or only gently."""
+        force = self.config.firm_force if firm else self.config.gentle_force
+        if self.protective_stop and not firm:
+            force = min(force, self.config.opening_force)
+        self._wanted_force = force
+
+    def feel(self, force: float, *, open_fingers: bool) -> None:
+        """Freeze when the force on the hand, newtons, is too large, as real arms do.
+
+        Args:
+            force: Now, newtons.
+            open_fingers: Whether a protective stop opens the fingers: not with an object in them
+                that nobody else holds.
+        """
+        released = self._data.time < self._released_at + 0.5
+        allowed = self.config.protective_force * (1.5 if released else 1.0)
+        if force <= allowed or self.protective_stop:
+            return
+        self.protective_stop = f"{force:.1f} N on the hand, more than {allowed:.1f} N"
+        if open_fingers:
+            self.set_firm_grip(False)
+            self._target_opening = self.config.arm.largest_opening
+
+    def drive(self) -> None:
+        """Write the motors' commands for this moment; the world calls it before each step."""
+        now, c = self._data.time, self.config
+        halt = self._stopped or bool(self.protective_stop)
+        if now >= self._stretch.end - 1e-9 or (halt and self._stretch.start < now):
+            joints, velocity = self._stretch.at(now)
+            self._motion.put(joints, velocity)
+            urgent = bool(self.protective_stop)
+            rate = c.emergency_deceleration if urgent else c.motion.joint_acceleration
+            step = self._model.opt.timestep
+            self._motion.brake(step, rate)
+            after = (self._motion.joints, self._motion.velocity)
+            self._stretch = _Stretch(now, step, (joints, after[0]), (velocity, after[1]))
+        joints, velocity = self._stretch.at(now + self._model.opt.timestep)
+        self._data.ctrl[self._position] = joints
+        self._data.ctrl[self._speed] = velocity
+        step = c.arm.finger_speed * self._model.opt.timestep
+        self._opening += float(np.clip(self._target_opening - self._opening, -step, step))
+        self._data.ctrl[self._grip] = self._opening / 2
+        rise = c.force_rise * self._model.opt.timestep
+        self._force = min(self._force + rise, self._wanted_force)
+        # half of the motor's force acts on each finger
+        self._model.actuator_forcerange[self._grip] = [-2 * self._force, 2 * self._force]

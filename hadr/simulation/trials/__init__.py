@@ -1,0 +1,1 @@
+"""Attempts at a handover, one or a table of them."""

@@ -1,0 +1,373 @@
+"""The experiment: 8 objects, 6 holds each, once for every arm; resumable, on several cores.
+
+    OUT/hadr/0004-902.json   a finished attempt: its outcome, sealed by a checksum
+    OUT/hadr/0004-902.npz    the states of the world, for films and for a second look
+    OUT/hadr/0004-902-log.npz  what the workflow saw and commanded, for a replay
+
+An attempt is run again when its description, its code or its networks are others than its file
+says (`hadr.records.dependencies`), when the file was changed by hand, or when its states or log are
+missing or damaged.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import multiprocessing
+import os
+import signal
+import threading
+from collections import Counter
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from contextlib import closing, contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from hadr.handover.workflow import Stage, Transition
+from hadr.records.provenance import plain, record_of
+from hadr.records.result_file import digest, seal_row, sealed_row
+from hadr.simulation.film.film import film_frames, write_film
+from hadr.simulation.trials.trial import Arm, Trial, run_trial
+from hadr.simulation.world.scenes import TRIAL_HOLDS, TRIAL_OBJECTS, HeldScene, held_scene
+from hadr.simulation.world.state import WorldState
+from hadr.simulation.world.state_record import load_states, save_states
+
+Report = Callable[[Trial, dict[str, Any]], None]
+"""Told of each attempt and its outcome, finished now or before."""
+
+
+def attempts(
+    arm: Arm,
+    *,
+    objects: Sequence[str] = TRIAL_OBJECTS,
+    holds: Sequence[int] = TRIAL_HOLDS,
+    seed: int = 0,
+    template: Trial | None = None,
+) -> list[Trial]:
+    """List an arm's attempts, object by object.
+
+    Args:
+        arm: Which arm of the experiment.
+        objects: Ids of the objects.
+        holds: Numbers of the holding poses.
+        seed: Seed of places, motions and noise; the same for all arms, so that they are paired.
+        template: What else the attempts share, such as a faster hand.
+
+    Returns:
+        ``len(objects) * len(holds)`` attempts.
+    """
+    shared = template or Trial(objects[0], holds[0])
+    return [
+        replace(shared, object_id=object_id, hold_number=hold, arm=arm, seed=seed)
+        for object_id in objects
+        for hold in holds
+    ]
+
+
+def run_attempts(
+    trials: Iterable[Trial], out: Path, *, jobs: int = 1, report: Report | None = None
+) -> list[dict[str, Any]]:
+    """Run attempts, each one that is not finished yet.
+
+    Args:
+        trials: The attempts.
+        out: Folder of their files; made where it is missing.
+        jobs: So many at a time, each with one thread: in this process, or each in its own.
+        report: Told of each one as it is finished.
+
+    Returns:
+        The outcomes in the attempts' order.
+
+    Raises:
+        ValueError: jobs is less than 1.
+        KeyboardInterrupt: Interrupted. What was under way is lost, what was finished stays.
+    """
+    if jobs < 1:
+        raise ValueError(f"jobs must be at least 1, got {jobs}")
+    trials = list(trials)
+    found = [_finished_row(out, t) for t in trials]
+    missing = [i for i, row in enumerate(found) if row is None]
+    for i, row in enumerate(found):
+        if row is not None and report is not None:
+            report(trials[i], row)
+    if jobs == 1:
+        threads = torch.get_num_threads()
+        _one_thread()
+        try:
+            for i in missing:
+                found[i] = _attempt(trials[i], out)
+                if report is not None:
+                    report(trials[i], found[i] or {})
+        finally:
+            torch.set_num_threads(threads)
+    elif missing:
+        with closing(_in_processes(trials, missing, out, min(jobs, len(missing)))) as finished:
+            for i, row in finished:
+                found[i] = row
+                if report is not None:
+                    report(trials[i], row)
+    return [row for row in found if row is not None]
+
+
+def _in_processes(
+    trials: Sequence[Trial], missing: Iterable[int], out: Path, jobs: int
+) -> Generator[tuple[int, dict[str, Any]]]:
+    """Make attempts in processes, and give each one's number and outcome as it is finished."""
+    # processes are spawned: a forked one would inherit PyTorch's threads
+    context = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(jobs, context, _begin_worker)
+    left, running = iter(missing), dict[Future[dict[str, Any]], int]()
+    try:
+        while True:
+            with _interrupts_wait():
+                while len(running) < jobs and (i := next(left, None)) is not None:
+                    running[pool.submit(_attempt, trials[i], out)] = i
+            if not running:
+                break
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                yield running.pop(future), future.result()
+    except BaseException:
+        for process in list((pool._processes or {}).values()):
+            process.terminate()
+        raise
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+@contextmanager
+def _interrupts_wait() -> Iterator[None]:
+    """Put Ctrl-C off; a process that is started meanwhile never hears of it."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _one_thread() -> None:
+    """Sums have one order then, whatever the number of jobs."""
+    torch.set_num_threads(1)
+
+
+def _begin_worker() -> None:
+    """Make a process ready for attempts: Ctrl-C is its parent's business, and it ends with it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    _one_thread()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+def is_finished(out: Path, trial: Trial) -> bool:
+    """Say whether an attempt is whole and of this code, so that it is not made again.
+
+    Args:
+        out: The folder that `run_attempts` writes to.
+        trial: Which attempt.
+    """
+    return _finished_row(out, trial) is not None
+
+
+def _path(out: Path, trial: Trial) -> Path:
+    return out / trial.arm / f"{trial.name}.json"
+
+
+def _companions(path: Path) -> dict[str, Path]:
+    """The other files of an attempt, by the name of their checksum in its row."""
+    log = path.with_name(f"{path.stem}-log.npz")
+    return {"states_sha256": path.with_suffix(".npz"), "log_sha256": log}
+
+
+def _finished_row(out: Path, trial: Trial) -> dict[str, Any] | None:
+    """An attempt's row where nothing of it is to be made again; rows once had no checksums."""
+    path = _path(out, trial)
+    row = sealed_row(path, trial.record)
+    if row is None:
+        return None
+    for name, file in _companions(path).items():
+        if not file.is_file() or row.get(name, "") not in ("", _checksum(file)):
+            return None
+    return row
+
+
+def _checksum(file: Path) -> str:
+    return hashlib.sha256(file.read_bytes()).hexdigest()
+
+
+def _attempt(trial: Trial, out: Path) -> dict[str, Any]:
+    path = _path(out, trial)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    sha = digest(trial.record)  # of the code as it is before the attempt
+    run = run_trial(trial)
+    files = _companions(path)
+    save_states(files["states_sha256"], run.states)
+    run.log.save(files["log_sha256"])
+    sums = {name: _checksum(file) for name, file in files.items()}
+    outcome = plain({**record_of(run.outcome), "config_sha256": sha})
+    changes = [[t.time, t.before.value, t.after.value, t.reason] for t in run.transitions]
+    described = {"trial": plain(record_of(trial)), **outcome, **sums}
+    return seal_row(path, {**described, "transitions": changes})
+
+
+def finished_attempt(
+    out: Path, trial: Trial
+) -> tuple[dict[str, Any], list[WorldState], list[Transition], HeldScene]:
+    """Read a finished attempt, whatever the settings were that all attempts shared then.
+
+    Args:
+        out: The folder that `run_attempts` wrote to.
+        trial: Which attempt.
+
+    Returns:
+        Its row, its states, its changes of stage and what was held out.
+
+    Raises:
+        FileNotFoundError: It is not finished, or it was another attempt, or its row was edited.
+        ValueError: A file of it is cut off or damaged. Each message has the path and what to do.
+    """
+    path = _path(out, trial)
+    if not path.is_file():
+        raise FileNotFoundError(f"there is no finished attempt {path}; hadr handover makes it")
+    row = read_row(path)
+    content = {name: value for name, value in row.items() if name != "sha256"}
+    if row.get("sha256") != digest(content) or row.get("trial") != plain(record_of(trial)):
+        raise FileNotFoundError(
+            f"{path} is of another attempt, or was changed by hand; hadr handover makes it again"
+        )
+    file = path.with_suffix(".npz")
+    if not file.is_file():
+        raise FileNotFoundError(f"{file} is missing: hadr handover makes the attempt again")
+    if row.get("states_sha256", "") not in ("", _checksum(file)):
+        raise ValueError(f"{file} is cut off or was changed: hadr handover makes the attempt again")
+    try:
+        states = load_states(file)
+    except ValueError as error:
+        raise ValueError(f"{file}: {error}; hadr handover makes the attempt again") from error
+    changes = [Transition(t, Stage(a), Stage(b), why) for t, a, b, why in row["transitions"]]
+    scene = held_scene(trial.object_id, trial.hold_number, trial.seed)
+    return row, states, changes, scene
+
+
+def read_row(path: Path) -> dict[str, Any]:
+    """Read an attempt's row, whatever attempt it is of.
+
+    Raises:
+        ValueError: It is cut off, or no row at all; the message has the path and what to do.
+    """
+    try:
+        row = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise ValueError(
+            f"{path} is cut off or no JSON ({error}); hadr handover makes the attempt again"
+        ) from error
+    if not isinstance(row, dict):
+        raise ValueError(
+            f"{path} holds a {type(row).__name__} and no attempt; hadr handover makes it again"
+        )
+    return row
+
+
+def film_path(out: Path, trial: Trial) -> Path:
+    """Where `film_of_attempt` writes to."""
+    return _path(out, trial).with_suffix(".mp4")
+
+
+def film_of_attempt(out: Path, trial: Trial) -> Path:
+    """Write a finished attempt's film beside its files; its last caption says the verdict.
+
+    Raises:
+        FileNotFoundError: As `finished_attempt`.
+        ValueError: As `finished_attempt`.
+    """
+    row, states, changes, scene = finished_attempt(out, trial)
+    frames = film_frames(states, scene, changes, ending=ending_of(row))
+    return write_film(film_path(out, trial), frames)
+
+
+def ending_of(row: dict[str, Any]) -> str:
+    """The last words of an attempt's film, such as ``drop after 4.7 s``."""
+    return f"{row['verdict']} after {row['decided_at']:.1f} s"
+
+
+def verdicts(outcomes: Sequence[dict[str, Any]]) -> dict[str, str]:
+    """The judge's word on each attempt, by the attempt's name, such as ``0004-902``.
+
+    Args:
+        outcomes: What `run_attempts` gave, or `read_row` of each file.
+
+    Raises:
+        ValueError: An attempt is there twice.
+    """
+    found: dict[str, str] = {}
+    for row in outcomes:
+        name = f"{row['trial']['object_id']}-{row['trial']['hold_number']}"
+        if name in found:
+            raise ValueError(f"attempt {name} is there twice")
+        found[name] = row["verdict"]
+    return found
+
+
+def arm_row(arm: str, outcomes: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Sum an arm's attempts up as a row of the result file.
+
+    Args:
+        arm: The arm's name.
+        outcomes: What `run_attempts` gave.
+
+    Returns:
+        Attempts, successes, their rate with Wilson's 95 % interval, how many objects reach 0.5,
+        0.8 and 1.0 as in the paper's table, failures by kind, mean times in seconds, the smallest
+        distance to the hand in metres, the largest force on it in newtons, and each attempt's
+        verdict.
+
+    Raises:
+        ValueError: There is no outcome, or an attempt is there twice.
+    """
+    if not outcomes:
+        raise ValueError(f"no attempt of arm {arm!r} to sum up")
+    won = np.array([row["verdict"] == "success" for row in outcomes])
+    objects = np.array([row["trial"]["object_id"] for row in outcomes])
+    by_object = {name: float(won[objects == name].mean()) for name in sorted(set(objects))}
+    from scipy.stats import binomtest  # takes a second to import, which no worker needs
+
+    interval = binomtest(int(won.sum()), len(won)).proportion_ci(0.95, "wilson")
+    succeeded = [row for row in outcomes if row["verdict"] == "success"]
+
+    def mean(name: str, rows: Sequence[dict[str, Any]]) -> float:
+        values = [row[name] for row in rows if row[name] is not None]
+        return float(np.mean(values)) if values else float("nan")
+
+    return {
+        "arm": arm,
+        "attempts": len(won),
+        "successes": int(won.sum()),
+        "rate": float(won.mean()),
+        "interval": [float(interval.low), float(interval.high)],
+        "objects_at_50_percent": sum(rate > 0.5 for rate in by_object.values()),
+        "objects_at_80_percent": sum(rate > 0.8 for rate in by_object.values()),
+        "objects_at_100_percent": sum(rate >= 1.0 for rate in by_object.values()),
+        "rate_by_object": by_object,
+        "failures": dict(
+            sorted(Counter(r["verdict"] for r in outcomes if r["verdict"] != "success").items())
+        ),
+        "mean_seconds": mean("decided_at", succeeded),
+        "mean_seconds_to_first_grasp": mean("first_grasp_at", outcomes),
+        "mean_planning_wall_seconds": mean("planning_wall_seconds", outcomes),
+        "mean_wall_seconds": mean("wall_seconds", outcomes),
+        "smallest_hand_distance_m": min(row["smallest_distance"] for row in outcomes),
+        "largest_force_n": max(row["largest_force"] for row in outcomes),
+        "verdicts": verdicts(outcomes),
+    }

@@ -1,0 +1,353 @@
+"""One attempt, closed loop: world, camera, sight, workflow and judge, stepped together.
+
+The world is stepped at 50 Hz beside the workflow. The camera takes a picture ten times a second,
+and what it says arrives one picture later, as a real pipeline's answer does. Everything random
+comes from the attempt's seed, so the same attempt ends in the same way.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import time as clock
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache, lru_cache
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import numpy as np
+
+from hadr.data.samples import samples_dir
+from hadr.handover.grasping.selection import GraspSelection
+from hadr.handover.recording import RecordedHandover
+from hadr.handover.robot import ArmConfig
+from hadr.handover.run_log import RunLog
+from hadr.handover.safety import SafetyConfig
+from hadr.handover.workflow import ChosenGrasp, Handover, HandoverConfig, Stage, Transition
+from hadr.records.dependencies import code_digest
+from hadr.records.provenance import record_of
+from hadr.simulation.camera.robot_camera import RobotCamera
+from hadr.simulation.camera.sight import (
+    CHECKPOINTS,
+    DepthArm,
+    Looks,
+    Sight,
+    bundled_finder,
+)
+from hadr.simulation.robot.motion_limits import MotionConfig
+from hadr.simulation.robot.physical_arm import PhysicalArmConfig
+from hadr.simulation.world.hand_motions import HandMotionConfig, motion_for
+from hadr.simulation.world.judge import Judge, Verdict
+from hadr.simulation.world.physics import World, WorldConfig
+from hadr.simulation.world.scenes import HeldScene, held_scene
+from hadr.simulation.world.state import WorldState
+from hadr.synthesis.glass.objects import glass_object
+
+Arm = Literal[
+    "raw",
+    "inpainted",
+    "hadr",
+    "hadr-plus",
+    "perfect",
+    "hadr-no-rescoring",
+    "hadr-no-tracking",
+    "hadr-plus-networks",
+]
+ARMS: tuple[Arm, ...] = get_args(Arm)
+_DEPTH_OF: dict[Arm, DepthArm] = {
+    "raw": "raw",
+    "inpainted": "inpainted",
+    "hadr": "hadr",
+    "hadr-plus": "hadr-plus",
+    "perfect": "perfect",
+    "hadr-no-rescoring": "hadr",
+    "hadr-no-tracking": "hadr",
+    "hadr-plus-networks": "hadr-plus",
+}
+CODE = ("hadr.simulation.trials.trial", "hadr.models.hadr", "hadr.models.hadr_plus")
+"""Modules with which an attempt begins: this one, and those of networks that are loaded by name."""
+CONTROL_STEP, SIGHT_STEP = 0.02, 0.1
+"""Seconds between two steps of the workflow, and between two pictures."""
+
+
+ATTEMPT_CONFIG = HandoverConfig(
+    approach_speed=0.35,
+    turn_speed=2.0,
+    advance_speed=0.12,
+    largest_drift=0.012,
+    restless_after=1.0,
+    squeeze=0.085,
+    forward=0.06,
+    feel_ahead=0.04,
+    feel_aside=0.02,
+    back_speed=0.12,
+    safety=SafetyConfig(smallest_singular_value=0.001, longest_singular=0.3),
+)
+"""Settings of all attempts, found on holds that are none of the experiment's. Keypoints with an
+error of 4 mm make the pre-grasp move by more than the standard 5 mm although the hand rests, and
+the program that moves this arm holds its limits nearer to a singular pose than the standard."""
+ATTEMPT_WORLD = WorldConfig(
+    arm=PhysicalArmConfig(
+        arm=ArmConfig(speed_fraction=0.6, finger_speed=0.15),
+        motion=MotionConfig(joint_acceleration=9.0, turn_speed=2.0, turn_acceleration=6.0),
+    )
+)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One attempt.
+
+    Attributes:
+        object_id: Which object.
+        hold_number: Which of its holding poses.
+        arm: Whose depth the robot sees, and what is switched off; with "-networks" mask and
+            keypoints are those of networks, too.
+        seed: Seed of place, motion, noise and of the grasps' draws.
+        hand_speed: Factor on the speed of the hand's motion.
+        extrinsics_error_deg: The camera stands turned by this angle from what its calibration says.
+        time_limit: Seconds until the attempt has failed.
+    """
+
+    object_id: str
+    hold_number: int
+    arm: Arm = "hadr"
+    seed: int = 0
+    hand_speed: float = 1.0
+    extrinsics_error_deg: float = 0.0
+    time_limit: float = 13.0
+
+    def __post_init__(self) -> None:
+        glass_object(self.object_id)  # says which there are
+        for name in ("hold_number", "seed"):
+            if getattr(self, name) < 0:
+                raise ValueError(f"{name} must be 0 or more, got {getattr(self, name)}")
+        if self.arm not in ARMS:
+            raise ValueError(f"arm must be one of {', '.join(ARMS)}, got {self.arm!r}")
+        if not (np.isfinite(self.hand_speed) and self.hand_speed > 0):
+            raise ValueError(f"hand_speed must be a factor above 0, got {self.hand_speed}")
+        if not 0 <= self.extrinsics_error_deg <= 90:
+            raise ValueError(
+                f"extrinsics_error_deg must lie in 0..90, got {self.extrinsics_error_deg}"
+            )
+        if not (np.isfinite(self.time_limit) and self.time_limit > 0):
+            raise ValueError(f"time_limit must be seconds above 0, got {self.time_limit}")
+
+    @property
+    def name(self) -> str:
+        """Name of the attempt's files, such as ``0004-902``."""
+        return f"{self.object_id}-{self.hold_number}"
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """All that the attempt depends on (`hadr.records.dependencies`).
+
+        What all attempts share, such as `ATTEMPT_CONFIG` and the settings of the grasps' selection,
+        is part of the code.
+
+        Raises:
+            FileNotFoundError: A bundled network of this arm is not there.
+        """
+        sums = {name: _file_sha256(path) for name, path in network_files(self.arm).items()}
+        return {**record_of(self), "networks": sums, "code": _code()}
+
+
+@cache  # what this process has loaded does not change
+def _code() -> str:
+    """Checksum of the code of all attempts."""
+    return code_digest(*CODE, without=("hadr.training.checkpoints",))  # it leads to every network
+
+
+def network_files(arm: Arm) -> dict[str, Path]:
+    """The bundled checkpoints that an arm uses, by their names in `sight`."""
+    names = [_DEPTH_OF[arm], *(("segmentation", "keypoints") if finds_by_networks(arm) else ())]
+    used = [name for name in names if name in CHECKPOINTS]
+    return {name: samples_dir() / "checkpoints" / CHECKPOINTS[name] for name in used}
+
+
+def finds_by_networks(arm: str) -> bool:
+    """Say whether networks find mask and keypoints, which else come from the simulator."""
+    return arm.endswith("-networks")
+
+
+def _file_sha256(path: Path) -> str:
+    state = path.stat()
+    return _sha256_then(path, state.st_mtime_ns, state.st_size)
+
+
+@lru_cache(maxsize=16)
+def _sha256_then(path: Path, changed: int, size: int) -> str:
+    """Checksum of a file, computed once for each time and size that it has."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How an attempt ended; seconds, metres, newtons.
+
+    Attributes:
+        verdict: The judge's word.
+        reason: The last transition's reason; without one, why no grasp was chosen. For a time-out
+            where the robot then was, and why it was slow or stood.
+        decided_at: Simulated time of the verdict.
+        first_grasp_at: Simulated time at which the first grasp was chosen; NaN without one.
+        grasps_chosen: How often one was chosen.
+        smallest_distance: Of robot and hand.
+        largest_force: Of the robot on the hand, up to the verdict: the first contact ends the
+            attempt, so this is that contact's first force, not what would have followed.
+        motion: Kind of the hand's motion.
+        kind: Kind of the hold.
+        planning_wall_seconds: Mean real time of one search for a grasp; NaN without one.
+        wall_seconds: Real time of the whole attempt.
+        corrections: How often a finger met the object and the gripper went in again beside.
+    """
+
+    verdict: Verdict
+    reason: str
+    decided_at: float
+    first_grasp_at: float
+    grasps_chosen: int
+    smallest_distance: float
+    largest_force: float
+    motion: str
+    kind: str
+    planning_wall_seconds: float
+    wall_seconds: float
+    corrections: int = 0
+
+
+@dataclass(frozen=True)
+class Run:
+    """An attempt that has been made.
+
+    Attributes:
+        trial: Its description.
+        scene: What was held out.
+        outcome: How it ended.
+        states: The world, 25 times a second.
+        transitions: Every change of stage, with its reason.
+        log: What the workflow saw and commanded, for a replay.
+    """
+
+    trial: Trial
+    scene: HeldScene
+    outcome: Outcome
+    states: tuple[WorldState, ...]
+    transitions: tuple[Transition, ...]
+    log: RunLog
+
+
+class _Timed:
+    """A grasp selection that measures how long it takes."""
+
+    def __init__(self, select: GraspSelection) -> None:
+        self.select, self.seconds = select, list[float]()
+
+    def __call__(self, *args: object) -> ChosenGrasp | None:
+        started = clock.perf_counter()
+        try:
+            return self.select(*args)  # type: ignore[arg-type]
+        finally:
+            self.seconds.append(clock.perf_counter() - started)
+
+
+def run_trial(
+    trial: Trial,
+    *,
+    config: HandoverConfig | None = None,
+    spoil: Callable[[Sight], Looks] | None = None,
+    on_step: Callable[[World, WorldState, Stage], None] | None = None,
+) -> Run:
+    """Make one attempt.
+
+    Args:
+        trial: What to try.
+        config: Settings of the workflow; the standard ones where left out.
+        spoil: Puts something between the world and its sight, such as a `BrokenSight`.
+        on_step: Told of the world, its state and the stage after each step, for watching.
+
+    Returns:
+        The attempt; the same for the same description, but for its wall-clock times.
+
+    Raises:
+        ValueError: The object is unknown.
+    """
+    started = clock.perf_counter()
+    scene = held_scene(trial.object_id, trial.hold_number, trial.seed)
+    path = motion_for(
+        trial.object_id,
+        trial.hold_number,
+        trial.seed,
+        config=HandMotionConfig(speed=trial.hand_speed),
+        scene=scene,
+    )
+    world = World(scene, path, ATTEMPT_WORLD)
+    camera = RobotCamera().miscalibrated(trial.extrinsics_error_deg, trial.seed)
+    base_from_camera = camera.calibration
+    finder = bundled_finder() if finds_by_networks(trial.arm) else None
+    whole = Sight(scene, camera, _DEPTH_OF[trial.arm], seed=trial.seed, finder=finder)
+    sight: Looks = whole if spoil is None else spoil(whole)
+    rng = np.random.default_rng([trial.seed, int(trial.object_id), trial.hold_number, 67])
+    select = _Timed(
+        GraspSelection(rng, base_from_camera[:3, 3], rescoring=trial.arm != "hadr-no-rescoring")
+    )
+    config = replace(config or ATTEMPT_CONFIG, tracking=trial.arm != "hadr-no-tracking")
+    home = world.robot.tool_pose()
+    handover = RecordedHandover(world.robot, select, base_from_camera, config)
+    judge = Judge(scene.item.height)
+    judge.rules = replace(judge.rules, time_limit=trial.time_limit)
+    states = [world.state()]
+    arriving = sight.look(states[0], with_points=True)
+    step = 0
+    while not judge.verdict:
+        if step % round(SIGHT_STEP / CONTROL_STEP) == 0:
+            observation, arriving = (
+                arriving,
+                sight.look(states[-1], with_points=handover.stage is Stage.WAIT_AND_OBSERVE),
+            )
+        if handover.stage is Stage.FINISHED:
+            world.robot.servo_to(home, CONTROL_STEP)  # carries the object to the goal
+        else:
+            handover.step(replace(observation, time=world.time), CONTROL_STEP)
+        world.step(CONTROL_STEP)
+        state = world.state()
+        states.append(state)
+        judge.look(state)
+        if handover.stage is Stage.GAVE_UP:
+            judge.give_up(world.time)
+        if on_step is not None:
+            on_step(world, state, handover.stage)
+        step += 1
+    chosen = [t for t in handover.transitions if t.after is Stage.APPROACH_AND_REACT]
+    outcome = Outcome(
+        verdict=judge.verdict,
+        reason=_reason(judge.verdict, handover),
+        decided_at=judge.decided_at,
+        first_grasp_at=chosen[0].time if chosen else float("nan"),
+        grasps_chosen=len(chosen),
+        smallest_distance=judge.smallest_distance,
+        largest_force=judge.largest_force,
+        motion=path.kind,
+        kind=scene.hold.kind,
+        planning_wall_seconds=float(np.mean(select.seconds)) if select.seconds else float("nan"),
+        wall_seconds=clock.perf_counter() - started,
+        corrections=handover.advance.all_corrections,
+    )
+    return Run(
+        trial, scene, outcome, tuple(states[::2]), tuple(handover.transitions), handover.log()
+    )
+
+
+def _reason(verdict: Verdict, handover: Handover) -> str:
+    """Why an attempt ended as it did, in words; see `Outcome.reason`."""
+    if not handover.transitions:
+        return f"no grasp was chosen: {handover.choosing.caution or handover.caution}"
+    last = handover.transitions[-1].reason
+    if verdict != "time-out":
+        return last
+    stage, part = handover.stage, ""
+    if stage in (Stage.GRASP_AND_RETRIEVE, Stage.STOPPED) and handover.part:
+        part = f", {handover.part}"
+    told = stage in (Stage.STOPPED, Stage.FINISHED)  # why it stands there is what entering it said
+    why = last if told else handover.caution or last
+    return f"time-out in {stage.value}{part}: {why}"

@@ -1,0 +1,1 @@
+"""The simulated world: held glass, moving hand, physics, judge."""

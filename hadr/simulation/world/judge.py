@@ -1,0 +1,112 @@
+"""Who judges an attempt: HandoverSim's rules, from the true state of the world alone.
+
+Success: both fingers hold the object, the hand has let go, and the object's middle has stayed
+within 15 cm of the goal for 0.1 s. Failures: human contact, drop, time-out (13 s). Source:
+HandoverSim's published benchmark; a distance and a force that it has not are reported beside.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from hadr.simulation.world.state import WorldState
+
+Array = npt.NDArray[np.float64]
+Verdict = Literal["", "success", "human contact", "drop", "time-out", "gave up"]
+"""Empty while nothing is decided. "gave up": the robot ended the attempt by itself, without the
+object; HandoverSim would let it stand until the time is out."""
+
+
+@dataclass(frozen=True)
+class Rules:
+    """What counts; metres, newtons, seconds.
+
+    Attributes:
+        goal: Where the object is to be carried, base frame, shape (3,): the tool's waiting place.
+        goal_radius: How near its middle must come.
+        hold_time: How long it must stay there.
+        contact_force: More than this between robot and hand is human contact.
+        drop_time: With nobody holding it for longer the object is dropped.
+        time_limit: An attempt that takes longer has failed.
+    """
+
+    goal: tuple[float, float, float] = (0.34, 0.12, 0.38)
+    goal_radius: float = 0.15
+    hold_time: float = 0.1
+    contact_force: float = 0.0
+    drop_time: float = 0.1
+    time_limit: float = 13.0
+
+
+@dataclass
+class Judge:
+    """Looks at each state in turn.
+
+    Attributes:
+        height: Of the object, from its foot to its top, metres: its middle is what counts.
+        rules: What counts.
+        verdict: The first thing that was decided; it stays.
+        decided_at: When, seconds; NaN before.
+        largest_force: Largest force on the hand so far, newtons.
+        smallest_distance: Smallest distance of robot and hand so far, metres.
+    """
+
+    height: float
+    rules: Rules = field(default_factory=Rules)
+    verdict: Verdict = field(default="", init=False)
+    decided_at: float = field(default=float("nan"), init=False)
+    largest_force: float = field(default=0.0, init=False)
+    smallest_distance: float = field(default=float("inf"), init=False)
+    _at_goal_since: float | None = field(default=None, init=False)
+    _unheld_since: float | None = field(default=None, init=False)
+
+    def look(self, state: WorldState) -> Verdict:
+        """Take one more state into account and say what is decided.
+
+        Args:
+            state: The world now; states come in the order of their times.
+
+        Returns:
+            The verdict; once it is not empty it stays the same.
+        """
+        self.largest_force = max(self.largest_force, state.hand_force)
+        if not self.verdict:  # afterwards a hand may come as near as it likes
+            self.smallest_distance = min(self.smallest_distance, state.hand_distance)
+        rules, now = self.rules, state.time
+        middle = state.base_from_object[:3, 3] + state.base_from_object[:3, 2] * self.height / 2
+        near = float(np.linalg.norm(middle - np.array(rules.goal))) <= rules.goal_radius
+        self._at_goal_since = _since(self._at_goal_since, near and state.holder == "gripper", now)
+        self._unheld_since = _since(self._unheld_since, state.holder == "nobody", now)
+        if self.verdict:
+            return self.verdict
+        if state.hand_force > rules.contact_force:
+            self._decide("human contact", now)
+        elif _lasted(self._unheld_since, now, rules.drop_time):
+            self._decide("drop", now)
+        elif _lasted(self._at_goal_since, now, rules.hold_time):
+            self._decide("success", now)
+        elif now > rules.time_limit:
+            self._decide("time-out", now)
+        return self.verdict
+
+    def give_up(self, time: float) -> None:
+        """The robot has ended the attempt without the object; nothing changes once decided."""
+        if not self.verdict:
+            self._decide("gave up", time)
+
+    def _decide(self, verdict: Verdict, time: float) -> None:
+        self.verdict, self.decided_at = verdict, time
+
+
+def _since(before: float | None, holds: bool, now: float) -> float | None:
+    if not holds:
+        return None
+    return now if before is None else before
+
+
+def _lasted(since: float | None, now: float, time: float) -> bool:
+    return since is not None and now - since >= time - 1e-9

@@ -1,0 +1,334 @@
+"""The physical world of one handover: arm, hand and object under gravity, step by step.
+
+The hand follows its path like a hand on a spring, so that a push moves it instead of crushing it.
+It holds the object until both fingers have pressed on it for a tenth of a second; then it lets go
+and draws back along its forearm.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import mujoco
+import numpy as np
+
+from hadr.camera import transform_points
+from hadr.handover.ur5 import Array
+from hadr.simulation.robot.arm_model import GRIPPER_GEOMS, HAND, OBJECT, ROBOT
+from hadr.simulation.robot.physical_arm import PhysicalArmConfig, PhysicalUR5
+from hadr.simulation.world.model import HAND_INERTIA, HAND_MASS, world_model
+from hadr.simulation.world.scenes import HeldScene
+from hadr.simulation.world.state import HandPath, Holder, WorldState
+
+_NEAR_PARTS = (*GRIPPER_GEOMS, "wrist_3", "wrist_2", "wrist_1", "forearm", "forearm_1")
+_KNOT = 0.01
+"""Seconds between two looks at the hand's path; between them the hand wants to move evenly."""
+
+
+@dataclass(frozen=True)
+class WorldConfig:
+    """How the human behaves, and the arm's settings; metres, newtons, seconds.
+
+    Attributes:
+        arm: Settings of the physical arm.
+        hand_stiffness: Force that a displaced hand holds against, N/m.
+        hand_turn_stiffness: Torque that a twisted hand holds against, N m/rad.
+        hand_strength: A hand that is pushed harder gives way, newtons.
+        hand_torque: A hand that is twisted harder gives way, N m.
+        release_after: The hand lets go once both fingers have pressed for this long.
+        release_force: What counts as pressing.
+        withdraw_speed: How fast the hand draws back after it has let go, m/s.
+        withdraw_distance: How far.
+    """
+
+    arm: PhysicalArmConfig = field(default_factory=PhysicalArmConfig)
+    hand_stiffness: float = 250.0
+    hand_turn_stiffness: float = 5.0
+    hand_strength: float = 12.0
+    hand_torque: float = 1.5
+    release_after: float = 0.1
+    release_force: float = 0.5
+    withdraw_speed: float = 0.05
+    withdraw_distance: float = 0.15
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if name != "arm" and not (np.isfinite(value) and value > 0):
+                raise ValueError(f"{name} must be a positive number, got {value}")
+
+
+@dataclass(frozen=True)
+class _Course:
+    """The hand's wanted motion over one short time: constant speed (3,) and spin (3,)."""
+
+    start: float
+    first: Array
+    end: Array
+    speed: Array
+    spin: Array
+    quaternion: Array
+    turn: Array
+
+    @classmethod
+    def between(cls, start: float, first: Array, end: Array) -> _Course:
+        """The motion from one wrist pose (4, 4) to the next, base frame."""
+        quaternions = np.zeros((2, 4))
+        for pose, quaternion in zip((first, end), quaternions, strict=True):
+            mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(pose[:3, :3]).ravel())
+        turn = np.zeros(3)
+        mujoco.mju_subQuat(turn, quaternions[1], quaternions[0])
+        turn /= _KNOT
+        speed = (end[:3, 3] - first[:3, 3]) / _KNOT
+        return cls(start, first, end, speed, first[:3, :3] @ turn, quaternions[0], turn)
+
+    def origin(self, elapsed: float) -> Array:
+        """Where the wrist should be, shape (3,)."""
+        place: Array = self.first[:3, 3] + elapsed * self.speed
+        return place
+
+    def place(self, elapsed: float, point: Array) -> Array:
+        """Where a point (3,) of the wrist frame should be, shape (3,)."""
+        rotated = np.zeros(3)
+        mujoco.mju_rotVecQuat(rotated, point, self._quaternion_at(elapsed))
+        place: Array = self.origin(elapsed) + rotated
+        return place
+
+    def turn_from(self, elapsed: float, quaternion: Array) -> Array:
+        """Rotation vector (3,) to the wanted rotation, in the frame of the quaternion (4,)."""
+        turn = np.zeros(3)
+        mujoco.mju_subQuat(turn, self._quaternion_at(elapsed), quaternion)
+        return turn
+
+    def _quaternion_at(self, elapsed: float) -> Array:
+        quaternion = self.quaternion.copy()
+        mujoco.mju_quatIntegrate(quaternion, self.turn, elapsed)
+        return quaternion
+
+
+def _cross(first: Array, second: Array) -> Array:
+    """Cross product of two vectors (3,); numpy's takes ten times as long."""
+    product = np.zeros(3)
+    mujoco.mju_cross(product, first, second)
+    return product
+
+
+def _at_most(vector: Array, largest: float) -> Array:
+    """The vector (3,), shortened to a length where it is longer."""
+    length = float(np.sqrt(vector @ vector))
+    shortened: Array = vector if length <= largest else vector * (largest / length)
+    return shortened
+
+
+class World:
+    """One handover's physics.
+
+    Args:
+        scene: Hand and object at rest.
+        path: How the hand moves; None keeps it where it is.
+        config: Settings; the standard ones where left out.
+
+    Attributes:
+        robot: The arm; its last command runs while the world is stepped.
+        scene: As given.
+    """
+
+    def __init__(
+        self,
+        scene: HeldScene,
+        path: HandPath | None = None,
+        config: WorldConfig | None = None,
+    ) -> None:
+        self.scene, self._path = scene, path
+        self.config = config or WorldConfig()
+        self._model = world_model(scene, self.config.arm.arm)
+        self._data = mujoco.MjData(self._model)
+        self.robot = PhysicalUR5(self._model, self._data, self.config.arm)
+        model, data = self._model, self._data
+        self._hand, self._object = model.body("hand").id, model.body("object").id
+        self._grip = model.equality("grip").id
+        self._kinds = model.geom_contype.copy()
+        self._finger = np.full(model.ngeom, -1)
+        for index, name in enumerate(GRIPPER_GEOMS[:2]):
+            self._finger[model.geom(name).id] = index
+        self._tool = model.site("tool").id
+        self._gripper = np.zeros(model.ngeom, dtype=bool)
+        self._gripper[[model.geom(name).id for name in GRIPPER_GEOMS]] = True
+        self._near = np.array([model.geom(name).id for name in _NEAR_PARTS])
+        self._skin = np.flatnonzero(model.geom_bodyid == self._hand)
+        self._hand_center = model.body_ipos[self._hand].copy()
+        self._rest = scene.base_from_wrist
+        self._pressed = np.full(2, -np.inf)
+        self._pressing_since: float | None = None
+        self._released_at: float | None = None
+        self._forearm = np.zeros(3)
+        self._largest_force, self._touched_at = 0.0, -np.inf
+        self._velocity = np.zeros(6)
+        self._course = _Course.between(0.0, self._hand_target(0.0), self._hand_target(_KNOT))
+        mujoco.mj_forward(model, data)
+
+    @property
+    def time(self) -> float:
+        """Seconds since the start."""
+        return float(self._data.time)
+
+    def step(self, dt: float) -> None:
+        """Let dt seconds pass.
+
+        Raises:
+            ValueError: dt is no positive multiple of the physics' step.
+        """
+        steps = dt / self._model.opt.timestep
+        if not (np.isfinite(steps) and round(steps) >= 1 and abs(steps - round(steps)) < 1e-6):
+            raise ValueError(
+                f"dt must be a multiple of {self._model.opt.timestep} seconds, got {dt}"
+            )
+        for _ in range(round(steps)):
+            self.robot.drive()
+            self._move_hand()
+            mujoco.mj_step(self._model, self._data)
+            self._look_at_contacts()
+        mujoco.mj_kinematics(self._model, self._data)
+
+    @property
+    def physics(self) -> tuple[mujoco.MjModel, mujoco.MjData]:
+        """MuJoCo's model and data, for its viewer; changing them changes the world."""
+        return self._model, self._data
+
+    def state(self) -> WorldState:
+        """What is true now; the largest force on the hand counts from the call before."""
+        force, self._largest_force = self._largest_force, 0.0
+        return WorldState(
+            time=self.time,
+            joints=self.robot.joint_positions(),
+            gripper_width=self.robot.gripper_width(),
+            base_from_wrist=self._pose(self._hand),
+            base_from_object=self._pose(self._object),
+            holder=self.holder(),
+            hand_force=force,
+            hand_distance=self._hand_distance(),
+        )
+
+    def keypoints(self) -> Array:
+        """The hand where it truly is, shape (21, 3), metres, base frame."""
+        moved = self._pose(self._hand) @ np.linalg.inv(self._rest)
+        points: Array = transform_points(moved, self.scene.keypoints)
+        return points
+
+    def holder(self) -> Holder:
+        """Who holds the object; a finger counts until it has not pressed for 0.05 s."""
+        gripped = bool((self.time - self._pressed < 0.05).all())
+        if self._released_at is None:
+            return "both" if gripped else "hand"
+        return "gripper" if gripped else "nobody"
+
+    def _pose(self, body: int) -> Array:
+        pose = np.eye(4)
+        pose[:3, :3] = self._data.xmat[body].reshape(3, 3)
+        pose[:3, 3] = self._data.xpos[body]
+        return pose
+
+    def _hand_target(self, time: float) -> Array:
+        """Where the hand wants its wrist, base frame, shape (4, 4)."""
+        moved = np.eye(4) if self._path is None else self._path.moved(time)
+        target: Array = moved @ self._rest
+        if self._released_at is not None:
+            c = self.config
+            back = min(c.withdraw_distance, c.withdraw_speed * (time - self._released_at))
+            target[:3, 3] += back * self._forearm
+        return target
+
+    def _move_hand(self) -> None:
+        """Pull the hand toward its path by a damped spring, and let it carry the object."""
+        now, body, data = self.time, self._hand, self._data
+        if now >= self._course.start + _KNOT - 1e-9:
+            self._course = _Course.between(now, self._course.end, self._hand_target(now + _KNOT))
+        course, c, rotation = self._course, self.config, data.xmat[body].reshape(3, 3)
+        elapsed = now - course.start
+        mujoco.mj_objectVelocity(
+            self._model, data, mujoco.mjtObj.mjOBJ_BODY, body, self._velocity, 0
+        )
+        spin, speed = self._velocity[:3], self._velocity[3:]  # of the hand's centre
+        goal = course.place(elapsed, self._hand_center)
+        goal_speed = course.speed + _cross(course.spin, goal - course.origin(elapsed))
+        away = goal - data.xipos[body]
+        twist = rotation @ course.turn_from(elapsed, data.xquat[body])
+        damping = 2 * np.sqrt(c.hand_stiffness * HAND_MASS)
+        turn_damping = 2 * np.sqrt(c.hand_turn_stiffness * HAND_INERTIA)
+        # the spring is the weaker part, so that a hand that comes free does not shoot back
+        pull = _at_most(c.hand_stiffness * away, 0.6 * c.hand_strength)
+        force = _at_most(pull + damping * (goal_speed - speed), c.hand_strength)
+        twisting = _at_most(c.hand_turn_stiffness * twist, 0.6 * c.hand_torque)
+        torque = _at_most(twisting + turn_damping * (course.spin - spin), c.hand_torque)
+        if self._released_at is None:
+            weight = -self._model.body_mass[self._object] * self._model.opt.gravity
+            arm = data.xipos[self._object] - data.xipos[body]
+            force, torque = force + weight, torque + _cross(arm, weight)
+        data.xfrc_applied[body, :3] = force
+        data.xfrc_applied[body, 3:] = torque
+
+    def _look_at_contacts(self) -> None:
+        """Sum up the forces on the hand, note who presses on the object, and let go in time."""
+        on_hand, on_object, on_gripper = 0.0, np.zeros(2), np.zeros(6)
+        wrench = np.zeros(6)
+        pairs = self._data.contact.geom if self._data.ncon else ()
+        for index, (first, second) in enumerate(pairs):
+            kinds = self._kinds[first] | self._kinds[second]
+            if kinds == ROBOT | HAND:
+                mujoco.mj_contactForce(self._model, self._data, index, wrench)
+                on_hand += float(np.linalg.norm(wrench[:3]))
+                on_gripper += self._on_gripper(index, first, second, wrench)
+            elif kinds == ROBOT | OBJECT:
+                mujoco.mj_contactForce(self._model, self._data, index, wrench)
+                on_gripper += self._on_gripper(index, first, second, wrench)
+                finger = max(self._finger[first], self._finger[second])
+                if finger >= 0:
+                    on_object[finger] += float(np.linalg.norm(wrench[:3]))
+        self._largest_force = max(self._largest_force, on_hand)
+        self.robot.touched(on_gripper, self._model.opt.timestep)
+        pressing = on_object > self.config.release_force
+        self._pressed[pressing] = self.time
+        if on_hand > 0:
+            self._touched_at = self.time
+        self.robot.feel(on_hand, open_fingers=self._released_at is None)
+        if self._released_at is not None:
+            clear = self.time - max(self._touched_at, self._released_at)
+            self.robot.set_firm_grip(clear > self.config.release_after)
+            return
+        if not pressing.all():
+            self._pressing_since = None
+        elif self._pressing_since is None:
+            self._pressing_since = self.time
+        elif self.time - self._pressing_since >= self.config.release_after - 1e-9:
+            self._let_go()
+
+    def _on_gripper(self, index: int, first: int, second: int, wrench: Array) -> Array:
+        """A contact's force on the gripper and its torque about the tool point, shape (6,).
+
+        Zeros where another part of the arm is touched. MuJoCo gives the force on the contact's
+        second geom, in axes whose first is the normal.
+        """
+        sign = int(self._gripper[second]) - int(self._gripper[first])
+        if sign == 0:
+            return np.zeros(6)
+        force = sign * (self._data.contact.frame[index].reshape(3, 3).T @ wrench[:3])
+        lever = self._data.contact.pos[index] - self._data.site_xpos[self._tool]
+        return np.concatenate([force, _cross(lever, force)])
+
+    def _let_go(self) -> None:
+        self._released_at = self.time
+        self._data.eq_active[self._grip] = 0
+        self._forearm = -self._data.xmat[self._hand].reshape(3, 3)[:, 1]
+
+    def _hand_distance(self) -> float:
+        """Smallest distance of gripper, wrist and forearm to the hand, metres; 0 in contact."""
+        centers, radii = self._data.geom_xpos, self._model.geom_rbound
+        apart = np.linalg.norm(centers[self._near][:, None] - centers[self._skin][None], axis=2)
+        bound = apart - radii[self._near][:, None] - radii[self._skin][None]
+        best = 2.0
+        for flat in bound.ravel().argsort(kind="stable"):
+            row, column = divmod(int(flat), len(self._skin))
+            if bound[row, column] >= best:
+                break
+            pair = int(self._near[row]), int(self._skin[column])
+            best = min(best, mujoco.mj_geomDistance(self._model, self._data, *pair, best, None))
+        return max(0.0, float(best))

@@ -1,0 +1,113 @@
+"""What the human holds out: a hand and a glass before the robot, at rest, in the base frame.
+
+Robot's base frame: x toward the human, z up, metres. The human stands beyond the object, so the
+forearm comes from +x; the glass is upright but for a lean of some degrees, as people hold it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial.transform import Rotation
+
+from hadr.camera import transform_points
+from hadr.hand import Skeleton, forward_kinematics, keypoints_from_skeleton
+from hadr.records.caches import read_only
+from hadr.simulation.trials.trial_set import TRIAL_HOLDS, TRIAL_OBJECTS
+from hadr.synthesis.glass.objects import GlassObject, bodies, glass_object
+from hadr.synthesis.glass.surfaces import Surface
+from hadr.synthesis.hand.mesh import SKIN_TONES, HandMesh, hand_mesh
+from hadr.synthesis.holding.hold import Hold, make_hold
+
+__all__ = ["MIDDLE", "TRIAL_HOLDS", "TRIAL_OBJECTS", "HeldScene", "held_scene"]
+
+Array = npt.NDArray[np.float64]
+MIDDLE: Array = np.array([0.62, 0.0, 0.32])
+"""Where the middle of the object is held out, metres; each scene differs by some centimetres."""
+
+
+@dataclass(frozen=True)
+class HeldScene:
+    """A hand that holds an object out to the robot.
+
+    Attributes:
+        hold: The holding pose: object, hand's size, joint angles, object in the wrist frame.
+        base_from_wrist: Pose of the hand, shape (4, 4), metres.
+        tone: Linear RGB reflectance of the skin, shape (3,).
+    """
+
+    hold: Hold
+    base_from_wrist: Array
+    tone: Array
+
+    @property
+    def item(self) -> GlassObject:
+        """The object: its outline, tint and parts."""
+        return glass_object(self.hold.object_id)
+
+    @property
+    def base_from_object(self) -> Array:
+        """Pose of the object (its z is its axis, z = 0 its foot), shape (4, 4), metres."""
+        pose: Array = self.base_from_wrist @ self.hold.wrist_from_object
+        return pose
+
+    @cached_property
+    def skeleton(self) -> Skeleton:
+        """The hand's joints in the wrist frame."""
+        return read_only(forward_kinematics(self.hold.angles, self.hold.shape))
+
+    @cached_property
+    def keypoints(self) -> Array:
+        """The hand in the base frame, shape (21, 3), metres."""
+        in_wrist = keypoints_from_skeleton(self.skeleton.joints)
+        points: Array = transform_points(self.base_from_wrist, in_wrist)
+        return read_only(points)
+
+    def hand(self, step: float = 0.005) -> HandMesh:
+        """The hand with its forearm in the wrist frame.
+
+        Args:
+            step: Coarsest distance of vertices, metres, see `hadr.synthesis.hand.mesh`.
+        """
+        return hand_mesh(self.skeleton, self.hold.shape, tone=self.tone, step=step)
+
+    def glass(self) -> tuple[Surface, ...]:
+        """The object's closed bodies in its own frame."""
+        return bodies(self.item)
+
+
+def held_scene(object_id: str, hold_number: int, seed: int = 0) -> HeldScene:
+    """Place one hold before the robot.
+
+    The object leans by up to 20 degrees. Of all turns about the vertical the one is taken in which
+    the forearm points away from the robot, but for up to 35 degrees to either side.
+
+    Args:
+        object_id: Which object, see `hadr.synthesis.glass.objects`.
+        hold_number: Which of its holding poses, from 0.
+        seed: Chooses the place, the lean and the skin. The holding pose does not depend on it.
+
+    Returns:
+        The scene; the same for the same three arguments.
+
+    Raises:
+        ValueError: The object is unknown or the number negative.
+    """
+    hold = make_hold(object_id, hold_number)
+    rng = np.random.default_rng([seed, int(object_id), hold_number, 61])
+    lean = Rotation.from_euler("x", np.deg2rad(rng.uniform(0, 20)))
+    spun = (lean * Rotation.from_euler("z", rng.uniform(0, 2 * np.pi))).as_matrix()
+    # the forearm lies along the wrist frame's minus y
+    forearm = spun @ np.linalg.inv(hold.wrist_from_object)[:3, :3] @ [0.0, -1.0, 0.0]
+    bearing = np.arctan2(forearm[1], forearm[0])
+    turn = Rotation.from_euler("z", np.deg2rad(rng.uniform(-35, 35)) - bearing).as_matrix()
+    base_from_object = np.eye(4)
+    base_from_object[:3, :3] = turn @ spun
+    middle = MIDDLE + rng.uniform(-1, 1, 3) * [0.04, 0.10, 0.04]
+    up = base_from_object[:3, :3] @ [0.0, 0.0, glass_object(object_id).height / 2]
+    base_from_object[:3, 3] = middle - up
+    tone = np.asarray(SKIN_TONES[int(rng.integers(len(SKIN_TONES)))])
+    return HeldScene(hold, base_from_object @ np.linalg.inv(hold.wrist_from_object), tone)

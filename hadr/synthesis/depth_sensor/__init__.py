@@ -1,0 +1,1 @@
+"""A stereo depth camera with a dot projector."""

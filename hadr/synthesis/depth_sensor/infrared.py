@@ -1,0 +1,244 @@
+"""Infrared pictures of a scene under a dot projector: what a stereo camera's imagers receive.
+
+Light follows the laws of `hadr.synthesis.rendering.optics` in both directions. An imager's rays are
+split and bent at every glass surface until they end on something opaque. The projector's beams are
+followed the same way, so that dots fall through the glass onto what stands behind it, displaced and
+blurred. Glass itself scatters nothing: there are no dots on it, only mirror images.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import cKDTree
+
+from hadr.records.caches import kept
+from hadr.synthesis.rendering.glass_paths import Ends, GlassPaths, Mirrors
+from hadr.synthesis.rendering.raycast import GLASS, HAND, SURROUNDINGS
+from hadr.synthesis.rendering.shading import RayScene
+from hadr.synthesis.textures.families import SIZE, sample
+
+Array = npt.NDArray[np.float64]
+
+#: Width of the pattern's picture, pixels.
+_TEXTURE = 2048
+#: Packets of light that stand for one dot on its way through glass.
+_PACKETS = 48
+#: The projector's own brightness, seen in a perfect mirror, and light from where nothing is.
+_GLINT, _BEYOND = 60.0, 0.35
+#: Shares of red, green and blue in an infrared grey: red is nearest to it.
+_GREY = np.array([0.6, 0.3, 0.1])
+
+
+@dataclass(frozen=True)
+class Projector:
+    """A projector of static random dots.
+
+    Args:
+        dots: Number of dots over the whole field.
+        field: Horizontal and vertical field of projection, degrees.
+        dot_width: Standard deviation of a dot's beam, radians.
+        strength: Irradiance in the middle of a dot on a wall at one metre, against that of the
+            room's light.
+        aperture: Radius of the opening that glass mirrors as a glint, metres.
+    """
+
+    dots: int = 6000
+    field: tuple[float, float] = (86.0, 57.0)
+    dot_width: float = 1.5e-3
+    strength: float = 3.0
+    aperture: float = 1.5e-3
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """Half of the field as tangents, horizontal and vertical."""
+        return (
+            float(np.tan(np.deg2rad(self.field[0]) / 2)),
+            float(np.tan(np.deg2rad(self.field[1]) / 2)),
+        )
+
+    def directions(self) -> Array:
+        """Where the dots go, as tangents (x, y), shape (N, 2): a jittered grid, always the same."""
+        return _dot_grid(self.dots, self.reach)
+
+
+@kept(4)
+def _dot_grid(dots: int, reach: tuple[float, float]) -> Array:
+    rng = np.random.default_rng(435)
+    columns = max(round(np.sqrt(dots * reach[0] / reach[1])), 1)
+    rows = max(round(dots / columns), 1)
+    y, x = np.mgrid[0:rows, 0:columns].astype(float)
+    x = (x + 0.5 + rng.uniform(-0.5, 0.5, x.shape)) / columns
+    y = (y + 0.5 + rng.uniform(-0.5, 0.5, y.shape)) / rows
+    return np.stack([(2 * x.ravel() - 1) * reach[0], (2 * y.ravel() - 1) * reach[1]], axis=1)
+
+
+@kept(4)
+def _pattern(projector: Projector) -> npt.NDArray[np.float32]:
+    """The pattern as a picture over the field, 1 in the middle of a dot, (H, W) float32."""
+    half_x, half_y = projector.reach
+    height = round(_TEXTURE * half_y / half_x)
+    scale = _TEXTURE / (2 * half_x)
+    sigma = projector.dot_width * scale
+    # The grid carries each dot's energy on its four nearest texels; blurring makes it round.
+    image = np.zeros((height, _TEXTURE))
+    at = (projector.directions() + np.array([half_x, half_y])) * scale - 0.5
+    low = np.floor(at).astype(int)
+    part = at - low
+    for dx in (0, 1):
+        for dy in (0, 1):
+            share = np.abs(1 - dx - part[:, 0]) * np.abs(1 - dy - part[:, 1])
+            x = np.clip(low[:, 0] + dx, 0, _TEXTURE - 1)
+            y = np.clip(low[:, 1] + dy, 0, height - 1)
+            np.add.at(image, (y, x), share)
+    blurred = cv2.GaussianBlur(image, (0, 0), sigma) * (2 * np.pi * sigma**2)
+    return np.asarray(blurred, dtype=np.float32)
+
+
+class InfraredScene:
+    """A scene as infrared light sees it.
+
+    Args:
+        rays: Its surfaces, and the light from far away.
+        projector: The dot projector.
+        position: The projector's place, world frame, metres, shape (3,).
+        turn: Its orientation: columns are its x, y and viewing axes in the world, shape (3, 3).
+    """
+
+    def __init__(self, rays: RayScene, projector: Projector, position: Array, turn: Array) -> None:
+        self._rays, self._paths = rays, GlassPaths(rays)
+        self._projector, self._position, self._turn = projector, position, turn
+        self._packets = self._beams_through_glass()
+
+    def _from_projector(self, tangents: Array) -> tuple[Array, Array]:
+        d = tangents / np.linalg.norm(tangents, axis=1, keepdims=True) @ self._turn.T
+        return np.broadcast_to(self._position, d.shape), d
+
+    def _beams_through_glass(self) -> tuple[cKDTree, Array] | None:
+        """Where the dots behind glass land: a search tree of packets, and each one's light."""
+        if not self._paths.has_glass:
+            return None
+        width = self._projector.dot_width
+        tangents = self._projector.directions()
+        centre = np.concatenate([tangents, np.ones((len(tangents), 1))], axis=1)
+        near = np.zeros(len(centre), dtype=bool)
+        for x, y in ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)):
+            beam = centre + 2.5 * width * np.array([x, y, 0.0])
+            near |= self._paths.kind(self._paths.first(*self._from_projector(beam)).mesh) == GLASS
+        beams = np.repeat(centre[near], _PACKETS, axis=0)
+        beams[:, :2] += width * np.random.default_rng(4350).normal(size=(len(beams), 2))
+        ends, _ = self._paths.follow(*self._from_projector(beams))
+        ends = ends.take(np.flatnonzero((ends.mesh >= 0) & (ends.glass > 0)))
+        if not len(ends.row):
+            return None
+        # A whole dot's light, were it spread by a Gaussian of one metre's standard deviation.
+        return cKDTree(ends.point), self._projector.strength * width**2 / _PACKETS * ends.weight
+
+    def dots(self, points: Array, normals: Array) -> Array:
+        """Irradiance by the projector.
+
+        Args:
+            points: World frame, metres, shape (N, 3).
+            normals: Unit normals on the side that is seen, shape (N, 3).
+
+        Returns:
+            Against the room's light, shape (N,).
+        """
+        away = points - self._position
+        distance = np.linalg.norm(away, axis=1)
+        away /= np.maximum(distance, 1e-9)[:, None]
+        hits = self._paths.first(np.broadcast_to(self._position, away.shape), away)
+        facing = -(away * normals).sum(1)
+        lit = (hits.distance > distance * (1 - 2e-3) - 1e-3) & (facing > 0)
+        light = np.zeros(len(points))
+        strength = self._projector.strength * facing[lit] / distance[lit] ** 2
+        light[lit] = strength * self._pattern_at(away[lit] @ self._turn)
+        shaded = np.flatnonzero((self._paths.kind(hits.mesh) == GLASS) & ~lit)
+        if self._packets is not None and len(shaded):
+            tree, packets = self._packets
+            blur = 0.5 * self._projector.dot_width * np.maximum(distance[shaded], 0.2)[:, None]
+            gap, which = tree.query(points[shaded], k=24, distance_upper_bound=3 * blur.max())
+            kernel = np.exp(-0.5 * (gap / blur) ** 2) / blur**2
+            light[shaded] = (np.append(packets, 0.0)[which] * kernel).sum(1)
+        return light
+
+    def _pattern_at(self, directions: Array) -> Array:
+        """The pattern in directions of the projector's frame, 0 to about 1, shape (N,)."""
+        half_x, half_y = self._projector.reach
+        pattern = _pattern(self._projector)
+        scale = pattern.shape[1] / (2 * half_x)
+        ahead = np.maximum(directions[:, 2], 1e-6)
+        x = ((directions[:, 0] / ahead + half_x) * scale - 0.5).astype(np.float32)
+        y = ((directions[:, 1] / ahead + half_y) * scale - 0.5).astype(np.float32)
+        found = np.empty(len(x))
+        # OpenCV's largest picture side is 32767.
+        for start in range(0, len(x), 30000):
+            part = slice(start, start + 30000)
+            at = (x[part].reshape(1, -1), y[part].reshape(1, -1))
+            found[part] = cv2.remap(pattern, *at, cv2.INTER_LINEAR, borderValue=0.0).ravel()
+        return found
+
+    def _glints(self, mirrors: Mirrors) -> Array:
+        """Light of the projector itself, mirrored by glass."""
+        there = self._position - mirrors.point
+        distance = np.linalg.norm(there, axis=1)
+        aside = np.linalg.norm(np.cross(there, mirrors.toward), axis=1)
+        ahead = (there * mirrors.toward).sum(1) > 0
+        width = 3 * self._projector.aperture + 0.004 * distance
+        return np.asarray(_GLINT * mirrors.share * np.exp(-0.5 * (aside / width) ** 2) * ahead)
+
+    def radiance(self, origins: Array, directions: Array, pixel: float) -> Array:
+        """Infrared light that arrives along rays.
+
+        Args:
+            origins: World frame, metres, shape (N, 3).
+            directions: Unit directions of looking, shape (N, 3).
+            pixel: Width of a pixel as a tangent.
+
+        Returns:
+            Light, shape (N,); 1 is a white wall in the room's light.
+        """
+        ends, mirrors = self._paths.follow(origins, directions)
+        light = self._beyond(ends)
+        met = np.flatnonzero(ends.mesh >= 0)
+        solid = ends.take(met)
+        smooth, flat = self._paths.normal(solid.mesh, solid.face, solid.u, solid.v)
+        normal = smooth * -np.sign((flat * solid.toward).sum(1, keepdims=True))
+        room = 0.75 + 0.25 * normal[:, 2]
+        light[met] = self._albedo(solid, pixel) * (room + self.dots(solid.point, normal))
+        total = np.bincount(ends.row, ends.weight * light, minlength=len(origins))
+        total += np.bincount(mirrors.row, self._glints(mirrors), minlength=len(origins))
+        return np.asarray(total)
+
+    def _beyond(self, ends: Ends) -> Array:
+        """Light from where there is no surface."""
+        light = np.full(len(ends.row), _BEYOND)
+        missed = np.flatnonzero(ends.mesh < 0)
+        if self._rays.environment is not None and len(missed):
+            color = self._rays.environment.radiance(ends.toward[missed])
+            light[missed] = np.minimum(color @ _GREY, 2.0)
+        return light
+
+    def _albedo(self, ends: Ends, pixel: float) -> Array:
+        """Reflectance near 850 nm: paler and flatter than in colour; all skins are alike."""
+        albedo = np.full(len(ends.row), 0.5)
+        kind = self._paths.kind(ends.mesh)
+        around, hand = self._rays.surroundings, self._rays.hand
+        rows = np.flatnonzero(kind == SURROUNDINGS)
+        if around is not None and len(rows):
+            face = ends.face[rows]
+            corners = around.surface.faces[face]
+            u, v = ends.u[rows, None], ends.v[rows, None]
+            uv = (1 - u - v) * around.uv[corners[:, 0]] + u * around.uv[corners[:, 1]]
+            uv = uv + v * around.uv[corners[:, 2]]
+            texels = 1.3 * ends.length[rows] * pixel / around.repeat[face] * SIZE
+            color = sample(around.picture[face], uv, texels, around.photographs) * around.tint[face]
+            albedo[rows] = 0.25 + 0.55 * np.clip(color @ _GREY, 0.0, 1.0)
+        rows = np.flatnonzero(kind == HAND)
+        if hand is not None and len(rows):
+            corners = hand.surface.faces[ends.face[rows]]
+            albedo[rows] = 0.45 + 0.25 * hand.albedo[corners[:, 0]].mean(axis=1)
+        return albedo

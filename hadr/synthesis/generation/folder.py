@@ -1,0 +1,208 @@
+"""The folder of a data set that is being made: whose it is, what it holds, what a stop left."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import re
+import shutil
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from hadr import __version__
+from hadr.data.frame import (
+    UNFINISHED_PREFIX,
+    frame_file_names,
+    frame_log_path,
+)
+from hadr.synthesis.generation.presets import GenerationSettings
+from hadr.synthesis.generation.recipes import FrameRecipe
+from hadr.synthesis.recordings.recording import companions, find_recordings
+from hadr.synthesis.scene.backgrounds import find_backgrounds
+
+#: The file that says with which settings the frames of a folder are made.
+SETTINGS_FILE = "generation.json"
+_SPLITS = ("train", "val", "test")
+
+
+def _digest(root: str, paths: Iterable[Path]) -> str:
+    """SHA-256 over names and contents of files below a folder; 16 digits of it."""
+    digest = hashlib.sha256()
+    for path in sorted(paths):
+        digest.update(f"{path.relative_to(root).as_posix()}\0".encode())
+        digest.update(hashlib.sha256(path.read_bytes()).digest())
+    return digest.hexdigest()[:16]
+
+
+def settings_record(settings: GenerationSettings) -> dict[str, Any]:
+    """The settings as plain values; folders that are read from stand for their contents."""
+    record = json.loads(json.dumps(asdict(settings)))
+    if settings.recordings is not None:
+        found = find_recordings(settings.recordings)
+        if not found:
+            raise ValueError(f"{settings.recordings} holds no recording (.csv)")
+        beside = (path for one in found for path in companions(one) if path.is_file())
+        record["recordings"] = _digest(settings.recordings, {*found, *beside})
+    if settings.backgrounds is not None:
+        photographs = find_backgrounds(settings.backgrounds)
+        record["backgrounds"] = _digest(settings.backgrounds, photographs)
+    return {"hadr": __version__, **record}
+
+
+def whole_frames(
+    root: Path, recipes: Sequence[FrameRecipe], settings: GenerationSettings
+) -> set[int]:
+    """Which frames lie in a folder with all their files.
+
+    Args:
+        root: The folder.
+        recipes: The frames to look for.
+        settings: With which they are made.
+
+    Returns:
+        Their indices. Each folder is listed once, however many frames it holds.
+    """
+    listed: dict[Path, frozenset[str]] = {}
+
+    def present(path: Path) -> bool:
+        if path.parent not in listed:
+            with contextlib.suppress(FileNotFoundError):
+                listed[path.parent] = frozenset(os.listdir(path.parent))
+        return path.name in listed.setdefault(path.parent, frozenset())
+
+    found = set()
+    for recipe in recipes:
+        base = frame_log_path(root, recipe.split, recipe.object_id, recipe.stem).parents[1]
+        names = frame_file_names(
+            recipe.stem,
+            depth_format=settings.depth_format,
+            jpeg_quality=settings.jpeg_quality,
+            normals=settings.normals,
+            raw=settings.raw_format if settings.sensor else None,
+        )
+        if all(present(base / name) for name in names):
+            found.add(recipe.index)
+    return found
+
+
+def _has_frames(root: Path) -> bool:
+    return any(
+        next((root / split).glob("*/depth/log_json/*.json"), None) is not None for split in _SPLITS
+    )
+
+
+def recorded_settings(root: Path) -> dict[str, Any]:
+    """The settings of a folder's frames as plain values; empty where there are no frames.
+
+    Args:
+        root: The folder.
+
+    Raises:
+        ValueError: The file that says them is broken.
+    """
+    path = root / SETTINGS_FILE
+    if not path.is_file() or not _has_frames(root):  # perhaps a run ended before its first frame
+        return {}
+    try:
+        recorded = json.loads(path.read_text(encoding="utf-8"))
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path} is not valid JSON: {error}") from error
+    if not isinstance(recorded, dict):
+        raise ValueError(f"{path} must hold an object with settings, got {recorded!r:.60}")
+    return recorded
+
+
+def _check_settings(root: Path, record: dict[str, Any]) -> None:
+    if not (root / SETTINGS_FILE).is_file() and any((root / split).exists() for split in _SPLITS):
+        raise ValueError(
+            f"{root} holds frames, but no {SETTINGS_FILE} that says how they were made; "
+            "choose another folder"
+        )
+    before = recorded_settings(root)
+    if not before:
+        return
+    differing = [
+        f"{name} is {before.get(name)!r} there, {record.get(name)!r} here"
+        for name in [*record, *(n for n in before if n not in record)]
+        if before.get(name) != record.get(name)
+    ]
+    if differing:
+        raise ValueError(
+            f"the frames in {root} are made with other settings: {'; '.join(differing)}. "
+            "Go on with the same settings, or choose another folder"
+        )
+
+
+def _clean(root: Path) -> None:
+    """Remove what a stopped run left: staged files, and the files of frames without a log."""
+    for staged in root.glob(f"{UNFINISHED_PREFIX}*"):
+        shutil.rmtree(staged, ignore_errors=True)
+    for split in _SPLITS:
+        for logs in sorted((root / split).glob("*/depth")):
+            done = {p.stem for p in (logs / "log_json").glob("*.json")}
+            for path in logs.glob("*/*"):
+                if path.stem not in done and path.is_file() and _is_of_a_frame(path):
+                    path.unlink()
+
+
+def _is_of_a_frame(path: Path) -> bool:
+    """Whether a file is named as the generator names one: any other is somebody's own."""
+    names = frame_file_names(path.stem, raw="depth")
+    names |= frame_file_names(path.stem, depth_format="png", jpeg_quality=90, raw="disparity")
+    own = Path(path.parent.name, path.name) in names
+    return own and re.fullmatch(r"\d{6,}", path.stem) is not None
+
+
+@contextlib.contextmanager
+def _sole_owner(root: Path) -> Iterator[None]:
+    """Keep a second run out of the folder; the lock ends with the process."""
+    try:
+        import fcntl
+    except ImportError:  # Windows: nothing is locked
+        yield
+        return
+    handle = os.open(root, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise ValueError(f"another run is making frames in {root}") from error
+        yield
+    finally:
+        os.close(handle)
+
+
+@contextlib.contextmanager
+def generation_folder(root: Path, settings: GenerationSettings) -> Iterator[Path]:
+    """Take a folder for making frames: check that it is meant for them, and tidy it.
+
+    The settings of a run that ended before its first frame bind nobody.
+
+    Args:
+        root: The folder; made where it is missing.
+        settings: With which the frames are made.
+
+    Yields:
+        The folder, which no other run uses meanwhile.
+
+    Raises:
+        ValueError: It holds frames of other settings (the message names what differs), or
+            frames of another origin, or another run is at work there; or a file is in its place.
+        OSError: The folder can't be made or written.
+    """
+    record = settings_record(settings)
+    for place in (root, *root.parents):
+        if place.exists() and not place.is_dir():
+            raise ValueError(f"can't write frames into {root}: {place} is a file, not a folder")
+    root.mkdir(parents=True, exist_ok=True)
+    with _sole_owner(root):
+        _check_settings(root, record)
+        _clean(root)
+        part = root / f".{SETTINGS_FILE}.part"
+        part.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+        os.replace(part, root / SETTINGS_FILE)
+        yield root

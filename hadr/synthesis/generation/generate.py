@@ -1,0 +1,286 @@
+"""Make data sets of hand-held glass in TransHand-14K's layout.
+
+Frame ``i`` depends on the settings and on ``i`` alone: any number of workers gives the same
+bytes, a longer run begins with the frames of a shorter one, and a run that was stopped at any
+moment goes on where it ended. The settings include Mitsuba's variant, since path-traced bytes
+depend on it: all workers use the same one, and one that can't ends the run with its reason.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import time
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any, Literal
+
+import cv2
+import numpy as np
+from tqdm import tqdm
+
+import hadr
+from hadr.data.frame import Normals, write_frame
+from hadr.data.frame_pictures import DisparityScale
+from hadr.synthesis.generation.farm import check_workers, connected, one_thread, run_tasks
+from hadr.synthesis.generation.folder import generation_folder, recorded_settings, whole_frames
+from hadr.synthesis.generation.frames import (
+    build_scene,
+    check_engine,
+    render_frame,
+    render_scene,
+    stored_raw_depth,
+)
+from hadr.synthesis.generation.presets import Engine, GenerationSettings, Quality
+from hadr.synthesis.generation.recipes import (
+    FrameRecipe,
+    SplitBy,
+    frame_recipe,
+    hold_split,
+    recipes_by_hold,
+)
+from hadr.synthesis.glass.objects import glass_object
+from hadr.synthesis.rendering.mitsuba_variant import LLVM, SCALAR, check_variant, mitsuba_variant
+from hadr.synthesis.scene.backgrounds import check_backgrounds
+from hadr.synthesis.scene.scene import Scene
+
+__all__ = [
+    "FrameRecipe",
+    "GenerationReport",
+    "GenerationSettings",
+    "build_scene",
+    "frame_recipe",
+    "generate",
+    "generate_frames",
+    "hold_split",
+    "render_frame",
+]
+
+
+@dataclass(frozen=True)
+class GenerationReport:
+    """What a run did.
+
+    Args:
+        root: The data set.
+        written: Frames made by this run.
+        kept: Frames that were there already.
+        seconds: Time that it took.
+    """
+
+    root: Path
+    written: int
+    kept: int
+    seconds: float
+
+    def __str__(self) -> str:
+        pace = f", {self.seconds / self.written:.2f} s a frame" if self.written else ""
+        return f"{self.written} frames written, {self.kept} kept in {self.root}{pace}"
+
+
+def _skin_albedo(scene: Scene) -> list[float]:
+    """The median reflectance of the hand, linear RGB."""
+    hand = scene.rays.hand
+    return [] if hand is None else np.median(hand.albedo, axis=0).round(4).tolist()
+
+
+def _make_frames(
+    recipes: tuple[FrameRecipe, ...], root: Path, settings: GenerationSettings
+) -> list[float]:
+    """Make the frames of one hold; the seconds that each took."""
+    with one_thread(cv2.getNumThreads, cv2.setNumThreads):
+        return [_make_frame(recipe, root, settings) for recipe in recipes]
+
+
+def _make_frame(recipe: FrameRecipe, root: Path, settings: GenerationSettings) -> float:
+    """Make one frame and write it; the seconds that it took."""
+    start = time.perf_counter()
+    try:
+        scene, frame = render_scene(recipe, settings)
+    except ValueError as error:
+        raise ValueError(f"frame {recipe.index}: {error}") from error
+    hold = scene.hold
+    scale: float | DisparityScale = 0.001
+    if frame.raw_depth is not None:
+        raw, scale = stored_raw_depth(frame.raw_depth, settings)
+        frame = replace(frame, raw_depth=raw)
+    log = {
+        "object": glass_object(recipe.object_id).name,
+        "hold_kind": hold.kind,
+        "hand_side": hold.shape.side,
+        "hand_scale": round(hold.shape.scale, 4),
+        "skin_albedo": _skin_albedo(scene),
+        "engine": settings.engine,
+        "generator": f"hadr {hadr.__version__}",
+    }
+    write_frame(
+        root,
+        frame,
+        extra_log=log,
+        depth_format=settings.depth_format,
+        rest_step=settings.rest_step,
+        raw_scale=scale,
+        jpeg_quality=settings.jpeg_quality,
+        normals=settings.normals,
+    )
+    return time.perf_counter() - start
+
+
+def _chosen_variant(settings: GenerationSettings, root: Path, client: Any) -> str:
+    """The variant asked for, else that of the folder's frames, else the fastest for all workers.
+
+    Each worker of a cluster finds out for itself what it can use.
+    """
+    recorded = recorded_settings(root).get("variant")
+    variant = settings.variant or recorded
+    if variant is None:
+        told = {} if client is None else client.run(mitsuba_variant)
+        usable = set(told.values()) or {mitsuba_variant()}
+        variant = SCALAR if SCALAR in usable else LLVM
+    if client is None and variant != recorded:  # there may be nothing left to draw
+        check_variant(variant)
+    return str(variant)
+
+
+def generate_frames(
+    root: str | Path,
+    n_frames: int,
+    settings: GenerationSettings,
+    *,
+    workers: int = 1,
+    scheduler: str | None = None,
+    progress: bool = False,
+) -> GenerationReport:
+    """Make a data set, or finish one that was begun.
+
+    Args:
+        root: Where it goes; frames that lie there with all their files are kept as they are.
+        n_frames: How many frames it shall have.
+        settings: What they have in common. Frames of one folder have one variant of Mitsuba; where
+            none is named, a new folder gets the fastest that all workers can use, on a cluster
+            those that are there at the start.
+        workers: Processes that work at the same time.
+        scheduler: Address of a Dask cluster that does the work instead.
+        progress: Shows a bar with the remaining time.
+
+    Returns:
+        What was done.
+
+    Raises:
+        ValueError: A value is out of range, something is not installed, a photograph or Mitsuba's
+            variant can't be used, or the folder holds frames of other settings.
+        OSError: The folder can't be written, the disk is full, or workers died.
+    """
+    if n_frames < 1:
+        raise ValueError(f"the number of frames must be at least 1, got {n_frames}")
+    check_workers(workers, scheduler)
+    check_engine(settings.engine)
+    start, root = time.perf_counter(), Path(root)
+    # Workers of a cluster start elsewhere.
+    settings = replace(
+        settings,
+        recordings=settings.recordings and str(Path(settings.recordings).absolute()),
+        backgrounds=settings.backgrounds and str(Path(settings.backgrounds).absolute()),
+    )
+    if settings.backgrounds is not None:
+        check_backgrounds(settings.backgrounds)
+    recipes = [settings.recipe(i) for i in range(n_frames)]
+    written = 0
+    try:
+        with ExitStack() as stack:
+            client = stack.enter_context(connected(scheduler))
+            if settings.engine == "photo":
+                settings = replace(settings, variant=_chosen_variant(settings, root, client))
+            stack.enter_context(generation_folder(root, settings))
+            whole = whole_frames(root, recipes, settings)
+            todo = [r for r in recipes if r.index not in whole]
+            kept = n_frames - len(todo)
+            make = partial(_make_frames, root=root.absolute(), settings=settings)
+            bar = tqdm(total=n_frames, initial=kept, unit="frame", disable=not progress)
+            with bar:
+                for took in run_tasks(make, recipes_by_hold(todo), workers=workers, client=client):
+                    written += len(took)
+                    bar.update(len(took))
+    except OSError as error:
+        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+            raise OSError(
+                f"no space left for {root}: {written} frames were written, all of them whole. "
+                "Make room and run the same command again"
+            ) from error
+        if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOTDIR, errno.EEXIST):
+            reason = os.strerror(error.errno)
+            raise OSError(f"can't write frames into {root}: {reason}") from error
+        raise
+    return GenerationReport(root, len(todo), kept, time.perf_counter() - start)
+
+
+def generate(
+    root: str | Path,
+    n_frames: int,
+    seed: int = 0,
+    width: int = 448,
+    height: int = 252,
+    objects: Sequence[str] | None = None,
+    split_by: SplitBy = "holding",
+    *,
+    frames_per_hold: float = 2,
+    quality: Quality = "fine",
+    depth_format: Literal["npy", "png"] = "npy",
+    jpeg_quality: int | None = None,
+    normals: Normals = "all",
+    engine: Engine = "raycast",
+    samples: int = 8,
+    sensor: bool = False,
+    recordings: str | Path | None = None,
+    backgrounds: str | Path | None = None,
+    workers: int = 1,
+) -> GenerationReport:
+    """Make a data set, or finish one that was begun.
+
+    See :class:`GenerationSettings` for the arguments that are not named here, and
+    :func:`generate_frames` for what can go wrong.
+
+    Args:
+        root: Where it goes; frames that are complete there are kept as they are.
+        n_frames: How many frames it shall have.
+        seed: Seed of everything.
+        width: Image width, pixels.
+        height: Image height, pixels.
+        objects: The objects to alternate between; all eight where it is left out.
+        split_by: ``holding``, ``frame`` or ``object``.
+        frames_per_hold: How many frames share a holding pose.
+        quality: ``fine`` or ``fast``.
+        depth_format: ``npy`` (float metres) or ``png`` (16-bit, 0.1 mm a step).
+        jpeg_quality: Stores colour as JPEG; PNG where it is left out.
+        normals: Where normals are stored.
+        engine: ``raycast`` or ``photo``.
+        samples: Paths a pixel of ``photo``.
+        sensor: With simulated raw depth.
+        recordings: Folder of recorded holds.
+        backgrounds: Folder of photographs for the surroundings.
+        workers: Processes that work at the same time.
+
+    Returns:
+        What was done.
+    """
+    settings = GenerationSettings(
+        seed=seed,
+        width=width,
+        height=height,
+        engine=engine,
+        samples=samples,
+        quality=quality,
+        sensor=sensor,
+        objects=None if objects is None else tuple(objects),
+        split_by=split_by,
+        frames_per_hold=frames_per_hold,
+        recordings=None if recordings is None else str(recordings),
+        backgrounds=None if backgrounds is None else str(backgrounds),
+        depth_format=depth_format,
+        jpeg_quality=jpeg_quality,
+        normals=normals,
+    )
+    return generate_frames(root, n_frames, settings, workers=workers)

@@ -1,0 +1,123 @@
+"""What a data set is made of: numbers of its frames, one row a frame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+
+from hadr.data.transhand import Frame
+from hadr.synthesis.glass.objects import bodies, glass_object
+from hadr.synthesis.rendering.raycast import RayCaster
+
+Array = npt.NDArray[np.float64]
+_SILHOUETTE_WIDTH = 160
+
+
+@dataclass(frozen=True)
+class FrameStatistics:
+    """Columns of N frames; NaN where a frame lacks what a number needs.
+
+    Args:
+        object_id: The object of each frame.
+        split: The split of each frame.
+        hold_id: The holding pose, or an empty name.
+        distance_m: From the camera to the mean of the hand's keypoints, metres.
+        glass_share: Pixels of glass over all pixels.
+        visible_share: Pixels of glass over those of the same glass without hand or arm.
+        missing_share: Pixels of glass without raw depth over all pixels of glass.
+        bias_m: Median of raw minus true depth on the glass, metres; plus lies behind.
+        hand_error_m: Median distance of raw from true depth on the hand, metres.
+        world_error_m: The same on everything that is neither hand nor glass.
+    """
+
+    object_id: tuple[str, ...]
+    split: tuple[str, ...]
+    hold_id: tuple[str, ...]
+    distance_m: Array
+    glass_share: Array
+    visible_share: Array
+    missing_share: Array
+    bias_m: Array
+    hand_error_m: Array
+    world_error_m: Array
+
+    def __len__(self) -> int:
+        return len(self.object_id)
+
+
+def frame_statistics(frames: Iterable[Frame]) -> FrameStatistics:
+    """Measure frames one after the other.
+
+    Args:
+        frames: Read once, in order.
+
+    Returns:
+        One row a frame.
+
+    Raises:
+        ValueError: There is no frame.
+    """
+    names: list[tuple[str, str, str]] = []
+    rows: list[list[float]] = []
+    for frame in frames:
+        names.append((frame.object_id, frame.split, frame.hold_id or ""))
+        rows.append(
+            [
+                float(np.linalg.norm(frame.keypoints.mean(axis=0))),
+                float(frame.object_mask.mean()),
+                visible_share(frame),
+                *_raw_errors(frame),
+            ]
+        )
+    if not rows:
+        raise ValueError("no frames to measure")
+    object_ids, splits, holds = zip(*names, strict=True)
+    return FrameStatistics(object_ids, splits, holds, *np.array(rows).T)
+
+
+def visible_share(frame: Frame) -> float:
+    """How much of the glass's silhouette inside the picture hand and arm leave free, 0 to 1.
+
+    NaN where the frame does not know the object's pose.
+    """
+    if frame.world_from_object is None:
+        return float("nan")
+    width = min(_SILHOUETTE_WIDTH, frame.camera.width)
+    camera = frame.camera.resized(width, round(width * frame.camera.height / frame.camera.width))
+    object_from_camera = np.linalg.inv(frame.world_from_object) @ frame.world_from_camera
+    silhouette = _alone(frame.object_id).labels(camera, object_from_camera).object_mask
+    if not silhouette.any():
+        return float("nan")
+    return min(1.0, float(frame.object_mask.mean() / silhouette.mean()))
+
+
+@lru_cache(maxsize=16)
+def _alone(object_id: str) -> RayCaster:
+    return RayCaster(None, bodies(glass_object(object_id)))
+
+
+def _raw_errors(frame: Frame) -> tuple[float, float, float, float]:
+    """Missing share and bias on the glass; error on the hand and on the rest, metres."""
+    nan = float("nan")
+    raw, true = frame.raw_depth, frame.depth
+    if raw is None or not frame.object_mask.any():
+        return nan, nan, nan, nan
+    seen = (raw > 0) & (true > 0)
+    error = raw - true
+    glass, hand = frame.object_mask, frame.hand_mask
+    rest = ~(glass | hand)
+
+    def middle(values: npt.NDArray[np.float32]) -> float:
+        return float(np.median(values)) if values.size else nan
+
+    missing = 1.0 - float((raw > 0)[glass].mean())
+    return (
+        missing,
+        middle(error[glass & seen]),
+        middle(np.abs(error[hand & seen])),
+        middle(np.abs(error[rest & seen])),
+    )

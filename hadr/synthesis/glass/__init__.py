@@ -1,0 +1,1 @@
+"""The glass objects: outlines, surfaces, signed distances."""

@@ -1,0 +1,171 @@
+"""The shape of a transparent object: an outline turned around an axis, its relief, its handle.
+
+An object stands in its own frame: metres, the axis of revolution is z, the table z = 0, the
+mouth up. Its outline is one closed curve in the half plane (r, z): from the axis up along the
+outside, over the rounded rim, down along the inside and back to the axis.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from hadr.records.caches import kept
+from hadr.synthesis.glass.outlines import Corners, rounded_path, subdivided
+from hadr.synthesis.glass.relief import Relief
+from hadr.synthesis.glass.surfaces import smooth_curve
+
+Array = npt.NDArray[np.float64]
+
+#: Largest distance of the outline's samples, metres.
+SPACING = 0.003
+
+
+@dataclass(frozen=True)
+class GlassObject:
+    """One transparent object.
+
+    Args:
+        object_id: Its four digits, as the data set's folders are named.
+        name: What it is.
+        outer: Corners (r, z) or (r, z, rounding) of the outside from the axis to the rim, metres;
+            without a rounding a corner is as round as fits.
+        inner: The same of the inside, from the rim to the axis.
+        grip: Heights (z) between which fingers may close on it, metres.
+        stem: Heights of the stem, metres, for a thing that has one.
+        handle: Control points (r, z) of the handle's centre line; empty without a handle.
+        handle_radius: Half of the handle's thickness, metres, in the plane of its line.
+        tint: Share of red, green and blue light that a centimetre of the material lets through.
+        handle_width: Half of the handle's breadth, metres, across that plane.
+        reliefs: Facets, thread, spout or marks.
+    """
+
+    object_id: str
+    name: str
+    outer: Corners
+    inner: Corners
+    grip: tuple[float, float]
+    stem: tuple[float, float] | None = None
+    handle: tuple[tuple[float, float], ...] = ()
+    handle_radius: float = 0.0
+    tint: tuple[float, float, float] = (0.95, 0.975, 0.965)
+    handle_width: float = 0.0
+    reliefs: tuple[Relief, ...] = ()
+
+    @property
+    def height(self) -> float:
+        """Metres from the table to the rim."""
+        return float(profile(self)[:, 1].max())
+
+    @property
+    def radius(self) -> float:
+        """Largest radius of the outline (no handle, no spout), metres."""
+        return float(profile(self)[:, 0].max())
+
+    def outer_radius(self, z: float) -> float:
+        """Largest radius of the outline at the height z, metres; 0 above and below it."""
+        curve = profile(self)
+        a, b = curve[:-1], curve[1:]
+        crosses = (np.minimum(a[:, 1], b[:, 1]) <= z) & (np.maximum(a[:, 1], b[:, 1]) >= z)
+        if not crosses.any():
+            return 0.0
+        a, b = a[crosses], b[crosses]
+        rise = np.where(np.abs(b[:, 1] - a[:, 1]) < 1e-12, 1.0, b[:, 1] - a[:, 1])
+        share = np.clip((z - a[:, 1]) / rise, 0.0, 1.0)
+        return float((a[:, 0] + share * (b[:, 0] - a[:, 0])).max())
+
+
+@kept(64)
+def profile(item: GlassObject, spacing: float = SPACING) -> Array:
+    """The closed outline in the half plane, without relief, from the axis below to that inside.
+
+    Args:
+        item: The object.
+        spacing: Largest distance of the samples, metres; arcs and reliefs are sampled finer.
+
+    Returns:
+        Points (r, z) in metres, shape (N, 2); the first and the last lie on the axis.
+    """
+    outer, inner = rounded_path(item.outer, spacing), rounded_path(item.inner, spacing)
+    middle = (outer[-1] + inner[0]) / 2
+    half = float(np.linalg.norm(outer[-1] - inner[0])) / 2
+    across = (outer[-1] - middle) / half
+    up = np.array([-across[1], across[0]])
+    turn = np.linspace(0, np.pi, 13)[1:-1, None]
+    rim = middle + half * (np.cos(turn) * across + np.sin(turn) * up)
+    bands = [relief.band for relief in item.reliefs]
+    sides = [relief.band for relief in item.reliefs if relief.through]
+    outer = subdivided(np.concatenate([outer, rim[:1]]), spacing, bands)[:-1]
+    inner = subdivided(np.concatenate([rim[-1:], inner]), spacing, sides)[1:]
+    return np.concatenate([outer, rim, inner])
+
+
+def handle_line(item: GlassObject) -> Array:
+    """The centre line of the handle in the object's frame, metres, shape (N, 3); N = 0 without."""
+    if not item.handle:
+        return np.zeros((0, 3))
+    rz = smooth_curve(item.handle, 0.002)
+    return np.stack([rz[:, 0], np.zeros(len(rz)), rz[:, 1]], axis=1)
+
+
+def handle_sections(item: GlassObject) -> tuple[Array, Array, Array]:
+    """The handle: its centre line (N, 3), half thickness (N,) and half width (N,), metres.
+
+    Toward its ends, which lie in the wall, it grows thicker.
+    """
+    line = handle_line(item)
+    if not len(line):
+        return line, np.zeros(0), np.zeros(0)
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+    flare = 0.55 * np.exp(-((np.minimum(along, along[-1] - along) / 0.0042) ** 2))
+    thickness = item.handle_radius * (1 + flare)
+    return line, thickness, (item.handle_width or item.handle_radius) * (1 + 0.5 * flare)
+
+
+@kept(32)
+def _walls(item: GlassObject) -> tuple[Array, Array, Array]:
+    """Heights every 0.5 mm, and the outer and the inner radius there; 0 inside of solid glass."""
+    curve = profile(item)
+    rim = int(np.argmax(curve[:, 1]))
+    z = np.arange(0.0, curve[rim, 1] + 5e-4, 5e-4)
+
+    def radius(side: Array) -> Array:
+        a, b = side[:-1], side[1:]
+        low, high = np.minimum(a[:, 1], b[:, 1]), np.maximum(a[:, 1], b[:, 1])
+        level = np.minimum(z, curve[rim, 1])[:, None]
+        rise = np.where(high - low < 1e-12, 1.0, b[:, 1] - a[:, 1])
+        at = a[:, 0] + np.clip((level - a[:, 1]) / rise, 0, 1) * (b[:, 0] - a[:, 0])
+        return np.asarray(np.where((low <= level) & (high >= level), at, 0.0).max(1))
+
+    return z, radius(curve[: rim + 1]), radius(curve[rim:])
+
+
+def relieved(item: GlassObject, angle: Array, rz: Array, *, back: bool = False) -> Array:
+    """Move points of the body of revolution to where the reliefs put them, or back.
+
+    Between the inner and the outer wall the shift fades out, so that the inside stays round.
+
+    Args:
+        item: The object.
+        angle: Around the axis, radians, shape (...,).
+        rz: Radius and height, metres, shape (..., 2).
+        back: True takes the relief away instead.
+
+    Returns:
+        The new radius, metres, shape (...,); the height stays.
+    """
+    r, z = rz[..., 0], rz[..., 1]
+    if not item.reliefs:
+        return np.asarray(r)
+    heights, outside, inside = _walls(item)
+    wide, narrow = np.interp(z, heights, outside), np.interp(z, heights, inside)
+    sign = -1.0 if back else 1.0
+    r = r + sign * sum(f.shift(angle, z, wide) for f in item.reliefs if f.through)
+    wall = np.maximum(wide - narrow, 2e-4)
+    shift = np.zeros(r.shape) + sum(f.shift(angle, z, wide) for f in item.reliefs if not f.through)
+    if back:
+        within = (r + shift * narrow / wall) / np.maximum(1.0 + shift / wall, 0.2)
+        return np.asarray(np.where(within >= wide, r - shift, np.where(r <= narrow, r, within)))
+    return np.asarray(r + shift * np.clip((r - narrow) / wall, 0.0, 1.0))

@@ -1,0 +1,1 @@
+"""The hand: shape, skin, mesh, signed distance."""

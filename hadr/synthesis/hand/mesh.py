@@ -1,0 +1,134 @@
+"""A closed hand with its forearm, skinned around the skeleton of :mod:`hadr.hand`.
+
+The flesh (:mod:`hadr.synthesis.hand.signed_distance`) is polygonised once, at rest; the skin then
+follows each pose (:mod:`hadr.synthesis.hand.skinning`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from hadr.hand import HandShape, Skeleton
+from hadr.synthesis.glass.surfaces import Surface
+from hadr.synthesis.hand.relief import SkinMap
+from hadr.synthesis.hand.skinning import posed_vertices, skin_vertices
+from hadr.synthesis.hand.template import COARSE_STEP, FINE_STEP, MIDDLE_STEP, hand_template
+
+__all__ = ["SKIN_TONES", "HandMesh", "hand_mesh", "skin_vertices"]
+
+Array = npt.NDArray[np.float64]
+
+#: Skin tones, linear RGB reflectance, light to dark.
+SKIN_TONES: tuple[tuple[float, float, float], ...] = (
+    (0.70, 0.475, 0.365),
+    (0.63, 0.405, 0.295),
+    (0.55, 0.335, 0.23),
+    (0.46, 0.26, 0.17),
+    (0.31, 0.17, 0.105),
+    (0.19, 0.10, 0.065),
+)
+
+
+@dataclass(frozen=True)
+class HandMesh:
+    """The skinned hand.
+
+    Args:
+        surface: Closed surface in the skeleton's frame (the wrist frame).
+        albedo: Linear RGB reflectance per vertex, shape (V, 3).
+        gloss: Share of mirror-like reflection per vertex, shape (V,): the nails shine.
+    """
+
+    surface: Surface
+    albedo: Array
+    gloss: Array
+
+
+def paint(skin: SkinMap, tone: npt.ArrayLike) -> tuple[Array, Array]:
+    """Reflectance and gloss of skin and nails.
+
+    Args:
+        skin: Where the skin's features lie, V vertices.
+        tone: Linear RGB reflectance on the back of the hand, shape (3,).
+
+    Returns:
+        Linear RGB, shape (V, 3), and gloss, shape (V,).
+    """
+    base = np.asarray(tone, dtype=float)
+    fair = np.array([0.80, 0.53, 0.42])
+    darkness = float(np.clip(1 - base.mean() / 0.56, 0, 1))
+    inner = base + (0.10 + 0.38 * darkness) * (fair * [0.92, 0.80, 0.76] - base)
+
+    def mixed(color: Array, other: Array, share: Array) -> Array:
+        return color + share[:, None] * (other - color)
+
+    color = mixed(np.tile(base, (len(skin.palm), 1)), inner, skin.palm)
+    color *= 1 + (0.045 + 0.02 * darkness) * skin.mottle[:, None]
+    color *= 1 + skin.red[:, None] * (np.array([1.03, 0.80, 0.78]) - 1)
+    color *= 1 + skin.vein[:, None] * (1 - darkness) * (np.array([0.86, 0.95, 1.0]) - 1)
+    depth = np.array([0.74, 0.58, 0.55]) * (1 - 0.15 * darkness)
+    color *= 1 + skin.crease[:, None] * (depth - 1)
+    bed = base + (0.40 + 0.10 * darkness) * (np.array([0.80, 0.50, 0.43]) - base)
+    plate = mixed(np.tile(bed, (len(color), 1)), np.array([0.84, 0.72, 0.62]), 0.5 * skin.moon)
+    color = mixed(color, plate, skin.nail)
+    gloss = 0.25 + 0.06 * skin.palm - 0.10 * skin.crease + 0.75 * skin.nail
+    return np.clip(color, 0.01, 0.95), np.clip(gloss, 0.05, 1.0)
+
+
+def _level(step: float) -> float:
+    """The template's grid that serves a wanted resolution."""
+    if not 0.001 <= step <= 0.010:
+        raise ValueError(f"step must lie between 0.001 and 0.010 metres, got {step}")
+    return next((s for s in (COARSE_STEP, MIDDLE_STEP) if step >= s), FINE_STEP)
+
+
+def vertex_normals(vertices: Array, faces: npt.NDArray[np.int64]) -> Array:
+    """Unit outward normals per vertex, the faces' normals weighted by area, shape (V, 3)."""
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    flat = np.cross(b - a, c - a)
+    normals = np.stack(
+        [
+            np.bincount(faces.ravel(), np.repeat(flat[:, i], 3), minlength=len(vertices))
+            for i in range(3)
+        ],
+        axis=1,
+    )
+    length = np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
+    return np.asarray(normals / length, dtype=float)
+
+
+def hand_mesh(
+    skeleton: Skeleton,
+    shape: HandShape | None = None,
+    *,
+    tone: npt.ArrayLike = SKIN_TONES[1],
+    step: float = FINE_STEP,
+) -> HandMesh:
+    """Skin a posed skeleton.
+
+    Args:
+        skeleton: The pose, wrist frame, metres.
+        shape: The sizes that posed it; an adult's right hand where it is left out.
+        tone: Linear RGB reflectance of the skin, shape (3,).
+        step: Coarsest distance of vertices on the hand, metres: 1.3 mm shows creases, 3.8 mm and
+            more is meant for contact checks.
+
+    Returns:
+        A closed hand with its forearm in the wrist frame.
+
+    Raises:
+        ValueError: The step is not between 1 and 10 mm.
+    """
+    level = _level(step)
+    shape = shape or HandShape()
+    vertices = posed_vertices(skeleton, shape, level).astype(float)
+    template = hand_template(level)
+    faces = template.faces
+    if shape.side == "left":
+        faces = faces[:, ::-1]
+    surface = Surface(vertices, faces, vertex_normals(vertices, faces))
+    albedo, gloss = paint(template.skin, tone)
+    return HandMesh(surface, albedo, gloss)

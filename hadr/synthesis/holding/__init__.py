@@ -1,0 +1,1 @@
+"""How a hand comes to hold a glass."""

@@ -1,0 +1,381 @@
+"""Closing the fingers on an object until their skin meets the glass.
+
+A finger tries a library of natural postures, takes the best and improves it. What is best: the pad
+of the tip (or the whole inner side) on the glass, nothing in it, the end joint bent with the middle
+one, neighbours alike, no finger in another. Lengths in the costs are millimetres.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from hadr.hand import FINGERS, HandShape, forward_kinematics
+from hadr.synthesis.glass.objects import GlassObject, glass_object
+from hadr.synthesis.hand.finger_skin import FingerSkin, finger_skin
+from hadr.synthesis.hand.skinning import skin_vertices
+from hadr.synthesis.holding.clearance import ClearanceTable, clearance_table
+from hadr.synthesis.holding.kinds import Action, Placement
+
+Array = npt.NDArray[np.float64]
+Floats = npt.NDArray[np.float32]
+
+#: Ranges of the search, radians: a little inside of ``hadr.hand.ANGLE_LIMITS``.
+_FINGER_RANGE = np.deg2rad([(-12, 12), (-8, 88), (4, 106), (2, 72)])
+_THUMB_RANGE = np.deg2rad([(-28, 38), (-23, 48), (-8, 56), (-10, 72)])
+_THUMB_REST = np.deg2rad([10.0, 8, 14, 18])
+_LIBRARY, _NEAR = 420, 150
+_LEVEL = ("index", "middle")
+_ORDER = ("middle", "index", "ring", "little", "thumb")
+#: How the end joint follows the middle one.
+DIP_FOLLOWS_PIP = 0.62
+#: Skin may be pressed in so far before it costs, millimetres.
+_SLACK = 0.25
+
+
+def posture_library(finger: str) -> Array:
+    """Natural postures of a finger, shape (N, 4), always the same ones."""
+    rng = np.random.default_rng([list(FINGERS).index(finger), 5])
+    if finger == "thumb":
+        low, high = _THUMB_RANGE.T
+        return np.asarray(rng.uniform(low, high, (2 * _LIBRARY, 4)))
+    low, high = _FINGER_RANGE.T
+    angles = rng.uniform(low, high, (_LIBRARY, 4))
+    angles[:, 0] *= 0.7
+    angles[:, 3] = np.clip(angles[:, 2] * rng.uniform(0.45, 0.8, _LIBRARY), low[3], high[3])
+    return angles
+
+
+@dataclass(eq=False)
+class HandSkins:
+    """The five fingers of a hand as a right hand's, with their libraries and few chosen points."""
+
+    shape: HandShape
+    skins: dict[str, FingerSkin]
+    few: dict[str, npt.NDArray[np.int64]]
+    library: dict[str, Array]
+    palm: Floats
+
+
+def hand_skins(shape: HandShape) -> HandSkins:
+    """Prepare a hand for closing."""
+    skins = {finger: finger_skin(finger, shape) for finger in FINGERS}
+    few = {}
+    for finger, skin in skins.items():
+        stride = 12 if finger == "thumb" else 7
+        kept = np.zeros(len(skin.rows), bool)
+        kept[::stride] = True
+        kept[np.flatnonzero(skin.pad)[::3]] = True
+        kept[np.flatnonzero(skin.tip_pad)[::2]] = True
+        few[finger] = np.flatnonzero(kept)
+    plain = replace(shape, side="right")
+    vertices, part = skin_vertices(forward_kinematics(_open_hand(), plain), plain)
+    palm = vertices[(part == 5) | ((part == 6) & (vertices[:, 1] > -0.20))]
+    return HandSkins(
+        shape,
+        skins,
+        few,
+        {finger: posture_library(finger) for finger in FINGERS},
+        palm.astype(np.float32),
+    )
+
+
+def _open_hand() -> Array:
+    angles = np.zeros(20)
+    angles[:4] = np.deg2rad([-15, -10, 5, 5])
+    angles[5::4], angles[6::4], angles[7::4] = np.deg2rad(35), np.deg2rad(30), np.deg2rad(18)
+    return angles
+
+
+def object_from_wrist(wrist_from_object: Array) -> Array:
+    """Inverse of a rigid pose."""
+    inverse = np.eye(4)
+    inverse[:3, :3] = wrist_from_object[:3, :3].T
+    inverse[:3, 3] = -wrist_from_object[:3, :3].T @ wrist_from_object[:3, 3]
+    return inverse
+
+
+def palm_clearance(hand: HandSkins, table: ClearanceTable, pose: Array) -> float:
+    """Smallest distance of palm and forearm to the filled object, metres."""
+    inverse = object_from_wrist(pose).astype(np.float32)
+    return float(table.around(hand.palm @ inverse[:3, :3].T + inverse[:3, 3]).min())
+
+
+def push_onto_palm(
+    hand: HandSkins, table: ClearanceTable, placement: Placement, direction: Array
+) -> Placement:
+    """Slide the object along a direction until it meets the palm."""
+    pose = placement.wrist_from_object.copy()
+    start = pose[:3, 3].copy()
+    low, high = -0.10, 0.14
+    for _ in range(13):
+        middle = (low + high) / 2
+        pose[:3, 3] = start + middle * direction
+        free = palm_clearance(hand, table, pose) > -0.0003
+        low, high = (middle, high) if free else (low, middle)
+    pose[:3, 3] = start + low * direction
+    return Placement(pose, placement.plan, placement.palm_gap)
+
+
+def _through_handle(item: GlassObject, joints: Array, pose: Array) -> npt.NDArray[np.bool_]:
+    """Whether a finger's bones go through the handle's opening, shape (N,)."""
+    line = np.asarray(item.handle)
+    inverse = object_from_wrist(pose)
+    local = joints @ inverse[:3, :3].T + inverse[:3, 3]
+    found = np.zeros(len(joints), bool)
+    inside, outside = float(line[:, 0].min()), float(line[:, 0].max()) - item.handle_radius
+    low = float(line[:, 1].min()) + item.handle_radius
+    high = float(line[:, 1].max()) - item.handle_radius
+    for bone in range(3):
+        a, b = local[:, bone], local[:, bone + 1]
+        crosses = a[:, 1] * b[:, 1] < 0
+        share = a[:, 1] / np.where(crosses, a[:, 1] - b[:, 1], 1.0)
+        at = a + share[:, None] * (b - a)
+        found |= (
+            crosses
+            & (at[:, 0] > inside)
+            & (at[:, 0] < outside)
+            & (at[:, 2] > low)
+            & (at[:, 2] < high)
+        )
+    return found
+
+
+def bone_spheres(joints: Array, girth: Array) -> tuple[Array, Array]:
+    """Spheres along a finger beyond its web: centres (N, 7, 3) and radii (7,)."""
+    centers, radii = [], []
+    for bone, share in ((0, 0.55), (0, 0.8), (1, 0.05), (1, 0.5), (2, 0.0), (2, 0.4), (2, 0.8)):
+        centers.append(joints[:, bone] * (1 - share) + joints[:, bone + 1] * share)
+        radii.append(girth[bone])
+    return np.stack(centers, axis=1), np.asarray(radii)
+
+
+@dataclass(eq=False)
+class Closing:
+    """One attempt to close a hand on a placed object."""
+
+    item: GlassObject
+    table: ClearanceTable
+    hand: HandSkins
+    placement: Placement
+
+    def __post_init__(self) -> None:
+        self.inverse = object_from_wrist(self.placement.wrist_from_object)
+
+    def _clearance(
+        self, action: Action, points: Floats, bone: npt.NDArray[np.int64]
+    ) -> tuple[Floats, Floats]:
+        """How free each point is (negative: where it must not be) and how near the glass."""
+        around = self.table.around(points)
+        if action != "inside":
+            return around, self.table.glass_near(points, around)
+        within = self.table.within(points)
+        either = np.maximum(around, within)
+        free = np.where((bone == 2)[:, None], within, either)
+        return np.asarray(free), self.table.glass_near(points, free)
+
+    def _habit(self, finger: str, angles: Array, neighbour: Array | None) -> Array:
+        """How unnatural postures are, whatever they touch."""
+        if finger == "thumb":
+            return np.asarray(0.35 * np.square((angles - _THUMB_REST) / np.deg2rad(25)).sum(1))
+        degrees = np.rad2deg(angles)
+        cost = 1.2 * np.square((degrees[:, 3] - DIP_FOLLOWS_PIP * degrees[:, 2]) / 12)
+        cost += 0.35 * np.square(degrees[:, 0] / 7)
+        cost += 0.5 * np.square(np.maximum(-degrees[:, 1], 0) / 6)
+        cost += 0.15 * np.square((degrees[:, 1] - 38) / 30)
+        if neighbour is not None:
+            beside = np.rad2deg(neighbour)
+            cost += 0.45 * np.square((degrees[:, 1] - beside[1]) / 14)
+            cost += 0.35 * np.square((degrees[:, 2] - beside[2]) / 18)
+        return np.asarray(cost)
+
+    def _contact(
+        self,
+        skin: FingerSkin,
+        action: Action,
+        clearance: Floats,
+        near: Floats,
+        chosen: npt.NDArray[np.int64],
+        joints: Array,
+    ) -> Array:
+        bone, pad, tip_pad = skin.bone[chosen], skin.pad[chosen], skin.tip_pad[chosen]
+        gap, touch_gap = clearance * np.float32(1000), near * np.float32(1000)
+        pressed = np.maximum(-gap - _SLACK, 0)
+        deepest = pressed.max(0)
+        cost = 4 * deepest + 2 * deepest**2 + 0.15 * pressed.sum(0)
+        if action == "free":
+            return np.asarray(cost + 0.6 * np.maximum(2.0 - gap.min(0), 0))
+        if action in ("tip", "inside"):
+            on_pad = np.abs(touch_gap[tip_pad]).min(0)
+            beside = np.maximum(touch_gap[tip_pad].min(0) - touch_gap[bone == 2].min(0), 0)
+            cost = cost + 1.6 * np.minimum(on_pad, 25) + 1.5 * beside
+        elif action == "wrap":
+            for number, weight in ((2, 1.0), (1, 0.7), (0, 0.25)):
+                touch = np.abs(touch_gap[pad & (bone == number)]).min(0)
+                cost = cost + weight * np.minimum(touch, 20)
+        else:
+            touch = np.minimum(
+                np.abs(gap[pad & (bone == 1)]).min(0), np.abs(gap[pad & (bone == 0)]).min(0)
+            )
+            outside = ~_through_handle(self.item, joints, self.placement.wrist_from_object)
+            cost = (
+                cost
+                + 1.2 * np.minimum(touch, 20)
+                + 0.25 * np.abs(gap[pad & (bone == 2)]).min(0).clip(0, 20)
+            )
+            cost = cost + 40.0 * outside
+        return np.asarray(cost)
+
+    def _overlap(self, finger: str, joints: Array, closed: dict[str, Array]) -> Array:
+        """Cost of a finger in others that are closed already, and in the palm."""
+        centers, radii = bone_spheres(joints, self.hand.skins[finger].girth)
+        total = np.zeros(len(joints))
+        for other, fixed in closed.items():
+            at, size = bone_spheres(fixed[None], self.hand.skins[other].girth)
+            away = np.linalg.norm(centers[:, :, None] - at[0], axis=-1) - radii[:, None] - size
+            deep = np.maximum(-away.min((1, 2)) * 1000 - 0.8, 0)
+            total += 1.5 * deep + 0.8 * deep**2
+        s = self.hand.shape.scale
+        over = (centers[:, :, 1] < 0.092 * s) & (np.abs(centers[:, :, 0] + 0.006 * s) < 0.045 * s)
+        if finger != "thumb":
+            deep = np.where(over, radii + 0.0125 * s - centers[:, :, 2], 0).max(1) * 1000 - 0.5
+            deep = np.maximum(deep, 0)
+            total += 1.5 * deep + 0.8 * deep**2
+        return np.asarray(total)
+
+    def _opposition(self, joints: Array, closed: dict[str, Array]) -> Array:
+        """Cost of a thumb that does not face the fingers across the object."""
+        acting = [f for f in closed if self.placement.plan[f] != "free"]
+        if self.placement.plan["thumb"] != "tip" or {"hook", "inside"} & set(
+            self.placement.plan.values()
+        ):
+            return np.zeros(len(joints))
+        inverse = self.inverse
+        tips = np.stack([closed[f][3] for f in acting]) @ inverse[:3, :3].T + inverse[:3, 3]
+        thumb = joints[:, 3] @ inverse[:3, :3].T + inverse[:3, 3]
+        facing = tips[:, :2] / np.linalg.norm(tips[:, :2], axis=1, keepdims=True)
+        mean = facing.mean(0)
+        mean = mean / max(float(np.linalg.norm(mean)), 1e-9)
+        own = thumb[:, :2] / np.maximum(np.linalg.norm(thumb[:, :2], axis=1, keepdims=True), 1e-9)
+        beside = np.maximum(own @ mean + 0.5, 0)
+        # At the height of index and middle finger, where these hold from the side.
+        level = np.stack(
+            [closed[f][3] @ inverse[2, :3] + inverse[2, 3] for f in acting if f in _LEVEL]
+        ).mean()
+        off = np.maximum(np.abs(thumb[:, 2] - level) * 1000 - 6, 0) / 12
+        return np.asarray(4.0 * beside + 1.2 * np.minimum(off, 4) ** 2)
+
+    def _best(
+        self,
+        finger: str,
+        angles: Array,
+        chosen: npt.NDArray[np.int64],
+        closed: dict[str, Array],
+        neighbour: Array | None,
+        bias: tuple[Floats, Floats] | None = None,
+    ) -> tuple[Array, float, Array]:
+        skin, action = self.hand.skins[finger], self.placement.plan[finger]
+        points, joints = skin.pose(angles, self.inverse, chosen)
+        clearance, near = self._clearance(action, points, skin.bone[chosen])
+        if bias is not None:
+            clearance, near = clearance + bias[0][:, None], near + bias[1][:, None]
+        cost = self._contact(skin, action, clearance, near, chosen, joints)
+        cost += self._habit(finger, angles, neighbour)
+        if closed:
+            cost += self._overlap(finger, joints, closed)
+        if finger == "thumb" and closed:
+            cost += self._opposition(joints, closed)
+        winner = int(np.argmin(cost))
+        return angles[winner], float(cost[winner]), joints[winner]
+
+    def screen(self) -> float:
+        """Cost of the best posture in each finger's library: how promising the placement is."""
+        total, joints = 0.0, dict[str, Array]()
+        for finger in _ORDER:
+            few = self.hand.few[finger]
+            beside = joints if finger == "thumb" else {}
+            _, cost, where = self._best(finger, self.hand.library[finger][::2], few, beside, None)
+            total, joints[finger] = total + cost, where
+        return total
+
+    def _neighbour(self, finger: str, angles: dict[str, Array]) -> Array | None:
+        beside = {"index": "middle", "ring": "middle", "little": "ring"}.get(finger)
+        return angles.get(beside) if beside else None
+
+    def run(self, rng: np.random.Generator) -> tuple[Array, float]:
+        """Close the fingers: the twenty angles of a right hand, radians, and their cost."""
+        angles: dict[str, Array] = {}
+        joints: dict[str, Array] = {}
+        costs: dict[str, float] = {}
+        for finger in _ORDER:
+            few, near = self.hand.few[finger], self._neighbour(finger, angles)
+            best, cost, where = self._best(finger, self.hand.library[finger], few, joints, near)
+            angles[finger], costs[finger], joints[finger] = best, cost, where
+            self._improve(finger, 0.22, rng, angles, joints, costs, few, None)
+        return self.settle(np.concatenate([angles[f] for f in FINGERS]), rng, (0.10, 0.05, 0.03))
+
+    def settle(
+        self, start: Array, rng: np.random.Generator, widths: tuple[float, ...]
+    ) -> tuple[Array, float]:
+        """Improve angles that are near already, on the skin itself.
+
+        Args:
+            start: The twenty angles of a right hand, radians.
+            rng: Source of the variations that are tried.
+            widths: How far they go in each round, as shares of a joint's range.
+
+        Returns:
+            The improved angles and their cost.
+        """
+        angles = {f: start[4 * i : 4 * i + 4] for i, f in enumerate(FINGERS)}
+        joints = {
+            f: skin.bones(angles[f][None])[1][0] * skin.scale for f, skin in self.hand.skins.items()
+        }
+        costs = dict.fromkeys(FINGERS, 0.0)
+        for width in widths:
+            truth = self._true_skin(angles).astype(np.float32)
+            for finger in _ORDER:
+                skin, action = self.hand.skins[finger], self.placement.plan[finger]
+                blended = self._clearance(
+                    action, skin.pose(angles[finger][None], self.inverse)[0], skin.bone
+                )
+                exact = self._clearance(action, truth[skin.rows][:, None], skin.bone)
+                bias = (exact[0] - blended[0])[:, 0], (exact[1] - blended[1])[:, 0]
+                everything = np.arange(len(skin.rows))
+                self._improve(finger, width, rng, angles, joints, costs, everything, bias)
+        return np.concatenate([angles[f] for f in FINGERS]), sum(costs.values())
+
+    def _true_skin(self, angles: dict[str, Array]) -> Array:
+        """The whole skin of the pose in the object's frame."""
+        shape = self.hand.shape
+        plain = replace(shape, side="right")
+        skeleton = forward_kinematics(np.concatenate([angles[f] for f in FINGERS]), plain)
+        vertices, _ = skin_vertices(skeleton, plain)
+        return vertices @ self.inverse[:3, :3].T + self.inverse[:3, 3]
+
+    def _improve(
+        self,
+        finger: str,
+        width: float,
+        rng: np.random.Generator,
+        angles: dict[str, Array],
+        joints: dict[str, Array],
+        costs: dict[str, float],
+        chosen: npt.NDArray[np.int64],
+        bias: tuple[Floats, Floats] | None,
+    ) -> None:
+        low, high = (_THUMB_RANGE if finger == "thumb" else _FINGER_RANGE).T
+        near = angles[finger] + rng.normal(size=(_NEAR, 4)) * width * (high - low) * 0.5
+        near = np.clip(near, low, high)
+        near[0] = angles[finger]
+        others = {f: j for f, j in joints.items() if f != finger}
+        angles[finger], costs[finger], joints[finger] = self._best(
+            finger, near, chosen, others, self._neighbour(finger, angles), bias
+        )
+
+
+def closing_on(object_id: str, hand: HandSkins, placement: Placement) -> Closing:
+    """A closing of a hand on a placed object."""
+    return Closing(glass_object(object_id), clearance_table(object_id), hand, placement)

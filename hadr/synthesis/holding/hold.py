@@ -1,0 +1,204 @@
+"""Holding poses: a hand takes hold of an object, and its fingers close on it until they touch.
+
+A pose is built as a right hand's: the object is placed as the kind of hold wants it
+(:mod:`hadr.synthesis.holding.kinds`), the fingers close
+(:mod:`hadr.synthesis.holding.grasp_optimisation`) and the skin is checked
+(:mod:`hadr.synthesis.holding.contact`); what fails is drawn again. A left hand is the mirror image.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from hadr.hand import HandShape, Side
+from hadr.records.caches import kept
+from hadr.synthesis.glass.objects import GlassObject, glass_object
+from hadr.synthesis.hand.shapes import draw_hand_shape
+from hadr.synthesis.holding.clearance import ClearanceTable, clearance_table
+from hadr.synthesis.holding.contact import TOUCH, ContactReport, check_contact
+from hadr.synthesis.holding.grasp_optimisation import (
+    HandSkins,
+    closing_on,
+    hand_skins,
+    palm_clearance,
+    push_onto_palm,
+)
+from hadr.synthesis.holding.kinds import FINGERS_INSIDE, HOLD_KINDS, Placement, draw_placement
+
+Array = npt.NDArray[np.float64]
+
+_PLACEMENTS, _TRIES, _ROUNDS, _REDRAWS = 10, 2, 6, 5
+#: What a hold made by the search keeps below the checks' limits, metres.
+_AIM = 0.0013
+_MIRROR_X, _MIRROR_Y = np.diag([-1.0, 1, 1, 1]), np.diag([1.0, -1, 1, 1])
+
+
+@dataclass(frozen=True)
+class Hold:
+    """A hand that holds an object.
+
+    Args:
+        hold_id: Names the pose, e.g. ``0004-stem-0007``; frames that share it are near-duplicates.
+        object_id: The object.
+        kind: One of the kinds in ``HOLD_KINDS``.
+        shape: Sizes and side of the hand.
+        angles: The twenty joint angles, radians, shape (20,).
+        wrist_from_object: Pose of the object in the wrist frame, shape (4, 4).
+        gaps: Smallest distance of the skin of each finger, of the palm and of the forearm to the
+            glass, metres; negative where it is pressed in.
+    """
+
+    hold_id: str
+    object_id: str
+    kind: str
+    shape: HandShape
+    angles: Array
+    wrist_from_object: Array
+    gaps: dict[str, float]
+
+    @property
+    def touching(self) -> tuple[str, ...]:
+        """Which of the fingers and the palm touch the glass (within 2 mm)."""
+        return tuple(name for name, gap in self.gaps.items() if gap <= TOUCH)
+
+
+def check_hold(hold: Hold) -> ContactReport:
+    """Run all checks on a hold; its ``problems`` are empty when it is good."""
+    return check_contact(
+        hold.object_id,
+        hold.shape,
+        hold.angles,
+        hold.wrist_from_object,
+        FINGERS_INSIDE.get(hold.kind, ()),
+    )
+
+
+def holds_well(hold: Hold) -> bool:
+    """Whether a hold passes all checks."""
+    return not check_hold(hold).problems
+
+
+def _candidates(
+    item: GlassObject,
+    kind: str,
+    hand: HandSkins,
+    table: ClearanceTable,
+    rng: np.random.Generator,
+) -> list[Placement]:
+    """Placements of the object, the most promising first."""
+    found: list[tuple[float, int, Placement]] = []
+    for number in range(_PLACEMENTS):
+        placement, direction = draw_placement(item, kind, hand.shape.scale, rng)
+        if direction is not None:
+            placement = push_onto_palm(hand, table, placement, direction)
+        elif palm_clearance(hand, table, placement.wrist_from_object) < placement.palm_gap:
+            continue
+        cost = closing_on(item.object_id, hand, placement).screen()
+        found.append((cost, number, placement))
+    return [placement for _, _, placement in sorted(found, key=lambda f: f[:2])]
+
+
+def search_hold(
+    object_id: str, kind: str, shape: HandShape, rng: np.random.Generator
+) -> tuple[Array, Array, ContactReport, int]:
+    """Search a hold of a kind as a right hand's.
+
+    Args:
+        object_id: The object.
+        kind: One of the kinds in ``HOLD_KINDS``.
+        shape: The hand.
+        rng: Source of its freedom.
+
+    Returns:
+        The angles; ``wrist_from_object``; the checks' report (its problems are empty unless all
+        attempts failed, then it is the best failure); and the number of attempts.
+    """
+    item, table = glass_object(object_id), clearance_table(object_id)
+    right = replace(shape, side="right")
+    hand = hand_skins(right)
+    best: tuple[float, Array, Array, ContactReport] | None = None
+    attempts = 0
+    for _ in range(_ROUNDS):
+        for placement in _candidates(item, kind, hand, table, rng)[:_TRIES]:
+            attempts += 1
+            closing = closing_on(object_id, hand, placement)
+            angles, cost = closing.run(rng)
+            report = check_contact(
+                object_id, right, angles, placement.wrist_from_object, FINGERS_INSIDE.get(kind, ())
+            )
+            wanted = {f for f, action in placement.plan.items() if action != "free"}
+            missed = wanted - set(report.touching)
+            good = (
+                not report.problems
+                and report.depth < _AIM
+                and len(missed) <= (1 if len(wanted) > 3 else 0)
+            )
+            total = cost + (0 if good else 100) + 1000 * len(report.problems)
+            if best is None or total < best[0]:
+                best = (total, angles, placement.wrist_from_object, report)
+            if good:
+                break
+        if best is not None and best[0] < 100:
+            break
+    if best is None:
+        raise ValueError(f"no placement of {object_id} for a hold of kind {kind!r} spares the palm")
+    return best[1], best[2], best[3], attempts
+
+
+def mirrored_pose(wrist_from_object: Array) -> Array:
+    """The object's pose in the other hand, shape (4, 4); objects are their own mirror image."""
+    return _MIRROR_X @ wrist_from_object @ _MIRROR_Y
+
+
+def hold_kind(object_id: str, number: int) -> str:
+    """The kind of an object's hold number ``number``.
+
+    Raises:
+        ValueError: The object is unknown, or the number is negative.
+    """
+    glass_object(object_id)
+    if number < 0:
+        raise ValueError(f"number of a hold starts at 0, got {number}")
+    kinds = HOLD_KINDS[object_id]
+    return kinds[number % len(kinds)]
+
+
+@kept(64)
+def make_hold(object_id: str, number: int, seed: int = 0) -> Hold:
+    """Make the holding pose number ``number`` of an object.
+
+    Args:
+        object_id: One of the objects' ids.
+        number: Which pose, from 0; the eight kinds of hold of the object alternate.
+        seed: Seed of the whole data set.
+
+    Returns:
+        The pose; the same for the same three arguments.
+
+    Raises:
+        ValueError: The object is unknown, the number is negative, or five hands in turn fail.
+    """
+    kind = hold_kind(object_id, number)
+    for redraw in range(_REDRAWS):
+        # Another hand, too, where one does not manage.
+        rng = np.random.default_rng([seed, int(object_id), number, 11, redraw][: 4 + (redraw > 0)])
+        side: Side = "right" if rng.random() < 0.6 else "left"
+        shape = draw_hand_shape(rng, side)
+        angles, pose, report, _ = search_hold(object_id, kind, shape, rng)
+        if not report.problems:
+            break
+    else:
+        raise ValueError(
+            f"{_REDRAWS} hands do not manage hold {number} of {object_id} ({kind}) with seed "
+            f"{seed}: {'; '.join(report.problems)}"
+        )
+    name = f"{object_id}-{kind}-{number:04d}"
+    hold = Hold(name, object_id, kind, shape, angles, pose, report.gaps)
+    if side == "left":
+        # A thread is not its own mirror image, so the gaps change a little.
+        hold = replace(hold, wrist_from_object=mirrored_pose(pose))
+        hold = replace(hold, gaps=check_hold(hold).gaps)
+    return hold

@@ -1,0 +1,1 @@
+"""Recorded holding poses: files, motion, gloves."""

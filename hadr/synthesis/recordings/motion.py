@@ -1,0 +1,220 @@
+"""Makes recordings: two seconds of a hold in which a hand is as restless as hands are.
+
+The object drifts in the grip by a millimetre or so and the fingers follow it; a tremor runs over
+the joints. Every row passes the checks of a hold.
+"""
+
+from __future__ import annotations
+
+import argparse
+import zlib
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import PchipInterpolator
+from scipy.spatial.transform import Rotation
+
+from hadr.hand import ANGLE_LIMITS
+from hadr.synthesis.glass.objects import OBJECTS
+from hadr.synthesis.holding.grasp_optimisation import closing_on, hand_skins
+from hadr.synthesis.holding.hold import Hold, check_hold, hold_kind, make_hold, mirrored_pose
+from hadr.synthesis.holding.kinds import Placement, finger_plan
+from hadr.synthesis.recordings.recording import (
+    Recording,
+    find_recordings,
+    read_recording,
+    recording_text,
+    write_recording,
+)
+
+Array = npt.NDArray[np.float64]
+
+#: Frequency of a hand's tremor, Hz.
+_TREMOR = (7.5, 11.0)
+_KNOTS = 4
+
+
+def _drifted(pose: Array, move: Array, turn: Array, about: Array) -> Array:
+    """A pose moved (metres) and turned (rotation vector) about a point, wrist frame."""
+    result = pose.copy()
+    rotation = Rotation.from_rotvec(turn).as_matrix()
+    result[:3, :3] = rotation @ pose[:3, :3]
+    result[:3, 3] = rotation @ (pose[:3, 3] - about) + about + move
+    return result
+
+
+def _motion(
+    hold: Hold, time: Array, amount: float, rng: np.random.Generator
+) -> tuple[Array, Array]:
+    """Angles and poses over time, without regard to the checks; as a right hand's."""
+    right = replace(hold.shape, side="right")
+    base = hold.wrist_from_object
+    if hold.shape.side == "left":
+        base = mirrored_pose(base)
+    about = np.array([0.0, 0.085, 0.035]) * right.scale
+    knots = np.linspace(0, time[-1], _KNOTS)
+    moves = rng.normal(size=(_KNOTS, 3)) * 0.0008 * amount
+    turns = rng.normal(size=(_KNOTS, 3)) * np.deg2rad(0.9) * amount
+    moves[0] = turns[0] = 0
+    hand = hand_skins(right)
+    angles = [hold.angles]
+    for move, turn in zip(moves[1:], turns[1:], strict=True):
+        placement = Placement(_drifted(base, move, turn, about), finger_plan(hold.kind))
+        closing = closing_on(hold.object_id, hand, placement)
+        angles.append(closing.settle(hold.angles, rng, (0.04, 0.02))[0])
+    smooth = PchipInterpolator(knots, np.stack(angles), axis=0)(time)
+    tremor = np.zeros_like(smooth)
+    for _ in range(2):
+        size = np.deg2rad(0.10) * amount * rng.random(20)
+        wave = 2 * np.pi * rng.uniform(*_TREMOR) * time[:, None] + rng.uniform(0, 2 * np.pi, 20)
+        tremor += size * np.sin(wave)
+    angles_now = np.clip(smooth + tremor, ANGLE_LIMITS[:, 0], ANGLE_LIMITS[:, 1])
+    moves_now = PchipInterpolator(knots, moves, axis=0)(time)
+    turns_now = PchipInterpolator(knots, turns, axis=0)(time)
+    poses = np.stack(
+        [_drifted(base, m, t, about) for m, t in zip(moves_now, turns_now, strict=True)]
+    )
+    return angles_now, poses
+
+
+def record_hold(
+    hold: Hold, seed: int = 0, *, seconds: float = 2.0, rate: float = 10.0
+) -> Recording:
+    """Record a hold: the pose with small variation in time, every row in contact.
+
+    Args:
+        hold: A hold that passes the checks.
+        seed: Seed of the variation.
+        seconds: Length.
+        rate: Rows a second.
+
+    Returns:
+        The recording, as it reads back from its file.
+
+    Raises:
+        ValueError: The hold itself does not pass the checks, or the length or rate is wrong.
+    """
+    if seconds <= 0 or rate <= 0 or round(seconds * rate) < 2:
+        raise ValueError(f"need at least two rows, got {seconds} s at {rate} Hz")
+    problems = check_hold(hold).problems
+    if problems:
+        raise ValueError(f"{hold.hold_id} is no good hold: {'; '.join(problems)}")
+    time = np.arange(round(seconds * rate)) / rate
+    rng = np.random.default_rng([seed, zlib.crc32(hold.hold_id.encode()), 17])
+    for amount in (1.0, 0.6, 0.3, 0.1, 0.0):
+        angles, poses = _motion(hold, time, amount, rng)
+        if hold.shape.side == "left":
+            poses = np.stack([mirrored_pose(pose) for pose in poses])
+        recording = _rounded(
+            Recording(hold.hold_id, hold.object_id, hold.kind, hold.shape, time, angles, poses)
+        )
+        if next(failing_rows(recording), None) is None:
+            return recording
+    raise ValueError(f"{hold.hold_id} does not pass the checks once its numbers are rounded")
+
+
+def _rounded(recording: Recording) -> Recording:
+    """The recording as it will be read from its file."""
+    quaternions = Rotation.from_matrix(recording.wrist_from_object[:, :3, :3]).as_quat()
+    poses = recording.wrist_from_object.copy()
+    poses[:, :3, :3] = Rotation.from_quat(np.round(quaternions, 5)).as_matrix()
+    poses[:, :3, 3] = np.round(poses[:, :3, 3], 5)
+    shape = recording.shape
+    shape = replace(
+        shape,
+        scale=round(shape.scale, 4),
+        girth=round(shape.girth, 4),
+        roots={f: _mm(v) for f, v in shape.roots.items()},
+        lengths={f: _mm(v) for f, v in shape.lengths.items()},
+    )
+    angles = np.deg2rad(np.round(np.rad2deg(recording.angles), 2))
+    return replace(recording, shape=shape, angles=angles, wrist_from_object=poses)
+
+
+def _mm(values: Sequence[float]) -> tuple[float, float, float]:
+    a, b, c = (round(1000 * float(v), 2) / 1000 for v in values)
+    return a, b, c
+
+
+def failing_rows(recording: Recording) -> Iterator[tuple[int, tuple[str, ...]]]:
+    """Rows of a recording that do not pass the checks of a hold, and why."""
+    for row in range(len(recording.time)):
+        hold = Hold(
+            recording.hold_id,
+            recording.object_id,
+            recording.kind,
+            recording.shape,
+            recording.angles[row],
+            recording.wrist_from_object[row],
+            {},
+        )
+        problems = check_hold(hold).problems
+        if problems:
+            yield row, problems
+
+
+def verify_recordings(folder: str | Path) -> list[str]:
+    """Check every row of every recording in a folder; the problems, in words."""
+    found = []
+    for path in find_recordings(folder):
+        for row, problems in failing_rows(read_recording(path)):
+            found.append(f"{path.name} row {row + 1}: {'; '.join(problems)}")
+    return found
+
+
+def write_recordings(
+    folder: str | Path,
+    *,
+    seed: int = 0,
+    holds: int = 30,
+    objects: Sequence[str] | None = None,
+) -> Iterator[tuple[Path, bool]]:
+    """Make the recordings of each object's first holds; those that are there are left.
+
+    Args:
+        folder: Where to; ``{object}/{hold_id}.csv`` below it.
+        seed: Seed of the holds and of their variation.
+        holds: Holds per object.
+        objects: Which objects; the eight of the data set where it is left out.
+
+    Yields:
+        Each file's path, and whether it was made now.
+    """
+    for object_id in OBJECTS if objects is None else objects:
+        for number in range(holds):
+            name = f"{object_id}-{hold_kind(object_id, number)}-{number:04d}.csv"
+            path = Path(folder) / object_id / name
+            made = not path.is_file()
+            if made:
+                write_recording(record_hold(make_hold(object_id, number, seed), seed), path)
+            yield path, made
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Write recordings, or check a folder of them."""
+    parser = argparse.ArgumentParser(
+        prog="python -m hadr.synthesis.recordings.recording",
+        description="Make recordings of holds.",
+    )
+    parser.add_argument("--out", required=True, metavar="DIR", help="folder of the recordings")
+    parser.add_argument("--seed", type=int, default=0, help="seed of holds and variation (0)")
+    parser.add_argument("--holds", type=int, default=30, help="holds per object (30)")
+    parser.add_argument("--objects", nargs="+", metavar="ID", help="which objects (the eight)")
+    parser.add_argument("--check", action="store_true", help="only check what is there")
+    given = parser.parse_args(arguments)
+    if given.check:
+        problems = verify_recordings(given.out)
+        print("\n".join(problems) or "every row of every recording passes")
+        raise SystemExit(int(bool(problems)))
+    count = made = 0
+    for _, new in write_recordings(
+        given.out, seed=given.seed, holds=given.holds, objects=given.objects
+    ):
+        count, made = count + 1, made + new
+    print(f"{count} recordings, {made} of them made now")
+
+
+__all__ = ["failing_rows", "main", "record_hold", "recording_text", "verify_recordings"]

@@ -1,0 +1,380 @@
+"""Recorded holds: joint angles over time as a data glove's software exports them, and the object.
+
+A recording is a CSV file (``data_samples/recordings/README.md`` says what its columns are). The
+reader takes an export unchanged; what a glove does not know (which object, where it stood in the
+hand, the hand's size) comes from comment lines, a JSON file or a placement file beside it.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial.transform import Rotation, Slerp
+
+from hadr.hand import ANGLE_NAMES, FINGERS, HandShape
+from hadr.synthesis.glass.objects import glass_object
+from hadr.synthesis.holding.hold import Hold, check_hold
+from hadr.synthesis.recordings.glove_columns import (
+    ANGLE_COLUMNS,
+    POSITION_COLUMNS,
+    ROTATION_COLUMNS,
+    find_angle_columns,
+)
+
+Array = npt.NDArray[np.float64]
+
+_MILLISECONDS = ("elapsedtimeinmilliseconds", "elapsedtimems", "timems", "timestampms")
+_SECONDS = ("elapsedtimeinseconds", "elapsedtimes", "times", "timestamps", "seconds", "timestamp")
+_ADD_PLACEMENT = (
+    "add the columns {columns} (metres and a unit quaternion: the object's pose in the wrist "
+    "frame), or a file {side_file} with a time column and these columns"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """A hold over time.
+
+    Args:
+        hold_id: Names the hold; all rows are near-duplicates of one another.
+        object_id: The object.
+        kind: Kind of hold.
+        shape: Sizes and side of the hand.
+        time: Seconds from the first row, shape (T,).
+        angles: Joint angles in the order of ``ANGLE_NAMES``, radians, shape (T, 20).
+        wrist_from_object: Pose of the object in the wrist frame, shape (T, 4, 4).
+    """
+
+    hold_id: str
+    object_id: str
+    kind: str
+    shape: HandShape
+    time: Array
+    angles: Array
+    wrist_from_object: Array
+
+    def at(self, row: int) -> Hold:
+        """The hold at a row.
+
+        Raises:
+            IndexError: There is no such row.
+        """
+        if not 0 <= row < len(self.time):
+            raise IndexError(f"row {row} of {self.hold_id}, which has {len(self.time)} rows")
+        hold = Hold(
+            self.hold_id,
+            self.object_id,
+            self.kind,
+            self.shape,
+            self.angles[row],
+            self.wrist_from_object[row],
+            {},
+        )
+        hold.gaps.update(check_hold(hold).gaps)
+        return hold
+
+
+def find_recordings(folder: str | Path) -> list[Path]:
+    """The recordings in a folder and below, ordered by object and number.
+
+    Raises:
+        ValueError: There is no such folder.
+    """
+    root = Path(folder)
+    if not root.is_dir():
+        raise ValueError(f"no folder of recordings at {root}")
+    found = [p for p in root.rglob("*.csv") if not p.name.endswith(".placement.csv")]
+
+    def key(path: Path) -> tuple[str, int, str]:
+        number = path.stem.rsplit("-", 1)[-1]
+        return path.parent.name, int(number) if number.isdigit() else 0, path.name
+
+    return sorted(found, key=key)
+
+
+def companions(path: Path) -> tuple[Path, Path]:
+    """The files that may lie beside a recording: its JSON file and its placement file."""
+    return path.with_suffix(".json"), path.with_name(f"{path.stem}.placement.csv")
+
+
+@dataclass(frozen=True)
+class _Table:
+    """The cells of a CSV file."""
+
+    path: Path
+    notes: Mapping[str, str]
+    header: list[str]
+    rows: list[list[str]]
+    lines: list[int]
+    decimal_comma: bool
+
+    def number(self, row: int, column: int) -> float:
+        text = self.rows[row][column].strip()
+        try:
+            value = float(text.replace(",", ".") if self.decimal_comma else text)
+        except ValueError:
+            value = float("nan")
+        if not np.isfinite(value):
+            raise ValueError(
+                f"{self.path.name}: row {row + 1} (line {self.lines[row]}), column "
+                f"{self.header[column]}: {text!r} is not a finite number"
+            )
+        return value
+
+    def column(self, position: int) -> Array:
+        return np.array([self.number(row, position) for row in range(len(self.rows))])
+
+    def find(self, *names: str) -> int | None:
+        """Position of the first column that has one of the (bare) names."""
+        bare = ["".join(c for c in name.lower() if c.isalnum()) for name in self.header]
+        return next((bare.index(name) for name in names if name in bare), None)
+
+
+def _read_table(path: Path) -> _Table:
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path.name} is not text in UTF-8") from error
+    notes: dict[str, str] = {}
+    lines: list[tuple[int, str]] = []
+    for number, line in enumerate(text.splitlines(), start=1):
+        if line.lstrip().startswith("#"):
+            key, _, value = line.lstrip("# \t").partition(":")
+            notes[key.strip().lower()] = value.strip()
+        elif line.strip(" ,;\t"):
+            lines.append((number, line))
+    # The header is the first line with joint angles in it; what stands before is a preamble.
+    start = 0
+    for start, (_, line) in enumerate(lines):  # noqa: B007
+        delimiter = max(",;\t", key=line.count)
+        header = next(csv.reader([line], delimiter=delimiter))
+        if find_angle_columns(header) or any(n.strip() in POSITION_COLUMNS for n in header):
+            break
+    else:
+        raise ValueError(f"{path.name} has no header with joint angles, such as {ANGLE_COLUMNS[5]}")
+    header = [name.strip() for name in header]
+    rows: list[list[str]] = []
+    kept: list[int] = []
+    for number, line in lines[start + 1 :]:
+        cells = next(csv.reader(io.StringIO(line), delimiter=delimiter))
+        if len(cells) > len(header) and not any(c.strip() for c in cells[len(header) :]):
+            cells = cells[: len(header)]  # a delimiter at the end of each line
+        if len(cells) != len(header):
+            raise ValueError(
+                f"{path.name}: row {len(rows) + 1} (line {number}) has {len(cells)} cells, the "
+                f"header {len(header)}"
+            )
+        rows.append(cells)
+        kept.append(number)
+    if not rows:
+        raise ValueError(f"{path.name} has a header but no rows")
+    return _Table(path, notes, header, rows, kept, delimiter == ";")
+
+
+def _times(table: _Table, notes: Mapping[str, Any]) -> Array:
+    milliseconds, seconds = table.find(*_MILLISECONDS), table.find(*_SECONDS)
+    frame = table.find("frame", "framenumber", "frameid")
+    if milliseconds is not None:
+        time = table.column(milliseconds) / 1000
+    elif seconds is not None:
+        time = table.column(seconds)
+    elif frame is not None and "frame_rate" in notes:
+        time = table.column(frame) / float(notes["frame_rate"])
+    else:
+        raise ValueError(
+            f"{table.path.name} has no time: expected a column Elapsed_Time_In_Milliseconds or "
+            "Time_s, or a column Frame and the frame_rate beside it"
+        )
+    backward = np.flatnonzero(np.diff(time) <= 0)
+    if len(backward):
+        row = int(backward[0]) + 1
+        raise ValueError(
+            f"{table.path.name}: row {row + 1} (line {table.lines[row]}): time does not grow"
+        )
+    return np.asarray(time - time[0])
+
+
+def _poses(table: _Table, positions: list[int], rotations: list[int]) -> Array:
+    quaternions = np.stack([table.column(i) for i in rotations], axis=1)
+    norms = np.linalg.norm(quaternions, axis=1)
+    wrong = np.flatnonzero(np.abs(norms - 1) > 0.01)
+    if len(wrong):
+        row = int(wrong[0])
+        raise ValueError(
+            f"{table.path.name}: row {row + 1} (line {table.lines[row]}), columns "
+            f"{ROTATION_COLUMNS[0]}...: a quaternion of length {norms[row]:.3f}, not 1"
+        )
+    poses = np.tile(np.eye(4), (len(quaternions), 1, 1))
+    poses[:, :3, :3] = Rotation.from_quat(quaternions[:, [1, 2, 3, 0]]).as_matrix()
+    poses[:, :3, 3] = np.stack([table.column(i) for i in positions], axis=1)
+    return poses
+
+
+def _placement(table: _Table, time: Array) -> Array:
+    """The object's pose in each row, from the table or from the file beside it."""
+    wanted = [*POSITION_COLUMNS, *ROTATION_COLUMNS]
+    _, side_file = companions(table.path)
+    own = [name for name in wanted if name in table.header]
+    source = table
+    if not own and side_file.is_file():
+        source = _read_table(side_file)
+    missing = [name for name in wanted if name not in source.header]
+    if missing:
+        what = "where the object is" if not own else ", ".join(missing)
+        raise ValueError(
+            f"{source.path.name} does not say {what}: "
+            + _ADD_PLACEMENT.format(columns=", ".join(wanted), side_file=side_file.name)
+        )
+    at = [source.header.index(name) for name in wanted]
+    poses = _poses(source, at[:3], at[3:])
+    if source is table:
+        return poses
+    if len(poses) == 1:
+        return np.repeat(poses, len(time), axis=0)
+    known = _times(source, source.notes)
+    now = np.clip(time, known[0], known[-1])
+    result = np.tile(np.eye(4), (len(time), 1, 1))
+    result[:, :3, :3] = Slerp(known, Rotation.from_matrix(poses[:, :3, :3]))(now).as_matrix()
+    for axis in range(3):
+        result[:, axis, 3] = np.interp(now, known, poses[:, axis, 3])
+    return result
+
+
+def _notes(table: _Table) -> dict[str, Any]:
+    notes: dict[str, Any] = dict(table.notes)
+    companion, _ = companions(table.path)
+    if companion.is_file():
+        try:
+            notes |= json.loads(companion.read_text(encoding="utf-8"))
+        except ValueError as error:
+            raise ValueError(f"{companion.name} is not JSON: {error}") from error
+    return notes
+
+
+def _shape(notes: Mapping[str, Any], side: str, name: str) -> HandShape:
+    usual = HandShape()
+    sizes: dict[str, Any] = {}
+    for field in ("roots", "lengths"):
+        if field in notes:
+            given = notes[field]
+            given = json.loads(given) if isinstance(given, str) else given
+            if set(given) != set(FINGERS):
+                raise ValueError(f"{name}: {field} must name the five fingers, got {list(given)}")
+            sizes[field] = {f: tuple(float(v) / 1000 for v in given[f]) for f in FINGERS}
+    for field in ("scale", "girth"):
+        if field in notes:
+            sizes[field] = float(notes[field])
+    return HandShape(side=side, fan=usual.fan, **sizes)  # type: ignore[arg-type]
+
+
+def read_recording(path: str | Path) -> Recording:
+    """Read a recording, ours or an export of a glove's software.
+
+    Args:
+        path: The CSV file. Comma, semicolon or tab; lines before the header; columns of both
+            hands and further columns do not matter.
+
+    Returns:
+        The recording.
+
+    Raises:
+        ValueError: A cell is no number (row and column are named), an angle, the time or the
+            placement is missing, or it is not said which object, kind, scale and hand it is.
+        FileNotFoundError: There is no such file.
+    """
+    table = _read_table(Path(path))
+    notes = _notes(table)
+    name = table.path.name
+    missing = [key for key in ("object", "kind", "scale") if key not in notes]
+    if missing:
+        raise ValueError(
+            f"{name} does not say {', '.join(missing)}: add comment lines such as "
+            f"'# object: 0000' above the header, or {table.path.stem}.json"
+        )
+    glass_object(str(notes["object"]))
+    hands = find_angle_columns(table.header)
+    side = notes.get("side")
+    if side is None:
+        sides = [s for s in hands if s is not None]
+        if len(sides) != 1:
+            raise ValueError(f"{name} does not say which hand holds: add '# side: right' or left")
+        side = sides[0]
+    if side not in ("right", "left"):
+        raise ValueError(f"{name}: side must be 'right' or 'left', got {side!r}")
+    columns = hands.get(side, hands.get(None, {}))
+    absent = [a for a in ANGLE_NAMES if a not in columns]
+    if absent:
+        raise ValueError(f"{name} lacks {len(absent)} angles of the {side} hand: {absent[0]} ...")
+    degrees = np.stack([table.column(columns[a]) for a in ANGLE_NAMES], axis=1)
+    time = _times(table, notes)
+    return Recording(
+        str(notes.get("hold_id", table.path.stem)),
+        str(notes["object"]),
+        str(notes["kind"]),
+        _shape(notes, side, name),
+        time,
+        np.deg2rad(degrees),
+        _placement(table, time),
+    )
+
+
+def recording_text(recording: Recording) -> str:
+    """A recording as CSV: angles to 0.01 degrees, positions to 0.01 mm."""
+    shape, usual = recording.shape, HandShape()
+    notes: list[tuple[str, Any]] = [
+        ("hold_id", recording.hold_id),
+        ("object", recording.object_id),
+        ("kind", recording.kind),
+        ("side", shape.side),
+        ("scale", repr(round(shape.scale, 4))),
+    ]
+    if shape.girth != usual.girth:
+        notes.append(("girth", repr(round(shape.girth, 4))))
+    for field in ("roots", "lengths"):
+        value = getattr(shape, field)
+        if value != getattr(usual, field):
+            mm = {f: [round(1000 * float(v), 2) for v in value[f]] for f in FINGERS}
+            notes.append((field, json.dumps(mm)))
+    header = [
+        "Frame",
+        "Elapsed_Time_In_Milliseconds",
+        *ANGLE_COLUMNS,
+        *POSITION_COLUMNS,
+        *ROTATION_COLUMNS,
+    ]
+    quaternions = Rotation.from_matrix(recording.wrist_from_object[:, :3, :3]).as_quat()
+    # One sign for the whole recording, so that the columns are smooth.
+    quaternions = quaternions[:, [3, 0, 1, 2]]
+    quaternions *= np.where(quaternions @ quaternions[0] < 0, -1.0, 1.0)[:, None]
+    lines = [f"# {key}: {value}" for key, value in notes] + [",".join(header)]
+    for row, seconds in enumerate(recording.time):
+        cells = [str(row), f"{1000 * seconds:.2f}".rstrip("0").rstrip(".")]
+        cells += [f"{v:.2f}" for v in np.rad2deg(recording.angles[row])]
+        cells += [f"{v:.5f}" for v in recording.wrist_from_object[row, :3, 3]]
+        cells += [f"{v:.5f}" for v in quaternions[row]]
+        lines.append(",".join(cells))
+    return "\n".join(lines) + "\n"
+
+
+def write_recording(recording: Recording, path: str | Path) -> None:
+    """Write a recording; the file appears whole or not at all."""
+    target = Path(path)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    part = target.with_name(f".{target.name}.{os.getpid()}.part")
+    part.write_text(recording_text(recording), encoding="utf-8", newline="\n")
+    os.replace(part, target)
+
+
+if __name__ == "__main__":
+    from hadr.synthesis.recordings.motion import main
+
+    main()

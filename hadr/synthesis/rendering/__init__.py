@@ -1,0 +1,1 @@
+"""Pictures of a scene: cast rays, refraction, path tracing."""

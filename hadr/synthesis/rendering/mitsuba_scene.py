@@ -1,0 +1,224 @@
+"""A scene as Mitsuba 3 wants it: surfaces, materials and lights as one dictionary.
+
+Needs the extra ``hadr[generate]``. Mitsuba is only imported when a function is called, after a
+variant was chosen with :func:`hadr.synthesis.rendering.mitsuba_variant.mitsuba`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from hadr.camera import Intrinsics
+from hadr.synthesis.glass.surfaces import Surface
+from hadr.synthesis.hand.mesh import HandMesh
+from hadr.synthesis.rendering.optics import GLASS_INDEX
+from hadr.synthesis.rendering.raycast import Surroundings
+from hadr.synthesis.scene.scene import Scene
+from hadr.synthesis.textures.families import pyramid
+
+Array = npt.NDArray[np.float64]
+
+#: Surroundings are this many meshes, or more where they have more pictures.
+MESHES = 24
+
+
+def _mesh(
+    mi: Any,
+    name: str,
+    surface: Surface,
+    bsdf: Any,
+    uv: Array | None = None,
+    emitter: Any | None = None,
+) -> Any:
+    """A Mitsuba mesh of a surface."""
+    properties = mi.Properties()
+    properties["mesh_bsdf"] = bsdf
+    if emitter is not None:
+        properties["mesh_emitter"] = emitter
+    mesh = mi.Mesh(
+        name,
+        vertex_count=len(surface.vertices),
+        face_count=len(surface.faces),
+        has_vertex_normals=True,
+        has_vertex_texcoords=uv is not None,
+        props=properties,
+    )
+    parameters = mi.traverse(mesh)
+    parameters["vertex_positions"] = surface.vertices.astype(np.float32).ravel()
+    parameters["vertex_normals"] = surface.normals.astype(np.float32).ravel()
+    parameters["faces"] = surface.faces.astype(np.uint32).ravel()
+    if uv is not None:
+        parameters["vertex_texcoords"] = uv.astype(np.float32).ravel()
+    parameters.update()
+    return mesh
+
+
+def _hand(mi: Any, hand: HandMesh) -> Any:
+    skin = mi.load_dict(
+        {
+            "type": "principled",
+            "base_color": {"type": "mesh_attribute", "name": "vertex_color"},
+            "roughness": {"type": "mesh_attribute", "name": "vertex_roughness"},
+            "specular": 0.5,
+        }
+    )
+    mesh = _mesh(mi, "hand", hand.surface, skin)
+    mesh.add_attribute("vertex_color", 3, hand.albedo.astype(np.float32).ravel())
+    roughness = np.clip(0.62 - 0.42 * hand.gloss, 0.15, 0.9)
+    mesh.add_attribute("vertex_roughness", 1, roughness.astype(np.float32))
+    return mesh
+
+
+def _glass(mi: Any, number: int, body: Surface, tint: tuple[float, float, float]) -> Any:
+    # A wall of two millimetres takes its share of colour at each of its two surfaces.
+    passed = [float(t) ** 0.1 for t in tint]
+    glass = mi.load_dict(
+        {
+            "type": "dielectric",
+            "int_ior": GLASS_INDEX,
+            "ext_ior": 1.0,
+            "specular_transmittance": {"type": "rgb", "value": passed},
+        }
+    )
+    return _mesh(mi, f"glass{number}", body, glass)
+
+
+def _surroundings(mi: Any, around: Surroundings, eye: Array, pixel: float) -> dict[str, Any]:
+    """One mesh per picture and tint; each picture in the level that suits its nearest corner."""
+    keys = np.concatenate([around.picture[:, None], around.tint, around.repeat[:, None]], axis=1)
+    groups, which = np.unique(keys, axis=0, return_inverse=True)
+    shapes: dict[str, Any] = {}
+    for number in range(len(groups)):
+        faces = around.surface.faces[which.ravel() == number]
+        used, renumbered = np.unique(faces, return_inverse=True)
+        part = Surface(
+            around.surface.vertices[used],
+            renumbered.reshape(faces.shape),
+            around.surface.normals[used],
+        )
+        levels = pyramid(int(groups[number, 0]), around.photographs)
+        nearest = float(np.linalg.norm(part.vertices - eye, axis=1).min())
+        texel = groups[number, 4] / levels[0].shape[0]
+        level = int(np.clip(np.floor(np.log2(max(nearest * pixel / texel, 1.0))), 0, 4))
+        linear = (levels[level].astype(np.float32) / 255.0) ** 2.2 * groups[number, 1:4]
+        image = mi.Bitmap(np.ascontiguousarray(np.minimum(linear, 0.9), dtype=np.float32))
+        texture = {"type": "bitmap", "bitmap": image, "raw": True}
+        matte = mi.load_dict(
+            {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": texture}}
+        )
+        # Mitsuba turns pictures upside down, ours have their first row at v = 0.
+        uv = around.uv[used] * np.array([1.0, -1.0])
+        shapes[f"surroundings{number}"] = _mesh(mi, f"surroundings{number}", part, matte, uv)
+    # Mitsuba compiles its kernels anew where the number of meshes differs: fill them up.
+    spare = Surface(
+        eye + np.array([0, 0, -50.0]) + 1e-3 * np.eye(3), np.array([[0, 1, 2]]), np.eye(3)
+    )
+    for number in range(len(groups), MESHES):
+        image = mi.Bitmap(np.full((2, 2, 3), 0.5, dtype=np.float32))
+        texture = {"type": "bitmap", "bitmap": image, "raw": True}
+        matte = mi.load_dict(
+            {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": texture}}
+        )
+        shapes[f"spare{number}"] = _mesh(mi, f"spare{number}", spare, matte, np.zeros((3, 2)))
+    return shapes
+
+
+def _lights(mi: Any, scene: Scene) -> dict[str, Any]:
+    lights: dict[str, Any] = {}
+    transform = mi.ScalarTransform4f
+    environment = scene.rays.environment
+    if environment is None:
+        lights["sky"] = {
+            "type": "constant",
+            "radiance": {"type": "rgb", "value": scene.rays.ambient.tolist()},
+        }
+    else:
+        # Mitsuba's y is up, and its azimuth starts elsewhere and runs the other way.
+        image = np.roll(environment.image[:, ::-1], environment.image.shape[1] // 4, axis=1)
+        lights["sky"] = {
+            "type": "envmap",
+            "bitmap": mi.Bitmap(np.ascontiguousarray(image, dtype=np.float32)),
+            "to_world": transform().rotate([1, 0, 0], 90),
+        }
+    for number, lamp in enumerate(scene.rays.lamps):
+        # A mesh, since the numbers of Mitsuba's own rectangle become part of the kernel.
+        signs = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+        corners = lamp.center + signs @ np.stack([lamp.half_width, lamp.half_height])
+        faces = np.array([[0, 1, 2], [0, 2, 3]])
+        panel = Surface(corners, faces, np.tile(lamp.normal, (4, 1)))
+        radiance = {"type": "rgb", "value": np.asarray(lamp.color).tolist()}
+        emitter = mi.load_dict({"type": "area", "radiance": radiance})
+        black = mi.load_dict({"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}})
+        lights[f"lamp{number}"] = _mesh(mi, f"lamp{number}", panel, black, emitter=emitter)
+    return lights
+
+
+def mitsuba_sensor(
+    camera: Intrinsics, world_from_camera: Array, samples: int, seed: int
+) -> dict[str, Any]:
+    """A pinhole camera with a box filter, as Mitsuba's dictionary.
+
+    Args:
+        camera: Intrinsics with square pixels.
+        world_from_camera: Pose of the OpenCV camera, shape (4, 4).
+        samples: Paths a pixel.
+        seed: Of the paths.
+
+    Raises:
+        ValueError: The pixels are not square.
+    """
+    import mitsuba as mi
+
+    if abs(camera.fx / camera.fy - 1) > 1e-3:
+        raise ValueError(
+            f"a path-traced picture needs square pixels, got fx {camera.fx} and fy {camera.fy}"
+        )
+    pose = world_from_camera @ np.diag([-1.0, -1.0, 1.0, 1.0])
+    width, height = camera.width, camera.height
+    return {
+        "type": "perspective",
+        "fov_axis": "x",
+        "fov": float(np.rad2deg(2 * np.arctan(width / (2 * camera.fx)))),
+        "principal_point_offset_x": 0.5 - (camera.cx + 0.5) / width,
+        "principal_point_offset_y": 0.5 - (camera.cy + 0.5) / height,
+        "near_clip": 0.01,
+        "far_clip": 100.0,
+        "to_world": mi.ScalarTransform4f(pose.tolist()),
+        "film": {
+            "type": "hdrfilm",
+            "width": width,
+            "height": height,
+            "pixel_format": "rgb",
+            "component_format": "float32",
+            "rfilter": {"type": "box"},
+        },
+        "sampler": {"type": "independent", "sample_count": samples, "seed": seed},
+    }
+
+
+def scene_to_mitsuba(scene: Scene) -> dict[str, Any]:
+    """Surfaces, materials and lights of a scene; add a sensor and an integrator to draw it.
+
+    Args:
+        scene: The scene.
+
+    Returns:
+        A dictionary for ``mitsuba.load_dict``.
+    """
+    import mitsuba as mi
+
+    rays = scene.rays
+    result: dict[str, Any] = {"type": "scene"}
+    if rays.hand is not None:
+        result["hand"] = _hand(mi, rays.hand)
+    for number, body in enumerate(rays.glass):
+        tint = np.exp(rays.tint / 100.0)
+        result[f"glass{number}"] = _glass(mi, number, body, (tint[0], tint[1], tint[2]))
+    if rays.surroundings is not None:
+        result |= _surroundings(
+            mi, rays.surroundings, scene.world_from_camera[:3, 3], 1.0 / scene.camera.fx
+        )
+    return result | _lights(mi, scene)

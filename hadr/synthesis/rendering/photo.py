@@ -1,0 +1,164 @@
+"""Path-traced pictures: a scene's light by Mitsuba 3, denoised, and taken by a camera.
+
+Needs the extra ``hadr[generate]``.
+"""
+
+from __future__ import annotations
+
+import importlib
+from contextlib import AbstractContextManager, nullcontext
+from functools import lru_cache
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from hadr.camera import ray_directions
+from hadr.synthesis.depth_sensor.sensor_noise import ColorCamera, develop
+from hadr.synthesis.generation.farm import one_thread
+from hadr.synthesis.rendering.mitsuba_scene import mitsuba_sensor, scene_to_mitsuba
+from hadr.synthesis.rendering.mitsuba_variant import LLVM, mitsuba
+from hadr.synthesis.scene.scene import Scene
+
+Light = npt.NDArray[np.float32]
+
+
+def trace(
+    scene: Scene, *, seed: int, samples: int = 8, variant: str | None = None, depth: int = 14
+) -> tuple[Light, Light, Light]:
+    """The light that reaches the camera, with the noise of few samples.
+
+    Args:
+        scene: The scene.
+        seed: Of the paths.
+        samples: Paths a pixel.
+        variant: Of Mitsuba; the fastest that works where it is left out.
+        depth: Most surfaces on a path.
+
+    Returns:
+        Linear RGB, and as guides for a denoiser the reflectance and the normals of what is seen
+        first; each (H, W, 3) float32.
+
+    Raises:
+        ValueError: The number of samples is not positive, or the variant can't be used here.
+    """
+    if samples < 1:
+        raise ValueError(f"samples must be at least 1 path a pixel, got {samples}")
+    mi = mitsuba(variant)
+    with _one_order(mi):
+        description = scene_to_mitsuba(scene)
+        description["sensor"] = mitsuba_sensor(scene.camera, scene.world_from_camera, samples, seed)
+        loaded = mi.load_dict(description)
+        paths = mi.load_dict({"type": "path", "max_depth": depth, "rr_depth": 3})
+        # One integrator for both would trace every path twice.
+        first = mi.load_dict({"type": "aov", "aovs": "albedo:albedo,normal:sh_normal"})
+
+        def draw(integrator: Any) -> Light:
+            picture = mi.render(loaded, integrator=integrator, spp=samples, seed=seed)
+            return np.nan_to_num(np.asarray(picture, dtype=np.float32), posinf=0.0, neginf=0.0)
+
+        light, guides = draw(paths), draw(first)
+    albedo, normal = np.clip(guides[..., -6:-3], 0, 1), guides[..., -3:]
+    _look_through_glass(scene, albedo)
+    return light[..., :3], albedo, normal
+
+
+def _one_order(mi: Any) -> AbstractContextManager[None]:
+    """LLVM's kernels on one thread: sums have one order, so the same seed gives the same bytes."""
+    if mi.variant() != LLVM:
+        return nullcontext()
+    drjit = importlib.import_module("drjit")
+    return one_thread(drjit.thread_count, drjit.set_thread_count)
+
+
+def _look_through_glass(scene: Scene, albedo: Light) -> None:
+    """Put the reflectance of what is behind glass into its pixels, from four rays each."""
+    camera, pose = scene.camera, scene.world_from_camera
+    directions = ray_directions(camera).reshape(-1, 3) @ pose[:3, :3].T
+    glass = scene.rays.glass_alone(np.broadcast_to(pose[:3, 3], directions.shape), directions)
+    wide = cv2.dilate(glass.reshape(camera.shape).astype(np.uint8), np.ones((3, 3), np.uint8))
+    v, u = np.nonzero(wide)
+    if not len(v):
+        return
+    total = np.zeros((len(v), 3))
+    for du, dv in ((-0.3, -0.1), (0.1, -0.3), (0.3, 0.1), (-0.1, 0.3)):
+        local = np.stack(
+            [
+                (u + du - camera.cx) / camera.fx,
+                (v + dv - camera.cy) / camera.fy,
+                np.ones(len(u)),
+            ],
+            axis=1,
+        )
+        local /= np.linalg.norm(local, axis=1, keepdims=True)
+        origins = np.broadcast_to(pose[:3, 3], local.shape)
+        total += scene.rays.reflectance(origins, local @ pose[:3, :3].T, 1.0 / camera.fx)
+    albedo[v, u] = total / 4
+
+
+def denoise(light: Light, albedo: Light, normal: Light) -> Light:
+    """Take the noise of few samples away with Open Image Denoise.
+
+    Args:
+        light: Linear RGB, (H, W, 3).
+        albedo: Reflectance of what is seen, (H, W, 3).
+        normal: Normals of what is seen, (H, W, 3).
+
+    Returns:
+        Linear RGB, (H, W, 3) float32.
+    """
+    oidn = importlib.import_module("pyoidn")
+    clean = np.zeros(light.shape, dtype=np.float32)
+    images = {"color": light, "albedo": np.clip(albedo, 0, 1), "normal": normal, "output": clean}
+    kept = {name: np.ascontiguousarray(image, dtype=np.float32) for name, image in images.items()}
+    device = _denoising_device()
+    with oidn.Filter(device, "RT") as task:
+        for name, image in kept.items():
+            task.set_image(name, image, oidn.OIDN_FORMAT_FLOAT3)
+        task.set_bool("hdr", True)
+        task.commit()
+        task.execute()
+    error = device.get_error()
+    if error is not None:
+        raise RuntimeError(f"Open Image Denoise failed: {error}")
+    return kept["output"]
+
+
+@lru_cache(maxsize=1)
+def _denoising_device() -> Any:
+    """Open Image Denoise on one thread that stays where it likes, as other processes' ones do."""
+    device = importlib.import_module("pyoidn").Device()
+    device.set_int("numThreads", 1)
+    device.set_bool("setAffinity", False)
+    device.commit()
+    return device
+
+
+def photograph(
+    scene: Scene,
+    *,
+    seed: int,
+    samples: int = 8,
+    variant: str | None = None,
+    denoised: bool = True,
+    camera: ColorCamera | None = None,
+) -> npt.NDArray[np.uint8]:
+    """Take a path-traced picture of a scene.
+
+    Args:
+        scene: The scene.
+        seed: Of the paths and of the camera's noise; the same seed gives the same bytes.
+        samples: Paths a pixel.
+        variant: Of Mitsuba; the fastest that works where it is left out.
+        denoised: Take the noise of few paths away.
+        camera: What takes the picture.
+
+    Returns:
+        sRGB, shape (H, W, 3) uint8.
+    """
+    seed = int(np.random.SeedSequence(seed).generate_state(1)[0])
+    light, albedo, normal = trace(scene, seed=seed, samples=samples, variant=variant)
+    if denoised:
+        light = denoise(light, albedo, normal)
+    return develop(light, np.random.default_rng(seed), camera or ColorCamera())

@@ -1,0 +1,256 @@
+"""Ray casting: exact labels at the pixel centres.
+
+The first surface that a pixel's ray meets gives its depth, its mask and its normal.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from embreex.mesh_construction import TriangleMesh
+from embreex.rtcore_scene import EmbreeScene
+
+from hadr.camera import Intrinsics, ray_directions
+from hadr.synthesis.glass.surfaces import Surface
+from hadr.synthesis.hand.mesh import HandMesh
+
+Array = npt.NDArray[np.float64]
+
+#: What a ray can meet first.
+NOTHING, HAND, GLASS, SURROUNDINGS = 0, 1, 2, 3
+#: A turn of a ray by a millionth of a radian.
+_HAIR = np.array([6.1e-7, -3.7e-7, 7.0e-7])
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """Opaque textured surfaces.
+
+    Args:
+        surface: The triangles, world frame.
+        uv: Texture coordinates per vertex, in repeats, shape (V, 2).
+        picture: Number of the picture per face, shape (F,).
+        tint: Factor on the picture's colour per face, shape (F, 3).
+        repeat: Height of one repeat per face, metres, shape (F,).
+        photographs: Files that negative numbers of pictures stand for.
+    """
+
+    surface: Surface
+    uv: Array
+    picture: npt.NDArray[np.int64]
+    tint: Array
+    repeat: Array
+    photographs: tuple[Path, ...] = ()
+
+
+@dataclass(frozen=True)
+class Labels:
+    """Exact labels of one frame, all (H, W).
+
+    Args:
+        depth: z-depth of the first surface, metres, float32; 0 where there is none.
+        background_depth: The same with the glass taken away.
+        hand_mask: Where the first surface is the hand.
+        object_mask: Where it is the glass.
+        normals: Unit normals toward the camera, camera frame, (H, W, 3); 0 where nothing is met.
+    """
+
+    depth: npt.NDArray[np.float32]
+    background_depth: npt.NDArray[np.float32]
+    hand_mask: npt.NDArray[np.bool_]
+    object_mask: npt.NDArray[np.bool_]
+    normals: npt.NDArray[np.float32]
+
+
+@lru_cache(maxsize=8)
+def _tree(surfaces: tuple[Surface, ...]) -> Any:
+    """The search tree over surfaces; kept, since a probe and a picture ask the same ones.
+
+    Robust: hardly any ray passes between two triangles that share an edge.
+    """
+    tree = EmbreeScene(robust=True)
+    for surface in surfaces:
+        TriangleMesh(tree, surface.vertices.astype(np.float32), surface.faces.astype(np.int32))
+    return tree
+
+
+@dataclass(frozen=True)
+class Hits:
+    """First surfaces along N rays: distance (inf on a miss), mesh number, face, barycentrics."""
+
+    distance: Array
+    mesh: npt.NDArray[np.int64]
+    face: npt.NDArray[np.int64]
+    u: Array
+    v: Array
+
+    def take(self, rows: Any) -> Hits:
+        """Some of them."""
+        return Hits(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
+
+
+def _exact(
+    hits: Hits, surfaces: list[Surface], origins: Array, directions: Array
+) -> tuple[Hits, Array]:
+    """Meet the found triangles again in double precision (Embree computes in single).
+
+    A hit stays in its triangle: one that is seen edge-on can't be met far beyond its corners.
+
+    Returns:
+        The hits, and how far each ray passes from its triangle, metres; inf on a miss.
+    """
+    distance, u, v = hits.distance.copy(), hits.u.copy(), hits.v.copy()
+    beside = np.full(len(distance), np.inf)
+    for number, surface in enumerate(surfaces):
+        rows = np.flatnonzero(hits.mesh == number)
+        if not len(rows):
+            continue
+        corners = surface.vertices[surface.faces[hits.face[rows]]]
+        a, e1, e2 = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+        o, d = origins[rows] - a, directions[rows]
+        p, q = np.cross(d, e2), np.cross(o, e1)
+        det = (e1 * p).sum(1)
+        flat = np.abs(det) < 1e-12 * np.linalg.norm(e1, axis=1) * np.linalg.norm(e2, axis=1)
+        det = np.where(flat, 1.0, det)
+        exact_u = np.where(flat, u[rows], np.clip((o * p).sum(1) / det, 0.0, 1.0))
+        exact_v = np.where(flat, v[rows], (d * q).sum(1) / det)
+        exact_v = np.clip(exact_v, 0.0, 1.0 - exact_u)
+        to_eye = o - exact_u[:, None] * e1 - exact_v[:, None] * e2
+        along = -(to_eye * d).sum(1)
+        distance[rows], u[rows], v[rows] = along, exact_u, exact_v
+        beside[rows] = np.linalg.norm(to_eye + along[:, None] * d, axis=1)
+    return Hits(distance, hits.mesh, hits.face, u, v), beside
+
+
+def _chosen(second: npt.NDArray[np.bool_], a: Hits, b: Hits) -> Hits:
+    """Hits of b where ``second``, else those of a."""
+    return Hits(
+        np.where(second, b.distance, a.distance),
+        np.where(second, b.mesh, a.mesh),
+        np.where(second, b.face, a.face),
+        np.where(second, b.u, a.u),
+        np.where(second, b.v, a.v),
+    )
+
+
+class RayCaster:
+    """Surfaces, ready to be met by rays.
+
+    Args:
+        hand: The skinned hand, world frame, or None.
+        glass: The closed glass bodies, world frame.
+        surroundings: Everything else, or None.
+    """
+
+    def __init__(
+        self,
+        hand: HandMesh | None,
+        glass: tuple[Surface, ...],
+        surroundings: Surroundings | None = None,
+    ) -> None:
+        self.hand, self.glass, self.surroundings = hand, glass, surroundings
+        self._opaque: list[tuple[int, Surface]] = []
+        if surroundings is not None:
+            self._opaque.append((SURROUNDINGS, surroundings.surface))
+        if hand is not None:
+            self._opaque.append((HAND, hand.surface))
+        self.meshes = [*self._opaque, *((GLASS, body) for body in glass)]
+        self._kinds = np.array([kind for kind, _ in self.meshes] + [NOTHING])
+        # One tree per kind of thing: (number of its first mesh, tree). A ray asks several.
+        self._solid = [(i, _tree((surface,))) for i, (_, surface) in enumerate(self._opaque)]
+        self._clear = [(len(self._opaque), _tree(glass))] if glass else []
+        self._all = [*self._solid, *self._clear]
+
+    @staticmethod
+    def _trace(trees: list[tuple[int, Any]], origins: Array, directions: Array) -> Hits:
+        n = len(origins)
+        none = np.full(n, -1, dtype=np.int64)
+        hits = Hits(np.full(n, np.inf), none, none.copy(), np.zeros(n), np.zeros(n))
+        if n == 0:
+            return hits
+        start = np.ascontiguousarray(origins, dtype=np.float32)
+        heading = np.ascontiguousarray(directions, dtype=np.float32)
+        for first, tree in trees:
+            found = tree.run(start, heading, query="INTERSECT", output=True)
+            nearer = np.flatnonzero((found["primID"] >= 0) & (found["tfar"] < hits.distance))
+            hits.distance[nearer] = found["tfar"][nearer]
+            hits.mesh[nearer] = found["geomID"][nearer] + first
+            hits.face[nearer] = found["primID"][nearer]
+            hits.u[nearer], hits.v[nearer] = found["u"][nearer], found["v"][nearer]
+        return hits
+
+    def _first_hits(self, origins: Array, directions: Array) -> tuple[Hits, Hits]:
+        """Exact first hits with all surfaces, and with the opaque ones alone."""
+        surfaces = [surface for _, surface in self.meshes]
+        found = []
+        for trees in (self._solid, self._clear):
+            hits, _ = _exact(self._trace(trees, origins, directions), surfaces, origins, directions)
+            # Embree may lose a ray that meets a common corner of triangles; one a hair beside it
+            # finds them, and whether the ray itself meets what was found is then decided exactly.
+            near = self._trace(trees, origins, directions + _HAIR)
+            again, beside = _exact(near, surfaces, origins, directions)
+            found.append(_chosen((again.distance < hits.distance) & (beside < 1e-7), hits, again))
+        behind, glass = found
+        return _chosen(glass.distance < behind.distance, behind, glass), behind
+
+    def first_kind(self, origins: Array, directions: Array) -> npt.NDArray[np.int64]:
+        """What each ray meets first: NOTHING, HAND, GLASS or SURROUNDINGS, shape (N,)."""
+        return np.asarray(self._kinds[self._trace(self._all, origins, directions).mesh])
+
+    def glass_alone(self, origins: Array, directions: Array) -> npt.NDArray[np.bool_]:
+        """Which rays would meet the glass if nothing hid it, shape (N,)."""
+        return np.asarray(self._trace(self._clear, origins, directions).face >= 0)
+
+    def _normal(self, surface: Surface, hits: Hits, rows: Any) -> tuple[Array, Array]:
+        """Smooth and flat unit normals of the hits in ``rows``, outward."""
+        faces = surface.faces[hits.face[rows]]
+        u, v = hits.u[rows, None], hits.v[rows, None]
+        n = surface.normals
+        smooth = (1 - u - v) * n[faces[:, 0]] + u * n[faces[:, 1]] + v * n[faces[:, 2]]
+        smooth /= np.maximum(np.linalg.norm(smooth, axis=1, keepdims=True), 1e-12)
+        a, b, c = (surface.vertices[faces[:, i]] for i in range(3))
+        flat = np.cross(b - a, c - a)
+        flat /= np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-20)
+        return smooth, flat
+
+    def labels(self, camera: Intrinsics, world_from_camera: Array) -> Labels:
+        """Cast one ray through every pixel's centre.
+
+        Args:
+            camera: Intrinsics.
+            world_from_camera: Pose of the OpenCV camera, shape (4, 4).
+
+        Returns:
+            Depth, masks and normals.
+        """
+        local = ray_directions(camera).reshape(-1, 3)
+        turn = world_from_camera[:3, :3]
+        directions = local @ turn.T
+        origins = np.broadcast_to(world_from_camera[:3, 3], directions.shape)
+        hits, behind = self._first_hits(origins, directions)
+        kind = self._kinds[hits.mesh]
+        normals = np.zeros_like(directions)
+        for number, (_, surface) in enumerate(self.meshes):
+            rows = np.flatnonzero(hits.mesh == number)
+            if len(rows):
+                smooth, _ = self._normal(surface, hits, rows)
+                toward = -np.sign((smooth * directions[rows]).sum(1, keepdims=True))
+                normals[rows] = (smooth * toward) @ turn
+        shape = camera.shape
+
+        def depth(found: Hits) -> npt.NDArray[np.float32]:
+            z = np.where(np.isfinite(found.distance), found.distance * local[:, 2], 0.0)
+            return z.astype(np.float32).reshape(shape)
+
+        return Labels(
+            depth(hits),
+            depth(behind),
+            (kind == HAND).reshape(shape),
+            (kind == GLASS).reshape(shape),
+            normals.astype(np.float32).reshape(*shape, 3),
+        )

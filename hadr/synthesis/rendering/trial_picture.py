@@ -1,0 +1,66 @@
+"""A small picture with all that ours are made of, to find out whether Mitsuba can draw here."""
+
+from __future__ import annotations
+
+from typing import cast
+
+import numpy as np
+
+from hadr.camera import Intrinsics
+from hadr.synthesis.glass.objects import bodies, glass_object
+from hadr.synthesis.glass.surfaces import Surface, revolve
+from hadr.synthesis.hand.mesh import HandMesh
+from hadr.synthesis.holding.hold import Hold
+from hadr.synthesis.rendering.mitsuba_variant import LLVM
+from hadr.synthesis.rendering.photo import photograph
+from hadr.synthesis.rendering.raycast import Surroundings
+from hadr.synthesis.rendering.shading import RayScene
+from hadr.synthesis.scene.lights import AreaLight, Environment
+from hadr.synthesis.scene.scene import Scene
+
+
+def trial_scene(lamps: int) -> Scene:
+    """Skin, glass, a textured wall, lamps and a sky, seen along z; no hold was searched for it.
+
+    Mitsuba's kernels for it are those for our frames with so many lamps, one or two, but for the
+    numbers of the camera.
+    """
+    angle = np.linspace(-np.pi / 2, np.pi / 2, 17)
+    ball = revolve(0.05 * np.stack([np.cos(angle), np.sin(angle)], axis=1), segments=24)
+    place = np.eye(4)
+    place[:3, 3] = 0.04, 0.0, 0.5
+    skin = ball.moved(place)
+    hand = HandMesh(skin, np.full((len(skin.vertices), 3), 0.4), np.full(len(skin.vertices), 0.3))
+    place[:3, 3] = -0.03, 0.0, 0.5
+    glass = tuple(body.moved(place) for body in bodies(glass_object("0000")))
+    corners = np.array([[-2, -2, 1.5], [-2, 2, 1.5], [2, 2, 1.5], [2, -2, 1.5]])
+    faces = np.array([[0, 1, 2], [0, 2, 3]])
+    wall = Surroundings(
+        Surface(corners, faces, np.tile([0.0, 0.0, -1.0], (4, 1))),
+        np.array([[0, 0], [0, 4], [4, 4], [4, 0.0]]),
+        np.zeros(2, dtype=np.int64),
+        np.ones((2, 3)),
+        np.ones(2),
+    )
+    sides = np.array([0.2, 0, 0]), np.array([0, 0.2, 0])
+    light = tuple(AreaLight(np.array([x, -0.8, 0]), *sides, np.full(3, 9.0)) for x in (-0.5, 0.5))
+    sky = Environment(np.full((128, 256, 3), 0.5, dtype=np.float32))
+    rays = RayScene(hand, glass, surroundings=wall, lamps=light[:lamps], environment=sky)
+    nothing, camera = np.zeros((0, 3)), Intrinsics(40.0, 40.0, 23.5, 13.0, 48, 27)
+    return Scene(rays, camera, np.eye(4), nothing, nothing, np.eye(4), cast(Hold, None))
+
+
+def draw_trial() -> str:
+    """Draw with LLVM, each scene twice: what a library spoils may show at its second use only.
+
+    Returns:
+        What is wrong with the pictures; empty where nothing is. What is wrong with the library
+        ends the process.
+    """
+    for seed in (1, 2):
+        for lamps in (1, 2):
+            scene = trial_scene(lamps)
+            spread = photograph(scene, seed=seed, samples=2, variant=LLVM).std()
+            if spread < 1:
+                return f"a small picture has one colour, its standard deviation is {spread}"
+    return ""

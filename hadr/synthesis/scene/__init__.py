@@ -1,0 +1,1 @@
+"""Everything around the hand: room, furniture, light, camera."""

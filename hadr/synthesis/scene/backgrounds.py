@@ -1,0 +1,101 @@
+"""A user's photographs for the surroundings: found in a folder, loaded when a scene shows them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from hadr.data.frame_pictures import JPEG_START, PNG_START, check_whole
+
+Image = npt.NDArray[np.uint8]
+
+#: How the files of photographs end.
+ENDINGS = (".jpg", ".jpeg", ".png", ".bmp", ".webp", ".tif", ".tiff")
+_LARGEST = 1024
+_NAMED = 10
+
+
+def find_backgrounds(folder: str | Path) -> tuple[Path, ...]:
+    """The photographs of a folder, by name; those of its subfolders are not looked for.
+
+    Args:
+        folder: With JPEG, PNG, BMP, WebP or TIFF files.
+
+    Raises:
+        ValueError: There is no such folder, or no photograph in it.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise ValueError(f"no folder of photographs at {folder}")
+    files = (path for path in folder.iterdir() if path.is_file())
+    found = tuple(sorted(path for path in files if path.suffix.lower() in ENDINGS))
+    if not found:
+        raise ValueError(f"{folder} holds no photograph ({', '.join(ENDINGS)})")
+    return found
+
+
+def check_backgrounds(folder: str | Path) -> None:
+    """Load each photograph of a folder once, so that none of them stops a long run.
+
+    Args:
+        folder: As for :func:`find_backgrounds`.
+
+    Raises:
+        ValueError: There is no photograph, or some can't be used; the message names those.
+    """
+    problems = []
+    for path in find_backgrounds(folder):
+        try:
+            _read_photograph(path)
+        except ValueError as error:
+            problems.append(str(error))
+    if problems:
+        more = f"; and {len(problems) - _NAMED} more" if len(problems) > _NAMED else ""
+        raise ValueError(
+            f"{len(problems)} of the photographs can't be used; remove or replace them: "
+            f"{'; '.join(problems[:_NAMED])}{more}"
+        )
+
+
+def load_background(path: Path) -> Image:
+    """A photograph, at most 1024 pixels wide or high.
+
+    Args:
+        path: Of the file.
+
+    Returns:
+        sRGB, shape (H, W, 3) uint8.
+
+    Raises:
+        ValueError: The file is no whole picture that can be read, or smaller than 16 pixels.
+    """
+    image = _read_photograph(path)
+    scale = min(_LARGEST / max(image.shape[:2]), 1.0)
+    if scale < 1:
+        image = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    return np.ascontiguousarray(image[..., ::-1], dtype=np.uint8)
+
+
+def _read_photograph(path: Path) -> npt.NDArray[np.generic]:
+    """A photograph as it is, in OpenCV's order of colours; a ``ValueError`` says what is wrong."""
+    level = cv2.utils.logging.getLogLevel()
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    try:
+        data = path.read_bytes()
+        if data.startswith((JPEG_START, PNG_START)):
+            check_whole(data)
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if data else None
+    except OSError as error:
+        raise ValueError(f"can't read the photograph {path}: {error.strerror}") from error
+    except (ValueError, cv2.error) as error:
+        raise ValueError(f"can't read the photograph {path}: {error}") from error
+    finally:
+        cv2.utils.logging.setLogLevel(level)
+    if image is None:
+        raise ValueError(f"can't read the photograph {path}: it can't be decoded")
+    if min(image.shape[:2]) < 16:
+        raise ValueError(f"the photograph {path} has only {image.shape[1]}x{image.shape[0]} pixels")
+    return np.asarray(image)

@@ -1,0 +1,214 @@
+"""One scene: a hold put into the world, a camera that sees it, and the surroundings.
+
+World frame: metres, z up, the object near the origin. All surfaces of a scene are given in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial.transform import Rotation
+
+from hadr.camera import TRANSHAND_CAMERA, Intrinsics, ray_directions, transform_points
+from hadr.hand import forward_kinematics, keypoints_from_skeleton
+from hadr.synthesis.glass.objects import bodies, glass_object
+from hadr.synthesis.hand.mesh import SKIN_TONES, HandMesh, hand_mesh
+from hadr.synthesis.hand.signed_distance import FOREARM_LENGTH
+from hadr.synthesis.holding.hold import Hold
+from hadr.synthesis.rendering.shading import RayScene
+from hadr.synthesis.scene.environments import make_lights
+from hadr.synthesis.scene.surroundings import make_surroundings
+
+Array = npt.NDArray[np.float64]
+
+#: How often each of the skin tones is drawn, light to dark.
+SKIN_TONE_SHARES = (0.30, 0.27, 0.17, 0.12, 0.08, 0.06)
+#: Least and greatest distance of the camera from what is held, metres.
+CLOSEST, FARTHEST = 0.51, 0.96
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Everything that a frame is drawn from.
+
+    Args:
+        rays: The surfaces, lights and materials, world frame.
+        camera: Intrinsics.
+        world_from_camera: Pose of the OpenCV camera, shape (4, 4).
+        keypoints: The 21 keypoints, world frame, metres, shape (21, 3).
+        skeleton: The 22 joints, world frame, metres, shape (22, 3).
+        world_from_object: Pose of the object, shape (4, 4).
+        hold: The holding pose.
+    """
+
+    rays: RayScene
+    camera: Intrinsics
+    world_from_camera: Array
+    keypoints: Array
+    skeleton: Array
+    world_from_object: Array
+    hold: Hold
+
+
+def look_at(eye: Array, target: Array, roll: float) -> Array:
+    """Pose ``world_from_camera`` of an OpenCV camera that looks at a point, shape (4, 4).
+
+    Args:
+        eye: Camera centre, world, metres.
+        target: The point in the image's middle, world, metres.
+        roll: Turn about the optical axis, radians; 0 keeps the world's z up in the image.
+    """
+    forward = (target - eye) / np.linalg.norm(target - eye)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    turn = np.stack([right, np.cross(forward, right), forward], axis=1)
+    pose = np.eye(4)
+    pose[:3, :3] = turn @ Rotation.from_euler("z", roll).as_matrix()
+    pose[:3, 3] = eye
+    return pose
+
+
+def _place_hold(hold: Hold, rng: np.random.Generator) -> tuple[Array, Array]:
+    """World poses of object and wrist: mostly upright or tilted; the object's middle is at 0."""
+    item = glass_object(hold.object_id)
+    kind = rng.random()
+    if kind < 0.62:
+        degrees = rng.uniform(0, 25)
+    elif kind < 0.87:
+        degrees = rng.uniform(25, 60)
+    elif kind < 0.96:
+        degrees = rng.uniform(60, 105)
+    else:
+        degrees = rng.uniform(140, 180)
+    lean = Rotation.from_euler("x", np.deg2rad(degrees))
+    turn = Rotation.from_euler("z", rng.uniform(0, 2 * np.pi))
+    spin = Rotation.from_euler("z", rng.uniform(0, 2 * np.pi))
+    world_from_object = np.eye(4)
+    world_from_object[:3, :3] = (turn * lean * spin).as_matrix()
+    world_from_object[:3, 3] = world_from_object[:3, :3] @ np.array([0, 0, -item.height / 2])
+    return world_from_object, world_from_object @ np.linalg.inv(hold.wrist_from_object)
+
+
+@dataclass(frozen=True)
+class _Held:
+    """What the camera is to look at: hand, glass and where the forearm goes."""
+
+    rays: RayScene
+    middle: Array
+    wrist: Array
+    elbow: Array
+
+
+def _view_score(held: _Held, small: Intrinsics, pose: Array, full: Intrinsics) -> float:
+    """How well a view shows the glass in the hand; 1 is good, below 0.5 something is wrong."""
+    directions = ray_directions(small).reshape(-1, 3) @ pose[:3, :3].T
+    origins = np.broadcast_to(pose[:3, 3], directions.shape)
+    seen = held.rays.first_kind(origins, directions)
+    glass = held.rays.glass_alone(origins, directions)
+    share = (seen == 2).sum() / max(glass.sum(), 1)
+    border = glass.reshape(small.shape)
+    cut = border[0].any() or border[-1].any() or border[:, 0].any() or border[:, -1].any()
+    hand = float((seen == 1).mean())
+    area = float((seen == 2).mean())
+    score = min(share, 0.62) + 0.4 * min(area / 0.016, 1.0) - 0.8 * cut
+    score -= 0.4 * (hand < 0.02) + 0.5 * (hand > 0.40) + 0.8 * (area == 0)
+    # The elbow must lie outside of the picture, or behind the camera.
+    elbow = (held.elbow - pose[:3, 3]) @ pose[:3, :3]
+    if elbow[2] > 0.02:
+        u = full.fx * elbow[0] / elbow[2] + full.cx
+        v = full.fy * elbow[1] / elbow[2] + full.cy
+        edge = 0.06 * full.fx / elbow[2]
+        inside = (-edge < u < full.width + edge) and (-edge < v < full.height + edge)
+        score -= 1.0 * inside
+    return float(score)
+
+
+def _choose_camera(held: _Held, camera: Intrinsics, rng: np.random.Generator) -> Array:
+    """The first of some random views from which enough of the glass is seen, else the best."""
+    small = camera.resized(48, 27)
+    best, best_score = np.eye(4), -np.inf
+    for _ in range(28):
+        distance = CLOSEST + (FARTHEST - CLOSEST) * rng.random() ** 1.5
+        azimuth = rng.uniform(0, 2 * np.pi)
+        elevation = np.deg2rad(rng.uniform(-6, 40) if rng.random() < 0.75 else rng.uniform(40, 72))
+        offset = np.array(
+            [
+                np.cos(elevation) * np.cos(azimuth),
+                np.cos(elevation) * np.sin(azimuth),
+                np.sin(elevation),
+            ]
+        )
+        eye = held.middle + distance * offset
+        target = held.middle + rng.normal(size=3) * 0.045 * distance
+        roll = np.deg2rad(float(np.clip(rng.normal() * 19, -42, 42)))
+        pose = look_at(eye, target, roll)
+        # No forearm that passes close by the camera.
+        along = np.clip((eye - held.wrist) @ (held.elbow - held.wrist), 0, None)
+        length = float(np.linalg.norm(held.elbow - held.wrist))
+        nearest = held.wrist + (held.elbow - held.wrist) * min(along / length**2, 1.0)
+        if np.linalg.norm(eye - nearest) < 0.24:
+            continue
+        score = _view_score(held, small, pose, camera)
+        if score > best_score:
+            best, best_score = pose, score
+        if score > 0.97:
+            break
+    if not np.isfinite(best_score):
+        raise ValueError("no camera position keeps clear of the forearm")
+    return best
+
+
+def make_scene(
+    hold: Hold,
+    rng: np.random.Generator,
+    width: int,
+    height: int,
+    *,
+    hand_step: float = 0.0025,
+    backgrounds: Sequence[Path] | None = None,
+) -> Scene:
+    """Build the scene of one frame.
+
+    Args:
+        hold: The holding pose.
+        rng: Everything that varies from frame to frame is drawn from it.
+        width: Image width, pixels.
+        height: Image height, pixels.
+        hand_step: Grid of the hand's surface, metres.
+        backgrounds: Photographs for backdrops, tables and floors; procedural pictures without.
+
+    Returns:
+        The scene; the same for the same hold and generator state.
+
+    Raises:
+        ValueError: A photograph can't be read.
+    """
+    camera = TRANSHAND_CAMERA.resized(width, height)
+    world_from_object, world_from_wrist = _place_hold(hold, rng)
+    skeleton = forward_kinematics(hold.angles, hold.shape)
+    tone = np.asarray(SKIN_TONES[int(rng.choice(6, p=SKIN_TONE_SHARES))])
+    skin = hand_mesh(
+        skeleton, hold.shape, tone=tone * (1 + 0.05 * rng.normal(size=3)), step=hand_step
+    )
+    hand = HandMesh(skin.surface.moved(world_from_wrist), skin.albedo, skin.gloss)
+    item = glass_object(hold.object_id)
+    glass = tuple(body.moved(world_from_object) for body in bodies(item))
+    joints = transform_points(world_from_wrist, skeleton.joints)
+    keypoints = keypoints_from_skeleton(joints)
+    middle = 0.62 * transform_points(world_from_object, [0, 0, item.height / 2]) + 0.38 * (
+        keypoints[[5, 9, 13, 17]].mean(0)
+    )
+    wrist = world_from_wrist[:3, 3]
+    elbow = wrist - world_from_wrist[:3, 1] * FOREARM_LENGTH * hold.shape.scale
+    held = _Held(RayScene(hand, glass, item.tint), middle, wrist, elbow)
+    pose = _choose_camera(held, camera, rng)
+    eye = pose[:3, 3]
+    lowest = min(float(hand.surface.vertices[:, 2].min()), float(glass[0].vertices[:, 2].min()))
+    surroundings = make_surroundings(eye, middle, lowest, rng, tuple(backgrounds or ()))
+    environment, lamps = make_lights(eye, middle, rng)
+    rays = RayScene(hand, glass, item.tint, surroundings, lamps=lamps, environment=environment)
+    return Scene(rays, camera, pose, keypoints, joints, world_from_object, hold)

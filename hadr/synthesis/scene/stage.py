@@ -1,0 +1,163 @@
+"""Flat and turned surfaces with pictures, put up one by one to become a scene's surroundings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from hadr.synthesis.glass.surfaces import Surface, revolve
+from hadr.synthesis.rendering.raycast import Surroundings
+from hadr.synthesis.textures.families import pyramid
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass
+class Stage:
+    """Surfaces with their pictures, as they are put up one by one.
+
+    Args:
+        photographs: Files that negative picture numbers stand for.
+    """
+
+    photographs: tuple[Path, ...] = ()
+    parts: list[tuple[Array, npt.NDArray[np.int64], Array, Array]] = field(default_factory=list)
+    numbers: list[int] = field(default_factory=list)
+    repeats: list[float] = field(default_factory=list)
+
+    def add(
+        self,
+        vertices: Array,
+        faces: npt.NDArray[np.int64],
+        normals: Array,
+        uv: Array,
+        number: int,
+        repeat: float,
+    ) -> None:
+        """Put up a surface; ``repeat`` is the height of its picture, metres."""
+        self.parts.append((vertices, faces, normals, uv))
+        self.numbers.append(number)
+        self.repeats.append(repeat)
+
+    def aspect(self, number: int) -> float:
+        """Width of a picture over its height."""
+        height, width = pyramid(number, self.photographs)[0].shape[:2]
+        return float(width / height)
+
+    def quad(
+        self, corner: Array, right: Array, down: Array, number: int, repeat: float, start: Array
+    ) -> None:
+        """Put up a parallelogram whose picture repeats.
+
+        Args:
+            corner: Upper left corner, seen from the side that is looked at, metres.
+            right: Edge from there to the right, metres.
+            down: Edge from there down, metres.
+            number: Its picture.
+            repeat: Height of one repeat, metres.
+            start: Picture's coordinates at the corner, in repeats, shape (2,).
+        """
+        wide = np.linalg.norm(right) / (repeat * self.aspect(number))
+        tall = np.linalg.norm(down) / repeat
+        vertices = corner + np.array([[0, 0], [0, 1], [1, 1], [1, 0]]) @ np.stack([right, down])
+        normal = np.cross(down, right)
+        normals = np.tile(normal / np.linalg.norm(normal), (4, 1))
+        uv = start + np.array([[0, 0], [0, tall], [wide, tall], [wide, 0]])
+        self.add(vertices, np.array([[0, 1, 2], [0, 2, 3]]), normals, uv, number, repeat)
+
+    def mirrored(
+        self, corner: Array, right: Array, down: Array, number: int, repeat: float, start: Array
+    ) -> None:
+        """As :meth:`quad`, but each second repeat across is mirrored, so that no seam is seen.
+
+        The picture's height is ``repeat``; ``down`` has that length and ``start[1]`` is 0.
+        """
+        self._panels(corner, right, down, number, repeat, float(start[0]), (0.002, 0.998))
+
+    def stretched(
+        self, corner: Array, right: Array, down: Array, number: int, repeat: float, start: Array
+    ) -> None:
+        """As :meth:`mirrored`, but only the picture's upmost row is seen, drawn out."""
+        self._panels(corner, right, down, number, repeat, float(start[0]), (0.002, 0.004))
+
+    def _panels(
+        self,
+        corner: Array,
+        right: Array,
+        down: Array,
+        number: int,
+        repeat: float,
+        start: float,
+        rows: tuple[float, float],
+    ) -> None:
+        wide, step = float(np.linalg.norm(right)), repeat * self.aspect(number)
+        edges = (np.arange(np.ceil(wide / step) + 2) - start % 1) * step
+        edges = edges[(edges > 1e-6) & (edges < wide - 1e-6)]
+        cuts = np.concatenate([[0.0], edges, [wide]])
+        for x0, x1 in pairwise(cuts):
+            ends = np.array([x0 + 1e-7, x1 - 1e-7]) / step + start
+            # Folding is only linear between the cuts, so it is measured just inside of them.
+            u0, u1 = np.clip(1 - np.abs(1 - ends % 2), 0.001, 0.999)
+            a, b = corner + right * (x0 / wide), corner + right * (x1 / wide)
+            vertices = np.stack([a, a + down, b + down, b])
+            uv = np.array([[u0, rows[0]], [u0, rows[1]], [u1, rows[1]], [u1, rows[0]]])
+            normal = np.cross(down, right)
+            normals = np.tile(normal / np.linalg.norm(normal), (4, 1))
+            self.add(vertices, np.array([[0, 1, 2], [0, 2, 3]]), normals, uv, number, repeat)
+
+    def box(self, pose: Array, size: Array, number: int, repeat: float, start: Array) -> None:
+        """Put up a box of half sizes ``size`` at a pose (4, 4)."""
+        turn, place = pose[:3, :3], pose[:3, 3]
+        for axis in range(3):
+            u, v = (axis + 1) % 3, (axis + 2) % 3
+            for sign in (-1.0, 1.0):
+                normal = np.zeros(3)
+                normal[axis] = sign
+                right, down = np.zeros(3), np.zeros(3)
+                # The picture stands upright on the sides.
+                right[u if v == 2 or axis == 2 else v] = 1.0
+                down = np.cross(right, normal)
+                if abs(down[2]) > 0.5 and down[2] > 0:
+                    right, down = -right, -down
+                wide, tall = size @ np.abs(right), size @ np.abs(down)
+                corner = normal * size[axis] - right * wide - down * tall
+                self.quad(
+                    turn @ corner + place,
+                    turn @ (right * 2 * wide),
+                    turn @ (down * 2 * tall),
+                    number,
+                    repeat,
+                    start,
+                )
+
+    def turned(self, curve: Array, place: Array, number: int, repeat: float) -> None:
+        """Put up a vase, pot, ball or can: an outline (radius, height) turned around z."""
+        surface = revolve(curve)
+        angle = np.arctan2(surface.vertices[:, 1], surface.vertices[:, 0]) / (2 * np.pi)
+        turns = max(round(2 * np.pi * curve[:, 0].max() / (repeat * self.aspect(number))), 1)
+        # Half of the turns is mirrored, so that no face runs back over a seam.
+        uv = np.stack([2 * turns * np.abs(angle), -surface.vertices[:, 2] / repeat], axis=1)
+        self.add(surface.vertices + place, surface.faces, surface.normals, uv, number, repeat)
+
+    def surroundings(self) -> Surroundings:
+        """All of it as one."""
+        offsets = np.cumsum([0] + [len(part[0]) for part in self.parts])
+        counts = [len(part[1]) for part in self.parts]
+        surface = Surface(
+            np.concatenate([part[0] for part in self.parts]),
+            np.concatenate([part[1] + k for part, k in zip(self.parts, offsets, strict=False)]),
+            np.concatenate([part[2] for part in self.parts]),
+        )
+        faces = sum(counts)
+        return Surroundings(
+            surface,
+            np.concatenate([part[3] for part in self.parts]),
+            np.repeat(np.asarray(self.numbers, dtype=np.int64), counts),
+            np.ones((faces, 3)),
+            np.repeat(np.asarray(self.repeats), counts),
+            self.photographs,
+        )

@@ -1,0 +1,165 @@
+"""The pictures on surroundings: a library that is painted when it is looked at.
+
+Picture number ``n`` is of family ``n % len(FAMILIES)``; a family has as many variants as one
+likes. A picture is kept with its halved copies (a pyramid), so that far surfaces look up a copy
+of the right coarseness. Negative numbers are a user's photographs: -1 is the first one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from hadr.records.caches import kept, kept_by_file
+from hadr.synthesis.scene.backgrounds import load_background
+from hadr.synthesis.textures import materials, plants, views
+from hadr.synthesis.textures.noise import SIZE, Canvas
+
+Array = npt.NDArray[np.float64]
+Image = npt.NDArray[np.uint8]
+
+__all__ = ["FAMILIES", "LEVELS", "SIZE", "Family", "picture_number", "pyramid", "sample"]
+
+LEVELS = 7
+#: How many variants of a family scenes choose from.
+VARIANTS = 4000
+#: How many of them small things choose from, so that a process paints each of them once.
+FEW = 6
+
+
+@dataclass(frozen=True)
+class Family:
+    """One kind of picture.
+
+    Args:
+        name: Its name.
+        paint: Paints one, sRGB in [0, 1], from a generator.
+        place: ``material`` repeats and lies anywhere; ``view`` is a place, seen from afar.
+        width: Natural height of one repeat, metres.
+    """
+
+    name: str
+    paint: Callable[[np.random.Generator], Canvas]
+    place: Literal["material", "view"]
+    width: float
+
+
+def _family(
+    paint: Callable[[np.random.Generator], Canvas], place: Literal["material", "view"], width: float
+) -> Family:
+    return Family(paint.__name__, paint, place, width)
+
+
+FAMILIES: tuple[Family, ...] = (
+    _family(materials.wood, "material", 0.75),
+    _family(materials.boards, "material", 1.2),
+    _family(materials.shingles, "material", 1.0),
+    _family(materials.tiles, "material", 0.9),
+    _family(materials.marble, "material", 0.9),
+    _family(materials.terrazzo, "material", 0.6),
+    _family(materials.plaid, "material", 0.45),
+    _family(materials.print_cloth, "material", 0.5),
+    _family(materials.carpet, "material", 1.0),
+    _family(materials.plaster, "material", 1.4),
+    _family(materials.pebbles, "material", 0.6),
+    _family(plants.leaf_wall, "material", 1.1),
+    _family(plants.big_leaves, "view", 0.8),
+    _family(plants.branches, "view", 1.0),
+    _family(plants.grass, "material", 0.7),
+    _family(plants.flowers, "material", 1.0),
+    _family(views.garden, "view", 2.4),
+    _family(views.foliage, "view", 1.8),
+    _family(views.bookshelf, "view", 1.5),
+    _family(views.room, "view", 2.2),
+    _family(views.street, "view", 2.4),
+    _family(views.painting, "view", 1.2),
+    _family(views.magazine, "view", 0.6),
+)
+
+
+def picture_number(name: str, variant: int) -> int:
+    """Number of a family's variant.
+
+    Raises:
+        ValueError: There is no such family; the message lists them.
+    """
+    names = [family.name for family in FAMILIES]
+    if name not in names:
+        raise ValueError(f"no family of pictures {name!r}; there are {', '.join(names)}")
+    return names.index(name) + variant * len(FAMILIES)
+
+
+def _halved(image: Image) -> tuple[Image, ...]:
+    levels = [image]
+    for _ in range(LEVELS - 1):
+        height, width = levels[-1].shape[:2]
+        half = (max(width // 2, 1), max(height // 2, 1))
+        smaller = cv2.resize(levels[-1], half, interpolation=cv2.INTER_AREA)
+        levels.append(np.asarray(smaller, dtype=np.uint8))
+    return tuple(levels)
+
+
+@kept(128)
+def _library_pyramid(number: int) -> tuple[Image, ...]:
+    variant, family = divmod(number, len(FAMILIES))
+    rng = np.random.default_rng([20240917, family, variant])
+    painted = FAMILIES[family].paint(rng)
+    return _halved(np.clip(np.rint(painted * 255), 0, 255).astype(np.uint8))
+
+
+@kept_by_file(16)
+def _photograph_pyramid(path: Path) -> tuple[Image, ...]:
+    return _halved(load_background(path))
+
+
+def pyramid(number: int, photographs: Sequence[Path] = ()) -> tuple[Image, ...]:
+    """A picture and its halved copies, finest first, sRGB, shapes (H, W, 3), (H / 2, W / 2, 3)...
+
+    Args:
+        number: Which picture; below 0 a photograph.
+        photographs: Files that negative numbers stand for.
+    """
+    if number < 0:
+        return _photograph_pyramid(photographs[-1 - number])
+    return _library_pyramid(number)
+
+
+def sample(
+    number: npt.NDArray[np.generic],
+    uv: Array,
+    texels: Array,
+    photographs: Sequence[Path] = (),
+) -> Array:
+    """Look colours up, bilinearly in the level whose pixels are about as large as asked for.
+
+    Args:
+        number: Picture of each look-up, whole numbers, shape (N,).
+        uv: Coordinates; one unit is one repeat, shape (N, 2).
+        texels: Size of a look-up in pixels of the finest level, shape (N,).
+        photographs: Files that negative numbers stand for.
+
+    Returns:
+        Linear RGB in [0, 1], shape (N, 3).
+    """
+    level = np.clip(np.round(np.log2(np.maximum(texels, 1.0))), 0, LEVELS - 1).astype(np.int64)
+    keys = np.asarray(number).astype(np.int64) * LEVELS + level
+    result = np.empty((len(uv), 3))
+    for key in np.unique(keys):
+        rows = np.flatnonzero(keys == key)
+        picture = pyramid(int(key // LEVELS), photographs)[int(key % LEVELS)]
+        height, width = picture.shape[:2]
+        x = ((uv[rows, 0] % 1.0) * width - 0.5).astype(np.float32)
+        y = ((uv[rows, 1] % 1.0) * height - 0.5).astype(np.float32)
+        for first in range(0, len(rows), 30000):
+            part = slice(first, first + 30000)
+            at = (x[part].reshape(1, -1), y[part].reshape(1, -1))
+            result[rows[part]] = cv2.remap(
+                picture, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP
+            )[0]
+    return np.asarray((result / 255.0) ** 2.2)

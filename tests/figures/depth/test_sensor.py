@@ -1,0 +1,119 @@
+"""The depth camera's comparison as figure and as text."""
+
+import matplotlib as mpl
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+from hadr.camera import Intrinsics
+from hadr.data.frame import Frame
+from hadr.figures.depth.sensor import (
+    SENSOR_ROWS,
+    draw_sensor_comparison,
+    see_through_picture,
+    sensor_table,
+    show_infrared,
+)
+
+mpl.use("Agg")
+
+
+def row(missing, bias, outside):
+    return {"missing_inside": missing, "bias_median_m": bias, "outside_median_abs_m": outside}
+
+
+COLUMNS = {
+    "real_table": {"frames": 2, "each": {"a": row(0.4, 0.01, 0.001), "b": row(0.8, 0.03, 0.002)}},
+    "simulated_held": {
+        "frames": 3,
+        "each": [row(0.5, 0.04, None), row(0.6, float("nan"), 0.003), row(0.9, 2.0, 0.005)],
+    },
+}
+
+
+@pytest.fixture(autouse=True)
+def _close():
+    yield
+    plt.close("all")
+
+
+def test_each_frame_is_a_point_in_its_unit_and_the_bar_is_the_median():
+    fig = draw_sensor_comparison(COLUMNS)
+    missing, bias, outside = fig.axes
+    real, held = missing.lines[:2]
+    np.testing.assert_allclose(real.get_ydata(), [40, 80])
+    np.testing.assert_allclose(held.get_ydata(), [50, 60, 90])
+    np.testing.assert_allclose(bias.lines[1].get_ydata(), [4, 200])
+    np.testing.assert_allclose(outside.lines[1].get_ydata(), [3, 5])
+    bars = [bar.get_segments()[0][0, 1] for bar in missing.collections]
+    assert bars == pytest.approx([60, 60])
+    assert [ax.get_ylabel() for ax in fig.axes] == [unit for *_, unit in SENSOR_ROWS]
+
+
+def test_the_table_tells_median_and_range():
+    lines = sensor_table(COLUMNS).splitlines()
+    assert "2 frames" in lines[0]
+    assert "3 frames" in lines[0]
+    assert "60.0 (40.0 to 80.0)" in lines[2]
+    assert "60.0 (50.0 to 90.0)" in lines[2]
+    assert "102.0 (4.0 to 200.0)" in lines[3]
+    assert len({line.count("|") for line in lines}) == 1, "each row has every column"
+
+
+def test_unknown_groups_are_refused():
+    with pytest.raises(ValueError, match="got somebody"):
+        draw_sensor_comparison({"somebody": {}})
+
+
+def test_an_infrared_picture_is_grey():
+    _, ax = plt.subplots()
+    show_infrared(ax, np.arange(100, dtype=np.uint8).reshape(10, 10), "left")
+    image = ax.images[0]
+    assert image.get_cmap().name == "gray"
+    assert image.get_clim()[1] == pytest.approx(99.7, abs=1.0)
+    assert ax.get_title() == "left"
+
+
+def held(**changes):
+    mask = np.zeros((40, 60), bool)
+    mask[10:30, 20:40] = True
+    made = {
+        "stem": "000007",
+        "object_id": "0000",
+        "split": "test",
+        "color": np.zeros((40, 60, 3), np.uint8),
+        "depth": np.where(mask, 0.5, 0.8).astype(np.float32),
+        "hand_mask": np.roll(mask, 20, 1),
+        "object_mask": mask,
+        "keypoints": np.ones((21, 3)),
+        "keypoints_uv": np.full((21, 2), 8.0),
+        "camera": Intrinsics(80.0, 80.0, 29.5, 19.5, 60, 40),
+        "world_from_camera": np.eye(4),
+        "background_depth": np.full((40, 60), 0.8, np.float32),
+        "raw_depth": np.full((40, 60), 0.52, np.float32),
+    }
+    return Frame(**(made | changes))
+
+
+def test_a_glass_seen_through_shows_the_chosen_shares():
+    figure = see_through_picture(held(), 0.25, 1.0)
+    titles = [ax.get_title() for ax in figure.axes[:3]]
+    assert titles == ["colour", "25% of the glass missing", "median error +30.0 cm"]
+    error = figure.axes[2].images[0].get_array()
+    inside = error[error.shape[0] // 2 - 10 :][:20, error.shape[1] // 2 - 10 :][:, :20]
+    assert inside.mask.sum() == 100
+    np.testing.assert_allclose(inside.compressed(), 30, rtol=1e-5)
+
+
+def test_a_glass_that_is_missing_wholly_has_no_error():
+    figure = see_through_picture(held(), 1.0, 0.5)
+    assert figure.axes[2].get_title() == "median error none"
+    same = see_through_picture(held(), 0.0, 0.0).get_size_inches()
+    assert tuple(figure.get_size_inches()) == tuple(same)
+
+
+def test_a_glass_seen_through_refuses_wrong_input():
+    with pytest.raises(ValueError, match="000007 lacks the depth without the glass"):
+        see_through_picture(held(background_depth=None), 0.5, 0.5)
+    with pytest.raises(ValueError, match=r"background must be a share in 0\.\.1, got 1\.5"):
+        see_through_picture(held(), 0.5, 1.5)

@@ -1,0 +1,90 @@
+import matplotlib as mpl
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+from hadr.figures import COLORS
+from hadr.figures.method.error_kinds import KIND_COLORS, Source, draw_kind_bars, error_kinds_picture
+
+mpl.use("Agg")
+
+
+@pytest.fixture(autouse=True)
+def _close_figures():
+    yield
+    plt.close("all")
+
+
+@pytest.fixture
+def source():
+    """A glass of 16 pixels' side before a wall; the 12 inner ones count as in the glass."""
+    truth = np.full((60, 80), 0.8, np.float32)
+    mask = np.zeros(truth.shape, bool)
+    mask[20:36, 30:46] = True
+    truth[mask] = 0.7
+    truth[22:24, 32:44] = 0.0  # unknown: a sixth of the inner pixels
+    measured = np.where(mask, 0.8, 0.801).astype(np.float32)  # 10 cm behind
+    measured[24:29, 30:46] = 0.0  # half of the known ones
+    return Source("made up", measured, truth, mask)
+
+
+def test_shares_errors_and_what_is_unknown(source):
+    np.testing.assert_allclose(source.shares("in the glass"), [0.5, 0, 0, 0, 0.5, 0])
+    np.testing.assert_allclose(source.errors_m("in the glass"), 0.1, atol=1e-6)
+    assert source.errors_m("in the glass").size == 5 * 12
+    assert source.known_share("in the glass") == pytest.approx(10 / 12)
+    np.testing.assert_allclose(source.shares("elsewhere"), [0, 0, 1, 0, 0, 0])
+    np.testing.assert_allclose(source.errors_m("elsewhere"), 0.001, atol=1e-6)
+
+
+def test_without_a_picture_nothing_is_counted(source):
+    empty = Source("none", None, source.truth, source.mask, note="not to be had")
+    assert np.isnan(empty.shares("in the glass")).all()
+    assert empty.errors_m("in the glass").size == 0
+    figure = error_kinds_picture([empty, source], "in the glass")
+    assert "not to be had" in [text.get_text() for ax in figure.axes for text in ax.texts]
+
+
+def bars(figure):
+    ax = next(ax for ax in figure.axes if ax.get_xlabel() == "cm behind the truth")
+    return ax, [bar.get_height() for bar in ax.patches]
+
+
+def test_the_picture_shows_the_shares_of_its_place(source):
+    ax, heights = bars(error_kinds_picture([source], "in the glass"))
+    assert heights == pytest.approx([50, 0, 0, 0, 50, 0])
+    assert ax.texts[-1].get_text() == "median +10.00 cm, size 10.00 cm\ntruth unknown: 17%"
+    _, heights = bars(error_kinds_picture([source], "elsewhere"))
+    assert heights == pytest.approx([0, 0, 100, 0, 0, 0])
+    sizes = {tuple(error_kinds_picture([source], p).get_size_inches()) for p in source.places}
+    assert len(sizes) == 1
+
+
+def test_only_the_pixels_of_the_place_are_painted(source):
+    figure = error_kinds_picture([source], "in the glass")
+    painted = figure.axes[1].images[0].get_array()
+    assert (painted == 0).sum() == 5 * 12
+    assert (painted == 4).sum() == 5 * 12
+    assert set(np.unique(painted)) == {-1, 0, 4}
+
+
+def test_kinds_keep_the_books_colours():
+    assert KIND_COLORS[2] == COLORS["highlight"]
+    front, *behind = (mpl.colors.to_rgb(color) for color in (KIND_COLORS[1], *KIND_COLORS[3:]))
+    assert front[2] > front[0], "blue lies in front"
+    assert all(color[0] > color[2] for color in behind), "red lies behind"
+    assert len(set(KIND_COLORS)) == 6
+
+
+def test_stacked_bars_reach_a_hundred(source):
+    _, ax = plt.subplots()
+    draw_kind_bars(ax, {"a": source, "b": source}, "in the glass")
+    ends = [patch.get_x() + patch.get_width() for patch in ax.patches]
+    assert max(ends) == pytest.approx(100)
+    assert [text.get_text() for text in ax.texts] == ["50", "50"] * 2
+    assert [tick.get_text() for tick in ax.get_yticklabels()] == ["a", "b"]
+
+
+def test_an_unknown_place_is_refused(source):
+    with pytest.raises(ValueError, match="one of in the glass, at outlines, elsewhere, got 'sky'"):
+        error_kinds_picture([source], "sky")

@@ -1,0 +1,169 @@
+"""Figures of rays and voxels: they show what they are given."""
+
+from __future__ import annotations
+
+import matplotlib as mpl
+
+mpl.use("Agg")
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+import torch
+
+from hadr.figures import COLORS
+from hadr.figures.method.rays import (
+    draw_missed,
+    draw_slabs,
+    draw_strip,
+    draw_walk,
+    show_labels,
+    show_pixels,
+    stages_figure,
+)
+from hadr.figures.method.voxels import draw_cubes, label_upright, ray_figure, upright, voxel_figure
+from hadr.figures.widgets import walk_along_ray
+from hadr.ray_voxels import VoxelGrid, occupied_voxels, ray_voxel_pairs
+
+GRID = VoxelGrid()
+
+
+@pytest.fixture(autouse=True)
+def _close_figures():
+    yield
+    plt.close("all")
+
+
+def scene():
+    cells = torch.tensor([[4, 4, 3], [4, 4, 4], [4, 4, 7]])
+    centers = GRID.center_of(cells, torch.float64)
+    occupied = occupied_voxels(centers, torch.zeros(3, dtype=torch.long), GRID, 1)
+    directions = torch.tensor([[0.0, 0.0, 1.0], [0.6, 0.0, 0.8]], dtype=torch.float64)
+    return directions, occupied, ray_voxel_pairs(directions, torch.zeros(2).long(), occupied, GRID)
+
+
+def test_upright_turns_y_down_to_z_up() -> None:
+    assert upright([1.0, 2.0, 3.0]).tolist() == [1.0, 3.0, -2.0]
+
+
+def test_a_cube_has_twelve_edges_of_its_size() -> None:
+    ax = plt.figure().add_subplot(projection="3d")
+    draw_cubes(ax, [[0.0, 0.0, 1.0], [0.25, 0.0, 1.0]], 0.25)
+    (collection,) = ax.collections
+    segments = np.asarray(collection._segments3d)
+    assert segments.shape == (24, 2, 3)
+    assert np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1) == pytest.approx([0.25] * 24)
+    first = segments[:12].reshape(-1, 3)
+    assert first.min(axis=0).tolist() == [-0.125, 0.875, -0.125]
+    assert first.max(axis=0).tolist() == [0.125, 1.125, 0.125]
+
+
+def test_label_upright_sets_limits_in_the_turned_frame() -> None:
+    ax = plt.figure().add_subplot(projection="3d")
+    label_upright(ax, [-1.0, -0.5, 0.0], [1.0, 0.2, 2.0])
+    assert ax.get_xlim() == pytest.approx((-1.0, 1.0))
+    assert ax.get_ylim() == pytest.approx((0.0, 2.0))
+    assert ax.get_zlim() == pytest.approx((-0.2, 0.5))
+
+
+def test_walk_marks_the_candidate_in_which_the_ray_is() -> None:
+    directions, occupied, pairs = scene()
+    mine = (pairs.ray == 0).nonzero().squeeze(1)
+    stay = (pairs.t_in[mine], pairs.t_out[mine])
+    for reached, dark in ((0.3, []), (0.7, [0]), (1.0, [1]), (1.3, []), (1.7, [2])):
+        _, ax = plt.subplots()
+        centers = occupied.center[pairs.voxel[mine]]
+        draw_walk(ax, directions[0], centers, *stay, 0.25, reached=reached)
+        opacity = [patch.get_facecolor()[3] for patch in ax.patches]
+        assert [k for k, a in enumerate(opacity) if a > 0.4] == dark
+        passed = sum(float(t) <= reached for t in torch.cat(stay))
+        assert len(ax.texts) == passed
+
+
+def test_strip_has_a_bar_for_each_pair_and_a_star_for_each_ray() -> None:
+    _, occupied, pairs = scene()
+    _, ax = plt.subplots()
+    draw_strip(ax, pairs, occupied, [0.7, 0.9], [0, 1])
+    ends = sorted((p.get_x(), p.get_x() + p.get_width()) for p in ax.patches)
+    expected = sorted(zip(pairs.t_in.tolist(), pairs.t_out.tolist(), strict=True))
+    assert ends == [pytest.approx(pair) for pair in expected]
+    assert [line.get_xdata()[0] for line in ax.lines] == [0.7, 0.9]
+    assert {line.get_color() for line in ax.lines} == {COLORS["truth"]}
+
+
+def test_slabs_show_the_stay_in_each_and_what_they_share() -> None:
+    _, ax = plt.subplots()
+    draw_slabs(ax, [1.0417, -np.inf, 1.09375], [1.4583, np.inf, 1.40625])
+    bars = [(p.get_x(), p.get_x() + p.get_width()) for p in ax.patches]
+    low, high = ax.get_xlim()
+    assert bars[0] == pytest.approx((1.0417, 1.4583))
+    assert bars[1] == pytest.approx((low, high))  # no limit: as wide as the picture
+    assert bars[2] == bars[3] == pytest.approx((1.09375, 1.40625))
+    texts = [t.get_text() for t in ax.texts]
+    assert texts == ["1.042 to 1.458", "no limit", "1.094 to 1.406", "1.094 to 1.406"]
+    right = ax.get_window_extent().x1
+    assert all(text.get_window_extent().x0 > right for text in ax.texts), "beside the bars"
+
+
+def test_a_missed_voxel_is_a_dotted_square_at_its_place() -> None:
+    _, ax = plt.subplots()
+    draw_missed(ax, [0.5, 0.0, 1.0], 0.25, "missed")
+    (square,) = ax.patches
+    assert (square.get_x(), square.get_y()) == (0.875, 0.375)
+    assert (square.get_width(), square.get_height()) == (0.25, 0.25)
+    assert [t.get_text() for t in ax.texts] == ["missed"]
+
+
+def test_stages_stop_before_in_at_and_past() -> None:
+    directions, occupied, pairs = scene()
+    mine = (pairs.ray == 0).nonzero().squeeze(1)
+    centers, stay = occupied.center[pairs.voxel[mine]], (pairs.t_in[mine], pairs.t_out[mine])
+    fig = stages_figure(directions[0], centers, *stay, 0.25, 0.7)
+    first, last = float(stay[0][0]), float(stay[1][-1])
+    reached = [ax.lines[1].get_xdata()[1] for ax in fig.axes]  # the ray looks along z
+    assert reached == pytest.approx([first / 2, first + 0.03, 0.7, last + 0.05])
+    dark = [[p.get_facecolor()[3] > 0.4 for p in ax.patches] for ax in fig.axes]
+    assert dark == [[False] * 3, [True, False, False], [True, False, False], [False] * 3]
+
+
+def test_pixels_and_labels_stand_on_their_pixels() -> None:
+    picture, mask = np.full((60, 80, 3), 200, dtype=np.uint8), np.zeros((60, 80), dtype=bool)
+    mask[30, 40:43] = True
+    _, (left, right) = plt.subplots(1, 2)
+    show_pixels(left, picture, mask, [[40, 30]])
+    assert left.lines[0].get_xydata().tolist() == [[40, 30]]
+    assert left.get_xlim() == (25, 57)
+    assert left.get_ylim() == (45, 15)
+    show_labels(right, picture, mask, [1, np.nan, 0], ["a", "b"])
+    painted = np.ma.filled(right.images[1].get_array(), np.nan)
+    assert painted[30, 40:43] == pytest.approx([1, np.nan, 0], nan_ok=True)
+    assert np.isfinite(painted).sum() == 2
+    bar = right.images[1].colorbar
+    assert [t.get_text() for t in bar.ax.get_yticklabels()] == ["a", "b"]
+
+
+def test_figures_in_space_draw_what_they_are_given() -> None:
+    directions, occupied, pairs = scene()
+    points = np.random.default_rng(0).uniform(0.5, 1.0, (30, 3))
+    marked = [True, False, False]
+    ax = voxel_figure(points, points, occupied.center, marked, 0.25).axes[0]
+    cloud, grey, strong = ax.collections[:3]
+    assert len(cloud.get_offsets()) == 10
+    assert [len(c._segments3d) for c in (grey, strong)] == [24, 12]
+    mine = (pairs.ray == 0).nonzero().squeeze(1)
+    centers = occupied.center[pairs.voxel[mine]]
+    fig = ray_figure(directions[0], centers, pairs.t_in[mine], 0.25, {"hand": points})
+    ax = fig.axes[0]
+    assert ax.lines[0].get_data_3d()[1][1] == pytest.approx(float(pairs.t_in[mine][-1]) + 0.35)
+    assert [t.get_text() for t in ax.get_legend().get_texts()] == ["hand"]
+
+
+def test_the_widget_offers_the_rays_that_have_a_candidate() -> None:
+    directions, occupied, pairs = scene()
+    assert pairs.candidates().tolist() == [3, 0]
+    widget = walk_along_ray(directions, pairs, occupied, torch.tensor([0.7, 0.9]), GRID)
+    ray, distance = widget.children[:2]
+    assert ray.options == (0,)
+    assert distance.max == pytest.approx(1.875 + 0.05)
+    widget.update()
+    assert "error" not in [output.get("output_type") for output in widget.out.outputs]

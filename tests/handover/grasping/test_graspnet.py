@@ -1,0 +1,181 @@
+"""Arrays of graspnetAPI: read from file and memory, brought into the base frame, filtered."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hadr.handover.grasping.graspnet import DetectedGrasps, from_graspnet
+from hadr.handover.grasping.selection import GraspSelection
+from hadr.handover.robot import SimulatedUR5
+from hadr.simulation.trials.rehearsal import HeldGlass, camera_at
+
+# the camera stands 1 m before the base and 0.5 m above it, level, and looks back at it
+BASE_FROM_CAMERA = np.array([[0, 0, -1, 1.0], [1, 0, 0, 0], [0, -1, 0, 0.5], [0, 0, 0, 1]])
+
+
+def rows() -> np.ndarray:
+    """Three grasps as `GraspGroup.save_npy` writes them: float64, object id -1."""
+    identity = [1, 0, 0, 0, 1, 0, 0, 0, 1]
+    turned = [0, -1, 0, 1, 0, 0, 0, 0, 1]  # approach along camera y, closing along -x
+    return np.array(
+        [
+            [0.30, 0.060, 0.02, 0.02, *identity, 0.0, 0.0, 0.5, -1],
+            [0.90, 0.040, 0.02, 0.04, *turned, 0.1, -0.2, 0.6, -1],
+            [0.95, 0.098, 0.02, 0.01, *identity, 0.0, 0.0, 0.5, -1],
+        ]
+    )
+
+
+def test_array_is_read_sorted_and_without_what_is_too_wide() -> None:
+    grasps = from_graspnet(rows())
+    np.testing.assert_array_equal(grasps.scores, [0.90, 0.30])
+    np.testing.assert_array_equal(grasps.object_ids, [-1, -1])
+    assert grasps.frame == "camera"
+    assert len(from_graspnet(rows(), widest=0.1)) == 3
+
+
+def test_camera_frame_becomes_base_frame_by_hand() -> None:
+    best = from_graspnet(rows(), BASE_FROM_CAMERA)
+    assert best.frame == "base"
+    # camera (0.1, -0.2, 0.6): base x = 1 - 0.6, y = 0.1, z = 0.5 + 0.2
+    np.testing.assert_allclose(best.translations[0], [0.4, 0.1, 0.7], atol=1e-12)
+    np.testing.assert_allclose(best.axis("approach")[0], [0, 0, -1], atol=1e-12)  # camera y
+    np.testing.assert_allclose(best.axis("closing")[0], [0, -1, 0], atol=1e-12)  # camera -x
+    np.testing.assert_allclose(best.poses[0, :3, 2], [0, 0, -1], atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", [np.float64, np.float32])
+def test_file_of_graspnet_api(tmp_path: Path, kind: type) -> None:
+    np.save(tmp_path / "grasps.npy", rows().astype(kind))
+    np.testing.assert_allclose(
+        from_graspnet(tmp_path / "grasps.npy").to_rows(), from_graspnet(rows()).to_rows(), atol=1e-7
+    )
+    assert len(from_graspnet(str(tmp_path / "grasps.npy"))) == 2
+
+
+def test_rows_without_object_id() -> None:
+    np.testing.assert_array_equal(
+        from_graspnet(rows()[:, :16]).to_rows(), from_graspnet(rows()).to_rows()
+    )
+
+
+def test_bad_sources_are_named(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError):
+        from_graspnet(tmp_path / "none.npy")
+    (tmp_path / "text.npy").write_text("score, width")
+    with pytest.raises(ValueError, match=r"text\.npy is not an array"):
+        from_graspnet(tmp_path / "text.npy")
+    with pytest.raises(ValueError, match=r"\(n, 17\).*\(3, 7\)"):
+        from_graspnet(rows()[:, :7])
+    broken = rows()
+    broken[1, 14] = np.nan
+    with pytest.raises(ValueError, match="grasp 1: ty must be finite"):
+        from_graspnet(broken)
+
+
+def test_other_files_are_named(tmp_path: Path) -> None:
+    np.savez(tmp_path / "some.npz", grasps=rows())
+    with pytest.raises(ValueError, match=r"some\.npz is an archive \(grasps\)"):
+        from_graspnet(tmp_path / "some.npz")
+    (tmp_path / "broken.npy").write_bytes((tmp_path / "some.npz").read_bytes()[:200])
+    with pytest.raises(ValueError, match=r"broken\.npy is not an array"):
+        from_graspnet(tmp_path / "broken.npy")
+    with pytest.raises(ValueError, match="is a folder"):
+        from_graspnet(tmp_path)
+
+
+@pytest.mark.parametrize("shape", [(0,), (0, 16), (0, 17)])
+def test_no_grasps_are_no_error(shape: tuple[int, ...], tmp_path: Path) -> None:
+    assert len(from_graspnet(np.zeros(shape), BASE_FROM_CAMERA)) == 0
+    np.save(tmp_path / "none.npy", np.zeros(shape))
+    assert len(from_graspnet(tmp_path / "none.npy")) == 0
+
+
+def test_a_detector_that_finds_nothing_gives_no_grasps() -> None:
+    found = DetectedGrasps(lambda points: [], BASE_FROM_CAMERA)(np.eye(3))
+    assert len(found) == 0
+    assert found.frame == "base"
+
+
+@pytest.mark.parametrize(
+    ("calibration", "says"),
+    [
+        (np.eye(3), r"base_from_camera must be a \(4, 4\) transform, got shape \(3, 3\)"),
+        (np.diag([1.0, 1, -1, 1]), "base_from_camera must hold a proper rotation"),
+        (np.full((4, 4), np.nan), "base_from_camera must be finite"),
+    ],
+)
+def test_bad_calibrations_are_named(calibration: np.ndarray, says: str) -> None:
+    with pytest.raises(ValueError, match=says):
+        from_graspnet(rows(), calibration)
+    with pytest.raises(ValueError, match=says):
+        DetectedGrasps(lambda points: rows(), calibration)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, 0.0, -0.085])
+def test_bad_lengths_are_named(bad: float) -> None:
+    with pytest.raises(ValueError, match=f"widest must be metres above 0, got {bad}"):
+        from_graspnet(rows(), widest=bad)
+    for name in ("widest", "nearest"):
+        with pytest.raises(ValueError, match=f"{name} must be metres above 0, got {bad}"):
+            DetectedGrasps(lambda points: rows(), BASE_FROM_CAMERA, **{name: bad})
+
+
+def test_millimetres_are_told_from_metres() -> None:
+    wide = rows()
+    wide[1, 1] = 40.0
+    with pytest.raises(ValueError, match=r"grasp 1: width must be in metres.* 40 looks like mill"):
+        from_graspnet(wide)
+    wide[1, 1] = 0.4  # wider than the gripper, but a width
+    assert len(from_graspnet(wide)) == 1
+
+
+@pytest.mark.parametrize(
+    ("score", "fits"), [(90.0, False), (-2.0, False), (2.4, True), (-0.1, True)]
+)
+def test_scores_of_another_scale_are_refused(score: float, fits: bool) -> None:
+    """A network trained on ln(u_max / u) gives up to 2.5; percent would outweigh all else."""
+    scored = rows()
+    scored[1, 0] = score
+    if fits:
+        assert score in from_graspnet(scored).scores
+        return
+    with pytest.raises(ValueError, match=rf"grasp 1: score must lie in -1\.\.3, got {score:g}"):
+        from_graspnet(scored)
+
+
+@pytest.mark.parametrize("source", [rows().astype(complex), rows().astype(str), None, object()])
+def test_what_is_no_real_number_is_refused(source: object) -> None:
+    with pytest.raises(ValueError, match=r"rows must be real numbers, got .*(128|U32|None|obj)"):
+        from_graspnet(source)  # type: ignore[arg-type]
+
+
+def test_detector_in_the_sampler_s_place() -> None:
+    scene = HeldGlass()
+    base_from_camera = camera_at(np.array([0.0, -0.55, 0.65]), np.array([0.55, 0.0, 0.3]))
+    points = scene.visible_points(base_from_camera[:3, 3])
+    sampled = GraspSelection(np.random.default_rng(0), base_from_camera[:3, 3]).candidates(points)
+    asked = []
+
+    def detect(camera_points: np.ndarray) -> np.ndarray:
+        """A detector that finds good grasps, and better ones on another thing half a metre away."""
+        asked.append(camera_points)
+        own = sampled.in_frame(np.linalg.inv(base_from_camera), "camera").to_rows()
+        other = own.copy()
+        other[:, 0] += 1.5
+        other[:, 13] += 0.5
+        return np.concatenate([other, own])
+
+    source = DetectedGrasps(detect, base_from_camera)
+    found = source(points)
+    assert len(found) == len(sampled)
+    np.testing.assert_allclose(found.translations, sampled.translations, atol=1e-9)
+    assert found.frame == "base"
+    # the detector was asked in the camera frame, where the glass is in front of the camera
+    assert asked[0][:, 2].min() > 0.3
+    choose = GraspSelection(np.random.default_rng(1), base_from_camera[:3, 3], source=source)
+    chosen = choose(points, scene.keypoints, SimulatedUR5())
+    assert chosen is not None
+    nearest = np.abs(found.poses[:, :3, 3] - chosen.pose[:3, 3]).max(axis=1).min()
+    assert nearest < 1e-9

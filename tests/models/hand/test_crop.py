@@ -1,0 +1,76 @@
+import pytest
+import torch
+
+from hadr.models.hadr_input import HADRInput
+from hadr.models.hand.crop import hand_crop
+
+
+def frames(depth_m=(0.5, 1.0), size=(144, 256)):
+    """Frames whose hand is at these depths; the mask is a box of 20x10 pixels."""
+    count, (height, width) = len(depth_m), size
+    mask = torch.zeros(count, height, width, dtype=torch.bool)
+    mask[:, 40:60, 100:110] = True
+    keypoints = torch.zeros(count, 21, 3)
+    keypoints[:, :, 2] = torch.tensor(depth_m)[:, None]
+    keypoints[:, 0, 2] += 0.3  # one far point does not move the median
+    return HADRInput(
+        color=torch.zeros(count, 3, height, width),
+        depth=torch.ones(count, height, width),
+        mask=mask,
+        intrinsics=torch.tensor([[200.0, 100.0, 127.5, 71.5]]).repeat(count, 1),
+        keypoints=keypoints,
+        keypoints_uv=torch.full((count, 21, 2), 50.0),
+    )
+
+
+def test_a_pixel_spans_so_many_metres_at_the_hand():
+    crop = hand_crop(frames(), 32, 0.01)
+    assert crop.prior.tolist() == pytest.approx([0.5, 1.0])
+    # 0.01 m at 0.5 m are 200 * 0.01 / 0.5 = 4 columns and 2 rows; at 1 m half of that.
+    assert crop.step.flatten().tolist() == pytest.approx([4.0, 2.0, 2.0, 1.0])
+    assert crop.center.tolist() == [[104.5, 49.5], [104.5, 49.5]]
+
+
+def test_images_are_cut_where_the_crop_says():
+    inputs = frames()
+    crop = hand_crop(inputs, 33, 0.005)
+    rows, columns = torch.meshgrid(torch.arange(144.0), torch.arange(256.0), indexing="ij")
+    cut = crop.sample(torch.stack((columns, rows)).expand(2, 2, 144, 256), "bilinear")
+    middle = 16
+    assert cut[0, :, middle, middle].tolist() == pytest.approx([104.5, 49.5])
+    assert cut[0, :, middle, middle + 3].tolist() == pytest.approx([104.5 + 3 * 2.0, 49.5])
+    assert cut[1, :, middle - 5, middle].tolist() == pytest.approx([104.5, 49.5 - 5 * 0.5])
+
+
+def test_looking_up_is_the_inverse_of_cutting():
+    crop = hand_crop(frames(), 64, 0.005)
+    ramp = torch.arange(64.0)
+    maps = torch.stack((ramp.expand(64, 64), ramp[:, None].expand(64, 64))).expand(2, 2, 64, 64)
+    rays = torch.tensor([[0, 49, 104], [0, 52, 120], [1, 40, 101]])
+    found = crop.look_up(maps, rays)
+    # crop pixel = (pixel - centre) / step + 31.5
+    assert found[0].tolist() == pytest.approx([31.5 - 0.5 / 2, 31.5 - 0.5 / 1])
+    assert found[1].tolist() == pytest.approx([31.5 + 15.5 / 2, 31.5 + 2.5 / 1])
+    assert found[2].tolist() == pytest.approx([31.5 - 3.5 / 1, 31.5 - 9.5 / 0.5])
+    placed = crop.place(rays[:, [2, 1]].float(), rays[:, 0])
+    assert torch.allclose(found, placed)
+
+
+def test_rays_outside_of_the_crop_take_its_border():
+    crop = hand_crop(frames((0.5,)), 32, 0.001)
+    maps = torch.arange(32.0).expand(1, 1, 32, 32)
+    rays = torch.tensor([[0, 49, 0], [0, 49, 255]])
+    assert crop.look_up(maps, rays).flatten().tolist() == pytest.approx([0.0, 31.0])
+
+
+def test_an_empty_mask_centres_the_crop():
+    inputs = frames((0.5,))
+    inputs.mask[:] = False
+    assert hand_crop(inputs, 32, 0.01).center.tolist() == [[127.5, 71.5]]
+
+
+def test_a_frame_without_a_hand_is_named():
+    inputs = frames((0.5, 0.6))
+    inputs.keypoints[1] = 0
+    with pytest.raises(ValueError, match="frame 1 of the batch has no hand"):
+        hand_crop(inputs, 32, 0.01)

@@ -1,0 +1,156 @@
+"""The keypoint network around its maps: crops, truth in and out, mirrored hands, errors."""
+
+import pytest
+import torch
+from torch import nn
+
+from hadr.models.blocks.resnet import UNetConfig
+from hadr.models.hadr_input import HADRInput
+from hadr.models.hand.keypoints import (
+    HandKeypointConfig,
+    HandKeypointNet,
+    hand_cube,
+    predict_keypoints,
+)
+from hadr.models.hand.weighted_regression import JointMaps, maps_of_joints
+
+SMALL = HandKeypointConfig(
+    UNetConfig((1, 1, 1, 1), widths=(4, 4, 8, 8), decoder=(8, 8, 8, 8)), crop=48
+)
+
+
+def frames(count: int = 2) -> tuple[HADRInput, torch.Tensor]:
+    """A bumpy hand beside a held object before a wall, with keypoints around its middle."""
+    generator = torch.Generator().manual_seed(3)
+    hand = torch.zeros(count, 90, 160, dtype=torch.bool)
+    held = torch.zeros_like(hand)
+    hand[:, 20:70, 70:110] = True
+    held[:, 20:70, 60:70] = True
+    depth = torch.full((count, 90, 160), 0.9)
+    depth[hand] = 0.6 + 0.05 * torch.rand(int(hand.sum()), generator=generator)
+    depth[held] = 0
+    keypoints = 0.12 * (torch.rand(count, 21, 3, generator=generator) - 0.5)
+    keypoints += torch.tensor([0.03, 0.0, 0.63])
+    inputs = HADRInput(
+        color=torch.zeros(count, 3, 90, 160),
+        depth=depth,
+        mask=held,
+        intrinsics=torch.tensor([[140.0, 150.0, 79.5, 44.5]]).repeat(count, 1),
+        keypoints=torch.zeros(count, 21, 3),
+        keypoints_uv=torch.zeros(count, 21, 2),
+    )
+    return inputs, keypoints
+
+
+def hand_of(inputs: HADRInput) -> torch.Tensor:
+    return (inputs.depth > 0.1) & (inputs.depth < 0.7)
+
+
+class Oracle(nn.Module):
+    """Knows the joints of the frames and gives their perfect maps."""
+
+    config = SMALL
+
+    def __init__(self, inputs: HADRInput, keypoints: torch.Tensor) -> None:
+        super().__init__()
+        self.inputs, self.keypoints = inputs, keypoints
+
+    def forward(self, crop: torch.Tensor) -> JointMaps:
+        cube = hand_cube(SMALL, self.inputs, hand_of(self.inputs))
+        points, valid = cube.points(crop, 2)
+        return maps_of_joints(cube.into(self.keypoints), points, valid, SMALL.reach)
+
+
+def test_perfect_maps_give_the_keypoints_back_in_metres() -> None:
+    inputs, keypoints = frames()
+    found = predict_keypoints(Oracle(inputs, keypoints), inputs, hand_of(inputs))
+    torch.testing.assert_close(found, keypoints, atol=1e-5, rtol=0)
+
+
+def test_what_is_not_hand_has_no_say() -> None:
+    torch.manual_seed(0)
+    inputs, _ = frames()
+    model = HandKeypointNet(SMALL).eval()
+    hand = hand_of(inputs)
+    before = predict_keypoints(model, inputs, hand)
+    inputs.depth[~hand & ~inputs.mask] = 0.66
+    torch.testing.assert_close(predict_keypoints(model, inputs, hand), before)
+    inputs.depth[:, 40:50, 80:100] += 0.04
+    assert (predict_keypoints(model, inputs, hand) - before).abs().max() > 1e-4
+
+
+def test_a_mirrored_hand_gives_the_mirrored_keypoints_of_mirrored_maps() -> None:
+    """The same camera mirrored: pixels and x change sign, the depths and distances stay."""
+    inputs, keypoints = frames()
+    left = HADRInput(
+        color=inputs.color,
+        depth=inputs.depth.flip(2),
+        mask=inputs.mask.flip(2),
+        intrinsics=inputs.intrinsics * torch.tensor([1, 1, -1, 1]) + torch.tensor([0, 0, 159.0, 0]),
+        keypoints=inputs.keypoints,
+        keypoints_uv=inputs.keypoints_uv,
+    )
+    mirror = torch.tensor([-1.0, 1.0, 1.0])
+    centers = [hand_cube(SMALL, i, hand_of(i)).center for i in (inputs, left)]
+    torch.testing.assert_close(centers[1], centers[0] * mirror)
+    found = predict_keypoints(Oracle(left, keypoints * mirror), left, hand_of(left))
+    torch.testing.assert_close(found, keypoints * mirror, atol=1e-5, rtol=0)
+
+
+def test_moving_hand_and_camera_s_principal_point_together_changes_no_crop() -> None:
+    torch.manual_seed(0)
+    inputs, _ = frames(1)
+    model = HandKeypointNet(SMALL).eval()
+    moved = HADRInput(
+        color=inputs.color,
+        depth=inputs.depth.roll(16, dims=2),
+        mask=inputs.mask.roll(16, dims=2),
+        intrinsics=inputs.intrinsics + torch.tensor([0, 0, 16.0, 0]),
+        keypoints=inputs.keypoints,
+        keypoints_uv=inputs.keypoints_uv,
+    )
+    torch.testing.assert_close(
+        predict_keypoints(model, moved, hand_of(moved)),
+        predict_keypoints(model, inputs, hand_of(inputs)),
+        atol=1e-5,
+        rtol=0,
+    )
+
+
+def test_errors_name_the_frame_and_the_value() -> None:
+    inputs, _ = frames()
+    model = HandKeypointNet(SMALL).eval()
+    hand = hand_of(inputs)
+    with pytest.raises(ValueError, match=r"hand must be \(2, 90, 160\) bool.*got \(2, 90, 160\)"):
+        predict_keypoints(model, inputs, hand.float())
+    empty = hand.clone()
+    empty[1] = False
+    with pytest.raises(ValueError, match="frame 1 of the batch shows no hand: of the 0 pixels"):
+        predict_keypoints(model, inputs, empty)
+    inputs.depth[0, 0, 0] = float("nan")
+    with pytest.raises(ValueError, match="the depth of frame 0 of the batch is not finite"):
+        predict_keypoints(model, inputs, hand)
+
+
+def test_every_weight_gets_a_gradient() -> None:
+    torch.manual_seed(0)
+    model = HandKeypointNet(SMALL)
+    maps = model(torch.rand(2, 1, 48, 48) * 2 - 1)
+    assert maps.offset.shape == (2, 21, 3, 24, 24)
+    assert maps.heat.shape == maps.weight.shape == (2, 21, 24, 24)
+    (maps.offset.sum() + maps.heat.square().sum() + maps.weight.square().sum()).backward()
+    for name, weight in model.named_parameters():
+        assert weight.grad is not None, name
+        assert torch.isfinite(weight.grad).all(), name
+    assert model.head.weight.grad.view(21, 5, -1).abs().sum(dim=2).min() > 0
+
+
+def test_configuration_goes_through_json() -> None:
+    import json
+
+    text = json.dumps(SMALL.to_dict())
+    assert HandKeypointConfig.from_dict(json.loads(text)) == SMALL
+    with pytest.raises(ValueError, match="crop must be at least 32 pixels, got 16"):
+        HandKeypointConfig(crop=16)
+    with pytest.raises(ValueError, match="cube_m must be positive, got 0"):
+        HandKeypointConfig(cube_m=0)

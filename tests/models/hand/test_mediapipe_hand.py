@@ -1,0 +1,154 @@
+"""The lift of MediaPipe's landmarks on a result made by hand; MediaPipe itself is not needed."""
+
+from dataclasses import dataclass, field
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from hadr.camera import Intrinsics
+from hadr.models.hand.mediapipe_hand import MediaPipeHand, lift_landmarks
+
+CAMERA = Intrinsics(200.0, 220.0, 79.5, 59.5, 160, 120)
+
+
+@dataclass
+class Point:
+    x: float
+    y: float
+    z: float
+
+
+@dataclass
+class Result:
+    hand_landmarks: list[list[Point]] = field(default_factory=list)
+    hand_world_landmarks: list[list[Point]] = field(default_factory=list)
+
+
+def hand() -> np.ndarray:
+    points = np.random.default_rng(0).uniform(-0.06, 0.06, (21, 3)) + np.array([0.02, 0, 0.6])
+    points[0] = [0.0, 0.0, 0.6]
+    return points
+
+
+def result_of(points: np.ndarray, world_from_points: float = 1.0) -> Result:
+    """What a perfect landmarker would say; its world landmarks lie around the hand's middle."""
+    u = CAMERA.fx * points[:, 0] / points[:, 2] + CAMERA.cx
+    v = CAMERA.fy * points[:, 1] / points[:, 2] + CAMERA.cy
+    z = (points[:, 2] - points[0, 2]) * CAMERA.fx / (CAMERA.width * points[0, 2])
+    image = [Point((a + 0.5) / 160, (b + 0.5) / 120, c) for a, b, c in zip(u, v, z, strict=True)]
+    around = (points - points.mean(axis=0)) * world_from_points
+    return Result([image], [[Point(*row) for row in around]])
+
+
+def wall(z: float = 0.6) -> np.ndarray:
+    return np.full((120, 160), z, dtype=np.float32)
+
+
+@pytest.mark.parametrize("relative", ["world", "image"])
+def test_perfect_landmarks_and_depth_give_the_hand_back(relative: str) -> None:
+    found = lift_landmarks(result_of(hand()), wall(), CAMERA, relative=relative)
+    np.testing.assert_allclose(found, hand(), atol=1e-7)
+
+
+def test_the_depth_at_the_wrist_moves_the_whole_hand_along_its_rays() -> None:
+    found = lift_landmarks(result_of(hand()), wall(0.58), CAMERA)
+    z = hand()[:, 2] - 0.02
+    np.testing.assert_allclose(found[:, 2], z, atol=1e-7)
+    np.testing.assert_allclose(found[:, 0] / z, hand()[:, 0] / hand()[:, 2], atol=1e-7)
+
+
+def test_world_and_image_differ_where_the_world_landmarks_are_of_another_size() -> None:
+    result = result_of(hand(), world_from_points=1.2)
+    np.testing.assert_allclose(
+        lift_landmarks(result, wall(), CAMERA, relative="image"), hand(), atol=1e-7
+    )
+    large = lift_landmarks(result, wall(), CAMERA, relative="world")
+    np.testing.assert_allclose(large[:, 2] - 0.6, 1.2 * (hand()[:, 2] - 0.6), atol=1e-7)
+
+
+def test_a_wrist_without_depth_takes_the_hand_s_and_without_a_mask_is_an_error() -> None:
+    depth, mask = wall(), np.zeros((120, 160), dtype=bool)
+    depth[50:70, 70:90] = 0
+    depth[100:, :] = 0.6
+    mask[100:110] = True
+    np.testing.assert_allclose(lift_landmarks(result_of(hand()), depth, CAMERA, mask), hand())
+    with pytest.raises(ValueError, match=r"the wrist has no depth.*pixel \(80, 60\)"):
+        lift_landmarks(result_of(hand()), depth, CAMERA)
+
+
+def test_no_hand_is_said() -> None:
+    with pytest.raises(ValueError, match="found no hand in the picture"):
+        lift_landmarks(Result(), wall(), CAMERA)
+
+
+def test_wrong_results_are_named() -> None:
+    short = result_of(hand())
+    short.hand_landmarks[0].pop()
+    with pytest.raises(ValueError, match="21 landmarks, got 20"):
+        lift_landmarks(short, wall(), CAMERA)
+    broken = result_of(hand())
+    broken.hand_landmarks[0][8].x = float("nan")
+    with pytest.raises(ValueError, match="not so: index_tip"):
+        lift_landmarks(broken, wall(), CAMERA)
+    outside = result_of(hand())
+    outside.hand_landmarks[0][0].x = 1.1
+    with pytest.raises(ValueError, match=r"outside of the picture, at pixel \(176, 60\)"):
+        lift_landmarks(outside, wall(), CAMERA)
+    flat = result_of(hand())
+    flat.hand_world_landmarks = []
+    with pytest.raises(ValueError, match="relative='image'"):
+        lift_landmarks(flat, wall(), CAMERA)
+    with pytest.raises(ValueError, match=r"depth must be \(120, 160\).*got \(4, 4\)"):
+        lift_landmarks(result_of(hand()), np.ones((4, 4)), CAMERA)
+
+
+def test_without_the_package_or_the_file_it_is_said_what_to_do(
+    tmp_path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(ImportError, match=r"pip install 'hadr\[mediapipe\]'"):
+        MediaPipeHand(tmp_path / "hand_landmarker.task")
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: "there")
+    with pytest.raises(FileNotFoundError, match=r"no hand landmarker model at .*other\.task"):
+        MediaPipeHand(tmp_path / "other.task")
+
+
+class FakeLandmarker:
+    closed = False
+
+    def __init__(self, options: dict[str, object]) -> None:
+        self.options = options
+
+    @classmethod
+    def create_from_options(cls, options: dict[str, object]) -> "FakeLandmarker":
+        return cls(options)
+
+    def detect(self, image: dict[str, object]) -> Result:
+        assert image["image_format"] == "RGB"
+        assert image["data"].shape == (120, 160, 3)
+        return result_of(hand())
+
+    def close(self) -> None:
+        FakeLandmarker.closed = True
+
+
+def test_the_landmarker_is_asked_and_closed(tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
+    fake, tasks, vision = (ModuleType(n) for n in ("mediapipe", "tasks", "vision"))
+    vision.HandLandmarker, vision.HandLandmarkerOptions = FakeLandmarker, dict
+    tasks.vision, tasks.BaseOptions = vision, dict
+    fake.tasks, fake.Image = tasks, dict
+    fake.ImageFormat = type("ImageFormat", (), {"SRGB": "RGB"})
+    monkeypatch.setitem(__import__("sys").modules, "mediapipe", fake)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: "there")
+    path = tmp_path / "hand_landmarker.task"
+    path.write_bytes(b"model")
+    color = np.zeros((120, 160, 3), dtype=np.uint8)
+    with MediaPipeHand(path, confidence=0.3) as detector:
+        found = detector.find(color, wall(), CAMERA)
+        assert detector._landmarker.options["base_options"] == {"model_asset_path": str(path)}
+        assert detector._landmarker.options["min_hand_detection_confidence"] == 0.3
+        with pytest.raises(ValueError, match=r"color must be \(120, 160, 3\) uint8"):
+            detector.find(color[:4], wall(), CAMERA)
+    np.testing.assert_allclose(found, hand(), atol=1e-7)
+    assert FakeLandmarker.closed

@@ -1,0 +1,92 @@
+import base64
+import importlib.util
+import re
+
+import nbformat
+import pytest
+
+from hadr.press.course import slides
+from hadr.press.course.slides import build_slides, missing_packages, pictures_of
+
+PIXEL = base64.b64encode(b"not really a picture").decode()
+
+
+def executed(tmp_path, source="draw()", data=None):
+    output = nbformat.v4.new_output("display_data", {"image/png": PIXEL} if data is None else data)
+    cell = nbformat.v4.new_code_cell(source, outputs=[output])
+    path = tmp_path / "executed.ipynb"
+    nbformat.write(nbformat.v4.new_notebook(cells=[cell]), path)
+    return path
+
+
+def test_pictures_are_taken_out(small, tmp_path):
+    found = pictures_of(executed(tmp_path), small, tmp_path / "out")
+    assert found == {"draw()": "07_small-0.png"}
+    assert (tmp_path / "out" / "07_small-0.png").read_bytes() == b"not really a picture"
+
+
+def test_a_cell_without_a_picture_is_left_out(small, tmp_path):
+    assert pictures_of(executed(tmp_path, data={"text/html": "x"}), small, tmp_path / "out") == {}
+
+
+def test_a_notebook_of_another_state_is_named(small, tmp_path):
+    with pytest.raises(ValueError, match=r"is not of this state of 07_small.*'draw\(\)'"):
+        pictures_of(executed(tmp_path, source="draw(2)"), small, tmp_path / "out")
+
+
+def test_what_is_missing_is_said(small, tmp_path, monkeypatch):
+    monkeypatch.setattr(slides, "missing_packages", lambda: ["sphinx-revealjs"])
+    with pytest.raises(RuntimeError, match="slides need sphinx-revealjs: pip install"):
+        build_slides([small], {}, {"ex-07-1": 2}, str, tmp_path / "work", tmp_path / "out")
+
+
+needs_reveal = pytest.mark.skipif(
+    importlib.util.find_spec("sphinx_revealjs") is None,
+    reason="slides need sphinx-revealjs: pip install -e '.[book]'",
+)
+
+
+@pytest.fixture(scope="module")
+def decks(book, tmp_path_factory):
+    assert missing_packages() == []
+    chosen = book[3:5]
+    marks = {exercise.label: 2 for chapter in chosen for exercise in chapter.exercises}
+    built = []
+    for name in ("first", "second"):
+        folder = tmp_path_factory.mktemp(name)
+        build_slides(chosen, {}, marks, lambda t: re.sub(r"\{\w+\}`", "`", t), folder / "work",
+                     folder / "out")  # fmt: skip
+        built.append(folder / "out")
+    return built
+
+
+@needs_reveal
+def test_one_deck_per_chapter_in_reveals_form(decks):
+    names = {path.name for path in decks[0].glob("*.html")}
+    assert names == {"index.html", "03_ray_voxels.html", "04_ray_and_voxel_features.html"}
+    page = (decks[0] / "03_ray_voxels.html").read_text(encoding="utf-8")
+    assert page.count("<section") >= 15
+    assert re.search(r'class="reveal"[^>]*>\s*<div class="?\'?slides', page)
+    assert "Reveal" in page
+    assert '<aside class="notes">' in page
+
+
+@needs_reveal
+def test_scripts_and_styles_lie_beside_the_deck(decks):
+    for page in decks[0].glob("*.html"):
+        text = page.read_text(encoding="utf-8")
+        loaded = re.findall(r'<(?:script|link|img)[^>]+(?:src|href)="([^"]+)"', text)
+        assert loaded
+        for address in loaded:
+            assert not re.match(r"(https?:)?//", address)
+            assert (decks[0] / address.split("?")[0].split("#")[0]).exists(), address
+        assert "import " not in "".join(re.findall(r"<script[^>]*>(.*?)</script>", text, re.S))
+
+
+@needs_reveal
+def test_the_same_bytes_again(decks):
+    first, second = (
+        {p.relative_to(d).as_posix(): p.read_bytes() for p in d.rglob("*") if p.is_file()}
+        for d in decks
+    )
+    assert first == second

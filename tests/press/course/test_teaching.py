@@ -1,0 +1,85 @@
+import re
+
+import pytest
+
+from hadr.press.course.chapter import hints
+from hadr.press.course.teaching import (
+    MARKS,
+    PLANS,
+    chapters_text,
+    instructor_text,
+    marks_of,
+    numbers_in_the_book,
+    plans_text,
+)
+
+
+@pytest.mark.parametrize("plan", PLANS, ids=lambda plan: f"{plan.hours}h")
+def test_a_plan_is_as_long_as_it_says(plan):
+    minutes = [sum(block.minutes for block in session) for session in plan.sessions]
+    assert sum(minutes) == 60 * plan.hours
+    assert set(minutes) == {120}
+    assert [plan.hours for plan in PLANS] == [2, 6, 12]
+
+
+def test_plans_and_marks_name_what_there_is(book):
+    numbers = {chapter.number for chapter in book}
+    labels = {exercise.label: chapter.number for chapter in book for exercise in chapter.exercises}
+    assert set(MARKS) <= set(labels)
+    for plan in PLANS:
+        done = []
+        for block in (block for session in plan.sessions for block in session):
+            assert set(block.chapters) <= numbers
+            assert {labels[label] for label in block.exercises} <= set(block.chapters)
+            done += block.exercises
+        assert len(done) == len(set(done))
+    long = {number for session in PLANS[-1].sessions for b in session for number in b.chapters}
+    assert long == numbers
+
+
+def test_exercises_are_numbered_as_on_the_pages_of_the_book(book):
+    every = [exercise for chapter in book for exercise in chapter.exercises]
+    numbers = numbers_in_the_book(book)
+    assert [numbers[exercise.label] for exercise in every] == list(range(1, len(every) + 1))
+    third = book[3].exercises[0]
+    before = sum(len(chapter.exercises) for chapter in book[:3])
+    assert f"- **{before + 1} {third.title}**" in instructor_text(book[3:4], book)
+    assert f"{before + 1} {third.title}" in plans_text(book)
+
+
+def test_a_time_has_a_column_of_its_own(book):
+    lines = [line for line in plans_text(book).splitlines() if line.startswith("| 1 |")]
+    assert all(re.fullmatch(r"\| 1 \| \d+ \| .+ \| .+ \|", line) for line in lines)
+    assert len(lines) >= 5
+
+
+def test_two_hours_have_an_exercise_on_the_hand():
+    (session,) = PLANS[0].sessions
+    (block,) = [block for block in session if block.chapters == (5,)]
+    assert block.exercises
+
+
+def test_the_page_names_goals_marks_and_mistakes(book):
+    text = instructor_text(book[3:4], book)
+    (chapter,) = book[3:4]
+    for goal in chapter.goals:
+        assert goal in text
+    for exercise in chapter.exercises:
+        assert exercise.title in text
+        for hint in hints(exercise):
+            assert f"  - {hint}" in text
+    assert "(3 marks)" in text
+    assert marks_of(chapter.exercises[2]) == 3
+    assert "student/03_ray_voxels.ipynb" in text
+    assert "student/04" not in text
+    assert all(f"### {hours} hours" in plans_text(book) for hours in (2, 6, 12))
+
+
+def test_every_exercise_has_a_mistake_to_tell(book):
+    assert [e.label for chapter in book for e in chapter.exercises if not hints(e)] == []
+
+
+def test_titles_lead_where_they_should(small):
+    text = chapters_text([small], lambda chapter: f"there/{chapter.name}.ipynb")
+    assert text.startswith("### 7. [A small chapter](there/07_small.ipynb)")
+    assert "- stop." in text

@@ -1,0 +1,123 @@
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hadr.press.exercises import Verdict, check
+
+
+def test_right_number():
+    verdict = check(0.1 + 0.2, 0.3)
+    assert verdict
+    assert verdict == Verdict("right", "Right.")
+    assert str(verdict) == "✓ Right."
+
+
+def test_not_answered_yet():
+    verdict = check(..., 3)
+    assert verdict.status == "open"
+    assert not verdict
+    assert "Not answered yet" in str(verdict)
+
+
+def test_wrong_number_says_what_it_was():
+    verdict = check(2.0, 3.0)
+    assert (verdict.status, bool(verdict)) == ("wrong", False)
+    assert "2" in verdict.message
+    assert "3" not in verdict.message  # the solution is not given away
+
+
+def test_plausible_wrong_answer_gets_its_hint():
+    hints = [(70.0, "That is in centimetres."), (1 / 0.7, "Turned upside down.")]
+    assert check(70.0, 0.7, wrong=hints).message == "That is in centimetres."
+    assert check(1 / 0.7, 0.7, wrong=hints).message == "Turned upside down."
+    assert check(0.7, 0.7, wrong=hints).status == "right"
+    assert check(5.0, 0.7, wrong=hints).message not in {h for _, h in hints}
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [np.array([1.0, 2.0]), [1, 2], (1.0, 2.0), torch.tensor([1.0, 2.0], requires_grad=True)],
+)
+def test_arrays_lists_and_tensors(answer):
+    assert check(answer, [1.0, 2.0])
+    assert not check(answer, [1.0, 2.5])
+
+
+def test_wrong_array_tells_the_largest_difference():
+    verdict = check(np.array([1.0, 2.0, 3.0]), np.array([1.0, 2.5, 3.1]))
+    assert verdict.message.endswith("0.5.")
+
+
+def test_shape_mismatch_names_both_shapes():
+    assert check(np.zeros(3), np.zeros((3, 1))).message == "The shape is (3,); (3, 1) is expected."
+    assert check(np.zeros(3), 0.0).message == "The shape is (3,); one number is expected."
+    assert check(0.0, np.zeros(2)).message == "The shape is (); (2,) is expected."
+
+
+def test_nan_in_the_answer():
+    assert "NaN" in check(np.array([1.0, np.nan]), [1.0, 2.0]).message
+    assert "NaN" in check(float("nan"), 1.0).message
+    assert check([1.0, np.nan], [1.0, np.nan])  # where NaN is the answer
+
+
+def test_tolerances():
+    assert not check(1.01, 1.0)
+    assert check(1.01, 1.0, rtol=0.02)
+    assert not check(1e-4, 0.0)
+    assert check(1e-4, 0.0, atol=1e-3)
+
+
+def test_words_masks_and_whole_numbers():
+    assert check("z", "z")
+    assert check("x", "z") == Verdict("wrong", "Not 'x'.")
+    assert check("x", "z", wrong=[("x", "That is the closing axis.")]).message.startswith("That is")
+    assert check(["a", "b"], ["a", "b"])
+    assert not check("a", ["a", "a"])  # one word is not two
+    assert check(np.array([True, False]), [True, False])
+    assert check(5, 5)
+    assert not check(True, 5)
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [None, "three", object(), {"a": 1}, [1, [2, 3]], [object()], lambda: 3, np.array(["a"])],
+)
+@pytest.mark.parametrize("expected", [3.0, [1.0, 2.0], "z", ["a", "b"]])
+def test_never_raises_for_an_answer(answer, expected):
+    verdict = check(answer, expected, wrong=[(1.0, "no"), ([1.0, 2.0, 3.0], "no")])
+    assert verdict.status == "wrong"
+    assert verdict.message
+
+
+@given(
+    st.one_of(
+        st.floats(),
+        st.integers(),
+        st.text(),
+        st.complex_numbers(),
+        st.lists(st.floats()),
+        st.lists(st.one_of(st.text(), st.none(), st.lists(st.integers()))),
+    )
+)
+def test_any_answer_gives_a_verdict(answer):
+    verdict = check(answer, [0.5, 1.5], wrong=[([0.5], "no")])
+    assert verdict.status in ("right", "wrong")
+    assert str(verdict)
+
+
+@pytest.mark.parametrize("answer", [..., 3.0, 4.0])
+@pytest.mark.parametrize("wrong", [{4.0: "A mapping."}, [4.0], "no", [(4.0, "a", "b")]])
+def test_a_check_whose_hints_are_no_pairs_says_so_at_once(answer, wrong):
+    """Not only to the learner who gives a wrong answer: every run of the chapter meets it."""
+    with pytest.raises(ValueError, match="wrong must list pairs"):
+        check(answer, 3.0, wrong=wrong)
+
+
+def test_html_is_escaped_and_coloured_by_verdict():
+    shown = Verdict("wrong", "Not <b>3</b>.")._repr_html_()
+    assert "&lt;b&gt;3" in shown
+    assert "<b>" not in shown
+    colours = {Verdict(s, "")._repr_html_().split('"')[1] for s in ("right", "wrong", "open")}
+    assert len(colours) == 3

@@ -1,0 +1,239 @@
+"""Where commands may write, and what of it they may remove again."""
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from hadr.press import book, reproduce
+from hadr.press.course import command as course_command
+from hadr.records import output_folder
+from hadr.records.output_folder import (
+    MARKER,
+    SOURCES,
+    check_folder,
+    check_output_folder,
+    check_removable,
+    check_writable,
+    make_output_folder,
+    remove_output_folder,
+)
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture
+def checkout(tmp_path, monkeypatch):
+    """A small checkout with a file in each of its folders; the working folder is in it."""
+    root = tmp_path / "outer" / "checkout"
+    for name in SOURCES:
+        (root / name).mkdir(parents=True)
+        (root / name / "file").write_text(name)
+    (root / "executed").mkdir()
+    for folder in ("notebooks", "executed"):
+        (root / folder / "00_a.ipynb").write_text('{"cells": [], "metadata": {}, "nbformat": 4}')
+    (root / "mine").mkdir()
+    (root / "mine" / "file").write_text("years of work")
+    (root / "link").symlink_to("book")
+    (tmp_path / "outer" / "beside").symlink_to("checkout")
+    for module in (output_folder, book, reproduce, course_command):
+        monkeypatch.setattr(module, "checkout_root", lambda: root)
+    monkeypatch.chdir(root)
+    return root
+
+
+def content(folder):
+    return {path.relative_to(folder).as_posix(): path.read_bytes()
+            for path in sorted(folder.rglob("*")) if path.is_file()}  # fmt: skip
+
+
+AMONG_SOURCES = {
+    ".": "contains",
+    "..": "contains",
+    "../beside": "contains",
+    "/": "contains",
+    "book": "is",
+    "./book/": "is",
+    "link": "is",
+    "notebooks/text/../": "is",
+    "results/new": "lies in",
+    "link/new": "lies in",
+    "../beside/hadr/a/b": "lies in",
+    ".git/new": "lies in",
+}
+
+
+@pytest.mark.parametrize(("folder", "word"), AMONG_SOURCES.items())
+def test_a_folder_among_the_sources_is_refused(checkout, folder, word):
+    with pytest.raises(ValueError, match=rf"^{folder} can't take what is made: it {word} /"):
+        check_output_folder(folder)
+    for use in (make_output_folder, check_removable, remove_output_folder):
+        with pytest.raises(ValueError, match="can't take what is made"):
+            use(folder)
+
+
+def test_the_installed_library_is_a_source_as_well(checkout):
+    for folder in (ROOT / "hadr", ROOT / "hadr" / "new", ROOT):
+        with pytest.raises(ValueError, match=rf"{ROOT / 'hadr'}, which is no output"):
+            check_output_folder(folder)
+
+
+def test_what_is_no_folder_is_refused(checkout, tmp_path):
+    with pytest.raises(ValueError, match=r"expected the name of a folder .* got an empty one"):
+        check_output_folder(" ")
+    (tmp_path / "file").touch()
+    for path in ("file", "file/new"):
+        with pytest.raises(ValueError, match=r"can't be a folder: .*file is a file"):
+            check_output_folder(tmp_path / path)
+        with pytest.raises(ValueError, match=r"can't be a folder: .*file is a file"):
+            check_folder(tmp_path / path)
+    with pytest.raises(ValueError, match="is a folder, expected the name of a file"):
+        check_writable(tmp_path)
+
+
+@pytest.mark.parametrize("folder", ["build", "bookish", "out put/ü", "../build"])
+def test_other_folders_are_made_marked_and_removed(checkout, folder):
+    before = content(checkout.parent)
+    assert check_output_folder(folder) == (checkout / folder).resolve()
+    made = make_output_folder(folder)
+    assert [path.name for path in made.iterdir()] == [MARKER]
+    (made / "deep").mkdir()
+    (made / "deep" / "file").write_text("")
+    make_output_folder(folder)
+    remove_output_folder(folder)
+    assert not made.exists()
+    remove_output_folder(folder)
+    assert content(checkout.parent) == before
+
+
+def test_somebodys_folder_is_filled_and_never_removed(checkout):
+    make_output_folder("mine")
+    before = content(checkout)
+    assert not Path("mine", MARKER).exists()
+    with pytest.raises(ValueError, match=r"mine was not made by hadr \(no .* lies in it\)"):
+        remove_output_folder("mine")
+    assert content(checkout) == before
+
+
+def test_folders_of_caches_and_of_what_was_made_count_as_made(checkout):
+    (checkout / "made" / "hadr-cache").mkdir(parents=True)
+    check_removable("made")
+    make_output_folder("made/mini")  # `make reproduce PRESET=mini BUILD=made`
+    with pytest.raises(ValueError, match="was not made by hadr"):
+        check_removable("made")
+    make_output_folder("made")
+    assert Path("made", MARKER).is_file()
+    check_removable("made")
+    (checkout / "empty").mkdir()
+    with pytest.raises(ValueError, match="was not made by hadr"):
+        remove_output_folder("empty")
+
+
+def test_the_checkouts_own_build_folder_needs_no_marker(checkout):
+    (checkout / "build" / "handover").mkdir(parents=True)
+    (checkout / "build" / "handover" / "0004-902.json").write_text("{}")
+    remove_output_folder("build")
+    assert not Path("build").exists()
+
+
+def test_a_link_goes_with_the_folder_that_was_made(checkout, tmp_path):
+    (tmp_path / "disk").mkdir()
+    Path("build").symlink_to(tmp_path / "disk")
+    make_output_folder("build")
+    remove_output_folder("build/")
+    assert not Path("build").is_symlink()
+    assert not (tmp_path / "disk").exists()
+
+
+COMMANDS = {
+    "book": lambda folder: book.main(["--build", folder]),
+    "book --html-only": lambda folder: book.main(["--build", folder, "--html-only"]),
+    "reproduce": lambda folder: reproduce.main(["--only", "0", "--out", folder]),
+    "course": lambda folder: course_command.check_target(Path(folder)),
+}
+
+
+@pytest.mark.parametrize("folder", [".", "..", "book", "link/new", "results/", "results/new"])
+@pytest.mark.parametrize("command", COMMANDS)
+def test_commands_refuse_it_before_anything_is_touched(checkout, capsys, command, folder):
+    before = content(checkout)
+    try:
+        assert COMMANDS[command](folder) == 2
+        said = capsys.readouterr().err
+    except ValueError as error:  # of `hadr course`, whose errors the command line prints
+        said = str(error)
+    assert "can't take what is made" in said
+    assert content(checkout) == before
+
+
+def test_the_book_leaves_somebodys_book_alone(checkout, capsys):
+    (checkout / "mine" / "book").mkdir()
+    (checkout / "mine" / "book" / "thesis.md").write_text("years of work")
+    before = content(checkout)
+    assert book.main(["--build", "mine"]) == 2
+    assert "mine/book was not made by hadr" in capsys.readouterr().err
+    assert content(checkout) == before
+
+
+def test_every_folder_of_the_checkout_is_known():
+    if shutil.which("git") is None or not (ROOT / ".git").exists():
+        pytest.skip("needs git and its checkout: clone the repository")
+    words = ["git", "-C", ROOT, "ls-files", "-z"]
+    files = subprocess.run(words, capture_output=True, text=True, check=True).stdout.split("\0")
+    assert {Path(name).parts[0] for name in files if "/" in name} <= set(SOURCES)
+
+
+@pytest.fixture
+def make(checkout):
+    """Calls the project's Makefile in the small checkout, whose library removes folders alone."""
+    if shutil.which("make") is None:
+        pytest.skip("make is not installed")
+    shutil.copy(ROOT / "Makefile", checkout)
+    for name in ("__init__.py", "output_folder.py", "checkout.py"):
+        shutil.copy(ROOT / "hadr" / name, checkout / "hadr")
+
+    def call(*words):
+        outer = ("PYTHONPATH", "MAKEFLAGS", "MAKELEVEL", "BUILD")
+        kept = {k: v for k, v in os.environ.items() if k not in outer}
+        kept["PYTHONDONTWRITEBYTECODE"] = "1"
+        return subprocess.run(["make", *words], env=kept, capture_output=True, text=True,
+                              check=False)  # fmt: skip
+
+    return call
+
+
+@pytest.mark.parametrize(
+    "build", ["", " ", ".", "..", "results", "./results/", "link", "hadr/x", "mine", "{root}"]
+)
+def test_make_clean_refuses_what_was_not_built(checkout, make, build):
+    before = content(checkout)
+    done = make("clean", f"BUILD={build.format(root=checkout)}")
+    assert done.returncode != 0
+    words = ("can't take what is made", "was not made by hadr", "BUILD is empty: name a folder")
+    assert any(word in done.stderr for word in words)
+    assert content(checkout) == before
+
+
+def test_make_clean_removes_what_was_built(checkout, make):
+    before = content(checkout)
+    assert make("clean").returncode == 0  # nothing was built, and there is no environment
+    for build in ("build", "my build ü", checkout.parent / "else where"):
+        make_output_folder(build)
+        Path(build, "file").write_text("")
+        done = make("clean", f"BUILD={build}")
+        assert (done.returncode, done.stderr) == (0, "")
+        assert not Path(build).exists()
+    assert content(checkout) == before
+
+
+@pytest.mark.parametrize("build", ["build", "my build", "{root}/a b"])
+def test_caches_go_into_the_build_folder_whatever_its_name(checkout, make, build):
+    build = build.format(root=checkout)
+    (checkout / "Makefile").open("a").write(
+        "\nshow:\n\t@echo $$MPLCONFIGDIR; echo $$XDG_CACHE_HOME\n"
+    )
+    cache = (checkout / build).absolute() / output_folder.CACHE
+    said = make("show", f"BUILD={build}").stdout
+    assert said.splitlines() == [str(cache / "matplotlib"), str(cache)]

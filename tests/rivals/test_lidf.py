@@ -1,0 +1,382 @@
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from typing import Any
+
+import pytest
+import torch
+from torch import Tensor, nn
+
+from hadr.models.blocks.dilated_resnet import DilatedResNetConfig
+from hadr.models.hadr_input import HADRInput, stack_inputs
+from hadr.models.ray_features import features_at
+from hadr.models.signals import within_learned
+from hadr.ray_voxels import VoxelGrid, voxels_at
+from hadr.rivals.lidf import LIDF, LIDFConfig, LIDFOutput
+
+MICRO = LIDFConfig(
+    backbone=DilatedResNetConfig(depths=(1, 1, 1, 1), widths=(8, 8, 8, 8)),
+    decoder_widths=(16, 8),
+    voxel_width=24,
+    max_points=500,
+)
+
+
+def scene(
+    frames: int = 1, wall: float = 1.0, glass: float = 0.6, size: tuple[int, int] = (24, 32)
+) -> HADRInput:
+    """A wall, before it a glass without depth, at its left a strip of hand."""
+    generator = torch.Generator().manual_seed(3)
+    height, width = size
+    rows, columns = slice(height // 3, 2 * height // 3), slice(3 * width // 8, 5 * width // 8)
+    depth = torch.full((frames, height, width), wall)
+    depth[:, rows, width // 4 : 3 * width // 8] = glass
+    mask = torch.zeros_like(depth, dtype=torch.bool)
+    mask[:, rows, columns] = True
+    focal = 1.25 * width
+    intrinsics = torch.tensor([[focal, focal, (width - 1) / 2, (height - 1) / 2]])
+    return HADRInput(
+        color=torch.rand(frames, 3, height, width, generator=generator),
+        depth=depth * ~mask,
+        mask=mask,
+        intrinsics=intrinsics.repeat(frames, 1),
+        keypoints=torch.zeros(frames, 21, 3),
+        keypoints_uv=torch.zeros(frames, 21, 2),
+    )
+
+
+def refining(config: LIDFConfig = MICRO, seed: int = 0) -> LIDF:
+    """A network in stage 2 whose refinement moves points by random lengths."""
+    torch.manual_seed(seed)
+    model = LIDF(config)
+    assert model.refinement is not None
+    nn.init.normal_(model.refinement.offset_decoder.decoder.rest[-1].weight)  # type: ignore[arg-type]
+    model.set_stage(2)
+    return model.eval()
+
+
+def moving(offset: float, config: LIDFConfig = MICRO) -> LIDF:
+    """A network in stage 2 whose refinement always gives this offset in 0..1 before the clamp."""
+    torch.manual_seed(0)
+    model = LIDF(config)
+    assert model.refinement is not None
+    decoder = model.refinement.offset_decoder
+    nn.init.zeros_(decoder.decoder.rest[-1].weight)  # type: ignore[arg-type]
+    nn.init.constant_(decoder.decoder.rest[-1].bias, (offset - 0.001) / 2)  # type: ignore[arg-type]
+    model.set_stage(2)
+    return model.eval()
+
+
+def test_the_decoders_input_is_385_wide_and_the_refinements_334() -> None:
+    config = LIDFConfig()
+    assert config.first_stage.parts == (155, 128, 102)
+    assert sum(config.first_stage.parts) == 385
+    assert config.refine_parts == (155, 128, 51)
+    assert sum(config.refine_parts) == 334
+    assert config.hand == "none"
+
+
+def test_what_enters_the_decoders_is_as_wide_and_the_voxels_get_place_and_colour() -> None:
+    model = refining(replace(MICRO, voxel_width=128))
+    assert model.refinement is not None
+    seen: dict[str, list[int]] = {}
+
+    def spy(owner: Any, name: str, key: str, count: int) -> None:
+        call = getattr(owner, name)
+
+        def watch(*parts: Tensor) -> Tensor:
+            seen[key] = [part.shape[1] for part in parts[:count]]
+            result: Tensor = call(*parts)
+            return result
+
+        object.__setattr__(owner, name, watch)
+
+    spy(model.first.probability_decoder, "begin", "probability", 3)
+    spy(model.first.offset_decoder, "forward", "offset", 3)
+    spy(model.refinement.offset_decoder, "forward", "refined", 3)
+    spy(model.first.voxel_features, "forward", "voxels", 2)
+    spy(model.refinement.voxel_features, "forward", "refined voxels", 2)
+    model(scene())
+    assert seen == {
+        "probability": [155, 128, 102],
+        "offset": [155, 128, 102],
+        "refined": [155, 128, 51],
+        "voxels": [3, 3],
+        "refined voxels": [3, 3],
+    }
+
+
+@pytest.mark.parametrize("size", [(72, 128), (224, 224), (126, 224), (144, 256)])
+def test_any_size_comes_back(size: tuple[int, int]) -> None:
+    inputs = scene(2, size=size)
+    output = refining()(inputs)
+    assert output.depth.shape == output.confidence.shape == output.clamped.shape == (2, *size)
+    assert torch.equal(output.restored, inputs.mask)
+    assert output.moves.shape == (len(output.rays), 2)
+    assert torch.all(output.depth[~inputs.mask] == 0)
+    assert torch.isfinite(output.depth).all()
+
+
+def test_the_colours_are_normalised_for_network_and_voxels_alike() -> None:
+    inputs = scene()
+    taken: list[Tensor] = []
+    model = LIDF(MICRO).eval()
+    mean, std = model.mean, model.std
+    encoder = model.first.voxel_features.forward
+
+    def watch(points: Tensor, color: Tensor, *rest: Tensor) -> Tensor:
+        taken.append(color)
+        result: Tensor = encoder(points, color, *rest)
+        return result
+
+    object.__setattr__(model.first.voxel_features, "forward", watch)
+    normal = model(inputs)
+    shown = replace(inputs, color=(inputs.color - mean) / std)
+    plain = LIDF(replace(MICRO, normalize_color=False)).eval()
+    plain.load_state_dict(model.state_dict())
+    assert torch.equal(plain(shown).depth, normal.depth)
+    pixel = (inputs.depth[0] > 0).nonzero()[0]
+    assert torch.allclose(taken[0][0], shown.color[0][:, pixel[0], pixel[1]])
+
+
+def test_frames_of_a_batch_do_not_influence_each_other() -> None:
+    model = refining()
+    near, far = scene(wall=1.0), scene(wall=1.4, glass=0.8)
+    both = model(stack_inputs([near, far]))
+    for number, single in enumerate((near, far)):
+        torch.testing.assert_close(both.depth[number], model(single).depth[0])
+
+
+def test_each_point_moves_along_its_ray_by_at_most_the_range() -> None:
+    model, inputs = refining(), scene(2)
+    output = model(inputs)
+    assert output.moves.abs().max() <= 0.2
+    assert output.moves.abs().max() > 0.05
+    assert (output.moves.abs() < 0.2).any()
+    first, last = output.first_points, output.points
+    direction = nn.functional.normalize(first, dim=1)
+    along = (last * direction).sum(dim=1)
+    torch.testing.assert_close(last, along[:, None] * direction)
+    torch.testing.assert_close(along, first.norm(dim=1) + output.moves.sum(dim=1))
+    frame, row, column = output.rays.unbind(dim=1)
+    torch.testing.assert_close(output.depth[frame, row, column], last[:, 2])
+    # The first stage's own answer is that of the first stage alone.
+    model.set_stage(1)
+    assert torch.equal(model(inputs).points, first)
+
+
+@pytest.mark.parametrize(("offset", "move"), [(0.75, 0.1), (40.0, 0.2), (-40.0, -0.2)])
+def test_the_offset_spans_the_range_and_is_cut_off_at_its_ends(
+    offset: float, move: float, in_double
+) -> None:
+    # By 0.4 m to the camera, too: the answers lie farther off than that.
+    model, inputs = in_double(moving(offset), scene(wall=1.4, glass=1.1))
+    output = model(inputs)
+    assert output.moves.shape == (64, 2)
+    torch.testing.assert_close(output.moves.float(), torch.full((64, 2), move))
+    distance = output.points.norm(dim=1) - output.first_points.norm(dim=1)
+    torch.testing.assert_close(distance, output.moves.sum(dim=1), atol=1e-12, rtol=0)
+    assert torch.equal(output.clamped, output.restored & (abs(move) == 0.2))
+    assert within_learned(output, None).any() == (abs(move) < 0.2)
+
+
+def test_a_cut_off_move_still_has_a_gradient() -> None:
+    model = moving(40.0).train()
+    model(scene(wall=1.4, glass=1.1)).points.sum().backward()
+    assert model.refinement is not None
+    bias = model.refinement.offset_decoder.decoder.rest[-1].bias
+    assert isinstance(bias.grad, Tensor)
+    assert bias.grad.abs().sum() > 0
+
+
+def test_without_an_offset_the_first_stages_answer_stays() -> None:
+    inputs = scene(2)
+    for model in (moving(0.5), LIDF(MICRO).eval()):  # set by hand, and as a fresh network starts
+        model.set_stage(1)
+        first = model(inputs)
+        model.set_stage(2)
+        output = model(inputs)
+        assert first.moves.shape[1] == 0
+        assert output.moves.shape[1] == 2
+        torch.testing.assert_close(output.moves, torch.zeros(128, 2), atol=1e-6, rtol=0)
+        torch.testing.assert_close(output.depth, first.depth, atol=1e-6, rtol=0)
+        assert torch.equal(output.restored, first.restored)
+        assert torch.equal(output.confidence, first.confidence)
+
+
+def test_what_is_perturbed_is_refined_from_there() -> None:
+    inputs = scene()
+    output = moving(0.5)(inputs, perturbation_m=0.07)
+    direction = nn.functional.normalize(output.first_points, dim=1)
+    torch.testing.assert_close(output.points, output.first_points + 0.07 * direction)
+    still = moving(0.5)(inputs)
+    assert torch.equal(output.first_points, still.first_points)
+    model = refining()
+    assert not torch.equal(model(inputs).moves, model(inputs, perturbation_m=0.07).moves)
+
+
+@pytest.mark.parametrize(
+    ("perturbation", "inside", "as_chosen"),
+    [(-0.05, True, True), (-0.5, True, False), (0.08, False, True)],
+    ids=["in the chosen voxel", "in the glass's, before it", "in none, behind it"],
+)
+def test_answers_and_their_colours_join_the_points_of_the_voxel_in_which_they_lie(
+    perturbation: float, inside: bool, as_chosen: bool
+) -> None:
+    model, inputs = refining(replace(MICRO, refine_iterations=1)), scene()
+    taken: dict[str, Tensor] = {}
+    assert model.refinement is not None
+    encoder = model.refinement.voxel_features
+    encode = encoder.forward
+
+    def watch(points: Tensor, color: Tensor, voxel: Tensor, centers: Tensor) -> Tensor:
+        taken.update(points=points, color=color, voxel=voxel, centers=centers)
+        return encode(points, color, voxel, centers)
+
+    object.__setattr__(encoder, "forward", watch)
+    nn.init.zeros_(model.first.probability_decoder.rest[-1].weight)  # type: ignore[arg-type]
+    first = nn.Parameter(torch.tensor([0.25]))  # every first answer lies in a voxel's middle
+    model.first.offset_decoder.decoder.rest[-1].bias = first
+    nn.init.zeros_(model.first.offset_decoder.decoder.rest[-1].weight)  # type: ignore[arg-type]
+    true_depth = torch.full_like(inputs.depth, 1.0)  # and that voxel is the wall's
+    output = model(inputs, true_depth=true_depth, perturbation_m=perturbation)
+    rays = len(output.rays)
+    direction = nn.functional.normalize(output.first_points, dim=1)
+    answers = output.first_points + perturbation * direction
+    torch.testing.assert_close(taken["points"][-rays:], answers)
+    picture = (inputs.color - model.mean) / model.std
+    assert torch.equal(taken["color"][-rays:], features_at(picture, output.rays))
+    voxel = taken["voxel"][-rays:]
+    away = (answers - taken["centers"][voxel]).abs().max(dim=1).values
+    assert torch.equal(away <= 0.125, torch.full((rays,), inside))
+    chosen = output.pairs.voxel[output.chosen]
+    assert torch.equal(voxel == chosen, torch.full((rays,), as_chosen))
+    # All measured points of these voxels are there, and no others.
+    measured = output.occupied.point_voxel
+    assert torch.equal(taken["voxel"][:-rays], measured[torch.isin(measured, voxel)])
+
+
+def test_an_answer_outside_of_all_occupied_voxels_counts_to_its_chosen_one() -> None:
+    model, inputs = refining(), scene()
+    far = model(inputs, perturbation_m=30.0)
+    assert torch.isfinite(far.depth).all()
+    assert torch.all(far.depth[inputs.mask] > 25)
+    behind = model(inputs, perturbation_m=-30.0)
+    assert not behind.restored.any()
+    assert torch.all(behind.depth == 0)
+    assert torch.all(behind.confidence == 0)
+
+
+def test_voxels_at_by_hand() -> None:
+    from hadr.ray_voxels import occupied_voxels
+
+    grid = VoxelGrid()
+    near, far = [0.0, 0.0, 0.5], [0.0, 0.0, 1.0]
+    occupied = occupied_voxels(
+        torch.tensor([near, far, far]), torch.tensor([0, 0, 1]), grid, n_frames=2
+    )
+    points = torch.tensor([far, near, far, near, [0.0, 0.0, 9.0], [math.nan] * 3])
+    found = voxels_at(points, torch.tensor([0, 0, 1, 1, 0, 0]), occupied, grid)
+    assert found.tolist() == [1, 0, 2, -1, -1, -1]
+
+
+def test_rays_without_candidate_are_not_restored() -> None:
+    inputs = scene(2)
+    depth = inputs.depth.clone()
+    depth[0] = 0  # no point in frame 0, in frame 1 only the strip at its left
+    depth[1, :, 12:] = 0
+    mask = inputs.mask.clone()
+    mask[1, 8:16, 31] = True  # so far to the right that the rays pass by the strip's voxel
+    output = refining()(replace(inputs, depth=depth, mask=mask))
+    lost = output.chosen < 0
+    assert 0 < lost.sum() < len(lost)
+    assert not output.restored[0].any()
+    assert output.restored[1].any()
+    assert not output.restored[1][:, 31].any()
+    assert torch.all(output.depth[~output.restored] == 0)
+    assert torch.all(output.points[lost] == 0)
+    assert torch.all(output.moves[lost] == 0)
+    empty = refining()(replace(inputs, mask=torch.zeros_like(mask)))
+    assert not empty.restored.any()
+
+
+def losses(output: LIDFOutput) -> Tensor:
+    return output.points.square().sum() + output.logits.square().sum()
+
+
+def test_in_stage_1_only_the_first_stage_learns_and_in_stage_2_only_the_refinement() -> None:
+    inputs = scene(2)
+    model = LIDF(MICRO).train()
+    losses(model(inputs)).backward()
+    assert model.refinement is not None
+    assert all(p.grad is None for p in model.refinement.parameters())
+    assert all(p.grad is not None for p in model.first.parameters())
+
+    model = refining().train()
+    before = {name: values.clone() for name, values in model.first.state_dict().items()}
+    model(inputs).points.square().sum().backward()
+    assert all(p.grad is None for p in model.first.parameters())
+    assert all(p.grad is not None for p in model.refinement.parameters())
+    after = model.first.state_dict()
+    assert all(torch.equal(values, after[name]) for name, values in before.items())
+
+
+def test_a_frozen_first_stage_stays_in_evaluation_mode() -> None:
+    model = LIDF(MICRO).train()
+    assert model.first.training
+    model.set_stage(2)
+    assert model.train().training
+    assert not any(module.training for module in model.first.modules())
+    assert model.refinement is not None
+    assert model.refinement.training
+    model.set_stage(1)
+    assert all(module.training for module in model.first.modules())
+
+
+def test_the_stage_is_a_part_of_the_state() -> None:
+    inputs, model = scene(), refining()
+    other = LIDF(MICRO).eval()
+    assert not other.refines
+    other.load_state_dict(model.state_dict())
+    assert other.refines
+    assert torch.equal(other(inputs).depth, model(inputs).depth)
+
+
+def test_without_refinement_there_is_one_stage() -> None:
+    model = LIDF(replace(MICRO, refine=False)).eval()
+    assert not any(name.startswith("refinement") for name, _ in model.named_parameters())
+    assert model(scene()).restored.any()
+    with pytest.raises(ValueError, match=r"stage 2 needs the refinement, got .*refine=False"):
+        model.set_stage(2)
+    with pytest.raises(ValueError, match="stage must be 1 or 2, got 3"):
+        LIDF(MICRO).set_stage(3)
+
+
+def test_the_configuration_goes_through_json() -> None:
+    config = replace(
+        MICRO, grid=VoxelGrid(cells=6), refine=False, refine_range_m=0.1, first_share=0.3
+    )
+    assert LIDFConfig.from_dict(json.loads(json.dumps(config.to_dict()))) == config
+    default = LIDFConfig()
+    assert LIDFConfig.from_dict(json.loads(json.dumps(default.to_dict()))) == default
+    assert (default.grid.cells, default.max_points) == (8, 10_000)
+    assert (default.refine_iterations, default.refine_range_m) == (2, 0.2)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"refine_iterations": 0}, "refine_iterations must be at least 1, got 0"),
+        ({"max_points": 0}, "max_points must be at least 1, got 0"),
+        ({"decoder_widths": ()}, r"decoder_widths needs positive numbers.*got \(\)"),
+        ({"refine_range_m": 0.0}, "refine_range_m must be positive, got 0.0"),
+        ({"refine_range_m": math.nan}, "refine_range_m must be positive, got nan"),
+        ({"first_share": 1.0}, "first_share must be between 0 and 1, got 1.0"),
+        ({"perturb_probability": 1.2}, "perturb_probability must be from 0 to 1, got 1.2"),
+    ],
+)
+def test_nonsense_is_refused(change: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        replace(MICRO, **change)

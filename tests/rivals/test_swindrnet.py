@@ -1,0 +1,184 @@
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import pytest
+import torch
+from torch import nn
+
+from hadr.models.backbone import IMAGENET_MEAN, IMAGENET_STD, BackboneConfig
+from hadr.models.hadr_input import HADRInput
+from hadr.rivals.swindrnet import SwinDRNet, SwinDRNetConfig
+
+SMALL = SwinDRNetConfig(
+    backbone=BackboneConfig(
+        embed_dim=8, depths=(1, 1, 1, 1), heads=(1, 2, 2, 2), normalize_color=False
+    ),
+    channels=8,
+)
+
+
+def frames(height: int = 36, width: int = 64, count: int = 2) -> HADRInput:
+    """Frames without a hand; half of the mask's depth is missing."""
+    generator = torch.Generator().manual_seed(0)
+    mask = torch.zeros(count, height, width, dtype=torch.bool)
+    mask[:, 8:24, 20:40] = True
+    depth = 0.4 + torch.rand(count, height, width, generator=generator)
+    depth[:, 8:24, 20:30] = 0
+    return HADRInput(
+        color=torch.rand(count, 3, height, width, generator=generator),
+        depth=depth,
+        mask=mask,
+        intrinsics=torch.tensor([[60.0, 60.0, 31.5, 17.5]]).repeat(count, 1),
+        keypoints=torch.zeros(count, 21, 3),
+        keypoints_uv=torch.zeros(count, 21, 2),
+    )
+
+
+@pytest.fixture(scope="module")
+def network() -> SwinDRNet:
+    torch.manual_seed(0)
+    return SwinDRNet(SMALL).eval()
+
+
+def steady(config: SwinDRNetConfig = SMALL, depth: float | None = None) -> SwinDRNet:
+    """A network with the same answer everywhere: three quarters for predicted depth."""
+    network = SwinDRNet(config).eval()
+    nn.init.zeros_(network.depth_head.last.weight)
+    nn.init.zeros_(network.confidence_head.last.weight)
+    network.confidence_head.last.bias.data = torch.tensor([1.0, 3.0]).log()  # odds 1 : 3
+    if depth is not None:
+        nn.init.constant_(network.depth_head.last.bias, depth)
+    return network
+
+
+def weights(module: nn.Module) -> int:
+    return sum(values.numel() for values in module.parameters())
+
+
+def test_it_has_the_published_number_of_weights() -> None:
+    with torch.device("meta"):
+        network = SwinDRNet()
+    assert weights(network) == pytest.approx(160e6, rel=0.005)
+    heads = weights(network.depth_head) + weights(network.confidence_head)
+    assert heads == pytest.approx(85e6, rel=0.01)
+    assert weights(network.color_swin) == weights(network.depth_swin) == 27_522_234
+
+
+@pytest.mark.parametrize(("width", "height"), [(128, 72), (224, 224), (224, 126), (256, 144)])
+def test_any_size_will_do(network: SwinDRNet, width: int, height: int) -> None:
+    with torch.no_grad():
+        output = network(frames(height, width))
+    for image in (output.depth, output.confidence, output.image, output.initial, output.share):
+        assert image.shape == (2, height, width)
+        assert image.isfinite().all()
+    assert output.restored.shape == (2, height, width)
+    assert output.restored.dtype == torch.bool
+    assert output.share.min() >= 0
+    assert output.share.max() <= 1
+
+
+def test_measured_and_predicted_depth_are_mixed_and_missing_depth_has_no_share() -> None:
+    inputs = frames()
+    output = steady()(inputs)
+    torch.testing.assert_close(output.initial, torch.full_like(inputs.depth, 0.5))
+    there = inputs.depth > 0
+    mixed = 0.25 * inputs.depth + 0.75 * 0.5
+    torch.testing.assert_close(output.image, torch.where(there, mixed, 0.5))
+    torch.testing.assert_close(output.share, torch.where(there, 0.75, 1.0))
+    torch.testing.assert_close(output.depth, output.image * inputs.mask)
+    assert torch.equal(output.restored, inputs.mask)
+    assert torch.equal(output.confidence, inputs.mask.float())
+
+
+def test_the_published_mix_is_drawn_to_0_where_depth_is_missing() -> None:
+    inputs = frames()
+    output = steady(replace(SMALL, mix_missing=True, start_m=0.8))(inputs)
+    torch.testing.assert_close(output.share, torch.full_like(inputs.depth, 0.75))
+    torch.testing.assert_close(output.image, 0.25 * inputs.depth + 0.75 * 0.8)
+    assert output.image[0, 10, 22].item() == pytest.approx(0.6)
+
+
+def test_depth_behind_the_camera_is_not_restored() -> None:
+    inputs = frames()
+    output = steady(depth=-0.02)(inputs)
+    expected = inputs.mask & (inputs.depth > 0)
+    assert torch.equal(output.restored, expected)
+    assert torch.equal(output.confidence, expected.float())
+    assert torch.equal(output.depth > 0, expected)
+    assert output.depth.min() == 0
+
+
+def test_frames_of_a_batch_do_not_see_each_other(network: SwinDRNet) -> None:
+    inputs = frames(count=3)
+    together = network(inputs)
+    for number in range(3):
+        alone = network(inputs.take(slice(number, number + 1)))
+        for name in ("depth", "image", "initial", "share"):
+            torch.testing.assert_close(
+                getattr(together, name)[number], getattr(alone, name)[0], atol=1e-5, rtol=0
+            )
+
+
+def test_it_looks_at_colour_and_depth_but_at_neither_mask_nor_hand(network: SwinDRNet) -> None:
+    inputs = frames()
+    initial = network(inputs).initial
+    for other in (
+        replace(inputs, color=inputs.color.flip(3)),
+        replace(inputs, depth=inputs.depth + 0.2),
+        replace(inputs, depth=torch.where(inputs.mask, 0, inputs.depth)),
+    ):
+        assert (network(other).initial - initial).abs().max() > 1e-6
+    hand = replace(inputs, keypoints=inputs.keypoints + 0.5, keypoints_uv=inputs.keypoints_uv + 9)
+    assert torch.equal(network(hand).initial, initial)
+    whole = replace(inputs, mask=torch.ones_like(inputs.mask))
+    assert torch.equal(network(whole).image, network(inputs).image)
+
+
+def test_fresh_encoders_tell_a_near_plane_from_a_far_one(network: SwinDRNet) -> None:
+    near, far = (torch.full((1, 3, 36, 64), depth) for depth in (0.5, 0.8))
+    first = [network.depth_swin(plane).feature_maps[0] for plane in (near, far)]
+    assert (first[1] - first[0]).abs().mean() > 0.02
+
+
+def test_colour_is_normalised_where_asked() -> None:
+    torch.manual_seed(0)
+    plain = SwinDRNet(SMALL).eval()
+    encoder = replace(SMALL.backbone, normalize_color=True)
+    normal = SwinDRNet(replace(SMALL, backbone=encoder)).eval()
+    normal.load_state_dict(plain.state_dict())
+    inputs = frames()
+    mean, std = (torch.tensor(v)[:, None, None] for v in (IMAGENET_MEAN, IMAGENET_STD))
+    shifted = replace(inputs, color=(inputs.color - mean) / std)
+    torch.testing.assert_close(normal(inputs).initial, plain(shifted).initial)
+    as_bytes = replace(inputs, color=(inputs.color * 255).round().to(torch.uint8))
+    torch.testing.assert_close(plain(as_bytes).initial, plain(inputs).initial, atol=1e-2, rtol=0)
+
+
+def test_it_learns_from_a_batch_of_one_and_no_weight_is_idle() -> None:
+    torch.manual_seed(0)
+    network = SwinDRNet(replace(SMALL, dropout=0.0)).train()
+    output = network(frames(72, 128, count=1))
+    (output.image * torch.randn_like(output.image)).sum().backward()
+    idle = [name for name, weight in network.named_parameters() if weight.grad is None]
+    assert all(".swin.layernorm." in name for name in idle)  # the backbone has its own instead
+
+
+def test_the_configuration_is_checked_and_goes_through_json() -> None:
+    config = replace(SMALL, pools=(1, 4), mix_missing=True)
+    assert SwinDRNetConfig.from_dict(json.loads(json.dumps(config.to_dict()))) == config
+    assert SwinDRNetConfig.from_dict(SMALL.to_dict()) == SMALL
+    assert SwinDRNetConfig.hand == "none"
+    assert "hand" not in config.to_dict()
+    for wrong, message in (
+        ({"channels": 0}, "channels must be at least 1, got 0"),
+        ({"fusion_heads": -1}, "fusion_heads must be at least 1, got -1"),
+        ({"fusion_heads": 3}, "3 fusion_heads do not divide a stage of 8 channels"),
+        ({"pools": ()}, r"pools must be one or more numbers from 1 on, got \(\)"),
+        ({"pools": (1, 0)}, r"numbers from 1 on, got \(1, 0\)"),
+        ({"dropout": 1.0}, "dropout must be at least 0 and less than 1, got 1.0"),
+        ({"start_m": -0.1}, "start_m must be at least 0 m, got -0.1"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            replace(SMALL, **wrong)

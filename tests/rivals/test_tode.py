@@ -1,0 +1,219 @@
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import pytest
+import torch
+
+from hadr.models.blocks.stochastic_depth import StochasticDepth
+from hadr.models.hadr_input import HADRInput
+from hadr.rivals.tode import TODEConfig, TODETrans, _Enlarge, fuse_levels
+
+SMALL = TODEConfig(embed_dim=8, depths=(2, 1, 1), heads=(1, 2, 4), window=4, width=16)
+
+
+def frames(width: int = 32, height: int = 18) -> HADRInput:
+    """Two frames with random pictures, a hole in the mask of the first, and no hand."""
+    generator = torch.Generator().manual_seed(0)
+    mask = torch.zeros(2, height, width, dtype=torch.bool)
+    mask[:, 4:12, 10:20] = True
+    depth = 0.4 + torch.rand(2, height, width, generator=generator)
+    depth[0] *= ~mask[0]
+    return HADRInput(
+        color=torch.rand(2, 3, height, width, generator=generator),
+        depth=depth,
+        mask=mask,
+        intrinsics=torch.tensor([[30.0, 30.0, 15.5, 8.5]]).repeat(2, 1),
+        keypoints=torch.zeros(2, 21, 3),
+        keypoints_uv=torch.zeros(2, 21, 2),
+    )
+
+
+@pytest.fixture(scope="module")
+def network() -> TODETrans:
+    torch.manual_seed(0)
+    return TODETrans(SMALL).eval()
+
+
+@pytest.fixture(scope="module")
+def published() -> TODETrans:
+    torch.manual_seed(0)
+    return TODETrans().eval()
+
+
+def test_it_has_the_published_number_of_weights(published: TODETrans) -> None:
+    count = sum(values.numel() for values in published.parameters())
+    assert count == pytest.approx(4.9e6, rel=0.05)
+    never_used = 2 * 192 + 193 * 1000  # last layer normalisation, classifier of 1000 classes
+    assert count + never_used == pytest.approx(4.9e6, rel=0.01)
+
+
+def test_every_weight_takes_part(network: TODETrans) -> None:
+    model = TODETrans(SMALL)
+    model.load_state_dict(network.state_dict())
+    model(frames()).image.sum().backward()
+    assert [name for name, values in model.named_parameters() if values.grad is None] == []
+
+
+@pytest.mark.parametrize("size", [(128, 72), (224, 224), (224, 126), (256, 144), (34, 22)])
+def test_any_even_size_will_do(network: TODETrans, size: tuple[int, int]) -> None:
+    inputs = frames(*size)
+    with torch.no_grad():
+        output = network(inputs)
+    assert output.image.shape == output.depth.shape == inputs.depth.shape
+    assert torch.isfinite(output.image).all()
+    assert output.image.amin(dim=(1, 2)).min() >= 0
+    assert torch.equal(output.restored, inputs.mask & (output.image > 0))
+    assert output.restored.any()
+    assert torch.equal(output.depth, output.image * output.restored)
+    assert torch.equal(output.confidence, output.restored.float())
+
+
+def test_the_published_size_and_large_patches_give_an_image(published: TODETrans) -> None:
+    large = TODETrans(replace(SMALL, patch=4)).eval()
+    with torch.no_grad():
+        assert published(frames(128, 72)).image.shape == (2, 72, 128)
+        assert large(frames(34, 22)).image.shape == (2, 22, 34)
+
+
+def test_frames_of_a_batch_do_not_influence_each_other(network: TODETrans) -> None:
+    inputs = frames()
+    with torch.no_grad():
+        both = network(inputs).image
+        torch.testing.assert_close(both[1:], network(inputs.take(slice(1, 2))).image)
+        bright = inputs.color.clone()
+        bright[0] = 1
+        torch.testing.assert_close(network(replace(inputs, color=bright)).image[1], both[1])
+
+
+def test_it_looks_at_colour_and_depth_everywhere_and_not_at_the_mask(network: TODETrans) -> None:
+    inputs = frames()
+    with torch.no_grad():
+        image = network(inputs).image
+        whole = torch.ones_like(inputs.mask)
+        assert torch.equal(network(replace(inputs, mask=whole)).image, image)
+        nearer = torch.where(inputs.mask, 0.3, inputs.depth)
+        assert not torch.allclose(network(replace(inputs, depth=nearer)).image, image)
+        assert not torch.allclose(network(replace(inputs, color=1 - inputs.color)).image, image)
+
+
+def test_the_transformer_is_given_colour_and_metres_as_they_are(network: TODETrans) -> None:
+    inputs = frames()
+    seen: list[torch.Tensor] = []
+    hook = network.swin.register_forward_pre_hook(lambda _, given: seen.append(given[0]))
+    with torch.no_grad():
+        network(inputs)
+    hook.remove()
+    assert torch.equal(seen[0], torch.cat((inputs.color, inputs.depth[:, None]), dim=1))
+
+
+def test_depth_beyond_ten_metres_is_missing_and_bytes_are_colour(network: TODETrans) -> None:
+    inputs = frames()
+    far, none = inputs.depth.clone(), inputs.depth.clone()
+    far[:, :3], none[:, :3] = 10.5, 0
+    bytes_ = (inputs.color * 255).round().to(torch.uint8)
+    with torch.no_grad():
+        expected = network(replace(inputs, depth=none)).image
+        assert torch.equal(network(replace(inputs, depth=far)).image, expected)
+        as_floats = network(replace(inputs, color=bytes_ / 255)).image
+        assert torch.equal(network(replace(inputs, color=bytes_)).image, as_floats)
+
+
+def test_a_frame_without_any_depth_gives_numbers(network: TODETrans) -> None:
+    inputs = replace(frames(), depth=torch.zeros(2, 18, 32))
+    model = TODETrans(SMALL)
+    model.load_state_dict(network.state_dict())
+    for mode in (True, False):
+        output = model.train(mode)(inputs)
+        assert torch.isfinite(output.image).all()
+        output.image.sum().backward()
+    grads = [values.grad for values in model.parameters()]
+    assert all(torch.isfinite(grad).all() for grad in grads if grad is not None)
+
+
+def test_where_the_answer_is_not_positive_nothing_is_restored() -> None:
+    model = TODETrans(SMALL).eval()
+    torch.nn.init.constant_(model.head[3].bias, -1e3)
+    output = model(frames())
+    assert not output.restored.any()
+    assert output.depth.abs().max() == 0
+    assert output.confidence.max() == 0
+
+
+def test_levels_pass_the_finer_ones_mean_by_hand() -> None:
+    fine = torch.tensor([[1.0, 3.0], [5.0, 7.0], [2.0, 4.0]])  # 3 x 2
+    stages = [
+        torch.stack((fine, fine + 2))[None],  # (1, 2, 3, 2); its channels' mean: fine + 1
+        torch.tensor([10.0, -10.0]).view(1, 1, 2, 1),
+        torch.ones(1, 1, 1, 1),
+    ]
+    # (2 + 4 + 6 + 8) / 4 = 5 opens the upper pixel, (3 + 5) / 2 = 4 the lower one
+    first, second, third = fuse_levels(stages, gate=1.0)
+    assert torch.equal(first, stages[0])
+    assert second.flatten().tolist() == [50, -40]
+    assert third.item() == 5  # (50 - 40) / 2 from the fused level, not from the bare one
+    half = fuse_levels(stages, gate=0.5)
+    assert half[1].flatten().tolist() == [30, -25]
+    assert fuse_levels(stages, gate=0.0)[1].flatten().tolist() == [10, -10]
+
+
+def test_stages_are_not_normalised_else_their_gates_were_shut(published: TODETrans) -> None:
+    with torch.no_grad():
+        stages = published.swin(torch.rand(1, 4, 32, 32)).feature_maps
+    assert [tuple(stage.shape[1:]) for stage in stages] == [
+        (24, 16, 16),
+        (48, 8, 8),
+        (96, 4, 4),
+        (192, 2, 2),
+    ]
+    # A layer normalisation would leave a mean of about 1e-8.
+    assert all(stage.mean(dim=1).abs().max() > 1e-4 for stage in stages)
+
+
+def test_a_layer_enlarges_each_pixel_adds_the_identity_and_damps() -> None:
+    layer = _Enlarge(channels=2, out=3, factor=2).eval()
+    torch.nn.init.zeros_(layer.refine[4].weight)  # the convolutions' share: 0
+    torch.nn.init.ones_(layer.enlarge.weight)
+    torch.nn.init.zeros_(layer.enlarge.bias)
+    values = torch.tensor([[1.0, 2.0], [3.0, -4.0]]).expand(1, 2, 2, 2)
+    grown = layer(values, (3, 4))
+    damped = (1 + 3) ** -0.5  # variance 1 and as much as there are channels
+    row = torch.tensor([2.0, 2.0, 4.0, 4.0]) * damped
+    last = torch.tensor([6.0, 6.0, 0.0, 0.0]) * damped
+    torch.testing.assert_close(grown, torch.stack((row, row, last)).expand(1, 3, 3, 4))
+
+
+def test_normalisations_chance_and_activations_are_published_ones(published: TODETrans) -> None:
+    norms = [m.eps for m in published.modules() if isinstance(m, torch.nn.BatchNorm2d)]
+    assert norms == [1e-5, 1e-5, 128] * 3 + [1e-5, 1e-5, 64, 64]
+    rates = [m.rate for m in published.modules() if isinstance(m, StochasticDepth)]
+    assert rates == pytest.approx([0.1 * block / 11 for block in range(1, 12)])
+    assert not [m for m in published.modules() if type(m).__name__ == "SwinDropPath"]
+    assert published.swin.config.hidden_act == "relu"
+
+
+def test_the_configuration_is_checked() -> None:
+    for values, message in (
+        ({"depths": (2, 2)}, r"one number a stage, got \(2, 2\) and \(3, 6, 12, 24\)"),
+        ({"depths": (), "heads": ()}, r"one number a stage, got \(\) and \(\)"),
+        ({"depths": (2, 0, 6, 2)}, r"depths must be at least 1 each, got \(2, 0, 6, 2\)"),
+        ({"heads": (3, 6, 12, 0)}, r"heads must be at least 1 each, got \(3, 6, 12, 0\)"),
+        ({"embed_dim": 20}, "3 heads do not divide a stage of 20 channels"),
+        ({"patch": 0}, "patch must be at least 1, got 0"),
+        ({"window": 1}, "window must be at least 2, got 1"),
+        ({"width": 1}, "width must be at least 2, got 1"),
+        ({"drop_path": 1.0}, r"drop_path must be at least 0 and below 1, got 1\.0"),
+        ({"gate": 1.5}, r"gate must be from 0 to 1, got 1\.5"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            TODEConfig(**values)
+
+
+def test_the_configuration_goes_through_json() -> None:
+    for config in (SMALL, TODEConfig()):
+        again = TODEConfig.from_dict(json.loads(json.dumps(config.to_dict())))
+        assert again == config
+        assert isinstance(again.depths, tuple)
+    assert "hand" not in SMALL.to_dict()
+    assert TODEConfig.hand == "none"

@@ -1,0 +1,160 @@
+"""The commanded motion: it arrives, and no step of it breaks a limit, whatever the target."""
+
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from hadr.handover.robot import ArmConfig
+from hadr.handover.ur5 import UnreachableError
+from hadr.handover.workflow import pose_distance
+from hadr.simulation.robot.arm_motion import ArmMotion
+from hadr.simulation.robot.motion_limits import MotionConfig
+
+DT = 0.02
+SOLVER = 1e-6 / DT
+"""DAQP keeps a row to 1e-6; the rows bound a step's angles, so speeds are kept to this, rad/s."""
+
+
+@pytest.fixture(scope="module")
+def motion() -> ArmMotion:
+    return ArmMotion(ArmConfig(speed_fraction=0.35))
+
+
+def home(motion: ArmMotion) -> ArmMotion:
+    motion.put(motion.arm.home.copy(), np.zeros(6))
+    return motion
+
+
+def random_pose(rng: np.random.Generator) -> np.ndarray:
+    """The tool in front of the robot, its approach within 60 degrees of forward or of down."""
+    axis = np.array([1.0, 0, 0]) if rng.random() < 0.7 else np.array([0, 0, -1.0])
+    lean = np.cross(axis, rng.normal(size=3))
+    lean *= np.deg2rad(rng.uniform(0, 60)) / np.linalg.norm(lean)
+    approach = Rotation.from_rotvec(lean).apply(axis)
+    closing = np.cross(approach, rng.normal(size=3))
+    closing /= np.linalg.norm(closing)
+    pose = np.eye(4)
+    pose[:3, :3] = np.stack([closing, np.cross(approach, closing), approach], axis=1)
+    pose[:3, 3] = rng.uniform([0.4, -0.25, 0.15], [0.65, 0.25, 0.5])
+    return pose
+
+
+def reachable(motion: ArmMotion, pose: np.ndarray) -> bool:
+    try:
+        next(motion.joint_goals(pose))
+    except UnreachableError:
+        return False
+    return True
+
+
+def arrives(motion: ArmMotion, target: np.ndarray) -> bool:
+    """Whether it comes from home to a target within six seconds; the longest way here takes 4.7."""
+    home(motion)
+    for _ in range(300):
+        motion.advance(target, DT)
+        distance, angle = pose_distance(motion.tool_pose_at(motion.joints), target)
+        if distance < 0.002 and angle < np.deg2rad(1):
+            return True
+    return False
+
+
+def test_arrives_at_random_poses_also_past_obstacles(motion: ArmMotion) -> None:
+    rng = np.random.default_rng(7)
+    home(motion)
+    targets = [pose for pose in (random_pose(rng) for _ in range(100)) if reachable(motion, pose)]
+    assert all(arrives(motion, target) for target in targets[1:30:2])
+
+
+def test_short_ways_are_straight_and_as_fast_as_allowed(motion: ArmMotion) -> None:
+    home(motion)
+    start = motion.tool_pose_at(motion.joints)
+    target = start.copy()
+    target[:3, 3] += [0.1, -0.2, -0.1]
+    along = (target[:3, 3] - start[:3, 3]) / np.linalg.norm(target[:3, 3] - start[:3, 3])
+    places = []
+    for _ in range(100):
+        motion.advance(target, DT)
+        places.append(motion.tool_pose_at(motion.joints)[:3, 3] - start[:3, 3])
+    aside = np.array(places) - np.outer(np.array(places) @ along, along)
+    assert np.linalg.norm(aside, axis=1).max() < 0.01
+    speeds = np.linalg.norm(np.diff(places, axis=0), axis=1) / DT
+    # the half spaces around the ball of 0.35 m/s let through 89 % in the worst direction
+    assert 0.89 * 0.35 * 0.98 < speeds.max() < 0.35 * 1.01
+    np.testing.assert_allclose(places[-1], target[:3, 3] - start[:3, 3], atol=1e-4)
+
+
+@settings(max_examples=12)
+@given(st.integers(0, 2**32 - 1), st.floats(0.1, 1.5))
+def test_no_target_breaks_a_limit(seed: int, spread: float) -> None:
+    rng = np.random.default_rng(seed)
+    config = ArmConfig(speed_fraction=0.35)
+    motion = shared(config)
+    space, limits = config.workspace, motion.motion
+    for _ in range(5):
+        target = np.eye(4)
+        target[:3, :3] = Rotation.random(rng=rng).as_matrix()
+        target[:3, 3] = [0.4, 0.0, 0.3] + spread * rng.uniform(-1, 1, 3)
+        for _ in range(int(rng.integers(5, 30))):
+            before, joints = motion.velocity, motion.joints
+            try:
+                motion.advance(target, DT)
+            except UnreachableError:
+                np.testing.assert_array_equal(motion.joints, joints)
+                motion.brake(DT, limits.joint_acceleration)
+            assert np.abs(motion.velocity).max() <= np.pi * 0.35 + SOLVER
+            step = np.abs(motion.velocity - before).max()
+            assert step <= limits.joint_acceleration * DT + SOLVER
+            assert space.contains(motion.tool_pose_at(motion.joints)[:3, 3])
+            assert nearest_links(motion) > limits.clearance - 1e-3
+
+
+_SHARED: list[ArmMotion] = []
+
+
+def shared(config: ArmConfig) -> ArmMotion:
+    """One arm for all examples: compiling the model for each would take most of the time."""
+    if not _SHARED:
+        _SHARED.append(ArmMotion(config))
+    return home(_SHARED[0])
+
+
+def nearest_links(motion: ArmMotion) -> float:
+    """Smallest distance of gripper and wrist to shoulder, upper arm and table, metres."""
+    model, data = motion._trial.model, motion._trial.data
+    motion.tool_pose_at(motion.joints)
+    gaps = [
+        mujoco.mj_geomDistance(model, data, model.geom(a).id, model.geom(b).id, 1.0, None)
+        for a in ("left_finger", "right_finger", "bar", "stem", "wrist_2")
+        for b in ("base", "shoulder", "shoulder_1", "upper_arm", "table")
+    ]
+    return min(gaps)
+
+
+def test_the_edge_of_the_workspace_holds_a_target_on_it(motion: ArmMotion) -> None:
+    home(motion)
+    target = motion.tool_pose_at(motion.joints)
+    target[:3, 3] = [0.5, 0.1, 0.0495]  # half a millimetre below the box
+    with pytest.raises(UnreachableError, match="outside the workspace box"):
+        motion.advance(target, DT)
+    target[2, 3] = 0.056
+    for _ in range(150):
+        motion.advance(target, DT)
+        assert motion.tool_pose_at(motion.joints)[2, 3] > 0.05 + motion.motion.margin - 1e-4
+
+
+def test_braking_takes_the_time_of_the_acceleration(motion: ArmMotion) -> None:
+    velocity = np.array([1.0, -0.5, 0.2, 0, 0, 0])
+    motion.put(motion.arm.home.copy(), velocity)
+    motion.brake(DT, 5.0)
+    np.testing.assert_allclose(motion.velocity, 0.9 * velocity)  # 1 rad/s less 5 rad/s2 x 0.02 s
+    for _ in range(9):
+        motion.brake(DT, 5.0)
+    np.testing.assert_allclose(motion.velocity, 0.0, atol=1e-12)
+
+
+def test_settings_say_which_number_is_wrong() -> None:
+    with pytest.raises(ValueError, match="tool_speed must be a positive number, got -1"):
+        MotionConfig(tool_speed=-1)

@@ -1,0 +1,254 @@
+"""`hadr handover`: its manual, its errors, its files."""
+
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from hadr.cli import main
+from hadr.records.result_file import read_result_file
+from hadr.simulation.trials import command as handover_command
+from hadr.simulation.trials import experiment, watch
+from hadr.simulation.trials.trial import ARMS, Run, Trial
+from hadr.simulation.trials.trial_set import TRIAL_OBJECTS
+
+
+@pytest.fixture
+def out(tmp_path: Path) -> Path:
+    return tmp_path / "attempts"
+
+
+def call(out: Path, *words: object) -> int:
+    return main(["handover", "--out", str(out), *map(str, words)])
+
+
+def test_help_is_a_manual_and_imports_nothing_heavy() -> None:
+    code = (
+        "import sys; from hadr.cli import main\n"
+        "try: main(['handover', '--help'])\n"
+        "except SystemExit: pass\n"
+        "print({'torch', 'cv2', 'matplotlib', 'numpy', 'mujoco', 'scipy'} & set(sys.modules))"
+    )
+    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    *lines, heavy = shown.stdout.splitlines()
+    assert heavy == "set()"
+    assert max(map(len, lines)) <= 80
+    text = "\n".join(lines)
+    for said in ("examples", "metres", "newtons", "exit status", "handover.json", "-log.npz"):
+        assert said in text
+    for said in (*ARMS, *TRIAL_OBJECTS, "degrees"):
+        assert f" {said}" in text
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--arms", "rau"], "arm must be one of raw, inpainted, hadr, hadr-plus, perfect, "
+         "hadr-no-rescoring, hadr-no-tracking, hadr-plus-networks, got 'rau'"),
+        (["--arms", "raw", "raw"], "--arms names raw twice"),
+        (["--jobs", "0"], "--jobs must be at least 1, got 0"),
+        (["--seed", "-1"], "--seed must be at least 0, got -1"),
+        (["--hand-speed", "0"], "--hand-speed must be a factor above 0, got 0"),
+        (["--hand-speed", "-1"], "--hand-speed must be a factor above 0, got -1"),
+        (["--hand-speed", "nan"], "--hand-speed must be a factor above 0, got nan"),
+        (["--hand-speed", "inf"], "--hand-speed must be a factor above 0, got inf"),
+        (["--extrinsics-error", "-1"], "--extrinsics-error must lie in 0..90 degrees, got -1"),
+        (["--extrinsics-error", "nan"], "--extrinsics-error must lie in 0..90 degrees, got nan"),
+        (["--extrinsics-error", "200"], "--extrinsics-error must lie in 0..90 degrees, got 200"),
+        (["--objects", "0099"], "no object '0099' here; there are 0000, 0001"),
+        (["--objects", "0004", "0010", "0004"], "--objects names 0004 twice"),
+        (["--holds", "920", "920"], "--holds names 920 twice"),
+        (["--holds", "920", "-3"], "--holds must be 0 or more, got -3"),
+        (["--watch", "--film"], "--watch keeps no files to film"),
+    ],
+)  # fmt: skip
+def test_wrong_arguments_are_named_in_one_line(
+    words: Sequence[str], says: str, out: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert call(out, *words) == 2
+    said = capsys.readouterr()
+    assert said.err.startswith("hadr handover: error: ")
+    assert says in said.err
+    assert said.err.count("\n") == 1
+    assert said.out == ""
+    assert not out.exists()
+
+
+def test_places_that_cannot_be_written_are_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "file"
+    file.write_text("kept")
+    assert call(file, "--dry-run") == 2
+    assert f"{file} can't be a folder" in capsys.readouterr().err
+    assert call(file / "deeper", "--dry-run") == 2
+    assert f"{file} is a file" in capsys.readouterr().err
+    assert call(tmp_path / "out", "--dry-run", "--json", tmp_path) == 2
+    assert f"--json: {tmp_path} is a folder" in capsys.readouterr().err
+    assert call(tmp_path / "out", "--dry-run", "--json", file / "rows.json") == 2
+    assert f"--json: {file} can't be a folder" in capsys.readouterr().err
+    (tmp_path / "taken" / "handover.json").mkdir(parents=True)
+    assert call(tmp_path / "taken", "--dry-run") == 2
+    assert "handover.json is a folder" in capsys.readouterr().err
+    assert file.read_text() == "kept"
+
+
+@pytest.mark.parametrize("words", [["--out", ""], ["--out", "x", "--json", " "], []])
+def test_an_empty_name_is_no_place(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as left:
+        main(["handover", *words, "--dry-run"])
+    assert left.value.code == 2
+    said = capsys.readouterr().err
+    assert (
+        f"argument {words[-2]}: expected a path, got an empty" in said
+        if words
+        else ("one of the arguments --out --replay is required" in said)
+    )
+
+
+def test_a_folder_for_the_rows_that_cannot_be_made_is_named_before_the_attempts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(experiment, "run_trial", None)
+    (tmp_path / "away").symlink_to(tmp_path / "nowhere" / "at" / "all")
+    words = ["--arms", "perfect", "--objects", "0010", "--holds", 922, "--jobs", 1]
+    assert call(tmp_path / "out", *words, "--json", tmp_path / "away" / "rows.json") == 2
+    assert f"can't make the folder {tmp_path / 'away'}" in capsys.readouterr().err
+
+
+def test_a_replay_prints_changes_and_cautions(
+    whole: Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = whole.log.save(tmp_path / "a-log.npz")
+    assert main(["handover", "--replay", str(file)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    for change in whole.transitions:
+        (line,) = [n for n in lines if f"{change.before.value} -> {change.after.value}" in n]
+        assert line.endswith(change.reason)
+        assert float(line.split()[0]) == pytest.approx(change.time, abs=0.006)
+    cautions = [words for _, words in whole.log.cautions if words]
+    assert [n.partition("caution: ")[2] for n in lines if "caution: " in n] == cautions
+    times = [float(line.split()[0]) for line in lines[:-1]]
+    assert times == sorted(times)
+    assert lines[-1] == f"replayed {file}: the same 3 changes of stage, the same commands"
+    (tmp_path / "b.npz").write_bytes(file.read_bytes()[:500])
+    assert main(["handover", "--replay", str(tmp_path / "b.npz")]) == 2
+    assert "b.npz is no run log" in capsys.readouterr().err
+    assert main(["handover", "--replay", str(tmp_path / "none.npz")]) == 2
+    assert "none.npz" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arms", "says"),
+    [
+        (["raw", "hadr"], "; masks and keypoints from the simulator with noise; "),
+        (["hadr-plus-networks"], "; masks and keypoints from networks for hadr-plus-networks; "),
+        (["raw", "hadr-plus-networks", "hadr"], "; masks and keypoints from the simulator with "
+         "noise for raw, hadr and from networks for hadr-plus-networks; "),
+    ],
+)  # fmt: skip
+def test_the_rows_file_says_whose_masks_and_keypoints(
+    arms: list[str],
+    says: str,
+    whole: Run,
+    out: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(experiment, "run_trial", lambda trial: replace(whole, trial=trial))
+    words = ["--objects", "0010", "--holds", 922, "--jobs", 1]
+    assert call(out, "--arms", *arms, *words) == 0
+    assert says in read_result_file(out / "handover.json").what
+
+
+def test_films_are_drawn_after_the_rows_are_written(
+    whole: Run, out: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(experiment, "run_trial", lambda trial: replace(whole, trial=trial))
+
+    def broken(*_: object) -> None:
+        raise OSError("the disk is full")
+
+    monkeypatch.setattr(experiment, "film_of_attempt", broken)
+    words = ["--arms", "raw", "perfect", "--objects", "0010", "--holds", 922, "--jobs", 1]
+    assert call(out, *words, "--film") == 2
+    said = capsys.readouterr()
+    assert "the disk is full" in said.err
+    assert said.out.endswith(f"drawing {out / 'raw' / '0010-922.mp4'}\n")
+    assert len(read_result_file(out / "handover.json").rows) == 2
+
+
+def test_a_dry_run_says_what_it_would_do_and_writes_nothing(
+    out: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert call(out, "--dry-run", "--jobs", 2) == 0
+    assert capsys.readouterr().out == (
+        "288 attempts: 8 objects, 6 holds, 6 arms, 2 at a time\n"
+        f"finished already: 0 of 288 in {out}\n"
+    )
+    words = ["--arms", "raw", "--objects", "0004", "--holds", 920, "--dry-run", "--jobs", 1]
+    assert call(out, *words) == 0
+    assert capsys.readouterr().out.startswith("1 attempt: 1 object, 1 hold, 1 arm, 1 at a time\n")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_watching_needs_a_display(
+    out: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(watch.sys, "platform", "linux")
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    assert call(out, "--watch") == 2
+    said = capsys.readouterr().err
+    assert "there is no display" in said
+    assert "--film writes an MP4 of each attempt instead" in said
+    assert not out.exists()
+    monkeypatch.setenv("DISPLAY", ":0")
+    watch.check_display()  # no word against it
+
+
+def test_missing_packages_are_named(
+    out: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    whole = handover_command.importlib.util.find_spec
+    monkeypatch.setattr(
+        handover_command.importlib.util,
+        "find_spec",
+        lambda name, *rest: None if name == "mujoco" else whole(name, *rest),
+    )
+    assert call(out, "--dry-run") == 2
+    said = capsys.readouterr().err
+    assert "attempts need mujoco, not installed here: pip install 'hadr[handover]'" in said
+
+
+def test_attempts_are_told_and_summed_up(
+    whole: Run, out: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def run_trial(trial: Trial) -> Run:
+        verdict = "success" if trial.arm == "perfect" or trial.hold_number == 922 else "drop"
+        result = replace(whole.outcome, verdict=verdict, largest_force=1.25)
+        return replace(whole, trial=trial, outcome=result)
+
+    monkeypatch.setattr(experiment, "run_trial", run_trial)
+    words = ["--arms", "raw", "perfect", "--objects", "0010", "--holds", 922, 923, "--jobs", 1]
+    assert call(out, *words, "--hand-speed", 2) == 0
+    said = capsys.readouterr().out
+    assert "4 attempts: 1 object, 2 holds, 2 arms, 1 at a time" in said
+    assert "raw: 1 of 2 (50.0 %, 95 % interval 9 to 91); failures: 1 drop; " in said
+    assert "perfect: 2 of 2 (100.0 %, 95 % interval 34 to 100); failures: none; " in said
+    assert said.count("largest force 1.2 N") == 2
+    assert f"the rows: {out / 'handover.json'}" in said
+    file = read_result_file(out / "handover.json")
+    assert [row["arm"] for row in file.rows] == ["raw", "perfect"]
+    assert file.row(arm="raw")["failures"] == {"drop": 1}
+    assert "hand's speed x2, camera turned by 0 degrees" in file.what
+    assert {"mujoco", "mink"} <= set(file.provenance["versions"])
+    # once more: nothing is run, the same rows
+    monkeypatch.setattr(experiment, "run_trial", None)
+    capsys.readouterr()
+    assert call(out, *words, "--hand-speed", 2, "--dry-run") == 0
+    assert f"finished already: 4 of 4 in {out}" in capsys.readouterr().out
+    assert call(out, *words, "--hand-speed", 2, "--json", out / "rows.json") == 0
+    assert read_result_file(out / "rows.json").rows == file.rows

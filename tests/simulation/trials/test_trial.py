@@ -1,0 +1,197 @@
+"""Attempts: the same twice, replayed from their log, and what the robot does when sight breaks."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hadr.handover.run_log import replay
+from hadr.handover.workflow import Stage, Transition
+from hadr.simulation.camera.sight import BrokenSight, Fault
+from hadr.simulation.trials.trial import ARMS, Run, Trial, run_trial
+from hadr.simulation.world.state import WorldState
+
+BROKEN = Trial("0004", 922, "perfect")
+PICTURE, LATENCY, STEP = 0.1, 0.1, 0.02
+
+
+def equal(one: WorldState, other: WorldState) -> bool:
+    return all(
+        np.array_equal(a, b) for a, b in zip(vars(one).values(), vars(other).values(), strict=True)
+    )
+
+
+def timeless(run: Run) -> str:
+    """The outcome but for wall-clock times; as text, because NaN differs from NaN."""
+    return repr(replace(run.outcome, planning_wall_seconds=0.0, wall_seconds=0.0))
+
+
+def test_a_whole_attempt(whole: Run) -> None:
+    assert whole.outcome.verdict == "success"
+    assert [t.after for t in whole.transitions] == [
+        Stage.APPROACH_AND_REACT,
+        Stage.GRASP_AND_RETRIEVE,
+        Stage.FINISHED,
+    ]
+    assert whole.outcome.largest_force == 0
+    assert whole.outcome.first_grasp_at == whole.transitions[0].time
+    times = np.array([state.time for state in whole.states])
+    assert np.diff(times) == pytest.approx(0.04)
+    assert whole.states[0].holder == "hand"
+    assert whole.states[-1].holder == "gripper"
+    assert times[-1] == pytest.approx(whole.outcome.decided_at, abs=0.03)
+    # every second state is kept, the judge saw all
+    kept = min(state.hand_distance for state in whole.states)
+    assert kept - 0.005 < whole.outcome.smallest_distance <= kept
+
+
+def test_the_same_attempt_again_is_the_same_to_the_last_bit(whole: Run) -> None:
+    again = run_trial(whole.trial)
+    assert timeless(again) == timeless(whole)
+    assert again.transitions == whole.transitions
+    assert len(again.states) == len(whole.states)
+    assert all(map(equal, again.states, whole.states))
+    assert all(np.array_equal(again.log.arrays[k], a) for k, a in whole.log.arrays.items())
+
+
+def test_another_seed_is_another_attempt(whole: Run) -> None:
+    other = run_trial(replace(whole.trial, seed=1, time_limit=0.1))
+    assert not np.array_equal(other.states[0].base_from_object, whole.states[0].base_from_object)
+    assert not np.array_equal(other.log.arrays["keypoints"][0], whole.log.arrays["keypoints"][0])
+    # the holding pose is the hold's, whatever the seed
+    held = [np.linalg.inv(s.base_from_wrist) @ s.base_from_object
+            for s in (other.states[0], whole.states[0])]  # fmt: skip
+    np.testing.assert_allclose(*held, atol=1e-6)
+
+
+def test_a_watcher_sees_each_step_and_changes_nothing(whole: Run) -> None:
+    seen: list[tuple[float, Stage]] = []
+    short = replace(whole.trial, time_limit=1.0)
+    run = run_trial(short, on_step=lambda world, state, stage: seen.append((state.time, stage)))
+    assert [t for t, _ in seen] == pytest.approx(np.arange(1, len(seen) + 1) * STEP)
+    assert run.outcome.verdict == "time-out"
+    assert run.outcome.reason.startswith("time-out in Approach & React: ")
+    assert run.outcome.decided_at == pytest.approx(1.0, abs=STEP)
+    assert all(map(equal, run.states, whole.states))
+    chosen = whole.transitions[0].time
+    assert {stage for t, stage in seen if t <= chosen - STEP} == {Stage.WAIT_AND_OBSERVE}
+    assert {stage for t, stage in seen if t > chosen + STEP} == {Stage.APPROACH_AND_REACT}
+
+
+def test_the_log_of_an_attempt_replays(whole: Run) -> None:
+    again = replay(whole.log)
+    assert tuple(again.transitions) == whole.transitions
+    other = dict(whole.log.arrays)
+    other["keypoints"] = other["keypoints"] + np.float32(0.2)  # the hand 20 cm elsewhere
+    with pytest.raises(ValueError, match=r"differs|the log has"):
+        replay(replace(whole.log, arrays=other))
+
+
+STOPS: list[tuple[Fault, float, float, str]] = [
+    # what breaks, when, after how long the robot may still move on it, what it says
+    ("no hand", 2.0, 0.3, r"^no hand seen for 0\.3. s: no hand in the picture$"),
+    ("nan keypoints", 2.0, 0.3, r"^no hand seen for 0\.3. s: keypoints .*finite.*index_tip"),
+    ("frozen keypoints", 2.0, 0.4, r"^keypoints frozen: the same in 5 pictures in a row$"),
+    ("no frames", 2.0, 0.3, r"^the camera stopped: no new picture for 0\.3. s$"),
+    ("no hand", 3.8, 0.3, r"^no hand seen for 0\.3. s: no hand in the picture$"),
+]
+
+
+@pytest.mark.parametrize(("fault", "since", "limit", "reason"), STOPS)
+def test_broken_sight_stops_the_robot_in_time(
+    fault: Fault, since: float, limit: float, reason: str
+) -> None:
+    latest = since + PICTURE + LATENCY + limit + STEP
+    run = run_trial(
+        replace(BROKEN, time_limit=latest + 0.5),
+        spoil=lambda sight: BrokenSight(sight, fault, since),
+    )
+    stop = only_stop(run)
+    assert stop.before is (Stage.APPROACH_AND_REACT if since < 3 else Stage.GRASP_AND_RETRIEVE)
+    assert since < stop.time <= latest + 1e-9
+    assert re.search(reason, stop.reason)
+    assert run.outcome.verdict == "time-out"
+    assert re.fullmatch(
+        rf"time-out in Stopped, (still|open|back|clear): {re.escape(stop.reason)}",
+        run.outcome.reason,
+    )
+    # it brakes within 0.3 s and stands for the rest of the stand time
+    standing = fastest_joint(run, stop.time + 0.3, stop.time + 0.5)
+    assert standing < 0.01
+    assert fastest_joint(run, since - 0.2, since) > 10 * standing
+    assert run.outcome.largest_force == 0
+    assert all(s.hand_force == 0 for s in run.states)
+    assert tuple(replay(run.log).transitions) == run.transitions
+
+
+def fastest_joint(run: Run, since: float, until: float) -> float:
+    """Radians per second."""
+    joints = np.array([s.joints for s in run.states if since <= s.time <= until])
+    assert len(joints) >= 4
+    return float(np.abs(np.diff(joints, axis=0)).max() / 0.04)
+
+
+def only_stop(run: Run) -> Transition:
+    (stop,) = [t for t in run.transitions if t.after is Stage.STOPPED]
+    return stop
+
+
+def test_depth_of_low_confidence_is_not_grasped_at() -> None:
+    trial = replace(BROKEN, time_limit=1.5)  # with whole sight it chooses after 0.9 s
+    run = run_trial(trial, spoil=lambda sight: BrokenSight(sight, "low confidence"))
+    assert run.transitions == ()
+    assert run.outcome.grasps_chosen == 0
+    assert np.isnan(run.outcome.first_grasp_at)
+    assert run.outcome.reason == (
+        "no grasp was chosen: restored depth of confidence 0.02, needed 0.30"
+    )
+    assert run.outcome.largest_force == 0
+    joints = np.array([s.joints for s in run.states])
+    assert np.abs(joints - joints[0]).max() < 0.01  # it waits where it was
+
+
+def test_a_short_fault_is_lived_through() -> None:
+    """Two pictures without a hand: it holds, follows again, and stops nowhere."""
+    run = run_trial(
+        replace(BROKEN, time_limit=3.0),
+        spoil=lambda sight: BrokenSight(sight, "no hand", 2.0, 2.15),
+    )
+    assert Stage.STOPPED not in {t.after for t in run.transitions}
+    assert any("no hand" in why for _, why in run.log.header["cautions"])
+
+
+@pytest.mark.parametrize(
+    ("wrong", "says"),
+    [
+        ({"object_id": "0099"}, r"no object '0099'; there are 0000"),
+        ({"object_id": "../a"}, r"no object '\.\./a'"),
+        ({"hold_number": -1}, r"hold_number must be 0 or more, got -1"),
+        ({"seed": -2}, r"seed must be 0 or more, got -2"),
+        ({"arm": "rau"}, r"arm must be one of raw, .*got 'rau'"),
+        ({"hand_speed": 0.0}, r"hand_speed must be a factor above 0, got 0\.0"),
+        ({"hand_speed": -1.0}, r"got -1\.0"),
+        ({"hand_speed": float("nan")}, r"hand_speed .* got nan"),
+        ({"hand_speed": float("inf")}, r"hand_speed .* got inf"),
+        ({"extrinsics_error_deg": -1.0}, r"extrinsics_error_deg must lie in 0\.\.90, got -1\.0"),
+        ({"extrinsics_error_deg": float("nan")}, r"extrinsics_error_deg .* got nan"),
+        ({"extrinsics_error_deg": 200.0}, r"got 200\.0"),
+        ({"time_limit": 0.0}, r"time_limit must be seconds above 0, got 0\.0"),
+    ],
+)
+def test_what_is_wrong_with_a_description_is_named(wrong: dict[str, object], says: str) -> None:
+    with pytest.raises(ValueError, match=says):
+        replace(BROKEN, **wrong)
+
+
+def test_descriptions_are_told_apart() -> None:
+    changed = [
+        replace(BROKEN, **{name: value})
+        for name, value in [
+            ("object_id", "0001"), ("hold_number", 923), ("seed", 1), ("hand_speed", 3.0),
+            ("extrinsics_error_deg", 3.0), ("time_limit", 5.0),
+        ]
+    ] + [replace(BROKEN, arm=arm) for arm in ARMS if arm != BROKEN.arm]  # fmt: skip
+    records = [repr(t.record) for t in [BROKEN, *changed]]
+    assert len(set(records)) == len(records)
+    assert BROKEN.name == "0004-922"

@@ -1,0 +1,85 @@
+import numpy as np
+import pytest
+import trimesh
+
+from hadr.synthesis.glass.surfaces import Surface
+from hadr.synthesis.rendering.glass_paths import GlassPaths
+from hadr.synthesis.rendering.raycast import GLASS, SURROUNDINGS, RayCaster, Surroundings
+
+MIRRORED = ((1.5 - 1) / (1.5 + 1)) ** 2  # Fresnel at normal incidence: 4 %
+
+
+def wall(z: float) -> Surroundings:
+    corners = np.array([[-9.0, -9, z], [9, -9, z], [9, 9, z], [-9, 9, z]])
+    surface = Surface(corners, np.array([[0, 1, 2], [0, 2, 3]]), np.tile([0, 0, -1.0], (4, 1)))
+    return Surroundings(surface, corners[:, :2], np.zeros(2, int), np.ones((2, 3)), np.ones(2))
+
+
+def pane(near: float, far: float) -> Surface:
+    mesh = trimesh.creation.box((4, 4, far - near))
+    mesh.apply_translation((0, 0, (near + far) / 2))
+    mesh.unmerge_vertices()
+    normals = np.repeat(np.asarray(mesh.face_normals), 3, axis=0)
+    return Surface(np.asarray(mesh.vertices), np.asarray(mesh.faces), normals)
+
+
+def straight(x: float = 0.0) -> np.ndarray:
+    d = np.array([[x, 0.013, 1.0]])
+    return d / np.linalg.norm(d)
+
+
+def test_a_pane_lets_through_what_it_does_not_mirror():
+    paths = GlassPaths(RayCaster(None, (pane(0.5, 0.6),), wall(2.0)))
+    ends, mirrors = paths.follow(np.zeros((1, 3)), straight())
+    on_wall = ends.mesh >= 0
+    main = ends.weight[on_wall].max()
+    assert main == pytest.approx((1 - MIRRORED) ** 2, abs=1e-3)
+    assert mirrors.share[0] == pytest.approx(MIRRORED, abs=1e-3)
+    # Both single mirror images leave toward the camera and meet nothing.
+    back = ends.take(np.flatnonzero(~on_wall))
+    assert (back.toward[:, 2] < 0).all()
+    assert back.weight.sum() == pytest.approx(MIRRORED + MIRRORED * (1 - MIRRORED) ** 2, abs=2e-3)
+    assert 0.99 < ends.weight.sum() <= 1.0 + 1e-9
+
+
+@pytest.mark.parametrize("x", [0.0, 0.3, 0.8])
+def test_a_pane_moves_a_ray_aside_by_snells_law(x):
+    thickness = 0.1
+    paths = GlassPaths(RayCaster(None, (pane(0.5, 0.5 + thickness),), wall(2.0)))
+    d = straight(x)
+    ends, _ = paths.follow(np.zeros((1, 3)), d)
+    point = ends.point[np.argmax(ends.weight)]
+    slope = np.hypot(*d[0, :2]) / d[0, 2]
+    sine = np.hypot(*d[0, :2])
+    within = np.tan(np.arcsin(sine / 1.5))
+    exact = slope * (2.0 - thickness) + within * thickness
+    assert np.hypot(*point[:2]) == pytest.approx(exact, abs=1e-5)
+
+
+def test_without_glass_a_ray_has_one_end():
+    paths = GlassPaths(RayCaster(None, (), wall(2.0)))
+    assert not paths.has_glass
+    ends, mirrors = paths.follow(np.zeros((3, 3)), np.repeat(straight(), 3, axis=0))
+    np.testing.assert_array_equal(ends.row, [0, 1, 2])
+    np.testing.assert_allclose(ends.weight, 1)
+    np.testing.assert_allclose(ends.point[:, 2], 2.0, atol=1e-6)
+    assert (paths.kind(ends.mesh) == SURROUNDINGS).all()
+    assert len(mirrors.row) == 0
+
+
+def test_an_empty_scene_has_no_surface():
+    hits = GlassPaths(RayCaster(None, ())).first(np.zeros((2, 3)), np.repeat(straight(), 2, axis=0))
+    assert (hits.mesh == -1).all()
+    assert np.isinf(hits.distance).all()
+
+
+def test_total_reflection_keeps_the_light_inside():
+    """From inside the pane at 60 degrees to the normal, beyond the critical 41.8 degrees."""
+    paths = GlassPaths(RayCaster(None, (pane(0.5, 0.6),), wall(2.0)))
+    d = np.array([[np.sin(np.pi / 3), 0.01, np.cos(np.pi / 3)]])
+    d /= np.linalg.norm(d)
+    origins = np.array([[0.0, 0, 0.55]])
+    assert paths.kind(paths.first(origins, d).mesh)[0] == GLASS
+    ends, mirrors = paths.follow(origins, d, surfaces=3)
+    assert mirrors.share[0] == 1.0
+    assert not len(ends.row)

@@ -1,0 +1,160 @@
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from hadr.camera import project, transform_points
+from hadr.synthesis.hand.signed_distance import FOREARM_LENGTH
+from hadr.synthesis.recordings.recording import find_recordings, read_recording
+from hadr.synthesis.rendering.raycast import Surroundings
+from hadr.synthesis.rendering.shading import RayScene
+from hadr.synthesis.scene.scene import look_at, make_scene
+from hadr.synthesis.scene.stage import Stage
+from hadr.synthesis.scene.surroundings import make_surroundings
+
+RECORDINGS = Path(__file__).resolve().parents[3] / "data_samples" / "recordings"
+WIDTH, HEIGHT = 128, 72
+
+
+def hold(number):
+    return read_recording(find_recordings(RECORDINGS)[number]).at(0)
+
+
+@pytest.fixture(scope="module", params=[3, 41, 77, 120, 161, 199, 233])
+def scene(request):
+    rng = np.random.default_rng([7, request.param])
+    return make_scene(hold(request.param), rng, WIDTH, HEIGHT, hand_step=0.004)
+
+
+def test_the_camera_is_as_far_as_the_published_one(scene):
+    eye = scene.world_from_camera[:3, 3]
+    assert 0.45 <= np.linalg.norm(scene.keypoints.mean(0) - eye) <= 1.0
+    assert scene.camera.fx / scene.camera.width == pytest.approx(1137.7778 / 1280, rel=1e-4)
+
+
+def test_the_glass_is_in_the_picture_and_seen(scene):
+    camera_from_world = np.linalg.inv(scene.world_from_camera)
+    points = np.concatenate([body.vertices for body in scene.rays.glass])
+    uv = project(transform_points(camera_from_world, points), scene.camera)
+    inside = ((uv > -0.5) & (uv < [WIDTH - 0.5, HEIGHT - 0.5])).all(1)
+    assert inside.mean() > 0.97
+    labels = scene.rays.labels(scene.camera, scene.world_from_camera)
+    assert labels.object_mask.sum() > 40
+    assert labels.hand_mask.sum() > 150
+
+
+def test_every_ray_ends_within_what_16_bits_hold(scene):
+    labels = scene.rays.labels(scene.camera, scene.world_from_camera)
+    assert (labels.depth > 0.15).all()
+    assert (labels.background_depth > 0.15).all()
+    assert labels.background_depth.max() < 6.5
+
+
+def test_no_severed_arm_is_seen(scene):
+    shape = scene.hold.shape
+    world_from_wrist = scene.world_from_object @ np.linalg.inv(scene.hold.wrist_from_object)
+    elbow = world_from_wrist @ [0, -FOREARM_LENGTH * shape.scale, 0, 1]
+    local = np.linalg.inv(scene.world_from_camera) @ elbow
+    if local[2] > 0:
+        u, v = project(local[:3], scene.camera)
+        assert not (0 <= u <= WIDTH - 1 and 0 <= v <= HEIGHT - 1)
+
+
+def test_nothing_of_the_surroundings_stands_in_the_way(scene):
+    """Between the camera and each keypoint there is only hand and glass."""
+    around = RayScene(None, (), surroundings=scene.rays.surroundings)
+    eye = scene.world_from_camera[:3, 3]
+    away = scene.keypoints - eye
+    distance = np.linalg.norm(away, axis=1)
+    directions = away / distance[:, None]
+    pose = np.eye(4)
+    pose[:3, 3] = eye
+    hits = around._trace(around._all, np.broadcast_to(eye, directions.shape), directions)
+    assert (hits.distance > distance).all()
+
+
+def test_the_same_generator_gives_the_same_scene():
+    first, second, other = (
+        make_scene(hold(9), np.random.default_rng(s), WIDTH, HEIGHT, hand_step=0.004)
+        for s in (4, 4, 5)
+    )
+    np.testing.assert_array_equal(first.world_from_camera, second.world_from_camera)
+    for a, b in zip(first.rays.meshes, second.rays.meshes, strict=True):
+        np.testing.assert_array_equal(a[1].vertices, b[1].vertices)
+    np.testing.assert_array_equal(first.rays.environment.image, second.rays.environment.image)
+    assert not np.allclose(first.world_from_camera, other.world_from_camera)
+
+
+def test_a_users_photographs_stand_around(tmp_path):
+    rng = np.random.default_rng(0)
+    for name in ("a.png", "b.png"):
+        cv2.imwrite(str(tmp_path / name), rng.integers(0, 255, (60, 80, 3), dtype=np.uint8))
+    paths = (tmp_path / "a.png", tmp_path / "b.png")
+    made = make_scene(hold(9), np.random.default_rng(2), 64, 36, hand_step=0.004, backgrounds=paths)
+    around = made.rays.surroundings
+    assert around.photographs == paths
+    assert set(np.unique(around.picture[around.picture < 0])) <= {-1, -2}
+    assert (around.picture < 0).any()
+    made.rays.picture(made.camera, made.world_from_camera)
+    (tmp_path / "b.png").unlink()
+    with pytest.raises(ValueError, match=r"can't read the photograph .*[bc]\.png"):
+        make_surroundings(np.array([0.6, 0, 0.3]), np.zeros(3), -0.1, rng, (tmp_path / "c.png",))
+
+
+def test_look_at_turns_the_picture_by_its_roll():
+    eye = np.array([1.0, 0, 0])
+    np.testing.assert_allclose(look_at(eye, np.zeros(3), 0.0)[:3, 1], [0, 0, -1], atol=1e-12)
+    rolled = look_at(eye, np.zeros(3), np.pi / 2)
+    np.testing.assert_allclose(rolled[:3, 2], [-1, 0, 0])
+    np.testing.assert_allclose(rolled[:3, 0], [0, 0, -1], atol=1e-12)
+
+
+def corner_colours(around: Surroundings, point):
+    """Texture coordinates at a point on a quad, by the triangle that holds it."""
+    for face in around.surface.faces:
+        a, b, c = around.surface.vertices[face]
+        weights = np.linalg.lstsq(
+            np.stack([a, b, c]).T.copy(), np.asarray(point, dtype=float), rcond=None
+        )[0]
+        if abs(weights.sum() - 1) < 1e-9 and (weights > -1e-9).all():
+            return weights @ around.uv[face]
+    raise AssertionError(f"no face holds {point}")
+
+
+def test_a_quads_picture_runs_right_and_down():
+    stage = Stage()
+    stage.quad(
+        np.array([-1, 2, 3.0]), np.array([2.0, 0, 0]), np.array([0, 0, -1.0]), 0, 0.5, np.zeros(2)
+    )
+    around = stage.surroundings()
+    np.testing.assert_allclose(corner_colours(around, [-1, 2, 3]), [0, 0], atol=1e-9)
+    # Half a metre is one repeat: two metres to the right are four, one metre down is two.
+    np.testing.assert_allclose(corner_colours(around, [1, 2, 2]), [4, 2], atol=1e-9)
+    np.testing.assert_allclose(around.surface.normals[0], [0, -1, 0], atol=1e-12)
+
+
+def test_each_second_repeat_is_mirrored():
+    stage = Stage()
+    right, down = np.array([3.0, 0, 0]), np.array([0, 0, -1.0])
+    stage.mirrored(np.array([0, 2, 1.0]), right, down, 0, 1.0, np.zeros(2))
+    around = stage.surroundings()
+    assert len(around.surface.faces) == 6
+    for x, u in ((0.25, 0.25), (0.75, 0.75), (1.25, 0.75), (1.75, 0.25), (2.25, 0.25)):
+        found = corner_colours(around, [x, 2, 0.4])
+        np.testing.assert_allclose(found, [u, 0.6], atol=0.005)
+
+
+def test_a_box_is_closed_and_faces_outward():
+    stage = Stage()
+    pose = np.eye(4)
+    pose[:3, 3] = (0.2, 0.1, 2.0)
+    stage.box(pose, np.array([0.1, 0.2, 0.3]), 0, 0.5, np.zeros(2))
+    surface = stage.surroundings().surface
+    a, b, c = (surface.vertices[surface.faces[:, i]] for i in range(3))
+    volume = np.einsum("ij,ij->i", a - pose[:3, 3], np.cross(b - pose[:3, 3], c - pose[:3, 3]))
+    assert volume.sum() / 6 == pytest.approx(8 * 0.1 * 0.2 * 0.3)
+    assert (volume > 0).all()
+    np.testing.assert_allclose(np.abs(surface.vertices - pose[:3, 3]).max(0), [0.1, 0.2, 0.3])
+    outward = ((surface.vertices - pose[:3, 3]) * surface.normals).sum(1)
+    assert (outward > 0).all()
