@@ -22,7 +22,7 @@ from hadr.hand import absolute_hand_feature, check_keypoints
 from hadr.handover.grasping.grasps import Grasps
 from hadr.handover.grasping.rescoring import Directions, Weights
 from hadr.ray_voxels import OccupiedVoxels, RayVoxelPairs, VoxelGrid
-from hadr.simulation.trials.rehearsal import HeldGlass
+from hadr.simulation.world.scenes import HeldScene
 
 
 def orbit_hand(keypoints: npt.ArrayLike) -> Any:
@@ -171,7 +171,7 @@ def step_through(pictures: dict[str, FloatArray], truth: FloatArray) -> Any:
     return widgets.interactive(draw, stage=slider)
 
 
-def weigh_wishes(scene: HeldGlass, grasps: Grasps, directions: Directions) -> Any:
+def weigh_wishes(scene: HeldScene, grasps: Grasps, directions: Directions) -> Any:
     """Two sliders for the weights of the intended score: its sphere and the grasp it chooses.
 
     Args:
@@ -196,7 +196,7 @@ def weigh_wishes(scene: HeldGlass, grasps: Grasps, directions: Directions) -> An
     )
 
 
-def turn_frame(scene: HeldGlass, grasps: Grasps, directions: Directions) -> Any:
+def turn_frame(scene: HeldScene, grasps: Grasps, directions: Directions) -> Any:
     """A slider that turns the frame in which the printed formula's rotation is written.
 
     Args:

@@ -16,7 +16,8 @@ from scipy.spatial import cKDTree
 
 from hadr.hand import check_keypoints
 from hadr.handover import ur5
-from hadr.handover.grasping.collision import FINGER_WIDTH, FLESH, fork_points, hand_points
+from hadr.handover.dimensions import FINGER_WIDTH
+from hadr.handover.grasping.collision import FLESH, fork_points, hand_points
 
 Array = npt.NDArray[np.float64]
 

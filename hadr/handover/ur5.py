@@ -34,8 +34,10 @@ FLANGE_FROM_EE_LINK: Array = np.array(
 )
 """ROS `ee_link`, whose x axis points out of the flange, seen from the DH flange frame."""
 
-_SHOULDER_OFFSET = 0.13585
-_ELBOW_OFFSET = -0.1197
+SHOULDER_OFFSET = 0.13585
+ELBOW_OFFSET = -0.1197
+"""How far the upper arm stands beside the shoulder's plane, and the forearm beside the upper arm,
+metres; from the ROS description. The DH table folds both into d_4."""
 
 
 class UnreachableError(ValueError):
@@ -167,7 +169,7 @@ def link_outline(joints: Array) -> Array:
     """
     frames = joint_frames(joints)
     origin, sideways = frames[:, :3, 3], frames[1, :3, 2]
-    upper, fore = sideways * _SHOULDER_OFFSET, sideways * (_SHOULDER_OFFSET + _ELBOW_OFFSET)
+    upper, fore = sideways * SHOULDER_OFFSET, sideways * (SHOULDER_OFFSET + ELBOW_OFFSET)
     return np.stack(
         [
             origin[0],

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from hadr.handover import ur5
-from hadr.handover.grasping.collision import FINGER_WIDTH, FLESH
+from hadr.handover.dimensions import FINGER_WIDTH
+from hadr.handover.grasping.collision import FLESH
 from hadr.handover.observation import HandWatch, Observation, clean_points, number
-from hadr.handover.pacing import Pace, between, toward
+from hadr.handover.poses import Pace, between, toward
 from hadr.handover.robot import HOME_JOINTS
 from hadr.handover.safety import (
     SafetyConfig,

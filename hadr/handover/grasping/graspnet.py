@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from hadr.camera import transform_points
+from hadr.handover.dimensions import LARGEST_OPENING
 from hadr.handover.grasping.grasps import Grasps
 from hadr.handover.ur5 import check_pose
 
@@ -30,7 +31,10 @@ not 0 to 1, and what a network predicts may be a little below 0. Percentages do 
 
 
 def from_graspnet(
-    source: str | Path | ArrayLike, base_from_camera: Array | None = None, *, widest: float = 0.085
+    source: str | Path | ArrayLike,
+    base_from_camera: Array | None = None,
+    *,
+    widest: float = LARGEST_OPENING,
 ) -> Grasps:
     """Read a detector's grasps.
 
@@ -129,7 +133,7 @@ class DetectedGrasps:
     detect: Detect
     base_from_camera: Array
     nearest: float = 0.03
-    widest: float = 0.085
+    widest: float = LARGEST_OPENING
 
     def __post_init__(self) -> None:
         check_pose(self.base_from_camera, "base_from_camera")

@@ -14,11 +14,11 @@ from scipy.spatial.transform import Rotation
 
 from hadr.camera import TRANSHAND_CAMERA, Intrinsics, project, transform_points
 from hadr.handover import ur5
+from hadr.handover.poses import camera_at
 from hadr.simulation.camera.depth_sensor import DepthSensor
 from hadr.simulation.camera.moving_view import MovingView, search_tree
 from hadr.simulation.camera.room import make_room
 from hadr.simulation.robot.arm_shape import Part, arm_surfaces
-from hadr.simulation.trials.rehearsal import camera_at
 from hadr.simulation.world.scenes import MIDDLE, HeldScene
 from hadr.simulation.world.state import WorldState
 from hadr.synthesis.depth_sensor.sensor_noise import ColorCamera, develop

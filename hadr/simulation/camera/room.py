@@ -11,6 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from hadr.handover.dimensions import (
+    FLOOR,
+    ROOM_TABLE_HALF_WIDTH,
+    ROOM_TABLE_THICKNESS,
+    TABLE_FAR,
+    TABLE_NEAR,
+)
 from hadr.records.caches import kept
 from hadr.simulation.world.scenes import MIDDLE
 from hadr.synthesis.rendering.raycast import Surroundings
@@ -22,12 +29,8 @@ from hadr.synthesis.textures.families import picture_number, pyramid
 
 Array = npt.NDArray[np.float64]
 
-TABLE_LOWER: Array = np.array([-0.40, -0.65, -0.04])
-"""One corner of the table's top, metres."""
-TABLE_UPPER: Array = np.array([0.42, 0.65, 0.0])
-"""The opposite corner."""
-FLOOR = -0.75
-"""Height of the floor, metres."""
+_TABLE_LOWER: Array = np.array([TABLE_NEAR, -ROOM_TABLE_HALF_WIDTH, -ROOM_TABLE_THICKNESS])
+_TABLE_UPPER: Array = np.array([TABLE_FAR, ROOM_TABLE_HALF_WIDTH, 0.0])
 BESIDE, BEYOND = 1.7, 2.1
 """The walls' distances from the robot to either side, and beyond the human, metres."""
 _TALL = 2.6
@@ -72,8 +75,8 @@ def make_room(number: int) -> Room:
 def _add_table(stage: Stage, rng: np.random.Generator) -> None:
     cloth = picture_number("plaid" if rng.random() < 0.5 else "print_cloth", int(rng.integers(6)))
     pose = np.eye(4)
-    pose[:3, 3] = (TABLE_LOWER + TABLE_UPPER) / 2
-    half = (TABLE_UPPER - TABLE_LOWER) / 2
+    pose[:3, 3] = (_TABLE_LOWER + _TABLE_UPPER) / 2
+    half = (_TABLE_UPPER - _TABLE_LOWER) / 2
     stage.box(pose, half, cloth, natural_size(cloth), rng.random(2))
 
 

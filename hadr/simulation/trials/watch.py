@@ -6,7 +6,7 @@ import os
 import sys
 import time
 
-from hadr.handover.workflow import Stage
+from hadr.handover.stages import Stage
 from hadr.simulation.trials.trial import Run, Trial, run_trial
 from hadr.simulation.world.physics import World
 from hadr.simulation.world.state import WorldState

@@ -128,19 +128,14 @@ class SeededMotion:
             base_now_from_base_start, shape (4, 4); the identity at time 0.
         """
         now, start = self._displaced(max(time, 0.0)), self._displaced(0.0)
-        shift, turn = now[0] - start[0], now[1] - start[1]
-        moved = np.eye(4)
-        if time > 0:
-            moved[:3, :3] = Rotation.from_rotvec(turn).as_matrix()
-            moved[:3, 3] = self.wrist + shift - moved[:3, :3] @ self.wrist
-        return moved
+        if time <= 0:
+            return np.eye(4)
+        return turned_about(self.wrist, now[0] - start[0], now[1] - start[1])
 
     def _displaced(self, time: float) -> Array:
         """Displacement in metres and rotation vector in radians, shape (2, 3)."""
         c, drawn = self.config, self._drawn
-        lasted = time
-        if np.isfinite(c.calm_after):
-            lasted = c.calm_after * np.tanh(time / c.calm_after)
+        lasted = calmed(time, c.calm_after)
         wave = drawn.signs * np.sin(2 * np.pi * c.speed * lasted / drawn.periods)  # (2, 3)
         out = self._tremor(time)
         if self.kind == "drift":
@@ -190,6 +185,19 @@ class SeededMotion:
             waits=float(rng.uniform(*c.withdrawn_for)),
             again=rng.uniform(-c.given_again, c.given_again, size=3),
         )
+
+
+def turned_about(wrist: Array, shift: Array, turn: Array) -> Array:
+    """The rigid motion (4, 4) that turns by a vector (3,) about a wrist (3,) and shifts it (3,)."""
+    moved = np.eye(4)
+    moved[:3, :3] = Rotation.from_rotvec(turn).as_matrix()
+    moved[:3, 3] = wrist + shift - moved[:3, :3] @ wrist
+    return moved
+
+
+def calmed(time: float, calm_after: float) -> float:
+    """How much of a motion has been gone through, seconds, if it dies down over about a time."""
+    return float(calm_after * np.tanh(time / calm_after)) if np.isfinite(calm_after) else time
 
 
 def _eased(share: float) -> float:

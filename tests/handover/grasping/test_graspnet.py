@@ -7,8 +7,9 @@ import pytest
 
 from hadr.handover.grasping.graspnet import DetectedGrasps, from_graspnet
 from hadr.handover.grasping.selection import GraspSelection
+from hadr.handover.poses import camera_at
 from hadr.handover.robot import SimulatedUR5
-from hadr.simulation.trials.rehearsal import HeldGlass, camera_at
+from hadr.simulation.trials.rehearsal import rehearsed_scene, visible_points
 
 # the camera stands 1 m before the base and 0.5 m above it, level, and looks back at it
 BASE_FROM_CAMERA = np.array([[0, 0, -1, 1.0], [1, 0, 0, 0], [0, -1, 0, 0.5], [0, 0, 0, 1]])
@@ -152,9 +153,9 @@ def test_what_is_no_real_number_is_refused(source: object) -> None:
 
 
 def test_detector_in_the_sampler_s_place() -> None:
-    scene = HeldGlass()
+    scene = rehearsed_scene()
     base_from_camera = camera_at(np.array([0.0, -0.55, 0.65]), np.array([0.55, 0.0, 0.3]))
-    points = scene.visible_points(base_from_camera[:3, 3])
+    points = visible_points(scene, base_from_camera[:3, 3])
     sampled = GraspSelection(np.random.default_rng(0), base_from_camera[:3, 3]).candidates(points)
     asked = []
 
