@@ -204,6 +204,8 @@ LEFT_OUT = ("_", "library", "genindex", "py-modindex", "search", "running")
 NO_RESULT = (
     (r"(?m)^\s*(from|import) hadr[^(\n]*(\([^)]*\))?", ""),
     (r"\bhadr(\.\w+)+", "hadr.*"),
+    (r"\d+ microseconds.*|\d+ times faster", "TIME"),
+    (r"\b\d\.\d+e-1\d\b", "ZERO"),
     (r"\b\d[\d.,]*\s*(ms|s|seconds?|min|minutes?|h|hours?)\b", "TIME"),
     (r"\bTIME( TIME)+", "TIME"),
     (r"\b20\d\d-\d\d-\d\d([T ]\d\d:\d\d(:\d\d)?Z?)?", "DATE"),
