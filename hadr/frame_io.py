@@ -255,7 +255,7 @@ def finished_folder(
         NotADirectoryError: There is a file of that name.
     """
     target = Path(folder).absolute()
-    check_output_folder(target, may_replace)
+    check_replaceable(target, may_replace)
     target.parent.mkdir(parents=True, exist_ok=True)
     draft = Path(tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent))
     try:
@@ -263,7 +263,7 @@ def finished_folder(
         os.umask(umask)
         draft.chmod(0o777 & ~umask)
         yield draft
-        check_output_folder(target, may_replace)
+        check_replaceable(target, may_replace)
         if target.exists():
             former = Path(tempfile.mkdtemp(prefix=f".{target.name}-former-", dir=target.parent))
             os.rename(target, former / target.name)
@@ -280,7 +280,7 @@ def finished_folder(
         shutil.rmtree(draft, ignore_errors=True)
 
 
-def check_output_folder(folder: Path, may_replace: Collection[str] | None = None) -> None:
+def check_replaceable(folder: Path, may_replace: Collection[str] | None = None) -> None:
     """Raise where `finished_folder` would refuse, before any work is done."""
     for place in (folder, *folder.absolute().parents):
         if place.exists() and not place.is_dir():
