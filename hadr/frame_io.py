@@ -17,6 +17,7 @@ import zlib
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 import cv2
@@ -27,6 +28,7 @@ from hadr.camera import BoolArray, FloatArray, Intrinsics, back_project, valid_d
 
 DEFAULT_DEPTH_SCALE = 0.001
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_QUIET = Lock()
 
 
 def read_color(path: str | Path) -> NDArray[np.uint8]:
@@ -94,7 +96,7 @@ def _read_exr(path: Path, name: str) -> NDArray[Any]:
 
     _check_file(path, name)
     try:
-        with _quiet():
+        with quiet():
             channels = OpenEXR.File(str(path), separate_channels=True).channels()
         stored: NDArray[Any] = channels.get("Z", next(iter(channels.values()))).pixels
     except (RuntimeError, ValueError, StopIteration) as error:
@@ -106,17 +108,18 @@ def _read_exr(path: Path, name: str) -> NDArray[Any]:
 
 
 @contextmanager
-def _quiet() -> Iterator[None]:
+def quiet() -> Iterator[None]:
     """Hold back what a compiled library prints; its error reaches the user as one sentence."""
-    sys.stderr.flush()
-    kept = os.dup(2)
-    try:
-        with open(os.devnull, "wb") as nowhere, redirect_stdout(io.StringIO()):
-            os.dup2(nowhere.fileno(), 2)
-            yield
-    finally:
-        os.dup2(kept, 2)
-        os.close(kept)
+    with _QUIET:  # of two threads the second would put the first one's silence back
+        sys.stderr.flush()
+        kept = os.dup(2)
+        try:
+            with open(os.devnull, "wb") as nowhere, redirect_stdout(io.StringIO()):
+                os.dup2(nowhere.fileno(), 2)
+                yield
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
 
 
 def read_mask(path: str | Path, name: str = "mask") -> BoolArray:
