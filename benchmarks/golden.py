@@ -66,10 +66,10 @@ def hand() -> Results:
     """Meshes of two recorded poses, the hand's motions, and tracking them through noise."""
     from hadr.data.samples import samples_dir
     from hadr.hand import forward_kinematics, keypoints_from_skeleton
-    from hadr.handover.hand_motions import KINDS, SeededMotion
     from hadr.handover.tracking import hand_motion
-    from hadr.synthesis.hand_mesh import hand_mesh
-    from hadr.synthesis.recordings import find_recordings, read_recording
+    from hadr.simulation.world.hand_motions import KINDS, SeededMotion
+    from hadr.synthesis.hand.mesh import hand_mesh
+    from hadr.synthesis.recordings.recording import find_recordings, read_recording
 
     rng = np.random.default_rng(0)
     for path in find_recordings(samples_dir() / "recordings")[:60:59]:
@@ -95,12 +95,12 @@ def hand() -> Results:
 
 def ur5() -> Results:
     """The UR5's kinematics, a rehearsed handover, and an attempt in the physical world."""
-    from hadr.handover.rehearsal import HeldGlass, MovingHand, camera_at, rehearse
+    from hadr.handover.grasping.selection import GraspSelection
     from hadr.handover.robot import SimulatedUR5
-    from hadr.handover.selection import GraspSelection
-    from hadr.handover.trial import Trial, run_trial
     from hadr.handover.ur5 import forward_kinematics, inverse_kinematics
     from hadr.handover.workflow import Handover
+    from hadr.simulation.trials.rehearsal import HeldGlass, MovingHand, camera_at, rehearse
+    from hadr.simulation.trials.trial import Trial, run_trial
 
     joints = np.random.default_rng(0).uniform(-2, 2, (20, 6))
     flanges = np.array([forward_kinematics(row) for row in joints])
@@ -168,11 +168,13 @@ def training() -> Results:
 
 def results() -> Results:
     """The stored results, and every table that the book makes from them."""
-    from hadr.book import REPORTS
-    from hadr.plotting import benchmarks, comparison, finding_tables, handover_tables
-    from hadr.plotting.results import results_table
-    from hadr.plotting.sensor import sensor_table
-    from hadr.result_file import read_result_file, read_sealed
+    from hadr.figures.depth.sensor import sensor_table
+    from hadr.figures.tables import benchmarks, comparison
+    from hadr.figures.tables import findings as finding_tables
+    from hadr.figures.tables import handover as handover_tables
+    from hadr.figures.tables.results import results_table
+    from hadr.press.book import REPORTS
+    from hadr.records.result_file import read_result_file, read_sealed
 
     for name, path in _below(folder := ROOT / "results"):
         yield name, path.read_bytes()
