@@ -27,7 +27,7 @@ from hadr.records.provenance import machine_text, provenance
 from hadr.records.result_file import write_result_file
 from hadr.training.evaluation import BASELINES
 from hadr.training.presets import preset
-from hadr.training.tasks.table import task_of
+from hadr.training.tasks.task import Task
 
 SIZES = ("paper", "mini")
 
@@ -35,7 +35,7 @@ SIZES = ("paper", "mini")
 def build(network: str, size: str) -> nn.Module:
     """The preset's network as it restores, random weights; LIDF with its refinement."""
     torch.manual_seed(0)
-    model = task_of(preset(size, network)).build().eval()
+    model = Task(preset(size, network)).build().eval()
     if network == "lidf":
         model.set_stage(2)
     return model

@@ -355,7 +355,7 @@ def depth_network(kind: str):
     from hadr.models.hadr_plus import HADRPlus, HADRPlusConfig
     from hadr.rivals.unet_hand import UNetHand, UNetHandConfig
     from hadr.training.presets import preset
-    from hadr.training.tasks.table import task_of
+    from hadr.training.tasks.task import Task
 
     torch.manual_seed(0)
     if kind == "hadr":
@@ -364,7 +364,7 @@ def depth_network(kind: str):
         return HADRPlus(HADRPlusConfig(crop=32, width=8, blocks=1))
     if kind == "unet-hand":
         return UNetHand(UNetHandConfig(width=4, levels=2))
-    return task_of(preset("tiny", kind)).build()
+    return Task(preset("tiny", kind)).build()
 
 
 @pytest.mark.parametrize("kind", list(TITLES))

@@ -18,7 +18,7 @@ from hadr.training.checkpoints import load_checkpoint
 from hadr.training.evaluation import BASELINES
 from hadr.training.predicted import Given, with_predicted
 from hadr.training.recipe import Preset
-from hadr.training.tasks.table import task_of
+from hadr.training.tasks.task import Task
 from hadr.training.train_command import add_given, given_from, open_split
 
 DEPTH_NETWORKS = tuple(TITLES)
@@ -110,7 +110,7 @@ def figures(checkpoint: Checkpoint, source: Any, given: Given) -> dict[str, floa
         model=checkpoint.model.config,
     )
     frames = load_frames(source, checkpoint.size, given.corruption, given.seed)
-    found = task_of(recipe).validate(checkpoint.model, frames, 8)
+    found = Task(recipe).validate(checkpoint.model, frames, 8)
     return {name.removeprefix("validation_"): value for name, value in found.items()}
 
 

@@ -27,8 +27,7 @@ from hadr.training.frame_augmentation import augment_frames
 from hadr.training.pictures import save_png
 from hadr.training.processes import average_gradients, average_numbers, shares
 from hadr.training.recipe import Preset
-from hadr.training.tasks.table import task_of
-from hadr.training.tasks.task import PicturedTask, Task
+from hadr.training.tasks.task import Task
 from hadr.training.training_folder import BEST, LAST, TrainingFolder
 from hadr.training.weight_average import WeightAverage
 
@@ -101,7 +100,7 @@ def train(
     fabric = fabric or Fabric(accelerator="cpu", devices=1, precision=recipe.precision)
     if validation is not None:
         validation = evenly(validation, recipe.validation_frames)
-    task = task or task_of(recipe)
+    task = task or Task(recipe)
     first_process, processes = fabric.is_global_zero, fabric.world_size
     torch.manual_seed(seed)
     network: nn.Module = fabric.to_device(task.build())
@@ -228,8 +227,8 @@ def _check_finite(loss: float, epoch: int, step: int) -> None:
 
 
 def _draw(task: Task, model: nn.Module, frames: FrameTensors, path: Path) -> None:
-    if isinstance(task, PicturedTask):
-        save_png(path, task.picture(model, frames))
+    if (picture := task.picture(model, frames)) is not None:
+        save_png(path, picture)
 
 
 def _events(folder: Path, epochs: int) -> Any:

@@ -31,7 +31,7 @@ class Preset:
         name: Its name.
         width: Width of the network's input, pixels; frames are squashed to width x height.
         height: Height of the network's input, pixels.
-        network: The kind of network, such as hadr; `hadr.training.presets.NETWORKS` has all.
+        network: The kind of network, such as hadr; `hadr.models.networks.NETWORKS` has all.
         model: The network's configuration.
         weights: Weights of HADR's loss terms.
         epochs: Passes over the training frames.

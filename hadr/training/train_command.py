@@ -14,13 +14,14 @@ from lightning_fabric import Fabric
 from torch.utils.data import ConcatDataset
 
 from hadr.models.hadr import HADRConfig
+from hadr.models.networks import NETWORKS
 from hadr.records.output_folder import check_folder
 from hadr.training.accelerator import add_accelerator, chosen_accelerator
 from hadr.training.batches import CORRUPTIONS, FrameTensors, load_frames
 from hadr.training.loop import LAST, train
 from hadr.training.losses import CODED
 from hadr.training.predicted import Given, with_predicted
-from hadr.training.presets import NETWORKS, preset
+from hadr.training.presets import preset
 from hadr.training.recipe import Preset, Schedule
 from hadr.training.training_folder import TrainingFolder
 
@@ -36,7 +37,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="folders in TransHand's layout, joined; the bundled frames where it is left out",
     )
-    parser.add_argument("--network", default="hadr", choices=NETWORKS, help="what to train (hadr)")
+    parser.add_argument(
+        "--network", default="hadr", choices=tuple(NETWORKS), help="what to train (hadr)"
+    )
     parser.add_argument(
         "--preset",
         default="mini",

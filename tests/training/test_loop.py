@@ -14,7 +14,7 @@ from hadr.training.batches import FrameTensors
 from hadr.training.checkpoints import load_checkpoint
 from hadr.training.loop import BEST, LAST, Trained, early_look, train
 from hadr.training.losses import CODED
-from hadr.training.presets import Preset
+from hadr.training.recipe import Preset
 from hadr.training.weight_average import WeightAverage
 
 
