@@ -16,10 +16,10 @@ from hadr.records.provenance import provenance, write_json
 from hadr.training.batches import FrameTensors, load_frames
 from hadr.training.checkpoints import load_checkpoint
 from hadr.training.evaluation import BASELINES
-from hadr.training.predicted import Given, with_predicted
+from hadr.training.predicted import Given, open_split, with_predicted
 from hadr.training.recipe import Preset
 from hadr.training.tasks.task import Task
-from hadr.training.train_command import add_given, given_from, open_split
+from hadr.training.train_command import add_given, given_from
 
 DEPTH_NETWORKS = tuple(TITLES)
 

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import argparse
+from typing import Literal
 
 import torch
+
+Accelerator = Literal["auto", "cpu", "cuda"]
 
 
 def add_accelerator(parser: argparse._ActionsContainer) -> None:
