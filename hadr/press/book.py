@@ -21,10 +21,18 @@ from typing import Any
 
 import yaml
 
+from hadr.experiments.steps import seconds_text
 from hadr.press.chapter_record import keep_results
+from hadr.press.chapters import (
+    ChapterError,
+    ChapterRun,
+    chapter_paths,
+    run_notebooks,
+    run_time_table,
+    without_ansi,
+)
 from hadr.press.course.chapter import read_chapters
 from hadr.press.course.teaching import chapters_text, plans_text
-from hadr.press.figures_apart import figures_apart_table
 from hadr.press.paper_report import report
 from hadr.press.report import (
     conditions_table,
@@ -33,16 +41,7 @@ from hadr.press.report import (
     speed_table,
     tuning_table,
 )
-from hadr.press.reproduce import (
-    ChapterError,
-    ChapterRun,
-    chapter_paths,
-    checkout_root,
-    run_notebooks,
-    run_time_table,
-    seconds_text,
-    without_ansi,
-)
+from hadr.records.checkout import checkout_root
 from hadr.records.output_folder import (
     check_output_folder,
     check_removable,
@@ -59,7 +58,6 @@ REPORTS: dict[str, Callable[[Path], str]] = {
     "{{CONDITIONS}}": lambda results: conditions_table(results / "mini"),
     "{{TUNING}}": lambda results: tuning_table(results / "mini" / "tuning.json"),
     "{{SPEED}}": lambda results: speed_table(results / "speed" / "side_by_side.json"),
-    "{{APART}}": lambda _: figures_apart_table(),
     "{{LEDGER_EFFECTS}}": lambda results: ledger_effects(results / "mini"),
     "{{LEDGER_TABLE}}": lambda results: ledger_table(results / "mini" / "ledger.json"),
     "{{TEACHING_PLANS}}": lambda results: plans_text(read_chapters(results.parent)),
@@ -395,12 +393,7 @@ def _runs_of_last_time(build: Path, paths: Sequence[Path]) -> list[ChapterRun]:
     return runs
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Build the book from the command line."""
-    parser = argparse.ArgumentParser(prog="python -m hadr.press.book")
-    add_arguments(parser)
-    return run(parser.parse_args(arguments))
-
-
 if __name__ == "__main__":
-    raise SystemExit(main())
+    from hadr.cli import main
+
+    raise SystemExit(main(["book", *sys.argv[1:]]))

@@ -13,7 +13,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from hadr.experiments.reproduction_plan import seconds_text
+from hadr.experiments.steps import seconds_text
 from hadr.figures.handover.film import ARMS
 from hadr.figures.tables.comparison import PUBLISHED_NAMES
 from hadr.figures.tables.results import NAMES

@@ -8,13 +8,14 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from hadr.press.book import repository_address
+from hadr.press.chapters import ChapterError, chapter_paths, run_notebooks
 from hadr.press.course.chapter import Chapter, read_chapters
 from hadr.press.course.folder import check_target, written_whole
 from hadr.press.course.graded import course_notebook, otter_test
 from hadr.press.course.plain_text import plain_markdown, short_citations
 from hadr.press.course.slides import build_slides, missing_packages
 from hadr.press.course.teaching import NBGRADER_CONFIG, instructor_text, marks_of
-from hadr.press.reproduce import ChapterError, chapter_paths, checkout_root, run_notebooks
+from hadr.records.checkout import checkout_root
 
 DESCRIPTION = """\
 Write what a teacher needs into one folder: student/ (notebooks with solutions removed and check
