@@ -139,21 +139,7 @@ def show_run(
     largest_force: float = 20.0,
     width: float = 9.0,
 ) -> Figure:
-    """Draw one run over time: distances, opening of the gripper, force on the hand.
-
-    Args:
-        states: In the order of time.
-        transitions: Changes of stage: the bands behind the curves.
-        to_target: Distance of tool and target at each state, metres, NaN where there is none.
-        largest_force: The limit that the force must keep, newtons.
-        width: Width of the figure, inches.
-
-    Returns:
-        The figure, with three axes over one time axis.
-
-    Raises:
-        ValueError: No states, or another number of distances than of states.
-    """
+    """Draw one run over time: distances, opening of the gripper, force on the hand."""
     if not states:
         raise ValueError("a timeline needs at least one state, got none")
     time = np.array([state.time for state in states])
@@ -238,16 +224,7 @@ def _checked_rate(row: Row) -> tuple[float, float, float]:
 
 
 def draw_success(ax: Axes, rows: Sequence[Row], *, published: float | None = None) -> None:
-    """Draw each arm's rate of success as a bar with its 95 % interval.
-
-    Args:
-        ax: Ordinary 2D axes.
-        rows: One row an arm.
-        published: The paper's rate of a real arm, 0 to 1; a dotted line.
-
-    Raises:
-        ValueError: A rate lies outside of its interval, or that outside of 0 to 1.
-    """
+    """Draw each arm's rate of success as a bar with its 95 % interval; the paper's as a line."""
     chosen = _ordered(rows)
     for place, row in enumerate(chosen):
         rate, low, high = _checked_rate(row)
@@ -274,15 +251,7 @@ def draw_success(ax: Axes, rows: Sequence[Row], *, published: float | None = Non
 
 
 def draw_outcomes(ax: Axes, rows: Sequence[Row]) -> None:
-    """Draw how each arm's attempts ended: successes, then failures by kind.
-
-    Args:
-        ax: Ordinary 2D axes.
-        rows: One row an arm.
-
-    Raises:
-        ValueError: Successes and failures don't add up to the attempts.
-    """
+    """Draw how each arm's attempts ended: successes, then failures by kind."""
     chosen = _ordered(rows)
     kinds = list(dict.fromkeys(kind for row in chosen for kind in row["failures"]))
     kinds = [kind for kind in kinds if any(row["failures"].get(kind) for row in chosen)]

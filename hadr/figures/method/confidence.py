@@ -24,15 +24,7 @@ def draw_reliability(
     *,
     tolerance_m: float = 0.02,
 ) -> None:
-    """Draw the share of right pixels over what the confidence says; a dot's size is its weight.
-
-    Args:
-        ax: Ordinary 2D axes.
-        said: Mean confidence in each bin, None or NaN where it is empty.
-        true: Share of right pixels in each bin, likewise.
-        count: Pixels in each bin.
-        tolerance_m: What "right" means, metres.
-    """
+    """Draw the share of right pixels over each bin's mean confidence; a dot's size is its count."""
     number = np.asarray(count, dtype=float)
     filled = number > 0
     x = np.array([np.nan if v is None else v for v in said])[filled]
@@ -60,14 +52,7 @@ def draw_sparsification(
     rmse_m: Sequence[float],
     oracle_rmse_m: Sequence[float],
 ) -> None:
-    """Draw the error of what is kept over the share that is dropped, beside chance and oracle.
-
-    Args:
-        ax: Ordinary 2D axes.
-        dropped: Share of the pixels that is dropped, the least sure first; begins with 0.
-        rmse_m: RMSE of the others, metres.
-        oracle_rmse_m: The same where the largest errors are dropped, metres.
-    """
+    """Draw the error of what is kept over the share that is dropped, beside chance and oracle."""
     share = 100 * np.asarray(dropped)
     found, best = 100 * np.asarray(rmse_m), 100 * np.asarray(oracle_rmse_m)
     ax.axhline(found[0], color=COLORS["raw"], lw=1.4, ls=":")
@@ -100,15 +85,7 @@ def show_confidence(
     *,
     limits: tuple[float, float] = (0.0, 1.0),
 ) -> AxesImage:
-    """Show the confidence of the restored pixels; the others stay white.
-
-    Args:
-        ax: Ordinary 2D axes.
-        confidence: Shape (H, W), 0..1.
-        restored: Shape (H, W) bool.
-        title: Title of the axes.
-        limits: Ends of the colour scale.
-    """
+    """Show the confidence of the restored pixels; the others stay white."""
     low, high = limits
     image = ax.imshow(
         np.ma.masked_where(~restored, confidence), cmap=CONFIDENCE_MAP, vmin=low, vmax=high
@@ -123,14 +100,7 @@ def show_confidence(
 
 
 def draw_real_errors(ax: Axes, rows: Sequence[Mapping[str, Any]], scenes: Sequence[str]) -> None:
-    """Draw each method's RMSE on real frames as dots, one a scene; bars span the stand-in hands.
-
-    Args:
-        ax: Ordinary 2D axes.
-        rows: Each with "method", "scene", "rmse_m" in metres, and where there were several hands
-            "rmse_low_m" and "rmse_high_m".
-        scenes: The scenes, in the order of their colours.
-    """
+    """Draw each method's RMSE on real frames as dots, one a scene; bars span the stand-in hands."""
     methods = list(dict.fromkeys(str(row["method"]) for row in rows))
     tones, markers = (COLORS["truth"], COLORS["raw"]), "os"
     for number, scene in enumerate(scenes):

@@ -87,18 +87,7 @@ class Source:
 
 
 def error_kinds_picture(sources: Sequence[Source], place: str) -> Figure:
-    """Draw sources side by side: what was measured, the kind of each error, and their shares.
-
-    Args:
-        sources: The columns.
-        place: One of `hadr.figures.depth.corruption_examples.PLACES`; other pixels are left white.
-
-    Returns:
-        The figure; of one size for all places and as many sources.
-
-    Raises:
-        ValueError: There is no such place.
-    """
+    """Draw sources side by side: what was measured, the errors' kinds at a place, their shares."""
     if place not in PLACES:
         raise ValueError(f"place must be one of {', '.join(PLACES)}, got {place!r}")
     figure: Figure = plt.figure(figsize=(8, 5.5), layout="none")  # all alike, and drawn faster
@@ -174,13 +163,7 @@ def _draw_shares(ax: Axes, source: Source, place: str) -> None:
 
 
 def draw_kind_bars(ax: Axes, sources: Mapping[str, Source], place: str) -> None:
-    """Draw the shares of several sources as stacked bars, one below the other.
-
-    Args:
-        ax: Where.
-        sources: Label to source, from above.
-        place: One of `hadr.figures.depth.corruption_examples.PLACES`.
-    """
+    """Draw the shares of several sources as stacked bars, one below the other."""
     rows = 100 * np.array([source.shares(place) for source in sources.values()])
     left = np.zeros(len(rows))
     places = range(len(rows))

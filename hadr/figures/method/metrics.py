@@ -27,14 +27,7 @@ def draw_scored_errors(
     *,
     limit: float = 0.03,
 ) -> None:
-    """Draw error maps side by side with RMSE and MAE below each, and one colour bar.
-
-    Args:
-        axes: As many as error maps.
-        errors: Title to signed error, metres, shape (H, W); NaN where nothing is scored.
-        scores: The same titles to the map's metrics.
-        limit: End of the colour scale, metres.
-    """
+    """Draw error maps (H, W) side by side with RMSE and MAE below each, and one colour bar."""
     for ax, (name, error) in zip(axes, errors.items(), strict=True):
         image = show_error(ax, error, limit=limit, colorbar=False)
         ax.set_title(name, fontsize=9.5)
@@ -50,14 +43,7 @@ def draw_error_rows(
     *,
     limit: float = 0.1,
 ) -> None:
-    """Draw one row a frame: its colour image and the error map of each method.
-
-    Args:
-        axes: Shape (frames, 1 + methods).
-        colors: Colour images, (H, W, 3) uint8.
-        errors: For each frame, method to signed error, metres, shape (H, W).
-        limit: End of the colour scale, metres.
-    """
+    """Draw a row a frame, its colour image and each method's error map: (frames, 1 + methods)."""
     for row, color, maps in zip(axes, colors, errors, strict=True):
         show_color(row[0], color)
         for ax, error in zip(row[1:], maps.values(), strict=True):
@@ -75,18 +61,7 @@ def _error_bar(
 
 
 def wide_window(mask: BoolArray, margin: float = 1.7) -> tuple[slice, slice]:
-    """Give rows and columns of a window of three to two around a mask's bounding box.
-
-    Args:
-        mask: Shape (H, W), at least one pixel set.
-        margin: How much larger than the box the window is.
-
-    Returns:
-        (rows, columns); the window ends at the image's border.
-
-    Raises:
-        ValueError: The mask is empty.
-    """
+    """Rows and columns of a window of three to two, ``margin`` times a mask's bounding box."""
     if not mask.any():
         raise ValueError(f"the mask is empty: none of its {mask.size} pixels is set")
     (top, left), (bottom, right) = np.argwhere(mask).min(axis=0), np.argwhere(mask).max(axis=0)
@@ -106,16 +81,7 @@ def draw_tolerances(
     *,
     gripper_m: float = 0.01,
 ) -> None:
-    """Draw which error each threshold lets pass, over the distance of the glass.
-
-    Args:
-        ax: Ordinary 2D axes.
-        distance_m: Metres, shape (N,), ascending.
-        bands_m: Threshold (1.05, 1.10 or 1.25) to the largest error in front of the surface
-            (negative) and behind it, metres, each shape (N,).
-        marks: Distances to mark, metres, and their names.
-        gripper_m: Half width of the grey band, metres.
-    """
+    """Draw the errors, front and behind, that each threshold lets pass over the distance."""
     left, right = distance_m[0], distance_m[-1]
     for threshold, (front, behind) in sorted(bands_m.items(), reverse=True):
         color = _THRESHOLD_COLORS[threshold]
@@ -140,14 +106,7 @@ def draw_frame_dots(
     averages: Mapping[str, Mapping[str, DepthMetrics]],
     rng: np.random.Generator,
 ) -> None:
-    """Draw the MAE of each frame as a dot, one row a method, and the averages as bars.
-
-    Args:
-        ax: Ordinary 2D axes; they get a logarithmic scale in centimetres.
-        frames: Method to the metrics of its frames.
-        averages: Kind of the average to {method: metrics}; at most two kinds.
-        rng: Moves the dots up and down a little, so that they do not hide each other.
-    """
+    """Draw the MAE of each frame as a dot, one row a method, and the averages as bars."""
     for y, (name, listed) in enumerate(frames.items()):
         dots = 100 * np.array([m.mae_m for m in listed])
         height = y + rng.uniform(-0.12, 0.12, len(dots))
@@ -164,14 +123,7 @@ def draw_frame_dots(
 def draw_object_dots(
     ax: Axes, errors_m: Mapping[str, Mapping[str, npt.ArrayLike]], colors: Mapping[str, str]
 ) -> None:
-    """Draw each frame's error as a dot, one column an object, with the mean as a bar.
-
-    Args:
-        ax: Ordinary 2D axes.
-        errors_m: Method to {object: errors of its frames, metres, shape (N,)}; every method has
-            the same objects.
-        colors: Method to the name of its colour in :data:`hadr.figures.COLORS`.
-    """
+    """Draw each frame's error as a dot, one column an object, with the mean as a bar."""
     shifts = np.linspace(-0.15, 0.15, len(errors_m)) if len(errors_m) > 1 else [0.0]
     for (name, columns), shift in zip(errors_m.items(), shifts, strict=True):
         color = COLORS[colors[name]]
@@ -190,14 +142,7 @@ def draw_object_dots(
 def draw_known_unknown(
     ax: Axes, known: Mapping[str, float], unknown: Mapping[str, float], xlabel: str
 ) -> None:
-    """Draw for each method a filled dot (known objects) joined to an empty one (unknown).
-
-    Args:
-        ax: Ordinary 2D axes.
-        known: Method to its number on known objects; ``HADR`` is drawn in its colour.
-        unknown: The same methods' numbers on unknown objects.
-        xlabel: What the number is, with its unit.
-    """
+    """Draw for each method a filled dot (known objects) joined to an empty one (unknown)."""
     for y, name in enumerate(known):
         color = COLORS["hadr" if name == "HADR" else "raw"]
         named = y == len(known) - 1
@@ -217,15 +162,7 @@ def draw_intervals(
     *,
     hollow: Container[str] = (),
 ) -> None:
-    """Draw named intervals as bars below each other.
-
-    Args:
-        ax: Ordinary 2D axes.
-        intervals: Name to its lower and upper end.
-        colors: Name to the name of its colour in :data:`hadr.figures.COLORS`.
-        xlabel: What lies to the right, with its unit.
-        hollow: Names whose bars are drawn empty.
-    """
+    """Draw named intervals as bars below each other."""
     for y, (name, (low, high)) in enumerate(intervals.items()):
         color = COLORS[colors[name]]
         face = "white" if name in hollow else color

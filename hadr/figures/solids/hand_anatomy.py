@@ -43,16 +43,7 @@ def open_hand(shape: HandShape | None = None) -> HeldGlass:
 
 
 def draw_named_skeleton(hand: HeldGlass, *, pixels: int = 640, width: float = 9.0) -> Figure:
-    """Draw the 22 joints with their names, and beside them the 21 keypoints.
-
-    Args:
-        hand: A hand without a glass.
-        pixels: Side of each picture.
-        width: Width of the figure, inches.
-
-    Returns:
-        The figure; joints are counted from 1 as in the paper, keypoints from 0 as detectors do.
-    """
+    """Draw the 22 joints, counted from 1 as in the paper, and the 21 keypoints, from 0."""
     view = studio_view(hand, radius=0.121, center=(0.014, 0.0, 0.088))
     picture = 255 - (255 - studio_picture(hand, view, pixels=pixels, paper=False)) // 2
     at = view.pixels_of(hand.joints, pixels)
@@ -125,15 +116,7 @@ def _name(ax: Axes, at: Array, name: str, pixels: int) -> None:
 
 
 def draw_angle_sheet(*, pixels: int = 190, width: float = 9.0) -> Figure:
-    """Draw the real hand at both ends of each angle's range: the thumb's four, the index's four.
-
-    Args:
-        pixels: Side of each picture.
-        width: Width of the figure, inches.
-
-    Returns:
-        The figure: a column an angle; below, at rest and above.
-    """
+    """Draw the real hand at both ends of each angle's range: the thumb's four, the index's four."""
     fig: Figure
     fig, axes = plt.subplots(
         3, len(SHOWN_ANGLES), figsize=(width, 0.44 * width), layout="constrained"

@@ -17,14 +17,7 @@ _PAIRING = {"walk": ("walk through the grid", "hadr"), "dense": ("all rays x all
 
 
 def by_heart_table(rows: Sequence[Record]) -> str:
-    """List what each network reaches on four frames that it learns by heart.
-
-    Args:
-        rows: Rows of `results/training/overfit.json`.
-
-    Returns:
-        Markdown.
-    """
+    """List what each network reaches on four frames that it learns by heart."""
     lines = []
     for row in rows:
         value, goal = (_by_heart(row["counts"], row[key]) for key in ("reached", "goal"))
@@ -56,12 +49,7 @@ def _by_heart(counts: str, value: float) -> str:
 
 
 def draw_ablation(ax: Axes, rows: Sequence[Record]) -> None:
-    """Draw how much each change is worth: the RMSE without it, minus that of the full network.
-
-    Args:
-        ax: Ordinary 2D axes.
-        rows: Rows of `results/mini/hadr-plus-ablation.json`, the full network first.
-    """
+    """Draw how much each change is worth: the RMSE without it, minus that of the full network."""
     full, others = rows[0], list(rows[1:])[::-1]
     for place, row in enumerate(others):
         gap = 100 * row["against_full"]["mean_difference_m"]
@@ -83,15 +71,7 @@ def draw_ablation(ax: Axes, rows: Sequence[Record]) -> None:
 
 
 def speed_table(restoration: Record, perception: Record) -> str:
-    """List the time of one 224x224 frame: HADR against a Swin-T, and the whole perception.
-
-    Args:
-        restoration: Content of `results/speed/restoration.json`.
-        perception: Content of `results/speed/perception.json`.
-
-    Returns:
-        Markdown; "-" where a form was not measured.
-    """
+    """List the time of one 224x224 frame: HADR against a Swin-T, and the whole perception."""
     times, ratios = restoration["times"], restoration["against_swin"]["wall_median_ms"]
     cost, rates = restoration["accuracy"]["change_percent"], perception["frames_per_second"]
     forms = list(dict.fromkeys(t.split(", ", 1)[1] for t in times if ", " in t))
@@ -112,12 +92,7 @@ def speed_table(restoration: Record, perception: Record) -> str:
 
 
 def draw_parts_of_time(ax: Axes, restoration: Record) -> None:
-    """Draw where the processor time of one frame goes, a bar for each preset.
-
-    Args:
-        ax: Ordinary 2D axes.
-        restoration: Content of `results/speed/restoration.json`.
-    """
+    """Draw where the processor time of one frame goes, a bar for each preset."""
     bars = {
         name: {part: ms for part, ms in parts.items() if part != "all"}
         for name, parts in restoration["parts_cpu_ms"].items()
@@ -136,12 +111,7 @@ def draw_parts_of_time(ax: Axes, restoration: Record) -> None:
 
 
 def draw_pairing(ax: Axes, pairing: Record) -> None:
-    """Draw the time of pairing rays with voxels over the frames of a batch.
-
-    Args:
-        ax: Ordinary 2D axes.
-        pairing: Content of `results/speed/pairing.json`.
-    """
+    """Draw the time of pairing rays with voxels over the frames of a batch."""
     batches = [row["frames"] for row in pairing["by_batch"]]
     for name, (label, color) in _PAIRING.items():
         rows = [row for row in pairing["by_batch"] if name in row]

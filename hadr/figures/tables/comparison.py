@@ -40,16 +40,7 @@ def compared(rows: Sequence[Row], published: Mapping[str, Any], split: str) -> l
 
 
 def orders_table(rows: Sequence[Row], published: Mapping[str, Any]) -> str:
-    """Set the paper's methods side by side: its error and ours, and the place that each gives.
-
-    Args:
-        rows: Rows of `known.json` and `unknown.json`.
-        published: Content of `results/paper_tables.json`.
-
-    Returns:
-        Markdown, a line a method and split; the last column is the mean over the frames of the
-        difference from the next better of ours, with its standard error over holds.
-    """
+    """Set the paper's methods side by side: its error and ours, and the place that each gives."""
     head = [
         "objects", "method", "paper: RMSE (cm)", "place", "δ1.05 (%)", "ours: RMSE (cm)", "place",
         "δ1.05 (%)", "minus the next better (cm)",
@@ -75,20 +66,7 @@ def reasons_table(
     published: Mapping[str, Any],
     reasons: Mapping[str, tuple[str, str]],
 ) -> str:
-    """Set how far each of our rows lies from the paper's, why, and where that was tried.
-
-    Args:
-        tables: Table of the paper ("known", "unknown", "ablation") to our rows of it.
-        published: Content of `results/paper_tables.json`.
-        reasons: Method to its main reason and to where that was tested.
-
-    Returns:
-        Markdown, a line a method of ``reasons``: ours minus the paper's RMSE in centimetres for
-        known and for unknown objects; "-" where the paper has no such row.
-
-    Raises:
-        KeyError: A method has a row in none of the tables.
-    """
+    """Set how far each of our rows lies from the paper's, why, and where that was tried."""
     lines = []
     for method, (reason, where) in reasons.items():
         gaps = {}
@@ -106,14 +84,7 @@ def reasons_table(
 
 
 def ways_table(ways: Sequence[tuple[str, str, str, float]]) -> str:
-    """List one network's errors: where it was scored, on which frames, and what a hole counts.
-
-    Args:
-        ways: Where, the frames, what becomes of a pixel without an answer, and the RMSE in metres.
-
-    Returns:
-        Markdown, a line a way; the RMSE in centimetres.
-    """
+    """List one network's errors: where it was scored, on which frames, and what a hole counts."""
     head = ["scored in", "frames", "a pixel without an answer", "RMSE (cm)"]
     lines = [[*words, f"{100 * rmse:.2f}"] for *words, rmse in ways]
     return markdown_table(head, lines, "lllr")
@@ -122,14 +93,7 @@ def ways_table(ways: Sequence[tuple[str, str, str, float]]) -> str:
 def draw_against_paper(
     ax: Axes, rows: Sequence[Row], published: Mapping[str, Any], split: str
 ) -> None:
-    """Draw each method's RMSE as published (hollow) and ours (full, with its standard error).
-
-    Args:
-        ax: Ordinary 2D axes.
-        rows: Rows of `known.json` and `unknown.json`.
-        published: Content of `results/paper_tables.json`.
-        split: "known" or "unknown".
-    """
+    """Draw each method's RMSE as published (hollow) and ours (full, with its standard error)."""
     own = {row["method"]: row for row in rows if row["split"] == split}
     methods = compared(rows, published, split)
     largest = max((100 * own[method]["rmse_m"] for method in methods), default=1)
@@ -160,16 +124,7 @@ READABLE_M = 0.2
 
 
 def draw_error_over_time(ax: Axes, rows: Sequence[Row], speed: Sequence[Row], split: str) -> None:
-    """Draw each method's error over the time that a frame takes, both at preset `mini`.
-
-    The axes of both splits can be shared. Labels are for a legend.
-
-    Args:
-        ax: Ordinary 2D axes.
-        rows: Rows of `known.json` and `unknown.json`.
-        speed: Rows of `results/speed/side_by_side.json`.
-        split: "known" or "unknown".
-    """
+    """Draw each method's error over the time that a frame takes, both at preset `mini`."""
     times = {row["method"]: row["wall_median_ms"] for row in speed if row["preset"] != "paper"}
     for row in ordered(rows, split):
         method = row["method"]
@@ -188,15 +143,7 @@ def draw_error_over_time(ax: Axes, rows: Sequence[Row], speed: Sequence[Row], sp
 
 
 def ablation_table(rows: Sequence[Row], published: Mapping[str, Any]) -> str:
-    """Set the ablation of HADR beside the paper's.
-
-    Args:
-        rows: Rows of `ablation.json`.
-        published: Content of `results/paper_tables.json`.
-
-    Returns:
-        Markdown, the rows in the paper's order.
-    """
+    """Set the ablation of HADR beside the paper's."""
     head = [
         "row", "paper: RMSE (cm)", "MAE (cm)", "δ1.05 (%)", "ours: RMSE (cm)",
         "minus the full model's (cm)", "MAE (cm)", "δ1.05 (%)",

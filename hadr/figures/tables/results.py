@@ -121,16 +121,7 @@ def _name_lines(ax: Axes, places: Mapping[str, int]) -> None:
 
 
 def results_table(rows: Sequence[Row], published: Mapping[str, Mapping[str, Any]]) -> str:
-    """Set the rows of both splits side by side, the paper's HADR below.
-
-    Args:
-        rows: Rows of `known.json` and `unknown.json`.
-        published: Content of `results/paper_tables.json`.
-
-    Returns:
-        Markdown; "-" where a run is missing. Errors are in centimetres, δ1.05 in percent, weights
-        in millions, and time is minutes of training.
-    """
+    """Set the rows of both splits side by side, the paper's HADR below."""
     head = [
         "method",
         "known: RMSE",
@@ -168,14 +159,7 @@ def _scores(row: Row | None) -> list[str]:
 
 
 def draw_systems(ax: Axes, rows: Sequence[Row], split: str, published_rmse_m: float) -> None:
-    """Draw each method's RMSE as a dot with its standard error over holds.
-
-    Args:
-        ax: Ordinary 2D axes.
-        rows: Rows of `known.json` and `unknown.json`.
-        split: "known" or "unknown".
-        published_rmse_m: The paper's RMSE of HADR on its own data, metres.
-    """
+    """Draw each method's RMSE as a dot with its standard error over holds."""
     places = _places(rows)
     for row in ordered(rows, split):
         place = places[row["method"]]
@@ -197,13 +181,7 @@ def draw_systems(ax: Axes, rows: Sequence[Row], split: str, published_rmse_m: fl
 
 
 def draw_learning(ax: Axes, rows: Sequence[Row], split: str) -> None:
-    """Draw the validation error of each training over its minutes.
-
-    Args:
-        ax: Ordinary 2D axes.
-        rows: Rows with ``curve``.
-        split: "known" or "unknown".
-    """
+    """Draw the validation error of each training over its minutes."""
     for row in ordered(rows, split):
         curve = row.get("curve")
         if not curve:
@@ -222,13 +200,7 @@ def draw_learning(ax: Axes, rows: Sequence[Row], split: str) -> None:
 
 
 def draw_parts(ax: Axes, rows: Sequence[Row], split: str) -> None:
-    """Draw what is left of each method's error when place, and place and tilt, are given away.
-
-    Args:
-        ax: Ordinary 2D axes.
-        rows: Rows of `results/mini/errors.json`.
-        split: "known" or "unknown".
-    """
+    """Draw what is left of each method's error when place, and place and tilt, are given away."""
     places = _places(rows)
     parts = (
         ("rmse_m", "whole error", "o"),
@@ -289,30 +261,14 @@ def draw_by_object(
 
 
 def draw_bias(ax: Axes, rows: Sequence[Row], split: str, names: Mapping[str, str]) -> None:
-    """Draw for each method how far off each object is placed in the mean, with its sign.
-
-    Args:
-        ax: Ordinary 2D axes.
-        rows: Rows of `results/mini/errors.json`.
-        split: "known" or "unknown".
-        names: What the objects are called, by number.
-    """
+    """Draw for each method how far off each object is placed in the mean, with its sign."""
     xlabel = "too near  ←  mean error (cm)  →  too far"
     draw_by_object(ax, rows, split, names, "bias_m", xlabel)
     ax.axvline(0, color=COLORS["truth"], lw=0.8)
 
 
 def draw_hole(ax: Axes, rows: Sequence[Row], split: str) -> None:
-    """Draw how far each network moves the glass as its hole grows and shrinks.
-
-    The dashed line is who takes the size of the hole for the measure of distance: of two equal
-    glasses the one whose picture is 1 + s times as wide stands at 1 / (1 + s) of the distance.
-
-    Args:
-        ax: Ordinary 2D axes.
-        rows: Rows of `results/mini/size_of_hole.json`.
-        split: "known" or "unknown".
-    """
+    """Draw how far each network moves the glass as its hole grows and shrinks."""
     for row in ordered(rows, split):
         points = sorted([(0.0, 0.0, 0.0)] + [
             (100 * p["grown"], 100 * p["moved_m"], 100 * (p["standard_error_m"] or 0))
