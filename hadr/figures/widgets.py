@@ -14,10 +14,10 @@ from torch import Tensor
 
 from hadr.camera import BoolArray, FloatArray, window_around
 from hadr.corruption import see_through
-from hadr.figures import COLORS, equal_axes_3d, show_depth, show_skeleton_3d
 from hadr.figures.depth.corruption_statistics import corruption_statistics
 from hadr.figures.handover.rescoring_sphere import candidate_choice
 from hadr.figures.method.rays import draw_walk
+from hadr.figures.panels import COLORS, equal_axes_3d, show_depth, show_skeleton_3d
 from hadr.hand import absolute_hand_feature, check_keypoints
 from hadr.handover.grasping.grasps import Grasps
 from hadr.handover.grasping.rescoring import Directions, Weights

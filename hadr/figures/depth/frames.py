@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from hadr.camera import FloatArray
 from hadr.data.frame import Frame
-from hadr.figures import (
+from hadr.figures.panels import (
     COLORS,
     show_color,
     show_depth,

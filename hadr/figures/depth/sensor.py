@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 from hadr.camera import window_around
 from hadr.corruption import see_through
 from hadr.data.frame import Frame
-from hadr.figures import COLORS, show_color, show_depth, show_error
 from hadr.figures.depth.corruption_statistics import corruption_statistics
+from hadr.figures.panels import COLORS, show_color, show_depth, show_error
 from hadr.records.markdown import markdown_table
 
 #: What is compared: key in the results, title, factor, unit.

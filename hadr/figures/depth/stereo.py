@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 
-from hadr.figures import COLORS
+from hadr.figures.panels import COLORS
 
 _WALL_Y = 1.0
 _GLASS_Y = 0.55

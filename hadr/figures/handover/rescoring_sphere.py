@@ -21,8 +21,8 @@ from matplotlib.patheffects import withStroke
 from scipy.ndimage import distance_transform_edt
 from scipy.spatial.transform import Rotation
 
-from hadr.figures import COLORS
 from hadr.figures.handover.scene import bare_axes_3d, show_glass, show_grippers, show_hand
+from hadr.figures.panels import COLORS
 from hadr.handover.grasping.collision import FINGER_LENGTH, STEM_LENGTH, fork
 from hadr.handover.grasping.grasps import Grasps, forward_of
 from hadr.handover.grasping.rescoring import (

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
-from hadr.figures import COLORS, show_skeleton_3d
+from hadr.figures.panels import COLORS, show_skeleton_3d
 from hadr.hand import BONES
 from hadr.handover.grasping.collision import fork
 from hadr.synthesis.glass.objects import GlassObject, profile

@@ -71,7 +71,7 @@ class HandFilm:
         return off
 
 
-def film_picture(
+def moment_picture(
     film: HandFilm,
     carried: Sequence[Carried],
     at: int,

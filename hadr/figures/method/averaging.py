@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from hadr.camera import FloatArray
-from hadr.figures import COLORS
+from hadr.figures.panels import COLORS
 from hadr.metrics import DepthMetrics, frame_metrics, mean_over_frames, pooled
 
 

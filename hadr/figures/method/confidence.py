@@ -10,7 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.image import AxesImage
 
 from hadr.camera import BoolArray, FloatArray
-from hadr.figures import COLORS
+from hadr.figures.panels import COLORS
+from hadr.figures.rows import Dots, draw_dot_rows
 
 CONFIDENCE_MAP = "cividis"
 _SENSOR = {"raw": "sensor depth"}  # what a camera measured; a result file calls it raw
@@ -102,22 +103,17 @@ def show_confidence(
 def draw_real_errors(ax: Axes, rows: Sequence[Mapping[str, Any]], scenes: Sequence[str]) -> None:
     """Draw each method's RMSE on real frames as dots, one a scene; bars span the stand-in hands."""
     methods = list(dict.fromkeys(str(row["method"]) for row in rows))
-    tones, markers = (COLORS["truth"], COLORS["raw"]), "os"
-    for number, scene in enumerate(scenes):
-        own = [row for row in rows if row["scene"] == scene]
-        y = np.array([methods.index(str(row["method"])) for row in own]) + 0.16 * (2 * number - 1)
-        x = 100 * np.array([row["rmse_m"] for row in own])
-        color = tones[number % len(tones)]
-        ax.scatter(
-            x, y, color=color, marker=markers[number % 2], s=45, zorder=3,
-            label=f"scene {scene[-3:]}",
-        )  # fmt: skip
-        for place, row in zip(y, own, strict=True):
-            if row.get("rmse_low_m") is not None:
-                span = (100 * row["rmse_low_m"], 100 * row["rmse_high_m"])
-                ax.plot(span, (place, place), color=color, lw=2.2, alpha=0.6)
-    ax.set_yticks(range(len(methods)), [_SENSOR.get(name, name) for name in methods])
-    ax.invert_yaxis()
+    series = []
+    for number, (scene, tone) in enumerate(zip(scenes, ("truth", "raw"), strict=False)):
+        own = {str(row["method"]): row for row in rows if row["scene"] == scene}
+        values, low, high = (
+            [100 * (own.get(method, {}).get(part) or np.nan) for method in methods]
+            for part in ("rmse_m", "rmse_low_m", "rmse_high_m")
+        )
+        ends, aside = np.stack([low, high], axis=1), 0.32 * number - 0.16
+        label = f"scene {scene[-3:]}"
+        series.append(Dots(values, COLORS[tone], "os"[number], label, ends=ends, aside=aside))
+    draw_dot_rows(ax, [_SENSOR.get(name, name) for name in methods], series)
     ax.set(xlabel="RMSE inside the mask (cm)")
     ax.set_xlim(left=0)
     ax.grid(axis="x", alpha=0.3)

@@ -13,11 +13,9 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from hadr.camera import BoolArray, valid_depth, window_around
-from hadr.figures import COLORS, ERROR_MAP, show_depth
 from hadr.figures.depth.corruption_examples import (
     KINDS,
     PLACES,
@@ -25,6 +23,8 @@ from hadr.figures.depth.corruption_examples import (
     error_places,
     kind_shares,
 )
+from hadr.figures.panels import COLORS, ERROR_MAP, show_depth
+from hadr.figures.rows import draw_bar_rows
 from hadr.records.caches import read_only
 
 Depth = npt.NDArray[np.float32]
@@ -164,23 +164,10 @@ def _draw_shares(ax: Axes, source: Source, place: str) -> None:
 
 def draw_kind_bars(ax: Axes, sources: Mapping[str, Source], place: str) -> None:
     """Draw the shares of several sources as stacked bars, one below the other."""
-    rows = 100 * np.array([source.shares(place) for source in sources.values()])
-    left = np.zeros(len(rows))
-    places = range(len(rows))
-    for kind, (name, color) in enumerate(zip(KINDS, KIND_COLORS, strict=True)):
-        values = rows[:, kind]
-        ax.barh(places, values, 0.72, left, color=color, edgecolor=_EDGE, lw=0.7, label=name)
-        for y, value, start in zip(places, values, left, strict=True):
-            if value >= 4:
-                ink = "white" if kind in (1, 5) else "black"
-                ax.text(start + value / 2, y, f"{value:.0f}", ha="center", va="center", color=ink)
-        left = left + values
-    ax.set_yticks(places, list(sources))
+    shares = 100 * np.array([source.shares(place) for source in sources.values()])
+    parts = dict(zip(KINDS, shares.T, strict=True))
+    draw_bar_rows(ax, list(sources), parts, KIND_COLORS, text="{:.0f}", least=4, edgecolor=_EDGE)
     ax.set(xlim=(0, 100), xlabel=f"share of the pixels {place} (%)")
-    ax.invert_yaxis()
     ax.tick_params(axis="y", length=0)
     ax.spines["left"].set_visible(False)
-    handles = [
-        Patch(fc=c, ec=_EDGE, lw=0.7, label=n) for n, c in zip(KINDS, KIND_COLORS, strict=True)
-    ]
-    ax.legend(handles=handles, loc="lower center", bbox_to_anchor=(0.42, 1.0), ncols=3)
+    ax.legend(loc="lower center", bbox_to_anchor=(0.42, 1.0), ncols=3)

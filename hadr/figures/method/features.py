@@ -15,7 +15,7 @@ from matplotlib.ticker import MaxNLocator
 from torch import Tensor
 
 from hadr.camera import BoolArray, FloatArray
-from hadr.figures import COLORS, show_color
+from hadr.figures.panels import COLORS, show_color
 
 _PARTS = (COLORS["hadr"], COLORS["voxel"], COLORS["hand"], "#5a5a5a", "#8a8a8a", "#b8b8b8")
 

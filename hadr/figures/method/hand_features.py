@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
 
-from hadr.figures import COLORS
 from hadr.figures.method.hands import Array, frame_hand_axes, on_screen, show_axis, show_bones
+from hadr.figures.panels import COLORS
 from hadr.hand import FINGERS, check_keypoints
 
 #: The two forms of the absolute feature, in the colours that they keep throughout a chapter.

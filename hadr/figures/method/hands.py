@@ -15,7 +15,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_rgb
 from scipy.spatial.transform import Rotation
 
-from hadr.figures import FINGER_COLORS
+from hadr.figures.panels import FINGER_COLORS
 from hadr.hand import BONES, FINGERS, check_keypoints
 from hadr.synthesis.glass.surfaces import Surface
 

@@ -13,7 +13,8 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 
 from hadr.camera import BoolArray, FloatArray
-from hadr.figures import COLORS, show_color, show_error
+from hadr.figures.panels import COLORS, show_color, show_error
+from hadr.figures.rows import Dots, draw_bar_rows, draw_dot_rows, name_rows
 from hadr.metrics import DepthMetrics
 
 _THRESHOLD_COLORS = {1.05: COLORS["hadr"], 1.10: COLORS["robot"], 1.25: COLORS["baseline"]}
@@ -115,7 +116,7 @@ def draw_frame_dots(
             bar: dict[str, Any] = {"lw": 2.5, "color": COLORS[color]}
             x = rows[name].mae_m * 100
             ax.plot([x, x], [y - 0.3, y + 0.3], label=label if y == 0 else None, **bar)
-    _method_rows(ax, list(frames))
+    name_rows(ax, list(frames))
     _logarithmic_centimetres(ax, "MAE (cm), one dot per frame")
     ax.legend(loc="lower right")
 
@@ -143,14 +144,12 @@ def draw_known_unknown(
     ax: Axes, known: Mapping[str, float], unknown: Mapping[str, float], xlabel: str
 ) -> None:
     """Draw for each method a filled dot (known objects) joined to an empty one (unknown)."""
-    for y, name in enumerate(known):
-        color = COLORS["hadr" if name == "HADR" else "raw"]
-        named = y == len(known) - 1
-        ax.plot([known[name], unknown[name]], [y, y], color=color, lw=1.5)
-        dot: dict[str, Any] = {"s": 55, "edgecolor": color, "lw": 1.8, "zorder": 3}
-        ax.scatter(known[name], y, facecolor=color, label="known" if named else None, **dot)
-        ax.scatter(unknown[name], y, facecolor="white", label="unknown" if named else None, **dot)
-    _method_rows(ax, list(known))
+    colors = [COLORS["hadr" if name == "HADR" else "raw"] for name in known]
+    series = [
+        Dots([values[name] for name in known], colors, label=label, hollow=label == "unknown")
+        for label, values in {"known": known, "unknown": unknown}.items()
+    ]
+    draw_dot_rows(ax, list(known), series, joined=True)
     ax.set_xlabel(xlabel)
 
 
@@ -162,19 +161,12 @@ def draw_intervals(
     *,
     hollow: Container[str] = (),
 ) -> None:
-    """Draw named intervals as bars below each other."""
-    for y, (name, (low, high)) in enumerate(intervals.items()):
-        color = COLORS[colors[name]]
-        face = "white" if name in hollow else color
-        ax.barh(y, high - low, left=low, height=0.5, facecolor=face, edgecolor=color, lw=1.8)
-    _method_rows(ax, list(intervals))
+    """Draw named intervals as bars below each other; colours are names of `panels.COLORS`."""
+    low, high = np.array(list(intervals.values())).T
+    draw_bar_rows(ax, list(intervals), {"": high - low}, [""], left=low, height=0.5, lw=1.8,
+                  color=[[COLORS[colors[n]] if n not in hollow else "white" for n in intervals]],
+                  edgecolor=[[COLORS[colors[n]] for n in intervals]])  # fmt: skip
     ax.set_xlabel(xlabel)
-
-
-def _method_rows(ax: Axes, names: Sequence[str]) -> None:
-    """Name the rows, the first one at the top."""
-    ax.set_yticks(range(len(names)), names)
-    ax.set_ylim(len(names) - 0.5, -0.5)
 
 
 def _logarithmic_centimetres(ax: Axes, xlabel: str) -> None:

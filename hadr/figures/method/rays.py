@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from hadr.camera import BoolArray
-from hadr.figures import COLORS, show_color
+from hadr.figures.panels import COLORS, show_color
 from hadr.ray_voxels import OccupiedVoxels, RayVoxelPairs
 
 

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from hadr.camera import FloatArray, window_around
-from hadr.figures import COLORS, show_depth
+from hadr.figures.panels import COLORS, show_depth
 from hadr.training.batches import FrameTensors
 
 _NEAR_CM = 15.0  # half the range of depth around a glass
@@ -22,7 +22,7 @@ def distances(depth: FloatArray, frames: FrameTensors) -> FloatArray:
     return np.array([np.median(d[m]) for d, m in zip(depth, masks, strict=True)])
 
 
-def film_picture(
+def epoch_picture(
     stages: Mapping[str, FloatArray], frames: FrameTensors, shown: Sequence[int], stage: int
 ) -> Figure:
     """Draw one stage: restored depth of three frames, the glasses from above, all distances."""

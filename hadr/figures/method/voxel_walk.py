@@ -13,8 +13,8 @@ from matplotlib.patches import Rectangle
 from torch import Tensor
 
 from hadr.camera import FloatArray
-from hadr.figures import COLORS
 from hadr.figures.method.rays import draw_slabs, draw_walk
+from hadr.figures.panels import COLORS
 from hadr.ray_voxels import OccupiedVoxels, VoxelGrid, occupied_voxels, ray_voxel_pairs
 
 _ABOVE = np.eye(3)

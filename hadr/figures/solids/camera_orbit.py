@@ -13,9 +13,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from hadr.camera import Intrinsics, project, transform_points
-from hadr.figures import COLORS, FINGER_COLORS
+from hadr.figures.panels import COLORS, FINGER_COLORS
 from hadr.figures.solids.studio import StudioView, studio_picture, studio_view
-from hadr.figures.solids.turntable import HeldGlass
+from hadr.figures.solids.turntable import HandOnGlass
 from hadr.hand import (
     FINGERS,
     absolute_hand_feature,
@@ -54,7 +54,7 @@ class Orbit:
         keypoints: Camera frame, metres, shape (N, 21, 3).
     """
 
-    scene: HeldGlass
+    scene: HandOnGlass
     turns_deg: Array
     views: tuple[StudioView, ...]
     camera: Intrinsics
@@ -74,7 +74,7 @@ class Orbit:
         return caster.labels(self.camera, pose)
 
 
-def orbit(scene: HeldGlass, turns_deg: npt.ArrayLike, *, pixels: int = 224) -> Orbit:
+def orbit(scene: HandOnGlass, turns_deg: npt.ArrayLike, *, pixels: int = 224) -> Orbit:
     """Send a camera around a held glass.
 
     Args:

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 
-from hadr.figures import COLORS
+from hadr.figures.panels import COLORS
 from hadr.figures.solids.studio import PLAIN, studio_picture, studio_view
 from hadr.figures.solids.turntable import bare_glass, held_glass, solid_of
 from hadr.synthesis.glass.objects import GlassObject, bodies

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from hadr.figures import FINGER_COLORS
+from hadr.figures.panels import FINGER_COLORS
 from hadr.figures.solids.studio import StudioView, studio_picture, studio_view
 from hadr.figures.solids.turntable import held_glass
 from hadr.hand import ANGLE_NAMES, FINGERS

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
 from matplotlib.axes import Axes
 
+from hadr.figures.rows import Dots, draw_dot_rows
 from hadr.figures.tables.results import (
     NAMES,
     Row,
@@ -96,25 +98,15 @@ def draw_against_paper(
     """Draw each method's RMSE as published (hollow) and ours (full, with its standard error)."""
     own = {row["method"]: row for row in rows if row["split"] == split}
     methods = compared(rows, published, split)
-    largest = max((100 * own[method]["rmse_m"] for method in methods), default=1)
-    for line, method in enumerate(methods):
-        color = system_color(method)
-        theirs = 100 * published[split][PUBLISHED_NAMES[method]][0]
-        ours = 100 * own[method]["rmse_m"]
-        doubt = 100 * (own[method].get("rmse_standard_error_m") or 0)
-        ax.plot([theirs, ours], [line, line], color=color, lw=1, alpha=0.5)
-        marker = system_marker(method)
-        ax.plot(theirs, line, marker, color=color, mfc="white", ms=8)
-        ax.errorbar(ours, line, xerr=doubt, color=color, marker=marker, ms=8, capsize=2)
-    ax.set(
-        xscale="log",
-        yticks=range(len(methods)),
-        yticklabels=[NAMES[method] for method in methods],
-        ylim=(len(methods) - 0.5, -0.5),
-        xlim=(0.7, max(10, 1.3 * largest)),
-        xlabel="RMSE (cm)",
-        title=f"{split} objects",
-    )
+    colors, markers = ([f(m) for m in methods] for f in (system_color, system_marker))
+    theirs = [100 * published[split][PUBLISHED_NAMES[method]][0] for method in methods]
+    ours = np.array([100 * own[method]["rmse_m"] for method in methods])
+    doubt = np.array([100 * (own[m].get("rmse_standard_error_m") or 0) for m in methods])
+    ends = np.stack([ours - doubt, ours + doubt], axis=1)
+    series = [Dots(theirs, colors, markers, hollow=True), Dots(ours, colors, markers, ends=ends)]
+    draw_dot_rows(ax, [NAMES[method] for method in methods], series, size=8, joined=True)
+    limits = (0.7, max(10, 1.3 * ours.max(initial=1)))
+    ax.set(xscale="log", xlim=limits, xlabel="RMSE (cm)", title=f"{split} objects")
     ax.set_xticks([1, 2, 5, 10], ["1", "2", "5", "10"])
     ax.minorticks_off()
 
