@@ -9,15 +9,7 @@ from hadr.records.markdown import markdown_table
 
 
 def memory_table(rows: Sequence[Row]) -> str:
-    """Set each method's error with whole holds held out beside that with frames dealt out.
-
-    Args:
-        rows: Rows of `results/mini/memory.json`.
-
-    Returns:
-        Markdown, centimetres: RMSE, and its difference from the hand's median depth on the same
-        frames, each with its standard error over holds.
-    """
+    """Set each method's error with whole holds held out beside that with frames dealt out."""
     head = [
         "method", "whole holds: RMSE (cm)", "minus the hand's median", "frame by frame: RMSE (cm)",
         "minus the hand's median",
@@ -37,14 +29,7 @@ def memory_table(rows: Sequence[Row]) -> str:
 
 
 def averages_table(rows: Sequence[Row]) -> str:
-    """Set each network's error in both averages, and against the hand's median frame by frame.
-
-    Args:
-        rows: Rows of `known.json` and `unknown.json`.
-
-    Returns:
-        Markdown.
-    """
+    """Set each network's error in both averages, and against the hand's median frame by frame."""
     head = [
         "objects", "method", "RMSE, mean over frames (cm)", "pooled (cm)",
         "minus the hand's median (cm)", "better on frames (%)",
@@ -62,14 +47,7 @@ def averages_table(rows: Sequence[Row]) -> str:
 
 
 def poses_table(rows: Sequence[Row]) -> str:
-    """Set each method's error on familiar and on new hand poses.
-
-    Args:
-        rows: Rows of `results/mini/errors.json`.
-
-    Returns:
-        Markdown.
-    """
+    """Set each method's error on familiar and on new hand poses."""
     head = [
         "objects", "method", "RMSE, most familiar third (cm)", "newest third (cm)",
         "rank correlation",
