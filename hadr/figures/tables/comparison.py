@@ -6,9 +6,11 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 
 from hadr.figures.rows import Dots, draw_dot_rows
+from hadr.figures.tables import markdown
 from hadr.figures.tables.results import (
     NAMES,
     Row,
@@ -17,7 +19,6 @@ from hadr.figures.tables.results import (
     system_color,
     system_marker,
 )
-from hadr.records.markdown import markdown_table
 
 PUBLISHED_NAMES: dict[str, str] = {
     "tode": "TODE-Trans",
@@ -60,7 +61,7 @@ def orders_table(rows: Sequence[Row], published: Mapping[str, Any]) -> str:
             measured = [f"{100 * ours['rmse_m']:.2f}", str(place), f"{ours['delta_105']:.2f}"]
             gap = difference_cell(ours.get("against_next"))
             lines.append([split, NAMES[method], *printed, *measured, gap])
-    return markdown_table(head, lines, "llr")
+    return markdown(pd.DataFrame(lines, columns=head), "llr")
 
 
 def reasons_table(
@@ -82,14 +83,14 @@ def reasons_table(
         cells = [f"{gaps[s]:+.1f}" if s in gaps else "-" for s in ("known", "unknown")]
         lines.append([NAMES[method], *cells, reason, where])
     head = ["row", "ours minus paper: known (cm)", "unknown (cm)", "main reason", "where tested"]
-    return markdown_table(head, lines, "lrrll")
+    return markdown(pd.DataFrame(lines, columns=head), "lrrll")
 
 
 def ways_table(ways: Sequence[tuple[str, str, str, float]]) -> str:
     """List one network's errors: where it was scored, on which frames, and what a hole counts."""
     head = ["scored in", "frames", "a pixel without an answer", "RMSE (cm)"]
     lines = [[*words, f"{100 * rmse:.2f}"] for *words, rmse in ways]
-    return markdown_table(head, lines, "lllr")
+    return markdown(pd.DataFrame(lines, columns=head), "lllr")
 
 
 def draw_against_paper(
@@ -154,4 +155,4 @@ def ablation_table(rows: Sequence[Row], published: Mapping[str, Any]) -> str:
                 f"{row['delta_105']:.2f}",
             ]
         )
-    return markdown_table(head, lines)
+    return markdown(pd.DataFrame(lines, columns=head))

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import pandas as pd
+
+from hadr.figures.tables import markdown
 from hadr.figures.tables.results import NAMES, Row, difference_cell, ordered, with_doubt
-from hadr.records.markdown import markdown_table
 
 
 def memory_table(rows: Sequence[Row]) -> str:
@@ -25,7 +27,7 @@ def memory_table(rows: Sequence[Row]) -> str:
             cells.append(with_doubt(row["rmse_m"], row["rmse_standard_error_m"]))
             cells.append(difference_cell(None if itself else row["against_hand_median"]))
         lines.append([NAMES[one["method"]], *cells])
-    return markdown_table(head, lines)
+    return markdown(pd.DataFrame(lines, columns=head))
 
 
 def averages_table(rows: Sequence[Row]) -> str:
@@ -43,7 +45,7 @@ def averages_table(rows: Sequence[Row]) -> str:
         both = (f"{100 * part['rmse_m']:.2f}" for part in (row, row["pooled"]))
         name = NAMES[row["method"]]
         lines.append([row["split"], name, *both, difference_cell(pair), f"{share:.0f}"])
-    return markdown_table(head, lines, "llr")
+    return markdown(pd.DataFrame(lines, columns=head), "llr")
 
 
 def poses_table(rows: Sequence[Row]) -> str:
@@ -58,4 +60,4 @@ def poses_table(rows: Sequence[Row]) -> str:
         both = (f"{100 * part['rmse_m']:.2f}" for part in (near, far))
         name = NAMES[row["method"]]
         lines.append([row["split"], name, *both, f"{row['rank_correlation']:+.2f}"])
-    return markdown_table(head, lines, "llr")
+    return markdown(pd.DataFrame(lines, columns=head), "llr")

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import pandas as pd
 from scipy.stats import binomtest
 
 from hadr.figures.handover.film import ARMS
-from hadr.records.markdown import markdown_table
+from hadr.figures.tables import markdown
 
 Row = Mapping[str, Any]
 
@@ -41,7 +42,7 @@ def arms_table(rows: Sequence[Row], published: Mapping[str, Sequence[int]] | Non
             ]
         )
     head = ["depth", "successes", "rate", "95 % interval", "> 0.5", "> 0.8", "1.0", "time"]
-    return markdown_table(head, lines, "lr")
+    return markdown(pd.DataFrame(lines, columns=head))
 
 
 def paired(first: Row, second: Row) -> tuple[int, int, float]:

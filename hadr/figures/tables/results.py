@@ -6,12 +6,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 
 from hadr.camera import FloatArray
 from hadr.figures.panels import COLORS
 from hadr.figures.rows import Dots, draw_dot_rows
-from hadr.records.markdown import markdown_table
+from hadr.figures.tables import markdown
 
 Row = Mapping[str, Any]
 
@@ -150,7 +151,7 @@ def results_table(rows: Sequence[Row], published: Mapping[str, Mapping[str, Any]
         rmse, _, mae, delta = published[split]["HADR"][:4]
         cells += [f"{100 * rmse:.1f}", f"{100 * mae:.1f}", f"{delta:.2f}"]
     lines.append(["*HADR as published*", *cells, "-", "-"])
-    return markdown_table(head, lines)
+    return markdown(pd.DataFrame(lines, columns=head))
 
 
 def _scores(row: Row | None) -> list[str]:
