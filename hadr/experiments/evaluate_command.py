@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
+
+import tyro
 
 from hadr.depth_network import TITLES
 from hadr.experiments.scoring import EVALUATION_SIZE, Scores, score_cheap, score_network
 from hadr.metrics import format_table, mean_over_frames
 from hadr.records.output_folder import check_writable
 from hadr.records.provenance import provenance, write_json
-from hadr.training.batches import FrameTensors, load_frames
+from hadr.training.batches import Corruption, FrameTensors, load_frames
 from hadr.training.checkpoints import load_checkpoint
 from hadr.training.evaluation import BASELINES
-from hadr.training.predicted import Given, with_predicted
+from hadr.training.predicted import TRUE, Given, with_predicted
 from hadr.training.recipe import Preset
 from hadr.training.tasks.table import task_of
-from hadr.training.train_command import add_given, given_from, open_split
+from hadr.training.train_command import open_split
 
 DEPTH_NETWORKS = tuple(TITLES)
 
@@ -49,27 +50,32 @@ class Checkpoint:
         return int(self.meta["width"]), int(self.meta["height"])
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of `hadr evaluate`."""
-    parser.description = (
-        "Score checkpoints. Depth networks restore at their own size and are scored at "
-        f"{EVALUATION_SIZE[0]}x{EVALUATION_SIZE[1]} on the true mask's pixels, beside methods that "
-        "learn nothing; segmentation and keypoint networks have figures of their own."
-    )
-    parser.add_argument("checkpoint", nargs="+", help="files that `hadr train` wrote")
-    parser.add_argument(
-        "--data",
-        nargs="+",
-        metavar="DIR",
-        help="folders in TransHand's layout, joined; the bundled frames where it is left out",
-    )
-    parser.add_argument(
-        "--split", default="test", choices=("train", "val", "test"), help="which frames (test)"
-    )
-    parser.add_argument("--objects", nargs="+", metavar="ID", help="score these objects only")
-    add_given(parser)
-    parser.add_argument("--seed", type=int, default=0, help="seed of the analytic corruption (0)")
-    parser.add_argument("--out", help="write the tables as JSON with their provenance")
+@dataclass(frozen=True)
+class Options:
+    """Score checkpoints.
+
+    Depth networks restore at their own size and are scored at 224x126 on the true mask's pixels,
+    beside methods that learn nothing; segmentation and keypoint networks have figures of their own.
+    """
+
+    checkpoint: tyro.conf.Positional[tuple[str, ...]]
+    """Files that `hadr train` wrote."""
+    data: tuple[Path, ...] = ()
+    """Folders in TransHand's layout, joined; the bundled frames where it is left out."""
+    split: Literal["train", "val", "test"] = "test"
+    """Which frames."""
+    objects: tuple[str, ...] = ()
+    """Score these objects only."""
+    corruption: Corruption = "oracle"
+    """oracle: none in the mask; analytic: a formula's; sensor: as measured; erased: that without the mask."""
+    masks: str = TRUE
+    """The word true, or a segmentation checkpoint whose predictions are given."""
+    keypoints: str = TRUE
+    """The word true, or a hand-keypoints checkpoint whose predictions are given."""
+    seed: int = 0
+    """Seed of the analytic corruption."""
+    out: Path | None = None
+    """File for the tables as JSON with their provenance."""
 
 
 def depth_table(checkpoints: Sequence[Checkpoint], source: Any, given: Given) -> dict[str, Scores]:
@@ -114,24 +120,26 @@ def figures(checkpoint: Checkpoint, source: Any, given: Given) -> dict[str, floa
     return {name.removeprefix("validation_"): value for name, value in found.items()}
 
 
-def run(args: argparse.Namespace) -> int:
+def run(options: Options) -> int:
     """Run `hadr evaluate`."""
     from hadr.data.samples import samples_dir
 
-    check_writable(args.out)
-    folders = args.data or [samples_dir() / "frames"]
-    source = open_split(folders, args.split, args.objects)
+    check_writable(options.out)
+    if not options.checkpoint:
+        raise ValueError("no checkpoint is named: nothing to score")
+    folders = options.data or (samples_dir() / "frames",)
+    source = open_split(folders, options.split, options.objects or None)
     if source is None:
-        raise FileNotFoundError(f"no folder {args.split} in {', '.join(map(str, folders))}")
-    given = given_from(args)
-    checkpoints = _open(args.checkpoint)
+        raise FileNotFoundError(f"no folder {options.split} in {', '.join(map(str, folders))}")
+    given = Given(options.corruption, options.masks, options.keypoints, options.seed)
+    checkpoints = _open(options.checkpoint)
     for one in checkpoints:
         given.check_network(one.kind)
     given.check()
     depth = [one for one in checkpoints if one.kind in DEPTH_NETWORKS]
     content: dict[str, Any] = {
-        "split": args.split,
-        "objects": args.objects or "all",
+        "split": options.split,
+        "objects": options.objects or "all",
         "folders": [Path(folder).name for folder in folders],
         "given": given.record(),
         "frames": len(source),
@@ -144,7 +152,7 @@ def run(args: argparse.Namespace) -> int:
             for name, scores in rows.items()
         }
         pooled = {name: replace(scores.pooled, coverage=own[name]) for name, scores in rows.items()}
-        print(f"split {args.split}, {len(source)} frames, depth {given.corruption}\n")
+        print(f"split {options.split}, {len(source)} frames, depth {given.corruption}\n")
         print(f"mean of the frames' numbers\n{format_table(means)}\n")
         print(f"all pixels pooled\n{format_table(pooled)}\n")
         content["size"] = list(EVALUATION_SIZE)
@@ -156,8 +164,8 @@ def run(args: argparse.Namespace) -> int:
             print(f"{one.name} ({one.kind}): {len(source)} frames, depth {given.corruption}")
             print("\n".join(f"  {name:<24} {value:.4f}" for name, value in found.items()) + "\n")
             content.setdefault("figures", {})[one.name] = {"network": one.kind, **found}
-    if args.out:
-        write_json(Path(args.out), {**content, "provenance": provenance()})
+    if options.out:
+        write_json(options.out, {**content, "provenance": provenance()})
     return 0
 
 

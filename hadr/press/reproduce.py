@@ -9,10 +9,11 @@ OUT/run_times.json               how long each step took
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from hadr.data.samples import samples_dir
 from hadr.experiments.again import measure_again, row_to_run
@@ -38,8 +39,8 @@ from hadr.press.paper_report import TITLES, report
 from hadr.records.checkout import checkout_root
 from hadr.records.output_folder import check_output_folder, make_output_folder
 from hadr.simulation.trials.command import check_packages
-from hadr.training.accelerator import add_accelerator, chosen_accelerator
-from hadr.training.batches import CORRUPTIONS
+from hadr.training.accelerator import chosen_accelerator
+from hadr.training.batches import Corruption
 
 TINY_FRAMES = 48
 """Frames of each part in preset tiny, which shows that everything runs and no more."""
@@ -47,73 +48,38 @@ WHOLE = ("tables", "handover", "chapters")
 """What ``--only`` takes as a whole, in the order in which it is made."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Describe ``hadr reproduce`` to a command line parser."""
-    parser.description = (
-        "Train and score the systems of the tables, make the attempts of the handover, execute the "
-        "book's chapters and collect what they measure. The plan is printed first. A step that is "
-        "finished is not repeated; one that was stopped goes on."
-    )
-    parser.add_argument(
-        "--preset",
-        choices=("tiny", "mini", "paper"),
-        default="tiny",
-        help="size of networks and data (default: tiny, minutes on a laptop)",
-    )
-    parser.add_argument("--seed", type=int, default=0, help="seed of every chapter (default: 0)")
-    parser.add_argument(
-        "--only",
-        nargs="+",
-        default=[],
-        metavar="WHAT",
-        help="chapters by number or name (`--only 03 04`), runs of the tables (`--only "
-        "known/hadr unknown raw`), or all of a part: `tables`, `handover`, `chapters` (default: "
-        "everything)",
-    )
-    parser.add_argument(
-        "--out", type=Path, required=True, metavar="DIR", help="folder for notebooks and results"
-    )
-    parser.add_argument(
-        "--dry-run", action="store_true", help="print the plan with what is done, and stop"
-    )
-    parser.add_argument(
-        "--data",
-        nargs="+",
-        type=Path,
-        default=[],
-        metavar="DIR",
-        help="data folders for the tables; preset tiny takes the bundled samples, mini and paper "
-        "need a set that `hadr generate --preset mini` or paper has made",
-    )
-    parser.add_argument(
-        "--seeds",
-        nargs="+",
-        type=int,
-        metavar="N",
-        help="seeds of the trainings (0; with mini and paper 0 1 2 for HADR with and without the "
-        "hand on unknown objects)",
-    )
-    parser.add_argument(
-        "--jobs",
-        type=int,
-        default=1,
-        metavar="N",
-        help="so many trainings at a time, each in a process with one thread (1: one, with all "
-        "threads; exact numbers repeat for the same number of threads only)",
-    )
-    add_accelerator(parser)
-    parser.add_argument(
-        "--again",
-        nargs=2,
-        metavar=("FILE", "METHOD"),
-        help="run a row of a result file once more from its recorded configuration, and compare",
-    )
-    parser.add_argument(
-        "--corruption", default="oracle", choices=tuple(CORRUPTIONS), help="depth inside the glass"
-    )
+@dataclass(frozen=True)
+class Options:
+    """Make the tables, the attempts of the handover and the chapters, and collect the results.
+
+    The plan is printed first. What is finished is not repeated; what was stopped goes on.
+    """
+
+    out: Path
+    """Folder for notebooks and results."""
+    preset: Literal["tiny", "mini", "paper"] = "tiny"
+    """Size of networks and data; tiny takes minutes on a laptop."""
+    seed: int = 0
+    """Seed of every chapter and of the attempts."""
+    only: tuple[str, ...] = ()
+    """Chapters (03 04), rows (known/hadr raw), or a part: tables, handover, chapters."""
+    dry_run: bool = False
+    """Print the plan with what is done, and stop."""
+    data: tuple[Path, ...] = ()
+    """Data for the tables, from `hadr generate --preset mini`; tiny takes the bundled samples."""
+    seeds: tuple[int, ...] | None = None
+    """Seeds of the trainings; unset: 0, but 0 1 2 where mini and paper ask what a hand is worth."""
+    jobs: int = 1
+    """Trainings or attempts at a time, each with one thread; 1: one training with all threads."""
+    accelerator: Literal["auto", "cpu", "cuda"] = "auto"
+    """auto: cuda if any; numbers of a GPU are near to those of a CPU, not equal to them."""
+    again: tuple[str, str] | None = None
+    """Result file and method: run that row once more as it is recorded there, and compare."""
+    corruption: Corruption = "oracle"
+    """Depth inside the glass."""
 
 
-def run(args: argparse.Namespace) -> int:
+def run(options: Options) -> int:
     """Carry out ``hadr reproduce``: print the plan, then do what is left of it.
 
     Returns:
@@ -124,65 +90,66 @@ def run(args: argparse.Namespace) -> int:
         ValueError: A wish fits nothing, an option is out of range, or data are missing.
         FileNotFoundError: A data folder is not there.
     """
-    check_output_folder(args.out)
-    for option, least in (("jobs", 1), ("seed", 0), ("seeds", 0)):
-        given = getattr(args, option)
-        for number in (
-            given if isinstance(given, list | tuple) else [least if given is None else given]
-        ):
-            if number < least:
-                raise ValueError(f"--{option} must be at least {least}, got {number}")
-    if args.again:
-        return _run_again(args)
-    asked = set(args.only)
-    rows = [wish for wish in args.only if is_table_wish(wish)]
-    chapters = [w for w in args.only if w not in WHOLE and w not in rows]
+    check_output_folder(options.out)
+    smallest = min(options.seeds or (0,))
+    for name, number, least in (
+        ("jobs", options.jobs, 1), ("seed", options.seed, 0), ("seeds", smallest, 0),
+    ):  # fmt: skip
+        if number < least:
+            raise ValueError(f"--{name} must be at least {least}, got {number}")
+    if options.again:
+        return _run_again(options, *options.again)
+    asked = set(options.only)
+    rows = [wish for wish in options.only if is_table_wish(wish)]
+    chapters = [w for w in options.only if w not in WHOLE and w not in rows]
     bench = runs = attempts = None
     paths: Sequence[Path] = ()
     if not asked or rows or "tables" in asked:
-        bench = open_bench(args)
-        runs = plan([] if "tables" in asked else rows, args.seeds, args.preset)
+        bench = open_bench(options)
+        runs = plan([] if "tables" in asked else rows, options.seeds, options.preset)
     if not asked or "handover" in asked:
         try:
             check_packages()
         except ValueError as error:
             raise ValueError(f"{error}; or leave it out: --only tables chapters") from error
-        attempts = planned_attempts(args.preset, args.seed)
+        attempts = planned_attempts(options.preset, options.seed)
     if not asked or chapters or "chapters" in asked:
         paths = chapter_paths(checkout_root() / "notebooks", chapters)
 
     def steps() -> list[Step]:
-        times, found = last_run_times(args.out, args.preset), list[Step]()
+        times, found = last_run_times(options.out, options.preset), list[Step]()
         if bench is not None and runs is not None:
-            found += [] if bench.roots else [_data_step(args.preset, times)]
+            found += [] if bench.roots else [_data_step(options.preset, times)]
             found += table_steps(bench, runs, times)
         if attempts is not None:
-            found += handover_steps(attempts, args.out, times)
-        return found + chapter_steps(paths, args.out, args.preset, args.seed, times)
+            found += handover_steps(attempts, options.out, times)
+        return found + chapter_steps(paths, options.out, options.preset, options.seed, times)
 
-    print(f"preset {args.preset}, seed {args.seed}; everything goes to {args.out}\n")
+    print(f"preset {options.preset}, seed {options.seed}; everything goes to {options.out}\n")
     print(steps_text(steps()), flush=True)
-    if args.dry_run:
+    if options.dry_run:
         return 0
     print()
-    make_output_folder(args.out)
+    make_output_folder(options.out)
     try:
         if bench is not None and runs is not None:
-            measure_all(bench, runs, args.out / "tables", jobs=args.jobs)
+            measure_all(bench, runs, options.out / "tables", jobs=options.jobs)
         if attempts is not None:
-            make_handover_table(attempts, args.out, args.jobs)
+            make_handover_table(attempts, options.out, options.jobs)
         if bench is not None or attempts is not None:
-            write_report(args.out, args.preset)
+            write_report(options.out, options.preset)
         if paths:
-            done = run_notebooks(paths, args.out, preset=args.preset, seed=args.seed, resume=True)
+            done = run_notebooks(
+                paths, options.out, preset=options.preset, seed=options.seed, resume=True
+            )
             every = chapter_paths(checkout_root() / "notebooks")
-            keep_results(args.out, every, args.preset, args.seed)
-            print(f"\n{run_time_table(done)}\n\nresults: {args.out / 'results.json'}")
+            keep_results(options.out, every, options.preset, options.seed)
+            print(f"\n{run_time_table(done)}\n\nresults: {options.out / 'results.json'}")
     except (ChapterError, RuntimeError) as error:
         print(error, file=sys.stderr)
         return 2
-    keep_run_times(args.out, steps())
-    print(f"how long each step took: {args.out / NAME}")
+    keep_run_times(options.out, steps())
+    print(f"how long each step took: {options.out / NAME}")
     return 0
 
 
@@ -192,23 +159,23 @@ def is_table_wish(wish: str) -> bool:
     return "/" in wish or wish.lower() in names
 
 
-def open_bench(args: argparse.Namespace) -> Bench:
+def open_bench(options: Options) -> Bench:
     """Open the bench that the options describe; for a plan alone, its data may be missing.
 
     Raises:
         ValueError: No data folder is named, and the preset has none of its own.
         FileNotFoundError: A data folder is not there.
     """
-    roots: Sequence[Path] = args.data
-    tiny = args.preset == "tiny"
-    if args.dry_run and not args.again and not (tiny or all(root.is_dir() for root in roots)):
+    roots: Sequence[Path] = options.data
+    tiny = options.preset == "tiny"
+    if options.dry_run and not options.again and not (tiny or all(root.is_dir() for root in roots)):
         roots = []
     elif not roots and tiny:
         roots = [samples_dir() / "frames"]
-    elif not roots and not args.dry_run:
+    elif not roots and not options.dry_run:
         raise ValueError(
-            f"the tables of preset {args.preset} need --data DIR; make one with "
-            f"'hadr generate --preset {args.preset} --out DIR', and name data_samples/frames "
+            f"the tables of preset {options.preset} need --data DIR; make one with "
+            f"'hadr generate --preset {options.preset} --out DIR', and name data_samples/frames "
             "beside it for more training frames"
         )
     for root in roots:
@@ -217,8 +184,10 @@ def open_bench(args: argparse.Namespace) -> Bench:
         if not (root / "train").is_dir():
             raise FileNotFoundError(f"{root} has no folder 'train': it is none of TransHand's form")
     limit = TINY_FRAMES if tiny else None
-    accelerator = chosen_accelerator(args.accelerator)
-    return Bench(roots, args.out / "runs", args.preset, args.corruption, limit, accelerator)
+    accelerator = chosen_accelerator(options.accelerator)
+    return Bench(
+        roots, options.out / "runs", options.preset, options.corruption, limit, accelerator
+    )
 
 
 def _data_step(size: str, times: dict[str, float]) -> Step:
@@ -231,13 +200,12 @@ def _data_step(size: str, times: dict[str, float]) -> Step:
     )
 
 
-def _run_again(args: argparse.Namespace) -> int:
+def _run_again(options: Options, file: str, method: str) -> int:
     """Run ``hadr reproduce --again``: 0 where the numbers agree, 1 where they don't."""
-    file, method = args.again
-    bench = open_bench(args)
-    if args.dry_run:
+    bench = open_bench(options)
+    if options.dry_run:
         row_to_run(bench, file, method)  # raises where it can't be run
-        print(f"row {method!r} of {file} would be run again in {args.out}")
+        print(f"row {method!r} of {file} would be run again in {options.out}")
         return 0
     return 0 if measure_again(bench, file, method) else 1
 

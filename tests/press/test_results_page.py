@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from hadr.cli import command_parser
+from hadr.cli import parse_options
 from hadr.experiments.tables import FILES
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -44,7 +44,7 @@ def test_commands_exist_take_these_options_and_write_the_files(
     for command in commands:
         program, *words = shlex.split(command)
         if program == "hadr":
-            command_parser(words[0]).parse_args(words[1:])
+            parse_options(words[0], words[1:])
             continue
         script, last = (ROOT / words[0]).read_text(encoding="utf-8"), command
         if "import arguments" in script:
