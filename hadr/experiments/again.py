@@ -18,22 +18,7 @@ from hadr.training.presets import recipe_from_dict
 def measure_again(
     bench: Bench, file: str | Path, method: str, say: Callable[[str], None] = print
 ) -> bool:
-    """Train and score a row's first seed again, as it is recorded: recipe and number of threads.
-
-    Args:
-        bench: Data, corruption and limit; the second run goes to ``again`` below its output. A
-            training that was stopped goes on; one that came to its end is forgotten.
-        file: A result file with the rows known, unknown, ablation or ledger.
-        method: The row's method.
-        say: Receives both sets of numbers.
-
-    Returns:
-        Whether all numbers agree to a millionth of their value.
-
-    Raises:
-        ValueError: As `row_to_run`.
-        FileNotFoundError: There is no such file.
-    """
+    """Train and score a row's first seed again, as it is recorded: recipe and number of threads."""
     row = row_to_run(bench, file, method)
     configuration = row["configuration"]
     experiment, name, seed = configuration["run"].split("/")

@@ -67,7 +67,7 @@ class Options:
     objects: tuple[str, ...] = ()
     """Score these objects only."""
     corruption: Corruption = "oracle"
-    """oracle: none in the mask; analytic: a formula's; sensor: as measured; erased: that without the mask."""
+    """oracle: none in the mask; analytic: by formulas; sensor: as measured; erased: so, masked."""
     masks: str = TRUE
     """The word true, or a segmentation checkpoint whose predictions are given."""
     keypoints: str = TRUE
@@ -79,16 +79,7 @@ class Options:
 
 
 def depth_table(checkpoints: Sequence[Checkpoint], source: Any, given: Given) -> dict[str, Scores]:
-    """Score depth networks and the methods that learn nothing on the same frames.
-
-    Args:
-        checkpoints: The networks.
-        source: The frames, by their number.
-        given: The corruption, and true or predicted masks and keypoints.
-
-    Returns:
-        The scores by the method's name.
-    """
+    """Score depth networks and the methods that learn nothing on the same frames."""
     truth = _load(source, EVALUATION_SIZE, given)
     rows = {name: score_cheap(truth, name) for name in BASELINES}
     for one in checkpoints:
@@ -97,16 +88,7 @@ def depth_table(checkpoints: Sequence[Checkpoint], source: Any, given: Given) ->
 
 
 def figures(checkpoint: Checkpoint, source: Any, given: Given) -> dict[str, float]:
-    """Score a segmentation or keypoint network, at its own size.
-
-    Args:
-        checkpoint: The network.
-        source: The frames, by their number.
-        given: The corruption of the depth.
-
-    Returns:
-        Its task's figures by name.
-    """
+    """Score a segmentation or keypoint network, at its own size."""
     width, height = checkpoint.size
     recipe = Preset(
         name="evaluation",

@@ -32,13 +32,7 @@ def planned_attempts(size: str, seed: int) -> Attempts:
 
 
 def handover_steps(plan: Attempts, out: Path, times: Mapping[str, float]) -> list[Step]:
-    """Describe the conditions as steps of a plan.
-
-    Args:
-        plan: What `planned_attempts` gave.
-        out: The output folder of the whole reproduction.
-        times: Seconds of the last runs, by the step's name.
-    """
+    """Describe the conditions as steps of a plan."""
     table, steps = out / "tables" / "handover.json", []
     rows = read_result_file(table).rows if table.is_file() else ()
     own = {row["arm"]: row["attempts"] * row["mean_wall_seconds"] for row in rows}

@@ -208,14 +208,7 @@ def measure_all(
 def measure_conditions(
     bench: Bench, runs: Sequence[Run], say: Callable[[str], None] = print
 ) -> None:
-    """Score the runs' networks with predicted masks and keypoints and with the sensor's depth.
-
-    Args:
-        bench: Where the runs are, finished.
-        runs: Those of known objects are scored with their first seed, as far as the tables have
-            them. With another corruption than "oracle" none is: these tables are about that one.
-        say: Receives a line a score that is new.
-    """
+    """Score the runs' networks with predicted masks and keypoints and with the sensor's depth."""
     for run, name, given in _conditions(bench, runs):
         if finished_condition(bench, run, name, given) is None:
             row = measure_condition(bench, run, name, given)

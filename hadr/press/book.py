@@ -151,22 +151,7 @@ def _label_films(outputs: Sequence[Any]) -> None:
 def stage_book(
     book: Path, runs: Sequence[ChapterRun], target: Path, *, total_s: float | None = None
 ) -> Path:
-    """Copy the book's pages and the executed chapters into a build folder.
-
-    Args:
-        book: Folder with _config.yml, _toc.yml and the pages.
-        runs: The executed chapters.
-        target: The staged book's folder; what was staged there before is replaced.
-        total_s: Wall-clock seconds of the execution, for the page of run times.
-
-    Returns:
-        The staged book's folder.
-
-    Raises:
-        ValueError: The target is somebody's own folder (`hadr.records.output_folder`), or a page
-        has a
-            word that nothing fills.
-    """
+    """Copy the book's pages and the executed chapters into a build folder."""
     import nbformat
 
     remove_output_folder(target)
@@ -217,19 +202,7 @@ def _drop_absent_chapters(target: Path) -> None:
 
 
 def build_html(staged: Path, output: Path, *, strict: bool = True) -> Path:
-    """Build the HTML book with Jupyter Book.
-
-    Args:
-        staged: The staged book's folder.
-        output: Takes ``_build/html/index.html`` and ``build.log``.
-        strict: Warnings are errors.
-
-    Returns:
-        The index page.
-
-    Raises:
-        RuntimeError: Jupyter Book reported an error or a warning; its last lines are in the text.
-    """
+    """Build the HTML book with Jupyter Book."""
     if importlib.util.find_spec("jupyter_book") is None:
         raise RuntimeError("Jupyter Book is not installed here: pip install -e '.[book]'")
     program = "from jupyter_book.cli.main import main; main()"
@@ -251,11 +224,7 @@ def build_html(staged: Path, output: Path, *, strict: bool = True) -> Path:
 
 
 def update_readme(readme: Path, table: str) -> None:
-    """Replace the table of run times between its two markers.
-
-    Raises:
-        ValueError: The markers are missing.
-    """
+    """Replace the table of run times between its two markers."""
     before, begin, rest = readme.read_text(encoding="utf-8").partition(TABLE_BEGIN)
     _, end, after = rest.partition(TABLE_END)
     if not end:

@@ -213,15 +213,7 @@ def run_time_table(runs: Sequence[ChapterRun], titles: Mapping[str, str] | None 
 def chapter_steps(
     notebooks: Sequence[Path], out_dir: Path, preset: str, seed: int, times: Mapping[str, float]
 ) -> list[Step]:
-    """Describe the chapters as steps of a plan.
-
-    Args:
-        notebooks: Their notebooks.
-        out_dir: As of `run_notebooks`.
-        preset: As of `run_notebooks`.
-        seed: As of `run_notebooks`.
-        times: Seconds of the last runs, by the step's name.
-    """
+    """Describe the chapters as steps of a plan."""
     steps = []
     for notebook in notebooks:
         target, folder, _ = _places(notebook, out_dir)

@@ -125,14 +125,7 @@ def text_from_notebook(notebook_json: str) -> str:
 
 
 def twin_problems(notebooks: Path) -> list[str]:
-    """Compare every chapter with its text twin.
-
-    Args:
-        notebooks: The folder with NN_name.ipynb and, in ``text/``, NN_name.md.
-
-    Returns:
-        One sentence per chapter that is out of step or stands alone; empty when all agree.
-    """
+    """Compare every chapter with its text twin."""
     texts = {path.stem: path for path in sorted((notebooks / "text").glob("*.md"))}
     books = {path.stem: path for path in sorted(notebooks.glob("*.ipynb"))}
     problems = [f"{stem}.ipynb has no text twin text/{stem}.md" for stem in books.keys() - texts]

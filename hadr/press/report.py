@@ -66,16 +66,7 @@ def ledger_table(path: str | Path) -> str:
 
 
 def ledger_effects(folder: str | Path) -> str:
-    """What each measured row of the ledger does to HADR's error on known objects, as Markdown.
-
-    Args:
-        folder: Has `ledger.json`, `segmentation.json` and `keypoints.json`.
-
-    Raises:
-        ValueError: A file was edited by hand.
-        FileNotFoundError: A file is missing.
-        KeyError: A row is missing.
-    """
+    """What each measured row of the ledger does to HADR's error on known objects, as Markdown."""
     names = ("ledger", "segmentation", "keypoints")
     read = {name: read_result_file(Path(folder) / f"{name}.json") for name in names}
     default = read["ledger"].row(method=DEFAULT)

@@ -101,11 +101,7 @@ def run(options: Options) -> int:
 
 
 def plainer(root: Path) -> Callable[[str], str]:
-    """What turns the book's Markdown into such as any Jupyter shows.
-
-    Args:
-        root: The checkout, for its bibliography and its address.
-    """
+    """What turns the book's Markdown into such as any Jupyter shows."""
     citations = short_citations((root / "book" / "references.bib").read_text(encoding="utf-8"))
     pages = f"{repository(root / 'book')['url']}/blob/main/book"
     return lambda text: plain_markdown(text, citations, pages)
@@ -119,16 +115,7 @@ def write_notebooks(
     seed: int,
     plain: Callable[[str], str],
 ) -> None:
-    """Write ``student/``, ``solutions/`` and ``tests/`` into a folder.
-
-    Args:
-        folder: An empty folder.
-        chapters: The chapters.
-        marks: Marks by exercise label.
-        preset: The notebooks' parameter of this name.
-        seed: The notebooks' parameter of this name.
-        plain: Turns the book's Markdown into such as any Jupyter shows.
-    """
+    """Write ``student/``, ``solutions/`` and ``tests/`` into a folder."""
     for chapter in chapters:
         for part, solved in (("student", False), ("solutions", True)):
             text = course_notebook(
