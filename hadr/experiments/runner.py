@@ -293,16 +293,7 @@ class Bench:
 
 
 def set_aside_another(folder: Path, recipe: Preset, data: Mapping[str, Any]) -> Path | None:
-    """Move a training of another recipe, data or code out of the way, so that nothing is lost.
-
-    Args:
-        folder: The training's folder.
-        recipe: What is to be trained there.
-        data: On what, and by which code.
-
-    Returns:
-        Where the earlier training lies now, beside the folder; None where there was none.
-    """
+    """Move a training of another recipe, data or code out of the way, so that nothing is lost."""
     if not _is_another(folder, recipe, data):
         return None
     number = 1

@@ -96,18 +96,7 @@ def against_next(
     split: str,
     holds: Sequence[str] | None = None,
 ) -> dict[str, dict[str, Any]]:
-    """Compare each of the paper's five methods with the next better of them, frame by frame.
-
-    Args:
-        rows: Rows of `Bench.measure`.
-        averaged: Their means over the seeds, by split and method.
-        split: Whose rows are compared.
-        holds: Hold of each frame of the split.
-
-    Returns:
-        `hadr.experiments.averages.paired` and the ``method`` that it is compared with, by method;
-        the best of the five is not among them.
-    """
+    """Compare each of the paper's five methods with the next better of them, frame by frame."""
     there = [method for method in ("hadr", *RIVALS) if (split, method) in averaged]
     there.sort(key=lambda method: float(averaged[split, method]["rmse_m"]))
     return {

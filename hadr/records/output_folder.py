@@ -133,12 +133,7 @@ def check_removable(folder: str | Path) -> Path:
 
 
 def remove_output_folder(folder: str | Path) -> None:
-    """Remove a folder that hadr made, with all that is in it; a missing one is no error.
-
-    Raises:
-        ValueError: As `check_removable`; nothing is removed then.
-        OSError: A part of it can't be removed.
-    """
+    """Remove a folder that hadr made, with all that is in it; a missing one is no error."""
     target = check_removable(folder)
     if target.exists():
         shutil.rmtree(target)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import importlib.util
 import json
 from dataclasses import dataclass, field, fields, is_dataclass, replace
@@ -16,13 +15,12 @@ from hadr.data.samples import samples_dir
 from hadr.models.hadr import HADRConfig
 from hadr.models.networks import NETWORKS
 from hadr.records.output_folder import check_folder
-from hadr.training.accelerator import Accelerator, chosen_accelerator
-from hadr.training.batches import CORRUPTIONS
 from hadr.training.checkpoints import load_checkpoint
 from hadr.training.loop import LAST, train
 from hadr.training.losses import CODED
 from hadr.training.predicted import Given, read_split
 from hadr.training.presets import preset
+from hadr.training.processes import Accelerator, chosen_accelerator
 from hadr.training.recipe import Precision, Preset, Schedule
 from hadr.training.training_folder import TrainingFolder
 
@@ -117,29 +115,6 @@ class Options:
     """Write event files for TensorBoard as well."""
     parts: tyro.conf.OmitArgPrefixes[Parts] = field(default_factory=Parts)
     machine: tyro.conf.OmitArgPrefixes[Machine] = field(default_factory=Machine)
-
-
-def add_given(parser: argparse.ArgumentParser) -> None:
-    """Add what a network is given: the depth's corruption, masks and keypoints."""
-    parser.add_argument(
-        "--corruption",
-        default="oracle",
-        choices=tuple(CORRUPTIONS),
-        help="oracle: no depth in the object's mask; analytic: a stereo camera imitated by "
-        "formulas; sensor: the frames' raw depth; erased: the same but none in the mask (oracle)",
-    )
-    for name, what in (("masks", "segmentation"), ("keypoints", "hand-keypoints")):
-        parser.add_argument(
-            f"--{name}",
-            default="true",
-            metavar="FILE",
-            help=f"'true', or a {what} checkpoint whose predictions are given (true)",
-        )
-
-
-def given_from(args: argparse.Namespace) -> Given:
-    """Read the arguments of `add_given`."""
-    return Given(args.corruption, args.masks, args.keypoints, args.seed)
 
 
 def recipe_from(options: Options) -> Preset:

@@ -76,8 +76,8 @@ def test_an_ablation_is_drawn_against_the_full_network() -> None:
     ]
     fig, ax = plt.subplots()
     draw_ablation(ax, rows)
-    assert [t.get_text() for t in ax.get_yticklabels()] == ["no colour", "no plane"]
-    assert [t.get_text() for t in ax.texts] == ["-0.10", "+0.40"]
+    assert [t.get_text() for t in ax.get_yticklabels()] == ["no plane", "no colour"]
+    assert [t.get_text() for t in ax.texts] == ["+0.40", "-0.10"]
     assert "2.00 cm" in ax.get_xlabel()
     plt.close(fig)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
 
-from hadr.figures import (
+from hadr.figures.panels import (
     COLORS,
     FINGER_COLORS,
     equal_axes_3d,
