@@ -18,6 +18,10 @@ BY_REPRODUCE = (
 )
 """What `hadr reproduce` writes, below `results/`: its own OUT/tables, and OUT/run_times.json."""
 _RUNS = "--runs OUT/runs --data DIR data_samples/frames"
+_SHORTCUTS = (
+    "the rows with fewer rays and with ONNX are of shortcuts that the library no longer has; "
+    "the file names their commit"
+)
 _BUNDLE = "python benchmarks/bundle_checkpoints.py --made OUT --data"
 
 
@@ -114,8 +118,10 @@ APART = (
     _one("training/overfit.json", "four frames learned by heart", "overfit"),
     _one("training/paper_step.json", "one step of preset paper: time and memory", "paper_step"),
     _one("speed/side_by_side.json", "time and memory of all methods", "side_by_side"),
-    _one("speed/restoration.json", "the parts of a restoration's time", "restoration"),
-    _one("speed/perception.json", "frames a second of the whole perception", "perception"),
+    _one("speed/restoration.json", "the parts of a restoration's time", "restoration",
+         note=_SHORTCUTS),
+    _one("speed/perception.json", "frames a second of the whole perception", "perception",
+         note=_SHORTCUTS),
     _one("speed/pairing.json", "pairing rays with voxels", "pairing"),
     _one("speed/grasps.json", "drawing, choosing and following grasps", "grasp_speed"),
     Apart(

@@ -13,12 +13,13 @@ Objects", and its published code for stride, dilations and initial weights.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 from torch import Tensor, nn
 
 from hadr.models.blocks.resnet import UNetConfig, build_resnet
+from hadr.models.config import NetworkConfig
 from hadr.models.enlarged_map import EnlargedMap
 
 STRIDE = 8
@@ -28,7 +29,7 @@ DILATIONS = {2: 2, 3: 4}
 
 
 @dataclass(frozen=True)
-class DilatedResNetConfig:
+class DilatedResNetConfig(NetworkConfig):
     """Size of the network; the defaults are ResNet-34's.
 
     Args:
@@ -51,16 +52,6 @@ class DilatedResNetConfig:
     def resnet(self) -> UNetConfig:
         """The same as `build_resnet` takes it, which checks it too."""
         return UNetConfig(self.depths, self.widths, pretrained=self.pretrained)
-
-    def to_dict(self) -> dict[str, Any]:
-        """The configuration as built-in types, for JSON."""
-        return asdict(self)
-
-    @classmethod
-    def from_dict(cls, values: dict[str, Any]) -> DilatedResNetConfig:
-        """Build the configuration from `to_dict` or from the same read from JSON."""
-        depths, widths = (tuple(values[name]) for name in ("depths", "widths"))
-        return cls(depths, widths, values["pretrained"])
 
 
 class DilatedResNet(nn.Module):
