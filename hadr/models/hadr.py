@@ -174,8 +174,8 @@ class HADR(nn.Module):
 
     Args:
         config: What it consists of.
-        backbone: Another colour network instead of the configuration's: a module whose `features`
-            turns colour (B, 3, H, W) into an `EnlargedMap` of `feature_channels` channels.
+        backbone: Another colour network instead of the configuration's: a module that turns colour
+            (B, 3, H, W) into a map (B, feature_channels, H, W).
     """
 
     def __init__(self, config: HADRConfig | None = None, backbone: nn.Module | None = None) -> None:
@@ -217,7 +217,7 @@ class HADR(nn.Module):
         """Do as `forward`, and give what a second stage needs too."""
         grid = self.config.grid
         picture = float_color(inputs.color)  # (B, 3, H, W)
-        dense = self.backbone.features(picture)  # stands for (B, 32, H, W)
+        dense = self.backbone(picture)  # (B, 32, H, W)
 
         pixels = select_points(inputs.depth, self.config.max_points)  # (points, 3)
         points = ray_points(pixels, _at(inputs.depth, pixels), inputs.intrinsics)  # (points, 3)

@@ -29,11 +29,10 @@ from typing import Any, ClassVar
 import torch
 from torch import Tensor, nn
 
-from hadr.models.backbone import IMAGENET_MEAN, IMAGENET_STD, BackboneConfig, build_swin
+from hadr.models.backbone import IMAGENET_MEAN, IMAGENET_STD, BackboneConfig, build_swin, enlarge
 from hadr.models.blocks.cross_fusion import CrossFusion
 from hadr.models.blocks.pyramid_head import PyramidHead
 from hadr.models.config import NetworkConfig
-from hadr.models.enlarged_map import enlarge
 from hadr.models.hadr_input import HADRInput, float_color
 
 PUBLISHED_ENCODER = BackboneConfig(normalize_color=False)

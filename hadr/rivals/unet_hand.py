@@ -15,8 +15,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from hadr.models.backbone import enlarge
 from hadr.models.config import NetworkConfig
-from hadr.models.enlarged_map import enlarge
 from hadr.models.hadr_input import HADRInput, float_color
 from hadr.models.hand.crop import hand_depth, keypoint_maps, relative_depth
 
