@@ -21,10 +21,10 @@ import torch
 from measuring import in_a_process, in_turns, interleaved, peak_tensor_bytes, sample_frames
 from torch import nn
 
-from hadr.depth_network import TITLES
 from hadr.experiments.systems import CHEAP
 from hadr.records.provenance import machine_text, provenance
 from hadr.records.result_file import write_result_file
+from hadr.trained_networks import TITLES
 from hadr.training.evaluation import BASELINES
 from hadr.training.presets import preset
 from hadr.training.tasks.task import Task

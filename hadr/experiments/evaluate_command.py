@@ -9,11 +9,11 @@ from typing import Any, Literal
 
 import tyro
 
-from hadr.depth_network import TITLES
 from hadr.experiments.scoring import EVALUATION_SIZE, Scores, score_cheap, score_network
 from hadr.metrics import format_table, mean_over_frames
 from hadr.records.output_folder import check_writable
 from hadr.records.provenance import provenance, write_json
+from hadr.trained_networks import TITLES
 from hadr.training.batches import FrameTensors, load_frames
 from hadr.training.checkpoints import load_checkpoint
 from hadr.training.evaluation import BASELINES

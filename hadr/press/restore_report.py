@@ -105,7 +105,7 @@ def confidence_means(result: Restoration) -> str:
     if result.tolerance_m is not None:
         return f"probability of being right to {100 * result.tolerance_m:g} cm"
     if not result.confidence[result.restored].any():
-        return "0, the method knows no estimate"
+        return "0, the method cannot say how sure it is"
     return "the network's own score, not calibrated"
 
 
