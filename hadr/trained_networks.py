@@ -26,20 +26,11 @@ from hadr.camera import (
     window_around,
 )
 from hadr.confidence import SURE, ConfidenceRule, signal_of, within_learned
+from hadr.models.networks import DEPTH_NETWORKS, NETWORKS
 
 if TYPE_CHECKING:
     from torch import nn
 
-TITLES = {
-    "hadr": "HADR",
-    "hadr-plus": "HADR-plus",
-    "unet-hand": "U-Net with hand",
-    "lidf": "LIDF",
-    "dfnet": "DFNet",
-    "swindrnet": "SwinDRNet",
-    "tode": "TODE-Trans",
-}
-"""The networks that restore depth, by their kind in a checkpoint."""
 Corruption = Literal["oracle", "sensor"]
 
 
@@ -69,7 +60,7 @@ class DepthNetwork:
 
     Attributes:
         model: The network, in evaluation mode.
-        kind: One of `TITLES`.
+        kind: One of `hadr.models.networks.DEPTH_NETWORKS`.
         size: (width, height) that it runs at, pixels.
         needs_hand: Whether it can't do without the hand's keypoints.
         corruption: "oracle": it learned from frames without any depth inside the mask. "sensor":
@@ -95,7 +86,7 @@ class DepthNetwork:
     @property
     def title(self) -> str:
         """What readers call it."""
-        return TITLES[self.kind]
+        return NETWORKS[self.kind].title
 
     @property
     def can_say(self) -> bool:
@@ -127,10 +118,10 @@ class DepthNetwork:
             ValueError: It is no depth network.
         """
         kind = meta.get("network", "hadr")
-        if kind not in TITLES:
+        if kind not in DEPTH_NETWORKS:
             raise ValueError(
                 f"{name} holds a network of kind {kind!r}, expected one that restores depth: "
-                f"{', '.join(TITLES)}"
+                f"{', '.join(DEPTH_NETWORKS)}"
             )
         config: Any = model.config
         stored = meta.get("confidence") if kind in SURE else None

@@ -3,8 +3,8 @@ import pytest
 
 from hadr import restoration
 from hadr.camera import Intrinsics
+from hadr.models.networks import DEPTH_NETWORKS
 from hadr.restoration import Restorer, restore
-from hadr.trained_networks import TITLES
 
 CAMERA = Intrinsics(fx=100, fy=100, cx=39.5, cy=29.5, width=80, height=60)
 
@@ -371,7 +371,7 @@ def depth_network(kind: str):
     return Task(preset("tiny", kind)).build()
 
 
-@pytest.mark.parametrize("kind", list(TITLES))
+@pytest.mark.parametrize("kind", DEPTH_NETWORKS)
 def test_each_kind_of_checkpoint_restores(tmp_path, kind: str) -> None:
     from hadr.training.checkpoints import save_checkpoint
 

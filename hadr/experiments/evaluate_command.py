@@ -11,17 +11,15 @@ import tyro
 
 from hadr.experiments.scoring import EVALUATION_SIZE, Scores, score_cheap, score_network
 from hadr.metrics import format_table, mean_over_frames
+from hadr.models.networks import DEPTH_NETWORKS
 from hadr.records.output_folder import check_writable
 from hadr.records.provenance import provenance, write_json
-from hadr.trained_networks import TITLES
 from hadr.training.batches import FrameTensors, load_frames
 from hadr.training.checkpoints import load_checkpoint
 from hadr.training.evaluation import BASELINES
 from hadr.training.predicted import Given, open_split, with_predicted
 from hadr.training.recipe import Preset
 from hadr.training.tasks.task import Task
-
-DEPTH_NETWORKS = tuple(TITLES)
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Any, Literal, Protocol, get_args
+from typing import Any, Literal, get_args
 
+from hadr.models.config import NetworkConfig
 from hadr.models.hadr import HADRConfig
 from hadr.records.provenance import IF_CHANGED, record_of
 from hadr.training.losses import PRINTED, LossWeights
@@ -14,13 +15,6 @@ from hadr.training.losses import PRINTED, LossWeights
 Schedule = Literal["step", "cosine"]
 Precision = Literal["32-true", "bf16-mixed"]
 Optimizer = Literal["adam", "adamw"]
-
-
-class NetworkConfig(Protocol):
-    """What the configuration of any network can do."""
-
-    def to_dict(self) -> dict[str, Any]:
-        """The configuration as built-in types, for JSON."""
 
 
 @dataclass(frozen=True)
