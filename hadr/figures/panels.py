@@ -6,7 +6,7 @@ sequential map (near is bright), signed errors in a diverging one that is white 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import matplotlib as mpl
@@ -245,3 +245,32 @@ def frame_strip(
     if last is not None:
         fig.colorbar(last, ax=axes[0].tolist(), shrink=0.85, pad=0.01, label="depth (m)")
     return fig
+
+
+def legend_below(fig: Figure, ax: Axes, *, columns: int = 4) -> None:
+    """Put the legend of one of a figure's axes below all of them."""
+    handles, labels = ax.get_legend_handles_labels()
+    fig.legend(handles, labels, fontsize=8.5, loc="outside lower center", ncols=columns)
+
+
+def show_both_splits(
+    draw: Callable[[Axes, str], None],
+    *,
+    height: float = 3.5,
+    legend: int = 0,
+    same_scale: bool = True,
+) -> None:
+    """Show known objects on the left and unknown ones on the right.
+
+    Args:
+        draw: Called with axes and "known" or "unknown".
+        height: Of the figure, inches.
+        legend: Columns of the legend below; none where 0.
+        same_scale: Whether both have one vertical axis.
+    """
+    fig, axes = plt.subplots(1, 2, figsize=(9, height), sharey=same_scale)
+    for ax, split in zip(axes, ("known", "unknown"), strict=True):
+        draw(ax, split)
+    if legend:
+        legend_below(fig, axes[0], columns=legend)
+    plt.show()

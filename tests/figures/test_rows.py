@@ -28,7 +28,7 @@ def test_the_first_row_is_at_the_top_and_numbers_stand_beside_their_bars(ax):
     assert names(ax) == ["a", "b", "c"]
     assert ax.yaxis_inverted()
     bar, dot = ax.lines[:2]
-    assert bar.get_xdata() == [1.5, 2.5]
+    assert list(bar.get_xdata()) == [1.5, 2.5]
     assert (dot.get_xdata()[0], dot.get_ydata()[0], dot.get_color()) == (2.0, 0, "red")
     assert [(t.get_text(), t.xy) for t in ax.texts] == [("+2.0", (2.5, 0)), ("-1.0", (-1.5, 2))]
     (legend,) = ax.get_legend_handles_labels()[0]

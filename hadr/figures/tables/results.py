@@ -159,6 +159,37 @@ def _scores(row: Row | None) -> list[str]:
     return [f"{100 * row['rmse_m']:.2f}", f"{100 * row['mae_m']:.2f}", f"{row['delta_105']:.2f}"]
 
 
+def margins_table(
+    rows: Sequence[Row], pairs: Sequence[tuple[str, str]], published: Mapping[str, Any]
+) -> str:
+    """Say by how much a method's RMSE differs from another's, in percent, for pairs of methods."""
+    own = {(row["split"], row["method"]): row["rmse_m"] for row in rows}
+    own |= {(split, "published"): published[split]["HADR"][0] for split in ("known", "unknown")}
+    names = NAMES | {"published": "HADR as published"}
+    lines = []
+    for one, other in pairs:
+        both = [(own.get((s, one)), own.get((s, other))) for s in ("known", "unknown")]
+        cells = [f"{100 * (a / b - 1):+.0f} %" if a and b else "-" for a, b in both]
+        lines.append([names[one], names[other], *cells])
+    return markdown_table(["RMSE of", "against", "known", "unknown"], lines, "llr")
+
+
+def parts_table(rows: Sequence[Row]) -> str:
+    """List each method's error, and what is left of it, as `draw_parts` shows them."""
+    parts = {
+        "rmse_m": "RMSE (cm)",
+        "place_m": "place: median error (cm)",
+        "shape_m": "shape and tilt (cm)",
+        "tilt_m": "shape alone (cm)",
+    }
+    lines = [
+        [split, NAMES[row["method"]], *(f"{100 * row[part]:.2f}" for part in parts)]
+        for split in ("known", "unknown")
+        for row in ordered(rows, split)
+    ]
+    return markdown_table(["objects", "method", *parts.values()], lines, "llr")
+
+
 def draw_systems(ax: Axes, rows: Sequence[Row], split: str, published_rmse_m: float) -> None:
     """Draw each method's RMSE with its standard error over holds as dots, the paper's as a line."""
     names, values = _in_rows(rows, split, "rmse_m")

@@ -22,6 +22,8 @@ from hadr.figures.tables.results import (
     draw_learning,
     draw_parts,
     draw_systems,
+    margins_table,
+    parts_table,
     results_table,
 )
 
@@ -88,6 +90,21 @@ def test_parts_and_objects_in_centimetres() -> None:
     assert right.get_yticklabels()[0].get_text() == "0001 cup"
     assert right.lines[0].get_xdata() == pytest.approx([4])
     plt.close(fig)
+
+
+def test_margins_are_percent_of_the_other_and_a_missing_one_is_said() -> None:
+    pairs = [("hadr", "raw"), ("hadr", "published")]
+    lines = [cells(line) for line in margins_table(ROWS, pairs, PAPER).splitlines()[2:]]
+    assert lines == [
+        ["HADR", "nothing", "-95 %", "-"],
+        ["HADR", "HADR as published", "+247 %", "+407 %"],
+    ]
+
+
+def test_parts_are_listed_in_centimetres() -> None:
+    parts = {"rmse_m": 0.04, "place_m": 0.03, "shape_m": 0.02, "tilt_m": 0.01}
+    (line,) = parts_table([{"method": "hadr", "split": "unknown", **parts}]).splitlines()[2:]
+    assert cells(line) == ["unknown", "HADR", "4.00", "3.00", "2.00", "1.00"]
 
 
 FIVE = {
