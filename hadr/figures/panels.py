@@ -182,20 +182,6 @@ def show_skeleton_3d(ax: Any, keypoints: npt.ArrayLike, *, alpha: float = 1.0) -
     ax.scatter(*points.T, s=10, color="black", depthshade=False, alpha=alpha)
 
 
-def equal_axes_3d(ax: Any, points: npt.ArrayLike, *, margin: float = 0.02) -> None:
-    """Give 3D axes equal scales around points, shape (..., 3), metres, and label them."""
-    p = np.asarray(points, dtype=float).reshape(-1, 3)
-    p = p[np.isfinite(p).all(axis=1)]
-    low, high = p.min(0) - margin, p.max(0) + margin
-    ax.set_xlim(low[0], high[0])
-    ax.set_ylim(low[1], high[1])
-    ax.set_zlim(low[2], high[2])
-    ax.set_box_aspect(high - low)
-    ax.set_xlabel("x (m)")
-    ax.set_ylabel("y (m)")
-    ax.set_zlabel("z (m)")
-
-
 def frame_strip(
     images: Sequence[npt.NDArray[Any]],
     titles: Sequence[str],

@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from hadr.experiments.reproduction_plan import seconds_text
-from hadr.figures.handover.film import ARMS
 from hadr.figures.tables.comparison import PUBLISHED_NAMES
+from hadr.figures.tables.handover import ARMS
 from hadr.figures.tables.results import NAMES
 from hadr.press.report import METRICS
 from hadr.records.result_file import ResultFile, read_result_file

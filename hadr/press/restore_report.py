@@ -55,8 +55,8 @@ def comparison_figure(
     from matplotlib import rc_context
     from matplotlib.figure import Figure
 
-    from hadr.figures import panels
     from hadr.camera import valid_depth
+    from hadr.figures import panels
 
     with rc_context():
         panels.use_style()

@@ -9,7 +9,6 @@ from matplotlib.colors import to_rgb
 from hadr.figures.panels import (
     COLORS,
     FINGER_COLORS,
-    equal_axes_3d,
     frame_strip,
     show_color,
     show_depth,
@@ -131,17 +130,12 @@ def test_keypoints_draw_twenty_bones_in_finger_colours():
     rendered(fig)
 
 
-def test_skeleton_in_three_dimensions_has_equal_labelled_axes():
+def test_a_skeleton_in_three_dimensions_has_twenty_bones():
     fig = plt.figure()
     ax = fig.add_subplot(projection="3d")
     keypoints = keypoints_from_skeleton(forward_kinematics(np.zeros(20)).joints)
     show_skeleton_3d(ax, keypoints)
-    equal_axes_3d(ax, np.vstack([keypoints, np.full((1, 3), np.nan)]))
-    assert (ax.get_xlabel(), ax.get_ylabel(), ax.get_zlabel()) == ("x (m)", "y (m)", "z (m)")
     assert len(ax.lines) == 20
-    spans = np.array([np.ptp(limits) for limits in (ax.get_xlim(), ax.get_ylim(), ax.get_zlim())])
-    box = np.array(ax.get_box_aspect() if hasattr(ax, "get_box_aspect") else ax._box_aspect)
-    np.testing.assert_allclose(spans / spans[0], box / box[0], rtol=1e-6)
     rendered(fig)
 
 

@@ -1,18 +1,13 @@
 """Hands on glass that a reader turns in the browser, without a kernel and without a network.
 
-The page is one HTML file that draws with plain WebGL: no library, no other host. In a notebook it
-stands in a frame of its own; the built book keeps it as it is.
+The page draws with plain WebGL: no library, no other host.
 """
 
 from __future__ import annotations
 
 import base64
-import html
-import json
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from importlib.resources import files
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Any
 
 import manifold3d
@@ -22,6 +17,7 @@ from matplotlib.colors import to_rgb
 from scipy.spatial import cKDTree
 
 from hadr.figures.panels import FINGER_COLORS
+from hadr.figures.solids.page import Page, filled_page
 from hadr.hand import (
     SKELETON_NAMES,
     SKELETON_PARENTS,
@@ -70,28 +66,6 @@ class HandOnGlass:
     azimuth_deg: float
     elevation_deg: float = 14.0
     fade: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
-
-
-@dataclass(frozen=True)
-class Turntable:
-    """A page with one or more holds; a notebook shows it in a frame.
-
-    Args:
-        page: The whole HTML document.
-        height: Height of the frame, CSS pixels.
-    """
-
-    page: str = field(repr=False)
-    height: int = 480
-
-    def _repr_html_(self) -> str:
-        source = html.escape(self.page, quote=True)
-        style = f"width:100%;height:{self.height}px;border:0;display:block"
-        return f'<iframe title="Hands on glass" style="{style}" srcdoc="{source}"></iframe>'
-
-    def save(self, path: str | Path) -> None:
-        """Write the page as a file that any browser opens."""
-        Path(path).write_text(self.page, encoding="utf-8")
 
 
 def simplified(surface: Surface, tolerance: float) -> Surface:
@@ -255,7 +229,7 @@ def _srgb(linear: npt.ArrayLike) -> Array:
     return np.asarray(bent, dtype=float)
 
 
-def turntable(scenes: Sequence[HandOnGlass], *, height: int = 480) -> Turntable:
+def turntable(scenes: Sequence[HandOnGlass], *, height: int = 480) -> Page:
     """Make the page that turns the holds.
 
     Args:
@@ -292,11 +266,7 @@ def turntable(scenes: Sequence[HandOnGlass], *, height: int = 480) -> Turntable:
         "jointNames": [name.replace("_", " ") for name in SKELETON_NAMES],
         "jointColors": [_joint_color(name) for name in SKELETON_NAMES],
     }
-    page = files("hadr.figures.solids").joinpath("turntable.html").read_text(encoding="utf-8")
-    text = json.dumps(data, separators=(",", ":")).replace("</", "<\\/")
-    return Turntable(
-        page.replace("__TITLE__", "A hand that holds glass").replace("__DATA__", text), height
-    )
+    return filled_page("turntable.html", "Hands on glass", data, f"height:{height}px")
 
 
 def _joint_color(name: str) -> list[int]:

@@ -7,14 +7,16 @@ import pytest
 
 from hadr.figures.tables.comparison import (
     ablation_table,
+    averages_table,
     compared,
     draw_against_paper,
     draw_error_over_time,
+    memory_table,
     orders_table,
+    poses_table,
     reasons_table,
     ways_table,
 )
-from hadr.figures.tables.findings import averages_table, memory_table, poses_table
 from hadr.figures.tables.results import (
     draw_bias,
     draw_by_object,
