@@ -43,7 +43,16 @@ from hadr.synthesis.generation.recipes import (
     recipes_by_hold,
 )
 from hadr.synthesis.glass.objects import glass_object
-from hadr.synthesis.rendering.mitsuba_variant import LLVM, SCALAR, check_variant, mitsuba_variant
+from hadr.synthesis.rendering.mitsuba_variant import (
+    LLVM,
+    REMEDY,
+    SCALAR,
+    VARIANT_VARIABLE,
+    check_variant,
+    mitsuba_variant,
+    wanted_variant,
+    why_not_llvm,
+)
 from hadr.synthesis.scene.backgrounds import check_backgrounds
 from hadr.synthesis.scene.scene import Scene
 
@@ -134,8 +143,13 @@ def _chosen_variant(settings: GenerationSettings, root: Path, client: Any) -> st
 
     Each worker of a cluster finds out for itself what it can use.
     """
-    recorded = recorded_settings(root).get("variant")
-    variant = settings.variant or recorded
+    recorded, wanted = recorded_settings(root).get("variant"), wanted_variant()
+    variant = settings.variant or wanted or recorded
+    if settings.variant is None and recorded not in (None, variant):
+        raise ValueError(
+            f"{VARIANT_VARIABLE} is {wanted!r}, but the frames in {root} are made with {recorded!r}"
+            ": unset it, or choose another folder"
+        )
     if variant is None:
         told = {} if client is None else client.run(mitsuba_variant)
         usable = set(told.values()) or {mitsuba_variant()}
@@ -171,14 +185,15 @@ def generate_frames(
 
     Raises:
         ValueError: A value is out of range, something is not installed, a photograph or Mitsuba's
-            variant can't be used, or the folder holds frames of other settings.
+            variant can't be used, the folder holds frames of other settings, or a script asks for
+            workers outside of ``if __name__ == "__main__":``.
         OSError: The folder can't be written, the disk is full, or workers died.
     """
     if n_frames < 1:
         raise ValueError(f"the number of frames must be at least 1, got {n_frames}")
     check_workers(workers, scheduler)
     check_engine(settings.engine)
-    start, root = time.perf_counter(), Path(root)
+    start, root, asked = time.perf_counter(), Path(root), settings.variant
     # Workers of a cluster start elsewhere.
     settings = replace(
         settings,
@@ -198,6 +213,11 @@ def generate_frames(
             whole = whole_frames(root, recipes, settings)
             todo = [r for r in recipes if r.index not in whole]
             kept = n_frames - len(todo)
+            slow = settings.variant == SCALAR and not (asked or client or wanted_variant())
+            if slow and progress and todo:
+                why = why_not_llvm()
+                why = f"{why}; to become faster, {REMEDY}" if why else f"as all frames in {root}"
+                print(f"drawing with Mitsuba's slower variant {SCALAR}: {why}", flush=True)
             make = partial(_make_frames, root=root.absolute(), settings=settings)
             bar = tqdm(total=n_frames, initial=kept, unit="frame", disable=not progress)
             with bar:
