@@ -1,19 +1,10 @@
 """Plots of named rows: what stands where, and in which colour."""
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from matplotlib.colors import to_hex
 
 from hadr.figures.rows import Dots, draw_bar_rows, draw_dot_rows
-
-
-@pytest.fixture
-def ax():
-    fig, axes = plt.subplots()
-    yield axes
-    fig.canvas.draw()
-    plt.close(fig)
 
 
 def names(axes):

@@ -1,6 +1,5 @@
 """The depth camera's comparison as figure and as text."""
 
-import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
@@ -13,10 +12,7 @@ from hadr.figures.depth.sensor import (
     draw_stereo_camera,
     see_through_picture,
     sensor_table,
-    show_infrared,
 )
-
-mpl.use("Agg")
 
 
 def row(missing, bias, outside):
@@ -30,12 +26,6 @@ COLUMNS = {
         "each": [row(0.5, 0.04, None), row(0.6, float("nan"), 0.003), row(0.9, 2.0, 0.005)],
     },
 }
-
-
-@pytest.fixture(autouse=True)
-def _close():
-    yield
-    plt.close("all")
 
 
 def test_each_frame_is_a_point_in_its_unit_and_the_bar_is_the_median():
@@ -64,15 +54,6 @@ def test_the_table_tells_median_and_range():
 def test_unknown_groups_are_refused():
     with pytest.raises(ValueError, match="got somebody"):
         draw_sensor_comparison({"somebody": {}})
-
-
-def test_an_infrared_picture_is_grey():
-    _, ax = plt.subplots()
-    show_infrared(ax, np.arange(100, dtype=np.uint8).reshape(10, 10), "left")
-    image = ax.images[0]
-    assert image.get_cmap().name == "gray"
-    assert image.get_clim()[1] == pytest.approx(99.7, abs=1.0)
-    assert ax.get_title() == "left"
 
 
 def held(**changes):
@@ -123,7 +104,7 @@ def test_a_glass_seen_through_refuses_wrong_input():
 @pytest.mark.parametrize("glass", [False, True])
 def test_the_camera_measures_the_wall_but_not_through_glass(glass: bool) -> None:
     """Without glass the imagers' rays are straight; with it their continuations meet before."""
-    figure, ax = plt.subplots()
+    _, ax = plt.subplots()
     draw_stereo_camera(ax, glass, "title")
     lines = [line.get_xydata() for line in ax.lines if len(line.get_xdata()) == 3]
     assert len(lines) == 3, "the projector's ray and one for each imager"
@@ -136,4 +117,3 @@ def test_the_camera_measures_the_wall_but_not_through_glass(glass: bool) -> None
     assert len(ghosts) == int(glass)
     if glass:
         assert 0.55 < ghosts[0][1] < 1.0, "between glass and wall"
-    plt.close(figure)

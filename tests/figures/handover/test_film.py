@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
@@ -19,12 +18,6 @@ CHANGES = [
     Transition(1.0, Stage.WAIT_AND_OBSERVE, Stage.APPROACH_AND_REACT, "chose a grasp"),
     Transition(3.0, Stage.APPROACH_AND_REACT, Stage.STOPPED, "no hand seen for 0.30 s"),
 ]
-
-
-@pytest.fixture(autouse=True)
-def close_figures():
-    yield
-    plt.close("all")
 
 
 @pytest.fixture(scope="module")

@@ -1,21 +1,11 @@
 """Sections of the glasses, and sheets of objects and holds."""
 
-import matplotlib as mpl
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
 from hadr.figures.solids.glasses import draw_hold_sheet, draw_objects, glass_section
 from hadr.synthesis.glass.objects import OBJECTS, glass_object, signed_distance
 from hadr.synthesis.holding.hold import make_hold
-
-mpl.use("Agg")
-
-
-@pytest.fixture(autouse=True)
-def _close():
-    yield
-    plt.close("all")
 
 
 def area(outline):

@@ -1,9 +1,6 @@
 """The named skeleton and the sheet of angles."""
 
-import matplotlib as mpl
-import matplotlib.pyplot as plt
 import numpy as np
-import pytest
 
 from hadr.figures.solids.hand_anatomy import (
     SHOWN_ANGLES,
@@ -16,14 +13,6 @@ from hadr.figures.solids.studio import studio_view
 from hadr.hand import ANGLE_NAMES, KEYPOINT_NAMES, SKELETON_NAMES
 from hadr.synthesis.holding.hold import make_hold
 from hadr.synthesis.recordings.recording import Recording
-
-mpl.use("Agg")
-
-
-@pytest.fixture(autouse=True)
-def _close():
-    yield
-    plt.close("all")
 
 
 def test_joints_count_from_one_and_keypoints_from_zero_without_the_virtual_point():
@@ -80,4 +69,3 @@ def test_curves_are_the_angles_in_degrees_and_lines_mark_the_moments():
             np.testing.assert_allclose(line.get_ydata(), np.rad2deg(angles[:, number]))
         marks = [line.get_xdata()[0] for line in ax.lines if len(line.get_xdata()) == 2]
         np.testing.assert_allclose(marks, [0.0, 0.5, 1.0])
-    plt.close(fig)

@@ -10,8 +10,6 @@ import pytest
 
 from hadr.figures.solids.scrubber import Slider, scrubber, turning
 
-mpl.use("Agg")
-
 SHADES = [["#ff0000", "#00ff00"], ["#0000ff", "#ffffff"], ["#000000", "#ffffff"]]
 
 
@@ -100,7 +98,6 @@ def test_wrong_sliders_and_sizes_are_refused():
             title="t",
             alt="a",
         )
-    plt.close("all")
 
 
 def test_a_figure_with_3d_axes_is_turned_about_its_vertical():

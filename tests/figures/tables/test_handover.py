@@ -66,12 +66,6 @@ def row(arm: str, successes: int, low: float, high: float, **more: object) -> di
 ROWS = [row("perfect", 40, 0.70, 0.92), row("hadr", 36, 0.61, 0.85), row("raw", 12, 0.15, 0.39)]
 
 
-@pytest.fixture(autouse=True)
-def close_figures():
-    yield
-    plt.close("all")
-
-
 def test_bars_are_as_long_as_the_rates_and_stand_in_order() -> None:
     _, ax = plt.subplots()
     draw_success(ax, ROWS, published=34 / 48)
