@@ -107,9 +107,10 @@ def draw_bar_rows(
     box = {"facecolor": "white", "edgecolor": "none", "pad": 1.0, "alpha": 0.8}
     for k, (part, values) in enumerate(parts.items()):
         lengths = np.asarray(values, dtype=float)
-        own = {key: v if isinstance(v, str | float | int) else v[k] for key, v in style.items()}
+        own: dict[str, Any] = {"color": colors[k], "height": 0.7}
+        own |= {key: v if isinstance(v, str | float | int) else v[k] for key, v in style.items()}
         ax.barh(range(len(names)), lengths, left=start, label=part,
-                **({"color": colors[k], "height": 0.7} | own))  # fmt: skip
+                **own)  # fmt: skip
         for row, length in enumerate(lengths):
             if text and length > 0 and length >= least:
                 ax.text(start[row] + length / 2, row, text.format(length), ha="center",

@@ -27,16 +27,7 @@ _LIGHT = np.array([0.35, 0.55, 0.76])
 
 
 def orbit_view(azimuth_deg: float, elevation_deg: float) -> Array:
-    """Look at a frame from around it.
-
-    Args:
-        azimuth_deg: Turn of the viewer about the frame's y, degrees; 0 looks along -z with x to
-            the right, so at a hand in its wrist frame into the palm.
-        elevation_deg: How far the viewer is raised toward y, degrees.
-
-    Returns:
-        ``screen_from_frame``, shape (3, 3), a rotation.
-    """
+    """Look at a frame from around it."""
     turn = Rotation.from_euler("xy", [elevation_deg, -azimuth_deg], degrees=True)
     return np.asarray(turn.as_matrix(), dtype=float)
 

@@ -56,16 +56,7 @@ def draw_cubes(
     width: float = 0.8,
     alpha: float = 0.7,
 ) -> None:
-    """Draw the edges of cubes in 3D axes.
-
-    Args:
-        ax: 3D axes whose points are turned by :func:`upright`.
-        centers: Centres in metres, camera frame, shape (V, 3).
-        size: Side of a cube in metres.
-        color: Colour of the edges.
-        width: Width of the lines.
-        alpha: Opacity of the lines.
-    """
+    """Draw the edges of cubes around centres (V, 3), camera frame, in axes turned by `upright`."""
     cubes = np.asarray(centers, dtype=float).reshape(-1, 3)
     lines = [edge for center in cubes for edge in upright(cube_edges(center, size))]
     ax.add_collection3d(Line3DCollection(lines, colors=color, linewidths=width, alpha=alpha))

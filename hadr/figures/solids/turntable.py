@@ -69,15 +69,7 @@ class HandOnGlass:
 
 
 def simplified(surface: Surface, tolerance: float) -> Surface:
-    """Spend fewer triangles on a closed surface.
-
-    Args:
-        surface: Metres.
-        tolerance: How far a vertex may move, metres; 0 changes nothing.
-
-    Returns:
-        A surface with the nearest old vertices' normals; the same one where it isn't closed.
-    """
+    """A closed surface of fewer triangles, each vertex moved at most by a tolerance in metres."""
     if tolerance == 0:
         return surface
     solid = solid_of(surface)
@@ -117,16 +109,7 @@ def _without_elbow(surface: Surface, length: float, *, closed: bool) -> Surface:
 def bare_hand(
     skeleton: Skeleton, shape: HandShape, *, tone: npt.ArrayLike = SKIN_TONES[1]
 ) -> HandOnGlass:
-    """A hand without a glass, fingers up: z is the wrist's y, the viewer sees the palm.
-
-    Args:
-        skeleton: The pose, wrist frame, metres.
-        shape: The sizes that posed it.
-        tone: Linear RGB reflectance of the skin.
-
-    Returns:
-        A scene whose glass has no faces.
-    """
+    """A hand without a glass, fingers up: z is the wrist's y, the viewer sees the palm."""
     hand, colors = _hand_shown(skeleton, shape, tone, 0.0003)
     note = f"{shape.side} hand"
     joints = skeleton.joints @ _UPRIGHT[:3, :3].T

@@ -138,7 +138,7 @@ def draw_success(ax: Axes, rows: Sequence[Row], *, published: float | None = Non
     chosen = _ordered(rows)
     rate, low, high = np.array([_checked_rate(row) for row in chosen]).T
     colors = [arm_color(row["arm"]) for row in chosen]
-    names = [ARMS.get(row["arm"], row["arm"]) for row in chosen]
+    names = [ARMS.get(str(row["arm"]), str(row["arm"])) for row in chosen]
     draw_bar_rows(ax, names, {"": rate}, [""], color=[colors], edgecolor=[colors], alpha=0.5)
     spread = np.maximum([rate - low, high - rate], 0)
     ax.errorbar(
@@ -168,7 +168,7 @@ def draw_outcomes(ax: Axes, rows: Sequence[Row]) -> None:
     parts |= {kind: [row["failures"].get(kind, 0) for row in chosen] for kind in kinds}
     styles = [("robot", ""), *(_KIND_STYLE[k % len(_KIND_STYLE)] for k in range(len(kinds)))]
     colors, hatches = [COLORS[color] for color, _ in styles], [hatch for _, hatch in styles]
-    names = [ARMS.get(row["arm"], row["arm"]) for row in chosen]
+    names = [ARMS.get(str(row["arm"]), str(row["arm"])) for row in chosen]
     draw_bar_rows(ax, names, parts, colors, text="{:.0f}", hatch=hatches, edgecolor="white")
     ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4)
     ax.set(xlim=(0, max((row["attempts"] for row in chosen), default=1)), xlabel="attempts")
@@ -177,18 +177,7 @@ def draw_outcomes(ax: Axes, rows: Sequence[Row]) -> None:
 def draw_degradation(
     ax: Axes, rows: Sequence[Row], key: str, xlabel: str, *, standard: float | None = None
 ) -> None:
-    """Draw the rate of success over something that is made worse, with 95 % intervals.
-
-    Args:
-        ax: Ordinary 2D axes.
-        rows: One row an arm and value.
-        key: Where the value stands in a row, for example "extrinsics_deg" or "hand_speed".
-        xlabel: What that is, with its unit.
-        standard: The value of the standard experiment; a thin line.
-
-    Raises:
-        ValueError: As for `draw_success`.
-    """
+    """Draw the rate of success over something that is made worse, with 95 % intervals."""
     arms = list(dict.fromkeys(row["arm"] for row in _ordered(rows)))
     values = sorted({float(row[key]) for row in rows})
     gap = min(np.diff(values), default=1.0) * 0.05

@@ -80,14 +80,7 @@ def ordered(rows: Sequence[Row], split: str) -> list[Row]:
 
 
 def difference_cell(pair: Mapping[str, Any] | None) -> str:
-    """Set a mean difference with its standard error, as `hadr.experiments.averages.paired` has it.
-
-    Args:
-        pair: The comparison; None where nothing was compared.
-
-    Returns:
-        Centimetres with their sign; "-" without a comparison or a standard error.
-    """
+    """A mean difference with its standard error, centimetres; "-" where nothing was compared."""
     if pair is None or pair["standard_error_m"] is None:
         return "-"
     return with_doubt(pair["mean_difference_m"], pair["standard_error_m"], sign="+")
@@ -245,22 +238,13 @@ def draw_by_object(
     part: str = "rmse_m",
     xlabel: str = "RMSE (cm)",
 ) -> None:
-    """Draw each method's error on each object as a dot.
-
-    Args:
-        ax: Ordinary 2D axes.
-        rows: Rows of `results/mini/errors.json`.
-        split: "known" or "unknown".
-        names: What the objects are called, by number.
-        part: Which part of the error, in metres.
-        xlabel: What that is, with its unit.
-    """
+    """Draw each method's error on each object as a dot."""
     chosen = ordered(rows, split)
     objects = sorted({number for row in chosen for number in row["by_object"]})
     series = [
         Dots([100 * row["by_object"][number][part] for number in objects],
              system_color(row["method"]), system_marker(row["method"]),
-             NAMES.get(row["method"], row["method"]), hollow=row["method"] == "hadr-long")
+             NAMES.get(str(row["method"]), str(row["method"])), hollow=row["method"] == "hadr-long")
         for row in chosen
     ]  # fmt: skip
     draw_dot_rows(ax, [f"{n} {names.get(n, '')}".strip() for n in objects], series)
