@@ -38,7 +38,7 @@ def test_series_are_joined_and_may_be_hollow_and_stand_aside(ax):
 def test_bars_stand_end_to_end_with_their_numbers_inside(ax):
     parts = {"own": [3.0, 1.0], "rest": [0.0, 4.0]}
     draw_bar_rows(ax, ["a", "b"], parts, ["#ff0000", "#0000ff"], text="{:.0f}", least=2,
-                  hatch=["", "//"], left=[0.0, 1.0])  # fmt: skip
+                  hatches=["", "//"], left=[0.0, 1.0])  # fmt: skip
     assert names(ax) == ["a", "b"]
     ends = [(bar.get_x(), bar.get_width()) for bar in ax.patches]
     assert ends == [(0, 3), (1, 1), (3, 0), (2, 4)]

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgba
 from scipy.stats import binomtest
 
 from hadr.figures.panels import COLORS
@@ -139,7 +140,8 @@ def draw_success(ax: Axes, rows: Sequence[Row], *, published: float | None = Non
     rate, low, high = np.array([_checked_rate(row) for row in chosen]).T
     colors = [arm_color(row["arm"]) for row in chosen]
     names = [ARMS.get(str(row["arm"]), str(row["arm"])) for row in chosen]
-    draw_bar_rows(ax, names, {"": rate}, [""], color=[colors], edgecolor=[colors], alpha=0.5)
+    pale = [to_rgba(color, 0.45) for color in colors]
+    draw_bar_rows(ax, names, {"": rate}, [pale], edges=colors)
     spread = np.maximum([rate - low, high - rate], 0)
     ax.errorbar(
         rate, range(len(chosen)), xerr=spread, color="#202020", capsize=4, lw=1.4, fmt="none"
@@ -169,7 +171,7 @@ def draw_outcomes(ax: Axes, rows: Sequence[Row]) -> None:
     styles = [("robot", ""), *(_KIND_STYLE[k % len(_KIND_STYLE)] for k in range(len(kinds)))]
     colors, hatches = [COLORS[color] for color, _ in styles], [hatch for _, hatch in styles]
     names = [ARMS.get(str(row["arm"]), str(row["arm"])) for row in chosen]
-    draw_bar_rows(ax, names, parts, colors, text="{:.0f}", hatch=hatches, edgecolor="white")
+    draw_bar_rows(ax, names, parts, colors, text="{:.0f}", hatches=hatches, edges="white")
     ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4)
     ax.set(xlim=(0, max((row["attempts"] for row in chosen), default=1)), xlabel="attempts")
 
