@@ -77,11 +77,9 @@ def studio_view(
     )
     toward = np.array([np.cos(a) * np.cos(e), np.sin(a) * np.cos(e), np.sin(e)])
     right = np.array([-np.sin(a), np.cos(a), 0.0])
-    points = np.concatenate([scene.glass.vertices, scene.joints])
-    middle = (points.min(axis=0) + points.max(axis=0)) / 2
-    if center is not None:
-        middle = np.asarray(center, dtype=float)
-    reach = float(np.linalg.norm(points - middle, axis=1).max()) if radius is None else radius
+    middle, reach = scene.sphere
+    middle = middle if center is None else np.asarray(center, dtype=float)
+    reach = reach if radius is None else radius
     return StudioView(np.stack([right, np.cross(toward, right), toward]), middle, reach)
 
 

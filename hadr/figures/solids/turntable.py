@@ -67,6 +67,13 @@ class HandOnGlass:
     elevation_deg: float = 14.0
     fade: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
 
+    @property
+    def sphere(self) -> tuple[Array, float]:
+        """Middle and radius around glass and joints, metres; the forearm may reach out of it."""
+        points = np.concatenate([self.glass.vertices, self.joints])
+        center: Array = (points.min(axis=0) + points.max(axis=0)) / 2
+        return center, float(np.linalg.norm(points - center, axis=1).max())
+
 
 def simplified(surface: Surface, tolerance: float) -> Surface:
     """A closed surface of fewer triangles, each vertex moved at most by a tolerance in metres."""
@@ -227,16 +234,17 @@ def turntable(scenes: Sequence[HandOnGlass], *, height: int = 480) -> Page:
     """
     if not scenes:
         raise ValueError("a turntable needs at least one hold")
-    arrays: dict[str, str] = {}
+    names: dict[str, str] = {}  # of arrays
     told = [
         {
             "name": scene.name,
             "note": scene.note,
             "yaw": float(np.deg2rad(scene.azimuth_deg)),
             "pitch": float(np.deg2rad(scene.elevation_deg)),
-            **_middle(scene),
-            "hand": _mesh(scene.hand, arrays, scene.hand_colors),
-            "glass": _mesh(scene.glass, arrays),
+            "center": np.round(scene.sphere[0], 5).tolist(),
+            "radius": round(scene.sphere[1], 5),
+            "hand": _mesh(scene.hand, names, scene.hand_colors),
+            "glass": _mesh(scene.glass, names),
             "joints": np.round(scene.joints, 5).tolist(),
             "fade": np.round(scene.fade, 5).tolist(),
         }
@@ -244,7 +252,7 @@ def turntable(scenes: Sequence[HandOnGlass], *, height: int = 480) -> Page:
     ]
     data = {
         "scenes": told,
-        "arrays": arrays,
+        "arrays": {name: text for text, name in names.items()},
         "parents": SKELETON_PARENTS,
         "jointNames": [name.replace("_", " ") for name in SKELETON_NAMES],
         "jointColors": [_joint_color(name) for name in SKELETON_NAMES],
@@ -258,18 +266,10 @@ def _joint_color(name: str) -> list[int]:
     return [round(255 * float(c)) for c in color]
 
 
-def _middle(scene: HandOnGlass) -> dict[str, Any]:
-    """The sphere around glass and fingers; the forearm may leave the picture."""
-    points = np.concatenate([scene.glass.vertices, scene.joints])
-    center = (points.min(axis=0) + points.max(axis=0)) / 2
-    radius = float(np.linalg.norm(points - center, axis=1).max())
-    return {"center": np.round(center, 5).tolist(), "radius": round(radius, 5)}
-
-
 def _mesh(
-    surface: Surface, arrays: dict[str, str], colors: npt.NDArray[np.uint8] | None = None
+    surface: Surface, names: dict[str, str], colors: npt.NDArray[np.uint8] | None = None
 ) -> dict[str, Any]:
-    """Positions in 16 bits, normals and colours in 8; equal arrays are kept once."""
+    """Positions in 16 bits, normals and colours in 8; equal arrays get one of the names."""
     if len(surface.vertices) > _MOST_VERTICES:
         raise ValueError(
             f"a surface of {len(surface.vertices)} vertices is too fine for a page: at most "
@@ -280,11 +280,7 @@ def _mesh(
 
     def keep(values: npt.NDArray[Any]) -> str:
         text = base64.b64encode(np.ascontiguousarray(values).tobytes()).decode()
-        return next((name for name, old in arrays.items() if old == text), None) or _add(text)
-
-    def _add(text: str) -> str:
-        arrays[f"a{len(arrays)}"] = text
-        return f"a{len(arrays) - 1}"
+        return names.setdefault(text, f"a{len(names)}")
 
     told: dict[str, Any] = {
         "low": low.tolist(),
@@ -293,6 +289,4 @@ def _mesh(
         "normals": keep(np.round(127 * surface.normals).astype("i1")),
         "faces": keep(surface.faces.astype("<u2")),
     }
-    if colors is not None:
-        told["colors"] = keep(colors)
-    return told
+    return told if colors is None else told | {"colors": keep(colors)}
