@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -22,6 +22,7 @@ from hadr.hand import (
     SKELETON_NAMES,
     SKELETON_PARENTS,
     HandShape,
+    Skeleton,
     forward_kinematics,
 )
 from hadr.synthesis.recordings.recording import Recording
@@ -29,6 +30,8 @@ from hadr.synthesis.recordings.recording import Recording
 Array = npt.NDArray[np.float64]
 
 _PALM = SKELETON_NAMES.index("palm")
+# Parents of the joints without the virtual one.
+_TO_WRIST = [0 if parent == _PALM else parent for parent in SKELETON_PARENTS]
 _SHORT = {"cmc": "CMC", "mcp": "MCP", "pip": "PIP", "dip": "DIP", "ip": "IP", "tip": "tip"}
 #: One finger's angles stand for those of the other three.
 SHOWN_ANGLES: tuple[str, ...] = tuple(
@@ -65,7 +68,7 @@ def draw_named_skeleton(hand: HandOnGlass, *, pixels: int = 640, width: float = 
         ax.set(title=title, xticks=[], yticks=[], xlim=(0.1 * pixels, pixels), ylim=(pixels, 0))
         ax.spines[:].set_visible(False)
     _bones(axes[0], at, SKELETON_PARENTS)
-    _bones(axes[1], at, [0 if parent == _PALM else parent for parent in SKELETON_PARENTS], _PALM)
+    _bones(axes[1], at, _TO_WRIST, _PALM)
     for i, name in enumerate(SKELETON_NAMES):
         _joint(axes[0], at[i], str(i + 1), name, virtual=i == _PALM)
         if i != _PALM:
@@ -77,6 +80,25 @@ def draw_named_skeleton(hand: HandOnGlass, *, pixels: int = 640, width: float = 
         for ax in axes:
             ax.text(place[0], place[1], finger, color=FINGER_COLORS[finger], ha="center",
                     va="center", weight="bold", fontsize=9)  # fmt: skip
+    return fig
+
+
+def draw_poses(
+    skeletons: Mapping[str, Skeleton], *, pixels: int = 280, width: float = 9.0
+) -> Figure:
+    """Draw named right hands with their bones, into the palm above, from the thumb's side below."""
+    fig: Figure
+    fig, axes = plt.subplots(2, len(skeletons), figsize=(width, 0.52 * width), squeeze=False)
+    for (name, skeleton), column in zip(skeletons.items(), axes.T, strict=True):
+        hand = bare_hand(skeleton, HandShape())
+        for ax, azimuth in zip(column, (-65.0, 0.0), strict=True):
+            view = studio_view(hand, azimuth_deg=azimuth, radius=0.125, center=(0.0, -0.01, 0.075))
+            picture = studio_picture(hand, view, pixels=pixels, paper=False)
+            ax.imshow(255 - (255 - picture) // 4 * 3, interpolation="bilinear")
+            _bones(ax, view.pixels_of(hand.joints, pixels), _TO_WRIST, _PALM)
+            ax.set(xticks=[], yticks=[])
+            ax.spines[:].set_visible(False)
+        column[0].set_title(name)
     return fig
 
 

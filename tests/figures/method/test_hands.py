@@ -6,11 +6,9 @@ from hadr.figures.method.hands import (
     on_screen,
     orbit_view,
     show_bones,
-    show_flesh,
 )
 from hadr.figures.panels import FINGER_COLORS
 from hadr.hand import forward_kinematics, keypoints_from_skeleton
-from hadr.synthesis.glass.surfaces import Surface
 
 
 def test_view_from_the_front_is_the_frame_itself():
@@ -24,20 +22,6 @@ def test_view_from_the_side_and_from_above():
     # A viewer above sees y come toward him and z run down the screen.
     np.testing.assert_allclose(orbit_view(0, 90), [[1, 0, 0], [0, 0, -1], [0, 1, 0]], atol=1e-12)
     assert np.linalg.det(orbit_view(33, -20)) == pytest.approx(1.0)
-
-
-def test_only_faces_toward_the_viewer_are_drawn_near_ones_last(ax):
-    vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [0, 1, 1]]) * 0.01
-    normals = np.repeat([[0.0, 0, 1]], 6, axis=0)
-    faces = np.array([[3, 4, 5], [0, 1, 2]])
-    drawn = show_flesh(ax, Surface(vertices, faces, normals), orbit_view(0, 0), color="#808080")
-    assert len(drawn.get_paths()) == 2
-    behind = show_flesh(ax, Surface(vertices, faces, -normals), orbit_view(0, 0))
-    assert len(behind.get_paths()) == 0
-    moved = vertices.copy()
-    moved[3:, 0] += 0.05
-    shifted = show_flesh(ax, Surface(moved, faces, normals), orbit_view(0, 0))
-    assert shifted.get_paths()[-1].vertices[:, 0].min() == pytest.approx(5.0)
 
 
 def test_bones_are_where_the_keypoints_are(ax):
