@@ -21,7 +21,7 @@ import torch
 from torch import Tensor, nn
 
 from hadr.training.batches import FrameTensors
-from hadr.training.losses import mean_where, normals
+from hadr.training.losses import image_points, mean_where, normals
 from hadr.training.recipe import Preset
 
 OBJECT_WEIGHT = 1.0
@@ -91,7 +91,8 @@ def image_terms(
     """
     known = truth > 0
     error = (depth - truth) * known  # (B, H, W)
-    turn = normals(_cloud(depth, intrinsics)) - normals(_cloud(truth, intrinsics))
+    clouds = [image_points(image, intrinsics) for image in (depth, truth)]
+    turn = normals(clouds[0]) - normals(clouds[1])
     slope, turn = _slope(error), turn.abs().mean(dim=-1)  # (B, H - 2, W - 2), (B, H - 1, W - 1)
     corner = known[:, :-1, :-1] & known[:, :-1, 1:] & known[:, 1:, :-1]  # (B, H - 1, W - 1)
     rows = known[:, :-2] & known[:, 1:-1] & known[:, 2:]  # (B, H - 2, W)
@@ -112,12 +113,3 @@ def _slope(image: Tensor) -> Tensor:
     down = image[:, :-2] + 2 * image[:, 1:-1] + image[:, 2:]  # (B, H - 2, W)
     across = image[:, :, :-2] + 2 * image[:, :, 1:-1] + image[:, :, 2:]  # (B, H, W - 2)
     return (down[:, :, 2:] - down[:, :, :-2]).abs() + (across[:, 2:] - across[:, :-2]).abs()
-
-
-def _cloud(depth: Tensor, intrinsics: Tensor) -> Tensor:
-    """Lift depth images to points in the camera frame, metres: (B, H, W, 3)."""
-    _, height, width = depth.shape
-    fx, fy, cx, cy = intrinsics[:, :, None, None].unbind(dim=1)  # each (B, 1, 1)
-    column = torch.arange(width, device=depth.device)  # (W,)
-    row = torch.arange(height, device=depth.device)[:, None]  # (H, 1)
-    return torch.stack((depth * (column - cx) / fx, depth * (row - cy) / fy, depth), dim=-1)
