@@ -76,18 +76,11 @@ class ImageTerms:
 def image_terms(
     depth: Tensor, truth: Tensor, intrinsics: Tensor, glass: Tensor
 ) -> tuple[ImageTerms, ImageTerms]:
-    """Compare a depth image with the truth, on the object and off it.
+    """Compare depth (B, H, W) with the truth, 0 = unknown, on the object and off it.
 
-    Args:
-        depth: z-depth in metres, shape (B, H, W).
-        truth: True z-depth, shape (B, H, W); 0 = unknown.
-        intrinsics: fx, fy, cx, cy of each frame in pixels, shape (B, 4).
-        glass: The object's pixels, shape (B, H, W), bool. A normal belongs where its pixel does,
-            and counts if true depth is known there, to the right and below; a gradient belongs
-            where the middle of its window does, and counts if true depth is known in all of it.
-
-    Returns:
-        The terms on the object's pixels and those on all others.
+    A normal belongs where its pixel does, and counts if true depth is known there, to the right
+    and below; a gradient belongs where the middle of its window does, and counts if true depth is
+    known in all of it.
     """
     known = truth > 0
     error = (depth - truth) * known  # (B, H, W)
