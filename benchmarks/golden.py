@@ -168,7 +168,15 @@ def training() -> Results:
 
 
 def results() -> Results:
-    """The stored results, and every table that the book makes from them."""
+    """The stored results, and every table that the book makes from them, without its padding."""
+    for name, value in _tables():
+        if isinstance(value, str):
+            value = re.sub(r"(?m)(?<=\|) +(?=[^\n|]*\|)| +(?=\|)", " ", value)
+            value = re.sub(r"(?m)(?<=\|)(:?)-+(:?)(?=\|)", r"\1--\2", value)
+        yield name, value
+
+
+def _tables() -> Results:
     from hadr.figures.depth.sensor import sensor_table
     from hadr.figures.tables import benchmarks, comparison
     from hadr.figures.tables import findings as finding_tables

@@ -13,8 +13,8 @@ mpl.use("agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from hadr.figures import panels
 from hadr.data.samples import open_samples
+from hadr.figures import panels
 from hadr.metrics import frame_metrics
 from hadr.restoration import restore
 

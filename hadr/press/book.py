@@ -335,9 +335,3 @@ def _runs_of_last_time(build: Path, paths: Sequence[Path]) -> list[ChapterRun]:
         found = results if results.exists() else None
         runs.append(ChapterRun(path.stem, float(times.get("duration") or 0), executed, found))
     return runs
-
-
-if __name__ == "__main__":
-    from hadr.cli import main
-
-    raise SystemExit(main(["book", *sys.argv[1:]]))

@@ -1,8 +1,7 @@
 """What a finished chapter was made from, so that it need not be made again.
 
-OUT/results/NAME/chapter.json   sealed: what the chapter depends on (`hadr.records.dependencies`),
-how long
-                                it took, and on which machine
+``OUT/results/NAME/chapter.json`` says, sealed, what the chapter depends on
+(`hadr.records.dependencies`), how long it took, and on which machine.
 """
 
 from __future__ import annotations

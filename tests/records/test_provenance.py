@@ -47,7 +47,7 @@ def commit(root):
 
 def told(root):
     """What a copy of the library in a folder says of its commit."""
-    path = root / "hadr" / "provenance.py"
+    path = root / "hadr" / "records" / "provenance.py"
     if not path.exists():
         path.parent.mkdir(parents=True)
         shutil.copy(SOURCE, path)
