@@ -130,17 +130,7 @@ def error_kinds(measured: Depth, truth: Depth) -> npt.NDArray[np.int64]:
 def error_places(
     truth: Depth, mask: BoolArray, *, band_px: int = 2, reach_m: float = 1.5
 ) -> dict[str, BoolArray]:
-    """Say where a frame's pixels lie: in the glass, at outlines, or elsewhere.
-
-    Args:
-        truth: True z-depth, metres, 0 = unknown, shape (H, W).
-        mask: Pixels of the glass, shape (H, W).
-        band_px: Half the width of the band at outlines: the mask's border, and jumps of depth.
-        reach_m: Outside of the glass, what lies farther away than this does not count, metres.
-
-    Returns:
-        Each of `PLACES` to its pixels, shape (H, W); no pixel is in two of them.
-    """
+    """Each of `PLACES` to its pixels (H, W); beyond the reach, metres, only the glass counts."""
     square = np.ones((3, 3), bool)
     grown = ndimage.binary_dilation(mask, square, iterations=band_px)
     shrunk = ndimage.binary_erosion(mask, square, iterations=band_px, border_value=1)

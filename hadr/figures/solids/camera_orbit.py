@@ -75,20 +75,7 @@ class Orbit:
 
 
 def orbit(scene: HandOnGlass, turns_deg: npt.ArrayLike, *, pixels: int = 224) -> Orbit:
-    """Send a camera around a held glass.
-
-    Args:
-        scene: Hand and glass.
-        turns_deg: Degrees around the glass's axis from where the scene is first looked at,
-            shape (N,).
-        pixels: Side of the pictures.
-
-    Returns:
-        The orbit; all places are equally far from the middle of hand and glass.
-
-    Raises:
-        ValueError: The turns are not one row of at least one number.
-    """
+    """Send a camera around a held glass, by turns (N,) in degrees, all equally far from it."""
     turns = np.asarray(turns_deg, dtype=float)
     if turns.ndim != 1 or not len(turns):
         raise ValueError(f"turns_deg must have shape (N,), N at least 1, got {turns.shape}")
