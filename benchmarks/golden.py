@@ -146,9 +146,10 @@ def depth() -> Results:
 def training() -> Results:
     """What training is given, and two epochs of each network at its smallest."""
     from hadr.data.samples import open_samples
+    from hadr.models.networks import NETWORKS
     from hadr.training.batches import CORRUPTIONS, load_frames
     from hadr.training.loop import train
-    from hadr.training.presets import NETWORKS, preset
+    from hadr.training.presets import preset
 
     some, few = ([open_samples(s)[i] for i in range(5, 95, 12)] for s in ("train", "val"))
     for corruption in CORRUPTIONS:

@@ -16,10 +16,11 @@ from hadr.experiments.systems import METHODS, SWITCHES
 from hadr.experiments.tables import ABLATION, FILES, LEDGER
 from hadr.figures.tables.benchmarks import by_heart_table
 from hadr.figures.tables.handover import paired
+from hadr.models.networks import RIVALS
 from hadr.press.report import DEFAULT, ledger_effects
 from hadr.records.result_file import digest, read_result_file, read_result_files, read_sealed
 from hadr.synthesis.glass.objects import OBJECTS
-from hadr.training.presets import RIVALS, preset
+from hadr.training.presets import preset
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "results"

@@ -3,26 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
 import tyro
 
-from hadr.depth_network import TITLES
 from hadr.experiments.scoring import EVALUATION_SIZE, Scores, score_cheap, score_network
 from hadr.metrics import format_table, mean_over_frames
+from hadr.models.networks import DEPTH_NETWORKS
 from hadr.records.output_folder import check_writable
 from hadr.records.provenance import provenance, write_json
-from hadr.training.batches import Corruption, FrameTensors, load_frames
+from hadr.training.batches import FrameTensors, load_frames
 from hadr.training.checkpoints import load_checkpoint
 from hadr.training.evaluation import BASELINES
-from hadr.training.predicted import TRUE, Given, with_predicted
+from hadr.training.predicted import Given, open_split, with_predicted
 from hadr.training.recipe import Preset
-from hadr.training.tasks.table import task_of
-from hadr.training.train_command import open_split
-
-DEPTH_NETWORKS = tuple(TITLES)
+from hadr.training.tasks.task import Task
 
 
 @dataclass(frozen=True)
@@ -66,14 +63,7 @@ class Options:
     """Which frames."""
     objects: tuple[str, ...] = ()
     """Score these objects only."""
-    corruption: Corruption = "oracle"
-    """oracle: none in the mask; analytic: by formulas; sensor: as measured; erased: so, masked."""
-    masks: str = TRUE
-    """The word true, or a segmentation checkpoint whose predictions are given."""
-    keypoints: str = TRUE
-    """The word true, or a hand-keypoints checkpoint whose predictions are given."""
-    seed: int = 0
-    """Seed of the analytic corruption."""
+    given: tyro.conf.OmitArgPrefixes[Given] = field(default_factory=Given)
     out: Path | None = None
     """File for the tables as JSON with their provenance."""
 
@@ -98,7 +88,7 @@ def figures(checkpoint: Checkpoint, source: Any, given: Given) -> dict[str, floa
         model=checkpoint.model.config,
     )
     frames = load_frames(source, checkpoint.size, given.corruption, given.seed)
-    found = task_of(recipe).validate(checkpoint.model, frames, 8)
+    found = Task(recipe).validate(checkpoint.model, frames, 8)
     return {name.removeprefix("validation_"): value for name, value in found.items()}
 
 
@@ -113,7 +103,7 @@ def run(options: Options) -> int:
     source = open_split(folders, options.split, options.objects or None)
     if source is None:
         raise FileNotFoundError(f"no folder {options.split} in {', '.join(map(str, folders))}")
-    given = Given(options.corruption, options.masks, options.keypoints, options.seed)
+    given = options.given
     checkpoints = _open(options.checkpoint)
     for one in checkpoints:
         given.check_network(one.kind)

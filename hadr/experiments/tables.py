@@ -23,9 +23,9 @@ from hadr.experiments.runner import Bench, Run
 from hadr.experiments.scoring import EVALUATION_SIZE
 from hadr.experiments.splits import EXPERIMENTS, Experiment
 from hadr.experiments.systems import METHODS, PARTS, SWITCHES
+from hadr.models.networks import RIVALS
 from hadr.records.provenance import machine_text, provenance
 from hadr.records.result_file import write_result_file
-from hadr.training.presets import RIVALS
 
 FILES = ("known", "unknown", "ablation", "ledger", "keypoints", "segmentation")
 """Names of the result files."""

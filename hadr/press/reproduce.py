@@ -39,8 +39,8 @@ from hadr.press.paper_report import TITLES, report
 from hadr.records.checkout import checkout_root
 from hadr.records.output_folder import check_output_folder, make_output_folder
 from hadr.simulation.trials.command import check_packages
-from hadr.training.accelerator import chosen_accelerator
 from hadr.training.batches import Corruption
+from hadr.training.processes import chosen_accelerator
 
 TINY_FRAMES = 48
 """Frames of each part in preset tiny, which shows that everything runs and no more."""

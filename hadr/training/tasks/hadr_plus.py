@@ -1,20 +1,16 @@
-"""HADR-plus as the training loop sees it: how likely, how deep, which shape."""
+"""What HADR-plus is trained by: how likely, how deep, which shape."""
 
 from __future__ import annotations
 
 import math
 
-import numpy as np
-import numpy.typing as npt
 import torch
 from torch import Tensor, nn
 
-from hadr.models.hadr_plus import HADRPlus, HADRPlusConfig, HADRPlusOutput
+from hadr.models.hadr_plus import HADRPlusOutput
 from hadr.training.batches import FrameTensors
-from hadr.training.pictures import depth_picture
+from hadr.training.losses import frame_mean
 from hadr.training.recipe import Preset
-from hadr.training.tasks.hadr_task import validate_depth
-from hadr.training.tasks.task import shared_mean
 
 DEPTH_WEIGHT = 20.0
 """Weight of a metre of expected depth error beside a nat of likelihood."""
@@ -26,40 +22,11 @@ SAME_SURFACE_M = 0.01
 """Neighbouring rays whose true depths differ by less see the same surface."""
 
 
-class HADRPlusTask:
-    """Training of HADR-plus.
-
-    Args:
-        recipe: The network and its schedule.
-
-    Raises:
-        ValueError: The recipe is that of another network.
-    """
-
-    network = "hadr-plus"
-
-    def __init__(self, recipe: Preset) -> None:
-        if not isinstance(recipe.model, HADRPlusConfig):
-            raise ValueError(f"recipe {recipe.name!r} of {recipe.network!r} is none of HADR-plus")
-        self.config = recipe.model
-
-    def build(self) -> HADRPlus:
-        """Build the network with fresh weights."""
-        return HADRPlus(self.config)
-
-    def losses(
-        self, model: nn.Module, batch: FrameTensors, epoch: int, generator: torch.Generator
-    ) -> dict[str, Tensor]:
-        """Score a batch: likelihood, depth and shape, at the rays of the mask."""
-        return plus_losses(model(batch.inputs), batch)
-
-    def validate(self, model: nn.Module, frames: FrameTensors, batch_size: int) -> dict[str, float]:
-        """Score the restored depth on the object's pixels, per-frame means."""
-        return validate_depth(model, frames, batch_size)
-
-    def picture(self, model: nn.Module, frames: FrameTensors) -> npt.NDArray[np.uint8]:
-        """Draw restored depth beside the truth."""
-        return depth_picture(model, frames)
+def losses(
+    recipe: Preset, model: nn.Module, batch: FrameTensors, epoch: int, generator: torch.Generator
+) -> dict[str, Tensor]:
+    """Score a batch: likelihood, depth and shape, at the rays of the mask."""
+    return plus_losses(model(batch.inputs), batch)
 
 
 def plus_losses(output: HADRPlusOutput, batch: FrameTensors) -> dict[str, Tensor]:
@@ -90,7 +57,7 @@ def plus_losses(output: HADRPlusOutput, batch: FrameTensors) -> dict[str, Tensor
     rays = rays.index_add(0, frame, counts)
 
     def mean(values: Tensor) -> Tensor:
-        return _frame_mean(torch.zeros_like(rays).index_add(0, frame, values * counts), rays)
+        return frame_mean(torch.zeros_like(rays).index_add(0, frame, values * counts), rays)
 
     terms = {
         "likelihood": mean(unlikely),
@@ -123,11 +90,4 @@ def _step_error(output: HADRPlusOutput, batch: FrameTensors) -> Tensor:
         wrong = (depth[other] - depth - step).abs().clamp(max=SAME_SURFACE_M)
         total = total.index_add(0, frame, wrong * pair)
         count = count.index_add(0, frame, pair.to(count.dtype))
-    return _frame_mean(total, count)
-
-
-def _frame_mean(total: Tensor, count: Tensor) -> Tensor:
-    """Mean over the frames in which anything counts of each frame's own mean."""
-    counts = count > 0
-    means = torch.where(counts, total / count.clamp(min=1e-6), torch.zeros_like(total))
-    return shared_mean(means.sum(), counts.sum())
+    return frame_mean(total, count)

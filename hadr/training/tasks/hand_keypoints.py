@@ -1,4 +1,4 @@
-"""The hand-keypoint network as the training loop sees it.
+"""What the hand-keypoint network is trained by, and how its keypoints are scored.
 
 Besides what the loop changes in frames (mirror, zoom, roll), each step of the training moves the
 cube a little, scales it, and adds noise to the depth, the same for all frames of the batch.
@@ -7,7 +7,7 @@ cube a little, scales it, and adds noise to the depth, the same for all frames o
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import cast
+from typing import Any, cast
 
 import torch
 from torch import Tensor, nn
@@ -17,15 +17,14 @@ from hadr.hand import FINGERS
 from hadr.models.hand.cube import HandCube
 from hadr.models.hand.keypoints import (
     MAP_STRIDE,
-    HandKeypointConfig,
     HandKeypointNet,
     hand_cube,
     predict_keypoints,
 )
 from hadr.models.hand.weighted_regression import JointMaps, joints_of_maps, maps_of_joints
 from hadr.training.batches import FrameTensors
+from hadr.training.losses import shared_mean
 from hadr.training.recipe import Preset
-from hadr.training.tasks.task import shared_mean
 
 SHIFT_M = 0.02
 """Largest shift of the cube along each axis, metres."""
@@ -41,63 +40,42 @@ NEAR_M = 0.02
 AUC_TO_M = 0.05
 
 
-class KeypointTask:
-    """Training of the hand-keypoint network.
+def losses(
+    recipe: Preset, model: nn.Module, batch: FrameTensors, epoch: int, generator: torch.Generator
+) -> dict[str, Tensor]:
+    """Score a batch; frames whose hand has no depth do not count."""
+    config: Any = recipe.model
+    seen = (batch.hand_mask & (batch.inputs.depth > 0)).flatten(1).any(dim=1)  # (B,)
+    # a frame without a hand stays in the batch, so that several processes keep in step
+    blank = ~seen[:, None, None]
+    inputs = replace(
+        batch.inputs,
+        depth=torch.where(blank, torch.ones_like(batch.inputs.depth), batch.inputs.depth),
+    )
+    hand = batch.hand_mask | blank
+    cube = hand_cube(config, inputs, hand)
+    depth = torch.where(hand, inputs.depth, torch.zeros_like(inputs.depth))
+    if recipe.augment:
+        cube, depth = _change(cube, depth, generator)
+    crop = cube.crop(depth)  # (B, 1, S, S)
+    points, valid = cube.points(crop, MAP_STRIDE)  # (B, 3, h, w) and (B, h, w)
+    seen = seen & valid.flatten(1).any(dim=1)
+    valid = valid | ~seen[:, None, None]
+    joints = cube.into(batch.true_keypoints)  # (B, 21, 3)
+    found = model(crop)
+    terms = keypoint_losses(found, joints, points, valid, seen, config.reach)
+    return terms | {"error_m": terms["error_m"] * (cube.side_m / 2)}
 
-    Args:
-        recipe: The network and its schedule.
 
-    Raises:
-        ValueError: The recipe is that of another network.
-    """
-
-    network = "hand-keypoints"
-
-    def __init__(self, recipe: Preset) -> None:
-        if not isinstance(recipe.model, HandKeypointConfig):
-            raise ValueError(
-                f"recipe {recipe.name!r} of {recipe.network!r} is none of hand-keypoints"
-            )
-        self.config, self.augment = recipe.model, recipe.augment
-
-    def build(self) -> HandKeypointNet:
-        """Build the network with fresh weights, or with the published ones it names."""
-        return HandKeypointNet(self.config)
-
-    def losses(
-        self, model: nn.Module, batch: FrameTensors, epoch: int, generator: torch.Generator
-    ) -> dict[str, Tensor]:
-        """Score a batch; frames whose hand has no depth do not count."""
-        seen = (batch.hand_mask & (batch.inputs.depth > 0)).flatten(1).any(dim=1)  # (B,)
-        # a frame without a hand stays in the batch, so that several processes keep in step
-        blank = ~seen[:, None, None]
-        inputs = replace(
-            batch.inputs,
-            depth=torch.where(blank, torch.ones_like(batch.inputs.depth), batch.inputs.depth),
-        )
-        hand = batch.hand_mask | blank
-        cube = hand_cube(self.config, inputs, hand)
-        depth = torch.where(hand, inputs.depth, torch.zeros_like(inputs.depth))
-        if self.augment:
-            cube, depth = _change(cube, depth, generator)
-        crop = cube.crop(depth)  # (B, 1, S, S)
-        points, valid = cube.points(crop, MAP_STRIDE)  # (B, 3, h, w) and (B, h, w)
-        seen = seen & valid.flatten(1).any(dim=1)
-        valid = valid | ~seen[:, None, None]
-        joints = cube.into(batch.true_keypoints)  # (B, 21, 3)
-        found = model(crop)
-        terms = keypoint_losses(found, joints, points, valid, seen, self.config.reach)
-        return terms | {"error_m": terms["error_m"] * (cube.side_m / 2)}
-
-    def validate(self, model: nn.Module, frames: FrameTensors, batch_size: int) -> dict[str, float]:
-        """Score the keypoints found in whole frames; the cube lies where the masks say."""
-        network = cast(HandKeypointNet, model)
-        device = next(model.parameters()).device
-        found = []
-        for first in range(0, len(frames), batch_size):
-            part = frames.take(range(first, min(first + batch_size, len(frames)))).to(device)
-            found.append(predict_keypoints(network, part.inputs, part.hand_mask).cpu())
-        return keypoint_scores(torch.cat(found), frames.true_keypoints.cpu()).named()
+def validate(model: nn.Module, frames: FrameTensors, batch_size: int) -> dict[str, float]:
+    """Score the keypoints found in whole frames; the cube lies where the masks say."""
+    network = cast(HandKeypointNet, model)
+    device = next(model.parameters()).device
+    found = []
+    for first in range(0, len(frames), batch_size):
+        part = frames.take(range(first, min(first + batch_size, len(frames)))).to(device)
+        found.append(predict_keypoints(network, part.inputs, part.hand_mask).cpu())
+    return keypoint_scores(torch.cat(found), frames.true_keypoints.cpu()).named()
 
 
 def _change(cube: HandCube, depth: Tensor, generator: torch.Generator) -> tuple[HandCube, Tensor]:

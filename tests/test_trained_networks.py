@@ -11,9 +11,15 @@ from hypothesis import strategies as st
 from torch import Tensor, nn
 
 from hadr.camera import Intrinsics, resize_mask
-from hadr.confidence import Calibration
-from hadr.confidence_rule import ConfidenceRule
-from hadr.depth_network import DepthNetwork, enlarge_known, enlarge_restored, trained_corruption
+from hadr.confidence import Calibration, ConfidenceRule
+from hadr.trained_networks import (
+    DepthNetwork,
+    HandKeypoints,
+    Segmentation,
+    enlarge_known,
+    enlarge_restored,
+    trained_corruption,
+)
 
 CAMERA = Intrinsics(fx=100, fy=100, cx=39.5, cy=29.5, width=80, height=60)
 SMALL = (20, 15)  # four times smaller
@@ -45,7 +51,7 @@ class StandIn(nn.Module):
 def network(model: nn.Module, **changes) -> DepthNetwork:
     plain = DepthNetwork(
         model=model,
-        kind="hadr",
+        kind="hadr-plus",
         size=SMALL,
         needs_hand=False,
         corruption="oracle",
@@ -123,17 +129,23 @@ def test_what_is_restored_has_a_depth_in_range_and_nothing_else_has(seed, answer
 
 def test_a_rule_turns_the_score_into_a_probability() -> None:
     """Log odds of 0.5 are 0, so the score is 1/2 and the probability the knot's at 1/2."""
-    rule = ConfidenceRule(
-        signals=("network",),
-        center=(0.0,),
-        scale=(1.0,),
-        weights=(1.0,),
-        calibration=Calibration((0.0, 0.5, 1.0), (0.1, 0.3, 0.9)),
-    )
+    rule = ConfidenceRule("network", 0.0, 1.0, Calibration((0.0, 0.5, 1.0), (0.1, 0.3, 0.9)))
     found = ask(network(StandIn(0.7, 0.5), rule=rule), box())
     np.testing.assert_allclose(found.confidence[box()], 0.3, atol=1e-4)
     found = ask(network(StandIn(0.7, 0.9999), rule=rule), box())
     np.testing.assert_allclose(found.confidence[box()], 0.9, atol=1e-3)
+
+
+def test_a_network_whose_score_says_nothing_gets_no_confidence() -> None:
+    """HADR's probability is that of a voxel; a rule that an older checkpoint holds is left."""
+    silent = network(StandIn(0.7, 0.9), kind="hadr")
+    assert not silent.can_say
+    assert (ask(silent, box()).confidence == 0).all()
+    model = StandIn(0.7)
+    model.config = None
+    stored = {"signals": ["network", "neighbours"], "center": [0, 0], "scale": [1, 1]}
+    record = {"network": "hadr", "width": 20, "height": 15, "confidence": stored}
+    assert DepthNetwork.of(model, record, "old.safetensors").rule is None
 
 
 def test_a_thin_mask_is_seen_and_answered() -> None:
@@ -218,3 +230,20 @@ def test_only_depth_networks_restore_depth() -> None:
     model.config = None
     with pytest.raises(ValueError, match=r"x.safetensors holds a network of kind 'segmentation'"):
         DepthNetwork.of(model, {"network": "segmentation"}, "x.safetensors")
+
+
+def test_a_missing_or_wrong_checkpoint_is_named(tmp_path) -> None:
+    from hadr.rivals.unet_hand import UNetHand, UNetHandConfig
+    from hadr.training.checkpoints import save_checkpoint
+
+    for kind in (DepthNetwork, Segmentation, HandKeypoints):
+        with pytest.raises(FileNotFoundError, match=r"no checkpoint at .*gone.safetensors"):
+            kind.load(tmp_path / "gone.safetensors")
+    path = tmp_path / "depth.safetensors"
+    save_checkpoint(path, UNetHand(UNetHandConfig(width=4, levels=2)), {"width": 64, "height": 40})
+    loaded = DepthNetwork.load(path)
+    assert (loaded.kind, loaded.size, loaded.title) == ("unet-hand", (64, 40), "U-Net with hand")
+    with pytest.raises(ValueError, match="of kind 'unet-hand', expected 'segmentation'"):
+        Segmentation.load(path)
+    with pytest.raises(ValueError, match="of kind 'unet-hand', expected 'hand-keypoints'"):
+        HandKeypoints.load(path)

@@ -9,7 +9,7 @@ from hadr.models.hadr_plus import HADRPlusOutput
 from hadr.training.batches import load_frames
 from hadr.training.loop import train
 from hadr.training.presets import preset
-from hadr.training.tasks.hadr_plus_task import HADRPlusTask, plus_losses
+from hadr.training.tasks.hadr_plus import plus_losses
 
 
 @pytest.fixture(scope="module")
@@ -91,8 +91,3 @@ def test_it_learns_the_shapes_of_four_glasses(frames):
     first, *_, last = train(recipe, frames, frames, progress=False, seed=1).history
     assert first["validation_mae_m"] > sum(discs) / 4 > last["validation_mae_m"]
     assert last["likelihood"] < first["likelihood"]
-
-
-def test_a_recipe_of_another_network_is_refused():
-    with pytest.raises(ValueError, match="none of HADR-plus"):
-        HADRPlusTask(preset("tiny"))

@@ -11,11 +11,10 @@ from hadr.models.hadr_input import HADRInput
 from hadr.models.hand.keypoints import HandKeypointConfig
 from hadr.models.hand.weighted_regression import JointMaps, maps_of_joints
 from hadr.training.batches import FrameTensors
-from hadr.training.checkpoints import load_checkpoint, save_checkpoint
 from hadr.training.loop import chance, train
-from hadr.training.presets import preset
 from hadr.training.recipe import Preset
-from hadr.training.tasks.keypoint_task import KeypointTask, keypoint_losses, keypoint_scores
+from hadr.training.tasks.hand_keypoints import keypoint_losses, keypoint_scores
+from hadr.training.tasks.task import Task
 
 RECIPE = Preset(
     name="micro",
@@ -75,7 +74,7 @@ def test_four_hands_are_learned_by_heart() -> None:
     # deepest maps is not the batch's. One hand for all is 23 mm off, wherever it is put.
     around = frames.true_keypoints - frames.true_keypoints.mean(dim=1, keepdim=True)
     one_for_all = float((around - around.mean(dim=0)).norm(dim=2).mean())
-    scores = KeypointTask(RECIPE).validate(trained.model, frames, 3)
+    scores = Task(RECIPE).validate(trained.model, frames, 3)
     assert next(iter(scores)) == "validation_keypoints_m"
     assert scores["validation_keypoints_m"] < one_for_all / 2
 
@@ -142,7 +141,7 @@ def test_a_heat_that_is_wrong_counts_only_on_valid_pixels() -> None:
 
 
 def test_a_hand_without_depth_does_not_count_and_does_not_stop_the_training() -> None:
-    task = KeypointTask(RECIPE)
+    task = Task(RECIPE)
     torch.manual_seed(0)
     model = task.build().eval()
     frames = four_hands()
@@ -158,7 +157,7 @@ def test_a_hand_without_depth_does_not_count_and_does_not_stop_the_training() ->
 
 
 def test_augmentation_follows_from_the_generator_alone() -> None:
-    task = KeypointTask(replace(RECIPE, augment=True))
+    task = Task(replace(RECIPE, augment=True))
     torch.manual_seed(0)
     model = task.build().eval()
     batch = four_hands().take([0, 1])
@@ -167,18 +166,3 @@ def test_augmentation_follows_from_the_generator_alone() -> None:
         for step in (0, 0, 1)
     )
     assert first == again != other
-
-
-def test_recipes_build_and_their_checkpoints_come_back(tmp_path) -> None:
-    for name in ("tiny", "mini", "paper"):
-        assert isinstance(preset(name, "hand-keypoints").model, HandKeypointConfig)
-    task = KeypointTask(preset("tiny", "hand-keypoints"))
-    model = task.build().eval()
-    save_checkpoint(tmp_path / "k.safetensors", model, {"width": 256})
-    loaded, meta = load_checkpoint(tmp_path / "k.safetensors")
-    assert meta["network"] == "hand-keypoints"
-    assert loaded.config == model.config
-    crop = torch.rand(1, 1, 48, 48)
-    torch.testing.assert_close(loaded(crop).heat, model(crop).heat)
-    with pytest.raises(ValueError, match="'tiny' of 'segmentation' is none of hand-keypoints"):
-        KeypointTask(preset("tiny", "segmentation"))

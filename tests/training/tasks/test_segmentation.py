@@ -9,11 +9,10 @@ from hadr.models.blocks.resnet import UNetConfig
 from hadr.models.hadr_input import HADRInput
 from hadr.models.segmentation import SegmentationConfig
 from hadr.training.batches import FrameTensors
-from hadr.training.checkpoints import load_checkpoint, save_checkpoint
 from hadr.training.loop import train
-from hadr.training.presets import preset
 from hadr.training.recipe import Preset
-from hadr.training.tasks.segmentation_task import SegmentationTask, iou, mask_losses
+from hadr.training.tasks.segmentation import iou, mask_losses
+from hadr.training.tasks.task import Task
 
 RECIPE = Preset(
     name="micro",
@@ -70,7 +69,7 @@ def test_four_scenes_are_learned_by_heart() -> None:
     """It misses a tenth of what is missed without looking."""
     frames = four_scenes()
     trained = train(RECIPE, frames, progress=False, seed=1)
-    scores = SegmentationTask(RECIPE).validate(trained.model, frames, 3)
+    scores = Task(RECIPE).validate(trained.model, frames, 3)
     assert next(iter(scores)) == "validation_iou_missing"
     assert scores["validation_iou_missing"] == pytest.approx(1 - scores["validation_object_iou"])
     for name, masks in (("object", frames.object_mask), ("hand", frames.hand_mask)):
@@ -89,12 +88,14 @@ def test_the_scores_are_those_of_the_object_s_true_mask_not_of_the_given_one() -
     """A network that says 'object' of each pixel: the IoU is the true mask's share."""
 
     class Everything(torch.nn.Linear):
+        config = RECIPE.model
+
         def forward(self, color: torch.Tensor) -> torch.Tensor:
             return torch.ones(len(color), 2, *color.shape[2:])
 
     frames = four_scenes()
     frames.inputs.mask[:] = False
-    scores = SegmentationTask(RECIPE).validate(Everything(1, 1), frames, 3)
+    scores = Task(RECIPE).validate(Everything(1, 1), frames, 3)
     share = frames.object_mask.float().mean(dim=(1, 2))
     assert scores["validation_object_iou"] == pytest.approx(float(share.mean()))
     assert scores["validation_hand_iou_pooled"] == pytest.approx(
@@ -120,18 +121,3 @@ def test_an_empty_mask_has_a_finite_loss_and_gradient() -> None:
     assert float(loss.detach()) < 0.01
     assert logits.grad is not None
     assert (logits.grad > 0).all()
-
-
-def test_recipes_build_and_their_checkpoints_come_back(tmp_path) -> None:
-    for name in ("tiny", "mini", "paper"):
-        assert isinstance(preset(name, "segmentation").model, SegmentationConfig)
-    assert preset("paper", "segmentation").model.unet.depths == (3, 4, 6, 3)
-    model = SegmentationTask(preset("tiny", "segmentation")).build().eval()
-    save_checkpoint(tmp_path / "s.safetensors", model, {"width": 128})
-    loaded, meta = load_checkpoint(tmp_path / "s.safetensors")
-    assert meta["network"] == "segmentation"
-    assert loaded.config == model.config
-    color = torch.rand(1, 3, 72, 128)
-    torch.testing.assert_close(loaded(color), model(color))
-    with pytest.raises(ValueError, match="'tiny' of 'hadr' is none of segmentation"):
-        SegmentationTask(preset("tiny"))

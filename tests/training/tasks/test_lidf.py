@@ -15,9 +15,9 @@ from hadr.training.batches import FrameTensors
 from hadr.training.checkpoints import load_checkpoint
 from hadr.training.loop import LAST, Trained, train
 from hadr.training.losses import LIDF_WEIGHTS
-from hadr.training.presets import Preset, preset
-from hadr.training.tasks.hadr_task import validate_depth
-from hadr.training.tasks.lidf_task import LIDFTask, draw_perturbation
+from hadr.training.recipe import Preset
+from hadr.training.tasks.lidf import draw_perturbation, stage
+from hadr.training.tasks.task import Task, validate_depth
 
 MICRO = Preset(
     name="micro",
@@ -41,7 +41,7 @@ MICRO = Preset(
 
 
 def learn(frames: FrameTensors, recipe: Preset = MICRO, **how: Any) -> Trained:
-    return train(recipe, frames, task=LIDFTask(recipe), progress=False, **how)
+    return train(recipe, frames, progress=False, **how)
 
 
 def state(model: nn.Module, part: str = "") -> dict[str, torch.Tensor]:
@@ -62,11 +62,10 @@ def test_the_weights_are_the_published_ones() -> None:
 )
 def test_the_stage_follows_from_the_epoch(epochs: int, share: float, first: int) -> None:
     recipe = replace(MICRO, epochs=epochs, model=replace(MICRO.model, first_share=share))  # type: ignore[type-var]
-    task = LIDFTask(recipe)
-    stages = [task.stage(epoch) for epoch in range(epochs)]
+    stages = [stage(recipe, epoch) for epoch in range(epochs)]
     assert stages == [1] * first + [2] * (epochs - first)
-    alone = LIDFTask(replace(recipe, model=replace(recipe.model, refine=False)))  # type: ignore[type-var]
-    assert {alone.stage(epoch) for epoch in range(epochs)} == {1}
+    alone = replace(recipe, model=replace(recipe.model, refine=False))  # type: ignore[type-var]
+    assert {stage(alone, epoch) for epoch in range(epochs)} == {1}
 
 
 def test_what_is_frozen_stays_to_the_bit(frames: FrameTensors) -> None:
@@ -124,7 +123,7 @@ def test_a_resumed_training_ends_with_the_same_weights(
 
 def test_the_losses_of_both_stages_are_weighted_as_published(frames: FrameTensors) -> None:
     torch.manual_seed(0)
-    task = LIDFTask(MICRO)
+    task = Task(MICRO)
     model = task.build().train()
     few = frames.take([0, 1])
     one = {k: v.item() for k, v in task.losses(model, few, 0, torch.Generator()).items()}
@@ -138,7 +137,7 @@ def test_the_losses_of_both_stages_are_weighted_as_published(frames: FrameTensor
 
 def test_true_voxels_are_told_in_the_first_epochs_only(frames: FrameTensors) -> None:
     recipe = replace(MICRO, true_voxel_epochs=4)  # longer than the first stage
-    task = LIDFTask(recipe)
+    task = Task(recipe)
     told: list[bool] = []
 
     class Spy(LIDF):
@@ -146,7 +145,7 @@ def test_true_voxels_are_told_in_the_first_epochs_only(frames: FrameTensors) -> 
             told.append(options["true_depth"] is not None)
             return super().forward(*inputs, **options)
 
-    model = Spy(task.config).train()
+    model = Spy(recipe.model).train()
     for epoch in range(4):
         task.losses(model, frames, epoch, torch.Generator())
     assert told == [True, True, False, False]
@@ -154,8 +153,8 @@ def test_true_voxels_are_told_in_the_first_epochs_only(frames: FrameTensors) -> 
 
 def test_a_perturbed_batch_starts_farther_off(frames: FrameTensors) -> None:
     """A fresh refinement moves nothing: the depth term shows what it was given."""
-    task = LIDFTask(replace(MICRO, model=replace(MICRO.model, perturb_probability=1.0)))  # type: ignore[type-var]
-    calm = LIDFTask(replace(MICRO, model=replace(MICRO.model, perturb_probability=0.0)))  # type: ignore[type-var]
+    task = Task(replace(MICRO, model=replace(MICRO.model, perturb_probability=1.0)))  # type: ignore[type-var]
+    calm = Task(replace(MICRO, model=replace(MICRO.model, perturb_probability=0.0)))  # type: ignore[type-var]
     torch.manual_seed(0)
     model = task.build().train()
     found = [t.losses(model, frames, 2, torch.Generator().manual_seed(1)) for t in (task, calm)]
@@ -197,20 +196,15 @@ def test_the_refinement_mends_what_a_short_first_stage_left(
         clip_norm=100.0,
         true_voxel_epochs=4,
     )
-    trained = train(recipe, four, four, task=LIDFTask(recipe), progress=False, seed=1)
+    trained = train(recipe, four, four, progress=False, seed=1)
     error = [row["validation_rmse_m"] for row in trained.history]
     assert error[-1] < error[11] / 2  # the first stage is frozen: what is gone, the second mended
 
 
 def test_longer_training_does_not_go_back_to_the_first_stage(frames: FrameTensors) -> None:
-    task = LIDFTask(MICRO)
+    task = Task(MICRO)
     model = task.build().train()
     task.losses(model, frames, 2, torch.Generator())
-    longer = LIDFTask(replace(MICRO, epochs=20))
+    longer = Task(replace(MICRO, epochs=20))
     with pytest.raises(ValueError, match=r"of 20 epochs the first 10 are .* got epoch 5"):
         longer.losses(model, frames, 4, torch.Generator())
-
-
-def test_a_recipe_of_another_network_is_refused() -> None:
-    with pytest.raises(ValueError, match="recipe 'tiny' of 'hadr' is none of LIDF"):
-        LIDFTask(preset("tiny"))

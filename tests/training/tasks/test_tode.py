@@ -9,8 +9,8 @@ from torch import Tensor, nn
 from hadr.models.hadr_input import HADRInput
 from hadr.rivals.tode import TODEConfig, TODEOutput
 from hadr.training.batches import FrameTensors
-from hadr.training.presets import Preset, preset
-from hadr.training.tasks.tode_task import TODETask
+from hadr.training.recipe import Preset
+from hadr.training.tasks.task import Task
 
 MICRO = Preset(
     name="micro",
@@ -34,7 +34,7 @@ class Says(nn.Module):
 
 
 def losses(image: Tensor, batch: FrameTensors) -> dict[str, Tensor]:
-    return TODETask(MICRO).losses(Says(image), batch, 0, torch.Generator())
+    return Task(MICRO).losses(Says(image), batch, 0, torch.Generator())
 
 
 def by_hand() -> tuple[Tensor, FrameTensors]:
@@ -93,9 +93,3 @@ def test_without_truth_or_without_an_answer_gradients_stay_numbers() -> None:
         assert torch.isfinite(found["loss"])
         assert torch.isfinite(answer.grad).all()
         assert (found["loss"].item() > 0) == bool(truth.any())
-
-
-def test_a_recipe_of_another_network_is_told() -> None:
-    assert TODETask(MICRO).build().config == MICRO.model
-    with pytest.raises(ValueError, match="recipe 'paper' of 'hadr' is none of tode"):
-        TODETask(preset("paper"))

@@ -8,9 +8,9 @@ import torch
 from torch import nn
 
 from hadr.rivals.dfnet import DFNetConfig, DFNetOutput
-from hadr.training.losses import normals
-from hadr.training.presets import Preset, preset
-from hadr.training.tasks.dfnet_task import DFNetTask, image_points, normals_miss
+from hadr.training.losses import image_points, normals, normals_apart
+from hadr.training.recipe import Preset
+from hadr.training.tasks.task import Task
 
 MICRO = Preset(
     name="micro",
@@ -34,15 +34,14 @@ class Says(nn.Module):
         return DFNetOutput(self.image * restored, restored.float(), restored, self.image)
 
 
-def losses(image: torch.Tensor, batch, pixels: str = "object") -> dict[str, float]:
-    terms = DFNetTask(MICRO, pixels).losses(Says(image), batch, 0, GENERATOR)
+def losses(image: torch.Tensor, batch) -> dict[str, float]:
+    terms = Task(MICRO).losses(Says(image), batch, 0, GENERATOR)
     return {name: value.item() for name, value in terms.items()}
 
 
 def test_the_truth_costs_nothing(frames) -> None:
-    for pixels in ("object", "image"):
-        terms = losses(frames.true_depth, frames, pixels)
-        assert terms == pytest.approx({"loss": 0, "mse": 0, "normals": 0}, abs=1e-6)
+    terms = losses(frames.true_depth, frames)
+    assert terms == pytest.approx({"loss": 0, "mse": 0, "normals": 0}, abs=1e-6)
 
 
 def test_an_error_by_hand_and_each_pixel_counts_the_same(frames) -> None:
@@ -60,16 +59,6 @@ def test_an_error_by_hand_and_each_pixel_counts_the_same(frames) -> None:
     assert steep["mse"] == pytest.approx(terms["mse"], rel=1e-5)
     assert steep["normals"] > 0.1
     assert steep["loss"] == pytest.approx(1000 * (steep["mse"] + 0.001 * steep["normals"]))
-
-
-def test_the_whole_image_counts_where_it_is_asked_for(frames) -> None:
-    few = frames.take([0])
-    image = few.true_depth.clone()
-    image[0, 0, 0] += 0.3
-    assert losses(image, few, "object")["mse"] == 0
-    terms = losses(image, few, "image")
-    assert terms["mse"] == pytest.approx(0.3**2 / (24 * 32), rel=1e-4)
-    assert terms["normals"] > 0
 
 
 def test_the_objects_true_pixels_count_whatever_the_mask_given(frames) -> None:
@@ -102,7 +91,7 @@ def test_a_frame_without_given_depth_does_not_count(frames) -> None:
     assert losses(image, few)["mse"] == pytest.approx(0.02**2, rel=1e-4)
     nothing = replace(few, inputs=replace(few.inputs, depth=torch.zeros_like(depth)))
     model = Says(image)
-    terms = DFNetTask(MICRO).losses(model, nothing, 0, GENERATOR)
+    terms = Task(MICRO).losses(model, nothing, 0, GENERATOR)
     assert terms["loss"].item() == 0
     terms["loss"].backward()
     assert torch.equal(model.image.grad, torch.zeros_like(image))
@@ -122,37 +111,28 @@ def test_normals_of_two_planes_differ_by_their_angle(along: tuple[float, float])
     sine, cosine = math.sin(0.5), math.cos(0.5)
     normal = (sine * along[0], sine * along[1], cosine)
     front, inclined = plane((0.0, 0.0, 1.0), camera), plane(normal, camera)
-    every = torch.ones(1, 6, 8, dtype=torch.bool)
-    miss = normals_miss(inclined, front, camera, every, every)
-    assert miss.item() == pytest.approx(1 - cosine, abs=1e-5)
-    found = normals(image_points(inclined, camera))[0, 2, 3]
-    torch.testing.assert_close(found, torch.tensor(normal), atol=1e-4, rtol=0)
+    clouds = [image_points(depth, camera) for depth in (inclined, front)]
+    apart, whole = normals_apart(*clouds, torch.ones(1, 6, 8, dtype=torch.bool))
+    assert whole.all()
+    torch.testing.assert_close(apart, torch.full((1, 5, 7), 1 - cosine), atol=1e-5, rtol=0)
+    torch.testing.assert_close(normals(clouds[0])[0, 2, 3], torch.tensor(normal), atol=1e-4, rtol=0)
 
 
-def test_a_normal_needs_its_pixel_counted_and_the_next_two_known() -> None:
-    camera = torch.tensor([[40.0, 40.0, 3.5, 2.5]])
-    truth = torch.ones(1, 6, 8)
-    depth = truth.clone()
-    depth[0, 2, 3] = 2.0
-    known = torch.ones(1, 6, 8, dtype=torch.bool)
-    pixel = torch.zeros_like(known)
-    for row, column in ((2, 3), (2, 2), (1, 3)):  # the three normals that the pixel bends
+def test_a_normal_needs_its_pixel_counted_and_the_next_two_known(frames) -> None:
+    few = frames.take([0])
+    few = replace(few, true_depth=torch.ones_like(few.true_depth))
+    image = few.true_depth.clone()
+    image[0, 12, 13] = 1.2
+    pixel = torch.zeros_like(few.object_mask)
+    for row, column in ((12, 13), (12, 12), (11, 13)):  # the three normals that the pixel bends
         here = pixel.clone()
         here[0, row, column] = True
-        assert normals_miss(depth, truth, camera, here, known).item() > 0.1
-        without = known.clone()
-        without[0, row, column + 1] = False
-        assert normals_miss(depth, truth, camera, here, without).item() == 0
-        without = known.clone()
-        without[0, row + 1, column] = False
-        assert normals_miss(depth, truth, camera, here, without).item() == 0
+        seen = replace(few, object_mask=here)
+        assert losses(image, seen)["normals"] > 0.1
+        for beside in ((row, column + 1), (row + 1, column)):
+            unknown = few.true_depth.clone()
+            unknown[0, *beside] = 0
+            assert losses(image, replace(seen, true_depth=unknown))["normals"] == 0
     here = pixel.clone()
-    here[0, 3, 3] = here[0, 2, 4] = True  # normals that do not look back at it
-    assert normals_miss(depth, truth, camera, here, known).item() == pytest.approx(0, abs=1e-6)
-
-
-def test_other_recipes_and_pixels_are_told() -> None:
-    with pytest.raises(ValueError, match="recipe 'paper' of 'hadr' is none of dfnet"):
-        DFNetTask(preset("paper"))
-    with pytest.raises(ValueError, match="pixels must be 'object' or 'image', got 'hand'"):
-        DFNetTask(MICRO, "hand")
+    here[0, 13, 13] = here[0, 12, 14] = True  # normals that do not look back at it
+    assert losses(image, replace(few, object_mask=here))["normals"] == pytest.approx(0, abs=1e-6)

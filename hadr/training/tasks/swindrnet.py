@@ -1,4 +1,4 @@
-"""SwinDRNet as the training loop sees it: depth, normals and gradient, on and off the object.
+"""What SwinDRNet is trained by: depth, normals and gradient, on and off the object.
 
 Published are the weights below; AdamW with a weight decay of 0.01, whose rate rises to 1e-4 in 500
 steps and falls from there linearly to 0; batches of 8 and 20 epochs. The same loss is taken of the
@@ -17,18 +17,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-import numpy.typing as npt
 import torch
 from torch import Tensor, nn
 
-from hadr.rivals.swindrnet import SwinDRNet, SwinDRNetConfig
 from hadr.training.batches import FrameTensors
-from hadr.training.losses import normals
-from hadr.training.pictures import depth_picture
+from hadr.training.losses import mean_where, normals
 from hadr.training.recipe import Preset
-from hadr.training.tasks.hadr_task import validate_depth
-from hadr.training.tasks.task import shared_mean
 
 OBJECT_WEIGHT = 1.0
 BACKGROUND_WEIGHT = 0.4
@@ -38,53 +32,24 @@ INITIAL_WEIGHT = 0.4
 """Weight of the depth head's image; that of the mixed one is 1."""
 
 
-class SwinDRNetTask:
-    """Training of SwinDRNet.
-
-    Args:
-        recipe: The network and its schedule.
-
-    Raises:
-        ValueError: The recipe is that of another network.
-    """
-
-    network = "swindrnet"
-
-    def __init__(self, recipe: Preset) -> None:
-        if not isinstance(recipe.model, SwinDRNetConfig):
-            raise ValueError(f"recipe {recipe.name!r} of {recipe.network!r} is none of swindrnet")
-        self.config = recipe.model
-
-    def build(self) -> SwinDRNet:
-        """Build the network with fresh weights, or with the published ones it names."""
-        return SwinDRNet(self.config)
-
-    def losses(
-        self, model: nn.Module, batch: FrameTensors, epoch: int, generator: torch.Generator
-    ) -> dict[str, Tensor]:
-        """Score a batch: the sum, its terms on the object, and depth off the object."""
-        output = model(batch.inputs)
-        truth, intrinsics, glass = batch.true_depth, batch.inputs.intrinsics, batch.object_mask
-        on, off = image_terms(output.image, truth, intrinsics, glass)
-        initial_on, initial_off = image_terms(output.initial, truth, intrinsics, glass)
-        mixed = OBJECT_WEIGHT * on.total + BACKGROUND_WEIGHT * off.total
-        initial = OBJECT_WEIGHT * initial_on.total + BACKGROUND_WEIGHT * initial_off.total
-        return {
-            "loss": mixed + INITIAL_WEIGHT * initial,
-            "depth": on.depth,
-            "normals": on.normals,
-            "gradient": on.gradient,
-            "background": off.depth,
-            "initial": initial_on.depth,
-        }
-
-    def validate(self, model: nn.Module, frames: FrameTensors, batch_size: int) -> dict[str, float]:
-        """Score the restored depth on the object's pixels, per-frame means."""
-        return validate_depth(model, frames, batch_size)
-
-    def picture(self, model: nn.Module, frames: FrameTensors) -> npt.NDArray[np.uint8]:
-        """Draw restored depth beside the truth."""
-        return depth_picture(model, frames)
+def losses(
+    recipe: Preset, model: nn.Module, batch: FrameTensors, epoch: int, generator: torch.Generator
+) -> dict[str, Tensor]:
+    """Score a batch: the sum, its terms on the object, and depth off the object."""
+    output = model(batch.inputs)
+    truth, intrinsics, glass = batch.true_depth, batch.inputs.intrinsics, batch.object_mask
+    on, off = image_terms(output.image, truth, intrinsics, glass)
+    initial_on, initial_off = image_terms(output.initial, truth, intrinsics, glass)
+    mixed = OBJECT_WEIGHT * on.total + BACKGROUND_WEIGHT * off.total
+    initial = OBJECT_WEIGHT * initial_on.total + BACKGROUND_WEIGHT * initial_off.total
+    return {
+        "loss": mixed + INITIAL_WEIGHT * initial,
+        "depth": on.depth,
+        "normals": on.normals,
+        "gradient": on.gradient,
+        "background": off.depth,
+        "initial": initial_on.depth,
+    }
 
 
 @dataclass(frozen=True)
@@ -133,18 +98,13 @@ def image_terms(
     window = rows[:, :, :-2] & rows[:, :, 1:-1] & rows[:, :, 2:]  # (B, H - 2, W - 2)
     on, off = (
         ImageTerms(
-            depth=_mean(error.abs(), known & part),
-            normals=_mean(turn, corner & part[:, :-1, :-1]),
-            gradient=_mean(slope, window & part[:, 1:-1, 1:-1]),
+            depth=mean_where(error.abs(), known & part),
+            normals=mean_where(turn, corner & part[:, :-1, :-1]),
+            gradient=mean_where(slope, window & part[:, 1:-1, 1:-1]),
         )
         for part in (glass, ~glass)
     )
     return on, off
-
-
-def _mean(values: Tensor, counted: Tensor) -> Tensor:
-    """Mean of the values that count, over the whole batch; 0 where none does."""
-    return shared_mean((values * counted).sum(), counted.sum())
 
 
 def _slope(image: Tensor) -> Tensor:

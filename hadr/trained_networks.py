@@ -1,39 +1,36 @@
-"""A depth network on one frame: brought to its size, restored, brought back, and honest about it.
+"""The trained networks, each loaded once and asked frame by frame (numpy in, numpy out).
 
-Whatever the network is, it gives three images at its working size: depth, a score of its certainty,
-and where it restored anything. Two things are added here. The score becomes a probability where
-the checkpoint knows how (`hadr.confidence_rule`). And a depth is *not restored* where the network
-can't know it: no ray met a voxel, the offset in the voxel is at its end, or the depth is outside
-of the range in which the training showed objects (`hadr.models.signals.within_learned`). Such a
-pixel stays missing; it is neither 0 metres away nor filled from its neighbours.
+`DepthNetwork` restores depth, `Segmentation` finds glass and hand, `HandKeypoints` the hand's
+keypoints. Each brings the frame to its own size and its answer back. What a depth network can't
+know is *not restored*: no ray met a voxel, the offset in the voxel is at its end, or the depth is
+outside of the range in which the training showed objects (`hadr.confidence.within_learned`). Such
+a pixel stays missing; it is neither 0 metres away nor filled from its neighbours.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
-from torch import nn
 
-from hadr.camera import BoolArray, FloatArray, Intrinsics, resize_mask, window_around
-from hadr.confidence_rule import ConfidenceRule
+from hadr.camera import (
+    BoolArray,
+    FloatArray,
+    Intrinsics,
+    resize_color,
+    resize_mask,
+    window_around,
+)
+from hadr.confidence import SURE, ConfidenceRule, signal_of, within_learned
+from hadr.models.networks import DEPTH_NETWORKS, NETWORKS
 
-TITLES = {
-    "hadr": "HADR",
-    "hadr-plus": "HADR-plus",
-    "unet-hand": "U-Net with hand",
-    "lidf": "LIDF",
-    "dfnet": "DFNet",
-    "swindrnet": "SwinDRNet",
-    "tode": "TODE-Trans",
-}
-"""The networks that restore depth, by their kind in a checkpoint."""
-SILENT = ("unet-hand", "dfnet", "swindrnet", "tode")
-"""Those of them that have no opinion of their own about how sure they are."""
+if TYPE_CHECKING:
+    from torch import nn
+
 Corruption = Literal["oracle", "sensor"]
 
 
@@ -43,7 +40,8 @@ class NetworkDepth:
 
     Attributes:
         depth: z-depth in metres, shape (H, W) float32; 0 where nothing was restored.
-        confidence: Shape (H, W) float32, 0..1; 0 where nothing was restored.
+        confidence: Shape (H, W) float32, 0..1; 0 where nothing was restored, and everywhere from a
+            network that cannot say how sure it is.
         restored: Pixels of the mask with a depth, shape (H, W) bool.
         no_answer: Share of the mask's working pixels without any answer, 0..1.
         out_of_range: Share of them whose answer lies outside of what was learned, 0..1.
@@ -62,13 +60,13 @@ class DepthNetwork:
 
     Attributes:
         model: The network, in evaluation mode.
-        kind: One of `TITLES`.
+        kind: One of `hadr.models.networks.DEPTH_NETWORKS`.
         size: (width, height) that it runs at, pixels.
         needs_hand: Whether it can't do without the hand's keypoints.
         corruption: "oracle": it learned from frames without any depth inside the mask. "sensor":
             what the camera measured there was given to it.
-        rule: From its signals to the probability that its depth is right; None where it was never
-            calibrated.
+        rule: From what it says of its answer to the probability that its depth is right; None
+            where it was never calibrated, or cannot say.
         learned_range_m: Nearest and farthest depth of the objects that it learned from, metres;
             None where it is not known.
         name: Name of the checkpoint's file.
@@ -88,7 +86,12 @@ class DepthNetwork:
     @property
     def title(self) -> str:
         """What readers call it."""
-        return TITLES[self.kind]
+        return NETWORKS[self.kind].title
+
+    @property
+    def can_say(self) -> bool:
+        """Whether it can say how sure it is."""
+        return self.kind in SURE
 
     @classmethod
     def load(cls, path: str | Path) -> DepthNetwork:
@@ -100,11 +103,7 @@ class DepthNetwork:
         """
         from hadr.training.checkpoints import load_checkpoint
 
-        path = Path(path)
-        if not path.is_file():
-            raise FileNotFoundError(f"checkpoint {path} does not exist")
-        model, meta = load_checkpoint(path)
-        return cls.of(model, meta, path.name)
+        return cls.of(*load_checkpoint(path), Path(path).name)
 
     @classmethod
     def of(cls, model: nn.Module, meta: dict[str, Any], name: str) -> DepthNetwork:
@@ -119,13 +118,13 @@ class DepthNetwork:
             ValueError: It is no depth network.
         """
         kind = meta.get("network", "hadr")
-        if kind not in TITLES:
+        if kind not in DEPTH_NETWORKS:
             raise ValueError(
                 f"{name} holds a network of kind {kind!r}, expected one that restores depth: "
-                f"{', '.join(TITLES)}"
+                f"{', '.join(DEPTH_NETWORKS)}"
             )
         config: Any = model.config
-        stored = meta.get("confidence")
+        stored = meta.get("confidence") if kind in SURE else None
         learned = meta.get("learned_range", {}).get("depth_m")
         recipe = meta.get("preset", {}).get("name", "unknown")
         return cls(
@@ -139,24 +138,6 @@ class DepthNetwork:
             name=name,
             trained=f"preset {recipe}, {meta.get('epochs', 'unknown')} epochs",
         )
-
-    def with_fewer_rays(self, stride: int = 2) -> DepthNetwork:
-        """Give the same network that casts about one ray in stride * stride, for speed.
-
-        The pixels between take their depth from the rays around them
-        (`hadr.models.sparse_rays`).
-
-        Args:
-            stride: Rows and columns from one ray to the next.
-
-        Raises:
-            ValueError: The network casts no rays, or `stride` is not positive.
-        """
-        from hadr.models.sparse_rays import SparseRays
-
-        if self.kind != "hadr":
-            raise ValueError(f"{self.name} is a {self.kind}, which does not restore ray by ray")
-        return replace(self, model=SparseRays(self.model, stride).eval())
 
     def restore(
         self,
@@ -181,7 +162,6 @@ class DepthNetwork:
         import torch
 
         from hadr.models.hadr_input import frame_to_input
-        from hadr.models.signals import signals_of, within_learned
 
         width, height = self.size
         seen = mask
@@ -198,10 +178,10 @@ class DepthNetwork:
             answered = (output.restored & (output.depth > 0))[0].numpy() & asked
             known = within_learned(output, self.learned_range_m)[0].numpy() & asked
             found, sure = output.depth[0].numpy(), output.confidence[0].numpy()
-            if self.kind in SILENT:
-                sure = np.zeros_like(found)
             if self.rule is not None:
-                sure = self.rule({k: v[0].numpy() for k, v in signals_of(output).items()})
+                sure = self.rule(signal_of(output, self.rule.signal)[0].numpy())
+            elif not self.can_say:
+                sure = np.zeros_like(found)
         whole = np.zeros((2, *mask.shape), np.float32)
         restored = np.zeros_like(mask)
         if mask.any():
@@ -218,6 +198,115 @@ class DepthNetwork:
             no_answer=float((asked & ~answered).sum()) / count,
             out_of_range=float((answered & ~known).sum()) / count,
         )
+
+
+@dataclass(frozen=True)
+class Segmentation:
+    """A segmentation network, loaded once.
+
+    Attributes:
+        model: The network; its first class is the object and, where there is one, its second the
+            hand.
+        size: (width, height) that it runs at, pixels.
+        name: Name of the checkpoint's file.
+    """
+
+    model: Any
+    size: tuple[int, int]
+    name: str
+
+    @classmethod
+    def load(cls, path: str | Path) -> Segmentation:
+        """Read a segmentation checkpoint.
+
+        Raises:
+            FileNotFoundError: There is no such file.
+            ValueError: It is damaged, or a checkpoint of another kind of network.
+        """
+        return cls(*_read_kind(path, "segmentation"), Path(path).name)
+
+    def masks(self, color: NDArray[np.uint8]) -> tuple[BoolArray, BoolArray | None]:
+        """Find the glass and the hand.
+
+        Args:
+            color: RGB, shape (H, W, 3) uint8.
+
+        Returns:
+            The object's pixels, and the hand's with the arm (None if the network has no such
+            class), shape (H, W) bool.
+        """
+        import torch
+
+        from hadr.models.segmentation import predict_masks
+
+        height, width = color.shape[:2]
+        small = resize_color(color, *self.size).astype(np.float32) / 255
+        with torch.inference_mode():
+            picture = torch.from_numpy(np.ascontiguousarray(small.transpose(2, 0, 1)))[None]
+            positive = predict_masks(self.model, picture)[0].numpy()  # (C, h, w)
+        large = [resize_mask(part, width, height) for part in positive[:2]]
+        return large[0], large[1] if len(large) > 1 else None
+
+
+@dataclass(frozen=True)
+class HandKeypoints:
+    """A hand-keypoint network, loaded once.
+
+    Attributes:
+        model: The network.
+        size: (width, height) that frames are brought to before the hand is cut out, pixels.
+        name: Name of the checkpoint's file.
+    """
+
+    model: Any
+    size: tuple[int, int]
+    name: str
+
+    @classmethod
+    def load(cls, path: str | Path) -> HandKeypoints:
+        """Read a hand-keypoint checkpoint; errors as `Segmentation.load`."""
+        return cls(*_read_kind(path, "hand-keypoints"), Path(path).name)
+
+    def find(
+        self,
+        color: NDArray[np.uint8],
+        depth: NDArray[np.float32],
+        camera: Intrinsics,
+        mask: BoolArray,
+        hand_mask: BoolArray,
+    ) -> NDArray[np.float64] | None:
+        """Find the keypoints.
+
+        Args:
+            color: RGB, shape (H, W, 3) uint8.
+            depth: z-depth in metres, shape (H, W); 0 = missing.
+            camera: Intrinsics of both images.
+            mask: The glass's pixels, shape (H, W) bool.
+            hand_mask: Pixels of hand and arm, shape (H, W) bool.
+
+        Returns:
+            Camera frame, metres, shape (21, 3); None where the hand's pixels have no depth.
+        """
+        import torch
+
+        from hadr.models.hadr_input import frame_to_input
+        from hadr.models.hand.keypoints import keypoints_where_seen
+
+        inputs = frame_to_input(color, depth, mask, None, camera, self.size)
+        hand = torch.from_numpy(resize_mask(hand_mask, *self.size).copy())[None]
+        with torch.inference_mode():
+            found = keypoints_where_seen(self.model, inputs, hand)[0]
+        return np.asarray(found.double().numpy()) if bool(found.any()) else None
+
+
+def _read_kind(path: str | Path, kind: str) -> tuple[Any, tuple[int, int]]:
+    """A checkpoint's network of one kind, ready to be asked, and its size."""
+    from hadr.training.checkpoints import load_checkpoint
+
+    model, meta = load_checkpoint(path)
+    if meta["network"] != kind:
+        raise ValueError(f"{path} holds a network of kind {meta['network']!r}, expected {kind!r}")
+    return model.eval(), (int(meta["width"]), int(meta["height"]))
 
 
 def trained_corruption(meta: dict[str, Any]) -> Corruption:

@@ -10,8 +10,9 @@ from hadr.models.backbone import BackboneConfig
 from hadr.models.hadr_input import HADRInput
 from hadr.rivals.swindrnet import SwinDRNetConfig
 from hadr.training.batches import FrameTensors
-from hadr.training.presets import Preset, preset
-from hadr.training.tasks.swindrnet_task import SwinDRNetTask, image_terms
+from hadr.training.recipe import Preset
+from hadr.training.tasks.swindrnet import image_terms
+from hadr.training.tasks.task import Task
 
 MICRO = Preset(
     name="micro",
@@ -59,9 +60,7 @@ def batch(truth: Tensor, glass: Tensor) -> FrameTensors:
 
 
 def losses(image: Tensor, initial: Tensor, truth: Tensor, glass: Tensor) -> dict[str, float]:
-    found = SwinDRNetTask(MICRO).losses(
-        Oracle(image, initial), batch(truth, glass), 0, torch.Generator()
-    )
+    found = Task(MICRO).losses(Oracle(image, initial), batch(truth, glass), 0, torch.Generator())
     return {name: value.item() for name, value in found.items()}
 
 
@@ -158,9 +157,3 @@ def test_the_three_terms_have_their_weights() -> None:
     assert min(found[name] for name in ("depth", "normals", "gradient")) > 0
     expected = found["depth"] + 0.1 * found["normals"] + 0.6 * found["gradient"]
     assert found["loss"] == pytest.approx(expected, rel=1e-5)
-
-
-def test_a_recipe_of_another_network_is_told() -> None:
-    assert SwinDRNetTask(MICRO).build().config == MICRO.model
-    with pytest.raises(ValueError, match="recipe 'paper' of 'hadr' is none of swindrnet"):
-        SwinDRNetTask(preset("paper"))
