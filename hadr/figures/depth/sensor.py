@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from hadr.camera import window_around
 from hadr.corruption import see_through
 from hadr.data.frame import Frame
-from hadr.figures.depth.corruption_statistics import corruption_statistics
+from hadr.figures.depth.corruption_examples import corruption_statistics
 from hadr.figures.panels import COLORS, show_color, show_depth, show_error
 from hadr.records.markdown import markdown_table
 
