@@ -29,12 +29,12 @@ import numpy.typing as npt
 
 from hadr.camera import Intrinsics, back_project, load_intrinsics, valid_depth
 from hadr.data.samples import open_samples, samples_dir
-from hadr.depth_network import DepthNetwork
 from hadr.frame_io import read_color, read_depth, read_mask
 from hadr.metrics import frame_metrics
 from hadr.records.provenance import machine_text, provenance
 from hadr.records.result_file import write_result_file
 from hadr.restoration import restore
+from hadr.trained_networks import DepthNetwork
 
 Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
@@ -198,14 +198,14 @@ def measure(
             ]
             sure, right = [], []
             for depth, confidence in found:
-                scored = mask & valid_depth(truth) & (confidence > 0)
+                scored = mask & valid_depth(truth) & valid_depth(depth)
                 sure.append(confidence[scored])
                 right.append(np.abs(depth - truth)[scored] < 0.02)
-            lessons[scene]["networks"][network.title] = {
-                "answer_follows_hand": float(np.mean(moved)) / (2 * SHIFT_M),
-                "mean_confidence": float(np.concatenate(sure).mean()),
-                "share_right": float(np.concatenate(right).mean()),
-            }
+            lesson = {"answer_follows_hand": float(np.mean(moved)) / (2 * SHIFT_M)}
+            if network.can_say:
+                lesson["mean_confidence"] = float(np.concatenate(sure).mean())
+            lesson["share_right"] = float(np.concatenate(right).mean())
+            lessons[scene]["networks"][network.title] = lesson
     return rows, lessons
 
 

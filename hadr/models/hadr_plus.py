@@ -22,8 +22,7 @@ The network between is a plain U-Net.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor, nn
@@ -31,13 +30,14 @@ from torch.nn import functional
 
 from hadr.hand import FINGERS
 from hadr.models.blocks.crop_unet import CropUNet, layer
-from hadr.models.blocks.plane import UNITS, plane_picture
+from hadr.models.config import NetworkConfig
 from hadr.models.hadr_input import HADRInput, float_color, masked_rays
-from hadr.models.hand.crop import HandCrop, hand_crop
-from hadr.models.hand.prior import keypoint_maps, relative_depth
+from hadr.models.hand.crop import HandCrop, hand_crop, keypoint_maps, relative_depth
 
 GROUPS: tuple[tuple[int, ...], ...] = ((0,), *FINGERS.values())
 """Keypoints that share a map: the wrist, and each finger."""
+UNITS = (0.03, 0.4, 0.4)
+"""Units of the guessed plane: metres of depth, and metres of depth a metre across and down."""
 DEPTH_M = 0.1
 """Unit of the network's depths, metres."""
 LOG_SCALE, LOG_SCALES = -3.5, (-7.0, -1.0)
@@ -47,7 +47,7 @@ NEAR_M = 0.2
 
 
 @dataclass(frozen=True)
-class HADRPlusConfig:
+class HADRPlusConfig(NetworkConfig):
     """What the network consists of.
 
     Args:
@@ -86,15 +86,6 @@ class HADRPlusConfig:
         for name in ("pixel_m", "width", "blocks", "candidates"):
             if getattr(self, name) <= 0:
                 raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
-
-    def to_dict(self) -> dict[str, Any]:
-        """The configuration as built-in types, for JSON."""
-        return asdict(self)
-
-    @classmethod
-    def from_dict(cls, values: dict[str, Any]) -> HADRPlusConfig:
-        """Build the configuration from `to_dict`."""
-        return cls(**values)
 
 
 @dataclass(frozen=True)
@@ -152,6 +143,23 @@ def _laplace_below(value: Tensor) -> Tensor:
     """Cumulative distribution of the Laplace distribution of scale 1."""
     half = 0.5 * torch.exp(-value.abs())
     return torch.where(value < 0, half, 1 - half)
+
+
+def plane_picture(plane: Tensor, pixel: Tensor, size: int) -> Tensor:
+    """Draw planes on which the held objects lie, roughly.
+
+    Args:
+        plane: Depth at the centre in metres and slopes, shape (B, 3).
+        pixel: Metres that a pixel spans (across, down), shape (B, 2).
+        size: Side of the picture in pixels.
+
+    Returns:
+        Depth relative to the hand's in metres, shape (B, size, size).
+    """
+    offset = torch.arange(size, device=plane.device, dtype=plane.dtype) - (size - 1) / 2
+    across = (plane[:, 1] * pixel[:, 0])[:, None] * offset  # (B, size)
+    down = (plane[:, 2] * pixel[:, 1])[:, None] * offset  # (B, size)
+    return plane[:, 0, None, None] + down[:, :, None] + across[:, None, :]
 
 
 class HADRPlus(nn.Module):

@@ -48,8 +48,8 @@ what is written
   confidence.png    8-bit, 255 = 1
   confidence.npy    float32: 1 where measured, 0 where missing; where restored
                     the probability that the depth is right to 2 cm, if the
-                    checkpoint is calibrated, else the network's own score;
-                    0, not known, for nearest, inpaint and hand-median
+                    method is a calibrated hadr-plus; 0, not known, for all
+                    others, which cannot say how sure they are
   comparison.png    colour, depth before and after, error or confidence
   cloud.ply         coloured point cloud, metres, camera frame, binary
   mask.png          8-bit, 255 = pixels to restore, given or predicted
@@ -218,7 +218,7 @@ def run(arguments: argparse.Namespace) -> int:
         summary,
         versions,
     )
-    from hadr.restoration import restore
+    from hadr.restoration import Restorer
 
     started = time.perf_counter()
     replaceable = tuple(OUTPUTS) if arguments.overwrite else None
@@ -233,19 +233,14 @@ def run(arguments: argparse.Namespace) -> int:
     if truth is not None and truth.shape != depth.shape:
         raise ValueError(f"truth is {truth.shape} but depth is {depth.shape}, expected the same")
     read = time.perf_counter()
-    result = restore(
-        color,
-        depth,
-        camera,
-        mask,
-        hand,
+    restorer = Restorer(
         arguments.method,
         arguments.checkpoint,
-        arm,
         corruption=arguments.corruption,
         segmentation=arguments.segmentation,
         keypoint_network=arguments.keypoint_network,
     )
+    result = restorer(color, depth, camera, mask, hand, arm)
     restored = time.perf_counter()
     target = result.mask
     measured_errors = {} if truth is None else errors(depth, result.depth, truth, target)

@@ -9,6 +9,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hadr.models.networks import DEPTH_NETWORKS, NETWORKS
+
 if TYPE_CHECKING:
     import numpy as np
     from matplotlib.figure import Figure
@@ -18,13 +20,9 @@ if TYPE_CHECKING:
     from hadr.restoration import Restoration
 
 METHOD_TITLES = {
+    **{kind: f"{NETWORKS[kind].title} (not HADR)" for kind in DEPTH_NETWORKS},
     "hadr": "HADR",
     "hadr-plus": "HADR-plus",
-    "unet-hand": "U-Net with hand (not HADR)",
-    "lidf": "LIDF (not HADR)",
-    "dfnet": "DFNet (not HADR)",
-    "swindrnet": "SwinDRNet (not HADR)",
-    "tode": "TODE-Trans (not HADR)",
     "nearest": "nearest valid depth (not HADR)",
     "inpaint": "OpenCV inpainting (not HADR)",
     "hand-median": "the hand's median depth (not HADR)",
@@ -105,7 +103,7 @@ def confidence_means(result: Restoration) -> str:
     if result.tolerance_m is not None:
         return f"probability of being right to {100 * result.tolerance_m:g} cm"
     if not result.confidence[result.restored].any():
-        return "0, the method knows no estimate"
+        return "0, the method cannot say how sure it is"
     return "the network's own score, not calibrated"
 
 

@@ -15,13 +15,14 @@ may when it learns; here it does both or neither.
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
-from typing import Any, ClassVar
+from dataclasses import dataclass
+from typing import ClassVar
 
 import torch
 from scipy import ndimage
 from torch import Tensor, nn
 
+from hadr.models.config import NetworkConfig
 from hadr.models.hadr_input import HADRInput, float_color
 
 MARGIN_M = 1e-6
@@ -29,7 +30,7 @@ MARGIN_M = 1e-6
 
 
 @dataclass(frozen=True)
-class DFNetConfig:
+class DFNetConfig(NetworkConfig):
     """What the network consists of; the defaults are the published ones.
 
     Args:
@@ -66,15 +67,6 @@ class DFNetConfig:
                 f"near_m must be above 0 and below a finite far_m, got {self.near_m} and "
                 f"{self.far_m}"
             )
-
-    def to_dict(self) -> dict[str, Any]:
-        """The configuration as built-in types, for JSON."""
-        return asdict(self)
-
-    @classmethod
-    def from_dict(cls, values: dict[str, Any]) -> DFNetConfig:
-        """Build the configuration from `to_dict`."""
-        return cls(**values)
 
     def in_range(self, depth: Tensor) -> Tensor:
         """Say where depth in metres counts as known; the shape of `depth`, bool."""

@@ -23,16 +23,16 @@ Parsing for Scene Understanding" (the heads).
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import torch
 from torch import Tensor, nn
 
-from hadr.models.backbone import IMAGENET_MEAN, IMAGENET_STD, BackboneConfig, build_swin
+from hadr.models.backbone import IMAGENET_MEAN, IMAGENET_STD, BackboneConfig, build_swin, enlarge
 from hadr.models.blocks.cross_fusion import CrossFusion
 from hadr.models.blocks.pyramid_head import PyramidHead
-from hadr.models.enlarged_map import enlarge
+from hadr.models.config import NetworkConfig
 from hadr.models.hadr_input import HADRInput, float_color
 
 PUBLISHED_ENCODER = BackboneConfig(normalize_color=False)
@@ -40,7 +40,7 @@ PUBLISHED_ENCODER = BackboneConfig(normalize_color=False)
 
 
 @dataclass(frozen=True)
-class SwinDRNetConfig:
+class SwinDRNetConfig(NetworkConfig):
     """What the network consists of; the defaults are the published size, 160 M weights.
 
     Of these, 55 M are in the two Swin-T, 20 M in the fusion (26 C^2 for a stage of C channels) and
@@ -86,16 +86,6 @@ class SwinDRNetConfig:
                 raise ValueError(
                     f"{self.fusion_heads} fusion_heads do not divide a stage of {channels} channels"
                 )
-
-    def to_dict(self) -> dict[str, Any]:
-        """The configuration as built-in types, for JSON."""
-        return asdict(self)
-
-    @classmethod
-    def from_dict(cls, values: dict[str, Any]) -> SwinDRNetConfig:
-        """Build the configuration from `to_dict`, also after JSON made lists of its tuples."""
-        backbone: dict[str, Any] = _tuples(values["backbone"])
-        return cls(**_tuples(values) | {"backbone": BackboneConfig(**backbone)})
 
 
 @dataclass(frozen=True)
@@ -199,7 +189,3 @@ def _start_patches(swin: Any) -> None:
     of a flat patch at any depth.
     """
     swin.swin.embeddings.patch_embeddings.projection.reset_parameters()
-
-
-def _tuples(values: dict[str, Any]) -> dict[str, Any]:
-    return {name: tuple(v) if isinstance(v, list) else v for name, v in values.items()}

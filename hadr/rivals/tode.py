@@ -24,7 +24,7 @@ its published code, read for its numbers.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import torch
@@ -32,6 +32,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from hadr.models.blocks.stochastic_depth import replace_drop_path
+from hadr.models.config import NetworkConfig
 from hadr.models.hadr_input import HADRInput, float_color
 
 LIMIT_M = 10.0
@@ -39,7 +40,7 @@ LIMIT_M = 10.0
 
 
 @dataclass(frozen=True)
-class TODEConfig:
+class TODEConfig(NetworkConfig):
     """What the network consists of; the defaults are the published size.
 
     Args:
@@ -92,19 +93,6 @@ class TODEConfig:
     def channels(self) -> tuple[int, ...]:
         """Channels of each stage."""
         return tuple(self.embed_dim * 2**stage for stage in range(len(self.depths)))
-
-    def to_dict(self) -> dict[str, Any]:
-        """The configuration as built-in types, for JSON."""
-        return asdict(self)
-
-    @classmethod
-    def from_dict(cls, values: dict[str, Any]) -> TODEConfig:
-        """Build the configuration from `to_dict`; JSON's lists become tuples."""
-        plain: dict[str, Any] = {
-            name: tuple(value) if isinstance(value, list) else value
-            for name, value in values.items()
-        }
-        return cls(**plain)
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,10 @@ import pytest
 import torch
 from torch import Tensor, nn
 
+from hadr.confidence import within_learned
 from hadr.models.blocks.dilated_resnet import DilatedResNetConfig
 from hadr.models.hadr_input import HADRInput, stack_inputs
 from hadr.models.ray_features import features_at
-from hadr.models.signals import within_learned
 from hadr.ray_voxels import VoxelGrid, voxels_at
 from hadr.rivals.lidf import LIDF, LIDFConfig, LIDFOutput
 

@@ -8,6 +8,7 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -16,7 +17,7 @@ from hadr.corruption import see_through
 from hadr.data.frame import Frame
 from hadr.figures.depth.corruption_examples import corruption_statistics
 from hadr.figures.panels import COLORS, show_color, show_depth, show_error
-from hadr.records.markdown import markdown_table
+from hadr.figures.tables.results import markdown
 
 #: What is compared: key in the results, title, factor, unit.
 SENSOR_ROWS: tuple[tuple[str, str, float, str], ...] = (
@@ -87,7 +88,7 @@ def sensor_table(columns: Mapping[str, Mapping[str, Any]]) -> str:
                 text = f"{np.median(values):.1f} ({values.min():.1f} to {values.max():.1f})"
             cells.append(text)
         lines.append([f"{title}, {unit}", *cells])
-    return markdown_table(["", *heads], lines)
+    return markdown(pd.DataFrame(lines, columns=["", *heads]))
 
 
 def show_infrared(ax: Axes, picture: npt.NDArray[np.uint8], title: str) -> None:

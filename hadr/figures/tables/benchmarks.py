@@ -6,11 +6,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 
 from hadr.figures.panels import COLORS
 from hadr.figures.rows import Dots, draw_bar_rows, draw_dot_rows
-from hadr.records.markdown import markdown_table
+from hadr.figures.tables.results import markdown
 
 Record = Mapping[str, Any]
 
@@ -27,7 +28,7 @@ def by_heart_table(rows: Sequence[Record]) -> str:
         steps = str(row["steps"] + row.get("frozen_steps", 0))
         lines.append([row["network"], steps, value, goal, verdict, _within_reach(row)])
     head = ["network", "steps", "after them", "goal", "reached", "the most that it can express"]
-    return markdown_table(head, lines, "lrrrll")
+    return markdown(pd.DataFrame(lines, columns=head), "lrrrll")
 
 
 def _within_reach(row: Record) -> str:
@@ -68,7 +69,8 @@ def draw_ablation(ax: Axes, rows: Sequence[Record]) -> None:
 def speed_table(restoration: Record, perception: Record) -> str:
     """List the time of one 224x224 frame: HADR against a Swin-T, and the whole perception."""
     times, ratios = restoration["times"], restoration["against_swin"]["wall_median_ms"]
-    cost, rates = restoration["accuracy"]["change_percent"], perception["frames_per_second"]
+    cost = restoration.get("accuracy", {}).get("change_percent", {})
+    rates = perception["frames_per_second"]
     forms = list(dict.fromkeys(t.split(", ", 1)[1] for t in times if ", " in t))
     head = [
         "form", "`mini` (ms)", "`paper` (ms)", "`paper` against Swin-T",
@@ -83,7 +85,7 @@ def speed_table(restoration: Record, perception: Record) -> str:
         ratio = ratios[f"paper, {form}"]
         frames = f"{rate['wall_median']:.1f}" if rate else "-"
         lines.append([form, *cells, f"{ratio:.2f}", change, frames])
-    return markdown_table(head, lines)
+    return markdown(pd.DataFrame(lines, columns=head))
 
 
 def draw_parts_of_time(ax: Axes, restoration: Record) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 
 from hadr.figures.rows import Dots, draw_dot_rows
@@ -13,12 +14,12 @@ from hadr.figures.tables.results import (
     NAMES,
     Row,
     difference_cell,
+    markdown,
     ordered,
     system_color,
     system_marker,
     with_doubt,
 )
-from hadr.records.markdown import markdown_table
 
 PUBLISHED_NAMES: dict[str, str] = {
     "tode": "TODE-Trans",
@@ -61,7 +62,7 @@ def orders_table(rows: Sequence[Row], published: Mapping[str, Any]) -> str:
             measured = [f"{100 * ours['rmse_m']:.2f}", str(place), f"{ours['delta_105']:.2f}"]
             gap = difference_cell(ours.get("against_next"))
             lines.append([split, NAMES[method], *printed, *measured, gap])
-    return markdown_table(head, lines, "llr")
+    return markdown(pd.DataFrame(lines, columns=head), "llr")
 
 
 def reasons_table(
@@ -83,14 +84,14 @@ def reasons_table(
         cells = [f"{gaps[s]:+.1f}" if s in gaps else "-" for s in ("known", "unknown")]
         lines.append([NAMES[method], *cells, reason, where])
     head = ["row", "ours minus paper: known (cm)", "unknown (cm)", "main reason", "where tested"]
-    return markdown_table(head, lines, "lrrll")
+    return markdown(pd.DataFrame(lines, columns=head), "lrrll")
 
 
 def ways_table(ways: Sequence[tuple[str, str, str, float]]) -> str:
     """List one network's errors: where it was scored, on which frames, and what a hole counts."""
     head = ["scored in", "frames", "a pixel without an answer", "RMSE (cm)"]
     lines = [[*words, f"{100 * rmse:.2f}"] for *words, rmse in ways]
-    return markdown_table(head, lines, "lllr")
+    return markdown(pd.DataFrame(lines, columns=head), "lllr")
 
 
 def draw_against_paper(
@@ -155,7 +156,7 @@ def ablation_table(rows: Sequence[Row], published: Mapping[str, Any]) -> str:
                 f"{row['delta_105']:.2f}",
             ]
         )
-    return markdown_table(head, lines)
+    return markdown(pd.DataFrame(lines, columns=head))
 
 
 def memory_table(rows: Sequence[Row]) -> str:
@@ -175,7 +176,7 @@ def memory_table(rows: Sequence[Row]) -> str:
             cells.append(with_doubt(row["rmse_m"], row["rmse_standard_error_m"]))
             cells.append(difference_cell(None if itself else row["against_hand_median"]))
         lines.append([NAMES[one["method"]], *cells])
-    return markdown_table(head, lines)
+    return markdown(pd.DataFrame(lines, columns=head))
 
 
 def averages_table(rows: Sequence[Row]) -> str:
@@ -193,7 +194,7 @@ def averages_table(rows: Sequence[Row]) -> str:
         both = (f"{100 * part['rmse_m']:.2f}" for part in (row, row["pooled"]))
         name = NAMES[row["method"]]
         lines.append([row["split"], name, *both, difference_cell(pair), f"{share:.0f}"])
-    return markdown_table(head, lines, "llr")
+    return markdown(pd.DataFrame(lines, columns=head), "llr")
 
 
 def poses_table(rows: Sequence[Row]) -> str:
@@ -208,4 +209,4 @@ def poses_table(rows: Sequence[Row]) -> str:
         both = (f"{100 * part['rmse_m']:.2f}" for part in (near, far))
         name = NAMES[row["method"]]
         lines.append([row["split"], name, *both, f"{row['rank_correlation']:+.2f}"])
-    return markdown_table(head, lines, "llr")
+    return markdown(pd.DataFrame(lines, columns=head), "llr")

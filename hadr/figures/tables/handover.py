@@ -10,13 +10,14 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
 from scipy.stats import binomtest
 
 from hadr.figures.panels import COLORS
 from hadr.figures.rows import draw_bar_rows
-from hadr.records.markdown import markdown_table
+from hadr.figures.tables.results import markdown
 
 Row = Mapping[str, Any]
 
@@ -84,7 +85,7 @@ def arms_table(rows: Sequence[Row], published: Mapping[str, Sequence[int]] | Non
             ]
         )
     head = ["depth", "successes", "rate", "95 % interval", "> 0.5", "> 0.8", "1.0", "time"]
-    return markdown_table(head, lines, "lr")
+    return markdown(pd.DataFrame(lines, columns=head))
 
 
 def paired(first: Row, second: Row) -> tuple[int, int, float]:

@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 
 from hadr.camera import FloatArray
 from hadr.figures.panels import COLORS
 from hadr.figures.rows import Dots, draw_dot_rows
-from hadr.records.markdown import markdown_table
 
 Row = Mapping[str, Any]
 
@@ -60,6 +60,12 @@ _MARKER = {
     "unet-hand": "P",
     "hadr-plus": "*",
 }
+
+
+def markdown(table: pd.DataFrame, align: str = "lr") -> str:
+    """A table of cells as Markdown; `align` has a letter a column, the last one for all others."""
+    sides = [{"l": "left", "r": "right"}[side] for side in align.ljust(table.shape[1], align[-1])]
+    return str(table.to_markdown(index=False, disable_numparse=True, colalign=sides))
 
 
 def system_marker(method: str) -> str:
@@ -143,7 +149,7 @@ def results_table(rows: Sequence[Row], published: Mapping[str, Mapping[str, Any]
         rmse, _, mae, delta = published[split]["HADR"][:4]
         cells += [f"{100 * rmse:.1f}", f"{100 * mae:.1f}", f"{delta:.2f}"]
     lines.append(["*HADR as published*", *cells, "-", "-"])
-    return markdown_table(head, lines)
+    return markdown(pd.DataFrame(lines, columns=head))
 
 
 def _scores(row: Row | None) -> list[str]:
@@ -164,7 +170,8 @@ def margins_table(
         both = [(own.get((s, one)), own.get((s, other))) for s in ("known", "unknown")]
         cells = [f"{100 * (a / b - 1):+.0f} %" if a and b else "-" for a, b in both]
         lines.append([names[one], names[other], *cells])
-    return markdown_table(["RMSE of", "against", "known", "unknown"], lines, "llr")
+    head = ["RMSE of", "against", "known", "unknown"]
+    return markdown(pd.DataFrame(lines, columns=head), "llr")
 
 
 def parts_table(rows: Sequence[Row]) -> str:
@@ -180,7 +187,8 @@ def parts_table(rows: Sequence[Row]) -> str:
         for split in ("known", "unknown")
         for row in ordered(rows, split)
     ]
-    return markdown_table(["objects", "method", *parts.values()], lines, "llr")
+    head = ["objects", "method", *parts.values()]
+    return markdown(pd.DataFrame(lines, columns=head), "llr")
 
 
 def draw_systems(ax: Axes, rows: Sequence[Row], split: str, published_rmse_m: float) -> None:
