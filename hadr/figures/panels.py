@@ -44,6 +44,8 @@ FINGER_COLORS: dict[str, str] = {
     "ring": "#0072B2",
     "little": "#CC79A7",
 }
+#: Colours of the 20 bones between keypoints, in the order of `hadr.hand.BONES`.
+BONE_COLORS: tuple[str, ...] = tuple(FINGER_COLORS[f] for f in FINGERS for _ in range(4))
 DEPTH_MAP = "viridis_r"
 ERROR_MAP = "RdBu_r"
 _MISSING = "#d9d9d9"
@@ -163,23 +165,11 @@ def show_mask(
 def show_keypoints(ax: Axes, uv: npt.ArrayLike, *, size: float = 12.0) -> None:
     """Draw 21 keypoints (u, v) and their bones over an image, one colour a finger."""
     points = np.asarray(uv, dtype=float)
-    for (parent, child), color in zip(BONES, _bone_colors(), strict=True):
+    for (parent, child), color in zip(BONES, BONE_COLORS, strict=True):
         segment = points[[parent, child]]
         ax.plot(segment[:, 0], segment[:, 1], color="white", lw=2.6, solid_capstyle="round")
         ax.plot(segment[:, 0], segment[:, 1], color=color, lw=1.6, solid_capstyle="round")
     ax.scatter(points[:, 0], points[:, 1], s=size, c="white", edgecolors="black", lw=0.6, zorder=3)
-
-
-def _bone_colors() -> list[str]:
-    return [FINGER_COLORS[finger] for finger in FINGERS for _ in range(4)]
-
-
-def show_skeleton_3d(ax: Any, keypoints: npt.ArrayLike, *, alpha: float = 1.0) -> None:
-    """Draw 21 keypoints, metres, in 3D axes; the axes are those of the keypoints' frame."""
-    points = np.asarray(keypoints, dtype=float)
-    for (parent, child), color in zip(BONES, _bone_colors(), strict=True):
-        ax.plot(*points[[parent, child]].T, color=color, lw=2.2, alpha=alpha)
-    ax.scatter(*points.T, s=10, color="black", depthshade=False, alpha=alpha)
 
 
 def frame_strip(

@@ -19,7 +19,7 @@ from torch import Tensor
 
 from hadr.camera import BoolArray, FloatArray, window_around
 from hadr.corruption import see_through
-from hadr.figures.depth.corruption_statistics import corruption_statistics
+from hadr.figures.depth.corruption_examples import corruption_statistics
 from hadr.figures.handover.rescoring_sphere import candidate_choice
 from hadr.figures.method.hands import frame_hand_axes, show_bones
 from hadr.figures.method.rays import draw_walk

@@ -15,9 +15,9 @@ from matplotlib.figure import Figure
 from hadr.camera import window_around
 from hadr.corruption import see_through
 from hadr.data.frame import Frame
-from hadr.figures.depth.corruption_statistics import corruption_statistics
+from hadr.figures.depth.corruption_examples import corruption_statistics
 from hadr.figures.panels import COLORS, show_color, show_depth, show_error
-from hadr.figures.tables import markdown
+from hadr.figures.tables.results import markdown
 
 #: What is compared: key in the results, title, factor, unit.
 SENSOR_ROWS: tuple[tuple[str, str, float, str], ...] = (

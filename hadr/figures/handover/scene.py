@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
-from hadr.figures.panels import COLORS, show_skeleton_3d
+from hadr.figures.panels import BONE_COLORS, COLORS
 from hadr.hand import BONES
 from hadr.handover.grasping.collision import fork
 from hadr.synthesis.glass.objects import GlassObject, profile
@@ -81,7 +81,9 @@ def show_hand(ax: Any, keypoints: Array, *, thickness: float = 8.0, alpha: float
     for line in (*bones, forearm):
         wide = thickness * (1.8 if line is forearm else 1.0)
         ax.plot(*line.T, color="#f0c9a8", lw=wide, alpha=alpha, solid_capstyle="round")
-    show_skeleton_3d(ax, keypoints, alpha=alpha)
+    for bone, color in zip(BONES, BONE_COLORS, strict=True):
+        ax.plot(*keypoints[list(bone)].T, color=color, lw=2.2, alpha=alpha)
+    ax.scatter(*keypoints.T, s=10, color="black", depthshade=False, alpha=alpha)
 
 
 def show_arm(

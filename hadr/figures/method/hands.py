@@ -13,8 +13,8 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from scipy.spatial.transform import Rotation
 
-from hadr.figures.panels import FINGER_COLORS
-from hadr.hand import BONES, FINGERS, check_keypoints
+from hadr.figures.panels import BONE_COLORS
+from hadr.hand import BONES, check_keypoints
 
 Array = npt.NDArray[np.float64]
 
@@ -55,8 +55,9 @@ def show_bones(
     """
     points = check_keypoints(keypoints)
     flat, height = on_screen(points, screen_from_frame), points @ screen_from_frame[2]
-    colors = [FINGER_COLORS[finger] for finger in FINGERS for _ in range(4)]
-    bones = sorted(zip(BONES, colors, strict=True), key=lambda bone: height[list(bone[0])].mean())
+    bones = sorted(
+        zip(BONES, BONE_COLORS, strict=True), key=lambda bone: height[list(bone[0])].mean()
+    )
     for level, ((parent, child), color) in enumerate(bones):
         line: dict[str, Any] = {"solid_capstyle": "round", "zorder": 3 + 0.01 * level}
         ax.plot(*flat[[parent, child]].T, color="white", lw=lw + 1.6, alpha=alpha, **line)

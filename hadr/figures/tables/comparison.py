@@ -10,11 +10,11 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from hadr.figures.rows import Dots, draw_dot_rows
-from hadr.figures.tables import markdown
 from hadr.figures.tables.results import (
     NAMES,
     Row,
     difference_cell,
+    markdown,
     ordered,
     system_color,
     system_marker,

@@ -12,7 +12,6 @@ from matplotlib.axes import Axes
 from hadr.camera import FloatArray
 from hadr.figures.panels import COLORS
 from hadr.figures.rows import Dots, draw_dot_rows
-from hadr.figures.tables import markdown
 
 Row = Mapping[str, Any]
 
@@ -61,6 +60,12 @@ _MARKER = {
     "unet-hand": "P",
     "hadr-plus": "*",
 }
+
+
+def markdown(table: pd.DataFrame, align: str = "lr") -> str:
+    """A table of cells as Markdown; `align` has a letter a column, the last one for all others."""
+    sides = [{"l": "left", "r": "right"}[side] for side in align.ljust(table.shape[1], align[-1])]
+    return str(table.to_markdown(index=False, disable_numparse=True, colalign=sides))
 
 
 def system_marker(method: str) -> str:
