@@ -186,11 +186,10 @@ class DepthNetwork:
             asked = inputs.mask[0].numpy()
             answered = (output.restored & (output.depth > 0))[0].numpy() & asked
             known = within_learned(output, self.learned_range_m)[0].numpy() & asked
-            found, sure = output.depth[0].numpy(), output.confidence[0].numpy()
+            found = output.depth[0].numpy()
+            sure = output.confidence[0].numpy() if self.can_say else np.zeros_like(found)
             if self.rule is not None:
                 sure = self.rule(signal_of(output, self.rule.signal)[0].numpy())
-            elif not self.can_say:
-                sure = np.zeros_like(found)
         whole = np.zeros((2, *mask.shape), np.float32)
         restored = np.zeros_like(mask)
         if mask.any():
