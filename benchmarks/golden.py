@@ -146,9 +146,10 @@ def depth() -> Results:
 def training() -> Results:
     """What training is given, and two epochs of each network at its smallest."""
     from hadr.data.samples import open_samples
+    from hadr.models.networks import NETWORKS
     from hadr.training.batches import CORRUPTIONS, load_frames
     from hadr.training.loop import train
-    from hadr.training.presets import NETWORKS, preset
+    from hadr.training.presets import preset
 
     some, few = ([open_samples(s)[i] for i in range(5, 95, 12)] for s in ("train", "val"))
     for corruption in CORRUPTIONS:
@@ -167,7 +168,15 @@ def training() -> Results:
 
 
 def results() -> Results:
-    """The stored results, and every table that the book makes from them."""
+    """The stored results, and every table that the book makes from them, without its padding."""
+    for name, value in _tables():
+        if isinstance(value, str):
+            value = re.sub(r"(?m)(?<=\|) +(?=[^\n|]*\|)| +(?=\|)", " ", value)
+            value = re.sub(r"(?m)(?<=\|)(:?)-+(:?)(?=\|)", r"\1--\2", value)
+        yield name, value
+
+
+def _tables() -> Results:
     from hadr.figures.depth.sensor import sensor_table
     from hadr.figures.tables import benchmarks, comparison
     from hadr.figures.tables import findings as finding_tables

@@ -24,9 +24,9 @@ from hadr.frame_checks import (
     checked_mask,
     depth_to_use,
 )
+from hadr.models.networks import DEPTH_NETWORKS
 from hadr.rivals import classical
 from hadr.trained_networks import (
-    TITLES,
     Corruption,
     DepthNetwork,
     HandKeypoints,
@@ -165,7 +165,7 @@ class Restorer:
     def network(self) -> DepthNetwork | str:
         """The depth network, or why there is none."""
         given = self._given
-        if self.method != "auto" and self.method not in TITLES:
+        if self.method != "auto" and self.method not in DEPTH_NETWORKS:
             return "none was asked for"
         if given is None:
             from hadr.data.samples import samples_dir
@@ -308,7 +308,7 @@ class Restorer:
 
     def _without_network(self, why: DepthNetwork | str, notes: list[str]) -> str:
         """The classical method to use where no network fits."""
-        if self.method in TITLES:
+        if self.method in DEPTH_NETWORKS:
             raise ValueError(f"method {self.method}: no checkpoint fits: {why}")
         if self.method != "auto":
             return self.method

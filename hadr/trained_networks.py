@@ -25,21 +25,12 @@ from hadr.camera import (
     resize_mask,
     window_around,
 )
-from hadr.confidence import SURE, ConfidenceRule, signal_of, within_learned
+from hadr.confidence import ConfidenceRule, signal_of, within_learned
+from hadr.models.networks import DEPTH_NETWORKS, NETWORKS
 
 if TYPE_CHECKING:
     from torch import nn
 
-TITLES = {
-    "hadr": "HADR",
-    "hadr-plus": "HADR-plus",
-    "unet-hand": "U-Net with hand",
-    "lidf": "LIDF",
-    "dfnet": "DFNet",
-    "swindrnet": "SwinDRNet",
-    "tode": "TODE-Trans",
-}
-"""The networks that restore depth, by their kind in a checkpoint."""
 Corruption = Literal["oracle", "sensor"]
 
 
@@ -69,7 +60,7 @@ class DepthNetwork:
 
     Attributes:
         model: The network, in evaluation mode.
-        kind: One of `TITLES`.
+        kind: One of `hadr.models.networks.DEPTH_NETWORKS`.
         size: (width, height) that it runs at, pixels.
         needs_hand: Whether it can't do without the hand's keypoints.
         corruption: "oracle": it learned from frames without any depth inside the mask. "sensor":
@@ -95,12 +86,12 @@ class DepthNetwork:
     @property
     def title(self) -> str:
         """What readers call it."""
-        return TITLES[self.kind]
+        return NETWORKS[self.kind].title
 
     @property
     def can_say(self) -> bool:
         """Whether it can say how sure it is."""
-        return self.kind in SURE
+        return NETWORKS[self.kind].can_say
 
     @classmethod
     def load(cls, path: str | Path) -> DepthNetwork:
@@ -127,13 +118,13 @@ class DepthNetwork:
             ValueError: It is no depth network.
         """
         kind = meta.get("network", "hadr")
-        if kind not in TITLES:
+        if kind not in DEPTH_NETWORKS:
             raise ValueError(
                 f"{name} holds a network of kind {kind!r}, expected one that restores depth: "
-                f"{', '.join(TITLES)}"
+                f"{', '.join(DEPTH_NETWORKS)}"
             )
         config: Any = model.config
-        stored = meta.get("confidence") if kind in SURE else None
+        stored = meta.get("confidence") if NETWORKS[kind].can_say else None
         learned = meta.get("learned_range", {}).get("depth_m")
         recipe = meta.get("preset", {}).get("name", "unknown")
         return cls(

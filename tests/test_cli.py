@@ -374,7 +374,7 @@ def test_a_command_of_options(capsys, monkeypatch) -> None:
 
     parser = command_parser("brew")
     assert parser.description == "Make tea.\n\nTwo lines of prose that stand\nas they are."
-    assert parser.epilog == EPILOG
+    assert parser.epilog == EPILOG.strip()
     told = {action.dest: action.help for action in parser._actions}
     assert told["minutes"] == "How long, minutes. (default: unset)"
     assert told["leaves.kind"] == "The tea. (default: green)"

@@ -3,8 +3,8 @@ import pytest
 
 from hadr import restoration
 from hadr.camera import Intrinsics
+from hadr.models.networks import DEPTH_NETWORKS
 from hadr.restoration import Restorer, restore
-from hadr.trained_networks import TITLES
 
 CAMERA = Intrinsics(fx=100, fy=100, cx=39.5, cy=29.5, width=80, height=60)
 
@@ -359,7 +359,7 @@ def depth_network(kind: str):
     from hadr.models.hadr_plus import HADRPlus, HADRPlusConfig
     from hadr.rivals.unet_hand import UNetHand, UNetHandConfig
     from hadr.training.presets import preset
-    from hadr.training.tasks.table import task_of
+    from hadr.training.tasks.task import Task
 
     torch.manual_seed(0)
     if kind == "hadr":
@@ -368,10 +368,10 @@ def depth_network(kind: str):
         return HADRPlus(HADRPlusConfig(crop=32, width=8, blocks=1))
     if kind == "unet-hand":
         return UNetHand(UNetHandConfig(width=4, levels=2))
-    return task_of(preset("tiny", kind)).build()
+    return Task(preset("tiny", kind)).build()
 
 
-@pytest.mark.parametrize("kind", list(TITLES))
+@pytest.mark.parametrize("kind", DEPTH_NETWORKS)
 def test_each_kind_of_checkpoint_restores(tmp_path, kind: str) -> None:
     from hadr.training.checkpoints import save_checkpoint
 

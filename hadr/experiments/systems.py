@@ -7,8 +7,10 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from hadr.models.hadr import HADRConfig
+from hadr.models.networks import RIVALS
 from hadr.training.losses import CODED
-from hadr.training.presets import RIVALS, Preset, preset
+from hadr.training.presets import preset
+from hadr.training.recipe import Preset
 
 CHEAP = ("raw", "inpainting", "nearest", "hand-median")
 """Methods that learn nothing; what a learned one must beat."""

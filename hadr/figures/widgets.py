@@ -14,10 +14,10 @@ from torch import Tensor
 
 from hadr.camera import BoolArray, FloatArray, window_around
 from hadr.corruption import see_through
-from hadr.figures import COLORS, equal_axes_3d, show_depth, show_skeleton_3d
 from hadr.figures.depth.corruption_statistics import corruption_statistics
 from hadr.figures.handover.rescoring_sphere import candidate_choice
 from hadr.figures.method.rays import draw_walk
+from hadr.figures.panels import COLORS, equal_axes_3d, show_depth, show_skeleton_3d
 from hadr.hand import absolute_hand_feature, check_keypoints
 from hadr.handover.grasping.grasps import Grasps
 from hadr.handover.grasping.rescoring import Directions, Weights
@@ -26,14 +26,7 @@ from hadr.simulation.trials.rehearsal import HeldGlass
 
 
 def orbit_hand(keypoints: npt.ArrayLike) -> Any:
-    """Turn the camera around a hand and watch both forms of the absolute hand feature.
-
-    Args:
-        keypoints: Camera frame, metres, shape (21, 3).
-
-    Returns:
-        A widget with two sliders: the camera's turn sideways and upwards, degrees.
-    """
+    """Turn the camera around a hand and watch both forms of the absolute hand feature."""
     points = check_keypoints(keypoints)
     center = points.mean(axis=0)
 
@@ -72,18 +65,7 @@ def walk_along_ray(
     true_distance: Tensor,
     grid: VoxelGrid,
 ) -> Any:
-    """Two sliders that choose a ray and how far to walk along it through its candidate voxels.
-
-    Args:
-        directions: Unit directions of the rays, camera frame, shape (R, 3).
-        pairs: The rays' pairs.
-        occupied: Their voxels.
-        true_distance: Distance of each ray's true surface, metres along the ray, shape (R,).
-        grid: The voxel grid.
-
-    Returns:
-        The widget; show it as a cell's last value.
-    """
+    """Two sliders that choose a ray and how far to walk along it through its candidate voxels."""
     rays = sorted(set(pairs.ray.tolist()))
 
     def draw(ray: int, distance: float) -> None:
@@ -111,16 +93,7 @@ def walk_along_ray(
 
 
 def corrupt_glass(depth: FloatArray, background_depth: FloatArray, mask: BoolArray) -> Any:
-    """Mix missing and background depth inside a glass with two sliders.
-
-    Args:
-        depth: True z-depth, metres, shape (H, W).
-        background_depth: z-depth without the glass, metres, shape (H, W).
-        mask: Pixels of the glass, shape (H, W).
-
-    Returns:
-        A widget with the share that is missing and the share of the rest that is background.
-    """
+    """Mix missing and background depth inside a glass with two sliders."""
     window = window_around(mask, 14)
     near, far = np.percentile(background_depth[window], 2), np.percentile(depth[window], 98)
 
@@ -150,15 +123,7 @@ def corrupt_glass(depth: FloatArray, background_depth: FloatArray, mask: BoolArr
 
 
 def step_through(pictures: dict[str, FloatArray], truth: FloatArray) -> Any:
-    """Step through restored depth images, each beside the truth and with its error.
-
-    Args:
-        pictures: Title to z-depth in metres, shape (H, W) each; 0 = missing.
-        truth: True z-depth in metres, shape (H, W).
-
-    Returns:
-        A widget with one slider: which of the pictures.
-    """
+    """Step through restored depth images, each beside the truth and with its error."""
     low, high = float(truth[truth > 0].min()), float(np.median(truth[truth > 0])) + 0.15
 
     def draw(stage: str) -> None:
@@ -172,16 +137,7 @@ def step_through(pictures: dict[str, FloatArray], truth: FloatArray) -> Any:
 
 
 def weigh_wishes(scene: HeldGlass, grasps: Grasps, directions: Directions) -> Any:
-    """Two sliders for the weights of the intended score: its sphere and the grasp it chooses.
-
-    Args:
-        scene: Hand and glass, base frame.
-        grasps: Candidates, base frame.
-        directions: To the human and down, base frame.
-
-    Returns:
-        The widget; show it as a cell's last value.
-    """
+    """Two sliders for the weights of the intended score: its sphere and the grasp it chooses."""
 
     def draw(human: float, down: float) -> None:
         weights = Weights(robot_to_human=human, up_to_down=down)
@@ -197,16 +153,7 @@ def weigh_wishes(scene: HeldGlass, grasps: Grasps, directions: Directions) -> An
 
 
 def turn_frame(scene: HeldGlass, grasps: Grasps, directions: Directions) -> Any:
-    """A slider that turns the frame in which the printed formula's rotation is written.
-
-    Args:
-        scene: Hand and glass, base frame.
-        grasps: Candidates, base frame.
-        directions: To the human and down, base frame.
-
-    Returns:
-        The widget; show it as a cell's last value.
-    """
+    """A slider that turns the frame in which the printed formula's rotation is written."""
 
     def draw(turn: float) -> None:
         candidate_choice(scene, grasps, directions, Weights(), tilt_deg=turn)

@@ -17,14 +17,17 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from hadr import __version__, figures
+from hadr import __version__
 from hadr.camera import BoolArray, Intrinsics, valid_depth
+from hadr.figures import panels
 from hadr.metrics import frame_metrics
+from hadr.models.networks import DEPTH_NETWORKS, NETWORKS
 from hadr.restoration import Restoration
-from hadr.trained_networks import TITLES
 
 METHOD_TITLES = {
-    **{kind: t if t.startswith("HADR") else f"{t} (not HADR)" for kind, t in TITLES.items()},
+    **{kind: f"{NETWORKS[kind].title} (not HADR)" for kind in DEPTH_NETWORKS},
+    "hadr": "HADR",
+    "hadr-plus": "HADR-plus",
     "nearest": "nearest valid depth (not HADR)",
     "inpaint": "OpenCV inpainting (not HADR)",
     "hand-median": "the hand's median depth (not HADR)",
@@ -70,11 +73,11 @@ def comparison_figure(
     """Draw colour, depth before and after, and the error (or, without truth, the confidence)."""
     target = result.mask
     with rc_context():
-        figures.use_style()
+        panels.use_style()
         height = 0.9 + 9.8 * depth.shape[0] / depth.shape[1]
         figure: Figure = Figure(figsize=(11, height), dpi=130)
         (top_left, top_right), (left, right) = figure.subplots(2, 2)
-        figures.show_color(top_left, color, "colour, and the pixels to restore")
+        panels.show_color(top_left, color, "colour, and the pixels to restore")
         there = valid_depth(result.depth)
         inside = there & target
         shown = result.depth[inside if inside.any() else there]
@@ -85,13 +88,13 @@ def comparison_figure(
             (left, depth, "depth as measured"),
             (right, result.depth, "depth restored"),
         ):
-            figures.show_depth(ax, image, title, vmin=low, vmax=high, colorbar=ax is right)
+            panels.show_depth(ax, image, title, vmin=low, vmax=high, colorbar=ax is right)
         known = target & valid_depth(result.depth)
         if truth is not None and (known & valid_depth(truth)).any():
             error = np.where(known & valid_depth(truth), result.depth - truth, np.nan)
             largest = float(np.nanpercentile(np.abs(error), 75))
             limit = next((x for x in (0.02, 0.05, 0.1, 0.2) if largest <= x), 0.5)
-            figures.show_error(top_right, error, "restored minus true depth", limit=limit)
+            panels.show_error(top_right, error, "restored minus true depth", limit=limit)
         else:
             shades = np.ma.masked_where(~there, result.confidence)  # the axes' own grey shows
             image = top_right.imshow(shades, cmap="cividis", vmin=0, vmax=1)
@@ -103,7 +106,7 @@ def comparison_figure(
             bar.set_label("confidence")
         if target.any():
             for ax in (top_left, top_right, left, right):
-                ax.contour(target, [0.5], colors=[figures.COLORS["hand"]], linewidths=0.9)
+                ax.contour(target, [0.5], colors=[panels.COLORS["hand"]], linewidths=0.9)
         title = f"hadr restore: {METHOD_TITLES[result.method]}"
         figure.suptitle(title, fontsize=14, fontweight="bold")
     return figure

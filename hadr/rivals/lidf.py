@@ -14,7 +14,7 @@ so the rays of a frame influence each other here.
 
 **Stages.** `stage` is a part of the state: 1 until the refinement begins to learn, and as long the
 network answers with its first stage alone. `set_stage` changes it; the training does so by the
-epoch (`hadr.training.tasks.lidf_task`). In stage 2 no gradient reaches the first stage and it stays
+epoch (`hadr.training.tasks.lidf`). In stage 2 no gradient reaches the first stage and it stays
 in evaluation mode whatever `train` asks for, so its weights and running statistics do not move.
 
 **Checked in the published code:** all sizes above, stride and dilations, ImageNet's mean and

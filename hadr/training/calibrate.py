@@ -5,25 +5,24 @@ Adds two things to the record of a checkpoint and leaves its weights alone:
 * ``learned_range``: the depths at which training has shown the object;
 * ``confidence``: how the spread that the network predicts becomes the probability that a restored
   depth is right to 2 cm, fitted on validation frames. A network that predicts no distribution of
-  depth (`hadr.confidence.SURE`) cannot say how sure it is, and gets none.
+  depth (`hadr.models.networks`) cannot say how sure it is, and gets none.
 """
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+import tyro
 from numpy.typing import NDArray
 from torch import nn
 from torch.utils.data import ConcatDataset, Subset
 
 from hadr.camera import FloatArray
 from hadr.confidence import (
-    SURE,
     ConfidenceRule,
     Signal,
     fit_confidence,
@@ -33,10 +32,12 @@ from hadr.confidence import (
     sparsification,
     within_learned,
 )
+from hadr.data.transhand import TransHand
+from hadr.models.networks import NETWORKS
 from hadr.records.output_folder import check_writable
 from hadr.records.provenance import provenance
 from hadr.records.result_file import write_result_file
-from hadr.training.batches import CORRUPTIONS, FrameTensors, load_frames
+from hadr.training.batches import Corruption, FrameTensors, load_frames
 from hadr.training.checkpoints import kind_of, load_checkpoint, update_record
 from hadr.training.evaluation import predict
 
@@ -77,7 +78,7 @@ def restored_pixels(
         signal: Which signal to collect, see `hadr.confidence.ConfidenceRule`.
         batch_size: Frames at a time.
     """
-    sure = kind_of(model) in SURE
+    sure = NETWORKS[kind_of(model)].can_say
     errors, numbers, signals = [], [], []
     first, scorable = 0, 0
     for output in predict(model, frames, batch_size):
@@ -173,7 +174,7 @@ def calibrate(
     seen = train.true_depth[train.object_mask]
     near, far = learned_range(seen.numpy())
     additions: dict[str, Any] = {"learned_range": {"depth_m": [near, far], "frames": len(train)}}
-    if kind_of(model) in SURE:
+    if NETWORKS[kind_of(model)].can_say:
         pixels = restored_pixels(model, validation, (near, far))
         assert pixels.signal is not None  # for the type checker
         rule = fit_confidence(pixels.signal, pixels.error_m, frames=len(validation))
@@ -184,60 +185,74 @@ def calibrate(
     return additions
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of `hadr calibrate`."""
-    parser.description = (
-        "Fit what a depth network's confidence means on validation frames (of HADR-plus; the other "
-        "networks cannot say how sure they are), note the depths that training has shown, and "
-        "write both into the checkpoint's record. Its weights stay."
-    )
-    parser.add_argument("checkpoint", help="a .safetensors file that `hadr train` wrote")
-    parser.add_argument(
-        "data", nargs="+", help="folders in TransHand's layout that it was trained on"
-    )
-    parser.add_argument("--objects", nargs="+", metavar="ID", help="these objects only")
-    parser.add_argument(
-        "--test-objects",
-        nargs="+",
-        metavar="ID",
-        help="of split test take these objects, such as those held out of the training (--objects)",
-    )
-    parser.add_argument(
-        "--corruption",
-        default="oracle",
-        choices=tuple(CORRUPTIONS),
-        help="how the depth of the frames is corrupted (oracle)",
-    )
-    parser.add_argument("--seed", type=int, default=0, help="seed of the analytic corruption")
-    parser.add_argument("--out", metavar="FILE", help="write what was measured as JSON")
+EPILOG = """
+examples
+  hadr calibrate runs/plus/last.safetensors data_samples/frames frames
+  The frames of an object that was held out of the training measure it:
+    hadr calibrate runs/plus/last.safetensors data_samples/frames \\
+        --test-objects 0010 --out confidence.json
+
+exit status
+  0 done   2 unusable checkpoint or data, or a wrong call"""
 
 
-def run(args: argparse.Namespace) -> int:
+@dataclass(frozen=True)
+class Options:
+    """Calibrate a depth network's checkpoint.
+
+    Fit what its confidence means on validation frames (of HADR-plus; the other networks
+    cannot say how sure they are), note the depths that training has shown, and write both
+    into the checkpoint's record. Its weights stay.
+    """
+
+    checkpoint: tyro.conf.Positional[Path]
+    """A .safetensors file that `hadr train` wrote."""
+    data: tyro.conf.Positional[
+        Annotated[tuple[Path, ...], tyro.conf.arg(metavar="DATA [DATA ...]")]
+    ]
+    """Folders in TransHand's layout that it was trained on."""
+    objects: Annotated[tuple[str, ...] | None, tyro.conf.arg(metavar="ID [ID ...]")] = None
+    """These objects only."""
+    test_objects: Annotated[tuple[str, ...] | None, tyro.conf.arg(metavar="ID [ID ...]")] = None
+    """Of split test take these objects, such as those held out of the training."""
+    corruption: Corruption = "oracle"
+    """How the depth of the frames is corrupted."""
+    seed: int = 0
+    """Seed of the analytic corruption."""
+    out: Path | None = None
+    """Write what was measured as JSON into this file."""
+
+
+def run(options: Options) -> int:
     """Run `hadr calibrate`."""
-    check_writable(args.out)
-    model, meta = load_checkpoint(args.checkpoint)
-    name, kind = Path(args.checkpoint).name, kind_of(model)
-    if kind in ("segmentation", "hand-keypoints"):
+    check_writable(options.out)
+    if not options.data:
+        raise ValueError("name at least one folder in TransHand's layout behind the checkpoint")
+    model, meta = load_checkpoint(options.checkpoint)
+    name, kind = options.checkpoint.name, kind_of(model)
+    if NETWORKS[kind].answer != "depth":
         raise ValueError(f"{name} holds a network of kind {kind!r}, which restores no depth")
     learned = str(meta.get("data", {}).get("corruption", "oracle")).split(":")[0]
-    if learned != args.corruption:
+    if learned != options.corruption:
         raise ValueError(
             f"{name} was trained with corruption {learned!r}; a calibration with "
-            f"{args.corruption!r} would speak of other pictures than it restores"
+            f"{options.corruption!r} would speak of other pictures than it restores"
         )
     size = int(meta["width"]), int(meta["height"])
-    tested = args.test_objects or args.objects
+    tested = options.test_objects or options.objects
     train, validation, test = (
-        _load(args.data, split, objects, size, args.corruption, args.seed)
-        for split, objects in (("train", args.objects), ("val", args.objects), ("test", tested))
-    )
-    source = f"split val of {len(args.data)} folder(s), corruption {args.corruption}"
+        _load(options, split, objects, size)
+        for split, objects in (
+            ("train", options.objects), ("val", options.objects), ("test", tested)
+        )
+    )  # fmt: skip
+    source = f"split val of {len(options.data)} folder(s), corruption {options.corruption}"
     additions = calibrate(model, train, validation, source)
-    update_record(args.checkpoint, additions)
+    update_record(options.checkpoint, additions)
     near, far = additions["learned_range"]["depth_m"]
     print(f"learned range  {near:.3f} to {far:.3f} m")
-    if kind not in SURE:
-        unwritten = f"; {args.out} is not written" if args.out else ""
+    if not NETWORKS[kind].can_say:
+        unwritten = f"; {options.out} is not written" if options.out else ""
         print(f"confidence     a network of kind {kind} cannot say how sure it is{unwritten}")
         return 0
     rule = ConfidenceRule.from_dict(additions["confidence"])
@@ -251,32 +266,25 @@ def run(args: argparse.Namespace) -> int:
             f"(oracle {found['oracle_rmse_at_90_m']:.4f}); calibration error "
             f"{found['expected_calibration_error']:.3f}"
         )
-    if args.out:
-        of = f" of objects {', '.join(tested)}" if args.test_objects else ""
+    if options.out:
+        of = f" of objects {', '.join(tested)}" if options.test_objects else ""
         what = (
-            f"Confidence of {Path(args.checkpoint).name}, fitted on the frames of split val and "
+            f"Confidence of {name}, fitted on the frames of split val and "
             f"measured on those and on split test{of}: pixels of the object that were restored, at "
             f"{size[0]}x{size[1]}. 'Right' is an error below {rule.calibration.tolerance_m} m. "
             "Standard errors are those of a bootstrap over frames, of which two or three show one "
             "hold: somewhat too small."
         )
-        write_result_file(args.out, what, rows, provenance())
+        write_result_file(options.out, what, rows, provenance())
     return 0
 
 
 def _load(
-    folders: Sequence[str],
-    split: str,
-    objects: Sequence[str] | None,
-    size: tuple[int, int],
-    corruption: Any,
-    seed: int,
+    options: Options, split: str, objects: Sequence[str] | None, size: tuple[int, int]
 ) -> FrameTensors:
-    from hadr.data.transhand import TransHand
-
-    parts: list[Any] = [TransHand(folder, split, objects) for folder in folders]
+    parts: list[Any] = [TransHand(folder, split, objects) for folder in options.data]
     source: Any = ConcatDataset(parts)
     if split == "train" and len(source) > RANGE_FRAMES:
         step = len(source) / RANGE_FRAMES
         source = Subset(source, [int(step * n) for n in range(RANGE_FRAMES)])
-    return load_frames(source, size, corruption, seed)
+    return load_frames(source, size, options.corruption, options.seed)

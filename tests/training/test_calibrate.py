@@ -1,4 +1,3 @@
-import argparse
 import hashlib
 from dataclasses import replace
 
@@ -7,6 +6,7 @@ import pytest
 import torch
 from safetensors.torch import load_file
 
+from hadr.cli import parse_options
 from hadr.confidence import ConfidenceRule
 from hadr.data.samples import samples_dir
 from hadr.models.hadr import HADR
@@ -78,11 +78,9 @@ def test_the_command_adds_to_the_record_and_leaves_the_weights(plus, tmp_path, c
     meta = {"width": 32, "height": 24, "epochs": 7, "preset": {"name": "micro"}}
     save_checkpoint(path, plus, meta, half=True, training_state={"x": torch.ones(2)})
     before = {name: (t.dtype, t.numpy().tobytes()) for name, t in load_file(path).items()}
-    parser = argparse.ArgumentParser()
-    subject.add_arguments(parser)
     line = [str(path), str(samples_dir() / "frames"), "--objects", "0006"]
     line += ["--out", str(tmp_path / "measured.json")]
-    assert subject.run(parser.parse_args(line)) == 0
+    assert subject.run(parsed(*line)) == 0
     after = {name: (t.dtype, t.numpy().tobytes()) for name, t in load_file(path).items()}
     assert {n: (d, hashlib.sha256(b).digest()) for n, (d, b) in before.items()} == {
         n: (d, hashlib.sha256(b).digest()) for n, (d, b) in after.items()
@@ -122,10 +120,9 @@ def test_frames_without_the_objects_depth_teach_no_range(model, frames) -> None:
         calibrate(model, blind, frames, "nothing")
 
 
-def parsed(*words: str) -> argparse.Namespace:
-    parser = argparse.ArgumentParser()
-    subject.add_arguments(parser)
-    return parser.parse_args(words)
+def parsed(*words: str) -> subject.Options:
+    options: subject.Options = parse_options("calibrate", words)
+    return options
 
 
 def test_what_cannot_be_calibrated_is_left_as_it_is(model, tmp_path) -> None:
@@ -140,4 +137,6 @@ def test_what_cannot_be_calibrated_is_left_as_it_is(model, tmp_path) -> None:
         subject.run(parsed(str(path), frames, "--corruption", "sensor"))
     with pytest.raises(ValueError, match="is a folder, expected the name of a file"):
         subject.run(parsed(str(path), frames, "--out", str(tmp_path)))
+    with pytest.raises(ValueError, match="name at least one folder"):
+        subject.run(parsed(str(path)))
     assert path.read_bytes() == before

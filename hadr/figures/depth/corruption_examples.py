@@ -63,16 +63,7 @@ class CorruptionExample:
 def write_examples(
     path: str | Path, examples: Mapping[str, CorruptionExample], content: Mapping[str, Any]
 ) -> None:
-    """Write examples as ``path`` (.npz), and beside it a sealed ``.json``.
-
-    Args:
-        path: A ``.npz`` file.
-        examples: Key to example.
-        content: What is kept beside them in words; under ``provenance`` where they come from.
-
-    Raises:
-        ValueError: A depth is negative, not finite, or 32 m and more.
-    """
+    """Write examples, depths below 32 m, as ``path`` (.npz) and a sealed ``.json`` with content."""
     target, arrays = Path(path), {}
     for key, example in examples.items():
         for name in ("measured", "truth", "background"):
@@ -129,15 +120,7 @@ def read_examples(path: str | Path) -> dict[str, CorruptionExample]:
 
 
 def error_kinds(measured: Depth, truth: Depth) -> npt.NDArray[np.int64]:
-    """Say of each pixel what became of its depth.
-
-    Args:
-        measured: z-depth, metres, 0 or NaN = missing, shape (H, W).
-        truth: True z-depth, metres, 0 or NaN = unknown, shape (H, W).
-
-    Returns:
-        Number of one of `KINDS`; -1 where the truth is unknown; shape (H, W).
-    """
+    """Number of each pixel's kind in `KINDS`, shape (H, W); -1 where the truth is unknown."""
     seen = valid_depth(measured)
     error = np.where(seen, measured, 0.0) - np.where(valid_depth(truth), truth, 0.0)
     kinds = 1 + np.digitize(error, BOUNDS)
@@ -169,16 +152,7 @@ def error_places(
 
 
 def kind_shares(kinds: npt.NDArray[np.int64], where: BoolArray) -> npt.NDArray[np.float64]:
-    """Count the kinds of error.
-
-    Args:
-        kinds: As `error_kinds` gives them, shape (H, W).
-        where: Pixels that count, shape (H, W).
-
-    Returns:
-        Share of each of `KINDS` among those pixels whose truth is known, shape (6,); NaN without
-        any.
-    """
+    """Share (6,) of each of `KINDS` among the pixels ``where`` with a known truth; NaN without."""
     counts = np.bincount(kinds[where & (kinds >= 0)], minlength=len(KINDS))
     with np.errstate(invalid="ignore"):
         shares: npt.NDArray[np.float64] = counts / counts.sum()

@@ -8,15 +8,16 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from hadr.camera import window_around
 from hadr.corruption import see_through
 from hadr.data.frame import Frame
-from hadr.figures import COLORS, show_color, show_depth, show_error
 from hadr.figures.depth.corruption_statistics import corruption_statistics
-from hadr.records.markdown import markdown_table
+from hadr.figures.panels import COLORS, show_color, show_depth, show_error
+from hadr.figures.tables import markdown
 
 #: What is compared: key in the results, title, factor, unit.
 SENSOR_ROWS: tuple[tuple[str, str, float, str], ...] = (
@@ -35,18 +36,7 @@ _COLUMNS = {
 def draw_sensor_comparison(
     columns: Mapping[str, Mapping[str, Any]], *, width: float = 9.0
 ) -> Figure:
-    """Draw the errors of real and simulated depth, one point a frame.
-
-    Args:
-        columns: As in ``results/sensor/comparison.json``: per group the frames under ``each``.
-        width: Width of the figure, inches.
-
-    Returns:
-        The figure; a bar marks each group's median.
-
-    Raises:
-        ValueError: None of the known groups is there.
-    """
+    """Draw the errors of ``results/sensor/comparison.json``, a point a frame, bars at medians."""
     groups = [name for name in _COLUMNS if name in columns]
     if not groups:
         raise ValueError(f"need one of {', '.join(_COLUMNS)}, got {', '.join(columns) or 'none'}")
@@ -82,11 +72,7 @@ def _values(each: Any, key: str) -> npt.NDArray[np.float64]:
 
 
 def sensor_table(columns: Mapping[str, Mapping[str, Any]]) -> str:
-    """The same numbers as a Markdown table: median, and lowest to highest frame.
-
-    Args:
-        columns: As for :func:`draw_sensor_comparison`.
-    """
+    """The same numbers as a Markdown table: median, and lowest to highest frame."""
     groups = [name for name in _COLUMNS if name in columns]
     heads = [
         f"{_COLUMNS[name][0]}, {columns[name]['frames']} frames".replace("\n", " ")
@@ -102,7 +88,7 @@ def sensor_table(columns: Mapping[str, Mapping[str, Any]]) -> str:
                 text = f"{np.median(values):.1f} ({values.min():.1f} to {values.max():.1f})"
             cells.append(text)
         lines.append([f"{title}, {unit}", *cells])
-    return markdown_table(["", *heads], lines)
+    return markdown(pd.DataFrame(lines, columns=["", *heads]))
 
 
 def show_infrared(ax: Axes, picture: npt.NDArray[np.uint8], title: str) -> None:
@@ -115,20 +101,7 @@ def show_infrared(ax: Axes, picture: npt.NDArray[np.uint8], title: str) -> None:
 
 
 def see_through_picture(frame: Frame, missing: float, background: float, seed: int = 0) -> Figure:
-    """Draw a glass whose depth is partly missing and partly the background's.
-
-    Args:
-        frame: With the depth without the glass.
-        missing: Share of the glass without any depth, 0..1.
-        background: Share of the rest that shows what stands behind the glass, 0..1.
-        seed: Where the patches lie.
-
-    Returns:
-        The figure, of one size for all shares: colour, depth, and measured minus true.
-
-    Raises:
-        ValueError: The frame has no background depth, or a share is outside of 0..1.
-    """
+    """Draw a glass whose depth is partly missing and of the rest partly the background's; 0..1."""
     if frame.background_depth is None:
         raise ValueError(f"frame {frame.stem} lacks the depth without the glass")
     for name, share in (("missing", missing), ("background", background)):

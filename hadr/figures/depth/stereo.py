@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 
-from hadr.figures import COLORS
+from hadr.figures.panels import COLORS
 
 _WALL_Y = 1.0
 _GLASS_Y = 0.55
@@ -13,13 +13,7 @@ _IMAGERS = (-0.18, 0.18)
 
 
 def draw_stereo_camera(ax: Axes, glass: bool, title: str) -> None:
-    """Draw the camera from above, its projector's ray and what both imagers see of the dot.
-
-    Args:
-        ax: Where to draw.
-        glass: Put a curved glass between camera and wall.
-        title: Title of the drawing.
-    """
+    """Draw the camera from above, its projector's ray and what both imagers see of the dot."""
     ax.plot([-0.75, 0.75], [_WALL_Y, _WALL_Y], color=COLORS["background"], lw=7)
     ax.text(-0.74, _WALL_Y - 0.03, "wall", va="top")
     dot = np.array([0.12, _WALL_Y])

@@ -15,9 +15,9 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch
 
-from hadr.figures import COLORS
+from hadr.figures.panels import COLORS
+from hadr.figures.rows import draw_bar_rows
 from hadr.handover.workflow import Stage, Transition
 from hadr.simulation.film.film import nearest_state, stage_at, stage_color
 from hadr.simulation.film.views import View, view_from
@@ -139,21 +139,7 @@ def show_run(
     largest_force: float = 20.0,
     width: float = 9.0,
 ) -> Figure:
-    """Draw one run over time: distances, opening of the gripper, force on the hand.
-
-    Args:
-        states: In the order of time.
-        transitions: Changes of stage: the bands behind the curves.
-        to_target: Distance of tool and target at each state, metres, NaN where there is none.
-        largest_force: The limit that the force must keep, newtons.
-        width: Width of the figure, inches.
-
-    Returns:
-        The figure, with three axes over one time axis.
-
-    Raises:
-        ValueError: No states, or another number of distances than of states.
-    """
+    """Draw one run over time: distances, opening of the gripper, force on the hand."""
     if not states:
         raise ValueError("a timeline needs at least one state, got none")
     time = np.array([state.time for state in states])
@@ -238,88 +224,44 @@ def _checked_rate(row: Row) -> tuple[float, float, float]:
 
 
 def draw_success(ax: Axes, rows: Sequence[Row], *, published: float | None = None) -> None:
-    """Draw each arm's rate of success as a bar with its 95 % interval.
-
-    Args:
-        ax: Ordinary 2D axes.
-        rows: One row an arm.
-        published: The paper's rate of a real arm, 0 to 1; a dotted line.
-
-    Raises:
-        ValueError: A rate lies outside of its interval, or that outside of 0 to 1.
-    """
+    """Draw each arm's rate of success as a bar with its 95 % interval; the paper's as a line."""
     chosen = _ordered(rows)
-    for place, row in enumerate(chosen):
-        rate, low, high = _checked_rate(row)
-        color = arm_color(row["arm"])
-        ax.barh(place, rate, color=color, height=0.62, alpha=0.45)
-        ax.barh(place, rate, facecolor="none", edgecolor=color, height=0.62, lw=1.2)
-        ax.errorbar(
-            rate, place, xerr=[[max(rate - low, 0)], [max(high - rate, 0)]], color="#202020",
-            capsize=4, lw=1.4, fmt="none",
-        )  # fmt: skip
-        count = f"{row['successes']}/{row['attempts']}"
-        ax.text(102, place, f"{rate:.0f} %  ({count})", va="center", fontsize=9)
-    if published is not None:
-        paper = 100 * published
-        ax.plot([paper, paper], [-0.55, len(chosen) - 0.4], color=COLORS["truth"], lw=1.2, ls=":")
-        ax.text(paper, -0.58, "paper, real arm", ha="center", va="bottom", fontsize=9)
-    ax.set(
-        yticks=range(len(chosen)),
-        yticklabels=[ARMS.get(row["arm"], row["arm"]) for row in chosen],
-        ylim=(len(chosen) - 0.4, -0.9 if published is not None else -0.6),
-        xlim=(0, 100),
-        xlabel="successful handovers (%), 95 % interval",
+    rate, low, high = np.array([_checked_rate(row) for row in chosen]).T
+    colors = [arm_color(row["arm"]) for row in chosen]
+    names = [ARMS.get(row["arm"], row["arm"]) for row in chosen]
+    draw_bar_rows(ax, names, {"": rate}, [""], color=[colors], edgecolor=[colors], alpha=0.5)
+    spread = np.maximum([rate - low, high - rate], 0)
+    ax.errorbar(
+        rate, range(len(chosen)), xerr=spread, color="#202020", capsize=4, lw=1.4, fmt="none"
     )
+    for place, row in enumerate(chosen):
+        count = f"{row['successes']}/{row['attempts']}"
+        ax.text(102, place, f"{rate[place]:.0f} %  ({count})", va="center", fontsize=9)
+    if published is not None:
+        ax.axvline(100 * published, color=COLORS["truth"], lw=1.2, ls=":")
+        ax.text(100 * published, -0.65, "paper, real arm", ha="center", va="bottom", fontsize=9)
+    ax.set(xlim=(0, 100), xlabel="successful handovers (%), 95 % interval")
 
 
 def draw_outcomes(ax: Axes, rows: Sequence[Row]) -> None:
-    """Draw how each arm's attempts ended: successes, then failures by kind.
-
-    Args:
-        ax: Ordinary 2D axes.
-        rows: One row an arm.
-
-    Raises:
-        ValueError: Successes and failures don't add up to the attempts.
-    """
+    """Draw how each arm's attempts ended: successes, then failures by kind."""
     chosen = _ordered(rows)
-    kinds = list(dict.fromkeys(kind for row in chosen for kind in row["failures"]))
-    kinds = [kind for kind in kinds if any(row["failures"].get(kind) for row in chosen)]
-    styles = {kind: _KIND_STYLE[k % len(_KIND_STYLE)] for k, kind in enumerate(kinds)}
-    for place, row in enumerate(chosen):
+    for row in chosen:
         total = row["successes"] + sum(row["failures"].values())
         if total != row["attempts"]:
             raise ValueError(
                 f"{row['arm']}: {row['successes']} successes and {dict(row['failures'])} make "
                 f"{total}, not {row['attempts']} attempts"
             )
-        parts = [(row["successes"], COLORS["robot"], "")]
-        parts += [(row["failures"].get(k, 0), COLORS[styles[k][0]], styles[k][1]) for k in kinds]
-        left = 0
-        for count, color, hatch in parts:
-            if not count:
-                continue
-            ax.barh(
-                place, count, left=left, color=color, hatch=hatch, edgecolor="white", height=0.66
-            )
-            box = {"facecolor": "white", "edgecolor": "none", "pad": 1.0, "alpha": 0.85}
-            ax.text(left + count / 2, place, str(count), ha="center", va="center", fontsize=8.5,
-                    bbox=box)  # fmt: skip
-            left += count
-    legend = [Patch(facecolor=COLORS["robot"], edgecolor="white", label="success")]
-    legend += [
-        Patch(facecolor=COLORS[styles[k][0]], hatch=styles[k][1], edgecolor="white", label=k)
-        for k in kinds
-    ]
-    ax.legend(handles=legend, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4)
-    ax.set(
-        yticks=range(len(chosen)),
-        yticklabels=[ARMS.get(row["arm"], row["arm"]) for row in chosen],
-        ylim=(len(chosen) - 0.5, -0.5),
-        xlim=(0, max((row["attempts"] for row in chosen), default=1)),
-        xlabel="attempts",
-    )
+    kinds = dict.fromkeys(kind for row in chosen for kind, n in row["failures"].items() if n)
+    parts = {"success": [row["successes"] for row in chosen]}
+    parts |= {kind: [row["failures"].get(kind, 0) for row in chosen] for kind in kinds}
+    styles = [("robot", ""), *(_KIND_STYLE[k % len(_KIND_STYLE)] for k in range(len(kinds)))]
+    colors, hatches = [COLORS[color] for color, _ in styles], [hatch for _, hatch in styles]
+    names = [ARMS.get(row["arm"], row["arm"]) for row in chosen]
+    draw_bar_rows(ax, names, parts, colors, text="{:.0f}", hatch=hatches, edgecolor="white")
+    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4)
+    ax.set(xlim=(0, max((row["attempts"] for row in chosen), default=1)), xlabel="attempts")
 
 
 def draw_degradation(

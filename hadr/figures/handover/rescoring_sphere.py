@@ -21,8 +21,8 @@ from matplotlib.patheffects import withStroke
 from scipy.ndimage import distance_transform_edt
 from scipy.spatial.transform import Rotation
 
-from hadr.figures import COLORS
 from hadr.figures.handover.scene import bare_axes_3d, show_glass, show_grippers, show_hand
+from hadr.figures.panels import COLORS
 from hadr.handover.grasping.collision import FINGER_LENGTH, STEM_LENGTH, fork
 from hadr.handover.grasping.grasps import Grasps, forward_of
 from hadr.handover.grasping.rescoring import (
@@ -173,14 +173,7 @@ def _show_standing_gripper(ax: Axes, along: Array) -> None:
 def draw_regions(
     ax: Axes, steps: npt.ArrayLike, region: npt.NDArray[np.int64], names: Sequence[str]
 ) -> None:
-    """Colour a square by which name holds where, with the names written into their regions.
-
-    Args:
-        ax: Plain axes.
-        steps: Coordinates along both sides, ascending, shape (n,).
-        region: Index into names at (row y, column x), shape (n, n).
-        names: One a region.
-    """
+    """Colour a square by which name holds where, with the names written into their regions."""
     along = np.asarray(steps, dtype=np.float64)
     shades = mpl.colormaps["tab20"](np.arange(len(names)) % 20)
     shades[:, :3] = 0.5 + 0.5 * shades[:, :3]
@@ -237,18 +230,7 @@ def score_bar(
 def show_choice(
     ax: Any, scene: HeldGlass, grasps: Grasps, scores: npt.ArrayLike, *, others: int = 14
 ) -> int:
-    """Draw a hand with its glass, some candidates shaded by their score, and the winner.
-
-    Args:
-        ax: 3D axes.
-        scene: Hand and glass, base frame.
-        grasps: Candidates, base frame.
-        scores: One a candidate, shape (n,).
-        others: How many candidates besides the winner.
-
-    Returns:
-        Index of the winner.
-    """
+    """Draw a hand with its glass, some candidates shaded by their score, and the winner."""
     value = np.asarray(scores, dtype=np.float64)
     best = int(value.argmax())
     some = np.random.default_rng(4).permutation(len(value))[:others]
@@ -276,21 +258,7 @@ def sphere_and_choice(
     frame: Array | None = None,
     limit: float = 0.6,
 ) -> Figure:
-    """One picture of a scrubber or slider: the sphere, and what it makes the robot choose.
-
-    Args:
-        scene: Hand and glass, base frame.
-        grasps: Candidates, base frame.
-        scores: Their full scores, shape (n,).
-        score: The wishes alone, over directions (n, 3).
-        directions: To the human and down, base frame.
-        titles: Above the sphere and above the scene.
-        frame: See `show_score_sphere`.
-        limit: The colours go from minus to plus this score.
-
-    Returns:
-        The figure; all of them have one size.
-    """
+    """One picture of a scrubber or slider: the sphere, and what it makes the robot choose."""
     fig: Figure = plt.figure(figsize=(7.4, 3.7), layout="none")
     left = fig.add_axes((0.0, 0.0, 0.47, 0.92))
     show_score_sphere(left, score, directions, limit=limit, frame=frame, pixels=240)

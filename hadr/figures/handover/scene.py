@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
-from hadr.figures import COLORS, show_skeleton_3d
+from hadr.figures.panels import COLORS, show_skeleton_3d
 from hadr.hand import BONES
 from hadr.handover.grasping.collision import fork
 from hadr.synthesis.glass.objects import GlassObject, profile
@@ -108,17 +108,7 @@ def show_arm(
     thickness: float = 11.0,
     alpha: float = 1.0,
 ) -> None:
-    """Draw an arm: thick pale links with a coloured edge, joints as dots, the gripper as a fork.
-
-    Args:
-        ax: 3D axes.
-        outline: Points along the links from the base's foot to the flange, shape (n, 3).
-        tool: Tool pose, shape (4, 4), if the gripper is to be drawn too.
-        opening: The gripper's opening, metres.
-        color: Colour of edges and joints.
-        thickness: Width of the links, points.
-        alpha: Opacity.
-    """
+    """Draw an arm: thick pale links with a coloured edge, joints as dots, the gripper as a fork."""
     foot = np.stack([outline[0], outline[0] + [0, 0, 0.025]])
     ax.plot(*foot.T, color=color, lw=2 * thickness, alpha=alpha, solid_capstyle="butt")
     if tool is not None:
@@ -134,14 +124,7 @@ def show_arm(
 
 
 def show_frame(ax: Any, pose: Array, *, length: float = 0.08, lw: float = 1.8) -> None:
-    """Draw a frame's axes: x red, y green, z blue.
-
-    Args:
-        ax: 3D axes.
-        pose: Shape (4, 4), metres.
-        length: Length of the axes, metres.
-        lw: Line width, points.
-    """
+    """Draw a frame's axes: x red, y green, z blue."""
     for column, color in enumerate(("#CC3311", "#009E73", "#0072B2")):
         end = pose[:3, 3] + length * pose[:3, column]
         ax.plot(*np.stack([pose[:3, 3], end]).T, color=color, lw=lw)

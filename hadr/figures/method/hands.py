@@ -15,7 +15,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_rgb
 from scipy.spatial.transform import Rotation
 
-from hadr.figures import FINGER_COLORS
+from hadr.figures.panels import FINGER_COLORS
 from hadr.hand import BONES, FINGERS, check_keypoints
 from hadr.synthesis.glass.surfaces import Surface
 
@@ -50,17 +50,7 @@ def on_screen(points: npt.ArrayLike, screen_from_frame: Array) -> Array:
 def show_flesh(
     ax: Axes, surface: Surface, screen_from_frame: Array, *, color: str = "#d8a98a"
 ) -> PolyCollection:
-    """Draw a closed surface with soft shading.
-
-    Args:
-        ax: Ordinary 2D axes.
-        surface: Metres, in the view's frame.
-        screen_from_frame: The view.
-        color: Colour where the light falls at a right angle.
-
-    Returns:
-        The collection that was added.
-    """
+    """Draw a closed surface, metres, in the view's frame, with soft shading."""
     vertices = surface.vertices @ screen_from_frame.T
     normals = surface.normals @ screen_from_frame.T
     facing = normals[surface.faces].mean(axis=1)
@@ -130,16 +120,7 @@ def show_axis(
     *,
     length_m: float = 0.06,
 ) -> None:
-    """Draw one axis as a named arrow in its colour.
-
-    Args:
-        ax: Ordinary 2D axes.
-        name: ``x``, ``y`` or ``z``.
-        origin: Metres, in the view's frame, shape (3,).
-        direction: Unit vector in the view's frame, shape (3,).
-        screen_from_frame: The view.
-        length_m: Length of the arrow, metres.
-    """
+    """Draw the axis x, y or z as a named arrow from an origin along a unit vector, both (3,)."""
     start, step = np.asarray(origin, dtype=float), np.asarray(direction, dtype=float)
     ends = on_screen(
         [start, start + length_m * step, start + 1.22 * length_m * step], screen_from_frame

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 
-from hadr.figures import COLORS
+from hadr.figures.panels import COLORS
 from hadr.figures.solids.studio import PLAIN, studio_picture, studio_view
 from hadr.figures.solids.turntable import bare_glass, held_glass, solid_of
 from hadr.synthesis.glass.objects import GlassObject, bodies
@@ -27,14 +27,7 @@ _HALF_CM, _CELL_CM = 12.5, 30.0
 
 
 def glass_section(item: GlassObject) -> list[Array]:
-    """Cut an object through its axis, in the plane y = 0.
-
-    Args:
-        item: The object.
-
-    Returns:
-        Closed outlines (x, z) in metres, shape (N, 2) each; holes run the other way round.
-    """
+    """Closed outlines (x, z), (N, 2) metres each, of an object cut at y = 0; holes run backward."""
     outlines: list[Array] = []
     for body in bodies(item):
         # The section plane of the library is z = 0: lay the object on its back.
@@ -52,18 +45,7 @@ def draw_objects(
     pixels: int = 260,
     width: float = 9.0,
 ) -> Figure:
-    """Draw objects at one scale, each beside its section.
-
-    Args:
-        items: The objects.
-        notes: Words below an object, by its id; none where it has no entry.
-        columns: Objects a row.
-        pixels: Side of each picture.
-        width: Width of the figure, inches.
-
-    Returns:
-        The figure; sections show the walls as thick as they are.
-    """
+    """Draw objects at one scale, each beside its section."""
     rows = [items[k : k + columns] for k in range(0, len(items), columns)]
     tall = [100 * max(item.height for item in row) + 5.0 for row in rows]
     cell = width / columns
@@ -118,20 +100,7 @@ def _draw_object(ax: Axes, item: GlassObject, note: str, pixels: int) -> None:
 def draw_hold_sheet(
     holds: Sequence[Sequence[Hold]], titles: Sequence[str], *, pixels: int = 150, width: float = 9.0
 ) -> Figure:
-    """Draw a sheet of holds: a row an object, a column a kind.
-
-    Args:
-        holds: Rows of equal length.
-        titles: One a row.
-        pixels: Side of each picture.
-        width: Width of the figure, inches.
-
-    Returns:
-        The figure; each hold is seen from the thumb's side, its kind stands below.
-
-    Raises:
-        ValueError: There is no hold, or another number of titles than rows.
-    """
+    """Draw a sheet of holds, a titled row an object, a column a kind, from the thumb's side."""
     if not holds or not holds[0] or len(titles) != len(holds):
         raise ValueError(f"need rows of holds and a title each, got {len(holds)}, {len(titles)}")
     columns = max(len(row) for row in holds)

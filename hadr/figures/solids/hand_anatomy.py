@@ -10,9 +10,9 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from hadr.figures import FINGER_COLORS
+from hadr.figures.panels import FINGER_COLORS
 from hadr.figures.solids.studio import studio_picture, studio_view
-from hadr.figures.solids.turntable import HeldGlass, bare_hand
+from hadr.figures.solids.turntable import HandOnGlass, bare_hand
 from hadr.hand import (
     ANGLE_LIMITS,
     ANGLE_NAMES,
@@ -33,7 +33,7 @@ SHOWN_ANGLES: tuple[str, ...] = tuple(
 )
 
 
-def open_hand(shape: HandShape | None = None) -> HeldGlass:
+def open_hand(shape: HandShape | None = None) -> HandOnGlass:
     """An open hand with its fingers a little apart, so that names find room between them."""
     shape = shape or HandShape()
     angles = np.zeros(20)
@@ -42,17 +42,8 @@ def open_hand(shape: HandShape | None = None) -> HeldGlass:
     return bare_hand(forward_kinematics(angles, shape), shape)
 
 
-def draw_named_skeleton(hand: HeldGlass, *, pixels: int = 640, width: float = 9.0) -> Figure:
-    """Draw the 22 joints with their names, and beside them the 21 keypoints.
-
-    Args:
-        hand: A hand without a glass.
-        pixels: Side of each picture.
-        width: Width of the figure, inches.
-
-    Returns:
-        The figure; joints are counted from 1 as in the paper, keypoints from 0 as detectors do.
-    """
+def draw_named_skeleton(hand: HandOnGlass, *, pixels: int = 640, width: float = 9.0) -> Figure:
+    """Draw the 22 joints, counted from 1 as in the paper, and the 21 keypoints, from 0."""
     view = studio_view(hand, radius=0.121, center=(0.014, 0.0, 0.088))
     picture = 255 - (255 - studio_picture(hand, view, pixels=pixels, paper=False)) // 2
     at = view.pixels_of(hand.joints, pixels)
@@ -125,21 +116,13 @@ def _name(ax: Axes, at: Array, name: str, pixels: int) -> None:
 
 
 def draw_angle_sheet(*, pixels: int = 190, width: float = 9.0) -> Figure:
-    """Draw the real hand at both ends of each angle's range: the thumb's four, the index's four.
-
-    Args:
-        pixels: Side of each picture.
-        width: Width of the figure, inches.
-
-    Returns:
-        The figure: a column an angle; below, at rest and above.
-    """
+    """Draw the real hand at both ends of each angle's range: the thumb's four, the index's four."""
     fig: Figure
     fig, axes = plt.subplots(
         3, len(SHOWN_ANGLES), figsize=(width, 0.44 * width), layout="constrained"
     )
     fig.set_layout_engine("constrained", w_pad=0.01, h_pad=0.01, hspace=0.0, wspace=0.0)
-    hands: dict[bytes, HeldGlass] = {}
+    hands: dict[bytes, HandOnGlass] = {}
     for column, name in enumerate(SHOWN_ANGLES):
         number = ANGLE_NAMES.index(name)
         finger, joint, kind = name.split("_")
@@ -155,7 +138,7 @@ def draw_angle_sheet(*, pixels: int = 190, width: float = 9.0) -> Figure:
 
 
 def _bent_hand(
-    ax: Axes, hands: dict[bytes, HeldGlass], number: int, degrees: float, pixels: int
+    ax: Axes, hands: dict[bytes, HandOnGlass], number: int, degrees: float, pixels: int
 ) -> None:
     name = ANGLE_NAMES[number]
     finger, _, kind = name.split("_")

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from hadr.figures import FINGER_COLORS
+from hadr.figures.panels import FINGER_COLORS
 from hadr.figures.solids.studio import StudioView, studio_picture, studio_view
 from hadr.figures.solids.turntable import held_glass
 from hadr.hand import ANGLE_NAMES, FINGERS
@@ -26,16 +26,7 @@ _MOMENT = "0.35"
 
 
 def draw_recording(recording: Recording, *, pixels: int = 300, width: float = 9.0) -> Figure:
-    """Draw a recording: the hand at its beginning, middle and end over the curves of its angles.
-
-    Args:
-        recording: Twenty angles and the object's pose over time.
-        pixels: Side of each picture.
-        width: Width of the figure, inches.
-
-    Returns:
-        The figure; dashed lines in the curves mark the three moments.
-    """
+    """Draw a recording: the hand at its beginning, middle and end over the curves of its angles."""
     rows = [0, len(recording.time) // 2, len(recording.time) - 1]
     fig: Figure = plt.figure(figsize=(width, 0.69 * width), layout="constrained")
     parts: Any = fig.subfigures(2, 1, height_ratios=(1.25, 1))

@@ -10,7 +10,7 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from scipy.ndimage import map_coordinates
 
-from hadr.figures.solids.turntable import HeldGlass
+from hadr.figures.solids.turntable import HandOnGlass
 from hadr.synthesis.glass.surfaces import Surface
 
 Array = npt.NDArray[np.float64]
@@ -48,7 +48,7 @@ class StudioView:
 
 
 def studio_view(
-    scene: HeldGlass,
+    scene: HandOnGlass,
     *,
     azimuth_deg: float | None = None,
     elevation_deg: float | None = None,
@@ -84,7 +84,7 @@ def studio_view(
 
 
 def studio_picture(
-    scene: HeldGlass,
+    scene: HandOnGlass,
     view: StudioView | None = None,
     *,
     pixels: int = 320,
@@ -180,7 +180,7 @@ def _paper(side: int) -> Array:
     return np.asarray(color * (1 - ink) + ink * np.array([0.42, 0.58, 0.70]))
 
 
-def _draw_skin(image: Array, rays: _Rays, scene: HeldGlass, view: StudioView) -> Array:
+def _draw_skin(image: Array, rays: _Rays, scene: HandOnGlass, view: StudioView) -> Array:
     """Shade the hand into the picture; returns the distance at which it stops each ray."""
     hand = _on_screen(scene.hand, view)
     tree = _Tree(hand)

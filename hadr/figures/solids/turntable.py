@@ -21,7 +21,7 @@ import numpy.typing as npt
 from matplotlib.colors import to_rgb
 from scipy.spatial import cKDTree
 
-from hadr.figures import FINGER_COLORS
+from hadr.figures.panels import FINGER_COLORS
 from hadr.hand import (
     SKELETON_NAMES,
     SKELETON_PARENTS,
@@ -46,7 +46,7 @@ _UPRIGHT = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
 
 
 @dataclass(frozen=True)
-class HeldGlass:
+class HandOnGlass:
     """One hold as the turntable shows it, in the object's frame: z is the glass's axis.
 
     Args:
@@ -142,7 +142,7 @@ def _without_elbow(surface: Surface, length: float, *, closed: bool) -> Surface:
 
 def bare_hand(
     skeleton: Skeleton, shape: HandShape, *, tone: npt.ArrayLike = SKIN_TONES[1]
-) -> HeldGlass:
+) -> HandOnGlass:
     """A hand without a glass, fingers up: z is the wrist's y, the viewer sees the palm.
 
     Args:
@@ -157,7 +157,9 @@ def bare_hand(
     note = f"{shape.side} hand"
     joints = skeleton.joints @ _UPRIGHT[:3, :3].T
     fade = _fade(shape, np.linalg.inv(_UPRIGHT))
-    return HeldGlass(note, note, _nothing(), hand.moved(_UPRIGHT), colors, joints, -90.0, 0.0, fade)
+    return HandOnGlass(
+        note, note, _nothing(), hand.moved(_UPRIGHT), colors, joints, -90.0, 0.0, fade
+    )
 
 
 def _fade(
@@ -171,12 +173,12 @@ def _fade(
     return x, y, z, float(offset)
 
 
-def bare_glass(item: GlassObject) -> HeldGlass:
+def bare_glass(item: GlassObject) -> HandOnGlass:
     """A glass that nobody holds, standing on the origin; its joints lie on its foot."""
     colors = np.zeros((0, 3), dtype=np.uint8)
     joints = np.zeros((len(SKELETON_NAMES), 3))
     glass = merged(bodies(item))
-    return HeldGlass(item.name, item.object_id, glass, _nothing(), colors, joints, -75.0, 12.0)
+    return HandOnGlass(item.name, item.object_id, glass, _nothing(), colors, joints, -75.0, 12.0)
 
 
 def _nothing() -> Surface:
@@ -211,7 +213,7 @@ def held_glass(
     tone: npt.ArrayLike = SKIN_TONES[1],
     tolerance: float = 0.0003,
     step: float = MIDDLE_STEP,
-) -> HeldGlass:
+) -> HandOnGlass:
     """Build what the turntable shows of a hold.
 
     Args:
@@ -235,7 +237,7 @@ def held_glass(
     if hold.kind == "handle":  # from the thumb's side the mug hides its handle
         looked_from = palm_side + 0.2 * thumb_side
     touching = ", ".join(part for part in hold.gaps if part in hold.touching)
-    return HeldGlass(
+    return HandOnGlass(
         name or f"{item.name}: {hold.kind}",
         f"{hold.shape.side} hand, on the glass: {touching}",
         _simple_glass(hold.object_id, tolerance / 3 or 0.0002),
@@ -253,7 +255,7 @@ def _srgb(linear: npt.ArrayLike) -> Array:
     return np.asarray(bent, dtype=float)
 
 
-def turntable(scenes: Sequence[HeldGlass], *, height: int = 480) -> Turntable:
+def turntable(scenes: Sequence[HandOnGlass], *, height: int = 480) -> Turntable:
     """Make the page that turns the holds.
 
     Args:
@@ -303,7 +305,7 @@ def _joint_color(name: str) -> list[int]:
     return [round(255 * float(c)) for c in color]
 
 
-def _middle(scene: HeldGlass) -> dict[str, Any]:
+def _middle(scene: HandOnGlass) -> dict[str, Any]:
     """The sphere around glass and fingers; the forearm may leave the picture."""
     points = np.concatenate([scene.glass.vertices, scene.joints])
     center = (points.min(axis=0) + points.max(axis=0)) / 2

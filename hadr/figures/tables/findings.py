@@ -4,20 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import pandas as pd
+
+from hadr.figures.tables import markdown
 from hadr.figures.tables.results import NAMES, Row, difference_cell, ordered, with_doubt
-from hadr.records.markdown import markdown_table
 
 
 def memory_table(rows: Sequence[Row]) -> str:
-    """Set each method's error with whole holds held out beside that with frames dealt out.
-
-    Args:
-        rows: Rows of `results/mini/memory.json`.
-
-    Returns:
-        Markdown, centimetres: RMSE, and its difference from the hand's median depth on the same
-        frames, each with its standard error over holds.
-    """
+    """Set each method's error with whole holds held out beside that with frames dealt out."""
     head = [
         "method", "whole holds: RMSE (cm)", "minus the hand's median", "frame by frame: RMSE (cm)",
         "minus the hand's median",
@@ -33,18 +27,11 @@ def memory_table(rows: Sequence[Row]) -> str:
             cells.append(with_doubt(row["rmse_m"], row["rmse_standard_error_m"]))
             cells.append(difference_cell(None if itself else row["against_hand_median"]))
         lines.append([NAMES[one["method"]], *cells])
-    return markdown_table(head, lines)
+    return markdown(pd.DataFrame(lines, columns=head))
 
 
 def averages_table(rows: Sequence[Row]) -> str:
-    """Set each network's error in both averages, and against the hand's median frame by frame.
-
-    Args:
-        rows: Rows of `known.json` and `unknown.json`.
-
-    Returns:
-        Markdown.
-    """
+    """Set each network's error in both averages, and against the hand's median frame by frame."""
     head = [
         "objects", "method", "RMSE, mean over frames (cm)", "pooled (cm)",
         "minus the hand's median (cm)", "better on frames (%)",
@@ -58,18 +45,11 @@ def averages_table(rows: Sequence[Row]) -> str:
         both = (f"{100 * part['rmse_m']:.2f}" for part in (row, row["pooled"]))
         name = NAMES[row["method"]]
         lines.append([row["split"], name, *both, difference_cell(pair), f"{share:.0f}"])
-    return markdown_table(head, lines, "llr")
+    return markdown(pd.DataFrame(lines, columns=head), "llr")
 
 
 def poses_table(rows: Sequence[Row]) -> str:
-    """Set each method's error on familiar and on new hand poses.
-
-    Args:
-        rows: Rows of `results/mini/errors.json`.
-
-    Returns:
-        Markdown.
-    """
+    """Set each method's error on familiar and on new hand poses."""
     head = [
         "objects", "method", "RMSE, most familiar third (cm)", "newest third (cm)",
         "rank correlation",
@@ -80,4 +60,4 @@ def poses_table(rows: Sequence[Row]) -> str:
         both = (f"{100 * part['rmse_m']:.2f}" for part in (near, far))
         name = NAMES[row["method"]]
         lines.append([row["split"], name, *both, f"{row['rank_correlation']:+.2f}"])
-    return markdown_table(head, lines, "llr")
+    return markdown(pd.DataFrame(lines, columns=head), "llr")

@@ -5,24 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import pandas as pd
 from scipy.stats import binomtest
 
 from hadr.figures.handover.film import ARMS
-from hadr.records.markdown import markdown_table
+from hadr.figures.tables import markdown
 
 Row = Mapping[str, Any]
 
 
 def arms_table(rows: Sequence[Row], published: Mapping[str, Sequence[int]] | None = None) -> str:
-    """List each arm's attempts in the columns of the paper's table, and a success's mean time.
-
-    Args:
-        rows: Rows of `results/mini/handover.json`.
-        published: The paper's rows: successes of 48, objects above 0.5, 0.8 and at 1.0, by method.
-
-    Returns:
-        Markdown, in the rows' order, the paper's rows last.
-    """
+    """List each arm's attempts in the columns of the paper's table, and a success's mean time."""
     lines = []
     for row in rows:
         low, high = row["interval"]
@@ -49,27 +42,7 @@ def arms_table(rows: Sequence[Row], published: Mapping[str, Sequence[int]] | Non
             ]
         )
     head = ["depth", "successes", "rate", "95 % interval", "> 0.5", "> 0.8", "1.0", "time"]
-    return markdown_table(head, lines, "lr")
-
-
-def failures_table(rows: Sequence[Row]) -> str:
-    """List how each arm's attempts failed, by the judge's kinds.
-
-    Args:
-        rows: Rows of `results/mini/handover.json`.
-
-    Returns:
-        Markdown.
-    """
-    kinds = sorted({kind for row in rows for kind in row["failures"]})
-    lines = [
-        [
-            str(ARMS.get(row["arm"], row["arm"])),
-            *(str(row["failures"].get(kind, 0)) for kind in kinds),
-        ]
-        for row in rows
-    ]
-    return markdown_table(["depth", *kinds], lines, "lr")
+    return markdown(pd.DataFrame(lines, columns=head))
 
 
 def paired(first: Row, second: Row) -> tuple[int, int, float]:

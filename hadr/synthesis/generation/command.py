@@ -18,7 +18,7 @@ from hadr.synthesis.generation.presets import PRESETS, GenerationSettings
 def bundled_recordings() -> Path:
     """The recordings that are part of the project; ``$HADR_SAMPLES`` names another folder."""
     samples = os.environ.get("HADR_SAMPLES")
-    root = Path(samples) if samples else Path(hadr.__file__).resolve().parents[2] / "data_samples"
+    root = Path(samples) if samples else Path(hadr.__file__).resolve().parents[1] / "data_samples"
     return root / "recordings"
 
 

@@ -119,9 +119,9 @@ def test_bars_are_as_long_as_the_rates_and_stand_in_order() -> None:
     draw_success(ax, ROWS, published=34 / 48)
     names = [label.get_text() for label in ax.get_yticklabels()]
     assert names == ["sensor depth", "HADR", "perfect depth"]
-    lengths = [bar.get_width() for bar in ax.patches[::2]]
+    lengths = [bar.get_width() for bar in ax.patches]
     assert lengths == pytest.approx([25.0, 75.0, 100 * 40 / 48])
-    intervals = [c.get_segments()[0][:, 0] for c in ax.collections]
+    intervals = [segment[:, 0] for segment in ax.collections[0].get_segments()]
     np.testing.assert_allclose(intervals, [[15, 39], [61, 85], [70, 92]])
     assert "75 %  (36/48)" in [text.get_text() for text in ax.texts]
     assert ax.lines[-1].get_xdata()[0] == pytest.approx(70.83, abs=0.01)

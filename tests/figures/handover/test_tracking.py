@@ -3,7 +3,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from hadr.figures.handover.tracking import Carried, HandFilm, film_picture, show_errors
+from hadr.figures.handover.tracking import Carried, HandFilm, moment_picture, show_errors
 from hadr.simulation.trials.rehearsal import HeldGlass
 
 mpl.use("Agg")
@@ -60,7 +60,7 @@ def test_no_mark_stands_outside_of_the_chart(film, ways):
 def test_pictures_of_a_film_have_one_size_and_differ(film, ways):
     pictures = []
     for at in (0, 2):
-        figure = film_picture(film, ways, at, limit_mm=30, notes={"alarm": np.full(3, 20.0)})
+        figure = moment_picture(film, ways, at, limit_mm=30, notes={"alarm": np.full(3, 20.0)})
         figure.canvas.draw()
         pictures.append(np.asarray(figure.canvas.buffer_rgba()))
         assert "alarm" in [text.get_text() for text in figure.axes[1].get_legend().get_texts()]

@@ -55,5 +55,5 @@ def test_real_errors_have_a_row_a_method_and_a_bar_for_several_hands(ax) -> None
     ]
     draw_real_errors(ax, rows, ["a", "b"])
     assert [label.get_text() for label in ax.get_yticklabels()] == ["sensor depth", "hadr"]
-    np.testing.assert_allclose(ax.lines[0].get_xdata(), (4, 7))
+    np.testing.assert_allclose(ax.lines[1].get_xdata(), (4, 7))
     assert "cm" in ax.get_xlabel()

@@ -3,8 +3,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from hadr.figures import COLORS
 from hadr.figures.method.error_kinds import KIND_COLORS, Source, draw_kind_bars, error_kinds_picture
+from hadr.figures.panels import COLORS
 
 mpl.use("Agg")
 

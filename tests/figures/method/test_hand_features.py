@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_hex
 
-from hadr.figures import COLORS
 from hadr.figures.method.hand_features import (
     FRAME_COLORS,
     draw_both_frames,
@@ -16,6 +15,7 @@ from hadr.figures.method.hand_features import (
     draw_wrist_frame,
 )
 from hadr.figures.method.hands import on_screen, orbit_view
+from hadr.figures.panels import COLORS
 from hadr.hand import forward_kinematics, keypoints_from_skeleton
 
 mpl.use("Agg")

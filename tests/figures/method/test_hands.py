@@ -3,7 +3,6 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from hadr.figures import FINGER_COLORS
 from hadr.figures.method.hands import (
     AXIS_COLORS,
     frame_hand_axes,
@@ -13,6 +12,7 @@ from hadr.figures.method.hands import (
     show_bones,
     show_flesh,
 )
+from hadr.figures.panels import FINGER_COLORS
 from hadr.hand import forward_kinematics, keypoints_from_skeleton
 from hadr.synthesis.glass.surfaces import Surface
 

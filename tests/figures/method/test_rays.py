@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 import torch
 
-from hadr.figures import COLORS
 from hadr.figures.method.rays import (
     draw_missed,
     draw_slabs,
@@ -22,6 +21,7 @@ from hadr.figures.method.rays import (
     stages_figure,
 )
 from hadr.figures.method.voxels import draw_cubes, label_upright, ray_figure, upright, voxel_figure
+from hadr.figures.panels import COLORS
 from hadr.figures.widgets import walk_along_ray
 from hadr.ray_voxels import VoxelGrid, occupied_voxels, ray_voxel_pairs
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from hadr.figures import COLORS
 from hadr.figures.method.voxel_walk import voxel_walk, walk_picture
+from hadr.figures.panels import COLORS
 from hadr.ray_voxels import VoxelGrid, occupied_voxels
 
 mpl.use("Agg")

@@ -19,7 +19,7 @@ from hadr.figures.solids.camera_orbit import (
     orbit_picture,
     point_on_glass,
 )
-from hadr.figures.solids.turntable import HeldGlass
+from hadr.figures.solids.turntable import HandOnGlass
 from hadr.hand import FINGERS, forward_kinematics
 from hadr.ray_voxels import VoxelGrid
 from hadr.synthesis.glass.surfaces import Surface
@@ -54,7 +54,7 @@ def scene():
     hand = box([-0.01, -0.12, -0.02], [0.01, 0.12, 0.22])
     glass = box([0.03, -0.03, 0.10], [0.05, 0.03, 0.20])
     colors = np.full((8, 3), 200, np.uint8)
-    return HeldGlass("test", "", glass, hand, colors, joints, azimuth_deg=0.0, elevation_deg=0.0)
+    return HandOnGlass("test", "", glass, hand, colors, joints, azimuth_deg=0.0, elevation_deg=0.0)
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,6 @@
 import pytest
 
-from hadr.figures.tables.handover import arms_table, failures_table, paired
+from hadr.figures.tables.handover import arms_table, paired
 
 ROW = {
     "arm": "hadr",
@@ -30,14 +30,6 @@ def test_each_arm_has_its_numbers_and_the_paper_stands_below():
     assert cells(lines[3])[:3] == ["sensor depth", "0/48", "0.0 %"]
     assert cells(lines[3])[7] == "none"
     assert cells(lines[4]) == ["*paper: GraspNet*", "5/48", "10.4 %", "", "0/8", "0/8", "0/8", ""]
-
-
-def test_kinds_of_failure_are_counted_by_name():
-    other = {**NEVER, "failures": {"time-out": 48}}
-    lines = failures_table([ROW, other]).splitlines()
-    assert cells(lines[0]) == ["depth", "drop", "time-out"]
-    assert cells(lines[2]) == ["HADR", "10", "8"]
-    assert cells(lines[3]) == ["sensor depth", "0", "48"]
 
 
 def test_two_arms_are_compared_attempt_by_attempt():

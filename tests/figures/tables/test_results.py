@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import matplotlib.pyplot as plt
 import pytest
 
@@ -42,7 +44,7 @@ ROWS = [
 
 
 def test_the_table_has_each_number_once_and_says_what_is_missing() -> None:
-    lines = results_table(ROWS, PAPER).splitlines()
+    lines = [re.sub(" +", " ", line) for line in results_table(ROWS, PAPER).splitlines()]
     assert lines[2].startswith("| nothing | 65.00 | 32.50 | 70.00 | - | - | - | - | - |")
     assert lines[3] == "| HADR | 3.12 | 1.56 | 70.00 | 4.56 | 2.28 | 70.00 | 2.7 | 20 |"
     assert "published" in lines[-1]
@@ -83,9 +85,7 @@ def test_parts_and_objects_in_centimetres() -> None:
     errors = [{"method": "hadr", "split": "known", **parts, "by_object": {"0001": parts}}]
     fig, (left, right) = plt.subplots(1, 2)
     draw_parts(left, errors, "known")
-    assert sorted(float(x) for line in left.lines[1:4] for x in line.get_xdata()) == pytest.approx(
-        [1, 2, 4]
-    )
+    assert left.lines[0].get_xdata() == pytest.approx([4, 2, 1])
     draw_by_object(right, errors, "known", {"0001": "cup"})
     assert right.get_yticklabels()[0].get_text() == "0001 cup"
     assert right.lines[0].get_xdata() == pytest.approx([4])
