@@ -13,7 +13,8 @@ from hadr.data.samples import (
     write_manifest,
 )
 from hadr.synthesis.generation.recipes import frame_recipe
-from hadr.synthesis.glass.objects import glass_object, signed_distance
+from hadr.synthesis.glass.distance import signed_distance
+from hadr.synthesis.glass.objects import glass_object
 from hadr.synthesis.recordings.recording import find_recordings
 
 

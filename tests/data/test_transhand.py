@@ -15,12 +15,9 @@ from scipy.spatial.transform import Rotation
 
 from hadr.camera import TRANSHAND_CAMERA, project
 from hadr.data.camera_log import camera_log, camera_pose, native_pixels
+from hadr.data.frame import Frame, write_frame
 from hadr.data.frame_pictures import DisparityScale
-from hadr.data.transhand import (
-    Frame,
-    TransHand,
-    write_frame,
-)
+from hadr.data.transhand import TransHand
 
 W, H = 64, 36
 CAMERA = TRANSHAND_CAMERA.resized(W, H)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hadr.camera import Intrinsics
-from hadr.data.transhand import Frame, write_frame
+from hadr.data.frame import Frame, write_frame
 from hadr.experiments.evaluate_command import add_arguments, run
 from hadr.models.backbone import BackboneConfig
 from hadr.models.hadr import HADR, HADRConfig

@@ -19,7 +19,8 @@ from hadr.records.caches import kept
 from hadr.synthesis.rendering.glass_paths import Ends, GlassPaths, Mirrors
 from hadr.synthesis.rendering.raycast import GLASS, HAND, SURROUNDINGS
 from hadr.synthesis.rendering.shading import RayScene
-from hadr.synthesis.textures.families import SIZE, sample
+from hadr.synthesis.textures.families import sample
+from hadr.synthesis.textures.noise import SIZE
 
 Array = npt.NDArray[np.float64]
 

@@ -3,23 +3,15 @@
 from __future__ import annotations
 
 import argparse
-import os
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
-import hadr
+from hadr.data.samples import samples_dir
 from hadr.records.provenance import usable_cores
 from hadr.synthesis.generation.farm import dask_installed
 from hadr.synthesis.generation.generate import generate_frames
 from hadr.synthesis.generation.presets import PRESETS, GenerationSettings
-
-
-def bundled_recordings() -> Path:
-    """The recordings that are part of the project; ``$HADR_SAMPLES`` names another folder."""
-    samples = os.environ.get("HADR_SAMPLES")
-    root = Path(samples) if samples else Path(hadr.__file__).resolve().parents[2] / "data_samples"
-    return root / "recordings"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -105,7 +97,7 @@ def _settings(args: argparse.Namespace) -> GenerationSettings:
     if "objects" in given:
         given["objects"] = tuple(given["objects"])
     if preset and preset.bundled_recordings and "recordings" not in given:
-        given["recordings"] = str(bundled_recordings())
+        given["recordings"] = str(samples_dir() / "recordings")
     return replace(settings, **given)
 
 

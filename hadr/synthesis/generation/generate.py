@@ -28,9 +28,7 @@ from hadr.data.frame_pictures import DisparityScale
 from hadr.synthesis.generation.farm import check_workers, connected, one_thread, run_tasks
 from hadr.synthesis.generation.folder import generation_folder, recorded_settings, whole_frames
 from hadr.synthesis.generation.frames import (
-    build_scene,
     check_engine,
-    render_frame,
     render_scene,
     stored_raw_depth,
 )
@@ -38,26 +36,12 @@ from hadr.synthesis.generation.presets import Engine, GenerationSettings, Qualit
 from hadr.synthesis.generation.recipes import (
     FrameRecipe,
     SplitBy,
-    frame_recipe,
-    hold_split,
     recipes_by_hold,
 )
 from hadr.synthesis.glass.objects import glass_object
 from hadr.synthesis.rendering.mitsuba_variant import LLVM, SCALAR, check_variant, mitsuba_variant
 from hadr.synthesis.scene.backgrounds import check_backgrounds
 from hadr.synthesis.scene.scene import Scene
-
-__all__ = [
-    "FrameRecipe",
-    "GenerationReport",
-    "GenerationSettings",
-    "build_scene",
-    "frame_recipe",
-    "generate",
-    "generate_frames",
-    "hold_split",
-    "render_frame",
-]
 
 
 @dataclass(frozen=True)

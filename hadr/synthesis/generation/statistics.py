@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
-from hadr.data.transhand import Frame
+from hadr.data.frame import Frame
 from hadr.synthesis.glass.objects import bodies, glass_object
 from hadr.synthesis.rendering.raycast import RayCaster
 

@@ -3,30 +3,10 @@
 from __future__ import annotations
 
 from hadr.records.caches import kept
-from hadr.synthesis.glass.distance import DistanceField, distance_field, signed_distance
 from hadr.synthesis.glass.outlines import Corners
 from hadr.synthesis.glass.relief import Facets, Marks, Spout, Thread
-from hadr.synthesis.glass.shape import (
-    GlassObject,
-    handle_line,
-    handle_sections,
-    profile,
-    relieved,
-)
+from hadr.synthesis.glass.shape import GlassObject, handle_sections, profile, relieved
 from hadr.synthesis.glass.surfaces import Surface, revolve, tube_around, united
-
-__all__ = [
-    "NOVEL_OBJECTS",
-    "OBJECTS",
-    "DistanceField",
-    "GlassObject",
-    "bodies",
-    "distance_field",
-    "glass_object",
-    "handle_line",
-    "profile",
-    "signed_distance",
-]
 
 
 @kept(32)

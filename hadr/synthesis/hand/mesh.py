@@ -14,10 +14,8 @@ import numpy.typing as npt
 from hadr.hand import HandShape, Skeleton
 from hadr.synthesis.glass.surfaces import Surface
 from hadr.synthesis.hand.relief import SkinMap
-from hadr.synthesis.hand.skinning import posed_vertices, skin_vertices
+from hadr.synthesis.hand.skinning import posed_vertices
 from hadr.synthesis.hand.template import COARSE_STEP, FINE_STEP, MIDDLE_STEP, hand_template
-
-__all__ = ["SKIN_TONES", "HandMesh", "hand_mesh", "skin_vertices"]
 
 Array = npt.NDArray[np.float64]
 

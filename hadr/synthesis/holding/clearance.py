@@ -14,7 +14,9 @@ import numpy.typing as npt
 from scipy.ndimage import zoom
 
 from hadr.records.caches import kept
-from hadr.synthesis.glass.objects import GlassObject, glass_object, profile, signed_distance
+from hadr.synthesis.glass.distance import signed_distance
+from hadr.synthesis.glass.objects import glass_object
+from hadr.synthesis.glass.shape import GlassObject, profile
 
 Array = npt.NDArray[np.float64]
 Floats = npt.NDArray[np.float32]

@@ -13,7 +13,9 @@ from scipy.spatial import cKDTree
 
 from hadr.hand import ANGLE_LIMITS, ANGLE_NAMES, FINGERS, HandShape, forward_kinematics
 from hadr.records.caches import kept
-from hadr.synthesis.glass.objects import GlassObject, glass_object, signed_distance
+from hadr.synthesis.glass.distance import signed_distance
+from hadr.synthesis.glass.objects import glass_object
+from hadr.synthesis.glass.shape import GlassObject
 from hadr.synthesis.hand.finger_skin import finger_skin
 from hadr.synthesis.hand.skinning import skin_vertices
 from hadr.synthesis.hand.template import COARSE_STEP, hand_template

@@ -13,7 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from hadr.hand import FINGERS, HandShape, forward_kinematics
-from hadr.synthesis.glass.objects import GlassObject, glass_object
+from hadr.synthesis.glass.objects import glass_object
+from hadr.synthesis.glass.shape import GlassObject
 from hadr.synthesis.hand.finger_skin import FingerSkin, finger_skin
 from hadr.synthesis.hand.skinning import skin_vertices
 from hadr.synthesis.holding.clearance import ClearanceTable, clearance_table

@@ -15,7 +15,8 @@ import numpy.typing as npt
 
 from hadr.hand import HandShape, Side
 from hadr.records.caches import kept
-from hadr.synthesis.glass.objects import GlassObject, glass_object
+from hadr.synthesis.glass.objects import glass_object
+from hadr.synthesis.glass.shape import GlassObject
 from hadr.synthesis.hand.shapes import draw_hand_shape
 from hadr.synthesis.holding.clearance import ClearanceTable, clearance_table
 from hadr.synthesis.holding.contact import TOUCH, ContactReport, check_contact

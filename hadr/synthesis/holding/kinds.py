@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from hadr.synthesis.glass.objects import GlassObject
+from hadr.synthesis.glass.shape import GlassObject
 
 Array = npt.NDArray[np.float64]
 #: What a finger does: lie on the glass along its length, touch it with the pad of its tip, do so

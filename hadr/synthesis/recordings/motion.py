@@ -26,7 +26,6 @@ from hadr.synthesis.recordings.recording import (
     Recording,
     find_recordings,
     read_recording,
-    recording_text,
     write_recording,
 )
 
@@ -215,6 +214,3 @@ def main(arguments: Sequence[str] | None = None) -> None:
     ):
         count, made = count + 1, made + new
     print(f"{count} recordings, {made} of them made now")
-
-
-__all__ = ["failing_rows", "main", "record_hold", "recording_text", "verify_recordings"]

@@ -18,7 +18,8 @@ from hadr.synthesis.hand.mesh import HandMesh
 from hadr.synthesis.rendering.raycast import GLASS, HAND, SURROUNDINGS, Hits, Surroundings
 from hadr.synthesis.rendering.refraction import Beams, GlassRays, Mirrored
 from hadr.synthesis.scene.lights import AreaLight, Environment
-from hadr.synthesis.textures.families import SIZE, sample
+from hadr.synthesis.textures.families import sample
+from hadr.synthesis.textures.noise import SIZE
 
 Array = npt.NDArray[np.float64]
 

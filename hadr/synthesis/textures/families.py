@@ -19,12 +19,10 @@ import numpy.typing as npt
 from hadr.records.caches import kept, kept_by_file
 from hadr.synthesis.scene.backgrounds import load_background
 from hadr.synthesis.textures import materials, plants, views
-from hadr.synthesis.textures.noise import SIZE, Canvas
+from hadr.synthesis.textures.noise import Canvas
 
 Array = npt.NDArray[np.float64]
 Image = npt.NDArray[np.uint8]
-
-__all__ = ["FAMILIES", "LEVELS", "SIZE", "Family", "picture_number", "pyramid", "sample"]
 
 LEVELS = 7
 #: How many variants of a family scenes choose from.

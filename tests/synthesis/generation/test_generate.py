@@ -15,20 +15,17 @@ import pytest
 
 from hadr.camera import back_project, transform_points
 from hadr.cli import main
-from hadr.data.transhand import TransHand, frame_log_path
+from hadr.data.frame import frame_log_path
+from hadr.data.transhand import TransHand
 from hadr.hand import forward_kinematics, keypoints_from_skeleton
 from hadr.synthesis.generation.command import add_arguments, run
 from hadr.synthesis.generation.folder import whole_frames
-from hadr.synthesis.generation.frames import live_picture
-from hadr.synthesis.generation.generate import (
-    _chosen_variant,
-    frame_recipe,
-    generate,
-    generate_frames,
-    render_frame,
-)
+from hadr.synthesis.generation.frames import live_picture, render_frame
+from hadr.synthesis.generation.generate import _chosen_variant, generate, generate_frames
 from hadr.synthesis.generation.presets import GenerationSettings
-from hadr.synthesis.glass.objects import glass_object, signed_distance
+from hadr.synthesis.generation.recipes import frame_recipe
+from hadr.synthesis.glass.distance import signed_distance
+from hadr.synthesis.glass.objects import glass_object
 from hadr.synthesis.holding.hold import make_hold
 from hadr.synthesis.recordings.motion import record_hold
 from hadr.synthesis.recordings.recording import read_recording, write_recording

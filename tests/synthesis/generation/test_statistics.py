@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hadr.camera import Intrinsics, back_project
-from hadr.data.transhand import Frame
+from hadr.data.frame import Frame
 from hadr.synthesis.generation.statistics import frame_statistics, visible_share
 from hadr.synthesis.glass.objects import bodies, glass_object
 from hadr.synthesis.rendering.raycast import RayCaster

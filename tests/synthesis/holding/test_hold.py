@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 
 from hadr.hand import ANGLE_LIMITS, ANGLE_NAMES, FINGERS, HandShape, forward_kinematics
-from hadr.synthesis.glass.objects import OBJECTS, glass_object, signed_distance
+from hadr.synthesis.glass.distance import signed_distance
+from hadr.synthesis.glass.objects import OBJECTS, glass_object
 from hadr.synthesis.hand.finger_skin import finger_skin
-from hadr.synthesis.hand.mesh import skin_vertices
+from hadr.synthesis.hand.skinning import skin_vertices
 from hadr.synthesis.holding import hold as holding
 from hadr.synthesis.holding.clearance import clearance_table, hollow_distance
 from hadr.synthesis.holding.contact import check_contact, passes_through_wall

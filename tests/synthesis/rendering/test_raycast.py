@@ -3,7 +3,8 @@ import pytest
 import trimesh
 
 from hadr.camera import Intrinsics, project, ray_directions
-from hadr.synthesis.generation.generate import build_scene, frame_recipe
+from hadr.synthesis.generation.frames import build_scene
+from hadr.synthesis.generation.recipes import frame_recipe
 from hadr.synthesis.glass.surfaces import Surface
 from hadr.synthesis.rendering.optics import GLASS_INDEX, reflect, refract
 from hadr.synthesis.rendering.raycast import GLASS, HAND, SURROUNDINGS, Surroundings
