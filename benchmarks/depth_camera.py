@@ -26,7 +26,7 @@ from hadr.records.provenance import machine_text, provenance
 from hadr.records.result_file import write_sealed
 from hadr.synthesis.depth_sensor.depth_camera import StereoCamera, capture_depth
 from hadr.synthesis.generation.frames import build_scene
-from hadr.synthesis.generation.recipes import frame_recipe
+from hadr.synthesis.generation.settings import GenerationSettings
 from hadr.synthesis.glass.objects import OBJECTS, bodies
 from hadr.synthesis.glass.surfaces import Surface
 from hadr.synthesis.hand.mesh import HandMesh
@@ -235,9 +235,8 @@ def compare(
 ) -> dict[str, Any]:
     """Measure everything that the table shows."""
     table = [table_scene(seed + n, real_camera(width, height)) for n in range(frames)]
-    held = [
-        build_scene(frame_recipe(n, seed=seed), seed, width, height, "fine") for n in range(frames)
-    ]
+    settings = GenerationSettings(seed=seed, width=width, height=height)
+    held = [build_scene(settings.recipe(n), settings) for n in range(frames)]
     on_table, _ = simulated(table, seed, camera, held=False)
     in_hand, seconds = simulated(held, seed, camera, held=True)
     by_formulas = analytic(held, seed)

@@ -15,7 +15,7 @@ from hadr.experiments.runner import Bench, Run
 from hadr.experiments.splits import Experiment, Part
 from hadr.records.checkout import checkout_root
 from hadr.records.result_file import read_sealed
-from hadr.synthesis.generation.presets import PRESETS
+from hadr.synthesis.generation.settings import PRESETS
 
 SHARES: Mapping[Part, float] = {"train": 0.7, "val": 0.2, "test": 0.1}
 """What each part of a data set has of its frames (7:2:1, by holds)."""

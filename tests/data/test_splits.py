@@ -9,7 +9,7 @@ from hadr.data.splits import (
     split_by_holding,
     split_by_object,
 )
-from hadr.synthesis.generation.recipes import hold_split
+from hadr.synthesis.generation.settings import hold_split
 from hadr.synthesis.glass.objects import OBJECTS
 
 HOLDS = [f"0000-side-{i // 3:04d}" for i in range(300)]

@@ -17,7 +17,7 @@ from hadr.simulation.camera.room import make_room
 from hadr.simulation.world.object_parts import mass_properties, stacked_rings
 from hadr.synthesis.depth_sensor.infrared import Projector
 from hadr.synthesis.generation.frames import recipe_hold
-from hadr.synthesis.generation.recipes import frame_recipe
+from hadr.synthesis.generation.settings import GenerationSettings
 from hadr.synthesis.glass.objects import bodies, glass_object
 from hadr.synthesis.glass.shape import profile
 from hadr.synthesis.hand.finger_skin import skin_normals
@@ -142,7 +142,7 @@ def test_a_changed_recording_is_read_again(tmp_path: Path) -> None:
 
     recipe = next(
         recipe
-        for recipe in (frame_recipe(index) for index in range(100))
+        for recipe in (GenerationSettings().recipe(index) for index in range(100))
         if recipe.object_id == "0000" and recipe.hold_number == 0
     )
     recording = read_recording(find_recordings(samples_dir() / "recordings" / "0000")[0])
@@ -150,4 +150,6 @@ def test_a_changed_recording_is_read_again(tmp_path: Path) -> None:
     for scale in (1.1, 0.9):
         text = re.sub("^# scale: .*$", f"# scale: {scale}", recording_text(recording), flags=re.M)
         path.write_text(text)
-        assert recipe_hold(recipe, 0, tmp_path).shape.scale == scale
+        assert (
+            recipe_hold(recipe, GenerationSettings(recordings=str(tmp_path))).shape.scale == scale
+        )

@@ -12,18 +12,19 @@ from scipy.ndimage import binary_dilation
 from hadr.camera import Intrinsics, ray_directions
 from hadr.data.camera_log import BLENDER_FROM_OPENCV
 from hadr.synthesis.generation.frames import build_scene, render_frame
-from hadr.synthesis.generation.recipes import frame_recipe
+from hadr.synthesis.generation.settings import GenerationSettings
 from hadr.synthesis.glass.surfaces import Surface
 from hadr.synthesis.rendering.raycast import RayCaster
 
 WIDTH, HEIGHT = 160, 90
+SETTINGS = GenerationSettings(width=WIDTH, height=HEIGHT, quality="fast")
 
 
 @pytest.fixture(scope="module", params=["centred", "off the axis"])
 def scene(request):
     if request.param == "centred":
-        return build_scene(frame_recipe(0), 0, WIDTH, HEIGHT, "fast")
-    scene = build_scene(frame_recipe(6), 0, WIDTH, HEIGHT, "fast")
+        return build_scene(SETTINGS.recipe(0), SETTINGS)
+    scene = build_scene(SETTINGS.recipe(6), SETTINGS)
     # As after a crop: the axis meets the picture 9 pixels beside its middle.
     camera = scene.camera
     return replace(scene, camera=replace(camera, cx=camera.cx + 8.3, cy=camera.cy - 5.6))
@@ -155,7 +156,9 @@ def test_opengls_depth_of_a_steep_plane_is_that_of_the_pixel_centres():
 @needs_mitsuba
 def test_both_engines_give_a_frame_the_same_labels():
     traced, cast = (
-        render_frame(frame_recipe(6), width=48, height=27, quality="fast", engine=engine, samples=1)
+        render_frame(
+            SETTINGS.recipe(6), replace(SETTINGS, width=48, height=27, engine=engine, samples=1)
+        )
         for engine in ("photo", "raycast")
     )
     assert (traced.color != cast.color).any()

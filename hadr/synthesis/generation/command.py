@@ -10,8 +10,8 @@ from typing import Any
 from hadr.data.samples import samples_dir
 from hadr.records.provenance import usable_cores
 from hadr.synthesis.generation.farm import dask_installed
-from hadr.synthesis.generation.generate import generate_frames
-from hadr.synthesis.generation.presets import PRESETS, GenerationSettings
+from hadr.synthesis.generation.generate import generate
+from hadr.synthesis.generation.settings import PRESETS, GenerationSettings
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -111,16 +111,10 @@ def run(args: argparse.Namespace) -> int:
     if frames is None:
         frames = PRESETS[args.preset].frames if args.preset else 64
     workers = args.workers
-    if args.scheduler is not None:
-        if workers is not None:
-            raise ValueError(
-                f"--workers {workers} are processes of this machine and --scheduler "
-                f"{args.scheduler} is a cluster that works instead: give one of both"
-            )
-        workers = 1
     if workers is None:
-        workers = usable_cores() if dask_installed() and args.preset != "tiny" else 1
-    report = generate_frames(
+        alone = args.scheduler or args.preset == "tiny" or not dask_installed()
+        workers = 1 if alone else usable_cores()
+    report = generate(
         root, frames, settings, workers=workers, scheduler=args.scheduler, progress=True
     )
     print(report)

@@ -62,16 +62,15 @@ def connected(scheduler: str | None) -> Iterator[Any]:
     """Stay connected to a running Dask cluster.
 
     Args:
-        scheduler: Its address (``tcp://host:8786``), or None for no cluster.
+        scheduler: Its address (``tcp://host:8786``), or None for no cluster; checked before by
+            :func:`check_workers`.
 
     Yields:
         The client of the cluster, or None.
 
     Raises:
-        ValueError: Dask is not installed.
         OSError: The cluster does not answer.
     """
-    check_workers(1, scheduler)
     if scheduler is None:
         yield None
         return
@@ -120,7 +119,7 @@ def run_tasks(
     Args:
         function: What to do; it and its results travel between processes.
         tasks: One argument each. Which worker takes which is left open.
-        workers: Processes on this machine; one works in this process, without Dask.
+        workers: Processes on this machine, checked before; one is this process, without Dask.
         client: Of a running Dask cluster (:func:`connected`) that takes the tasks instead. Its
             workers need the same version of this package and must see the same files under the
             same names.
@@ -129,10 +128,8 @@ def run_tasks(
         The results, in the order in which they are ready.
 
     Raises:
-        ValueError: Dask is needed and not installed, or ``workers`` is not positive.
         ChildProcessError: Workers died over a task; the message names the last one and the reason.
     """
-    check_workers(workers)
     if client is None and (workers == 1 or len(tasks) < 2):
         yield from map(function, tasks)
         return

@@ -19,8 +19,7 @@ from hadr.data.frame import (
     frame_file_names,
     frame_log_path,
 )
-from hadr.synthesis.generation.presets import GenerationSettings
-from hadr.synthesis.generation.recipes import FrameRecipe
+from hadr.synthesis.generation.settings import FrameRecipe, GenerationSettings
 from hadr.synthesis.recordings.recording import companions, find_recordings
 from hadr.synthesis.scene.backgrounds import find_backgrounds
 

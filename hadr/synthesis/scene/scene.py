@@ -169,7 +169,7 @@ def make_scene(
     height: int,
     *,
     hand_step: float = 0.0025,
-    backgrounds: Sequence[Path] | None = None,
+    backgrounds: Sequence[Path] = (),
 ) -> Scene:
     """Build the scene of one frame.
 
@@ -179,7 +179,7 @@ def make_scene(
         width: Image width, pixels.
         height: Image height, pixels.
         hand_step: Grid of the hand's surface, metres.
-        backgrounds: Photographs for backdrops, tables and floors; procedural pictures without.
+        backgrounds: Photographs for backdrops, tables and floors; painted textures without.
 
     Returns:
         The scene; the same for the same hold and generator state.

@@ -14,7 +14,7 @@ from hadr.camera import Intrinsics, ray_directions
 from hadr.synthesis.depth_sensor.depth_camera import StereoCamera, capture_depth, infrared_pair
 from hadr.synthesis.depth_sensor.infrared import InfraredScene, Projector
 from hadr.synthesis.generation.frames import build_scene
-from hadr.synthesis.generation.recipes import frame_recipe
+from hadr.synthesis.generation.settings import GenerationSettings
 from hadr.synthesis.glass.surfaces import Surface
 from hadr.synthesis.hand.mesh import HandMesh
 from hadr.synthesis.rendering.raycast import Surroundings
@@ -184,7 +184,8 @@ def test_nothing_beyond_the_range_is_reported():
 
 
 def test_a_hand_is_measured_and_its_glass_is_not():
-    frame = build_scene(frame_recipe(2, seed=9), 9, 256, 144, "fast")
+    settings = GenerationSettings(seed=9, width=256, height=144, quality="fast")
+    frame = build_scene(settings.recipe(2), settings)
     labels = frame.rays.labels(frame.camera, frame.world_from_camera)
     raw = capture_depth(frame, 5)
     hand, glass = (mask & (raw > 0) for mask in (labels.hand_mask, labels.object_mask))

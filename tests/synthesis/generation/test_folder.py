@@ -8,7 +8,7 @@ import pytest
 
 from hadr.data.frame import frame_file_names
 from hadr.synthesis.generation.folder import SETTINGS_FILE, generation_folder, settings_record
-from hadr.synthesis.generation.presets import PRESETS, GenerationSettings
+from hadr.synthesis.generation.settings import PRESETS, GenerationSettings
 
 SETTINGS = GenerationSettings(width=64, height=36, quality="fast")
 

@@ -10,7 +10,7 @@ import trimesh
 
 from hadr.camera import Intrinsics, ray_directions
 from hadr.synthesis.generation.frames import build_scene
-from hadr.synthesis.generation.recipes import frame_recipe
+from hadr.synthesis.generation.settings import GenerationSettings
 from hadr.synthesis.glass.surfaces import Surface
 from hadr.synthesis.holding.hold import Hold
 from hadr.synthesis.rendering import photo
@@ -52,8 +52,8 @@ def light_of(value) -> Environment:
 
 @pytest.fixture(scope="module")
 def held():
-    recipe = frame_recipe(0)
-    return build_scene(recipe, 0, 64, 36, "fast", recordings=RECORDINGS)
+    settings = GenerationSettings(width=64, height=36, quality="fast", recordings=str(RECORDINGS))
+    return build_scene(settings.recipe(0), settings)
 
 
 # Energy --------------------------------------------------------------------------------------

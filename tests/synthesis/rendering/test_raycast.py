@@ -4,7 +4,7 @@ import trimesh
 
 from hadr.camera import Intrinsics, project, ray_directions
 from hadr.synthesis.generation.frames import build_scene
-from hadr.synthesis.generation.recipes import frame_recipe
+from hadr.synthesis.generation.settings import GenerationSettings
 from hadr.synthesis.glass.surfaces import Surface
 from hadr.synthesis.rendering.optics import GLASS_INDEX, reflect, refract
 from hadr.synthesis.rendering.raycast import GLASS, HAND, SURROUNDINGS, Surroundings
@@ -151,7 +151,8 @@ def test_overlapping_bodies_count_as_one():
 
 @pytest.fixture(scope="module")
 def scene():
-    return build_scene(frame_recipe(0), 0, 160, 90, "fast")
+    settings = GenerationSettings(width=160, height=90, quality="fast")
+    return build_scene(settings.recipe(0), settings)
 
 
 def test_masks_are_disjoint_and_both_are_seen(scene):
