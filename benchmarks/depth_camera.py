@@ -31,8 +31,8 @@ from hadr.synthesis.glass.objects import OBJECTS, bodies
 from hadr.synthesis.glass.surfaces import Surface
 from hadr.synthesis.hand.mesh import HandMesh
 from hadr.synthesis.holding.hold import make_hold
-from hadr.synthesis.rendering.raycast import Surroundings
-from hadr.synthesis.rendering.shading import RayScene
+from hadr.synthesis.rendering.shading import RayTracer
+from hadr.synthesis.scene.contents import Contents, Surroundings
 from hadr.synthesis.scene.scene import Scene, look_at
 from hadr.synthesis.textures.families import picture_number
 
@@ -169,9 +169,9 @@ def table_scene(seed: int, camera: Intrinsics) -> Scene:
     target = np.array([0.0, 0.06, 0.02])
     eye = target + distance * np.array([0.0, -np.cos(height), np.sin(height)])
     pose = look_at(eye, target, 0.0)
-    rays = RayScene(_boxes(rng), tuple(glass), surroundings=around)
+    contents = Contents(_boxes(rng), tuple(glass), surroundings=around)
     hold = make_hold("0000", 0, 0)
-    return Scene(rays, camera, pose, np.zeros((21, 3)), np.zeros((22, 3)), np.eye(4), hold)
+    return Scene(contents, camera, pose, np.zeros((21, 3)), np.zeros((22, 3)), np.eye(4), hold)
 
 
 def _boxes(rng: np.random.Generator) -> HandMesh:
@@ -202,7 +202,7 @@ def simulated(
     """Errors of simulated frames, and the processor time of one capture, seconds."""
     found, spent = [], 0.0
     for number, scene in enumerate(scenes):
-        labels = scene.rays.labels(scene.camera, scene.world_from_camera)
+        labels = RayTracer(scene.contents).labels(scene.camera, scene.world_from_camera)
         start = time.process_time()
         raw = capture_depth(scene, seed + number, camera)
         spent += time.process_time() - start
@@ -216,7 +216,7 @@ def analytic(scenes: list[Scene], seed: int) -> list[dict[str, float]]:
     found = []
     rng = np.random.default_rng(seed)
     for scene in scenes:
-        labels = scene.rays.labels(scene.camera, scene.world_from_camera)
+        labels = RayTracer(scene.contents).labels(scene.camera, scene.world_from_camera)
         truth, glass = labels.depth, labels.object_mask
         raw = corrupt(truth, glass, scene.camera, rng, SENSOR, labels.background_depth)
         found.append(errors(raw, truth, glass, labels.hand_mask))

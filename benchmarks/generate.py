@@ -26,7 +26,7 @@ from hadr.synthesis.generation import frames as frame_rendering
 from hadr.synthesis.generation import generate as generating
 from hadr.synthesis.generation.generate import generate
 from hadr.synthesis.generation.settings import PRESETS, GenerationSettings
-from hadr.synthesis.rendering.shading import RayScene
+from hadr.synthesis.rendering.shading import RayTracer
 
 PAPER_FRAMES = 14100
 SIZES = {(256, 144): 12, (448, 252): 8, (1280, 720): 3}
@@ -34,8 +34,8 @@ SIZES = {(256, 144): 12, (448, 252): 8, (1280, 720): 3}
 PARTS = {
     "hold": ((frame_rendering, "recipe_hold"),),
     "scene": ((frame_rendering, "make_scene"),),
-    "labels": ((RayScene, "labels"),),
-    "picture": ((frame_rendering, "photograph"), (RayScene, "picture")),
+    "labels": ((RayTracer, "labels"),),
+    "picture": ((frame_rendering, "photograph"), (RayTracer, "picture")),
     "sensor": ((frame_rendering, "capture_depth"),),
     "files": ((generating, "write_frame"),),
 }

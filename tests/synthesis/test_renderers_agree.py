@@ -15,6 +15,8 @@ from hadr.synthesis.generation.frames import build_scene, render_frame
 from hadr.synthesis.generation.settings import GenerationSettings
 from hadr.synthesis.glass.surfaces import Surface
 from hadr.synthesis.rendering.raycast import RayCaster
+from hadr.synthesis.rendering.shading import RayTracer
+from hadr.synthesis.scene.contents import Contents
 
 WIDTH, HEIGHT = 160, 90
 SETTINGS = GenerationSettings(width=WIDTH, height=HEIGHT, quality="fast")
@@ -118,7 +120,7 @@ needs_mitsuba = pytest.mark.skipif(
 
 @needs_mitsuba
 def test_mitsuba_sees_the_depth_of_the_labels(scene):
-    labels = scene.rays.labels(scene.camera, scene.world_from_camera)
+    labels = RayTracer(scene.contents).labels(scene.camera, scene.world_from_camera)
     clear, everywhere = compare(mitsuba_depth(scene), labels)
     assert clear.max() < 0.0005
     # Single precision in Mitsuba; at an outline the two may take different sides.
@@ -127,8 +129,8 @@ def test_mitsuba_sees_the_depth_of_the_labels(scene):
 
 
 def test_opengl_sees_the_depth_of_the_labels(scene):
-    labels = scene.rays.labels(scene.camera, scene.world_from_camera)
-    depth = opengl_depth(scene.rays, scene.camera, scene.world_from_camera)
+    labels = RayTracer(scene.contents).labels(scene.camera, scene.world_from_camera)
+    depth = opengl_depth(RayCaster(scene.contents), scene.camera, scene.world_from_camera)
     clear, everywhere = compare(depth, labels)
     assert clear.max() < 0.0005
     assert np.median(everywhere) < 3e-5
@@ -145,7 +147,7 @@ def test_opengls_depth_of_a_steep_plane_is_that_of_the_pixel_centres():
     corners = [0.2 * normal + a * along + b * up for a, b in ((-3, -3), (3, -3), (3, 3), (-3, 3))]
     # One of the triangles looks away.
     face = Surface(np.array(corners), np.array([[0, 1, 2], [0, 3, 2]]), np.tile(-normal, (4, 1)))
-    depth = opengl_depth(RayCaster(None, (face,)), camera, np.eye(4))
+    depth = opengl_depth(RayCaster(Contents(None, (face,))), camera, np.eye(4))
     d = ray_directions(camera)
     exact = 0.2 / (d @ normal) * d[..., 2]
     seen = (exact > 0.06) & (exact < 1.5)

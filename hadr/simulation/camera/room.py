@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from hadr.records.caches import kept
 from hadr.simulation.world.scenes import MIDDLE
-from hadr.synthesis.rendering.raycast import Surroundings
+from hadr.synthesis.scene.contents import Surroundings
 from hadr.synthesis.scene.environments import make_lights
 from hadr.synthesis.scene.furnishing import UP, PictureChoice, natural_size, put_thing
 from hadr.synthesis.scene.lights import AreaLight, Environment
@@ -143,7 +143,7 @@ def with_parts(
     return Surroundings(
         surface,
         np.concatenate([room.uv, added.uv]),
-        np.concatenate([room.picture, added.picture]),
+        np.concatenate([room.texture, added.texture]),
         np.concatenate([room.tint, *tints]),
         np.concatenate([room.repeat, added.repeat]),
     )

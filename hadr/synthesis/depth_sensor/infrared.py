@@ -17,8 +17,8 @@ from scipy.spatial import cKDTree
 
 from hadr.records.caches import kept
 from hadr.synthesis.rendering.glass_paths import Ends, GlassPaths, Mirrors
-from hadr.synthesis.rendering.raycast import GLASS, HAND, SURROUNDINGS
-from hadr.synthesis.rendering.shading import RayScene
+from hadr.synthesis.rendering.raycast import GLASS, HAND, SURROUNDINGS, RayCaster
+from hadr.synthesis.scene.contents import Contents
 from hadr.synthesis.textures.families import sample
 from hadr.synthesis.textures.noise import SIZE
 
@@ -103,19 +103,21 @@ class InfraredScene:
     """A scene as infrared light sees it.
 
     Args:
-        rays: Its surfaces, and the light from far away.
+        contents: Its surfaces, and the light from far away.
         projector: The dot projector.
         position: The projector's place, world frame, metres, shape (3,).
-        turn: Its orientation: columns are its x, y and viewing axes in the world, shape (3, 3).
+        rotation: Its orientation: columns are its x, y and viewing axes in the world, (3, 3).
     """
 
-    def __init__(self, rays: RayScene, projector: Projector, position: Array, turn: Array) -> None:
-        self._rays, self._paths = rays, GlassPaths(rays)
-        self._projector, self._position, self._turn = projector, position, turn
+    def __init__(
+        self, contents: Contents, projector: Projector, position: Array, rotation: Array
+    ) -> None:
+        self._contents, self._paths = contents, GlassPaths(RayCaster(contents))
+        self._projector, self._position, self._rotation = projector, position, rotation
         self._packets = self._beams_through_glass()
 
     def _from_projector(self, tangents: Array) -> tuple[Array, Array]:
-        d = tangents / np.linalg.norm(tangents, axis=1, keepdims=True) @ self._turn.T
+        d = tangents / np.linalg.norm(tangents, axis=1, keepdims=True) @ self._rotation.T
         return np.broadcast_to(self._position, d.shape), d
 
     def _beams_through_glass(self) -> tuple[cKDTree, Array] | None:
@@ -156,7 +158,7 @@ class InfraredScene:
         lit = (hits.distance > distance * (1 - 2e-3) - 1e-3) & (facing > 0)
         light = np.zeros(len(points))
         strength = self._projector.strength * facing[lit] / distance[lit] ** 2
-        light[lit] = strength * self._pattern_at(away[lit] @ self._turn)
+        light[lit] = strength * self._pattern_at(away[lit] @ self._rotation)
         shaded = np.flatnonzero((self._paths.kind(hits.mesh) == GLASS) & ~lit)
         if self._packets is not None and len(shaded):
             tree, packets = self._packets
@@ -218,8 +220,8 @@ class InfraredScene:
         """Light from where there is no surface."""
         light = np.full(len(ends.row), _BEYOND)
         missed = np.flatnonzero(ends.mesh < 0)
-        if self._rays.environment is not None and len(missed):
-            color = self._rays.environment.radiance(ends.toward[missed])
+        if self._contents.environment is not None and len(missed):
+            color = self._contents.environment.radiance(ends.toward[missed])
             light[missed] = np.minimum(color @ _GREY, 2.0)
         return light
 
@@ -227,7 +229,7 @@ class InfraredScene:
         """Reflectance near 850 nm: paler and flatter than in colour; all skins are alike."""
         albedo = np.full(len(ends.row), 0.5)
         kind = self._paths.kind(ends.mesh)
-        around, hand = self._rays.surroundings, self._rays.hand
+        around, hand = self._contents.surroundings, self._contents.hand
         rows = np.flatnonzero(kind == SURROUNDINGS)
         if around is not None and len(rows):
             face = ends.face[rows]
@@ -236,7 +238,7 @@ class InfraredScene:
             uv = (1 - u - v) * around.uv[corners[:, 0]] + u * around.uv[corners[:, 1]]
             uv = uv + v * around.uv[corners[:, 2]]
             texels = 1.3 * ends.length[rows] * pixel / around.repeat[face] * SIZE
-            color = sample(around.picture[face], uv, texels, around.photographs) * around.tint[face]
+            color = sample(around.texture[face], uv, texels, around.photographs) * around.tint[face]
             albedo[rows] = 0.25 + 0.55 * np.clip(color @ _GREY, 0.0, 1.0)
         rows = np.flatnonzero(kind == HAND)
         if hand is not None and len(rows):

@@ -24,6 +24,7 @@ from hadr.synthesis.recordings.recording import (
 )
 from hadr.synthesis.rendering.child_process import call_in_child
 from hadr.synthesis.rendering.photo import photograph
+from hadr.synthesis.rendering.shading import RayTracer
 from hadr.synthesis.scene.backgrounds import find_backgrounds
 from hadr.synthesis.scene.scene import Scene, make_scene
 
@@ -127,7 +128,8 @@ def build_scene(recipe: FrameRecipe, settings: GenerationSettings) -> Scene:
 
 def draw_frame(scene: Scene, recipe: FrameRecipe, settings: GenerationSettings) -> Frame:
     """The frame of a scene: its picture, its exact labels and perhaps its raw depth."""
-    labels = scene.rays.labels(scene.camera, scene.world_from_camera)
+    tracer = RayTracer(scene.contents)
+    labels = tracer.labels(scene.camera, scene.world_from_camera)
     if settings.engine == "photo":
         color = photograph(
             scene,
@@ -137,7 +139,7 @@ def draw_frame(scene: Scene, recipe: FrameRecipe, settings: GenerationSettings) 
         )
     else:
         fine = settings.quality == "fine"
-        color = scene.rays.picture(
+        color = tracer.picture(
             scene.camera,
             scene.world_from_camera,
             np.random.default_rng([settings.seed, recipe.index, 5]) if fine else None,

@@ -66,7 +66,7 @@ class GenerationReport:
 
 def _skin_albedo(scene: Scene) -> list[float]:
     """The median reflectance of the hand, linear RGB."""
-    hand = scene.rays.hand
+    hand = scene.contents.hand
     return [] if hand is None else np.median(hand.albedo, axis=0).round(4).tolist()
 
 

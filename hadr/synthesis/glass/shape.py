@@ -37,7 +37,7 @@ class GlassObject:
         stem: Heights of the stem, metres, for a thing that has one.
         handle: Control points (r, z) of the handle's centre line; empty without a handle.
         handle_radius: Half of the handle's thickness, metres, in the plane of its line.
-        tint: Share of red, green and blue light that a centimetre of the material lets through.
+        transmittance: Of a centimetre of the material for red, green and blue light.
         handle_width: Half of the handle's breadth, metres, across that plane.
         reliefs: Facets, thread, spout or marks.
     """
@@ -50,7 +50,7 @@ class GlassObject:
     stem: tuple[float, float] | None = None
     handle: tuple[tuple[float, float], ...] = ()
     handle_radius: float = 0.0
-    tint: tuple[float, float, float] = (0.95, 0.975, 0.965)
+    transmittance: tuple[float, float, float] = (0.95, 0.975, 0.965)
     handle_width: float = 0.0
     reliefs: tuple[Relief, ...] = ()
 

@@ -14,11 +14,13 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from hadr.camera import ray_directions
+from hadr.camera import pixel_grid
 from hadr.synthesis.depth_sensor.sensor_noise import ColorCamera, develop
 from hadr.synthesis.generation.farm import one_thread
 from hadr.synthesis.rendering.mitsuba_scene import mitsuba_sensor, scene_to_mitsuba
 from hadr.synthesis.rendering.mitsuba_variant import LLVM, mitsuba
+from hadr.synthesis.rendering.raycast import rays_through
+from hadr.synthesis.rendering.shading import RayTracer
 from hadr.synthesis.scene.scene import Scene
 
 Light = npt.NDArray[np.float32]
@@ -75,25 +77,16 @@ def _one_order(mi: Any) -> AbstractContextManager[None]:
 def _look_through_glass(scene: Scene, albedo: Light) -> None:
     """Put the reflectance of what is behind glass into its pixels, from four rays each."""
     camera, pose = scene.camera, scene.world_from_camera
-    directions = ray_directions(camera).reshape(-1, 3) @ pose[:3, :3].T
-    glass = scene.rays.glass_alone(np.broadcast_to(pose[:3, 3], directions.shape), directions)
+    tracer = RayTracer(scene.contents)
+    glass = tracer.glass_alone(*rays_through(pixel_grid(camera).reshape(-1, 2), camera, pose))
     wide = cv2.dilate(glass.reshape(camera.shape).astype(np.uint8), np.ones((3, 3), np.uint8))
     v, u = np.nonzero(wide)
     if not len(v):
         return
     total = np.zeros((len(v), 3))
     for du, dv in ((-0.3, -0.1), (0.1, -0.3), (0.3, 0.1), (-0.1, 0.3)):
-        local = np.stack(
-            [
-                (u + du - camera.cx) / camera.fx,
-                (v + dv - camera.cy) / camera.fy,
-                np.ones(len(u)),
-            ],
-            axis=1,
-        )
-        local /= np.linalg.norm(local, axis=1, keepdims=True)
-        origins = np.broadcast_to(pose[:3, 3], local.shape)
-        total += scene.rays.reflectance(origins, local @ pose[:3, :3].T, 1.0 / camera.fx)
+        rays = rays_through(np.stack([u + du, v + dv], axis=1), camera, pose)
+        total += tracer.reflectance(*rays, 1.0 / camera.fx)
     albedo[v, u] = total / 4
 
 

@@ -6,20 +6,21 @@ World frame: metres, z up, the object near the origin. All surfaces of a scene a
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from hadr.camera import TRANSHAND_CAMERA, Intrinsics, ray_directions, transform_points
+from hadr.camera import TRANSHAND_CAMERA, Intrinsics, pixel_grid, transform_points
 from hadr.hand import forward_kinematics, keypoints_from_skeleton
 from hadr.synthesis.glass.objects import bodies, glass_object
 from hadr.synthesis.hand.mesh import SKIN_TONES, HandMesh, hand_mesh
 from hadr.synthesis.hand.signed_distance import FOREARM_LENGTH
 from hadr.synthesis.holding.hold import Hold
-from hadr.synthesis.rendering.shading import RayScene
+from hadr.synthesis.rendering.raycast import GLASS, HAND, RayCaster, rays_through
+from hadr.synthesis.scene.contents import Contents
 from hadr.synthesis.scene.environments import make_lights
 from hadr.synthesis.scene.surroundings import make_surroundings
 
@@ -36,7 +37,7 @@ class Scene:
     """Everything that a frame is drawn from.
 
     Args:
-        rays: The surfaces, lights and materials, world frame.
+        contents: The surfaces, lights and materials, world frame.
         camera: Intrinsics.
         world_from_camera: Pose of the OpenCV camera, shape (4, 4).
         keypoints: The 21 keypoints, world frame, metres, shape (21, 3).
@@ -45,7 +46,7 @@ class Scene:
         hold: The holding pose.
     """
 
-    rays: RayScene
+    contents: Contents
     camera: Intrinsics
     world_from_camera: Array
     keypoints: Array
@@ -97,7 +98,7 @@ def _place_hold(hold: Hold, rng: np.random.Generator) -> tuple[Array, Array]:
 class _Held:
     """What the camera is to look at: hand, glass and where the forearm goes."""
 
-    rays: RayScene
+    caster: RayCaster
     middle: Array
     wrist: Array
     elbow: Array
@@ -105,15 +106,14 @@ class _Held:
 
 def _view_score(held: _Held, small: Intrinsics, pose: Array, full: Intrinsics) -> float:
     """How well a view shows the glass in the hand; 1 is good, below 0.5 something is wrong."""
-    directions = ray_directions(small).reshape(-1, 3) @ pose[:3, :3].T
-    origins = np.broadcast_to(pose[:3, 3], directions.shape)
-    seen = held.rays.first_kind(origins, directions)
-    glass = held.rays.glass_alone(origins, directions)
-    share = (seen == 2).sum() / max(glass.sum(), 1)
+    rays = rays_through(pixel_grid(small).reshape(-1, 2), small, pose)
+    seen = held.caster.kind(held.caster.first(*rays).mesh)
+    glass = held.caster.glass_alone(*rays)
+    share = (seen == GLASS).sum() / max(glass.sum(), 1)
     border = glass.reshape(small.shape)
     cut = border[0].any() or border[-1].any() or border[:, 0].any() or border[:, -1].any()
-    hand = float((seen == 1).mean())
-    area = float((seen == 2).mean())
+    hand = float((seen == HAND).mean())
+    area = float((seen == GLASS).mean())
     score = min(share, 0.62) + 0.4 * min(area / 0.016, 1.0) - 0.8 * cut
     score -= 0.4 * (hand < 0.02) + 0.5 * (hand > 0.40) + 0.8 * (area == 0)
     # The elbow must lie outside of the picture, or behind the camera.
@@ -204,11 +204,12 @@ def make_scene(
     )
     wrist = world_from_wrist[:3, 3]
     elbow = wrist - world_from_wrist[:3, 1] * FOREARM_LENGTH * hold.shape.scale
-    held = _Held(RayScene(hand, glass, item.tint), middle, wrist, elbow)
+    contents = Contents(hand, glass, item.transmittance)
+    held = _Held(RayCaster(contents), middle, wrist, elbow)
     pose = _choose_camera(held, camera, rng)
     eye = pose[:3, 3]
     lowest = min(float(hand.surface.vertices[:, 2].min()), float(glass[0].vertices[:, 2].min()))
-    surroundings = make_surroundings(eye, middle, lowest, rng, tuple(backgrounds or ()))
+    surroundings = make_surroundings(eye, middle, lowest, rng, backgrounds)
     environment, lamps = make_lights(eye, middle, rng)
-    rays = RayScene(hand, glass, item.tint, surroundings, lamps=lamps, environment=environment)
-    return Scene(rays, camera, pose, keypoints, joints, world_from_object, hold)
+    contents = replace(contents, surroundings=surroundings, lamps=lamps, environment=environment)
+    return Scene(contents, camera, pose, keypoints, joints, world_from_object, hold)

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hadr.synthesis.glass.surfaces import Surface, revolve
-from hadr.synthesis.rendering.raycast import Surroundings
+from hadr.synthesis.scene.contents import Surroundings
 from hadr.synthesis.textures.families import pyramid
 
 Array = npt.NDArray[np.float64]

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from hadr.synthesis.rendering.raycast import Surroundings
+from hadr.synthesis.scene.contents import Surroundings
 from hadr.synthesis.scene.furnishing import (
     UP,
     PictureChoice,

@@ -4,7 +4,8 @@ import trimesh
 
 from hadr.synthesis.glass.surfaces import Surface
 from hadr.synthesis.rendering.glass_paths import GlassPaths
-from hadr.synthesis.rendering.raycast import GLASS, SURROUNDINGS, RayCaster, Surroundings
+from hadr.synthesis.rendering.raycast import GLASS, SURROUNDINGS, RayCaster
+from hadr.synthesis.scene.contents import Contents, Surroundings
 
 MIRRORED = ((1.5 - 1) / (1.5 + 1)) ** 2  # Fresnel at normal incidence: 4 %
 
@@ -29,7 +30,7 @@ def straight(x: float = 0.0) -> np.ndarray:
 
 
 def test_a_pane_lets_through_what_it_does_not_mirror():
-    paths = GlassPaths(RayCaster(None, (pane(0.5, 0.6),), wall(2.0)))
+    paths = GlassPaths(RayCaster(Contents(None, (pane(0.5, 0.6),), surroundings=wall(2.0))))
     ends, mirrors = paths.follow(np.zeros((1, 3)), straight())
     on_wall = ends.mesh >= 0
     main = ends.weight[on_wall].max()
@@ -45,7 +46,9 @@ def test_a_pane_lets_through_what_it_does_not_mirror():
 @pytest.mark.parametrize("x", [0.0, 0.3, 0.8])
 def test_a_pane_moves_a_ray_aside_by_snells_law(x):
     thickness = 0.1
-    paths = GlassPaths(RayCaster(None, (pane(0.5, 0.5 + thickness),), wall(2.0)))
+    paths = GlassPaths(
+        RayCaster(Contents(None, (pane(0.5, 0.5 + thickness),), surroundings=wall(2.0)))
+    )
     d = straight(x)
     ends, _ = paths.follow(np.zeros((1, 3)), d)
     point = ends.point[np.argmax(ends.weight)]
@@ -57,7 +60,7 @@ def test_a_pane_moves_a_ray_aside_by_snells_law(x):
 
 
 def test_without_glass_a_ray_has_one_end():
-    paths = GlassPaths(RayCaster(None, (), wall(2.0)))
+    paths = GlassPaths(RayCaster(Contents(None, (), surroundings=wall(2.0))))
     assert not paths.has_glass
     ends, mirrors = paths.follow(np.zeros((3, 3)), np.repeat(straight(), 3, axis=0))
     np.testing.assert_array_equal(ends.row, [0, 1, 2])
@@ -68,14 +71,16 @@ def test_without_glass_a_ray_has_one_end():
 
 
 def test_an_empty_scene_has_no_surface():
-    hits = GlassPaths(RayCaster(None, ())).first(np.zeros((2, 3)), np.repeat(straight(), 2, axis=0))
+    hits = GlassPaths(RayCaster(Contents(None, ()))).first(
+        np.zeros((2, 3)), np.repeat(straight(), 2, axis=0)
+    )
     assert (hits.mesh == -1).all()
     assert np.isinf(hits.distance).all()
 
 
 def test_total_reflection_keeps_the_light_inside():
     """From inside the pane at 60 degrees to the normal, beyond the critical 41.8 degrees."""
-    paths = GlassPaths(RayCaster(None, (pane(0.5, 0.6),), wall(2.0)))
+    paths = GlassPaths(RayCaster(Contents(None, (pane(0.5, 0.6),), surroundings=wall(2.0))))
     d = np.array([[np.sin(np.pi / 3), 0.01, np.cos(np.pi / 3)]])
     d /= np.linalg.norm(d)
     origins = np.array([[0.0, 0, 0.55]])
