@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from torch.nn.functional import interpolate
 
 from hadr.data.samples import open_samples
-from hadr.models.blocks.pyramid_head import resize
 from hadr.models.hadr import HADR, ray_points
 from hadr.ray_voxels import pair_of_true_point
 from hadr.records.provenance import machine_text, provenance
@@ -134,7 +134,9 @@ def least_error_of_a_quarter(frames: FrameTensors, steps: int = 1500) -> float:
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps)
     error = torch.zeros(())
     for _ in range(steps):
-        miss = (resize(coarse, (height, width))[:, 0] - true).abs()
+        miss = (
+            interpolate(coarse, (height, width), mode="bilinear", align_corners=False)[:, 0] - true
+        ).abs()
         error = torch.stack(
             [one[there].mean() for one, there in zip(miss, mask, strict=True)]
         ).mean()

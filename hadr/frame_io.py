@@ -17,6 +17,7 @@ import zlib
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 import cv2
@@ -27,6 +28,7 @@ from hadr.camera import BoolArray, FloatArray, Intrinsics, back_project, valid_d
 
 DEFAULT_DEPTH_SCALE = 0.001
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_QUIET = Lock()
 
 
 def read_color(path: str | Path) -> NDArray[np.uint8]:
@@ -94,7 +96,7 @@ def _read_exr(path: Path, name: str) -> NDArray[Any]:
 
     _check_file(path, name)
     try:
-        with _quiet():
+        with quiet():
             channels = OpenEXR.File(str(path), separate_channels=True).channels()
         stored: NDArray[Any] = channels.get("Z", next(iter(channels.values()))).pixels
     except (RuntimeError, ValueError, StopIteration) as error:
@@ -106,17 +108,18 @@ def _read_exr(path: Path, name: str) -> NDArray[Any]:
 
 
 @contextmanager
-def _quiet() -> Iterator[None]:
+def quiet() -> Iterator[None]:
     """Hold back what a compiled library prints; its error reaches the user as one sentence."""
-    sys.stderr.flush()
-    kept = os.dup(2)
-    try:
-        with open(os.devnull, "wb") as nowhere, redirect_stdout(io.StringIO()):
-            os.dup2(nowhere.fileno(), 2)
-            yield
-    finally:
-        os.dup2(kept, 2)
-        os.close(kept)
+    with _QUIET:  # of two threads the second would put the first one's silence back
+        sys.stderr.flush()
+        kept = os.dup(2)
+        try:
+            with open(os.devnull, "wb") as nowhere, redirect_stdout(io.StringIO()):
+                os.dup2(nowhere.fileno(), 2)
+                yield
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
 
 
 def read_mask(path: str | Path, name: str = "mask") -> BoolArray:
@@ -255,7 +258,7 @@ def finished_folder(
         NotADirectoryError: There is a file of that name.
     """
     target = Path(folder).absolute()
-    check_output_folder(target, may_replace)
+    check_replaceable(target, may_replace)
     target.parent.mkdir(parents=True, exist_ok=True)
     draft = Path(tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent))
     try:
@@ -263,7 +266,7 @@ def finished_folder(
         os.umask(umask)
         draft.chmod(0o777 & ~umask)
         yield draft
-        check_output_folder(target, may_replace)
+        check_replaceable(target, may_replace)
         if target.exists():
             former = Path(tempfile.mkdtemp(prefix=f".{target.name}-former-", dir=target.parent))
             os.rename(target, former / target.name)
@@ -280,7 +283,7 @@ def finished_folder(
         shutil.rmtree(draft, ignore_errors=True)
 
 
-def check_output_folder(folder: Path, may_replace: Collection[str] | None = None) -> None:
+def check_replaceable(folder: Path, may_replace: Collection[str] | None = None) -> None:
     """Raise where `finished_folder` would refuse, before any work is done."""
     for place in (folder, *folder.absolute().parents):
         if place.exists() and not place.is_dir():

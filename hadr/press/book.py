@@ -14,7 +14,8 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -193,18 +194,13 @@ def stage_book(
         if any(token in text for text in pages.values()):
             words[token] = make(results)
     for page, text in pages.items():
-        filled = _fill(text, words)
-        if left := re.search(r"\{\{[A-Z_]+\}\}", filled):
+        for token, word in words.items():
+            text = text.replace(token, word)
+        if left := re.search(r"\{\{[A-Z_]+\}\}", text):
             raise ValueError(f"{page.name} has {left.group()}, which nothing fills")
-        page.write_text(filled, encoding="utf-8")
+        page.write_text(text, encoding="utf-8")
     _drop_absent_chapters(target)
     return target
-
-
-def _fill(text: str, words: Mapping[str, str]) -> str:
-    for token, word in words.items():
-        text = text.replace(token, word)
-    return text
 
 
 def repository_address(book: Path) -> str:
@@ -267,13 +263,11 @@ def update_readme(readme: Path, table: str) -> None:
     Raises:
         ValueError: The markers are missing.
     """
-    text = readme.read_text(encoding="utf-8")
-    if TABLE_BEGIN not in text or TABLE_END not in text:
+    before, begin, rest = readme.read_text(encoding="utf-8").partition(TABLE_BEGIN)
+    _, end, after = rest.partition(TABLE_END)
+    if not end:
         raise ValueError(f"{readme} has no lines {TABLE_BEGIN!r} and {TABLE_END!r}")
-    before, rest = text.split(TABLE_BEGIN, 1)
-    after = rest.split(TABLE_END, 1)[1]
-    new = f"{before}{TABLE_BEGIN}\n{table}\n{TABLE_END}{after}"
-    readme.write_text(new, encoding="utf-8")
+    readme.write_text(f"{before}{begin}\n{table}\n{end}{after}", encoding="utf-8")
 
 
 def readme_table(build: Path, root: Path) -> str:
@@ -347,7 +341,7 @@ def run(args: argparse.Namespace) -> int:
     Returns:
         0 when the book stands; 2 when a chapter or the build failed.
     """
-    root = checkout_root()
+    root, say = checkout_root(), partial(print, flush=True)
     try:
         build = check_output_folder(args.build)
         if args.readme_times:
@@ -361,10 +355,10 @@ def run(args: argparse.Namespace) -> int:
         if args.html_only:
             runs = _runs_of_last_time(build, paths)
         else:
-            print(f"executing {len(paths)} notebooks, preset {args.preset}", flush=True)
-            runs = run_notebooks(paths, build, preset=args.preset, seed=args.seed, say=_say)
-            keep_results(build, every, args.preset, args.seed, say=_say)
-        print("building the HTML book", flush=True)
+            say(f"executing {len(paths)} notebooks, preset {args.preset}")
+            runs = run_notebooks(paths, build, preset=args.preset, seed=args.seed, say=say)
+            keep_results(build, every, args.preset, args.seed, say=say)
+        say("building the HTML book")
         staged = stage_book(root / "book", runs, build / "book")
         index = build_html(staged, build / "html", strict=not args.only)
     except (ChapterError, RuntimeError, ValueError, OSError) as error:
@@ -374,10 +368,6 @@ def run(args: argparse.Namespace) -> int:
     print(f"everything took {seconds_text(time.perf_counter() - started)} on {machine_text()}")
     print(f"the book: {index}")
     return 0
-
-
-def _say(line: str) -> None:
-    print(line, flush=True)
 
 
 def _runs_of_last_time(build: Path, paths: Sequence[Path]) -> list[ChapterRun]:

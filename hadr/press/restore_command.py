@@ -202,7 +202,7 @@ def run(arguments: argparse.Namespace) -> int:
     """
     from hadr.camera import load_intrinsics
     from hadr.frame_io import (
-        check_output_folder,
+        check_replaceable,
         finished_folder,
         read_color,
         read_depth,
@@ -222,7 +222,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     started = time.perf_counter()
     replaceable = tuple(OUTPUTS) if arguments.overwrite else None
-    check_output_folder(Path(arguments.out), replaceable)
+    check_replaceable(Path(arguments.out), replaceable)
     color = read_color(arguments.rgb)
     depth = read_depth(arguments.depth, arguments.depth_scale)
     camera = load_intrinsics(arguments.intrinsics)

@@ -2,7 +2,7 @@
 
 import os
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Any
@@ -35,8 +35,8 @@ def arrays(value: Any) -> Iterator[np.ndarray]:
     elif is_dataclass(value):
         for field in fields(value):
             yield from arrays(getattr(value, field.name))
-    elif isinstance(value, tuple | list | dict):
-        for part in value.values() if isinstance(value, dict) else value:
+    elif isinstance(value, tuple | list | Mapping):
+        for part in value.values() if isinstance(value, Mapping) else value:
             yield from arrays(part)
 
 
@@ -64,6 +64,13 @@ def test_what_the_library_keeps_cannot_be_changed_in_place(name: str) -> None:
     for array in found:
         with pytest.raises(ValueError, match="read-only"):
             array *= 2
+
+
+def test_the_dictionaries_of_a_kept_hold_cannot_be_changed_in_place() -> None:
+    hold = make_hold("0000", 0)
+    for words in (hold.gaps, hold.shape.roots, hold.shape.lengths, hold.shape.fan):
+        with pytest.raises(TypeError, match="does not support item assignment"):
+            words["thumb"] = 1  # type: ignore[index]
 
 
 @dataclass(frozen=True)

@@ -129,7 +129,7 @@ def _refine(
         return np.asarray(cv2.GaussianBlur(image * known, (0, 0), how.window), dtype=np.float32)
 
     refined = disparity.copy()
-    rise = cv2.remap(slope, u - refined, v, cv2.INTER_LINEAR)
+    rise = cv2.remap(slope, u - refined, v, cv2.INTER_LINEAR)  # for `strong`, without iterations
     for _ in range(how.iterations):
         there = cv2.remap(second, u - refined, v, cv2.INTER_CUBIC)
         rise = cv2.remap(slope, u - refined, v, cv2.INTER_LINEAR)

@@ -5,9 +5,11 @@ from __future__ import annotations
 import importlib.util
 import logging
 import re
+import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
 from threading import Lock
 from typing import Any, TypeVar
 
@@ -40,7 +42,8 @@ def check_workers(workers: int, scheduler: str | None = None) -> None:
         scheduler: Address of a Dask cluster that takes the tasks instead, or None.
 
     Raises:
-        ValueError: ``workers`` is not positive, both are asked for, or Dask is not installed.
+        ValueError: ``workers`` is not positive, both are asked for, Dask is not installed, or the
+            script that asks has no guard against being run again by each worker.
     """
     if workers < 1:
         raise ValueError(f"workers must be at least 1, got {workers}")
@@ -55,6 +58,14 @@ def check_workers(workers: int, scheduler: str | None = None) -> None:
             if scheduler is None
             else "a cluster needs Dask, which is not installed: pip install 'hadr[generate]'"
         )
+    script = getattr(sys.modules["__main__"], "__file__", None)
+    if workers > 1 and script and Path(script).suffix == ".py":
+        with suppress(OSError):
+            if b"__main__" not in Path(script).read_bytes():
+                raise ValueError(
+                    f"each of {workers} workers runs {script} from its top: put what it does under "
+                    '`if __name__ == "__main__":`, or choose 1 worker'
+                )
 
 
 @contextmanager

@@ -15,7 +15,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import cv2
 import numpy as np
@@ -35,10 +35,20 @@ from hadr.synthesis.generation.frames import (
 from hadr.synthesis.generation.settings import (
     FrameRecipe,
     GenerationSettings,
+    Variant,
     recipes_by_hold,
 )
 from hadr.synthesis.glass.objects import glass_object
-from hadr.synthesis.rendering.mitsuba_variant import LLVM, SCALAR, check_variant, mitsuba_variant
+from hadr.synthesis.rendering.mitsuba_variant import (
+    LLVM,
+    REMEDY,
+    SCALAR,
+    VARIANT_VARIABLE,
+    check_variant,
+    mitsuba_variant,
+    wanted_variant,
+    why_not_llvm,
+)
 from hadr.synthesis.scene.backgrounds import check_backgrounds
 from hadr.synthesis.scene.scene import Scene
 
@@ -113,20 +123,25 @@ def _make_frame(recipe: FrameRecipe, root: Path, settings: GenerationSettings) -
     return time.perf_counter() - start
 
 
-def _chosen_variant(settings: GenerationSettings, root: Path, client: Any) -> str:
+def _chosen_variant(settings: GenerationSettings, root: Path, client: Any) -> Variant:
     """The variant asked for, else that of the folder's frames, else the fastest for all workers.
 
     Each worker of a cluster finds out for itself what it can use.
     """
-    recorded = recorded_settings(root).get("variant")
-    variant = settings.variant or recorded
+    recorded, wanted = recorded_settings(root).get("variant"), wanted_variant()
+    variant = settings.variant or wanted or recorded
+    if settings.variant is None and recorded not in (None, variant):
+        raise ValueError(
+            f"{VARIANT_VARIABLE} is {wanted!r}, but the frames in {root} are made with {recorded!r}"
+            ": unset it, or choose another folder"
+        )
     if variant is None:
         told = {} if client is None else client.run(mitsuba_variant)
         usable = set(told.values()) or {mitsuba_variant()}
         variant = SCALAR if SCALAR in usable else LLVM
     if client is None and variant != recorded:  # there may be nothing left to draw
         check_variant(variant)
-    return str(variant)
+    return cast(Variant, variant)
 
 
 def generate(
@@ -155,14 +170,15 @@ def generate(
 
     Raises:
         ValueError: A value is out of range, something is not installed, a photograph or Mitsuba's
-            variant can't be used, or the folder holds frames of other settings.
+            variant can't be used, the folder holds frames of other settings, or a script asks for
+            workers outside of ``if __name__ == "__main__":``.
         OSError: The folder can't be written, the disk is full, or workers died.
     """
     if n_frames < 1:
         raise ValueError(f"the number of frames must be at least 1, got {n_frames}")
     check_workers(workers, scheduler)
     check_engine(settings)
-    start, root = time.perf_counter(), Path(root)
+    start, root, asked = time.perf_counter(), Path(root), settings.variant
     # Workers of a cluster start elsewhere.
     settings = replace(
         settings,
@@ -182,6 +198,11 @@ def generate(
             whole = whole_frames(root, recipes, settings)
             todo = [r for r in recipes if r.index not in whole]
             kept = n_frames - len(todo)
+            slow = settings.variant == SCALAR and not (asked or client or wanted_variant())
+            if slow and progress and todo:
+                why = why_not_llvm()
+                why = f"{why}; to become faster, {REMEDY}" if why else f"as all frames in {root}"
+                print(f"drawing with Mitsuba's slower variant {SCALAR}: {why}", flush=True)
             make = partial(_make_frames, root=root.absolute(), settings=settings)
             bar = tqdm(total=n_frames, initial=kept, unit="frame", disable=not progress)
             with bar:

@@ -12,6 +12,8 @@ from hadr.data.frame import Normals
 from hadr.data.splits import UNKNOWN_OBJECTS
 from hadr.synthesis.glass.objects import OBJECTS, glass_object
 
+Variant = Literal["llvm_ad_rgb", "scalar_rgb"]
+
 #: Ratio of training, validation and testing frames (paper, section IV-A).
 _RATIO = (0.7, 0.2, 0.1)
 _HOLD_CYCLE = ("train", "train", "test", "train", "val", "train", "train", "train", "val", "train")
@@ -96,7 +98,7 @@ class GenerationSettings:
     width: int = 448
     height: int = 252
     engine: Literal["photo", "raycast"] = "raycast"
-    variant: Literal["llvm_ad_rgb", "scalar_rgb"] | None = None
+    variant: Variant | None = None
     samples: int = 8
     quality: Literal["fast", "fine"] = "fine"
     sensor: bool = False

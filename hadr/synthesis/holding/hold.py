@@ -8,6 +8,7 @@ A pose is built as a right hand's: the object is placed as the kind of hold want
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -58,7 +59,7 @@ class Hold:
     shape: HandShape
     angles: Array
     wrist_from_object: Array
-    gaps: dict[str, float]
+    gaps: Mapping[str, float]
 
     @property
     def touching(self) -> tuple[str, ...]:

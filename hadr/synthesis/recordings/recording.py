@@ -12,7 +12,7 @@ import io
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -79,8 +79,7 @@ class Recording:
             self.wrist_from_object[row],
             {},
         )
-        hold.gaps.update(check_hold(hold).gaps)
-        return hold
+        return replace(hold, gaps=check_hold(hold).gaps)
 
 
 def find_recordings(folder: str | Path) -> list[Path]:

@@ -3,6 +3,7 @@
 import importlib.util
 import os
 import platform
+import subprocess
 import sys
 import time
 
@@ -102,6 +103,18 @@ def test_a_worker_that_dies_is_named_and_nobody_else_can_reach_the_cluster(tmp_p
         message = r"workers died over one task.* at tcp://127\.0\.0\.1:\d+: .*killed by signal 6"
         with pytest.raises(ChildProcessError, match=message):
             next(results)
+
+
+@needs_dask
+def test_a_script_without_a_guard_is_refused_in_one_sentence(tmp_path):
+    script = tmp_path / "mine.py"
+    for guard, status in (("if True", 1), ('if __name__ == "__main__"', 0)):
+        script.write_text(
+            f"from hadr.synthesis.generation.farm import check_workers as f\n{guard}: f(2)\n"
+        )
+        done = subprocess.run([sys.executable, script], capture_output=True, text=True, check=False)
+        assert done.returncode == status, done.stderr
+        assert ("runs " + str(script) + " from its top" in done.stderr) == bool(status)
 
 
 @needs_dask

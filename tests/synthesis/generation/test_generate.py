@@ -5,7 +5,7 @@ import os
 import shutil
 import subprocess
 import sys
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 import pytest
 
+from hadr import __version__
 from hadr.camera import back_project, transform_points
 from hadr.cli import main
 from hadr.data.frame import frame_log_path
@@ -386,11 +387,54 @@ def test_a_path_traced_frame_does_not_depend_on_those_made_before(tmp_path, monk
     assert json.loads((tmp_path / "one/generation.json").read_text()) == record
 
 
+@pytest.mark.parametrize("variable", ["llvm_ad_rgb", "cuda_ad_rgb"])
+def test_a_variable_that_contradicts_the_folder_is_refused(tmp_path, monkeypatch, variable):
+    settings = GenerationSettings(engine="photo", width=48, height=27)
+    record = {"hadr": __version__, **asdict(settings), "variant": "scalar_rgb"}
+    (tmp_path / "generation.json").write_text(json.dumps(record))
+    log = tmp_path / "train/0000/depth/log_json/000000.json"
+    log.parent.mkdir(parents=True)
+    log.touch()
+    (log.parents[1] / "depth_npy").mkdir()
+    (log.parents[1] / "depth_npy/000001.npy").touch()  # of a frame that was not finished
+    before = sorted(tmp_path.rglob("*"))
+    monkeypatch.setenv("HADR_MITSUBA_VARIANT", variable)
+    pytest.importorskip("mitsuba", reason="path-traced pictures need hadr[generate]")
+    with pytest.raises(ValueError, match=f"HADR_MITSUBA_VARIANT .*'{variable}'") as raised:
+        generate(tmp_path, 1, settings)
+    assert "scalar_rgb" in str(raised.value)
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_the_command_says_why_it_is_slow_and_what_helps(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("mitsuba", reason="path-traced pictures need hadr[generate]")
+    monkeypatch.delenv("HADR_MITSUBA_VARIANT", raising=False)
+    for module in ("generation.generate", "rendering.mitsuba_variant"):
+        name = f"hadr.synthesis.{module}.why_not_llvm"
+        monkeypatch.setattr(name, lambda: "LLVM 15.0.6 is too old")
+    monkeypatch.setattr(
+        "hadr.synthesis.generation.generate._make_frames", lambda recipes, **_: [0.0]
+    )
+    words = ["generate", str(tmp_path), "--frames", "1", "--workers", "1", "--engine"]
+    sentence = (
+        "drawing with Mitsuba's slower variant scalar_rgb: LLVM 15.0.6 is too old; to become "
+        "faster, install LLVM 17 or newer (on Debian: apt install libllvm19)\n"
+    )
+    for more, told in (
+        (["photo"], True),
+        (["photo", "--variant", "scalar_rgb"], False),  # as was asked for
+        (["raycast"], False),
+    ):
+        assert main([*words, *more]) == 0
+        assert (sentence in capsys.readouterr().out) == told
+
+
 def test_one_variant_for_all_workers_of_a_cluster(tmp_path, monkeypatch):
     def chosen(answers, **more):
         client = SimpleNamespace(run=lambda function: dict(enumerate(answers)))
         return _chosen_variant(GenerationSettings(engine="photo", **more), tmp_path, client)
 
+    monkeypatch.delenv("HADR_MITSUBA_VARIANT", raising=False)
     monkeypatch.setattr("hadr.synthesis.generation.generate.mitsuba_variant", lambda: "scalar_rgb")
     assert chosen(["llvm_ad_rgb", "llvm_ad_rgb"]) == "llvm_ad_rgb"
     assert chosen(["llvm_ad_rgb", "scalar_rgb"]) == "scalar_rgb"
