@@ -1,14 +1,17 @@
 import json
 import subprocess
 import sys
+from dataclasses import dataclass, field
+from typing import Literal
 
 import cv2
 import numpy as np
 import pytest
 import trimesh
+import tyro
 
 from hadr import __version__
-from hadr.cli import COMMANDS, main
+from hadr.cli import COMMANDS, command_parser, main
 from hadr.frame_io import read_depth, read_mask
 
 OUTPUTS = [
@@ -298,6 +301,82 @@ def test_wrong_calls(capsys) -> None:
     assert capsys.readouterr().out == f"hadr {__version__}\n"
     assert main([]) == 2
     assert "usage: hadr COMMAND" in capsys.readouterr().out
+
+
+@dataclass(frozen=True)
+class Leaves:
+    """What is brewed."""
+
+    kind: Literal["green", "black"] = "green"
+    """The tea."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """Make tea.
+
+    Two lines of prose that stand
+    as they are.
+    """
+
+    pot: tyro.conf.Positional[str]
+    """Which pot."""
+    minutes: float | None = None
+    """How long, minutes."""
+    sweet: bool = False
+    """With sugar."""
+    leaves: tyro.conf.OmitArgPrefixes[Leaves] = field(default_factory=Leaves)
+
+
+EPILOG = """
+examples
+  hadr brew blue --minutes 3"""
+
+
+def run(options: Options) -> int:
+    print(options)
+    return 7
+
+
+def test_a_command_of_options(capsys, monkeypatch) -> None:
+    monkeypatch.setitem(COMMANDS, "brew", (__name__, "make tea"))
+    assert main(["brew", "blue", "--minutes", "3", "--sweet", "--kind", "black"]) == 7
+    assert capsys.readouterr().out == f"{Options('blue', 3.0, True, Leaves('black'))}\n"
+    assert main(["brew", "blue"]) == 7
+    assert capsys.readouterr().out == f"{Options('blue')}\n"
+
+    with pytest.raises(SystemExit) as left:
+        main(["brew", "--help"])
+    assert left.value.code == 0
+    shown = capsys.readouterr().out
+    assert "that stand\nas they are.\n" in shown
+    assert "--minutes FLOAT" in shown
+    assert "How long, minutes. (default: unset)" in shown
+    assert "--kind {green,black}" in shown
+    assert shown.endswith("hadr brew blue --minutes 3\n")
+    assert max(len(line) for line in shown.splitlines()) <= 80
+
+    for word, said in (("a", "convert string to float: 'a'"), ("None", "'None'")):
+        with pytest.raises(SystemExit) as left:
+            main(["brew", "blue", "--minutes", word])
+        assert left.value.code == 2
+        assert said in capsys.readouterr().err
+    for words, said in (
+        (["blue", "--kind", "red"], "invalid choice 'red'"),
+        (["blue", "--heat"], "--heat"),
+        ([], "POT"),
+    ):
+        with pytest.raises(SystemExit) as left:
+            main(["brew", *words])
+        assert left.value.code == 2
+        assert said in capsys.readouterr().err
+
+    parser = command_parser("brew")
+    assert parser.description == "Make tea.\n\nTwo lines of prose that stand\nas they are."
+    assert parser.epilog == EPILOG
+    told = {action.dest: action.help for action in parser._actions}
+    assert told["minutes"] == "How long, minutes. (default: unset)"
+    assert told["leaves.kind"] == "The tea. (default: green)"
 
 
 def test_errors_in_a_real_process_have_no_traceback(frame) -> None:
