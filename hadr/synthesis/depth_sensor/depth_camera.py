@@ -135,7 +135,8 @@ def infrared_pair(scene: Scene, seed: int, camera: StereoCamera | None = None) -
         rays_through(left, imager, pose, camera.left_imager),
         rays_through(right, imager, pose, camera.left_imager + camera.baseline),
     )
-    light = infrared.radiance(*map(np.concatenate, zip(*rays, strict=True)), 1.0 / imager.fx)
+    origins, directions = (np.concatenate(both) for both in zip(*rays, strict=True))
+    light = infrared.radiance(origins, directions, 1.0 / imager.fx)
     rng = np.random.default_rng([seed, 435])
     gain = camera.exposure / max(float(np.minimum(light, 2.0).mean()), 1e-3)
     pictures = []

@@ -72,7 +72,7 @@ def _hand(mi: Any, hand: HandMesh) -> Any:
     return mesh
 
 
-def _glass(mi: Any, number: int, body: Surface, transmittance: tuple[float, float, float]) -> Any:
+def _glass(mi: Any, number: int, body: Surface, transmittance: tuple[float, ...]) -> Any:
     # A wall of two millimetres absorbs half of what it does at each of its two surfaces.
     passed = [float(t) ** 0.1 for t in transmittance]
     glass = mi.load_dict(

@@ -1,9 +1,13 @@
-"""Rays that cross glass: bent and split at each interface, dimmed inside."""
+"""Rays that cross glass: bent by Snell's law, split by Fresnel's equations, dimmed inside.
+
+`hadr.synthesis.rendering.raycast` finds the first surface along a ray; here a ray goes on through
+glass, and what passes and what is mirrored is followed to where it ends on something opaque.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -12,8 +16,11 @@ from hadr.synthesis.rendering.optics import GLASS_INDEX, reflect, refract
 from hadr.synthesis.rendering.raycast import GLASS, Hits, RayCaster
 
 Array = npt.NDArray[np.float64]
+Columns = TypeVar("Columns", "Beams", Hits)
 
 _NUDGE = 2e-6
+#: Rays that carry less of their light than this are not followed to all of their ends.
+FAINTEST = 0.015
 
 
 @dataclass(frozen=True)
@@ -23,7 +30,7 @@ class Beams:
     Args:
         origin: World frame, metres, shape (N, 3).
         direction: Unit directions of travel, shape (N, 3).
-        weight: Of red, green and blue, what is left, shape (N, 3).
+        weight: What is left of each colour, shape (N, 3), or of a single one, (N, 1).
         travelled: Length of the way so far, metres, shape (N,).
         inside: How many glass bodies the origin is in, shape (N,).
         row: Which ray of the first ones it is, shape (N,).
@@ -37,12 +44,12 @@ class Beams:
     row: npt.NDArray[np.int64]
 
     @classmethod
-    def start(cls, origins: Array, directions: Array) -> Beams:
+    def start(cls, origins: Array, directions: Array, colors: int = 3) -> Beams:
         """Rays outside of all glass."""
         n = len(origins)
         nowhere = np.zeros(n, dtype=np.int64)
         o, d = np.array(origins, dtype=float), np.array(directions, dtype=float)
-        return cls(o, d, np.ones((n, 3)), np.zeros(n), nowhere, np.arange(n))
+        return cls(o, d, np.ones((n, colors)), np.zeros(n), nowhere, np.arange(n))
 
     def take(self, rows: Any) -> Beams:
         """Some of them."""
@@ -117,3 +124,67 @@ def ray_path(caster: RayCaster, origin: Array, direction: Array, *, bounces: int
             break
         beam, _ = cross(caster, beam, hits)
     return np.stack(points)
+
+
+@dataclass(frozen=True)
+class Ends:
+    """Where rays end, on opaque surfaces or nowhere; a ray that glass splits has several ends.
+
+    Args:
+        beams: The rays on their last piece, M of them.
+        hits: What that meets.
+        crossed: Number of glass surfaces met on the way, shape (M,).
+    """
+
+    beams: Beams
+    hits: Hits
+    crossed: npt.NDArray[np.int64]
+
+    @property
+    def point(self) -> Array:
+        """World frame, metres, shape (M, 3); a kilometre away where nothing is met."""
+        length = np.minimum(self.hits.distance, 1e3)
+        return np.asarray(self.beams.origin + length[:, None] * self.beams.direction)
+
+    def take(self, rows: Any) -> Ends:
+        """Some of them."""
+        return Ends(self.beams.take(rows), self.hits.take(rows), self.crossed[rows])
+
+
+def follow(
+    caster: RayCaster, origins: Array, directions: Array, *, surfaces: int = 9
+) -> tuple[Ends, Beams]:
+    """Follow rays through glass to all of their ends.
+
+    Args:
+        caster: The surfaces.
+        origins: World frame, metres, shape (N, 3).
+        directions: Unit directions of travel, shape (N, 3).
+        surfaces: Most glass surfaces on a path.
+
+    Returns:
+        The ends, in no order of the rays, and what the first glass surfaces on the way mirror.
+    """
+    beams = Beams.start(origins, directions, len(caster.contents.transmittance))
+    ends: list[Ends] = []
+    mirrored = beams.take(slice(0))
+    for crossed in range(surfaces + 1):
+        hits = caster.first(beams.origin, beams.direction)
+        clear = caster.kind(hits.mesh) == GLASS
+        k = np.flatnonzero(~clear)
+        ends.append(Ends(beams.take(k), hits.take(k), np.full(len(k), crossed)))
+        k = np.flatnonzero(clear)
+        if crossed == surfaces or not len(k):
+            break
+        both = cross(caster, beams.take(k), hits.take(k))
+        if crossed == 0:
+            mirrored = both[1]
+        beams = _joined([b.take(np.flatnonzero(b.weight.max(1) > FAINTEST)) for b in both])
+    last = _joined([e.beams for e in ends]), _joined([e.hits for e in ends])
+    return Ends(*last, np.concatenate([e.crossed for e in ends])), mirrored
+
+
+def _joined(parts: list[Columns]) -> Columns:
+    """The rows of several tables, one below the other."""
+    names = parts[0].__dataclass_fields__
+    return type(parts[0])(*(np.concatenate([getattr(p, name) for p in parts]) for name in names))

@@ -43,7 +43,7 @@ class Contents:
     Args:
         hand: The skinned hand, or None.
         glass: The closed glass bodies; overlapping ones count as one.
-        transmittance: Of a centimetre of the glass for red, green and blue.
+        transmittance: Of a centimetre of the glass, one value per colour of the light.
         surroundings: Everything else, or None.
         lamps: Rectangles that shine; the first one is the key light.
         environment: Light from far away; without, an even grey.
@@ -51,7 +51,7 @@ class Contents:
 
     hand: HandMesh | None = None
     glass: tuple[Surface, ...] = ()
-    transmittance: tuple[float, float, float] = (0.95, 0.975, 0.965)
+    transmittance: tuple[float, ...] = (0.95, 0.975, 0.965)
     surroundings: Surroundings | None = None
     lamps: tuple[AreaLight, ...] = ()
     environment: Environment | None = None
