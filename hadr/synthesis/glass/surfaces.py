@@ -37,6 +37,21 @@ class Surface:
         return Surface(self.vertices @ turn.T + transform[:3, 3], self.faces, self.normals @ turn.T)
 
 
+def vertex_normals(vertices: Array, faces: npt.NDArray[np.int64]) -> Array:
+    """Unit outward normals per vertex, the faces' normals weighted by area, shape (V, 3)."""
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    flat = np.cross(b - a, c - a)
+    normals = np.stack(
+        [
+            np.bincount(faces.ravel(), np.repeat(flat[:, i], 3), minlength=len(vertices))
+            for i in range(3)
+        ],
+        axis=1,
+    )
+    length = np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
+    return np.asarray(normals / length, dtype=float)
+
+
 def smooth_curve(points: tuple[tuple[float, float], ...], spacing: float) -> Array:
     """A monotone curve through control points, sampled every ``spacing`` metres."""
     p = np.asarray(points, dtype=float)

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from hadr.hand import FINGERS, HandShape, forward_kinematics
 from hadr.records.caches import kept
+from hadr.synthesis.glass.surfaces import vertex_normals
 from hadr.synthesis.hand.skinning import sized_template
 from hadr.synthesis.hand.template import COARSE_STEP, hand_template
 
@@ -35,12 +36,7 @@ def _turn(axis: int, angle: Array) -> Array:
 def skin_normals() -> Array:
     """Unit normals of the coarse skin at rest, shape (V, 3)."""
     template = hand_template(COARSE_STEP)
-    a, b, c = (template.vertices[template.faces[:, i]] for i in range(3))
-    face = np.cross(b - a, c - a)
-    normals = np.zeros_like(template.vertices)
-    for i in range(3):
-        np.add.at(normals, template.faces[:, i], face)
-    return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-15))
+    return vertex_normals(template.vertices, template.faces)
 
 
 @dataclass(frozen=True, eq=False)

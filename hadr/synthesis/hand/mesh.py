@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hadr.hand import HandShape, Skeleton
-from hadr.synthesis.glass.surfaces import Surface
+from hadr.synthesis.glass.surfaces import Surface, vertex_normals
 from hadr.synthesis.hand.relief import SkinMap
 from hadr.synthesis.hand.skinning import posed_vertices
 from hadr.synthesis.hand.template import COARSE_STEP, FINE_STEP, MIDDLE_STEP, hand_template
@@ -81,21 +81,6 @@ def _level(step: float) -> float:
     if not 0.001 <= step <= 0.010:
         raise ValueError(f"step must lie between 0.001 and 0.010 metres, got {step}")
     return next((s for s in (COARSE_STEP, MIDDLE_STEP) if step >= s), FINE_STEP)
-
-
-def vertex_normals(vertices: Array, faces: npt.NDArray[np.int64]) -> Array:
-    """Unit outward normals per vertex, the faces' normals weighted by area, shape (V, 3)."""
-    a, b, c = (vertices[faces[:, i]] for i in range(3))
-    flat = np.cross(b - a, c - a)
-    normals = np.stack(
-        [
-            np.bincount(faces.ravel(), np.repeat(flat[:, i], 3), minlength=len(vertices))
-            for i in range(3)
-        ],
-        axis=1,
-    )
-    length = np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
-    return np.asarray(normals / length, dtype=float)
 
 
 def hand_mesh(

@@ -16,6 +16,7 @@ from hadr.records.caches import kept
 from hadr.synthesis.glass.distance import signed_distance
 from hadr.synthesis.glass.objects import glass_object
 from hadr.synthesis.glass.shape import GlassObject
+from hadr.synthesis.glass.surfaces import vertex_normals
 from hadr.synthesis.hand.finger_skin import finger_skin
 from hadr.synthesis.hand.skinning import skin_vertices
 from hadr.synthesis.hand.template import COARSE_STEP, hand_template
@@ -138,7 +139,7 @@ def _finger_overlap(angles: Array, shape: HandShape, vertices: Array, part: Part
             away = np.linalg.norm(vertices[skin.rows[skin.bone > 0]][:, None] - at[None], axis=-1)
             deepest = max(deepest, float((radii - away).max()))
     palm = vertices[part == 5]
-    normals = _palm_normals(vertices, part)
+    normals = vertex_normals(vertices, hand_template(COARSE_STEP).faces)[part == 5]
     tips = np.concatenate([vertices[s.rows[s.bone > 0]] for f, s in skins.items() if f != "thumb"])
     distance, nearest = cKDTree(palm).query(tips, distance_upper_bound=0.012)
     near = np.isfinite(distance)
@@ -146,17 +147,6 @@ def _finger_overlap(angles: Array, shape: HandShape, vertices: Array, part: Part
         offset = tips[near] - palm[nearest[near]]
         deepest = max(deepest, float(-(offset * normals[nearest[near]]).sum(1).min()))
     return deepest
-
-
-def _palm_normals(vertices: Array, part: Part) -> Array:
-    faces = hand_template(COARSE_STEP).faces
-    a, b, c = (vertices[faces[:, i]] for i in range(3))
-    face = np.cross(b - a, c - a)
-    normals = np.zeros_like(vertices)
-    for i in range(3):
-        np.add.at(normals, faces[:, i], face)
-    palm = normals[part == 5]
-    return np.asarray(palm / np.maximum(np.linalg.norm(palm, axis=1, keepdims=True), 1e-15))
 
 
 def check_contact(
