@@ -20,7 +20,7 @@ from hadr.synthesis.rendering.raycast import GLASS, HAND, SURROUNDINGS, RayCaste
 from hadr.synthesis.rendering.refraction import Beams, Ends, follow
 from hadr.synthesis.scene.contents import Contents
 from hadr.synthesis.textures.families import sample
-from hadr.synthesis.textures.noise import SIZE
+from hadr.synthesis.textures.noise import SIZE, look_up
 
 Array = npt.NDArray[np.float64]
 
@@ -176,15 +176,9 @@ class InfraredScene:
         pattern = _pattern(self._projector)
         scale = pattern.shape[1] / (2 * half_x)
         ahead = np.maximum(directions[:, 2], 1e-6)
-        x = ((directions[:, 0] / ahead + half_x) * scale - 0.5).astype(np.float32)
-        y = ((directions[:, 1] / ahead + half_y) * scale - 0.5).astype(np.float32)
-        found = np.empty(len(x))
-        # OpenCV's largest picture side is 32767.
-        for start in range(0, len(x), 30000):
-            part = slice(start, start + 30000)
-            at = (x[part].reshape(1, -1), y[part].reshape(1, -1))
-            found[part] = cv2.remap(pattern, *at, cv2.INTER_LINEAR, borderValue=0.0).ravel()
-        return found
+        x = (directions[:, 0] / ahead + half_x) * scale - 0.5
+        y = (directions[:, 1] / ahead + half_y) * scale - 0.5
+        return look_up(pattern, x, y, cv2.BORDER_CONSTANT)
 
     def _glints(self, mirrored: Beams) -> Array:
         """Light of the projector itself, mirrored by glass."""

@@ -19,7 +19,7 @@ import numpy.typing as npt
 from hadr.records.caches import kept, kept_by_file
 from hadr.synthesis.scene.backgrounds import load_background
 from hadr.synthesis.textures import materials, plants, views
-from hadr.synthesis.textures.noise import Canvas
+from hadr.synthesis.textures.noise import Canvas, look_up
 
 Array = npt.NDArray[np.float64]
 Image = npt.NDArray[np.uint8]
@@ -152,12 +152,6 @@ def sample(
         rows = np.flatnonzero(keys == key)
         picture = pyramid(int(key // LEVELS), photographs)[int(key % LEVELS)]
         height, width = picture.shape[:2]
-        x = ((uv[rows, 0] % 1.0) * width - 0.5).astype(np.float32)
-        y = ((uv[rows, 1] % 1.0) * height - 0.5).astype(np.float32)
-        for first in range(0, len(rows), 30000):
-            part = slice(first, first + 30000)
-            at = (x[part].reshape(1, -1), y[part].reshape(1, -1))
-            result[rows[part]] = cv2.remap(
-                picture, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP
-            )[0]
+        at = (uv[rows] % 1.0) * (width, height) - 0.5
+        result[rows] = look_up(picture, at[:, 0], at[:, 1])
     return np.asarray((result / 255.0) ** 2.2)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import cv2
 import numpy as np
@@ -148,6 +149,28 @@ def shadow(
     rectangle(small, box, (depth, depth, depth))
     soft = cv2.GaussianBlur(small[..., 0], (0, 0), max(blur * height / 4, 0.5))
     canvas *= 1 - cv2.resize(soft, (width, height))[..., None]
+
+
+def look_up(
+    image: npt.NDArray[Any], x: Array, y: Array, border: int = cv2.BORDER_WRAP
+) -> npt.NDArray[np.float64]:
+    """Values of a picture between its pixels, bilinear.
+
+    Args:
+        image: Shape (H, W) or (H, W, C).
+        x: Columns, 0 at the first one's middle, shape (N,).
+        y: Rows, shape (N,).
+        border: OpenCV's rule for what lies outside; the picture repeats where it is left out.
+
+    Returns:
+        Shape (N,) or (N, C).
+    """
+    found = np.empty((len(x), *image.shape[2:]))
+    for first in range(0, len(x), 30000):  # OpenCV's largest picture side is 32767
+        part = slice(first, first + 30000)
+        at = (places[part].astype(np.float32).reshape(1, -1) for places in (x, y))
+        found[part] = cv2.remap(image, *at, cv2.INTER_LINEAR, borderMode=border)[0]
+    return found
 
 
 def lit(rng: np.random.Generator, canvas: Canvas, strength: float = 0.2) -> Canvas:
