@@ -180,8 +180,6 @@ def align_to_color(depth: Float, imager: Intrinsics, color: Intrinsics, imager_x
     """
     rows, columns = np.nonzero(depth > 0)
     z = depth[rows, columns].astype(float)
-    order = np.argsort(-z, kind="stable")
-    rows, columns, z = rows[order], columns[order], z[order]
     half = 0.55  # a little overlap: neighbours at other depths leave no gaps
 
     def edge(pixel: npt.NDArray[np.float64], side: float) -> npt.NDArray[np.float64]:
@@ -203,9 +201,6 @@ def align_to_color(depth: Float, imager: Intrinsics, color: Intrinsics, imager_x
             inside = (u <= u1) & (v <= v1) & (u >= 0) & (v >= 0)
             inside &= (u < color.width) & (v < color.height)
             at = v[inside] * color.width + u[inside]
-            far = z[inside]
-            seen = np.full(nearest.shape, np.inf)
-            seen[at] = far  # the last one written is the nearest: far ones come first
-            nearest = np.minimum(nearest, seen)
+            np.minimum.at(nearest, at, z[inside])
     aligned = np.where(np.isfinite(nearest), nearest, 0.0)
     return aligned.reshape(color.shape).astype(np.float32)

@@ -7,7 +7,7 @@ angle around the axis.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -18,9 +18,8 @@ Array = npt.NDArray[np.float64]
 class Relief(Protocol):
     """A shift of the surface along the radius."""
 
-    @property
-    def through(self) -> bool:
-        """Whether the inside moves with the outside."""
+    through: ClassVar[bool]
+    """Whether the inside moves with the outside, so that the wall keeps its thickness."""
 
     @property
     def band(self) -> tuple[float, float, float]:
@@ -65,14 +64,11 @@ class Facets:
     top: float
     rounding: float = 0.0005
 
-    @property
-    def through(self) -> bool:
-        """The inside stays round."""
-        return False
+    through: ClassVar = False
 
     @property
     def band(self) -> tuple[float, float, float]:
-        """From the table to the top of the planes."""
+        """See `Relief.band`."""
         return (0.0, self.top, 0.0012)
 
     def shift(self, angle: Array, z: Array, radius: Array) -> Array:
@@ -103,14 +99,11 @@ class Thread:
     height: float
     half_width: float
 
-    @property
-    def through(self) -> bool:
-        """The inside stays round."""
-        return False
+    through: ClassVar = False
 
     @property
     def band(self) -> tuple[float, float, float]:
-        """Where the ridge runs."""
+        """See `Relief.band`."""
         end = self.start + self.pitch * self.turns
         return (self.start - self.half_width, end + self.half_width, self.half_width / 3)
 
@@ -141,14 +134,11 @@ class Spout:
     low: float
     high: float
 
-    @property
-    def through(self) -> bool:
-        """The wall keeps its thickness."""
-        return True
+    through: ClassVar = True
 
     @property
     def band(self) -> tuple[float, float, float]:
-        """From where it begins to above the rim."""
+        """See `Relief.band`."""
         return (self.low, self.high + 0.01, 0.0015)
 
     def shift(self, angle: Array, z: Array, radius: Array) -> Array:
@@ -176,14 +166,11 @@ class Marks:
     height: float = 0.0004
     half_width: float = 0.0009
 
-    @property
-    def through(self) -> bool:
-        """The inside stays round."""
-        return False
+    through: ClassVar = False
 
     @property
     def band(self) -> tuple[float, float, float]:
-        """From the lowest to the highest line."""
+        """See `Relief.band`."""
         edge = self.half_width
         return (min(self.heights) - edge, max(self.heights) + edge, self.half_width / 2.5)
 
