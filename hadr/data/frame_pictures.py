@@ -10,7 +10,7 @@ import io
 import re
 import zlib
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -96,19 +96,13 @@ def _decode(data: bytes, flags: int) -> npt.NDArray[Any]:
     return np.asarray(image)
 
 
-def color_ending(jpeg_quality: int | None) -> str:
-    """How the file of a colour picture ends: JPEG where a quality is given, else PNG."""
-    return ".png" if jpeg_quality is None else ".jpg"
-
-
-def encode_color(color: npt.NDArray[np.uint8], jpeg_quality: int | None) -> tuple[str, bytes]:
-    """Encode sRGB (H, W, 3) as JPEG, or as PNG where no quality is given: ending and bytes."""
+def encode_color(color: npt.NDArray[np.uint8], jpeg_quality: int | None) -> bytes:
+    """Encode sRGB (H, W, 3) as JPEG, or as PNG where no quality is given."""
     bgr = np.ascontiguousarray(color[..., ::-1])
-    ending = color_ending(jpeg_quality)
     if jpeg_quality is None:
-        return ending, _encode(ending, bgr, _BEST)
+        return _encode(".png", bgr, _BEST)
     options = (cv2.IMWRITE_JPEG_QUALITY, jpeg_quality, cv2.IMWRITE_JPEG_OPTIMIZE, 1)
-    return ending, _encode(ending, bgr, (*options, cv2.IMWRITE_JPEG_PROGRESSIVE, 1))
+    return _encode(".jpg", bgr, (*options, cv2.IMWRITE_JPEG_PROGRESSIVE, 1))
 
 
 def decode_color(data: bytes) -> npt.NDArray[np.uint8]:
@@ -172,13 +166,9 @@ class DisparityScale:
         if not min(self.focal_baseline, self.step, self.unit) > 0:
             raise ValueError(f"the values of a disparity scale must be positive, got {self}")
 
-    def record(self) -> dict[str, float]:
-        """The values by name, for a log."""
-        return asdict(self)
-
     @classmethod
     def from_record(cls, record: Any) -> DisparityScale:
-        """The inverse of :meth:`record`; a ``ValueError`` says what a log lacks."""
+        """The values by name, as a log has them; a ``ValueError`` says what it lacks."""
         if not isinstance(record, Mapping) or set(record) != {"focal_baseline", "step", "unit"}:
             raise ValueError(
                 f"a disparity scale must name focal_baseline, step and unit, got {record!r}"

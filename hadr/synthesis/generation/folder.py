@@ -14,11 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from hadr import __version__
-from hadr.data.frame import (
-    UNFINISHED_PREFIX,
-    frame_file_names,
-    frame_log_path,
-)
+from hadr.data.frame import UNFINISHED_PREFIX, frame_log_path, frame_places
 from hadr.synthesis.generation.settings import FrameRecipe, GenerationSettings
 from hadr.synthesis.recordings.recording import companions, find_recordings
 from hadr.synthesis.scene.backgrounds import find_backgrounds
@@ -76,14 +72,17 @@ def whole_frames(
     found = set()
     for recipe in recipes:
         base = frame_log_path(root, recipe.split, recipe.object_id, recipe.stem).parents[1]
-        names = frame_file_names(
+        places = frame_places(
             recipe.stem,
             depth_format=settings.depth_format,
             jpeg_quality=settings.jpeg_quality,
-            normals=settings.normals,
-            raw=settings.raw_format if settings.sensor else None,
+            raw=settings.raw_format,
         )
-        if all(present(base / name) for name in names):
+        if not settings.sensor:
+            del places["raw"]
+        if settings.normals == "none":
+            del places["normals"]
+        if all(present(base / place) for place in places.values()):
             found.add(recipe.index)
     return found
 
@@ -150,9 +149,11 @@ def _clean(root: Path) -> None:
 
 def _is_of_a_frame(path: Path) -> bool:
     """Whether a file is named as the generator names one: any other is somebody's own."""
-    names = frame_file_names(path.stem, raw="depth")
-    names |= frame_file_names(path.stem, depth_format="png", jpeg_quality=90, raw="disparity")
-    own = Path(path.parent.name, path.name) in names
+    places = (
+        frame_places(path.stem),
+        frame_places(path.stem, depth_format="png", jpeg_quality=90, raw="disparity"),
+    )
+    own = any(Path(path.parent.name, path.name) in some.values() for some in places)
     return own and re.fullmatch(r"\d{6,}", path.stem) is not None
 
 
