@@ -34,7 +34,7 @@ from hadr.synthesis.holding.hold import make_hold
 from hadr.synthesis.rendering.shading import RayTracer
 from hadr.synthesis.scene.contents import Contents, Surroundings
 from hadr.synthesis.scene.scene import Scene, look_at
-from hadr.synthesis.textures.families import picture_number
+from hadr.synthesis.textures.families import texture_number
 
 Array = npt.NDArray[np.float64]
 Float = npt.NDArray[np.float32]
@@ -136,7 +136,7 @@ def table_scene(seed: int, camera: Intrinsics) -> Scene:
     scales = np.array([rng.uniform(0.3, 0.6), 1.0, 0.8])
     square = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=float)
     uv = square[None] * (size / scales[:, None])[:, None]
-    numbers = [picture_number(str(rng.choice(PICTURES)), int(rng.integers(5))) for _ in quads]
+    numbers = [texture_number(str(rng.choice(PICTURES)), int(rng.integers(5))) for _ in quads]
     around = Surroundings(
         Surface(
             corners.reshape(-1, 3),

@@ -258,12 +258,13 @@ def write_frame(
         behind = np.where(frame.object_mask, frame.background_depth, np.float32(0))
         parts["background"] = encode_depth(behind, depth_scale)
         log[DEPTH_SCALE_KEY] = depth_scale
-    if frame.raw_depth is not None and isinstance(raw_scale, DisparityScale):
-        parts["raw"] = encode_disparity(frame.raw_depth, raw_scale)
-        log[DISPARITY_SCALE_KEY] = asdict(raw_scale)
-    elif frame.raw_depth is not None:
-        parts["raw"] = encode_depth(frame.raw_depth, raw_scale)
-        log[RAW_SCALE_KEY] = raw_scale
+    if frame.raw_depth is not None:
+        if isinstance(raw_scale, DisparityScale):
+            parts["raw"] = encode_disparity(frame.raw_depth, raw_scale)
+            log[DISPARITY_SCALE_KEY] = asdict(raw_scale)
+        else:
+            parts["raw"] = encode_depth(frame.raw_depth, raw_scale)
+            log[RAW_SCALE_KEY] = raw_scale
     kept = _kept_normals(frame, normals)
     if kept is not None:
         parts["normals"] = encode_normals(kept)

@@ -66,7 +66,7 @@ def test_leaked_share_by_hand():
 
 
 def test_errors():
-    with pytest.raises(ValueError, match="three shares train:val:test, got"):
+    with pytest.raises(ValueError, match="three weights train:val:test, got"):
         split_by_frame(10, np.random.default_rng(0), (7, 3))
     with pytest.raises(ValueError, match="none of the frames shows 0004, 0007"):
         split_by_object(["0000"])

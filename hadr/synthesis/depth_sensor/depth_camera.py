@@ -4,7 +4,7 @@ Two infrared imagers look at the scene under a projector's dots
 (`hadr.synthesis.depth_sensor.infrared`), a matcher finds disparities and refuses what it is unsure
 of (`hadr.synthesis.depth_sensor.stereo_matching`), and the depth is aligned to the colour camera.
 
-Free parameters (number of dots and their strength, the matcher's window, likeness, texture and
+Free parameters (number of dots and their strength, the matcher's window, NCC, texture and
 edge thresholds) were chosen so that glasses on a table, drawn with seed 435, fail about as much as
 those of two real D435 frames; `benchmarks/depth_camera.py` compares both on another seed.
 

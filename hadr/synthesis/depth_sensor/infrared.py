@@ -91,10 +91,10 @@ def _pattern(projector: Projector) -> npt.NDArray[np.float32]:
     part = at - low
     for dx in (0, 1):
         for dy in (0, 1):
-            share = np.abs(1 - dx - part[:, 0]) * np.abs(1 - dy - part[:, 1])
+            weight = np.abs(1 - dx - part[:, 0]) * np.abs(1 - dy - part[:, 1])
             x = np.clip(low[:, 0] + dx, 0, _TEXTURE - 1)
             y = np.clip(low[:, 1] + dy, 0, height - 1)
-            np.add.at(image, (y, x), share)
+            np.add.at(image, (y, x), weight)
     blurred = cv2.GaussianBlur(image, (0, 0), sigma) * (2 * np.pi * sigma**2)
     return np.asarray(blurred, dtype=np.float32)
 

@@ -48,8 +48,8 @@ def hold_split(hold_number: int, object_id: str = "0000") -> str:
     eight; the cycle moves on by one each ten and begins elsewhere for each object, so that every
     kind is tested with some object.
     """
-    turn = hold_number // len(_HOLD_CYCLE)
-    return _HOLD_CYCLE[(hold_number + turn + int(object_id)) % len(_HOLD_CYCLE)]
+    lap = hold_number // len(_HOLD_CYCLE)
+    return _HOLD_CYCLE[(hold_number + lap + int(object_id)) % len(_HOLD_CYCLE)]
 
 
 def recipes_by_hold(recipes: Sequence[FrameRecipe]) -> list[tuple[FrameRecipe, ...]]:
@@ -146,9 +146,9 @@ class GenerationSettings:
         if index < 0:
             raise ValueError(f"frames are counted from 0, got {index}")
         names = self.objects or tuple(OBJECTS)
-        turn, position = divmod(index, len(names))
+        lap, position = divmod(index, len(names))
         object_id = names[position]
-        hold_number = int(turn // self.frames_per_hold) + position * self.hold_shift
+        hold_number = int(lap // self.frames_per_hold) + position * self.hold_shift
         split = hold_split(hold_number, object_id)
         if self.split_by == "frame":
             draw = np.random.default_rng([self.seed, index, 29]).choice(3, p=_RATIO)

@@ -26,10 +26,10 @@ def _outline(item: GlassObject, filled: bool) -> tuple[Array, cKDTree, npt.NDArr
     length = np.linalg.norm(np.diff(curve, axis=0), axis=1)
     count = np.ceil(length / _SAMPLES).astype(int)
     piece = np.repeat(np.arange(len(length)), count)
-    share = (np.arange(len(piece)) - np.repeat(np.cumsum(count) - count, count) + 0.5) / count[
+    fraction = (np.arange(len(piece)) - np.repeat(np.cumsum(count) - count, count) + 0.5) / count[
         piece
     ]
-    samples = curve[piece] + share[:, None] * (curve[piece + 1] - curve[piece])
+    samples = curve[piece] + fraction[:, None] * (curve[piece + 1] - curve[piece])
     return curve, cKDTree(samples), piece
 
 
@@ -41,8 +41,8 @@ def _outline_distance(item: GlassObject, rz: Array, filled: bool) -> Array:
     for step in (-1, 0, 1):
         piece = np.clip(nearest + step, 0, len(curve) - 2)
         a, edge = curve[piece], curve[piece + 1] - curve[piece]
-        share = ((rz - a) * edge).sum(1) / (edge * edge).sum(1)
-        offset = rz - a - np.clip(share, 0, 1)[:, None] * edge
+        fraction = ((rz - a) * edge).sum(1) / (edge * edge).sum(1)
+        offset = rz - a - np.clip(fraction, 0, 1)[:, None] * edge
         distance = np.minimum(distance, np.hypot(offset[:, 0], offset[:, 1]))
     # Even-odd rule along the direction of growing r; the axis closes the outline.
     inside = np.zeros(len(rz), dtype=bool)
@@ -80,13 +80,13 @@ def _with_handle(item: GlassObject, p: Array, distance: Array) -> Array:
 def _tube_distance(p: Array, line: Array, thickness: Array, width: Array) -> Array:
     a, edge = line[:-1, ::2], np.diff(line[:, ::2], axis=0)
     offset = p[:, None, ::2] - a  # (points, pieces, 2)
-    share = np.clip((offset * edge).sum(-1) / (edge * edge).sum(-1), 0, 1)
-    away = np.square(offset - share[..., None] * edge).sum(-1)
+    fraction = np.clip((offset * edge).sum(-1) / (edge * edge).sum(-1), 0, 1)
+    away = np.square(offset - fraction[..., None] * edge).sum(-1)
     nearest = away.argmin(1)
     rows = np.arange(len(p))
-    share = share[rows, nearest]
-    b = thickness[nearest] + share * np.diff(thickness)[nearest]
-    a_ = width[nearest] + share * np.diff(width)[nearest]
+    fraction = fraction[rows, nearest]
+    b = thickness[nearest] + fraction * np.diff(thickness)[nearest]
+    a_ = width[nearest] + fraction * np.diff(width)[nearest]
     x, y = np.abs(p[:, 1]), np.sqrt(away[rows, nearest])
     return _ellipse_distance(x, y, a_, b)
 

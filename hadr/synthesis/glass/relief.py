@@ -87,15 +87,15 @@ class Thread:
 
     Args:
         start: Height where it begins, metres.
-        pitch: Climb per turn, metres.
-        turns: Number of turns.
+        pitch: Climb per lap, metres.
+        laps: Around the neck.
         height: How far the ridge stands out, metres.
         half_width: Half of the ridge's width at its foot, metres.
     """
 
     start: float
     pitch: float
-    turns: float
+    laps: float
     height: float
     half_width: float
 
@@ -104,16 +104,16 @@ class Thread:
     @property
     def band(self) -> tuple[float, float, float]:
         """See `Relief.band`."""
-        end = self.start + self.pitch * self.turns
+        end = self.start + self.pitch * self.laps
         return (self.start - self.half_width, end + self.half_width, self.half_width / 3)
 
     def shift(self, angle: Array, z: Array, radius: Array) -> Array:
         """See `Relief.shift`."""
         first = np.mod(angle, 2 * np.pi) / (2 * np.pi)
         total = np.zeros(np.broadcast(angle, z).shape)
-        for turn in range(int(np.ceil(self.turns)) + 1):
-            at = first + turn
-            ends = _rise(at / 0.12) * _rise((self.turns - at) / 0.12)
+        for lap in range(int(np.ceil(self.laps)) + 1):
+            at = first + lap
+            ends = _rise(at / 0.12) * _rise((self.laps - at) / 0.12)
             total = total + ends * _bump((z - self.start - self.pitch * at) / self.half_width)
         return np.asarray(self.height * total)
 
@@ -143,9 +143,9 @@ class Spout:
 
     def shift(self, angle: Array, z: Array, radius: Array) -> Array:
         """See `Relief.shift`."""
-        turned = np.mod(angle + np.pi, 2 * np.pi) - np.pi
+        beside = np.mod(angle + np.pi, 2 * np.pi) - np.pi
         rise = np.clip((z - self.low) / (self.high - self.low), 0.0, 1.2) ** 2
-        return np.asarray(self.reach * rise * _bump(turned / self.half_angle))
+        return np.asarray(self.reach * rise * _bump(beside / self.half_angle))
 
 
 @dataclass(frozen=True)

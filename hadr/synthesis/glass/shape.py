@@ -1,4 +1,4 @@
-"""The shape of a transparent object: an outline turned around an axis, its relief, its handle.
+"""The shape of a transparent object: an outline revolved around an axis, its relief, its handle.
 
 An object stands in its own frame: metres, the axis of revolution is z, the table z = 0, the
 mouth up. Its outline is one closed curve in the half plane (r, z): from the axis up along the
@@ -73,8 +73,8 @@ class GlassObject:
             return 0.0
         a, b = a[crosses], b[crosses]
         rise = np.where(np.abs(b[:, 1] - a[:, 1]) < 1e-12, 1.0, b[:, 1] - a[:, 1])
-        share = np.clip((z - a[:, 1]) / rise, 0.0, 1.0)
-        return float((a[:, 0] + share * (b[:, 0] - a[:, 0])).max())
+        fraction = np.clip((z - a[:, 1]) / rise, 0.0, 1.0)
+        return float((a[:, 0] + fraction * (b[:, 0] - a[:, 0])).max())
 
 
 @kept(64)
@@ -93,8 +93,8 @@ def profile(item: GlassObject, spacing: float = SPACING) -> Array:
     half = float(np.linalg.norm(outer[-1] - inner[0])) / 2
     across = (outer[-1] - middle) / half
     up = np.array([-across[1], across[0]])
-    turn = np.linspace(0, np.pi, 13)[1:-1, None]
-    rim = middle + half * (np.cos(turn) * across + np.sin(turn) * up)
+    angle = np.linspace(0, np.pi, 13)[1:-1, None]
+    rim = middle + half * (np.cos(angle) * across + np.sin(angle) * up)
     bands = [relief.band for relief in item.reliefs]
     sides = [relief.band for relief in item.reliefs if relief.through]
     outer = subdivided(np.concatenate([outer, rim[:1]]), spacing, bands)[:-1]

@@ -1,4 +1,4 @@
-"""Closed triangle surfaces: turned around an axis, a tube around a line, and their union."""
+"""Closed triangle surfaces: revolved around an axis, a tube around a line, and their union."""
 
 from __future__ import annotations
 
@@ -33,8 +33,10 @@ class Surface:
 
     def moved(self, transform: Array) -> Surface:
         """The surface after a rigid transform, shape (4, 4)."""
-        turn = transform[:3, :3]
-        return Surface(self.vertices @ turn.T + transform[:3, 3], self.faces, self.normals @ turn.T)
+        rotation = transform[:3, :3]
+        return Surface(
+            self.vertices @ rotation.T + transform[:3, 3], self.faces, self.normals @ rotation.T
+        )
 
 
 def vertex_normals(vertices: Array, faces: npt.NDArray[np.int64]) -> Array:

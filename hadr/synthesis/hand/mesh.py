@@ -1,6 +1,6 @@
 """A closed hand with its forearm, skinned around the skeleton of :mod:`hadr.hand`.
 
-The flesh (:mod:`hadr.synthesis.hand.signed_distance`) is polygonised once, at rest; the skin then
+The shape (:mod:`hadr.synthesis.hand.signed_distance`) is polygonised once, at rest; the skin then
 follows each pose (:mod:`hadr.synthesis.hand.skinning`).
 """
 
@@ -37,7 +37,7 @@ class HandMesh:
     Args:
         surface: Closed surface in the skeleton's frame (the wrist frame).
         albedo: Linear RGB reflectance per vertex, shape (V, 3).
-        gloss: Share of mirror-like reflection per vertex, shape (V,): the nails shine.
+        gloss: Fraction of mirror-like reflection per vertex, shape (V,): the nails shine.
     """
 
     surface: Surface
@@ -60,8 +60,8 @@ def paint(skin: SkinMap, tone: npt.ArrayLike) -> tuple[Array, Array]:
     darkness = float(np.clip(1 - base.mean() / 0.56, 0, 1))
     inner = base + (0.10 + 0.38 * darkness) * (fair * [0.92, 0.80, 0.76] - base)
 
-    def mixed(color: Array, other: Array, share: Array) -> Array:
-        return color + share[:, None] * (other - color)
+    def mixed(color: Array, other: Array, weight: Array) -> Array:
+        return color + weight[:, None] * (other - color)
 
     color = mixed(np.tile(base, (len(skin.palm), 1)), inner, skin.palm)
     color *= 1 + (0.045 + 0.02 * darkness) * skin.mottle[:, None]

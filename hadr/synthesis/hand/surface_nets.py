@@ -43,8 +43,8 @@ def surface_nets(
             va = values[tuple((cells + first).T)]
             vb = values[tuple((cells + second).T)]
             cross = (va < 0) != (vb < 0)
-            share = np.where(cross, va / np.where(cross, va - vb, 1.0), 0.0)
-            point = np.asarray(first, dtype=float) + share[:, None] * np.eye(3)[axis]
+            fraction = np.where(cross, va / np.where(cross, va - vb, 1.0), 0.0)
+            point = np.asarray(first, dtype=float) + fraction[:, None] * np.eye(3)[axis]
             total += np.where(cross[:, None], point, 0.0)
             crossings += cross
     place = cells + total / crossings[:, None]

@@ -107,8 +107,8 @@ def hollow_distance(item: GlassObject, points: npt.ArrayLike) -> Array:
     squared = np.full(len(p), np.inf)
     for start, along, size in zip(a, edge, length, strict=True):
         offset = rz - start
-        share = np.clip(offset @ along / size, 0, 1)
-        squared = np.minimum(squared, ((offset - share[:, None] * along) ** 2).sum(1))
+        fraction = np.clip(offset @ along / size, 0, 1)
+        squared = np.minimum(squared, ((offset - fraction[:, None] * along) ** 2).sum(1))
     # From the side of the wall a finger would have to climb over the rim.
     return np.asarray(np.where(free, np.maximum(glass, 0), -np.sqrt(squared)))
 

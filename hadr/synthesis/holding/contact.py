@@ -113,18 +113,15 @@ def passes_through_wall(item: GlassObject, points: Array, edges: npt.NDArray[np.
     crossing = edges[hollow[edges[:, 0]] != hollow[edges[:, 1]]]
     if len(crossing) == 0:
         return False
-    share = np.linspace(0, 1, 13)[:, None, None]
+    fraction = np.linspace(0, 1, 13)[:, None, None]
     a, b = points[crossing[:, 0]], points[crossing[:, 1]]
-    along = a + share * (b - a)
+    along = a + fraction * (b - a)
     glass = signed_distance(item, along.reshape(-1, 3)).reshape(along.shape[:2])
     return bool((glass.min(0) < -_IN_WALL).any())
 
 
 def _finger_overlap(angles: Array, shape: HandShape, vertices: Array, part: Part) -> float:
-    """Deepest overlap of skin with another finger's bones' flesh or with the palm, metres.
-
-    Vertices of a right hand, wrist frame.
-    """
+    """Deepest overlap of a right hand's skin with another finger or with the palm, metres."""
     skins = {finger: finger_skin(finger, shape) for finger in FINGERS}
     deepest = 0.0
     spheres = {}

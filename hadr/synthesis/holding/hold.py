@@ -22,8 +22,8 @@ from hadr.synthesis.hand.shapes import draw_hand_shape
 from hadr.synthesis.holding.clearance import ClearanceTable, clearance_table
 from hadr.synthesis.holding.contact import TOUCH, ContactReport, check_contact
 from hadr.synthesis.holding.grasp_optimisation import (
+    GraspOptimisation,
     HandSkins,
-    closing_on,
     hand_skins,
     palm_clearance,
     push_onto_palm,
@@ -98,7 +98,7 @@ def _candidates(
             placement = push_onto_palm(hand, table, placement, direction)
         elif palm_clearance(hand, table, placement.wrist_from_object) < placement.palm_gap:
             continue
-        cost = closing_on(item.object_id, hand, placement).screen()
+        cost = GraspOptimisation(item.object_id, hand, placement).screen()
         found.append((cost, number, placement))
     return [placement for _, _, placement in sorted(found, key=lambda f: f[:2])]
 
@@ -126,8 +126,8 @@ def search_hold(
     for _ in range(_ROUNDS):
         for placement in _candidates(item, kind, hand, table, rng)[:_TRIES]:
             attempts += 1
-            closing = closing_on(object_id, hand, placement)
-            angles, cost = closing.run(rng)
+            attempt = GraspOptimisation(object_id, hand, placement)
+            angles, cost = attempt.run(rng)
             report = check_contact(
                 object_id, right, angles, placement.wrist_from_object, FINGERS_INSIDE.get(kind, ())
             )

@@ -87,7 +87,7 @@ def _unit(vector: npt.ArrayLike) -> Array:
 
 
 def pose_from_axis(
-    up: npt.ArrayLike, point: npt.ArrayLike, height: float, toward: npt.ArrayLike, turn: float = 0.0
+    up: npt.ArrayLike, point: npt.ArrayLike, height: float, toward: npt.ArrayLike, roll: float = 0.0
 ) -> Array:
     """Object pose whose axis has a direction and passes a point at a height of the object.
 
@@ -97,7 +97,7 @@ def pose_from_axis(
         height: Metres above the table in the object's frame.
         toward: Direction in which the object's x axis (and a handle) points, made upright to the
             axis; its component along ``up`` does not matter.
-        turn: Further turn about the axis, radians.
+        roll: Further rotation about the axis, radians.
 
     Returns:
         ``wrist_from_object``, shape (4, 4).
@@ -108,7 +108,7 @@ def pose_from_axis(
     y = np.cross(z, x)
     pose = np.eye(4)
     pose[:3, :3] = np.stack(
-        [np.cos(turn) * x + np.sin(turn) * y, np.cos(turn) * y - np.sin(turn) * x, z], axis=1
+        [np.cos(roll) * x + np.sin(roll) * y, np.cos(roll) * y - np.sin(roll) * x, z], axis=1
     )
     pose[:3, 3] = np.asarray(point, dtype=float) - height * z
     return pose

@@ -21,7 +21,7 @@ from hadr.synthesis.textures.families import pyramid
 
 Array = npt.NDArray[np.float64]
 
-#: Surroundings are this many meshes, or more where they have more pictures.
+#: Surroundings are this many meshes, or more where they have more textures.
 MESHES = 24
 
 
@@ -87,7 +87,7 @@ def _glass(mi: Any, number: int, body: Surface, transmittance: tuple[float, ...]
 
 
 def _surroundings(mi: Any, around: Surroundings, eye: Array, pixel: float) -> dict[str, Any]:
-    """One mesh per picture and tint; each picture in the level that suits its nearest corner."""
+    """One mesh per texture and tint; each texture in the level that suits its nearest corner."""
     keys = np.concatenate([around.texture[:, None], around.tint, around.repeat[:, None]], axis=1)
     groups, which = np.unique(keys, axis=0, return_inverse=True)
     shapes: dict[str, Any] = {}

@@ -90,14 +90,14 @@ def cross(caster: RayCaster, beams: Beams, hits: Hits) -> tuple[Beams, Beams]:
     bounced = reflect(d, against)
     out = np.where(border[:, None], bent, d)
     out = np.where(total[:, None], bounced, out)
-    share = np.where(border & ~total, mirrored, 0.0)[:, None]
+    reflectance = np.where(border & ~total, mirrored, 0.0)[:, None]
     travelled = beams.travelled + length
     off = _NUDGE * flat
     passed = np.where(total, inside, np.maximum(after, 0))
     start = np.where(total[:, None], point + off, point - off)
     return (
-        Beams(start, out, weight * (1.0 - share), travelled, passed, beams.row),
-        Beams(point + off, bounced, weight * share, travelled, inside, beams.row),
+        Beams(start, out, weight * (1.0 - reflectance), travelled, passed, beams.row),
+        Beams(point + off, bounced, weight * reflectance, travelled, inside, beams.row),
     )
 
 

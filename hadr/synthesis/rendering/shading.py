@@ -103,7 +103,7 @@ class RayTracer(RayCaster):
             sky = self._sky(normal)
             if kind == SURROUNDINGS and self.contents.surroundings is not None:
                 near = travelled[rows] + hits.distance[rows]
-                color[rows] = self._picture(self.contents.surroundings, hits, rows, near * pixel)
+                color[rows] = self._texture(self.contents.surroundings, hits, rows, near * pixel)
                 color[rows] *= sky + key_light * (np.maximum(facing, 0) * lit)[:, None]
             elif self.contents.hand is not None:
                 color[rows] = self._skin(
@@ -111,7 +111,7 @@ class RayTracer(RayCaster):
                 )
         return color + self._lamp_light(origins, directions, hits.distance)
 
-    def _picture(self, around: Surroundings, hits: Hits, rows: Any, footprint: Array) -> Array:
+    def _texture(self, around: Surroundings, hits: Hits, rows: Any, footprint: Array) -> Array:
         face = hits.face[rows]
         corners = around.surface.faces[face]
         u, v = hits.u[rows, None], hits.v[rows, None]
@@ -134,7 +134,7 @@ class RayTracer(RayCaster):
             return np.asarray((1 - u - v) * a + u * b + v * c)
 
         albedo, gloss = mix(hand.albedo), mix(hand.gloss[:, None])
-        # Light that seeps around the terminator is red: each channel wraps by its own share.
+        # Light that seeps around the terminator is red: each channel wraps by its own amount.
         wrap = np.array([0.42, 0.22, 0.16])
         facing = (normal * key).sum(1)
         color = albedo * (sky + light * np.maximum((facing[:, None] + wrap) / (1 + wrap), 0.0))
@@ -253,7 +253,7 @@ class RayTracer(RayCaster):
                     continue
                 if kind == SURROUNDINGS and self.contents.surroundings is not None:
                     footprint = (beams.travelled[k] + hits.distance[k]) * pixel
-                    found = self._picture(self.contents.surroundings, hits, k, footprint)
+                    found = self._texture(self.contents.surroundings, hits, k, footprint)
                 elif self.contents.hand is not None:
                     found = self.contents.hand.albedo[
                         self.contents.hand.surface.faces[hits.face[k], 0]

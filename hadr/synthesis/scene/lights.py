@@ -13,7 +13,7 @@ from hadr.synthesis.textures.noise import look_up
 Array = npt.NDArray[np.float64]
 Radiance = npt.NDArray[np.float32]
 
-#: Cosine lobe's share of each band of spherical harmonics (Ramamoorthi and Hanrahan, 2001).
+#: Weight of each band in a cosine lobe, spherical harmonics (Ramamoorthi and Hanrahan, 2001).
 _BANDS = np.array([np.pi] + [2 * np.pi / 3] * 3 + [np.pi / 4] * 5)
 
 
@@ -133,5 +133,5 @@ class AreaLight:
         away = self.center - points
         squared = np.maximum((away**2).sum(1), 1e-6)
         away = away / np.sqrt(squared)[:, None]
-        share = np.maximum(-(away @ self.normal), 0) * np.maximum((away * normals).sum(1), 0)
-        return np.asarray((share * self.area / squared)[:, None] * self.color)
+        cosines = np.maximum(-(away @ self.normal), 0) * np.maximum((away * normals).sum(1), 0)
+        return np.asarray((cosines * self.area / squared)[:, None] * self.color)

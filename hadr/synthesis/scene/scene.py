@@ -27,7 +27,7 @@ from hadr.synthesis.scene.surroundings import make_surroundings
 Array = npt.NDArray[np.float64]
 
 #: How often each of the skin tones is drawn, light to dark.
-SKIN_TONE_SHARES = (0.30, 0.27, 0.17, 0.12, 0.08, 0.06)
+SKIN_TONE_WEIGHTS = (0.30, 0.27, 0.17, 0.12, 0.08, 0.06)
 #: Least and greatest distance of the camera from what is held, metres.
 CLOSEST, FARTHEST = 0.51, 0.96
 
@@ -61,14 +61,14 @@ def look_at(eye: Array, target: Array, roll: float) -> Array:
     Args:
         eye: Camera centre, world, metres.
         target: The point in the image's middle, world, metres.
-        roll: Turn about the optical axis, radians; 0 keeps the world's z up in the image.
+        roll: Rotation about the optical axis, radians; 0 keeps the world's z up in the image.
     """
     forward = (target - eye) / np.linalg.norm(target - eye)
     right = np.cross(forward, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)
-    turn = np.stack([right, np.cross(forward, right), forward], axis=1)
+    rotation = np.stack([right, np.cross(forward, right), forward], axis=1)
     pose = np.eye(4)
-    pose[:3, :3] = turn @ Rotation.from_euler("z", roll).as_matrix()
+    pose[:3, :3] = rotation @ Rotation.from_euler("z", roll).as_matrix()
     pose[:3, 3] = eye
     return pose
 
@@ -86,10 +86,10 @@ def _place_hold(hold: Hold, rng: np.random.Generator) -> tuple[Array, Array]:
     else:
         degrees = rng.uniform(140, 180)
     lean = Rotation.from_euler("x", np.deg2rad(degrees))
-    turn = Rotation.from_euler("z", rng.uniform(0, 2 * np.pi))
+    heading = Rotation.from_euler("z", rng.uniform(0, 2 * np.pi))
     spin = Rotation.from_euler("z", rng.uniform(0, 2 * np.pi))
     world_from_object = np.eye(4)
-    world_from_object[:3, :3] = (turn * lean * spin).as_matrix()
+    world_from_object[:3, :3] = (heading * lean * spin).as_matrix()
     world_from_object[:3, 3] = world_from_object[:3, :3] @ np.array([0, 0, -item.height / 2])
     return world_from_object, world_from_object @ np.linalg.inv(hold.wrist_from_object)
 
@@ -109,12 +109,12 @@ def _view_score(held: _Held, small: Intrinsics, pose: Array, full: Intrinsics) -
     rays = rays_through(pixel_grid(small).reshape(-1, 2), small, pose)
     seen = held.caster.kind(held.caster.first(*rays).mesh)
     glass = held.caster.glass_alone(*rays)
-    share = (seen == GLASS).sum() / max(glass.sum(), 1)
+    visible = (seen == GLASS).sum() / max(glass.sum(), 1)
     border = glass.reshape(small.shape)
     cut = border[0].any() or border[-1].any() or border[:, 0].any() or border[:, -1].any()
     hand = float((seen == HAND).mean())
     area = float((seen == GLASS).mean())
-    score = min(share, 0.62) + 0.4 * min(area / 0.016, 1.0) - 0.8 * cut
+    score = min(visible, 0.62) + 0.4 * min(area / 0.016, 1.0) - 0.8 * cut
     score -= 0.4 * (hand < 0.02) + 0.5 * (hand > 0.40) + 0.8 * (area == 0)
     # The elbow must lie outside of the picture, or behind the camera.
     elbow = (held.elbow - pose[:3, 3]) @ pose[:3, :3]
@@ -190,7 +190,7 @@ def make_scene(
     camera = TRANSHAND_CAMERA.resized(width, height)
     world_from_object, world_from_wrist = _place_hold(hold, rng)
     skeleton = forward_kinematics(hold.angles, hold.shape)
-    tone = np.asarray(SKIN_TONES[int(rng.choice(6, p=SKIN_TONE_SHARES))])
+    tone = np.asarray(SKIN_TONES[int(rng.choice(6, p=SKIN_TONE_WEIGHTS))])
     skin = hand_mesh(
         skeleton, hold.shape, tone=tone * (1 + 0.05 * rng.normal(size=3)), step=hand_step
     )

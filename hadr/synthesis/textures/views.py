@@ -1,4 +1,4 @@
-"""Procedural pictures of places: gardens, houses, rooms, bookshelves, streets, printed pages."""
+"""Procedural textures of places: gardens, houses, rooms, bookshelves, streets, printed pages."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def _blank(color: Array | float = 0.9) -> Canvas:
 def _paste(
     canvas: Canvas, picture: Canvas, box: tuple[float, float, float, float], gain: float = 1.0
 ) -> None:
-    """Put a picture into a box (left, top, right, bottom, in shares), cut off at the border."""
+    """Put a picture into a box (left, top, right, bottom, in fractions), cut off at the border."""
     height, width = canvas.shape[:2]
     left, right = round(box[0] * width), round(box[2] * width)
     top, bottom = round(box[1] * height), round(box[3] * height)
