@@ -46,10 +46,7 @@ def _smallest_png(steps: npt.NDArray[np.uint16]) -> bytes:
 
 
 def _jpeg_ends(data: bytes) -> bool:
-    """Whether a JPEG reaches the marker of its end.
-
-    A preview inside of it has such a marker of its own, and phones append more behind it.
-    """
+    """Whether a JPEG reaches its end; a preview inside has an end of its own."""
     position = len(JPEG_START)
     while (marker := _JPEG_MARKER.search(data, position)) is not None:
         if marker[1] == b"\xd9":
@@ -190,29 +187,14 @@ class DisparityScale:
         return np.where(seen, np.rint(disparity).clip(1, 65535), 0.0)
 
     def nearest(self, depth: Depth, *, double_beyond: float = np.inf) -> Depth:
-        """Round depth to what whole steps give; 0 stays 0.
-
-        Args:
-            depth: z-depth, metres, shape (H, W); 0 where it is missing.
-            double_beyond: Farther than this, metres, steps are twice as long.
-        """
+        """Round depth (metres) to what whole steps give; far away to double steps."""
         steps = self.steps(depth)
         steps = np.where(depth > double_beyond, 2 * np.rint(steps / 2), steps)
         return self.depth(steps)
 
 
 def encode_disparity(depth: Depth, scale: DisparityScale) -> bytes:
-    """Encode a stereo camera's depth as the 16-bit PNG of its disparity, without loss.
-
-    Neighbours differ by fewer steps in disparity than in depth, which makes the file a third
-    smaller.
-
-    Args:
-        depth: z-depth, metres, shape (H, W); 0 where it is missing.
-        scale: The camera's disparities.
-
-    Returns:
-        The file's bytes.
+    """Encode depth that whole disparities give as the 16-bit PNG of those, a third smaller.
 
     Raises:
         ValueError: The depth is not one that these disparities give.
@@ -273,11 +255,7 @@ def decode_mask(data: bytes) -> npt.NDArray[np.bool_]:
 
 
 def encode_normals(normals: npt.NDArray[np.float32]) -> bytes:
-    """Encode unit normals, (H, W, 3) with 0 where unknown, as 8-bit PNG.
-
-    Red, green and blue hold x, y and z of the camera frame as ``round(127 n) + 128``; an unknown
-    normal is black.
-    """
+    """Encode unit normals (H, W, 3) as 8-bit RGB ``round(127 n) + 128``; unknown ones, 0, as 0."""
     steps = (np.round(normals * 127.0) + 128).clip(1, 255).astype(np.uint8)
     steps[~normals.any(axis=-1)] = 0
     return _encode(".png", np.ascontiguousarray(steps[..., ::-1]), _BEST)

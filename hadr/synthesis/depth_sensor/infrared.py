@@ -143,15 +143,7 @@ class InfraredScene:
         return cKDTree(ends.point), light
 
     def dots(self, points: Array, normals: Array) -> Array:
-        """Irradiance by the projector.
-
-        Args:
-            points: World frame, metres, shape (N, 3).
-            normals: Unit normals on the side that is seen, shape (N, 3).
-
-        Returns:
-            Against the room's light, shape (N,).
-        """
+        """Irradiance by the projector at points (N, 3), against the room's light, (N,)."""
         away = points - self._position
         distance = np.linalg.norm(away, axis=1)
         away /= np.maximum(distance, 1e-9)[:, None]

@@ -112,11 +112,9 @@ def match(left: Picture, right: Picture, how: Matching) -> Float:
 def _refine(
     left: Picture, right: Picture, disparity: Float, how: Matching
 ) -> tuple[Float, npt.NDArray[np.bool_]]:
-    """Sub-pixel disparity by least squares in a window, and where it can be trusted.
+    """Sub-pixel disparity by least squares in a window (Gauss-Newton), and where to trust it.
 
-    The right picture, shifted by the disparity, is compared with the left one; the remaining
-    difference and the right picture's gradient give the correction (Gauss-Newton). A semi-global
-    matcher's own parabola is drawn to whole pixels; this is not.
+    A semi-global matcher's own parabola is drawn to whole pixels; this is not.
     """
     first = _without_mean(left)
     second = _without_mean(right)
@@ -163,20 +161,11 @@ def _without_edges(found: npt.NDArray[np.int16], how: Matching) -> npt.NDArray[n
 
 
 def align_to_color(depth: Float, imager: Intrinsics, color: Intrinsics, imager_x: float) -> Float:
-    """Look at a depth image from the colour camera, nearest surface first.
+    """Look at a depth image (metres, 0 missing) from the colour camera, nearest surface first.
 
     Each depth pixel is a small square at its depth; the colour pixels whose centres it covers take
-    it, and the nearest one wins. What the imager could not see behind a near surface stays empty:
-    the occlusion shadow.
-
-    Args:
-        depth: z-depth of the imager, metres, shape (H, W); 0 is missing.
-        imager: The imager's intrinsics.
-        color: The colour camera's intrinsics; same orientation.
-        imager_x: The imager's place on the colour camera's x axis, metres.
-
-    Returns:
-        z-depth aligned to the colour camera, metres, float32; 0 is missing.
+    it. What the imager could not see behind a near surface stays empty: the occlusion shadow. The
+    imager stands ``imager_x`` metres to the colour camera's right.
     """
     rows, columns = np.nonzero(depth > 0)
     z = depth[rows, columns].astype(float)

@@ -51,16 +51,7 @@ def settings_record(settings: GenerationSettings) -> dict[str, Any]:
 def whole_frames(
     root: Path, recipes: Sequence[FrameRecipe], settings: GenerationSettings
 ) -> set[int]:
-    """Which frames lie in a folder with all their files.
-
-    Args:
-        root: The folder.
-        recipes: The frames to look for.
-        settings: With which they are made.
-
-    Returns:
-        Their indices. Each folder is listed once, however many frames it holds.
-    """
+    """Indices of the frames that lie in a folder with all their files; lists each folder once."""
     listed: dict[Path, frozenset[str]] = {}
 
     def present(path: Path) -> bool:
@@ -178,16 +169,9 @@ def _sole_owner(root: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def generation_folder(root: Path, settings: GenerationSettings) -> Iterator[Path]:
-    """Take a folder for making frames: check that it is meant for them, and tidy it.
+    """Take a folder for making frames, alone: check that it is meant for them, and tidy it.
 
     The settings of a run that ended before its first frame bind nobody.
-
-    Args:
-        root: The folder; made where it is missing.
-        settings: With which the frames are made.
-
-    Yields:
-        The folder, which no other run uses meanwhile.
 
     Raises:
         ValueError: It holds frames of other settings (the message names what differs), or

@@ -53,8 +53,7 @@ def stored_raw_depth(
 ) -> tuple[npt.NDArray[np.float32], float | DisparityScale]:
     """Raw depth rounded to what is stored, and the scale to store it with.
 
-    Disparity is stored in steps of 1/16 pixel, beyond 1 m of 1/8 pixel: there a real D435's noise
-    is larger than that.
+    Beyond 1 m steps of disparity are twice as long: there a real D435's noise is larger.
     """
     camera = StereoCamera()
     if settings.raw_format == "depth":

@@ -116,13 +116,7 @@ def revolve(
 
 
 def tube_around(line: Array, thickness: Array, width: Array) -> Surface:
-    """A closed tube of elliptic section around a line in the plane y = 0.
-
-    Args:
-        line: Its centre, shape (N, 3).
-        thickness: Half of its thickness in that plane, shape (N,).
-        width: Half of its width along y, shape (N,).
-    """
+    """A closed tube around a line (N, 3) in the plane y = 0, half axes (N,)."""
     tangent = np.gradient(line, axis=0)
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
     side = np.array([0.0, 1.0, 0.0])

@@ -98,13 +98,7 @@ def noise(points: Array, wavelength: float, seed: int) -> Array:
 
 
 def skin_map(points: Array, normals: Array, shape: HandShape) -> SkinMap:
-    """Draw the skin's features on the hand at rest.
-
-    Args:
-        points: The smooth surface of the rest hand, metres, shape (V, 3).
-        normals: Its unit normals, shape (V, 3).
-        shape: The sizes of that hand.
-    """
+    """Draw the skin's features on the smooth surface (V, 3) of the rest hand of a shape."""
     count = len(points)
     maps = {name: np.zeros(count) for name in SkinMap.__dataclass_fields__}
     rest = rest_skeleton(shape)
@@ -132,15 +126,8 @@ def skin_map(points: Array, normals: Array, shape: HandShape) -> SkinMap:
 def pose_correctives(points: Array, normals: Array, shape: HandShape) -> Array:
     """How much the back of each joint rises along the normals when it bends by a right angle.
 
-    Bone ends push the skin out; between the four knuckles it sinks.
-
-    Args:
-        points: The surface of the rest hand, metres, shape (V, 3).
-        normals: Its unit normals, shape (V, 3).
-        shape: The sizes of that hand.
-
-    Returns:
-        Metres, shape (V, 15); column 3 i + j is joint j of finger i, the thumb's CMC is flat.
+    Bone ends push the skin out; between the four knuckles it sinks. Metres, shape (V, 15); column
+    3 i + j is joint j of finger i, the thumb's CMC is flat.
     """
     rest = rest_skeleton(shape)
     rises = np.zeros((len(points), 15))

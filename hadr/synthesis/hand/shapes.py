@@ -13,15 +13,7 @@ GIRTH_RANGE = (0.86, 1.16)
 
 
 def draw_hand_shape(rng: np.random.Generator, side: Side) -> HandShape:
-    """Draw a hand.
-
-    Args:
-        rng: Source of the variation.
-        side: Which hand.
-
-    Returns:
-        A hand whose size, length of fingers, breadth of palm and girth vary by some per cent.
-    """
+    """Draw a hand whose size, fingers, breadth of palm and girth vary by some per cent."""
     usual = HandShape()
     scale = float(np.clip(rng.normal(0.97, 0.055), *SCALE_RANGE))
     girth = float(np.clip(rng.normal(1.0, 0.06), *GIRTH_RANGE))

@@ -127,13 +127,7 @@ def dual_quaternions(motions: Array) -> Array:
 def blend_motions(
     points: npt.NDArray[np.float32], weights: npt.NDArray[np.float32], motions: Array
 ) -> npt.NDArray[np.float32]:
-    """Move each point by its weighted bones' dual quaternion.
-
-    Args:
-        points: Shape (V, 3).
-        weights: Rows sum to 1, shape (V, 16).
-        motions: Rigid motions of the bones, shape (16, 4, 4).
-    """
+    """Move points (V, 3) by their weighted bones' rigid motions, shape (16, 4, 4)."""
     blend = weights @ dual_quaternions(motions).astype(np.float32)
     blend /= np.linalg.norm(blend[:, :4], axis=1, keepdims=True)
     w, v, dw, dv = blend[:, :1], blend[:, 1:4], blend[:, 4:5], blend[:, 5:]

@@ -98,11 +98,6 @@ def passes_through_wall(item: GlassObject, points: Array, edges: npt.NDArray[np.
     """Whether a connected skin runs from the outside of the glass to its hollow through the wall.
 
     An edge whose ends lie on different sides may pass over the rim, but not through glass.
-
-    Args:
-        item: The object.
-        points: Skin, object frame, metres, shape (V, 3).
-        edges: Pairs of neighbouring points, shape (E, 2).
     """
     around = signed_distance(item, points, filled=True)
     if (around > 0).all():

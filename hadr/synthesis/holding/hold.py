@@ -108,12 +108,6 @@ def search_hold(
 ) -> tuple[Array, Array, ContactReport, int]:
     """Search a hold of a kind as a right hand's.
 
-    Args:
-        object_id: The object.
-        kind: One of the kinds in ``HOLD_KINDS``.
-        shape: The hand.
-        rng: Source of its freedom.
-
     Returns:
         The angles; ``wrist_from_object``; the checks' report (its problems are empty unless all
         attempts failed, then it is the best failure); and the number of attempts.

@@ -270,13 +270,7 @@ def _handle(item: GlassObject, s: float, draw: _Draw) -> Placement:
 def draw_placement(
     item: GlassObject, kind: str, scale: float, rng: np.random.Generator
 ) -> tuple[Placement, Array | None]:
-    """Put the object into a hand as a kind of hold wants it, with some freedom.
-
-    Args:
-        item: The object.
-        kind: One of ``KIND_MEANING``.
-        scale: Size of the hand.
-        rng: Source of the freedom.
+    """Put the object into a hand of a size as a kind of hold wants it, with some freedom.
 
     Returns:
         The placement; and the direction (wrist frame) in which the object still has to be pushed

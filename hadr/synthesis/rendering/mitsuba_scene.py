@@ -161,12 +161,6 @@ def mitsuba_sensor(
 ) -> dict[str, Any]:
     """A pinhole camera with a box filter, as Mitsuba's dictionary.
 
-    Args:
-        camera: Intrinsics with square pixels.
-        world_from_camera: Pose of the OpenCV camera, shape (4, 4).
-        samples: Paths a pixel.
-        seed: Of the paths.
-
     Raises:
         ValueError: The pixels are not square.
     """
@@ -200,14 +194,7 @@ def mitsuba_sensor(
 
 
 def scene_to_mitsuba(scene: Scene) -> dict[str, Any]:
-    """Surfaces, materials and lights of a scene; add a sensor and an integrator to draw it.
-
-    Args:
-        scene: The scene.
-
-    Returns:
-        A dictionary for ``mitsuba.load_dict``.
-    """
+    """A scene for ``mitsuba.load_dict``, without the sensor and the integrator that draw it."""
     import mitsuba as mi
 
     contents = scene.contents

@@ -91,16 +91,7 @@ def _look_through_glass(scene: Scene, albedo: Light) -> None:
 
 
 def denoise(light: Light, albedo: Light, normal: Light) -> Light:
-    """Take the noise of few samples away with Open Image Denoise.
-
-    Args:
-        light: Linear RGB, (H, W, 3).
-        albedo: Reflectance of what is seen, (H, W, 3).
-        normal: Normals of what is seen, (H, W, 3).
-
-    Returns:
-        Linear RGB, (H, W, 3) float32.
-    """
+    """Take the noise of few samples away with Open Image Denoise; all pictures are (H, W, 3)."""
     oidn = importlib.import_module("pyoidn")
     clean = np.zeros(light.shape, dtype=np.float32)
     images = {"color": light, "albedo": np.clip(albedo, 0, 1), "normal": normal, "output": clean}

@@ -58,11 +58,7 @@ class RayTracer(RayCaster):
         return environment.irradiance(normals) / np.pi
 
     def _key(self, points: Array) -> tuple[Array, Array]:
-        """Unit directions toward the key light and its irradiance over pi when it falls straight.
-
-        Args:
-            points: World frame, metres, shape (N, 3).
-        """
+        """Unit directions toward the key light from points, and its irradiance over pi."""
         if not self.contents.lamps:
             return np.broadcast_to([0.0, 0.0, 1.0], points.shape), np.ones_like(points)
         lamp = self.contents.lamps[0]
@@ -235,14 +231,7 @@ class RayTracer(RayCaster):
     def reflectance(
         self, origins: Array, directions: Array, pixel: float, *, bounces: int = 10
     ) -> Array:
-        """Reflectance of what rays end on, through the glass and tinted by it, (N, 3).
-
-        Args:
-            origins: World frame, metres, shape (N, 3).
-            directions: Unit directions of looking, shape (N, 3).
-            pixel: Width of a pixel as a tangent, for the choice of the texture's level.
-            bounces: Most interfaces that a ray may cross.
-        """
+        """Reflectance of what rays end on, through the glass and tinted by it, (N, 3)."""
         result = np.ones((len(origins), 3))
         beams = Beams.start(origins, directions)
         for _ in range(bounces):

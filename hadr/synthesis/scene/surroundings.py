@@ -177,15 +177,8 @@ def make_surroundings(
 ) -> Surroundings:
     """Put up a place around what is held: every ray of the camera ends on something.
 
-    Args:
-        eye: The camera, world frame, metres.
-        middle: What it looks at.
-        lowest: Height under which nothing of hand and glass reaches, metres.
-        rng: Draws it.
-        photographs: A user's photographs for backdrop, table and floor; procedural ones without.
-
-    Returns:
-        The surfaces; none of them between the camera and what is held.
+    The camera at ``eye`` looks at ``middle``; hand and glass stay above the height ``lowest``, and
+    nothing comes between them and the camera. World frame, metres.
     """
     stage = Stage(tuple(photographs))
     choice = TextureChoice(rng, len(photographs))
