@@ -70,21 +70,6 @@ class Stage:
         self.add(vertices, np.array([[0, 1, 2], [0, 2, 3]]), normals, uv, number, repeat)
 
     def mirrored(
-        self, corner: Array, right: Array, down: Array, number: int, repeat: float, start: Array
-    ) -> None:
-        """As :meth:`quad`, but each second repeat across is mirrored, so that no seam is seen.
-
-        The texture's height is ``repeat``; ``down`` has that length and ``start[1]`` is 0.
-        """
-        self._panels(corner, right, down, number, repeat, float(start[0]), (0.002, 0.998))
-
-    def stretched(
-        self, corner: Array, right: Array, down: Array, number: int, repeat: float, start: Array
-    ) -> None:
-        """As :meth:`mirrored`, but only the texture's upmost row is seen, drawn out."""
-        self._panels(corner, right, down, number, repeat, float(start[0]), (0.002, 0.004))
-
-    def _panels(
         self,
         corner: Array,
         right: Array,
@@ -92,8 +77,12 @@ class Stage:
         number: int,
         repeat: float,
         start: float,
-        rows: tuple[float, float],
+        rows: tuple[float, float] = (0.002, 0.998),
     ) -> None:
+        """As :meth:`quad`, but each second repeat across is mirrored, so that no seam is seen.
+
+        ``down`` shows the rows between two fractions of the texture's height, which is ``repeat``.
+        """
         wide, step = float(np.linalg.norm(right)), repeat * self.aspect(number)
         edges = (np.arange(np.ceil(wide / step) + 2) - start % 1) * step
         edges = edges[(edges > 1e-6) & (edges < wide - 1e-6)]

@@ -68,9 +68,9 @@ def _add_backdrop(stage: Stage, choice: TextureChoice, view: _View) -> None:
         corner = np.array([*ring[k][:2], top])
         right = np.array([*(ring[k + 1] - ring[k])[:2], 0.0])
         if is_view(number):
-            offset = np.array([start + k * wide, 0.0])
-            stage.mirrored(corner + drawn_out, right, UP * -height, number, height, offset)
-            stage.stretched(corner, right, drawn_out, number, height, offset)
+            left = start + k * wide
+            stage.mirrored(corner + drawn_out, right, UP * -height, number, height, left)
+            stage.mirrored(corner, right, drawn_out, number, height, left, (0.002, 0.004))
         else:
             grain = natural_size(number)
             offset = np.array([k * across / (grain * stage.aspect(number)), 0.0])
@@ -114,8 +114,8 @@ def _add_walls(stage: Stage, choice: TextureChoice, view: _View, beyond: float) 
         bottom = max(float(sight - tall * rng.uniform(0.35, 0.6)), floor)
         corner = np.array([*(center + left * along)[:2], bottom + tall])
         ahead_at = -left / (tall * stage.aspect(number))
-        offset = np.array([20.5 + rng.uniform(-0.25, 0.25) - ahead_at, 0.0])
-        stage.mirrored(corner, across, -tall * UP, number, tall, offset)
+        start = 20.5 + rng.uniform(-0.25, 0.25) - ahead_at
+        stage.mirrored(corner, across, -tall * UP, number, tall, start)
     else:
         corner = np.array([*(center + left * along)[:2], floor + tall])
         stage.quad(corner, across, -tall * UP, number, natural_size(number), rng.random(2))

@@ -141,7 +141,7 @@ def test_a_quads_picture_runs_right_and_down():
 def test_each_second_repeat_is_mirrored():
     stage = Stage()
     right, down = np.array([3.0, 0, 0]), np.array([0, 0, -1.0])
-    stage.mirrored(np.array([0, 2, 1.0]), right, down, 0, 1.0, np.zeros(2))
+    stage.mirrored(np.array([0, 2, 1.0]), right, down, 0, 1.0, 0.0)
     around = stage.surroundings()
     assert len(around.surface.faces) == 6
     for x, u in ((0.25, 0.25), (0.75, 0.75), (1.25, 0.75), (1.75, 0.25), (2.25, 0.25)):
