@@ -18,9 +18,9 @@ from scipy.spatial import cKDTree
 from hadr.records.caches import kept
 from hadr.synthesis.rendering.raycast import GLASS, HAND, SURROUNDINGS, RayCaster
 from hadr.synthesis.rendering.refraction import Beams, Ends, follow
+from hadr.synthesis.rendering.shading import texture_color
 from hadr.synthesis.scene.contents import Contents
-from hadr.synthesis.textures.families import sample
-from hadr.synthesis.textures.noise import SIZE, look_up
+from hadr.synthesis.textures.noise import look_up
 
 Array = npt.NDArray[np.float64]
 
@@ -226,14 +226,8 @@ class InfraredScene:
         around, hand = self._caster.contents.surroundings, self._caster.contents.hand
         rows = np.flatnonzero(kind == SURROUNDINGS)
         if around is not None and len(rows):
-            face = hits.face[rows]
-            corners = around.surface.faces[face]
-            u, v = hits.u[rows, None], hits.v[rows, None]
-            uv = (1 - u - v) * around.uv[corners[:, 0]] + u * around.uv[corners[:, 1]]
-            uv = uv + v * around.uv[corners[:, 2]]
             length = ends.beams.travelled[rows] + hits.distance[rows]
-            texels = 1.3 * length * pixel / around.repeat[face] * SIZE
-            color = sample(around.texture[face], uv, texels, around.photographs) * around.tint[face]
+            color = texture_color(around, hits.take(rows), length * pixel)
             albedo[rows] = 0.25 + 0.55 * np.clip(color @ _GREY, 0.0, 1.0)
         rows = np.flatnonzero(kind == HAND)
         if hand is not None and len(rows):

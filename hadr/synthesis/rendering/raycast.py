@@ -71,6 +71,16 @@ class Hits:
         """Some of them."""
         return Hits(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
 
+    def mixed(self, values: Array, faces: npt.NDArray[np.int64]) -> Array:
+        """Values of a mesh's vertices (V, C) where it is hit, between its vertices, (N, C)."""
+        a, b, c = (values[faces[self.face, i]] for i in range(3))
+        u, v = self.u[:, None], self.v[:, None]
+        return np.asarray((1 - u - v) * a + u * b + v * c)
+
+
+def _unit(vectors: Array, least: float) -> Array:
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), least))
+
 
 def _exact(
     hits: Hits, surfaces: list[Surface], origins: Array, directions: Array
@@ -209,20 +219,12 @@ class RayCaster:
         smooth, flat = np.zeros((2, len(hits.mesh), 3))
         for number, (_, surface) in enumerate(self.meshes):
             rows = np.flatnonzero(hits.mesh == number)
-            if len(rows):
-                smooth[rows], flat[rows] = self._normal(surface, hits, rows)
-        return smooth, flat
-
-    def _normal(self, surface: Surface, hits: Hits, rows: Any) -> tuple[Array, Array]:
-        """Smooth and flat unit normals of the hits in ``rows``, outward."""
-        faces = surface.faces[hits.face[rows]]
-        u, v = hits.u[rows, None], hits.v[rows, None]
-        n = surface.normals
-        smooth = (1 - u - v) * n[faces[:, 0]] + u * n[faces[:, 1]] + v * n[faces[:, 2]]
-        smooth /= np.maximum(np.linalg.norm(smooth, axis=1, keepdims=True), 1e-12)
-        a, b, c = (surface.vertices[faces[:, i]] for i in range(3))
-        flat = np.cross(b - a, c - a)
-        flat /= np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-20)
+            if not len(rows):
+                continue
+            some = hits.take(rows)
+            smooth[rows] = _unit(some.mixed(surface.normals, surface.faces), 1e-12)
+            a, b, c = (surface.vertices[surface.faces[some.face, i]] for i in range(3))
+            flat[rows] = _unit(np.cross(b - a, c - a), 1e-20)
         return smooth, flat
 
     def labels(self, camera: Intrinsics, world_from_camera: Array) -> Labels:

@@ -6,13 +6,12 @@ and bent by Snell's law at each interface, until it reaches something opaque.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import numpy.typing as npt
 
 from hadr.camera import Intrinsics, pixel_grid
 from hadr.synthesis.depth_sensor.sensor_noise import film
+from hadr.synthesis.hand.mesh import HandMesh
 from hadr.synthesis.rendering.raycast import (
     GLASS,
     HAND,
@@ -31,6 +30,33 @@ Array = npt.NDArray[np.float64]
 
 #: Light from all sides, linear RGB, where there is no environment.
 _AMBIENT = np.full(3, 0.5)
+
+
+def texture_color(around: Surroundings, hits: Hits, footprint: Array) -> Array:
+    """Linear RGB reflectance of surroundings where pixels ``footprint`` metres wide meet them."""
+    face = hits.face
+    texels = 1.3 * footprint / around.repeat[face] * SIZE
+    uv = hits.mixed(around.uv, around.surface.faces)
+    return sample(around.texture[face], uv, texels, around.photographs) * around.tint[face]
+
+
+def _skin(
+    hand: HandMesh, hits: Hits, d: Array, normal: Array, key: Array, light: Array, sky: Array
+) -> Array:
+    """Linear RGB of lit skin where rays of directions ``d`` meet it."""
+    albedo = hits.mixed(hand.albedo, hand.surface.faces)
+    gloss = hits.mixed(hand.gloss[:, None], hand.surface.faces)
+    # Light that seeps around the terminator is red: each channel wraps by its own amount.
+    wrap = np.array([0.42, 0.22, 0.16])
+    facing = (normal * key).sum(1)
+    color = albedo * (sky + light * np.maximum((facing[:, None] + wrap) / (1 + wrap), 0.0))
+    half = key - d
+    half /= np.linalg.norm(half, axis=1, keepdims=True)
+    shine = np.maximum((normal * half).sum(1), 0.0)
+    sharp = np.where(gloss[:, 0] > 0.6, 70.0, 18.0)
+    rim = (1 - np.clip(-(normal * d).sum(1), 0, 1)) ** 4
+    spark = gloss[:, 0] * 0.5 * shine**sharp * np.maximum(facing, 0)
+    return np.asarray(color + spark[:, None] * light + 0.10 * rim[:, None] * sky)
 
 
 class RayTracer(RayCaster):
@@ -79,15 +105,16 @@ class RayTracer(RayCaster):
         color = np.zeros((len(origins), 3))
         miss = hits.mesh < 0
         color[miss] = self._beyond(directions[miss])
-        for number, (kind, surface) in enumerate(self._opaque):
+        for number, (kind, _) in enumerate(self._opaque):
             rows = np.flatnonzero(hits.mesh == number)
             if not len(rows):
                 continue
-            smooth, flat = self._normal(surface, hits, rows)
+            some = hits.take(rows)
+            smooth, flat = self.normals(some)
             d = directions[rows]
             toward = -np.sign((flat * d).sum(1, keepdims=True))
             normal, flat = smooth * toward, flat * toward
-            point = origins[rows] + hits.distance[rows, None] * d
+            point = origins[rows] + some.distance[:, None] * d
             key, key_light = self._key(point)
             facing = (normal * key).sum(1)
             lit = np.ones(len(rows))
@@ -98,49 +125,13 @@ class RayTracer(RayCaster):
                     open_sky = self._openness(point + 4e-4 * flat, normal, rng)
             sky = self._sky(normal)
             if kind == SURROUNDINGS and self.contents.surroundings is not None:
-                near = travelled[rows] + hits.distance[rows]
-                color[rows] = self._texture(self.contents.surroundings, hits, rows, near * pixel)
+                footprint = (travelled[rows] + some.distance) * pixel
+                color[rows] = texture_color(self.contents.surroundings, some, footprint)
                 color[rows] *= sky + key_light * (np.maximum(facing, 0) * lit)[:, None]
             elif self.contents.hand is not None:
-                color[rows] = self._skin(
-                    hits, rows, d, normal, key, key_light * lit[:, None], sky * open_sky[:, None]
-                )
+                light, around = key_light * lit[:, None], sky * open_sky[:, None]
+                color[rows] = _skin(self.contents.hand, some, d, normal, key, light, around)
         return color + self._lamp_light(origins, directions, hits.distance)
-
-    def _texture(self, around: Surroundings, hits: Hits, rows: Any, footprint: Array) -> Array:
-        face = hits.face[rows]
-        corners = around.surface.faces[face]
-        u, v = hits.u[rows, None], hits.v[rows, None]
-        uv = (1 - u - v) * around.uv[corners[:, 0]] + u * around.uv[corners[:, 1]]
-        uv = uv + v * around.uv[corners[:, 2]]
-        texels = 1.3 * footprint / around.repeat[face] * SIZE
-        colors = sample(around.texture[face], uv, texels, around.photographs)
-        return np.asarray(colors * around.tint[face])
-
-    def _skin(
-        self, hits: Hits, rows: Any, d: Array, normal: Array, key: Array, light: Array, sky: Array
-    ) -> Array:
-        hand = self.contents.hand
-        assert hand is not None
-        corners = hand.surface.faces[hits.face[rows]]
-        u, v = hits.u[rows, None], hits.v[rows, None]
-
-        def mix(values: Array) -> Array:
-            a, b, c = (values[corners[:, i]] for i in range(3))
-            return np.asarray((1 - u - v) * a + u * b + v * c)
-
-        albedo, gloss = mix(hand.albedo), mix(hand.gloss[:, None])
-        # Light that seeps around the terminator is red: each channel wraps by its own amount.
-        wrap = np.array([0.42, 0.22, 0.16])
-        facing = (normal * key).sum(1)
-        color = albedo * (sky + light * np.maximum((facing[:, None] + wrap) / (1 + wrap), 0.0))
-        half = key - d
-        half /= np.linalg.norm(half, axis=1, keepdims=True)
-        shine = np.maximum((normal * half).sum(1), 0.0)
-        sharp = np.where(gloss[:, 0] > 0.6, 70.0, 18.0)
-        rim = (1 - np.clip(-(normal * d).sum(1), 0, 1)) ** 4
-        spark = gloss[:, 0] * 0.5 * shine**sharp * np.maximum(facing, 0)
-        return np.asarray(color + spark[:, None] * light + 0.10 * rim[:, None] * sky)
 
     def _sunlit(
         self, points: Array, key: Array, rng: np.random.Generator, wanted: npt.NDArray[np.bool_]
@@ -242,7 +233,7 @@ class RayTracer(RayCaster):
                     continue
                 if kind == SURROUNDINGS and self.contents.surroundings is not None:
                     footprint = (beams.travelled[k] + hits.distance[k]) * pixel
-                    found = self._texture(self.contents.surroundings, hits, k, footprint)
+                    found = texture_color(self.contents.surroundings, hits.take(k), footprint)
                 elif self.contents.hand is not None:
                     found = self.contents.hand.albedo[
                         self.contents.hand.surface.faces[hits.face[k], 0]
