@@ -326,7 +326,7 @@ def _read_image(path: str | Path, name: str) -> NDArray[Any]:
     _check_file(path, name)
     data = path.read_bytes()
     if data.startswith(PNG_SIGNATURE):
-        _check_png(data, f"{name} {path}")
+        check_png(data, f"{name} {path}")
     level = cv2.utils.logging.getLogLevel()
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:
@@ -341,7 +341,7 @@ def _read_image(path: str | Path, name: str) -> NDArray[Any]:
     return np.asarray(image)
 
 
-def _check_png(data: bytes, name: str) -> None:
+def check_png(data: bytes, name: str) -> None:
     """Walk the chunks of a PNG, so that a cut-off file is named before a decoder guesses."""
     position = len(PNG_SIGNATURE)
     while position + 12 <= len(data):
