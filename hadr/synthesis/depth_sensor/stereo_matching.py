@@ -28,7 +28,7 @@ class Matching:
         left_right: Largest difference of the two directions' disparities, pixels.
         window: Standard deviation of the window of sub-pixel matching, pixels.
         iterations: Its steps; 0 leaves the disparity as the semi-global matcher found it.
-        ncc: Least normalised cross-correlation (NCC) of the two matched windows, -1..1.
+        likeness: Least normalised cross-correlation (NCC) of the two matched windows, -1..1.
         texture: Least root mean square of the horizontal gradient in it, grey values a pixel.
         jump: Disparity step that counts as an edge, pixels.
         edge: Pixels on both sides of such an edge that are refused.
@@ -46,7 +46,7 @@ class Matching:
     left_right: int = 1
     window: float = 2.2
     iterations: int = 3
-    ncc: float = 0.75
+    likeness: float = 0.75
     texture: float = 2.0
     jump: float = 2.5
     edge: int = 1
@@ -138,7 +138,7 @@ def _refine(
     ncc = window(first * there) / np.sqrt(left_power * right_power + 1e-6)
     sure = (disparity > 0) & (refined > 0.5) & (np.abs(refined - disparity) < 1.0)
     strong = window(rise * rise) > how.texture**2 * np.maximum(window(np.ones_like(first)), 1e-6)
-    return refined, sure & (ncc > how.ncc) & strong
+    return refined, sure & (ncc > how.likeness) & strong
 
 
 def _without_mean(picture: Picture) -> Float:
