@@ -171,7 +171,7 @@ def table_scene(seed: int, camera: Intrinsics) -> Scene:
     pose = look_at(eye, target, 0.0)
     contents = Contents(_boxes(rng), tuple(glass), surroundings=around)
     hold = make_hold("0000", 0, 0)
-    return Scene(contents, camera, pose, np.zeros((21, 3)), np.zeros((22, 3)), np.eye(4), hold)
+    return Scene(contents, camera, pose, np.zeros((21, 3)), np.eye(4), hold)
 
 
 def _boxes(rng: np.random.Generator) -> HandMesh:

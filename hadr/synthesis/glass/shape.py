@@ -78,17 +78,16 @@ class GlassObject:
 
 
 @kept(64)
-def profile(item: GlassObject, spacing: float = SPACING) -> Array:
+def profile(item: GlassObject) -> Array:
     """The closed outline in the half plane, without relief, from the axis below to that inside.
 
     Args:
         item: The object.
-        spacing: Largest distance of the samples, metres; arcs and reliefs are sampled finer.
 
     Returns:
         Points (r, z) in metres, shape (N, 2); the first and the last lie on the axis.
     """
-    outer, inner = rounded_path(item.outer, spacing), rounded_path(item.inner, spacing)
+    outer, inner = rounded_path(item.outer, SPACING), rounded_path(item.inner, SPACING)
     middle = (outer[-1] + inner[0]) / 2
     half = float(np.linalg.norm(outer[-1] - inner[0])) / 2
     across = (outer[-1] - middle) / half
@@ -97,8 +96,8 @@ def profile(item: GlassObject, spacing: float = SPACING) -> Array:
     rim = middle + half * (np.cos(angle) * across + np.sin(angle) * up)
     bands = [relief.band for relief in item.reliefs]
     sides = [relief.band for relief in item.reliefs if relief.through]
-    outer = subdivided(np.concatenate([outer, rim[:1]]), spacing, bands)[:-1]
-    inner = subdivided(np.concatenate([rim[-1:], inner]), spacing, sides)[1:]
+    outer = subdivided(np.concatenate([outer, rim[:1]]), SPACING, bands)[:-1]
+    inner = subdivided(np.concatenate([rim[-1:], inner]), SPACING, sides)[1:]
     return np.concatenate([outer, rim, inner])
 
 

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from hadr.hand import FINGERS, HandShape, Skeleton
 from hadr.synthesis.hand.signed_distance import rest_skeleton
-from hadr.synthesis.hand.template import BONE_COUNT, COARSE_STEP, FINE_STEP, hand_template
+from hadr.synthesis.hand.template import BONE_COUNT, COARSE_STEP, hand_template
 
 Array = npt.NDArray[np.float64]
 
@@ -160,21 +160,17 @@ def posed_vertices(skeleton: Skeleton, shape: HandShape, step: float) -> npt.NDA
     return vertices
 
 
-def skin_vertices(
-    skeleton: Skeleton, shape: HandShape, coarse: bool = True
-) -> tuple[Array, npt.NDArray[np.int8]]:
-    """Points of the skin in a pose, for contact checks.
+def skin_vertices(skeleton: Skeleton, shape: HandShape) -> tuple[Array, npt.NDArray[np.int8]]:
+    """Points of the skin in a pose, some 4 mm apart, for contact checks.
 
     Args:
         skeleton: The pose, wrist frame, metres.
         shape: The sizes that posed it.
-        coarse: Some ten thousand points 4 mm apart; else the points that pictures show.
 
     Returns:
         Vertices in the wrist frame, metres, shape (V, 3), in the same order for every pose and
         shape; and the part that each belongs to: 0..4 thumb to little finger, 5 palm, 6 forearm,
         shape (V,).
     """
-    step = COARSE_STEP if coarse else FINE_STEP
-    vertices = posed_vertices(skeleton, shape, step)
-    return vertices.astype(float), hand_template(step).part
+    vertices = posed_vertices(skeleton, shape, COARSE_STEP)
+    return vertices.astype(float), hand_template(COARSE_STEP).part

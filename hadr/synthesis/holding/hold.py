@@ -78,11 +78,6 @@ def check_hold(hold: Hold) -> ContactReport:
     )
 
 
-def holds_well(hold: Hold) -> bool:
-    """Whether a hold passes all checks."""
-    return not check_hold(hold).problems
-
-
 def _candidates(
     item: GlassObject,
     kind: str,

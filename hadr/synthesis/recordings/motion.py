@@ -141,16 +141,7 @@ def _mm(values: Sequence[float]) -> tuple[float, float, float]:
 def failing_rows(recording: Recording) -> Iterator[tuple[int, tuple[str, ...]]]:
     """Rows of a recording that do not pass the checks of a hold, and why."""
     for row in range(len(recording.time)):
-        hold = Hold(
-            recording.hold_id,
-            recording.object_id,
-            recording.kind,
-            recording.shape,
-            recording.angles[row],
-            recording.wrist_from_object[row],
-            {},
-        )
-        problems = check_hold(hold).problems
+        problems = recording.checked(row)[1].problems
         if problems:
             yield row, problems
 

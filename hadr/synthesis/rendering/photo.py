@@ -23,11 +23,14 @@ from hadr.synthesis.rendering.raycast import rays_through
 from hadr.synthesis.rendering.shading import RayTracer
 from hadr.synthesis.scene.scene import Scene
 
+#: Most surfaces on a path.
+_SURFACES = 14
+
 Light = npt.NDArray[np.float32]
 
 
 def trace(
-    scene: Scene, *, seed: int, samples: int = 8, variant: str | None = None, depth: int = 14
+    scene: Scene, *, seed: int, samples: int = 8, variant: str | None = None
 ) -> tuple[Light, Light, Light]:
     """The light that reaches the camera, with the noise of few samples.
 
@@ -36,7 +39,6 @@ def trace(
         seed: Of the paths.
         samples: Paths a pixel.
         variant: Of Mitsuba; the fastest that works where it is left out.
-        depth: Most surfaces on a path.
 
     Returns:
         Linear RGB, and as guides for a denoiser the reflectance and the normals of what is seen
@@ -52,7 +54,7 @@ def trace(
         description = scene_to_mitsuba(scene)
         description["sensor"] = mitsuba_sensor(scene.camera, scene.world_from_camera, samples, seed)
         loaded = mi.load_dict(description)
-        paths = mi.load_dict({"type": "path", "max_depth": depth, "rr_depth": 3})
+        paths = mi.load_dict({"type": "path", "max_depth": _SURFACES, "rr_depth": 3})
         # One integrator for both would trace every path twice.
         first = mi.load_dict({"type": "aov", "aovs": "albedo:albedo,normal:sh_normal"})
 
@@ -125,8 +127,6 @@ def photograph(
     seed: int,
     samples: int = 8,
     variant: str | None = None,
-    denoised: bool = True,
-    camera: ColorCamera | None = None,
 ) -> npt.NDArray[np.uint8]:
     """Take a path-traced picture of a scene.
 
@@ -135,14 +135,11 @@ def photograph(
         seed: Of the paths and of the camera's noise; the same seed gives the same bytes.
         samples: Paths a pixel.
         variant: Of Mitsuba; the fastest that works where it is left out.
-        denoised: Take the noise of few paths away.
-        camera: What takes the picture.
 
     Returns:
         sRGB, shape (H, W, 3) uint8.
     """
     seed = int(np.random.SeedSequence(seed).generate_state(1)[0])
     light, albedo, normal = trace(scene, seed=seed, samples=samples, variant=variant)
-    if denoised:
-        light = denoise(light, albedo, normal)
-    return develop(light, np.random.default_rng(seed), camera or ColorCamera())
+    light = denoise(light, albedo, normal)
+    return develop(light, np.random.default_rng(seed), ColorCamera())

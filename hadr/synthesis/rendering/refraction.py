@@ -19,6 +19,8 @@ Array = npt.NDArray[np.float64]
 Columns = TypeVar("Columns", "Beams", Hits)
 
 _NUDGE = 2e-6
+#: Most interfaces that a ray of a picture crosses.
+BOUNCES = 10
 #: Rays that carry less of their light than this are not followed to all of their ends.
 FAINTEST = 0.015
 
@@ -101,14 +103,13 @@ def cross(caster: RayCaster, beams: Beams, hits: Hits) -> tuple[Beams, Beams]:
     )
 
 
-def ray_path(caster: RayCaster, origin: Array, direction: Array, *, bounces: int = 10) -> Array:
+def ray_path(caster: RayCaster, origin: Array, direction: Array) -> Array:
     """Follow one ray through the glass, always along its stronger part.
 
     Args:
         caster: The surfaces.
         origin: World frame, metres, shape (3,).
         direction: Unit direction, shape (3,).
-        bounces: Most interfaces to follow.
 
     Returns:
         The points at which it starts, crosses interfaces and ends, shape (K, 3). A ray that
@@ -116,7 +117,7 @@ def ray_path(caster: RayCaster, origin: Array, direction: Array, *, bounces: int
     """
     beam = Beams.start(np.asarray(origin)[None], np.asarray(direction)[None])
     points = [beam.origin[0]]
-    for _ in range(bounces):
+    for _ in range(BOUNCES):
         hits = caster.first(beam.origin, beam.direction)
         end = hits.distance[0] if np.isfinite(hits.distance[0]) else 0.1
         points.append(beam.origin[0] + end * beam.direction[0])

@@ -20,7 +20,7 @@ from hadr.synthesis.rendering.raycast import (
     RayCaster,
     rays_through,
 )
-from hadr.synthesis.rendering.refraction import Beams, cross
+from hadr.synthesis.rendering.refraction import BOUNCES, Beams, cross
 from hadr.synthesis.scene.contents import Surroundings
 from hadr.synthesis.textures.families import sample
 from hadr.synthesis.textures.noise import SIZE
@@ -165,8 +165,6 @@ class RayTracer(RayCaster):
         directions: Array,
         pixel: float,
         rng: np.random.Generator | None = None,
-        *,
-        bounces: int = 10,
     ) -> Array:
         """Linear RGB that arrives along rays.
 
@@ -175,21 +173,20 @@ class RayTracer(RayCaster):
             directions: Unit directions of looking, shape (N, 3).
             pixel: Width of a pixel as a tangent, for the choice of the texture's level.
             rng: Jitters shadow rays; None leaves out shadows and the weaker reflections.
-            bounces: Most interfaces that a ray may cross.
 
         Returns:
             Shape (N, 3).
         """
         color = np.zeros((len(origins), 3))
         beams = Beams.start(origins, directions)
-        for depth in range(bounces + 1):
+        for depth in range(BOUNCES + 1):
             hits = self.first(beams.origin, beams.direction)
             clear = self._kinds[hits.mesh] == GLASS
-            done = ~clear if depth < bounces else np.ones(len(beams.row), dtype=bool)
+            done = ~clear if depth < BOUNCES else np.ones(len(beams.row), dtype=bool)
             if done.any():
                 k = np.flatnonzero(done)
                 last, ends = beams.take(k), hits.take(k)
-                if depth == bounces:
+                if depth == BOUNCES:
                     ends = self._trace(self._solid, last.origin, last.direction)
                 light = self._shade(last.origin, last.direction, ends, last.travelled, pixel, rng)
                 color[last.row] += last.weight * light
@@ -219,13 +216,11 @@ class RayTracer(RayCaster):
         light = self._shade(start, toward, seen, mirrored.travelled[strong], pixel, None)
         np.add.at(color, row[strong], mirrored.weight[strong] * light)
 
-    def reflectance(
-        self, origins: Array, directions: Array, pixel: float, *, bounces: int = 10
-    ) -> Array:
+    def reflectance(self, origins: Array, directions: Array, pixel: float) -> Array:
         """Reflectance of what rays end on, through the glass and tinted by it, (N, 3)."""
         result = np.ones((len(origins), 3))
         beams = Beams.start(origins, directions)
-        for _ in range(bounces):
+        for _ in range(BOUNCES):
             hits = self.first(beams.origin, beams.direction)
             for number, (kind, _) in enumerate(self._opaque):
                 k = np.flatnonzero(hits.mesh == number)
@@ -252,7 +247,6 @@ class RayTracer(RayCaster):
         rng: np.random.Generator | None = None,
         *,
         supersample: int = 1,
-        exposure: float = 1.0,
     ) -> npt.NDArray[np.uint8]:
         """Draw the scene.
 
@@ -261,7 +255,6 @@ class RayTracer(RayCaster):
             world_from_camera: Pose of the OpenCV camera, shape (4, 4).
             rng: Jitters shadow rays; None draws faster, without shadows.
             supersample: Rays per pixel and axis.
-            exposure: Factor on all light.
 
         Returns:
             sRGB, shape (H, W, 3) uint8.
@@ -280,7 +273,7 @@ class RayTracer(RayCaster):
                     uv + np.array([du, dv]), camera, world_from_camera
                 )
                 light = self.radiance(origins, directions, 1.0 / camera.fx, rng)
-                total += film(light * exposure)
+                total += film(light)
         srgb = (total / supersample**2) ** (1 / 2.2)
         return np.asarray((srgb * 255).round().clip(0, 255), dtype=np.uint8).reshape(
             *camera.shape, 3

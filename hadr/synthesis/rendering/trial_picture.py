@@ -45,8 +45,8 @@ def trial_scene(lamps: int) -> Scene:
     light = tuple(AreaLight(np.array([x, -0.8, 0]), *sides, np.full(3, 9.0)) for x in (-0.5, 0.5))
     sky = Environment(np.full((128, 256, 3), 0.5, dtype=np.float32))
     things = Contents(hand, glass, surroundings=wall, lamps=light[:lamps], environment=sky)
-    nothing, camera = np.zeros((0, 3)), Intrinsics(40.0, 40.0, 23.5, 13.0, 48, 27)
-    return Scene(things, camera, np.eye(4), nothing, nothing, np.eye(4), cast(Hold, None))
+    camera = Intrinsics(40.0, 40.0, 23.5, 13.0, 48, 27)
+    return Scene(things, camera, np.eye(4), np.zeros((0, 3)), np.eye(4), cast(Hold, None))
 
 
 def draw_trial() -> str:

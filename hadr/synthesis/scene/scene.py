@@ -41,7 +41,6 @@ class Scene:
         camera: Intrinsics.
         world_from_camera: Pose of the OpenCV camera, shape (4, 4).
         keypoints: The 21 keypoints, world frame, metres, shape (21, 3).
-        skeleton: The 22 joints, world frame, metres, shape (22, 3).
         world_from_object: Pose of the object, shape (4, 4).
         hold: The holding pose.
     """
@@ -50,7 +49,6 @@ class Scene:
     camera: Intrinsics
     world_from_camera: Array
     keypoints: Array
-    skeleton: Array
     world_from_object: Array
     hold: Hold
 
@@ -212,4 +210,4 @@ def make_scene(
     surroundings = make_surroundings(eye, middle, lowest, rng, backgrounds)
     environment, lamps = make_lights(eye, middle, rng)
     contents = replace(contents, surroundings=surroundings, lamps=lamps, environment=environment)
-    return Scene(contents, camera, pose, keypoints, joints, world_from_object, hold)
+    return Scene(contents, camera, pose, keypoints, world_from_object, hold)

@@ -67,7 +67,7 @@ def glass_box(low, high) -> Surface:
 def scene(hand=None, glass=(), around=None) -> Scene:
     contents = Contents(hand, tuple(glass), surroundings=around)
     nothing = np.zeros((21, 3))
-    return Scene(contents, COLOR, np.eye(4), nothing, np.zeros((22, 3)), np.eye(4), None)
+    return Scene(contents, COLOR, np.eye(4), nothing, np.eye(4), None)
 
 
 def pixel_error(z):

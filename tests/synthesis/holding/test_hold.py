@@ -16,7 +16,6 @@ from hadr.synthesis.holding.grasp_optimisation import DIP_FOLLOWS_PIP, GraspOpti
 from hadr.synthesis.holding.hold import (
     check_hold,
     hold_kind,
-    holds_well,
     make_hold,
     mirrored_pose,
     search_hold,
@@ -279,7 +278,7 @@ def test_errors():
         make_hold("0000", -1)
     with pytest.raises(ValueError, match="no kind of hold 'elbow'; there are side"):
         draw_placement(glass_object("0000"), "elbow", 1.0, np.random.default_rng(0))
-    assert holds_well(make_hold("0000", 0))
+    assert not check_hold(make_hold("0000", 0)).problems
 
 
 def test_a_hold_that_fails_is_drawn_with_another_hand_and_never_handed_out(monkeypatch):

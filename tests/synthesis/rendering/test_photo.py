@@ -30,8 +30,7 @@ pytest.importorskip("pyoidn", reason="path-traced pictures need hadr[generate]")
 
 def scene_of(contents, camera=CAMERA) -> Scene:
     """A scene without a hold, seen along z from the origin."""
-    nothing = np.zeros((0, 3))
-    return Scene(contents, camera, np.eye(4), nothing, nothing, np.eye(4), cast(Hold, None))
+    return Scene(contents, camera, np.eye(4), np.zeros((0, 3)), np.eye(4), cast(Hold, None))
 
 
 def wall(path, depth, left, right, top, bottom) -> Surroundings:
