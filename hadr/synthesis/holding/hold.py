@@ -18,7 +18,6 @@ from hadr.hand import HandShape, Side
 from hadr.records.caches import kept
 from hadr.synthesis.glass.objects import glass_object
 from hadr.synthesis.glass.shape import GlassObject
-from hadr.synthesis.hand.shapes import draw_hand_shape
 from hadr.synthesis.holding.clearance import ClearanceTable, clearance_table
 from hadr.synthesis.holding.contact import TOUCH, ContactReport, check_contact
 from hadr.synthesis.holding.grasp_optimisation import (
@@ -32,6 +31,10 @@ from hadr.synthesis.holding.kinds import FINGERS_INSIDE, HOLD_KINDS, Placement, 
 
 Array = npt.NDArray[np.float64]
 
+#: Smallest and largest scale: a child of eight, a large man.
+SCALE_RANGE = (0.85, 1.08)
+#: Slender to broad.
+GIRTH_RANGE = (0.86, 1.16)
 _PLACEMENTS, _TRIES, _ROUNDS, _REDRAWS = 10, 2, 6, 5
 #: What a hold made by the search keeps below the checks' limits, metres.
 _AIM = 0.0013
@@ -155,6 +158,22 @@ def hold_kind(object_id: str, number: int) -> str:
         raise ValueError(f"number of a hold starts at 0, got {number}")
     kinds = HOLD_KINDS[object_id]
     return kinds[number % len(kinds)]
+
+
+def draw_hand_shape(rng: np.random.Generator, side: Side) -> HandShape:
+    """Draw a hand whose size, fingers, breadth of palm and girth vary by some per cent."""
+    usual = HandShape()
+    scale = float(np.clip(rng.normal(0.97, 0.055), *SCALE_RANGE))
+    girth = float(np.clip(rng.normal(1.0, 0.06), *GIRTH_RANGE))
+    longer = 1 + float(np.clip(rng.normal(0, 0.03), -0.06, 0.06))
+    broader = 1 + 0.5 * (girth - 1) + float(np.clip(rng.normal(0, 0.02), -0.04, 0.04))
+    lengths = {}
+    for finger, bones in usual.lengths.items():
+        own = longer * (1 + float(np.clip(rng.normal(0, 0.015), -0.03, 0.03)))
+        a, b, c = (own * bone for bone in bones)
+        lengths[finger] = (a, b, c)
+    roots = {finger: (broader * x, y, z) for finger, (x, y, z) in usual.roots.items()}
+    return HandShape(side=side, scale=scale, roots=roots, lengths=lengths, girth=girth)
 
 
 @kept(64)

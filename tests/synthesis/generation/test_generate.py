@@ -170,13 +170,6 @@ def test_a_full_disk_is_told_and_what_is_written_is_whole(six, tmp_path, monkeyp
     assert contents(tmp_path) == contents(six)
 
 
-def test_a_folder_that_cant_be_written_is_told(tmp_path):
-    (tmp_path / "file").write_text("")
-    message = r"can't write frames into .*file/set: .*/file is a file, not a folder"
-    with pytest.raises(ValueError, match=message):
-        generate(tmp_path / "file/set", 1, SIZE)
-
-
 @pytest.mark.parametrize("folder", ["obj_mask", "depth_np", "normals", "hand_kpt", "rgb"])
 def test_a_frame_that_lost_a_file_is_made_again(six, tmp_path, folder):
     shutil.copytree(six, tmp_path, dirs_exist_ok=True)
@@ -265,13 +258,6 @@ def test_the_command_refuses_workers_beside_a_cluster_and_names_what_is_wrong(tm
         assert main([*start, *line.split()]) == 2
         assert message in capsys.readouterr().err
     assert not (tmp_path / "set").exists()
-
-
-def test_other_settings_in_the_same_folder_are_refused(six):
-    before = contents(six)
-    with pytest.raises(ValueError, match="seed is 0 there, 1 here"):
-        generate(six, 6, replace(TWO, seed=1))
-    assert contents(six) == before
 
 
 def test_options_stand_over_the_preset(tmp_path, capsys):
