@@ -1,19 +1,33 @@
 """The `hadr` command: a thin face over the library.
 
-Each subcommand lives in a module of its own that offers `add_arguments(parser)` and
-`run(arguments) -> int`. Modules are imported only when their command is called, so that
-`hadr --help` answers at once.
+Each subcommand lives in a module of its own, imported only when it is called, that offers
+
+* ``Options``, a frozen dataclass: its docstring is the command's description, the string below
+  each field is the option's help with its unit;
+* ``run(options) -> int``, the exit status;
+* ``EPILOG``, if there is more to say below the options: units, files, examples.
+
+A module may offer ``add_arguments(parser)`` in place of ``Options``.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import difflib
 import importlib
+import inspect
+import io
 import os
 import sys
+import warnings
 from collections.abc import Sequence
-from typing import NoReturn
+from dataclasses import replace
+from types import ModuleType, NoneType
+from typing import Any, NoReturn, Union, cast, get_args
+
+import tyro
+from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
 from hadr import __version__
 
@@ -106,20 +120,100 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def command_parser(name: str) -> argparse.ArgumentParser:
-    """The parser of one command.
+    """The parser of one command, for documentation.
 
     Args:
         name: A key of ``COMMANDS``.
 
     Returns:
-        The parser that ``hadr NAME --help`` prints.
+        A parser with the options that ``hadr NAME --help`` prints.
 
     Raises:
         ModuleNotFoundError: This installation lacks what the command needs.
     """
-    parser = _Parser(prog=f"hadr {name}", formatter_class=argparse.RawDescriptionHelpFormatter)
-    importlib.import_module(COMMANDS[name][0]).add_arguments(parser)
-    return parser
+    module = importlib.import_module(COMMANDS[name][0])
+    if not hasattr(module, "Options"):
+        parser: argparse.ArgumentParser = _Parser(
+            prog=f"hadr {name}", formatter_class=argparse.RawDescriptionHelpFormatter
+        )
+        module.add_arguments(parser)
+        return parser
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)
+        documented: Any = tyro.extras.get_parser(module.Options, **_tyro_settings(name))
+    documented.description, documented.epilog = _description(module), _epilog(module)
+    for action in documented._actions:  # its help tells the default, its metavar the count
+        action.default = argparse.SUPPRESS
+        action.nargs = None if action.nargs != 0 else 0
+    return cast("argparse.ArgumentParser", documented)
+
+
+def parse_options(name: str, words: Sequence[str]) -> Any:
+    """Read one command's words.
+
+    Args:
+        name: A key of ``COMMANDS``.
+        words: What follows ``hadr NAME``.
+
+    Returns:
+        What the command's `run` takes: its ``Options``, or argparse's namespace.
+
+    Raises:
+        SystemExit: After --help (status 0) and wrong calls (status 2).
+        ModuleNotFoundError: This installation lacks what the command needs.
+    """
+    module = importlib.import_module(COMMANDS[name][0])
+    if not hasattr(module, "Options"):
+        return command_parser(name).parse_args(words)
+    shown = io.StringIO()
+    try:
+        with contextlib.redirect_stdout(shown):
+            return tyro.cli(module.Options, args=words, **_tyro_settings(name))
+    except SystemExit as left:
+        if not left.code:  # asked for help; tyro would run the description's lines together
+            for line in shown.getvalue().splitlines():
+                print(line.replace(_DESCRIPTION, _description(module)).rstrip())
+            print(_epilog(module))
+        raise
+
+
+_DESCRIPTION = "<description>"
+
+
+def _tyro_settings(name: str) -> dict[str, Any]:
+    registry = ConstructorRegistry()
+    registry.primitive_rule(_unset_or_value)
+    return {
+        "prog": f"hadr {name}",
+        "description": _DESCRIPTION,
+        "config": (tyro.conf.FlagCreatePairsOff, tyro.conf.PositionalMetavarFromFieldName),
+        "registry": registry,
+    }
+
+
+def _description(module: ModuleType) -> str:
+    return inspect.getdoc(module.Options) or ""
+
+
+def _epilog(module: ModuleType) -> str:
+    return str(getattr(module, "EPILOG", "")).strip("\n")
+
+
+def _unset_or_value(told: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
+    """Read ``T | None`` as a T that may be left out; the word None has no meaning."""
+    kinds = get_args(told.type)
+    if NoneType not in kinds:
+        return None
+    value: Any = Union[tuple(kind for kind in kinds if kind is not NoneType)]  # noqa: UP007
+    spec = ConstructorRegistry.get_primitive_spec(PrimitiveTypeInfo.make(value, told.markers))
+    if not isinstance(spec, PrimitiveConstructorSpec):
+        return None
+    named = spec.str_from_instance
+    return replace(
+        spec,
+        is_instance=lambda given: given is None or spec.is_instance(given),
+        str_from_instance=lambda given: ["unset"] if given is None else named(given),
+    )
 
 
 def _run_command(name: str, words: list[str]) -> int:
@@ -131,9 +225,9 @@ def _run_command(name: str, words: list[str]) -> int:
             f"{program}: error: this installation lacks the module {error.name!r}", file=sys.stderr
         )
         return 2
-    arguments = command_parser(name).parse_args(words)
+    options = parse_options(name, words)
     try:
-        status: int = module.run(arguments)
+        status: int = module.run(options)
         return status
     except (ValueError, OSError, FloatingPointError) as error:
         sentence = " ".join(str(error).split())

@@ -10,13 +10,12 @@ import io
 import json
 import os
 import shutil
-import struct
 import sys
 import tempfile
-import zlib
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 import cv2
@@ -24,9 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hadr.camera import BoolArray, FloatArray, Intrinsics, back_project, valid_depth
+from hadr.data.frame_pictures import check_whole
 
 DEFAULT_DEPTH_SCALE = 0.001
-PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_QUIET = Lock()
 
 
 def read_color(path: str | Path) -> NDArray[np.uint8]:
@@ -94,7 +94,7 @@ def _read_exr(path: Path, name: str) -> NDArray[Any]:
 
     _check_file(path, name)
     try:
-        with _quiet():
+        with quiet():
             channels = OpenEXR.File(str(path), separate_channels=True).channels()
         stored: NDArray[Any] = channels.get("Z", next(iter(channels.values()))).pixels
     except (RuntimeError, ValueError, StopIteration) as error:
@@ -106,17 +106,18 @@ def _read_exr(path: Path, name: str) -> NDArray[Any]:
 
 
 @contextmanager
-def _quiet() -> Iterator[None]:
+def quiet() -> Iterator[None]:
     """Hold back what a compiled library prints; its error reaches the user as one sentence."""
-    sys.stderr.flush()
-    kept = os.dup(2)
-    try:
-        with open(os.devnull, "wb") as nowhere, redirect_stdout(io.StringIO()):
-            os.dup2(nowhere.fileno(), 2)
-            yield
-    finally:
-        os.dup2(kept, 2)
-        os.close(kept)
+    with _QUIET:  # of two threads the second would put the first one's silence back
+        sys.stderr.flush()
+        kept = os.dup(2)
+        try:
+            with open(os.devnull, "wb") as nowhere, redirect_stdout(io.StringIO()):
+                os.dup2(nowhere.fileno(), 2)
+                yield
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
 
 
 def read_mask(path: str | Path, name: str = "mask") -> BoolArray:
@@ -189,13 +190,7 @@ def read_hand(path: str | Path) -> NDArray[np.float64]:
 
 
 def write_depth_png(path: Path, depth: FloatArray, scale: float = DEFAULT_DEPTH_SCALE) -> None:
-    """Write depth as a 16-bit PNG: `round(depth / scale)`, 0 where missing or too far.
-
-    Args:
-        path: Where to write.
-        depth: z-depth in metres, shape (H, W).
-        scale: Metres per stored unit; 0.001 reaches to 65.5 m.
-    """
+    """Write depth (H, W), metres, as 16-bit PNG: `round(depth / scale)`, 0 if missing or far."""
     units = np.where(valid_depth(depth), np.rint(np.nan_to_num(depth) / scale), 0)
     units = np.where(units <= np.iinfo(np.uint16).max, units, 0)
     write_image(path, units.astype(np.uint16))
@@ -213,17 +208,7 @@ def write_image(path: Path, image: NDArray[Any]) -> None:
 def write_point_cloud(
     path: Path, depth: FloatArray, color: NDArray[np.uint8], camera: Intrinsics
 ) -> int:
-    """Write the valid pixels as a coloured point cloud, binary PLY.
-
-    Args:
-        path: Where to write, suffix `.ply`.
-        depth: z-depth in metres, shape (H, W).
-        color: RGB, shape (H, W, 3) uint8.
-        camera: Intrinsics of both.
-
-    Returns:
-        The number of points, camera frame, metres.
-    """
+    """Write the pixels with depth as a coloured point cloud, binary PLY, and count them."""
     import trimesh
 
     points = back_project(depth, camera)
@@ -255,7 +240,7 @@ def finished_folder(
         NotADirectoryError: There is a file of that name.
     """
     target = Path(folder).absolute()
-    check_output_folder(target, may_replace)
+    check_replaceable(target, may_replace)
     target.parent.mkdir(parents=True, exist_ok=True)
     draft = Path(tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent))
     try:
@@ -263,7 +248,7 @@ def finished_folder(
         os.umask(umask)
         draft.chmod(0o777 & ~umask)
         yield draft
-        check_output_folder(target, may_replace)
+        check_replaceable(target, may_replace)
         if target.exists():
             former = Path(tempfile.mkdtemp(prefix=f".{target.name}-former-", dir=target.parent))
             os.rename(target, former / target.name)
@@ -280,7 +265,7 @@ def finished_folder(
         shutil.rmtree(draft, ignore_errors=True)
 
 
-def check_output_folder(folder: Path, may_replace: Collection[str] | None = None) -> None:
+def check_replaceable(folder: Path, may_replace: Collection[str] | None = None) -> None:
     """Raise where `finished_folder` would refuse, before any work is done."""
     for place in (folder, *folder.absolute().parents):
         if place.exists() and not place.is_dir():
@@ -322,12 +307,14 @@ def _read_image(path: str | Path, name: str) -> NDArray[Any]:
     path = Path(path)
     _check_file(path, name)
     data = path.read_bytes()
-    if data.startswith(PNG_SIGNATURE):
-        _check_png(data, f"{name} {path}")
+    try:
+        check_whole(data)
+    except ValueError as error:
+        raise ValueError(f"{name} {path} is not a whole image, PNG or JPEG: {error}") from error
     level = cv2.utils.logging.getLogLevel()
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     finally:
         cv2.utils.logging.setLogLevel(level)
     if image is None:
@@ -336,25 +323,6 @@ def _read_image(path: str | Path, name: str) -> NDArray[Any]:
             "expected PNG or JPEG"
         )
     return np.asarray(image)
-
-
-def _check_png(data: bytes, name: str) -> None:
-    """Walk the chunks of a PNG, so that a cut-off file is named before a decoder guesses."""
-    position = len(PNG_SIGNATURE)
-    while position + 12 <= len(data):
-        length, kind = struct.unpack_from(">I4s", data, position)
-        end = position + 12 + length
-        if end > len(data):
-            break
-        if zlib.crc32(data[position + 4 : end - 4]) != struct.unpack_from(">I", data, end - 4)[0]:
-            raise ValueError(f"{name} is a damaged PNG: chunk {kind!r} fails its check sum")
-        if kind == b"IEND":
-            return
-        position = end
-    raise ValueError(
-        f"{name} is a truncated PNG: {len(data)} bytes without the closing IEND chunk, "
-        "expected a whole file"
-    )
 
 
 def _kind(image: NDArray[Any]) -> str:

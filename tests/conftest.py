@@ -85,6 +85,8 @@ from typing import TYPE_CHECKING
 import hadr.table
 if TYPE_CHECKING:
     from hadr.typed import VALUE
+else:
+    VALUE = None
 PAGE = "page.html"
 def work():
     'What it does.'

@@ -1,9 +1,9 @@
 """Results that are computed once and kept: no caller can spoil them, and a changed file is noticed.
 
 `functools.lru_cache` hands the same object to every caller. Who scales a kept array in place would
-change it for everybody until the session ends; so all arrays in a kept result are read-only, and
-`array.copy()` gives one's own. What was read from a file is kept for as long as the file's time and
-size stay the same.
+change it for everybody until the session ends; so all arrays in a kept result are read-only, as are
+its dataclasses' dictionaries, and `array.copy()` gives one's own. What was read from a file is kept
+for as long as the file's time and size stay the same.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import fields, is_dataclass
 from functools import _lru_cache_wrapper, lru_cache, wraps
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, TypeVar
 
 import numpy as np
@@ -23,7 +24,8 @@ def read_only(value: Result) -> Result:
     """Forbid writing to an array, or to all arrays in a tuple, list, dictionary or dataclass.
 
     Args:
-        value: What is to be kept; anything else in it stays as it is.
+        value: What is to be kept; in the place of a dataclass's dictionaries stand views of them,
+            and anything else in it stays as it is.
 
     Returns:
         The same object.
@@ -33,10 +35,13 @@ def read_only(value: Result) -> Result:
         value.flags.writeable = False
     elif isinstance(value, tuple | list):
         parts = value
-    elif isinstance(value, dict):
+    elif isinstance(value, dict | MappingProxyType):
         parts = value.values()
     elif is_dataclass(value) and not isinstance(value, type):
         parts = [getattr(value, field.name) for field in fields(value)]
+        for field, part in zip(fields(value), parts, strict=True):
+            if isinstance(part, dict):
+                object.__setattr__(value, field.name, MappingProxyType(part))
     for part in parts:
         read_only(part)
     return value

@@ -96,7 +96,7 @@ def _prune(tree: ast.AST) -> set[str]:
         node = left.pop()
         for part in ("body", "orelse", "finalbody"):
             if isinstance(statements := getattr(node, part, None), list):
-                setattr(node, part, [each for each in statements if not _does_nothing(each)])
+                setattr(node, part, [done for each in statements for done in _effective(each)])
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -107,12 +107,14 @@ def _prune(tree: ast.AST) -> set[str]:
     return found
 
 
-def _does_nothing(statement: ast.stmt) -> bool:
-    """Whether it is a docstring, or what type checkers alone read."""
-    if isinstance(statement, ast.Expr):
-        return isinstance(statement.value, ast.Constant) and isinstance(statement.value.value, str)
-    test = getattr(statement, "test", None)
-    return isinstance(test, ast.Name) and test.id == "TYPE_CHECKING"
+def _effective(statement: ast.stmt) -> list[ast.stmt]:
+    """What is run of a statement: nothing of a docstring, nor of what type checkers alone read."""
+    match statement:
+        case ast.Expr(value=ast.Constant(value=str())):
+            return []
+        case ast.If(test=ast.Name(id="TYPE_CHECKING"), orelse=otherwise):
+            return [done for each in otherwise for done in _effective(each)]
+    return [statement]
 
 
 def _sha256(content: bytes) -> str:

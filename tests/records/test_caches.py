@@ -2,7 +2,7 @@
 
 import os
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Any
@@ -17,8 +17,9 @@ from hadr.simulation.camera.room import make_room
 from hadr.simulation.world.object_parts import mass_properties, stacked_rings
 from hadr.synthesis.depth_sensor.infrared import Projector
 from hadr.synthesis.generation.frames import recipe_hold
-from hadr.synthesis.generation.recipes import frame_recipe
-from hadr.synthesis.glass.objects import bodies, distance_field, glass_object, profile
+from hadr.synthesis.generation.settings import GenerationSettings
+from hadr.synthesis.glass.objects import bodies, glass_object
+from hadr.synthesis.glass.shape import profile
 from hadr.synthesis.hand.finger_skin import skin_normals
 from hadr.synthesis.hand.template import hand_template
 from hadr.synthesis.holding.clearance import clearance_table
@@ -34,8 +35,8 @@ def arrays(value: Any) -> Iterator[np.ndarray]:
     elif is_dataclass(value):
         for field in fields(value):
             yield from arrays(getattr(value, field.name))
-    elif isinstance(value, tuple | list | dict):
-        for part in value.values() if isinstance(value, dict) else value:
+    elif isinstance(value, tuple | list | Mapping):
+        for part in value.values() if isinstance(value, Mapping) else value:
             yield from arrays(part)
 
 
@@ -46,7 +47,6 @@ KEPT: dict[str, Callable[[], Any]] = {
     "hand_template": hand_template,
     "make_hold": lambda: make_hold("0000", 0),
     "skin_normals": skin_normals,
-    "distance_field": lambda: distance_field(GLASS),
     "clearance_table": lambda: clearance_table("0000"),
     "directions": lambda: Projector().directions(),
     "pyramid": lambda: pyramid(0),
@@ -64,6 +64,13 @@ def test_what_the_library_keeps_cannot_be_changed_in_place(name: str) -> None:
     for array in found:
         with pytest.raises(ValueError, match="read-only"):
             array *= 2
+
+
+def test_the_dictionaries_of_a_kept_hold_cannot_be_changed_in_place() -> None:
+    hold = make_hold("0000", 0)
+    for words in (hold.gaps, hold.shape.roots, hold.shape.lengths, hold.shape.fan):
+        with pytest.raises(TypeError, match="does not support item assignment"):
+            words["thumb"] = 1  # type: ignore[index]
 
 
 @dataclass(frozen=True)
@@ -137,17 +144,19 @@ def test_a_changed_photograph_is_seen(tmp_path: Path) -> None:
 
 
 def test_a_changed_recording_is_read_again(tmp_path: Path) -> None:
-    from hadr.synthesis.generation.command import bundled_recordings
+    from hadr.data.samples import samples_dir
     from hadr.synthesis.recordings.recording import find_recordings, read_recording
 
     recipe = next(
         recipe
-        for recipe in (frame_recipe(index) for index in range(100))
+        for recipe in (GenerationSettings().recipe(index) for index in range(100))
         if recipe.object_id == "0000" and recipe.hold_number == 0
     )
-    recording = read_recording(find_recordings(bundled_recordings() / "0000")[0])
+    recording = read_recording(find_recordings(samples_dir() / "recordings" / "0000")[0])
     path = tmp_path / "mine-0.csv"  # its name does not say which object it holds
     for scale in (1.1, 0.9):
         text = re.sub("^# scale: .*$", f"# scale: {scale}", recording_text(recording), flags=re.M)
         path.write_text(text)
-        assert recipe_hold(recipe, 0, tmp_path).shape.scale == scale
+        assert (
+            recipe_hold(recipe, GenerationSettings(recordings=str(tmp_path))).shape.scale == scale
+        )

@@ -40,6 +40,7 @@ CHANGES = {
     "unrelated in the same package": ("part/other.py", "1", "2", False),
     "bookkeeping": ("provenance.py", "1", "2", False),
     "for type checkers alone": ("typed.py", "1", "2", False),
+    "in its place where nobody checks types": ("top.py", "VALUE = None", "VALUE = 1", True),
 }
 
 

@@ -10,12 +10,12 @@ import pytest
 import torch
 
 from hadr.camera import Intrinsics
-from hadr.data.transhand import Frame
+from hadr.data.frame import Frame
 from hadr.models.backbone import BackboneConfig
 from hadr.models.hadr import HADRConfig, HADRInput
 from hadr.training.batches import FrameTensors
 from hadr.training.loop import Trained, train
-from hadr.training.presets import Preset
+from hadr.training.recipe import Preset
 
 MICRO = Preset(
     name="micro",

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 import torch
 
+from hadr.data.frame import Frame
 from hadr.data.samples import open_samples
-from hadr.data.transhand import Frame
 from hadr.models.hadr import HADR
 from hadr.models.hand.keypoints import HandKeypointNet
 from hadr.models.segmentation import SegmentationNet
@@ -14,7 +14,8 @@ from hadr.training import predicted
 from hadr.training.batches import FrameTensors, load_frames
 from hadr.training.checkpoints import save_checkpoint
 from hadr.training.predicted import Given, pixels_of, with_predicted
-from hadr.training.presets import Preset, preset
+from hadr.training.presets import preset
+from hadr.training.recipe import Preset
 
 SIZE, OWN = (64, 36), (128, 72)
 """Size of the frames, and that at which the helpers were trained."""

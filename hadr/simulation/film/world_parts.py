@@ -13,8 +13,7 @@ from hadr.handover.dimensions import (
     TABLE_FAR,
     TABLE_NEAR,
 )
-from hadr.synthesis.glass.surfaces import Surface
-from hadr.synthesis.hand.mesh import vertex_normals
+from hadr.synthesis.glass.surfaces import Surface, vertex_normals
 
 Array = npt.NDArray[np.float64]
 Piece = tuple[Surface, Array, int]

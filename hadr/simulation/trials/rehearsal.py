@@ -24,7 +24,8 @@ from hadr.handover.workflow import Handover
 from hadr.simulation.world.hand_motions import calmed, turned_about
 from hadr.simulation.world.scenes import HeldScene
 from hadr.simulation.world.state import WorldState
-from hadr.synthesis.glass.objects import GlassObject, bodies
+from hadr.synthesis.glass.objects import bodies
+from hadr.synthesis.glass.shape import GlassObject
 from hadr.synthesis.hand.mesh import SKIN_TONES
 from hadr.synthesis.holding.hold import Hold
 

@@ -16,11 +16,12 @@ import os
 import platform
 import re
 import sys
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
 
+from hadr.frame_io import quiet
 from hadr.records.provenance import write_json
 from hadr.records.result_file import digest
 from hadr.synthesis.rendering.child_process import call_in_child
@@ -30,6 +31,8 @@ LLVM, SCALAR = "llvm_ad_rgb", "scalar_rgb"
 VARIANT_VARIABLE = "HADR_MITSUBA_VARIANT"
 #: LLVM 15 can't compile minima and maxima for AVX-512.
 OLDEST_LLVM = 17
+#: How drawing becomes faster, or possible with ``llvm_ad_rgb``.
+REMEDY = f"install LLVM {OLDEST_LLVM} or newer (on Debian: apt install libllvm19)"
 #: What trials said, for each combination of what they depend on.
 RECORD = "hadr-mitsuba.json"
 #: Seconds for a trial, which takes about five.
@@ -50,13 +53,7 @@ _PROCESSOR = ("vendor_id", "model name", "flags", "CPU part", "Features")
 
 
 def mitsuba(variant: str | None = None) -> Any:
-    """Import Mitsuba and choose its variant.
-
-    Args:
-        variant: ``llvm_ad_rgb`` or ``scalar_rgb``; :func:`mitsuba_variant` where left out.
-
-    Returns:
-        The module.
+    """Import Mitsuba and choose its variant (:func:`mitsuba_variant` where it is left out).
 
     Raises:
         ValueError: There is no such variant, or it can't be used on this machine.
@@ -70,7 +67,9 @@ def mitsuba(variant: str | None = None) -> Any:
             )
     variant = variant or mitsuba_variant()
     check_variant(variant)
-    mi = importlib.import_module("mitsuba")
+    # Without an LLVM, which is not needed here, Dr.Jit complains as it is loaded.
+    with quiet() if variant == SCALAR else nullcontext():
+        mi = importlib.import_module("mitsuba")
     if mi.variant() != variant:
         mi.set_variant(variant)
     return mi
@@ -82,11 +81,19 @@ def mitsuba_variant() -> str:
     Raises:
         ValueError: The environment variable names no variant that we use.
     """
-    wanted = os.environ.get(VARIANT_VARIABLE)
+    return wanted_variant() or (SCALAR if why_not_llvm() else LLVM)
+
+
+def wanted_variant() -> str | None:
+    """The variant that ``HADR_MITSUBA_VARIANT`` names, None where it names none.
+
+    Raises:
+        ValueError: It names none that we use.
+    """
+    wanted = os.environ.get(VARIANT_VARIABLE) or None
     if wanted:
-        _check_name(wanted)
-        return wanted
-    return SCALAR if why_not_llvm() else LLVM
+        _check_name(wanted, VARIANT_VARIABLE)
+    return wanted
 
 
 def check_variant(variant: str) -> None:
@@ -103,14 +110,13 @@ def check_variant(variant: str) -> None:
     if why:
         raise ValueError(
             f"the variant {LLVM} can't be used on {platform.node()}: {why}. Choose {SCALAR}, in "
-            f"a new folder if frames were made, or install LLVM {OLDEST_LLVM} or newer (on Debian: "
-            "libllvm19)"
+            f"a new folder if frames were made, or {REMEDY}"
         )
 
 
-def _check_name(variant: str) -> None:
+def _check_name(variant: str, name: str = "variant") -> None:
     if variant not in (LLVM, SCALAR):
-        raise ValueError(f"variant must be {LLVM!r} or {SCALAR!r}, got {variant!r}")
+        raise ValueError(f"{name} must be {LLVM!r} or {SCALAR!r}, got {variant!r}")
 
 
 @cache

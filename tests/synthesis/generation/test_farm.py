@@ -3,6 +3,7 @@
 import importlib.util
 import os
 import platform
+import subprocess
 import sys
 import time
 
@@ -36,14 +37,11 @@ def test_results_come_one_by_one():
 def test_what_is_missing_is_named(monkeypatch):
     monkeypatch.setattr("hadr.synthesis.generation.farm.dask_installed", lambda: False)
     with pytest.raises(ValueError, match=r"2 workers need Dask.*hadr\[generate\].*--workers 1"):
-        list(run_tasks(abs, [1, 2], workers=2))
-    with (
-        pytest.raises(ValueError, match=r"a cluster needs Dask.*pip install"),
-        connected("tcp://host:1"),
-    ):
-        pass
+        check_workers(2)
+    with pytest.raises(ValueError, match=r"a cluster needs Dask.*pip install"):
+        check_workers(1, "tcp://host:1")
     with pytest.raises(ValueError, match="workers must be at least 1, got 0"):
-        list(run_tasks(abs, [1], workers=0))
+        check_workers(0)
 
 
 def test_workers_of_this_machine_or_a_cluster_not_both():
@@ -105,6 +103,18 @@ def test_a_worker_that_dies_is_named_and_nobody_else_can_reach_the_cluster(tmp_p
         message = r"workers died over one task.* at tcp://127\.0\.0\.1:\d+: .*killed by signal 6"
         with pytest.raises(ChildProcessError, match=message):
             next(results)
+
+
+@needs_dask
+def test_a_script_without_a_guard_is_refused_in_one_sentence(tmp_path):
+    script = tmp_path / "mine.py"
+    for guard, status in (("if True", 1), ('if __name__ == "__main__"', 0)):
+        script.write_text(
+            f"from hadr.synthesis.generation.farm import check_workers as f\n{guard}: f(2)\n"
+        )
+        done = subprocess.run([sys.executable, script], capture_output=True, text=True, check=False)
+        assert done.returncode == status, done.stderr
+        assert ("runs " + str(script) + " from its top" in done.stderr) == bool(status)
 
 
 @needs_dask

@@ -138,6 +138,14 @@ def test_without_a_library_the_scalar_variant_draws(answers, monkeypatch):
     assert chosen.mitsuba_variant() == SCALAR
 
 
+def test_no_word_of_a_missing_library_reaches_the_terminal(answers, monkeypatch):
+    pytest.importorskip("mitsuba", reason="path-traced pictures need hadr[generate]")
+    monkeypatch.setenv("DRJIT_LIBLLVM_PATH", "/nowhere/libLLVM.so")
+    code = f"from hadr.synthesis.rendering.mitsuba_variant import mitsuba; mitsuba({SCALAR!r})"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stderr == ""
+
+
 def test_the_library_of_this_machine_is_used_if_it_is_new_enough_and_draws(answers):
     pytest.importorskip("mitsuba", reason="path-traced pictures need hadr[generate]")
     code = "import drjit; print(drjit.detail.llvm_version())"
@@ -162,7 +170,9 @@ def test_the_environment_chooses_without_a_trial(trials, monkeypatch):
         monkeypatch.setenv(VARIANT_VARIABLE, variant)
         assert chosen.mitsuba_variant() == variant
     monkeypatch.setenv(VARIANT_VARIABLE, "cuda_ad_rgb")
-    with pytest.raises(ValueError, match=f"must be '{LLVM}' or '{SCALAR}', got 'cuda_ad_rgb'"):
+    with pytest.raises(
+        ValueError, match=f"{VARIANT_VARIABLE} must be '{LLVM}' or '{SCALAR}', got 'cuda_ad_rgb'"
+    ):
         chosen.mitsuba_variant()
 
 
@@ -263,7 +273,8 @@ def test_a_known_answer_loads_no_library(trials, answers):
     trials[0].append("no")
     again()
     code = (
-        "import sys\nfrom pathlib import Path\nfrom hadr.synthesis import mitsuba_variant as m\n"
+        "import sys\nfrom pathlib import Path\n"
+        "from hadr.synthesis.rendering import mitsuba_variant as m\n"
         f"m._places = lambda: [Path({str(answers)!r})]\nprint(m.why_not_llvm())\n"
         "print({'mitsuba', 'drjit', 'torch'} & set(sys.modules))"
     )
