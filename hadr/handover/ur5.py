@@ -266,15 +266,7 @@ def wrap_angle(angle: Array) -> Array:
 
 
 def distinct_solutions(joints: Array, tolerance: float = 1e-5) -> Array:
-    """Keep one of several joint vectors that differ by whole turns only.
-
-    Args:
-        joints: Joint angles in radians, shape (n, 6).
-        tolerance: Largest difference in radians that counts as the same.
-
-    Returns:
-        Distinct joint vectors, shape (m, 6), in (-pi, pi] radians, in their first order.
-    """
+    """Of joint vectors (n, 6) that differ by whole turns only, keep the first, in (-pi, pi]."""
     kept: list[Array] = []
     for row in wrap_angle(joints):
         if not any(np.abs(wrap_angle(row - other)).max() < tolerance for other in kept):

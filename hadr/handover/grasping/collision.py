@@ -47,16 +47,7 @@ def fork(width: float) -> Array:
 
 
 def fork_points(base_from_tool: Array, width: float, spacing: int = 9) -> Array:
-    """Points along the fork at a tool pose.
-
-    Args:
-        base_from_tool: Tool pose in any frame, shape (4, 4), metres.
-        width: Opening, metres.
-        spacing: Points on each of the four segments.
-
-    Returns:
-        Shape (4 * spacing, 3), metres, in the pose's frame.
-    """
+    """Points along the fork's four lines at a tool pose (4, 4): (4 * spacing, 3), metres."""
     along = np.linspace(0.0, 1.0, spacing)[None, :, None]
     segments = fork(width)
     points = (segments[:, None, 0] * (1 - along) + segments[:, None, 1] * along).reshape(-1, 3)

@@ -96,12 +96,7 @@ class RobotCamera:
         return self.base_from_camera if self.calibrated is None else self.calibrated
 
     def miscalibrated(self, degrees: float, seed: int = 0) -> RobotCamera:
-        """Give the same camera whose calibration is turned about the camera by an angle.
-
-        Args:
-            degrees: The angle; 0 is a perfect calibration.
-            seed: Chooses the axis.
-        """
+        """The same camera whose calibration is turned by an angle about an axis of that seed."""
         axis = np.random.default_rng([seed, 29]).normal(size=3)
         believed = self.base_from_camera.copy()
         turn = Rotation.from_rotvec(np.deg2rad(degrees) * axis / np.linalg.norm(axis))

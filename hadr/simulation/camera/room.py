@@ -54,14 +54,7 @@ class Room:
 
 @kept(8)
 def make_room(number: int) -> Room:
-    """Furnish a room.
-
-    Args:
-        number: Which one; it chooses cloth, walls, things and light.
-
-    Returns:
-        The room; the same for the same number.
-    """
+    """Furnish a room; its number chooses cloth, walls, things and light."""
     rng = np.random.default_rng([number, 71])
     stage, choice = Stage(), TextureChoice(rng, 0)
     _add_table(stage, rng)
@@ -124,15 +117,7 @@ def _add_sideboard(stage: Stage, choice: TextureChoice, rng: np.random.Generator
 def with_parts(
     room: Surroundings, parts: list[tuple[Array, npt.NDArray[np.int64], Array, Array]]
 ) -> Surroundings:
-    """Put plain opaque parts into a room.
-
-    Args:
-        room: The room.
-        parts: Vertices (V, 3) in metres, faces (F, 3), normals (V, 3) and linear RGB (3,) of each.
-
-    Returns:
-        Room and parts as one.
-    """
+    """Put parts (vertices, faces, normals, linear RGB) into a room."""
     stage = Stage()
     for vertices, faces, normals, _ in parts:
         stage.add(vertices, faces, normals, np.zeros((len(vertices), 2)), _PLAIN, 1.0)

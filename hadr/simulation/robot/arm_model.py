@@ -211,12 +211,7 @@ def _add_servo(spec: mujoco.MjSpec, index: int) -> None:
 
 
 def kinematic_model(config: ArmConfig) -> mujoco.MjModel:
-    """The arm alone with open fingers that do not slide: what the inverse kinematics computes on.
-
-    Returns:
-        A model with six degrees of freedom, a box `table` whose top is z = 0, and shapes that are
-        all allowed to collide, so that distances between any two can be asked for.
-    """
+    """The arm alone, fingers open and fixed, with the table: all shapes may collide."""
     spec = mujoco.MjSpec()
     add_arm(spec, config, gripper_width=config.largest_opening)
     add_table(spec)

@@ -207,13 +207,7 @@ def _eased(share: float) -> float:
 
 
 def kind_for(object_id: str, hold_number: int, seed: int = 0) -> MotionKind:
-    """Which motion an attempt has: five holds in a row of one object have all five kinds.
-
-    Args:
-        object_id: Four digits.
-        hold_number: Which of its holding poses.
-        seed: Moves all attempts on by so many kinds.
-    """
+    """Which motion an attempt has: five holds in a row of one object have all five kinds."""
     return KINDS[(int(object_id) + hold_number + seed) % len(KINDS)]
 
 

@@ -36,15 +36,7 @@ _KNUCKLES = (0, 1, 5, 9, 13, 17)
 
 
 def world_model(scene: HeldScene, arm: ArmConfig) -> mujoco.MjModel:
-    """Compile the world of one scene.
-
-    Args:
-        scene: Hand and object at rest.
-        arm: Settings of the arm.
-
-    Returns:
-        A model with the bodies `hand` and `object` (free), and the weld `grip` between them.
-    """
+    """Compile a scene's world: free bodies `hand` and `object`, the weld `grip` between them."""
     spec = mujoco.MjSpec()
     spec.option.timestep = TIMESTEP
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST

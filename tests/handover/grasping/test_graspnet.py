@@ -77,12 +77,12 @@ def test_bad_sources_are_named(tmp_path: Path) -> None:
 
 def test_other_files_are_named(tmp_path: Path) -> None:
     np.savez(tmp_path / "some.npz", grasps=rows())
-    with pytest.raises(ValueError, match=r"some\.npz is an archive \(grasps\)"):
+    with pytest.raises(ValueError, match=r"some\.npz is not an array .* an archive"):
         from_graspnet(tmp_path / "some.npz")
     (tmp_path / "broken.npy").write_bytes((tmp_path / "some.npz").read_bytes()[:200])
     with pytest.raises(ValueError, match=r"broken\.npy is not an array"):
         from_graspnet(tmp_path / "broken.npy")
-    with pytest.raises(ValueError, match="is a folder"):
+    with pytest.raises(ValueError, match="is not an array"):
         from_graspnet(tmp_path)
 
 
@@ -112,15 +112,6 @@ def test_bad_calibrations_are_named(calibration: np.ndarray, says: str) -> None:
         from_graspnet(rows(), calibration)
     with pytest.raises(ValueError, match=says):
         DetectedGrasps(lambda points: rows(), calibration)
-
-
-@pytest.mark.parametrize("bad", [np.nan, np.inf, 0.0, -0.085])
-def test_bad_lengths_are_named(bad: float) -> None:
-    with pytest.raises(ValueError, match=f"widest must be metres above 0, got {bad}"):
-        from_graspnet(rows(), widest=bad)
-    for name in ("widest", "nearest"):
-        with pytest.raises(ValueError, match=f"{name} must be metres above 0, got {bad}"):
-            DetectedGrasps(lambda points: rows(), BASE_FROM_CAMERA, **{name: bad})
 
 
 def test_millimetres_are_told_from_metres() -> None:
