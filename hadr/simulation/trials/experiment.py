@@ -246,10 +246,7 @@ def finished_attempt(
         raise FileNotFoundError(f"{file} is missing: hadr handover makes the attempt again")
     if row.get("states_sha256") != _checksum(file):
         raise ValueError(f"{file} is cut off or was changed: hadr handover makes the attempt again")
-    try:
-        states = load_states(file)
-    except ValueError as error:
-        raise ValueError(f"{file}: {error}; hadr handover makes the attempt again") from error
+    states = load_states(file)
     changes = [Transition(t, Stage(a), Stage(b), why) for t, a, b, why in row["transitions"]]
     scene = held_scene(trial.object_id, trial.hold_number, trial.seed)
     return row, states, changes, scene
