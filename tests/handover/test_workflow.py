@@ -231,7 +231,8 @@ def test_another_holding_pose_is_observed_again() -> None:
     assert handover.transitions[2].after is Stage.APPROACH_AND_REACT  # from the new pose
 
 
-def test_hand_beside_the_path_stops_it_and_it_backs_off() -> None:
+def test_hand_beside_the_path_stops_it_and_it_backs_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hadr.handover.workflow.BACK_OFF", 0.05)
     handover = fixed_handover(HandoverConfig(safety=SafetyConfig(grasp_distance=0.06)))
     moments = run(handover, longest=7.0)
     reason = first_stop(handover)[1]
@@ -239,9 +240,9 @@ def test_hand_beside_the_path_stops_it_and_it_backs_off() -> None:
     assert min(m.hand_distance for m in moments) > 0.06 - 0.03
     stop = first_stop(handover)[0]
     at_stop = next(m for m in moments if m.time >= stop)
-    later = next(m for m in moments if m.time >= stop + 0.5 + 0.08 / 0.1 + 0.4)
+    later = next(m for m in moments if m.time >= stop + 0.5 + 0.05 / 0.1 + 0.4)
     moved = at_stop.tool[:3, :3].T @ (later.tool[:3, 3] - at_stop.tool[:3, 3])
-    np.testing.assert_allclose(moved, [0, 0, -0.08], atol=0.003)
+    np.testing.assert_allclose(moved, [0, 0, -0.05], atol=0.003)
 
 
 def test_it_slows_down_beside_the_hand_and_says_so() -> None:
