@@ -244,7 +244,7 @@ def under_way(
 ) -> Iterator[tuple[subprocess.Popen[str], list[int]]]:
     """A process with attempts of these numbers, and the ids of those at work; 900 is finished."""
     (out / "slow.py").write_text(SLOW)
-    (out / "whole").write_bytes(pickle.dumps(whole))
+    (out / "whole").write_bytes(pickle.dumps(replace(whole, scene=None)))
     process = subprocess.Popen(
         [sys.executable, str(out / "slow.py"), str(out), str(first), str(last)],
         stderr=subprocess.PIPE, text=True, start_new_session=True,
