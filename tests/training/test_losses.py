@@ -99,6 +99,7 @@ def output_with(points: torch.Tensor, chosen_true: bool = True) -> HADROutput:
         logits=probability.log(),
         probability=probability,
         offset=torch.zeros(4),
+        clamped=torch.zeros(4, dtype=torch.bool),
     )
 
 
