@@ -99,7 +99,6 @@ def output_with(points: torch.Tensor, chosen_true: bool = True) -> HADROutput:
         logits=probability.log(),
         probability=probability,
         offset=torch.zeros(4),
-        clamped=torch.zeros(4, dtype=torch.bool),
     )
 
 
