@@ -16,9 +16,10 @@ ROW = {
     "successes": 30,
     "rate": 0.625,
     "interval": [0.484, 0.748],
-    "objects_at_50_percent": 5,
+    "objects_at_50_percent": 3,
     "objects_at_80_percent": 2,
     "objects_at_100_percent": 1,
+    "rate_by_object": dict.fromkeys("0145", 0.75),
     "failures": {"drop": 10, "time-out": 8},
     "mean_seconds": 7.25,
 }
@@ -34,7 +35,7 @@ def cells(line):
 
 def test_each_arm_has_its_numbers_and_the_paper_stands_below():
     lines = arms_table([ROW, NEVER], {"GraspNet": [5, 0, 0, 0]}).splitlines()
-    assert cells(lines[2]) == ["HADR", "30/48", "62.5 %", "48 to 75", "5/8", "2/8", "1/8", "7.2 s"]
+    assert cells(lines[2]) == ["HADR", "30/48", "62.5 %", "48 to 75", "3/4", "2/4", "1/4", "7.2 s"]
     assert cells(lines[3])[:3] == ["sensor depth", "0/48", "0.0 %"]
     assert cells(lines[3])[7] == "none"
     assert cells(lines[4]) == ["*paper: GraspNet*", "5/48", "10.4 %", "", "0/8", "0/8", "0/8", ""]
