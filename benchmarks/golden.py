@@ -123,21 +123,21 @@ def ur5() -> Results:
 def depth() -> Results:
     """What each bundled checkpoint makes of four test frames."""
     from hadr.data.samples import open_samples, samples_dir
-    from hadr.restoration import restore
+    from hadr.restoration import Restorer
 
     frames, folder = [open_samples("test")[i] for i in (0, 13, 26, 39)], samples_dir()
     for network in sorted(map(str, (folder / "checkpoints").glob("*.safetensors"))):
         for frame in frames:
             restoring = re.sub("segmentation|hand-keypoints", "hadr-plus", network)
+            restorer = Restorer("auto", restoring)
             given = {"mask": frame.object_mask, "keypoints": frame.keypoints}
             if "segmentation" in network:
-                given = {"keypoints": frame.keypoints, "segmentation": network}
+                restorer = Restorer("auto", restoring, segmentation=network)
+                given = {"keypoints": frame.keypoints}
             elif "hand-keypoints" in network:
+                restorer = Restorer("auto", restoring, keypoint_network=network)
                 given = {"mask": frame.object_mask, "hand_mask": frame.hand_mask}
-                given["keypoint_network"] = network
-            found = restore(
-                frame.color, frame.raw_depth, frame.camera, checkpoint=restoring, **given
-            )
+            found = restorer(frame.color, frame.raw_depth, frame.camera, **given)
             name = f"{Path(network).stem} {frame.object_id}/{frame.stem}"
             yield from _fields(name, [found], "depth", "confidence", "restored", "mask")
             yield f"{name} notes", list(found.notes)

@@ -27,7 +27,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from hadr.camera import Intrinsics, back_project, load_intrinsics, valid_depth
+from hadr.camera import Intrinsics, back_project, load_intrinsics, unproject, valid_depth
 from hadr.data.samples import open_samples, samples_dir
 from hadr.frame_io import read_color, read_depth, read_mask
 from hadr.metrics import frame_metrics
@@ -98,8 +98,7 @@ def place_beside(
     around = (cv2.dilate(glass.astype(np.uint8), box) > 0) & valid_depth(known)
     depth = float(np.median(known[around]))
     row, column = np.median(np.argwhere(glass), axis=0)
-    x, y = (column - camera.cx) / camera.fx * depth, (row - camera.cy) / camera.fy * depth
-    return relative + np.array([x, y, depth])
+    return relative + unproject((column, row), depth, camera)
 
 
 def score(depth: Float, raw: Float, truth: Float, mask: Mask) -> dict[str, Any]:

@@ -145,10 +145,6 @@ def fit_calibration(
     )
 
 
-SURE = ("hadr-plus",)
-"""The kinds of network that predict a distribution of depth, so that they can say how sure they
-are. HADR's and LIDF's probability is that of a voxel of 25 cm and says next to nothing about
-centimetres (chapter 6); the other networks have no opinion."""
 Signal = Literal["network", "candidates"]
 FLOOR_M = 0.001
 """Added to a spread before the logarithm: differences below a millimetre mean nothing."""

@@ -25,7 +25,7 @@ from hadr.camera import (
     resize_mask,
     window_around,
 )
-from hadr.confidence import SURE, ConfidenceRule, signal_of, within_learned
+from hadr.confidence import ConfidenceRule, signal_of, within_learned
 from hadr.models.networks import DEPTH_NETWORKS, NETWORKS
 
 if TYPE_CHECKING:
@@ -91,7 +91,7 @@ class DepthNetwork:
     @property
     def can_say(self) -> bool:
         """Whether it can say how sure it is."""
-        return self.kind in SURE
+        return NETWORKS[self.kind].can_say
 
     @classmethod
     def load(cls, path: str | Path) -> DepthNetwork:
@@ -124,7 +124,7 @@ class DepthNetwork:
                 f"{', '.join(DEPTH_NETWORKS)}"
             )
         config: Any = model.config
-        stored = meta.get("confidence") if kind in SURE else None
+        stored = meta.get("confidence") if NETWORKS[kind].can_say else None
         learned = meta.get("learned_range", {}).get("depth_m")
         recipe = meta.get("preset", {}).get("name", "unknown")
         return cls(
@@ -177,11 +177,10 @@ class DepthNetwork:
             asked = inputs.mask[0].numpy()
             answered = (output.restored & (output.depth > 0))[0].numpy() & asked
             known = within_learned(output, self.learned_range_m)[0].numpy() & asked
-            found, sure = output.depth[0].numpy(), output.confidence[0].numpy()
+            found = output.depth[0].numpy()
+            sure = output.confidence[0].numpy() if self.can_say else np.zeros_like(found)
             if self.rule is not None:
                 sure = self.rule(signal_of(output, self.rule.signal)[0].numpy())
-            elif not self.can_say:
-                sure = np.zeros_like(found)
         whole = np.zeros((2, *mask.shape), np.float32)
         restored = np.zeros_like(mask)
         if mask.any():

@@ -126,9 +126,7 @@ def configuration(bench: Bench, run: Run, name: str, given: Given) -> dict[str, 
         "given": name,
         "corruption": given.corruption,
         "predicted_by": [
-            _file_digest(Path(path))
-            for path in (given.masks, given.keypoints)
-            if path != "true"
+            _file_digest(Path(path)) for path in (given.masks, given.keypoints) if path != "true"
         ],
     }
 

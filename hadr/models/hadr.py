@@ -23,6 +23,7 @@ from hadr.models.backbone import BackboneConfig, ColorBackbone
 from hadr.models.config import NetworkConfig
 from hadr.models.decoders import OffsetDecoder, PairDecoder, encode_position, leaky_clamp
 from hadr.models.hadr_input import (
+    DepthOutput,
     HADRInput,
     float_color,
     frame_to_input,
@@ -117,13 +118,10 @@ class HADRConfig(NetworkConfig):
 
 
 @dataclass(frozen=True)
-class HADROutput:
+class HADROutput(DepthOutput):
     """Restored depth, and per ray and pair what the losses need.
 
     Attributes:
-        depth: Restored z-depth in metres, shape (B, H, W); 0 where nothing was restored.
-        confidence: Probability of the chosen voxel, shape (B, H, W); 0 where not restored.
-        restored: Where a ray found a voxel, shape (B, H, W), bool.
         rays: Rows (frame, row, column) of the rays' pixels, shape (R, 3), long.
         points: Predicted point of each ray in metres, camera frame, shape (R, 3); zeros where
             there is none.
@@ -137,9 +135,6 @@ class HADROutput:
             answer than it may give, shape (B, H, W), bool.
     """
 
-    depth: Tensor
-    confidence: Tensor
-    restored: Tensor
     rays: Tensor
     points: Tensor
     chosen: Tensor
@@ -273,7 +268,6 @@ class HADR(nn.Module):
         cut = ((offset <= 0) | (offset >= 1)).to(blank.dtype)
         output = HADROutput(
             depth=blank.index_put(where, found[:, 2] * in_front),
-            confidence=blank.index_put(where, probability.index_select(0, pair) * in_front),
             restored=blank.index_put(where, in_front) > 0,
             rays=rays,
             points=found.new_zeros(len(rays), 3).index_copy(0, ray, found),

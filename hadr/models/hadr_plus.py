@@ -31,7 +31,7 @@ from torch.nn import functional
 from hadr.hand import FINGERS
 from hadr.models.blocks.crop_unet import CropUNet, layer
 from hadr.models.config import NetworkConfig
-from hadr.models.hadr_input import HADRInput, float_color, masked_rays
+from hadr.models.hadr_input import DepthOutput, HADRInput, float_color, masked_rays
 from hadr.models.hand.crop import HandCrop, hand_crop, keypoint_maps, relative_depth
 
 GROUPS: tuple[tuple[int, ...], ...] = ((0,), *FINGERS.values())
@@ -89,14 +89,12 @@ class HADRPlusConfig(NetworkConfig):
 
 
 @dataclass(frozen=True)
-class HADRPlusOutput:
+class HADRPlusOutput(DepthOutput):
     """Restored depth, and what the loss needs; M candidates on each of R rays.
 
     Attributes:
-        depth: Restored z-depth in metres, shape (B, H, W); 0 where nothing was restored.
         confidence: Probability that the depth is right to 2 cm as the network sees it, shape
             (B, H, W), 0..1; 0 where not restored.
-        restored: Where depth was restored, shape (B, H, W), bool.
         rays: Rows (frame, row, column) of the rays' pixels, shape (R, 3), long.
         candidate: z-depth of each candidate in metres, shape (R, M).
         logits: Score of each candidate, shape (R, M).
@@ -105,9 +103,7 @@ class HADRPlusOutput:
             without it.
     """
 
-    depth: Tensor
     confidence: Tensor
-    restored: Tensor
     rays: Tensor
     candidate: Tensor
     logits: Tensor
@@ -146,16 +142,7 @@ def _laplace_below(value: Tensor) -> Tensor:
 
 
 def plane_picture(plane: Tensor, pixel: Tensor, size: int) -> Tensor:
-    """Draw planes on which the held objects lie, roughly.
-
-    Args:
-        plane: Depth at the centre in metres and slopes, shape (B, 3).
-        pixel: Metres that a pixel spans (across, down), shape (B, 2).
-        size: Side of the picture in pixels.
-
-    Returns:
-        Depth relative to the hand's in metres, shape (B, size, size).
-    """
+    """Depths (B, size, size) of planes (B, 3) in `UNITS`; a pixel spans `pixel` (B, 2) metres."""
     offset = torch.arange(size, device=plane.device, dtype=plane.dtype) - (size - 1) / 2
     across = (plane[:, 1] * pixel[:, 0])[:, None] * offset  # (B, size)
     down = (plane[:, 2] * pixel[:, 1])[:, None] * offset  # (B, size)

@@ -23,6 +23,9 @@ class Network:
         training: Dotted name of the module with its loss (`hadr.training.tasks.task.Task`).
         answer: What it says of a frame.
         rival: One of the systems that the paper compares with.
+        can_say: It predicts a distribution of depth, so that it can say how sure it is. HADR's and
+            LIDF's probability is that of a voxel of 25 cm and says next to nothing about
+            centimetres (chapter 6); the others have no opinion.
     """
 
     title: str
@@ -32,6 +35,7 @@ class Network:
     training: str
     answer: Literal["depth", "keypoints", "masks"] = "depth"
     rival: bool = False
+    can_say: bool = False
 
     @property
     def modules(self) -> tuple[str, str]:
@@ -53,7 +57,7 @@ NETWORKS: dict[str, Network] = {
     ),
     "hadr-plus": Network(
         "HADR-plus", "hadr.models.hadr_plus", "HADRPlus", "HADRPlusConfig",
-        "hadr.training.tasks.hadr_plus",
+        "hadr.training.tasks.hadr_plus", can_say=True,
     ),
     "unet-hand": Network(
         "U-Net with hand", "hadr.rivals.unet_hand", "UNetHand", "UNetHandConfig",

@@ -6,18 +6,23 @@ import hashlib
 import platform
 import sys
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import cv2
+import numpy as np
+import scipy
+from matplotlib import rc_context
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from hadr import __version__
+from hadr.camera import BoolArray, Intrinsics, valid_depth
+from hadr.figures import panels
+from hadr.metrics import frame_metrics
 from hadr.models.networks import DEPTH_NETWORKS, NETWORKS
-
-if TYPE_CHECKING:
-    import numpy as np
-    from matplotlib.figure import Figure
-    from numpy.typing import NDArray
-
-    from hadr.camera import BoolArray
-    from hadr.restoration import Restoration
+from hadr.restoration import Restoration
 
 METHOD_TITLES = {
     **{kind: f"{NETWORKS[kind].title} (not HADR)" for kind in DEPTH_NETWORKS},
@@ -30,32 +35,43 @@ METHOD_TITLES = {
 }
 
 
+def report(
+    depth: NDArray[np.float32],
+    camera: Intrinsics,
+    result: Restoration,
+    truth: NDArray[np.float32] | None,
+    files: Mapping[str, str | None],
+    outputs: Mapping[str, str],
+) -> dict[str, Any]:
+    """All that `report.json` holds but for the times; `files` are what was read, by option."""
+    given = {name: path for name, path in files.items() if path is not None}
+    return {
+        "command": "hadr restore",
+        "method": result.method,
+        "method_title": METHOD_TITLES[result.method],
+        "notes": list(result.notes),
+        "confidence_means": confidence_means(result),
+        "image": {"width": camera.width, "height": camera.height},
+        "intrinsics": camera.to_dict(),
+        "counts": counts(depth, result),
+        "errors_in_mask": {} if truth is None else errors(depth, result.depth, truth, result.mask),
+        "inputs": {
+            name: {"file": path, "sha256": hashlib.sha256(Path(path).read_bytes()).hexdigest()}
+            for name, path in given.items()
+        },
+        "outputs": dict(outputs),
+        "versions": versions(),
+    }
+
+
 def comparison_figure(
     color: NDArray[np.uint8],
     depth: NDArray[np.floating],
     result: Restoration,
-    target: BoolArray,
     truth: NDArray[np.floating] | None = None,
 ) -> Figure:
-    """Draw colour, depth before and after, and the error (or, without truth, the confidence).
-
-    Args:
-        color: RGB, shape (H, W, 3) uint8.
-        depth: Measured z-depth in metres, shape (H, W).
-        result: What `hadr.restoration.restore` returned.
-        target: Pixels that were to be restored, shape (H, W) bool.
-        truth: True z-depth in metres, shape (H, W), if known.
-
-    Returns:
-        The figure, 2 x 2 panels with one depth scale.
-    """
-    import numpy as np
-    from matplotlib import rc_context
-    from matplotlib.figure import Figure
-
-    from hadr.camera import valid_depth
-    from hadr.figures import panels
-
+    """Draw colour, depth before and after, and the error (or, without truth, the confidence)."""
+    target = result.mask
     with rc_context():
         panels.use_style()
         height = 0.9 + 9.8 * depth.shape[0] / depth.shape[1]
@@ -107,11 +123,9 @@ def confidence_means(result: Restoration) -> str:
     return "the network's own score, not calibrated"
 
 
-def counts(depth: NDArray[np.float32], result: Restoration, target: BoolArray) -> dict[str, int]:
+def counts(depth: NDArray[np.float32], result: Restoration) -> dict[str, int]:
     """Count the frame's pixels: measured, to restore, restored, still missing."""
-    from hadr.camera import valid_depth
-
-    measured = valid_depth(depth)
+    measured, target = valid_depth(depth), result.mask
     return {
         "pixels": int(depth.size),
         "measured": int(measured.sum()),
@@ -134,11 +148,6 @@ def errors(
     Their ``coverage`` is the share of the pixels with a known truth (``scorable``) that have this
     depth: a method that answers only where it is easy has a small error and a small coverage.
     """
-    from dataclasses import asdict
-
-    from hadr.camera import valid_depth
-    from hadr.metrics import frame_metrics
-
     rows = {}
     known = target & valid_depth(truth)
     for name, depth, counted in (
@@ -154,33 +163,18 @@ def errors(
     return rows
 
 
-def inputs(given: dict[str, str | None]) -> dict[str, dict[str, str]]:
-    """Name each input file with its SHA-256; inputs that were not given are left out."""
-    return {
-        name: {"file": path, "sha256": hashlib.sha256(Path(path).read_bytes()).hexdigest()}
-        for name, path in given.items()
-        if path is not None
-    }
-
-
 def versions() -> dict[str, str]:
     """Versions of what computed the result."""
-    import cv2
-    import numpy as np
-    import scipy
-
-    import hadr
-
-    versions = {
-        "hadr": hadr.__version__,
+    found = {
+        "hadr": __version__,
         "python": platform.python_version(),
         "numpy": np.__version__,
         "scipy": scipy.__version__,
         "opencv": cv2.__version__,
     }
     if "torch" in sys.modules:
-        versions["torch"] = str(sys.modules["torch"].__version__)
-    return versions
+        found["torch"] = str(sys.modules["torch"].__version__)
+    return found
 
 
 def summary(report: Mapping[str, Any], out: str) -> str:

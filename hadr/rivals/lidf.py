@@ -135,7 +135,7 @@ class LIDFConfig(NetworkConfig):
 class LIDFOutput(HADROutput):
     """What `HADROutput` holds, with `depth`, `restored`, `points`, `clamped` of the last stage.
 
-    All else (`confidence`, `chosen`, `pairs`, `logits`, `probability`, `offset`) is of the first
+    All else (`chosen`, `pairs`, `logits`, `probability`, `offset`) is of the first
     stage. Where it was refined, `points` may lie outside of the chosen pair's voxel, and those
     with a longest move are `clamped`.
 
@@ -328,7 +328,6 @@ class LIDF(nn.Module):
         longest = moves.detach().abs() >= self.config.refine_range_m * (1 - 1e-6)
         values |= {
             "depth": blank.index_put(where, found[:, 2] * in_front),
-            "confidence": first.confidence * blank.index_put(where, in_front),
             "restored": blank.index_put(where, in_front) > 0,
             "points": torch.zeros_like(first.points).index_copy(0, ray, found),
             "clamped": torch.zeros_like(first.restored).index_put(where, longest.any(dim=1)),

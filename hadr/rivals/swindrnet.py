@@ -33,7 +33,7 @@ from hadr.models.backbone import IMAGENET_MEAN, IMAGENET_STD, BackboneConfig, bu
 from hadr.models.blocks.cross_fusion import CrossFusion
 from hadr.models.blocks.pyramid_head import PyramidHead
 from hadr.models.config import NetworkConfig
-from hadr.models.hadr_input import HADRInput, float_color
+from hadr.models.hadr_input import HADRInput, ImageOutput, float_color
 
 PUBLISHED_ENCODER = BackboneConfig(normalize_color=False)
 """Swin-T on colours in 0..1."""
@@ -89,25 +89,16 @@ class SwinDRNetConfig(NetworkConfig):
 
 
 @dataclass(frozen=True)
-class SwinDRNetOutput:
+class SwinDRNetOutput(ImageOutput):
     """Restored depth.
 
     Attributes:
-        depth: z-depth in metres, shape (B, H, W); 0 where not restored.
-        confidence: 1 where restored, else 0, shape (B, H, W). The published confidence chooses
-            between two depths and says nothing about how good the chosen one is: where measured
-            depth is missing, predicted depth gets the whole share, however poor. So it is no
-            measure of certainty, and is given as `share` alone.
-        restored: Pixels of the mask with a depth before the camera, shape (B, H, W), bool.
-        image: The answer for the whole image, z-depth in metres, shape (B, H, W).
         initial: The depth head's image, before measured depth is mixed in, shape (B, H, W).
         share: Share of `initial` in `image`, 0..1, shape (B, H, W); measured depth has the rest.
+            The paper calls it confidence, but it is no measure of certainty: where measured depth
+            is missing, predicted depth gets the whole share, however poor.
     """
 
-    depth: Tensor
-    confidence: Tensor
-    restored: Tensor
-    image: Tensor
     initial: Tensor
     share: Tensor
 
@@ -174,7 +165,6 @@ class SwinDRNet(nn.Module):
         restored = inputs.mask & (image > 0)
         return SwinDRNetOutput(
             depth=image * restored,
-            confidence=restored.to(image.dtype),
             restored=restored,
             image=image,
             initial=initial,

@@ -33,7 +33,7 @@ from torch.nn import functional
 
 from hadr.models.blocks.stochastic_depth import replace_drop_path
 from hadr.models.config import NetworkConfig
-from hadr.models.hadr_input import HADRInput, float_color
+from hadr.models.hadr_input import HADRInput, ImageOutput, float_color
 
 LIMIT_M = 10.0
 """Measured depth beyond this counts as missing."""
@@ -93,23 +93,6 @@ class TODEConfig(NetworkConfig):
     def channels(self) -> tuple[int, ...]:
         """Channels of each stage."""
         return tuple(self.embed_dim * 2**stage for stage in range(len(self.depths)))
-
-
-@dataclass(frozen=True)
-class TODEOutput:
-    """Restored depth.
-
-    Attributes:
-        depth: z-depth in metres, shape (B, H, W); 0 where not restored.
-        confidence: 1 where restored, else 0, shape (B, H, W): the network has no opinion.
-        restored: Where depth was restored, shape (B, H, W), bool.
-        image: The answer for the whole image, metres, shape (B, H, W); never negative.
-    """
-
-    depth: Tensor
-    confidence: Tensor
-    restored: Tensor
-    image: Tensor
 
 
 def _build_swin(config: TODEConfig) -> nn.Module:
@@ -204,7 +187,7 @@ class TODETrans(nn.Module):
             if isinstance(module, nn.Conv2d):
                 nn.init.kaiming_normal_(module.weight, mode="fan_out")
 
-    def forward(self, inputs: HADRInput) -> TODEOutput:
+    def forward(self, inputs: HADRInput) -> ImageOutput:
         """Restore depth.
 
         Args:
@@ -224,4 +207,4 @@ class TODETrans(nn.Module):
             values = layer(torch.cat((values, level), dim=1), size)  # (B, width, *size)
         image = self.head(values)[:, 0].float()  # (B, H, W), metres
         restored = inputs.mask & (image > 0)
-        return TODEOutput(image * restored, restored.to(image.dtype), restored, image)
+        return ImageOutput(image * restored, restored, image)

@@ -17,7 +17,7 @@ from torch.nn import functional
 
 from hadr.models.backbone import enlarge
 from hadr.models.config import NetworkConfig
-from hadr.models.hadr_input import HADRInput, float_color
+from hadr.models.hadr_input import DepthOutput, HADRInput, float_color
 from hadr.models.hand.crop import hand_depth, keypoint_maps, relative_depth
 
 REACH_M = 0.2
@@ -47,21 +47,6 @@ class UNetHandConfig(NetworkConfig):
                 raise ValueError(f"{name} must be at least 1, got {value}")
 
 
-@dataclass(frozen=True)
-class UNetHandOutput:
-    """Restored depth.
-
-    Attributes:
-        depth: z-depth in metres, shape (B, H, W); 0 where not restored.
-        confidence: 1 where restored, else 0, shape (B, H, W): the network has no opinion.
-        restored: Where depth was restored, shape (B, H, W), bool.
-    """
-
-    depth: Tensor
-    confidence: Tensor
-    restored: Tensor
-
-
 def _twice(channels: int, out: int) -> nn.Sequential:
     """Two 3x3 convolutions, each with batch normalisation and ReLU."""
     layers: list[nn.Module] = []
@@ -88,7 +73,7 @@ class UNetHand(nn.Module):
         self.up = nn.ModuleList(_twice(coarse + fine, fine) for fine, coarse in pairwise(widths))
         self.head = nn.Conv2d(widths[0], 4, 1)
 
-    def forward(self, inputs: HADRInput) -> UNetHandOutput:
+    def forward(self, inputs: HADRInput) -> DepthOutput:
         """Restore the depth of masked pixels.
 
         Args:
@@ -118,7 +103,7 @@ class UNetHand(nn.Module):
         relative = functional.pixel_shuffle(self.head(values), 2)[:, 0].float()  # (B, H, W)
         depth = hand[:, None, None] + UNIT_M * relative
         restored = inputs.mask & (depth > 0)
-        return UNetHandOutput(depth * restored, restored.to(depth.dtype), restored)
+        return DepthOutput(depth * restored, restored)
 
     def pictures(self, inputs: HADRInput, hand: Tensor) -> Tensor:
         """Make what the network sees: (B, channels, H, W)."""

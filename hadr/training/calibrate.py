@@ -5,7 +5,7 @@ Adds two things to the record of a checkpoint and leaves its weights alone:
 * ``learned_range``: the depths at which training has shown the object;
 * ``confidence``: how the spread that the network predicts becomes the probability that a restored
   depth is right to 2 cm, fitted on validation frames. A network that predicts no distribution of
-  depth (`hadr.confidence.SURE`) cannot say how sure it is, and gets none.
+  depth (`hadr.models.networks`) cannot say how sure it is, and gets none.
 """
 
 from __future__ import annotations
@@ -23,7 +23,6 @@ from torch.utils.data import ConcatDataset, Subset
 
 from hadr.camera import FloatArray
 from hadr.confidence import (
-    SURE,
     ConfidenceRule,
     Signal,
     fit_confidence,
@@ -71,7 +70,7 @@ def restored_pixels(
     batch_size: int = 8,
 ) -> RestoredPixels:
     """Restore frames; collect error and signal of each restored pixel of the object."""
-    sure = kind_of(model) in SURE
+    sure = NETWORKS[kind_of(model)].can_say
     errors, numbers, signals = [], [], []
     first, scorable = 0, 0
     for output in predict(model, frames, batch_size):
@@ -167,7 +166,7 @@ def calibrate(
     seen = train.true_depth[train.object_mask]
     near, far = learned_range(seen.numpy())
     additions: dict[str, Any] = {"learned_range": {"depth_m": [near, far], "frames": len(train)}}
-    if kind_of(model) in SURE:
+    if NETWORKS[kind_of(model)].can_say:
         pixels = restored_pixels(model, validation, (near, far))
         assert pixels.signal is not None  # for the type checker
         rule = fit_confidence(pixels.signal, pixels.error_m, frames=len(validation))
@@ -244,7 +243,7 @@ def run(options: Options) -> int:
     update_record(options.checkpoint, additions)
     near, far = additions["learned_range"]["depth_m"]
     print(f"learned range  {near:.3f} to {far:.3f} m")
-    if kind not in SURE:
+    if not NETWORKS[kind].can_say:
         unwritten = f"; {options.out} is not written" if options.out else ""
         print(f"confidence     a network of kind {kind} cannot say how sure it is{unwritten}")
         return 0

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from hadr.figures.handover.scene import bare_axes_3d, show_glass, show_grippers, show_hand
 from hadr.handover.grasping.grasps import forward_of
-from hadr.synthesis.glass.objects import GlassObject
+from hadr.synthesis.glass.shape import GlassObject
 
 Array = npt.NDArray[np.float64]
 

@@ -25,6 +25,7 @@ from hadr.hand import (
 from hadr.ray_voxels import VoxelGrid
 from hadr.synthesis.hand.mesh import HandMesh
 from hadr.synthesis.rendering.raycast import Labels, RayCaster
+from hadr.synthesis.scene.contents import Contents
 
 Array = npt.NDArray[np.float64]
 
@@ -70,7 +71,8 @@ class Orbit:
         """Give the exact depth and masks of that picture."""
         hand = self.scene.hand
         plain = np.zeros((len(hand.vertices), 3))
-        caster = RayCaster(HandMesh(hand, plain, plain[:, 0]), (self.scene.glass,))
+        hand_mesh = HandMesh(hand, plain, plain[:, 0])
+        caster = RayCaster(Contents(hand_mesh, (self.scene.glass,)))
         pose: Array = np.linalg.inv(self.camera_from_object[place])
         return caster.labels(self.camera, pose)
 

@@ -16,7 +16,8 @@ from hadr.figures.depth.frames import contact_sheet
 from hadr.figures.panels import COLORS
 from hadr.figures.solids.studio import PLAIN, studio_picture, studio_view
 from hadr.figures.solids.turntable import bare_glass, held_glass, solid_of
-from hadr.synthesis.glass.objects import GlassObject, bodies
+from hadr.synthesis.glass.objects import bodies
+from hadr.synthesis.glass.shape import GlassObject
 from hadr.synthesis.glass.surfaces import Surface
 from hadr.synthesis.holding.hold import Hold
 

@@ -26,7 +26,8 @@ from hadr.hand import (
     forward_kinematics,
 )
 from hadr.records.caches import kept
-from hadr.synthesis.glass.objects import GlassObject, bodies, glass_object
+from hadr.synthesis.glass.objects import bodies, glass_object
+from hadr.synthesis.glass.shape import GlassObject
 from hadr.synthesis.glass.surfaces import Surface, merged
 from hadr.synthesis.hand.mesh import SKIN_TONES, hand_mesh
 from hadr.synthesis.hand.template import MIDDLE_STEP

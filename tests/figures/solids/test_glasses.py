@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from hadr.figures.solids.glasses import draw_hold_sheet, draw_objects, glass_section
-from hadr.synthesis.glass.objects import OBJECTS, glass_object, signed_distance
+from hadr.synthesis.glass.distance import signed_distance
+from hadr.synthesis.glass.objects import OBJECTS, glass_object
 from hadr.synthesis.holding.hold import make_hold
 
 

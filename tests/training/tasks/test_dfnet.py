@@ -7,7 +7,8 @@ import pytest
 import torch
 from torch import nn
 
-from hadr.rivals.dfnet import DFNetConfig, DFNetOutput
+from hadr.models.hadr_input import ImageOutput
+from hadr.rivals.dfnet import DFNetConfig
 from hadr.training.losses import image_points, normals, normals_apart
 from hadr.training.recipe import Preset
 from hadr.training.tasks.task import Task
@@ -29,9 +30,9 @@ class Says(nn.Module):
         super().__init__()
         self.image = nn.Parameter(image)
 
-    def forward(self, inputs) -> DFNetOutput:
+    def forward(self, inputs) -> ImageOutput:
         restored = inputs.mask & (self.image > 0)
-        return DFNetOutput(self.image * restored, restored.float(), restored, self.image)
+        return ImageOutput(self.image * restored, restored, self.image)
 
 
 def losses(image: torch.Tensor, batch) -> dict[str, float]:

@@ -6,8 +6,8 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from hadr.models.hadr_input import HADRInput
-from hadr.rivals.tode import TODEConfig, TODEOutput
+from hadr.models.hadr_input import HADRInput, ImageOutput
+from hadr.rivals.tode import TODEConfig
 from hadr.training.batches import FrameTensors
 from hadr.training.recipe import Preset
 from hadr.training.tasks.task import Task
@@ -28,9 +28,9 @@ class Says(nn.Module):
         super().__init__()
         self.image = image
 
-    def forward(self, inputs: HADRInput) -> TODEOutput:
+    def forward(self, inputs: HADRInput) -> ImageOutput:
         nothing = torch.zeros_like(inputs.mask)
-        return TODEOutput(self.image * 0, nothing.float(), nothing, self.image)
+        return ImageOutput(self.image * 0, nothing, self.image)
 
 
 def losses(image: Tensor, batch: FrameTensors) -> dict[str, Tensor]:
