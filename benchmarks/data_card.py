@@ -25,7 +25,7 @@ from hadr.data.transhand import SPLITS, TransHand
 from hadr.figures.panels import COLORS, use_style
 from hadr.synthesis.generation.statistics import FrameStatistics, frame_statistics
 from hadr.synthesis.glass.objects import OBJECTS
-from hadr.synthesis.scene.scene import SKIN_TONE_SHARES
+from hadr.synthesis.scene.scene import SKIN_TONE_WEIGHTS
 
 SPLIT_COLORS = {"train": COLORS["hadr"], "val": COLORS["baseline"], "test": COLORS["hand"]}
 
@@ -256,7 +256,7 @@ def limits_list(frames: TransHand, found: FrameStatistics, logs: list[dict]) -> 
     free = 100 * found.visible_share[np.isfinite(found.visible_share)]
     held = (frame.hand_mask | frame.object_mask for frame in frames)
     flat = np.array([flat_share(f.color, m) for f, m in zip(frames.files, held, strict=True)])
-    shares = ", ".join(f"{100 * share:.0f}" for share in SKIN_TONE_SHARES)
+    shares = ", ".join(f"{100 * share:.0f}" for share in SKIN_TONE_WEIGHTS)
     return "\n".join(
         [
             f"- Skin tones are six base colours with small variation, not a survey of people, and "

@@ -26,15 +26,15 @@ from hadr.records.provenance import machine_text, provenance
 from hadr.records.result_file import write_sealed
 from hadr.synthesis.depth_sensor.depth_camera import StereoCamera, capture_depth
 from hadr.synthesis.generation.frames import build_scene
-from hadr.synthesis.generation.recipes import frame_recipe
+from hadr.synthesis.generation.settings import GenerationSettings
 from hadr.synthesis.glass.objects import OBJECTS, bodies
 from hadr.synthesis.glass.surfaces import Surface
 from hadr.synthesis.hand.mesh import HandMesh
 from hadr.synthesis.holding.hold import make_hold
-from hadr.synthesis.rendering.raycast import Surroundings
-from hadr.synthesis.rendering.shading import RayScene
+from hadr.synthesis.rendering.shading import RayTracer
+from hadr.synthesis.scene.contents import Contents, Surroundings
 from hadr.synthesis.scene.scene import Scene, look_at
-from hadr.synthesis.textures.families import picture_number
+from hadr.synthesis.textures.families import texture_number
 
 Array = npt.NDArray[np.float64]
 Float = npt.NDArray[np.float32]
@@ -136,7 +136,7 @@ def table_scene(seed: int, camera: Intrinsics) -> Scene:
     scales = np.array([rng.uniform(0.3, 0.6), 1.0, 0.8])
     square = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=float)
     uv = square[None] * (size / scales[:, None])[:, None]
-    numbers = [picture_number(str(rng.choice(PICTURES)), int(rng.integers(5))) for _ in quads]
+    numbers = [texture_number(str(rng.choice(PICTURES)), int(rng.integers(5))) for _ in quads]
     around = Surroundings(
         Surface(
             corners.reshape(-1, 3),
@@ -169,9 +169,9 @@ def table_scene(seed: int, camera: Intrinsics) -> Scene:
     target = np.array([0.0, 0.06, 0.02])
     eye = target + distance * np.array([0.0, -np.cos(height), np.sin(height)])
     pose = look_at(eye, target, 0.0)
-    rays = RayScene(_boxes(rng), tuple(glass), surroundings=around)
+    contents = Contents(_boxes(rng), tuple(glass), surroundings=around)
     hold = make_hold("0000", 0, 0)
-    return Scene(rays, camera, pose, np.zeros((21, 3)), np.zeros((22, 3)), np.eye(4), hold)
+    return Scene(contents, camera, pose, np.zeros((21, 3)), np.eye(4), hold)
 
 
 def _boxes(rng: np.random.Generator) -> HandMesh:
@@ -202,7 +202,7 @@ def simulated(
     """Errors of simulated frames, and the processor time of one capture, seconds."""
     found, spent = [], 0.0
     for number, scene in enumerate(scenes):
-        labels = scene.rays.labels(scene.camera, scene.world_from_camera)
+        labels = RayTracer(scene.contents).labels(scene.camera, scene.world_from_camera)
         start = time.process_time()
         raw = capture_depth(scene, seed + number, camera)
         spent += time.process_time() - start
@@ -216,7 +216,7 @@ def analytic(scenes: list[Scene], seed: int) -> list[dict[str, float]]:
     found = []
     rng = np.random.default_rng(seed)
     for scene in scenes:
-        labels = scene.rays.labels(scene.camera, scene.world_from_camera)
+        labels = RayTracer(scene.contents).labels(scene.camera, scene.world_from_camera)
         truth, glass = labels.depth, labels.object_mask
         raw = corrupt(truth, glass, scene.camera, rng, SENSOR, labels.background_depth)
         found.append(errors(raw, truth, glass, labels.hand_mask))
@@ -235,9 +235,8 @@ def compare(
 ) -> dict[str, Any]:
     """Measure everything that the table shows."""
     table = [table_scene(seed + n, real_camera(width, height)) for n in range(frames)]
-    held = [
-        build_scene(frame_recipe(n, seed=seed), seed, width, height, "fine") for n in range(frames)
-    ]
+    settings = GenerationSettings(seed=seed, width=width, height=height)
+    held = [build_scene(settings.recipe(n), settings) for n in range(frames)]
     on_table, _ = simulated(table, seed, camera, held=False)
     in_hand, seconds = simulated(held, seed, camera, held=True)
     by_formulas = analytic(held, seed)

@@ -23,10 +23,10 @@ import numpy as np
 from hadr.records.provenance import provenance
 from hadr.records.result_file import write_sealed
 from hadr.synthesis.generation import frames as frame_rendering
-from hadr.synthesis.generation import generate
-from hadr.synthesis.generation.generate import generate_frames
-from hadr.synthesis.generation.presets import PRESETS, GenerationSettings
-from hadr.synthesis.rendering.shading import RayScene
+from hadr.synthesis.generation import generate as generating
+from hadr.synthesis.generation.generate import generate
+from hadr.synthesis.generation.settings import PRESETS, GenerationSettings
+from hadr.synthesis.rendering.shading import RayTracer
 
 PAPER_FRAMES = 14100
 SIZES = {(256, 144): 12, (448, 252): 8, (1280, 720): 3}
@@ -34,10 +34,10 @@ SIZES = {(256, 144): 12, (448, 252): 8, (1280, 720): 3}
 PARTS = {
     "hold": ((frame_rendering, "recipe_hold"),),
     "scene": ((frame_rendering, "make_scene"),),
-    "labels": ((RayScene, "labels"),),
-    "picture": ((frame_rendering, "photograph"), (RayScene, "picture")),
+    "labels": ((RayTracer, "labels"),),
+    "picture": ((frame_rendering, "photograph"), (RayTracer, "picture")),
     "sensor": ((frame_rendering, "capture_depth"),),
-    "files": ((generate, "write_frame"),),
+    "files": ((generating, "write_frame"),),
 }
 
 
@@ -77,10 +77,10 @@ def timed_parts() -> Iterator[dict[str, float]]:
 def seconds_a_frame(engine: str, size: tuple[int, int], frames: int, seed: int) -> dict:
     """Frames made one after the other in this process."""
     with tempfile.TemporaryDirectory() as folder:
-        generate_frames(Path(folder, "warm"), 1, settings(engine, *size, seed + 1))
+        generate(Path(folder, "warm"), 1, settings(engine, *size, seed + 1))
         cpu = time.process_time()
         with timed_parts() as parts:
-            report = generate_frames(Path(folder, "set"), frames, settings(engine, *size, seed))
+            report = generate(Path(folder, "set"), frames, settings(engine, *size, seed))
         cpu = time.process_time() - cpu
         files = [p for p in Path(folder, "set").rglob("*") if p.is_file()]
         return {
@@ -105,7 +105,7 @@ def rate(workers: int, frames: int, seed: int) -> dict:
     """Frames a second of so many workers, from start to end and once all are at work."""
     chosen = replace(settings("photo", 256, 144, seed), frames_per_hold=1)
     with tempfile.TemporaryDirectory() as folder:
-        report = generate_frames(folder, frames, chosen, workers=workers)
+        report = generate(folder, frames, chosen, workers=workers)
         times = finish_times(Path(folder))
     # Two frames of each worker to warm up, and none at the end, where a worker may be idle.
     window = times[2 * workers - 1 : len(times) - workers + 1]

@@ -179,7 +179,6 @@ def results() -> Results:
 def _tables() -> Results:
     from hadr.figures.depth.sensor import sensor_table
     from hadr.figures.tables import benchmarks, comparison
-    from hadr.figures.tables import findings as finding_tables
     from hadr.figures.tables import handover as handover_tables
     from hadr.figures.tables.results import results_table
     from hadr.press.book import REPORTS
@@ -205,9 +204,9 @@ def _tables() -> Results:
     yield "handover, pairs", [handover_tables.paired(arms[0], row) for row in arms[1:5]]
     yield "by heart", benchmarks.by_heart_table(by_heart)
     yield "speed", benchmarks.speed_table(*speed)
-    yield "memory", finding_tables.memory_table(rows["memory"])
-    yield "averages", finding_tables.averages_table(own)
-    yield "poses", finding_tables.poses_table(rows["errors"])
+    yield "memory", comparison.memory_table(rows["memory"])
+    yield "averages", comparison.averages_table(own)
+    yield "poses", comparison.poses_table(rows["errors"])
     yield "sensor", sensor_table(read_sealed(folder / "sensor" / "comparison.json")["columns"])
 
 

@@ -24,6 +24,7 @@ from hadr.figures.depth.corruption_examples import CorruptionExample, write_exam
 from hadr.frame_io import read_depth, read_mask
 from hadr.records.provenance import machine_text, provenance
 from hadr.synthesis.depth_sensor.depth_camera import StereoCamera, capture_depth
+from hadr.synthesis.rendering.shading import RayTracer
 
 HERE = Path(__file__).resolve().parent
 SIZE = (448, 252)
@@ -94,7 +95,7 @@ def real_example(folder: Path, scene: str) -> tuple[CorruptionExample, dict[str,
 def simulated_example(script: ModuleType, seed: int, camera: Intrinsics) -> CorruptionExample:
     """A table of the simulation, measured by the simulated camera."""
     scene = script.table_scene(seed, camera)
-    labels = scene.rays.labels(scene.camera, scene.world_from_camera)
+    labels = RayTracer(scene.contents).labels(scene.camera, scene.world_from_camera)
     raw = np.nan_to_num(capture_depth(scene, seed, StereoCamera())).astype(np.float32)
     return CorruptionExample(
         "glasses on a simulated table",

@@ -24,15 +24,7 @@ BLENDER_FROM_OPENCV: Array = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
 def camera_pose(point: Sequence[float], angle_degrees: Sequence[float]) -> Array:
-    """The pose of the OpenCV camera from the log's ``camera point`` and ``camera angle``.
-
-    Args:
-        point: Camera centre, world, metres, three numbers.
-        angle_degrees: Euler angles about x, y, z; R = Rz Ry Rx.
-
-    Returns:
-        ``world_from_camera``, shape (4, 4).
-    """
+    """``world_from_camera`` (4, 4) of the OpenCV camera from place and Euler angles, Rz Ry Rx."""
     pose = np.eye(4)
     pose[:3, :3] = Rotation.from_euler("xyz", angle_degrees, degrees=True).as_matrix()
     pose[:3, 3] = point

@@ -13,7 +13,7 @@ import os
 import shutil
 import tempfile
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -24,7 +24,6 @@ from hadr.camera import Intrinsics, transform_points
 from hadr.data.camera_log import camera_log, native_pixels
 from hadr.data.frame_pictures import (
     DisparityScale,
-    color_ending,
     encode_color,
     encode_depth,
     encode_depth_array,
@@ -105,42 +104,35 @@ def frame_log_path(root: str | Path, split: str, object_id: str, stem: str) -> P
     return Path(root) / split / object_id / "depth" / "log_json" / f"{stem}.json"
 
 
-def frame_file_names(
+def frame_places(
     stem: str,
     *,
     depth_format: Literal["npy", "png"] = "npy",
     jpeg_quality: int | None = None,
-    normals: Normals = "all",
-    raw: Literal["depth", "disparity"] | None = None,
+    raw: Literal["depth", "disparity"] = "depth",
     object_folder: Literal["obj_mask", "object_mask"] = "obj_mask",
-) -> frozenset[Path]:
-    """The files of a whole frame, below its folder of the object.
+) -> dict[str, Path]:
+    """Where the parts of a frame lie below the folder of its object, e.g. ``rgb/000001.png``.
 
     Args:
-        stem: The name that they share.
+        stem: The name that the files share.
         depth_format: As for :func:`write_frame`.
         jpeg_quality: As for :func:`write_frame`.
-        normals: As for :func:`write_frame`.
-        raw: The form of raw depth; None where the frame has none.
+        raw: The form of raw depth.
         object_folder: As for :func:`write_frame`.
-
-    Returns:
-        Paths such as ``rgb/000001.png``; background depth is one of them.
     """
-    endings = {
-        "rgb": color_ending(jpeg_quality),
-        f"depth_{'np' if depth_format == 'npy' else 'png'}": f".{depth_format}",
-        BACKGROUND_FOLDER: ".png",
-        "hand_mask": ".png",
-        object_folder: ".png",
-        "hand_kpt": ".txt",
-        "log_json": ".json",
+    folders = {
+        "color": ("rgb", ".png" if jpeg_quality is None else ".jpg"),
+        "depth": ("depth_np" if depth_format == "npy" else "depth_png", f".{depth_format}"),
+        "background": (BACKGROUND_FOLDER, ".png"),
+        "raw": (RAW_FOLDER if raw == "depth" else DISPARITY_FOLDER, ".png"),
+        "normals": (NORMALS_FOLDER, ".png"),
+        "hand_mask": ("hand_mask", ".png"),
+        "object_mask": (object_folder, ".png"),
+        "keypoints": ("hand_kpt", ".txt"),
+        "log": ("log_json", ".json"),
     }
-    if raw is not None:
-        endings[RAW_FOLDER if raw == "depth" else DISPARITY_FOLDER] = ".png"
-    if normals != "none":
-        endings[NORMALS_FOLDER] = ".png"
-    return frozenset(Path(folder, stem + ending) for folder, ending in endings.items())
+    return {part: Path(folder, stem + ending) for part, (folder, ending) in folders.items()}
 
 
 def _check_shapes(frame: Frame) -> None:
@@ -190,15 +182,14 @@ def _log(frame: Frame) -> dict[str, Any]:
     return log
 
 
-def _place(root: Path, base: Path, files: Mapping[Path, bytes]) -> None:
-    """Write all files, then move them to their places below ``base`` in the given order."""
+def _place(root: Path, files: Mapping[Path, bytes]) -> None:
+    """Write all files, then move them to their places in the given order."""
     root.mkdir(parents=True, exist_ok=True)
     staged = Path(tempfile.mkdtemp(dir=root, prefix=UNFINISHED_PREFIX))
     try:
         for number, data in enumerate(files.values()):
             (staged / str(number)).write_bytes(data)
-        for number, name in enumerate(files):
-            place = base / name
+        for number, place in enumerate(files):
             place.parent.mkdir(parents=True, exist_ok=True)
             os.replace(staged / str(number), place)
     finally:
@@ -245,40 +236,43 @@ def write_frame(
         OSError: The folder can't be written.
     """
     _check_shapes(frame)
-    stem, root = frame.stem, Path(root)
+    root = Path(root)
     base = root / frame.split / frame.object_id / ("depth" if nested else ".")
-    ending, color = encode_color(frame.color, jpeg_quality)
-    files = {Path("rgb", stem + ending): color}
+    places = frame_places(
+        frame.stem,
+        depth_format=depth_format,
+        jpeg_quality=jpeg_quality,
+        raw="disparity" if isinstance(raw_scale, DisparityScale) else "depth",
+        object_folder=object_folder,
+    )
     log = _log(frame)
     depth = frame.depth if rest_step is None else _coarse_rest(frame, rest_step)
+    parts = {"color": encode_color(frame.color, jpeg_quality)}
     if depth_format == "npy":
-        files[Path("depth_np", f"{stem}.npy")] = encode_depth_array(depth)
+        parts["depth"] = encode_depth_array(depth)
     else:
-        files[Path("depth_png", f"{stem}.png")] = encode_depth(depth, depth_scale)
+        parts["depth"] = encode_depth(depth, depth_scale)
         log[DEPTH_SCALE_KEY] = depth_scale
     if frame.background_depth is not None:
         # Elsewhere it is the depth itself: the reader puts it back.
         behind = np.where(frame.object_mask, frame.background_depth, np.float32(0))
-        files[Path(BACKGROUND_FOLDER, f"{stem}.png")] = encode_depth(behind, depth_scale)
+        parts["background"] = encode_depth(behind, depth_scale)
         log[DEPTH_SCALE_KEY] = depth_scale
     if frame.raw_depth is not None:
         if isinstance(raw_scale, DisparityScale):
-            folder, data = DISPARITY_FOLDER, encode_disparity(frame.raw_depth, raw_scale)
-            log[DISPARITY_SCALE_KEY] = raw_scale.record()
+            parts["raw"] = encode_disparity(frame.raw_depth, raw_scale)
+            log[DISPARITY_SCALE_KEY] = asdict(raw_scale)
         else:
-            folder, data = RAW_FOLDER, encode_depth(frame.raw_depth, raw_scale)
+            parts["raw"] = encode_depth(frame.raw_depth, raw_scale)
             log[RAW_SCALE_KEY] = raw_scale
-        files[Path(folder, f"{stem}.png")] = data
     kept = _kept_normals(frame, normals)
     if kept is not None:
-        files[Path(NORMALS_FOLDER, f"{stem}.png")] = encode_normals(kept)
-    files[Path("hand_mask", f"{stem}.png")] = encode_mask(frame.hand_mask)
-    files[Path(object_folder, f"{stem}.png")] = encode_mask(frame.object_mask)
+        parts["normals"] = encode_normals(kept)
+    parts["hand_mask"] = encode_mask(frame.hand_mask)
+    parts["object_mask"] = encode_mask(frame.object_mask)
     uv = native_pixels(frame.keypoints_uv, frame.camera)
-    text = "".join(f"{u:.4f} {v:.4f}\n" for u, v in uv)
-    files[Path("hand_kpt", f"{stem}.txt")] = text.encode()
+    parts["keypoints"] = "".join(f"{u:.4f} {v:.4f}\n" for u, v in uv).encode()
     log |= dict(extra_log or {})
-    name = Path("log_json", f"{stem}.json")
-    files[name] = (json.dumps(log, separators=(",", ":")) + "\n").encode()
-    _place(root, base, files)
-    return base / name
+    parts["log"] = (json.dumps(log, separators=(",", ":")) + "\n").encode()
+    _place(root, {base / places[part]: data for part, data in parts.items()})
+    return base / places["log"]

@@ -10,7 +10,7 @@ import io
 import re
 import zlib
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -46,10 +46,7 @@ def _smallest_png(steps: npt.NDArray[np.uint16]) -> bytes:
 
 
 def _jpeg_ends(data: bytes) -> bool:
-    """Whether a JPEG reaches the marker of its end.
-
-    A preview inside of it has such a marker of its own, and phones append more behind it.
-    """
+    """Whether a JPEG reaches its end; a preview inside has an end of its own."""
     position = len(JPEG_START)
     while (marker := _JPEG_MARKER.search(data, position)) is not None:
         if marker[1] == b"\xd9":
@@ -96,19 +93,13 @@ def _decode(data: bytes, flags: int) -> npt.NDArray[Any]:
     return np.asarray(image)
 
 
-def color_ending(jpeg_quality: int | None) -> str:
-    """How the file of a colour picture ends: JPEG where a quality is given, else PNG."""
-    return ".png" if jpeg_quality is None else ".jpg"
-
-
-def encode_color(color: npt.NDArray[np.uint8], jpeg_quality: int | None) -> tuple[str, bytes]:
-    """Encode sRGB (H, W, 3) as JPEG, or as PNG where no quality is given: ending and bytes."""
+def encode_color(color: npt.NDArray[np.uint8], jpeg_quality: int | None) -> bytes:
+    """Encode sRGB (H, W, 3) as JPEG, or as PNG where no quality is given."""
     bgr = np.ascontiguousarray(color[..., ::-1])
-    ending = color_ending(jpeg_quality)
     if jpeg_quality is None:
-        return ending, _encode(ending, bgr, _BEST)
+        return _encode(".png", bgr, _BEST)
     options = (cv2.IMWRITE_JPEG_QUALITY, jpeg_quality, cv2.IMWRITE_JPEG_OPTIMIZE, 1)
-    return ending, _encode(ending, bgr, (*options, cv2.IMWRITE_JPEG_PROGRESSIVE, 1))
+    return _encode(".jpg", bgr, (*options, cv2.IMWRITE_JPEG_PROGRESSIVE, 1))
 
 
 def decode_color(data: bytes) -> npt.NDArray[np.uint8]:
@@ -172,13 +163,9 @@ class DisparityScale:
         if not min(self.focal_baseline, self.step, self.unit) > 0:
             raise ValueError(f"the values of a disparity scale must be positive, got {self}")
 
-    def record(self) -> dict[str, float]:
-        """The values by name, for a log."""
-        return asdict(self)
-
     @classmethod
     def from_record(cls, record: Any) -> DisparityScale:
-        """The inverse of :meth:`record`; a ``ValueError`` says what a log lacks."""
+        """The values by name, as a log has them; a ``ValueError`` says what it lacks."""
         if not isinstance(record, Mapping) or set(record) != {"focal_baseline", "step", "unit"}:
             raise ValueError(
                 f"a disparity scale must name focal_baseline, step and unit, got {record!r}"
@@ -200,29 +187,14 @@ class DisparityScale:
         return np.where(seen, np.rint(disparity).clip(1, 65535), 0.0)
 
     def nearest(self, depth: Depth, *, double_beyond: float = np.inf) -> Depth:
-        """Round depth to what whole steps give; 0 stays 0.
-
-        Args:
-            depth: z-depth, metres, shape (H, W); 0 where it is missing.
-            double_beyond: Farther than this, metres, steps are twice as long.
-        """
+        """Round depth (metres) to what whole steps give; far away to double steps."""
         steps = self.steps(depth)
         steps = np.where(depth > double_beyond, 2 * np.rint(steps / 2), steps)
         return self.depth(steps)
 
 
 def encode_disparity(depth: Depth, scale: DisparityScale) -> bytes:
-    """Encode a stereo camera's depth as the 16-bit PNG of its disparity, without loss.
-
-    Neighbours differ by fewer steps in disparity than in depth, which makes the file a third
-    smaller.
-
-    Args:
-        depth: z-depth, metres, shape (H, W); 0 where it is missing.
-        scale: The camera's disparities.
-
-    Returns:
-        The file's bytes.
+    """Encode depth that whole disparities give as the 16-bit PNG of those, a third smaller.
 
     Raises:
         ValueError: The depth is not one that these disparities give.
@@ -283,11 +255,7 @@ def decode_mask(data: bytes) -> npt.NDArray[np.bool_]:
 
 
 def encode_normals(normals: npt.NDArray[np.float32]) -> bytes:
-    """Encode unit normals, (H, W, 3) with 0 where unknown, as 8-bit PNG.
-
-    Red, green and blue hold x, y and z of the camera frame as ``round(127 n) + 128``; an unknown
-    normal is black.
-    """
+    """Encode unit normals (H, W, 3) as 8-bit RGB ``round(127 n) + 128``; unknown ones, 0, as 0."""
     steps = (np.round(normals * 127.0) + 128).clip(1, 255).astype(np.uint8)
     steps[~normals.any(axis=-1)] = 0
     return _encode(".png", np.ascontiguousarray(steps[..., ::-1]), _BEST)

@@ -22,10 +22,10 @@ _NAMES = ("train", "val", "test")
 
 
 def _counts(n: int, ratio: Sequence[float]) -> list[int]:
-    shares = np.asarray(ratio, dtype=float)
-    if shares.shape != (3,) or (shares < 0).any() or shares.sum() <= 0:
-        raise ValueError(f"ratio must be three shares train:val:test, got {tuple(ratio)}")
-    edges = np.round(np.cumsum(shares / shares.sum()) * n).astype(int)
+    weights = np.asarray(ratio, dtype=float)
+    if weights.shape != (3,) or (weights < 0).any() or weights.sum() <= 0:
+        raise ValueError(f"ratio must be three weights train:val:test, got {tuple(ratio)}")
+    edges = np.round(np.cumsum(weights / weights.sum()) * n).astype(int)
     return [int(c) for c in np.diff(np.concatenate([[0], edges]))]
 
 
@@ -37,13 +37,13 @@ def split_by_frame(
     Args:
         n_frames: How many frames there are.
         rng: The generator that shuffles.
-        ratio: Shares of train, val and test.
+        ratio: Weights of train, val and test.
 
     Returns:
         ``train``, ``val`` or ``test`` per frame, shape (n_frames,).
 
     Raises:
-        ValueError: The ratio is not three shares.
+        ValueError: The ratio is not three weights.
     """
     names = np.repeat(np.asarray(_NAMES), _counts(n_frames, ratio))
     return rng.permutation(names)
@@ -57,13 +57,13 @@ def split_by_holding(
     Args:
         hold_ids: Name of each frame's holding pose.
         rng: The generator that shuffles.
-        ratio: Shares of train, val and test, counted in holding poses.
+        ratio: Weights of train, val and test, counted in holding poses.
 
     Returns:
         The split per frame, shape (len(hold_ids),).
 
     Raises:
-        ValueError: The ratio is not three shares.
+        ValueError: The ratio is not three weights.
     """
     poses, pose_of = np.unique(np.asarray(hold_ids), return_inverse=True)
     return np.asarray(split_by_frame(len(poses), rng, ratio)[pose_of])

@@ -35,8 +35,6 @@ from hadr.data.frame import (
     RAW_FOLDER,
     RAW_SCALE_KEY,
     Frame,
-    frame_log_path,
-    write_frame,
 )
 from hadr.data.frame_pictures import (
     DisparityScale,
@@ -50,8 +48,6 @@ from hadr.data.frame_pictures import (
 
 Array = npt.NDArray[np.float64]
 Dtype = TypeVar("Dtype", bound=np.generic)
-
-__all__ = ["SPLITS", "Frame", "FrameFiles", "TransHand", "frame_log_path", "write_frame"]
 
 SPLITS = ("train", "val", "test")
 #: The folders of a frame's parts; the first that exists is read.

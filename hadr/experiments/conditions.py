@@ -43,8 +43,8 @@ def _checkpoints() -> Path:
 
 
 CHECKPOINTS = _checkpoints()
-SEGMENTATION = CHECKPOINTS / "segmentation-mini.safetensors"
-HANDS = CHECKPOINTS / "hand-keypoints-mini.safetensors"
+SEGMENTATION = str(CHECKPOINTS / "segmentation-mini.safetensors")
+HANDS = str(CHECKPOINTS / "hand-keypoints-mini.safetensors")
 TRUE = "all true"
 KEYPOINTS: Mapping[str, Given] = {TRUE: Given(), "predicted keypoints": Given(keypoints=HANDS)}
 """What the table of keypoints compares."""
@@ -126,9 +126,7 @@ def configuration(bench: Bench, run: Run, name: str, given: Given) -> dict[str, 
         "given": name,
         "corruption": given.corruption,
         "predicted_by": [
-            _file_digest(Path(path))
-            for path in (given.masks, given.keypoints)
-            if str(path) != "true"
+            _file_digest(Path(path)) for path in (given.masks, given.keypoints) if path != "true"
         ],
     }
 

@@ -19,8 +19,9 @@ from typing import Literal, get_args, overload
 
 import numpy as np
 
+from hadr.data.frame import Frame
 from hadr.data.splits import OBJECT_IDS, UNKNOWN_OBJECTS, split_by_frame
-from hadr.data.transhand import SPLITS, Frame, FrameFiles, TransHand
+from hadr.data.transhand import SPLITS, FrameFiles, TransHand
 
 Experiment = Literal["known", "unknown", "by-frame"]
 Part = Literal["train", "val", "test"]

@@ -6,7 +6,7 @@ sequential map (near is bright), signed errors in a diverging one that is white 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import matplotlib as mpl
@@ -44,6 +44,8 @@ FINGER_COLORS: dict[str, str] = {
     "ring": "#0072B2",
     "little": "#CC79A7",
 }
+#: Colours of the 20 bones between keypoints, in the order of `hadr.hand.BONES`.
+BONE_COLORS: tuple[str, ...] = tuple(FINGER_COLORS[f] for f in FINGERS for _ in range(4))
 DEPTH_MAP = "viridis_r"
 ERROR_MAP = "RdBu_r"
 _MISSING = "#d9d9d9"
@@ -163,37 +165,11 @@ def show_mask(
 def show_keypoints(ax: Axes, uv: npt.ArrayLike, *, size: float = 12.0) -> None:
     """Draw 21 keypoints (u, v) and their bones over an image, one colour a finger."""
     points = np.asarray(uv, dtype=float)
-    for (parent, child), color in zip(BONES, _bone_colors(), strict=True):
+    for (parent, child), color in zip(BONES, BONE_COLORS, strict=True):
         segment = points[[parent, child]]
         ax.plot(segment[:, 0], segment[:, 1], color="white", lw=2.6, solid_capstyle="round")
         ax.plot(segment[:, 0], segment[:, 1], color=color, lw=1.6, solid_capstyle="round")
     ax.scatter(points[:, 0], points[:, 1], s=size, c="white", edgecolors="black", lw=0.6, zorder=3)
-
-
-def _bone_colors() -> list[str]:
-    return [FINGER_COLORS[finger] for finger in FINGERS for _ in range(4)]
-
-
-def show_skeleton_3d(ax: Any, keypoints: npt.ArrayLike, *, alpha: float = 1.0) -> None:
-    """Draw 21 keypoints, metres, in 3D axes; the axes are those of the keypoints' frame."""
-    points = np.asarray(keypoints, dtype=float)
-    for (parent, child), color in zip(BONES, _bone_colors(), strict=True):
-        ax.plot(*points[[parent, child]].T, color=color, lw=2.2, alpha=alpha)
-    ax.scatter(*points.T, s=10, color="black", depthshade=False, alpha=alpha)
-
-
-def equal_axes_3d(ax: Any, points: npt.ArrayLike, *, margin: float = 0.02) -> None:
-    """Give 3D axes equal scales around points, shape (..., 3), metres, and label them."""
-    p = np.asarray(points, dtype=float).reshape(-1, 3)
-    p = p[np.isfinite(p).all(axis=1)]
-    low, high = p.min(0) - margin, p.max(0) + margin
-    ax.set_xlim(low[0], high[0])
-    ax.set_ylim(low[1], high[1])
-    ax.set_zlim(low[2], high[2])
-    ax.set_box_aspect(high - low)
-    ax.set_xlabel("x (m)")
-    ax.set_ylabel("y (m)")
-    ax.set_zlabel("z (m)")
 
 
 def frame_strip(
@@ -245,3 +221,32 @@ def frame_strip(
     if last is not None:
         fig.colorbar(last, ax=axes[0].tolist(), shrink=0.85, pad=0.01, label="depth (m)")
     return fig
+
+
+def legend_below(fig: Figure, ax: Axes, *, columns: int = 4) -> None:
+    """Put the legend of one of a figure's axes below all of them."""
+    handles, labels = ax.get_legend_handles_labels()
+    fig.legend(handles, labels, fontsize=8.5, loc="outside lower center", ncols=columns)
+
+
+def show_both_splits(
+    draw: Callable[[Axes, str], None],
+    *,
+    height: float = 3.5,
+    legend: int = 0,
+    same_scale: bool = True,
+) -> None:
+    """Show known objects on the left and unknown ones on the right.
+
+    Args:
+        draw: Called with axes and "known" or "unknown".
+        height: Of the figure, inches.
+        legend: Columns of the legend below; none where 0.
+        same_scale: Whether both have one vertical axis.
+    """
+    fig, axes = plt.subplots(1, 2, figsize=(9, height), sharey=same_scale)
+    for ax, split in zip(axes, ("known", "unknown"), strict=True):
+        draw(ax, split)
+    if legend:
+        legend_below(fig, axes[0], columns=legend)
+    plt.show()

@@ -84,12 +84,14 @@ def draw_bar_rows(
     ax: Axes,
     names: Sequence[str],
     parts: Mapping[str, npt.ArrayLike],
-    colors: Sequence[str],
+    colors: Sequence[Any],
     *,
+    edges: Any = "none",
+    hatches: Sequence[str] = (),
+    height: float = 0.7,
     left: npt.ArrayLike = 0.0,
     text: str = "",
     least: float = 0.0,
-    **style: Any,
 ) -> None:
     """Draw bars in named rows, one behind the other from left to right.
 
@@ -97,19 +99,20 @@ def draw_bar_rows(
         ax: Ordinary 2D axes.
         names: The N rows.
         parts: What the legend says to the lengths of its bars, shape (N,).
-        colors: One a part.
+        colors: For each part one for all rows, or one a row.
+        edges: Of the bars' edges: one for all, or one a row.
+        hatches: One a part; none where left out.
+        height: Of a bar, rows.
         left: Where the first bars begin, shape (N,) or one number.
         text: Format of the number within each bar, for example ``"{:.0f}"``; none where left out.
         least: Shorter bars get no number.
-        style: Of the bars; a sequence has one value a part.
     """
     start = np.broadcast_to(np.asarray(left, dtype=float), len(names)).copy()
     box = {"facecolor": "white", "edgecolor": "none", "pad": 1.0, "alpha": 0.8}
     for k, (part, values) in enumerate(parts.items()):
         lengths = np.asarray(values, dtype=float)
-        own = {key: v if isinstance(v, str | float | int) else v[k] for key, v in style.items()}
-        ax.barh(range(len(names)), lengths, left=start, label=part,
-                **({"color": colors[k], "height": 0.7} | own))  # fmt: skip
+        ax.barh(range(len(names)), lengths, height, start, label=part, color=colors[k],
+                edgecolor=edges, hatch=hatches[k] if hatches else None)  # fmt: skip
         for row, length in enumerate(lengths):
             if text and length > 0 and length >= least:
                 ax.text(start[row] + length / 2, row, text.format(length), ha="center",

@@ -16,8 +16,8 @@ from jinja2 import Environment
 from markupsafe import Markup
 
 from hadr.experiments.steps import seconds_text
-from hadr.figures.handover.film import ARMS
 from hadr.figures.tables.comparison import PUBLISHED_NAMES
+from hadr.figures.tables.handover import ARMS
 from hadr.figures.tables.results import NAMES
 from hadr.press.report import METRICS
 from hadr.records.result_file import ResultFile, read_result_file

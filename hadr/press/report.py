@@ -12,8 +12,7 @@ from typing import Any
 import pandas as pd
 
 from hadr.experiments.tables import DEFAULT
-from hadr.figures.tables import markdown
-from hadr.figures.tables.results import NAMES, with_doubt
+from hadr.figures.tables.results import NAMES, markdown, with_doubt
 from hadr.records.result_file import read_result_file, read_result_files
 
 METRICS = (

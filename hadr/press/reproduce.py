@@ -192,7 +192,7 @@ def open_bench(options: Options) -> Bench:
 
 def _data_step(size: str, times: dict[str, float]) -> Step:
     """The step that makes the data of a preset, for a plan without them: nothing else is done."""
-    from hadr.synthesis.generation.presets import PRESETS
+    from hadr.synthesis.generation.settings import PRESETS
 
     name = f"hadr generate --preset {size} --out DIR"
     return Step(

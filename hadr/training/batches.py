@@ -18,7 +18,7 @@ from hadr.models.hadr_input import HADRInput, frame_to_input, stack_inputs
 from hadr.records.provenance import usable_cores
 
 if TYPE_CHECKING:
-    from hadr.data.transhand import Frame
+    from hadr.data.frame import Frame
 
 Corruption = Literal["oracle", "analytic", "sensor", "erased"]
 CORRUPTIONS: dict[str, CorruptionConfig] = {

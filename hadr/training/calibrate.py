@@ -69,15 +69,7 @@ def restored_pixels(
     signal: Signal = "candidates",
     batch_size: int = 8,
 ) -> RestoredPixels:
-    """Restore frames, and collect error and signal of each restored pixel of the object.
-
-    Args:
-        model: A depth network.
-        frames: The frames at its size.
-        depth_range_m: Learned range of depths, metres; None if unknown.
-        signal: Which signal to collect, see `hadr.confidence.ConfidenceRule`.
-        batch_size: Frames at a time.
-    """
+    """Restore frames; collect error and signal of each restored pixel of the object."""
     sure = NETWORKS[kind_of(model)].can_say
     errors, numbers, signals = [], [], []
     first, scorable = 0, 0

@@ -109,17 +109,7 @@ def kind_of(model: nn.Module) -> str:
 
 
 def strip_checkpoint(source: str | Path, target: str | Path, *, half: bool = True) -> None:
-    """Write a checkpoint again without what only a resumed training needs.
-
-    Args:
-        source: A checkpoint.
-        target: Where the smaller one goes.
-        half: Store its weights as 16-bit floats.
-
-    Raises:
-        FileNotFoundError: There is no such file.
-        ValueError: It is no checkpoint, or the target's name does not end with `.safetensors`.
-    """
+    """Write a checkpoint without what a resumed training needs; errors as `load_checkpoint`."""
     model, meta = load_checkpoint(source)
     save_checkpoint(target, model, meta, half=half)
 

@@ -52,15 +52,7 @@ def mean_where(values: Tensor, counted: Tensor) -> Tensor:
 
 
 def frame_mean(total: Tensor, count: Tensor) -> Tensor:
-    """Mean of each frame's own mean, over the frames in which anything counts.
-
-    Args:
-        total: Sum over each frame, shape (B,).
-        count: How much entered it, shape (B,).
-
-    Returns:
-        One number; 0 where nothing counts.
-    """
+    """Mean of the frames' own means, total (B,) by count (B,), where anything counts; 0 without."""
     counts = count > 0
     means = torch.where(counts, total / count.clamp(min=1e-6), torch.zeros_like(total))
     return shared_mean(means.sum(), counts.sum())
@@ -121,31 +113,14 @@ class LossTerms:
 
 
 def depth_loss(points: Tensor, true_points: Tensor, over: DepthNorm = "xyz") -> Tensor:
-    """Mean absolute error of predicted points.
-
-    Args:
-        points: Predicted points in metres, camera frame, shape (R, 3).
-        true_points: True points of the same rays, shape (R, 3).
-        over: Mean over all three coordinates, or over z alone.
-
-    Returns:
-        One number, metres; 0 without rays.
-    """
+    """Mean absolute error, metres, of points (R, 3) over x, y and z, or z alone; 0 without rays."""
     error = (points - true_points).abs()
     error = error if over == "xyz" else error[:, 2:]
     return shared_mean(error.sum(), error.numel())
 
 
 def probability_loss(log_probability: Tensor, true_pair: Tensor) -> Tensor:
-    """Cross-entropy of each ray's choice among its voxels, mean over the rays.
-
-    Args:
-        log_probability: Logarithm of each pair's probability, shape (P,).
-        true_pair: Row of each ray's true pair, shape (R,), long; rays with -1 do not count.
-
-    Returns:
-        One number, nats; 0 where no ray counts.
-    """
+    """Mean cross-entropy, nats, of log (P,) at each ray's true pair (R,); -1 does not count."""
     known = true_pair[true_pair >= 0]
     return shared_mean(-log_probability.index_select(0, known).sum(), len(known))
 
@@ -199,17 +174,7 @@ def image_points(depth: Tensor, intrinsics: Tensor) -> Tensor:
 
 
 def normals_loss(cloud: Tensor, true_cloud: Tensor, valid: Tensor) -> Tensor:
-    """Mean of (1 - cos) / 2 between predicted and true normals.
-
-    Args:
-        cloud: Predicted points, shape (B, H, W, 3).
-        true_cloud: True points, shape (B, H, W, 3).
-        valid: Where both are known, shape (B, H, W), bool; a normal counts where its pixel and
-            the next ones in column and row are.
-
-    Returns:
-        One number between 0 and 1; 0 where no normal counts.
-    """
+    """Mean of (1 - cos) / 2 of normals where both clouds (B, H, W, 3) are valid; 0..1."""
     apart, whole = normals_apart(cloud, true_cloud, valid)
     return mean_where(apart / 2, whole)
 

@@ -73,13 +73,7 @@ class TrainingFolder:
     ) -> None:
         """Write what an epoch has reached, the truth first.
 
-        Args:
-            network: The network that learns.
-            result: The same, or the running average of its weights.
-            optimizer: Its optimiser.
-            history: A row of numbers for each epoch so far.
-            score: Name of the number in it by which the best epoch is chosen, smaller is better;
-                None keeps no best.
+        `result` is the network, or its average; smallest `score` of the history is the best epoch.
         """
         state = adam_state(optimizer)
         meta = self._meta(history, score)
@@ -93,15 +87,9 @@ class TrainingFolder:
     def resume(
         self, network: nn.Module, optimizer: torch.optim.Adam, average: nn.Module | None
     ) -> History:
-        """Load the last epoch into network and optimiser, and bring the folder into line with it.
+        """Load the last epoch into network, optimiser and average, and bring the folder into line.
 
-        Args:
-            network: The network; its weights are replaced.
-            optimizer: Its optimiser.
-            average: The running average of the weights, if there is one.
-
-        Returns:
-            The history so far; empty where there is nothing to go on from.
+        Returns the history, empty where there is nothing to go on from.
 
         Raises:
             ValueError: The folder holds a training of another recipe, seed or data.

@@ -12,8 +12,9 @@ from hadr.data.samples import (
     verify_manifest,
     write_manifest,
 )
-from hadr.synthesis.generation.recipes import frame_recipe
-from hadr.synthesis.glass.objects import glass_object, signed_distance
+from hadr.synthesis.generation.settings import PRESETS
+from hadr.synthesis.glass.distance import signed_distance
+from hadr.synthesis.glass.objects import glass_object
 from hadr.synthesis.recordings.recording import find_recordings
 
 
@@ -128,7 +129,7 @@ def test_each_bundled_frame_is_whole(splits, every):
     missing, hand_error = [], []
     for frame in (f for frames in splits.values() for f in frames[::every]):
         name = f"frame {frame.stem}"
-        recipe = frame_recipe(int(frame.stem))
+        recipe = PRESETS["samples"].settings.recipe(int(frame.stem))
         assert (frame.object_id, frame.split) == (recipe.object_id, recipe.split), name
         assert frame.color.shape == (252, 448, 3), name
         assert frame.color.std() > 12, name

@@ -9,7 +9,7 @@ from hadr.data.splits import (
     split_by_holding,
     split_by_object,
 )
-from hadr.synthesis.generation.recipes import hold_split
+from hadr.synthesis.generation.settings import hold_split
 from hadr.synthesis.glass.objects import OBJECTS
 
 HOLDS = [f"0000-side-{i // 3:04d}" for i in range(300)]
@@ -66,7 +66,7 @@ def test_leaked_share_by_hand():
 
 
 def test_errors():
-    with pytest.raises(ValueError, match="three shares train:val:test, got"):
+    with pytest.raises(ValueError, match="three weights train:val:test, got"):
         split_by_frame(10, np.random.default_rng(0), (7, 3))
     with pytest.raises(ValueError, match="none of the frames shows 0004, 0007"):
         split_by_object(["0000"])

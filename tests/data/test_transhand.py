@@ -15,12 +15,9 @@ from scipy.spatial.transform import Rotation
 
 from hadr.camera import TRANSHAND_CAMERA, project
 from hadr.data.camera_log import camera_log, camera_pose, native_pixels
+from hadr.data.frame import Frame, write_frame
 from hadr.data.frame_pictures import DisparityScale
-from hadr.data.transhand import (
-    Frame,
-    TransHand,
-    write_frame,
-)
+from hadr.data.transhand import TransHand
 
 W, H = 64, 36
 CAMERA = TRANSHAND_CAMERA.resized(W, H)
@@ -354,7 +351,7 @@ def test_a_flipped_bit_in_a_png_is_named(tmp_path):
     data = bytearray(path.read_bytes())
     data[len(data) // 2] ^= 4
     path.write_bytes(data)
-    with pytest.raises(ValueError, match=r"frame 000007: .*depth_png/000007.png: .*is damaged"):
+    with pytest.raises(ValueError, match=r"frame 000007: .*depth_png/000007.png: .*PNG is damaged"):
         TransHand(tmp_path, "train")[0]
 
 

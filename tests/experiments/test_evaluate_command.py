@@ -9,7 +9,7 @@ import pytest
 
 from hadr.camera import Intrinsics
 from hadr.cli import parse_options
-from hadr.data.transhand import Frame, write_frame
+from hadr.data.frame import Frame, write_frame
 from hadr.experiments.evaluate_command import run
 from hadr.models.backbone import BackboneConfig
 from hadr.models.hadr import HADR, HADRConfig

@@ -1,19 +1,10 @@
 """Plots of named rows: what stands where, and in which colour."""
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from matplotlib.colors import to_hex
 
 from hadr.figures.rows import Dots, draw_bar_rows, draw_dot_rows
-
-
-@pytest.fixture
-def ax():
-    fig, axes = plt.subplots()
-    yield axes
-    fig.canvas.draw()
-    plt.close(fig)
 
 
 def names(axes):
@@ -28,7 +19,7 @@ def test_the_first_row_is_at_the_top_and_numbers_stand_beside_their_bars(ax):
     assert names(ax) == ["a", "b", "c"]
     assert ax.yaxis_inverted()
     bar, dot = ax.lines[:2]
-    assert bar.get_xdata() == [1.5, 2.5]
+    assert list(bar.get_xdata()) == [1.5, 2.5]
     assert (dot.get_xdata()[0], dot.get_ydata()[0], dot.get_color()) == (2.0, 0, "red")
     assert [(t.get_text(), t.xy) for t in ax.texts] == [("+2.0", (2.5, 0)), ("-1.0", (-1.5, 2))]
     (legend,) = ax.get_legend_handles_labels()[0]
@@ -47,7 +38,7 @@ def test_series_are_joined_and_may_be_hollow_and_stand_aside(ax):
 def test_bars_stand_end_to_end_with_their_numbers_inside(ax):
     parts = {"own": [3.0, 1.0], "rest": [0.0, 4.0]}
     draw_bar_rows(ax, ["a", "b"], parts, ["#ff0000", "#0000ff"], text="{:.0f}", least=2,
-                  hatch=["", "//"], left=[0.0, 1.0])  # fmt: skip
+                  hatches=["", "//"], left=[0.0, 1.0])  # fmt: skip
     assert names(ax) == ["a", "b"]
     ends = [(bar.get_x(), bar.get_width()) for bar in ax.patches]
     assert ends == [(0, 3), (1, 1), (3, 0), (2, 4)]

@@ -17,8 +17,9 @@ from hadr.simulation.camera.room import make_room
 from hadr.simulation.world.object_parts import mass_properties, stacked_rings
 from hadr.synthesis.depth_sensor.infrared import Projector
 from hadr.synthesis.generation.frames import recipe_hold
-from hadr.synthesis.generation.recipes import frame_recipe
-from hadr.synthesis.glass.objects import bodies, distance_field, glass_object, profile
+from hadr.synthesis.generation.settings import GenerationSettings
+from hadr.synthesis.glass.objects import bodies, glass_object
+from hadr.synthesis.glass.shape import profile
 from hadr.synthesis.hand.finger_skin import skin_normals
 from hadr.synthesis.hand.template import hand_template
 from hadr.synthesis.holding.clearance import clearance_table
@@ -46,7 +47,6 @@ KEPT: dict[str, Callable[[], Any]] = {
     "hand_template": hand_template,
     "make_hold": lambda: make_hold("0000", 0),
     "skin_normals": skin_normals,
-    "distance_field": lambda: distance_field(GLASS),
     "clearance_table": lambda: clearance_table("0000"),
     "directions": lambda: Projector().directions(),
     "pyramid": lambda: pyramid(0),
@@ -144,17 +144,19 @@ def test_a_changed_photograph_is_seen(tmp_path: Path) -> None:
 
 
 def test_a_changed_recording_is_read_again(tmp_path: Path) -> None:
-    from hadr.synthesis.generation.command import bundled_recordings
+    from hadr.data.samples import samples_dir
     from hadr.synthesis.recordings.recording import find_recordings, read_recording
 
     recipe = next(
         recipe
-        for recipe in (frame_recipe(index) for index in range(100))
+        for recipe in (GenerationSettings().recipe(index) for index in range(100))
         if recipe.object_id == "0000" and recipe.hold_number == 0
     )
-    recording = read_recording(find_recordings(bundled_recordings() / "0000")[0])
+    recording = read_recording(find_recordings(samples_dir() / "recordings" / "0000")[0])
     path = tmp_path / "mine-0.csv"  # its name does not say which object it holds
     for scale in (1.1, 0.9):
         text = re.sub("^# scale: .*$", f"# scale: {scale}", recording_text(recording), flags=re.M)
         path.write_text(text)
-        assert recipe_hold(recipe, 0, tmp_path).shape.scale == scale
+        assert (
+            recipe_hold(recipe, GenerationSettings(recordings=str(tmp_path))).shape.scale == scale
+        )

@@ -45,8 +45,8 @@ def test_errors_of_a_picture_made_by_hand(benchmark_script):
 def test_tables_and_walls_wear_wood_cloth_and_stone_alone(benchmark_script):
     camera = benchmark_script.real_camera(64, 36)
     seeds = range(1435, 1447)
-    around = [benchmark_script.table_scene(seed, camera).rays.surroundings for seed in seeds]
-    numbers = np.concatenate([each.picture for each in around])
+    around = [benchmark_script.table_scene(seed, camera).contents.surroundings for seed in seeds]
+    numbers = np.concatenate([each.texture for each in around])
     assert {FAMILIES[number % len(FAMILIES)].name for number in numbers} == {
         "wood",
         "plaid",

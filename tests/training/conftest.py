@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from hadr.camera import Intrinsics
-from hadr.data.transhand import Frame
+from hadr.data.frame import Frame
 from hadr.models.backbone import BackboneConfig
 from hadr.models.hadr import HADRConfig, HADRInput
 from hadr.training.batches import FrameTensors

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from hadr.data.transhand import Frame
+from hadr.data.frame import Frame
 from hadr.training.batches import Corruption, FrameTensors, load_frames
 
 

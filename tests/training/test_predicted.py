@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 import torch
 
+from hadr.data.frame import Frame
 from hadr.data.samples import open_samples
-from hadr.data.transhand import Frame
 from hadr.models.hadr import HADR
 from hadr.models.hand.keypoints import HandKeypointNet
 from hadr.models.segmentation import SegmentationNet

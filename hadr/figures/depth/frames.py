@@ -33,20 +33,7 @@ def contact_sheet(
     columns: int = 6,
     width: float = 9.0,
 ) -> Figure:
-    """Lay pictures of one size out in a grid.
-
-    Args:
-        pictures: Each (H, W, 3).
-        titles: One a picture; an empty one leaves no word.
-        columns: Pictures a row.
-        width: Width of the figure, inches.
-
-    Returns:
-        The figure.
-
-    Raises:
-        ValueError: There are no pictures, or another number of titles.
-    """
+    """Lay pictures of one size out in a grid; an empty title leaves no word."""
     if not pictures:
         raise ValueError("a contact sheet needs pictures, got none")
     if titles is not None and len(titles) != len(pictures):

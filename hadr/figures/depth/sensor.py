@@ -1,4 +1,4 @@
-"""Pictures of the simulated depth camera, and its errors beside those of a real one."""
+"""Pictures of a depth camera: how it sees glass, and simulated errors beside real ones."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from matplotlib.figure import Figure
 from hadr.camera import window_around
 from hadr.corruption import see_through
 from hadr.data.frame import Frame
-from hadr.figures.depth.corruption_statistics import corruption_statistics
+from hadr.figures.depth.corruption_examples import corruption_statistics
 from hadr.figures.panels import COLORS, show_color, show_depth, show_error
-from hadr.figures.tables import markdown
+from hadr.figures.tables.results import markdown
 
 #: What is compared: key in the results, title, factor, unit.
 SENSOR_ROWS: tuple[tuple[str, str, float, str], ...] = (
@@ -130,3 +130,53 @@ def see_through_picture(frame: Frame, missing: float, background: float, seed: i
     known = "none" if np.isnan(found.bias_m) else f"{100 * found.bias_m:+.1f} cm"
     show_error(axes[2], error[window], f"median error {known}", limit=0.4)
     return figure
+
+
+_WALL_Y, _GLASS_Y = 1.0, 0.55
+_DOT = np.array([0.12, _WALL_Y])
+_IMAGERS = {"left": (-0.18, 0.035), "right": (0.18, -0.05)}  # x, and how far glass bends its ray
+
+
+def draw_stereo_camera(ax: Axes, glass: bool, title: str) -> None:
+    """Draw the camera from above, its projector's ray and what both imagers see of the dot."""
+    ax.plot([-0.75, 0.75], [_WALL_Y, _WALL_Y], color=COLORS["background"], lw=7)
+    ax.text(-0.74, _WALL_Y - 0.03, "wall", va="top")
+    if glass:
+        across = np.linspace(-0.45, 0.45, 60)
+        side = _GLASS_Y + 0.9 * across**2
+        ax.plot(across, side, color=COLORS["glass"], lw=9, alpha=0.55, solid_capstyle="butt")
+        ax.text(0.5, float(side[-1]) - 0.06, "glass", va="center")
+    ax.plot(*_ray(0.0, 0.0).T, color=COLORS["baseline"], lw=1.6)
+    for name, (x, bend) in _IMAGERS.items():
+        ax.plot(*_ray(x, bend if glass else 0.0).T, color=COLORS["hadr"], lw=1.6)
+        ax.plot(x, 0, "s", ms=11, color=COLORS["truth"])
+        ax.text(x, -0.06, name, ha="center", va="top")
+    ax.plot(0, 0, "^", ms=11, color=COLORS["baseline"])
+    ax.text(0, -0.06, "dots", ha="center", va="top", color="#9a6a00")
+    ax.plot(*_DOT, "o", ms=7, color=COLORS["hand"], zorder=4)
+    if glass:
+        _draw_ghost(ax)
+    ax.annotate("", (-0.18, -0.2), (0.18, -0.2), arrowprops={"arrowstyle": "<->", "lw": 1})
+    ax.text(0, -0.22, "baseline b", ha="center", va="top")
+    ax.set(xlim=(-0.8, 0.8), ylim=(-0.32, 1.1), title=title, xticks=[], yticks=[], aspect="equal")
+    ax.spines[:].set_visible(False)
+
+
+def _ray(x: float, bend: float) -> npt.NDArray[np.float64]:
+    """From the camera to the dot, shifted sideways where it crosses the glass, shape (3, 2)."""
+    start = np.array([x, 0.0])
+    knee = start + _GLASS_Y / _WALL_Y * (_DOT - start) + np.array([bend, 0.0])
+    return np.array([start, knee, _DOT])
+
+
+def _draw_ghost(ax: Axes) -> None:
+    """Where both imagers, taking their rays for straight, believe the dot to be."""
+    (a, p, _), (b, q, _) = (_ray(x, bend) for x, bend in _IMAGERS.values())
+    lengths = np.linalg.solve(np.stack([p - a, b - q], axis=1), b - a)
+    ghost = a + lengths[0] * (p - a)
+    for knee in (p, q):
+        ax.plot(*np.array([knee, ghost]).T, "--", color=COLORS["hadr"], lw=1)
+    ax.plot(*ghost, "x", ms=10, mew=2.5, color=COLORS["hand"], zorder=4)
+    aside = (0.3, float(ghost[1]) + 0.16)  # between glass and wall
+    line = {"arrowstyle": "-", "color": COLORS["hand"], "shrinkB": 6}
+    ax.annotate("measured", ghost, aside, va="center", color=COLORS["hand"], arrowprops=line)

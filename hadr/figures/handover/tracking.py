@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from hadr.figures.handover.scene import bare_axes_3d, show_glass, show_grippers, show_hand
 from hadr.handover.grasping.grasps import forward_of
-from hadr.synthesis.glass.objects import GlassObject
+from hadr.synthesis.glass.shape import GlassObject
 
 Array = npt.NDArray[np.float64]
 
@@ -114,16 +114,7 @@ def show_errors(
     at: int | None = None,
     notes: Mapping[str, Array] | None = None,
 ) -> None:
-    """Draw how far off each gripper is over time; what is still to come stays pale.
-
-    Args:
-        ax: Plain axes.
-        film: Hand and glass.
-        carried: The grippers.
-        limit_mm: Upper end, millimetres.
-        at: Index of the moment that is reached; the last where left out.
-        notes: Further curves in millimetres by their names, shape (t,); drawn thin and dashed.
-    """
+    """Draw how far off each gripper is over time; what is still to come stays pale."""
     reached = len(film.times) - 1 if at is None else at
     for one in carried:
         off = film.off_mm(one.poses)

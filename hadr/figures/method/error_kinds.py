@@ -166,7 +166,7 @@ def draw_kind_bars(ax: Axes, sources: Mapping[str, Source], place: str) -> None:
     """Draw the shares of several sources as stacked bars, one below the other."""
     shares = 100 * np.array([source.shares(place) for source in sources.values()])
     parts = dict(zip(KINDS, shares.T, strict=True))
-    draw_bar_rows(ax, list(sources), parts, KIND_COLORS, text="{:.0f}", least=4, edgecolor=_EDGE)
+    draw_bar_rows(ax, list(sources), parts, KIND_COLORS, text="{:.0f}", least=4, edges=_EDGE)
     ax.set(xlim=(0, 100), xlabel=f"share of the pixels {place} (%)")
     ax.tick_params(axis="y", length=0)
     ax.spines["left"].set_visible(False)

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 
 from hadr.figures.method.hands import Array, frame_hand_axes, on_screen, show_axis, show_bones
+from hadr.figures.method.voxels import cube_edges
 from hadr.figures.panels import COLORS
 from hadr.hand import FINGERS, check_keypoints
 
@@ -21,8 +22,6 @@ FRAME_COLORS: dict[str, str] = {
     "wrist frame": COLORS["hadr"],
     "wrist subtracted only": COLORS["baseline"],
 }
-_CUBE = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
-_EDGES = [(i, j) for i in range(8) for j in range(i) if np.abs(_CUBE[i] - _CUBE[j]).sum() == 1]
 
 
 def draw_depth_hint(
@@ -129,9 +128,8 @@ def draw_voxel_arrows(
     """Draw a voxel, the hand, and the 21 arrows from the voxel's centre to the keypoints."""
     points = check_keypoints(keypoints)
     middle = np.asarray(center, dtype=float)
-    corners = on_screen(middle + size_m * _CUBE, screen_from_frame)
-    for edge in _EDGES:
-        ax.plot(*corners[list(edge)].T, color=color, lw=1.3)
+    for edge in on_screen(cube_edges(middle, size_m), screen_from_frame):
+        ax.plot(*edge.T, color=color, lw=1.3)
     show_bones(ax, points, screen_from_frame, lw=2.5, alpha=0.45, joints=False)
     start = on_screen(middle, screen_from_frame)
     arrow = {"arrowstyle": "-|>", "color": color, "lw": 0.9, "shrinkA": 0, "shrinkB": 0}

@@ -163,9 +163,12 @@ def draw_intervals(
 ) -> None:
     """Draw named intervals as bars below each other; colours are names of `panels.COLORS`."""
     low, high = np.array(list(intervals.values())).T
-    draw_bar_rows(ax, list(intervals), {"": high - low}, [""], left=low, height=0.5, lw=1.8,
-                  color=[[COLORS[colors[n]] if n not in hollow else "white" for n in intervals]],
-                  edgecolor=[[COLORS[colors[n]] for n in intervals]])  # fmt: skip
+    edges = [COLORS[colors[name]] for name in intervals]
+    fills = [
+        "white" if name in hollow else edge for name, edge in zip(intervals, edges, strict=True)
+    ]
+    rows = list(intervals)
+    draw_bar_rows(ax, rows, {"": high - low}, [fills], edges=edges, left=low, height=0.5)
     ax.set_xlabel(xlabel)
 
 

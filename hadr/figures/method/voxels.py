@@ -18,8 +18,12 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
 from hadr.figures.panels import COLORS
 
-_CUBE = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
-_EDGES = [(i, j) for i in range(8) for j in range(i) if np.abs(_CUBE[i] - _CUBE[j]).sum() == 1]
+
+def cube_edges(center: npt.ArrayLike, size: float) -> npt.NDArray[np.float64]:
+    """The twelve edges of an upright cube of so many metres, shape (12, 2, 3)."""
+    signs = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+    pairs = [(i, j) for i in range(8) for j in range(i) if np.abs(signs[i] - signs[j]).sum() == 1]
+    return np.asarray(np.asarray(center, dtype=float) + size * signs[np.array(pairs)])
 
 
 def upright(points: npt.ArrayLike) -> npt.NDArray[np.float64]:
@@ -52,18 +56,9 @@ def draw_cubes(
     width: float = 0.8,
     alpha: float = 0.7,
 ) -> None:
-    """Draw the edges of cubes in 3D axes.
-
-    Args:
-        ax: 3D axes whose points are turned by :func:`upright`.
-        centers: Centres in metres, camera frame, shape (V, 3).
-        size: Side of a cube in metres.
-        color: Colour of the edges.
-        width: Width of the lines.
-        alpha: Opacity of the lines.
-    """
-    corners = np.asarray(centers, dtype=float).reshape(-1, 1, 3) + _CUBE * size
-    lines = [upright(cube[list(edge)]) for cube in corners for edge in _EDGES]
+    """Draw the edges of cubes around centres (V, 3), camera frame, in axes turned by `upright`."""
+    cubes = np.asarray(centers, dtype=float).reshape(-1, 3)
+    lines = [edge for center in cubes for edge in upright(cube_edges(center, size))]
     ax.add_collection3d(Line3DCollection(lines, colors=color, linewidths=width, alpha=alpha))
 
 

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from hadr.camera import Intrinsics, project, transform_points
-from hadr.figures.panels import COLORS, FINGER_COLORS
+from hadr.figures.panels import BONE_COLORS, COLORS
 from hadr.figures.solids.studio import StudioView, studio_picture, studio_view
 from hadr.figures.solids.turntable import HandOnGlass
 from hadr.hand import (
@@ -25,6 +25,7 @@ from hadr.hand import (
 from hadr.ray_voxels import VoxelGrid
 from hadr.synthesis.hand.mesh import HandMesh
 from hadr.synthesis.rendering.raycast import Labels, RayCaster
+from hadr.synthesis.scene.contents import Contents
 
 Array = npt.NDArray[np.float64]
 
@@ -35,6 +36,7 @@ FEATURES: dict[str, tuple[str, str, bool]] = {
     "relative": ("relative: arrows from the voxel's centre", COLORS["voxel"], True),
     "image": ("2D: pixels as a share of the picture", COLORS["raw"], False),
 }
+_KEYPOINT_COLORS = (COLORS["truth"], *BONE_COLORS)
 #: What a camera sees of a keypoint: hidden by flesh, behind glass, or in full view.
 HIDDEN, BEHIND_GLASS, IN_VIEW = 0, 1, 2
 #: Flesh this far in front of a keypoint, metres, is that of another part of the hand.
@@ -69,26 +71,14 @@ class Orbit:
         """Give the exact depth and masks of that picture."""
         hand = self.scene.hand
         plain = np.zeros((len(hand.vertices), 3))
-        caster = RayCaster(HandMesh(hand, plain, plain[:, 0]), (self.scene.glass,))
+        hand_mesh = HandMesh(hand, plain, plain[:, 0])
+        caster = RayCaster(Contents(hand_mesh, (self.scene.glass,)))
         pose: Array = np.linalg.inv(self.camera_from_object[place])
         return caster.labels(self.camera, pose)
 
 
 def orbit(scene: HandOnGlass, turns_deg: npt.ArrayLike, *, pixels: int = 224) -> Orbit:
-    """Send a camera around a held glass.
-
-    Args:
-        scene: Hand and glass.
-        turns_deg: Degrees around the glass's axis from where the scene is first looked at,
-            shape (N,).
-        pixels: Side of the pictures.
-
-    Returns:
-        The orbit; all places are equally far from the middle of hand and glass.
-
-    Raises:
-        ValueError: The turns are not one row of at least one number.
-    """
+    """Send a camera around a held glass, by turns (N,) in degrees, all equally far from it."""
     turns = np.asarray(turns_deg, dtype=float)
     if turns.ndim != 1 or not len(turns):
         raise ValueError(f"turns_deg must have shape (N,), N at least 1, got {turns.shape}")
@@ -192,7 +182,7 @@ def _draw_picture(
     at = project(
         transform_points(track.camera_from_object[place], np.asarray([point])), track.camera
     )[0]
-    for end, color in zip(uv, _keypoint_colors(), strict=True):
+    for end, color in zip(uv, _KEYPOINT_COLORS, strict=True):
         ax.plot(*np.stack([at, end]).T, color=COLORS["truth"], lw=0.5, alpha=0.45)
         ax.plot(*end, "o", ms=4.5, color=color, mec="white", mew=0.6)
     ax.plot(*at, "*", ms=15, color=COLORS["highlight"], mec="black", mew=0.9)
@@ -202,14 +192,10 @@ def _draw_picture(
     ax.set_title(f"camera at {track.turns_deg[place]:.0f}°")
 
 
-def _keypoint_colors() -> list[str]:
-    return [COLORS["truth"], *(FINGER_COLORS[finger] for finger in FINGERS for _ in range(4))]
-
-
 def _draw_bars(ax: Axes, rows: Array, place: int, start: int) -> None:
     """One bar a number in its finger's colour, and what the number was first as a mark."""
     count = rows.shape[1]
-    colors = np.repeat(_keypoint_colors(), count // 21).tolist()
+    colors = np.repeat(_KEYPOINT_COLORS, count // 21).tolist()
     numbers = np.arange(count)
     ax.vlines(numbers, 0, rows[place], colors=colors, lw=240 / count)  # quicker than bars
     ax.hlines(rows[start], numbers - 0.5, numbers + 0.5, color="black", lw=1.3)

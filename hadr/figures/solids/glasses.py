@@ -12,10 +12,12 @@ from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 
+from hadr.figures.depth.frames import contact_sheet
 from hadr.figures.panels import COLORS
 from hadr.figures.solids.studio import PLAIN, studio_picture, studio_view
 from hadr.figures.solids.turntable import bare_glass, held_glass, solid_of
-from hadr.synthesis.glass.objects import GlassObject, bodies
+from hadr.synthesis.glass.objects import bodies
+from hadr.synthesis.glass.shape import GlassObject
 from hadr.synthesis.glass.surfaces import Surface
 from hadr.synthesis.holding.hold import Hold
 
@@ -104,19 +106,14 @@ def draw_hold_sheet(
     if not holds or not holds[0] or len(titles) != len(holds):
         raise ValueError(f"need rows of holds and a title each, got {len(holds)}, {len(titles)}")
     columns = max(len(row) for row in holds)
-    side = width / columns
-    fig: Figure
-    fig, axes = plt.subplots(
-        len(holds), columns, figsize=(width, len(holds) * (side + 0.16)), squeeze=False
-    )
-    fig.set_layout_engine("constrained", w_pad=0.01, h_pad=0.01, hspace=0.0, wspace=0.0)
-    for row, title, line in zip(holds, titles, axes, strict=True):
-        for k, ax in enumerate(line):
-            ax.set(xticks=[], yticks=[])
-            ax.spines[:].set_visible(False)
-            if k < len(row):
-                scene = held_glass(row[k], tolerance=0.0, step=_QUICK_STEP)
-                ax.imshow(studio_picture(scene, pixels=pixels), interpolation="bilinear")
-                ax.set_xlabel(row[k].kind, fontsize=8.5, labelpad=1)
-        line[0].set_ylabel(title, fontsize=9)
+    blank = np.full((pixels, pixels, 3), 255, np.uint8)
+    pictures, kinds = [], []
+    for row in holds:
+        scenes = [held_glass(hold, tolerance=0.0, step=_QUICK_STEP) for hold in row]
+        pictures += [studio_picture(scene, pixels=pixels) for scene in scenes]
+        pictures += [blank] * (columns - len(row))
+        kinds += [*(hold.kind for hold in row), *[""] * (columns - len(row))]
+    fig = contact_sheet(pictures, kinds, columns=columns, width=width)
+    for title, ax in zip(titles, fig.axes[::columns], strict=True):
+        ax.set_ylabel(title, fontsize=9)
     return fig

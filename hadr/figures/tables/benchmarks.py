@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 
 from hadr.figures.panels import COLORS
 from hadr.figures.rows import Dots, draw_bar_rows, draw_dot_rows
-from hadr.figures.tables import markdown
+from hadr.figures.tables.results import markdown
 
 Record = Mapping[str, Any]
 

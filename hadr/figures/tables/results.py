@@ -12,7 +12,6 @@ from matplotlib.axes import Axes
 from hadr.camera import FloatArray
 from hadr.figures.panels import COLORS
 from hadr.figures.rows import Dots, draw_dot_rows
-from hadr.figures.tables import markdown
 
 Row = Mapping[str, Any]
 
@@ -63,6 +62,12 @@ _MARKER = {
 }
 
 
+def markdown(table: pd.DataFrame, align: str = "lr") -> str:
+    """A table of cells as Markdown; `align` has a letter a column, the last one for all others."""
+    sides = [{"l": "left", "r": "right"}[side] for side in align.ljust(table.shape[1], align[-1])]
+    return str(table.to_markdown(index=False, disable_numparse=True, colalign=sides))
+
+
 def system_marker(method: str) -> str:
     """Marker of a method in all pictures of results, so that colour alone tells nothing."""
     return _MARKER.get(method, "o")
@@ -81,14 +86,7 @@ def ordered(rows: Sequence[Row], split: str) -> list[Row]:
 
 
 def difference_cell(pair: Mapping[str, Any] | None) -> str:
-    """Set a mean difference with its standard error, as `hadr.experiments.averages.paired` has it.
-
-    Args:
-        pair: The comparison; None where nothing was compared.
-
-    Returns:
-        Centimetres with their sign; "-" without a comparison or a standard error.
-    """
+    """A mean difference with its standard error, centimetres; "-" where nothing was compared."""
     if pair is None or pair["standard_error_m"] is None:
         return "-"
     return with_doubt(pair["mean_difference_m"], pair["standard_error_m"], sign="+")
@@ -160,6 +158,39 @@ def _scores(row: Row | None) -> list[str]:
     return [f"{100 * row['rmse_m']:.2f}", f"{100 * row['mae_m']:.2f}", f"{row['delta_105']:.2f}"]
 
 
+def margins_table(
+    rows: Sequence[Row], pairs: Sequence[tuple[str, str]], published: Mapping[str, Any]
+) -> str:
+    """Say by how much a method's RMSE differs from another's, in percent, for pairs of methods."""
+    own = {(row["split"], row["method"]): row["rmse_m"] for row in rows}
+    own |= {(split, "published"): published[split]["HADR"][0] for split in ("known", "unknown")}
+    names = NAMES | {"published": "HADR as published"}
+    lines = []
+    for one, other in pairs:
+        both = [(own.get((s, one)), own.get((s, other))) for s in ("known", "unknown")]
+        cells = [f"{100 * (a / b - 1):+.0f} %" if a and b else "-" for a, b in both]
+        lines.append([names[one], names[other], *cells])
+    head = ["RMSE of", "against", "known", "unknown"]
+    return markdown(pd.DataFrame(lines, columns=head), "llr")
+
+
+def parts_table(rows: Sequence[Row]) -> str:
+    """List each method's error, and what is left of it, as `draw_parts` shows them."""
+    parts = {
+        "rmse_m": "RMSE (cm)",
+        "place_m": "place: median error (cm)",
+        "shape_m": "shape and tilt (cm)",
+        "tilt_m": "shape alone (cm)",
+    }
+    lines = [
+        [split, NAMES[row["method"]], *(f"{100 * row[part]:.2f}" for part in parts)]
+        for split in ("known", "unknown")
+        for row in ordered(rows, split)
+    ]
+    head = ["objects", "method", *parts.values()]
+    return markdown(pd.DataFrame(lines, columns=head), "llr")
+
+
 def draw_systems(ax: Axes, rows: Sequence[Row], split: str, published_rmse_m: float) -> None:
     """Draw each method's RMSE with its standard error over holds as dots, the paper's as a line."""
     names, values = _in_rows(rows, split, "rmse_m")
@@ -215,22 +246,13 @@ def draw_by_object(
     part: str = "rmse_m",
     xlabel: str = "RMSE (cm)",
 ) -> None:
-    """Draw each method's error on each object as a dot.
-
-    Args:
-        ax: Ordinary 2D axes.
-        rows: Rows of `results/mini/errors.json`.
-        split: "known" or "unknown".
-        names: What the objects are called, by number.
-        part: Which part of the error, in metres.
-        xlabel: What that is, with its unit.
-    """
+    """Draw each method's error on each object as a dot."""
     chosen = ordered(rows, split)
     objects = sorted({number for row in chosen for number in row["by_object"]})
     series = [
         Dots([100 * row["by_object"][number][part] for number in objects],
              system_color(row["method"]), system_marker(row["method"]),
-             NAMES.get(row["method"], row["method"]), hollow=row["method"] == "hadr-long")
+             NAMES.get(str(row["method"]), str(row["method"])), hollow=row["method"] == "hadr-long")
         for row in chosen
     ]  # fmt: skip
     draw_dot_rows(ax, [f"{n} {names.get(n, '')}".strip() for n in objects], series)

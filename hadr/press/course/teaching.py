@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from hadr.figures.tables import markdown
+from hadr.figures.tables.results import markdown
 from hadr.press.course.chapter import Chapter, Exercise, hints
 from hadr.press.course.graded import STUB
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,7 +22,8 @@ from hadr.simulation.world.scenes import HeldScene
 from hadr.synthesis.glass.surfaces import Surface, merged
 from hadr.synthesis.hand.mesh import HandMesh
 from hadr.synthesis.rendering.raycast import GLASS, HAND, SURROUNDINGS
-from hadr.synthesis.rendering.shading import RayScene
+from hadr.synthesis.rendering.shading import RayTracer
+from hadr.synthesis.scene.contents import Contents
 
 Array = npt.NDArray[np.float64]
 Depth = npt.NDArray[np.float32]
@@ -81,7 +83,7 @@ class _JoinedTree:
         return {name: np.where(nearer, other[name], found[name]) for name in _USED}
 
 
-class MovingView(RayScene):
+class MovingView(RayTracer):
     """A held object in a room, seen at any moment.
 
     Args:
@@ -93,12 +95,14 @@ class MovingView(RayScene):
     def __init__(self, scene: HeldScene, room: Room, hand_step: float = 0.004) -> None:
         self._own_hand, self._own_glass = scene.hand(hand_step), scene.glass()
         super().__init__(
-            self._own_hand,
-            self._own_glass,
-            scene.item.tint,
-            room.surroundings,
-            lamps=room.lamps,
-            environment=room.environment,
+            Contents(
+                self._own_hand,
+                self._own_glass,
+                scene.item.transmittance,
+                room.surroundings,
+                room.lamps,
+                room.environment,
+            )
         )
         # the order in which RayCaster lists its trees: surroundings, hand, then glass
         self._room, (_, self._hand_tree) = room, self._solid[1]
@@ -118,23 +122,24 @@ class MovingView(RayScene):
             arm: The robot's surfaces in the base frame with their linear RGB.
         """
         now = copy.copy(self)
-        hand = self._own_hand
-        now.hand = HandMesh(hand.surface.moved(base_from_wrist), hand.albedo, hand.gloss)
-        now.glass = tuple(body.moved(base_from_object) for body in self._own_glass)
+        hand, around = self._own_hand, self._room.surroundings
+        hand = HandMesh(hand.surface.moved(base_from_wrist), hand.albedo, hand.gloss)
+        glass = tuple(body.moved(base_from_object) for body in self._own_glass)
         room_tree = self._solid[0]
         if arm:
             parts = [
                 (part.vertices, part.faces, part.normals, np.asarray(color)) for part, color in arm
             ]
-            now.surroundings = with_parts(self._room.surroundings, parts)
+            around = with_parts(around, parts)
             tree = search_tree(merged(tuple(part for part, _ in arm)))
             number, of_room = self._solid[0]
             room_tree = (
                 number,
                 _JoinedTree(of_room, tree, len(self._room.surroundings.surface.faces)),
             )
-        now._opaque = [(self._opaque[0][0], _surface(now)), (HAND, now.hand.surface)]
-        now.meshes = [*now._opaque, *((GLASS, body) for body in now.glass)]
+        now.contents = replace(self.contents, hand=hand, glass=glass, surroundings=around)
+        now._opaque = [(SURROUNDINGS, around.surface), (HAND, hand.surface)]
+        now.meshes = [*now._opaque, *((GLASS, body) for body in glass)]
         now._solid = [room_tree, (1, _MovedTree(self._hand_tree, base_from_wrist))]
         now._clear = [(2, _MovedTree(self._glass_tree, base_from_object))]
         now._all = [*now._solid, *now._clear]
@@ -175,7 +180,7 @@ class MovingView(RayScene):
 
     def _rows_near_glass(self, camera: Intrinsics, base_from_camera: Array) -> Any:
         """Numbers of the pixels within the box around the object's picture."""
-        vertices = np.concatenate([body.vertices for body in self.glass])
+        vertices = np.concatenate([body.vertices for body in self.contents.glass])
         own = (vertices - base_from_camera[:3, 3]) @ base_from_camera[:3, :3]
         numbers = np.arange(camera.height * camera.width).reshape(camera.shape)
         if (own[:, 2] < 0.05).any():
@@ -189,12 +194,7 @@ class MovingView(RayScene):
     def light(
         self, camera: Intrinsics, base_from_camera: Array, rng: np.random.Generator | None
     ) -> Array:
-        """Linear RGB that reaches every pixel, shape (H, W, 3); see `RayScene.radiance`."""
+        """Linear RGB that reaches every pixel, shape (H, W, 3); see `RayTracer.radiance`."""
         directions = ray_directions(camera).reshape(-1, 3) @ base_from_camera[:3, :3].T
         origins = np.broadcast_to(base_from_camera[:3, 3], directions.shape)
         return self.radiance(origins, directions, 1.0 / camera.fx, rng).reshape(*camera.shape, 3)
-
-
-def _surface(view: MovingView) -> Surface:
-    assert view.surroundings is not None  # a view has a room
-    return view.surroundings.surface

@@ -13,12 +13,12 @@ import numpy.typing as npt
 
 from hadr.records.caches import kept
 from hadr.simulation.world.scenes import MIDDLE
-from hadr.synthesis.rendering.raycast import Surroundings
+from hadr.synthesis.scene.contents import Surroundings
 from hadr.synthesis.scene.environments import make_lights
-from hadr.synthesis.scene.furnishing import UP, PictureChoice, natural_size, put_thing
+from hadr.synthesis.scene.furnishing import UP, TextureChoice, natural_size, put_thing
 from hadr.synthesis.scene.lights import AreaLight, Environment
 from hadr.synthesis.scene.stage import Stage
-from hadr.synthesis.textures.families import picture_number, pyramid
+from hadr.synthesis.textures.families import pyramid, texture_number
 
 Array = npt.NDArray[np.float64]
 
@@ -31,7 +31,7 @@ FLOOR = -0.75
 BESIDE, BEYOND = 1.7, 2.1
 """The walls' distances from the robot to either side, and beyond the human, metres."""
 _TALL = 2.6
-_PLAIN = picture_number("plaster", 2)
+_PLAIN = texture_number("plaster", 2)
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ def make_room(number: int) -> Room:
         The room; the same for the same number.
     """
     rng = np.random.default_rng([number, 71])
-    stage, choice = Stage(), PictureChoice(rng, 0)
+    stage, choice = Stage(), TextureChoice(rng, 0)
     _add_table(stage, rng)
     _add_floor_and_walls(stage, choice, rng)
     _add_sideboard(stage, choice, rng)
@@ -70,15 +70,15 @@ def make_room(number: int) -> Room:
 
 
 def _add_table(stage: Stage, rng: np.random.Generator) -> None:
-    cloth = picture_number("plaid" if rng.random() < 0.5 else "print_cloth", int(rng.integers(6)))
+    cloth = texture_number("plaid" if rng.random() < 0.5 else "print_cloth", int(rng.integers(6)))
     pose = np.eye(4)
     pose[:3, 3] = (TABLE_LOWER + TABLE_UPPER) / 2
     half = (TABLE_UPPER - TABLE_LOWER) / 2
     stage.box(pose, half, cloth, natural_size(cloth), rng.random(2))
 
 
-def _add_floor_and_walls(stage: Stage, choice: PictureChoice, rng: np.random.Generator) -> None:
-    floor = picture_number(str(rng.choice(["wood", "tiles", "carpet"])), int(rng.integers(6)))
+def _add_floor_and_walls(stage: Stage, choice: TextureChoice, rng: np.random.Generator) -> None:
+    floor = texture_number(str(rng.choice(["wood", "tiles", "carpet"])), int(rng.integers(6)))
     wide = BESIDE + 0.1
     stage.quad(
         np.array([-2.0, wide, FLOOR]),
@@ -97,14 +97,14 @@ def _add_floor_and_walls(stage: Stage, choice: PictureChoice, rng: np.random.Gen
         (-2.0, -BESIDE, top): (0.0, 2 * BESIDE, 0.0),
     }
     for corner, right in corners.items():
-        wall = picture_number(str(rng.choice(kinds)), int(rng.integers(6)))
+        wall = texture_number(str(rng.choice(kinds)), int(rng.integers(6)))
         size = natural_size(wall)
         stage.quad(np.array(corner), np.array(right), -_TALL * UP, wall, size, rng.random(2))
 
 
-def _add_sideboard(stage: Stage, choice: PictureChoice, rng: np.random.Generator) -> None:
+def _add_sideboard(stage: Stage, choice: TextureChoice, rng: np.random.Generator) -> None:
     """Low boards along two walls, with things on them."""
-    wood = picture_number("wood", int(rng.integers(6)))
+    wood = texture_number("wood", int(rng.integers(6)))
     for middle, half in (
         (np.array([0.8, -BESIDE + 0.25, -0.35]), np.array([0.9, 0.22, 0.40])),
         (np.array([BEYOND - 0.25, -0.2, -0.35]), np.array([0.22, 1.1, 0.40])),
@@ -143,7 +143,7 @@ def with_parts(
     return Surroundings(
         surface,
         np.concatenate([room.uv, added.uv]),
-        np.concatenate([room.picture, added.picture]),
+        np.concatenate([room.texture, added.texture]),
         np.concatenate([room.tint, *tints]),
         np.concatenate([room.repeat, added.repeat]),
     )

@@ -16,7 +16,9 @@ from embreex.rtcore_scene import EmbreeScene
 
 from hadr.simulation.film.world_parts import ARM, CLOTH, FLOOR, HAND, NOTHING, TABLE, Piece, cloth
 from hadr.synthesis.glass.surfaces import Surface, merged
-from hadr.synthesis.rendering.refraction import Beams, GlassRays
+from hadr.synthesis.rendering.raycast import RayCaster
+from hadr.synthesis.rendering.refraction import Beams, cross
+from hadr.synthesis.scene.contents import Contents
 
 Array = npt.NDArray[Any]
 
@@ -131,13 +133,13 @@ def shade(seen: Seen, directions: Array, lit: Array) -> Array:
     return color
 
 
-class Moment(GlassRays):
+class Moment(RayCaster):
     """The world at one moment, ready to be met by rays."""
 
     def __init__(
         self, room: Solid, things: Solid, glass: tuple[Surface, ...], tint: tuple[float, ...]
     ) -> None:
-        super().__init__(None, glass, (tint[0], tint[1], tint[2]))
+        super().__init__(Contents(None, glass, (tint[0], tint[1], tint[2])))
         self.room, self.things = room, things
 
     def meet(self, origins: Array, directions: Array) -> Seen:
@@ -185,10 +187,9 @@ class Moment(GlassRays):
             k = np.flatnonzero(clear)
             if not len(k):
                 break
-            beams, mirrored = self.cross(beams.take(k), hits.take(k))
-            strength = mirrored.share[:, None] * mirrored.weight
+            beams, mirrored = cross(self, beams.take(k), hits.take(k))
             if bounce < 4:
-                np.add.at(color, beams.row, strength * self._around(mirrored.direction))
+                np.add.at(color, beams.row, mirrored.weight * self._around(mirrored.direction))
             if bounce == _BOUNCES - 1:
                 np.add.at(color, beams.row, beams.weight * self._around(beams.direction))
                 break

@@ -6,8 +6,7 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
-from hadr.synthesis.glass.surfaces import Surface
-from hadr.synthesis.hand.mesh import vertex_normals
+from hadr.synthesis.glass.surfaces import Surface, vertex_normals
 
 Array = npt.NDArray[np.float64]
 Piece = tuple[Surface, Array, int]

@@ -52,7 +52,7 @@ class FilmSet:
         self._hand = scene.hand(step=_HAND_STEP)
         self._sleeve = sleeve(self._hand.surface)
         self._glass = scene.glass()
-        self._tint = tuple(share**2.5 for share in scene.item.tint)
+        self._tint = tuple(share**2.5 for share in scene.item.transmittance)
         self._room = Solid(table())
         self._uv = pixel_grid(self.view.camera).reshape(-1, 2).astype(np.float32)
         self._lamp = (self._uv[:, 0] % 4 + 4 * (self._uv[:, 1] % 4)).astype(np.int64)

@@ -20,7 +20,8 @@ from hadr.handover.robot import SimulatedUR5
 from hadr.handover.ur5 import Array
 from hadr.handover.workflow import Handover, Observation, Stage, pose_distance
 from hadr.records.caches import read_only
-from hadr.synthesis.glass.objects import GlassObject, bodies, glass_object
+from hadr.synthesis.glass.objects import bodies, glass_object
+from hadr.synthesis.glass.shape import GlassObject
 
 HOLDING_ANGLES: Array = np.deg2rad(
     [-22, -15, -10, 31, 0, 53, 103, 12, 0, 59, 110, 25, 0, 50, 103, 28, 0, 60, 100, 45]

@@ -4,7 +4,7 @@ Two infrared imagers look at the scene under a projector's dots
 (`hadr.synthesis.depth_sensor.infrared`), a matcher finds disparities and refuses what it is unsure
 of (`hadr.synthesis.depth_sensor.stereo_matching`), and the depth is aligned to the colour camera.
 
-Free parameters (number of dots and their strength, the matcher's window, likeness, texture and
+Free parameters (number of dots and their strength, the matcher's window, NCC, texture and
 edge thresholds) were chosen so that glasses on a table, drawn with seed 435, fail about as much as
 those of two real D435 frames; `benchmarks/depth_camera.py` compares both on another seed.
 
@@ -21,9 +21,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from hadr.camera import Intrinsics
+from hadr.camera import Intrinsics, pixel_grid
 from hadr.synthesis.depth_sensor.infrared import InfraredScene, Projector
 from hadr.synthesis.depth_sensor.stereo_matching import Matching, align_to_color, match
+from hadr.synthesis.rendering.raycast import rays_through
 from hadr.synthesis.scene.scene import Scene
 
 Array = npt.NDArray[np.float64]
@@ -123,31 +124,19 @@ def infrared_pair(scene: Scene, seed: int, camera: StereoCamera | None = None) -
     """
     camera = camera or StereoCamera()
     imager, margin = _imager(scene.camera, camera)
-    turn, eye = scene.world_from_camera[:3, :3], scene.world_from_camera[:3, 3]
-
-    def place(x: float) -> Array:
-        return np.asarray(eye + turn[:, 0] * x)
-
-    infrared = InfraredScene(
-        scene.rays,
-        camera.projector,
-        place(camera.left_imager + camera.projector_place),
-        turn,
-    )
+    pose = scene.world_from_camera
+    projector = pose[:3, 3] + pose[:3, 0] * (camera.left_imager + camera.projector_place)
+    infrared = InfraredScene(scene.contents, camera.projector, projector, pose[:3, :3])
     height, width = imager.shape
-    v, u = np.mgrid[0:height, 0:width].astype(float)
-    local = np.stack([(u - imager.cx) / imager.fx, (v - imager.cy) / imager.fy, np.ones_like(u)], 2)
-    local /= np.linalg.norm(local, axis=2, keepdims=True)
-    directions = local @ turn.T
+    uv = pixel_grid(imager)
     # The left imager's margin is never matched, so it is not drawn.
-    left, right = directions[:, margin:].reshape(-1, 3), directions.reshape(-1, 3)
-    origins = np.concatenate(
-        [
-            np.broadcast_to(place(camera.left_imager), left.shape),
-            np.broadcast_to(place(camera.left_imager + camera.baseline), right.shape),
-        ]
+    left, right = uv[:, margin:].reshape(-1, 2), uv.reshape(-1, 2)
+    rays = (
+        rays_through(left, imager, pose, camera.left_imager),
+        rays_through(right, imager, pose, camera.left_imager + camera.baseline),
     )
-    light = infrared.radiance(origins, np.concatenate([left, right]), 1.0 / imager.fx)
+    origins, directions = (np.concatenate(both) for both in zip(*rays, strict=True))
+    light = infrared.radiance(origins, directions, 1.0 / imager.fx)
     rng = np.random.default_rng([seed, 435])
     gain = camera.exposure / max(float(np.minimum(light, 2.0).mean()), 1e-3)
     pictures = []

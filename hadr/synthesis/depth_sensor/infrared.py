@@ -8,7 +8,7 @@ blurred. Glass itself scatters nothing: there are no dots on it, only mirror ima
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -16,10 +16,11 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from hadr.records.caches import kept
-from hadr.synthesis.rendering.glass_paths import Ends, GlassPaths, Mirrors
-from hadr.synthesis.rendering.raycast import GLASS, HAND, SURROUNDINGS
-from hadr.synthesis.rendering.shading import RayScene
-from hadr.synthesis.textures.families import SIZE, sample
+from hadr.synthesis.rendering.raycast import GLASS, HAND, SURROUNDINGS, RayCaster
+from hadr.synthesis.rendering.refraction import Beams, Ends, follow
+from hadr.synthesis.rendering.shading import texture_color
+from hadr.synthesis.scene.contents import Contents
+from hadr.synthesis.textures.noise import look_up
 
 Array = npt.NDArray[np.float64]
 
@@ -90,10 +91,10 @@ def _pattern(projector: Projector) -> npt.NDArray[np.float32]:
     part = at - low
     for dx in (0, 1):
         for dy in (0, 1):
-            share = np.abs(1 - dx - part[:, 0]) * np.abs(1 - dy - part[:, 1])
+            weight = np.abs(1 - dx - part[:, 0]) * np.abs(1 - dy - part[:, 1])
             x = np.clip(low[:, 0] + dx, 0, _TEXTURE - 1)
             y = np.clip(low[:, 1] + dy, 0, height - 1)
-            np.add.at(image, (y, x), share)
+            np.add.at(image, (y, x), weight)
     blurred = cv2.GaussianBlur(image, (0, 0), sigma) * (2 * np.pi * sigma**2)
     return np.asarray(blurred, dtype=np.float32)
 
@@ -102,24 +103,26 @@ class InfraredScene:
     """A scene as infrared light sees it.
 
     Args:
-        rays: Its surfaces, and the light from far away.
+        contents: Its surfaces, and the light from far away.
         projector: The dot projector.
         position: The projector's place, world frame, metres, shape (3,).
-        turn: Its orientation: columns are its x, y and viewing axes in the world, shape (3, 3).
+        rotation: Its orientation: columns are its x, y and viewing axes in the world, (3, 3).
     """
 
-    def __init__(self, rays: RayScene, projector: Projector, position: Array, turn: Array) -> None:
-        self._rays, self._paths = rays, GlassPaths(rays)
-        self._projector, self._position, self._turn = projector, position, turn
+    def __init__(
+        self, contents: Contents, projector: Projector, position: Array, rotation: Array
+    ) -> None:
+        self._caster = RayCaster(replace(contents, transmittance=(1.0,)))
+        self._projector, self._position, self._rotation = projector, position, rotation
         self._packets = self._beams_through_glass()
 
     def _from_projector(self, tangents: Array) -> tuple[Array, Array]:
-        d = tangents / np.linalg.norm(tangents, axis=1, keepdims=True) @ self._turn.T
+        d = tangents / np.linalg.norm(tangents, axis=1, keepdims=True) @ self._rotation.T
         return np.broadcast_to(self._position, d.shape), d
 
     def _beams_through_glass(self) -> tuple[cKDTree, Array] | None:
         """Where the dots behind glass land: a search tree of packets, and each one's light."""
-        if not self._paths.has_glass:
+        if not self._caster.contents.glass:
             return None
         width = self._projector.dot_width
         tangents = self._projector.directions()
@@ -127,36 +130,30 @@ class InfraredScene:
         near = np.zeros(len(centre), dtype=bool)
         for x, y in ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)):
             beam = centre + 2.5 * width * np.array([x, y, 0.0])
-            near |= self._paths.kind(self._paths.first(*self._from_projector(beam)).mesh) == GLASS
+            hits = self._caster.first(*self._from_projector(beam))
+            near |= self._caster.kind(hits.mesh) == GLASS
         beams = np.repeat(centre[near], _PACKETS, axis=0)
         beams[:, :2] += width * np.random.default_rng(4350).normal(size=(len(beams), 2))
-        ends, _ = self._paths.follow(*self._from_projector(beams))
-        ends = ends.take(np.flatnonzero((ends.mesh >= 0) & (ends.glass > 0)))
-        if not len(ends.row):
+        ends, _ = follow(self._caster, *self._from_projector(beams))
+        ends = ends.take(np.flatnonzero((ends.hits.mesh >= 0) & (ends.crossed > 0)))
+        if not len(ends.crossed):
             return None
         # A whole dot's light, were it spread by a Gaussian of one metre's standard deviation.
-        return cKDTree(ends.point), self._projector.strength * width**2 / _PACKETS * ends.weight
+        light = self._projector.strength * width**2 / _PACKETS * ends.beams.weight[:, 0]
+        return cKDTree(ends.point), light
 
     def dots(self, points: Array, normals: Array) -> Array:
-        """Irradiance by the projector.
-
-        Args:
-            points: World frame, metres, shape (N, 3).
-            normals: Unit normals on the side that is seen, shape (N, 3).
-
-        Returns:
-            Against the room's light, shape (N,).
-        """
+        """Irradiance by the projector at points (N, 3), against the room's light, (N,)."""
         away = points - self._position
         distance = np.linalg.norm(away, axis=1)
         away /= np.maximum(distance, 1e-9)[:, None]
-        hits = self._paths.first(np.broadcast_to(self._position, away.shape), away)
+        hits = self._caster.first(np.broadcast_to(self._position, away.shape), away)
         facing = -(away * normals).sum(1)
         lit = (hits.distance > distance * (1 - 2e-3) - 1e-3) & (facing > 0)
         light = np.zeros(len(points))
         strength = self._projector.strength * facing[lit] / distance[lit] ** 2
-        light[lit] = strength * self._pattern_at(away[lit] @ self._turn)
-        shaded = np.flatnonzero((self._paths.kind(hits.mesh) == GLASS) & ~lit)
+        light[lit] = strength * self._pattern_at(away[lit] @ self._rotation)
+        shaded = np.flatnonzero((self._caster.kind(hits.mesh) == GLASS) & ~lit)
         if self._packets is not None and len(shaded):
             tree, packets = self._packets
             blur = 0.5 * self._projector.dot_width * np.maximum(distance[shaded], 0.2)[:, None]
@@ -171,24 +168,19 @@ class InfraredScene:
         pattern = _pattern(self._projector)
         scale = pattern.shape[1] / (2 * half_x)
         ahead = np.maximum(directions[:, 2], 1e-6)
-        x = ((directions[:, 0] / ahead + half_x) * scale - 0.5).astype(np.float32)
-        y = ((directions[:, 1] / ahead + half_y) * scale - 0.5).astype(np.float32)
-        found = np.empty(len(x))
-        # OpenCV's largest picture side is 32767.
-        for start in range(0, len(x), 30000):
-            part = slice(start, start + 30000)
-            at = (x[part].reshape(1, -1), y[part].reshape(1, -1))
-            found[part] = cv2.remap(pattern, *at, cv2.INTER_LINEAR, borderValue=0.0).ravel()
-        return found
+        x = (directions[:, 0] / ahead + half_x) * scale - 0.5
+        y = (directions[:, 1] / ahead + half_y) * scale - 0.5
+        return look_up(pattern, x, y, cv2.BORDER_CONSTANT)
 
-    def _glints(self, mirrors: Mirrors) -> Array:
+    def _glints(self, mirrored: Beams) -> Array:
         """Light of the projector itself, mirrored by glass."""
-        there = self._position - mirrors.point
+        there = self._position - mirrored.origin
         distance = np.linalg.norm(there, axis=1)
-        aside = np.linalg.norm(np.cross(there, mirrors.toward), axis=1)
-        ahead = (there * mirrors.toward).sum(1) > 0
+        aside = np.linalg.norm(np.cross(there, mirrored.direction), axis=1)
+        ahead = (there * mirrored.direction).sum(1) > 0
         width = 3 * self._projector.aperture + 0.004 * distance
-        return np.asarray(_GLINT * mirrors.share * np.exp(-0.5 * (aside / width) ** 2) * ahead)
+        glint = _GLINT * np.exp(-0.5 * (aside / width) ** 2) * ahead
+        return np.asarray(mirrored.weight[:, 0] * glint)
 
     def radiance(self, origins: Array, directions: Array, pixel: float) -> Array:
         """Infrared light that arrives along rays.
@@ -201,44 +193,44 @@ class InfraredScene:
         Returns:
             Light, shape (N,); 1 is a white wall in the room's light.
         """
-        ends, mirrors = self._paths.follow(origins, directions)
+        ends, mirrored = follow(self._caster, origins, directions)
         light = self._beyond(ends)
-        met = np.flatnonzero(ends.mesh >= 0)
+        met = np.flatnonzero(ends.hits.mesh >= 0)
         solid = ends.take(met)
-        smooth, flat = self._paths.normal(solid.mesh, solid.face, solid.u, solid.v)
-        normal = smooth * -np.sign((flat * solid.toward).sum(1, keepdims=True))
+        smooth, flat = self._caster.normals(solid.hits)
+        skin = self._caster.kind(solid.hits.mesh) == HAND
+        normal = np.where(skin[:, None], smooth, flat)
+        normal *= -np.sign((flat * solid.beams.direction).sum(1, keepdims=True))
         room = 0.75 + 0.25 * normal[:, 2]
         light[met] = self._albedo(solid, pixel) * (room + self.dots(solid.point, normal))
-        total = np.bincount(ends.row, ends.weight * light, minlength=len(origins))
-        total += np.bincount(mirrors.row, self._glints(mirrors), minlength=len(origins))
+        brought = ends.beams.weight[:, 0] * light
+        total = np.bincount(ends.beams.row, brought, minlength=len(origins))
+        total += np.bincount(mirrored.row, self._glints(mirrored), minlength=len(origins))
         return np.asarray(total)
 
     def _beyond(self, ends: Ends) -> Array:
         """Light from where there is no surface."""
-        light = np.full(len(ends.row), _BEYOND)
-        missed = np.flatnonzero(ends.mesh < 0)
-        if self._rays.environment is not None and len(missed):
-            color = self._rays.environment.radiance(ends.toward[missed])
+        light = np.full(len(ends.crossed), _BEYOND)
+        missed = np.flatnonzero(ends.hits.mesh < 0)
+        environment = self._caster.contents.environment
+        if environment is not None and len(missed):
+            color = environment.radiance(ends.beams.direction[missed])
             light[missed] = np.minimum(color @ _GREY, 2.0)
         return light
 
     def _albedo(self, ends: Ends, pixel: float) -> Array:
         """Reflectance near 850 nm: paler and flatter than in colour; all skins are alike."""
-        albedo = np.full(len(ends.row), 0.5)
-        kind = self._paths.kind(ends.mesh)
-        around, hand = self._rays.surroundings, self._rays.hand
+        hits = ends.hits
+        albedo = np.full(len(hits.mesh), 0.5)
+        kind = self._caster.kind(hits.mesh)
+        around, hand = self._caster.contents.surroundings, self._caster.contents.hand
         rows = np.flatnonzero(kind == SURROUNDINGS)
         if around is not None and len(rows):
-            face = ends.face[rows]
-            corners = around.surface.faces[face]
-            u, v = ends.u[rows, None], ends.v[rows, None]
-            uv = (1 - u - v) * around.uv[corners[:, 0]] + u * around.uv[corners[:, 1]]
-            uv = uv + v * around.uv[corners[:, 2]]
-            texels = 1.3 * ends.length[rows] * pixel / around.repeat[face] * SIZE
-            color = sample(around.picture[face], uv, texels, around.photographs) * around.tint[face]
+            length = ends.beams.travelled[rows] + hits.distance[rows]
+            color = texture_color(around, hits.take(rows), length * pixel)
             albedo[rows] = 0.25 + 0.55 * np.clip(color @ _GREY, 0.0, 1.0)
         rows = np.flatnonzero(kind == HAND)
         if hand is not None and len(rows):
-            corners = hand.surface.faces[ends.face[rows]]
+            corners = hand.surface.faces[hits.face[rows]]
             albedo[rows] = 0.45 + 0.25 * hand.albedo[corners[:, 0]].mean(axis=1)
         return albedo

@@ -28,7 +28,7 @@ class Matching:
         left_right: Largest difference of the two directions' disparities, pixels.
         window: Standard deviation of the window of sub-pixel matching, pixels.
         iterations: Its steps; 0 leaves the disparity as the semi-global matcher found it.
-        likeness: Least correlation of the two matched windows, -1..1.
+        likeness: Least normalised cross-correlation (NCC) of the two matched windows, -1..1.
         texture: Least root mean square of the horizontal gradient in it, grey values a pixel.
         jump: Disparity step that counts as an edge, pixels.
         edge: Pixels on both sides of such an edge that are refused.
@@ -112,11 +112,9 @@ def match(left: Picture, right: Picture, how: Matching) -> Float:
 def _refine(
     left: Picture, right: Picture, disparity: Float, how: Matching
 ) -> tuple[Float, npt.NDArray[np.bool_]]:
-    """Sub-pixel disparity by least squares in a window, and where it can be trusted.
+    """Sub-pixel disparity by least squares in a window (Gauss-Newton), and where to trust it.
 
-    The right picture, shifted by the disparity, is compared with the left one; the remaining
-    difference and the right picture's gradient give the correction (Gauss-Newton). A semi-global
-    matcher's own parabola is drawn to whole pixels; this is not.
+    A semi-global matcher's own parabola is drawn to whole pixels; this is not.
     """
     first = _without_mean(left)
     second = _without_mean(right)
@@ -137,10 +135,10 @@ def _refine(
         refined = (refined + np.clip(change, -0.5, 0.5) * known).astype(np.float32)
     there = cv2.remap(second, u - refined, v, cv2.INTER_CUBIC)
     left_power, right_power = window(first * first), window(there * there)
-    likeness = window(first * there) / np.sqrt(left_power * right_power + 1e-6)
+    ncc = window(first * there) / np.sqrt(left_power * right_power + 1e-6)
     sure = (disparity > 0) & (refined > 0.5) & (np.abs(refined - disparity) < 1.0)
     strong = window(rise * rise) > how.texture**2 * np.maximum(window(np.ones_like(first)), 1e-6)
-    return refined, sure & (likeness > how.likeness) & strong
+    return refined, sure & (ncc > how.likeness) & strong
 
 
 def _without_mean(picture: Picture) -> Float:
@@ -163,25 +161,14 @@ def _without_edges(found: npt.NDArray[np.int16], how: Matching) -> npt.NDArray[n
 
 
 def align_to_color(depth: Float, imager: Intrinsics, color: Intrinsics, imager_x: float) -> Float:
-    """Look at a depth image from the colour camera, nearest surface first.
+    """Look at a depth image (metres, 0 missing) from the colour camera, nearest surface first.
 
     Each depth pixel is a small square at its depth; the colour pixels whose centres it covers take
-    it, and the nearest one wins. What the imager could not see behind a near surface stays empty:
-    the occlusion shadow.
-
-    Args:
-        depth: z-depth of the imager, metres, shape (H, W); 0 is missing.
-        imager: The imager's intrinsics.
-        color: The colour camera's intrinsics; same orientation.
-        imager_x: The imager's place on the colour camera's x axis, metres.
-
-    Returns:
-        z-depth aligned to the colour camera, metres, float32; 0 is missing.
+    it. What the imager could not see behind a near surface stays empty: the occlusion shadow. The
+    imager stands ``imager_x`` metres to the colour camera's right.
     """
     rows, columns = np.nonzero(depth > 0)
     z = depth[rows, columns].astype(float)
-    order = np.argsort(-z, kind="stable")
-    rows, columns, z = rows[order], columns[order], z[order]
     half = 0.55  # a little overlap: neighbours at other depths leave no gaps
 
     def edge(pixel: npt.NDArray[np.float64], side: float) -> npt.NDArray[np.float64]:
@@ -203,9 +190,6 @@ def align_to_color(depth: Float, imager: Intrinsics, color: Intrinsics, imager_x
             inside = (u <= u1) & (v <= v1) & (u >= 0) & (v >= 0)
             inside &= (u < color.width) & (v < color.height)
             at = v[inside] * color.width + u[inside]
-            far = z[inside]
-            seen = np.full(nearest.shape, np.inf)
-            seen[at] = far  # the last one written is the nearest: far ones come first
-            nearest = np.minimum(nearest, seen)
+            np.minimum.at(nearest, at, z[inside])
     aligned = np.where(np.isfinite(nearest), nearest, 0.0)
     return aligned.reshape(color.shape).astype(np.float32)

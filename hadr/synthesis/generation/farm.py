@@ -35,11 +35,7 @@ def dask_installed() -> bool:
 
 
 def check_workers(workers: int, scheduler: str | None = None) -> None:
-    """Check that there can be so many workers, before anything is done.
-
-    Args:
-        workers: Processes on this machine.
-        scheduler: Address of a Dask cluster that takes the tasks instead, or None.
+    """Check that so many processes, or a cluster, can work, before anything is done.
 
     Raises:
         ValueError: ``workers`` is not positive, both are asked for, Dask is not installed, or the
@@ -70,19 +66,11 @@ def check_workers(workers: int, scheduler: str | None = None) -> None:
 
 @contextmanager
 def connected(scheduler: str | None) -> Iterator[Any]:
-    """Stay connected to a running Dask cluster.
-
-    Args:
-        scheduler: Its address (``tcp://host:8786``), or None for no cluster.
-
-    Yields:
-        The client of the cluster, or None.
+    """Stay connected to a running Dask cluster, where there is an address; yields its client.
 
     Raises:
-        ValueError: Dask is not installed.
         OSError: The cluster does not answer.
     """
-    check_workers(1, scheduler)
     if scheduler is None:
         yield None
         return
@@ -126,24 +114,18 @@ def run_tasks(
     workers: int = 1,
     client: Any = None,
 ) -> Iterator[Result]:
-    """Carry out a function on each task, and give the results as they come in.
+    """Carry out a function on each task, and give the results as they become ready.
 
     Args:
         function: What to do; it and its results travel between processes.
         tasks: One argument each. Which worker takes which is left open.
-        workers: Processes on this machine; one works in this process, without Dask.
+        workers: Processes on this machine, checked before; one is this process, without Dask.
         client: Of a running Dask cluster (:func:`connected`) that takes the tasks instead. Its
-            workers need the same version of this package and must see the same files under the
-            same names.
-
-    Yields:
-        The results, in the order in which they are ready.
+            workers need the same version of this package, and see the same files.
 
     Raises:
-        ValueError: Dask is needed and not installed, or ``workers`` is not positive.
         ChildProcessError: Workers died over a task; the message names the last one and the reason.
     """
-    check_workers(workers)
     if client is None and (workers == 1 or len(tasks) < 2):
         yield from map(function, tasks)
         return

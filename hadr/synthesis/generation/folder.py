@@ -14,13 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from hadr import __version__
-from hadr.data.frame import (
-    UNFINISHED_PREFIX,
-    frame_file_names,
-    frame_log_path,
-)
-from hadr.synthesis.generation.presets import GenerationSettings
-from hadr.synthesis.generation.recipes import FrameRecipe
+from hadr.data.frame import UNFINISHED_PREFIX, frame_log_path, frame_places
+from hadr.synthesis.generation.settings import FrameRecipe, GenerationSettings
 from hadr.synthesis.recordings.recording import companions, find_recordings
 from hadr.synthesis.scene.backgrounds import find_backgrounds
 
@@ -56,16 +51,7 @@ def settings_record(settings: GenerationSettings) -> dict[str, Any]:
 def whole_frames(
     root: Path, recipes: Sequence[FrameRecipe], settings: GenerationSettings
 ) -> set[int]:
-    """Which frames lie in a folder with all their files.
-
-    Args:
-        root: The folder.
-        recipes: The frames to look for.
-        settings: With which they are made.
-
-    Returns:
-        Their indices. Each folder is listed once, however many frames it holds.
-    """
+    """Indices of the frames that lie in a folder with all their files; lists each folder once."""
     listed: dict[Path, frozenset[str]] = {}
 
     def present(path: Path) -> bool:
@@ -77,14 +63,17 @@ def whole_frames(
     found = set()
     for recipe in recipes:
         base = frame_log_path(root, recipe.split, recipe.object_id, recipe.stem).parents[1]
-        names = frame_file_names(
+        places = frame_places(
             recipe.stem,
             depth_format=settings.depth_format,
             jpeg_quality=settings.jpeg_quality,
-            normals=settings.normals,
-            raw=settings.raw_format if settings.sensor else None,
+            raw=settings.raw_format,
         )
-        if all(present(base / name) for name in names):
+        if not settings.sensor:
+            del places["raw"]
+        if settings.normals == "none":
+            del places["normals"]
+        if all(present(base / place) for place in places.values()):
             found.add(recipe.index)
     return found
 
@@ -151,9 +140,11 @@ def _clean(root: Path) -> None:
 
 def _is_of_a_frame(path: Path) -> bool:
     """Whether a file is named as the generator names one: any other is somebody's own."""
-    names = frame_file_names(path.stem, raw="depth")
-    names |= frame_file_names(path.stem, depth_format="png", jpeg_quality=90, raw="disparity")
-    own = Path(path.parent.name, path.name) in names
+    places = (
+        frame_places(path.stem),
+        frame_places(path.stem, depth_format="png", jpeg_quality=90, raw="disparity"),
+    )
+    own = any(Path(path.parent.name, path.name) in some.values() for some in places)
     return own and re.fullmatch(r"\d{6,}", path.stem) is not None
 
 
@@ -178,16 +169,9 @@ def _sole_owner(root: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def generation_folder(root: Path, settings: GenerationSettings) -> Iterator[Path]:
-    """Take a folder for making frames: check that it is meant for them, and tidy it.
+    """Take a folder for making frames, alone: check that it is meant for them, and tidy it.
 
     The settings of a run that ended before its first frame bind nobody.
-
-    Args:
-        root: The folder; made where it is missing.
-        settings: With which the frames are made.
-
-    Yields:
-        The folder, which no other run uses meanwhile.
 
     Raises:
         ValueError: It holds frames of other settings (the message names what differs), or

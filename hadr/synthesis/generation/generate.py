@@ -11,35 +11,31 @@ from __future__ import annotations
 import errno
 import os
 import time
-from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, cast
 
 import cv2
 import numpy as np
 from tqdm import tqdm
 
 import hadr
-from hadr.data.frame import Normals, write_frame
+from hadr.data.frame import write_frame
 from hadr.data.frame_pictures import DisparityScale
 from hadr.synthesis.generation.farm import check_workers, connected, one_thread, run_tasks
 from hadr.synthesis.generation.folder import generation_folder, recorded_settings, whole_frames
 from hadr.synthesis.generation.frames import (
     build_scene,
     check_engine,
-    render_frame,
-    render_scene,
+    draw_frame,
     stored_raw_depth,
 )
-from hadr.synthesis.generation.presets import Engine, GenerationSettings, Quality
-from hadr.synthesis.generation.recipes import (
+from hadr.synthesis.generation.settings import (
     FrameRecipe,
-    SplitBy,
-    frame_recipe,
-    hold_split,
+    GenerationSettings,
+    Variant,
     recipes_by_hold,
 )
 from hadr.synthesis.glass.objects import glass_object
@@ -55,18 +51,6 @@ from hadr.synthesis.rendering.mitsuba_variant import (
 )
 from hadr.synthesis.scene.backgrounds import check_backgrounds
 from hadr.synthesis.scene.scene import Scene
-
-__all__ = [
-    "FrameRecipe",
-    "GenerationReport",
-    "GenerationSettings",
-    "build_scene",
-    "frame_recipe",
-    "generate",
-    "generate_frames",
-    "hold_split",
-    "render_frame",
-]
 
 
 @dataclass(frozen=True)
@@ -92,7 +76,7 @@ class GenerationReport:
 
 def _skin_albedo(scene: Scene) -> list[float]:
     """The median reflectance of the hand, linear RGB."""
-    hand = scene.rays.hand
+    hand = scene.contents.hand
     return [] if hand is None else np.median(hand.albedo, axis=0).round(4).tolist()
 
 
@@ -108,7 +92,8 @@ def _make_frame(recipe: FrameRecipe, root: Path, settings: GenerationSettings) -
     """Make one frame and write it; the seconds that it took."""
     start = time.perf_counter()
     try:
-        scene, frame = render_scene(recipe, settings)
+        scene = build_scene(recipe, settings)
+        frame = draw_frame(scene, recipe, settings)
     except ValueError as error:
         raise ValueError(f"frame {recipe.index}: {error}") from error
     hold = scene.hold
@@ -138,7 +123,7 @@ def _make_frame(recipe: FrameRecipe, root: Path, settings: GenerationSettings) -
     return time.perf_counter() - start
 
 
-def _chosen_variant(settings: GenerationSettings, root: Path, client: Any) -> str:
+def _chosen_variant(settings: GenerationSettings, root: Path, client: Any) -> Variant:
     """The variant asked for, else that of the folder's frames, else the fastest for all workers.
 
     Each worker of a cluster finds out for itself what it can use.
@@ -156,10 +141,10 @@ def _chosen_variant(settings: GenerationSettings, root: Path, client: Any) -> st
         variant = SCALAR if SCALAR in usable else LLVM
     if client is None and variant != recorded:  # there may be nothing left to draw
         check_variant(variant)
-    return str(variant)
+    return cast(Variant, variant)
 
 
-def generate_frames(
+def generate(
     root: str | Path,
     n_frames: int,
     settings: GenerationSettings,
@@ -192,7 +177,7 @@ def generate_frames(
     if n_frames < 1:
         raise ValueError(f"the number of frames must be at least 1, got {n_frames}")
     check_workers(workers, scheduler)
-    check_engine(settings.engine)
+    check_engine(settings)
     start, root, asked = time.perf_counter(), Path(root), settings.variant
     # Workers of a cluster start elsewhere.
     settings = replace(
@@ -235,72 +220,3 @@ def generate_frames(
             raise OSError(f"can't write frames into {root}: {reason}") from error
         raise
     return GenerationReport(root, len(todo), kept, time.perf_counter() - start)
-
-
-def generate(
-    root: str | Path,
-    n_frames: int,
-    seed: int = 0,
-    width: int = 448,
-    height: int = 252,
-    objects: Sequence[str] | None = None,
-    split_by: SplitBy = "holding",
-    *,
-    frames_per_hold: float = 2,
-    quality: Quality = "fine",
-    depth_format: Literal["npy", "png"] = "npy",
-    jpeg_quality: int | None = None,
-    normals: Normals = "all",
-    engine: Engine = "raycast",
-    samples: int = 8,
-    sensor: bool = False,
-    recordings: str | Path | None = None,
-    backgrounds: str | Path | None = None,
-    workers: int = 1,
-) -> GenerationReport:
-    """Make a data set, or finish one that was begun.
-
-    See :class:`GenerationSettings` for the arguments that are not named here, and
-    :func:`generate_frames` for what can go wrong.
-
-    Args:
-        root: Where it goes; frames that are complete there are kept as they are.
-        n_frames: How many frames it shall have.
-        seed: Seed of everything.
-        width: Image width, pixels.
-        height: Image height, pixels.
-        objects: The objects to alternate between; all eight where it is left out.
-        split_by: ``holding``, ``frame`` or ``object``.
-        frames_per_hold: How many frames share a holding pose.
-        quality: ``fine`` or ``fast``.
-        depth_format: ``npy`` (float metres) or ``png`` (16-bit, 0.1 mm a step).
-        jpeg_quality: Stores colour as JPEG; PNG where it is left out.
-        normals: Where normals are stored.
-        engine: ``raycast`` or ``photo``.
-        samples: Paths a pixel of ``photo``.
-        sensor: With simulated raw depth.
-        recordings: Folder of recorded holds.
-        backgrounds: Folder of photographs for the surroundings.
-        workers: Processes that work at the same time.
-
-    Returns:
-        What was done.
-    """
-    settings = GenerationSettings(
-        seed=seed,
-        width=width,
-        height=height,
-        engine=engine,
-        samples=samples,
-        quality=quality,
-        sensor=sensor,
-        objects=None if objects is None else tuple(objects),
-        split_by=split_by,
-        frames_per_hold=frames_per_hold,
-        recordings=None if recordings is None else str(recordings),
-        backgrounds=None if backgrounds is None else str(backgrounds),
-        depth_format=depth_format,
-        jpeg_quality=jpeg_quality,
-        normals=normals,
-    )
-    return generate_frames(root, n_frames, settings, workers=workers)

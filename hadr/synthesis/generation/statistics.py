@@ -9,9 +9,10 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
-from hadr.data.transhand import Frame
+from hadr.data.frame import Frame
 from hadr.synthesis.glass.objects import bodies, glass_object
 from hadr.synthesis.rendering.raycast import RayCaster
+from hadr.synthesis.scene.contents import Contents
 
 Array = npt.NDArray[np.float64]
 _SILHOUETTE_WIDTH = 160
@@ -97,7 +98,7 @@ def visible_share(frame: Frame) -> float:
 
 @lru_cache(maxsize=16)
 def _alone(object_id: str) -> RayCaster:
-    return RayCaster(None, bodies(glass_object(object_id)))
+    return RayCaster(Contents(glass=bodies(glass_object(object_id))))
 
 
 def _raw_errors(frame: Frame) -> tuple[float, float, float, float]:

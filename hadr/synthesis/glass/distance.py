@@ -1,13 +1,11 @@
-"""Signed distance from a transparent object: exact, or interpolated from a table."""
+"""Signed distance from a transparent object, exact but beside reliefs."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import map_coordinates
 from scipy.spatial import cKDTree
 
 from hadr.records.caches import kept
@@ -16,8 +14,6 @@ from hadr.synthesis.glass.shape import GlassObject, handle_sections, profile, re
 Array = npt.NDArray[np.float64]
 
 _SAMPLES = 0.0001
-_CELL = 0.0005
-_REACH = 0.10
 
 
 @kept(48)
@@ -30,10 +26,10 @@ def _outline(item: GlassObject, filled: bool) -> tuple[Array, cKDTree, npt.NDArr
     length = np.linalg.norm(np.diff(curve, axis=0), axis=1)
     count = np.ceil(length / _SAMPLES).astype(int)
     piece = np.repeat(np.arange(len(length)), count)
-    share = (np.arange(len(piece)) - np.repeat(np.cumsum(count) - count, count) + 0.5) / count[
+    fraction = (np.arange(len(piece)) - np.repeat(np.cumsum(count) - count, count) + 0.5) / count[
         piece
     ]
-    samples = curve[piece] + share[:, None] * (curve[piece + 1] - curve[piece])
+    samples = curve[piece] + fraction[:, None] * (curve[piece + 1] - curve[piece])
     return curve, cKDTree(samples), piece
 
 
@@ -45,8 +41,8 @@ def _outline_distance(item: GlassObject, rz: Array, filled: bool) -> Array:
     for step in (-1, 0, 1):
         piece = np.clip(nearest + step, 0, len(curve) - 2)
         a, edge = curve[piece], curve[piece + 1] - curve[piece]
-        share = ((rz - a) * edge).sum(1) / (edge * edge).sum(1)
-        offset = rz - a - np.clip(share, 0, 1)[:, None] * edge
+        fraction = ((rz - a) * edge).sum(1) / (edge * edge).sum(1)
+        offset = rz - a - np.clip(fraction, 0, 1)[:, None] * edge
         distance = np.minimum(distance, np.hypot(offset[:, 0], offset[:, 1]))
     # Even-odd rule along the direction of growing r; the axis closes the outline.
     inside = np.zeros(len(rz), dtype=bool)
@@ -84,13 +80,13 @@ def _with_handle(item: GlassObject, p: Array, distance: Array) -> Array:
 def _tube_distance(p: Array, line: Array, thickness: Array, width: Array) -> Array:
     a, edge = line[:-1, ::2], np.diff(line[:, ::2], axis=0)
     offset = p[:, None, ::2] - a  # (points, pieces, 2)
-    share = np.clip((offset * edge).sum(-1) / (edge * edge).sum(-1), 0, 1)
-    away = np.square(offset - share[..., None] * edge).sum(-1)
+    fraction = np.clip((offset * edge).sum(-1) / (edge * edge).sum(-1), 0, 1)
+    away = np.square(offset - fraction[..., None] * edge).sum(-1)
     nearest = away.argmin(1)
     rows = np.arange(len(p))
-    share = share[rows, nearest]
-    b = thickness[nearest] + share * np.diff(thickness)[nearest]
-    a_ = width[nearest] + share * np.diff(width)[nearest]
+    fraction = fraction[rows, nearest]
+    b = thickness[nearest] + fraction * np.diff(thickness)[nearest]
+    a_ = width[nearest] + fraction * np.diff(width)[nearest]
     x, y = np.abs(p[:, 1]), np.sqrt(away[rows, nearest])
     return _ellipse_distance(x, y, a_, b)
 
@@ -111,27 +107,11 @@ def _ellipse_distance(x: Array, y: Array, a: Array, b: Array) -> Array:
     return np.asarray(np.where((x / a) ** 2 + (y / b) ** 2 < 1, -away, away))
 
 
-def _half_plane(item: GlassObject, p: Array) -> Array:
-    """Points in the outline's half plane, the relief taken away, shape (N, 2)."""
-    rz = np.stack([np.hypot(p[:, 0], p[:, 1]), p[:, 2]], axis=1)
-    if item.reliefs:
-        rz[:, 0] = np.abs(relieved(item, np.arctan2(p[:, 1], p[:, 0]), rz, back=True))
-    return rz
-
-
-def _checked(points: npt.ArrayLike) -> Array:
-    p = np.asarray(points, dtype=float)
-    if p.ndim != 2 or p.shape[1] != 3:
-        raise ValueError(f"points must have shape (N, 3) in metres, got {p.shape}")
-    return p
-
-
 def signed_distance(item: GlassObject, points: npt.ArrayLike, *, filled: bool = False) -> Array:
     """Distance from the glass, negative inside of it.
 
     Exact for bodies of revolution, and on every surface within 0.07 mm; beside relief (facets,
-    thread, spout) distances come out too large, by up to a half where it is steepest. For many
-    points, `distance_field` is faster.
+    thread, spout) distances come out too large, by up to a half where it is steepest.
 
     Args:
         item: The object.
@@ -144,55 +124,10 @@ def signed_distance(item: GlassObject, points: npt.ArrayLike, *, filled: bool = 
     Raises:
         ValueError: The points have another shape.
     """
-    p = _checked(points)
-    return _with_handle(item, p, _outline_distance(item, _half_plane(item, p), filled))
-
-
-@dataclass(frozen=True, eq=False)
-class DistanceField:
-    """A table of signed distances in the half plane of an object's outline.
-
-    Args:
-        item: The object.
-        table: Signed distance from the body without relief and handle, metres, every 0.5 mm of
-            radius and height, shape (R, Z), float32.
-        lowest: Height of the table's first column, metres.
-    """
-
-    item: GlassObject
-    table: npt.NDArray[np.float32]
-    lowest: float
-
-    def __call__(self, points: npt.ArrayLike) -> Array:
-        """Signed distance of points (..., 3) in the object frame, metres, shape (...,).
-
-        Within 0.1 mm of `signed_distance` near the surface; points that the table does not reach,
-        10 cm away, get a distance that is a little too large.
-        """
-        given = np.asarray(points, dtype=float)
-        p = given.reshape(-1, 3)
-        rz = _half_plane(self.item, p)
-        index = (rz - np.array([0.0, self.lowest])).T / _CELL
-        inner = np.clip(index, 0, np.array(self.table.shape)[:, None] - 1.0)
-        beyond = np.hypot(*(index - inner)) * _CELL
-        distance = map_coordinates(self.table, inner, order=1, output=float) + beyond
-        return _with_handle(self.item, p, distance).reshape(given.shape[:-1])
-
-
-@kept(24)
-def distance_field(item: GlassObject, *, filled: bool = False) -> DistanceField:
-    """The table of an object's signed distances; made in half a second, then kept.
-
-    Args:
-        item: The object.
-        filled: True closes the mouth: the hollow counts as inside.
-
-    Returns:
-        Call it with points: about 5 million a second without relief and handle.
-    """
-    plain = replace(item, reliefs=(), handle=())
-    r = np.arange(0.0, plain.radius + _REACH, _CELL)
-    z = np.arange(-_REACH, plain.height + _REACH, _CELL)
-    rz = np.stack(np.meshgrid(r, z, indexing="ij"), axis=-1)
-    table = _outline_distance(plain, rz.reshape(-1, 2), filled).reshape(rz.shape[:2])
-    return DistanceField(item, table.astype(np.float32), -_REACH)
+    p = np.asarray(points, dtype=float)
+    if p.ndim != 2 or p.shape[1] != 3:
+        raise ValueError(f"points must have shape (N, 3) in metres, got {p.shape}")
+    rz = np.stack([np.hypot(p[:, 0], p[:, 1]), p[:, 2]], axis=1)
+    if item.reliefs:
+        rz[:, 0] = np.abs(relieved(item, np.arctan2(p[:, 1], p[:, 0]), rz, back=True))
+    return _with_handle(item, p, _outline_distance(item, rz, filled))

@@ -11,7 +11,7 @@ Array = npt.NDArray[np.float64]
 
 #: Corner points (r, z) or (r, z, radius), metres; without a radius a corner is as round as fits.
 Corners = tuple[tuple[float, ...], ...]
-#: Largest turn between two samples on an arc, radians.
+#: Largest change of direction between two samples on an arc, radians.
 _TURN = np.deg2rad(11.0)
 
 
@@ -32,14 +32,14 @@ def _corner(before: Array, at: Array, after: Array, radius: float | None) -> Arr
     side = np.sign(start[0] * end[1] - start[1] * end[0])
     count = max(int(np.ceil(2 * half / _TURN)), 2)
     angle = side * np.linspace(0.0, 2 * half, count + 1)
-    turn = np.stack(
+    rotation = np.stack(
         [
             np.stack([np.cos(angle), -np.sin(angle)], -1),
             np.stack([np.sin(angle), np.cos(angle)], -1),
         ],
         axis=1,
     )
-    return np.asarray(center + turn @ start)
+    return np.asarray(center + rotation @ start)
 
 
 def rounded_path(corners: Corners, spacing: float) -> Array:

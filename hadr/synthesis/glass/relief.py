@@ -7,7 +7,7 @@ angle around the axis.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -18,9 +18,8 @@ Array = npt.NDArray[np.float64]
 class Relief(Protocol):
     """A shift of the surface along the radius."""
 
-    @property
-    def through(self) -> bool:
-        """Whether the inside moves with the outside."""
+    through: ClassVar[bool]
+    """Whether the inside moves with the outside, so that the wall keeps its thickness."""
 
     @property
     def band(self) -> tuple[float, float, float]:
@@ -65,14 +64,11 @@ class Facets:
     top: float
     rounding: float = 0.0005
 
-    @property
-    def through(self) -> bool:
-        """The inside stays round."""
-        return False
+    through: ClassVar = False
 
     @property
     def band(self) -> tuple[float, float, float]:
-        """From the table to the top of the planes."""
+        """See `Relief.band`."""
         return (0.0, self.top, 0.0012)
 
     def shift(self, angle: Array, z: Array, radius: Array) -> Array:
@@ -91,36 +87,33 @@ class Thread:
 
     Args:
         start: Height where it begins, metres.
-        pitch: Climb per turn, metres.
-        turns: Number of turns.
+        pitch: Climb per lap, metres.
+        laps: Around the neck.
         height: How far the ridge stands out, metres.
         half_width: Half of the ridge's width at its foot, metres.
     """
 
     start: float
     pitch: float
-    turns: float
+    laps: float
     height: float
     half_width: float
 
-    @property
-    def through(self) -> bool:
-        """The inside stays round."""
-        return False
+    through: ClassVar = False
 
     @property
     def band(self) -> tuple[float, float, float]:
-        """Where the ridge runs."""
-        end = self.start + self.pitch * self.turns
+        """See `Relief.band`."""
+        end = self.start + self.pitch * self.laps
         return (self.start - self.half_width, end + self.half_width, self.half_width / 3)
 
     def shift(self, angle: Array, z: Array, radius: Array) -> Array:
         """See `Relief.shift`."""
         first = np.mod(angle, 2 * np.pi) / (2 * np.pi)
         total = np.zeros(np.broadcast(angle, z).shape)
-        for turn in range(int(np.ceil(self.turns)) + 1):
-            at = first + turn
-            ends = _rise(at / 0.12) * _rise((self.turns - at) / 0.12)
+        for lap in range(int(np.ceil(self.laps)) + 1):
+            at = first + lap
+            ends = _rise(at / 0.12) * _rise((self.laps - at) / 0.12)
             total = total + ends * _bump((z - self.start - self.pitch * at) / self.half_width)
         return np.asarray(self.height * total)
 
@@ -141,21 +134,18 @@ class Spout:
     low: float
     high: float
 
-    @property
-    def through(self) -> bool:
-        """The wall keeps its thickness."""
-        return True
+    through: ClassVar = True
 
     @property
     def band(self) -> tuple[float, float, float]:
-        """From where it begins to above the rim."""
+        """See `Relief.band`."""
         return (self.low, self.high + 0.01, 0.0015)
 
     def shift(self, angle: Array, z: Array, radius: Array) -> Array:
         """See `Relief.shift`."""
-        turned = np.mod(angle + np.pi, 2 * np.pi) - np.pi
+        beside = np.mod(angle + np.pi, 2 * np.pi) - np.pi
         rise = np.clip((z - self.low) / (self.high - self.low), 0.0, 1.2) ** 2
-        return np.asarray(self.reach * rise * _bump(turned / self.half_angle))
+        return np.asarray(self.reach * rise * _bump(beside / self.half_angle))
 
 
 @dataclass(frozen=True)
@@ -176,14 +166,11 @@ class Marks:
     height: float = 0.0004
     half_width: float = 0.0009
 
-    @property
-    def through(self) -> bool:
-        """The inside stays round."""
-        return False
+    through: ClassVar = False
 
     @property
     def band(self) -> tuple[float, float, float]:
-        """From the lowest to the highest line."""
+        """See `Relief.band`."""
         edge = self.half_width
         return (min(self.heights) - edge, max(self.heights) + edge, self.half_width / 2.5)
 

@@ -1,4 +1,4 @@
-"""The shape of a transparent object: an outline turned around an axis, its relief, its handle.
+"""The shape of a transparent object: an outline revolved around an axis, its relief, its handle.
 
 An object stands in its own frame: metres, the axis of revolution is z, the table z = 0, the
 mouth up. Its outline is one closed curve in the half plane (r, z): from the axis up along the
@@ -37,7 +37,7 @@ class GlassObject:
         stem: Heights of the stem, metres, for a thing that has one.
         handle: Control points (r, z) of the handle's centre line; empty without a handle.
         handle_radius: Half of the handle's thickness, metres, in the plane of its line.
-        tint: Share of red, green and blue light that a centimetre of the material lets through.
+        transmittance: Of a centimetre of the material for red, green and blue light.
         handle_width: Half of the handle's breadth, metres, across that plane.
         reliefs: Facets, thread, spout or marks.
     """
@@ -50,7 +50,7 @@ class GlassObject:
     stem: tuple[float, float] | None = None
     handle: tuple[tuple[float, float], ...] = ()
     handle_radius: float = 0.0
-    tint: tuple[float, float, float] = (0.95, 0.975, 0.965)
+    transmittance: tuple[float, float, float] = (0.95, 0.975, 0.965)
     handle_width: float = 0.0
     reliefs: tuple[Relief, ...] = ()
 
@@ -73,32 +73,31 @@ class GlassObject:
             return 0.0
         a, b = a[crosses], b[crosses]
         rise = np.where(np.abs(b[:, 1] - a[:, 1]) < 1e-12, 1.0, b[:, 1] - a[:, 1])
-        share = np.clip((z - a[:, 1]) / rise, 0.0, 1.0)
-        return float((a[:, 0] + share * (b[:, 0] - a[:, 0])).max())
+        fraction = np.clip((z - a[:, 1]) / rise, 0.0, 1.0)
+        return float((a[:, 0] + fraction * (b[:, 0] - a[:, 0])).max())
 
 
 @kept(64)
-def profile(item: GlassObject, spacing: float = SPACING) -> Array:
+def profile(item: GlassObject) -> Array:
     """The closed outline in the half plane, without relief, from the axis below to that inside.
 
     Args:
         item: The object.
-        spacing: Largest distance of the samples, metres; arcs and reliefs are sampled finer.
 
     Returns:
         Points (r, z) in metres, shape (N, 2); the first and the last lie on the axis.
     """
-    outer, inner = rounded_path(item.outer, spacing), rounded_path(item.inner, spacing)
+    outer, inner = rounded_path(item.outer, SPACING), rounded_path(item.inner, SPACING)
     middle = (outer[-1] + inner[0]) / 2
     half = float(np.linalg.norm(outer[-1] - inner[0])) / 2
     across = (outer[-1] - middle) / half
     up = np.array([-across[1], across[0]])
-    turn = np.linspace(0, np.pi, 13)[1:-1, None]
-    rim = middle + half * (np.cos(turn) * across + np.sin(turn) * up)
+    angle = np.linspace(0, np.pi, 13)[1:-1, None]
+    rim = middle + half * (np.cos(angle) * across + np.sin(angle) * up)
     bands = [relief.band for relief in item.reliefs]
     sides = [relief.band for relief in item.reliefs if relief.through]
-    outer = subdivided(np.concatenate([outer, rim[:1]]), spacing, bands)[:-1]
-    inner = subdivided(np.concatenate([rim[-1:], inner]), spacing, sides)[1:]
+    outer = subdivided(np.concatenate([outer, rim[:1]]), SPACING, bands)[:-1]
+    inner = subdivided(np.concatenate([rim[-1:], inner]), SPACING, sides)[1:]
     return np.concatenate([outer, rim, inner])
 
 

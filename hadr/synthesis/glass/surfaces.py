@@ -1,4 +1,4 @@
-"""Closed triangle surfaces: turned around an axis, a tube around a line, and their union."""
+"""Closed triangle surfaces: revolved around an axis, a tube around a line, and their union."""
 
 from __future__ import annotations
 
@@ -33,8 +33,25 @@ class Surface:
 
     def moved(self, transform: Array) -> Surface:
         """The surface after a rigid transform, shape (4, 4)."""
-        turn = transform[:3, :3]
-        return Surface(self.vertices @ turn.T + transform[:3, 3], self.faces, self.normals @ turn.T)
+        rotation = transform[:3, :3]
+        return Surface(
+            self.vertices @ rotation.T + transform[:3, 3], self.faces, self.normals @ rotation.T
+        )
+
+
+def vertex_normals(vertices: Array, faces: npt.NDArray[np.int64]) -> Array:
+    """Unit outward normals per vertex, the faces' normals weighted by area, shape (V, 3)."""
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    flat = np.cross(b - a, c - a)
+    normals = np.stack(
+        [
+            np.bincount(faces.ravel(), np.repeat(flat[:, i], 3), minlength=len(vertices))
+            for i in range(3)
+        ],
+        axis=1,
+    )
+    length = np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
+    return np.asarray(normals / length, dtype=float)
 
 
 def smooth_curve(points: tuple[tuple[float, float], ...], spacing: float) -> Array:
@@ -99,13 +116,7 @@ def revolve(
 
 
 def tube_around(line: Array, thickness: Array, width: Array) -> Surface:
-    """A closed tube of elliptic section around a line in the plane y = 0.
-
-    Args:
-        line: Its centre, shape (N, 3).
-        thickness: Half of its thickness in that plane, shape (N,).
-        width: Half of its width along y, shape (N,).
-    """
+    """A closed tube around a line (N, 3) in the plane y = 0, half axes (N,)."""
     tangent = np.gradient(line, axis=0)
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
     side = np.array([0.0, 1.0, 0.0])

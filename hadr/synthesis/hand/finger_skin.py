@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from hadr.hand import FINGERS, HandShape, forward_kinematics
 from hadr.records.caches import kept
+from hadr.synthesis.glass.surfaces import vertex_normals
 from hadr.synthesis.hand.skinning import sized_template
 from hadr.synthesis.hand.template import COARSE_STEP, hand_template
 
@@ -20,27 +21,22 @@ Array = npt.NDArray[np.float64]
 Floats = npt.NDArray[np.float32]
 
 
-def _turn(axis: int, angle: Array) -> Array:
+def _rotation(axis: int, angle: Array) -> Array:
     """Rotation matrices about x (0) or z (2), shape (N, 3, 3)."""
     u, v = (axis + 1) % 3, (axis + 2) % 3
-    turn = np.zeros((len(angle), 3, 3))
-    turn[:, axis, axis] = 1.0
-    turn[:, u, u] = turn[:, v, v] = np.cos(angle)
-    turn[:, v, u] = np.sin(angle)
-    turn[:, u, v] = -turn[:, v, u]
-    return turn
+    rotation = np.zeros((len(angle), 3, 3))
+    rotation[:, axis, axis] = 1.0
+    rotation[:, u, u] = rotation[:, v, v] = np.cos(angle)
+    rotation[:, v, u] = np.sin(angle)
+    rotation[:, u, v] = -rotation[:, v, u]
+    return rotation
 
 
 @kept(1)
 def skin_normals() -> Array:
     """Unit normals of the coarse skin at rest, shape (V, 3)."""
     template = hand_template(COARSE_STEP)
-    a, b, c = (template.vertices[template.faces[:, i]] for i in range(3))
-    face = np.cross(b - a, c - a)
-    normals = np.zeros_like(template.vertices)
-    for i in range(3):
-        np.add.at(normals, template.faces[:, i], face)
-    return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-15))
+    return vertex_normals(template.vertices, template.faces)
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,15 +70,15 @@ class FingerSkin:
     def bones(self, angles: Array) -> tuple[Array, Array]:
         """Frames of the three bones, (N, 3, 4, 4), and the four joints, (N, 4, 3); scale 1."""
         count = len(angles)
-        turn = self.root[:3, :3] @ _turn(2, -angles[:, 0])
+        rotation = self.root[:3, :3] @ _rotation(2, -angles[:, 0])
         at = np.broadcast_to(self.root[:3, 3], (count, 3))
         frames = np.zeros((count, 3, 4, 4))
         frames[..., 3, 3] = 1.0
         joints = [at]
         for bone in range(3):
-            turn = turn @ _turn(0, angles[:, 1 + bone])
-            frames[:, bone, :3, :3], frames[:, bone, :3, 3] = turn, at
-            at = at + self.lengths[bone] * turn[:, :, 1]
+            rotation = rotation @ _rotation(0, angles[:, 1 + bone])
+            frames[:, bone, :3, :3], frames[:, bone, :3, 3] = rotation, at
+            at = at + self.lengths[bone] * rotation[:, :, 1]
             joints.append(at)
         return frames, np.stack(joints, axis=1)
 
@@ -107,8 +103,8 @@ class FingerSkin:
             [np.broadcast_to(np.eye(4), (len(angles), 1, 4, 4)), frames @ self.bone_from_wrist],
             axis=1,
         )
-        turn = object_from_wrist[:3, :3] * self.scale
-        moved = turn @ motions[:, :, :3]
+        rotation = object_from_wrist[:3, :3] * self.scale
+        moved = rotation @ motions[:, :, :3]
         matrix = moved.transpose(1, 3, 0, 2).reshape(16, -1).astype(np.float32)
         points = self.packed[chosen] @ matrix
         points = points.reshape(len(points), len(angles), 3)

@@ -1,6 +1,6 @@
 """A closed hand with its forearm, skinned around the skeleton of :mod:`hadr.hand`.
 
-The flesh (:mod:`hadr.synthesis.hand.signed_distance`) is polygonised once, at rest; the skin then
+The shape (:mod:`hadr.synthesis.hand.signed_distance`) is polygonised once, at rest; the skin then
 follows each pose (:mod:`hadr.synthesis.hand.skinning`).
 """
 
@@ -12,12 +12,10 @@ import numpy as np
 import numpy.typing as npt
 
 from hadr.hand import HandShape, Skeleton
-from hadr.synthesis.glass.surfaces import Surface
+from hadr.synthesis.glass.surfaces import Surface, vertex_normals
 from hadr.synthesis.hand.relief import SkinMap
-from hadr.synthesis.hand.skinning import posed_vertices, skin_vertices
+from hadr.synthesis.hand.skinning import posed_vertices
 from hadr.synthesis.hand.template import COARSE_STEP, FINE_STEP, MIDDLE_STEP, hand_template
-
-__all__ = ["SKIN_TONES", "HandMesh", "hand_mesh", "skin_vertices"]
 
 Array = npt.NDArray[np.float64]
 
@@ -39,7 +37,7 @@ class HandMesh:
     Args:
         surface: Closed surface in the skeleton's frame (the wrist frame).
         albedo: Linear RGB reflectance per vertex, shape (V, 3).
-        gloss: Share of mirror-like reflection per vertex, shape (V,): the nails shine.
+        gloss: Fraction of mirror-like reflection per vertex, shape (V,): the nails shine.
     """
 
     surface: Surface
@@ -62,8 +60,8 @@ def paint(skin: SkinMap, tone: npt.ArrayLike) -> tuple[Array, Array]:
     darkness = float(np.clip(1 - base.mean() / 0.56, 0, 1))
     inner = base + (0.10 + 0.38 * darkness) * (fair * [0.92, 0.80, 0.76] - base)
 
-    def mixed(color: Array, other: Array, share: Array) -> Array:
-        return color + share[:, None] * (other - color)
+    def mixed(color: Array, other: Array, weight: Array) -> Array:
+        return color + weight[:, None] * (other - color)
 
     color = mixed(np.tile(base, (len(skin.palm), 1)), inner, skin.palm)
     color *= 1 + (0.045 + 0.02 * darkness) * skin.mottle[:, None]
@@ -83,21 +81,6 @@ def _level(step: float) -> float:
     if not 0.001 <= step <= 0.010:
         raise ValueError(f"step must lie between 0.001 and 0.010 metres, got {step}")
     return next((s for s in (COARSE_STEP, MIDDLE_STEP) if step >= s), FINE_STEP)
-
-
-def vertex_normals(vertices: Array, faces: npt.NDArray[np.int64]) -> Array:
-    """Unit outward normals per vertex, the faces' normals weighted by area, shape (V, 3)."""
-    a, b, c = (vertices[faces[:, i]] for i in range(3))
-    flat = np.cross(b - a, c - a)
-    normals = np.stack(
-        [
-            np.bincount(faces.ravel(), np.repeat(flat[:, i], 3), minlength=len(vertices))
-            for i in range(3)
-        ],
-        axis=1,
-    )
-    length = np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
-    return np.asarray(normals / length, dtype=float)
 
 
 def hand_mesh(

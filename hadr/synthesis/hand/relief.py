@@ -20,7 +20,7 @@ from hadr.synthesis.hand.signed_distance import GIRTH, along_finger, rest_skelet
 Array = npt.NDArray[np.float64]
 
 #: Where a nail starts and how far it reaches beside its middle, in a finger's table coordinates
-#: and in shares of its half-width.
+#: and in fractions of its half-width.
 NAIL_FROM, NAIL_TO, NAIL_HALF_WIDTH = 2.44, 3.04, 0.74
 # Lines of the palm (x, y), mm, on a right hand: heart, head and life line, thumb's base, wrist.
 _PALM_LINES = (
@@ -72,8 +72,8 @@ def _bump(distance: Array, width: float) -> Array:
 
 
 def _step(value: Array, low: float, high: float) -> Array:
-    share = np.clip((value - low) / (high - low), 0.0, 1.0)
-    return np.asarray(share * share * (3 - 2 * share), dtype=float)
+    t = np.clip((value - low) / (high - low), 0.0, 1.0)
+    return np.asarray(t * t * (3 - 2 * t), dtype=float)
 
 
 def _to_curve(points: Array, knots: tuple[tuple[float, ...], ...]) -> tuple[Array, Array]:
@@ -98,13 +98,7 @@ def noise(points: Array, wavelength: float, seed: int) -> Array:
 
 
 def skin_map(points: Array, normals: Array, shape: HandShape) -> SkinMap:
-    """Draw the skin's features on the hand at rest.
-
-    Args:
-        points: The smooth surface of the rest hand, metres, shape (V, 3).
-        normals: Its unit normals, shape (V, 3).
-        shape: The sizes of that hand.
-    """
+    """Draw the skin's features on the smooth surface (V, 3) of the rest hand of a shape."""
     count = len(points)
     maps = {name: np.zeros(count) for name in SkinMap.__dataclass_fields__}
     rest = rest_skeleton(shape)
@@ -121,26 +115,19 @@ def skin_map(points: Array, normals: Array, shape: HandShape) -> SkinMap:
     nearest = np.argmin(away, axis=0)
     for i, finger in enumerate(fingers):
         rows = np.flatnonzero((nearest == i) & (np.min(away, axis=0) < 0.020))
-        turn = rest.frames[1 + FINGERS[finger][0]][:3, :3]
-        _draw_finger(finger, local[i][rows], normals[rows] @ turn, rows, maps, shape)
+        rotation = rest.frames[1 + FINGERS[finger][0]][:3, :3]
+        _draw_finger(finger, local[i][rows], normals[rows] @ rotation, rows, maps, shape)
     coarse, fine = noise(points, 0.016, 3), noise(points, 0.0045, 4)
     maps["mottle"] = 0.6 * coarse + 0.4 * fine
     maps["height"] += 0.00005 * noise(points, 0.0031, 5) * (points[:, 1] > -0.03)
     return SkinMap(**maps)
 
 
-def knuckle_bulges(points: Array, normals: Array, shape: HandShape) -> Array:
+def pose_correctives(points: Array, normals: Array, shape: HandShape) -> Array:
     """How much the back of each joint rises along the normals when it bends by a right angle.
 
-    Bone ends push the skin out; between the four knuckles it sinks.
-
-    Args:
-        points: The surface of the rest hand, metres, shape (V, 3).
-        normals: Its unit normals, shape (V, 3).
-        shape: The sizes of that hand.
-
-    Returns:
-        Metres, shape (V, 15); column 3 i + j is joint j of finger i, the thumb's CMC is flat.
+    Bone ends push the skin out; between the four knuckles it sinks. Metres, shape (V, 15); column
+    3 i + j is joint j of finger i, the thumb's CMC is flat.
     """
     rest = rest_skeleton(shape)
     rises = np.zeros((len(points), 15))
@@ -191,9 +178,9 @@ def _draw_palm(points: Array, normals: Array, maps: dict[str, Array]) -> None:
     for root, start in ((24, 6), (0, 1), (-19, -5), (-36, -11)):
         ends = np.array([[start, 6.0], [root, 80.0 - 0.18 * abs(root)]]) * 1e-3
         edge = ends[1] - ends[0]
-        share = ((points[rows, :2] - ends[0]) @ edge) / (edge @ edge)
+        along = ((points[rows, :2] - ends[0]) @ edge) / (edge @ edge)
         distance = np.abs((points[rows, :2] - ends[0]) @ [edge[1], -edge[0]]) / np.hypot(*edge)
-        fade = back[rows] * _step(share, 0.25, 0.6) * (1 - _step(share, 0.95, 1.08))
+        fade = back[rows] * _step(along, 0.25, 0.6) * (1 - _step(along, 0.95, 1.08))
         maps["height"][rows] += 0.0007 * fade * _bump(distance, 0.0030)
     for root, up in ((24, 88), (0, 90), (-19, 84), (-36, 74)):
         distance = np.hypot(x - root * 1e-3, y - up * 1e-3)

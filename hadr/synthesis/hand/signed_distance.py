@@ -1,4 +1,4 @@
-"""The flesh of a hand at rest, as an implicit surface around straight, slightly spread fingers.
+"""The surface of a hand at rest, as an implicit surface around straight, slightly spread fingers.
 
 Each finger, and the forearm with the palm, is a generalised cylinder: a line with tables of its
 half-width and of its depth to the back and to the palm. A smooth minimum lets them flow into each
@@ -17,8 +17,8 @@ Array = npt.NDArray[np.float64]
 Grid = npt.NDArray[np.float32]
 
 FOREARM_LENGTH = 0.75
-#: How far the flesh reaches beyond the tip keypoint, metres.
-TIP_FLESH = 0.0035
+#: How far the finger reaches beyond the tip keypoint, metres.
+TIP_PAD = 0.0035
 #: Spread of each finger at rest, radians: neighbours stay apart beyond their web.
 REST_SPREAD = {"thumb": 0.0, "index": 0.22, "middle": 0.08, "ring": -0.07, "little": -0.22}
 #: Girth of each finger against the tables below.
@@ -112,9 +112,9 @@ def _round_cone(points: Grid, a: Array, b: Array, ra: float, rb: float) -> Grid:
     """Distance from a capsule whose radius runs from ra at a to rb at b."""
     edge = (b - a).astype(np.float32)
     offset = points - a.astype(np.float32)
-    share = np.clip(offset @ edge / np.float32(edge @ edge), 0.0, 1.0)
-    away = np.linalg.norm(offset - share[..., None] * edge, axis=-1)
-    return np.asarray(away - (np.float32(ra) + share * np.float32(rb - ra)), dtype=np.float32)
+    fraction = np.clip(offset @ edge / np.float32(edge @ edge), 0.0, 1.0)
+    away = np.linalg.norm(offset - fraction[..., None] * edge, axis=-1)
+    return np.asarray(away - (np.float32(ra) + fraction * np.float32(rb - ra)), dtype=np.float32)
 
 
 def _section(
@@ -140,7 +140,7 @@ def finger_distance(points: Grid, finger: str, rest: Skeleton, shape: HandShape)
     wide, back, palm = (
         np.float32(GIRTH[finger]) * t for t in _tabulated(table, along_finger(finger, s, shape))
     )
-    end = np.float32(sum(shape.lengths[finger]) + TIP_FLESH)
+    end = np.float32(sum(shape.lengths[finger]) + TIP_PAD)
     cap = np.float32((0.0145 if finger == "thumb" else 0.0125) * GIRTH[finger])
     start = np.float32(0.004)
     beyond = np.maximum(s - (end - cap), 0) + np.maximum(-s - start, 0)
@@ -155,11 +155,11 @@ def palm_distance(points: Grid, rest: Skeleton) -> Grid:
     line = np.array([roots[f][:2] for f in ("little", "ring", "middle", "index")])
     end = np.interp(x, line[:, 0], line[:, 1]).astype(np.float32) + np.float32(0.005)
     beyond = np.maximum(y - end, 0) + np.maximum(-FOREARM_LENGTH - y, 0)
-    flesh = _section(x - centre, z, wide, back, palm, beyond.astype(np.float32), 0.013)
+    distance = _section(x - centre, z, wide, back, palm, beyond.astype(np.float32), 0.013)
 
     def cone(a: Array, b: Array, ra: float, rb: float, blend: float) -> None:
-        nonlocal flesh
-        flesh = _smooth_min(flesh, _round_cone(points, a, b, ra, rb), blend)
+        nonlocal distance
+        distance = _smooth_min(distance, _round_cone(points, a, b, ra, rb), blend)
 
     thumb = rest.joints[2:5]
     on_thumb = thumb[0] + np.outer([0.45, 0.80], thumb[1] - thumb[0])
@@ -167,10 +167,10 @@ def palm_distance(points: Grid, rest: Skeleton) -> Grid:
     cone(np.array([-0.021, 0.024, 0.006]), np.array([-0.032, 0.058, 0.004]), 0.0148, 0.0110, 0.018)
     cone(np.array([0.017, 0.046, 0.004]), on_thumb[0], 0.0120, 0.0115, 0.020)
     cone(np.array([0.021, 0.068, 0.002]), on_thumb[1], 0.0095, 0.0085, 0.020)
-    return flesh
+    return distance
 
 
-def flesh_distance(points: Grid, rest: Skeleton, shape: HandShape) -> Grid:
+def signed_distance(points: Grid, rest: Skeleton, shape: HandShape) -> Grid:
     """Distance of points from the whole hand at rest with its forearm; negative inside.
 
     Args:
@@ -179,9 +179,9 @@ def flesh_distance(points: Grid, rest: Skeleton, shape: HandShape) -> Grid:
         shape: Its sizes.
     """
     palm = palm_distance(points, rest)
-    flesh = palm
+    distance = palm
     for finger in FINGERS:
         one = finger_distance(points, finger, rest, shape)
         joined = _smooth_min(palm, one, 0.014 if finger == "thumb" else 0.007)
-        flesh = _smooth_min(flesh, joined, 0.0025)
-    return flesh
+        distance = _smooth_min(distance, joined, 0.0025)
+    return distance

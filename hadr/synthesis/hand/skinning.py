@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from hadr.hand import FINGERS, HandShape, Skeleton
 from hadr.synthesis.hand.signed_distance import rest_skeleton
-from hadr.synthesis.hand.template import BONE_COUNT, COARSE_STEP, FINE_STEP, hand_template
+from hadr.synthesis.hand.template import BONE_COUNT, COARSE_STEP, hand_template
 
 Array = npt.NDArray[np.float64]
 
@@ -106,9 +106,9 @@ def sized_template(shape: HandShape, step: float) -> tuple[npt.NDArray[np.float3
     return _SIZED[key]
 
 
-def _quaternions(turns: Array) -> Array:
+def _quaternions(rotations: Array) -> Array:
     """Unit quaternions (w, x, y, z) of bone rotations; each on its parent bone's side."""
-    q = Rotation.from_matrix(turns).as_quat()[:, [3, 0, 1, 2]]
+    q = Rotation.from_matrix(rotations).as_quat()[:, [3, 0, 1, 2]]
     for bone in range(BONE_COUNT):
         parent = 0 if bone == 0 or bone % 3 == 1 else bone - 1
         if q[bone] @ (q[parent] if bone else np.array([1.0, 0, 0, 0])) < 0:
@@ -127,25 +127,19 @@ def dual_quaternions(motions: Array) -> Array:
 def blend_motions(
     points: npt.NDArray[np.float32], weights: npt.NDArray[np.float32], motions: Array
 ) -> npt.NDArray[np.float32]:
-    """Move each point by its weighted bones' dual quaternion.
-
-    Args:
-        points: Shape (V, 3).
-        weights: Rows sum to 1, shape (V, 16).
-        motions: Rigid motions of the bones, shape (16, 4, 4).
-    """
+    """Move points (V, 3) by their weighted bones' rigid motions, shape (16, 4, 4)."""
     blend = weights @ dual_quaternions(motions).astype(np.float32)
     blend /= np.linalg.norm(blend[:, :4], axis=1, keepdims=True)
     w, v, dw, dv = blend[:, :1], blend[:, 1:4], blend[:, 4:5], blend[:, 5:]
-    turned = points + 2 * np.cross(v, np.cross(v, points) + w * points)
-    return np.asarray(turned + 2 * (w * dv - dw * v + np.cross(v, dv)), dtype=np.float32)
+    rotated = points + 2 * np.cross(v, np.cross(v, points) + w * points)
+    return np.asarray(rotated + 2 * (w * dv - dw * v + np.cross(v, dv)), dtype=np.float32)
 
 
 def bends(frames: Array) -> Array:
     """How far each joint is bent toward the palm, radians, shape (15,), column 3 i + j."""
-    turns = frames[:, :3, :3]
+    rotations = frames[:, :3, :3]
     parents = [0 if bone % 3 == 1 else bone - 1 for bone in range(1, BONE_COUNT)]
-    forward = np.einsum("bji,bj->bi", turns[parents], turns[1:, :, 1])
+    forward = np.einsum("bji,bj->bi", rotations[parents], rotations[1:, :, 1])
     return np.asarray(np.arctan2(forward[:, 2], forward[:, 1]), dtype=float)
 
 
@@ -156,7 +150,7 @@ def posed_vertices(skeleton: Skeleton, shape: HandShape, step: float) -> npt.NDA
     posed[:, :3, 3] /= shape.scale
     template = hand_template(step)
     bent = np.sin(np.clip(bends(posed), 0, np.pi) / 2) ** 2 * 2
-    rises = template.bulges @ (shape.girth * bent).astype(np.float32)
+    rises = template.correctives @ (shape.girth * bent).astype(np.float32)
     vertices = blend_motions(
         sized + template.normals * rises[:, None], template.weights, posed @ bone_from_wrist
     )
@@ -166,21 +160,17 @@ def posed_vertices(skeleton: Skeleton, shape: HandShape, step: float) -> npt.NDA
     return vertices
 
 
-def skin_vertices(
-    skeleton: Skeleton, shape: HandShape, coarse: bool = True
-) -> tuple[Array, npt.NDArray[np.int8]]:
-    """Points of the skin in a pose, for contact checks.
+def skin_vertices(skeleton: Skeleton, shape: HandShape) -> tuple[Array, npt.NDArray[np.int8]]:
+    """Points of the skin in a pose, some 4 mm apart, for contact checks.
 
     Args:
         skeleton: The pose, wrist frame, metres.
         shape: The sizes that posed it.
-        coarse: Some ten thousand points 4 mm apart; else the points that pictures show.
 
     Returns:
         Vertices in the wrist frame, metres, shape (V, 3), in the same order for every pose and
         shape; and the part that each belongs to: 0..4 thumb to little finger, 5 palm, 6 forearm,
         shape (V,).
     """
-    step = COARSE_STEP if coarse else FINE_STEP
-    vertices = posed_vertices(skeleton, shape, step)
-    return vertices.astype(float), hand_template(step).part
+    vertices = posed_vertices(skeleton, shape, COARSE_STEP)
+    return vertices.astype(float), hand_template(COARSE_STEP).part

@@ -12,15 +12,10 @@ Grid = npt.NDArray[np.float32]
 def surface_nets(
     values: Grid, axes: tuple[Array, Array, Array]
 ) -> tuple[Array, npt.NDArray[np.int64]]:
-    """Triangulate the zero level of a sampled field, negative inside.
+    """Triangulate the zero level of a field, negative inside, sampled at increasing places.
 
     One vertex per cell that the surface crosses, the mean of the crossings on its edges; one quad
     per grid edge whose ends differ in sign. The surface is closed where it stays off the border.
-
-    Args:
-        values: The field, shape (X, Y, Z).
-        axes: Increasing positions of the samples along each axis, shapes (X,), (Y,) and (Z,);
-            they need not be evenly spaced.
 
     Returns:
         Vertices, shape (V, 3), and faces, counter-clockwise from outside, shape (F, 3).
@@ -43,8 +38,8 @@ def surface_nets(
             va = values[tuple((cells + first).T)]
             vb = values[tuple((cells + second).T)]
             cross = (va < 0) != (vb < 0)
-            share = np.where(cross, va / np.where(cross, va - vb, 1.0), 0.0)
-            point = np.asarray(first, dtype=float) + share[:, None] * np.eye(3)[axis]
+            fraction = np.where(cross, va / np.where(cross, va - vb, 1.0), 0.0)
+            point = np.asarray(first, dtype=float) + fraction[:, None] * np.eye(3)[axis]
             total += np.where(cross[:, None], point, 0.0)
             crossings += cross
     place = cells + total / crossings[:, None]

@@ -10,8 +10,13 @@ from scipy.ndimage import binary_dilation
 
 from hadr.hand import FINGERS, HandShape, Skeleton
 from hadr.records.caches import kept
-from hadr.synthesis.hand.relief import SkinMap, knuckle_bulges, skin_map
-from hadr.synthesis.hand.signed_distance import FOREARM_LENGTH, GIRTH, flesh_distance, rest_skeleton
+from hadr.synthesis.hand.relief import SkinMap, pose_correctives, skin_map
+from hadr.synthesis.hand.signed_distance import (
+    FOREARM_LENGTH,
+    GIRTH,
+    rest_skeleton,
+    signed_distance,
+)
 from hadr.synthesis.hand.surface_nets import surface_nets
 
 Array = npt.NDArray[np.float64]
@@ -31,11 +36,11 @@ class HandTemplate:
     Args:
         vertices: Wrist frame, metres, shape (V, 3).
         faces: Vertex indices, counter-clockwise from outside, shape (F, 3).
-        weights: Share of each bone in each vertex's motion, rows sum to 1, shape (V, 16).
+        weights: Of each bone in each vertex's motion, rows sum to 1, shape (V, 16).
         part: 0..4 thumb to little finger, 5 palm, 6 forearm, shape (V,).
-        normals: Unit normals of the smooth flesh at rest, shape (V, 3).
-        bulges: Rise of the skin along the normals where a joint bends by a right angle, metres,
-            shape (V, 15); column 3 i + j is joint j of finger i.
+        normals: Unit normals of the smooth surface at rest, shape (V, 3).
+        correctives: Of the pose: rise of the skin along the normals where a joint bends by a right
+            angle, metres, shape (V, 15); column 3 i + j is joint j of finger i.
         skin: Creases, nails, veins and tones; their height is in the vertices already.
     """
 
@@ -44,19 +49,19 @@ class HandTemplate:
     weights: npt.NDArray[np.float32]
     part: npt.NDArray[np.int8]
     normals: npt.NDArray[np.float32]
-    bulges: npt.NDArray[np.float32]
+    correctives: npt.NDArray[np.float32]
     skin: SkinMap
 
 
 def _hinge(distance: Array, radius: float, reach: float = 1.5) -> Array:
     """How far a joint's bend has come, 0 before the joint to 1 beyond it.
 
-    The share follows the angle under which the skin is seen from the joint, so that skin at
+    The weight follows the angle under which the skin is seen from the joint, so that skin at
     ``radius`` on the inner side stays in order for bends up to 2 atan(reach).
     """
-    share = np.arctan(np.clip(distance / radius, -reach, reach)) / (2 * np.arctan(reach)) + 0.5
-    smooth = share * share * (3 - 2 * share)
-    return np.asarray(0.7 * share + 0.3 * smooth)
+    weight = np.arctan(np.clip(distance / radius, -reach, reach)) / (2 * np.arctan(reach)) + 0.5
+    smooth = weight * weight * (3 - 2 * weight)
+    return np.asarray(0.7 * weight + 0.3 * smooth)
 
 
 def _to_segments(points: Array, starts: Array, ends: Array) -> Array:
@@ -64,8 +69,8 @@ def _to_segments(points: Array, starts: Array, ends: Array) -> Array:
     columns = []
     for a, b in zip(starts, ends, strict=True):
         edge = b - a
-        share = np.clip((points - a) @ edge / (edge @ edge), 0, 1)
-        columns.append(np.linalg.norm(points - a - share[:, None] * edge, axis=1))
+        fraction = np.clip((points - a) @ edge / (edge @ edge), 0, 1)
+        columns.append(np.linalg.norm(points - a - fraction[:, None] * edge, axis=1))
     return np.stack(columns, axis=1)
 
 
@@ -133,30 +138,30 @@ def _axes(step: float) -> tuple[Array, Array, Array]:
 def _sampled(
     axes: tuple[Array, Array, Array], rest: Skeleton, shape: HandShape
 ) -> npt.NDArray[np.float32]:
-    """The flesh's distance on a grid: every third sample, and all of those near the skin."""
+    """The signed distance on a grid: every third sample, and all of those near the skin."""
 
     def places(rows: tuple[npt.NDArray[np.int64], ...]) -> npt.NDArray[np.float32]:
         return np.stack([a[i] for a, i in zip(axes, rows, strict=True)], axis=-1).astype(np.float32)
 
     size = tuple(len(a) for a in axes)
     sparse = [np.unique(np.append(np.arange(0, n, 3), n - 1)) for n in size]
-    rough = flesh_distance(places(tuple(np.meshgrid(*sparse, indexing="ij"))), rest, shape)
+    rough = signed_distance(places(tuple(np.meshgrid(*sparse, indexing="ij"))), rest, shape)
     below = [np.minimum(np.arange(n) // 3, len(s) - 1) for n, s in zip(size, sparse, strict=True)]
     near = np.abs(rough) < 3.2 * (axes[0][1] - axes[0][0]) + 0.003
     near |= np.abs(rough) < 0.012 * (axes[1][sparse[1]] < -0.03)[None, :, None]
     near = binary_dilation(near)
     values = rough[np.ix_(*below)]
     rows = np.nonzero(near[np.ix_(*below)])
-    values[rows] = flesh_distance(places(rows), rest, shape)
+    values[rows] = signed_distance(places(rows), rest, shape)
     return np.asarray(values, dtype=np.float32)
 
 
-def _onto_flesh(
+def _onto_surface(
     points: Array, rest: Skeleton, shape: HandShape, farthest: float
 ) -> tuple[Array, Array]:
     """Points moved onto the field's zero level by one Newton step, and its unit normals there."""
     around = np.concatenate([points[None], *(points[None] + s * np.eye(3)[:, None] for s in _NEAR)])
-    values = flesh_distance(around.astype(np.float32), rest, shape).astype(float)
+    values = signed_distance(around.astype(np.float32), rest, shape).astype(float)
     slope = (values[1:4] - values[4:7]).T / (_NEAR[0] - _NEAR[1])
     squared = np.maximum(np.square(slope).sum(1), 0.05)
     move = np.clip(values[0] / np.sqrt(squared), -farthest, farthest)
@@ -181,7 +186,7 @@ def hand_template(step: float = COARSE_STEP) -> HandTemplate:
     axes = _axes(step)
     values = _sampled(axes, rest, shape)
     rough, faces = surface_nets(values, axes)
-    smooth, normals = _onto_flesh(rough, rest, shape, 0.4 * step)
+    smooth, normals = _onto_surface(rough, rest, shape, 0.4 * step)
     skin = skin_map(smooth, normals, shape)
     vertices = smooth + normals * skin.height[:, None]
     weights = bone_weights(smooth, shape)
@@ -193,6 +198,6 @@ def hand_template(step: float = COARSE_STEP) -> HandTemplate:
         weights.astype(np.float32),
         part.astype(np.int8),
         normals.astype(np.float32),
-        knuckle_bulges(smooth, normals, shape).astype(np.float32),
+        pose_correctives(smooth, normals, shape).astype(np.float32),
         skin,
     )

@@ -14,7 +14,9 @@ import numpy.typing as npt
 from scipy.ndimage import zoom
 
 from hadr.records.caches import kept
-from hadr.synthesis.glass.objects import GlassObject, glass_object, profile, signed_distance
+from hadr.synthesis.glass.distance import signed_distance
+from hadr.synthesis.glass.objects import glass_object
+from hadr.synthesis.glass.shape import GlassObject, profile
 
 Array = npt.NDArray[np.float64]
 Floats = npt.NDArray[np.float32]
@@ -105,8 +107,8 @@ def hollow_distance(item: GlassObject, points: npt.ArrayLike) -> Array:
     squared = np.full(len(p), np.inf)
     for start, along, size in zip(a, edge, length, strict=True):
         offset = rz - start
-        share = np.clip(offset @ along / size, 0, 1)
-        squared = np.minimum(squared, ((offset - share[:, None] * along) ** 2).sum(1))
+        fraction = np.clip(offset @ along / size, 0, 1)
+        squared = np.minimum(squared, ((offset - fraction[:, None] * along) ** 2).sum(1))
     # From the side of the wall a finger would have to climb over the rim.
     return np.asarray(np.where(free, np.maximum(glass, 0), -np.sqrt(squared)))
 

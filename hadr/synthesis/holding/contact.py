@@ -13,7 +13,10 @@ from scipy.spatial import cKDTree
 
 from hadr.hand import ANGLE_LIMITS, ANGLE_NAMES, FINGERS, HandShape, forward_kinematics
 from hadr.records.caches import kept
-from hadr.synthesis.glass.objects import GlassObject, glass_object, signed_distance
+from hadr.synthesis.glass.distance import signed_distance
+from hadr.synthesis.glass.objects import glass_object
+from hadr.synthesis.glass.shape import GlassObject
+from hadr.synthesis.glass.surfaces import vertex_normals
 from hadr.synthesis.hand.finger_skin import finger_skin
 from hadr.synthesis.hand.skinning import skin_vertices
 from hadr.synthesis.hand.template import COARSE_STEP, hand_template
@@ -95,11 +98,6 @@ def passes_through_wall(item: GlassObject, points: Array, edges: npt.NDArray[np.
     """Whether a connected skin runs from the outside of the glass to its hollow through the wall.
 
     An edge whose ends lie on different sides may pass over the rim, but not through glass.
-
-    Args:
-        item: The object.
-        points: Skin, object frame, metres, shape (V, 3).
-        edges: Pairs of neighbouring points, shape (E, 2).
     """
     around = signed_distance(item, points, filled=True)
     if (around > 0).all():
@@ -110,18 +108,15 @@ def passes_through_wall(item: GlassObject, points: Array, edges: npt.NDArray[np.
     crossing = edges[hollow[edges[:, 0]] != hollow[edges[:, 1]]]
     if len(crossing) == 0:
         return False
-    share = np.linspace(0, 1, 13)[:, None, None]
+    fraction = np.linspace(0, 1, 13)[:, None, None]
     a, b = points[crossing[:, 0]], points[crossing[:, 1]]
-    along = a + share * (b - a)
+    along = a + fraction * (b - a)
     glass = signed_distance(item, along.reshape(-1, 3)).reshape(along.shape[:2])
     return bool((glass.min(0) < -_IN_WALL).any())
 
 
 def _finger_overlap(angles: Array, shape: HandShape, vertices: Array, part: Part) -> float:
-    """Deepest overlap of skin with another finger's bones' flesh or with the palm, metres.
-
-    Vertices of a right hand, wrist frame.
-    """
+    """Deepest overlap of a right hand's skin with another finger or with the palm, metres."""
     skins = {finger: finger_skin(finger, shape) for finger in FINGERS}
     deepest = 0.0
     spheres = {}
@@ -136,7 +131,7 @@ def _finger_overlap(angles: Array, shape: HandShape, vertices: Array, part: Part
             away = np.linalg.norm(vertices[skin.rows[skin.bone > 0]][:, None] - at[None], axis=-1)
             deepest = max(deepest, float((radii - away).max()))
     palm = vertices[part == 5]
-    normals = _palm_normals(vertices, part)
+    normals = vertex_normals(vertices, hand_template(COARSE_STEP).faces)[part == 5]
     tips = np.concatenate([vertices[s.rows[s.bone > 0]] for f, s in skins.items() if f != "thumb"])
     distance, nearest = cKDTree(palm).query(tips, distance_upper_bound=0.012)
     near = np.isfinite(distance)
@@ -144,17 +139,6 @@ def _finger_overlap(angles: Array, shape: HandShape, vertices: Array, part: Part
         offset = tips[near] - palm[nearest[near]]
         deepest = max(deepest, float(-(offset * normals[nearest[near]]).sum(1).min()))
     return deepest
-
-
-def _palm_normals(vertices: Array, part: Part) -> Array:
-    faces = hand_template(COARSE_STEP).faces
-    a, b, c = (vertices[faces[:, i]] for i in range(3))
-    face = np.cross(b - a, c - a)
-    normals = np.zeros_like(vertices)
-    for i in range(3):
-        np.add.at(normals, faces[:, i], face)
-    palm = normals[part == 5]
-    return np.asarray(palm / np.maximum(np.linalg.norm(palm, axis=1, keepdims=True), 1e-15))
 
 
 def check_contact(

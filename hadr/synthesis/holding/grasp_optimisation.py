@@ -1,4 +1,4 @@
-"""Closing the fingers on an object until their skin meets the glass.
+"""Grasp optimisation: the fingers close on an object until their skin meets the glass.
 
 A finger tries a library of natural postures, takes the best and improves it. What is best: the pad
 of the tip (or the whole inner side) on the glass, nothing in it, the end joint bent with the middle
@@ -13,7 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from hadr.hand import FINGERS, HandShape, forward_kinematics
-from hadr.synthesis.glass.objects import GlassObject, glass_object
+from hadr.synthesis.glass.objects import glass_object
+from hadr.synthesis.glass.shape import GlassObject
 from hadr.synthesis.hand.finger_skin import FingerSkin, finger_skin
 from hadr.synthesis.hand.skinning import skin_vertices
 from hadr.synthesis.holding.clearance import ClearanceTable, clearance_table
@@ -60,7 +61,7 @@ class HandSkins:
 
 
 def hand_skins(shape: HandShape) -> HandSkins:
-    """Prepare a hand for closing."""
+    """Prepare a hand for grasp optimisation."""
     skins = {finger: finger_skin(finger, shape) for finger in FINGERS}
     few = {}
     for finger, skin in skins.items():
@@ -131,8 +132,8 @@ def _through_handle(item: GlassObject, joints: Array, pose: Array) -> npt.NDArra
     for bone in range(3):
         a, b = local[:, bone], local[:, bone + 1]
         crosses = a[:, 1] * b[:, 1] < 0
-        share = a[:, 1] / np.where(crosses, a[:, 1] - b[:, 1], 1.0)
-        at = a + share[:, None] * (b - a)
+        fraction = a[:, 1] / np.where(crosses, a[:, 1] - b[:, 1], 1.0)
+        at = a + fraction[:, None] * (b - a)
         found |= (
             crosses
             & (at[:, 0] > inside)
@@ -146,23 +147,19 @@ def _through_handle(item: GlassObject, joints: Array, pose: Array) -> npt.NDArra
 def bone_spheres(joints: Array, girth: Array) -> tuple[Array, Array]:
     """Spheres along a finger beyond its web: centres (N, 7, 3) and radii (7,)."""
     centers, radii = [], []
-    for bone, share in ((0, 0.55), (0, 0.8), (1, 0.05), (1, 0.5), (2, 0.0), (2, 0.4), (2, 0.8)):
-        centers.append(joints[:, bone] * (1 - share) + joints[:, bone + 1] * share)
+    for bone, fraction in ((0, 0.55), (0, 0.8), (1, 0.05), (1, 0.5), (2, 0.0), (2, 0.4), (2, 0.8)):
+        centers.append(joints[:, bone] * (1 - fraction) + joints[:, bone + 1] * fraction)
         radii.append(girth[bone])
     return np.stack(centers, axis=1), np.asarray(radii)
 
 
-@dataclass(eq=False)
-class Closing:
+class GraspOptimisation:
     """One attempt to close a hand on a placed object."""
 
-    item: GlassObject
-    table: ClearanceTable
-    hand: HandSkins
-    placement: Placement
-
-    def __post_init__(self) -> None:
-        self.inverse = object_from_wrist(self.placement.wrist_from_object)
+    def __init__(self, object_id: str, hand: HandSkins, placement: Placement) -> None:
+        self.item, self.table = glass_object(object_id), clearance_table(object_id)
+        self.hand, self.placement = hand, placement
+        self.inverse = object_from_wrist(placement.wrist_from_object)
 
     def _clearance(
         self, action: Action, points: Floats, bone: npt.NDArray[np.int64]
@@ -324,7 +321,7 @@ class Closing:
         Args:
             start: The twenty angles of a right hand, radians.
             rng: Source of the variations that are tried.
-            widths: How far they go in each round, as shares of a joint's range.
+            widths: How far they go in each round, as fractions of a joint's range.
 
         Returns:
             The improved angles and their cost.
@@ -374,8 +371,3 @@ class Closing:
         angles[finger], costs[finger], joints[finger] = self._best(
             finger, near, chosen, others, self._neighbour(finger, angles), bias
         )
-
-
-def closing_on(object_id: str, hand: HandSkins, placement: Placement) -> Closing:
-    """A closing of a hand on a placed object."""
-    return Closing(glass_object(object_id), clearance_table(object_id), hand, placement)

@@ -16,13 +16,13 @@ import numpy.typing as npt
 
 from hadr.hand import HandShape, Side
 from hadr.records.caches import kept
-from hadr.synthesis.glass.objects import GlassObject, glass_object
-from hadr.synthesis.hand.shapes import draw_hand_shape
+from hadr.synthesis.glass.objects import glass_object
+from hadr.synthesis.glass.shape import GlassObject
 from hadr.synthesis.holding.clearance import ClearanceTable, clearance_table
 from hadr.synthesis.holding.contact import TOUCH, ContactReport, check_contact
 from hadr.synthesis.holding.grasp_optimisation import (
+    GraspOptimisation,
     HandSkins,
-    closing_on,
     hand_skins,
     palm_clearance,
     push_onto_palm,
@@ -31,6 +31,10 @@ from hadr.synthesis.holding.kinds import FINGERS_INSIDE, HOLD_KINDS, Placement, 
 
 Array = npt.NDArray[np.float64]
 
+#: Smallest and largest scale: a child of eight, a large man.
+SCALE_RANGE = (0.85, 1.08)
+#: Slender to broad.
+GIRTH_RANGE = (0.86, 1.16)
 _PLACEMENTS, _TRIES, _ROUNDS, _REDRAWS = 10, 2, 6, 5
 #: What a hold made by the search keeps below the checks' limits, metres.
 _AIM = 0.0013
@@ -77,11 +81,6 @@ def check_hold(hold: Hold) -> ContactReport:
     )
 
 
-def holds_well(hold: Hold) -> bool:
-    """Whether a hold passes all checks."""
-    return not check_hold(hold).problems
-
-
 def _candidates(
     item: GlassObject,
     kind: str,
@@ -97,7 +96,7 @@ def _candidates(
             placement = push_onto_palm(hand, table, placement, direction)
         elif palm_clearance(hand, table, placement.wrist_from_object) < placement.palm_gap:
             continue
-        cost = closing_on(item.object_id, hand, placement).screen()
+        cost = GraspOptimisation(item.object_id, hand, placement).screen()
         found.append((cost, number, placement))
     return [placement for _, _, placement in sorted(found, key=lambda f: f[:2])]
 
@@ -106,12 +105,6 @@ def search_hold(
     object_id: str, kind: str, shape: HandShape, rng: np.random.Generator
 ) -> tuple[Array, Array, ContactReport, int]:
     """Search a hold of a kind as a right hand's.
-
-    Args:
-        object_id: The object.
-        kind: One of the kinds in ``HOLD_KINDS``.
-        shape: The hand.
-        rng: Source of its freedom.
 
     Returns:
         The angles; ``wrist_from_object``; the checks' report (its problems are empty unless all
@@ -125,8 +118,8 @@ def search_hold(
     for _ in range(_ROUNDS):
         for placement in _candidates(item, kind, hand, table, rng)[:_TRIES]:
             attempts += 1
-            closing = closing_on(object_id, hand, placement)
-            angles, cost = closing.run(rng)
+            attempt = GraspOptimisation(object_id, hand, placement)
+            angles, cost = attempt.run(rng)
             report = check_contact(
                 object_id, right, angles, placement.wrist_from_object, FINGERS_INSIDE.get(kind, ())
             )
@@ -165,6 +158,22 @@ def hold_kind(object_id: str, number: int) -> str:
         raise ValueError(f"number of a hold starts at 0, got {number}")
     kinds = HOLD_KINDS[object_id]
     return kinds[number % len(kinds)]
+
+
+def draw_hand_shape(rng: np.random.Generator, side: Side) -> HandShape:
+    """Draw a hand whose size, fingers, breadth of palm and girth vary by some per cent."""
+    usual = HandShape()
+    scale = float(np.clip(rng.normal(0.97, 0.055), *SCALE_RANGE))
+    girth = float(np.clip(rng.normal(1.0, 0.06), *GIRTH_RANGE))
+    longer = 1 + float(np.clip(rng.normal(0, 0.03), -0.06, 0.06))
+    broader = 1 + 0.5 * (girth - 1) + float(np.clip(rng.normal(0, 0.02), -0.04, 0.04))
+    lengths = {}
+    for finger, bones in usual.lengths.items():
+        own = longer * (1 + float(np.clip(rng.normal(0, 0.015), -0.03, 0.03)))
+        a, b, c = (own * bone for bone in bones)
+        lengths[finger] = (a, b, c)
+    roots = {finger: (broader * x, y, z) for finger, (x, y, z) in usual.roots.items()}
+    return HandShape(side=side, scale=scale, roots=roots, lengths=lengths, girth=girth)
 
 
 @kept(64)

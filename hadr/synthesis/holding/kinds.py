@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from hadr.synthesis.glass.objects import GlassObject
+from hadr.synthesis.glass.shape import GlassObject
 
 Array = npt.NDArray[np.float64]
 #: What a finger does: lie on the glass along its length, touch it with the pad of its tip, do so
@@ -87,7 +87,7 @@ def _unit(vector: npt.ArrayLike) -> Array:
 
 
 def pose_from_axis(
-    up: npt.ArrayLike, point: npt.ArrayLike, height: float, toward: npt.ArrayLike, turn: float = 0.0
+    up: npt.ArrayLike, point: npt.ArrayLike, height: float, toward: npt.ArrayLike, roll: float = 0.0
 ) -> Array:
     """Object pose whose axis has a direction and passes a point at a height of the object.
 
@@ -97,7 +97,7 @@ def pose_from_axis(
         height: Metres above the table in the object's frame.
         toward: Direction in which the object's x axis (and a handle) points, made upright to the
             axis; its component along ``up`` does not matter.
-        turn: Further turn about the axis, radians.
+        roll: Further rotation about the axis, radians.
 
     Returns:
         ``wrist_from_object``, shape (4, 4).
@@ -108,7 +108,7 @@ def pose_from_axis(
     y = np.cross(z, x)
     pose = np.eye(4)
     pose[:3, :3] = np.stack(
-        [np.cos(turn) * x + np.sin(turn) * y, np.cos(turn) * y - np.sin(turn) * x, z], axis=1
+        [np.cos(roll) * x + np.sin(roll) * y, np.cos(roll) * y - np.sin(roll) * x, z], axis=1
     )
     pose[:3, 3] = np.asarray(point, dtype=float) - height * z
     return pose
@@ -270,13 +270,7 @@ def _handle(item: GlassObject, s: float, draw: _Draw) -> Placement:
 def draw_placement(
     item: GlassObject, kind: str, scale: float, rng: np.random.Generator
 ) -> tuple[Placement, Array | None]:
-    """Put the object into a hand as a kind of hold wants it, with some freedom.
-
-    Args:
-        item: The object.
-        kind: One of ``KIND_MEANING``.
-        scale: Size of the hand.
-        rng: Source of the freedom.
+    """Put the object into a hand of a size as a kind of hold wants it, with some freedom.
 
     Returns:
         The placement; and the direction (wrist frame) in which the object still has to be pushed

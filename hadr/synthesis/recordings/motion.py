@@ -19,14 +19,13 @@ from scipy.spatial.transform import Rotation
 
 from hadr.hand import ANGLE_LIMITS
 from hadr.synthesis.glass.objects import OBJECTS
-from hadr.synthesis.holding.grasp_optimisation import closing_on, hand_skins
+from hadr.synthesis.holding.grasp_optimisation import GraspOptimisation, hand_skins
 from hadr.synthesis.holding.hold import Hold, check_hold, hold_kind, make_hold, mirrored_pose
 from hadr.synthesis.holding.kinds import Placement, finger_plan
 from hadr.synthesis.recordings.recording import (
     Recording,
     find_recordings,
     read_recording,
-    recording_text,
     write_recording,
 )
 
@@ -37,10 +36,10 @@ _TREMOR = (7.5, 11.0)
 _KNOTS = 4
 
 
-def _drifted(pose: Array, move: Array, turn: Array, about: Array) -> Array:
-    """A pose moved (metres) and turned (rotation vector) about a point, wrist frame."""
+def _drifted(pose: Array, move: Array, rotvec: Array, about: Array) -> Array:
+    """A pose moved (metres) and rotated (rotation vector) about a point, wrist frame."""
     result = pose.copy()
-    rotation = Rotation.from_rotvec(turn).as_matrix()
+    rotation = Rotation.from_rotvec(rotvec).as_matrix()
     result[:3, :3] = rotation @ pose[:3, :3]
     result[:3, 3] = rotation @ (pose[:3, 3] - about) + about + move
     return result
@@ -57,14 +56,14 @@ def _motion(
     about = np.array([0.0, 0.085, 0.035]) * right.scale
     knots = np.linspace(0, time[-1], _KNOTS)
     moves = rng.normal(size=(_KNOTS, 3)) * 0.0008 * amount
-    turns = rng.normal(size=(_KNOTS, 3)) * np.deg2rad(0.9) * amount
-    moves[0] = turns[0] = 0
+    rotvecs = rng.normal(size=(_KNOTS, 3)) * np.deg2rad(0.9) * amount
+    moves[0] = rotvecs[0] = 0
     hand = hand_skins(right)
     angles = [hold.angles]
-    for move, turn in zip(moves[1:], turns[1:], strict=True):
-        placement = Placement(_drifted(base, move, turn, about), finger_plan(hold.kind))
-        closing = closing_on(hold.object_id, hand, placement)
-        angles.append(closing.settle(hold.angles, rng, (0.04, 0.02))[0])
+    for move, rotvec in zip(moves[1:], rotvecs[1:], strict=True):
+        placement = Placement(_drifted(base, move, rotvec, about), finger_plan(hold.kind))
+        attempt = GraspOptimisation(hold.object_id, hand, placement)
+        angles.append(attempt.settle(hold.angles, rng, (0.04, 0.02))[0])
     smooth = PchipInterpolator(knots, np.stack(angles), axis=0)(time)
     tremor = np.zeros_like(smooth)
     for _ in range(2):
@@ -73,9 +72,9 @@ def _motion(
         tremor += size * np.sin(wave)
     angles_now = np.clip(smooth + tremor, ANGLE_LIMITS[:, 0], ANGLE_LIMITS[:, 1])
     moves_now = PchipInterpolator(knots, moves, axis=0)(time)
-    turns_now = PchipInterpolator(knots, turns, axis=0)(time)
+    rotvecs_now = PchipInterpolator(knots, rotvecs, axis=0)(time)
     poses = np.stack(
-        [_drifted(base, m, t, about) for m, t in zip(moves_now, turns_now, strict=True)]
+        [_drifted(base, m, t, about) for m, t in zip(moves_now, rotvecs_now, strict=True)]
     )
     return angles_now, poses
 
@@ -142,16 +141,7 @@ def _mm(values: Sequence[float]) -> tuple[float, float, float]:
 def failing_rows(recording: Recording) -> Iterator[tuple[int, tuple[str, ...]]]:
     """Rows of a recording that do not pass the checks of a hold, and why."""
     for row in range(len(recording.time)):
-        hold = Hold(
-            recording.hold_id,
-            recording.object_id,
-            recording.kind,
-            recording.shape,
-            recording.angles[row],
-            recording.wrist_from_object[row],
-            {},
-        )
-        problems = check_hold(hold).problems
+        problems = recording.checked(row)[1].problems
         if problems:
             yield row, problems
 
@@ -215,6 +205,3 @@ def main(arguments: Sequence[str] | None = None) -> None:
     ):
         count, made = count + 1, made + new
     print(f"{count} recordings, {made} of them made now")
-
-
-__all__ = ["failing_rows", "main", "record_hold", "recording_text", "verify_recordings"]

@@ -22,6 +22,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from hadr.hand import ANGLE_NAMES, FINGERS, HandShape
 from hadr.synthesis.glass.objects import glass_object
+from hadr.synthesis.holding.contact import ContactReport
 from hadr.synthesis.holding.hold import Hold, check_hold
 from hadr.synthesis.recordings.glove_columns import (
     ANGLE_COLUMNS,
@@ -70,16 +71,14 @@ class Recording:
         """
         if not 0 <= row < len(self.time):
             raise IndexError(f"row {row} of {self.hold_id}, which has {len(self.time)} rows")
-        hold = Hold(
-            self.hold_id,
-            self.object_id,
-            self.kind,
-            self.shape,
-            self.angles[row],
-            self.wrist_from_object[row],
-            {},
-        )
-        return replace(hold, gaps=check_hold(hold).gaps)
+        return self.checked(row)[0]
+
+    def checked(self, row: int) -> tuple[Hold, ContactReport]:
+        """The hold at a row, and what the checks found of it."""
+        pose = self.angles[row], self.wrist_from_object[row]
+        hold = Hold(self.hold_id, self.object_id, self.kind, self.shape, *pose, {})
+        report = check_hold(hold)
+        return replace(hold, gaps=report.gaps), report
 
 
 def find_recordings(folder: str | Path) -> list[Path]:

@@ -15,13 +15,13 @@ from hadr.camera import Intrinsics
 from hadr.synthesis.glass.surfaces import Surface
 from hadr.synthesis.hand.mesh import HandMesh
 from hadr.synthesis.rendering.optics import GLASS_INDEX
-from hadr.synthesis.rendering.raycast import Surroundings
+from hadr.synthesis.scene.contents import Surroundings
 from hadr.synthesis.scene.scene import Scene
 from hadr.synthesis.textures.families import pyramid
 
 Array = npt.NDArray[np.float64]
 
-#: Surroundings are this many meshes, or more where they have more pictures.
+#: Surroundings are this many meshes, or more where they have more textures.
 MESHES = 24
 
 
@@ -72,9 +72,9 @@ def _hand(mi: Any, hand: HandMesh) -> Any:
     return mesh
 
 
-def _glass(mi: Any, number: int, body: Surface, tint: tuple[float, float, float]) -> Any:
-    # A wall of two millimetres takes its share of colour at each of its two surfaces.
-    passed = [float(t) ** 0.1 for t in tint]
+def _glass(mi: Any, number: int, body: Surface, transmittance: tuple[float, ...]) -> Any:
+    # A wall of two millimetres absorbs half of what it does at each of its two surfaces.
+    passed = [float(t) ** 0.1 for t in transmittance]
     glass = mi.load_dict(
         {
             "type": "dielectric",
@@ -87,8 +87,8 @@ def _glass(mi: Any, number: int, body: Surface, tint: tuple[float, float, float]
 
 
 def _surroundings(mi: Any, around: Surroundings, eye: Array, pixel: float) -> dict[str, Any]:
-    """One mesh per picture and tint; each picture in the level that suits its nearest corner."""
-    keys = np.concatenate([around.picture[:, None], around.tint, around.repeat[:, None]], axis=1)
+    """One mesh per texture and tint; each texture in the level that suits its nearest corner."""
+    keys = np.concatenate([around.texture[:, None], around.tint, around.repeat[:, None]], axis=1)
     groups, which = np.unique(keys, axis=0, return_inverse=True)
     shapes: dict[str, Any] = {}
     for number in range(len(groups)):
@@ -129,11 +129,11 @@ def _surroundings(mi: Any, around: Surroundings, eye: Array, pixel: float) -> di
 def _lights(mi: Any, scene: Scene) -> dict[str, Any]:
     lights: dict[str, Any] = {}
     transform = mi.ScalarTransform4f
-    environment = scene.rays.environment
+    environment = scene.contents.environment
     if environment is None:
         lights["sky"] = {
             "type": "constant",
-            "radiance": {"type": "rgb", "value": scene.rays.ambient.tolist()},
+            "radiance": {"type": "rgb", "value": 0.5},
         }
     else:
         # Mitsuba's y is up, and its azimuth starts elsewhere and runs the other way.
@@ -143,7 +143,7 @@ def _lights(mi: Any, scene: Scene) -> dict[str, Any]:
             "bitmap": mi.Bitmap(np.ascontiguousarray(image, dtype=np.float32)),
             "to_world": transform().rotate([1, 0, 0], 90),
         }
-    for number, lamp in enumerate(scene.rays.lamps):
+    for number, lamp in enumerate(scene.contents.lamps):
         # A mesh, since the numbers of Mitsuba's own rectangle become part of the kernel.
         signs = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
         corners = lamp.center + signs @ np.stack([lamp.half_width, lamp.half_height])
@@ -160,12 +160,6 @@ def mitsuba_sensor(
     camera: Intrinsics, world_from_camera: Array, samples: int, seed: int
 ) -> dict[str, Any]:
     """A pinhole camera with a box filter, as Mitsuba's dictionary.
-
-    Args:
-        camera: Intrinsics with square pixels.
-        world_from_camera: Pose of the OpenCV camera, shape (4, 4).
-        samples: Paths a pixel.
-        seed: Of the paths.
 
     Raises:
         ValueError: The pixels are not square.
@@ -200,25 +194,17 @@ def mitsuba_sensor(
 
 
 def scene_to_mitsuba(scene: Scene) -> dict[str, Any]:
-    """Surfaces, materials and lights of a scene; add a sensor and an integrator to draw it.
-
-    Args:
-        scene: The scene.
-
-    Returns:
-        A dictionary for ``mitsuba.load_dict``.
-    """
+    """A scene for ``mitsuba.load_dict``, without the sensor and the integrator that draw it."""
     import mitsuba as mi
 
-    rays = scene.rays
+    contents = scene.contents
     result: dict[str, Any] = {"type": "scene"}
-    if rays.hand is not None:
-        result["hand"] = _hand(mi, rays.hand)
-    for number, body in enumerate(rays.glass):
-        tint = np.exp(rays.tint / 100.0)
-        result[f"glass{number}"] = _glass(mi, number, body, (tint[0], tint[1], tint[2]))
-    if rays.surroundings is not None:
+    if contents.hand is not None:
+        result["hand"] = _hand(mi, contents.hand)
+    for number, body in enumerate(contents.glass):
+        result[f"glass{number}"] = _glass(mi, number, body, contents.transmittance)
+    if contents.surroundings is not None:
         result |= _surroundings(
-            mi, rays.surroundings, scene.world_from_camera[:3, 3], 1.0 / scene.camera.fx
+            mi, contents.surroundings, scene.world_from_camera[:3, 3], 1.0 / scene.camera.fx
         )
     return result | _lights(mi, scene)

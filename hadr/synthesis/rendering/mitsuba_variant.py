@@ -53,13 +53,7 @@ _PROCESSOR = ("vendor_id", "model name", "flags", "CPU part", "Features")
 
 
 def mitsuba(variant: str | None = None) -> Any:
-    """Import Mitsuba and choose its variant.
-
-    Args:
-        variant: ``llvm_ad_rgb`` or ``scalar_rgb``; :func:`mitsuba_variant` where left out.
-
-    Returns:
-        The module.
+    """Import Mitsuba and choose its variant (:func:`mitsuba_variant` where it is left out).
 
     Raises:
         ValueError: There is no such variant, or it can't be used on this machine.

@@ -20,8 +20,8 @@ def refract(direction: Array, normal: Array, ratio: Array) -> tuple[Array, Array
         ratio: Refractive index before the interface over that behind it, shape (N,).
 
     Returns:
-        Bent unit directions (N, 3), not meaningful where all light is reflected, and the share of
-        light that is reflected (N,): unpolarised Fresnel, 1 at total internal reflection.
+        Bent unit directions (N, 3), not meaningful where all light is reflected, and the
+        reflectance (N,): unpolarised Fresnel, 1 at total internal reflection.
     """
     cos_in = np.clip(-(direction * normal).sum(-1), 0.0, 1.0)
     sin2_out = ratio**2 * (1.0 - cos_in**2)

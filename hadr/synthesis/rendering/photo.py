@@ -14,18 +14,23 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from hadr.camera import ray_directions
+from hadr.camera import pixel_grid
 from hadr.synthesis.depth_sensor.sensor_noise import ColorCamera, develop
 from hadr.synthesis.generation.farm import one_thread
 from hadr.synthesis.rendering.mitsuba_scene import mitsuba_sensor, scene_to_mitsuba
 from hadr.synthesis.rendering.mitsuba_variant import LLVM, mitsuba
+from hadr.synthesis.rendering.raycast import rays_through
+from hadr.synthesis.rendering.shading import RayTracer
 from hadr.synthesis.scene.scene import Scene
+
+#: Most surfaces on a path.
+_SURFACES = 14
 
 Light = npt.NDArray[np.float32]
 
 
 def trace(
-    scene: Scene, *, seed: int, samples: int = 8, variant: str | None = None, depth: int = 14
+    scene: Scene, *, seed: int, samples: int = 8, variant: str | None = None
 ) -> tuple[Light, Light, Light]:
     """The light that reaches the camera, with the noise of few samples.
 
@@ -34,7 +39,6 @@ def trace(
         seed: Of the paths.
         samples: Paths a pixel.
         variant: Of Mitsuba; the fastest that works where it is left out.
-        depth: Most surfaces on a path.
 
     Returns:
         Linear RGB, and as guides for a denoiser the reflectance and the normals of what is seen
@@ -50,7 +54,7 @@ def trace(
         description = scene_to_mitsuba(scene)
         description["sensor"] = mitsuba_sensor(scene.camera, scene.world_from_camera, samples, seed)
         loaded = mi.load_dict(description)
-        paths = mi.load_dict({"type": "path", "max_depth": depth, "rr_depth": 3})
+        paths = mi.load_dict({"type": "path", "max_depth": _SURFACES, "rr_depth": 3})
         # One integrator for both would trace every path twice.
         first = mi.load_dict({"type": "aov", "aovs": "albedo:albedo,normal:sh_normal"})
 
@@ -75,39 +79,21 @@ def _one_order(mi: Any) -> AbstractContextManager[None]:
 def _look_through_glass(scene: Scene, albedo: Light) -> None:
     """Put the reflectance of what is behind glass into its pixels, from four rays each."""
     camera, pose = scene.camera, scene.world_from_camera
-    directions = ray_directions(camera).reshape(-1, 3) @ pose[:3, :3].T
-    glass = scene.rays.glass_alone(np.broadcast_to(pose[:3, 3], directions.shape), directions)
+    tracer = RayTracer(scene.contents)
+    glass = tracer.glass_alone(*rays_through(pixel_grid(camera).reshape(-1, 2), camera, pose))
     wide = cv2.dilate(glass.reshape(camera.shape).astype(np.uint8), np.ones((3, 3), np.uint8))
     v, u = np.nonzero(wide)
     if not len(v):
         return
     total = np.zeros((len(v), 3))
     for du, dv in ((-0.3, -0.1), (0.1, -0.3), (0.3, 0.1), (-0.1, 0.3)):
-        local = np.stack(
-            [
-                (u + du - camera.cx) / camera.fx,
-                (v + dv - camera.cy) / camera.fy,
-                np.ones(len(u)),
-            ],
-            axis=1,
-        )
-        local /= np.linalg.norm(local, axis=1, keepdims=True)
-        origins = np.broadcast_to(pose[:3, 3], local.shape)
-        total += scene.rays.reflectance(origins, local @ pose[:3, :3].T, 1.0 / camera.fx)
+        rays = rays_through(np.stack([u + du, v + dv], axis=1), camera, pose)
+        total += tracer.reflectance(*rays, 1.0 / camera.fx)
     albedo[v, u] = total / 4
 
 
 def denoise(light: Light, albedo: Light, normal: Light) -> Light:
-    """Take the noise of few samples away with Open Image Denoise.
-
-    Args:
-        light: Linear RGB, (H, W, 3).
-        albedo: Reflectance of what is seen, (H, W, 3).
-        normal: Normals of what is seen, (H, W, 3).
-
-    Returns:
-        Linear RGB, (H, W, 3) float32.
-    """
+    """Take the noise of few samples away with Open Image Denoise; all pictures are (H, W, 3)."""
     oidn = importlib.import_module("pyoidn")
     clean = np.zeros(light.shape, dtype=np.float32)
     images = {"color": light, "albedo": np.clip(albedo, 0, 1), "normal": normal, "output": clean}
@@ -141,8 +127,6 @@ def photograph(
     seed: int,
     samples: int = 8,
     variant: str | None = None,
-    denoised: bool = True,
-    camera: ColorCamera | None = None,
 ) -> npt.NDArray[np.uint8]:
     """Take a path-traced picture of a scene.
 
@@ -151,14 +135,11 @@ def photograph(
         seed: Of the paths and of the camera's noise; the same seed gives the same bytes.
         samples: Paths a pixel.
         variant: Of Mitsuba; the fastest that works where it is left out.
-        denoised: Take the noise of few paths away.
-        camera: What takes the picture.
 
     Returns:
         sRGB, shape (H, W, 3) uint8.
     """
     seed = int(np.random.SeedSequence(seed).generate_state(1)[0])
     light, albedo, normal = trace(scene, seed=seed, samples=samples, variant=variant)
-    if denoised:
-        light = denoise(light, albedo, normal)
-    return develop(light, np.random.default_rng(seed), camera or ColorCamera())
+    light = denoise(light, albedo, normal)
+    return develop(light, np.random.default_rng(seed), ColorCamera())

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,37 +14,16 @@ import numpy.typing as npt
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 
-from hadr.camera import Intrinsics, ray_directions
+from hadr.camera import Intrinsics, pixel_grid, ray_directions
 from hadr.synthesis.glass.surfaces import Surface
-from hadr.synthesis.hand.mesh import HandMesh
+from hadr.synthesis.scene.contents import Contents
 
 Array = npt.NDArray[np.float64]
 
 #: What a ray can meet first.
 NOTHING, HAND, GLASS, SURROUNDINGS = 0, 1, 2, 3
-#: A turn of a ray by a millionth of a radian.
+#: A rotation of a ray by a millionth of a radian.
 _HAIR = np.array([6.1e-7, -3.7e-7, 7.0e-7])
-
-
-@dataclass(frozen=True)
-class Surroundings:
-    """Opaque textured surfaces.
-
-    Args:
-        surface: The triangles, world frame.
-        uv: Texture coordinates per vertex, in repeats, shape (V, 2).
-        picture: Number of the picture per face, shape (F,).
-        tint: Factor on the picture's colour per face, shape (F, 3).
-        repeat: Height of one repeat per face, metres, shape (F,).
-        photographs: Files that negative numbers of pictures stand for.
-    """
-
-    surface: Surface
-    uv: Array
-    picture: npt.NDArray[np.int64]
-    tint: Array
-    repeat: Array
-    photographs: tuple[Path, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -93,6 +71,16 @@ class Hits:
         """Some of them."""
         return Hits(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
 
+    def mixed(self, values: Array, faces: npt.NDArray[np.int64]) -> Array:
+        """Values of a mesh's vertices (V, C) where it is hit, between its vertices, (N, C)."""
+        a, b, c = (values[faces[self.face, i]] for i in range(3))
+        u, v = self.u[:, None], self.v[:, None]
+        return np.asarray((1 - u - v) * a + u * b + v * c)
+
+
+def _unit(vectors: Array, least: float) -> Array:
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), least))
+
 
 def _exact(
     hits: Hits, surfaces: list[Surface], origins: Array, directions: Array
@@ -138,27 +126,43 @@ def _chosen(second: npt.NDArray[np.bool_], a: Hits, b: Hits) -> Hits:
     )
 
 
+def rays_through(
+    uv: Array, camera: Intrinsics, world_from_camera: Array, beside: float = 0.0
+) -> tuple[Array, Array]:
+    """Rays of looking through pixels, world frame.
+
+    Args:
+        uv: Pixels, they need not be whole, shape (N, 2).
+        camera: Intrinsics.
+        world_from_camera: Pose of the camera, shape (4, 4).
+        beside: How far to the camera's right the eye is moved, metres.
+
+    Returns:
+        Origins and unit directions, each (N, 3).
+    """
+    x, y = (uv[:, 0] - camera.cx) / camera.fx, (uv[:, 1] - camera.cy) / camera.fy
+    local = np.stack([x, y, np.ones_like(x)], axis=1)
+    local /= np.linalg.norm(local, axis=1, keepdims=True)
+    rotation, eye = world_from_camera[:3, :3], world_from_camera[:3, 3]
+    directions = local @ rotation.T
+    return np.broadcast_to(eye + rotation[:, 0] * beside, directions.shape), directions
+
+
 class RayCaster:
     """Surfaces, ready to be met by rays.
 
     Args:
-        hand: The skinned hand, world frame, or None.
-        glass: The closed glass bodies, world frame.
-        surroundings: Everything else, or None.
+        contents: Of the scene.
     """
 
-    def __init__(
-        self,
-        hand: HandMesh | None,
-        glass: tuple[Surface, ...],
-        surroundings: Surroundings | None = None,
-    ) -> None:
-        self.hand, self.glass, self.surroundings = hand, glass, surroundings
+    def __init__(self, contents: Contents) -> None:
+        self.contents = contents
         self._opaque: list[tuple[int, Surface]] = []
-        if surroundings is not None:
-            self._opaque.append((SURROUNDINGS, surroundings.surface))
-        if hand is not None:
-            self._opaque.append((HAND, hand.surface))
+        if contents.surroundings is not None:
+            self._opaque.append((SURROUNDINGS, contents.surroundings.surface))
+        if contents.hand is not None:
+            self._opaque.append((HAND, contents.hand.surface))
+        glass = contents.glass
         self.meshes = [*self._opaque, *((GLASS, body) for body in glass)]
         self._kinds = np.array([kind for kind, _ in self.meshes] + [NOTHING])
         # One tree per kind of thing: (number of its first mesh, tree). A ray asks several.
@@ -198,24 +202,29 @@ class RayCaster:
         behind, glass = found
         return _chosen(glass.distance < behind.distance, behind, glass), behind
 
-    def first_kind(self, origins: Array, directions: Array) -> npt.NDArray[np.int64]:
-        """What each ray meets first: NOTHING, HAND, GLASS or SURROUNDINGS, shape (N,)."""
-        return np.asarray(self._kinds[self._trace(self._all, origins, directions).mesh])
+    def first(self, origins: Array, directions: Array) -> Hits:
+        """The first surface along each ray, in single precision."""
+        return self._trace(self._all, origins, directions)
+
+    def kind(self, mesh: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+        """What mesh numbers stand for: HAND, GLASS or SURROUNDINGS; NOTHING for -1."""
+        return np.asarray(self._kinds[mesh])
 
     def glass_alone(self, origins: Array, directions: Array) -> npt.NDArray[np.bool_]:
         """Which rays would meet the glass if nothing hid it, shape (N,)."""
         return np.asarray(self._trace(self._clear, origins, directions).face >= 0)
 
-    def _normal(self, surface: Surface, hits: Hits, rows: Any) -> tuple[Array, Array]:
-        """Smooth and flat unit normals of the hits in ``rows``, outward."""
-        faces = surface.faces[hits.face[rows]]
-        u, v = hits.u[rows, None], hits.v[rows, None]
-        n = surface.normals
-        smooth = (1 - u - v) * n[faces[:, 0]] + u * n[faces[:, 1]] + v * n[faces[:, 2]]
-        smooth /= np.maximum(np.linalg.norm(smooth, axis=1, keepdims=True), 1e-12)
-        a, b, c = (surface.vertices[faces[:, i]] for i in range(3))
-        flat = np.cross(b - a, c - a)
-        flat /= np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-20)
+    def normals(self, hits: Hits) -> tuple[Array, Array]:
+        """Smooth and flat unit normals, outward, each (N, 3); 0 where nothing is met."""
+        smooth, flat = np.zeros((2, len(hits.mesh), 3))
+        for number, (_, surface) in enumerate(self.meshes):
+            rows = np.flatnonzero(hits.mesh == number)
+            if not len(rows):
+                continue
+            some = hits.take(rows)
+            smooth[rows] = _unit(some.mixed(surface.normals, surface.faces), 1e-12)
+            a, b, c = (surface.vertices[surface.faces[some.face, i]] for i in range(3))
+            flat[rows] = _unit(np.cross(b - a, c - a), 1e-20)
         return smooth, flat
 
     def labels(self, camera: Intrinsics, world_from_camera: Array) -> Labels:
@@ -228,23 +237,18 @@ class RayCaster:
         Returns:
             Depth, masks and normals.
         """
-        local = ray_directions(camera).reshape(-1, 3)
-        turn = world_from_camera[:3, :3]
-        directions = local @ turn.T
-        origins = np.broadcast_to(world_from_camera[:3, 3], directions.shape)
+        uv = pixel_grid(camera).reshape(-1, 2)
+        origins, directions = rays_through(uv, camera, world_from_camera)
         hits, behind = self._first_hits(origins, directions)
         kind = self._kinds[hits.mesh]
-        normals = np.zeros_like(directions)
-        for number, (_, surface) in enumerate(self.meshes):
-            rows = np.flatnonzero(hits.mesh == number)
-            if len(rows):
-                smooth, _ = self._normal(surface, hits, rows)
-                toward = -np.sign((smooth * directions[rows]).sum(1, keepdims=True))
-                normals[rows] = (smooth * toward) @ turn
+        smooth, _ = self.normals(hits)
+        toward = -np.sign((smooth * directions).sum(1, keepdims=True))
+        normals = (smooth * toward) @ world_from_camera[:3, :3]
+        ahead = ray_directions(camera)[..., 2].ravel()
         shape = camera.shape
 
         def depth(found: Hits) -> npt.NDArray[np.float32]:
-            z = np.where(np.isfinite(found.distance), found.distance * local[:, 2], 0.0)
+            z = np.where(np.isfinite(found.distance), found.distance * ahead, 0.0)
             return z.astype(np.float32).reshape(shape)
 
         return Labels(

@@ -1,21 +1,28 @@
-"""Rays that cross glass: bent and split at each interface, dimmed inside."""
+"""Rays that cross glass: bent by Snell's law, split by Fresnel's equations, dimmed inside.
+
+`hadr.synthesis.rendering.raycast` finds the first surface along a ray; here a ray goes on through
+glass, and what passes and what is mirrored is followed to where it ends on something opaque.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
-from hadr.synthesis.glass.surfaces import Surface
-from hadr.synthesis.hand.mesh import HandMesh
 from hadr.synthesis.rendering.optics import GLASS_INDEX, reflect, refract
-from hadr.synthesis.rendering.raycast import GLASS, Hits, RayCaster, Surroundings
+from hadr.synthesis.rendering.raycast import GLASS, Hits, RayCaster
 
 Array = npt.NDArray[np.float64]
+Columns = TypeVar("Columns", "Beams", Hits)
 
 _NUDGE = 2e-6
+#: Most interfaces that a ray of a picture crosses.
+BOUNCES = 10
+#: Rays that carry less of their light than this are not followed to all of their ends.
+FAINTEST = 0.015
 
 
 @dataclass(frozen=True)
@@ -25,7 +32,7 @@ class Beams:
     Args:
         origin: World frame, metres, shape (N, 3).
         direction: Unit directions of travel, shape (N, 3).
-        weight: Share of red, green, blue that is left, shape (N, 3).
+        weight: What is left of each colour, shape (N, 3), or of a single one, (N, 1).
         travelled: Length of the way so far, metres, shape (N,).
         inside: How many glass bodies the origin is in, shape (N,).
         row: Which ray of the first ones it is, shape (N,).
@@ -39,125 +46,146 @@ class Beams:
     row: npt.NDArray[np.int64]
 
     @classmethod
-    def start(cls, origins: Array, directions: Array) -> Beams:
+    def start(cls, origins: Array, directions: Array, colors: int = 3) -> Beams:
         """Rays outside of all glass."""
         n = len(origins)
         nowhere = np.zeros(n, dtype=np.int64)
         o, d = np.array(origins, dtype=float), np.array(directions, dtype=float)
-        return cls(o, d, np.ones((n, 3)), np.zeros(n), nowhere, np.arange(n))
+        return cls(o, d, np.ones((n, colors)), np.zeros(n), nowhere, np.arange(n))
 
     def take(self, rows: Any) -> Beams:
         """Some of them."""
         return Beams(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
 
 
+def cross(caster: RayCaster, beams: Beams, hits: Hits) -> tuple[Beams, Beams]:
+    """Carry rays that meet glass over the interface.
+
+    Args:
+        caster: The surfaces; overlapping glass bodies count as one.
+        beams: The rays.
+        hits: Where each meets the glass.
+
+    Returns:
+        The rays behind the interface, or before it where all light is reflected; and those that
+        are mirrored otherwise, of weight 0 where all light is.
+    """
+    d = beams.direction
+    smooth, flat = caster.normals(hits)
+    entering = (flat * d).sum(1) < 0
+    sign = np.where(entering, 1.0, -1.0)[:, None]
+    against, flat = smooth * sign, flat * sign
+    # Where a smooth normal points away from the eye, only the flat one makes sense.
+    wrong = (against * d).sum(1) > -1e-3
+    against = np.where(wrong[:, None], flat, against)
+    length, weight, inside = hits.distance, beams.weight, beams.inside
+    absorbed = np.log(np.asarray(caster.contents.transmittance)) * 100.0  # per metre
+    dimmed = weight * np.exp(absorbed * length[:, None])
+    weight = np.where((inside > 0)[:, None], dimmed, weight)
+    point = beams.origin + length[:, None] * d
+    after = inside + np.where(entering, 1, -1)
+    # Between two overlapping bodies there is glass on both sides: nothing happens.
+    border = np.minimum(np.maximum(inside, 0), np.maximum(after, 0)) == 0
+    ratio = np.where(entering, 1.0 / GLASS_INDEX, GLASS_INDEX)
+    bent, mirrored = refract(d, against, ratio)
+    total = border & (mirrored >= 1.0)
+    bounced = reflect(d, against)
+    out = np.where(border[:, None], bent, d)
+    out = np.where(total[:, None], bounced, out)
+    reflectance = np.where(border & ~total, mirrored, 0.0)[:, None]
+    travelled = beams.travelled + length
+    off = _NUDGE * flat
+    passed = np.where(total, inside, np.maximum(after, 0))
+    start = np.where(total[:, None], point + off, point - off)
+    return (
+        Beams(start, out, weight * (1.0 - reflectance), travelled, passed, beams.row),
+        Beams(point + off, bounced, weight * reflectance, travelled, inside, beams.row),
+    )
+
+
+def ray_path(caster: RayCaster, origin: Array, direction: Array) -> Array:
+    """Follow one ray through the glass, always along its stronger part.
+
+    Args:
+        caster: The surfaces.
+        origin: World frame, metres, shape (3,).
+        direction: Unit direction, shape (3,).
+
+    Returns:
+        The points at which it starts, crosses interfaces and ends, shape (K, 3). A ray that
+        leaves the scene ends 0.1 m behind its last interface.
+    """
+    beam = Beams.start(np.asarray(origin)[None], np.asarray(direction)[None])
+    points = [beam.origin[0]]
+    for _ in range(BOUNCES):
+        hits = caster.first(beam.origin, beam.direction)
+        end = hits.distance[0] if np.isfinite(hits.distance[0]) else 0.1
+        points.append(beam.origin[0] + end * beam.direction[0])
+        if caster.kind(hits.mesh)[0] != GLASS:
+            break
+        beam, _ = cross(caster, beam, hits)
+    return np.stack(points)
+
+
 @dataclass(frozen=True)
-class Mirrored:
-    """What an interface mirrors of rays that go on through it.
+class Ends:
+    """Where rays end, on opaque surfaces or nowhere; a ray that glass splits has several ends.
 
     Args:
-        origin: Just off the interface, shape (N, 3).
-        direction: Unit directions of travel, shape (N, 3).
-        share: Share of the light, 0 where all of it is reflected, shape (N,).
-        weight: Share of red, green, blue that was left before, shape (N, 3).
-        travelled: Length of the way so far, metres, shape (N,).
+        beams: The rays on their last piece, M of them.
+        hits: What that meets.
+        crossed: Number of glass surfaces met on the way, shape (M,).
     """
 
-    origin: Array
-    direction: Array
-    share: Array
-    weight: Array
-    travelled: Array
+    beams: Beams
+    hits: Hits
+    crossed: npt.NDArray[np.int64]
+
+    @property
+    def point(self) -> Array:
+        """World frame, metres, shape (M, 3); a kilometre away where nothing is met."""
+        length = np.minimum(self.hits.distance, 1e3)
+        return np.asarray(self.beams.origin + length[:, None] * self.beams.direction)
+
+    def take(self, rows: Any) -> Ends:
+        """Some of them."""
+        return Ends(self.beams.take(rows), self.hits.take(rows), self.crossed[rows])
 
 
-class GlassRays(RayCaster):
-    """Surfaces whose glass bends rays.
+def follow(
+    caster: RayCaster, origins: Array, directions: Array, *, surfaces: int = 9
+) -> tuple[Ends, Beams]:
+    """Follow rays through glass to all of their ends.
 
     Args:
-        hand: The skinned hand, world frame, or None.
-        glass: The closed glass bodies, world frame; overlapping ones count as one.
-        tint: Share of red, green, blue that a centimetre of glass lets through.
-        surroundings: Everything else, or None.
+        caster: The surfaces.
+        origins: World frame, metres, shape (N, 3).
+        directions: Unit directions of travel, shape (N, 3).
+        surfaces: Most glass surfaces on a path.
+
+    Returns:
+        The ends, in no order of the rays, and what the first glass surfaces on the way mirror.
     """
+    beams = Beams.start(origins, directions, len(caster.contents.transmittance))
+    ends: list[Ends] = []
+    mirrored = beams.take(slice(0))
+    for crossed in range(surfaces + 1):
+        hits = caster.first(beams.origin, beams.direction)
+        clear = caster.kind(hits.mesh) == GLASS
+        k = np.flatnonzero(~clear)
+        ends.append(Ends(beams.take(k), hits.take(k), np.full(len(k), crossed)))
+        k = np.flatnonzero(clear)
+        if crossed == surfaces or not len(k):
+            break
+        both = cross(caster, beams.take(k), hits.take(k))
+        if crossed == 0:
+            mirrored = both[1]
+        beams = _joined([b.take(np.flatnonzero(b.weight.max(1) > FAINTEST)) for b in both])
+    last = _joined([e.beams for e in ends]), _joined([e.hits for e in ends])
+    return Ends(*last, np.concatenate([e.crossed for e in ends])), mirrored
 
-    def __init__(
-        self,
-        hand: HandMesh | None,
-        glass: tuple[Surface, ...],
-        tint: tuple[float, float, float] = (0.95, 0.975, 0.965),
-        surroundings: Surroundings | None = None,
-    ) -> None:
-        super().__init__(hand, glass, surroundings)
-        self.tint = np.log(np.asarray(tint)) * 100.0  # per metre
 
-    def cross(self, beams: Beams, hits: Hits) -> tuple[Beams, Mirrored]:
-        """Carry rays that meet glass over the interface.
-
-        Args:
-            beams: The rays.
-            hits: Where each meets the glass.
-
-        Returns:
-            The rays behind the interface, or before it where all light is reflected, and what
-            is mirrored otherwise.
-        """
-        d = beams.direction
-        smooth, flat = np.zeros_like(d), np.zeros_like(d)
-        for number in range(len(self._opaque), len(self.meshes)):
-            rows = np.flatnonzero(hits.mesh == number)
-            if len(rows):
-                smooth[rows], flat[rows] = self._normal(self.meshes[number][1], hits, rows)
-        entering = (flat * d).sum(1) < 0
-        sign = np.where(entering, 1.0, -1.0)[:, None]
-        against, flat_against = smooth * sign, flat * sign
-        wrong = (against * d).sum(1) > -1e-3
-        against = np.where(wrong[:, None], flat_against, against)
-        length, weight, inside = hits.distance, beams.weight, beams.inside
-        dimmed = weight * np.exp(self.tint * length[:, None])
-        weight = np.where((inside > 0)[:, None], dimmed, weight)
-        point = beams.origin + length[:, None] * d
-        after = inside + np.where(entering, 1, -1)
-        # Between two overlapping bodies there is glass on both sides: nothing happens.
-        border = np.minimum(np.maximum(inside, 0), np.maximum(after, 0)) == 0
-        ratio = np.where(entering, 1.0 / GLASS_INDEX, GLASS_INDEX)
-        bent, mirrored = refract(d, against, ratio)
-        total = border & (mirrored >= 1.0)
-        bounced = reflect(d, against)
-        out = np.where(border[:, None], bent, d)
-        out = np.where(total[:, None], bounced, out)
-        share = np.where(border & ~total, mirrored, 0.0)
-        travelled = beams.travelled + length
-        back = Mirrored(point + _NUDGE * flat_against, bounced, share, weight, travelled)
-        onward = np.where(total[:, None], flat_against, -flat_against)
-        ahead = Beams(
-            point + _NUDGE * onward,
-            out,
-            weight * (1.0 - share)[:, None],
-            travelled,
-            np.where(total, inside, np.maximum(after, 0)),
-            beams.row,
-        )
-        return ahead, back
-
-    def path(self, origin: Array, direction: Array, *, bounces: int = 10) -> Array:
-        """Follow one ray through the glass, always along its stronger part.
-
-        Args:
-            origin: World frame, metres, shape (3,).
-            direction: Unit direction, shape (3,).
-            bounces: Most interfaces to follow.
-
-        Returns:
-            The points at which it starts, crosses interfaces and ends, shape (K, 3). A ray that
-            leaves the scene ends 0.1 m behind its last interface.
-        """
-        beam = Beams.start(np.asarray(origin)[None], np.asarray(direction)[None])
-        points = [beam.origin[0]]
-        for _ in range(bounces):
-            hits = self._trace(self._all, beam.origin, beam.direction)
-            end = hits.distance[0] if np.isfinite(hits.distance[0]) else 0.1
-            points.append(beam.origin[0] + end * beam.direction[0])
-            if self._kinds[hits.mesh[0]] != GLASS:
-                break
-            beam, _ = self.cross(beam, hits)
-        return np.stack(points)
+def _joined(parts: list[Columns]) -> Columns:
+    """The rows of several tables, one below the other."""
+    names = parts[0].__dataclass_fields__
+    return type(parts[0])(*(np.concatenate([getattr(p, name) for p in parts]) for name in names))

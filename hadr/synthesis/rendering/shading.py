@@ -6,88 +6,91 @@ and bent by Snell's law at each interface, until it reaches something opaque.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import numpy.typing as npt
 
 from hadr.camera import Intrinsics, pixel_grid
 from hadr.synthesis.depth_sensor.sensor_noise import film
-from hadr.synthesis.glass.surfaces import Surface
 from hadr.synthesis.hand.mesh import HandMesh
-from hadr.synthesis.rendering.raycast import GLASS, HAND, SURROUNDINGS, Hits, Surroundings
-from hadr.synthesis.rendering.refraction import Beams, GlassRays, Mirrored
-from hadr.synthesis.scene.lights import AreaLight, Environment
-from hadr.synthesis.textures.families import SIZE, sample
+from hadr.synthesis.rendering.raycast import (
+    GLASS,
+    HAND,
+    SURROUNDINGS,
+    Hits,
+    RayCaster,
+    rays_through,
+)
+from hadr.synthesis.rendering.refraction import BOUNCES, Beams, cross
+from hadr.synthesis.scene.contents import Surroundings
+from hadr.synthesis.textures.families import sample
+from hadr.synthesis.textures.noise import SIZE
 
 Array = npt.NDArray[np.float64]
 
 
-class RayScene(GlassRays):
-    """Surfaces, materials and lights, ready to be drawn.
+#: Light from all sides, linear RGB, where there is no environment.
+_AMBIENT = np.full(3, 0.5)
 
-    Args:
-        hand: The skinned hand, world frame, or None.
-        glass: The closed glass bodies, world frame; overlapping ones count as one.
-        tint: Share of red, green, blue that a centimetre of glass lets through.
-        surroundings: Everything else, or None.
-        key: Unit direction toward the key light, world frame, where there are no lamps.
-        key_color: Its linear RGB irradiance.
-        ambient: Linear RGB of the light from all sides, where there is no environment.
-        lamps: Rectangles that shine; the first one is the key light.
-        environment: Light from far away.
-    """
 
-    def __init__(
-        self,
-        hand: HandMesh | None,
-        glass: tuple[Surface, ...],
-        tint: tuple[float, float, float] = (0.95, 0.975, 0.965),
-        surroundings: Surroundings | None = None,
-        key: Array | None = None,
-        key_color: Array | None = None,
-        ambient: Array | None = None,
-        lamps: tuple[AreaLight, ...] = (),
-        environment: Environment | None = None,
-    ) -> None:
-        super().__init__(hand, glass, tint, surroundings)
-        self.key = np.array([0.0, 0.0, 1.0]) if key is None else key
-        self.key_color = np.ones(3) if key_color is None else key_color
-        self.ambient = np.full(3, 0.5) if ambient is None else ambient
-        self.lamps = lamps
-        self.environment = environment
+def texture_color(around: Surroundings, hits: Hits, footprint: Array) -> Array:
+    """Linear RGB reflectance of surroundings where pixels ``footprint`` metres wide meet them."""
+    face = hits.face
+    texels = 1.3 * footprint / around.repeat[face] * SIZE
+    uv = hits.mixed(around.uv, around.surface.faces)
+    return sample(around.texture[face], uv, texels, around.photographs) * around.tint[face]
+
+
+def _skin(
+    hand: HandMesh, hits: Hits, d: Array, normal: Array, key: Array, light: Array, sky: Array
+) -> Array:
+    """Linear RGB of lit skin where rays of directions ``d`` meet it."""
+    albedo = hits.mixed(hand.albedo, hand.surface.faces)
+    gloss = hits.mixed(hand.gloss[:, None], hand.surface.faces)
+    # Light that seeps around the terminator is red: each channel wraps by its own amount.
+    wrap = np.array([0.42, 0.22, 0.16])
+    facing = (normal * key).sum(1)
+    color = albedo * (sky + light * np.maximum((facing[:, None] + wrap) / (1 + wrap), 0.0))
+    half = key - d
+    half /= np.linalg.norm(half, axis=1, keepdims=True)
+    shine = np.maximum((normal * half).sum(1), 0.0)
+    sharp = np.where(gloss[:, 0] > 0.6, 70.0, 18.0)
+    rim = (1 - np.clip(-(normal * d).sum(1), 0, 1)) ** 4
+    spark = gloss[:, 0] * 0.5 * shine**sharp * np.maximum(facing, 0)
+    return np.asarray(color + spark[:, None] * light + 0.10 * rim[:, None] * sky)
+
+
+class RayTracer(RayCaster):
+    """Surfaces, materials and lights, ready to be drawn."""
 
     def _lamp_light(self, origins: Array, directions: Array, before: Array) -> Array:
         """Light of lamps that rays meet before they have travelled so far."""
         light = np.zeros((len(directions), 3))
-        for lamp in self.lamps:
+        for lamp in self.contents.lamps:
             light += lamp.radiance(origins, directions, before)
         return light
 
     def _beyond(self, directions: Array) -> Array:
         """Linear RGB from where there is no surface."""
-        if self.environment is None:
-            return np.broadcast_to(self.ambient, directions.shape)
-        return self.environment.radiance(directions)
+        environment = self.contents.environment
+        if environment is None:
+            return np.broadcast_to(_AMBIENT, directions.shape)
+        return environment.radiance(directions)
 
     def _sky(self, normals: Array) -> Array:
         """Light from all sides on a white surface, linear RGB, before anything hides it."""
-        if self.environment is None:
-            return np.asarray(self.ambient * (0.81 + 0.19 * normals[:, 2:3]))
-        return self.environment.irradiance(normals) / np.pi
+        environment = self.contents.environment
+        if environment is None:
+            return np.asarray(_AMBIENT * (0.81 + 0.19 * normals[:, 2:3]))
+        return environment.irradiance(normals) / np.pi
 
     def _key(self, points: Array) -> tuple[Array, Array]:
-        """Unit directions toward the key light and its irradiance over pi when it falls straight.
-
-        Args:
-            points: World frame, metres, shape (N, 3).
-        """
-        if not self.lamps:
-            shape = points.shape
-            return np.broadcast_to(self.key, shape), np.broadcast_to(self.key_color, shape)
-        toward = self.lamps[0].center - points
+        """Unit directions toward the key light from points, and its irradiance over pi."""
+        if not self.contents.lamps:
+            return np.broadcast_to([0.0, 0.0, 1.0], points.shape), np.ones_like(points)
+        lamp = self.contents.lamps[0]
+        toward = lamp.center - points
         toward = toward / np.linalg.norm(toward, axis=1, keepdims=True)
-        return toward, self.lamps[0].irradiance(points, toward) / np.pi
+        return toward, lamp.irradiance(points, toward) / np.pi
 
     def _shade(
         self,
@@ -102,15 +105,16 @@ class RayScene(GlassRays):
         color = np.zeros((len(origins), 3))
         miss = hits.mesh < 0
         color[miss] = self._beyond(directions[miss])
-        for number, (kind, surface) in enumerate(self._opaque):
+        for number, (kind, _) in enumerate(self._opaque):
             rows = np.flatnonzero(hits.mesh == number)
             if not len(rows):
                 continue
-            smooth, flat = self._normal(surface, hits, rows)
+            some = hits.take(rows)
+            smooth, flat = self.normals(some)
             d = directions[rows]
             toward = -np.sign((flat * d).sum(1, keepdims=True))
             normal, flat = smooth * toward, flat * toward
-            point = origins[rows] + hits.distance[rows, None] * d
+            point = origins[rows] + some.distance[:, None] * d
             key, key_light = self._key(point)
             facing = (normal * key).sum(1)
             lit = np.ones(len(rows))
@@ -120,50 +124,14 @@ class RayScene(GlassRays):
                 if kind == HAND:
                     open_sky = self._openness(point + 4e-4 * flat, normal, rng)
             sky = self._sky(normal)
-            if kind == SURROUNDINGS and self.surroundings is not None:
-                near = travelled[rows] + hits.distance[rows]
-                color[rows] = self._picture(self.surroundings, hits, rows, near * pixel)
+            if kind == SURROUNDINGS and self.contents.surroundings is not None:
+                footprint = (travelled[rows] + some.distance) * pixel
+                color[rows] = texture_color(self.contents.surroundings, some, footprint)
                 color[rows] *= sky + key_light * (np.maximum(facing, 0) * lit)[:, None]
-            elif self.hand is not None:
-                color[rows] = self._skin(
-                    hits, rows, d, normal, key, key_light * lit[:, None], sky * open_sky[:, None]
-                )
+            elif self.contents.hand is not None:
+                light, around = key_light * lit[:, None], sky * open_sky[:, None]
+                color[rows] = _skin(self.contents.hand, some, d, normal, key, light, around)
         return color + self._lamp_light(origins, directions, hits.distance)
-
-    def _picture(self, around: Surroundings, hits: Hits, rows: Any, footprint: Array) -> Array:
-        face = hits.face[rows]
-        corners = around.surface.faces[face]
-        u, v = hits.u[rows, None], hits.v[rows, None]
-        uv = (1 - u - v) * around.uv[corners[:, 0]] + u * around.uv[corners[:, 1]]
-        uv = uv + v * around.uv[corners[:, 2]]
-        texels = 1.3 * footprint / around.repeat[face] * SIZE
-        colors = sample(around.picture[face], uv, texels, around.photographs)
-        return np.asarray(colors * around.tint[face])
-
-    def _skin(
-        self, hits: Hits, rows: Any, d: Array, normal: Array, key: Array, light: Array, sky: Array
-    ) -> Array:
-        hand = self.hand
-        assert hand is not None
-        corners = hand.surface.faces[hits.face[rows]]
-        u, v = hits.u[rows, None], hits.v[rows, None]
-
-        def mix(values: Array) -> Array:
-            a, b, c = (values[corners[:, i]] for i in range(3))
-            return np.asarray((1 - u - v) * a + u * b + v * c)
-
-        albedo, gloss = mix(hand.albedo), mix(hand.gloss[:, None])
-        # Light that seeps around the terminator is red: each channel wraps by its own share.
-        wrap = np.array([0.42, 0.22, 0.16])
-        facing = (normal * key).sum(1)
-        color = albedo * (sky + light * np.maximum((facing[:, None] + wrap) / (1 + wrap), 0.0))
-        half = key - d
-        half /= np.linalg.norm(half, axis=1, keepdims=True)
-        shine = np.maximum((normal * half).sum(1), 0.0)
-        sharp = np.where(gloss[:, 0] > 0.6, 70.0, 18.0)
-        rim = (1 - np.clip(-(normal * d).sum(1), 0, 1)) ** 4
-        spark = gloss[:, 0] * 0.5 * shine**sharp * np.maximum(facing, 0)
-        return np.asarray(color + spark[:, None] * light + 0.10 * rim[:, None] * sky)
 
     def _sunlit(
         self, points: Array, key: Array, rng: np.random.Generator, wanted: npt.NDArray[np.bool_]
@@ -197,8 +165,6 @@ class RayScene(GlassRays):
         directions: Array,
         pixel: float,
         rng: np.random.Generator | None = None,
-        *,
-        bounces: int = 10,
     ) -> Array:
         """Linear RGB that arrives along rays.
 
@@ -207,21 +173,20 @@ class RayScene(GlassRays):
             directions: Unit directions of looking, shape (N, 3).
             pixel: Width of a pixel as a tangent, for the choice of the texture's level.
             rng: Jitters shadow rays; None leaves out shadows and the weaker reflections.
-            bounces: Most interfaces that a ray may cross.
 
         Returns:
             Shape (N, 3).
         """
         color = np.zeros((len(origins), 3))
         beams = Beams.start(origins, directions)
-        for depth in range(bounces + 1):
-            hits = self._trace(self._all, beams.origin, beams.direction)
+        for depth in range(BOUNCES + 1):
+            hits = self.first(beams.origin, beams.direction)
             clear = self._kinds[hits.mesh] == GLASS
-            done = ~clear if depth < bounces else np.ones(len(beams.row), dtype=bool)
+            done = ~clear if depth < BOUNCES else np.ones(len(beams.row), dtype=bool)
             if done.any():
                 k = np.flatnonzero(done)
                 last, ends = beams.take(k), hits.take(k)
-                if depth == bounces:
+                if depth == BOUNCES:
                     ends = self._trace(self._solid, last.origin, last.direction)
                 light = self._shade(last.origin, last.direction, ends, last.travelled, pixel, rng)
                 color[last.row] += last.weight * light
@@ -229,58 +194,50 @@ class RayScene(GlassRays):
             if not len(k):
                 break
             row = beams.row[k]
-            beams, mirrored = self.cross(beams.take(k), hits.take(k))
+            beams, mirrored = cross(self, beams.take(k), hits.take(k))
             if rng is not None and depth < 5:
                 self._add_reflections(color, row, mirrored, pixel)
             elif rng is None:
                 far = np.full(len(row), np.inf)
                 light = self._lamp_light(mirrored.origin, mirrored.direction, far)
                 light = light + 0.45 * self._beyond(mirrored.direction)
-                np.add.at(color, row, mirrored.weight * mirrored.share[:, None] * light)
+                np.add.at(color, row, mirrored.weight * light)
         return color
 
     def _add_reflections(
-        self, color: Array, row: npt.NDArray[np.int64], mirrored: Mirrored, pixel: float
+        self, color: Array, row: npt.NDArray[np.int64], mirrored: Beams, pixel: float
     ) -> None:
         """Add what glass mirrors, where it is worth while."""
-        strong = np.flatnonzero(mirrored.share * mirrored.weight.max(1) > 0.012)
+        strong = np.flatnonzero(mirrored.weight.max(1) > 0.012)
         if not len(strong):
             return
         start, toward = mirrored.origin[strong], mirrored.direction[strong]
         seen = self._trace(self._solid, start, toward)
         light = self._shade(start, toward, seen, mirrored.travelled[strong], pixel, None)
-        share = mirrored.weight[strong] * mirrored.share[strong, None]
-        np.add.at(color, row[strong], share * light)
+        np.add.at(color, row[strong], mirrored.weight[strong] * light)
 
-    def reflectance(
-        self, origins: Array, directions: Array, pixel: float, *, bounces: int = 10
-    ) -> Array:
-        """Reflectance of what rays end on, through the glass and tinted by it, (N, 3).
-
-        Args:
-            origins: World frame, metres, shape (N, 3).
-            directions: Unit directions of looking, shape (N, 3).
-            pixel: Width of a pixel as a tangent, for the choice of the texture's level.
-            bounces: Most interfaces that a ray may cross.
-        """
+    def reflectance(self, origins: Array, directions: Array, pixel: float) -> Array:
+        """Reflectance of what rays end on, through the glass and tinted by it, (N, 3)."""
         result = np.ones((len(origins), 3))
         beams = Beams.start(origins, directions)
-        for _ in range(bounces):
-            hits = self._trace(self._all, beams.origin, beams.direction)
+        for _ in range(BOUNCES):
+            hits = self.first(beams.origin, beams.direction)
             for number, (kind, _) in enumerate(self._opaque):
                 k = np.flatnonzero(hits.mesh == number)
                 if not len(k):
                     continue
-                if kind == SURROUNDINGS and self.surroundings is not None:
+                if kind == SURROUNDINGS and self.contents.surroundings is not None:
                     footprint = (beams.travelled[k] + hits.distance[k]) * pixel
-                    found = self._picture(self.surroundings, hits, k, footprint)
-                elif self.hand is not None:
-                    found = self.hand.albedo[self.hand.surface.faces[hits.face[k], 0]]
+                    found = texture_color(self.contents.surroundings, hits.take(k), footprint)
+                elif self.contents.hand is not None:
+                    found = self.contents.hand.albedo[
+                        self.contents.hand.surface.faces[hits.face[k], 0]
+                    ]
                 result[beams.row[k]] = beams.weight[k] * found
             k = np.flatnonzero(self._kinds[hits.mesh] == GLASS)
             if not len(k):
                 break
-            beams, _mirrored = self.cross(beams.take(k), hits.take(k))
+            beams, _mirrored = cross(self, beams.take(k), hits.take(k))
         return result
 
     def picture(
@@ -290,7 +247,6 @@ class RayScene(GlassRays):
         rng: np.random.Generator | None = None,
         *,
         supersample: int = 1,
-        exposure: float = 1.0,
     ) -> npt.NDArray[np.uint8]:
         """Draw the scene.
 
@@ -299,7 +255,6 @@ class RayScene(GlassRays):
             world_from_camera: Pose of the OpenCV camera, shape (4, 4).
             rng: Jitters shadow rays; None draws faster, without shadows.
             supersample: Rays per pixel and axis.
-            exposure: Factor on all light.
 
         Returns:
             sRGB, shape (H, W, 3) uint8.
@@ -311,23 +266,14 @@ class RayScene(GlassRays):
             raise ValueError(f"supersample must be 1, 2, 3 or 4 rays per axis, got {supersample}")
         uv = pixel_grid(camera).reshape(-1, 2)
         offsets = (np.arange(supersample) + 0.5) / supersample - 0.5
-        turn, eye = world_from_camera[:3, :3], world_from_camera[:3, 3]
         total = np.zeros((len(uv), 3))
         for dv in offsets:
             for du in offsets:
-                local = np.stack(
-                    [
-                        (uv[:, 0] + du - camera.cx) / camera.fx,
-                        (uv[:, 1] + dv - camera.cy) / camera.fy,
-                        np.ones(len(uv)),
-                    ],
-                    axis=1,
+                origins, directions = rays_through(
+                    uv + np.array([du, dv]), camera, world_from_camera
                 )
-                local /= np.linalg.norm(local, axis=1, keepdims=True)
-                directions = local @ turn.T
-                origins = np.broadcast_to(eye, directions.shape)
                 light = self.radiance(origins, directions, 1.0 / camera.fx, rng)
-                total += film(light * exposure)
+                total += film(light)
         srgb = (total / supersample**2) ** (1 / 2.2)
         return np.asarray((srgb * 255).round().clip(0, 255), dtype=np.uint8).reshape(
             *camera.shape, 3

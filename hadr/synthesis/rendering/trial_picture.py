@@ -13,8 +13,7 @@ from hadr.synthesis.hand.mesh import HandMesh
 from hadr.synthesis.holding.hold import Hold
 from hadr.synthesis.rendering.mitsuba_variant import LLVM
 from hadr.synthesis.rendering.photo import photograph
-from hadr.synthesis.rendering.raycast import Surroundings
-from hadr.synthesis.rendering.shading import RayScene
+from hadr.synthesis.scene.contents import Contents, Surroundings
 from hadr.synthesis.scene.lights import AreaLight, Environment
 from hadr.synthesis.scene.scene import Scene
 
@@ -45,9 +44,9 @@ def trial_scene(lamps: int) -> Scene:
     sides = np.array([0.2, 0, 0]), np.array([0, 0.2, 0])
     light = tuple(AreaLight(np.array([x, -0.8, 0]), *sides, np.full(3, 9.0)) for x in (-0.5, 0.5))
     sky = Environment(np.full((128, 256, 3), 0.5, dtype=np.float32))
-    rays = RayScene(hand, glass, surroundings=wall, lamps=light[:lamps], environment=sky)
-    nothing, camera = np.zeros((0, 3)), Intrinsics(40.0, 40.0, 23.5, 13.0, 48, 27)
-    return Scene(rays, camera, np.eye(4), nothing, nothing, np.eye(4), cast(Hold, None))
+    things = Contents(hand, glass, surroundings=wall, lamps=light[:lamps], environment=sky)
+    camera = Intrinsics(40.0, 40.0, 23.5, 13.0, 48, 27)
+    return Scene(things, camera, np.eye(4), np.zeros((0, 3)), np.eye(4), cast(Hold, None))
 
 
 def draw_trial() -> str:

@@ -40,9 +40,6 @@ def find_backgrounds(folder: str | Path) -> tuple[Path, ...]:
 def check_backgrounds(folder: str | Path) -> None:
     """Load each photograph of a folder once, so that none of them stops a long run.
 
-    Args:
-        folder: As for :func:`find_backgrounds`.
-
     Raises:
         ValueError: There is no photograph, or some can't be used; the message names those.
     """
@@ -61,13 +58,7 @@ def check_backgrounds(folder: str | Path) -> None:
 
 
 def load_background(path: Path) -> Image:
-    """A photograph, at most 1024 pixels wide or high.
-
-    Args:
-        path: Of the file.
-
-    Returns:
-        sRGB, shape (H, W, 3) uint8.
+    """A photograph, at most 1024 pixels wide or high, sRGB, (H, W, 3) uint8.
 
     Raises:
         ValueError: The file is no whole picture that can be read, or smaller than 16 pixels.

@@ -1,4 +1,4 @@
-"""Things that lie and stand about, and the pictures that cover them."""
+"""Things that lie and stand about, and the textures that cover them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from hadr.synthesis.scene.stage import Stage
-from hadr.synthesis.textures.families import FAMILIES, FEW, VARIANTS, picture_number
+from hadr.synthesis.textures.families import FAMILIES, FEW, VARIANTS, texture_number
 
 Array = npt.NDArray[np.float64]
 
@@ -17,8 +17,8 @@ Array = npt.NDArray[np.float64]
 UP = np.array([0.0, 0.0, 1.0])
 
 
-class PictureChoice:
-    """Draws pictures for one scene, each used for several things."""
+class TextureChoice:
+    """Draws textures for one scene, each used for several things."""
 
     def __init__(self, rng: np.random.Generator, photographs: int) -> None:
         self.rng, self.photographs = rng, photographs
@@ -26,9 +26,9 @@ class PictureChoice:
 
     def draw(self, names: Sequence[str], odds: Sequence[float], variants: int = VARIANTS) -> int:
         """One of some families' variants, with unlike odds."""
-        share = np.asarray(odds, dtype=float) / np.sum(odds)
-        name = names[int(self.rng.choice(len(names), p=share))]
-        return picture_number(name, int(self.rng.integers(variants)))
+        odds_of_each = np.asarray(odds, dtype=float) / np.sum(odds)
+        name = names[int(self.rng.choice(len(names), p=odds_of_each))]
+        return texture_number(name, int(self.rng.integers(variants)))
 
     def view(self) -> int:
         """A backdrop."""
@@ -63,12 +63,12 @@ class PictureChoice:
 
 
 def is_view(number: int) -> bool:
-    """Whether a picture shows a place as it is seen from afar; photographs do."""
+    """Whether a texture shows a place as it is seen from afar; photographs do."""
     return number < 0 or FAMILIES[number % len(FAMILIES)].place == "view"
 
 
 def natural_size(number: int) -> float:
-    """Height of what a picture shows, metres."""
+    """Height of what a texture shows, metres."""
     return 1.5 if number < 0 else FAMILIES[number % len(FAMILIES)].width
 
 
@@ -86,7 +86,7 @@ def _vase(rng: np.random.Generator, radius: float, height: float) -> Array:
 
 def _plant(stage: Stage, rng: np.random.Generator, place: Array, size: float, number: int) -> None:
     """A plant of bent leaves that grow from one point."""
-    season = picture_number("leaf_wall", int(rng.integers(FEW)))
+    season = texture_number("leaf_wall", int(rng.integers(FEW)))
     for _ in range(int(rng.integers(12, 30))):
         azimuth, rise = rng.uniform(0, 2 * np.pi), rng.uniform(0.2, 1.35)
         length, width = size * rng.uniform(0.5, 1.0), size * rng.uniform(0.06, 0.13)
@@ -109,10 +109,10 @@ def _plant(stage: Stage, rng: np.random.Generator, place: Array, size: float, nu
         stage.add(vertices, faces, np.repeat(normal, 2, axis=0), uv, season, 0.9)
     if number >= 0:
         height = 0.28 * size
-        stage.turned(_vase(rng, 0.16 * size, height), place - height * UP, number, 0.5)
+        stage.revolved(_vase(rng, 0.16 * size, height), place - height * UP, number, 0.5)
 
 
-def put_thing(stage: Stage, choice: PictureChoice, place: Array, size: float) -> None:
+def put_thing(stage: Stage, choice: TextureChoice, place: Array, size: float) -> None:
     """Put one thing of about a size onto a place."""
     rng = choice.rng
     kind, number = rng.random(), choice.thing()
@@ -129,15 +129,15 @@ def put_thing(stage: Stage, choice: PictureChoice, place: Array, size: float) ->
             level = level + 2 * half[2] * UP
             number = choice.thing()
     elif kind < 0.62:
-        stage.turned(_vase(rng, size * rng.uniform(0.35, 0.7), size * 2), place, number, repeat)
+        stage.revolved(_vase(rng, size * rng.uniform(0.35, 0.7), size * 2), place, number, repeat)
     elif kind < 0.76:
         radius = size * rng.uniform(0.5, 0.9)
-        stage.turned(_ball(radius, rng.uniform(0.6, 1.0)), place, number, repeat)
+        stage.revolved(_ball(radius, rng.uniform(0.6, 1.0)), place, number, repeat)
     else:
         _plant(stage, rng, place + 0.5 * size * UP, size * rng.uniform(1.6, 2.6), number)
 
 
-def put_sheet(stage: Stage, choice: PictureChoice, place: Array) -> None:
+def put_sheet(stage: Stage, choice: TextureChoice, place: Array) -> None:
     """A magazine, a cloth or a print that lies on the table."""
     rng = choice.rng
     names = ["magazine", "painting", "print_cloth", "plaid", "carpet"]
@@ -146,7 +146,7 @@ def put_sheet(stage: Stage, choice: PictureChoice, place: Array) -> None:
         number = choice.view()
     tall = rng.uniform(0.16, 0.5)
     wide = tall * stage.aspect(number)
-    turn = Rotation.from_euler("z", rng.uniform(0, 2 * np.pi)).as_matrix()
-    right, down = turn @ [wide, 0, 0], turn @ [0, -tall, 0]
+    rotation = Rotation.from_euler("z", rng.uniform(0, 2 * np.pi)).as_matrix()
+    right, down = rotation @ [wide, 0, 0], rotation @ [0, -tall, 0]
     corner = place - right / 2 - down / 2 + rng.uniform(0.001, 0.003) * UP
     stage.quad(corner, right, down, number, tall, np.zeros(2))

@@ -5,14 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-import cv2
 import numpy as np
 import numpy.typing as npt
+
+from hadr.synthesis.textures.noise import look_up
 
 Array = npt.NDArray[np.float64]
 Radiance = npt.NDArray[np.float32]
 
-#: Cosine lobe's share of each band of spherical harmonics (Ramamoorthi and Hanrahan, 2001).
+#: Weight of each band in a cosine lobe, spherical harmonics (Ramamoorthi and Hanrahan, 2001).
 _BANDS = np.array([np.pi] + [2 * np.pi / 3] * 3 + [np.pi / 4] * 5)
 
 
@@ -62,17 +63,8 @@ class Environment:
         height, width = self.image.shape[:2]
         azimuth = np.arctan2(directions[:, 1], directions[:, 0]) % (2 * np.pi)
         polar = np.arccos(np.clip(directions[:, 2], -1, 1))
-        x = (azimuth / (2 * np.pi) * width - 0.5).astype(np.float32)
-        y = (polar / np.pi * height - 0.5).astype(np.float32)
-        found = np.empty((len(x), 3))
-        # OpenCV's largest picture side is 32767.
-        for first in range(0, len(x), 30000):
-            part = slice(first, first + 30000)
-            at = (x[part].reshape(1, -1), np.clip(y[part], 0, height - 1).reshape(1, -1))
-            found[part] = cv2.remap(self.image, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)[
-                0
-            ]
-        return found
+        x = azimuth / (2 * np.pi) * width - 0.5
+        return look_up(self.image, x, np.clip(polar / np.pi * height - 0.5, 0, height - 1))
 
     @cached_property
     def _coefficients(self) -> Array:
@@ -141,5 +133,5 @@ class AreaLight:
         away = self.center - points
         squared = np.maximum((away**2).sum(1), 1e-6)
         away = away / np.sqrt(squared)[:, None]
-        share = np.maximum(-(away @ self.normal), 0) * np.maximum((away * normals).sum(1), 0)
-        return np.asarray((share * self.area / squared)[:, None] * self.color)
+        cosines = np.maximum(-(away @ self.normal), 0) * np.maximum((away * normals).sum(1), 0)
+        return np.asarray((cosines * self.area / squared)[:, None] * self.color)

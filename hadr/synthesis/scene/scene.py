@@ -6,27 +6,28 @@ World frame: metres, z up, the object near the origin. All surfaces of a scene a
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from hadr.camera import TRANSHAND_CAMERA, Intrinsics, ray_directions, transform_points
+from hadr.camera import TRANSHAND_CAMERA, Intrinsics, pixel_grid, transform_points
 from hadr.hand import forward_kinematics, keypoints_from_skeleton
 from hadr.synthesis.glass.objects import bodies, glass_object
 from hadr.synthesis.hand.mesh import SKIN_TONES, HandMesh, hand_mesh
 from hadr.synthesis.hand.signed_distance import FOREARM_LENGTH
 from hadr.synthesis.holding.hold import Hold
-from hadr.synthesis.rendering.shading import RayScene
+from hadr.synthesis.rendering.raycast import GLASS, HAND, RayCaster, rays_through
+from hadr.synthesis.scene.contents import Contents
 from hadr.synthesis.scene.environments import make_lights
 from hadr.synthesis.scene.surroundings import make_surroundings
 
 Array = npt.NDArray[np.float64]
 
 #: How often each of the skin tones is drawn, light to dark.
-SKIN_TONE_SHARES = (0.30, 0.27, 0.17, 0.12, 0.08, 0.06)
+SKIN_TONE_WEIGHTS = (0.30, 0.27, 0.17, 0.12, 0.08, 0.06)
 #: Least and greatest distance of the camera from what is held, metres.
 CLOSEST, FARTHEST = 0.51, 0.96
 
@@ -36,20 +37,18 @@ class Scene:
     """Everything that a frame is drawn from.
 
     Args:
-        rays: The surfaces, lights and materials, world frame.
+        contents: The surfaces, lights and materials, world frame.
         camera: Intrinsics.
         world_from_camera: Pose of the OpenCV camera, shape (4, 4).
         keypoints: The 21 keypoints, world frame, metres, shape (21, 3).
-        skeleton: The 22 joints, world frame, metres, shape (22, 3).
         world_from_object: Pose of the object, shape (4, 4).
         hold: The holding pose.
     """
 
-    rays: RayScene
+    contents: Contents
     camera: Intrinsics
     world_from_camera: Array
     keypoints: Array
-    skeleton: Array
     world_from_object: Array
     hold: Hold
 
@@ -60,14 +59,14 @@ def look_at(eye: Array, target: Array, roll: float) -> Array:
     Args:
         eye: Camera centre, world, metres.
         target: The point in the image's middle, world, metres.
-        roll: Turn about the optical axis, radians; 0 keeps the world's z up in the image.
+        roll: Rotation about the optical axis, radians; 0 keeps the world's z up in the image.
     """
     forward = (target - eye) / np.linalg.norm(target - eye)
     right = np.cross(forward, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)
-    turn = np.stack([right, np.cross(forward, right), forward], axis=1)
+    rotation = np.stack([right, np.cross(forward, right), forward], axis=1)
     pose = np.eye(4)
-    pose[:3, :3] = turn @ Rotation.from_euler("z", roll).as_matrix()
+    pose[:3, :3] = rotation @ Rotation.from_euler("z", roll).as_matrix()
     pose[:3, 3] = eye
     return pose
 
@@ -85,10 +84,10 @@ def _place_hold(hold: Hold, rng: np.random.Generator) -> tuple[Array, Array]:
     else:
         degrees = rng.uniform(140, 180)
     lean = Rotation.from_euler("x", np.deg2rad(degrees))
-    turn = Rotation.from_euler("z", rng.uniform(0, 2 * np.pi))
+    heading = Rotation.from_euler("z", rng.uniform(0, 2 * np.pi))
     spin = Rotation.from_euler("z", rng.uniform(0, 2 * np.pi))
     world_from_object = np.eye(4)
-    world_from_object[:3, :3] = (turn * lean * spin).as_matrix()
+    world_from_object[:3, :3] = (heading * lean * spin).as_matrix()
     world_from_object[:3, 3] = world_from_object[:3, :3] @ np.array([0, 0, -item.height / 2])
     return world_from_object, world_from_object @ np.linalg.inv(hold.wrist_from_object)
 
@@ -97,7 +96,7 @@ def _place_hold(hold: Hold, rng: np.random.Generator) -> tuple[Array, Array]:
 class _Held:
     """What the camera is to look at: hand, glass and where the forearm goes."""
 
-    rays: RayScene
+    caster: RayCaster
     middle: Array
     wrist: Array
     elbow: Array
@@ -105,16 +104,15 @@ class _Held:
 
 def _view_score(held: _Held, small: Intrinsics, pose: Array, full: Intrinsics) -> float:
     """How well a view shows the glass in the hand; 1 is good, below 0.5 something is wrong."""
-    directions = ray_directions(small).reshape(-1, 3) @ pose[:3, :3].T
-    origins = np.broadcast_to(pose[:3, 3], directions.shape)
-    seen = held.rays.first_kind(origins, directions)
-    glass = held.rays.glass_alone(origins, directions)
-    share = (seen == 2).sum() / max(glass.sum(), 1)
+    rays = rays_through(pixel_grid(small).reshape(-1, 2), small, pose)
+    seen = held.caster.kind(held.caster.first(*rays).mesh)
+    glass = held.caster.glass_alone(*rays)
+    visible = (seen == GLASS).sum() / max(glass.sum(), 1)
     border = glass.reshape(small.shape)
     cut = border[0].any() or border[-1].any() or border[:, 0].any() or border[:, -1].any()
-    hand = float((seen == 1).mean())
-    area = float((seen == 2).mean())
-    score = min(share, 0.62) + 0.4 * min(area / 0.016, 1.0) - 0.8 * cut
+    hand = float((seen == HAND).mean())
+    area = float((seen == GLASS).mean())
+    score = min(visible, 0.62) + 0.4 * min(area / 0.016, 1.0) - 0.8 * cut
     score -= 0.4 * (hand < 0.02) + 0.5 * (hand > 0.40) + 0.8 * (area == 0)
     # The elbow must lie outside of the picture, or behind the camera.
     elbow = (held.elbow - pose[:3, 3]) @ pose[:3, :3]
@@ -169,7 +167,7 @@ def make_scene(
     height: int,
     *,
     hand_step: float = 0.0025,
-    backgrounds: Sequence[Path] | None = None,
+    backgrounds: Sequence[Path] = (),
 ) -> Scene:
     """Build the scene of one frame.
 
@@ -179,7 +177,7 @@ def make_scene(
         width: Image width, pixels.
         height: Image height, pixels.
         hand_step: Grid of the hand's surface, metres.
-        backgrounds: Photographs for backdrops, tables and floors; procedural pictures without.
+        backgrounds: Photographs for backdrops, tables and floors; painted textures without.
 
     Returns:
         The scene; the same for the same hold and generator state.
@@ -190,7 +188,7 @@ def make_scene(
     camera = TRANSHAND_CAMERA.resized(width, height)
     world_from_object, world_from_wrist = _place_hold(hold, rng)
     skeleton = forward_kinematics(hold.angles, hold.shape)
-    tone = np.asarray(SKIN_TONES[int(rng.choice(6, p=SKIN_TONE_SHARES))])
+    tone = np.asarray(SKIN_TONES[int(rng.choice(6, p=SKIN_TONE_WEIGHTS))])
     skin = hand_mesh(
         skeleton, hold.shape, tone=tone * (1 + 0.05 * rng.normal(size=3)), step=hand_step
     )
@@ -204,11 +202,12 @@ def make_scene(
     )
     wrist = world_from_wrist[:3, 3]
     elbow = wrist - world_from_wrist[:3, 1] * FOREARM_LENGTH * hold.shape.scale
-    held = _Held(RayScene(hand, glass, item.tint), middle, wrist, elbow)
+    contents = Contents(hand, glass, item.transmittance)
+    held = _Held(RayCaster(contents), middle, wrist, elbow)
     pose = _choose_camera(held, camera, rng)
     eye = pose[:3, 3]
     lowest = min(float(hand.surface.vertices[:, 2].min()), float(glass[0].vertices[:, 2].min()))
-    surroundings = make_surroundings(eye, middle, lowest, rng, tuple(backgrounds or ()))
+    surroundings = make_surroundings(eye, middle, lowest, rng, backgrounds)
     environment, lamps = make_lights(eye, middle, rng)
-    rays = RayScene(hand, glass, item.tint, surroundings, lamps=lamps, environment=environment)
-    return Scene(rays, camera, pose, keypoints, joints, world_from_object, hold)
+    contents = replace(contents, surroundings=surroundings, lamps=lamps, environment=environment)
+    return Scene(contents, camera, pose, keypoints, world_from_object, hold)

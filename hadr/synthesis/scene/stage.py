@@ -1,4 +1,4 @@
-"""Flat and turned surfaces with pictures, put up one by one to become a scene's surroundings."""
+"""Flat and revolved surfaces with textures, put up one by one to become a scene's surroundings."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hadr.synthesis.glass.surfaces import Surface, revolve
-from hadr.synthesis.rendering.raycast import Surroundings
+from hadr.synthesis.scene.contents import Surroundings
 from hadr.synthesis.textures.families import pyramid
 
 Array = npt.NDArray[np.float64]
@@ -18,10 +18,10 @@ Array = npt.NDArray[np.float64]
 
 @dataclass
 class Stage:
-    """Surfaces with their pictures, as they are put up one by one.
+    """Surfaces with their textures, as they are put up one by one.
 
     Args:
-        photographs: Files that negative picture numbers stand for.
+        photographs: Files that negative texture numbers stand for.
     """
 
     photographs: tuple[Path, ...] = ()
@@ -38,28 +38,28 @@ class Stage:
         number: int,
         repeat: float,
     ) -> None:
-        """Put up a surface; ``repeat`` is the height of its picture, metres."""
+        """Put up a surface; ``repeat`` is the height of its texture, metres."""
         self.parts.append((vertices, faces, normals, uv))
         self.numbers.append(number)
         self.repeats.append(repeat)
 
     def aspect(self, number: int) -> float:
-        """Width of a picture over its height."""
+        """Width of a texture over its height."""
         height, width = pyramid(number, self.photographs)[0].shape[:2]
         return float(width / height)
 
     def quad(
         self, corner: Array, right: Array, down: Array, number: int, repeat: float, start: Array
     ) -> None:
-        """Put up a parallelogram whose picture repeats.
+        """Put up a parallelogram whose texture repeats.
 
         Args:
             corner: Upper left corner, seen from the side that is looked at, metres.
             right: Edge from there to the right, metres.
             down: Edge from there down, metres.
-            number: Its picture.
+            number: Its texture.
             repeat: Height of one repeat, metres.
-            start: Picture's coordinates at the corner, in repeats, shape (2,).
+            start: Texture coordinates at the corner, in repeats, shape (2,).
         """
         wide = np.linalg.norm(right) / (repeat * self.aspect(number))
         tall = np.linalg.norm(down) / repeat
@@ -70,21 +70,6 @@ class Stage:
         self.add(vertices, np.array([[0, 1, 2], [0, 2, 3]]), normals, uv, number, repeat)
 
     def mirrored(
-        self, corner: Array, right: Array, down: Array, number: int, repeat: float, start: Array
-    ) -> None:
-        """As :meth:`quad`, but each second repeat across is mirrored, so that no seam is seen.
-
-        The picture's height is ``repeat``; ``down`` has that length and ``start[1]`` is 0.
-        """
-        self._panels(corner, right, down, number, repeat, float(start[0]), (0.002, 0.998))
-
-    def stretched(
-        self, corner: Array, right: Array, down: Array, number: int, repeat: float, start: Array
-    ) -> None:
-        """As :meth:`mirrored`, but only the picture's upmost row is seen, drawn out."""
-        self._panels(corner, right, down, number, repeat, float(start[0]), (0.002, 0.004))
-
-    def _panels(
         self,
         corner: Array,
         right: Array,
@@ -92,8 +77,12 @@ class Stage:
         number: int,
         repeat: float,
         start: float,
-        rows: tuple[float, float],
+        rows: tuple[float, float] = (0.002, 0.998),
     ) -> None:
+        """As :meth:`quad`, but each second repeat across is mirrored, so that no seam is seen.
+
+        ``down`` shows the rows between two fractions of the texture's height, which is ``repeat``.
+        """
         wide, step = float(np.linalg.norm(right)), repeat * self.aspect(number)
         edges = (np.arange(np.ceil(wide / step) + 2) - start % 1) * step
         edges = edges[(edges > 1e-6) & (edges < wide - 1e-6)]
@@ -111,14 +100,14 @@ class Stage:
 
     def box(self, pose: Array, size: Array, number: int, repeat: float, start: Array) -> None:
         """Put up a box of half sizes ``size`` at a pose (4, 4)."""
-        turn, place = pose[:3, :3], pose[:3, 3]
+        rotation, place = pose[:3, :3], pose[:3, 3]
         for axis in range(3):
             u, v = (axis + 1) % 3, (axis + 2) % 3
             for sign in (-1.0, 1.0):
                 normal = np.zeros(3)
                 normal[axis] = sign
                 right, down = np.zeros(3), np.zeros(3)
-                # The picture stands upright on the sides.
+                # The texture stands upright on the sides.
                 right[u if v == 2 or axis == 2 else v] = 1.0
                 down = np.cross(right, normal)
                 if abs(down[2]) > 0.5 and down[2] > 0:
@@ -126,21 +115,21 @@ class Stage:
                 wide, tall = size @ np.abs(right), size @ np.abs(down)
                 corner = normal * size[axis] - right * wide - down * tall
                 self.quad(
-                    turn @ corner + place,
-                    turn @ (right * 2 * wide),
-                    turn @ (down * 2 * tall),
+                    rotation @ corner + place,
+                    rotation @ (right * 2 * wide),
+                    rotation @ (down * 2 * tall),
                     number,
                     repeat,
                     start,
                 )
 
-    def turned(self, curve: Array, place: Array, number: int, repeat: float) -> None:
-        """Put up a vase, pot, ball or can: an outline (radius, height) turned around z."""
+    def revolved(self, curve: Array, place: Array, number: int, repeat: float) -> None:
+        """Put up a vase, pot, ball or can: an outline (radius, height) around z."""
         surface = revolve(curve)
         angle = np.arctan2(surface.vertices[:, 1], surface.vertices[:, 0]) / (2 * np.pi)
-        turns = max(round(2 * np.pi * curve[:, 0].max() / (repeat * self.aspect(number))), 1)
-        # Half of the turns is mirrored, so that no face runs back over a seam.
-        uv = np.stack([2 * turns * np.abs(angle), -surface.vertices[:, 2] / repeat], axis=1)
+        laps = max(round(2 * np.pi * curve[:, 0].max() / (repeat * self.aspect(number))), 1)
+        # Half of the laps is mirrored, so that no face runs back over a seam.
+        uv = np.stack([2 * laps * np.abs(angle), -surface.vertices[:, 2] / repeat], axis=1)
         self.add(surface.vertices + place, surface.faces, surface.normals, uv, number, repeat)
 
     def surroundings(self) -> Surroundings:

@@ -10,10 +10,10 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from hadr.synthesis.rendering.raycast import Surroundings
+from hadr.synthesis.scene.contents import Surroundings
 from hadr.synthesis.scene.furnishing import (
     UP,
-    PictureChoice,
+    TextureChoice,
     is_view,
     natural_size,
     put_sheet,
@@ -50,51 +50,53 @@ class _View:
     floor: float
 
 
-def _add_backdrop(stage: Stage, choice: PictureChoice, view: _View) -> None:
+def _add_backdrop(stage: Stage, choice: TextureChoice, view: _View) -> None:
     """Half a cylinder around the camera, where whatever passes all else ends."""
     rng = choice.rng
     number = choice.view()
     angles = np.linspace(-_REACH, _REACH, _PANELS + 1)
     ring = [view.eye + FARTHEST * (np.cos(a) * view.flat + np.sin(a) * view.side) for a in angles]
     top = view.eye[2] + 5.0
-    # The picture stands on the floor once; what is above it is drawn out to the top.
+    # The texture stands on the floor once; what is above it is drawn out to the top.
     height = min(float(rng.uniform(3.4, 5.5)), top - view.floor - 0.1)
     across = FARTHEST * 2 * _REACH / _PANELS
     wide = across / (height * stage.aspect(number))
-    # Ahead stands about the middle of a picture, not a mirror's line.
+    # Ahead stands about the middle of a texture, not a mirror's line.
     start = 20 + 0.5 + rng.uniform(-0.2, 0.2) - _PANELS / 2 * wide
     drawn_out = np.array([0, 0, view.floor + height - top])
     for k in range(_PANELS):
         corner = np.array([*ring[k][:2], top])
         right = np.array([*(ring[k + 1] - ring[k])[:2], 0.0])
         if is_view(number):
-            offset = np.array([start + k * wide, 0.0])
-            stage.mirrored(corner + drawn_out, right, UP * -height, number, height, offset)
-            stage.stretched(corner, right, drawn_out, number, height, offset)
+            left = start + k * wide
+            stage.mirrored(corner + drawn_out, right, UP * -height, number, height, left)
+            stage.mirrored(corner, right, drawn_out, number, height, left, (0.002, 0.004))
         else:
             grain = natural_size(number)
             offset = np.array([k * across / (grain * stage.aspect(number)), 0.0])
             stage.quad(corner, right, UP * (view.floor - top), number, grain, offset)
 
 
-def _add_floor(stage: Stage, choice: PictureChoice, view: _View) -> None:
+def _add_floor(stage: Stage, choice: TextureChoice, view: _View) -> None:
     rng = choice.rng
     number = choice.ground()
     reach = FARTHEST + 0.3
     repeat = natural_size(number) * float(rng.uniform(0.8, 1.6))
-    turn = Rotation.from_euler("z", rng.choice([0.0, np.pi / 2]) + rng.normal() * 0.4).as_matrix()
+    rotation = Rotation.from_euler(
+        "z", rng.choice([0.0, np.pi / 2]) + rng.normal() * 0.4
+    ).as_matrix()
     center = np.array([view.eye[0], view.eye[1], view.floor])
     stage.quad(
-        center + turn @ (1.5 * np.array([-reach, reach, 0])),
-        turn @ np.array([3 * reach, 0, 0]),
-        turn @ np.array([0, -3 * reach, 0]),
+        center + rotation @ (1.5 * np.array([-reach, reach, 0])),
+        rotation @ np.array([3 * reach, 0, 0]),
+        rotation @ np.array([0, -3 * reach, 0]),
         number,
         repeat,
         rng.random(2),
     )
 
 
-def _add_walls(stage: Stage, choice: PictureChoice, view: _View, beyond: float) -> None:
+def _add_walls(stage: Stage, choice: TextureChoice, view: _View, beyond: float) -> None:
     """A wall so far beyond what is held, and often one beside it as in a room's corner."""
     rng, floor = choice.rng, view.floor
     yaw = float(np.clip(rng.normal() * 0.35, -0.6, 0.6))
@@ -106,14 +108,14 @@ def _add_walls(stage: Stage, choice: PictureChoice, view: _View, beyond: float) 
     across = (right - left) * along
     tall = 3.4
     if is_view(number):
-        # The picture fills the wall's height once.
+        # The texture fills the wall's height once.
         tall = float(np.clip(0.65 * distance * rng.uniform(1.0, 1.9), 1.1, 3.6))
         sight = view.eye[2] + (view.middle[2] - view.eye[2]) * distance / view.distance
         bottom = max(float(sight - tall * rng.uniform(0.35, 0.6)), floor)
         corner = np.array([*(center + left * along)[:2], bottom + tall])
         ahead_at = -left / (tall * stage.aspect(number))
-        offset = np.array([20.5 + rng.uniform(-0.25, 0.25) - ahead_at, 0.0])
-        stage.mirrored(corner, across, -tall * UP, number, tall, offset)
+        start = 20.5 + rng.uniform(-0.25, 0.25) - ahead_at
+        stage.mirrored(corner, across, -tall * UP, number, tall, start)
     else:
         corner = np.array([*(center + left * along)[:2], floor + tall])
         stage.quad(corner, across, -tall * UP, number, natural_size(number), rng.random(2))
@@ -129,7 +131,7 @@ def _add_walls(stage: Stage, choice: PictureChoice, view: _View, beyond: float) 
         stage.quad(corner, ends[1] - ends[0], -tall * UP, number, size, rng.random(2))
 
 
-def _add_table(stage: Stage, choice: PictureChoice, view: _View, lowest: float) -> float:
+def _add_table(stage: Stage, choice: TextureChoice, view: _View, lowest: float) -> float:
     """A table under what is held, with sheets on it; gives its height."""
     rng = choice.rng
     level = lowest - float(rng.choice([rng.uniform(0.004, 0.03), rng.uniform(0.03, 0.3)]))
@@ -151,7 +153,7 @@ def _add_table(stage: Stage, choice: PictureChoice, view: _View, lowest: float) 
 
 
 def _add_things(
-    stage: Stage, choice: PictureChoice, view: _View, level: float, beyond: float
+    stage: Stage, choice: TextureChoice, view: _View, level: float, beyond: float
 ) -> None:
     """Things on table or floor, none of them in hand or glass or right before the camera."""
     rng = choice.rng
@@ -175,18 +177,11 @@ def make_surroundings(
 ) -> Surroundings:
     """Put up a place around what is held: every ray of the camera ends on something.
 
-    Args:
-        eye: The camera, world frame, metres.
-        middle: What it looks at.
-        lowest: Height under which nothing of hand and glass reaches, metres.
-        rng: Draws it.
-        photographs: A user's photographs for backdrop, table and floor; procedural ones without.
-
-    Returns:
-        The surfaces; none of them between the camera and what is held.
+    The camera at ``eye`` looks at ``middle``; hand and glass stay above the height ``lowest``, and
+    nothing comes between them and the camera. World frame, metres.
     """
     stage = Stage(tuple(photographs))
-    choice = PictureChoice(rng, len(photographs))
+    choice = TextureChoice(rng, len(photographs))
     ahead = middle - eye
     flat = np.array([ahead[0], ahead[1], 0.0])
     flat = flat / max(float(np.linalg.norm(flat)), 1e-6)

@@ -1,7 +1,7 @@
-"""The pictures on surroundings: a library that is painted when it is looked at.
+"""The textures of surroundings: a library that is painted when it is looked at.
 
-Picture number ``n`` is of family ``n % len(FAMILIES)``; a family has as many variants as one
-likes. A picture is kept with its halved copies (a pyramid), so that far surfaces look up a copy
+Texture number ``n`` is of family ``n % len(FAMILIES)``; a family has as many variants as one
+likes. A texture is kept with its halved copies (a pyramid), so that far surfaces look up a copy
 of the right coarseness. Negative numbers are a user's photographs: -1 is the first one.
 """
 
@@ -19,12 +19,10 @@ import numpy.typing as npt
 from hadr.records.caches import kept, kept_by_file
 from hadr.synthesis.scene.backgrounds import load_background
 from hadr.synthesis.textures import materials, plants, views
-from hadr.synthesis.textures.noise import SIZE, Canvas
+from hadr.synthesis.textures.noise import Canvas, look_up
 
 Array = npt.NDArray[np.float64]
 Image = npt.NDArray[np.uint8]
-
-__all__ = ["FAMILIES", "LEVELS", "SIZE", "Family", "picture_number", "pyramid", "sample"]
 
 LEVELS = 7
 #: How many variants of a family scenes choose from.
@@ -35,7 +33,7 @@ FEW = 6
 
 @dataclass(frozen=True)
 class Family:
-    """One kind of picture.
+    """One kind of texture.
 
     Args:
         name: Its name.
@@ -83,7 +81,7 @@ FAMILIES: tuple[Family, ...] = (
 )
 
 
-def picture_number(name: str, variant: int) -> int:
+def texture_number(name: str, variant: int) -> int:
     """Number of a family's variant.
 
     Raises:
@@ -91,7 +89,7 @@ def picture_number(name: str, variant: int) -> int:
     """
     names = [family.name for family in FAMILIES]
     if name not in names:
-        raise ValueError(f"no family of pictures {name!r}; there are {', '.join(names)}")
+        raise ValueError(f"no family of textures {name!r}; there are {', '.join(names)}")
     return names.index(name) + variant * len(FAMILIES)
 
 
@@ -119,10 +117,10 @@ def _photograph_pyramid(path: Path) -> tuple[Image, ...]:
 
 
 def pyramid(number: int, photographs: Sequence[Path] = ()) -> tuple[Image, ...]:
-    """A picture and its halved copies, finest first, sRGB, shapes (H, W, 3), (H / 2, W / 2, 3)...
+    """A texture and its halved copies, finest first, sRGB, shapes (H, W, 3), (H / 2, W / 2, 3)...
 
     Args:
-        number: Which picture; below 0 a photograph.
+        number: Which texture; below 0 a photograph.
         photographs: Files that negative numbers stand for.
     """
     if number < 0:
@@ -139,7 +137,7 @@ def sample(
     """Look colours up, bilinearly in the level whose pixels are about as large as asked for.
 
     Args:
-        number: Picture of each look-up, whole numbers, shape (N,).
+        number: Texture of each look-up, whole numbers, shape (N,).
         uv: Coordinates; one unit is one repeat, shape (N, 2).
         texels: Size of a look-up in pixels of the finest level, shape (N,).
         photographs: Files that negative numbers stand for.
@@ -152,14 +150,8 @@ def sample(
     result = np.empty((len(uv), 3))
     for key in np.unique(keys):
         rows = np.flatnonzero(keys == key)
-        picture = pyramid(int(key // LEVELS), photographs)[int(key % LEVELS)]
-        height, width = picture.shape[:2]
-        x = ((uv[rows, 0] % 1.0) * width - 0.5).astype(np.float32)
-        y = ((uv[rows, 1] % 1.0) * height - 0.5).astype(np.float32)
-        for first in range(0, len(rows), 30000):
-            part = slice(first, first + 30000)
-            at = (x[part].reshape(1, -1), y[part].reshape(1, -1))
-            result[rows[part]] = cv2.remap(
-                picture, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP
-            )[0]
+        texture = pyramid(int(key // LEVELS), photographs)[int(key % LEVELS)]
+        height, width = texture.shape[:2]
+        at = (uv[rows] % 1.0) * (width, height) - 0.5
+        result[rows] = look_up(texture, at[:, 0], at[:, 1])
     return np.asarray((result / 255.0) ** 2.2)

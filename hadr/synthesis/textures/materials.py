@@ -1,4 +1,4 @@
-"""Procedural pictures of what tables, floors and walls are made of; they repeat without seams."""
+"""Procedural textures of what tables, floors and walls are made of; they repeat without seams."""
 
 from __future__ import annotations
 
@@ -159,12 +159,12 @@ def print_cloth(rng: np.random.Generator) -> Canvas:
     scale = rng.uniform(12, 26)
     for layer in range(2):
         petals = int(rng.integers(5, 9))
-        turn = rng.random(count)[:, None] * 7 + np.arange(petals) * 2 * np.pi / petals
+        angle = rng.random(count)[:, None] * 7 + np.arange(petals) * 2 * np.pi / petals
         reach = scale * (1.0 - 0.45 * layer)
-        middle = centers[:, None] + 0.5 * reach * np.stack([np.cos(turn), np.sin(turn)], -1)
+        middle = centers[:, None] + 0.5 * reach * np.stack([np.cos(angle), np.sin(angle)], -1)
         flat = middle.reshape(-1, 2)
         n = len(flat)
-        polygons = leaf_polygons(flat, np.full(n, reach), np.full(n, 0.5 * reach), turn.ravel())
+        polygons = leaf_polygons(flat, np.full(n, reach), np.full(n, 0.5 * reach), angle.ravel())
         tone = np.repeat(colors[rng.integers(0, 5, count)], petals, axis=0)
         copies = [polygons + np.array([dx, dy]) * SIZE for dx in (-1, 0, 1) for dy in (-1, 0, 1)]
         shapes(canvas, np.concatenate(copies), np.tile(tone, (9, 1)), 20)

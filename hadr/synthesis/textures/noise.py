@@ -1,15 +1,16 @@
-"""What procedural pictures are painted with: noise, colour ramps, palettes, many small shapes."""
+"""What procedural textures are painted with: noise, colour ramps, palettes, many small shapes."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
-#: A picture in the making: sRGB in [0, 1], float32, shape (H, W, 3).
+#: A texture in the making: sRGB in [0, 1], float32, shape (H, W, 3).
 Canvas = npt.NDArray[np.float32]
 Field = npt.NDArray[np.float32]
 Color = Sequence[float] | npt.NDArray[np.floating]
@@ -124,7 +125,7 @@ def leaf_polygons(centers: Array, lengths: Array, widths: Array, angles: Array) 
 
 
 def rectangle(canvas: Canvas, box: tuple[float, float, float, float], color: Color) -> None:
-    """Fill a rectangle (left, top, right, bottom) in shares of the picture's sides."""
+    """Fill a rectangle (left, top, right, bottom) in fractions of the picture's sides."""
     height, width = canvas.shape[:2]
     x0, y0, x1, y1 = box
     left, right = round(x0 * width), round(x1 * width)
@@ -139,15 +140,37 @@ def shadow(
 
     Args:
         canvas: Painted in place.
-        box: Left, top, right, bottom in shares of the picture's sides.
+        box: Left, top, right, bottom in fractions of the picture's sides.
         depth: Share of light that is lost under it.
-        blur: Softness in shares of the picture's height.
+        blur: Softness in fractions of the picture's height.
     """
     height, width = canvas.shape[:2]
     small = np.zeros((max(height // 4, 1), max(width // 4, 1), 3), dtype=np.float32)
     rectangle(small, box, (depth, depth, depth))
     soft = cv2.GaussianBlur(small[..., 0], (0, 0), max(blur * height / 4, 0.5))
     canvas *= 1 - cv2.resize(soft, (width, height))[..., None]
+
+
+def look_up(
+    image: npt.NDArray[Any], x: Array, y: Array, border: int = cv2.BORDER_WRAP
+) -> npt.NDArray[np.float64]:
+    """Values of a picture between its pixels, bilinear.
+
+    Args:
+        image: Shape (H, W) or (H, W, C).
+        x: Columns, 0 at the first one's middle, shape (N,).
+        y: Rows, shape (N,).
+        border: OpenCV's rule for what lies outside; the picture repeats where it is left out.
+
+    Returns:
+        Shape (N,) or (N, C).
+    """
+    found = np.empty((len(x), *image.shape[2:]))
+    for first in range(0, len(x), 30000):  # OpenCV's largest picture side is 32767
+        part = slice(first, first + 30000)
+        u, v = (places[part].astype(np.float32).reshape(1, -1) for places in (x, y))
+        found[part] = cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=border)[0]
+    return found
 
 
 def lit(rng: np.random.Generator, canvas: Canvas, strength: float = 0.2) -> Canvas:

@@ -1,4 +1,4 @@
-"""Procedural pictures of what grows: leaf walls, grass, branches, flowers."""
+"""Procedural textures of what grows: leaf walls, grass, branches, flowers."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def paint_leaves(
     Args:
         rng: Draws them.
         canvas: Painted in place.
-        box: Left, top, right, bottom in shares of the picture's sides.
+        box: Left, top, right, bottom in fractions of the picture's sides.
         size: Length of a leaf, pixels.
         count: Number of leaves.
         season: Number in ``SEASONS``.
@@ -115,9 +115,9 @@ def big_leaves(rng: np.random.Generator) -> Canvas:
         rib = np.minimum(color * 1.45 + 0.06, 1).tolist()
         a, b = center - tip * length * 0.5, center + tip * length * 0.48
         lines = [np.stack([a, b])]
-        for share in np.linspace(0.15, 0.85, 7):
-            start = a + (b - a) * share
-            reach = width * 0.42 * np.sin(np.pi * share)
+        for along in np.linspace(0.15, 0.85, 7):
+            start = a + (b - a) * along
+            reach = width * 0.42 * np.sin(np.pi * along)
             for sign in (-1, 1):
                 lines.append(np.stack([start, start + sign * side * reach + tip * reach * 0.7]))
         drawn = [np.round(line * 16).astype(np.int32) for line in lines]
@@ -147,8 +147,8 @@ def branches(rng: np.random.Generator) -> Canvas:
             cv2.polylines(canvas, [drawn], False, tone, max(int(thick), 1), cv2.LINE_AA, 4)
             tips += path[3:]
             if thick > 1.4:
-                for turn in (0.5, -0.6):
-                    stack.append((at, way + turn * rng.uniform(0.5, 1.4), thick * 0.62))
+                for fork in (0.5, -0.6):
+                    stack.append((at, way + fork * rng.uniform(0.5, 1.4), thick * 0.62))
     centers = np.asarray(tips)
     centers = centers[rng.random(len(centers)) < rng.uniform(0.1, 0.7)]
     if len(centers):
@@ -195,14 +195,14 @@ def flowers(rng: np.random.Generator) -> Canvas:
     centers = rng.random((count, 2)) * SIZE
     reach = rng.uniform(11, 26, count)
     petals = 6
-    turn = rng.random((count, 1)) * 7 + np.arange(petals) * 2 * np.pi / petals
-    spokes = np.stack([np.cos(turn), np.sin(turn)], -1)
+    angle = rng.random((count, 1)) * 7 + np.arange(petals) * 2 * np.pi / petals
+    spokes = np.stack([np.cos(angle), np.sin(angle)], -1)
     middle = centers[:, None] + 0.5 * reach[:, None, None] * spokes
     n = count * petals
     size = np.repeat(reach, petals)
     tone = np.repeat(colors[rng.integers(0, 3, count)], petals, axis=0)
     tone = np.clip(tone * rng.uniform(0.75, 1.15, (n, 1)), 0, 1)
-    shapes(canvas, leaf_polygons(middle.reshape(-1, 2), size, 0.6 * size, turn.ravel()), tone)
+    shapes(canvas, leaf_polygons(middle.reshape(-1, 2), size, 0.6 * size, angle.ravel()), tone)
     one = np.full(count, 0.5)
     heart = leaf_polygons(centers, reach * one, reach * one, np.zeros(count))
     shapes(canvas, heart, np.tile([0.93, 0.78, 0.25], (count, 1)))

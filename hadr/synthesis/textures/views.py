@@ -1,4 +1,4 @@
-"""Procedural pictures of places: gardens, houses, rooms, bookshelves, streets, printed pages."""
+"""Procedural textures of places: gardens, houses, rooms, bookshelves, streets, printed pages."""
 
 from __future__ import annotations
 
@@ -30,10 +30,8 @@ def _blank(color: Array | float = 0.9) -> Canvas:
     return canvas
 
 
-def _paste(
-    canvas: Canvas, picture: Canvas, box: tuple[float, float, float, float], gain: float = 1.0
-) -> None:
-    """Put a picture into a box (left, top, right, bottom, in shares), cut off at the border."""
+def _paste(canvas: Canvas, picture: Canvas, box: tuple[float, float, float, float]) -> None:
+    """Put a picture into a box (left, top, right, bottom, in fractions), cut off at the border."""
     height, width = canvas.shape[:2]
     left, right = round(box[0] * width), round(box[2] * width)
     top, bottom = round(box[1] * height), round(box[3] * height)
@@ -43,7 +41,6 @@ def _paste(
     y0, x0 = max(top, 0), max(left, 0)
     part = canvas[y0 : max(bottom, 0), x0 : max(right, 0)]
     part[:] = fitted[y0 - top : y0 - top + part.shape[0], x0 - left : x0 - left + part.shape[1]]
-    part *= np.float32(gain)
 
 
 def _sky(rng: np.random.Generator) -> Canvas:

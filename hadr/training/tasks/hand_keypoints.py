@@ -90,19 +90,9 @@ def _change(cube: HandCube, depth: Tensor, generator: torch.Generator) -> tuple[
 def keypoint_losses(
     found: JointMaps, joints: Tensor, points: Tensor, valid: Tensor, counted: Tensor, reach: float
 ) -> dict[str, Tensor]:
-    """Compute the loss and its terms.
+    """Compute the loss and its terms: smooth L1 of joints and, on valid pixels, of the maps.
 
-    Args:
-        found: The network's maps.
-        joints: True joints in the cube, shape (B, J, 3).
-        points: Surface points in the cube, shape (B, 3, h, w).
-        valid: Pixels that have one, shape (B, h, w), bool; at least one a frame.
-        counted: Frames that count, shape (B,), bool.
-        reach: The regression's k.
-
-    Returns:
-        "loss"; "joints": smooth L1 of the joints; "maps": smooth L1 of offset and heat over the
-        valid pixels; "error_m": mean distance of the joints in half sides of the cube.
+    Joints are (B, J, 3), surface points (B, 3, h, w) in the cube; the error is in its half sides.
     """
     frames = counted.to(points.dtype)
     result = joints_of_maps(found, points, valid, reach)  # (B, J, 3)
@@ -157,14 +147,7 @@ class KeypointScores:
 
 
 def keypoint_scores(found: Tensor, truth: Tensor) -> KeypointScores:
-    """Score keypoints.
-
-    Args:
-        found: Metres, shape (N, 21, 3).
-        truth: The same.
-
-    Returns:
-        The scores.
+    """Score keypoints (N, 21, 3), metres.
 
     Raises:
         ValueError: The shapes differ, there is no frame, or a number is not finite.

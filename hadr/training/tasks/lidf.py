@@ -99,15 +99,7 @@ def losses(
 
 
 def draw_perturbation(generator: torch.Generator, probability: float) -> float:
-    """Draw how far the ends of a batch are moved before they are refined.
-
-    Args:
-        generator: Source of the numbers; always three are taken.
-        probability: Chance that they are moved at all, 0..1.
-
-    Returns:
-        Metres along the rays, -0.1 to 0.1, by `PERTURBATIONS`; 0 where they are not moved.
-    """
+    """Draw by `PERTURBATIONS` how far, metres, a batch's ends are moved; always three numbers."""
     happens, kind, place = torch.rand(3, generator=generator, dtype=torch.float64).tolist()
     if happens >= probability:
         return 0.0

@@ -52,15 +52,9 @@ def _truth(model: nn.Module, frames: FrameTensors) -> Tensor:
 
 
 def mask_losses(logits: Tensor, truth: Tensor) -> dict[str, Tensor]:
-    """Compute the loss and its terms, each frame and class counting the same.
+    """Compute cross-entropy, nats a pixel, and 1 - Dice, each frame and class counting the same.
 
-    Args:
-        logits: Shape (B, C, H, W).
-        truth: True masks, the same shape, bool.
-
-    Returns:
-        "loss"; "cross_entropy" in nats a pixel; "dice": 1 - 2 |A B| / (|A| + |B|), with one pixel
-        added above and below so that an empty mask has a value.
+    Dice has one pixel added above and below, so that an empty mask has a value.
     """
     logits = logits.float()  # sums over a picture are too much for half precision
     target = truth.to(logits.dtype)
@@ -78,16 +72,7 @@ def mask_losses(logits: Tensor, truth: Tensor) -> dict[str, Tensor]:
 
 
 def iou(both: Tensor, either: Tensor) -> tuple[float, float]:
-    """Compute the intersection over union.
-
-    Args:
-        both: Pixels in both masks of each frame, shape (N,).
-        either: Pixels in one of them or both, shape (N,).
-
-    Returns:
-        The mean of the frames' values, where a frame in which both masks are empty has 1, and the
-        value of all frames' pixels together.
-    """
+    """Mean of the frames' intersection over union (1 where both are empty), and all pixels'."""
     frames = torch.where(either > 0, both / either.clamp(min=1), torch.ones(len(both)))
     total = int(either.sum())
     return float(frames.mean()), float(both.sum()) / total if total else 1.0

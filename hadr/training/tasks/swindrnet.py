@@ -21,7 +21,7 @@ import torch
 from torch import Tensor, nn
 
 from hadr.training.batches import FrameTensors
-from hadr.training.losses import mean_where, normals
+from hadr.training.losses import image_points, mean_where, normals
 from hadr.training.recipe import Preset
 
 OBJECT_WEIGHT = 1.0
@@ -76,22 +76,16 @@ class ImageTerms:
 def image_terms(
     depth: Tensor, truth: Tensor, intrinsics: Tensor, glass: Tensor
 ) -> tuple[ImageTerms, ImageTerms]:
-    """Compare a depth image with the truth, on the object and off it.
+    """Compare depth (B, H, W) with the truth, 0 = unknown, on the object and off it.
 
-    Args:
-        depth: z-depth in metres, shape (B, H, W).
-        truth: True z-depth, shape (B, H, W); 0 = unknown.
-        intrinsics: fx, fy, cx, cy of each frame in pixels, shape (B, 4).
-        glass: The object's pixels, shape (B, H, W), bool. A normal belongs where its pixel does,
-            and counts if true depth is known there, to the right and below; a gradient belongs
-            where the middle of its window does, and counts if true depth is known in all of it.
-
-    Returns:
-        The terms on the object's pixels and those on all others.
+    A normal belongs where its pixel does, and counts if true depth is known there, to the right
+    and below; a gradient belongs where the middle of its window does, and counts if true depth is
+    known in all of it.
     """
     known = truth > 0
     error = (depth - truth) * known  # (B, H, W)
-    turn = normals(_cloud(depth, intrinsics)) - normals(_cloud(truth, intrinsics))
+    clouds = [image_points(image, intrinsics) for image in (depth, truth)]
+    turn = normals(clouds[0]) - normals(clouds[1])
     slope, turn = _slope(error), turn.abs().mean(dim=-1)  # (B, H - 2, W - 2), (B, H - 1, W - 1)
     corner = known[:, :-1, :-1] & known[:, :-1, 1:] & known[:, 1:, :-1]  # (B, H - 1, W - 1)
     rows = known[:, :-2] & known[:, 1:-1] & known[:, 2:]  # (B, H - 2, W)
@@ -112,12 +106,3 @@ def _slope(image: Tensor) -> Tensor:
     down = image[:, :-2] + 2 * image[:, 1:-1] + image[:, 2:]  # (B, H - 2, W)
     across = image[:, :, :-2] + 2 * image[:, :, 1:-1] + image[:, :, 2:]  # (B, H, W - 2)
     return (down[:, :, 2:] - down[:, :, :-2]).abs() + (across[:, 2:] - across[:, :-2]).abs()
-
-
-def _cloud(depth: Tensor, intrinsics: Tensor) -> Tensor:
-    """Lift depth images to points in the camera frame, metres: (B, H, W, 3)."""
-    _, height, width = depth.shape
-    fx, fy, cx, cy = intrinsics[:, :, None, None].unbind(dim=1)  # each (B, 1, 1)
-    column = torch.arange(width, device=depth.device)  # (W,)
-    row = torch.arange(height, device=depth.device)[:, None]  # (H, 1)
-    return torch.stack((depth * (column - cx) / fx, depth * (row - cy) / fy, depth), dim=-1)

@@ -1,4 +1,3 @@
-import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
@@ -8,7 +7,6 @@ from hadr.figures.method.metrics import (
     draw_error_rows,
     draw_frame_dots,
     draw_intervals,
-    draw_known_unknown,
     draw_object_dots,
     draw_scored_errors,
     draw_tolerances,
@@ -16,16 +14,6 @@ from hadr.figures.method.metrics import (
 )
 from hadr.figures.panels import COLORS
 from hadr.metrics import DepthMetrics, frame_metrics
-
-mpl.use("Agg")
-
-
-@pytest.fixture
-def ax():
-    fig, axes = plt.subplots()
-    yield axes
-    fig.canvas.draw()
-    plt.close(fig)
 
 
 def metrics(*errors_m: float) -> DepthMetrics:
@@ -44,11 +32,10 @@ def test_error_maps_carry_their_scores():
     np.testing.assert_allclose(axes[1].images[0].get_array(), [[-1, -1]])
     assert axes[0].images[0].get_clim() == (-4, 4)
     assert [ax.get_ylabel() for ax in fig.axes[2:]] == ["error (cm)"]
-    plt.close(fig)
 
 
 def test_each_row_is_a_frame_and_each_column_a_method():
-    fig, axes = plt.subplots(2, 3)
+    _, axes = plt.subplots(2, 3)
     colors = [np.full((4, 6, 3), shade, dtype=np.uint8) for shade in (10, 20)]
     errors = [{m: np.full((4, 6), 0.01 * (i + k)) for k, m in enumerate("ab")} for i in (1, 5)]
     draw_error_rows(axes, colors, errors)
@@ -56,7 +43,6 @@ def test_each_row_is_a_frame_and_each_column_a_method():
     assert axes[1, 0].images[0].get_array()[0, 0, 0] == 20
     shown = [[ax.images[0].get_array()[0, 0] for ax in row[1:]] for row in axes]
     np.testing.assert_allclose(shown, [[1, 2], [5, 6]])
-    plt.close(fig)
 
 
 def test_window_is_three_to_two_around_the_mask():
@@ -118,18 +104,6 @@ def test_objects_stand_in_columns_with_their_mean(ax):
     assert [line.get_color() for line in ax.lines[1:3]] == [COLORS["hand"], COLORS["raw"]]
     assert [t.get_text() for t in ax.get_xticklabels()] == ["0000\nmug", "0001\nwine\nglass"]
     assert [t.get_text() for t in ax.get_legend().get_texts()] == ["guess", "ruler"]
-
-
-def test_known_is_filled_and_unknown_is_empty(ax):
-    draw_known_unknown(ax, {"LIDF": 1.4, "HADR": 0.9}, {"LIDF": 2.6, "HADR": 1.8}, "RMSE (cm)")
-    dots = [
-        (float(d.get_xdata()[0]), d.get_markerfacecolor())
-        for d in ax.lines[2:]
-        if len(d.get_xdata())
-    ]
-    grey, blue = COLORS["raw"], COLORS["hadr"]
-    assert dots == [(1.4, grey), (0.9, blue), (2.6, "white"), (1.8, "white")]
-    assert ax.get_legend_handles_labels()[1] == ["known", "unknown"]
 
 
 def test_intervals_lie_below_each_other(ax):

@@ -1,13 +1,9 @@
-import matplotlib as mpl
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
 from hadr.data.samples import open_samples
 from hadr.figures.method.training_film import distances, epoch_picture
 from hadr.training.batches import load_frames
-
-mpl.use("Agg")
 
 
 @pytest.fixture(scope="module")
@@ -20,12 +16,6 @@ def frames():
 def stages(frames):
     truth = frames.true_depth.numpy()
     return {"first": truth + 0.5, "second": truth + 0.02, "last": truth.copy()}
-
-
-@pytest.fixture(autouse=True)
-def _close_figures():
-    yield
-    plt.close("all")
 
 
 def panel(figure, xlabel):

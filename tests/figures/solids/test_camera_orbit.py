@@ -1,6 +1,5 @@
 from dataclasses import replace
 
-import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
@@ -24,14 +23,7 @@ from hadr.hand import FINGERS, forward_kinematics
 from hadr.ray_voxels import VoxelGrid
 from hadr.synthesis.glass.surfaces import Surface
 
-mpl.use("Agg")
 TURNS = [0.0, 60.0, 90.0]
-
-
-@pytest.fixture(autouse=True)
-def _close_figures():
-    yield
-    plt.close("all")
 
 
 def box(low, high):

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from hadr.camera import back_project, project, transform_points
-from hadr.figures.depth.corruption_statistics import corruption_statistics
+from hadr.figures.depth.corruption_examples import corruption_statistics
 from hadr.handover.robot import HOME_JOINTS, SimulatedUR5
 from hadr.simulation.camera.robot_camera import (
     EYE,
@@ -18,6 +18,7 @@ from hadr.simulation.world.scenes import MIDDLE, HeldScene, held_scene
 from hadr.simulation.world.state import WorldState
 from hadr.synthesis.hand.mesh import HandMesh
 from hadr.synthesis.rendering.raycast import RayCaster
+from hadr.synthesis.scene.contents import Contents
 
 
 @pytest.fixture(scope="module")
@@ -67,11 +68,12 @@ def test_labels_equal_those_of_the_exact_ray_caster_on_the_moved_scene(scene: He
     state = at_rest(scene, base_from_wrist=wrist, base_from_object=item)
     frame = camera.capture(state, scene, np.random.default_rng(0), color=False)
     skin = scene.hand(0.004)
-    exact = RayCaster(
+    contents = Contents(
         HandMesh(skin.surface.moved(wrist), skin.albedo, skin.gloss),
         tuple(body.moved(item) for body in scene.glass()),
-        make_room(camera.room).surroundings,
-    ).labels(camera.intrinsics, camera.base_from_camera)
+        surroundings=make_room(camera.room).surroundings,
+    )
+    exact = RayCaster(contents).labels(camera.intrinsics, camera.base_from_camera)
     assert (frame.object_mask != exact.object_mask).sum() <= 3
     assert (frame.hand_mask != exact.hand_mask).sum() <= 3
     close = np.abs(frame.depth - exact.depth) < 1e-4

@@ -14,11 +14,11 @@ from hadr.camera import Intrinsics, ray_directions
 from hadr.synthesis.depth_sensor.depth_camera import StereoCamera, capture_depth, infrared_pair
 from hadr.synthesis.depth_sensor.infrared import InfraredScene, Projector
 from hadr.synthesis.generation.frames import build_scene
-from hadr.synthesis.generation.recipes import frame_recipe
+from hadr.synthesis.generation.settings import GenerationSettings
 from hadr.synthesis.glass.surfaces import Surface
 from hadr.synthesis.hand.mesh import HandMesh
-from hadr.synthesis.rendering.raycast import Surroundings
-from hadr.synthesis.rendering.shading import RayScene
+from hadr.synthesis.rendering.shading import RayTracer
+from hadr.synthesis.scene.contents import Contents, Surroundings
 from hadr.synthesis.scene.scene import Scene
 
 #: The middle of TransHand-14K's picture at 256 x 144.
@@ -65,9 +65,9 @@ def glass_box(low, high) -> Surface:
 
 
 def scene(hand=None, glass=(), around=None) -> Scene:
-    rays = RayScene(hand, tuple(glass), surroundings=around)
+    contents = Contents(hand, tuple(glass), surroundings=around)
     nothing = np.zeros((21, 3))
-    return Scene(rays, COLOR, np.eye(4), nothing, np.zeros((22, 3)), np.eye(4), None)
+    return Scene(contents, COLOR, np.eye(4), nothing, np.eye(4), None)
 
 
 def pixel_error(z):
@@ -159,7 +159,10 @@ def test_dots_fall_through_glass_with_the_light_that_passes_it():
     normals = np.tile([0.0, 0, -1], (len(points), 1))
     light = [
         InfraredScene(
-            RayScene(None, glass, surroundings=wall(0.8)), Projector(), np.zeros(3), np.eye(3)
+            Contents(None, glass, surroundings=wall(0.8)),
+            Projector(),
+            np.zeros(3),
+            np.eye(3),
         ).dots(points, normals)
         for glass in ((), (pane,))
     ]
@@ -184,8 +187,9 @@ def test_nothing_beyond_the_range_is_reported():
 
 
 def test_a_hand_is_measured_and_its_glass_is_not():
-    frame = build_scene(frame_recipe(2, seed=9), 9, 256, 144, "fast")
-    labels = frame.rays.labels(frame.camera, frame.world_from_camera)
+    settings = GenerationSettings(seed=9, width=256, height=144, quality="fast")
+    frame = build_scene(settings.recipe(2), settings)
+    labels = RayTracer(frame.contents).labels(frame.camera, frame.world_from_camera)
     raw = capture_depth(frame, 5)
     hand, glass = (mask & (raw > 0) for mask in (labels.hand_mask, labels.object_mask))
     assert hand.sum() > 0.6 * labels.hand_mask.sum()

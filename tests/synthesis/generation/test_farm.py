@@ -37,14 +37,11 @@ def test_results_come_one_by_one():
 def test_what_is_missing_is_named(monkeypatch):
     monkeypatch.setattr("hadr.synthesis.generation.farm.dask_installed", lambda: False)
     with pytest.raises(ValueError, match=r"2 workers need Dask.*hadr\[generate\].*--workers 1"):
-        list(run_tasks(abs, [1, 2], workers=2))
-    with (
-        pytest.raises(ValueError, match=r"a cluster needs Dask.*pip install"),
-        connected("tcp://host:1"),
-    ):
-        pass
+        check_workers(2)
+    with pytest.raises(ValueError, match=r"a cluster needs Dask.*pip install"):
+        check_workers(1, "tcp://host:1")
     with pytest.raises(ValueError, match="workers must be at least 1, got 0"):
-        list(run_tasks(abs, [1], workers=0))
+        check_workers(0)
 
 
 def test_workers_of_this_machine_or_a_cluster_not_both():

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from hadr.data.frame import frame_file_names
+from hadr.data.frame import frame_places
 from hadr.synthesis.generation.folder import SETTINGS_FILE, generation_folder, settings_record
-from hadr.synthesis.generation.presets import PRESETS, GenerationSettings
+from hadr.synthesis.generation.settings import PRESETS, GenerationSettings
 
 SETTINGS = GenerationSettings(width=64, height=36, quality="fast")
 
@@ -62,8 +62,8 @@ def test_leftovers_of_a_stopped_run_go_and_whole_frames_stay(tmp_path):
     base = tmp_path / "val/0004/depth"
     whole = ("log_json/000001.json", "rgb/000001.jpg")
     half = {
-        *frame_file_names("000002", jpeg_quality=90, raw="depth"),
-        *frame_file_names("1234567", depth_format="png", raw="disparity"),
+        *frame_places("000002", jpeg_quality=90, raw="depth").values(),
+        *frame_places("1234567", depth_format="png", raw="disparity").values(),
     } - {Path("log_json/000002.json"), Path("log_json/1234567.json")}
     for name in (*whole, *half):
         (base / name).parent.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,3 @@
-import argparse
 import errno
 import importlib.util
 import json
@@ -6,7 +5,7 @@ import os
 import shutil
 import subprocess
 import sys
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -17,26 +16,22 @@ import pytest
 from hadr import __version__
 from hadr.camera import back_project, transform_points
 from hadr.cli import main
-from hadr.data.transhand import TransHand, frame_log_path
+from hadr.data.frame import frame_log_path
+from hadr.data.transhand import TransHand
 from hadr.hand import forward_kinematics, keypoints_from_skeleton
-from hadr.synthesis.generation.command import add_arguments, run
 from hadr.synthesis.generation.folder import whole_frames
-from hadr.synthesis.generation.frames import live_picture
-from hadr.synthesis.generation.generate import (
-    _chosen_variant,
-    frame_recipe,
-    generate,
-    generate_frames,
-    render_frame,
-)
-from hadr.synthesis.generation.presets import GenerationSettings
-from hadr.synthesis.glass.objects import glass_object, signed_distance
+from hadr.synthesis.generation.frames import live_picture, render_frame
+from hadr.synthesis.generation.generate import _chosen_variant, generate
+from hadr.synthesis.generation.settings import GenerationSettings
+from hadr.synthesis.glass.distance import signed_distance
+from hadr.synthesis.glass.objects import glass_object
 from hadr.synthesis.holding.hold import make_hold
 from hadr.synthesis.recordings.motion import record_hold
 from hadr.synthesis.recordings.recording import read_recording, write_recording
 from hadr.synthesis.rendering.child_process import call_in_child
 
-SIZE = {"width": 64, "height": 36, "quality": "fast"}
+SIZE = GenerationSettings(width=64, height=36, quality="fast")
+TWO = replace(SIZE, objects=("0000", "0004"))
 
 
 def contents(root):
@@ -46,12 +41,12 @@ def contents(root):
 @pytest.fixture(scope="module")
 def six(tmp_path_factory):
     root = tmp_path_factory.mktemp("six")
-    generate(root, 6, objects=["0000", "0004"], **SIZE)
+    generate(root, 6, TWO)
     return root
 
 
 def test_the_same_seed_gives_the_same_bytes_whatever_the_number_and_the_workers(six, tmp_path):
-    generate(tmp_path, 8, objects=["0000", "0004"], workers=2, **SIZE)
+    generate(tmp_path, 8, TWO, workers=2)
     first, longer = contents(six), contents(tmp_path)
     assert len(first) == 6 * 8 + 1  # eight files a frame, and the settings
     for name, data in first.items():
@@ -62,30 +57,31 @@ def test_opencv_gets_back_the_threads_that_it_had(tmp_path):
     before = cv2.getNumThreads()
     try:
         cv2.setNumThreads(3)
-        generate(tmp_path, 1, workers=1, **SIZE)
+        generate(tmp_path, 1, SIZE)
         assert cv2.getNumThreads() == 3
     finally:
         cv2.setNumThreads(before)
 
 
 def test_a_run_goes_on_where_it_ended(six, tmp_path):
-    generate(tmp_path, 3, objects=["0000", "0004"], **SIZE)
-    recipe = frame_recipe(1, objects=["0000", "0004"])
+    generate(tmp_path, 3, TWO)
+    recipe = TWO.recipe(1)
     frame_log_path(tmp_path, recipe.split, recipe.object_id, recipe.stem).unlink()
-    report = generate(tmp_path, 6, objects=["0000", "0004"], **SIZE)
+    report = generate(tmp_path, 6, TWO)
     assert (report.written, report.kept) == (4, 2)
     assert contents(tmp_path) == contents(six)
     assert "4 frames written, 2 kept" in str(report)
 
 
 def test_another_seed_gives_other_frames():
-    recipe = frame_recipe(0)
-    first, other = (render_frame(recipe, seed=s, **SIZE) for s in (0, 1))
+    recipe = SIZE.recipe(0)
+    first, other = (render_frame(recipe, replace(SIZE, seed=s)) for s in (0, 1))
     assert np.abs(first.depth - other.depth).mean() > 0.01
 
 
 def test_two_frames_of_a_hold_share_the_hand_in_the_wrist_frame_only():
-    a, b = (render_frame(frame_recipe(i, objects=["0000"]), **SIZE) for i in (0, 1))
+    one = replace(SIZE, objects=("0000",))
+    a, b = (render_frame(one.recipe(i), one) for i in (0, 1))
     assert a.hold_id == b.hold_id
     lengths = [np.linalg.norm(f.keypoints - f.keypoints[0], axis=1) for f in (a, b)]
     np.testing.assert_allclose(lengths[0], lengths[1], atol=1e-9)
@@ -93,33 +89,29 @@ def test_two_frames_of_a_hold_share_the_hand_in_the_wrist_frame_only():
 
 
 def test_size_changes_pixels_not_geometry():
-    small = render_frame(frame_recipe(3), width=64, height=36, quality="fast")
-    large = render_frame(frame_recipe(3), width=128, height=72, quality="fast")
+    small = render_frame(SIZE.recipe(3), SIZE)
+    large = render_frame(SIZE.recipe(3), replace(SIZE, width=128, height=72))
     np.testing.assert_allclose(small.keypoints, large.keypoints, atol=1e-12)
     np.testing.assert_array_equal(small.world_from_camera, large.world_from_camera)
 
 
 def test_splits_by_frame_holding_and_object():
-    by_hold = [frame_recipe(i, objects=["0000"]) for i in range(40)]
+    by_hold = [replace(SIZE, objects=("0000",)).recipe(i) for i in range(40)]
     holds = {}
     for recipe in by_hold:
         holds.setdefault(recipe.hold_number, set()).add(recipe.split)
     assert all(len(s) == 1 for s in holds.values())
     assert [r.split for r in by_hold].count("train") == 28
-    by_object = [frame_recipe(i, split_by="object") for i in range(16)]
+    by_object = [replace(SIZE, split_by="object").recipe(i) for i in range(16)]
     assert {r.object_id for r in by_object if r.split == "test"} == {"0004", "0007"}
-    by_frame = [frame_recipe(i, split_by="frame").split for i in range(1000)]
+    by_frame = [replace(SIZE, split_by="frame").recipe(i).split for i in range(1000)]
     assert by_frame.count("train") == pytest.approx(700, abs=50)
     assert by_frame.count("test") == pytest.approx(100, abs=35)
 
 
 def test_the_command_writes_frames(tmp_path, capsys):
-    parser = argparse.ArgumentParser()
-    add_arguments(parser)
-    line = (
-        f"{tmp_path} -n 2 --width 64 --height 36 --quality fast --depth png --jpeg 90 --workers 1"
-    )
-    assert run(parser.parse_args(line.split())) == 0
+    line = f"{tmp_path} -n 2 --width 64 --height 36 --quality fast --depth png --jpeg 90"
+    assert main(["generate", *line.split(), "--workers", "1"]) == 0
     assert "2 frames written" in capsys.readouterr().out
     frame = TransHand(tmp_path, "train")[0]
     assert frame.color.shape == (36, 64, 3)
@@ -127,19 +119,20 @@ def test_the_command_writes_frames(tmp_path, capsys):
 
 def test_errors(tmp_path):
     with pytest.raises(ValueError, match="the number of frames must be at least 1, got 0"):
-        generate(tmp_path, 0)
+        generate(tmp_path, 0, SIZE)
     with pytest.raises(ValueError, match="workers must be at least 1, got 0"):
-        generate(tmp_path, 1, workers=0)
-    with pytest.raises(ValueError, match="no object '0002'"):
-        generate(tmp_path, 1, objects=["0002"])
-    with pytest.raises(
-        ValueError, match="split_by must be 'holding', 'frame' or 'object', got 'x'"
+        generate(tmp_path, 1, SIZE, workers=0)
+    for value, message in (
+        ({"objects": ("0002",)}, "no object '0002'"),
+        ({"objects": ()}, "and an object"),
+        ({"split_by": "x"}, "split_by must be 'holding', 'frame' or 'object', got 'x'"),
+        ({"quality": "nice"}, "quality must be 'fast' or 'fine', got 'nice'"),
+        ({"width": 4, "height": 4}, "at least 16x9 pixels, got 4x4"),
     ):
-        generate(tmp_path, 1, split_by="x")
-    with pytest.raises(ValueError, match="quality must be 'fast' or 'fine', got 'nice'"):
-        render_frame(frame_recipe(0), quality="nice")
-    with pytest.raises(ValueError, match="at least 16x9 pixels, got 4x4"):
-        render_frame(frame_recipe(0), width=4, height=4)
+        with pytest.raises(ValueError, match=message):
+            GenerationSettings(**value)
+    with pytest.raises(ValueError, match="frames are counted from 0, got -1"):
+        SIZE.recipe(-1)
 
 
 @pytest.mark.long
@@ -171,28 +164,21 @@ def test_a_full_disk_is_told_and_what_is_written_is_whole(six, tmp_path, monkeyp
     with monkeypatch.context() as patch:
         patch.setattr("hadr.data.frame.os.replace", full)
         with pytest.raises(OSError, match=r"no space left for .*: 0 frames|: 1 frames were writt"):
-            generate(tmp_path, 6, objects=["0000", "0004"], **SIZE)
-    report = generate(tmp_path, 6, objects=["0000", "0004"], **SIZE)
+            generate(tmp_path, 6, TWO)
+    report = generate(tmp_path, 6, TWO)
     assert report.kept >= 1
     assert contents(tmp_path) == contents(six)
-
-
-def test_a_folder_that_cant_be_written_is_told(tmp_path):
-    (tmp_path / "file").write_text("")
-    message = r"can't write frames into .*file/set: .*/file is a file, not a folder"
-    with pytest.raises(ValueError, match=message):
-        generate(tmp_path / "file/set", 1, **SIZE)
 
 
 @pytest.mark.parametrize("folder", ["obj_mask", "depth_np", "normals", "hand_kpt", "rgb"])
 def test_a_frame_that_lost_a_file_is_made_again(six, tmp_path, folder):
     shutil.copytree(six, tmp_path, dirs_exist_ok=True)
-    recipe = frame_recipe(3, objects=["0000", "0004"])
+    recipe = TWO.recipe(3)
     lost = next((tmp_path / recipe.split / "0004/depth" / folder).glob("000003.*"))
     lost.unlink()
     with pytest.raises(ValueError, match=rf"frame 000003 lacks depth/{folder} .*started again"):
         TransHand(tmp_path, recipe.split)
-    report = generate(tmp_path, 6, objects=["0000", "0004"], **SIZE)
+    report = generate(tmp_path, 6, TWO)
     assert (report.written, report.kept) == (1, 5)
     assert contents(tmp_path) == contents(six)
 
@@ -207,7 +193,7 @@ def test_a_frame_that_lost_a_file_is_made_again(six, tmp_path, folder):
 )
 def test_a_whole_frame_has_the_files_that_its_settings_promise(tmp_path, more):
     settings = GenerationSettings(width=48, height=27, quality="fast", **more)
-    generate_frames(tmp_path, 1, settings)
+    generate(tmp_path, 1, settings)
     recipe = settings.recipe(0)
     base = tmp_path / recipe.split / recipe.object_id / "depth"
     assert whole_frames(tmp_path, [recipe, settings.recipe(1)], settings) == {0}
@@ -221,8 +207,9 @@ def test_a_whole_frame_has_the_files_that_its_settings_promise(tmp_path, more):
 
 
 def test_a_novel_object_can_be_made(tmp_path):
-    generate(tmp_path, 1, objects=["0012"], **SIZE)
-    split = frame_recipe(0, objects=["0012"]).split
+    settings = replace(SIZE, objects=("0012",))
+    generate(tmp_path, 1, settings)
+    split = settings.recipe(0).split
     frame = TransHand(tmp_path, split)[0]
     assert frame.object_id == "0012"
     assert frame.object_mask.any()
@@ -233,17 +220,18 @@ def test_a_novel_object_can_be_made(tmp_path):
 def test_photographs_are_checked_before_the_folder_is_taken(tmp_path):
     photographs = tmp_path / "photographs"
     photographs.mkdir()
+    settings = replace(SIZE, backgrounds=str(photographs))
     picture = np.random.default_rng(0).integers(0, 256, (60, 80, 3), dtype=np.uint8)
     cv2.imwrite(str(photographs / "good.jpg"), picture)
     whole = (photographs / "good.jpg").read_bytes()
     (photographs / "half.jpg").write_bytes(whole[: len(whole) // 2])
     (photographs / "words.png").write_bytes(b"no picture")
     with pytest.raises(ValueError, match=r"2 of the photographs can't be used.*half.*words\.png"):
-        generate(tmp_path / "set", 1, backgrounds=photographs, **SIZE)
+        generate(tmp_path / "set", 1, settings)
     assert not (tmp_path / "set").exists()
     for name in ("half.jpg", "words.png"):
         (photographs / name).unlink()
-    assert generate(tmp_path / "set", 1, backgrounds=photographs, **SIZE).written == 1
+    assert generate(tmp_path / "set", 1, settings).written == 1
 
 
 def test_a_cluster_that_does_not_answer_leaves_the_folder_alone(tmp_path, monkeypatch):
@@ -251,14 +239,17 @@ def test_a_cluster_that_does_not_answer_leaves_the_folder_alone(tmp_path, monkey
     monkeypatch.setattr("hadr.synthesis.generation.farm.PATIENCE", 0.5)
     settings = GenerationSettings(width=48, height=27, quality="fast")
     with pytest.raises(OSError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"):
-        generate_frames(tmp_path / "set", 1, settings, scheduler="tcp://127.0.0.1:9")
+        generate(tmp_path / "set", 1, settings, scheduler="tcp://127.0.0.1:9")
     assert not (tmp_path / "set").exists()
 
 
 def test_the_command_refuses_workers_beside_a_cluster_and_names_what_is_wrong(tmp_path, capsys):
     start = ["generate", "--preset", "tiny", "--out", str(tmp_path / "set")]
     for line, message in (
-        ("--workers 2 --scheduler tcp://h:1", "--workers 2 are processes of this machine and --sc"),
+        (
+            "--workers 2 --scheduler tcp://h:1",
+            "2 workers of this machine or the cluster at tcp://h:",
+        ),
         ("--workers 0", "workers must be at least 1, got 0"),
         ("--frames 0", "the number of frames must be at least 1, got 0"),
         ("--backgrounds /nowhere", "no folder of photographs at /nowhere"),
@@ -267,13 +258,6 @@ def test_the_command_refuses_workers_beside_a_cluster_and_names_what_is_wrong(tm
         assert main([*start, *line.split()]) == 2
         assert message in capsys.readouterr().err
     assert not (tmp_path / "set").exists()
-
-
-def test_other_settings_in_the_same_folder_are_refused(six):
-    before = contents(six)
-    with pytest.raises(ValueError, match="seed is 0 there, 1 here"):
-        generate(six, 6, seed=1, objects=["0000", "0004"], **SIZE)
-    assert contents(six) == before
 
 
 def test_options_stand_over_the_preset(tmp_path, capsys):
@@ -304,12 +288,12 @@ def test_without_mitsuba_the_photo_engine_says_what_to_install(tmp_path, monkeyp
         importlib.util, "find_spec", lambda name, *a: None if name == "mitsuba" else find(name, *a)
     )
     with pytest.raises(ValueError, match=r"pip install 'hadr\[generate\]', or choose --engine ray"):
-        generate(tmp_path, 1, engine="photo")
+        generate(tmp_path, 1, replace(SIZE, engine="photo"))
     assert not list(tmp_path.iterdir())
 
 
 def test_the_labels_of_a_frame_agree_with_each_other():
-    frame = render_frame(frame_recipe(2), width=128, height=72, quality="fast")
+    frame = render_frame(SIZE.recipe(2), replace(SIZE, width=128, height=72))
     depth = np.where(frame.depth > 0, frame.depth, np.nan)
     points = back_project(depth, frame.camera)
     # Normals of unit length that face the camera.
@@ -336,7 +320,8 @@ def recordings(tmp_path_factory):
 
 
 def test_recorded_holds_are_shown_at_a_moment_of_theirs(recordings, tmp_path):
-    generate(tmp_path, 4, objects=["0005"], recordings=recordings, **SIZE)
+    settings = replace(SIZE, objects=("0005",), recordings=str(recordings))
+    generate(tmp_path, 4, settings)
     frames = TransHand(tmp_path, "train")
     held = [read_recording(path) for path in sorted(recordings.glob("*.csv"))]
     assert [f.hold_id for f in frames] == [held[k].hold_id for k in (0, 0, 1, 1)]
@@ -352,27 +337,26 @@ def test_recorded_holds_are_shown_at_a_moment_of_theirs(recordings, tmp_path):
             moments.append(np.abs(keypoints_from_skeleton(own) - local).max())
         assert min(moments) < 1e-6
     with pytest.raises(ValueError, match=r"frame 4: .*needs recording number 2 .* holds 2 of them"):
-        generate(tmp_path, 6, objects=["0005"], recordings=recordings, **SIZE)
+        generate(tmp_path, 6, settings)
     with pytest.raises(ValueError, match=r"no folder of recordings at .*none"):
-        generate(tmp_path / "b", 1, recordings=tmp_path / "none", **SIZE)
+        generate(tmp_path / "b", 1, replace(SIZE, recordings=str(tmp_path / "none")))
 
 
 def test_frames_per_hold_may_be_two_and_three_in_turn():
-    numbers = [
-        frame_recipe(i, objects=["0000"], frames_per_hold=2.5).hold_number for i in range(10)
-    ]
-    assert numbers == [0, 0, 0, 1, 1, 2, 2, 2, 3, 3]
-    shifted = [frame_recipe(i, objects=["0000", "0004"], hold_shift=3).hold_number for i in (0, 1)]
-    assert shifted == [0, 3]
+    more = replace(SIZE, objects=("0000",), frames_per_hold=2.5)
+    assert [more.recipe(i).hold_number for i in range(10)] == [0, 0, 0, 1, 1, 2, 2, 2, 3, 3]
+    assert [replace(TWO, hold_shift=3).recipe(i).hold_number for i in (0, 1)] == [0, 3]
 
 
 def test_a_path_traced_frame_does_not_depend_on_those_made_before(tmp_path, monkeypatch):
     for name in ("mitsuba", "pyoidn"):
         pytest.importorskip(name, reason=f"{name} is not installed: pip install 'hadr[generate]'")
-    settings = {"width": 48, "height": 27, "engine": "photo", "samples": 2, "sensor": True}
-    generate(tmp_path / "both", 2, objects=["0000"], **settings)
-    generate(tmp_path / "one", 1, objects=["0000"], **settings)
-    second = render_frame(frame_recipe(1, objects=["0000"]), **settings)
+    settings = GenerationSettings(
+        width=48, height=27, engine="photo", samples=2, sensor=True, objects=("0000",)
+    )
+    generate(tmp_path / "both", 2, settings)
+    generate(tmp_path / "one", 1, settings)
+    second = render_frame(settings.recipe(1), settings)
     frames = TransHand(tmp_path / "both", "train")
     np.testing.assert_array_equal(frames[0].color, TransHand(tmp_path / "one", "train")[0].color)
     np.testing.assert_array_equal(frames[1].color, second.color)
@@ -385,7 +369,7 @@ def test_a_path_traced_frame_does_not_depend_on_those_made_before(tmp_path, monk
     monkeypatch.setattr(
         "hadr.synthesis.rendering.mitsuba_variant.why_not_llvm", lambda: "it is gone"
     )
-    assert generate(tmp_path / "one", 1, objects=["0000"], **settings).kept == 1
+    assert generate(tmp_path / "one", 1, settings).kept == 1
     assert json.loads((tmp_path / "one/generation.json").read_text()) == record
 
 
@@ -403,7 +387,7 @@ def test_a_variable_that_contradicts_the_folder_is_refused(tmp_path, monkeypatch
     monkeypatch.setenv("HADR_MITSUBA_VARIANT", variable)
     pytest.importorskip("mitsuba", reason="path-traced pictures need hadr[generate]")
     with pytest.raises(ValueError, match=f"HADR_MITSUBA_VARIANT .*'{variable}'") as raised:
-        generate_frames(tmp_path, 1, settings)
+        generate(tmp_path, 1, settings)
     assert "scalar_rgb" in str(raised.value)
     assert sorted(tmp_path.rglob("*")) == before
 
@@ -452,20 +436,21 @@ def test_a_variant_that_cant_be_used_is_refused_before_anything_is_made(tmp_path
     pytest.importorskip("mitsuba", reason="path-traced pictures need hadr[generate]")
     settings = GenerationSettings(width=48, height=27, engine="photo", variant="llvm_ad_rgb")
     with pytest.raises(ValueError, match=r"llvm_ad_rgb can't be used on .*: it is broken"):
-        generate_frames(tmp_path / "set", 1, settings)
+        generate(tmp_path / "set", 1, settings)
     assert not (tmp_path / "set").exists()
 
 
 def test_a_live_picture_is_made_in_a_child_process(monkeypatch):
     pytest.importorskip("mitsuba", reason="path-traced pictures need hadr[generate]")
-    recipe, stored, fresh = frame_recipe(5), np.zeros((2, 2, 3), np.uint8), np.ones((2, 2, 3))
+    traced = replace(SIZE, engine="photo")
+    recipe, stored, fresh = traced.recipe(5), np.zeros((2, 2, 3), np.uint8), np.ones((2, 2, 3))
 
-    def child(function, *args, timeout, **options):
-        assert (function, args, options["engine"]) == (render_frame, (recipe,), "photo")
+    def child(function, *args, timeout):
+        assert (function, args) == (render_frame, (recipe, traced))
         return SimpleNamespace(color=fresh, hold_id="0007-rim-0000")
 
     monkeypatch.setattr("hadr.synthesis.generation.frames.call_in_child", child)
-    color, title, sentence = live_picture(recipe, stored, seed=0, width=48, height=27)
+    color, title, sentence = live_picture(recipe, traced, stored)
     assert color is fresh
     assert (title, sentence) == ("traced just now: 0007-rim-0000", "")
 
@@ -483,7 +468,7 @@ def test_a_stored_picture_stands_where_none_can_be_made(monkeypatch):
                 "find_spec",
                 lambda name, *a, missing=missing: None if name in missing else find(name, *a),
             )
-            made = live_picture(frame_recipe(5), stored, seed=0, width=48, height=27)
+            made = live_picture(SIZE.recipe(5), replace(SIZE, engine="photo"), stored)
         assert made[0] is stored
         if missing or not find("mitsuba"):
             assert made[1:] == ("a stored picture (Mitsuba is not installed here)", "")

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from hadr.camera import Intrinsics, back_project
-from hadr.data.transhand import Frame
+from hadr.data.frame import Frame
 from hadr.synthesis.generation.statistics import frame_statistics, visible_share
 from hadr.synthesis.glass.objects import bodies, glass_object
 from hadr.synthesis.rendering.raycast import RayCaster
+from hadr.synthesis.scene.contents import Contents
 
 CAMERA = Intrinsics(140.0, 140.0, 79.5, 44.5, 160, 90)
 # The camera looks along the world's -x from 0.6 m; the glass stands at the world's origin.
@@ -34,7 +35,9 @@ def frame(**changes):
 
 
 def tumbler_frame():
-    labels = RayCaster(None, bodies(glass_object("0000"))).labels(CAMERA, WORLD_FROM_CAMERA)
+    labels = RayCaster(Contents(None, bodies(glass_object("0000")))).labels(
+        CAMERA, WORLD_FROM_CAMERA
+    )
     return frame(object_mask=labels.object_mask, world_from_object=np.eye(4))
 
 
@@ -76,9 +79,9 @@ def test_a_glass_alone_is_wholly_visible_and_half_of_it_by_half():
 def test_the_object_pose_is_used():
     moved = np.eye(4)
     moved[:3, 3] = (0.0, 0.08, 0.02)
-    labels = RayCaster(None, tuple(b.moved(moved) for b in bodies(glass_object("0000")))).labels(
-        CAMERA, WORLD_FROM_CAMERA
-    )
+    labels = RayCaster(
+        Contents(None, tuple(b.moved(moved) for b in bodies(glass_object("0000"))))
+    ).labels(CAMERA, WORLD_FROM_CAMERA)
     seen = frame(object_mask=labels.object_mask, world_from_object=moved)
     assert visible_share(seen) == pytest.approx(1.0, abs=0.03)
 
@@ -90,7 +93,9 @@ def test_no_frame_is_refused():
 
 def test_the_test_scene_is_what_it_says():
     """The tumbler stands upright before the camera, its axis 0.6 m away."""
-    labels = RayCaster(None, bodies(glass_object("0000"))).labels(CAMERA, WORLD_FROM_CAMERA)
+    labels = RayCaster(Contents(None, bodies(glass_object("0000")))).labels(
+        CAMERA, WORLD_FROM_CAMERA
+    )
     nearest = back_project(labels.depth, CAMERA)[labels.object_mask][:, 2].min()
     radius = max(glass_object("0000").outer_radius(z) for z in np.linspace(0.0, 0.05, 6))
     assert nearest == pytest.approx(0.6 - radius, abs=0.01)

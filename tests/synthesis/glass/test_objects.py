@@ -8,16 +8,9 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
 from hadr.data.splits import UNKNOWN_OBJECTS
-from hadr.synthesis.glass.objects import (
-    NOVEL_OBJECTS,
-    OBJECTS,
-    bodies,
-    distance_field,
-    glass_object,
-    handle_line,
-    profile,
-    signed_distance,
-)
+from hadr.synthesis.glass.distance import signed_distance
+from hadr.synthesis.glass.objects import NOVEL_OBJECTS, OBJECTS, bodies, glass_object
+from hadr.synthesis.glass.shape import handle_line, profile
 from hadr.synthesis.glass.surfaces import merged
 
 IDS = (*OBJECTS, *NOVEL_OBJECTS)
@@ -130,25 +123,6 @@ def test_distance_is_that_of_the_nearest_point_of_the_surface(object_id, angle, 
     if not inside_two:
         assert abs(distance) <= nearest + 2e-4 + relief
     assert nearest <= np.hypot(abs(distance) + 1e-4, 0.0025) + relief
-
-
-@pytest.mark.parametrize("object_id", ["0001", "0005", "0008"])
-@pytest.mark.parametrize("filled", [False, True])
-def test_the_table_of_distances_is_that_of_the_formula(object_id, filled):
-    item = glass_object(object_id)
-    rng = np.random.default_rng(4)
-    points = rng.uniform([-0.09, -0.09, -0.03], [0.09, 0.09, item.height + 0.03], (4000, 3))
-    exact = signed_distance(item, points, filled=filled)
-    table = distance_field(item, filled=filled)
-    assert np.abs(table(points) - exact).max() < 3e-4  # at most in the middle of a wall
-    close = np.abs(exact) < 0.004
-    assert close.sum() > 50
-    assert np.quantile(np.abs(table(points) - exact)[close], 0.95) < 1e-4
-    assert table(points.reshape(40, 100, 3)).shape == (40, 100)
-    np.testing.assert_array_equal(table(points.reshape(40, 100, 3)).ravel(), table(points))
-    # Farther away than it reaches it grows on.
-    far = np.array([[-0.5, 0.0, 0.05], [0, 0, 0.9]])
-    np.testing.assert_allclose(table(far), signed_distance(item, far, filled=filled), atol=0.02)
 
 
 def test_the_handle_of_the_mug_is_an_ellipse_by_hand():

@@ -5,7 +5,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hadr.hand import ANGLE_LIMITS, HandShape, forward_kinematics, keypoints_from_skeleton
-from hadr.synthesis.hand.mesh import hand_mesh, skin_vertices
+from hadr.synthesis.hand.mesh import hand_mesh
+from hadr.synthesis.hand.skinning import skin_vertices
 
 
 def curled(amount: float) -> np.ndarray:

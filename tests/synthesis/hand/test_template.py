@@ -4,7 +4,7 @@ import trimesh
 
 from hadr.hand import FINGERS, HandShape
 from hadr.synthesis.hand.mesh import SKIN_TONES, paint
-from hadr.synthesis.hand.signed_distance import TIP_FLESH, flesh_distance, rest_skeleton
+from hadr.synthesis.hand.signed_distance import TIP_PAD, rest_skeleton, signed_distance
 from hadr.synthesis.hand.template import (
     BONE_COUNT,
     COARSE_STEP,
@@ -28,7 +28,7 @@ def test_the_template_is_one_closed_body_without_handles(step):
 def test_the_skin_lies_on_the_flesh_but_for_creases_and_nails():
     template = hand_template(FINE_STEP)
     hand = template.vertices[:, 1] > -0.03
-    distance = flesh_distance(
+    distance = signed_distance(
         template.vertices[hand].astype(np.float32), rest_skeleton(), HandShape()
     )
     relief = template.skin.height[hand]
@@ -41,9 +41,9 @@ def test_the_skin_lies_on_the_flesh_but_for_creases_and_nails():
 def test_the_flesh_ends_a_little_beyond_the_tip(finger):
     rest = rest_skeleton()
     frame = rest.frames[1 + FINGERS[finger][3]]
-    for beyond, inside in ((TIP_FLESH - 0.0004, True), (TIP_FLESH + 0.0004, False)):
+    for beyond, inside in ((TIP_PAD - 0.0004, True), (TIP_PAD + 0.0004, False)):
         point = (frame[:3, 3] + beyond * frame[:3, 1])[None].astype(np.float32)
-        assert (flesh_distance(point, rest, HandShape())[0] < 0) == inside
+        assert (signed_distance(point, rest, HandShape())[0] < 0) == inside
 
 
 def test_weights_name_the_bone_that_a_point_lies_in():

@@ -5,17 +5,17 @@ import numpy as np
 import pytest
 
 from hadr.hand import ANGLE_LIMITS, ANGLE_NAMES, FINGERS, HandShape, forward_kinematics
-from hadr.synthesis.glass.objects import OBJECTS, glass_object, signed_distance
+from hadr.synthesis.glass.distance import signed_distance
+from hadr.synthesis.glass.objects import OBJECTS, glass_object
 from hadr.synthesis.hand.finger_skin import finger_skin
-from hadr.synthesis.hand.mesh import skin_vertices
+from hadr.synthesis.hand.skinning import skin_vertices
 from hadr.synthesis.holding import hold as holding
 from hadr.synthesis.holding.clearance import clearance_table, hollow_distance
 from hadr.synthesis.holding.contact import check_contact, passes_through_wall
-from hadr.synthesis.holding.grasp_optimisation import DIP_FOLLOWS_PIP, closing_on, hand_skins
+from hadr.synthesis.holding.grasp_optimisation import DIP_FOLLOWS_PIP, GraspOptimisation, hand_skins
 from hadr.synthesis.holding.hold import (
     check_hold,
     hold_kind,
-    holds_well,
     make_hold,
     mirrored_pose,
     search_hold,
@@ -252,11 +252,11 @@ def test_fingers_close_on_a_cylinder_to_its_radius():
             assert radius - 0.002 < nearest < radius + 0.003
 
 
-def test_closing_does_not_reach_what_is_too_far():
+def test_the_fingers_do_not_reach_what_is_too_far():
     hand = hand_skins(HandShape())
     pose = pose_from_axis([1, 0, 0], [0, 0.1, 0.6], 0.05, [0, 0, 1])
-    closing = closing_on("0005", hand, Placement(pose, finger_plan("side")))
-    angles, cost = closing.run(np.random.default_rng(0))
+    attempt = GraspOptimisation("0005", hand, Placement(pose, finger_plan("side")))
+    angles, cost = attempt.run(np.random.default_rng(0))
     report = check_contact("0005", HandShape(), angles, pose)
     assert report.touching == ()
     assert cost > 100
@@ -278,7 +278,7 @@ def test_errors():
         make_hold("0000", -1)
     with pytest.raises(ValueError, match="no kind of hold 'elbow'; there are side"):
         draw_placement(glass_object("0000"), "elbow", 1.0, np.random.default_rng(0))
-    assert holds_well(make_hold("0000", 0))
+    assert not check_hold(make_hold("0000", 0)).problems
 
 
 def test_a_hold_that_fails_is_drawn_with_another_hand_and_never_handed_out(monkeypatch):

@@ -273,7 +273,8 @@ def test_a_known_answer_loads_no_library(trials, answers):
     trials[0].append("no")
     again()
     code = (
-        "import sys\nfrom pathlib import Path\nfrom hadr.synthesis import mitsuba_variant as m\n"
+        "import sys\nfrom pathlib import Path\n"
+        "from hadr.synthesis.rendering import mitsuba_variant as m\n"
         f"m._places = lambda: [Path({str(answers)!r})]\nprint(m.why_not_llvm())\n"
         "print({'mitsuba', 'drjit', 'torch'} & set(sys.modules))"
     )

@@ -10,14 +10,14 @@ import trimesh
 
 from hadr.camera import Intrinsics, ray_directions
 from hadr.synthesis.generation.frames import build_scene
-from hadr.synthesis.generation.recipes import frame_recipe
+from hadr.synthesis.generation.settings import GenerationSettings
 from hadr.synthesis.glass.surfaces import Surface
 from hadr.synthesis.holding.hold import Hold
 from hadr.synthesis.rendering import photo
 from hadr.synthesis.rendering.mitsuba_variant import LLVM, SCALAR, mitsuba_variant
-from hadr.synthesis.rendering.raycast import Surroundings
-from hadr.synthesis.rendering.shading import RayScene
+from hadr.synthesis.rendering.shading import RayTracer
 from hadr.synthesis.rendering.trial_picture import trial_scene
+from hadr.synthesis.scene.contents import Contents, Surroundings
 from hadr.synthesis.scene.lights import AreaLight, Environment
 from hadr.synthesis.scene.scene import Scene
 
@@ -28,10 +28,9 @@ pytest.importorskip("mitsuba", reason="path-traced pictures need hadr[generate]"
 pytest.importorskip("pyoidn", reason="path-traced pictures need hadr[generate]")
 
 
-def scene_of(rays, camera=CAMERA) -> Scene:
+def scene_of(contents, camera=CAMERA) -> Scene:
     """A scene without a hold, seen along z from the origin."""
-    nothing = np.zeros((0, 3))
-    return Scene(rays, camera, np.eye(4), nothing, nothing, np.eye(4), cast(Hold, None))
+    return Scene(contents, camera, np.eye(4), np.zeros((0, 3)), np.eye(4), cast(Hold, None))
 
 
 def wall(path, depth, left, right, top, bottom) -> Surroundings:
@@ -52,8 +51,8 @@ def light_of(value) -> Environment:
 
 @pytest.fixture(scope="module")
 def held():
-    recipe = frame_recipe(0)
-    return build_scene(recipe, 0, 64, 36, "fast", recordings=RECORDINGS)
+    settings = GenerationSettings(width=64, height=36, quality="fast", recordings=str(RECORDINGS))
+    return build_scene(settings.recipe(0), settings)
 
 
 # Energy --------------------------------------------------------------------------------------
@@ -63,14 +62,14 @@ def test_a_grey_wall_under_even_light_has_its_reflectance(tmp_path):
     """Radiance = reflectance x irradiance / pi: a flat wall in light 1 from all sides."""
     cv2.imwrite(str(tmp_path / "grey.png"), np.full((64, 64, 3), 188, np.uint8))
     around = wall(tmp_path / "grey.png", 2.0, -9, 9, -9, 9)
-    rays = RayScene(None, (), surroundings=around, environment=light_of(1.0))
+    contents = Contents(None, (), surroundings=around, environment=light_of(1.0))
     expected = (188 / 255) ** 2.2
-    light, albedo, normal = photo.trace(scene_of(rays), seed=1, samples=16)
+    light, albedo, normal = photo.trace(scene_of(contents), seed=1, samples=16)
     assert light.mean() == pytest.approx(expected, rel=0.01)
     np.testing.assert_allclose(albedo, expected, rtol=0.01)
     np.testing.assert_allclose(normal, np.broadcast_to([0, 0, -1], normal.shape), atol=1e-4)
     directions = ray_directions(CAMERA).reshape(-1, 3)
-    cast_light = rays.radiance(np.zeros_like(directions), directions, 1 / 60.0)
+    cast_light = RayTracer(contents).radiance(np.zeros_like(directions), directions, 1 / 60.0)
     np.testing.assert_allclose(cast_light, expected, rtol=0.01)
 
 
@@ -80,8 +79,8 @@ def test_clear_glass_in_even_light_cannot_be_seen():
     ball = Surface(
         mesh.vertices + np.array([0, 0, 0.5]), np.asarray(mesh.faces), mesh.vertices / 0.1
     )
-    rays = RayScene(None, (ball,), (1.0, 1.0, 1.0), environment=light_of(0.8))
-    light, _, _ = photo.trace(scene_of(rays), seed=1, samples=64)
+    contents = Contents(None, (ball,), (1.0, 1.0, 1.0), environment=light_of(0.8))
+    light, _, _ = photo.trace(scene_of(contents), seed=1, samples=64)
     assert light.mean() == pytest.approx(0.8, rel=0.01)
     block = light[14:22, 28:36].mean((0, 1))  # the middle of the ball
     np.testing.assert_allclose(block, 0.8, rtol=0.05)
@@ -95,8 +94,8 @@ def test_a_panel_lights_a_wall_by_the_inverse_square(tmp_path):
     )
     assert lamp.normal == pytest.approx([0, 0, 1])
     around = wall(tmp_path / "grey.png", 2.0, -9, 9, -9, 9)
-    rays = RayScene(None, (), surroundings=around, lamps=(lamp,), environment=light_of(0.0))
-    light, _, _ = photo.trace(scene_of(rays), seed=1, samples=64)
+    contents = Contents(None, (), surroundings=around, lamps=(lamp,), environment=light_of(0.0))
+    light, _, _ = photo.trace(scene_of(contents), seed=1, samples=64)
     squared = 2.0**2 + 0.8**2
     cosine = 2.0 / np.sqrt(squared)
     expected = (188 / 255) ** 2.2 / np.pi * 90.0 * 0.01 * cosine**2 / squared
@@ -108,8 +107,8 @@ def test_mitsuba_sees_the_environment_where_it_is():
     environment = Environment(np.full((256, 512, 3), 0.1, dtype=np.float32))
     spot = np.exp(-(1 - environment.directions() @ [0.3, -0.1, 0.949]) / 0.003)[..., None]
     environment = Environment((environment.image + spot).astype(np.float32))
-    rays = RayScene(None, (), environment=environment)
-    light, _, _ = photo.trace(scene_of(rays), seed=1, samples=16)
+    contents = Contents(None, (), environment=environment)
+    light, _, _ = photo.trace(scene_of(contents), seed=1, samples=16)
     directions = ray_directions(CAMERA).reshape(-1, 3)
     expected = environment.radiance(directions).reshape(36, 64, 3)
     row, column = np.unravel_index(expected[..., 0].argmax(), (36, 64))
@@ -169,8 +168,8 @@ def test_the_box_filter_keeps_neighbours_apart(tmp_path, shift):
     camera = replace(CAMERA, cx=CAMERA.cx + shift)
     edge = (36 + 0.5 - camera.cx) / 60.0  # between columns 36 and 37
     around = wall(tmp_path / "edge.png", 1.0, edge - 4, edge + 4, -9, 9)
-    rays = RayScene(None, (), surroundings=around, environment=light_of(1.0))
-    light, _, _ = photo.trace(scene_of(rays, camera), seed=1, samples=64)
+    contents = Contents(None, (), surroundings=around, environment=light_of(1.0))
+    light, _, _ = photo.trace(scene_of(contents, camera), seed=1, samples=64)
     columns = light.mean((0, 2))
     assert columns[:36].max() < 1e-4
     assert columns[36] < 0.15  # one texel is half a pixel wide, and it is blended with the next
@@ -206,9 +205,11 @@ def test_a_photograph_is_bright_and_shows_what_the_ray_caster_shows(held):
     """Both engines draw the same scene: the light of each block agrees roughly."""
     picture = photo.photograph(held, seed=1).astype(float)
     assert 80 < picture.mean() < 210
-    cast_light = held.rays.picture(
-        held.camera, held.world_from_camera, np.random.default_rng(0), supersample=2
-    ).astype(float)
+    cast_light = (
+        RayTracer(held.contents)
+        .picture(held.camera, held.world_from_camera, np.random.default_rng(0), supersample=2)
+        .astype(float)
+    )
 
     def pattern(image):
         small = cv2.resize(image, (16, 9), interpolation=cv2.INTER_AREA)
@@ -237,8 +238,8 @@ def test_the_guide_looks_through_glass(tmp_path):
     mesh.unmerge_vertices()
     pane = Surface(mesh.vertices, np.asarray(mesh.faces), np.asarray(mesh.vertex_normals))
     around = wall(tmp_path / "grey.png", 2.0, -9, 9, -9, 9)
-    rays = RayScene(None, (pane,), (1.0, 1.0, 1.0), around, environment=light_of(1.0))
-    _, albedo, _ = photo.trace(scene_of(rays), seed=1, samples=1)
+    contents = Contents(None, (pane,), (1.0, 1.0, 1.0), around, environment=light_of(1.0))
+    _, albedo, _ = photo.trace(scene_of(contents), seed=1, samples=1)
     assert albedo[18, 32].mean() == pytest.approx(0.96**2 * (188 / 255) ** 2.2, rel=0.02)
 
 

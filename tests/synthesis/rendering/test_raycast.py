@@ -3,11 +3,14 @@ import pytest
 import trimesh
 
 from hadr.camera import Intrinsics, project, ray_directions
-from hadr.synthesis.generation.generate import build_scene, frame_recipe
+from hadr.synthesis.generation.frames import build_scene
+from hadr.synthesis.generation.settings import GenerationSettings
 from hadr.synthesis.glass.surfaces import Surface
 from hadr.synthesis.rendering.optics import GLASS_INDEX, reflect, refract
-from hadr.synthesis.rendering.raycast import GLASS, HAND, SURROUNDINGS, Surroundings
-from hadr.synthesis.rendering.shading import RayScene
+from hadr.synthesis.rendering.raycast import GLASS, HAND, SURROUNDINGS
+from hadr.synthesis.rendering.refraction import ray_path
+from hadr.synthesis.rendering.shading import RayTracer
+from hadr.synthesis.scene.contents import Contents, Surroundings
 
 CAMERA = Intrinsics(200.0, 210.0, 60.3, 40.7, 128, 80)
 
@@ -30,7 +33,9 @@ def sphere(center, radius, subdivisions=6) -> Surface:
 def test_depth_of_a_slanted_plane_is_exact():
     normal, distance = np.array([0.3, -0.2, 0.93]), 1.1
     normal /= np.linalg.norm(normal)
-    labels = RayScene(None, (), surroundings=plane(normal, distance)).labels(CAMERA, np.eye(4))
+    labels = RayTracer(Contents(None, (), surroundings=plane(normal, distance))).labels(
+        CAMERA, np.eye(4)
+    )
     d = ray_directions(CAMERA)
     exact = distance / (d @ normal) * d[..., 2]
     np.testing.assert_allclose(labels.depth, exact, atol=5e-5)
@@ -41,7 +46,9 @@ def test_depth_of_a_slanted_plane_is_exact():
 
 def test_depth_of_a_glass_sphere_is_exact_and_what_is_behind_it_is_kept():
     center, radius = np.array([0.02, -0.03, 0.7]), 0.08
-    scene = RayScene(None, (sphere(center, radius, 7),), surroundings=plane([0, 0, 1.0], 2.0))
+    scene = RayTracer(
+        Contents(None, (sphere(center, radius, 7),), surroundings=plane([0, 0, 1.0], 2.0))
+    )
     labels = scene.labels(CAMERA, np.eye(4))
     d = ray_directions(CAMERA)
     b = d @ center
@@ -62,7 +69,7 @@ def test_depth_of_a_glass_sphere_is_exact_and_what_is_behind_it_is_kept():
 def test_a_moved_camera_sees_the_plane_where_it_is():
     pose = np.eye(4)
     pose[:3, 3] = (0.3, -0.2, -0.5)
-    scene = RayScene(None, (), surroundings=plane([0, 0, 1.0], 1.0))
+    scene = RayTracer(Contents(None, (), surroundings=plane([0, 0, 1.0], 1.0)))
     np.testing.assert_allclose(scene.labels(CAMERA, pose).depth, 1.5, atol=5e-5)
 
 
@@ -101,8 +108,8 @@ def test_a_flat_pane_shifts_rays_but_does_not_bend_them():
     mesh.unmerge_vertices()
     pane = Surface(mesh.vertices, np.asarray(mesh.faces), np.asarray(mesh.vertex_normals))
     wall = plane([0, 0, 1.0], 1.0)
-    with_pane = RayScene(None, (pane,), (1.0, 1.0, 1.0), wall)
-    bare = RayScene(None, (), surroundings=wall)
+    with_pane = RayTracer(Contents(None, (pane,), (1.0, 1.0, 1.0), wall))
+    bare = RayTracer(Contents(None, (), surroundings=wall))
     d = ray_directions(CAMERA).reshape(-1, 3)
     eye = np.zeros_like(d)
     seen, direct = with_pane.radiance(eye, d, 0.005), bare.radiance(eye, d, 0.005)
@@ -116,9 +123,9 @@ def test_the_path_through_a_pane_by_hand():
     mesh = trimesh.creation.box(bounds=[[-3, -3, 0.5], [3, 3, 0.52]])
     mesh.unmerge_vertices()
     pane = Surface(mesh.vertices, np.asarray(mesh.faces), np.asarray(mesh.vertex_normals))
-    scene = RayScene(None, (pane,), surroundings=plane([0, 0, 1.0], 1.0))
+    scene = RayTracer(Contents(None, (pane,), surroundings=plane([0, 0, 1.0], 1.0)))
     sine, cosine = np.sin(np.pi / 6), np.cos(np.pi / 6)
-    path = scene.path(np.zeros(3), np.array([sine, 0, cosine]))
+    path = ray_path(scene, np.zeros(3), np.array([sine, 0, cosine]))
     x_in = 0.5 * sine / cosine
     x_out = x_in + 0.02 * np.tan(np.arcsin(sine / 1.5))
     x_wall = x_out + 0.48 * sine / cosine
@@ -135,11 +142,13 @@ def test_overlapping_bodies_count_as_one():
         return Surface(mesh.vertices, np.asarray(mesh.faces), np.asarray(mesh.vertex_normals))
 
     wall = plane([0, 0, 1.0], 1.0)
-    one = RayScene(None, (box([-3, -3, 0.4], [3, 3, 0.6]),), surroundings=wall)
-    two = RayScene(
-        None,
-        (box([-3, -3, 0.4], [3, 3, 0.52]), box([-3, -3, 0.45], [3, 3, 0.6])),
-        surroundings=wall,
+    one = RayTracer(Contents(None, (box([-3, -3, 0.4], [3, 3, 0.6]),), surroundings=wall))
+    two = RayTracer(
+        Contents(
+            None,
+            (box([-3, -3, 0.4], [3, 3, 0.52]), box([-3, -3, 0.45], [3, 3, 0.6])),
+            surroundings=wall,
+        )
     )
     d = ray_directions(CAMERA).reshape(-1, 3)
     eye = np.zeros_like(d)
@@ -150,11 +159,12 @@ def test_overlapping_bodies_count_as_one():
 
 @pytest.fixture(scope="module")
 def scene():
-    return build_scene(frame_recipe(0), 0, 160, 90, "fast")
+    settings = GenerationSettings(width=160, height=90, quality="fast")
+    return build_scene(settings.recipe(0), settings)
 
 
 def test_masks_are_disjoint_and_both_are_seen(scene):
-    labels = scene.rays.labels(scene.camera, scene.world_from_camera)
+    labels = RayTracer(scene.contents).labels(scene.camera, scene.world_from_camera)
     assert labels.object_mask.sum() > 50
     assert labels.hand_mask.sum() > 50
     assert not (labels.object_mask & labels.hand_mask).any()
@@ -183,13 +193,13 @@ def nearest_hit(eye, direction, surface) -> float:
 
 
 def test_depth_of_hand_and_glass_is_that_of_the_nearest_triangle(scene):
-    labels = scene.rays.labels(scene.camera, scene.world_from_camera)
+    labels = RayTracer(scene.contents).labels(scene.camera, scene.world_from_camera)
     d = ray_directions(scene.camera)
     eye = scene.world_from_camera[:3, 3]
-    assert scene.rays.hand is not None
+    assert scene.contents.hand is not None
     for mask, surfaces in (
-        (labels.hand_mask, (scene.rays.hand.surface,)),
-        (labels.object_mask, scene.rays.glass),
+        (labels.hand_mask, (scene.contents.hand.surface,)),
+        (labels.object_mask, scene.contents.glass),
     ):
         for row, column in np.argwhere(mask)[:: max(mask.sum() // 25, 1)]:
             world = scene.world_from_camera[:3, :3] @ d[row, column]
@@ -202,7 +212,9 @@ def test_depth_is_exact_to_single_precision_at_any_slant():
     for slant in (0.0, 0.5, 1.2, 1.4):
         normal = np.array([np.sin(slant), 0.1, np.cos(slant)])
         normal /= np.linalg.norm(normal)
-        labels = RayScene(None, (), surroundings=plane(normal, 0.6, 60.0)).labels(CAMERA, np.eye(4))
+        labels = RayTracer(Contents(None, (), surroundings=plane(normal, 0.6, 60.0))).labels(
+            CAMERA, np.eye(4)
+        )
         d = ray_directions(CAMERA)
         exact = 0.6 / (d @ normal) * d[..., 2]
         seen = labels.depth > 0
@@ -215,7 +227,7 @@ def test_depth_is_exact_to_single_precision_at_any_slant():
 def test_a_facet_of_a_coarse_sphere_is_met_in_its_plane():
     """80 triangles, not the sphere that they stand for: the distance of the plane of each."""
     ball = sphere(np.array([0.0, 0, 0.6]), 0.15, 1)
-    labels = RayScene(None, (ball,)).labels(CAMERA, np.eye(4))
+    labels = RayTracer(Contents(None, (ball,))).labels(CAMERA, np.eye(4))
     d = ray_directions(CAMERA)
     for row, column in np.argwhere(labels.object_mask)[::40]:
         depth = nearest_hit(np.zeros(3), d[row, column], ball) * d[row, column, 2]
@@ -237,7 +249,7 @@ def grid_of_squares(count) -> Surface:
 def test_no_ray_slips_through_where_triangles_meet(count):
     """The pixels' rays run exactly through edges and corners of the triangles."""
     camera = Intrinsics(300.0, 300.0, 160.0, 90.0, 321, 181)
-    labels = RayScene(None, (grid_of_squares(count),)).labels(camera, np.eye(4))
+    labels = RayTracer(Contents(None, (grid_of_squares(count),))).labels(camera, np.eye(4))
     assert labels.object_mask.all()
     np.testing.assert_allclose(labels.depth, 1.0, rtol=1e-7)
 
@@ -249,7 +261,7 @@ def test_a_pixel_is_what_its_centre_sees():
         x = (edge - CAMERA.cx) / CAMERA.fx
         corners = np.array([[x, -1, 1], [2, -1, 1], [2, 1, 1], [x, 1, 1.0]])
         pane = Surface(corners, np.array([[0, 2, 1], [0, 3, 2]]), np.tile([0, 0, -1.0], (4, 1)))
-        labels = RayScene(None, (pane,), surroundings=wall).labels(CAMERA, np.eye(4))
+        labels = RayTracer(Contents(None, (pane,), surroundings=wall)).labels(CAMERA, np.eye(4))
         np.testing.assert_array_equal(
             labels.object_mask, np.broadcast_to(np.arange(128) >= first, (80, 128))
         )
@@ -257,7 +269,7 @@ def test_a_pixel_is_what_its_centre_sees():
 
 
 def test_normals_have_length_1_and_look_at_the_camera(scene):
-    labels = scene.rays.labels(scene.camera, scene.world_from_camera)
+    labels = RayTracer(scene.contents).labels(scene.camera, scene.world_from_camera)
     np.testing.assert_allclose(np.linalg.norm(labels.normals, axis=-1), 1.0, atol=1e-5)
     toward = (labels.normals * ray_directions(scene.camera)).sum(-1)
     assert (toward <= 1e-6).all()
@@ -272,17 +284,18 @@ def test_normals_have_length_1_and_look_at_the_camera(scene):
 
 
 def test_masks_hand_glass_and_the_rest_share_out_the_picture(scene):
-    labels = scene.rays.labels(scene.camera, scene.world_from_camera)
+    labels = RayTracer(scene.contents).labels(scene.camera, scene.world_from_camera)
     rays = ray_directions(scene.camera).reshape(-1, 3) @ scene.world_from_camera[:3, :3].T
     eye = np.broadcast_to(scene.world_from_camera[:3, 3], rays.shape)
-    kind = scene.rays.first_kind(eye, rays).reshape(labels.depth.shape)
+    tracer = RayTracer(scene.contents)
+    kind = tracer.kind(tracer.first(eye, rays).mesh).reshape(labels.depth.shape)
     np.testing.assert_array_equal(labels.hand_mask, kind == HAND)
     np.testing.assert_array_equal(labels.object_mask, kind == GLASS)
     assert ((kind == HAND) | (kind == GLASS) | (kind == SURROUNDINGS)).all()
 
 
 def test_keypoints_project_into_or_next_to_the_hand(scene):
-    labels = scene.rays.labels(scene.camera, scene.world_from_camera)
+    labels = RayTracer(scene.contents).labels(scene.camera, scene.world_from_camera)
     camera_from_world = np.linalg.inv(scene.world_from_camera)
     keypoints = scene.keypoints @ camera_from_world[:3, :3].T + camera_from_world[:3, 3]
     uv = project(keypoints, scene.camera)
@@ -294,18 +307,20 @@ def test_keypoints_project_into_or_next_to_the_hand(scene):
 
 
 def test_a_picture_shows_glass_hand_and_surroundings(scene):
-    picture = scene.rays.picture(scene.camera, scene.world_from_camera)
+    picture = RayTracer(scene.contents).picture(scene.camera, scene.world_from_camera)
     assert picture.shape == (90, 160, 3)
     assert picture.dtype == np.uint8
     assert 40 < picture.mean() < 220
     assert picture.std() > 10
-    labels = scene.rays.labels(scene.camera, scene.world_from_camera)
-    bare = RayScene(
-        scene.rays.hand,
-        (),
-        surroundings=scene.rays.surroundings,
-        lamps=scene.rays.lamps,
-        environment=scene.rays.environment,
+    labels = RayTracer(scene.contents).labels(scene.camera, scene.world_from_camera)
+    bare = RayTracer(
+        Contents(
+            scene.contents.hand,
+            (),
+            surroundings=scene.contents.surroundings,
+            lamps=scene.contents.lamps,
+            environment=scene.contents.environment,
+        )
     ).picture(scene.camera, scene.world_from_camera)
     np.testing.assert_array_equal(picture[~labels.object_mask], bare[~labels.object_mask])
     changed = np.abs(picture.astype(int) - bare.astype(int)).sum(-1)[labels.object_mask]
@@ -314,4 +329,4 @@ def test_a_picture_shows_glass_hand_and_surroundings(scene):
 
 def test_supersampling_is_checked(scene):
     with pytest.raises(ValueError, match="supersample must be 1, 2, 3 or 4 rays per axis, got 0"):
-        scene.rays.picture(scene.camera, scene.world_from_camera, supersample=0)
+        RayTracer(scene.contents).picture(scene.camera, scene.world_from_camera, supersample=0)

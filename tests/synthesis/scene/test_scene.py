@@ -7,8 +7,8 @@ import pytest
 from hadr.camera import project, transform_points
 from hadr.synthesis.hand.signed_distance import FOREARM_LENGTH
 from hadr.synthesis.recordings.recording import find_recordings, read_recording
-from hadr.synthesis.rendering.raycast import Surroundings
-from hadr.synthesis.rendering.shading import RayScene
+from hadr.synthesis.rendering.shading import RayTracer
+from hadr.synthesis.scene.contents import Contents, Surroundings
 from hadr.synthesis.scene.scene import look_at, make_scene
 from hadr.synthesis.scene.stage import Stage
 from hadr.synthesis.scene.surroundings import make_surroundings
@@ -35,17 +35,17 @@ def test_the_camera_is_as_far_as_the_published_one(scene):
 
 def test_the_glass_is_in_the_picture_and_seen(scene):
     camera_from_world = np.linalg.inv(scene.world_from_camera)
-    points = np.concatenate([body.vertices for body in scene.rays.glass])
+    points = np.concatenate([body.vertices for body in scene.contents.glass])
     uv = project(transform_points(camera_from_world, points), scene.camera)
     inside = ((uv > -0.5) & (uv < [WIDTH - 0.5, HEIGHT - 0.5])).all(1)
     assert inside.mean() > 0.97
-    labels = scene.rays.labels(scene.camera, scene.world_from_camera)
+    labels = RayTracer(scene.contents).labels(scene.camera, scene.world_from_camera)
     assert labels.object_mask.sum() > 40
     assert labels.hand_mask.sum() > 150
 
 
 def test_every_ray_ends_within_what_16_bits_hold(scene):
-    labels = scene.rays.labels(scene.camera, scene.world_from_camera)
+    labels = RayTracer(scene.contents).labels(scene.camera, scene.world_from_camera)
     assert (labels.depth > 0.15).all()
     assert (labels.background_depth > 0.15).all()
     assert labels.background_depth.max() < 6.5
@@ -63,7 +63,7 @@ def test_no_severed_arm_is_seen(scene):
 
 def test_nothing_of_the_surroundings_stands_in_the_way(scene):
     """Between the camera and each keypoint there is only hand and glass."""
-    around = RayScene(None, (), surroundings=scene.rays.surroundings)
+    around = RayTracer(Contents(None, (), surroundings=scene.contents.surroundings))
     eye = scene.world_from_camera[:3, 3]
     away = scene.keypoints - eye
     distance = np.linalg.norm(away, axis=1)
@@ -80,9 +80,13 @@ def test_the_same_generator_gives_the_same_scene():
         for s in (4, 4, 5)
     )
     np.testing.assert_array_equal(first.world_from_camera, second.world_from_camera)
-    for a, b in zip(first.rays.meshes, second.rays.meshes, strict=True):
+    for a, b in zip(
+        RayTracer(first.contents).meshes, RayTracer(second.contents).meshes, strict=True
+    ):
         np.testing.assert_array_equal(a[1].vertices, b[1].vertices)
-    np.testing.assert_array_equal(first.rays.environment.image, second.rays.environment.image)
+    np.testing.assert_array_equal(
+        first.contents.environment.image, second.contents.environment.image
+    )
     assert not np.allclose(first.world_from_camera, other.world_from_camera)
 
 
@@ -92,11 +96,11 @@ def test_a_users_photographs_stand_around(tmp_path):
         cv2.imwrite(str(tmp_path / name), rng.integers(0, 255, (60, 80, 3), dtype=np.uint8))
     paths = (tmp_path / "a.png", tmp_path / "b.png")
     made = make_scene(hold(9), np.random.default_rng(2), 64, 36, hand_step=0.004, backgrounds=paths)
-    around = made.rays.surroundings
+    around = made.contents.surroundings
     assert around.photographs == paths
-    assert set(np.unique(around.picture[around.picture < 0])) <= {-1, -2}
-    assert (around.picture < 0).any()
-    made.rays.picture(made.camera, made.world_from_camera)
+    assert set(np.unique(around.texture[around.texture < 0])) <= {-1, -2}
+    assert (around.texture < 0).any()
+    RayTracer(made.contents).picture(made.camera, made.world_from_camera)
     (tmp_path / "b.png").unlink()
     with pytest.raises(ValueError, match=r"can't read the photograph .*[bc]\.png"):
         make_surroundings(np.array([0.6, 0, 0.3]), np.zeros(3), -0.1, rng, (tmp_path / "c.png",))
@@ -137,7 +141,7 @@ def test_a_quads_picture_runs_right_and_down():
 def test_each_second_repeat_is_mirrored():
     stage = Stage()
     right, down = np.array([3.0, 0, 0]), np.array([0, 0, -1.0])
-    stage.mirrored(np.array([0, 2, 1.0]), right, down, 0, 1.0, np.zeros(2))
+    stage.mirrored(np.array([0, 2, 1.0]), right, down, 0, 1.0, 0.0)
     around = stage.surroundings()
     assert len(around.surface.faces) == 6
     for x, u in ((0.25, 0.25), (0.75, 0.75), (1.25, 0.75), (1.75, 0.25), (2.25, 0.25)):

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from hadr.synthesis.scene.backgrounds import check_backgrounds, find_backgrounds, load_background
-from hadr.synthesis.textures.families import FAMILIES, LEVELS, picture_number, pyramid, sample
+from hadr.synthesis.textures.families import FAMILIES, LEVELS, pyramid, sample, texture_number
 from hadr.synthesis.textures.noise import SIZE, noise
 
 SEAMLESS = ("boards", "tiles", "marble", "plaid", "wood", "shingles", "carpet")
@@ -27,7 +27,7 @@ def test_each_family_paints_varied_pictures_that_can_be_lit(family):
 @pytest.mark.parametrize("name", SEAMLESS)
 def test_materials_repeat_without_a_seam(name):
     """The step from the last column to the first is like other steps; rows too."""
-    image = pyramid(picture_number(name, 3))[0].astype(float)
+    image = pyramid(texture_number(name, 3))[0].astype(float)
     for axis in (0, 1):
         steps = np.abs(np.diff(image, axis=axis)).mean(axis=tuple({0, 1, 2} - {axis}))
         seam = np.abs(np.take(image, 0, axis) - np.take(image, -1, axis)).mean()
@@ -43,15 +43,15 @@ def test_noise_repeats_and_fills_its_range():
 
 
 def test_numbers_name_family_and_variant():
-    assert picture_number(FAMILIES[0].name, 0) == 0
-    assert picture_number(FAMILIES[3].name, 2) == 3 + 2 * len(FAMILIES)
+    assert texture_number(FAMILIES[0].name, 0) == 0
+    assert texture_number(FAMILIES[3].name, 2) == 3 + 2 * len(FAMILIES)
     assert len({family.name for family in FAMILIES}) == len(FAMILIES)
-    with pytest.raises(ValueError, match="no family of pictures 'chrome'; there are wood,"):
-        picture_number("chrome", 0)
+    with pytest.raises(ValueError, match="no family of textures 'chrome'; there are wood,"):
+        texture_number("chrome", 0)
 
 
 def test_look_ups_give_the_pixel_and_far_ones_the_mean():
-    number = picture_number("garden", 1)
+    number = texture_number("garden", 1)
     levels = pyramid(number)
     assert len(levels) == LEVELS
     height, width = levels[0].shape[:2]
@@ -108,7 +108,7 @@ def test_a_photograph_that_is_cut_off_is_named_and_all_are_checked_at_once(tmp_p
         path.write_bytes(path.read_bytes()[:-20])
     with pytest.raises(ValueError, match=r"a\.jpg: the JPEG is cut off after \d+ bytes"):
         load_background(tmp_path / "a.jpg")
-    with pytest.raises(ValueError, match=r"^[4-5] of .*a\.jpg: .*b\.png: the PNG is cut off"):
+    with pytest.raises(ValueError, match=r"^[4-5] of .*a\.jpg: .*b\.png: .* truncated PNG"):
         check_backgrounds(tmp_path)
     for number in range(12):
         (tmp_path / f"f{number}.png").write_bytes(b"")

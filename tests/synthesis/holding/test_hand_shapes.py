@@ -3,8 +3,9 @@ import pytest
 import trimesh
 
 from hadr.hand import HandShape, forward_kinematics
-from hadr.synthesis.hand.mesh import hand_mesh, skin_vertices
-from hadr.synthesis.hand.shapes import GIRTH_RANGE, SCALE_RANGE, draw_hand_shape
+from hadr.synthesis.hand.mesh import hand_mesh
+from hadr.synthesis.hand.skinning import skin_vertices
+from hadr.synthesis.holding.hold import GIRTH_RANGE, SCALE_RANGE, draw_hand_shape
 
 
 def test_drawn_hands_differ_within_their_ranges_and_stay_closed():

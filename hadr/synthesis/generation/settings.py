@@ -1,0 +1,247 @@
+"""What the frames of a data set have in common, what frame number ``i`` shows, and the presets."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, get_args, get_origin, get_type_hints
+
+import numpy as np
+
+from hadr.data.frame import Normals
+from hadr.data.splits import UNKNOWN_OBJECTS
+from hadr.synthesis.glass.objects import OBJECTS, glass_object
+
+Variant = Literal["llvm_ad_rgb", "scalar_rgb"]
+
+#: Ratio of training, validation and testing frames (paper, section IV-A).
+_RATIO = (0.7, 0.2, 0.1)
+_HOLD_CYCLE = ("train", "train", "test", "train", "val", "train", "train", "train", "val", "train")
+
+
+@dataclass(frozen=True)
+class FrameRecipe:
+    """What frame ``index`` of a data set shows.
+
+    Args:
+        index: Position in the data set.
+        object_id: Which object.
+        hold_number: Which of its holding poses.
+        split: Where the frame belongs.
+    """
+
+    index: int
+    object_id: str
+    hold_number: int
+    split: str
+
+    @property
+    def stem(self) -> str:
+        """Name of the frame's files."""
+        return f"{self.index:06d}"
+
+
+def hold_split(hold_number: int, object_id: str = "0000") -> str:
+    """The split of an object's hold number: ten in turn hold seven, two and one.
+
+    A hold's split so never depends on how many frames are made. Kinds of hold come in turns of
+    eight; the cycle moves on by one each ten and begins elsewhere for each object, so that every
+    kind is tested with some object.
+    """
+    lap = hold_number // len(_HOLD_CYCLE)
+    return _HOLD_CYCLE[(hold_number + lap + int(object_id)) % len(_HOLD_CYCLE)]
+
+
+def recipes_by_hold(recipes: Sequence[FrameRecipe]) -> list[tuple[FrameRecipe, ...]]:
+    """Put the frames that share a holding pose together, in the order of their first frames."""
+    groups: dict[tuple[str, int], list[FrameRecipe]] = {}
+    for recipe in recipes:
+        groups.setdefault((recipe.object_id, recipe.hold_number), []).append(recipe)
+    return [tuple(group) for group in groups.values()]
+
+
+@dataclass(frozen=True)
+class GenerationSettings:
+    """All that the bytes of a frame depend on, besides its index.
+
+    Args:
+        seed: Seed of everything (0).
+        width: Image width, pixels (448).
+        height: Image height, pixels; TransHand-14K's pictures are 16:9 (252).
+        engine: ``photo`` traces paths (needs ``hadr[generate]``), ``raycast`` casts rays (raycast).
+        variant: Of Mitsuba, which draws for ``photo``; where left out, that of the frames that
+            are there already, else the fastest that works.
+        samples: Paths a pixel of ``photo`` (8).
+        quality: Of ``raycast``: ``fine`` has soft shadows and four rays a pixel, ``fast`` one ray
+            (fine).
+        sensor: With the raw depth of a simulated depth camera.
+        objects: The objects to alternate between, e.g. 0000 0004; without, all eight.
+        split_by: What a split keeps together: a holding pose, nothing but the frame (which leaks
+            near-twins), or the object with 0004 and 0007 for testing; the others split 7:2:1
+            (holding).
+        frames_per_hold: How many frames share a holding pose; 2.5 means two and three in turn
+            (2).
+        hold_shift: Object number j begins with its hold number ``j * hold_shift``, so that few
+            frames show many kinds of hold (0).
+        recordings: Folder of recorded holds as CSV; without, holds are made from the seed.
+        backgrounds: Folder of photographs for the surroundings; without, textures are painted.
+        depth_format: Depth as float metres (``npy``) or 16-bit in 0.1 mm steps (``png``) (npy).
+        jpeg_quality: Stores colour as JPEG, 1..100; without, as PNG.
+        rest_step: Rounds the depth of what is neither hand nor glass, metres, for smaller files;
+            without, it stays as exact.
+        raw_format: Raw depth in 1 mm steps (``depth``), or as the camera's ``disparity``, which is
+            smaller: 1/16 pixel, beyond 1 m 1/8 pixel (depth).
+        normals: Where surface normals are kept: everywhere, on glass and hand, on the glass (all).
+
+    Raises:
+        ValueError: A value is out of range, or an object unknown.
+    """
+
+    seed: int = 0
+    width: int = 448
+    height: int = 252
+    engine: Literal["photo", "raycast"] = "raycast"
+    variant: Variant | None = None
+    samples: int = 8
+    quality: Literal["fast", "fine"] = "fine"
+    sensor: bool = False
+    objects: tuple[str, ...] | None = None
+    split_by: Literal["holding", "frame", "object"] = "holding"
+    frames_per_hold: float = 2
+    hold_shift: int = 0
+    recordings: str | None = None
+    backgrounds: str | None = None
+    depth_format: Literal["npy", "png"] = "npy"
+    jpeg_quality: int | None = None
+    rest_step: float | None = None
+    raw_format: Literal["depth", "disparity"] = "depth"
+    normals: Normals = "all"
+
+    def __post_init__(self) -> None:
+        for name, hint in get_type_hints(GenerationSettings).items():
+            value, allowed = getattr(self, name), get_args(hint)
+            if get_origin(hint) is Literal and value not in allowed:
+                known = ", ".join(map(repr, allowed[:-1]))
+                raise ValueError(f"{name} must be {known} or {allowed[-1]!r}, got {value!r}")
+        if self.width < 16 or self.height < 9:
+            raise ValueError(f"a frame needs at least 16x9 pixels, got {self.width}x{self.height}")
+        if self.seed < 0 or self.samples < 1:
+            raise ValueError(f"need seed >= 0 and samples >= 1, got {self.seed} and {self.samples}")
+        if self.jpeg_quality is not None and not 1 <= self.jpeg_quality <= 100:
+            raise ValueError(f"jpeg_quality must lie in 1..100, got {self.jpeg_quality}")
+        if self.frames_per_hold < 1 or self.hold_shift < 0 or self.objects == ():
+            raise ValueError(
+                "need frames_per_hold >= 1, hold_shift >= 0 and an object, got "
+                f"{self.frames_per_hold}, {self.hold_shift}, {self.objects}"
+            )
+        for name in self.objects or ():
+            glass_object(name)
+
+    def recipe(self, index: int) -> FrameRecipe:
+        """What frame ``index`` shows; objects alternate.
+
+        Raises:
+            ValueError: The index is negative.
+        """
+        if index < 0:
+            raise ValueError(f"frames are counted from 0, got {index}")
+        names = self.objects or tuple(OBJECTS)
+        lap, position = divmod(index, len(names))
+        object_id = names[position]
+        hold_number = int(lap // self.frames_per_hold) + position * self.hold_shift
+        split = hold_split(hold_number, object_id)
+        if self.split_by == "frame":
+            draw = np.random.default_rng([self.seed, index, 29]).choice(3, p=_RATIO)
+            split = ("train", "val", "test")[int(draw)]
+        elif self.split_by == "object":
+            split = "test" if object_id in UNKNOWN_OBJECTS else "train"
+        return FrameRecipe(index, object_id, hold_number, split)
+
+
+@dataclass(frozen=True)
+class Preset:
+    """A data set by name.
+
+    Args:
+        frames: How many frames it has.
+        settings: What they have in common.
+        purpose: One line for the command's help.
+        bundled_recordings: Poses come from the recordings that are part of the project.
+    """
+
+    frames: int
+    settings: GenerationSettings
+    purpose: str
+    bundled_recordings: bool = False
+
+
+PRESETS: dict[str, Preset] = {
+    "tiny": Preset(
+        16,
+        GenerationSettings(
+            width=128, height=72, quality="fast", depth_format="png", jpeg_quality=92
+        ),
+        "16 ray-cast frames of 128x72 in seconds, to try things out",
+    ),
+    "samples": Preset(
+        480,
+        GenerationSettings(
+            engine="photo",
+            sensor=True,
+            depth_format="png",
+            jpeg_quality=86,
+            rest_step=0.001,
+            raw_format="disparity",
+            normals="object",
+        ),
+        "the project's sample frames: 480 of 448x252 from 240 recorded holds",
+        bundled_recordings=True,
+    ),
+    "gallery": Preset(
+        12,
+        GenerationSettings(
+            seed=11,
+            width=1280,
+            height=720,
+            engine="photo",
+            samples=16,
+            sensor=True,
+            frames_per_hold=1,
+            hold_shift=5,
+            depth_format="png",
+            jpeg_quality=86,
+            rest_step=0.001,
+            raw_format="disparity",
+            normals="object",
+        ),
+        "12 frames of 1280x720 to look at",
+    ),
+    "mini": Preset(
+        4000,
+        GenerationSettings(
+            seed=1,
+            width=256,
+            height=144,
+            engine="photo",
+            sensor=True,
+            frames_per_hold=2.5,
+            depth_format="png",
+            jpeg_quality=92,
+            normals="none",
+        ),
+        "a training set: 4,000 frames of 256x144 from 1,600 holds that the samples don't have",
+    ),
+    "paper": Preset(
+        14100,
+        GenerationSettings(
+            seed=2,
+            width=1280,
+            height=720,
+            engine="photo",
+            sensor=True,
+            depth_format="png",
+            jpeg_quality=95,
+        ),
+        "as many frames as TransHand-14K and as large: 14,100 of 1280x720; for a cluster",
+    ),
+}

@@ -1,0 +1,94 @@
+import numpy as np
+import pytest
+import trimesh
+
+from hadr.synthesis.glass.surfaces import Surface
+from hadr.synthesis.rendering.raycast import GLASS, SURROUNDINGS, RayCaster
+from hadr.synthesis.rendering.refraction import follow
+from hadr.synthesis.scene.contents import Contents, Surroundings
+
+MIRRORED = ((1.5 - 1) / (1.5 + 1)) ** 2  # Fresnel at normal incidence: 4 %
+
+
+def wall(z: float) -> Surroundings:
+    corners = np.array([[-9.0, -9, z], [9, -9, z], [9, 9, z], [-9, 9, z]])
+    surface = Surface(corners, np.array([[0, 1, 2], [0, 2, 3]]), np.tile([0, 0, -1.0], (4, 1)))
+    return Surroundings(surface, corners[:, :2], np.zeros(2, int), np.ones((2, 3)), np.ones(2))
+
+
+def pane(near: float, far: float) -> Surface:
+    mesh = trimesh.creation.box((4, 4, far - near))
+    mesh.apply_translation((0, 0, (near + far) / 2))
+    mesh.unmerge_vertices()
+    normals = np.repeat(np.asarray(mesh.face_normals), 3, axis=0)
+    return Surface(np.asarray(mesh.vertices), np.asarray(mesh.faces), normals)
+
+
+def straight(x: float = 0.0) -> np.ndarray:
+    d = np.array([[x, 0.013, 1.0]])
+    return d / np.linalg.norm(d)
+
+
+def caster(*glass: Surface) -> RayCaster:
+    """A wall at 2 m behind clear glass, in light of one colour."""
+    return RayCaster(Contents(None, glass, (1.0,), wall(2.0)))
+
+
+def test_a_pane_lets_through_what_it_does_not_mirror():
+    ends, mirrored = follow(caster(pane(0.5, 0.6)), np.zeros((1, 3)), straight())
+    on_wall, weight = ends.hits.mesh >= 0, ends.beams.weight[:, 0]
+    assert weight[on_wall].max() == pytest.approx((1 - MIRRORED) ** 2, abs=1e-3)
+    assert mirrored.weight[0] == pytest.approx(MIRRORED, abs=1e-3)
+    # Both single mirror images leave toward the camera and meet nothing.
+    assert (ends.beams.direction[~on_wall, 2] < 0).all()
+    images = MIRRORED + MIRRORED * (1 - MIRRORED) ** 2
+    assert weight[~on_wall].sum() == pytest.approx(images, abs=2e-3)
+    assert 0.99 < weight.sum() <= 1.0 + 1e-9
+
+
+@pytest.mark.parametrize("x", [0.0, 0.3, 0.8])
+def test_a_pane_moves_a_ray_aside_by_snells_law(x):
+    thickness = 0.1
+    d = straight(x)
+    ends, _ = follow(caster(pane(0.5, 0.5 + thickness)), np.zeros((1, 3)), d)
+    point = ends.point[np.argmax(ends.beams.weight)]
+    slope = np.hypot(*d[0, :2]) / d[0, 2]
+    sine = np.hypot(*d[0, :2])
+    within = np.tan(np.arcsin(sine / 1.5))
+    exact = slope * (2.0 - thickness) + within * thickness
+    assert np.hypot(*point[:2]) == pytest.approx(exact, abs=1e-5)
+
+
+def test_overlapping_panes_are_one():
+    rays = np.zeros((1, 3)), straight(0.3)
+    one, _ = follow(caster(pane(0.5, 0.6)), *rays)
+    two, _ = follow(caster(pane(0.5, 0.57), pane(0.54, 0.6)), *rays)
+    brightest = [ends.point[np.argmax(ends.beams.weight)] for ends in (one, two)]
+    np.testing.assert_allclose(*brightest, atol=1e-5)
+
+
+def test_without_glass_a_ray_has_one_end():
+    ends, mirrored = follow(caster(), np.zeros((3, 3)), np.repeat(straight(), 3, axis=0))
+    np.testing.assert_array_equal(ends.beams.row, [0, 1, 2])
+    np.testing.assert_allclose(ends.beams.weight, 1)
+    np.testing.assert_allclose(ends.point[:, 2], 2.0, atol=1e-6)
+    assert (caster().kind(ends.hits.mesh) == SURROUNDINGS).all()
+    assert len(mirrored.row) == 0
+
+
+def test_an_empty_scene_has_no_surface():
+    hits = RayCaster(Contents()).first(np.zeros((2, 3)), np.repeat(straight(), 2, axis=0))
+    assert (hits.mesh == -1).all()
+    assert np.isinf(hits.distance).all()
+
+
+def test_total_reflection_keeps_the_light_inside():
+    """From inside the pane at 60 degrees to the normal, beyond the critical 41.8 degrees."""
+    within = caster(pane(0.5, 0.6))
+    d = np.array([[np.sin(np.pi / 3), 0.01, np.cos(np.pi / 3)]])
+    d /= np.linalg.norm(d)
+    origins = np.array([[0.0, 0, 0.55]])
+    assert within.kind(within.first(origins, d).mesh)[0] == GLASS
+    ends, mirrored = follow(within, origins, d, surfaces=3)
+    assert mirrored.weight[0] == 0.0  # it goes on as the ray itself
+    assert not len(ends.crossed)
