@@ -26,7 +26,7 @@ from hadr.synthesis.rendering.child_process import call_in_child
 from hadr.synthesis.rendering.photo import photograph
 from hadr.synthesis.rendering.shading import RayTracer
 from hadr.synthesis.scene.backgrounds import find_backgrounds
-from hadr.synthesis.scene.scene import Scene, make_scene
+from hadr.synthesis.scene.scene import HoldScene, make_scene
 
 #: Seconds for a picture that a reader waits for.
 PATIENCE = 300.0
@@ -112,7 +112,7 @@ def recipe_hold(recipe: FrameRecipe, settings: GenerationSettings) -> Hold:
     return recording.at(int(row))
 
 
-def build_scene(recipe: FrameRecipe, settings: GenerationSettings) -> Scene:
+def build_scene(recipe: FrameRecipe, settings: GenerationSettings) -> HoldScene:
     """The scene that a frame shows."""
     backgrounds = settings.backgrounds
     return make_scene(
@@ -125,7 +125,7 @@ def build_scene(recipe: FrameRecipe, settings: GenerationSettings) -> Scene:
     )
 
 
-def draw_frame(scene: Scene, recipe: FrameRecipe, settings: GenerationSettings) -> Frame:
+def draw_frame(scene: HoldScene, recipe: FrameRecipe, settings: GenerationSettings) -> Frame:
     """The frame of a scene: its picture, its exact labels and perhaps its raw depth."""
     tracer = RayTracer(scene.contents)
     labels = tracer.labels(scene.camera, scene.world_from_camera)

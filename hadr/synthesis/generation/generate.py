@@ -50,7 +50,7 @@ from hadr.synthesis.rendering.mitsuba_variant import (
     why_not_llvm,
 )
 from hadr.synthesis.scene.backgrounds import check_backgrounds
-from hadr.synthesis.scene.scene import Scene
+from hadr.synthesis.scene.scene import HoldScene
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class GenerationReport:
         return f"{self.written} frames written, {self.kept} kept in {self.root}{pace}"
 
 
-def _skin_albedo(scene: Scene) -> list[float]:
+def _skin_albedo(scene: HoldScene) -> list[float]:
     """The median reflectance of the hand, linear RGB."""
     hand = scene.contents.hand
     return [] if hand is None else np.median(hand.albedo, axis=0).round(4).tolist()
