@@ -43,7 +43,7 @@ help: ## what can be made
 	    awk -F'\t' '{ printf "  %-16s %s\n", $$1, $$2 }'
 
 book: $(READY) ## execute all notebooks and build the HTML book
-	@$(PY) -m hadr.press.book --build "$(BUILD)" --preset $(PRESET) --seed $(SEED)
+	@$(PY) -m hadr.cli book --build "$(BUILD)" --preset $(PRESET) --seed $(SEED)
 
 tables: $(READY) ## train and compare all systems at PRESET (mini and paper: DATA=DIR)
 	@$(BIN)/hadr reproduce --preset $(PRESET) --only tables --out "$(OUT)" \
@@ -53,7 +53,7 @@ reproduce: $(READY) ## tables, handover and chapters at PRESET; prints the plan 
 	@$(BIN)/hadr reproduce --preset $(PRESET) --out "$(OUT)" $(if $(DATA),--data $(DATA))
 
 html: $(READY) ## rebuild the HTML book from the notebooks executed last time
-	@$(PY) -m hadr.press.book --build "$(BUILD)" --html-only
+	@$(PY) -m hadr.cli book --build "$(BUILD)" --html-only
 
 test: $(READY) ## run the tests, without those that take minutes; prints the ten slowest
 	@$(PYTEST) $(PYTEST_FLAGS)
@@ -80,7 +80,7 @@ check-notebooks: $(READY) ## compare notebooks and text twins, write nothing
 	@$(PY) -m hadr.press.notebook_twins --check
 
 readme-times: $(READY) ## write the run times that the last `make book` measured into README.md
-	@$(PY) -m hadr.press.book --build "$(BUILD)" --readme-times
+	@$(PY) -m hadr.cli book --build "$(BUILD)" --readme-times
 
 readme-figure: $(READY) ## draw the README's pictures
 	@$(PY) book/restored_frame.py

@@ -22,7 +22,7 @@ import numpy as np
 from hadr.data.samples import open_known_unknown, samples_dir
 from hadr.data.splits import UNKNOWN_OBJECTS
 from hadr.data.transhand import SPLITS, TransHand
-from hadr.figures import COLORS, use_style
+from hadr.figures.panels import COLORS, use_style
 from hadr.synthesis.generation.statistics import FrameStatistics, frame_statistics
 from hadr.synthesis.glass.objects import OBJECTS
 from hadr.synthesis.scene.scene import SKIN_TONE_WEIGHTS

@@ -123,21 +123,21 @@ def ur5() -> Results:
 def depth() -> Results:
     """What each bundled checkpoint makes of four test frames."""
     from hadr.data.samples import open_samples, samples_dir
-    from hadr.restoration import restore
+    from hadr.restoration import Restorer
 
     frames, folder = [open_samples("test")[i] for i in (0, 13, 26, 39)], samples_dir()
     for network in sorted(map(str, (folder / "checkpoints").glob("*.safetensors"))):
         for frame in frames:
             restoring = re.sub("segmentation|hand-keypoints", "hadr-plus", network)
+            restorer = Restorer("auto", restoring)
             given = {"mask": frame.object_mask, "keypoints": frame.keypoints}
             if "segmentation" in network:
-                given = {"keypoints": frame.keypoints, "segmentation": network}
+                restorer = Restorer("auto", restoring, segmentation=network)
+                given = {"keypoints": frame.keypoints}
             elif "hand-keypoints" in network:
+                restorer = Restorer("auto", restoring, keypoint_network=network)
                 given = {"mask": frame.object_mask, "hand_mask": frame.hand_mask}
-                given["keypoint_network"] = network
-            found = restore(
-                frame.color, frame.raw_depth, frame.camera, checkpoint=restoring, **given
-            )
+            found = restorer(frame.color, frame.raw_depth, frame.camera, **given)
             name = f"{Path(network).stem} {frame.object_id}/{frame.stem}"
             yield from _fields(name, [found], "depth", "confidence", "restored", "mask")
             yield f"{name} notes", list(found.notes)
@@ -146,9 +146,10 @@ def depth() -> Results:
 def training() -> Results:
     """What training is given, and two epochs of each network at its smallest."""
     from hadr.data.samples import open_samples
+    from hadr.models.networks import NETWORKS
     from hadr.training.batches import CORRUPTIONS, load_frames
     from hadr.training.loop import train
-    from hadr.training.presets import NETWORKS, preset
+    from hadr.training.presets import preset
 
     some, few = ([open_samples(s)[i] for i in range(5, 95, 12)] for s in ("train", "val"))
     for corruption in CORRUPTIONS:
@@ -167,10 +168,17 @@ def training() -> Results:
 
 
 def results() -> Results:
-    """The stored results, and every table that the book makes from them."""
+    """The stored results, and every table that the book makes from them, without its padding."""
+    for name, value in _tables():
+        if isinstance(value, str):
+            value = re.sub(r"(?m)(?<=\|) +(?=[^\n|]*\|)| +(?=\|)", " ", value)
+            value = re.sub(r"(?m)(?<=\|)(:?)-+(:?)(?=\|)", r"\1--\2", value)
+        yield name, value
+
+
+def _tables() -> Results:
     from hadr.figures.depth.sensor import sensor_table
     from hadr.figures.tables import benchmarks, comparison
-    from hadr.figures.tables import findings as finding_tables
     from hadr.figures.tables import handover as handover_tables
     from hadr.figures.tables.results import results_table
     from hadr.press.book import REPORTS
@@ -196,9 +204,9 @@ def results() -> Results:
     yield "handover, pairs", [handover_tables.paired(arms[0], row) for row in arms[1:5]]
     yield "by heart", benchmarks.by_heart_table(by_heart)
     yield "speed", benchmarks.speed_table(*speed)
-    yield "memory", finding_tables.memory_table(rows["memory"])
-    yield "averages", finding_tables.averages_table(own)
-    yield "poses", finding_tables.poses_table(rows["errors"])
+    yield "memory", comparison.memory_table(rows["memory"])
+    yield "averages", comparison.averages_table(own)
+    yield "poses", comparison.poses_table(rows["errors"])
     yield "sensor", sensor_table(read_sealed(folder / "sensor" / "comparison.json")["columns"])
 
 

@@ -20,6 +20,7 @@ from torch.nn.functional import interpolate
 
 from hadr.data.samples import open_samples
 from hadr.models.hadr import HADR, ray_points
+from hadr.models.networks import NETWORKS, RIVALS
 from hadr.ray_voxels import pair_of_true_point
 from hadr.records.provenance import machine_text, provenance
 from hadr.records.result_file import read_result_file, write_result_file
@@ -27,9 +28,9 @@ from hadr.rivals.lidf import LIDF
 from hadr.rivals.swindrnet import SwinDRNet
 from hadr.training.batches import FrameTensors, load_frames
 from hadr.training.loop import train
-from hadr.training.presets import NETWORKS, RIVALS, preset
+from hadr.training.presets import preset
 from hadr.training.recipe import Preset
-from hadr.training.tasks.table import task_of
+from hadr.training.tasks.task import Task
 
 GOALS: dict[str, tuple[str, float]] = {
     "hadr": ("validation_mae_m", 0.002),
@@ -77,10 +78,10 @@ def learn(network: str, steps: int) -> dict[str, object]:
     began = time.perf_counter()
     trained = train(recipe, frames, seed=0)
     more = FROZEN_STEPS.get(network, 0)
-    before = task_of(recipe).validate(trained.model, frames, 4)
+    before = Task(recipe).validate(trained.model, frames, 4)
     learn_frozen(recipe, trained.model, frames, more)
     seconds = time.perf_counter() - began
-    scores = task_of(recipe).validate(trained.model, frames, 4)
+    scores = Task(recipe).validate(trained.model, frames, 4)
     if isinstance(trained.model, HADR | LIDF):
         scores |= where_a_voxel_is(trained.model, frames)
     if isinstance(trained.model, SwinDRNet):
@@ -104,7 +105,7 @@ def learn(network: str, steps: int) -> dict[str, object]:
 
 def learn_frozen(recipe: Preset, model: torch.nn.Module, frames: FrameTensors, steps: int) -> None:
     """Let a network learn on in evaluation mode, its rate falling from 5e-4 to 0."""
-    task, batch = task_of(recipe), frames.take(range(len(frames)))
+    task, batch = Task(recipe), frames.take(range(len(frames)))
     optimizer = torch.optim.Adam(model.parameters(), lr=5e-4)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, max(steps, 1))
     generator = torch.Generator().manual_seed(0)
@@ -180,7 +181,7 @@ def main() -> None:
         if args.json.exists():  # rows of networks that were not asked for are kept
             kept = read_result_file(args.json).rows
             rows += [row for row in kept if row["network"] not in args.networks]
-            rows.sort(key=lambda row: NETWORKS.index(str(row["network"])))
+            rows.sort(key=lambda row: list(NETWORKS).index(str(row["network"])))
         write_result_file(
             args.json,
             "four frames of data_samples learned by heart, preset mini, scored in evaluation mode",

@@ -25,10 +25,11 @@ from measuring import (
 from torch import Tensor
 from torch.nn import functional
 
-from hadr.dense_pairing import dense_ray_voxel_pairs
 from hadr.models.hadr_input import masked_rays, ray_points
 from hadr.ray_voxels import (
+    SHORTEST_PAIR_M,
     OccupiedVoxels,
+    RayVoxelPairs,
     VoxelGrid,
     occupied_voxels,
     ray_voxel_pairs,
@@ -36,6 +37,31 @@ from hadr.ray_voxels import (
 )
 from hadr.records.provenance import machine_text, provenance
 from hadr.records.result_file import write_sealed
+
+
+def dense_ray_voxel_pairs(
+    directions: Tensor, ray_frame: Tensor, occupied: OccupiedVoxels, grid: VoxelGrid
+) -> RayVoxelPairs:
+    """What `ray_voxel_pairs` gives, by its definition: every ray against every voxel."""
+    n_rays, n_voxels = len(directions), len(occupied)
+    t_in = directions.new_zeros(n_rays, n_voxels)
+    t_out = directions.new_full((n_rays, n_voxels), torch.inf)
+    half = grid.voxel_size / 2
+    for axis in range(3):
+        along = directions[:, axis : axis + 1]  # (R, 1)
+        center = occupied.center[:, axis]  # (V,)
+        first, second = (center - half) / along, (center + half) / along  # (R, V)
+        beside = (center.abs() > half).expand_as(first)  # of a ray parallel to the slab
+        near = torch.where(along == 0, torch.where(beside, torch.inf, 0), first.minimum(second))
+        far = torch.where(along == 0, torch.inf, first.maximum(second))
+        t_in, t_out = t_in.maximum(near), t_out.minimum(far)
+    same_frame = ray_frame[:, None] == occupied.frame
+    ray, voxel = (same_frame & (t_out - t_in > SHORTEST_PAIR_M)).nonzero(as_tuple=True)
+    t_in, t_out = t_in[ray, voxel], t_out[ray, voxel]
+    order = torch.argsort(t_in, stable=True)
+    order = order[torch.argsort(ray[order], stable=True)]
+    return RayVoxelPairs(ray[order], voxel[order], t_in[order], t_out[order], n_rays)
+
 
 METHODS = {"walk": ray_voxel_pairs, "dense": dense_ray_voxel_pairs}
 RAYS = (500, 1000, 2000, 4000, 8000, 16000, 32000)

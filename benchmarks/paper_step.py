@@ -24,7 +24,7 @@ from hadr.records.result_file import write_sealed
 from hadr.training.batches import load_frames
 from hadr.training.loop import chance
 from hadr.training.presets import preset
-from hadr.training.tasks.hadr_task import HADRTask
+from hadr.training.tasks.task import Task
 
 
 def peak_mib() -> float:
@@ -50,7 +50,7 @@ def measure(batch_size: int, steps: int) -> dict[str, object]:
     source = open_samples("train")
     chosen = [source[n] for n in range(0, len(source), len(source) // min(batch_size, 40))]
     frames = load_frames(chosen[:batch_size], recipe.size)
-    task = HADRTask(recipe)
+    task = Task(recipe)
     torch.manual_seed(0)
     model = task.build().train()
     optimizer = torch.optim.Adam(model.parameters(), lr=recipe.learning_rate)

@@ -4,66 +4,31 @@
 
 The three networks of preset `mini` with random weights (time does not depend on them), the
 restoration at 224x224, on sample frames at batch 1. Random masks would be no masks, so each network
-does its work on the true ones: segmentation runs, and the true masks go on to the other two. As the
-networks are, with half the rays, and run by ONNX Runtime (where it is installed).
+does its work on the true ones: segmentation runs, and the true masks go on to the other two.
 """
 
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import itertools
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import torch
 from measuring import interleaved
-from torch import Tensor, nn
+from torch import Tensor
 
 from hadr.data.samples import open_samples
-from hadr.models.exported import (
-    ExportedNetwork,
-    export_backbone,
-    export_network,
-    with_exported_backbone,
-)
 from hadr.models.hadr import HADR
 from hadr.models.hand.keypoints import HandKeypointNet, predict_keypoints
-from hadr.models.hand.weighted_regression import JointMaps
 from hadr.models.segmentation import SegmentationNet
-from hadr.models.sparse_rays import SparseRays
 from hadr.records.provenance import machine_text, provenance
 from hadr.records.result_file import write_sealed
 from hadr.training.batches import FrameTensors, load_frames
 from hadr.training.presets import preset
 
 SIZE = (224, 224)
-
-
-class _Maps(nn.Module):
-    """The keypoint network with its maps as one tensor."""
-
-    def __init__(self, network: HandKeypointNet) -> None:
-        super().__init__()
-        self.network = network
-
-    def forward(self, crop: Tensor) -> Tensor:
-        return self.network.head(self.network.unet(crop))
-
-
-class _ExportedKeypoints:
-    """Stands where the keypoint network stood."""
-
-    def __init__(self, network: HandKeypointNet, exported: ExportedNetwork) -> None:
-        self.config = network.config
-        self.exported = exported
-
-    def __call__(self, crop: Tensor) -> JointMaps:
-        values = self.exported(crop)
-        maps = values.view(1, 21, 5, *values.shape[2:])
-        return JointMaps(maps[:, :, :3], maps[:, :, 3], maps[:, :, 4])
 
 
 def stages(
@@ -102,7 +67,6 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--turns", type=int, default=40)
     parser.add_argument("--seconds", type=float, default=60.0)
-    parser.add_argument("--no-onnx", action="store_true")
     args = parser.parse_args()
     torch.set_num_threads(args.threads)
 
@@ -117,53 +81,27 @@ def main() -> None:
     masks: Any = SegmentationNet(recipes["segmentation"].model).eval()  # type: ignore[arg-type]
     hands: Any = HandKeypointNet(recipes["hand-keypoints"].model).eval()  # type: ignore[arg-type]
 
-    forms: dict[str, tuple[Any, Any, Any]] = {
-        "as it is": (masks, hands, network),
-        "half the rays": (masks, hands, SparseRays(network)),
-    }
-    onnx = not args.no_onnx and importlib.util.find_spec("onnxruntime") is not None
-    with tempfile.TemporaryDirectory() as name, torch.inference_mode():
-        if onnx:
-            folder = Path(name)
-            width, height = seen_size
-            side = hands.config.crop
-            fast_masks = ExportedNetwork(
-                export_network(masks, (1, 3, height, width), folder / "masks.onnx"), args.threads
-            )
-            maps = ExportedNetwork(
-                export_network(_Maps(hands), (1, 1, side, side), folder / "hands.onnx"),
-                args.threads,
-            )
-            for title, integers in (("ONNX", False), ("ONNX, 8 bit", True)):
-                path = export_backbone(
-                    network, SIZE, folder / f"{integers}.onnx", integers=integers
-                )
-                restoration = SparseRays(with_exported_backbone(network, path, args.threads))
-                forms[title] = (fast_masks, _ExportedKeypoints(hands, maps), restoration)
+    with torch.inference_mode():
         calls = {
-            f"{form}, {part}": call
-            for form, networks in forms.items()
-            for part, call in stages(*networks, seen_frames, full_frames).items()
+            f"as it is, {part}": call
+            for part, call in stages(masks, hands, network, seen_frames, full_frames).items()
         }
         times = interleaved(calls, args.turns, args.seconds)
-    rates = {
-        form: {
-            "wall_median": 1e3 / times[f"{form}, all"]["wall_median_ms"],
-            "wall_best": 1e3 / times[f"{form}, all"]["wall_min_ms"],
-            "cpu_median_one_core": 1e3 / times[f"{form}, all"]["cpu_median_ms"],
-        }
-        for form in forms
+    whole = times["as it is, all"]
+    rate = {
+        "wall_median": 1e3 / whole["wall_median_ms"],
+        "wall_best": 1e3 / whole["wall_min_ms"],
+        "cpu_median_one_core": 1e3 / whole["cpu_median_ms"],
     }
     for title, row in times.items():
         print(
             f"{title:28s} wall {row['wall_median_ms']:6.1f} (least {row['wall_min_ms']:6.1f}) "
             f"cpu {row['cpu_median_ms']:6.1f} (least {row['cpu_min_ms']:6.1f}) ms"
         )
-    for form, rate in rates.items():
-        print(
-            f"{form}: {rate['wall_median']:.1f} frames a second (median; best "
-            f"{rate['wall_best']:.1f}); {rate['cpu_median_one_core']:.1f} per second of CPU"
-        )
+    print(
+        f"{rate['wall_median']:.1f} frames a second (median; best {rate['wall_best']:.1f}); "
+        f"{rate['cpu_median_one_core']:.1f} per second of CPU"
+    )
     if args.json:
         write_sealed(
             args.json,
@@ -174,7 +112,7 @@ def main() -> None:
                 "machine": machine_text(),
                 "threads": args.threads,
                 "times": times,
-                "frames_per_second": rates,
+                "frames_per_second": {"as it is": rate},
                 "provenance": provenance(),
             },
         )

@@ -27,14 +27,14 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from hadr.camera import Intrinsics, back_project, load_intrinsics, valid_depth
+from hadr.camera import Intrinsics, back_project, load_intrinsics, unproject, valid_depth
 from hadr.data.samples import open_samples, samples_dir
-from hadr.depth_network import DepthNetwork
 from hadr.frame_io import read_color, read_depth, read_mask
 from hadr.metrics import frame_metrics
 from hadr.records.provenance import machine_text, provenance
 from hadr.records.result_file import write_result_file
 from hadr.restoration import restore
+from hadr.trained_networks import DepthNetwork
 
 Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
@@ -98,8 +98,7 @@ def place_beside(
     around = (cv2.dilate(glass.astype(np.uint8), box) > 0) & valid_depth(known)
     depth = float(np.median(known[around]))
     row, column = np.median(np.argwhere(glass), axis=0)
-    x, y = (column - camera.cx) / camera.fx * depth, (row - camera.cy) / camera.fy * depth
-    return relative + np.array([x, y, depth])
+    return relative + unproject((column, row), depth, camera)
 
 
 def score(depth: Float, raw: Float, truth: Float, mask: Mask) -> dict[str, Any]:
@@ -198,14 +197,14 @@ def measure(
             ]
             sure, right = [], []
             for depth, confidence in found:
-                scored = mask & valid_depth(truth) & (confidence > 0)
+                scored = mask & valid_depth(truth) & valid_depth(depth)
                 sure.append(confidence[scored])
                 right.append(np.abs(depth - truth)[scored] < 0.02)
-            lessons[scene]["networks"][network.title] = {
-                "answer_follows_hand": float(np.mean(moved)) / (2 * SHIFT_M),
-                "mean_confidence": float(np.concatenate(sure).mean()),
-                "share_right": float(np.concatenate(right).mean()),
-            }
+            lesson = {"answer_follows_hand": float(np.mean(moved)) / (2 * SHIFT_M)}
+            if network.can_say:
+                lesson["mean_confidence"] = float(np.concatenate(sure).mean())
+            lesson["share_right"] = float(np.concatenate(right).mean())
+            lessons[scene]["networks"][network.title] = lesson
     return rows, lessons
 
 

@@ -21,13 +21,13 @@ import torch
 from measuring import in_a_process, in_turns, interleaved, peak_tensor_bytes, sample_frames
 from torch import nn
 
-from hadr.depth_network import TITLES
 from hadr.experiments.systems import CHEAP
+from hadr.models.networks import DEPTH_NETWORKS
 from hadr.records.provenance import machine_text, provenance
 from hadr.records.result_file import write_result_file
 from hadr.training.evaluation import BASELINES
 from hadr.training.presets import preset
-from hadr.training.tasks.table import task_of
+from hadr.training.tasks.task import Task
 
 SIZES = ("paper", "mini")
 
@@ -35,7 +35,7 @@ SIZES = ("paper", "mini")
 def build(network: str, size: str) -> nn.Module:
     """The preset's network as it restores, random weights; LIDF with its refinement."""
     torch.manual_seed(0)
-    model = task_of(preset(size, network)).build().eval()
+    model = Task(preset(size, network)).build().eval()
     if network == "lidf":
         model.set_stage(2)
     return model
@@ -89,7 +89,7 @@ def main() -> None:
         if args.measure:
             print(json.dumps(memory(*args.measure)))
             return
-        pairs = [(network, size) for size in SIZES for network in TITLES]
+        pairs = [(network, size) for size in SIZES for network in DEPTH_NETWORKS]
         calls = {
             f"{network}, {size}": in_turns(build(network, size), preset(size, network).size)
             for network, size in pairs

@@ -13,8 +13,8 @@ mpl.use("agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from hadr import figures
 from hadr.data.samples import open_samples
+from hadr.figures import panels
 from hadr.metrics import frame_metrics
 from hadr.restoration import restore
 
@@ -60,18 +60,18 @@ def main() -> None:
     near, far = np.percentile(frame.depth[frame.object_mask | frame.hand_mask], (1, 99))
     limits = {"vmin": float(near) - 0.05, "vmax": float(far) + 0.1}
 
-    figures.use_style()
+    panels.use_style()
     fig, axes = plt.subplots(1, 5, figsize=(12.5, 2.3))
-    figures.show_color(axes[0], frame.color[window], "what the camera sees")
-    figures.show_depth(axes[1], depth[window], "its depth (simulated)", colorbar=False, **limits)
+    panels.show_color(axes[0], frame.color[window], "what the camera sees")
+    panels.show_depth(axes[1], depth[window], "its depth (simulated)", colorbar=False, **limits)
     for ax, (title, result) in zip(axes[2:], done.items(), strict=False):
         last = ax is axes[3]
         scored = frame_metrics(result.depth, frame.depth, frame.object_mask)
         text = f"{title}: {100 * scored.mae_m:.1f} cm off"
-        figures.show_depth(ax, result.depth[window], text, colorbar=last, **limits)
+        panels.show_depth(ax, result.depth[window], text, colorbar=last, **limits)
     best = list(done.values())[-1].depth
     error = np.where(frame.object_mask & (best > 0), best - frame.depth, np.nan)
-    figures.show_error(axes[4], error[window], f"error of {list(done)[-1]}")
+    panels.show_error(axes[4], error[window], f"error of {list(done)[-1]}")
     args.out.parent.mkdir(parents=True, exist_ok=True)
     fig.savefig(args.out, dpi=140)
     print(f"{args.out}: frame {frame.object_id}/{frame.stem}")

@@ -226,10 +226,15 @@ def back_project(depth: FloatArray, camera: Intrinsics) -> npt.NDArray[np.float6
         raise ValueError(f"depth must be (H, W) float metres, got {depth.shape} {depth.dtype}")
     _check_image("depth", depth, camera)
     z = np.where(valid_depth(depth), depth, np.nan).astype(float)
-    uv = pixel_grid(camera)
-    x = (uv[..., 0] - camera.cx) / camera.fx * z
-    y = (uv[..., 1] - camera.cy) / camera.fy * z
-    return np.stack([x, y, z], axis=-1)
+    return unproject(pixel_grid(camera), z, camera)
+
+
+def unproject(uv: npt.ArrayLike, z: npt.ArrayLike, camera: Intrinsics) -> npt.NDArray[np.float64]:
+    """Lift pixels (u, v), shape (..., 2), of z-depths in metres, (...), to points, (..., 3)."""
+    pixels, depth = np.asarray(uv, dtype=float), np.asarray(z, dtype=float)
+    x = (pixels[..., 0] - camera.cx) / camera.fx * depth
+    y = (pixels[..., 1] - camera.cy) / camera.fy * depth
+    return np.stack([x, y, depth], axis=-1)
 
 
 def project(points: npt.ArrayLike, camera: Intrinsics) -> npt.NDArray[np.float64]:
@@ -257,10 +262,7 @@ def ray_directions(camera: Intrinsics) -> npt.NDArray[np.float64]:
 
     The point at distance t along a ray is ``t * direction``; its depth is ``t * direction[2]``.
     """
-    uv = pixel_grid(camera)
-    x = (uv[..., 0] - camera.cx) / camera.fx
-    y = (uv[..., 1] - camera.cy) / camera.fy
-    d = np.stack([x, y, np.ones_like(x)], axis=-1)
+    d = unproject(pixel_grid(camera), np.ones(camera.shape), camera)
     unit: npt.NDArray[np.float64] = d / np.linalg.norm(d, axis=-1, keepdims=True)
     return unit
 

@@ -196,7 +196,7 @@ def _description(module: ModuleType) -> str:
 
 
 def _epilog(module: ModuleType) -> str:
-    return str(getattr(module, "EPILOG", ""))
+    return str(getattr(module, "EPILOG", "")).strip("\n")
 
 
 def _unset_or_value(told: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:

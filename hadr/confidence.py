@@ -1,10 +1,10 @@
 """How sure is a restored pixel, and is that true?
 
-A network gives each restored pixel a score between 0 and 1: the probability of the chosen voxel
-and of its neighbours, or what a network says of its own error. A score orders pixels, but 0.8 need
-not mean 80 percent. `fit_calibration` maps it to a probability with a meaning: *the error is below
-the tolerance, 2 cm where nothing else is said*. The map only rises, so it changes no order, and it
-is fitted on validation frames.
+HADR-plus predicts a distribution of depth, so it can say how wide its answer is. Such a number
+orders pixels, but it is no probability. `fit_confidence` maps it to one with a meaning, on frames
+with known depth that the network has not learned from: *the error is below the tolerance, 2 cm
+where nothing else is said*. The map only rises, so it changes no order. A network whose score says
+nothing about centimetres, such as HADR's probability of a voxel of 25 cm, gets no confidence.
 
 Two questions show what a confidence is worth. *Is it honest?* Of the pixels that say 0.8, 80
 percent should be right: `reliability`. *Does it know anything?* Leaving out the least sure pixels
@@ -19,11 +19,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import isotonic_regression
+from scipy.special import expit
 
 from hadr.camera import BoolArray, FloatArray
 
@@ -112,9 +113,6 @@ def fit_calibration(
         bins: Number of bins.
         frames: Number of frames the pixels come from, for the record.
 
-    Returns:
-        The map.
-
     Raises:
         ValueError: There is no pixel, the shapes differ, a value is not finite, or a score lies
             outside 0..1.
@@ -144,6 +142,99 @@ def fit_calibration(
         tolerance_m=tolerance_m,
         pixels=s.size,
         frames=frames,
+    )
+
+
+Signal = Literal["network", "candidates"]
+FLOOR_M = 0.001
+"""Added to a spread before the logarithm: differences below a millimetre mean nothing."""
+LEAST_ODDS = 1e-4
+"""Probabilities are kept this far from 0 and 1 before the log odds are taken."""
+
+
+@dataclass(frozen=True)
+class ConfidenceRule:
+    """How what a network says of its answer becomes the probability that a pixel is right.
+
+    Args:
+        signal: "candidates": the spread of the predicted distribution of depth, as minus the
+            logarithm of (spread + 1 mm). "network": the probability that this distribution gives to
+            2 cm around the answer, as log odds. Larger = surer.
+        center: Mean of the signal over the calibration pixels.
+        scale: Its standard deviation, positive.
+        calibration: From the score, the logistic function of the standardised signal, to the
+            probability.
+    """
+
+    signal: Signal
+    center: float
+    scale: float
+    calibration: Calibration
+
+    def score(self, signal: FloatArray) -> npt.NDArray[np.float64]:
+        """Standardise the signal, any shape, and bring it to 0..1."""
+        return np.asarray(expit((np.asarray(signal, np.float64) - self.center) / self.scale))
+
+    def __call__(self, signal: FloatArray) -> npt.NDArray[np.float32]:
+        """Give the probability that each pixel is right, from its signal, any shape."""
+        return self.calibration(self.score(signal))
+
+    def ordering(self, signal: FloatArray) -> npt.NDArray[np.float64]:
+        """Order pixels by their probability, equal ones by their score; larger = surer."""
+        return self(signal).astype(np.float64) + 1e-6 * self.score(signal)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The rule as built-in types, as checkpoints' records store it."""
+        return {
+            "signals": [self.signal],
+            "center": [self.center],
+            "scale": [self.scale],
+            "weights": [1.0],
+            "calibration": self.calibration.to_dict(),
+        }
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> ConfidenceRule:
+        """Build the rule from `to_dict` or from the same read from JSON; further keys are left.
+
+        Raises:
+            ValueError: The record joins several signals, or has another one.
+        """
+        signals = values["signals"]
+        if len(signals) != 1 or signals[0] not in get_args(Signal):
+            raise ValueError(f"a confidence is made of one of {get_args(Signal)}, got {signals}")
+        (center,), (scale,) = values["center"], values["scale"]
+        return cls(signals[0], center, scale, Calibration.from_dict(values["calibration"]))
+
+
+def signal_of(output: Any, signal: Signal = "candidates") -> Any:
+    """What HADR-plus's output says of the answer (torch): (B, H, W), 0 where not restored."""
+    if signal == "network":
+        sure = output.confidence.clamp(LEAST_ODDS, 1 - LEAST_ODDS)
+        return (sure / (1 - sure)).log() * output.restored
+    return -(output.spread.clamp(min=0) + FLOOR_M).log() * output.restored
+
+
+def fit_confidence(
+    spread_signal: FloatArray, error_m: FloatArray, *, frames: int = 0
+) -> ConfidenceRule:
+    """Fit the rule of a network that predicts a distribution.
+
+    Args:
+        spread_signal: Signal "candidates" of each restored pixel, shape (N,).
+        error_m: Restored minus true depth in metres, shape (N,).
+        frames: Number of frames the pixels come from, for the record.
+
+    Raises:
+        ValueError: There is no pixel, the shapes differ, or a value is not finite.
+    """
+    values = np.asarray(spread_signal, np.float64)
+    if not values.size or not np.isfinite(values).all():
+        raise ValueError(f"a confidence needs finite signals, got {values.size} of them")
+    center, scale = float(values.mean()), max(float(values.std()), 1e-9)
+    score = expit((values - center) / scale)
+    return ConfidenceRule(
+        "candidates", center, scale, fit_calibration(score, error_m, frames=frames)
     )
 
 
@@ -178,9 +269,6 @@ def reliability(confidence: FloatArray, right: BoolArray, bins: int = 10) -> Rel
         confidence: Probability of being right, 0..1, shape (N,).
         right: Whether it is, shape (N,) bool.
         bins: Number of equally wide bins; the last one holds 1.
-
-    Returns:
-        The comparison.
 
     Raises:
         ValueError: There is no pixel, the shapes differ, or a confidence lies outside 0..1.
@@ -244,9 +332,6 @@ def sparsification(
         error_m: Error of each pixel in metres, shape (N,).
         dropped: Shares to drop, each in [0, 1).
 
-    Returns:
-        The errors of what is kept.
-
     Raises:
         ValueError: There is no pixel, the shapes differ, or a share is out of its range.
     """
@@ -291,3 +376,23 @@ def learned_range(true_depth: FloatArray, margin_m: float = TOLERANCE_M) -> tupl
     if not known.size:
         raise ValueError("no depth of any object: the learned range is unknown")
     return max(float(known.min()) - margin_m, 0.0), float(known.max()) + margin_m
+
+
+def within_learned(output: Any, depth_range_m: tuple[float, float] | None) -> Any:
+    """Mark restored pixels whose answer the network can have learned (torch).
+
+    Not learned are depths outside of the range that training has shown, and answers of HADR that
+    its clamp has cut off: the network wanted an answer outside of the voxel that it chose. How
+    many there are `results/confidence` says (`coverage`).
+
+    Args:
+        output: What a depth network returned.
+        depth_range_m: Least and largest depth of the object in training, metres; None if unknown.
+
+    Returns:
+        Shape (B, H, W), bool; a part of `output.restored`.
+    """
+    good = output.restored & (output.depth > 0)
+    if depth_range_m is not None:
+        good = good & (output.depth >= depth_range_m[0]) & (output.depth <= depth_range_m[1])
+    return good & ~output.clamped if hasattr(output, "clamped") else good

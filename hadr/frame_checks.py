@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hadr.camera import BoolArray, FloatArray, Intrinsics, project
-from hadr.depth_network import Corruption
+from hadr.trained_networks import Corruption
 
 DEEPEST_MEDIAN_M = 20.0
 NEAREST_MEDIAN_M = 0.02
@@ -19,20 +19,7 @@ NEAREST_MEDIAN_M = 0.02
 def checked_depth(
     color: NDArray[np.uint8], depth: FloatArray, camera: Intrinsics, notes: list[str]
 ) -> NDArray[np.float32]:
-    """Check colour, depth and camera against each other.
-
-    Args:
-        color: RGB, shape (H, W, 3) uint8.
-        depth: z-depth in metres, shape (H, W) float; 0, NaN and infinity are missing.
-        camera: Intrinsics of both images.
-        notes: Gets a sentence for each thing that was mended.
-
-    Returns:
-        Depth in metres, shape (H, W) float32, 0 where missing.
-
-    Raises:
-        ValueError: Wrong type or size, negative, missing everywhere, or not in metres.
-    """
+    """Check colour, depth (H, W) and camera against each other: the depth, 0 where missing."""
     if color.ndim != 3 or color.shape[2] != 3 or color.dtype != np.uint8:
         raise ValueError(f"colour must be (H, W, 3) uint8 RGB, got {color.shape} {color.dtype}")
     if depth.ndim != 2 or depth.dtype.kind != "f":
@@ -79,19 +66,7 @@ def checked_depth(
 
 
 def checked_mask(mask: BoolArray | None, clean: NDArray[np.float32], notes: list[str]) -> BoolArray:
-    """Check the mask, or take the pixels without depth where there is none.
-
-    Args:
-        mask: Pixels to restore, shape (H, W) bool, or None.
-        clean: Depth from `checked_depth`, shape (H, W).
-        notes: Gets a sentence where there is no mask.
-
-    Returns:
-        Pixels to restore, shape (H, W) bool.
-
-    Raises:
-        ValueError: Wrong type or size, or empty.
-    """
+    """Check the mask (H, W) bool, or take the pixels without depth where there is none."""
     if mask is None:
         target = clean <= 0
         notes.append(
@@ -146,19 +121,7 @@ def check_mask_form(name: str, mask: BoolArray, clean: NDArray[np.float32]) -> N
 def checked_hand(
     keypoints: NDArray[np.floating], camera: Intrinsics, notes: list[str]
 ) -> NDArray[np.float64]:
-    """Check the hand keypoints.
-
-    Args:
-        keypoints: Camera frame, metres, shape (21, 3).
-        camera: Intrinsics of the frame.
-        notes: Gets a sentence where the hand lies outside of the image.
-
-    Returns:
-        The keypoints, shape (21, 3) float64.
-
-    Raises:
-        ValueError: Not 21 finite points, behind the camera, or not of a hand's size in metres.
-    """
+    """Check the hand keypoints, (21, 3), metres: finite, in front, and of a hand's size."""
     from hadr.hand import KEYPOINT_NAMES, check_keypoints
 
     hand = check_keypoints(keypoints)

@@ -10,10 +10,8 @@ import io
 import json
 import os
 import shutil
-import struct
 import sys
 import tempfile
-import zlib
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
@@ -25,9 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hadr.camera import BoolArray, FloatArray, Intrinsics, back_project, valid_depth
+from hadr.data.frame_pictures import check_whole
 
 DEFAULT_DEPTH_SCALE = 0.001
-PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _QUIET = Lock()
 
 
@@ -192,13 +190,7 @@ def read_hand(path: str | Path) -> NDArray[np.float64]:
 
 
 def write_depth_png(path: Path, depth: FloatArray, scale: float = DEFAULT_DEPTH_SCALE) -> None:
-    """Write depth as a 16-bit PNG: `round(depth / scale)`, 0 where missing or too far.
-
-    Args:
-        path: Where to write.
-        depth: z-depth in metres, shape (H, W).
-        scale: Metres per stored unit; 0.001 reaches to 65.5 m.
-    """
+    """Write depth (H, W), metres, as 16-bit PNG: `round(depth / scale)`, 0 if missing or far."""
     units = np.where(valid_depth(depth), np.rint(np.nan_to_num(depth) / scale), 0)
     units = np.where(units <= np.iinfo(np.uint16).max, units, 0)
     write_image(path, units.astype(np.uint16))
@@ -216,17 +208,7 @@ def write_image(path: Path, image: NDArray[Any]) -> None:
 def write_point_cloud(
     path: Path, depth: FloatArray, color: NDArray[np.uint8], camera: Intrinsics
 ) -> int:
-    """Write the valid pixels as a coloured point cloud, binary PLY.
-
-    Args:
-        path: Where to write, suffix `.ply`.
-        depth: z-depth in metres, shape (H, W).
-        color: RGB, shape (H, W, 3) uint8.
-        camera: Intrinsics of both.
-
-    Returns:
-        The number of points, camera frame, metres.
-    """
+    """Write the pixels with depth as a coloured point cloud, binary PLY, and count them."""
     import trimesh
 
     points = back_project(depth, camera)
@@ -325,12 +307,14 @@ def _read_image(path: str | Path, name: str) -> NDArray[Any]:
     path = Path(path)
     _check_file(path, name)
     data = path.read_bytes()
-    if data.startswith(PNG_SIGNATURE):
-        check_png(data, f"{name} {path}")
+    try:
+        check_whole(data)
+    except ValueError as error:
+        raise ValueError(f"{name} {path} is not a whole image, PNG or JPEG: {error}") from error
     level = cv2.utils.logging.getLogLevel()
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     finally:
         cv2.utils.logging.setLogLevel(level)
     if image is None:
@@ -339,25 +323,6 @@ def _read_image(path: str | Path, name: str) -> NDArray[Any]:
             "expected PNG or JPEG"
         )
     return np.asarray(image)
-
-
-def check_png(data: bytes, name: str) -> None:
-    """Walk the chunks of a PNG, so that a cut-off file is named before a decoder guesses."""
-    position = len(PNG_SIGNATURE)
-    while position + 12 <= len(data):
-        length, kind = struct.unpack_from(">I4s", data, position)
-        end = position + 12 + length
-        if end > len(data):
-            break
-        if zlib.crc32(data[position + 4 : end - 4]) != struct.unpack_from(">I", data, end - 4)[0]:
-            raise ValueError(f"{name} is a damaged PNG: chunk {kind!r} fails its check sum")
-        if kind == b"IEND":
-            return
-        position = end
-    raise ValueError(
-        f"{name} is a truncated PNG: {len(data)} bytes without the closing IEND chunk, "
-        "expected a whole file"
-    )
 
 
 def _kind(image: NDArray[Any]) -> str:

@@ -19,7 +19,7 @@ import numpy.typing as npt
 import torch
 from scipy.spatial.transform import Rotation
 
-from hadr.camera import BoolArray, FloatArray, Intrinsics, valid_depth
+from hadr.camera import BoolArray, FloatArray, Intrinsics, unproject, valid_depth
 
 Side = Literal["right", "left"]
 
@@ -324,9 +324,7 @@ def lift_keypoints(
     if (z <= 0).any():
         worst = int(np.argmin(z))
         raise ValueError(f"keypoint {KEYPOINT_NAMES[worst]} lies behind the camera: {z[worst]} m")
-    x = (pixels[:, 0] - camera.cx) / camera.fx * z
-    y = (pixels[:, 1] - camera.cy) / camera.fy * z
-    return check_keypoints(np.stack([x, y, z], axis=1))
+    return check_keypoints(unproject(pixels, z, camera))
 
 
 def wrist_depth_at(

@@ -24,7 +24,6 @@ import numpy as np
 import numpy.typing as npt
 
 from hadr.camera import BoolArray, FloatArray, valid_depth
-from hadr.records.markdown import markdown_table
 
 Missing = Literal["exclude", "zero", "error"]
 Averaging = Literal["frame", "per-frame mean", "pooled"]
@@ -295,6 +294,8 @@ def format_table(rows: Mapping[str, DepthMetrics], columns: Sequence[str] | None
         ValueError: There is no row, the rows are averaged in different ways, or a column is
             unknown.
     """
+    import pandas as pd
+
     if not rows:
         raise ValueError("no rows for the table")
     ways = sorted({m.averaging for m in rows.values()})
@@ -304,14 +305,13 @@ def format_table(rows: Mapping[str, DepthMetrics], columns: Sequence[str] | None
     if unknown:
         raise ValueError(f"no such column: {', '.join(sorted(unknown))}")
     shown = [c for c in COLUMNS if columns is None or c[0] in columns]
-    lines = []
-    for name, metrics in rows.items():
-        cells = [name]
-        for column, _, digits in shown:
-            value = getattr(metrics, column) * (100 if column == "coverage" else 1)
-            cells.append("–" if math.isnan(value) else f"{value:.{digits}f}")
-        lines.append(cells)
-    table = markdown_table(["method", *(heading for _, heading, _ in shown)], lines)
+    cells = pd.DataFrame({"method": list(rows)})
+    for column, heading, digits in shown:
+        factor = 100 if column == "coverage" else 1
+        values = [factor * getattr(metrics, column) for metrics in rows.values()]
+        cells[heading] = ["–" if math.isnan(v) else f"{v:.{digits}f}" for v in values]
+    sides = ["left"] + ["right"] * len(shown)
+    table = cells.to_markdown(index=False, disable_numparse=True, colalign=sides)
     counts = sorted({m.frames for m in rows.values()})
     over = str(counts[0]) if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
     caption = {

@@ -1,14 +1,15 @@
 """The front door: one RGB-D frame in, restored depth out (numpy in, numpy out).
 
-`restore` checks what it is given, chooses a method and says in `Restoration.notes` what it did
-and, above all, what it could not do: where no trained network fits the input, the result is a
-classical fill and is called one. `hadr.perception.Perception` does the same frame after frame with
-networks that are loaded once.
+A `Restorer` loads its networks once and then restores frame after frame: it finds the mask and the
+hand where they are not given, restores the mask's depth, and says in `Restoration.notes` what it
+did and, above all, what it could not do: where no trained network fits the frame, the result is a
+classical fill and is called one. `restore` is its short form for a single frame.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -16,15 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hadr.camera import BoolArray, FloatArray, Intrinsics, project, valid_depth
-from hadr.depth_network import (
-    SILENT,
-    TITLES,
-    Corruption,
-    DepthNetwork,
-    NetworkDepth,
-    enlarge_known,
-    enlarge_restored,
-)
 from hadr.frame_checks import (
     check_mask_form,
     checked_depth,
@@ -32,10 +24,15 @@ from hadr.frame_checks import (
     checked_mask,
     depth_to_use,
 )
-from hadr.perception import HandKeypoints, Segmentation
+from hadr.models.networks import DEPTH_NETWORKS
 from hadr.rivals import classical
-
-__all__ = ["METHODS", "Method", "Restoration", "enlarge_known", "enlarge_restored", "restore"]
+from hadr.trained_networks import (
+    Corruption,
+    DepthNetwork,
+    HandKeypoints,
+    NetworkDepth,
+    Segmentation,
+)
 
 Method = Literal[
     "auto",
@@ -60,31 +57,263 @@ SAMPLE_CHECKPOINTS = (
 )
 """All sample checkpoints that restore depth."""
 
+Depth = NDArray[np.float32]
+Points = NDArray[np.float64]
+
 
 @dataclass(frozen=True)
 class Restoration:
-    """What `restore` returns.
+    """A restored frame.
 
     Attributes:
         depth: z-depth in metres, shape (H, W) float32, 0 where still missing.
         confidence: Shape (H, W) float32, 0..1: 1 where the camera measured, 0 where still missing.
             In restored pixels, where `tolerance_m` is set, the probability that the depth is right
-            to so many metres; otherwise a network's own score, which only orders pixels. 0 for the
-            classical methods, which know no estimate.
+            to so many metres; otherwise HADR-plus's own score, which only orders pixels. 0 for all
+            other methods, which cannot say how sure they are.
         restored: Pixels whose depth comes from the method, shape (H, W) bool.
-        method: The method that was really used.
+        method: The method that was really used; "none" where there was nothing to restore.
         notes: What a user must know about this result, one sentence each.
         tolerance_m: What a calibrated confidence speaks of, metres; None where it is none.
         mask: Pixels that were to be restored, given or predicted, shape (H, W) bool.
+        hand_mask: Pixels of hand and arm, given or predicted, shape (H, W) bool; None: not known.
+        keypoints: 21 hand keypoints, given or predicted, camera frame, metres, shape (21, 3); None:
+            not known.
     """
 
-    depth: NDArray[np.float32]
-    confidence: NDArray[np.float32]
+    depth: Depth
+    confidence: Depth
     restored: BoolArray
     method: str
     notes: tuple[str, ...]
     tolerance_m: float | None
     mask: BoolArray
+    hand_mask: BoolArray | None = None
+    keypoints: Points | None = None
+
+
+@dataclass(frozen=True)
+class _Known:
+    """What is known of a frame before its depth is restored; shapes as in `Restoration`."""
+
+    color: NDArray[np.uint8]
+    depth: Depth
+    camera: Intrinsics
+    target: BoolArray
+    hand: Points | None
+    hand_mask: BoolArray | None
+
+
+@dataclass(frozen=True)
+class _Filled:
+    """The frame's depth after filling; only the pixels `changed` took another one."""
+
+    depth: FloatArray
+    confidence: Depth
+    changed: BoolArray
+    method: str
+    tolerance_m: float | None = None
+
+
+class Restorer:
+    """Restores the depth of transparent objects, frame after frame.
+
+    Its networks are read once; the depth network not before a frame needs it.
+
+    Args:
+        method: "auto" takes the depth network where it fits the frame, else "nearest", and says so
+            in the notes. The kind of a network, such as "hadr-plus", insists on one of that kind.
+            "nearest": nearest valid depth. "inpaint": OpenCV's Telea inpainting. "hand-median":
+            the hand's median depth (needs keypoints).
+        network: A depth network, or its checkpoint (`.safetensors`); None looks for the sample
+            checkpoint of the method.
+        corruption: What becomes of depth that the camera measured inside of the mask. "oracle"
+            does not trust it: on glass it is mostly the background. "sensor" gives it to the
+            network; the methods without learning keep it and fill what is missing. None does as
+            the network was trained, and "oracle" without one.
+        segmentation: A network, or its checkpoint, that finds mask and hand mask.
+        keypoint_network: A network, or its checkpoint, that finds the hand's keypoints.
+
+    Raises:
+        ValueError: Method or corruption is unknown.
+        FileNotFoundError: A checkpoint that was asked for does not exist.
+    """
+
+    def __init__(
+        self,
+        method: Method = "auto",
+        network: str | Path | DepthNetwork | None = None,
+        *,
+        corruption: Corruption | None = None,
+        segmentation: str | Path | Segmentation | None = None,
+        keypoint_network: str | Path | HandKeypoints | None = None,
+    ) -> None:
+        for name, value, known in (
+            ("method", method, METHODS),
+            ("corruption", corruption, (None, *get_args(Corruption))),
+        ):
+            if value not in known:
+                expected = ", ".join(str(one) for one in known if one)
+                raise ValueError(f"{name} must be one of {expected}, got {value!r}")
+        self.method, self.corruption, self._given = method, corruption, network
+        by_file = isinstance(segmentation, str | Path)
+        self.segmentation = Segmentation.load(segmentation) if by_file else segmentation
+        by_file = isinstance(keypoint_network, str | Path)
+        self.finder = HandKeypoints.load(keypoint_network) if by_file else keypoint_network
+
+    @cached_property
+    def network(self) -> DepthNetwork | str:
+        """The depth network, or why there is none."""
+        given = self._given
+        if self.method != "auto" and self.method not in DEPTH_NETWORKS:
+            return "none was asked for"
+        if given is None:
+            from hadr.data.samples import samples_dir
+
+            auto = self.method in ("auto", "hadr")
+            name = CHECKPOINT_NAME if auto else f"{self.method}-mini.safetensors"
+            try:
+                given = samples_dir() / "checkpoints" / name
+            except FileNotFoundError:
+                return "the folder data_samples with the sample checkpoint was not found"
+            if not given.is_file():
+                return f"there is no {name} in {given.parent}"
+        network = given if isinstance(given, DepthNetwork) else DepthNetwork.load(given)
+        if self.method not in ("auto", network.kind):
+            return f"{network.name} holds a network of kind {network.kind}"
+        return network
+
+    def __call__(
+        self,
+        color: NDArray[np.uint8],
+        depth: FloatArray,
+        camera: Intrinsics,
+        mask: BoolArray | None = None,
+        keypoints: NDArray[np.floating] | None = None,
+        hand_mask: BoolArray | None = None,
+    ) -> Restoration:
+        """Restore one frame.
+
+        Only the mask's pixels change. A network runs at the size it was trained at; its depth is
+        brought back to the full size by interpolating bilinearly between the restored pixels, and
+        by taking the nearest one at the mask's border. A pixel that the network can't know stays
+        missing.
+
+        Args:
+            color: RGB, shape (H, W, 3) uint8.
+            depth: z-depth in metres, shape (H, W) float; 0, NaN and infinity count as missing.
+            camera: Intrinsics of both images.
+            mask: Pixels of the transparent object, shape (H, W) bool. None has them predicted;
+                without a segmentation network the pixels that have no depth are restored.
+            keypoints: 21 hand keypoints, camera frame, metres, shape (21, 3). None has them
+                predicted, if there is a network for it.
+            hand_mask: Pixels of hand and arm, shape (H, W) bool: sharpens "hand-median", and tells
+                where to look for keypoints. None has them predicted, if there is a network for it.
+
+        Returns:
+            The restored frame. Where no glass is found, its depth is as measured.
+
+        Raises:
+            ValueError: An input is unusable, or what the method needs is missing; the message names
+                the value and what is expected.
+        """
+        notes: list[str] = []
+        clean = checked_depth(color, depth, camera, notes)
+        hand = None if keypoints is None else checked_hand(keypoints, camera, notes)
+        target, hand_mask = self._masks(color, clean, mask, hand_mask, hand is None, notes)
+        if target.any():
+            if not valid_depth(clean[~target]).any():
+                raise ValueError(
+                    f"the mask covers all {int(target.sum())} pixels that could have depth, "
+                    "expected at least one pixel with depth outside of it"
+                )
+            known = _Known(color, clean, camera, target, hand, hand_mask)
+            known, filled = self._fill(known, notes)
+            hand = known.hand
+        else:
+            notes.append("nothing to restore: the depth is as measured")
+            filled = _Filled(clean, np.zeros_like(clean), target, "none")
+        return _result(clean, filled, target, hand_mask, hand, notes)
+
+    def _masks(
+        self,
+        color: NDArray[np.uint8],
+        clean: Depth,
+        mask: BoolArray | None,
+        hand_mask: BoolArray | None,
+        without_hand: bool,
+        notes: list[str],
+    ) -> tuple[BoolArray, BoolArray | None]:
+        """The pixels to restore and those of the hand: as given, else predicted."""
+        if hand_mask is not None:
+            check_mask_form("hand mask", hand_mask, clean)
+        needs_hand = self.method == "hand-median" or (without_hand and self.finder is not None)
+        wanted = mask is None or (hand_mask is None and needs_hand)
+        if not wanted or self.segmentation is None:
+            return checked_mask(mask, clean, notes), hand_mask
+        found, found_hand = self.segmentation.masks(color)
+        hand_mask = found_hand if hand_mask is None else hand_mask
+        if mask is not None:
+            return checked_mask(mask, clean, notes), hand_mask
+        name = self.segmentation.name
+        said = "is not given but predicted by" if found.any() else "is empty: no glass was found by"
+        notes.append(f"the mask {said} {name}")
+        return found, hand_mask
+
+    def _fill(self, known: _Known, notes: list[str]) -> tuple[_Known, _Filled]:
+        """Find the hand if need be, and fill the mask with the network or without."""
+        network = self._fitting(known.hand is not None or self.finder is not None)
+        trusted = self.corruption or getattr(network, "corruption", "oracle")
+        seen = depth_to_use(known.depth, known.target, trusted, notes)
+        if known.hand is None and self.finder is not None:
+            known = replace(known, hand=self._find_hand(known, seen, notes))
+            network = self._fitting(known.hand is not None)
+        if isinstance(network, str):
+            method = self._without_network(network, notes)
+            return known, _classical(method, known, known.target & ~valid_depth(seen))
+        asked = replace(network, corruption=trusted)
+        answer = asked.restore(known.color, seen, known.camera, known.target, known.hand)
+        _note_network(network, answer, trusted, known.camera, notes)
+        filled = np.where(known.target, answer.depth, known.depth)
+        tolerance = None if network.rule is None else network.rule.calibration.tolerance_m
+        return known, _Filled(filled, answer.confidence, known.target, network.kind, tolerance)
+
+    def _fitting(self, hand_is_known: bool) -> DepthNetwork | str:
+        """The network that fits the frame, or why there is none."""
+        if self._given is None and not hand_is_known:  # needs no file to be read
+            return "the sample checkpoint needs 21 hand keypoints and none were given"
+        network = self.network
+        if isinstance(network, DepthNetwork) and network.needs_hand and not hand_is_known:
+            return f"{network.name} needs 21 hand keypoints and there are none"
+        return network
+
+    def _find_hand(self, known: _Known, seen: Depth, notes: list[str]) -> Points | None:
+        """Predict the hand's keypoints, or say why not."""
+        network, hand_mask = self.finder, known.hand_mask
+        assert network is not None  # for the type checker: the caller looks
+        if hand_mask is None:
+            raise ValueError(
+                f"{network.name} needs to know where the hand is: give hand_mask, or a "
+                "segmentation checkpoint that predicts it"
+            )
+        found = None
+        if hand_mask.any():
+            found = network.find(known.color, seen, known.camera, known.target, hand_mask)
+        notes.append(
+            "there is no hand with depth, so there are no keypoints"
+            if found is None
+            else f"the hand's keypoints are not given but predicted by {network.name}"
+        )
+        return found
+
+    def _without_network(self, why: DepthNetwork | str, notes: list[str]) -> str:
+        """The classical method to use where no network fits."""
+        if self.method in DEPTH_NETWORKS:
+            raise ValueError(f"method {self.method}: no checkpoint fits: {why}")
+        if self.method != "auto":
+            return self.method
+        notes.append(f"no checkpoint fits: {why}; the result is nearest valid depth, not HADR")
+        return "nearest"
 
 
 def restore(
@@ -98,123 +327,40 @@ def restore(
     hand_mask: BoolArray | None = None,
     *,
     corruption: Corruption | None = None,
-    segmentation: str | Path | None = None,
-    keypoint_network: str | Path | None = None,
 ) -> Restoration:
     """Restore the depth of a transparent object in one RGB-D frame.
 
-    Only the mask's pixels change. A network runs at the size it was trained at; its depth is
-    brought back to the full size by interpolating bilinearly between the restored pixels, and by
-    taking the nearest one at the mask's border. A pixel that the network can't know stays missing.
-
-    Args:
-        color: RGB, shape (H, W, 3) uint8.
-        depth: z-depth in metres, shape (H, W) float; 0, NaN and infinity count as missing.
-        camera: Intrinsics of both images.
-        mask: Pixels of the transparent object, shape (H, W) bool. None has them predicted where
-            `segmentation` is given, and restores the pixels that have no depth where it is not.
-        keypoints: 21 hand keypoints, camera frame, metres, shape (21, 3). None has them predicted
-            where `keypoint_network` is given.
-        method: "auto" takes the checkpoint's network where one fits, else "nearest", and says so
-            in the notes. The kind of a network, such as "hadr-plus", insists on one of that kind.
-            "nearest": nearest valid depth. "inpaint": OpenCV's Telea inpainting. "hand-median":
-            the hand's median depth (needs keypoints).
-        checkpoint: A checkpoint of a depth network (`.safetensors`); None looks for the sample
-            checkpoint.
-        hand_mask: Pixels of hand and arm, shape (H, W) bool; sharpens "hand-median", and tells
-            where to look for keypoints.
-        corruption: What becomes of depth that the camera measured inside of the mask. "oracle"
-            does not trust it: on glass it is mostly the background. "sensor" gives it to the
-            network; the methods without learning keep it and fill what is missing. None does as
-            the checkpoint was trained, and "oracle" without one.
-        segmentation: A segmentation checkpoint that predicts mask and hand mask.
-        keypoint_network: A hand-keypoint checkpoint that predicts the keypoints.
-
-    Returns:
-        The restored depth with its confidence and notes.
-
-    Raises:
-        ValueError: An input is unusable; the message names the value and what is expected.
-        FileNotFoundError: A checkpoint that was asked for does not exist.
+    The short form of `Restorer`, which explains all arguments, reads its networks once for many
+    frames, and can predict mask and keypoints.
     """
-    for name, value, known in (
-        ("method", method, METHODS),
-        ("corruption", corruption, (None, *get_args(Corruption))),
-    ):
-        if value not in known:
-            expected = ", ".join(str(one) for one in known if one)
-            raise ValueError(f"{name} must be one of {expected}, got {value!r}")
-    notes: list[str] = []
-    clean = checked_depth(color, depth, camera, notes)
-    if hand_mask is not None:
-        check_mask_form("hand mask", hand_mask, clean)
-    if segmentation is not None and (mask is None or hand_mask is None):
-        network = Segmentation.load(segmentation)
-        found, found_hand = network.masks(color)
-        if mask is None:
-            notes.append(f"the mask is not given but predicted by {network.name}")
-            if not found.any():
-                raise ValueError(f"{network.name} found no glass in the picture; give a mask")
-        mask = found if mask is None else mask
-        hand_mask = found_hand if hand_mask is None else hand_mask
-    target = checked_mask(mask, clean, notes)
-    hand = None if keypoints is None else checked_hand(keypoints, camera, notes)
-    if not target.any():
-        notes.append("every pixel has a depth and no mask was given: nothing to restore")
-        return _result(clean, clean, np.zeros_like(clean), target, "none", notes)
-    if not valid_depth(clean[~target]).any():
-        raise ValueError(
-            f"the mask covers all {int(target.sum())} pixels that could have depth, expected at "
-            "least one pixel with depth outside of it"
-        )
-    chosen: DepthNetwork | str = "none was asked for"
-    if method == "auto" or method in TITLES:
-        hand_comes = hand is not None or keypoint_network is not None
-        chosen = _fitting_checkpoint(checkpoint, method, hand_comes)
-    if keypoint_network is not None and hand is None:
-        inside = depth_to_use(clean, target, _corruption(corruption, chosen), [])
-        hand = _predicted_hand(color, inside, camera, target, hand_mask, keypoint_network, notes)
-        if hand is None and isinstance(chosen, DepthNetwork) and chosen.needs_hand:
-            chosen = f"{chosen.name} needs 21 hand keypoints and none were found"
-    inside = depth_to_use(clean, target, _corruption(corruption, chosen), notes)
-    if isinstance(chosen, DepthNetwork):
-        chosen = _with_corruption(chosen, corruption, notes)
-        answer = chosen.restore(color, inside, camera, target, hand)
-        _note_network(chosen, answer, camera, notes)
-        filled = np.where(target, answer.depth, clean)
-        result = _result(clean, filled, answer.confidence, target, chosen.kind, notes)
-        tolerance = None if chosen.rule is None else chosen.rule.calibration.tolerance_m
-        return replace(result, tolerance_m=tolerance)
-    used: str = method
-    if method in TITLES:
-        raise ValueError(f"method {method}: no checkpoint fits: {chosen}")
-    if method == "auto":
-        notes.append(f"no checkpoint fits: {chosen}; the result is nearest valid depth, not HADR")
-        used = "nearest"
-    holes = target & ~valid_depth(inside)
-    if used == "nearest":
-        filled = classical.nearest_valid(clean, holes)
-    elif used == "inpaint":
-        filled = classical.inpaint(clean, holes)
+    restorer = Restorer(method, checkpoint, corruption=corruption)
+    return restorer(color, depth, camera, mask, keypoints, hand_mask)
+
+
+def _classical(method: str, known: _Known, holes: BoolArray) -> _Filled:
+    """Fill the holes without learning."""
+    if method == "nearest":
+        filled = classical.nearest_valid(known.depth, holes)
+    elif method == "inpaint":
+        filled = classical.inpaint(known.depth, holes)
     else:
-        if hand is None:
+        if known.hand is None:
             raise ValueError("method hand-median needs 21 hand keypoints (21, 3), got none")
-        uv = project(hand, camera)
-        filled = classical.hand_median(clean, holes, uv, hand[:, 2], hand_mask)
-    return _result(clean, filled, np.zeros_like(clean), holes, used, notes, target)
+        uv, z = project(known.hand, known.camera), known.hand[:, 2]
+        filled = classical.hand_median(known.depth, holes, uv, z, known.hand_mask)
+    return _Filled(filled, np.zeros_like(known.depth), holes, method)
 
 
 def _result(
-    measured: NDArray[np.float32],
-    filled: FloatArray,
-    confidence_inside: NDArray[np.float32],
-    changed: BoolArray,
-    method: str,
+    measured: Depth,
+    filled: _Filled,
+    mask: BoolArray,
+    hand_mask: BoolArray | None,
+    keypoints: Points | None,
     notes: list[str],
-    mask: BoolArray | None = None,
 ) -> Restoration:
-    """Put the result together; of `mask` only the pixels `changed` took another depth."""
-    depth = filled.astype(np.float32)
+    """Put the result together, and count what is missing."""
+    depth, changed = filled.depth.astype(np.float32), filled.changed
     restored = changed & (depth > 0)
     lost = int((changed & ~restored).sum())
     if lost:
@@ -222,89 +368,34 @@ def _result(
     outside = int((~changed & (depth <= 0)).sum())
     if outside:
         notes.append(f"{outside} pixels outside the mask have no depth and stay missing")
-    confidence = np.where(changed, np.where(restored, confidence_inside, 0), measured > 0)
+    confidence = np.where(changed, np.where(restored, filled.confidence, 0), measured > 0)
     return Restoration(
         depth=depth,
         confidence=confidence.astype(np.float32),
         restored=restored,
-        method=method,
+        method=filled.method,
         notes=tuple(notes),
-        tolerance_m=None,
-        mask=changed if mask is None else mask,
+        tolerance_m=filled.tolerance_m,
+        mask=mask,
+        hand_mask=hand_mask,
+        keypoints=keypoints,
     )
-
-
-def _fitting_checkpoint(
-    checkpoint: str | Path | None, method: str, hand_is_known: bool
-) -> DepthNetwork | str:
-    """Return the network that fits the input, or why there is none."""
-    if checkpoint is None:
-        if not hand_is_known:
-            return "the sample checkpoint needs 21 hand keypoints and none were given"
-        from hadr.data.samples import samples_dir
-
-        name = CHECKPOINT_NAME if method in ("auto", "hadr") else f"{method}-mini.safetensors"
-        try:
-            checkpoint = samples_dir() / "checkpoints" / name
-        except FileNotFoundError:
-            return "the folder data_samples with the sample checkpoint was not found"
-        if not checkpoint.is_file():
-            return f"there is no {name} in {checkpoint.parent}"
-    network = DepthNetwork.load(checkpoint)
-    if method not in ("auto", network.kind):
-        return f"{network.name} holds a network of kind {network.kind}"
-    if not hand_is_known and network.needs_hand:
-        return f"{network.name} needs 21 hand keypoints and none were given"
-    return network
-
-
-def _predicted_hand(
-    color: NDArray[np.uint8],
-    depth: NDArray[np.float32],
-    camera: Intrinsics,
-    mask: BoolArray,
-    hand_mask: BoolArray | None,
-    checkpoint: str | Path,
-    notes: list[str],
-) -> NDArray[np.float64] | None:
-    """Predict the hand's keypoints, or say why not."""
-    network = HandKeypoints.load(checkpoint)
-    if hand_mask is None:
-        raise ValueError(
-            f"{network.name} needs to know where the hand is: give hand_mask, or a segmentation "
-            "checkpoint that predicts it"
-        )
-    found = network.find(color, depth, camera, mask, hand_mask)
-    notes.append(
-        "there is no hand with depth, so there are no keypoints"
-        if found is None
-        else f"the hand's keypoints are not given but predicted by {network.name}"
-    )
-    return found
-
-
-def _corruption(asked: Corruption | None, network: DepthNetwork | str) -> Corruption:
-    """What becomes of measured depth: as asked, else as the network learned, else erased."""
-    return asked or (network.corruption if isinstance(network, DepthNetwork) else "oracle")
-
-
-def _with_corruption(
-    network: DepthNetwork, corruption: Corruption | None, notes: list[str]
-) -> DepthNetwork:
-    """Give the network what the user asks for, and say where it learned something else."""
-    if corruption is None or corruption == network.corruption:
-        return network
-    learned = "without" if network.corruption == "oracle" else "with"
-    notes.append(
-        f"{network.name} learned from frames {learned} measured depth inside the mask, and was "
-        "now given the other; expect larger errors"
-    )
-    return replace(network, corruption=corruption)
 
 
 def _note_network(
-    network: DepthNetwork, answer: NetworkDepth, camera: Intrinsics, notes: list[str]
+    network: DepthNetwork,
+    answer: NetworkDepth,
+    corruption: Corruption,
+    camera: Intrinsics,
+    notes: list[str],
 ) -> None:
+    """Say which network it was, what it was not trained for, and what it could not do."""
+    if corruption != network.corruption:
+        learned = "without" if network.corruption == "oracle" else "with"
+        notes.append(
+            f"{network.name} learned from frames {learned} measured depth inside the mask, and was "
+            "now given the other; expect larger errors"
+        )
     width, height = network.size
     notes.append(
         f"{network.title} checkpoint {network.name} ({network.trained}) ran at {width}x{height}; "
@@ -315,9 +406,12 @@ def _note_network(
             "the sample checkpoint has seen computed pictures only; expect larger errors on "
             "real ones"
         )
-    if network.rule is None:
-        own = "0: the network knows none" if network.kind in SILENT else "the network's own score"
-        notes.append(f"the confidence is {own}; {network.name} was never calibrated")
+    if not network.can_say:
+        notes.append(f"{network.title} cannot say how sure it is: its confidence is 0")
+    elif network.rule is None:
+        notes.append(
+            f"the confidence is the network's own score; {network.name} was never calibrated"
+        )
     if answer.no_answer == 1:
         notes.append(
             f"no ray of the mask met an occupied voxel, so {network.title} restored nothing"

@@ -1,16 +1,23 @@
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
 from hadr.confidence import (
+    FLOOR_M,
     Calibration,
+    ConfidenceRule,
     fit_calibration,
+    fit_confidence,
     learned_range,
     reliability,
+    signal_of,
     sparsification,
+    within_learned,
 )
 
 
@@ -181,3 +188,66 @@ def test_learned_range_leaves_unknown_depth_out() -> None:
     assert (near, far) == pytest.approx((0.48, 0.92))
     with pytest.raises(ValueError, match="no depth of any object"):
         learned_range(np.zeros(4))
+
+
+def spreads(seed: int, count: int = 10_000):
+    """Gaussian errors of known spread, 5 to 50 mm; and what a network would say of them."""
+    rng = np.random.default_rng(seed)
+    sigma = np.exp(rng.uniform(np.log(0.005), np.log(0.05), count))
+    return -np.log(sigma), sigma * rng.standard_normal(count), sigma
+
+
+def test_a_spread_becomes_the_true_probability_of_gaussian_errors() -> None:
+    from scipy.special import erf
+
+    signal, error, _ = spreads(0)
+    rule = fit_confidence(signal, error)
+    fresh, fresh_error, sigma = spreads(1)
+    said = rule(fresh)
+    assert np.abs(said - erf(0.02 / (sigma * np.sqrt(2)))).mean() < 0.03
+    assert reliability(said, np.abs(fresh_error) < 0.02).expected_error < 0.02
+
+
+def test_a_rule_computed_by_hand() -> None:
+    rule = ConfidenceRule("network", 1.0, 2.0, Calibration((0.0, 1.0), (0.2, 0.8)))
+    # (2 - 1) / 2 = 0.5; logistic(0.5) = 0.62246
+    assert rule.score(np.array([[2.0]]))[0, 0] == pytest.approx(0.6224593)
+    assert rule(np.array([[2.0]]))[0, 0] == pytest.approx(0.2 + 0.6 * 0.6224593)
+    flat = ConfidenceRule("network", 0.0, 1.0, Calibration((0.5,), (0.5,)))
+    assert list(np.argsort(flat.ordering(np.array([3.0, -3.0, 1.0])))) == [1, 2, 0]
+
+
+def test_a_rule_survives_json_and_one_of_several_signals_is_refused() -> None:
+    rule = fit_confidence(*spreads(4, 200)[:2], frames=8)
+    record = json.loads(json.dumps({**rule.to_dict(), "fitted_on": "more"}))
+    assert ConfidenceRule.from_dict(record) == rule
+    joined = record | {"signals": ["network", "candidates", "neighbours"]}
+    with pytest.raises(ValueError, match=r"made of one of .*, got \['network', 'candidates'"):
+        ConfidenceRule.from_dict(joined)
+    with pytest.raises(ValueError, match="finite signals"):
+        fit_confidence(np.array([0.0, np.inf]), np.zeros(2))
+
+
+def test_what_a_network_says_of_its_answer() -> None:
+    restored = torch.tensor([[[True, True, False]]])
+    output = SimpleNamespace(
+        confidence=torch.tensor([[[0.75, 1.0, 0.5]]]),
+        restored=restored,
+        spread=torch.tensor([[[0.019, 0.1, 0.0]]]),
+    )
+    odds, width = signal_of(output, "network")[0, 0], signal_of(output)[0, 0]
+    assert odds[0] == pytest.approx(np.log(3), rel=1e-5)
+    assert odds[1].isfinite(), "a probability of 1 has finite log odds"
+    assert width[0] == pytest.approx(-np.log(0.019 + FLOOR_M), rel=1e-5)
+    assert width[1] < width[0]
+    assert odds[2] == width[2] == 0
+
+
+def test_answers_that_were_never_learned_are_not_restored() -> None:
+    depth = torch.tensor([[[0.5, 0.85, 0.0]]])
+    output = SimpleNamespace(depth=depth, restored=depth > 0)
+    assert within_learned(output, None)[0, 0].tolist() == [True, True, False]
+    assert within_learned(output, (0.45, 0.8))[0, 0].tolist() == [True, False, False]
+    assert within_learned(output, (0.55, 0.9))[0, 0].tolist() == [False, True, False]
+    output.clamped = torch.tensor([[[False, True, True]]])
+    assert within_learned(output, None)[0, 0].tolist() == [True, False, False]

@@ -17,7 +17,7 @@ from hadr.corruption import (
     smooth_noise,
     stereo_noise,
 )
-from hadr.figures.depth.corruption_statistics import corruption_statistics
+from hadr.figures.depth.corruption_examples import corruption_statistics
 from hadr.frame_io import read_depth, read_mask
 
 CAMERA = Intrinsics(fx=640.0, fy=640.0, cx=79.5, cy=59.5, width=160, height=120)

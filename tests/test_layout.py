@@ -7,27 +7,26 @@ from pathlib import Path
 
 import pytest
 
+import hadr
+
 PACKAGE = Path(__file__).resolve().parents[1] / "hadr"
 
 #: From the innermost on. A module may import from its own room and from those before it.
 METHOD = (
     "records",
     "camera",
-    "frame_io",
     "metrics",
     "confidence",
-    "confidence_rule",
     "corruption",
     "ray_voxels",
-    "dense_pairing",
     "hand",
     "data",
+    "frame_io",
     "models",
     "rivals",
     "training",
-    "depth_network",
+    "trained_networks",
     "frame_checks",
-    "perception",
     "restoration",
     "handover",
 )
@@ -70,6 +69,27 @@ def test_imports_run_inward(path: Path) -> None:
     assert not outer, f"{path.relative_to(PACKAGE)} imports from outside: {sorted(outer)}"
 
 
+def fresh(code: str) -> str:
+    """What a new interpreter prints."""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return done.stdout.strip()
+
+
+def test_the_front_door_is_light_and_opens() -> None:
+    heavy = (*HEAVY, "torch", "cv2", "scipy", "numpy")
+    loaded = f"[name for name in {heavy} if name in sys.modules]"
+    assert fresh(f"import hadr, sys; print({loaded})") == "[]"
+    for name, module in hadr.FRONT_DOOR.items():
+        assert getattr(hadr, name).__module__ == f"hadr.{module}"
+        assert name in dir(hadr)
+    with pytest.raises(AttributeError, match="module 'hadr' has no attribute 'restroe'"):
+        _ = hadr.restroe
+
+
+def test_a_classical_restoration_loads_no_torch() -> None:
+    assert fresh("import sys, hadr; hadr.restore; print('torch' in sys.modules)") == "False"
+
+
 def test_the_method_loads_neither_workshop_nor_press() -> None:
     inner = [
         ".".join(("hadr", *path.relative_to(PACKAGE).with_suffix("").parts))
@@ -80,7 +100,4 @@ def test_the_method_loads_neither_workshop_nor_press() -> None:
         f"import hadr, sys, importlib\nfor name in {inner}: importlib.import_module(name)\n"
         f"print([name for name in {HEAVY} if name in sys.modules])"
     )
-    loaded = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True
-    )
-    assert loaded.stdout.strip() == "[]"
+    assert fresh(code) == "[]"

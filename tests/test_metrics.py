@@ -1,5 +1,6 @@
 import json
 import math
+import re
 from pathlib import Path
 
 import cv2
@@ -180,7 +181,7 @@ def test_format_table():
     text = format_table(
         {"hadr": pooled([a, b]), "hole": pooled([(np.zeros((2, 2)), TRUTH, EVERYWHERE)])}
     )
-    lines = text.splitlines()
+    lines = [re.sub(" +", " ", line) for line in text.splitlines()]
     assert lines[0].startswith("| method | RMSE (m) | REL | MAE (m) | δ1.05 (%) |")
     assert lines[2] == "| hadr | 0.1732 | 0.1500 | 0.1500 | 0.00 | 75.00 | 75.00 | 100.0 |"
     assert lines[3] == "| hole | – | – | – | – | – | – | 0.0 |"
@@ -191,7 +192,17 @@ def test_format_table():
 def test_format_table_with_chosen_columns_and_other_averages():
     one = frame_metrics(PREDICTED, TRUTH, EVERYWHERE)
     text = format_table({"a": one}, columns=("mae_m", "delta_105"))
-    assert text.splitlines()[0] == "| method | MAE (m) | δ1.05 (%) |"
+    assert text.splitlines()[0].split() == [
+        "|",
+        "method",
+        "|",
+        "MAE",
+        "(m)",
+        "|",
+        "δ1.05",
+        "(%)",
+        "|",
+    ]
     assert text.endswith("Over the pixels of one frame.")
     assert format_table({"a": mean_over_frames([one, one])}).endswith(
         "Mean of the frames' numbers, 2 frames."

@@ -3,8 +3,8 @@ import pytest
 
 from hadr import restoration
 from hadr.camera import Intrinsics
-from hadr.depth_network import TITLES
-from hadr.restoration import METHODS, restore
+from hadr.models.networks import DEPTH_NETWORKS
+from hadr.restoration import Restorer, restore
 
 CAMERA = Intrinsics(fx=100, fy=100, cx=39.5, cy=29.5, width=80, height=60)
 
@@ -77,7 +77,7 @@ def test_auto_without_a_checkpoint_file_says_so(monkeypatch) -> None:
     result = restore(color, depth, CAMERA, mask, hand())
     assert result.method == "nearest"
     assert any("no checkpoint fits" in n and "not HADR" in n for n in result.notes)
-    with pytest.raises(FileNotFoundError, match=r"checkpoint .*mine.safetensors does not exist"):
+    with pytest.raises(FileNotFoundError, match=r"no checkpoint at mine.safetensors"):
         restore(color, depth, CAMERA, mask, hand(), checkpoint="mine.safetensors")
 
 
@@ -220,9 +220,8 @@ def test_hadr_restores_only_the_mask_at_full_size_with_its_probability(tmp_path)
     # A ray ends in an occupied voxel, and all points lie at 0.8 m: cell 0.625 to 0.875 m deep.
     assert result.depth[mask].min() > 0.6
     assert result.depth[mask].max() < 1.4  # plus the leaky clamp's margin along the diagonal
-    inside = result.confidence[mask]
-    assert ((inside > 0) & (inside <= 1)).all()
-    assert (result.confidence[~mask] == 1).all()
+    np.testing.assert_array_equal(result.confidence, ~mask)
+    assert "HADR cannot say how sure it is: its confidence is 0" in result.notes
     assert any(
         "untrained.safetensors (preset tiny, 0 epochs) ran at 64x40" in n for n in result.notes
     )
@@ -320,20 +319,25 @@ def test_without_learning_trust_means_to_keep_what_was_measured(method: str) -> 
 
 def test_a_calibrated_checkpoint_says_what_its_confidence_means(tmp_path) -> None:
     """The rule says 0.3 whatever the network's score; the raw score is another."""
+    from hadr.training.checkpoints import save_checkpoint
+
     color, depth, mask = frame()
-    plain = restore(color, depth, CAMERA, mask, hand(), checkpoint=checkpoint_file(tmp_path))
+    path = tmp_path / "plus.safetensors"
+    size = {"width": 64, "height": 40}
+    save_checkpoint(path, depth_network("hadr-plus"), size)
+    plain = restore(color, depth, CAMERA, mask, hand(), checkpoint=path)
     assert plain.tolerance_m is None
     assert any("never calibrated" in n for n in plain.notes)
     calibration = {"scores": [0.2, 0.8], "probabilities": [0.3, 0.3], "tolerance_m": 0.02}
-    rule = {"signals": ["network"], "center": [0], "scale": [1], "weights": [1]}
-    path = checkpoint_file(tmp_path, confidence=rule | {"calibration": calibration})
+    rule = {"signals": ["candidates"], "center": [0], "scale": [1], "calibration": calibration}
+    save_checkpoint(path, depth_network("hadr-plus"), size | {"confidence": rule})
     sure = restore(color, depth, CAMERA, mask, hand(), checkpoint=path)
     assert sure.tolerance_m == 0.02
     assert not any("never calibrated" in n for n in sure.notes)
-    np.testing.assert_allclose(sure.confidence[mask], 0.3, rtol=1e-6)
+    np.testing.assert_allclose(sure.confidence[sure.restored], 0.3, rtol=1e-6)
     assert (sure.confidence[~mask] == 1).all()
     np.testing.assert_array_equal(sure.depth, plain.depth)
-    assert not np.allclose(plain.confidence[mask], 0.3)
+    assert not np.allclose(plain.confidence[sure.restored], 0.3)
 
 
 def test_depth_beyond_the_learned_range_is_left_missing(tmp_path) -> None:
@@ -355,7 +359,7 @@ def depth_network(kind: str):
     from hadr.models.hadr_plus import HADRPlus, HADRPlusConfig
     from hadr.rivals.unet_hand import UNetHand, UNetHandConfig
     from hadr.training.presets import preset
-    from hadr.training.tasks.table import task_of
+    from hadr.training.tasks.task import Task
 
     torch.manual_seed(0)
     if kind == "hadr":
@@ -364,10 +368,10 @@ def depth_network(kind: str):
         return HADRPlus(HADRPlusConfig(crop=32, width=8, blocks=1))
     if kind == "unet-hand":
         return UNetHand(UNetHandConfig(width=4, levels=2))
-    return task_of(preset("tiny", kind)).build()
+    return Task(preset("tiny", kind)).build()
 
 
-@pytest.mark.parametrize("kind", list(TITLES))
+@pytest.mark.parametrize("kind", DEPTH_NETWORKS)
 def test_each_kind_of_checkpoint_restores(tmp_path, kind: str) -> None:
     from hadr.training.checkpoints import save_checkpoint
 
@@ -389,7 +393,143 @@ def test_each_kind_of_checkpoint_restores(tmp_path, kind: str) -> None:
         restore(color, depth, CAMERA, mask, hand(), method=other, checkpoint=path)
 
 
-def test_the_command_offers_the_same_methods() -> None:
-    from hadr.press import restore_command as restore_frame
+class ByColor:
+    """A segmentation network that takes blue for glass and red for skin."""
 
-    assert restore_frame.METHODS == METHODS
+    name = "masks.safetensors"
+
+    def masks(self, color):
+        return color[..., 2] > 128, color[..., 0] > 128
+
+
+class SameHand:
+    """A keypoint network that always finds the same hand, and keeps what it was asked."""
+
+    name = "hand.safetensors"
+
+    def __init__(self) -> None:
+        self.asked = []
+
+    def find(self, color, depth, camera, mask, hand_mask):
+        self.asked.append((depth, mask, hand_mask))
+        return hand()
+
+
+def colored() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Colour, depth, and where glass and hand are."""
+    glass, skin = np.zeros((2, 60, 80), bool)
+    glass[20:40, 32:52] = True
+    skin[24:44, 12:28] = True
+    color = np.zeros((60, 80, 3), np.uint8)
+    color[glass], color[skin] = (0, 0, 255), (255, 0, 0)
+    depth = np.where(glass, 1.5, np.where(skin, 0.7, 0.9)).astype(np.float32)
+    return color, depth, glass, skin
+
+
+def test_mask_and_keypoints_are_predicted_and_it_says_so() -> None:
+    color, depth, glass, skin = colored()
+    before, finder = depth.copy(), SameHand()
+    restorer = Restorer("hand-median", segmentation=ByColor(), keypoint_network=finder)
+    result = restorer(color, depth, CAMERA)
+    np.testing.assert_array_equal(result.mask, glass)
+    np.testing.assert_array_equal(result.hand_mask, skin)
+    np.testing.assert_array_equal(result.keypoints, hand())
+    np.testing.assert_allclose(result.depth, np.where(glass, 0.7, before), atol=1e-6)
+    np.testing.assert_array_equal(depth, before)
+    assert "the mask is not given but predicted by masks.safetensors" in result.notes
+    assert "the hand's keypoints are not given but predicted by hand.safetensors" in result.notes
+    ((seen, mask, hand_mask),) = finder.asked
+    assert (seen[glass] == 0).all(), "the keypoints must not come from the wall behind the glass"
+    np.testing.assert_array_equal(seen[~glass], before[~glass])
+    np.testing.assert_array_equal(mask, glass)
+    np.testing.assert_array_equal(hand_mask, skin)
+
+
+def test_what_is_given_is_not_predicted() -> None:
+    color, depth, glass, skin = colored()
+    finder = SameHand()
+    restorer = Restorer("nearest", segmentation=ByColor(), keypoint_network=finder)
+    mine = glass & (np.indices(glass.shape)[1] < 40)
+    result = restorer(color, depth, CAMERA, mine, hand())
+    assert not finder.asked
+    np.testing.assert_array_equal(result.restored, mine)
+    assert result.hand_mask is None, "nobody needed it"
+    result = restorer(color, depth, CAMERA, mine, hand_mask=skin & mine)
+    np.testing.assert_array_equal(result.restored, mine)
+    assert result.keypoints is None
+    assert "there is no hand with depth, so there are no keypoints" in result.notes
+    blind = Restorer(keypoint_network=finder)
+    with pytest.raises(ValueError, match=r"hand.safetensors needs to know where the hand is"):
+        blind(color, depth, CAMERA, glass)
+
+
+def test_no_glass_and_no_hand_are_said_and_nothing_is_made_up(tmp_path) -> None:
+    color, depth, glass, skin = colored()
+    path = checkpoint_file(tmp_path)
+    finds = {"segmentation": ByColor(), "keypoint_network": SameHand()}
+    no_glass = np.where(glass[..., None], 0, color).astype(np.uint8)
+    result = Restorer("auto", path, **finds)(no_glass, depth, CAMERA)
+    np.testing.assert_array_equal(result.depth, depth)
+    assert result.method == "none"
+    assert "the mask is empty: no glass was found by masks.safetensors" in result.notes
+    no_hand = np.where(skin[..., None], 0, color).astype(np.uint8)
+    result = Restorer("auto", path, **finds)(no_hand, depth, CAMERA)
+    assert (result.method, result.keypoints) == ("nearest", None)
+    assert any("needs 21 hand keypoints and there are none" in n for n in result.notes)
+    with pytest.raises(ValueError, match=r"no checkpoint fits: .*needs 21 hand keypoints"):
+        Restorer("hadr", path, **finds)(no_hand, depth, CAMERA)
+
+
+def test_networks_are_read_once_and_keypoints_see_what_the_network_sees(tmp_path) -> None:
+    """The short form and one restorer for many frames give the same."""
+    color, depth, glass, _ = colored()
+    for learned in ("oracle", "sensor"):
+        path = checkpoint_file(tmp_path, data={"corruption": learned})
+        finder = SameHand()
+        restorer = Restorer("auto", path, segmentation=ByColor(), keypoint_network=finder)
+        first = restorer(color, depth, CAMERA)
+        network = restorer.network
+        second = restorer(color, depth, CAMERA)
+        assert restorer.network is network
+        np.testing.assert_array_equal(first.depth, second.depth)
+        np.testing.assert_array_equal(finder.asked[0][0] == 0, glass & (learned == "oracle"))
+        short = restore(color, depth, CAMERA, glass, hand(), checkpoint=path)
+        for name in ("depth", "confidence", "restored", "method"):
+            np.testing.assert_array_equal(getattr(first, name), getattr(short, name), name)
+
+
+def test_untrained_networks_of_all_kinds_work_together(tmp_path) -> None:
+    """Shapes, sizes and files fit; what untrained networks see is of no matter."""
+    import torch
+
+    from hadr.models.blocks.resnet import UNetConfig
+    from hadr.models.hand.keypoints import HandKeypointConfig, HandKeypointNet
+    from hadr.models.segmentation import SegmentationConfig, SegmentationNet
+    from hadr.training.checkpoints import save_checkpoint
+
+    torch.manual_seed(0)
+    unet = UNetConfig((1, 1, 1, 1), (4, 4, 4, 4), (4, 4, 4, 4))
+    parts = {
+        "masks": SegmentationNet(SegmentationConfig(unet)),
+        "hand": HandKeypointNet(HandKeypointConfig(unet, crop=32)),
+    }
+    for name, model in parts.items():
+        save_checkpoint(tmp_path / f"{name}.safetensors", model, {"width": 64, "height": 40})
+    restorer = Restorer(
+        "auto",
+        checkpoint_file(tmp_path),
+        segmentation=tmp_path / "masks.safetensors",
+        keypoint_network=tmp_path / "hand.safetensors",
+    )
+    color, depth, glass, skin = colored()
+    masks = restorer.segmentation.masks(color)
+    assert [(mask.shape, mask.dtype) for mask in masks] == [((60, 80), bool)] * 2
+    found = restorer(color, depth, CAMERA, glass, hand_mask=skin)
+    assert found.keypoints.shape == (21, 3)
+    assert np.abs(found.keypoints - found.keypoints.mean(axis=0)).max() < 0.6
+    assert 0.4 < found.keypoints[:, 2].mean() < 1.0, "in the cube around the hand at 0.7 m"
+    assert found.method == "hadr"
+    np.testing.assert_array_equal(found.restored, glass)
+    blind = restorer(color, np.where(skin, 0, depth), CAMERA, glass, hand_mask=skin)
+    assert blind.keypoints is None
+    assert any("no hand with depth" in note for note in blind.notes)

@@ -22,7 +22,7 @@ CHAPTERS = sorted((ROOT / "notebooks").glob("[0-9][0-9]_*.ipynb"))
 RUN = """
 import sys
 from pathlib import Path
-from hadr.press.reproduce import run_notebooks
+from hadr.press.chapters import run_notebooks
 run_notebooks([Path(name) for name in sys.argv[2:]], Path(sys.argv[1]), preset="tiny", seed=0)
 """
 HELP = """

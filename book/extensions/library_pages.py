@@ -84,7 +84,7 @@ def parser_text(parser: argparse.ArgumentParser) -> str:
     parts = [_free_text(parser.description), f"```text\n{_dedented(usage)}\n```"]
     for group in parser._action_groups:
         actions = [a for a in group._group_actions if a.help is not argparse.SUPPRESS]
-        actions = [a for a in actions if not isinstance(a, argparse._HelpAction)]
+        actions = [a for a in actions if "--help" not in a.option_strings]
         if actions:
             parts.append(f"**{(group.title or 'options').capitalize()}**")
             parts += [_action_text(parser, action) for action in actions]
@@ -105,7 +105,10 @@ def _free_text(text: str | None) -> str:
 
 
 def _escaped(text: str) -> str:
-    return OPTION.sub(r"`\1`", re.sub(r"([*_<\[$|])", r"\\\1", text))
+    """Plain text as Markdown; what stands between backticks is code already."""
+    parts = re.split(r"(`[^`]*`)", text)
+    parts[::2] = [OPTION.sub(r"`\1`", re.sub(r"([*_<\[$|])", r"\\\1", one)) for one in parts[::2]]
+    return "".join(parts)
 
 
 def _dedented(usage: str) -> str:
@@ -116,11 +119,11 @@ def _action_text(parser: argparse.ArgumentParser, action: argparse.Action) -> st
     formatter = argparse.HelpFormatter(parser.prog)
     name = formatter._format_action_invocation(action)
     told = " ".join(formatter._expand_help(action).split()) if action.help else ""
-    told = _escaped(told)
+    told = _escaped(re.sub(r" \(default: (False|unset)?\)", "", told))
     has_default = action.default not in (None, False, argparse.SUPPRESS, [], "")
     if has_default and "default" not in told and f"({action.default})" not in told:
         told = f"{told} (default: `{action.default}`)".strip()
-    if action.required and action.option_strings:
+    if action.required and action.option_strings and "(required)" not in told:
         told = f"{told} (required)".strip()
     return f"`{name}`\n: {told or 'See above.'}"
 

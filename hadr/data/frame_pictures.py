@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import re
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -16,10 +17,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from hadr.frame_io import PNG_SIGNATURE, check_png
-
 Depth = npt.NDArray[np.float32]
 
+PNG_START = b"\x89PNG\r\n\x1a\n"
 JPEG_START = b"\xff\xd8"
 # Within a JPEG's coded pixels, neither a stuffed 0xFF nor a restart.
 _JPEG_MARKER = re.compile(rb"\xff+([^\x00\xff\xd0-\xd7])")
@@ -71,9 +71,18 @@ def check_whole(data: bytes) -> None:
         if not _jpeg_ends(data):
             raise ValueError(f"the JPEG is cut off after {len(data)} bytes")
         return
-    if not data.startswith(PNG_SIGNATURE):
+    if not data.startswith(PNG_START):
         raise ValueError("the file is neither PNG nor JPEG")
-    check_png(data, "the file")
+    position, kind = len(PNG_START), b""
+    while kind != b"IEND":
+        size = int.from_bytes(data[position : position + 4], "big")
+        kind = data[position + 4 : position + 8]
+        end = position + 12 + size
+        if end > len(data):
+            raise ValueError(f"the PNG is cut off after {len(data)} bytes")
+        if zlib.crc32(data[position + 4 : end - 4]) != int.from_bytes(data[end - 4 : end], "big"):
+            raise ValueError(f"the PNG is damaged at byte {position}")
+        position = end
 
 
 def _decode(data: bytes, flags: int) -> npt.NDArray[Any]:

@@ -19,19 +19,19 @@ import numpy as np
 import torch
 
 from hadr.data.samples import samples_dir
-from hadr.depth_network import enlarge_known
 from hadr.experiments.averages import paired, standard_error
 from hadr.experiments.runner import Bench, Run, code_of
 from hadr.experiments.scoring import EVALUATION_SIZE, Scores, score_depth, score_network
+from hadr.models.networks import RIVALS
 from hadr.records.caches import kept_by_file
 from hadr.records.provenance import machine_text, provenance
 from hadr.records.result_file import digest, seal_row, sealed_row
+from hadr.trained_networks import enlarge_known
 from hadr.training.batches import FrameTensors, load_frames
 from hadr.training.checkpoints import load_checkpoint
 from hadr.training.evaluation import BASELINES
 from hadr.training.loop import LAST
 from hadr.training.predicted import Given, with_predicted
-from hadr.training.presets import RIVALS
 
 
 def _checkpoints() -> Path:
@@ -43,8 +43,8 @@ def _checkpoints() -> Path:
 
 
 CHECKPOINTS = _checkpoints()
-SEGMENTATION = CHECKPOINTS / "segmentation-mini.safetensors"
-HANDS = CHECKPOINTS / "hand-keypoints-mini.safetensors"
+SEGMENTATION = str(CHECKPOINTS / "segmentation-mini.safetensors")
+HANDS = str(CHECKPOINTS / "hand-keypoints-mini.safetensors")
 TRUE = "all true"
 KEYPOINTS: Mapping[str, Given] = {TRUE: Given(), "predicted keypoints": Given(keypoints=HANDS)}
 """What the table of keypoints compares."""
@@ -69,20 +69,7 @@ def condition_of(run: Run, name: str) -> Path:
 
 
 def measure_condition(bench: Bench, run: Run, name: str, given: Given) -> dict[str, Any]:
-    """Score a finished run under another condition, or read what was measured.
-
-    Args:
-        bench: Where the run is.
-        run: A run of known objects that is finished.
-        name: The condition's name.
-        given: The condition.
-
-    Returns:
-        The row.
-
-    Raises:
-        ValueError: The run is not finished, or its network is not the one of its row.
-    """
+    """Score a finished run under another condition, or read what was measured."""
     found = finished_condition(bench, run, name, given)
     if found is not None:
         return found
@@ -139,9 +126,7 @@ def configuration(bench: Bench, run: Run, name: str, given: Given) -> dict[str, 
         "given": name,
         "corruption": given.corruption,
         "predicted_by": [
-            _file_digest(Path(path))
-            for path in (given.masks, given.keypoints)
-            if str(path) != "true"
+            _file_digest(Path(path)) for path in (given.masks, given.keypoints) if path != "true"
         ],
     }
 
@@ -235,13 +220,7 @@ def _first_seed(bench: Bench, method: str) -> int:
 
 
 def conditions_of(seeds: Mapping[str, int]) -> list[tuple[Run, str, Given]]:
-    """List the conditions that the two tables need for some methods, each once.
-
-    Those with the same frames stand side by side, so that each frame is read once.
-
-    Args:
-        seeds: The methods, with the seed that is scored.
-    """
+    """List the conditions that the two tables need for some methods, each once."""
     wanted = {
         (name, method): given
         for conditions, those in ((KEYPOINTS, WITH_HAND), (MASKS, IN_CONDITIONS))

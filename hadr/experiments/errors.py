@@ -39,20 +39,7 @@ class FrameError:
 def frame_error(
     object_id: str, depth: FloatArray, truth: FloatArray, mask: BoolArray
 ) -> FrameError:
-    """Take the error of a frame apart.
-
-    Args:
-        object_id: The held object.
-        depth: Restored z-depth in metres, shape (H, W); 0 = not restored.
-        truth: True z-depth in metres, shape (H, W); 0 = unknown.
-        mask: The object's pixels, shape (H, W) bool.
-
-    Returns:
-        The parts of the error.
-
-    Raises:
-        ValueError: No pixel of the object has a true depth.
-    """
+    """Take the error of a frame apart."""
     counted = mask & (truth > 0)
     if not counted.any():
         raise ValueError("no pixel of the object has a true depth")

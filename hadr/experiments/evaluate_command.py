@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
-from hadr.depth_network import TITLES
+import tyro
+
 from hadr.experiments.scoring import EVALUATION_SIZE, Scores, score_cheap, score_network
 from hadr.metrics import format_table, mean_over_frames
+from hadr.models.networks import DEPTH_NETWORKS
 from hadr.records.output_folder import check_writable
 from hadr.records.provenance import provenance, write_json
 from hadr.training.batches import FrameTensors, load_frames
 from hadr.training.checkpoints import load_checkpoint
 from hadr.training.evaluation import BASELINES
-from hadr.training.predicted import Given, with_predicted
+from hadr.training.predicted import Given, open_split, with_predicted
 from hadr.training.recipe import Preset
-from hadr.training.tasks.table import task_of
-from hadr.training.train_command import add_given, given_from, open_split
-
-DEPTH_NETWORKS = tuple(TITLES)
+from hadr.training.tasks.task import Task
 
 
 @dataclass(frozen=True)
@@ -49,40 +47,29 @@ class Checkpoint:
         return int(self.meta["width"]), int(self.meta["height"])
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of `hadr evaluate`."""
-    parser.description = (
-        "Score checkpoints. Depth networks restore at their own size and are scored at "
-        f"{EVALUATION_SIZE[0]}x{EVALUATION_SIZE[1]} on the true mask's pixels, beside methods that "
-        "learn nothing; segmentation and keypoint networks have figures of their own."
-    )
-    parser.add_argument("checkpoint", nargs="+", help="files that `hadr train` wrote")
-    parser.add_argument(
-        "--data",
-        nargs="+",
-        metavar="DIR",
-        help="folders in TransHand's layout, joined; the bundled frames where it is left out",
-    )
-    parser.add_argument(
-        "--split", default="test", choices=("train", "val", "test"), help="which frames (test)"
-    )
-    parser.add_argument("--objects", nargs="+", metavar="ID", help="score these objects only")
-    add_given(parser)
-    parser.add_argument("--seed", type=int, default=0, help="seed of the analytic corruption (0)")
-    parser.add_argument("--out", help="write the tables as JSON with their provenance")
+@dataclass(frozen=True)
+class Options:
+    """Score checkpoints.
+
+    Depth networks restore at their own size and are scored at 224x126 on the true mask's pixels,
+    beside methods that learn nothing; segmentation and keypoint networks have figures of their own.
+    """
+
+    checkpoint: tyro.conf.Positional[tuple[str, ...]]
+    """Files that `hadr train` wrote."""
+    data: tuple[Path, ...] = ()
+    """Folders in TransHand's layout, joined; the bundled frames where it is left out."""
+    split: Literal["train", "val", "test"] = "test"
+    """Which frames."""
+    objects: tuple[str, ...] = ()
+    """Score these objects only."""
+    given: tyro.conf.OmitArgPrefixes[Given] = field(default_factory=Given)
+    out: Path | None = None
+    """File for the tables as JSON with their provenance."""
 
 
 def depth_table(checkpoints: Sequence[Checkpoint], source: Any, given: Given) -> dict[str, Scores]:
-    """Score depth networks and the methods that learn nothing on the same frames.
-
-    Args:
-        checkpoints: The networks.
-        source: The frames, by their number.
-        given: The corruption, and true or predicted masks and keypoints.
-
-    Returns:
-        The scores by the method's name.
-    """
+    """Score depth networks and the methods that learn nothing on the same frames."""
     truth = _load(source, EVALUATION_SIZE, given)
     rows = {name: score_cheap(truth, name) for name in BASELINES}
     for one in checkpoints:
@@ -91,16 +78,7 @@ def depth_table(checkpoints: Sequence[Checkpoint], source: Any, given: Given) ->
 
 
 def figures(checkpoint: Checkpoint, source: Any, given: Given) -> dict[str, float]:
-    """Score a segmentation or keypoint network, at its own size.
-
-    Args:
-        checkpoint: The network.
-        source: The frames, by their number.
-        given: The corruption of the depth.
-
-    Returns:
-        Its task's figures by name.
-    """
+    """Score a segmentation or keypoint network, at its own size."""
     width, height = checkpoint.size
     recipe = Preset(
         name="evaluation",
@@ -110,28 +88,30 @@ def figures(checkpoint: Checkpoint, source: Any, given: Given) -> dict[str, floa
         model=checkpoint.model.config,
     )
     frames = load_frames(source, checkpoint.size, given.corruption, given.seed)
-    found = task_of(recipe).validate(checkpoint.model, frames, 8)
+    found = Task(recipe).validate(checkpoint.model, frames, 8)
     return {name.removeprefix("validation_"): value for name, value in found.items()}
 
 
-def run(args: argparse.Namespace) -> int:
+def run(options: Options) -> int:
     """Run `hadr evaluate`."""
     from hadr.data.samples import samples_dir
 
-    check_writable(args.out)
-    folders = args.data or [samples_dir() / "frames"]
-    source = open_split(folders, args.split, args.objects)
+    check_writable(options.out)
+    if not options.checkpoint:
+        raise ValueError("no checkpoint is named: nothing to score")
+    folders = options.data or (samples_dir() / "frames",)
+    source = open_split(folders, options.split, options.objects or None)
     if source is None:
-        raise FileNotFoundError(f"no folder {args.split} in {', '.join(map(str, folders))}")
-    given = given_from(args)
-    checkpoints = _open(args.checkpoint)
+        raise FileNotFoundError(f"no folder {options.split} in {', '.join(map(str, folders))}")
+    given = options.given
+    checkpoints = _open(options.checkpoint)
     for one in checkpoints:
         given.check_network(one.kind)
     given.check()
     depth = [one for one in checkpoints if one.kind in DEPTH_NETWORKS]
     content: dict[str, Any] = {
-        "split": args.split,
-        "objects": args.objects or "all",
+        "split": options.split,
+        "objects": options.objects or "all",
         "folders": [Path(folder).name for folder in folders],
         "given": given.record(),
         "frames": len(source),
@@ -144,7 +124,7 @@ def run(args: argparse.Namespace) -> int:
             for name, scores in rows.items()
         }
         pooled = {name: replace(scores.pooled, coverage=own[name]) for name, scores in rows.items()}
-        print(f"split {args.split}, {len(source)} frames, depth {given.corruption}\n")
+        print(f"split {options.split}, {len(source)} frames, depth {given.corruption}\n")
         print(f"mean of the frames' numbers\n{format_table(means)}\n")
         print(f"all pixels pooled\n{format_table(pooled)}\n")
         content["size"] = list(EVALUATION_SIZE)
@@ -156,8 +136,8 @@ def run(args: argparse.Namespace) -> int:
             print(f"{one.name} ({one.kind}): {len(source)} frames, depth {given.corruption}")
             print("\n".join(f"  {name:<24} {value:.4f}" for name, value in found.items()) + "\n")
             content.setdefault("figures", {})[one.name] = {"network": one.kind, **found}
-    if args.out:
-        write_json(Path(args.out), {**content, "provenance": provenance()})
+    if options.out:
+        write_json(options.out, {**content, "provenance": provenance()})
     return 0
 
 

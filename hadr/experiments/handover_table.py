@@ -1,4 +1,4 @@
-"""The handover experiment as a part of `hadr reproduce`: which attempts, what is left, the run.
+"""The handover's table as a part of `hadr reproduce`: which attempts, what is left, the run.
 
 OUT/handover/hadr/0004-902.json   an attempt, as `hadr handover` leaves it
 OUT/tables/handover.json          the table's rows
@@ -6,77 +6,58 @@ OUT/tables/handover.json          the table's rows
 
 from __future__ import annotations
 
-import argparse
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
-from hadr.experiments.reproduction_plan import Step
-from hadr.experiments.run_times import RunTimes
-from hadr.simulation.trials import command as handover_command
-from hadr.simulation.trials.command import check_arguments, check_packages
+from hadr.experiments.steps import Step
+from hadr.records.provenance import machine_text, provenance
+from hadr.records.result_file import read_result_file, write_result_file
+from hadr.simulation.trials.experiment import arm_row, attempts, is_finished, run_attempts
+from hadr.simulation.trials.trial import Arm, Trial
 
-REPRODUCED = (
+REPRODUCED: tuple[Arm, ...] = (
     "raw", "inpainted", "hadr", "hadr-plus", "perfect", "hadr-no-rescoring", "hadr-no-tracking",
 )  # fmt: skip
-"""The arms of results/mini/handover.json; `hadr handover` alone leaves out hadr-plus."""
-TINY = ("--objects", "0004", "--holds", "902")
-"""At preset tiny each arm makes one attempt, which shows that everything runs and no more."""
+"""The conditions of results/mini/handover.json; `hadr handover` alone leaves out hadr-plus."""
+
+Attempts = Mapping[Arm, Sequence[Trial]]
 
 
-def handover_words(out: Path, size: str, seed: int, jobs: int) -> list[str]:
-    """The words that `hadr handover` is called with.
-
-    Args:
-        out: The output folder of the whole reproduction.
-        size: The preset: "tiny" makes one attempt an arm, the others the experiment's 48.
-        seed: Seed of places, motions and noise.
-        jobs: Attempts at a time.
-    """
-    words = ["--out", str(out / "handover"), "--json", str(out / "tables" / "handover.json")]
-    words += ["--seed", str(seed), "--jobs", str(jobs), "--arms", *REPRODUCED]
-    return [*words, *TINY] if size == "tiny" else words
+def planned_attempts(size: str, seed: int) -> Attempts:
+    """The attempts of each condition: 48, and at preset tiny one, to see that everything runs."""
+    if size == "tiny":
+        return {arm: attempts(arm, objects=["0004"], holds=[902], seed=seed) for arm in REPRODUCED}
+    return {arm: attempts(arm, seed=seed) for arm in REPRODUCED}
 
 
-def open_handover(out: Path, size: str, seed: int, jobs: int) -> argparse.Namespace:
-    """Read the command's words and check them, and what it needs, before anything is computed.
-
-    Raises:
-        ValueError: A package of the physical world is missing, or a word is wrong.
-    """
-    parser = argparse.ArgumentParser(prog="hadr handover")
-    handover_command.add_arguments(parser)
-    args = parser.parse_args(handover_words(out, size, seed, jobs))
-    check_arguments(args)
-    try:
-        check_packages()
-    except ValueError as error:
-        raise ValueError(f"{error}; or leave them out: --only tables chapters") from error
-    return args
-
-
-def handover_steps(args: argparse.Namespace, times: RunTimes) -> list[Step]:
-    """Describe the arms as steps of a plan.
-
-    Args:
-        args: What `open_handover` gave.
-        times: What an attempt took when it was last measured.
-    """
-    from hadr.simulation.trials.experiment import attempts, is_finished
-
-    steps = []
-    for arm in args.arms:
-        trials = attempts(arm, objects=args.objects, holds=args.holds, seed=args.seed)
-        left = sum(not is_finished(args.out, trial) for trial in trials)
-        rate = times.attempts.get(arm)
-        seconds = None if rate is None else left * rate
+def handover_steps(plan: Attempts, out: Path, times: Mapping[str, float]) -> list[Step]:
+    """Describe the conditions as steps of a plan."""
+    table, steps = out / "tables" / "handover.json", []
+    rows = read_result_file(table).rows if table.is_file() else ()
+    own = {row["arm"]: row["attempts"] * row["mean_wall_seconds"] for row in rows}
+    for arm, trials in plan.items():
+        left = sum(not is_finished(out / "handover", trial) for trial in trials)
         words = f"{left} of {len(trials)} attempts" if left else "done"
-        steps.append(Step("handover", f"handover/{arm}", words, seconds, "tables/handover.json"))
+        name = f"handover/{arm}"
+        seconds = times.get(name) if left else own.get(arm, times.get(name))
+        steps.append(Step("handover", name, words, seconds, "tables/handover.json"))
     return steps
 
 
-def run_handover(args: argparse.Namespace) -> None:
-    """Make the attempts that are missing, and write the table.
+def make_handover_table(plan: Attempts, out: Path, jobs: int) -> None:
+    """Make the attempts that are missing, `jobs` at a time, and write the table."""
+    rows = []
+    for arm, trials in plan.items():
+        rows.append(arm_row(arm, run_attempts(trials, out / "handover", jobs=jobs, report=_say)))
+        print(f"{arm}: {rows[-1]['successes']} of {rows[-1]['attempts']}", flush=True)
+    what = (
+        f"handover attempts in simulation, {len(trials)} a condition, seed {trials[0].seed}; masks "
+        "and keypoints from the simulator with noise; success by HandoverSim's rules"
+    )
+    origin = {**provenance(), "machine": machine_text()}
+    write_result_file(out / "tables" / "handover.json", what, rows, origin)
 
-    Args:
-        args: What `open_handover` gave.
-    """
-    handover_command.run(args)
+
+def _say(trial: Trial, row: Mapping[str, Any]) -> None:
+    print(f"{trial.arm:18} {trial.name}  {row['verdict']:14} {row['reason']}", flush=True)

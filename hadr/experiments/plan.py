@@ -1,4 +1,4 @@
-"""What is run for the tables, how long it will take, and the runs themselves."""
+"""What is run for the tables, what of it is left, and the runs themselves."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import multiprocessing
 import os
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from multiprocessing import connection
 from pathlib import Path
 from typing import Any
@@ -16,15 +16,13 @@ import torch
 from hadr.experiments.conditions import (
     IN_CONDITIONS,
     WITH_HAND,
-    condition_of,
     conditions_of,
     finished_condition,
     measure_condition,
 )
-from hadr.experiments.reproduction_plan import Step
-from hadr.experiments.run_times import RunTimes, read_run_times
 from hadr.experiments.runner import ROW, Bench, Run
 from hadr.experiments.splits import EXPERIMENTS, Experiment
+from hadr.experiments.steps import Step
 from hadr.experiments.systems import CHEAP, METHODS, PARTS, SWITCHES, system
 from hadr.experiments.tables import ABLATION, LEDGER, TABLES, write_tables
 from hadr.training.predicted import Given
@@ -120,59 +118,43 @@ def _seeds(
     return (0, 1, 2) if often else (0,)
 
 
-def estimated_seconds(bench: Bench, run: Run, times: RunTimes) -> float | None:
-    """Estimate what is left of a run, in wall-clock seconds.
-
-    Args:
-        bench: Where it runs.
-        run: The run.
-        times: What such runs took when they were last measured.
-
-    Returns:
-        0 where it is finished; None where no such run was timed.
-    """
-    if bench.finished(run) is not None:
-        return 0.0
-    left = _epochs_left(bench, run)
-    return times.of_run(run.method, left, bench.count(run, "train") if left else 0)
-
-
-def _epochs_left(bench: Bench, run: Run) -> int:
-    recipe = system(run.method, bench.size).recipe
-    return 0 if recipe is None else max(recipe.epochs - bench.epochs_done(run), 0)
-
-
-def table_steps(bench: Bench, runs: Sequence[Run], times: RunTimes) -> list[Step]:
+def table_steps(bench: Bench, runs: Sequence[Run], times: Mapping[str, float]) -> list[Step]:
     """Describe the runs as steps of a plan, and the scores of their networks in other conditions.
 
     Args:
         bench: Where they run.
         runs: The runs.
-        times: What such steps took when they were last measured.
+        times: Seconds of the last runs, by the step's name.
     """
     steps = []
     for run in runs:
-        recipe = system(run.method, bench.size).recipe
-        left, of = _epochs_left(bench, run), 0 if recipe is None else recipe.epochs
-        words = (
-            "scoring" if left == 0 else f"{left} of {of} epochs" if left < of else f"{of} epochs"
-        )
-        if bench.finished(run) is not None:
-            words = "done"
-        made = f"{bench.out.name}/{run.name}/{ROW}"
-        steps.append(Step("tables", run.name, words, estimated_seconds(bench, run, times), made))
-    conditions: dict[str, list[tuple[Run, bool]]] = {}
+        row, seconds, words = bench.finished(run), times.get(run.name), "done"
+        if row is None:
+            left, of = _epochs_left(bench, run)
+            words = f"{left} of {of} epochs" if 0 < left < of else f"{of} epochs"
+            words = words if left else "scoring"
+        else:
+            seconds = row.get("training_s", 0.0) + row["evaluation_s"]
+        steps.append(Step("tables", run.name, words, seconds, f"{bench.out.name}/{run.name}/{ROW}"))
+    conditions: dict[str, list[Mapping[str, Any] | None]] = {}
     for run, name, given in _conditions(bench, runs):
-        done = finished_condition(bench, run, name, given) is not None
-        conditions.setdefault(name, []).append((run, done))
+        conditions.setdefault(name, []).append(finished_condition(bench, run, name, given))
     for name, scores in conditions.items():
-        left = sum(not done for _, done in scores)
-        rate = times.conditions.get(name)
-        seconds = None if rate is None else left * rate * bench.count(scores[0][0], "test")
+        there = [row["evaluation_s"] for row in scores if row is not None]
+        left = len(scores) - len(there)
         words = f"{left} of {len(scores)} scores" if left else "done"
-        made = f"{bench.out.name}/known/*/{condition_of(scores[0][0], name).name}"
-        steps.append(Step("tables", name, words, seconds, made.replace("*/", "*/*/given/")))
+        seconds = times.get(f"given {name}") if left else sum(there)
+        made = f"{bench.out.name}/known/*/*/given"
+        steps.append(Step("tables", f"given {name}", words, seconds, made))
     return steps
+
+
+def _epochs_left(bench: Bench, run: Run) -> tuple[int, int]:
+    """How many epochs a run still needs, and how many it has in all."""
+    recipe = system(run.method, bench.size).recipe
+    return (0, 0) if recipe is None else (
+        max(recipe.epochs - bench.epochs_done(run), 0), recipe.epochs
+    )  # fmt: skip
 
 
 def _conditions(bench: Bench, runs: Sequence[Run]) -> list[tuple[Run, str, Given]]:
@@ -226,14 +208,7 @@ def measure_all(
 def measure_conditions(
     bench: Bench, runs: Sequence[Run], say: Callable[[str], None] = print
 ) -> None:
-    """Score the runs' networks with predicted masks and keypoints and with the sensor's depth.
-
-    Args:
-        bench: Where the runs are, finished.
-        runs: Those of known objects are scored with their first seed, as far as the tables have
-            them. With another corruption than "oracle" none is: these tables are about that one.
-        say: Receives a line a score that is new.
-    """
+    """Score the runs' networks with predicted masks and keypoints and with the sensor's depth."""
     for run, name, given in _conditions(bench, runs):
         if finished_condition(bench, run, name, given) is None:
             row = measure_condition(bench, run, name, given)
@@ -247,8 +222,7 @@ def _measured(bench: Bench, runs: Sequence[Run], jobs: int) -> Iterator[tuple[Ru
             yield run, bench.measure(run)
         return
     context = multiprocessing.get_context("spawn")
-    times = read_run_times(bench.size)
-    waiting = sorted(runs, key=lambda run: -(estimated_seconds(bench, run, times) or 0))
+    waiting = sorted(runs, key=lambda run: -_epochs_left(bench, run)[0])  # the longest first
     failed: list[str] = []
     working: dict[Any, tuple[Run, Any]] = {}
     try:

@@ -30,18 +30,17 @@ from torch import nn
 from hadr.experiments.scoring import EVALUATION_SIZE, Scores, score_cheap, score_network
 from hadr.experiments.splits import Experiment, Part, data_digest, open_part
 from hadr.experiments.systems import system
+from hadr.models.networks import network_of
 from hadr.records.dependencies import code_digest
 from hadr.records.provenance import machine_text, plain, provenance
 from hadr.records.result_file import digest, seal_row, sealed_row
 from hadr.training.batches import Corruption, FrameTensors, load_frames
 from hadr.training.loop import LAST, Trained, train
 from hadr.training.recipe import Preset
-from hadr.training.tasks.table import task_module
 
 ROW, HISTORY = "row.json", "history.csv"
 TABLES_OF_NETWORKS = (
-    "hadr.experiments.systems", "hadr.training.checkpoints", "hadr.training.presets",
-    "hadr.training.tasks.table",
+    "hadr.experiments.systems", "hadr.models.networks", "hadr.training.presets",
 )  # fmt: skip
 """Modules that lead to every network: a run depends on its own, and on its recipe as a value."""
 
@@ -54,7 +53,7 @@ def code_of(module: str, network: str | None) -> str:
         module: The module with which it begins.
         network: The kind of its network; None for a method that learns nothing.
     """
-    task = () if network is None else (task_module(network),)
+    task = () if network is None else network_of(network).modules
     return code_digest(module, *task, without=TABLES_OF_NETWORKS)
 
 
@@ -294,16 +293,7 @@ class Bench:
 
 
 def set_aside_another(folder: Path, recipe: Preset, data: Mapping[str, Any]) -> Path | None:
-    """Move a training of another recipe, data or code out of the way, so that nothing is lost.
-
-    Args:
-        folder: The training's folder.
-        recipe: What is to be trained there.
-        data: On what, and by which code.
-
-    Returns:
-        Where the earlier training lies now, beside the folder; None where there was none.
-    """
+    """Move a training of another recipe, data or code out of the way, so that nothing is lost."""
     if not _is_another(folder, recipe, data):
         return None
     number = 1

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any
 
 from hadr.models.hadr import HADRConfig
+from hadr.models.networks import RIVALS
 from hadr.training.losses import CODED
-from hadr.training.presets import RIVALS, Preset, preset
+from hadr.training.presets import preset
+from hadr.training.recipe import Preset
 
 CHEAP = ("raw", "inpainting", "nearest", "hand-median")
 """Methods that learn nothing; what a learned one must beat."""
@@ -31,8 +33,6 @@ SWITCHES: Mapping[str, Mapping[str, Any]] = {
 """Rows of the ledger that are measured by a training, and what each changes in HADR's recipe."""
 LONG_RUN = 4
 """How many times as many epochs the long run has."""
-
-PresetName = Literal["tiny", "mini", "paper"]
 
 
 @dataclass(frozen=True)

@@ -23,9 +23,9 @@ from hadr.experiments.runner import Bench, Run
 from hadr.experiments.scoring import EVALUATION_SIZE
 from hadr.experiments.splits import EXPERIMENTS, Experiment
 from hadr.experiments.systems import METHODS, PARTS, SWITCHES
+from hadr.models.networks import RIVALS
 from hadr.records.provenance import machine_text, provenance
 from hadr.records.result_file import write_result_file
-from hadr.training.presets import RIVALS
 
 FILES = ("known", "unknown", "ablation", "ledger", "keypoints", "segmentation")
 """Names of the result files."""
@@ -96,18 +96,7 @@ def against_next(
     split: str,
     holds: Sequence[str] | None = None,
 ) -> dict[str, dict[str, Any]]:
-    """Compare each of the paper's five methods with the next better of them, frame by frame.
-
-    Args:
-        rows: Rows of `Bench.measure`.
-        averaged: Their means over the seeds, by split and method.
-        split: Whose rows are compared.
-        holds: Hold of each frame of the split.
-
-    Returns:
-        `hadr.experiments.averages.paired` and the ``method`` that it is compared with, by method;
-        the best of the five is not among them.
-    """
+    """Compare each of the paper's five methods with the next better of them, frame by frame."""
     there = [method for method in ("hadr", *RIVALS) if (split, method) in averaged]
     there.sort(key=lambda method: float(averaged[split, method]["rmse_m"]))
     return {

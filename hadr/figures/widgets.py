@@ -1,7 +1,12 @@
-"""The book's interactive figures; each stands beside a static one that tells the same story."""
+"""The book's interactive figures; each stands beside a static one that tells the same story.
+
+Lengths are metres, depth images (H, W), keypoints (21, 3) and rays (R, 3) in the camera frame.
+Each function returns a widget: show it as a cell's last value.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import ipywidgets as widgets
@@ -14,10 +19,11 @@ from torch import Tensor
 
 from hadr.camera import BoolArray, FloatArray, window_around
 from hadr.corruption import see_through
-from hadr.figures import COLORS, equal_axes_3d, show_depth, show_skeleton_3d
-from hadr.figures.depth.corruption_statistics import corruption_statistics
+from hadr.figures.depth.corruption_examples import corruption_statistics
 from hadr.figures.handover.rescoring_sphere import candidate_choice
+from hadr.figures.method.hands import frame_hand_axes, show_bones
 from hadr.figures.method.rays import draw_walk
+from hadr.figures.panels import COLORS, show_depth
 from hadr.hand import absolute_hand_feature, check_keypoints
 from hadr.handover.grasping.grasps import Grasps
 from hadr.handover.grasping.rescoring import Directions, Weights
@@ -25,15 +31,24 @@ from hadr.ray_voxels import OccupiedVoxels, RayVoxelPairs, VoxelGrid
 from hadr.simulation.trials.rehearsal import HeldGlass
 
 
+def _live(draw: Callable[..., object], **sliders: Any) -> Any:
+    """Sliders for draw's arguments, each (label, start, least, most, step) or a widget."""
+
+    def show(**values: Any) -> None:
+        draw(**values)
+        plt.show()
+
+    made = {}
+    for name, given in sliders.items():
+        if isinstance(given, tuple):
+            options = dict(zip(("description", "value", "min", "max", "step"), given, strict=True))
+            given = widgets.FloatSlider(continuous_update=False, **options)
+        made[name] = given
+    return widgets.interactive(show, **made)
+
+
 def orbit_hand(keypoints: npt.ArrayLike) -> Any:
-    """Turn the camera around a hand and watch both forms of the absolute hand feature.
-
-    Args:
-        keypoints: Camera frame, metres, shape (21, 3).
-
-    Returns:
-        A widget with two sliders: the camera's turn sideways and upwards, degrees.
-    """
+    """Turn the camera around a hand and watch both forms of the absolute hand feature."""
     points = check_keypoints(keypoints)
     center = points.mean(axis=0)
 
@@ -41,13 +56,10 @@ def orbit_hand(keypoints: npt.ArrayLike) -> Any:
         turn = Rotation.from_euler("yx", [sideways, upwards], degrees=True).as_matrix()
         moved = (points - center) @ turn.T + center
         both = torch.from_numpy(np.stack([points, moved]))
-        fig = plt.figure(figsize=(8.0, 3.4))
-        view = fig.add_subplot(1, 2, 1, projection="3d")
-        show_skeleton_3d(view, moved)
-        equal_axes_3d(view, center + 0.12 * np.array([[-1.0, -1, -1], [1, 1, 1]]), margin=0.0)
-        view.view_init(elev=-90, azim=-90)
-        view.set_title("the hand, seen by the turned camera")
-        bars = fig.add_subplot(1, 2, 2)
+        _, (view, bars) = plt.subplots(1, 2, figsize=(8.0, 3.4))
+        show_bones(view, moved - center, np.diag([1.0, -1.0, -1.0]))  # y of the camera points down
+        frame_hand_axes(view, "the hand, seen by the turned camera")
+        view.set(xlim=(-12, 12), ylim=(-12, 12))
         for offset, rotation, label in ((-0.2, True, "wrist frame"), (0.2, False, "wrist only")):
             feature = absolute_hand_feature(both, wrist_rotation=rotation)
             change = (feature[1] - feature[0]).reshape(21, 3).norm(dim=1).numpy() * 100
@@ -55,14 +67,9 @@ def orbit_hand(keypoints: npt.ArrayLike) -> Any:
             bars.bar(np.arange(21) + offset, change, 0.4, label=label, color=color)
         bars.set(xlabel="keypoint", ylabel="change of the feature (cm)", ylim=(0, 30))
         bars.legend()
-        plt.show()
 
-    slider = {"min": -90.0, "max": 90.0, "step": 5.0, "value": 0.0, "continuous_update": False}
-    return widgets.interactive(
-        draw,
-        sideways=widgets.FloatSlider(description="sideways (°)", **slider),
-        upwards=widgets.FloatSlider(description="upwards (°)", **slider),
-    )
+    degrees = (0.0, -90.0, 90.0, 5.0)
+    return _live(draw, sideways=("sideways (°)", *degrees), upwards=("upwards (°)", *degrees))
 
 
 def walk_along_ray(
@@ -72,147 +79,66 @@ def walk_along_ray(
     true_distance: Tensor,
     grid: VoxelGrid,
 ) -> Any:
-    """Two sliders that choose a ray and how far to walk along it through its candidate voxels.
-
-    Args:
-        directions: Unit directions of the rays, camera frame, shape (R, 3).
-        pairs: The rays' pairs.
-        occupied: Their voxels.
-        true_distance: Distance of each ray's true surface, metres along the ray, shape (R,).
-        grid: The voxel grid.
-
-    Returns:
-        The widget; show it as a cell's last value.
-    """
+    """Choose a ray and how far to walk along it through its candidate voxels."""
     rays = sorted(set(pairs.ray.tolist()))
 
     def draw(ray: int, distance: float) -> None:
         mine = (pairs.ray == ray).nonzero().squeeze(1)
+        cells = occupied.center[pairs.voxel[mine]]
         _, ax = plt.subplots(figsize=(8, 3.6))
-        draw_walk(
-            ax,
-            directions[ray],
-            occupied.center[pairs.voxel[mine]],
-            pairs.t_in[mine],
-            pairs.t_out[mine],
-            grid.voxel_size,
-            reached=distance,
-            truth=float(true_distance[ray]),
-        )
+        draw_walk(ax, directions[ray], cells, pairs.t_in[mine], pairs.t_out[mine],
+                  grid.voxel_size, reached=distance, truth=float(true_distance[ray]))  # fmt: skip
         ax.set_title(f"ray {ray}, {distance:.2f} m from the camera")
-        plt.show()
 
     ray = widgets.SelectionSlider(options=rays, value=rays[len(rays) // 2], description="ray")
     farthest = float(pairs.t_out.max()) + 0.05
-    distance = widgets.FloatSlider(
-        value=farthest / 2, min=0.0, max=farthest, step=0.01, description="metres"
-    )
-    return widgets.interactive(draw, ray=ray, distance=distance)
+    return _live(draw, ray=ray, distance=("metres", farthest / 2, 0.0, farthest, 0.01))
 
 
 def corrupt_glass(depth: FloatArray, background_depth: FloatArray, mask: BoolArray) -> Any:
-    """Mix missing and background depth inside a glass with two sliders.
-
-    Args:
-        depth: True z-depth, metres, shape (H, W).
-        background_depth: z-depth without the glass, metres, shape (H, W).
-        mask: Pixels of the glass, shape (H, W).
-
-    Returns:
-        A widget with the share that is missing and the share of the rest that is background.
-    """
+    """Mix missing and background depth inside a glass."""
     window = window_around(mask, 14)
     near, far = np.percentile(background_depth[window], 2), np.percentile(depth[window], 98)
 
     def draw(missing: float, background: float) -> None:
-        seen = see_through(
-            depth,
-            background_depth,
-            mask,
-            np.random.default_rng(0),
-            missing_share=missing,
-            background_share=(1 - missing) * background,
-        )
+        shares = {"missing_share": missing, "background_share": (1 - missing) * background}
+        seen = see_through(depth, background_depth, mask, np.random.default_rng(0), **shares)
         found = corruption_statistics(seen, depth, mask)
         _, ax = plt.subplots(figsize=(5.0, 3.6))
-        show_depth(ax, seen[window], vmin=float(near) - 0.1, vmax=float(far))
-        ax.set_title(
-            f"{found.missing_share:.0%} missing, median error {found.bias_m * 100:+.1f} cm"
-        )
-        plt.show()
+        title = f"{found.missing_share:.0%} missing, median error {found.bias_m * 100:+.1f} cm"
+        show_depth(ax, seen[window], title, vmin=float(near) - 0.1, vmax=float(far))
 
-    slider = {"min": 0.0, "max": 1.0, "step": 0.05, "value": 0.5, "continuous_update": False}
-    return widgets.interactive(
-        draw,
-        missing=widgets.FloatSlider(description="missing", **slider),
-        background=widgets.FloatSlider(description="background", **slider),
-    )
+    share = (0.5, 0.0, 1.0, 0.05)
+    return _live(draw, missing=("missing", *share), background=("background", *share))
 
 
 def step_through(pictures: dict[str, FloatArray], truth: FloatArray) -> Any:
-    """Step through restored depth images, each beside the truth and with its error.
-
-    Args:
-        pictures: Title to z-depth in metres, shape (H, W) each; 0 = missing.
-        truth: True z-depth in metres, shape (H, W).
-
-    Returns:
-        A widget with one slider: which of the pictures.
-    """
+    """Step through titled depth images, each beside the truth."""
     low, high = float(truth[truth > 0].min()), float(np.median(truth[truth > 0])) + 0.15
 
     def draw(stage: str) -> None:
-        fig, axes = plt.subplots(1, 2, figsize=(7, 3))
+        _, axes = plt.subplots(1, 2, figsize=(7, 3))
         show_depth(axes[0], pictures[stage], stage, vmin=low, vmax=high, colorbar=False)
         show_depth(axes[1], truth, "truth", vmin=low, vmax=high)
-        plt.show(fig)
 
-    slider = widgets.SelectionSlider(options=list(pictures), description="after")
-    return widgets.interactive(draw, stage=slider)
+    return _live(draw, stage=widgets.SelectionSlider(options=list(pictures), description="after"))
 
 
 def weigh_wishes(scene: HeldGlass, grasps: Grasps, directions: Directions) -> Any:
-    """Two sliders for the weights of the intended score: its sphere and the grasp it chooses.
-
-    Args:
-        scene: Hand and glass, base frame.
-        grasps: Candidates, base frame.
-        directions: To the human and down, base frame.
-
-    Returns:
-        The widget; show it as a cell's last value.
-    """
+    """Weigh the intended score's two wishes: its sphere and the grasp it chooses, base frame."""
 
     def draw(human: float, down: float) -> None:
         weights = Weights(robot_to_human=human, up_to_down=down)
         candidate_choice(scene, grasps, directions, weights, limit=1.2)
-        plt.show()
 
-    slider = {"min": 0.0, "max": 1.0, "step": 0.1, "continuous_update": False}
-    return widgets.interactive(
-        draw,
-        human=widgets.FloatSlider(description="w_r2h", value=0.4, **slider),
-        down=widgets.FloatSlider(description="w_u2d", value=0.2, **slider),
-    )
+    ends = (0.0, 1.0, 0.1)
+    return _live(draw, human=("w_r2h", 0.4, *ends), down=("w_u2d", 0.2, *ends))
 
 
 def turn_frame(scene: HeldGlass, grasps: Grasps, directions: Directions) -> Any:
-    """A slider that turns the frame in which the printed formula's rotation is written.
-
-    Args:
-        scene: Hand and glass, base frame.
-        grasps: Candidates, base frame.
-        directions: To the human and down, base frame.
-
-    Returns:
-        The widget; show it as a cell's last value.
-    """
+    """Turn the frame in which the printed formula's rotation is written."""
 
     def draw(turn: float) -> None:
         candidate_choice(scene, grasps, directions, Weights(), tilt_deg=turn)
-        plt.show()
 
-    slider = {"min": 0.0, "max": 360.0, "step": 5.0, "continuous_update": False}
-    return widgets.interactive(
-        draw, turn=widgets.FloatSlider(description="turn (°)", value=90.0, **slider)
-    )
+    return _live(draw, turn=("turn (°)", 90.0, 0.0, 360.0, 5.0))

@@ -18,7 +18,6 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from hadr.models.blocks.stochastic_depth import replace_drop_path
-from hadr.models.enlarged_map import EnlargedMap, enlarge
 from hadr.records.provenance import IF_CHANGED
 
 IMAGENET_MEAN = (0.485, 0.456, 0.406)
@@ -125,6 +124,27 @@ def build_swin(config: BackboneConfig) -> nn.Module:
     return pretrained
 
 
+def enlarge(features: Tensor, factor: int, size: Sequence[int]) -> Tensor:
+    """Resize bilinearly by a whole factor, then cut off what reaches beyond the picture.
+
+    A picture's height need not be a whole number of cells: the last one may reach beyond its end.
+    A map is enlarged by the side of its cells and then cut, never squeezed into the picture.
+
+    Args:
+        features: Shape (B, C, h, w).
+        factor: Pixels that a cell becomes, along each axis.
+        size: Height and width to cut to, at most (h * factor, w * factor).
+
+    Returns:
+        Shape (B, C, height, width), as `size` says.
+    """
+    if factor > 1:
+        features = functional.interpolate(
+            features, scale_factor=factor, mode="bilinear", align_corners=False
+        )
+    return features[:, :, : size[0], : size[1]]
+
+
 class FeatureAggregation(nn.Module):
     """Bring all stages to one map of `channels` channels, of which a ray then takes its part.
 
@@ -139,7 +159,7 @@ class FeatureAggregation(nn.Module):
     Nothing in this chain bends: convolutions of 1x1 and resizes commute (the weights of a resize
     sum to one), and two convolutions in a row are one, whose matrix is the product of theirs. So
     each stage is multiplied once, to `channels` channels, at its own small size, and the last
-    resize is left to `EnlargedMap`. The weights are those of the chain, and so is the result.
+    resize is left to the caller. The weights are those of the chain, and so is the result.
 
     Args:
         stage_channels: Channels of each stage.
@@ -214,17 +234,8 @@ class ColorBackbone(nn.Module):
         Returns:
             Features, shape (B, channels, H, W).
         """
-        return self.features(color).dense()
-
-    def features(self, color: Tensor) -> EnlargedMap:
-        """Compute the same map in its coarse form, from which rays and points take their part."""
-        height, width = color.shape[2:]
-        return EnlargedMap(self.coarse(color), height, width, self.config.patch)
-
-    def coarse(self, color: Tensor) -> Tensor:
-        """Compute the features at a quarter of the resolution: (B, channels, H / 4, W / 4)."""
         if self.config.normalize_color:
             color = (color - self.mean) / self.std
         stages = self.swin(color).feature_maps  # each (B, C_i, H / s_i, W / s_i)
-        coarse: Tensor = self.aggregation(stages)
-        return coarse
+        coarse = self.aggregation(stages)  # (B, channels, H / 4, W / 4)
+        return enlarge(coarse, self.config.patch, color.shape[2:])

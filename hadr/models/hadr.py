@@ -11,7 +11,7 @@ Source: paper, section III-B and equations 1 and 2; ledger, rows 3 to 7, 10 and 
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any, Literal, get_args
 
 import torch
@@ -20,8 +20,10 @@ from torch.nn import functional
 
 from hadr.hand import absolute_hand_feature, relative_hand_feature
 from hadr.models.backbone import BackboneConfig, ColorBackbone
+from hadr.models.config import NetworkConfig
 from hadr.models.decoders import OffsetDecoder, PairDecoder, encode_position, leaky_clamp
 from hadr.models.hadr_input import (
+    DepthOutput,
     HADRInput,
     float_color,
     frame_to_input,
@@ -61,7 +63,7 @@ DIRECTION_LEVELS = 4
 
 
 @dataclass(frozen=True)
-class HADRConfig:
+class HADRConfig(NetworkConfig):
     """What the network consists of; the defaults are the paper's full model.
 
     Args:
@@ -114,28 +116,12 @@ class HADRConfig:
         voxel = self.voxel_width + self.hand_width
         return ray, voxel, 2 * 3 * (1 + 2 * POSITION_LEVELS)
 
-    def to_dict(self) -> dict[str, Any]:
-        """The configuration as built-in types, for JSON."""
-        return asdict(self)
-
-    @classmethod
-    def from_dict(cls, values: dict[str, Any]) -> HADRConfig:
-        """Build the configuration from `to_dict` or from the same read from JSON."""
-        given: dict[str, Any] = dict(values)
-        parts: dict[str, Any] = {"backbone": BackboneConfig, "grid": VoxelGrid}
-        for name, part in parts.items():
-            given[name] = part(**_tuples(given[name]))
-        return cls(**_tuples(given))
-
 
 @dataclass(frozen=True)
-class HADROutput:
+class HADROutput(DepthOutput):
     """Restored depth, and per ray and pair what the losses need.
 
     Attributes:
-        depth: Restored z-depth in metres, shape (B, H, W); 0 where nothing was restored.
-        confidence: Probability of the chosen voxel, shape (B, H, W); 0 where not restored.
-        restored: Where a ray found a voxel, shape (B, H, W), bool.
         rays: Rows (frame, row, column) of the rays' pixels, shape (R, 3), long.
         points: Predicted point of each ray in metres, camera frame, shape (R, 3); zeros where
             there is none.
@@ -145,11 +131,10 @@ class HADROutput:
         logits: Score of each pair, shape (P,).
         probability: Softmax of the scores over each ray's pairs, shape (P,).
         offset: Offset of each ray's chosen pair in 0..1 of the voxel's diagonal, shape (R,).
+        clamped: Where the offset lies at an end of its voxel, or beyond: the network wanted another
+            answer than it may give, shape (B, H, W), bool.
     """
 
-    depth: Tensor
-    confidence: Tensor
-    restored: Tensor
     rays: Tensor
     points: Tensor
     chosen: Tensor
@@ -158,6 +143,7 @@ class HADROutput:
     logits: Tensor
     probability: Tensor
     offset: Tensor
+    clamped: Tensor
 
 
 @dataclass(frozen=True)
@@ -183,8 +169,8 @@ class HADR(nn.Module):
 
     Args:
         config: What it consists of.
-        backbone: Another colour network instead of the configuration's: a module whose `features`
-            turns colour (B, 3, H, W) into an `EnlargedMap` of `feature_channels` channels.
+        backbone: Another colour network instead of the configuration's: a module that turns colour
+            (B, 3, H, W) into a map (B, feature_channels, H, W).
     """
 
     def __init__(self, config: HADRConfig | None = None, backbone: nn.Module | None = None) -> None:
@@ -226,7 +212,7 @@ class HADR(nn.Module):
         """Do as `forward`, and give what a second stage needs too."""
         grid = self.config.grid
         picture = float_color(inputs.color)  # (B, 3, H, W)
-        dense = self.backbone.features(picture)  # stands for (B, 32, H, W)
+        dense = self.backbone(picture)  # (B, 32, H, W)
 
         pixels = select_points(inputs.depth, self.config.max_points)  # (points, 3)
         points = ray_points(pixels, _at(inputs.depth, pixels), inputs.intrinsics)  # (points, 3)
@@ -279,9 +265,9 @@ class HADR(nn.Module):
         where = (frame, row, column)
         in_front = (found[:, 2] > 0).to(found.dtype)
         blank = torch.zeros_like(inputs.depth)
+        cut = ((offset <= 0) | (offset >= 1)).to(blank.dtype)
         output = HADROutput(
             depth=blank.index_put(where, found[:, 2] * in_front),
-            confidence=blank.index_put(where, probability.index_select(0, pair) * in_front),
             restored=blank.index_put(where, in_front) > 0,
             rays=rays,
             points=found.new_zeros(len(rays), 3).index_copy(0, ray, found),
@@ -291,6 +277,7 @@ class HADR(nn.Module):
             logits=logits,
             probability=probability,
             offset=offset.new_zeros(len(rays)).index_copy(0, ray, offset),
+            clamped=blank.index_put(where, cut) > 0,
         )
         return output, Seen(points, color, directions, in_ray)
 
@@ -314,8 +301,3 @@ class HADR(nn.Module):
 def _at(image: Tensor, pixels: Tensor) -> Tensor:
     """Look up single pixels (frame, row, column) of images (B, H, W)."""
     return image[pixels[:, 0], pixels[:, 1], pixels[:, 2]]
-
-
-def _tuples(values: dict[str, Any]) -> dict[str, Any]:
-    """Turn the lists that JSON made out of tuples back."""
-    return {key: tuple(v) if isinstance(v, list) else v for key, v in values.items()}

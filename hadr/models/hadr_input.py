@@ -59,6 +59,30 @@ class HADRInput:
         return HADRInput(**{f.name: getattr(self, f.name).to(device) for f in fields(self)})
 
 
+@dataclass(frozen=True)
+class DepthOutput:
+    """What every network that restores depth gives for a batch; most give more.
+
+    Attributes:
+        depth: Restored z-depth in metres, shape (B, H, W); 0 where nothing was restored.
+        restored: Where depth was restored, shape (B, H, W), bool.
+    """
+
+    depth: Tensor
+    restored: Tensor
+
+
+@dataclass(frozen=True)
+class ImageOutput(DepthOutput):
+    """The same of a network that answers for the whole image.
+
+    Attributes:
+        image: The answer for the whole image, z-depth in metres, shape (B, H, W).
+    """
+
+    image: Tensor
+
+
 def float_color(color: Tensor) -> Tensor:
     """Turn colour bytes into sRGB in 0..1, float32; floats stay as they are."""
     return color.float() / 255 if color.dtype == torch.uint8 else color

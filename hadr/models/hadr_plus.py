@@ -22,8 +22,7 @@ The network between is a plain U-Net.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor, nn
@@ -31,13 +30,14 @@ from torch.nn import functional
 
 from hadr.hand import FINGERS
 from hadr.models.blocks.crop_unet import CropUNet, layer
-from hadr.models.blocks.plane import UNITS, plane_picture
-from hadr.models.hadr_input import HADRInput, float_color, masked_rays
-from hadr.models.hand.crop import HandCrop, hand_crop
-from hadr.models.hand.prior import keypoint_maps, relative_depth
+from hadr.models.config import NetworkConfig
+from hadr.models.hadr_input import DepthOutput, HADRInput, float_color, masked_rays
+from hadr.models.hand.crop import HandCrop, hand_crop, keypoint_maps, relative_depth
 
 GROUPS: tuple[tuple[int, ...], ...] = ((0,), *FINGERS.values())
 """Keypoints that share a map: the wrist, and each finger."""
+UNITS = (0.03, 0.4, 0.4)
+"""Units of the guessed plane: metres of depth, and metres of depth a metre across and down."""
 DEPTH_M = 0.1
 """Unit of the network's depths, metres."""
 LOG_SCALE, LOG_SCALES = -3.5, (-7.0, -1.0)
@@ -47,7 +47,7 @@ NEAR_M = 0.2
 
 
 @dataclass(frozen=True)
-class HADRPlusConfig:
+class HADRPlusConfig(NetworkConfig):
     """What the network consists of.
 
     Args:
@@ -87,25 +87,14 @@ class HADRPlusConfig:
             if getattr(self, name) <= 0:
                 raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
 
-    def to_dict(self) -> dict[str, Any]:
-        """The configuration as built-in types, for JSON."""
-        return asdict(self)
-
-    @classmethod
-    def from_dict(cls, values: dict[str, Any]) -> HADRPlusConfig:
-        """Build the configuration from `to_dict`."""
-        return cls(**values)
-
 
 @dataclass(frozen=True)
-class HADRPlusOutput:
+class HADRPlusOutput(DepthOutput):
     """Restored depth, and what the loss needs; M candidates on each of R rays.
 
     Attributes:
-        depth: Restored z-depth in metres, shape (B, H, W); 0 where nothing was restored.
         confidence: Probability that the depth is right to 2 cm as the network sees it, shape
             (B, H, W), 0..1; 0 where not restored.
-        restored: Where depth was restored, shape (B, H, W), bool.
         rays: Rows (frame, row, column) of the rays' pixels, shape (R, 3), long.
         candidate: z-depth of each candidate in metres, shape (R, M).
         logits: Score of each candidate, shape (R, M).
@@ -114,9 +103,7 @@ class HADRPlusOutput:
             without it.
     """
 
-    depth: Tensor
     confidence: Tensor
-    restored: Tensor
     rays: Tensor
     candidate: Tensor
     logits: Tensor
@@ -152,6 +139,14 @@ def _laplace_below(value: Tensor) -> Tensor:
     """Cumulative distribution of the Laplace distribution of scale 1."""
     half = 0.5 * torch.exp(-value.abs())
     return torch.where(value < 0, half, 1 - half)
+
+
+def plane_picture(plane: Tensor, pixel: Tensor, size: int) -> Tensor:
+    """Depths (B, size, size) of planes (B, 3) in `UNITS`; a pixel spans `pixel` (B, 2) metres."""
+    offset = torch.arange(size, device=plane.device, dtype=plane.dtype) - (size - 1) / 2
+    across = (plane[:, 1] * pixel[:, 0])[:, None] * offset  # (B, size)
+    down = (plane[:, 2] * pixel[:, 1])[:, None] * offset  # (B, size)
+    return plane[:, 0, None, None] + down[:, :, None] + across[:, None, :]
 
 
 class HADRPlus(nn.Module):

@@ -1,9 +1,9 @@
 """Ray features: the dense colour features around a ray's pixel, by ROI align of an 8x8 box to 2x2.
 
-Two forms of the same thing. `roi_align` is the published operation, written plainly and slowly.
-`RayFeatures` uses that the box of every ray has the same size and stands on whole pixels: each of
-the four bins is then the mean of 4x4 pixels, so one average pooling of the map and four look-ups
-replace the sampling. A map that is an enlarged coarse one need not be made for this.
+Two forms of the same thing. `roi_align` is the published operation, written plainly and slowly,
+for chapter 4 and the tests. `RayFeatures` uses that the box of every ray has the same size and
+stands on whole pixels: each of the four bins is then the mean of 4x4 pixels, so one average pooling
+of the map and four look-ups replace the sampling.
 
 Coordinates of boxes here are ROI align's: continuous, pixel k covers [k, k + 1) and has its centre
 at k + 0.5. (In the rest of the library integers are pixel centres: subtract 0.5.) The box of the
@@ -21,10 +21,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from hadr.models.enlarged_map import EnlargedMap
 
-
-def features_at(feature_map: Tensor | EnlargedMap, pixels: Tensor) -> Tensor:
+def features_at(feature_map: Tensor, pixels: Tensor) -> Tensor:
     """Look up the features of single pixels.
 
     Args:
@@ -34,8 +32,6 @@ def features_at(feature_map: Tensor | EnlargedMap, pixels: Tensor) -> Tensor:
     Returns:
         Features, shape (N, C).
     """
-    if isinstance(feature_map, EnlargedMap):
-        return feature_map.at(pixels)
     _, channels, height, width = feature_map.shape
     frame, row, column = pixels.unbind(dim=1)
     rows = feature_map.permute(0, 2, 3, 1).reshape(-1, channels)  # (B * H * W, C)
@@ -86,12 +82,11 @@ class RayFeatures(nn.Module):
         left = pixels[:, 2].clamp(half, width - half) - half
         return torch.stack((left, top, left + self.box, top + self.box), dim=1)
 
-    def forward(self, feature_map: Tensor | EnlargedMap, pixels: Tensor) -> Tensor:
+    def forward(self, feature_map: Tensor, pixels: Tensor) -> Tensor:
         """Compute the feature of each ray.
 
         Args:
-            feature_map: Colour features at the image's resolution, shape (B, C, H, W), or the
-                coarse map that stands for them.
+            feature_map: Colour features at the image's resolution, shape (B, C, H, W).
             pixels: Rows (frame, row, column) of the rays' pixels, shape (R, 3), long.
 
         Returns:
@@ -102,16 +97,13 @@ class RayFeatures(nn.Module):
         half = self.box // 2
         tops = torch.stack((top, top, top + half, top + half))  # (4, rays)
         lefts = torch.stack((left, left + half, left, left + half))
-        if isinstance(feature_map, EnlargedMap):
-            bins = feature_map.block_means(pixels[:, 0], tops, lefts, half)  # four of (rays, C)
-        else:
-            # Channels last in memory: the pooling is several times faster, the look-ups copy none.
-            feature_map = feature_map.contiguous(memory_format=torch.channels_last)
-            mean = functional.avg_pool2d(feature_map, kernel_size=half, stride=1)
-            bins = [
-                features_at(mean, torch.stack((pixels[:, 0], *corner), dim=1))
-                for corner in zip(tops, lefts, strict=True)
-            ]  # four of (rays, C)
+        # Channels last in memory: the pooling is several times faster, the look-ups copy none.
+        feature_map = feature_map.contiguous(memory_format=torch.channels_last)
+        mean = functional.avg_pool2d(feature_map, kernel_size=half, stride=1)
+        bins = [
+            features_at(mean, torch.stack((pixels[:, 0], *corner), dim=1))
+            for corner in zip(tops, lefts, strict=True)
+        ]  # four of (rays, C)
         return torch.stack(bins, dim=2).flatten(1)  # (rays, 4 * C)
 
 

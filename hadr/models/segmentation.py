@@ -7,9 +7,7 @@ same network here. A pixel has a logit for each class on its own: a pixel may be
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -17,12 +15,13 @@ from torch.nn import functional
 
 from hadr.models.backbone import IMAGENET_MEAN, IMAGENET_STD
 from hadr.models.blocks.resnet import ResNetUNet, UNetConfig
+from hadr.models.config import NetworkConfig
 
 RESNET_34 = UNetConfig(depths=(3, 4, 6, 3), decoder=(256, 128, 64, 32))
 
 
 @dataclass(frozen=True)
-class SegmentationConfig:
+class SegmentationConfig(NetworkConfig):
     """The segmentation network; the defaults are the paper's ResNet-34.
 
     Args:
@@ -39,15 +38,6 @@ class SegmentationConfig:
     def __post_init__(self) -> None:
         if self.classes[:1] != ("object",):
             raise ValueError(f"the first class must be 'object', got {self.classes}")
-
-    def to_dict(self) -> dict[str, Any]:
-        """The configuration as built-in types, for JSON."""
-        return {"unet": self.unet.to_dict(), "classes": list(self.classes)}
-
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> SegmentationConfig:
-        """Read what `to_dict` gave, or the same from JSON."""
-        return cls(UNetConfig.from_dict(values["unet"]), tuple(values["classes"]))
 
 
 class SegmentationNet(nn.Module):

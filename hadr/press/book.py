@@ -5,7 +5,6 @@ the staged book holds ``notebooks/NN_name.ipynb`` exactly as the repository does
 without a kernel cannot show is taken out on the way; the executed notebooks stay as they are.
 """
 
-import argparse
 import importlib.util
 import json
 import os
@@ -15,17 +14,27 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 from html import escape
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import yaml
 
+from hadr.experiments.steps import seconds_text
 from hadr.press.chapter_record import keep_results
+from hadr.press.chapters import (
+    ChapterError,
+    ChapterRun,
+    chapter_paths,
+    run_notebooks,
+    run_time_table,
+    without_ansi,
+)
 from hadr.press.course.chapter import read_chapters
 from hadr.press.course.teaching import chapters_text, plans_text
-from hadr.press.figures_apart import figures_apart_table
+from hadr.press.notebook_twins import repository
 from hadr.press.paper_report import report
 from hadr.press.report import (
     conditions_table,
@@ -34,16 +43,7 @@ from hadr.press.report import (
     speed_table,
     tuning_table,
 )
-from hadr.press.reproduce import (
-    ChapterError,
-    ChapterRun,
-    chapter_paths,
-    checkout_root,
-    run_notebooks,
-    run_time_table,
-    seconds_text,
-    without_ansi,
-)
+from hadr.records.checkout import checkout_root
 from hadr.records.output_folder import (
     check_output_folder,
     check_removable,
@@ -60,7 +60,6 @@ REPORTS: dict[str, Callable[[Path], str]] = {
     "{{CONDITIONS}}": lambda results: conditions_table(results / "mini"),
     "{{TUNING}}": lambda results: tuning_table(results / "mini" / "tuning.json"),
     "{{SPEED}}": lambda results: speed_table(results / "speed" / "side_by_side.json"),
-    "{{APART}}": lambda _: figures_apart_table(),
     "{{LEDGER_EFFECTS}}": lambda results: ledger_effects(results / "mini"),
     "{{LEDGER_TABLE}}": lambda results: ledger_table(results / "mini" / "ledger.json"),
     "{{TEACHING_PLANS}}": lambda results: plans_text(read_chapters(results.parent)),
@@ -152,22 +151,7 @@ def _label_films(outputs: Sequence[Any]) -> None:
 def stage_book(
     book: Path, runs: Sequence[ChapterRun], target: Path, *, total_s: float | None = None
 ) -> Path:
-    """Copy the book's pages and the executed chapters into a build folder.
-
-    Args:
-        book: Folder with _config.yml, _toc.yml and the pages.
-        runs: The executed chapters.
-        target: The staged book's folder; what was staged there before is replaced.
-        total_s: Wall-clock seconds of the execution, for the page of run times.
-
-    Returns:
-        The staged book's folder.
-
-    Raises:
-        ValueError: The target is somebody's own folder (`hadr.records.output_folder`), or a page
-        has a
-            word that nothing fills.
-    """
+    """Copy the book's pages and the executed chapters into a build folder."""
     import nbformat
 
     remove_output_folder(target)
@@ -185,7 +169,7 @@ def stage_book(
     words = {
         TABLE_TOKEN: run_time_table(runs, titles),
         RUNTIME_TOKEN: seconds_text(total_s or sum(run.duration_s for run in runs)),
-        REPOSITORY_TOKEN: repository_address(book),
+        REPOSITORY_TOKEN: repository(book)["url"],
         "{{MACHINE}}": machine_text(),
     }
     pages = {page: page.read_text(encoding="utf-8") for page in target.glob("*.md")}
@@ -203,12 +187,6 @@ def stage_book(
     return target
 
 
-def repository_address(book: Path) -> str:
-    """The repository's address, which stands in book/_config.yml and nowhere else."""
-    config = yaml.safe_load((book / "_config.yml").read_text(encoding="utf-8"))
-    return str(config["repository"]["url"])
-
-
 def _drop_absent_chapters(target: Path) -> None:
     """Take chapters that were not executed (``--only``) out of the staged table of contents."""
     path = target / "_toc.yml"
@@ -224,19 +202,7 @@ def _drop_absent_chapters(target: Path) -> None:
 
 
 def build_html(staged: Path, output: Path, *, strict: bool = True) -> Path:
-    """Build the HTML book with Jupyter Book.
-
-    Args:
-        staged: The staged book's folder.
-        output: Takes ``_build/html/index.html`` and ``build.log``.
-        strict: Warnings are errors.
-
-    Returns:
-        The index page.
-
-    Raises:
-        RuntimeError: Jupyter Book reported an error or a warning; its last lines are in the text.
-    """
+    """Build the HTML book with Jupyter Book."""
     if importlib.util.find_spec("jupyter_book") is None:
         raise RuntimeError("Jupyter Book is not installed here: pip install -e '.[book]'")
     program = "from jupyter_book.cli.main import main; main()"
@@ -258,11 +224,7 @@ def build_html(staged: Path, output: Path, *, strict: bool = True) -> Path:
 
 
 def update_readme(readme: Path, table: str) -> None:
-    """Replace the table of run times between its two markers.
-
-    Raises:
-        ValueError: The markers are missing.
-    """
+    """Replace the table of run times between its two markers."""
     before, begin, rest = readme.read_text(encoding="utf-8").partition(TABLE_BEGIN)
     _, end, after = rest.partition(TABLE_END)
     if not end:
@@ -307,60 +269,50 @@ def readme_table(build: Path, root: Path) -> str:
     return f"{run_time_table(runs, titles)}\n\nMeasured on {machines[0]}."
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Describe the building of the book to a command line parser."""
-    parser.description = "Execute the chapters and build the HTML book from them."
-    parser.add_argument(
-        "--build", type=Path, default=Path("build"), metavar="DIR", help="takes all that is made"
-    )
-    parser.add_argument(
-        "--preset",
-        choices=("tiny", "mini", "paper"),
-        default="tiny",
-        help="how much the chapters compute",
-    )
-    parser.add_argument("--seed", type=int, default=0, help="the chapters' seed")
-    parser.add_argument(
-        "--only",
-        nargs="+",
-        default=[],
-        metavar="NN",
-        help="only these chapters; links to the others are not checked",
-    )
-    parser.add_argument(
-        "--html-only", action="store_true", help="build from the notebooks executed last time"
-    )
-    parser.add_argument(
-        "--readme-times", action="store_true", help="write the measured times into README.md"
-    )
+@dataclass(frozen=True)
+class Options:
+    """Execute the chapters and build the HTML book from them."""
+
+    build: Path = Path("build")
+    """Folder that takes all that is made."""
+    preset: Literal["tiny", "mini", "paper"] = "tiny"
+    """How much the chapters compute."""
+    seed: int = 0
+    """The chapters' seed."""
+    only: tuple[str, ...] = ()
+    """Only these chapters, such as `03 04`; links to the others are not checked."""
+    html_only: bool = False
+    """Build from the notebooks executed last time."""
+    readme_times: bool = False
+    """Write the measured times into README.md, and build nothing."""
 
 
-def run(args: argparse.Namespace) -> int:
-    """Build the book as the arguments say.
+def run(options: Options) -> int:
+    """Build the book as the options say.
 
     Returns:
         0 when the book stands; 2 when a chapter or the build failed.
     """
     root, say = checkout_root(), partial(print, flush=True)
     try:
-        build = check_output_folder(args.build)
-        if args.readme_times:
+        build = check_output_folder(options.build)
+        if options.readme_times:
             update_readme(root / "README.md", readme_table(build, root))
             return 0
         check_removable(build / "book")
         every = chapter_paths(root / "notebooks")
-        paths = chapter_paths(root / "notebooks", args.only)
+        paths = chapter_paths(root / "notebooks", options.only)
         make_output_folder(build)
         started = time.perf_counter()
-        if args.html_only:
+        if options.html_only:
             runs = _runs_of_last_time(build, paths)
         else:
-            say(f"executing {len(paths)} notebooks, preset {args.preset}")
-            runs = run_notebooks(paths, build, preset=args.preset, seed=args.seed, say=say)
-            keep_results(build, every, args.preset, args.seed, say=say)
+            say(f"executing {len(paths)} notebooks, preset {options.preset}")
+            runs = run_notebooks(paths, build, preset=options.preset, seed=options.seed, say=say)
+            keep_results(build, every, options.preset, options.seed, say=say)
         say("building the HTML book")
         staged = stage_book(root / "book", runs, build / "book")
-        index = build_html(staged, build / "html", strict=not args.only)
+        index = build_html(staged, build / "html", strict=not options.only)
     except (ChapterError, RuntimeError, ValueError, OSError) as error:
         print(error, file=sys.stderr)
         return 2
@@ -383,14 +335,3 @@ def _runs_of_last_time(build: Path, paths: Sequence[Path]) -> list[ChapterRun]:
         found = results if results.exists() else None
         runs.append(ChapterRun(path.stem, float(times.get("duration") or 0), executed, found))
     return runs
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Build the book from the command line."""
-    parser = argparse.ArgumentParser(prog="python -m hadr.press.book")
-    add_arguments(parser)
-    return run(parser.parse_args(arguments))
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

@@ -1,8 +1,7 @@
 """What a finished chapter was made from, so that it need not be made again.
 
-OUT/results/NAME/chapter.json   sealed: what the chapter depends on (`hadr.records.dependencies`),
-how long
-                                it took, and on which machine
+``OUT/results/NAME/chapter.json`` says, sealed, what the chapter depends on
+(`hadr.records.dependencies`), how long it took, and on which machine.
 """
 
 from __future__ import annotations
@@ -58,13 +57,7 @@ def finished_chapter(folder: Path, configuration: dict[str, Any], *made: Path) -
 
 
 def keep_chapter(folder: Path, configuration: dict[str, Any], duration_s: float) -> None:
-    """Note that a chapter is finished.
-
-    Args:
-        folder: Its folder.
-        configuration: `chapter_configuration`.
-        duration_s: Wall-clock seconds of its execution.
-    """
+    """Note that a chapter is finished."""
     row = {"configuration": configuration, "duration_s": duration_s, "machine": machine_text()}
     seal_row(folder / RECORD, {**row, "config_sha256": digest(configuration)})
 

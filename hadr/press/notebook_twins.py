@@ -14,12 +14,37 @@ from pathlib import Path
 from typing import Any
 
 import nbformat
+import yaml
+
+from hadr.records.checkout import checkout_root
 
 KERNELSPEC = {"display_name": "Python 3", "language": "python", "name": "python3"}
 TEXT_HEADER = {
     "extension": ".md",
     "format_name": "myst",
 }
+
+
+COLAB = """\
+# On Colab only: fetch the book, install its library, compare its samples with their checksums.
+import os, subprocess, sys
+
+if "google.colab" in sys.modules:
+    if not os.path.isdir("hadr-book"):
+        fetch = ["git", "clone", "-q", "--depth", "1", "-b", "{branch}", "{url}", "hadr-book"]
+        subprocess.run(fetch, check=True)
+    subprocess.run([sys.executable, "-m", "pip", "install", "-q", "-e", "hadr-book[handover]"], check=True)
+    sys.path.insert(0, os.path.abspath("hadr-book"))
+    from hadr.data.samples import verify_manifest
+    assert verify_manifest().ok, "a sample differs from its checksum: delete hadr-book, run this again"
+"""  # noqa: E501
+"""Every notebook's first code cell, with the repository of book/_config.yml; no text has it."""
+
+
+def repository(book: Path) -> dict[str, str]:
+    """Address and branch of the repository, which stand in book/_config.yml and nowhere else."""
+    config = yaml.safe_load((book / "_config.yml").read_text(encoding="utf-8"))["repository"]
+    return {"url": str(config["url"]), "branch": str(config.get("branch", "main"))}
 
 
 def notebook_from_text(text: str) -> str:
@@ -29,11 +54,18 @@ def notebook_from_text(text: str) -> str:
         text: The text twin, jupytext's MyST form.
 
     Returns:
-        The notebook as JSON text without outputs; cell ids are ``cell-000``, ``cell-001``, ...
+        The notebook as JSON text without outputs; cell ids are ``cell-000``, ``cell-001``, ...;
+        the first code cell sets the library up on Colab.
     """
     import jupytext
 
-    return serialise(jupytext.reads(text, fmt="md:myst"))
+    notebook = jupytext.reads(text, fmt="md:myst")
+    kinds = [cell.cell_type for cell in notebook.cells]
+    if "code" in kinds:
+        source = COLAB.format(**repository(checkout_root() / "book")).rstrip()
+        cell = nbformat.v4.new_code_cell(source, metadata={"tags": ["colab", "remove-cell"]})
+        notebook.cells.insert(kinds.index("code"), cell)
+    return serialise(notebook)
 
 
 def serialise(notebook: Any) -> str:
@@ -84,6 +116,7 @@ def text_from_notebook(notebook_json: str) -> str:
     import jupytext
 
     notebook = nbformat.reads(serialise(nbformat.reads(notebook_json, 4)), 4)
+    notebook.cells = [c for c in notebook.cells if "colab" not in c.metadata.get("tags", [])]
     notebook.metadata["kernelspec"] = dict(KERNELSPEC)
     notebook.metadata.pop("language_info", None)
     text: str = jupytext.writes(notebook, fmt="md:myst")
@@ -92,14 +125,7 @@ def text_from_notebook(notebook_json: str) -> str:
 
 
 def twin_problems(notebooks: Path) -> list[str]:
-    """Compare every chapter with its text twin.
-
-    Args:
-        notebooks: The folder with NN_name.ipynb and, in ``text/``, NN_name.md.
-
-    Returns:
-        One sentence per chapter that is out of step or stands alone; empty when all agree.
-    """
+    """Compare every chapter with its text twin."""
     texts = {path.stem: path for path in sorted((notebooks / "text").glob("*.md"))}
     books = {path.stem: path for path in sorted(notebooks.glob("*.ipynb"))}
     problems = [f"{stem}.ipynb has no text twin text/{stem}.md" for stem in books.keys() - texts]

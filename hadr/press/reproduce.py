@@ -1,366 +1,222 @@
-"""Run the chapters with papermill, time them, and collect what they measured.
+"""``hadr reproduce``: tables, handover and chapters without a user's hand; the plan comes first.
 
-``hadr reproduce --preset tiny --out DIR`` makes the tables, the attempts of the handover and the
-executed notebooks without a user's hand. It leaves in DIR the tables and their report, each
-chapter's ``results.json``, one over all of them with its provenance, and how long each step took.
+OUT/tables, OUT/report.md        the tables, and these beside the paper's
+OUT/handover                     the attempts
+OUT/executed, OUT/results        the chapters, and what each measured
+OUT/results.json                 all of that with its provenance
+OUT/run_times.json               how long each step took
 """
 
 from __future__ import annotations
 
-import argparse
-import re
 import sys
-import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Literal
 
-from hadr.press.chapter_record import (
-    RECORD,
-    chapter_configuration,
-    finished_chapter,
-    keep_chapter,
-    keep_results,
+from hadr.data.samples import samples_dir
+from hadr.experiments.again import measure_again, row_to_run
+from hadr.experiments.handover_table import (
+    handover_steps,
+    make_handover_table,
+    planned_attempts,
 )
-from hadr.press.private_kernel import private_jupyter, register_engine
-from hadr.records.checkout import checkout_root as checkout_root
-from hadr.records.output_folder import CACHE, check_output_folder, make_output_folder
+from hadr.experiments.plan import TABLE_RUNS, measure_all, plan, table_steps
+from hadr.experiments.runner import Bench
+from hadr.experiments.splits import EXPERIMENTS
+from hadr.experiments.steps import NAME, Step, keep_run_times, last_run_times, steps_text
+from hadr.experiments.systems import METHODS, PARTS, SWITCHES
+from hadr.press.chapter_record import keep_results
+from hadr.press.chapters import (
+    ChapterError,
+    chapter_paths,
+    chapter_steps,
+    run_notebooks,
+    run_time_table,
+)
+from hadr.press.paper_report import TITLES, report
+from hadr.records.checkout import checkout_root
+from hadr.records.output_folder import check_output_folder, make_output_folder
+from hadr.simulation.trials.command import check_packages
+from hadr.training.batches import Corruption
+from hadr.training.processes import chosen_accelerator
 
-if TYPE_CHECKING:
-    from hadr.experiments.reproduction_plan import Step
-
-CELL_TIMEOUT_S = 3600
-"""A cell that takes longer hangs; the longest takes a minute, or many on a busy machine."""
-PARTS = ("tables", "handover", "chapters")
+TINY_FRAMES = 48
+"""Frames of each part in preset tiny, which shows that everything runs and no more."""
+WHOLE = ("tables", "handover", "chapters")
 """What ``--only`` takes as a whole, in the order in which it is made."""
-_ANSI = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
 
 
 @dataclass(frozen=True)
-class ChapterRun:
-    """One executed chapter.
+class Options:
+    """Make the tables, the attempts of the handover and the chapters, and collect the results.
 
-    Args:
-        name: The notebook's name without suffix, such as ``03_ray_voxels``.
-        duration_s: Wall-clock time that papermill measured, seconds.
-        notebook: The executed notebook.
-        results: The chapter's ``results.json``, or None where it wrote none.
+    The plan is printed first. What is finished is not repeated; what was stopped goes on.
     """
 
-    name: str
-    duration_s: float
-    notebook: Path
-    results: Path | None
+    out: Path
+    """Folder for notebooks and results."""
+    preset: Literal["tiny", "mini", "paper"] = "tiny"
+    """Size of networks and data; tiny takes minutes on a laptop."""
+    seed: int = 0
+    """Seed of every chapter and of the attempts."""
+    only: tuple[str, ...] = ()
+    """Chapters (03 04), rows (known/hadr raw), or a part: tables, handover, chapters."""
+    dry_run: bool = False
+    """Print the plan with what is done, and stop."""
+    data: tuple[Path, ...] = ()
+    """Data for the tables, from `hadr generate --preset mini`; tiny takes the bundled samples."""
+    seeds: tuple[int, ...] | None = None
+    """Seeds of the trainings; unset: 0, but 0 1 2 where mini and paper ask what a hand is worth."""
+    jobs: int = 1
+    """Trainings or attempts at a time, each with one thread; 1: one training with all threads."""
+    accelerator: Literal["auto", "cpu", "cuda"] = "auto"
+    """auto: cuda if any; numbers of a GPU are near to those of a CPU, not equal to them."""
+    again: tuple[str, str] | None = None
+    """Result file and method: run that row once more as it is recorded there, and compare."""
+    corruption: Corruption = "oracle"
+    """Depth inside the glass."""
 
 
-class ChapterError(RuntimeError):
-    """A chapter stopped with an error; the text says where, and where the notebook was kept."""
-
-
-def chapter_paths(notebooks: Path, only: Sequence[str] = ()) -> list[Path]:
-    """The chapters' notebooks in the book's order.
-
-    Args:
-        notebooks: Folder with NN_name.ipynb.
-        only: Numbers or beginnings of names (``03``, ``3``, ``03_ray``); empty takes all.
-
-    Raises:
-        ValueError: A wish is empty or fits no chapter, or there is no chapter at all.
-    """
-    paths = sorted(notebooks.glob("[0-9][0-9]_*.ipynb"))
-    if not paths:
-        raise ValueError(f"no notebook named NN_name.ipynb in {notebooks}")
-    wanted = []
-    for wish in only:
-        if not wish.strip():
-            raise ValueError("--only has an empty word; leave --only out to take everything")
-        beginning = wish.zfill(2) if wish.isdigit() else wish
-        fitting = [path for path in paths if path.stem.startswith(beginning)]
-        if not fitting:
-            names = ", ".join(path.stem for path in paths)
-            raise ValueError(
-                f"{wish!r} is none of {', '.join(PARTS)} and no run of the tables "
-                f"(EXPERIMENT/METHOD), and no chapter begins with it; the chapters are {names}"
-            )
-        wanted += fitting
-    return sorted(set(wanted)) if only else paths
-
-
-def run_notebooks(
-    notebooks: Sequence[Path],
-    out_dir: Path,
-    *,
-    preset: str = "tiny",
-    seed: int = 0,
-    say: Callable[[str], None] = print,
-    resume: bool = False,
-) -> list[ChapterRun]:
-    """Execute notebooks with papermill, one after the other.
-
-    Args:
-        notebooks: Notebooks to execute; their files are not changed.
-        out_dir: Takes ``executed/NAME.ipynb`` and, as each notebook's own ``out_dir``,
-            ``results/NAME/``.
-        preset: Value of the notebooks' parameter ``preset``.
-        seed: Value of the notebooks' parameter ``seed``.
-        say: Receives one line per notebook.
-        resume: Leave out those that were executed already, if since then neither they nor the
-            library nor the data that they read have changed.
-
-    Returns:
-        One entry per notebook, in order.
-
-    Raises:
-        ChapterError: A cell raised, took too long, or its kernel died. The half-executed
-            notebook is kept.
-    """
-    out_dir = out_dir.resolve()
-    runs = []
-    with private_jupyter(out_dir / CACHE):
-        for number, notebook in enumerate(notebooks, start=1):
-            label = f"[{number:2d}/{len(notebooks)}] {notebook.stem}"
-            target, folder, results = _places(notebook, out_dir)
-            configuration = chapter_configuration(notebook, preset, seed)
-            before = finished_chapter(folder, configuration, target) if resume else None
-            if before is None:
-                folder.mkdir(parents=True, exist_ok=True)
-                target.parent.mkdir(parents=True, exist_ok=True)
-                for stale in (results, folder / RECORD):
-                    stale.unlink(missing_ok=True)
-                parameters = {"preset": preset, "seed": seed, "out_dir": str(folder)}
-                duration = _execute(notebook, target, parameters, label)
-                keep_chapter(folder, configuration, duration)
-            else:
-                duration = before
-            say(f"{label:<40} {duration:6.1f} s" + (" (was there)" if before is not None else ""))
-            found = results if results.exists() else None
-            runs.append(ChapterRun(notebook.stem, duration, target, found))
-    return runs
-
-
-def _places(notebook: Path, out_dir: Path) -> tuple[Path, Path, Path]:
-    """The executed notebook, the folder of what it measures, and its ``results.json``."""
-    folder = out_dir / "results" / notebook.stem
-    return out_dir / "executed" / notebook.name, folder, folder / "results.json"
-
-
-def _execute(source: Path, target: Path, parameters: dict[str, Any], label: str) -> float:
-    import papermill
-    from nbclient.exceptions import CellTimeoutError, DeadKernelError
-    from papermill.exceptions import PapermillExecutionError
-
-    progress = {"desc": label, "leave": False, "disable": None, "file": sys.stderr}
-    started = time.perf_counter()
-    try:
-        done = papermill.execute_notebook(
-            str(source),
-            str(target),
-            parameters=parameters,
-            engine_name=register_engine(),
-            kernel_name="python3",
-            language="python",
-            progress_bar=progress,
-            cwd=str(target.parent),
-            execution_timeout=CELL_TIMEOUT_S,
-        )
-    except PapermillExecutionError as error:
-        where = f"cell {error.cell_index} (In [{error.exec_count}])"
-        trace = "\n".join(error.traceback) or f"{error.ename}: {error.evalue}"
-        raise ChapterError(failure_text(source, where, error.source, trace, target)) from error
-    except (DeadKernelError, CellTimeoutError) as error:
-        where, cell = _cell_under_way(target)
-        raise ChapterError(failure_text(source, where, cell, str(error), target)) from error
-    duration = done.metadata.get("papermill", {}).get("duration")
-    return float(duration) if duration else time.perf_counter() - started
-
-
-def _cell_under_way(executed: Path) -> tuple[str, str]:
-    """The last code cell that was begun, for a kernel that left no error output."""
-    import nbformat
-
-    begun = [
-        (index, cell)
-        for index, cell in enumerate(nbformat.read(executed, 4).cells)
-        if cell.cell_type == "code" and cell.metadata.get("papermill", {}).get("start_time")
-    ]
-    if begun:
-        return f"cell {begun[-1][0]}", str(begun[-1][1].source)
-    return "an unknown cell", ""
-
-
-def failure_text(notebook: Path, where: str, source: str, trace: str, kept: Path) -> str:
-    """What a reader needs to mend a chapter: name, cell, traceback, and the kept notebook."""
-    rule = "-" * 78
-    cell = "\n".join(f"    {line}" for line in source.splitlines())
-    return (
-        f"{rule}\n{notebook.name} failed in {where}:\n\n{cell}\n\n"
-        f"{without_ansi(trace).rstrip()}\n\n"
-        f"The notebook as far as it was executed: {kept}\n{rule}"
-    )
-
-
-def without_ansi(text: str) -> str:
-    """Text without the colour codes of a terminal."""
-    return _ANSI.sub("", text)
-
-
-def run_time_table(runs: Sequence[ChapterRun], titles: Mapping[str, str] | None = None) -> str:
-    """The measured run times as a Markdown table.
-
-    Args:
-        runs: Executed chapters.
-        titles: Optional titles by notebook name.
-    """
-    lines = ["| chapter | measured run time |", "| :-- | --: |"]
-    for run in runs:
-        title = (titles or {}).get(run.name, run.name)
-        lines.append(f"| {title} | {seconds_text(run.duration_s)} |")
-    lines.append(f"| together | {seconds_text(sum(run.duration_s for run in runs))} |")
-    return "\n".join(lines)
-
-
-def seconds_text(seconds: float) -> str:
-    """A duration for readers: ``0.8 s``, ``14 s``, ``2 min 05 s``."""
-    if seconds < 9.95:
-        return f"{seconds:.1f} s"
-    whole = round(seconds)
-    return f"{whole} s" if whole < 60 else f"{whole // 60} min {whole % 60:02d} s"
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Describe ``hadr reproduce`` to a command line parser."""
-    from hadr.press.table_command import add_table_arguments
-
-    parser.description = (
-        "Train and score the systems of the tables, make the attempts of the handover, execute the "
-        "book's chapters and collect what they measure. The plan is printed first. A step that is "
-        "finished is not repeated; one that was stopped goes on."
-    )
-    parser.add_argument(
-        "--preset",
-        choices=("tiny", "mini", "paper"),
-        default="tiny",
-        help="size of networks and data (default: tiny, minutes on a laptop)",
-    )
-    parser.add_argument("--seed", type=int, default=0, help="seed of every chapter (default: 0)")
-    parser.add_argument(
-        "--only",
-        nargs="+",
-        default=[],
-        metavar="WHAT",
-        help="chapters by number or name (`--only 03 04`), runs of the tables (`--only "
-        "known/hadr unknown raw`), or all of a part: `tables`, `handover`, `chapters` (default: "
-        "everything)",
-    )
-    parser.add_argument(
-        "--out", type=Path, required=True, metavar="DIR", help="folder for notebooks and results"
-    )
-    parser.add_argument(
-        "--dry-run", action="store_true", help="print the plan with its times, and stop"
-    )
-    add_table_arguments(parser)
-
-
-def run(args: argparse.Namespace) -> int:
+def run(options: Options) -> int:
     """Carry out ``hadr reproduce``: print the plan, then do what is left of it.
 
     Returns:
         0 when all was done, 1 when a row that was run again gave other numbers, 2 when a chapter
-        failed or a wish fits nothing.
-    """
-    from hadr.experiments.handover_table import handover_steps, open_handover, run_handover
-    from hadr.experiments.nominal_data import data_steps
-    from hadr.experiments.plan import plan, table_steps
-    from hadr.experiments.reproduction_plan import steps_text
-    from hadr.experiments.run_times import read_run_times, write_run_times
-    from hadr.press.table_command import (
-        is_table_wish,
-        measure_tables,
-        open_bench,
-        run_again,
-        write_report,
-    )
+        or a training failed.
 
-    wanted = set(args.only)
-    wishes = [wish for wish in args.only if is_table_wish(wish)]
-    chapters = [w for w in args.only if w not in PARTS and w not in wishes]
-    paths, bench, attempts = [], None, None
-    try:
-        check_output_folder(args.out)
-        if args.again:
-            return run_again(args)
-        times, steps = read_run_times(args.preset), []
-        if not wanted or wishes or "tables" in wanted:
-            bench = open_bench(args)
-            runs = plan([] if "tables" in wanted else wishes, args.seeds, args.preset)
-            steps += [*data_steps(bench), *table_steps(bench, runs, times)]
-        if not wanted or "handover" in wanted:
-            attempts = open_handover(args.out, args.preset, args.seed, args.jobs)
-            steps += handover_steps(attempts, times)
-        if not wanted or chapters or "chapters" in wanted:
-            paths = chapter_paths(checkout_root() / "notebooks", chapters)
-            steps += chapter_steps(paths, args.out, args.preset, args.seed, times.chapters)
-        print(f"preset {args.preset}, seed {args.seed}; everything goes to {args.out}\n")
-        print(steps_text(steps, args.jobs), flush=True)
-        if args.dry_run:
-            return 0
-        print()
-        make_output_folder(args.out)
-        if bench is not None:
-            measure_tables(args, bench, runs)
+    Raises:
+        ValueError: A wish fits nothing, an option is out of range, or data are missing.
+        FileNotFoundError: A data folder is not there.
+    """
+    check_output_folder(options.out)
+    smallest = min(options.seeds or (0,))
+    for name, number, least in (
+        ("jobs", options.jobs, 1), ("seed", options.seed, 0), ("seeds", smallest, 0),
+    ):  # fmt: skip
+        if number < least:
+            raise ValueError(f"--{name} must be at least {least}, got {number}")
+    if options.again:
+        return _run_again(options, *options.again)
+    asked = set(options.only)
+    rows = [wish for wish in options.only if is_table_wish(wish)]
+    chapters = [w for w in options.only if w not in WHOLE and w not in rows]
+    bench = runs = attempts = None
+    paths: Sequence[Path] = ()
+    if not asked or rows or "tables" in asked:
+        bench = open_bench(options)
+        runs = plan([] if "tables" in asked else rows, options.seeds, options.preset)
+    if not asked or "handover" in asked:
+        try:
+            check_packages()
+        except ValueError as error:
+            raise ValueError(f"{error}; or leave it out: --only tables chapters") from error
+        attempts = planned_attempts(options.preset, options.seed)
+    if not asked or chapters or "chapters" in asked:
+        paths = chapter_paths(checkout_root() / "notebooks", chapters)
+
+    def steps() -> list[Step]:
+        times, found = last_run_times(options.out, options.preset), list[Step]()
+        if bench is not None and runs is not None:
+            found += [] if bench.roots else [_data_step(options.preset, times)]
+            found += table_steps(bench, runs, times)
         if attempts is not None:
-            run_handover(attempts)
+            found += handover_steps(attempts, options.out, times)
+        return found + chapter_steps(paths, options.out, options.preset, options.seed, times)
+
+    print(f"preset {options.preset}, seed {options.seed}; everything goes to {options.out}\n")
+    print(steps_text(steps()), flush=True)
+    if options.dry_run:
+        return 0
+    print()
+    make_output_folder(options.out)
+    try:
+        if bench is not None and runs is not None:
+            measure_all(bench, runs, options.out / "tables", jobs=options.jobs)
+        if attempts is not None:
+            make_handover_table(attempts, options.out, options.jobs)
         if bench is not None or attempts is not None:
-            write_report(args.out, args.preset)
+            write_report(options.out, options.preset)
         if paths:
-            done = run_notebooks(paths, args.out, preset=args.preset, seed=args.seed, resume=True)
+            done = run_notebooks(
+                paths, options.out, preset=options.preset, seed=options.seed, resume=True
+            )
             every = chapter_paths(checkout_root() / "notebooks")
-            keep_results(args.out, every, args.preset, args.seed)
-            print(f"\n{run_time_table(done)}\n\nresults: {args.out / 'results.json'}")
-        if noted := write_run_times(args.out):
-            print(f"how long each step took: {noted}")
-    except ChapterError as error:
+            keep_results(options.out, every, options.preset, options.seed)
+            print(f"\n{run_time_table(done)}\n\nresults: {options.out / 'results.json'}")
+    except (ChapterError, RuntimeError) as error:
         print(error, file=sys.stderr)
         return 2
-    except (ValueError, FileNotFoundError, RuntimeError) as error:
-        print(f"hadr reproduce: {error}", file=sys.stderr)
-        return 2
+    keep_run_times(options.out, steps())
+    print(f"how long each step took: {options.out / NAME}")
     return 0
 
 
-def chapter_steps(
-    notebooks: Sequence[Path], out_dir: Path, preset: str, seed: int, times: Mapping[str, float]
-) -> list[Step]:
-    """Describe the chapters as steps of a plan.
+def is_table_wish(wish: str) -> bool:
+    """Say whether a word of ``--only`` means a table's run and not a chapter."""
+    names = (*EXPERIMENTS, *METHODS, *PARTS, *SWITCHES, *TABLE_RUNS, "full")
+    return "/" in wish or wish.lower() in names
 
-    Args:
-        notebooks: Their notebooks.
-        out_dir: As of `run_notebooks`.
-        preset: As of `run_notebooks`.
-        seed: As of `run_notebooks`.
-        times: Seconds that a chapter took when it was last measured, by its name.
+
+def open_bench(options: Options) -> Bench:
+    """Open the bench that the options describe; for a plan alone, its data may be missing.
+
+    Raises:
+        ValueError: No data folder is named, and the preset has none of its own.
+        FileNotFoundError: A data folder is not there.
     """
-    from hadr.experiments.reproduction_plan import Step
+    roots: Sequence[Path] = options.data
+    tiny = options.preset == "tiny"
+    if options.dry_run and not options.again and not (tiny or all(root.is_dir() for root in roots)):
+        roots = []
+    elif not roots and tiny:
+        roots = [samples_dir() / "frames"]
+    elif not roots and not options.dry_run:
+        raise ValueError(
+            f"the tables of preset {options.preset} need --data DIR; make one with "
+            f"'hadr generate --preset {options.preset} --out DIR', and name data_samples/frames "
+            "beside it for more training frames"
+        )
+    for root in roots:
+        if not root.is_dir():
+            raise FileNotFoundError(f"there is no data folder {root}")
+        if not (root / "train").is_dir():
+            raise FileNotFoundError(f"{root} has no folder 'train': it is none of TransHand's form")
+    limit = TINY_FRAMES if tiny else None
+    accelerator = chosen_accelerator(options.accelerator)
+    return Bench(
+        roots, options.out / "runs", options.preset, options.corruption, limit, accelerator
+    )
 
-    steps = []
-    for notebook in notebooks:
-        target, folder, _ = _places(notebook, out_dir)
-        configuration = chapter_configuration(notebook, preset, seed)
-        done = finished_chapter(folder, configuration, target) is not None
-        made = f"executed/{notebook.name}"
-        seconds = times.get(notebook.stem)
-        left = "done" if done else "execution"
-        steps.append(Step("chapters", notebook.stem, left, seconds, made))
-    return steps
+
+def _data_step(size: str, times: dict[str, float]) -> Step:
+    """The step that makes the data of a preset, for a plan without them: nothing else is done."""
+    from hadr.synthesis.generation.settings import PRESETS
+
+    name = f"hadr generate --preset {size} --out DIR"
+    return Step(
+        "data", name, f"{PRESETS[size].frames:,} frames", times.get(name), "DIR, for --data"
+    )
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run ``hadr reproduce`` without the rest of the command line."""
-    parser = argparse.ArgumentParser(prog="python -m hadr.press.reproduce")
-    add_arguments(parser)
-    return run(parser.parse_args(arguments))
+def _run_again(options: Options, file: str, method: str) -> int:
+    """Run ``hadr reproduce --again``: 0 where the numbers agree, 1 where they don't."""
+    bench = open_bench(options)
+    if options.dry_run:
+        row_to_run(bench, file, method)  # raises where it can't be run
+        print(f"row {method!r} of {file} would be run again in {options.out}")
+        return 0
+    return 0 if measure_again(bench, file, method) else 1
 
 
-if __name__ == "__main__":
-    raise SystemExit(main())
+def write_report(out: Path, size: str) -> None:
+    """Write the report of a folder's tables, beside the paper's where these are at hand."""
+    try:
+        published = checkout_root() / "results" / "paper_tables.json"
+    except FileNotFoundError:
+        return
+    if published.exists() and any((out / "tables" / f"{name}.json").exists() for name in TITLES):
+        text = f"# The paper's tables, and ours\n\n{report(out / 'tables', published, size)}"
+        (out / "report.md").write_text(text, encoding="utf-8")
+        print(f"the report: {out / 'report.md'}")

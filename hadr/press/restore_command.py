@@ -2,26 +2,29 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 import time
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
+import numpy as np
+from numpy.typing import NDArray
 
-    from hadr.camera import BoolArray, Intrinsics
-    from hadr.restoration import Restoration
-
-DESCRIPTION = """\
-Restore the depth of a transparent object in one RGB-D frame.
-
-A depth camera sees through glass: inside a glass the depth is missing, or it
-is the depth of what stands behind. This command replaces the depth inside the
-object's mask and leaves every other pixel as it was measured."""
+from hadr.camera import Intrinsics, load_intrinsics
+from hadr.frame_io import (
+    check_replaceable,
+    finished_folder,
+    read_color,
+    read_depth,
+    read_hand,
+    read_mask,
+    write_depth_png,
+    write_image,
+    write_point_cloud,
+)
+from hadr.restoration import Method, Restoration, Restorer
+from hadr.trained_networks import Corruption
 
 EPILOG = """\
 units and frames
@@ -48,8 +51,8 @@ what is written
   confidence.png    8-bit, 255 = 1
   confidence.npy    float32: 1 where measured, 0 where missing; where restored
                     the probability that the depth is right to 2 cm, if the
-                    checkpoint is calibrated, else the network's own score;
-                    0, not known, for nearest, inpaint and hand-median
+                    method is a calibrated hadr-plus; 0, not known, for all
+                    others, which cannot say how sure they are
   comparison.png    colour, depth before and after, error or confidence
   cloud.ply         coloured point cloud, metres, camera frame, binary
   mask.png          8-bit, 255 = pixels to restore, given or predicted
@@ -72,7 +75,7 @@ examples
 exit status
   0 done   1 the result could not be written   2 unusable input"""
 
-INPUT_NAMES = (
+INPUTS = (
     "rgb",
     "depth",
     "intrinsics",
@@ -84,19 +87,7 @@ INPUT_NAMES = (
     "segmentation",
     "keypoint_network",
 )
-METHODS = (
-    "auto",
-    "hadr",
-    "hadr-plus",
-    "unet-hand",
-    "lidf",
-    "dfnet",
-    "swindrnet",
-    "tode",
-    "nearest",
-    "inpaint",
-    "hand-median",
-)
+"""The options that name a file to read."""
 OUTPUTS = {
     "depth.png": "z-depth, 16-bit, 0.001 m per unit, 0 = missing",
     "depth.npy": "z-depth, float32 metres, 0 = missing",
@@ -109,163 +100,88 @@ OUTPUTS = {
 }
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Describe the command and its arguments."""
-    parser.description, parser.epilog = DESCRIPTION, EPILOG
-    needed = parser.add_argument_group("input")
-    needed.add_argument("--rgb", required=True, metavar="FILE", help="colour image, PNG or JPEG")
-    needed.add_argument(
-        "--depth",
-        required=True,
-        metavar="FILE",
-        help="depth: 16-bit PNG, .npy (H, W) or OpenEXR",
-    )
-    needed.add_argument(
-        "--depth-scale",
-        type=float,
-        metavar="M",
-        help="metres per stored unit (default: 0.001 for whole numbers, 1 for floats)",
-    )
-    needed.add_argument(
-        "--intrinsics",
-        required=True,
-        metavar="FILE",
-        help="YAML or JSON: fx fy cx cy in pixels and width height (or xres yres), or K",
-    )
-    needed.add_argument(
-        "--mask",
-        metavar="FILE",
-        help="the transparent object's pixels, 8-bit PNG, not 0 = object; without it they are "
-        "predicted (--segmentation), or the pixels that have no depth are restored",
-    )
-    needed.add_argument(
-        "--hand",
-        metavar="FILE",
-        help="21 hand keypoints, metres, camera frame: JSON list of [x, y, z], text with 21 lines "
-        "'x y z', or .npy (21, 3); wrist, then thumb to little finger, root to tip",
-    )
-    needed.add_argument(
-        "--hand-mask", metavar="FILE", help="pixels of hand and arm, sharpens hand-median"
-    )
-    chosen = parser.add_argument_group("method")
-    chosen.add_argument(
-        "--method",
-        default="auto",
-        choices=METHODS,
-        metavar="METHOD",
-        help="how to restore, see below (default: auto)",
-    )
-    chosen.add_argument(
-        "--checkpoint",
-        metavar="FILE",
-        help="a depth network, .safetensors (default: the sample's HADR)",
-    )
-    chosen.add_argument(
-        "--segmentation", metavar="FILE", help="a segmentation network: predicts mask, hand mask"
-    )
-    chosen.add_argument(
-        "--keypoint-network", metavar="FILE", help="a hand-keypoint network: predicts the hand"
-    )
-    chosen.add_argument(
-        "--corruption",
-        choices=("oracle", "sensor"),
-        help="depth measured inside the mask: oracle discards it, sensor gives it to the network "
-        "(default: as the checkpoint was trained)",
-    )
-    written = parser.add_argument_group("output")
-    written.add_argument("--out", required=True, metavar="DIR", help="folder for the result")
-    written.add_argument(
-        "--overwrite",
-        action="store_true",
-        help="replace an earlier result in DIR (a folder with other files is never replaced)",
-    )
-    written.add_argument(
-        "--truth",
-        metavar="FILE",
-        help="true depth, a file like --depth's; prints the errors inside the mask",
-    )
-    written.add_argument("--quiet", action="store_true", help="print nothing but errors")
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Restore the depth of a transparent object in one RGB-D frame.
+
+    A depth camera sees through glass: inside a glass the depth is missing, or it
+    is the depth of what stands behind. This command replaces the depth inside the
+    object's mask and leaves every other pixel as it was measured.
+    """
+
+    rgb: str
+    """colour image, PNG or JPEG"""
+    depth: str
+    """depth: 16-bit PNG, .npy (H, W) or OpenEXR"""
+    depth_scale: float | None = None
+    """metres per stored unit; unset: 0.001 for whole numbers, 1 for floats"""
+    intrinsics: str
+    """YAML or JSON: fx fy cx cy in pixels and width height (or xres yres), or K"""
+    mask: str | None = None
+    """the transparent object's pixels, 8-bit PNG, not 0 = object; without it they are predicted
+    (--segmentation), or the pixels that have no depth are restored"""
+    hand: str | None = None
+    """21 hand keypoints, metres, camera frame: JSON list of [x, y, z], text with 21 lines 'x y z',
+    or .npy (21, 3); wrist, then thumb to little finger, root to tip"""
+    hand_mask: str | None = None
+    """pixels of hand and arm, sharpens hand-median"""
+    method: Method = "auto"
+    """how to restore, see below"""
+    checkpoint: str | None = None
+    """a depth network, .safetensors; unset: the sample's HADR"""
+    segmentation: str | None = None
+    """a segmentation network: predicts mask, hand mask"""
+    keypoint_network: str | None = None
+    """a hand-keypoint network: predicts the hand"""
+    corruption: Corruption | None = None
+    """depth measured inside the mask: oracle discards it, sensor gives it to the network; unset: as
+    the checkpoint was trained"""
+    out: str
+    """folder for the result"""
+    overwrite: bool = False
+    """replace an earlier result in the folder (one with other files is never replaced)"""
+    truth: str | None = None
+    """true depth, a file like --depth's; prints the errors inside the mask"""
+    quiet: bool = False
+    """print nothing but errors"""
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(options: Options) -> int:
     """Run the command.
-
-    Args:
-        arguments: What `add_arguments` describes.
-
-    Returns:
-        Exit status: 0 done, 1 not written.
 
     Raises:
         ValueError: Unusable input, in one sentence.
         OSError: A file that does not exist, or a folder that is not to be replaced.
     """
-    from hadr.camera import load_intrinsics
-    from hadr.frame_io import (
-        check_replaceable,
-        finished_folder,
-        read_color,
-        read_depth,
-        read_hand,
-        read_mask,
-    )
-    from hadr.press.restore_report import (
-        METHOD_TITLES,
-        confidence_means,
-        counts,
-        errors,
-        inputs,
-        summary,
-        versions,
-    )
-    from hadr.restoration import restore
+    from hadr.press import restore_report  # loads matplotlib, which --help need not wait for
 
     started = time.perf_counter()
-    replaceable = tuple(OUTPUTS) if arguments.overwrite else None
-    check_replaceable(Path(arguments.out), replaceable)
-    color = read_color(arguments.rgb)
-    depth = read_depth(arguments.depth, arguments.depth_scale)
-    camera = load_intrinsics(arguments.intrinsics)
-    mask = None if arguments.mask is None else read_mask(arguments.mask)
-    hand = None if arguments.hand is None else read_hand(arguments.hand)
-    arm = None if arguments.hand_mask is None else read_mask(arguments.hand_mask, "hand mask")
-    truth = None if arguments.truth is None else _read_truth(arguments)
-    if truth is not None and truth.shape != depth.shape:
-        raise ValueError(f"truth is {truth.shape} but depth is {depth.shape}, expected the same")
+    replaceable = tuple(OUTPUTS) if options.overwrite else None
+    check_replaceable(Path(options.out), replaceable)
+    color = read_color(options.rgb)
+    depth = read_depth(options.depth, options.depth_scale)
+    camera = load_intrinsics(options.intrinsics)
+    mask = None if options.mask is None else read_mask(options.mask)
+    hand = None if options.hand is None else read_hand(options.hand)
+    arm = None if options.hand_mask is None else read_mask(options.hand_mask, "hand mask")
+    truth = _read_truth(options, depth.shape)
     read = time.perf_counter()
-    result = restore(
-        color,
-        depth,
-        camera,
-        mask,
-        hand,
-        arguments.method,
-        arguments.checkpoint,
-        arm,
-        corruption=arguments.corruption,
-        segmentation=arguments.segmentation,
-        keypoint_network=arguments.keypoint_network,
+    restorer = Restorer(
+        options.method,
+        options.checkpoint,
+        corruption=options.corruption,
+        segmentation=options.segmentation,
+        keypoint_network=options.keypoint_network,
     )
+    result = restorer(color, depth, camera, mask, hand, arm)
     restored = time.perf_counter()
-    target = result.mask
-    measured_errors = {} if truth is None else errors(depth, result.depth, truth, target)
-    report: dict[str, Any] = {
-        "command": "hadr restore",
-        "method": result.method,
-        "method_title": METHOD_TITLES[result.method],
-        "notes": list(result.notes),
-        "confidence_means": confidence_means(result),
-        "image": {"width": camera.width, "height": camera.height},
-        "intrinsics": camera.to_dict(),
-        "counts": counts(depth, result, target),
-        "errors_in_mask": measured_errors,
-        "inputs": inputs({name: getattr(arguments, name) for name in INPUT_NAMES}),
-        "outputs": OUTPUTS,
-        "versions": versions(),
-    }
+    files = {name: getattr(options, name) for name in INPUTS}
+    report = restore_report.report(depth, camera, result, truth, files, OUTPUTS)
     try:
-        with finished_folder(arguments.out, replaceable) as folder:
-            _write(folder, color, depth, camera, result, target, truth)
+        with finished_folder(options.out, replaceable) as folder:
+            _write(folder, color, camera, result)
+            figure = restore_report.comparison_figure(color, depth, result, truth)
+            figure.savefig(folder / "comparison.png", dpi=130)
             finished = time.perf_counter()
             report["seconds"] = {
                 "read": round(read - started, 3),
@@ -277,44 +193,32 @@ def run(arguments: argparse.Namespace) -> int:
     except FileExistsError:
         raise
     except OSError as error:
-        print(f"hadr restore: error: cannot write {arguments.out}: {error}", file=sys.stderr)
+        print(f"hadr restore: error: cannot write {options.out}: {error}", file=sys.stderr)
         return 1
-    if not arguments.quiet:
-        print(summary(report, arguments.out))
+    if not options.quiet:
+        print(restore_report.summary(report, options.out))
     return 0
 
 
-def _write(
-    folder: Path,
-    color: NDArray[np.uint8],
-    depth: NDArray[np.float32],
-    camera: Intrinsics,
-    result: Restoration,
-    target: BoolArray,
-    truth: NDArray[np.float32] | None,
-) -> None:
-    import numpy as np
-
-    from hadr.frame_io import write_depth_png, write_image, write_point_cloud
-    from hadr.press.restore_report import comparison_figure
-
+def _write(folder: Path, color: NDArray[np.uint8], camera: Intrinsics, result: Restoration) -> None:
+    """Write what the result holds; the picture and the report come from elsewhere."""
     write_depth_png(folder / "depth.png", result.depth)
     np.save(folder / "depth.npy", result.depth)
     write_image(folder / "confidence.png", np.rint(result.confidence * 255).astype(np.uint8))
     np.save(folder / "confidence.npy", result.confidence)
-    write_image(folder / "mask.png", target.astype(np.uint8) * 255)
+    write_image(folder / "mask.png", result.mask.astype(np.uint8) * 255)
     write_point_cloud(folder / "cloud.ply", result.depth, color, camera)
-    comparison_figure(color, depth, result, target, truth).savefig(
-        folder / "comparison.png", dpi=130
-    )
 
 
-def _read_truth(arguments: argparse.Namespace) -> NDArray[np.float32]:
+def _read_truth(options: Options, shape: tuple[int, ...]) -> NDArray[np.float32] | None:
     """Read the truth, with the depth's scale where it is stored in the same format."""
-    from hadr.frame_io import read_depth
-
-    alike = Path(arguments.truth).suffix.lower() == Path(arguments.depth).suffix.lower()
+    if options.truth is None:
+        return None
+    alike = Path(options.truth).suffix.lower() == Path(options.depth).suffix.lower()
     try:
-        return read_depth(arguments.truth, arguments.depth_scale if alike else None)
+        truth = read_depth(options.truth, options.depth_scale if alike else None)
     except (ValueError, FileNotFoundError) as error:
         raise type(error)(f"truth: {error}") from error
+    if truth.shape != shape:
+        raise ValueError(f"truth is {truth.shape} but depth is {shape}, expected the same")
+    return truth

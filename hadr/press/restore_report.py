@@ -6,25 +6,28 @@ import hashlib
 import platform
 import sys
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    import numpy as np
-    from matplotlib.figure import Figure
-    from numpy.typing import NDArray
+import cv2
+import numpy as np
+import scipy
+from matplotlib import rc_context
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
-    from hadr.camera import BoolArray
-    from hadr.restoration import Restoration
+from hadr import __version__
+from hadr.camera import BoolArray, Intrinsics, valid_depth
+from hadr.figures import panels
+from hadr.metrics import frame_metrics
+from hadr.models.networks import DEPTH_NETWORKS, NETWORKS
+from hadr.restoration import Restoration
 
 METHOD_TITLES = {
+    **{kind: f"{NETWORKS[kind].title} (not HADR)" for kind in DEPTH_NETWORKS},
     "hadr": "HADR",
     "hadr-plus": "HADR-plus",
-    "unet-hand": "U-Net with hand (not HADR)",
-    "lidf": "LIDF (not HADR)",
-    "dfnet": "DFNet (not HADR)",
-    "swindrnet": "SwinDRNet (not HADR)",
-    "tode": "TODE-Trans (not HADR)",
     "nearest": "nearest valid depth (not HADR)",
     "inpaint": "OpenCV inpainting (not HADR)",
     "hand-median": "the hand's median depth (not HADR)",
@@ -32,38 +35,49 @@ METHOD_TITLES = {
 }
 
 
+def report(
+    depth: NDArray[np.float32],
+    camera: Intrinsics,
+    result: Restoration,
+    truth: NDArray[np.float32] | None,
+    files: Mapping[str, str | None],
+    outputs: Mapping[str, str],
+) -> dict[str, Any]:
+    """All that `report.json` holds but for the times; `files` are what was read, by option."""
+    given = {name: path for name, path in files.items() if path is not None}
+    return {
+        "command": "hadr restore",
+        "method": result.method,
+        "method_title": METHOD_TITLES[result.method],
+        "notes": list(result.notes),
+        "confidence_means": confidence_means(result),
+        "image": {"width": camera.width, "height": camera.height},
+        "intrinsics": camera.to_dict(),
+        "counts": counts(depth, result),
+        "errors_in_mask": {} if truth is None else errors(depth, result.depth, truth, result.mask),
+        "inputs": {
+            name: {"file": path, "sha256": hashlib.sha256(Path(path).read_bytes()).hexdigest()}
+            for name, path in given.items()
+        },
+        "outputs": dict(outputs),
+        "versions": versions(),
+    }
+
+
 def comparison_figure(
     color: NDArray[np.uint8],
     depth: NDArray[np.floating],
     result: Restoration,
-    target: BoolArray,
     truth: NDArray[np.floating] | None = None,
 ) -> Figure:
-    """Draw colour, depth before and after, and the error (or, without truth, the confidence).
-
-    Args:
-        color: RGB, shape (H, W, 3) uint8.
-        depth: Measured z-depth in metres, shape (H, W).
-        result: What `hadr.restoration.restore` returned.
-        target: Pixels that were to be restored, shape (H, W) bool.
-        truth: True z-depth in metres, shape (H, W), if known.
-
-    Returns:
-        The figure, 2 x 2 panels with one depth scale.
-    """
-    import numpy as np
-    from matplotlib import rc_context
-    from matplotlib.figure import Figure
-
-    from hadr import figures
-    from hadr.camera import valid_depth
-
+    """Draw colour, depth before and after, and the error (or, without truth, the confidence)."""
+    target = result.mask
     with rc_context():
-        figures.use_style()
+        panels.use_style()
         height = 0.9 + 9.8 * depth.shape[0] / depth.shape[1]
         figure: Figure = Figure(figsize=(11, height), dpi=130)
         (top_left, top_right), (left, right) = figure.subplots(2, 2)
-        figures.show_color(top_left, color, "colour, and the pixels to restore")
+        panels.show_color(top_left, color, "colour, and the pixels to restore")
         there = valid_depth(result.depth)
         inside = there & target
         shown = result.depth[inside if inside.any() else there]
@@ -74,13 +88,13 @@ def comparison_figure(
             (left, depth, "depth as measured"),
             (right, result.depth, "depth restored"),
         ):
-            figures.show_depth(ax, image, title, vmin=low, vmax=high, colorbar=ax is right)
+            panels.show_depth(ax, image, title, vmin=low, vmax=high, colorbar=ax is right)
         known = target & valid_depth(result.depth)
         if truth is not None and (known & valid_depth(truth)).any():
             error = np.where(known & valid_depth(truth), result.depth - truth, np.nan)
             largest = float(np.nanpercentile(np.abs(error), 75))
             limit = next((x for x in (0.02, 0.05, 0.1, 0.2) if largest <= x), 0.5)
-            figures.show_error(top_right, error, "restored minus true depth", limit=limit)
+            panels.show_error(top_right, error, "restored minus true depth", limit=limit)
         else:
             shades = np.ma.masked_where(~there, result.confidence)  # the axes' own grey shows
             image = top_right.imshow(shades, cmap="cividis", vmin=0, vmax=1)
@@ -92,7 +106,7 @@ def comparison_figure(
             bar.set_label("confidence")
         if target.any():
             for ax in (top_left, top_right, left, right):
-                ax.contour(target, [0.5], colors=[figures.COLORS["hand"]], linewidths=0.9)
+                ax.contour(target, [0.5], colors=[panels.COLORS["hand"]], linewidths=0.9)
         title = f"hadr restore: {METHOD_TITLES[result.method]}"
         figure.suptitle(title, fontsize=14, fontweight="bold")
     return figure
@@ -105,15 +119,13 @@ def confidence_means(result: Restoration) -> str:
     if result.tolerance_m is not None:
         return f"probability of being right to {100 * result.tolerance_m:g} cm"
     if not result.confidence[result.restored].any():
-        return "0, the method knows no estimate"
+        return "0, the method cannot say how sure it is"
     return "the network's own score, not calibrated"
 
 
-def counts(depth: NDArray[np.float32], result: Restoration, target: BoolArray) -> dict[str, int]:
+def counts(depth: NDArray[np.float32], result: Restoration) -> dict[str, int]:
     """Count the frame's pixels: measured, to restore, restored, still missing."""
-    from hadr.camera import valid_depth
-
-    measured = valid_depth(depth)
+    measured, target = valid_depth(depth), result.mask
     return {
         "pixels": int(depth.size),
         "measured": int(measured.sum()),
@@ -136,11 +148,6 @@ def errors(
     Their ``coverage`` is the share of the pixels with a known truth (``scorable``) that have this
     depth: a method that answers only where it is easy has a small error and a small coverage.
     """
-    from dataclasses import asdict
-
-    from hadr.camera import valid_depth
-    from hadr.metrics import frame_metrics
-
     rows = {}
     known = target & valid_depth(truth)
     for name, depth, counted in (
@@ -156,33 +163,18 @@ def errors(
     return rows
 
 
-def inputs(given: dict[str, str | None]) -> dict[str, dict[str, str]]:
-    """Name each input file with its SHA-256; inputs that were not given are left out."""
-    return {
-        name: {"file": path, "sha256": hashlib.sha256(Path(path).read_bytes()).hexdigest()}
-        for name, path in given.items()
-        if path is not None
-    }
-
-
 def versions() -> dict[str, str]:
     """Versions of what computed the result."""
-    import cv2
-    import numpy as np
-    import scipy
-
-    import hadr
-
-    versions = {
-        "hadr": hadr.__version__,
+    found = {
+        "hadr": __version__,
         "python": platform.python_version(),
         "numpy": np.__version__,
         "scipy": scipy.__version__,
         "opencv": cv2.__version__,
     }
     if "torch" in sys.modules:
-        versions["torch"] = str(sys.modules["torch"].__version__)
-    return versions
+        found["torch"] = str(sys.modules["torch"].__version__)
+    return found
 
 
 def summary(report: Mapping[str, Any], out: str) -> str:

@@ -3,9 +3,8 @@
 A folder that hadr made holds a marker, or is the checkout's ``build``. Any other is somebody's own:
 files are put into it where that is asked for, but it is never replaced or removed.
 
-    python -m hadr.records.output_folder build            removes what was built, as `make clean`
-    does python -m hadr.records.output_folder --check build    refuses it if it can't take what is
-    made
+    python -m hadr.records.output_folder build            removes it, as `make clean` does
+    python -m hadr.records.output_folder --check build    refuses it if it can't take what is made
 """
 
 from __future__ import annotations
@@ -133,12 +132,7 @@ def check_removable(folder: str | Path) -> Path:
 
 
 def remove_output_folder(folder: str | Path) -> None:
-    """Remove a folder that hadr made, with all that is in it; a missing one is no error.
-
-    Raises:
-        ValueError: As `check_removable`; nothing is removed then.
-        OSError: A part of it can't be removed.
-    """
+    """Remove a folder that hadr made, with all that is in it; a missing one is no error."""
     target = check_removable(folder)
     if target.exists():
         shutil.rmtree(target)

@@ -15,21 +15,22 @@ may when it learns; here it does both or neither.
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
-from typing import Any, ClassVar
+from dataclasses import dataclass
+from typing import ClassVar
 
 import torch
 from scipy import ndimage
 from torch import Tensor, nn
 
-from hadr.models.hadr_input import HADRInput, float_color
+from hadr.models.config import NetworkConfig
+from hadr.models.hadr_input import HADRInput, ImageOutput, float_color
 
 MARGIN_M = 1e-6
 """Keeps the range of a frame of one depth from being empty."""
 
 
 @dataclass(frozen=True)
-class DFNetConfig:
+class DFNetConfig(NetworkConfig):
     """What the network consists of; the defaults are the published ones.
 
     Args:
@@ -67,36 +68,9 @@ class DFNetConfig:
                 f"{self.far_m}"
             )
 
-    def to_dict(self) -> dict[str, Any]:
-        """The configuration as built-in types, for JSON."""
-        return asdict(self)
-
-    @classmethod
-    def from_dict(cls, values: dict[str, Any]) -> DFNetConfig:
-        """Build the configuration from `to_dict`."""
-        return cls(**values)
-
     def in_range(self, depth: Tensor) -> Tensor:
         """Say where depth in metres counts as known; the shape of `depth`, bool."""
         return (depth >= self.near_m) & (depth <= self.far_m)
-
-
-@dataclass(frozen=True)
-class DFNetOutput:
-    """Restored depth.
-
-    Attributes:
-        depth: z-depth in metres, shape (B, H, W); 0 where not restored.
-        confidence: 1 where restored, else 0, shape (B, H, W): the network has no opinion.
-        restored: Where depth was restored, shape (B, H, W), bool.
-        image: What it says of the whole image, z-depth in metres, shape (B, H, W); 0 throughout a
-            frame without any known depth.
-    """
-
-    depth: Tensor
-    confidence: Tensor
-    restored: Tensor
-    image: Tensor
 
 
 def fill_nearest(depth: Tensor, known: Tensor) -> Tensor:
@@ -236,7 +210,7 @@ class DFNet(nn.Module):
         self.final = _conv(width, width)
         self.head = nn.Conv2d(width, 1, 1)
 
-    def forward(self, inputs: HADRInput) -> DFNetOutput:
+    def forward(self, inputs: HADRInput) -> ImageOutput:
         """Restore the depth of masked pixels.
 
         Args:
@@ -256,7 +230,7 @@ class DFNet(nn.Module):
         answer = self.network(float_color(inputs.color), seen[:, None])  # (B, H, W)
         image = (low + (high - low) * answer) * usable
         restored = inputs.mask & (image > 0)
-        return DFNetOutput(image * restored, restored.to(image.dtype), restored, image)
+        return ImageOutput(image * restored, restored, image)
 
     def network(self, color: Tensor, depth: Tensor) -> Tensor:
         """Go from colour in 0..1 (B, 3, H, W) and normalised depth (B, 1, H, W) to (B, H, W)."""

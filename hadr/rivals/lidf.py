@@ -14,7 +14,7 @@ so the rays of a frame influence each other here.
 
 **Stages.** `stage` is a part of the state: 1 until the refinement begins to learn, and as long the
 network answers with its first stage alone. `set_stage` changes it; the training does so by the
-epoch (`hadr.training.tasks.lidf_task`). In stage 2 no gradient reaches the first stage and it stays
+epoch (`hadr.training.tasks.lidf`). In stage 2 no gradient reaches the first stage and it stays
 in evaluation mode whatever `train` asks for, so its weights and running statistics do not move.
 
 **Checked in the published code:** all sizes above, stride and dilations, ImageNet's mean and
@@ -35,25 +35,25 @@ Objects", and its published code for the numbers.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field, fields, replace
-from typing import Any, ClassVar
+from dataclasses import dataclass, field, fields, replace
+from typing import ClassVar
 
 import torch
 from torch import Tensor, nn
 
 from hadr.models.backbone import IMAGENET_MEAN, IMAGENET_STD
 from hadr.models.blocks.dilated_resnet import DilatedResNet, DilatedResNetConfig
+from hadr.models.config import NetworkConfig
 from hadr.models.decoders import OffsetDecoder, encode_position
 from hadr.models.hadr import HADR, POSITION_LEVELS, HADRConfig, HADROutput, Seen
 from hadr.models.hadr_input import HADRInput, float_color
 from hadr.models.ray_features import features_at
-from hadr.models.signals import clamped_answers
 from hadr.models.voxel_features import VoxelFeatures
 from hadr.ray_voxels import OccupiedVoxels, VoxelGrid, voxels_at
 
 
 @dataclass(frozen=True)
-class LIDFConfig:
+class LIDFConfig(NetworkConfig):
     """What the network consists of; the defaults are the published size.
 
     Args:
@@ -130,43 +130,24 @@ class LIDFConfig:
         ray, voxel, _ = self.first_stage.parts
         return ray, voxel, 3 * (1 + 2 * POSITION_LEVELS)
 
-    def to_dict(self) -> dict[str, Any]:
-        """The configuration as built-in types, for JSON."""
-        return asdict(self)
-
-    @classmethod
-    def from_dict(cls, values: dict[str, Any]) -> LIDFConfig:
-        """Build the configuration from `to_dict` or from the same read from JSON."""
-        grid: dict[str, Any] = {
-            k: tuple(v) if isinstance(v, list) else v for k, v in values["grid"].items()
-        }
-        parts: dict[str, Any] = {
-            "backbone": DilatedResNetConfig.from_dict(values["backbone"]),
-            "grid": VoxelGrid(**grid),
-            "decoder_widths": tuple(values["decoder_widths"]),
-        }
-        return cls(**{**values, **parts})
-
 
 @dataclass(frozen=True)
 class LIDFOutput(HADROutput):
-    """What `HADROutput` holds, with `depth`, `restored` and `points` of the last stage that ran.
+    """What `HADROutput` holds, with `depth`, `restored`, `points`, `clamped` of the last stage.
 
-    All else (`confidence`, `chosen`, `pairs`, `logits`, `probability`, `offset`) is of the first
-    stage; where it was refined, `points` may lie outside of the chosen pair's voxel.
+    All else (`chosen`, `pairs`, `logits`, `probability`, `offset`) is of the first
+    stage. Where it was refined, `points` may lie outside of the chosen pair's voxel, and those
+    with a longest move are `clamped`.
 
     Attributes:
         first_points: The first stage's point of each ray, not perturbed, in metres, camera frame,
             shape (R, 3); zeros where there is none.
         moves: How far each iteration of the refinement moved each point along its ray, metres,
             shape (R, iterations); no column where it did not run.
-        clamped: Answers that the network wanted farther off than it may, shape (B, H, W), bool:
-            those with a longest move, or without refinement at an end of their voxel.
     """
 
     first_points: Tensor
     moves: Tensor
-    clamped: Tensor
 
 
 class Refinement(nn.Module):
@@ -324,7 +305,6 @@ class LIDF(nn.Module):
                 **values,
                 first_points=first.points,
                 moves=first.points.new_zeros(len(first.rays), 0),
-                clamped=clamped_answers(first),
             )
 
         ray = (first.chosen >= 0).nonzero().squeeze(1)  # rays with a candidate
@@ -348,13 +328,12 @@ class LIDF(nn.Module):
         longest = moves.detach().abs() >= self.config.refine_range_m * (1 - 1e-6)
         values |= {
             "depth": blank.index_put(where, found[:, 2] * in_front),
-            "confidence": first.confidence * blank.index_put(where, in_front),
             "restored": blank.index_put(where, in_front) > 0,
             "points": torch.zeros_like(first.points).index_copy(0, ray, found),
+            "clamped": torch.zeros_like(first.restored).index_put(where, longest.any(dim=1)),
         }
         return LIDFOutput(
             **values,
             first_points=first.points,
             moves=moves.new_zeros(len(first.rays), moves.shape[1]).index_copy(0, ray, moves),
-            clamped=torch.zeros_like(first.restored).index_put(where, longest.any(dim=1)),
         )

@@ -23,24 +23,24 @@ Parsing for Scene Understanding" (the heads).
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import torch
 from torch import Tensor, nn
 
-from hadr.models.backbone import IMAGENET_MEAN, IMAGENET_STD, BackboneConfig, build_swin
+from hadr.models.backbone import IMAGENET_MEAN, IMAGENET_STD, BackboneConfig, build_swin, enlarge
 from hadr.models.blocks.cross_fusion import CrossFusion
 from hadr.models.blocks.pyramid_head import PyramidHead
-from hadr.models.enlarged_map import enlarge
-from hadr.models.hadr_input import HADRInput, float_color
+from hadr.models.config import NetworkConfig
+from hadr.models.hadr_input import HADRInput, ImageOutput, float_color
 
 PUBLISHED_ENCODER = BackboneConfig(normalize_color=False)
 """Swin-T on colours in 0..1."""
 
 
 @dataclass(frozen=True)
-class SwinDRNetConfig:
+class SwinDRNetConfig(NetworkConfig):
     """What the network consists of; the defaults are the published size, 160 M weights.
 
     Of these, 55 M are in the two Swin-T, 20 M in the fusion (26 C^2 for a stage of C channels) and
@@ -87,37 +87,18 @@ class SwinDRNetConfig:
                     f"{self.fusion_heads} fusion_heads do not divide a stage of {channels} channels"
                 )
 
-    def to_dict(self) -> dict[str, Any]:
-        """The configuration as built-in types, for JSON."""
-        return asdict(self)
-
-    @classmethod
-    def from_dict(cls, values: dict[str, Any]) -> SwinDRNetConfig:
-        """Build the configuration from `to_dict`, also after JSON made lists of its tuples."""
-        backbone: dict[str, Any] = _tuples(values["backbone"])
-        return cls(**_tuples(values) | {"backbone": BackboneConfig(**backbone)})
-
 
 @dataclass(frozen=True)
-class SwinDRNetOutput:
+class SwinDRNetOutput(ImageOutput):
     """Restored depth.
 
     Attributes:
-        depth: z-depth in metres, shape (B, H, W); 0 where not restored.
-        confidence: 1 where restored, else 0, shape (B, H, W). The published confidence chooses
-            between two depths and says nothing about how good the chosen one is: where measured
-            depth is missing, predicted depth gets the whole share, however poor. So it is no
-            measure of certainty, and is given as `share` alone.
-        restored: Pixels of the mask with a depth before the camera, shape (B, H, W), bool.
-        image: The answer for the whole image, z-depth in metres, shape (B, H, W).
         initial: The depth head's image, before measured depth is mixed in, shape (B, H, W).
         share: Share of `initial` in `image`, 0..1, shape (B, H, W); measured depth has the rest.
+            The paper calls it confidence, but it is no measure of certainty: where measured depth
+            is missing, predicted depth gets the whole share, however poor.
     """
 
-    depth: Tensor
-    confidence: Tensor
-    restored: Tensor
-    image: Tensor
     initial: Tensor
     share: Tensor
 
@@ -184,7 +165,6 @@ class SwinDRNet(nn.Module):
         restored = inputs.mask & (image > 0)
         return SwinDRNetOutput(
             depth=image * restored,
-            confidence=restored.to(image.dtype),
             restored=restored,
             image=image,
             initial=initial,
@@ -199,7 +179,3 @@ def _start_patches(swin: Any) -> None:
     of a flat patch at any depth.
     """
     swin.swin.embeddings.patch_embeddings.projection.reset_parameters()
-
-
-def _tuples(values: dict[str, Any]) -> dict[str, Any]:
-    return {name: tuple(v) if isinstance(v, list) else v for name, v in values.items()}

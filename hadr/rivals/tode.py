@@ -24,7 +24,7 @@ its published code, read for its numbers.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import torch
@@ -32,14 +32,15 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from hadr.models.blocks.stochastic_depth import replace_drop_path
-from hadr.models.hadr_input import HADRInput, float_color
+from hadr.models.config import NetworkConfig
+from hadr.models.hadr_input import HADRInput, ImageOutput, float_color
 
 LIMIT_M = 10.0
 """Measured depth beyond this counts as missing."""
 
 
 @dataclass(frozen=True)
-class TODEConfig:
+class TODEConfig(NetworkConfig):
     """What the network consists of; the defaults are the published size.
 
     Args:
@@ -92,36 +93,6 @@ class TODEConfig:
     def channels(self) -> tuple[int, ...]:
         """Channels of each stage."""
         return tuple(self.embed_dim * 2**stage for stage in range(len(self.depths)))
-
-    def to_dict(self) -> dict[str, Any]:
-        """The configuration as built-in types, for JSON."""
-        return asdict(self)
-
-    @classmethod
-    def from_dict(cls, values: dict[str, Any]) -> TODEConfig:
-        """Build the configuration from `to_dict`; JSON's lists become tuples."""
-        plain: dict[str, Any] = {
-            name: tuple(value) if isinstance(value, list) else value
-            for name, value in values.items()
-        }
-        return cls(**plain)
-
-
-@dataclass(frozen=True)
-class TODEOutput:
-    """Restored depth.
-
-    Attributes:
-        depth: z-depth in metres, shape (B, H, W); 0 where not restored.
-        confidence: 1 where restored, else 0, shape (B, H, W): the network has no opinion.
-        restored: Where depth was restored, shape (B, H, W), bool.
-        image: The answer for the whole image, metres, shape (B, H, W); never negative.
-    """
-
-    depth: Tensor
-    confidence: Tensor
-    restored: Tensor
-    image: Tensor
 
 
 def _build_swin(config: TODEConfig) -> nn.Module:
@@ -216,7 +187,7 @@ class TODETrans(nn.Module):
             if isinstance(module, nn.Conv2d):
                 nn.init.kaiming_normal_(module.weight, mode="fan_out")
 
-    def forward(self, inputs: HADRInput) -> TODEOutput:
+    def forward(self, inputs: HADRInput) -> ImageOutput:
         """Restore depth.
 
         Args:
@@ -236,4 +207,4 @@ class TODETrans(nn.Module):
             values = layer(torch.cat((values, level), dim=1), size)  # (B, width, *size)
         image = self.head(values)[:, 0].float()  # (B, H, W), metres
         restored = inputs.mask & (image > 0)
-        return TODEOutput(image * restored, restored.to(image.dtype), restored, image)
+        return ImageOutput(image * restored, restored, image)

@@ -8,17 +8,17 @@ over this one, it gains by more than by being told where the hand is.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from hadr.models.enlarged_map import enlarge
-from hadr.models.hadr_input import HADRInput, float_color
-from hadr.models.hand.prior import hand_depth, keypoint_maps, relative_depth
+from hadr.models.backbone import enlarge
+from hadr.models.config import NetworkConfig
+from hadr.models.hadr_input import DepthOutput, HADRInput, float_color
+from hadr.models.hand.crop import hand_depth, keypoint_maps, relative_depth
 
 REACH_M = 0.2
 """Measured depth farther than this from the hand's is cut off."""
@@ -27,7 +27,7 @@ UNIT_M = 0.1
 
 
 @dataclass(frozen=True)
-class UNetHandConfig:
+class UNetHandConfig(NetworkConfig):
     """What the network consists of.
 
     Args:
@@ -45,30 +45,6 @@ class UNetHandConfig:
         for name, value in self.to_dict().items():
             if value < 1:
                 raise ValueError(f"{name} must be at least 1, got {value}")
-
-    def to_dict(self) -> dict[str, Any]:
-        """The configuration as built-in types, for JSON."""
-        return asdict(self)
-
-    @classmethod
-    def from_dict(cls, values: dict[str, Any]) -> UNetHandConfig:
-        """Build the configuration from `to_dict`."""
-        return cls(**values)
-
-
-@dataclass(frozen=True)
-class UNetHandOutput:
-    """Restored depth.
-
-    Attributes:
-        depth: z-depth in metres, shape (B, H, W); 0 where not restored.
-        confidence: 1 where restored, else 0, shape (B, H, W): the network has no opinion.
-        restored: Where depth was restored, shape (B, H, W), bool.
-    """
-
-    depth: Tensor
-    confidence: Tensor
-    restored: Tensor
 
 
 def _twice(channels: int, out: int) -> nn.Sequential:
@@ -97,7 +73,7 @@ class UNetHand(nn.Module):
         self.up = nn.ModuleList(_twice(coarse + fine, fine) for fine, coarse in pairwise(widths))
         self.head = nn.Conv2d(widths[0], 4, 1)
 
-    def forward(self, inputs: HADRInput) -> UNetHandOutput:
+    def forward(self, inputs: HADRInput) -> DepthOutput:
         """Restore the depth of masked pixels.
 
         Args:
@@ -127,7 +103,7 @@ class UNetHand(nn.Module):
         relative = functional.pixel_shuffle(self.head(values), 2)[:, 0].float()  # (B, H, W)
         depth = hand[:, None, None] + UNIT_M * relative
         restored = inputs.mask & (depth > 0)
-        return UNetHandOutput(depth * restored, restored.to(depth.dtype), restored)
+        return DepthOutput(depth * restored, restored)
 
     def pictures(self, inputs: HADRInput, hand: Tensor) -> Tensor:
         """Make what the network sees: (B, channels, H, W)."""

@@ -3,31 +3,41 @@
 Adds two things to the record of a checkpoint and leaves its weights alone:
 
 * ``learned_range``: the depths at which training has shown the object;
-* ``confidence``: how its signals become the probability that a restored depth is right to 2 cm
-  (`hadr.confidence_rule`), fitted on validation frames.
+* ``confidence``: how the spread that the network predicts becomes the probability that a restored
+  depth is right to 2 cm, fitted on validation frames. A network that predicts no distribution of
+  depth (`hadr.models.networks`) cannot say how sure it is, and gets none.
 """
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+import tyro
 from numpy.typing import NDArray
 from torch import nn
 from torch.utils.data import ConcatDataset, Subset
 
 from hadr.camera import FloatArray
-from hadr.confidence import learned_range, reliability, sparsification
-from hadr.confidence_rule import ConfidenceRule, Option, fit_confidence, ordering
-from hadr.models.signals import signals_of, within_learned
+from hadr.confidence import (
+    ConfidenceRule,
+    Signal,
+    fit_confidence,
+    learned_range,
+    reliability,
+    signal_of,
+    sparsification,
+    within_learned,
+)
+from hadr.data.transhand import TransHand
+from hadr.models.networks import NETWORKS
 from hadr.records.output_folder import check_writable
 from hadr.records.provenance import provenance
 from hadr.records.result_file import write_result_file
-from hadr.training.batches import CORRUPTIONS, FrameTensors, load_frames
+from hadr.training.batches import Corruption, FrameTensors, load_frames
 from hadr.training.checkpoints import kind_of, load_checkpoint, update_record
 from hadr.training.evaluation import predict
 
@@ -40,13 +50,13 @@ class RestoredPixels:
     """What a network restored on some frames, pixel by pixel, where the truth is known.
 
     Attributes:
-        signals: Signals by name, each (N,).
+        signal: What the network says of its answer, shape (N,); None where it cannot say.
         error_m: Restored minus true depth in metres, shape (N,).
         frame: Number of each pixel's frame, shape (N,).
         coverage: Share of the object's pixels with a known truth that were restored, 0..1.
     """
 
-    signals: dict[str, FloatArray]
+    signal: FloatArray | None
     error_m: FloatArray
     frame: NDArray[np.int64]
     coverage: float
@@ -56,19 +66,11 @@ def restored_pixels(
     model: nn.Module,
     frames: FrameTensors,
     depth_range_m: tuple[float, float] | None = None,
+    signal: Signal = "candidates",
     batch_size: int = 8,
 ) -> RestoredPixels:
-    """Restore frames, and collect error and signals of each restored pixel of the object.
-
-    Args:
-        model: A depth network.
-        frames: The frames at its size.
-        depth_range_m: Learned range of depths, metres; None if unknown.
-        batch_size: Frames at a time.
-
-    Returns:
-        The pixels.
-    """
+    """Restore frames; collect error and signal of each restored pixel of the object."""
+    sure = NETWORKS[kind_of(model)].can_say
     errors, numbers, signals = [], [], []
     first, scorable = 0, 0
     for output in predict(model, frames, batch_size):
@@ -79,11 +81,12 @@ def restored_pixels(
         kept = scored & within_learned(output, depth_range_m).cpu()
         errors.append((output.depth.cpu() - truth)[kept].numpy().astype(np.float64))
         numbers.append(kept.nonzero()[:, 0].numpy() + first)
-        signals.append({k: v.cpu()[kept].numpy() for k, v in signals_of(output).items()})
+        if sure:
+            signals.append(signal_of(output, signal).cpu()[kept].numpy())
         first += count
     error = np.concatenate(errors)
     return RestoredPixels(
-        signals={name: np.concatenate([s[name] for s in signals]) for name in signals[0]},
+        signal=np.concatenate(signals) if sure else None,
         error_m=error,
         frame=np.concatenate(numbers),
         coverage=len(error) / max(scorable, 1),
@@ -105,9 +108,11 @@ def measure_confidence(
         tenth is dropped (the least sure, or the worst: the oracle), their means over all shares
         dropped, and the curves themselves.
     """
-    sure = rule(pixels.signals)
+    if pixels.signal is None:
+        raise ValueError("these pixels are of a network that cannot say how sure it is")
+    sure = rule(pixels.signal)
     right = np.abs(pixels.error_m) < rule.calibration.tolerance_m
-    order = ordering(sure, rule.score(pixels.signals))
+    order = rule.ordering(pixels.signal)
     curve, bins = sparsification(order, pixels.error_m), reliability(sure, right)
     tenth = int(np.flatnonzero(np.isclose(curve.dropped, 0.1))[0])
 
@@ -156,143 +161,122 @@ def calibrate(
         source: What the validation frames are, for the record.
 
     Returns:
-        The keys ``learned_range`` and ``confidence`` with plain values.
+        The keys ``learned_range`` and, for a network that can say, ``confidence``.
     """
     seen = train.true_depth[train.object_mask]
     near, far = learned_range(seen.numpy())
-    pixels = restored_pixels(model, validation, (near, far))
-    rule, options = fit_confidence(pixels.signals, pixels.error_m, pixels.frame)
-    return {
-        "learned_range": {"depth_m": [near, far], "frames": len(train)},
-        "confidence": {
+    additions: dict[str, Any] = {"learned_range": {"depth_m": [near, far], "frames": len(train)}}
+    if NETWORKS[kind_of(model)].can_say:
+        pixels = restored_pixels(model, validation, (near, far))
+        assert pixels.signal is not None  # for the type checker
+        rule = fit_confidence(pixels.signal, pixels.error_m, frames=len(validation))
+        additions["confidence"] = {
             **rule.to_dict(),
             "fitted_on": {"frames": len(validation), "pixels": len(pixels.error_m), "of": source},
-            "choices": [_option(option) for option in options],
-        },
-    }
+        }
+    return additions
 
 
-def each_signal(fitted_on: RestoredPixels, measured_on: RestoredPixels) -> list[dict[str, Any]]:
-    """Measure what each signal alone would have given, for the record and not for the choice.
+EPILOG = """
+examples
+  hadr calibrate runs/plus/last.safetensors data_samples/frames frames
+  The frames of an object that was held out of the training measure it:
+    hadr calibrate runs/plus/last.safetensors data_samples/frames \\
+        --test-objects 0010 --out confidence.json
 
-    Args:
-        fitted_on: Pixels of validation frames.
-        measured_on: Pixels of other frames.
+exit status
+  0 done   2 unusable checkpoint or data, or a wrong call"""
 
-    Returns:
-        One row a signal: RMSE without the least sure tenth (metres), and calibration error.
+
+@dataclass(frozen=True)
+class Options:
+    """Calibrate a depth network's checkpoint.
+
+    Fit what its confidence means on validation frames (of HADR-plus; the other networks
+    cannot say how sure they are), note the depths that training has shown, and write both
+    into the checkpoint's record. Its weights stay.
     """
-    rows = []
-    for name, values in fitted_on.signals.items():
-        rule, _ = fit_confidence({name: values}, fitted_on.error_m, fitted_on.frame)
-        found = measure_confidence(rule, measured_on, draws=2)
-        kept = ("rmse_at_90_m", "mean_rmse_m", "expected_calibration_error")
-        rows.append({"signal": name, **{key: found[key] for key in kept}})
-    return rows
+
+    checkpoint: tyro.conf.Positional[Path]
+    """A .safetensors file that `hadr train` wrote."""
+    data: tyro.conf.Positional[
+        Annotated[tuple[Path, ...], tyro.conf.arg(metavar="DATA [DATA ...]")]
+    ]
+    """Folders in TransHand's layout that it was trained on."""
+    objects: Annotated[tuple[str, ...] | None, tyro.conf.arg(metavar="ID [ID ...]")] = None
+    """These objects only."""
+    test_objects: Annotated[tuple[str, ...] | None, tyro.conf.arg(metavar="ID [ID ...]")] = None
+    """Of split test take these objects, such as those held out of the training."""
+    corruption: Corruption = "oracle"
+    """How the depth of the frames is corrupted."""
+    seed: int = 0
+    """Seed of the analytic corruption."""
+    out: Path | None = None
+    """Write what was measured as JSON into this file."""
 
 
-def _option(option: Option) -> dict[str, Any]:
-    return {**asdict(option), "signals": list(option.signals)}
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of `hadr calibrate`."""
-    parser.description = (
-        "Fit what a depth network's confidence means on validation frames, note the depths that "
-        "training has shown, and write both into the checkpoint's record. Its weights stay."
-    )
-    parser.add_argument("checkpoint", help="a .safetensors file that `hadr train` wrote")
-    parser.add_argument(
-        "data", nargs="+", help="folders in TransHand's layout that it was trained on"
-    )
-    parser.add_argument("--objects", nargs="+", metavar="ID", help="these objects only")
-    parser.add_argument(
-        "--test-objects",
-        nargs="+",
-        metavar="ID",
-        help="of split test take these objects, such as those held out of the training (--objects)",
-    )
-    parser.add_argument(
-        "--corruption",
-        default="oracle",
-        choices=tuple(CORRUPTIONS),
-        help="how the depth of the frames is corrupted (oracle)",
-    )
-    parser.add_argument("--seed", type=int, default=0, help="seed of the analytic corruption")
-    parser.add_argument("--out", metavar="FILE", help="write what was measured as JSON")
-
-
-def run(args: argparse.Namespace) -> int:
+def run(options: Options) -> int:
     """Run `hadr calibrate`."""
-    check_writable(args.out)
-    model, meta = load_checkpoint(args.checkpoint)
-    name, kind = Path(args.checkpoint).name, kind_of(model)
-    if kind in ("segmentation", "hand-keypoints"):
+    check_writable(options.out)
+    if not options.data:
+        raise ValueError("name at least one folder in TransHand's layout behind the checkpoint")
+    model, meta = load_checkpoint(options.checkpoint)
+    name, kind = options.checkpoint.name, kind_of(model)
+    if NETWORKS[kind].answer != "depth":
         raise ValueError(f"{name} holds a network of kind {kind!r}, which restores no depth")
     learned = str(meta.get("data", {}).get("corruption", "oracle")).split(":")[0]
-    if learned != args.corruption:
+    if learned != options.corruption:
         raise ValueError(
             f"{name} was trained with corruption {learned!r}; a calibration with "
-            f"{args.corruption!r} would speak of other pictures than it restores"
+            f"{options.corruption!r} would speak of other pictures than it restores"
         )
     size = int(meta["width"]), int(meta["height"])
-    tested = args.test_objects or args.objects
+    tested = options.test_objects or options.objects
     train, validation, test = (
-        _load(args.data, split, objects, size, args.corruption, args.seed)
-        for split, objects in (("train", args.objects), ("val", args.objects), ("test", tested))
-    )
-    source = f"split val of {len(args.data)} folder(s), corruption {args.corruption}"
+        _load(options, split, objects, size)
+        for split, objects in (
+            ("train", options.objects), ("val", options.objects), ("test", tested)
+        )
+    )  # fmt: skip
+    source = f"split val of {len(options.data)} folder(s), corruption {options.corruption}"
     additions = calibrate(model, train, validation, source)
-    update_record(args.checkpoint, additions)
-    rule = ConfidenceRule.from_dict(additions["confidence"])
+    update_record(options.checkpoint, additions)
     near, far = additions["learned_range"]["depth_m"]
     print(f"learned range  {near:.3f} to {far:.3f} m")
-    print(f"signals        {', '.join(rule.signals)}")
+    if not NETWORKS[kind].can_say:
+        unwritten = f"; {options.out} is not written" if options.out else ""
+        print(f"confidence     a network of kind {kind} cannot say how sure it is{unwritten}")
+        return 0
+    rule = ConfidenceRule.from_dict(additions["confidence"])
     rows = []
     for split, frames in (("val", validation), ("test", test)):
         found = measure_confidence(rule, restored_pixels(model, frames, (near, far)))
-        rows.append({"split": split, "network": kind_of(model), **found})
+        rows.append({"split": split, "network": kind, **found})
         print(
             f"{split:<14} {found['frames']} frames, {100 * found['coverage']:.1f} % restored, RMSE "
             f"{found['rmse_m']:.4f} m; without the least sure tenth {found['rmse_at_90_m']:.4f} m "
             f"(oracle {found['oracle_rmse_at_90_m']:.4f}); calibration error "
             f"{found['expected_calibration_error']:.3f}"
         )
-    if args.out:
-        of = f" of objects {', '.join(tested)}" if args.test_objects else ""
+    if options.out:
+        of = f" of objects {', '.join(tested)}" if options.test_objects else ""
         what = (
-            f"Confidence of {Path(args.checkpoint).name}, fitted on the frames of split val and "
+            f"Confidence of {name}, fitted on the frames of split val and "
             f"measured on those and on split test{of}: pixels of the object that were restored, at "
             f"{size[0]}x{size[1]}. 'Right' is an error below {rule.calibration.tolerance_m} m. "
             "Standard errors are those of a bootstrap over frames, of which two or three show one "
             "hold: somewhat too small."
         )
-        choices = [{"split": "val", **choice} for choice in additions["confidence"]["choices"]]
-        origin = {
-            **provenance(),
-            "choices_by_cross_validation": choices,
-            "each_signal_on_test": each_signal(
-                restored_pixels(model, validation, (near, far)),
-                restored_pixels(model, test, (near, far)),
-            ),
-        }
-        write_result_file(args.out, what, rows, origin)
+        write_result_file(options.out, what, rows, provenance())
     return 0
 
 
 def _load(
-    folders: Sequence[str],
-    split: str,
-    objects: Sequence[str] | None,
-    size: tuple[int, int],
-    corruption: Any,
-    seed: int,
+    options: Options, split: str, objects: Sequence[str] | None, size: tuple[int, int]
 ) -> FrameTensors:
-    from hadr.data.transhand import TransHand
-
-    parts: list[Any] = [TransHand(folder, split, objects) for folder in folders]
+    parts: list[Any] = [TransHand(folder, split, objects) for folder in options.data]
     source: Any = ConcatDataset(parts)
     if split == "train" and len(source) > RANGE_FRAMES:
         step = len(source) / RANGE_FRAMES
         source = Subset(source, [int(step * n) for n in range(RANGE_FRAMES)])
-    return load_frames(source, size, corruption, seed)
+    return load_frames(source, size, options.corruption, options.seed)

@@ -8,7 +8,6 @@ written to a temporary file first and renamed, so a crash never leaves half a fi
 from __future__ import annotations
 
 import contextlib
-import importlib
 import json
 import os
 from collections.abc import Mapping
@@ -21,22 +20,11 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor, nn
 
+from hadr.models.networks import NETWORKS
 from hadr.records.provenance import plain, write_json
 
 _HEADER = "hadr"
 _STATE = "training/"  # prefix of tensors that only a resumed training needs
-_NETWORKS = {
-    "hadr": ("hadr.models.hadr", "HADR", "HADRConfig"),
-    "hadr-plus": ("hadr.models.hadr_plus", "HADRPlus", "HADRPlusConfig"),
-    "unet-hand": ("hadr.rivals.unet_hand", "UNetHand", "UNetHandConfig"),
-    "lidf": ("hadr.rivals.lidf", "LIDF", "LIDFConfig"),
-    "dfnet": ("hadr.rivals.dfnet", "DFNet", "DFNetConfig"),
-    "swindrnet": ("hadr.rivals.swindrnet", "SwinDRNet", "SwinDRNetConfig"),
-    "tode": ("hadr.rivals.tode", "TODETrans", "TODEConfig"),
-    "hand-keypoints": ("hadr.models.hand.keypoints", "HandKeypointNet", "HandKeypointConfig"),
-    "segmentation": ("hadr.models.segmentation", "SegmentationNet", "SegmentationConfig"),
-}
-"""Module, class and configuration of each kind of network; imported when it is asked for."""
 
 
 def save_checkpoint(
@@ -91,12 +79,10 @@ def load_checkpoint(path: str | Path) -> tuple[Any, dict[str, Any]]:
     """
     tensors, meta = _read(Path(path))
     kind = meta.setdefault("network", "hadr")  # the first checkpoints were all of HADR
-    if kind not in _NETWORKS:
-        raise ValueError(f"{path} holds a {kind!r}, expected one of {', '.join(_NETWORKS)}")
-    module_name, class_name, config_name = _NETWORKS[kind]
-    module = importlib.import_module(module_name)
-    config = getattr(module, config_name).from_dict(meta["model"])
-    model = getattr(module, class_name)(_without_download(config))
+    if kind not in NETWORKS:
+        raise ValueError(f"{path} holds a {kind!r}, expected one of {', '.join(NETWORKS)}")
+    config = NETWORKS[kind].config_class().from_dict(meta["model"])
+    model = NETWORKS[kind].network_class()(_without_download(config))
     weights = {
         name: values.float() if values.is_floating_point() else values
         for name, values in tensors.items()
@@ -116,24 +102,14 @@ def kind_of(model: nn.Module) -> str:
     Raises:
         ValueError: It is of no known kind.
     """
-    for kind, (_, class_name, _) in _NETWORKS.items():
-        if type(model).__name__ == class_name:
+    for kind, network in NETWORKS.items():
+        if type(model).__name__ == network.network:
             return kind
-    raise ValueError(f"{type(model).__name__} is none of the networks {', '.join(_NETWORKS)}")
+    raise ValueError(f"{type(model).__name__} is none of the networks {', '.join(NETWORKS)}")
 
 
 def strip_checkpoint(source: str | Path, target: str | Path, *, half: bool = True) -> None:
-    """Write a checkpoint again without what only a resumed training needs.
-
-    Args:
-        source: A checkpoint.
-        target: Where the smaller one goes.
-        half: Store its weights as 16-bit floats.
-
-    Raises:
-        FileNotFoundError: There is no such file.
-        ValueError: It is no checkpoint, or the target's name does not end with `.safetensors`.
-    """
+    """Write a checkpoint without what a resumed training needs; errors as `load_checkpoint`."""
     model, meta = load_checkpoint(source)
     save_checkpoint(target, model, meta, half=half)
 

@@ -48,31 +48,14 @@ def predict(model: nn.Module, frames: FrameTensors, batch_size: int = 8) -> list
 
 
 def predict_depth(model: nn.Module, frames: FrameTensors, batch_size: int = 8) -> FloatArray:
-    """Give the whole depth image of all frames: restored in the mask, as measured elsewhere.
-
-    Args:
-        model: The network.
-        frames: The frames.
-        batch_size: Frames at a time.
-
-    Returns:
-        z-depth in metres, shape (N, H, W); 0 where it is missing.
-    """
+    """Give all frames' depth, (N, H, W) metres: restored in the mask, as measured elsewhere."""
     restored = torch.cat([output.depth.cpu() for output in predict(model, frames, batch_size)])
     depth: FloatArray = torch.where(frames.inputs.mask, restored, frames.inputs.depth).numpy()
     return depth
 
 
 def score(depth: FloatArray, frames: FrameTensors) -> list[DepthMetrics]:
-    """Score depth images on the object's pixels.
-
-    Args:
-        depth: z-depth in metres, shape (N, H, W); 0 = missing, scored as 0.
-        frames: The frames, with their true depth.
-
-    Returns:
-        The metrics of each frame.
-    """
+    """Score depth images (N, H, W), metres, on the object's pixels; 0 = missing counts as 0."""
     truth, mask = frames.true_depth.numpy(), frames.object_mask.numpy()
     return [
         frame_metrics(depth[number], truth[number], mask[number], missing="zero")
@@ -81,16 +64,7 @@ def score(depth: FloatArray, frames: FrameTensors) -> list[DepthMetrics]:
 
 
 def evaluate(model: nn.Module, frames: FrameTensors, batch_size: int = 8) -> list[DepthMetrics]:
-    """Score the network.
-
-    Args:
-        model: The network.
-        frames: The frames.
-        batch_size: Frames at a time.
-
-    Returns:
-        The metrics of each frame; `hadr.metrics.mean_over_frames` averages them.
-    """
+    """Score a network on the object's pixels of each frame; `mean_over_frames` averages."""
     return score(predict_depth(model, frames, batch_size), frames)
 
 

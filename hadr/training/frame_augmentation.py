@@ -99,13 +99,7 @@ def _matrix(intrinsics: Matrix) -> Matrix:
 def seen_by(frame: FrameTensors, camera: OtherCamera) -> FrameTensors:
     """Give one frame as the other camera sees it.
 
-    Args:
-        frame: A single frame.
-        camera: The other camera.
-
-    Returns:
-        The frame; beyond the old picture's edge depth is missing, masks are empty, and colour is
-        that of the edge.
+    Beyond the old picture's edge depth is missing, masks are empty, and colour is that of the edge.
     """
     given = frame.inputs
     turn = torch.from_numpy(camera.camera_from_old).float()
@@ -167,16 +161,7 @@ def _batch(image: npt.NDArray[np.generic]) -> Tensor:
 
 
 def draw_camera(frame: FrameTensors, recipe: Preset, rng: np.random.Generator) -> OtherCamera:
-    """Draw a camera for one frame that still sees all of the object's pixels.
-
-    Args:
-        frame: A single frame.
-        recipe: How far the camera may differ.
-        rng: Source of randomness.
-
-    Returns:
-        The camera; where none of some tries sees the whole object, it is only mirrored or not.
-    """
+    """Draw a camera that sees all of the object's pixels; where none does, only the mirror's."""
     height, width = frame.true_depth.shape[1:]
     intrinsics = frame.inputs.intrinsics[0].numpy()
     mirror = bool(rng.random() < recipe.mirror)
@@ -211,13 +196,9 @@ def _draw_stretch(most: float, rng: np.random.Generator) -> tuple[float, float]:
 def with_keypoint_noise(
     frame: FrameTensors, deviation: float, rng: np.random.Generator
 ) -> FrameTensors:
-    """Give the keypoints of one frame an error, as those that a network finds have one.
+    """Give one frame's keypoints an error of this deviation (metres) in each coordinate.
 
-    Args:
-        frame: A single frame; its true keypoints stay as they are.
-        deviation: Standard deviation of each coordinate, metres. Half of the variance is common to
-            the whole hand, as where a hand is taken for nearer than it is.
-        rng: Source of randomness.
+    Half of the variance is common to the whole hand, as where it is taken for nearer than it is.
     """
     keypoints = frame.inputs.keypoints
     if not bool((keypoints != 0).any()):

@@ -3,6 +3,9 @@
 Every random choice follows from the seed, the epoch's number and the frame's. A training that was
 stopped and resumed therefore ends with the same weights as one that ran through, and several
 processes do together what one process with as large a batch does.
+
+For that Fabric gives device and precision, and no more: its `setup` averages gradients as if all
+shares of a batch were equal, torch's schedulers have a state to be kept, `Preset.rate` has none.
 """
 
 from __future__ import annotations
@@ -17,7 +20,8 @@ from typing import Any
 import numpy as np
 import torch
 from lightning_fabric import Fabric
-from torch import nn
+from torch import Tensor, nn
+from torch.optim.swa_utils import AveragedModel
 from tqdm import tqdm
 
 from hadr.models.blocks.shared_batch_norm import share_batch_norm
@@ -27,10 +31,8 @@ from hadr.training.frame_augmentation import augment_frames
 from hadr.training.pictures import save_png
 from hadr.training.processes import average_gradients, average_numbers, shares
 from hadr.training.recipe import Preset
-from hadr.training.tasks.table import task_of
-from hadr.training.tasks.task import PicturedTask, Task
+from hadr.training.tasks.task import Task
 from hadr.training.training_folder import BEST, LAST, TrainingFolder
-from hadr.training.weight_average import WeightAverage
 
 __all__ = ["BEST", "LAST", "Trained", "train"]
 
@@ -101,7 +103,7 @@ def train(
     fabric = fabric or Fabric(accelerator="cpu", devices=1, precision=recipe.precision)
     if validation is not None:
         validation = evenly(validation, recipe.validation_frames)
-    task = task or task_of(recipe)
+    task = task or Task(recipe)
     first_process, processes = fabric.is_global_zero, fabric.world_size
     torch.manual_seed(seed)
     network: nn.Module = fabric.to_device(task.build())
@@ -111,14 +113,14 @@ def train(
         share_batch_norm(network)
     optimizer = optimizer_of(recipe, network)
     rates = [group["lr"] for group in optimizer.param_groups]  # of each, before the schedule
-    average = None if recipe.average_decay is None else WeightAverage(network, recipe.average_decay)
+    average = None if recipe.average_decay is None else average_of(network, recipe.average_decay)
 
     history: list[dict[str, float]] = []
     home = None if folder is None else TrainingFolder(Path(folder), recipe, seed, data)
     if home is None and (resume or tensorboard):
         raise ValueError("resume and tensorboard need the folder of the training, got None")
     if home is not None and resume:
-        history = home.resume(network, optimizer, average)
+        history = home.resume(network, optimizer, average and average.module)
     elif home is not None:
         home.check_empty()
     events = _events(home.path, len(history)) if home and tensorboard and first_process else None
@@ -127,6 +129,8 @@ def train(
     in_step = recipe.batch_size * processes
     steps = len(shares(len(frames), in_step, 0, processes))
     last = min(recipe.epochs, stop_after or recipe.epochs)
+    if average is not None:
+        average.n_averaged.fill_(1 + steps * len(history))  # it begins with the start's weights
     bar = tqdm(total=steps * last, initial=steps * len(history), unit="step", mininterval=1.0,
                disable=not (progress and first_process))  # fmt: skip
     for epoch in range(len(history), last):
@@ -154,7 +158,7 @@ def train(
                 group["lr"] = recipe.rate(epoch + (step + 0.5) / steps, rate)
             optimizer.step()
             if average is not None:
-                average.follow(network, epoch * steps + step + 1)
+                average.update_parameters(network)
 
             numbers = average_numbers(losses, processes)
             _check_finite(numbers["loss"], epoch, step)
@@ -166,7 +170,7 @@ def train(
 
         row = {"epoch": float(epoch), "rate": recipe.rate(epoch)}
         row |= {name: value / seen for name, value in sums.items()}
-        result = (network if average is None else average.network).eval()
+        result = (network if average is None else average.module).eval()
         scores: dict[str, float] = {}
         if validation is not None and first_process:
             scores = task.validate(result, validation, recipe.batch_size)
@@ -178,7 +182,7 @@ def train(
         if home is not None and first_process:
             if validation is not None and early_look(epoch, recipe.epochs):
                 _draw(task, result, validation, home.path / "pictures" / f"{epoch + 1:04d}.png")
-            home.save(network, optimizer, average, history, next(iter(scores), None))
+            home.save(network, result, optimizer, history, next(iter(scores), None))
         if events is not None:
             for name, value in row.items():
                 events.add_scalar(name, value, epoch)
@@ -186,7 +190,22 @@ def train(
     bar.close()
     if events is not None:
         events.close()
-    return Trained((network if average is None else average.network).eval(), history)
+    return Trained((network if average is None else average.module).eval(), history)
+
+
+def average_of(network: nn.Module, decay: float) -> AveragedModel:
+    """Copy a network for the running average of its weights over the steps; buffers are copied.
+
+    Late in training the weights circle around a minimum; their average lies nearer to it. A step
+    keeps `decay` of it, and less in the first steps, so that the random start is forgotten.
+    """
+
+    @torch.no_grad()
+    def follow(means: Any, weights: Any, steps: Tensor | int) -> None:
+        keep = min(decay, (1 + int(steps)) / (10 + int(steps)))
+        torch._foreach_lerp_(list(means), list(weights), 1 - keep)
+
+    return AveragedModel(network, multi_avg_fn=follow)
 
 
 def optimizer_of(recipe: Preset, network: nn.Module) -> torch.optim.Adam:
@@ -228,8 +247,8 @@ def _check_finite(loss: float, epoch: int, step: int) -> None:
 
 
 def _draw(task: Task, model: nn.Module, frames: FrameTensors, path: Path) -> None:
-    if isinstance(task, PicturedTask):
-        save_png(path, task.picture(model, frames))
+    if (picture := task.picture(model, frames)) is not None:
+        save_png(path, picture)
 
 
 def _events(folder: Path, epochs: int) -> Any:

@@ -1,4 +1,4 @@
-"""The training objective: depth, voxel probability and surface normals.
+"""The training objective: depth, voxel probability and surface normals; what other losses share.
 
 Source: paper, "Training Objective" and equation 3; ledger, rows 1 (weights) and 2 (over what the
 depth loss runs).
@@ -10,19 +10,52 @@ from dataclasses import dataclass
 from typing import Literal
 
 import torch
-from torch import Tensor
+from torch import Tensor, distributed
 from torch.nn import functional
 
-from hadr.models.hadr import HADROutput, ray_points
+from hadr.models.hadr import HADROutput
+from hadr.models.hadr_input import ray_points
 from hadr.ray_voxels import (
     VoxelGrid,
     pair_of_true_point,
     segment_argmax,
     segment_log_softmax,
 )
-from hadr.training.tasks.task import shared_mean
 
 DepthNorm = Literal["xyz", "z"]
+
+
+def shared_mean(total: Tensor, count: Tensor | int) -> Tensor:
+    """Divide a sum by how many entered it, so that processes average to the whole batch's mean.
+
+    Each process divides its own sum by the mean of all processes' counts: the mean over the
+    processes of the results is then the sum of all totals by the sum of all counts.
+
+    Args:
+        total: Sum over this process's share of the batch, any shape.
+        count: How many entered it, one number.
+
+    Returns:
+        The shape of `total`; zeros where nothing counts. With one process: total / count.
+    """
+    number = torch.as_tensor(count, dtype=total.dtype, device=total.device).detach().clone()
+    if distributed.is_available() and distributed.is_initialized():
+        distributed.all_reduce(number)
+        number = number / distributed.get_world_size()
+    least = torch.finfo(total.dtype).tiny
+    return torch.where(number > 0, total / number.clamp(min=least), torch.zeros_like(total))
+
+
+def mean_where(values: Tensor, counted: Tensor) -> Tensor:
+    """Mean of the values that count (bool, the same shape), of the whole batch; 0 without any."""
+    return shared_mean((values * counted).sum(), counted.sum())
+
+
+def frame_mean(total: Tensor, count: Tensor) -> Tensor:
+    """Mean of the frames' own means, total (B,) by count (B,), where anything counts; 0 without."""
+    counts = count > 0
+    means = torch.where(counts, total / count.clamp(min=1e-6), torch.zeros_like(total))
+    return shared_mean(means.sum(), counts.sum())
 
 
 @dataclass(frozen=True)
@@ -80,31 +113,14 @@ class LossTerms:
 
 
 def depth_loss(points: Tensor, true_points: Tensor, over: DepthNorm = "xyz") -> Tensor:
-    """Mean absolute error of predicted points.
-
-    Args:
-        points: Predicted points in metres, camera frame, shape (R, 3).
-        true_points: True points of the same rays, shape (R, 3).
-        over: Mean over all three coordinates, or over z alone.
-
-    Returns:
-        One number, metres; 0 without rays.
-    """
+    """Mean absolute error, metres, of points (R, 3) over x, y and z, or z alone; 0 without rays."""
     error = (points - true_points).abs()
     error = error if over == "xyz" else error[:, 2:]
     return shared_mean(error.sum(), error.numel())
 
 
 def probability_loss(log_probability: Tensor, true_pair: Tensor) -> Tensor:
-    """Cross-entropy of each ray's choice among its voxels, mean over the rays.
-
-    Args:
-        log_probability: Logarithm of each pair's probability, shape (P,).
-        true_pair: Row of each ray's true pair, shape (R,), long; rays with -1 do not count.
-
-    Returns:
-        One number, nats; 0 where no ray counts.
-    """
+    """Mean cross-entropy, nats, of log (P,) at each ray's true pair (R,); -1 does not count."""
     known = true_pair[true_pair >= 0]
     return shared_mean(-log_probability.index_select(0, known).sum(), len(known))
 
@@ -124,21 +140,43 @@ def normals(cloud: Tensor) -> Tensor:
     return functional.normalize(torch.linalg.cross(to_column, to_row), dim=-1, eps=1e-9)
 
 
-def normals_loss(cloud: Tensor, true_cloud: Tensor, valid: Tensor) -> Tensor:
-    """Mean of (1 - cos) / 2 between predicted and true normals.
+def normals_apart(cloud: Tensor, true_cloud: Tensor, known: Tensor) -> tuple[Tensor, Tensor]:
+    """Compare the normals of two organised point clouds.
 
     Args:
         cloud: Predicted points, shape (B, H, W, 3).
         true_cloud: True points, shape (B, H, W, 3).
-        valid: Where both are known, shape (B, H, W), bool; a normal counts where its pixel and
-            the next ones in column and row are.
+        known: Where the points are known, shape (B, H, W), bool.
 
     Returns:
-        One number between 0 and 1; 0 where no normal counts.
+        1 - cos of the angle between them, shape (B, H - 1, W - 1): 0 = parallel, 2 = opposite; and
+        where the pixel and the next ones in column and row are known, the same shape, bool.
     """
-    whole = valid[:, :-1, :-1] & valid[:, :-1, 1:] & valid[:, 1:, :-1]
-    cosine = (normals(cloud) * normals(true_cloud)).sum(dim=-1)
-    return shared_mean(((1 - cosine) / 2 * whole).sum(), whole.sum())
+    whole = known[:, :-1, :-1] & known[:, :-1, 1:] & known[:, 1:, :-1]
+    return 1 - (normals(cloud) * normals(true_cloud)).sum(dim=-1), whole
+
+
+def image_points(depth: Tensor, intrinsics: Tensor) -> Tensor:
+    """Lift whole depth images to points.
+
+    Args:
+        depth: z-depth in metres, shape (B, H, W).
+        intrinsics: fx, fy, cx, cy of each frame in pixels, shape (B, 4).
+
+    Returns:
+        Points in metres, camera frame, shape (B, H, W, 3).
+    """
+    height, width = depth.shape[1:]
+    fx, fy, cx, cy = intrinsics[:, :, None, None].unbind(dim=1)  # (B, 1, 1) each
+    columns = torch.arange(width, device=depth.device)  # (W,)
+    rows = torch.arange(height, device=depth.device)[:, None]  # (H, 1)
+    return torch.stack(((columns - cx) / fx * depth, (rows - cy) / fy * depth, depth), dim=-1)
+
+
+def normals_loss(cloud: Tensor, true_cloud: Tensor, valid: Tensor) -> Tensor:
+    """Mean of (1 - cos) / 2 of normals where both clouds (B, H, W, 3) are valid; 0..1."""
+    apart, whole = normals_apart(cloud, true_cloud, valid)
+    return mean_where(apart / 2, whole)
 
 
 def hadr_losses(

@@ -25,20 +25,12 @@ _TITLES = ("colour", "corrupted", "restored", "truth", "error")
 
 
 def depth_picture(model: nn.Module, frames: FrameTensors, rows: int = 4) -> Picture:
-    """Draw colour, corrupted, restored and true depth and the error of some frames.
+    """Draw colour, corrupted, restored and true depth and the error of some frames, evenly spread.
 
     Each row shows the half of a frame in which the glass is (all of it for a large one). Depth has
     one colour scale a row, `AROUND_M` to both sides of the glass's median; black is missing. The
     error is blue in front of the surface and red behind it, `ERROR_M` at most; the number is the
     frame's RMSE.
-
-    Args:
-        model: A depth network in evaluation mode.
-        frames: The frames; `rows` of them are drawn, spread evenly.
-        rows: How many.
-
-    Returns:
-        RGB, shape (H, W, 3), uint8.
     """
     chosen = [int(n) for n in np.unique(np.linspace(0, len(frames) - 1, rows).round())]
     some = frames.take(chosen)

@@ -6,6 +6,7 @@ true mask (`FrameTensors.object_mask`).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,9 @@ from typing import Any
 import torch
 from torch import Tensor
 from torch.nn import functional
+from torch.utils.data import ConcatDataset
 
+from hadr.data.transhand import TransHand
 from hadr.models.hand.keypoints import keypoints_where_seen
 from hadr.training.batches import Corruption, FrameList, FrameTensors, load_frames
 from hadr.training.checkpoints import load_checkpoint
@@ -23,19 +26,17 @@ TRUE = "true"
 
 @dataclass(frozen=True)
 class Given:
-    """What a network is given.
-
-    Args:
-        corruption: How the depth went wrong.
-        masks: "true", or the segmentation checkpoint that predicts them.
-        keypoints: "true", or the hand-keypoint checkpoint that predicts them.
-        seed: Seed of the analytic corruption.
-    """
+    """What a network is given besides colour: depth, masks and keypoints."""
 
     corruption: Corruption = "oracle"
-    masks: str | Path = TRUE
-    keypoints: str | Path = TRUE
+    """Of the depth. oracle: none in the object's mask; analytic: a stereo camera imitated by
+    formulas; sensor: the frames' raw depth; erased: the same but none in the mask."""
+    masks: str = TRUE
+    """'true', or a segmentation checkpoint whose predictions are given."""
+    keypoints: str = TRUE
+    """'true', or a hand-keypoints checkpoint whose predictions are given."""
     seed: int = 0
+    """Seed of everything that is drawn by chance."""
 
     def check(self) -> None:
         """Load the checkpoints that are named, so that a wrong one is told before frames are read.
@@ -45,7 +46,7 @@ class Given:
             ValueError: A checkpoint is damaged or one of another network.
         """
         for path, kind in ((self.masks, "segmentation"), (self.keypoints, "hand-keypoints")):
-            if str(path) != TRUE:
+            if path != TRUE:
                 _network(path, kind)
 
     def check_network(self, network: str) -> None:
@@ -54,7 +55,7 @@ class Given:
         Raises:
             ValueError: The network restores no depth, and something is predicted.
         """
-        predicted = str(self.masks) != TRUE or str(self.keypoints) != TRUE
+        predicted = self.masks != TRUE or self.keypoints != TRUE
         if predicted and network in ("segmentation", "hand-keypoints"):
             raise ValueError(
                 f"--masks and --keypoints are for networks that restore depth, got {network}"
@@ -67,6 +68,39 @@ class Given:
             "masks": Path(self.masks).name,
             "keypoints": Path(self.keypoints).name,
         }
+
+
+def open_split(
+    folders: Sequence[str | Path], split: str, objects: Sequence[str] | None = None
+) -> ConcatDataset[Any] | None:
+    """Open a split of some data folders, joined; None where none of them has it.
+
+    Raises:
+        FileNotFoundError: An object is missing.
+    """
+    there = [Path(folder) for folder in folders if (Path(folder) / split).is_dir()]
+    if not there:
+        return None
+    opened: list[Any] = [TransHand(folder, split, objects) for folder in there]
+    return ConcatDataset(opened)
+
+
+def read_split(
+    folders: Sequence[str | Path],
+    split: str,
+    size: tuple[int, int],
+    given: Given,
+    objects: Sequence[str] | None = None,
+    *,
+    progress: bool = True,
+) -> FrameTensors | None:
+    """Read a split of some data folders, joined; None where none of them has it."""
+    found = open_split(folders, split, objects)
+    if found is None:
+        return None
+    bar = f"reading {split}" if progress else None
+    frames = load_frames(found, size, given.corruption, given.seed, progress=bar)
+    return with_predicted(frames, found, given)
 
 
 def with_predicted(
@@ -96,7 +130,7 @@ def with_predicted(
             segmentation network finds an object in none of the frames.
     """
     inputs, hand = frames.inputs, None
-    if str(given.masks) != TRUE:
+    if given.masks != TRUE:
         model, size = _network(given.masks, "segmentation")
         seen = _at(size, frames, source, given)
         found = torch.cat([_masks(model, part) for part in _parts(seen, batch_size)])
@@ -108,10 +142,10 @@ def with_predicted(
         if given.corruption in ("oracle", "erased"):
             depth = torch.where(mask, torch.zeros_like(depth), depth)
         inputs = replace(inputs, mask=mask, depth=depth)
-    if str(given.keypoints) != TRUE:
+    if given.keypoints != TRUE:
         model, size = _network(given.keypoints, "hand-keypoints")
         seen = _at(size, frames, source, given)
-        if str(given.masks) != TRUE:
+        if given.masks != TRUE:
             mask = resized(found[:, 0], seen.inputs.mask)
             depth = seen.inputs.depth
             if given.corruption in ("oracle", "erased"):

@@ -1,217 +1,75 @@
-"""Named training recipes: the paper's, one for a laptop's half hour, one for a chapter's minute."""
+"""Named training recipes: the paper's, one for a laptop's half hour, one for a chapter's minute.
+
+`paper` has each system's own size, loss and schedule as published (at the paper's 224x224). `mini`
+is scaled to one processor; that of a rival has the time that HADR's own has, with the schedule and
+the rate that did best in four short trials on validation frames (`benchmarks/tune.py`). `tiny` is
+scaled to a minute, was not tuned, and shows every part at work.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from hadr.models.backbone import BackboneConfig
+from hadr.models.blocks.dilated_resnet import DilatedResNetConfig
 from hadr.models.blocks.resnet import UNetConfig
 from hadr.models.hadr import HADRConfig
 from hadr.models.hadr_plus import HADRPlusConfig
 from hadr.models.hand.keypoints import HandKeypointConfig
+from hadr.models.networks import network_of
 from hadr.models.segmentation import SegmentationConfig
+from hadr.rivals.dfnet import DFNetConfig
+from hadr.rivals.lidf import LIDFConfig
+from hadr.rivals.swindrnet import SwinDRNetConfig
+from hadr.rivals.tode import TODEConfig
 from hadr.rivals.unet_hand import UNetHandConfig
-from hadr.training.losses import LossWeights
+from hadr.training.losses import LIDF_WEIGHTS, LossWeights
 from hadr.training.recipe import Preset
-from hadr.training.rival_presets import RIVAL_RECIPES
 
-__all__ = ["MINI", "NETWORKS", "PAPER", "RECIPES", "TINY", "Preset", "preset", "recipe_from_dict"]
+_TINY = Preset("tiny", 128, 72, epochs=8, schedule="cosine", batch_size=8)
+_TINY_ADAMW = replace(
+    _TINY, optimizer="adamw", weight_decay=0.01, learning_rate=2e-3, augment=False
+)
+_MINI = Preset(
+    "mini", 128, 72, epochs=12, schedule="cosine", batch_size=16, mirror=0.5, validation_frames=240
+)
+_MINI_ADAMW = replace(_MINI, optimizer="adamw", weight_decay=0.01)
 
-PAPER = Preset(name="paper", width=224, height=224)
+# --- HADR: at 128x72 about 20 minutes for 3,100 frames on one CPU core, or a minute on two ---
+_HADR_PAPER = Preset("paper", 224, 224)
 """The paper's figures: Swin-T, 224x224, 8^3 voxels, 100 epochs, 1e-3 and from epoch 80 1e-4."""
-
-MINI = Preset(
-    name="mini",
-    width=128,
-    height=72,
+_HADR_MINI = replace(
+    _MINI,
     model=HADRConfig(
         backbone=BackboneConfig(
             embed_dim=32, depths=(2, 2, 2, 2), heads=(1, 2, 4, 8), drop_path=0.1
         ),
         max_points=2500,
     ),
-    epochs=12,
-    schedule="cosine",
     drop_epoch=9,
     warmup_epochs=0.5,
     clip_norm=100.0,
     batch_size=8,
     true_voxel_epochs=2,
     ray_stride=2,
-    mirror=0.5,
-    validation_frames=240,
 )
-"""A small Swin Transformer at 128x72: about 20 minutes for 3,100 frames on one CPU core."""
-
-TINY = Preset(
-    name="tiny",
-    width=128,
-    height=72,
+_HADR_TINY = replace(
+    _TINY,
     model=HADRConfig(
         backbone=BackboneConfig(embed_dim=32, depths=(2, 2), heads=(1, 2), drop_path=0.0),
         max_points=1500,
     ),
-    epochs=8,
+    schedule="step",
     drop_epoch=6,
-    batch_size=8,
     true_voxel_epochs=2,
     augment=False,
 )
-"""Two stages, few frames: a minute on two CPU cores, enough to see every part at work."""
 
-PLUS_MINI = Preset(
-    name="mini",
-    width=256,
-    height=144,
-    network="hadr-plus",
-    model=HADRPlusConfig(),
-    epochs=20,
-    schedule="cosine",
-    learning_rate=2e-3,
-    warmup_epochs=0.5,
-    clip_norm=5.0,
-    average_decay=0.995,
-    batch_size=8,
-    mirror=0.5,
-    roll_deg=30.0,
-    precision="bf16-mixed",
-    validation_frames=240,
-)
-"""HADR-plus at the data's own 256x144, of which it looks at a crop."""
-
-PLUS_TINY = Preset(
-    name="tiny",
-    width=256,
-    height=144,
-    network="hadr-plus",
-    model=HADRPlusConfig(crop=64, pixel_m=0.0045, width=32, blocks=1),
-    epochs=8,
-    schedule="cosine",
-    learning_rate=3e-3,
-    clip_norm=5.0,
-    batch_size=8,
-    mirror=0.5,
-    augment=False,
-)
-"""A smaller one on few frames, enough to see every part at work."""
-
-KEYPOINTS_PAPER = Preset(
-    name="paper",
-    width=640,
-    height=360,
-    network="hand-keypoints",
-    model=HandKeypointConfig(),
-    batch_size=32,
-    mirror=0.5,
-    roll_deg=30.0,
-)
-"""ResNet-18 on crops of 128 pixels; the paper names no schedule of its own for it."""
-
-KEYPOINTS_MINI = Preset(
-    name="mini",
-    width=256,
-    height=144,
-    network="hand-keypoints",
-    model=HandKeypointConfig(
-        unet=UNetConfig(widths=(32, 64, 128, 256), decoder=(128, 64, 32, 32)), crop=64
-    ),
-    epochs=12,
-    schedule="cosine",
-    learning_rate=2e-3,
-    warmup_epochs=0.5,
-    clip_norm=5.0,
-    average_decay=0.995,
-    batch_size=16,
-    mirror=0.5,
-    roll_deg=30.0,
-    validation_frames=240,
-)
-"""A ResNet-18 of half the width on crops of 64 pixels, about as many as a 256x144 frame has."""
-
-KEYPOINTS_TINY = Preset(
-    name="tiny",
-    width=256,
-    height=144,
-    network="hand-keypoints",
-    model=HandKeypointConfig(
-        unet=UNetConfig((1, 1, 1, 1), (16, 32, 64, 128), (64, 32, 32, 32)), crop=48
-    ),
-    epochs=8,
-    schedule="cosine",
-    learning_rate=3e-3,
-    clip_norm=5.0,
-    batch_size=8,
-    mirror=0.5,
-)
-"""A smaller one on few frames, enough to see every part at work."""
-
-SEGMENTATION_PAPER = Preset(
-    name="paper",
-    width=224,
-    height=224,
-    network="segmentation",
-    model=SegmentationConfig(),
-    mirror=0.5,
-)
-"""The whole ResNet-34 at the restoration's size; the paper names no schedule of its own for it."""
-
-SEGMENTATION_MINI = Preset(
-    name="mini",
-    width=256,
-    height=144,
-    network="segmentation",
-    model=SegmentationConfig(
-        UNetConfig(depths=(3, 4, 6, 3), widths=(16, 32, 64, 128), decoder=(64, 32, 16, 16))
-    ),
-    epochs=12,
-    schedule="cosine",
-    learning_rate=2e-3,
-    warmup_epochs=0.5,
-    clip_norm=5.0,
-    average_decay=0.995,
-    batch_size=16,
-    mirror=0.5,
-    precision="bf16-mixed",
-    validation_frames=240,
-)
-"""A ResNet-34 of a quarter of the width."""
-
-SEGMENTATION_TINY = Preset(
-    name="tiny",
-    width=128,
-    height=72,
-    network="segmentation",
-    model=SegmentationConfig(
-        UNetConfig((1, 1, 1, 1), widths=(16, 32, 64, 128), decoder=(64, 32, 16, 16))
-    ),
-    epochs=8,
-    schedule="cosine",
-    learning_rate=3e-3,
-    clip_norm=5.0,
-    batch_size=8,
-    mirror=0.5,
-)
-"""A smaller one on few frames, enough to see every part at work."""
-
-UNET_MINI = Preset(
-    name="mini",
-    width=128,
-    height=72,
-    network="unet-hand",
-    model=UNetHandConfig(),
-    epochs=12,
-    schedule="cosine",
-    learning_rate=1e-3,
-    batch_size=16,
-    mirror=0.5,
-    precision="bf16-mixed",
-    validation_frames=240,
-)
-"""The plain U-Net with the hand, as large as in the trial, at the size of HADR's own recipe."""
-
-PLUS_PAPER = Preset(
-    name="paper",
+# --- HADR-plus: looks at a crop of the data's own 256x144; `paper` was never trained ---
+_PLUS_PAPER = replace(
+    _HADR_PAPER,
     width=640,
     height=360,
     network="hadr-plus",
@@ -224,56 +82,229 @@ PLUS_PAPER = Preset(
     mirror=0.5,
     roll_deg=30.0,
 )
-"""For as many epochs as the paper's network; made to measure, never trained."""
-
-UNET_PAPER = Preset(
-    name="paper",
-    width=224,
-    height=224,
-    network="unet-hand",
-    model=UNetHandConfig(),
-    schedule="cosine",
-    mirror=0.5,
-)
-"""At the size and for as many epochs as the paper's network; never trained."""
-
-UNET_TINY = Preset(
-    name="tiny",
-    width=128,
-    height=72,
-    network="unet-hand",
-    model=UNetHandConfig(width=16),
-    epochs=8,
-    schedule="cosine",
+_PLUS_MINI = replace(
+    _MINI,
+    width=256,
+    height=144,
+    network="hadr-plus",
+    model=HADRPlusConfig(),
+    epochs=20,
     learning_rate=2e-3,
+    warmup_epochs=0.5,
+    clip_norm=5.0,
+    average_decay=0.995,
     batch_size=8,
+    roll_deg=30.0,
+    precision="bf16-mixed",
+)
+_PLUS_TINY = replace(
+    _TINY,
+    width=256,
+    height=144,
+    network="hadr-plus",
+    model=HADRPlusConfig(crop=64, pixel_m=0.0045, width=32, blocks=1),
+    learning_rate=3e-3,
+    clip_norm=5.0,
+    mirror=0.5,
     augment=False,
 )
-"""A smaller one on few frames, enough to see every part at work."""
+
+# --- The plain U-Net with the hand, as large as in the trial, at HADR's own sizes ---
+_UNET_PAPER = replace(
+    _HADR_PAPER, network="unet-hand", model=UNetHandConfig(), schedule="cosine", mirror=0.5
+)
+_UNET_MINI = replace(_MINI, network="unet-hand", model=UNetHandConfig(), precision="bf16-mixed")
+_UNET_TINY = replace(
+    _TINY, network="unet-hand", model=UNetHandConfig(width=16), learning_rate=2e-3, augment=False
+)
+
+# --- LIDF: 60 epochs of the first stage and 30 of the refinement at one rate; a third of its width
+# with 8 and 4 epochs; 5 and 3 ---
+_LIDF_PAPER = replace(
+    _HADR_PAPER,
+    network="lidf",
+    model=LIDFConfig(),
+    weights=LIDF_WEIGHTS,
+    epochs=90,
+    drop_epoch=90,
+    batch_size=32,
+)
+_LIDF_MINI = replace(
+    _HADR_MINI,
+    network="lidf",
+    model=LIDFConfig(backbone=DilatedResNetConfig(widths=(24, 48, 96, 192)), max_points=2500),
+    weights=LIDF_WEIGHTS,
+    schedule="step",
+    drop_epoch=12,
+    warmup_epochs=0.0,
+)
+_LIDF_TINY = replace(
+    _HADR_TINY,
+    network="lidf",
+    model=LIDFConfig(
+        backbone=DilatedResNetConfig(widths=(16, 32, 64, 128), depths=(1, 1, 1, 1)),
+        max_points=1500,
+    ),
+    weights=LIDF_WEIGHTS,
+    drop_epoch=8,
+)
+
+# --- DFNet: four drops of the rate to a fifth; half of the width ---
+_DFNET_PAPER = replace(
+    _HADR_PAPER,
+    network="dfnet",
+    model=DFNetConfig(),
+    epochs=40,
+    milestones=(5 / 40, 15 / 40, 25 / 40, 35 / 40),
+    decay=0.2,
+    optimizer="adamw",
+    weight_decay=0.01,
+    batch_size=32,
+)
+_DFNET_MINI = replace(
+    _MINI_ADAMW,
+    network="dfnet",
+    model=DFNetConfig(width=32, layers=4, growth=8),
+    learning_rate=3e-3,
+    precision="bf16-mixed",
+)
+_DFNET_TINY = replace(_TINY_ADAMW, network="dfnet", model=DFNetConfig(width=16, layers=3, growth=8))
+
+# --- SwinDRNet: its published rate falls linearly after a warm-up, half a cosine is the nearest
+# here; two small Swin Transformers from scratch, hence the larger rate ---
+_SWINDRNET_PAPER = replace(
+    _HADR_PAPER,
+    network="swindrnet",
+    model=SwinDRNetConfig(),
+    epochs=20,
+    schedule="cosine",
+    learning_rate=1e-4,
+    optimizer="adamw",
+    weight_decay=0.01,
+    batch_size=8,
+)
+_SWINDRNET_MINI = replace(
+    _MINI_ADAMW,
+    network="swindrnet",
+    model=SwinDRNetConfig(
+        BackboneConfig(
+            embed_dim=24,
+            depths=(1, 1, 2, 1),
+            heads=(1, 2, 4, 8),
+            drop_path=0.1,
+            normalize_color=False,
+        ),
+        channels=32,
+    ),
+    warmup_epochs=0.5,
+    clip_norm=5.0,
+    precision="bf16-mixed",
+)
+_SWINDRNET_TINY = replace(
+    _TINY_ADAMW,
+    network="swindrnet",
+    model=SwinDRNetConfig(
+        BackboneConfig(
+            embed_dim=16, depths=(1, 1), heads=(1, 2), drop_path=0.0, normalize_color=False
+        ),
+        channels=16,
+        dropout=0.0,
+    ),
+)
+
+# --- TODE-Trans: the rate falls as described, the published script builds that schedule and never
+# steps it; patches of 4 instead of 2 pixels, which a small picture's time asks for ---
+_TODE_PAPER = replace(
+    _HADR_PAPER,
+    network="tode",
+    model=TODEConfig(),
+    epochs=40,
+    milestones=(20 / 40, 30 / 40, 35 / 40),
+    optimizer="adamw",
+    weight_decay=0.01,
+    batch_size=16,
+)
+_TODE_MINI = replace(
+    _MINI_ADAMW,
+    network="tode",
+    model=TODEConfig(patch=4, embed_dim=32, depths=(2, 2, 2), heads=(1, 2, 4), width=48),
+    warmup_epochs=0.5,
+    clip_norm=5.0,
+)
+_TODE_TINY = replace(
+    _TINY_ADAMW,
+    network="tode",
+    model=TODEConfig(patch=4, embed_dim=32, depths=(2, 2), heads=(1, 2), drop_path=0.0, width=32),
+)
+
+# --- Hand keypoints: ResNet-18 on crops of 128 pixels, the paper names no schedule of its own for
+# it; half of its width on crops of 64, about as many as a hand has in 256x144 ---
+_KEYPOINTS_PAPER = replace(
+    _HADR_PAPER,
+    width=640,
+    height=360,
+    network="hand-keypoints",
+    model=HandKeypointConfig(),
+    batch_size=32,
+    mirror=0.5,
+    roll_deg=30.0,
+)
+_KEYPOINTS_MINI = replace(
+    _PLUS_MINI,
+    network="hand-keypoints",
+    model=HandKeypointConfig(
+        unet=UNetConfig(widths=(32, 64, 128, 256), decoder=(128, 64, 32, 32)), crop=64
+    ),
+    epochs=12,
+    batch_size=16,
+    precision="32-true",
+)
+_KEYPOINTS_TINY = replace(
+    _PLUS_TINY,
+    network="hand-keypoints",
+    model=HandKeypointConfig(
+        unet=UNetConfig((1, 1, 1, 1), (16, 32, 64, 128), (64, 32, 32, 32)), crop=48
+    ),
+    augment=True,
+)
+
+# --- Segmentation: the whole ResNet-34 at the restoration's size, the paper names no schedule of
+# its own for it; a quarter of the width ---
+_SEGMENTATION_PAPER = replace(
+    _HADR_PAPER, network="segmentation", model=SegmentationConfig(), mirror=0.5
+)
+_SEGMENTATION_MINI = replace(
+    _KEYPOINTS_MINI,
+    network="segmentation",
+    model=SegmentationConfig(
+        UNetConfig(depths=(3, 4, 6, 3), widths=(16, 32, 64, 128), decoder=(64, 32, 16, 16))
+    ),
+    roll_deg=0.0,
+    precision="bf16-mixed",
+)
+_SEGMENTATION_TINY = replace(
+    _TINY,
+    network="segmentation",
+    model=SegmentationConfig(
+        UNetConfig((1, 1, 1, 1), widths=(16, 32, 64, 128), decoder=(64, 32, 16, 16))
+    ),
+    learning_rate=3e-3,
+    clip_norm=5.0,
+    mirror=0.5,
+)
 
 RECIPES: tuple[Preset, ...] = (
-    TINY,
-    MINI,
-    PAPER,
-    PLUS_TINY,
-    PLUS_MINI,
-    PLUS_PAPER,
-    UNET_TINY,
-    UNET_MINI,
-    UNET_PAPER,
-    KEYPOINTS_TINY,
-    KEYPOINTS_MINI,
-    KEYPOINTS_PAPER,
-    SEGMENTATION_TINY,
-    SEGMENTATION_MINI,
-    SEGMENTATION_PAPER,
-    *RIVAL_RECIPES,
+    *(_HADR_TINY, _HADR_MINI, _HADR_PAPER),
+    *(_PLUS_TINY, _PLUS_MINI, _PLUS_PAPER),
+    *(_UNET_TINY, _UNET_MINI, _UNET_PAPER),
+    *(_KEYPOINTS_TINY, _KEYPOINTS_MINI, _KEYPOINTS_PAPER),
+    *(_SEGMENTATION_TINY, _SEGMENTATION_MINI, _SEGMENTATION_PAPER),
+    *(_LIDF_TINY, _LIDF_MINI, _LIDF_PAPER),
+    *(_DFNET_TINY, _DFNET_MINI, _DFNET_PAPER),
+    *(_SWINDRNET_TINY, _SWINDRNET_MINI, _SWINDRNET_PAPER),
+    *(_TODE_TINY, _TODE_MINI, _TODE_PAPER),
 )
 """All recipes of all networks."""
-RIVALS = ("lidf", "dfnet", "swindrnet", "tode")
-"""The systems that the paper compares with."""
-NETWORKS = ("hadr", "hadr-plus", "unet-hand", *RIVALS, "hand-keypoints", "segmentation")
-"""The kinds of network."""
 
 
 def preset(name: str, network: str = "hadr") -> Preset:
@@ -281,7 +312,7 @@ def preset(name: str, network: str = "hadr") -> Preset:
 
     Args:
         name: "tiny", "mini" or "paper".
-        network: One of `NETWORKS`.
+        network: One of `hadr.models.networks.NETWORKS`.
 
     Returns:
         The recipe.
@@ -289,8 +320,7 @@ def preset(name: str, network: str = "hadr") -> Preset:
     Raises:
         ValueError: There is no such recipe, or no such network.
     """
-    if network not in NETWORKS:
-        raise ValueError(f"network must be one of {', '.join(NETWORKS)}, got {network!r}")
+    network_of(network)
     known = {recipe.name: recipe for recipe in RECIPES if recipe.network == network}
     if name not in known:
         raise ValueError(f"preset must be one of {', '.join(known)}, got {name!r}")
@@ -310,10 +340,7 @@ def recipe_from_dict(values: Mapping[str, Any]) -> Preset:
         ValueError: It is of an unknown network, or a number is out of range.
         TypeError: A field is unknown.
     """
-    network = values.get("network")
-    if network not in NETWORKS:
-        raise ValueError(f"network must be one of {', '.join(NETWORKS)}, got {network!r}")
-    model: Any = type(preset("mini", network).model)
+    model = network_of(str(values.get("network"))).config_class()
     own = {name: tuple(v) if isinstance(v, list) else v for name, v in values.items()}
     parts = {
         "model": model.from_dict(values["model"]),

@@ -1,4 +1,4 @@
-"""Several processes that train one network: who sees which frames, and how they agree.
+"""Where a network is trained, and by how many processes: who sees which frames, how they agree.
 
 Each step has one batch for all. A process takes a stretch of it, and after the backward pass the
 gradients are averaged, so that all processes make the same step.
@@ -8,9 +8,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Literal
 
 import torch
 from torch import Tensor, distributed, nn
+
+Accelerator = Literal["auto", "cpu", "cuda"]
+
+
+def chosen_accelerator(wish: str) -> str:
+    """Give "cuda" or "cpu" for "auto", "cpu" or "cuda".
+
+    Raises:
+        ValueError: "cuda" is wished where there is none.
+    """
+    cuda = torch.cuda.is_available()
+    if wish == "cuda" and not cuda:
+        raise ValueError("--accelerator cuda: PyTorch finds no CUDA device on this machine")
+    return "cuda" if cuda and wish != "cpu" else "cpu"
 
 
 @dataclass(frozen=True)

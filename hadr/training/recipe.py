@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Any, Literal, Protocol, get_args
+from typing import Any, Literal, get_args
 
+from hadr.models.config import NetworkConfig
 from hadr.models.hadr import HADRConfig
 from hadr.records.provenance import IF_CHANGED, record_of
 from hadr.training.losses import PRINTED, LossWeights
@@ -14,13 +15,6 @@ from hadr.training.losses import PRINTED, LossWeights
 Schedule = Literal["step", "cosine"]
 Precision = Literal["32-true", "bf16-mixed"]
 Optimizer = Literal["adam", "adamw"]
-
-
-class NetworkConfig(Protocol):
-    """What the configuration of any network can do."""
-
-    def to_dict(self) -> dict[str, Any]:
-        """The configuration as built-in types, for JSON."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +25,7 @@ class Preset:
         name: Its name.
         width: Width of the network's input, pixels; frames are squashed to width x height.
         height: Height of the network's input, pixels.
-        network: The kind of network, such as hadr; `hadr.training.presets.NETWORKS` has all.
+        network: The kind of network, such as hadr; `hadr.models.networks.NETWORKS` has all.
         model: The network's configuration.
         weights: Weights of HADR's loss terms.
         epochs: Passes over the training frames.

@@ -1,150 +1,163 @@
-"""`hadr train`: from arguments to a recipe, frames, and a trained network."""
+"""`hadr train`: from options to a recipe, frames, and a trained network."""
 
 from __future__ import annotations
 
-import argparse
 import importlib.util
 import json
-from collections.abc import Sequence
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from pathlib import Path
-from typing import Any, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+import tyro
 from lightning_fabric import Fabric
-from torch.utils.data import ConcatDataset
 
+from hadr.data.samples import samples_dir
 from hadr.models.hadr import HADRConfig
+from hadr.models.networks import NETWORKS
 from hadr.records.output_folder import check_folder
-from hadr.training.accelerator import add_accelerator, chosen_accelerator
-from hadr.training.batches import CORRUPTIONS, FrameTensors, load_frames
+from hadr.training.checkpoints import load_checkpoint
 from hadr.training.loop import LAST, train
 from hadr.training.losses import CODED
-from hadr.training.predicted import Given, with_predicted
-from hadr.training.presets import NETWORKS, preset
-from hadr.training.recipe import Preset, Schedule
+from hadr.training.predicted import Given, read_split
+from hadr.training.presets import preset
+from hadr.training.processes import Accelerator, chosen_accelerator
+from hadr.training.recipe import Precision, Preset, Schedule
 from hadr.training.training_folder import TrainingFolder
 
-PRECISIONS = ("32-true", "bf16-mixed")
+if TYPE_CHECKING:
+    Kind = str
+else:
+    Kind = tyro.extras.literal_type_from_choices(NETWORKS)
+
+EPILOG = """
+what is written into OUT
+  last.safetensors   the network after the last epoch, and what --resume needs
+  best.safetensors   that with the best score on split val, if there is one
+  *.json             how each came about: recipe, data, seed, versions
+  history.csv        losses and scores, a row an epoch
+  pictures           restored depth beside the truth, now and then
+
+examples
+  Some minutes on the bundled frames:
+    hadr train --preset tiny --out runs/tiny
+  The network of the book, on your frames beside the bundled ones:
+    hadr train --preset mini --data data_samples/frames frames --out runs/mini
+  Go on after it was stopped:
+    hadr train --preset tiny --out runs/tiny --resume
+
+exit status
+  0 done   2 unusable data or a wrong call   130 interrupted"""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of `hadr train`."""
-    parser.add_argument("--out", required=True, help="folder for checkpoints, history and pictures")
-    parser.add_argument(
-        "--data",
-        nargs="+",
-        metavar="DIR",
-        help="folders in TransHand's layout, joined; the bundled frames where it is left out",
-    )
-    parser.add_argument("--network", default="hadr", choices=NETWORKS, help="what to train (hadr)")
-    parser.add_argument(
-        "--preset",
-        default="mini",
-        choices=("tiny", "mini", "paper"),
-        help="size of network, pictures and schedule (mini)",
-    )
-    parser.add_argument(
-        "--epochs", type=int, help="instead of the preset's; the rate's drop moves along"
-    )
-    parser.add_argument("--drop-epoch", type=int, help="when the rate falls, instead of preset's")
-    parser.add_argument("--schedule", choices=get_args(Schedule), help="how the rate falls")
-    parser.add_argument("--batch-size", type=int, help="frames in a step of each process")
-    add_given(parser)
-    parser.add_argument("--objects", nargs="+", metavar="ID", help="train on these objects only")
-    parser.add_argument("--pretrained", metavar="NAME", help="published weights to start from")
-    parser.add_argument(
-        "--start-from", metavar="FILE", help="checkpoint of the same network whose weights begin"
-    )
-    parser.add_argument("--learning-rate", type=float, help="instead of the preset's")
-    parser.add_argument(
-        "--keypoint-noise",
-        type=float,
-        metavar="METRES",
-        help="standard deviation of the error that training keypoints are given (0)",
-    )
-    parser.add_argument("--seed", type=int, default=0, help="seed of everything (0)")
-    parser.add_argument("--resume", action="store_true", help="go on from the last checkpoint")
-    parser.add_argument("--tensorboard", action="store_true", help="write event files as well")
-    ablation = parser.add_argument_group("parts of HADR")
-    ablation.add_argument("--hand", choices=("none", "2d", "3d"), help="the hand feature")
-    ablation.add_argument(
-        "--no-aggregation", action="store_true", help="the backbone's finest scale alone"
-    )
-    ablation.add_argument(
-        "--no-point-fusion", action="store_true", help="raw colour in the voxel features"
-    )
-    ablation.add_argument(
-        "--coded-weights", action="store_true", help="loss weights 0.5 and 10, not as printed"
-    )
-    machine = parser.add_argument_group("machine")
-    machine.add_argument("--devices", type=int, default=1, help="processes on this machine (1)")
-    add_accelerator(machine)
-    machine.add_argument(
-        "--precision", choices=PRECISIONS, help="of the forward pass (the preset's)"
-    )
+@dataclass(frozen=True)
+class Parts:
+    """Parts of HADR that are changed or left out; no other network has them."""
+
+    hand: Literal["none", "2d", "3d"] | None = None
+    """The hand feature; 3d where it is left out."""
+    no_aggregation: bool = False
+    """The backbone's finest scale alone."""
+    no_point_fusion: bool = False
+    """Raw colour in the voxel features."""
+    coded_weights: bool = False
+    """Loss weights 0.5 and 10 of probability and normals, not as printed."""
 
 
-def add_given(parser: argparse.ArgumentParser) -> None:
-    """Add what a network is given: the depth's corruption, masks and keypoints."""
-    parser.add_argument(
-        "--corruption",
-        default="oracle",
-        choices=tuple(CORRUPTIONS),
-        help="oracle: no depth in the object's mask; analytic: a stereo camera imitated by "
-        "formulas; sensor: the frames' raw depth; erased: the same but none in the mask (oracle)",
-    )
-    for name, what in (("masks", "segmentation"), ("keypoints", "hand-keypoints")):
-        parser.add_argument(
-            f"--{name}",
-            default="true",
-            metavar="FILE",
-            help=f"'true', or a {what} checkpoint whose predictions are given (true)",
-        )
+@dataclass(frozen=True)
+class Machine:
+    """Where the training runs."""
+
+    devices: int = 1
+    """Processes on this machine."""
+    accelerator: Accelerator = "auto"
+    """auto: cuda if any; numbers of a GPU are near to those of a CPU, not equal to them."""
+    precision: Precision | None = None
+    """Of the forward pass, in place of the preset's."""
 
 
-def given_from(args: argparse.Namespace) -> Given:
-    """Read the arguments of `add_given`."""
-    return Given(args.corruption, args.masks, args.keypoints, args.seed)
+@dataclass(frozen=True)
+class Options:
+    """Train a network on frames in TransHand's layout.
+
+    What is left out follows from the preset of the network.
+    """
+
+    out: Path
+    """Folder for checkpoints, history and pictures."""
+    data: Annotated[tuple[Path, ...] | None, tyro.conf.arg(metavar="DIR [DIR ...]")] = None
+    """Folders in TransHand's layout, joined; the bundled frames where it is left out."""
+    network: Kind = "hadr"
+    """What to train."""
+    preset: Literal["tiny", "mini", "paper"] = "mini"
+    """Size of network, pictures and schedule."""
+    epochs: int | None = None
+    """In place of the preset's; the rate's drop moves along."""
+    drop_epoch: int | None = None
+    """When the rate falls, in place of the preset's."""
+    schedule: Schedule | None = None
+    """How the rate falls."""
+    batch_size: int | None = None
+    """Frames in a step of each process."""
+    given: tyro.conf.OmitArgPrefixes[Given] = field(default_factory=Given)
+    objects: Annotated[tuple[str, ...] | None, tyro.conf.arg(metavar="ID [ID ...]")] = None
+    """Train on these objects only."""
+    pretrained: str | None = None
+    """Name of published weights to start from."""
+    start_from: Path | None = None
+    """Checkpoint of the same network whose weights begin."""
+    learning_rate: float | None = None
+    """In place of the preset's."""
+    keypoint_noise: float | None = None
+    """Standard deviation of the error that training keypoints are given, metres."""
+    resume: bool = False
+    """Go on from the last checkpoint."""
+    tensorboard: bool = False
+    """Write event files for TensorBoard as well."""
+    parts: tyro.conf.OmitArgPrefixes[Parts] = field(default_factory=Parts)
+    machine: tyro.conf.OmitArgPrefixes[Machine] = field(default_factory=Machine)
 
 
-def recipe_from(args: argparse.Namespace) -> Preset:
-    """Build the recipe that the arguments of `hadr train` describe.
+def recipe_from(options: Options) -> Preset:
+    """Build the recipe that the options describe.
 
     Raises:
         ValueError: A number is out of range, or a part of HADR is asked of another network.
     """
-    recipe = preset(args.preset, args.network)
+    recipe, parts = preset(options.preset, options.network), options.parts
     model: Any = recipe.model
     if isinstance(model, HADRConfig):
         model = replace(
             model,
-            hand=args.hand or model.hand,
-            aggregation=model.aggregation and not args.no_aggregation,
-            point_fusion=model.point_fusion and not args.no_point_fusion,
+            hand=parts.hand or model.hand,
+            aggregation=model.aggregation and not parts.no_aggregation,
+            point_fusion=model.point_fusion and not parts.no_point_fusion,
         )
-    elif args.hand or args.no_aggregation or args.no_point_fusion or args.coded_weights:
+    elif parts != Parts():
         raise ValueError(
             "--hand, --no-aggregation, --no-point-fusion and --coded-weights are parts of hadr, "
-            f"got --network {args.network}"
+            f"got --network {options.network}"
         )
-    if args.epochs is not None and args.epochs < 1:
-        raise ValueError(f"--epochs must be at least 1, got {args.epochs}")
-    epochs = recipe.epochs if args.epochs is None else args.epochs
-    scaled_drop = round(epochs * recipe.drop_epoch / recipe.epochs)
+    epochs = recipe.epochs if options.epochs is None else options.epochs
+    if epochs < 1:
+        raise ValueError(f"--epochs must be at least 1, got {epochs}")
+    given = {
+        "schedule": options.schedule,
+        "drop_epoch": options.drop_epoch,
+        "batch_size": options.batch_size,
+        "precision": options.machine.precision,
+        "learning_rate": options.learning_rate,
+        "keypoint_noise": options.keypoint_noise,
+    }
+    scaled: dict[str, Any] = {
+        "epochs": epochs,
+        "warmup_epochs": min(recipe.warmup_epochs, epochs),
+        "drop_epoch": round(epochs * recipe.drop_epoch / recipe.epochs),
+    }
     return replace(
         recipe,
-        model=_pretrained(model, args.pretrained),
-        weights=CODED if args.coded_weights else recipe.weights,
-        epochs=epochs,
-        warmup_epochs=min(recipe.warmup_epochs, epochs),
-        schedule=args.schedule or recipe.schedule,
-        drop_epoch=scaled_drop if args.drop_epoch is None else args.drop_epoch,
-        batch_size=recipe.batch_size if args.batch_size is None else args.batch_size,
-        precision=args.precision or recipe.precision,
-        learning_rate=(recipe.learning_rate if args.learning_rate is None else args.learning_rate),
-        keypoint_noise=(
-            recipe.keypoint_noise if args.keypoint_noise is None else args.keypoint_noise
-        ),
+        model=_pretrained(model, options.pretrained),
+        weights=CODED if parts.coded_weights else recipe.weights,
+        **scaled | {name: value for name, value in given.items() if value is not None},
     )
 
 
@@ -160,41 +173,6 @@ def _pretrained(config: Any, name: str | None) -> Any:
     raise ValueError(f"{type(config).__name__} knows no published weights, got --pretrained {name}")
 
 
-def open_split(
-    folders: Sequence[str | Path], split: str, objects: Sequence[str] | None = None
-) -> ConcatDataset[Any] | None:
-    """Open a split of some data folders, joined; None where none of them has it.
-
-    Raises:
-        FileNotFoundError: An object is missing.
-    """
-    from hadr.data.transhand import TransHand
-
-    there = [Path(folder) for folder in folders if (Path(folder) / split).is_dir()]
-    if not there:
-        return None
-    opened: list[Any] = [TransHand(folder, split, objects) for folder in there]
-    return ConcatDataset(opened)
-
-
-def read_split(
-    folders: Sequence[str | Path],
-    split: str,
-    size: tuple[int, int],
-    given: Given,
-    objects: Sequence[str] | None = None,
-    *,
-    progress: bool = True,
-) -> FrameTensors | None:
-    """Read a split of some data folders, joined; None where none of them has it."""
-    found = open_split(folders, split, objects)
-    if found is None:
-        return None
-    bar = f"reading {split}" if progress else None
-    frames = load_frames(found, size, given.corruption, given.seed, progress=bar)
-    return with_predicted(frames, found, given)
-
-
 def starting_weights(path: str | Path, recipe: Preset) -> Any:
     """Read the network whose weights a training begins with.
 
@@ -202,8 +180,6 @@ def starting_weights(path: str | Path, recipe: Preset) -> Any:
         FileNotFoundError: There is no such checkpoint.
         ValueError: It is of another network, or of the same kind in another form.
     """
-    from hadr.training.checkpoints import load_checkpoint
-
     network, meta = load_checkpoint(path)
     if meta["network"] != recipe.network:
         raise ValueError(f"--start-from {path} is a {meta['network']}, expected {recipe.network}")
@@ -226,36 +202,34 @@ def with_recorded_drop(recipe: Preset, folder: Path) -> Preset:
     return recipe if stored is None else replace(recipe, drop_epoch=stored)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(options: Options) -> int:
     """Run `hadr train`."""
-    from hadr.data.samples import samples_dir
-
-    recipe = recipe_from(args)
-    given = given_from(args)
-    if args.devices < 1:
-        raise ValueError(f"--devices must be at least 1, got {args.devices}")
-    if args.seed < 0:
-        raise ValueError(f"--seed must be at least 0, got {args.seed}")
-    accelerator = chosen_accelerator(args.accelerator)
-    if args.tensorboard and importlib.util.find_spec("tensorboard") is None:
+    recipe, given, out = recipe_from(options), options.given, options.out
+    if options.machine.devices < 1:
+        raise ValueError(f"--devices must be at least 1, got {options.machine.devices}")
+    if given.seed < 0:
+        raise ValueError(f"--seed must be at least 0, got {given.seed}")
+    accelerator = chosen_accelerator(options.machine.accelerator)
+    if options.tensorboard and importlib.util.find_spec("tensorboard") is None:
         raise ValueError("--tensorboard needs a package that is not here: pip install tensorboard")
     given.check_network(recipe.network)
     given.check()
-    if args.start_from and args.resume:
+    if options.start_from and options.resume:
         raise ValueError("--start-from begins a training and --resume goes on with one: name one")
-    start = None if args.start_from is None else starting_weights(args.start_from, recipe)
-    check_folder(args.out)
-    if args.resume and args.drop_epoch is None:
-        recipe = with_recorded_drop(recipe, Path(args.out))
-    elif not args.resume:
-        TrainingFolder(Path(args.out), recipe, args.seed, None).check_empty()
-    fabric = Fabric(accelerator=accelerator, devices=args.devices, precision=recipe.precision)
+    start = None if options.start_from is None else starting_weights(options.start_from, recipe)
+    check_folder(out)
+    if options.resume and options.drop_epoch is None:
+        recipe = with_recorded_drop(recipe, out)
+    elif not options.resume:
+        TrainingFolder(out, recipe, given.seed, None).check_empty()
+    fabric = Fabric(
+        accelerator=accelerator, devices=options.machine.devices, precision=recipe.precision
+    )
     fabric.launch()
-    folders = args.data or [samples_dir() / "frames"]
+    folders = options.data or (samples_dir() / "frames",)
+    first = fabric.is_global_zero
     parts = {
-        split: read_split(
-            folders, split, recipe.size, given, args.objects, progress=fabric.is_global_zero
-        )
+        split: read_split(folders, split, recipe.size, given, options.objects, progress=first)
         for split in ("train", "val")
     }
     if parts["train"] is None:
@@ -264,24 +238,24 @@ def run(args: argparse.Namespace) -> int:
         recipe,
         parts["train"],
         parts["val"],
-        folder=args.out,
-        seed=args.seed,
+        folder=out,
+        seed=given.seed,
         data={
             **given.record(),
-            "folders": [Path(folder).name for folder in folders],
-            "objects": sorted(args.objects) if args.objects else "all",
+            "folders": [folder.name for folder in folders],
+            "objects": sorted(options.objects) if options.objects else "all",
             "frames": {split: len(part) for split, part in parts.items() if part is not None},
             "processes": fabric.world_size,
             "precision": recipe.precision,
-            **({"start_from": Path(args.start_from).name} if args.start_from else {}),
+            **({"start_from": options.start_from.name} if options.start_from else {}),
         },
         start=start,
-        resume=args.resume,
+        resume=options.resume,
         fabric=fabric,
-        tensorboard=args.tensorboard,
+        tensorboard=options.tensorboard,
     )
-    if fabric.is_global_zero:
+    if first:
         last = trained.history[-1]
-        print(f"{len(trained.history)} epochs; the checkpoint is {Path(args.out) / LAST}")
+        print(f"{len(trained.history)} epochs; the checkpoint is {out / LAST}")
         print(", ".join(f"{name} {value:.4g}" for name, value in last.items() if name != "epoch"))
     return 0

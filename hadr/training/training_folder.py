@@ -28,7 +28,6 @@ from hadr.training.checkpoints import (
     save_checkpoint,
 )
 from hadr.training.recipe import Preset
-from hadr.training.weight_average import WeightAverage
 
 LAST = "last.safetensors"
 BEST = "best.safetensors"
@@ -67,43 +66,30 @@ class TrainingFolder:
     def save(
         self,
         network: nn.Module,
+        result: nn.Module,
         optimizer: torch.optim.Adam,
-        average: WeightAverage | None,
         history: History,
         score: str | None,
     ) -> None:
         """Write what an epoch has reached, the truth first.
 
-        Args:
-            network: The network.
-            optimizer: Its optimiser.
-            average: The running average of its weights, if there is one.
-            history: A row of numbers for each epoch so far.
-            score: Name of the number in it by which the best epoch is chosen, smaller is better;
-                None keeps no best.
+        `result` is the network, or its average; smallest `score` of the history is the best epoch.
         """
         state = adam_state(optimizer)
         meta = self._meta(history, score)
-        if average is not None:
+        if result is not network:
             state |= {_RAW + name: values for name, values in network.state_dict().items()}
-        result = network if average is None else average.network
         save_checkpoint(self.path / LAST, result, meta, training_state=state)
         if best_epoch(history, score) == len(history):
             save_checkpoint(self.path / BEST, result, meta)
         self._write_history(history)
 
     def resume(
-        self, network: nn.Module, optimizer: torch.optim.Adam, average: WeightAverage | None
+        self, network: nn.Module, optimizer: torch.optim.Adam, average: nn.Module | None
     ) -> History:
-        """Load the last epoch into network and optimiser, and bring the folder into line with it.
+        """Load the last epoch into network, optimiser and average, and bring the folder into line.
 
-        Args:
-            network: The network; its weights are replaced.
-            optimizer: Its optimiser.
-            average: The running average of the weights, if there is one.
-
-        Returns:
-            The history so far; empty where there is nothing to go on from.
+        Returns the history, empty where there is nothing to go on from.
 
         Raises:
             ValueError: The folder holds a training of another recipe, seed or data.
@@ -118,7 +104,7 @@ class TrainingFolder:
         moments = {n: t for n, t in state.items() if not n.startswith(_RAW)}
         network.load_state_dict(raw or earlier.state_dict())
         if average is not None:
-            average.network.load_state_dict(earlier.state_dict())
+            average.load_state_dict(earlier.state_dict())
         restore_adam(optimizer, moments)
         history: History = meta["history"]
         newest_is_best = best_epoch(history, meta["score"]) == len(history)

@@ -340,7 +340,7 @@ def test_a_broken_picture_is_named(tmp_path, folder, damage, quality):
     path = next((tmp_path / "train/0004/depth" / folder).iterdir())
     path.write_bytes(BROKEN[damage](path.read_bytes()))
     frames = TransHand(tmp_path, "train")  # files are opened when a frame is asked for
-    reason = "cut off after|truncated PNG|file is empty|neither PNG nor JPEG"
+    reason = "cut off after|file is empty|neither PNG nor JPEG"
     with pytest.raises(ValueError, match=rf"frame 000007: .*{folder}/{path.name}: .*({reason})"):
         frames[0]
 
@@ -351,7 +351,7 @@ def test_a_flipped_bit_in_a_png_is_named(tmp_path):
     data = bytearray(path.read_bytes())
     data[len(data) // 2] ^= 4
     path.write_bytes(data)
-    with pytest.raises(ValueError, match=r"frame 000007: .*depth_png/000007.png: .*damaged PNG"):
+    with pytest.raises(ValueError, match=r"frame 000007: .*depth_png/000007.png: .*is damaged"):
         TransHand(tmp_path, "train")[0]
 
 

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import json
-from argparse import ArgumentParser
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,8 +8,9 @@ import numpy as np
 import pytest
 
 from hadr.camera import Intrinsics
+from hadr.cli import parse_options
 from hadr.data.frame import Frame, write_frame
-from hadr.experiments.evaluate_command import add_arguments, run
+from hadr.experiments.evaluate_command import run
 from hadr.models.backbone import BackboneConfig
 from hadr.models.hadr import HADR, HADRConfig
 from hadr.models.segmentation import SegmentationNet
@@ -61,12 +61,10 @@ def test_networks_stand_beside_methods_that_learn_nothing(
         SegmentationNet(masks.model),  # type: ignore[arg-type]
         {"width": 32, "height": 32},
     )
-    parser = ArgumentParser()
-    add_arguments(parser)
     words = [str(tmp_path / name) for name in ("a/last.safetensors", "b/last.safetensors")]
     words += [str(tmp_path / "masks.safetensors"), "--data", str(tmp_path / "one")]
     words += [str(tmp_path / "two"), "--out", str(tmp_path / "table.json")]
-    assert run(parser.parse_args(words)) == 0
+    assert run(parse_options("evaluate", words)) == 0
     written = json.loads((tmp_path / "table.json").read_text(encoding="utf-8"))
     cheap = ["raw", "inpainting", "nearest", "hand-median"]
     assert list(written["rows"]) == [*cheap, "a/last", "b/last"]
@@ -85,8 +83,6 @@ def test_networks_stand_beside_methods_that_learn_nothing(
 def test_a_split_that_is_nowhere_is_named(tmp_path: Path) -> None:
     write_frame(tmp_path / "one", replace(frame("000001", 0.02), split="train"))
     save_checkpoint(tmp_path / "net.safetensors", HADR(HADRConfig()), {"width": 32, "height": 18})
-    parser = ArgumentParser()
-    add_arguments(parser)
-    args = parser.parse_args([str(tmp_path / "net.safetensors"), "--data", str(tmp_path / "one")])
+    words = [str(tmp_path / "net.safetensors"), "--data", str(tmp_path / "one")]
     with pytest.raises(FileNotFoundError, match="no folder test in"):
-        run(args)
+        run(parse_options("evaluate", words))

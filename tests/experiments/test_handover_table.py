@@ -7,16 +7,14 @@ from pathlib import Path
 import pytest
 
 from hadr.experiments import handover_table
-from hadr.experiments.handover_table import handover_steps, open_handover
-from hadr.experiments.run_times import RunTimes
+from hadr.experiments.handover_table import handover_steps, make_handover_table, planned_attempts
+from hadr.experiments.steps import Step
 from hadr.records.provenance import plain
 from hadr.records.result_file import digest, read_result_file, seal_row
 from hadr.simulation.trials import experiment
 from hadr.simulation.trials.trial import Trial
-from hadr.simulation.trials.trial_set import TRIAL_HOLDS, TRIAL_OBJECTS
 
 RESULTS = Path(__file__).resolve().parents[2] / "results"
-TIMES = RunTimes({}, {}, {}, {"hadr": 10.0}, {})
 
 
 def finish(out: Path, trial: Trial, **changed: float) -> None:
@@ -29,45 +27,52 @@ def finish(out: Path, trial: Trial, **changed: float) -> None:
         (path.parent / name).touch()
 
 
-def test_tiny_makes_one_attempt_an_arm_and_the_others_48(tmp_path: Path) -> None:
-    one = open_handover(tmp_path, "tiny", 0, 1)
-    assert (len(one.objects), len(one.holds)) == (1, 1)
+def test_tiny_makes_one_attempt_a_condition_and_the_others_48() -> None:
     table = read_result_file(RESULTS / "mini" / "handover.json")
-    assert sorted(one.arms) == sorted(row["arm"] for row in table.rows)
-    for size in ("mini", "paper"):
-        args = open_handover(tmp_path, size, 3, 2)
-        assert args.objects == list(TRIAL_OBJECTS)
-        assert args.holds == list(TRIAL_HOLDS)
-        assert (args.seed, args.jobs) == (3, 2)
-        assert args.json == tmp_path / "tables" / "handover.json"
-    assert list(tmp_path.iterdir()) == []
+    for size, count in (("tiny", 1), ("mini", 48), ("paper", 48)):
+        plan = planned_attempts(size, 3)
+        assert sorted(plan) == sorted(row["arm"] for row in table.rows)
+        assert {len(trials) for trials in plan.values()} == {count}
+        assert {trial.seed for trials in plan.values() for trial in trials} == {3}
 
 
 def test_finished_attempts_are_not_in_the_plan(tmp_path: Path) -> None:
-    args = open_handover(tmp_path, "mini", 0, 1)
-    whole = {step.name: step for step in handover_steps(args, TIMES)}
-    assert whole["handover/hadr"].left == "48 of 48 attempts"
-    assert whole["handover/hadr"].seconds == 480.0
+    def steps(size: str) -> dict[str, Step]:
+        times = {"handover/hadr": 480.0}
+        found = handover_steps(planned_attempts(size, 0), tmp_path, times)
+        return {step.name: step for step in found}
+
+    whole = steps("mini")
+    assert (whole["handover/hadr"].left, whole["handover/hadr"].seconds) == (
+        "48 of 48 attempts", 480.0,
+    )  # fmt: skip
     assert whole["handover/raw"].seconds is None
-    finish(args.out, Trial("0004", 902, "hadr"))
-    finish(args.out, Trial("0004", 903, "hadr"), hand_speed=2.0)  # another attempt than asked for
-    left = {step.name: step for step in handover_steps(args, TIMES)}
-    assert (left["handover/hadr"].left, left["handover/hadr"].seconds) == ("47 of 48 attempts", 470)
-    tiny = open_handover(tmp_path, "tiny", 0, 1)
-    done = {step.name: step for step in handover_steps(tiny, TIMES)}
-    assert done["handover/hadr"].is_done
-    assert not done["handover/raw"].is_done
+    out = tmp_path / "handover"
+    finish(out, Trial("0004", 902, "hadr"))
+    finish(out, Trial("0004", 903, "hadr"), hand_speed=2.0)  # another attempt than asked for
+    assert steps("mini")["handover/hadr"].left == "47 of 48 attempts"
+    assert steps("tiny")["handover/hadr"].is_done
+    assert not steps("tiny")["handover/raw"].is_done
 
 
-def test_a_missing_package_is_told_before_anything_is_made(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def missing() -> None:
-        raise ValueError("attempts need mujoco, not installed here")
+def test_the_table_has_a_row_a_condition(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def attempted(trials: list[Trial], out: Path, **_: object) -> list[str]:
+        assert out == tmp_path / "handover"
+        return [trial.name for trial in trials]
 
-    monkeypatch.setattr(handover_table, "check_packages", missing)
-    with pytest.raises(ValueError, match=r"need mujoco.*leave them out: --only tables chapters"):
-        open_handover(tmp_path, "tiny", 0, 1)
+    monkeypatch.setattr(handover_table, "run_attempts", attempted)
+    monkeypatch.setattr(
+        handover_table, "arm_row",
+        lambda arm, names: {"arm": arm, "successes": 1, "attempts": len(names),
+                            "mean_wall_seconds": 4.0},
+    )  # fmt: skip
+    plan = planned_attempts("tiny", 0)
+    make_handover_table(plan, tmp_path, jobs=1)
+    rows = read_result_file(tmp_path / "tables" / "handover.json").rows
+    assert [row["arm"] for row in rows] == list(plan)
+    for trials in plan.values():
+        finish(tmp_path / "handover", trials[0])
+    assert {step.seconds for step in handover_steps(plan, tmp_path, {})} == {4.0}
 
 
 def test_an_attempt_counts_as_finished_by_its_settings(tmp_path: Path) -> None:

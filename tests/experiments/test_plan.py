@@ -6,8 +6,7 @@ from hadr.data.samples import samples_dir
 from hadr.experiments import runner
 from hadr.experiments.averages import table_rows
 from hadr.experiments.conditions import KEYPOINTS, MASKS
-from hadr.experiments.plan import estimated_seconds, plan, table_steps
-from hadr.experiments.run_times import RunTimes, read_run_times
+from hadr.experiments.plan import plan, table_steps
 from hadr.experiments.runner import Bench, Run
 from hadr.experiments.systems import LONG_RUN, METHODS, PARTS, SWITCHES, System, system
 from hadr.models.hadr import HADRConfig
@@ -56,23 +55,12 @@ def test_a_wish_that_fits_nothing_is_told():
 @pytest.mark.parametrize("size", ["tiny", "mini", "paper"])
 def test_every_system_has_every_preset_and_a_step(size, tmp_path):
     bench = Bench([samples_dir() / "frames"], tmp_path, size)
-    times = read_run_times(size)
-    steps = table_steps(bench, plan(), times)
+    steps = table_steps(bench, plan(), {"known/hadr/seed-0": 5.0, "given all true": 3.0})
     assert [step.name for step in steps[: len(plan())]] == [run.name for run in plan()]
-    assert [step.name for step in steps[len(plan()) :]] == list({**MASKS, **KEYPOINTS})
+    assert [s.name for s in steps[len(plan()) :]] == [f"given {n}" for n in {**MASKS, **KEYPOINTS}]
     assert not any(step.is_done for step in steps)
-    if size != "paper":  # where one step of HADR alone was timed
-        assert all(step.seconds for step in steps)
-    assert estimated_seconds(bench, Run("known", "hadr-long"), times) > 60
-
-
-def test_estimates_are_recorded_times(bench):
-    times = RunTimes({"hadr": 0.5}, {"hadr": 3.0, "raw": 2.0}, {}, {}, {})
-    assert estimated_seconds(bench, Run("known", "raw"), times) == 2.0
-    epochs = system("hadr", "tiny").recipe.epochs
-    assert estimated_seconds(bench, Run("known", "hadr"), times) == epochs * 6 * 0.5 + 3.0
-    assert estimated_seconds(bench, Run("known", "tode"), times) is None
-    assert estimated_seconds(bench, Run("known", "nearest"), times) is None
+    timed = {step.name: step.seconds for step in steps if step.seconds is not None}
+    assert timed == {"known/hadr/seed-0": 5.0, "given all true": 3.0}
 
 
 def test_systems_differ_from_hadr_in_one_thing():
@@ -115,6 +103,8 @@ def test_another_recipe_is_another_row(bench, tmp_path, monkeypatch):
     run = Run("known", "hand-median")
     row = bench.measure(run)
     assert bench.finished(run) == row
+    (step,) = table_steps(bench, [run], {run.name: 99.0})[:1]
+    assert (step.left, step.seconds) == ("done", row["evaluation_s"])
     monkeypatch.setattr(bench, "corruption", "analytic")
     assert bench.finished(run) is None
 

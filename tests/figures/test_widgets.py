@@ -14,4 +14,3 @@ def test_the_sliders_mix_missing_and_background() -> None:
     assert plt.gca().get_title() == "25% missing, median error +30.0 cm"
     sliders.f(missing=0.5, background=0.0)
     assert plt.gca().get_title() == "50% missing, median error +0.0 cm"
-    plt.close("all")

@@ -179,8 +179,6 @@ def test_true_voxel_where_asked_for_and_most_probable_otherwise() -> None:
         assert len(own) == 2  # glass's cell (from the hand's strip) and the wall's
         assert free.chosen[ray] == own[free.probability[own].argmax()]
         assert free.probability[own].sum().item() == pytest.approx(1.0)
-    confidence = free.confidence[0][inputs.mask[0]]
-    torch.testing.assert_close(confidence, free.probability[free.chosen])
 
 
 def test_rays_without_candidate_are_not_restored() -> None:
@@ -197,7 +195,6 @@ def test_rays_without_candidate_are_not_restored() -> None:
     assert not output.restored[1][:, 31].any()
     lost = ~output.restored
     assert torch.all(output.depth[lost] == 0)
-    assert torch.all(output.confidence[lost] == 0)
     assert torch.all(output.depth[output.restored] > 0)
     assert torch.all((output.chosen < 0) == (output.pairs.candidates() == 0))
     assert torch.all(output.points[output.chosen < 0] == 0)

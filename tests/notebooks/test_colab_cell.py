@@ -1,15 +1,10 @@
 """The first code cell of each chapter: a whole set-up on Colab, and nothing anywhere else."""
 
 import ast
-import io
-import json
 import re
-import socket
 import subprocess
 import sys
 import types
-import urllib.parse
-import urllib.request
 from pathlib import Path
 
 import nbformat
@@ -17,10 +12,11 @@ import pytest
 import yaml
 
 from hadr.data import samples
+from hadr.press.notebook_twins import repository
 
 ROOT = Path(__file__).resolve().parents[2]
 CHAPTERS = sorted((ROOT / "notebooks").glob("*.ipynb"))
-ADDRESS = "https://github.com/somebody/a-fork"
+REPOSITORY = repository(ROOT / "book")
 
 
 def first_cell(path):
@@ -50,32 +46,23 @@ def test_elsewhere_it_does_nothing(source, monkeypatch, tmp_path, capsys):
     before = list(sys.path)
     names = {}
     exec(source, names)
-    assert set(names) - {"__builtins__"} == {"sys"}
+    assert set(names) - {"__builtins__"} == {"os", "subprocess", "sys"}
     assert sys.path == before
     assert list(tmp_path.iterdir()) == []
     assert capsys.readouterr().out == ""
 
 
 class Colab:
-    """As far as the cell can see: the module, the address of the notebook, what was run."""
+    """As far as the cell can see: the module, and what was run."""
 
-    def __init__(self, monkeypatch, folder, opened):
+    def __init__(self, monkeypatch, folder):
         self.commands = []
-        self.asked = []
         self.manifest = samples.ManifestReport(3, (), (), ())
         monkeypatch.chdir(folder)
         monkeypatch.setitem(sys.modules, "google.colab", types.ModuleType("google.colab"))
         monkeypatch.setattr(sys, "path", list(sys.path))
-        monkeypatch.setattr(socket, "gethostbyname", lambda name: "172.28.0.12")
         monkeypatch.setattr(subprocess, "run", self.run)
         monkeypatch.setattr(samples, "verify_manifest", lambda: self.manifest)
-        told = json.dumps([{"name": "x.ipynb", "path": opened}]).encode()
-
-        def urlopen(address, timeout):
-            self.asked.append(address)
-            return io.BytesIO(told)
-
-        monkeypatch.setattr(urllib.request, "urlopen", urlopen)
 
     def run(self, command, check):
         assert check
@@ -84,56 +71,26 @@ class Colab:
             Path(command[-1]).mkdir()
 
 
-def opened_at(branch="main"):
-    page = f"{ADDRESS}/blob/{branch}/notebooks/03_ray_voxels.ipynb"
-    return "fileId=" + urllib.parse.quote(page, safe="/")
-
-
-def test_on_colab_it_fetches_installs_and_checks(source, monkeypatch, tmp_path, capsys):
-    colab = Colab(monkeypatch, tmp_path, opened_at("course"))
+def test_on_colab_it_fetches_installs_and_checks(source, monkeypatch, tmp_path):
+    colab = Colab(monkeypatch, tmp_path)
     exec(source, {})
     clone, install = colab.commands
     assert clone[:2] == ["git", "clone"]
-    assert clone[-2:] == [ADDRESS, "hadr-book"]
-    assert clone[clone.index("-b") + 1] == "course"
+    assert clone[-2:] == [REPOSITORY["url"], "hadr-book"]
+    assert clone[clone.index("-b") + 1] == REPOSITORY["branch"]
     assert install[0] == sys.executable
     assert install[-2:] == ["-e", "hadr-book[handover]"]
     assert sys.path[0] == str(tmp_path / "hadr-book")
-    assert colab.asked == ["http://172.28.0.12:9000/api/sessions"]
-    told = capsys.readouterr().out
-    assert ADDRESS in told
-    assert "checksums" in told
     colab.commands.clear()
     exec(source, {})
     assert [command[0] for command in colab.commands] == [sys.executable], "fetched twice"
 
 
 def test_a_damaged_sample_is_told(source, monkeypatch, tmp_path):
-    colab = Colab(monkeypatch, tmp_path, opened_at())
+    colab = Colab(monkeypatch, tmp_path)
     colab.manifest = samples.ManifestReport(2, ("frames/a.png",), (), ())
     with pytest.raises(AssertionError, match="a sample differs from its checksum"):
         exec(source, {})
-
-
-def test_an_unknown_origin_asks_for_the_address(source, monkeypatch, tmp_path):
-    colab = Colab(monkeypatch, tmp_path, "fileId=1AbcDriveId")
-    with pytest.raises(AssertionError, match="fill in `repository` above"):
-        exec(source, {})
-    assert colab.commands == []
-    filled = source.replace('repository, branch = "",', f'repository, branch = "{ADDRESS}",')
-    assert filled != source
-    exec(filled, {})
-    assert colab.commands[0][-2:] == [ADDRESS, "hadr-book"]
-
-
-def test_the_cell_works_for_the_address_of_the_book(source, monkeypatch, tmp_path):
-    """The launch link of the configuration is of the form that the cell understands."""
-    repository = yaml.safe_load((ROOT / "book" / "_config.yml").read_text())["repository"]
-    page = f"{repository['url']}/blob/{repository['branch']}/notebooks/x.ipynb"
-    colab = Colab(monkeypatch, tmp_path, f"fileId={urllib.parse.quote(page)}")
-    exec(source, {})
-    assert repository["url"] in colab.commands[0]
-    assert repository["url"] not in source
 
 
 @pytest.mark.parametrize("path", CHAPTERS, ids=lambda path: path.stem)

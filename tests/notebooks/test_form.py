@@ -103,9 +103,7 @@ def test_parameters_and_imports_are_folded(cells: list[Any]) -> None:
     assert "hide-input" in tags(imports)
 
 
-def test_the_last_cell_keeps_the_results_and_shows_nothing(
-    chapter: Path, cells: list[Any]
-) -> None:
+def test_the_last_cell_keeps_the_results_and_shows_nothing(chapter: Path, cells: list[Any]) -> None:
     last = cells[-1]
     assert last.cell_type == "code"
     calls = [

@@ -6,7 +6,7 @@ from pathlib import Path
 import nbformat
 import pytest
 
-from hadr.press.reproduce import run_notebooks
+from hadr.press.chapters import run_notebooks
 
 ROOT = Path(__file__).resolve().parents[2]
 #: The quickest chapter; it draws, computes with a network, and has exercises.

@@ -49,11 +49,13 @@ def folder(tmp_path):
 
 def test_cells_ids_and_metadata_come_through():
     notebook = json.loads(notebook_from_text(TEXT))
-    assert [cell["id"] for cell in notebook["cells"]] == ["cell-000", "cell-001", "cell-002"]
-    assert [cell["cell_type"] for cell in notebook["cells"]] == ["markdown", "code", "code"]
-    assert notebook["cells"][1]["metadata"] == {"tags": ["parameters"]}
-    assert notebook["cells"][2]["metadata"] == {"mystnb": {"image": {"alt": "A line"}}}
-    assert "".join(notebook["cells"][1]["source"]) == "seed: int = 0"
+    prose, colab, parameters, figure = notebook["cells"]
+    assert [cell["id"] for cell in notebook["cells"]] == [f"cell-{n:03d}" for n in range(4)]
+    assert (prose["cell_type"], figure["cell_type"]) == ("markdown", "code")
+    assert "colab" in colab["metadata"]["tags"]
+    assert parameters["metadata"] == {"tags": ["parameters"]}
+    assert figure["metadata"] == {"mystnb": {"image": {"alt": "A line"}}}
+    assert "".join(parameters["source"]) == "seed: int = 0"
     nbformat.validate(notebook)
 
 
@@ -61,6 +63,7 @@ def test_there_and_back():
     notebook = notebook_from_text(TEXT)
     text = text_from_notebook(notebook)
     assert "alt: A line" in text
+    assert "colab" not in text
     assert notebook_from_text(text) == notebook
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import re
 import shlex
@@ -12,12 +11,12 @@ from xml.etree import ElementTree
 
 import pytest
 
+from hadr.cli import parse_options
 from hadr.experiments.plan import plan
 from hadr.figures.tables.comparison import PUBLISHED_NAMES
 from hadr.press.paper_report import HANDOVER_NAMES, NOT_RUN, TITLES, report
 from hadr.press.report import METRICS
 from hadr.records.result_file import read_result_file, write_result_file
-from hadr.simulation.trials.command import add_arguments, check_arguments
 
 RESULTS = Path(__file__).resolve().parents[2] / "results"
 PUBLISHED = RESULTS / "paper_tables.json"
@@ -109,12 +108,10 @@ def test_the_handover_has_every_number(text: str) -> None:
             f"{row['successes'] - won:+d}", f"{100 * (row['successes'] - won) / 48:+.1f}",
             f"{reached[0] - half:+d}", f"{reached[1] - most:+d}", f"{reached[2] - whole:+d}",
         ]  # fmt: skip
-    parser = argparse.ArgumentParser()
-    add_arguments(parser)
     for block in found.values():
         words = shlex.split(block["origin"]["command"])
         assert words[:2] == ["hadr", "handover"]
-        check_arguments(parser.parse_args(words[2:]))
+        parse_options("handover", words[2:])
 
 
 def test_a_number_without_counterpart_says_why(tmp_path: Path) -> None:

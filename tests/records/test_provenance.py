@@ -1,13 +1,18 @@
 """Where a number comes from: the library's own commit, or none."""
 
 import importlib.util
+import json
+import math
 import shutil
 import subprocess
+from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from hadr.records import provenance
+from hadr.records.provenance import plain, write_json, write_results
 
 SOURCE = Path(provenance.__file__)
 UNKNOWN = {"commit": None, "uncommitted_changes": None}
@@ -42,7 +47,7 @@ def commit(root):
 
 def told(root):
     """What a copy of the library in a folder says of its commit."""
-    path = root / "hadr" / "provenance.py"
+    path = root / "hadr" / "records" / "provenance.py"
     if not path.exists():
         path.parent.mkdir(parents=True)
         shutil.copy(SOURCE, path)
@@ -81,3 +86,56 @@ def test_without_git_nothing_is_known(project, monkeypatch, tmp_path):
     commit(project)
     monkeypatch.setenv("PATH", str(tmp_path))
     assert told(project) == UNKNOWN
+
+
+def test_write_results_without_a_folder_writes_nothing(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    content = write_results("", "03_x", {"rmse_m": np.float32(0.5)}, preset="tiny")
+    assert content["chapter"] == "03_x"
+    assert content["results"] == {"rmse_m": 0.5}
+    assert content["parameters"] == {"preset": "tiny"}
+    assert list(tmp_path.iterdir()) == []
+
+
+@dataclass(frozen=True)
+class Row:
+    name: str
+    value: np.ndarray
+
+
+def test_plain_takes_what_chapters_measure():
+    torch = pytest.importorskip("torch", reason="torch is not installed")
+    told = {
+        "array": np.arange(3, dtype=np.int64),
+        "scalar": np.float64(0.25),
+        "nan": [math.nan, np.inf],
+        "row": Row("a", np.eye(2)),
+        "path": Path("a/b"),
+        3: (True, None),
+        "tensor": torch.tensor([1.5]),
+        "flag": np.bool_(True),
+    }
+    assert plain(told) == {
+        "array": [0, 1, 2],
+        "scalar": 0.25,
+        "nan": [None, None],
+        "row": {"name": "a", "value": [[1.0, 0.0], [0.0, 1.0]]},
+        "path": "a/b",
+        "3": [True, None],
+        "tensor": [1.5],
+        "flag": True,
+    }
+
+
+def test_plain_names_what_it_cannot_hold():
+    with pytest.raises(TypeError, match=r"results.a\[1\] is a set, which JSON cannot hold"):
+        plain({"a": [1, {2}]})
+
+
+def test_a_failed_write_leaves_the_old_file(tmp_path):
+    path = tmp_path / "results.json"
+    write_json(path, {"a": 1})
+    with pytest.raises(TypeError, match="is a set"):
+        write_json(path, {"a": {1}})
+    assert json.loads(path.read_text()) == {"a": 1}
+    assert [item.name for item in tmp_path.iterdir()] == ["results.json"]

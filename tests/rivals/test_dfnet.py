@@ -71,7 +71,6 @@ def test_any_size_will_do(network: DFNet, size: tuple[int, int]) -> None:
     assert output.depth.shape == output.image.shape == (2, height, width)
     assert torch.isfinite(output.image).all()
     assert torch.equal(output.restored, inputs.mask & (output.image > 0))
-    assert torch.equal(output.confidence, output.restored.float())
     assert torch.equal(output.depth, torch.where(output.restored, output.image, 0.0))
 
 

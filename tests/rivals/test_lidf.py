@@ -9,10 +9,10 @@ import pytest
 import torch
 from torch import Tensor, nn
 
+from hadr.confidence import within_learned
 from hadr.models.blocks.dilated_resnet import DilatedResNetConfig
 from hadr.models.hadr_input import HADRInput, stack_inputs
 from hadr.models.ray_features import features_at
-from hadr.models.signals import within_learned
 from hadr.ray_voxels import VoxelGrid, voxels_at
 from hadr.rivals.lidf import LIDF, LIDFConfig, LIDFOutput
 
@@ -112,7 +112,7 @@ def test_what_enters_the_decoders_is_as_wide_and_the_voxels_get_place_and_colour
 def test_any_size_comes_back(size: tuple[int, int]) -> None:
     inputs = scene(2, size=size)
     output = refining()(inputs)
-    assert output.depth.shape == output.confidence.shape == output.clamped.shape == (2, *size)
+    assert output.depth.shape == output.restored.shape == output.clamped.shape == (2, *size)
     assert torch.equal(output.restored, inputs.mask)
     assert output.moves.shape == (len(output.rays), 2)
     assert torch.all(output.depth[~inputs.mask] == 0)
@@ -203,7 +203,6 @@ def test_without_an_offset_the_first_stages_answer_stays() -> None:
         torch.testing.assert_close(output.moves, torch.zeros(128, 2), atol=1e-6, rtol=0)
         torch.testing.assert_close(output.depth, first.depth, atol=1e-6, rtol=0)
         assert torch.equal(output.restored, first.restored)
-        assert torch.equal(output.confidence, first.confidence)
 
 
 def test_what_is_perturbed_is_refined_from_there() -> None:
@@ -266,7 +265,6 @@ def test_an_answer_outside_of_all_occupied_voxels_counts_to_its_chosen_one() -> 
     behind = model(inputs, perturbation_m=-30.0)
     assert not behind.restored.any()
     assert torch.all(behind.depth == 0)
-    assert torch.all(behind.confidence == 0)
 
 
 def test_voxels_at_by_hand() -> None:

@@ -70,7 +70,7 @@ def test_it_has_the_published_number_of_weights() -> None:
 def test_any_size_will_do(network: SwinDRNet, width: int, height: int) -> None:
     with torch.no_grad():
         output = network(frames(height, width))
-    for image in (output.depth, output.confidence, output.image, output.initial, output.share):
+    for image in (output.depth, output.restored, output.image, output.initial, output.share):
         assert image.shape == (2, height, width)
         assert image.isfinite().all()
     assert output.restored.shape == (2, height, width)
@@ -89,7 +89,6 @@ def test_measured_and_predicted_depth_are_mixed_and_missing_depth_has_no_share()
     torch.testing.assert_close(output.share, torch.where(there, 0.75, 1.0))
     torch.testing.assert_close(output.depth, output.image * inputs.mask)
     assert torch.equal(output.restored, inputs.mask)
-    assert torch.equal(output.confidence, inputs.mask.float())
 
 
 def test_the_published_mix_is_drawn_to_0_where_depth_is_missing() -> None:
@@ -105,7 +104,7 @@ def test_depth_behind_the_camera_is_not_restored() -> None:
     output = steady(depth=-0.02)(inputs)
     expected = inputs.mask & (inputs.depth > 0)
     assert torch.equal(output.restored, expected)
-    assert torch.equal(output.confidence, expected.float())
+    assert torch.equal(output.restored, expected)
     assert torch.equal(output.depth > 0, expected)
     assert output.depth.min() == 0
 

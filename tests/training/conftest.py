@@ -15,7 +15,7 @@ from hadr.models.backbone import BackboneConfig
 from hadr.models.hadr import HADRConfig, HADRInput
 from hadr.training.batches import FrameTensors
 from hadr.training.loop import Trained, train
-from hadr.training.presets import Preset
+from hadr.training.recipe import Preset
 
 MICRO = Preset(
     name="micro",

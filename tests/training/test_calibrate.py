@@ -1,4 +1,3 @@
-import argparse
 import hashlib
 from dataclasses import replace
 
@@ -7,9 +6,11 @@ import pytest
 import torch
 from safetensors.torch import load_file
 
-from hadr.confidence_rule import ConfidenceRule
+from hadr.cli import parse_options
+from hadr.confidence import ConfidenceRule
 from hadr.data.samples import samples_dir
 from hadr.models.hadr import HADR
+from hadr.models.hadr_plus import HADRPlus, HADRPlusConfig
 from hadr.records.result_file import read_result_file
 from hadr.training import calibrate as subject
 from hadr.training.calibrate import calibrate, measure_confidence, restored_pixels
@@ -20,6 +21,13 @@ from hadr.training.checkpoints import load_checkpoint, save_checkpoint
 def model(micro):
     torch.manual_seed(0)
     return HADR(micro.model)
+
+
+@pytest.fixture(scope="module")
+def plus():
+    """A network that can say how sure it is."""
+    torch.manual_seed(0)
+    return HADRPlus(HADRPlusConfig(crop=32, width=8, blocks=1))
 
 
 def test_pixels_are_the_restored_ones_with_their_errors(model, frames) -> None:
@@ -34,43 +42,45 @@ def test_pixels_are_the_restored_ones_with_their_errors(model, frames) -> None:
     np.testing.assert_allclose(pixels.error_m, expected, atol=1e-5)
     np.testing.assert_array_equal(np.bincount(pixels.frame, minlength=6), kept.sum((1, 2)))
     assert pixels.coverage == pytest.approx(float(kept.sum() / frames.object_mask.sum()))
-    assert set(pixels.signals) == {"network", "candidates", "neighbours"}
+    assert pixels.signal is None, "HADR cannot say how sure it is"
     far = float(output.depth[kept].max()) - 1e-4
     fewer = restored_pixels(model, frames, (0.0, far), batch_size=4)
     assert 0 < len(pixels.error_m) - len(fewer.error_m) < 40
     assert fewer.coverage < pixels.coverage
 
 
-def test_calibrating_says_what_it_was_fitted_on_and_makes_it_honest_there(model, frames) -> None:
-    additions = calibrate(model, frames, frames, "little frames")
+def test_calibrating_says_what_it_was_fitted_on_and_makes_it_honest_there(
+    model, plus, frames
+) -> None:
+    additions = calibrate(plus, frames, frames, "little frames")
     near, far = additions["learned_range"]["depth_m"]
     assert near == pytest.approx(0.45 - 0.02)
     assert far == pytest.approx(0.7 + 0.02)
     record = additions["confidence"]
     assert record["fitted_on"]["of"] == "little frames"
     assert record["fitted_on"]["frames"] == len(frames)
-    assert len(record["choices"]) == 4
-    assert record["signals"] == record["choices"][0]["signals"]
     rule = ConfidenceRule.from_dict(record)
-    pixels = restored_pixels(model, frames, (near, far))
+    assert rule.signal == "candidates"
+    pixels = restored_pixels(plus, frames, (near, far))
     found = measure_confidence(rule, pixels)
     assert found["mean_confidence"] == pytest.approx(found["share_right"], abs=0.05)
     assert found["oracle_rmse_at_90_m"] <= found["rmse_at_90_m"]
     assert found["oracle_mean_rmse_m"] <= found["mean_rmse_m"]
     assert found["rmse_m"] == pytest.approx(float(np.sqrt(np.mean(pixels.error_m**2))))
+    silent = calibrate(model, frames, frames, "little frames")
+    assert silent == {"learned_range": additions["learned_range"]}
+    with pytest.raises(ValueError, match="cannot say how sure it is"):
+        measure_confidence(rule, restored_pixels(model, frames))
 
 
-def test_the_command_adds_to_the_record_and_leaves_the_weights(micro, tmp_path, capsys) -> None:
-    torch.manual_seed(0)
+def test_the_command_adds_to_the_record_and_leaves_the_weights(plus, tmp_path, capsys) -> None:
     path = tmp_path / "a.safetensors"
     meta = {"width": 32, "height": 24, "epochs": 7, "preset": {"name": "micro"}}
-    save_checkpoint(path, HADR(micro.model), meta, half=True, training_state={"x": torch.ones(2)})
+    save_checkpoint(path, plus, meta, half=True, training_state={"x": torch.ones(2)})
     before = {name: (t.dtype, t.numpy().tobytes()) for name, t in load_file(path).items()}
-    parser = argparse.ArgumentParser()
-    subject.add_arguments(parser)
     line = [str(path), str(samples_dir() / "frames"), "--objects", "0006"]
     line += ["--out", str(tmp_path / "measured.json")]
-    assert subject.run(parser.parse_args(line)) == 0
+    assert subject.run(parsed(*line)) == 0
     after = {name: (t.dtype, t.numpy().tobytes()) for name, t in load_file(path).items()}
     assert {n: (d, hashlib.sha256(b).digest()) for n, (d, b) in before.items()} == {
         n: (d, hashlib.sha256(b).digest()) for n, (d, b) in after.items()
@@ -81,18 +91,27 @@ def test_the_command_adds_to_the_record_and_leaves_the_weights(micro, tmp_path, 
     assert 0.2 < near < 0.6 < far < 1.5
     ConfidenceRule.from_dict(record["confidence"])
     result = read_result_file(tmp_path / "measured.json")
-    row = result.row(split="test", network="hadr")
+    row = result.row(split="test", network="hadr-plus")
     assert len(row["sparsification"]["rmse_m"]) == 20
     assert sum(row["reliability"]["count"]) == row["pixels"]
-    assert len(result.provenance["choices_by_cross_validation"]) == 4
-    assert [row["signal"] for row in result.provenance["each_signal_on_test"]] == [
-        "network",
-        "candidates",
-        "neighbours",
-    ]
     told = capsys.readouterr().out
     assert "learned range" in told
     assert "without the least sure tenth" in told
+
+
+def test_the_command_says_which_network_cannot_say_how_sure_it_is(model, tmp_path, capsys) -> None:
+    path = tmp_path / "a.safetensors"
+    save_checkpoint(path, model, {"width": 32, "height": 24})
+    out = tmp_path / "measured.json"
+    line = (str(path), str(samples_dir() / "frames"), "--objects", "0006", "--out", str(out))
+    assert subject.run(parsed(*line)) == 0
+    _, record = load_checkpoint(path)
+    assert "learned_range" in record
+    assert "confidence" not in record
+    assert not out.exists()
+    told = capsys.readouterr().out
+    assert "a network of kind hadr cannot say how sure it is" in told
+    assert "is not written" in told
 
 
 def test_frames_without_the_objects_depth_teach_no_range(model, frames) -> None:
@@ -101,10 +120,9 @@ def test_frames_without_the_objects_depth_teach_no_range(model, frames) -> None:
         calibrate(model, blind, frames, "nothing")
 
 
-def parsed(*words: str) -> argparse.Namespace:
-    parser = argparse.ArgumentParser()
-    subject.add_arguments(parser)
-    return parser.parse_args(words)
+def parsed(*words: str) -> subject.Options:
+    options: subject.Options = parse_options("calibrate", words)
+    return options
 
 
 def test_what_cannot_be_calibrated_is_left_as_it_is(model, tmp_path) -> None:
@@ -119,4 +137,6 @@ def test_what_cannot_be_calibrated_is_left_as_it_is(model, tmp_path) -> None:
         subject.run(parsed(str(path), frames, "--corruption", "sensor"))
     with pytest.raises(ValueError, match="is a folder, expected the name of a file"):
         subject.run(parsed(str(path), frames, "--out", str(tmp_path)))
+    with pytest.raises(ValueError, match="name at least one folder"):
+        subject.run(parsed(str(path)))
     assert path.read_bytes() == before

@@ -10,7 +10,7 @@ from safetensors.torch import save_file
 from hadr.models.hadr import HADR
 from hadr.training.batches import FrameTensors
 from hadr.training.checkpoints import load_checkpoint, save_checkpoint
-from hadr.training.presets import Preset
+from hadr.training.recipe import Preset
 
 
 def test_round_trip_and_the_record_beside_it(

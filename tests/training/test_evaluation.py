@@ -16,7 +16,7 @@ from hadr.training.evaluation import (
     predict_depth,
     score,
 )
-from hadr.training.presets import Preset
+from hadr.training.recipe import Preset
 
 
 def test_score_is_over_the_objects_pixels_and_a_hole_is_scored_as_zero(

@@ -12,10 +12,9 @@ import torch
 
 from hadr.training.batches import FrameTensors
 from hadr.training.checkpoints import load_checkpoint
-from hadr.training.loop import BEST, LAST, Trained, early_look, train
+from hadr.training.loop import BEST, LAST, Trained, average_of, early_look, train
 from hadr.training.losses import CODED
-from hadr.training.presets import Preset
-from hadr.training.weight_average import WeightAverage
+from hadr.training.recipe import Preset
 
 
 def same_weights(a: torch.nn.Module, b: torch.nn.Module) -> bool:
@@ -208,12 +207,12 @@ def test_the_average_of_the_weights_is_the_result_and_is_resumed(
 def test_weight_average_hand_computed() -> None:
     net = torch.nn.Linear(1, 1, bias=False)
     torch.nn.init.constant_(net.weight, 1.0)
-    average = WeightAverage(net, 0.5)
+    average = average_of(net, 0.5)
     torch.nn.init.constant_(net.weight, 2.0)
-    average.follow(net, 1)  # keeps 2 / 11 at first
-    assert average.network.weight.item() == pytest.approx(1 * 2 / 11 + 2 * 9 / 11)
-    average.follow(net, 10_000)
-    assert average.network.weight.item() == pytest.approx((20 / 11 + 2) / 2)
+    for steps, wanted in ((1, 20 / 11), (10_000, (20 / 11 + 2) / 2)):  # keeps 2 / 11 at first
+        average.n_averaged.fill_(steps)
+        average.update_parameters(net)
+        assert average.module.weight.item() == pytest.approx(wanted)
 
 
 def test_an_early_look_and_event_files(tmp_path: Path, micro: Preset, frames: FrameTensors) -> None:

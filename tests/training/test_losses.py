@@ -89,8 +89,8 @@ def output_with(points: torch.Tensor, chosen_true: bool = True) -> HADROutput:
     probability = torch.tensor([0.8, 0.2] * 4)
     return HADROutput(
         depth=torch.zeros(1, 4, 4),
-        confidence=torch.zeros(1, 4, 4),
         restored=mask,
+        clamped=torch.zeros(1, 4, 4, dtype=torch.bool),
         rays=rays,
         points=points,
         chosen=torch.tensor([0, 2, 4, 6]),

@@ -14,7 +14,8 @@ from hadr.training import predicted
 from hadr.training.batches import FrameTensors, load_frames
 from hadr.training.checkpoints import save_checkpoint
 from hadr.training.predicted import Given, pixels_of, with_predicted
-from hadr.training.presets import Preset, preset
+from hadr.training.presets import preset
+from hadr.training.recipe import Preset
 
 SIZE, OWN = (64, 36), (128, 72)
 """Size of the frames, and that at which the helpers were trained."""

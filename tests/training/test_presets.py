@@ -10,12 +10,13 @@ import pytest
 import torch
 from torch import nn
 
+from hadr.models.networks import NETWORKS
 from hadr.records.provenance import plain
 from hadr.training.checkpoints import load_checkpoint, save_checkpoint, strip_checkpoint
 from hadr.training.loop import optimizer_of
-from hadr.training.presets import NETWORKS, RECIPES, preset, recipe_from_dict
+from hadr.training.presets import RECIPES, preset, recipe_from_dict
 from hadr.training.recipe import Preset
-from hadr.training.tasks.table import task_of
+from hadr.training.tasks.task import Task
 
 
 def test_paper_preset_has_the_papers_figures() -> None:
@@ -137,12 +138,14 @@ def test_numbers_out_of_range_are_refused(change: dict[str, Any], message: str) 
 def test_every_network_has_recipes_that_its_task_builds() -> None:
     for network in NETWORKS:
         recipe = preset("tiny", network)
-        task = task_of(recipe)
-        assert (task.network, recipe.network) == (network, network)
+        assert Task(recipe).build().config == recipe.model
+        other = preset("tiny", "hadr" if network != "hadr" else "lidf")
+        with pytest.raises(ValueError, match=rf"'tiny' of '{network}' must have a \w+Config, got"):
+            Task(replace(other, network=network))
     with pytest.raises(ValueError, match=r"network must be one of hadr, .*, got 'resnet'"):
         preset("tiny", "resnet")
     with pytest.raises(ValueError, match=r"network must be one of hadr, .*, got 'resnet'"):
-        task_of(Preset("test", 8, 8, network="resnet"))
+        Task(Preset("test", 8, 8, network="resnet"))
 
 
 @pytest.mark.parametrize("network", NETWORKS)
@@ -150,7 +153,7 @@ def test_a_checkpoint_of_every_network_is_read_as_that_network(
     network: str, tmp_path: Path
 ) -> None:
     torch.manual_seed(0)
-    model = task_of(preset("tiny", network)).build()
+    model = Task(preset("tiny", network)).build()
     for module in model.modules():  # so that integers and running statistics are seen to travel
         if isinstance(module, torch.nn.BatchNorm2d) and module.num_batches_tracked is not None:
             module.num_batches_tracked.fill_(3_000_001)

@@ -9,8 +9,8 @@ import pytest
 import torch
 from torch import nn
 
+from hadr.training.losses import shared_mean
 from hadr.training.processes import Share, average_gradients, shares
-from hadr.training.tasks.task import shared_mean
 
 SCRIPT = Path(__file__).with_name("two_processes.py")
 

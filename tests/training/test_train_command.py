@@ -1,17 +1,17 @@
 from __future__ import annotations
 
 import importlib.util
-from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
 import pytest
 
+from hadr.cli import parse_options
 from hadr.data.samples import samples_dir
 from hadr.models.hadr import HADRConfig
 from hadr.training import train_command
 from hadr.training.losses import CODED
 from hadr.training.train_command import (
-    add_arguments,
+    Options,
     recipe_from,
     run,
     starting_weights,
@@ -19,10 +19,9 @@ from hadr.training.train_command import (
 )
 
 
-def parsed(*words: str) -> Namespace:
-    parser = ArgumentParser()
-    add_arguments(parser)
-    return parser.parse_args(["--out", "out", *words])
+def parsed(*words: str, out: Path = Path("out")) -> Options:
+    options: Options = parse_options("train", ["--out", str(out), *words])
+    return options
 
 
 def test_arguments_become_a_recipe() -> None:
@@ -77,10 +76,8 @@ def test_what_cannot_be_done_is_said_before_a_frame_is_read(
         importlib.util, "find_spec", lambda name: None if name == "tensorboard" else there(name)
     )
     monkeypatch.setattr(train_command, "read_split", lambda *_, **__: pytest.fail("frames read"))
-    args = parsed(*words.split())
-    args.out = str(tmp_path / "out")
     with pytest.raises((ValueError, OSError), match=message):
-        run(args)
+        run(parsed(*words.split(), out=tmp_path / "out"))
     assert not (tmp_path / "out").exists()
 
 
@@ -88,15 +85,12 @@ def test_a_folder_that_cannot_be_one_or_is_taken_is_refused_at_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(train_command, "read_split", lambda *_, **__: pytest.fail("frames read"))
-    args = parsed()
     (tmp_path / "file").write_text("")
-    args.out = str(tmp_path / "file")
     with pytest.raises(ValueError, match=r"file can't be a folder: .*file is a file"):
-        run(args)
+        run(parsed(out=tmp_path / "file"))
     (tmp_path / "last.safetensors").write_bytes(b"")
-    args.out = str(tmp_path)
     with pytest.raises(ValueError, match="holds a training already"):
-        run(args)
+        run(parsed(out=tmp_path))
 
 
 def test_a_start_must_be_a_network_of_the_same_form() -> None:

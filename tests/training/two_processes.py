@@ -24,8 +24,8 @@ from hadr.models.blocks.dilated_resnet import DilatedResNetConfig
 from hadr.rivals.lidf import LIDFConfig
 from hadr.training.batches import FrameTensors
 from hadr.training.loop import train
-from hadr.training.tasks.table import task_of
-from hadr.training.tasks.task import Task, shared_mean
+from hadr.training.losses import shared_mean
+from hadr.training.tasks.task import Task
 
 TOGETHER = 4
 RECIPE = replace(MICRO, epochs=3, drop_epoch=2, mirror=0.5, zoom=1.2, clip_norm=50.0)
@@ -134,7 +134,7 @@ def histories(fabric: Fabric) -> dict[str, list[dict[str, float]]]:
     recipe = replace(RECIPE, batch_size=batch_size)
     lidf = replace(LIDF_RECIPE, batch_size=batch_size)
     frames = uneven_frames()
-    tasks = {"hadr": (recipe, task_of(recipe)), "lidf": (lidf, task_of(lidf))}
+    tasks = {"hadr": (recipe, Task(recipe)), "lidf": (lidf, Task(lidf))}
     tasks["norm"] = (recipe, NormTask())
     return {
         name: train(of, frames, frames, task=InDouble(task), progress=False, fabric=fabric).history

@@ -1,4 +1,4 @@
-"""Frames whose measured depth, from a real or a simulated camera, is kept beside the true one.
+"""Measured depth, real or simulated, beside the true one: kept in files, and its errors counted.
 
 A file holds several frames: depth in steps of 0.5 mm as 16-bit numbers, masks as bits, compressed
 by numpy. What its numbers mean and where they come from stands beside it in a sealed JSON file.
@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-from hadr.camera import BoolArray, Intrinsics, valid_depth
+from hadr.camera import BoolArray, FloatArray, Intrinsics, valid_depth
 from hadr.corruption import depth_jumps
 from hadr.records.result_file import read_sealed, write_sealed
 
@@ -63,16 +63,7 @@ class CorruptionExample:
 def write_examples(
     path: str | Path, examples: Mapping[str, CorruptionExample], content: Mapping[str, Any]
 ) -> None:
-    """Write examples as ``path`` (.npz), and beside it a sealed ``.json``.
-
-    Args:
-        path: A ``.npz`` file.
-        examples: Key to example.
-        content: What is kept beside them in words; under ``provenance`` where they come from.
-
-    Raises:
-        ValueError: A depth is negative, not finite, or 32 m and more.
-    """
+    """Write examples, depths below 32 m, as ``path`` (.npz) and a sealed ``.json`` with content."""
     target, arrays = Path(path), {}
     for key, example in examples.items():
         for name in ("measured", "truth", "background"):
@@ -129,15 +120,7 @@ def read_examples(path: str | Path) -> dict[str, CorruptionExample]:
 
 
 def error_kinds(measured: Depth, truth: Depth) -> npt.NDArray[np.int64]:
-    """Say of each pixel what became of its depth.
-
-    Args:
-        measured: z-depth, metres, 0 or NaN = missing, shape (H, W).
-        truth: True z-depth, metres, 0 or NaN = unknown, shape (H, W).
-
-    Returns:
-        Number of one of `KINDS`; -1 where the truth is unknown; shape (H, W).
-    """
+    """Number of each pixel's kind in `KINDS`, shape (H, W); -1 where the truth is unknown."""
     seen = valid_depth(measured)
     error = np.where(seen, measured, 0.0) - np.where(valid_depth(truth), truth, 0.0)
     kinds = 1 + np.digitize(error, BOUNDS)
@@ -147,17 +130,7 @@ def error_kinds(measured: Depth, truth: Depth) -> npt.NDArray[np.int64]:
 def error_places(
     truth: Depth, mask: BoolArray, *, band_px: int = 2, reach_m: float = 1.5
 ) -> dict[str, BoolArray]:
-    """Say where a frame's pixels lie: in the glass, at outlines, or elsewhere.
-
-    Args:
-        truth: True z-depth, metres, 0 = unknown, shape (H, W).
-        mask: Pixels of the glass, shape (H, W).
-        band_px: Half the width of the band at outlines: the mask's border, and jumps of depth.
-        reach_m: Outside of the glass, what lies farther away than this does not count, metres.
-
-    Returns:
-        Each of `PLACES` to its pixels, shape (H, W); no pixel is in two of them.
-    """
+    """Each of `PLACES` to its pixels (H, W); beyond the reach, metres, only the glass counts."""
     square = np.ones((3, 3), bool)
     grown = ndimage.binary_dilation(mask, square, iterations=band_px)
     shrunk = ndimage.binary_erosion(mask, square, iterations=band_px, border_value=1)
@@ -169,17 +142,51 @@ def error_places(
 
 
 def kind_shares(kinds: npt.NDArray[np.int64], where: BoolArray) -> npt.NDArray[np.float64]:
-    """Count the kinds of error.
-
-    Args:
-        kinds: As `error_kinds` gives them, shape (H, W).
-        where: Pixels that count, shape (H, W).
-
-    Returns:
-        Share of each of `KINDS` among those pixels whose truth is known, shape (6,); NaN without
-        any.
-    """
+    """Share (6,) of each of `KINDS` among the pixels ``where`` with a known truth; NaN without."""
     counts = np.bincount(kinds[where & (kinds >= 0)], minlength=len(KINDS))
     with np.errstate(invalid="ignore"):
         shares: npt.NDArray[np.float64] = counts / counts.sum()
     return shares
+
+
+@dataclass(frozen=True)
+class CorruptionStatistics:
+    """What is left of the depth inside a mask.
+
+    Attributes:
+        pixels: Pixels of the mask that have a true depth.
+        missing_share: Share of them without a measured depth, 0..1.
+        bias_m: Median of measured minus true depth over the rest, metres (positive: behind).
+        within_1cm_share: Share of all of them measured within 1 cm of the truth, 0..1.
+    """
+
+    pixels: int
+    missing_share: float
+    bias_m: float
+    within_1cm_share: float
+
+
+def corruption_statistics(
+    corrupted: FloatArray, truth: FloatArray, mask: BoolArray
+) -> CorruptionStatistics:
+    """Count what a corruption left of the depth inside a mask.
+
+    Args:
+        corrupted: Measured z-depth in metres, shape (H, W); 0 or NaN is missing.
+        truth: True z-depth in metres, shape (H, W); 0 or NaN is unknown and not counted.
+        mask: Pixels of the transparent object, shape (H, W) bool.
+
+    Returns:
+        The shares and the bias; NaN where nothing can be counted.
+    """
+    known = mask & valid_depth(truth)
+    measured, true = corrupted[known], truth[known]
+    valid = valid_depth(measured)
+    error = measured[valid] - true[valid]
+    pixels = int(known.sum())
+    return CorruptionStatistics(
+        pixels=pixels,
+        missing_share=float(1 - valid.mean()) if pixels else float("nan"),
+        bias_m=float(np.median(error)) if error.size else float("nan"),
+        within_1cm_share=float((np.abs(error) < 0.01).sum() / pixels) if pixels else float("nan"),
+    )

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from hadr.camera import FloatArray
 from hadr.data.frame import Frame
-from hadr.figures import (
+from hadr.figures.panels import (
     COLORS,
     show_color,
     show_depth,
@@ -33,20 +33,7 @@ def contact_sheet(
     columns: int = 6,
     width: float = 9.0,
 ) -> Figure:
-    """Lay pictures of one size out in a grid.
-
-    Args:
-        pictures: Each (H, W, 3).
-        titles: One a picture; an empty one leaves no word.
-        columns: Pictures a row.
-        width: Width of the figure, inches.
-
-    Returns:
-        The figure.
-
-    Raises:
-        ValueError: There are no pictures, or another number of titles.
-    """
+    """Lay pictures of one size out in a grid; an empty title leaves no word."""
     if not pictures:
         raise ValueError("a contact sheet needs pictures, got none")
     if titles is not None and len(titles) != len(pictures):
@@ -79,19 +66,7 @@ def _tighten(fig: Figure) -> None:
 
 
 def draw_labels(frame: Frame, normals: FloatArray, *, width: float = 9.0) -> Figure:
-    """Draw a frame with everything that is known about it.
-
-    Args:
-        frame: With background and sensor depth (`raw_depth`).
-        normals: Unit normals toward the viewer, camera frame, (H, W, 3); 0 where unknown.
-        width: Width of the figure, inches.
-
-    Returns:
-        The figure: nine pictures.
-
-    Raises:
-        ValueError: The frame has no background depth or no raw depth.
-    """
+    """Draw a frame with all its labels; it must have background and sensor depth. Nine pictures."""
     if frame.raw_depth is None or frame.background_depth is None:
         raise ValueError(f"frame {frame.stem} lacks raw depth or the depth without the glass")
     fig: Figure
@@ -123,25 +98,14 @@ def draw_labels(frame: Frame, normals: FloatArray, *, width: float = 9.0) -> Fig
 
 
 def normal_colors(normals: FloatArray) -> npt.NDArray[np.float64]:
-    """Normals as colours: red to the right, green up, blue toward the viewer; grey where unknown.
-
-    Args:
-        normals: Camera frame, (H, W, 3), unit or zero.
-    """
+    """Unit normals (H, W, 3) as colours: red to the right, green up, blue toward the viewer."""
     known = np.linalg.norm(normals, axis=-1, keepdims=True) > 0.5
     colors = (1.0 + np.asarray(normals, dtype=float) * [1.0, -1.0, -1.0]) / 2
     return np.where(known, np.clip(colors, 0.0, 1.0), 0.85)
 
 
 def normals_from_depth(depth_points: FloatArray) -> Array:
-    """Normals of an organised cloud by forward differences, toward the viewer.
-
-    Args:
-        depth_points: Camera frame, metres, (H, W, 3); NaN where missing.
-
-    Returns:
-        Shape (H, W, 3), unit; 0 in the last row and column and where a point is missing.
-    """
+    """Unit normals toward the viewer of an organised cloud (H, W, 3); 0 where one is missing."""
     p = np.asarray(depth_points, dtype=float)
     right, below = p[:-1, 1:] - p[:-1, :-1], p[1:, :-1] - p[:-1, :-1]
     n = np.cross(below, right)
@@ -150,15 +114,7 @@ def normals_from_depth(depth_points: FloatArray) -> Array:
 
 
 def draw_statistics(statistics: FrameStatistics, *, width: float = 9.0) -> Figure:
-    """Draw six histograms of a data set's frames.
-
-    Args:
-        statistics: One row a frame.
-        width: Width of the figure, inches.
-
-    Returns:
-        The figure.
-    """
+    """Draw six histograms of a data set's frames."""
     fig: Figure
     fig, axes = plt.subplots(2, 3, figsize=(width, 0.56 * width), layout="constrained")
     s = statistics
@@ -194,20 +150,7 @@ def _histogram(ax: Axes, values: Array, label: str, color: str, *, upper: float 
 def draw_angles(
     angles: FloatArray, limits: FloatArray, names: Sequence[str], *, width: float = 9.0
 ) -> Figure:
-    """Draw how far each joint bends in a set of poses, inside its limits.
-
-    Args:
-        angles: Radians, shape (N, A).
-        limits: Lowest and highest allowed angle, radians, shape (A, 2).
-        names: One an angle.
-        width: Width of the figure, inches.
-
-    Returns:
-        The figure; a row an angle, the grey bar is what the joint allows.
-
-    Raises:
-        ValueError: The numbers of angles, limits and names differ.
-    """
+    """Draw joint angles (N, A) over their limits (A, 2), both in radians, a named row an angle."""
     count = len(names)
     if angles.ndim != 2 or angles.shape[1] != count or limits.shape != (count, 2):
         raise ValueError(

@@ -1,4 +1,4 @@
-"""Pictures of the simulated depth camera, and its errors beside those of a real one."""
+"""Pictures of a depth camera: how it sees glass, and simulated errors beside real ones."""
 
 from __future__ import annotations
 
@@ -8,15 +8,16 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from hadr.camera import window_around
 from hadr.corruption import see_through
 from hadr.data.frame import Frame
-from hadr.figures import COLORS, show_color, show_depth, show_error
-from hadr.figures.depth.corruption_statistics import corruption_statistics
-from hadr.records.markdown import markdown_table
+from hadr.figures.depth.corruption_examples import corruption_statistics
+from hadr.figures.panels import COLORS, show_color, show_depth, show_error
+from hadr.figures.tables.results import markdown
 
 #: What is compared: key in the results, title, factor, unit.
 SENSOR_ROWS: tuple[tuple[str, str, float, str], ...] = (
@@ -35,18 +36,7 @@ _COLUMNS = {
 def draw_sensor_comparison(
     columns: Mapping[str, Mapping[str, Any]], *, width: float = 9.0
 ) -> Figure:
-    """Draw the errors of real and simulated depth, one point a frame.
-
-    Args:
-        columns: As in ``results/sensor/comparison.json``: per group the frames under ``each``.
-        width: Width of the figure, inches.
-
-    Returns:
-        The figure; a bar marks each group's median.
-
-    Raises:
-        ValueError: None of the known groups is there.
-    """
+    """Draw the errors of ``results/sensor/comparison.json``, a point a frame, bars at medians."""
     groups = [name for name in _COLUMNS if name in columns]
     if not groups:
         raise ValueError(f"need one of {', '.join(_COLUMNS)}, got {', '.join(columns) or 'none'}")
@@ -82,11 +72,7 @@ def _values(each: Any, key: str) -> npt.NDArray[np.float64]:
 
 
 def sensor_table(columns: Mapping[str, Mapping[str, Any]]) -> str:
-    """The same numbers as a Markdown table: median, and lowest to highest frame.
-
-    Args:
-        columns: As for :func:`draw_sensor_comparison`.
-    """
+    """The same numbers as a Markdown table: median, and lowest to highest frame."""
     groups = [name for name in _COLUMNS if name in columns]
     heads = [
         f"{_COLUMNS[name][0]}, {columns[name]['frames']} frames".replace("\n", " ")
@@ -102,7 +88,7 @@ def sensor_table(columns: Mapping[str, Mapping[str, Any]]) -> str:
                 text = f"{np.median(values):.1f} ({values.min():.1f} to {values.max():.1f})"
             cells.append(text)
         lines.append([f"{title}, {unit}", *cells])
-    return markdown_table(["", *heads], lines)
+    return markdown(pd.DataFrame(lines, columns=["", *heads]))
 
 
 def show_infrared(ax: Axes, picture: npt.NDArray[np.uint8], title: str) -> None:
@@ -115,20 +101,7 @@ def show_infrared(ax: Axes, picture: npt.NDArray[np.uint8], title: str) -> None:
 
 
 def see_through_picture(frame: Frame, missing: float, background: float, seed: int = 0) -> Figure:
-    """Draw a glass whose depth is partly missing and partly the background's.
-
-    Args:
-        frame: With the depth without the glass.
-        missing: Share of the glass without any depth, 0..1.
-        background: Share of the rest that shows what stands behind the glass, 0..1.
-        seed: Where the patches lie.
-
-    Returns:
-        The figure, of one size for all shares: colour, depth, and measured minus true.
-
-    Raises:
-        ValueError: The frame has no background depth, or a share is outside of 0..1.
-    """
+    """Draw a glass whose depth is partly missing and of the rest partly the background's; 0..1."""
     if frame.background_depth is None:
         raise ValueError(f"frame {frame.stem} lacks the depth without the glass")
     for name, share in (("missing", missing), ("background", background)):
@@ -157,3 +130,53 @@ def see_through_picture(frame: Frame, missing: float, background: float, seed: i
     known = "none" if np.isnan(found.bias_m) else f"{100 * found.bias_m:+.1f} cm"
     show_error(axes[2], error[window], f"median error {known}", limit=0.4)
     return figure
+
+
+_WALL_Y, _GLASS_Y = 1.0, 0.55
+_DOT = np.array([0.12, _WALL_Y])
+_IMAGERS = {"left": (-0.18, 0.035), "right": (0.18, -0.05)}  # x, and how far glass bends its ray
+
+
+def draw_stereo_camera(ax: Axes, glass: bool, title: str) -> None:
+    """Draw the camera from above, its projector's ray and what both imagers see of the dot."""
+    ax.plot([-0.75, 0.75], [_WALL_Y, _WALL_Y], color=COLORS["background"], lw=7)
+    ax.text(-0.74, _WALL_Y - 0.03, "wall", va="top")
+    if glass:
+        across = np.linspace(-0.45, 0.45, 60)
+        side = _GLASS_Y + 0.9 * across**2
+        ax.plot(across, side, color=COLORS["glass"], lw=9, alpha=0.55, solid_capstyle="butt")
+        ax.text(0.5, float(side[-1]) - 0.06, "glass", va="center")
+    ax.plot(*_ray(0.0, 0.0).T, color=COLORS["baseline"], lw=1.6)
+    for name, (x, bend) in _IMAGERS.items():
+        ax.plot(*_ray(x, bend if glass else 0.0).T, color=COLORS["hadr"], lw=1.6)
+        ax.plot(x, 0, "s", ms=11, color=COLORS["truth"])
+        ax.text(x, -0.06, name, ha="center", va="top")
+    ax.plot(0, 0, "^", ms=11, color=COLORS["baseline"])
+    ax.text(0, -0.06, "dots", ha="center", va="top", color="#9a6a00")
+    ax.plot(*_DOT, "o", ms=7, color=COLORS["hand"], zorder=4)
+    if glass:
+        _draw_ghost(ax)
+    ax.annotate("", (-0.18, -0.2), (0.18, -0.2), arrowprops={"arrowstyle": "<->", "lw": 1})
+    ax.text(0, -0.22, "baseline b", ha="center", va="top")
+    ax.set(xlim=(-0.8, 0.8), ylim=(-0.32, 1.1), title=title, xticks=[], yticks=[], aspect="equal")
+    ax.spines[:].set_visible(False)
+
+
+def _ray(x: float, bend: float) -> npt.NDArray[np.float64]:
+    """From the camera to the dot, shifted sideways where it crosses the glass, shape (3, 2)."""
+    start = np.array([x, 0.0])
+    knee = start + _GLASS_Y / _WALL_Y * (_DOT - start) + np.array([bend, 0.0])
+    return np.array([start, knee, _DOT])
+
+
+def _draw_ghost(ax: Axes) -> None:
+    """Where both imagers, taking their rays for straight, believe the dot to be."""
+    (a, p, _), (b, q, _) = (_ray(x, bend) for x, bend in _IMAGERS.values())
+    lengths = np.linalg.solve(np.stack([p - a, b - q], axis=1), b - a)
+    ghost = a + lengths[0] * (p - a)
+    for knee in (p, q):
+        ax.plot(*np.array([knee, ghost]).T, "--", color=COLORS["hadr"], lw=1)
+    ax.plot(*ghost, "x", ms=10, mew=2.5, color=COLORS["hand"], zorder=4)
+    aside = (0.3, float(ghost[1]) + 0.16)  # between glass and wall
+    line = {"arrowstyle": "-", "color": COLORS["hand"], "shrinkB": 6}
+    ax.annotate("measured", ghost, aside, va="center", color=COLORS["hand"], arrowprops=line)

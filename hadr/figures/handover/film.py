@@ -1,66 +1,23 @@
-"""Figures of recorded handovers: a strip of stills, a timeline, the experiment's results.
-
-Rows of results are dicts with ``arm``, ``attempts``, ``successes``, ``rate`` (0 to 1),
-``interval`` (low, high of 95 %) and ``failures`` (kind to count).
-"""
+"""Figures of one recorded handover: a strip of stills, and what happens over time."""
 
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import matplotlib.pyplot as plt
 import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch
 
-from hadr.figures import COLORS
+from hadr.figures.panels import COLORS
 from hadr.handover.workflow import Stage, Transition
 from hadr.simulation.film.film import nearest_state, stage_at, stage_color
 from hadr.simulation.film.views import View, view_from
 from hadr.simulation.film.world_view import FilmSet
 from hadr.simulation.world.scenes import HeldScene
 from hadr.simulation.world.state import WorldState
-
-Row = Mapping[str, Any]
-
-ARMS: dict[str, str] = {
-    "raw": "sensor depth",
-    "inpainted": "inpainted depth",
-    "hadr": "HADR",
-    "hadr-plus": "HADR-plus",
-    "hadr-plus-networks": "HADR-plus, all networks",
-    "hadr-no-rescoring": "HADR, no rescoring",
-    "hadr-no-tracking": "HADR, no tracking",
-    "perfect": "perfect depth",
-}
-"""How an arm of the experiment is called, in the order of the pictures."""
-_ARM_STYLE: dict[str, tuple[str, str]] = {
-    "raw": ("raw", "D"),
-    "inpainted": ("baseline", "s"),
-    "hadr": ("hadr", "o"),
-    "hadr-plus": ("robot", "*"),
-    "hadr-plus-networks": ("hand", "X"),
-    "hadr-no-rescoring": ("glass", "^"),
-    "hadr-no-tracking": ("voxel", "v"),
-    "perfect": ("truth", "P"),
-}
-_KIND_STYLE = (
-    ("hand", ""),
-    ("baseline", "//"),
-    ("voxel", "\\\\"),
-    ("raw", ".."),
-    ("glass", "xx"),
-    ("highlight", "--"),
-)
-
-
-def arm_color(arm: str) -> str:
-    """Colour of an arm in all pictures of the experiment."""
-    return COLORS[_ARM_STYLE.get(arm, ("background", "X"))[0]]
 
 
 def strip_view(width: int = 420, height: int = 300) -> View:
@@ -139,21 +96,7 @@ def show_run(
     largest_force: float = 20.0,
     width: float = 9.0,
 ) -> Figure:
-    """Draw one run over time: distances, opening of the gripper, force on the hand.
-
-    Args:
-        states: In the order of time.
-        transitions: Changes of stage: the bands behind the curves.
-        to_target: Distance of tool and target at each state, metres, NaN where there is none.
-        largest_force: The limit that the force must keep, newtons.
-        width: Width of the figure, inches.
-
-    Returns:
-        The figure, with three axes over one time axis.
-
-    Raises:
-        ValueError: No states, or another number of distances than of states.
-    """
+    """Draw one run over time: distances, opening of the gripper, force on the hand."""
     if not states:
         raise ValueError("a timeline needs at least one state, got none")
     time = np.array([state.time for state in states])
@@ -219,138 +162,3 @@ def _stage_bands(
                 at, 1.02, stage.value, transform=ax.get_xaxis_transform(), ha=align, va="bottom",
                 color=stage_color(stage), fontsize=9.5, fontweight="bold",
             )  # fmt: skip
-
-
-def _ordered(rows: Sequence[Row]) -> list[Row]:
-    place = {arm: number for number, arm in enumerate(ARMS)}
-    return sorted(rows, key=lambda row: place.get(row["arm"], len(place)))
-
-
-def _checked_rate(row: Row) -> tuple[float, float, float]:
-    """Rate and its interval in percent."""
-    rate, (low, high) = float(row["rate"]), row["interval"]
-    if not 0 <= low <= rate + 1e-9 <= high + 2e-9 <= 1 + 3e-9:
-        raise ValueError(
-            f"{row['arm']}: the rate must lie in its interval within 0 and 1, got {rate} in "
-            f"({low}, {high})"
-        )
-    return 100 * rate, 100 * float(low), 100 * float(high)
-
-
-def draw_success(ax: Axes, rows: Sequence[Row], *, published: float | None = None) -> None:
-    """Draw each arm's rate of success as a bar with its 95 % interval.
-
-    Args:
-        ax: Ordinary 2D axes.
-        rows: One row an arm.
-        published: The paper's rate of a real arm, 0 to 1; a dotted line.
-
-    Raises:
-        ValueError: A rate lies outside of its interval, or that outside of 0 to 1.
-    """
-    chosen = _ordered(rows)
-    for place, row in enumerate(chosen):
-        rate, low, high = _checked_rate(row)
-        color = arm_color(row["arm"])
-        ax.barh(place, rate, color=color, height=0.62, alpha=0.45)
-        ax.barh(place, rate, facecolor="none", edgecolor=color, height=0.62, lw=1.2)
-        ax.errorbar(
-            rate, place, xerr=[[max(rate - low, 0)], [max(high - rate, 0)]], color="#202020",
-            capsize=4, lw=1.4, fmt="none",
-        )  # fmt: skip
-        count = f"{row['successes']}/{row['attempts']}"
-        ax.text(102, place, f"{rate:.0f} %  ({count})", va="center", fontsize=9)
-    if published is not None:
-        paper = 100 * published
-        ax.plot([paper, paper], [-0.55, len(chosen) - 0.4], color=COLORS["truth"], lw=1.2, ls=":")
-        ax.text(paper, -0.58, "paper, real arm", ha="center", va="bottom", fontsize=9)
-    ax.set(
-        yticks=range(len(chosen)),
-        yticklabels=[ARMS.get(row["arm"], row["arm"]) for row in chosen],
-        ylim=(len(chosen) - 0.4, -0.9 if published is not None else -0.6),
-        xlim=(0, 100),
-        xlabel="successful handovers (%), 95 % interval",
-    )
-
-
-def draw_outcomes(ax: Axes, rows: Sequence[Row]) -> None:
-    """Draw how each arm's attempts ended: successes, then failures by kind.
-
-    Args:
-        ax: Ordinary 2D axes.
-        rows: One row an arm.
-
-    Raises:
-        ValueError: Successes and failures don't add up to the attempts.
-    """
-    chosen = _ordered(rows)
-    kinds = list(dict.fromkeys(kind for row in chosen for kind in row["failures"]))
-    kinds = [kind for kind in kinds if any(row["failures"].get(kind) for row in chosen)]
-    styles = {kind: _KIND_STYLE[k % len(_KIND_STYLE)] for k, kind in enumerate(kinds)}
-    for place, row in enumerate(chosen):
-        total = row["successes"] + sum(row["failures"].values())
-        if total != row["attempts"]:
-            raise ValueError(
-                f"{row['arm']}: {row['successes']} successes and {dict(row['failures'])} make "
-                f"{total}, not {row['attempts']} attempts"
-            )
-        parts = [(row["successes"], COLORS["robot"], "")]
-        parts += [(row["failures"].get(k, 0), COLORS[styles[k][0]], styles[k][1]) for k in kinds]
-        left = 0
-        for count, color, hatch in parts:
-            if not count:
-                continue
-            ax.barh(
-                place, count, left=left, color=color, hatch=hatch, edgecolor="white", height=0.66
-            )
-            box = {"facecolor": "white", "edgecolor": "none", "pad": 1.0, "alpha": 0.85}
-            ax.text(left + count / 2, place, str(count), ha="center", va="center", fontsize=8.5,
-                    bbox=box)  # fmt: skip
-            left += count
-    legend = [Patch(facecolor=COLORS["robot"], edgecolor="white", label="success")]
-    legend += [
-        Patch(facecolor=COLORS[styles[k][0]], hatch=styles[k][1], edgecolor="white", label=k)
-        for k in kinds
-    ]
-    ax.legend(handles=legend, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4)
-    ax.set(
-        yticks=range(len(chosen)),
-        yticklabels=[ARMS.get(row["arm"], row["arm"]) for row in chosen],
-        ylim=(len(chosen) - 0.5, -0.5),
-        xlim=(0, max((row["attempts"] for row in chosen), default=1)),
-        xlabel="attempts",
-    )
-
-
-def draw_degradation(
-    ax: Axes, rows: Sequence[Row], key: str, xlabel: str, *, standard: float | None = None
-) -> None:
-    """Draw the rate of success over something that is made worse, with 95 % intervals.
-
-    Args:
-        ax: Ordinary 2D axes.
-        rows: One row an arm and value.
-        key: Where the value stands in a row, for example "extrinsics_deg" or "hand_speed".
-        xlabel: What that is, with its unit.
-        standard: The value of the standard experiment; a thin line.
-
-    Raises:
-        ValueError: As for `draw_success`.
-    """
-    arms = list(dict.fromkeys(row["arm"] for row in _ordered(rows)))
-    values = sorted({float(row[key]) for row in rows})
-    gap = min(np.diff(values), default=1.0) * 0.05
-    for number, arm in enumerate(arms):
-        points = sorted((float(r[key]), *_checked_rate(r)) for r in rows if r["arm"] == arm)
-        x, rate, low, high = np.array(points).T
-        aside = gap * (number - (len(arms) - 1) / 2)  # so that intervals don't cover each other
-        marker = _ARM_STYLE.get(arm, ("background", "X"))[1]
-        ax.errorbar(
-            x + aside, rate, yerr=[np.maximum(rate - low, 0), np.maximum(high - rate, 0)],
-            color=arm_color(arm), marker=marker, ms=6, capsize=3, lw=1.6, label=ARMS.get(arm, arm),
-        )  # fmt: skip
-    if standard is not None:
-        ax.axvline(standard, color=COLORS["raw"], lw=0.8, ls=":")
-    ax.set(xlabel=xlabel, ylabel="successful handovers (%)", ylim=(0, 103), xticks=values)
-    if len(arms) > 1:
-        ax.legend(loc="best")

@@ -21,8 +21,8 @@ from matplotlib.patheffects import withStroke
 from scipy.ndimage import distance_transform_edt
 from scipy.spatial.transform import Rotation
 
-from hadr.figures import COLORS
 from hadr.figures.handover.scene import bare_axes_3d, show_glass, show_grippers, show_hand
+from hadr.figures.panels import COLORS
 from hadr.handover.grasping.collision import FINGER_LENGTH, STEM_LENGTH, fork
 from hadr.handover.grasping.grasps import Grasps, forward_of
 from hadr.handover.grasping.rescoring import (
@@ -70,22 +70,7 @@ def show_score_sphere(
     frame: Array | None = None,
     pixels: int = 360,
 ) -> Array:
-    """Draw a score over all directions of approach, seen from afar.
-
-    Args:
-        ax: Plain axes; their units become the sphere's radius.
-        score: Maps unit directions (n, 3) in the base frame to scores (n,).
-        directions: To the human and down, base frame; drawn as labelled arrows.
-        limit: The colours go from minus to plus this score.
-        view: Elevation and azimuth of the viewer, degrees.
-        best: Where the small gripper stands, shape (3,); the favourite where left out.
-        frame: Axes of the frame that the rotation is written in, as columns in the base frame,
-            shape (3, 3); drawn where given.
-        pixels: The sphere's width.
-
-    Returns:
-        The favourite direction, shape (3,).
-    """
+    """Draw a score of unit directions (n, 3), base frame, as a sphere; gives the favourite (3,)."""
     screen = screen_from_base(*view)
     star = favourite(score) if best is None else np.asarray(best, dtype=np.float64)
     ax.imshow(
@@ -173,14 +158,7 @@ def _show_standing_gripper(ax: Axes, along: Array) -> None:
 def draw_regions(
     ax: Axes, steps: npt.ArrayLike, region: npt.NDArray[np.int64], names: Sequence[str]
 ) -> None:
-    """Colour a square by which name holds where, with the names written into their regions.
-
-    Args:
-        ax: Plain axes.
-        steps: Coordinates along both sides, ascending, shape (n,).
-        region: Index into names at (row y, column x), shape (n, n).
-        names: One a region.
-    """
+    """Colour a square by which name holds where, with the names written into their regions."""
     along = np.asarray(steps, dtype=np.float64)
     shades = mpl.colormaps["tab20"](np.arange(len(names)) % 20)
     shades[:, :3] = 0.5 + 0.5 * shades[:, :3]
@@ -211,19 +189,7 @@ def score_bar(
     shrink: float = 0.7,
     label: str = "score of the two wishes",
 ) -> Axes:
-    """Draw the colour bar of the spheres; the detector's score takes no part in it.
-
-    Args:
-        fig: The figure.
-        axes: Beside which axes it stands; or
-        cax: the axes that it fills.
-        limit: The colours go from minus to plus this score.
-        shrink: Its height as a share of the axes beside it.
-        label: What it says.
-
-    Returns:
-        The bar's axes.
-    """
+    """Draw the colour bar of the spheres beside axes, or into ``cax``; the two wishes alone."""
     cmap, norm = score_colors(limit)
     place: dict[str, Any] = {"cax": cax}
     if cax is None:
@@ -237,18 +203,7 @@ def score_bar(
 def show_choice(
     ax: Any, scene: HeldGlass, grasps: Grasps, scores: npt.ArrayLike, *, others: int = 14
 ) -> int:
-    """Draw a hand with its glass, some candidates shaded by their score, and the winner.
-
-    Args:
-        ax: 3D axes.
-        scene: Hand and glass, base frame.
-        grasps: Candidates, base frame.
-        scores: One a candidate, shape (n,).
-        others: How many candidates besides the winner.
-
-    Returns:
-        Index of the winner.
-    """
+    """Draw a hand with its glass, some candidates shaded by their score, and the winner."""
     value = np.asarray(scores, dtype=np.float64)
     best = int(value.argmax())
     some = np.random.default_rng(4).permutation(len(value))[:others]
@@ -263,45 +218,6 @@ def show_choice(
     bare_axes_3d(ax, middle - 0.19, middle + 0.19, zoom=1.55)
     ax.view_init(12, -100)
     return best
-
-
-def sphere_and_choice(
-    scene: HeldGlass,
-    grasps: Grasps,
-    scores: npt.ArrayLike,
-    score: Score,
-    directions: Directions,
-    *,
-    titles: tuple[str, str],
-    frame: Array | None = None,
-    limit: float = 0.6,
-) -> Figure:
-    """One picture of a scrubber or slider: the sphere, and what it makes the robot choose.
-
-    Args:
-        scene: Hand and glass, base frame.
-        grasps: Candidates, base frame.
-        scores: Their full scores, shape (n,).
-        score: The wishes alone, over directions (n, 3).
-        directions: To the human and down, base frame.
-        titles: Above the sphere and above the scene.
-        frame: See `show_score_sphere`.
-        limit: The colours go from minus to plus this score.
-
-    Returns:
-        The figure; all of them have one size.
-    """
-    fig: Figure = plt.figure(figsize=(7.4, 3.7), layout="none")
-    left = fig.add_axes((0.0, 0.0, 0.47, 0.92))
-    show_score_sphere(left, score, directions, limit=limit, frame=frame, pixels=240)
-    right = fig.add_axes((0.56, -0.02, 0.44, 0.94), projection="3d")
-    show_choice(right, scene, grasps, scores)
-    bar = score_bar(fig, cax=fig.add_axes((0.50, 0.16, 0.018, 0.62)), limit=limit, label="")
-    bar.tick_params(labelsize=8.5)
-    fig.text(0.51, 0.80, "score", ha="center", fontsize=9)
-    for x, title in zip((0.23, 0.78), titles, strict=True):
-        fig.text(x, 0.935, title, ha="center", va="center", fontsize=10.5)
-    return fig
 
 
 def candidate_choice(
@@ -347,9 +263,17 @@ def candidate_choice(
     a = grasps.axis("approach")[best]
     v, u = a @ directions.robot_to_human, a @ directions.up_to_down
     chosen = f"candidate {best}: a·v = {v:+.2f}, a·u = {u:+.2f}"
-    return sphere_and_choice(
-        scene, grasps, scores, wish, directions, titles=(name, chosen), frame=frame, limit=limit
-    )
+    fig: Figure = plt.figure(figsize=(7.4, 3.7), layout="none")
+    left = fig.add_axes((0.0, 0.0, 0.47, 0.92))
+    show_score_sphere(left, wish, directions, limit=limit, frame=frame, pixels=240)
+    right = fig.add_axes((0.56, -0.02, 0.44, 0.94), projection="3d")
+    show_choice(right, scene, grasps, scores)
+    bar = score_bar(fig, cax=fig.add_axes((0.50, 0.16, 0.018, 0.62)), limit=limit, label="")
+    bar.tick_params(labelsize=8.5)
+    fig.text(0.51, 0.80, "score", ha="center", fontsize=9)
+    for x, title in ((0.23, name), (0.78, chosen)):
+        fig.text(x, 0.935, title, ha="center", va="center", fontsize=10.5)
+    return fig
 
 
 def tilted_frame(tilt_deg: float) -> Array:

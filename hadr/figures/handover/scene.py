@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
-from hadr.figures import COLORS, show_skeleton_3d
+from hadr.figures.panels import BONE_COLORS, COLORS
 from hadr.hand import BONES
 from hadr.handover.grasping.collision import fork
 from hadr.synthesis.glass.shape import GlassObject, profile
@@ -46,14 +46,7 @@ def show_grippers(
 def show_glass(
     ax: Any, glass: GlassObject, frame_from_glass: Array, *, alpha: float = 0.22
 ) -> None:
-    """Draw the outside of a glass as a surface of revolution, with its rim and its foot as lines.
-
-    Args:
-        ax: 3D axes.
-        glass: Which object.
-        frame_from_glass: Its pose; z is its axis, z = 0 its foot; shape (4, 4), metres.
-        alpha: Opacity of the surface.
-    """
+    """Draw the outside of a glass at a pose (4, 4), metres, with its rim and its foot as lines."""
     curve = profile(glass)
     outer = curve[: int(curve[:, 1].argmax()) + 1 : 2]  # (n, 2) radius, height
     angle = np.linspace(0.0, 2 * np.pi, 25)
@@ -80,14 +73,7 @@ def show_glass(
 
 
 def show_hand(ax: Any, keypoints: Array, *, thickness: float = 8.0, alpha: float = 1.0) -> None:
-    """Draw a hand: its skeleton, with flesh around it and the start of the forearm.
-
-    Args:
-        ax: 3D axes.
-        keypoints: Shape (21, 3), metres.
-        thickness: Width of the flesh, points.
-        alpha: Opacity.
-    """
+    """Draw a hand's keypoints (21, 3), metres, with flesh of so many points and a forearm."""
     wrist, middle = keypoints[0], keypoints[9]
     forearm = np.stack([wrist - 0.8 * (middle - wrist), wrist])
     palm = [(5, 9), (9, 13), (13, 17), (0, 1)]
@@ -95,7 +81,9 @@ def show_hand(ax: Any, keypoints: Array, *, thickness: float = 8.0, alpha: float
     for line in (*bones, forearm):
         wide = thickness * (1.8 if line is forearm else 1.0)
         ax.plot(*line.T, color="#f0c9a8", lw=wide, alpha=alpha, solid_capstyle="round")
-    show_skeleton_3d(ax, keypoints, alpha=alpha)
+    for bone, color in zip(BONES, BONE_COLORS, strict=True):
+        ax.plot(*keypoints[list(bone)].T, color=color, lw=2.2, alpha=alpha)
+    ax.scatter(*keypoints.T, s=10, color="black", depthshade=False, alpha=alpha)
 
 
 def show_arm(
@@ -108,17 +96,7 @@ def show_arm(
     thickness: float = 11.0,
     alpha: float = 1.0,
 ) -> None:
-    """Draw an arm: thick pale links with a coloured edge, joints as dots, the gripper as a fork.
-
-    Args:
-        ax: 3D axes.
-        outline: Points along the links from the base's foot to the flange, shape (n, 3).
-        tool: Tool pose, shape (4, 4), if the gripper is to be drawn too.
-        opening: The gripper's opening, metres.
-        color: Colour of edges and joints.
-        thickness: Width of the links, points.
-        alpha: Opacity.
-    """
+    """Draw an arm: thick pale links with a coloured edge, joints as dots, the gripper as a fork."""
     foot = np.stack([outline[0], outline[0] + [0, 0, 0.025]])
     ax.plot(*foot.T, color=color, lw=2 * thickness, alpha=alpha, solid_capstyle="butt")
     if tool is not None:
@@ -134,14 +112,7 @@ def show_arm(
 
 
 def show_frame(ax: Any, pose: Array, *, length: float = 0.08, lw: float = 1.8) -> None:
-    """Draw a frame's axes: x red, y green, z blue.
-
-    Args:
-        ax: 3D axes.
-        pose: Shape (4, 4), metres.
-        length: Length of the axes, metres.
-        lw: Line width, points.
-    """
+    """Draw a frame's axes: x red, y green, z blue."""
     for column, color in enumerate(("#CC3311", "#009E73", "#0072B2")):
         end = pose[:3, 3] + length * pose[:3, column]
         ax.plot(*np.stack([pose[:3, 3], end]).T, color=color, lw=lw)

@@ -71,7 +71,7 @@ class HandFilm:
         return off
 
 
-def film_picture(
+def moment_picture(
     film: HandFilm,
     carried: Sequence[Carried],
     at: int,
@@ -80,19 +80,7 @@ def film_picture(
     width: float = 0.075,
     notes: Mapping[str, Array] | None = None,
 ) -> Figure:
-    """One picture of a film: the scene on the left, how far off the grasps are on the right.
-
-    Args:
-        film: Hand and glass.
-        carried: What is drawn; the last stands in front.
-        at: Index of the moment.
-        limit_mm: Upper end of the chart, millimetres.
-        width: Opening of the gripper, metres.
-        notes: Further curves in millimetres by their names, shape (t,); drawn thin and dashed.
-
-    Returns:
-        The figure; all of them have one size.
-    """
+    """One picture of a film: the scene on the left, how far off the grasps are on the right."""
     fig: Figure = plt.figure(figsize=(7.4, 3.6), layout="none")
     scene = fig.add_axes((-0.03, -0.04, 0.56, 1.06), projection="3d")
     show_moment(scene, film, carried, at, width=width)
@@ -104,15 +92,7 @@ def film_picture(
 def show_moment(
     ax: Any, film: HandFilm, carried: Sequence[Carried], at: int, *, width: float = 0.075
 ) -> None:
-    """Draw the scene at one moment, with the way that each gripper has come so far.
-
-    Args:
-        ax: 3D axes.
-        film: Hand and glass.
-        carried: The grippers; the last stands in front.
-        at: Index of the moment.
-        width: Opening of the gripper, metres.
-    """
+    """Draw the scene at one moment, with the way that each gripper has come so far."""
     show_hand(ax, film.keypoints[at])
     show_glass(ax, film.glass, film.base_from_glass[at])
     for one in carried:
@@ -134,16 +114,7 @@ def show_errors(
     at: int | None = None,
     notes: Mapping[str, Array] | None = None,
 ) -> None:
-    """Draw how far off each gripper is over time; what is still to come stays pale.
-
-    Args:
-        ax: Plain axes.
-        film: Hand and glass.
-        carried: The grippers.
-        limit_mm: Upper end, millimetres.
-        at: Index of the moment that is reached; the last where left out.
-        notes: Further curves in millimetres by their names, shape (t,); drawn thin and dashed.
-    """
+    """Draw how far off each gripper is over time; what is still to come stays pale."""
     reached = len(film.times) - 1 if at is None else at
     for one in carried:
         off = film.off_mm(one.poses)

@@ -11,22 +11,14 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from hadr.camera import FloatArray
-from hadr.figures import COLORS
+from hadr.figures.panels import COLORS
 from hadr.metrics import DepthMetrics, frame_metrics, mean_over_frames, pooled
 
 
 def both_averages(
     pixels: Sequence[int], errors_m: Sequence[float]
 ) -> tuple[DepthMetrics, DepthMetrics]:
-    """Score frames of which every pixel has the same error, at 0.7 m.
-
-    Args:
-        pixels: Pixels of each frame's object.
-        errors_m: Error of each frame's pixels, metres.
-
-    Returns:
-        The mean over frames, and the pooled metrics.
-    """
+    """Mean over frames and pooled metrics of frames of one error each (metres), all at 0.7 m."""
     frames = []
     for count, error in zip(pixels, errors_m, strict=True):
         truth = np.full((1, count), 0.7)
@@ -42,18 +34,7 @@ def averages_picture(
     *,
     good: tuple[int, int, float] = (9, 400, 0.01),
 ) -> Figure:
-    """Draw good frames and one bad frame, and what both averages of their MAE say.
-
-    Args:
-        sizes: Pixels that the bad frame's object may have, ascending.
-        errors_m: Errors that it may have, metres, ascending.
-        size: Which of the sizes it has.
-        error: Which of the errors it has.
-        good: How many good frames there are, their pixels, and their error in metres.
-
-    Returns:
-        The figure; of one size for all choices.
-    """
+    """Draw good frames and a bad one of sizes[size] pixels and errors_m[error], both averages."""
     count, pixels, small = good
     rows = [
         both_averages([pixels] * count + [n], [small] * count + [errors_m[error]]) for n in sizes

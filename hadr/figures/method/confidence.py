@@ -10,7 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.image import AxesImage
 
 from hadr.camera import BoolArray, FloatArray
-from hadr.figures import COLORS
+from hadr.figures.panels import COLORS
+from hadr.figures.rows import Dots, draw_dot_rows
 
 CONFIDENCE_MAP = "cividis"
 _SENSOR = {"raw": "sensor depth"}  # what a camera measured; a result file calls it raw
@@ -24,15 +25,7 @@ def draw_reliability(
     *,
     tolerance_m: float = 0.02,
 ) -> None:
-    """Draw the share of right pixels over what the confidence says; a dot's size is its weight.
-
-    Args:
-        ax: Ordinary 2D axes.
-        said: Mean confidence in each bin, None or NaN where it is empty.
-        true: Share of right pixels in each bin, likewise.
-        count: Pixels in each bin.
-        tolerance_m: What "right" means, metres.
-    """
+    """Draw the share of right pixels over each bin's mean confidence; a dot's size is its count."""
     number = np.asarray(count, dtype=float)
     filled = number > 0
     x = np.array([np.nan if v is None else v for v in said])[filled]
@@ -60,14 +53,7 @@ def draw_sparsification(
     rmse_m: Sequence[float],
     oracle_rmse_m: Sequence[float],
 ) -> None:
-    """Draw the error of what is kept over the share that is dropped, beside chance and oracle.
-
-    Args:
-        ax: Ordinary 2D axes.
-        dropped: Share of the pixels that is dropped, the least sure first; begins with 0.
-        rmse_m: RMSE of the others, metres.
-        oracle_rmse_m: The same where the largest errors are dropped, metres.
-    """
+    """Draw the error of what is kept over the share that is dropped, beside chance and oracle."""
     share = 100 * np.asarray(dropped)
     found, best = 100 * np.asarray(rmse_m), 100 * np.asarray(oracle_rmse_m)
     ax.axhline(found[0], color=COLORS["raw"], lw=1.4, ls=":")
@@ -100,15 +86,7 @@ def show_confidence(
     *,
     limits: tuple[float, float] = (0.0, 1.0),
 ) -> AxesImage:
-    """Show the confidence of the restored pixels; the others stay white.
-
-    Args:
-        ax: Ordinary 2D axes.
-        confidence: Shape (H, W), 0..1.
-        restored: Shape (H, W) bool.
-        title: Title of the axes.
-        limits: Ends of the colour scale.
-    """
+    """Show the confidence of the restored pixels; the others stay white."""
     low, high = limits
     image = ax.imshow(
         np.ma.masked_where(~restored, confidence), cmap=CONFIDENCE_MAP, vmin=low, vmax=high
@@ -123,31 +101,19 @@ def show_confidence(
 
 
 def draw_real_errors(ax: Axes, rows: Sequence[Mapping[str, Any]], scenes: Sequence[str]) -> None:
-    """Draw each method's RMSE on real frames as dots, one a scene; bars span the stand-in hands.
-
-    Args:
-        ax: Ordinary 2D axes.
-        rows: Each with "method", "scene", "rmse_m" in metres, and where there were several hands
-            "rmse_low_m" and "rmse_high_m".
-        scenes: The scenes, in the order of their colours.
-    """
+    """Draw each method's RMSE on real frames as dots, one a scene; bars span the stand-in hands."""
     methods = list(dict.fromkeys(str(row["method"]) for row in rows))
-    tones, markers = (COLORS["truth"], COLORS["raw"]), "os"
-    for number, scene in enumerate(scenes):
-        own = [row for row in rows if row["scene"] == scene]
-        y = np.array([methods.index(str(row["method"])) for row in own]) + 0.16 * (2 * number - 1)
-        x = 100 * np.array([row["rmse_m"] for row in own])
-        color = tones[number % len(tones)]
-        ax.scatter(
-            x, y, color=color, marker=markers[number % 2], s=45, zorder=3,
-            label=f"scene {scene[-3:]}",
-        )  # fmt: skip
-        for place, row in zip(y, own, strict=True):
-            if row.get("rmse_low_m") is not None:
-                span = (100 * row["rmse_low_m"], 100 * row["rmse_high_m"])
-                ax.plot(span, (place, place), color=color, lw=2.2, alpha=0.6)
-    ax.set_yticks(range(len(methods)), [_SENSOR.get(name, name) for name in methods])
-    ax.invert_yaxis()
+    series = []
+    for number, (scene, tone) in enumerate(zip(scenes, ("truth", "raw"), strict=False)):
+        own = {str(row["method"]): row for row in rows if row["scene"] == scene}
+        values, low, high = (
+            [100 * (own.get(method, {}).get(part) or np.nan) for method in methods]
+            for part in ("rmse_m", "rmse_low_m", "rmse_high_m")
+        )
+        ends, aside = np.stack([low, high], axis=1), 0.32 * number - 0.16
+        label = f"scene {scene[-3:]}"
+        series.append(Dots(values, COLORS[tone], "os"[number], label, ends=ends, aside=aside))
+    draw_dot_rows(ax, [_SENSOR.get(name, name) for name in methods], series)
     ax.set(xlabel="RMSE inside the mask (cm)")
     ax.set_xlim(left=0)
     ax.grid(axis="x", alpha=0.3)

@@ -13,11 +13,9 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from hadr.camera import BoolArray, valid_depth, window_around
-from hadr.figures import COLORS, ERROR_MAP, show_depth
 from hadr.figures.depth.corruption_examples import (
     KINDS,
     PLACES,
@@ -25,6 +23,8 @@ from hadr.figures.depth.corruption_examples import (
     error_places,
     kind_shares,
 )
+from hadr.figures.panels import COLORS, ERROR_MAP, show_depth
+from hadr.figures.rows import draw_bar_rows
 from hadr.records.caches import read_only
 
 Depth = npt.NDArray[np.float32]
@@ -87,18 +87,7 @@ class Source:
 
 
 def error_kinds_picture(sources: Sequence[Source], place: str) -> Figure:
-    """Draw sources side by side: what was measured, the kind of each error, and their shares.
-
-    Args:
-        sources: The columns.
-        place: One of `hadr.figures.depth.corruption_examples.PLACES`; other pixels are left white.
-
-    Returns:
-        The figure; of one size for all places and as many sources.
-
-    Raises:
-        ValueError: There is no such place.
-    """
+    """Draw sources side by side: what was measured, the errors' kinds at a place, their shares."""
     if place not in PLACES:
         raise ValueError(f"place must be one of {', '.join(PLACES)}, got {place!r}")
     figure: Figure = plt.figure(figsize=(8, 5.5), layout="none")  # all alike, and drawn faster
@@ -174,30 +163,11 @@ def _draw_shares(ax: Axes, source: Source, place: str) -> None:
 
 
 def draw_kind_bars(ax: Axes, sources: Mapping[str, Source], place: str) -> None:
-    """Draw the shares of several sources as stacked bars, one below the other.
-
-    Args:
-        ax: Where.
-        sources: Label to source, from above.
-        place: One of `hadr.figures.depth.corruption_examples.PLACES`.
-    """
-    rows = 100 * np.array([source.shares(place) for source in sources.values()])
-    left = np.zeros(len(rows))
-    places = range(len(rows))
-    for kind, (name, color) in enumerate(zip(KINDS, KIND_COLORS, strict=True)):
-        values = rows[:, kind]
-        ax.barh(places, values, 0.72, left, color=color, edgecolor=_EDGE, lw=0.7, label=name)
-        for y, value, start in zip(places, values, left, strict=True):
-            if value >= 4:
-                ink = "white" if kind in (1, 5) else "black"
-                ax.text(start + value / 2, y, f"{value:.0f}", ha="center", va="center", color=ink)
-        left = left + values
-    ax.set_yticks(places, list(sources))
+    """Draw the shares of several sources as stacked bars, one below the other."""
+    shares = 100 * np.array([source.shares(place) for source in sources.values()])
+    parts = dict(zip(KINDS, shares.T, strict=True))
+    draw_bar_rows(ax, list(sources), parts, KIND_COLORS, text="{:.0f}", least=4, edges=_EDGE)
     ax.set(xlim=(0, 100), xlabel=f"share of the pixels {place} (%)")
-    ax.invert_yaxis()
     ax.tick_params(axis="y", length=0)
     ax.spines["left"].set_visible(False)
-    handles = [
-        Patch(fc=c, ec=_EDGE, lw=0.7, label=n) for n, c in zip(KINDS, KIND_COLORS, strict=True)
-    ]
-    ax.legend(handles=handles, loc="lower center", bbox_to_anchor=(0.42, 1.0), ncols=3)
+    ax.legend(loc="lower center", bbox_to_anchor=(0.42, 1.0), ncols=3)

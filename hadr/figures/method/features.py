@@ -15,21 +15,13 @@ from matplotlib.ticker import MaxNLocator
 from torch import Tensor
 
 from hadr.camera import BoolArray, FloatArray
-from hadr.figures import COLORS, show_color
+from hadr.figures.panels import COLORS, show_color
 
 _PARTS = (COLORS["hadr"], COLORS["voxel"], COLORS["hand"], "#5a5a5a", "#8a8a8a", "#b8b8b8")
 
 
 def false_color(feature_map: Tensor) -> npt.NDArray[np.float32]:
-    """Turn a feature map into an image of its three strongest principal components.
-
-    Args:
-        feature_map: Features, shape (C, H, W), C at least 3.
-
-    Returns:
-        Red, green and blue in 0..1, shape (H, W, 3): the components, strongest first, each scaled
-        from its 2nd to its 98th percentile. Their signs are arbitrary.
-    """
+    """The three strongest principal components of a map (C, H, W) as red, green, blue in 0..1."""
     flat = feature_map.flatten(1).T  # (pixels, C)
     flat = flat - flat.mean(dim=0)
     view = flat @ torch.linalg.svd(flat, full_matrices=False).Vh[:3].T  # (pixels, 3)
@@ -51,16 +43,7 @@ def show_cells(ax: Axes, picture: npt.NDArray[Any], stride: int) -> None:
 def show_box(
     ax: Axes, picture: npt.NDArray[Any], row: int, column: int, *, aligned: bool, box: int = 8
 ) -> None:
-    """Show the box of one ray, enlarged: its 2x2 bins and ROI align's samples, one per pixel.
-
-    Args:
-        ax: 2D axes.
-        picture: Image, shape (H, W, 3).
-        row: Row of the ray's pixel.
-        column: Column of the ray's pixel.
-        aligned: Whether the centre of pixel k lies at k + 0.5 of the box's coordinates or at k.
-        box: Side of the box in pixels, even.
-    """
+    """Show the box of one ray, enlarged: its 2x2 bins and ROI align's samples, one per pixel."""
     half = box // 2
     shift = 0.5 if aligned else 0.0  # from the box's coordinates to pixel centres at integers
     show_color(ax, picture)
@@ -77,19 +60,7 @@ def show_box(
 
 
 def box_picture(picture: npt.NDArray[Any], row: int, column: int) -> Figure:
-    """Draw one ray's box three times: in the picture, enlarged with samples, and its bins' means.
-
-    Args:
-        picture: Image, shape (H, W, 3), in 0..1.
-        row: Row of the ray's pixel.
-        column: Column of the ray's pixel.
-
-    Returns:
-        The figure; of one size for all pixels.
-
-    Raises:
-        ValueError: The box of 8x8 pixels leaves the picture.
-    """
+    """Draw one ray's box of 8x8 pixels: in the picture, enlarged with samples, its bins' means."""
     height, width = picture.shape[:2]
     if not (4 <= row <= height - 4 and 4 <= column <= width - 4):
         raise ValueError(
@@ -114,17 +85,7 @@ def winners_figure(
     winners_uv: npt.ArrayLike,
     share: npt.ArrayLike,
 ) -> Figure:
-    """Draw the points of a voxel in the image, and how near the winners come to each maximum.
-
-    Args:
-        picture: Image, shape (H, W, 3), in 0..1.
-        points_uv: Pixels (column, row) of the voxel's points, shape (N, 2).
-        winners_uv: Pixels of those that win a channel, shape (K, 2).
-        share: Response of each winner, divided by the channel's maximum, shape (K, C).
-
-    Returns:
-        The figure.
-    """
+    """Draw a voxel's points (N, 2) and winners (K, 2); their share (K, C) of channels' maxima."""
     points, winners = np.asarray(points_uv), np.asarray(winners_uv)
     shares, marks = np.asarray(share), {"mfc": COLORS["highlight"], "mec": "black"}
     fig: Figure
@@ -144,15 +105,7 @@ def winners_figure(
 
 
 def influence_figure(maps: Mapping[str, FloatArray], outline: BoolArray) -> Figure:
-    """Draw how strongly each pixel counts, relative to the strongest, on a logarithmic scale.
-
-    Args:
-        maps: For each title a map of non-negative influences, shape (H, W).
-        outline: Mask whose outline is drawn over each map, shape (H, W).
-
-    Returns:
-        The figure, one axes a map.
-    """
+    """Draw how strongly each pixel counts, relative to the strongest, on a logarithmic scale."""
     fig: Figure
     fig, axes = plt.subplots(1, len(maps), figsize=(9, 3.0), squeeze=False)
     for ax, (title, influence) in zip(axes[0], maps.items(), strict=True):
@@ -167,17 +120,7 @@ def influence_figure(maps: Mapping[str, FloatArray], outline: BoolArray) -> Figu
 def encoding_figure(
     code: npt.ArrayLike, names: Sequence[str], lowest: float, highest: float
 ) -> Figure:
-    """Draw the encoding of a coordinate as a heat map, one row a number of the encoding.
-
-    Args:
-        code: Encoding of N coordinates, evenly spaced, shape (N, C).
-        names: Names of the C numbers.
-        lowest: The first coordinate, metres.
-        highest: The last coordinate, metres.
-
-    Returns:
-        The figure.
-    """
+    """Draw the encoding (N, C) of evenly spaced coordinates, metres, as C named rows of heat."""
     rows = np.asarray(code).T
     extent = (lowest, highest, len(rows) - 0.5, -0.5)
     fig: Figure

@@ -12,8 +12,9 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
 
-from hadr.figures import COLORS
 from hadr.figures.method.hands import Array, frame_hand_axes, on_screen, show_axis, show_bones
+from hadr.figures.method.voxels import cube_edges
+from hadr.figures.panels import COLORS
 from hadr.hand import FINGERS, check_keypoints
 
 #: The two forms of the absolute feature, in the colours that they keep throughout a chapter.
@@ -21,8 +22,6 @@ FRAME_COLORS: dict[str, str] = {
     "wrist frame": COLORS["hadr"],
     "wrist subtracted only": COLORS["baseline"],
 }
-_CUBE = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
-_EDGES = [(i, j) for i in range(8) for j in range(i) if np.abs(_CUBE[i] - _CUBE[j]).sum() == 1]
 
 
 def draw_depth_hint(
@@ -31,14 +30,7 @@ def draw_depth_hint(
     hand_m: npt.ArrayLike,
     background_m: npt.ArrayLike,
 ) -> None:
-    """Hold the depth of each frame's glass against that of its hand and its background.
-
-    Args:
-        axes: Two: for the scatter of all three, and for the histogram of glass minus hand.
-        glass_m: Depth of the glass, metres, shape (N,); NaN where there is none.
-        hand_m: Depth of the hand, metres, shape (N,).
-        background_m: Depth of the background beside the glass, metres, shape (N,).
-    """
+    """Hold the depth (N,) of each frame's glass against those of hand and background, metres."""
     glass, hand, rest = (np.asarray(a, dtype=float) for a in (glass_m, hand_m, background_m))
     scatter, histogram = axes
     low, high = np.nanmin(glass) - 0.05, np.nanmax(hand) + 0.1
@@ -65,16 +57,7 @@ def draw_numbered_joints(
     first: int = 0,
     highlight: int | None = None,
 ) -> None:
-    """Draw joints as numbered discs, seen along the frame's -z.
-
-    Args:
-        ax: Ordinary 2D axes; they get rulers in centimetres.
-        points: Metres, shape (J, 3).
-        bones: Pairs of indices into the points.
-        title: Title of the drawing.
-        first: Number that the point of index 0 carries.
-        highlight: Index of the joint to fill with yellow.
-    """
+    """Draw joints (J, 3), metres, as discs numbered from ``first``, seen along the frame's -z."""
     flat = 100.0 * np.asarray(points, dtype=float)[:, :2]
     for parent, child in bones:
         ax.plot(*flat[[parent, child]].T, color=COLORS["raw"], zorder=1)
@@ -93,16 +76,7 @@ def draw_wrist_frame(
     screen_from_frame: Array,
     title: str | None = None,
 ) -> None:
-    """Draw some axes of the wrist frame over the hand; with z among them, the palm's triangle.
-
-    Args:
-        ax: Ordinary 2D axes.
-        keypoints: Metres, in the view's frame, shape (21, 3).
-        rotation: Columns x, y, z of the wrist frame in the view's frame, shape (3, 3).
-        names: Which axes, for example ``"yz"``.
-        screen_from_frame: The view, shape (3, 3).
-        title: Title of the drawing.
-    """
+    """Draw some axes of the wrist frame over the hand; with z among them, the palm's triangle."""
     points = check_keypoints(keypoints)
     from_wrist = points - points[0]
     show_bones(ax, from_wrist, screen_from_frame, alpha=0.55)
@@ -118,14 +92,7 @@ def draw_wrist_frame(
 def draw_feature_hands(
     axes: Sequence[Axes], hands: npt.ArrayLike, screen_from_frame: Array, label: str
 ) -> None:
-    """Draw features as the hands that they are, one a panel, all in one window.
-
-    Args:
-        axes: As many as hands.
-        hands: Metres, in the view's frame, shape (N, 21, 3).
-        screen_from_frame: The view, shape (3, 3).
-        label: What stands upright on the left of the row.
-    """
+    """Draw features as the hands (N, 21, 3) that they are, one a panel, all in one window."""
     points = np.asarray(hands, dtype=float)
     flat = on_screen(points, screen_from_frame).reshape(-1, 2)
     middle = (flat.min(axis=0) + flat.max(axis=0)) / 2
@@ -141,15 +108,7 @@ def draw_feature_hands(
 def draw_both_frames(
     ax: Axes, x: npt.ArrayLike, values: Mapping[str, npt.ArrayLike], xlabel: str, ylabel: str
 ) -> None:
-    """Draw one line for each form of the absolute feature.
-
-    Args:
-        ax: Ordinary 2D axes.
-        x: Shape (N,).
-        values: Key of :data:`FRAME_COLORS` to its values, shape (N,).
-        xlabel: What lies to the right, with its unit.
-        ylabel: What lies upward, with its unit.
-    """
+    """Draw one line for each form of the absolute feature."""
     for name, line in values.items():
         ax.plot(x, line, color=FRAME_COLORS[name], label=name, marker="o", ms=3.5)
     ax.set(xlabel=xlabel, ylabel=ylabel)
@@ -166,22 +125,11 @@ def draw_voxel_arrows(
     *,
     color: str,
 ) -> None:
-    """Draw a voxel, the hand, and the 21 arrows from the voxel's centre to the keypoints.
-
-    Args:
-        ax: Ordinary 2D axes.
-        keypoints: Metres, in the view's frame, shape (21, 3).
-        center: The voxel's centre, metres, same frame, shape (3,).
-        size_m: Edge of the voxel, metres.
-        screen_from_frame: The view, shape (3, 3).
-        title: Title of the drawing.
-        color: Colour of the voxel and of the arrows.
-    """
+    """Draw a voxel, the hand, and the 21 arrows from the voxel's centre to the keypoints."""
     points = check_keypoints(keypoints)
     middle = np.asarray(center, dtype=float)
-    corners = on_screen(middle + size_m * _CUBE, screen_from_frame)
-    for edge in _EDGES:
-        ax.plot(*corners[list(edge)].T, color=color, lw=1.3)
+    for edge in on_screen(cube_edges(middle, size_m), screen_from_frame):
+        ax.plot(*edge.T, color=color, lw=1.3)
     show_bones(ax, points, screen_from_frame, lw=2.5, alpha=0.45, joints=False)
     start = on_screen(middle, screen_from_frame)
     arrow = {"arrowstyle": "-|>", "color": color, "lw": 0.9, "shrinkA": 0, "shrinkB": 0}
@@ -192,13 +140,7 @@ def draw_voxel_arrows(
 
 
 def draw_wrist_depths(ax: Axes, errors_m: npt.ArrayLike, seen: npt.ArrayLike) -> None:
-    """Draw the histogram of the depth read for the wrist minus the keypoint's depth.
-
-    Args:
-        ax: Ordinary 2D axes.
-        errors_m: Metres, shape (N,).
-        seen: Whether the wrist's pixel shows hand, bool, shape (N,).
-    """
+    """Draw the histogram of the depth read for the wrist minus the keypoint's depth."""
     errors_cm, visible = 100 * np.asarray(errors_m, dtype=float), np.asarray(seen, dtype=bool)
     bins = np.linspace(errors_cm.min(), errors_cm.max(), 24).tolist()
     ax.hist(errors_cm[visible], bins, color=COLORS["hand"], label="wrist seen")

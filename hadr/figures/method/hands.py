@@ -1,4 +1,4 @@
-"""Pictures of hands: flesh and bones in a parallel projection, axes as arrows.
+"""Pictures of hands: bones in a parallel projection, axes as arrows.
 
 A view is a rotation ``screen_from_frame`` (3, 3) whose rows are the screen's right, up and toward
 the viewer, written in the frame in which the hand is given. The axes are in centimetres.
@@ -11,32 +11,19 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
-from matplotlib.collections import PolyCollection
-from matplotlib.colors import to_rgb
 from scipy.spatial.transform import Rotation
 
-from hadr.figures import FINGER_COLORS
-from hadr.hand import BONES, FINGERS, check_keypoints
-from hadr.synthesis.glass.surfaces import Surface
+from hadr.figures.panels import BONE_COLORS
+from hadr.hand import BONES, check_keypoints
 
 Array = npt.NDArray[np.float64]
 
 #: Colours of the axes x, y and z.
 AXIS_COLORS: dict[str, str] = {"x": "#D55E00", "y": "#009E73", "z": "#0072B2"}
-_LIGHT = np.array([0.35, 0.55, 0.76])
 
 
 def orbit_view(azimuth_deg: float, elevation_deg: float) -> Array:
-    """Look at a frame from around it.
-
-    Args:
-        azimuth_deg: Turn of the viewer about the frame's y, degrees; 0 looks along -z with x to
-            the right, so at a hand in its wrist frame into the palm.
-        elevation_deg: How far the viewer is raised toward y, degrees.
-
-    Returns:
-        ``screen_from_frame``, shape (3, 3), a rotation.
-    """
+    """Look at a frame from around it."""
     turn = Rotation.from_euler("xy", [elevation_deg, -azimuth_deg], degrees=True)
     return np.asarray(turn.as_matrix(), dtype=float)
 
@@ -45,40 +32,6 @@ def on_screen(points: npt.ArrayLike, screen_from_frame: Array) -> Array:
     """Project points in metres, shape (..., 3), to the screen's centimetres, shape (..., 2)."""
     projected: Array = 100.0 * np.asarray(points, dtype=float) @ screen_from_frame[:2].T
     return projected
-
-
-def show_flesh(
-    ax: Axes, surface: Surface, screen_from_frame: Array, *, color: str = "#d8a98a"
-) -> PolyCollection:
-    """Draw a closed surface with soft shading.
-
-    Args:
-        ax: Ordinary 2D axes.
-        surface: Metres, in the view's frame.
-        screen_from_frame: The view.
-        color: Colour where the light falls at a right angle.
-
-    Returns:
-        The collection that was added.
-    """
-    vertices = surface.vertices @ screen_from_frame.T
-    normals = surface.normals @ screen_from_frame.T
-    facing = normals[surface.faces].mean(axis=1)
-    front = facing[:, 2] > 0
-    corners = vertices[surface.faces[front]]  # (F, 3, 3)
-    order = np.argsort(corners[:, :, 2].mean(axis=1))
-    light = np.clip(facing[front] @ _LIGHT, 0.0, 1.0)
-    shades = np.clip((0.52 + 0.52 * light[:, None]) * np.array(to_rgb(color)), 0.0, 1.0)
-    flesh = PolyCollection(
-        list(100.0 * corners[order, :, :2]),
-        facecolors=shades[order],
-        edgecolors=shades[order],
-        linewidths=0.4,
-        rasterized=True,
-        zorder=1,
-    )
-    ax.add_collection(flesh)
-    return flesh
 
 
 def show_bones(
@@ -102,8 +55,9 @@ def show_bones(
     """
     points = check_keypoints(keypoints)
     flat, height = on_screen(points, screen_from_frame), points @ screen_from_frame[2]
-    colors = [FINGER_COLORS[finger] for finger in FINGERS for _ in range(4)]
-    bones = sorted(zip(BONES, colors, strict=True), key=lambda bone: height[list(bone[0])].mean())
+    bones = sorted(
+        zip(BONES, BONE_COLORS, strict=True), key=lambda bone: height[list(bone[0])].mean()
+    )
     for level, ((parent, child), color) in enumerate(bones):
         line: dict[str, Any] = {"solid_capstyle": "round", "zorder": 3 + 0.01 * level}
         ax.plot(*flat[[parent, child]].T, color="white", lw=lw + 1.6, alpha=alpha, **line)
@@ -130,16 +84,7 @@ def show_axis(
     *,
     length_m: float = 0.06,
 ) -> None:
-    """Draw one axis as a named arrow in its colour.
-
-    Args:
-        ax: Ordinary 2D axes.
-        name: ``x``, ``y`` or ``z``.
-        origin: Metres, in the view's frame, shape (3,).
-        direction: Unit vector in the view's frame, shape (3,).
-        screen_from_frame: The view.
-        length_m: Length of the arrow, metres.
-    """
+    """Draw the axis x, y or z as a named arrow from an origin along a unit vector, both (3,)."""
     start, step = np.asarray(origin, dtype=float), np.asarray(direction, dtype=float)
     ends = on_screen(
         [start, start + length_m * step, start + 1.22 * length_m * step], screen_from_frame

@@ -13,7 +13,8 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 
 from hadr.camera import BoolArray, FloatArray
-from hadr.figures import COLORS, show_color, show_error
+from hadr.figures.panels import COLORS, show_color, show_error
+from hadr.figures.rows import Dots, draw_bar_rows, draw_dot_rows, name_rows
 from hadr.metrics import DepthMetrics
 
 _THRESHOLD_COLORS = {1.05: COLORS["hadr"], 1.10: COLORS["robot"], 1.25: COLORS["baseline"]}
@@ -27,14 +28,7 @@ def draw_scored_errors(
     *,
     limit: float = 0.03,
 ) -> None:
-    """Draw error maps side by side with RMSE and MAE below each, and one colour bar.
-
-    Args:
-        axes: As many as error maps.
-        errors: Title to signed error, metres, shape (H, W); NaN where nothing is scored.
-        scores: The same titles to the map's metrics.
-        limit: End of the colour scale, metres.
-    """
+    """Draw error maps (H, W) side by side with RMSE and MAE below each, and one colour bar."""
     for ax, (name, error) in zip(axes, errors.items(), strict=True):
         image = show_error(ax, error, limit=limit, colorbar=False)
         ax.set_title(name, fontsize=9.5)
@@ -50,14 +44,7 @@ def draw_error_rows(
     *,
     limit: float = 0.1,
 ) -> None:
-    """Draw one row a frame: its colour image and the error map of each method.
-
-    Args:
-        axes: Shape (frames, 1 + methods).
-        colors: Colour images, (H, W, 3) uint8.
-        errors: For each frame, method to signed error, metres, shape (H, W).
-        limit: End of the colour scale, metres.
-    """
+    """Draw a row a frame, its colour image and each method's error map: (frames, 1 + methods)."""
     for row, color, maps in zip(axes, colors, errors, strict=True):
         show_color(row[0], color)
         for ax, error in zip(row[1:], maps.values(), strict=True):
@@ -75,18 +62,7 @@ def _error_bar(
 
 
 def wide_window(mask: BoolArray, margin: float = 1.7) -> tuple[slice, slice]:
-    """Give rows and columns of a window of three to two around a mask's bounding box.
-
-    Args:
-        mask: Shape (H, W), at least one pixel set.
-        margin: How much larger than the box the window is.
-
-    Returns:
-        (rows, columns); the window ends at the image's border.
-
-    Raises:
-        ValueError: The mask is empty.
-    """
+    """Rows and columns of a window of three to two, ``margin`` times a mask's bounding box."""
     if not mask.any():
         raise ValueError(f"the mask is empty: none of its {mask.size} pixels is set")
     (top, left), (bottom, right) = np.argwhere(mask).min(axis=0), np.argwhere(mask).max(axis=0)
@@ -106,16 +82,7 @@ def draw_tolerances(
     *,
     gripper_m: float = 0.01,
 ) -> None:
-    """Draw which error each threshold lets pass, over the distance of the glass.
-
-    Args:
-        ax: Ordinary 2D axes.
-        distance_m: Metres, shape (N,), ascending.
-        bands_m: Threshold (1.05, 1.10 or 1.25) to the largest error in front of the surface
-            (negative) and behind it, metres, each shape (N,).
-        marks: Distances to mark, metres, and their names.
-        gripper_m: Half width of the grey band, metres.
-    """
+    """Draw the errors, front and behind, that each threshold lets pass over the distance."""
     left, right = distance_m[0], distance_m[-1]
     for threshold, (front, behind) in sorted(bands_m.items(), reverse=True):
         color = _THRESHOLD_COLORS[threshold]
@@ -140,14 +107,7 @@ def draw_frame_dots(
     averages: Mapping[str, Mapping[str, DepthMetrics]],
     rng: np.random.Generator,
 ) -> None:
-    """Draw the MAE of each frame as a dot, one row a method, and the averages as bars.
-
-    Args:
-        ax: Ordinary 2D axes; they get a logarithmic scale in centimetres.
-        frames: Method to the metrics of its frames.
-        averages: Kind of the average to {method: metrics}; at most two kinds.
-        rng: Moves the dots up and down a little, so that they do not hide each other.
-    """
+    """Draw the MAE of each frame as a dot, one row a method, and the averages as bars."""
     for y, (name, listed) in enumerate(frames.items()):
         dots = 100 * np.array([m.mae_m for m in listed])
         height = y + rng.uniform(-0.12, 0.12, len(dots))
@@ -156,7 +116,7 @@ def draw_frame_dots(
             bar: dict[str, Any] = {"lw": 2.5, "color": COLORS[color]}
             x = rows[name].mae_m * 100
             ax.plot([x, x], [y - 0.3, y + 0.3], label=label if y == 0 else None, **bar)
-    _method_rows(ax, list(frames))
+    name_rows(ax, list(frames))
     _logarithmic_centimetres(ax, "MAE (cm), one dot per frame")
     ax.legend(loc="lower right")
 
@@ -164,14 +124,7 @@ def draw_frame_dots(
 def draw_object_dots(
     ax: Axes, errors_m: Mapping[str, Mapping[str, npt.ArrayLike]], colors: Mapping[str, str]
 ) -> None:
-    """Draw each frame's error as a dot, one column an object, with the mean as a bar.
-
-    Args:
-        ax: Ordinary 2D axes.
-        errors_m: Method to {object: errors of its frames, metres, shape (N,)}; every method has
-            the same objects.
-        colors: Method to the name of its colour in :data:`hadr.figures.COLORS`.
-    """
+    """Draw each frame's error as a dot, one column an object, with the mean as a bar."""
     shifts = np.linspace(-0.15, 0.15, len(errors_m)) if len(errors_m) > 1 else [0.0]
     for (name, columns), shift in zip(errors_m.items(), shifts, strict=True):
         color = COLORS[colors[name]]
@@ -190,22 +143,13 @@ def draw_object_dots(
 def draw_known_unknown(
     ax: Axes, known: Mapping[str, float], unknown: Mapping[str, float], xlabel: str
 ) -> None:
-    """Draw for each method a filled dot (known objects) joined to an empty one (unknown).
-
-    Args:
-        ax: Ordinary 2D axes.
-        known: Method to its number on known objects; ``HADR`` is drawn in its colour.
-        unknown: The same methods' numbers on unknown objects.
-        xlabel: What the number is, with its unit.
-    """
-    for y, name in enumerate(known):
-        color = COLORS["hadr" if name == "HADR" else "raw"]
-        named = y == len(known) - 1
-        ax.plot([known[name], unknown[name]], [y, y], color=color, lw=1.5)
-        dot: dict[str, Any] = {"s": 55, "edgecolor": color, "lw": 1.8, "zorder": 3}
-        ax.scatter(known[name], y, facecolor=color, label="known" if named else None, **dot)
-        ax.scatter(unknown[name], y, facecolor="white", label="unknown" if named else None, **dot)
-    _method_rows(ax, list(known))
+    """Draw for each method a filled dot (known objects) joined to an empty one (unknown)."""
+    colors = [COLORS["hadr" if name == "HADR" else "raw"] for name in known]
+    series = [
+        Dots([values[name] for name in known], colors, label=label, hollow=label == "unknown")
+        for label, values in {"known": known, "unknown": unknown}.items()
+    ]
+    draw_dot_rows(ax, list(known), series, joined=True)
     ax.set_xlabel(xlabel)
 
 
@@ -217,27 +161,15 @@ def draw_intervals(
     *,
     hollow: Container[str] = (),
 ) -> None:
-    """Draw named intervals as bars below each other.
-
-    Args:
-        ax: Ordinary 2D axes.
-        intervals: Name to its lower and upper end.
-        colors: Name to the name of its colour in :data:`hadr.figures.COLORS`.
-        xlabel: What lies to the right, with its unit.
-        hollow: Names whose bars are drawn empty.
-    """
-    for y, (name, (low, high)) in enumerate(intervals.items()):
-        color = COLORS[colors[name]]
-        face = "white" if name in hollow else color
-        ax.barh(y, high - low, left=low, height=0.5, facecolor=face, edgecolor=color, lw=1.8)
-    _method_rows(ax, list(intervals))
+    """Draw named intervals as bars below each other; colours are names of `panels.COLORS`."""
+    low, high = np.array(list(intervals.values())).T
+    edges = [COLORS[colors[name]] for name in intervals]
+    fills = [
+        "white" if name in hollow else edge for name, edge in zip(intervals, edges, strict=True)
+    ]
+    rows = list(intervals)
+    draw_bar_rows(ax, rows, {"": high - low}, [fills], edges=edges, left=low, height=0.5)
     ax.set_xlabel(xlabel)
-
-
-def _method_rows(ax: Axes, names: Sequence[str]) -> None:
-    """Name the rows, the first one at the top."""
-    ax.set_yticks(range(len(names)), names)
-    ax.set_ylim(len(names) - 0.5, -0.5)
 
 
 def _logarithmic_centimetres(ax: Axes, xlabel: str) -> None:

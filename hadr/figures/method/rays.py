@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from hadr.camera import BoolArray
-from hadr.figures import COLORS, show_color
+from hadr.figures.panels import COLORS, show_color
 from hadr.ray_voxels import OccupiedVoxels, RayVoxelPairs
 
 
@@ -87,14 +87,7 @@ def _square(corner: tuple[float, float], size: float, color: str, alpha: float) 
 
 
 def draw_missed(ax: Axes, center: npt.ArrayLike, size: float, text: str) -> None:
-    """Add an occupied voxel that the ray misses to a walk from above: a dotted square and a text.
-
-    Args:
-        ax: Axes with a walk, see :func:`draw_walk`.
-        center: Centre of the voxel in metres, camera frame, shape (3,).
-        size: Side of a voxel in metres.
-        text: Written below the square.
-    """
+    """Add a voxel that the ray misses, a dotted square and a text, to a walk from above."""
     x, _, z = np.asarray(center, dtype=float)
     corner, color = (z - size / 2, x - size / 2), COLORS["raw"]
     ax.add_patch(Rectangle(corner, size, size, fill=False, ec=color, ls=":"))
@@ -103,16 +96,7 @@ def draw_missed(ax: Axes, center: npt.ArrayLike, size: float, text: str) -> None
 
 
 def draw_slabs(ax: Axes, near: npt.ArrayLike, far: npt.ArrayLike) -> None:
-    """Draw the stay of a ray in the three slabs of a voxel as bars, and what they share.
-
-    The numbers stand to the right of the axes, where no bar is too narrow for them.
-
-    Args:
-        ax: 2D axes.
-        near: Distances at which the ray enters the x, y and z slab, metres along the ray, shape
-            (3,); -inf for a slab that it never leaves.
-        far: The same for leaving, shape (3,); inf without a limit.
-    """
+    """Draw the stay, near to far (3,) metres, in a voxel's slabs as bars, and what they share."""
     starts, ends = (np.asarray(a, dtype=float) for a in (near, far))
     starts, ends = np.append(starts, starts.max()), np.append(ends, ends.min())
     limited = np.isfinite(starts) & np.isfinite(ends)
@@ -136,19 +120,7 @@ def stages_figure(
     size: float,
     truth: float,
 ) -> Figure:
-    """Draw four moments of a walk: before the first candidate, in it, at the surface, past all.
-
-    Args:
-        direction: Unit direction of the ray, camera frame, shape (3,).
-        cells: Centres of the candidate voxels in metres, camera frame, shape (K, 3).
-        t_in: Entering distances, metres along the ray, ascending, shape (K,).
-        t_out: Leaving distances, metres along the ray, shape (K,).
-        size: Side of a voxel in metres.
-        truth: Distance of the true surface, metres along the ray.
-
-    Returns:
-        The figure, four axes.
-    """
+    """Draw four moments of a walk: before the first candidate, in it, at the surface, past all."""
     first, last = float(np.asarray(t_in)[0]), float(np.asarray(t_out)[-1])
     stops = {
         "nothing yet": first / 2,
@@ -165,14 +137,7 @@ def stages_figure(
 
 
 def show_pixels(ax: Axes, color: npt.NDArray[Any], mask: BoolArray, uv: npt.ArrayLike) -> None:
-    """Show the part of an image around a mask, with some pixels marked.
-
-    Args:
-        ax: 2D axes.
-        color: Image, shape (H, W, 3).
-        mask: What the part is around, shape (H, W).
-        uv: Pixels (column, row) to mark, shape (N, 2).
-    """
+    """Show the part of an image around a mask, with some pixels (column, row) marked."""
     show_color(ax, color)
     ax.plot(*np.asarray(uv).T, "o", ms=5, mfc="white", mec=COLORS["ray"])
     _zoom_to(ax, mask)
@@ -185,16 +150,7 @@ def show_labels(
     values: npt.ArrayLike,
     names: Sequence[str] | None = None,
 ) -> None:
-    """Paint the pixels of a mask by a whole number each, over the faded image around it.
-
-    Args:
-        ax: 2D axes.
-        color: Image, shape (H, W, 3), uint8.
-        mask: The painted pixels, shape (H, W).
-        values: One whole number a pixel, in raster order, shape (N,); NaN leaves a pixel free.
-        names: Names of the numbers 0, 1, ..., for a colour bar of kinds; without them the colour
-            bar shows the numbers in order.
-    """
+    """Paint the pixels of a mask by a whole number each, over the faded image around it."""
     painted = np.full(mask.shape, np.nan)
     painted[mask] = values
     first, last = int(np.nanmin(painted)), int(np.nanmax(painted))
@@ -221,17 +177,7 @@ def draw_strip(
     true_distance: npt.ArrayLike,
     rays: npt.ArrayLike,
 ) -> None:
-    """Draw some rays as rows: a bar for each candidate voxel, a star for the true surface.
-
-    Bars of the same voxel have the same shade, so that one sees a voxel end and the next begin.
-
-    Args:
-        ax: 2D axes.
-        pairs: The pairs of all rays.
-        occupied: Their voxels.
-        true_distance: Distance of each ray's true surface along the ray, metres, shape (R,).
-        rays: Indices of the rays to draw, top to bottom.
-    """
+    """Draw some rays as rows: a bar for each candidate voxel, a star for the true surface."""
     truth = np.asarray(true_distance, dtype=float)
     chosen = np.asarray(rays, dtype=int)
     shades = ("#CC79A7", "#E3B3CC", "#A9527F")

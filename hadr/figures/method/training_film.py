@@ -10,46 +10,22 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from hadr.camera import FloatArray, window_around
-from hadr.figures import COLORS, show_depth
+from hadr.figures.panels import COLORS, show_depth
 from hadr.training.batches import FrameTensors
 
 _NEAR_CM = 15.0  # half the range of depth around a glass
 
 
 def distances(depth: FloatArray, frames: FrameTensors) -> FloatArray:
-    """Give how far away each frame's glass is: the median of its depth.
-
-    Args:
-        depth: z-depth in metres, shape (N, H, W).
-        frames: The frames.
-
-    Returns:
-        Metres, shape (N,).
-    """
+    """Median depth (N,) of each frame's glass, metres, of depth (N, H, W)."""
     masks = frames.inputs.mask.numpy()
     return np.array([np.median(d[m]) for d, m in zip(depth, masks, strict=True)])
 
 
-def film_picture(
+def epoch_picture(
     stages: Mapping[str, FloatArray], frames: FrameTensors, shown: Sequence[int], stage: int
 ) -> Figure:
-    """Draw one stage of a training.
-
-    Above, the restored depth of some frames; below, the same glasses from above, the true surface
-    in black; at the right, the distance of all frames' glasses against the true one.
-
-    Args:
-        stages: Name of each stage to the depth that it restores, metres, shape (N, H, W).
-        frames: The frames.
-        shown: Three of their indices.
-        stage: Number of the stage.
-
-    Returns:
-        The figure; of one size for all stages.
-
-    Raises:
-        ValueError: There is no such stage.
-    """
+    """Draw one stage: restored depth of three frames, the glasses from above, all distances."""
     if not 0 <= stage < len(stages):
         raise ValueError(f"there are stages 0 to {len(stages) - 1}, got {stage}")
     name, depth = list(stages.items())[stage]

@@ -13,8 +13,8 @@ from matplotlib.patches import Rectangle
 from torch import Tensor
 
 from hadr.camera import FloatArray
-from hadr.figures import COLORS
 from hadr.figures.method.rays import draw_slabs, draw_walk
+from hadr.figures.panels import COLORS
 from hadr.ray_voxels import OccupiedVoxels, VoxelGrid, occupied_voxels, ray_voxel_pairs
 
 _ABOVE = np.eye(3)
@@ -54,19 +54,7 @@ class VoxelWalk:
 
 
 def voxel_walk(direction: Tensor, occupied: OccupiedVoxels, grid: VoxelGrid) -> VoxelWalk:
-    """Walk along a ray through the whole grid.
-
-    Args:
-        direction: Unit direction of the ray, camera frame, shape (3,).
-        occupied: The occupied voxels of one frame.
-        grid: The grid.
-
-    Returns:
-        The cells on the ray's way.
-
-    Raises:
-        ValueError: The direction is not one unit vector.
-    """
+    """All cells on the way of a ray, a unit vector (3,), through the grid, empty ones too."""
     ray = direction.detach().double()
     if ray.shape != (3,) or abs(float(ray.norm()) - 1) > 1e-4:
         raise ValueError(f"direction must be one unit vector of shape (3,), got {direction}")
@@ -90,21 +78,7 @@ def voxel_walk(direction: Tensor, occupied: OccupiedVoxels, grid: VoxelGrid) -> 
 def walk_picture(
     walk: VoxelWalk, probability: FloatArray, truth: float, place: int, *, surface: str = "surface"
 ) -> Figure:
-    """Draw one place of a walk: the ray from above, the cell's slabs, the candidates' shares.
-
-    Args:
-        walk: The walk.
-        probability: Of each candidate, shape (candidates,).
-        truth: Distance of the true surface, metres along the ray.
-        place: Row of the cell.
-        surface: What the true surface is called.
-
-    Returns:
-        The figure; of one size for all places.
-
-    Raises:
-        ValueError: There is no such place, or not one probability a candidate.
-    """
+    """Draw one place of a walk: the ray from above, the cell's slabs, the candidates' shares."""
     here = np.asarray(walk.candidate >= 0)
     if not 0 <= place < len(walk):
         raise ValueError(f"the walk has places 0 to {len(walk) - 1}, got {place}")

@@ -16,10 +16,14 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
-from hadr.figures import COLORS
+from hadr.figures.panels import COLORS
 
-_CUBE = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
-_EDGES = [(i, j) for i in range(8) for j in range(i) if np.abs(_CUBE[i] - _CUBE[j]).sum() == 1]
+
+def cube_edges(center: npt.ArrayLike, size: float) -> npt.NDArray[np.float64]:
+    """The twelve edges of an upright cube of so many metres, shape (12, 2, 3)."""
+    signs = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+    pairs = [(i, j) for i in range(8) for j in range(i) if np.abs(signs[i] - signs[j]).sum() == 1]
+    return np.asarray(np.asarray(center, dtype=float) + size * signs[np.array(pairs)])
 
 
 def upright(points: npt.ArrayLike) -> npt.NDArray[np.float64]:
@@ -29,14 +33,7 @@ def upright(points: npt.ArrayLike) -> npt.NDArray[np.float64]:
 
 
 def label_upright(ax: Any, low: npt.ArrayLike, high: npt.ArrayLike, *, zoom: float = 1.15) -> None:
-    """Frame and label 3D axes that show points turned by :func:`upright`, with equal scales.
-
-    Args:
-        ax: 3D axes.
-        low: Lower corner of what is to be seen, metres, camera frame, shape (3,).
-        high: Upper corner, metres, camera frame, shape (3,).
-        zoom: How much of the axes' space the box takes; 1 is matplotlib's own.
-    """
+    """Label 3D axes of points turned by :func:`upright`, from corner low to high, camera frame."""
     corners = upright(np.stack((np.asarray(low, dtype=float), np.asarray(high, dtype=float))))
     first, last = corners.min(axis=0), corners.max(axis=0)
     ax.set(xlim=(first[0], last[0]), ylim=(first[1], last[1]), zlim=(first[2], last[2]))
@@ -59,18 +56,9 @@ def draw_cubes(
     width: float = 0.8,
     alpha: float = 0.7,
 ) -> None:
-    """Draw the edges of cubes in 3D axes.
-
-    Args:
-        ax: 3D axes whose points are turned by :func:`upright`.
-        centers: Centres in metres, camera frame, shape (V, 3).
-        size: Side of a cube in metres.
-        color: Colour of the edges.
-        width: Width of the lines.
-        alpha: Opacity of the lines.
-    """
-    corners = np.asarray(centers, dtype=float).reshape(-1, 1, 3) + _CUBE * size
-    lines = [upright(cube[list(edge)]) for cube in corners for edge in _EDGES]
+    """Draw the edges of cubes around centres (V, 3), camera frame, in axes turned by `upright`."""
+    cubes = np.asarray(centers, dtype=float).reshape(-1, 3)
+    lines = [edge for center in cubes for edge in upright(cube_edges(center, size))]
     ax.add_collection3d(Line3DCollection(lines, colors=color, linewidths=width, alpha=alpha))
 
 
@@ -81,18 +69,7 @@ def voxel_figure(
     marked: npt.ArrayLike,
     size: float,
 ) -> Figure:
-    """Draw a point cloud in its occupied voxels, some of them marked in the hand's colour.
-
-    Args:
-        points: Points in metres, camera frame, shape (N, 3); every third is drawn.
-        colors: RGB of the points in 0..1, shape (N, 3).
-        centers: Centres of the voxels in metres, camera frame, shape (V, 3).
-        marked: Which voxels are drawn strongly, shape (V,), bool.
-        size: Side of a voxel in metres.
-
-    Returns:
-        The figure; its axes show the cloud, the voxels and the camera.
-    """
+    """Draw a point cloud in its occupied voxels, some of them marked in the hand's colour."""
     cloud, middle = np.asarray(points, dtype=float), np.asarray(centers, dtype=float)
     strong = np.asarray(marked, dtype=bool)
     fig: Figure = plt.figure(figsize=(8, 5.0))
@@ -113,19 +90,7 @@ def ray_figure(
     size: float,
     clouds: Mapping[str, npt.ArrayLike],
 ) -> Figure:
-    """Draw one ray through the cubes of its candidates, with named point clouds around it.
-
-    Args:
-        direction: Unit direction of the ray, camera frame, shape (3,).
-        centers: Centres of the candidate voxels in metres, camera frame, shape (K, 3).
-        t_in: Distances at which the ray enters them, metres along the ray, shape (K,).
-        size: Side of a voxel in metres.
-        clouds: For each key of `COLORS` ("hand", "glass") its points in metres, camera frame,
-            shape (N, 3); every second is drawn.
-
-    Returns:
-        The figure.
-    """
+    """Draw one ray through the cubes of its candidates, with named point clouds around it."""
     r, middle = np.asarray(direction, dtype=float), np.asarray(centers, dtype=float)
     enters = np.asarray(t_in, dtype=float)
     fig: Figure = plt.figure(figsize=(8, 4.4))

@@ -13,9 +13,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from hadr.camera import Intrinsics, project, transform_points
-from hadr.figures import COLORS, FINGER_COLORS
+from hadr.figures.panels import BONE_COLORS, COLORS
 from hadr.figures.solids.studio import StudioView, studio_picture, studio_view
-from hadr.figures.solids.turntable import HeldGlass
+from hadr.figures.solids.turntable import HandOnGlass
 from hadr.hand import (
     FINGERS,
     absolute_hand_feature,
@@ -36,6 +36,7 @@ FEATURES: dict[str, tuple[str, str, bool]] = {
     "relative": ("relative: arrows from the voxel's centre", COLORS["voxel"], True),
     "image": ("2D: pixels as a share of the picture", COLORS["raw"], False),
 }
+_KEYPOINT_COLORS = (COLORS["truth"], *BONE_COLORS)
 #: What a camera sees of a keypoint: hidden by flesh, behind glass, or in full view.
 HIDDEN, BEHIND_GLASS, IN_VIEW = 0, 1, 2
 #: Flesh this far in front of a keypoint, metres, is that of another part of the hand.
@@ -55,7 +56,7 @@ class Orbit:
         keypoints: Camera frame, metres, shape (N, 21, 3).
     """
 
-    scene: HeldGlass
+    scene: HandOnGlass
     turns_deg: Array
     views: tuple[StudioView, ...]
     camera: Intrinsics
@@ -76,21 +77,8 @@ class Orbit:
         return caster.labels(self.camera, pose)
 
 
-def orbit(scene: HeldGlass, turns_deg: npt.ArrayLike, *, pixels: int = 224) -> Orbit:
-    """Send a camera around a held glass.
-
-    Args:
-        scene: Hand and glass.
-        turns_deg: Degrees around the glass's axis from where the scene is first looked at,
-            shape (N,).
-        pixels: Side of the pictures.
-
-    Returns:
-        The orbit; all places are equally far from the middle of hand and glass.
-
-    Raises:
-        ValueError: The turns are not one row of at least one number.
-    """
+def orbit(scene: HandOnGlass, turns_deg: npt.ArrayLike, *, pixels: int = 224) -> Orbit:
+    """Send a camera around a held glass, by turns (N,) in degrees, all equally far from it."""
     turns = np.asarray(turns_deg, dtype=float)
     if turns.ndim != 1 or not len(turns):
         raise ValueError(f"turns_deg must have shape (N,), N at least 1, got {turns.shape}")
@@ -109,15 +97,7 @@ def orbit(scene: HeldGlass, turns_deg: npt.ArrayLike, *, pixels: int = 224) -> O
 
 
 def point_on_glass(track: Orbit, *, height: float = 0.75) -> Array:
-    """Choose the point of the glass that is nearest to the middle one of an orbit's cameras.
-
-    Args:
-        track: The orbit.
-        height: The point lies at least this high, as a share of the glass's height.
-
-    Returns:
-        Object frame, metres, shape (3,).
-    """
+    """The upper glass's point (3,), object frame, that is nearest to the orbit's middle camera."""
     vertices = track.scene.glass.vertices
     low, high = vertices[:, 2].min(), vertices[:, 2].max()
     upper = vertices[vertices[:, 2] >= low + height * (high - low)]
@@ -127,18 +107,7 @@ def point_on_glass(track: Orbit, *, height: float = 0.75) -> Array:
 
 
 def orbit_features(track: Orbit, point: npt.ArrayLike, grid: VoxelGrid) -> dict[str, Array]:
-    """Compute the hand features that belong to one point of the glass, for each place.
-
-    Args:
-        track: The orbit.
-        point: A point of the glass, object frame, metres, shape (3,).
-        grid: The grid, which stands before the camera and moves with it.
-
-    Returns:
-        Key of `FEATURES` to its values: ``absolute`` (N, 63), metres; ``lengths`` (N, 21),
-        metres, from the point itself; ``relative`` (N, 63), metres, from the centre of the voxel
-        that holds the point; ``image`` (N, 42), pixel positions as shares of width and height.
-    """
+    """Each of `FEATURES`, (N, 21 * D), of a point of the glass, object frame, at each place."""
     hands = torch.from_numpy(track.keypoints)
     at = np.stack([transform_points(p, np.asarray(point)) for p in track.camera_from_object])
     centers = grid.center_of(grid.cell_of(torch.from_numpy(at)), torch.float64)
@@ -153,16 +122,7 @@ def orbit_features(track: Orbit, point: npt.ArrayLike, grid: VoxelGrid) -> dict[
 
 
 def change_of(values: npt.ArrayLike, start: int) -> Array:
-    """Say how far a feature is from what it was first, in units of the hand's own size in it.
-
-    Args:
-        values: The feature at each place, shape (N, 21 * D): D numbers a keypoint.
-        start: The place to compare with.
-
-    Returns:
-        Root mean square change of the keypoints, divided by their root mean square distance from
-        their mean at the start; shape (N,). 0 is no change.
-    """
+    """Change (N,) of a feature (N, 21 * D) since a place, in units of the hand's own size in it."""
     rows = np.asarray(values, dtype=float)
     rows = rows.reshape(len(rows), 21, -1)
     size = np.linalg.norm(rows[start] - rows[start].mean(axis=0))
@@ -171,16 +131,7 @@ def change_of(values: npt.ArrayLike, start: int) -> Array:
 
 
 def keypoints_seen(track: Orbit) -> npt.NDArray[np.int64]:
-    """Say how each place sees each keypoint, which itself lies inside of the flesh.
-
-    Args:
-        track: The orbit.
-
-    Returns:
-        `IN_VIEW` where the flesh around the keypoint is the first thing on its ray,
-        `BEHIND_GLASS` where only glass is before it, `HIDDEN` where other flesh is, or where the
-        keypoint lies outside of the picture; shape (N, 21).
-    """
+    """HIDDEN, BEHIND_GLASS or IN_VIEW: how each place sees each keypoint, (N, 21)."""
     seen = np.full(track.keypoints.shape[:2], HIDDEN)
     for place, hand in enumerate(track.keypoints):
         labels = track.labels(place)
@@ -203,22 +154,7 @@ def orbit_picture(
     *,
     start: int = 0,
 ) -> Figure:
-    """Draw one place of an orbit: what is seen there, the features, and how far they have moved.
-
-    Args:
-        track: The orbit.
-        pictures: What is seen from each place.
-        features: As `orbit_features` gives them.
-        point: The point of the glass, object frame, metres, shape (3,).
-        place: Which place.
-        start: The place whose values are drawn as black marks.
-
-    Returns:
-        The figure; of one size for all places.
-
-    Raises:
-        ValueError: There is no such place.
-    """
+    """Draw one place of an orbit: what is seen there, the features, and how far they have moved."""
     if not 0 <= place < len(track.turns_deg):
         raise ValueError(f"the orbit has places 0 to {len(track.turns_deg) - 1}, got {place}")
     figure: Figure = plt.figure(figsize=(7.8, 4.9), layout="none")  # all alike, and drawn faster
@@ -246,7 +182,7 @@ def _draw_picture(
     at = project(
         transform_points(track.camera_from_object[place], np.asarray([point])), track.camera
     )[0]
-    for end, color in zip(uv, _keypoint_colors(), strict=True):
+    for end, color in zip(uv, _KEYPOINT_COLORS, strict=True):
         ax.plot(*np.stack([at, end]).T, color=COLORS["truth"], lw=0.5, alpha=0.45)
         ax.plot(*end, "o", ms=4.5, color=color, mec="white", mew=0.6)
     ax.plot(*at, "*", ms=15, color=COLORS["highlight"], mec="black", mew=0.9)
@@ -256,14 +192,10 @@ def _draw_picture(
     ax.set_title(f"camera at {track.turns_deg[place]:.0f}°")
 
 
-def _keypoint_colors() -> list[str]:
-    return [COLORS["truth"], *(FINGER_COLORS[finger] for finger in FINGERS for _ in range(4))]
-
-
 def _draw_bars(ax: Axes, rows: Array, place: int, start: int) -> None:
     """One bar a number in its finger's colour, and what the number was first as a mark."""
     count = rows.shape[1]
-    colors = np.repeat(_keypoint_colors(), count // 21).tolist()
+    colors = np.repeat(_KEYPOINT_COLORS, count // 21).tolist()
     numbers = np.arange(count)
     ax.vlines(numbers, 0, rows[place], colors=colors, lw=240 / count)  # quicker than bars
     ax.hlines(rows[start], numbers - 0.5, numbers + 0.5, color="black", lw=1.3)
@@ -301,15 +233,7 @@ def draw_orbit_losses(
     errors_m: npt.ArrayLike,
     feature_errors_m: npt.ArrayLike,
 ) -> None:
-    """Draw what no feature can keep: the keypoints in view, and the error of those predicted.
-
-    Args:
-        axes: Two.
-        turns_deg: The places, shape (N,).
-        seen: As `keypoints_seen` gives it, shape (N, 21).
-        errors_m: Mean error of the predicted keypoints at each place, metres, shape (N,).
-        feature_errors_m: Mean error of a keypoint in the absolute feature that is made of them.
-    """
+    """Draw what no feature can keep: the keypoints in view, and the error of those predicted."""
     counts, errors = axes
     turns = np.asarray(turns_deg, dtype=float)
     kinds = {

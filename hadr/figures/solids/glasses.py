@@ -12,7 +12,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 
-from hadr.figures import COLORS
+from hadr.figures.depth.frames import contact_sheet
+from hadr.figures.panels import COLORS
 from hadr.figures.solids.studio import PLAIN, studio_picture, studio_view
 from hadr.figures.solids.turntable import bare_glass, held_glass, solid_of
 from hadr.synthesis.glass.objects import bodies
@@ -28,14 +29,7 @@ _HALF_CM, _CELL_CM = 12.5, 30.0
 
 
 def glass_section(item: GlassObject) -> list[Array]:
-    """Cut an object through its axis, in the plane y = 0.
-
-    Args:
-        item: The object.
-
-    Returns:
-        Closed outlines (x, z) in metres, shape (N, 2) each; holes run the other way round.
-    """
+    """Closed outlines (x, z), (N, 2) metres each, of an object cut at y = 0; holes run backward."""
     outlines: list[Array] = []
     for body in bodies(item):
         # The section plane of the library is z = 0: lay the object on its back.
@@ -53,18 +47,7 @@ def draw_objects(
     pixels: int = 260,
     width: float = 9.0,
 ) -> Figure:
-    """Draw objects at one scale, each beside its section.
-
-    Args:
-        items: The objects.
-        notes: Words below an object, by its id; none where it has no entry.
-        columns: Objects a row.
-        pixels: Side of each picture.
-        width: Width of the figure, inches.
-
-    Returns:
-        The figure; sections show the walls as thick as they are.
-    """
+    """Draw objects at one scale, each beside its section."""
     rows = [items[k : k + columns] for k in range(0, len(items), columns)]
     tall = [100 * max(item.height for item in row) + 5.0 for row in rows]
     cell = width / columns
@@ -119,36 +102,18 @@ def _draw_object(ax: Axes, item: GlassObject, note: str, pixels: int) -> None:
 def draw_hold_sheet(
     holds: Sequence[Sequence[Hold]], titles: Sequence[str], *, pixels: int = 150, width: float = 9.0
 ) -> Figure:
-    """Draw a sheet of holds: a row an object, a column a kind.
-
-    Args:
-        holds: Rows of equal length.
-        titles: One a row.
-        pixels: Side of each picture.
-        width: Width of the figure, inches.
-
-    Returns:
-        The figure; each hold is seen from the thumb's side, its kind stands below.
-
-    Raises:
-        ValueError: There is no hold, or another number of titles than rows.
-    """
+    """Draw a sheet of holds, a titled row an object, a column a kind, from the thumb's side."""
     if not holds or not holds[0] or len(titles) != len(holds):
         raise ValueError(f"need rows of holds and a title each, got {len(holds)}, {len(titles)}")
     columns = max(len(row) for row in holds)
-    side = width / columns
-    fig: Figure
-    fig, axes = plt.subplots(
-        len(holds), columns, figsize=(width, len(holds) * (side + 0.16)), squeeze=False
-    )
-    fig.set_layout_engine("constrained", w_pad=0.01, h_pad=0.01, hspace=0.0, wspace=0.0)
-    for row, title, line in zip(holds, titles, axes, strict=True):
-        for k, ax in enumerate(line):
-            ax.set(xticks=[], yticks=[])
-            ax.spines[:].set_visible(False)
-            if k < len(row):
-                scene = held_glass(row[k], tolerance=0.0, step=_QUICK_STEP)
-                ax.imshow(studio_picture(scene, pixels=pixels), interpolation="bilinear")
-                ax.set_xlabel(row[k].kind, fontsize=8.5, labelpad=1)
-        line[0].set_ylabel(title, fontsize=9)
+    blank = np.full((pixels, pixels, 3), 255, np.uint8)
+    pictures, kinds = [], []
+    for row in holds:
+        scenes = [held_glass(hold, tolerance=0.0, step=_QUICK_STEP) for hold in row]
+        pictures += [studio_picture(scene, pixels=pixels) for scene in scenes]
+        pictures += [blank] * (columns - len(row))
+        kinds += [*(hold.kind for hold in row), *[""] * (columns - len(row))]
+    fig = contact_sheet(pictures, kinds, columns=columns, width=width)
+    for title, ax in zip(titles, fig.axes[::columns], strict=True):
+        ax.set_ylabel(title, fontsize=9)
     return fig

@@ -1,18 +1,20 @@
-"""Drawings of the hand's skeleton with its names, and of what each joint angle does."""
+"""Drawings of the hand's skeleton with its names, of its joint angles, and of a recording."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
-from hadr.figures import FINGER_COLORS
-from hadr.figures.solids.studio import studio_picture, studio_view
-from hadr.figures.solids.turntable import HeldGlass, bare_hand
+from hadr.figures.panels import FINGER_COLORS
+from hadr.figures.solids.studio import StudioView, studio_picture, studio_view
+from hadr.figures.solids.turntable import HandOnGlass, bare_hand, held_glass
 from hadr.hand import (
     ANGLE_LIMITS,
     ANGLE_NAMES,
@@ -20,20 +22,31 @@ from hadr.hand import (
     SKELETON_NAMES,
     SKELETON_PARENTS,
     HandShape,
+    Skeleton,
     forward_kinematics,
 )
+from hadr.synthesis.recordings.recording import Recording
 
 Array = npt.NDArray[np.float64]
 
 _PALM = SKELETON_NAMES.index("palm")
+# Parents of the joints without the virtual one.
+_TO_WRIST = [0 if parent == _PALM else parent for parent in SKELETON_PARENTS]
 _SHORT = {"cmc": "CMC", "mcp": "MCP", "pip": "PIP", "dip": "DIP", "ip": "IP", "tip": "tip"}
 #: One finger's angles stand for those of the other three.
 SHOWN_ANGLES: tuple[str, ...] = tuple(
     name for name in ANGLE_NAMES if name.startswith(("thumb", "index"))
 )
+_STYLES = {
+    "spread at the root": ":",
+    "stretch at the root": "-",
+    "middle joint": "--",
+    "last joint": "-.",
+}
+_MOMENT = "0.35"
 
 
-def open_hand(shape: HandShape | None = None) -> HeldGlass:
+def open_hand(shape: HandShape | None = None) -> HandOnGlass:
     """An open hand with its fingers a little apart, so that names find room between them."""
     shape = shape or HandShape()
     angles = np.zeros(20)
@@ -42,17 +55,8 @@ def open_hand(shape: HandShape | None = None) -> HeldGlass:
     return bare_hand(forward_kinematics(angles, shape), shape)
 
 
-def draw_named_skeleton(hand: HeldGlass, *, pixels: int = 640, width: float = 9.0) -> Figure:
-    """Draw the 22 joints with their names, and beside them the 21 keypoints.
-
-    Args:
-        hand: A hand without a glass.
-        pixels: Side of each picture.
-        width: Width of the figure, inches.
-
-    Returns:
-        The figure; joints are counted from 1 as in the paper, keypoints from 0 as detectors do.
-    """
+def draw_named_skeleton(hand: HandOnGlass, *, pixels: int = 640, width: float = 9.0) -> Figure:
+    """Draw the 22 joints, counted from 1 as in the paper, and the 21 keypoints, from 0."""
     view = studio_view(hand, radius=0.121, center=(0.014, 0.0, 0.088))
     picture = 255 - (255 - studio_picture(hand, view, pixels=pixels, paper=False)) // 2
     at = view.pixels_of(hand.joints, pixels)
@@ -64,7 +68,7 @@ def draw_named_skeleton(hand: HeldGlass, *, pixels: int = 640, width: float = 9.
         ax.set(title=title, xticks=[], yticks=[], xlim=(0.1 * pixels, pixels), ylim=(pixels, 0))
         ax.spines[:].set_visible(False)
     _bones(axes[0], at, SKELETON_PARENTS)
-    _bones(axes[1], at, [0 if parent == _PALM else parent for parent in SKELETON_PARENTS], _PALM)
+    _bones(axes[1], at, _TO_WRIST, _PALM)
     for i, name in enumerate(SKELETON_NAMES):
         _joint(axes[0], at[i], str(i + 1), name, virtual=i == _PALM)
         if i != _PALM:
@@ -76,6 +80,25 @@ def draw_named_skeleton(hand: HeldGlass, *, pixels: int = 640, width: float = 9.
         for ax in axes:
             ax.text(place[0], place[1], finger, color=FINGER_COLORS[finger], ha="center",
                     va="center", weight="bold", fontsize=9)  # fmt: skip
+    return fig
+
+
+def draw_poses(
+    skeletons: Mapping[str, Skeleton], *, pixels: int = 280, width: float = 9.0
+) -> Figure:
+    """Draw named right hands with their bones, into the palm above, from the thumb's side below."""
+    fig: Figure
+    fig, axes = plt.subplots(2, len(skeletons), figsize=(width, 0.52 * width), squeeze=False)
+    for (name, skeleton), column in zip(skeletons.items(), axes.T, strict=True):
+        hand = bare_hand(skeleton, HandShape())
+        for ax, azimuth in zip(column, (-65.0, 0.0), strict=True):
+            view = studio_view(hand, azimuth_deg=azimuth, radius=0.125, center=(0.0, -0.01, 0.075))
+            picture = studio_picture(hand, view, pixels=pixels, paper=False)
+            ax.imshow(255 - (255 - picture) // 4 * 3, interpolation="bilinear")
+            _bones(ax, view.pixels_of(hand.joints, pixels), _TO_WRIST, _PALM)
+            ax.set(xticks=[], yticks=[])
+            ax.spines[:].set_visible(False)
+        column[0].set_title(name)
     return fig
 
 
@@ -125,21 +148,13 @@ def _name(ax: Axes, at: Array, name: str, pixels: int) -> None:
 
 
 def draw_angle_sheet(*, pixels: int = 190, width: float = 9.0) -> Figure:
-    """Draw the real hand at both ends of each angle's range: the thumb's four, the index's four.
-
-    Args:
-        pixels: Side of each picture.
-        width: Width of the figure, inches.
-
-    Returns:
-        The figure: a column an angle; below, at rest and above.
-    """
+    """Draw the real hand at both ends of each angle's range: the thumb's four, the index's four."""
     fig: Figure
     fig, axes = plt.subplots(
         3, len(SHOWN_ANGLES), figsize=(width, 0.44 * width), layout="constrained"
     )
     fig.set_layout_engine("constrained", w_pad=0.01, h_pad=0.01, hspace=0.0, wspace=0.0)
-    hands: dict[bytes, HeldGlass] = {}
+    hands: dict[bytes, HandOnGlass] = {}
     for column, name in enumerate(SHOWN_ANGLES):
         number = ANGLE_NAMES.index(name)
         finger, joint, kind = name.split("_")
@@ -155,7 +170,7 @@ def draw_angle_sheet(*, pixels: int = 190, width: float = 9.0) -> Figure:
 
 
 def _bent_hand(
-    ax: Axes, hands: dict[bytes, HeldGlass], number: int, degrees: float, pixels: int
+    ax: Axes, hands: dict[bytes, HandOnGlass], number: int, degrees: float, pixels: int
 ) -> None:
     name = ANGLE_NAMES[number]
     finger, _, kind = name.split("_")
@@ -171,3 +186,38 @@ def _bent_hand(
     ax.plot(*chain.T, "o-", color=FINGER_COLORS[finger], lw=1.6, ms=2.8, mec="white", mew=0.4)
     ax.set(xticks=[], yticks=[], xlim=(0, pixels), ylim=(pixels, 0))
     ax.spines[:].set_visible(False)
+
+
+def draw_recording(recording: Recording, *, pixels: int = 300, width: float = 9.0) -> Figure:
+    """Draw a recording: the hand at its beginning, middle and end over the curves of its angles."""
+    rows = [0, len(recording.time) // 2, len(recording.time) - 1]
+    fig: Figure = plt.figure(figsize=(width, 0.69 * width), layout="constrained")
+    parts: Any = fig.subfigures(2, 1, height_ratios=(1.25, 1))
+    above, below = parts
+    view: StudioView | None = None
+    for ax, row in zip(above.subplots(1, 3), rows, strict=True):
+        scene = held_glass(recording.at(row))
+        view = view or studio_view(scene)
+        ax.imshow(studio_picture(scene, view, pixels=pixels), interpolation="bilinear")
+        ax.set(title=f"{recording.time[row]:.2f} s", xticks=[], yticks=[])
+        ax.spines[:].set_visible(False)
+    panels = below.subplots(1, 5, sharey=True)
+    for finger, ax in zip(FINGERS, panels, strict=True):
+        _draw_finger(ax, recording, finger)
+        for row in rows:
+            ax.axvline(recording.time[row], color=_MOMENT, lw=0.8, ls=(0, (4, 4)), zorder=0)
+    panels[0].set_ylabel("angle (degrees)")
+    handles = [
+        Line2D([], [], color="0.25", ls=style, label=name) for name, style in _STYLES.items()
+    ]
+    below.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=8.5)
+    return fig
+
+
+def _draw_finger(ax: Axes, recording: Recording, finger: str) -> None:
+    names = [name for name in ANGLE_NAMES if name.startswith(finger)]
+    for name, style in zip(names, _STYLES.values(), strict=True):
+        degrees = np.rad2deg(recording.angles[:, ANGLE_NAMES.index(name)])
+        ax.plot(recording.time, degrees, ls=style, color=FINGER_COLORS[finger], lw=1.6)
+    ax.set_title(finger, color=FINGER_COLORS[finger], fontsize=10)
+    ax.set_xlabel("time (s)")

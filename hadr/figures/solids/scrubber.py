@@ -1,20 +1,12 @@
-"""Sliders over pictures drawn beforehand: they work on a page without a kernel and a network.
-
-The page is one HTML file that holds its pictures. In a notebook it stands in a frame of its own;
-the built book keeps it as it is.
-"""
+"""Sliders over pictures drawn beforehand: they work on a page without a kernel and a network."""
 
 from __future__ import annotations
 
 import base64
-import html
 import io
 import itertools
-import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from importlib.resources import files
-from pathlib import Path
+from dataclasses import dataclass
 
 import cv2
 import matplotlib.pyplot as plt
@@ -22,6 +14,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.transforms import Bbox, BboxBase
 from mpl_toolkits.mplot3d import Axes3D
+
+from hadr.figures.solids.page import Page, filled_page
 
 _CONTROLS = 44  # CSS pixels below the picture
 
@@ -53,34 +47,6 @@ class Slider:
             )
 
 
-@dataclass(frozen=True)
-class Scrubber:
-    """A page of pictures and sliders; a notebook shows it in a frame.
-
-    Args:
-        page: The whole HTML document.
-        title: What the frame is called for readers who cannot see it.
-        width: Width of the pictures, pixels.
-        height: Their height, pixels.
-    """
-
-    page: str = field(repr=False)
-    title: str = ""
-    width: int = 1
-    height: int = 1
-
-    def _repr_html_(self) -> str:
-        source = html.escape(self.page, quote=True)
-        shape = f"aspect-ratio:{self.width}/{self.height + _CONTROLS};min-height:230px"
-        style = f"width:100%;max-width:{self.width}px;{shape};border:0;display:block"
-        title = html.escape(self.title, quote=True)
-        return f'<iframe title="{title}" style="{style}" srcdoc="{source}"></iframe>'
-
-    def save(self, path: str | Path) -> None:
-        """Write the page as a file that any browser opens."""
-        Path(path).write_text(self.page, encoding="utf-8")
-
-
 def scrubber(
     draw: Callable[..., Figure],
     sliders: Sequence[Slider],
@@ -90,7 +56,7 @@ def scrubber(
     frames_per_second: float = 0.0,
     quality: int = 70,
     box: BboxBase | None = None,
-) -> Scrubber:
+) -> Page:
     """Draw a picture for each place of the sliders and put all of them into one page.
 
     Args:
@@ -123,23 +89,18 @@ def scrubber(
             pictures.append(text)
         order.append(pictures.index(text))
     data = {
-        "sliders": [
-            {"name": slider.name, "labels": slider.labels, "start": slider.start}
-            for slider in sliders
-        ],
+        "alt": alt,
+        "sliders": [vars(slider) for slider in sliders],
         "pictures": pictures,
         "order": order,
-        "kind": "webp",
         "milliseconds": round(1000 / frames_per_second) if frames_per_second > 0 else 0,
     }
-    page = files("hadr.figures.solids").joinpath("scrubber.html").read_text(encoding="utf-8")
-    page = page.replace("__TITLE__", html.escape(title)).replace("__ALT__", html.escape(alt))
-    told = json.dumps(data, separators=(",", ":")).replace("</", "<\\/")
     ((width, height),) = sizes
-    return Scrubber(page.replace("__DATA__", told), title, width, height)
+    style = f"max-width:{width}px;aspect-ratio:{width}/{height + _CONTROLS};min-height:230px"
+    return filled_page("scrubber.html", title, data, style)
 
 
-def turning(figure: Figure, *, title: str, alt: str, turns: int = 12) -> Scrubber:
+def turning(figure: Figure, *, title: str, alt: str, turns: int = 12) -> Page:
     """Let a reader turn the 3D axes of a figure about their vertical, on a page without a kernel.
 
     Args:

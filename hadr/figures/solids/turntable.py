@@ -1,18 +1,13 @@
 """Hands on glass that a reader turns in the browser, without a kernel and without a network.
 
-The page is one HTML file that draws with plain WebGL: no library, no other host. In a notebook it
-stands in a frame of its own; the built book keeps it as it is.
+The page draws with plain WebGL: no library, no other host.
 """
 
 from __future__ import annotations
 
 import base64
-import html
-import json
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from importlib.resources import files
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Any
 
 import manifold3d
@@ -21,7 +16,8 @@ import numpy.typing as npt
 from matplotlib.colors import to_rgb
 from scipy.spatial import cKDTree
 
-from hadr.figures import FINGER_COLORS
+from hadr.figures.panels import FINGER_COLORS
+from hadr.figures.solids.page import Page, filled_page
 from hadr.hand import (
     SKELETON_NAMES,
     SKELETON_PARENTS,
@@ -47,7 +43,7 @@ _UPRIGHT = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
 
 
 @dataclass(frozen=True)
-class HeldGlass:
+class HandOnGlass:
     """One hold as the turntable shows it, in the object's frame: z is the glass's axis.
 
     Args:
@@ -72,39 +68,16 @@ class HeldGlass:
     elevation_deg: float = 14.0
     fade: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
 
-
-@dataclass(frozen=True)
-class Turntable:
-    """A page with one or more holds; a notebook shows it in a frame.
-
-    Args:
-        page: The whole HTML document.
-        height: Height of the frame, CSS pixels.
-    """
-
-    page: str = field(repr=False)
-    height: int = 480
-
-    def _repr_html_(self) -> str:
-        source = html.escape(self.page, quote=True)
-        style = f"width:100%;height:{self.height}px;border:0;display:block"
-        return f'<iframe title="Hands on glass" style="{style}" srcdoc="{source}"></iframe>'
-
-    def save(self, path: str | Path) -> None:
-        """Write the page as a file that any browser opens."""
-        Path(path).write_text(self.page, encoding="utf-8")
+    @property
+    def sphere(self) -> tuple[Array, float]:
+        """Middle and radius around glass and joints, metres; the forearm may reach out of it."""
+        points = np.concatenate([self.glass.vertices, self.joints])
+        center: Array = (points.min(axis=0) + points.max(axis=0)) / 2
+        return center, float(np.linalg.norm(points - center, axis=1).max())
 
 
 def simplified(surface: Surface, tolerance: float) -> Surface:
-    """Spend fewer triangles on a closed surface.
-
-    Args:
-        surface: Metres.
-        tolerance: How far a vertex may move, metres; 0 changes nothing.
-
-    Returns:
-        A surface with the nearest old vertices' normals; the same one where it isn't closed.
-    """
+    """A closed surface of fewer triangles, each vertex moved at most by a tolerance in metres."""
     if tolerance == 0:
         return surface
     solid = solid_of(surface)
@@ -143,22 +116,15 @@ def _without_elbow(surface: Surface, length: float, *, closed: bool) -> Surface:
 
 def bare_hand(
     skeleton: Skeleton, shape: HandShape, *, tone: npt.ArrayLike = SKIN_TONES[1]
-) -> HeldGlass:
-    """A hand without a glass, fingers up: z is the wrist's y, the viewer sees the palm.
-
-    Args:
-        skeleton: The pose, wrist frame, metres.
-        shape: The sizes that posed it.
-        tone: Linear RGB reflectance of the skin.
-
-    Returns:
-        A scene whose glass has no faces.
-    """
+) -> HandOnGlass:
+    """A hand without a glass, fingers up: z is the wrist's y, the viewer sees the palm."""
     hand, colors = _hand_shown(skeleton, shape, tone, 0.0003)
     note = f"{shape.side} hand"
     joints = skeleton.joints @ _UPRIGHT[:3, :3].T
     fade = _fade(shape, np.linalg.inv(_UPRIGHT))
-    return HeldGlass(note, note, _nothing(), hand.moved(_UPRIGHT), colors, joints, -90.0, 0.0, fade)
+    return HandOnGlass(
+        note, note, _nothing(), hand.moved(_UPRIGHT), colors, joints, -90.0, 0.0, fade
+    )
 
 
 def _fade(
@@ -172,12 +138,12 @@ def _fade(
     return x, y, z, float(offset)
 
 
-def bare_glass(item: GlassObject) -> HeldGlass:
+def bare_glass(item: GlassObject) -> HandOnGlass:
     """A glass that nobody holds, standing on the origin; its joints lie on its foot."""
     colors = np.zeros((0, 3), dtype=np.uint8)
     joints = np.zeros((len(SKELETON_NAMES), 3))
     glass = merged(bodies(item))
-    return HeldGlass(item.name, item.object_id, glass, _nothing(), colors, joints, -75.0, 12.0)
+    return HandOnGlass(item.name, item.object_id, glass, _nothing(), colors, joints, -75.0, 12.0)
 
 
 def _nothing() -> Surface:
@@ -212,7 +178,7 @@ def held_glass(
     tone: npt.ArrayLike = SKIN_TONES[1],
     tolerance: float = 0.0003,
     step: float = MIDDLE_STEP,
-) -> HeldGlass:
+) -> HandOnGlass:
     """Build what the turntable shows of a hold.
 
     Args:
@@ -236,7 +202,7 @@ def held_glass(
     if hold.kind == "handle":  # from the thumb's side the mug hides its handle
         looked_from = palm_side + 0.2 * thumb_side
     touching = ", ".join(part for part in hold.gaps if part in hold.touching)
-    return HeldGlass(
+    return HandOnGlass(
         name or f"{item.name}: {hold.kind}",
         f"{hold.shape.side} hand, on the glass: {touching}",
         _simple_glass(hold.object_id, tolerance / 3 or 0.0002),
@@ -254,7 +220,7 @@ def _srgb(linear: npt.ArrayLike) -> Array:
     return np.asarray(bent, dtype=float)
 
 
-def turntable(scenes: Sequence[HeldGlass], *, height: int = 480) -> Turntable:
+def turntable(scenes: Sequence[HandOnGlass], *, height: int = 480) -> Page:
     """Make the page that turns the holds.
 
     Args:
@@ -269,16 +235,17 @@ def turntable(scenes: Sequence[HeldGlass], *, height: int = 480) -> Turntable:
     """
     if not scenes:
         raise ValueError("a turntable needs at least one hold")
-    arrays: dict[str, str] = {}
+    names: dict[str, str] = {}  # of arrays
     told = [
         {
             "name": scene.name,
             "note": scene.note,
             "yaw": float(np.deg2rad(scene.azimuth_deg)),
             "pitch": float(np.deg2rad(scene.elevation_deg)),
-            **_middle(scene),
-            "hand": _mesh(scene.hand, arrays, scene.hand_colors),
-            "glass": _mesh(scene.glass, arrays),
+            "center": np.round(scene.sphere[0], 5).tolist(),
+            "radius": round(scene.sphere[1], 5),
+            "hand": _mesh(scene.hand, names, scene.hand_colors),
+            "glass": _mesh(scene.glass, names),
             "joints": np.round(scene.joints, 5).tolist(),
             "fade": np.round(scene.fade, 5).tolist(),
         }
@@ -286,16 +253,12 @@ def turntable(scenes: Sequence[HeldGlass], *, height: int = 480) -> Turntable:
     ]
     data = {
         "scenes": told,
-        "arrays": arrays,
+        "arrays": {name: text for text, name in names.items()},
         "parents": SKELETON_PARENTS,
         "jointNames": [name.replace("_", " ") for name in SKELETON_NAMES],
         "jointColors": [_joint_color(name) for name in SKELETON_NAMES],
     }
-    page = files("hadr.figures.solids").joinpath("turntable.html").read_text(encoding="utf-8")
-    text = json.dumps(data, separators=(",", ":")).replace("</", "<\\/")
-    return Turntable(
-        page.replace("__TITLE__", "A hand that holds glass").replace("__DATA__", text), height
-    )
+    return filled_page("turntable.html", "Hands on glass", data, f"height:{height}px")
 
 
 def _joint_color(name: str) -> list[int]:
@@ -304,18 +267,10 @@ def _joint_color(name: str) -> list[int]:
     return [round(255 * float(c)) for c in color]
 
 
-def _middle(scene: HeldGlass) -> dict[str, Any]:
-    """The sphere around glass and fingers; the forearm may leave the picture."""
-    points = np.concatenate([scene.glass.vertices, scene.joints])
-    center = (points.min(axis=0) + points.max(axis=0)) / 2
-    radius = float(np.linalg.norm(points - center, axis=1).max())
-    return {"center": np.round(center, 5).tolist(), "radius": round(radius, 5)}
-
-
 def _mesh(
-    surface: Surface, arrays: dict[str, str], colors: npt.NDArray[np.uint8] | None = None
+    surface: Surface, names: dict[str, str], colors: npt.NDArray[np.uint8] | None = None
 ) -> dict[str, Any]:
-    """Positions in 16 bits, normals and colours in 8; equal arrays are kept once."""
+    """Positions in 16 bits, normals and colours in 8; equal arrays get one of the names."""
     if len(surface.vertices) > _MOST_VERTICES:
         raise ValueError(
             f"a surface of {len(surface.vertices)} vertices is too fine for a page: at most "
@@ -326,11 +281,7 @@ def _mesh(
 
     def keep(values: npt.NDArray[Any]) -> str:
         text = base64.b64encode(np.ascontiguousarray(values).tobytes()).decode()
-        return next((name for name, old in arrays.items() if old == text), None) or _add(text)
-
-    def _add(text: str) -> str:
-        arrays[f"a{len(arrays)}"] = text
-        return f"a{len(arrays) - 1}"
+        return names.setdefault(text, f"a{len(names)}")
 
     told: dict[str, Any] = {
         "low": low.tolist(),
@@ -339,6 +290,4 @@ def _mesh(
         "normals": keep(np.round(127 * surface.normals).astype("i1")),
         "faces": keep(surface.faces.astype("<u2")),
     }
-    if colors is not None:
-        told["colors"] = keep(colors)
-    return told
+    return told if colors is None else told | {"colors": keep(colors)}

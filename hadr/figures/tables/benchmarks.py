@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 
-from hadr.figures import COLORS
-from hadr.records.markdown import markdown_table
+from hadr.figures.panels import COLORS
+from hadr.figures.rows import Dots, draw_bar_rows, draw_dot_rows
+from hadr.figures.tables.results import markdown
 
 Record = Mapping[str, Any]
 
@@ -17,14 +20,7 @@ _PAIRING = {"walk": ("walk through the grid", "hadr"), "dense": ("all rays x all
 
 
 def by_heart_table(rows: Sequence[Record]) -> str:
-    """List what each network reaches on four frames that it learns by heart.
-
-    Args:
-        rows: Rows of `results/training/overfit.json`.
-
-    Returns:
-        Markdown.
-    """
+    """List what each network reaches on four frames that it learns by heart."""
     lines = []
     for row in rows:
         value, goal = (_by_heart(row["counts"], row[key]) for key in ("reached", "goal"))
@@ -32,7 +28,7 @@ def by_heart_table(rows: Sequence[Record]) -> str:
         steps = str(row["steps"] + row.get("frozen_steps", 0))
         lines.append([row["network"], steps, value, goal, verdict, _within_reach(row)])
     head = ["network", "steps", "after them", "goal", "reached", "the most that it can express"]
-    return markdown_table(head, lines, "lrrrll")
+    return markdown(pd.DataFrame(lines, columns=head), "lrrrll")
 
 
 def _within_reach(row: Record) -> str:
@@ -56,44 +52,25 @@ def _by_heart(counts: str, value: float) -> str:
 
 
 def draw_ablation(ax: Axes, rows: Sequence[Record]) -> None:
-    """Draw how much each change is worth: the RMSE without it, minus that of the full network.
-
-    Args:
-        ax: Ordinary 2D axes.
-        rows: Rows of `results/mini/hadr-plus-ablation.json`, the full network first.
-    """
-    full, others = rows[0], list(rows[1:])[::-1]
-    for place, row in enumerate(others):
-        gap = 100 * row["against_full"]["mean_difference_m"]
-        doubt = 100 * row["against_full"]["standard_error_m"]
-        color = COLORS["robot"] if gap > 2 * doubt else COLORS["raw"]
-        ax.errorbar(gap, place, xerr=doubt, color=color, marker="o", ms=7, capsize=2)
-        side = 1 if gap >= 0 else -1
-        ax.annotate(f"{gap:+.2f}", (gap + side * doubt, place), xytext=(6 * side, 0), va="center",
-                    ha="left" if side > 0 else "right", textcoords="offset points",
-                    fontsize=9)  # fmt: skip
+    """Draw the RMSE without each part minus that of the full network, which is the first row."""
+    full, others = rows[0], rows[1:]
+    pairs = [row["against_full"] for row in others]
+    gaps = 100 * np.array([pair["mean_difference_m"] for pair in pairs])
+    doubt = 100 * np.array([pair["standard_error_m"] for pair in pairs])
+    colors = [COLORS["robot" if sure else "raw"] for sure in gaps > 2 * doubt]
+    ends = np.stack([gaps - doubt, gaps + doubt], axis=1)
+    names = [row["network"] for row in others]
+    draw_dot_rows(ax, names, [Dots(gaps, colors, ends=ends, text="{:+.2f}")])
     ax.axvline(0, color=COLORS["truth"], lw=1)
     ax.margins(x=0.15)
-    ax.set(
-        yticks=range(len(others)),
-        yticklabels=[row["network"] for row in others],
-        ylim=(-0.7, len(others) - 0.3),
-        xlabel=f"RMSE (cm) more than that of the full network, {100 * full['rmse_m']:.2f} cm",
-    )
+    ax.set_xlabel(f"RMSE (cm) more than that of the full network, {100 * full['rmse_m']:.2f} cm")
 
 
 def speed_table(restoration: Record, perception: Record) -> str:
-    """List the time of one 224x224 frame: HADR against a Swin-T, and the whole perception.
-
-    Args:
-        restoration: Content of `results/speed/restoration.json`.
-        perception: Content of `results/speed/perception.json`.
-
-    Returns:
-        Markdown; "-" where a form was not measured.
-    """
+    """List the time of one 224x224 frame: HADR against a Swin-T, and the whole perception."""
     times, ratios = restoration["times"], restoration["against_swin"]["wall_median_ms"]
-    cost, rates = restoration["accuracy"]["change_percent"], perception["frames_per_second"]
+    cost = restoration.get("accuracy", {}).get("change_percent", {})
+    rates = perception["frames_per_second"]
     forms = list(dict.fromkeys(t.split(", ", 1)[1] for t in times if ", " in t))
     head = [
         "form", "`mini` (ms)", "`paper` (ms)", "`paper` against Swin-T",
@@ -108,40 +85,21 @@ def speed_table(restoration: Record, perception: Record) -> str:
         ratio = ratios[f"paper, {form}"]
         frames = f"{rate['wall_median']:.1f}" if rate else "-"
         lines.append([form, *cells, f"{ratio:.2f}", change, frames])
-    return markdown_table(head, lines)
+    return markdown(pd.DataFrame(lines, columns=head))
 
 
 def draw_parts_of_time(ax: Axes, restoration: Record) -> None:
-    """Draw where the processor time of one frame goes, a bar for each preset.
-
-    Args:
-        ax: Ordinary 2D axes.
-        restoration: Content of `results/speed/restoration.json`.
-    """
-    bars = {
-        name: {part: ms for part, ms in parts.items() if part != "all"}
-        for name, parts in restoration["parts_cpu_ms"].items()
-    }
-    parts = list(dict.fromkeys(part for bar in bars.values() for part in bar))
-    for part, color in zip(parts, _PART_COLORS, strict=False):
-        for place, bar in enumerate(bars.values()):
-            left = sum(bar.get(earlier, 0) for earlier in parts[: parts.index(part)])
-            ax.barh(place, bar.get(part, 0), left=left, color=COLORS[color],
-                    label=part if place == 0 else None)  # fmt: skip
-    ax.set(
-        yticks=range(len(bars)),
-        yticklabels=[f"HADR, {name}" for name in bars],
-        xlabel="processor time of one frame (ms)",
-    )
+    """Draw where the processor time of one frame goes, a bar for each preset."""
+    presets = restoration["parts_cpu_ms"]
+    names = dict.fromkeys(name for parts in presets.values() for name in parts if name != "all")
+    parts = {name: [times.get(name, 0) for times in presets.values()] for name in names}
+    colors = [COLORS[color] for color in _PART_COLORS]
+    draw_bar_rows(ax, [f"HADR, {preset}" for preset in presets], parts, colors)
+    ax.set_xlabel("processor time of one frame (ms)")
 
 
 def draw_pairing(ax: Axes, pairing: Record) -> None:
-    """Draw the time of pairing rays with voxels over the frames of a batch.
-
-    Args:
-        ax: Ordinary 2D axes.
-        pairing: Content of `results/speed/pairing.json`.
-    """
+    """Draw the time of pairing rays with voxels over the frames of a batch."""
     batches = [row["frames"] for row in pairing["by_batch"]]
     for name, (label, color) in _PAIRING.items():
         rows = [row for row in pairing["by_batch"] if name in row]

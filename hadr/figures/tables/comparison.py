@@ -1,21 +1,25 @@
-"""Our tables beside the paper's: orders, distances, parts; all from files, as in `results`."""
+"""Our tables beside the paper's, and what else the comparison found; all from result files."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 
+from hadr.figures.rows import Dots, draw_dot_rows
 from hadr.figures.tables.results import (
     NAMES,
     Row,
     difference_cell,
+    markdown,
     ordered,
     system_color,
     system_marker,
+    with_doubt,
 )
-from hadr.records.markdown import markdown_table
 
 PUBLISHED_NAMES: dict[str, str] = {
     "tode": "TODE-Trans",
@@ -40,16 +44,7 @@ def compared(rows: Sequence[Row], published: Mapping[str, Any], split: str) -> l
 
 
 def orders_table(rows: Sequence[Row], published: Mapping[str, Any]) -> str:
-    """Set the paper's methods side by side: its error and ours, and the place that each gives.
-
-    Args:
-        rows: Rows of `known.json` and `unknown.json`.
-        published: Content of `results/paper_tables.json`.
-
-    Returns:
-        Markdown, a line a method and split; the last column is the mean over the frames of the
-        difference from the next better of ours, with its standard error over holds.
-    """
+    """Set the paper's methods side by side: its error and ours, and the place that each gives."""
     head = [
         "objects", "method", "paper: RMSE (cm)", "place", "δ1.05 (%)", "ours: RMSE (cm)", "place",
         "δ1.05 (%)", "minus the next better (cm)",
@@ -67,7 +62,7 @@ def orders_table(rows: Sequence[Row], published: Mapping[str, Any]) -> str:
             measured = [f"{100 * ours['rmse_m']:.2f}", str(place), f"{ours['delta_105']:.2f}"]
             gap = difference_cell(ours.get("against_next"))
             lines.append([split, NAMES[method], *printed, *measured, gap])
-    return markdown_table(head, lines, "llr")
+    return markdown(pd.DataFrame(lines, columns=head), "llr")
 
 
 def reasons_table(
@@ -75,20 +70,7 @@ def reasons_table(
     published: Mapping[str, Any],
     reasons: Mapping[str, tuple[str, str]],
 ) -> str:
-    """Set how far each of our rows lies from the paper's, why, and where that was tried.
-
-    Args:
-        tables: Table of the paper ("known", "unknown", "ablation") to our rows of it.
-        published: Content of `results/paper_tables.json`.
-        reasons: Method to its main reason and to where that was tested.
-
-    Returns:
-        Markdown, a line a method of ``reasons``: ours minus the paper's RMSE in centimetres for
-        known and for unknown objects; "-" where the paper has no such row.
-
-    Raises:
-        KeyError: A method has a row in none of the tables.
-    """
+    """Set how far each of our rows lies from the paper's, why, and where that was tried."""
     lines = []
     for method, (reason, where) in reasons.items():
         gaps = {}
@@ -102,55 +84,31 @@ def reasons_table(
         cells = [f"{gaps[s]:+.1f}" if s in gaps else "-" for s in ("known", "unknown")]
         lines.append([NAMES[method], *cells, reason, where])
     head = ["row", "ours minus paper: known (cm)", "unknown (cm)", "main reason", "where tested"]
-    return markdown_table(head, lines, "lrrll")
+    return markdown(pd.DataFrame(lines, columns=head), "lrrll")
 
 
 def ways_table(ways: Sequence[tuple[str, str, str, float]]) -> str:
-    """List one network's errors: where it was scored, on which frames, and what a hole counts.
-
-    Args:
-        ways: Where, the frames, what becomes of a pixel without an answer, and the RMSE in metres.
-
-    Returns:
-        Markdown, a line a way; the RMSE in centimetres.
-    """
+    """List one network's errors: where it was scored, on which frames, and what a hole counts."""
     head = ["scored in", "frames", "a pixel without an answer", "RMSE (cm)"]
     lines = [[*words, f"{100 * rmse:.2f}"] for *words, rmse in ways]
-    return markdown_table(head, lines, "lllr")
+    return markdown(pd.DataFrame(lines, columns=head), "lllr")
 
 
 def draw_against_paper(
     ax: Axes, rows: Sequence[Row], published: Mapping[str, Any], split: str
 ) -> None:
-    """Draw each method's RMSE as published (hollow) and ours (full, with its standard error).
-
-    Args:
-        ax: Ordinary 2D axes.
-        rows: Rows of `known.json` and `unknown.json`.
-        published: Content of `results/paper_tables.json`.
-        split: "known" or "unknown".
-    """
+    """Draw each method's RMSE as published (hollow) and ours (full, with its standard error)."""
     own = {row["method"]: row for row in rows if row["split"] == split}
     methods = compared(rows, published, split)
-    largest = max((100 * own[method]["rmse_m"] for method in methods), default=1)
-    for line, method in enumerate(methods):
-        color = system_color(method)
-        theirs = 100 * published[split][PUBLISHED_NAMES[method]][0]
-        ours = 100 * own[method]["rmse_m"]
-        doubt = 100 * (own[method].get("rmse_standard_error_m") or 0)
-        ax.plot([theirs, ours], [line, line], color=color, lw=1, alpha=0.5)
-        marker = system_marker(method)
-        ax.plot(theirs, line, marker, color=color, mfc="white", ms=8)
-        ax.errorbar(ours, line, xerr=doubt, color=color, marker=marker, ms=8, capsize=2)
-    ax.set(
-        xscale="log",
-        yticks=range(len(methods)),
-        yticklabels=[NAMES[method] for method in methods],
-        ylim=(len(methods) - 0.5, -0.5),
-        xlim=(0.7, max(10, 1.3 * largest)),
-        xlabel="RMSE (cm)",
-        title=f"{split} objects",
-    )
+    colors, markers = ([f(m) for m in methods] for f in (system_color, system_marker))
+    theirs = [100 * published[split][PUBLISHED_NAMES[method]][0] for method in methods]
+    ours = np.array([100 * own[method]["rmse_m"] for method in methods])
+    doubt = np.array([100 * (own[m].get("rmse_standard_error_m") or 0) for m in methods])
+    ends = np.stack([ours - doubt, ours + doubt], axis=1)
+    series = [Dots(theirs, colors, markers, hollow=True), Dots(ours, colors, markers, ends=ends)]
+    draw_dot_rows(ax, [NAMES[method] for method in methods], series, size=8, joined=True)
+    limits = (0.7, max(10, 1.3 * ours.max(initial=1)))
+    ax.set(xscale="log", xlim=limits, xlabel="RMSE (cm)", title=f"{split} objects")
     ax.set_xticks([1, 2, 5, 10], ["1", "2", "5", "10"])
     ax.minorticks_off()
 
@@ -160,16 +118,7 @@ READABLE_M = 0.2
 
 
 def draw_error_over_time(ax: Axes, rows: Sequence[Row], speed: Sequence[Row], split: str) -> None:
-    """Draw each method's error over the time that a frame takes, both at preset `mini`.
-
-    The axes of both splits can be shared. Labels are for a legend.
-
-    Args:
-        ax: Ordinary 2D axes.
-        rows: Rows of `known.json` and `unknown.json`.
-        speed: Rows of `results/speed/side_by_side.json`.
-        split: "known" or "unknown".
-    """
+    """Draw each method's error over the time that a frame takes, both at preset `mini`."""
     times = {row["method"]: row["wall_median_ms"] for row in speed if row["preset"] != "paper"}
     for row in ordered(rows, split):
         method = row["method"]
@@ -188,15 +137,7 @@ def draw_error_over_time(ax: Axes, rows: Sequence[Row], speed: Sequence[Row], sp
 
 
 def ablation_table(rows: Sequence[Row], published: Mapping[str, Any]) -> str:
-    """Set the ablation of HADR beside the paper's.
-
-    Args:
-        rows: Rows of `ablation.json`.
-        published: Content of `results/paper_tables.json`.
-
-    Returns:
-        Markdown, the rows in the paper's order.
-    """
+    """Set the ablation of HADR beside the paper's."""
     head = [
         "row", "paper: RMSE (cm)", "MAE (cm)", "δ1.05 (%)", "ours: RMSE (cm)",
         "minus the full model's (cm)", "MAE (cm)", "δ1.05 (%)",
@@ -215,4 +156,57 @@ def ablation_table(rows: Sequence[Row], published: Mapping[str, Any]) -> str:
                 f"{row['delta_105']:.2f}",
             ]
         )
-    return markdown_table(head, lines)
+    return markdown(pd.DataFrame(lines, columns=head))
+
+
+def memory_table(rows: Sequence[Row]) -> str:
+    """Set each method's error with whole holds held out beside that with frames dealt out."""
+    head = [
+        "method", "whole holds: RMSE (cm)", "minus the hand's median", "frame by frame: RMSE (cm)",
+        "minus the hand's median",
+    ]  # fmt: skip
+    lines = []
+    for one in ordered(rows, "known"):
+        (other,) = (
+            row for row in rows if (row["method"], row["split"]) == (one["method"], "by-frame")
+        )
+        cells = []
+        for row in (one, other):
+            itself = row["method"] == "hand-median"
+            cells.append(with_doubt(row["rmse_m"], row["rmse_standard_error_m"]))
+            cells.append(difference_cell(None if itself else row["against_hand_median"]))
+        lines.append([NAMES[one["method"]], *cells])
+    return markdown(pd.DataFrame(lines, columns=head))
+
+
+def averages_table(rows: Sequence[Row]) -> str:
+    """Set each network's error in both averages, and against the hand's median frame by frame."""
+    head = [
+        "objects", "method", "RMSE, mean over frames (cm)", "pooled (cm)",
+        "minus the hand's median (cm)", "better on frames (%)",
+    ]  # fmt: skip
+    lines = []
+    for row in [r for split in ("known", "unknown") for r in ordered(rows, split)]:
+        pair = row.get("against_hand_median")
+        if "parameters" not in row or pair is None:
+            continue
+        share = 100 * pair["better_on_frames"] / pair["frames"]
+        both = (f"{100 * part['rmse_m']:.2f}" for part in (row, row["pooled"]))
+        name = NAMES[row["method"]]
+        lines.append([row["split"], name, *both, difference_cell(pair), f"{share:.0f}"])
+    return markdown(pd.DataFrame(lines, columns=head), "llr")
+
+
+def poses_table(rows: Sequence[Row]) -> str:
+    """Set each method's error on familiar and on new hand poses."""
+    head = [
+        "objects", "method", "RMSE, most familiar third (cm)", "newest third (cm)",
+        "rank correlation",
+    ]  # fmt: skip
+    lines = []
+    for row in [r for split in ("known", "unknown") for r in ordered(rows, split)]:
+        near, _, far = row["by_pose"]
+        both = (f"{100 * part['rmse_m']:.2f}" for part in (near, far))
+        name = NAMES[row["method"]]
+        lines.append([row["split"], name, *both, f"{row['rank_correlation']:+.2f}"])
+    return markdown(pd.DataFrame(lines, columns=head), "llr")

@@ -1,28 +1,64 @@
-"""The handover experiment as tables: each arm's attempts, and the settings that all share."""
+"""The handover experiment as tables and pictures, from its result files.
+
+Rows are dicts with ``arm``, ``attempts``, ``successes``, ``rate`` (0 to 1), ``interval`` (low, high
+of 95 %) and ``failures`` (kind to count).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgba
 from scipy.stats import binomtest
 
-from hadr.figures.handover.film import ARMS
-from hadr.records.markdown import markdown_table
+from hadr.figures.panels import COLORS
+from hadr.figures.rows import draw_bar_rows
+from hadr.figures.tables.results import markdown
 
 Row = Mapping[str, Any]
 
+ARMS: dict[str, str] = {
+    "raw": "sensor depth",
+    "inpainted": "inpainted depth",
+    "hadr": "HADR",
+    "hadr-plus": "HADR-plus",
+    "hadr-plus-networks": "HADR-plus, all networks",
+    "hadr-no-rescoring": "HADR, no rescoring",
+    "hadr-no-tracking": "HADR, no tracking",
+    "perfect": "perfect depth",
+}
+"""How an arm of the experiment is called, in the order of the pictures."""
+_ARM_STYLE: dict[str, tuple[str, str]] = {
+    "raw": ("raw", "D"),
+    "inpainted": ("baseline", "s"),
+    "hadr": ("hadr", "o"),
+    "hadr-plus": ("robot", "*"),
+    "hadr-plus-networks": ("hand", "X"),
+    "hadr-no-rescoring": ("glass", "^"),
+    "hadr-no-tracking": ("voxel", "v"),
+    "perfect": ("truth", "P"),
+}
+_KIND_STYLE = (
+    ("hand", ""),
+    ("baseline", "//"),
+    ("voxel", "\\\\"),
+    ("raw", ".."),
+    ("glass", "xx"),
+    ("highlight", "--"),
+)
+
+
+def arm_color(arm: str) -> str:
+    """Colour of an arm in all pictures of the experiment."""
+    return COLORS[_ARM_STYLE.get(arm, ("background", "X"))[0]]
+
 
 def arms_table(rows: Sequence[Row], published: Mapping[str, Sequence[int]] | None = None) -> str:
-    """List each arm's attempts in the columns of the paper's table, and a success's mean time.
-
-    Args:
-        rows: Rows of `results/mini/handover.json`.
-        published: The paper's rows: successes of 48, objects above 0.5, 0.8 and at 1.0, by method.
-
-    Returns:
-        Markdown, in the rows' order, the paper's rows last.
-    """
+    """List each arm's attempts in the columns of the paper's table, and a success's mean time."""
     lines = []
     for row in rows:
         low, high = row["interval"]
@@ -49,27 +85,7 @@ def arms_table(rows: Sequence[Row], published: Mapping[str, Sequence[int]] | Non
             ]
         )
     head = ["depth", "successes", "rate", "95 % interval", "> 0.5", "> 0.8", "1.0", "time"]
-    return markdown_table(head, lines, "lr")
-
-
-def failures_table(rows: Sequence[Row]) -> str:
-    """List how each arm's attempts failed, by the judge's kinds.
-
-    Args:
-        rows: Rows of `results/mini/handover.json`.
-
-    Returns:
-        Markdown.
-    """
-    kinds = sorted({kind for row in rows for kind in row["failures"]})
-    lines = [
-        [
-            str(ARMS.get(row["arm"], row["arm"])),
-            *(str(row["failures"].get(kind, 0)) for kind in kinds),
-        ]
-        for row in rows
-    ]
-    return markdown_table(["depth", *kinds], lines, "lr")
+    return markdown(pd.DataFrame(lines, columns=head))
 
 
 def paired(first: Row, second: Row) -> tuple[int, int, float]:
@@ -101,3 +117,84 @@ def _seconds(value: float | None) -> str:
     if value is None:
         return "none"
     return f"{value:.1f} s" if value >= 1 else f"{1000 * value:.0f} ms"
+
+
+def _ordered(rows: Sequence[Row]) -> list[Row]:
+    place = {arm: number for number, arm in enumerate(ARMS)}
+    return sorted(rows, key=lambda row: place.get(row["arm"], len(place)))
+
+
+def _checked_rate(row: Row) -> tuple[float, float, float]:
+    """Rate and its interval in percent."""
+    rate, (low, high) = float(row["rate"]), row["interval"]
+    if not 0 <= low <= rate + 1e-9 <= high + 2e-9 <= 1 + 3e-9:
+        raise ValueError(
+            f"{row['arm']}: the rate must lie in its interval within 0 and 1, got {rate} in "
+            f"({low}, {high})"
+        )
+    return 100 * rate, 100 * float(low), 100 * float(high)
+
+
+def draw_success(ax: Axes, rows: Sequence[Row], *, published: float | None = None) -> None:
+    """Draw each arm's rate of success as a bar with its 95 % interval; the paper's as a line."""
+    chosen = _ordered(rows)
+    rate, low, high = np.array([_checked_rate(row) for row in chosen]).T
+    colors = [arm_color(row["arm"]) for row in chosen]
+    names = [ARMS.get(str(row["arm"]), str(row["arm"])) for row in chosen]
+    pale = [to_rgba(color, 0.45) for color in colors]
+    draw_bar_rows(ax, names, {"": rate}, [pale], edges=colors)
+    spread = np.maximum([rate - low, high - rate], 0)
+    ax.errorbar(
+        rate, range(len(chosen)), xerr=spread, color="#202020", capsize=4, lw=1.4, fmt="none"
+    )
+    for place, row in enumerate(chosen):
+        count = f"{row['successes']}/{row['attempts']}"
+        ax.text(102, place, f"{rate[place]:.0f} %  ({count})", va="center", fontsize=9)
+    if published is not None:
+        ax.axvline(100 * published, color=COLORS["truth"], lw=1.2, ls=":")
+        ax.text(100 * published, -0.65, "paper, real arm", ha="center", va="bottom", fontsize=9)
+    ax.set(xlim=(0, 100), xlabel="successful handovers (%), 95 % interval")
+
+
+def draw_outcomes(ax: Axes, rows: Sequence[Row]) -> None:
+    """Draw how each arm's attempts ended: successes, then failures by kind."""
+    chosen = _ordered(rows)
+    for row in chosen:
+        total = row["successes"] + sum(row["failures"].values())
+        if total != row["attempts"]:
+            raise ValueError(
+                f"{row['arm']}: {row['successes']} successes and {dict(row['failures'])} make "
+                f"{total}, not {row['attempts']} attempts"
+            )
+    kinds = dict.fromkeys(kind for row in chosen for kind, n in row["failures"].items() if n)
+    parts = {"success": [row["successes"] for row in chosen]}
+    parts |= {kind: [row["failures"].get(kind, 0) for row in chosen] for kind in kinds}
+    styles = [("robot", ""), *(_KIND_STYLE[k % len(_KIND_STYLE)] for k in range(len(kinds)))]
+    colors, hatches = [COLORS[color] for color, _ in styles], [hatch for _, hatch in styles]
+    names = [ARMS.get(str(row["arm"]), str(row["arm"])) for row in chosen]
+    draw_bar_rows(ax, names, parts, colors, text="{:.0f}", hatches=hatches, edges="white")
+    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4)
+    ax.set(xlim=(0, max((row["attempts"] for row in chosen), default=1)), xlabel="attempts")
+
+
+def draw_degradation(
+    ax: Axes, rows: Sequence[Row], key: str, xlabel: str, *, standard: float | None = None
+) -> None:
+    """Draw the rate of success over something that is made worse, with 95 % intervals."""
+    arms = list(dict.fromkeys(row["arm"] for row in _ordered(rows)))
+    values = sorted({float(row[key]) for row in rows})
+    gap = min(np.diff(values), default=1.0) * 0.05
+    for number, arm in enumerate(arms):
+        points = sorted((float(r[key]), *_checked_rate(r)) for r in rows if r["arm"] == arm)
+        x, rate, low, high = np.array(points).T
+        aside = gap * (number - (len(arms) - 1) / 2)  # so that intervals don't cover each other
+        marker = _ARM_STYLE.get(arm, ("background", "X"))[1]
+        ax.errorbar(
+            x + aside, rate, yerr=[np.maximum(rate - low, 0), np.maximum(high - rate, 0)],
+            color=arm_color(arm), marker=marker, ms=6, capsize=3, lw=1.6, label=ARMS.get(arm, arm),
+        )  # fmt: skip
+    if standard is not None:
+        ax.axvline(standard, color=COLORS["raw"], lw=0.8, ls=":")
+    ax.set(xlabel=xlabel, ylabel="successful handovers (%)", ylim=(0, 103), xticks=values)
+    if len(arms) > 1:
+        ax.legend(loc="best")

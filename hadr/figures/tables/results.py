@@ -6,10 +6,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 
-from hadr.figures import COLORS
-from hadr.records.markdown import markdown_table
+from hadr.camera import FloatArray
+from hadr.figures.panels import COLORS
+from hadr.figures.rows import Dots, draw_dot_rows
 
 Row = Mapping[str, Any]
 
@@ -60,6 +62,12 @@ _MARKER = {
 }
 
 
+def markdown(table: pd.DataFrame, align: str = "lr") -> str:
+    """A table of cells as Markdown; `align` has a letter a column, the last one for all others."""
+    sides = [{"l": "left", "r": "right"}[side] for side in align.ljust(table.shape[1], align[-1])]
+    return str(table.to_markdown(index=False, disable_numparse=True, colalign=sides))
+
+
 def system_marker(method: str) -> str:
     """Marker of a method in all pictures of results, so that colour alone tells nothing."""
     return _MARKER.get(method, "o")
@@ -78,14 +86,7 @@ def ordered(rows: Sequence[Row], split: str) -> list[Row]:
 
 
 def difference_cell(pair: Mapping[str, Any] | None) -> str:
-    """Set a mean difference with its standard error, as `hadr.experiments.averages.paired` has it.
-
-    Args:
-        pair: The comparison; None where nothing was compared.
-
-    Returns:
-        Centimetres with their sign; "-" without a comparison or a standard error.
-    """
+    """A mean difference with its standard error, centimetres; "-" where nothing was compared."""
     if pair is None or pair["standard_error_m"] is None:
         return "-"
     return with_doubt(pair["mean_difference_m"], pair["standard_error_m"], sign="+")
@@ -105,32 +106,22 @@ def with_doubt(value_m: float, doubt_m: float, *, sign: str = "") -> str:
     return f"{100 * value_m:{sign}.2f} ±\N{NO-BREAK SPACE}{100 * doubt_m:.2f}"
 
 
-def _places(rows: Sequence[Row]) -> dict[str, int]:
-    """Line of each method that occurs in any split, the first at the top."""
+def _listed(rows: Sequence[Row]) -> list[str]:
+    """Methods that occur in any split, in the order of `NAMES`."""
     there = {row["method"] for row in rows}
-    listed = [name for name in NAMES if name in there] + sorted(there - set(NAMES))
-    return {name: len(listed) - 1 - number for number, name in enumerate(listed)}
+    return [name for name in NAMES if name in there] + sorted(there - set(NAMES))
 
 
-def _name_lines(ax: Axes, places: Mapping[str, int]) -> None:
-    ax.set(
-        yticks=list(places.values()),
-        yticklabels=[NAMES.get(name, name) for name in places],
-        ylim=(-0.7, len(places) - 0.3),
-    )
+def _in_rows(rows: Sequence[Row], split: str, part: str) -> tuple[list[str], FloatArray]:
+    """Names of all methods, and a part of each one's row of a split in cm; NaN without one."""
+    own = {row["method"]: row for row in rows if row["split"] == split}
+    methods = _listed(rows)
+    values = [100 * (own[m].get(part) or 0) if m in own else np.nan for m in methods]
+    return [NAMES.get(m, m) for m in methods], np.array(values)
 
 
 def results_table(rows: Sequence[Row], published: Mapping[str, Mapping[str, Any]]) -> str:
-    """Set the rows of both splits side by side, the paper's HADR below.
-
-    Args:
-        rows: Rows of `known.json` and `unknown.json`.
-        published: Content of `results/paper_tables.json`.
-
-    Returns:
-        Markdown; "-" where a run is missing. Errors are in centimetres, δ1.05 in percent, weights
-        in millions, and time is minutes of training.
-    """
+    """Set the rows of both splits side by side, the paper's HADR below."""
     head = [
         "method",
         "known: RMSE",
@@ -158,7 +149,7 @@ def results_table(rows: Sequence[Row], published: Mapping[str, Mapping[str, Any]
         rmse, _, mae, delta = published[split]["HADR"][:4]
         cells += [f"{100 * rmse:.1f}", f"{100 * mae:.1f}", f"{delta:.2f}"]
     lines.append(["*HADR as published*", *cells, "-", "-"])
-    return markdown_table(head, lines)
+    return markdown(pd.DataFrame(lines, columns=head))
 
 
 def _scores(row: Row | None) -> list[str]:
@@ -167,43 +158,54 @@ def _scores(row: Row | None) -> list[str]:
     return [f"{100 * row['rmse_m']:.2f}", f"{100 * row['mae_m']:.2f}", f"{row['delta_105']:.2f}"]
 
 
-def draw_systems(ax: Axes, rows: Sequence[Row], split: str, published_rmse_m: float) -> None:
-    """Draw each method's RMSE as a dot with its standard error over holds.
+def margins_table(
+    rows: Sequence[Row], pairs: Sequence[tuple[str, str]], published: Mapping[str, Any]
+) -> str:
+    """Say by how much a method's RMSE differs from another's, in percent, for pairs of methods."""
+    own = {(row["split"], row["method"]): row["rmse_m"] for row in rows}
+    own |= {(split, "published"): published[split]["HADR"][0] for split in ("known", "unknown")}
+    names = NAMES | {"published": "HADR as published"}
+    lines = []
+    for one, other in pairs:
+        both = [(own.get((s, one)), own.get((s, other))) for s in ("known", "unknown")]
+        cells = [f"{100 * (a / b - 1):+.0f} %" if a and b else "-" for a, b in both]
+        lines.append([names[one], names[other], *cells])
+    head = ["RMSE of", "against", "known", "unknown"]
+    return markdown(pd.DataFrame(lines, columns=head), "llr")
 
-    Args:
-        ax: Ordinary 2D axes.
-        rows: Rows of `known.json` and `unknown.json`.
-        split: "known" or "unknown".
-        published_rmse_m: The paper's RMSE of HADR on its own data, metres.
-    """
-    places = _places(rows)
-    for row in ordered(rows, split):
-        place = places[row["method"]]
-        value, doubt = 100 * row["rmse_m"], 100 * (row.get("rmse_standard_error_m") or 0)
-        color = system_color(row["method"])
-        ax.errorbar(value, place, xerr=doubt, color=color, marker="o", ms=7, capsize=2)
-        ax.annotate(f"{value:.1f}", (value + doubt, place), xytext=(6, 0), va="center",
-                    textcoords="offset points", fontsize=9)  # fmt: skip
+
+def parts_table(rows: Sequence[Row]) -> str:
+    """List each method's error, and what is left of it, as `draw_parts` shows them."""
+    parts = {
+        "rmse_m": "RMSE (cm)",
+        "place_m": "place: median error (cm)",
+        "shape_m": "shape and tilt (cm)",
+        "tilt_m": "shape alone (cm)",
+    }
+    lines = [
+        [split, NAMES[row["method"]], *(f"{100 * row[part]:.2f}" for part in parts)]
+        for split in ("known", "unknown")
+        for row in ordered(rows, split)
+    ]
+    head = ["objects", "method", *parts.values()]
+    return markdown(pd.DataFrame(lines, columns=head), "llr")
+
+
+def draw_systems(ax: Axes, rows: Sequence[Row], split: str, published_rmse_m: float) -> None:
+    """Draw each method's RMSE with its standard error over holds as dots, the paper's as a line."""
+    names, values = _in_rows(rows, split, "rmse_m")
+    _, doubt = _in_rows(rows, split, "rmse_standard_error_m")
+    colors = [system_color(method) for method in _listed(rows)]
+    ends = np.stack([values - doubt, values + doubt], axis=1)
+    draw_dot_rows(ax, names, [Dots(values, colors, ends=ends, text="{:.1f}")])
     ax.axvline(100 * published_rmse_m, color=COLORS["truth"], lw=1, ls=":")
-    _name_lines(ax, places)
-    ax.set(
-        xscale="log",
-        xlim=(0.6, 300),
-        xlabel="RMSE (cm)",
-        title=f"{split} objects",
-    )
+    ax.set(xscale="log", xlim=(0.6, 300), xlabel="RMSE (cm)", title=f"{split} objects")
     ax.set_xticks([1, 3, 10, 30, 100], ["1", "3", "10", "30", "100"])
     ax.minorticks_off()
 
 
 def draw_learning(ax: Axes, rows: Sequence[Row], split: str) -> None:
-    """Draw the validation error of each training over its minutes.
-
-    Args:
-        ax: Ordinary 2D axes.
-        rows: Rows with ``curve``.
-        split: "known" or "unknown".
-    """
+    """Draw the validation error of each training over its minutes."""
     for row in ordered(rows, split):
         curve = row.get("curve")
         if not curve:
@@ -222,31 +224,17 @@ def draw_learning(ax: Axes, rows: Sequence[Row], split: str) -> None:
 
 
 def draw_parts(ax: Axes, rows: Sequence[Row], split: str) -> None:
-    """Draw what is left of each method's error when place, and place and tilt, are given away.
-
-    Args:
-        ax: Ordinary 2D axes.
-        rows: Rows of `results/mini/errors.json`.
-        split: "known" or "unknown".
-    """
-    places = _places(rows)
-    parts = (
+    """Draw what is left of each method's error when place, and place and tilt, are given away."""
+    colors = [system_color(method) for method in _listed(rows)]
+    series = []
+    for part, label, marker in (
         ("rmse_m", "whole error", "o"),
         ("shape_m", "without its median: shape and tilt", "s"),
         ("tilt_m", "without its best plane: shape alone", "D"),
-    )
-    for row in ordered(rows, split):
-        place = places[row["method"]]
-        values = [100 * row[part] for part, _, _ in parts]
-        color = system_color(row["method"])
-        ax.plot([min(values), max(values)], [place, place], color=color, lw=1.2)
-        for value, (_, _, marker) in zip(values, parts, strict=True):
-            face = color if marker == "o" else "white"
-            ax.plot(value, place, marker, color=color, ms=6, mfc=face)
-    for _, label, marker in parts:
-        face = COLORS["raw"] if marker == "o" else "white"
-        ax.plot([], [], marker, color=COLORS["raw"], mfc=face, label=label)
-    _name_lines(ax, places)
+    ):
+        names, values = _in_rows(rows, split, part)
+        series.append(Dots(values, colors, marker, label, hollow=marker != "o"))
+    draw_dot_rows(ax, names, series, size=6, joined=True)
     ax.set(xlim=(0, None), xlabel="RMSE (cm)", title=f"{split} objects")
 
 
@@ -258,61 +246,31 @@ def draw_by_object(
     part: str = "rmse_m",
     xlabel: str = "RMSE (cm)",
 ) -> None:
-    """Draw each method's error on each object as a dot.
-
-    Args:
-        ax: Ordinary 2D axes.
-        rows: Rows of `results/mini/errors.json`.
-        split: "known" or "unknown".
-        names: What the objects are called, by number.
-        part: Which part of the error, in metres.
-        xlabel: What that is, with its unit.
-    """
+    """Draw each method's error on each object as a dot."""
     chosen = ordered(rows, split)
     objects = sorted({number for row in chosen for number in row["by_object"]})
-    for row in chosen:
-        values = [100 * row["by_object"][number][part] for number in objects]
-        color = system_color(row["method"])
-        face = "white" if row["method"] == "hadr-long" else color
-        ax.plot(values, range(len(objects)), system_marker(row["method"]), color=color, mfc=face,
-                ms=7, alpha=0.9, label=NAMES.get(row["method"], row["method"]))  # fmt: skip
-    ax.set(
-        yticks=range(len(objects)),
-        yticklabels=[f"{number} {names.get(number, '')}".strip() for number in objects],
-        ylim=(len(objects) - 0.5, -0.5),
-        xlabel=xlabel,
-        title=f"{split} objects",
-    )
+    series = [
+        Dots([100 * row["by_object"][number][part] for number in objects],
+             system_color(row["method"]), system_marker(row["method"]),
+             NAMES.get(str(row["method"]), str(row["method"])), hollow=row["method"] == "hadr-long")
+        for row in chosen
+    ]  # fmt: skip
+    draw_dot_rows(ax, [f"{n} {names.get(n, '')}".strip() for n in objects], series)
+    ax.set(xlabel=xlabel, title=f"{split} objects")
     if part != "bias_m":
         ax.set_xlim(0, None)
     ax.grid(axis="y", lw=0.5, alpha=0.5)
 
 
 def draw_bias(ax: Axes, rows: Sequence[Row], split: str, names: Mapping[str, str]) -> None:
-    """Draw for each method how far off each object is placed in the mean, with its sign.
-
-    Args:
-        ax: Ordinary 2D axes.
-        rows: Rows of `results/mini/errors.json`.
-        split: "known" or "unknown".
-        names: What the objects are called, by number.
-    """
+    """Draw for each method how far off each object is placed in the mean, with its sign."""
     xlabel = "too near  ←  mean error (cm)  →  too far"
     draw_by_object(ax, rows, split, names, "bias_m", xlabel)
     ax.axvline(0, color=COLORS["truth"], lw=0.8)
 
 
 def draw_hole(ax: Axes, rows: Sequence[Row], split: str) -> None:
-    """Draw how far each network moves the glass as its hole grows and shrinks.
-
-    The dashed line is who takes the size of the hole for the measure of distance: of two equal
-    glasses the one whose picture is 1 + s times as wide stands at 1 / (1 + s) of the distance.
-
-    Args:
-        ax: Ordinary 2D axes.
-        rows: Rows of `results/mini/size_of_hole.json`.
-        split: "known" or "unknown".
-    """
+    """Draw how far each network moves the glass as its hole grows and shrinks."""
     for row in ordered(rows, split):
         points = sorted([(0.0, 0.0, 0.0)] + [
             (100 * p["grown"], 100 * p["moved_m"], 100 * (p["standard_error_m"] or 0))

@@ -2,7 +2,7 @@
 
 The stages of a ResNet halve the resolution: strides 4, 8, 16, 32. Here the last two do not; their
 3x3 kernels reach two and four times as far instead (dilation 2 and 4). A 1x1 convolution takes the
-last stage to the wanted channels, and a bilinear resize, left to `EnlargedMap`, to the image.
+last stage to the wanted channels, and a bilinear resize to the image.
 
 A cell of the map is centred on the picture's pixel (8 i, 8 j), the resize takes it to be centred
 on (8 i + 3.5, 8 j + 3.5): the published network has the same fixed shift, which it can learn.
@@ -13,13 +13,14 @@ Objects", and its published code for stride, dilations and initial weights.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 from torch import Tensor, nn
 
+from hadr.models.backbone import enlarge
 from hadr.models.blocks.resnet import UNetConfig, build_resnet
-from hadr.models.enlarged_map import EnlargedMap
+from hadr.models.config import NetworkConfig
 
 STRIDE = 8
 """Pixels from one cell of the map to the next."""
@@ -28,7 +29,7 @@ DILATIONS = {2: 2, 3: 4}
 
 
 @dataclass(frozen=True)
-class DilatedResNetConfig:
+class DilatedResNetConfig(NetworkConfig):
     """Size of the network; the defaults are ResNet-34's.
 
     Args:
@@ -51,16 +52,6 @@ class DilatedResNetConfig:
     def resnet(self) -> UNetConfig:
         """The same as `build_resnet` takes it, which checks it too."""
         return UNetConfig(self.depths, self.widths, pretrained=self.pretrained)
-
-    def to_dict(self) -> dict[str, Any]:
-        """The configuration as built-in types, for JSON."""
-        return asdict(self)
-
-    @classmethod
-    def from_dict(cls, values: dict[str, Any]) -> DilatedResNetConfig:
-        """Build the configuration from `to_dict` or from the same read from JSON."""
-        depths, widths = (tuple(values[name]) for name in ("depths", "widths"))
-        return cls(depths, widths, values["pretrained"])
 
 
 class DilatedResNet(nn.Module):
@@ -85,22 +76,11 @@ class DilatedResNet(nn.Module):
         nn.init.normal_(self.reduce.weight, std=0.01)
         nn.init.zeros_(self.reduce.bias)  # type: ignore[arg-type]
 
-    def coarse(self, color: Tensor) -> Tensor:
-        """Compute the features at an eighth of the resolution.
-
-        Args:
-            color: Normalised colour, shape (B, 3, H, W), any size.
-
-        Returns:
-            Shape (B, channels, ceil(H / 8), ceil(W / 8)).
-        """
+    def forward(self, color: Tensor) -> Tensor:
+        """Compute the map (B, channels, H, W) of normalised colour (B, 3, H, W), any size."""
         resnet: Any = self.resnet
         values = resnet.embedder(color)  # (B, widths[0], H / 4, W / 4)
         for stage in resnet.encoder.stages:
             values = stage(values)  # (B, widths[s], H / 4, W / 4), then H / 8, W / 8
-        features: Tensor = self.reduce(values)
-        return features
-
-    def features(self, color: Tensor) -> EnlargedMap:
-        """Compute the map (B, channels, H, W) in its coarse form; argument as in `coarse`."""
-        return EnlargedMap(self.coarse(color), color.shape[2], color.shape[3], STRIDE)
+        coarse = self.reduce(values)  # (B, channels, ceil(H / 8), ceil(W / 8))
+        return enlarge(coarse, STRIDE, color.shape[2:])

@@ -11,8 +11,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from hadr.models.backbone import enlarge
 from hadr.models.blocks.stochastic_depth import StochasticDepth
-from hadr.models.enlarged_map import enlarge
 
 
 class PyramidHead(nn.Module):

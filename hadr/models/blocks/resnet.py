@@ -9,19 +9,20 @@ both encoders: ResNet-18 for the keypoints, ResNet-34 for the masks.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from hadr.models.config import NetworkConfig
+
 _STAGES = 4
 
 
 @dataclass(frozen=True)
-class UNetConfig:
+class UNetConfig(NetworkConfig):
     """Size of a U-Net with a ResNet encoder; the defaults are ResNet-18's.
 
     Args:
@@ -45,16 +46,6 @@ class UNetConfig:
             numbers = getattr(self, name)
             if len(numbers) != _STAGES or min(numbers) < 1:
                 raise ValueError(f"{name} needs {_STAGES} positive numbers, got {numbers}")
-
-    def to_dict(self) -> dict[str, Any]:
-        """The configuration as built-in types, for JSON."""
-        return asdict(self)
-
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> UNetConfig:
-        """Read what `to_dict` gave, or the same from JSON."""
-        numbers = {name: tuple(values[name]) for name in ("depths", "widths", "decoder")}
-        return cls(pretrained=values.get("pretrained"), **numbers)
 
 
 def build_resnet(config: UNetConfig, channels: int) -> nn.Module:

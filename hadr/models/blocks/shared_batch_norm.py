@@ -83,11 +83,7 @@ class SharedBatchNorm(nn.modules.batchnorm._BatchNorm):
 
 
 def share_batch_norm(model: nn.Module) -> None:
-    """Put `SharedBatchNorm` in the place of each batch normalisation, with its weights.
-
-    Args:
-        model: The network, changed in place; the names in its state stay the same.
-    """
+    """Put `SharedBatchNorm` in each batch normalisation's place, with its weights and names."""
     for module in model.modules():
         if isinstance(module, nn.modules.batchnorm._BatchNorm):
             module.__class__ = SharedBatchNorm  # keeps weights, mode, precision and device

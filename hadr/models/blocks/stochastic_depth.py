@@ -46,13 +46,7 @@ class StochasticDepth(nn.Module):
 
 
 def set_share(model: nn.Module, first: int, total: int) -> None:
-    """Say which rows of a shared batch the network sees next.
-
-    Args:
-        model: The network.
-        first: Row of the shared batch at which this process's share begins.
-        total: Rows of the shared batch.
-    """
+    """Say which `first` row of a shared batch of `total` rows the network sees next."""
     for module in model.modules():
         if isinstance(module, StochasticDepth):
             module.share = (first, total)

@@ -1,13 +1,17 @@
-"""A crop around the held object in which a pixel has the same size in metres in every frame.
+"""What the hand says before any network: how far away the object is, and a crop of its own scale.
 
-The hand's depth says how far away the object is, roughly. A crop whose pixels span `pixel_m`
-metres at that depth shows an object at the same size wherever it is held, so that its outline can
-be read as a shape in metres. What such a crop shows differs from frame to frame by the object, not
-by the distance.
+A hand that holds a glass is at the glass's distance, up to a few centimetres. Networks that are
+given the hand's depth as the zero of their depths only learn those centimetres, and an object of
+which they know nothing else is no farther off than the hand.
+
+A crop whose pixels span `pixel_m` metres at that depth shows an object at the same size wherever it
+is held, so that its outline can be read as a shape in metres. What such a crop shows differs from
+frame to frame by the object, not by the distance.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -107,13 +111,7 @@ def hand_crop(inputs: HADRInput, size: int, pixel_m: float) -> HandCrop:
     Raises:
         ValueError: A frame has no hand: its keypoints' median depth is not positive.
     """
-    prior = inputs.keypoints[:, :, 2].median(dim=1).values  # (B,)
-    if not bool((prior > 0).all()):
-        number = int((~(prior > 0)).nonzero()[0])
-        raise ValueError(
-            f"frame {number} of the batch has no hand in front of the camera: the median depth of "
-            f"its keypoints is {float(prior[number]):.3g} m"
-        )
+    prior = hand_depth(inputs)
     center = torch.stack([_middle(inputs.mask.any(dim=1)), _middle(inputs.mask.any(dim=2))], dim=1)
     return HandCrop(center, pixel_m * inputs.intrinsics[:, :2] / prior[:, None], prior, size)
 
@@ -127,3 +125,75 @@ def _middle(occupied: Tensor) -> Tensor:
     middle = (first + last) / 2
     empty = torch.full_like(middle, (count - 1) / 2)
     return torch.where(occupied.any(dim=1), middle, empty)
+
+
+def hand_depth(inputs: HADRInput) -> Tensor:
+    """Give the hand's depth: the median z-depth of its 21 keypoints.
+
+    Args:
+        inputs: A batch of frames.
+
+    Returns:
+        Metres, shape (B,).
+
+    Raises:
+        ValueError: A frame has no hand in front of the camera.
+    """
+    median: Tensor = inputs.keypoints[:, :, 2].median(dim=1).values  # (B,)
+    absent = (~(median > 0)).nonzero().flatten()
+    if len(absent):
+        number = int(absent[0])
+        raise ValueError(
+            f"frame {number} of the batch has no hand in front of the camera: the median depth of "
+            f"its keypoints is {float(median[number]):.3g} m"
+        )
+    return median
+
+
+def relative_depth(depth: Tensor, hand: Tensor, reach: float) -> Tensor:
+    """Turn measured depth into two pictures: how far from the hand's, and whether it is near.
+
+    Args:
+        depth: z-depth in metres, shape (B, H, W); 0 = missing.
+        hand: The hand's depth in metres, shape (B,).
+        reach: Farthest distance from the hand's depth that is told apart, metres.
+
+    Returns:
+        Shape (B, 2, H, W): the difference in units of `reach`, cut off at -1 and 1 and 0 where
+        depth is missing; 1 where depth was measured within `reach`.
+    """
+    difference = (depth - hand[:, None, None]) / reach  # (B, H, W)
+    known = (depth > 0).to(depth.dtype)
+    near = known * (difference.abs() < 1)
+    return torch.stack((difference.clamp(-1, 1) * known, near), dim=1)
+
+
+def keypoint_maps(
+    uv: Tensor,
+    height: Tensor,
+    size: tuple[int, int],
+    radius: float,
+    groups: Sequence[Sequence[int]] = (tuple(range(21)),),
+) -> Tensor:
+    """Draw keypoints as blobs.
+
+    Args:
+        uv: Their pixels (column, row), shape (B, 21, 2).
+        height: A value of each, such as its relative depth, shape (B, 21).
+        size: (rows, columns) of the pictures.
+        radius: Standard deviation of a blob in pixels.
+        groups: Keypoints that share a picture.
+
+    Returns:
+        Shape (B, 2 G, rows, columns): for each of the G groups the sum of its blobs, then for
+        each of them the sum of the blobs times their values.
+    """
+    rows, columns = (torch.arange(n, device=uv.device, dtype=uv.dtype) for n in size)
+    across = torch.exp(-((uv[:, :, :1] - columns) ** 2) / (2 * radius**2))  # (B, 21, columns)
+    along = torch.exp(-((uv[:, :, 1:] - rows) ** 2) / (2 * radius**2))  # (B, 21, rows)
+    maps = []
+    for value in (torch.ones_like(height), height):
+        for group in map(list, groups):
+            row = along[:, group] * value[:, group, None]  # (B, K, rows)
+            maps.append(torch.einsum("bki,bkj->bij", row, across[:, group]))
+    return torch.stack(maps, dim=1)

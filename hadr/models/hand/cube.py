@@ -15,6 +15,8 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+from hadr.models.hadr_input import ray_points
+
 BESIDE = 1 / 64
 """Hand pixels at most this share of the picture's width and 16/9 of it of its height away from
 the object give the hand's centre: 4 pixels of 256 x 144."""
@@ -148,10 +150,9 @@ def hand_center(depth: Tensor, hand: Tensor, held: Tensor, intrinsics: Tensor) -
     centers = []
     for number in range(len(depth)):
         chosen = beside[number] if bool(beside[number].any()) else seen[number]
-        row, column = chosen.nonzero(as_tuple=True)  # (n,) both
-        z = depth[number, row, column]
-        fx, fy, cx, cy = intrinsics[number]
-        points = torch.stack(((column - cx) / fx * z, (row - cy) / fy * z, z), dim=1)
+        pixels = functional.pad(chosen.nonzero(), (1, 0))  # (n, 3), all of a frame 0
+        z = depth[number, pixels[:, 1], pixels[:, 2]]
+        points = ray_points(pixels, z, intrinsics[number : number + 1])  # (n, 3)
         centers.append(points.quantile(0.5, dim=0))
     return torch.stack(centers)
 

@@ -11,14 +11,13 @@ Source: paper, "Hand feature", and reference section 2; Huang et al. 2020, "AWR"
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
-from typing import Any
+from dataclasses import dataclass, field
 
 import torch
 from torch import Tensor, nn
 
 from hadr.models.blocks.resnet import ResNetUNet, UNetConfig
+from hadr.models.config import NetworkConfig
 from hadr.models.hadr_input import HADRInput
 from hadr.models.hand.cube import HandCube, hand_center
 from hadr.models.hand.weighted_regression import JointMaps, joints_of_maps
@@ -29,7 +28,7 @@ MAP_STRIDE = 2
 
 
 @dataclass(frozen=True)
-class HandKeypointConfig:
+class HandKeypointConfig(NetworkConfig):
     """The keypoint network; the defaults are ResNet-18's on crops of 128 pixels.
 
     Args:
@@ -54,20 +53,6 @@ class HandKeypointConfig:
         for name in ("cube_m", "reach"):
             if not getattr(self, name) > 0:
                 raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
-
-    def to_dict(self) -> dict[str, Any]:
-        """The configuration as built-in types, for JSON."""
-        return asdict(self)
-
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> HandKeypointConfig:
-        """Read what `to_dict` gave, or the same from JSON."""
-        return cls(
-            UNetConfig.from_dict(values["unet"]),
-            int(values["crop"]),
-            float(values["cube_m"]),
-            float(values["reach"]),
-        )
 
 
 class HandKeypointNet(nn.Module):

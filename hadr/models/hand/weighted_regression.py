@@ -83,11 +83,7 @@ def joints_of_maps(maps: JointMaps, points: Tensor, valid: Tensor, reach: float)
 
 
 def check_valid(valid: Tensor) -> None:
-    """Check that each crop has a valid pixel.
-
-    Raises:
-        ValueError: One has none; the message says which.
-    """
+    """Raise a ValueError that names the crop unless each has a valid pixel."""
     empty = ~valid.flatten(1).any(dim=1)
     if bool(empty.any()):
         number = int(empty.nonzero()[0])

@@ -94,14 +94,7 @@ class Chapter:
 
 
 def read_chapter(path: Path) -> Chapter:
-    """Take a notebook apart.
-
-    Args:
-        path: NN_name.ipynb.
-
-    Raises:
-        ValueError: The title, the goals or a part of an exercise is missing; the text says which.
-    """
+    """Take a notebook apart."""
     import nbformat
 
     notebook = nbformat.read(path, 4)

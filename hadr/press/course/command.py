@@ -2,28 +2,21 @@
 
 from __future__ import annotations
 
-import argparse
 import tempfile
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
-from hadr.press.book import repository_address
+from hadr.press.chapters import ChapterError, chapter_paths, run_notebooks
 from hadr.press.course.chapter import Chapter, read_chapters
 from hadr.press.course.folder import check_target, written_whole
 from hadr.press.course.graded import course_notebook, otter_test
 from hadr.press.course.plain_text import plain_markdown, short_citations
 from hadr.press.course.slides import build_slides, missing_packages
 from hadr.press.course.teaching import NBGRADER_CONFIG, instructor_text, marks_of
-from hadr.press.reproduce import ChapterError, chapter_paths, checkout_root, run_notebooks
-
-DESCRIPTION = """\
-Write what a teacher needs into one folder: student/ (notebooks with solutions removed and check
-cells kept), solutions/ (with the solutions filled in), tests/ (for otter-grader), slides/ (one
-reveal.js deck per chapter, which needs no network) and instructor.md (plans for 2, 6 and 12 hours,
-goals, marks, common mistakes). The notebooks carry nbgrader's metadata.
-
-For the slides' figures the solutions are executed, which takes about as long as `hadr book`, and
-which also proves that each solution passes its check. The same chapters give the same files."""
+from hadr.press.notebook_twins import repository
+from hadr.records.checkout import checkout_root
 
 EPILOG = """\
 examples
@@ -36,39 +29,36 @@ exit status
   0 done   2 a chapter failed, or the folder cannot be used"""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Describe ``hadr course`` to a command line parser."""
-    parser.description, parser.epilog = DESCRIPTION, EPILOG
-    parser.add_argument(
-        "--out",
-        type=Path,
-        required=True,
-        metavar="DIR",
-        help="a new folder, or one that this command wrote and nobody changed",
-    )
-    parser.add_argument(
-        "--only", nargs="+", default=[], metavar="NN", help="only these chapters (`--only 3 4`)"
-    )
-    parser.add_argument(
-        "--preset",
-        choices=("tiny", "mini", "paper"),
-        default="tiny",
-        help="the notebooks' parameter of this name (default: tiny)",
-    )
-    parser.add_argument("--seed", type=int, default=0, help="the notebooks' seed (default: 0)")
-    which = parser.add_mutually_exclusive_group()
-    which.add_argument(
-        "--executed",
-        type=Path,
-        metavar="BUILD",
-        help="take figures from the chapters that `hadr book --build BUILD` executed, and execute "
-        "nothing",
-    )
-    which.add_argument("--no-slides", action="store_true", help="write no slides, execute nothing")
+@dataclass(frozen=True)
+class Options:
+    """Write what a teacher needs into one folder.
+
+    It gets student/ (notebooks with solutions removed and check cells kept), solutions/ (with the
+    solutions filled in), tests/ (for otter-grader), slides/ (one reveal.js deck per chapter, which
+    needs no network) and instructor.md (plans for 2, 6 and 12 hours, goals, marks, common
+    mistakes). The notebooks carry nbgrader's metadata.
+
+    For the slides' figures the solutions are executed, which takes about as long as `hadr book`,
+    and which also proves that each solution passes its check. The same chapters give the same
+    files.
+    """
+
+    out: Path
+    """A new folder, or one that this command wrote and nobody changed."""
+    only: tuple[str, ...] = ()
+    """Only these chapters, such as `3 4`."""
+    preset: Literal["tiny", "mini", "paper"] = "tiny"
+    """The notebooks' parameter of this name."""
+    seed: int = 0
+    """The notebooks' seed."""
+    executed: Path | None = None
+    """Take figures from the chapters that `hadr book --build` executed here; execute nothing."""
+    no_slides: bool = False
+    """Write no slides, execute nothing."""
 
 
-def run(args: argparse.Namespace) -> int:
-    """Write a course as the arguments say.
+def run(options: Options) -> int:
+    """Write a course as the options say.
 
     Returns:
         0 when the folder stands.
@@ -77,45 +67,43 @@ def run(args: argparse.Namespace) -> int:
         ValueError: The folder cannot be used, or a chapter lacks what a course needs.
         FileNotFoundError: There is no checkout, or no executed chapter where one was named.
     """
+    if options.no_slides and options.executed is not None:
+        raise ValueError("--executed has the figures of slides: it does not go with --no-slides")
     root = checkout_root()
-    check_target(args.out)
+    check_target(options.out)
     every = read_chapters(root)
-    wanted = {path.stem for path in chapter_paths(root / "notebooks", args.only)}
+    wanted = {path.stem for path in chapter_paths(root / "notebooks", options.only)}
     chapters = [chapter for chapter in every if chapter.name in wanted]
-    if not args.no_slides and (missing := missing_packages()):
+    if not options.no_slides and (missing := missing_packages()):
         raise ValueError(
             f"slides need {', '.join(missing)}: pip install -e '.[book]', or --no-slides"
         )
     marks = {exercise.label: marks_of(exercise) for c in every for exercise in c.exercises}
     plain = plainer(root)
-    about = {"preset": args.preset, "seed": args.seed, "chapters": [c.name for c in chapters]}
+    about = {"preset": options.preset, "seed": options.seed, "chapters": [c.name for c in chapters]}
     try:
-        with written_whole(args.out, about) as folder:
-            write_notebooks(folder, chapters, marks, args.preset, args.seed, plain)
+        with written_whole(options.out, about) as folder:
+            write_notebooks(folder, chapters, marks, options.preset, options.seed, plain)
             text = plain(instructor_text(chapters, every))
             (folder / "instructor.md").write_text(text, encoding="utf-8")
             (folder / "nbgrader_config.py").write_text(NBGRADER_CONFIG, encoding="utf-8")
-            if not args.no_slides:
+            if not options.no_slides:
                 with tempfile.TemporaryDirectory() as work:
-                    executed = _executed(args, chapters, folder / "solutions", Path(work))
+                    executed = _executed(options, chapters, folder / "solutions", Path(work))
                     build_slides(chapters, executed, marks, plain, Path(work) / "slides",
                                  folder / "slides")  # fmt: skip
     except (ChapterError, RuntimeError) as error:
         raise ValueError(str(error)) from error
     labels = [exercise.label for chapter in chapters for exercise in chapter.exercises]
     total = sum(marks[label] for label in labels)
-    print(f"{len(chapters)} chapters, {len(labels)} exercises, {total} marks: {args.out}")
+    print(f"{len(chapters)} chapters, {len(labels)} exercises, {total} marks: {options.out}")
     return 0
 
 
 def plainer(root: Path) -> Callable[[str], str]:
-    """What turns the book's Markdown into such as any Jupyter shows.
-
-    Args:
-        root: The checkout, for its bibliography and its address.
-    """
+    """What turns the book's Markdown into such as any Jupyter shows."""
     citations = short_citations((root / "book" / "references.bib").read_text(encoding="utf-8"))
-    pages = f"{repository_address(root / 'book')}/blob/main/book"
+    pages = f"{repository(root / 'book')['url']}/blob/main/book"
     return lambda text: plain_markdown(text, citations, pages)
 
 
@@ -127,16 +115,7 @@ def write_notebooks(
     seed: int,
     plain: Callable[[str], str],
 ) -> None:
-    """Write ``student/``, ``solutions/`` and ``tests/`` into a folder.
-
-    Args:
-        folder: An empty folder.
-        chapters: The chapters.
-        marks: Marks by exercise label.
-        preset: The notebooks' parameter of this name.
-        seed: The notebooks' parameter of this name.
-        plain: Turns the book's Markdown into such as any Jupyter shows.
-    """
+    """Write ``student/``, ``solutions/`` and ``tests/`` into a folder."""
     for chapter in chapters:
         for part, solved in (("student", False), ("solutions", True)):
             text = course_notebook(
@@ -152,17 +131,17 @@ def write_notebooks(
 
 
 def _executed(
-    args: argparse.Namespace, chapters: Sequence[Chapter], solutions: Path, work: Path
+    options: Options, chapters: Sequence[Chapter], solutions: Path, work: Path
 ) -> dict[str, Path]:
     """The executed notebook of each chapter, by name."""
-    if args.executed is not None:
-        folder = args.executed / "executed"
+    if options.executed is not None:
+        folder = options.executed / "executed"
         found = {chapter.name: folder / f"{chapter.name}.ipynb" for chapter in chapters}
         for path in found.values():
             if not path.exists():
                 raise FileNotFoundError(f"{path} is missing: run `hadr book` first")
         return found
-    print(f"executing {len(chapters)} solutions, preset {args.preset}", flush=True)
+    print(f"executing {len(chapters)} solutions, preset {options.preset}", flush=True)
     paths = [solutions / f"{chapter.name}.ipynb" for chapter in chapters]
-    runs = run_notebooks(paths, work / "run", preset=args.preset, seed=args.seed)
+    runs = run_notebooks(paths, work / "run", preset=options.preset, seed=options.seed)
     return {run.name: run.notebook for run in runs}

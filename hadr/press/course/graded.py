@@ -28,40 +28,18 @@ def variable_of(label: str) -> str:
     return re.sub(r"\W", "_", re.sub(r"^ex-", "answer-", label))
 
 
-def rename(source: str, old: str, new: str) -> str:
-    """Rename a variable in Python code, and nothing else: no text, no keyword, no attribute.
-
-    Args:
-        source: The code.
-        old: The variable's name.
-        new: Its new name.
-    """
-    lines = source.encode().splitlines(keepends=True)
-    places = [
-        (node.lineno - 1, node.col_offset)
-        for node in ast.walk(ast.parse(source))
-        if isinstance(node, ast.Name) and node.id == old
-    ]
-    for row, column in sorted(places, reverse=True):
-        line = lines[row]
-        lines[row] = line[:column] + new.encode() + line[column + len(old.encode()) :]
-    return b"".join(lines).decode()
-
-
 def student_answer(exercise: Exercise) -> str:
     """The cell in which a student writes."""
     return f"{_waiting_cell(exercise)}\n{STUB}"
 
 
 def _waiting_cell(exercise: Exercise) -> str:
-    variable = variable_of(exercise.label)
-    cell = rename(exercise.answer, "answer", variable)
-    if cell.splitlines()[-1:] != [f"{variable} = ..."]:
+    *before, last = exercise.answer.splitlines() or [""]
+    if last != "answer = ...":
         raise ValueError(
-            f"{exercise.label}: its answer cell must end with 'answer = ...', got "
-            f"{exercise.answer.splitlines()[-1:]}"
+            f"{exercise.label}: its answer cell must end with 'answer = ...', got {last!r}"
         )
-    return cell
+    return "\n".join([*before, f"{variable_of(exercise.label)} = ..."])
 
 
 def solution_answer(exercise: Exercise) -> str:
@@ -76,37 +54,24 @@ def solution_answer(exercise: Exercise) -> str:
 
 
 def check_cell(exercise: Exercise, *, hidden_test: bool) -> str:
-    """The check of an exercise, which shows its verdict.
-
-    Args:
-        exercise: The exercise.
-        hidden_test: Whether an answer that is not right raises, which is how nbgrader learns of it.
-    """
-    source = rename(exercise.check, "answer", variable_of(exercise.label))
-    call = last_call(source, exercise.label)
-    lines = source.splitlines()
-    lines[call.lineno - 1] = f"verdict = {lines[call.lineno - 1]}"
+    """The check of an exercise, which shows its verdict."""
+    lines = _verdict(exercise)
     if hidden_test:
         lines += ["### BEGIN HIDDEN TESTS", "assert verdict, verdict", "### END HIDDEN TESTS"]
     return "\n".join([*lines, "verdict"])
 
 
+def _verdict(exercise: Exercise) -> list[str]:
+    """The check's lines; its variable `answer` is the exercise's own, so that none is mixed up."""
+    call = last_call(exercise.check, exercise.label)
+    lines = [f"answer = {variable_of(exercise.label)}", *exercise.check.splitlines()]
+    lines[call.lineno] = f"verdict = {lines[call.lineno]}"
+    return lines
+
+
 def otter_test(exercise: Exercise, points: int) -> str:
-    """A test file of otter-grader for one exercise, in its exception-based format.
-
-    Args:
-        exercise: The exercise.
-        points: Its marks.
-
-    Returns:
-        The Python text of ``LABEL.py``. The test runs the exercise's own check on what the
-        student's notebook leaves behind.
-    """
-    source = rename(exercise.check, "answer", variable_of(exercise.label))
-    call = last_call(source, exercise.label)
-    lines = source.splitlines()
-    lines[call.lineno - 1] = f"verdict = {lines[call.lineno - 1]}"
-    body = "".join(f"    {line!r},\n" for line in lines)
+    """A test file of otter-grader, in its exception-based format: it runs the exercise's check."""
+    body = "".join(f"    {line!r},\n" for line in _verdict(exercise))
     return (
         f'"""{exercise.title}"""\n\n'
         "from otter.test_files import test_case\n\n"
@@ -126,14 +91,7 @@ def otter_test(exercise: Exercise, points: int) -> str:
 def nbgrader_metadata(
     grade_id: str, cell_type: str, *, solution: bool = False, points: int | None = None
 ) -> dict[str, Any]:
-    """Metadata of one cell, as nbgrader's schema 3 wants it.
-
-    Args:
-        grade_id: Unique in the notebook; letters, digits, ``-`` and ``_``.
-        cell_type: ``code`` or ``markdown``.
-        solution: Whether the student writes here; every other marked cell is locked.
-        points: Marks, for a cell that is graded.
-    """
+    """Metadata of one cell, as nbgrader's schema 3 wants it."""
     entry: dict[str, Any] = {
         "schema_version": NBGRADER_SCHEMA,
         "grade_id": grade_id,
@@ -155,19 +113,7 @@ def course_notebook(
     seed: int,
     plain: Callable[[str], str],
 ) -> str:
-    """Write a chapter's notebook for a course.
-
-    Args:
-        chapter: The chapter.
-        points: Marks by exercise label.
-        solved: Whether the solutions stand in it (the teacher's) or not (the student's).
-        preset: Value of the notebook's parameter of this name.
-        seed: Value of the notebook's parameter of this name.
-        plain: Turns the book's Markdown into such as any Jupyter shows.
-
-    Returns:
-        The notebook as JSON text, always the same for the same chapter; it ends with a newline.
-    """
+    """Write a chapter's notebook for a course."""
     import nbformat
 
     cells: list[Any] = []

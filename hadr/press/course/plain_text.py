@@ -32,16 +32,7 @@ def short_citations(bibliography: str) -> dict[str, str]:
 
 
 def plain_markdown(text: str, citations: Mapping[str, str], pages: str) -> str:
-    """Turn the book's Markdown into such as Jupyter shows without extensions.
-
-    Args:
-        text: Markdown with the book's roles.
-        citations: Words for a cited work, by key.
-        pages: Address under which the book's own pages (``../ledger.md``) are found.
-
-    Returns:
-        Markdown in which citations are words and links to the book's pages are whole addresses.
-    """
+    """Turn the book's Markdown into such as Jupyter shows without extensions."""
 
     def cited(found: re.Match[str]) -> str:
         keys = [key.strip() for key in found.group(1).split(",")]

@@ -66,21 +66,7 @@ def missing_packages() -> list[str]:
 
 
 def pictures_of(executed: Path, chapter: Chapter, folder: Path) -> dict[str, str]:
-    """Take the figures of an executed notebook out into files.
-
-    Args:
-        executed: The executed notebook.
-        chapter: The chapter that it was made from.
-        folder: Takes ``NN_name-K.png``.
-
-    Returns:
-        File name by the code of the cell that drew it. Cells that drew nothing that paper could
-        show are left out.
-
-    Raises:
-        ValueError: A cell that should draw is not in the notebook: it is of another state of the
-            chapter.
-    """
+    """Take the figures of an executed notebook out into files."""
     import nbformat
 
     outputs = {
@@ -116,20 +102,7 @@ def build_slides(
     work: Path,
     target: Path,
 ) -> None:
-    """Build one deck per chapter and a first page that links them.
-
-    Args:
-        chapters: The chapters.
-        executed: The executed notebook of each, by the chapter's name; those that are missing get
-            a deck without figures.
-        marks: Marks by exercise label.
-        plain: Turns the book's Markdown into such as needs none of the book's extensions.
-        work: Folder for the decks' sources and Sphinx' caches; it must not exist yet.
-        target: Takes ``index.html``, ``NN_name.html`` and what they load.
-
-    Raises:
-        RuntimeError: A package is missing, or Sphinx reported an error or a warning.
-    """
+    """Build one deck per chapter and a first page that links them."""
     if missing := missing_packages():
         raise RuntimeError(
             f"slides need {', '.join(missing)}: pip install -e '.[book]', or leave them out with "

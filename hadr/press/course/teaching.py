@@ -9,9 +9,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import pandas as pd
+
+from hadr.figures.tables.results import markdown
 from hadr.press.course.chapter import Chapter, Exercise, hints
 from hadr.press.course.graded import STUB
-from hadr.records.markdown import markdown_table
 
 DEFAULT_MARKS = 2
 MARKS = {
@@ -182,7 +184,8 @@ def plans_text(chapters: Sequence[Chapter]) -> str:
                 rows.append([str(number), str(block.minutes), words, done or "none"])
         head = ["session", "minutes", "what (chapter)", "exercises in class"]
         parts.append(
-            f"### {plan.hours} hours\n\nAim: {plan.aim}.\n\n{markdown_table(head, rows, 'lrl')}"
+            f"### {plan.hours} hours\n\nAim: {plan.aim}.\n\n"
+            f"{markdown(pd.DataFrame(rows, columns=head), 'lrl')}"
         )
     return "\n\n".join(parts)
 

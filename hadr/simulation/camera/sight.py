@@ -19,15 +19,14 @@ from scipy import ndimage
 from hadr.camera import window_around
 from hadr.corruption import smooth_noise
 from hadr.data.samples import samples_dir
-from hadr.depth_network import DepthNetwork
 from hadr.frame_checks import depth_to_use
 from hadr.handover.observation import Observation
-from hadr.perception import HandKeypoints, Segmentation
 from hadr.rivals import classical
 from hadr.simulation.camera.robot_camera import CapturedFrame, RobotCamera
 from hadr.simulation.camera.seen_points import object_points, scene_points
 from hadr.simulation.world.scenes import HeldScene
 from hadr.simulation.world.state import WorldState
+from hadr.trained_networks import DepthNetwork, HandKeypoints, Segmentation
 
 Array = npt.NDArray[np.float64]
 Depth = npt.NDArray[np.float32]
@@ -208,7 +207,8 @@ class Sight:
             return np.where(mask, np.float32(0), frame.raw_depth), 0.0
         given = depth_to_use(frame.raw_depth, mask, network.corruption, [])
         answer = network.restore(frame.color, given, frame.camera, mask, keypoints)
-        return answer.depth, float(answer.confidence[mask].mean())
+        sure = float(answer.confidence[mask].mean()) if network.can_say else None
+        return answer.depth, sure
 
     def _keypoint_noise(self, time: float) -> Array:
         """Errors that die away and are renewed, shape (21, 3), metres."""

@@ -155,7 +155,7 @@ class Trial:
 @cache  # what this process has loaded does not change
 def _code() -> str:
     """Checksum of the code of all attempts."""
-    return code_digest(*CODE, without=("hadr.training.checkpoints",))  # it leads to every network
+    return code_digest(*CODE, without=("hadr.models.networks",))  # it leads to every network
 
 
 def network_files(arm: Arm) -> dict[str, Path]:

@@ -8,8 +8,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from hadr.data.frame_pictures import JPEG_START, check_whole
-from hadr.frame_io import PNG_SIGNATURE
+from hadr.data.frame_pictures import JPEG_START, PNG_START, check_whole
 
 Image = npt.NDArray[np.uint8]
 
@@ -77,7 +76,7 @@ def _read_photograph(path: Path) -> npt.NDArray[np.generic]:
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:
         data = path.read_bytes()
-        if data.startswith((JPEG_START, PNG_SIGNATURE)):
+        if data.startswith((JPEG_START, PNG_START)):
             check_whole(data)
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if data else None
     except OSError as error:

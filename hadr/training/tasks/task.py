@@ -1,98 +1,99 @@
 """What the training loop needs to know of a network: how to build, score and validate it.
 
 One loop (`hadr.training.loop`) trains every network. What differs from one network to the next is
-a class with the four members of `Task`, built from a `Preset`.
+the module that the table of networks (`hadr.models.networks`) names for its training: a function
+`losses` (see `Loss`) and, where the network does not restore depth, a function
+`validate(model, frames, batch_size)`.
 
 **Means.** With several processes each sees its share of a batch, and the loop averages their
 gradients. An average of averages is the average over the whole batch only where each counts the
-same. So every mean in `losses` is taken with `shared_mean(total, count)`.
+same. So every mean in a loss is taken with `hadr.training.losses.shared_mean(total, count)`.
 
 **Chance.** A process must not draw other numbers than one that sees the whole batch: from the
-generator a task takes numbers for the batch (such as where strided rays begin), never one a
+generator a loss takes numbers for the batch (such as where strided rays begin), never one a
 frame. Frames are augmented by the loop, each from its own seed; random layers are
 `hadr.models.blocks.stochastic_depth.StochasticDepth`.
 """
 
 from __future__ import annotations
 
-from typing import Protocol, runtime_checkable
+import importlib
+from collections.abc import Callable
+from typing import Any
 
-import numpy as np
-import numpy.typing as npt
 import torch
-from torch import Tensor, distributed, nn
+from torch import Tensor, nn
 
+from hadr.metrics import mean_over_frames
+from hadr.models.networks import network_of
 from hadr.training.batches import FrameTensors
+from hadr.training.evaluation import evaluate
+from hadr.training.pictures import Picture, depth_picture
+from hadr.training.recipe import Preset
 
-__all__ = ["PicturedTask", "Task", "shared_mean"]
+Loss = Callable[[Preset, nn.Module, FrameTensors, int, torch.Generator], dict[str, Tensor]]
+"""Scores a batch in training: recipe, network (called as a whole, never its parts), some frames,
+augmented already, the epoch's number from 0, and a source of numbers for the whole batch, the same
+in each process. Of what it gives "loss" is minimised and the rest watched; one number each, each
+mean a `shared_mean`."""
 
 
-class Task(Protocol):
-    """A network as the loop sees it."""
+class Task:
+    """A network as the loop sees it.
 
-    @property
-    def network(self) -> str:
-        """The network's kind: one of `hadr.training.presets.NETWORKS`."""
+    Args:
+        recipe: The network and its schedule.
+
+    Raises:
+        ValueError: There is no such network, or its configuration is that of another one.
+    """
+
+    def __init__(self, recipe: Preset) -> None:
+        self.recipe, self.kind = recipe, network_of(recipe.network)
+        if not isinstance(recipe.model, self.kind.config_class()):
+            raise ValueError(
+                f"recipe {recipe.name!r} of {recipe.network!r} must have a {self.kind.config}, "
+                f"got {type(recipe.model).__name__}"
+            )
+        self._module = importlib.import_module(self.kind.training)
 
     def build(self) -> nn.Module:
-        """Build the network with fresh weights from torch's seeded generator.
-
-        It has an attribute `config`, a frozen dataclass with `to_dict` and `from_dict`.
-        """
+        """Build the network with fresh weights from torch's seeded generator, or named ones."""
+        network: nn.Module = self.kind.network_class()(self.recipe.model)
+        return network
 
     def losses(
         self, model: nn.Module, batch: FrameTensors, epoch: int, generator: torch.Generator
     ) -> dict[str, Tensor]:
-        """Score a batch in training.
-
-        Args:
-            model: The network; call it as a whole, never its parts, so that gradients of several
-                processes are averaged.
-            batch: Some frames, augmented already.
-            epoch: Number of the epoch; the first is 0.
-            generator: Numbers for the whole batch; the same in each process.
-
-        Returns:
-            "loss" is minimised, the rest is watched; one number each, each mean a `shared_mean`.
-        """
+        """Score a batch in training, see `Loss`."""
+        loss: Loss = self._module.losses
+        return loss(self.recipe, model, batch, epoch, generator)
 
     def validate(self, model: nn.Module, frames: FrameTensors, batch_size: int) -> dict[str, float]:
-        """Score the network on frames that it does not learn from.
+        """Score the network in evaluation mode on frames that it does not learn from.
 
         Args:
-            model: The network in evaluation mode.
+            model: The network.
             frames: The frames.
             batch_size: Frames at a time.
 
         Returns:
             Numbers by name. The first decides which epoch is the best: smaller is better.
         """
+        validate: Any = getattr(self._module, "validate", validate_depth)
+        scores: dict[str, float] = validate(model, frames, batch_size)
+        return scores
+
+    def picture(self, model: nn.Module, frames: FrameTensors) -> Picture | None:
+        """Draw restored depth beside the truth: RGB, (H, W, 3); None for another network."""
+        return depth_picture(model, frames) if self.kind.answer == "depth" else None
 
 
-@runtime_checkable
-class PicturedTask(Protocol):
-    """A task that can also draw what its network makes of a frame."""
-
-    def picture(self, model: nn.Module, frames: FrameTensors) -> npt.NDArray[np.uint8]:
-        """Draw the network's answer on a few frames beside the truth: RGB, (H, W, 3) uint8."""
-
-
-def shared_mean(total: Tensor, count: Tensor | int) -> Tensor:
-    """Divide a sum by how many entered it, so that processes average to the whole batch's mean.
-
-    Each process divides its own sum by the mean of all processes' counts: the mean over the
-    processes of the results is then the sum of all totals by the sum of all counts.
-
-    Args:
-        total: Sum over this process's share of the batch, any shape.
-        count: How many entered it, one number.
-
-    Returns:
-        The shape of `total`; zeros where nothing counts. With one process: total / count.
-    """
-    number = torch.as_tensor(count, dtype=total.dtype, device=total.device).detach().clone()
-    if distributed.is_available() and distributed.is_initialized():
-        distributed.all_reduce(number)
-        number = number / distributed.get_world_size()
-    least = torch.finfo(total.dtype).tiny
-    return torch.where(number > 0, total / number.clamp(min=least), torch.zeros_like(total))
+def validate_depth(model: nn.Module, frames: FrameTensors, batch_size: int) -> dict[str, float]:
+    """Score restored depth on the object's pixels at the frames' own size, per-frame means."""
+    scores = mean_over_frames(evaluate(model, frames, batch_size))
+    return {
+        "validation_rmse_m": scores.rmse_m,
+        "validation_mae_m": scores.mae_m,
+        "validation_delta_105": scores.delta_105,
+    }

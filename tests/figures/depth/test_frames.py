@@ -1,7 +1,5 @@
 """Pictures of frames: what stands where, and in which colours."""
 
-import matplotlib as mpl
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
@@ -17,14 +15,7 @@ from hadr.figures.depth.frames import (
 )
 from hadr.synthesis.generation.statistics import FrameStatistics
 
-mpl.use("Agg")
 CAMERA = Intrinsics(50.0, 50.0, 19.5, 9.5, 40, 20)
-
-
-@pytest.fixture(autouse=True)
-def _close():
-    yield
-    plt.close("all")
 
 
 def frame(**changes):

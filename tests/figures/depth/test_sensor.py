@@ -1,6 +1,5 @@
 """The depth camera's comparison as figure and as text."""
 
-import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
@@ -10,12 +9,10 @@ from hadr.data.frame import Frame
 from hadr.figures.depth.sensor import (
     SENSOR_ROWS,
     draw_sensor_comparison,
+    draw_stereo_camera,
     see_through_picture,
     sensor_table,
-    show_infrared,
 )
-
-mpl.use("Agg")
 
 
 def row(missing, bias, outside):
@@ -29,12 +26,6 @@ COLUMNS = {
         "each": [row(0.5, 0.04, None), row(0.6, float("nan"), 0.003), row(0.9, 2.0, 0.005)],
     },
 }
-
-
-@pytest.fixture(autouse=True)
-def _close():
-    yield
-    plt.close("all")
 
 
 def test_each_frame_is_a_point_in_its_unit_and_the_bar_is_the_median():
@@ -63,15 +54,6 @@ def test_the_table_tells_median_and_range():
 def test_unknown_groups_are_refused():
     with pytest.raises(ValueError, match="got somebody"):
         draw_sensor_comparison({"somebody": {}})
-
-
-def test_an_infrared_picture_is_grey():
-    _, ax = plt.subplots()
-    show_infrared(ax, np.arange(100, dtype=np.uint8).reshape(10, 10), "left")
-    image = ax.images[0]
-    assert image.get_cmap().name == "gray"
-    assert image.get_clim()[1] == pytest.approx(99.7, abs=1.0)
-    assert ax.get_title() == "left"
 
 
 def held(**changes):
@@ -117,3 +99,21 @@ def test_a_glass_seen_through_refuses_wrong_input():
         see_through_picture(held(background_depth=None), 0.5, 0.5)
     with pytest.raises(ValueError, match=r"background must be a share in 0\.\.1, got 1\.5"):
         see_through_picture(held(), 0.5, 1.5)
+
+
+@pytest.mark.parametrize("glass", [False, True])
+def test_the_camera_measures_the_wall_but_not_through_glass(glass: bool) -> None:
+    """Without glass the imagers' rays are straight; with it their continuations meet before."""
+    _, ax = plt.subplots()
+    draw_stereo_camera(ax, glass, "title")
+    lines = [line.get_xydata() for line in ax.lines if len(line.get_xdata()) == 3]
+    assert len(lines) == 3, "the projector's ray and one for each imager"
+    for points in lines:
+        np.testing.assert_allclose(points[-1], (0.12, 1.0))
+    turns = [np.linalg.det(np.diff(points, axis=0)) for points in lines]
+    assert turns[0] == pytest.approx(0, abs=1e-12)
+    assert all(abs(turn) > 1e-3 for turn in turns[1:]) == glass
+    ghosts = [line.get_xydata()[0] for line in ax.lines if line.get_marker() == "x"]
+    assert len(ghosts) == int(glass)
+    if glass:
+        assert 0.55 < ghosts[0][1] < 1.0, "between glass and wall"

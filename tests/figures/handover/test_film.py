@@ -4,17 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from hadr.figures.handover.film import (
-    draw_degradation,
-    draw_outcomes,
-    draw_success,
-    film_strip,
-    show_run,
-)
+from hadr.figures.handover.film import film_strip, show_run
 from hadr.handover.robot import HOME_JOINTS
 from hadr.handover.workflow import Stage, Transition
 from hadr.simulation.film.views import side_view
@@ -25,27 +18,6 @@ CHANGES = [
     Transition(1.0, Stage.WAIT_AND_OBSERVE, Stage.APPROACH_AND_REACT, "chose a grasp"),
     Transition(3.0, Stage.APPROACH_AND_REACT, Stage.STOPPED, "no hand seen for 0.30 s"),
 ]
-
-
-def row(arm: str, successes: int, low: float, high: float, **more: object) -> dict[str, object]:
-    return {
-        "arm": arm,
-        "attempts": 48,
-        "successes": successes,
-        "rate": successes / 48,
-        "interval": [low, high],
-        "failures": {"drop": 40 - successes, "timeout": 8},
-        **more,
-    }
-
-
-ROWS = [row("perfect", 40, 0.70, 0.92), row("hadr", 36, 0.61, 0.85), row("raw", 12, 0.15, 0.39)]
-
-
-@pytest.fixture(autouse=True)
-def close_figures():
-    yield
-    plt.close("all")
 
 
 @pytest.fixture(scope="module")
@@ -112,53 +84,3 @@ def test_a_run_is_drawn_in_centimetres_millimetres_and_newtons(states: list[Worl
         show_run(states, to_target=[0, 1, 2])
     with pytest.raises(ValueError, match="at least one state"):
         show_run([])
-
-
-def test_bars_are_as_long_as_the_rates_and_stand_in_order() -> None:
-    _, ax = plt.subplots()
-    draw_success(ax, ROWS, published=34 / 48)
-    names = [label.get_text() for label in ax.get_yticklabels()]
-    assert names == ["sensor depth", "HADR", "perfect depth"]
-    lengths = [bar.get_width() for bar in ax.patches[::2]]
-    assert lengths == pytest.approx([25.0, 75.0, 100 * 40 / 48])
-    intervals = [c.get_segments()[0][:, 0] for c in ax.collections]
-    np.testing.assert_allclose(intervals, [[15, 39], [61, 85], [70, 92]])
-    assert "75 %  (36/48)" in [text.get_text() for text in ax.texts]
-    assert ax.lines[-1].get_xdata()[0] == pytest.approx(70.83, abs=0.01)
-
-
-@pytest.mark.parametrize(("rate", "interval"), [(0.5, (0.6, 0.7)), (75, (61, 85)), (0.5, (0, 0.4))])
-def test_a_rate_outside_of_its_interval_is_refused(rate: float, interval: tuple) -> None:
-    _, ax = plt.subplots()
-    wrong = {**ROWS[1], "rate": rate, "interval": interval}
-    with pytest.raises(ValueError, match="hadr: the rate must lie in its interval"):
-        draw_success(ax, [wrong])
-
-
-def test_outcomes_fill_the_attempts() -> None:
-    _, ax = plt.subplots()
-    draw_outcomes(ax, ROWS)
-    ends = {}
-    for bar in ax.patches:
-        place = round(bar.get_y() + bar.get_height() / 2)
-        ends[place] = max(ends.get(place, 0), bar.get_x() + bar.get_width())
-    assert ends == {0: 48, 1: 48, 2: 48}
-    assert [t.get_text() for t in ax.get_legend().texts] == ["success", "drop", "timeout"]
-    with pytest.raises(ValueError, match="make 49, not 48 attempts"):
-        draw_outcomes(ax, [{**ROWS[1], "failures": {"drop": 13}}])
-
-
-def test_degradation_has_a_line_an_arm_with_its_intervals() -> None:
-    _, ax = plt.subplots()
-    rows = [
-        row("hadr", 36, 0.61, 0.85, hand_speed=1),
-        row("hadr", 12, 0.15, 0.39, hand_speed=3),
-        row("perfect", 40, 0.70, 0.92, hand_speed=1),
-    ]
-    draw_degradation(ax, rows[::-1], "hand_speed", "hand's speed", standard=1)
-    first, second = (container.lines for container in ax.containers)
-    np.testing.assert_allclose(first[0].get_ydata(), [75, 25])
-    np.testing.assert_allclose(first[0].get_xdata(), [1, 3], atol=0.1)
-    np.testing.assert_allclose(second[0].get_ydata(), [100 * 40 / 48])
-    np.testing.assert_allclose([s[:, 1] for s in first[2][0].get_segments()], [[61, 85], [15, 39]])
-    assert [t.get_text() for t in ax.get_legend().texts] == ["HADR", "perfect depth"]

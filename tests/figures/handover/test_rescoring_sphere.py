@@ -1,4 +1,3 @@
-import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
@@ -8,20 +7,11 @@ from hadr.handover.grasping.grasps import Grasps
 from hadr.handover.grasping.rescoring import Directions, Weights, intended_score
 from hadr.simulation.trials.rehearsal import HeldGlass
 
-mpl.use("Agg")
 DIRECTIONS = Directions()
 
 
 def wishes(approach):
     return intended_score(np.zeros(len(approach)), approach, DIRECTIONS)
-
-
-@pytest.fixture
-def ax():
-    figure, axes = plt.subplots(figsize=(3, 3), layout="none")
-    yield axes
-    figure.canvas.draw()
-    plt.close("all")
 
 
 @pytest.fixture(scope="module")
@@ -83,22 +73,6 @@ def test_colours_are_told_apart_in_grey():
     assert (np.diff(luminance) > 0.02).all()
 
 
-def test_directions_are_labelled_and_axes_only_where_asked(ax):
-    sphere.show_score_sphere(ax, wishes, DIRECTIONS, view=(0, -90), pixels=20)
-    names = {text.get_text(): text.get_position() for text in ax.texts if text.get_text()}
-    assert set(names) == {"human", "down"}
-    assert names["human"][0] > 1.3
-    assert names["down"][1] < -1.3
-    sphere.show_score_sphere(ax, wishes, DIRECTIONS, frame=np.eye(3), pixels=20)
-    assert {"x", "y", "z"} <= {text.get_text() for text in ax.texts}
-
-
-def test_bar_says_what_it_shows(ax):
-    bar = sphere.score_bar(ax.figure, ax, limit=0.6)
-    assert bar.get_ylabel() == "score of the two wishes"
-    np.testing.assert_allclose(bar.get_yticks(), [-0.6, -0.3, 0, 0.3, 0.6])
-
-
 def test_a_tilted_frame_keeps_the_grasps_and_changes_the_choice(two_grasps):
     # At 180 degrees about y the frame's z axis points down: the printed formula wants that.
     assert sphere.tilted_frame(180.0)[:, 2] == pytest.approx([0, 0, -1])
@@ -118,15 +92,6 @@ def test_pictures_of_the_choice_name_the_winner(two_grasps, human, down, winner)
     words = " ".join(text.get_text() for text in figure.texts)
     assert f"candidate {winner}" in words
     assert f"= {human}" in words
-    plt.close("all")
-
-
-def test_regions_carry_their_names(ax):
-    region = np.zeros((11, 11), dtype=int)
-    region[:, 6:] = 1
-    sphere.draw_regions(ax, np.linspace(0, 1, 11), region, ["left", "right"])
-    places = {text.get_text(): text.get_position()[0] for text in ax.texts}
-    assert places["left"] < 0.5 < places["right"]
 
 
 def test_sliders_draw_what_they_say(two_grasps):
@@ -139,4 +104,3 @@ def test_sliders_draw_what_they_say(two_grasps):
     turning = turn_frame(HeldGlass(), two_grasps, DIRECTIONS)
     turning.f(turn=90.0)
     assert any("90°" in text.get_text() for text in plt.gcf().texts)
-    plt.close("all")

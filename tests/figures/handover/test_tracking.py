@@ -1,12 +1,10 @@
-import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from hadr.figures.handover.tracking import Carried, HandFilm, film_picture, show_errors
+from hadr.figures.handover.tracking import Carried, HandFilm, moment_picture, show_errors
 from hadr.simulation.trials.rehearsal import HeldGlass
 
-mpl.use("Agg")
 SCENE = HeldGlass()
 
 
@@ -46,21 +44,12 @@ def test_chart_is_drawn_up_to_the_moment(film, ways):
     np.testing.assert_allclose(full["left behind"], [[0, 0], [1, 10]], atol=1e-9)
     np.testing.assert_allclose(full["3 mm ahead"], [[0, 3], [1, 3]], atol=1e-9)
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("time (s)", "grasp off (mm)")
-    plt.close("all")
-
-
-def test_no_mark_stands_outside_of_the_chart(film, ways):
-    _, ax = plt.subplots(layout="none")
-    show_errors(ax, film, ways, limit_mm=15)
-    marks = [line.get_ydata()[0] for line in ax.lines if line.get_marker() == "o"]
-    assert marks == pytest.approx([3.0])
-    plt.close("all")
 
 
 def test_pictures_of_a_film_have_one_size_and_differ(film, ways):
     pictures = []
     for at in (0, 2):
-        figure = film_picture(film, ways, at, limit_mm=30, notes={"alarm": np.full(3, 20.0)})
+        figure = moment_picture(film, ways, at, limit_mm=30, notes={"alarm": np.full(3, 20.0)})
         figure.canvas.draw()
         pictures.append(np.asarray(figure.canvas.buffer_rgba()))
         assert "alarm" in [text.get_text() for text in figure.axes[1].get_legend().get_texts()]

@@ -1,17 +1,8 @@
-import matplotlib as mpl
-import matplotlib.pyplot as plt
 import pytest
 
 from hadr.figures.method.averaging import averages_picture, both_averages
 
-mpl.use("Agg")
 SIZES, ERRORS = (100, 400, 1600), (0.03, 0.2)
-
-
-@pytest.fixture(autouse=True)
-def _close_figures():
-    yield
-    plt.close("all")
 
 
 def test_both_averages_of_the_chapters_example():

@@ -1,21 +1,11 @@
-import matplotlib.pyplot as plt
 import numpy as np
-import pytest
 
 from hadr.confidence import reliability, sparsification
 from hadr.figures.method.confidence import (
-    draw_real_errors,
     draw_reliability,
     draw_sparsification,
     show_confidence,
 )
-
-
-@pytest.fixture
-def ax():
-    _, ax = plt.subplots()
-    yield ax
-    plt.close("all")
 
 
 def test_reliability_dots_stand_where_the_numbers_are_and_empty_bins_draw_nothing(ax) -> None:
@@ -45,15 +35,3 @@ def test_confidence_outside_of_restored_pixels_is_not_drawn(ax) -> None:
     image = show_confidence(ax, np.full((4, 6), 0.7), restored, "sure")
     assert (~np.ma.getmaskarray(image.get_array())).sum() == 1
     assert image.get_clim() == (0, 1)
-
-
-def test_real_errors_have_a_row_a_method_and_a_bar_for_several_hands(ax) -> None:
-    rows = [
-        {"method": "raw", "scene": "a", "rmse_m": 0.06},
-        {"method": "hadr", "scene": "a", "rmse_m": 0.05, "rmse_low_m": 0.04, "rmse_high_m": 0.07},
-        {"method": "raw", "scene": "b", "rmse_m": 0.03},
-    ]
-    draw_real_errors(ax, rows, ["a", "b"])
-    assert [label.get_text() for label in ax.get_yticklabels()] == ["sensor depth", "hadr"]
-    np.testing.assert_allclose(ax.lines[0].get_xdata(), (4, 7))
-    assert "cm" in ax.get_xlabel()

@@ -1,18 +1,7 @@
-import matplotlib as mpl
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from hadr.figures import COLORS
-from hadr.figures.method.error_kinds import KIND_COLORS, Source, draw_kind_bars, error_kinds_picture
-
-mpl.use("Agg")
-
-
-@pytest.fixture(autouse=True)
-def _close_figures():
-    yield
-    plt.close("all")
+from hadr.figures.method.error_kinds import Source, error_kinds_picture
 
 
 @pytest.fixture
@@ -66,23 +55,6 @@ def test_only_the_pixels_of_the_place_are_painted(source):
     assert (painted == 0).sum() == 5 * 12
     assert (painted == 4).sum() == 5 * 12
     assert set(np.unique(painted)) == {-1, 0, 4}
-
-
-def test_kinds_keep_the_books_colours():
-    assert KIND_COLORS[2] == COLORS["highlight"]
-    front, *behind = (mpl.colors.to_rgb(color) for color in (KIND_COLORS[1], *KIND_COLORS[3:]))
-    assert front[2] > front[0], "blue lies in front"
-    assert all(color[0] > color[2] for color in behind), "red lies behind"
-    assert len(set(KIND_COLORS)) == 6
-
-
-def test_stacked_bars_reach_a_hundred(source):
-    _, ax = plt.subplots()
-    draw_kind_bars(ax, {"a": source, "b": source}, "in the glass")
-    ends = [patch.get_x() + patch.get_width() for patch in ax.patches]
-    assert max(ends) == pytest.approx(100)
-    assert [text.get_text() for text in ax.texts] == ["50", "50"] * 2
-    assert [tick.get_text() for tick in ax.get_yticklabels()] == ["a", "b"]
 
 
 def test_an_unknown_place_is_refused(source):

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import matplotlib as mpl
-
-mpl.use("Agg")
-
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
@@ -13,22 +9,13 @@ import torch
 
 from hadr.figures.method.features import (
     box_picture,
-    encoding_figure,
     false_color,
     influence_figure,
     show_box,
-    show_cells,
-    widths_figure,
     winners_figure,
 )
 
 PICTURE = np.zeros((32, 64, 3))
-
-
-@pytest.fixture(autouse=True)
-def _close_figures():
-    yield
-    plt.close("all")
 
 
 def test_false_color_gives_the_strongest_variation_the_red_channel() -> None:
@@ -41,14 +28,6 @@ def test_false_color_gives_the_strongest_variation_the_red_channel() -> None:
     assert image.max() <= 1
     assert abs(np.corrcoef(image[..., 0].ravel(), ramps.ravel())[0, 1]) > 0.99
     assert abs(np.corrcoef(image[..., 1].ravel(), across.ravel())[0, 1]) > 0.99
-
-
-def test_cells_end_between_pixels() -> None:
-    _, ax = plt.subplots()
-    show_cells(ax, PICTURE, 16)
-    upright, level = (np.asarray(c.get_segments()) for c in ax.collections)
-    assert upright[:, 0, 0].tolist() == [-0.5, 15.5, 31.5, 47.5, 63.5]
-    assert level[:, 0, 1].tolist() == [-0.5, 15.5, 31.5]
 
 
 def test_aligned_samples_fall_on_pixel_centres() -> None:
@@ -99,19 +78,3 @@ def test_influence_is_relative_to_the_strongest_pixel_of_its_own_map() -> None:
         assert shown[0, 0] == pytest.approx(0, abs=1e-4)
         assert shown[3, 3] == pytest.approx(-2, abs=1e-2)
         assert ax.get_title() == title
-
-
-def test_encoding_has_a_named_row_for_each_number() -> None:
-    fig = encoding_figure(np.zeros((10, 3)), ["z", "sin", "cos"], 0.5, 1.0)
-    ax = fig.axes[0]
-    assert [label.get_text() for label in ax.get_yticklabels()] == ["z", "sin", "cos"]
-    assert ax.images[0].get_extent() == [0.5, 1.0, 2.5, -0.5]
-    assert ax.images[0].get_array().shape == (3, 10)
-
-
-def test_widths_stand_end_to_end() -> None:
-    ax = widths_figure({"ray": 128, "entering point": 51, "direction": 27}).axes[0]
-    assert [(p.get_x(), p.get_width()) for p in ax.patches] == [(0, 128), (128, 51), (179, 27)]
-    assert [t.get_text() for t in ax.texts] == ["ray\n128", "entering\npoint\n51", "direction 27"]
-    assert [t.get_rotation() for t in ax.texts] == [0, 0, 90]
-    assert ax.get_xlim() == (0, 206)

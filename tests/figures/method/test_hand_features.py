@@ -1,24 +1,19 @@
-import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from matplotlib.colors import to_hex
 
-from hadr.figures import COLORS
 from hadr.figures.method.hand_features import (
-    FRAME_COLORS,
-    draw_both_frames,
     draw_depth_hint,
-    draw_feature_hands,
     draw_numbered_joints,
     draw_voxel_arrows,
     draw_wrist_depths,
     draw_wrist_frame,
 )
 from hadr.figures.method.hands import on_screen, orbit_view
+from hadr.figures.panels import COLORS
 from hadr.hand import forward_kinematics, keypoints_from_skeleton
 
-mpl.use("Agg")
 FLAT = keypoints_from_skeleton(forward_kinematics(np.zeros(20)).joints)
 FRONT = orbit_view(0, 0)
 
@@ -28,7 +23,6 @@ def axes():
     fig, row = plt.subplots(1, 2)
     yield row
     fig.canvas.draw()
-    plt.close(fig)
 
 
 def test_hint_holds_the_glass_against_hand_and_background(axes):
@@ -67,29 +61,6 @@ def test_wrist_frame_shows_the_asked_axes_and_the_palm_with_z(axes):
     assert names[1]["x"] == pytest.approx((0, 7.32), abs=1e-9)
     (palm,) = axes[1].patches
     np.testing.assert_allclose(palm.get_xy()[:3], 100 * FLAT[[0, 5, 17], :2], atol=1e-9)
-
-
-def test_feature_hands_share_one_window(axes):
-    draw_feature_hands(axes, [FLAT, FLAT + np.array([0.02, 0, 0])], FRONT, "a row")
-    assert axes[0].get_xlim() == axes[1].get_xlim()
-    assert axes[0].get_ylim() == axes[1].get_ylim()
-    low, high = 100 * FLAT[:, 0].min(), 100 * FLAT[:, 0].max() + 2
-    assert np.mean(axes[0].get_xlim()) == pytest.approx((low + high) / 2)
-    moved = axes[1].lines[1].get_xdata() - axes[0].lines[1].get_xdata()
-    np.testing.assert_allclose(moved, 2.0)
-    assert [text.get_text() for text in axes[0].texts] == ["a row"]
-    with pytest.raises(ValueError, match="zip"):
-        draw_feature_hands(axes, [FLAT], FRONT, "one hand for two panels")
-
-
-def test_each_form_keeps_its_colour(axes):
-    values = {"wrist subtracted only": [0, 2], "wrist frame": [0, 1]}
-    draw_both_frames(axes[0], [0, 10], values, "turn", "drift")
-    for line, (name, y) in zip(axes[0].lines, values.items(), strict=True):
-        assert line.get_color() == FRAME_COLORS[name]
-        assert line.get_label() == name
-        np.testing.assert_allclose(line.get_xydata(), [[0, y[0]], [10, y[1]]])
-    assert (axes[0].get_xlabel(), axes[0].get_ylabel()) == ("turn", "drift")
 
 
 def test_arrows_run_from_the_voxels_centre_to_the_keypoints(axes):

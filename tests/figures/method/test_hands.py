@@ -1,30 +1,14 @@
-import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from hadr.figures import FINGER_COLORS
 from hadr.figures.method.hands import (
-    AXIS_COLORS,
-    frame_hand_axes,
     on_screen,
     orbit_view,
-    show_axis,
     show_bones,
-    show_flesh,
 )
+from hadr.figures.panels import FINGER_COLORS
 from hadr.hand import forward_kinematics, keypoints_from_skeleton
-from hadr.synthesis.glass.surfaces import Surface
-
-mpl.use("Agg")
-
-
-@pytest.fixture
-def ax():
-    fig, axes = plt.subplots()
-    yield axes
-    fig.canvas.draw()
-    plt.close(fig)
 
 
 def test_view_from_the_front_is_the_frame_itself():
@@ -40,20 +24,6 @@ def test_view_from_the_side_and_from_above():
     assert np.linalg.det(orbit_view(33, -20)) == pytest.approx(1.0)
 
 
-def test_only_faces_toward_the_viewer_are_drawn_near_ones_last(ax):
-    vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [0, 1, 1]]) * 0.01
-    normals = np.repeat([[0.0, 0, 1]], 6, axis=0)
-    faces = np.array([[3, 4, 5], [0, 1, 2]])
-    drawn = show_flesh(ax, Surface(vertices, faces, normals), orbit_view(0, 0), color="#808080")
-    assert len(drawn.get_paths()) == 2
-    behind = show_flesh(ax, Surface(vertices, faces, -normals), orbit_view(0, 0))
-    assert len(behind.get_paths()) == 0
-    moved = vertices.copy()
-    moved[3:, 0] += 0.05
-    shifted = show_flesh(ax, Surface(moved, faces, normals), orbit_view(0, 0))
-    assert shifted.get_paths()[-1].vertices[:, 0].min() == pytest.approx(5.0)
-
-
 def test_bones_are_where_the_keypoints_are(ax):
     keypoints = keypoints_from_skeleton(forward_kinematics(np.zeros(20)).joints)
     show_bones(ax, keypoints, orbit_view(0, 0))
@@ -64,22 +34,6 @@ def test_bones_are_where_the_keypoints_are(ax):
     assert tips[:, 1].max() == pytest.approx(19.1)  # the middle finger's tip, centimetres
     with pytest.raises(ValueError, match="21 keypoints"):
         show_bones(ax, keypoints[:20], orbit_view(0, 0))
-
-
-def test_axis_is_named_in_its_colour(ax):
-    show_axis(ax, "z", (0, 0, 0), (0, 0, 1), orbit_view(90, 0), length_m=0.1)
-    (label,) = [text for text in ax.texts if text.get_text()]
-    assert label.get_text() == "z"
-    assert label.get_color() == AXIS_COLORS["z"]
-    assert label.get_position()[0] == pytest.approx(-12.2)
-    assert ax.get_xlim()[0] <= -12.2  # nothing of it falls outside of the picture
-
-
-def test_frame_has_one_scale_and_no_box(ax):
-    frame_hand_axes(ax, "a hand")
-    assert ax.get_aspect() == 1.0
-    assert not ax.axison
-    assert ax.get_title() == "a hand"
 
 
 def test_orbit_widget_moves_one_feature_and_not_the_other():
@@ -98,4 +52,3 @@ def test_orbit_widget_moves_one_feature_and_not_the_other():
     ]
     assert max(heights[0]) < 1e-9
     assert max(heights[1]) > 3.0
-    plt.close("all")

@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-import matplotlib as mpl
-
-mpl.use("Agg")
-
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import torch
 
-from hadr.figures import COLORS
 from hadr.figures.method.rays import (
-    draw_missed,
     draw_slabs,
     draw_strip,
     draw_walk,
@@ -21,17 +15,12 @@ from hadr.figures.method.rays import (
     show_pixels,
     stages_figure,
 )
-from hadr.figures.method.voxels import draw_cubes, label_upright, ray_figure, upright, voxel_figure
+from hadr.figures.method.voxels import draw_cubes, ray_figure, upright, voxel_figure
+from hadr.figures.panels import COLORS
 from hadr.figures.widgets import walk_along_ray
 from hadr.ray_voxels import VoxelGrid, occupied_voxels, ray_voxel_pairs
 
 GRID = VoxelGrid()
-
-
-@pytest.fixture(autouse=True)
-def _close_figures():
-    yield
-    plt.close("all")
 
 
 def scene():
@@ -56,14 +45,6 @@ def test_a_cube_has_twelve_edges_of_its_size() -> None:
     first = segments[:12].reshape(-1, 3)
     assert first.min(axis=0).tolist() == [-0.125, 0.875, -0.125]
     assert first.max(axis=0).tolist() == [0.125, 1.125, 0.125]
-
-
-def test_label_upright_sets_limits_in_the_turned_frame() -> None:
-    ax = plt.figure().add_subplot(projection="3d")
-    label_upright(ax, [-1.0, -0.5, 0.0], [1.0, 0.2, 2.0])
-    assert ax.get_xlim() == pytest.approx((-1.0, 1.0))
-    assert ax.get_ylim() == pytest.approx((0.0, 2.0))
-    assert ax.get_zlim() == pytest.approx((-0.2, 0.5))
 
 
 def test_walk_marks_the_candidate_in_which_the_ray_is() -> None:
@@ -103,15 +84,6 @@ def test_slabs_show_the_stay_in_each_and_what_they_share() -> None:
     assert texts == ["1.042 to 1.458", "no limit", "1.094 to 1.406", "1.094 to 1.406"]
     right = ax.get_window_extent().x1
     assert all(text.get_window_extent().x0 > right for text in ax.texts), "beside the bars"
-
-
-def test_a_missed_voxel_is_a_dotted_square_at_its_place() -> None:
-    _, ax = plt.subplots()
-    draw_missed(ax, [0.5, 0.0, 1.0], 0.25, "missed")
-    (square,) = ax.patches
-    assert (square.get_x(), square.get_y()) == (0.875, 0.375)
-    assert (square.get_width(), square.get_height()) == (0.25, 0.25)
-    assert [t.get_text() for t in ax.texts] == ["missed"]
 
 
 def test_stages_stop_before_in_at_and_past() -> None:

@@ -1,13 +1,9 @@
-import matplotlib as mpl
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
 from hadr.data.samples import open_samples
-from hadr.figures.method.training_film import distances, film_picture
+from hadr.figures.method.training_film import distances, epoch_picture
 from hadr.training.batches import load_frames
-
-mpl.use("Agg")
 
 
 @pytest.fixture(scope="module")
@@ -20,12 +16,6 @@ def frames():
 def stages(frames):
     truth = frames.true_depth.numpy()
     return {"first": truth + 0.5, "second": truth + 0.02, "last": truth.copy()}
-
-
-@pytest.fixture(autouse=True)
-def _close_figures():
-    yield
-    plt.close("all")
 
 
 def panel(figure, xlabel):
@@ -41,7 +31,7 @@ def test_a_glass_is_as_far_as_the_median_of_its_own_pixels(frames):
 
 
 def test_dots_stand_at_true_and_restored_distance(frames, stages):
-    figure = film_picture(stages, frames, (0, 1, 2), 1)
+    figure = epoch_picture(stages, frames, (0, 1, 2), 1)
     ax = panel(figure, "true distance (m)")
     true, said = ax.collections[0].get_offsets().T
     np.testing.assert_allclose(true, distances(frames.true_depth.numpy(), frames))
@@ -50,14 +40,14 @@ def test_dots_stand_at_true_and_restored_distance(frames, stages):
 
 
 def test_dots_beyond_the_border_are_drawn_at_it(frames, stages):
-    ax = panel(film_picture(stages, frames, (0, 1, 2), 0), "true distance (m)")
+    ax = panel(epoch_picture(stages, frames, (0, 1, 2), 0), "true distance (m)")
     said = np.asarray(ax.collections[0].get_offsets())[:, 1]
     assert said.max() == pytest.approx(ax.get_ylim()[1])
     assert "50.0 cm" in ax.get_title()
 
 
 def test_each_glass_is_seen_from_above_beside_its_truth(frames, stages):
-    figure = film_picture(stages, frames, (2, 1, 0), 1)
+    figure = epoch_picture(stages, frames, (2, 1, 0), 1)
     above = [ax for ax in figure.axes if ax.get_xlabel() == "sideways (cm)"]
     assert len(above) == 3
     for ax in above:
@@ -70,7 +60,8 @@ def test_each_glass_is_seen_from_above_beside_its_truth(frames, stages):
 def test_all_stages_have_the_same_axes(frames, stages):
     limits = {
         tuple(
-            (ax.get_xlim(), ax.get_ylim()) for ax in film_picture(stages, frames, (0, 1, 2), k).axes
+            (ax.get_xlim(), ax.get_ylim())
+            for ax in epoch_picture(stages, frames, (0, 1, 2), k).axes
         )
         for k in range(3)
     }
@@ -80,4 +71,4 @@ def test_all_stages_have_the_same_axes(frames, stages):
 def test_an_unknown_stage_is_refused(frames, stages):
     for stage in (-1, 3):
         with pytest.raises(ValueError, match=f"stages 0 to 2, got {stage}"):
-            film_picture(stages, frames, (0, 1, 2), stage)
+            epoch_picture(stages, frames, (0, 1, 2), stage)

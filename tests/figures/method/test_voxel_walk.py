@@ -1,21 +1,13 @@
 import matplotlib as mpl
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import torch
 
-from hadr.figures import COLORS
 from hadr.figures.method.voxel_walk import voxel_walk, walk_picture
+from hadr.figures.panels import COLORS
 from hadr.ray_voxels import VoxelGrid, occupied_voxels
 
-mpl.use("Agg")
 GRID = VoxelGrid()
-
-
-@pytest.fixture(autouse=True)
-def _close_figures():
-    yield
-    plt.close("all")
 
 
 def walked(direction, cells):

@@ -1,6 +1,5 @@
 from dataclasses import replace
 
-import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
@@ -19,19 +18,12 @@ from hadr.figures.solids.camera_orbit import (
     orbit_picture,
     point_on_glass,
 )
-from hadr.figures.solids.turntable import HeldGlass
+from hadr.figures.solids.turntable import HandOnGlass
 from hadr.hand import FINGERS, forward_kinematics
 from hadr.ray_voxels import VoxelGrid
 from hadr.synthesis.glass.surfaces import Surface
 
-mpl.use("Agg")
 TURNS = [0.0, 60.0, 90.0]
-
-
-@pytest.fixture(autouse=True)
-def _close_figures():
-    yield
-    plt.close("all")
 
 
 def box(low, high):
@@ -54,7 +46,7 @@ def scene():
     hand = box([-0.01, -0.12, -0.02], [0.01, 0.12, 0.22])
     glass = box([0.03, -0.03, 0.10], [0.05, 0.03, 0.20])
     colors = np.full((8, 3), 200, np.uint8)
-    return HeldGlass("test", "", glass, hand, colors, joints, azimuth_deg=0.0, elevation_deg=0.0)
+    return HandOnGlass("test", "", glass, hand, colors, joints, azimuth_deg=0.0, elevation_deg=0.0)
 
 
 @pytest.fixture(scope="module")

@@ -1,26 +1,19 @@
 """The named skeleton and the sheet of angles."""
 
-import matplotlib as mpl
-import matplotlib.pyplot as plt
 import numpy as np
-import pytest
 
 from hadr.figures.solids.hand_anatomy import (
     SHOWN_ANGLES,
     draw_angle_sheet,
     draw_named_skeleton,
+    draw_poses,
+    draw_recording,
     open_hand,
 )
 from hadr.figures.solids.studio import studio_view
-from hadr.hand import KEYPOINT_NAMES, SKELETON_NAMES
-
-mpl.use("Agg")
-
-
-@pytest.fixture(autouse=True)
-def _close():
-    yield
-    plt.close("all")
+from hadr.hand import ANGLE_NAMES, KEYPOINT_NAMES, SKELETON_NAMES, forward_kinematics
+from hadr.synthesis.holding.hold import make_hold
+from hadr.synthesis.recordings.recording import Recording
 
 
 def test_joints_count_from_one_and_keypoints_from_zero_without_the_virtual_point():
@@ -54,3 +47,33 @@ def test_the_sheet_shows_each_angle_at_its_limits():
     # A finger that bends by 90 degrees at its root ends nearer to the wrist than a straight one.
     bent, straight = fig.axes[5].lines[0], fig.axes[13].lines[0]
     assert bent.get_ydata()[-1] > straight.get_ydata()[-1] + 5
+
+
+def test_curves_are_the_angles_in_degrees_and_lines_mark_the_moments():
+    hold = make_hold("0000", 0, 0)
+    time = np.linspace(0.0, 1.0, 5)
+    angles = hold.angles + 0.01 * np.arange(5)[:, None] * np.linspace(-1, 1, 20)
+    recording = Recording(
+        hold.hold_id, hold.object_id, hold.kind, hold.shape, time, angles,
+        np.repeat(hold.wrist_from_object[None], 5, axis=0),
+    )  # fmt: skip
+    fig = draw_recording(recording, pixels=32)
+    stills, panels = fig.axes[:3], fig.axes[3:]
+    assert [ax.get_title() for ax in stills] == ["0.00 s", "0.50 s", "1.00 s"]
+    assert [ax.get_title() for ax in panels] == ["thumb", "index", "middle", "ring", "little"]
+    for finger, ax in enumerate(panels):
+        curves = [line for line in ax.lines if len(line.get_xdata()) == 5]
+        assert len(curves) == 4
+        for joint, line in enumerate(curves):
+            number = 4 * finger + joint
+            assert ANGLE_NAMES[number].startswith(ax.get_title())
+            np.testing.assert_allclose(line.get_ydata(), np.rad2deg(angles[:, number]))
+        marks = [line.get_xdata()[0] for line in ax.lines if len(line.get_xdata()) == 2]
+        np.testing.assert_allclose(marks, [0.0, 0.5, 1.0])
+
+
+def test_each_pose_is_seen_twice_with_its_twenty_bones():
+    poses = {"flat": forward_kinematics(np.zeros(20)), "bent": forward_kinematics(np.full(20, 0.3))}
+    axes = draw_poses(poses, pixels=48).axes
+    assert [ax.get_title() for ax in axes] == ["flat", "bent", "", ""]
+    assert {len(ax.lines) for ax in axes} == {40}  # each bone has a white line below it

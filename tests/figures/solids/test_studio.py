@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hadr.figures.solids.studio import StudioView, studio_picture, studio_view
-from hadr.figures.solids.turntable import HeldGlass, bare_hand
+from hadr.figures.solids.turntable import HandOnGlass, bare_hand
 from hadr.hand import HandShape, forward_kinematics
 from hadr.synthesis.glass.surfaces import Surface, revolve
 
@@ -23,7 +23,7 @@ def ball(center=(0.0, 0.0, 0.0)):
 
 def scene(hand=NOTHING, glass=NOTHING, color=(255, 0, 0)):
     colors = np.tile(np.array(color, np.uint8), (len(hand.vertices), 1))
-    return HeldGlass("n", "n", glass, hand, colors, np.zeros((22, 3)), 0.0)
+    return HandOnGlass("n", "n", glass, hand, colors, np.zeros((22, 3)), 0.0)
 
 
 def test_the_view_is_a_rotation_that_keeps_z_up():

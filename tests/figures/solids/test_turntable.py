@@ -9,7 +9,7 @@ import pytest
 
 from hadr.figures.solids.turntable import (
     FOREARM_SHOWN,
-    HeldGlass,
+    HandOnGlass,
     held_glass,
     simplified,
     turntable,
@@ -35,7 +35,7 @@ def scene(name="ball", surface=None, azimuth=90.0):
     surface = surface or ball()
     colors = np.full((len(surface.vertices), 3), 200, np.uint8)
     joints = forward_kinematics(np.zeros(20), HandShape()).joints
-    return HeldGlass(name, "note", surface, surface, colors, joints, azimuth)
+    return HandOnGlass(name, "note", surface, surface, colors, joints, azimuth)
 
 
 def data_of(page):

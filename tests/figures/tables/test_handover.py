@@ -1,6 +1,14 @@
+import matplotlib.pyplot as plt
+import numpy as np
 import pytest
 
-from hadr.figures.tables.handover import arms_table, failures_table, paired
+from hadr.figures.tables.handover import (
+    arms_table,
+    draw_degradation,
+    draw_outcomes,
+    draw_success,
+    paired,
+)
 
 ROW = {
     "arm": "hadr",
@@ -8,9 +16,10 @@ ROW = {
     "successes": 30,
     "rate": 0.625,
     "interval": [0.484, 0.748],
-    "objects_at_50_percent": 5,
+    "objects_at_50_percent": 3,
     "objects_at_80_percent": 2,
     "objects_at_100_percent": 1,
+    "rate_by_object": dict.fromkeys("0145", 0.75),
     "failures": {"drop": 10, "time-out": 8},
     "mean_seconds": 7.25,
 }
@@ -26,18 +35,10 @@ def cells(line):
 
 def test_each_arm_has_its_numbers_and_the_paper_stands_below():
     lines = arms_table([ROW, NEVER], {"GraspNet": [5, 0, 0, 0]}).splitlines()
-    assert cells(lines[2]) == ["HADR", "30/48", "62.5 %", "48 to 75", "5/8", "2/8", "1/8", "7.2 s"]
+    assert cells(lines[2]) == ["HADR", "30/48", "62.5 %", "48 to 75", "3/4", "2/4", "1/4", "7.2 s"]
     assert cells(lines[3])[:3] == ["sensor depth", "0/48", "0.0 %"]
     assert cells(lines[3])[7] == "none"
     assert cells(lines[4]) == ["*paper: GraspNet*", "5/48", "10.4 %", "", "0/8", "0/8", "0/8", ""]
-
-
-def test_kinds_of_failure_are_counted_by_name():
-    other = {**NEVER, "failures": {"time-out": 48}}
-    lines = failures_table([ROW, other]).splitlines()
-    assert cells(lines[0]) == ["depth", "drop", "time-out"]
-    assert cells(lines[2]) == ["HADR", "10", "8"]
-    assert cells(lines[3]) == ["sensor depth", "0", "48"]
 
 
 def test_two_arms_are_compared_attempt_by_attempt():
@@ -49,3 +50,68 @@ def test_two_arms_are_compared_attempt_by_attempt():
     assert paired(first, first) == (0, 0, 1.0)
     with pytest.raises(ValueError, match="a and d have not made the same attempts"):
         paired(first, {"arm": "d", "verdicts": {"1": "drop"}})
+
+
+def row(arm: str, successes: int, low: float, high: float, **more: object) -> dict[str, object]:
+    return {
+        "arm": arm,
+        "attempts": 48,
+        "successes": successes,
+        "rate": successes / 48,
+        "interval": [low, high],
+        "failures": {"drop": 40 - successes, "timeout": 8},
+        **more,
+    }
+
+
+ROWS = [row("perfect", 40, 0.70, 0.92), row("hadr", 36, 0.61, 0.85), row("raw", 12, 0.15, 0.39)]
+
+
+def test_bars_are_as_long_as_the_rates_and_stand_in_order() -> None:
+    _, ax = plt.subplots()
+    draw_success(ax, ROWS, published=34 / 48)
+    names = [label.get_text() for label in ax.get_yticklabels()]
+    assert names == ["sensor depth", "HADR", "perfect depth"]
+    lengths = [bar.get_width() for bar in ax.patches]
+    assert lengths == pytest.approx([25.0, 75.0, 100 * 40 / 48])
+    intervals = [segment[:, 0] for segment in ax.collections[0].get_segments()]
+    np.testing.assert_allclose(intervals, [[15, 39], [61, 85], [70, 92]])
+    assert "75 %  (36/48)" in [text.get_text() for text in ax.texts]
+    assert ax.lines[-1].get_xdata()[0] == pytest.approx(70.83, abs=0.01)
+
+
+@pytest.mark.parametrize(("rate", "interval"), [(0.5, (0.6, 0.7)), (75, (61, 85)), (0.5, (0, 0.4))])
+def test_a_rate_outside_of_its_interval_is_refused(rate: float, interval: tuple) -> None:
+    _, ax = plt.subplots()
+    wrong = {**ROWS[1], "rate": rate, "interval": interval}
+    with pytest.raises(ValueError, match="hadr: the rate must lie in its interval"):
+        draw_success(ax, [wrong])
+
+
+def test_outcomes_fill_the_attempts() -> None:
+    _, ax = plt.subplots()
+    draw_outcomes(ax, ROWS)
+    ends = {}
+    for bar in ax.patches:
+        place = round(bar.get_y() + bar.get_height() / 2)
+        ends[place] = max(ends.get(place, 0), bar.get_x() + bar.get_width())
+    assert ends == {0: 48, 1: 48, 2: 48}
+    assert [t.get_text() for t in ax.get_legend().texts] == ["success", "drop", "timeout"]
+    with pytest.raises(ValueError, match="make 49, not 48 attempts"):
+        draw_outcomes(ax, [{**ROWS[1], "failures": {"drop": 13}}])
+
+
+def test_degradation_has_a_line_an_arm_with_its_intervals() -> None:
+    _, ax = plt.subplots()
+    rows = [
+        row("hadr", 36, 0.61, 0.85, hand_speed=1),
+        row("hadr", 12, 0.15, 0.39, hand_speed=3),
+        row("perfect", 40, 0.70, 0.92, hand_speed=1),
+    ]
+    draw_degradation(ax, rows[::-1], "hand_speed", "hand's speed", standard=1)
+    first, second = (container.lines for container in ax.containers)
+    np.testing.assert_allclose(first[0].get_ydata(), [75, 25])
+    np.testing.assert_allclose(first[0].get_xdata(), [1, 3], atol=0.1)
+    np.testing.assert_allclose(second[0].get_ydata(), [100 * 40 / 48])
+    np.testing.assert_allclose([s[:, 1] for s in first[2][0].get_segments()], [[61, 85], [15, 39]])
+    assert [t.get_text() for t in ax.get_legend().texts] == ["HADR", "perfect depth"]

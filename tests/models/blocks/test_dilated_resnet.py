@@ -18,8 +18,10 @@ def test_the_default_is_resnet_34_and_a_convolution_to_32_channels() -> None:
 @pytest.mark.parametrize("size", [(72, 128), (126, 224), (33, 50)])
 def test_the_stride_stays_8(size: tuple[int, int]) -> None:
     model = DilatedResNet(SMALL, channels=5).eval()
-    dense = model.features(torch.rand(2, 3, *size))
-    assert dense.coarse.shape == (2, 5, -(-size[0] // 8), -(-size[1] // 8))
+    coarse = []
+    model.reduce.register_forward_hook(lambda *seen: coarse.append(seen[2].shape))
+    dense = model(torch.rand(2, 3, *size))
+    assert coarse == [(2, 5, -(-size[0] // 8), -(-size[1] // 8))]
     assert dense.shape == (2, 5, *size)
 
 

@@ -18,7 +18,6 @@ from hadr.press.course.graded import (
     check_cell,
     course_notebook,
     otter_test,
-    rename,
     solution_answer,
     student_answer,
     variable_of,
@@ -65,15 +64,9 @@ def released(notebook):
     return notebook
 
 
-def test_variables_are_renamed_and_nothing_else():
-    source = 'f(answer, answer=1)  # answer\nx.answer = "é answer"; y = answer'
-    expected = 'f(a_1, answer=1)  # answer\nx.answer = "é answer"; y = a_1'
-    assert rename(source, "answer", "a_1") == expected
-    assert variable_of("ex-03-1") == "answer_03_1"
-
-
 def test_student_and_solution_cells(small):
     (exercise,) = small.exercises
+    assert variable_of("ex-03-1") == "answer_03_1"
     assert student_answer(exercise) == f"three = 3\nanswer_07_1 = ...\n{STUB}"
     solved = solution_answer(exercise)
     assert "answer_07_1 = twice(three)" in solved

@@ -48,8 +48,8 @@ def test_exercises_are_numbered_as_on_the_pages_of_the_book(book):
 
 
 def test_a_time_has_a_column_of_its_own(book):
-    lines = [line for line in plans_text(book).splitlines() if line.startswith("| 1 |")]
-    assert all(re.fullmatch(r"\| 1 \| \d+ \| .+ \| .+ \|", line) for line in lines)
+    lines = [line for line in plans_text(book).splitlines() if re.match(r"\| 1 +\|", line)]
+    assert all(re.fullmatch(r"\| 1 +\| +\d+ \| .+ \| .+ \|", line) for line in lines)
     assert len(lines) >= 5
 
 

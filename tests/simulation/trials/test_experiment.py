@@ -217,7 +217,7 @@ def test_attempts_of_other_code_are_made_again(
 
 
 def test_every_bundled_network_is_part_of_the_code() -> None:
-    used = modules_behind(*CODE, without=("hadr.training.checkpoints",))
+    used = modules_behind(*CODE, without=("hadr.models.networks",))
     for file in CHECKPOINTS.values():
         network, _ = load_checkpoint(samples_dir() / "checkpoints" / file)
         assert type(network).__module__ in used

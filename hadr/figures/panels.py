@@ -1,0 +1,252 @@
+"""The book's figure style: the same colours for the same things, labelled axes, units.
+
+Colours are Okabe and Ito's, which colour-blind readers can tell apart. Depth is drawn in one
+sequential map (near is bright), signed errors in a diverging one that is white at zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import matplotlib as mpl
+import matplotlib.pyplot as plt
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
+from matplotlib.rcsetup import cycler
+
+from hadr.camera import BoolArray, FloatArray, valid_depth
+from hadr.hand import BONES, FINGERS
+
+#: One colour for one thing, throughout the book.
+COLORS: dict[str, str] = {
+    "truth": "#000000",
+    "raw": "#7f7f7f",
+    "hadr": "#0072B2",
+    "baseline": "#E69F00",
+    "hand": "#D55E00",
+    "glass": "#56B4E9",
+    "robot": "#009E73",
+    "voxel": "#CC79A7",
+    "ray": "#D55E00",
+    "highlight": "#F0E442",
+    "background": "#B8B8B8",
+}
+#: Colours of the five fingers, thumb to little finger.
+FINGER_COLORS: dict[str, str] = {
+    "thumb": "#D55E00",
+    "index": "#E69F00",
+    "middle": "#009E73",
+    "ring": "#0072B2",
+    "little": "#CC79A7",
+}
+#: Colours of the 20 bones between keypoints, in the order of `hadr.hand.BONES`.
+BONE_COLORS: tuple[str, ...] = tuple(FINGER_COLORS[f] for f in FINGERS for _ in range(4))
+DEPTH_MAP = "viridis_r"
+ERROR_MAP = "RdBu_r"
+_MISSING = "#d9d9d9"
+
+
+def use_style() -> None:
+    """Set matplotlib's defaults to the book's style; call it once at a chapter's start."""
+    mpl.rcParams.update(
+        {
+            "figure.figsize": (8.0, 3.6),
+            "figure.dpi": 110,
+            "savefig.dpi": 110,
+            "figure.constrained_layout.use": True,
+            "font.size": 10.5,
+            "axes.titlesize": 11,
+            "axes.labelsize": 10.5,
+            "xtick.labelsize": 9.5,
+            "ytick.labelsize": 9.5,
+            "legend.fontsize": 9.5,
+            "legend.frameon": False,
+            "axes.spines.top": False,
+            "axes.spines.right": False,
+            "axes.grid": False,
+            "lines.linewidth": 1.8,
+            "image.interpolation": "nearest",
+            "axes.prop_cycle": cycler(
+                color=[COLORS[k] for k in ("hadr", "hand", "robot", "baseline", "voxel", "glass")]
+            ),
+        }
+    )
+
+
+def _clean(ax: Axes, title: str | None) -> None:
+    ax.set_xticks([])
+    ax.set_yticks([])
+    for spine in ax.spines.values():
+        spine.set_visible(False)
+    if title is not None:
+        ax.set_title(title)
+
+
+def show_color(ax: Axes, color: npt.NDArray[Any], title: str | None = None) -> AxesImage:
+    """Show a colour image, shape (H, W, 3), uint8 or float in 0..1."""
+    image = ax.imshow(color)
+    _clean(ax, title)
+    return image
+
+
+def show_depth(
+    ax: Axes,
+    depth: FloatArray,
+    title: str | None = None,
+    *,
+    vmin: float | None = None,
+    vmax: float | None = None,
+    colorbar: bool = True,
+) -> AxesImage:
+    """Show a depth image in metres, shape (H, W); missing values are light grey.
+
+    Where no limits are given, they are the 1st and 99th percentile of the valid depth.
+    """
+    valid = valid_depth(depth)
+    if valid.any():
+        low, high = np.percentile(depth[valid], (1, 99))
+    else:
+        low, high = 0.0, 1.0
+    cmap = mpl.colormaps[DEPTH_MAP].with_extremes(bad=_MISSING)
+    image = ax.imshow(
+        np.ma.masked_where(~valid, depth),
+        cmap=cmap,
+        vmin=low if vmin is None else vmin,
+        vmax=high if vmax is None else vmax,
+    )
+    _clean(ax, title)
+    if colorbar:
+        bar = ax.figure.colorbar(image, ax=ax, shrink=0.75, pad=0.02)
+        bar.set_label("depth (m)")
+    return image
+
+
+def show_error(
+    ax: Axes,
+    error: FloatArray,
+    title: str | None = None,
+    *,
+    limit: float = 0.05,
+    colorbar: bool = True,
+) -> AxesImage:
+    """Show a signed depth error in metres, shape (H, W); NaN is light grey, red lies behind.
+
+    The colour bar is in centimetres and ends at plus and minus ``limit`` metres.
+    """
+    cmap = mpl.colormaps[ERROR_MAP].with_extremes(bad=_MISSING)
+    image = ax.imshow(
+        np.ma.masked_invalid(np.asarray(error) * 100),
+        cmap=cmap,
+        vmin=-limit * 100,
+        vmax=limit * 100,
+    )
+    _clean(ax, title)
+    if colorbar:
+        bar = ax.figure.colorbar(image, ax=ax, shrink=0.75, pad=0.02, extend="both")
+        bar.set_label("error (cm)")
+    return image
+
+
+def show_mask(
+    ax: Axes, mask: BoolArray, color: str = COLORS["glass"], *, alpha: float = 0.55
+) -> AxesImage:
+    """Lay a mask, shape (H, W), over the image that the axes already show."""
+    overlay = np.zeros((*mask.shape, 4))
+    overlay[..., :3] = to_rgb(color)
+    overlay[..., 3] = alpha * mask
+    return ax.imshow(overlay)
+
+
+def show_keypoints(ax: Axes, uv: npt.ArrayLike, *, size: float = 12.0) -> None:
+    """Draw 21 keypoints (u, v) and their bones over an image, one colour a finger."""
+    points = np.asarray(uv, dtype=float)
+    for (parent, child), color in zip(BONES, BONE_COLORS, strict=True):
+        segment = points[[parent, child]]
+        ax.plot(segment[:, 0], segment[:, 1], color="white", lw=2.6, solid_capstyle="round")
+        ax.plot(segment[:, 0], segment[:, 1], color=color, lw=1.6, solid_capstyle="round")
+    ax.scatter(points[:, 0], points[:, 1], s=size, c="white", edgecolors="black", lw=0.6, zorder=3)
+
+
+def frame_strip(
+    images: Sequence[npt.NDArray[Any]],
+    titles: Sequence[str],
+    *,
+    width: float = 9.0,
+    vmin: float | None = None,
+    vmax: float | None = None,
+) -> Figure:
+    """Draw images side by side: colour images as they are, (H, W) floats as depth.
+
+    All depth images share one scale, and one colour bar stands at the right.
+
+    Args:
+        images: Each (H, W, 3) colour, (H, W) float metres or (H, W) bool.
+        titles: One title an image.
+        width: Width of the figure, inches.
+        vmin: Nearest depth of the scale, metres; the 1st percentile where left out.
+        vmax: Farthest depth of the scale, metres; the 99th percentile where left out.
+
+    Returns:
+        The figure.
+
+    Raises:
+        ValueError: The numbers of images and titles differ.
+    """
+    if len(images) != len(titles):
+        raise ValueError(f"{len(images)} images, but {len(titles)} titles")
+    depths = [im for im in images if im.ndim == 2 and im.dtype != np.bool_]
+    valid = np.concatenate([d[valid_depth(d)] for d in depths]) if depths else np.zeros(0)
+    if valid.size:
+        low, high = np.percentile(valid, (1, 99))
+        vmin, vmax = (low if vmin is None else vmin), (high if vmax is None else vmax)
+    rows, columns = images[0].shape[:2]
+    bar = 0.9 if depths else 0.0
+    height = (width - bar) / len(images) * rows / columns + 0.45
+    fig: Figure
+    fig, axes = plt.subplots(1, len(images), figsize=(width, height), squeeze=False)
+    last: AxesImage | None = None
+    for ax, image, title in zip(axes[0], images, titles, strict=True):
+        if image.ndim == 3:
+            show_color(ax, image, title)
+        elif image.dtype == np.bool_:
+            ax.imshow(image, cmap="gray", vmin=0, vmax=1)
+            _clean(ax, title)
+        else:
+            last = show_depth(ax, image, title, vmin=vmin, vmax=vmax, colorbar=False)
+    if last is not None:
+        fig.colorbar(last, ax=axes[0].tolist(), shrink=0.85, pad=0.01, label="depth (m)")
+    return fig
+
+
+def legend_below(fig: Figure, ax: Axes, *, columns: int = 4) -> None:
+    """Put the legend of one of a figure's axes below all of them."""
+    handles, labels = ax.get_legend_handles_labels()
+    fig.legend(handles, labels, fontsize=8.5, loc="outside lower center", ncols=columns)
+
+
+def show_both_splits(
+    draw: Callable[[Axes, str], None],
+    *,
+    height: float = 3.5,
+    legend: int = 0,
+    same_scale: bool = True,
+) -> None:
+    """Show known objects on the left and unknown ones on the right.
+
+    Args:
+        draw: Called with axes and "known" or "unknown".
+        height: Of the figure, inches.
+        legend: Columns of the legend below; none where 0.
+        same_scale: Whether both have one vertical axis.
+    """
+    fig, axes = plt.subplots(1, 2, figsize=(9, height), sharey=same_scale)
+    for ax, split in zip(axes, ("known", "unknown"), strict=True):
+        draw(ax, split)
+    if legend:
+        legend_below(fig, axes[0], columns=legend)
+    plt.show()

@@ -1,0 +1,125 @@
+"""Plots with one named row a thing, the first at the top: dots with their doubt, and bars."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+
+
+@dataclass(frozen=True)
+class Dots:
+    """One dot a row.
+
+    Attributes:
+        values: Where the dots stand, shape (N,); NaN leaves a row free.
+        colors: One for all rows, or one a row.
+        markers: Likewise.
+        label: What the legend says; nothing where left out.
+        ends: Lower and upper end of a bar through each dot, shape (N, 2); NaN is none.
+        hollow: Whether the dots are white inside.
+        aside: How far below its row's middle a dot stands, rows.
+        text: Format of the number beside each dot, for example ``"{:.1f}"``; none where left out.
+    """
+
+    values: npt.ArrayLike
+    colors: str | Sequence[str]
+    markers: str | Sequence[str] = "o"
+    label: str = ""
+    ends: npt.ArrayLike | None = None
+    hollow: bool = False
+    aside: float = 0.0
+    text: str = ""
+
+
+def name_rows(ax: Axes, names: Sequence[str]) -> None:
+    """Name the rows 0, 1, ... of axes, the first at the top."""
+    ax.set_yticks(range(len(names)), names)
+    ax.set_ylim(len(names) - 0.4, -0.6)
+
+
+def draw_dot_rows(
+    ax: Axes, names: Sequence[str], series: Sequence[Dots], *, size: float = 7, joined: bool = False
+) -> None:
+    """Draw series of dots in named rows.
+
+    Args:
+        ax: Ordinary 2D axes.
+        names: The N rows.
+        series: The dots.
+        size: Of the dots, points.
+        joined: Whether a line joins the dots of each row, in the first series' colour.
+    """
+    if joined:
+        every = np.array([dots.values for dots in series], dtype=float)
+        for row, color in enumerate(_each(series[0].colors, len(names))):
+            here = every[np.isfinite(every[:, row]), row]
+            ax.plot(here, np.full(len(here), row), color=color, lw=1.2, alpha=0.7)
+    for dots in series:
+        colors, markers = _each(dots.colors, len(names)), _each(dots.markers, len(names))
+        values = np.asarray(dots.values, dtype=float)
+        ends = np.stack([values, values], 1) if dots.ends is None else np.asarray(dots.ends, float)
+        style: dict[str, Any] = {"ls": "", "ms": size} | ({"mfc": "white"} if dots.hollow else {})
+        for row, (value, (low, high)) in enumerate(zip(values, ends, strict=True)):
+            at, color = row + dots.aside, colors[row]
+            if high > low:
+                ax.plot([low, high], [at, at], color=color, lw=1.8)
+            ax.plot(value, at, markers[row], color=color, **style)
+            if dots.text and np.isfinite(value):
+                left = dots.text.startswith("{:+") and value < 0
+                ax.annotate(dots.text.format(value), (low if left else high, at), va="center",
+                            xytext=(-6 if left else 6, 0), textcoords="offset points",
+                            ha="right" if left else "left", fontsize=9)  # fmt: skip
+        if dots.label:
+            grey = "#7f7f7f" if colors is dots.colors else colors[0]  # no one row's colour
+            ax.plot([], [], markers[0], color=grey, label=dots.label, **style)
+    name_rows(ax, names)
+
+
+def draw_bar_rows(
+    ax: Axes,
+    names: Sequence[str],
+    parts: Mapping[str, npt.ArrayLike],
+    colors: Sequence[Any],
+    *,
+    edges: Any = "none",
+    hatches: Sequence[str] = (),
+    height: float = 0.7,
+    left: npt.ArrayLike = 0.0,
+    text: str = "",
+    least: float = 0.0,
+) -> None:
+    """Draw bars in named rows, one behind the other from left to right.
+
+    Args:
+        ax: Ordinary 2D axes.
+        names: The N rows.
+        parts: What the legend says to the lengths of its bars, shape (N,).
+        colors: For each part one for all rows, or one a row.
+        edges: Of the bars' edges: one for all, or one a row.
+        hatches: One a part; none where left out.
+        height: Of a bar, rows.
+        left: Where the first bars begin, shape (N,) or one number.
+        text: Format of the number within each bar, for example ``"{:.0f}"``; none where left out.
+        least: Shorter bars get no number.
+    """
+    start = np.broadcast_to(np.asarray(left, dtype=float), len(names)).copy()
+    box = {"facecolor": "white", "edgecolor": "none", "pad": 1.0, "alpha": 0.8}
+    for k, (part, values) in enumerate(parts.items()):
+        lengths = np.asarray(values, dtype=float)
+        ax.barh(range(len(names)), lengths, height, start, label=part, color=colors[k],
+                edgecolor=edges, hatch=hatches[k] if hatches else None)  # fmt: skip
+        for row, length in enumerate(lengths):
+            if text and length > 0 and length >= least:
+                ax.text(start[row] + length / 2, row, text.format(length), ha="center",
+                        va="center", fontsize=8.5, bbox=box)  # fmt: skip
+        start += np.nan_to_num(lengths)
+    name_rows(ax, names)
+
+
+def _each(value: str | Sequence[str], count: int) -> Sequence[str]:
+    return [value] * count if isinstance(value, str) else value

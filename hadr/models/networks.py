@@ -1,0 +1,105 @@
+"""The table of networks: where each one is, what it answers, and what readers call it.
+
+A new network needs a row here, a file of its own, and recipes in `hadr.training.presets`. Modules
+are named and imported when they are asked for.
+"""
+
+from __future__ import annotations
+
+import importlib
+from dataclasses import dataclass
+from typing import Any, Literal
+
+
+@dataclass(frozen=True)
+class Network:
+    """A row of the table.
+
+    Attributes:
+        title: What readers call it.
+        module: Dotted name of the module that has network and configuration.
+        network: Name of its class.
+        config: Name of its configuration's class.
+        training: Dotted name of the module with its loss (`hadr.training.tasks.task.Task`).
+        answer: What it says of a frame.
+        rival: One of the systems that the paper compares with.
+        can_say: It predicts a distribution of depth, so that it can say how sure it is. HADR's and
+            LIDF's probability is that of a voxel of 25 cm and says next to nothing about
+            centimetres (chapter 6); the others have no opinion.
+    """
+
+    title: str
+    module: str
+    network: str
+    config: str
+    training: str
+    answer: Literal["depth", "keypoints", "masks"] = "depth"
+    rival: bool = False
+    can_say: bool = False
+
+    @property
+    def modules(self) -> tuple[str, str]:
+        """The modules with which its code begins."""
+        return self.module, self.training
+
+    def network_class(self) -> Any:
+        """Import the class of the network."""
+        return getattr(importlib.import_module(self.module), self.network)
+
+    def config_class(self) -> Any:
+        """Import the class of its configuration."""
+        return getattr(importlib.import_module(self.module), self.config)
+
+
+NETWORKS: dict[str, Network] = {
+    "hadr": Network(
+        "HADR", "hadr.models.hadr", "HADR", "HADRConfig", "hadr.training.tasks.hadr"
+    ),
+    "hadr-plus": Network(
+        "HADR-plus", "hadr.models.hadr_plus", "HADRPlus", "HADRPlusConfig",
+        "hadr.training.tasks.hadr_plus", can_say=True,
+    ),
+    "unet-hand": Network(
+        "U-Net with hand", "hadr.rivals.unet_hand", "UNetHand", "UNetHandConfig",
+        "hadr.training.tasks.unet_hand",
+    ),
+    "lidf": Network(
+        "LIDF", "hadr.rivals.lidf", "LIDF", "LIDFConfig", "hadr.training.tasks.lidf", rival=True
+    ),
+    "dfnet": Network(
+        "DFNet", "hadr.rivals.dfnet", "DFNet", "DFNetConfig", "hadr.training.tasks.dfnet",
+        rival=True,
+    ),
+    "swindrnet": Network(
+        "SwinDRNet", "hadr.rivals.swindrnet", "SwinDRNet", "SwinDRNetConfig",
+        "hadr.training.tasks.swindrnet", rival=True,
+    ),
+    "tode": Network(
+        "TODE-Trans", "hadr.rivals.tode", "TODETrans", "TODEConfig", "hadr.training.tasks.tode",
+        rival=True,
+    ),
+    "hand-keypoints": Network(
+        "hand keypoints", "hadr.models.hand.keypoints", "HandKeypointNet", "HandKeypointConfig",
+        "hadr.training.tasks.hand_keypoints", answer="keypoints",
+    ),
+    "segmentation": Network(
+        "segmentation", "hadr.models.segmentation", "SegmentationNet", "SegmentationConfig",
+        "hadr.training.tasks.segmentation", answer="masks",
+    ),
+}  # fmt: skip
+"""The networks by their kind, as checkpoints, recipes and `--network` name it."""
+DEPTH_NETWORKS = tuple(kind for kind, network in NETWORKS.items() if network.answer == "depth")
+"""Those that restore depth."""
+RIVALS = tuple(kind for kind, network in NETWORKS.items() if network.rival)
+"""Those that the paper compares with."""
+
+
+def network_of(kind: str) -> Network:
+    """Give the row of a kind of network.
+
+    Raises:
+        ValueError: There is no such network.
+    """
+    if kind not in NETWORKS:
+        raise ValueError(f"network must be one of {', '.join(NETWORKS)}, got {kind!r}")
+    return NETWORKS[kind]

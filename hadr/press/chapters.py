@@ -1,0 +1,224 @@
+"""Run the chapters with papermill and time them; a failure says where, and keeps what was done."""
+
+from __future__ import annotations
+
+import re
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from hadr.experiments.steps import Step, seconds_text
+from hadr.press.chapter_record import (
+    RECORD,
+    chapter_configuration,
+    finished_chapter,
+    keep_chapter,
+)
+from hadr.press.private_kernel import private_jupyter, register_engine
+from hadr.records.output_folder import CACHE
+
+CELL_TIMEOUT_S = 3600
+"""A cell that takes longer hangs; the longest takes a minute, or many on a busy machine."""
+PARTS = ("tables", "handover", "chapters")
+"""What ``--only`` takes as a whole, in the order in which it is made."""
+_ANSI = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
+
+
+@dataclass(frozen=True)
+class ChapterRun:
+    """One executed chapter.
+
+    Args:
+        name: The notebook's name without suffix, such as ``03_ray_voxels``.
+        duration_s: Wall-clock time that papermill measured, seconds.
+        notebook: The executed notebook.
+        results: The chapter's ``results.json``, or None where it wrote none.
+    """
+
+    name: str
+    duration_s: float
+    notebook: Path
+    results: Path | None
+
+
+class ChapterError(RuntimeError):
+    """A chapter stopped with an error; the text says where, and where the notebook was kept."""
+
+
+def chapter_paths(notebooks: Path, only: Sequence[str] = ()) -> list[Path]:
+    """The chapters' notebooks in the book's order.
+
+    Args:
+        notebooks: Folder with NN_name.ipynb.
+        only: Numbers or beginnings of names (``03``, ``3``, ``03_ray``); empty takes all.
+
+    Raises:
+        ValueError: A wish is empty or fits no chapter, or there is no chapter at all.
+    """
+    paths = sorted(notebooks.glob("[0-9][0-9]_*.ipynb"))
+    if not paths:
+        raise ValueError(f"no notebook named NN_name.ipynb in {notebooks}")
+    wanted = []
+    for wish in only:
+        if not wish.strip():
+            raise ValueError("--only has an empty word; leave --only out to take everything")
+        beginning = wish.zfill(2) if wish.isdigit() else wish
+        fitting = [path for path in paths if path.stem.startswith(beginning)]
+        if not fitting:
+            names = ", ".join(path.stem for path in paths)
+            raise ValueError(
+                f"{wish!r} is none of {', '.join(PARTS)} and no run of the tables "
+                f"(EXPERIMENT/METHOD), and no chapter begins with it; the chapters are {names}"
+            )
+        wanted += fitting
+    return sorted(set(wanted)) if only else paths
+
+
+def run_notebooks(
+    notebooks: Sequence[Path],
+    out_dir: Path,
+    *,
+    preset: str = "tiny",
+    seed: int = 0,
+    say: Callable[[str], None] = print,
+    resume: bool = False,
+) -> list[ChapterRun]:
+    """Execute notebooks with papermill, one after the other.
+
+    Args:
+        notebooks: Notebooks to execute; their files are not changed.
+        out_dir: Takes ``executed/NAME.ipynb`` and, as each notebook's own ``out_dir``,
+            ``results/NAME/``.
+        preset: Value of the notebooks' parameter ``preset``.
+        seed: Value of the notebooks' parameter ``seed``.
+        say: Receives one line per notebook.
+        resume: Leave out those that were executed already, if since then neither they nor the
+            library nor the data that they read have changed.
+
+    Returns:
+        One entry per notebook, in order.
+
+    Raises:
+        ChapterError: A cell raised, took too long, or its kernel died. The half-executed
+            notebook is kept.
+    """
+    out_dir = out_dir.resolve()
+    runs = []
+    with private_jupyter(out_dir / CACHE):
+        for number, notebook in enumerate(notebooks, start=1):
+            label = f"[{number:2d}/{len(notebooks)}] {notebook.stem}"
+            target, folder, results = _places(notebook, out_dir)
+            configuration = chapter_configuration(notebook, preset, seed)
+            before = finished_chapter(folder, configuration, target) if resume else None
+            if before is None:
+                folder.mkdir(parents=True, exist_ok=True)
+                target.parent.mkdir(parents=True, exist_ok=True)
+                for stale in (results, folder / RECORD):
+                    stale.unlink(missing_ok=True)
+                parameters = {"preset": preset, "seed": seed, "out_dir": str(folder)}
+                duration = _execute(notebook, target, parameters, label)
+                keep_chapter(folder, configuration, duration)
+            else:
+                duration = before
+            say(f"{label:<40} {duration:6.1f} s" + (" (was there)" if before is not None else ""))
+            found = results if results.exists() else None
+            runs.append(ChapterRun(notebook.stem, duration, target, found))
+    return runs
+
+
+def _places(notebook: Path, out_dir: Path) -> tuple[Path, Path, Path]:
+    """The executed notebook, the folder of what it measures, and its ``results.json``."""
+    folder = out_dir / "results" / notebook.stem
+    return out_dir / "executed" / notebook.name, folder, folder / "results.json"
+
+
+def _execute(source: Path, target: Path, parameters: dict[str, Any], label: str) -> float:
+    import papermill
+    from nbclient.exceptions import CellTimeoutError, DeadKernelError
+    from papermill.exceptions import PapermillExecutionError
+
+    progress = {"desc": label, "leave": False, "disable": None, "file": sys.stderr}
+    started = time.perf_counter()
+    try:
+        done = papermill.execute_notebook(
+            str(source),
+            str(target),
+            parameters=parameters,
+            engine_name=register_engine(),
+            kernel_name="python3",
+            language="python",
+            progress_bar=progress,
+            cwd=str(target.parent),
+            execution_timeout=CELL_TIMEOUT_S,
+        )
+    except PapermillExecutionError as error:
+        where = f"cell {error.cell_index} (In [{error.exec_count}])"
+        trace = "\n".join(error.traceback) or f"{error.ename}: {error.evalue}"
+        raise ChapterError(failure_text(source, where, error.source, trace, target)) from error
+    except (DeadKernelError, CellTimeoutError) as error:
+        where, cell = _cell_under_way(target)
+        raise ChapterError(failure_text(source, where, cell, str(error), target)) from error
+    duration = done.metadata.get("papermill", {}).get("duration")
+    return float(duration) if duration else time.perf_counter() - started
+
+
+def _cell_under_way(executed: Path) -> tuple[str, str]:
+    """The last code cell that was begun, for a kernel that left no error output."""
+    import nbformat
+
+    begun = [
+        (index, cell)
+        for index, cell in enumerate(nbformat.read(executed, 4).cells)
+        if cell.cell_type == "code" and cell.metadata.get("papermill", {}).get("start_time")
+    ]
+    if begun:
+        return f"cell {begun[-1][0]}", str(begun[-1][1].source)
+    return "an unknown cell", ""
+
+
+def failure_text(notebook: Path, where: str, source: str, trace: str, kept: Path) -> str:
+    """What a reader needs to mend a chapter: name, cell, traceback, and the kept notebook."""
+    rule = "-" * 78
+    cell = "\n".join(f"    {line}" for line in source.splitlines())
+    return (
+        f"{rule}\n{notebook.name} failed in {where}:\n\n{cell}\n\n"
+        f"{without_ansi(trace).rstrip()}\n\n"
+        f"The notebook as far as it was executed: {kept}\n{rule}"
+    )
+
+
+def without_ansi(text: str) -> str:
+    """Text without the colour codes of a terminal."""
+    return _ANSI.sub("", text)
+
+
+def run_time_table(runs: Sequence[ChapterRun], titles: Mapping[str, str] | None = None) -> str:
+    """The measured run times as a Markdown table.
+
+    Args:
+        runs: Executed chapters.
+        titles: Optional titles by notebook name.
+    """
+    lines = ["| chapter | measured run time |", "| :-- | --: |"]
+    for run in runs:
+        title = (titles or {}).get(run.name, run.name)
+        lines.append(f"| {title} | {seconds_text(run.duration_s)} |")
+    lines.append(f"| together | {seconds_text(sum(run.duration_s for run in runs))} |")
+    return "\n".join(lines)
+
+
+def chapter_steps(
+    notebooks: Sequence[Path], out_dir: Path, preset: str, seed: int, times: Mapping[str, float]
+) -> list[Step]:
+    """Describe the chapters as steps of a plan."""
+    steps = []
+    for notebook in notebooks:
+        target, folder, _ = _places(notebook, out_dir)
+        configuration = chapter_configuration(notebook, preset, seed)
+        took = finished_chapter(folder, configuration, target)
+        left, seconds = ("execution", times.get(notebook.stem)) if took is None else ("done", took)
+        steps.append(Step("chapters", notebook.stem, left, seconds, f"executed/{notebook.name}"))
+    return steps

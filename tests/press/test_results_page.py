@@ -1,0 +1,56 @@
+"""Every file in results/ has a command: `hadr reproduce`, or the one that the book's page names."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from hadr.cli import parse_options
+from hadr.experiments.tables import FILES
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = (ROOT / "book" / "results.md").read_text(encoding="utf-8")
+ROWS = [
+    line.strip("| ").split(" | ") for line in PAGE.splitlines() if re.match(r"\| `[\w/-]+\.", line)
+]
+APART = [
+    (re.findall(r"`([^`]+)`", files), re.findall(r"`([a-z]+ [^`]+)`", how))
+    for files, _, how in ROWS
+]
+BY_REPRODUCE = {
+    *(f"mini/{name}.json" for name in (*FILES, "handover", "run_times")), "tiny/run_times.json",
+}  # fmt: skip
+
+
+def test_every_result_file_is_made_by_reproduce_or_stands_in_the_table() -> None:
+    files = [file for files, _ in APART for file in files]
+    folder = ROOT / "results"
+    paths = [path for path in folder.rglob("*") if path.is_file() and "LICENSE" not in path.name]
+    assert sorted([*files, *BY_REPRODUCE]) == sorted(
+        p.relative_to(folder).as_posix() for p in paths
+    )
+
+
+@pytest.mark.parametrize(
+    ("files", "commands"), APART, ids=lambda listed: listed[0] if listed else ""
+)
+def test_commands_exist_take_these_options_and_write_the_files(
+    files: list[str], commands: list[str]
+) -> None:
+    script, last = "", ""
+    for command in commands:
+        program, *words = shlex.split(command)
+        if program == "hadr":
+            parse_options(words[0], words[1:])
+            continue
+        script, last = (ROOT / words[0]).read_text(encoding="utf-8"), command
+        if "import arguments" in script:
+            script += (ROOT / "benchmarks" / "finished_runs.py").read_text(encoding="utf-8")
+        options = [word for word in words[1:] if word.startswith("--")]
+        assert [option for option in options if f'"{option}"' not in script] == []
+    for file in map(Path, files if commands else ()):
+        named = file.name in script or f'"{file.stem}"' in script or file.stem in last
+        assert f"--json results/{file}" in last or ("--json" not in last and named)
