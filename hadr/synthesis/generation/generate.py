@@ -28,7 +28,6 @@ from hadr.synthesis.generation.farm import check_workers, connected, one_thread,
 from hadr.synthesis.generation.folder import generation_folder, recorded_settings, whole_frames
 from hadr.synthesis.generation.frames import (
     build_scene,
-    check_engine,
     draw_frame,
     stored_raw_depth,
 )
@@ -44,6 +43,7 @@ from hadr.synthesis.rendering.mitsuba_variant import (
     REMEDY,
     SCALAR,
     VARIANT_VARIABLE,
+    check_installed,
     check_variant,
     mitsuba_variant,
     wanted_variant,
@@ -177,7 +177,8 @@ def generate(
     if n_frames < 1:
         raise ValueError(f"the number of frames must be at least 1, got {n_frames}")
     check_workers(workers, scheduler)
-    check_engine(settings)
+    if settings.engine == "photo":
+        check_installed()
     start, root, asked = time.perf_counter(), Path(root), settings.variant
     # Workers of a cluster start elsewhere.
     settings = replace(
