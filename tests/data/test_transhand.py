@@ -351,7 +351,7 @@ def test_a_flipped_bit_in_a_png_is_named(tmp_path):
     data = bytearray(path.read_bytes())
     data[len(data) // 2] ^= 4
     path.write_bytes(data)
-    with pytest.raises(ValueError, match=r"frame 000007: .*depth_png/000007.png: .*is damaged"):
+    with pytest.raises(ValueError, match=r"frame 000007: .*depth_png/000007.png: .*PNG is damaged"):
         TransHand(tmp_path, "train")[0]
 
 
