@@ -96,10 +96,11 @@ def hand() -> Results:
 def ur5() -> Results:
     """The UR5's kinematics, a rehearsed handover, and an attempt in the physical world."""
     from hadr.handover.grasping.selection import GraspSelection
+    from hadr.handover.poses import camera_at
     from hadr.handover.robot import SimulatedUR5
     from hadr.handover.ur5 import forward_kinematics, inverse_kinematics
     from hadr.handover.workflow import Handover
-    from hadr.simulation.trials.rehearsal import HeldGlass, MovingHand, camera_at, rehearse
+    from hadr.simulation.trials.rehearsal import MovingHand, rehearse, rehearsed_scene
     from hadr.simulation.trials.trial import Trial, run_trial
 
     joints = np.random.default_rng(0).uniform(-2, 2, (20, 6))
@@ -109,8 +110,11 @@ def ur5() -> Results:
     camera = camera_at(np.array([0.0, -0.55, 0.65]), np.array([0.55, 0.0, 0.3]))
     selection = GraspSelection(np.random.default_rng(3), camera[:3, 3])
     handover = Handover(SimulatedUR5(), selection, camera)
-    moments = rehearse(handover, MovingHand(HeldGlass(), camera, seed=3))
-    yield from _fields("rehearsal", moments, "joints", "tool", "opening", "glass", "to_hand")
+    moments = rehearse(handover, MovingHand(rehearsed_scene(), camera, seed=3))
+    yield from _fields("rehearsal", moments, "joints", "tool")
+    yield "rehearsal opening", np.array([m.gripper_width for m in moments])
+    yield "rehearsal glass", np.array([m.base_from_object for m in moments])
+    yield "rehearsal to_hand", np.array([m.hand_distance for m in moments])
     run = run_trial(Trial("0004", 902, arm="perfect"))
     seen = ("joints", "gripper_width", "base_from_wrist", "base_from_object", "hand_force")
     yield from _fields("attempt", run.states, *seen)

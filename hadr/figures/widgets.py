@@ -28,7 +28,7 @@ from hadr.hand import absolute_hand_feature, check_keypoints
 from hadr.handover.grasping.grasps import Grasps
 from hadr.handover.grasping.rescoring import Directions, Weights
 from hadr.ray_voxels import OccupiedVoxels, RayVoxelPairs, VoxelGrid
-from hadr.simulation.trials.rehearsal import HeldGlass
+from hadr.simulation.world.scenes import HeldScene
 
 
 def _live(draw: Callable[..., object], **sliders: Any) -> Any:
@@ -124,7 +124,7 @@ def step_through(pictures: dict[str, FloatArray], truth: FloatArray) -> Any:
     return _live(draw, stage=widgets.SelectionSlider(options=list(pictures), description="after"))
 
 
-def weigh_wishes(scene: HeldGlass, grasps: Grasps, directions: Directions) -> Any:
+def weigh_wishes(scene: HeldScene, grasps: Grasps, directions: Directions) -> Any:
     """Weigh the intended score's two wishes: its sphere and the grasp it chooses, base frame."""
 
     def draw(human: float, down: float) -> None:
@@ -135,7 +135,7 @@ def weigh_wishes(scene: HeldGlass, grasps: Grasps, directions: Directions) -> An
     return _live(draw, human=("w_r2h", 0.4, *ends), down=("w_u2d", 0.2, *ends))
 
 
-def turn_frame(scene: HeldGlass, grasps: Grasps, directions: Directions) -> Any:
+def turn_frame(scene: HeldScene, grasps: Grasps, directions: Directions) -> Any:
     """Turn the frame in which the printed formula's rotation is written."""
 
     def draw(turn: float) -> None:

@@ -1,7 +1,9 @@
 """The robot as the workflow moves it: at a limited speed, and no nearer to the hand than allowed.
 
 Stages say where to go; here stands how: read the arm once a step, slow down near the hand, hold
-still, stop. What follows a stop is in `hadr.handover.recovery`.
+still, stop. The robot is told to go to a reference that moves at a limited speed, never straight to
+a target far away: so it can be slowed by any factor, and a target that jumps does not make the arm
+jump. What follows a stop is in `hadr.handover.recovery`.
 """
 
 from __future__ import annotations
@@ -15,15 +17,17 @@ import numpy.typing as npt
 
 from hadr.handover import safety
 from hadr.handover.observation import HandWatch
-from hadr.handover.pacing import Pace, between, pose_distance
+from hadr.handover.poses import between, pose_distance, toward
 from hadr.handover.robot import Robot
-from hadr.handover.stages import HandoverConfig
+from hadr.handover.stages import CRAWL_SPEED, HandoverConfig
 
 Array = npt.NDArray[np.float64]
 
 
 NO_NEARER = 0.004
 """Beside a hand that touches the gripper the arm may move, but not nearer by more, metres."""
+LEAD, LEAD_ANGLE = 0.05, 0.3
+"""The reference runs ahead of the tool by no more than this, metres and radians."""
 
 
 class HaltError(Exception):
@@ -45,7 +49,7 @@ class Reading(NamedTuple):
 
 @dataclass
 class GuardedArm:
-    """A robot with a paced reference.
+    """A robot with a reference that runs before it.
 
     Attributes:
         robot: The arm.
@@ -60,7 +64,8 @@ class GuardedArm:
     reading: Reading = field(init=False)
     home: Array = field(init=False)
     caution: str = field(default="", init=False)
-    _pace: Pace = field(default_factory=Pace, init=False)
+    _reference: Array | None = field(default=None, init=False)
+    _holding: bool = field(default=False, init=False)
     _trail: list[Array] = field(default_factory=list, init=False)
     _singular: float = field(default=np.inf, init=False)
     _regular_at: float = field(default=-np.inf, init=False)
@@ -114,7 +119,9 @@ class GuardedArm:
 
     def hold(self, dt: float) -> None:
         """Stay where the tool was when the hold began."""
-        self.robot.servo_to(self._pace.hold(self.reading.tool), dt)
+        if not self._holding or self._reference is None:
+            self._reference, self._holding = self.reading.tool.copy(), True
+        self.robot.servo_to(self._reference, dt)
 
     def go(self, goal: Array, speed: float, dt: float, *, factor: float = 1.0) -> None:
         """Move toward a goal.
@@ -128,8 +135,11 @@ class GuardedArm:
         if factor <= 0:
             self.hold(dt)
             return
-        turn = factor * self.config.turn_speed * dt
-        self.robot.servo_to(self._pace.go(self.reading.tool, goal, factor * speed * dt, turn), dt)
+        tool, turn = self.reading.tool, factor * self.config.turn_speed * dt
+        start = tool if self._reference is None else self._reference
+        ahead = toward(start, goal, factor * speed * dt, turn)
+        self._reference, self._holding = toward(tool, ahead, LEAD, LEAD_ANGLE), False
+        self.robot.servo_to(self._reference, dt)
 
     def allowed(
         self,
@@ -167,9 +177,8 @@ class GuardedArm:
         closing = safety.closing_speed(velocity, watch.middle, self.reading.tool[:3, 3])
         reaction = self.config.safety.reaction_time
         factor = safety.speed_factor(free, least, speed, closing, reaction)
-        crawl = self.config.crawl_speed
-        if closing < crawl and free > least + crawl * reaction:
-            factor = max(factor, min(1.0, crawl / speed))
+        if closing < CRAWL_SPEED and free > least + CRAWL_SPEED * reaction:
+            factor = max(factor, min(1.0, CRAWL_SPEED / speed))
         if factor < 1:
             self.caution = f"hand {1000 * free:.0f} mm away: {100 * factor:.0f} % of the speed"
         return factor
@@ -205,4 +214,4 @@ class GuardedArm:
     def release(self) -> None:
         """May move again, from wherever the tool is."""
         self.robot.release()
-        self._pace.forget()
+        self._reference, self._holding = None, False

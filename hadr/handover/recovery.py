@@ -15,7 +15,8 @@ from hadr.handover import safety
 from hadr.handover.grasping.grasps import forward_of
 from hadr.handover.guarded_arm import NO_NEARER, GuardedArm
 from hadr.handover.observation import HandWatch
-from hadr.handover.pacing import between, pose_distance
+from hadr.handover.poses import between, pose_distance
+from hadr.handover.stages import BACK_OFF, STAND_TIME
 
 Array = npt.NDArray[np.float64]
 MOST_YIELDS = 3
@@ -79,7 +80,7 @@ class Recovery:
         Returns:
             True where the arm may start again: the cause is gone for `stand_time`.
         """
-        arm, stand = self.arm, self.arm.config.stand_time
+        arm, stand = self.arm, STAND_TIME
         free = arm.free(watch)
         self.trouble = watch.trouble(now) or watch.problem
         if not self.trouble and free < arm.config.safety.approach_distance:
@@ -126,17 +127,17 @@ class Recovery:
         if free >= c.safety.approach_distance or watch.trouble(now) or watch.keypoints is None:
             self._apart_at = now
             return
-        if now - self._apart_at < 2 * c.stand_time or self._yields >= MOST_YIELDS:
+        if now - self._apart_at < 2 * STAND_TIME or self._yields >= MOST_YIELDS:
             return
         tool = arm.reading.tool
-        back = forward_of(tool, -c.back_off)
+        back = forward_of(tool, -BACK_OFF)
         way = [between(tool, back, part) for part in (0.25, 0.5, 1.0)]
         self._apart_at = now
         if safety.path_distance(way, arm.reading.width, watch.keypoints) < free - NO_NEARER:
             return
         arm.release()
         self._yields += 1
-        self._from, self._goal, self._back, self._travelled = tool, back, c.back_off, 0.0
+        self._from, self._goal, self._back, self._travelled = tool, back, BACK_OFF, 0.0
         self._enter("back", now)
 
     def _enter(self, part: str, now: float) -> None:

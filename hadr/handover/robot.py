@@ -12,6 +12,7 @@ from typing import Protocol
 import numpy as np
 
 from hadr.handover import ur5
+from hadr.handover.dimensions import FLANGE_TO_TOOL, LARGEST_OPENING
 from hadr.handover.ur5 import Array, UnreachableError
 
 HOME_JOINTS: Array = np.deg2rad([5.99, -130.74, 121.43, 9.32, 95.99, 0.0])
@@ -115,9 +116,9 @@ class ArmConfig:
     """
 
     home: Array = field(default_factory=lambda: HOME_JOINTS.copy())
-    flange_from_tool: Array = field(default_factory=lambda: _tool_at(0.16))
+    flange_from_tool: Array = field(default_factory=lambda: _tool_at(FLANGE_TO_TOOL))
     speed_fraction: float = 0.25
-    largest_opening: float = 0.085
+    largest_opening: float = LARGEST_OPENING
     finger_speed: float = 0.1
     workspace: Workspace = field(default_factory=Workspace)
 

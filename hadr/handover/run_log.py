@@ -1,8 +1,10 @@
 """What a handover saw, what the robot said and was told, and why the stage changed: in one file.
 
-A log is enough to run the workflow again: `replay` gives it the recorded observations and a robot
-that answers from the log, and the same transitions must come out. So whoever doubts a stop can
-step through it with a debugger, without a robot. Logs are made by `hadr.handover.recording`.
+Use `RecordedHandover` where a `Handover` is used; its log is enough to run the workflow again, see
+`hadr.handover.replay`. The workflow under record sees exactly what is stored: keypoints and the
+robot's answers are rounded to single precision (0.1 micrometres) on the way in. Of the object's
+points only the few that the workflow's own checks need are kept; the chosen grasps are stored as
+they came.
 """
 
 from __future__ import annotations
@@ -11,24 +13,33 @@ import hashlib
 import json
 import zipfile
 import zlib
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial import cKDTree
 
-from hadr.handover.observation import Observation
-from hadr.handover.robot import Robot, Workspace
-from hadr.handover.safety import SafetyConfig
-from hadr.handover.stages import ChosenGrasp, FollowHand, HandoverConfig, Stage, Transition
-from hadr.handover.tracking import hand_motion
+from hadr.handover.grasping.collision import hand_points
+from hadr.handover.observation import Observation, clean_points, number
+from hadr.handover.robot import Robot
+from hadr.handover.safety import hand_problem
+from hadr.handover.stages import (
+    ChooseGrasp,
+    ChosenGrasp,
+    Stage,
+    Transition,
+)
 from hadr.handover.ur5 import UnreachableError
 from hadr.handover.workflow import Handover
 
 Array = npt.NDArray[np.float64]
 FORMAT = 1
+KEPT_POINTS = 32
+"""So many points of a cloud are stored, and the one next to the hand."""
 
 
 @dataclass(frozen=True)
@@ -63,13 +74,10 @@ class RunLog:
         return [(float(time), str(words)) for time, words in self.header["cautions"]]
 
     def save(self, path: str | Path) -> Path:
-        """Write the log, with a checksum, as one compressed file.
+        """Write the log, with a checksum, as one compressed file; say where.
 
         Args:
             path: Where to; `.npz` is appended where it is missing.
-
-        Returns:
-            Where it was written.
         """
         path = Path(path)
         path = path if path.suffix == ".npz" else path.with_name(path.name + ".npz")
@@ -82,13 +90,7 @@ class RunLog:
 
 
 def read_run_log(path: str | Path) -> RunLog:
-    """Read a log.
-
-    Args:
-        path: A file that `RunLog.save` wrote.
-
-    Returns:
-        The log.
+    """Read what `RunLog.save` wrote.
 
     Raises:
         ValueError: The file is cut off, was changed, or is no log of this format.
@@ -112,10 +114,9 @@ def read_run_log(path: str | Path) -> RunLog:
             f"the file says {sealed[:12]}..."
         )
     header = json.loads(text)
-    if not isinstance(header, dict):
-        raise ValueError(f"{path} is no run log: its header is no JSON object")
-    if header.get("format") != FORMAT:
-        raise ValueError(f"{path} has format {header.get('format')}, this version reads {FORMAT}")
+    if not isinstance(header, dict) or header.get("format") != FORMAT:
+        has = header.get("format") if isinstance(header, dict) else type(header).__name__
+        raise ValueError(f"{path} has format {has}, this version reads {FORMAT}")
     return RunLog(arrays, header)
 
 
@@ -128,197 +129,186 @@ def _checksum(arrays: Mapping[str, npt.NDArray[Any]], text: str) -> str:
     return digest.hexdigest()
 
 
-class LoggedRobot:
-    """A robot that answers what the log's robot answered, step by step.
+def _single(values: npt.ArrayLike) -> Array:
+    """Values as they come back from the log."""
+    return np.asarray(values, dtype=np.float32).astype(np.float64)
 
-    Args:
-        log: The log.
-    """
 
-    def __init__(self, log: RunLog) -> None:
-        self._log = log
-        self._events: dict[int, list[list[Any]]] = {}
-        for step, *event in log.header["events"]:
-            self._events.setdefault(step, []).append(event)
-        self._step = -1
-        self._left: list[list[Any]] = []
-        self.commands: list[list[Any]] = []
+READINGS = {"tool_pose": "tool", "joint_positions": "joints", "gripper_width": "width"}
+"""What is read of the robot in each step, and the array that keeps it."""
+COMMANDS = ("stop", "release", "set_gripper")
+"""Commands that a replay must give again."""
 
-    def turn_to(self, step: int) -> None:
-        """Answer from this step on; step -1 is before the first."""
-        self._step, self._left = step, [list(event) for event in self._events.get(step, [])]
 
-    def take(self, *names: str) -> list[Any] | None:
-        """Take the next event of these names in this step; None where there is none left."""
-        for position, event in enumerate(self._left):
-            if event[0] in names:
-                return self._left.pop(position)
-        return None
+@dataclass
+class StepNotes:
+    """What the robot said and was told in one step."""
 
-    def tool_pose(self) -> Array:
-        """Return base_from_tool then, shape (4, 4), metres."""
-        pose = np.eye(4)
-        pose[:3] = self._log.arrays["tool"][self._step + 1]
-        return pose
+    tool: Array = field(default_factory=lambda: np.eye(4))
+    joints: Array = field(default_factory=lambda: np.zeros(0))
+    width: Array = field(default_factory=lambda: np.zeros(()))
+    servo: Array | None = None
+    events: list[list[Any]] = field(default_factory=list)
 
-    def joint_positions(self) -> Array:
-        """Return the joint angles then, shape (n,), radians."""
-        joints: Array = self._log.arrays["joints"][self._step + 1].astype(np.float64)
-        return joints
 
-    def gripper_width(self) -> float:
-        """Return the distance between the fingers then, metres."""
-        return float(self._log.arrays["width"][self._step + 1])
+class RecordedRobot:
+    """A `hadr.handover.robot.Robot` that notes every question, answer and command."""
 
-    def tool_wrench(self) -> Array:
-        """Return force and torque on the gripper then, shape (6,), base frame."""
-        event = self.take("tool_wrench")
-        return np.array(event[1:], dtype=np.float64) if event else np.zeros(6)
+    def __init__(self, robot: Robot) -> None:
+        self.robot, self.step = robot, StepNotes()
 
     @property
     def protective_stop(self) -> str:
-        """Why the arm had stopped by itself; empty where it had not."""
-        event = self.take("protective_stop")
-        return str(event[1]) if event else ""
+        """As the robot says."""
+        reason = self.robot.protective_stop
+        if reason:
+            self.step.events.append(["protective_stop", reason])
+        return reason
 
-    def reachable(self, base_from_tool: Array) -> bool:
-        """Say what the robot said then."""
-        event = self.take("reachable")
-        return bool(event[1]) if event else True
+    def __getattr__(self, name: str) -> Callable[..., Any]:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        return partial(self._ask, name)
 
-    def straight_way(self, base_from_tool: Array) -> bool:
-        """Not asked in a replay: the grasps are those that were chosen then."""
-        return True
-
-    def servo_to(self, base_from_tool: Array, dt: float) -> None:
-        """Fail where the robot failed then."""
-        self._fail("servo_error")
-
-    def stop(self) -> None:
-        """Note it."""
-        self.commands.append([self._step, "stop"])
-
-    def release(self) -> None:
-        """Note it."""
-        self.commands.append([self._step, "release"])
-
-    def set_gripper(self, width: float) -> None:
-        """Note it; fail where the robot failed then."""
-        self.commands.append([self._step, "set_gripper", float(width)])
-        self._fail("gripper_error")
-
-    def choose(
-        self, points: Array, keypoints: Array, robot: Robot, scene_points: Array | None
-    ) -> ChosenGrasp | None:
-        """Choose what was chosen then."""
-        self._fail("choose_error")
-        failed = self.take("choose_failed")
-        if failed:  # neither of the errors that say there is no grasp
-            raise type(failed[1], (Exception,), {})(failed[2])
-        event = self.take("chose")
-        if event is None or event[1] is None:
-            return None
-        pose, width, score = event[1:]
-        return ChosenGrasp(np.array(pose, dtype=np.float64), width, score)
-
-    def _fail(self, name: str) -> None:
-        event = self.take(name)
-        if event:
-            kind = UnreachableError if event[1] == "UnreachableError" else ValueError
-            raise kind(event[2])
+    def _ask(self, name: str, *given: Any) -> Any:
+        """Call a method of the robot and note it."""
+        notes = self.step
+        if name in COMMANDS:
+            notes.events.append([name, *given])
+        elif name == "servo_to":
+            notes.servo = np.array(given[0])
+        try:
+            answer = getattr(self.robot, name)(*given)
+        except (UnreachableError, ValueError) as error:
+            notes.events.append([f"{name}_error", type(error).__name__, str(error)])
+            raise
+        if name in READINGS:
+            setattr(notes, READINGS[name], _single(answer))
+            return _single(answer) if np.ndim(answer) else float(_single(answer))
+        if name == "tool_wrench":
+            answer = _single(answer)
+        if name == "reachable" or np.any(answer):
+            notes.events.append([name, *np.atleast_1d(answer).tolist()])
+        return answer
 
 
-def config_from(record: Mapping[str, Any]) -> HandoverConfig:
-    """Rebuild the settings from `dataclasses.asdict` of them, as JSON gives it back.
+class RecordedHandover(Handover):
+    """A handover that keeps a log of itself. Its `robot` is a `RecordedRobot` around the real one.
 
-    Args:
-        record: Settings by their names; those that a log has not keep their standard.
-
-    Raises:
-        ValueError: A setting is unknown, as in a log of another version; the message names it.
+    The arguments are those of `Handover`.
     """
-    values = dict(record)
-    for name, kind in (("workspace", Workspace), ("safety", SafetyConfig)):
-        part = values.get(name)
-        if not isinstance(part, Mapping):
-            raise ValueError(f"the log's settings have no {name}: it is of another version")
-        _check_known(part, kind, f"{name}.")
-    _check_known(values, HandoverConfig)
-    box: dict[str, Any] = {
-        name: value if name == "table" else tuple(value)
-        for name, value in values["workspace"].items()
-    }
-    values["workspace"] = Workspace(**box)
-    values["safety"] = SafetyConfig(**values["safety"])
-    return HandoverConfig(**values)
 
+    def __post_init__(self) -> None:
+        self.recorded = RecordedRobot(self.robot)
+        self.robot = cast(Robot, self.recorded)
+        self.choose_grasp = self._noted(self.choose_grasp)
+        super().__post_init__()
+        self._steps = [self.recorded.step]  # the first holds what the robot said before the run
+        self._given: list[tuple[float, float, float, float, int, int]] = []
+        self._hands: list[Array] = []
+        self._clouds: list[Array] = []
+        self._odd: dict[str, list[int]] = {}
+        self._cautions: list[tuple[float, str]] = []
 
-def _check_known(
-    values: Mapping[str, Any],
-    kind: type[HandoverConfig | SafetyConfig | Workspace],
-    where: str = "",
-) -> None:
-    unknown = sorted(set(values) - {one.name for one in fields(kind)})
-    if unknown:
-        raise ValueError(
-            f"the log has the setting {where}{unknown[0]}, which this version does not know: "
-            "replay it with the version that made it"
-        )
+    def step(self, observation: Observation, dt: float) -> Stage:
+        """Look once and move for dt seconds, see `Handover.step`."""
+        if self.over:
+            return self.stage
+        notes = self.recorded.step = StepNotes()
+        given, row, cloud = self._keep(observation)
+        stage = super().step(given, dt)
+        self._steps.append(notes)
+        unknown = observation.confidence is None
+        confidence = np.inf if unknown else number(observation.confidence)
+        times = (number(observation.time), number(observation.taken))
+        self._given.append((*times, dt, confidence, row, cloud))
+        if not self._cautions or self._cautions[-1][1] != self.caution:
+            self._cautions.append((self.time, self.caution))
+        return stage
 
+    def log(self) -> RunLog:
+        """The run up to now."""
+        steps, joints = self._steps, len(self._steps[0].joints)
+        none = np.full((3, 4), np.nan)
+        servo = [none if notes.servo is None else notes.servo[:3] for notes in steps[1:]]
+        table = np.array(self._given, dtype=np.float64).reshape(-1, 6)
+        arrays: dict[str, npt.NDArray[Any]] = {
+            name: table[:, column]
+            for column, name in enumerate(("time", "taken", "dt", "confidence"))
+        }
+        arrays["hand"], arrays["cloud"] = table[:, 4].astype(np.int32), table[:, 5].astype(np.int32)
+        lists = {
+            "keypoints": np.reshape(self._hands, (-1, 21, 3)),
+            "points": np.reshape(self._clouds, (-1, KEPT_POINTS + 1, 3)),
+            "tool": np.stack([notes.tool[:3] for notes in steps]),
+            "joints": np.reshape([notes.joints for notes in steps], (-1, joints)),
+            "width": np.array([notes.width for notes in steps]),
+            "servo": np.reshape(servo, (-1, 3, 4)),
+        }
+        with np.errstate(over="ignore"):
+            arrays |= {name: values.astype(np.float32) for name, values in lists.items()}
+        header = {
+            "format": FORMAT,
+            "config": asdict(self.config),
+            "base_from_camera": np.asarray(self.base_from_camera).tolist(),
+            "transitions": [
+                [t.time, t.before.value, t.after.value, t.reason] for t in self.transitions
+            ],
+            "cautions": [list(item) for item in self._cautions],
+            "odd_keypoints": self._odd,
+            "events": [
+                [step - 1, *event] for step, notes in enumerate(steps) for event in notes.events
+            ],
+        }
+        return RunLog(arrays, header)
 
-def logged_observation(log: RunLog, step: int) -> Observation:
-    """What the workflow was given in a step.
+    def _keep(self, observation: Observation) -> tuple[Observation, int, int]:
+        """Store an observation; give it as the workflow may see it, and its rows."""
+        row = cloud = -1
+        keypoints = observation.keypoints
+        if keypoints is not None:
+            try:
+                with np.errstate(over="ignore"):
+                    keypoints = _single(keypoints)
+            except (TypeError, ValueError):
+                keypoints = np.zeros(0)
+            if keypoints.shape == (21, 3):
+                same = self._hands and np.array_equal(self._hands[-1], keypoints, equal_nan=True)
+                if not same:
+                    self._hands.append(keypoints)
+                row = len(self._hands) - 1
+            else:
+                keypoints = np.zeros(keypoints.shape)
+                self._odd[str(len(self._given))] = list(keypoints.shape)
+        points = clean_points(observation.object_points)
+        if points is not None:
+            kept = points[np.linspace(0, len(points) - 1, KEPT_POINTS).astype(int)]
+            nearest = points[:1]
+            if keypoints is not None and not hand_problem(keypoints):
+                nearest = points[[cKDTree(hand_points(keypoints)).query(points)[0].argmin()]]
+            kept = np.concatenate([kept, nearest])
+            if not self._clouds or not np.array_equal(self._clouds[-1], kept):
+                self._clouds.append(kept)
+            cloud = len(self._clouds) - 1
+        return replace(observation, keypoints=keypoints), row, cloud
 
-    Args:
-        log: The log.
-        step: Its number, from 0.
-    """
-    a = log.arrays
-    shape = log.header["odd_keypoints"].get(str(step))
-    keypoints = None if shape is None else np.zeros(shape)
-    if a["hand"][step] >= 0:
-        keypoints = a["keypoints"][a["hand"][step]].astype(np.float64)
-    row, confidence = int(a["cloud"][step]), float(a["confidence"][step])
-    return Observation(
-        float(a["time"][step]),
-        keypoints,
-        a["points"][row].astype(np.float64) if row >= 0 else None,
-        confidence=None if np.isinf(confidence) else confidence,
-        frame_time=float(a["taken"][step]),
-    )
+    def _noted(self, choose: ChooseGrasp) -> ChooseGrasp:
+        def chosen(
+            points: Array, keypoints: Array, robot: Robot, scene: Array | None
+        ) -> ChosenGrasp | None:
+            events = self.recorded.step.events
+            try:
+                grasp = choose(points, keypoints, self.recorded.robot, scene)
+                chose: list[Any] = [None]
+                if grasp is not None:
+                    pose = np.asarray(grasp.pose, dtype=np.float64).tolist()
+                    chose = [pose, float(grasp.width), float(grasp.score)]
+            except Exception as error:
+                refused = isinstance(error, UnreachableError | ValueError)
+                name = "choose_error" if refused else "choose_failed"
+                events.append([name, type(error).__name__, str(error)])
+                raise
+            events.append(["chose", *chose])
+            return grasp
 
-
-def replay(log: RunLog, *, follow: FollowHand = hand_motion) -> Handover:
-    """Run the workflow on a log.
-
-    Args:
-        log: The log.
-        follow: How the hand was followed in the run.
-
-    Returns:
-        The handover at the end, its robot a `LoggedRobot`.
-
-    Raises:
-        ValueError: Another transition or command comes out than is in the log, or it has a setting
-            that is unknown here.
-    """
-    robot = LoggedRobot(log)
-    robot.turn_to(-1)
-    header = log.header
-    calibration = np.array(header["base_from_camera"])
-    handover = Handover(robot, robot.choose, calibration, config_from(header["config"]), follow)
-    for step in range(len(log.arrays["time"])):
-        robot.turn_to(step)
-        handover.step(logged_observation(log, step), float(log.arrays["dt"][step]))
-    _compare("transition", log.transitions, handover.transitions)
-    told = [e for e in header["events"] if e[1] in ("stop", "release", "set_gripper")]
-    _compare("command", told, robot.commands)
-    return handover
-
-
-def _compare(what: str, logged: list[Any], found: list[Any]) -> None:
-    for number, (was, now) in enumerate(zip(logged, found, strict=False)):
-        if was != now:
-            raise ValueError(f"{what} {number} differs: the log has {was}, the replay {now}")
-    if len(logged) != len(found):
-        raise ValueError(f"the log has {len(logged)} {what}s, the replay {len(found)}")
+        return chosen

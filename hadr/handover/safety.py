@@ -16,7 +16,8 @@ from scipy.spatial import cKDTree
 
 from hadr.hand import check_keypoints
 from hadr.handover import ur5
-from hadr.handover.grasping.collision import FINGER_WIDTH, FLESH, fork_points, hand_points
+from hadr.handover.dimensions import FINGER_WIDTH
+from hadr.handover.grasping.collision import FLESH, fork_points, hand_points
 
 Array = npt.NDArray[np.float64]
 
@@ -100,15 +101,7 @@ def hand_problem(keypoints: npt.ArrayLike) -> str:
 
 
 def line_velocity(times: Array, points: Array) -> Array:
-    """Slope of the straight line through points over time, in the least-squares sense.
-
-    Args:
-        times: Shape (n,), seconds, at least two different ones.
-        points: Shape (n, 3), metres.
-
-    Returns:
-        Metres per second, shape (3,).
-    """
+    """Least-squares slope (3,), m/s, of points (n, 3) in metres over times (n,) in seconds."""
     since = times - times.mean()
     slope: Array = since @ (points - points.mean(axis=0)) / (since @ since)
     return slope
@@ -131,16 +124,7 @@ def path_distance(poses: Iterable[Array], width: float, keypoints: Array) -> flo
 
 
 def closing_speed(hand_velocity: Array | None, hand: Array, tool: Array) -> float:
-    """How fast the hand comes to the tool of its own.
-
-    Args:
-        hand_velocity: Metres per second, shape (3,), or None where it is not known.
-        hand: Middle of the hand, shape (3,), metres, the same frame.
-        tool: Tool point, shape (3,), metres.
-
-    Returns:
-        Metres per second; 0 where it moves away or is not known.
-    """
+    """The hand's own speed toward the tool, m/s from vectors (3,); 0 where away or not known."""
     way = tool - hand
     length = float(np.linalg.norm(way))
     if hand_velocity is None or length < 1e-9:
@@ -149,20 +133,10 @@ def closing_speed(hand_velocity: Array | None, hand: Array, tool: Array) -> floa
 
 
 def speed_factor(free: float, least: float, speed: float, closing: float, reaction: float) -> float:
-    """Part of a speed that the robot may use.
+    """Part of a speed, 0 to 1, that the robot may use; metres, m/s, seconds.
 
     Within the reaction time robot and hand together may use up the free space but for the least:
     (factor * speed + closing) * reaction <= free - least.
-
-    Args:
-        free: Free space on the path now, metres.
-        least: Free space that must be kept, metres.
-        speed: Speed wanted, metres per second.
-        closing: The hand's own speed toward the robot, metres per second.
-        reaction: Time to react in, seconds.
-
-    Returns:
-        From 0 (stand) to 1 (go).
     """
     if reaction * speed == 0:
         return 1.0 if free > least else 0.0
@@ -171,14 +145,7 @@ def speed_factor(free: float, least: float, speed: float, closing: float, reacti
 
 
 def withdrawal(since_chosen: Array, velocity: Array | None, away: Array, c: SafetyConfig) -> str:
-    """Say that the human withdraws, or nothing.
-
-    Args:
-        since_chosen: How far the middle of the hand moved since the grasp was chosen, (3,), metres.
-        velocity: How fast it moves now, shape (3,), metres per second, or None.
-        away: Unit vector from the tool to the hand when the grasp was chosen, shape (3,).
-        c: The limits.
-    """
+    """Say that the human withdraws, or nothing; metres, m/s, `away` a unit vector, each (3,)."""
     distance = float(since_chosen @ away)
     if distance > c.withdraw_distance:
         return f"the human withdraws: the hand is {100 * distance:.0f} cm farther away"
@@ -206,18 +173,10 @@ def something_held(width: float, commanded: float, margin: float) -> bool:
 
 
 def pushed_away(began: Array, now: Array, most: float) -> float:
-    """How much too far a target has gone along its own approach axis since the final move began.
+    """Metres that a pre-grasp (4, 4) has gone past `most` along its approach axis, 0 or more.
 
     A gripper that pushes the object pushes the hand with it; a robot that follows the hand would
     then chase it.
-
-    Args:
-        began: Pre-grasp when the final move began, shape (4, 4), metres.
-        now: Pre-grasp now.
-        most: So far it may go.
-
-    Returns:
-        Metres, 0 or more.
     """
     gone = float((now[:3, 3] - began[:3, 3]) @ now[:3, 2])
     return max(0.0, gone - most)

@@ -145,7 +145,7 @@ def hand_motion(
         current: Keypoints now, the same frame.
         about: How points are moved, see `HandMotion`.
         flip: What is flipped where the fit is a mirror, see `best_rotation`.
-        weights: How much each keypoint counts, shape (21,), 0 or more; see `finger_weights`. All
+        weights: How much each keypoint counts, shape (21,), 0 or more. All
             alike if left out, as in the paper.
         robust: False: the paper's. True: the largest group of keypoints that moves as one body is
             looked for, and the others are left out and named. The fit turns about the group's
@@ -167,27 +167,6 @@ def hand_motion(
     misfit = (((before - before[0]) @ rotation.T + now[0] - now) ** 2).sum(axis=1)
     residual = float(np.sqrt(np.average(misfit, weights=count)))
     return HandMotion(rotation, before[0], now[0], residual, about)
-
-
-def finger_weights(**fingers: float) -> Array:
-    """Weights of the 21 keypoints: 1 for the wrist, and one number for each finger.
-
-    Args:
-        **fingers: By name, such as ``index=0.2``; fingers that are not named have 1. The root of a
-            finger belongs to the palm and keeps 1.
-
-    Returns:
-        Shape (21,).
-
-    Raises:
-        ValueError: There is no such finger.
-    """
-    weights = np.ones(len(KEYPOINT_NAMES))
-    for name, value in fingers.items():
-        if name not in FINGERS:
-            raise ValueError(f"fingers must be among {list(FINGERS)}, got {name!r}")
-        weights[list(FINGERS[name][1:])] = value
-    return weights
 
 
 def _robust_motion(

@@ -34,8 +34,10 @@ FLANGE_FROM_EE_LINK: Array = np.array(
 )
 """ROS `ee_link`, whose x axis points out of the flange, seen from the DH flange frame."""
 
-_SHOULDER_OFFSET = 0.13585
-_ELBOW_OFFSET = -0.1197
+SHOULDER_OFFSET = 0.13585
+ELBOW_OFFSET = -0.1197
+"""How far the upper arm stands beside the shoulder's plane, and the forearm beside the upper arm,
+metres; from the ROS description. The DH table folds both into d_4."""
 
 
 class UnreachableError(ValueError):
@@ -167,7 +169,7 @@ def link_outline(joints: Array) -> Array:
     """
     frames = joint_frames(joints)
     origin, sideways = frames[:, :3, 3], frames[1, :3, 2]
-    upper, fore = sideways * _SHOULDER_OFFSET, sideways * (_SHOULDER_OFFSET + _ELBOW_OFFSET)
+    upper, fore = sideways * SHOULDER_OFFSET, sideways * (SHOULDER_OFFSET + ELBOW_OFFSET)
     return np.stack(
         [
             origin[0],
@@ -264,15 +266,7 @@ def wrap_angle(angle: Array) -> Array:
 
 
 def distinct_solutions(joints: Array, tolerance: float = 1e-5) -> Array:
-    """Keep one of several joint vectors that differ by whole turns only.
-
-    Args:
-        joints: Joint angles in radians, shape (n, 6).
-        tolerance: Largest difference in radians that counts as the same.
-
-    Returns:
-        Distinct joint vectors, shape (m, 6), in (-pi, pi] radians, in their first order.
-    """
+    """Of joint vectors (n, 6) that differ by whole turns only, keep the first, in (-pi, pi]."""
     kept: list[Array] = []
     for row in wrap_angle(joints):
         if not any(np.abs(wrap_angle(row - other)).max() < tolerance for other in kept):

@@ -14,16 +14,21 @@ import numpy as np
 import numpy.typing as npt
 
 from hadr.handover import safety
-from hadr.handover.advance import ADVANCING, Advance
-from hadr.handover.choosing import Choosing
+from hadr.handover.grasp_and_retrieve import ADVANCING, Advance, Retrieval
 from hadr.handover.grasping.grasps import forward_of
 from hadr.handover.guarded_arm import NO_NEARER, GuardedArm, HaltError
-from hadr.handover.observation import HandWatch, Observation, number
-from hadr.handover.pacing import pose_distance
+from hadr.handover.observation import Choosing, HandWatch, Observation, number
+from hadr.handover.poses import pose_distance
 from hadr.handover.recovery import Recovery
-from hadr.handover.retrieval import Retrieval
 from hadr.handover.robot import Robot
 from hadr.handover.stages import (
+    ARRIVE_ANGLE,
+    ARRIVE_DISTANCE,
+    BACK_OFF,
+    GRASP_TIMEOUT,
+    HOME_TIMEOUT,
+    LARGEST_PUSH,
+    SETTLE_TIME,
     ChooseGrasp,
     ChosenGrasp,
     FollowHand,
@@ -33,17 +38,6 @@ from hadr.handover.stages import (
 )
 from hadr.handover.tracking import HandMotion, hand_motion
 from hadr.handover.ur5 import UnreachableError, check_pose
-
-__all__ = [
-    "ChooseGrasp",
-    "ChosenGrasp",
-    "Handover",
-    "HandoverConfig",
-    "Observation",
-    "Stage",
-    "Transition",
-    "pose_distance",
-]
 
 Array = npt.NDArray[np.float64]
 CLOCK_JUMP = 1.0
@@ -94,7 +88,6 @@ class Handover:
     _began: Array = field(init=False)
     _arrived: tuple[float, Array] | None = field(default=None, init=False)
     _there_since: float | None = field(default=None, init=False)
-    _looked_again: bool = field(default=False, init=False)
     _entered: float = field(default=0.0, init=False)
 
     def __post_init__(self) -> None:
@@ -168,7 +161,7 @@ class Handover:
         else:
             self.arm.check_joints(self.time)
             if self.stage is Stage.APPROACH_AND_REACT:
-                self._approach_and_react(observation, new, dt)
+                self._approach_and_react(new, dt)
             else:
                 self._grasp_and_retrieve(new, dt)
             self.caution = self.caution or self.arm.caution
@@ -191,7 +184,6 @@ class Handover:
             self.caution = choosing.caution
             return
         self._take(chosen)
-        self._looked_again = False
         self._enter(Stage.APPROACH_AND_REACT, f"chose a grasp with score {chosen.score:.2f}")
 
     def _take(self, chosen: ChosenGrasp) -> None:
@@ -206,7 +198,7 @@ class Handover:
 
     # Approach & React
 
-    def _approach_and_react(self, observation: Observation, new: bool, dt: float) -> None:
+    def _approach_and_react(self, new: bool, dt: float) -> None:
         c, now = self.config, self.time
         if now - self._entered > c.approach_timeout:
             raise HaltError(f"pre-grasp not reached within {c.approach_timeout:.1f} s")
@@ -218,13 +210,13 @@ class Handover:
         factor = self.arm.allowed(path, self.watch, least, c.approach_speed)
         self.arm.go(self.target, c.approach_speed, dt, factor=factor)
         distance, angle = pose_distance(self.arm.reading.tool, self.target)
-        if distance > 3 * c.arrive_distance or angle > 3 * c.arrive_angle:
+        if distance > 3 * ARRIVE_DISTANCE or angle > 3 * ARRIVE_ANGLE:
             self._there_since = None
         elif self._there_since is None:
             self._there_since = now
         waited = 0.0 if self._there_since is None else now - self._there_since
         restless = waited >= c.restless_after
-        if not restless and (distance > c.arrive_distance or angle > c.arrive_angle):
+        if not restless and (distance > ARRIVE_DISTANCE or angle > ARRIVE_ANGLE):
             self._arrived = None
             return
         if (
@@ -232,9 +224,7 @@ class Handover:
             or pose_distance(self._arrived[1], self.target)[0] > c.largest_drift
         ):
             self._arrived = (now, self.target)
-        if now - self._arrived[0] < c.settle_time - 1e-9 and not restless:
-            return
-        if c.look_again and not self._looked_again and not self._look_again(observation, new):
+        if now - self._arrived[0] < SETTLE_TIME - 1e-9 and not restless:
             return
         self.part, self._began = "advance", self.target
         self.advance.begin()
@@ -269,37 +259,19 @@ class Handover:
             return False
         self.target = self.motion.move_pose(forward_of(self.grasp.pose, -c.back))
         if self.stage is Stage.GRASP_AND_RETRIEVE:
-            pushed = safety.pushed_away(self._began, self.target, c.largest_push)
+            pushed = safety.pushed_away(self._began, self.target, LARGEST_PUSH)
             self.target = forward_of(self.target, -pushed)
         self.arm.check_target(self.target)
         return True
 
-    def _look_again(self, observation: Observation, new: bool) -> bool:
-        """Take a newer picture's grasp if it is nearly the same; False: no picture yet."""
-        c = self.config
-        waited = self._there_since is not None and self.time - self._there_since > 1.0
-        if not new or self.choosing.obstacle(observation, self.time):
-            self._looked_again = waited
-            return waited
-        self._looked_again = True
-        chosen = self.choosing.search(observation, self.time, self.robot)
-        assert self.target is not None
-        if chosen is None:
-            return True
-        way, angle = pose_distance(forward_of(chosen.pose, -c.back), self.target)
-        if way > c.refresh_distance or angle > c.refresh_angle:
-            return True
-        self._take(chosen)
-        return False
-
     # Grasp & Retrieve
 
     def _grasp_and_retrieve(self, new: bool, dt: float) -> None:
-        c, now = self.config, self.time
+        now = self.time
         assert self.grasp is not None  # set before this stage is entered
         assert self.target is not None
-        if now - self._entered > c.grasp_timeout:
-            raise HaltError(f"grasp not finished within {c.grasp_timeout:.1f} s", back=True)
+        if now - self._entered > GRASP_TIMEOUT:
+            raise HaltError(f"grasp not finished within {GRASP_TIMEOUT:.1f} s", back=True)
         if self.part not in ADVANCING:
             self.caution = self.watch.camera_trouble(now)
             pulled_back = self.retrieval.step(now, dt, factor=BLIND if self.caution else 1.0)
@@ -321,7 +293,6 @@ class Handover:
     # Stopped and home
 
     def _stop(self, reason: str, *, back: bool = False) -> None:
-        c = self.config
         if self.stage is Stage.GOING_HOME:
             self.arm.stop()
             self._enter(Stage.GAVE_UP, f"stands where it is: {reason}")
@@ -331,7 +302,7 @@ class Handover:
             self.caution = reason
             return
         self.tries += 1
-        distance = c.back_off
+        distance = BACK_OFF
         straight = self.stage is Stage.GRASP_AND_RETRIEVE
         if straight:  # beside the object: out as it came in
             back, distance = True, max(distance, self.advance.travelled)
@@ -367,12 +338,12 @@ class Handover:
     def _go_home(self, dt: float) -> None:
         c, home = self.config, self.arm.home
         distance, angle = pose_distance(self.arm.reading.tool, home)
-        if distance < c.arrive_distance and angle < c.arrive_angle:
+        if distance < ARRIVE_DISTANCE and angle < ARRIVE_ANGLE:
             self.arm.stop()
             self._enter(Stage.GAVE_UP, "at home without the object")
             return
-        if self.time - self._entered > c.home_timeout:
-            raise HaltError(f"home not reached within {c.home_timeout:.0f} s")
+        if self.time - self._entered > HOME_TIMEOUT:
+            raise HaltError(f"home not reached within {HOME_TIMEOUT:.0f} s")
         factor, self.caution = BLIND, self.watch.trouble(self.time) or self.watch.problem
         if not self.caution:
             path = self.arm.ahead(home)

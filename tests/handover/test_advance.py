@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from hadr.handover.advance import DRAW_BACK, Advance
+from hadr.handover.grasp_and_retrieve import DRAW_BACK, Advance
 from hadr.handover.grasping.grasps import forward_of
 from hadr.handover.guarded_arm import GuardedArm, HaltError
 from hadr.handover.robot import SimulatedUR5
@@ -17,8 +17,14 @@ from hadr.handover.stages import HandoverConfig
 from hadr.simulation.trials.trial import Outcome
 
 DT = 0.02
-PLAIN = HandoverConfig(arrive_distance=0.002)
+PLAIN = HandoverConfig()
 FEELING = replace(PLAIN, feel_ahead=0.04, feel_aside=0.02, contact_force=2.0)
+
+
+@pytest.fixture(autouse=True)
+def _close_to_the_goal(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The fingers close where they were sent, within 2 mm."""
+    monkeypatch.setattr("hadr.handover.grasp_and_retrieve.ARRIVE_DISTANCE", 0.002)
 
 
 class Touching(SimulatedUR5):
@@ -261,11 +267,14 @@ def test_between_two_obstacles_that_leave_no_room_it_stops() -> None:
 
 
 @pytest.mark.parametrize("when", ["on the way", "at the end", "drawing back"])
-def test_while_no_hand_is_known_it_stands(when: str) -> None:
+def test_while_no_hand_is_known_it_stands(when: str, monkeypatch: pytest.MonkeyPatch) -> None:
     robot, advance, start = advancing(FEELING, block=(0.030, 0.062, 0.11))
     if when == "at the end":
         robot.block = None
-        advance.arm.config = replace(PLAIN, arrive_distance=0.0)  # so that it does not end yet
+        advance.arm.config = PLAIN
+        monkeypatch.setattr(
+            "hadr.handover.grasp_and_retrieve.ARRIVE_DISTANCE", 0.0
+        )  # so that it does not end yet
     end = PLAIN.back + PLAIN.forward
     reached = {
         "on the way": lambda: advance.travelled > 0.05,
@@ -275,7 +284,7 @@ def test_while_no_hand_is_known_it_stands(when: str) -> None:
     while not reached[when]():
         advance.arm.read()
         assert advance.step(start, DT) is None
-    advance.arm.config = replace(advance.arm.config, arrive_distance=0.05)
+    monkeypatch.setattr("hadr.handover.grasp_and_retrieve.ARRIVE_DISTANCE", 0.05)
     advance.watch.keypoints, advance.watch.problem = None, "no hand in the picture"
     held, way = robot.tool_pose(), advance.travelled
     for _ in range(20):

@@ -8,14 +8,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hadr.handover.recording import RecordedHandover
+from hadr.handover.observation import Observation
+from hadr.handover.poses import camera_at
+from hadr.handover.replay import replay
 from hadr.handover.robot import SimulatedUR5
-from hadr.handover.run_log import replay
+from hadr.handover.run_log import RecordedHandover
 from hadr.handover.stages import ChosenGrasp, HandoverConfig, Stage
-from hadr.handover.workflow import Observation
-from hadr.simulation.trials.rehearsal import HeldGlass, MovingHand, camera_at, rehearse
+from hadr.simulation.trials.rehearsal import MovingHand, rehearse, rehearsed_scene
 
-SCENE = HeldGlass()
+SCENE = rehearsed_scene()
 CAMERA = camera_at(np.array([0.0, -0.55, 0.65]), np.array([0.55, 0.0, 0.3]))
 STILL = MovingHand(SCENE, CAMERA, drift=0.0, turn=0.0)
 DT = 0.02
@@ -24,7 +25,7 @@ DT = 0.02
 def grasp() -> ChosenGrasp:
     pose = np.eye(4)
     pose[:3, :3] = [[0, 0, 1], [1, 0, 0], [0, 1, 0]]
-    pose[:3, 3] = SCENE.base_from_glass[:3, 3] + [-0.033, 0, 0.17]
+    pose[:3, 3] = SCENE.base_from_object[:3, 3] + [-0.033, 0, 0.17]
     return ChosenGrasp(pose, 0.075, 1.0)
 
 
@@ -131,8 +132,11 @@ def test_the_reason_stays_until_the_next_search() -> None:
     assert second - first == pytest.approx(0.3 / DT, abs=1)
 
 
-def test_another_obstacle_is_said_first_and_the_reason_after_it() -> None:
-    handover = handover_with(lambda *_: None, HandoverConfig(choose_every=5.0))
+def test_another_obstacle_is_said_first_and_the_reason_after_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("hadr.handover.observation.CHOOSE_EVERY", 5.0)
+    handover = handover_with(lambda *_: None)
     words = cautions(
         handover,
         1.5,
@@ -145,9 +149,10 @@ def test_another_obstacle_is_said_first_and_the_reason_after_it() -> None:
     assert handover.choosing.reason == lacking
 
 
-def test_not_calm_stays_said_between_pictures() -> None:
+def test_not_calm_stays_said_between_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hadr.handover.observation.CALM_SPEED", 1e-9)
     restless = MovingHand(SCENE, CAMERA, drift=0.04, calm_after=np.inf)
-    handover = handover_with(lambda *_: None, HandoverConfig(calm_speed=1e-9))
+    handover = handover_with(lambda *_: None)
     words = cautions(handover, 1.5, hand=restless)
     assert set(words[20:]) == {"the hand is not calm yet"}
 

@@ -8,13 +8,13 @@ from hadr.handover.observation import HandWatch, Observation
 from hadr.handover.recovery import Recovery
 from hadr.handover.robot import SimulatedUR5
 from hadr.handover.safety import SafetyConfig
-from hadr.handover.stages import ChosenGrasp, HandoverConfig, Stage
+from hadr.handover.stages import ARRIVE_DISTANCE, BACK_OFF, ChosenGrasp, HandoverConfig, Stage
 from hadr.handover.workflow import Handover
-from hadr.simulation.trials.rehearsal import HeldGlass
+from hadr.simulation.trials.rehearsal import rehearsed_scene
 
 DT = 0.02
 CONFIG = HandoverConfig()
-FAR_HAND = HeldGlass().keypoints + np.array([0.5, 0.0, 0.3])
+FAR_HAND = rehearsed_scene().keypoints + np.array([0.5, 0.0, 0.3])
 
 
 class PressedUR5(SimulatedUR5):
@@ -47,7 +47,7 @@ class PressedUR5(SimulatedUR5):
 
 def at_distance(arm: GuardedArm, free: float, direction: np.ndarray) -> np.ndarray:
     """A hand (21, 3) whose skin is so far from the gripper, to one side of it."""
-    hand = HeldGlass().keypoints
+    hand = rehearsed_scene().keypoints
     hand = hand - hand.mean(axis=0) + arm.reading.tool[:3, 3]
     watch = HandWatch(np.eye(4), SafetyConfig())
     low, high = 0.0, 0.5
@@ -79,14 +79,14 @@ def recover(robot: SimulatedUR5, hand: np.ndarray, *, seconds: float) -> tuple[R
     """From a stop with a protective stop on; the time at which it may go on, or infinity."""
     arm, watched = GuardedArm(robot, CONFIG), Watched(hand)
     recovery = Recovery(arm)
-    recovery.begin(0.0, back=CONFIG.back_off, opening=0.085, straight=True)
+    recovery.begin(0.0, back=BACK_OFF, opening=0.085, straight=True)
     for _ in range(round(seconds / DT)):
         now = watched.look()
         if isinstance(robot, PressedUR5):
             robot.feel()
         arm.read()
         if arm.reading.protective_stop and recovery.part != "still":
-            recovery.begin(now, back=CONFIG.back_off, opening=0.085, straight=True)
+            recovery.begin(now, back=BACK_OFF, opening=0.085, straight=True)
         if recovery.step(now, DT, watched.watch):
             return recovery, now
     return recovery, float("inf")
@@ -106,7 +106,7 @@ def test_a_pressed_arm_backs_off_after_one_stop(stuck: bool) -> None:
     # stand 0.5 s, open (0.65 s at 0.1 m/s, cut short at 0.2 s), back 0.8 s, stand 0.5 s
     assert restarted == pytest.approx(2.1, abs=0.2)
     moved = start[:3, :3].T @ (robot.tool_pose()[:3, 3] - start[:3, 3])
-    np.testing.assert_allclose(moved, [0, 0, -CONFIG.back_off], atol=0.003)
+    np.testing.assert_allclose(moved, [0, 0, -BACK_OFF], atol=0.003)
     assert recovery.trouble == ""
     assert robot.gripper_width() == pytest.approx(0.02 if stuck else 0.085, abs=1e-6)
 
@@ -117,7 +117,7 @@ def test_without_contact_it_waits_for_the_fingers() -> None:
     start = robot.tool_pose()[:3, 3]
     arm, watched = GuardedArm(robot, CONFIG), Watched(FAR_HAND)
     recovery = Recovery(arm)
-    recovery.begin(0.0, back=CONFIG.back_off, opening=0.085, straight=True)
+    recovery.begin(0.0, back=BACK_OFF, opening=0.085, straight=True)
     while recovery.part != "back":
         now = watched.look()
         arm.read()
@@ -150,10 +150,10 @@ def test_it_leaves_a_hand_that_is_too_near(follows: bool) -> None:
     assert min(frees) > 0.003
     assert max(ways[: round(1.45 / DT)]) < 1e-9  # stands 0.5 s, and 1 s beside the hand
     if follows:  # three times, then it waits
-        assert ways[-1] == pytest.approx(3 * CONFIG.back_off, abs=0.01)
+        assert ways[-1] == pytest.approx(3 * BACK_OFF, abs=0.01)
         assert restarted == np.inf
     else:  # 0.5 s, 1 s, 8 cm at 0.1 m/s, 0.5 s
-        assert ways[-1] == pytest.approx(CONFIG.back_off, abs=0.003)
+        assert ways[-1] == pytest.approx(BACK_OFF, abs=0.003)
         assert restarted == pytest.approx(2.8, abs=0.15)
 
 
@@ -203,7 +203,7 @@ def test_the_way_home_begins_beside_a_hand_that_touches(side: float, leaves: boo
     last = handover.transitions[-1].reason
     if leaves:
         assert last == "at home without the object"
-        assert np.linalg.norm(robot.tool_pose()[:3, 3] - home[:3, 3]) < CONFIG.arrive_distance
+        assert np.linalg.norm(robot.tool_pose()[:3, 3] - home[:3, 3]) < ARRIVE_DISTANCE
     else:
         assert last.startswith("stands where it is: hand ")
         assert np.linalg.norm(robot.tool_pose()[:3, 3] - away[:3, 3]) < 0.01

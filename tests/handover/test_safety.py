@@ -1,12 +1,16 @@
 """The safety checks on cases that can be computed by hand."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from hadr.handover import ur5
-from hadr.handover.grasping.collision import FINGER_WIDTH, FLESH
+from hadr.handover.dimensions import FINGER_WIDTH
+from hadr.handover.grasping.collision import FLESH
+from hadr.handover.guarded_arm import GuardedArm
 from hadr.handover.observation import HandWatch, Observation, clean_points, number
-from hadr.handover.pacing import Pace, between, toward
+from hadr.handover.poses import between, toward
 from hadr.handover.robot import HOME_JOINTS
 from hadr.handover.safety import (
     SafetyConfig,
@@ -21,6 +25,7 @@ from hadr.handover.safety import (
     speed_factor,
     withdrawal,
 )
+from hadr.handover.stages import HandoverConfig
 
 C = SafetyConfig()
 
@@ -194,14 +199,23 @@ def test_a_pose_between_two() -> None:
 
 
 def test_the_reference_moves_at_its_speed_and_does_not_run_ahead() -> None:
-    pace, goal = Pace(lead=0.05), np.eye(4)
+    tool, goal, told = np.eye(4), np.eye(4), []
     goal[0, 3] = 1.0
-    stuck = np.eye(4)
-    ahead = [pace.go(stuck, goal, 0.02, 1.0)[0, 3] for _ in range(4)]
-    np.testing.assert_allclose(ahead, [0.02, 0.04, 0.05, 0.05])
-    np.testing.assert_array_equal(pace.hold(stuck), stuck)
-    sagged = np.eye(4)
-    sagged[2, 3] = -0.01
-    np.testing.assert_array_equal(pace.hold(sagged), stuck)  # holds where it began to
-    pace.forget()
-    np.testing.assert_array_equal(pace.hold(sagged), sagged)
+    robot = SimpleNamespace(
+        tool_pose=tool.copy, joint_positions=lambda: np.zeros(6), gripper_width=lambda: 0.08,
+        protective_stop="", servo_to=lambda pose, dt: told.append(pose.copy()),
+        release=lambda: None,
+    )  # fmt: skip
+    arm = GuardedArm(robot, HandoverConfig())
+    for _ in range(4):
+        arm.go(goal, 1.0, 0.02)
+    np.testing.assert_allclose([pose[0, 3] for pose in told], [0.02, 0.04, 0.05, 0.05])
+    arm.hold(0.02)
+    np.testing.assert_array_equal(told[-1], np.eye(4))
+    tool[2, 3] = -0.01  # the tool sags
+    arm.read()
+    arm.hold(0.02)
+    np.testing.assert_array_equal(told[-1], np.eye(4))  # holds where it began to
+    arm.release()
+    arm.hold(0.02)
+    np.testing.assert_array_equal(told[-1], tool)

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from hadr.figures.panels import COLORS
-from hadr.handover.workflow import Stage, Transition
+from hadr.handover.stages import Stage, Transition
 from hadr.simulation.film.film import nearest_state, stage_at, stage_color
 from hadr.simulation.film.views import View, view_from
 from hadr.simulation.film.world_view import FilmSet

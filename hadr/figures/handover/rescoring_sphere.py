@@ -23,7 +23,8 @@ from scipy.spatial.transform import Rotation
 
 from hadr.figures.handover.scene import bare_axes_3d, show_glass, show_grippers, show_hand
 from hadr.figures.panels import COLORS
-from hadr.handover.grasping.collision import FINGER_LENGTH, STEM_LENGTH, fork
+from hadr.handover.dimensions import FINGER_LENGTH, STEM_LENGTH
+from hadr.handover.grasping.collision import fork
 from hadr.handover.grasping.grasps import Grasps, forward_of
 from hadr.handover.grasping.rescoring import (
     Directions,
@@ -32,7 +33,7 @@ from hadr.handover.grasping.rescoring import (
     literal_at_best_turn,
     rescore,
 )
-from hadr.simulation.trials.rehearsal import HeldGlass
+from hadr.simulation.world.scenes import HeldScene
 
 Array = npt.NDArray[np.float64]
 Score = Callable[[Array], Array]
@@ -201,7 +202,7 @@ def score_bar(
 
 
 def show_choice(
-    ax: Any, scene: HeldGlass, grasps: Grasps, scores: npt.ArrayLike, *, others: int = 14
+    ax: Any, scene: HeldScene, grasps: Grasps, scores: npt.ArrayLike, *, others: int = 14
 ) -> int:
     """Draw a hand with its glass, some candidates shaded by their score, and the winner."""
     value = np.asarray(scores, dtype=np.float64)
@@ -209,19 +210,19 @@ def show_choice(
     some = np.random.default_rng(4).permutation(len(value))[:others]
     shade = mpl.colormaps["Greys"](0.15 + 0.5 * (value - value.min()) / (np.ptp(value) or 1.0))
     show_hand(ax, scene.keypoints)
-    show_glass(ax, scene.glass, scene.base_from_glass)
+    show_glass(ax, scene.item, scene.base_from_object)
     poses = forward_of(grasps.poses, -0.02)
     show_grippers(ax, poses[some], grasps.widths[some], list(shade[some]), lw=1.3)
     show_grippers(ax, poses[[best]], grasps.widths[[best]], ["white"], lw=7)
     show_grippers(ax, poses[[best]], grasps.widths[[best]], [COLORS["robot"]], lw=4.5)
-    middle = scene.base_from_glass[:3, 3] + [0, 0, 0.13]
+    middle = scene.base_from_object[:3, 3] + [0, 0, 0.13]
     bare_axes_3d(ax, middle - 0.19, middle + 0.19, zoom=1.55)
     ax.view_init(12, -100)
     return best
 
 
 def candidate_choice(
-    scene: HeldGlass,
+    scene: HeldScene,
     grasps: Grasps,
     directions: Directions,
     weights: Weights,

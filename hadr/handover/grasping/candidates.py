@@ -10,14 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from hadr.handover.dimensions import FINGER_HEIGHT, LARGEST_OPENING
 from hadr.handover.grasping.grasps import Grasps
 from hadr.handover.grasping.unseen_side import unseen_side
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-FINGER_HEIGHT = 0.02
-"""Height of a finger's pad along the height axis, metres."""
 FINGER_REACH = 0.05
 """How far past the first touched point the fingertips end (the paper's 5 cm), metres."""
 PAST_CONTACT = 0.035
@@ -71,7 +70,7 @@ def sample_grasps(
     attempts: int = 800,
     turns: int = 3,
     most: int = 500,
-    largest_width: float = 0.085,
+    largest_width: float = LARGEST_OPENING,
     friction: float = 0.6,
     frame: str = "camera",
 ) -> Grasps:

@@ -10,22 +10,18 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from hadr.hand import BONES, check_keypoints
+from hadr.handover.dimensions import (
+    BAR_LENGTH,
+    FINGER_HEIGHT,
+    FINGER_LENGTH,
+    FINGER_WIDTH,
+    PALM_SIZE,
+    STEM_LENGTH,
+)
 from hadr.handover.grasping.grasps import Grasps
 
 Array = NDArray[np.float64]
 
-FINGER_WIDTH = 0.01
-"""Width of a finger along the closing axis, metres."""
-FINGER_LENGTH = 0.06
-"""Length of a finger along the approach axis, metres."""
-FINGER_TALL = 0.02
-"""Size of a finger along the height axis, metres."""
-BAR_LENGTH = 0.02
-"""Length of the bar behind the fingers along the approach axis, metres."""
-PALM_SIZE: tuple[float, float, float] = (0.08, 0.06, 0.10)
-"""Size of the gripper's body behind the fingers along closing, height and approach, metres."""
-STEM_LENGTH = 0.06
-"""Length of the line that stands for the body in pictures, metres."""
 FLESH = 0.010
 """Thickness of flesh around the bones of the hand, metres."""
 
@@ -51,16 +47,7 @@ def fork(width: float) -> Array:
 
 
 def fork_points(base_from_tool: Array, width: float, spacing: int = 9) -> Array:
-    """Points along the fork at a tool pose.
-
-    Args:
-        base_from_tool: Tool pose in any frame, shape (4, 4), metres.
-        width: Opening, metres.
-        spacing: Points on each of the four segments.
-
-    Returns:
-        Shape (4 * spacing, 3), metres, in the pose's frame.
-    """
+    """Points along the fork's four lines at a tool pose (4, 4): (4 * spacing, 3), metres."""
     along = np.linspace(0.0, 1.0, spacing)[None, :, None]
     segments = fork(width)
     points = (segments[:, None, 0] * (1 - along) + segments[:, None, 1] * along).reshape(-1, 3)
@@ -81,7 +68,7 @@ def gripper_boxes(widths: Array, *, behind: float = 0.0, ahead: float = 0.0) -> 
     """
     inner = np.asarray(widths, dtype=np.float64) / 2
     outer, one = inner + FINGER_WIDTH, np.ones(len(inner))
-    tall, wide, thick = FINGER_TALL / 2, PALM_SIZE[0] / 2, PALM_SIZE[1] / 2
+    tall, wide, thick = FINGER_HEIGHT / 2, PALM_SIZE[0] / 2, PALM_SIZE[1] / 2
     bar, palm = -FINGER_LENGTH - BAR_LENGTH, -FINGER_LENGTH - PALM_SIZE[2]
     rows = [
         (-outer, -inner, tall, -FINGER_LENGTH, 0.0),

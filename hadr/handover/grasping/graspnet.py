@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from hadr.camera import transform_points
+from hadr.handover.dimensions import LARGEST_OPENING
 from hadr.handover.grasping.grasps import Grasps
 from hadr.handover.ur5 import check_pose
 
@@ -30,14 +31,16 @@ not 0 to 1, and what a network predicts may be a little below 0. Percentages do 
 
 
 def from_graspnet(
-    source: str | Path | ArrayLike, base_from_camera: Array | None = None, *, widest: float = 0.085
+    source: str | Path | ArrayLike,
+    base_from_camera: Array | None = None,
+    *,
+    widest: float = LARGEST_OPENING,
 ) -> Grasps:
     """Read a detector's grasps.
 
     Args:
         source: A `.npy` file of `GraspGroup.save_npy`, or its array `grasp_group_array`, shape
-            (n, 17). Rows of 16, without object_id, are read with -1 in its place; an array
-            without any number, such as [], is no grasps.
+            (n, 17), or (n, 16) without object_id.
         base_from_camera: The camera's calibration, shape (4, 4), metres; where left out the grasps
             stay in the camera frame.
         widest: Grasps that need a wider opening than the gripper has are left out, metres
@@ -49,12 +52,11 @@ def from_graspnet(
     Raises:
         FileNotFoundError: There is no such file.
         ValueError: It holds no rows of 17 real numbers, or one is no grasp, see `Grasps.from_rows`;
-            a width looks like millimetres, a score lies outside `SCORES`; the calibration is no
-            rigid transform, or `widest` no length.
+            a width looks like millimetres, a score lies outside `SCORES`; or the calibration is no
+            rigid transform.
     """
-    _check_length("widest", widest)
     table = _read(Path(source)) if isinstance(source, str | Path) else np.asarray(source)
-    if table.size == 0 and table.ndim == 1:
+    if table.size == 0:
         table = np.zeros((0, 17))
     if table.dtype.kind not in "fiu":
         what = f"an array of {table.dtype}" if table.ndim else repr(source)
@@ -64,8 +66,17 @@ def from_graspnet(
         )
     if table.ndim == 2 and table.shape[1] == 16:
         table = np.concatenate([table, -np.ones((len(table), 1))], axis=1)
-    grasps = Grasps.from_rows(table, "camera")
-    _check_scale(grasps)
+    grasps, (low, high) = Grasps.from_rows(table, "camera"), SCORES
+    for row in np.flatnonzero(grasps.widths > METRES)[:1]:
+        raise ValueError(
+            f"grasp {row}: width must be in metres, at most {METRES}; {grasps.widths[row]:g} looks "
+            "like millimetres"
+        )
+    for row in np.flatnonzero((grasps.scores < low) | (grasps.scores > high))[:1]:
+        raise ValueError(
+            f"grasp {row}: score must lie in {low:g}..{high:g}, got {grasps.scores[row]:g}: scale "
+            "the detector's scores first"
+        )
     if base_from_camera is not None:
         grasps = grasps.in_frame(check_pose(base_from_camera, "base_from_camera"), "base")
     order = np.argsort(-grasps.scores, kind="stable")
@@ -74,40 +85,16 @@ def from_graspnet(
 
 def _read(path: Path) -> NDArray[np.generic]:
     """The array of a file of numpy.save."""
-    if path.is_dir():
-        raise ValueError(f"{path} is a folder, not a file of numpy.save")
+    if not path.exists():
+        raise FileNotFoundError(f"there is no file {path} of grasps")
     try:
         found = np.load(path, allow_pickle=False)
-    except (ValueError, EOFError, zipfile.BadZipFile) as error:
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
         raise ValueError(f"{path} is not an array that numpy.save wrote: {error}") from error
     if not isinstance(found, np.ndarray):
-        names = ", ".join(found.files)
         found.close()
-        raise ValueError(
-            f"{path} is an archive ({names}), not an array that numpy.save wrote: "
-            "load it and pass one of its arrays"
-        )
+        raise ValueError(f"{path} is not an array that numpy.save wrote, but an archive of several")
     return found
-
-
-def _check_length(name: str, value: float) -> None:
-    if not (np.isfinite(value) and value > 0):
-        raise ValueError(f"{name} must be metres above 0, got {value}")
-
-
-def _check_scale(grasps: Grasps) -> None:
-    """ValueError widths in millimetres, and scores that outweigh everything else."""
-    for row in np.flatnonzero(grasps.widths > METRES)[:1]:
-        raise ValueError(
-            f"grasp {row}: width must be in metres, at most {METRES}; {grasps.widths[row]:g} looks "
-            "like millimetres"
-        )
-    low, high = SCORES
-    for row in np.flatnonzero((grasps.scores < low) | (grasps.scores > high))[:1]:
-        raise ValueError(
-            f"grasp {row}: score must lie in {low:g}..{high:g}, got {grasps.scores[row]:g}: scale "
-            "the detector's scores first"
-        )
 
 
 @dataclass(frozen=True)
@@ -129,25 +116,13 @@ class DetectedGrasps:
     detect: Detect
     base_from_camera: Array
     nearest: float = 0.03
-    widest: float = 0.085
+    widest: float = LARGEST_OPENING
 
     def __post_init__(self) -> None:
         check_pose(self.base_from_camera, "base_from_camera")
-        _check_length("nearest", self.nearest)
-        _check_length("widest", self.widest)
 
     def __call__(self, points: Array) -> Grasps:
-        """Detect around the object's points.
-
-        Args:
-            points: Shape (n, 3), metres, base frame.
-
-        Returns:
-            The detector's grasps of this object in the base frame, highest score first.
-
-        Raises:
-            ValueError: The detector's rows are no grasps.
-        """
+        """The detector's grasps of an object's points (n, 3), metres, base frame, best first."""
         camera_from_base = np.linalg.inv(self.base_from_camera)
         rows = self.detect(transform_points(camera_from_base, points))
         grasps = from_graspnet(rows, self.base_from_camera, widest=self.widest)

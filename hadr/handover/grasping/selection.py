@@ -6,14 +6,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hadr.handover.dimensions import LARGEST_OPENING
 from hadr.handover.grasping.candidates import NoCandidateError, completed, sample_grasps
 from hadr.handover.grasping.collision import free_of_object, free_of_scene, way_to_hand
 from hadr.handover.grasping.grasps import Grasps, forward_of
 from hadr.handover.grasping.rescoring import Directions, Form, Weights, rescore
 from hadr.handover.grasping.unseen_side import turned_about_axis
 from hadr.handover.robot import Robot
+from hadr.handover.stages import ChosenGrasp
 from hadr.handover.ur5 import Array
-from hadr.handover.workflow import ChosenGrasp
 
 HALF_TURN: Array = np.diag([-1.0, -1.0, 1.0, 1.0])
 """Turns the gripper about its approach axis; a parallel gripper grasps the same either way."""
@@ -57,7 +58,7 @@ class GraspSelection:
     clearances: tuple[float, ...] = (0.02, 0.012)
     friction: float = 0.6
     rescoring: bool = True
-    widest: float = 0.085
+    widest: float = LARGEST_OPENING
     most_checked: int = 25
     rounds: int = 4
     source: CandidateSource | None = None

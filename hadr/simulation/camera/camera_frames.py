@@ -14,9 +14,10 @@ import numpy.typing as npt
 
 from hadr.camera import project
 from hadr.data.frame import Frame
+from hadr.handover.dimensions import LARGEST_OPENING
+from hadr.handover.poses import camera_at
 from hadr.handover.robot import HOME_JOINTS
 from hadr.simulation.camera.robot_camera import EYE, RobotCamera
-from hadr.simulation.trials.rehearsal import camera_at
 from hadr.simulation.trials.trial_set import TRIAL_HOLDS
 from hadr.simulation.world.scenes import MIDDLE, held_scene
 from hadr.simulation.world.state import WorldState
@@ -110,7 +111,7 @@ def camera_frame(
     state = WorldState(
         0.0,
         joints,
-        float(rng.uniform(0.0, 0.085)),
+        float(rng.uniform(0.0, LARGEST_OPENING)),
         scene.base_from_wrist,
         scene.base_from_object,
         "hand",

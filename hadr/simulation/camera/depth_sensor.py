@@ -98,15 +98,7 @@ class DepthSensor:
 
 
 def in_shadow(depth: Depth, focal_baseline: float) -> Mask:
-    """Pixels of the left imager that something nearer hides from the right one.
-
-    Args:
-        depth: z-depth, metres, shape (H, W); 0 counts as infinitely far.
-        focal_baseline: Focal length in pixels times baseline in metres.
-
-    Returns:
-        Shape (H, W) bool: the band on the left of each foreground object.
-    """
+    """Pixels (H, W) of the left imager that something nearer hides from the right one."""
     disparity = focal_baseline / np.where(depth > 0, depth, np.inf)
     column = np.arange(depth.shape[1]) - disparity  # where the right imager sees it
     nearest = np.minimum.accumulate(column[:, ::-1], axis=1)[:, ::-1]

@@ -14,11 +14,11 @@ from scipy.spatial.transform import Rotation
 
 from hadr.camera import TRANSHAND_CAMERA, Intrinsics, project, transform_points
 from hadr.handover import ur5
+from hadr.handover.poses import camera_at
 from hadr.simulation.camera.depth_sensor import DepthSensor
 from hadr.simulation.camera.moving_view import MovingView, search_tree
 from hadr.simulation.camera.room import make_room
 from hadr.simulation.robot.arm_shape import Part, arm_surfaces
-from hadr.simulation.trials.rehearsal import camera_at
 from hadr.simulation.world.scenes import MIDDLE, HeldScene
 from hadr.simulation.world.state import WorldState
 from hadr.synthesis.depth_sensor.sensor_noise import ColorCamera, develop
@@ -96,12 +96,7 @@ class RobotCamera:
         return self.base_from_camera if self.calibrated is None else self.calibrated
 
     def miscalibrated(self, degrees: float, seed: int = 0) -> RobotCamera:
-        """Give the same camera whose calibration is turned about the camera by an angle.
-
-        Args:
-            degrees: The angle; 0 is a perfect calibration.
-            seed: Chooses the axis.
-        """
+        """The same camera whose calibration is turned by an angle about an axis of that seed."""
         axis = np.random.default_rng([seed, 29]).normal(size=3)
         believed = self.base_from_camera.copy()
         turn = Rotation.from_rotvec(np.deg2rad(degrees) * axis / np.linalg.norm(axis))

@@ -11,6 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from hadr.handover.dimensions import (
+    FLOOR,
+    ROOM_TABLE_HALF_WIDTH,
+    ROOM_TABLE_THICKNESS,
+    TABLE_FAR,
+    TABLE_NEAR,
+)
 from hadr.records.caches import kept
 from hadr.simulation.world.scenes import MIDDLE
 from hadr.synthesis.scene.contents import Surroundings
@@ -22,12 +29,8 @@ from hadr.synthesis.textures.families import pyramid, texture_number
 
 Array = npt.NDArray[np.float64]
 
-TABLE_LOWER: Array = np.array([-0.40, -0.65, -0.04])
-"""One corner of the table's top, metres."""
-TABLE_UPPER: Array = np.array([0.42, 0.65, 0.0])
-"""The opposite corner."""
-FLOOR = -0.75
-"""Height of the floor, metres."""
+_TABLE_LOWER: Array = np.array([TABLE_NEAR, -ROOM_TABLE_HALF_WIDTH, -ROOM_TABLE_THICKNESS])
+_TABLE_UPPER: Array = np.array([TABLE_FAR, ROOM_TABLE_HALF_WIDTH, 0.0])
 BESIDE, BEYOND = 1.7, 2.1
 """The walls' distances from the robot to either side, and beyond the human, metres."""
 _TALL = 2.6
@@ -51,14 +54,7 @@ class Room:
 
 @kept(8)
 def make_room(number: int) -> Room:
-    """Furnish a room.
-
-    Args:
-        number: Which one; it chooses cloth, walls, things and light.
-
-    Returns:
-        The room; the same for the same number.
-    """
+    """Furnish a room; its number chooses cloth, walls, things and light."""
     rng = np.random.default_rng([number, 71])
     stage, choice = Stage(), TextureChoice(rng, 0)
     _add_table(stage, rng)
@@ -72,8 +68,8 @@ def make_room(number: int) -> Room:
 def _add_table(stage: Stage, rng: np.random.Generator) -> None:
     cloth = texture_number("plaid" if rng.random() < 0.5 else "print_cloth", int(rng.integers(6)))
     pose = np.eye(4)
-    pose[:3, 3] = (TABLE_LOWER + TABLE_UPPER) / 2
-    half = (TABLE_UPPER - TABLE_LOWER) / 2
+    pose[:3, 3] = (_TABLE_LOWER + _TABLE_UPPER) / 2
+    half = (_TABLE_UPPER - _TABLE_LOWER) / 2
     stage.box(pose, half, cloth, natural_size(cloth), rng.random(2))
 
 
@@ -121,15 +117,7 @@ def _add_sideboard(stage: Stage, choice: TextureChoice, rng: np.random.Generator
 def with_parts(
     room: Surroundings, parts: list[tuple[Array, npt.NDArray[np.int64], Array, Array]]
 ) -> Surroundings:
-    """Put plain opaque parts into a room.
-
-    Args:
-        room: The room.
-        parts: Vertices (V, 3) in metres, faces (F, 3), normals (V, 3) and linear RGB (3,) of each.
-
-    Returns:
-        Room and parts as one.
-    """
+    """Put parts (vertices, faces, normals, linear RGB) into a room."""
     stage = Stage()
     for vertices, faces, normals, _ in parts:
         stage.add(vertices, faces, normals, np.zeros((len(vertices), 2)), _PLAIN, 1.0)

@@ -44,17 +44,7 @@ def object_points(
 
 
 def without_outliers(points: Array, neighbours: int = 8, spread: float = 2.0) -> Array:
-    """Drop points whose neighbours are much farther away than is usual in the cloud.
-
-    Args:
-        points: Shape (n, 3), metres.
-        neighbours: How many neighbours count.
-        spread: A point's mean distance to them may exceed the cloud's mean by so many standard
-            deviations.
-
-    Returns:
-        The points that stay, shape (m, 3), in their order.
-    """
+    """Drop points (n, 3) whose mean distance to their neighbours is `spread` deviations too far."""
     if len(points) <= neighbours:
         return points
     distances, _ = cKDTree(points).query(points, neighbours + 1)

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 
-from hadr.handover.workflow import Stage, Transition
+from hadr.handover.stages import Stage, Transition
 from hadr.simulation.film.views import View
 from hadr.simulation.film.world_view import FilmSet
 from hadr.simulation.world.scenes import HeldScene

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hadr.camera import Intrinsics
-from hadr.simulation.trials.rehearsal import camera_at
+from hadr.handover.poses import camera_at
 
 Array = npt.NDArray[np.float64]
 

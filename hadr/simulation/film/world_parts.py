@@ -6,6 +6,13 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
+from hadr.handover.dimensions import (
+    FILM_FLOOR,
+    FILM_TABLE_HALF_WIDTH,
+    FILM_TABLE_THICKNESS,
+    TABLE_FAR,
+    TABLE_NEAR,
+)
 from hadr.synthesis.glass.surfaces import Surface, vertex_normals
 
 Array = npt.NDArray[np.float64]
@@ -15,9 +22,6 @@ Piece = tuple[Surface, Array, int]
 NOTHING, ARM, HAND, CLOTH, TABLE, FLOOR, GLASS = range(7)
 """What a pixel can show; the sleeve counts as HAND."""
 
-TABLE_TOP: tuple[tuple[float, float], tuple[float, float]] = ((-0.40, -0.45), (0.42, 0.45))
-"""Corners (x, y) of the table's top, metres; it lies at height 0."""
-_FLOOR_AT = -0.74
 _WOOD = np.array([[0.36, 0.25, 0.16]])
 _LINEN = np.array([[0.66, 0.63, 0.56]])
 _CONCRETE = np.array([[0.40, 0.41, 0.41]])
@@ -43,15 +47,15 @@ def _plane(low: tuple[float, float], high: tuple[float, float], z: float) -> Sur
 
 def table() -> list[Piece]:
     """The robot's table with its cloth, its legs and the floor, in the base frame."""
-    (x0, y0), (x1, y1) = TABLE_TOP
+    x0, x1, y0, y1 = TABLE_NEAR, TABLE_FAR, -FILM_TABLE_HALF_WIDTH, FILM_TABLE_HALF_WIDTH
     pieces: list[Piece] = [
         (_plane((x0, y0), (x1, y1), 0.0), _LINEN, CLOTH),
-        (box((x0, y0, -0.035), (x1, y1, -0.0005)), _WOOD, TABLE),
-        (_plane((-9.0, -9.0), (9.0, 9.0), _FLOOR_AT), _CONCRETE, FLOOR),
+        (box((x0, y0, -FILM_TABLE_THICKNESS), (x1, y1, -0.0005)), _WOOD, TABLE),
+        (_plane((-9.0, -9.0), (9.0, 9.0), FILM_FLOOR), _CONCRETE, FLOOR),
     ]
     for x in (x0 + 0.03, x1 - 0.08):
         for y in (y0 + 0.03, y1 - 0.08):
-            leg = box((x, y, _FLOOR_AT), (x + 0.05, y + 0.05, -0.03))
+            leg = box((x, y, FILM_FLOOR), (x + 0.05, y + 0.05, -0.03))
             pieces.append((leg, _WOOD, TABLE))
     return pieces
 

@@ -123,16 +123,7 @@ class FilmSet:
 
 
 def draw_world(state: WorldState, scene: HeldScene, view: View | None = None) -> Picture:
-    """Draw one moment. For many moments of one scene, `FilmSet` keeps what stays the same.
-
-    Args:
-        state: The moment.
-        scene: Hand and object.
-        view: From where; the side view where left out.
-
-    Returns:
-        sRGB, shape (H, W, 3) uint8.
-    """
+    """Draw one moment as sRGB (H, W, 3); for many of one scene, `FilmSet` keeps what stays."""
     return FilmSet(scene, view).draw(state)
 
 

@@ -14,7 +14,19 @@ import mujoco
 import numpy as np
 
 from hadr.handover import ur5
-from hadr.handover.grasping.collision import FINGER_LENGTH, FINGER_WIDTH, STEM_LENGTH
+from hadr.handover.dimensions import (
+    BAR_HEIGHT,
+    BAR_LENGTH,
+    FINGER_HEIGHT,
+    FINGER_LENGTH,
+    FINGER_WIDTH,
+    STEM_LENGTH,
+    STEM_RADIUS,
+    TABLE_FAR,
+    TABLE_HALF_WIDTH,
+    TABLE_NEAR,
+    TABLE_THICKNESS,
+)
 from hadr.handover.robot import ArmConfig
 from hadr.handover.ur5 import Array
 
@@ -27,19 +39,14 @@ LINK_MASSES: tuple[float, ...] = (3.7, 8.393, 2.33, 1.219, 1.219, 0.1879)
 """Published masses of the six links in kilograms."""
 GRIPPER_MASSES: dict[str, float] = {"stem": 0.5, "bar": 0.25, "finger": 0.06}
 """Our gripper's masses in kilograms; one finger."""
-FINGER_HEIGHT = 0.02
-"""Size of a finger along the tool's y axis, metres."""
-BAR_DEPTH = 0.02
-"""Size of the bar between the fingers along the approach axis, metres."""
-STEM_RADIUS = 0.03
-"""Radius of the gripper's body between the flange and the bar, metres."""
 GRIPPER_GEOMS: tuple[str, ...] = ("left_finger", "right_finger", "bar", "stem")
 """Names of the gripper's collision shapes."""
 ARM_TORQUES: tuple[float, ...] = (150.0, 150.0, 150.0, 28.0, 28.0, 28.0)
 """Largest joint torques in newton metres."""
 
 _TUBE = (0.060, 0.054, 0.045, 0.040, 0.040, 0.038)
-_SIDE, _FORE_SIDE = 0.13585, 0.13585 - 0.1197  # of upper arm and forearm, as in ur5.link_outline
+_SIDE = ur5.SHOULDER_OFFSET
+_FORE_SIDE = ur5.SHOULDER_OFFSET + ur5.ELBOW_OFFSET
 _POSITION_GAINS = (6000.0, 6000.0, 4000.0, 900.0, 900.0, 500.0)
 _SPEED_GAINS = (450.0, 450.0, 260.0, 40.0, 40.0, 18.0)
 _ARMATURES = (0.2, 0.2, 0.2, 0.05, 0.05, 0.05)
@@ -110,7 +117,7 @@ def _add_gripper(spec: mujoco.MjSpec, flange: Any, config: ArmConfig, width: flo
     pose = config.flange_from_tool
     tool = flange.add_body(name="tool", pos=pose[:3, 3], quat=_quaternion(pose), gravcomp=1.0)
     tool.add_site(name="tool", pos=[0, 0, 0], size=[0.002, 0, 0])
-    back = -FINGER_LENGTH - BAR_DEPTH
+    back = -FINGER_LENGTH - BAR_LENGTH
     tool.add_geom(
         name="stem",
         type=mujoco.mjtGeom.mjGEOM_CYLINDER,
@@ -122,8 +129,8 @@ def _add_gripper(spec: mujoco.MjSpec, flange: Any, config: ArmConfig, width: flo
     tool.add_geom(
         name="bar",
         type=mujoco.mjtGeom.mjGEOM_BOX,
-        pos=[0, 0, -FINGER_LENGTH - BAR_DEPTH / 2],
-        size=[config.largest_opening / 2 + FINGER_WIDTH, 0.0125, BAR_DEPTH / 2],
+        pos=[0, 0, -FINGER_LENGTH - BAR_LENGTH / 2],
+        size=[config.largest_opening / 2 + FINGER_WIDTH, BAR_HEIGHT / 2, BAR_LENGTH / 2],
         mass=GRIPPER_MASSES["bar"],
         **_touch(),
     )
@@ -204,12 +211,7 @@ def _add_servo(spec: mujoco.MjSpec, index: int) -> None:
 
 
 def kinematic_model(config: ArmConfig) -> mujoco.MjModel:
-    """The arm alone with open fingers that do not slide: what the inverse kinematics computes on.
-
-    Returns:
-        A model with six degrees of freedom, a box `table` whose top is z = 0, and shapes that are
-        all allowed to collide, so that distances between any two can be asked for.
-    """
+    """The arm alone, fingers open and fixed, with the table: all shapes may collide."""
     spec = mujoco.MjSpec()
     add_arm(spec, config, gripper_width=config.largest_opening)
     add_table(spec)
@@ -219,12 +221,12 @@ def kinematic_model(config: ArmConfig) -> mujoco.MjModel:
 
 
 def add_table(spec: mujoco.MjSpec) -> None:
-    """Add the robot's own table: its top is z = 0, x from -0.4 to 0.42 m, 3 cm thick."""
+    """Add the robot's own table, whose top is z = 0."""
     spec.worldbody.add_geom(
         name="table",
         type=mujoco.mjtGeom.mjGEOM_BOX,
-        pos=[0.01, 0.0, -0.015],
-        size=[0.41, 0.8, 0.015],
+        pos=[round((TABLE_NEAR + TABLE_FAR) / 2, 6), 0.0, -TABLE_THICKNESS / 2],
+        size=[(TABLE_FAR - TABLE_NEAR) / 2, TABLE_HALF_WIDTH, TABLE_THICKNESS / 2],
         contype=GROUND,
         conaffinity=OBJECT,
     )

@@ -11,7 +11,14 @@ import numpy.typing as npt
 import trimesh
 
 from hadr.handover import ur5
-from hadr.handover.grasping.collision import FINGER_LENGTH, FINGER_WIDTH
+from hadr.handover.dimensions import (
+    FINGER_HEIGHT,
+    FINGER_LENGTH,
+    FINGER_WIDTH,
+    FLANGE_TO_TOOL,
+    LARGEST_OPENING,
+    PAD_THICKNESS,
+)
 from hadr.records.caches import kept
 from hadr.simulation.film.world_parts import box
 from hadr.synthesis.glass.surfaces import Surface, merged, revolve
@@ -33,16 +40,7 @@ METAL: Color = (0.34, 0.35, 0.36)
 BODY: Color = (0.09, 0.095, 0.105)
 """The gripper's dark housing."""
 
-FINGER_HEIGHT = 0.02
-"""Height of a finger across closing and approach, metres."""
-PAD = 0.003
-"""Thickness of the pad, metres; part of the finger's own centimetre."""
-LARGEST_OPENING = 0.085
-"""Widest distance between the pads, metres."""
-FLANGE_TO_TOOL = 0.16
-"""Standard distance of the tool point from the flange, metres."""
 _GIVE = 0.002
-_SHOULDER, _FOREARM = 0.13585, 0.13585 - 0.1197
 _BODY_TOP, _BODY_END = -0.145, -0.082
 
 
@@ -107,7 +105,8 @@ def _colored(*parts: tuple[Color, list[Surface]]) -> tuple[Part, ...]:
 @kept(1)
 def _links() -> tuple[tuple[Part, ...], ...]:
     """The parts of link 0 (base) to link 6 (flange), each in its own DH frame."""
-    s, e = _SHOULDER, _FOREARM
+    s = ur5.SHOULDER_OFFSET
+    e = s + ur5.ELBOW_OFFSET
     elbow, wrist = -ur5.DH_A[1], -ur5.DH_A[2]
     to_wrist = -(ur5.DH_D[3] - e)
     base = _round_bar(((0.075, 0.0), (0.075, 0.014), (0.064, 0.024), (0.061, 0.036)), 0.004)
@@ -220,12 +219,12 @@ def _finger() -> tuple[Part, ...]:
         (
             METAL,
             [
-                box((PAD, -y, -tip), (FINGER_WIDTH, y, 0.0)),
-                box((0.0, -0.009, 0.001 - tip), (PAD + 0.001, 0.009, -0.042)),
+                box((PAD_THICKNESS, -y, -tip), (FINGER_WIDTH, y, 0.0)),
+                box((0.0, -0.009, 0.001 - tip), (PAD_THICKNESS + 0.001, 0.009, -0.042)),
                 box((-0.002, -0.013, -tip - 0.014), (FINGER_WIDTH + 0.003, 0.013, -tip)),
             ],
         ),
-        (SEAM, [box((0.0, -y, -0.042), (PAD, y, 0.0))]),
+        (SEAM, [box((0.0, -y, -0.042), (PAD_THICKNESS, y, 0.0))]),
     )
 
 

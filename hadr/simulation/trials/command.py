@@ -2,28 +2,22 @@
 
 from __future__ import annotations
 
-import argparse
 import importlib.util
-import math
 import os
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any, cast
+
+import tyro
 
 from hadr.records.output_folder import check_folder, check_writable
 from hadr.records.provenance import machine_text, provenance, record_of, usable_cores
 from hadr.records.result_file import write_result_file
 from hadr.simulation.trials.trial_set import TRIAL_HOLDS, TRIAL_OBJECTS
 
-DESCRIPTION = """\
-Let a simulated UR5 take glasses out of a human's hand, and count how often it
-succeeds.
-
-Each attempt is one object in one holding pose. The world is physical (MuJoCo);
-the robot sees it through one simulated depth camera, ten times a second. An arm
-of the experiment says whose depth of the glass the robot believes, or which
-part of the method is switched off. All arms meet the same hands, motions and
-noise."""
+if TYPE_CHECKING:
+    from hadr.simulation.trials.trial import Arm
 
 EPILOG = """\
 arms
@@ -65,100 +59,66 @@ exit status
   0 done, however many attempts failed   2 a wrong call   130 interrupted"""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the command's arguments."""
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.description, parser.epilog = DESCRIPTION, EPILOG
-    made_or_read = parser.add_mutually_exclusive_group(required=True)
-    made_or_read.add_argument(
-        "--out", type=_named_path, metavar="DIR", help="folder of the attempts' files"
+@dataclass(frozen=True)
+class Options:
+    """Let a simulated UR5 take glasses out of a human's hand; count its successes.
+
+    Each attempt is one object in one holding pose. The world is physical (MuJoCo);
+    the robot sees it through one simulated depth camera, ten times a second. An arm
+    of the experiment says whose depth of the glass the robot believes, or which
+    part of the method is switched off. All arms meet the same hands, motions and
+    noise.
+    """
+
+    out: Annotated[str | None, tyro.conf.arg(metavar="DIR")] = None
+    """Folder of the attempts' files."""
+    replay: Annotated[str | None, tyro.conf.arg(metavar="FILE")] = None
+    """Replay an attempt's log and print its changes of stage and its cautions; runs none."""
+    arms: Annotated[tuple[str, ...], tyro.conf.arg(metavar="ARM [ARM ...]")] = (
+        *("raw", "inpainted", "hadr", "perfect"),
+        *("hadr-no-rescoring", "hadr-no-tracking"),
     )
-    made_or_read.add_argument(
-        "--replay",
-        type=_named_path,
-        metavar="FILE",
-        help="replay an attempt's log and print its changes of stage and its cautions; runs none",
-    )
-    parser.add_argument(
-        "--arms",
-        nargs="+",
-        default=[
-            *("raw", "inpainted", "hadr", "perfect"),
-            *("hadr-no-rescoring", "hadr-no-tracking"),
-        ],
-        metavar="ARM",
-        help="which to run, see below (all but those with hadr-plus)",
-    )
-    parser.add_argument(
-        "--objects",
-        nargs="+",
-        default=list(TRIAL_OBJECTS),
-        metavar="ID",
-        help=f"objects, of {' '.join(TRIAL_OBJECTS)} (all)",
-    )
-    parser.add_argument(
-        "--holds",
-        nargs="+",
-        type=int,
-        default=list(TRIAL_HOLDS),
-        metavar="N",
-        help=f"numbers of holding poses ({' '.join(map(str, TRIAL_HOLDS))})",
-    )
-    parser.add_argument("--seed", type=int, default=0, help="seed of places, motions, noise (0)")
-    parser.add_argument(
-        "--jobs",
-        type=int,
-        default=usable_cores(),
-        metavar="K",
-        help="attempts at a time, each a process with one thread (one per core)",
-    )
-    parser.add_argument(
-        "--hand-speed", type=float, default=1.0, metavar="X", help="factor on the hand's speed (1)"
-    )
-    parser.add_argument(
-        "--extrinsics-error",
-        type=float,
-        default=0.0,
-        metavar="DEG",
-        help="turn the camera by so many degrees from its calibration (0)",
-    )
-    parser.add_argument(
-        "--film",
-        action="store_true",
-        help="write an MP4 of each attempt, one by one: about a minute each",
-    )
-    parser.add_argument(
-        "--watch",
-        action="store_true",
-        help="show the attempts live in MuJoCo's viewer, keep no files",
-    )
-    parser.add_argument(
-        "--json", type=_named_path, metavar="FILE", help="the rows' file (handover.json in --out)"
-    )
-    parser.add_argument(
-        "--dry-run", action="store_true", help="say what would be run and what is done, and stop"
-    )
+    """Which to run, see below."""
+    objects: Annotated[tuple[str, ...], tyro.conf.arg(metavar="ID [ID ...]")] = TRIAL_OBJECTS
+    """Which to hold out; there are no others."""
+    holds: Annotated[tuple[int, ...], tyro.conf.arg(metavar="N [N ...]")] = TRIAL_HOLDS
+    """Numbers of holding poses."""
+    seed: int = 0
+    """Seed of places, motions, noise."""
+    jobs: int | None = None
+    """Attempts at a time, each a process with one thread; unset: one per core."""
+    hand_speed: float = 1.0
+    """Factor on the hand's speed."""
+    extrinsics_error: float = 0.0
+    """Turn the camera by so many degrees from its calibration."""
+    film: bool = False
+    """Write an MP4 of each attempt, one by one: about a minute each."""
+    watch: bool = False
+    """Show the attempts live in MuJoCo's viewer, keep no files."""
+    json: Annotated[str | None, tyro.conf.arg(metavar="FILE")] = None
+    """The rows' file; handover.json in --out."""
+    dry_run: bool = False
+    """Say what would be run and what is done, and stop."""
 
 
-def _named_path(text: str) -> Path:
-    if not text.strip():
-        raise argparse.ArgumentTypeError("expected a path, got an empty one")
-    return Path(text)
-
-
-def run(args: argparse.Namespace) -> int:
+def run(options: Options) -> int:
     """Run the command.
 
     Returns:
         0.
 
     Raises:
-        ValueError: An argument is out of range or unknown, or a package is missing; the message
+        ValueError: An option is out of range or unknown, or a package is missing; the message
             names it.
     """
-    if args.replay is not None:
-        return _replay(args.replay)
-    check_arguments(args)
+    if (options.out is None) == (options.replay is None):
+        raise ValueError("give one of --out and --replay")
+    if options.replay is not None:
+        return _replay(_named("--replay", options.replay))
+    out = _named("--out", options.out)
+    path = out / "handover.json" if options.json is None else _named("--json", options.json)
+    _check(options, out, path)
+    jobs = usable_cores() if options.jobs is None else options.jobs
     check_packages()
     from hadr.simulation.trials.experiment import (
         arm_row,
@@ -171,57 +131,56 @@ def run(args: argparse.Namespace) -> int:
     from hadr.simulation.trials.trial import Trial
     from hadr.simulation.trials.watch import check_display, watch_trial
 
-    if args.watch:
+    if options.watch:
         check_display()
-    template = Trial(
-        args.objects[0],
-        args.holds[0],
-        hand_speed=args.hand_speed,
-        extrinsics_error_deg=args.extrinsics_error,
+    shared = Trial(
+        options.objects[0],
+        options.holds[0],
+        hand_speed=options.hand_speed,
+        extrinsics_error_deg=options.extrinsics_error,
     )
+    which: dict[str, Any] = {"objects": options.objects, "holds": options.holds}
     plan = {
-        arm: attempts(
-            arm, objects=args.objects, holds=args.holds, seed=args.seed, template=template
-        )
-        for arm in args.arms
+        arm: attempts(cast("Arm", arm), **which, seed=options.seed, template=shared)
+        for arm in options.arms
     }
     total = sum(map(len, plan.values()))
     print(
-        f"{_count(total, 'attempt')}: {_count(len(args.objects), 'object')}, "
-        f"{_count(len(args.holds), 'hold')}, {_count(len(plan), 'arm')}, "
-        f"{1 if args.watch else args.jobs} at a time"
+        f"{_count(total, 'attempt')}: {_count(len(options.objects), 'object')}, "
+        f"{_count(len(options.holds), 'hold')}, {_count(len(plan), 'arm')}, "
+        f"{1 if options.watch else jobs} at a time"
     )
-    if not args.watch:
-        done = sum(is_finished(args.out, trial) for trials in plan.values() for trial in trials)
-        print(f"finished already: {done} of {total} in {args.out}")
-    if args.dry_run:
+    if not options.watch:
+        done = sum(is_finished(out, trial) for trials in plan.values() for trial in trials)
+        print(f"finished already: {done} of {total} in {out}")
+    if options.dry_run:
         return 0
-    path = args.json or args.out / "handover.json"
-    if not args.watch:
-        for folder in (args.out, path.parent):
+    if not options.watch:
+        for folder in (out, path.parent):
             _make_folder(folder)
     rows = []
     for arm, trials in plan.items():
-        if args.watch:
+        if options.watch:
             for trial in trials:
                 _say(trial, record_of(watch_trial(trial).outcome))
             continue
-        outcomes = run_attempts(trials, args.out, jobs=args.jobs, report=_say)
+        outcomes = run_attempts(trials, out, jobs=jobs, report=_say)
         rows.append(arm_row(arm, outcomes))
         print(_sum_up(rows[-1]))
     if rows:
-        write_result_file(path, _what(args), rows, {**provenance(), "machine": machine_text()})
+        write_result_file(path, _what(options), rows, {**provenance(), "machine": machine_text()})
         print(f"the rows: {path}")
-    if args.film:
+    if options.film:
         for trial in (trial for trials in plan.values() for trial in trials):
-            print(f"drawing {film_path(args.out, trial)}", flush=True)
-            film_of_attempt(args.out, trial)
+            print(f"drawing {film_path(out, trial)}", flush=True)
+            film_of_attempt(out, trial)
     return 0
 
 
 def _replay(path: Path) -> int:
     """Replay an attempt's log, and print what happened in the order of time."""
-    from hadr.handover.run_log import read_run_log, replay
+    from hadr.handover.replay import replay
+    from hadr.handover.run_log import read_run_log
 
     if path.is_dir():
         raise ValueError(f"--replay {path} is a folder, expected a log, such as 0004-902-log.npz")
@@ -240,40 +199,33 @@ def _replay(path: Path) -> int:
     return 0
 
 
-def check_arguments(args: argparse.Namespace) -> None:
-    """Check the command's arguments before anything is computed.
+def _named(option: str, words: str | None) -> Path:
+    if not (words or "").strip():
+        raise ValueError(f"{option}: expected a path, got an empty one")
+    return Path(words or "")
 
-    Raises:
-        ValueError: One is out of range, unknown or there twice; the message names it.
-    """
-    for name, least in (("jobs", 1), ("seed", 0)):
-        if getattr(args, name) < least:
-            raise ValueError(f"--{name} must be at least {least}, got {getattr(args, name)}")
+
+def _check(options: Options, out: Path, path: Path) -> None:
+    """ValueError what `Trial` does not refuse by itself, before anything is computed."""
+    if options.jobs is not None and options.jobs < 1:
+        raise ValueError(f"--jobs must be at least 1, got {options.jobs}")
     for name in ("arms", "objects", "holds"):
-        given = getattr(args, name)
+        given = getattr(options, name)
+        if not given:
+            raise ValueError(f"--{name} names nothing")
         twice = [value for i, value in enumerate(given) if value in given[:i]]
         if twice:
             raise ValueError(f"--{name} names {twice[0]} twice")
-    unknown = [name for name in args.objects if name not in TRIAL_OBJECTS]
+    unknown = [name for name in options.objects if name not in TRIAL_OBJECTS]
     if unknown:
         raise ValueError(f"no object {unknown[0]!r} here; there are {', '.join(TRIAL_OBJECTS)}")
-    if min(args.holds) < 0:
-        raise ValueError(f"--holds must be 0 or more, got {min(args.holds)}")
-    if not (math.isfinite(args.hand_speed) and args.hand_speed > 0):
-        raise ValueError(f"--hand-speed must be a factor above 0, got {args.hand_speed:g}")
-    if not 0 <= args.extrinsics_error <= 90:
-        raise ValueError(
-            f"--extrinsics-error must lie in 0..90 degrees, got {args.extrinsics_error:g}"
-        )
-    if args.watch and args.film:
+    if options.watch and options.film:
         raise ValueError("--watch keeps no files to film: give one of --watch and --film")
-    for name, path in (("--out", args.out), ("--json", args.json)):
+    for name, check, place in (("--out", check_folder, out), ("--json", check_writable, path)):
         try:
-            (check_folder if name == "--out" else check_writable)(path)
+            check(place)
         except ValueError as error:
             raise ValueError(f"{name}: {error}") from error
-    if args.json is None and (args.out / "handover.json").is_dir():
-        raise ValueError(f"{args.out / 'handover.json'} is a folder, expected the rows' file")
 
 
 def _make_folder(path: Path) -> None:
@@ -303,12 +255,12 @@ def _count(number: int, what: str) -> str:
     return f"{number} {what}" + ("" if number == 1 else "s")
 
 
-def _what(args: argparse.Namespace) -> str:
+def _what(options: Options) -> str:
     return (
-        f"handover attempts in simulation: objects {' '.join(args.objects)}, holds "
-        f"{' '.join(map(str, args.holds))}, seed {args.seed}, hand's speed x{args.hand_speed:g}, "
-        f"camera turned by {args.extrinsics_error:g} degrees; {_origin_of_masks(args.arms)}; "
-        "success by HandoverSim's rules"
+        f"handover attempts in simulation: objects {' '.join(options.objects)}, holds "
+        f"{' '.join(map(str, options.holds))}, seed {options.seed}, hand's speed "
+        f"x{options.hand_speed:g}, camera turned by {options.extrinsics_error:g} degrees; "
+        f"{_origin_of_masks(options.arms)}; success by HandoverSim's rules"
     )
 
 

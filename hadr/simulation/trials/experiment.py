@@ -19,7 +19,7 @@ import signal
 import threading
 from collections import Counter
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from hadr.handover.workflow import Stage, Transition
+from hadr.handover.stages import Stage, Transition
 from hadr.records.provenance import plain, record_of
 from hadr.records.result_file import digest, seal_row, sealed_row
 from hadr.simulation.film.film import film_frames, write_film
@@ -119,18 +119,12 @@ def _in_processes(
 ) -> Generator[tuple[int, dict[str, Any]]]:
     """Make attempts in processes, and give each one's number and outcome as it is finished."""
     # processes are spawned: a forked one would inherit PyTorch's threads
-    context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(jobs, context, _begin_worker)
-    left, running = iter(missing), dict[Future[dict[str, Any]], int]()
+    pool = ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _begin_worker)
     try:
-        while True:
-            with _interrupts_wait():
-                while len(running) < jobs and (i := next(left, None)) is not None:
-                    running[pool.submit(_attempt, trials[i], out)] = i
-            if not running:
-                break
-            for future in wait(running, return_when=FIRST_COMPLETED).done:
-                yield running.pop(future), future.result()
+        with _interrupts_wait():
+            under_way = {pool.submit(_attempt, trials[i], out): i for i in missing}
+        for future in as_completed(under_way):
+            yield under_way[future], future.result()
     except BaseException:
         for process in list((pool._processes or {}).values()):
             process.terminate()
@@ -192,13 +186,13 @@ def _companions(path: Path) -> dict[str, Path]:
 
 
 def _finished_row(out: Path, trial: Trial) -> dict[str, Any] | None:
-    """An attempt's row where nothing of it is to be made again; rows once had no checksums."""
+    """An attempt's row where nothing of it is to be made again."""
     path = _path(out, trial)
     row = sealed_row(path, trial.record)
     if row is None:
         return None
     for name, file in _companions(path).items():
-        if not file.is_file() or row.get(name, "") not in ("", _checksum(file)):
+        if not file.is_file() or row.get(name) != _checksum(file):
             return None
     return row
 
@@ -250,12 +244,9 @@ def finished_attempt(
     file = path.with_suffix(".npz")
     if not file.is_file():
         raise FileNotFoundError(f"{file} is missing: hadr handover makes the attempt again")
-    if row.get("states_sha256", "") not in ("", _checksum(file)):
+    if row.get("states_sha256") != _checksum(file):
         raise ValueError(f"{file} is cut off or was changed: hadr handover makes the attempt again")
-    try:
-        states = load_states(file)
-    except ValueError as error:
-        raise ValueError(f"{file}: {error}; hadr handover makes the attempt again") from error
+    states = load_states(file)
     changes = [Transition(t, Stage(a), Stage(b), why) for t, a, b, why in row["transitions"]]
     scene = held_scene(trial.object_id, trial.hold_number, trial.seed)
     return row, states, changes, scene

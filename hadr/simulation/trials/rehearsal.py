@@ -5,23 +5,29 @@ the robot. What the camera would restore is taken from the glass itself, the sid
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from hadr.camera import transform_points
-from hadr.hand import HandShape, forward_kinematics, keypoints_from_skeleton
-from hadr.handover.grasping.candidates import FINGER_HEIGHT
-from hadr.handover.grasping.collision import FINGER_LENGTH, hand_distance
-from hadr.handover.recording import RecordedRobot
+from hadr.hand import HandShape
+from hadr.handover.dimensions import FINGER_HEIGHT, FINGER_LENGTH
+from hadr.handover.grasping.collision import hand_distance
+from hadr.handover.observation import Observation
+from hadr.handover.poses import pose_distance
 from hadr.handover.robot import SimulatedUR5
+from hadr.handover.run_log import RecordedRobot
+from hadr.handover.stages import Stage
 from hadr.handover.ur5 import Array
-from hadr.handover.workflow import Handover, Observation, Stage, pose_distance
-from hadr.records.caches import read_only
-from hadr.synthesis.glass.objects import bodies, glass_object
+from hadr.handover.workflow import Handover
+from hadr.simulation.world.hand_motions import calmed, turned_about
+from hadr.simulation.world.scenes import HeldScene
+from hadr.simulation.world.state import WorldState
+from hadr.synthesis.glass.objects import bodies
 from hadr.synthesis.glass.shape import GlassObject
+from hadr.synthesis.hand.mesh import SKIN_TONES
+from hadr.synthesis.holding.hold import Hold
 
 HOLDING_ANGLES: Array = np.deg2rad(
     [-22, -15, -10, 31, 0, 53, 103, 12, 0, 59, 110, 25, 0, 50, 103, 28, 0, 60, 100, 45]
@@ -29,97 +35,53 @@ HOLDING_ANGLES: Array = np.deg2rad(
 """Joint angles in radians, shape (20,), of a hand closed around a stem."""
 
 
-def camera_at(position: Array, look_at: Array) -> Array:
-    """Place a camera so that it looks at a point with the image upright.
+def rehearsed_scene() -> HeldScene:
+    """A hand around a champagne flute, at rest; nothing is known of where the skin touches."""
+    base_from_wrist = [[0, -1, 0, 0.65], [0, 0, -1, 0.03], [1, 0, 0, 0.27], [0, 0, 0, 1]]
+    # the glass's axis passes the palm along the wrist's x, its stem 6.5 cm up beside the wrist
+    wrist_from_glass = [[0, 0, 1, -0.065], [1, 0, 0, 0.0865], [0, 1, 0, 0.030], [0, 0, 0, 1]]
+    hold = Hold(
+        "0004-rehearsal",
+        "0004",
+        "stem",
+        HandShape(),
+        HOLDING_ANGLES.copy(),
+        np.array(wrist_from_glass, dtype=np.float64),
+        {},
+    )
+    return HeldScene(hold, np.array(base_from_wrist, dtype=np.float64), np.asarray(SKIN_TONES[1]))
+
+
+def visible_points(scene: HeldScene, viewpoint: Array, spacing: float = 0.004) -> Array:
+    """Points of the glass's outside that face the camera and are not in the hand.
 
     Args:
-        position: Shape (3,), metres, in the base frame (z up).
-        look_at: Shape (3,), metres.
+        scene: Hand and glass.
+        viewpoint: Where the camera stands in the base frame, shape (3,), metres.
+        spacing: Thins the points to about one a cube of this size, metres.
 
     Returns:
-        base_from_camera, shape (4, 4); x right, y down, z forward.
+        Shape (n, 3), metres, base frame: what a perfect restoration would give.
     """
-    forward = np.asarray(look_at, dtype=np.float64) - position
-    forward /= np.linalg.norm(forward)
-    right = np.cross(forward, [0.0, 0.0, 1.0])
-    right /= np.linalg.norm(right)
-    pose = np.eye(4)
-    pose[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)
-    pose[:3, 3] = position
-    return pose
-
-
-@dataclass(frozen=True)
-class HeldGlass:
-    """A hand and the glass in it, at rest, in the base frame.
-
-    Attributes:
-        glass: Which object.
-        base_from_wrist: The hand's pose; x (the thumb's side) up, y toward the robot.
-        axis_at: Where the glass's axis passes the palm, y and z in the wrist frame, metres.
-        held_at: Height on the glass, metres, that lies beside the wrist.
-        angles: The hand's joint angles, shape (20,), radians.
-    """
-
-    glass: GlassObject = field(default_factory=lambda: glass_object("0004"))
-    base_from_wrist: Array = field(
-        default_factory=lambda: np.array(
-            [[0, -1, 0, 0.65], [0, 0, -1, 0.03], [1, 0, 0, 0.27], [0, 0, 0, 1]], dtype=np.float64
-        )
-    )
-    axis_at: tuple[float, float] = (0.0865, 0.030)
-    held_at: float = 0.065
-    angles: Array = field(default_factory=lambda: HOLDING_ANGLES.copy())
-
-    @cached_property
-    def keypoints(self) -> Array:
-        """The hand in the base frame, shape (21, 3), metres."""
-        joints = forward_kinematics(self.angles, HandShape()).joints
-        points: Array = transform_points(self.base_from_wrist, keypoints_from_skeleton(joints))
-        return read_only(points)
-
-    @property
-    def base_from_glass(self) -> Array:
-        """Pose of the glass, whose own z axis is its axis and z = 0 its foot, shape (4, 4)."""
-        wrist_from_glass = np.array(
-            [
-                [0, 0, 1, -self.held_at],
-                [1, 0, 0, self.axis_at[0]],
-                [0, 1, 0, self.axis_at[1]],
-                [0, 0, 0, 1],
-            ],
-            dtype=np.float64,
-        )
-        return self.base_from_wrist @ wrist_from_glass
-
-    def visible_points(self, viewpoint: Array, spacing: float = 0.004) -> Array:
-        """Points of the glass's outside that face the camera and are not in the hand.
-
-        Args:
-            viewpoint: Where the camera stands in the base frame, shape (3,), metres.
-            spacing: Thins the points to about one a cube of this size, metres.
-
-        Returns:
-            Shape (n, 3), metres, base frame: what a perfect restoration would give.
-        """
-        surface = bodies(self.glass)[0].moved(self.base_from_glass)
-        points, normals = surface.vertices, surface.normals
-        facing = ((viewpoint - points) * normals).sum(axis=1) > 0
-        axis = self.base_from_glass
-        outside = ((points - axis[:3, 3]) @ axis[:3, :3])[:, :2]
-        turned = normals @ axis[:3, :3]
-        outward = (outside * turned[:, :2]).sum(axis=1) >= 0  # not the inner wall
-        hand = self.keypoints
-        nearest = np.linalg.norm(points[:, None] - hand[None], axis=2).min(axis=1)
-        kept: Array = points[facing & outward & (nearest > 0.015)]
-        _, first = np.unique(np.floor(kept / spacing), axis=0, return_index=True)
-        thinned: Array = kept[np.sort(first)]
-        return thinned
+    axis = scene.base_from_object
+    surface = scene.glass()[0].moved(axis)
+    points, normals = surface.vertices, surface.normals
+    facing = ((viewpoint - points) * normals).sum(axis=1) > 0
+    outside = ((points - axis[:3, 3]) @ axis[:3, :3])[:, :2]
+    turned = normals @ axis[:3, :3]
+    outward = (outside * turned[:, :2]).sum(axis=1) >= 0  # not the inner wall
+    nearest = np.linalg.norm(points[:, None] - scene.keypoints[None], axis=2).min(axis=1)
+    kept: Array = points[facing & outward & (nearest > 0.015)]
+    _, first = np.unique(np.floor(kept / spacing), axis=0, return_index=True)
+    thinned: Array = kept[np.sort(first)]
+    return thinned
 
 
 @dataclass(frozen=True)
 class MovingHand:
     """A hand that drifts and turns smoothly about where it started, seen by a camera.
+
+    It is a `hadr.simulation.world.state.HandPath`, and what perception says of it.
 
     Attributes:
         scene: Hand and glass at rest.
@@ -135,7 +97,7 @@ class MovingHand:
         nan_from: From this time on one keypoint is NaN, seconds.
     """
 
-    scene: HeldGlass
+    scene: HeldScene
     base_from_camera: Array
     seed: int = 0
     drift: float = 0.04
@@ -145,18 +107,12 @@ class MovingHand:
     lost_from: float = np.inf
     nan_from: float = np.inf
 
-    def motion(self, time: float) -> Array:
-        """How hand and glass have moved since time 0: base_now_from_base_then, shape (4, 4)."""
+    def moved(self, time: float) -> Array:
+        """How hand and glass have moved since time 0: base_now_from_base_start, shape (4, 4)."""
         periods, signs = self._rhythm
-        moved_for = time
-        if np.isfinite(self.calm_after):
-            moved_for = self.calm_after * np.tanh(time / self.calm_after)
-        swing = signs * np.sin(2 * np.pi * moved_for / periods) * [[self.drift], [self.turn]]
-        wrist = self.scene.base_from_wrist[:3, 3]
-        moved = np.eye(4)
-        moved[:3, :3] = Rotation.from_rotvec(swing[1]).as_matrix()
-        moved[:3, 3] = wrist + swing[0] - moved[:3, :3] @ wrist
-        return moved
+        lasted = calmed(time, self.calm_after)
+        swing = signs * np.sin(2 * np.pi * lasted / periods) * [[self.drift], [self.turn]]
+        return turned_about(self.scene.base_from_wrist[:3, 3], *swing)
 
     @cached_property
     def _rhythm(self) -> tuple[Array, Array]:
@@ -168,7 +124,7 @@ class MovingHand:
         """What perception says at a time in seconds, in the camera frame."""
         if time >= self.lost_from:
             return Observation(time)
-        camera_from_base = np.linalg.inv(self.base_from_camera) @ self.motion(time)
+        camera_from_base = np.linalg.inv(self.base_from_camera) @ self.moved(time)
         keypoints = transform_points(camera_from_base, self.scene.keypoints)
         if self.noise > 0:
             rng = np.random.default_rng((self.seed, round(time * 1e6)))
@@ -180,7 +136,7 @@ class MovingHand:
     @cached_property
     def _seen(self) -> Array:
         """The side of the glass that the camera sees at time 0, base frame, shape (n, 3)."""
-        return self.scene.visible_points(self.base_from_camera[:3, 3])
+        return visible_points(self.scene, self.base_from_camera[:3, 3])
 
 
 def width_between(base_from_tool: Array, base_from_glass: Array, glass: GlassObject) -> float:
@@ -203,19 +159,22 @@ def width_between(base_from_tool: Array, base_from_glass: Array, glass: GlassObj
 
 
 @dataclass(frozen=True)
-class Moment:
-    """One recorded step of a rehearsal, base frame, metres, radians, seconds."""
+class Moment(WorldState):
+    """One recorded step of a rehearsal: the state of its world, and what the workflow did.
 
-    time: float
+    Attributes:
+        stage: The workflow's.
+        tool: Tool pose, base frame, shape (4, 4), metres.
+        outline: Points along the arm's links, base frame, shape (9, 3), metres.
+        keypoints: The hand, base frame, shape (21, 3), metres.
+        to_target: Distance from the tool to the pre-grasp, metres; NaN before there is one.
+    """
+
     stage: Stage
-    joints: Array
-    outline: Array
     tool: Array
-    opening: float
+    outline: Array
     keypoints: Array
-    glass: Array
     to_target: float
-    to_hand: float
 
 
 def rehearse(
@@ -243,8 +202,8 @@ def rehearse(
         spoil: What breaks between the camera and the workflow; nothing where left out.
 
     Returns:
-        One moment a step. `to_target` is the distance from the tool to the pre-grasp, NaN before
-        there is one; `to_hand` the free space between gripper and skin.
+        One moment a step, without forces. The gripper holds the object once that is no longer
+        where the hand would have it.
 
     Raises:
         TypeError: The handover's robot is not a `SimulatedUR5`.
@@ -259,12 +218,12 @@ def rehearse(
     newest = hand.observe(0.0)
     for step in range(round(longest / dt) + 1):
         time = step * dt
-        moved = hand.motion(time)
+        moved = hand.moved(time)
         tool = robot.tool_pose()
         if handover.part not in ("let go", "retreat"):
-            tool_from_glass = np.linalg.inv(tool) @ moved @ hand.scene.base_from_glass
+            tool_from_glass = np.linalg.inv(tool) @ moved @ hand.scene.base_from_object
         glass = tool @ tool_from_glass
-        robot.between_fingers = width_between(tool, glass, hand.scene.glass)
+        robot.between_fingers = width_between(tool, glass, hand.scene.item)
         if time >= newest.time + picture_every - 1e-9:
             newest = hand.observe(time)
         seen = replace(newest, time=time, frame_time=newest.time)
@@ -276,18 +235,22 @@ def rehearse(
         to_target = np.nan
         if handover.target is not None:
             to_target = pose_distance(tool, handover.target)[0]
+        taken = not np.allclose(glass, moved @ hand.scene.base_from_object, atol=1e-6)
         moments.append(
             Moment(
                 time=time,
-                stage=handover.stage,
                 joints=robot.joint_positions(),
-                outline=robot.outline(),
+                gripper_width=robot.gripper_width(),
+                base_from_wrist=moved @ hand.scene.base_from_wrist,
+                base_from_object=glass,
+                holder="gripper" if taken else "hand",
+                hand_force=0.0,
+                hand_distance=max(0.0, hand_distance(tool, robot.gripper_width(), keypoints)),
+                stage=handover.stage,
                 tool=tool,
-                opening=robot.gripper_width(),
+                outline=robot.outline(),
                 keypoints=keypoints,
-                glass=glass,
                 to_target=to_target,
-                to_hand=hand_distance(tool, robot.gripper_width(), keypoints),
             )
         )
         halted = handover.stage in (Stage.STOPPED, Stage.GOING_HOME)

@@ -19,11 +19,11 @@ import numpy as np
 
 from hadr.data.samples import samples_dir
 from hadr.handover.grasping.selection import GraspSelection
-from hadr.handover.recording import RecordedHandover
 from hadr.handover.robot import ArmConfig
-from hadr.handover.run_log import RunLog
+from hadr.handover.run_log import RecordedHandover, RunLog
 from hadr.handover.safety import SafetyConfig
-from hadr.handover.workflow import ChosenGrasp, Handover, HandoverConfig, Stage, Transition
+from hadr.handover.stages import ChosenGrasp, HandoverConfig, Stage, Transition
+from hadr.handover.workflow import Handover
 from hadr.records.dependencies import code_digest
 from hadr.records.provenance import record_of
 from hadr.simulation.camera.robot_camera import RobotCamera

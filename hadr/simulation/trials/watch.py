@@ -6,7 +6,7 @@ import os
 import sys
 import time
 
-from hadr.handover.workflow import Stage
+from hadr.handover.stages import Stage
 from hadr.simulation.trials.trial import Run, Trial, run_trial
 from hadr.simulation.world.physics import World
 from hadr.simulation.world.state import WorldState
@@ -27,17 +27,7 @@ def check_display() -> None:
 
 
 def watch_trial(trial: Trial) -> Run:
-    """Make one attempt and show it at the speed of life, or slower where the machine is.
-
-    Args:
-        trial: What to try.
-
-    Returns:
-        The attempt.
-
-    Raises:
-        ValueError: There is no display.
-    """
+    """Make one attempt and show it at the speed of life, or slower where the machine is."""
     check_display()
     import mujoco.viewer
 

@@ -128,19 +128,14 @@ class SeededMotion:
             base_now_from_base_start, shape (4, 4); the identity at time 0.
         """
         now, start = self._displaced(max(time, 0.0)), self._displaced(0.0)
-        shift, turn = now[0] - start[0], now[1] - start[1]
-        moved = np.eye(4)
-        if time > 0:
-            moved[:3, :3] = Rotation.from_rotvec(turn).as_matrix()
-            moved[:3, 3] = self.wrist + shift - moved[:3, :3] @ self.wrist
-        return moved
+        if time <= 0:
+            return np.eye(4)
+        return turned_about(self.wrist, now[0] - start[0], now[1] - start[1])
 
     def _displaced(self, time: float) -> Array:
         """Displacement in metres and rotation vector in radians, shape (2, 3)."""
         c, drawn = self.config, self._drawn
-        lasted = time
-        if np.isfinite(c.calm_after):
-            lasted = c.calm_after * np.tanh(time / c.calm_after)
+        lasted = calmed(time, c.calm_after)
         wave = drawn.signs * np.sin(2 * np.pi * c.speed * lasted / drawn.periods)  # (2, 3)
         out = self._tremor(time)
         if self.kind == "drift":
@@ -192,6 +187,19 @@ class SeededMotion:
         )
 
 
+def turned_about(wrist: Array, shift: Array, turn: Array) -> Array:
+    """The rigid motion (4, 4) that turns by a vector (3,) about a wrist (3,) and shifts it (3,)."""
+    moved = np.eye(4)
+    moved[:3, :3] = Rotation.from_rotvec(turn).as_matrix()
+    moved[:3, 3] = wrist + shift - moved[:3, :3] @ wrist
+    return moved
+
+
+def calmed(time: float, calm_after: float) -> float:
+    """How much of a motion has been gone through, seconds, if it dies down over about a time."""
+    return float(calm_after * np.tanh(time / calm_after)) if np.isfinite(calm_after) else time
+
+
 def _eased(share: float) -> float:
     """From 0 to 1 with the least jerk, as hands reach; flat before 0 and after 1."""
     s = min(max(share, 0.0), 1.0)
@@ -199,13 +207,7 @@ def _eased(share: float) -> float:
 
 
 def kind_for(object_id: str, hold_number: int, seed: int = 0) -> MotionKind:
-    """Which motion an attempt has: five holds in a row of one object have all five kinds.
-
-    Args:
-        object_id: Four digits.
-        hold_number: Which of its holding poses.
-        seed: Moves all attempts on by so many kinds.
-    """
+    """Which motion an attempt has: five holds in a row of one object have all five kinds."""
     return KINDS[(int(object_id) + hold_number + seed) % len(KINDS)]
 
 

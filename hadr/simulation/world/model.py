@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 
 from hadr.hand import BONES, keypoints_from_skeleton
+from hadr.handover.dimensions import FLOOR
 from hadr.handover.robot import ArmConfig
 from hadr.handover.ur5 import Array
 from hadr.simulation.robot.arm_model import GROUND, HAND, OBJECT, ROBOT, add_arm, add_table
@@ -29,23 +30,13 @@ FOREARM_RADIUS = 0.035
 """Radius of the forearm, metres."""
 FOREARM_LENGTH = 0.24
 """Length of the forearm behind the wrist, metres."""
-FLOOR = -0.75
-"""Height of the floor, metres."""
 
 _PALM = ((5, 9), (9, 13), (13, 17), (1, 5))
 _KNUCKLES = (0, 1, 5, 9, 13, 17)
 
 
 def world_model(scene: HeldScene, arm: ArmConfig) -> mujoco.MjModel:
-    """Compile the world of one scene.
-
-    Args:
-        scene: Hand and object at rest.
-        arm: Settings of the arm.
-
-    Returns:
-        A model with the bodies `hand` and `object` (free), and the weld `grip` between them.
-    """
+    """Compile a scene's world: free bodies `hand` and `object`, the weld `grip` between them."""
     spec = mujoco.MjSpec()
     spec.option.timestep = TIMESTEP
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST

@@ -53,15 +53,7 @@ class Capsule:
 
 @kept(32)
 def mass_properties(item: GlassObject) -> MassProperties:
-    """Mass and inertia of the closed glass wall, hollow inside.
-
-    Args:
-        item: The object.
-
-    Returns:
-        Its mass properties; all of the catalogue's masses lie within `PLAUSIBLE_MASSES`, and one
-        that did not would be moved to the nearer bound with its inertia in proportion.
-    """
+    """Mass and inertia of the closed glass wall, hollow inside."""
     solids = [trimesh.Trimesh(b.vertices, b.faces, process=False) for b in bodies(item)]
     wall = trimesh.util.concatenate(solids)
     wall.density = GLASS_DENSITY
@@ -113,14 +105,7 @@ def _thinned(points: Array, tolerance: float) -> Array:
 
 @kept(32)
 def stacked_rings(item: GlassObject) -> tuple[Array, ...]:
-    """Cut the outside into convex pieces, each a concave curve (r, z) with heights rising.
-
-    Args:
-        item: The object.
-
-    Returns:
-        One (m, 2) array in metres per piece, from foot to rim; neighbours share a height.
-    """
+    """Cut the outside into concave curves (r, z), each (m, 2) in metres, from foot to rim."""
     curve = outside(item)
     pieces: list[Array] = []
     start = 0
@@ -140,14 +125,7 @@ def stacked_rings(item: GlassObject) -> tuple[Array, ...]:
 
 
 def convex_parts(item: GlassObject) -> tuple[Array, ...]:
-    """The corners of the convex parts of the body, without the handle.
-
-    Args:
-        item: The object.
-
-    Returns:
-        One (n, 3) array in metres in the object's frame per part.
-    """
+    """Corners (n, 3) of each convex part of the body, metres, object frame; not the handle."""
     angle = 2 * np.pi * np.arange(SIDES) / SIDES
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     grown = 2 / (1 + np.cos(np.pi / SIDES))  # the polygon lies as much outside as inside
@@ -159,12 +137,7 @@ def convex_parts(item: GlassObject) -> tuple[Array, ...]:
 
 
 def handle_capsules(item: GlassObject, count: int = 9) -> tuple[Capsule, ...]:
-    """The handle as a chain of capsules; none without a handle.
-
-    Args:
-        item: The object.
-        count: How many.
-    """
+    """The handle as a chain of so many capsules; none without a handle."""
     line, thickness, _ = handle_sections(item)
     if not len(line):
         return ()

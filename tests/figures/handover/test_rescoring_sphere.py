@@ -5,7 +5,7 @@ import pytest
 from hadr.figures.handover import rescoring_sphere as sphere
 from hadr.handover.grasping.grasps import Grasps
 from hadr.handover.grasping.rescoring import Directions, Weights, intended_score
-from hadr.simulation.trials.rehearsal import HeldGlass
+from hadr.simulation.trials.rehearsal import rehearsed_scene
 
 DIRECTIONS = Directions()
 
@@ -88,7 +88,7 @@ def test_a_tilted_frame_keeps_the_grasps_and_changes_the_choice(two_grasps):
 @pytest.mark.parametrize(("human", "down", "winner"), [(0.4, 0.2, 1), (0.2, 0.4, 0)])
 def test_pictures_of_the_choice_name_the_winner(two_grasps, human, down, winner):
     weights = Weights(robot_to_human=human, up_to_down=down)
-    figure = sphere.candidate_choice(HeldGlass(), two_grasps, DIRECTIONS, weights)
+    figure = sphere.candidate_choice(rehearsed_scene(), two_grasps, DIRECTIONS, weights)
     words = " ".join(text.get_text() for text in figure.texts)
     assert f"candidate {winner}" in words
     assert f"= {human}" in words
@@ -97,10 +97,10 @@ def test_pictures_of_the_choice_name_the_winner(two_grasps, human, down, winner)
 def test_sliders_draw_what_they_say(two_grasps):
     from hadr.figures.widgets import turn_frame, weigh_wishes
 
-    weigh = weigh_wishes(HeldGlass(), two_grasps, DIRECTIONS)
+    weigh = weigh_wishes(rehearsed_scene(), two_grasps, DIRECTIONS)
     assert [child.description for child in weigh.children[:2]] == ["w_r2h", "w_u2d"]
     weigh.f(human=0.0, down=1.0)
     assert any("candidate 0" in text.get_text() for text in plt.gcf().texts)
-    turning = turn_frame(HeldGlass(), two_grasps, DIRECTIONS)
+    turning = turn_frame(rehearsed_scene(), two_grasps, DIRECTIONS)
     turning.f(turn=90.0)
     assert any("90°" in text.get_text() for text in plt.gcf().texts)

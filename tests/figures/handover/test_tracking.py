@@ -3,9 +3,9 @@ import numpy as np
 import pytest
 
 from hadr.figures.handover.tracking import Carried, HandFilm, moment_picture, show_errors
-from hadr.simulation.trials.rehearsal import HeldGlass
+from hadr.simulation.trials.rehearsal import rehearsed_scene
 
-SCENE = HeldGlass()
+SCENE = rehearsed_scene()
 
 
 def shifted(*, x_mm):
@@ -20,7 +20,7 @@ def film():
     way = shifted(x_mm=[0, 10, 20])
     keypoints = SCENE.keypoints + way[:, None, :3, 3]
     return HandFilm(
-        np.array([0.0, 1.0, 2.0]), keypoints, SCENE.glass, way @ SCENE.base_from_glass, way
+        np.array([0.0, 1.0, 2.0]), keypoints, SCENE.item, way @ SCENE.base_from_object, way
     )
 
 
@@ -61,4 +61,4 @@ def test_pictures_of_a_film_have_one_size_and_differ(film, ways):
 
 def test_wrong_shapes_are_named(film):
     with pytest.raises(ValueError, match=r"keypoints must have shape \(3, 21, 3\), got \(2, 21"):
-        HandFilm(film.times, film.keypoints[:2], film.glass, film.base_from_glass, film.true_poses)
+        HandFilm(film.times, film.keypoints[:2], film.glass, film.base_from_object, film.true_poses)

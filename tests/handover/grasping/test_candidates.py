@@ -14,8 +14,9 @@ from hadr.handover.grasping.collision import (
 )
 from hadr.handover.grasping.grasps import Grasps
 from hadr.handover.grasping.selection import GraspSelection
+from hadr.handover.poses import camera_at
 from hadr.handover.robot import SimulatedUR5
-from hadr.simulation.trials.rehearsal import HeldGlass, camera_at
+from hadr.simulation.trials.rehearsal import rehearsed_scene, visible_points
 
 RADIUS = 0.03
 
@@ -111,9 +112,9 @@ def test_free_of_hand_looks_at_the_whole_way() -> None:
 
 
 def test_selection_faces_the_human_and_keeps_off_the_hand() -> None:
-    scene = HeldGlass()
+    scene = rehearsed_scene()
     camera = camera_at(np.array([0.0, -0.55, 0.65]), np.array([0.55, 0.0, 0.3]))
-    points, robot = scene.visible_points(camera[:3, 3]), SimulatedUR5()
+    points, robot = visible_points(scene, camera[:3, 3]), SimulatedUR5()
     choose = GraspSelection(np.random.default_rng(0), camera[:3, 3])
     chosen = choose(points, scene.keypoints, robot)
     assert chosen is not None
@@ -123,17 +124,17 @@ def test_selection_faces_the_human_and_keeps_off_the_hand() -> None:
 
 
 def test_selection_returns_none_where_nothing_can_be_reached() -> None:
-    scene = HeldGlass()
+    scene = rehearsed_scene()
     camera = camera_at(np.array([0.0, -0.55, 0.65]), np.array([0.55, 0.0, 0.3]))
-    points = scene.visible_points(camera[:3, 3]) + np.array([1.0, 0, 0])
+    points = visible_points(scene, camera[:3, 3]) + np.array([1.0, 0, 0])
     choose = GraspSelection(np.random.default_rng(0), camera[:3, 3] + [1.0, 0, 0])
     assert choose(points, scene.keypoints + np.array([1.0, 0, 0]), SimulatedUR5()) is None
 
 
 def test_selection_without_rescoring_takes_the_score_alone() -> None:
-    scene = HeldGlass()
+    scene = rehearsed_scene()
     eye = camera_at(np.array([0.0, -0.55, 0.65]), np.array([0.55, 0.0, 0.3]))[:3, 3]
-    points, robot = scene.visible_points(eye), SimulatedUR5()
+    points, robot = visible_points(scene, eye), SimulatedUR5()
     plain = GraspSelection(np.random.default_rng(0), eye, rescoring=False)
     chosen = plain(points, scene.keypoints, robot)
     assert chosen is not None
@@ -145,9 +146,9 @@ def test_selection_without_rescoring_takes_the_score_alone() -> None:
 
 
 def test_selection_keeps_off_measured_points() -> None:
-    scene = HeldGlass()
+    scene = rehearsed_scene()
     eye = camera_at(np.array([0.0, -0.55, 0.65]), np.array([0.55, 0.0, 0.3]))[:3, 3]
-    points, robot = scene.visible_points(eye), SimulatedUR5()
+    points, robot = visible_points(scene, eye), SimulatedUR5()
     free = GraspSelection(np.random.default_rng(0), eye)(points, scene.keypoints, robot)
     assert free is not None
     # a wall where that gripper waits; then walls all around

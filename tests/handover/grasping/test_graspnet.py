@@ -7,8 +7,9 @@ import pytest
 
 from hadr.handover.grasping.graspnet import DetectedGrasps, from_graspnet
 from hadr.handover.grasping.selection import GraspSelection
+from hadr.handover.poses import camera_at
 from hadr.handover.robot import SimulatedUR5
-from hadr.simulation.trials.rehearsal import HeldGlass, camera_at
+from hadr.simulation.trials.rehearsal import rehearsed_scene, visible_points
 
 # the camera stands 1 m before the base and 0.5 m above it, level, and looks back at it
 BASE_FROM_CAMERA = np.array([[0, 0, -1, 1.0], [1, 0, 0, 0], [0, -1, 0, 0.5], [0, 0, 0, 1]])
@@ -76,12 +77,12 @@ def test_bad_sources_are_named(tmp_path: Path) -> None:
 
 def test_other_files_are_named(tmp_path: Path) -> None:
     np.savez(tmp_path / "some.npz", grasps=rows())
-    with pytest.raises(ValueError, match=r"some\.npz is an archive \(grasps\)"):
+    with pytest.raises(ValueError, match=r"some\.npz is not an array .* an archive"):
         from_graspnet(tmp_path / "some.npz")
     (tmp_path / "broken.npy").write_bytes((tmp_path / "some.npz").read_bytes()[:200])
     with pytest.raises(ValueError, match=r"broken\.npy is not an array"):
         from_graspnet(tmp_path / "broken.npy")
-    with pytest.raises(ValueError, match="is a folder"):
+    with pytest.raises(ValueError, match="is not an array"):
         from_graspnet(tmp_path)
 
 
@@ -111,15 +112,6 @@ def test_bad_calibrations_are_named(calibration: np.ndarray, says: str) -> None:
         from_graspnet(rows(), calibration)
     with pytest.raises(ValueError, match=says):
         DetectedGrasps(lambda points: rows(), calibration)
-
-
-@pytest.mark.parametrize("bad", [np.nan, np.inf, 0.0, -0.085])
-def test_bad_lengths_are_named(bad: float) -> None:
-    with pytest.raises(ValueError, match=f"widest must be metres above 0, got {bad}"):
-        from_graspnet(rows(), widest=bad)
-    for name in ("widest", "nearest"):
-        with pytest.raises(ValueError, match=f"{name} must be metres above 0, got {bad}"):
-            DetectedGrasps(lambda points: rows(), BASE_FROM_CAMERA, **{name: bad})
 
 
 def test_millimetres_are_told_from_metres() -> None:
@@ -152,9 +144,9 @@ def test_what_is_no_real_number_is_refused(source: object) -> None:
 
 
 def test_detector_in_the_sampler_s_place() -> None:
-    scene = HeldGlass()
+    scene = rehearsed_scene()
     base_from_camera = camera_at(np.array([0.0, -0.55, 0.65]), np.array([0.55, 0.0, 0.3]))
-    points = scene.visible_points(base_from_camera[:3, 3])
+    points = visible_points(scene, base_from_camera[:3, 3])
     sampled = GraspSelection(np.random.default_rng(0), base_from_camera[:3, 3]).candidates(points)
     asked = []
 

@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from hadr.handover.robot import HOME_JOINTS, SimulatedUR5
-from hadr.handover.workflow import Stage, Transition
+from hadr.handover.stages import Stage, Transition
 from hadr.simulation.film.film import (
     CAPTION_HEIGHT,
     STAGE_COLORS,

@@ -7,9 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from hadr.handover.poses import pose_distance
 from hadr.handover.robot import ArmConfig
 from hadr.handover.ur5 import UnreachableError
-from hadr.handover.workflow import pose_distance
 from hadr.simulation.robot.arm_motion import ArmMotion
 from hadr.simulation.robot.motion_limits import MotionConfig
 

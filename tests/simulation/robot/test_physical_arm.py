@@ -6,9 +6,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from hadr.handover.poses import pose_distance
 from hadr.handover.robot import Robot
 from hadr.handover.ur5 import UnreachableError
-from hadr.handover.workflow import pose_distance
 from hadr.simulation.robot.physical_arm import PhysicalArmConfig
 from hadr.simulation.world.physics import World
 from hadr.simulation.world.scenes import HeldScene, held_scene

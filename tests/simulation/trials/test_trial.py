@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hadr.handover.run_log import replay
-from hadr.handover.workflow import Stage, Transition
+from hadr.handover.replay import replay
+from hadr.handover.stages import Stage, Transition
 from hadr.simulation.camera.sight import BrokenSight, Fault
 from hadr.simulation.trials.trial import ARMS, Run, Trial, run_trial
 from hadr.simulation.world.state import WorldState

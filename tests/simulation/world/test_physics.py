@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from hadr.camera import transform_points
 from hadr.handover.grasping.grasps import forward_of
-from hadr.handover.workflow import pose_distance
+from hadr.handover.poses import pose_distance
 from hadr.simulation.world.model import hand_capsules
 from hadr.simulation.world.object_parts import mass_properties
 from hadr.simulation.world.physics import World

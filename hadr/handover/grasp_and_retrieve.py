@@ -1,11 +1,12 @@
-"""The final move: from the pre-grasp along the approach axis to where the fingers close.
+"""Grasp & Retrieve: the final move to where the fingers close, and the way back with the object.
 
 As the paper has it, the fingers go on by a fixed length. Depth that is some centimetres off then
 closes them on an edge, so an arm with a sensor at its wrist may feel: where one finger runs into
 the object, the gripper draws back and goes in again farther to that side (half as far each time
 the side changes, so that it does not swing between two places); and where nothing was met at the
 end, it goes on until the object meets the palm. Which of hand and object it met, it can't feel: a
-hand as near as that has already stopped it, as far as the hand's place is known.
+hand as near as that has already stopped it, as far as the hand's place is known. Then the fingers
+close, feel whether they hold something, wait for the hand to let go, and pull back.
 """
 
 from __future__ import annotations
@@ -19,7 +20,8 @@ from hadr.handover import safety
 from hadr.handover.grasping.grasps import final_travel, forward_of
 from hadr.handover.guarded_arm import NO_NEARER, GuardedArm, HaltError
 from hadr.handover.observation import HandWatch
-from hadr.handover.pacing import pose_distance
+from hadr.handover.poses import pose_distance
+from hadr.handover.stages import ARRIVE_DISTANCE, CLOSE_TIMEOUT, LET_GO_TIME, RETREAT
 
 Array = npt.NDArray[np.float64]
 
@@ -36,6 +38,9 @@ ON_A_FINGER = 0.25
 
 SMALLEST_STEP = 0.3
 """A step aside of less than this part of the first is not made."""
+
+STILL, STILL_FOR = 0.0005, 0.2
+"""Fingers that move by less than this, metres, for so long, seconds, stand."""
 
 ADVANCING = ("advance", "draw back", "feel")
 """The parts of the final move."""
@@ -129,7 +134,7 @@ class Advance:
             self.travelled = min(self._end, self.travelled + factor * c.advance_speed * dt)
         here = forward_of(target, self.travelled)
         arm.go(here, 2 * c.advance_speed, dt, factor=factor)
-        near = pose_distance(arm.reading.tool, here)[0] < c.arrive_distance
+        near = pose_distance(arm.reading.tool, here)[0] < ARRIVE_DISTANCE
         met = self._met_at()
         if met is not None:
             on_finger = abs(met) > ON_A_FINGER * arm.reading.width
@@ -207,7 +212,7 @@ class Advance:
         self.travelled = max(self._back_to, self.travelled - factor * c.advance_speed * dt)
         here = forward_of(target, self.travelled)
         arm.go(here, 2 * c.advance_speed, dt, factor=factor)
-        near = pose_distance(arm.reading.tool, here)[0] < c.arrive_distance
+        near = pose_distance(arm.reading.tool, here)[0] < ARRIVE_DISTANCE
         if self.travelled <= self._back_to and near:
             self.aside += self._side
             self._back_to, self._felt = None, ""
@@ -228,3 +233,80 @@ class Advance:
             return False
         free = safety.path_distance([pose], arm.reading.width, hand)
         return free >= arm.config.safety.grasp_distance and arm.robot.reachable(pose)
+
+
+@dataclass
+class Retrieval:
+    """The end of the third stage, from the closing of the fingers on.
+
+    Attributes:
+        arm: The arm.
+        part: close, let go, retreat.
+    """
+
+    arm: GuardedArm
+    part: str = field(default="", init=False)
+    _pose: Array = field(init=False)
+    _told: float = field(default=0.0, init=False)
+    _since: float = field(default=0.0, init=False)
+    _still: tuple[float, float] = field(default=(0.0, 0.0), init=False)
+    _travelled: float = field(default=0.0, init=False)
+
+    def begin(self, now: float, pose: Array, width: float) -> None:
+        """Tell the fingers to close.
+
+        Args:
+            now: Seconds.
+            pose: Where the tool stays meanwhile, shape (4, 4), metres.
+            width: The grasp's width, metres.
+        """
+        self._pose, self._told = pose, max(0.0, width - self.arm.config.squeeze)
+        self.arm.robot.set_gripper(self._told)
+        self._still = (now, self.arm.reading.width)
+        self._enter("close", now)
+
+    def step(self, now: float, dt: float, *, factor: float = 1.0) -> bool:
+        """Go on for dt seconds.
+
+        Args:
+            now: Seconds.
+            dt: Seconds.
+            factor: Part of the speed of the way back that is used.
+
+        Returns:
+            True where the object is pulled back and still held.
+
+        Raises:
+            HaltError: Nothing is between the fingers.
+        """
+        arm, c = self.arm, self.arm.config
+        if self.part == "close":
+            arm.go(self._pose, c.advance_speed, dt)
+            if abs(arm.reading.width - self._still[1]) > STILL:
+                self._still = (now, arm.reading.width)
+            if now - self._still[0] >= STILL_FOR or now - self._since > CLOSE_TIMEOUT:
+                self._check_held("the fingers closed on nothing")
+                self._enter("let go", now)
+        elif self.part == "let go":
+            self._check_held("the object slipped out of the fingers")
+            arm.go(self._pose, c.advance_speed, dt)
+            if now - self._since >= LET_GO_TIME - 1e-9:
+                self._travelled = 0.0
+                self._enter("retreat", now)
+        else:
+            self._check_held("the object was dropped on the way back")
+            self._travelled = min(RETREAT, self._travelled + factor * c.advance_speed * dt)
+            goal = forward_of(self._pose, -self._travelled)
+            arm.go(goal, 2 * c.advance_speed, dt)
+            near = pose_distance(arm.reading.tool, goal)[0] < ARRIVE_DISTANCE
+            return self._travelled >= RETREAT and near
+        return False
+
+    def _check_held(self, words: str) -> None:
+        width = self.arm.reading.width
+        if not safety.something_held(width, self._told, self.arm.config.safety.held_margin):
+            gap = f"{1000 * width:.0f} mm apart, told {1000 * self._told:.0f}"
+            raise HaltError(f"{words}: object dropped or lost (fingers {gap})", back=True)
+
+    def _enter(self, part: str, now: float) -> None:
+        self.part, self._since = part, now

@@ -1,12 +1,6 @@
-"""How fast the tool goes to where it is sent: a reference that moves at a limited speed.
-
-The robot is told to go to the reference, never straight to a target far away. So it can be slowed
-by any factor, and a target that jumps does not make the arm jump.
-"""
+"""Rigid poses (4, 4): how far they are apart, what lies between, a camera that looks at a point."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
@@ -67,44 +61,21 @@ def toward(first: Array, second: Array, distance: float, angle: float) -> Array:
     return between(first, second, part)
 
 
-@dataclass
-class Pace:
-    """The reference pose on its way.
+def camera_at(position: Array, look_at: Array) -> Array:
+    """Place a camera so that it looks at a point with the image upright.
 
-    Attributes:
-        lead: The reference runs ahead of the tool by no more than this, metres ...
-        lead_angle: ... and this, radians.
-        reference: Where the robot is told to go, shape (4, 4), metres; None before the first.
+    Args:
+        position: Shape (3,), metres, in the base frame (z up).
+        look_at: Shape (3,), metres.
+
+    Returns:
+        base_from_camera, shape (4, 4); x right, y down, z forward.
     """
-
-    lead: float = 0.05
-    lead_angle: float = 0.3
-    reference: Array | None = None
-    _holding: bool = field(default=False, init=False)
-
-    def go(self, tool: Array, goal: Array, distance: float, angle: float) -> Array:
-        """Move the reference toward a goal.
-
-        Args:
-            tool: Where the tool is, shape (4, 4), metres.
-            goal: Where it shall go, shape (4, 4), metres.
-            distance: How far the reference may move, metres.
-            angle: How far it may turn, radians.
-
-        Returns:
-            The reference, shape (4, 4).
-        """
-        start = tool if self.reference is None else self.reference
-        ahead = toward(start, goal, distance, angle)
-        self.reference, self._holding = toward(tool, ahead, self.lead, self.lead_angle), False
-        return self.reference
-
-    def hold(self, tool: Array) -> Array:
-        """Keep the reference where the tool, shape (4, 4), was when the hold began."""
-        if not self._holding or self.reference is None:
-            self.reference, self._holding = tool.copy(), True
-        return self.reference
-
-    def forget(self) -> None:
-        """Start anew from wherever the tool is at the next call."""
-        self.reference, self._holding = None, False
+    forward = np.asarray(look_at, dtype=np.float64) - position
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    pose = np.eye(4)
+    pose[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)
+    pose[:3, 3] = position
+    return pose
