@@ -22,7 +22,7 @@ PY    := $(BIN)/python
 READY := $(VENV)/.hadr-ready
 ANY_PYTHON = $(if $(wildcard $(PY)),$(PY),$(PYTHON))
 PYTEST = HADR_BOOK_HTML="$(BUILD_PATH)/html/_build/html" \
-    $(PY) -m pytest -n $(WORKERS) --dist loadgroup --durations=10
+    $(PY) -m pytest -n $(WORKERS) --dist loadfile --durations=10
 
 ifeq ($(strip $(BUILD)),)
 $(error BUILD is empty: name a folder, such as BUILD=build)

@@ -30,10 +30,9 @@ from hadr.synthesis.generation.settings import GenerationSettings
 from hadr.synthesis.glass.objects import OBJECTS, bodies
 from hadr.synthesis.glass.surfaces import Surface
 from hadr.synthesis.hand.mesh import HandMesh
-from hadr.synthesis.holding.hold import make_hold
 from hadr.synthesis.rendering.shading import RayTracer
-from hadr.synthesis.scene.contents import Contents, Surroundings
-from hadr.synthesis.scene.scene import Scene, look_at
+from hadr.synthesis.scene.contents import Contents, Scene, Surroundings
+from hadr.synthesis.scene.scene import look_at
 from hadr.synthesis.textures.families import texture_number
 
 Array = npt.NDArray[np.float64]
@@ -170,8 +169,7 @@ def table_scene(seed: int, camera: Intrinsics) -> Scene:
     eye = target + distance * np.array([0.0, -np.cos(height), np.sin(height)])
     pose = look_at(eye, target, 0.0)
     contents = Contents(_boxes(rng), tuple(glass), surroundings=around)
-    hold = make_hold("0000", 0, 0)
-    return Scene(contents, camera, pose, np.zeros((21, 3)), np.eye(4), hold)
+    return Scene(contents, camera, pose)
 
 
 def _boxes(rng: np.random.Generator) -> HandMesh:

@@ -156,10 +156,11 @@ class Restorer:
                 expected = ", ".join(str(one) for one in known if one)
                 raise ValueError(f"{name} must be one of {expected}, got {value!r}")
         self.method, self.corruption, self._given = method, corruption, network
-        by_file = isinstance(segmentation, str | Path)
-        self.segmentation = Segmentation.load(segmentation) if by_file else segmentation
-        by_file = isinstance(keypoint_network, str | Path)
-        self.finder = HandKeypoints.load(keypoint_network) if by_file else keypoint_network
+        if isinstance(segmentation, str | Path):
+            segmentation = Segmentation.load(segmentation)
+        if isinstance(keypoint_network, str | Path):
+            keypoint_network = HandKeypoints.load(keypoint_network)
+        self.segmentation, self.finder = segmentation, keypoint_network
 
     @cached_property
     def network(self) -> DepthNetwork | str:
@@ -263,7 +264,8 @@ class Restorer:
     def _fill(self, known: _Known, notes: list[str]) -> tuple[_Known, _Filled]:
         """Find the hand if need be, and fill the mask with the network or without."""
         network = self._fitting(known.hand is not None or self.finder is not None)
-        trusted = self.corruption or getattr(network, "corruption", "oracle")
+        learned: Corruption = "oracle" if isinstance(network, str) else network.corruption
+        trusted = self.corruption or learned
         seen = depth_to_use(known.depth, known.target, trusted, notes)
         if known.hand is None and self.finder is not None:
             known = replace(known, hand=self._find_hand(known, seen, notes))

@@ -70,16 +70,6 @@ def in_double() -> Callable[..., tuple[object, object]]:
     return exact
 
 
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Give each file to one worker, and all that share the one browser to one as well."""
-    if not config.pluginmanager.hasplugin("xdist"):
-        return
-    for item in items:
-        browser = item.get_closest_marker("browser")
-        group = "browser" if browser else item.nodeid.split("::")[0]
-        item.add_marker(pytest.mark.xdist_group(group))
-
-
 TOP = """
 from typing import TYPE_CHECKING
 import hadr.table

@@ -6,7 +6,6 @@ with the probabilities of the published code.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -14,32 +13,6 @@ import numpy as np
 import numpy.typing as npt
 
 Float = npt.NDArray[np.float32]
-
-
-@dataclass(frozen=True)
-class AugmentationConfig:
-    """How often and how strongly colour is changed.
-
-    Args:
-        bright_patches: Probability of smooth bright patches.
-        color_jitter: Probability of a change of brightness, contrast, saturation and hue.
-        blur_or_noise: Probability of either a blur or noise.
-        dropout: Probability of missing rectangles.
-
-    Raises:
-        ValueError: A probability is not from 0 to 1.
-    """
-
-    bright_patches: float = 0.1
-    color_jitter: float = 0.3
-    blur_or_noise: float = 0.2
-    dropout: float = 0.2
-
-    def __post_init__(self) -> None:
-        for name in ("bright_patches", "color_jitter", "blur_or_noise", "dropout"):
-            value = getattr(self, name)
-            if not 0.0 <= value <= 1.0:
-                raise ValueError(f"{name} is a probability from 0 to 1, got {value}")
 
 
 def bright_patches(color: Float, rng: np.random.Generator) -> Float:
@@ -91,17 +64,21 @@ def coarse_dropout(color: Float, rng: np.random.Generator) -> Float:
     return dropped
 
 
-def augment_color(
-    color: npt.NDArray[Any],
-    rng: np.random.Generator,
-    config: AugmentationConfig | None = None,
-) -> npt.NDArray[np.uint8]:
+CHANGES = (
+    (0.1, bright_patches),
+    (0.3, color_jitter),
+    (0.2, blur_or_noise),
+    (0.2, coarse_dropout),
+)
+"""Each with the probability that the published code gives it."""
+
+
+def augment_color(color: npt.NDArray[Any], rng: np.random.Generator) -> npt.NDArray[np.uint8]:
     """Augment one colour picture.
 
     Args:
         color: sRGB, shape (H, W, 3) uint8.
         rng: Everything random is drawn from it.
-        config: Probabilities; the paper's where it is left out.
 
     Returns:
         A new picture of the same shape, uint8.
@@ -111,14 +88,8 @@ def augment_color(
     """
     if color.ndim != 3 or color.shape[2] != 3 or color.dtype != np.uint8:
         raise ValueError(f"color must be (H, W, 3) uint8, got {color.shape} {color.dtype}")
-    config = config or AugmentationConfig()
     picture = color.astype(np.float32) / 255.0
-    for probability, change in (
-        (config.bright_patches, bright_patches),
-        (config.color_jitter, color_jitter),
-        (config.blur_or_noise, blur_or_noise),
-        (config.dropout, coarse_dropout),
-    ):
+    for probability, change in CHANGES:
         if rng.random() < probability:
             picture = np.clip(change(picture, rng), 0.0, 1.0)
     return np.asarray(np.round(picture * 255.0), dtype=np.uint8)

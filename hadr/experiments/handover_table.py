@@ -8,24 +8,27 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from hadr.experiments.steps import Step
 from hadr.records.provenance import machine_text, provenance
 from hadr.records.result_file import read_result_file, write_result_file
-from hadr.simulation.trials.experiment import arm_row, attempts, is_finished, run_attempts
-from hadr.simulation.trials.trial import Arm, Trial
+
+if TYPE_CHECKING:
+    from hadr.simulation.trials.trial import Arm, Trial
+
+    Attempts = Mapping[Arm, Sequence[Trial]]
 
 REPRODUCED: tuple[Arm, ...] = (
     "raw", "inpainted", "hadr", "hadr-plus", "perfect", "hadr-no-rescoring", "hadr-no-tracking",
 )  # fmt: skip
 """The conditions of results/mini/handover.json; `hadr handover` alone leaves out hadr-plus."""
 
-Attempts = Mapping[Arm, Sequence[Trial]]
 
-
-def planned_attempts(size: str, seed: int) -> Attempts:
+def planned_attempts(size: str, seed: int) -> dict[Arm, list[Trial]]:
     """The attempts of each condition: 48, and at preset tiny one, to see that everything runs."""
+    from hadr.simulation.trials.experiment import attempts
+
     if size == "tiny":
         return {arm: attempts(arm, objects=["0004"], holds=[902], seed=seed) for arm in REPRODUCED}
     return {arm: attempts(arm, seed=seed) for arm in REPRODUCED}
@@ -33,6 +36,8 @@ def planned_attempts(size: str, seed: int) -> Attempts:
 
 def handover_steps(plan: Attempts, out: Path, times: Mapping[str, float]) -> list[Step]:
     """Describe the conditions as steps of a plan."""
+    from hadr.simulation.trials.experiment import is_finished
+
     table, steps = out / "tables" / "handover.json", []
     rows = read_result_file(table).rows if table.is_file() else ()
     own = {row["arm"]: row["attempts"] * row["mean_wall_seconds"] for row in rows}
@@ -47,6 +52,8 @@ def handover_steps(plan: Attempts, out: Path, times: Mapping[str, float]) -> lis
 
 def make_handover_table(plan: Attempts, out: Path, jobs: int) -> None:
     """Make the attempts that are missing, `jobs` at a time, and write the table."""
+    from hadr.simulation.trials.experiment import arm_row, run_attempts
+
     rows = []
     for arm, trials in plan.items():
         rows.append(arm_row(arm, run_attempts(trials, out / "handover", jobs=jobs, report=_say)))

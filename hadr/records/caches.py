@@ -8,6 +8,7 @@ for as long as the file's time and size stay the same.
 
 from __future__ import annotations
 
+import copyreg
 from collections.abc import Callable
 from dataclasses import fields, is_dataclass
 from functools import _lru_cache_wrapper, lru_cache, wraps
@@ -18,6 +19,14 @@ from typing import Any, TypeVar
 import numpy as np
 
 Result = TypeVar("Result")
+
+
+def _as_dictionary(view: Any) -> Any:
+    """How a view is copied, in this process or to another: as a dictionary of one's own."""
+    return dict, (dict(view),)
+
+
+copyreg.pickle(MappingProxyType, _as_dictionary)
 
 
 def read_only(value: Result) -> Result:

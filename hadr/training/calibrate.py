@@ -259,7 +259,7 @@ def run(options: Options) -> int:
             f"{found['expected_calibration_error']:.3f}"
         )
     if options.out:
-        of = f" of objects {', '.join(tested)}" if options.test_objects else ""
+        of = f" of objects {', '.join(options.test_objects)}" if options.test_objects else ""
         what = (
             f"Confidence of {name}, fitted on the frames of split val and "
             f"measured on those and on split test{of}: pixels of the object that were restored, at "

@@ -14,7 +14,7 @@ from torch import Tensor, distributed
 from torch.nn import functional
 
 from hadr.models.hadr import HADROutput
-from hadr.models.hadr_input import ray_points
+from hadr.models.hadr_input import masked_rays, ray_points
 from hadr.ray_voxels import (
     VoxelGrid,
     pair_of_true_point,
@@ -166,11 +166,8 @@ def image_points(depth: Tensor, intrinsics: Tensor) -> Tensor:
     Returns:
         Points in metres, camera frame, shape (B, H, W, 3).
     """
-    height, width = depth.shape[1:]
-    fx, fy, cx, cy = intrinsics[:, :, None, None].unbind(dim=1)  # (B, 1, 1) each
-    columns = torch.arange(width, device=depth.device)  # (W,)
-    rows = torch.arange(height, device=depth.device)[:, None]  # (H, 1)
-    return torch.stack(((columns - cx) / fx * depth, (rows - cy) / fy * depth, depth), dim=-1)
+    pixels = masked_rays(torch.ones_like(depth, dtype=torch.bool))  # (B * H * W, 3)
+    return ray_points(pixels, depth.flatten(), intrinsics).view(*depth.shape, 3)
 
 
 def normals_loss(cloud: Tensor, true_cloud: Tensor, valid: Tensor) -> Tensor:

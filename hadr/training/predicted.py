@@ -17,6 +17,7 @@ from torch.nn import functional
 from torch.utils.data import ConcatDataset
 
 from hadr.data.transhand import TransHand
+from hadr.models.hadr_input import HADRInput
 from hadr.models.hand.keypoints import keypoints_where_seen
 from hadr.training.batches import Corruption, FrameList, FrameTensors, load_frames
 from hadr.training.checkpoints import load_checkpoint
@@ -136,21 +137,13 @@ def with_predicted(
         found = torch.cat([_masks(model, part) for part in _parts(seen, batch_size)])
         if not found[:, 0].any():
             raise ValueError(f"{given.masks} finds no object in any of the {len(frames)} frames")
-        mask = resized(found[:, 0], inputs.mask)
+        inputs = _with_mask(inputs, found[:, 0], given)
         hand = found[:, 1] if found.shape[1] > 1 else None
-        depth = inputs.depth
-        if given.corruption in ("oracle", "erased"):
-            depth = torch.where(mask, torch.zeros_like(depth), depth)
-        inputs = replace(inputs, mask=mask, depth=depth)
     if given.keypoints != TRUE:
         model, size = _network(given.keypoints, "hand-keypoints")
         seen = _at(size, frames, source, given)
         if given.masks != TRUE:
-            mask = resized(found[:, 0], seen.inputs.mask)
-            depth = seen.inputs.depth
-            if given.corruption in ("oracle", "erased"):
-                depth = torch.where(mask, torch.zeros_like(depth), depth)
-            seen = replace(seen, inputs=replace(seen.inputs, mask=mask, depth=depth))
+            seen = replace(seen, inputs=_with_mask(seen.inputs, found[:, 0], given))
         hands = seen.hand_mask if hand is None else resized(hand, seen.hand_mask)
         keypoints = torch.cat([
             _keypoints(model, part, hands[first * batch_size : (first + 1) * batch_size])
@@ -161,6 +154,14 @@ def with_predicted(
     if hand is not None:
         frames = replace(frames, hand_mask=resized(hand, frames.hand_mask))
     return frames if inputs is frames.inputs else replace(frames, inputs=inputs)
+
+
+def _with_mask(inputs: HADRInput, masks: Tensor, given: Given) -> HADRInput:
+    """Put predicted masks in place of the true ones; depth that is erased in those is in these."""
+    mask, depth = resized(masks, inputs.mask), inputs.depth
+    if given.corruption in ("oracle", "erased"):
+        depth = torch.where(mask, torch.zeros_like(depth), depth)
+    return replace(inputs, mask=mask, depth=depth)
 
 
 def resized(masks: Tensor, like: Tensor) -> Tensor:

@@ -10,7 +10,7 @@
   const style = (element) => element.ownerDocument.defaultView.getComputedStyle(element);
   const scrolls = (element) => ["auto", "scroll"].includes(style(element).overflowX);
   const hides = (element) => ["hidden", "clip"].includes(style(element).overflowX);
-  const outside = [], hidden = [], squeezed = [], small = [], scenes = [];
+  const outside = [], hidden = [], squeezed = [], small = [], overlapping = [];
   for (const doc of documents(document)) {
     const width = doc.documentElement.clientWidth;
     const area = doc.querySelector("main") || doc.body;
@@ -45,10 +45,21 @@
       if (image.naturalWidth && scale > 0 && scale < 0.55)
         small.push(`${(image.alt || image.src).slice(0, 60)}: at ${scale.toFixed(2)} of its size`);
     }
-    for (const canvas of doc.querySelectorAll("canvas"))
-      if (canvas.checkVisibility()) scenes.push(doc.title);
+    // Texts that lie on one another, each of them an element without another such one.
+    const texts = "p, label, button, output, figcaption, summary, td, th, h1, h2, h3, h4";
+    const leaves = [...area.querySelectorAll(texts)]
+      .filter((e) => e.textContent.trim() && !e.querySelector(texts) && e.checkVisibility({ visibilityProperty: true, opacityProperty: true }))
+      .map((e) => [e, e.getBoundingClientRect()]).filter(([, box]) => box.width > 2 && box.height > 2)
+      .sort(([, a], [, b]) => a.top - b.top);
+    leaves.forEach(([element, box], at) => {
+      for (const [other, below] of leaves.slice(at + 1)) {
+        if (below.top > box.bottom - 4) break;
+        if (Math.min(box.right, below.right) - Math.max(box.left, below.left) > 4 && !element.contains(other) && !other.contains(element))
+          overlapping.push(`${told(element)} / ${told(other)}`);
+      }
+    });
     if (doc !== document && doc.documentElement.scrollHeight > doc.documentElement.clientHeight + 1)
       squeezed.push(`${doc.title}: ${doc.documentElement.scrollHeight} px high in ${doc.documentElement.clientHeight}`);
   }
-  return { outside: [...new Set(outside)], hidden: [...new Set(hidden)], squeezed, small, scenes };
+  return { outside: [...new Set(outside)], hidden: [...new Set(hidden)], squeezed, small, overlapping };
 })()

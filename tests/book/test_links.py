@@ -4,6 +4,10 @@ from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
+import yaml
+
+ROOT = Path(__file__).resolve().parents[2]
+
 
 class Page(HTMLParser):
     """The addresses that a page leads to or shows, and the places on it that can be led to."""
@@ -58,3 +62,11 @@ def test_dead_links_are_seen(tmp_path):
     ]  # fmt: skip
     (tmp_path / "x y.png").touch()
     assert "b.html -> x%20y.png" not in dead_links(tmp_path)
+
+
+def test_every_page_of_the_contents_was_built(html):
+    contents = yaml.safe_load((ROOT / "book" / "_toc.yml").read_text(encoding="utf-8"))
+    entries = [entry for part in contents["parts"] for entry in part["chapters"]]
+    entries += [section for entry in entries for section in entry.get("sections", [])]
+    names = [contents["root"], *(entry["file"] for entry in entries)]
+    assert [name for name in names if not (html / f"{name}.html").exists()] == []

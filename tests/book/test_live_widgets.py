@@ -33,12 +33,11 @@ wall = np.full((48, 64), 0.9)
 corrupt_glass(np.where(mask, 0.5, wall), wall, mask)"""
 DEAD = """import ipywidgets, matplotlib.pyplot as plt
 def draw(x):
-    plt.figure(figsize=(2, 2)); plt.plot([0, 1]); plt.show()
+    plt.figure(figsize=(2, 2)); plt.plot([0, 1]); plt.show(); print("drawn", x)
 ipywidgets.interactive(draw, x=ipywidgets.FloatSlider(description="dead", value=5))"""
 CELL = ".jp-Notebook .jp-Cell .cm-content"
-HANDLE = "document.querySelector('.jp-OutputArea .widget-slider [role=slider]')"
-VALUE = f"{HANDLE}.getAttribute('aria-valuenow')"
-FIGURE = "document.querySelector('.jp-OutputArea .widget-output img').src"
+HANDLE = ".jp-OutputArea .widget-slider [role=slider]"
+OUTPUT = ".jp-OutputArea .widget-output"
 
 
 def check(condition, what, seconds, told=lambda: ""):
@@ -175,40 +174,13 @@ def picture(source):
     return cv2.imdecode(data, cv2.IMREAD_COLOR).astype(int)
 
 
-def press(browser, key):
-    codes = {"ArrowRight": 39, "End": 35}
-    for kind in ("keyDown", "keyUp"):
-        browser.call(
-            "Input.dispatchKeyEvent",
-            type=kind,
-            key=key,
-            code=key,
-            windowsVirtualKeyCode=codes[key],
-        )
-
-
-def click(browser, place):
-    for kind in ("mousePressed", "mouseReleased"):
-        x, y = place
-        browser.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
-
-
-def figures_around_a_move(browser, server, name, code, patience=180.0):
+def figures_around_a_move(page, server, name, code, patience=180.0):
     """Run a notebook of one cell and move its first slider.
 
     Returns:
-        The figure before and after, and whether it changed within 20 seconds.
+        The figure before and after, and whether it changed before the widget printed something new,
+        or 20 seconds had passed.
     """
-
-    def value(expression):
-        return browser.evaluate(
-            f"(() => {{ try {{ return {expression}; }} catch {{ return null; }} }})()"
-        )
-
-    def told():
-        words = browser.evaluate("document.body ? document.body.innerText.slice(-1500) : ''")
-        return f"{server.tail()}\nthe page ends:\n{words}"
-
     notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(code)])
     notebook.metadata["kernelspec"] = {
         "name": "python3",
@@ -216,54 +188,53 @@ def figures_around_a_move(browser, server, name, code, patience=180.0):
         "language": "python",
     }
     nbformat.write(notebook, server.notebooks / name)
+    page.set_default_timeout(1000 * patience)
     # A workspace of its own: else what was open before is open again.
     place = f"lab/workspaces/{Path(name).stem}/tree/{name}"
-    address = f"http://127.0.0.1:{server.port}/{place}?token={server.token}"
-    browser.call("Page.navigate", url=address)
-    # A page without the focus has no current notebook, and runs none.
-    browser.call("Emulation.setFocusEmulationEnabled", enabled=True)
-    where = f"document.querySelector('{CELL}').getBoundingClientRect()"
-    check(lambda: value(f"{where}.width"), f"JupyterLab shows {name}", patience, told)
-    check(lambda: server.idle(name), "a kernel is ready", patience, told)
-    open_now = f"window.jupyterapp.shell.currentWidget.context.path === '{name}'"
-    check(
-        lambda: (click(browser, value(f"[{where}.x + 20, {where}.y + 8]")), value(open_now))[1],
-        f"{name} has the focus",
-        patience,
-        told,
-    )
-    browser.evaluate("void window.jupyterapp.commands.execute('notebook:run-all-cells')")
-    check(lambda: value(VALUE), "a slider appears", patience, told)
-    first = check(lambda: value(FIGURE), "the widget draws its figure", patience, told)
-    stood = value(VALUE)
-    browser.evaluate(f"{HANDLE}.focus()")
+    page.goto(f"http://127.0.0.1:{server.port}/{place}?token={server.token}")
+    page.wait_for_selector(CELL)
+    check(lambda: server.idle(name), "a kernel is ready", patience, server.tail)
+    page.click(CELL)
+    open_now = f"window.jupyterapp.shell.currentWidget?.context?.path === '{name}'"
+    page.wait_for_function(open_now)
+    page.evaluate("void window.jupyterapp.commands.execute('notebook:run-all-cells')")
+    slider = page.locator(HANDLE).first
+    image, text = page.locator(f"{OUTPUT} img"), page.locator(OUTPUT)
+    first = image.first.get_attribute("src")
+    told, stood = text.first.inner_text(), slider.get_attribute("aria-valuenow")
+    slider.focus()
     # Versions of JupyterLab differ in whether they take the arrows for themselves.
     for key in ("ArrowRight", "End"):
-        press(browser, key)
-        time.sleep(1)
-        if value(VALUE) != stood:
+        page.keyboard.press(key)
+        page.wait_for_timeout(1000)
+        if slider.get_attribute("aria-valuenow") != stood:
             break
     else:
-        raise AssertionError(f"no key moves the slider from {stood}\n{told()}")
+        raise AssertionError(f"no key moves the slider from {stood}\n{server.tail()}")
+
+    def redrawn():
+        # While a figure is drawn anew there is none for a moment.
+        now = page.evaluate(f"document.querySelector('{OUTPUT} img')?.src")
+        words = page.evaluate(f"document.querySelector('{OUTPUT}').innerText")
+        return now if now not in (None, first) or (now and words not in ("", told)) else None
+
     end = time.monotonic() + 20
-    # While a figure is drawn anew there is none for a moment.
-    while (second := value(FIGURE)) in (None, first) and time.monotonic() < end:
-        time.sleep(0.2)
+    while (second := redrawn()) is None and time.monotonic() < end:
+        page.wait_for_timeout(200)
     # A changed notebook would ask before it is left.
-    browser.evaluate("window.jupyterapp.commands.execute('docmanager:save-all')")
-    unsaved = "window.jupyterapp.shell.currentWidget.context.model.dirty"
-    check(lambda: value(unsaved) is False, f"{name} is saved", patience, told)
+    page.evaluate("window.jupyterapp.commands.execute('docmanager:save-all')")
+    page.wait_for_function("!window.jupyterapp.shell.currentWidget.context.model.dirty")
     return picture(first), picture(second or first), second not in (None, first)
 
 
-def test_moving_a_slider_changes_the_figure(second_browser, lab):
-    before, after, changed = figures_around_a_move(second_browser, lab, "glass.ipynb", GLASS)
+def test_moving_a_slider_changes_the_figure(tab, lab):
+    before, after, changed = figures_around_a_move(tab.page, lab, "glass.ipynb", GLASS)
     assert changed
     assert before.shape != after.shape or (np.abs(before - after).max(axis=2) > 40).mean() > 0.002
 
 
-def test_a_figure_that_ignores_its_slider_is_noticed(second_browser, lab):
-    _, _, changed = figures_around_a_move(second_browser, lab, "dead.ipynb", DEAD)
+def test_a_figure_that_ignores_its_slider_is_noticed(tab, lab):
+    _, _, changed = figures_around_a_move(tab.page, lab, "dead.ipynb", DEAD)
     assert not changed
 
 

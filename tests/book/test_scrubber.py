@@ -1,9 +1,7 @@
 """The sliders over pictures drawn beforehand, in a browser without a kernel."""
 
-import base64
 import time
 
-import cv2
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
@@ -13,21 +11,6 @@ from hadr.figures.solids.scrubber import Slider, scrubber
 pytestmark = pytest.mark.browser
 
 SHADES = [["#ff0000", "#00ff00", "#0000ff"], ["#ffff00", "#00ffff", "#ff00ff"]]
-
-
-def evaluate(browser, expression):
-    answer = browser.call(
-        "Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True
-    )
-    assert "exceptionDetails" not in answer, answer
-    return answer["result"].get("value")
-
-
-def colour_at(browser, x, y):
-    evaluate(browser, "new Promise(r => requestAnimationFrame(() => requestAnimationFrame(r)))")
-    data = browser.call("Page.captureScreenshot", format="png")["data"]
-    image = cv2.imdecode(np.frombuffer(base64.b64decode(data), np.uint8), cv2.IMREAD_COLOR)
-    return image[y, x, ::-1].astype(int)
 
 
 def close_to(colour, row, column):
@@ -46,44 +29,48 @@ def page():
     return scrubber(draw, sliders, title="Colours", alt="one colour", frames_per_second=10)
 
 
-def move(browser, slider, place):
-    evaluate(
-        browser,
-        f"(() => {{ const s = document.querySelectorAll('input')[{slider}]; s.value = {place}; "
-        "s.dispatchEvent(new Event('input')); })()",
-    )
+def move(tab, slider, place):
+    tab.page.locator("input").nth(slider).fill(str(place))
 
 
-def test_sliders_change_the_picture(browser, page, tmp_path):
+def test_sliders_change_the_picture(tab, page, tmp_path):
     page.save(tmp_path / "page.html")
-    seen = browser.visit(tmp_path / "page.html")
-    assert seen.console == []
-    assert [u for u in seen.requests if not u.startswith(("file:", "data:"))] == []
-    assert seen.seen["wider"] <= 0
-    middle = evaluate(
-        browser,
-        "(() => { const r = document.querySelector('img').getBoundingClientRect();"
-        " return [r.x + r.width / 2, r.y + r.height / 2].map(Math.round); })()",
-    )
-    assert close_to(colour_at(browser, *middle), 0, 1)
-    move(browser, 0, 1)
-    assert close_to(colour_at(browser, *middle), 1, 1)
-    move(browser, 1, 2)
-    assert close_to(colour_at(browser, *middle), 1, 2)
-    told = evaluate(browser, "[...document.querySelectorAll('output')].map(o => o.textContent)")
-    assert told == ["b", "z"]
-    assert evaluate(browser, "document.querySelector('input').getAttribute('aria-label')") == "row"
+    tab.visit(tmp_path / "page.html")
+    assert tab.console == []
+    assert tab.foreign() == []
+    assert tab.evaluate("document.documentElement.scrollWidth <= innerWidth")
+    box = tab.page.locator("img").bounding_box()
+    x, y = round(box["x"] + box["width"] / 2), round(box["y"] + box["height"] / 2)
+    assert close_to(tab.picture()[y, x], 0, 1)
+    move(tab, 0, 1)
+    assert close_to(tab.picture()[y, x], 1, 1)
+    move(tab, 1, 2)
+    assert close_to(tab.picture()[y, x], 1, 2)
+    assert tab.page.locator("output").all_text_contents() == ["b", "z"]
+    assert tab.page.locator("input").first.get_attribute("aria-label") == "row"
 
 
-def test_it_plays_and_stops(browser, page, tmp_path):
+def test_it_plays_and_stops(tab, page, tmp_path):
     page.save(tmp_path / "page.html")
-    browser.visit(tmp_path / "page.html")
-    evaluate(browser, "document.getElementById('play').click()")
+    tab.visit(tmp_path / "page.html")
+    tab.page.click("#play")
     places = set()
     for _ in range(40):
-        places.add(evaluate(browser, "at[0]"))
+        places.add(tab.evaluate("at[0]"))
         time.sleep(0.02)
     assert places == {0, 1}
-    move(browser, 1, 0)
-    assert evaluate(browser, "timer === null")
-    assert evaluate(browser, "document.getElementById('play').textContent") == "play"
+    move(tab, 1, 0)
+    assert tab.evaluate("timer === null")
+    assert tab.page.text_content("#play") == "play"
+
+
+def test_the_keyboard_reaches_and_moves_the_sliders(tab, page, tmp_path):
+    page.save(tmp_path / "page.html")
+    tab.visit(tmp_path / "page.html")
+    for _ in range(6):
+        tab.page.keyboard.press("Tab")
+        if tab.evaluate("document.activeElement === document.querySelectorAll('input')[1]"):
+            break
+    tab.page.keyboard.press("ArrowRight")
+    assert tab.page.locator("output").all_text_contents() == ["a", "z"]
+    assert tab.page.locator("img").get_attribute("alt")

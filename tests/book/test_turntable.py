@@ -1,8 +1,5 @@
 """The turning hands in a browser: something is drawn, it turns, and the glass is transparent."""
 
-import base64
-
-import cv2
 import numpy as np
 import pytest
 
@@ -10,32 +7,6 @@ from hadr.figures.solids.turntable import held_glass, turntable
 from hadr.synthesis.holding.hold import make_hold
 
 pytestmark = pytest.mark.browser
-
-
-def evaluate(browser, expression):
-    answer = browser.call(
-        "Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True
-    )
-    assert "exceptionDetails" not in answer, answer
-    return answer["result"].get("value")
-
-
-def picture(browser):
-    """A screenshot after two more frames were drawn."""
-    evaluate(browser, "new Promise(r => requestAnimationFrame(() => requestAnimationFrame(r)))")
-    data = browser.call("Page.captureScreenshot", format="png")["data"]
-    image = cv2.imdecode(np.frombuffer(base64.b64decode(data), np.uint8), cv2.IMREAD_COLOR)
-    return image[..., ::-1].astype(int)
-
-
-def drag(browser, start, steps):
-    x, y = start
-    mouse = {"button": "left", "clickCount": 1}
-    browser.call("Input.dispatchMouseEvent", type="mousePressed", x=x, y=y, **mouse)
-    for dx, dy in steps:
-        x, y = x + dx, y + dy
-        browser.call("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y, buttons=1, **mouse)
-    browser.call("Input.dispatchMouseEvent", type="mouseReleased", x=x, y=y, **mouse)
 
 
 def skin_pixels(image):
@@ -49,38 +20,33 @@ def table():
     return turntable([held_glass(hold) for hold in holds])
 
 
-def needs_webgl(browser):
-    if not evaluate(browser, "document.createElement('canvas').getContext('webgl') !== null"):
-        pytest.skip("this Chromium draws no WebGL, not even in software")
-
-
-def test_it_draws_turns_and_changes_the_hold(browser, table, tmp_path):
+def test_it_draws_turns_and_changes_the_hold(tab, table, tmp_path):
     table.save(tmp_path / "table.html")
-    page = browser.visit(tmp_path / "table.html")
-    needs_webgl(browser)
-    assert page.console == []
-    assert [u for u in page.requests if not u.startswith(("file:", "data:"))] == []
-    first = picture(browser)
+    tab.visit(tmp_path / "table.html")
+    tab.needs_webgl()
+    assert tab.console == []
+    assert tab.foreign() == []
+    first = tab.picture()
     assert 0.03 < skin_pixels(first).mean() < 0.6
-    drag(browser, (600, 500), [(15, 0)] * 10)
-    turned = picture(browser)
+    tab.drag((600, 500), [(615 + 15 * step, 500) for step in range(10)])
+    turned = tab.picture()
     assert (np.abs(turned - first).max(axis=2) > 40).mean() > 0.03
-    drag(browser, (600, 500), [(-15, 0)] * 10)
-    back = picture(browser)
+    tab.drag((600, 500), [(585 - 15 * step, 500) for step in range(10)])
+    back = tab.picture()
     assert (np.abs(back - first).max(axis=2) > 40).mean() < 0.005
-    evaluate(browser, "document.querySelectorAll('#tabs button')[1].click()")
-    other = picture(browser)
+    tab.evaluate("document.querySelectorAll('#tabs button')[1].click()")
+    other = tab.picture()
     assert (np.abs(other - first).max(axis=2) > 40).mean() > 0.03
 
 
-def test_one_sees_through_the_glass(browser, table, tmp_path):
+def test_one_sees_through_the_glass(tab, table, tmp_path):
     """Without the glass the picture changes at outlines and glints, and hardly anywhere else."""
     table.save(tmp_path / "table.html")
-    browser.visit(tmp_path / "table.html")
-    needs_webgl(browser)
-    whole = picture(browser)
-    evaluate(browser, "made[at].glass.count = 0; redraw()")
-    bare = picture(browser)
+    tab.visit(tmp_path / "table.html")
+    tab.needs_webgl()
+    whole = tab.picture()
+    tab.evaluate("made[at].glass.count = 0; redraw()")
+    bare = tab.picture()
     change = np.abs(whole - bare).max(axis=2)
     glass = change > 0
     assert glass.mean() > 0.02
@@ -89,50 +55,50 @@ def test_one_sees_through_the_glass(browser, table, tmp_path):
     assert skin_pixels(whole)[both].mean() > 0.7, "the hand is seen through the glass"
 
 
-def test_the_keyboard_turns_it_and_bones_show(browser, table, tmp_path):
+def test_the_keyboard_turns_it_and_bones_show(tab, table, tmp_path):
     table.save(tmp_path / "table.html")
-    browser.visit(tmp_path / "table.html")
-    needs_webgl(browser)
-    first = picture(browser)
-    evaluate(browser, "document.querySelector('canvas').focus()")
+    tab.visit(tmp_path / "table.html")
+    tab.needs_webgl()
+    first = tab.picture()
+    tab.evaluate("document.querySelector('canvas').focus()")
     for _ in range(5):
-        browser.call("Input.dispatchKeyEvent", type="keyDown", key="ArrowLeft", code="ArrowLeft")
-    assert evaluate(browser, "yaw - DATA.scenes[0].yaw") == pytest.approx(0.5)
-    assert (np.abs(picture(browser) - first).max(axis=2) > 40).mean() > 0.01
-    before = skin_pixels(picture(browser)).mean()
-    evaluate(browser, "byId('bones').click()")
-    assert skin_pixels(picture(browser)).mean() < before
+        tab.page.keyboard.press("ArrowLeft")
+    assert tab.evaluate("yaw - DATA.scenes[0].yaw") == pytest.approx(0.5)
+    assert (np.abs(tab.picture() - first).max(axis=2) > 40).mean() > 0.01
+    before = skin_pixels(tab.picture()).mean()
+    tab.evaluate("byId('bones').click()")
+    assert skin_pixels(tab.picture()).mean() < before
 
 
-def test_it_draws_inside_a_frame_of_a_page(browser, table, tmp_path):
+def test_it_draws_inside_a_frame_of_a_page(tab, table, tmp_path):
     page = f"<html><body><h1>Chapter</h1>{table._repr_html_()}</body></html>"
     (tmp_path / "chapter.html").write_text(page, encoding="utf-8")
-    seen = browser.visit(tmp_path / "chapter.html")
-    needs_webgl(browser)
-    assert seen.console == []
-    assert skin_pixels(picture(browser)).mean() > 0.02
+    tab.visit(tmp_path / "chapter.html")
+    tab.needs_webgl()
+    assert tab.console == []
+    assert skin_pixels(tab.picture()).mean() > 0.02
     inner = "document.querySelector('iframe').contentWindow"
-    assert evaluate(browser, f"{inner}.document.querySelectorAll('#tabs button').length") == 2
+    assert tab.evaluate(f"{inner}.document.querySelectorAll('#tabs button').length") == 2
 
 
-def test_a_browser_without_webgl_says_so_and_stays_quiet(browser, table, tmp_path):
+def test_a_browser_without_webgl_says_so_and_stays_quiet(tab, table, tmp_path):
     table.save(tmp_path / "table.html")
     text = (tmp_path / "table.html").read_text(encoding="utf-8")
     text = text.replace('canvas.getContext("webgl", ', 'canvas.getContext("absent", ')
     (tmp_path / "table.html").write_text(text, encoding="utf-8")
-    page = browser.visit(tmp_path / "table.html")
-    assert page.console == []
-    assert "no WebGL" in evaluate(browser, "document.body.innerText")
+    tab.visit(tmp_path / "table.html")
+    assert tab.console == []
+    assert "no WebGL" in tab.evaluate("document.body.innerText")
 
 
-def test_the_built_chapter_holds_one(browser, html):
+def test_the_built_chapter_holds_one(tab, html):
     chapter = html / "notebooks" / "02_transhand_data.html"
     if not chapter.exists():
         pytest.skip("the book was built without chapter 2: run `make book`")
-    browser.visit(chapter)
-    needs_webgl(browser)
+    tab.visit(chapter)
+    tab.needs_webgl()
     frames = "[...document.querySelectorAll('iframe')].filter(f => f.title === 'Hands on glass')"
-    if not evaluate(browser, f"{frames}.length"):
+    if not tab.evaluate(f"{frames}.length"):
         pytest.skip("chapter 2 was built before it had its turning hands: run `make book`")
-    evaluate(browser, f"{frames}[0].scrollIntoView()")
-    assert skin_pixels(picture(browser)).mean() > 0.02
+    tab.evaluate(f"{frames}[0].scrollIntoView()")
+    assert skin_pixels(tab.picture()).mean() > 0.02

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from hadr.experiments import handover_table
 from hadr.experiments.handover_table import handover_steps, make_handover_table, planned_attempts
 from hadr.experiments.steps import Step
 from hadr.records.provenance import plain
@@ -60,9 +59,9 @@ def test_the_table_has_a_row_a_condition(tmp_path: Path, monkeypatch: pytest.Mon
         assert out == tmp_path / "handover"
         return [trial.name for trial in trials]
 
-    monkeypatch.setattr(handover_table, "run_attempts", attempted)
+    monkeypatch.setattr(experiment, "run_attempts", attempted)
     monkeypatch.setattr(
-        handover_table, "arm_row",
+        experiment, "arm_row",
         lambda arm, names: {"arm": arm, "successes": 1, "attempts": len(names),
                             "mean_wall_seconds": 4.0},
     )  # fmt: skip

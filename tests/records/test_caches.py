@@ -1,6 +1,8 @@
 """What is kept cannot be spoiled, and what a file says is read again when the file has changed."""
 
+import copy
 import os
+import pickle
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass
@@ -71,6 +73,14 @@ def test_the_dictionaries_of_a_kept_hold_cannot_be_changed_in_place() -> None:
     for words in (hold.gaps, hold.shape.roots, hold.shape.lengths, hold.shape.fan):
         with pytest.raises(TypeError, match="does not support item assignment"):
             words["thumb"] = 1  # type: ignore[index]
+
+
+def test_a_kept_hold_goes_to_other_processes_and_its_copy_is_ones_own() -> None:
+    hold = make_hold("0000", 0)
+    for other in (copy.deepcopy(hold), pickle.loads(pickle.dumps(hold))):
+        assert other.gaps == hold.gaps
+        other.gaps.clear()
+    assert hold.gaps
 
 
 @dataclass(frozen=True)

@@ -68,7 +68,10 @@ def arms_table(rows: Sequence[Row], published: Mapping[str, Sequence[int]] | Non
                 f"{row['successes']}/{row['attempts']}",
                 f"{100 * row['rate']:.1f}\N{NO-BREAK SPACE}%",
                 f"{100 * low:.0f}\N{NO-BREAK SPACE}to\N{NO-BREAK SPACE}{100 * high:.0f}",
-                *(f"{row[f'objects_at_{n}_percent']}/8" for n in (50, 80, 100)),
+                *(
+                    f"{row[f'objects_at_{n}_percent']}/{len(row['rate_by_object'])}"
+                    for n in (50, 80, 100)
+                ),
                 _seconds(row["mean_seconds"]),
             ]
         )

@@ -25,7 +25,7 @@ from hadr.camera import Intrinsics, pixel_grid
 from hadr.synthesis.depth_sensor.infrared import InfraredScene, Projector
 from hadr.synthesis.depth_sensor.stereo_matching import Matching, align_to_color, match
 from hadr.synthesis.rendering.raycast import rays_through
-from hadr.synthesis.scene.scene import Scene
+from hadr.synthesis.scene.contents import Scene
 
 Array = npt.NDArray[np.float64]
 Float = npt.NDArray[np.float32]

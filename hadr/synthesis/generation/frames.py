@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 from pathlib import Path
 
 import numpy as np
@@ -23,29 +22,16 @@ from hadr.synthesis.recordings.recording import (
     read_recording,
 )
 from hadr.synthesis.rendering.child_process import call_in_child
+from hadr.synthesis.rendering.mitsuba_variant import check_installed
 from hadr.synthesis.rendering.photo import photograph
 from hadr.synthesis.rendering.shading import RayTracer
 from hadr.synthesis.scene.backgrounds import find_backgrounds
-from hadr.synthesis.scene.scene import Scene, make_scene
+from hadr.synthesis.scene.scene import HoldScene, make_scene
 
 #: Seconds for a picture that a reader waits for.
 PATIENCE = 300.0
 
 Color = npt.NDArray[np.uint8]
-
-
-def check_engine(settings: GenerationSettings) -> None:
-    """Check that what the engine needs is installed.
-
-    Raises:
-        ValueError: It is not; the message names what to install.
-    """
-    for name in ("mitsuba", "pyoidn") if settings.engine == "photo" else ():
-        if importlib.util.find_spec(name) is None:
-            raise ValueError(
-                f"the photo engine needs {name}, which is not installed: pip install "
-                "'hadr[generate]', or choose --engine raycast"
-            )
 
 
 def stored_raw_depth(
@@ -112,7 +98,7 @@ def recipe_hold(recipe: FrameRecipe, settings: GenerationSettings) -> Hold:
     return recording.at(int(row))
 
 
-def build_scene(recipe: FrameRecipe, settings: GenerationSettings) -> Scene:
+def build_scene(recipe: FrameRecipe, settings: GenerationSettings) -> HoldScene:
     """The scene that a frame shows."""
     backgrounds = settings.backgrounds
     return make_scene(
@@ -125,7 +111,7 @@ def build_scene(recipe: FrameRecipe, settings: GenerationSettings) -> Scene:
     )
 
 
-def draw_frame(scene: Scene, recipe: FrameRecipe, settings: GenerationSettings) -> Frame:
+def draw_frame(scene: HoldScene, recipe: FrameRecipe, settings: GenerationSettings) -> Frame:
     """The frame of a scene: its picture, its exact labels and perhaps its raw depth."""
     tracer = RayTracer(scene.contents)
     labels = tracer.labels(scene.camera, scene.world_from_camera)
@@ -174,7 +160,8 @@ def render_frame(recipe: FrameRecipe, settings: GenerationSettings) -> Frame:
     Raises:
         ValueError: What the engine needs is missing, or the recordings are too few.
     """
-    check_engine(settings)
+    if settings.engine == "photo":
+        check_installed()
     return draw_frame(build_scene(recipe, settings), recipe, settings)
 
 
@@ -185,7 +172,7 @@ def live_picture(
 
     Args:
         recipe: What the picture shows.
-        settings: How it is made.
+        settings: How it is made, by the engine ``photo``.
         stored: The picture to give instead, sRGB, (H, W, 3) uint8.
 
     Returns:
@@ -193,7 +180,7 @@ def live_picture(
         stands there although Mitsuba is installed, else nothing.
     """
     try:
-        check_engine(settings)
+        check_installed()
     except ValueError:
         return stored, "a stored picture (Mitsuba is not installed here)", ""
     try:

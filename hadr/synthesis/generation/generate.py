@@ -28,7 +28,6 @@ from hadr.synthesis.generation.farm import check_workers, connected, one_thread,
 from hadr.synthesis.generation.folder import generation_folder, recorded_settings, whole_frames
 from hadr.synthesis.generation.frames import (
     build_scene,
-    check_engine,
     draw_frame,
     stored_raw_depth,
 )
@@ -44,13 +43,14 @@ from hadr.synthesis.rendering.mitsuba_variant import (
     REMEDY,
     SCALAR,
     VARIANT_VARIABLE,
+    check_installed,
     check_variant,
     mitsuba_variant,
     wanted_variant,
     why_not_llvm,
 )
 from hadr.synthesis.scene.backgrounds import check_backgrounds
-from hadr.synthesis.scene.scene import Scene
+from hadr.synthesis.scene.scene import HoldScene
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class GenerationReport:
         return f"{self.written} frames written, {self.kept} kept in {self.root}{pace}"
 
 
-def _skin_albedo(scene: Scene) -> list[float]:
+def _skin_albedo(scene: HoldScene) -> list[float]:
     """The median reflectance of the hand, linear RGB."""
     hand = scene.contents.hand
     return [] if hand is None else np.median(hand.albedo, axis=0).round(4).tolist()
@@ -177,7 +177,8 @@ def generate(
     if n_frames < 1:
         raise ValueError(f"the number of frames must be at least 1, got {n_frames}")
     check_workers(workers, scheduler)
-    check_engine(settings)
+    if settings.engine == "photo":
+        check_installed()
     start, root, asked = time.perf_counter(), Path(root), settings.variant
     # Workers of a cluster start elsewhere.
     settings = replace(

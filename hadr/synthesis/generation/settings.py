@@ -129,7 +129,11 @@ class GenerationSettings:
             raise ValueError(f"need seed >= 0 and samples >= 1, got {self.seed} and {self.samples}")
         if self.jpeg_quality is not None and not 1 <= self.jpeg_quality <= 100:
             raise ValueError(f"jpeg_quality must lie in 1..100, got {self.jpeg_quality}")
-        if self.frames_per_hold < 1 or self.hold_shift < 0 or self.objects == ():
+        if (
+            self.frames_per_hold < 1
+            or self.hold_shift < 0
+            or (self.objects is not None and not self.objects)
+        ):
             raise ValueError(
                 "need frames_per_hold >= 1, hold_shift >= 0 and an object, got "
                 f"{self.frames_per_hold}, {self.hold_shift}, {self.objects}"

@@ -1,7 +1,7 @@
 """The skin of one finger for many angle sets at once: what the search for contact moves about.
 
 Linear-blend skinning of a right hand's coarse skin: one matrix product for all angle sets. The
-final check looks at the skin of :func:`hadr.synthesis.hand.mesh.skin_vertices` itself.
+final check looks at the skin of :func:`hadr.synthesis.hand.skinning.skin_vertices` itself.
 """
 
 from __future__ import annotations

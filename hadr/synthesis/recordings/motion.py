@@ -6,14 +6,14 @@ the joints. Every row passes the checks of a hold.
 
 from __future__ import annotations
 
-import argparse
 import zlib
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+import tyro
 from scipy.interpolate import PchipInterpolator
 from scipy.spatial.transform import Rotation
 
@@ -156,24 +156,14 @@ def verify_recordings(folder: str | Path) -> list[str]:
 
 
 def write_recordings(
-    folder: str | Path,
-    *,
-    seed: int = 0,
-    holds: int = 30,
-    objects: Sequence[str] | None = None,
+    folder: str | Path, objects: Sequence[str], holds: int, seed: int = 0
 ) -> Iterator[tuple[Path, bool]]:
-    """Make the recordings of each object's first holds; those that are there are left.
-
-    Args:
-        folder: Where to; ``{object}/{hold_id}.csv`` below it.
-        seed: Seed of the holds and of their variation.
-        holds: Holds per object.
-        objects: Which objects; the eight of the data set where it is left out.
+    """Make the recordings of each object's first holds, ``{object}/{hold_id}.csv``.
 
     Yields:
-        Each file's path, and whether it was made now.
+        Each file's path, and whether it was made now; those that are there are left.
     """
-    for object_id in OBJECTS if objects is None else objects:
+    for object_id in objects:
         for number in range(holds):
             name = f"{object_id}-{hold_kind(object_id, number)}-{number:04d}.csv"
             path = Path(folder) / object_id / name
@@ -183,25 +173,33 @@ def write_recordings(
             yield path, made
 
 
+@dataclass(frozen=True)
+class Options:
+    """Make recordings of holds, or check a folder of them."""
+
+    out: Path
+    """Folder of the recordings."""
+    seed: int = 0
+    """Seed of holds and variation."""
+    holds: int = 30
+    """Holds per object."""
+    objects: tuple[str, ...] = tuple(OBJECTS)
+    """Which objects."""
+    check: bool = False
+    """Only check what is there."""
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Write recordings, or check a folder of them."""
-    parser = argparse.ArgumentParser(
+    given = tyro.cli(
+        Options,
         prog="python -m hadr.synthesis.recordings.recording",
-        description="Make recordings of holds.",
+        args=arguments,
+        config=(tyro.conf.FlagCreatePairsOff,),
     )
-    parser.add_argument("--out", required=True, metavar="DIR", help="folder of the recordings")
-    parser.add_argument("--seed", type=int, default=0, help="seed of holds and variation (0)")
-    parser.add_argument("--holds", type=int, default=30, help="holds per object (30)")
-    parser.add_argument("--objects", nargs="+", metavar="ID", help="which objects (the eight)")
-    parser.add_argument("--check", action="store_true", help="only check what is there")
-    given = parser.parse_args(arguments)
     if given.check:
         problems = verify_recordings(given.out)
         print("\n".join(problems) or "every row of every recording passes")
         raise SystemExit(int(bool(problems)))
-    count = made = 0
-    for _, new in write_recordings(
-        given.out, seed=given.seed, holds=given.holds, objects=given.objects
-    ):
-        count, made = count + 1, made + new
-    print(f"{count} recordings, {made} of them made now")
+    made = [new for _, new in write_recordings(given.out, given.objects, given.holds, given.seed)]
+    print(f"{len(made)} recordings, {sum(made)} of them made now")

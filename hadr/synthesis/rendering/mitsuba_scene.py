@@ -15,8 +15,7 @@ from hadr.camera import Intrinsics
 from hadr.synthesis.glass.surfaces import Surface
 from hadr.synthesis.hand.mesh import HandMesh
 from hadr.synthesis.rendering.optics import GLASS_INDEX
-from hadr.synthesis.scene.contents import Surroundings
-from hadr.synthesis.scene.scene import Scene
+from hadr.synthesis.scene.contents import Scene, Surroundings
 from hadr.synthesis.textures.families import pyramid
 
 Array = npt.NDArray[np.float64]

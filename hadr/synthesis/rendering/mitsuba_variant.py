@@ -56,15 +56,9 @@ def mitsuba(variant: str | None = None) -> Any:
     """Import Mitsuba and choose its variant (:func:`mitsuba_variant` where it is left out).
 
     Raises:
-        ValueError: There is no such variant, or it can't be used on this machine.
-        ImportError: Mitsuba is not installed.
+        ValueError: Mitsuba is not installed, there is no such variant, or it can't be used here.
     """
-    for name in ("mitsuba", "pyoidn"):
-        if importlib.util.find_spec(name) is None:
-            raise ImportError(
-                f"path-traced pictures need {name}, which is not installed: "
-                "pip install 'hadr[generate]'"
-            )
+    check_installed()
     variant = variant or mitsuba_variant()
     check_variant(variant)
     # Without an LLVM, which is not needed here, Dr.Jit complains as it is loaded.
@@ -73,6 +67,16 @@ def mitsuba(variant: str | None = None) -> Any:
     if mi.variant() != variant:
         mi.set_variant(variant)
     return mi
+
+
+def check_installed() -> None:
+    """Check that what path-traced pictures need is there; a ``ValueError`` says what to install."""
+    for name in ("mitsuba", "pyoidn"):
+        if importlib.util.find_spec(name) is None:
+            raise ValueError(
+                f"the photo engine needs {name}, which is not installed: pip install "
+                "'hadr[generate]', or choose --engine raycast"
+            )
 
 
 def mitsuba_variant() -> str:

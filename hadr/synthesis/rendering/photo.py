@@ -21,7 +21,7 @@ from hadr.synthesis.rendering.mitsuba_scene import mitsuba_sensor, scene_to_mits
 from hadr.synthesis.rendering.mitsuba_variant import LLVM, mitsuba
 from hadr.synthesis.rendering.raycast import rays_through
 from hadr.synthesis.rendering.shading import RayTracer
-from hadr.synthesis.scene.scene import Scene
+from hadr.synthesis.scene.contents import Scene
 
 #: Most surfaces on a path.
 _SURFACES = 14

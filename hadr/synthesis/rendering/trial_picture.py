@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from typing import cast
-
 import numpy as np
 
 from hadr.camera import Intrinsics
 from hadr.synthesis.glass.objects import bodies, glass_object
 from hadr.synthesis.glass.surfaces import Surface, revolve
 from hadr.synthesis.hand.mesh import HandMesh
-from hadr.synthesis.holding.hold import Hold
 from hadr.synthesis.rendering.mitsuba_variant import LLVM
 from hadr.synthesis.rendering.photo import photograph
-from hadr.synthesis.scene.contents import Contents, Surroundings
+from hadr.synthesis.scene.contents import Contents, Scene, Surroundings
 from hadr.synthesis.scene.lights import AreaLight, Environment
-from hadr.synthesis.scene.scene import Scene
 
 
 def trial_scene(lamps: int) -> Scene:
@@ -46,7 +42,7 @@ def trial_scene(lamps: int) -> Scene:
     sky = Environment(np.full((128, 256, 3), 0.5, dtype=np.float32))
     things = Contents(hand, glass, surroundings=wall, lamps=light[:lamps], environment=sky)
     camera = Intrinsics(40.0, 40.0, 23.5, 13.0, 48, 27)
-    return Scene(things, camera, np.eye(4), np.zeros((0, 3)), np.eye(4), cast(Hold, None))
+    return Scene(things, camera, np.eye(4))
 
 
 def draw_trial() -> str:

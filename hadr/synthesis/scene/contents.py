@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from hadr.camera import Intrinsics
 from hadr.synthesis.glass.surfaces import Surface
 from hadr.synthesis.hand.mesh import HandMesh
 from hadr.synthesis.scene.lights import AreaLight, Environment
@@ -55,3 +56,18 @@ class Contents:
     surroundings: Surroundings | None = None
     lamps: tuple[AreaLight, ...] = ()
     environment: Environment | None = None
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Contents before a camera.
+
+    Args:
+        contents: The surfaces, lights and materials, world frame.
+        camera: Intrinsics.
+        world_from_camera: Pose of the OpenCV camera, shape (4, 4).
+    """
+
+    contents: Contents
+    camera: Intrinsics
+    world_from_camera: Array

@@ -20,7 +20,7 @@ from hadr.synthesis.hand.mesh import SKIN_TONES, HandMesh, hand_mesh
 from hadr.synthesis.hand.signed_distance import FOREARM_LENGTH
 from hadr.synthesis.holding.hold import Hold
 from hadr.synthesis.rendering.raycast import GLASS, HAND, RayCaster, rays_through
-from hadr.synthesis.scene.contents import Contents
+from hadr.synthesis.scene.contents import Contents, Scene
 from hadr.synthesis.scene.environments import make_lights
 from hadr.synthesis.scene.surroundings import make_surroundings
 
@@ -33,21 +33,15 @@ CLOSEST, FARTHEST = 0.51, 0.96
 
 
 @dataclass(frozen=True)
-class Scene:
-    """Everything that a frame is drawn from.
+class HoldScene(Scene):
+    """A hold before a camera: everything that a frame is made from.
 
     Args:
-        contents: The surfaces, lights and materials, world frame.
-        camera: Intrinsics.
-        world_from_camera: Pose of the OpenCV camera, shape (4, 4).
         keypoints: The 21 keypoints, world frame, metres, shape (21, 3).
         world_from_object: Pose of the object, shape (4, 4).
         hold: The holding pose.
     """
 
-    contents: Contents
-    camera: Intrinsics
-    world_from_camera: Array
     keypoints: Array
     world_from_object: Array
     hold: Hold
@@ -168,7 +162,7 @@ def make_scene(
     *,
     hand_step: float = 0.0025,
     backgrounds: Sequence[Path] = (),
-) -> Scene:
+) -> HoldScene:
     """Build the scene of one frame.
 
     Args:
@@ -210,4 +204,4 @@ def make_scene(
     surroundings = make_surroundings(eye, middle, lowest, rng, backgrounds)
     environment, lamps = make_lights(eye, middle, rng)
     contents = replace(contents, surroundings=surroundings, lamps=lamps, environment=environment)
-    return Scene(contents, camera, pose, keypoints, world_from_object, hold)
+    return HoldScene(contents, camera, pose, keypoints, world_from_object, hold)

@@ -18,8 +18,7 @@ from hadr.synthesis.generation.settings import GenerationSettings
 from hadr.synthesis.glass.surfaces import Surface
 from hadr.synthesis.hand.mesh import HandMesh
 from hadr.synthesis.rendering.shading import RayTracer
-from hadr.synthesis.scene.contents import Contents, Surroundings
-from hadr.synthesis.scene.scene import Scene
+from hadr.synthesis.scene.contents import Contents, Scene, Surroundings
 
 #: The middle of TransHand-14K's picture at 256 x 144.
 COLOR = Intrinsics(227.56, 227.56, 79.5, 47.5, 160, 96)
@@ -66,8 +65,7 @@ def glass_box(low, high) -> Surface:
 
 def scene(hand=None, glass=(), around=None) -> Scene:
     contents = Contents(hand, tuple(glass), surroundings=around)
-    nothing = np.zeros((21, 3))
-    return Scene(contents, COLOR, np.eye(4), nothing, np.eye(4), None)
+    return Scene(contents, COLOR, np.eye(4))
 
 
 def pixel_error(z):

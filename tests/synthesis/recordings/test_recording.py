@@ -229,7 +229,7 @@ def test_broken_files_are_named_with_row_and_column(tmp_path, change, message):
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     folder = tmp_path_factory.mktemp("recordings")
-    list(write_recordings(folder, holds=2, objects=["0001"]))
+    list(write_recordings(folder, ["0001"], 2))
     return folder
 
 

@@ -187,7 +187,7 @@ def test_what_is_too_old_is_refused_to_everybody(trials, monkeypatch):
 
 def test_a_missing_mitsuba_is_named_with_its_extra(monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    with pytest.raises(ImportError, match=r"need mitsuba.*pip install 'hadr\[generate\]'"):
+    with pytest.raises(ValueError, match=r"needs mitsuba.*pip install 'hadr\[generate\]'"):
         chosen.mitsuba(SCALAR)
 
 

@@ -1,7 +1,6 @@
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import cast
 
 import cv2
 import numpy as np
@@ -12,14 +11,12 @@ from hadr.camera import Intrinsics, ray_directions
 from hadr.synthesis.generation.frames import build_scene
 from hadr.synthesis.generation.settings import GenerationSettings
 from hadr.synthesis.glass.surfaces import Surface
-from hadr.synthesis.holding.hold import Hold
 from hadr.synthesis.rendering import photo
 from hadr.synthesis.rendering.mitsuba_variant import LLVM, SCALAR, mitsuba_variant
 from hadr.synthesis.rendering.shading import RayTracer
 from hadr.synthesis.rendering.trial_picture import trial_scene
-from hadr.synthesis.scene.contents import Contents, Surroundings
+from hadr.synthesis.scene.contents import Contents, Scene, Surroundings
 from hadr.synthesis.scene.lights import AreaLight, Environment
-from hadr.synthesis.scene.scene import Scene
 
 RECORDINGS = Path(__file__).resolve().parents[3] / "data_samples" / "recordings"
 CAMERA = Intrinsics(60.0, 60.0, 31.5, 17.5, 64, 36)
@@ -30,7 +27,7 @@ pytest.importorskip("pyoidn", reason="path-traced pictures need hadr[generate]")
 
 def scene_of(contents, camera=CAMERA) -> Scene:
     """A scene without a hold, seen along z from the origin."""
-    return Scene(contents, camera, np.eye(4), np.zeros((0, 3)), np.eye(4), cast(Hold, None))
+    return Scene(contents, camera, np.eye(4))
 
 
 def wall(path, depth, left, right, top, bottom) -> Surroundings:

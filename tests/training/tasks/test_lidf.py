@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -181,24 +180,6 @@ def test_perturbations_are_spread_as_published() -> None:
     generator.set_state(before)
     draw_perturbation(generator, 1.0)
     assert torch.equal(generator.get_state(), skipped)  # always as many numbers
-
-
-def test_the_refinement_mends_what_a_short_first_stage_left(
-    make_frames: Callable[..., FrameTensors],
-) -> None:
-    four = make_frames(4)
-    recipe = replace(
-        MICRO,
-        model=replace(MICRO.model, first_share=0.15, perturb_probability=0.0),  # type: ignore[type-var]
-        epochs=80,
-        learning_rate=3e-3,
-        schedule="cosine",
-        clip_norm=100.0,
-        true_voxel_epochs=4,
-    )
-    trained = train(recipe, four, four, progress=False, seed=1)
-    error = [row["validation_rmse_m"] for row in trained.history]
-    assert error[-1] < error[11] / 2  # the first stage is frozen: what is gone, the second mended
 
 
 def test_longer_training_does_not_go_back_to_the_first_stage(frames: FrameTensors) -> None:
