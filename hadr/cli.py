@@ -6,8 +6,6 @@ Each subcommand lives in a module of its own, imported only when it is called, t
   each field is the option's help with its unit;
 * ``run(options) -> int``, the exit status;
 * ``EPILOG``, if there is more to say below the options: units, files, examples.
-
-A module may offer ``add_arguments(parser)`` in place of ``Options``.
 """
 
 from __future__ import annotations
@@ -19,6 +17,7 @@ import importlib
 import inspect
 import io
 import os
+import re
 import sys
 import warnings
 from collections.abc import Sequence
@@ -132,12 +131,6 @@ def command_parser(name: str) -> argparse.ArgumentParser:
         ModuleNotFoundError: This installation lacks what the command needs.
     """
     module = importlib.import_module(COMMANDS[name][0])
-    if not hasattr(module, "Options"):
-        parser: argparse.ArgumentParser = _Parser(
-            prog=f"hadr {name}", formatter_class=argparse.RawDescriptionHelpFormatter
-        )
-        module.add_arguments(parser)
-        return parser
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)
         documented: Any = tyro.extras.get_parser(module.Options, **_tyro_settings(name))
@@ -149,29 +142,28 @@ def command_parser(name: str) -> argparse.ArgumentParser:
 
 
 def parse_options(name: str, words: Sequence[str]) -> Any:
-    """Read one command's words.
+    """Read one command's words; in its help, what is unset or off by default has no default.
 
     Args:
         name: A key of ``COMMANDS``.
         words: What follows ``hadr NAME``.
 
     Returns:
-        What the command's `run` takes: its ``Options``, or argparse's namespace.
+        What the command's `run` takes: its ``Options``.
 
     Raises:
         SystemExit: After --help (status 0) and wrong calls (status 2).
         ModuleNotFoundError: This installation lacks what the command needs.
     """
     module = importlib.import_module(COMMANDS[name][0])
-    if not hasattr(module, "Options"):
-        return command_parser(name).parse_args(words)
     shown = io.StringIO()
     try:
         with contextlib.redirect_stdout(shown):
             return tyro.cli(module.Options, args=words, **_tyro_settings(name))
     except SystemExit as left:
         if not left.code:  # asked for help; tyro would run the description's lines together
-            for line in shown.getvalue().splitlines():
+            text = re.sub(r"\s*\(default:\s+(unset|False)\)", "", shown.getvalue())
+            for line in text.splitlines():
                 print(line.replace(_DESCRIPTION, _description(module)).rstrip())
             print(_epilog(module))
         raise
