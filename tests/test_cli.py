@@ -352,7 +352,7 @@ def test_a_command_of_options(capsys, monkeypatch) -> None:
     shown = capsys.readouterr().out
     assert "that stand\nas they are.\n" in shown
     assert "--minutes FLOAT" in shown
-    assert "How long, minutes. (default: unset)" in shown
+    assert "How long, minutes.\n" in shown
     assert "--kind {green,black}" in shown
     assert shown.endswith("hadr brew blue --minutes 3\n")
     assert max(len(line) for line in shown.splitlines()) <= 80
