@@ -61,4 +61,4 @@ def test_pictures_of_a_film_have_one_size_and_differ(film, ways):
 
 def test_wrong_shapes_are_named(film):
     with pytest.raises(ValueError, match=r"keypoints must have shape \(3, 21, 3\), got \(2, 21"):
-        HandFilm(film.times, film.keypoints[:2], film.glass, film.base_from_object, film.true_poses)
+        HandFilm(film.times, film.keypoints[:2], film.glass, film.base_from_glass, film.true_poses)
