@@ -156,15 +156,17 @@ def parse_options(name: str, words: Sequence[str]) -> Any:
         ModuleNotFoundError: This installation lacks what the command needs.
     """
     module = importlib.import_module(COMMANDS[name][0])
-    shown = io.StringIO()
+    shown, wrong = io.StringIO(), io.StringIO()
     try:
-        with contextlib.redirect_stdout(shown):
+        with contextlib.redirect_stdout(shown), contextlib.redirect_stderr(wrong):
             return tyro.cli(module.Options, args=words, **_tyro_settings(name))
     except SystemExit as left:
-        if not left.code:  # asked for help; tyro would run the description's lines together
-            text = re.sub(r"\s*\(default:\s+(unset|False)\)", "", shown.getvalue())
-            for line in text.splitlines():
-                print(line.replace(_DESCRIPTION, _description(module)).rstrip())
+        told = wrong if left.code else shown  # tyro would run the description's lines together
+        text = re.sub(r"\s*\(default:\s*(unset|False)?\)", "", told.getvalue())
+        for line in text.splitlines():
+            line = line.replace(_DESCRIPTION, _description(module)).rstrip()
+            print(line, file=sys.stderr if left.code else sys.stdout)
+        if not left.code:
             print(_epilog(module))
         raise
 

@@ -70,8 +70,8 @@ def chapter_paths(notebooks: Path, only: Sequence[str] = ()) -> list[Path]:
         if not fitting:
             names = ", ".join(path.stem for path in paths)
             raise ValueError(
-                f"{wish!r} is none of {', '.join(PARTS)} and no run of the tables "
-                f"(EXPERIMENT/METHOD), and no chapter begins with it; the chapters are {names}"
+                f"no chapter begins with {wish!r}; the chapters are {names} (hadr reproduce also "
+                f"takes {', '.join(PARTS)}, or a run of the tables, EXPERIMENT/METHOD)"
             )
         wanted += fitting
     return sorted(set(wanted)) if only else paths

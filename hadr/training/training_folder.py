@@ -60,7 +60,8 @@ class TrainingFolder:
         """
         if (self.path / LAST).exists():
             raise ValueError(
-                f"{self.path} holds a training already ({LAST}); resume it, or name another folder"
+                f"{self.path} holds a training already ({LAST}); go on with it (--resume), or name "
+                "another folder"
             )
 
     def save(

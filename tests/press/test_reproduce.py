@@ -120,7 +120,9 @@ def test_a_failure_is_printed_whole(
     assert "ZeroDivisionError" in capsys.readouterr().err
     assert not (out / "results.json").exists()
     assert run("--only", "77", "--out", out) == 2
-    assert "no chapter begins with it; the chapters are 00_good, 01_bad" in capsys.readouterr().err
+    assert (
+        "no chapter begins with '77'; the chapters are 00_good, 01_bad" in capsys.readouterr().err
+    )
 
 
 def test_the_plan_is_printed_first_and_what_is_finished_is_not_repeated(

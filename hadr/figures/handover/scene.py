@@ -12,6 +12,7 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
 from hadr.figures.panels import BONE_COLORS, COLORS
 from hadr.hand import BONES
+from hadr.handover.dimensions import LARGEST_OPENING
 from hadr.handover.grasping.collision import fork
 from hadr.synthesis.glass.shape import GlassObject, profile
 
@@ -91,7 +92,7 @@ def show_arm(
     outline: Array,
     *,
     tool: Array | None = None,
-    opening: float = 0.085,
+    opening: float = LARGEST_OPENING,
     color: str = COLORS["robot"],
     thickness: float = 11.0,
     alpha: float = 1.0,
