@@ -17,7 +17,7 @@ from mpl_toolkits.mplot3d import Axes3D
 
 from hadr.figures.solids.page import Page, filled_page
 
-_CONTROLS = 52  # CSS pixels below the picture
+_CONTROLS = 44  # CSS pixels below the picture
 
 
 @dataclass(frozen=True)
