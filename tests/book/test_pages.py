@@ -19,8 +19,8 @@ FEW = ("index.html", "notebooks/00_introduction.html", "library/camera.html")
 AT_ODDS = [("light", "dark"), ("dark", "light")]
 AT_ONE = [("light", "light"), ("dark", "dark")]
 #: The theme's sidebar breaks the first, Sphinx's lists of arguments the second, the roles of its
-#: references the next two; browsers of today themselves let the keyboard into a wide figure's box that
-#: scrolls, which the last asks for.
+#: references the next two; browsers of today themselves let the keyboard into a wide figure's box
+#: that scrolls, which the last asks for.
 NOT_OURS = (
     "summary-name",
     "definition-list",
