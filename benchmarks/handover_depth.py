@@ -20,7 +20,8 @@ from hadr.simulation.camera.robot_camera import RobotCamera
 from hadr.simulation.camera.sight import DepthArm, Sight
 from hadr.simulation.world.hand_motions import motion_for
 from hadr.simulation.world.physics import World
-from hadr.simulation.world.scenes import TRIAL_OBJECTS, held_scene
+from hadr.simulation.world.scenes import held_scene
+from hadr.simulation.world.trial_set import TRIAL_OBJECTS
 
 HOLDS = range(920, 926)
 

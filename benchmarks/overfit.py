@@ -19,7 +19,8 @@ import torch
 from torch.nn.functional import interpolate
 
 from hadr.data.samples import open_samples
-from hadr.models.hadr import HADR, ray_points
+from hadr.models.hadr import HADR
+from hadr.models.hadr_input import ray_points
 from hadr.models.networks import NETWORKS, RIVALS
 from hadr.ray_voxels import pair_of_true_point
 from hadr.records.provenance import machine_text, provenance

@@ -30,7 +30,6 @@ from hadr.trained_networks import (
     Corruption,
     DepthNetwork,
     HandKeypoints,
-    NetworkDepth,
     Segmentation,
 )
 
@@ -50,12 +49,6 @@ Method = Literal[
 METHODS: tuple[str, ...] = get_args(Method)
 CHECKPOINT_NAME = "hadr-mini.safetensors"
 """The sample checkpoint that is taken where none is named."""
-SAMPLE_CHECKPOINTS = (
-    CHECKPOINT_NAME,
-    "hadr-mini-unknown.safetensors",
-    "hadr-plus-mini.safetensors",
-)
-"""All sample checkpoints that restore depth."""
 
 Depth = NDArray[np.float32]
 Points = NDArray[np.float64]
@@ -275,7 +268,7 @@ class Restorer:
             return known, _classical(method, known, known.target & ~valid_depth(seen))
         asked = replace(network, corruption=trusted)
         answer = asked.restore(known.color, seen, known.camera, known.target, known.hand)
-        _note_network(network, answer, trusted, known.camera, notes)
+        notes += network.notes(answer, trusted, known.camera)
         filled = np.where(known.target, answer.depth, known.depth)
         tolerance = None if network.rule is None else network.rule.calibration.tolerance_m
         return known, _Filled(filled, answer.confidence, known.target, network.kind, tolerance)
@@ -382,44 +375,3 @@ def _result(
         hand_mask=hand_mask,
         keypoints=keypoints,
     )
-
-
-def _note_network(
-    network: DepthNetwork,
-    answer: NetworkDepth,
-    corruption: Corruption,
-    camera: Intrinsics,
-    notes: list[str],
-) -> None:
-    """Say which network it was, what it was not trained for, and what it could not do."""
-    if corruption != network.corruption:
-        learned = "without" if network.corruption == "oracle" else "with"
-        notes.append(
-            f"{network.name} learned from frames {learned} measured depth inside the mask, and was "
-            "now given the other; expect larger errors"
-        )
-    width, height = network.size
-    notes.append(
-        f"{network.title} checkpoint {network.name} ({network.trained}) ran at {width}x{height}; "
-        f"its depth was interpolated to {camera.width}x{camera.height}"
-    )
-    if network.name in SAMPLE_CHECKPOINTS:
-        notes.append(
-            "the sample checkpoint has seen computed pictures only; expect larger errors on "
-            "real ones"
-        )
-    if not network.can_say:
-        notes.append(f"{network.title} cannot say how sure it is: its confidence is 0")
-    elif network.rule is None:
-        notes.append(
-            f"the confidence is the network's own score; {network.name} was never calibrated"
-        )
-    if answer.no_answer == 1:
-        notes.append(
-            f"no ray of the mask met an occupied voxel, so {network.title} restored nothing"
-        )
-    elif answer.out_of_range:
-        notes.append(
-            f"{100 * answer.out_of_range:.1f} % of the mask's depth lay outside of what "
-            f"{network.title} has learned and was discarded"
-        )

@@ -19,7 +19,6 @@ from scipy import ndimage
 
 from hadr.camera import (
     BoolArray,
-    FloatArray,
     Intrinsics,
     resize_color,
     resize_mask,
@@ -32,6 +31,10 @@ if TYPE_CHECKING:
     from torch import nn
 
 Corruption = Literal["oracle", "sensor"]
+SAMPLE_CHECKPOINTS = (
+    "hadr-mini.safetensors", "hadr-mini-unknown.safetensors", "hadr-plus-mini.safetensors",
+)  # fmt: skip
+"""The bundled checkpoints that restore depth of any frame."""
 
 
 @dataclass(frozen=True)
@@ -161,7 +164,7 @@ class DepthNetwork:
         """
         import torch
 
-        from hadr.models.hadr_input import frame_to_input
+        from hadr.models.hadr_input import enlarge_restored, frame_to_input
 
         width, height = self.size
         seen = mask
@@ -197,6 +200,41 @@ class DepthNetwork:
             no_answer=float((asked & ~answered).sum()) / count,
             out_of_range=float((answered & ~known).sum()) / count,
         )
+
+    def notes(self, answer: NetworkDepth, corruption: Corruption, camera: Intrinsics) -> list[str]:
+        """Say which network it was, what it was not trained for, and what it could not do."""
+        (width, height), notes = self.size, []
+        if corruption != self.corruption:
+            learned = "without" if self.corruption == "oracle" else "with"
+            notes.append(
+                f"{self.name} learned from frames {learned} measured depth inside the mask, and "
+                "was now given the other; expect larger errors"
+            )
+        notes.append(
+            f"{self.title} checkpoint {self.name} ({self.trained}) ran at {width}x{height}; "
+            f"its depth was interpolated to {camera.width}x{camera.height}"
+        )
+        if self.name in SAMPLE_CHECKPOINTS:
+            notes.append(
+                "the sample checkpoint has seen computed pictures only; expect larger errors on "
+                "real ones"
+            )
+        if not self.can_say:
+            notes.append(f"{self.title} cannot say how sure it is: its confidence is 0")
+        elif self.rule is None:
+            notes.append(
+                f"the confidence is the network's own score; {self.name} was never calibrated"
+            )
+        if answer.no_answer == 1:
+            notes.append(
+                f"no ray of the mask met an occupied voxel, so {self.title} restored nothing"
+            )
+        elif answer.out_of_range:
+            notes.append(
+                f"{100 * answer.out_of_range:.1f} % of the mask's depth lay outside of what "
+                f"{self.title} has learned and was discarded"
+            )
+        return notes
 
 
 @dataclass(frozen=True)
@@ -312,82 +350,3 @@ def trained_corruption(meta: dict[str, Any]) -> Corruption:
     """Read from a checkpoint's record whether it learned to use depth inside of the mask."""
     stored = meta.get("data", {}).get("corruption", meta.get("corruption", "oracle"))
     return "oracle" if str(stored).startswith(("oracle", "erased")) else "sensor"
-
-
-def enlarge_known(
-    values: FloatArray, known: BoolArray, shape: tuple[int, ...]
-) -> NDArray[np.float32]:
-    """Enlarge an image of which only some pixels are known.
-
-    Bilinear between the known pixels (unknown ones get no weight), and the nearest known pixel
-    where all four neighbours are unknown.
-
-    Args:
-        values: Shape (h, w).
-        known: Which of them count, shape (h, w) bool; at least one.
-        shape: (H, W) of the result.
-
-    Returns:
-        Shape (H, W) float32, a value everywhere.
-    """
-    images, _ = enlarge_restored(values[None], known, known, shape)
-    large: NDArray[np.float32] = images[0]
-    return large
-
-
-def enlarge_restored(
-    values: FloatArray,
-    known: BoolArray,
-    asked: BoolArray,
-    shape: tuple[int, ...],
-    window: tuple[slice, slice] | None = None,
-) -> tuple[NDArray[np.float32], BoolArray]:
-    """Enlarge images, and the answer to the question where they hold something.
-
-    Values are interpolated as by `enlarge_known`. A pixel of the result counts as restored where
-    the nearest of the small pixels that were asked for is known: so beyond the mask's rim the
-    neighbour inside of it decides, and a hole within the mask stays a hole.
-
-    Args:
-        values: K images, shape (K, h, w).
-        known: Pixels that were restored, shape (h, w) bool.
-        asked: Pixels that were to be restored, shape (h, w) bool.
-        shape: (H, W) of the whole result.
-        window: Rows and columns of the result that are wanted; all where it is left out.
-
-    Returns:
-        The images, shape (K, H, W) float32 or the window's, zeros where nothing is known at all;
-        and where they hold a restored value, shape (H, W) bool or the window's.
-    """
-    rows, columns = window or (slice(0, shape[0]), slice(0, shape[1]))
-    top, bottom, down = _neighbours(shape[0], known.shape[0], rows)
-    left, right, across = _neighbours(shape[1], known.shape[1], columns)
-    size = (len(top), len(left))
-    if not known.any():
-        return np.zeros((len(values), *size), np.float32), np.zeros(size, bool)
-
-    stack = np.concatenate((np.where(known, values, 0), known[None])).astype(np.float32)
-    tall = stack[:, top] * (1 - down[:, None]) + stack[:, bottom] * down[:, None]  # (K + 1, H, w)
-    wide = tall[:, :, left] * (1 - across) + tall[:, :, right] * across  # (K + 1, H, W)
-    total, weight = wide[:-1], wide[-1]
-
-    pixel = np.ix_(np.where(down < 0.5, top, bottom), np.where(across < 0.5, left, right))
-    _, near = ndimage.distance_transform_edt(~known, return_indices=True)
-    nearest = stack[:-1, near[0][pixel], near[1][pixel]]
-    _, asker = ndimage.distance_transform_edt(~(asked | known), return_indices=True)
-    restored: BoolArray = known[asker[0][pixel], asker[1][pixel]]
-    images = np.where(weight > 1e-3, total / np.maximum(weight, 1e-3), nearest)
-    return images.astype(np.float32), restored
-
-
-def _neighbours(
-    target: int, source: int, wanted: slice
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float32]]:
-    """Between which pixels the pixels of a resized line lie: both indices and the second's weight.
-
-    A new pixel's centre c looks at (c + 0.5) * source / target - 0.5, as in `hadr.camera`.
-    """
-    centre = (np.arange(target)[wanted] + 0.5) * source / target - 0.5
-    first = np.floor(centre).astype(np.int64)
-    part = (centre - first).astype(np.float32)
-    return first.clip(0, source - 1), (first + 1).clip(0, source - 1), part

@@ -12,12 +12,11 @@ from torch import Tensor, nn
 
 from hadr.camera import Intrinsics, resize_mask
 from hadr.confidence import Calibration, ConfidenceRule
+from hadr.models.hadr_input import enlarge_known, enlarge_restored
 from hadr.trained_networks import (
     DepthNetwork,
     HandKeypoints,
     Segmentation,
-    enlarge_known,
-    enlarge_restored,
     trained_corruption,
 )
 

@@ -26,10 +26,8 @@ from hadr.models.hadr_input import (
     DepthOutput,
     HADRInput,
     float_color,
-    frame_to_input,
     masked_rays,
     ray_points,
-    stack_inputs,
 )
 from hadr.models.ray_features import RayFeatures, features_at
 from hadr.models.voxel_features import VoxelFeatures
@@ -44,18 +42,6 @@ from hadr.ray_voxels import (
     segment_softmax,
     select_points,
 )
-
-__all__ = [
-    "HADR",
-    "HADRConfig",
-    "HADRInput",
-    "HADROutput",
-    "Seen",
-    "frame_to_input",
-    "masked_rays",
-    "ray_points",
-    "stack_inputs",
-]
 
 HandFeature = Literal["none", "2d", "3d"]
 POSITION_LEVELS = 8

@@ -1,4 +1,4 @@
-"""What the network takes: a batch of frames as tensors, and the way from one frame to it."""
+"""What networks take: frames as tensors; the way there from one frame, and back to its size."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import torch
+from scipy import ndimage
 from torch import Tensor
 
 from hadr.camera import (
@@ -187,6 +188,85 @@ def ray_points(pixels: Tensor, depth: Tensor, intrinsics: Tensor) -> Tensor:
     x = (pixels[:, 2] - cx) / fx
     y = (pixels[:, 1] - cy) / fy
     return torch.stack((x * depth, y * depth, depth), dim=1)
+
+
+def enlarge_known(
+    values: FloatArray, known: BoolArray, shape: tuple[int, ...]
+) -> npt.NDArray[np.float32]:
+    """Enlarge an image of which only some pixels are known.
+
+    Bilinear between the known pixels (unknown ones get no weight), and the nearest known pixel
+    where all four neighbours are unknown.
+
+    Args:
+        values: Shape (h, w).
+        known: Which of them count, shape (h, w) bool; at least one.
+        shape: (H, W) of the result.
+
+    Returns:
+        Shape (H, W) float32, a value everywhere.
+    """
+    images, _ = enlarge_restored(values[None], known, known, shape)
+    large: npt.NDArray[np.float32] = images[0]
+    return large
+
+
+def enlarge_restored(
+    values: FloatArray,
+    known: BoolArray,
+    asked: BoolArray,
+    shape: tuple[int, ...],
+    window: tuple[slice, slice] | None = None,
+) -> tuple[npt.NDArray[np.float32], BoolArray]:
+    """Enlarge images, and the answer to the question where they hold something.
+
+    Values are interpolated as by `enlarge_known`. A pixel of the result counts as restored where
+    the nearest of the small pixels that were asked for is known: so beyond the mask's rim the
+    neighbour inside of it decides, and a hole within the mask stays a hole.
+
+    Args:
+        values: K images, shape (K, h, w).
+        known: Pixels that were restored, shape (h, w) bool.
+        asked: Pixels that were to be restored, shape (h, w) bool.
+        shape: (H, W) of the whole result.
+        window: Rows and columns of the result that are wanted; all where it is left out.
+
+    Returns:
+        The images, shape (K, H, W) float32 or the window's, zeros where nothing is known at all;
+        and where they hold a restored value, shape (H, W) bool or the window's.
+    """
+    rows, columns = window or (slice(0, shape[0]), slice(0, shape[1]))
+    top, bottom, down = _neighbours(shape[0], known.shape[0], rows)
+    left, right, across = _neighbours(shape[1], known.shape[1], columns)
+    size = (len(top), len(left))
+    if not known.any():
+        return np.zeros((len(values), *size), np.float32), np.zeros(size, bool)
+
+    stack = np.concatenate((np.where(known, values, 0), known[None])).astype(np.float32)
+    tall = stack[:, top] * (1 - down[:, None]) + stack[:, bottom] * down[:, None]  # (K + 1, H, w)
+    wide = tall[:, :, left] * (1 - across) + tall[:, :, right] * across  # (K + 1, H, W)
+    total, weight = wide[:-1], wide[-1]
+
+    pixel = np.ix_(np.where(down < 0.5, top, bottom), np.where(across < 0.5, left, right))
+    _, near = ndimage.distance_transform_edt(~known, return_indices=True)
+    nearest = stack[:-1, near[0][pixel], near[1][pixel]]
+    _, asker = ndimage.distance_transform_edt(~(asked | known), return_indices=True)
+    restored: BoolArray = known[asker[0][pixel], asker[1][pixel]]
+    images = np.where(weight > 1e-3, total / np.maximum(weight, 1e-3), nearest)
+    return images.astype(np.float32), restored
+
+
+def _neighbours(
+    target: int, source: int, wanted: slice
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.float32]]:
+    """Between which pixels the pixels of a resized line lie: both indices and the second's weight.
+
+    A new pixel's centre c looks at (c + 0.5) * source / target - 0.5, as in `hadr.camera`.
+    """
+    centre = (np.arange(target)[wanted] + 0.5) * source / target - 0.5
+    first = np.floor(centre).astype(np.int64)
+    part = (centre - first).astype(np.float32)
+    return first.clip(0, source - 1), (first + 1).clip(0, source - 1), part
 
 
 def _batch_of_one(values: npt.NDArray[Any]) -> Tensor:

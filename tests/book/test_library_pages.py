@@ -89,7 +89,9 @@ def test_a_module_that_is_not_there_is_told(extension):
 
 def shown(annotation, extension):
     """A type as a page shows it: without the modules that stand after a tilde."""
-    typing = pytest.importorskip("sphinx.util.typing", reason="needs the extra: book")
+    typing = pytest.importorskip(
+        "sphinx.util.typing", reason="needs the extra: pip install -e '.[book]'"
+    )
     text = extension.readable_types(typing.stringify_annotation(annotation, "smart"))
     return re.sub(r"~(?:\w+\.)+", "", text)
 

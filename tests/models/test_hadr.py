@@ -17,9 +17,8 @@ from hadr.models.decoders import (
     encode_position,
     leaky_clamp,
 )
-from hadr.models.hadr import (
-    HADR,
-    HADRConfig,
+from hadr.models.hadr import HADR, HADRConfig
+from hadr.models.hadr_input import (
     HADRInput,
     frame_to_input,
     masked_rays,

@@ -12,7 +12,8 @@ import torch
 from hadr.camera import Intrinsics
 from hadr.data.frame import Frame
 from hadr.models.backbone import BackboneConfig
-from hadr.models.hadr import HADRConfig, HADRInput
+from hadr.models.hadr import HADRConfig
+from hadr.models.hadr_input import HADRInput
 from hadr.training.batches import FrameTensors
 from hadr.training.loop import Trained, train
 from hadr.training.recipe import Preset

@@ -18,9 +18,9 @@ from hadr.handover.dimensions import LARGEST_OPENING
 from hadr.handover.poses import camera_at
 from hadr.handover.robot import HOME_JOINTS
 from hadr.simulation.camera.robot_camera import EYE, RobotCamera
-from hadr.simulation.trials.trial_set import TRIAL_HOLDS
 from hadr.simulation.world.scenes import MIDDLE, held_scene
 from hadr.simulation.world.state import WorldState
+from hadr.simulation.world.trial_set import TRIAL_HOLDS
 from hadr.synthesis.glass.objects import OBJECTS, glass_object
 
 Array = npt.NDArray[np.float64]

@@ -14,7 +14,7 @@ import tyro
 from hadr.records.output_folder import check_folder, check_writable
 from hadr.records.provenance import machine_text, provenance, record_of, usable_cores
 from hadr.records.result_file import write_result_file
-from hadr.simulation.trials.trial_set import TRIAL_HOLDS, TRIAL_OBJECTS
+from hadr.simulation.world.trial_set import TRIAL_HOLDS, TRIAL_OBJECTS
 
 if TYPE_CHECKING:
     from hadr.simulation.trials.trial import Arm

@@ -33,9 +33,10 @@ from hadr.records.provenance import plain, record_of
 from hadr.records.result_file import digest, seal_row, sealed_row
 from hadr.simulation.film.film import film_frames, write_film
 from hadr.simulation.trials.trial import Arm, Trial, run_trial
-from hadr.simulation.world.scenes import TRIAL_HOLDS, TRIAL_OBJECTS, HeldScene, held_scene
+from hadr.simulation.world.scenes import HeldScene, held_scene
 from hadr.simulation.world.state import WorldState
 from hadr.simulation.world.state_record import load_states, save_states
+from hadr.simulation.world.trial_set import TRIAL_HOLDS, TRIAL_OBJECTS
 
 Report = Callable[[Trial, dict[str, Any]], None]
 """Told of each attempt and its outcome, finished now or before."""

@@ -16,14 +16,11 @@ from scipy.spatial.transform import Rotation
 from hadr.camera import transform_points
 from hadr.hand import Skeleton, forward_kinematics, keypoints_from_skeleton
 from hadr.records.caches import read_only
-from hadr.simulation.trials.trial_set import TRIAL_HOLDS, TRIAL_OBJECTS
 from hadr.synthesis.glass.objects import bodies, glass_object
 from hadr.synthesis.glass.shape import GlassObject
 from hadr.synthesis.glass.surfaces import Surface
 from hadr.synthesis.hand.mesh import SKIN_TONES, HandMesh, hand_mesh
 from hadr.synthesis.holding.hold import Hold, make_hold
-
-__all__ = ["MIDDLE", "TRIAL_HOLDS", "TRIAL_OBJECTS", "HeldScene", "held_scene"]
 
 Array = npt.NDArray[np.float64]
 MIDDLE: Array = np.array([0.62, 0.0, 0.32])

@@ -18,8 +18,8 @@ from hadr.simulation.camera.camera_frames import (
     camera_frame,
 )
 from hadr.simulation.camera.robot_camera import EYE, RobotCamera
-from hadr.simulation.trials.trial_set import TRIAL_HOLDS
 from hadr.simulation.world.state import WorldState
+from hadr.simulation.world.trial_set import TRIAL_HOLDS
 from hadr.synthesis.glass.objects import NOVEL_OBJECTS
 
 

@@ -1,6 +1,6 @@
 """The camera beside the robot: exact labels, a moved world, an arm in the way, the picture."""
 
-from dataclasses import replace
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -14,35 +14,11 @@ from hadr.simulation.camera.robot_camera import (
     RobotCamera,
 )
 from hadr.simulation.camera.room import FLOOR, make_room
-from hadr.simulation.world.scenes import MIDDLE, HeldScene, held_scene
+from hadr.simulation.world.scenes import MIDDLE, HeldScene
 from hadr.simulation.world.state import WorldState
 from hadr.synthesis.hand.mesh import HandMesh
 from hadr.synthesis.rendering.raycast import RayCaster
 from hadr.synthesis.scene.contents import Contents
-
-
-@pytest.fixture(scope="module")
-def scene() -> HeldScene:
-    return held_scene("0000", 921)
-
-
-@pytest.fixture(scope="module")
-def camera() -> RobotCamera:
-    return RobotCamera()
-
-
-def at_rest(scene: HeldScene, **changed: object) -> WorldState:
-    state = WorldState(
-        time=0.0,
-        joints=HOME_JOINTS,
-        gripper_width=0.085,
-        base_from_wrist=scene.base_from_wrist,
-        base_from_object=scene.base_from_object,
-        holder="hand",
-        hand_force=0.0,
-        hand_distance=0.3,
-    )
-    return replace(state, **changed)  # type: ignore[arg-type]
 
 
 def shifted(pose: np.ndarray, by: list[float]) -> np.ndarray:
@@ -60,12 +36,14 @@ def test_it_looks_at_the_place_where_things_are_held_out(camera: RobotCamera) ->
     assert project(up, camera.intrinsics)[1] < 60  # the image is upright
 
 
-def test_labels_equal_those_of_the_exact_ray_caster_on_the_moved_scene(scene: HeldScene) -> None:
+def test_labels_equal_those_of_the_exact_ray_caster_on_the_moved_scene(
+    scene: HeldScene, at: Callable[..., WorldState]
+) -> None:
     camera = RobotCamera(see_arm=False)
     wrist = shifted(scene.base_from_wrist, [0.03, -0.05, 0.02])
     wrist[:3, :3] = Rotation.from_rotvec([0.1, 0.2, -0.3]).as_matrix() @ wrist[:3, :3]
     item = wrist @ scene.hold.wrist_from_object
-    state = at_rest(scene, base_from_wrist=wrist, base_from_object=item)
+    state = at(scene, 0.0, base_from_wrist=wrist, base_from_object=item)
     frame = camera.capture(state, scene, np.random.default_rng(0), color=False)
     skin = scene.hand(0.004)
     contents = Contents(
@@ -84,9 +62,9 @@ def test_labels_equal_those_of_the_exact_ray_caster_on_the_moved_scene(scene: He
 
 
 def test_the_floor_and_the_object_are_where_they_should_be(
-    scene: HeldScene, camera: RobotCamera
+    scene: HeldScene, camera: RobotCamera, at: Callable[..., WorldState]
 ) -> None:
-    frame = camera.capture(at_rest(scene), scene, np.random.default_rng(0), color=False)
+    frame = camera.capture(at(scene, 0.0), scene, np.random.default_rng(0), color=False)
     points = transform_points(camera.base_from_camera, back_project(frame.depth, frame.camera))
     assert points[..., 2].min() == pytest.approx(FLOOR, abs=1e-4)
     on_glass = transform_points(np.linalg.inv(scene.base_from_object), points[frame.object_mask])
@@ -96,33 +74,35 @@ def test_the_floor_and_the_object_are_where_they_should_be(
 
 
 def test_keypoints_follow_the_hand_and_an_object_that_was_taken_leaves_it(
-    scene: HeldScene, camera: RobotCamera
+    scene: HeldScene, camera: RobotCamera, at: Callable[..., WorldState]
 ) -> None:
     away = [0.10, 0.0, -0.05]
-    state = at_rest(scene, base_from_wrist=shifted(scene.base_from_wrist, away))
+    state = at(scene, 0.0, base_from_wrist=shifted(scene.base_from_wrist, away))
     frame = camera.capture(state, scene, np.random.default_rng(0), color=False)
     expected = transform_points(
         np.linalg.inv(camera.base_from_camera), scene.keypoints + np.array(away)
     )
     np.testing.assert_allclose(frame.keypoints, expected, atol=1e-12)
-    rest = camera.capture(at_rest(scene), scene, np.random.default_rng(0), color=False)
+    rest = camera.capture(at(scene, 0.0), scene, np.random.default_rng(0), color=False)
     # the object stayed: with the hand gone more of it is seen
     assert frame.object_mask.sum() > 1.1 * rest.object_mask.sum()
     assert (frame.object_mask | ~rest.object_mask).all()
 
 
-def test_the_arm_is_seen_and_hides_the_hand(scene: HeldScene, camera: RobotCamera) -> None:
+def test_the_arm_is_seen_and_hides_the_hand(
+    scene: HeldScene, camera: RobotCamera, at: Callable[..., WorldState]
+) -> None:
     hand = scene.keypoints.mean(axis=0)
     robot = SimulatedUR5()
     pose = robot.tool_pose()
     # the gripper crosses the line from the hand to the camera
     pose[:3, 3] = hand + 0.35 * (EYE - hand) + [0.08, 0, 0]
-    state = at_rest(scene, joints=robot.joint_solutions(pose)[0])
-    rest = camera.capture(at_rest(scene), scene, np.random.default_rng(0), color=False)
+    state = at(scene, 0.0, joints=robot.joint_solutions(pose)[0])
+    rest = camera.capture(at(scene, 0.0), scene, np.random.default_rng(0), color=False)
     frame = camera.capture(state, scene, np.random.default_rng(0), color=False)
     assert frame.arm_mask.mean() > 0.05
     assert (frame.hand_mask & frame.arm_mask).sum() == 0
-    assert camera.visible(rest.keypoints, at_rest(scene)).all()
+    assert camera.visible(rest.keypoints, at(scene, 0.0)).all()
     seen = camera.visible(frame.keypoints, state)
     assert 0 < seen.sum() < 21
     # the ray to a hidden keypoint ends on the arm, before it
@@ -136,23 +116,26 @@ def test_the_arm_is_seen_and_hides_the_hand(scene: HeldScene, camera: RobotCamer
 
 
 def test_leaving_out_parts_beside_the_picture_changes_nothing(
-    scene: HeldScene, camera: RobotCamera, monkeypatch: pytest.MonkeyPatch
+    scene: HeldScene,
+    camera: RobotCamera,
+    monkeypatch: pytest.MonkeyPatch,
+    at: Callable[..., WorldState],
 ) -> None:
     from hadr.simulation.robot.arm_shape import arm_surfaces
 
-    few = camera.capture(at_rest(scene), scene, np.random.default_rng(0), color=False)
+    few = camera.capture(at(scene, 0.0), scene, np.random.default_rng(0), color=False)
     assert few.arm_mask.any()
     everything = arm_surfaces(HOME_JOINTS, 0.085)
-    assert len(camera._arm_in_view(at_rest(scene))) < len(everything) / 2
+    assert len(camera._arm_in_view(at(scene, 0.0))) < len(everything) / 2
     monkeypatch.setattr(RobotCamera, "_arm_in_view", lambda self, state: everything)
-    full = camera.capture(at_rest(scene), scene, np.random.default_rng(0), color=False)
+    full = camera.capture(at(scene, 0.0), scene, np.random.default_rng(0), color=False)
     np.testing.assert_array_equal(few.depth, full.depth)
 
 
 def test_pictures_look_like_the_training_frames_and_repeat(
-    scene: HeldScene, camera: RobotCamera
+    scene: HeldScene, camera: RobotCamera, at: Callable[..., WorldState]
 ) -> None:
-    one, again = (camera.capture(at_rest(scene), scene, np.random.default_rng(5)) for _ in range(2))
+    one, again = (camera.capture(at(scene, 0.0), scene, np.random.default_rng(5)) for _ in range(2))
     assert one.color is not None
     assert again.color is not None
     np.testing.assert_array_equal(one.color, again.color)
@@ -165,10 +148,10 @@ def test_pictures_look_like_the_training_frames_and_repeat(
 
 
 def test_the_sensor_fails_on_glass_and_errs_more_from_afar(
-    scene: HeldScene, camera: RobotCamera
+    scene: HeldScene, camera: RobotCamera, at: Callable[..., WorldState]
 ) -> None:
     rng = np.random.default_rng(2)
-    frames = [camera.capture(at_rest(scene), scene, rng, color=False) for _ in range(6)]
+    frames = [camera.capture(at(scene, 0.0), scene, rng, color=False) for _ in range(6)]
     frame = frames[0]
     numbers = [corruption_statistics(f.raw_depth, f.depth, f.object_mask) for f in frames]
     # 75 % of the glass is missing on purpose, and a few per cent by shadows and lost matches

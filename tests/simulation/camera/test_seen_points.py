@@ -1,44 +1,20 @@
 """Points of the object without outliers, and of what the gripper must not touch."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from scipy.spatial import cKDTree
 
 from hadr.camera import back_project
-from hadr.handover.robot import HOME_JOINTS
 from hadr.simulation.camera.robot_camera import RobotCamera
 from hadr.simulation.camera.seen_points import object_points, scene_points, without_outliers
-from hadr.simulation.world.scenes import HeldScene, held_scene
+from hadr.simulation.world.scenes import HeldScene
 from hadr.simulation.world.state import WorldState
 
 
-@pytest.fixture(scope="module")
-def scene() -> HeldScene:
-    return held_scene("0000", 921)
-
-
-@pytest.fixture(scope="module")
-def camera() -> RobotCamera:
-    return RobotCamera()
-
-
-def at(scene: HeldScene, time: float) -> WorldState:
-    return WorldState(
-        time=time,
-        joints=HOME_JOINTS,
-        gripper_width=0.085,
-        base_from_wrist=scene.base_from_wrist,
-        base_from_object=scene.base_from_object,
-        holder="hand",
-        hand_force=0.0,
-        hand_distance=0.3,
-    )
-
-
 def test_scene_points_hold_the_forearm_but_neither_hand_nor_arm_nor_object(
-    scene: HeldScene, camera: RobotCamera
+    scene: HeldScene, camera: RobotCamera, at: Callable[..., WorldState]
 ) -> None:
     frame = camera.capture(at(scene, 0.0), scene, np.random.default_rng(0), color=False)
     exact = replace(frame, raw_depth=frame.depth)

@@ -1,5 +1,6 @@
 """What the robot sees: arms that differ by depth alone, noise that lasts, faults on demand."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from hadr.camera import transform_points
-from hadr.handover.robot import HOME_JOINTS, SimulatedUR5
+from hadr.handover.robot import SimulatedUR5
 from hadr.simulation.camera.camera_frames import camera_frame
 from hadr.simulation.camera.robot_camera import CapturedFrame, RobotCamera
 from hadr.simulation.camera.sight import (
@@ -19,36 +20,15 @@ from hadr.simulation.camera.sight import (
     SightConfig,
     bundled_finder,
 )
-from hadr.simulation.world.scenes import HeldScene, held_scene
+from hadr.simulation.world.scenes import HeldScene
 from hadr.simulation.world.state import WorldState
 
 QUIET = SightConfig(keypoint_noise=0.0, mask_jitter=0.0)
 
 
-@pytest.fixture(scope="module")
-def scene() -> HeldScene:
-    return held_scene("0000", 921)
-
-
-@pytest.fixture(scope="module")
-def camera() -> RobotCamera:
-    return RobotCamera()
-
-
-def at(scene: HeldScene, time: float) -> WorldState:
-    return WorldState(
-        time=time,
-        joints=HOME_JOINTS,
-        gripper_width=0.085,
-        base_from_wrist=scene.base_from_wrist,
-        base_from_object=scene.base_from_object,
-        holder="hand",
-        hand_force=0.0,
-        hand_distance=0.3,
-    )
-
-
-def test_perfect_depth_gives_points_on_the_object(scene: HeldScene, camera: RobotCamera) -> None:
+def test_perfect_depth_gives_points_on_the_object(
+    scene: HeldScene, camera: RobotCamera, at: Callable[..., WorldState]
+) -> None:
     seen = Sight(scene, camera, "perfect", config=QUIET).look(at(scene, 0.0), with_points=True)
     assert seen.object_points is not None
     own = transform_points(
@@ -61,7 +41,7 @@ def test_perfect_depth_gives_points_on_the_object(scene: HeldScene, camera: Robo
 
 
 def test_arms_see_the_same_hand_and_mask_and_differ_in_depth(
-    scene: HeldScene, camera: RobotCamera
+    scene: HeldScene, camera: RobotCamera, at: Callable[..., WorldState]
 ) -> None:
     sights = {arm: Sight(scene, camera, arm, seed=3) for arm in ARMS}
     seen = {arm: sight.look(at(scene, 0.0), with_points=True) for arm, sight in sights.items()}
@@ -85,7 +65,7 @@ def test_arms_see_the_same_hand_and_mask_and_differ_in_depth(
 
 
 def test_the_network_never_sees_depth_inside_of_the_mask(
-    scene: HeldScene, camera: RobotCamera
+    scene: HeldScene, camera: RobotCamera, at: Callable[..., WorldState]
 ) -> None:
     sight = Sight(scene, camera, "hadr", config=QUIET)
     sight.look(at(scene, 0.0), with_points=True)
@@ -102,7 +82,9 @@ def test_the_network_never_sees_depth_inside_of_the_mask(
     assert confidence == 0.0
 
 
-def test_keypoint_noise_has_its_size_and_lasts(scene: HeldScene, camera: RobotCamera) -> None:
+def test_keypoint_noise_has_its_size_and_lasts(
+    scene: HeldScene, camera: RobotCamera, at: Callable[..., WorldState]
+) -> None:
     sight = Sight(scene, camera, "raw", seed=1)
     true = camera.true_keypoints(at(scene, 0.0), scene)
     errors = np.array([sight._keypoint_noise(0.1 * k) for k in range(4000)])
@@ -116,7 +98,9 @@ def test_keypoint_noise_has_its_size_and_lasts(scene: HeldScene, camera: RobotCa
     assert not np.array_equal(seen[0], seen[1])
 
 
-def test_keypoints_behind_the_gripper_are_guessed(scene: HeldScene, camera: RobotCamera) -> None:
+def test_keypoints_behind_the_gripper_are_guessed(
+    scene: HeldScene, camera: RobotCamera, at: Callable[..., WorldState]
+) -> None:
     hand = scene.keypoints.mean(axis=0)
     robot = SimulatedUR5()
     pose = robot.tool_pose()
@@ -138,7 +122,9 @@ def test_keypoints_behind_the_gripper_are_guessed(scene: HeldScene, camera: Robo
     assert sight.look(state, with_points=False).keypoints is None
 
 
-def test_pictures_come_at_the_cameras_rate(scene: HeldScene, camera: RobotCamera) -> None:
+def test_pictures_come_at_the_cameras_rate(
+    scene: HeldScene, camera: RobotCamera, at: Callable[..., WorldState]
+) -> None:
     sight = Sight(scene, camera, "raw", seed=1)
     seen = [sight.look(at(scene, 0.02 * k), with_points=False) for k in range(26)]
     np.testing.assert_allclose([s.time for s in seen], 0.02 * np.arange(26))
@@ -148,7 +134,9 @@ def test_pictures_come_at_the_cameras_rate(scene: HeldScene, camera: RobotCamera
     assert all(s.object_points is None for s in seen)
 
 
-def test_the_same_seed_sees_the_same(scene: HeldScene, camera: RobotCamera) -> None:
+def test_the_same_seed_sees_the_same(
+    scene: HeldScene, camera: RobotCamera, at: Callable[..., WorldState]
+) -> None:
     one, again, other = (
         Sight(scene, camera, "raw", seed=seed).look(at(scene, 0.0), with_points=True)
         for seed in (2, 2, 3)
@@ -158,7 +146,9 @@ def test_the_same_seed_sees_the_same(scene: HeldScene, camera: RobotCamera) -> N
     assert not np.array_equal(one.keypoints, other.keypoints)
 
 
-def test_a_hand_outside_of_the_picture_is_not_found(scene: HeldScene, camera: RobotCamera) -> None:
+def test_a_hand_outside_of_the_picture_is_not_found(
+    scene: HeldScene, camera: RobotCamera, at: Callable[..., WorldState]
+) -> None:
     away = scene.base_from_wrist.copy()
     away[:3, 3] += [0.0, 0.0, 1.0]
     state = replace(at(scene, 0.0), base_from_wrist=away)
@@ -170,7 +160,9 @@ def test_a_hand_outside_of_the_picture_is_not_found(scene: HeldScene, camera: Ro
     assert seen.scene_points is not None
 
 
-def test_the_masks_outline_wavers_without_a_bias(scene: HeldScene, camera: RobotCamera) -> None:
+def test_the_masks_outline_wavers_without_a_bias(
+    scene: HeldScene, camera: RobotCamera, at: Callable[..., WorldState]
+) -> None:
     sight = Sight(scene, camera, "raw", seed=1)
     frame = camera.capture(at(scene, 0.0), scene, np.random.default_rng(0), color=False)
     true = frame.object_mask
@@ -185,7 +177,9 @@ def test_the_masks_outline_wavers_without_a_bias(scene: HeldScene, camera: Robot
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_sight_breaks_on_demand(scene: HeldScene, camera: RobotCamera, fault: str) -> None:
+def test_sight_breaks_on_demand(
+    scene: HeldScene, camera: RobotCamera, fault: str, at: Callable[..., WorldState]
+) -> None:
     sight = BrokenSight(Sight(scene, camera, "raw", seed=1), fault, 0.2, 0.45)  # type: ignore[arg-type]
     seen = [sight.look(at(scene, 0.1 * k), with_points=False) for k in range(7)]
     works = [0, 1, 5, 6]
@@ -237,7 +231,7 @@ def test_networks_find_glass_and_hand_in_a_picture_of_this_camera() -> None:
 
 
 def test_a_robot_with_networks_is_told_nothing_by_the_simulator(
-    scene: HeldScene, camera: RobotCamera
+    scene: HeldScene, camera: RobotCamera, at: Callable[..., WorldState]
 ) -> None:
     told: list[CapturedFrame] = []
 

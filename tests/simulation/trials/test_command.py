@@ -13,7 +13,7 @@ from hadr.records.result_file import read_result_file
 from hadr.simulation.trials import command as handover_command
 from hadr.simulation.trials import experiment, watch
 from hadr.simulation.trials.trial import ARMS, Run, Trial
-from hadr.simulation.trials.trial_set import TRIAL_OBJECTS
+from hadr.simulation.world.trial_set import TRIAL_OBJECTS
 
 
 @pytest.fixture

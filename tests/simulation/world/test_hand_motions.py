@@ -15,7 +15,8 @@ from hadr.simulation.world.hand_motions import (
     kind_for,
     motion_for,
 )
-from hadr.simulation.world.scenes import TRIAL_HOLDS, TRIAL_OBJECTS, held_scene
+from hadr.simulation.world.scenes import held_scene
+from hadr.simulation.world.trial_set import TRIAL_HOLDS, TRIAL_OBJECTS
 
 WRIST = np.array([0.70, 0.05, 0.30])
 NO_TREMOR = HandMotionConfig(tremor=0.0, tremor_turn=0.0)

@@ -10,7 +10,7 @@ from hadr.simulation.world.object_parts import (
     outside,
     stacked_rings,
 )
-from hadr.simulation.world.scenes import TRIAL_OBJECTS
+from hadr.simulation.world.trial_set import TRIAL_OBJECTS
 from hadr.synthesis.glass.objects import glass_object
 from hadr.synthesis.glass.shape import GlassObject
 
