@@ -4,7 +4,8 @@ A network that looks for keypoints gives 21 points, whatever it is shown, and a 
 names may hold another frame's hand. What follows believes them: an object is sought where the hand
 is. So keypoints are held against what else is known, and what does not fit is said in words:
 
-* a human hand's size: the palm, and each finger's three bones together;
+* a human hand's size: the palm, and the fingers, each with its three bones together; the median
+  of the five counts, since a network may well lose one finger behind the glass;
 * the glass: a hand that holds it is seen beside it;
 * the depth that the camera measured at the keypoints' pixels: skin lies some millimetres before a
   joint, fingers before a joint some centimetres, and the hand is never before what is seen there;
@@ -28,18 +29,12 @@ from scipy.spatial import cKDTree
 from hadr.camera import BoolArray, FloatArray, Intrinsics, back_project, project, unproject
 from hadr.hand import FINGERS
 
-LENGTHS_M: dict[str, float] = {
-    "palm": 0.090,
-    "thumb": 0.0995,
-    "index": 0.0780,
-    "middle": 0.0884,
-    "ring": 0.0843,
-    "little": 0.0668,
-}
-"""An adult's palm, from the wrist to the middle finger's knuckle as in `hadr.hand.HandShape`, and
-the means of each finger's three bones together, the thumb's with its metacarpal, metres."""
+PALM_M = 0.090
+"""An adult's palm, wrist to middle finger's knuckle, as of `hadr.hand.HandShape`."""
+FINGERS_M = {"thumb": 0.0995, "index": 0.0780, "middle": 0.0884, "ring": 0.0843, "little": 0.0668}
+"""The means of an adult finger's three bones together, the thumb's with its metacarpal."""
 SIZES = (0.5, 1.6)
-"""Smallest and largest factor on them: a child's or a large man's, and what a network errs."""
+"""Smallest and largest factor on both: a child's or a large man's, and what a network errs."""
 FARTHEST_FROM_GLASS_M = 0.03
 """A hand that holds a glass has a keypoint so near to it in the picture."""
 GAP_M = (-0.02, 0.08)
@@ -62,7 +57,8 @@ class HandCheck:
     """How 21 keypoints fit to what else is known of a frame; None: not known.
 
     Attributes:
-        lengths: The palm's and the fingers' lengths, 1 = an adult's mean, by name.
+        palm: The palm's length, 1 = an adult's.
+        fingers: The fingers' lengths, each 1 = an adult's mean; their median.
         glass_m: From the nearest keypoint to the glass in the picture, metres at that depth.
         gap_m: How far the keypoints lie behind the measured depth at their pixels, median, metres.
         skin_m: From the keypoints to the nearest point of the hand's pixels, median, metres.
@@ -71,7 +67,8 @@ class HandCheck:
         problems: Why it is no hand, or not the one in the picture; one clause each.
     """
 
-    lengths: dict[str, float]
+    palm: float
+    fingers: float
     glass_m: float
     gap_m: float | None
     skin_m: float | None
@@ -103,17 +100,17 @@ def check_hand(
         What was measured, and what does not fit.
     """
     seen = np.where(mask, 0, depth)
-    lengths = _lengths(keypoints)
+    palm, fingers = _lengths(keypoints)
     glass = _to_glass(keypoints, camera, mask)
     gap = _gap(keypoints, seen, camera)
     skin = area = None
     if hand_mask is not None:
         skin, area = _skin(keypoints, np.where(hand_mask, seen, 0), camera, hand_mask)
     problems = [
-        f"its {name} has {100 * factor:.0f} % of an adult's length"
-        for name, factor in lengths.items()
+        f"{name} {100 * factor:.0f} % of an adult's length"
+        for name, factor in (("its palm has", palm), ("its fingers have", fingers))
         if not SIZES[0] <= factor <= SIZES[1]
-    ][:1]
+    ]
     if glass > FARTHEST_FROM_GLASS_M:
         problems.append(f"it is {100 * glass:.1f} cm away from the glass in the picture")
     if gap is not None and not GAP_M[0] <= gap <= GAP_M[1]:
@@ -128,17 +125,15 @@ def check_hand(
         problems.append(f"its pixels cover {1e4 * area:.0f} square centimetres")
     if presence is not None and presence < LEAST_PRESENCE:
         problems.append(f"its pixels have a mean probability of {presence:.2f} of being a hand's")
-    return HandCheck(lengths, glass, gap, skin, area, presence, tuple(problems))
+    return HandCheck(palm, fingers, glass, gap, skin, area, presence, tuple(problems))
 
 
-def _lengths(keypoints: npt.NDArray[np.float64]) -> dict[str, float]:
-    """Lengths of palm and fingers, 1 = an adult's mean."""
-    chains = {"palm": (0, FINGERS["middle"][0]), **FINGERS}
-    return {
-        name: float(np.linalg.norm(np.diff(keypoints[list(chain)], axis=0), axis=1).sum())
-        / LENGTHS_M[name]
-        for name, chain in chains.items()
-    }
+def _lengths(keypoints: npt.NDArray[np.float64]) -> tuple[float, float]:
+    """Length of the palm, and the fingers' median one, 1 = an adult's mean."""
+    bones = np.linalg.norm(np.diff(keypoints[list(FINGERS.values())], axis=1), axis=2)  # (5, 3)
+    palm = np.linalg.norm(keypoints[FINGERS["middle"][0]] - keypoints[0])
+    fingers = np.median(bones.sum(axis=1) / list(FINGERS_M.values()))
+    return float(palm / PALM_M), float(fingers)
 
 
 def _to_glass(keypoints: npt.NDArray[np.float64], camera: Intrinsics, mask: BoolArray) -> float:

@@ -31,9 +31,9 @@ def test_an_adult_s_hand_on_measured_skin_is_one() -> None:
     depth, glass, hand = scene(0.9)
     found = check_hand(HAND, depth, CAMERA, glass, hand, presence=0.97)
     assert found.problems == ()
-    assert found.lengths["palm"] == pytest.approx(1, abs=1e-6)
-    # 44 + 26 + 22 mm of hadr.hand against 78.0 mm of the table.
-    assert found.lengths["index"] == pytest.approx(0.092 / 0.0780, abs=1e-3)
+    assert found.palm == pytest.approx(1, abs=1e-6)
+    # The median finger is the little one: 35 + 21 + 20 mm of hadr.hand against 66.8 mm.
+    assert found.fingers == pytest.approx(0.076 / 0.0668, abs=1e-6)
     assert found.gap_m == pytest.approx(0.01, abs=1e-6)
     assert 0.01 <= found.skin_m < 0.011
     assert found.area_m2 == pytest.approx(40 * 60 * (0.59 / 200) ** 2, rel=1e-5)
