@@ -75,15 +75,16 @@ class SegmentationNet(nn.Module):
         return logits[:, :, :height, :width]
 
 
-def predict_masks(model: SegmentationNet, color: Tensor) -> Tensor:
-    """Find each class's pixels.
+def predict_logits(model: SegmentationNet, color: Tensor) -> Tensor:
+    """Say of each pixel what it belongs to.
 
     Args:
         model: The network in evaluation mode.
         color: sRGB in 0..1, shape (B, 3, H, W).
 
     Returns:
-        Shape (B, classes, H, W), bool; the object's first, then the hand's.
+        Logits, shape (B, classes, H, W), the object's first, then the hand's; positive = the pixel
+        belongs to the class.
 
     Raises:
         ValueError: The colour is of another shape, or not in 0..1 (NaN included).
@@ -95,4 +96,4 @@ def predict_masks(model: SegmentationNet, color: Tensor) -> Tensor:
         raise ValueError(f"color must be in 0..1, got {low:.4g} to {high:.4g}")
     with torch.no_grad():
         logits: Tensor = model(color)
-    return logits > 0
+    return logits

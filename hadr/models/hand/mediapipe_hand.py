@@ -34,6 +34,7 @@ from scipy import ndimage
 from hadr.camera import BoolArray, FloatArray, Intrinsics
 from hadr.frame_io import quiet
 from hadr.hand import KEYPOINT_NAMES, lift_keypoints, wrist_depth_at
+from hadr.models.hand.plausible import NoHandError
 
 Relative = Literal["image", "world"]
 HANDS = 4
@@ -97,8 +98,9 @@ def lift_landmarks(
         Camera frame, metres, shape (21, 3).
 
     Raises:
-        ValueError: No hand was found; it has not 21 landmarks, or one is not finite; the wrist
-            lies outside of the picture or has no depth; or an image is of another size.
+        NoHandError: No hand was found, its wrist lies outside of the picture or has no depth, or
+            a keypoint would lie behind the camera.
+        ValueError: It has not 21 landmarks, or one is not finite; or an image is of another size.
     """
     if depth.shape != camera.shape:
         raise ValueError(f"depth must be {camera.shape} as the intrinsics, got {depth.shape}")
@@ -107,7 +109,7 @@ def lift_landmarks(
     if relative not in ("world", "image"):
         raise ValueError(f"relative must be 'world' or 'image', got {relative!r}")
     if not result.hand_landmarks:
-        raise ValueError("MediaPipe found no hand in the picture, so there are no keypoints")
+        raise NoHandError("MediaPipe sees none in the picture")
     hands = [_coordinates(hand, "landmarks") for hand in result.hand_landmarks]  # (21, 3) each
     size = np.array([camera.width, camera.height])
     pixels = [hand[:, :2] * size - 0.5 for hand in hands]  # from the edges to pixel centres
@@ -115,21 +117,24 @@ def lift_landmarks(
     picture, uv = hands[chosen], pixels[chosen]
     u, v = uv[0]
     if not (-0.5 <= u < camera.width - 0.5 and -0.5 <= v < camera.height - 0.5):
-        raise ValueError(
+        raise NoHandError(
             f"the wrist lies outside of the picture, at pixel ({u:.0f}, {v:.0f}) of "
             f"{camera.width} x {camera.height}: its depth can't be measured"
         )
     try:
         wrist = wrist_depth_at(depth, uv[0], hand_mask)
     except ValueError as error:
-        raise ValueError(f"the wrist has no depth to lift the keypoints by: {error}") from error
+        raise NoHandError(f"the wrist has no depth to lift the keypoints by: {error}") from error
     if relative == "world":
         if not result.hand_world_landmarks:
             raise ValueError("the result has no world landmarks; take relative='image'")
         away = _coordinates(result.hand_world_landmarks[chosen], "world landmarks")[:, 2]
     else:
         away = picture[:, 2] * camera.width / camera.fx * wrist
-    return lift_keypoints(uv, away - away[0], wrist, camera)
+    try:
+        return lift_keypoints(uv, away - away[0], wrist, camera)
+    except ValueError as error:
+        raise NoHandError(f"it can't be lifted by the depth at its wrist: {error}") from error
 
 
 def _coordinates(landmarks: Sequence[Landmark], name: str) -> npt.NDArray[np.float64]:
@@ -224,6 +229,7 @@ class MediaPipeHand:
             Camera frame, metres, shape (21, 3).
 
         Raises:
+            NoHandError: As `lift_landmarks`.
             ValueError: The colour has another form, or as `lift_landmarks`.
         """
         if color.shape != (*camera.shape, 3) or color.dtype != np.uint8:

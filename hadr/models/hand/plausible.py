@@ -26,7 +26,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from hadr.camera import BoolArray, FloatArray, Intrinsics, back_project, project, unproject
+from hadr.camera import BoolArray, FloatArray, Intrinsics, project, unproject
 from hadr.hand import FINGERS
 
 PALM_M = 0.090
@@ -50,6 +50,10 @@ AREA_M2 = (0.004, 0.055)
 """What is seen of a hand and its forearm."""
 LEAST_PRESENCE = 0.93
 """The segmentation's mean probability of a hand in the pixels where it sees one."""
+
+
+class NoHandError(ValueError):
+    """There is no hand to be found in a frame; the message says why."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +92,7 @@ def check_hand(
     """Hold keypoints against a human hand's size, the glass, and the measured depth.
 
     Args:
-        keypoints: Camera frame, in front of the camera, metres, shape (21, 3).
+        keypoints: Camera frame, metres, shape (21, 3).
         depth: Measured z-depth, metres, shape (H, W); 0 = missing. The glass's own does not count.
         camera: Intrinsics of depth and masks.
         mask: The glass's pixels, shape (H, W) bool; one at least.
@@ -98,7 +102,12 @@ def check_hand(
 
     Returns:
         What was measured, and what does not fit.
+
+    Raises:
+        NoHandError: A keypoint does not lie in front of the camera.
     """
+    if not (keypoints[:, 2] > 0).all():
+        raise NoHandError(f"a keypoint lies {keypoints[:, 2].min():.3g} m before the camera")
     seen = np.where(mask, 0, depth)
     palm, fingers = _lengths(keypoints)
     glass = _to_glass(keypoints, camera, mask)
@@ -164,9 +173,11 @@ def _skin(
     hand_mask: BoolArray,
 ) -> tuple[float, float] | tuple[None, None]:
     """Distance from the keypoints to the hand's points, median, and what its pixels cover."""
-    there = depth > 0
-    if not there.any():
+    rows, columns = np.nonzero(depth)
+    if not len(rows):
         return None, None
-    away, _ = cKDTree(back_project(depth, camera)[there]).query(keypoints)
-    each = float((depth[there].astype(float) ** 2).mean()) / (camera.fx * camera.fy)
-    return float(np.median(away)), each * int(hand_mask.sum())
+    z = depth[rows, columns].astype(float)
+    skin = unproject(np.stack((columns, rows), axis=1), z, camera)
+    away, _ = cKDTree(skin).query(keypoints)
+    area = float((z**2).mean()) / (camera.fx * camera.fy) * int(hand_mask.sum())
+    return float(np.median(away)), area

@@ -8,6 +8,7 @@ import pytest
 
 from hadr.camera import Intrinsics
 from hadr.models.hand.mediapipe_hand import MediaPipeHand, lift_landmarks
+from hadr.models.hand.plausible import NoHandError
 
 CAMERA = Intrinsics(200.0, 220.0, 79.5, 59.5, 160, 120)
 
@@ -73,7 +74,7 @@ def test_a_wrist_without_depth_takes_the_hand_s_and_without_a_mask_is_an_error()
     depth[100:, :] = 0.6
     mask[100:110] = True
     np.testing.assert_allclose(lift_landmarks(result_of(hand()), depth, CAMERA, mask), hand())
-    with pytest.raises(ValueError, match=r"the wrist has no depth.*pixel \(80, 60\)"):
+    with pytest.raises(NoHandError, match=r"the wrist has no depth.*pixel \(80, 60\)"):
         lift_landmarks(result_of(hand()), depth, CAMERA)
 
 
@@ -94,7 +95,7 @@ def test_of_several_hands_the_one_at_the_glass_is_taken() -> None:
 
 
 def test_no_hand_is_said() -> None:
-    with pytest.raises(ValueError, match="found no hand in the picture"):
+    with pytest.raises(NoHandError, match="MediaPipe sees none in the picture"):
         lift_landmarks(Result(), wall(), CAMERA)
 
 
@@ -109,7 +110,7 @@ def test_wrong_results_are_named() -> None:
         lift_landmarks(broken, wall(), CAMERA)
     outside = result_of(hand())
     outside.hand_landmarks[0][0].x = 1.1
-    with pytest.raises(ValueError, match=r"outside of the picture, at pixel \(176, 60\)"):
+    with pytest.raises(NoHandError, match=r"outside of the picture, at pixel \(176, 60\)"):
         lift_landmarks(outside, wall(), CAMERA)
     flat = result_of(hand())
     flat.hand_world_landmarks = []
