@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,13 +26,13 @@ from hadr.camera import (
     window_around,
 )
 from hadr.confidence import ConfidenceRule, signal_of, within_learned
+from hadr.corruption import CORRUPTIONS, Corruption
 from hadr.models.hand.plausible import NoHandError
 from hadr.models.networks import DEPTH_NETWORKS, NETWORKS
 
 if TYPE_CHECKING:
     from torch import nn
 
-Corruption = Literal["oracle", "sensor"]
 SAMPLE_CHECKPOINTS = (
     "hadr-mini.safetensors", "hadr-mini-unknown.safetensors", "hadr-plus-mini.safetensors",
 )  # fmt: skip
@@ -68,8 +68,7 @@ class DepthNetwork:
         kind: One of `hadr.models.networks.DEPTH_NETWORKS`.
         size: (width, height) that it runs at, pixels.
         needs_hand: Whether it can't do without the hand's keypoints.
-        corruption: "oracle": it learned from frames without any depth inside the mask. "sensor":
-            what the camera measured there was given to it.
+        corruption: Of the frames that it learned from.
         rule: From what it says of its answer to the probability that its depth is right; None
             where it was never calibrated, or cannot say.
         learned_range_m: Nearest and farthest depth of the objects that it learned from, metres;
@@ -98,6 +97,11 @@ class DepthNetwork:
         """Whether it can say how sure it is."""
         return NETWORKS[self.kind].can_say
 
+    @property
+    def erases(self) -> bool:
+        """Whether it learned from frames without any depth inside the mask."""
+        return CORRUPTIONS[self.corruption].erase
+
     @classmethod
     def load(cls, path: str | Path) -> DepthNetwork:
         """Read a checkpoint of any depth network.
@@ -112,12 +116,7 @@ class DepthNetwork:
 
     @classmethod
     def of(cls, model: nn.Module, meta: dict[str, Any], name: str) -> DepthNetwork:
-        """Take a network that is loaded already.
-
-        Args:
-            model: The network.
-            meta: Its checkpoint's record.
-            name: What messages call it.
+        """Take a network that is loaded already, its checkpoint's record, and a name for messages.
 
         Raises:
             ValueError: It is no depth network.
@@ -160,9 +159,6 @@ class DepthNetwork:
             camera: Intrinsics of both images.
             mask: Pixels to restore, shape (H, W) bool.
             keypoints: 21 hand keypoints, camera frame, metres, shape (21, 3).
-
-        Returns:
-            Depth and confidence at full size.
         """
         import torch
 
@@ -174,7 +170,7 @@ class DepthNetwork:
         if mask.any() and not resize_mask(mask, width, height).any():
             box = (-(-camera.height // height), -(-camera.width // width))
             seen = ndimage.maximum_filter(mask, size=box)
-            if self.corruption == "oracle":
+            if self.erases:
                 depth = np.where(seen, 0, depth)
         with torch.inference_mode():
             inputs = frame_to_input(color, depth, seen, keypoints, camera, self.size)
@@ -206,8 +202,8 @@ class DepthNetwork:
     def notes(self, answer: NetworkDepth, corruption: Corruption, camera: Intrinsics) -> list[str]:
         """Say which network it was, what it was not trained for, and what it could not do."""
         (width, height), notes = self.size, []
-        if corruption != self.corruption:
-            learned = "without" if self.corruption == "oracle" else "with"
+        if CORRUPTIONS[corruption].erase != self.erases:
+            learned = "without" if self.erases else "with"
             notes.append(
                 f"{self.name} learned from frames {learned} measured depth inside the mask, and "
                 "was now given the other; expect larger errors"
@@ -279,11 +275,7 @@ class Segmentation:
         return cls(*_read_kind(path, "segmentation"), Path(path).name)
 
     def masks(self, color: NDArray[np.uint8]) -> SeenMasks:
-        """Find the glass and the hand.
-
-        Args:
-            color: RGB, shape (H, W, 3) uint8.
-        """
+        """Find the glass, and the hand with the arm, in RGB (H, W, 3) uint8."""
         import torch
 
         from hadr.models.segmentation import predict_logits
@@ -328,7 +320,7 @@ class HandKeypoints:
         mask: BoolArray,
         hand_mask: BoolArray | None,
     ) -> NDArray[np.float64]:
-        """Find the keypoints.
+        """Find the keypoints: camera frame, metres, (21, 3).
 
         Args:
             color: RGB, shape (H, W, 3) uint8.
@@ -337,11 +329,8 @@ class HandKeypoints:
             mask: The glass's pixels, shape (H, W) bool.
             hand_mask: Pixels of hand and arm, shape (H, W) bool.
 
-        Returns:
-            Camera frame, metres, shape (21, 3).
-
         Raises:
-            NoHandError: There are no such pixels, or none of them has a depth.
+            NoHandError: There are no pixels of a hand, or none of them has a depth.
         """
         import torch
 
@@ -370,6 +359,13 @@ def _read_kind(path: str | Path, kind: str) -> tuple[Any, tuple[int, int]]:
 
 
 def trained_corruption(meta: dict[str, Any]) -> Corruption:
-    """Read from a checkpoint's record whether it learned to use depth inside of the mask."""
+    """Read from a checkpoint's record of which corruption it learned.
+
+    Raises:
+        ValueError: It is none of `CORRUPTIONS`.
+    """
     stored = meta.get("data", {}).get("corruption", meta.get("corruption", "oracle"))
-    return "oracle" if str(stored).startswith(("oracle", "erased")) else "sensor"
+    for name in CORRUPTIONS:
+        if name == str(stored).partition(":")[0]:
+            return name
+    raise ValueError(f"corruption must be one of {', '.join(CORRUPTIONS)}, got {stored!r}")
