@@ -17,7 +17,7 @@ from hadr import __version__
 from hadr.data.frame import UNFINISHED_PREFIX, frame_log_path, frame_places
 from hadr.synthesis.generation.settings import FrameRecipe, GenerationSettings
 from hadr.synthesis.recordings.recording import companions, find_recordings
-from hadr.synthesis.scene.backgrounds import find_backgrounds
+from hadr.synthesis.textures.backgrounds import find_backgrounds
 
 #: The file that says with which settings the frames of a folder are made.
 SETTINGS_FILE = "generation.json"

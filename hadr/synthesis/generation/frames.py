@@ -25,8 +25,8 @@ from hadr.synthesis.rendering.child_process import call_in_child
 from hadr.synthesis.rendering.mitsuba_variant import check_installed
 from hadr.synthesis.rendering.photo import photograph
 from hadr.synthesis.rendering.shading import RayTracer
-from hadr.synthesis.scene.backgrounds import find_backgrounds
 from hadr.synthesis.scene.scene import HoldScene, make_scene
+from hadr.synthesis.textures.backgrounds import find_backgrounds
 
 #: Seconds for a picture that a reader waits for.
 PATIENCE = 300.0

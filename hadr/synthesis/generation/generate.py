@@ -49,8 +49,8 @@ from hadr.synthesis.rendering.mitsuba_variant import (
     wanted_variant,
     why_not_llvm,
 )
-from hadr.synthesis.scene.backgrounds import check_backgrounds
 from hadr.synthesis.scene.scene import HoldScene
+from hadr.synthesis.textures.backgrounds import check_backgrounds
 
 
 @dataclass(frozen=True)

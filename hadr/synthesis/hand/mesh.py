@@ -76,13 +76,6 @@ def paint(skin: SkinMap, tone: npt.ArrayLike) -> tuple[Array, Array]:
     return np.clip(color, 0.01, 0.95), np.clip(gloss, 0.05, 1.0)
 
 
-def _level(step: float) -> float:
-    """The template's grid that serves a wanted resolution."""
-    if not 0.001 <= step <= 0.010:
-        raise ValueError(f"step must lie between 0.001 and 0.010 metres, got {step}")
-    return next((s for s in (COARSE_STEP, MIDDLE_STEP) if step >= s), FINE_STEP)
-
-
 def hand_mesh(
     skeleton: Skeleton,
     shape: HandShape | None = None,
@@ -105,13 +98,13 @@ def hand_mesh(
     Raises:
         ValueError: The step is not between 1 and 10 mm.
     """
-    level = _level(step)
+    if not 0.001 <= step <= 0.010:
+        raise ValueError(f"step must lie between 0.001 and 0.010 metres, got {step}")
+    level = next((s for s in (COARSE_STEP, MIDDLE_STEP) if step >= s), FINE_STEP)
     shape = shape or HandShape()
     vertices = posed_vertices(skeleton, shape, level).astype(float)
     template = hand_template(level)
-    faces = template.faces
-    if shape.side == "left":
-        faces = faces[:, ::-1]
+    faces = template.faces[:, ::-1] if shape.side == "left" else template.faces
     surface = Surface(vertices, faces, vertex_normals(vertices, faces))
     albedo, gloss = paint(template.skin, tone)
     return HandMesh(surface, albedo, gloss)

@@ -27,7 +27,7 @@ from hadr.synthesis.holding.grasp_optimisation import (
     palm_clearance,
     push_onto_palm,
 )
-from hadr.synthesis.holding.kinds import FINGERS_INSIDE, HOLD_KINDS, Placement, draw_placement
+from hadr.synthesis.holding.kinds import Placement, draw_placement, fingers_inside
 
 Array = npt.NDArray[np.float64]
 
@@ -48,7 +48,7 @@ class Hold:
     Args:
         hold_id: Names the pose, e.g. ``0004-stem-0007``; frames that share it are near-duplicates.
         object_id: The object.
-        kind: One of the kinds in ``HOLD_KINDS``.
+        kind: One of those in ``KIND_MEANING``.
         shape: Sizes and side of the hand.
         angles: The twenty joint angles, radians, shape (20,).
         wrist_from_object: Pose of the object in the wrist frame, shape (4, 4).
@@ -77,7 +77,7 @@ def check_hold(hold: Hold) -> ContactReport:
         hold.shape,
         hold.angles,
         hold.wrist_from_object,
-        FINGERS_INSIDE.get(hold.kind, ()),
+        fingers_inside(hold.kind),
     )
 
 
@@ -91,9 +91,9 @@ def _candidates(
     """Placements of the object, the most promising first."""
     found: list[tuple[float, int, Placement]] = []
     for number in range(_PLACEMENTS):
-        placement, direction = draw_placement(item, kind, hand.shape.scale, rng)
-        if direction is not None:
-            placement = push_onto_palm(hand, table, placement, direction)
+        placement = draw_placement(item, kind, hand.shape.scale, rng)
+        if placement.palm_gap == 0:
+            placement = push_onto_palm(hand, table, placement)
         elif palm_clearance(hand, table, placement.wrist_from_object) < placement.palm_gap:
             continue
         cost = GraspOptimisation(item.object_id, hand, placement).screen()
@@ -121,7 +121,7 @@ def search_hold(
             attempt = GraspOptimisation(object_id, hand, placement)
             angles, cost = attempt.run(rng)
             report = check_contact(
-                object_id, right, angles, placement.wrist_from_object, FINGERS_INSIDE.get(kind, ())
+                object_id, right, angles, placement.wrist_from_object, fingers_inside(kind)
             )
             wanted = {f for f, action in placement.plan.items() if action != "free"}
             missed = wanted - set(report.touching)
@@ -153,10 +153,9 @@ def hold_kind(object_id: str, number: int) -> str:
     Raises:
         ValueError: The object is unknown, or the number is negative.
     """
-    glass_object(object_id)
+    kinds = glass_object(object_id).holds
     if number < 0:
         raise ValueError(f"number of a hold starts at 0, got {number}")
-    kinds = HOLD_KINDS[object_id]
     return kinds[number % len(kinds)]
 
 

@@ -15,8 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from hadr.camera import pixel_grid
-from hadr.synthesis.depth_sensor.sensor_noise import ColorCamera, develop
 from hadr.synthesis.generation.farm import one_thread
+from hadr.synthesis.rendering.color_camera import ColorCamera, develop
 from hadr.synthesis.rendering.mitsuba_scene import mitsuba_sensor, scene_to_mitsuba
 from hadr.synthesis.rendering.mitsuba_variant import LLVM, mitsuba
 from hadr.synthesis.rendering.raycast import rays_through

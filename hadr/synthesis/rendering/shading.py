@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from hadr.camera import Intrinsics, pixel_grid
-from hadr.synthesis.depth_sensor.sensor_noise import film
 from hadr.synthesis.hand.mesh import HandMesh
+from hadr.synthesis.rendering.color_camera import film
 from hadr.synthesis.rendering.raycast import (
     GLASS,
     HAND,

@@ -21,7 +21,7 @@ from hadr.synthesis.hand.signed_distance import FOREARM_LENGTH
 from hadr.synthesis.holding.hold import Hold
 from hadr.synthesis.rendering.raycast import GLASS, HAND, RayCaster, rays_through
 from hadr.synthesis.scene.contents import Contents, Scene
-from hadr.synthesis.scene.environments import make_lights
+from hadr.synthesis.scene.lights import make_lights
 from hadr.synthesis.scene.surroundings import make_surroundings
 
 Array = npt.NDArray[np.float64]

@@ -6,7 +6,7 @@ import pytest
 
 from hadr.hand import ANGLE_LIMITS, ANGLE_NAMES, FINGERS, HandShape, forward_kinematics
 from hadr.synthesis.glass.distance import signed_distance
-from hadr.synthesis.glass.objects import OBJECTS, glass_object
+from hadr.synthesis.glass.objects import NOVEL_OBJECTS, OBJECTS, glass_object
 from hadr.synthesis.hand.finger_skin import finger_skin
 from hadr.synthesis.hand.skinning import skin_vertices
 from hadr.synthesis.holding import hold as holding
@@ -21,9 +21,7 @@ from hadr.synthesis.holding.hold import (
     search_hold,
 )
 from hadr.synthesis.holding.kinds import (
-    FINGERS_INSIDE,
-    HOLD_KINDS,
-    KIND_MEANING,
+    KINDS,
     Placement,
     draw_placement,
     finger_plan,
@@ -35,15 +33,14 @@ CASES = [(o, (3 * i + step) % 8) for i, o in enumerate(OBJECTS) for step in (0, 
 
 
 def test_every_object_has_eight_different_holds_and_each_kind_is_said_in_words():
-    for object_id in OBJECTS:
-        kinds = HOLD_KINDS[object_id]
+    for object_id in (*OBJECTS, *NOVEL_OBJECTS):
+        kinds = glass_object(object_id).holds
         assert len(kinds) == len(set(kinds)) == 8
-        assert set(kinds) <= set(KIND_MEANING)
+        assert set(kinds) <= set(KINDS)
         assert [hold_kind(object_id, n) for n in range(8, 16)] == list(kinds)
-    assert set(FINGERS_INSIDE) <= set(KIND_MEANING)
-    assert "handle" in HOLD_KINDS["0008"]
-    assert "stem" in HOLD_KINDS["0001"]
-    assert "neck" in HOLD_KINDS["0006"]
+    assert "handle" in glass_object("0008").holds
+    assert "stem" in glass_object("0001").holds
+    assert "neck" in glass_object("0006").holds
 
 
 @pytest.mark.parametrize(("object_id", "number"), CASES)
@@ -52,7 +49,7 @@ def test_made_holds_pass_all_checks(object_id, number):
     report = check_hold(hold)
     assert report.problems == ()
     assert hold.gaps == pytest.approx(report.gaps, abs=1e-9)
-    assert hold.hold_id == f"{object_id}-{HOLD_KINDS[object_id][number]}-{number:04d}"
+    assert hold.hold_id == f"{object_id}-{glass_object(object_id).holds[number]}-{number:04d}"
     assert (hold.angles >= ANGLE_LIMITS[:, 0]).all()
     assert (hold.angles <= ANGLE_LIMITS[:, 1]).all()
     # Independent of the checks: the skin against the exact distance of the glass.

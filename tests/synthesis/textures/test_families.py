@@ -2,7 +2,7 @@ import cv2
 import numpy as np
 import pytest
 
-from hadr.synthesis.scene.backgrounds import check_backgrounds, find_backgrounds, load_background
+from hadr.synthesis.textures.backgrounds import check_backgrounds, find_backgrounds, load_background
 from hadr.synthesis.textures.families import FAMILIES, LEVELS, pyramid, sample, texture_number
 from hadr.synthesis.textures.noise import SIZE, noise
 
