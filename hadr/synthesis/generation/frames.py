@@ -77,10 +77,6 @@ def _recording(path: Path, *_: Path) -> Recording:
 def recipe_hold(recipe: FrameRecipe, settings: GenerationSettings) -> Hold:
     """The holding pose of a frame: made from the seed, or a moment of a recording.
 
-    Args:
-        recipe: What the frame shows.
-        settings: Of the data set.
-
     Raises:
         ValueError: There are fewer recordings of the object than the frame's hold number asks.
     """

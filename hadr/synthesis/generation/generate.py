@@ -49,20 +49,12 @@ from hadr.synthesis.rendering.mitsuba_variant import (
     wanted_variant,
     why_not_llvm,
 )
-from hadr.synthesis.scene.scene import HoldScene
 from hadr.synthesis.textures.backgrounds import check_backgrounds
 
 
 @dataclass(frozen=True)
 class GenerationReport:
-    """What a run did.
-
-    Args:
-        root: The data set.
-        written: Frames made by this run.
-        kept: Frames that were there already.
-        seconds: Time that it took.
-    """
+    """What a run did: frames written and kept in a folder, and the seconds that it took."""
 
     root: Path
     written: int
@@ -72,12 +64,6 @@ class GenerationReport:
     def __str__(self) -> str:
         pace = f", {self.seconds / self.written:.2f} s a frame" if self.written else ""
         return f"{self.written} frames written, {self.kept} kept in {self.root}{pace}"
-
-
-def _skin_albedo(scene: HoldScene) -> list[float]:
-    """The median reflectance of the hand, linear RGB."""
-    hand = scene.contents.hand
-    return [] if hand is None else np.median(hand.albedo, axis=0).round(4).tolist()
 
 
 def _make_frames(
@@ -96,7 +82,7 @@ def _make_frame(recipe: FrameRecipe, root: Path, settings: GenerationSettings) -
         frame = draw_frame(scene, recipe, settings)
     except ValueError as error:
         raise ValueError(f"frame {recipe.index}: {error}") from error
-    hold = scene.hold
+    hold, hand = scene.hold, scene.contents.hand
     scale: float | DisparityScale = 0.001
     if frame.raw_depth is not None:
         raw, scale = stored_raw_depth(frame.raw_depth, settings)
@@ -106,7 +92,7 @@ def _make_frame(recipe: FrameRecipe, root: Path, settings: GenerationSettings) -
         "hold_kind": hold.kind,
         "hand_side": hold.shape.side,
         "hand_scale": round(hold.shape.scale, 4),
-        "skin_albedo": _skin_albedo(scene),
+        "skin_albedo": [] if hand is None else np.median(hand.albedo, axis=0).round(4).tolist(),
         "engine": settings.engine,
         "generator": f"hadr {hadr.__version__}",
     }

@@ -68,12 +68,11 @@ class GenerationSettings:
         seed: Seed of everything (0).
         width: Image width, pixels (448).
         height: Image height, pixels; TransHand-14K's pictures are 16:9 (252).
-        engine: ``photo`` traces paths (needs ``hadr[generate]``), ``raycast`` casts rays (raycast).
-        variant: Of Mitsuba, which draws for ``photo``; where left out, that of the frames that
-            are there already, else the fastest that works.
-        samples: Paths a pixel of ``photo`` (8).
-        quality: Of ``raycast``: ``fine`` has soft shadows and four rays a pixel, ``fast`` one ray
-            (fine).
+        engine: photo traces paths (needs hadr[generate]), raycast casts rays (raycast).
+        variant: Of Mitsuba, which draws for photo; where left out, that of the frames that are
+            there already, else the fastest that works.
+        samples: Paths a pixel of photo (8).
+        quality: Of raycast: fine has soft shadows and four rays a pixel, fast one ray (fine).
         sensor: With the raw depth of a simulated depth camera.
         objects: The objects to alternate between, e.g. 0000 0004; without, all eight.
         split_by: What a split keeps together: a holding pose, nothing but the frame (which leaks
@@ -81,16 +80,16 @@ class GenerationSettings:
             (holding).
         frames_per_hold: How many frames share a holding pose; 2.5 means two and three in turn
             (2).
-        hold_shift: Object number j begins with its hold number ``j * hold_shift``, so that few
+        hold_shift: Object number j begins with its hold number j times this, so that few
             frames show many kinds of hold (0).
         recordings: Folder of recorded holds as CSV; without, holds are made from the seed.
         backgrounds: Folder of photographs for the surroundings; without, textures are painted.
-        depth_format: Depth as float metres (``npy``) or 16-bit in 0.1 mm steps (``png``) (npy).
+        depth_format: Depth as float metres, npy, or 16-bit in 0.1 mm steps, png (npy).
         jpeg_quality: Stores colour as JPEG, 1..100; without, as PNG.
         rest_step: Rounds the depth of what is neither hand nor glass, metres, for smaller files;
             without, it stays as exact.
-        raw_format: Raw depth in 1 mm steps (``depth``), or as the camera's ``disparity``, which is
-            smaller: 1/16 pixel, beyond 1 m 1/8 pixel (depth).
+        raw_format: Raw depth in 1 mm steps, depth, or as the camera's disparity, which is smaller:
+            1/16 pixel, beyond 1 m 1/8 pixel (depth).
         normals: Where surface normals are kept: everywhere, on glass and hand, on the glass (all).
 
     Raises:
