@@ -112,10 +112,8 @@ def match(left: Picture, right: Picture, how: Matching) -> Float:
 def _refine(
     left: Picture, right: Picture, disparity: Float, how: Matching
 ) -> tuple[Float, npt.NDArray[np.bool_]]:
-    """Sub-pixel disparity by least squares in a window (Gauss-Newton), and where to trust it.
-
-    A semi-global matcher's own parabola is drawn to whole pixels; this is not.
-    """
+    """Sub-pixel disparity by least squares in a window (Gauss-Newton), and where to trust it."""
+    # A semi-global matcher's own parabola is drawn to whole pixels; this is not.
     first = _without_mean(left)
     second = _without_mean(right)
     slope = cv2.Sobel(second, cv2.CV_32F, 1, 0, ksize=1, scale=0.5)

@@ -37,13 +37,11 @@ Color = npt.NDArray[np.uint8]
 def stored_raw_depth(
     raw: npt.NDArray[np.float32], settings: GenerationSettings
 ) -> tuple[npt.NDArray[np.float32], float | DisparityScale]:
-    """Raw depth rounded to what is stored, and the scale to store it with.
-
-    Beyond 1 m steps of disparity are twice as long: there a real D435's noise is larger.
-    """
+    """Raw depth rounded to what is stored, and the scale to store it with."""
     camera = StereoCamera()
     if settings.raw_format == "depth":
         return raw, float(camera.step)
+    # Beyond 1 m steps of disparity are twice as long: there a real D435's noise is larger.
     scale = DisparityScale(camera.focal * camera.baseline, 1 / 16, camera.step)
     return scale.nearest(raw, double_beyond=1.0), scale
 
@@ -124,7 +122,6 @@ def draw_frame(scene: HoldScene, recipe: FrameRecipe, settings: GenerationSettin
             scene.camera,
             scene.world_from_camera,
             np.random.default_rng([settings.seed, recipe.index, 5]) if fine else None,
-            supersample=2 if fine else 1,
         )
     raw = None
     if settings.sensor:
@@ -151,11 +148,7 @@ def draw_frame(scene: HoldScene, recipe: FrameRecipe, settings: GenerationSettin
 
 
 def render_frame(recipe: FrameRecipe, settings: GenerationSettings) -> Frame:
-    """Make one frame with exact labels; the same for the same arguments.
-
-    Raises:
-        ValueError: What the engine needs is missing, or the recordings are too few.
-    """
+    """Make one frame with exact labels; the same for the same arguments."""
     if settings.engine == "photo":
         check_installed()
     return draw_frame(build_scene(recipe, settings), recipe, settings)
@@ -166,14 +159,9 @@ def live_picture(
 ) -> tuple[Color, str, str]:
     """Make a picture now, in a child process, or give a stored one where that can't be done.
 
-    Args:
-        recipe: What the picture shows.
-        settings: How it is made, by the engine ``photo``.
-        stored: The picture to give instead, sRGB, (H, W, 3) uint8.
-
     Returns:
-        The picture, sRGB, (H, W, 3) uint8; its title; and one sentence that says why a stored one
-        stands there although Mitsuba is installed, else nothing.
+        The picture, sRGB, (H, W, 3) uint8, as ``stored``; its title; and one sentence that says why
+        a stored one stands there although Mitsuba is installed, else nothing.
     """
     try:
         check_installed()

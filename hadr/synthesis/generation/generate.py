@@ -110,10 +110,7 @@ def _make_frame(recipe: FrameRecipe, root: Path, settings: GenerationSettings) -
 
 
 def _chosen_variant(settings: GenerationSettings, root: Path, client: Any) -> Variant:
-    """The variant asked for, else that of the folder's frames, else the fastest for all workers.
-
-    Each worker of a cluster finds out for itself what it can use.
-    """
+    """The variant asked for, else that of the folder's frames, else the fastest for all workers."""
     recorded, wanted = recorded_settings(root).get("variant"), wanted_variant()
     variant = settings.variant or wanted or recorded
     if settings.variant is None and recorded not in (None, variant):
@@ -122,6 +119,7 @@ def _chosen_variant(settings: GenerationSettings, root: Path, client: Any) -> Va
             ": unset it, or choose another folder"
         )
     if variant is None:
+        # Each worker of a cluster finds out for itself what it can use.
         told = {} if client is None else client.run(mitsuba_variant)
         usable = set(told.values()) or {mitsuba_variant()}
         variant = SCALAR if SCALAR in usable else LLVM

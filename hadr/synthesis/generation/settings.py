@@ -42,12 +42,9 @@ class FrameRecipe:
 
 
 def hold_split(hold_number: int, object_id: str = "0000") -> str:
-    """The split of an object's hold number: ten in turn hold seven, two and one.
-
-    A hold's split so never depends on how many frames are made. Kinds of hold come in turns of
-    eight; the cycle moves on by one each ten and begins elsewhere for each object, so that every
-    kind is tested with some object.
-    """
+    """The split of an object's hold, however many frames are made: ten in turn hold 7:2:1."""
+    # Kinds of hold come in turns of eight; the cycle moves on by one each ten and begins elsewhere
+    # for each object, so that every kind is tested with some object.
     lap = hold_number // len(_HOLD_CYCLE)
     return _HOLD_CYCLE[(hold_number + lap + int(object_id)) % len(_HOLD_CYCLE)]
 
@@ -141,11 +138,7 @@ class GenerationSettings:
             glass_object(name)
 
     def recipe(self, index: int) -> FrameRecipe:
-        """What frame ``index`` shows; objects alternate.
-
-        Raises:
-            ValueError: The index is negative.
-        """
+        """What frame ``index`` shows; objects alternate. A negative index is a ``ValueError``."""
         if index < 0:
             raise ValueError(f"frames are counted from 0, got {index}")
         names = self.objects or tuple(OBJECTS)

@@ -127,7 +127,7 @@ def _walls(item: GlassObject) -> tuple[Array, Array, Array]:
 
 
 def relieved(item: GlassObject, angle: Array, rz: Array, *, back: bool = False) -> Array:
-    """Move points of the body of revolution to where the reliefs put them, or back.
+    """Move points of the body of revolution to where the reliefs put them, or back: the new radius.
 
     Between the inner and the outer wall the shift fades out, so that the inside stays round.
 
@@ -136,9 +136,6 @@ def relieved(item: GlassObject, angle: Array, rz: Array, *, back: bool = False) 
         angle: Around the axis, radians, shape (...,).
         rz: Radius and height, metres, shape (..., 2).
         back: True takes the relief away instead.
-
-    Returns:
-        The new radius, metres, shape (...,); the height stays.
     """
     r, z = rz[..., 0], rz[..., 1]
     if not item.reliefs:

@@ -46,15 +46,7 @@ class HandMesh:
 
 
 def paint(skin: SkinMap, tone: npt.ArrayLike) -> tuple[Array, Array]:
-    """Reflectance and gloss of skin and nails.
-
-    Args:
-        skin: Where the skin's features lie, V vertices.
-        tone: Linear RGB reflectance on the back of the hand, shape (3,).
-
-    Returns:
-        Linear RGB, shape (V, 3), and gloss, shape (V,).
-    """
+    """Reflectance (linear RGB, (V, 3)) and gloss (V,) of skin and nails; the tone is the back's."""
     base = np.asarray(tone, dtype=float)
     fair = np.array([0.80, 0.53, 0.42])
     darkness = float(np.clip(1 - base.mean() / 0.56, 0, 1))
@@ -83,17 +75,13 @@ def hand_mesh(
     tone: npt.ArrayLike = SKIN_TONES[1],
     step: float = FINE_STEP,
 ) -> HandMesh:
-    """Skin a posed skeleton.
+    """Skin a posed skeleton: a closed hand with its forearm, wrist frame, metres.
 
     Args:
-        skeleton: The pose, wrist frame, metres.
+        skeleton: The pose.
         shape: The sizes that posed it; an adult's right hand where it is left out.
         tone: Linear RGB reflectance of the skin, shape (3,).
-        step: Coarsest distance of vertices on the hand, metres: 1.3 mm shows creases, 3.8 mm and
-            more is meant for contact checks.
-
-    Returns:
-        A closed hand with its forearm in the wrist frame.
+        step: Coarsest distance of vertices, metres: 1.3 mm shows creases, 3.8 mm checks contact.
 
     Raises:
         ValueError: The step is not between 1 and 10 mm.

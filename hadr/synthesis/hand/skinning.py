@@ -50,13 +50,9 @@ def _palm_stretch(before: Skeleton, after: Skeleton, girth: float) -> Array:
 def sized_template(shape: HandShape, step: float) -> tuple[npt.NDArray[np.float32], Array]:
     """The template's vertices at rest in a hand's proportions, and its rest bones.
 
-    Args:
-        shape: The hand; its side and scale play no part.
-        step: Grid of the template, metres.
-
     Returns:
-        Vertices of a right hand of scale 1, shape (V, 3), and ``bone_from_wrist`` of its 16 bones
-        at rest, shape (16, 4, 4).
+        Vertices of a right hand of scale 1, shape (V, 3), whatever the hand's side and scale; and
+        ``bone_from_wrist`` of its 16 bones at rest, shape (16, 4, 4).
     """
     sizes = (tuple((f, tuple(v)) for f, v in s.items()) for s in (shape.roots, shape.lengths))
     return _sized(*sizes, tuple(shape.fan.items()), shape.girth, step)
@@ -148,14 +144,9 @@ def posed_vertices(skeleton: Skeleton, shape: HandShape, step: float) -> npt.NDA
 def skin_vertices(skeleton: Skeleton, shape: HandShape) -> tuple[Array, npt.NDArray[np.int8]]:
     """Points of the skin in a pose, some 4 mm apart, for contact checks.
 
-    Args:
-        skeleton: The pose, wrist frame, metres.
-        shape: The sizes that posed it.
-
     Returns:
-        Vertices in the wrist frame, metres, shape (V, 3), in the same order for every pose and
-        shape; and the part that each belongs to: 0..4 thumb to little finger, 5 palm, 6 forearm,
-        shape (V,).
+        Vertices in the wrist frame, metres, (V, 3), in the same order for every pose and shape; and
+        the part of each: 0..4 thumb to little finger, 5 palm, 6 forearm, (V,).
     """
     vertices = posed_vertices(skeleton, shape, COARSE_STEP)
     return vertices.astype(float), hand_template(COARSE_STEP).part

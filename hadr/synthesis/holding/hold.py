@@ -48,7 +48,7 @@ class Hold:
     Args:
         hold_id: Names the pose, e.g. ``0004-stem-0007``; frames that share it are near-duplicates.
         object_id: The object.
-        kind: One of those in ``KIND_MEANING``.
+        kind: One of those in ``KINDS``.
         shape: Sizes and side of the hand.
         angles: The twenty joint angles, radians, shape (20,).
         wrist_from_object: Pose of the object in the wrist frame, shape (4, 4).
@@ -177,15 +177,12 @@ def draw_hand_shape(rng: np.random.Generator, side: Side) -> HandShape:
 
 @kept(64)
 def make_hold(object_id: str, number: int, seed: int = 0) -> Hold:
-    """Make the holding pose number ``number`` of an object.
+    """Make the holding pose number ``number`` of an object; the same for the same arguments.
 
     Args:
         object_id: One of the objects' ids.
         number: Which pose, from 0; the eight kinds of hold of the object alternate.
         seed: Seed of the whole data set.
-
-    Returns:
-        The pose; the same for the same three arguments.
 
     Raises:
         ValueError: The object is unknown, the number is negative, or five hands in turn fail.

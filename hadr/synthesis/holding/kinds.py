@@ -46,18 +46,14 @@ def _unit(vector: npt.ArrayLike) -> Array:
 def pose_from_axis(
     up: npt.ArrayLike, point: npt.ArrayLike, height: float, toward: npt.ArrayLike, roll: float = 0.0
 ) -> Array:
-    """Object pose whose axis has a direction and passes a point at a height of the object.
+    """``wrist_from_object`` (4, 4) whose axis has a direction and passes a point at a height.
 
     Args:
         up: Direction of the object's axis, wrist frame, shape (3,).
         point: Where the axis is at ``height``, wrist frame, metres.
         height: Metres above the table in the object's frame.
-        toward: Direction in which the object's x axis (and a handle) points, made upright to the
-            axis; its component along ``up`` does not matter.
+        toward: Direction in which the object's x axis (and a handle) points.
         roll: Further rotation about the axis, radians.
-
-    Returns:
-        ``wrist_from_object``, shape (4, 4).
     """
     z = _unit(up)
     helper = np.asarray(toward, dtype=float)

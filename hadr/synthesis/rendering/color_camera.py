@@ -49,16 +49,7 @@ def exposure(light: Light, camera: ColorCamera) -> float:
 
 
 def develop(light: Light, rng: np.random.Generator, camera: ColorCamera) -> Picture:
-    """Expose a camera to light.
-
-    Args:
-        light: Linear RGB radiance, shape (H, W, 3).
-        rng: Draws the noise.
-        camera: The camera.
-
-    Returns:
-        sRGB, shape (H, W, 3) uint8.
-    """
+    """Expose a camera to linear RGB radiance (H, W, 3): sRGB with its noise, (H, W, 3) uint8."""
     height, width = light.shape[:2]
     image = np.maximum(np.asarray(light, dtype=np.float32), 0.0)
     image *= exposure(image, camera)

@@ -79,10 +79,7 @@ class Environment:
         return np.asarray(flat * _BANDS[:, None])
 
     def irradiance(self, normals: Array) -> Array:
-        """Linear RGB irradiance on surfaces of given unit normals, smooth, shape (N, 3).
-
-        From nine spherical harmonics: right to a few per cent unless the light is one small spot.
-        """
+        """Linear RGB irradiance on surfaces of unit normals, smooth, (N, 3), by nine harmonics."""
         return np.asarray(np.maximum(_harmonics(normals) @ self._coefficients, 0.0))
 
 
@@ -196,13 +193,8 @@ def make_lights(
 ) -> tuple[Environment, tuple[AreaLight, ...]]:
     """The light of a scene, so bright that white paper that faces the camera is about white.
 
-    Args:
-        eye: The camera, world frame, metres.
-        middle: What it looks at.
-        rng: Draws the light.
-
-    Returns:
-        Light from far away, and one or two panels above or beside the camera.
+    The camera at ``eye`` looks at ``middle``, world frame, metres. Light from far away, and one or
+    two panels above or beside the camera.
     """
     back = (eye - middle) / np.linalg.norm(eye - middle)
     sun = back + np.array([0, 0, rng.uniform(0.3, 1.0)]) + 0.8 * rng.normal(size=3)

@@ -163,7 +163,7 @@ def make_scene(
     hand_step: float = 0.0025,
     backgrounds: Sequence[Path] = (),
 ) -> HoldScene:
-    """Build the scene of one frame.
+    """Build the scene of one frame; the same for the same hold and generator state.
 
     Args:
         hold: The holding pose.
@@ -172,9 +172,6 @@ def make_scene(
         height: Image height, pixels.
         hand_step: Grid of the hand's surface, metres.
         backgrounds: Photographs for backdrops, tables and floors; painted textures without.
-
-    Returns:
-        The scene; the same for the same hold and generator state.
 
     Raises:
         ValueError: A photograph can't be read.

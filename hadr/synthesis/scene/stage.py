@@ -20,8 +20,7 @@ Array = npt.NDArray[np.float64]
 class Stage:
     """Surfaces with their textures, as they are put up one by one.
 
-    Args:
-        photographs: Files that negative texture numbers stand for.
+    ``photographs`` are the files that negative texture numbers stand for.
     """
 
     photographs: tuple[Path, ...] = ()
@@ -47,13 +46,9 @@ class Stage:
     ) -> None:
         """Put up a parallelogram whose texture repeats.
 
-        Args:
-            corner: Upper left corner, seen from the side that is looked at, metres.
-            right: Edge from there to the right, metres.
-            down: Edge from there down, metres.
-            number: Its texture.
-            repeat: Height of one repeat, metres.
-            start: Texture coordinates at the corner, in repeats, shape (2,).
+        Its edges ``right`` and ``down`` start at the upper left ``corner`` of what is looked at,
+        metres. A repeat of the texture ``number`` is ``repeat`` metres high; at the corner it is
+        ``start`` in repeats, shape (2,).
         """
         wide = np.linalg.norm(right) / (repeat * self.aspect(number))
         tall = np.linalg.norm(down) / repeat

@@ -79,11 +79,7 @@ FAMILIES: tuple[Family, ...] = (
 
 
 def texture_number(name: str, variant: int) -> int:
-    """Number of a family's variant.
-
-    Raises:
-        ValueError: There is no such family; the message lists them.
-    """
+    """Number of a family's variant; a ``ValueError`` lists the families where it is none."""
     names = [family.name for family in FAMILIES]
     if name not in names:
         raise ValueError(f"no family of textures {name!r}; there are {', '.join(names)}")
@@ -114,12 +110,7 @@ def _photograph_pyramid(path: Path) -> tuple[Image, ...]:
 
 
 def pyramid(number: int, photographs: Sequence[Path] = ()) -> tuple[Image, ...]:
-    """A texture and its halved copies, finest first, sRGB, shapes (H, W, 3), (H / 2, W / 2, 3)...
-
-    Args:
-        number: Which texture; below 0 a photograph.
-        photographs: Files that negative numbers stand for.
-    """
+    """A texture and its halved copies, finest first, sRGB, (H, W, 3), (H / 2, W / 2, 3)..."""
     if number < 0:
         return _photograph_pyramid(photographs[-1 - number])
     return _library_pyramid(number)
