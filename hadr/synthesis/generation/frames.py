@@ -57,17 +57,12 @@ def _recordings_by_object(folder: str | Path) -> dict[str, tuple[Path, ...]]:
     known = {*OBJECTS, *NOVEL_OBJECTS}
     for path in find_recordings(folder):
         names = [n for n in (path.parent.name, path.stem.split("-")[0]) if n in known]
-        object_id = names[0] if names else _object_of(path, *companions(path))
+        object_id = names[0] if names else _recording(path, *companions(path)).object_id
         found[object_id] = (*found.get(object_id, ()), path)
     return found
 
 
 @kept_by_file(1000)
-def _object_of(path: Path, *_: Path) -> str:
-    return read_recording(path).object_id
-
-
-@kept_by_file(4)
 def _recording(path: Path, *_: Path) -> Recording:
     return read_recording(path)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -171,6 +171,11 @@ class Preset:
     bundled_recordings: bool = False
 
 
+_TRACED = GenerationSettings(engine="photo", sensor=True, depth_format="png")
+#: As small as the labels of what is held allow.
+_SMALL = replace(
+    _TRACED, jpeg_quality=86, rest_step=0.001, raw_format="disparity", normals="object"
+)
 PRESETS: dict[str, Preset] = {
     "tiny": Preset(
         16,
@@ -181,47 +186,25 @@ PRESETS: dict[str, Preset] = {
     ),
     "samples": Preset(
         480,
-        GenerationSettings(
-            engine="photo",
-            sensor=True,
-            depth_format="png",
-            jpeg_quality=86,
-            rest_step=0.001,
-            raw_format="disparity",
-            normals="object",
-        ),
+        _SMALL,
         "the project's sample frames: 480 of 448x252 from 240 recorded holds",
         bundled_recordings=True,
     ),
     "gallery": Preset(
         12,
-        GenerationSettings(
-            seed=11,
-            width=1280,
-            height=720,
-            engine="photo",
-            samples=16,
-            sensor=True,
-            frames_per_hold=1,
-            hold_shift=5,
-            depth_format="png",
-            jpeg_quality=86,
-            rest_step=0.001,
-            raw_format="disparity",
-            normals="object",
+        replace(
+            _SMALL, seed=11, width=1280, height=720, samples=16, frames_per_hold=1, hold_shift=5
         ),
         "12 frames of 1280x720 to look at",
     ),
     "mini": Preset(
         4000,
-        GenerationSettings(
+        replace(
+            _TRACED,
             seed=1,
             width=256,
             height=144,
-            engine="photo",
-            sensor=True,
             frames_per_hold=2.5,
-            depth_format="png",
             jpeg_quality=92,
             normals="none",
         ),
@@ -229,15 +212,7 @@ PRESETS: dict[str, Preset] = {
     ),
     "paper": Preset(
         14100,
-        GenerationSettings(
-            seed=2,
-            width=1280,
-            height=720,
-            engine="photo",
-            sensor=True,
-            depth_format="png",
-            jpeg_quality=95,
-        ),
+        replace(_TRACED, seed=2, width=1280, height=720, jpeg_quality=95),
         "as many frames as TransHand-14K and as large: 14,100 of 1280x720; for a cluster",
     ),
 }

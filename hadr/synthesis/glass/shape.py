@@ -62,11 +62,6 @@ class GlassObject:
         """Metres from the table to the rim."""
         return float(profile(self)[:, 1].max())
 
-    @property
-    def radius(self) -> float:
-        """Largest radius of the outline (no handle, no spout), metres."""
-        return float(profile(self)[:, 0].max())
-
     def outer_radius(self, z: float) -> float:
         """Largest radius of the outline at the height z, metres; 0 above and below it."""
         return float(_largest_radius(profile(self), np.array([z]))[0])

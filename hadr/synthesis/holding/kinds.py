@@ -199,76 +199,47 @@ class Kind:
     """A kind of hold.
 
     Args:
-        meaning: In a sentence.
         actions: What each finger does, thumb to little.
         draw_pose: Draws the object's pose for an object, this kind's name and a hand's scale.
         palm_gap: See `Placement`.
     """
 
-    meaning: str
     actions: tuple[Action, Action, Action, Action, Action]
     draw_pose: Callable[[GlassObject, str, float, _Draw], Array]
     palm_gap: float = 0.0
 
 
 _WRAP: tuple[Action, Action, Action, Action, Action] = ("tip", "wrap", "wrap", "wrap", "wrap")
-_ALL_TIPS: tuple[Action, Action, Action, Action, Action] = ("tip",) * 5
+_TIPS: tuple[Action, Action, Action, Action, Action] = ("tip",) * 5
 _TWO_TIPS: tuple[Action, Action, Action, Action, Action] = ("tip", "tip", "tip", "free", "free")
 
-# fmt: off
 #: The kinds of hold by their names.
 KINDS: dict[str, Kind] = {
-    "side": Kind(
-        "power hold: the palm and all fingers around the body, the thumb toward the mouth",
-        _WRAP, _power,
-    ),
-    "low": Kind("the same close to the base of a tall object", _WRAP, _power),
-    "oblique": Kind("power hold with the object leaning across the palm", _WRAP, _power),
-    "reverse": Kind(
-        "power hold with the thumb toward the base, as one turns a glass over", _WRAP, _power
-    ),
-    "neck": Kind("power hold around the neck", _WRAP, _power),
-    "fist": Kind("all fingers around the stem", _WRAP, _power),
-    "cradle": Kind("the base on the palm, fingers and thumb up along the wall", _WRAP, _cradle),
-    "tips": Kind(
-        "precision hold: thumb and four finger tips on the wall, the palm away from it",
-        _ALL_TIPS, _tips, 0.012,
-    ),
-    "pinch": Kind(
-        "precision hold with thumb, index and middle finger only", _TWO_TIPS, _tips, 0.012
-    ),
-    "above": Kind(
-        "finger tips around the mouth, the palm above it", _ALL_TIPS, _around, 0.008
-    ),
-    "below": Kind(
-        "finger tips around the base, the palm below it", _ALL_TIPS, _around, 0.008
-    ),
-    "rim": Kind(
-        "the wall between the thumb inside the mouth and the fingers outside",
-        ("inside", "tip", "tip", "tip", "tip"), _rim, 0.006,
-    ),
-    "nip": Kind(
-        "the same with thumb, index and middle finger only",
-        ("inside", "tip", "tip", "free", "free"), _rim, 0.006,
-    ),
-    "lip": Kind(
-        "the wall between the fingers inside the mouth and the thumb outside",
-        ("tip", "inside", "inside", "inside", "inside"), _rim, 0.006,
-    ),
-    "carry": Kind(
-        "the thumb over the rim into the mouth, the fingers under the wall",
-        ("inside", "tip", "tip", "tip", "tip"), _rim, 0.006,
-    ),
-    "stem": Kind("the stem between thumb, index and middle finger", _TWO_TIPS, _stem, 0.010),
-    "foot": Kind(
-        "the foot between the thumb on top and the fingers below", _TWO_TIPS, _foot, 0.010
-    ),
-    "handle": Kind(
-        "two fingers through the handle, the thumb on top of it",
-        ("tip", "hook", "hook", "free", "free"), _handle, 0.002,
-    ),
+    # Power hold: the palm and all fingers around the body, the thumb toward the mouth.
+    "side": Kind(_WRAP, _power),
+    "low": Kind(_WRAP, _power),  # the same close to the base of a tall object
+    "oblique": Kind(_WRAP, _power),  # with the object leaning across the palm
+    "reverse": Kind(_WRAP, _power),  # with the thumb toward the base, as a glass is put upside down
+    "neck": Kind(_WRAP, _power),  # around the neck
+    "fist": Kind(_WRAP, _power),  # all fingers around the stem
+    "cradle": Kind(_WRAP, _cradle),  # the base on the palm, fingers and thumb up along the wall
+    # Precision hold: thumb and four finger tips on the wall, the palm away from it.
+    "tips": Kind(_TIPS, _tips, 0.012),
+    "pinch": Kind(_TWO_TIPS, _tips, 0.012),  # with thumb, index and middle finger only
+    "above": Kind(_TIPS, _around, 0.008),  # around the mouth, the palm above it
+    "below": Kind(_TIPS, _around, 0.008),  # around the base, the palm below it
+    # The wall between the thumb inside the mouth and the fingers outside, all or two of them.
+    "rim": Kind(("inside", "tip", "tip", "tip", "tip"), _rim, 0.006),
+    "nip": Kind(("inside", "tip", "tip", "free", "free"), _rim, 0.006),
+    # The wall between the fingers inside the mouth and the thumb outside.
+    "lip": Kind(("tip", "inside", "inside", "inside", "inside"), _rim, 0.006),
+    # The thumb over the rim into the mouth, the fingers under the wall.
+    "carry": Kind(("inside", "tip", "tip", "tip", "tip"), _rim, 0.006),
+    "stem": Kind(_TWO_TIPS, _stem, 0.010),  # the stem between thumb, index and middle finger
+    "foot": Kind(_TWO_TIPS, _foot, 0.010),  # the foot between the thumb on top and fingers below
+    # Two fingers through the handle, the thumb on top of it.
+    "handle": Kind(("tip", "hook", "hook", "free", "free"), _handle, 0.002),
 }
-# fmt: on
 
 
 def finger_plan(kind: str) -> dict[str, Action]:

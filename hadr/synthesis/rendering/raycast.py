@@ -110,13 +110,8 @@ def _exact(
 
 def _chosen(second: npt.NDArray[np.bool_], a: Hits, b: Hits) -> Hits:
     """Hits of b where ``second``, else those of a."""
-    return Hits(
-        np.where(second, b.distance, a.distance),
-        np.where(second, b.mesh, a.mesh),
-        np.where(second, b.face, a.face),
-        np.where(second, b.u, a.u),
-        np.where(second, b.v, a.v),
-    )
+    names = a.__dataclass_fields__
+    return Hits(*(np.where(second, getattr(b, name), getattr(a, name)) for name in names))
 
 
 def rays_through(
