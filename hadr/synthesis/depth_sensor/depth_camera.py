@@ -56,9 +56,6 @@ class StereoCamera:
         full_well: Electrons of a white pixel; their number is random (shot noise).
         projector: The dots.
         matching: The matcher.
-
-    Raises:
-        ValueError: A length is not positive.
     """
 
     baseline: float = 0.050
@@ -74,11 +71,6 @@ class StereoCamera:
     full_well: float = 6000.0
     projector: Projector = field(default_factory=Projector)
     matching: Matching = field(default_factory=Matching)
-
-    def __post_init__(self) -> None:
-        for name in ("baseline", "focal", "closest", "farthest", "step", "exposure", "full_well"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
 
 
 @dataclass(frozen=True)

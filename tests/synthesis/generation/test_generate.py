@@ -50,16 +50,6 @@ def test_the_same_seed_gives_the_same_bytes_whatever_the_number_and_the_workers(
         assert longer[name] == data, name
 
 
-def test_opencv_gets_back_the_threads_that_it_had(tmp_path):
-    before = cv2.getNumThreads()
-    try:
-        cv2.setNumThreads(3)
-        generate(tmp_path, 1, SIZE)
-        assert cv2.getNumThreads() == 3
-    finally:
-        cv2.setNumThreads(before)
-
-
 def test_a_run_goes_on_where_it_ended(six, tmp_path):
     generate(tmp_path, 3, TWO)
     recipe = TWO.recipe(1)

@@ -125,16 +125,6 @@ def test_depth_is_exact_to_single_precision_at_any_slant():
         assert not (labels.hand_mask | labels.object_mask).any()
 
 
-def test_a_facet_of_a_coarse_sphere_is_met_in_its_plane():
-    """80 triangles, not the sphere that they stand for: the distance of the plane of each."""
-    ball = sphere(np.array([0.0, 0, 0.6]), 0.15, 1)
-    labels = RayTracer(Contents(None, (ball,))).labels(CAMERA, np.eye(4))
-    d = ray_directions(CAMERA)
-    for row, column in np.argwhere(labels.object_mask)[::40]:
-        depth = nearest_hit(np.zeros(3), d[row, column], ball) * d[row, column, 2]
-        assert labels.depth[row, column] == pytest.approx(depth, rel=1e-7)
-
-
 def grid_of_squares(count) -> Surface:
     """A plane at 1 m of 2 x count^2 triangles, from -1 to 1 m."""
     line = np.linspace(-1, 1, count + 1)
@@ -169,12 +159,8 @@ def test_a_pixel_is_what_its_centre_sees():
         np.testing.assert_allclose(labels.background_depth, 2.0, rtol=1e-7)
 
 
-def test_normals_have_length_1_and_look_at_the_camera(scene):
+def test_normals_on_the_glass_agree_with_the_slope_of_its_depth(scene):
     labels = RayTracer(scene.contents).labels(scene.camera, scene.world_from_camera)
-    np.testing.assert_allclose(np.linalg.norm(labels.normals, axis=-1), 1.0, atol=1e-5)
-    toward = (labels.normals * ray_directions(scene.camera)).sum(-1)
-    assert (toward <= 1e-6).all()
-    # On the glass they agree with the slope of the depth, away from edges.
     z = labels.depth.astype(float)
     points = z[..., None] * ray_directions(scene.camera) / ray_directions(scene.camera)[..., 2:]
     across, down = np.gradient(points, axis=1), np.gradient(points, axis=0)
