@@ -103,23 +103,18 @@ def _candidates(
 
 def search_hold(
     object_id: str, kind: str, shape: HandShape, rng: np.random.Generator
-) -> tuple[Array, Array, ContactReport, int]:
-    """Search a hold of a kind as a right hand's.
+) -> tuple[Array, Array, ContactReport]:
+    """Search a hold of a kind as a right hand's: angles, ``wrist_from_object``, the checks' report.
 
-    Returns:
-        The angles; ``wrist_from_object``; the checks' report (its problems are empty unless all
-        attempts failed, then it is the best failure); and the number of attempts.
+    Where all attempts fail it is the best failure, and its report has problems.
     """
     item, table = glass_object(object_id), clearance_table(object_id)
     right = replace(shape, side="right")
     hand = hand_skins(right)
     best: tuple[float, Array, Array, ContactReport] | None = None
-    attempts = 0
     for _ in range(_ROUNDS):
         for placement in _candidates(item, kind, hand, table, rng)[:_TRIES]:
-            attempts += 1
-            attempt = GraspOptimisation(object_id, hand, placement)
-            angles, cost = attempt.run(rng)
+            angles, cost = GraspOptimisation(object_id, hand, placement).run(rng)
             report = check_contact(
                 object_id, right, angles, placement.wrist_from_object, fingers_inside(kind)
             )
@@ -139,7 +134,7 @@ def search_hold(
             break
     if best is None:
         raise ValueError(f"no placement of {object_id} for a hold of kind {kind!r} spares the palm")
-    return best[1], best[2], best[3], attempts
+    return best[1:]
 
 
 def mirrored_pose(wrist_from_object: Array) -> Array:
@@ -193,7 +188,7 @@ def make_hold(object_id: str, number: int, seed: int = 0) -> Hold:
         rng = np.random.default_rng([seed, int(object_id), number, 11, redraw][: 4 + (redraw > 0)])
         side: Side = "right" if rng.random() < 0.6 else "left"
         shape = draw_hand_shape(rng, side)
-        angles, pose, report, _ = search_hold(object_id, kind, shape, rng)
+        angles, pose, report = search_hold(object_id, kind, shape, rng)
         if not report.problems:
             break
     else:

@@ -120,7 +120,7 @@ def test_fingers_close_on_a_cylinder_to_its_radius():
     """The bottle's body is a cylinder: closed fingers' skin ends at its radius."""
     item, shape = glass_object("0006"), HandShape("right", 0.95)
     rng = np.random.default_rng(8)
-    angles, pose, report, _ = search_hold("0006", "low", shape, rng)
+    angles, pose, report = search_hold("0006", "low", shape, rng)
     assert report.problems == ()
     vertices, part = skin_vertices(forward_kinematics(angles, shape), shape)
     local = (vertices - pose[:3, 3]) @ pose[:3, :3]
@@ -152,7 +152,7 @@ def test_a_hold_that_fails_is_drawn_with_another_hand_and_never_handed_out(monke
     def search(reports):
         def found(object_id, kind, shape, rng):
             asked.append(shape)
-            return hold.angles, hold.wrist_from_object, reports[len(asked) - 1], 1
+            return hold.angles, hold.wrist_from_object, reports[len(asked) - 1]
 
         return found
 
