@@ -66,17 +66,16 @@ class GenerationReport:
         return f"{self.written} frames written, {self.kept} kept in {self.root}{pace}"
 
 
-def _make_frames(
-    recipes: tuple[FrameRecipe, ...], root: Path, settings: GenerationSettings
-) -> list[float]:
-    """Make the frames of one hold; the seconds that each took."""
+def _make_frames(recipes: tuple[FrameRecipe, ...], root: Path, settings: GenerationSettings) -> int:
+    """Make the frames of one hold; how many they are."""
     with one_thread(cv2.getNumThreads, cv2.setNumThreads):
-        return [_make_frame(recipe, root, settings) for recipe in recipes]
+        for recipe in recipes:
+            _make_frame(recipe, root, settings)
+    return len(recipes)
 
 
-def _make_frame(recipe: FrameRecipe, root: Path, settings: GenerationSettings) -> float:
-    """Make one frame and write it; the seconds that it took."""
-    start = time.perf_counter()
+def _make_frame(recipe: FrameRecipe, root: Path, settings: GenerationSettings) -> None:
+    """Make one frame and write it."""
     try:
         scene = build_scene(recipe, settings)
         frame = draw_frame(scene, recipe, settings)
@@ -106,7 +105,6 @@ def _make_frame(recipe: FrameRecipe, root: Path, settings: GenerationSettings) -
         jpeg_quality=settings.jpeg_quality,
         normals=settings.normals,
     )
-    return time.perf_counter() - start
 
 
 def _chosen_variant(settings: GenerationSettings, root: Path, client: Any) -> Variant:
@@ -191,9 +189,9 @@ def generate(
             make = partial(_make_frames, root=root.absolute(), settings=settings)
             bar = tqdm(total=n_frames, initial=kept, unit="frame", disable=not progress)
             with bar:
-                for took in run_tasks(make, recipes_by_hold(todo), workers=workers, client=client):
-                    written += len(took)
-                    bar.update(len(took))
+                for made in run_tasks(make, recipes_by_hold(todo), workers=workers, client=client):
+                    written += made
+                    bar.update(made)
     except OSError as error:
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
             raise OSError(

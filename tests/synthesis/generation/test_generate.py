@@ -301,9 +301,7 @@ def test_the_command_says_why_it_is_slow_and_what_helps(tmp_path, monkeypatch, c
     for module in ("generation.generate", "rendering.mitsuba_variant"):
         name = f"hadr.synthesis.{module}.why_not_llvm"
         monkeypatch.setattr(name, lambda: "LLVM 15.0.6 is too old")
-    monkeypatch.setattr(
-        "hadr.synthesis.generation.generate._make_frames", lambda recipes, **_: [0.0]
-    )
+    monkeypatch.setattr("hadr.synthesis.generation.generate._make_frames", lambda recipes, **_: 1)
     words = ["generate", str(tmp_path), "--frames", "1", "--workers", "1", "--engine"]
     sentence = (
         "drawing with Mitsuba's slower variant scalar_rgb: LLVM 15.0.6 is too old; to become "
