@@ -93,15 +93,9 @@ def difference_cell(pair: Mapping[str, Any] | None) -> str:
 
 
 def with_doubt(value_m: float, doubt_m: float, *, sign: str = "") -> str:
-    """Set a length with its standard error in centimetres, on two lines at most.
+    """Set a length with its standard error, metres, in centimetres; ``sign`` "+" shows its sign.
 
-    Args:
-        value_m: Metres.
-        doubt_m: Its standard error, metres.
-        sign: "+" where a positive value shows its sign.
-
-    Returns:
-        Both; a narrow column can break the line before "±" and nowhere else.
+    A narrow column can break the line before "±" and nowhere else.
     """
     return f"{100 * value_m:{sign}.2f} ±\N{NO-BREAK SPACE}{100 * doubt_m:.2f}"
 
@@ -122,17 +116,8 @@ def _in_rows(rows: Sequence[Row], split: str, part: str) -> tuple[list[str], Flo
 
 def results_table(rows: Sequence[Row], published: Mapping[str, Mapping[str, Any]]) -> str:
     """Set the rows of both splits side by side, the paper's HADR below."""
-    head = [
-        "method",
-        "known: RMSE",
-        "MAE",
-        "δ1.05",
-        "unknown: RMSE",
-        "MAE",
-        "δ1.05",
-        "weights",
-        "time",
-    ]
+    head = ["method", "known: RMSE", "MAE", "δ1.05", "unknown: RMSE", "MAE", "δ1.05", "weights",
+            "time"]  # fmt: skip
     lines = []
     found = {(row["split"], row["method"]): row for row in rows}
     for method, name in NAMES.items():

@@ -55,8 +55,3 @@ def test_only_the_pixels_of_the_place_are_painted(source):
     assert (painted == 0).sum() == 5 * 12
     assert (painted == 4).sum() == 5 * 12
     assert set(np.unique(painted)) == {-1, 0, 4}
-
-
-def test_an_unknown_place_is_refused(source):
-    with pytest.raises(ValueError, match="one of in the glass, at outlines, elsewhere, got 'sky'"):
-        error_kinds_picture([source], "sky")

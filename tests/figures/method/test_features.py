@@ -53,8 +53,6 @@ def test_the_box_is_drawn_around_its_pixel_and_its_bins_are_averaged() -> None:
     assert (square.get_width(), square.get_height()) == (8, 8)
     assert len(enlarged.patches) == 4
     np.testing.assert_allclose(means.images[0].get_array()[..., 0], [[0, 1], [0, 0]])
-    with pytest.raises(ValueError, match=r"pixel \(2, 10\) leaves the picture of 64 x 32"):
-        box_picture(picture, 10, 2)
 
 
 def test_winners_are_marked_at_the_largest_share_of_each_channel() -> None:

@@ -51,7 +51,7 @@ def test_joints_carry_their_numbers_at_their_places(axes):
 def test_wrist_frame_shows_the_asked_axes_and_the_palm_with_z(axes):
     turned = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])  # columns x = up, y = left, z
     draw_wrist_frame(axes[0], FLAT + 0.4, turned, "y", FRONT, "first")
-    draw_wrist_frame(axes[1], FLAT + 0.4, turned, "yzx", FRONT)
+    draw_wrist_frame(axes[1], FLAT + 0.4, turned, "yzx", FRONT, "second")
     assert axes[0].get_title() == "first"
     assert not axes[0].patches
     names = [{t.get_text(): t.get_position() for t in ax.texts if t.get_text()} for ax in axes]

@@ -66,9 +66,3 @@ def test_all_stages_have_the_same_axes(frames, stages):
         for k in range(3)
     }
     assert len(limits) == 1
-
-
-def test_an_unknown_stage_is_refused(frames, stages):
-    for stage in (-1, 3):
-        with pytest.raises(ValueError, match=f"stages 0 to 2, got {stage}"):
-            epoch_picture(stages, frames, (0, 1, 2), stage)
