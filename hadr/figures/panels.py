@@ -111,8 +111,7 @@ def show_depth(
     image = ax.imshow(shown, cmap=cmap, vmin=low, vmax=high)
     bare_axes(ax, title)
     if colorbar:
-        bar = ax.figure.colorbar(image, ax=ax, shrink=0.75, pad=0.02)
-        bar.set_label("depth (m)")
+        ax.figure.colorbar(image, ax=ax, shrink=0.75, pad=0.02, label="depth (m)")
     return image
 
 
@@ -135,16 +134,11 @@ def show_error(
     The colour bar is in centimetres and ends at plus and minus ``limit`` metres.
     """
     cmap = mpl.colormaps[ERROR_MAP].with_extremes(bad=_MISSING)
-    image = ax.imshow(
-        np.ma.masked_invalid(np.asarray(error) * 100),
-        cmap=cmap,
-        vmin=-limit * 100,
-        vmax=limit * 100,
-    )
+    shown = np.ma.masked_invalid(np.asarray(error) * 100)
+    image = ax.imshow(shown, cmap=cmap, vmin=-limit * 100, vmax=limit * 100)
     bare_axes(ax, title)
     if colorbar:
-        bar = ax.figure.colorbar(image, ax=ax, shrink=0.75, pad=0.02, extend="both")
-        bar.set_label("error (cm)")
+        ax.figure.colorbar(image, ax=ax, shrink=0.75, pad=0.02, extend="both", label="error (cm)")
     return image
 
 

@@ -131,10 +131,3 @@ def test_chapters_link_terms_and_modules_that_exist():
             stem = ROOT.joinpath(*target.split("."))
             assert stem.with_suffix(".py").is_file() or stem.is_dir(), target
     assert len(linked) >= 15
-
-
-def test_every_linked_term_is_lower_case():
-    """Links find a term by its lower-case name only."""
-    text = "".join(p.read_text() for p in (ROOT / "notebooks" / "text").glob("*.md"))
-    for target in re.findall(r"\]\(<#([^>]+)>\)", text):
-        assert target == target.lower()

@@ -81,13 +81,6 @@ def sensor_table(columns: Mapping[str, Mapping[str, Any]]) -> str:
     return markdown(pd.DataFrame(lines, columns=["", *heads]))
 
 
-def show_infrared(ax: Axes, picture: npt.NDArray[np.uint8], title: str) -> None:
-    """Show an infrared picture, shape (H, W) uint8, in its own grey."""
-    brightest = min(255.0, float(np.percentile(picture, 99.7)) + 1)
-    ax.imshow(picture, cmap="gray", vmin=0, vmax=brightest)
-    bare_axes(ax, title)
-
-
 def see_through_picture(frame: Frame, missing: float, background: float, seed: int) -> Figure:
     """Draw a glass whose depth is partly missing and of the rest partly the background's; 0..1."""
     if frame.background_depth is None:

@@ -22,6 +22,7 @@ from scipy.ndimage import distance_transform_edt
 from scipy.spatial.transform import Rotation
 
 from hadr.figures.handover.scene import bare_axes_3d, show_glass, show_grippers, show_hand
+from hadr.figures.method.hands import upright_view
 from hadr.figures.panels import COLORS
 from hadr.handover.dimensions import FINGER_LENGTH, STEM_LENGTH
 from hadr.handover.grasping.collision import fork
@@ -71,7 +72,7 @@ def show_score_sphere(
     pixels: int = 360,
 ) -> Array:
     """Draw a score of unit directions (n, 3), base frame, as a sphere; gives the favourite (3,)."""
-    screen = screen_from_base(*view)
+    screen = upright_view(view[1], view[0])
     star = favourite(score) if best is None else np.asarray(best, dtype=np.float64)
     ax.imshow(
         _painted(score, screen, limit, pixels), extent=(-1, 1, -1, 1), interpolation="bilinear"
@@ -89,15 +90,6 @@ def show_score_sphere(
     ax.set(xlim=(-_REACH, _REACH), ylim=(-_REACH, _REACH), aspect="equal")
     ax.set_axis_off()
     return star
-
-
-def screen_from_base(elevation_deg: float, azimuth_deg: float) -> Array:
-    """Rotation (3, 3) whose rows are a far viewer's right, up, and the direction to himself."""
-    elevation, azimuth = np.radians(elevation_deg), np.radians(azimuth_deg)
-    right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
-    toward = np.array([np.cos(azimuth), np.sin(azimuth), 0.0]) * np.cos(elevation)
-    toward[2] = np.sin(elevation)
-    return np.stack([right, np.cross(toward, right), toward])
 
 
 def _painted(score: Score, screen: Array, limit: float, pixels: int) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -107,21 +107,6 @@ def influence_figure(maps: Mapping[str, FloatArray], outline: BoolArray) -> Figu
         ax.contour(outline, levels=[0.5], colors=[COLORS["glass"]], linewidths=1)
         ax.set(title=title, xticks=[], yticks=[])
     fig.colorbar(image, ax=axes[0].tolist(), label="influence (log10)", shrink=0.9)
-    return fig
-
-
-def encoding_figure(
-    code: npt.ArrayLike, names: Sequence[str], lowest: float, highest: float
-) -> Figure:
-    """Draw the encoding (N, C) of evenly spaced coordinates, metres, as C named rows of heat."""
-    rows = np.asarray(code).T
-    extent = (lowest, highest, len(rows) - 0.5, -0.5)
-    fig: Figure
-    fig, ax = plt.subplots(figsize=(8.4, 4.2))
-    image = ax.imshow(rows, aspect="auto", cmap="RdBu_r", vmin=-1, vmax=1, extent=extent)
-    ax.set_yticks(range(len(rows)), names, fontsize=9)
-    ax.set_xlabel("coordinate z (m)")
-    fig.colorbar(image, ax=ax)
     return fig
 
 

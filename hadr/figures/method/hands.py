@@ -28,6 +28,14 @@ def orbit_view(azimuth_deg: float, elevation_deg: float) -> Array:
     return np.asarray(turn.as_matrix(), dtype=float)
 
 
+def upright_view(azimuth_deg: float, elevation_deg: float) -> Array:
+    """Look at a frame whose z points up, as `mpl_toolkits` has it: azimuth about z from x."""
+    a, e = np.deg2rad([azimuth_deg, elevation_deg])
+    toward = np.array([np.cos(a) * np.cos(e), np.sin(a) * np.cos(e), np.sin(e)])
+    right = np.array([-np.sin(a), np.cos(a), 0.0])
+    return np.stack([right, np.cross(toward, right), toward])
+
+
 def on_screen(points: npt.ArrayLike, screen_from_frame: Array) -> Array:
     """Project points in metres, shape (..., 3), to the screen's centimetres, shape (..., 2)."""
     projected: Array = 100.0 * np.asarray(points, dtype=float) @ screen_from_frame[:2].T

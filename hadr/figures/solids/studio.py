@@ -11,6 +11,7 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from scipy.ndimage import map_coordinates
 
+from hadr.figures.method.hands import upright_view
 from hadr.figures.solids.turntable import HandOnGlass
 from hadr.synthesis.glass.surfaces import Surface
 
@@ -64,14 +65,12 @@ def studio_view(
         center: Middle of the picture, metres; that of glass and joints where it is left out.
         radius: Metres around the middle; as far as glass and joints reach where left out.
     """
-    a = np.deg2rad(scene.azimuth_deg if azimuth_deg is None else azimuth_deg)
-    e = np.deg2rad(scene.elevation_deg)
-    toward = np.array([np.cos(a) * np.cos(e), np.sin(a) * np.cos(e), np.sin(e)])
-    right = np.array([-np.sin(a), np.cos(a), 0.0])
+    turn = upright_view(scene.azimuth_deg if azimuth_deg is None else azimuth_deg,
+                        scene.elevation_deg)  # fmt: skip
     middle, reach = scene.sphere
     middle = middle if center is None else np.asarray(center, dtype=float)
     reach = reach if radius is None else radius
-    return StudioView(np.stack([right, np.cross(toward, right), toward]), middle, reach)
+    return StudioView(turn, middle, reach)
 
 
 def studio_picture(

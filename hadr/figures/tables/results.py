@@ -242,16 +242,11 @@ def draw_by_object(
     ]  # fmt: skip
     draw_dot_rows(ax, [f"{n} {names.get(n, '')}".strip() for n in objects], series)
     ax.set(xlabel=xlabel, title=f"{split} objects")
-    if part != "bias_m":
+    if part == "bias_m":
+        ax.axvline(0, color=COLORS["truth"], lw=0.8)
+    else:
         ax.set_xlim(0, None)
     ax.grid(axis="y", lw=0.5, alpha=0.5)
-
-
-def draw_bias(ax: Axes, rows: Sequence[Row], split: str, names: Mapping[str, str]) -> None:
-    """Draw for each method how far off each object is placed in the mean, with its sign."""
-    xlabel = "too near  ←  mean error (cm)  →  too far"
-    draw_by_object(ax, rows, split, names, "bias_m", xlabel)
-    ax.axvline(0, color=COLORS["truth"], lw=0.8)
 
 
 def draw_hole(ax: Axes, rows: Sequence[Row], split: str) -> None:

@@ -61,12 +61,6 @@ def test_the_picture_tells_of_its_cell(slanted):
     assert [text.get_text() for text in slabs.texts][-1] == "1.094 to 1.406"
 
 
-def test_an_empty_cell_is_no_candidate(slanted):
-    figure = walk_picture(slanted, np.array([0.25, 0.75]), 1.2, 0)
-    title = panel(figure, "from above").get_title("left")
-    assert title == "cell (4, 4, 0): empty, so no candidate"
-
-
 def test_from_the_side_up_is_minus_y():
     walk = walked([0.0, 0.6, 0.8], [[4, 6, 3], [4, 4, 4]])
     place = walk.cell_at(1.0)

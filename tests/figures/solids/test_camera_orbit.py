@@ -1,6 +1,5 @@
 from dataclasses import replace
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
@@ -11,7 +10,6 @@ from hadr.figures.solids.camera_orbit import (
     HIDDEN,
     IN_VIEW,
     change_of,
-    draw_orbit_losses,
     keypoints_seen,
     orbit,
     orbit_features,
@@ -139,16 +137,3 @@ def test_the_picture_says_what_changed(track):
     np.testing.assert_allclose(tops, found["image"][1])
     np.testing.assert_allclose([s[0, 1] for s in marks.get_segments()], found["image"][0])
     assert len(FEATURES) == 4
-
-
-def test_losses_are_drawn_in_millimetres(track):
-    _, axes = plt.subplots(1, 2)
-    seen = np.full((3, 21), IN_VIEW)
-    seen[1, :6] = HIDDEN
-    draw_orbit_losses(axes, TURNS, seen, [0.01, 0.02, 0.03], [0.02, 0.03, 0.05])
-    predicted, feature = axes[1].lines
-    np.testing.assert_allclose(predicted.get_ydata(), [10, 20, 30])
-    np.testing.assert_allclose(feature.get_ydata(), [20, 30, 50])
-    labels = [text.get_text() for text in axes[0].get_legend().get_texts()]
-    assert labels == ["in full view", "behind glass", "hidden by flesh"]
-    assert axes[0].get_ylim() == (0, 21)

@@ -45,12 +45,6 @@ def test_exercises_are_numbered_as_on_the_pages_of_the_book(book):
     assert f"{before + 1} {third.title}" in plans_text(book)
 
 
-def test_two_hours_have_an_exercise_on_the_hand():
-    (session,) = PLANS[0].sessions
-    (block,) = [block for block in session if block.chapters == (5,)]
-    assert block.exercises
-
-
 def test_the_page_names_goals_marks_and_mistakes(book):
     text = instructor_text(book[3:4], book)
     (chapter,) = book[3:4]
