@@ -99,11 +99,10 @@ def comparison_figure(
             shades = np.ma.masked_where(~there, result.confidence)  # the axes' own grey shows
             image = top_right.imshow(shades, cmap="cividis", vmin=0, vmax=1)
             title = f"confidence; in the outline: {confidence_means(result)}"
-            top_right.set(title=title, xticks=[], yticks=[], facecolor="#d9d9d9")
+            panels.bare_axes(top_right, title)
+            top_right.set_facecolor("#d9d9d9")
             top_right.title.set_fontsize(10)
-            top_right.spines[:].set_visible(False)
-            bar = figure.colorbar(image, ax=top_right, shrink=0.75, pad=0.02)
-            bar.set_label("confidence")
+            figure.colorbar(image, ax=top_right, shrink=0.75, pad=0.02, label="confidence")
         if target.any():
             for ax in (top_left, top_right, left, right):
                 ax.contour(target, [0.5], colors=[panels.COLORS["hand"]], linewidths=0.9)
