@@ -109,7 +109,7 @@ def lift_landmarks(
     if relative not in ("world", "image"):
         raise ValueError(f"relative must be 'world' or 'image', got {relative!r}")
     if not result.hand_landmarks:
-        raise NoHandError("MediaPipe sees none in the picture")
+        raise NoHandError("it sees none in the picture")
     hands = [_coordinates(hand, "landmarks") for hand in result.hand_landmarks]  # (21, 3) each
     size = np.array([camera.width, camera.height])
     pixels = [hand[:, :2] * size - 0.5 for hand in hands]  # from the edges to pixel centres
@@ -160,9 +160,6 @@ def _nearest(hands: Sequence[npt.NDArray[np.float64]], pixels: BoolArray) -> int
 class MediaPipeHand:
     """MediaPipe's hand landmarker, loaded once; use it in a `with` statement.
 
-    Attributes:
-        name: Name of the model's file.
-
     Args:
         model: Its model's file, `hand_landmarker.task`, as `hadr hand-model` makes it.
         confidence: From this confidence on a hand counts as found, 0..1.
@@ -173,6 +170,7 @@ class MediaPipeHand:
         ValueError: `confidence` is out of its range, or the file is no such model.
     """
 
+    name = "MediaPipe"
     needs_hand_mask = False
 
     def __init__(self, model: str | Path, confidence: float = 0.5) -> None:
@@ -190,7 +188,6 @@ class MediaPipeHand:
             )
         import mediapipe
 
-        self.name = Path(model).name
         self._mediapipe: Any = mediapipe
         tasks: Any = mediapipe.tasks
         try:

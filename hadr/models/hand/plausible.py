@@ -37,7 +37,7 @@ SIZES = (0.5, 1.6)
 """Smallest and largest factor on both: a child's or a large man's, and what a network errs."""
 FARTHEST_FROM_GLASS_M = 0.03
 """A hand that holds a glass has a keypoint so near to it in the picture."""
-GAP_M = (-0.02, 0.08)
+GAP_M = (-0.02, 0.10)
 """How far keypoints lie behind what was measured at their pixels, in the median; below 0: before
 it, where the camera would have seen them."""
 LEAST_SEEN = 5
@@ -46,9 +46,9 @@ WINDOW_M = 0.008
 """Half of the window around a keypoint's pixel, metres at its depth."""
 FARTHEST_FROM_SKIN_M = 0.06
 """How far keypoints lie from the nearest point of the hand's pixels, in the median."""
-AREA_M2 = (0.004, 0.055)
+AREA_M2 = (0.004, 0.06)
 """What is seen of a hand and its forearm."""
-LEAST_PRESENCE = 0.93
+LEAST_PRESENCE = 0.90
 """The segmentation's mean probability of a hand in the pixels where it sees one."""
 
 

@@ -95,7 +95,7 @@ def test_of_several_hands_the_one_at_the_glass_is_taken() -> None:
 
 
 def test_no_hand_is_said() -> None:
-    with pytest.raises(NoHandError, match="MediaPipe sees none in the picture"):
+    with pytest.raises(NoHandError, match="it sees none in the picture"):
         lift_landmarks(Result(), wall(), CAMERA)
 
 
