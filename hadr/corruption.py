@@ -8,7 +8,7 @@ gives the same picture. FloatArray is z-depth in metres, 0 marks a missing value
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,6 +63,16 @@ SENSOR = CorruptionConfig(erase=False, see_through=True, stereo=True, edges=True
 CAPTURED = CorruptionConfig(erase=False, captured=True)
 #: The same with the depth in the object's mask erased.
 ERASED = CorruptionConfig(erase=True, captured=True)
+
+Corruption = Literal["oracle", "analytic", "sensor", "erased"]
+CORRUPTIONS: dict[Corruption, CorruptionConfig] = {
+    "oracle": ORACLE,
+    "analytic": SENSOR,
+    "sensor": CAPTURED,
+    "erased": ERASED,
+}
+"""Those that networks are trained with, by their name in recipes, checkpoints and commands. Where
+one does not `erase`, a network so trained is given the measured depth in the mask."""
 
 
 def erase_mask(depth: FloatArray, mask: BoolArray) -> FloatArray:

@@ -30,8 +30,9 @@ from hadr.records.result_file import digest, seal_row, sealed_row
 from hadr.training.batches import FrameTensors, load_frames
 from hadr.training.checkpoints import load_checkpoint
 from hadr.training.evaluation import BASELINES
+from hadr.training.given import Given
 from hadr.training.loop import LAST
-from hadr.training.predicted import Given, with_predicted
+from hadr.training.predicted import with_predicted
 
 
 def _checkpoints() -> Path:

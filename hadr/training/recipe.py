@@ -5,16 +5,30 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from hadr.models.config import NetworkConfig
-from hadr.models.hadr import HADRConfig
 from hadr.records.provenance import IF_CHANGED, record_of
-from hadr.training.losses import PRINTED, LossWeights
+
+if TYPE_CHECKING:
+    from hadr.training.losses import LossWeights
 
 Schedule = Literal["step", "cosine"]
 Precision = Literal["32-true", "bf16-mixed"]
 Optimizer = Literal["adam", "adamw"]
+Accelerator = Literal["auto", "cpu", "cuda"]
+
+
+def _hadr() -> NetworkConfig:
+    from hadr.models.hadr import HADRConfig
+
+    return HADRConfig()
+
+
+def _printed() -> LossWeights:
+    from hadr.training.losses import PRINTED
+
+    return PRINTED
 
 
 @dataclass(frozen=True)
@@ -70,8 +84,8 @@ class Preset:
     width: int
     height: int
     network: str = "hadr"
-    model: NetworkConfig = field(default_factory=HADRConfig)
-    weights: LossWeights = PRINTED
+    model: NetworkConfig = field(default_factory=_hadr)
+    weights: LossWeights = field(default_factory=_printed)
     epochs: int = 100
     schedule: Schedule = "step"
     drop_epoch: int = 80
