@@ -82,10 +82,10 @@ class Options:
 def depth_table(checkpoints: Sequence[Checkpoint], source: Any, given: Given) -> dict[str, Scores]:
     """Score depth networks and the methods that learn nothing on the same frames."""
     from hadr.experiments.scoring import EVALUATION_SIZE, score_cheap, score_network
-    from hadr.training.evaluation import BASELINES
+    from hadr.training.evaluation import CLASSICAL
 
     truth = _load(source, EVALUATION_SIZE, given)
-    rows = {name: score_cheap(truth, name) for name in BASELINES}
+    rows = {name: score_cheap(truth, name) for name in CLASSICAL}
     for one in checkpoints:
         rows[one.name] = score_network(one.model, _load(source, one.size, given), truth)
     return rows
