@@ -53,11 +53,7 @@ class Options:
 
 
 def run(options: Options) -> int:
-    """Build the book as the options say.
-
-    Returns:
-        0 when the book stands; 2 when a chapter or the build failed.
-    """
+    """Build the book as the options say: 0 when it stands; 2 when a chapter or the build failed."""
     from hadr.press.book import build_html, readme_table, stage_book, update_readme
 
     root, say = checkout_root(), partial(print, flush=True)

@@ -21,6 +21,7 @@ from hadr.corruption import Corruption
 from hadr.experiments.steps import NAME, Step, keep_run_times, last_run_times, steps_text
 from hadr.press.chapter_record import keep_results
 from hadr.press.chapters import (
+    WHOLE,
     ChapterError,
     chapter_paths,
     chapter_steps,
@@ -54,8 +55,6 @@ exit status
 
 TINY_FRAMES = 48
 """Frames of each part in preset tiny, which shows that everything runs and no more."""
-WHOLE = ("tables", "handover", "chapters")
-"""What ``--only`` takes as a whole, in the order in which it is made."""
 
 
 @dataclass(frozen=True)
@@ -95,10 +94,6 @@ def run(options: Options) -> int:
     Returns:
         0 when all was done, 1 when a row that was run again gave other numbers, 2 when a chapter
         or a training failed.
-
-    Raises:
-        ValueError: A wish fits nothing, an option is out of range, or data are missing.
-        FileNotFoundError: A data folder is not there.
     """
     from hadr.experiments.handover_table import (
         handover_steps,
@@ -181,12 +176,8 @@ def is_table_wish(wish: str) -> bool:
 
 
 def open_bench(options: Options) -> Bench:
-    """Open the bench that the options describe; for a plan alone, its data may be missing.
-
-    Raises:
-        ValueError: No data folder is named, and the preset has none of its own.
-        FileNotFoundError: A data folder is not there.
-    """
+    """Open the bench that the options describe; for a plan alone, its data may be missing."""
+    from hadr.data.folders import has_split
     from hadr.data.samples import samples_dir
     from hadr.experiments.runner import Bench
     from hadr.training.processes import chosen_accelerator
@@ -206,8 +197,8 @@ def open_bench(options: Options) -> Bench:
     for root in roots:
         if not root.is_dir():
             raise FileNotFoundError(f"there is no data folder {root}")
-        if not (root / "train").is_dir():
-            raise FileNotFoundError(f"{root} has no folder 'train': it is none of TransHand's form")
+        if not has_split(root, "train"):
+            raise FileNotFoundError(f"{root} has no split 'train': its layout is not known")
     limit = TINY_FRAMES if tiny else None
     accelerator = chosen_accelerator(options.accelerator)
     return Bench(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
@@ -119,14 +119,11 @@ def run(options: Options) -> int:
 def _load(
     options: Options, split: str, objects: Sequence[str] | None, size: tuple[int, int]
 ) -> FrameTensors:
-    from torch.utils.data import ConcatDataset, Subset
-
-    from hadr.data.transhand import TransHand
+    from hadr.data.folders import FrameSource, open_folder
     from hadr.training.batches import load_frames
 
-    parts: list[Any] = [TransHand(folder, split, objects) for folder in options.data]
-    source: Any = ConcatDataset(parts)
+    source = FrameSource([open_folder(folder, split, objects) for folder in options.data])
     if split == "train" and len(source) > RANGE_FRAMES:
         step = len(source) / RANGE_FRAMES
-        source = Subset(source, [int(step * n) for n in range(RANGE_FRAMES)])
+        source = FrameSource(source.folders, [int(step * n) for n in range(RANGE_FRAMES)])
     return load_frames(source, size, options.corruption, options.seed)

@@ -56,15 +56,7 @@ class Options:
 
 
 def run(options: Options) -> int:
-    """Write a course as the options say.
-
-    Returns:
-        0 when the folder stands.
-
-    Raises:
-        ValueError: The folder cannot be used, or a chapter lacks what a course needs.
-        FileNotFoundError: There is no checkout, or no executed chapter where one was named.
-    """
+    """Write a course as the options say."""
     from hadr.press.course.teaching import NBGRADER_CONFIG, instructor_text, marks_of
 
     if options.no_slides and options.executed is not None:

@@ -51,7 +51,7 @@ class Options:
     out: Annotated[Path | None, FOLDER] = None
     """Folder of the data set; continued where it exists."""
     preset: Literal["tiny", "samples", "gallery", "mini", "paper"] | None = None
-    """Values for all that is not given."""
+    """Values for all that is not given; in brackets what holds without one."""
     frames: Annotated[int | None, tyro.conf.arg(aliases=("-n",))] = None
     """Number of frames; unset: the preset's, else 64."""
     sensor: bool = False
@@ -62,8 +62,7 @@ class Options:
     """Processes; unset: one per core, 1 without Dask."""
     scheduler: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None
     """Address of a Dask cluster instead, e.g. tcp://host:8786."""
-    settings: tyro.conf.OmitArgPrefixes[Given] = field(default_factory=Given)
-    """What stands over the preset; in brackets what holds without one."""
+    settings: Annotated[Given, tyro.conf.arg(name="")] = field(default_factory=Given)
 
 
 _PURPOSES = "\n".join(
