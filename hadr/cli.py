@@ -169,7 +169,8 @@ def command_parser(name: str) -> argparse.ArgumentParser:
         for action in actions:
             added = _add(own, action)
             if added.required:
-                words = parser._get_formatter()._format_args(added, added.metavar or "")
+                metavar: Any = added.metavar
+                words = parser._get_formatter()._format_args(added, metavar)
                 needed.append("\xa0".join((*added.option_strings[:1], words)))
     usage = textwrap.fill(
         " ".join((parser.prog, *needed, "[options]")), 70, subsequent_indent="    "
