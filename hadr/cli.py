@@ -37,6 +37,10 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "hadr.press.restore_command",
         "restore the depth of a transparent object in one frame",
     ),
+    "hand-model": (
+        "hadr.models.hand.hand_model_command",
+        "make the model that MediaPipe finds hands with",
+    ),
     "reproduce": (
         "hadr.press.reproduce",
         "execute the chapters and report beside the paper's tables",

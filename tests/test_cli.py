@@ -13,7 +13,7 @@ import tyro
 
 from hadr import __version__
 from hadr.cli import COMMANDS, command_parser, main
-from hadr.frame_io import read_depth, read_mask
+from hadr.frame_io import read_depth, read_hand, read_mask
 
 OUTPUTS = [
     "cloud.ply",
@@ -94,6 +94,50 @@ def test_output_reads_back_as_input(frame) -> None:
     again = words(frame, depth=frame / "out" / "depth.png", out=frame / "again", method="inpaint")
     assert main(again) == 0
     np.testing.assert_allclose(np.load(frame / "again" / "depth.npy"), 0.8, atol=1e-3)
+
+
+def test_the_hand_is_written_and_reads_back(frame, capsys) -> None:
+    cv2.imwrite(str(frame / "arm.png"), np.full((48, 64), 255, np.uint8))
+    assert main(words(frame, hand=frame / "hand.json", hand_mask=frame / "arm.png")) == 0
+    out = frame / "out"
+    assert sorted(p.name for p in out.iterdir()) == sorted([*OUTPUTS, "hand.json", "hand_mask.png"])
+    assert read_mask(out / "hand_mask.png").all()
+    np.testing.assert_array_equal(read_hand(out / "hand.json"), read_hand(frame / "hand.json"))
+    told = json.loads((out / "hand.json").read_text())
+    assert (told["source"], told["accepted"]) == ("given", True)
+    assert told["measured"]["area_m2"] is None, "the given hand's pixels are not looked for"
+    report = json.loads((out / "report.json").read_text())
+    assert report["hand"]["problems"] == told["problems"] != []
+    assert "hand.json" in report["outputs"]
+    assert "the given hand does not fit this frame" in capsys.readouterr().out
+    assert main([*words(frame), "--overwrite"]) == 0
+    assert sorted(p.name for p in out.iterdir()) == OUTPUTS
+    told["accepted"] = False
+    (frame / "hand.json").write_text(json.dumps(told))
+    assert main(words(frame, hand=frame / "hand.json", out=frame / "again")) == 2
+    assert "was not accepted as a hand" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"hand": "mediapipe"}, "make it with 'hadr hand-model --out hand_landmarker.task'"),
+        ({"hand_model": "gone.task"}, "it goes with --hand mediapipe"),
+        (
+            {"hand": "mediapipe", "hand_model": "gone.task", "keypoint_network": "net"},
+            "both find the hand: name one",
+        ),
+        ({"hand": "mediapipe", "hand_model": "gone.task"}, "pip install 'hadr[mediapipe]'"),
+    ],
+)
+def test_what_mediapipe_lacks_is_one_sentence(
+    frame, capsys, monkeypatch, changes, sentence
+) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    assert main(words(frame, **changes)) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert sentence in line
+    assert not (frame / "out").exists()
 
 
 def test_depth_formats_give_the_same(frame) -> None:
