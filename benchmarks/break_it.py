@@ -25,11 +25,13 @@ import tempfile
 import threading
 import time
 from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 from break_it.cases import CHECKOUT, Case, all_cases
 from break_it.fixtures import make_fixtures
+from break_it.processes import Bench, Job, all_jobs
 from break_it.worker import differences, snapshot
 
 TIMEOUT = 30.0
@@ -92,12 +94,15 @@ def try_all(cases: list[Case], work: Path, workers: int, timeout: float) -> list
                 number, case = waiting.get_nowait()
             except queue.Empty:
                 return worker.stop()
-            folder = work / f"case-{number}"
+            folder = work / f"case-{os.getpid()}-{number}"
             folder.mkdir()
-            told = json.loads(json.dumps(case.to_dict()).replace("{checkout}", str(work / "checkout")))
+            text = json.dumps(case.to_dict()).replace("{checkout}", str(work / "checkout"))
             started = time.perf_counter()
             patience = timeout if worker.process else timeout + 30  # it imports first
-            answer = worker.tried(told, folder, patience * (4 if case.expect == "works" else 1))
+            patience *= 4 if case.expect == "works" else 1
+            answer = worker.tried(
+                json.loads(text), folder, patience * (4 if case.expect == "works" else 1)
+            )
             seconds = round(time.perf_counter() - started, 2)
             answers[number] = {**case.to_dict(), **answer, "seconds": seconds}
             shutil.rmtree(folder, ignore_errors=True)
@@ -110,6 +115,22 @@ def try_all(cases: list[Case], work: Path, workers: int, timeout: float) -> list
     for thread in threads:
         thread.join()
     return [answers[n] for n in range(len(cases))]
+
+
+def do_all(jobs: list[Job], work: Path, workers: int) -> list[dict[str, Any]]:
+    """Do what needs processes of its own, some at a time."""
+
+    def do(number: int) -> list[dict[str, Any]]:
+        kind, run, job = jobs[number]
+        folder, started = work / f"job-{os.getpid()}-{number}", time.perf_counter()
+        rows = job(Bench(work / "fixtures", environment_of(work), folder))
+        seconds = time.perf_counter() - started
+        shutil.rmtree(folder, ignore_errors=True)
+        print(f"{kind}, {run.name}: {seconds:.0f} s", file=sys.stderr, flush=True)
+        return [{**row, "seconds": round(seconds / len(rows), 1)} for row in rows]
+
+    with ThreadPoolExecutor(workers) as pool:
+        return [row for rows in pool.map(do, range(len(jobs))) for row in rows]
 
 
 def summary(tried: list[dict[str, Any]]) -> dict[str, dict[str, int]]:
@@ -132,22 +153,29 @@ def summary_text(table: dict[str, dict[str, int]]) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--only", help="cases of this class")
-    parser.add_argument("--command", help="cases of this command or reader")
+    parser.add_argument("--only", nargs="+", help="cases of these classes")
+    parser.add_argument("--command", nargs="+", help="cases of these commands or readers")
     parser.add_argument("--out", type=Path, help="a JSON file for the summary and what failed")
     parser.add_argument("--list", action="store_true", help="print the cases and stop")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--timeout", type=float, default=TIMEOUT)
     parser.add_argument("--work", type=Path, help="keep the valid files here, and take them again")
     args = parser.parse_args()
-    cases = [c for c in all_cases() if args.only in (None, c.kind)
-             and args.command in (None, c.command)]  # fmt: skip
+
+    def wanted(kind: str, command: str) -> bool:
+        return kind in (args.only or [kind]) and command in (args.command or [command])
+
+    cases = [case for case in all_cases() if wanted(case.kind, case.command)]
+    jobs = [job for job in all_jobs() if wanted(job[0], job[1].command)]
     if os.geteuid() == 0:
         cases = [case for case in cases if case.kind != "unreadable"]
     if args.list:
         for case in cases:
             print(f"{case.kind:14} {case.command:20} {case.expect:8} {case.name!r}")
-        print(f"{len(cases)} cases")
+        for kind, run, _ in jobs:
+            print(f"{kind:14} {run.command:20} {'':8} {run.name!r}")
+        kills = sum(run.kills for kind, run, _ in jobs if kind == "kill")
+        print(f"{len(cases)} bad inputs, {kills} kills, {len(jobs)} tasks with processes")
         return
     started = time.perf_counter()
     with contextlib.ExitStack() as left:
@@ -157,6 +185,7 @@ def main() -> None:
         made = time.perf_counter()
         print(f"fixtures: {made - started:.0f} s", file=sys.stderr, flush=True)
         tried = try_all(cases, work, args.workers, args.timeout)
+        tried += do_all(jobs, work, args.workers)
         lost, new = differences(sources, snapshot(work / "checkout"))
     lost = [name for name in lost if name != "README.md"]  # `book --readme-times` writes it
     new = [name for name in new if "__pycache__" not in name]
@@ -170,8 +199,9 @@ def main() -> None:
     seconds = time.perf_counter() - started
     print(f"{len(tried)} cases, {len(failed)} failed, {seconds:.0f} s")
     if args.out:
-        report = {"table": table, "failed": failed, "sources": [*lost, *new], "seconds": seconds,
-                  "slow": sorted(((t["seconds"], t["name"]) for t in tried), reverse=True)[:20]}  # fmt: skip
+        slow = sorted(((t["seconds"], t["command"], t["name"]) for t in tried), reverse=True)[:20]
+        report = {"table": table, "failed": failed, "sources": [*lost, *new], "slow": slow}
+        report["seconds"] = round(seconds)
         args.out.write_text(json.dumps(report, indent=1))
     raise SystemExit(1 if failed or lost or new else 0)
 

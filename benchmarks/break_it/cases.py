@@ -1,5 +1,8 @@
 """The table of bad inputs: what is changed in a valid call, and what should come of it."""
 
+# fmt: off
+# ruff: noqa: E501
+
 import dataclasses
 import json
 import math
@@ -59,36 +62,36 @@ class Call:
 
     def case(self, kind: str, name: str, *edits: tuple[Any, ...], expect: str = "refused",
              says: tuple[str, ...] = (), may: tuple[str, ...] | None = None,
-             makes: tuple[str, ...] | None = None, **changes: Any) -> Case:  # fmt: skip
+             makes: tuple[str, ...] | None = None, **changes: Any) -> Case:
         words = self.words(**changes)
         return Case(kind, self.command, name, words, edits, expect, says, self.needs,
-                    self.out if makes is None else makes, self.may if may is None else may)  # fmt: skip
+                    self.out if makes is None else makes, self.may if may is None else may)
 
 
 FLAGS = ("no-slides", "readme-times", "html-only", "dry-run", "overwrite", "resume", "quiet",
-         "sensor", "no-sensor", "film", "watch", "tensorboard", "no-aggregation")  # fmt: skip
+         "sensor", "no-sensor", "film", "watch", "tensorboard", "no-aggregation")
 FRAME = {"rgb": "rgb.png", "depth": "depth.png", "intrinsics": "camera.json", "mask": "mask.png",
-         "out": "out"}  # fmt: skip
+         "out": "out"}
 NEAREST = Call("restore", {**FRAME, "method": "nearest"})
 HAND = Call("restore", {**FRAME, "method": "hand-median", "hand": "hand.json"})
 NETWORK = Call("restore", {**FRAME, "hand": "hand.json", "checkpoint": "net.safetensors"})
 PLUS = Call("restore", {**FRAME, "hand": "hand.json", "checkpoint": "plus.safetensors"})
 FOUND = Call("restore", {**FRAME, "mask": None, "segmentation": "seg.safetensors",
-                         "keypoint-network": "kpt.safetensors", "checkpoint": "net.safetensors"})  # fmt: skip
+                         "keypoint-network": "kpt.safetensors", "checkpoint": "net.safetensors"})
 GENERATE = Call("generate", {"out": "out", "frames": "1", "width": "64", "height": "36",
                 "engine": "raycast", "quality": "fast", "objects": "0000", "workers": "1",
-                "recordings": "recordings"})  # fmt: skip
+                "recordings": "recordings"})
 TRAIN = Call("train", {"out": "out", "data": "data", "preset": "tiny", "epochs": "1"})
 RESUME = Call("train", {"out": "run", "data": "data", "preset": "tiny", "epochs": "1",
-                        "resume": ""}, may=("run",), out=("run",))  # fmt: skip
+                        "resume": ""}, may=("run",), out=("run",))
 EVALUATE = Call("evaluate", {"": "net.safetensors", "data": "data", "out": "out.json"})
 CALIBRATE = Call("calibrate", {"": "plus.safetensors\tdata", "out": "out.json"},
-                 may=("plus.safetensors", "plus.json"), out=("out.json", "plus.json"))  # fmt: skip
+                 may=("plus.safetensors", "plus.json"), out=("out.json", "plus.json"))
 REPLAY = Call("handover", {"replay": "log.npz"})
 HANDOVER = Call("handover", {"out": "out", "arms": "raw", "objects": "0004", "holds": "902",
-                             "jobs": "1", "dry-run": ""})  # fmt: skip
+                             "jobs": "1", "dry-run": ""})
 ATTEMPT = Call("handover", {"out": "attempt", "arms": "perfect", "objects": "0004", "holds": "902",
-                            "jobs": "1"}, may=("attempt",), out=("attempt",))  # fmt: skip
+                            "jobs": "1"}, may=("attempt",), out=("attempt",))
 REPRODUCE = Call("reproduce", {"out": "out", "only": "known/raw", "dry-run": ""})
 AGAIN = Call("reproduce", {"out": "out", "again": "result.json\tnearest"})
 BOOK = Call("book", {"build": "build", "readme-times": ""}, out=("build",))
@@ -97,7 +100,7 @@ COURSE = Call("course", {"out": "out", "only": "03", "no-slides": ""})
 EXECUTED = Call("course", {"out": "out", "only": "03", "executed": "build"})
 #: Right inputs, each once.
 RIGHT = (NEAREST, HAND, NETWORK, PLUS, FOUND, GENERATE, TRAIN, RESUME, EVALUATE, CALIBRATE, REPLAY,
-         HANDOVER, ATTEMPT, REPRODUCE, AGAIN, COURSE)  # fmt: skip
+         HANDOVER, ATTEMPT, REPRODUCE, AGAIN, COURSE)
 #: Options that name a file or a folder to read: the call, the option, the file that stands there.
 READ = (
     *((NEAREST, name, FRAME[name]) for name in ("rgb", "depth", "intrinsics", "mask")),
@@ -110,10 +113,10 @@ READ = (
     (EVALUATE, "data", "data"), (EVALUATE, "masks", "seg.safetensors"),
     (EVALUATE, "keypoints", "kpt.safetensors"), (CALIBRATE, "", "plus.safetensors"),
     (REPLAY, "replay", "log.npz"), (AGAIN, "again", "result.json"),
-)  # fmt: skip
+)
 #: What stands there instead of a right file or folder.
 WRONG = ("missing", "folder", "loop", "fifo", "->/dev/null", "->/dev/zero", "->nowhere",
-         "copy rgb.png", "copy hand.json", "copy truth.npy", "pickle")  # fmt: skip
+         "copy rgb.png", "copy hand.json", "copy truth.npy", "pickle")
 #: Readers, and a file each: those whose bytes are checked by a sum, and those that have none.
 READERS = (
     ("read_color", "rgb.png", True), ("read_color", "rgb.jpg", False),
@@ -126,7 +129,7 @@ READERS = (
     ("read_run_log", "log.npz", True), ("load_states", "states.npz", True),
     ("read_recording", "recording.csv", False), ("read_result_file", "result.json", True),
     ("read_sealed", "result.json", True),
-)  # fmt: skip
+)
 #: Where a cut file may still be a whole one: text without an end.
 ENDLESS = ("camera.yaml", "hand.txt", "recording.csv")
 NUMBER: tuple[Any, ...] = (None, "x", [], {}, True, NAN, INF, -1, 0, 1e308, HUGE, DEEP, "@DROP")
@@ -141,7 +144,7 @@ FIELDS: tuple[tuple[Call, str, str, tuple[Any, ...]], ...] = (
     (HAND, "hand.json", "", (*NUMBER, [[0, 0, 1]] * 20, [[0, 0, 1]] * 22, [[0, 0]] * 21)),
     (HAND, "hand.json", "7", (*NUMBER[:-1], [0, 0], [0, 0, 0, 1], [0, 0, NAN], [0, 0, HUGE])),
     (HAND, "hand.json", "7.2", (None, "x", [], {}, True, NAN, INF, 1e308, HUGE, DEEP)),
-)  # fmt: skip
+)
 LOG = "data/test/0000/depth/log_json/000032.json"
 LOG_FIELDS = (
     ("camera point", (None, "x", [], {}, 7, [1, 2], [1, 2, NAN], [1, 2, HUGE], DEEP, "@DROP")),
@@ -154,7 +157,7 @@ LOG_FIELDS = (
     ("world_from_object", (None, "x", [], 7, [[NAN] * 4] * 4, [[0] * 4] * 4, [[HUGE] * 4] * 4)),
     ("hold_id", (7, [], {}, DEEP)),
     ("", (None, [], "x", 7, DEEP)),
-)  # fmt: skip
+)
 
 
 def record_fields() -> Iterator[tuple[Call, str, str, tuple[Any, ...]]]:
@@ -176,7 +179,7 @@ def record_fields() -> Iterator[tuple[Call, str, str, tuple[Any, ...]]]:
     name = "plus.safetensors"
     yield PLUS, name, "learned_range", ("x", [], {}, 7, DEEP)
     yield PLUS, name, "learned_range.depth_m", (
-        None, "x", [], {}, 7, [1], [2.0, 0.3], [NAN, 1], [INF, INF], [-2, -1], [0.3, HUGE], DEEP)  # fmt: skip
+        None, "x", [], {}, 7, [1], [2.0, 0.3], [NAN, 1], [INF, INF], [-2, -1], [0.3, HUGE], DEEP)
     for key in ("signals", "center", "scale", "weights", "calibration"):
         yield PLUS, name, f"confidence.{key}", (None, "x", [], {}, 7, [NAN], [HUGE], DEEP, "@DROP")
 
@@ -228,11 +231,11 @@ OPTIONS = (
     (HTML, "only", ("99", "", "../03")), (COURSE, "only", ("99", "", "../03", "-1")),
     (COURSE, "preset", ("foo", "")), (COURSE, "seed", (*WORD, "1.5", "-1")),
     (EXECUTED, "executed", ("nowhere", "", "rgb.png", "folder")),
-)  # fmt: skip
+)
 #: Where each command writes: the call, its option.
 WRITES = ((NEAREST, "out"), (GENERATE, "out"), (TRAIN, "out"), (EVALUATE, "out"),
           (CALIBRATE, "out"), (HANDOVER, "out"), (ATTEMPT, "json"), (REPRODUCE, "out"),
-          (COURSE, "out"), (HTML, "build"))  # fmt: skip
+          (COURSE, "out"), (HTML, "build"))
 #: What lies where the result should go, and the edits that put it there.
 PLACES = (
     ("", "", ()), ("a file in its path", "taken/out", (("taken", "text", "mine"),)),
@@ -243,11 +246,11 @@ PLACES = (
     ("a link to a file of mine", "link", (("taken", "text", "mine"),
                                           ("link", "replaced", "->taken"))),
     ("an input", "rgb.png", ()),
-)  # fmt: skip
+)
 UNUSUAL = ("mit Leerzeichen", "ünïcödé 杯", "quote'\"s", "new\nline", "-dash", "a=b", "%s{x}$HOME",
-           "* ?")  # fmt: skip
+           "* ?")
 NOISE = (*(("flip", n) for n in range(4)), *(("flip-head", n) for n in range(3)),
-         *(("cut", n) for n in range(5)), ("junk", 0), ("zeros", 0), ("hole", 0), ("hole", 1))  # fmt: skip
+         *(("cut", n) for n in range(5)), ("junk", 0), ("zeros", 0), ("hole", 0), ("hole", 1))
 
 
 def shown(value: Any) -> str:
@@ -268,13 +271,13 @@ def all_cases() -> list[Case]:
             if wrong == f"copy {file}":
                 continue
             made.append(call.case("wrong file", f"--{option}: {wrong}", (file, "replaced", wrong),
-                                  says=(file, option or file), **again(changes)))  # fmt: skip
+                                  says=(file, option or file), **changes))
         for text in ("", "no number at all\n", DEEP, '{"a": ' * 50, "\x00\x01"):
             edits = ((file, "replaced", "missing"), (file, "text", text))
             made.append(call.case("wrong text", f"--{option}: {text[:12]!r}", *edits,
-                                  says=(file, option or file), **again(changes)))  # fmt: skip
+                                  says=(file, option or file), **changes))
         edits = ((file, "unreadable"),)
-        made.append(call.case("unreadable", f"--{option}", *edits, says=(file,), **again(changes)))
+        made.append(call.case("unreadable", f"--{option}", *edits, says=(file,), **changes))
     for reader, file, summed in READERS:
         one = Case("", reader, "", (file,), says=(file,))
         for wrong in WRONG:
@@ -283,7 +286,7 @@ def all_cases() -> list[Case]:
         for how, seed in NOISE:
             sure = summed or how in ("junk", "zeros") or (how == "cut" and file not in ENDLESS)
             made.append(also(one, "noise", f"{how} {seed}", (file, "noise", how, seed),
-                             expect="refused" if sure else "safe"))  # fmt: skip
+                             expect="refused" if sure else "safe"))
     fields = [(c, f, n, v, f) for c, f, n, v in (*FIELDS, *record_fields())]
     fields += [(EVALUATE, LOG, n, v, LOG) for n, v in LOG_FIELDS]
     for call, file, name, values, says in fields:
@@ -291,28 +294,24 @@ def all_cases() -> list[Case]:
             edits = ((file, "field", name, value),)
             words = {"hand": file} if file == "hand.json" else {}
             made.append(call.case("field", f"{file}: {name or 'all'} = {shown(value)}", *edits,
-                                  says=(Path(says).name, name.split(".")[-1]), **words))  # fmt: skip
+                                  says=(Path(says).name, name.split(".")[-1]), **words))
     for call, option, values in OPTIONS:
         for value in values:
             made.append(call.case("option", f"--{option} {value!r}", **{option: value},
-                                  says=(option, value.split("\t")[-1] or "empty")))  # fmt: skip
+                                  says=(option, value.split("\t")[-1] or "empty")))
     for call, option in WRITES:
         for name, out, edits in PLACES:
             may = ("plus.json", "plus.safetensors") if call is CALIBRATE else ()
             made.append(call.case("place", f"--{option}: {name or 'no name'}", *edits, may=may,
-                                  **{option: out}, says=(out.split("/")[0] or "empty", "name")))  # fmt: skip
+                                  **{option: out}, says=(out.split("/")[0] or "empty", "name")))
     for call, option in WRITES[:1] + WRITES[3:4] + WRITES[5:7]:
         for name in UNUSUAL:
             renamed = dataclasses.replace(call, out=(name,))
             made.append(renamed.case("unusual name", f"--{option}={name}", expect="works",
-                                     **{option: None}))  # fmt: skip
+                                     **{option: None}))
             made[-1] = dataclasses.replace(made[-1], words=(*made[-1].words, f"--{option}={name}"))
     made += FOUND_ONE_BY_ONE
     return list({(c.command, c.kind, c.name, c.words): c for c in made}.values())
-
-
-def again(changes: dict[str, Any]) -> dict[str, Any]:
-    return changes
 
 
 def also(case: Case, kind: str, name: str, *edits: tuple[Any, ...], expect: str = "refused") -> Case:

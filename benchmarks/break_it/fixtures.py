@@ -9,6 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
+
 from break_it.cases import CHECKOUT, GENERATE
 from break_it.worker import snapshot
 
@@ -113,7 +114,8 @@ def make_data(root: Path) -> None:
 def make_build(build: Path) -> None:
     """A build folder as `hadr book` leaves it, whose chapters were never executed."""
     (build / "executed").mkdir(parents=True)
-    (build / ".made-by-hadr").write_text("hadr made this folder\n")
+    words = "hadr made this folder: `make clean` may remove it with all that is in it.\n"
+    (build / ".made-by-hadr").write_text(words)
     chapters = sorted((CHECKOUT / "notebooks").glob("*.ipynb"))
     shutil.copy(CHECKOUT / "notebooks/03_ray_voxels.ipynb", build / "executed")
     times = {chapter.stem: {"duration_s": 1.5, "machine": "m"} for chapter in chapters}

@@ -22,6 +22,14 @@ READERS: dict[str, Callable[..., Any]] = {}
 """What is called for a case that names no command: by a reader's name."""
 
 
+SAME = {
+    "hand": ("keypoint",), "hand.npy": ("keypoint",), "hand.json": ("keypoint",),
+    "hand.txt": ("keypoint",), "hand-mask": ("hand mask",), "rgb": ("colour",),
+    "camera.yaml": ("intrinsics",), "camera.json": ("intrinsics",), "build": ("folder",),
+}  # fmt: skip
+"""What a sentence may say in place of a file's or an option's name."""
+
+
 def of(module: str, name: str) -> Callable[..., Any]:
     return lambda *args: getattr(importlib.import_module(f"hadr.{module}"), name)(*args)
 
@@ -70,7 +78,8 @@ def complaint(words: str, told: str, says: list[str], program: str) -> str:
         return f"more than a sentence: {told.strip()[:300]}"
     if len(flat) > 1500:
         return f"endless: {len(flat)} characters, {flat[:200]}"
-    if says and not any(word.lower() in flat.lower() for word in says):
+    words = [*says, *(same for word in says for same in SAME.get(word, ()))]
+    if says and not any(word.lower() in flat.lower() for word in words):
         return f"names none of {says}: {flat[:300]}"
     if program and not tyro and not flat.startswith(f"hadr {program}"):
         return f"does not begin with hadr {program}: {flat[:300]}"
@@ -171,7 +180,7 @@ def tried(case: dict[str, Any], fixtures: Path, folder: Path) -> dict[str, Any]:
 def main() -> None:
     fixtures = Path(sys.argv[1])
     with contextlib.suppress(ValueError, OSError):  # where there is such a limit
-        resource.setrlimit(resource.RLIMIT_AS, (10 << 30, 10 << 30))
+        resource.setrlimit(resource.RLIMIT_AS, (5 << 30, 5 << 30))
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)
     for line in sys.stdin:
