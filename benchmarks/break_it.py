@@ -29,13 +29,14 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+import psutil
 from break_it.cases import CHECKOUT, Case, all_cases
 from break_it.fixtures import make_fixtures
 from break_it.processes import Bench, Job, all_jobs
 from break_it.worker import differences, snapshot
 
 TIMEOUT = 30.0
-"""After so many seconds a case has no answer."""
+"""After so many seconds of the processor a case has no answer."""
 
 
 class Worker:
@@ -54,13 +55,34 @@ class Worker:
         request = json.dumps({"case": case, "folder": str(folder)})
         self.process.stdin.write(request + "\n")
         self.process.stdin.flush()
-        ready, _, _ = select.select([self.process.stdout], [], [], timeout)
-        answer = self.process.stdout.readline() if ready else ""
-        if answer:
-            return json.loads(answer)
-        died = self.process.poll() is not None or ready
+        if self.answers(timeout):
+            answer = self.process.stdout.readline()
+            if answer:
+                return json.loads(answer)
+        died = self.process.poll()
         self.stop()
-        return {"verdict": "died" if died else "no answer", "detail": f"{timeout:.0f} s"}
+        if died is not None:
+            return {"verdict": "died", "detail": f"exit status {died}"}
+        return {"verdict": "no answer", "detail": f"{timeout:.0f} s of work, or 10 s of waiting"}
+
+    def answers(self, timeout: float) -> bool:
+        """Whether it has answered before it worked too long, or did nothing for 10 s."""
+        begun = last = self.worked()
+        idle = 0
+        while idle < 10 and last - begun < timeout:
+            if select.select([self.process.stdout], [], [], 1)[0]:
+                return True
+            now = self.worked()
+            idle, last = (idle + 1, last) if now - last < 0.01 else (0, now)
+        return False
+
+    def worked(self) -> float:
+        """Seconds of the processor, its children's with it."""
+        with contextlib.suppress(psutil.Error):
+            top = psutil.Process(self.process.pid)
+            used = [one.cpu_times() for one in (top, *top.children(recursive=True))]
+            return sum(t.user + t.system for t in used)
+        return 0.0
 
     def stop(self) -> None:
         if self.process is not None:
@@ -199,6 +221,7 @@ def main() -> None:
     seconds = time.perf_counter() - started
     print(f"{len(tried)} cases, {len(failed)} failed, {seconds:.0f} s")
     if args.out:
+        args.out.parent.mkdir(parents=True, exist_ok=True)
         slow = sorted(((t["seconds"], t["command"], t["name"]) for t in tried), reverse=True)[:20]
         report = {"table": table, "failed": failed, "sources": [*lost, *new], "slow": slow}
         report["seconds"] = round(seconds)

@@ -17,7 +17,7 @@ from typing import Any
 
 from break_it.edits import EDITS
 
-PROGRESS = re.compile(r"^[^\r\n]*\d+%\|.*?(?=hadr \w+: error|\r|$)", re.MULTILINE)
+PROGRESS = re.compile(r"^.*\d+%\|.*?(?=hadr \w+: error|$)", re.MULTILINE)
 READERS: dict[str, Callable[..., Any]] = {}
 """What is called for a case that names no command: by a reader's name."""
 
@@ -67,7 +67,7 @@ def differences(before: dict[str, str], after: dict[str, str]) -> tuple[list[str
 
 def complaint(words: str, told: str, says: list[str], program: str) -> str:
     """What is wrong with a refusal's words; "" if it is one sentence that names what is wrong."""
-    told = PROGRESS.sub("", told)
+    told = PROGRESS.sub("", told.replace("\r", "\n"))
     flat = " ".join(told.split())
     if "Traceback (most recent call last)" in told:
         return "a traceback on stderr"
