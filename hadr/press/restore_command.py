@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import tyro
@@ -30,6 +30,7 @@ from hadr.frame_io import (
     write_point_cloud,
 )
 from hadr.models.networks import RIVALS
+from hadr.records.option_words import FILE, FOLDER
 from hadr.restoration import METHODS, Restoration, Restorer
 
 if TYPE_CHECKING:
@@ -140,42 +141,42 @@ class Options:
     object's mask and leaves every other pixel as it was measured.
     """
 
-    rgb: str
+    rgb: Annotated[str, FILE]
     """colour image, PNG or JPEG"""
-    depth: str
+    depth: Annotated[str, FILE]
     """depth: 16-bit PNG, .npy (H, W) or OpenEXR"""
     depth_scale: float | None = None
     """metres per stored unit; unset: 0.001 for whole numbers, 1 for floats"""
-    intrinsics: str
+    intrinsics: Annotated[str, FILE]
     """YAML or JSON: fx fy cx cy in pixels and width height (or xres yres), or K"""
-    mask: str | None = None
+    mask: Annotated[str | None, FILE] = None
     """the transparent object's pixels, 8-bit PNG, not 0 = object; without it they are predicted
     (--segmentation), or the pixels that have no depth are restored"""
-    hand: str | None = None
+    hand: Annotated[str | None, FILE] = None
     """21 hand keypoints, metres, camera frame: JSON list of [x, y, z], text with 21 lines 'x y z',
     or .npy (21, 3); wrist, then thumb to little finger, root to tip; or the word mediapipe, which
     has MediaPipe find them in the colour (--hand-model)"""
-    hand_model: str | None = None
+    hand_model: Annotated[str | None, FILE] = None
     """MediaPipe's model, which 'hadr hand-model' makes"""
-    hand_mask: str | None = None
+    hand_mask: Annotated[str | None, FILE] = None
     """pixels of hand and arm, sharpens hand-median"""
     method: Method = "auto"
     """how to restore, see below"""
-    checkpoint: str | None = None
+    checkpoint: Annotated[str | None, FILE] = None
     """a depth network, .safetensors; unset: the sample's HADR"""
-    segmentation: str | None = None
+    segmentation: Annotated[str | None, FILE] = None
     """a segmentation network: predicts mask, hand mask"""
-    keypoint_network: str | None = None
+    keypoint_network: Annotated[str | None, FILE] = None
     """a hand-keypoint network: predicts the hand in computed pictures, for which it is trained; for
     photographs take --hand mediapipe"""
     corruption: Corruption | None = None
     """depth measured inside the mask: oracle and erased discard it, sensor and analytic give it to
     the network; unset: as the checkpoint was trained"""
-    out: str
+    out: Annotated[str, FOLDER]
     """folder for the result"""
     overwrite: bool = False
     """replace an earlier result in the folder (one with other files is never replaced)"""
-    truth: str | None = None
+    truth: Annotated[str | None, FILE] = None
     """true depth, a file like --depth's; prints the errors inside the mask"""
     quiet: bool = False
     """print nothing but errors"""
