@@ -155,15 +155,24 @@ def _to_glass(keypoints: npt.NDArray[np.float64], camera: Intrinsics, mask: Bool
 
 def _gap(keypoints: npt.NDArray[np.float64], seen: FloatArray, camera: Intrinsics) -> float | None:
     """How far keypoints lie behind what is measured at their pixels, median, metres."""
-    gaps = []
-    pixels = project(keypoints, camera).round().astype(int)
-    for (u, v), z in zip(pixels, keypoints[:, 2], strict=True):
-        half = round(WINDOW_M * camera.fx / z)
-        rows, columns = (slice(max(at - half, 0), max(at + half + 1, 0)) for at in (v, u))
-        window = seen[rows, columns]
-        if (window > 0).any():
-            gaps.append(z - float(np.median(window[window > 0])))
-    return float(np.median(gaps)) if len(gaps) >= LEAST_SEEN else None
+    behind = np.array(
+        [
+            z - median_depth(seen, pixel, round(WINDOW_M * camera.fx / z))
+            for pixel, z in zip(project(keypoints, camera), keypoints[:, 2], strict=True)
+        ]
+    )
+    known = np.isfinite(behind)
+    return float(np.median(behind[known])) if known.sum() >= LEAST_SEEN else None
+
+
+def median_depth(depth: FloatArray, pixel: FloatArray, half: int) -> float:
+    """Median of the depth known around a pixel (u, v), up to `half` pixels away; NaN: none is."""
+    around = (
+        slice(max(at - half, 0), max(at + half + 1, 0)) for at in np.rint(pixel[::-1]).astype(int)
+    )
+    window = depth[tuple(around)]
+    known = window[window > 0]
+    return float(np.median(known)) if known.size else np.nan
 
 
 def _skin(
