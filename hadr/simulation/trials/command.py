@@ -28,7 +28,7 @@ conditions (--arms)
   hadr-no-rescoring   hadr, grasps by their own score alone
   hadr-no-tracking    hadr, the robot does not follow the hand
   hadr-plus-networks  hadr-plus, and networks find the mask and the keypoints,
-                      which the simulator gives in all other conditions, with noise
+                      which the simulator gives in all others, with noise
 
 examples
   hadr handover --arms hadr --objects 0004 --holds 902 --film \\
