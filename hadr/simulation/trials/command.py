@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import tyro
 
+from hadr.records.option_words import FILE, FOLDER, ID
 from hadr.records.output_folder import check_folder, check_writable
 from hadr.records.provenance import machine_text, provenance, record_of, usable_cores
 from hadr.records.result_file import write_result_file
@@ -70,18 +71,18 @@ class Options:
     noise.
     """
 
-    out: Annotated[str | None, tyro.conf.arg(metavar="DIR")] = None
+    out: Annotated[str | None, FOLDER] = None
     """Folder of the attempts' files."""
-    replay: Annotated[str | None, tyro.conf.arg(metavar="FILE")] = None
+    replay: Annotated[str | None, FILE] = None
     """Replay an attempt's log and print its changes of stage and its cautions; runs none."""
-    arms: Annotated[tuple[str, ...], tyro.conf.arg(metavar="ARM [ARM ...]")] = (
+    arms: Annotated[tuple[str, ...], tyro.conf.arg(metavar="ARM")] = (
         *("raw", "inpainted", "hadr", "perfect"),
         *("hadr-no-rescoring", "hadr-no-tracking"),
     )
     """Which to run, see below."""
-    objects: Annotated[tuple[str, ...], tyro.conf.arg(metavar="ID [ID ...]")] = TRIAL_OBJECTS
+    objects: Annotated[tuple[str, ...], ID] = TRIAL_OBJECTS
     """Which to hold out; there are no others."""
-    holds: Annotated[tuple[int, ...], tyro.conf.arg(metavar="N [N ...]")] = TRIAL_HOLDS
+    holds: tuple[int, ...] = TRIAL_HOLDS
     """Numbers of holding poses."""
     seed: int = 0
     """Seed of places, motions, noise."""
@@ -95,7 +96,7 @@ class Options:
     """Write an MP4 of each attempt, one by one: about a minute each."""
     watch: bool = False
     """Show the attempts live in MuJoCo's viewer, keep no files."""
-    json: Annotated[str | None, tyro.conf.arg(metavar="FILE")] = None
+    json: Annotated[str | None, FILE] = None
     """The rows' file; handover.json in --out."""
     dry_run: bool = False
     """Say what would be run and what is done, and stop."""
