@@ -65,9 +65,9 @@ class Options:
     """Let a simulated UR5 take glasses out of a human's hand; count its successes.
 
     Each attempt is one object in one holding pose. The world is physical (MuJoCo);
-    the robot sees it through one simulated depth camera, ten times a second. A condition
-    of the experiment says whose depth of the glass the robot believes, or which
-    part of the method is switched off. All conditions meet the same hands, motions and
+    the robot sees it through one simulated depth camera, ten times a second. A
+    condition of the experiment says whose depth of the glass the robot believes, or
+    which part of the method is switched off. All meet the same hands, motions and
     noise.
     """
 

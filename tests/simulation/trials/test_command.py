@@ -139,7 +139,7 @@ def test_a_replay_prints_changes_and_cautions(
 
 
 @pytest.mark.parametrize(
-    ("arms", "says"),
+    ("conditions", "says"),
     [
         (["raw", "hadr"], "; masks and keypoints from the simulator with noise; "),
         (["hadr-plus-networks"], "; masks and keypoints from networks for hadr-plus-networks; "),
