@@ -18,9 +18,9 @@ from hadr.data.samples import samples_dir, write_manifest
 from hadr.records.provenance import machine_text
 from hadr.records.result_file import read_result_file, write_result_file
 from hadr.simulation.film.film import film_frames, write_film
-from hadr.simulation.film.views import side_view
+from hadr.simulation.film.world_view import side_view
 from hadr.simulation.trials.experiment import (
-    arm_row,
+    condition_row,
     ending_of,
     finished_attempt,
     read_row,
@@ -52,7 +52,7 @@ def worse_row(arm: str, outcomes: list[dict[str, Any]]) -> dict[str, Any]:
     """An arm's row with what was made worse."""
     trial = outcomes[0]["trial"]
     made = {"extrinsics_deg": trial["extrinsics_error_deg"], "hand_speed": trial["hand_speed"]}
-    return {**arm_row(arm, outcomes), **made}
+    return {**condition_row(arm, outcomes), **made}
 
 
 def main() -> None:

@@ -8,7 +8,7 @@ error of a scene is that of its object points' median depth along the camera's a
 
 import argparse
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 import torch
@@ -17,25 +17,24 @@ from scipy.stats import spearmanr
 from hadr.records.provenance import machine_text, provenance
 from hadr.records.result_file import write_result_file
 from hadr.simulation.camera.robot_camera import RobotCamera
-from hadr.simulation.camera.sight import DepthArm, Sight
+from hadr.simulation.camera.sight import SOURCES, Sight
+from hadr.simulation.trials import TRIAL_OBJECTS
 from hadr.simulation.world.hand_motions import motion_for
 from hadr.simulation.world.physics import World
 from hadr.simulation.world.scenes import held_scene
-from hadr.simulation.world.trial_set import TRIAL_OBJECTS
 
 HOLDS = range(920, 926)
 
 
 def measure() -> list[dict[str, Any]]:
-    """One row an arm."""
-    arms = get_args(DepthArm)
-    errors: dict[str, list[float]] = {arm: [] for arm in arms}
-    confidences: dict[str, list[float]] = {arm: [] for arm in arms}
+    """One row a source of depth."""
+    errors: dict[str, list[float]] = {arm: [] for arm in SOURCES}
+    confidences: dict[str, list[float]] = {arm: [] for arm in SOURCES}
     for object_id in TRIAL_OBJECTS:
         for hold in HOLDS:
             scene, camera = held_scene(object_id, hold), RobotCamera()
-            state = World(scene, motion_for(object_id, hold, scene=scene)).state()
-            found = {a: Sight(scene, camera, a).look(state, with_points=True) for a in arms}
+            state = World(scene, motion_for(scene, hold).moved).state()
+            found = {a: Sight(scene, camera, a).look(state, with_points=True) for a in SOURCES}
             truth = found["perfect"].object_points
             for arm, seen in found.items():
                 both = seen.object_points is not None and truth is not None
@@ -43,7 +42,7 @@ def measure() -> list[dict[str, Any]]:
                 errors[arm].append(float(middle - np.median(truth[:, 2])) if both else np.nan)
                 confidences[arm].append(np.nan if seen.confidence is None else seen.confidence)
     rows = []
-    for arm in arms:
+    for arm in SOURCES:
         error = np.array(errors[arm])
         seen = np.isfinite(error)
         row: dict[str, Any] = {

@@ -15,17 +15,17 @@ from hadr.records.provenance import machine_text, provenance
 from hadr.records.result_file import read_result_file, write_result_file
 
 if TYPE_CHECKING:
-    from hadr.simulation.trials.trial import Arm, Trial
+    from hadr.simulation.trials.trial import Condition, Trial
 
-    Attempts = Mapping[Arm, Sequence[Trial]]
+    Attempts = Mapping[Condition, Sequence[Trial]]
 
-REPRODUCED: tuple[Arm, ...] = (
+REPRODUCED: tuple[Condition, ...] = (
     "raw", "inpainted", "hadr", "hadr-plus", "perfect", "hadr-no-rescoring", "hadr-no-tracking",
 )  # fmt: skip
 """The conditions of results/mini/handover.json; `hadr handover` alone leaves out hadr-plus."""
 
 
-def planned_attempts(size: str, seed: int) -> dict[Arm, list[Trial]]:
+def planned_attempts(size: str, seed: int) -> dict[Condition, list[Trial]]:
     """The attempts of each condition: 48, and at preset tiny one, to see that everything runs."""
     from hadr.simulation.trials.experiment import attempts
 
@@ -52,11 +52,13 @@ def handover_steps(plan: Attempts, out: Path, times: Mapping[str, float]) -> lis
 
 def make_handover_table(plan: Attempts, out: Path, jobs: int) -> None:
     """Make the attempts that are missing, `jobs` at a time, and write the table."""
-    from hadr.simulation.trials.experiment import arm_row, run_attempts
+    from hadr.simulation.trials.experiment import condition_row, run_attempts
 
     rows = []
     for arm, trials in plan.items():
-        rows.append(arm_row(arm, run_attempts(trials, out / "handover", jobs=jobs, report=_say)))
+        rows.append(
+            condition_row(arm, run_attempts(trials, out / "handover", jobs=jobs, report=_say))
+        )
         print(f"{arm}: {rows[-1]['successes']} of {rows[-1]['attempts']}", flush=True)
     what = (
         f"handover attempts in simulation, {len(trials)} a condition, seed {trials[0].seed}; masks "

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import sys
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,10 +16,13 @@ import tyro
 from hadr.records.output_folder import check_folder, check_writable
 from hadr.records.provenance import machine_text, provenance, record_of, usable_cores
 from hadr.records.result_file import write_result_file
-from hadr.simulation.world.trial_set import TRIAL_HOLDS, TRIAL_OBJECTS
+from hadr.simulation.trials import TRIAL_HOLDS, TRIAL_OBJECTS
 
 if TYPE_CHECKING:
-    from hadr.simulation.trials.trial import Arm
+    from hadr.handover.stages import Stage
+    from hadr.simulation.trials.trial import Condition, Run, Trial
+    from hadr.simulation.world.physics import World
+    from hadr.simulation.world.state import WorldState
 
 EPILOG = """\
 arms
@@ -65,9 +70,9 @@ class Options:
 
     Each attempt is one object in one holding pose. The world is physical (MuJoCo);
     the robot sees it through one simulated depth camera, ten times a second. An arm
-    of the experiment says whose depth of the glass the robot believes, or which
-    part of the method is switched off. All arms meet the same hands, motions and
-    noise.
+    is a condition of the experiment: it says whose depth of the glass the robot
+    believes, or which part of the method is switched off. All arms meet the same
+    hands, motions and noise.
     """
 
     out: Annotated[str | None, tyro.conf.arg(metavar="DIR")] = None
@@ -121,15 +126,14 @@ def run(options: Options) -> int:
     jobs = usable_cores() if options.jobs is None else options.jobs
     check_packages()
     from hadr.simulation.trials.experiment import (
-        arm_row,
         attempts,
+        condition_row,
         film_of_attempt,
         film_path,
         is_finished,
         run_attempts,
     )
     from hadr.simulation.trials.trial import Trial
-    from hadr.simulation.trials.watch import check_display, watch_trial
 
     if options.watch:
         check_display()
@@ -141,7 +145,7 @@ def run(options: Options) -> int:
     )
     which: dict[str, Any] = {"objects": options.objects, "holds": options.holds}
     plan = {
-        arm: attempts(cast("Arm", arm), **which, seed=options.seed, template=shared)
+        arm: attempts(cast("Condition", arm), **which, seed=options.seed, template=shared)
         for arm in options.arms
     }
     total = sum(map(len, plan.values()))
@@ -165,7 +169,7 @@ def run(options: Options) -> int:
                 _say(trial, record_of(watch_trial(trial).outcome))
             continue
         outcomes = run_attempts(trials, out, jobs=jobs, report=_say)
-        rows.append(arm_row(arm, outcomes))
+        rows.append(condition_row(arm, outcomes))
         print(_sum_up(rows[-1]))
     if rows:
         write_result_file(path, _what(options), rows, {**provenance(), "machine": machine_text()})
@@ -179,8 +183,7 @@ def run(options: Options) -> int:
 
 def _replay(path: Path) -> int:
     """Replay an attempt's log, and print what happened in the order of time."""
-    from hadr.handover.replay import replay
-    from hadr.handover.run_log import read_run_log
+    from hadr.handover.run_log import read_run_log, replay
 
     if path.is_dir():
         raise ValueError(f"--replay {path} is a folder, expected a log, such as 0004-902-log.npz")
@@ -192,9 +195,9 @@ def _replay(path: Path) -> int:
     changes = [
         (t.time, 1, f"{t.before.value} -> {t.after.value}: {t.reason}") for t in again.transitions
     ]
-    cautions = [(time, 0, f"  caution: {words}") for time, words in log.cautions if words]
-    for time, _, words in sorted([*changes, *cautions], key=lambda line: line[:2]):
-        print(f"{time:6.2f} s  {words}")
+    cautions = [(at, 0, f"  caution: {words}") for at, words in log.cautions if words]
+    for at, _, words in sorted([*changes, *cautions], key=lambda line: line[:2]):
+        print(f"{at:6.2f} s  {words}")
     print(f"replayed {path}: the same {_count(len(changes), 'change')} of stage, the same commands")
     return 0
 
@@ -249,6 +252,44 @@ def check_packages() -> None:
         raise ValueError(
             f"attempts need {', '.join(missing)}, not installed here: pip install 'hadr[handover]'"
         )
+
+
+def check_display() -> None:
+    """Check that a window can be opened.
+
+    Raises:
+        ValueError: There is no display; the message says what to do instead.
+    """
+    seen = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    if sys.platform.startswith("linux") and not seen:
+        raise ValueError(
+            "--watch opens a window, but there is no display (DISPLAY is not set); "
+            "--film writes an MP4 of each attempt instead"
+        )
+
+
+def watch_trial(trial: Trial) -> Run:
+    """Make one attempt and show it at the speed of life, or slower where the machine is."""
+    check_display()
+    import mujoco.viewer
+
+    from hadr.simulation.trials.trial import run_trial
+
+    viewer = None
+    started = time.perf_counter()
+
+    def show(world: World, state: WorldState, stage: Stage) -> None:
+        nonlocal viewer
+        if viewer is None:
+            viewer = mujoco.viewer.launch_passive(*world.physics)
+        viewer.sync()
+        time.sleep(max(0.0, started + state.time - time.perf_counter()))
+
+    try:
+        return run_trial(trial, on_step=show)
+    finally:
+        if viewer is not None:
+            viewer.close()
 
 
 def _count(number: int, what: str) -> str:

@@ -8,12 +8,13 @@ comes from the attempt's seed, so the same attempt ends in the same way.
 from __future__ import annotations
 
 import hashlib
+import re
 import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal, cast, get_args
 
 import numpy as np
 
@@ -29,21 +30,20 @@ from hadr.records.provenance import record_of
 from hadr.simulation.camera.robot_camera import RobotCamera
 from hadr.simulation.camera.sight import (
     CHECKPOINTS,
-    DepthArm,
+    DepthSource,
     Looks,
     Sight,
     bundled_finder,
 )
 from hadr.simulation.robot.motion_limits import MotionConfig
-from hadr.simulation.robot.physical_arm import PhysicalArmConfig
-from hadr.simulation.world.hand_motions import HandMotionConfig, motion_for
+from hadr.simulation.world.hand_motions import motion_for
 from hadr.simulation.world.judge import Judge, Verdict
-from hadr.simulation.world.physics import World, WorldConfig
+from hadr.simulation.world.physics import World
 from hadr.simulation.world.scenes import HeldScene, held_scene
 from hadr.simulation.world.state import WorldState
 from hadr.synthesis.glass.objects import glass_object
 
-Arm = Literal[
+Condition = Literal[
     "raw",
     "inpainted",
     "hadr",
@@ -53,17 +53,7 @@ Arm = Literal[
     "hadr-no-tracking",
     "hadr-plus-networks",
 ]
-ARMS: tuple[Arm, ...] = get_args(Arm)
-_DEPTH_OF: dict[Arm, DepthArm] = {
-    "raw": "raw",
-    "inpainted": "inpainted",
-    "hadr": "hadr",
-    "hadr-plus": "hadr-plus",
-    "perfect": "perfect",
-    "hadr-no-rescoring": "hadr",
-    "hadr-no-tracking": "hadr",
-    "hadr-plus-networks": "hadr-plus",
-}
+CONDITIONS: tuple[Condition, ...] = get_args(Condition)
 CODE = ("hadr.simulation.trials.trial", "hadr.models.hadr", "hadr.models.hadr_plus")
 """Modules with which an attempt begins: this one, and those of networks that are loaded by name."""
 CONTROL_STEP, SIGHT_STEP = 0.02, 0.1
@@ -86,12 +76,8 @@ ATTEMPT_CONFIG = HandoverConfig(
 """Settings of all attempts, found on holds that are none of the experiment's. Keypoints with an
 error of 4 mm make the pre-grasp move by more than the standard 5 mm although the hand rests, and
 the program that moves this arm holds its limits nearer to a singular pose than the standard."""
-ATTEMPT_WORLD = WorldConfig(
-    arm=PhysicalArmConfig(
-        arm=ArmConfig(speed_fraction=0.6, finger_speed=0.15),
-        motion=MotionConfig(joint_acceleration=9.0, turn_speed=2.0, turn_acceleration=6.0),
-    )
-)
+ATTEMPT_ARM = ArmConfig(speed_fraction=0.6, finger_speed=0.15)
+ATTEMPT_MOTION = MotionConfig(joint_acceleration=9.0, turn_speed=2.0, turn_acceleration=6.0)
 
 
 @dataclass(frozen=True)
@@ -101,8 +87,8 @@ class Trial:
     Attributes:
         object_id: Which object.
         hold_number: Which of its holding poses.
-        arm: Whose depth the robot sees, and what is switched off; with "-networks" mask and
-            keypoints are those of networks, too.
+        arm: The condition, as doctors call it in a trial: whose depth the robot sees, and what is
+            switched off; with "-networks" mask and keypoints are those of networks, too.
         seed: Seed of place, motion, noise and of the grasps' draws.
         hand_speed: Factor on the speed of the hand's motion.
         extrinsics_error_deg: The camera stands turned by this angle from what its calibration says.
@@ -111,7 +97,7 @@ class Trial:
 
     object_id: str
     hold_number: int
-    arm: Arm = "hadr"
+    arm: Condition = "hadr"
     seed: int = 0
     hand_speed: float = 1.0
     extrinsics_error_deg: float = 0.0
@@ -122,8 +108,8 @@ class Trial:
         for name in ("hold_number", "seed"):
             if getattr(self, name) < 0:
                 raise ValueError(f"{name} must be 0 or more, got {getattr(self, name)}")
-        if self.arm not in ARMS:
-            raise ValueError(f"arm must be one of {', '.join(ARMS)}, got {self.arm!r}")
+        if self.arm not in CONDITIONS:
+            raise ValueError(f"arm must be one of {', '.join(CONDITIONS)}, got {self.arm!r}")
         if not (np.isfinite(self.hand_speed) and self.hand_speed > 0):
             raise ValueError(f"hand_speed must be a factor above 0, got {self.hand_speed}")
         if not 0 <= self.extrinsics_error_deg <= 90:
@@ -146,7 +132,7 @@ class Trial:
         is part of the code.
 
         Raises:
-            FileNotFoundError: A bundled network of this arm is not there.
+            FileNotFoundError: A bundled network of this condition is not there.
         """
         sums = {name: _file_sha256(path) for name, path in network_files(self.arm).items()}
         return {**record_of(self), "networks": sums, "code": _code()}
@@ -158,9 +144,14 @@ def _code() -> str:
     return code_digest(*CODE, without=("hadr.models.networks",))  # it leads to every network
 
 
-def network_files(arm: Arm) -> dict[str, Path]:
-    """The bundled checkpoints that an arm uses, by their names in `sight`."""
-    names = [_DEPTH_OF[arm], *(("segmentation", "keypoints") if finds_by_networks(arm) else ())]
+def depth_source(arm: Condition) -> DepthSource:
+    """Where a condition's depth comes from: its name without what is switched off or added."""
+    return cast("DepthSource", re.sub("-(no-rescoring|no-tracking|networks)$", "", arm))
+
+
+def network_files(arm: Condition) -> dict[str, Path]:
+    """The bundled checkpoints that a condition uses, by their names in `sight`."""
+    names = [depth_source(arm), *(("segmentation", "keypoints") if finds_by_networks(arm) else ())]
     used = [name for name in names if name in CHECKPOINTS]
     return {name: samples_dir() / "checkpoints" / CHECKPOINTS[name] for name in used}
 
@@ -274,18 +265,12 @@ def run_trial(
     """
     started = clock.perf_counter()
     scene = held_scene(trial.object_id, trial.hold_number, trial.seed)
-    path = motion_for(
-        trial.object_id,
-        trial.hold_number,
-        trial.seed,
-        config=HandMotionConfig(speed=trial.hand_speed),
-        scene=scene,
-    )
-    world = World(scene, path, ATTEMPT_WORLD)
+    motion = motion_for(scene, trial.hold_number, trial.seed, speed=trial.hand_speed)
+    world = World(scene, motion.moved, ATTEMPT_ARM, ATTEMPT_MOTION)
     camera = RobotCamera().miscalibrated(trial.extrinsics_error_deg, trial.seed)
     base_from_camera = camera.calibration
     finder = bundled_finder() if finds_by_networks(trial.arm) else None
-    whole = Sight(scene, camera, _DEPTH_OF[trial.arm], seed=trial.seed, finder=finder)
+    whole = Sight(scene, camera, depth_source(trial.arm), seed=trial.seed, finder=finder)
     sight: Looks = whole if spoil is None else spoil(whole)
     rng = np.random.default_rng([trial.seed, int(trial.object_id), trial.hold_number, 67])
     select = _Timed(
@@ -294,17 +279,16 @@ def run_trial(
     config = replace(config or ATTEMPT_CONFIG, tracking=trial.arm != "hadr-no-tracking")
     home = world.robot.tool_pose()
     handover = RecordedHandover(world.robot, select, base_from_camera, config)
-    judge = Judge(scene.item.height)
-    judge.rules = replace(judge.rules, time_limit=trial.time_limit)
+    judge = Judge(scene.item.height, trial.time_limit)
     states = [world.state()]
     arriving = sight.look(states[0], with_points=True)
     step = 0
     while not judge.verdict:
         if step % round(SIGHT_STEP / CONTROL_STEP) == 0:
-            observation, arriving = (
-                arriving,
-                sight.look(states[-1], with_points=handover.stage is Stage.WAIT_AND_OBSERVE),
-            )
+            observation = arriving
+            if step > 0:  # the first picture is there already
+                waits = handover.stage is Stage.WAIT_AND_OBSERVE
+                arriving = sight.look(states[-1], with_points=waits)
         if handover.stage is Stage.FINISHED:
             world.robot.servo_to(home, CONTROL_STEP)  # carries the object to the goal
         else:
@@ -327,7 +311,7 @@ def run_trial(
         grasps_chosen=len(chosen),
         smallest_distance=judge.smallest_distance,
         largest_force=judge.largest_force,
-        motion=path.kind,
+        motion=motion.kind,
         kind=scene.hold.kind,
         planning_wall_seconds=float(np.mean(select.seconds)) if select.seconds else float("nan"),
         wall_seconds=clock.perf_counter() - started,
