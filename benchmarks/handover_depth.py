@@ -27,33 +27,33 @@ HOLDS = range(920, 926)
 
 
 def measure() -> list[dict[str, Any]]:
-    """One row a source of depth."""
-    errors: dict[str, list[float]] = {arm: [] for arm in SOURCES}
-    confidences: dict[str, list[float]] = {arm: [] for arm in SOURCES}
+    """One row a source."""
+    errors: dict[str, list[float]] = {source: [] for source in SOURCES}
+    confidences: dict[str, list[float]] = {source: [] for source in SOURCES}
     for object_id in TRIAL_OBJECTS:
         for hold in HOLDS:
             scene, camera = held_scene(object_id, hold), RobotCamera()
             state = World(scene, motion_for(scene, hold).moved).state()
             found = {a: Sight(scene, camera, a).look(state, with_points=True) for a in SOURCES}
             truth = found["perfect"].object_points
-            for arm, seen in found.items():
+            for source, seen in found.items():
                 both = seen.object_points is not None and truth is not None
                 middle = np.median(seen.object_points[:, 2]) if both else np.nan
-                errors[arm].append(float(middle - np.median(truth[:, 2])) if both else np.nan)
-                confidences[arm].append(np.nan if seen.confidence is None else seen.confidence)
+                errors[source].append(float(middle - np.median(truth[:, 2])) if both else np.nan)
+                confidences[source].append(np.nan if seen.confidence is None else seen.confidence)
     rows = []
-    for arm in SOURCES:
-        error = np.array(errors[arm])
+    for source in SOURCES:
+        error = np.array(errors[source])
         seen = np.isfinite(error)
         row: dict[str, Any] = {
-            "arm": arm,
+            "arm": source,
             "scenes": len(error),
             "scenes_with_points": int(seen.sum()),
             "median_error_m": float(np.median(np.abs(error[seen]))),
             "bias_m": float(error[seen].mean()),
             "within_2_cm": float((np.abs(error[seen]) < 0.02).sum() / len(error)),
         }
-        sure = np.array(confidences[arm])
+        sure = np.array(confidences[source])
         if np.isfinite(sure).all():
             rank = spearmanr(sure, np.abs(error), nan_policy="omit").statistic
             row["confidence_rank_correlation"] = float(rank)

@@ -15,6 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from hadr.corruption import Corruption
+from hadr.data.folders import has_split
 from hadr.data.samples import samples_dir
 from hadr.experiments.again import measure_again, row_to_run
 from hadr.experiments.handover_table import (
@@ -29,6 +31,7 @@ from hadr.experiments.steps import NAME, Step, keep_run_times, last_run_times, s
 from hadr.experiments.systems import METHODS, PARTS, SWITCHES
 from hadr.press.chapter_record import keep_results
 from hadr.press.chapters import (
+    WHOLE,
     ChapterError,
     chapter_paths,
     chapter_steps,
@@ -39,13 +42,10 @@ from hadr.press.paper_report import TITLES, report
 from hadr.records.checkout import checkout_root
 from hadr.records.output_folder import check_output_folder, make_output_folder
 from hadr.simulation.trials.command import check_packages
-from hadr.training.batches import Corruption
 from hadr.training.processes import chosen_accelerator
 
 TINY_FRAMES = 48
 """Frames of each part in preset tiny, which shows that everything runs and no more."""
-WHOLE = ("tables", "handover", "chapters")
-"""What ``--only`` takes as a whole, in the order in which it is made."""
 
 
 @dataclass(frozen=True)
@@ -85,10 +85,6 @@ def run(options: Options) -> int:
     Returns:
         0 when all was done, 1 when a row that was run again gave other numbers, 2 when a chapter
         or a training failed.
-
-    Raises:
-        ValueError: A wish fits nothing, an option is out of range, or data are missing.
-        FileNotFoundError: A data folder is not there.
     """
     check_output_folder(options.out)
     smallest = min(options.seeds or (0,))
@@ -160,12 +156,7 @@ def is_table_wish(wish: str) -> bool:
 
 
 def open_bench(options: Options) -> Bench:
-    """Open the bench that the options describe; for a plan alone, its data may be missing.
-
-    Raises:
-        ValueError: No data folder is named, and the preset has none of its own.
-        FileNotFoundError: A data folder is not there.
-    """
+    """Open the bench that the options describe; for a plan alone, its data may be missing."""
     roots: Sequence[Path] = options.data
     tiny = options.preset == "tiny"
     if options.dry_run and not options.again and not (tiny or all(root.is_dir() for root in roots)):
@@ -181,8 +172,8 @@ def open_bench(options: Options) -> Bench:
     for root in roots:
         if not root.is_dir():
             raise FileNotFoundError(f"there is no data folder {root}")
-        if not (root / "train").is_dir():
-            raise FileNotFoundError(f"{root} has no folder 'train': it is none of TransHand's form")
+        if not has_split(root, "train"):
+            raise FileNotFoundError(f"{root} has no split 'train': its layout is not known")
     limit = TINY_FRAMES if tiny else None
     accelerator = chosen_accelerator(options.accelerator)
     return Bench(

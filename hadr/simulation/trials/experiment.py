@@ -42,7 +42,7 @@ Report = Callable[[Trial, dict[str, Any]], None]
 
 
 def attempts(
-    arm: Condition,
+    condition: Condition,
     *,
     objects: Sequence[str] = TRIAL_OBJECTS,
     holds: Sequence[int] = TRIAL_HOLDS,
@@ -56,7 +56,7 @@ def attempts(
     """
     shared = template or Trial(objects[0], holds[0])
     return [
-        replace(shared, object_id=object_id, hold_number=hold, arm=arm, seed=seed)
+        replace(shared, object_id=object_id, hold_number=hold, arm=condition, seed=seed)
         for object_id in objects
         for hold in holds
     ]
@@ -291,11 +291,11 @@ def verdicts(outcomes: Sequence[dict[str, Any]]) -> dict[str, str]:
     return found
 
 
-def condition_row(arm: str, outcomes: Sequence[dict[str, Any]]) -> dict[str, Any]:
+def condition_row(condition: str, outcomes: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Sum a condition's attempts up as a row of the result file.
 
     Args:
-        arm: The condition's name.
+        condition: The condition's name.
         outcomes: What `run_attempts` gave.
 
     Returns:
@@ -308,7 +308,7 @@ def condition_row(arm: str, outcomes: Sequence[dict[str, Any]]) -> dict[str, Any
         ValueError: There is no outcome, or an attempt is there twice.
     """
     if not outcomes:
-        raise ValueError(f"no attempt of arm {arm!r} to sum up")
+        raise ValueError(f"no attempt of condition {condition!r} to sum up")
     won = np.array([row["verdict"] == "success" for row in outcomes])
     objects = np.array([row["trial"]["object_id"] for row in outcomes])
     by_object = {name: float(won[objects == name].mean()) for name in sorted(set(objects))}
@@ -322,7 +322,7 @@ def condition_row(arm: str, outcomes: Sequence[dict[str, Any]]) -> dict[str, Any
         return float(np.mean(values)) if values else float("nan")
 
     return {
-        "arm": arm,
+        "arm": condition,
         "attempts": len(won),
         "successes": int(won.sum()),
         "rate": float(won.mean()),

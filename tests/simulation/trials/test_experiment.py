@@ -446,7 +446,7 @@ def test_the_interval_is_wilsons() -> None:
 def test_means_without_a_success_are_nan_and_no_outcome_is_refused() -> None:
     row = condition_row("raw", [outcome("0000", "drop")])
     assert math.isnan(row["mean_seconds"])
-    with pytest.raises(ValueError, match="no attempt of arm 'raw' to sum up"):
+    with pytest.raises(ValueError, match="no attempt of condition 'raw' to sum up"):
         condition_row("raw", [])
 
 
