@@ -132,16 +132,17 @@ READERS = (
 )
 #: Where a cut file may still be a whole one: text without an end.
 ENDLESS = ("camera.yaml", "hand.txt", "recording.csv")
-NUMBER: tuple[Any, ...] = (None, "x", [], {}, True, NAN, INF, -1, 0, 1e308, HUGE, DEEP, "@DROP")
+NUMBER: tuple[Any, ...] = (None, "x", [], {}, True, NAN, INF, -1, 0, 1e308, HUGE, "@DROP")
 SIZE: tuple[Any, ...] = (*NUMBER, 224.5, "64", 10**7)
 TEXT: tuple[Any, ...] = (None, 7, [], {}, "x", "", DEEP)
 #: Fields of JSON files: the call that reads the file, the file, the field, values that are wrong.
 FIELDS: tuple[tuple[Call, str, str, tuple[Any, ...]], ...] = (
     *((NEAREST, "camera.json", name, NUMBER) for name in ("fx", "fy")),
-    *((NEAREST, "camera.json", name, (*NUMBER[:7], 1e308, HUGE, DEEP, "@DROP"))
+    *((NEAREST, "camera.json", name, (*NUMBER[:7], 1e308, HUGE, "@DROP"))
       for name in ("cx", "cy")),
     *((NEAREST, "camera.json", name, SIZE) for name in ("width", "height")),
-    (HAND, "hand.json", "", (*NUMBER, [[0, 0, 1]] * 20, [[0, 0, 1]] * 22, [[0, 0]] * 21)),
+    (NEAREST, "camera.json", "", (None, "x", [], {}, 7, DEEP)),
+    (HAND, "hand.json", "", (*NUMBER, DEEP, [[0, 0, 1]] * 20, [[0, 0, 1]] * 22, [[0, 0]] * 21)),
     (HAND, "hand.json", "7", (*NUMBER[:-1], [0, 0], [0, 0, 0, 1], [0, 0, NAN], [0, 0, HUGE])),
     (HAND, "hand.json", "7.2", (None, "x", [], {}, True, NAN, INF, 1e308, HUGE, DEEP)),
 )
@@ -162,26 +163,26 @@ LOG_FIELDS = (
 
 def record_fields() -> Iterator[tuple[Call, str, str, tuple[Any, ...]]]:
     """Wrong values for the fields of a checkpoint's record that somebody reads."""
-    wrong: tuple[Any, ...] = (None, "x", [], {}, NAN, -1, HUGE, DEEP)
+    wrong: tuple[Any, ...] = (None, "x", [], {}, NAN, -1, HUGE)
     for call, name in ((NETWORK, "net.safetensors"), (PLUS, "plus.safetensors")):
         sample = "hadr-mini" if call is NETWORK else "hadr-plus-mini"
         path = CHECKOUT / f"data_samples/checkpoints/{sample}.json"
         model = json.loads(path.read_text(encoding="utf-8"))["model"]
         for key in model:
             yield call, name, f"model.{key}", (*wrong[1:], "@DROP")
-        yield call, name, "", (*wrong, 7)
+        yield call, name, "", (*wrong, 7, DEEP)
         yield call, name, "model", (*wrong, "@DROP")
-        yield call, name, "network", ("x", [], {}, 7, DEEP)
+        yield call, name, "network", ("x", [], {}, 7)
         for key in ("width", "height"):
             yield call, name, key, (*wrong, 0, 1.5, 10**7, True, "@DROP")
-        yield call, name, "data", ("x", [], 7, DEEP)
+        yield call, name, "data", ("x", [], 7)
         yield call, name, "data.corruption", (*wrong[1:], 7, None)
     name = "plus.safetensors"
-    yield PLUS, name, "learned_range", ("x", [], {}, 7, DEEP)
+    yield PLUS, name, "learned_range", ("x", [], {}, 7)
     yield PLUS, name, "learned_range.depth_m", (
-        None, "x", [], {}, 7, [1], [2.0, 0.3], [NAN, 1], [INF, INF], [-2, -1], [0.3, HUGE], DEEP)
+        None, "x", [], {}, 7, [1], [2.0, 0.3], [NAN, 1], [INF, INF], [-2, -1], [0.3, HUGE])
     for key in ("signals", "center", "scale", "weights", "calibration"):
-        yield PLUS, name, f"confidence.{key}", (None, "x", [], {}, 7, [NAN], [HUGE], DEEP, "@DROP")
+        yield PLUS, name, f"confidence.{key}", (None, "x", [], {}, 7, [NAN], [HUGE], "@DROP")
 
 
 #: Numbers given on the command line: the call, the option, values that are wrong.
