@@ -79,7 +79,7 @@ def complaint(words: str, told: str, says: list[str], program: str) -> str:
     if len(flat) > 1500:
         return f"endless: {len(flat)} characters, {flat[:200]}"
     words = [*says, *(same for word in says for same in SAME.get(word, ()))]
-    words += [word.replace("-", " ") for word in says]  # --depth-scale: depth scale
+    words += [word.replace("-", by) for word in says for by in " _"]  # --depth-scale: depth scale
     if says and not any(word.lower() in flat.lower() for word in words):
         return f"names none of {says}: {flat[:300]}"
     if program and not tyro and not flat.startswith(f"hadr {program}"):
