@@ -11,11 +11,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
+from scipy.special import expit
 
 from hadr.camera import (
     BoolArray,
@@ -25,12 +26,13 @@ from hadr.camera import (
     window_around,
 )
 from hadr.confidence import ConfidenceRule, signal_of, within_learned
+from hadr.corruption import CORRUPTIONS, Corruption
+from hadr.models.hand.plausible import NoHandError
 from hadr.models.networks import DEPTH_NETWORKS, NETWORKS
 
 if TYPE_CHECKING:
     from torch import nn
 
-Corruption = Literal["oracle", "sensor"]
 SAMPLE_CHECKPOINTS = (
     "hadr-mini.safetensors", "hadr-mini-unknown.safetensors", "hadr-plus-mini.safetensors",
 )  # fmt: skip
@@ -66,8 +68,7 @@ class DepthNetwork:
         kind: One of `hadr.models.networks.DEPTH_NETWORKS`.
         size: (width, height) that it runs at, pixels.
         needs_hand: Whether it can't do without the hand's keypoints.
-        corruption: "oracle": it learned from frames without any depth inside the mask. "sensor":
-            what the camera measured there was given to it.
+        corruption: Of the frames that it learned from.
         rule: From what it says of its answer to the probability that its depth is right; None
             where it was never calibrated, or cannot say.
         learned_range_m: Nearest and farthest depth of the objects that it learned from, metres;
@@ -96,6 +97,11 @@ class DepthNetwork:
         """Whether it can say how sure it is."""
         return NETWORKS[self.kind].can_say
 
+    @property
+    def erases(self) -> bool:
+        """Whether it learned from frames without any depth inside the mask."""
+        return CORRUPTIONS[self.corruption].erase
+
     @classmethod
     def load(cls, path: str | Path) -> DepthNetwork:
         """Read a checkpoint of any depth network.
@@ -110,12 +116,7 @@ class DepthNetwork:
 
     @classmethod
     def of(cls, model: nn.Module, meta: dict[str, Any], name: str) -> DepthNetwork:
-        """Take a network that is loaded already.
-
-        Args:
-            model: The network.
-            meta: Its checkpoint's record.
-            name: What messages call it.
+        """Take a network that is loaded already, its checkpoint's record, and a name for messages.
 
         Raises:
             ValueError: It is no depth network.
@@ -158,9 +159,6 @@ class DepthNetwork:
             camera: Intrinsics of both images.
             mask: Pixels to restore, shape (H, W) bool.
             keypoints: 21 hand keypoints, camera frame, metres, shape (21, 3).
-
-        Returns:
-            Depth and confidence at full size.
         """
         import torch
 
@@ -172,7 +170,7 @@ class DepthNetwork:
         if mask.any() and not resize_mask(mask, width, height).any():
             box = (-(-camera.height // height), -(-camera.width // width))
             seen = ndimage.maximum_filter(mask, size=box)
-            if self.corruption == "oracle":
+            if self.erases:
                 depth = np.where(seen, 0, depth)
         with torch.inference_mode():
             inputs = frame_to_input(color, depth, seen, keypoints, camera, self.size)
@@ -204,8 +202,8 @@ class DepthNetwork:
     def notes(self, answer: NetworkDepth, corruption: Corruption, camera: Intrinsics) -> list[str]:
         """Say which network it was, what it was not trained for, and what it could not do."""
         (width, height), notes = self.size, []
-        if corruption != self.corruption:
-            learned = "without" if self.corruption == "oracle" else "with"
+        if CORRUPTIONS[corruption].erase != self.erases:
+            learned = "without" if self.erases else "with"
             notes.append(
                 f"{self.name} learned from frames {learned} measured depth inside the mask, and "
                 "was now given the other; expect larger errors"
@@ -237,6 +235,20 @@ class DepthNetwork:
         return notes
 
 
+class SeenMasks(NamedTuple):
+    """What a segmentation network sees in a picture.
+
+    Attributes:
+        glass: The object's pixels, shape (H, W) bool.
+        hand: Those of hand and arm, shape (H, W) bool; None if the network has no such class.
+        presence: The mean probability of a hand in these, 0..1; 0 where there are none.
+    """
+
+    glass: BoolArray
+    hand: BoolArray | None
+    presence: float
+
+
 @dataclass(frozen=True)
 class Segmentation:
     """A segmentation network, loaded once.
@@ -262,27 +274,22 @@ class Segmentation:
         """
         return cls(*_read_kind(path, "segmentation"), Path(path).name)
 
-    def masks(self, color: NDArray[np.uint8]) -> tuple[BoolArray, BoolArray | None]:
-        """Find the glass and the hand.
-
-        Args:
-            color: RGB, shape (H, W, 3) uint8.
-
-        Returns:
-            The object's pixels, and the hand's with the arm (None if the network has no such
-            class), shape (H, W) bool.
-        """
+    def masks(self, color: NDArray[np.uint8]) -> SeenMasks:
+        """Find the glass, and the hand with the arm, in RGB (H, W, 3) uint8."""
         import torch
 
-        from hadr.models.segmentation import predict_masks
+        from hadr.models.segmentation import predict_logits
 
         height, width = color.shape[:2]
         small = resize_color(color, *self.size).astype(np.float32) / 255
         with torch.inference_mode():
             picture = torch.from_numpy(np.ascontiguousarray(small.transpose(2, 0, 1)))[None]
-            positive = predict_masks(self.model, picture)[0].numpy()  # (C, h, w)
-        large = [resize_mask(part, width, height) for part in positive[:2]]
-        return large[0], large[1] if len(large) > 1 else None
+            logits = predict_logits(self.model, picture)[0].numpy()  # (C, h, w)
+        large = [resize_mask(part > 0, width, height) for part in logits[:2]]
+        if len(large) < 2:
+            return SeenMasks(large[0], None, 0.0)
+        sure = expit(logits[1][logits[1] > 0])
+        return SeenMasks(large[0], large[1], float(sure.mean()) if sure.size else 0.0)
 
 
 @dataclass(frozen=True)
@@ -298,6 +305,7 @@ class HandKeypoints:
     model: Any
     size: tuple[int, int]
     name: str
+    needs_hand_mask: ClassVar[bool] = True
 
     @classmethod
     def load(cls, path: str | Path) -> HandKeypoints:
@@ -310,9 +318,9 @@ class HandKeypoints:
         depth: NDArray[np.float32],
         camera: Intrinsics,
         mask: BoolArray,
-        hand_mask: BoolArray,
-    ) -> NDArray[np.float64] | None:
-        """Find the keypoints.
+        hand_mask: BoolArray | None,
+    ) -> NDArray[np.float64]:
+        """Find the keypoints: camera frame, metres, (21, 3).
 
         Args:
             color: RGB, shape (H, W, 3) uint8.
@@ -321,19 +329,23 @@ class HandKeypoints:
             mask: The glass's pixels, shape (H, W) bool.
             hand_mask: Pixels of hand and arm, shape (H, W) bool.
 
-        Returns:
-            Camera frame, metres, shape (21, 3); None where the hand's pixels have no depth.
+        Raises:
+            NoHandError: There are no pixels of a hand, or none of them has a depth.
         """
         import torch
 
         from hadr.models.hadr_input import frame_to_input
         from hadr.models.hand.keypoints import keypoints_where_seen
 
+        if hand_mask is None or not hand_mask.any():
+            raise NoHandError("none is seen in the picture")
         inputs = frame_to_input(color, depth, mask, None, camera, self.size)
         hand = torch.from_numpy(resize_mask(hand_mask, *self.size).copy())[None]
         with torch.inference_mode():
             found = keypoints_where_seen(self.model, inputs, hand)[0]
-        return np.asarray(found.double().numpy()) if bool(found.any()) else None
+        if not bool(found.any()):
+            raise NoHandError("the pixels in which one is seen have no depth")
+        return np.asarray(found.double().numpy())
 
 
 def _read_kind(path: str | Path, kind: str) -> tuple[Any, tuple[int, int]]:
@@ -347,6 +359,13 @@ def _read_kind(path: str | Path, kind: str) -> tuple[Any, tuple[int, int]]:
 
 
 def trained_corruption(meta: dict[str, Any]) -> Corruption:
-    """Read from a checkpoint's record whether it learned to use depth inside of the mask."""
+    """Read from a checkpoint's record of which corruption it learned.
+
+    Raises:
+        ValueError: It is none of `CORRUPTIONS`.
+    """
     stored = meta.get("data", {}).get("corruption", meta.get("corruption", "oracle"))
-    return "oracle" if str(stored).startswith(("oracle", "erased")) else "sensor"
+    for name in CORRUPTIONS:
+        if name == str(stored).partition(":")[0]:
+            return name
+    raise ValueError(f"corruption must be one of {', '.join(CORRUPTIONS)}, got {stored!r}")

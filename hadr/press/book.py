@@ -12,23 +12,17 @@ import re
 import shutil
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import partial
 from html import escape
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import yaml
 
 from hadr.experiments.steps import seconds_text
-from hadr.press.chapter_record import keep_results
 from hadr.press.chapters import (
-    ChapterError,
     ChapterRun,
     chapter_paths,
-    run_notebooks,
     run_time_table,
     without_ansi,
 )
@@ -43,10 +37,7 @@ from hadr.press.report import (
     speed_table,
     tuning_table,
 )
-from hadr.records.checkout import checkout_root
 from hadr.records.output_folder import (
-    check_output_folder,
-    check_removable,
     make_output_folder,
     remove_output_folder,
 )
@@ -79,11 +70,7 @@ _WIDGET_VIEW = "application/vnd.jupyter.widget-view+json"
 
 
 def chapter_title(notebook: Path) -> str:
-    """The first heading of a notebook, without markup.
-
-    Args:
-        notebook: Path of an .ipynb file.
-    """
+    """The first heading of a notebook, without markup."""
     import nbformat
 
     for cell in nbformat.read(notebook, 4).cells:
@@ -98,14 +85,7 @@ def stage_notebook(notebook: Any, run_time: str) -> Any:
 
     The token for the run time is replaced; papermill's injected parameters, warnings and other
     text on stderr, and the outputs and state of widgets are dropped; films get a name for screen
-    readers; each cell tagged ``interactive`` is followed by a note.
-
-    Args:
-        notebook: The executed notebook (nbformat's NotebookNode); changed in place.
-        run_time: Replaces the line's words ``RUNTIME_TOKEN``.
-
-    Returns:
-        The same notebook.
+    readers; each cell tagged ``interactive`` is followed by a note. The notebook is changed.
     """
     import nbformat
 
@@ -148,9 +128,7 @@ def _label_films(outputs: Sequence[Any]) -> None:
             shown["text/html"] = found.replace("<video", label, 1)
 
 
-def stage_book(
-    book: Path, runs: Sequence[ChapterRun], target: Path, *, total_s: float | None = None
-) -> Path:
+def stage_book(book: Path, runs: Sequence[ChapterRun], target: Path) -> Path:
     """Copy the book's pages and the executed chapters into a build folder."""
     import nbformat
 
@@ -168,7 +146,7 @@ def stage_book(
         nbformat.write(staged, target / "notebooks" / name)
     words = {
         TABLE_TOKEN: run_time_table(runs, titles),
-        RUNTIME_TOKEN: seconds_text(total_s or sum(run.duration_s for run in runs)),
+        RUNTIME_TOKEN: seconds_text(sum(run.duration_s for run in runs)),
         REPOSITORY_TOKEN: repository(book)["url"],
         "{{MACHINE}}": machine_text(),
     }
@@ -201,8 +179,8 @@ def _drop_absent_chapters(target: Path) -> None:
     path.write_text(yaml.safe_dump(contents, sort_keys=False), encoding="utf-8")
 
 
-def build_html(staged: Path, output: Path, *, strict: bool = True) -> Path:
-    """Build the HTML book with Jupyter Book."""
+def build_html(staged: Path, output: Path, *, strict: bool) -> Path:
+    """Build the HTML book with Jupyter Book; where strict, a warning is an error."""
     if importlib.util.find_spec("jupyter_book") is None:
         raise RuntimeError("Jupyter Book is not installed here: pip install -e '.[book]'")
     program = "from jupyter_book.cli.main import main; main()"
@@ -235,10 +213,6 @@ def update_readme(readme: Path, table: str) -> None:
 def readme_table(build: Path, root: Path) -> str:
     """The chapter list with the run times that the last ``make book`` measured.
 
-    Args:
-        build: The build folder, with ``results.json``.
-        root: The checkout, whose README links to the notebooks.
-
     Raises:
         FileNotFoundError: No book was built yet.
         ValueError: The record is broken, or its times are not of all chapters, of preset tiny and
@@ -267,71 +241,3 @@ def readme_table(build: Path, root: Path) -> str:
     if len(machines := sorted({timed[run.name]["machine"] for run in runs})) > 1:
         raise ValueError(f"{path} has times of {' and of '.join(machines)}: run `make book` again")
     return f"{run_time_table(runs, titles)}\n\nMeasured on {machines[0]}."
-
-
-@dataclass(frozen=True)
-class Options:
-    """Execute the chapters and build the HTML book from them."""
-
-    build: Path = Path("build")
-    """Folder that takes all that is made."""
-    preset: Literal["tiny", "mini", "paper"] = "tiny"
-    """How much the chapters compute."""
-    seed: int = 0
-    """The chapters' seed."""
-    only: tuple[str, ...] = ()
-    """Only these chapters, such as `03 04`; links to the others are not checked."""
-    html_only: bool = False
-    """Build from the notebooks executed last time."""
-    readme_times: bool = False
-    """Write the measured times into README.md, and build nothing."""
-
-
-def run(options: Options) -> int:
-    """Build the book as the options say.
-
-    Returns:
-        0 when the book stands; 2 when a chapter or the build failed.
-    """
-    root, say = checkout_root(), partial(print, flush=True)
-    try:
-        build = check_output_folder(options.build)
-        if options.readme_times:
-            update_readme(root / "README.md", readme_table(build, root))
-            return 0
-        check_removable(build / "book")
-        every = chapter_paths(root / "notebooks")
-        paths = chapter_paths(root / "notebooks", options.only)
-        make_output_folder(build)
-        started = time.perf_counter()
-        if options.html_only:
-            runs = _runs_of_last_time(build, paths)
-        else:
-            say(f"executing {len(paths)} notebooks, preset {options.preset}")
-            runs = run_notebooks(paths, build, preset=options.preset, seed=options.seed, say=say)
-            keep_results(build, every, options.preset, options.seed, say=say)
-        say("building the HTML book")
-        staged = stage_book(root / "book", runs, build / "book")
-        index = build_html(staged, build / "html", strict=not options.only)
-    except (ChapterError, RuntimeError, ValueError, OSError) as error:
-        print(error, file=sys.stderr)
-        return 2
-    print(f"\n{run_time_table(runs)}\n")
-    print(f"everything took {seconds_text(time.perf_counter() - started)} on {machine_text()}")
-    print(f"the book: {index}")
-    return 0
-
-
-def _runs_of_last_time(build: Path, paths: Sequence[Path]) -> list[ChapterRun]:
-    import nbformat
-
-    runs = []
-    for path in paths:
-        executed = build / "executed" / path.name
-        if not executed.exists():
-            raise FileNotFoundError(f"{executed} is missing: run without --html-only first")
-        times = nbformat.read(executed, 4).metadata.get("papermill", {})
-        results = build / "results" / path.stem / "results.json"
-        found = results if results.exists() else None
-        runs.append(ChapterRun(path.stem, float(times.get("duration") or 0), executed, found))
-    return runs

@@ -32,6 +32,6 @@ def test_sparsification_is_in_centimetres_and_marks_the_tenth(ax) -> None:
 def test_confidence_outside_of_restored_pixels_is_not_drawn(ax) -> None:
     restored = np.zeros((4, 6), bool)
     restored[1, 2] = True
-    image = show_confidence(ax, np.full((4, 6), 0.7), restored, "sure")
+    image = show_confidence(ax, np.full((4, 6), 0.7), restored, "sure", (0.0, 1.0))
     assert (~np.ma.getmaskarray(image.get_array())).sum() == 1
     assert image.get_clim() == (0, 1)

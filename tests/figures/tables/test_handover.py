@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from hadr.figures.tables.handover import (
-    arms_table,
+    conditions_table,
     draw_degradation,
     draw_outcomes,
     draw_success,
@@ -34,7 +34,7 @@ def cells(line):
 
 
 def test_each_arm_has_its_numbers_and_the_paper_stands_below():
-    lines = arms_table([ROW, NEVER], {"GraspNet": [5, 0, 0, 0]}).splitlines()
+    lines = conditions_table([ROW, NEVER], {"GraspNet": [5, 0, 0, 0]}).splitlines()
     assert cells(lines[2]) == ["HADR", "30/48", "62.5 %", "48 to 75", "3/4", "2/4", "1/4", "7.2 s"]
     assert cells(lines[3])[:3] == ["sensor depth", "0/48", "0.0 %"]
     assert cells(lines[3])[7] == "none"
@@ -52,9 +52,11 @@ def test_two_arms_are_compared_attempt_by_attempt():
         paired(first, {"arm": "d", "verdicts": {"1": "drop"}})
 
 
-def row(arm: str, successes: int, low: float, high: float, **more: object) -> dict[str, object]:
+def row(
+    condition: str, successes: int, low: float, high: float, **more: object
+) -> dict[str, object]:
     return {
-        "arm": arm,
+        "arm": condition,
         "attempts": 48,
         "successes": successes,
         "rate": successes / 48,
@@ -80,14 +82,6 @@ def test_bars_are_as_long_as_the_rates_and_stand_in_order() -> None:
     assert ax.lines[-1].get_xdata()[0] == pytest.approx(70.83, abs=0.01)
 
 
-@pytest.mark.parametrize(("rate", "interval"), [(0.5, (0.6, 0.7)), (75, (61, 85)), (0.5, (0, 0.4))])
-def test_a_rate_outside_of_its_interval_is_refused(rate: float, interval: tuple) -> None:
-    _, ax = plt.subplots()
-    wrong = {**ROWS[1], "rate": rate, "interval": interval}
-    with pytest.raises(ValueError, match="hadr: the rate must lie in its interval"):
-        draw_success(ax, [wrong])
-
-
 def test_outcomes_fill_the_attempts() -> None:
     _, ax = plt.subplots()
     draw_outcomes(ax, ROWS)
@@ -97,8 +91,6 @@ def test_outcomes_fill_the_attempts() -> None:
         ends[place] = max(ends.get(place, 0), bar.get_x() + bar.get_width())
     assert ends == {0: 48, 1: 48, 2: 48}
     assert [t.get_text() for t in ax.get_legend().texts] == ["success", "drop", "timeout"]
-    with pytest.raises(ValueError, match="make 49, not 48 attempts"):
-        draw_outcomes(ax, [{**ROWS[1], "failures": {"drop": 13}}])
 
 
 def test_degradation_has_a_line_an_arm_with_its_intervals() -> None:
