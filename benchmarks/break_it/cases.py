@@ -126,7 +126,7 @@ READERS = (
     ("read_hand", "hand.txt", False), ("read_hand", "hand.npy", False),
     ("load_intrinsics", "camera.json", False), ("load_intrinsics", "camera.yaml", False),
     ("load_checkpoint", "net.safetensors", True), ("load_training_state", "last.safetensors", True),
-    ("read_run_log", "log.npz", True), ("load_states", "states.npz", True),
+    ("read_run_log", "log.npz", False), ("load_states", "states.npz", False),
     ("read_recording", "recording.csv", False), ("read_result_file", "result.json", True),
     ("read_sealed", "result.json", True),
 )
