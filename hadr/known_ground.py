@@ -16,20 +16,20 @@ covariance: Ledoit and Wolf 2004.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
 
-from hadr.camera import FloatArray
-from hadr.confidence import ConfidenceRule
-from hadr.frame_features import FEATURES, Features
-
-if TYPE_CHECKING:
-    from torch import Tensor, nn
+from hadr.camera import FloatArray, Intrinsics
+from hadr.confidence import ConfidenceRule, within_learned
+from hadr.frame_features import FEATURES, Features, frame_features
+from hadr.models.hadr_input import HADRInput
 
 Array = npt.NDArray[np.float64]
 
@@ -298,16 +298,58 @@ def _rounded(values: Array) -> Any:
     return np.vectorize(lambda x: float(f"{x:.4g}"))(values).tolist()
 
 
-@contextmanager
-def watched(model: nn.Module, part: str) -> Iterator[list[Tensor]]:
-    """Collect the maps (B, C, h, w) that a part of a network gives while it runs."""
+@dataclass(frozen=True)
+class Observation:
+    """What a network answered of one frame, and what is compared with its ground.
+
+    Attributes:
+        output: Its answer.
+        features: What was measured of the frame.
+        seen: What it saw in the glass, shape (E,).
+    """
+
+    output: Any
+    features: dict[str, float]
+    seen: Array
+
+
+def observe(
+    network: nn.Module,
+    part: str,
+    inputs: HADRInput,
+    measured: FloatArray,
+    depth_range_m: tuple[float, float] | None,
+) -> Observation:
+    """Ask a network about one frame, and measure the frame.
+
+    Args:
+        network: A depth network.
+        part: Name of the part whose map, shape (1, E, h, w), is what it sees.
+        inputs: The frame, a batch of one; its mask has a pixel.
+        measured: z-depth at this size as the camera measured it, in the glass too, metres, shape
+            (H, W); 0 = missing.
+        depth_range_m: Depths of the object in training, metres; None if unknown.
+    """
     maps: list[Tensor] = []
 
     def keep(_module: nn.Module, _given: Any, found: Any) -> None:
         maps.append(found[0] if isinstance(found, tuple) else found)
 
-    handle = model.get_submodule(part).register_forward_hook(keep)
+    handle = network.get_submodule(part).register_forward_hook(keep)
     try:
-        yield maps
+        output = network(inputs)
     finally:
         handle.remove()
+    seen = maps[0]  # (1, E, h, w)
+    weight = torch.ones_like(seen[:, :1])
+    if not hasattr(network, "crop"):  # a crop lies around the glass; a picture shows more
+        weight = functional.adaptive_avg_pool2d(inputs.mask[:, None].to(seen.dtype), seen.shape[2:])
+    vector = (seen * weight).sum(dim=(2, 3)) / weight.sum()  # (1, E)
+    found = (output.depth * within_learned(output, depth_range_m))[0]  # (H, W)
+    height, width = inputs.depth.shape[1:]
+    camera = Intrinsics(*inputs.intrinsics[0].tolist(), width, height)
+    hand = inputs.keypoints[0].double().numpy()
+    features = frame_features(
+        measured, found.numpy(), camera, inputs.mask[0].numpy(), hand if hand.any() else None
+    )
+    return Observation(output, features, vector[0].double().numpy())
