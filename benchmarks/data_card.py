@@ -277,10 +277,8 @@ def limits_list(frames: TransHand, found: FrameStatistics, logs: list[dict]) -> 
 
 
 def experiment_table(root: Path) -> str:
-    parts = open_known_unknown(root)
     rows = []
-    for name in ("train", "val", "known", "unknown"):
-        frames = getattr(parts, name)
+    for name, frames in open_known_unknown(root).items():
         holds = {h for h in frames.hold_ids if h is not None}
         rows.append([name, str(len(frames)), str(len(set(frames.object_ids))), str(len(holds))])
     return table(["part", "frames", "objects", "holding poses"], rows)

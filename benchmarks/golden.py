@@ -149,9 +149,10 @@ def depth() -> Results:
 
 def training() -> Results:
     """What training is given, and two epochs of each network at its smallest."""
+    from hadr.corruption import CORRUPTIONS
     from hadr.data.samples import open_samples
     from hadr.models.networks import NETWORKS
-    from hadr.training.batches import CORRUPTIONS, load_frames
+    from hadr.training.batches import load_frames
     from hadr.training.loop import train
     from hadr.training.presets import preset
 
@@ -194,7 +195,7 @@ def _tables() -> Results:
         yield token, text(folder)
     names = ("known", "unknown", "ablation", "handover", "memory", "errors")
     rows = {n: read_result_file(folder / "mini" / f"{n}.json").rows for n in names}
-    own, arms = rows["known"] + rows["unknown"], rows["handover"]
+    own, conditions = rows["known"] + rows["unknown"], rows["handover"]
     tables = {name: rows[name] for name in ("known", "unknown", "ablation")}
     paper = json.loads((folder / "paper_tables.json").read_text(encoding="utf-8"))
     reasons = {name: ("reason", "place") for name in comparison.compared(own, paper, "known")}
@@ -204,8 +205,8 @@ def _tables() -> Results:
     yield "orders", comparison.orders_table(own, paper)
     yield "reasons", comparison.reasons_table(tables, paper, reasons)
     yield "ablation", comparison.ablation_table(rows["ablation"], paper)
-    yield "handover", handover_tables.arms_table(arms)
-    yield "handover, pairs", [handover_tables.paired(arms[0], row) for row in arms[1:5]]
+    yield "handover", handover_tables.conditions_table(conditions)
+    yield "handover, pairs", [handover_tables.paired(conditions[0], row) for row in conditions[1:5]]
     yield "by heart", benchmarks.by_heart_table(by_heart)
     yield "speed", benchmarks.speed_table(*speed)
     yield "memory", comparison.memory_table(rows["memory"])

@@ -20,7 +20,7 @@ from hadr.records.result_file import read_result_file, write_result_file
 from hadr.simulation.film.film import film_frames, write_film
 from hadr.simulation.film.views import side_view
 from hadr.simulation.trials.experiment import (
-    arm_row,
+    condition_row,
     ending_of,
     finished_attempt,
     read_row,
@@ -29,10 +29,10 @@ from hadr.simulation.trials.experiment import (
 from hadr.simulation.trials.trial import Trial
 
 
-def outcomes_below(folder: Path, arm: str) -> list[dict[str, Any]]:
-    """All finished attempts of an arm, in the order of their names."""
+def outcomes_below(folder: Path, condition: str) -> list[dict[str, Any]]:
+    """All finished attempts of a condition, in the order of their names."""
     found = []
-    for path in sorted((folder / arm).glob("*-*.json")):
+    for path in sorted((folder / condition).glob("*-*.json")):
         try:
             trial = Trial(**read_row(path)["trial"])
         except (KeyError, TypeError) as error:
@@ -48,11 +48,11 @@ def with_verdicts(row: dict[str, Any], folder: Path) -> dict[str, Any]:
     return {**row, "verdicts": verdicts(outcomes_below(folder, row["arm"]))}
 
 
-def worse_row(arm: str, outcomes: list[dict[str, Any]]) -> dict[str, Any]:
-    """An arm's row with what was made worse."""
+def worse_row(condition: str, outcomes: list[dict[str, Any]]) -> dict[str, Any]:
+    """A condition's row with what was made worse."""
     trial = outcomes[0]["trial"]
     made = {"extrinsics_deg": trial["extrinsics_error_deg"], "hand_speed": trial["hand_speed"]}
-    return {**arm_row(arm, outcomes), **made}
+    return {**condition_row(condition, outcomes), **made}
 
 
 def main() -> None:
@@ -72,9 +72,9 @@ def main() -> None:
         for row in file.rows:
             rows.append(worse_row(row["arm"], outcomes_below(folder, row["arm"])))
             names = set(rows[-1]["verdicts"])
-    for arm in dict.fromkeys(row["arm"] for row in rows):  # the same attempts, not made worse
-        same = [r for r in outcomes_below(args.out, arm) if set(verdicts([r])) <= names]
-        rows.append(worse_row(arm, same))
+    for condition in dict.fromkeys(row["arm"] for row in rows):  # the same attempts, not made worse
+        same = [r for r in outcomes_below(args.out, condition) if set(verdicts([r])) <= names]
+        rows.append(worse_row(condition, same))
     what = table.what + "; the same with the camera turned or a faster hand"
     if args.worse:
         write_result_file(args.results / "handover_worse.json", what, rows,
@@ -85,17 +85,19 @@ def main() -> None:
         shutil.rmtree(kept, ignore_errors=True)
     for wish in args.films:
         name, _, where = wish.partition("=")
-        arm, _, attempt = where.partition("/")
+        condition, _, attempt = where.partition("/")
         object_id, _, hold = attempt.partition("-")
-        trial = Trial(object_id, int(hold), arm=arm)
+        trial = Trial(object_id, int(hold), arm=condition)
         row, states, changes, scene = finished_attempt(args.out, trial)
-        (kept / arm).mkdir(parents=True, exist_ok=True)
+        (kept / condition).mkdir(parents=True, exist_ok=True)
         for ending in (".json", ".npz"):
-            shutil.copy(args.out / arm / f"{attempt}{ending}", kept / arm / f"{attempt}{ending}")
+            shutil.copy(
+                args.out / condition / f"{attempt}{ending}", kept / condition / f"{attempt}{ending}"
+            )
         view = side_view(480, 270)
         frames = film_frames(states, scene, changes, view=view, rate=10, ending=ending_of(row))
         write_film(kept / f"{name}.mp4", frames, rate=10)
-        films[name] = [arm, object_id, int(hold)]
+        films[name] = [condition, object_id, int(hold)]
     if films:
         (kept / "films.json").write_text(json.dumps(films, indent=1) + "\n", encoding="utf-8")
         write_manifest(samples_dir())

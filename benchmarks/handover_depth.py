@@ -17,7 +17,7 @@ from scipy.stats import spearmanr
 from hadr.records.provenance import machine_text, provenance
 from hadr.records.result_file import write_result_file
 from hadr.simulation.camera.robot_camera import RobotCamera
-from hadr.simulation.camera.sight import DepthArm, Sight
+from hadr.simulation.camera.sight import DepthSource, Sight
 from hadr.simulation.world.hand_motions import motion_for
 from hadr.simulation.world.physics import World
 from hadr.simulation.world.scenes import held_scene
@@ -27,34 +27,34 @@ HOLDS = range(920, 926)
 
 
 def measure() -> list[dict[str, Any]]:
-    """One row an arm."""
-    arms = get_args(DepthArm)
-    errors: dict[str, list[float]] = {arm: [] for arm in arms}
-    confidences: dict[str, list[float]] = {arm: [] for arm in arms}
+    """One row a source."""
+    sources = get_args(DepthSource)
+    errors: dict[str, list[float]] = {source: [] for source in sources}
+    confidences: dict[str, list[float]] = {source: [] for source in sources}
     for object_id in TRIAL_OBJECTS:
         for hold in HOLDS:
             scene, camera = held_scene(object_id, hold), RobotCamera()
             state = World(scene, motion_for(object_id, hold, scene=scene)).state()
-            found = {a: Sight(scene, camera, a).look(state, with_points=True) for a in arms}
+            found = {a: Sight(scene, camera, a).look(state, with_points=True) for a in sources}
             truth = found["perfect"].object_points
-            for arm, seen in found.items():
+            for source, seen in found.items():
                 both = seen.object_points is not None and truth is not None
                 middle = np.median(seen.object_points[:, 2]) if both else np.nan
-                errors[arm].append(float(middle - np.median(truth[:, 2])) if both else np.nan)
-                confidences[arm].append(np.nan if seen.confidence is None else seen.confidence)
+                errors[source].append(float(middle - np.median(truth[:, 2])) if both else np.nan)
+                confidences[source].append(np.nan if seen.confidence is None else seen.confidence)
     rows = []
-    for arm in arms:
-        error = np.array(errors[arm])
+    for source in sources:
+        error = np.array(errors[source])
         seen = np.isfinite(error)
         row: dict[str, Any] = {
-            "arm": arm,
+            "arm": source,
             "scenes": len(error),
             "scenes_with_points": int(seen.sum()),
             "median_error_m": float(np.median(np.abs(error[seen]))),
             "bias_m": float(error[seen].mean()),
             "within_2_cm": float((np.abs(error[seen]) < 0.02).sum() / len(error)),
         }
-        sure = np.array(confidences[arm])
+        sure = np.array(confidences[source])
         if np.isfinite(sure).all():
             rank = spearmanr(sure, np.abs(error), nan_policy="omit").statistic
             row["confidence_rank_correlation"] = float(rank)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -73,15 +73,7 @@ class Intrinsics:
 
     @classmethod
     def from_matrix(cls, matrix: npt.ArrayLike, width: int, height: int) -> Intrinsics:
-        """Build intrinsics from a calibration matrix.
-
-        Args:
-            matrix: K, shape (3, 3), pixels; its skew must be zero.
-            width: Image width, pixels.
-            height: Image height, pixels.
-
-        Returns:
-            The intrinsics.
+        """Build intrinsics from a calibration matrix K, shape (3, 3), pixels.
 
         Raises:
             ValueError: The matrix has another shape, a skew, or a last row other than 0 0 1.
@@ -100,15 +92,16 @@ class Intrinsics:
         Raises:
             ValueError: A value is missing; the message names it.
         """
-        missing = [key for key in ("fx", "fy", "cx", "cy", "width", "height") if key not in values]
+        names = [field.name for field in fields(cls)]
+        missing = [key for key in names if key not in values]
         if missing:
             raise ValueError(f"intrinsics lack {', '.join(missing)}; found {sorted(values)}")
-        for key in ("fx", "fy", "cx", "cy", "width", "height"):
+        for key in names:
             try:
                 float(values[key])
             except (TypeError, ValueError) as error:
                 raise ValueError(f"{key} must be a number, got {values[key]!r}") from error
-        fx, fy, cx, cy = (float(values[key]) for key in ("fx", "fy", "cx", "cy"))
+        fx, fy, cx, cy = (float(values[key]) for key in names[:4])
         return cls(fx, fy, cx, cy, int(values["width"]), int(values["height"]))
 
     def to_dict(self) -> dict[str, float | int]:
@@ -150,16 +143,10 @@ TRANSHAND_CAMERA = Intrinsics(1137.7778, 1137.7778, 639.5, 359.5, 1280, 720)
 
 
 def load_intrinsics(path: str | Path) -> Intrinsics:
-    """Read intrinsics from a YAML or JSON file.
+    """Read intrinsics from a ``.yaml``, ``.yml`` or ``.json`` file.
 
     Three forms are understood: ``fx fy cx cy width height``; the same with ``xres yres`` for
     the size, as ClearGrasp publishes them; and ``K`` (3, 3) with ``width height``.
-
-    Args:
-        path: A ``.yaml``, ``.yml`` or ``.json`` file.
-
-    Returns:
-        The intrinsics.
 
     Raises:
         FileNotFoundError: There is no such file.
@@ -194,14 +181,6 @@ def valid_depth(depth: FloatArray) -> BoolArray:
     return np.isfinite(depth) & (depth > 0)
 
 
-def _check_image(name: str, image: npt.NDArray[Any], camera: Intrinsics) -> None:
-    if image.ndim < 2 or image.shape[:2] != camera.shape:
-        raise ValueError(
-            f"{name} has shape {image.shape}, but the intrinsics are of an image of "
-            f"{camera.width}x{camera.height} (shape {camera.shape})"
-        )
-
-
 def pixel_grid(camera: Intrinsics) -> npt.NDArray[np.float64]:
     """Pixel centres (u, v) of every pixel, shape (H, W, 2)."""
     u, v = np.meshgrid(np.arange(camera.width, dtype=float), np.arange(camera.height, dtype=float))
@@ -224,7 +203,11 @@ def back_project(depth: FloatArray, camera: Intrinsics) -> npt.NDArray[np.float6
     depth = np.asarray(depth)
     if depth.ndim != 2:
         raise ValueError(f"depth must be (H, W) float metres, got {depth.shape} {depth.dtype}")
-    _check_image("depth", depth, camera)
+    if depth.shape != camera.shape:
+        raise ValueError(
+            f"depth has shape {depth.shape}, but the intrinsics are of an image of "
+            f"{camera.width}x{camera.height} (shape {camera.shape})"
+        )
     z = np.where(valid_depth(depth), depth, np.nan).astype(float)
     return unproject(pixel_grid(camera), z, camera)
 
@@ -238,15 +221,10 @@ def unproject(uv: npt.ArrayLike, z: npt.ArrayLike, camera: Intrinsics) -> npt.ND
 
 
 def project(points: npt.ArrayLike, camera: Intrinsics) -> npt.NDArray[np.float64]:
-    """Project points of the camera frame to pixels.
+    """Project points of the camera frame, metres, shape (..., 3), to pixels (u, v), shape (..., 2).
 
-    Args:
-        points: Camera frame, metres, shape (..., 3).
-        camera: Intrinsics.
-
-    Returns:
-        Pixel coordinates (u, v), shape (..., 2); NaN for points at or behind the camera's centre.
-        A point outside of the image keeps its coordinates.
+    Points at or behind the camera's centre become NaN; those outside of the image keep their
+    coordinates.
     """
     p = np.asarray(points, dtype=float)
     if p.shape[-1:] != (3,):
@@ -263,15 +241,14 @@ def ray_directions(camera: Intrinsics) -> npt.NDArray[np.float64]:
     The point at distance t along a ray is ``t * direction``; its depth is ``t * direction[2]``.
     """
     d = unproject(pixel_grid(camera), np.ones(camera.shape), camera)
-    unit: npt.NDArray[np.float64] = d / np.linalg.norm(d, axis=-1, keepdims=True)
-    return unit
+    return np.asarray(d / np.linalg.norm(d, axis=-1, keepdims=True))
 
 
 def transform_points(transform: npt.ArrayLike, points: npt.ArrayLike) -> npt.NDArray[np.float64]:
-    """Apply a rigid transform ``to_from_from`` to points.
+    """Apply a rigid transform to points.
 
     Args:
-        transform: Homogeneous matrix, shape (4, 4), e.g. ``camera_from_world``.
+        transform: ``left_from_right``, shape (4, 4), e.g. ``camera_from_world``.
         points: In the frame on the transform's right, metres, shape (..., 3).
 
     Returns:
@@ -285,15 +262,14 @@ def transform_points(transform: npt.ArrayLike, points: npt.ArrayLike) -> npt.NDA
         raise ValueError(f"transform must have shape (4, 4), got {t.shape}")
     if p.shape[-1:] != (3,):
         raise ValueError(f"points must have shape (..., 3), got {p.shape}")
-    moved: npt.NDArray[np.float64] = p @ t[:3, :3].T + t[:3, 3]
-    return moved
+    return np.asarray(p @ t[:3, :3].T + t[:3, 3])
 
 
 def window_around(mask: BoolArray, margin: int) -> tuple[slice, slice]:
     """The rows and columns of a mask's bounding box and some pixels around it.
 
     Args:
-        mask: Shape (H, W), at least one pixel set.
+        mask: Shape (H, W).
         margin: Pixels to add on each side; the window ends at the image's border.
 
     Returns:
@@ -304,54 +280,41 @@ def window_around(mask: BoolArray, margin: int) -> tuple[slice, slice]:
     """
     if not mask.any():
         raise ValueError(f"the mask is empty: none of its {mask.size} pixels is set")
-    rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
-    return (
-        slice(max(int(rows[0]) - margin, 0), min(int(rows[-1]) + margin + 1, mask.shape[0])),
-        slice(max(int(columns[0]) - margin, 0), min(int(columns[-1]) + margin + 1, mask.shape[1])),
+    lines = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
+    rows, columns = (
+        slice(max(int(line[0]) - margin, 0), min(int(line[-1]) + margin + 1, size))
+        for line, size in zip(lines, mask.shape, strict=True)
     )
-
-
-def _check_target_size(width: int, height: int) -> None:
-    if width < 1 or height < 1:
-        raise ValueError(f"target size must be positive, got {width}x{height}")
+    return rows, columns
 
 
 def resize_color(color: npt.NDArray[np.uint8], width: int, height: int) -> npt.NDArray[np.uint8]:
     """Resize a colour image, shape (H, W, 3) uint8, by area when it shrinks, linearly else."""
-    _check_target_size(width, height)
+    if width < 1 or height < 1:
+        raise ValueError(f"target size must be positive, got {width}x{height}")
     shrinks = width < color.shape[1] or height < color.shape[0]
     method = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
     resized = cv2.resize(np.ascontiguousarray(color), (width, height), interpolation=method)
     return np.asarray(resized, dtype=np.uint8)
 
 
-def _nearest_index(target: int, source: int) -> npt.NDArray[np.int64]:
+def _nearest(target: int, source: int) -> npt.NDArray[np.int64]:
+    """For each pixel of a resized line the old pixel that lies nearest to its centre."""
     centres = (np.arange(target) + 0.5) * source / target - 0.5
-    index = np.floor(centres + 0.5).astype(np.int64)
-    return np.clip(index, 0, source - 1)
+    return np.clip(np.floor(centres + 0.5).astype(np.int64), 0, source - 1)
 
 
-def resize_depth(depth: FloatArray, width: int, height: int) -> FloatArray:
-    """Resize a depth image by its nearest pixel, so that no depth is invented at an edge.
+def resize_depth(depth: npt.NDArray[Any], width: int, height: int) -> npt.NDArray[Any]:
+    """Resize a depth image (H, W) by its nearest pixel, so that no depth is invented at an edge.
 
-    Args:
-        depth: Metres, shape (H, W).
-        width: New width, pixels.
-        height: New height, pixels.
-
-    Returns:
-        The same values, shape (height, width). A new pixel's centre c looks at the old pixel
-        nearest to (c + 0.5) / s - 0.5; the intrinsics follow with :meth:`Intrinsics.resized`.
+    A new pixel's centre c looks at the old pixel nearest to (c + 0.5) / s - 0.5; the intrinsics
+    follow with :meth:`Intrinsics.resized`.
     """
-    _check_target_size(width, height)
-    rows = _nearest_index(height, depth.shape[0])
-    columns = _nearest_index(width, depth.shape[1])
-    return depth[rows[:, None], columns[None, :]]
+    if width < 1 or height < 1:
+        raise ValueError(f"target size must be positive, got {width}x{height}")
+    return depth[np.ix_(_nearest(height, depth.shape[0]), _nearest(width, depth.shape[1]))]
 
 
 def resize_mask(mask: BoolArray, width: int, height: int) -> BoolArray:
     """Resize a mask by its nearest pixel, with the same pixels as :func:`resize_depth`."""
-    _check_target_size(width, height)
-    rows = _nearest_index(height, mask.shape[0])
-    columns = _nearest_index(width, mask.shape[1])
-    return np.asarray(mask, dtype=bool)[rows[:, None], columns[None, :]]
+    return np.asarray(resize_depth(mask, width, height), dtype=bool)

@@ -30,7 +30,7 @@ from hadr.camera import BoolArray, FloatArray
 
 TOLERANCE_M = 0.02
 """An error below this is what a confidence speaks of, metres."""
-DROPPED: tuple[float, ...] = tuple(number / 20 for number in range(20))
+DROPPED = tuple(number / 20 for number in range(20))
 """Shares of the pixels that are dropped, least sure first, where nothing else is said."""
 
 
@@ -82,24 +82,14 @@ class Calibration:
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Calibration:
         """Build it from `to_dict`, or from the same read from JSON."""
-        return cls(
-            scores=tuple(float(x) for x in values["scores"]),
-            probabilities=tuple(float(x) for x in values["probabilities"]),
-            tolerance_m=float(values["tolerance_m"]),
-            pixels=int(values.get("pixels", 0)),
-            frames=int(values.get("frames", 0)),
-        )
+        knots = {name: tuple(values[name]) for name in ("scores", "probabilities")}
+        return cls(**{**values, **knots})
 
 
 def fit_calibration(
-    score: FloatArray,
-    error_m: FloatArray,
-    *,
-    tolerance_m: float = TOLERANCE_M,
-    bins: int = 20,
-    frames: int = 0,
+    score: FloatArray, error_m: FloatArray, *, bins: int = 20, frames: int = 0
 ) -> Calibration:
-    """Fit the map from score to the share of pixels whose error is below the tolerance.
+    """Fit the map from score to the share of pixels whose error is below `TOLERANCE_M`.
 
     The pixels are sorted by score and cut into bins of equal number; the bins' shares of small
     errors are made to rise by pooling neighbours (isotonic regression), and each pool becomes one
@@ -109,7 +99,6 @@ def fit_calibration(
     Args:
         score: The network's score of each pixel, 0..1, shape (N,).
         error_m: Error of each pixel in metres, signed or not, shape (N,).
-        tolerance_m: Errors below this are small, metres.
         bins: Number of bins.
         frames: Number of frames the pixels come from, for the record.
 
@@ -122,10 +111,8 @@ def fit_calibration(
         raise ValueError(f"need a score and an error for each pixel, got {s.size} and {e.size}")
     if not (np.isfinite(s).all() and np.isfinite(e).all()) or s.min() < 0 or s.max() > 1:
         raise ValueError(f"scores must be finite in 0..1, got {s.min():g} to {s.max():g}")
-    if bins < 1:
-        raise ValueError(f"bins must be at least 1, got {bins}")
     order = np.argsort(s, kind="stable")
-    s, right = s[order], (e[order] < tolerance_m).astype(float)
+    s, right = s[order], (e[order] < TOLERANCE_M).astype(float)
     # Equal scores stay in one bin: a bin begins where its first score begins.
     edges = np.searchsorted(s, s[(np.arange(bins) * s.size) // bins])
     starts = np.unique(edges)
@@ -139,7 +126,6 @@ def fit_calibration(
     return Calibration(
         scores=tuple(float(x) for x in knots),
         probabilities=tuple(float(x) for x in np.clip(fitted.x[first], 0, 1)),
-        tolerance_m=tolerance_m,
         pixels=s.size,
         frames=frames,
     )
@@ -243,10 +229,10 @@ class Reliability:
     """What a confidence says and what is true, bin by bin.
 
     Attributes:
-        edges: Edges of the bins, shape (bins + 1,), 0 to 1.
-        said: Mean confidence in each bin, shape (bins,); NaN in an empty one.
-        true: Share of the pixels that are right, shape (bins,); NaN in an empty one.
-        count: Pixels in each bin, shape (bins,).
+        edges: Edges of the bins, shape (11,), 0 to 1.
+        said: Mean confidence in each bin, shape (10,); NaN in an empty one.
+        true: Share of the pixels that are right, shape (10,); NaN in an empty one.
+        count: Pixels in each bin, shape (10,).
     """
 
     edges: npt.NDArray[np.float64]
@@ -262,13 +248,10 @@ class Reliability:
         return float((gap * self.count[filled]).sum() / self.count.sum())
 
 
-def reliability(confidence: FloatArray, right: BoolArray, bins: int = 10) -> Reliability:
-    """Compare a confidence with what is true.
+def reliability(confidence: FloatArray, right: BoolArray) -> Reliability:
+    """Compare a confidence, 0..1, shape (N,), with whether it is `right`, shape (N,) bool.
 
-    Args:
-        confidence: Probability of being right, 0..1, shape (N,).
-        right: Whether it is, shape (N,) bool.
-        bins: Number of equally wide bins; the last one holds 1.
+    There are ten equally wide bins; the last one holds 1.
 
     Raises:
         ValueError: There is no pixel, the shapes differ, or a confidence lies outside 0..1.
@@ -278,12 +261,12 @@ def reliability(confidence: FloatArray, right: BoolArray, bins: int = 10) -> Rel
         raise ValueError(f"need a confidence and an answer each, got {c.size} and {r.size}")
     if not ((c >= 0) & (c <= 1)).all():
         raise ValueError(f"confidence must lie in 0..1, got {c.min():g} to {c.max():g}")
-    place = np.minimum((c * bins).astype(np.int64), bins - 1)
-    count = np.bincount(place, minlength=bins)
+    place = np.minimum((c * 10).astype(np.int64), 9)
+    count = np.bincount(place, minlength=10)
     with np.errstate(invalid="ignore"):
-        said = np.bincount(place, weights=c, minlength=bins) / count
-        true = np.bincount(place, weights=r, minlength=bins) / count
-    return Reliability(np.linspace(0, 1, bins + 1), said, true, count)
+        said = np.bincount(place, weights=c, minlength=10) / count
+        true = np.bincount(place, weights=r, minlength=10) / count
+    return Reliability(np.linspace(0, 1, 11), said, true, count)
 
 
 @dataclass(frozen=True)
@@ -303,24 +286,9 @@ class Sparsification:
     oracle_rmse_m: npt.NDArray[np.float64]
     random_rmse_m: float
 
-    def gain(self, dropped: float = 0.1) -> float:
-        """Share of the oracle's gain over chance at a dropped share: 1 = oracle, 0 = chance.
-
-        Raises:
-            ValueError: The share is none of `dropped`.
-        """
-        found = np.flatnonzero(np.isclose(self.dropped, dropped))
-        if not found.size:
-            raise ValueError(f"dropped must be one of {self.dropped.tolist()}, got {dropped}")
-        at = int(found[0])
-        possible = self.random_rmse_m - self.oracle_rmse_m[at]
-        return float((self.random_rmse_m - self.rmse_m[at]) / possible) if possible > 0 else 0.0
-
 
 def sparsification(
-    confidence: FloatArray,
-    error_m: FloatArray,
-    dropped: Sequence[float] = DROPPED,
+    confidence: FloatArray, error_m: FloatArray, dropped: Sequence[float] = DROPPED
 ) -> Sparsification:
     """Drop the least sure pixels step by step.
 
@@ -358,16 +326,12 @@ def sparsification(
     )
 
 
-def learned_range(true_depth: FloatArray, margin_m: float = TOLERANCE_M) -> tuple[float, float]:
-    """The range of depth in which a network has seen objects.
+def learned_range(true_depth: FloatArray) -> tuple[float, float]:
+    """The nearest and farthest depth at which a network has seen objects, and 2 cm more, metres.
 
     Args:
         true_depth: True z-depth of the objects' pixels in the training frames, metres, shape
             (N,); zeros and NaN are left out.
-        margin_m: How far beyond the smallest and largest of them the range goes, metres.
-
-    Returns:
-        Nearest and farthest depth, metres.
 
     Raises:
         ValueError: No pixel has a depth.
@@ -375,22 +339,15 @@ def learned_range(true_depth: FloatArray, margin_m: float = TOLERANCE_M) -> tupl
     known = true_depth[np.isfinite(true_depth) & (true_depth > 0)]
     if not known.size:
         raise ValueError("no depth of any object: the learned range is unknown")
-    return max(float(known.min()) - margin_m, 0.0), float(known.max()) + margin_m
+    return max(float(known.min()) - TOLERANCE_M, 0.0), float(known.max()) + TOLERANCE_M
 
 
 def within_learned(output: Any, depth_range_m: tuple[float, float] | None) -> Any:
-    """Mark restored pixels whose answer the network can have learned (torch).
+    """Mark restored pixels whose answer the network can have learned (torch): (B, H, W), bool.
 
-    Not learned are depths outside of the range that training has shown, and answers of HADR that
-    its clamp has cut off: the network wanted an answer outside of the voxel that it chose. How
-    many there are `results/confidence` says (`coverage`).
-
-    Args:
-        output: What a depth network returned.
-        depth_range_m: Least and largest depth of the object in training, metres; None if unknown.
-
-    Returns:
-        Shape (B, H, W), bool; a part of `output.restored`.
+    Not learned are depths outside of the range that training has shown, metres (None: unknown), and
+    answers of HADR that its clamp has cut off: the network wanted an answer outside of the voxel
+    that it chose. How many there are `results/confidence` says (`coverage`).
     """
     good = output.restored & (output.depth > 0)
     if depth_range_m is not None:

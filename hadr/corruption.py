@@ -1,14 +1,14 @@
 """How depth goes wrong: analytic models of what an RGB-D camera does to glass.
 
-Every model takes a depth image and returns a corrupted copy; the input is never changed.
-Randomness comes from one `numpy.random.Generator` handed in by the caller, so the same seed
-gives the same picture. FloatArray is z-depth in metres, 0 marks a missing value.
+Every model takes z-depth in metres, shape (H, W), 0 where missing, and returns a corrupted copy of
+the same form. A mask, (H, W) bool, marks the pixels of the transparent object. All randomness comes
+from the generator `rng`, so the same seed gives the same picture.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,41 +19,30 @@ from hadr.camera import BoolArray, FloatArray, Intrinsics, valid_depth
 
 @dataclass(frozen=True)
 class CorruptionConfig:
-    """Which models `corrupt` applies, and how strongly.
-
-    The models act in the order in which the light meets them, and the oracle comes last.
-
-    The shares of `see_through` are those of two real D435 frames of ClearGrasp (their mean; each
-    frame counts once): of the pixels inside the mask whose true depth is known, 45.4 % and 74.6 %
-    are missing, 46.8 % and 15.6 % lie more than 1 cm behind the surface, 7.8 % and 9.8 % do not.
+    """Which models `corrupt` applies; it does so in the order in which the light meets them.
 
     Attributes:
-        captured: Start from the depth that a camera, real or simulated, has measured, and not
-            from the true one (see `hadr.synthesis.depth_sensor.depth_camera`).
-        erase: Oracle: every pixel of the true object mask is missing (ledger, row 8).
+        erase: Oracle: every pixel of the true object mask is missing (ledger, row 8); comes last.
         see_through: Inside the mask the depth is missing or the background's.
-        missing_share: Share of the mask that is missing under `see_through`, 0..1.
-        background_share: Share of the mask that shows the background, 0..1.
         stereo: Disparity noise and quantisation of a stereo camera.
-        baseline_m: Distance of the two infrared imagers, metres.
-        disparity_step: Sub-pixel step of the matcher, pixels.
-        disparity_std: Standard deviation of the matching error, pixels.
         edges: Flying pixels and shifted outlines at depth jumps.
         ellipses: Ellipse dropout over the whole image.
+        captured: Start from the depth that a camera, real or simulated, has measured, and not
+            from the true one (see `hadr.synthesis.depth_sensor.depth_camera`).
     """
 
     erase: bool = True
     see_through: bool = False
-    missing_share: float = 0.60
-    background_share: float = 0.31
     stereo: bool = False
-    baseline_m: float = 0.055
-    disparity_step: float = 1 / 8
-    disparity_std: float = 0.1
     edges: bool = False
     ellipses: bool = False
     captured: bool = False
 
+
+MISSING_SHARE, BACKGROUND_SHARE = 0.60, 0.31
+"""Shares of a glass's mask without depth, and with the background's: the mean of two real D435
+frames of ClearGrasp, each counting once. Of the pixels inside the mask whose true depth is known,
+45.4 % and 74.6 % are missing, 46.8 % and 15.6 % lie more than 1 cm behind the surface."""
 
 #: No depth in the object's mask, as the published experiments have it.
 ORACLE = CorruptionConfig()
@@ -64,20 +53,19 @@ CAPTURED = CorruptionConfig(erase=False, captured=True)
 #: The same with the depth in the object's mask erased.
 ERASED = CorruptionConfig(erase=True, captured=True)
 
+Corruption = Literal["oracle", "analytic", "sensor", "erased"]
+CORRUPTIONS: dict[Corruption, CorruptionConfig] = {
+    "oracle": ORACLE,
+    "analytic": SENSOR,
+    "sensor": CAPTURED,
+    "erased": ERASED,
+}
+"""Those that networks are trained with, by their name in recipes, checkpoints and commands. Where
+one does not `erase`, a network so trained is given the measured depth in the mask."""
+
 
 def erase_mask(depth: FloatArray, mask: BoolArray) -> FloatArray:
-    """Erase every pixel of the mask: the oracle corruption of the paper's experiments.
-
-    Args:
-        depth: z-depth in metres, shape (H, W).
-        mask: Pixels of the transparent object, shape (H, W) bool.
-
-    Returns:
-        FloatArray with 0 exactly in the mask, shape (H, W).
-
-    Raises:
-        ValueError: The shapes differ.
-    """
+    """Erase every pixel of the mask: the oracle corruption of the paper's experiments."""
     _check_same_shape(depth, mask, "mask")
     return np.where(mask, np.float32(0), depth).astype(np.float32)
 
@@ -95,19 +83,8 @@ def ellipse_dropout(
     """Drop depth inside random ellipses, the augmentation that LIDF trains with.
 
     With `probability` the image gets Poisson(`mean_count`) ellipses with radii of
-    Gamma(`radius_shape`, `radius_scale`) pixels and any tilt; the defaults are LIDF's.
-
-    Args:
-        depth: z-depth in metres, shape (H, W).
-        mask: Where ellipses may start and erase, shape (H, W) bool; None is the whole image.
-        rng: Source of randomness.
-        probability: Chance that the image is touched at all, 0..1.
-        mean_count: Expected number of ellipses.
-        radius_shape: Shape of the radii's gamma distribution.
-        radius_scale: Its scale, pixels.
-
-    Returns:
-        FloatArray with 0 inside the ellipses, shape (H, W).
+    Gamma(`radius_shape`, `radius_scale`) pixels and any tilt; the defaults are LIDF's. They start
+    and erase in the mask, or wherever there is depth.
     """
     eligible = depth > 0 if mask is None else mask
     _check_same_shape(depth, eligible, "mask")
@@ -132,10 +109,10 @@ def ellipse_dropout(
 
 
 def depth_jumps(depth: FloatArray, jump_m: float = 0.02, width_px: int = 1) -> BoolArray:
-    """Find the pixels near a depth discontinuity.
+    """Find the pixels near a depth discontinuity; missing pixels make no jump.
 
     Args:
-        depth: z-depth in metres, shape (H, W); missing pixels make no jump.
+        depth: z-depth in metres, shape (H, W).
         jump_m: Smallest difference within a 3x3 window that counts, metres.
         width_px: How far from the jump a pixel still counts, pixels.
 
@@ -154,11 +131,9 @@ def edge_noise(
     depth: FloatArray,
     rng: np.random.Generator,
     *,
-    jump_m: float = 0.02,
     width_px: int = 1,
     flying_share: float = 0.3,
     shift_px: float = 0.8,
-    smooth_px: float = 2.0,
 ) -> FloatArray:
     """Fray the outlines: shifted edges and flying pixels where the depth jumps.
 
@@ -166,20 +141,15 @@ def edge_noise(
     smoothly along the edge) or settles in between (a flying pixel, on neither surface).
 
     Args:
-        depth: z-depth in metres, shape (H, W).
+        depth: z-depth in metres, shape (H, W); it changes only within the disturbed band.
         rng: Source of randomness.
-        jump_m: Smallest depth step that counts as an outline, metres.
-        width_px: How far the disturbed band reaches, pixels.
+        width_px: How far the band reaches from a jump, pixels.
         flying_share: Expected share of the band that becomes flying pixels, 0..1.
         shift_px: Standard deviation of the outline's shift, pixels.
-        smooth_px: Correlation length of that shift, pixels.
-
-    Returns:
-        FloatArray that differs from the input only within the band, shape (H, W).
     """
-    band = depth_jumps(depth, jump_m, width_px)
+    band = depth_jumps(depth, width_px=width_px)
     height, width = depth.shape
-    shift_v, shift_u = (shift_px * smooth_noise((height, width), smooth_px, rng) for _ in range(2))
+    shift_v, shift_u = (shift_px * smooth_noise((height, width), 2.0, rng) for _ in range(2))
     v, u = np.indices((height, width))
     source_v = np.clip(np.rint(v + shift_v), 0, height - 1).astype(np.intp)
     source_u = np.clip(np.rint(u + shift_u), 0, width - 1).astype(np.intp)
@@ -197,8 +167,8 @@ def see_through(
     mask: BoolArray,
     rng: np.random.Generator,
     *,
-    missing_share: float = CorruptionConfig.missing_share,
-    background_share: float = CorruptionConfig.background_share,
+    missing_share: float = MISSING_SHARE,
+    background_share: float = BACKGROUND_SHARE,
     blob_px: float = 4.0,
 ) -> FloatArray:
     """Let the camera look through the glass.
@@ -210,14 +180,11 @@ def see_through(
     Args:
         depth: z-depth of the object's surface in metres, shape (H, W).
         background_depth: z-depth without the object in metres, shape (H, W).
-        mask: Pixels of the transparent object, shape (H, W) bool.
+        mask: Pixels of the transparent object, shape (H, W) bool; no other changes.
         rng: Source of randomness.
         missing_share: Share of the mask without depth, 0..1.
         background_share: Share of the mask that shows the background, 0..1.
         blob_px: Size of the patches, pixels (standard deviation of the smoothing).
-
-    Returns:
-        FloatArray that differs from the input only inside the mask, shape (H, W).
 
     Raises:
         ValueError: Shapes differ, or the shares are not in 0..1 or add up to more than 1.
@@ -255,18 +222,16 @@ def stereo_noise(
     """Measure the depth with a stereo pair: matching noise, then a sub-pixel grid.
 
     The camera measures the disparity d = f b / z, not z. A constant error of d becomes an error
-    of z that grows with its square: dz = z^2 / (f b) * dd.
+    of z that grows with its square: dz = z^2 / (f b) * dd. Where no positive disparity is left, the
+    depth is missing.
 
     Args:
-        depth: z-depth in metres, shape (H, W); 0 stays 0.
+        depth: z-depth in metres, shape (H, W).
         camera: Intrinsics of the depth image (fx is used).
         rng: Source of randomness.
         baseline_m: Distance of the two imagers, metres.
         disparity_step: Sub-pixel step of the matcher, pixels; 0 leaves disparity continuous.
         disparity_std: Standard deviation of the matching error, pixels.
-
-    Returns:
-        FloatArray in metres, shape (H, W); missing where no positive disparity is left.
 
     Raises:
         ValueError: A parameter is negative, or the baseline is not positive.
@@ -302,12 +267,9 @@ def corrupt(
         mask: Pixels of the transparent object, shape (H, W) bool.
         camera: Intrinsics of the depth image.
         rng: Source of randomness.
-        config: Which models, and how strongly; the default is the paper's oracle.
+        config: Which models; the default is the paper's oracle.
         background_depth: z-depth without the object in metres; `see_through` needs it.
         raw_depth: z-depth that a camera measured, in metres; `captured` needs it.
-
-    Returns:
-        Corrupted depth in metres, shape (H, W), 0 where missing.
 
     Raises:
         ValueError: `see_through` without `background_depth`, `captured` without `raw_depth`, or
@@ -323,21 +285,9 @@ def corrupt(
     if config.see_through:
         if background_depth is None:
             raise ValueError("see_through needs background_depth (H, W), got None")
-        shares = (config.missing_share, config.background_share)
-        corrupted = see_through(
-            corrupted,
-            background_depth,
-            mask,
-            rng,
-            missing_share=shares[0],
-            background_share=shares[1],
-        )
+        corrupted = see_through(corrupted, background_depth, mask, rng)
     if config.stereo:
-        step, std = config.disparity_step, config.disparity_std
-        baseline = config.baseline_m
-        corrupted = stereo_noise(
-            corrupted, camera, rng, baseline_m=baseline, disparity_step=step, disparity_std=std
-        )
+        corrupted = stereo_noise(corrupted, camera, rng)
     if config.edges:
         corrupted = edge_noise(corrupted, rng)
     if config.ellipses:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hadr.camera import BoolArray, FloatArray, Intrinsics, project
-from hadr.trained_networks import Corruption
+from hadr.corruption import CORRUPTIONS, Corruption
 
 DEEPEST_MEDIAN_M = 20.0
 NEAREST_MEDIAN_M = 0.02
@@ -86,19 +86,12 @@ def checked_mask(mask: BoolArray | None, clean: NDArray[np.float32], notes: list
 def depth_to_use(
     depth: NDArray[np.float32], mask: BoolArray, corruption: Corruption, notes: list[str]
 ) -> NDArray[np.float32]:
-    """Erase what the camera measured inside of the mask, unless it is to be used, and say so.
+    """Erase what was measured in the mask, if this corruption does; note if anything was.
 
-    Args:
-        depth: z-depth in metres, shape (H, W); 0 = missing.
-        mask: Pixels to restore, shape (H, W) bool.
-        corruption: "oracle" erases it, "sensor" leaves it.
-        notes: Gets a sentence where anything was measured there.
-
-    Returns:
-        Shape (H, W).
+    Depth is z-depth in metres, (H, W), 0 = missing; the mask is (H, W) bool.
     """
     measured = int((mask & (depth > 0)).sum())
-    trusted = corruption == "sensor"
+    trusted = not CORRUPTIONS[corruption].erase
     if measured:
         notes.append(
             f"{measured} of the mask's {int(mask.sum())} pixels had a measured depth; it is "

@@ -23,20 +23,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hadr.camera import BoolArray, FloatArray, Intrinsics, back_project, valid_depth
-from hadr.data.frame_pictures import check_whole
+from hadr.data.frame_pictures import decode_image
 
 DEFAULT_DEPTH_SCALE = 0.001
 _QUIET = Lock()
 
 
 def read_color(path: str | Path) -> NDArray[np.uint8]:
-    """Read a PNG or JPEG colour image.
-
-    Args:
-        path: Image file with three 8-bit channels (a fourth, alpha, is dropped).
+    """Read a PNG or JPEG colour image of 8 bits; alpha is dropped.
 
     Returns:
-        RGB, shape (H, W, 3) uint8, 0..255.
+        RGB, shape (H, W, 3) uint8.
 
     Raises:
         FileNotFoundError: No such file.
@@ -153,16 +150,12 @@ def read_mask(path: str | Path, name: str = "mask") -> BoolArray:
 
 
 def read_hand(path: str | Path) -> NDArray[np.float64]:
-    """Read 21 hand keypoints in the camera frame.
+    """Read 21 hand keypoints in the camera frame, metres, shape (21, 3).
 
     Args:
         path: JSON (a list of 21 `[x, y, z]`, or an object with that list as `keypoints`), text
-            (21 lines `x y z`, spaces or commas) or `.npy`. Metres, camera frame (x right,
-            y down, z forward), order wrist, then thumb, index, middle, ring, little finger.
-
-    Returns:
-        Keypoints as they stand in the file, normally (21, 3); the shape is checked by the door
-        that uses them.
+            (21 lines `x y z`, spaces or commas) or `.npy`; order wrist, then thumb, index, middle,
+            ring, little finger. The door that uses them checks the shape.
 
     Raises:
         FileNotFoundError: No such file.
@@ -231,9 +224,6 @@ def finished_folder(
         folder: The name of the finished folder. It may exist when it is empty.
         may_replace: Names of the files that a former run wrote. When given, a folder that holds
             nothing else is replaced.
-
-    Yields:
-        The folder to write into.
 
     Raises:
         FileExistsError: The folder holds files and must not be replaced.
@@ -306,23 +296,10 @@ def _read_npy(path: Path, name: str) -> NDArray[Any]:
 def _read_image(path: str | Path, name: str) -> NDArray[Any]:
     path = Path(path)
     _check_file(path, name)
-    data = path.read_bytes()
     try:
-        check_whole(data)
+        return decode_image(path.read_bytes(), cv2.IMREAD_UNCHANGED)
     except ValueError as error:
         raise ValueError(f"{name} {path} is not a whole image, PNG or JPEG: {error}") from error
-    level = cv2.utils.logging.getLogLevel()
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
-    try:
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-    finally:
-        cv2.utils.logging.setLogLevel(level)
-    if image is None:
-        raise ValueError(
-            f"{name} {path} is not a whole image: {len(data)} bytes that cannot be decoded, "
-            "expected PNG or JPEG"
-        )
-    return np.asarray(image)
 
 
 def _kind(image: NDArray[Any]) -> str:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -156,9 +156,6 @@ def forward_kinematics(angles: npt.ArrayLike, shape: HandShape | None = None) ->
         angles: The twenty angles in the order of ``ANGLE_NAMES``, radians, shape (20,).
         shape: Sizes and side of the hand; an adult's right hand where it is left out.
 
-    Returns:
-        Joints and joint frames in the wrist frame, metres.
-
     Raises:
         ValueError: There are not twenty finite angles.
     """
@@ -217,15 +214,13 @@ def check_keypoints(keypoints: npt.ArrayLike) -> npt.NDArray[np.float64]:
 
 
 def wrist_axes(keypoints: torch.Tensor) -> torch.Tensor:
-    """Rotation of the wrist frame from the keypoints alone, the side taken as right.
+    """Rotation of the wrist frame from keypoints (B, 21, 3) alone, the side taken as right.
 
-    Args:
-        keypoints: Any frame, metres, shape (B, 21, 3).
+    On a left hand z points out of the back of the hand; the frame turns with the hand all the same.
 
     Returns:
-        ``frame_from_wrist`` rotations, shape (B, 3, 3), columns x, y, z. On a left hand z points
-        out of the back of the hand; the frame turns with the hand all the same. Where the
-        knuckles and the wrist lie on one line the rotation is undefined and holds zeros.
+        ``frame_from_wrist`` rotations, shape (B, 3, 3), columns x, y, z; zeros where the knuckles
+        and the wrist lie on one line, so that the rotation is undefined.
     """
     wrist = keypoints[:, 0]
     index, middle, little = (keypoints[:, FINGERS[f][0]] for f in ("index", "middle", "little"))
@@ -241,7 +236,7 @@ def wrist_frame(keypoints: npt.ArrayLike, side: Side = "right") -> npt.NDArray[n
 
     Args:
         keypoints: Camera frame (or any other), metres, shape (21, 3).
-        side: Which hand it is; needed to know on which side the palm lies.
+        side: Which hand it is; says on which side the palm lies.
 
     Returns:
         ``camera_from_wrist``, shape (4, 4), a proper rigid transform.
@@ -290,7 +285,7 @@ def relative_hand_feature(keypoints: torch.Tensor, centers: torch.Tensor) -> tor
         centers: Voxel centres, camera frame, metres, shape (P, 3).
 
     Returns:
-        Shape (P, 63), metres, axes of the camera frame. Source: paper, section III-B.
+        Shape (P, 63), metres. Source: paper, section III-B.
     """
     return (keypoints - centers[:, None]).flatten(1)
 
@@ -310,8 +305,8 @@ def lift_keypoints(
         Keypoints in the camera frame, metres, shape (21, 3).
 
     Raises:
-        ValueError: A shape differs, or the wrist's depth is not positive and finite, or a
-            keypoint would lie behind the camera.
+        ValueError: A shape differs, the wrist's depth is not positive and finite, or a keypoint
+            would lie behind the camera.
     """
     pixels, relative = np.asarray(uv, dtype=float), np.asarray(relative_depth, dtype=float)
     if pixels.shape != (21, 2):
@@ -336,16 +331,14 @@ def wrist_depth_at(
 ) -> float:
     """Measure the depth at the wrist: the median of the valid depth around its pixel.
 
-    The camera sees the skin, a few centimetres in front of the joint; no correction is made.
+    The camera sees the skin, a few centimetres in front of the joint; no correction is made. Where
+    the window holds no valid depth, it is the median over the whole hand mask.
 
     Args:
         depth: Metres, shape (H, W); 0 or NaN marks a missing value.
         uv_wrist: The wrist's pixel (u, v).
         hand_mask: Only these pixels count, shape (H, W); every pixel where it is left out.
         window: Side of the square window, pixels.
-
-    Returns:
-        Metres. Where the window holds no valid depth, the median over the whole hand mask.
 
     Raises:
         ValueError: There is no valid depth at the wrist nor, with a mask, on the hand; or the
@@ -361,7 +354,7 @@ def wrist_depth_at(
     half = window // 2
     rows = slice(max(v - half, 0), max(v + half + 1, 0))
     columns = slice(max(u - half, 0), max(u + half + 1, 0))
-    near: npt.NDArray[Any] = depth[rows, columns][usable[rows, columns]]
+    near = depth[rows, columns][usable[rows, columns]]
     if near.size == 0 and hand_mask is not None:
         near = depth[usable]
     if near.size == 0:

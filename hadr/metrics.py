@@ -1,7 +1,8 @@
 """Depth metrics: RMSE, REL, MAE and the delta thresholds, and how they are averaged.
 
-A pixel can be scored where the mask is set and the true depth is valid. Where the prediction is
-missing there (0 or NaN), a policy decides:
+`predicted` and `truth` are z-depth in metres, shape (H, W), 0 or NaN where missing; `mask`, (H, W)
+bool, marks the pixels that count. A pixel can be scored where the mask is set and the true depth is
+valid. Where the prediction is missing there, `missing` decides:
 
 * ``exclude``: the pixel is left out, and ``coverage`` tells how many remain. A method that
   answers only where it is easy looks good under this policy, so read it beside the coverage.
@@ -16,7 +17,7 @@ differ, and no table here mixes them.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal, get_args
 
@@ -27,18 +28,54 @@ from hadr.camera import BoolArray, FloatArray, valid_depth
 
 Missing = Literal["exclude", "zero", "error"]
 Averaging = Literal["frame", "per-frame mean", "pooled"]
+Values = npt.NDArray[np.float64]
 
-#: The columns of a table: field, heading with unit, digits.
-COLUMNS: tuple[tuple[str, str, int], ...] = (
-    ("rmse_m", "RMSE (m)", 4),
-    ("rel", "REL", 4),
-    ("mae_m", "MAE (m)", 4),
-    ("delta_105", "δ1.05 (%)", 2),
-    ("delta_110", "δ1.10 (%)", 2),
-    ("delta_125", "δ1.25 (%)", 2),
-    ("coverage", "coverage (%)", 1),
-)
-_AVERAGED = ("rmse_m", "rel", "mae_m", "delta_105", "delta_110", "delta_125")
+
+@dataclass(frozen=True)
+class Metric:
+    """A row of the table: what is averaged over pixels, and how the result is shown.
+
+    Attributes:
+        heading: What stands above a column, with the unit that is shown.
+        factor: From the stored number to the shown one.
+        of_pixel: From predicted and true depth in metres, shape (N,), to what is averaged, (N,).
+        finish: From the average to the number.
+    """
+
+    heading: str
+    factor: float
+    of_pixel: Callable[[Values, Values], npt.NDArray[Any]]
+    finish: Callable[[float], float] = float
+
+    def text(self, value: float | None, digits: int = 2, sign: str = "") -> str:
+        """Write a stored number as a table shows it; a dash where there is none."""
+        if value is None or math.isnan(value):
+            return "–"
+        return f"{self.factor * value:{sign}.{digits}f}"
+
+
+def _delta(threshold: float) -> Metric:
+    """Percent of the pixels with max(p / t, t / p) below the threshold."""
+
+    def of_pixel(p: Values, t: Values) -> npt.NDArray[Any]:
+        ratio = np.full(p.shape, np.inf)  # a hole or a negative depth is within no threshold
+        front = p > 0
+        ratio[front] = np.maximum(p[front] / t[front], t[front] / p[front])
+        return np.where(ratio < threshold, 100.0, 0.0)
+
+    return Metric(f"δ{threshold:.2f} (%)", 1, of_pixel)
+
+
+METRICS: dict[str, Metric] = {
+    "rmse_m": Metric("RMSE (cm)", 100, lambda p, t: (p - t) ** 2, math.sqrt),
+    "rel": Metric("REL (%)", 100, lambda p, t: np.abs(p - t) / t),
+    "mae_m": Metric("MAE (cm)", 100, lambda p, t: np.abs(p - t)),
+    "delta_105": _delta(1.05),
+    "delta_110": _delta(1.10),
+    "delta_125": _delta(1.25),
+}
+"""The metrics by their field in `DepthMetrics`, which is also their key in result files. A new one
+needs a row here and a field there; evaluations, tables and reports take it from here."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +89,7 @@ class DepthMetrics:
         delta_105: Percent of the scored pixels with max(p / t, t / p) < 1.05.
         delta_110: The same for 1.10.
         delta_125: The same for 1.25.
-        pixels: Number of scored pixels; where it is 0, the six numbers are NaN.
+        pixels: Number of scored pixels; where it is 0, the numbers above are NaN.
         coverage: Share, 0 to 1, of the pixels that could be scored (mask set, truth valid) for
             which a depth was predicted, whatever the policy.
         frames: Number of frames with scored pixels.
@@ -85,41 +122,27 @@ class _Sums:
     scorable: int
     predicted: int
     pixels: int
-    squared: float
-    absolute: float
-    relative: float
-    within: tuple[int, int, int]
+    totals: dict[str, float]
 
     def metrics(self, frames: int, averaging: Averaging) -> DepthMetrics:
-        n = self.pixels
-        share = 1.0 / n if n else math.nan
-        d105, d110, d125 = (100.0 * count * share for count in self.within)
+        share = 1.0 / self.pixels if self.pixels else math.nan
         return DepthMetrics(
-            rmse_m=math.sqrt(self.squared * share) if n else math.nan,
-            rel=self.relative * share,
-            mae_m=self.absolute * share,
-            delta_105=d105,
-            delta_110=d110,
-            delta_125=d125,
-            pixels=n,
+            **{name: METRICS[name].finish(total * share) for name, total in self.totals.items()},
+            pixels=self.pixels,
             coverage=self.predicted / self.scorable,
             frames=frames,
             averaging=averaging,
         )
 
 
-def _describe(array: npt.NDArray[Any]) -> str:
-    return f"{array.shape} {array.dtype}"
-
-
 def _check(predicted: FloatArray, truth: FloatArray, mask: BoolArray, missing: Missing) -> None:
     for name, depth in (("predicted", predicted), ("truth", truth)):
         if depth.ndim != 2 or not np.issubdtype(depth.dtype, np.floating):
-            raise ValueError(f"{name} must be (H, W) float metres, got {_describe(depth)}")
+            raise ValueError(f"{name} must be (H, W) float metres, got {depth.shape} {depth.dtype}")
     if predicted.shape != truth.shape:
         raise ValueError(f"predicted has shape {predicted.shape}, but truth has {truth.shape}")
     if mask.shape != truth.shape or mask.dtype != np.bool_:
-        raise ValueError(f"mask must be {truth.shape} bool, got {_describe(mask)}")
+        raise ValueError(f"mask must be {truth.shape} bool, got {mask.shape} {mask.dtype}")
     if missing not in get_args(Missing):
         raise ValueError(f"missing must be one of {get_args(Missing)}, got {missing!r}")
     if np.isinf(predicted[mask]).any():
@@ -150,12 +173,6 @@ def depth_errors(
 ) -> npt.NDArray[np.float64]:
     """The signed error of each scored pixel, predicted minus true: positive lies behind.
 
-    Args:
-        predicted: z-depth in metres, shape (H, W); 0 or NaN marks a missing value.
-        truth: True z-depth in metres, shape (H, W); 0 or NaN marks a missing value.
-        mask: Pixels that count, shape (H, W) bool.
-        missing: What becomes of a missing prediction: ``exclude``, ``zero`` or ``error``.
-
     Returns:
         Metres, shape (H, W); NaN where a pixel is not scored.
 
@@ -173,18 +190,11 @@ def _sums(predicted: FloatArray, truth: FloatArray, mask: BoolArray, missing: Mi
     scorable, answered, scored = _scored(predicted, truth, mask, missing)
     p = np.nan_to_num(predicted[scored].astype(np.float64))
     t = truth[scored].astype(np.float64)
-    error = np.abs(p - t)
-    ratio = np.full(p.shape, np.inf)  # a hole or a negative depth is within no threshold
-    front = p > 0
-    ratio[front] = np.maximum(p[front] / t[front], t[front] / p[front])
     return _Sums(
         scorable=int(scorable.sum()),
         predicted=int(answered.sum()),
         pixels=int(scored.sum()),
-        squared=float(np.sum(error**2)),
-        absolute=float(np.sum(error)),
-        relative=float(np.sum(error / t)),
-        within=(int((ratio < 1.05).sum()), int((ratio < 1.10).sum()), int((ratio < 1.25).sum())),
+        totals={name: float(np.sum(metric.of_pixel(p, t))) for name, metric in METRICS.items()},
     )
 
 
@@ -193,15 +203,8 @@ def frame_metrics(
 ) -> DepthMetrics:
     """Score one frame.
 
-    Args:
-        predicted: z-depth in metres, shape (H, W); 0 or NaN marks a missing value. A negative
-            depth is not missing: it is scored, and fails every delta.
-        truth: True z-depth in metres, shape (H, W); 0 or NaN marks a missing value.
-        mask: Pixels that count, shape (H, W) bool.
-        missing: What becomes of a missing prediction: ``exclude``, ``zero`` or ``error``.
-
-    Returns:
-        The metrics; NaN with ``pixels`` 0 where nothing was predicted and ``exclude`` is set.
+    A negative depth is not missing: it is scored, and fails every delta. Where nothing was
+    predicted and ``exclude`` is set, the numbers are NaN and ``pixels`` is 0.
 
     Raises:
         ValueError: As :func:`depth_errors`.
@@ -213,13 +216,7 @@ def mean_over_frames(frames: Iterable[DepthMetrics]) -> DepthMetrics:
     """Average the frames' numbers; every frame counts the same, however few pixels it has.
 
     Frames in which nothing was scored can't enter the mean: ``frames`` counts those that did,
-    while ``coverage`` is the mean over all of them.
-
-    Args:
-        frames: Results of :func:`frame_metrics`.
-
-    Returns:
-        The per-frame mean; ``pixels`` is the total.
+    while ``coverage`` is the mean over all of them; ``pixels`` is the total.
 
     Raises:
         ValueError: There is no frame, or one of them is itself an average.
@@ -233,7 +230,7 @@ def mean_over_frames(frames: Iterable[DepthMetrics]) -> DepthMetrics:
     scored = [m for m in listed if m.pixels > 0]
     means = {
         name: float(np.mean([getattr(m, name) for m in scored])) if scored else math.nan
-        for name in _AVERAGED
+        for name in METRICS
     }
     return replace(
         listed[0],
@@ -253,10 +250,7 @@ def pooled(
     Args:
         frames: (predicted, truth, mask) of each frame, as :func:`frame_metrics` takes them. An
             iterator will do: only sums are kept.
-        missing: What becomes of a missing prediction: ``exclude``, ``zero`` or ``error``.
-
-    Returns:
-        The pooled metrics; ``frames`` counts the frames with scored pixels.
+        missing: As for one frame.
 
     Raises:
         ValueError: There is no frame, or as :func:`depth_errors`.
@@ -268,31 +262,18 @@ def pooled(
         scorable=sum(s.scorable for s in parts),
         predicted=sum(s.predicted for s in parts),
         pixels=sum(s.pixels for s in parts),
-        squared=math.fsum(s.squared for s in parts),
-        absolute=math.fsum(s.absolute for s in parts),
-        relative=math.fsum(s.relative for s in parts),
-        within=(
-            sum(s.within[0] for s in parts),
-            sum(s.within[1] for s in parts),
-            sum(s.within[2] for s in parts),
-        ),
+        totals={name: math.fsum(s.totals[name] for s in parts) for name in METRICS},
     )
     return total.metrics(sum(s.pixels > 0 for s in parts), "pooled")
 
 
-def format_table(rows: Mapping[str, DepthMetrics], columns: Sequence[str] | None = None) -> str:
+def format_table(rows: Mapping[str, DepthMetrics]) -> str:
     """Set metrics as a Markdown table, one row a method, and say how they were averaged.
 
-    Args:
-        rows: Name of the row to its metrics.
-        columns: Fields to show; all of :data:`COLUMNS` where they are left out.
-
-    Returns:
-        Markdown; a number that does not exist is a dash.
+    A number that does not exist is a dash.
 
     Raises:
-        ValueError: There is no row, the rows are averaged in different ways, or a column is
-            unknown.
+        ValueError: There is no row, or the rows are averaged in different ways.
     """
     import pandas as pd
 
@@ -301,16 +282,11 @@ def format_table(rows: Mapping[str, DepthMetrics], columns: Sequence[str] | None
     ways = sorted({m.averaging for m in rows.values()})
     if len(ways) > 1:
         raise ValueError(f"a table must not mix averages, got {' and '.join(ways)}")
-    unknown = set(columns or ()) - {name for name, _, _ in COLUMNS}
-    if unknown:
-        raise ValueError(f"no such column: {', '.join(sorted(unknown))}")
-    shown = [c for c in COLUMNS if columns is None or c[0] in columns]
     cells = pd.DataFrame({"method": list(rows)})
-    for column, heading, digits in shown:
-        factor = 100 if column == "coverage" else 1
-        values = [factor * getattr(metrics, column) for metrics in rows.values()]
-        cells[heading] = ["–" if math.isnan(v) else f"{v:.{digits}f}" for v in values]
-    sides = ["left"] + ["right"] * len(shown)
+    for name, metric in METRICS.items():
+        cells[metric.heading] = [metric.text(getattr(row, name)) for row in rows.values()]
+    cells["coverage (%)"] = [f"{100 * row.coverage:.1f}" for row in rows.values()]
+    sides = ["left"] + ["right"] * (len(METRICS) + 1)
     table = cells.to_markdown(index=False, disable_numparse=True, colalign=sides)
     counts = sorted({m.frames for m in rows.values()})
     over = str(counts[0]) if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"

@@ -67,34 +67,21 @@ class VoxelGrid:
         return (self.cells + 1,) * 3
 
     def cell_of(self, points: Tensor) -> Tensor:
-        """Find the cell in which each point lies.
+        """Find the cell along x, y, z in which each point (N, 3), metres, lies: long (N, 3).
 
-        Args:
-            points: Points in metres, camera frame, shape (N, 3).
-
-        Returns:
-            Cell indices along x, y, z, shape (N, 3), long; a row of -1 for a point outside of the
-            grid or with a NaN.
+        A point outside of the grid or with a NaN gets a row of -1.
         """
         scaled = (points - points.new_tensor(self.origin)) / self.voxel_size
         inside = ((scaled >= 0) & (scaled < self.cells + 1)).all(dim=-1, keepdim=True)
         return torch.where(inside, scaled, -1.0).floor().long()
 
     def center_of(self, cells: Tensor, dtype: torch.dtype = torch.float32) -> Tensor:
-        """Give the centres of cells.
-
-        Args:
-            cells: Cell indices, shape (V, 3), long.
-            dtype: Floating type of the result.
-
-        Returns:
-            Centres in metres, camera frame, shape (V, 3).
-        """
+        """Give the centres of cells (V, 3), long, in metres: (V, 3) of the type."""
         origin = torch.tensor(self.origin, dtype=dtype, device=cells.device)
         return origin + (cells.to(dtype) + 0.5) * self.voxel_size
 
     def contains(self, points: Tensor) -> Tensor:
-        """Say which points (N, 3), metres, camera frame, lie in the grid: bool (N,)."""
+        """Say which points (N, 3), metres, lie in the grid: bool (N,)."""
         return self.cell_of(points)[:, 0] >= 0
 
 
@@ -158,8 +145,7 @@ def occupied_voxels(
     """Find the voxels that hold at least one point.
 
     Args:
-        points: Points in metres, each in its own frame's camera frame, shape (N, 3); points with a
-            NaN or outside of the grid are left out.
+        points: Metres, shape (N, 3); those with a NaN or outside of the grid are left out.
         point_frame: Index of each point's frame, shape (N,), long, in [0, n_frames).
         grid: The voxel grid, the same for all frames.
         n_frames: Number of frames in the batch.
@@ -201,8 +187,8 @@ def ray_voxel_pairs(
     voxels: about 20 stretches a ray on the default grid.
 
     Args:
-        directions: Unit directions of rays that start at the camera's centre, camera frame,
-            shape (R, 3). A ray with a NaN, or with length zero, gets no pair.
+        directions: Unit directions of the rays, shape (R, 3). One with a NaN, or with length zero,
+            gets no pair.
         ray_frame: Index of each ray's frame, shape (R,), long.
         occupied: The occupied voxels of all frames.
         grid: The grid with which `occupied` was made.
@@ -263,13 +249,7 @@ def ray_voxel_pairs(
 def voxels_at(
     points: Tensor, point_frame: Tensor, occupied: OccupiedVoxels, grid: VoxelGrid
 ) -> Tensor:
-    """Find the occupied voxel in which each point lies.
-
-    Args:
-        points: Points in metres, each in its own frame's camera frame, shape (N, 3).
-        point_frame: Index of each point's frame, shape (N,), long.
-        occupied: The occupied voxels of all frames.
-        grid: The grid with which `occupied` was made.
+    """Find the occupied voxel in which each point (N, 3), metres, of a frame (N,) lies.
 
     Returns:
         Row of the voxel, shape (N,), long; -1 where the point's cell is not occupied in its frame.
@@ -292,7 +272,7 @@ def pair_of_true_point(
     Args:
         pairs: The pairs of R rays.
         occupied: The occupied voxels with which `pairs` was made.
-        true_points: True point of each ray in metres, camera frame, shape (R, 3); NaN = unknown.
+        true_points: True point of each ray in metres, shape (R, 3); NaN = unknown.
         grid: The voxel grid.
 
     Returns:
@@ -307,7 +287,7 @@ def pair_of_true_point(
 
 
 def select_points(depth: Tensor, maximum: int) -> Tensor:
-    """Pick valid pixels for the point cloud, evenly in raster order.
+    """Pick valid pixels for the point cloud, at most so many a frame, evenly in raster order.
 
     Args:
         depth: z-depth in metres, shape (B, H, W); 0, negative, NaN or infinite = missing.
@@ -348,18 +328,11 @@ def segment_max(values: Tensor, segment: Tensor, n: int) -> Tensor:
 
 
 def segment_log_softmax(logits: Tensor, segment: Tensor, n: int) -> Tensor:
-    """Turn the logits of each segment into logarithms of probabilities that sum to one.
+    """Turn the logits (P,) of each segment into logarithms of probabilities that sum to one.
 
     The largest logit of a segment is subtracted first, so that large logits do not overflow; and a
-    row of which the probability rounds to zero still has its logarithm and a gradient.
-
-    Args:
-        logits: One logit a row, shape (P,).
-        segment: Segment of each row, shape (P,), long, in [0, n); in any order.
-        n: Number of segments.
-
-    Returns:
-        Logarithms of the probabilities, shape (P,).
+    row of which the probability rounds to zero still has its logarithm and a gradient. Segments as
+    in `segment_max`.
     """
     below = logits - segment_max(logits.detach().unsqueeze(1), segment, n).squeeze(1)[segment]
     total = below.new_zeros(n).index_add(0, segment, below.exp())
@@ -367,17 +340,12 @@ def segment_log_softmax(logits: Tensor, segment: Tensor, n: int) -> Tensor:
 
 
 def segment_softmax(logits: Tensor, segment: Tensor, n: int) -> Tensor:
-    """Give the probabilities themselves; arguments as `segment_log_softmax`."""
+    """The probabilities themselves; see `segment_log_softmax`."""
     return segment_log_softmax(logits, segment, n).exp()
 
 
 def segment_argmax(values: Tensor, segment: Tensor, n: int) -> Tensor:
-    """Find the row with the largest value of each segment; of equal ones, the first.
-
-    Args:
-        values: One value a row, shape (P,), without NaN.
-        segment: Segment of each row, shape (P,), long, in [0, n); in any order.
-        n: Number of segments.
+    """Find the row with the largest value (P,) of each segment; of equal ones, the first.
 
     Returns:
         Row of the largest value, shape (n,), long; -1 for a segment without a row.

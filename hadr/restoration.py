@@ -11,12 +11,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hadr.camera import BoolArray, FloatArray, Intrinsics, project, valid_depth
+from hadr.corruption import CORRUPTIONS, Corruption
 from hadr.frame_checks import (
     check_mask_form,
     checked_depth,
@@ -26,27 +26,9 @@ from hadr.frame_checks import (
 )
 from hadr.models.networks import DEPTH_NETWORKS
 from hadr.rivals import classical
-from hadr.trained_networks import (
-    Corruption,
-    DepthNetwork,
-    HandKeypoints,
-    Segmentation,
-)
+from hadr.trained_networks import DepthNetwork, HandKeypoints, Segmentation
 
-Method = Literal[
-    "auto",
-    "hadr",
-    "hadr-plus",
-    "unet-hand",
-    "lidf",
-    "dfnet",
-    "swindrnet",
-    "tode",
-    "nearest",
-    "inpaint",
-    "hand-median",
-]
-METHODS: tuple[str, ...] = get_args(Method)
+METHODS = ("auto", *DEPTH_NETWORKS, "nearest", "inpaint", "hand-median")
 CHECKPOINT_NAME = "hadr-mini.safetensors"
 """The sample checkpoint that is taken where none is named."""
 
@@ -114,16 +96,16 @@ class Restorer:
     Its networks are read once; the depth network not before a frame needs it.
 
     Args:
-        method: "auto" takes the depth network where it fits the frame, else "nearest", and says so
-            in the notes. The kind of a network, such as "hadr-plus", insists on one of that kind.
-            "nearest": nearest valid depth. "inpaint": OpenCV's Telea inpainting. "hand-median":
-            the hand's median depth (needs keypoints).
+        method: One of `METHODS`. "auto" takes the depth network where it fits the frame, else
+            "nearest", and says so in the notes. The kind of a network, such as "hadr-plus", insists
+            on one of that kind. "nearest": nearest valid depth. "inpaint": OpenCV's Telea
+            inpainting. "hand-median": the hand's median depth (needs keypoints).
         network: A depth network, or its checkpoint (`.safetensors`); None looks for the sample
             checkpoint of the method.
-        corruption: What becomes of depth that the camera measured inside of the mask. "oracle"
-            does not trust it: on glass it is mostly the background. "sensor" gives it to the
-            network; the methods without learning keep it and fill what is missing. None does as
-            the network was trained, and "oracle" without one.
+        corruption: What becomes of depth that the camera measured inside of the mask; one of
+            `CORRUPTIONS`. "oracle" does not trust it: on glass it is mostly the background.
+            "sensor" gives it to the network; the methods without learning keep it and fill what is
+            missing. None does as the network was trained, and "oracle" without one.
         segmentation: A network, or its checkpoint, that finds mask and hand mask.
         keypoint_network: A network, or its checkpoint, that finds the hand's keypoints.
 
@@ -134,7 +116,7 @@ class Restorer:
 
     def __init__(
         self,
-        method: Method = "auto",
+        method: str = "auto",
         network: str | Path | DepthNetwork | None = None,
         *,
         corruption: Corruption | None = None,
@@ -143,7 +125,7 @@ class Restorer:
     ) -> None:
         for name, value, known in (
             ("method", method, METHODS),
-            ("corruption", corruption, (None, *get_args(Corruption))),
+            ("corruption", corruption, (None, *CORRUPTIONS)),
         ):
             if value not in known:
                 expected = ", ".join(str(one) for one in known if one)
@@ -317,7 +299,7 @@ def restore(
     camera: Intrinsics,
     mask: BoolArray | None = None,
     keypoints: NDArray[np.floating] | None = None,
-    method: Method = "auto",
+    method: str = "auto",
     checkpoint: str | Path | None = None,
     hand_mask: BoolArray | None = None,
     *,

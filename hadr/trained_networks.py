@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,12 +25,12 @@ from hadr.camera import (
     window_around,
 )
 from hadr.confidence import ConfidenceRule, signal_of, within_learned
+from hadr.corruption import CORRUPTIONS, Corruption
 from hadr.models.networks import DEPTH_NETWORKS, NETWORKS
 
 if TYPE_CHECKING:
     from torch import nn
 
-Corruption = Literal["oracle", "sensor"]
 SAMPLE_CHECKPOINTS = (
     "hadr-mini.safetensors", "hadr-mini-unknown.safetensors", "hadr-plus-mini.safetensors",
 )  # fmt: skip
@@ -66,8 +66,7 @@ class DepthNetwork:
         kind: One of `hadr.models.networks.DEPTH_NETWORKS`.
         size: (width, height) that it runs at, pixels.
         needs_hand: Whether it can't do without the hand's keypoints.
-        corruption: "oracle": it learned from frames without any depth inside the mask. "sensor":
-            what the camera measured there was given to it.
+        corruption: Of the frames that it learned from.
         rule: From what it says of its answer to the probability that its depth is right; None
             where it was never calibrated, or cannot say.
         learned_range_m: Nearest and farthest depth of the objects that it learned from, metres;
@@ -96,6 +95,11 @@ class DepthNetwork:
         """Whether it can say how sure it is."""
         return NETWORKS[self.kind].can_say
 
+    @property
+    def erases(self) -> bool:
+        """Whether it learned from frames without any depth inside the mask."""
+        return CORRUPTIONS[self.corruption].erase
+
     @classmethod
     def load(cls, path: str | Path) -> DepthNetwork:
         """Read a checkpoint of any depth network.
@@ -110,12 +114,7 @@ class DepthNetwork:
 
     @classmethod
     def of(cls, model: nn.Module, meta: dict[str, Any], name: str) -> DepthNetwork:
-        """Take a network that is loaded already.
-
-        Args:
-            model: The network.
-            meta: Its checkpoint's record.
-            name: What messages call it.
+        """Take a network that is loaded already, its checkpoint's record, and a name for messages.
 
         Raises:
             ValueError: It is no depth network.
@@ -158,9 +157,6 @@ class DepthNetwork:
             camera: Intrinsics of both images.
             mask: Pixels to restore, shape (H, W) bool.
             keypoints: 21 hand keypoints, camera frame, metres, shape (21, 3).
-
-        Returns:
-            Depth and confidence at full size.
         """
         import torch
 
@@ -172,7 +168,7 @@ class DepthNetwork:
         if mask.any() and not resize_mask(mask, width, height).any():
             box = (-(-camera.height // height), -(-camera.width // width))
             seen = ndimage.maximum_filter(mask, size=box)
-            if self.corruption == "oracle":
+            if self.erases:
                 depth = np.where(seen, 0, depth)
         with torch.inference_mode():
             inputs = frame_to_input(color, depth, seen, keypoints, camera, self.size)
@@ -204,8 +200,8 @@ class DepthNetwork:
     def notes(self, answer: NetworkDepth, corruption: Corruption, camera: Intrinsics) -> list[str]:
         """Say which network it was, what it was not trained for, and what it could not do."""
         (width, height), notes = self.size, []
-        if corruption != self.corruption:
-            learned = "without" if self.corruption == "oracle" else "with"
+        if CORRUPTIONS[corruption].erase != self.erases:
+            learned = "without" if self.erases else "with"
             notes.append(
                 f"{self.name} learned from frames {learned} measured depth inside the mask, and "
                 "was now given the other; expect larger errors"
@@ -263,14 +259,10 @@ class Segmentation:
         return cls(*_read_kind(path, "segmentation"), Path(path).name)
 
     def masks(self, color: NDArray[np.uint8]) -> tuple[BoolArray, BoolArray | None]:
-        """Find the glass and the hand.
-
-        Args:
-            color: RGB, shape (H, W, 3) uint8.
+        """Find the glass, and the hand with the arm, in RGB (H, W, 3) uint8.
 
         Returns:
-            The object's pixels, and the hand's with the arm (None if the network has no such
-            class), shape (H, W) bool.
+            The object's pixels and the hand's (None if the network has no such class), (H, W) bool.
         """
         import torch
 
@@ -312,7 +304,7 @@ class HandKeypoints:
         mask: BoolArray,
         hand_mask: BoolArray,
     ) -> NDArray[np.float64] | None:
-        """Find the keypoints.
+        """Find the keypoints: camera frame, metres, (21, 3); None where no hand has depth.
 
         Args:
             color: RGB, shape (H, W, 3) uint8.
@@ -320,9 +312,6 @@ class HandKeypoints:
             camera: Intrinsics of both images.
             mask: The glass's pixels, shape (H, W) bool.
             hand_mask: Pixels of hand and arm, shape (H, W) bool.
-
-        Returns:
-            Camera frame, metres, shape (21, 3); None where the hand's pixels have no depth.
         """
         import torch
 
@@ -347,6 +336,13 @@ def _read_kind(path: str | Path, kind: str) -> tuple[Any, tuple[int, int]]:
 
 
 def trained_corruption(meta: dict[str, Any]) -> Corruption:
-    """Read from a checkpoint's record whether it learned to use depth inside of the mask."""
+    """Read from a checkpoint's record of which corruption it learned.
+
+    Raises:
+        ValueError: It is none of `CORRUPTIONS`.
+    """
     stored = meta.get("data", {}).get("corruption", meta.get("corruption", "oracle"))
-    return "oracle" if str(stored).startswith(("oracle", "erased")) else "sensor"
+    for name in CORRUPTIONS:
+        if name == str(stored).partition(":")[0]:
+            return name
+    raise ValueError(f"corruption must be one of {', '.join(CORRUPTIONS)}, got {stored!r}")

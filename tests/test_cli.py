@@ -113,16 +113,7 @@ def test_truth_prints_the_errors_of_both(frame, capsys) -> None:
     assert report["errors_in_mask"]["restored"]["rmse_m"] == pytest.approx(0.05, rel=1e-5)
     assert report["errors_in_mask"]["restored"]["pixels"] == 400
     assert report["errors_in_mask"]["restored"]["coverage"] == 1
-    assert "RMSE 0.0500 m" in capsys.readouterr().out
-
-
-def test_hand_median_through_the_command(frame) -> None:
-    line = words(frame, hand=frame / "hand.json", method="hand-median")
-    assert main(line) == 0
-    mask = read_mask(frame / "mask.png")
-    inside = np.load(frame / "out" / "depth.npy")[mask]
-    assert np.unique(inside).size == 1
-    assert 0.64 < inside[0] < 0.91  # the keypoints lie 0.70 to 0.85 m away
+    assert "RMSE (cm) 5.00" in capsys.readouterr().out
 
 
 def test_hadr_through_the_command(frame, capsys) -> None:
@@ -148,22 +139,6 @@ def test_hadr_through_the_command(frame, capsys) -> None:
 
 def spoil(folder, case: str) -> dict[str, object]:
     """Make one input unusable; return the changed arguments."""
-    depth = read_depth(folder / "depth.png")
-    if case == "depth of another size than colour":
-        cv2.imwrite(str(folder / "bad.png"), np.full((24, 32), 800, np.uint16))
-        return {"depth": folder / "bad.png"}
-    if case == "all-missing depth":
-        cv2.imwrite(str(folder / "bad.png"), np.zeros((48, 64), np.uint16))
-        return {"depth": folder / "bad.png"}
-    if case == "empty mask":
-        cv2.imwrite(str(folder / "bad.png"), np.zeros((48, 64), np.uint8))
-        return {"mask": folder / "bad.png"}
-    if case == "nothing but NaN":
-        np.save(folder / "bad.npy", np.full((48, 64), np.nan))
-        return {"depth": folder / "bad.npy"}
-    if case == "depth in millimetres passed as metres":
-        np.save(folder / "bad.npy", depth * 1000)
-        return {"depth": folder / "bad.npy"}
     if case == "a wrong scale":
         return {"depth_scale": 1}
     if case == "a missing file":
@@ -171,13 +146,6 @@ def spoil(folder, case: str) -> dict[str, object]:
     if case == "a truncated PNG":
         (folder / "bad.png").write_bytes((folder / "depth.png").read_bytes()[:90])
         return {"depth": folder / "bad.png"}
-    if case == "a hand of 20 points":
-        (folder / "bad.json").write_text(json.dumps([[0.0, 0.0, 0.7]] * 20))
-        return {"hand": folder / "bad.json"}
-    if case == "intrinsics of another size":
-        text = (folder / "camera.yaml").read_text().replace("width: 64", "width: 640")
-        (folder / "bad.yaml").write_text(text)
-        return {"intrinsics": folder / "bad.yaml"}
     if case == "a truncated EXR":
         (folder / "bad.exr").write_bytes(b"\x76\x2f\x31\x01\x02\x00\x00\x00channels\0chl")
         return {"depth": folder / "bad.exr"}
@@ -191,16 +159,9 @@ def spoil(folder, case: str) -> dict[str, object]:
 
 
 BAD = {
-    "depth of another size than colour": "depth is 32x24 pixels but colour is 64x48; expected",
-    "all-missing depth": "missing everywhere: all 3072 pixels are 0, NaN or infinite, expected",
-    "empty mask": "the mask is empty: none of its 3072 pixels is set, expected",
-    "nothing but NaN": "missing everywhere: all 3072 pixels are 0, NaN or infinite, expected",
-    "depth in millimetres passed as metres": "a median of 800, expected metres between",
     "a wrong scale": "a median of 800, expected metres between",
     "a missing file": "gone.png does not exist",
     "a truncated PNG": "is not a whole image, PNG or JPEG: the PNG is cut off after 90 bytes",
-    "a hand of 20 points": "a hand has 21 keypoints, shape (21, 3) in metres; got (20, 3)",
-    "intrinsics of another size": "intrinsics are of a 640x48 image but colour and depth are 64x48",
     "a truncated EXR": "is not a whole OpenEXR image",
     "a checkpoint that is not there": "there is no checkpoint at ",
     "HADR without a hand": "no checkpoint fits: the sample checkpoint needs 21 hand keypoints",
@@ -219,15 +180,6 @@ def test_bad_input_is_one_sentence_and_leaves_nothing(frame, capfd, case: str) -
     assert captured.err.count("\n") == 1
     assert BAD[case] in captured.err
     assert sorted(p.name for p in frame.iterdir()) == before, "something was left behind"
-
-
-def test_scattered_nan_is_accepted_and_noted(frame, capsys) -> None:
-    depth = read_depth(frame / "depth.png")
-    depth[0, :5] = np.nan
-    np.save(frame / "nan.npy", depth)
-    assert main(words(frame, depth=frame / "nan.npy")) == 0
-    assert "5 pixels of the depth are NaN and count as missing" in capsys.readouterr().out
-    assert np.isfinite(np.load(frame / "out" / "depth.npy")).all()
 
 
 def test_an_earlier_result_is_only_replaced_when_asked(frame, capsys) -> None:

@@ -110,9 +110,6 @@ def assert_sorted(pairs: RayVoxelPairs) -> None:
     assert (pairs.t_in >= 0).all()
 
 
-# --- the grid ---------------------------------------------------------------------------------
-
-
 def test_default_grid_is_the_papers() -> None:
     assert GRID.voxel_size == 0.25
     assert GRID.origin == (-1.125, -1.125, -0.125)
@@ -143,15 +140,6 @@ def test_center_of_known_cells() -> None:
     assert centers.tolist() == [[-1.0, -1.0, 0.0], [0.0, 0.0, 0.0], [1.0, 1.0, 2.0]]
 
 
-@given(st.tuples(*[st.integers(0, 8)] * 3), st.tuples(*[st.floats(-0.49, 0.49)] * 3))
-def test_point_near_a_center_lies_in_that_cell(
-    cell: tuple[int, int, int], shift: tuple[float, float, float]
-) -> None:
-    center = GRID.center_of(torch.tensor([cell]), torch.float64)
-    point = center + torch.tensor([shift], dtype=torch.float64) * GRID.voxel_size
-    assert GRID.cell_of(point).tolist() == [list(cell)]
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -163,9 +151,6 @@ def test_point_near_a_center_lies_in_that_cell(
 def test_bad_grids_are_refused(arguments: dict[str, object], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         VoxelGrid(**arguments)  # type: ignore[arg-type]
-
-
-# --- occupied voxels --------------------------------------------------------------------------
 
 
 def test_occupied_voxels_by_hand() -> None:
@@ -197,35 +182,6 @@ def test_no_points_occupy_no_voxels() -> None:
     assert pairs.candidates().tolist() == [0]
 
 
-def test_occupied_voxels_agree_with_a_set() -> None:
-    generator = torch.Generator().manual_seed(3)
-    points = torch.rand(4000, 3, generator=generator) * 2.6 - torch.tensor([1.3, 1.3, 0.3])
-    frame = torch.randint(0, 3, (4000,), generator=generator)
-    occupied = occupied_voxels(points, frame, GRID, n_frames=3)
-    rows = [
-        (f, *(math.floor((x - o) / 0.25) for x, o in zip(p, GRID.origin, strict=True)))
-        for f, p in zip(frame.tolist(), points.tolist(), strict=True)
-    ]
-    inside = [all(0 <= c < 9 for c in row[1:]) for row in rows]
-    expected = sorted({row for row, ok in zip(rows, inside, strict=True) if ok})
-    got = torch.cat((occupied.frame[:, None], occupied.cell), dim=1).tolist()
-    assert [tuple(row) for row in got] == expected
-    for row, ok, voxel in zip(rows, inside, occupied.point_voxel.tolist(), strict=True):
-        assert voxel == (expected.index(row) if ok else -1)
-
-
-# --- pairs by hand ----------------------------------------------------------------------------
-
-
-def test_optical_axis_enters_and_leaves_at_the_voxel_faces() -> None:
-    # Cells (4, 4, k) are centred on the axis; cell k spans z = 0.25 k +- 0.125.
-    occupied = occupy([(4, 4, 3), (4, 4, 6), (5, 4, 4)])
-    pairs = ray_voxel_pairs(unit([[0, 0, 1]]), zeros(1), occupied, GRID)
-    assert occupied.cell[pairs.voxel].tolist() == [[4, 4, 3], [4, 4, 6]]
-    assert pairs.t_in.tolist() == [0.625, 1.375]
-    assert pairs.t_out.tolist() == [0.875, 1.625]
-
-
 def test_slanted_ray_by_hand() -> None:
     # Direction (3, 0, 4) / 5: at distance t the ray is at x = 0.6 t, z = 0.8 t.
     # Cell (7, 4, 4): x in [0.625, 0.875] -> t in [1.041667, 1.458333]; z in [0.875, 1.125]
@@ -248,26 +204,6 @@ def test_camera_inside_an_occupied_voxel_enters_at_zero() -> None:
     assert pairs.t_out.tolist() == [0.125, 0.125, 0.125]
 
 
-def test_voxels_behind_the_camera_are_no_candidates() -> None:
-    occupied = occupy([(2, 4, 0), (6, 4, 0)])
-    pairs = ray_voxel_pairs(unit([[1, 0, 0], [-1, 0, 0]]), zeros(2), occupied, GRID)
-    assert occupied.cell[pairs.voxel].tolist() == [[6, 4, 0], [2, 4, 0]]
-    assert pairs.t_in.tolist() == [0.375, 0.375]
-    assert pairs.t_out.tolist() == [0.625, 0.625]
-
-
-def test_rays_parallel_to_each_axis_and_each_plane() -> None:
-    everything = [(x, y, z) for x in range(9) for y in range(9) for z in range(9)]
-    occupied = occupy(everything)
-    directions = unit([[1, 0, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1], [1, 1, 0], [0, 1, 2]])
-    pairs = ray_voxel_pairs(directions, zeros(6), occupied, GRID)
-    # Half a cell and then four whole ones sideways, eight forward, none backward;
-    # the diagonal in x, y passes through edges and thus meets five cells, not nine.
-    assert pairs.candidates().tolist()[:5] == [5, 5, 9, 1, 5]
-    expected = pairs_by_brute_force(directions, zeros(6), occupied, GRID)
-    assert_same_pairs(pairs, expected, 1e-12)
-
-
 def test_ray_through_edges_and_corners_has_no_empty_pairs() -> None:
     # The direction (1, 1, 1) meets x, y and z planes at once, again and again: every crossing is
     # a corner where up to seven cells are touched and only one is passed.
@@ -279,13 +215,6 @@ def test_ray_through_edges_and_corners_has_no_empty_pairs() -> None:
         assert pairs.candidates().tolist() == [5, 5, 5]
         length = torch.tensor([0.125, 0.25, 0.25, 0.25, 0.25], dtype=dtype).repeat(3) * math.sqrt(3)
         torch.testing.assert_close(pairs.t_out - pairs.t_in, length)
-
-
-def test_ray_without_candidate_is_empty_and_counted() -> None:
-    occupied = occupy([(4, 4, 4)])
-    pairs = ray_voxel_pairs(unit([[0, 0, 1], [1, 0, 1], [0, 0, 1]]), zeros(3), occupied, GRID)
-    assert pairs.n_rays == 3
-    assert pairs.candidates().tolist() == [1, 0, 1]
 
 
 def test_bad_directions_get_no_pair() -> None:
@@ -339,9 +268,6 @@ def test_rounding_of_a_plane_through_the_camera_gives_no_negative_distance() -> 
     assert pairs.t_out.tolist() == pytest.approx([0.325 * math.sqrt(3)] * 2)
 
 
-# --- pairs against brute force ----------------------------------------------------------------
-
-
 def random_scene(seed: int, n_rays: int, n_points: int, dtype: torch.dtype, n_frames: int = 2):
     generator = torch.Generator().manual_seed(seed)
     scale = torch.tensor([2.3, 2.3, 2.3], dtype=torch.float64)
@@ -382,28 +308,6 @@ def test_awkward_rays_agree_with_a_slab_test_loop(seed: int, component: float, a
     assert_same_pairs(pairs, expected, 1e-9)
 
 
-def test_middle_of_each_pair_lies_in_its_voxel() -> None:
-    directions, ray_frame, occupied = random_scene(7, 3000, 200, torch.float64)
-    pairs = ray_voxel_pairs(directions, ray_frame, occupied, GRID)
-    middle = directions[pairs.ray] * ((pairs.t_in + pairs.t_out) / 2)[:, None]
-    assert torch.equal(GRID.cell_of(middle), occupied.cell[pairs.voxel])
-
-
-# --- memory -----------------------------------------------------------------------------------
-
-
-def test_large_call_equals_the_small_calls_joined() -> None:
-    directions, ray_frame, occupied = random_scene(1, 20_000, 300, torch.float32)
-    whole = ray_voxel_pairs(directions, ray_frame, occupied, GRID)
-    parts = [
-        ray_voxel_pairs(directions[i : i + 1700], ray_frame[i : i + 1700], occupied, GRID)
-        for i in range(0, 20_000, 1700)
-    ]
-    assert torch.equal(whole.ray, torch.cat([p.ray + 1700 * k for k, p in enumerate(parts)]))
-    for name in ("voxel", "t_in", "t_out"):
-        assert torch.equal(getattr(whole, name), torch.cat([getattr(p, name) for p in parts]))
-
-
 class LargestTensor(TorchDispatchMode):
     """Records the largest number of elements of any tensor made inside of the block."""
 
@@ -433,9 +337,6 @@ def test_memory_is_linear_in_rays_and_free_of_the_voxels() -> None:
     # With every cell occupied each stretch is a pair, and (ray, column) of all pairs stand side by
     # side for a moment.
     assert largest[0] <= 2 * 19 * 20_000
-
-
-# --- the true voxel ---------------------------------------------------------------------------
 
 
 def test_pair_of_true_point() -> None:
@@ -474,9 +375,6 @@ def test_true_pair_brackets_the_true_distance(seed: int) -> None:
         assert row[ray] == (int(covering) if len(covering) else -1)
 
 
-# --- points -----------------------------------------------------------------------------------
-
-
 def test_select_points_skips_missing_depth() -> None:
     depth = torch.tensor([[[0.0, 1.0], [float("nan"), 2.0]], [[0.0, 0.0], [-1.0, float("inf")]]])
     assert select_points(depth, 10).tolist() == [[0, 0, 1], [0, 1, 1]]
@@ -498,16 +396,6 @@ def test_select_points_handles_no_frames_and_refuses_zero() -> None:
     assert select_points(torch.zeros(2, 4, 4), 3).shape == (0, 3)
     with pytest.raises(ValueError, match="maximum must be at least 1, got 0"):
         select_points(torch.ones(1, 2, 2), 0)
-
-
-# --- segments ---------------------------------------------------------------------------------
-
-
-def test_segment_softmax_by_hand() -> None:
-    logits = torch.tensor([0.0, math.log(3.0), 5.0, 0.0], dtype=torch.float64)
-    # segments 0: {0, ln 3} and {0}; 2: {5}
-    got = segment_softmax(logits, torch.tensor([0, 0, 2, 0]), 4)
-    assert got.tolist() == pytest.approx([0.2, 0.6, 1.0, 0.2])
 
 
 def test_segment_softmax_survives_large_logits() -> None:
@@ -541,14 +429,6 @@ def test_the_logarithm_of_a_vanishing_probability_is_exact() -> None:
     assert segment_log_softmax(logits, segment, 3).tolist() == [0.0, -1000.0, 0.0]
 
 
-def test_segment_softmax_gradient() -> None:
-    segment = torch.tensor([0, 1, 0, 1, 1])
-    logits = torch.randn(5, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
-    assert torch.autograd.gradcheck(
-        lambda x: segment_softmax(x, segment, 3), logits.requires_grad_()
-    )
-
-
 def test_segment_argmax_takes_the_first_of_equals() -> None:
     values = torch.tensor([1.0, 7.0, 7.0, -2.0, -2.0, -9.0])
     segment = torch.tensor([1, 1, 1, 3, 3, 0])
@@ -564,10 +444,3 @@ def test_segment_max_by_hand() -> None:
     values = torch.tensor([[1.0, -5.0], [3.0, -7.0], [-2.0, -2.0]])
     got = segment_max(values, torch.tensor([2, 2, 0]), 4)
     assert got.tolist() == [[-2.0, -2.0], [0.0, 0.0], [3.0, -5.0], [0.0, 0.0]]
-
-
-def test_segment_max_sends_the_gradient_to_the_largest() -> None:
-    values = torch.tensor([[1.0, 9.0], [3.0, 8.0]], requires_grad=True)
-    segment_max(values, zeros(2), 1).sum().backward()
-    assert values.grad is not None
-    assert values.grad.tolist() == [[0.0, 1.0], [1.0, 0.0]]

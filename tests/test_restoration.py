@@ -229,16 +229,6 @@ def test_hadr_restores_only_the_mask_at_full_size_with_its_probability(tmp_path)
     np.testing.assert_array_equal(result.depth, again.depth)
 
 
-def test_what_the_camera_saw_in_the_mask_does_not_matter_to_hadr(tmp_path) -> None:
-    color, depth, mask = frame()
-    path = checkpoint_file(tmp_path)
-    other = np.where(mask, 0.4, depth).astype(np.float32)
-    first, second = (
-        restore(color, image, CAMERA, mask, hand(), checkpoint=path) for image in (depth, other)
-    )
-    np.testing.assert_array_equal(first.depth, second.depth)
-
-
 def test_a_mask_of_one_pixel_is_restored(tmp_path) -> None:
     color, depth, _ = frame()
     mask = np.zeros((60, 80), bool)
@@ -261,14 +251,6 @@ def test_a_checkpoint_without_hand_fits_a_frame_without_hand(tmp_path) -> None:
     assert restore(color, depth, CAMERA, mask, checkpoint=without_hand).method == "hadr"
 
 
-def test_a_damaged_checkpoint_is_named(tmp_path) -> None:
-    color, depth, mask = frame()
-    path = checkpoint_file(tmp_path)
-    path.write_bytes(path.read_bytes()[:1000])
-    with pytest.raises(ValueError, match=r"untrained.safetensors \(1000 bytes\) is cut off"):
-        restore(color, depth, CAMERA, mask, hand(), checkpoint=path)
-
-
 def test_a_scene_out_of_the_grid_is_left_missing_and_said_so(tmp_path) -> None:
     """Nothing lies within 2.1 m, so no ray meets an occupied voxel."""
     color, depth, mask = frame()
@@ -283,7 +265,7 @@ def test_a_scene_out_of_the_grid_is_left_missing_and_said_so(tmp_path) -> None:
 
 def test_a_wrong_corruption_is_named() -> None:
     color, depth, mask = frame()
-    with pytest.raises(ValueError, match="corruption must be one of oracle, sensor, got 'fog'"):
+    with pytest.raises(ValueError, match=r"corruption must be one of oracle, .*, got 'fog'"):
         restore(color, depth, CAMERA, mask, corruption="fog")
 
 
@@ -356,19 +338,11 @@ def depth_network(kind: str):
     """A small untrained network that restores depth."""
     import torch
 
-    from hadr.models.hadr_plus import HADRPlus, HADRPlusConfig
-    from hadr.rivals.unet_hand import UNetHand, UNetHandConfig
+    from hadr.models.networks import NETWORKS
     from hadr.training.presets import preset
-    from hadr.training.tasks.task import Task
 
     torch.manual_seed(0)
-    if kind == "hadr":
-        return small_hadr()
-    if kind == "hadr-plus":
-        return HADRPlus(HADRPlusConfig(crop=32, width=8, blocks=1))
-    if kind == "unet-hand":
-        return UNetHand(UNetHandConfig(width=4, levels=2))
-    return Task(preset("tiny", kind)).build()
+    return NETWORKS[kind].network_class()(preset("tiny", kind).model)
 
 
 @pytest.mark.parametrize("kind", DEPTH_NETWORKS)

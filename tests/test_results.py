@@ -335,14 +335,14 @@ def test_chapter_6_says_of_each_network_that_misses_what_lies_within_its_reach()
 
 
 def handover_rows() -> dict[str, dict[str, Any]]:
-    """Rows of the handover experiment by arm."""
+    """Rows of the handover experiment by condition."""
     return {row["arm"]: row for row in read_result_file(RESULTS / "mini" / "handover.json").rows}
 
 
 def test_the_handover_has_all_arms_and_their_attempts_add_up() -> None:
     rows = handover_rows()
-    arms = {"raw", "inpainted", "hadr", "perfect", "hadr-no-rescoring", "hadr-no-tracking"}
-    assert arms <= set(rows)
+    conditions = {"raw", "inpainted", "hadr", "perfect", "hadr-no-rescoring", "hadr-no-tracking"}
+    assert conditions <= set(rows)
     for row in rows.values():
         assert row["attempts"] == len(row["verdicts"]) == 48
         assert list(row["verdicts"].values()).count("success") == row["successes"]
@@ -353,8 +353,8 @@ def test_the_handover_has_all_arms_and_their_attempts_add_up() -> None:
 def test_readme_and_chapter_11_say_what_the_handover_file_says() -> None:
     rows = handover_rows()
     text = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
-    arms = ("hadr", "hadr-plus", "perfect", "raw")
-    hadr, plus, perfect, raw = (rows[arm]["successes"] for arm in arms)
+    conditions = ("hadr", "hadr-plus", "perfect", "raw")
+    hadr, plus, perfect, raw = (rows[condition]["successes"] for condition in conditions)
     assert (
         f"succeeds in {perfect} with perfect depth, in {plus} with HADR-plus's, in {hadr} with "
         f"HADR's, and in {raw} with the sensor depth" in text
@@ -376,9 +376,9 @@ def test_chapter_11_says_which_differences_could_be_chance() -> None:
     assert chance < 0.001
     assert paired(rows["hadr-plus"], rows["raw"])[2] < 0.01  # "which is no chance"
     assert paired(rows["hadr"], rows["raw"])[2] > 0.05  # "could be chance"
-    for arm in ("hadr-no-rescoring", "hadr-no-tracking"):
-        assert paired(rows["hadr"], rows[arm])[2] > 0.05  # "cannot say"
-        assert abs(rows[arm]["successes"] - rows["hadr"]["successes"]) <= 4  # "about as many"
+    for condition in ("hadr-no-rescoring", "hadr-no-tracking"):
+        assert paired(rows["hadr"], rows[condition])[2] > 0.05  # "cannot say"
+        assert abs(rows[condition]["successes"] - rows["hadr"]["successes"]) <= 4  # "about as many"
     assert rows["inpainted"]["successes"] < rows["raw"]["successes"]  # "worse than doing nothing"
 
 

@@ -215,13 +215,18 @@ def test_enlarge_known_is_bilinear_inside_and_nearest_outside() -> None:
         ({}, "oracle"),
         ({"corruption": "oracle: depth erased in the object's mask; true keypoints"}, "oracle"),
         ({"data": {"corruption": "sensor"}}, "sensor"),
-        ({"data": {"corruption": "analytic"}}, "sensor"),
-        ({"data": {"corruption": "erased"}}, "oracle"),
+        ({"data": {"corruption": "analytic"}}, "analytic"),
+        ({"data": {"corruption": "erased"}}, "erased"),
         ({"data": {"folder": "somewhere"}, "corruption": "oracle: erased"}, "oracle"),
     ],
 )
 def test_what_the_record_says_about_depth_in_the_mask(meta, corruption) -> None:
     assert trained_corruption(meta) == corruption
+
+
+def test_an_unknown_corruption_of_a_record_is_named() -> None:
+    with pytest.raises(ValueError, match="one of oracle, analytic, sensor, erased, got 'fog: a'"):
+        trained_corruption({"corruption": "fog: a"})
 
 
 def test_only_depth_networks_restore_depth() -> None:
@@ -241,7 +246,8 @@ def test_a_missing_or_wrong_checkpoint_is_named(tmp_path) -> None:
     path = tmp_path / "depth.safetensors"
     save_checkpoint(path, UNetHand(UNetHandConfig(width=4, levels=2)), {"width": 64, "height": 40})
     loaded = DepthNetwork.load(path)
-    assert (loaded.kind, loaded.size, loaded.title) == ("unet-hand", (64, 40), "U-Net with hand")
+    assert (loaded.kind, loaded.size) == ("unet-hand", (64, 40))
+    assert loaded.title == "U-Net with the hand"
     with pytest.raises(ValueError, match="of kind 'unet-hand', expected 'segmentation'"):
         Segmentation.load(path)
     with pytest.raises(ValueError, match="of kind 'unet-hand', expected 'hand-keypoints'"):

@@ -74,14 +74,7 @@ CHANGES = (
 
 
 def augment_color(color: npt.NDArray[Any], rng: np.random.Generator) -> npt.NDArray[np.uint8]:
-    """Augment one colour picture.
-
-    Args:
-        color: sRGB, shape (H, W, 3) uint8.
-        rng: Everything random is drawn from it.
-
-    Returns:
-        A new picture of the same shape, uint8.
+    """Augment one sRGB picture, (H, W, 3) uint8; everything random is drawn from `rng`.
 
     Raises:
         ValueError: The picture has another shape or type.

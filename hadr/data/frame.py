@@ -112,15 +112,7 @@ def frame_places(
     raw: Literal["depth", "disparity"] = "depth",
     object_folder: Literal["obj_mask", "object_mask"] = "obj_mask",
 ) -> dict[str, Path]:
-    """Where the parts of a frame lie below the folder of its object, e.g. ``rgb/000001.png``.
-
-    Args:
-        stem: The name that the files share.
-        depth_format: As for :func:`write_frame`.
-        jpeg_quality: As for :func:`write_frame`.
-        raw: The form of raw depth.
-        object_folder: As for :func:`write_frame`.
-    """
+    """Where the parts of a frame lie below the folder of its object, as `write_frame` writes it."""
     folders = {
         "color": ("rgb", ".png" if jpeg_quality is None else ".jpg"),
         "depth": ("depth_np" if depth_format == "npy" else "depth_png", f".{depth_format}"),

@@ -59,9 +59,6 @@ def _jpeg_ends(data: bytes) -> bool:
 def check_whole(data: bytes) -> None:
     """Check that a PNG or JPEG file is complete.
 
-    Args:
-        data: The file's bytes.
-
     Raises:
         ValueError: The file is empty, cut off, damaged, or neither PNG nor JPEG.
     """
@@ -85,11 +82,17 @@ def check_whole(data: bytes) -> None:
         position = end
 
 
-def _decode(data: bytes, flags: int) -> npt.NDArray[Any]:
+def decode_image(data: bytes, flags: int) -> npt.NDArray[Any]:
+    """Decode a whole PNG or JPEG as OpenCV's flags say, without OpenCV's own messages."""
     check_whole(data)
-    image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+    level = cv2.utils.logging.getLogLevel()
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    try:
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+    finally:
+        cv2.utils.logging.setLogLevel(level)
     if image is None:
-        raise ValueError("the picture can't be decoded")
+        raise ValueError(f"its {len(data)} bytes cannot be decoded")
     return np.asarray(image)
 
 
@@ -104,18 +107,11 @@ def encode_color(color: npt.NDArray[np.uint8], jpeg_quality: int | None) -> byte
 
 def decode_color(data: bytes) -> npt.NDArray[np.uint8]:
     """Decode a PNG or JPEG to sRGB, shape (H, W, 3) uint8."""
-    return np.ascontiguousarray(_decode(data, cv2.IMREAD_COLOR)[..., ::-1])
+    return np.ascontiguousarray(decode_image(data, cv2.IMREAD_COLOR)[..., ::-1])
 
 
 def encode_depth(depth: Depth, scale: float) -> bytes:
-    """Encode depth as 16-bit PNG.
-
-    Args:
-        depth: z-depth, metres, shape (H, W); 0 where there is none.
-        scale: Metres of one step.
-
-    Returns:
-        The file's bytes.
+    """Encode z-depth in metres, (H, W), 0 where missing, as 16-bit PNG of steps of `scale` metres.
 
     Raises:
         ValueError: The depth is negative, not finite, or does not fit into 16 bits.
@@ -134,7 +130,7 @@ def encode_depth(depth: Depth, scale: float) -> bytes:
 
 def decode_depth(data: bytes, scale: float | None) -> Depth:
     """Decode a 16-bit PNG to metres, (H, W) float32; ``scale`` are metres of one step."""
-    steps = _decode(data, cv2.IMREAD_UNCHANGED)
+    steps = decode_image(data, cv2.IMREAD_UNCHANGED)
     if steps.dtype != np.uint16:
         raise ValueError(f"depth must be a 16-bit PNG, got {steps.shape} {steps.dtype}")
     if not scale:
@@ -208,7 +204,7 @@ def encode_disparity(depth: Depth, scale: DisparityScale) -> bytes:
 
 def decode_disparity(data: bytes, scale: DisparityScale) -> Depth:
     """Decode the 16-bit PNG of a disparity to depth in metres, (H, W) float32, 0 missing."""
-    steps = _decode(data, cv2.IMREAD_UNCHANGED)
+    steps = decode_image(data, cv2.IMREAD_UNCHANGED)
     if steps.dtype != np.uint16 or steps.ndim != 2:
         raise ValueError(f"a disparity must be a 16-bit PNG, got {steps.shape} {steps.dtype}")
     return scale.depth(steps)
@@ -245,7 +241,7 @@ def encode_mask(mask: npt.NDArray[np.bool_]) -> bytes:
 
 def decode_mask(data: bytes) -> npt.NDArray[np.bool_]:
     """Decode an 8-bit mask of 0 and 255, shape (H, W) bool."""
-    mask = _decode(data, cv2.IMREAD_UNCHANGED)
+    mask = decode_image(data, cv2.IMREAD_UNCHANGED)
     if mask.dtype != np.uint8:
         raise ValueError(f"a mask must be an 8-bit picture, got {mask.shape} {mask.dtype}")
     mask = mask[..., 0] if mask.ndim == 3 else mask
@@ -263,7 +259,7 @@ def encode_normals(normals: npt.NDArray[np.float32]) -> bytes:
 
 def decode_normals(data: bytes) -> npt.NDArray[np.float32]:
     """Decode normals, shape (H, W, 3) float32, of length 1, or 0 where unknown."""
-    steps = _decode(data, cv2.IMREAD_UNCHANGED)
+    steps = decode_image(data, cv2.IMREAD_UNCHANGED)
     if steps.ndim != 3 or steps.shape[2] != 3 or steps.dtype != np.uint8:
         raise ValueError(f"normals must be an 8-bit RGB picture, got {steps.shape} {steps.dtype}")
     normals = (steps[..., ::-1].astype(np.float32) - 128) / 127

@@ -60,14 +60,7 @@ def samples_dir() -> Path:
 
 
 def open_samples(split: str, objects: Sequence[str] | None = None) -> TransHand:
-    """Open one split of the bundled frames.
-
-    Args:
-        split: ``train``, ``val`` or ``test``.
-        objects: Only these objects; all where it is left out.
-
-    Returns:
-        The frames.
+    """Open one split of the bundled frames, of all objects or of some.
 
     Raises:
         FileNotFoundError: The samples are not there.
@@ -75,43 +68,21 @@ def open_samples(split: str, objects: Sequence[str] | None = None) -> TransHand:
     return TransHand(samples_dir() / "frames", split, objects)
 
 
-@dataclass(frozen=True)
-class KnownUnknown:
-    """The frames of the known/unknown-category experiment.
-
-    Args:
-        train: Six known objects, training holds.
-        val: The same six, validation holds.
-        known: The same six, testing holds.
-        unknown: The two objects that are held out, all of their holds: none was trained on.
-    """
-
-    train: TransHand
-    val: TransHand
-    known: TransHand
-    unknown: TransHand
-
-
-def open_known_unknown(root: Path | None = None) -> KnownUnknown:
-    """Open a data set as the paper's experiment: train on six objects, hold 0004 and 0007 out.
-
-    Args:
-        root: The data set; the bundled frames where it is left out.
+def open_known_unknown(root: Path | None = None) -> dict[str, TransHand]:
+    """Open a data set (the bundled one) as the paper's experiment with unknown objects.
 
     Returns:
-        The four parts; no holding pose and no object of ``unknown`` occurs in two of them.
+        ``train``, ``val`` and ``known`` (the test holds) of six objects, and ``unknown``, all holds
+        of 0004 and 0007; no holding pose occurs in two of them.
 
     Raises:
         FileNotFoundError: The frames, or some of the objects, are not there.
     """
     root = samples_dir() / "frames" if root is None else root
     six = [name for name in OBJECT_IDS if name not in UNKNOWN_OBJECTS]
-    return KnownUnknown(
-        TransHand(root, "train", six),
-        TransHand(root, "val", six),
-        TransHand(root, "test", six),
-        TransHand(root, SPLITS, UNKNOWN_OBJECTS),
-    )
+    parts = {"train": "train", "val": "val", "known": "test"}
+    opened = {name: TransHand(root, split, six) for name, split in parts.items()}
+    return {**opened, "unknown": TransHand(root, SPLITS, UNKNOWN_OBJECTS)}
 
 
 def open_gallery() -> TransHand:
@@ -153,9 +124,6 @@ def write_manifest(root: Path | None = None) -> Path:
 
 def verify_manifest(root: Path | None = None) -> ManifestReport:
     """Compare the files below ``root`` (``data_samples``) with its manifest.
-
-    Returns:
-        What agrees and what does not.
 
     Raises:
         FileNotFoundError: There is no manifest.

@@ -32,7 +32,7 @@ def _counts(n: int, ratio: Sequence[float]) -> list[int]:
 def split_by_frame(
     n_frames: int, rng: np.random.Generator, ratio: Sequence[float] = PAPER_RATIO
 ) -> npt.NDArray[np.str_]:
-    """Give each frame a split at random, whatever it shows.
+    """Give each of so many frames a split at random, whatever it shows.
 
     Args:
         n_frames: How many frames there are.
@@ -54,16 +54,8 @@ def split_by_holding(
 ) -> npt.NDArray[np.str_]:
     """Give each holding pose a split at random; all its frames follow.
 
-    Args:
-        hold_ids: Name of each frame's holding pose.
-        rng: The generator that shuffles.
-        ratio: Weights of train, val and test, counted in holding poses.
-
-    Returns:
-        The split per frame, shape (len(hold_ids),).
-
-    Raises:
-        ValueError: The ratio is not three weights.
+    Arguments as `split_by_frame`, but for the name of each frame's holding pose; the ratio counts
+    poses.
     """
     poses, pose_of = np.unique(np.asarray(hold_ids), return_inverse=True)
     return np.asarray(split_by_frame(len(poses), rng, ratio)[pose_of])
@@ -72,14 +64,7 @@ def split_by_holding(
 def split_by_object(
     object_ids: Sequence[str], unknown: Sequence[str] = UNKNOWN_OBJECTS
 ) -> npt.NDArray[np.str_]:
-    """Train on the known objects, test on the unknown ones.
-
-    Args:
-        object_ids: Object of each frame.
-        unknown: The objects to hold out.
-
-    Returns:
-        ``train`` or ``test`` per frame, shape (len(object_ids),).
+    """Test on the frames of the unknown objects, train on all others; from each frame's object.
 
     Raises:
         ValueError: No frame shows an unknown object.
@@ -91,14 +76,11 @@ def split_by_object(
 
 
 def leaked_share(split: npt.NDArray[np.str_], groups: Sequence[str]) -> float:
-    """Share of the test frames whose group (holding pose or object) also occurs in training.
+    """Share of the test frames whose group (holding pose or object) also occurs in training, 0..1.
 
     Args:
         split: Split per frame, shape (N,).
         groups: Group of each frame, N names.
-
-    Returns:
-        From 0 (no test frame leaks) to 1.
 
     Raises:
         ValueError: The lengths differ, or there is no test frame.

@@ -141,6 +141,11 @@ class TransHand(Sequence[Frame]):
         return self._read(self.files[index])
 
     @property
+    def names(self) -> list[str]:
+        """Name of each frame, OBJECT/STEM."""
+        return [f"{files.object_id}/{files.stem}" for files in self.files]
+
+    @property
     def object_ids(self) -> list[str]:
         """The object of each frame, without reading pictures."""
         return [files.object_id for files in self.files]

@@ -10,7 +10,7 @@ from typing import Any
 import torch
 
 from hadr.experiments.runner import Bench, Run
-from hadr.experiments.scoring import COLUMNS, EVALUATION_SIZE, score_cheap
+from hadr.experiments.scoring import EVALUATION_SIZE, score_cheap
 from hadr.records.result_file import digest, read_result_file
 from hadr.training.presets import recipe_from_dict
 
@@ -37,8 +37,8 @@ def measure_again(
         shutil.rmtree(folder)  # or the next time would compare with this one
     found, same = scores.columns(), True
     say(f"{run.name:<24} {'recorded':>12} {'again':>12}")
-    for column in COLUMNS:
-        then, now = row["by_seed"][column][0], float(found[column])
+    for column, (then, *_) in row["by_seed"].items():
+        now = float(found[column])
         agrees = abs(now - then) <= 1e-6 * abs(then)
         say(f"  {column:<22} {then:12.6f} {now:12.6f}{'' if agrees else '  differs'}")
         same = same and agrees

@@ -6,7 +6,7 @@ import statistics
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from typing import Any
 
-from hadr.experiments.scoring import COLUMNS
+from hadr.metrics import METRICS
 
 REFERENCE = "hand-median"
 """The method that all others are compared with frame by frame."""
@@ -174,8 +174,8 @@ def _averaged(group: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     return {
         **row,
         "seeds": [r["seed"] for r in group],
-        "by_seed": {name: [r.get(name) for r in group] for name in COLUMNS},
-        "seed_sd": {name: _spread([r[name] for r in group if name in r]) for name in COLUMNS},
+        "by_seed": {name: [r.get(name) for r in group] for name in METRICS},
+        "seed_sd": {name: _spread([r[name] for r in group if name in r]) for name in METRICS},
         "config_sha256": [r["config_sha256"] for r in group],
         "provenance": {
             "commit": sorted({r["provenance"].get("commit") or "unknown" for r in group}),

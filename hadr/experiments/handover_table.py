@@ -15,23 +15,26 @@ from hadr.records.provenance import machine_text, provenance
 from hadr.records.result_file import read_result_file, write_result_file
 
 if TYPE_CHECKING:
-    from hadr.simulation.trials.trial import Arm, Trial
+    from hadr.simulation.trials.trial import Condition, Trial
 
-    Attempts = Mapping[Arm, Sequence[Trial]]
+    Attempts = Mapping[Condition, Sequence[Trial]]
 
-REPRODUCED: tuple[Arm, ...] = (
+REPRODUCED: tuple[Condition, ...] = (
     "raw", "inpainted", "hadr", "hadr-plus", "perfect", "hadr-no-rescoring", "hadr-no-tracking",
 )  # fmt: skip
 """The conditions of results/mini/handover.json; `hadr handover` alone leaves out hadr-plus."""
 
 
-def planned_attempts(size: str, seed: int) -> dict[Arm, list[Trial]]:
+def planned_attempts(size: str, seed: int) -> dict[Condition, list[Trial]]:
     """The attempts of each condition: 48, and at preset tiny one, to see that everything runs."""
     from hadr.simulation.trials.experiment import attempts
 
     if size == "tiny":
-        return {arm: attempts(arm, objects=["0004"], holds=[902], seed=seed) for arm in REPRODUCED}
-    return {arm: attempts(arm, seed=seed) for arm in REPRODUCED}
+        return {
+            condition: attempts(condition, objects=["0004"], holds=[902], seed=seed)
+            for condition in REPRODUCED
+        }
+    return {condition: attempts(condition, seed=seed) for condition in REPRODUCED}
 
 
 def handover_steps(plan: Attempts, out: Path, times: Mapping[str, float]) -> list[Step]:
@@ -41,23 +44,25 @@ def handover_steps(plan: Attempts, out: Path, times: Mapping[str, float]) -> lis
     table, steps = out / "tables" / "handover.json", []
     rows = read_result_file(table).rows if table.is_file() else ()
     own = {row["arm"]: row["attempts"] * row["mean_wall_seconds"] for row in rows}
-    for arm, trials in plan.items():
+    for condition, trials in plan.items():
         left = sum(not is_finished(out / "handover", trial) for trial in trials)
         words = f"{left} of {len(trials)} attempts" if left else "done"
-        name = f"handover/{arm}"
-        seconds = times.get(name) if left else own.get(arm, times.get(name))
+        name = f"handover/{condition}"
+        seconds = times.get(name) if left else own.get(condition, times.get(name))
         steps.append(Step("handover", name, words, seconds, "tables/handover.json"))
     return steps
 
 
 def make_handover_table(plan: Attempts, out: Path, jobs: int) -> None:
     """Make the attempts that are missing, `jobs` at a time, and write the table."""
-    from hadr.simulation.trials.experiment import arm_row, run_attempts
+    from hadr.simulation.trials.experiment import condition_row, run_attempts
 
     rows = []
-    for arm, trials in plan.items():
-        rows.append(arm_row(arm, run_attempts(trials, out / "handover", jobs=jobs, report=_say)))
-        print(f"{arm}: {rows[-1]['successes']} of {rows[-1]['attempts']}", flush=True)
+    for condition, trials in plan.items():
+        rows.append(
+            condition_row(condition, run_attempts(trials, out / "handover", jobs=jobs, report=_say))
+        )
+        print(f"{condition}: {rows[-1]['successes']} of {rows[-1]['attempts']}", flush=True)
     what = (
         f"handover attempts in simulation, {len(trials)} a condition, seed {trials[0].seed}; masks "
         "and keypoints from the simulator with noise; success by HandoverSim's rules"

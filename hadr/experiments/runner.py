@@ -27,6 +27,7 @@ from filelock import FileLock, Timeout
 from lightning_fabric import Fabric
 from torch import nn
 
+from hadr.corruption import Corruption
 from hadr.experiments.scoring import EVALUATION_SIZE, Scores, score_cheap, score_network
 from hadr.experiments.splits import Experiment, Part, data_digest, open_part
 from hadr.experiments.systems import system
@@ -34,7 +35,7 @@ from hadr.models.networks import network_of
 from hadr.records.dependencies import code_digest
 from hadr.records.provenance import machine_text, plain, provenance
 from hadr.records.result_file import digest, seal_row, sealed_row
-from hadr.training.batches import Corruption, FrameTensors, load_frames
+from hadr.training.batches import FrameTensors, load_frames
 from hadr.training.loop import LAST, Trained, train
 from hadr.training.recipe import Preset
 

@@ -17,14 +17,13 @@ import numpy as np
 from torch import nn
 
 from hadr.camera import BoolArray, FloatArray
-from hadr.metrics import DepthMetrics, frame_metrics, mean_over_frames, pooled
+from hadr.metrics import METRICS, DepthMetrics, frame_metrics, mean_over_frames, pooled
 from hadr.models.hadr_input import enlarge_restored
 from hadr.training.batches import FrameTensors
 from hadr.training.evaluation import BASELINES, predict
 
 EVALUATION_SIZE = (224, 126)
 """(width, height) at which all systems are scored, pixels."""
-COLUMNS = ("rmse_m", "rel", "mae_m", "delta_105", "delta_110", "delta_125")
 
 
 @dataclass(frozen=True)
@@ -50,12 +49,12 @@ class Scores:
         rmse = np.array([m.rmse_m for m in self.frames])
         error = float(rmse.std(ddof=1) / len(rmse) ** 0.5) if len(rmse) > 1 else float("nan")
         return {
-            **{name: getattr(mean, name) for name in COLUMNS},
+            **{name: getattr(mean, name) for name in METRICS},
             "rmse_standard_error_m": error,
             "coverage": alone.coverage,
             "frames": len(self.frames),
-            "pooled": {name: getattr(self.pooled, name) for name in COLUMNS},
-            "restored": {name: getattr(alone, name) for name in COLUMNS},
+            "pooled": {name: getattr(self.pooled, name) for name in METRICS},
+            "restored": {name: getattr(alone, name) for name in METRICS},
         }
 
     def per_frame(self) -> dict[str, list[Any]]:

@@ -72,14 +72,32 @@ class BackboneConfig:
         return tuple(self.embed_dim * 2**stage for stage in range(len(self.depths)))
 
 
+def imagenet_normal(color: Tensor) -> Tensor:
+    """Take ImageNet's mean off sRGB in 0..1, (B, 3, H, W), and divide by its deviation."""
+    mean, std = (color.new_tensor(c)[:, None, None] for c in (IMAGENET_MEAN, IMAGENET_STD))
+    return (color - mean) / std
+
+
+def load_published(kind: Any, name: str, **options: Any) -> Any:
+    """Load a network of `transformers` with published weights.
+
+    Raises:
+        OSError: The weights can't be fetched or are not in the local cache.
+    """
+    try:
+        return kind.from_pretrained(name, **options)
+    except (OSError, RuntimeError) as error:
+        raise OSError(
+            f"the weights {name!r} are not in the local cache and could not be fetched; connect to "
+            "the network once, or leave `pretrained` out to start from random weights "
+            f"({type(error).__name__})"
+        ) from error
+
+
 def build_swin(config: BackboneConfig) -> nn.Module:
-    """Build the Swin Transformer; importing `transformers` takes some seconds.
+    """Build a module that turns colour (B, 3, H, W) into one feature map a stage.
 
-    Args:
-        config: Its size, and the name of its weights if any.
-
-    Returns:
-        A module that turns colour (B, 3, H, W) into one feature map a stage.
+    Importing `transformers` takes some seconds.
 
     Raises:
         OSError: The named weights can't be fetched or are not in the local cache.
@@ -98,45 +116,29 @@ def build_swin(config: BackboneConfig) -> nn.Module:
             drop_path_rate=config.drop_path,
             out_features=stages,
         )
-        random: nn.Module = SwinBackbone(size)
-        replace_drop_path(random, "SwinDropPath")
-        return random
-    try:
-        swin: Any = SwinBackbone.from_pretrained(
-            config.pretrained, out_features=stages, drop_path_rate=config.drop_path
+        swin: nn.Module = SwinBackbone(size)
+    else:
+        swin = load_published(
+            SwinBackbone, config.pretrained, out_features=stages, drop_path_rate=config.drop_path
         )
-    except (OSError, RuntimeError) as error:
-        raise OSError(
-            f"the weights {config.pretrained!r} are not in the local cache and could not be "
-            "fetched; connect to the network once, or leave `pretrained` out to start from "
-            f"random weights ({type(error).__name__})"
-        ) from error
-    own = swin.config
-    found = (own.embed_dim, tuple(own.depths), own.window_size, own.patch_size)
-    wanted = (config.embed_dim, config.depths, config.window, config.patch)
-    if found != wanted:
-        raise ValueError(
-            f"{config.pretrained!r} has embed_dim, depths, window and patch {found}, but {wanted} "
-            "is configured"
-        )
-    pretrained: nn.Module = swin
-    replace_drop_path(pretrained, "SwinDropPath")
-    return pretrained
+        own: Any = swin.config
+        found = (own.embed_dim, tuple(own.depths), own.window_size, own.patch_size)
+        wanted = (config.embed_dim, config.depths, config.window, config.patch)
+        if found != wanted:
+            raise ValueError(
+                f"{config.pretrained!r} has embed_dim, depths, window and patch {found}, but "
+                f"{wanted} is configured"
+            )
+    replace_drop_path(swin, "SwinDropPath")
+    return swin
 
 
 def enlarge(features: Tensor, factor: int, size: Sequence[int]) -> Tensor:
-    """Resize bilinearly by a whole factor, then cut off what reaches beyond the picture.
+    """Resize (B, C, h, w) bilinearly by a whole factor, then cut off what lies beyond the picture.
 
     A picture's height need not be a whole number of cells: the last one may reach beyond its end.
-    A map is enlarged by the side of its cells and then cut, never squeezed into the picture.
-
-    Args:
-        features: Shape (B, C, h, w).
-        factor: Pixels that a cell becomes, along each axis.
-        size: Height and width to cut to, at most (h * factor, w * factor).
-
-    Returns:
-        Shape (B, C, height, width), as `size` says.
+    A map is enlarged by the side of its cells and then cut to `size` (height, width), never
+    squeezed into the picture.
     """
     if factor > 1:
         features = functional.interpolate(
@@ -179,15 +181,11 @@ class FeatureAggregation(nn.Module):
         self.reduce = nn.Conv2d(self.embed_dim * len(used), channels, 1)
 
     def forward(self, stages: Sequence[Tensor]) -> Tensor:
-        """Aggregate the stages at the first one's size.
-
-        Args:
-            stages: Feature maps, the finest first, each half as fine as the one before, shapes
-                (B, C_i, H_i, W_i).
+        """Aggregate the stages, finest first, each (B, C_i, H_i, W_i) and half as fine as before.
 
         Returns:
-            The map at a quarter of the image's resolution, shape (B, channels, H / 4, W / 4), in
-            memory with the channels last.
+            The map at the first stage's size, shape (B, channels, H / 4, W / 4), in memory with the
+            channels last.
         """
         size = stages[0].shape[2:]
         parts = torch.split(self.reduce.weight.flatten(1), self.embed_dim, dim=1)
@@ -205,7 +203,7 @@ class FeatureAggregation(nn.Module):
 
 
 class ColorBackbone(nn.Module):
-    """From colour to the dense colour feature map.
+    """From sRGB in 0..1 (B, 3, H, W) to the dense colour feature map (B, channels, H, W).
 
     Args:
         config: Size of the Swin Transformer.
@@ -220,22 +218,11 @@ class ColorBackbone(nn.Module):
         self.config = config
         self.swin = build_swin(config)
         self.aggregation = FeatureAggregation(config.channels, channels, multi_scale)
-        self.register_buffer("mean", torch.tensor(IMAGENET_MEAN)[:, None, None], persistent=False)
-        self.register_buffer("std", torch.tensor(IMAGENET_STD)[:, None, None], persistent=False)
-        self.mean: Tensor
-        self.std: Tensor
 
     def forward(self, color: Tensor) -> Tensor:
-        """Compute the dense map.
-
-        Args:
-            color: sRGB in 0..1, shape (B, 3, H, W).
-
-        Returns:
-            Features, shape (B, channels, H, W).
-        """
+        """Compute the dense map."""
         if self.config.normalize_color:
-            color = (color - self.mean) / self.std
+            color = imagenet_normal(color)
         stages = self.swin(color).feature_maps  # each (B, C_i, H / s_i, W / s_i)
         coarse = self.aggregation(stages)  # (B, channels, H / 4, W / 4)
         return enlarge(coarse, self.config.patch, color.shape[2:])

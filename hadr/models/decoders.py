@@ -42,14 +42,10 @@ def leaky_clamp(values: Tensor) -> Tensor:
 
 
 class SplitLinear(nn.Linear):
-    """A Linear on the concatenation of several parts, computed part by part.
+    """A Linear on the concatenation of `parts`, given by their widths, computed part by part.
 
     The weights are one matrix, the same as those of `nn.Linear(sum(parts), out)`; `part` multiplies
     with the columns of one part, and the sum over all parts plus the bias is the Linear's output.
-
-    Args:
-        parts: Widths of the parts, in the order of concatenation.
-        out: Width of the output.
     """
 
     def __init__(self, parts: Sequence[int], out: int) -> None:

@@ -186,9 +186,6 @@ class HADR(nn.Module):
             true_depth: True z-depth in metres, shape (B, H, W), 0 = unknown. Where it is given,
                 each ray takes the voxel in which its true point lies (if that is a candidate)
                 instead of the most probable one: how the first epochs of training go.
-
-        Returns:
-            The restored depth and what belongs to it.
         """
         return self.restore(inputs, rays=rays, true_depth=true_depth)[0]
 
@@ -209,7 +206,7 @@ class HADR(nn.Module):
         )  # (voxels, 128)
 
         rays = masked_rays(inputs.mask) if rays is None else rays  # (rays, 3)
-        unit_depth = torch.ones(len(rays), dtype=points.dtype, device=points.device)
+        unit_depth = points.new_ones(len(rays))
         directions = functional.normalize(
             ray_points(rays, unit_depth, inputs.intrinsics), dim=1
         )  # (rays, 3)

@@ -75,11 +75,7 @@ class DepthOutput:
 
 @dataclass(frozen=True)
 class ImageOutput(DepthOutput):
-    """The same of a network that answers for the whole image.
-
-    Attributes:
-        image: The answer for the whole image, z-depth in metres, shape (B, H, W).
-    """
+    """The same of a network that answers for the whole `image`, z-depth in metres, (B, H, W)."""
 
     image: Tensor
 
@@ -111,7 +107,7 @@ def frame_to_input(
     camera: Intrinsics,
     size: tuple[int, int],
 ) -> HADRInput:
-    """Bring one frame to the network's size and form.
+    """Bring one frame to the network's size and form: a batch of one.
 
     Colour is resized by area, depth and mask by their nearest pixel, and the intrinsics follow. A
     frame of another shape than `size` is squashed: fx and fy then change by different factors,
@@ -125,9 +121,6 @@ def frame_to_input(
             are computed from them.
         camera: Intrinsics of an image of exactly this size.
         size: (width, height) of the network's input, pixels.
-
-    Returns:
-        A batch of one frame.
 
     Raises:
         ValueError: Shapes or types differ from the above, or keypoints hold NaN.
@@ -157,7 +150,7 @@ def frame_to_input(
 
 
 def masked_rays(mask: Tensor, stride: int = 1, row_start: int = 0, column_start: int = 0) -> Tensor:
-    """List the pixels of a mask, or those of every n-th row and column.
+    """List the pixels of a mask (B, H, W), or those of every n-th row and column.
 
     Args:
         mask: Shape (B, H, W), bool.
@@ -174,15 +167,12 @@ def masked_rays(mask: Tensor, stride: int = 1, row_start: int = 0, column_start:
 
 
 def ray_points(pixels: Tensor, depth: Tensor, intrinsics: Tensor) -> Tensor:
-    """Lift pixels to points.
+    """Lift pixels to points in metres, camera frame, shape (N, 3).
 
     Args:
         pixels: Rows (frame, row, column), shape (N, 3), long.
         depth: z-depth of each pixel in metres, shape (N,).
         intrinsics: fx, fy, cx, cy of each frame, shape (B, 4).
-
-    Returns:
-        Points in metres, camera frame, shape (N, 3).
     """
     fx, fy, cx, cy = intrinsics.index_select(0, pixels[:, 0]).unbind(dim=1)
     x = (pixels[:, 2] - cx) / fx
@@ -193,18 +183,10 @@ def ray_points(pixels: Tensor, depth: Tensor, intrinsics: Tensor) -> Tensor:
 def enlarge_known(
     values: FloatArray, known: BoolArray, shape: tuple[int, ...]
 ) -> npt.NDArray[np.float32]:
-    """Enlarge an image of which only some pixels are known.
+    """Enlarge an image (h, w) of which only some pixels, (h, w) bool, are known, to (H, W) float32.
 
     Bilinear between the known pixels (unknown ones get no weight), and the nearest known pixel
-    where all four neighbours are unknown.
-
-    Args:
-        values: Shape (h, w).
-        known: Which of them count, shape (h, w) bool; at least one.
-        shape: (H, W) of the result.
-
-    Returns:
-        Shape (H, W) float32, a value everywhere.
+    where all four neighbours are unknown; one at least is known.
     """
     images, _ = enlarge_restored(values[None], known, known, shape)
     large: npt.NDArray[np.float32] = images[0]

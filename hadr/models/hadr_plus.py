@@ -65,7 +65,7 @@ class HADRPlusConfig(NetworkConfig):
         plane: Candidates are relative to a plane that is guessed from the whole crop.
 
     Raises:
-        ValueError: A number is out of range.
+        ValueError: The crop is not divisible.
     """
 
     crop: int = 64
@@ -83,9 +83,6 @@ class HADRPlusConfig(NetworkConfig):
     def __post_init__(self) -> None:
         if self.crop < 32 or self.crop % 32:
             raise ValueError(f"crop must be a positive multiple of 32, got {self.crop}")
-        for name in ("pixel_m", "width", "blocks", "candidates"):
-            if getattr(self, name) <= 0:
-                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
 
 
 @dataclass(frozen=True)
@@ -150,11 +147,7 @@ def plane_picture(plane: Tensor, pixel: Tensor, size: int) -> Tensor:
 
 
 class HADRPlus(nn.Module):
-    """The whole network.
-
-    Args:
-        config: What it consists of.
-    """
+    """The whole network."""
 
     channels = 3 + 1 + 2 + 2 * len(GROUPS) + 2
     given = 21 * 3 + 2
@@ -174,12 +167,6 @@ class HADRPlus(nn.Module):
 
     def forward(self, inputs: HADRInput) -> HADRPlusOutput:
         """Restore the depth of masked pixels.
-
-        Args:
-            inputs: A batch of frames; each has a hand.
-
-        Returns:
-            The restored depth and what belongs to it.
 
         Raises:
             ValueError: A frame has no hand.

@@ -1,7 +1,8 @@
 """The table of networks: where each one is, what it answers, and what readers call it.
 
-A new network needs a row here, a file of its own, and recipes in `hadr.training.presets`. Modules
-are named and imported when they are asked for.
+A new network needs a row here, a file of its own, its loss, and recipes in
+`hadr.training.presets`; commands, tables and pictures take it from here. Modules are named and
+imported when they are asked for.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ class Network:
         config: Name of its configuration's class.
         training: Dotted name of the module with its loss (`hadr.training.tasks.task.Task`).
         answer: What it says of a frame.
-        rival: One of the systems that the paper compares with.
+        published: Its name in the paper's tables; "" where it is not in them.
         can_say: It predicts a distribution of depth, so that it can say how sure it is. HADR's and
             LIDF's probability is that of a voxel of 25 cm and says next to nothing about
             centimetres (chapter 6); the others have no opinion.
@@ -34,7 +35,7 @@ class Network:
     config: str
     training: str
     answer: Literal["depth", "keypoints", "masks"] = "depth"
-    rival: bool = False
+    published: str = ""
     can_say: bool = False
 
     @property
@@ -53,30 +54,32 @@ class Network:
 
 NETWORKS: dict[str, Network] = {
     "hadr": Network(
-        "HADR", "hadr.models.hadr", "HADR", "HADRConfig", "hadr.training.tasks.hadr"
+        "HADR", "hadr.models.hadr", "HADR", "HADRConfig", "hadr.training.tasks.hadr",
+        published="HADR",
+    ),
+    "lidf": Network(
+        "LIDF", "hadr.rivals.lidf", "LIDF", "LIDFConfig", "hadr.training.tasks.lidf",
+        published="LIDF+Refine",
+    ),
+    "dfnet": Network(
+        "DFNet", "hadr.rivals.dfnet", "DFNet", "DFNetConfig", "hadr.training.tasks.dfnet",
+        published="TransCG",
+    ),
+    "swindrnet": Network(
+        "SwinDRNet", "hadr.rivals.swindrnet", "SwinDRNet", "SwinDRNetConfig",
+        "hadr.training.tasks.swindrnet", published="SwinDRNet",
+    ),
+    "tode": Network(
+        "TODE-Trans", "hadr.rivals.tode", "TODETrans", "TODEConfig", "hadr.training.tasks.tode",
+        published="TODE-Trans",
+    ),
+    "unet-hand": Network(
+        "U-Net with the hand", "hadr.rivals.unet_hand", "UNetHand", "UNetHandConfig",
+        "hadr.training.tasks.unet_hand",
     ),
     "hadr-plus": Network(
         "HADR-plus", "hadr.models.hadr_plus", "HADRPlus", "HADRPlusConfig",
         "hadr.training.tasks.hadr_plus", can_say=True,
-    ),
-    "unet-hand": Network(
-        "U-Net with hand", "hadr.rivals.unet_hand", "UNetHand", "UNetHandConfig",
-        "hadr.training.tasks.unet_hand",
-    ),
-    "lidf": Network(
-        "LIDF", "hadr.rivals.lidf", "LIDF", "LIDFConfig", "hadr.training.tasks.lidf", rival=True
-    ),
-    "dfnet": Network(
-        "DFNet", "hadr.rivals.dfnet", "DFNet", "DFNetConfig", "hadr.training.tasks.dfnet",
-        rival=True,
-    ),
-    "swindrnet": Network(
-        "SwinDRNet", "hadr.rivals.swindrnet", "SwinDRNet", "SwinDRNetConfig",
-        "hadr.training.tasks.swindrnet", rival=True,
-    ),
-    "tode": Network(
-        "TODE-Trans", "hadr.rivals.tode", "TODETrans", "TODEConfig", "hadr.training.tasks.tode",
-        rival=True,
     ),
     "hand-keypoints": Network(
         "hand keypoints", "hadr.models.hand.keypoints", "HandKeypointNet", "HandKeypointConfig",
@@ -87,10 +90,10 @@ NETWORKS: dict[str, Network] = {
         "hadr.training.tasks.segmentation", answer="masks",
     ),
 }  # fmt: skip
-"""The networks by their kind, as checkpoints, recipes and `--network` name it."""
+"""The networks by their kind, as checkpoints and commands name it, in the tables' order."""
 DEPTH_NETWORKS = tuple(kind for kind, network in NETWORKS.items() if network.answer == "depth")
 """Those that restore depth."""
-RIVALS = tuple(kind for kind, network in NETWORKS.items() if network.rival)
+RIVALS = tuple(kind for kind, network in NETWORKS.items() if network.published and kind != "hadr")
 """Those that the paper compares with."""
 
 

@@ -21,17 +21,12 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+BOX = 8
+"""Side of the box around a ray's pixel, pixels."""
+
 
 def features_at(feature_map: Tensor, pixels: Tensor) -> Tensor:
-    """Look up the features of single pixels.
-
-    Args:
-        feature_map: Features, shape (B, C, H, W).
-        pixels: Rows (frame, row, column), shape (N, 3), long.
-
-    Returns:
-        Features, shape (N, C).
-    """
+    """Look up features (B, C, H, W) at pixels (frame, row, column), (N, 3) long: (N, C)."""
     _, channels, height, width = feature_map.shape
     frame, row, column = pixels.unbind(dim=1)
     rows = feature_map.permute(0, 2, 3, 1).reshape(-1, channels)  # (B * H * W, C)
@@ -43,44 +38,26 @@ class RayFeatures(nn.Module):
 
     Equal to `roi_align` with `aligned=True` and the usual sampling of one point per pixel. At the
     border the box keeps its size and is pushed back until it lies in the image: a pixel nearer
-    than `box // 2` to the border gets the box of its nearest neighbour that has a whole one. (The
+    than half of it to the border gets the box of its nearest neighbour that has a whole one. (The
     published code cuts the box off instead, which gives bins of other sizes there.)
-
-    Args:
-        box: Side of the box in pixels; even.
-
-    Raises:
-        ValueError: `box` is odd or not positive.
     """
 
-    def __init__(self, box: int = 8) -> None:
-        super().__init__()
-        if box < 2 or box % 2:
-            raise ValueError(f"box must be an even number of pixels, got {box}")
-        self.box = box
-
     def boxes(self, pixels: Tensor, height: int, width: int) -> Tensor:
-        """Give the boxes in ROI align's continuous coordinates.
-
-        Args:
-            pixels: Rows (frame, row, column), shape (R, 3), long.
-            height: Height of the feature map in pixels.
-            width: Width of the feature map in pixels.
+        """Give the boxes of pixels (frame, row, column), (R, 3) long, in a map of this size.
 
         Returns:
-            Boxes (left, top, right, bottom) inside of the image, shape (R, 4), long.
+            Boxes (left, top, right, bottom) in ROI align's continuous coordinates, inside of the
+            image, shape (R, 4), long.
 
         Raises:
             ValueError: The image is smaller than the box.
         """
-        if min(height, width) < self.box:
-            raise ValueError(
-                f"the feature map must be at least {self.box}x{self.box}, got {height}x{width}"
-            )
-        half = self.box // 2
+        if min(height, width) < BOX:
+            raise ValueError(f"the feature map must be at least {BOX}x{BOX}, got {height}x{width}")
+        half = BOX // 2
         top = pixels[:, 1].clamp(half, height - half) - half
         left = pixels[:, 2].clamp(half, width - half) - half
-        return torch.stack((left, top, left + self.box, top + self.box), dim=1)
+        return torch.stack((left, top, left + BOX, top + BOX), dim=1)
 
     def forward(self, feature_map: Tensor, pixels: Tensor) -> Tensor:
         """Compute the feature of each ray.
@@ -90,11 +67,10 @@ class RayFeatures(nn.Module):
             pixels: Rows (frame, row, column) of the rays' pixels, shape (R, 3), long.
 
         Returns:
-            Ray features, shape (R, 4 * C): for each channel the bins upper left, upper right,
-            lower left, lower right.
+            Shape (R, 4 * C): of each channel the bins upper left and right, lower left and right.
         """
         left, top, _, _ = self.boxes(pixels, *feature_map.shape[2:]).unbind(dim=1)
-        half = self.box // 2
+        half = BOX // 2
         tops = torch.stack((top, top, top + half, top + half))  # (4, rays)
         lefts = torch.stack((left, left + half, left, left + half))
         # Channels last in memory: the pooling is several times faster, the look-ups copy none.

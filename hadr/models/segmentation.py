@@ -13,7 +13,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from hadr.models.backbone import IMAGENET_MEAN, IMAGENET_STD
+from hadr.models.backbone import imagenet_normal
 from hadr.models.blocks.resnet import ResNetUNet, UNetConfig
 from hadr.models.config import NetworkConfig
 
@@ -45,9 +45,6 @@ class SegmentationNet(nn.Module):
 
     The U-Net ends at half of the resolution; a last convolution gives four logits there, those of
     the 2 x 2 pixels that the feature stands for.
-
-    Args:
-        config: Sizes.
     """
 
     def __init__(self, config: SegmentationConfig) -> None:
@@ -55,35 +52,24 @@ class SegmentationNet(nn.Module):
         self.config = config
         self.unet = ResNetUNet(config.unet, 3)
         self.head = nn.Conv2d(config.unet.decoder[-1], 4 * len(config.classes), 3, padding=1)
-        self.register_buffer("mean", torch.tensor(IMAGENET_MEAN)[:, None, None], persistent=False)
-        self.register_buffer("std", torch.tensor(IMAGENET_STD)[:, None, None], persistent=False)
-        self.mean: Tensor
-        self.std: Tensor
 
     def forward(self, color: Tensor) -> Tensor:
-        """Compute the logits.
+        """Compute the logits (B, classes, H, W) of sRGB in 0..1, (B, 3, H, W), any size.
 
-        Args:
-            color: sRGB in 0..1, shape (B, 3, H, W), any size.
-
-        Returns:
-            Logits, shape (B, classes, H, W); positive = the pixel belongs to the class.
+        A positive logit says that the pixel belongs to the class.
         """
         height, width = color.shape[2:]
-        features = self.unet((color - self.mean) / self.std)  # (B, C, ceil(H / 2), ceil(W / 2))
+        features = self.unet(imagenet_normal(color))  # (B, C, ceil(H / 2), ceil(W / 2))
         logits = functional.pixel_shuffle(self.head(features), 2)  # (B, classes, H', W')
         return logits[:, :, :height, :width]
 
 
 def predict_masks(model: SegmentationNet, color: Tensor) -> Tensor:
-    """Find each class's pixels.
+    """Find each class's pixels: (B, classes, H, W), bool; the object's first, then the hand's.
 
     Args:
         model: The network in evaluation mode.
         color: sRGB in 0..1, shape (B, 3, H, W).
-
-    Returns:
-        Shape (B, classes, H, W), bool; the object's first, then the hand's.
 
     Raises:
         ValueError: The colour is of another shape, or not in 0..1 (NaN included).

@@ -17,9 +17,9 @@ from markupsafe import Markup
 
 from hadr.experiments.steps import seconds_text
 from hadr.figures.tables.comparison import PUBLISHED_NAMES
-from hadr.figures.tables.handover import ARMS
+from hadr.figures.tables.handover import CONDITIONS
 from hadr.figures.tables.results import NAMES
-from hadr.press.report import METRICS
+from hadr.metrics import METRICS
 from hadr.records.result_file import ResultFile, read_result_file
 
 TITLES = {
@@ -30,7 +30,7 @@ TITLES = {
 }
 """The paper's four tables; each has a result file of this name."""
 HANDOVER_NAMES = {"raw": "GraspNet", "hadr": "HADR + GraspNet"}
-"""Names of our arms in the paper's table of the handover."""
+"""Names of our conditions in the paper's table of the handover."""
 HANDOVER_COLUMNS = ("successes", "rate", "> 50 %", "> 80 %", "100 %")
 NOT_RUN = "not measured here: the command below makes it"
 """Why a number of ours is missing; all of the paper's rows have a counterpart of ours."""
@@ -62,8 +62,15 @@ def report(results: str | Path, published: str | Path, size: str = "mini") -> st
         path = Path(results) / f"{name}.json"
         if path.exists():
             file = read_result_file(path)
-            make = _handover if name == "handover" else _depth
-            parts.append(f"## {title}\n\n{make(name, file, paper[name], size)}\n\n{_origin(path)}")
+            if name == "handover":
+                section = _handover(file, paper[name], size)
+            else:
+                theirs = {
+                    row: dict(zip(paper["columns"], numbers, strict=True))
+                    for row, numbers in paper[name].items()
+                }
+                section = _depth(name, file, theirs, size)
+            parts.append(f"## {title}\n\n{section}\n\n{_origin(path)}")
     if not parts:
         raise ValueError(f"{results} has none of the files {', '.join(TITLES)}")
     return "\n\n".join(parts) + "\n"
@@ -86,28 +93,32 @@ def _origin(path: Path) -> str:
     )
 
 
-def _depth(name: str, file: ResultFile, paper: Mapping[str, Sequence[float]], size: str) -> str:
+def _depth(name: str, file: ResultFile, paper: Mapping[str, Mapping[str, float]], size: str) -> str:
     rows = {PUBLISHED_NAMES.get(row["method"], row["method"]): row for row in file.rows}
     run = {title: method for method, title in PUBLISHED_NAMES.items()}
     listed: list[Method] = []
     for title in dict.fromkeys([*paper, *rows]):
-        row, lines, label, theirs = rows.get(title), dict[str, list[str]](), title, list[float]()
-        if title in paper:
-            theirs = [factor * x for x, (_, _, factor) in zip(paper[title], METRICS, strict=True)]
-            lines["paper"] = [f"{x:.{1 if i < 3 else 2}f}" for i, x in enumerate(theirs)]
+        row, theirs, label, lines = rows.get(title), paper.get(title), title, dict[str, list[str]]()
+        if theirs is not None:
+            lines["paper"] = [
+                metric.text(theirs.get(key), digits=1 if metric.factor == 100 else 2)
+                for key, metric in METRICS.items()
+            ]  # as many digits as are printed
         if row is None:
             listed.append((label, lines, {"command": _code(_command(name, run[title], size))}))
             continue
-        own = [factor * row[column] for column, _, factor in METRICS]
         label = NAMES.get(row["method"], row["method"])
-        lines["ours"] = [f"{x:.2f}" for x in own]
-        if theirs:
+        lines["ours"] = [metric.text(row.get(key)) for key, metric in METRICS.items()]
+        if theirs is not None:
             label = _both(title, label)
-            lines["difference"] = [f"{a - b:+.2f}" for a, b in zip(own, theirs, strict=True)]
+            gaps = {key: row[key] - theirs[key] for key in METRICS if key in row and key in theirs}
+            lines["difference"] = [
+                metric.text(gaps.get(key), sign="+") for key, metric in METRICS.items()
+            ]
         listed.append((label, lines, _making(name, row, size)))
     frames = " or ".join(str(n) for n in sorted({row["frames"] for row in file.rows}))
     words = f"{frames} test frames; ours is the mean over them. The difference is ours minus the "
-    heads = [title for _, title, _ in METRICS]
+    heads = [metric.heading for metric in METRICS.values()]
     return _section(f"{words}paper's.", heads, listed, "Rows of ours")
 
 
@@ -146,17 +157,18 @@ def _command(name: str, run: str, size: str) -> str:
     return f"hadr reproduce --preset {size}{data} --out OUT --only {wish}"
 
 
-def _handover(name: str, file: ResultFile, paper: Mapping[str, Any], size: str) -> str:
+def _handover(file: ResultFile, paper: Mapping[str, Any], size: str) -> str:
     ours = {row["arm"]: row for row in file.rows}
     of_all, objects = int(paper["attempts"]), int(paper["objects"])
     listed: list[Method] = []
-    for arm in dict.fromkeys([*HANDOVER_NAMES, *ours]):
-        row, lines, label = ours.get(arm), dict[str, list[str]](), ARMS.get(arm, arm)
-        if title := HANDOVER_NAMES.get(arm):
+    for condition in dict.fromkeys([*HANDOVER_NAMES, *ours]):
+        row, lines = ours.get(condition), dict[str, list[str]]()
+        label = CONDITIONS.get(condition, condition)
+        if title := HANDOVER_NAMES.get(condition):
             won, *reached = paper[title]
             rate = f"{paper['success_rate_percent'][title]:.1f} %"
             lines["paper"] = [f"{won}/{of_all}", rate, *(f"{count}/{objects}" for count in reached)]
-        command = f"hadr handover --arms {arm} --out OUT"
+        command = f"hadr handover --arms {condition} --out OUT"
         if row is None:
             listed.append((title or label, lines, {"command": _code(command)}))
             continue
@@ -190,7 +202,7 @@ def _handover(name: str, file: ResultFile, paper: Mapping[str, Any], size: str) 
         "columns count the objects of which more than half, more than 80 %, or all attempts "
         "succeed."
     )
-    return _section(words, HANDOVER_COLUMNS, listed, "Arms of ours")
+    return _section(words, HANDOVER_COLUMNS, listed, "Conditions of ours")
 
 
 def _both(title: str, own: str) -> str:

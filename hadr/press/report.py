@@ -13,17 +13,9 @@ import pandas as pd
 
 from hadr.experiments.tables import DEFAULT
 from hadr.figures.tables.results import NAMES, markdown, with_doubt
+from hadr.metrics import METRICS
 from hadr.records.result_file import read_result_file, read_result_files
 
-METRICS = (
-    ("rmse_m", "RMSE (cm)", 100),
-    ("rel", "REL (%)", 100),
-    ("mae_m", "MAE (cm)", 100),
-    ("delta_105", "δ1.05 (%)", 1),
-    ("delta_110", "δ1.10 (%)", 1),
-    ("delta_125", "δ1.25 (%)", 1),
-)
-"""Columns of the paper's tables: as in a row, as above a column, and the factor between."""
 _SWITCHED = {
     "coded-weights": "loss weights as coded",
     "wrist-translation": "wrist without rotation",
@@ -46,6 +38,11 @@ def _with_doubt(row: Mapping[str, Any]) -> str:
     return with_doubt(row["rmse_m"], row["rmse_standard_error_m"])
 
 
+def _cells(row: Mapping[str, Any]) -> dict[str, str]:
+    """All metrics of a row by their headings."""
+    return {metric.heading: metric.text(row.get(name)) for name, metric in METRICS.items()}
+
+
 def ledger_table(path: str | Path) -> str:
     """What the switches of `ledger.json` change, as Markdown: a column a switch, a line a metric.
 
@@ -55,12 +52,10 @@ def ledger_table(path: str | Path) -> str:
     columns = {}
     for row in read_result_file(path).rows:
         made = f"{row['epochs']} epochs, seed {' '.join(map(str, row['seeds']))}"
-        cells = {title: f"{factor * row[key]:.2f}" for key, title, factor in METRICS}
         name = _SWITCHED.get(row["method"], row["method"])
-        columns[name] = {**cells, "RMSE (cm)": _with_doubt(row), "trained": made}
+        columns[name] = {**_cells(row), "RMSE (cm)": _with_doubt(row), "trained": made}
         if row["method"] == DEFAULT:
-            pool = {title: f"{factor * row['pooled'][key]:.2f}" for key, title, factor in METRICS}
-            columns["metrics pooled"] = {**pool, "trained": made}
+            columns["metrics pooled"] = {**_cells(row["pooled"]), "trained": made}
     return markdown(pd.DataFrame(columns).rename_axis("metric").reset_index())
 
 

@@ -15,6 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from hadr.corruption import Corruption
+from hadr.data.folders import has_split
 from hadr.data.samples import samples_dir
 from hadr.experiments.again import measure_again, row_to_run
 from hadr.experiments.handover_table import (
@@ -39,7 +41,6 @@ from hadr.press.paper_report import TITLES, report
 from hadr.records.checkout import checkout_root
 from hadr.records.output_folder import check_output_folder, make_output_folder
 from hadr.simulation.trials.command import check_packages
-from hadr.training.batches import Corruption
 from hadr.training.processes import chosen_accelerator
 
 TINY_FRAMES = 48
@@ -181,8 +182,8 @@ def open_bench(options: Options) -> Bench:
     for root in roots:
         if not root.is_dir():
             raise FileNotFoundError(f"there is no data folder {root}")
-        if not (root / "train").is_dir():
-            raise FileNotFoundError(f"{root} has no folder 'train': it is none of TransHand's form")
+        if not has_split(root, "train"):
+            raise FileNotFoundError(f"{root} has no split 'train': its layout is not known")
     limit = TINY_FRAMES if tiny else None
     accelerator = chosen_accelerator(options.accelerator)
     return Bench(

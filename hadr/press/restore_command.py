@@ -7,11 +7,14 @@ import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
+import tyro
 from numpy.typing import NDArray
 
 from hadr.camera import Intrinsics, load_intrinsics
+from hadr.corruption import Corruption
 from hadr.frame_io import (
     check_replaceable,
     finished_folder,
@@ -23,10 +26,15 @@ from hadr.frame_io import (
     write_image,
     write_point_cloud,
 )
-from hadr.restoration import Method, Restoration, Restorer
-from hadr.trained_networks import Corruption
+from hadr.models.networks import RIVALS
+from hadr.restoration import METHODS, Restoration, Restorer
 
-EPILOG = """\
+if TYPE_CHECKING:
+    Method = str
+else:
+    Method = tyro.extras.literal_type_from_choices(METHODS)
+
+EPILOG = f"""\
 units and frames
   Depth is z-depth (not the distance along the ray) in metres, 0 or NaN where
   missing. Points are in the camera frame: x right, y down, z forward. Colour
@@ -38,7 +46,7 @@ methods
   hadr         a network of this kind, or an error that says why no checkpoint
   hadr-plus    fits
   unet-hand
-  lidf, dfnet, swindrnet, tode
+  {", ".join(RIVALS)}
                the same, for the systems that the paper compares with
   nearest      depth of the nearest measured pixel outside the mask
   inpaint      OpenCV's inpainting (Telea)
@@ -134,8 +142,8 @@ class Options:
     keypoint_network: str | None = None
     """a hand-keypoint network: predicts the hand"""
     corruption: Corruption | None = None
-    """depth measured inside the mask: oracle discards it, sensor gives it to the network; unset: as
-    the checkpoint was trained"""
+    """depth measured inside the mask: oracle and erased discard it, sensor and analytic give it to
+    the network; unset: as the checkpoint was trained"""
     out: str
     """folder for the result"""
     overwrite: bool = False

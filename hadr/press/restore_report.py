@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from hadr import __version__
 from hadr.camera import BoolArray, Intrinsics, valid_depth
 from hadr.figures import panels
-from hadr.metrics import frame_metrics
+from hadr.metrics import METRICS, frame_metrics
 from hadr.models.networks import DEPTH_NETWORKS, NETWORKS
 from hadr.restoration import Restoration
 
@@ -190,14 +190,7 @@ def summary(report: Mapping[str, Any], out: str) -> str:
     for name, row in report["errors_in_mask"].items():
         if name == "restored_where_measured":
             name = "the same, where measured"
-        deltas = "  ".join(
-            f"d{factor:.2f} {row[key]:.2f} %"
-            for factor, key in ((1.05, "delta_105"), (1.1, "delta_110"), (1.25, "delta_125"))
-        )
-        lines.append(
-            f"  {name:<24} RMSE {row['rmse_m']:.4f} m  REL {row['rel']:.4f}  "
-            f"MAE {row['mae_m']:.4f} m  {deltas}  over {row['pixels']} of "
-            f"{row['scorable']} pixels"
-        )
+        found = "  ".join(f"{m.heading} {m.text(row[key])}" for key, m in METRICS.items())
+        lines.append(f"  {name:<24} {found}  over {row['pixels']} of {row['scorable']} pixels")
     lines.append(f"written   {out}  ({sum(report['seconds'].values()):.1f} s)")
     return "\n".join(lines)

@@ -1,13 +1,12 @@
 """Restoration without learning: the questions to ask every table first.
 
-Each method takes `(depth, mask, ...)` and returns depth. Only the mask's pixels change, and what
-was measured inside the mask is never used: it is what the camera got wrong. Depth is z-depth in
-metres, shape (H, W); 0 or NaN marks a missing value on the way in, 0 on the way out.
+Each method takes z-depth in metres, shape (H, W), 0 or NaN where missing, and the pixels to
+restore, a mask (H, W) bool, and returns depth of the same form with 0 where missing. Only the
+mask's pixels change, and what was measured inside the mask is never used: it is what the camera got
+wrong. Where shapes differ, a `ValueError` says so.
 """
 
 from __future__ import annotations
-
-from typing import Literal
 
 import cv2
 import numpy as np
@@ -16,34 +15,20 @@ from scipy import ndimage
 
 from hadr.camera import BoolArray, FloatArray, valid_depth, window_around
 
-Inpainting = Literal["telea", "navier-stokes"]
+SLACK_M = 0.06
+"""How far the skin may be from the keypoints' depths, metres."""
 
 
 def raw(depth: FloatArray, mask: BoolArray) -> FloatArray:
-    """Leave the depth as it is: the least that a method must beat.
-
-    Args:
-        depth: z-depth in metres, shape (H, W).
-        mask: Pixels to restore, shape (H, W) bool.
-
-    Returns:
-        The depth, NaN replaced by 0, shape (H, W).
-    """
+    """Leave the depth as it is, NaN replaced by 0: the least that a method must beat."""
     return _checked(depth, mask)
 
 
 def nearest_valid(depth: FloatArray, mask: BoolArray) -> FloatArray:
     """Give every pixel of the mask the depth of the nearest measured pixel outside of it.
 
-    Args:
-        depth: z-depth in metres, shape (H, W).
-        mask: Pixels to restore, shape (H, W) bool.
-
-    Returns:
-        Filled depth, shape (H, W).
-
     Raises:
-        ValueError: Shapes differ, or no pixel outside the mask has depth.
+        ValueError: No pixel outside the mask has depth.
     """
     restored = _checked(depth, mask)
     source = (restored > 0) & ~mask
@@ -53,30 +38,16 @@ def nearest_valid(depth: FloatArray, mask: BoolArray) -> FloatArray:
     return restored
 
 
-def inpaint(
-    depth: FloatArray, mask: BoolArray, method: Inpainting = "telea", radius_px: float = 3.0
-) -> FloatArray:
-    """Fill the mask with OpenCV's inpainting.
+def inpaint(depth: FloatArray, mask: BoolArray) -> FloatArray:
+    """Fill the mask with OpenCV's inpainting (Telea's fast marching), each pixel from 3 around it.
 
     OpenCV overshoots on float images, so the depth goes in as 16-bit steps of 0.1 mm (1 mm where
     the scene is deeper than 6.5 m). Missing pixels around the mask are filled along with it, so
     that their zeros do not bleed in, and are missing again afterwards.
 
-    Args:
-        depth: z-depth in metres, shape (H, W).
-        mask: Pixels to restore, shape (H, W) bool.
-        method: "telea" (fast marching) or "navier-stokes".
-        radius_px: Neighbourhood that a pixel is filled from, pixels.
-
-    Returns:
-        Filled depth, shape (H, W), to the step of 0.1 mm (or 1 mm).
-
     Raises:
-        ValueError: Shapes differ, no pixel outside the mask has depth, or the method is unknown.
+        ValueError: No pixel outside the mask has depth.
     """
-    flags = {"telea": cv2.INPAINT_TELEA, "navier-stokes": cv2.INPAINT_NS}
-    if method not in flags:
-        raise ValueError(f"method must be one of {sorted(flags)}, got {method!r}")
     restored = _checked(depth, mask)
     _check_source((restored > 0) & ~mask)
     if not mask.any():
@@ -89,23 +60,13 @@ def inpaint(
         raise ValueError(f"depth must be below 65.5 m for inpainting, got {deepest:.1f} m")
     steps = np.rint(piece / step_m).astype(np.uint16)
     unknown = (hole | (piece <= 0)).astype(np.uint8)
-    filled = cv2.inpaint(steps, unknown, radius_px, flags[method])
+    filled = cv2.inpaint(steps, unknown, 3.0, cv2.INPAINT_TELEA)
     piece[hole] = filled[hole].astype(np.float32) * np.float32(step_m)
     return restored
 
 
-def hand_region(
-    shape: tuple[int, int], keypoints_uv: NDArray[np.floating], margin_px: float = 0.0
-) -> BoolArray:
-    """Mark the convex hull of the keypoints: the hand without the forearm.
-
-    Args:
-        shape: (H, W) of the image.
-        keypoints_uv: Keypoints in pixels (column, row), shape (21, 2).
-        margin_px: How far the hull is widened, pixels.
-
-    Returns:
-        True inside the hull, shape (H, W).
+def hand_region(shape: tuple[int, int], keypoints_uv: NDArray[np.floating]) -> BoolArray:
+    """Mark the convex hull of keypoints (21, 2), pixels (column, row): no forearm.
 
     Raises:
         ValueError: The keypoints are not (21, 2) finite numbers.
@@ -118,12 +79,6 @@ def hand_region(
     hull = cv2.convexHull(np.clip(np.rint(keypoints_uv), -limit, limit).astype(np.int32))
     region = np.zeros(shape, np.uint8)
     cv2.fillConvexPoly(region, hull, 1)
-    if margin_px > 0:
-        size = 2 * round(margin_px) + 1
-        region = np.asarray(
-            cv2.dilate(region, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))),
-            dtype=np.uint8,
-        )
     return region.astype(bool)
 
 
@@ -133,28 +88,20 @@ def hand_median(
     keypoints_uv: NDArray[np.floating],
     keypoints_z: NDArray[np.floating],
     hand_mask: BoolArray | None = None,
-    slack_m: float = 0.06,
 ) -> FloatArray:
     """Give the whole mask one depth: the median depth of the hand without the forearm.
 
     The hand's pixels are those with a measured depth outside the object's mask that lie in the
     convex hull of the keypoints and, where a hand mask is known, in it; without one, those whose
-    depth is within `slack_m` of the keypoints' range. Where no pixel is left, the keypoints' own
+    depth is within `SLACK_M` of the keypoints' range. Where no pixel is left, the keypoints' own
     median depth is taken.
 
     Args:
-        depth: z-depth in metres, shape (H, W).
-        mask: Pixels to restore, shape (H, W) bool.
+        depth: See above.
+        mask: See above.
         keypoints_uv: Hand keypoints in pixels (column, row), shape (21, 2).
         keypoints_z: z-depth of the keypoints, camera frame, metres, shape (21,).
         hand_mask: Pixels of the hand and arm, shape (H, W) bool, if known.
-        slack_m: How far the skin may be from the keypoints' depths, metres.
-
-    Returns:
-        Depth with one value in the mask, shape (H, W).
-
-    Raises:
-        ValueError: Shapes differ.
     """
     restored = _checked(depth, mask)
     region = hand_region((depth.shape[0], depth.shape[1]), keypoints_uv)
@@ -165,9 +112,8 @@ def hand_median(
             )
         region &= hand_mask
     else:
-        region &= (restored > keypoints_z.min() - slack_m) & (
-            restored < keypoints_z.max() + slack_m
-        )
+        near, far = keypoints_z.min() - SLACK_M, keypoints_z.max() + SLACK_M
+        region &= (restored > near) & (restored < far)
     hand = restored[region & ~mask & (restored > 0)]
     restored[mask] = np.median(hand) if hand.size else np.median(keypoints_z)
     return restored

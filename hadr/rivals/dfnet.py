@@ -14,7 +14,6 @@ may when it learns; here it does both or neither.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -42,9 +41,6 @@ class DFNetConfig(NetworkConfig):
         far_m: Depth farther than this counts as missing, metres.
         fill_holes: Missing depth becomes that of the nearest pixel that has some; without it,
             missing depth stays 0, and the network can see where it is missing.
-
-    Raises:
-        ValueError: A count is not positive, or the range of depth is empty.
     """
 
     width: int = 64
@@ -58,30 +54,15 @@ class DFNetConfig(NetworkConfig):
     hand: ClassVar[str] = "none"
     """It does without the hand's keypoints."""
 
-    def __post_init__(self) -> None:
-        for name in ("width", "layers", "growth", "levels"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
-        if not (0 < self.near_m < self.far_m and math.isfinite(self.far_m)):
-            raise ValueError(
-                f"near_m must be above 0 and below a finite far_m, got {self.near_m} and "
-                f"{self.far_m}"
-            )
-
     def in_range(self, depth: Tensor) -> Tensor:
         """Say where depth in metres counts as known; the shape of `depth`, bool."""
         return (depth >= self.near_m) & (depth <= self.far_m)
 
 
 def fill_nearest(depth: Tensor, known: Tensor) -> Tensor:
-    """Give each pixel the depth of the nearest known one, in its own frame.
+    """Give each pixel of depth (B, H, W) that of the nearest known one (B, H, W) in its own frame.
 
-    Args:
-        depth: Shape (B, H, W).
-        known: Where it is known, shape (B, H, W), bool.
-
-    Returns:
-        Shape (B, H, W), the same where depth is known; zeros in a frame where none is.
+    A frame in which none is known becomes zeros.
     """
     filled = torch.zeros_like(depth)
     for number, there in enumerate(known.cpu().numpy()):
@@ -97,11 +78,7 @@ def fill_nearest(depth: Tensor, known: Tensor) -> Tensor:
 def frame_range(depth: Tensor) -> tuple[Tensor, Tensor]:
     """Give the depths that become 0 and 1: half a standard deviation beyond each frame's own.
 
-    Args:
-        depth: Metres, shape (B, H, W).
-
-    Returns:
-        Lower and upper end in metres, shape (B,) each.
+    From metres (B, H, W) to the lower and upper end in metres, (B,) each.
     """
     values = depth.flatten(1)  # (B, H W)
     margin = 0.5 * values.std(dim=1, correction=0) + MARGIN_M
@@ -120,10 +97,7 @@ def _conv(channels: int, out: int, kernel: int = 3, stride: int = 1) -> nn.Seque
 class DenseBlock(nn.Module):
     """Layers that each see the input, the depth, and all layers before; the last one answers.
 
-    Args:
-        channels: Channels of the input.
-        layers: Number of layers: 1x1 to 4 * growth channels, then 3x3 to growth.
-        growth: Channels of each layer's answer.
+    Each goes by 1x1 to 4 * growth channels, then by 3x3 to growth.
     """
 
     def __init__(self, channels: int, layers: int, growth: int) -> None:
@@ -141,15 +115,7 @@ class DenseBlock(nn.Module):
                 nn.init.zeros_(module.bias)  # type: ignore[arg-type]
 
     def forward(self, values: Tensor, depth: Tensor) -> Tensor:
-        """Answer.
-
-        Args:
-            values: Shape (B, channels, h, w).
-            depth: Normalised depth, shape (B, 1, h, w).
-
-        Returns:
-            Shape (B, growth, h, w).
-        """
+        """From (B, channels, h, w) and normalised depth (B, 1, h, w) to (B, growth, h, w)."""
         answer = values
         seen = torch.cat((values, depth), dim=1)
         for number, layer in enumerate(self.layers):
@@ -160,13 +126,7 @@ class DenseBlock(nn.Module):
 
 
 class DenseBranch(nn.Module):
-    """A convolution, a dense block and what brings its answer back to full width.
-
-    Args:
-        channels: Channels of the input.
-        config: Sizes.
-        after: From `growth` channels to `width`, at the wanted resolution.
-    """
+    """A convolution, a dense block, and `after`, which brings its answer back to full width."""
 
     def __init__(self, channels: int, config: DFNetConfig, after: nn.Module) -> None:
         super().__init__()
@@ -181,11 +141,7 @@ class DenseBranch(nn.Module):
 
 
 class DFNet(nn.Module):
-    """The whole network.
-
-    Args:
-        config: What it consists of.
-    """
+    """The whole network."""
 
     def __init__(self, config: DFNetConfig | None = None) -> None:
         super().__init__()
@@ -211,14 +167,10 @@ class DFNet(nn.Module):
         self.head = nn.Conv2d(width, 1, 1)
 
     def forward(self, inputs: HADRInput) -> ImageOutput:
-        """Restore the depth of masked pixels.
+        """Restore the depth of masked pixels; frames may be of any size.
 
-        Args:
-            inputs: A batch of frames of any size; a hand is not needed, and what was measured
-                inside the mask is seen.
-
-        Returns:
-            The restored depth; nothing in frames without any depth in the configured range.
+        What was measured inside the mask is seen. Nothing is restored in frames without any depth
+        in the configured range.
         """
         known = self.config.in_range(inputs.depth)  # (B, H, W)
         usable = known.flatten(1).any(dim=1)[:, None, None]  # (B, 1, 1)

@@ -41,7 +41,7 @@ from typing import ClassVar
 import torch
 from torch import Tensor, nn
 
-from hadr.models.backbone import IMAGENET_MEAN, IMAGENET_STD
+from hadr.models.backbone import imagenet_normal
 from hadr.models.blocks.dilated_resnet import DilatedResNet, DilatedResNetConfig
 from hadr.models.config import NetworkConfig
 from hadr.models.decoders import OffsetDecoder, encode_position
@@ -71,9 +71,6 @@ class LIDFConfig(NetworkConfig):
         first_share: Share of a training's epochs in which the first stage learns alone.
         perturb_probability: Chance that the ends of a training batch are perturbed before the
             refinement, 0..1.
-
-    Raises:
-        ValueError: A number is out of range.
     """
 
     hand: ClassVar[str] = "none"
@@ -90,25 +87,6 @@ class LIDFConfig(NetworkConfig):
     refine_range_m: float = 0.2
     first_share: float = 2 / 3
     perturb_probability: float = 0.8
-
-    def __post_init__(self) -> None:
-        for name in (
-            "feature_channels", "voxel_width", "offset_steps", "max_points", "refine_iterations"
-        ):  # fmt: skip
-            if getattr(self, name) < 1:
-                raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
-        if not self.decoder_widths or min(self.decoder_widths) < 1:
-            raise ValueError(
-                f"decoder_widths needs positive numbers, at least one, got {self.decoder_widths}"
-            )
-        if not self.refine_range_m > 0:
-            raise ValueError(f"refine_range_m must be positive, got {self.refine_range_m}")
-        if not 0 < self.first_share < 1:
-            raise ValueError(f"first_share must be between 0 and 1, got {self.first_share}")
-        if not 0 <= self.perturb_probability <= 1:
-            raise ValueError(
-                f"perturb_probability must be from 0 to 1, got {self.perturb_probability}"
-            )
 
     @property
     def first_stage(self) -> HADRConfig:
@@ -151,11 +129,7 @@ class LIDFOutput(HADROutput):
 
 
 class Refinement(nn.Module):
-    """Move points along their rays, seeing what lies around them.
-
-    Args:
-        config: Of the whole network.
-    """
+    """Move points along their rays, seeing what lies around them."""
 
     def __init__(self, config: LIDFConfig) -> None:
         super().__init__()
@@ -179,7 +153,7 @@ class Refinement(nn.Module):
         seen: Seen,
         occupied: OccupiedVoxels,
     ) -> Tensor:
-        """Compute the moves.
+        """Compute each ray's move in each iteration, metres along the ray, (R, iterations).
 
         Args:
             distance: Distance of each ray's answer along the ray, metres, shape (R,).
@@ -189,9 +163,6 @@ class Refinement(nn.Module):
                 shape (R,), long.
             seen: What the first stage saw on these R rays, and the measured points.
             occupied: The occupied voxels.
-
-        Returns:
-            Move of each iteration, metres along the ray, shape (R, iterations).
         """
         config = self.config
         own = torch.arange(len(distance), device=distance.device)
@@ -220,11 +191,7 @@ class Refinement(nn.Module):
 
 
 class LIDF(nn.Module):
-    """The whole network.
-
-    Args:
-        config: What it consists of.
-    """
+    """The whole network."""
 
     def __init__(self, config: LIDFConfig | None = None) -> None:
         super().__init__()
@@ -234,11 +201,7 @@ class LIDF(nn.Module):
         )
         self.refinement = Refinement(config) if config.refine else None
         self.register_buffer("stage", torch.tensor(1))
-        self.register_buffer("mean", torch.tensor(IMAGENET_MEAN)[:, None, None], persistent=False)
-        self.register_buffer("std", torch.tensor(IMAGENET_STD)[:, None, None], persistent=False)
         self.stage: Tensor
-        self.mean: Tensor
-        self.std: Tensor
 
     @property
     def refines(self) -> bool:
@@ -246,11 +209,7 @@ class LIDF(nn.Module):
         return self.refinement is not None and int(self.stage) == 2
 
     def set_stage(self, stage: int) -> None:
-        """Go to a stage.
-
-        Args:
-            stage: 1: the first stage alone, which learns. 2: the refinement runs and learns, the
-                first stage is frozen.
+        """Go to stage 1, the first stage alone, or 2, the refinement with the first stage frozen.
 
         Raises:
             ValueError: There is no such stage, or the network has no refinement.
@@ -277,23 +236,18 @@ class LIDF(nn.Module):
         true_depth: Tensor | None = None,
         perturbation_m: float = 0.0,
     ) -> LIDFOutput:
-        """Restore the depth of masked pixels.
+        """Restore the depth of masked pixels; the hand's keypoints are not looked at.
 
         Args:
-            inputs: A batch of frames; the hand's keypoints are not looked at.
-            rays: Rows (frame, row, column) of the pixels to restore, shape (R, 3), long; all
-                pixels of the mask where they are left out.
-            true_depth: True z-depth in metres, shape (B, H, W), 0 = unknown: where it is given, a
-                ray takes its true voxel, as in `HADR.forward`.
+            inputs: A batch of frames.
+            rays: As in `HADR.forward`.
+            true_depth: As in `HADR.forward`.
             perturbation_m: The first stage's points are moved away by this along their rays
                 before they are refined, metres; without refinement it does nothing.
-
-        Returns:
-            The restored depth and what belongs to it.
         """
         picture = float_color(inputs.color)  # (B, 3, H, W)
         if self.config.normalize_color:
-            picture = (picture - self.mean) / self.std
+            picture = imagenet_normal(picture)
         frozen = self.refines
         with torch.set_grad_enabled(torch.is_grad_enabled() and not frozen):
             first, seen = self.first.restore(

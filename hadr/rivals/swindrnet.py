@@ -29,7 +29,7 @@ from typing import Any, ClassVar
 import torch
 from torch import Tensor, nn
 
-from hadr.models.backbone import IMAGENET_MEAN, IMAGENET_STD, BackboneConfig, build_swin, enlarge
+from hadr.models.backbone import BackboneConfig, build_swin, enlarge, imagenet_normal
 from hadr.models.blocks.cross_fusion import CrossFusion
 from hadr.models.blocks.pyramid_head import PyramidHead
 from hadr.models.config import NetworkConfig
@@ -56,9 +56,6 @@ class SwinDRNetConfig(NetworkConfig):
         mix_missing: Missing depth takes part in the mix as 0 m, as published; False gives it no
             share.
         start_m: Depth in metres around which the untrained depth head answers; 0 is published.
-
-    Raises:
-        ValueError: A number is out of its range, or the heads do not divide a stage's channels.
     """
 
     hand: ClassVar[str] = "none"
@@ -70,22 +67,6 @@ class SwinDRNetConfig(NetworkConfig):
     dropout: float = 0.1
     mix_missing: bool = False
     start_m: float = 0.5
-
-    def __post_init__(self) -> None:
-        for name in ("channels", "fusion_heads"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
-        if not self.pools or min(self.pools) < 1:
-            raise ValueError(f"pools must be one or more numbers from 1 on, got {self.pools}")
-        if not 0 <= self.dropout < 1:
-            raise ValueError(f"dropout must be at least 0 and less than 1, got {self.dropout}")
-        if not self.start_m >= 0:
-            raise ValueError(f"start_m must be at least 0 m, got {self.start_m}")
-        for channels in self.backbone.channels:
-            if channels % self.fusion_heads:
-                raise ValueError(
-                    f"{self.fusion_heads} fusion_heads do not divide a stage of {channels} channels"
-                )
 
 
 @dataclass(frozen=True)
@@ -105,9 +86,6 @@ class SwinDRNetOutput(ImageOutput):
 
 class SwinDRNet(nn.Module):
     """The whole network.
-
-    Args:
-        config: What it consists of.
 
     Raises:
         OSError: Published weights are named and can't be had.
@@ -131,25 +109,14 @@ class SwinDRNet(nn.Module):
         self.depth_head = PyramidHead(widths, config.channels, 1, config.pools, config.dropout)
         self.confidence_head = PyramidHead(widths, config.channels, 2, config.pools, config.dropout)
         nn.init.constant_(self.depth_head.last.bias, config.start_m)  # type: ignore[arg-type]
-        self.register_buffer("mean", torch.tensor(IMAGENET_MEAN)[:, None, None], persistent=False)
-        self.register_buffer("std", torch.tensor(IMAGENET_STD)[:, None, None], persistent=False)
-        self.mean: Tensor
-        self.std: Tensor
 
     def forward(self, inputs: HADRInput) -> SwinDRNetOutput:
-        """Restore the depth of masked pixels.
-
-        Args:
-            inputs: A batch of frames of any size; no hand is needed.
-
-        Returns:
-            The restored depth.
-        """
+        """Restore the depth of masked pixels; frames may be of any size."""
         raw = inputs.depth  # (B, H, W)
         size, patch = raw.shape[1:], self.config.backbone.patch
         color = float_color(inputs.color)  # (B, 3, H, W)
         if self.config.backbone.normalize_color:
-            color = (color - self.mean) / self.std
+            color = imagenet_normal(color)
         seen = self.color_swin(color).feature_maps  # each (B, C_i, H_i, W_i)
         measured = self.depth_swin(raw.unsqueeze(1).expand(-1, 3, -1, -1)).feature_maps
         stages = [

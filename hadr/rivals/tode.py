@@ -53,10 +53,6 @@ class TODEConfig(NetworkConfig):
         width: Channels of the decoder; half as many at the image's own resolution.
         gate: How much of a coarse level passes through the finer one's gate, 0..1; the rest passes
             as it is.
-
-    Raises:
-        ValueError: The numbers of stages differ, heads do not divide a stage's channels, or a
-            number is out of its range.
     """
 
     hand: ClassVar[str] = "none"
@@ -69,25 +65,6 @@ class TODEConfig(NetworkConfig):
     drop_path: float = 0.1
     width: int = 128
     gate: float = 1.0
-
-    def __post_init__(self) -> None:
-        if len(self.depths) != len(self.heads) or not self.depths:
-            raise ValueError(
-                f"depths and heads need one number a stage, got {self.depths} and {self.heads}"
-            )
-        for name, least in (("patch", 1), ("embed_dim", 1), ("window", 2), ("width", 2)):
-            if getattr(self, name) < least:
-                raise ValueError(f"{name} must be at least {least}, got {getattr(self, name)}")
-        for name, values in (("depths", self.depths), ("heads", self.heads)):
-            if min(values) < 1:
-                raise ValueError(f"{name} must be at least 1 each, got {values}")
-        for channels, heads in zip(self.channels, self.heads, strict=True):
-            if channels % heads:
-                raise ValueError(f"{heads} heads do not divide a stage of {channels} channels")
-        if not 0 <= self.drop_path < 1:
-            raise ValueError(f"drop_path must be at least 0 and below 1, got {self.drop_path}")
-        if not 0 <= self.gate <= 1:
-            raise ValueError(f"gate must be from 0 to 1, got {self.gate}")
 
     @property
     def channels(self) -> tuple[int, ...]:
@@ -125,11 +102,8 @@ def fuse_levels(stages: Sequence[Tensor], gate: float) -> list[Tensor]:
 
     Args:
         stages: Feature maps, the finest first, each (B, C_i, H_i, W_i) and half the size of the
-            one before, rounded up.
+            one before, rounded up; the first stays.
         gate: How much passes the gate, 0..1; the rest passes as it is.
-
-    Returns:
-        The fused levels, of the same shapes; the first is the first stage.
     """
     fused = [stages[0]]
     for coarse in stages[1:]:
@@ -160,11 +134,7 @@ class _Enlarge(nn.Module):
 
 
 class TODETrans(nn.Module):
-    """The whole network.
-
-    Args:
-        config: What it consists of.
-    """
+    """The whole network."""
 
     def __init__(self, config: TODEConfig | None = None) -> None:
         super().__init__()
@@ -188,14 +158,7 @@ class TODETrans(nn.Module):
                 nn.init.kaiming_normal_(module.weight, mode="fan_out")
 
     def forward(self, inputs: HADRInput) -> ImageOutput:
-        """Restore depth.
-
-        Args:
-            inputs: A batch of frames of any size; hand and intrinsics are not looked at.
-
-        Returns:
-            The restored depth.
-        """
+        """Restore depth; frames may be of any size, hand and intrinsics are not looked at."""
         measured = inputs.depth  # (B, H, W)
         measured = torch.where((measured > 0) & (measured <= LIMIT_M), measured, 0)
         seen = torch.cat((float_color(inputs.color), measured[:, None]), dim=1)  # (B, 4, H, W)

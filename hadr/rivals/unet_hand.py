@@ -33,18 +33,10 @@ class UNetHandConfig(NetworkConfig):
     Args:
         width: Channels at half of the input's resolution, twice as many at each coarser one.
         levels: Number of resolutions, the first included.
-
-    Raises:
-        ValueError: A number is not positive.
     """
 
     width: int = 38
     levels: int = 4
-
-    def __post_init__(self) -> None:
-        for name, value in self.to_dict().items():
-            if value < 1:
-                raise ValueError(f"{name} must be at least 1, got {value}")
 
 
 def _twice(channels: int, out: int) -> nn.Sequential:
@@ -56,11 +48,7 @@ def _twice(channels: int, out: int) -> nn.Sequential:
 
 
 class UNetHand(nn.Module):
-    """The whole network.
-
-    Args:
-        config: What it consists of.
-    """
+    """The whole network."""
 
     channels = 3 + 1 + 2 + 2  # colour, mask, relative depth and where near, keypoints twice
 
@@ -74,13 +62,7 @@ class UNetHand(nn.Module):
         self.head = nn.Conv2d(widths[0], 4, 1)
 
     def forward(self, inputs: HADRInput) -> DepthOutput:
-        """Restore the depth of masked pixels.
-
-        Args:
-            inputs: A batch of frames of even height and width; each has a hand.
-
-        Returns:
-            The restored depth.
+        """Restore the depth of masked pixels, in frames of even height and width.
 
         Raises:
             ValueError: A frame has no hand, or height or width is odd.

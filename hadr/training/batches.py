@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Any, Literal, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 import torch
@@ -13,20 +13,12 @@ from torch import Tensor
 from tqdm import tqdm
 
 from hadr.camera import resize_depth, resize_mask
-from hadr.corruption import CAPTURED, ERASED, ORACLE, SENSOR, CorruptionConfig, corrupt
+from hadr.corruption import CORRUPTIONS, Corruption, corrupt
 from hadr.models.hadr_input import HADRInput, frame_to_input, stack_inputs
 from hadr.records.provenance import usable_cores
 
 if TYPE_CHECKING:
     from hadr.data.frame import Frame
-
-Corruption = Literal["oracle", "analytic", "sensor", "erased"]
-CORRUPTIONS: dict[str, CorruptionConfig] = {
-    "oracle": ORACLE,
-    "analytic": SENSOR,
-    "sensor": CAPTURED,
-    "erased": ERASED,
-}
 
 
 @runtime_checkable

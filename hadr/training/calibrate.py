@@ -19,7 +19,6 @@ import numpy as np
 import tyro
 from numpy.typing import NDArray
 from torch import nn
-from torch.utils.data import ConcatDataset, Subset
 
 from hadr.camera import FloatArray
 from hadr.confidence import (
@@ -32,12 +31,13 @@ from hadr.confidence import (
     sparsification,
     within_learned,
 )
-from hadr.data.transhand import TransHand
+from hadr.corruption import Corruption
+from hadr.data.folders import FrameSource, open_folder
 from hadr.models.networks import NETWORKS
 from hadr.records.output_folder import check_writable
 from hadr.records.provenance import provenance
 from hadr.records.result_file import write_result_file
-from hadr.training.batches import Corruption, FrameTensors, load_frames
+from hadr.training.batches import FrameTensors, load_frames
 from hadr.training.checkpoints import kind_of, load_checkpoint, update_record
 from hadr.training.evaluation import predict
 
@@ -274,9 +274,8 @@ def run(options: Options) -> int:
 def _load(
     options: Options, split: str, objects: Sequence[str] | None, size: tuple[int, int]
 ) -> FrameTensors:
-    parts: list[Any] = [TransHand(folder, split, objects) for folder in options.data]
-    source: Any = ConcatDataset(parts)
+    source = FrameSource([open_folder(folder, split, objects) for folder in options.data])
     if split == "train" and len(source) > RANGE_FRAMES:
         step = len(source) / RANGE_FRAMES
-        source = Subset(source, [int(step * n) for n in range(RANGE_FRAMES)])
+        source = FrameSource(source.folders, [int(step * n) for n in range(RANGE_FRAMES)])
     return load_frames(source, size, options.corruption, options.seed)

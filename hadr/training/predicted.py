@@ -14,12 +14,12 @@ from typing import Any
 import torch
 from torch import Tensor
 from torch.nn import functional
-from torch.utils.data import ConcatDataset
 
-from hadr.data.transhand import TransHand
+from hadr.corruption import CORRUPTIONS, Corruption
+from hadr.data.folders import FrameSource, has_split, open_folder
 from hadr.models.hadr_input import HADRInput
 from hadr.models.hand.keypoints import keypoints_where_seen
-from hadr.training.batches import Corruption, FrameList, FrameTensors, load_frames
+from hadr.training.batches import FrameList, FrameTensors, load_frames
 from hadr.training.checkpoints import load_checkpoint
 
 TRUE = "true"
@@ -73,17 +73,16 @@ class Given:
 
 def open_split(
     folders: Sequence[str | Path], split: str, objects: Sequence[str] | None = None
-) -> ConcatDataset[Any] | None:
+) -> FrameSource | None:
     """Open a split of some data folders, joined; None where none of them has it.
 
     Raises:
         FileNotFoundError: An object is missing.
     """
-    there = [Path(folder) for folder in folders if (Path(folder) / split).is_dir()]
+    there = [folder for folder in folders if has_split(folder, split)]
     if not there:
         return None
-    opened: list[Any] = [TransHand(folder, split, objects) for folder in there]
-    return ConcatDataset(opened)
+    return FrameSource([open_folder(folder, split, objects) for folder in there])
 
 
 def read_split(
@@ -159,7 +158,7 @@ def with_predicted(
 def _with_mask(inputs: HADRInput, masks: Tensor, given: Given) -> HADRInput:
     """Put predicted masks in place of the true ones; depth that is erased in those is in these."""
     mask, depth = resized(masks, inputs.mask), inputs.depth
-    if given.corruption in ("oracle", "erased"):
+    if CORRUPTIONS[given.corruption].erase:
         depth = torch.where(mask, torch.zeros_like(depth), depth)
     return replace(inputs, mask=mask, depth=depth)
 

@@ -112,14 +112,10 @@ def test_each_frame_shows_a_bundled_recording(splits):
 
 def test_the_known_and_the_unknown_objects(splits):
     parts = open_known_unknown()
-    assert [len(getattr(parts, n)) for n in ("train", "val", "known", "unknown")] == [
-        6 * 42,
-        6 * 12,
-        6 * 6,
-        2 * 60,
-    ]
-    assert set(parts.unknown.object_ids) == {"0004", "0007"}
-    holds = {n: set(getattr(parts, n).hold_ids) for n in ("train", "val", "known", "unknown")}
+    counts = {"train": 6 * 42, "val": 6 * 12, "known": 6 * 6, "unknown": 2 * 60}
+    assert {name: len(frames) for name, frames in parts.items()} == counts
+    assert set(parts["unknown"].object_ids) == {"0004", "0007"}
+    holds = {name: set(frames.hold_ids) for name, frames in parts.items()}
     assert sum(map(len, holds.values())) == len(set().union(*holds.values())) == 240
 
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from hadr.camera import TRANSHAND_CAMERA, project
-from hadr.data.camera_log import camera_log, camera_pose, native_pixels
+from hadr.data.camera_log import camera_log, camera_pose
 from hadr.data.frame import Frame, write_frame
 from hadr.data.frame_pictures import DisparityScale
 from hadr.data.transhand import TransHand
@@ -64,10 +64,11 @@ def _more(rng):
     return raw, normals.astype(np.float32), pose
 
 
-@pytest.mark.parametrize("nested", [True, False])
-@pytest.mark.parametrize("object_folder", ["obj_mask", "object_mask"])
-@pytest.mark.parametrize("depth_format", ["npy", "png"])
-def test_round_trip_in_every_layout(tmp_path, nested, object_folder, depth_format):
+@pytest.mark.parametrize(
+    ("nested", "object_folder", "depth_format"),
+    [(True, "obj_mask", "npy"), (False, "object_mask", "png")],
+)
+def test_round_trip_in_both_layouts(tmp_path, nested, object_folder, depth_format):
     frame = make_frame(background=True)
     write_frame(
         tmp_path, frame, nested=nested, object_folder=object_folder, depth_format=depth_format
@@ -247,15 +248,6 @@ def test_a_frame_in_the_authors_form(tmp_path):
     assert frame.hold_id is None
 
 
-def test_a_turned_camera_by_hand(tmp_path):
-    """Turned by 90 degrees about x, Blender's camera looks along the world's +y, z up."""
-    pose = camera_pose([1.0, 2.0, 3.0], [90.0, 0.0, 0.0])
-    ahead = np.linalg.inv(pose) @ [1.0, 5.0, 3.0, 1.0]
-    np.testing.assert_allclose(ahead, [0, 0, 3.0, 1], atol=1e-12)
-    above = np.linalg.inv(pose) @ [1.0, 5.0, 3.5, 1.0]
-    np.testing.assert_allclose(above[:3], [0, -0.5, 3.0], atol=1e-12)
-
-
 @settings(max_examples=50)
 @given(
     st.tuples(*[st.floats(-5, 5)] * 3),
@@ -269,11 +261,6 @@ def test_euler_angles_are_rz_ry_rx_and_round_trip(point, angle):
     pose = camera_pose(point, angle)
     np.testing.assert_allclose(pose[:3, :3], rz @ ry @ rx @ np.diag([1, -1, -1]), atol=1e-9)
     np.testing.assert_allclose(camera_pose(*camera_log(pose)), pose, atol=1e-9)
-
-
-def test_pixels_of_a_small_image_are_stored_at_native_size():
-    corner = native_pixels([[-0.5, -0.5], [W - 0.5, H - 0.5]], CAMERA)
-    np.testing.assert_allclose(corner, [[-0.5, -0.5], [1279.5, 719.5]])
 
 
 def test_frames_are_listed_by_object_and_sliced(tmp_path):
@@ -333,10 +320,9 @@ BROKEN = {
     "folder",
     ["rgb", "depth_png", "obj_mask", "hand_mask", "raw_depth", "normals", "background_depth_png"],
 )
-@pytest.mark.parametrize("quality", [None, 90])
-def test_a_broken_picture_is_named(tmp_path, folder, damage, quality):
+def test_a_broken_picture_is_named(tmp_path, folder, damage):
     frame = make_frame(background=True, more=True)
-    write_frame(tmp_path, frame, depth_format="png", jpeg_quality=quality)
+    write_frame(tmp_path, frame, depth_format="png", jpeg_quality=90)
     path = next((tmp_path / "train/0004/depth" / folder).iterdir())
     path.write_bytes(BROKEN[damage](path.read_bytes()))
     frames = TransHand(tmp_path, "train")  # files are opened when a frame is asked for
@@ -402,13 +388,6 @@ def test_a_frame_that_cant_be_written_leaves_nothing(tmp_path, monkeypatch):
     with pytest.raises(OSError, match="No space left"):
         write_frame(tmp_path, make_frame())
     assert not list(tmp_path.rglob("*"))
-
-
-def test_several_splits_one_after_the_other(tmp_path):
-    for stem, split in (("a", "test"), ("b", "train")):
-        write_frame(tmp_path, make_frame(stem, split=split))
-    frames = TransHand(tmp_path, ("train", "test"))
-    assert [(f.stem, f.split) for f in frames] == [("b", "train"), ("a", "test")]
 
 
 def test_pairing_by_order_takes_other_stems(tmp_path):

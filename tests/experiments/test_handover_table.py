@@ -68,8 +68,8 @@ def test_the_table_has_a_row_a_condition(tmp_path: Path, monkeypatch: pytest.Mon
 
     monkeypatch.setattr(experiment, "run_attempts", attempted)
     monkeypatch.setattr(
-        experiment, "arm_row",
-        lambda arm, names: {"arm": arm, "successes": 1, "attempts": len(names),
+        experiment, "condition_row",
+        lambda condition, names: {"arm": condition, "successes": 1, "attempts": len(names),
                             "mean_wall_seconds": 4.0},
     )  # fmt: skip
     plan = planned_attempts("tiny", 0)

@@ -12,7 +12,6 @@ import pytest
 from filelock import FileLock
 
 from hadr.data.samples import samples_dir
-from hadr.data.transhand import FrameFiles
 from hadr.experiments import runner
 from hadr.experiments.again import measure_again
 from hadr.experiments.conditions import (
@@ -26,7 +25,6 @@ from hadr.experiments.conditions import (
 )
 from hadr.experiments.plan import measure_all, plan, table_steps
 from hadr.experiments.runner import Bench, Run
-from hadr.experiments.splits import FrameSource
 from hadr.experiments.systems import System, system
 from hadr.experiments.tables import ABLATION, FILES, against_next, write_tables
 from hadr.press.paper_report import report
@@ -163,19 +161,13 @@ def test_frames_dealt_out_are_as_many_and_have_sisters(made: tuple[Bench, Path])
         names, holds = {}, {}
         for part in ("train", "val", "test"):
             source = whole.source(run, part)
-            names[part] = [f"{f.split}/{f.object_id}/{f.stem}" for f in files_of(source)]
-            holds[part] = set(source.holds([name.split("/", 1)[1] for name in names[part]]))
+            names[part] = source.names
+            holds[part] = set(source.holds(source.names))
             assert len(names[part]) == whole.count(known, part)
         assert len({name for listed in names.values() for name in listed}) == sum(
             len(listed) for listed in names.values()
         )
         assert bool(holds["train"] & holds["test"]) == leaks
-
-
-def files_of(source: FrameSource) -> list[FrameFiles]:
-    """The files of each frame, without reading pictures."""
-    everything = [files for folder in source.folders for files in folder.files]
-    return [everything[number] for number in source._chosen]
 
 
 def test_conditions_are_measured_once_and_sealed(made: tuple[Bench, Path]) -> None:

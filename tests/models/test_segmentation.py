@@ -1,7 +1,5 @@
 """The U-Net of both helpers, and the segmentation network on top."""
 
-import json
-
 import pytest
 import torch
 
@@ -64,9 +62,7 @@ def test_masks_are_positive_logits_and_bad_colour_is_named() -> None:
         predict_masks(model, color)
 
 
-def test_configurations_go_through_json_and_say_what_is_wrong() -> None:
-    config = SegmentationConfig(SMALL)
-    assert SegmentationConfig.from_dict(json.loads(json.dumps(config.to_dict()))) == config
+def test_wrong_configurations_are_named() -> None:
     with pytest.raises(ValueError, match="first class must be 'object', got"):
         SegmentationConfig(SMALL, ("hand", "object"))
     with pytest.raises(ValueError, match=r"widths needs 4 positive numbers, got \(8, 8\)"):
@@ -91,14 +87,3 @@ def test_published_weights_for_another_number_of_channels(monkeypatch: pytest.Mo
     wide = UNetConfig((1, 1, 1, 1), (8, 8, 8, 8), SMALL.decoder, pretrained="some/resnet")
     with pytest.raises(ValueError, match="'some/resnet' has depths and widths"):
         build_resnet(wide, 3)
-
-
-def test_weights_that_cannot_be_fetched_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    from transformers import ResNetBackbone
-
-    def fail(name: str) -> None:
-        raise OSError("no network")
-
-    monkeypatch.setattr(ResNetBackbone, "from_pretrained", fail)
-    with pytest.raises(OSError, match="'microsoft/resnet-18' are not in the local cache"):
-        build_resnet(UNetConfig(pretrained="microsoft/resnet-18"), 3)

@@ -48,15 +48,6 @@ def test_each_voxel_depends_on_its_own_points_only() -> None:
     assert same.tolist() == [True, True, True, False, True, True, True]
 
 
-def test_duplicated_points_change_nothing() -> None:
-    points, color, voxel, centers = cloud()
-    model = encoder()
-    twice = [torch.cat((x, x[:50])) for x in (points, color, voxel)]
-    torch.testing.assert_close(
-        model(*twice, centers), model(points, color, voxel, centers), rtol=1e-5, atol=1e-6
-    )
-
-
 def test_moving_points_and_voxels_together_changes_nothing() -> None:
     points, color, voxel, centers = (x.double() if x.is_floating_point() else x for x in cloud())
     model = encoder().double()
@@ -117,14 +108,6 @@ def test_split_layer_is_one_linear_on_the_joined_vector() -> None:
     torch.testing.assert_close(
         model.mix_point(point) + model.mix_voxel(voxel), joined(torch.cat((point, voxel), dim=1))
     )
-
-
-def test_color_is_used_in_both_forms() -> None:
-    for point_fusion, channels in ((True, 32), (False, 3)):
-        points, color, voxel, centers = cloud(channels=channels)
-        model = encoder(point_fusion)
-        before = model(points, color, voxel, centers)
-        assert (model(points, color + 0.5, voxel, centers) - before).abs().max() > 1e-3
 
 
 def test_widths_are_the_papers() -> None:

@@ -9,13 +9,14 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 
 from hadr.cli import parse_options
 from hadr.experiments.plan import plan
 from hadr.figures.tables.comparison import PUBLISHED_NAMES
+from hadr.metrics import METRICS
 from hadr.press.paper_report import HANDOVER_NAMES, NOT_RUN, TITLES, report
-from hadr.press.report import METRICS
 from hadr.records.result_file import read_result_file, write_result_file
 
 RESULTS = Path(__file__).resolve().parents[2] / "results"
@@ -56,7 +57,8 @@ def test_depth_tables_have_every_number(text: str, name: str) -> None:
     file = read_result_file(RESULTS / "mini" / f"{name}.json")
     for row in file.rows:
         title = PUBLISHED_NAMES.get(row["method"], "")
-        own = [factor * row[column] for column, _, factor in METRICS]
+        factors = [metric.factor for metric in METRICS.values()]
+        own = [factor * row[name] for name, factor in zip(METRICS, factors, strict=True)]
         theirs = PAPER[name].get(title)
         if theirs is None:
             block = next(b for b in found.values() if b["ours"] == [f"{x:.2f}" for x in own])
@@ -64,11 +66,10 @@ def test_depth_tables_have_every_number(text: str, name: str) -> None:
         else:
             block = next(b for k, b in found.items() if k.split(" (ours")[0] == title)
             assert [float(x) for x in block["paper"]] == pytest.approx(
-                [x * factor for x, (_, _, factor) in zip(theirs, METRICS, strict=True)], abs=1e-9
+                np.multiply(theirs, factors), abs=1e-9
             )
             assert block["ours"] == [f"{x:.2f}" for x in own]
-            gaps = [x - factor * y for x, y, (_, _, factor) in
-                    zip(own, theirs, METRICS, strict=True)]  # fmt: skip
+            gaps = np.subtract(own, np.multiply(theirs, factors))
             assert block["difference"] == [f"{gap:+.2f}" for gap in gaps]
         origin = block["origin"]
         assert all(commit[:7] in origin["commit"] for commit in row["provenance"]["commit"])
@@ -92,14 +93,14 @@ def test_the_handover_has_every_number(text: str) -> None:
     found = blocks(text, "Handover")
     rows = {row["arm"]: row for row in read_result_file(RESULTS / "mini" / "handover.json").rows}
     assert len(found) == len(rows)
-    for arm, title in HANDOVER_NAMES.items():
+    for condition, title in HANDOVER_NAMES.items():
         block = next(b for k, b in found.items() if k.split(" (ours")[0] == title)
         won, half, most, whole = PAPER["handover"][title]
         assert block["paper"] == [
             f"{won}/48", f"{PAPER['handover']['success_rate_percent'][title]} %",
             f"{half}/8", f"{most}/8", f"{whole}/8",
         ]  # fmt: skip
-        row = rows[arm]
+        row = rows[condition]
         reached = [row[f"objects_at_{n}_percent"] for n in (50, 80, 100)]
         assert block["ours"] == [
             f"{row['successes']}/48", f"{100 * row['rate']:.1f} %", *(f"{n}/8" for n in reached),

@@ -63,17 +63,6 @@ def test_it_has_the_published_number_of_weights_and_needs_no_hand() -> None:
     assert network.config.hand == "none"
 
 
-@pytest.mark.parametrize("size", [(128, 72), (224, 224), (224, 126), (256, 144), (37, 29)])
-def test_any_size_will_do(network: DFNet, size: tuple[int, int]) -> None:
-    width, height = size
-    inputs = frames(height, width)
-    output = network(inputs)
-    assert output.depth.shape == output.image.shape == (2, height, width)
-    assert torch.isfinite(output.image).all()
-    assert torch.equal(output.restored, inputs.mask & (output.image > 0))
-    assert torch.equal(output.depth, torch.where(output.restored, output.image, 0.0))
-
-
 def test_an_odd_size_is_cut_and_not_stretched() -> None:
     # Far from the cut a cut picture gives what the whole one gives.
     network = settled(replace(SMALL, levels=1, layers=1)).double().network
@@ -85,14 +74,6 @@ def test_an_odd_size_is_cut_and_not_stretched() -> None:
     cut = network(color[:, :, :131, :133], depth[:, :, :131, :133])
     assert cut.shape == (1, 131, 133)
     torch.testing.assert_close(cut[:, :64, :64], whole[:, :64, :64], atol=1e-12, rtol=0)
-
-
-def test_frames_of_a_batch_do_not_influence_each_other(network: DFNet, in_double) -> None:
-    network, inputs = in_double(network, frames())
-    both = network(inputs).image
-    for number in range(2):
-        alone = network(inputs.take(slice(number, number + 1))).image
-        torch.testing.assert_close(alone[0], both[number], atol=1e-12, rtol=0)
 
 
 def test_colour_and_measured_depth_matter_in_and_out_of_the_mask(network: DFNet) -> None:
@@ -221,16 +202,3 @@ def test_each_dense_block_is_given_every_nth_pixel_of_the_depth() -> None:
     color, depth = torch.rand(1, 3, 72, 128), torch.rand(1, 1, 72, 128)
     network.network(color, depth)
     assert steps == [2, 2, 4, 4, 8, 8, 16, 16, 8, 4, 2]
-
-
-def test_the_configuration_is_checked_and_goes_through_json() -> None:
-    assert DFNetConfig.from_dict(SMALL.to_dict()) == SMALL
-    for name in ("width", "layers", "growth", "levels"):
-        with pytest.raises(ValueError, match=f"{name} must be at least 1, got 0"):
-            DFNetConfig(**{name: 0})
-    with pytest.raises(ValueError, match=r"above 0 and below a finite far_m, got 1\.5 and 1\.5"):
-        DFNetConfig(near_m=1.5)
-    with pytest.raises(ValueError, match=r"got 0\.0 and 1\.5"):
-        DFNetConfig(near_m=0.0)
-    with pytest.raises(ValueError, match=r"got 0\.3 and inf"):
-        DFNetConfig(far_m=float("inf"))

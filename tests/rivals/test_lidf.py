@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-import json
-import math
 from dataclasses import replace
 from typing import Any
 
@@ -10,10 +8,10 @@ import torch
 from torch import Tensor, nn
 
 from hadr.confidence import within_learned
+from hadr.models.backbone import imagenet_normal
 from hadr.models.blocks.dilated_resnet import DilatedResNetConfig
-from hadr.models.hadr_input import HADRInput, stack_inputs
+from hadr.models.hadr_input import HADRInput
 from hadr.models.ray_features import features_at
-from hadr.ray_voxels import VoxelGrid, voxels_at
 from hadr.rivals.lidf import LIDF, LIDFConfig, LIDFOutput
 
 MICRO = LIDFConfig(
@@ -108,22 +106,10 @@ def test_what_enters_the_decoders_is_as_wide_and_the_voxels_get_place_and_colour
     }
 
 
-@pytest.mark.parametrize("size", [(72, 128), (224, 224), (126, 224), (144, 256)])
-def test_any_size_comes_back(size: tuple[int, int]) -> None:
-    inputs = scene(2, size=size)
-    output = refining()(inputs)
-    assert output.depth.shape == output.restored.shape == output.clamped.shape == (2, *size)
-    assert torch.equal(output.restored, inputs.mask)
-    assert output.moves.shape == (len(output.rays), 2)
-    assert torch.all(output.depth[~inputs.mask] == 0)
-    assert torch.isfinite(output.depth).all()
-
-
 def test_the_colours_are_normalised_for_network_and_voxels_alike() -> None:
     inputs = scene()
     taken: list[Tensor] = []
     model = LIDF(MICRO).eval()
-    mean, std = model.mean, model.std
     encoder = model.first.voxel_features.forward
 
     def watch(points: Tensor, color: Tensor, *rest: Tensor) -> Tensor:
@@ -133,20 +119,12 @@ def test_the_colours_are_normalised_for_network_and_voxels_alike() -> None:
 
     object.__setattr__(model.first.voxel_features, "forward", watch)
     normal = model(inputs)
-    shown = replace(inputs, color=(inputs.color - mean) / std)
+    shown = replace(inputs, color=imagenet_normal(inputs.color))
     plain = LIDF(replace(MICRO, normalize_color=False)).eval()
     plain.load_state_dict(model.state_dict())
     assert torch.equal(plain(shown).depth, normal.depth)
     pixel = (inputs.depth[0] > 0).nonzero()[0]
     assert torch.allclose(taken[0][0], shown.color[0][:, pixel[0], pixel[1]])
-
-
-def test_frames_of_a_batch_do_not_influence_each_other() -> None:
-    model = refining()
-    near, far = scene(wall=1.0), scene(wall=1.4, glass=0.8)
-    both = model(stack_inputs([near, far]))
-    for number, single in enumerate((near, far)):
-        torch.testing.assert_close(both.depth[number], model(single).depth[0])
 
 
 def test_each_point_moves_along_its_ray_by_at_most_the_range() -> None:
@@ -245,7 +223,7 @@ def test_answers_and_their_colours_join_the_points_of_the_voxel_in_which_they_li
     direction = nn.functional.normalize(output.first_points, dim=1)
     answers = output.first_points + perturbation * direction
     torch.testing.assert_close(taken["points"][-rays:], answers)
-    picture = (inputs.color - model.mean) / model.std
+    picture = imagenet_normal(inputs.color)
     assert torch.equal(taken["color"][-rays:], features_at(picture, output.rays))
     voxel = taken["voxel"][-rays:]
     away = (answers - taken["centers"][voxel]).abs().max(dim=1).values
@@ -265,19 +243,6 @@ def test_an_answer_outside_of_all_occupied_voxels_counts_to_its_chosen_one() -> 
     behind = model(inputs, perturbation_m=-30.0)
     assert not behind.restored.any()
     assert torch.all(behind.depth == 0)
-
-
-def test_voxels_at_by_hand() -> None:
-    from hadr.ray_voxels import occupied_voxels
-
-    grid = VoxelGrid()
-    near, far = [0.0, 0.0, 0.5], [0.0, 0.0, 1.0]
-    occupied = occupied_voxels(
-        torch.tensor([near, far, far]), torch.tensor([0, 0, 1]), grid, n_frames=2
-    )
-    points = torch.tensor([far, near, far, near, [0.0, 0.0, 9.0], [math.nan] * 3])
-    found = voxels_at(points, torch.tensor([0, 0, 1, 1, 0, 0]), occupied, grid)
-    assert found.tolist() == [1, 0, 2, -1, -1, -1]
 
 
 def test_rays_without_candidate_are_not_restored() -> None:
@@ -350,31 +315,3 @@ def test_without_refinement_there_is_one_stage() -> None:
         model.set_stage(2)
     with pytest.raises(ValueError, match="stage must be 1 or 2, got 3"):
         LIDF(MICRO).set_stage(3)
-
-
-def test_the_configuration_goes_through_json() -> None:
-    config = replace(
-        MICRO, grid=VoxelGrid(cells=6), refine=False, refine_range_m=0.1, first_share=0.3
-    )
-    assert LIDFConfig.from_dict(json.loads(json.dumps(config.to_dict()))) == config
-    default = LIDFConfig()
-    assert LIDFConfig.from_dict(json.loads(json.dumps(default.to_dict()))) == default
-    assert (default.grid.cells, default.max_points) == (8, 10_000)
-    assert (default.refine_iterations, default.refine_range_m) == (2, 0.2)
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"refine_iterations": 0}, "refine_iterations must be at least 1, got 0"),
-        ({"max_points": 0}, "max_points must be at least 1, got 0"),
-        ({"decoder_widths": ()}, r"decoder_widths needs positive numbers.*got \(\)"),
-        ({"refine_range_m": 0.0}, "refine_range_m must be positive, got 0.0"),
-        ({"refine_range_m": math.nan}, "refine_range_m must be positive, got nan"),
-        ({"first_share": 1.0}, "first_share must be between 0 and 1, got 1.0"),
-        ({"perturb_probability": 1.2}, "perturb_probability must be from 0 to 1, got 1.2"),
-    ],
-)
-def test_nonsense_is_refused(change: dict[str, Any], message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        replace(MICRO, **change)

@@ -50,7 +50,6 @@ def test_without_an_answer_of_its_own_it_gives_the_hands_depth_in_the_mask() -> 
     hand = inputs.keypoints[:, :, 2].median(dim=1).values
     torch.testing.assert_close(output.depth, hand[:, None, None] * inputs.mask)
     assert torch.equal(output.restored, inputs.mask)
-    assert torch.equal(output.restored, inputs.mask)
 
 
 class _Coarser(nn.Module):
@@ -111,13 +110,3 @@ def test_a_frame_without_a_hand_and_an_odd_size_are_told(network: UNetHand) -> N
         network(replace(inputs, keypoints=torch.zeros(2, 21, 3)))
     with pytest.raises(ValueError, match="must be even, got 17 x 32"):
         network(frames(height=17))
-
-
-def test_any_even_size_will_do(network: UNetHand) -> None:
-    assert network(frames(height=22, width=34)).depth.shape == (2, 22, 34)
-
-
-def test_the_configuration_is_checked_and_goes_through_json() -> None:
-    assert UNetHandConfig.from_dict(SMALL.to_dict()) == SMALL
-    with pytest.raises(ValueError, match="levels must be at least 1, got 0"):
-        UNetHandConfig(levels=0)

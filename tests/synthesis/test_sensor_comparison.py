@@ -1,4 +1,4 @@
-"""The table that sets the simulated depth camera beside a real one."""
+"""`benchmarks/depth_camera.py`: its table of the simulated depth camera beside a real one."""
 
 import json
 from dataclasses import asdict

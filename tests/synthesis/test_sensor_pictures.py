@@ -1,4 +1,4 @@
-"""The frames that are kept for the comparison of real, simulated and analytic errors."""
+"""`benchmarks/sensor_pictures.py`: the frames kept to compare real, simulated, analytic errors."""
 
 from pathlib import Path
 from types import ModuleType

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 import torch
 
+from hadr.corruption import Corruption
 from hadr.data.frame import Frame
-from hadr.training.batches import Corruption, FrameTensors, load_frames
+from hadr.training.batches import FrameTensors, load_frames
 
 
 def test_oracle_erases_the_object_and_nothing_else(glass_frame: Callable[..., Frame]) -> None:

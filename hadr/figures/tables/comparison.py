@@ -20,13 +20,10 @@ from hadr.figures.tables.results import (
     system_marker,
     with_doubt,
 )
+from hadr.models.networks import NETWORKS
 
 PUBLISHED_NAMES: dict[str, str] = {
-    "tode": "TODE-Trans",
-    "dfnet": "TransCG",
-    "swindrnet": "SwinDRNet",
-    "lidf": "LIDF+Refine",
-    "hadr": "HADR",
+    **{kind: network.published for kind, network in NETWORKS.items() if network.published},
     "no-hand": "w/o Hand Feature",
     "no-aggregation": "w/o MS Aggregation",
     "no-point-fusion": "w/o Point Fusion",

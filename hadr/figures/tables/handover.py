@@ -1,7 +1,7 @@
 """The handover experiment as tables and pictures, from its result files.
 
-Rows are dicts with ``arm``, ``attempts``, ``successes``, ``rate`` (0 to 1), ``interval`` (low, high
-of 95 %) and ``failures`` (kind to count).
+Rows are dicts with ``arm`` (the condition), ``attempts``, ``successes``, ``rate`` (0 to 1),
+``interval`` (low, high of 95 %) and ``failures`` (kind to count).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from hadr.figures.tables.results import markdown
 
 Row = Mapping[str, Any]
 
-ARMS: dict[str, str] = {
+CONDITIONS: dict[str, str] = {
     "raw": "sensor depth",
     "inpainted": "inpainted depth",
     "hadr": "HADR",
@@ -31,8 +31,8 @@ ARMS: dict[str, str] = {
     "hadr-no-tracking": "HADR, no tracking",
     "perfect": "perfect depth",
 }
-"""How an arm of the experiment is called, in the order of the pictures."""
-_ARM_STYLE: dict[str, tuple[str, str]] = {
+"""How a condition of the experiment is called, in the order of the pictures."""
+_STYLE: dict[str, tuple[str, str]] = {
     "raw": ("raw", "D"),
     "inpainted": ("baseline", "s"),
     "hadr": ("hadr", "o"),
@@ -52,19 +52,21 @@ _KIND_STYLE = (
 )
 
 
-def arm_color(arm: str) -> str:
-    """Colour of an arm in all pictures of the experiment."""
-    return COLORS[_ARM_STYLE.get(arm, ("background", "X"))[0]]
+def condition_color(condition: str) -> str:
+    """Colour of a condition in all pictures of the experiment."""
+    return COLORS[_STYLE.get(condition, ("background", "X"))[0]]
 
 
-def arms_table(rows: Sequence[Row], published: Mapping[str, Sequence[int]] | None = None) -> str:
-    """List each arm's attempts in the columns of the paper's table, and a success's mean time."""
+def conditions_table(
+    rows: Sequence[Row], published: Mapping[str, Sequence[int]] | None = None
+) -> str:
+    """List each condition's attempts in the paper's columns, and a success's mean time."""
     lines = []
     for row in rows:
         low, high = row["interval"]
         lines.append(
             [
-                str(ARMS.get(row["arm"], row["arm"])),
+                str(CONDITIONS.get(row["arm"], row["arm"])),
                 f"{row['successes']}/{row['attempts']}",
                 f"{100 * row['rate']:.1f}\N{NO-BREAK SPACE}%",
                 f"{100 * low:.0f}\N{NO-BREAK SPACE}to\N{NO-BREAK SPACE}{100 * high:.0f}",
@@ -92,7 +94,7 @@ def arms_table(rows: Sequence[Row], published: Mapping[str, Sequence[int]] | Non
 
 
 def paired(first: Row, second: Row) -> tuple[int, int, float]:
-    """Compare two arms attempt by attempt.
+    """Compare two conditions attempt by attempt.
 
     Args:
         first: A row of `results/mini/handover.json` with its ``verdicts``.
@@ -123,7 +125,7 @@ def _seconds(value: float | None) -> str:
 
 
 def _ordered(rows: Sequence[Row]) -> list[Row]:
-    place = {arm: number for number, arm in enumerate(ARMS)}
+    place = {condition: number for number, condition in enumerate(CONDITIONS)}
     return sorted(rows, key=lambda row: place.get(row["arm"], len(place)))
 
 
@@ -139,11 +141,11 @@ def _checked_rate(row: Row) -> tuple[float, float, float]:
 
 
 def draw_success(ax: Axes, rows: Sequence[Row], *, published: float | None = None) -> None:
-    """Draw each arm's rate of success as a bar with its 95 % interval; the paper's as a line."""
+    """Draw each condition's rate of success with its 95 % interval; the paper's as a line."""
     chosen = _ordered(rows)
     rate, low, high = np.array([_checked_rate(row) for row in chosen]).T
-    colors = [arm_color(row["arm"]) for row in chosen]
-    names = [ARMS.get(str(row["arm"]), str(row["arm"])) for row in chosen]
+    colors = [condition_color(row["arm"]) for row in chosen]
+    names = [CONDITIONS.get(str(row["arm"]), str(row["arm"])) for row in chosen]
     pale = [to_rgba(color, 0.45) for color in colors]
     draw_bar_rows(ax, names, {"": rate}, [pale], edges=colors)
     spread = np.maximum([rate - low, high - rate], 0)
@@ -160,7 +162,7 @@ def draw_success(ax: Axes, rows: Sequence[Row], *, published: float | None = Non
 
 
 def draw_outcomes(ax: Axes, rows: Sequence[Row]) -> None:
-    """Draw how each arm's attempts ended: successes, then failures by kind."""
+    """Draw how each condition's attempts ended: successes, then failures by kind."""
     chosen = _ordered(rows)
     for row in chosen:
         total = row["successes"] + sum(row["failures"].values())
@@ -174,7 +176,7 @@ def draw_outcomes(ax: Axes, rows: Sequence[Row]) -> None:
     parts |= {kind: [row["failures"].get(kind, 0) for row in chosen] for kind in kinds}
     styles = [("robot", ""), *(_KIND_STYLE[k % len(_KIND_STYLE)] for k in range(len(kinds)))]
     colors, hatches = [COLORS[color] for color, _ in styles], [hatch for _, hatch in styles]
-    names = [ARMS.get(str(row["arm"]), str(row["arm"])) for row in chosen]
+    names = [CONDITIONS.get(str(row["arm"]), str(row["arm"])) for row in chosen]
     draw_bar_rows(ax, names, parts, colors, text="{:.0f}", hatches=hatches, edges="white")
     ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4)
     ax.set(xlim=(0, max((row["attempts"] for row in chosen), default=1)), xlabel="attempts")
@@ -184,20 +186,22 @@ def draw_degradation(
     ax: Axes, rows: Sequence[Row], key: str, xlabel: str, *, standard: float | None = None
 ) -> None:
     """Draw the rate of success over something that is made worse, with 95 % intervals."""
-    arms = list(dict.fromkeys(row["arm"] for row in _ordered(rows)))
+    conditions = list(dict.fromkeys(row["arm"] for row in _ordered(rows)))
     values = sorted({float(row[key]) for row in rows})
     gap = min(np.diff(values), default=1.0) * 0.05
-    for number, arm in enumerate(arms):
-        points = sorted((float(r[key]), *_checked_rate(r)) for r in rows if r["arm"] == arm)
+    for number, condition in enumerate(conditions):
+        points = sorted((float(r[key]), *_checked_rate(r)) for r in rows if r["arm"] == condition)
         x, rate, low, high = np.array(points).T
-        aside = gap * (number - (len(arms) - 1) / 2)  # so that intervals don't cover each other
-        marker = _ARM_STYLE.get(arm, ("background", "X"))[1]
+        # beside each other, so that intervals don't cover each other
+        aside = gap * (number - (len(conditions) - 1) / 2)
+        marker = _STYLE.get(condition, ("background", "X"))[1]
         ax.errorbar(
             x + aside, rate, yerr=[np.maximum(rate - low, 0), np.maximum(high - rate, 0)],
-            color=arm_color(arm), marker=marker, ms=6, capsize=3, lw=1.6, label=ARMS.get(arm, arm),
+            color=condition_color(condition), marker=marker, ms=6, capsize=3, lw=1.6,
+            label=CONDITIONS.get(condition, condition),
         )  # fmt: skip
     if standard is not None:
         ax.axvline(standard, color=COLORS["raw"], lw=0.8, ls=":")
     ax.set(xlabel=xlabel, ylabel="successful handovers (%)", ylim=(0, 103), xticks=values)
-    if len(arms) > 1:
+    if len(conditions) > 1:
         ax.legend(loc="best")

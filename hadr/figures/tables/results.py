@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import cycle
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,8 @@ from matplotlib.axes import Axes
 from hadr.camera import FloatArray
 from hadr.figures.panels import COLORS
 from hadr.figures.rows import Dots, draw_dot_rows
+from hadr.metrics import METRICS
+from hadr.models.networks import DEPTH_NETWORKS, NETWORKS
 
 Row = Mapping[str, Any]
 
@@ -25,41 +28,25 @@ NAMES: dict[str, str] = {
     "no-hand": "HADR without the hand",
     "hadr": "HADR",
     "hadr-long": "HADR, trained longer",
-    "lidf": "LIDF",
-    "dfnet": "DFNet (TransCG)",
-    "swindrnet": "SwinDRNet",
-    "tode": "TODE-Trans",
-    "unet-hand": "U-Net with the hand",
-    "hadr-plus": "HADR-plus",
+    **{kind: NETWORKS[kind].title for kind in DEPTH_NETWORKS},
     "no-aggregation": "HADR without aggregation of scales",
     "no-point-fusion": "HADR without point fusion",
     "hand-2d": "HADR with the 2D hand feature",
     "full": "HADR, the full model",
 }
 """How a method of a result file is called in tables and pictures, in the order of the tables."""
-_COLOR = {
-    "hadr": "hadr",
-    "hadr-long": "hadr",
-    "no-hand": "glass",
-    "unet-hand": "baseline",
-    "hadr-plus": "robot",
-    "lidf": "voxel",
-    "dfnet": "highlight",
-    "swindrnet": "truth",
-    "tode": "ray",
-    "hand-median": "hand",
+_SIGNS = (
+    ("hadr", "o"), ("voxel", "^"), ("highlight", "v"), ("truth", "s"), ("ray", "X"),
+    ("baseline", "P"), ("robot", "*"), ("glass", "d"), ("hand", "p"),
+)  # fmt: skip
+"""Colour and marker of the depth networks, in the order of their table; the last are to spare."""
+_SIGN: dict[str, tuple[str, str]] = {
+    **dict(zip(DEPTH_NETWORKS, cycle(_SIGNS), strict=False)),
+    "hadr-long": ("hadr", "o"),
+    "no-hand": ("glass", "o"),
+    "hand-median": ("hand", "D"),
 }
-
-
-_MARKER = {
-    "hand-median": "D",
-    "lidf": "^",
-    "dfnet": "v",
-    "swindrnet": "s",
-    "tode": "X",
-    "unet-hand": "P",
-    "hadr-plus": "*",
-}
+_OTHER = ("raw", "o")
 
 
 def markdown(table: pd.DataFrame, align: str = "lr") -> str:
@@ -70,12 +57,12 @@ def markdown(table: pd.DataFrame, align: str = "lr") -> str:
 
 def system_marker(method: str) -> str:
     """Marker of a method in all pictures of results, so that colour alone tells nothing."""
-    return _MARKER.get(method, "o")
+    return _SIGN.get(method, _OTHER)[1]
 
 
 def system_color(method: str) -> str:
     """Colour of a method in all pictures of results."""
-    return COLORS[_COLOR.get(method, "raw")]
+    return COLORS[_SIGN.get(method, _OTHER)[0]]
 
 
 def ordered(rows: Sequence[Row], split: str) -> list[Row]:
@@ -155,7 +142,7 @@ def results_table(rows: Sequence[Row], published: Mapping[str, Mapping[str, Any]
 def _scores(row: Row | None) -> list[str]:
     if row is None:
         return ["-"] * 3
-    return [f"{100 * row['rmse_m']:.2f}", f"{100 * row['mae_m']:.2f}", f"{row['delta_105']:.2f}"]
+    return [METRICS[name].text(row[name]) for name in ("rmse_m", "mae_m", "delta_105")]
 
 
 def margins_table(

@@ -64,11 +64,7 @@ class CropUNet(nn.Module):
         self.right = nn.ModuleList(ResidualBlock(widths[n]) for n in range(2))
 
     def forward(self, crop: Tensor, given: Tensor) -> tuple[Tensor, Tensor]:
-        """Look at crops.
-
-        Args:
-            crop: Shape (B, channels, S, S).
-            given: What else is known, shape (B, given).
+        """Look at crops (B, channels, S, S), with what else is known, (B, given).
 
         Returns:
             A map, shape (B, width, S/4, S/4), and the answer for the whole crop, (B, whole).

@@ -18,13 +18,8 @@ UNMIXED = -1e4
 class WindowCrossAttention(nn.Module):
     """Tokens of one map ask those of another in the same window.
 
-    Windows do not overlap and are not shifted. A map that a window does not divide is padded to
-    the right and below; nobody attends to the padding.
-
-    Args:
-        channels: Channels of both maps.
-        heads: Attention heads.
-        window: Side of the window, tokens.
+    Windows do not overlap and are not shifted. A map that a window (its side in tokens) does not
+    divide is padded to the right and below; nobody attends to the padding.
     """
 
     def __init__(self, channels: int, heads: int, window: int) -> None:
@@ -37,15 +32,7 @@ class WindowCrossAttention(nn.Module):
         nn.init.trunc_normal_(self.offset, std=0.02)
 
     def forward(self, asking: Tensor, asked: Tensor) -> Tensor:
-        """Attend.
-
-        Args:
-            asking: The map whose tokens ask, shape (B, H, W, C).
-            asked: The map that answers, shape (B, H, W, C).
-
-        Returns:
-            What each token was told, shape (B, H, W, C).
-        """
+        """Say what each token of a map (B, H, W, C) is told by another map (B, H, W, C)."""
         _, height, width, channels = asking.shape
         side = (min(self.window, height), min(self.window, width))
         query = self._windows(self.ask(asking), side)  # (B, windows, heads, tokens, C / heads)
@@ -89,13 +76,7 @@ class WindowCrossAttention(nn.Module):
 
 
 class CrossFusion(nn.Module):
-    """Fuse the colour and the depth map of a stage: each asks the other, then both are joined.
-
-    Args:
-        channels: Channels of both maps.
-        heads: Attention heads.
-        window: Side of the window, tokens.
-    """
+    """Fuse the colour and the depth map of a stage: each asks the other, then both are joined."""
 
     def __init__(self, channels: int, heads: int, window: int) -> None:
         super().__init__()
@@ -117,15 +98,7 @@ class CrossFusion(nn.Module):
                 nn.init.zeros_(module.bias)
 
     def forward(self, color: Tensor, depth: Tensor) -> Tensor:
-        """Fuse.
-
-        Args:
-            color: Colour features, shape (B, C, H, W).
-            depth: Depth features, shape (B, C, H, W).
-
-        Returns:
-            Fused features, shape (B, C, H, W).
-        """
+        """Fuse colour and depth features, (B, C, H, W) each, to the same shape."""
         streams = [color.permute(0, 2, 3, 1), depth.permute(0, 2, 3, 1)]  # each (B, H, W, C)
         normal = [norm(stream) for norm, stream in zip(self.before, streams, strict=True)]
         for number in range(2):

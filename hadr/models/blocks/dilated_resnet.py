@@ -37,30 +37,19 @@ class DilatedResNetConfig(NetworkConfig):
         widths: Channels of each stage; the first convolution has as many as the first stage.
         pretrained: Name of published ImageNet weights, such as "microsoft/resnet-34"; None starts
             from random weights, as the published network does.
-
-    Raises:
-        ValueError: There are not four stages, or a number is not positive.
     """
 
     depths: tuple[int, ...] = (3, 4, 6, 3)
     widths: tuple[int, ...] = (64, 128, 256, 512)
     pretrained: str | None = None
 
-    def __post_init__(self) -> None:
-        self.resnet()
-
     def resnet(self) -> UNetConfig:
-        """The same as `build_resnet` takes it, which checks it too."""
+        """The same as `build_resnet` takes it."""
         return UNetConfig(self.depths, self.widths, pretrained=self.pretrained)
 
 
 class DilatedResNet(nn.Module):
-    """From colour to a dense feature map.
-
-    Args:
-        config: Size of the ResNet.
-        channels: Channels of the map.
-    """
+    """From colour to a dense feature map of so many channels."""
 
     def __init__(self, config: DilatedResNetConfig, channels: int = 32) -> None:
         super().__init__()

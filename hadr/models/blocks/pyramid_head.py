@@ -48,14 +48,11 @@ class PyramidHead(nn.Module):
         nn.init.zeros_(self.last.bias)  # type: ignore[arg-type]
 
     def forward(self, stages: Sequence[Tensor]) -> Tensor:
-        """Draw.
+        """Draw (B, answers, H_1, W_1), float32, at the finest stage's size.
 
         Args:
             stages: Feature maps, the finest first, each half as fine as the one before (odd sizes
                 rounded up), shapes (B, C_i, H_i, W_i).
-
-        Returns:
-            The drawing at the finest stage's size, shape (B, answers, H_1, W_1), float32.
         """
         coarse = stages[-1]
         parts = [coarse]
@@ -82,20 +79,11 @@ class PyramidHead(nn.Module):
 class ChannelDropout(StochasticDepth):
     """Leave channels out, for each frame others; with several processes as with one.
 
-    Args:
-        rate: Probability that a channel is left out, 0..1; the rest is scaled up by
-            1 / (1 - rate).
+    Each goes with probability `rate`; the rest is scaled up by 1 / (1 - rate).
     """
 
     def forward(self, branch: Tensor) -> Tensor:
-        """Drop or scale.
-
-        Args:
-            branch: Shape (B, C, H, W).
-
-        Returns:
-            The same shape; zeros in the channels that are left out.
-        """
+        """Drop or scale the channels of (B, C, H, W)."""
         if self.rate == 0 or not self.training:
             return branch
         rows, channels = branch.shape[:2]

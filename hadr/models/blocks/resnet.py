@@ -16,6 +16,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from hadr.models.backbone import load_published
 from hadr.models.config import NetworkConfig
 
 _STAGES = 4
@@ -49,16 +50,10 @@ class UNetConfig(NetworkConfig):
 
 
 def build_resnet(config: UNetConfig, channels: int) -> nn.Module:
-    """Build the encoder; importing `transformers` takes some seconds.
+    """Build the encoder, a `ResNetBackbone`; importing `transformers` takes some seconds.
 
-    Args:
-        config: Its size, and the name of its weights if any.
-        channels: Channels of the input. Published weights are for 3: with another number the
-            first convolution's kernels are summed over the colours, as if a grey picture were
-            given three times, and shared among the channels.
-
-    Returns:
-        A `ResNetBackbone` with random weights, or with the named ones.
+    Published weights are for 3 channels: with another number the first convolution's kernels are
+    summed over the colours, as if a grey picture were given three times, and shared among them.
 
     Raises:
         OSError: The named weights can't be fetched or are not in the local cache.
@@ -67,24 +62,15 @@ def build_resnet(config: UNetConfig, channels: int) -> nn.Module:
     from transformers import ResNetBackbone, ResNetConfig
 
     if config.pretrained is None:
-        random: nn.Module = ResNetBackbone(
-            ResNetConfig(
-                num_channels=channels,
-                embedding_size=config.widths[0],
-                hidden_sizes=list(config.widths),
-                depths=list(config.depths),
-                layer_type="basic",
-            )
+        size = ResNetConfig(
+            num_channels=channels,
+            embedding_size=config.widths[0],
+            hidden_sizes=list(config.widths),
+            depths=list(config.depths),
+            layer_type="basic",
         )
-        return random
-    try:
-        resnet: Any = ResNetBackbone.from_pretrained(config.pretrained)
-    except (OSError, RuntimeError) as error:
-        raise OSError(
-            f"the weights {config.pretrained!r} are not in the local cache and could not be "
-            "fetched; connect to the network once, or leave `pretrained` out to start from "
-            f"random weights ({type(error).__name__})"
-        ) from error
+        return ResNetBackbone(size)  # type: ignore[no-any-return]
+    resnet = load_published(ResNetBackbone, config.pretrained)
     found = tuple(resnet.config.depths), tuple(resnet.config.hidden_sizes)
     if found != (config.depths, config.widths):
         raise ValueError(
@@ -93,8 +79,7 @@ def build_resnet(config: UNetConfig, channels: int) -> nn.Module:
         )
     if channels != 3:
         _adapt_first(resnet, channels)
-    pretrained: nn.Module = resnet
-    return pretrained
+    return resnet  # type: ignore[no-any-return]
 
 
 def _adapt_first(resnet: Any, channels: int) -> None:
@@ -108,12 +93,7 @@ def _adapt_first(resnet: Any, channels: int) -> None:
 
 
 class ResNetUNet(nn.Module):
-    """From a picture to features at half of its resolution.
-
-    Args:
-        config: Sizes.
-        channels: Channels of the input.
-    """
+    """From a picture of so many channels to features at half of its resolution."""
 
     def __init__(self, config: UNetConfig, channels: int) -> None:
         super().__init__()
@@ -126,14 +106,9 @@ class ResNetUNet(nn.Module):
         )
 
     def forward(self, picture: Tensor) -> Tensor:
-        """Compute the features.
+        """Compute features (B, decoder[-1], ceil(H / 2), ceil(W / 2)) of pictures (B, C, H, W).
 
-        Args:
-            picture: Shape (B, C, H, W), any size; its feature in row i, column j is centred on
-                the picture's pixel (2 i, 2 j).
-
-        Returns:
-            Shape (B, decoder[-1], ceil(H / 2), ceil(W / 2)).
+        The feature in row i, column j is centred on the picture's pixel (2 i, 2 j).
         """
         resnet: Any = self.resnet
         half = resnet.embedder.embedder(picture)  # (B, widths[0], H / 2, W / 2)

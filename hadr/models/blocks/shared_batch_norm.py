@@ -38,14 +38,7 @@ class SharedBatchNorm(nn.modules.batchnorm._BatchNorm):
     """Batch normalisation with the mean and variance of the batch of all processes."""
 
     def forward(self, values: Tensor) -> Tensor:
-        """Normalise.
-
-        Args:
-            values: Shape (B, C, ...).
-
-        Returns:
-            The same shape.
-        """
+        """Normalise values of shape (B, C, ...)."""
         if not self.training:
             return functional.batch_norm(
                 values, self.running_mean, self.running_var, self.weight, self.bias, eps=self.eps

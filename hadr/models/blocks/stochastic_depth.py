@@ -16,9 +16,7 @@ from torch import Tensor, nn
 class StochasticDepth(nn.Module):
     """Leave a branch out for some frames of a batch; the identity outside of training.
 
-    Args:
-        rate: Probability that a frame goes without the branch, 0..1; the rest is scaled up by
-            1 / (1 - rate).
+    A frame goes without it with probability `rate`; the rest is scaled up by 1 / (1 - rate).
     """
 
     def __init__(self, rate: float) -> None:
@@ -27,14 +25,7 @@ class StochasticDepth(nn.Module):
         self.share: tuple[int, int] | None = None
 
     def forward(self, branch: Tensor) -> Tensor:
-        """Drop or scale.
-
-        Args:
-            branch: Output of the residual branch, shape (B, ...).
-
-        Returns:
-            The same shape; zeros for frames without it.
-        """
+        """Drop or scale the branch of each frame, (B, ...)."""
         if self.rate == 0 or not self.training:
             return branch
         rows = len(branch)
@@ -53,12 +44,7 @@ def set_share(model: nn.Module, first: int, total: int) -> None:
 
 
 def replace_drop_path(model: nn.Module, class_name: str) -> None:
-    """Put `StochasticDepth` in the place of a library's own modules of the same meaning.
-
-    Args:
-        model: The network that holds them, changed in place.
-        class_name: Name of their class; they have an attribute `drop_prob`.
-    """
+    """Put `StochasticDepth` in the place of a library's modules of this class and meaning."""
     for parent in list(model.modules()):
         for name, child in list(parent.named_children()):
             if type(child).__name__ == class_name:

@@ -38,15 +38,7 @@ class HandCrop:
     size: int
 
     def sample(self, images: Tensor, mode: str = "nearest") -> Tensor:
-        """Cut the crops out of images.
-
-        Args:
-            images: Shape (B, C, H, W).
-            mode: "nearest" or "bilinear".
-
-        Returns:
-            Shape (B, C, size, size); zeros outside of the image.
-        """
+        """Cut the crops (B, C, size, size) out of images (B, C, H, W); zeros outside of them."""
         height, width = images.shape[2:]
         offset = torch.arange(self.size, device=images.device) - (self.size - 1) / 2
         u = self.center[:, :1] + offset * self.step[:, :1]  # (B, size)
@@ -58,24 +50,15 @@ class HandCrop:
         )
 
     def place(self, pixels: Tensor, frame: Tensor) -> Tensor:
-        """Bring pixels of the frames into their crops.
+        """Bring pixels (column, row), shape (N, 2), of frames (N,), long, into their crops.
 
-        Args:
-            pixels: Columns and rows, shape (N, 2).
-            frame: Frame of each, shape (N,), long.
-
-        Returns:
-            Columns and rows in the crop, shape (N, 2); 0..size-1 inside of it.
+        Inside of a crop they are 0..size-1.
         """
         center, step = self.center.index_select(0, frame), self.step.index_select(0, frame)
         return (pixels - center) / step + (self.size - 1) / 2
 
     def look_up(self, crops: Tensor, rays: Tensor) -> Tensor:
-        """Interpolate crops bilinearly at pixels of the frames.
-
-        Args:
-            crops: Shape (B, C, size, size).
-            rays: Rows (frame, row, column), shape (R, 3), long.
+        """Interpolate crops (B, C, size, size) at pixels (frame, row, column), (R, 3) long.
 
         Returns:
             Shape (R, C); beyond the border the border's values.
@@ -97,16 +80,12 @@ class HandCrop:
 
 
 def hand_crop(inputs: HADRInput, size: int, pixel_m: float) -> HandCrop:
-    """Lay a crop around each frame's mask.
+    """Lay a crop around each frame's mask; around the image's centre where a mask is empty.
 
     Args:
         inputs: Frames with keypoints and a mask.
         size: Side of the crops in pixels.
         pixel_m: Metres that a crop pixel spans at the hand's depth.
-
-    Returns:
-        The crops, centred on the boxes around the masks; on the image's centre where a mask is
-        empty.
 
     Raises:
         ValueError: A frame has no hand: its keypoints' median depth is not positive.
@@ -128,13 +107,7 @@ def _middle(occupied: Tensor) -> Tensor:
 
 
 def hand_depth(inputs: HADRInput) -> Tensor:
-    """Give the hand's depth: the median z-depth of its 21 keypoints.
-
-    Args:
-        inputs: A batch of frames.
-
-    Returns:
-        Metres, shape (B,).
+    """Give the hand's depth, the median z-depth of its 21 keypoints, in metres: (B,).
 
     Raises:
         ValueError: A frame has no hand in front of the camera.

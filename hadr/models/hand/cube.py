@@ -39,10 +39,7 @@ class HandCube:
     size: int
 
     def crop(self, depth: Tensor) -> Tensor:
-        """Cut the crops out of depth images, each pixel from the nearest one.
-
-        Args:
-            depth: z-depth in metres, shape (B, H, W); 0 = missing.
+        """Cut the crops out of depth images (B, H, W), metres, each pixel from the nearest one.
 
         Returns:
             Depth in the cube, -1 = its front, shape (B, 1, size, size); 1 where depth is missing,
@@ -83,14 +80,7 @@ class HandCube:
         return torch.stack((u, v, depth), dim=1), depth < 1
 
     def into(self, points: Tensor) -> Tensor:
-        """Bring points of the camera frame into the cubes.
-
-        Args:
-            points: Metres, shape (B, N, 3).
-
-        Returns:
-            (u, v, d), shape (B, N, 3); within -1..1 in the cube.
-        """
+        """Bring points of the camera frame, metres, (B, N, 3), into the cubes: (u, v, d)."""
         middle, reach = self._middle_and_reach()
         focal, principal = self.intrinsics[:, None, :2], self.intrinsics[:, None, 2:]
         pixels = points[..., :2] / points[..., 2:] * focal + principal  # (B, N, 2)
@@ -99,14 +89,7 @@ class HandCube:
         return torch.cat((uv, d), dim=-1)
 
     def out_of(self, places: Tensor) -> Tensor:
-        """Bring points of the cubes back into the camera frame; the inverse of `into`.
-
-        Args:
-            places: (u, v, d), shape (B, N, 3).
-
-        Returns:
-            Metres, shape (B, N, 3).
-        """
+        """Bring points (u, v, d) of the cubes, (B, N, 3), back; the inverse of `into`."""
         middle, reach = self._middle_and_reach()
         focal, principal = self.intrinsics[:, None, :2], self.intrinsics[:, None, 2:]
         z = self.center[:, None, 2:] + places[..., 2:] * (self.side_m / 2)  # (B, N, 1)

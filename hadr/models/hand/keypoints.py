@@ -37,9 +37,6 @@ class HandKeypointConfig(NetworkConfig):
         cube_m: Side of the cube in metres.
         reach: The regression's k: from this distance on a pixel's heat is 0; 1 is half of the
             cube's side.
-
-    Raises:
-        ValueError: A size is not positive, or the crop is smaller than 32 pixels.
     """
 
     unet: UNetConfig = field(default_factory=UNetConfig)
@@ -47,20 +44,9 @@ class HandKeypointConfig(NetworkConfig):
     cube_m: float = 0.3
     reach: float = 1.0
 
-    def __post_init__(self) -> None:
-        if self.crop < 32:
-            raise ValueError(f"crop must be at least 32 pixels, got {self.crop}")
-        for name in ("cube_m", "reach"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
-
 
 class HandKeypointNet(nn.Module):
-    """From a depth crop to the dense maps of 21 joints.
-
-    Args:
-        config: Sizes.
-    """
+    """From a depth crop to the dense maps of 21 joints."""
 
     def __init__(self, config: HandKeypointConfig) -> None:
         super().__init__()
@@ -69,13 +55,9 @@ class HandKeypointNet(nn.Module):
         self.head = nn.Conv2d(config.unet.decoder[-1], KEYPOINTS * 5, 1)
 
     def forward(self, crop: Tensor) -> JointMaps:
-        """Compute the maps.
+        """Compute the maps, of half of the crop's size rounded up, of crops (B, 1, S, S).
 
-        Args:
-            crop: Depth in the cube, -1..1, 1 = nothing, shape (B, 1, S, S).
-
-        Returns:
-            The maps, with h = w = S / 2 rounded up.
+        A crop is depth in the cube, -1..1, 1 = nothing.
         """
         values = self.head(self.unet(crop))  # (B, 105, h, w)
         batch, _, height, width = values.shape
@@ -84,15 +66,7 @@ class HandKeypointNet(nn.Module):
 
 
 def hand_cube(config: HandKeypointConfig, inputs: HADRInput, hand: Tensor) -> HandCube:
-    """Lay the cube around each frame's hand, by its mask and the object's.
-
-    Args:
-        config: Sizes.
-        inputs: The frames; their keypoints are not looked at.
-        hand: Pixels of hand and arm, shape (B, H, W), bool.
-
-    Returns:
-        The cubes.
+    """Lay the cube around each frame's hand, by its mask (B, H, W) and the object's.
 
     Raises:
         ValueError: A hand has no pixel with depth; the message says which.

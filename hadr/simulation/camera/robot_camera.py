@@ -21,8 +21,8 @@ from hadr.simulation.camera.room import make_room
 from hadr.simulation.robot.arm_shape import Part, arm_surfaces
 from hadr.simulation.world.scenes import MIDDLE, HeldScene
 from hadr.simulation.world.state import WorldState
-from hadr.synthesis.depth_sensor.sensor_noise import ColorCamera, develop
 from hadr.synthesis.glass.surfaces import merged
+from hadr.synthesis.rendering.color_camera import ColorCamera, develop
 
 Array = npt.NDArray[np.float64]
 Depth = npt.NDArray[np.float32]

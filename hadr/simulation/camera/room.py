@@ -20,10 +20,10 @@ from hadr.handover.dimensions import (
 )
 from hadr.records.caches import kept
 from hadr.simulation.world.scenes import MIDDLE
+from hadr.synthesis.glass.surfaces import Surface
 from hadr.synthesis.scene.contents import Surroundings
-from hadr.synthesis.scene.environments import make_lights
 from hadr.synthesis.scene.furnishing import UP, TextureChoice, natural_size, put_thing
-from hadr.synthesis.scene.lights import AreaLight, Environment
+from hadr.synthesis.scene.lights import AreaLight, Environment, make_lights
 from hadr.synthesis.scene.stage import Stage
 from hadr.synthesis.textures.families import pyramid, texture_number
 
@@ -120,7 +120,7 @@ def with_parts(
     """Put parts (vertices, faces, normals, linear RGB) into a room."""
     stage = Stage()
     for vertices, faces, normals, _ in parts:
-        stage.add(vertices, faces, normals, np.zeros((len(vertices), 2)), _PLAIN, 1.0)
+        stage.add(Surface(vertices, faces, normals), np.zeros((len(vertices), 2)), _PLAIN, 1.0)
     added = stage.surroundings()
     tints = [np.tile(color / _plain_color(), (len(faces), 1)) for _, faces, _, color in parts]
     surface = type(room.surface)(

@@ -1,9 +1,9 @@
 """What the robot sees at one moment: the hand, the object's points, what stands around.
 
 Masks and keypoints come from the simulator, with noise that lasts from frame to frame: the same
-for every arm of the experiment, which then differ by the object's depth alone. Or they come from
-networks, as on a real robot. The network of `hadr` sees the picture, the measured depth outside of
-the glass, the mask and the keypoints.
+for every condition of the experiment, which then differ by the object's depth alone. Or they come
+from networks, as on a real robot. The network of `hadr` sees the picture, the measured depth
+outside of the glass, the mask and the keypoints.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ from hadr.trained_networks import DepthNetwork, HandKeypoints, Segmentation
 Array = npt.NDArray[np.float64]
 Depth = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
-DepthArm = Literal["raw", "inpainted", "hadr", "hadr-plus", "perfect"]
-ARMS: tuple[DepthArm, ...] = get_args(DepthArm)
+DepthSource = Literal["raw", "inpainted", "hadr", "hadr-plus", "perfect"]
+SOURCES: tuple[DepthSource, ...] = get_args(DepthSource)
 CHECKPOINTS = {
     "hadr": "hadr-handover.safetensors",
     "hadr-plus": "hadr-plus-handover.safetensors",
@@ -79,8 +79,9 @@ class Sight:
     Args:
         scene: What is held.
         camera: The camera.
-        arm: Where the object's depth comes from: "raw" takes what the sensor measured, "inpainted"
-            fills the mask from around it, "hadr" and "hadr-plus" restore it, "perfect" knows it.
+        source: Where the object's depth comes from: "raw" takes what the sensor measured,
+            "inpainted" fills the mask from around it, "hadr" and "hadr-plus" restore it,
+            "perfect" knows it.
         seed: Seed of all noise, which differs from hold to hold.
         config: Noise and rate.
         network: The depth network of "hadr" or "hadr-plus", if not the bundled one.
@@ -88,29 +89,29 @@ class Sight:
             where it is left out.
 
     Raises:
-        ValueError: The arm is unknown.
+        ValueError: The source is unknown.
     """
 
     def __init__(
         self,
         scene: HeldScene,
         camera: RobotCamera,
-        arm: DepthArm,
+        source: DepthSource,
         *,
         seed: int = 0,
         config: SightConfig | None = None,
         network: DepthNetwork | None = None,
         finder: HandAndGlass | None = None,
     ) -> None:
-        if arm not in ARMS:
-            raise ValueError(f"arm must be one of {', '.join(ARMS)}, got {arm!r}")
-        self.scene, self.camera, self.arm = scene, camera, arm
+        if source not in SOURCES:
+            raise ValueError(f"source must be one of {', '.join(SOURCES)}, got {source!r}")
+        self.scene, self.camera, self.source = scene, camera, source
         self.config = config or SightConfig()
         self.frame: CapturedFrame | None = None
         """The last picture that points were taken from."""
         self._network, self._finder = network, finder
-        if arm in ("hadr", "hadr-plus") and network is None:
-            self._network = bundled_network(arm)
+        if source in ("hadr", "hadr-plus") and network is None:
+            self._network = bundled_network(source)
         name = list(scene.hold.hold_id.encode())  # every hold has noise of its own
         self._sensor_rng, self._noise_rng, self._mask_rng = (
             np.random.default_rng([seed, part, 83, *name]) for part in range(3)
@@ -181,7 +182,7 @@ class Sight:
     def object_depth(
         self, frame: CapturedFrame, mask: Mask, keypoints: Array | None
     ) -> tuple[Depth, float | None]:
-        """The depth that this arm believes in.
+        """The depth that this source believes in.
 
         Args:
             frame: The picture.
@@ -190,18 +191,18 @@ class Sight:
 
         Returns:
             z-depth in metres, shape (H, W), 0 where unknown; and the mean probability over the
-            mask that it is right to 2 cm, None where the arm has no opinion.
+            mask that it is right to 2 cm, None where the source has no opinion.
         """
-        if self.arm == "perfect":
+        if self.source == "perfect":
             # where the mask is too wide, the object's depth goes on
             known = np.where(frame.object_mask, frame.depth, 0)
             return classical.nearest_valid(known, ~frame.object_mask).astype(np.float32), 1.0
-        if self.arm == "raw":
+        if self.source == "raw":
             return frame.raw_depth, None
-        if self.arm == "inpainted":
+        if self.source == "inpainted":
             return classical.inpaint(frame.raw_depth, mask).astype(np.float32), None
         network = self._network
-        assert network is not None  # the constructor loads it for the other arms
+        assert network is not None  # the constructor loads it for the other sources
         assert frame.color is not None
         if keypoints is None:
             return np.where(mask, np.float32(0), frame.raw_depth), 0.0
@@ -237,14 +238,14 @@ class Sight:
 
 
 @lru_cache(maxsize=2)
-def bundled_network(arm: str) -> DepthNetwork:
-    """The bundled network of an arm, loaded once.
+def bundled_network(source: str) -> DepthNetwork:
+    """The bundled network of a source, loaded once.
 
     Raises:
         FileNotFoundError: The folder `data_samples` is not there.
-        KeyError: The arm has no network.
+        KeyError: The source has no network.
     """
-    return DepthNetwork.load(samples_dir() / "checkpoints" / CHECKPOINTS[arm])
+    return DepthNetwork.load(samples_dir() / "checkpoints" / CHECKPOINTS[source])
 
 
 @dataclass(frozen=True)

@@ -17,10 +17,10 @@ from hadr.records.result_file import write_result_file
 from hadr.simulation.world.trial_set import TRIAL_HOLDS, TRIAL_OBJECTS
 
 if TYPE_CHECKING:
-    from hadr.simulation.trials.trial import Arm
+    from hadr.simulation.trials.trial import Condition
 
 EPILOG = """\
-arms
+conditions (--arms)
   raw                 the depth that the camera measured
   inpainted           the glass filled in from around it
   hadr, hadr-plus     restored by a bundled network trained for this camera
@@ -28,7 +28,7 @@ arms
   hadr-no-rescoring   hadr, grasps by their own score alone
   hadr-no-tracking    hadr, the robot does not follow the hand
   hadr-plus-networks  hadr-plus, and networks find the mask and the keypoints,
-                      which the simulator gives in all other arms, with noise
+                      which the simulator gives in all other conditions, with noise
 
 examples
   hadr handover --arms hadr --objects 0004 --holds 902 --film \\
@@ -42,7 +42,7 @@ output, in --out
   ARM/OBJECT-HOLD-log.npz   what the workflow saw and commanded, for a replay
   ARM/OBJECT-HOLD.mp4       with --film, drawn after the rows are written;
                             about a minute each, on one core
-  handover.json             one row per arm: successes, rate and its 95 %
+  handover.json             one row per condition: successes, rate and its 95 %
                             interval, failures by kind, times, distance, force,
                             and each attempt's verdict
 
@@ -64,9 +64,9 @@ class Options:
     """Let a simulated UR5 take glasses out of a human's hand; count its successes.
 
     Each attempt is one object in one holding pose. The world is physical (MuJoCo);
-    the robot sees it through one simulated depth camera, ten times a second. An arm
+    the robot sees it through one simulated depth camera, ten times a second. A condition
     of the experiment says whose depth of the glass the robot believes, or which
-    part of the method is switched off. All arms meet the same hands, motions and
+    part of the method is switched off. All conditions meet the same hands, motions and
     noise.
     """
 
@@ -121,8 +121,8 @@ def run(options: Options) -> int:
     jobs = usable_cores() if options.jobs is None else options.jobs
     check_packages()
     from hadr.simulation.trials.experiment import (
-        arm_row,
         attempts,
+        condition_row,
         film_of_attempt,
         film_path,
         is_finished,
@@ -141,13 +141,15 @@ def run(options: Options) -> int:
     )
     which: dict[str, Any] = {"objects": options.objects, "holds": options.holds}
     plan = {
-        arm: attempts(cast("Arm", arm), **which, seed=options.seed, template=shared)
-        for arm in options.arms
+        condition: attempts(
+            cast("Condition", condition), **which, seed=options.seed, template=shared
+        )
+        for condition in options.arms
     }
     total = sum(map(len, plan.values()))
     print(
         f"{_count(total, 'attempt')}: {_count(len(options.objects), 'object')}, "
-        f"{_count(len(options.holds), 'hold')}, {_count(len(plan), 'arm')}, "
+        f"{_count(len(options.holds), 'hold')}, {_count(len(plan), 'condition')}, "
         f"{1 if options.watch else jobs} at a time"
     )
     if not options.watch:
@@ -159,13 +161,13 @@ def run(options: Options) -> int:
         for folder in (out, path.parent):
             _make_folder(folder)
     rows = []
-    for arm, trials in plan.items():
+    for condition, trials in plan.items():
         if options.watch:
             for trial in trials:
                 _say(trial, record_of(watch_trial(trial).outcome))
             continue
         outcomes = run_attempts(trials, out, jobs=jobs, report=_say)
-        rows.append(arm_row(arm, outcomes))
+        rows.append(condition_row(condition, outcomes))
         print(_sum_up(rows[-1]))
     if rows:
         write_result_file(path, _what(options), rows, {**provenance(), "machine": machine_text()})
@@ -264,12 +266,12 @@ def _what(options: Options) -> str:
     )
 
 
-def _origin_of_masks(arms: Sequence[str]) -> str:
-    """Say of which arms masks and keypoints are the simulator's, and of which networks'."""
+def _origin_of_masks(conditions: Sequence[str]) -> str:
+    """Say of which conditions masks and keypoints are the simulator's, and of which networks'."""
     from hadr.simulation.trials.trial import finds_by_networks
 
-    told = [arm for arm in arms if not finds_by_networks(arm)]
-    found = [arm for arm in arms if finds_by_networks(arm)]
+    told = [condition for condition in conditions if not finds_by_networks(condition)]
+    found = [condition for condition in conditions if finds_by_networks(condition)]
     words = []
     if told:
         of = f" for {', '.join(told)}" if found else ""

@@ -1,4 +1,4 @@
-"""The experiment: 8 objects, 6 holds each, once for every arm; resumable, on several cores.
+"""The experiment: 8 objects, 6 holds each, once for every condition; resumable, on several cores.
 
     OUT/hadr/0004-902.json   a finished attempt: its outcome, sealed by a checksum
     OUT/hadr/0004-902.npz    the states of the world, for films and for a second look
@@ -32,7 +32,7 @@ from hadr.handover.stages import Stage, Transition
 from hadr.records.provenance import plain, record_of
 from hadr.records.result_file import digest, seal_row, sealed_row
 from hadr.simulation.film.film import film_frames, write_film
-from hadr.simulation.trials.trial import Arm, Trial, run_trial
+from hadr.simulation.trials.trial import Condition, Trial, run_trial
 from hadr.simulation.world.scenes import HeldScene, held_scene
 from hadr.simulation.world.state import WorldState
 from hadr.simulation.world.state_record import load_states, save_states
@@ -43,20 +43,20 @@ Report = Callable[[Trial, dict[str, Any]], None]
 
 
 def attempts(
-    arm: Arm,
+    condition: Condition,
     *,
     objects: Sequence[str] = TRIAL_OBJECTS,
     holds: Sequence[int] = TRIAL_HOLDS,
     seed: int = 0,
     template: Trial | None = None,
 ) -> list[Trial]:
-    """List an arm's attempts, object by object.
+    """List a condition's attempts, object by object.
 
     Args:
-        arm: Which arm of the experiment.
+        condition: Which condition of the experiment.
         objects: Ids of the objects.
         holds: Numbers of the holding poses.
-        seed: Seed of places, motions and noise; the same for all arms, so that they are paired.
+        seed: Seed of places, motions and noise; the same for all conditions: they are paired.
         template: What else the attempts share, such as a faster hand.
 
     Returns:
@@ -64,7 +64,7 @@ def attempts(
     """
     shared = template or Trial(objects[0], holds[0])
     return [
-        replace(shared, object_id=object_id, hold_number=hold, arm=arm, seed=seed)
+        replace(shared, object_id=object_id, hold_number=hold, arm=condition, seed=seed)
         for object_id in objects
         for hold in holds
     ]
@@ -312,11 +312,11 @@ def verdicts(outcomes: Sequence[dict[str, Any]]) -> dict[str, str]:
     return found
 
 
-def arm_row(arm: str, outcomes: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Sum an arm's attempts up as a row of the result file.
+def condition_row(condition: str, outcomes: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Sum a condition's attempts up as a row of the result file.
 
     Args:
-        arm: The arm's name.
+        condition: The condition's name.
         outcomes: What `run_attempts` gave.
 
     Returns:
@@ -329,7 +329,7 @@ def arm_row(arm: str, outcomes: Sequence[dict[str, Any]]) -> dict[str, Any]:
         ValueError: There is no outcome, or an attempt is there twice.
     """
     if not outcomes:
-        raise ValueError(f"no attempt of arm {arm!r} to sum up")
+        raise ValueError(f"no attempt of condition {condition!r} to sum up")
     won = np.array([row["verdict"] == "success" for row in outcomes])
     objects = np.array([row["trial"]["object_id"] for row in outcomes])
     by_object = {name: float(won[objects == name].mean()) for name in sorted(set(objects))}
@@ -343,7 +343,7 @@ def arm_row(arm: str, outcomes: Sequence[dict[str, Any]]) -> dict[str, Any]:
         return float(np.mean(values)) if values else float("nan")
 
     return {
-        "arm": arm,
+        "arm": condition,
         "attempts": len(won),
         "successes": int(won.sum()),
         "rate": float(won.mean()),

@@ -29,7 +29,7 @@ from hadr.records.provenance import record_of
 from hadr.simulation.camera.robot_camera import RobotCamera
 from hadr.simulation.camera.sight import (
     CHECKPOINTS,
-    DepthArm,
+    DepthSource,
     Looks,
     Sight,
     bundled_finder,
@@ -43,7 +43,7 @@ from hadr.simulation.world.scenes import HeldScene, held_scene
 from hadr.simulation.world.state import WorldState
 from hadr.synthesis.glass.objects import glass_object
 
-Arm = Literal[
+Condition = Literal[
     "raw",
     "inpainted",
     "hadr",
@@ -53,8 +53,8 @@ Arm = Literal[
     "hadr-no-tracking",
     "hadr-plus-networks",
 ]
-ARMS: tuple[Arm, ...] = get_args(Arm)
-_DEPTH_OF: dict[Arm, DepthArm] = {
+CONDITIONS: tuple[Condition, ...] = get_args(Condition)
+_DEPTH_OF: dict[Condition, DepthSource] = {
     "raw": "raw",
     "inpainted": "inpainted",
     "hadr": "hadr",
@@ -101,8 +101,8 @@ class Trial:
     Attributes:
         object_id: Which object.
         hold_number: Which of its holding poses.
-        arm: Whose depth the robot sees, and what is switched off; with "-networks" mask and
-            keypoints are those of networks, too.
+        arm: The condition, by the name of results: whose depth the robot sees, and what is switched
+            off; with "-networks" mask and keypoints are those of networks, too.
         seed: Seed of place, motion, noise and of the grasps' draws.
         hand_speed: Factor on the speed of the hand's motion.
         extrinsics_error_deg: The camera stands turned by this angle from what its calibration says.
@@ -111,7 +111,7 @@ class Trial:
 
     object_id: str
     hold_number: int
-    arm: Arm = "hadr"
+    arm: Condition = "hadr"
     seed: int = 0
     hand_speed: float = 1.0
     extrinsics_error_deg: float = 0.0
@@ -122,8 +122,8 @@ class Trial:
         for name in ("hold_number", "seed"):
             if getattr(self, name) < 0:
                 raise ValueError(f"{name} must be 0 or more, got {getattr(self, name)}")
-        if self.arm not in ARMS:
-            raise ValueError(f"arm must be one of {', '.join(ARMS)}, got {self.arm!r}")
+        if self.arm not in CONDITIONS:
+            raise ValueError(f"arm must be one of {', '.join(CONDITIONS)}, got {self.arm!r}")
         if not (np.isfinite(self.hand_speed) and self.hand_speed > 0):
             raise ValueError(f"hand_speed must be a factor above 0, got {self.hand_speed}")
         if not 0 <= self.extrinsics_error_deg <= 90:
@@ -146,7 +146,7 @@ class Trial:
         is part of the code.
 
         Raises:
-            FileNotFoundError: A bundled network of this arm is not there.
+            FileNotFoundError: A bundled network of this condition is not there.
         """
         sums = {name: _file_sha256(path) for name, path in network_files(self.arm).items()}
         return {**record_of(self), "networks": sums, "code": _code()}
@@ -158,16 +158,19 @@ def _code() -> str:
     return code_digest(*CODE, without=("hadr.models.networks",))  # it leads to every network
 
 
-def network_files(arm: Arm) -> dict[str, Path]:
-    """The bundled checkpoints that an arm uses, by their names in `sight`."""
-    names = [_DEPTH_OF[arm], *(("segmentation", "keypoints") if finds_by_networks(arm) else ())]
+def network_files(condition: Condition) -> dict[str, Path]:
+    """The bundled checkpoints that a condition uses, by their names in `sight`."""
+    names = [
+        _DEPTH_OF[condition],
+        *(("segmentation", "keypoints") if finds_by_networks(condition) else ()),
+    ]
     used = [name for name in names if name in CHECKPOINTS]
     return {name: samples_dir() / "checkpoints" / CHECKPOINTS[name] for name in used}
 
 
-def finds_by_networks(arm: str) -> bool:
+def finds_by_networks(condition: str) -> bool:
     """Say whether networks find mask and keypoints, which else come from the simulator."""
-    return arm.endswith("-networks")
+    return condition.endswith("-networks")
 
 
 def _file_sha256(path: Path) -> str:

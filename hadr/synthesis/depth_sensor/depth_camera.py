@@ -56,9 +56,6 @@ class StereoCamera:
         full_well: Electrons of a white pixel; their number is random (shot noise).
         projector: The dots.
         matching: The matcher.
-
-    Raises:
-        ValueError: A length is not positive.
     """
 
     baseline: float = 0.050
@@ -74,11 +71,6 @@ class StereoCamera:
     full_well: float = 6000.0
     projector: Projector = field(default_factory=Projector)
     matching: Matching = field(default_factory=Matching)
-
-    def __post_init__(self) -> None:
-        for name in ("baseline", "focal", "closest", "farthest", "step", "exposure", "full_well"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
 
 
 @dataclass(frozen=True)
@@ -112,16 +104,7 @@ def _imager(color: Intrinsics, camera: StereoCamera) -> tuple[Intrinsics, int]:
 
 
 def infrared_pair(scene: Scene, seed: int, camera: StereoCamera | None = None) -> InfraredPair:
-    """Draw what the two infrared imagers see.
-
-    Args:
-        scene: The scene.
-        seed: Seed of the imagers' noise.
-        camera: The depth camera.
-
-    Returns:
-        Both pictures.
-    """
+    """Draw what the two infrared imagers of a depth camera see; ``seed`` is that of their noise."""
     camera = camera or StereoCamera()
     imager, margin = _imager(scene.camera, camera)
     pose = scene.world_from_camera
@@ -156,15 +139,10 @@ def _expose(light: Array, camera: StereoCamera, rng: np.random.Generator) -> Pic
 
 
 def capture_depth(scene: Scene, seed: int, camera: StereoCamera | None = None) -> Float:
-    """Measure a scene's depth with a simulated active-stereo camera.
+    """Measure a scene's depth with a simulated active-stereo camera, a D435 if none is named.
 
-    Args:
-        scene: The scene.
-        seed: Seed of the imagers' noise; the same seed gives the same depth.
-        camera: The depth camera; a D435 where it is left out.
-
-    Returns:
-        z-depth in metres, aligned to the scene's colour camera, shape (H, W) float32; 0 is missing.
+    z-depth in metres, aligned to the scene's colour camera, shape (H, W) float32; 0 is missing. The
+    same seed (of the imagers' noise) gives the same depth.
     """
     camera = camera or StereoCamera()
     return depth_of_pair(infrared_pair(scene, seed, camera), scene.camera, camera)

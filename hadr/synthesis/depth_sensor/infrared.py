@@ -183,15 +183,12 @@ class InfraredScene:
         return np.asarray(mirrored.weight[:, 0] * glint)
 
     def radiance(self, origins: Array, directions: Array, pixel: float) -> Array:
-        """Infrared light that arrives along rays.
+        """Infrared light that arrives along rays, (N,); 1 is a white wall in the room's light.
 
         Args:
             origins: World frame, metres, shape (N, 3).
             directions: Unit directions of looking, shape (N, 3).
             pixel: Width of a pixel as a tangent.
-
-        Returns:
-            Light, shape (N,); 1 is a white wall in the room's light.
         """
         ends, mirrored = follow(self._caster, origins, directions)
         light = self._beyond(ends)

@@ -34,10 +34,6 @@ class Matching:
         edge: Pixels on both sides of such an edge that are refused.
         speckle: Isolated patches of fewer pixels are refused.
         median: Side of the median filter, 3 or 5; 0 leaves it out.
-
-    Raises:
-        ValueError: The window is even, the search range is no multiple of 16, or `iterations` or
-            `median` is out of range.
     """
 
     block: int = 7
@@ -52,16 +48,6 @@ class Matching:
     edge: int = 1
     speckle: int = 60
     median: int = 5
-
-    def __post_init__(self) -> None:
-        if self.block < 3 or self.block % 2 == 0:
-            raise ValueError(f"block must be odd and at least 3, got {self.block}")
-        if self.disparities < 16 or self.disparities % 16:
-            raise ValueError(f"disparities must be a multiple of 16, got {self.disparities}")
-        if self.iterations < 0:
-            raise ValueError(f"iterations must be at least 0, got {self.iterations}")
-        if self.median not in (0, 3, 5):
-            raise ValueError(f"median must be 0, 3 or 5, got {self.median}")
 
 
 def match(left: Picture, right: Picture, how: Matching) -> Float:
@@ -112,10 +98,8 @@ def match(left: Picture, right: Picture, how: Matching) -> Float:
 def _refine(
     left: Picture, right: Picture, disparity: Float, how: Matching
 ) -> tuple[Float, npt.NDArray[np.bool_]]:
-    """Sub-pixel disparity by least squares in a window (Gauss-Newton), and where to trust it.
-
-    A semi-global matcher's own parabola is drawn to whole pixels; this is not.
-    """
+    """Sub-pixel disparity by least squares in a window (Gauss-Newton), and where to trust it."""
+    # A semi-global matcher's own parabola is drawn to whole pixels; this is not.
     first = _without_mean(left)
     second = _without_mean(right)
     slope = cv2.Sobel(second, cv2.CV_32F, 1, 0, ksize=1, scale=0.5)

@@ -44,7 +44,7 @@ class Options:
     out: Path | None = None
     """Folder of the data set; continued where it exists."""
     preset: Literal["tiny", "samples", "gallery", "mini", "paper"] | None = None
-    """Values for all that is not given."""
+    """Values for all that is not given; in brackets what holds without one."""
     frames: Annotated[int | None, tyro.conf.arg(aliases=("-n",))] = None
     """Number of frames (the preset's, else 64)."""
     sensor: bool = False
@@ -55,8 +55,7 @@ class Options:
     """Processes (one per core; 1 without Dask)."""
     scheduler: str | None = None
     """Address of a Dask cluster instead, e.g. tcp://host:8786."""
-    settings: tyro.conf.OmitArgPrefixes[Given] = field(default_factory=Given)
-    """What stands over the preset; in brackets what holds without one."""
+    settings: Annotated[Given, tyro.conf.arg(name="")] = field(default_factory=Given)
 
 
 EPILOG = "presets\n" + "\n".join(f"  {name:<8} {p.purpose}" for name, p in PRESETS.items())

@@ -88,9 +88,7 @@ def connected(scheduler: str | None) -> Iterator[Any]:
 def one_thread(count: Callable[[], int], set_count: Callable[[int], object]) -> Iterator[None]:
     """Keep a library to one thread, and give it back those that it had when the last user is done.
 
-    Args:
-        count: Says how many threads the library has.
-        set_count: Gives it so many.
+    ``count`` says how many threads the library has, ``set_count`` gives it so many.
     """
     with _COUNTING:
         users, before = _USERS.get(set_count) or (0, count())

@@ -17,7 +17,7 @@ from hadr import __version__
 from hadr.data.frame import UNFINISHED_PREFIX, frame_log_path, frame_places
 from hadr.synthesis.generation.settings import FrameRecipe, GenerationSettings
 from hadr.synthesis.recordings.recording import companions, find_recordings
-from hadr.synthesis.scene.backgrounds import find_backgrounds
+from hadr.synthesis.textures.backgrounds import find_backgrounds
 
 #: The file that says with which settings the frames of a folder are made.
 SETTINGS_FILE = "generation.json"
@@ -78,23 +78,15 @@ def whole_frames(
     return found
 
 
-def _has_frames(root: Path) -> bool:
-    return any(
-        next((root / split).glob("*/depth/log_json/*.json"), None) is not None for split in _SPLITS
-    )
-
-
 def recorded_settings(root: Path) -> dict[str, Any]:
     """The settings of a folder's frames as plain values; empty where there are no frames.
-
-    Args:
-        root: The folder.
 
     Raises:
         ValueError: The file that says them is broken.
     """
     path = root / SETTINGS_FILE
-    if not path.is_file() or not _has_frames(root):  # perhaps a run ended before its first frame
+    frames = (log for split in _SPLITS for log in (root / split).glob("*/depth/log_json/*.json"))
+    if not path.is_file() or next(frames, None) is None:  # perhaps a run ended before the first
         return {}
     try:
         recorded = json.loads(path.read_text(encoding="utf-8"))

@@ -25,8 +25,8 @@ from hadr.synthesis.rendering.child_process import call_in_child
 from hadr.synthesis.rendering.mitsuba_variant import check_installed
 from hadr.synthesis.rendering.photo import photograph
 from hadr.synthesis.rendering.shading import RayTracer
-from hadr.synthesis.scene.backgrounds import find_backgrounds
 from hadr.synthesis.scene.scene import HoldScene, make_scene
+from hadr.synthesis.textures.backgrounds import find_backgrounds
 
 #: Seconds for a picture that a reader waits for.
 PATIENCE = 300.0
@@ -37,13 +37,11 @@ Color = npt.NDArray[np.uint8]
 def stored_raw_depth(
     raw: npt.NDArray[np.float32], settings: GenerationSettings
 ) -> tuple[npt.NDArray[np.float32], float | DisparityScale]:
-    """Raw depth rounded to what is stored, and the scale to store it with.
-
-    Beyond 1 m steps of disparity are twice as long: there a real D435's noise is larger.
-    """
+    """Raw depth rounded to what is stored, and the scale to store it with."""
     camera = StereoCamera()
     if settings.raw_format == "depth":
         return raw, float(camera.step)
+    # Beyond 1 m steps of disparity are twice as long: there a real D435's noise is larger.
     scale = DisparityScale(camera.focal * camera.baseline, 1 / 16, camera.step)
     return scale.nearest(raw, double_beyond=1.0), scale
 
@@ -59,27 +57,18 @@ def _recordings_by_object(folder: str | Path) -> dict[str, tuple[Path, ...]]:
     known = {*OBJECTS, *NOVEL_OBJECTS}
     for path in find_recordings(folder):
         names = [n for n in (path.parent.name, path.stem.split("-")[0]) if n in known]
-        object_id = names[0] if names else _object_of(path, *companions(path))
+        object_id = names[0] if names else _recording(path, *companions(path)).object_id
         found[object_id] = (*found.get(object_id, ()), path)
     return found
 
 
 @kept_by_file(1000)
-def _object_of(path: Path, *_: Path) -> str:
-    return read_recording(path).object_id
-
-
-@kept_by_file(4)
 def _recording(path: Path, *_: Path) -> Recording:
     return read_recording(path)
 
 
 def recipe_hold(recipe: FrameRecipe, settings: GenerationSettings) -> Hold:
     """The holding pose of a frame: made from the seed, or a moment of a recording.
-
-    Args:
-        recipe: What the frame shows.
-        settings: Of the data set.
 
     Raises:
         ValueError: There are fewer recordings of the object than the frame's hold number asks.
@@ -128,7 +117,6 @@ def draw_frame(scene: HoldScene, recipe: FrameRecipe, settings: GenerationSettin
             scene.camera,
             scene.world_from_camera,
             np.random.default_rng([settings.seed, recipe.index, 5]) if fine else None,
-            supersample=2 if fine else 1,
         )
     raw = None
     if settings.sensor:
@@ -155,11 +143,7 @@ def draw_frame(scene: HoldScene, recipe: FrameRecipe, settings: GenerationSettin
 
 
 def render_frame(recipe: FrameRecipe, settings: GenerationSettings) -> Frame:
-    """Make one frame with exact labels; the same for the same arguments.
-
-    Raises:
-        ValueError: What the engine needs is missing, or the recordings are too few.
-    """
+    """Make one frame with exact labels; the same for the same arguments."""
     if settings.engine == "photo":
         check_installed()
     return draw_frame(build_scene(recipe, settings), recipe, settings)
@@ -170,14 +154,9 @@ def live_picture(
 ) -> tuple[Color, str, str]:
     """Make a picture now, in a child process, or give a stored one where that can't be done.
 
-    Args:
-        recipe: What the picture shows.
-        settings: How it is made, by the engine ``photo``.
-        stored: The picture to give instead, sRGB, (H, W, 3) uint8.
-
     Returns:
-        The picture, sRGB, (H, W, 3) uint8; its title; and one sentence that says why a stored one
-        stands there although Mitsuba is installed, else nothing.
+        The picture, sRGB, (H, W, 3) uint8, as ``stored``; its title; and one sentence that says why
+        a stored one stands there although Mitsuba is installed, else nothing.
     """
     try:
         check_installed()

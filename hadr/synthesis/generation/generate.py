@@ -49,20 +49,12 @@ from hadr.synthesis.rendering.mitsuba_variant import (
     wanted_variant,
     why_not_llvm,
 )
-from hadr.synthesis.scene.backgrounds import check_backgrounds
-from hadr.synthesis.scene.scene import HoldScene
+from hadr.synthesis.textures.backgrounds import check_backgrounds
 
 
 @dataclass(frozen=True)
 class GenerationReport:
-    """What a run did.
-
-    Args:
-        root: The data set.
-        written: Frames made by this run.
-        kept: Frames that were there already.
-        seconds: Time that it took.
-    """
+    """What a run did: frames written and kept in a folder, and the seconds that it took."""
 
     root: Path
     written: int
@@ -74,29 +66,22 @@ class GenerationReport:
         return f"{self.written} frames written, {self.kept} kept in {self.root}{pace}"
 
 
-def _skin_albedo(scene: HoldScene) -> list[float]:
-    """The median reflectance of the hand, linear RGB."""
-    hand = scene.contents.hand
-    return [] if hand is None else np.median(hand.albedo, axis=0).round(4).tolist()
-
-
-def _make_frames(
-    recipes: tuple[FrameRecipe, ...], root: Path, settings: GenerationSettings
-) -> list[float]:
-    """Make the frames of one hold; the seconds that each took."""
+def _make_frames(recipes: tuple[FrameRecipe, ...], root: Path, settings: GenerationSettings) -> int:
+    """Make the frames of one hold; how many they are."""
     with one_thread(cv2.getNumThreads, cv2.setNumThreads):
-        return [_make_frame(recipe, root, settings) for recipe in recipes]
+        for recipe in recipes:
+            _make_frame(recipe, root, settings)
+    return len(recipes)
 
 
-def _make_frame(recipe: FrameRecipe, root: Path, settings: GenerationSettings) -> float:
-    """Make one frame and write it; the seconds that it took."""
-    start = time.perf_counter()
+def _make_frame(recipe: FrameRecipe, root: Path, settings: GenerationSettings) -> None:
+    """Make one frame and write it."""
     try:
         scene = build_scene(recipe, settings)
         frame = draw_frame(scene, recipe, settings)
     except ValueError as error:
         raise ValueError(f"frame {recipe.index}: {error}") from error
-    hold = scene.hold
+    hold, hand = scene.hold, scene.contents.hand
     scale: float | DisparityScale = 0.001
     if frame.raw_depth is not None:
         raw, scale = stored_raw_depth(frame.raw_depth, settings)
@@ -106,7 +91,7 @@ def _make_frame(recipe: FrameRecipe, root: Path, settings: GenerationSettings) -
         "hold_kind": hold.kind,
         "hand_side": hold.shape.side,
         "hand_scale": round(hold.shape.scale, 4),
-        "skin_albedo": _skin_albedo(scene),
+        "skin_albedo": [] if hand is None else np.median(hand.albedo, axis=0).round(4).tolist(),
         "engine": settings.engine,
         "generator": f"hadr {hadr.__version__}",
     }
@@ -120,14 +105,10 @@ def _make_frame(recipe: FrameRecipe, root: Path, settings: GenerationSettings) -
         jpeg_quality=settings.jpeg_quality,
         normals=settings.normals,
     )
-    return time.perf_counter() - start
 
 
 def _chosen_variant(settings: GenerationSettings, root: Path, client: Any) -> Variant:
-    """The variant asked for, else that of the folder's frames, else the fastest for all workers.
-
-    Each worker of a cluster finds out for itself what it can use.
-    """
+    """The variant asked for, else that of the folder's frames, else the fastest for all workers."""
     recorded, wanted = recorded_settings(root).get("variant"), wanted_variant()
     variant = settings.variant or wanted or recorded
     if settings.variant is None and recorded not in (None, variant):
@@ -136,6 +117,7 @@ def _chosen_variant(settings: GenerationSettings, root: Path, client: Any) -> Va
             ": unset it, or choose another folder"
         )
     if variant is None:
+        # Each worker of a cluster finds out for itself what it can use.
         told = {} if client is None else client.run(mitsuba_variant)
         usable = set(told.values()) or {mitsuba_variant()}
         variant = SCALAR if SCALAR in usable else LLVM
@@ -207,9 +189,9 @@ def generate(
             make = partial(_make_frames, root=root.absolute(), settings=settings)
             bar = tqdm(total=n_frames, initial=kept, unit="frame", disable=not progress)
             with bar:
-                for took in run_tasks(make, recipes_by_hold(todo), workers=workers, client=client):
-                    written += len(took)
-                    bar.update(len(took))
+                for made in run_tasks(make, recipes_by_hold(todo), workers=workers, client=client):
+                    written += made
+                    bar.update(made)
     except OSError as error:
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
             raise OSError(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -42,12 +42,9 @@ class FrameRecipe:
 
 
 def hold_split(hold_number: int, object_id: str = "0000") -> str:
-    """The split of an object's hold number: ten in turn hold seven, two and one.
-
-    A hold's split so never depends on how many frames are made. Kinds of hold come in turns of
-    eight; the cycle moves on by one each ten and begins elsewhere for each object, so that every
-    kind is tested with some object.
-    """
+    """The split of an object's hold, however many frames are made: ten in turn hold 7:2:1."""
+    # Kinds of hold come in turns of eight; the cycle moves on by one each ten and begins elsewhere
+    # for each object, so that every kind is tested with some object.
     lap = hold_number // len(_HOLD_CYCLE)
     return _HOLD_CYCLE[(hold_number + lap + int(object_id)) % len(_HOLD_CYCLE)]
 
@@ -68,12 +65,11 @@ class GenerationSettings:
         seed: Seed of everything (0).
         width: Image width, pixels (448).
         height: Image height, pixels; TransHand-14K's pictures are 16:9 (252).
-        engine: ``photo`` traces paths (needs ``hadr[generate]``), ``raycast`` casts rays (raycast).
-        variant: Of Mitsuba, which draws for ``photo``; where left out, that of the frames that
-            are there already, else the fastest that works.
-        samples: Paths a pixel of ``photo`` (8).
-        quality: Of ``raycast``: ``fine`` has soft shadows and four rays a pixel, ``fast`` one ray
-            (fine).
+        engine: photo traces paths (needs hadr[generate]), raycast casts rays (raycast).
+        variant: Of Mitsuba, which draws for photo; where left out, that of the frames that are
+            there already, else the fastest that works.
+        samples: Paths a pixel of photo (8).
+        quality: Of raycast: fine has soft shadows and four rays a pixel, fast one ray (fine).
         sensor: With the raw depth of a simulated depth camera.
         objects: The objects to alternate between, e.g. 0000 0004; without, all eight.
         split_by: What a split keeps together: a holding pose, nothing but the frame (which leaks
@@ -81,16 +77,16 @@ class GenerationSettings:
             (holding).
         frames_per_hold: How many frames share a holding pose; 2.5 means two and three in turn
             (2).
-        hold_shift: Object number j begins with its hold number ``j * hold_shift``, so that few
+        hold_shift: Object number j begins with its hold number j times this, so that few
             frames show many kinds of hold (0).
         recordings: Folder of recorded holds as CSV; without, holds are made from the seed.
         backgrounds: Folder of photographs for the surroundings; without, textures are painted.
-        depth_format: Depth as float metres (``npy``) or 16-bit in 0.1 mm steps (``png``) (npy).
+        depth_format: Depth as float metres, npy, or 16-bit in 0.1 mm steps, png (npy).
         jpeg_quality: Stores colour as JPEG, 1..100; without, as PNG.
         rest_step: Rounds the depth of what is neither hand nor glass, metres, for smaller files;
             without, it stays as exact.
-        raw_format: Raw depth in 1 mm steps (``depth``), or as the camera's ``disparity``, which is
-            smaller: 1/16 pixel, beyond 1 m 1/8 pixel (depth).
+        raw_format: Raw depth in 1 mm steps, depth, or as the camera's disparity, which is smaller:
+            1/16 pixel, beyond 1 m 1/8 pixel (depth).
         normals: Where surface normals are kept: everywhere, on glass and hand, on the glass (all).
 
     Raises:
@@ -142,11 +138,7 @@ class GenerationSettings:
             glass_object(name)
 
     def recipe(self, index: int) -> FrameRecipe:
-        """What frame ``index`` shows; objects alternate.
-
-        Raises:
-            ValueError: The index is negative.
-        """
+        """What frame ``index`` shows; objects alternate. A negative index is a ``ValueError``."""
         if index < 0:
             raise ValueError(f"frames are counted from 0, got {index}")
         names = self.objects or tuple(OBJECTS)
@@ -179,6 +171,11 @@ class Preset:
     bundled_recordings: bool = False
 
 
+_TRACED = GenerationSettings(engine="photo", sensor=True, depth_format="png")
+#: As small as the labels of what is held allow.
+_SMALL = replace(
+    _TRACED, jpeg_quality=86, rest_step=0.001, raw_format="disparity", normals="object"
+)
 PRESETS: dict[str, Preset] = {
     "tiny": Preset(
         16,
@@ -189,47 +186,25 @@ PRESETS: dict[str, Preset] = {
     ),
     "samples": Preset(
         480,
-        GenerationSettings(
-            engine="photo",
-            sensor=True,
-            depth_format="png",
-            jpeg_quality=86,
-            rest_step=0.001,
-            raw_format="disparity",
-            normals="object",
-        ),
+        _SMALL,
         "the project's sample frames: 480 of 448x252 from 240 recorded holds",
         bundled_recordings=True,
     ),
     "gallery": Preset(
         12,
-        GenerationSettings(
-            seed=11,
-            width=1280,
-            height=720,
-            engine="photo",
-            samples=16,
-            sensor=True,
-            frames_per_hold=1,
-            hold_shift=5,
-            depth_format="png",
-            jpeg_quality=86,
-            rest_step=0.001,
-            raw_format="disparity",
-            normals="object",
+        replace(
+            _SMALL, seed=11, width=1280, height=720, samples=16, frames_per_hold=1, hold_shift=5
         ),
         "12 frames of 1280x720 to look at",
     ),
     "mini": Preset(
         4000,
-        GenerationSettings(
+        replace(
+            _TRACED,
             seed=1,
             width=256,
             height=144,
-            engine="photo",
-            sensor=True,
             frames_per_hold=2.5,
-            depth_format="png",
             jpeg_quality=92,
             normals="none",
         ),
@@ -237,15 +212,7 @@ PRESETS: dict[str, Preset] = {
     ),
     "paper": Preset(
         14100,
-        GenerationSettings(
-            seed=2,
-            width=1280,
-            height=720,
-            engine="photo",
-            sensor=True,
-            depth_format="png",
-            jpeg_quality=95,
-        ),
+        replace(_TRACED, seed=2, width=1280, height=720, jpeg_quality=95),
         "as many frames as TransHand-14K and as large: 14,100 of 1280x720; for a cluster",
     ),
 }

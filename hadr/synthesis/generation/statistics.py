@@ -51,13 +51,7 @@ class FrameStatistics:
 
 
 def frame_statistics(frames: Iterable[Frame]) -> FrameStatistics:
-    """Measure frames one after the other.
-
-    Args:
-        frames: Read once, in order.
-
-    Returns:
-        One row a frame.
+    """Measure frames one after the other, one row a frame.
 
     Raises:
         ValueError: There is no frame.

@@ -108,21 +108,14 @@ def _ellipse_distance(x: Array, y: Array, a: Array, b: Array) -> Array:
 
 
 def signed_distance(item: GlassObject, points: npt.ArrayLike, *, filled: bool = False) -> Array:
-    """Distance from the glass, negative inside of it.
+    """Distance from the glass, metres, shape (N,), negative inside of it.
 
     Exact for bodies of revolution, and on every surface within 0.07 mm; beside relief (facets,
-    thread, spout) distances come out too large, by up to a half where it is steepest.
-
-    Args:
-        item: The object.
-        points: Object frame, metres, shape (N, 3).
-        filled: True closes the mouth: the hollow counts as inside.
-
-    Returns:
-        Metres, shape (N,).
+    thread, spout) distances come out too large, by up to a half where it is steepest. ``filled``
+    closes the mouth: the hollow counts as inside.
 
     Raises:
-        ValueError: The points have another shape.
+        ValueError: The points (object frame, metres) have another shape than (N, 3).
     """
     p = np.asarray(points, dtype=float)
     if p.ndim != 2 or p.shape[1] != 3:

@@ -1,10 +1,15 @@
-"""The catalogue of transparent things: eight of the data set, three that no training sees."""
+"""The catalogue of transparent things: eight of the data set, three that no training sees.
+
+A further one is an item here, with eight kinds of hold (`hadr.synthesis.holding.kinds`) that suit
+it; it belongs to the data set where `hadr.data.splits` names its number.
+"""
 
 from __future__ import annotations
 
+from hadr.data.splits import OBJECT_IDS
 from hadr.records.caches import kept
 from hadr.synthesis.glass.outlines import Corners
-from hadr.synthesis.glass.relief import Facets, Marks, Spout, Thread
+from hadr.synthesis.glass.relief import facets, marks, spout, thread
 from hadr.synthesis.glass.shape import GlassObject, handle_sections, profile, relieved
 from hadr.synthesis.glass.surfaces import Surface, revolve, tube_around, united
 
@@ -22,13 +27,8 @@ def bodies(item: GlassObject) -> tuple[Surface, ...]:
 
 
 def _mm(*corners: tuple[float, ...]) -> Corners:
-    """Corners given in millimetres."""
-    return tuple(tuple(value / 1000 for value in corner) for corner in corners)
-
-
-def _line(*points: tuple[float, float]) -> tuple[tuple[float, float], ...]:
     """Points given in millimetres."""
-    return tuple((r / 1000, z / 1000) for r, z in points)
+    return tuple(tuple(value / 1000 for value in corner) for corner in corners)
 
 
 _FOOT_34 = ((0, 0.9), (28, 0, 9), (34, 0, 0.9), (34, 2.0, 0.9))
@@ -38,18 +38,16 @@ _ITEMS = (
     GlassObject(
         "0000",
         "tumbler",
-        outer=_mm(
-            (0, 1.2), (22, 1.2, 3), (25, 0, 2), (32.4, 0, 2.5), (38, 106),
-        ),
-        inner=_mm(
-            (35.6, 106), (28.8, 15, 9), (0, 13),
-        ),
+        holds=("side", "above", "tips", "rim", "oblique", "cradle", "below", "reverse"),
+        outer=_mm((0, 1.2), (22, 1.2, 3), (25, 0, 2), (32.4, 0, 2.5), (38, 106)),
+        inner=_mm((35.6, 106), (28.8, 15, 9), (0, 13)),
         grip=(0.02, 0.098),
-        reliefs=(Facets(10, 0.0306, 0.085, 0.052),),
+        reliefs=(facets(10, 0.0306, 0.085, 0.052),),
     ),
     GlassObject(
         "0001",
         "wine glass",
+        holds=("stem", "side", "above", "oblique", "foot", "tips", "reverse", "pinch"),
         outer=_mm(
             *_FOOT_34, (9, 5.5), (4.0, 13), (3.7, 40), (3.9, 72), (8, 86), (30, 92), (40, 112),
             (42, 135), (36.5, 162), (33, 190),
@@ -64,35 +62,32 @@ _ITEMS = (
     GlassObject(
         "0004",
         "champagne flute",
+        holds=("side", "stem", "tips", "above", "oblique", "fist", "pinch", "reverse"),
         outer=_mm(
             (0, 0.9), (26, 0, 9), (31, 0, 0.9), (31, 1.9, 0.9), (8, 5.2), (3.7, 12), (3.4, 40),
             (3.6, 66), (9, 84), (18, 102), (24, 130), (25.5, 165), (22.5, 214),
         ),
-        inner=_mm(
-            (21.1, 214), (24.1, 165), (22.6, 130.2), (16.6, 102.8), (6.5, 86), (0, 83),
-        ),
+        inner=_mm((21.1, 214), (24.1, 165), (22.6, 130.2), (16.6, 102.8), (6.5, 86), (0, 83)),
         grip=(0.105, 0.195),
         stem=(0.025, 0.075),
     ),
     GlassObject(
         "0005",
         "beaker",
-        outer=_mm(
-            (0, 1.2), (31, 0, 12), (36, 0, 5), (36, 97, 5), (40, 105.2),
-        ),
-        inner=_mm(
-            (38.8, 106.2), (34.3, 97.6, 4), (34.3, 3, 4), (0, 3.2),
-        ),
+        holds=("tips", "side", "cradle", "above", "reverse", "rim", "oblique", "below"),
+        outer=_mm((0, 1.2), (31, 0, 12), (36, 0, 5), (36, 97, 5), (40, 105.2)),
+        inner=_mm((38.8, 106.2), (34.3, 97.6, 4), (34.3, 3, 4), (0, 3.2)),
         grip=(0.02, 0.09),
         transmittance=(0.965, 0.98, 0.98),
         reliefs=(
-            Spout(0.0065, 0.42, 0.088, 0.105),
-            Marks((0.025, 0.034, 0.043, 0.052, 0.061, 0.07), 1.9, 0.5),
+            spout(0.0065, 0.42, 0.088, 0.105),
+            marks((0.025, 0.034, 0.043, 0.052, 0.061, 0.07), 1.9, 0.5),
         ),
     ),
     GlassObject(
         "0006",
         "bottle",
+        holds=("side", "neck", "oblique", "above", "low", "tips", "reverse", "below"),
         outer=_mm(
             (0, 8), (14, 7), (24, 0, 6), (33, 0, 5), (33, 122), (29, 146), (13.6, 158),
             (13.0, 182, 2), (15.4, 183.5, 1), (15.4, 187, 1), (13.2, 188, 0.6), (13.2, 204),
@@ -103,32 +98,28 @@ _ITEMS = (
         ),
         grip=(0.02, 0.125),
         transmittance=(0.93, 0.97, 0.945),
-        reliefs=(Thread(0.1910, 0.0042, 2.3, 0.0012, 0.0013),),
+        reliefs=(thread(0.1910, 0.0042, 2.3, 0.0012, 0.0013),),
     ),
     GlassObject(
         "0007",
         "jar",
+        holds=("above", "side", "tips", "cradle", "oblique", "below", "rim", "reverse"),
         outer=_mm(
             (0, 2), (24, 1.5), (32, 0, 3), (43.5, 0, 5.5), (43.5, 78, 11), (35.5, 83, 4),
             (35.0, 87, 1.2), (37.6, 88, 0.8), (37.6, 90, 0.8), (35.2, 90.8, 0.6), (35.2, 104),
         ),
-        inner=_mm(
-            (32.6, 104), (32.4, 84, 6), (40.7, 76, 8), (40.7, 6, 6), (28, 5.5), (0, 6.5),
-        ),
+        inner=_mm((32.6, 104), (32.4, 84, 6), (40.7, 76, 8), (40.7, 6, 6), (28, 5.5), (0, 6.5)),
         grip=(0.02, 0.08),
-        reliefs=(Thread(0.0928, 0.0046, 1.6, 0.0012, 0.0014),),
+        reliefs=(thread(0.0928, 0.0046, 1.6, 0.0012, 0.0014),),
     ),
     GlassObject(
         "0008",
         "mug",
-        outer=_mm(
-            (0, 1.5), (24, 1.5, 3), (27, 0, 2), (38, 0, 4.5), (39.5, 92),
-        ),
-        inner=_mm(
-            (36.1, 92), (34.4, 8.5, 6), (0, 8),
-        ),
+        holds=("handle", "side", "above", "cradle", "rim", "oblique", "tips", "below"),
+        outer=_mm((0, 1.5), (24, 1.5, 3), (27, 0, 2), (38, 0, 4.5), (39.5, 92)),
+        inner=_mm((36.1, 92), (34.4, 8.5, 6), (0, 8)),
         grip=(0.02, 0.085),
-        handle=_line(
+        handle=_mm(
             (37.4, 75), (46, 75.3), (58.5, 73.8), (67, 65), (69, 49), (66, 33), (57.5, 24.5),
             (46, 23.2), (36.6, 23.5),
         ),
@@ -138,18 +129,18 @@ _ITEMS = (
     GlassObject(
         "0009",
         "bowl",
+        holds=("cradle", "rim", "carry", "below", "nip", "above", "pinch", "lip"),
         outer=_mm(
             (0, 2), (20, 2, 2), (22, 0, 1), (26.5, 0, 1.2), (27.5, 5.5, 2), (42, 13), (55, 32),
             (58, 64),
         ),
-        inner=_mm(
-            (55.2, 64), (52.2, 33), (40.5, 16.2), (26, 8.8), (0, 8),
-        ),
+        inner=_mm((55.2, 64), (52.2, 33), (40.5, 16.2), (26, 8.8), (0, 8)),
         grip=(0.02, 0.062),
     ),
     GlassObject(
         "0010",
         "carafe",
+        holds=("neck", "side", "oblique", "above", "low", "tips", "reverse", "below"),
         outer=_mm(
             (0, 3), (26, 2), (32, 0, 4), (44, 0, 7), (47, 62), (40, 98), (19, 128), (19.5, 168),
             (31, 206),
@@ -162,6 +153,7 @@ _ITEMS = (
     GlassObject(
         "0011",
         "conical flask",
+        holds=("neck", "side", "above", "tips", "oblique", "reverse", "cradle", "below"),
         outer=_mm(
             (0, 1.2), (38, 0, 12), (43, 0, 5), (41, 14, 14), (15.5, 104, 12), (15, 132, 4),
             (19, 137.5, 1),
@@ -175,22 +167,23 @@ _ITEMS = (
     GlassObject(
         "0012",
         "coupe",
+        holds=("stem", "fist", "above", "foot", "nip", "lip", "pinch", "reverse"),
         outer=_mm(
             *_FOOT_34, (9, 5.5), (4.0, 13), (3.7, 40), (4.0, 84), (10, 94), (36, 99), (48, 116),
             (49.5, 146),
         ),
-        inner=_mm(
-            (48.1, 146), (46.5, 116.6), (35, 101), (12, 96.5), (0, 96),
-        ),
+        inner=_mm((48.1, 146), (46.5, 116.6), (35, 101), (12, 96.5), (0, 96)),
         grip=(0.11, 0.14),
         stem=(0.025, 0.08),
     ),
 )
 # fmt: on
-#: Shapes of the handover experiment with new objects; no data set for training shows them.
-NOVEL_OBJECTS: dict[str, GlassObject] = {i.object_id: i for i in _ITEMS if i.object_id > "0009"}
 #: The eight objects by their id; which thing stands behind an id is our choice, not the paper's.
-OBJECTS: dict[str, GlassObject] = {i.object_id: i for i in _ITEMS if i.object_id <= "0009"}
+OBJECTS: dict[str, GlassObject] = {i.object_id: i for i in _ITEMS if i.object_id in OBJECT_IDS}
+#: Shapes of the handover experiment with new objects; no data set for training shows them.
+NOVEL_OBJECTS: dict[str, GlassObject] = {
+    i.object_id: i for i in _ITEMS if i.object_id not in OBJECT_IDS
+}
 
 
 def glass_object(object_id: str) -> GlassObject:
@@ -199,7 +192,7 @@ def glass_object(object_id: str) -> GlassObject:
     Raises:
         ValueError: There is no such object; the message lists them.
     """
-    for group in (OBJECTS, NOVEL_OBJECTS):
-        if object_id in group:
-            return group[object_id]
-    raise ValueError(f"no object {object_id!r}; there are {', '.join([*OBJECTS, *NOVEL_OBJECTS])}")
+    known = OBJECTS | NOVEL_OBJECTS
+    if object_id not in known:
+        raise ValueError(f"no object {object_id!r}; there are {', '.join(known)}")
+    return known[object_id]

@@ -43,15 +43,10 @@ def _corner(before: Array, at: Array, after: Array, radius: float | None) -> Arr
 
 
 def rounded_path(corners: Corners, spacing: float) -> Array:
-    """Lines between corner points, each inner corner rounded by an arc.
+    """Lines between corner points, each inner corner rounded by an arc; samples, shape (N, 2).
 
-    Args:
-        corners: Two or more points (x, y) or (x, y, radius), metres. A radius that does not fit
-            is made smaller: an arc takes at most half of the shorter neighbouring line.
-        spacing: Largest distance of samples, metres; arcs are sampled finer, every 11 degrees.
-
-    Returns:
-        Samples, shape (N, 2), the first and the last corner among them.
+    A radius that does not fit is made smaller: an arc takes at most half of the shorter
+    neighbouring line. Samples lie at most ``spacing`` metres apart, on arcs every 11 degrees.
 
     Raises:
         ValueError: There are fewer than two corners, or two neighbours coincide.
@@ -73,15 +68,9 @@ def rounded_path(corners: Corners, spacing: float) -> Array:
 def subdivided(
     path: Array, spacing: float, fine: Sequence[tuple[float, float, float]] = ()
 ) -> Array:
-    """Split the long pieces of a path.
+    """Split the pieces of a path (N, 2) that are longer than ``spacing`` metres.
 
-    Args:
-        path: Points, shape (N, 2).
-        spacing: Longest piece, metres.
-        fine: Bands (low, high, spacing) of the second coordinate with shorter pieces.
-
-    Returns:
-        The old points and new ones between them, shape (M, 2), M >= N.
+    ``fine`` names bands (low, high, spacing) of the second coordinate with shorter pieces.
     """
     length = np.linalg.norm(np.diff(path, axis=0), axis=1)
     low, high = np.minimum(path[:-1, 1], path[1:, 1]), np.maximum(path[:-1, 1], path[1:, 1])

@@ -30,6 +30,8 @@ class GlassObject:
     Args:
         object_id: Its four digits, as the data set's folders are named.
         name: What it is.
+        holds: Its eight kinds of hold, see `hadr.synthesis.holding.kinds`; hold number ``n`` is of
+            kind ``n % 8``.
         outer: Corners (r, z) or (r, z, rounding) of the outside from the axis to the rim, metres;
             without a rounding a corner is as round as fits.
         inner: The same of the inside, from the rim to the axis.
@@ -44,11 +46,12 @@ class GlassObject:
 
     object_id: str
     name: str
+    holds: tuple[str, ...]
     outer: Corners
     inner: Corners
     grip: tuple[float, float]
     stem: tuple[float, float] | None = None
-    handle: tuple[tuple[float, float], ...] = ()
+    handle: Corners = ()
     handle_radius: float = 0.0
     transmittance: tuple[float, float, float] = (0.95, 0.975, 0.965)
     handle_width: float = 0.0
@@ -59,33 +62,16 @@ class GlassObject:
         """Metres from the table to the rim."""
         return float(profile(self)[:, 1].max())
 
-    @property
-    def radius(self) -> float:
-        """Largest radius of the outline (no handle, no spout), metres."""
-        return float(profile(self)[:, 0].max())
-
     def outer_radius(self, z: float) -> float:
         """Largest radius of the outline at the height z, metres; 0 above and below it."""
-        curve = profile(self)
-        a, b = curve[:-1], curve[1:]
-        crosses = (np.minimum(a[:, 1], b[:, 1]) <= z) & (np.maximum(a[:, 1], b[:, 1]) >= z)
-        if not crosses.any():
-            return 0.0
-        a, b = a[crosses], b[crosses]
-        rise = np.where(np.abs(b[:, 1] - a[:, 1]) < 1e-12, 1.0, b[:, 1] - a[:, 1])
-        fraction = np.clip((z - a[:, 1]) / rise, 0.0, 1.0)
-        return float((a[:, 0] + fraction * (b[:, 0] - a[:, 0])).max())
+        return float(_largest_radius(profile(self), np.array([z]))[0])
 
 
 @kept(64)
 def profile(item: GlassObject) -> Array:
     """The closed outline in the half plane, without relief, from the axis below to that inside.
 
-    Args:
-        item: The object.
-
-    Returns:
-        Points (r, z) in metres, shape (N, 2); the first and the last lie on the axis.
+    Points (r, z) in metres, shape (N, 2); the first and the last lie on the axis.
     """
     outer, inner = rounded_path(item.outer, SPACING), rounded_path(item.inner, SPACING)
     middle = (outer[-1] + inner[0]) / 2
@@ -101,26 +87,28 @@ def profile(item: GlassObject) -> Array:
     return np.concatenate([outer, rim, inner])
 
 
-def handle_line(item: GlassObject) -> Array:
-    """The centre line of the handle in the object's frame, metres, shape (N, 3); N = 0 without."""
-    if not item.handle:
-        return np.zeros((0, 3))
-    rz = smooth_curve(item.handle, 0.002)
-    return np.stack([rz[:, 0], np.zeros(len(rz)), rz[:, 1]], axis=1)
-
-
 def handle_sections(item: GlassObject) -> tuple[Array, Array, Array]:
     """The handle: its centre line (N, 3), half thickness (N,) and half width (N,), metres.
 
-    Toward its ends, which lie in the wall, it grows thicker.
+    Toward its ends, which lie in the wall, it grows thicker. Without a handle N = 0.
     """
-    line = handle_line(item)
-    if not len(line):
-        return line, np.zeros(0), np.zeros(0)
+    if not item.handle:
+        return np.zeros((0, 3)), np.zeros(0), np.zeros(0)
+    rz = smooth_curve(item.handle, 0.002)
+    line = np.stack([rz[:, 0], np.zeros(len(rz)), rz[:, 1]], axis=1)
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
     flare = 0.55 * np.exp(-((np.minimum(along, along[-1] - along) / 0.0042) ** 2))
     thickness = item.handle_radius * (1 + flare)
     return line, thickness, (item.handle_width or item.handle_radius) * (1 + 0.5 * flare)
+
+
+def _largest_radius(curve: Array, z: Array) -> Array:
+    """Largest radius of a part of an outline at each of N heights; 0 where it does not reach."""
+    a, b, level = curve[:-1], curve[1:], z[:, None]
+    low, high = np.minimum(a[:, 1], b[:, 1]), np.maximum(a[:, 1], b[:, 1])
+    rise = np.where(high - low < 1e-12, 1.0, b[:, 1] - a[:, 1])
+    at = a[:, 0] + np.clip((level - a[:, 1]) / rise, 0, 1) * (b[:, 0] - a[:, 0])
+    return np.asarray(np.where((low <= level) & (high >= level), at, 0.0).max(1))
 
 
 @kept(32)
@@ -129,20 +117,12 @@ def _walls(item: GlassObject) -> tuple[Array, Array, Array]:
     curve = profile(item)
     rim = int(np.argmax(curve[:, 1]))
     z = np.arange(0.0, curve[rim, 1] + 5e-4, 5e-4)
-
-    def radius(side: Array) -> Array:
-        a, b = side[:-1], side[1:]
-        low, high = np.minimum(a[:, 1], b[:, 1]), np.maximum(a[:, 1], b[:, 1])
-        level = np.minimum(z, curve[rim, 1])[:, None]
-        rise = np.where(high - low < 1e-12, 1.0, b[:, 1] - a[:, 1])
-        at = a[:, 0] + np.clip((level - a[:, 1]) / rise, 0, 1) * (b[:, 0] - a[:, 0])
-        return np.asarray(np.where((low <= level) & (high >= level), at, 0.0).max(1))
-
-    return z, radius(curve[: rim + 1]), radius(curve[rim:])
+    level = np.minimum(z, curve[rim, 1])
+    return z, _largest_radius(curve[: rim + 1], level), _largest_radius(curve[rim:], level)
 
 
 def relieved(item: GlassObject, angle: Array, rz: Array, *, back: bool = False) -> Array:
-    """Move points of the body of revolution to where the reliefs put them, or back.
+    """Move points of the body of revolution to where the reliefs put them, or back: the new radius.
 
     Between the inner and the outer wall the shift fades out, so that the inside stays round.
 
@@ -151,9 +131,6 @@ def relieved(item: GlassObject, angle: Array, rz: Array, *, back: bool = False) 
         angle: Around the axis, radians, shape (...,).
         rz: Radius and height, metres, shape (..., 2).
         back: True takes the relief away instead.
-
-    Returns:
-        The new radius, metres, shape (...,); the height stays.
     """
     r, z = rz[..., 0], rz[..., 1]
     if not item.reliefs:

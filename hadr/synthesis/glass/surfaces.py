@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import manifold3d
 import numpy as np
@@ -54,7 +53,7 @@ def vertex_normals(vertices: Array, faces: npt.NDArray[np.int64]) -> Array:
     return np.asarray(normals / length, dtype=float)
 
 
-def smooth_curve(points: tuple[tuple[float, float], ...], spacing: float) -> Array:
+def smooth_curve(points: Sequence[Sequence[float]], spacing: float) -> Array:
     """A monotone curve through control points, sampled every ``spacing`` metres."""
     p = np.asarray(points, dtype=float)
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(p, axis=0), axis=1))])
@@ -103,6 +102,11 @@ def revolve(
     normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-18)
     vertices = np.concatenate([grid.reshape(-1, 3), ends])
     normals = np.concatenate([normal.reshape(-1, 3), [[0, 0, -1.0], [0, 0, 1.0]]])
+    return Surface(vertices, _tube_faces(rings, segments), normals)
+
+
+def _tube_faces(rings: int, segments: int) -> npt.NDArray[np.int64]:
+    """Faces of rings of vertices one after the other, closed by the two vertices behind them."""
     i = np.arange(segments)
     j = (i + 1) % segments
     faces = []
@@ -112,7 +116,7 @@ def revolve(
     bottom, top, last = rings * segments, rings * segments + 1, (rings - 1) * segments
     faces.append(np.stack([np.full(segments, bottom), j, i], 1))
     faces.append(np.stack([last + i, last + j, np.full(segments, top)], 1))
-    return Surface(vertices, np.concatenate(faces), normals)
+    return np.concatenate(faces)
 
 
 def tube_around(line: Array, thickness: Array, width: Array) -> Surface:
@@ -128,20 +132,9 @@ def tube_around(line: Array, thickness: Array, width: Array) -> Surface:
     around = -a * sin * side + b * cos * up
     normal = np.cross(around, np.gradient(grid, axis=0))
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-    i = np.arange(HANDLE_SEGMENTS)
-    j = (i + 1) % HANDLE_SEGMENTS
-    faces = []
-    for ring in range(len(line) - 1):
-        low, high = ring * HANDLE_SEGMENTS, (ring + 1) * HANDLE_SEGMENTS
-        faces += [np.stack([low + i, low + j, high + j], 1)]
-        faces += [np.stack([low + i, high + j, high + i], 1)]
-    first, last = len(line) * HANDLE_SEGMENTS, len(line) * HANDLE_SEGMENTS + 1
-    end = (len(line) - 1) * HANDLE_SEGMENTS
-    faces.append(np.stack([np.full(HANDLE_SEGMENTS, first), j, i], 1))
-    faces.append(np.stack([end + i, end + j, np.full(HANDLE_SEGMENTS, last)], 1))
     vertices = np.concatenate([grid.reshape(-1, 3), line[:1], line[-1:]])
     normals = np.concatenate([normal.reshape(-1, 3), -tangent[:1], tangent[-1:]])
-    return Surface(vertices, np.concatenate(faces), normals)
+    return Surface(vertices, _tube_faces(len(line), HANDLE_SEGMENTS), normals)
 
 
 def united(surfaces: tuple[Surface, ...]) -> Surface:
@@ -169,15 +162,11 @@ def united(surfaces: tuple[Surface, ...]) -> Surface:
     return Surface(both[kept, :3].copy(), faces, normals)
 
 
-def merged(surfaces: tuple[Surface, ...]) -> Surface:
+def merged(surfaces: Sequence[Surface]) -> Surface:
     """Join surfaces into one list of vertices and faces, without welding them."""
-    faces: list[Any] = []
-    start = 0
-    for surface in surfaces:
-        faces.append(surface.faces + start)
-        start += len(surface.vertices)
+    starts = np.cumsum([0, *(len(surface.vertices) for surface in surfaces)])
     return Surface(
         np.concatenate([s.vertices for s in surfaces]),
-        np.concatenate(faces),
+        np.concatenate([s.faces + k for s, k in zip(surfaces, starts, strict=False)]),
         np.concatenate([s.normals for s in surfaces]),
     )

@@ -88,7 +88,7 @@ class FingerSkin:
         object_from_wrist: Array,
         chosen: npt.NDArray[np.int64] | slice = slice(None),
     ) -> tuple[Floats, Array]:
-        """Skin in the object's frame, metres.
+        """Skin in the object's frame, metres, for N angle sets.
 
         Args:
             angles: Shape (N, 4), radians.
@@ -117,12 +117,7 @@ def _plain(shape: HandShape) -> HandShape:
 
 
 def finger_skin(finger: str, shape: HandShape) -> FingerSkin:
-    """The skin of a finger of a hand, as a right hand's whatever its side.
-
-    Args:
-        finger: ``thumb`` to ``little``.
-        shape: The hand.
-    """
+    """The skin of a finger, ``thumb`` to ``little``, as a right hand's whatever the hand's side."""
     plain = _plain(shape)
     number = list(FINGERS).index(finger)
     template = hand_template(COARSE_STEP)

@@ -46,15 +46,7 @@ class HandMesh:
 
 
 def paint(skin: SkinMap, tone: npt.ArrayLike) -> tuple[Array, Array]:
-    """Reflectance and gloss of skin and nails.
-
-    Args:
-        skin: Where the skin's features lie, V vertices.
-        tone: Linear RGB reflectance on the back of the hand, shape (3,).
-
-    Returns:
-        Linear RGB, shape (V, 3), and gloss, shape (V,).
-    """
+    """Reflectance (linear RGB, (V, 3)) and gloss (V,) of skin and nails; the tone is the back's."""
     base = np.asarray(tone, dtype=float)
     fair = np.array([0.80, 0.53, 0.42])
     darkness = float(np.clip(1 - base.mean() / 0.56, 0, 1))
@@ -76,13 +68,6 @@ def paint(skin: SkinMap, tone: npt.ArrayLike) -> tuple[Array, Array]:
     return np.clip(color, 0.01, 0.95), np.clip(gloss, 0.05, 1.0)
 
 
-def _level(step: float) -> float:
-    """The template's grid that serves a wanted resolution."""
-    if not 0.001 <= step <= 0.010:
-        raise ValueError(f"step must lie between 0.001 and 0.010 metres, got {step}")
-    return next((s for s in (COARSE_STEP, MIDDLE_STEP) if step >= s), FINE_STEP)
-
-
 def hand_mesh(
     skeleton: Skeleton,
     shape: HandShape | None = None,
@@ -90,28 +75,24 @@ def hand_mesh(
     tone: npt.ArrayLike = SKIN_TONES[1],
     step: float = FINE_STEP,
 ) -> HandMesh:
-    """Skin a posed skeleton.
+    """Skin a posed skeleton: a closed hand with its forearm, wrist frame, metres.
 
     Args:
-        skeleton: The pose, wrist frame, metres.
+        skeleton: The pose.
         shape: The sizes that posed it; an adult's right hand where it is left out.
         tone: Linear RGB reflectance of the skin, shape (3,).
-        step: Coarsest distance of vertices on the hand, metres: 1.3 mm shows creases, 3.8 mm and
-            more is meant for contact checks.
-
-    Returns:
-        A closed hand with its forearm in the wrist frame.
+        step: Coarsest distance of vertices, metres: 1.3 mm shows creases, 3.8 mm checks contact.
 
     Raises:
         ValueError: The step is not between 1 and 10 mm.
     """
-    level = _level(step)
+    if not 0.001 <= step <= 0.010:
+        raise ValueError(f"step must lie between 0.001 and 0.010 metres, got {step}")
+    level = next((s for s in (COARSE_STEP, MIDDLE_STEP) if step >= s), FINE_STEP)
     shape = shape or HandShape()
     vertices = posed_vertices(skeleton, shape, level).astype(float)
     template = hand_template(level)
-    faces = template.faces
-    if shape.side == "left":
-        faces = faces[:, ::-1]
+    faces = template.faces[:, ::-1] if shape.side == "left" else template.faces
     surface = Surface(vertices, faces, vertex_normals(vertices, faces))
     albedo, gloss = paint(template.skin, tone)
     return HandMesh(surface, albedo, gloss)

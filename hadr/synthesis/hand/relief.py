@@ -77,10 +77,7 @@ def _step(value: Array, low: float, high: float) -> Array:
 
 
 def _to_curve(points: Array, knots: tuple[tuple[float, ...], ...]) -> tuple[Array, Array]:
-    """Distance to a smooth curve through (x, y) knots in mm, and the knots' further number there.
-
-    Both have the shape (V,), the distance in metres.
-    """
+    """Distance (V,) to a curve through (x, y) knots in mm, metres, and their further number."""
     rows = np.asarray(knots, dtype=float)
     at = np.linspace(0, len(rows) - 1, 400)
     curve = CubicSpline(np.arange(len(rows)), rows, axis=0)(at)

@@ -171,12 +171,10 @@ def palm_distance(points: Grid, rest: Skeleton) -> Grid:
 
 
 def signed_distance(points: Grid, rest: Skeleton, shape: HandShape) -> Grid:
-    """Distance of points from the whole hand at rest with its forearm; negative inside.
+    """Distance of points (..., 3) from the whole hand at rest with its forearm; negative inside.
 
-    Args:
-        points: Wrist frame, metres, shape (..., 3).
-        rest: The rest skeleton of a right hand of scale 1.
-        shape: Its sizes.
+    ``rest`` is the rest skeleton of a right hand of scale 1, ``shape`` has its sizes; wrist frame,
+    metres.
     """
     palm = palm_distance(points, rest)
     distance = palm

@@ -7,21 +7,19 @@ so that bent joints keep their girth. The sized template is kept per hand shape.
 
 from __future__ import annotations
 
-from collections import OrderedDict
-from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from hadr.hand import FINGERS, HandShape, Skeleton
+from hadr.records.caches import kept
 from hadr.synthesis.hand.signed_distance import rest_skeleton
 from hadr.synthesis.hand.template import BONE_COUNT, COARSE_STEP, hand_template
 
 Array = npt.NDArray[np.float64]
 
-_KEPT_SHAPES = 64
-_SIZED: OrderedDict[tuple[object, ...], tuple[npt.NDArray[np.float32], Array]] = OrderedDict()
 _MIRROR = np.array([-1.0, 1.0, 1.0])
 
 
@@ -49,48 +47,34 @@ def _palm_stretch(before: Skeleton, after: Skeleton, girth: float) -> Array:
     return stretch
 
 
-def _sizes_key(shape: HandShape) -> tuple[object, ...]:
-    return (
-        tuple(tuple(shape.roots[f]) for f in FINGERS),
-        tuple(tuple(shape.lengths[f]) for f in FINGERS),
-        tuple(shape.fan.items()),
-        shape.girth,
-    )
-
-
 def sized_template(shape: HandShape, step: float) -> tuple[npt.NDArray[np.float32], Array]:
     """The template's vertices at rest in a hand's proportions, and its rest bones.
 
-    Args:
-        shape: The hand; its side and scale play no part.
-        step: Grid of the template, metres.
-
     Returns:
-        Vertices of a right hand of scale 1, shape (V, 3), and ``bone_from_wrist`` of its 16 bones
-        at rest, shape (16, 4, 4).
+        Vertices of a right hand of scale 1, shape (V, 3), whatever the hand's side and scale; and
+        ``bone_from_wrist`` of its 16 bones at rest, shape (16, 4, 4).
     """
-    key = (step, *_sizes_key(shape))
-    if key in _SIZED:
-        _SIZED.move_to_end(key)
-        return _SIZED[key]
+    sizes = (tuple((f, tuple(v)) for f, v in s.items()) for s in (shape.roots, shape.lengths))
+    return _sized(*sizes, tuple(shape.fan.items()), shape.girth, step)
+
+
+@kept(64)
+def _sized(
+    roots: Any, lengths: Any, fan: Any, girth: float, step: float
+) -> tuple[npt.NDArray[np.float32], Array]:
     template = hand_template(step)
-    plain = replace(shape, side="right", scale=1.0)
+    plain = HandShape("right", 1.0, dict(roots), dict(lengths), dict(fan), girth)
     standard = HandShape()
     before, after = rest_skeleton(standard), rest_skeleton(plain)
     old, new = bone_frames(before, "right"), bone_frames(after, "right")
     moves = np.empty((BONE_COUNT, 4, 4))
     moves[0] = np.eye(4)
-    moves[0, :3, :3] = _palm_stretch(before, after, plain.girth)
+    moves[0, :3, :3] = _palm_stretch(before, after, girth)
     for i, finger in enumerate(FINGERS):
         for j in range(3):
             ratio = plain.lengths[finger][j] / standard.lengths[finger][j]
             bone = 1 + 3 * i + j
-            moves[bone] = (
-                new[bone]
-                @ np.diag([plain.girth, ratio, plain.girth, 1.0])
-                @ np.linalg.inv(old[bone])
-            )
-    girth = plain.girth
+            moves[bone] = new[bone] @ np.diag([girth, ratio, girth, 1.0]) @ np.linalg.inv(old[bone])
     rows = (template.weights @ moves[:, :3].reshape(BONE_COUNT, 12).astype(np.float32)).reshape(
         -1, 3, 4
     )
@@ -100,10 +84,7 @@ def sized_template(shape: HandShape, step: float) -> tuple[npt.NDArray[np.float3
     behind = np.clip((0.03 - points[:, 1]) / 0.06, 0, 1) * template.weights[:, 0]
     rows[:, :, :3] += behind[:, None, None] * arm
     sized = (rows[:, :, :3] @ points[:, :, None])[..., 0] + rows[:, :, 3]
-    _SIZED[key] = (sized.astype(np.float32), np.asarray(np.linalg.inv(new), dtype=float))
-    while len(_SIZED) > _KEPT_SHAPES:
-        _SIZED.popitem(last=False)
-    return _SIZED[key]
+    return sized.astype(np.float32), np.asarray(np.linalg.inv(new), dtype=float)
 
 
 def _quaternions(rotations: Array) -> Array:
@@ -163,14 +144,9 @@ def posed_vertices(skeleton: Skeleton, shape: HandShape, step: float) -> npt.NDA
 def skin_vertices(skeleton: Skeleton, shape: HandShape) -> tuple[Array, npt.NDArray[np.int8]]:
     """Points of the skin in a pose, some 4 mm apart, for contact checks.
 
-    Args:
-        skeleton: The pose, wrist frame, metres.
-        shape: The sizes that posed it.
-
     Returns:
-        Vertices in the wrist frame, metres, shape (V, 3), in the same order for every pose and
-        shape; and the part that each belongs to: 0..4 thumb to little finger, 5 palm, 6 forearm,
-        shape (V,).
+        Vertices in the wrist frame, metres, (V, 3), in the same order for every pose and shape; and
+        the part of each: 0..4 thumb to little finger, 5 palm, 6 forearm, (V,).
     """
     vertices = posed_vertices(skeleton, shape, COARSE_STEP)
     return vertices.astype(float), hand_template(COARSE_STEP).part

@@ -54,11 +54,9 @@ class HandTemplate:
 
 
 def _hinge(distance: Array, radius: float, reach: float = 1.5) -> Array:
-    """How far a joint's bend has come, 0 before the joint to 1 beyond it.
-
-    The weight follows the angle under which the skin is seen from the joint, so that skin at
-    ``radius`` on the inner side stays in order for bends up to 2 atan(reach).
-    """
+    """How far a joint's bend has come, 0 before the joint to 1 beyond it."""
+    # The weight follows the angle under which the skin is seen from the joint, so that skin at
+    # `radius` on the inner side stays in order for bends up to 2 atan(reach).
     weight = np.arctan(np.clip(distance / radius, -reach, reach)) / (2 * np.arctan(reach)) + 0.5
     smooth = weight * weight * (3 - 2 * weight)
     return np.asarray(0.7 * weight + 0.3 * smooth)
@@ -171,16 +169,7 @@ def _onto_surface(
 
 @kept(4)
 def hand_template(step: float = COARSE_STEP) -> HandTemplate:
-    """Polygonise the hand at rest, once per resolution.
-
-    Args:
-        step: Grid around the hand, metres.
-
-    Raises:
-        ValueError: The grid is not between 1 and 10 mm.
-    """
-    if not 0.001 <= step <= 0.010:
-        raise ValueError(f"step must lie between 0.001 and 0.010 metres, got {step}")
+    """Polygonise the hand at rest on a grid of some metres, once per resolution."""
     shape = HandShape()
     rest = rest_skeleton(shape)
     axes = _axes(step)

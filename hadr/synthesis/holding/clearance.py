@@ -89,9 +89,7 @@ class ClearanceTable:
 def hollow_distance(item: GlassObject, points: npt.ArrayLike) -> Array:
     """Distance for skin in the mouth: positive in the hollow and above the rim, else negative.
 
-    Args:
-        item: The object.
-        points: Object frame, metres, shape (N, 3).
+    Points (N, 3) in the object's frame, metres.
     """
     p = np.asarray(points, dtype=float)
     curve = profile(item)

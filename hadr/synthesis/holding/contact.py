@@ -156,9 +156,6 @@ def check_contact(
         angles: The twenty joint angles, radians, shape (20,).
         wrist_from_object: Pose of the object in the wrist frame, shape (4, 4).
         inside: Fingers that may be in the mouth.
-
-    Returns:
-        The report.
     """
     item = glass_object(object_id)
     q = np.asarray(angles, dtype=float)

@@ -104,10 +104,9 @@ def palm_clearance(hand: HandSkins, table: ClearanceTable, pose: Array) -> float
     return float(table.around(hand.palm @ inverse[:3, :3].T + inverse[:3, 3]).min())
 
 
-def push_onto_palm(
-    hand: HandSkins, table: ClearanceTable, placement: Placement, direction: Array
-) -> Placement:
-    """Slide the object along a direction until it meets the palm."""
+def push_onto_palm(hand: HandSkins, table: ClearanceTable, placement: Placement) -> Placement:
+    """Slide the object toward the palm until it meets it."""
+    direction = np.array([0.0, 0.0, -1.0])
     pose = placement.wrist_from_object.copy()
     start = pose[:3, 3].copy()
     low, high = -0.10, 0.14

@@ -27,7 +27,7 @@ from hadr.synthesis.holding.grasp_optimisation import (
     palm_clearance,
     push_onto_palm,
 )
-from hadr.synthesis.holding.kinds import FINGERS_INSIDE, HOLD_KINDS, Placement, draw_placement
+from hadr.synthesis.holding.kinds import Placement, draw_placement, fingers_inside
 
 Array = npt.NDArray[np.float64]
 
@@ -48,7 +48,7 @@ class Hold:
     Args:
         hold_id: Names the pose, e.g. ``0004-stem-0007``; frames that share it are near-duplicates.
         object_id: The object.
-        kind: One of the kinds in ``HOLD_KINDS``.
+        kind: One of those in ``KINDS``.
         shape: Sizes and side of the hand.
         angles: The twenty joint angles, radians, shape (20,).
         wrist_from_object: Pose of the object in the wrist frame, shape (4, 4).
@@ -77,7 +77,7 @@ def check_hold(hold: Hold) -> ContactReport:
         hold.shape,
         hold.angles,
         hold.wrist_from_object,
-        FINGERS_INSIDE.get(hold.kind, ()),
+        fingers_inside(hold.kind),
     )
 
 
@@ -91,9 +91,9 @@ def _candidates(
     """Placements of the object, the most promising first."""
     found: list[tuple[float, int, Placement]] = []
     for number in range(_PLACEMENTS):
-        placement, direction = draw_placement(item, kind, hand.shape.scale, rng)
-        if direction is not None:
-            placement = push_onto_palm(hand, table, placement, direction)
+        placement = draw_placement(item, kind, hand.shape.scale, rng)
+        if placement.palm_gap == 0:
+            placement = push_onto_palm(hand, table, placement)
         elif palm_clearance(hand, table, placement.wrist_from_object) < placement.palm_gap:
             continue
         cost = GraspOptimisation(item.object_id, hand, placement).screen()
@@ -103,25 +103,20 @@ def _candidates(
 
 def search_hold(
     object_id: str, kind: str, shape: HandShape, rng: np.random.Generator
-) -> tuple[Array, Array, ContactReport, int]:
-    """Search a hold of a kind as a right hand's.
+) -> tuple[Array, Array, ContactReport]:
+    """Search a hold of a kind as a right hand's: angles, ``wrist_from_object``, the checks' report.
 
-    Returns:
-        The angles; ``wrist_from_object``; the checks' report (its problems are empty unless all
-        attempts failed, then it is the best failure); and the number of attempts.
+    Where all attempts fail it is the best failure, and its report has problems.
     """
     item, table = glass_object(object_id), clearance_table(object_id)
     right = replace(shape, side="right")
     hand = hand_skins(right)
     best: tuple[float, Array, Array, ContactReport] | None = None
-    attempts = 0
     for _ in range(_ROUNDS):
         for placement in _candidates(item, kind, hand, table, rng)[:_TRIES]:
-            attempts += 1
-            attempt = GraspOptimisation(object_id, hand, placement)
-            angles, cost = attempt.run(rng)
+            angles, cost = GraspOptimisation(object_id, hand, placement).run(rng)
             report = check_contact(
-                object_id, right, angles, placement.wrist_from_object, FINGERS_INSIDE.get(kind, ())
+                object_id, right, angles, placement.wrist_from_object, fingers_inside(kind)
             )
             wanted = {f for f, action in placement.plan.items() if action != "free"}
             missed = wanted - set(report.touching)
@@ -139,7 +134,7 @@ def search_hold(
             break
     if best is None:
         raise ValueError(f"no placement of {object_id} for a hold of kind {kind!r} spares the palm")
-    return best[1], best[2], best[3], attempts
+    return best[1:]
 
 
 def mirrored_pose(wrist_from_object: Array) -> Array:
@@ -153,10 +148,9 @@ def hold_kind(object_id: str, number: int) -> str:
     Raises:
         ValueError: The object is unknown, or the number is negative.
     """
-    glass_object(object_id)
+    kinds = glass_object(object_id).holds
     if number < 0:
         raise ValueError(f"number of a hold starts at 0, got {number}")
-    kinds = HOLD_KINDS[object_id]
     return kinds[number % len(kinds)]
 
 
@@ -178,15 +172,12 @@ def draw_hand_shape(rng: np.random.Generator, side: Side) -> HandShape:
 
 @kept(64)
 def make_hold(object_id: str, number: int, seed: int = 0) -> Hold:
-    """Make the holding pose number ``number`` of an object.
+    """Make the holding pose number ``number`` of an object; the same for the same arguments.
 
     Args:
         object_id: One of the objects' ids.
         number: Which pose, from 0; the eight kinds of hold of the object alternate.
         seed: Seed of the whole data set.
-
-    Returns:
-        The pose; the same for the same three arguments.
 
     Raises:
         ValueError: The object is unknown, the number is negative, or five hands in turn fail.
@@ -197,7 +188,7 @@ def make_hold(object_id: str, number: int, seed: int = 0) -> Hold:
         rng = np.random.default_rng([seed, int(object_id), number, 11, redraw][: 4 + (redraw > 0)])
         side: Side = "right" if rng.random() < 0.6 else "left"
         shape = draw_hand_shape(rng, side)
-        angles, pose, report, _ = search_hold(object_id, kind, shape, rng)
+        angles, pose, report = search_hold(object_id, kind, shape, rng)
         if not report.problems:
             break
     else:

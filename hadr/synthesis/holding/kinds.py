@@ -13,57 +13,13 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from hadr.hand import FINGERS
 from hadr.synthesis.glass.shape import GlassObject
 
 Array = npt.NDArray[np.float64]
 #: What a finger does: lie on the glass along its length, touch it with the pad of its tip, do so
 #: from inside the mouth, go through the handle, or rest beside its neighbours.
 Action = Literal["wrap", "tip", "inside", "hook", "free"]
-
-#: Each kind of hold in a sentence.
-KIND_MEANING: dict[str, str] = {
-    "side": "power hold: the palm and all fingers around the body, the thumb toward the mouth",
-    "low": "the same close to the base of a tall object",
-    "high": "the same close to the mouth of a tall object",
-    "oblique": "power hold with the object leaning across the palm",
-    "reverse": "power hold with the thumb toward the base, as one turns a glass over",
-    "tips": "precision hold: thumb and four finger tips on the wall, the palm away from it",
-    "pinch": "precision hold with thumb, index and middle finger only",
-    "above": "finger tips around the mouth, the palm above it",
-    "below": "finger tips around the base, the palm below it",
-    "cradle": "the base on the palm, fingers and thumb up along the wall",
-    "rim": "the wall between the thumb inside the mouth and the fingers outside",
-    "nip": "the same with thumb, index and middle finger only",
-    "lip": "the wall between the fingers inside the mouth and the thumb outside",
-    "carry": "the thumb over the rim into the mouth, the fingers under the wall",
-    "stem": "the stem between thumb, index and middle finger",
-    "fist": "all fingers around the stem",
-    "foot": "the foot between the thumb on top and the fingers below",
-    "handle": "two fingers through the handle, the thumb on top of it",
-    "neck": "power hold around the neck",
-}
-#: The eight holds of each object; hold number ``n`` is of kind ``n % 8``.
-HOLD_KINDS: dict[str, tuple[str, ...]] = {
-    "0000": ("side", "above", "tips", "rim", "oblique", "cradle", "below", "reverse"),
-    "0001": ("stem", "side", "above", "oblique", "foot", "tips", "reverse", "pinch"),
-    "0004": ("side", "stem", "tips", "above", "oblique", "fist", "pinch", "reverse"),
-    "0005": ("tips", "side", "cradle", "above", "reverse", "rim", "oblique", "below"),
-    "0006": ("side", "neck", "oblique", "above", "low", "tips", "reverse", "below"),
-    "0007": ("above", "side", "tips", "cradle", "oblique", "below", "rim", "reverse"),
-    "0008": ("handle", "side", "above", "cradle", "rim", "oblique", "tips", "below"),
-    "0009": ("cradle", "rim", "carry", "below", "nip", "above", "pinch", "lip"),
-    "0010": ("neck", "side", "oblique", "above", "low", "tips", "reverse", "below"),
-    "0011": ("neck", "side", "above", "tips", "oblique", "reverse", "cradle", "below"),
-    "0012": ("stem", "fist", "above", "foot", "nip", "lip", "pinch", "reverse"),
-}
-#: Fingers that a kind of hold puts into the mouth.
-FINGERS_INSIDE: dict[str, tuple[str, ...]] = {
-    "rim": ("thumb",),
-    "nip": ("thumb",),
-    "carry": ("thumb",),
-    "lip": ("index", "middle", "ring", "little"),
-}
-_FINGERS = ("index", "middle", "ring", "little")
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +29,8 @@ class Placement:
     Args:
         wrist_from_object: Pose of the object, shape (4, 4).
         plan: What each finger does.
-        palm_gap: Distance that the palm keeps from the glass, metres; 0 lets it touch.
+        palm_gap: Distance that the palm keeps from the glass, metres; at 0 the glass is pushed
+            onto the palm.
     """
 
     wrist_from_object: Array
@@ -89,18 +46,14 @@ def _unit(vector: npt.ArrayLike) -> Array:
 def pose_from_axis(
     up: npt.ArrayLike, point: npt.ArrayLike, height: float, toward: npt.ArrayLike, roll: float = 0.0
 ) -> Array:
-    """Object pose whose axis has a direction and passes a point at a height of the object.
+    """``wrist_from_object`` (4, 4) whose axis has a direction and passes a point at a height.
 
     Args:
         up: Direction of the object's axis, wrist frame, shape (3,).
         point: Where the axis is at ``height``, wrist frame, metres.
         height: Metres above the table in the object's frame.
-        toward: Direction in which the object's x axis (and a handle) points, made upright to the
-            axis; its component along ``up`` does not matter.
+        toward: Direction in which the object's x axis (and a handle) points.
         roll: Further rotation about the axis, radians.
-
-    Returns:
-        ``wrist_from_object``, shape (4, 4).
     """
     z = _unit(up)
     helper = np.asarray(toward, dtype=float)
@@ -114,28 +67,11 @@ def pose_from_axis(
     return pose
 
 
-def finger_plan(kind: str) -> dict[str, Action]:
-    """What each finger does in a kind of hold."""
-    two: tuple[Action, ...] = ("tip", "tip", "free", "free")
-    thumb: Action = "inside" if kind in ("rim", "nip", "carry") else "tip"
-    others: tuple[Action, ...]
-    if kind in ("pinch", "stem", "foot", "nip"):
-        others = two
-    elif kind == "handle":
-        others = ("hook", "hook", "free", "free")
-    elif kind == "lip":
-        others = ("inside",) * 4
-    elif kind in ("tips", "above", "below", "rim", "carry"):
-        others = ("tip",) * 4
-    else:
-        others = ("wrap",) * 4
-    return {"thumb": thumb, **dict(zip(_FINGERS, others, strict=True))}
-
-
+#: A number between two bounds.
 _Draw = Callable[[float, float], float]
 
 
-def _power(item: GlassObject, kind: str, s: float, draw: _Draw) -> tuple[Placement, Array]:
+def _power(item: GlassObject, kind: str, s: float, draw: _Draw) -> Array:
     """The body across the palm; the pose is then pushed onto it."""
     lean = np.deg2rad(draw(26, 42) if kind == "oblique" else draw(2, 18))
     up = np.array([np.cos(lean), np.sin(lean), draw(-0.10, 0.10)])
@@ -147,21 +83,17 @@ def _power(item: GlassObject, kind: str, s: float, draw: _Draw) -> tuple[Placeme
     elif kind == "low":
         high = (low + high) / 2 - 0.01
         low = low + 0.012
-    elif kind == "high":
-        low = (low + high) / 2 + 0.01
     elif kind == "fist":
         low, high = item.stem or item.grip
-    middle, room = (low + high) / 2, max((high - low) / 2 - 0.032, 0.004)
-    height = middle + room * draw(-1, 1)
+    height = (low + high) / 2 + max((high - low) / 2 - 0.032, 0.004) * draw(-1, 1)
     radius = item.outer_radius(height)
     y = 0.088 - 0.40 * min(radius, 0.045) + draw(-0.006, 0.024)
     point = np.array([-0.004 + draw(-0.004, 0.004), y, 0.10]) * s
     # A handle stands away from the palm, toward the fingers' tips or the thumb's.
-    pose = pose_from_axis(up, point, height, (0, 0.4 * draw(-1, 1), 1), draw(-0.2, 0.2))
-    return Placement(pose, finger_plan(kind)), np.array([0.0, 0.0, -1.0])
+    return pose_from_axis(up, point, height, (0, 0.4 * draw(-1, 1), 1), draw(-0.2, 0.2))
 
 
-def _tips(item: GlassObject, kind: str, s: float, draw: _Draw) -> Placement:
+def _tips(item: GlassObject, kind: str, s: float, draw: _Draw) -> Array:
     lean = np.deg2rad(draw(-5, 30))
     up = np.array([np.cos(lean), np.sin(lean), draw(-0.25, 0.15)])
     low, high = item.grip
@@ -173,15 +105,13 @@ def _tips(item: GlassObject, kind: str, s: float, draw: _Draw) -> Placement:
     x = draw(0.012, 0.030) if kind == "pinch" else draw(-0.004, 0.014)
     point = np.array([x, draw(0.070, 0.100), 0.0]) * s
     point[2] = radius + draw(0.026, 0.046) * s
-    pose = pose_from_axis(up, point, height, (0, 0.3, 1), draw(-0.4, 0.4))
-    return Placement(pose, finger_plan(kind), 0.012)
+    return pose_from_axis(up, point, height, (0, 0.3, 1), draw(-0.4, 0.4))
 
 
-def _around(item: GlassObject, kind: str, s: float, draw: _Draw) -> Placement:
+def _around(item: GlassObject, kind: str, s: float, draw: _Draw) -> Array:
     """Finger tips around the mouth from above, or around the base from below."""
     bend = np.deg2rad(draw(35, 75))
     away = _unit([draw(0.0, 0.35), np.cos(bend), np.sin(bend)])
-    radius = item.outer_radius(item.height - 0.012 if kind == "above" else 0.02)
     if kind == "above":
         height = item.height - draw(0.008, 0.022)
         up = -away
@@ -193,68 +123,66 @@ def _around(item: GlassObject, kind: str, s: float, draw: _Draw) -> Placement:
     side = _unit(np.cross(away, [1.0, 0, 0]))  # in the hand's plane, toward the palm's normal
     point = base + draw(0.050, 0.085) * s * away + side * draw(-0.012, 0.012) * s
     point = point + np.array([0.0, 0.0, 0.3 * (radius - 0.03)])
-    pose = pose_from_axis(up, point, height, (1, 0, 0.4), draw(-0.8, 0.8))
-    return Placement(pose, finger_plan(kind), 0.008)
+    return pose_from_axis(up, point, height, (1, 0, 0.4), draw(-0.8, 0.8))
 
 
-def _cradle(item: GlassObject, s: float, draw: _Draw) -> tuple[Placement, Array]:
+def _cradle(item: GlassObject, kind: str, s: float, draw: _Draw) -> Array:
     up = np.array([draw(-0.15, 0.15), draw(-0.30, 0.10), 1.0])
     point = np.array([draw(-0.008, 0.006), draw(0.062, 0.086), 0.08]) * s
-    pose = pose_from_axis(up, point, 0.0, (draw(-1, 1), 1, 0))
-    return Placement(pose, finger_plan("cradle")), np.array([0.0, 0.0, -1.0])
+    return pose_from_axis(up, point, 0.0, (draw(-1, 1), 1, 0))
 
 
-def _rim(item: GlassObject, kind: str, s: float, draw: _Draw) -> Placement:
+#: Of a wall between thumb and fingers: ranges of the hand's slope (degrees), of the place where it
+#: pinches (x, y, z, metres), of the sideward part of the way outward, of the depth below the rim.
+_PINCHES = {
+    # The hand above, its forearm over the mouth or beside it.
+    "rim": ((0, 50), (0.010, 0.032), (0.090, 0.115), (0.040, 0.065), (-0.3, 0.1), (0.010, 0.024)),
+    "nip": ((25, 80), (0.010, 0.032), (0.090, 0.115), (0.040, 0.065), (-0.3, 0.1), (0.010, 0.024)),
+    # The hand above, the object beyond the thumb.
+    "lip": ((-25, 35), (0.008, 0.030), (0.085, 0.115), (0.040, 0.068), (-0.1, 0.4), (0.010, 0.024)),
+    # The hand beside the wall, the rim in the thumb's web, the palm up.
+    "carry": (
+        (50, 95), (0.010, 0.030), (0.088, 0.112), (0.022, 0.044), (-0.25, 0.1), (0.014, 0.032)
+    ),
+}  # fmt: skip
+
+
+def _rim(item: GlassObject, kind: str, s: float, draw: _Draw) -> Array:
     """The wall between thumb and fingers, near the mouth; one of them is inside."""
-    if kind in ("rim", "nip"):  # the hand above, its forearm over the mouth or beside it
-        slope = np.deg2rad(draw(0, 50) if kind == "rim" else draw(25, 80))
-        pinch = np.array([draw(0.010, 0.032), draw(0.090, 0.115), draw(0.040, 0.065)]) * s
-        out = np.array([draw(-0.3, 0.1), np.cos(slope), -np.sin(slope)])
-        up = np.array([draw(-0.25, 0.25), -np.sin(slope), -np.cos(slope)])
-        depth = draw(0.010, 0.024)
-    elif kind == "lip":  # the hand above, the object beyond the thumb
-        slope = np.deg2rad(draw(-25, 35))
-        pinch = np.array([draw(0.008, 0.030), draw(0.085, 0.115), draw(0.040, 0.068)]) * s
-        out = np.array([draw(-0.1, 0.4), -np.cos(slope), np.sin(slope)])
-        up = np.array([draw(-0.25, 0.25), -np.sin(slope), -np.cos(slope)])
-        depth = draw(0.010, 0.024)
-    else:  # the hand beside the wall, the rim in the thumb's web, the palm up
-        slope = np.deg2rad(draw(50, 95))
-        pinch = np.array([draw(0.010, 0.030), draw(0.088, 0.112), draw(0.022, 0.044)]) * s
-        out = np.array([draw(-0.25, 0.1), np.cos(slope), -np.sin(slope)])
-        up = np.array([draw(-0.25, 0.25), -np.sin(slope), -np.cos(slope)])
-        depth = draw(0.014, 0.032)
+    degrees, *place, aside, below = _PINCHES[kind]
+    slope = np.deg2rad(draw(*degrees))
+    pinch = np.array([draw(*bounds) for bounds in place]) * s
+    side = -1.0 if kind == "lip" else 1.0
+    out = np.array([draw(*aside), side * np.cos(slope), -side * np.sin(slope)])
+    up = np.array([draw(-0.25, 0.25), -np.sin(slope), -np.cos(slope)])
+    depth = draw(*below)
     up = _unit(up)
     out = _unit(out - (out @ up) * up)
     height = item.height - depth
     radius = item.outer_radius(height) - 0.001
-    pose = pose_from_axis(up, pinch - radius * out, height, -out, draw(-0.3, 0.3))
-    return Placement(pose, finger_plan(kind), 0.006)
+    return pose_from_axis(up, pinch - radius * out, height, -out, draw(-0.3, 0.3))
 
 
-def _stem(item: GlassObject, s: float, draw: _Draw) -> Placement:
+def _stem(item: GlassObject, kind: str, s: float, draw: _Draw) -> Array:
     low, high = item.stem or item.grip
     height = draw(low + 0.02, high)
     up = np.array([1.0, draw(-0.5, 0.3), draw(-0.4, 0.2)])
     point = np.array([draw(0.020, 0.038), draw(0.090, 0.115), draw(0.045, 0.070)]) * s
-    pose = pose_from_axis(up, point, height, (0, 0, 1), draw(-3, 3))
-    return Placement(pose, finger_plan("stem"), 0.010)
+    return pose_from_axis(up, point, height, (0, 0, 1), draw(-3, 3))
 
 
-def _foot(item: GlassObject, s: float, draw: _Draw) -> Placement:
+def _foot(item: GlassObject, kind: str, s: float, draw: _Draw) -> Array:
     tilt = np.deg2rad(draw(45, 80))
     up = _unit([draw(-0.1, 0.5), -np.cos(tilt), np.sin(tilt)])
     pinch = np.array([draw(0.018, 0.034), draw(0.092, 0.112), draw(0.042, 0.062)]) * s
     out = np.array([draw(-0.3, 0.3), np.sin(tilt), np.cos(tilt)])  # from the pinch to the axis
     out = _unit(out - (out @ up) * up)
-    foot = item.outer_radius(0.0015)
     height = 0.0015
-    point = pinch + out * (foot - draw(0.008, 0.014))
-    pose = pose_from_axis(up, point, height, out, draw(-3, 3))
-    return Placement(pose, finger_plan("foot"), 0.010)
+    point = pinch + out * (item.outer_radius(height) - draw(0.008, 0.014))
+    return pose_from_axis(up, point, height, out, draw(-3, 3))
 
 
-def _handle(item: GlassObject, s: float, draw: _Draw) -> Placement:
+def _handle(item: GlassObject, kind: str, s: float, draw: _Draw) -> Array:
     line = np.asarray(item.handle)
     reach, middle = float(line[:, 0].max()), float(line[:, 1].mean())
     up = _unit([1.0, draw(-0.25, 0.25), draw(-0.25, 0.15)])
@@ -263,40 +191,78 @@ def _handle(item: GlassObject, s: float, draw: _Draw) -> Placement:
     body = _unit(body - (body @ up) * up)
     bar = np.array([draw(0.002, 0.016), draw(0.086, 0.112), draw(0.020, 0.048)]) * s
     height = middle + draw(-0.004, 0.006)
-    pose = pose_from_axis(up, bar + reach * body, height, -body, draw(-0.15, 0.15))
-    return Placement(pose, finger_plan("handle"), 0.002)
+    return pose_from_axis(up, bar + reach * body, height, -body, draw(-0.15, 0.15))
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of hold.
+
+    Args:
+        actions: What each finger does, thumb to little.
+        draw_pose: Draws the object's pose for an object, this kind's name and a hand's scale.
+        palm_gap: See `Placement`.
+    """
+
+    actions: tuple[Action, Action, Action, Action, Action]
+    draw_pose: Callable[[GlassObject, str, float, _Draw], Array]
+    palm_gap: float = 0.0
+
+
+_WRAP: tuple[Action, Action, Action, Action, Action] = ("tip", "wrap", "wrap", "wrap", "wrap")
+_TIPS: tuple[Action, Action, Action, Action, Action] = ("tip",) * 5
+_TWO_TIPS: tuple[Action, Action, Action, Action, Action] = ("tip", "tip", "tip", "free", "free")
+
+#: The kinds of hold by their names.
+KINDS: dict[str, Kind] = {
+    # Power hold: the palm and all fingers around the body, the thumb toward the mouth.
+    "side": Kind(_WRAP, _power),
+    "low": Kind(_WRAP, _power),  # the same close to the base of a tall object
+    "oblique": Kind(_WRAP, _power),  # with the object leaning across the palm
+    "reverse": Kind(_WRAP, _power),  # with the thumb toward the base, as a glass is put upside down
+    "neck": Kind(_WRAP, _power),  # around the neck
+    "fist": Kind(_WRAP, _power),  # all fingers around the stem
+    "cradle": Kind(_WRAP, _cradle),  # the base on the palm, fingers and thumb up along the wall
+    # Precision hold: thumb and four finger tips on the wall, the palm away from it.
+    "tips": Kind(_TIPS, _tips, 0.012),
+    "pinch": Kind(_TWO_TIPS, _tips, 0.012),  # with thumb, index and middle finger only
+    "above": Kind(_TIPS, _around, 0.008),  # around the mouth, the palm above it
+    "below": Kind(_TIPS, _around, 0.008),  # around the base, the palm below it
+    # The wall between the thumb inside the mouth and the fingers outside, all or two of them.
+    "rim": Kind(("inside", "tip", "tip", "tip", "tip"), _rim, 0.006),
+    "nip": Kind(("inside", "tip", "tip", "free", "free"), _rim, 0.006),
+    # The wall between the fingers inside the mouth and the thumb outside.
+    "lip": Kind(("tip", "inside", "inside", "inside", "inside"), _rim, 0.006),
+    # The thumb over the rim into the mouth, the fingers under the wall.
+    "carry": Kind(("inside", "tip", "tip", "tip", "tip"), _rim, 0.006),
+    "stem": Kind(_TWO_TIPS, _stem, 0.010),  # the stem between thumb, index and middle finger
+    "foot": Kind(_TWO_TIPS, _foot, 0.010),  # the foot between the thumb on top and fingers below
+    # Two fingers through the handle, the thumb on top of it.
+    "handle": Kind(("tip", "hook", "hook", "free", "free"), _handle, 0.002),
+}
+
+
+def finger_plan(kind: str) -> dict[str, Action]:
+    """What each finger does in a kind of hold."""
+    return dict(zip(FINGERS, KINDS[kind].actions, strict=True))
+
+
+def fingers_inside(kind: str) -> tuple[str, ...]:
+    """Fingers that a kind of hold puts into the mouth; none where the kind is not ours."""
+    plan = finger_plan(kind) if kind in KINDS else {}
+    return tuple(finger for finger, action in plan.items() if action == "inside")
 
 
 def draw_placement(
     item: GlassObject, kind: str, scale: float, rng: np.random.Generator
-) -> tuple[Placement, Array | None]:
+) -> Placement:
     """Put the object into a hand of a size as a kind of hold wants it, with some freedom.
-
-    Returns:
-        The placement; and the direction (wrist frame) in which the object still has to be pushed
-        until it meets the palm, None where it stays where it is.
 
     Raises:
         ValueError: The kind is unknown.
     """
-
-    def draw(low: float, high: float) -> float:
-        return float(rng.uniform(low, high))
-
-    if kind in ("side", "low", "high", "oblique", "reverse", "neck", "fist"):
-        return _power(item, kind, scale, draw)
-    if kind == "cradle":
-        return _cradle(item, scale, draw)
-    if kind in ("tips", "pinch"):
-        return _tips(item, kind, scale, draw), None
-    if kind in ("above", "below"):
-        return _around(item, kind, scale, draw), None
-    if kind in ("rim", "nip", "carry", "lip"):
-        return _rim(item, kind, scale, draw), None
-    if kind == "stem":
-        return _stem(item, scale, draw), None
-    if kind == "foot":
-        return _foot(item, scale, draw), None
-    if kind == "handle":
-        return _handle(item, scale, draw), None
-    raise ValueError(f"no kind of hold {kind!r}; there are {', '.join(KIND_MEANING)}")
+    if kind not in KINDS:
+        raise ValueError(f"no kind of hold {kind!r}; there are {', '.join(KINDS)}")
+    known = KINDS[kind]
+    pose = known.draw_pose(item, kind, scale, lambda low, high: float(rng.uniform(low, high)))
+    return Placement(pose, finger_plan(kind), known.palm_gap)

@@ -66,14 +66,9 @@ ROTATION_COLUMNS = (
 
 
 def read_column_name(name: str) -> tuple[Side | None, str, str, str] | None:
-    """What a column's name says.
+    """What a column's name says: side (or None), finger, joint (or empty), spread or stretch.
 
-    Args:
-        name: As it stands in the file.
-
-    Returns:
-        Side (None where it says none), finger, joint (empty where it says none) and ``spread`` or
-        ``stretch``; None for a column that is no joint angle.
+    None for a column that is no joint angle.
     """
     side: Side | None = None
     found: dict[str, str] = {}
@@ -98,12 +93,8 @@ def read_column_name(name: str) -> tuple[Side | None, str, str, str] | None:
 def find_angle_columns(header: Sequence[str]) -> dict[Side | None, dict[str, int]]:
     """Find the joint angles of each hand in a header.
 
-    Args:
-        header: The names of a file's columns.
-
-    Returns:
-        For each side that the names tell (None where they tell none) the position of each angle
-        of ``ANGLE_NAMES`` that is there.
+    For each side that the names tell (None where they tell none) the position of each angle of
+    ``ANGLE_NAMES`` that is there.
 
     Raises:
         ValueError: Two columns are the same angle of the same hand.

@@ -82,16 +82,7 @@ def _motion(
 def record_hold(
     hold: Hold, seed: int = 0, *, seconds: float = 2.0, rate: float = 10.0
 ) -> Recording:
-    """Record a hold: the pose with small variation in time, every row in contact.
-
-    Args:
-        hold: A hold that passes the checks.
-        seed: Seed of the variation.
-        seconds: Length.
-        rate: Rows a second.
-
-    Returns:
-        The recording, as it reads back from its file.
+    """Record a hold for some seconds, with small variation, every row in contact, as it reads back.
 
     Raises:
         ValueError: The hold itself does not pass the checks, or the length or rate is wrong.

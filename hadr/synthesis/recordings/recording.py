@@ -277,12 +277,8 @@ def _shape(notes: Mapping[str, Any], side: str, name: str) -> HandShape:
 def read_recording(path: str | Path) -> Recording:
     """Read a recording, ours or an export of a glove's software.
 
-    Args:
-        path: The CSV file. Comma, semicolon or tab; lines before the header; columns of both
-            hands and further columns do not matter.
-
-    Returns:
-        The recording.
+    Comma, semicolon or tab; lines before the header, columns of both hands and further columns do
+    not matter.
 
     Raises:
         ValueError: A cell is no number (row and column are named), an angle, the time or the

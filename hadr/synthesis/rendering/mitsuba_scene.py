@@ -85,6 +85,13 @@ def _glass(mi: Any, number: int, body: Surface, transmittance: tuple[float, ...]
     return _mesh(mi, f"glass{number}", body, glass)
 
 
+def _matte(mi: Any, linear: npt.NDArray[Any]) -> Any:
+    """A matt material with a texture of linear RGB."""
+    image = mi.Bitmap(np.ascontiguousarray(linear, dtype=np.float32))
+    texture = {"type": "bitmap", "bitmap": image, "raw": True}
+    return mi.load_dict({"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": texture}})
+
+
 def _surroundings(mi: Any, around: Surroundings, eye: Array, pixel: float) -> dict[str, Any]:
     """One mesh per texture and tint; each texture in the level that suits its nearest corner."""
     keys = np.concatenate([around.texture[:, None], around.tint, around.repeat[:, None]], axis=1)
@@ -103,11 +110,7 @@ def _surroundings(mi: Any, around: Surroundings, eye: Array, pixel: float) -> di
         texel = groups[number, 4] / levels[0].shape[0]
         level = int(np.clip(np.floor(np.log2(max(nearest * pixel / texel, 1.0))), 0, 4))
         linear = (levels[level].astype(np.float32) / 255.0) ** 2.2 * groups[number, 1:4]
-        image = mi.Bitmap(np.ascontiguousarray(np.minimum(linear, 0.9), dtype=np.float32))
-        texture = {"type": "bitmap", "bitmap": image, "raw": True}
-        matte = mi.load_dict(
-            {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": texture}}
-        )
+        matte = _matte(mi, np.minimum(linear, 0.9))
         # Mitsuba turns pictures upside down, ours have their first row at v = 0.
         uv = around.uv[used] * np.array([1.0, -1.0])
         shapes[f"surroundings{number}"] = _mesh(mi, f"surroundings{number}", part, matte, uv)
@@ -116,11 +119,7 @@ def _surroundings(mi: Any, around: Surroundings, eye: Array, pixel: float) -> di
         eye + np.array([0, 0, -50.0]) + 1e-3 * np.eye(3), np.array([[0, 1, 2]]), np.eye(3)
     )
     for number in range(len(groups), MESHES):
-        image = mi.Bitmap(np.full((2, 2, 3), 0.5, dtype=np.float32))
-        texture = {"type": "bitmap", "bitmap": image, "raw": True}
-        matte = mi.load_dict(
-            {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": texture}}
-        )
+        matte = _matte(mi, np.full((2, 2, 3), 0.5))
         shapes[f"spare{number}"] = _mesh(mi, f"spare{number}", spare, matte, np.zeros((3, 2)))
     return shapes
 

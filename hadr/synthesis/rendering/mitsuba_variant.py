@@ -1,4 +1,4 @@
-"""Which variant of Mitsuba draws here: tried out in a child process, once for an environment.
+"""Which variant of Mitsuba draws here: tried out in a child process, once in each process.
 
 ``llvm_ad_rgb`` compiles its kernels with the LLVM that Dr.Jit finds, ``scalar_rgb`` needs none and
 is slower. An LLVM that can't do it ends the whole process, so this process never finds that out.
@@ -6,24 +6,16 @@ is slower. An LLVM that can't do it ends the whole process, so this process neve
 
 from __future__ import annotations
 
-import glob
-import hashlib
 import importlib
-import importlib.metadata
 import importlib.util
-import json
 import os
 import platform
 import re
-import sys
-from contextlib import nullcontext, suppress
+from contextlib import nullcontext
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 from hadr.frame_io import quiet
-from hadr.records.provenance import write_json
-from hadr.records.result_file import digest
 from hadr.synthesis.rendering.child_process import call_in_child
 
 LLVM, SCALAR = "llvm_ad_rgb", "scalar_rgb"
@@ -33,23 +25,8 @@ VARIANT_VARIABLE = "HADR_MITSUBA_VARIANT"
 OLDEST_LLVM = 17
 #: How drawing becomes faster, or possible with ``llvm_ad_rgb``.
 REMEDY = f"install LLVM {OLDEST_LLVM} or newer (on Debian: apt install libllvm19)"
-#: What trials said, for each combination of what they depend on.
-RECORD = "hadr-mitsuba.json"
 #: Seconds for a trial, which takes about five.
 PATIENCE = 120.0
-
-#: Words of a failure that says nothing of LLVM.
-_PASSING = ("SIGKILL", "SIGTERM", "SIGINT", "bad_alloc", "memory", "No space left")
-_PACKAGES = ("mitsuba", "drjit", "pyoidn")
-#: Where Dr.Jit and the system's loader look for LLVM.
-_LIBRARIES = (
-    "/etc/ld.so.cache",
-    "/usr/lib*/libLLVM*",
-    "/usr/lib/*/libLLVM*",
-    "/opt/homebrew/opt/llvm/lib/libLLVM*",
-)
-_FOLDERS = ("LD_LIBRARY_PATH", "DYLD_LIBRARY_PATH")
-_PROCESSOR = ("vendor_id", "model name", "flags", "CPU part", "Features")
 
 
 def mitsuba(variant: str | None = None) -> Any:
@@ -80,11 +57,7 @@ def check_installed() -> None:
 
 
 def mitsuba_variant() -> str:
-    """The variant to draw with: that of ``HADR_MITSUBA_VARIANT``, or the fastest that works here.
-
-    Raises:
-        ValueError: The environment variable names no variant that we use.
-    """
+    """The variant to draw with: :func:`wanted_variant`, or the fastest that works here."""
     return wanted_variant() or (SCALAR if why_not_llvm() else LLVM)
 
 
@@ -127,33 +100,16 @@ def _check_name(variant: str, name: str = "variant") -> None:
 def why_not_llvm() -> str:
     """Why ``llvm_ad_rgb`` can't draw on this machine; empty where it can.
 
-    The answer comes from a file beside the environment, or in the user's cache where that can't be
-    written, or from :func:`hadr.synthesis.rendering.trial_picture.draw_trial` in a child process.
+    :func:`hadr.synthesis.rendering.trial_picture.draw_trial` says it, in a child process.
     """
-    facts = _facts()
-    key = digest(facts)
-    for place in _places():
-        known = _answers(place).get(key)
-        if isinstance(known, dict) and isinstance(known.get("why_not"), str):
-            return str(known["why_not"])
+    from hadr.synthesis.rendering.trial_picture import draw_trial  # which draws by what is here
+
+    llvm = {VARIANT_VARIABLE: LLVM}
     try:
         why = call_in_child(llvm_problem, timeout=PATIENCE)
-        if not why:
-            from hadr.synthesis.rendering.trial_picture import (
-                draw_trial,  # which draws with what stands here
-            )
-
-            environment = {VARIANT_VARIABLE: LLVM}
-            why = call_in_child(draw_trial, timeout=PATIENCE, environment=environment)
+        return why or call_in_child(draw_trial, timeout=PATIENCE, environment=llvm)
     except Exception as error:
-        why = f"a small picture can't be drawn, {error}"
-        if isinstance(error, TimeoutError | MemoryError) or any(word in why for word in _PASSING):
-            return why  # a want of time, memory or room is no answer for other processes
-    for place in _places():
-        with suppress(OSError):
-            write_json(place, _answers(place) | {key: {"why_not": why, "facts": facts}})
-            break
-    return why
+        return f"a small picture can't be drawn, {error}"
 
 
 def llvm_problem() -> str:
@@ -169,53 +125,3 @@ def llvm_problem() -> str:
     if int(version[0]) < OLDEST_LLVM:
         return f"LLVM {'.'.join(version)} is too old"
     return ""
-
-
-def _places() -> list[Path]:
-    """Where the answers may be kept: beside the environment, or in the user's cache."""
-    cache_home = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"))
-    places = [Path(sys.prefix) / RECORD, cache_home / "hadr" / RECORD]
-    return [place for place in places if place.is_absolute()]
-
-
-def _answers(place: Path) -> dict[str, Any]:
-    """What a file of answers holds; nothing where it is missing or broken."""
-    try:
-        answers = json.loads(place.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
-        return {}
-    return answers if isinstance(answers, dict) else {}
-
-
-def _facts() -> dict[str, Any]:
-    """All that the trial's outcome depends on, told without loading a library."""
-    versions = {}
-    for package in _PACKAGES:
-        with suppress(importlib.metadata.PackageNotFoundError):
-            versions[package] = importlib.metadata.version(package)
-    sources = ("mitsuba_variant", "mitsuba_scene", "photo", "trial_picture")
-    content = b"".join(Path(__file__).with_name(f"{name}.py").read_bytes() for name in sources)
-    named = os.environ.get("DRJIT_LIBLLVM_PATH", "")
-    folders = [f for name in _FOLDERS for f in os.environ.get(name, "").split(os.pathsep) if f]
-    patterns = [glob.escape(named), *(f"{glob.escape(f)}/libLLVM*" for f in folders), *_LIBRARIES]
-    libraries = {}
-    for path in sorted({path for pattern in patterns for path in glob.glob(pattern)}):
-        if os.path.isfile(path):
-            state = os.stat(path)
-            libraries[path] = [state.st_size, state.st_mtime_ns]
-    return {
-        "trial": hashlib.sha256(content).hexdigest(),
-        "versions": versions,
-        "named": named,
-        "libraries": libraries,
-        "processor": _processor(),
-    }
-
-
-def _processor() -> list[str]:
-    """The processor's name and what it can do."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return [platform.machine(), platform.processor()]
-    return sorted({line for line in lines if line.startswith(_PROCESSOR)})

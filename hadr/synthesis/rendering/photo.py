@@ -15,8 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from hadr.camera import pixel_grid
-from hadr.synthesis.depth_sensor.sensor_noise import ColorCamera, develop
 from hadr.synthesis.generation.farm import one_thread
+from hadr.synthesis.rendering.color_camera import ColorCamera, develop
 from hadr.synthesis.rendering.mitsuba_scene import mitsuba_sensor, scene_to_mitsuba
 from hadr.synthesis.rendering.mitsuba_variant import LLVM, mitsuba
 from hadr.synthesis.rendering.raycast import rays_through
@@ -128,16 +128,9 @@ def photograph(
     samples: int = 8,
     variant: str | None = None,
 ) -> npt.NDArray[np.uint8]:
-    """Take a path-traced picture of a scene.
+    """Take a path-traced picture of a scene, sRGB, (H, W, 3) uint8; :func:`trace` has the options.
 
-    Args:
-        scene: The scene.
-        seed: Of the paths and of the camera's noise; the same seed gives the same bytes.
-        samples: Paths a pixel.
-        variant: Of Mitsuba; the fastest that works where it is left out.
-
-    Returns:
-        sRGB, shape (H, W, 3) uint8.
+    The same seed (of the paths and of the camera's noise) gives the same bytes.
     """
     seed = int(np.random.SeedSequence(seed).generate_state(1)[0])
     light, albedo, normal = trace(scene, seed=seed, samples=samples, variant=variant)

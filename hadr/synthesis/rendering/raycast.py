@@ -47,11 +47,8 @@ class Labels:
 
 @lru_cache(maxsize=8)
 def _tree(surfaces: tuple[Surface, ...]) -> Any:
-    """The search tree over surfaces; kept, since a probe and a picture ask the same ones.
-
-    Robust: hardly any ray passes between two triangles that share an edge.
-    """
-    tree = EmbreeScene(robust=True)
+    """The search tree over surfaces; kept, since a probe and a picture ask the same ones."""
+    tree = EmbreeScene(robust=True)  # hardly a ray slips through between two triangles
     for surface in surfaces:
         TriangleMesh(tree, surface.vertices.astype(np.float32), surface.faces.astype(np.int32))
     return tree
@@ -85,13 +82,9 @@ def _unit(vectors: Array, least: float) -> Array:
 def _exact(
     hits: Hits, surfaces: list[Surface], origins: Array, directions: Array
 ) -> tuple[Hits, Array]:
-    """Meet the found triangles again in double precision (Embree computes in single).
-
-    A hit stays in its triangle: one that is seen edge-on can't be met far beyond its corners.
-
-    Returns:
-        The hits, and how far each ray passes from its triangle, metres; inf on a miss.
-    """
+    """The found triangles met in double precision, and how far each ray passes by, metres."""
+    # Embree computes in single precision. A hit stays in its triangle: one that is seen edge-on
+    # can't be met far beyond its corners. A miss passes by at an infinite distance.
     distance, u, v = hits.distance.copy(), hits.u.copy(), hits.v.copy()
     beside = np.full(len(distance), np.inf)
     for number, surface in enumerate(surfaces):
@@ -117,28 +110,16 @@ def _exact(
 
 def _chosen(second: npt.NDArray[np.bool_], a: Hits, b: Hits) -> Hits:
     """Hits of b where ``second``, else those of a."""
-    return Hits(
-        np.where(second, b.distance, a.distance),
-        np.where(second, b.mesh, a.mesh),
-        np.where(second, b.face, a.face),
-        np.where(second, b.u, a.u),
-        np.where(second, b.v, a.v),
-    )
+    names = a.__dataclass_fields__
+    return Hits(*(np.where(second, getattr(b, name), getattr(a, name)) for name in names))
 
 
 def rays_through(
     uv: Array, camera: Intrinsics, world_from_camera: Array, beside: float = 0.0
 ) -> tuple[Array, Array]:
-    """Rays of looking through pixels, world frame.
+    """Rays of looking through pixels (N, 2), which need not be whole: origins and unit directions.
 
-    Args:
-        uv: Pixels, they need not be whole, shape (N, 2).
-        camera: Intrinsics.
-        world_from_camera: Pose of the camera, shape (4, 4).
-        beside: How far to the camera's right the eye is moved, metres.
-
-    Returns:
-        Origins and unit directions, each (N, 3).
+    World frame, metres, each (N, 3); the eye is moved ``beside`` metres to the camera's right.
     """
     x, y = (uv[:, 0] - camera.cx) / camera.fx, (uv[:, 1] - camera.cy) / camera.fy
     local = np.stack([x, y, np.ones_like(x)], axis=1)
@@ -149,11 +130,7 @@ def rays_through(
 
 
 class RayCaster:
-    """Surfaces, ready to be met by rays.
-
-    Args:
-        contents: Of the scene.
-    """
+    """Surfaces of a scene, ready to be met by rays."""
 
     def __init__(self, contents: Contents) -> None:
         self.contents = contents
@@ -228,15 +205,7 @@ class RayCaster:
         return smooth, flat
 
     def labels(self, camera: Intrinsics, world_from_camera: Array) -> Labels:
-        """Cast one ray through every pixel's centre.
-
-        Args:
-            camera: Intrinsics.
-            world_from_camera: Pose of the OpenCV camera, shape (4, 4).
-
-        Returns:
-            Depth, masks and normals.
-        """
+        """Depth, masks and normals, from one ray through every pixel's centre."""
         uv = pixel_grid(camera).reshape(-1, 2)
         origins, directions = rays_through(uv, camera, world_from_camera)
         hits, behind = self._first_hits(origins, directions)

@@ -104,16 +104,10 @@ def cross(caster: RayCaster, beams: Beams, hits: Hits) -> tuple[Beams, Beams]:
 
 
 def ray_path(caster: RayCaster, origin: Array, direction: Array) -> Array:
-    """Follow one ray through the glass, always along its stronger part.
+    """Follow one ray, world frame, metres, through the glass, always along its stronger part.
 
-    Args:
-        caster: The surfaces.
-        origin: World frame, metres, shape (3,).
-        direction: Unit direction, shape (3,).
-
-    Returns:
-        The points at which it starts, crosses interfaces and ends, shape (K, 3). A ray that
-        leaves the scene ends 0.1 m behind its last interface.
+    The points at which it starts, crosses interfaces and ends, shape (K, 3). A ray that leaves the
+    scene ends 0.1 m behind its last interface.
     """
     beam = Beams.start(np.asarray(origin)[None], np.asarray(direction)[None])
     points = [beam.origin[0]]

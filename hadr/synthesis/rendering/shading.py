@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from hadr.camera import Intrinsics, pixel_grid
-from hadr.synthesis.depth_sensor.sensor_noise import film
 from hadr.synthesis.hand.mesh import HandMesh
+from hadr.synthesis.rendering.color_camera import film
 from hadr.synthesis.rendering.raycast import (
     GLASS,
     HAND,
@@ -166,16 +166,13 @@ class RayTracer(RayCaster):
         pixel: float,
         rng: np.random.Generator | None = None,
     ) -> Array:
-        """Linear RGB that arrives along rays.
+        """Linear RGB that arrives along rays, shape (N, 3).
 
         Args:
             origins: World frame, metres, shape (N, 3).
             directions: Unit directions of looking, shape (N, 3).
             pixel: Width of a pixel as a tangent, for the choice of the texture's level.
             rng: Jitters shadow rays; None leaves out shadows and the weaker reflections.
-
-        Returns:
-            Shape (N, 3).
         """
         color = np.zeros((len(origins), 3))
         beams = Beams.start(origins, directions)
@@ -245,27 +242,14 @@ class RayTracer(RayCaster):
         camera: Intrinsics,
         world_from_camera: Array,
         rng: np.random.Generator | None = None,
-        *,
-        supersample: int = 1,
     ) -> npt.NDArray[np.uint8]:
-        """Draw the scene.
+        """Draw the scene: sRGB, shape (H, W, 3) uint8.
 
-        Args:
-            camera: Intrinsics.
-            world_from_camera: Pose of the OpenCV camera, shape (4, 4).
-            rng: Jitters shadow rays; None draws faster, without shadows.
-            supersample: Rays per pixel and axis.
-
-        Returns:
-            sRGB, shape (H, W, 3) uint8.
-
-        Raises:
-            ValueError: ``supersample`` is not from 1 to 4.
+        With a generator, which jitters shadow rays, four rays a pixel; faster without it: one ray a
+        pixel and no shadows.
         """
-        if not 1 <= supersample <= 4:
-            raise ValueError(f"supersample must be 1, 2, 3 or 4 rays per axis, got {supersample}")
         uv = pixel_grid(camera).reshape(-1, 2)
-        offsets = (np.arange(supersample) + 0.5) / supersample - 0.5
+        offsets = (0.0,) if rng is None else (-0.25, 0.25)
         total = np.zeros((len(uv), 3))
         for dv in offsets:
             for du in offsets:
@@ -274,7 +258,7 @@ class RayTracer(RayCaster):
                 )
                 light = self.radiance(origins, directions, 1.0 / camera.fx, rng)
                 total += film(light)
-        srgb = (total / supersample**2) ** (1 / 2.2)
+        srgb = (total / len(offsets) ** 2) ** (1 / 2.2)
         return np.asarray((srgb * 255).round().clip(0, 255), dtype=np.uint8).reshape(
             *camera.shape, 3
         )

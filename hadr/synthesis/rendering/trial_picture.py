@@ -46,11 +46,9 @@ def trial_scene(lamps: int) -> Scene:
 
 
 def draw_trial() -> str:
-    """Draw with LLVM, each scene twice: what a library spoils may show at its second use only.
+    """Draw with LLVM, each scene twice: what is wrong with the pictures, else nothing.
 
-    Returns:
-        What is wrong with the pictures; empty where nothing is. What is wrong with the library
-        ends the process.
+    What a library spoils may show at its second use only; what is wrong with it ends the process.
     """
     for seed in (1, 2):
         for lamps in (1, 2):

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
+from hadr.synthesis.glass.surfaces import Surface
 from hadr.synthesis.scene.stage import Stage
 from hadr.synthesis.textures.families import FAMILIES, FEW, VARIANTS, texture_number
 
@@ -106,7 +107,8 @@ def _plant(stage: Stage, rng: np.random.Generator, place: Array, size: float, nu
         faces = np.concatenate([np.stack([i, i + 2, i + 1], 1), np.stack([i + 1, i + 2, i + 3], 1)])
         spot = rng.random(2)
         uv = spot + np.stack([np.tile([0.0, 0.05], 6), np.repeat(0.15 * t, 2)], axis=1)
-        stage.add(vertices, faces, np.repeat(normal, 2, axis=0), uv, season, 0.9)
+        leaf = Surface(vertices, faces, np.repeat(normal, 2, axis=0))
+        stage.add(leaf, uv, season, 0.9)
     if number >= 0:
         height = 0.28 * size
         stage.revolved(_vase(rng, 0.16 * size, height), place - height * UP, number, 0.5)

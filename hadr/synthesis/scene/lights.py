@@ -1,18 +1,21 @@
-"""The light of a scene: a surrounding picture of radiance, and rectangles that shine."""
+"""The light of a scene: a picture of radiance from all directions, and lamps, drawn by rule."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
-from hadr.synthesis.textures.noise import look_up
+from hadr.synthesis.textures.noise import look_up, noise, ramp, room_colors
 
 Array = npt.NDArray[np.float64]
 Radiance = npt.NDArray[np.float32]
 
+#: Rows and columns of an environment that is drawn.
+_SHAPE = (128, 256)
 #: Weight of each band in a cosine lobe, spherical harmonics (Ramamoorthi and Hanrahan, 2001).
 _BANDS = np.array([np.pi] + [2 * np.pi / 3] * 3 + [np.pi / 4] * 5)
 
@@ -76,10 +79,7 @@ class Environment:
         return np.asarray(flat * _BANDS[:, None])
 
     def irradiance(self, normals: Array) -> Array:
-        """Linear RGB irradiance on surfaces of given unit normals, smooth, shape (N, 3).
-
-        From nine spherical harmonics: right to a few per cent unless the light is one small spot.
-        """
+        """Linear RGB irradiance on surfaces of unit normals, smooth, (N, 3), by nine harmonics."""
         return np.asarray(np.maximum(_harmonics(normals) @ self._coefficients, 0.0))
 
 
@@ -135,3 +135,108 @@ class AreaLight:
         away = away / np.sqrt(squared)[:, None]
         cosines = np.maximum(-(away @ self.normal), 0) * np.maximum((away * normals).sum(1), 0)
         return np.asarray((cosines * self.area / squared)[:, None] * self.color)
+
+
+def _outdoors(rng: np.random.Generator, image: npt.NDArray[np.float32], sun: Array) -> None:
+    """Sky with clouds and a veiled sun, a skyline of trees and houses, bright ground."""
+    height, width = _SHAPE
+    v = ((np.arange(height) + 0.5) / height)[:, None] * np.ones((1, width))
+    tops = (
+        ((0.75, 0.9, 1.25), (0.95, 1.05, 1.2), (1.25, 1.25, 1.2)),
+        ((1.15, 1.18, 1.22), (1.2, 1.2, 1.2), (1.25, 1.22, 1.18)),
+        ((0.65, 0.72, 0.95), (1.1, 0.95, 0.9), (1.6, 1.2, 0.85)),
+    )
+    image[:] = ramp(np.clip(v * 2, 0, 1).astype(np.float32), tops[int(rng.integers(3))])
+    cloud = np.clip(noise(rng, (4, 6), 4, 0.55, _SHAPE) * 2 - 0.9, 0, 1)[..., None]
+    image += 0.55 * cloud * (v < 0.5)[..., None]
+    ground = room_colors(rng, 1, pale=0.6)[0] * 0.62
+    image[v[:, 0] > 0.5] = ground
+    skyline = 0.5 - 0.10 * noise(rng, (1, 14), 3, 0.7, (1, width))[0] - 0.02
+    below = (v > skyline[None]) & (v < 0.53)
+    dark = room_colors(rng, 1, pale=0.1)[0] * rng.uniform(0.2, 0.5)
+    image[below] = dark * (0.6 + 0.8 * noise(rng, (24, 48), 2, 0.6, _SHAPE)[below][:, None])
+
+
+def _indoors(rng: np.random.Generator, image: npt.NDArray[np.float32], sun: Array) -> None:
+    """Walls, a bright ceiling, a darker floor with furniture, windows, lamps."""
+    height, width = _SHAPE
+    wall = room_colors(rng, 1, pale=0.75)[0]
+    v = (np.arange(height) + 0.5) / height
+    image[:] = wall * 0.85
+    image[v < 0.27] = np.array([1.15, 1.13, 1.08])
+    image[v > 0.66] = room_colors(rng, 1, pale=0.35)[0] * 0.55
+    for _ in range(int(rng.integers(4, 9))):
+        x, w = int(rng.integers(width)), int(rng.integers(8, 34))
+        top = int(height * rng.uniform(0.42, 0.6))
+        columns = np.arange(x, x + w) % width
+        tone = room_colors(rng, 1, pale=0.2)[0] * rng.uniform(0.25, 0.8)
+        image[top : int(height * rng.uniform(0.66, 0.74)), columns] = tone
+    azimuth = np.arctan2(sun[1], sun[0]) % (2 * np.pi) / (2 * np.pi)
+    for k in range(int(rng.integers(2, 5))):
+        x = int((azimuth if k == 0 else rng.random()) * width) - 14
+        w, upper, lower = int(rng.integers(16, 34)), rng.uniform(0.28, 0.36), rng.uniform(0.5, 0.62)
+        light = np.array([1.0, 1.02, 1.06]) * rng.uniform(4.5, 7.5)
+        rows = slice(int(height * upper), int(height * lower))
+        image[rows, np.arange(x, x + w) % width] = light
+        panes = int(rng.integers(2, 4))
+        for p in range(panes + 1):
+            image[rows, (x + (w - 1) * p // panes) % width] = 0.35
+        middle = (rows.start + rows.stop) // 2
+        image[middle, np.arange(x, x + w) % width] = 0.35
+    for _ in range(int(rng.integers(1, 5))):
+        x, y = int(rng.integers(width)), int(height * rng.uniform(0.06, 0.24))
+        image[y : y + 5, np.arange(x, x + int(rng.integers(8, 20))) % width] = (8.0, 7.4, 6.4)
+
+
+def make_lights(
+    eye: Array, middle: Array, rng: np.random.Generator
+) -> tuple[Environment, tuple[AreaLight, ...]]:
+    """The light of a scene, so bright that white paper that faces the camera is about white.
+
+    The camera at ``eye`` looks at ``middle``, world frame, metres. Light from far away, and one or
+    two panels above or beside the camera.
+    """
+    back = (eye - middle) / np.linalg.norm(eye - middle)
+    sun = back + np.array([0, 0, rng.uniform(0.3, 1.0)]) + 0.8 * rng.normal(size=3)
+    sun[2] = abs(sun[2])
+    sun /= np.linalg.norm(sun)
+    image = np.zeros((*_SHAPE, 3), dtype=np.float32)
+    indoors = rng.random() < 0.55
+    (_indoors if indoors else _outdoors)(rng, image, sun)
+    image = np.asarray(
+        cv2.GaussianBlur(np.concatenate([image] * 3, axis=1), (0, 0), 0.8)[
+            :, _SHAPE[1] : 2 * _SHAPE[1]
+        ]
+    )
+    if not indoors:
+        toward = Environment(image).directions() @ sun
+        glow = 14.0 * np.exp(-(((1 - toward) / 0.006) ** 2)) + 1.2 * np.exp(-(1 - toward) / 0.12)
+        image = image + glow[..., None].astype(np.float32) * np.array(
+            [1.0, 0.95, 0.85], dtype=np.float32
+        )
+    lamps = []
+    for number in range(2 if rng.random() < 0.35 else 1):
+        toward = 0.9 * back + np.array([0, 0, 0.7]) + 0.55 * rng.normal(size=3)
+        toward /= np.linalg.norm(toward)
+        center = middle + toward * rng.uniform(1.5, 2.2)
+        side = np.cross(_off_axis(toward), toward)
+        side /= np.linalg.norm(side)
+        wide, tall = rng.uniform(0.22, 0.5, 2)
+        warm = rng.uniform(-1, 1)
+        tone = np.array([1 + 0.08 * warm, 1.0, 1 - 0.10 * warm])
+        color = tone * (rng.uniform(9, 15) if number == 0 else rng.uniform(2, 5))
+        # It shines toward what is held.
+        lamps.append(AreaLight(center, side * wide, np.cross(side, toward) * tall, color))
+    environment = Environment(image.astype(np.float32))
+    normals = np.stack([back, back + np.array([0, 0, 0.8])])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    total = environment.irradiance(normals)
+    for lamp in lamps:
+        total = total + lamp.irradiance(np.tile(middle, (2, 1)), normals)
+    gain = np.pi * rng.uniform(0.95, 1.25) / float(total.mean())
+    lamps = [AreaLight(p.center, p.half_width, p.half_height, p.color * gain) for p in lamps]
+    return Environment(environment.image * np.float32(gain)), tuple(lamps)
+
+
+def _off_axis(direction: Array) -> Array:
+    return np.array([0.0, 0.0, 1.0]) if abs(direction[2]) < 0.9 else np.array([0.0, 1.0, 0.0])

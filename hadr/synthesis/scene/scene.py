@@ -21,7 +21,7 @@ from hadr.synthesis.hand.signed_distance import FOREARM_LENGTH
 from hadr.synthesis.holding.hold import Hold
 from hadr.synthesis.rendering.raycast import GLASS, HAND, RayCaster, rays_through
 from hadr.synthesis.scene.contents import Contents, Scene
-from hadr.synthesis.scene.environments import make_lights
+from hadr.synthesis.scene.lights import make_lights
 from hadr.synthesis.scene.surroundings import make_surroundings
 
 Array = npt.NDArray[np.float64]
@@ -163,7 +163,7 @@ def make_scene(
     hand_step: float = 0.0025,
     backgrounds: Sequence[Path] = (),
 ) -> HoldScene:
-    """Build the scene of one frame.
+    """Build the scene of one frame; the same for the same hold and generator state.
 
     Args:
         hold: The holding pose.
@@ -172,9 +172,6 @@ def make_scene(
         height: Image height, pixels.
         hand_step: Grid of the hand's surface, metres.
         backgrounds: Photographs for backdrops, tables and floors; painted textures without.
-
-    Returns:
-        The scene; the same for the same hold and generator state.
 
     Raises:
         ValueError: A photograph can't be read.

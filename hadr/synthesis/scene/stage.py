@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from hadr.synthesis.glass.surfaces import Surface, revolve
+from hadr.synthesis.glass.surfaces import Surface, merged, revolve
 from hadr.synthesis.scene.contents import Surroundings
 from hadr.synthesis.textures.families import pyramid
 
@@ -20,26 +20,19 @@ Array = npt.NDArray[np.float64]
 class Stage:
     """Surfaces with their textures, as they are put up one by one.
 
-    Args:
-        photographs: Files that negative texture numbers stand for.
+    ``photographs`` are the files that negative texture numbers stand for.
     """
 
     photographs: tuple[Path, ...] = ()
-    parts: list[tuple[Array, npt.NDArray[np.int64], Array, Array]] = field(default_factory=list)
+    parts: list[Surface] = field(default_factory=list)
+    uvs: list[Array] = field(default_factory=list)
     numbers: list[int] = field(default_factory=list)
     repeats: list[float] = field(default_factory=list)
 
-    def add(
-        self,
-        vertices: Array,
-        faces: npt.NDArray[np.int64],
-        normals: Array,
-        uv: Array,
-        number: int,
-        repeat: float,
-    ) -> None:
+    def add(self, surface: Surface, uv: Array, number: int, repeat: float) -> None:
         """Put up a surface; ``repeat`` is the height of its texture, metres."""
-        self.parts.append((vertices, faces, normals, uv))
+        self.parts.append(surface)
+        self.uvs.append(uv)
         self.numbers.append(number)
         self.repeats.append(repeat)
 
@@ -53,21 +46,24 @@ class Stage:
     ) -> None:
         """Put up a parallelogram whose texture repeats.
 
-        Args:
-            corner: Upper left corner, seen from the side that is looked at, metres.
-            right: Edge from there to the right, metres.
-            down: Edge from there down, metres.
-            number: Its texture.
-            repeat: Height of one repeat, metres.
-            start: Texture coordinates at the corner, in repeats, shape (2,).
+        Its edges ``right`` and ``down`` start at the upper left ``corner`` of what is looked at,
+        metres. A repeat of the texture ``number`` is ``repeat`` metres high; at the corner it is
+        ``start`` in repeats, shape (2,).
         """
         wide = np.linalg.norm(right) / (repeat * self.aspect(number))
         tall = np.linalg.norm(down) / repeat
         vertices = corner + np.array([[0, 0], [0, 1], [1, 1], [1, 0]]) @ np.stack([right, down])
+        uv = start + np.array([[0, 0], [0, tall], [wide, tall], [wide, 0]])
+        self._add_flat(vertices, right, down, uv, number, repeat)
+
+    def _add_flat(
+        self, vertices: Array, right: Array, down: Array, uv: Array, number: int, repeat: float
+    ) -> None:
+        """Put up four corners, counter-clockwise from the upper left one."""
         normal = np.cross(down, right)
         normals = np.tile(normal / np.linalg.norm(normal), (4, 1))
-        uv = start + np.array([[0, 0], [0, tall], [wide, tall], [wide, 0]])
-        self.add(vertices, np.array([[0, 1, 2], [0, 2, 3]]), normals, uv, number, repeat)
+        faces = np.array([[0, 1, 2], [0, 2, 3]])
+        self.add(Surface(vertices, faces, normals), uv, number, repeat)
 
     def mirrored(
         self,
@@ -94,9 +90,7 @@ class Stage:
             a, b = corner + right * (x0 / wide), corner + right * (x1 / wide)
             vertices = np.stack([a, a + down, b + down, b])
             uv = np.array([[u0, rows[0]], [u0, rows[1]], [u1, rows[1]], [u1, rows[0]]])
-            normal = np.cross(down, right)
-            normals = np.tile(normal / np.linalg.norm(normal), (4, 1))
-            self.add(vertices, np.array([[0, 1, 2], [0, 2, 3]]), normals, uv, number, repeat)
+            self._add_flat(vertices, right, down, uv, number, repeat)
 
     def box(self, pose: Array, size: Array, number: int, repeat: float, start: Array) -> None:
         """Put up a box of half sizes ``size`` at a pose (4, 4)."""
@@ -130,23 +124,17 @@ class Stage:
         laps = max(round(2 * np.pi * curve[:, 0].max() / (repeat * self.aspect(number))), 1)
         # Half of the laps is mirrored, so that no face runs back over a seam.
         uv = np.stack([2 * laps * np.abs(angle), -surface.vertices[:, 2] / repeat], axis=1)
-        self.add(surface.vertices + place, surface.faces, surface.normals, uv, number, repeat)
+        placed = replace(surface, vertices=surface.vertices + place)
+        self.add(placed, uv, number, repeat)
 
     def surroundings(self) -> Surroundings:
         """All of it as one."""
-        offsets = np.cumsum([0] + [len(part[0]) for part in self.parts])
-        counts = [len(part[1]) for part in self.parts]
-        surface = Surface(
-            np.concatenate([part[0] for part in self.parts]),
-            np.concatenate([part[1] + k for part, k in zip(self.parts, offsets, strict=False)]),
-            np.concatenate([part[2] for part in self.parts]),
-        )
-        faces = sum(counts)
+        counts = [len(part.faces) for part in self.parts]
         return Surroundings(
-            surface,
-            np.concatenate([part[3] for part in self.parts]),
+            merged(self.parts),
+            np.concatenate(self.uvs),
             np.repeat(np.asarray(self.numbers, dtype=np.int64), counts),
-            np.ones((faces, 3)),
+            np.ones((sum(counts), 3)),
             np.repeat(np.asarray(self.repeats), counts),
             self.photographs,
         )

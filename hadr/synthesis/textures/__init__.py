@@ -1,1 +1,1 @@
-"""Surfaces painted by rule."""
+"""What covers surfaces: painted by rule, or a user's photographs."""

@@ -17,8 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 from hadr.records.caches import kept, kept_by_file
-from hadr.synthesis.scene.backgrounds import load_background
 from hadr.synthesis.textures import materials, plants, views
+from hadr.synthesis.textures.backgrounds import load_background
 from hadr.synthesis.textures.noise import Canvas, look_up
 
 Array = npt.NDArray[np.float64]
@@ -36,57 +36,50 @@ class Family:
     """One kind of texture.
 
     Args:
-        name: Its name.
-        paint: Paints one, sRGB in [0, 1], from a generator.
+        paint: Paints one, sRGB in [0, 1], from a generator; the family is called as it is.
         place: ``material`` repeats and lies anywhere; ``view`` is a place, seen from afar.
         width: Natural height of one repeat, metres.
     """
 
-    name: str
     paint: Callable[[np.random.Generator], Canvas]
     place: Literal["material", "view"]
     width: float
 
-
-def _family(
-    paint: Callable[[np.random.Generator], Canvas], place: Literal["material", "view"], width: float
-) -> Family:
-    return Family(paint.__name__, paint, place, width)
+    @property
+    def name(self) -> str:
+        """Its name."""
+        return self.paint.__name__
 
 
 FAMILIES: tuple[Family, ...] = (
-    _family(materials.wood, "material", 0.75),
-    _family(materials.boards, "material", 1.2),
-    _family(materials.shingles, "material", 1.0),
-    _family(materials.tiles, "material", 0.9),
-    _family(materials.marble, "material", 0.9),
-    _family(materials.terrazzo, "material", 0.6),
-    _family(materials.plaid, "material", 0.45),
-    _family(materials.print_cloth, "material", 0.5),
-    _family(materials.carpet, "material", 1.0),
-    _family(materials.plaster, "material", 1.4),
-    _family(materials.pebbles, "material", 0.6),
-    _family(plants.leaf_wall, "material", 1.1),
-    _family(plants.big_leaves, "view", 0.8),
-    _family(plants.branches, "view", 1.0),
-    _family(plants.grass, "material", 0.7),
-    _family(plants.flowers, "material", 1.0),
-    _family(views.garden, "view", 2.4),
-    _family(views.foliage, "view", 1.8),
-    _family(views.bookshelf, "view", 1.5),
-    _family(views.room, "view", 2.2),
-    _family(views.street, "view", 2.4),
-    _family(views.painting, "view", 1.2),
-    _family(views.magazine, "view", 0.6),
+    Family(materials.wood, "material", 0.75),
+    Family(materials.boards, "material", 1.2),
+    Family(materials.shingles, "material", 1.0),
+    Family(materials.tiles, "material", 0.9),
+    Family(materials.marble, "material", 0.9),
+    Family(materials.terrazzo, "material", 0.6),
+    Family(materials.plaid, "material", 0.45),
+    Family(materials.print_cloth, "material", 0.5),
+    Family(materials.carpet, "material", 1.0),
+    Family(materials.plaster, "material", 1.4),
+    Family(materials.pebbles, "material", 0.6),
+    Family(plants.leaf_wall, "material", 1.1),
+    Family(plants.big_leaves, "view", 0.8),
+    Family(plants.branches, "view", 1.0),
+    Family(plants.grass, "material", 0.7),
+    Family(plants.flowers, "material", 1.0),
+    Family(views.garden, "view", 2.4),
+    Family(views.foliage, "view", 1.8),
+    Family(views.bookshelf, "view", 1.5),
+    Family(views.room, "view", 2.2),
+    Family(views.street, "view", 2.4),
+    Family(views.painting, "view", 1.2),
+    Family(views.magazine, "view", 0.6),
 )
 
 
 def texture_number(name: str, variant: int) -> int:
-    """Number of a family's variant.
-
-    Raises:
-        ValueError: There is no such family; the message lists them.
-    """
+    """Number of a family's variant; a ``ValueError`` lists the families where it is none."""
     names = [family.name for family in FAMILIES]
     if name not in names:
         raise ValueError(f"no family of textures {name!r}; there are {', '.join(names)}")
@@ -117,12 +110,7 @@ def _photograph_pyramid(path: Path) -> tuple[Image, ...]:
 
 
 def pyramid(number: int, photographs: Sequence[Path] = ()) -> tuple[Image, ...]:
-    """A texture and its halved copies, finest first, sRGB, shapes (H, W, 3), (H / 2, W / 2, 3)...
-
-    Args:
-        number: Which texture; below 0 a photograph.
-        photographs: Files that negative numbers stand for.
-    """
+    """A texture and its halved copies, finest first, sRGB, (H, W, 3), (H / 2, W / 2, 3)..."""
     if number < 0:
         return _photograph_pyramid(photographs[-1 - number])
     return _library_pyramid(number)

@@ -28,12 +28,8 @@ def noise(
 ) -> Field:
     """Fractal value noise in [0, 1] that repeats seamlessly.
 
-    Args:
-        rng: Draws it.
-        cells: Number of the coarsest cells down and across.
-        octaves: Each one halves the cells.
-        roughness: Share of each octave in the one before.
-        shape: Of the result.
+    The coarsest of its octaves has so many ``cells`` down and across, each further one twice as
+    many; it weighs ``roughness`` of the one before.
     """
     height, width = shape
     total = np.zeros(shape, dtype=np.float32)
@@ -79,13 +75,7 @@ def hsv(hue: float, saturation: float, value: float) -> Array:
 
 
 def room_colors(rng: np.random.Generator, count: int, *, pale: float = 0.0) -> Array:
-    """Colours that go together as rooms have them, shape (count, 3).
-
-    Args:
-        rng: Draws them.
-        count: How many.
-        pale: From 0, as they come, to 1, almost white.
-    """
+    """Colours (count, 3) that go together as rooms have them; pale from 0 to 1, which is white."""
     main = rng.choice([22.0, 32.0, 42.0, 95.0, 150.0, 205.0, 220.0, 8.0])
     result = []
     for number in range(count):
@@ -98,13 +88,9 @@ def room_colors(rng: np.random.Generator, count: int, *, pale: float = 0.0) -> A
 
 
 def shapes(canvas: Canvas, polygons: Array, colors: Array, buckets: int = 28) -> None:
-    """Fill many small polygons, in order of bands of equal colour.
+    """Fill polygons (N, K, 2), corners (x, y) in pixels, the last ones on top, in colours (N, 3).
 
-    Args:
-        canvas: Painted in place.
-        polygons: Corners (x, y), pixels, shape (N, K, 2); the last ones lie on top.
-        colors: One each, shape (N, 3).
-        buckets: Polygons are painted in so many goes, each in its mean colour.
+    They are painted in ``buckets`` goes, in bands of like colours, each in its mean.
     """
     fixed = np.round(polygons * 2**_SHIFT).astype(np.int32)
     for rows in np.array_split(np.arange(len(polygons)), min(buckets, len(polygons))):
@@ -136,13 +122,9 @@ def rectangle(canvas: Canvas, box: tuple[float, float, float, float], color: Col
 def shadow(
     canvas: Canvas, box: tuple[float, float, float, float], depth: float, blur: float
 ) -> None:
-    """Darken softly around a rectangle, as a thing before a wall does.
+    """Darken softly around a box as a thing before a wall does: a fraction ``depth`` of the light.
 
-    Args:
-        canvas: Painted in place.
-        box: Left, top, right, bottom in fractions of the picture's sides.
-        depth: Share of light that is lost under it.
-        blur: Softness in fractions of the picture's height.
+    The softness ``blur`` is in fractions of the picture's height, the box in those of its sides.
     """
     height, width = canvas.shape[:2]
     small = np.zeros((max(height // 4, 1), max(width // 4, 1), 3), dtype=np.float32)
@@ -154,16 +136,10 @@ def shadow(
 def look_up(
     image: npt.NDArray[Any], x: Array, y: Array, border: int = cv2.BORDER_WRAP
 ) -> npt.NDArray[np.float64]:
-    """Values of a picture between its pixels, bilinear.
+    """Values of a picture (H, W) or (H, W, C) between its pixels, bilinear, (N,) or (N, C).
 
-    Args:
-        image: Shape (H, W) or (H, W, C).
-        x: Columns, 0 at the first one's middle, shape (N,).
-        y: Rows, shape (N,).
-        border: OpenCV's rule for what lies outside; the picture repeats where it is left out.
-
-    Returns:
-        Shape (N,) or (N, C).
+    Columns ``x`` and rows ``y`` are 0 at the first one's middle; ``border`` is OpenCV's rule for
+    what lies outside.
     """
     found = np.empty((len(x), *image.shape[2:]))
     for first in range(0, len(x), 30000):  # OpenCV's largest picture side is 32767

@@ -46,15 +46,8 @@ def paint_leaves(
 ) -> None:
     """Paint a mass of leaves, the deep ones dark, those on top bright.
 
-    Args:
-        rng: Draws them.
-        canvas: Painted in place.
-        box: Left, top, right, bottom in fractions of the picture's sides.
-        size: Length of a leaf, pixels.
-        count: Number of leaves.
-        season: Number in ``SEASONS``.
-        light: Brightness of the upper leaves.
-        round_off: As a crown or bush is, of several balls; else the whole box is filled.
+    The box (left, top, right, bottom) is in fractions of the picture's sides, the leaves' ``size``
+    in pixels. They make up a crown or bush of several balls, or fill the box without ``round_off``.
     """
     height, width = canvas.shape[:2]
     x0, y0, x1, y1 = box

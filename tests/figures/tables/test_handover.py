@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from hadr.figures.tables.handover import (
-    arms_table,
+    conditions_table,
     draw_degradation,
     draw_outcomes,
     draw_success,
@@ -34,7 +34,7 @@ def cells(line):
 
 
 def test_each_arm_has_its_numbers_and_the_paper_stands_below():
-    lines = arms_table([ROW, NEVER], {"GraspNet": [5, 0, 0, 0]}).splitlines()
+    lines = conditions_table([ROW, NEVER], {"GraspNet": [5, 0, 0, 0]}).splitlines()
     assert cells(lines[2]) == ["HADR", "30/48", "62.5 %", "48 to 75", "3/4", "2/4", "1/4", "7.2 s"]
     assert cells(lines[3])[:3] == ["sensor depth", "0/48", "0.0 %"]
     assert cells(lines[3])[7] == "none"
@@ -52,9 +52,11 @@ def test_two_arms_are_compared_attempt_by_attempt():
         paired(first, {"arm": "d", "verdicts": {"1": "drop"}})
 
 
-def row(arm: str, successes: int, low: float, high: float, **more: object) -> dict[str, object]:
+def row(
+    condition: str, successes: int, low: float, high: float, **more: object
+) -> dict[str, object]:
     return {
-        "arm": arm,
+        "arm": condition,
         "attempts": 48,
         "successes": successes,
         "rate": successes / 48,

@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-import json
-
 import pytest
 import torch
 
@@ -35,9 +33,3 @@ def test_kernels_reach_twice_and_four_times_as_far_where_the_stride_is_gone() ->
         assert max(layer.stride[0] for layer in layers) == stride
         assert {layer.dilation for layer in wide} == {(dilation, dilation)}
         assert {layer.padding for layer in wide} == {(dilation, dilation)}
-
-
-def test_the_configuration_is_checked_and_goes_through_json() -> None:
-    assert DilatedResNetConfig.from_dict(json.loads(json.dumps(SMALL.to_dict()))) == SMALL
-    with pytest.raises(ValueError, match=r"widths needs 4 positive numbers, got \(4, 8\)"):
-        DilatedResNetConfig(widths=(4, 8))  # type: ignore[arg-type]

@@ -26,12 +26,6 @@ def test_shares_of_a_batch_drop_what_the_whole_batch_drops() -> None:
     assert 4 < int((whole[:, 0, 0] == 0).sum()) < 28
 
 
-def test_outside_of_training_it_is_the_identity() -> None:
-    branch = torch.rand(4, 3)
-    assert StochasticDepth(0.5).eval()(branch) is branch
-    assert StochasticDepth(0.0)(branch) is branch
-
-
 def test_the_swin_transformer_has_it_in_each_block_at_rising_rates() -> None:
     swin = build_swin(BackboneConfig(embed_dim=8, depths=(1, 2), heads=(1, 2), drop_path=0.3))
     rates = {m.rate for m in swin.modules() if isinstance(m, StochasticDepth)}

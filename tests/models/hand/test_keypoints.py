@@ -143,14 +143,3 @@ def test_every_weight_gets_a_gradient() -> None:
         assert weight.grad is not None, name
         assert torch.isfinite(weight.grad).all(), name
     assert model.head.weight.grad.view(21, 5, -1).abs().sum(dim=2).min() > 0
-
-
-def test_configuration_goes_through_json() -> None:
-    import json
-
-    text = json.dumps(SMALL.to_dict())
-    assert HandKeypointConfig.from_dict(json.loads(text)) == SMALL
-    with pytest.raises(ValueError, match="crop must be at least 32 pixels, got 16"):
-        HandKeypointConfig(crop=16)
-    with pytest.raises(ValueError, match="cube_m must be positive, got 0"):
-        HandKeypointConfig(cube_m=0)

@@ -1,4 +1,4 @@
-"""What the robot sees: arms that differ by depth alone, noise that lasts, faults on demand."""
+"""What the robot sees: sources that differ by depth alone, noise that lasts, faults on demand."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -12,10 +12,10 @@ from hadr.handover.robot import SimulatedUR5
 from hadr.simulation.camera.camera_frames import camera_frame
 from hadr.simulation.camera.robot_camera import CapturedFrame, RobotCamera
 from hadr.simulation.camera.sight import (
-    ARMS,
     FAULTS,
+    SOURCES,
     BrokenSight,
-    DepthArm,
+    DepthSource,
     Sight,
     SightConfig,
     bundled_finder,
@@ -43,15 +43,17 @@ def test_perfect_depth_gives_points_on_the_object(
 def test_arms_see_the_same_hand_and_mask_and_differ_in_depth(
     scene: HeldScene, camera: RobotCamera, at: Callable[..., WorldState]
 ) -> None:
-    sights = {arm: Sight(scene, camera, arm, seed=3) for arm in ARMS}
-    seen = {arm: sight.look(at(scene, 0.0), with_points=True) for arm, sight in sights.items()}
+    sights = {source: Sight(scene, camera, source, seed=3) for source in SOURCES}
+    seen = {
+        source: sight.look(at(scene, 0.0), with_points=True) for source, sight in sights.items()
+    }
     reference = seen["perfect"].keypoints
-    for arm in ARMS:
-        np.testing.assert_array_equal(seen[arm].keypoints, reference)
-        assert seen[arm].object_points is not None
+    for source in SOURCES:
+        np.testing.assert_array_equal(seen[source].keypoints, reference)
+        assert seen[source].object_points is not None
     true = seen["perfect"].object_points
-    errors = {arm: abs(np.median(seen[arm].object_points[:, 2] - np.median(true[:, 2])))
-              for arm in ARMS}  # fmt: skip
+    errors = {source: abs(np.median(seen[source].object_points[:, 2] - np.median(true[:, 2])))
+              for source in SOURCES}  # fmt: skip
     assert errors["hadr"] < 0.03
     assert errors["hadr-plus"] < 0.03
     assert errors["raw"] > 0.2
@@ -204,7 +206,7 @@ def test_sight_breaks_on_demand(
 
 
 def test_wrong_names_are_refused(scene: HeldScene, camera: RobotCamera) -> None:
-    wrong: DepthArm = "lidar"  # type: ignore[assignment]
+    wrong: DepthSource = "lidar"  # type: ignore[assignment]
     with pytest.raises(ValueError, match="got 'lidar'"):
         Sight(scene, camera, wrong)
     with pytest.raises(ValueError, match="got 'asleep'"):

@@ -12,7 +12,7 @@ from hadr.cli import main
 from hadr.records.result_file import read_result_file
 from hadr.simulation.trials import command as handover_command
 from hadr.simulation.trials import experiment, watch
-from hadr.simulation.trials.trial import ARMS, Run, Trial
+from hadr.simulation.trials.trial import CONDITIONS, Run, Trial
 from hadr.simulation.world.trial_set import TRIAL_OBJECTS
 
 
@@ -39,7 +39,7 @@ def test_help_is_a_manual_and_imports_nothing_heavy() -> None:
     text = "\n".join(lines)
     for said in ("examples", "metres", "newtons", "exit status", "handover.json", "-log.npz"):
         assert said in text
-    for said in (*ARMS, *TRIAL_OBJECTS, "degrees"):
+    for said in (*CONDITIONS, *TRIAL_OBJECTS, "degrees"):
         assert f" {said}" in text
 
 
@@ -148,7 +148,7 @@ def test_a_replay_prints_changes_and_cautions(
     ],
 )  # fmt: skip
 def test_the_rows_file_says_whose_masks_and_keypoints(
-    arms: list[str],
+    conditions: list[str],
     says: str,
     whole: Run,
     out: Path,
@@ -156,7 +156,7 @@ def test_the_rows_file_says_whose_masks_and_keypoints(
 ) -> None:
     monkeypatch.setattr(experiment, "run_trial", lambda trial: replace(whole, trial=trial))
     words = ["--objects", "0010", "--holds", 922, "--jobs", 1]
-    assert call(out, "--arms", *arms, *words) == 0
+    assert call(out, "--arms", *conditions, *words) == 0
     assert says in read_result_file(out / "handover.json").what
 
 
@@ -182,12 +182,14 @@ def test_a_dry_run_says_what_it_would_do_and_writes_nothing(
 ) -> None:
     assert call(out, "--dry-run", "--jobs", 2) == 0
     assert capsys.readouterr().out == (
-        "288 attempts: 8 objects, 6 holds, 6 arms, 2 at a time\n"
+        "288 attempts: 8 objects, 6 holds, 6 conditions, 2 at a time\n"
         f"finished already: 0 of 288 in {out}\n"
     )
     words = ["--arms", "raw", "--objects", "0004", "--holds", 920, "--dry-run", "--jobs", 1]
     assert call(out, *words) == 0
-    assert capsys.readouterr().out.startswith("1 attempt: 1 object, 1 hold, 1 arm, 1 at a time\n")
+    assert capsys.readouterr().out.startswith(
+        "1 attempt: 1 object, 1 hold, 1 condition, 1 at a time\n"
+    )
     assert list(tmp_path.iterdir()) == []
 
 
@@ -232,7 +234,7 @@ def test_attempts_are_told_and_summed_up(
     words = ["--arms", "raw", "perfect", "--objects", "0010", "--holds", 922, 923, "--jobs", 1]
     assert call(out, *words, "--hand-speed", 2) == 0
     said = capsys.readouterr().out
-    assert "4 attempts: 1 object, 2 holds, 2 arms, 1 at a time" in said
+    assert "4 attempts: 1 object, 2 holds, 2 conditions, 1 at a time" in said
     assert "raw: 1 of 2 (50.0 %, 95 % interval 9 to 91); failures: 1 drop; " in said
     assert "perfect: 2 of 2 (100.0 %, 95 % interval 34 to 100); failures: none; " in said
     assert said.count("largest force 1.2 N") == 2

@@ -1,4 +1,4 @@
-"""The experiment: what is run again and what is not, and how an arm's row is summed up."""
+"""The experiment: what is run again and what is not, and how a condition's row is summed up."""
 
 import json
 import math
@@ -31,8 +31,8 @@ from hadr.records.result_file import digest
 from hadr.simulation.camera.sight import CHECKPOINTS
 from hadr.simulation.trials import experiment
 from hadr.simulation.trials.experiment import (
-    arm_row,
     attempts,
+    condition_row,
     ending_of,
     film_of_attempt,
     finished_attempt,
@@ -40,7 +40,7 @@ from hadr.simulation.trials.experiment import (
     run_attempts,
     verdicts,
 )
-from hadr.simulation.trials.trial import ARMS, CODE, Run, Trial, _code
+from hadr.simulation.trials.trial import CODE, CONDITIONS, Run, Trial, _code
 from hadr.training.checkpoints import load_checkpoint
 
 
@@ -140,13 +140,13 @@ def test_other_networks_are_other_attempts(monkeypatch: pytest.MonkeyPatch, tmp_
     monkeypatch.setattr("hadr.simulation.trials.trial.samples_dir", lambda: tmp_path)
 
     def settings() -> dict[str, str]:
-        return {arm: digest(Trial("0010", 922, arm).record) for arm in ARMS}
+        return {condition: digest(Trial("0010", 922, condition).record) for condition in CONDITIONS}
 
     def changed_by(change: Callable[[], object]) -> set[str]:
         before = settings()
         change()
         after = settings()
-        return {arm for arm in before if before[arm] != after[arm]}
+        return {condition for condition in before if before[condition] != after[condition]}
 
     assert settings() == settings()
     of_hadr = {"hadr", "hadr-no-rescoring", "hadr-no-tracking"}
@@ -404,7 +404,7 @@ def test_an_arms_row_by_hand() -> None:
         outcome("0001", "drop", decided_at=9.0, first_grasp_at=4.0, wall_seconds=9.0),
         outcome("0004", "gave up", decided_at=1.0, first_grasp_at=None, largest_force=2.5),
     ]
-    row = arm_row("hadr", outcomes)
+    row = condition_row("hadr", outcomes)
     assert (row["arm"], row["attempts"], row["successes"], row["rate"]) == ("hadr", 5, 3, 0.6)
     assert row["rate_by_object"] == {"0000": 1.0, "0001": 0.5, "0004": 0.0}
     assert row["objects_at_50_percent"] == 1
@@ -421,15 +421,15 @@ def test_an_arms_row_by_hand() -> None:
     assert list(row["verdicts"]) == names
     assert list(row["verdicts"].values()) == ["success"] * 3 + ["drop", "gave up"]
     with pytest.raises(ValueError, match=f"attempt {names[0]} is there twice"):
-        arm_row("hadr", [*outcomes, outcomes[0]])
+        condition_row("hadr", [*outcomes, outcomes[0]])
 
 
 def test_arms_are_compared_attempt_by_attempt() -> None:
-    def row(arm: str, *won: bool) -> dict[str, Any]:
+    def row(condition: str, *won: bool) -> dict[str, Any]:
         rows = [outcome("0000", "success" if one else "drop") for one in won]
         for number, one in enumerate(rows):
             one["trial"]["hold_number"] = 900 + number
-        return arm_row(arm, rows)
+        return condition_row(condition, rows)
 
     ahead, behind, _ = paired(row("a", True, True, False), row("b", True, False, False))
     assert (ahead, behind) == (1, 0)
@@ -456,7 +456,7 @@ def test_the_last_caption_says_the_verdict(
 
 def test_objects_above_the_papers_marks() -> None:
     won = {"0000": 6, "0001": 5, "0004": 4, "0006": 3}  # of six: 1.0, 0.83, 0.67, 0.5
-    row = arm_row(
+    row = condition_row(
         "raw",
         [outcome(o, "success" if i < n else "drop") for o, n in won.items() for i in range(6)],
     )
@@ -475,18 +475,18 @@ def wilson(successes: int, attempts: int) -> list[float]:
 @pytest.mark.parametrize(("successes", "attempts"), [(0, 48), (34, 48), (48, 48), (1, 2)])
 def test_the_interval_is_wilsons(successes: int, attempts: int) -> None:
     rows = [outcome("0000", "success" if i < successes else "drop") for i in range(attempts)]
-    found = arm_row("hadr", rows)["interval"]
+    found = condition_row("hadr", rows)["interval"]
     assert found == pytest.approx(wilson(successes, attempts), abs=1e-6)
     # a published value: 8 of 10 give 0.490 to 0.943
-    ten = arm_row("x", [outcome("0000", "success" if i < 8 else "drop") for i in range(10)])
+    ten = condition_row("x", [outcome("0000", "success" if i < 8 else "drop") for i in range(10)])
     assert ten["interval"] == pytest.approx([0.490, 0.943], abs=5e-4)
 
 
 def test_means_without_a_success_are_nan_and_no_outcome_is_refused() -> None:
-    row = arm_row("raw", [outcome("0000", "drop")])
+    row = condition_row("raw", [outcome("0000", "drop")])
     assert math.isnan(row["mean_seconds"])
-    with pytest.raises(ValueError, match="no attempt of arm 'raw' to sum up"):
-        arm_row("raw", [])
+    with pytest.raises(ValueError, match="no attempt of condition 'raw' to sum up"):
+        condition_row("raw", [])
 
 
 def test_the_rows_digest_is_the_descriptions(made: Counter[Trial], tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import pytest
 from hadr.handover.replay import replay
 from hadr.handover.stages import Stage, Transition
 from hadr.simulation.camera.sight import BrokenSight, Fault
-from hadr.simulation.trials.trial import ARMS, Run, Trial, run_trial
+from hadr.simulation.trials.trial import CONDITIONS, Run, Trial, run_trial
 from hadr.simulation.world.state import WorldState
 
 BROKEN = Trial("0004", 922, "perfect")
@@ -191,7 +191,7 @@ def test_descriptions_are_told_apart() -> None:
             ("object_id", "0001"), ("hold_number", 923), ("seed", 1), ("hand_speed", 3.0),
             ("extrinsics_error_deg", 3.0), ("time_limit", 5.0),
         ]
-    ] + [replace(BROKEN, arm=arm) for arm in ARMS if arm != BROKEN.arm]  # fmt: skip
+    ] + [replace(BROKEN, arm=other) for other in CONDITIONS if other != BROKEN.arm]  # fmt: skip
     records = [repr(t.record) for t in [BROKEN, *changed]]
     assert len(set(records)) == len(records)
     assert BROKEN.name == "0004-922"

@@ -229,10 +229,3 @@ def test_the_imagers_pictures_are_rectified_and_cover_the_colour_view():
     edge = (0 - pair.imager.cx + pair.margin) / pair.imager.fx  # first drawn column, a tangent
     leftmost = (-0.5 - COLOR.cx) / COLOR.fx - CAMERA.left_imager / CAMERA.closest
     assert edge < leftmost
-
-
-def test_impossible_cameras_are_named():
-    with pytest.raises(ValueError, match="baseline must be positive, got 0"):
-        StereoCamera(baseline=0)
-    with pytest.raises(ValueError, match="farthest must be positive, got -1"):
-        StereoCamera(farthest=-1)

@@ -44,14 +44,6 @@ def test_what_is_missing_is_named(monkeypatch):
         check_workers(0)
 
 
-def test_workers_of_this_machine_or_a_cluster_not_both():
-    with pytest.raises(ValueError, match=r"2 workers of this machine or the cluster at tcp://h:1:"):
-        check_workers(2, "tcp://h:1")
-    check_workers(1)
-    with connected(None) as client:
-        assert client is None
-
-
 @needs_dask
 def test_a_cluster_by_its_address_and_the_error_of_a_task():
     from distributed import LocalCluster
@@ -70,16 +62,6 @@ def _root(value):
     if value < 0:
         raise ValueError(f"expected a nonnegative input, got {value}")
     return value**0.5
-
-
-@needs_dask
-def test_a_cluster_that_does_not_answer_is_named(monkeypatch):
-    monkeypatch.setattr("hadr.synthesis.generation.farm.PATIENCE", 0.5)
-    with (
-        pytest.raises(OSError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"),
-        connected("tcp://127.0.0.1:9"),
-    ):
-        pass
 
 
 @needs_dask

@@ -8,7 +8,7 @@ import pytest
 
 from hadr.data.frame import frame_places
 from hadr.synthesis.generation.folder import SETTINGS_FILE, generation_folder, settings_record
-from hadr.synthesis.generation.settings import PRESETS, GenerationSettings
+from hadr.synthesis.generation.settings import GenerationSettings
 
 SETTINGS = GenerationSettings(width=64, height=36, quality="fast")
 
@@ -167,40 +167,3 @@ def test_a_file_in_the_place_of_the_folder_is_named(tmp_path):
     for root in (tmp_path / "file", tmp_path / "file/set"):
         with pytest.raises(ValueError, match=rf"into {root}: .*/file is a file, not a folder"):
             take(root)
-
-
-def test_presets_say_what_the_data_card_promises():
-    samples, mini, paper = (PRESETS[name] for name in ("samples", "mini", "paper"))
-    assert samples.frames == 480
-    assert (samples.settings.width, samples.settings.height) == (448, 252)
-    holds = {(r.object_id, r.hold_number) for r in map(samples.settings.recipe, range(480))}
-    assert len(holds) == 240
-    assert max(number for _, number in holds) == 29
-    recipes = [mini.settings.recipe(i) for i in range(mini.frames)]
-    holds = {(r.object_id, r.hold_number) for r in recipes}
-    assert mini.frames >= 4000
-    assert len(holds) >= 1500
-    assert mini.settings.seed != samples.settings.seed
-    assert (paper.frames, paper.settings.width, paper.settings.height) == (14100, 1280, 720)
-    gallery = PRESETS["gallery"]
-    kinds = [gallery.settings.recipe(i).hold_number % 8 for i in range(gallery.frames)]
-    assert len(set(kinds)) == 8
-    for preset in PRESETS.values():
-        numbers = [preset.settings.recipe(i) for i in range(preset.frames)]
-        split = {}
-        for recipe in numbers:
-            split.setdefault((recipe.object_id, recipe.hold_number), set()).add(recipe.split)
-        assert all(len(s) == 1 for s in split.values())
-
-
-def test_errors_name_the_value():
-    with pytest.raises(ValueError, match="engine must be 'photo' or 'raycast', got 'blender'"):
-        replace(SETTINGS, engine="blender")
-    with pytest.raises(ValueError, match="normals must be 'all', 'held', 'object' or 'none'"):
-        replace(SETTINGS, normals="some")
-    with pytest.raises(ValueError, match=r"jpeg_quality must lie in 1\.\.100, got 0"):
-        replace(SETTINGS, jpeg_quality=0)
-    with pytest.raises(ValueError, match="need seed >= 0 and samples >= 1, got -1 and 8"):
-        replace(SETTINGS, seed=-1)
-    with pytest.raises(ValueError, match="frames_per_hold >= 1"):
-        replace(SETTINGS, frames_per_hold=0.5)

@@ -14,21 +14,18 @@ import numpy as np
 import pytest
 
 from hadr import __version__
-from hadr.camera import back_project, transform_points
+from hadr.camera import transform_points
 from hadr.cli import main
 from hadr.data.frame import frame_log_path
 from hadr.data.transhand import TransHand
 from hadr.hand import forward_kinematics, keypoints_from_skeleton
 from hadr.synthesis.generation.folder import whole_frames
-from hadr.synthesis.generation.frames import live_picture, render_frame
+from hadr.synthesis.generation.frames import render_frame
 from hadr.synthesis.generation.generate import _chosen_variant, generate
 from hadr.synthesis.generation.settings import GenerationSettings
-from hadr.synthesis.glass.distance import signed_distance
-from hadr.synthesis.glass.objects import glass_object
 from hadr.synthesis.holding.hold import make_hold
 from hadr.synthesis.recordings.motion import record_hold
 from hadr.synthesis.recordings.recording import read_recording, write_recording
-from hadr.synthesis.rendering.child_process import call_in_child
 
 SIZE = GenerationSettings(width=64, height=36, quality="fast")
 TWO = replace(SIZE, objects=("0000", "0004"))
@@ -53,16 +50,6 @@ def test_the_same_seed_gives_the_same_bytes_whatever_the_number_and_the_workers(
         assert longer[name] == data, name
 
 
-def test_opencv_gets_back_the_threads_that_it_had(tmp_path):
-    before = cv2.getNumThreads()
-    try:
-        cv2.setNumThreads(3)
-        generate(tmp_path, 1, SIZE)
-        assert cv2.getNumThreads() == 3
-    finally:
-        cv2.setNumThreads(before)
-
-
 def test_a_run_goes_on_where_it_ended(six, tmp_path):
     generate(tmp_path, 3, TWO)
     recipe = TWO.recipe(1)
@@ -71,68 +58,6 @@ def test_a_run_goes_on_where_it_ended(six, tmp_path):
     assert (report.written, report.kept) == (4, 2)
     assert contents(tmp_path) == contents(six)
     assert "4 frames written, 2 kept" in str(report)
-
-
-def test_another_seed_gives_other_frames():
-    recipe = SIZE.recipe(0)
-    first, other = (render_frame(recipe, replace(SIZE, seed=s)) for s in (0, 1))
-    assert np.abs(first.depth - other.depth).mean() > 0.01
-
-
-def test_two_frames_of_a_hold_share_the_hand_in_the_wrist_frame_only():
-    one = replace(SIZE, objects=("0000",))
-    a, b = (render_frame(one.recipe(i), one) for i in (0, 1))
-    assert a.hold_id == b.hold_id
-    lengths = [np.linalg.norm(f.keypoints - f.keypoints[0], axis=1) for f in (a, b)]
-    np.testing.assert_allclose(lengths[0], lengths[1], atol=1e-9)
-    assert np.abs(a.keypoints - b.keypoints).max() > 0.02
-
-
-def test_size_changes_pixels_not_geometry():
-    small = render_frame(SIZE.recipe(3), SIZE)
-    large = render_frame(SIZE.recipe(3), replace(SIZE, width=128, height=72))
-    np.testing.assert_allclose(small.keypoints, large.keypoints, atol=1e-12)
-    np.testing.assert_array_equal(small.world_from_camera, large.world_from_camera)
-
-
-def test_splits_by_frame_holding_and_object():
-    by_hold = [replace(SIZE, objects=("0000",)).recipe(i) for i in range(40)]
-    holds = {}
-    for recipe in by_hold:
-        holds.setdefault(recipe.hold_number, set()).add(recipe.split)
-    assert all(len(s) == 1 for s in holds.values())
-    assert [r.split for r in by_hold].count("train") == 28
-    by_object = [replace(SIZE, split_by="object").recipe(i) for i in range(16)]
-    assert {r.object_id for r in by_object if r.split == "test"} == {"0004", "0007"}
-    by_frame = [replace(SIZE, split_by="frame").recipe(i).split for i in range(1000)]
-    assert by_frame.count("train") == pytest.approx(700, abs=50)
-    assert by_frame.count("test") == pytest.approx(100, abs=35)
-
-
-def test_the_command_writes_frames(tmp_path, capsys):
-    line = f"{tmp_path} -n 2 --width 64 --height 36 --quality fast --depth png --jpeg 90"
-    assert main(["generate", *line.split(), "--workers", "1"]) == 0
-    assert "2 frames written" in capsys.readouterr().out
-    frame = TransHand(tmp_path, "train")[0]
-    assert frame.color.shape == (36, 64, 3)
-
-
-def test_errors(tmp_path):
-    with pytest.raises(ValueError, match="the number of frames must be at least 1, got 0"):
-        generate(tmp_path, 0, SIZE)
-    with pytest.raises(ValueError, match="workers must be at least 1, got 0"):
-        generate(tmp_path, 1, SIZE, workers=0)
-    for value, message in (
-        ({"objects": ("0002",)}, "no object '0002'"),
-        ({"objects": ()}, "and an object"),
-        ({"split_by": "x"}, "split_by must be 'holding', 'frame' or 'object', got 'x'"),
-        ({"quality": "nice"}, "quality must be 'fast' or 'fine', got 'nice'"),
-        ({"width": 4, "height": 4}, "at least 16x9 pixels, got 4x4"),
-    ):
-        with pytest.raises(ValueError, match=message):
-            GenerationSettings(**value)
-    with pytest.raises(ValueError, match="frames are counted from 0, got -1"):
-        SIZE.recipe(-1)
 
 
 @pytest.mark.long
@@ -292,22 +217,6 @@ def test_without_mitsuba_the_photo_engine_says_what_to_install(tmp_path, monkeyp
     assert not list(tmp_path.iterdir())
 
 
-def test_the_labels_of_a_frame_agree_with_each_other():
-    frame = render_frame(SIZE.recipe(2), replace(SIZE, width=128, height=72))
-    depth = np.where(frame.depth > 0, frame.depth, np.nan)
-    points = back_project(depth, frame.camera)
-    # Normals of unit length that face the camera.
-    known = frame.normals.any(-1)
-    assert known.all()
-    np.testing.assert_allclose(np.linalg.norm(frame.normals[known], axis=-1), 1, atol=1e-5)
-    assert ((frame.normals * points).sum(-1)[known] <= 1e-6).all()
-    # The glass's points lie where the object's pose puts the object.
-    camera_from_object = frame.camera_from_world @ frame.world_from_object
-    local = transform_points(np.linalg.inv(camera_from_object), points[frame.object_mask])
-    item = glass_object(frame.object_id)
-    assert np.abs(signed_distance(item, local)).max() < 1e-3
-
-
 @pytest.fixture(scope="module")
 def recordings(tmp_path_factory):
     """Two short recordings of one object, whose file's name says nothing of it."""
@@ -340,12 +249,6 @@ def test_recorded_holds_are_shown_at_a_moment_of_theirs(recordings, tmp_path):
         generate(tmp_path, 6, settings)
     with pytest.raises(ValueError, match=r"no folder of recordings at .*none"):
         generate(tmp_path / "b", 1, replace(SIZE, recordings=str(tmp_path / "none")))
-
-
-def test_frames_per_hold_may_be_two_and_three_in_turn():
-    more = replace(SIZE, objects=("0000",), frames_per_hold=2.5)
-    assert [more.recipe(i).hold_number for i in range(10)] == [0, 0, 0, 1, 1, 2, 2, 2, 3, 3]
-    assert [replace(TWO, hold_shift=3).recipe(i).hold_number for i in (0, 1)] == [0, 3]
 
 
 def test_a_path_traced_frame_does_not_depend_on_those_made_before(tmp_path, monkeypatch):
@@ -398,9 +301,7 @@ def test_the_command_says_why_it_is_slow_and_what_helps(tmp_path, monkeypatch, c
     for module in ("generation.generate", "rendering.mitsuba_variant"):
         name = f"hadr.synthesis.{module}.why_not_llvm"
         monkeypatch.setattr(name, lambda: "LLVM 15.0.6 is too old")
-    monkeypatch.setattr(
-        "hadr.synthesis.generation.generate._make_frames", lambda recipes, **_: [0.0]
-    )
+    monkeypatch.setattr("hadr.synthesis.generation.generate._make_frames", lambda recipes, **_: 1)
     words = ["generate", str(tmp_path), "--frames", "1", "--workers", "1", "--engine"]
     sentence = (
         "drawing with Mitsuba's slower variant scalar_rgb: LLVM 15.0.6 is too old; to become "
@@ -438,41 +339,3 @@ def test_a_variant_that_cant_be_used_is_refused_before_anything_is_made(tmp_path
     with pytest.raises(ValueError, match=r"llvm_ad_rgb can't be used on .*: it is broken"):
         generate(tmp_path / "set", 1, settings)
     assert not (tmp_path / "set").exists()
-
-
-def test_a_live_picture_is_made_in_a_child_process(monkeypatch):
-    pytest.importorskip("mitsuba", reason="path-traced pictures need hadr[generate]")
-    traced = replace(SIZE, engine="photo")
-    recipe, stored, fresh = traced.recipe(5), np.zeros((2, 2, 3), np.uint8), np.ones((2, 2, 3))
-
-    def child(function, *args, timeout):
-        assert (function, args) == (render_frame, (recipe, traced))
-        return SimpleNamespace(color=fresh, hold_id="0007-rim-0000")
-
-    monkeypatch.setattr("hadr.synthesis.generation.frames.call_in_child", child)
-    color, title, sentence = live_picture(recipe, traced, stored)
-    assert color is fresh
-    assert (title, sentence) == ("traced just now: 0007-rim-0000", "")
-
-
-def test_a_stored_picture_stands_where_none_can_be_made(monkeypatch):
-    def child(*args, **options):
-        return call_in_child(os.abort, timeout=60)
-
-    find, stored = importlib.util.find_spec, np.zeros((2, 2, 3), np.uint8)
-    for missing in (set(), {"mitsuba"}):
-        with monkeypatch.context() as patch:
-            patch.setattr("hadr.synthesis.generation.frames.call_in_child", child)
-            patch.setattr(
-                importlib.util,
-                "find_spec",
-                lambda name, *a, missing=missing: None if name in missing else find(name, *a),
-            )
-            made = live_picture(SIZE.recipe(5), replace(SIZE, engine="photo"), stored)
-        assert made[0] is stored
-        if missing or not find("mitsuba"):
-            assert made[1:] == ("a stored picture (Mitsuba is not installed here)", "")
-        else:
-            why = "No picture could be traced here: its process was ended by SIGABRT"
-            assert made[1] == "a stored picture"
-            assert made[2].startswith(why)

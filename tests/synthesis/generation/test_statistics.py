@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hadr.camera import Intrinsics, back_project
+from hadr.camera import Intrinsics
 from hadr.data.frame import Frame
 from hadr.synthesis.generation.statistics import frame_statistics, visible_share
 from hadr.synthesis.glass.objects import bodies, glass_object
@@ -89,13 +89,3 @@ def test_the_object_pose_is_used():
 def test_no_frame_is_refused():
     with pytest.raises(ValueError, match="no frames"):
         frame_statistics([])
-
-
-def test_the_test_scene_is_what_it_says():
-    """The tumbler stands upright before the camera, its axis 0.6 m away."""
-    labels = RayCaster(Contents(None, bodies(glass_object("0000")))).labels(
-        CAMERA, WORLD_FROM_CAMERA
-    )
-    nearest = back_project(labels.depth, CAMERA)[labels.object_mask][:, 2].min()
-    radius = max(glass_object("0000").outer_radius(z) for z in np.linspace(0.0, 0.05, 6))
-    assert nearest == pytest.approx(0.6 - radius, abs=0.01)

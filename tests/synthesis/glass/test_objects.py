@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 from hadr.data.splits import UNKNOWN_OBJECTS
 from hadr.synthesis.glass.distance import signed_distance
 from hadr.synthesis.glass.objects import NOVEL_OBJECTS, OBJECTS, bodies, glass_object
-from hadr.synthesis.glass.shape import handle_line, profile
+from hadr.synthesis.glass.shape import handle_sections, profile
 from hadr.synthesis.glass.surfaces import merged
 
 IDS = (*OBJECTS, *NOVEL_OBJECTS)
@@ -128,7 +128,7 @@ def test_distance_is_that_of_the_nearest_point_of_the_surface(object_id, angle, 
 def test_the_handle_of_the_mug_is_an_ellipse_by_hand():
     """In its upright part it is 7.8 mm thick and 12.4 mm wide."""
     mug = glass_object("0008")
-    line = handle_line(mug)
+    line, _, _ = handle_sections(mug)
     outermost = line[np.argmax(line[:, 0])]
 
     def at(x, y):

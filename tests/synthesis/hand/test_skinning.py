@@ -126,3 +126,17 @@ def test_the_skin_is_hardly_turned_inside_out_by_a_bend(angle, bend, most):
     inverted = hand & ((expected * found).sum(1) < 0)
     size = np.linalg.norm(found, axis=1)
     assert size[inverted].sum() <= most * size[hand].sum()
+
+
+def test_girth_thickens_the_finger_and_length_lengthens_it():
+    """In the bone's own axes: a finger 1.1 times as thick and 1.2 times as long."""
+    usual = HandShape()
+    lengths = {**usual.lengths, "middle": tuple(1.2 * b for b in usual.lengths["middle"])}
+    changed = HandShape(lengths=lengths, girth=1.1)
+    sizes = []
+    for shape in (usual, changed):
+        skin, part = skin_vertices(forward_kinematics(np.zeros(20), shape), shape)
+        finger = skin[(part == 2) & (skin[:, 1] > 0.090 + 0.6 * sum(shape.lengths["middle"]))]
+        sizes.append((np.ptp(finger[:, 0]), finger[:, 1].max() - 0.090))
+    assert abs(sizes[1][0] / sizes[0][0] - 1.1) < 0.01
+    assert abs(sizes[1][1] / sizes[0][1] - 1.2) < 0.01

@@ -96,8 +96,3 @@ def test_the_palm_is_lighter_most_of_all_on_dark_skin(tone):
     assert ratio > 0.97
     if tone == SKIN_TONES[-1]:
         assert ratio > 1.5
-
-
-def test_resolution_is_checked():
-    with pytest.raises(ValueError, match=r"between 0.001 and 0.010 metres, got 0.0005"):
-        hand_template(0.0005)

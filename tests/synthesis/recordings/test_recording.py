@@ -1,5 +1,4 @@
 import json
-import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,15 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hadr.hand import ANGLE_LIMITS, ANGLE_NAMES, FINGERS, HandShape
+from hadr.hand import ANGLE_LIMITS, FINGERS, HandShape
 from hadr.synthesis.glass.objects import OBJECTS
-from hadr.synthesis.holding.hold import check_hold, hold_kind, make_hold
-from hadr.synthesis.recordings.glove_columns import (
-    ANGLE_COLUMNS,
-    find_angle_columns,
-    read_column_name,
-)
-from hadr.synthesis.recordings.motion import failing_rows, main, record_hold, write_recordings
+from hadr.synthesis.holding.hold import check_hold, hold_kind
 from hadr.synthesis.recordings.recording import (
     Recording,
     find_recordings,
@@ -56,45 +49,6 @@ def _recording(rows=5):
     angles = np.deg2rad(rng.uniform(-20, 90, (rows, 20)).round(2))
     time = np.arange(rows) / 10
     return Recording("0001-stem-0007", "0001", "stem", HandShape("left", 0.95), time, angles, poses)
-
-
-@pytest.mark.parametrize(
-    ("name", "said"),
-    [
-        ("Index_PIP_Flex", (None, "index", "pip", "stretch")),
-        ("IndexPIPStretch", (None, "index", "pip", "stretch")),
-        ("index_pip_stretch", (None, "index", "pip", "stretch")),
-        ("Left_Pinky_MCP_Spread", ("left", "little", "mcp", "spread")),
-        ("R_ThumbCMCFlex (deg)", ("right", "thumb", "cmc", "stretch")),
-        ("IndexSpread", (None, "index", "", "spread")),
-        ("RightHand_Ring_DIP_Flexion", ("right", "ring", "dip", "stretch")),
-        ("Index_PIP_X", None),
-        ("Pinch_ThumbToIndex", None),
-        ("Index_PIP_Flex_Velocity", None),
-        ("Frame", None),
-        ("Time", None),
-    ],
-)
-def test_column_names_of_several_programs(name, said):
-    assert read_column_name(name) == said
-
-
-def test_the_thumbs_joints_are_taken_in_their_order_whatever_their_names():
-    for joints in (("CMC", "MCP", "IP"), ("CMC", "PIP", "DIP"), ("MCP", "PIP", "DIP")):
-        header = [f"Thumb_{j}_Flex" for j in reversed(joints)]
-        found = find_angle_columns(header)[None]
-        assert found == {
-            "thumb_cmc_stretch": 2,
-            "thumb_mcp_stretch": 1,
-            "thumb_ip_stretch": 0,
-        }
-
-
-def test_our_own_columns_are_the_twenty_angles_in_their_order():
-    found = find_angle_columns(ANGLE_COLUMNS)[None]
-    assert [found[name] for name in ANGLE_NAMES] == list(range(20))
-    assert ANGLE_COLUMNS[0] == "Thumb_CMC_Spread"
-    assert ANGLE_COLUMNS[-1] == "Pinky_DIP_Stretch"
 
 
 def test_an_export_is_read_unchanged_with_its_sheets_beside_it(tmp_path):
@@ -226,35 +180,6 @@ def test_broken_files_are_named_with_row_and_column(tmp_path, change, message):
         read_recording(path)
 
 
-@pytest.fixture(scope="module")
-def made(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("recordings")
-    list(write_recordings(folder, ["0001"], 2))
-    return folder
-
-
-def test_every_row_of_a_made_recording_passes_and_none_repeats(made):
-    paths = find_recordings(made)
-    assert [p.name for p in paths] == ["0001-stem-0000.csv", "0001-side-0001.csv"]
-    for path in paths:
-        recording = read_recording(path)
-        assert len(recording.time) == 20
-        assert recording.time[-1] == pytest.approx(1.9)
-        assert next(failing_rows(recording), None) is None
-        assert (np.abs(np.diff(recording.angles, axis=0)).max(1) > 1e-4).all()
-        assert np.rad2deg(np.ptp(recording.angles, axis=0)).max() < 25
-        turns = recording.wrist_from_object[:, :3, :3]
-        eyes = np.tile(np.eye(3), (20, 1, 1))
-        np.testing.assert_allclose(turns @ turns.transpose(0, 2, 1), eyes, atol=1e-9)
-        hold = recording.at(7)
-        assert hold.hold_id == recording.hold_id
-        assert not check_hold(hold).problems
-        np.testing.assert_array_equal(hold.angles, recording.angles[7])
-        assert len(hold.touching) >= 3
-    with pytest.raises(IndexError, match="row 20 of 0001-side-0001, which has 20 rows"):
-        recording.at(20)
-
-
 COMMITTED = Path(__file__).parents[3] / "data_samples" / "recordings"
 
 
@@ -281,36 +206,3 @@ def test_all_sixty_four_recorded_kinds_pass_at_a_moment(object_id):
         assert (recording.angles <= ANGLE_LIMITS[:, 1]).all()
         sides.add(hold.shape.side)
     assert sides == {"left", "right"}
-
-
-def test_making_recordings_goes_on_where_it_stopped(made, tmp_path, capsys):
-    first = {p.name: p.read_bytes() for p in find_recordings(made)}
-    kept = made / "0001" / "0001-stem-0000.csv"
-    target = tmp_path / "0001" / kept.name
-    target.parent.mkdir()
-    target.write_bytes(kept.read_bytes())
-    main(["--out", str(tmp_path), "--holds", "2", "--objects", "0001"])
-    assert "2 recordings, 1 of them made now" in capsys.readouterr().out
-    assert {p.name: p.read_bytes() for p in find_recordings(tmp_path)} == first
-
-
-def test_the_check_finds_a_pushed_object(made, tmp_path, capsys):
-    recording = read_recording(find_recordings(made)[1])
-    poses = recording.wrist_from_object.copy()
-    poses[3, 2, 3] -= 0.01
-    write_recording(replace(recording, wrist_from_object=poses), tmp_path / "pushed.csv")
-    with pytest.raises(SystemExit, match="1"):
-        main(["--out", str(tmp_path), "--check"])
-    said = capsys.readouterr().out
-    assert re.search(r"pushed\.csv row 4: .*mm deep in the glass", said)
-    assert len(said.strip().splitlines()) == 1
-
-
-def test_errors_of_making():
-    hold = make_hold("0001", 0)
-    with pytest.raises(ValueError, match=r"need at least two rows, got 0 s at 10\.0 Hz"):
-        record_hold(hold, seconds=0)
-    with pytest.raises(ValueError, match="0001-stem-0000 is no good hold: no two fingers"):
-        record_hold(replace(hold, angles=np.zeros(20)))
-    with pytest.raises(ValueError, match="no folder of recordings at nowhere"):
-        find_recordings("nowhere")

@@ -1,7 +1,6 @@
 """Which variant of Mitsuba draws, with libraries that work, that abort, that are old or missing."""
 
 import importlib.util
-import json
 import os
 import platform
 import re
@@ -56,18 +55,16 @@ def set_thread_count(count):
 
 
 @pytest.fixture
-def answers(tmp_path, monkeypatch):
-    """The file of answers; nothing is known, and the user chose nothing."""
-    place = tmp_path / "answers.json"
+def unasked(monkeypatch):
+    """Nothing is known, and the user chose nothing."""
     monkeypatch.delenv(VARIANT_VARIABLE, raising=False)
-    monkeypatch.setattr(chosen, "_places", lambda: [place])
     chosen.why_not_llvm.cache_clear()
-    yield place
+    yield
     chosen.why_not_llvm.cache_clear()
 
 
 @pytest.fixture
-def stand_in(tmp_path, monkeypatch, answers):
+def stand_in(tmp_path, monkeypatch, unasked):
     """Libraries that a child process finds before the real ones, with LLVM 19."""
     pytest.importorskip("pyoidn", reason="path-traced pictures need hadr[generate]")
     folder = tmp_path / "stand-in"
@@ -79,28 +76,6 @@ def stand_in(tmp_path, monkeypatch, answers):
     monkeypatch.setenv("LLVM_VERSION", "(19, 1, 7)")
     monkeypatch.setenv("PICTURES", "1000")
     return monkeypatch
-
-
-@pytest.fixture
-def trials(monkeypatch, answers):
-    """Children that are not started: their answers, the last one first, and how many were asked."""
-    replies, asked = [], []
-
-    def call(function, **options):
-        asked.append(function.__name__)
-        reply = replies.pop()
-        if isinstance(reply, Exception):
-            raise reply
-        return reply
-
-    monkeypatch.setattr(chosen, "call_in_child", call)
-    return replies, asked
-
-
-def again():
-    """Another process asks."""
-    chosen.why_not_llvm.cache_clear()
-    return chosen.why_not_llvm()
 
 
 # Libraries -----------------------------------------------------------------------------------
@@ -131,14 +106,14 @@ def test_an_old_library_is_not_used_at_all(stand_in, version):
     assert chosen.mitsuba_variant() == SCALAR
 
 
-def test_without_a_library_the_scalar_variant_draws(answers, monkeypatch):
+def test_without_a_library_the_scalar_variant_draws(unasked, monkeypatch):
     pytest.importorskip("mitsuba", reason="path-traced pictures need hadr[generate]")
     monkeypatch.setenv("DRJIT_LIBLLVM_PATH", "/nowhere/libLLVM.so")
     assert chosen.why_not_llvm() == "Dr.Jit finds no LLVM that it can use"
     assert chosen.mitsuba_variant() == SCALAR
 
 
-def test_no_word_of_a_missing_library_reaches_the_terminal(answers, monkeypatch):
+def test_no_word_of_a_missing_library_reaches_the_terminal(unasked, monkeypatch):
     pytest.importorskip("mitsuba", reason="path-traced pictures need hadr[generate]")
     monkeypatch.setenv("DRJIT_LIBLLVM_PATH", "/nowhere/libLLVM.so")
     code = f"from hadr.synthesis.rendering.mitsuba_variant import mitsuba; mitsuba({SCALAR!r})"
@@ -146,7 +121,7 @@ def test_no_word_of_a_missing_library_reaches_the_terminal(answers, monkeypatch)
     assert done.stderr == ""
 
 
-def test_the_library_of_this_machine_is_used_if_it_is_new_enough_and_draws(answers):
+def test_the_library_of_this_machine_is_used_if_it_is_new_enough_and_draws(unasked):
     pytest.importorskip("mitsuba", reason="path-traced pictures need hadr[generate]")
     code = "import drjit; print(drjit.detail.llvm_version())"
     line = [sys.executable, "-c", code]
@@ -165,7 +140,7 @@ def test_the_library_of_this_machine_is_used_if_it_is_new_enough_and_draws(answe
 # The user's choice ---------------------------------------------------------------------------
 
 
-def test_the_environment_chooses_without_a_trial(trials, monkeypatch):
+def test_the_environment_chooses_without_a_trial(unasked, monkeypatch):
     for variant in (SCALAR, LLVM):
         monkeypatch.setenv(VARIANT_VARIABLE, variant)
         assert chosen.mitsuba_variant() == variant
@@ -176,7 +151,23 @@ def test_the_environment_chooses_without_a_trial(trials, monkeypatch):
         chosen.mitsuba_variant()
 
 
-def test_what_is_too_old_is_refused_to_everybody(trials, monkeypatch):
+def test_a_process_tries_once_and_a_late_answer_is_none(unasked, monkeypatch):
+    asked = []
+
+    def call(function, **options):
+        asked.append(function.__name__)
+        if function.__name__ == "draw_trial":
+            raise TimeoutError("late")
+        return ""
+
+    monkeypatch.setattr(chosen, "call_in_child", call)
+    for _ in range(2):
+        assert chosen.why_not_llvm() == "a small picture can't be drawn, late"
+    assert chosen.mitsuba_variant() == SCALAR
+    assert asked == ["llvm_problem", "draw_trial"]
+
+
+def test_what_is_too_old_is_refused_to_everybody(unasked, monkeypatch):
     monkeypatch.setenv(VARIANT_VARIABLE, LLVM)
     monkeypatch.setattr(chosen, "llvm_problem", lambda: "LLVM 15.0.6 is too old")
     with pytest.raises(ValueError, match=r"LLVM 15\.0\.6 is too old\. .* install LLVM 17 or newer"):
@@ -189,94 +180,3 @@ def test_a_missing_mitsuba_is_named_with_its_extra(monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     with pytest.raises(ValueError, match=r"needs mitsuba.*pip install 'hadr\[generate\]'"):
         chosen.mitsuba(SCALAR)
-
-
-# The file of answers -------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("replies", "why"),
-    [(["", ""], ""), ([ChildProcessError("it died")], "a small picture can't be drawn, it died")],
-)
-def test_an_answer_is_kept_for_other_processes(trials, replies, why):
-    trials[0].extend(replies)
-    assert again() == why
-    assert again() == why
-    assert trials[1] == ["llvm_problem", "draw_trial"][: len(replies)]
-
-
-@pytest.mark.parametrize(
-    "error", [TimeoutError("late"), ChildProcessError("its process was ended by SIGKILL")]
-)
-def test_a_want_of_time_or_memory_is_no_answer_for_others(trials, error):
-    trials[0].extend(["", "", error])
-    assert chosen.why_not_llvm() == f"a small picture can't be drawn, {error}"
-    assert chosen.mitsuba_variant() == SCALAR  # in this process there's one trial
-    assert again() == ""
-
-
-def test_another_library_is_tried_anew(trials, answers, monkeypatch, tmp_path):
-    library = tmp_path / "libLLVM.so"
-    monkeypatch.delenv("DRJIT_LIBLLVM_PATH", raising=False)
-    trials[0].extend(["the fourth", "the third", "the second", "the first"])
-    assert again() == "the first"
-    monkeypatch.setenv("DRJIT_LIBLLVM_PATH", str(library))
-    assert again() == "the second"
-    library.write_text("new")
-    assert again() == "the third"
-    os.utime(library, (0, 0))
-    assert again() == "the fourth"
-    monkeypatch.delenv("DRJIT_LIBLLVM_PATH")
-    assert again() == "the first"
-
-
-def test_another_version_or_processor_is_tried_anew(trials, monkeypatch):
-    trials[0].extend(["the third", "the second", "the first"])
-    assert again() == "the first"
-    monkeypatch.setattr(chosen.importlib.metadata, "version", lambda name: "99")
-    assert again() == "the second"
-    monkeypatch.setattr(chosen, "_processor", lambda: ["another"])
-    assert again() == "the third"
-
-
-@pytest.mark.parametrize("content", [b"", b"{", b"[1]", b"\xff\xfe", b'{"KEY": {"why_not": 3}}'])
-def test_a_broken_file_is_replaced(trials, answers, content):
-    key = chosen.digest(chosen._facts()).encode()
-    answers.write_bytes(content.replace(b"KEY", key))
-    trials[0].append("no")
-    assert again() == "no"
-    assert again() == "no"
-    assert [row["why_not"] for row in json.loads(answers.read_text()).values()] == ["no"]
-
-
-def test_what_cant_be_written_is_written_elsewhere_or_nowhere(trials, monkeypatch, tmp_path):
-    (tmp_path / "file").write_text("")
-    closed, cache = tmp_path / "file" / "answers.json", tmp_path / "cache" / "answers.json"
-    trials[0].extend(["for itself", "kept"])
-    monkeypatch.setattr(chosen, "_places", lambda: [closed, cache])
-    assert again() == "kept"
-    assert again() == "kept"
-    assert cache.is_file()
-    monkeypatch.setattr(chosen, "_places", lambda: [closed])
-    assert again() == "for itself"
-    assert chosen.why_not_llvm() == "for itself"
-
-
-def test_the_file_lies_beside_the_environment_or_in_the_users_cache(monkeypatch, tmp_path):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr(sys, "prefix", "/the/environment")
-    places = [str(place) for place in chosen._places()]
-    assert places == ["/the/environment/hadr-mitsuba.json", f"{tmp_path}/hadr/hadr-mitsuba.json"]
-
-
-def test_a_known_answer_loads_no_library(trials, answers):
-    trials[0].append("no")
-    again()
-    code = (
-        "import sys\nfrom pathlib import Path\n"
-        "from hadr.synthesis.rendering import mitsuba_variant as m\n"
-        f"m._places = lambda: [Path({str(answers)!r})]\nprint(m.why_not_llvm())\n"
-        "print({'mitsuba', 'drjit', 'torch'} & set(sys.modules))"
-    )
-    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert told.stdout.split("\n")[:2] == ["no", "set()"]

@@ -204,7 +204,7 @@ def test_a_photograph_is_bright_and_shows_what_the_ray_caster_shows(held):
     assert 80 < picture.mean() < 210
     cast_light = (
         RayTracer(held.contents)
-        .picture(held.camera, held.world_from_camera, np.random.default_rng(0), supersample=2)
+        .picture(held.camera, held.world_from_camera, np.random.default_rng(0))
         .astype(float)
     )
 

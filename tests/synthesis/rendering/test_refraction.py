@@ -4,7 +4,7 @@ import trimesh
 
 from hadr.synthesis.glass.surfaces import Surface
 from hadr.synthesis.rendering.raycast import GLASS, SURROUNDINGS, RayCaster
-from hadr.synthesis.rendering.refraction import follow
+from hadr.synthesis.rendering.refraction import follow, ray_path
 from hadr.synthesis.scene.contents import Contents, Surroundings
 
 MIRRORED = ((1.5 - 1) / (1.5 + 1)) ** 2  # Fresnel at normal incidence: 4 %
@@ -92,3 +92,15 @@ def test_total_reflection_keeps_the_light_inside():
     ends, mirrored = follow(within, origins, d, surfaces=3)
     assert mirrored.weight[0] == 0.0  # it goes on as the ray itself
     assert not len(ends.crossed)
+
+
+def test_the_path_through_a_pane_by_hand():
+    """At 30 degrees: in at 0.5 m, bent to asin(sin 30 / 1.5), out at 0.52 m as it came."""
+    scene = caster(pane(0.5, 0.52))
+    sine, cosine = np.sin(np.pi / 6), np.cos(np.pi / 6)
+    path = ray_path(scene, np.zeros(3), np.array([sine, 0, cosine]))
+    x_in = 0.5 * sine / cosine
+    x_out = x_in + 0.02 * np.tan(np.arcsin(sine / 1.5))
+    x_wall = x_out + 1.48 * sine / cosine
+    expected = [[0, 0, 0], [x_in, 0, 0.5], [x_out, 0, 0.52], [x_wall, 0, 2.0]]
+    np.testing.assert_allclose(path, expected, atol=2e-5)

@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from hadr.synthesis.scene.environments import make_lights
-from hadr.synthesis.scene.lights import AreaLight, Environment
+from hadr.synthesis.scene.lights import AreaLight, Environment, make_lights
 
 
 def test_radiance_is_found_where_the_picture_has_it():

@@ -19,10 +19,7 @@ _NAMED = 10
 
 
 def find_backgrounds(folder: str | Path) -> tuple[Path, ...]:
-    """The photographs of a folder, by name; those of its subfolders are not looked for.
-
-    Args:
-        folder: With JPEG, PNG, BMP, WebP or TIFF files.
+    """The photographs of a folder (JPEG, PNG, BMP, WebP, TIFF), by name, not of its subfolders.
 
     Raises:
         ValueError: There is no such folder, or no photograph in it.

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from hadr.synthesis.depth_sensor.sensor_noise import ColorCamera, develop, exposure, film
+from hadr.synthesis.rendering.color_camera import ColorCamera, develop, exposure, film
 
 CLEAN = ColorCamera(brightness=0.3, vignetting=0.0, blur=0.0, full_well=1e12, read_noise=0.0)
 
@@ -48,27 +48,3 @@ def test_corners_lose_their_share_of_light():
     light = (develop(np.full((90, 160, 3), 0.3), np.random.default_rng(0), camera) / 255.0) ** 2.2
     assert light[45, 80, 0] == pytest.approx(0.3, rel=0.02)
     assert light[0, 0, 0] == pytest.approx(0.3 * 0.8, rel=0.03)
-
-
-def test_the_seed_decides():
-    light = np.full((20, 30, 3), 0.3)
-    first, second, third = (
-        develop(light, np.random.default_rng(s), ColorCamera()) for s in (1, 1, 2)
-    )
-    np.testing.assert_array_equal(first, second)
-    assert (first != third).any()
-
-
-@pytest.mark.parametrize(
-    ("wrong", "message"),
-    [
-        ({"brightness": 0.0}, "brightness and full_well must be positive, got 0.0 and 14000.0"),
-        ({"full_well": -1.0}, "brightness and full_well must be positive"),
-        ({"exposures": (2.0, 1.0)}, "exposures must be two rising positive factors, got 2.0, 1.0"),
-        ({"vignetting": 1.0}, "need 0 <= vignetting < 1"),
-        ({"read_noise": -3.0}, "read_noise >= 0"),
-    ],
-)
-def test_wrong_cameras_are_refused(wrong, message):
-    with pytest.raises(ValueError, match=message):
-        ColorCamera(**wrong)

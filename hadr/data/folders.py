@@ -1,0 +1,121 @@
+"""Data sets on disk: how commands open a folder of frames, and how they join several.
+
+To read another layout, write a reader with the members of `FrameFolder` beside
+`hadr.data.transhand`, and have `open_folder` choose it by what the folder holds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Protocol, overload
+
+from hadr.data.frame import Frame
+from hadr.data.transhand import TransHand
+
+
+class FrameFolder(Protocol):
+    """Some splits of a data set; a frame is read when it is asked for."""
+
+    def __len__(self) -> int:
+        """Give the number of frames."""
+
+    def __getitem__(self, index: int, /) -> Frame:
+        """Read a frame."""
+
+    @property
+    def names(self) -> Sequence[str]:
+        """Name of each frame, OBJECT/STEM, without reading pictures."""
+
+    @property
+    def hold_ids(self) -> Sequence[str | None]:
+        """The holding pose of each frame, without reading pictures; None where it is not known."""
+
+
+def open_folder(
+    root: str | Path, split: str | Sequence[str], objects: Sequence[str] | None = None
+) -> FrameFolder:
+    """Open one split of a data folder, or several, one after the other.
+
+    Args:
+        root: The folder.
+        split: ``train``, ``val`` or ``test``, or several of them.
+        objects: Only these objects, in this order; all where it is left out.
+
+    Raises:
+        FileNotFoundError: The split or an object is missing.
+    """
+    return TransHand(root, split, objects)
+
+
+def has_split(root: str | Path, split: str) -> bool:
+    """Whether a data folder has such a split."""
+    return (Path(root) / split).is_dir()
+
+
+class FrameSource(Sequence[Frame]):
+    """Some frames of some data folders, one after the other, read when asked for.
+
+    Args:
+        folders: The parts of the data folders that are joined, in this order.
+        chosen: Numbers of the frames that belong to it, in its order; all where it is left out.
+    """
+
+    def __init__(self, folders: Sequence[FrameFolder], chosen: Sequence[int] | None = None) -> None:
+        self.folders = tuple(folders)
+        places = [(folder, number) for folder in range(len(self.folders))
+                  for number in range(len(self.folders[folder]))]  # fmt: skip
+        self._places = places if chosen is None else [places[number] for number in chosen]
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+    @overload
+    def __getitem__(self, index: int) -> Frame: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> list[Frame]: ...
+
+    def __getitem__(self, index: int | slice) -> Frame | list[Frame]:
+        """Read one frame, or several."""
+        if isinstance(index, slice):
+            return [self[number] for number in range(len(self))[index]]
+        folder, number = self._places[index]
+        return self.folders[folder][number]
+
+    @property
+    def names(self) -> list[str]:
+        """Name of each frame, OBJECT/STEM."""
+        names = [folder.names for folder in self.folders]
+        return [names[folder][number] for folder, number in self._places]
+
+    @property
+    def objects(self) -> tuple[str, ...]:
+        """The objects that occur, sorted."""
+        return tuple(sorted({name.partition("/")[0] for name in self.names}))
+
+    def holds(self, names: Sequence[str]) -> list[str]:
+        """Say which hold each of some frames shows; frames of one hold are alike.
+
+        Args:
+            names: Frames, OBJECT/STEM, in the order of the folders.
+
+        Returns:
+            A name of the hold for each frame, another for each data folder; the frame's own name
+            where its hold is not known.
+
+        Raises:
+            ValueError: A frame is not there, or not in this order.
+        """
+        logged = [folder.hold_ids for folder in self.folders]
+        listed = (
+            (name, f"{folder}/{logged[folder][number] or name.partition('/')[2]}")
+            for name, (folder, number) in zip(self.names, self._places, strict=True)
+        )
+        holds = []
+        for wanted in names:
+            hold = next((hold for name, hold in listed if name == wanted), None)
+            if hold is None:
+                raise ValueError(f"there is no frame {wanted!r} here, or not in this order")
+            holds.append(hold)
+        return holds

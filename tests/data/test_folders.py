@@ -1,0 +1,50 @@
+"""Frames of several data folders as one, whatever reads them."""
+
+import pytest
+
+from hadr.data.folders import FrameSource, has_split, open_folder
+from hadr.data.samples import samples_dir
+
+
+class Reader:
+    """A data set of another layout: the members of `FrameFolder`, and frames that are words."""
+
+    names = ("0001/a", "0001/b", "0004/c")
+    hold_ids = ("left", "left", None)
+
+    def __len__(self):
+        return 3
+
+    def __getitem__(self, index):
+        return self.names[index]
+
+
+def test_folders_are_joined_in_order():
+    source = FrameSource([Reader(), Reader()])
+    assert (len(source), source.objects) == (6, ("0001", "0004"))
+    assert list(source) == source.names == [*Reader.names] * 2
+    assert (source[-1], source[1:4]) == ("0004/c", ["0001/b", "0004/c", "0001/a"])
+    with pytest.raises(IndexError):
+        source[6]
+    chosen = FrameSource(source.folders, [5, 1])
+    assert (list(chosen), chosen.names) == (["0004/c", "0001/b"],) * 2
+
+
+def test_holds_are_another_in_each_folder_and_a_frame_without_one_is_its_own():
+    source = FrameSource([Reader(), Reader()])
+    names = ["0001/a", "0001/b", "0004/c"]
+    assert source.holds(names * 2) == ["0/left", "0/left", "0/c", "1/left", "1/left", "1/c"]
+    for asked, lost in ((["0001/a", "0004/lost"], "0004/lost"), (["0004/c"] * 3, "0004/c")):
+        with pytest.raises(ValueError, match=f"there is no frame '{lost}' here, or not in this"):
+            source.holds(asked)
+
+
+def test_the_bundled_folder_is_opened():
+    root = samples_dir() / "frames"
+    folder = open_folder(root, ("val", "test"), ["0004"])
+    assert len(folder.names) == len(folder.hold_ids) == len(folder) > 0
+    frame = folder[0]
+    assert folder.names[0] == f"{frame.object_id}/{frame.stem}"
+    assert folder.hold_ids[0] == frame.hold_id
+    assert has_split(root, "val")
+    assert not has_split(root, "validation")

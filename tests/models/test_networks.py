@@ -1,0 +1,80 @@
+"""What every depth network of the table keeps to, at preset tiny."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import pytest
+import torch
+from torch import nn
+
+from hadr.models.hadr_input import HADRInput
+from hadr.models.networks import DEPTH_NETWORKS, NETWORKS
+from hadr.training.presets import preset
+
+
+def frames(height: int = 36, width: int = 64) -> HADRInput:
+    """Two frames of noise, a hand at 0.55 and at 0.7 m, and a hole within a mask."""
+    generator = torch.Generator().manual_seed(0)
+    keypoints = 0.02 * torch.randn(2, 21, 3, generator=generator)
+    keypoints[..., 2] += torch.tensor([0.55, 0.7])[:, None]
+    mask = torch.zeros(2, height, width, dtype=torch.bool)
+    mask[:, 8:24, 20:40] = True
+    depth = 0.4 + torch.rand(2, height, width, generator=generator)
+    depth[:, 8:24, 20:30] = 0
+    return HADRInput(
+        color=torch.rand(2, 3, height, width, generator=generator),
+        depth=depth,
+        mask=mask,
+        intrinsics=torch.tensor([[60.0, 60.0, 31.5, 17.5]]).repeat(2, 1),
+        keypoints=keypoints,
+        keypoints_uv=torch.rand(2, 21, 2, generator=generator) * 32,
+    )
+
+
+@pytest.fixture(scope="module", params=DEPTH_NETWORKS)
+def network(request: pytest.FixtureRequest) -> nn.Module:
+    torch.manual_seed(0)
+    made: nn.Module = NETWORKS[request.param].network_class()(preset("tiny", request.param).model)
+    return made.eval()
+
+
+@pytest.mark.parametrize(("height", "width"), [(72, 128), (126, 224), (46, 58)])
+@torch.no_grad()
+def test_any_size_will_do_and_only_the_mask_is_restored(
+    network: nn.Module, height: int, width: int
+) -> None:
+    inputs = frames(height, width)
+    output = network(inputs)
+    assert output.depth.shape == output.restored.shape == (2, height, width)
+    assert not (output.restored & ~inputs.mask).any()
+    assert torch.equal(output.restored, output.depth > 0)
+    assert output.depth.isfinite().all()
+    assert output.depth.min() == 0
+
+
+@torch.no_grad()
+def test_frames_of_a_batch_do_not_influence_each_other(network: nn.Module, in_double) -> None:
+    network, inputs = in_double(network, frames())
+    both = network(inputs).depth
+    for number in range(2):
+        alone = network(inputs.take(slice(number, number + 1))).depth[0]
+        torch.testing.assert_close(alone, both[number], atol=1e-6, rtol=0)
+
+
+@torch.no_grad()
+def test_bytes_are_colours_and_a_frame_without_mask_keeps_its_depth(network: nn.Module) -> None:
+    inputs = frames()
+    bytes_ = (255 * inputs.color).round().to(torch.uint8)
+    as_floats = network(replace(inputs, color=bytes_ / 255)).depth
+    assert torch.equal(network(replace(inputs, color=bytes_)).depth, as_floats)
+    empty = network(replace(inputs, mask=torch.zeros_like(inputs.mask)))
+    assert not empty.restored.any()
+
+
+def test_configurations_go_through_json() -> None:
+    for kind, row in NETWORKS.items():
+        kept = row.config_class()
+        for config in (preset("tiny", kind).model, kept()):
+            assert kept.from_dict(json.loads(json.dumps(config.to_dict()))) == config

@@ -1,0 +1,67 @@
+import numpy as np
+import pytest
+import trimesh
+
+from hadr.camera import Intrinsics, ray_directions
+from hadr.synthesis.generation.frames import build_scene
+from hadr.synthesis.generation.settings import GenerationSettings
+from hadr.synthesis.glass.surfaces import Surface
+from hadr.synthesis.rendering.shading import RayTracer
+from hadr.synthesis.scene.contents import Contents, Surroundings
+
+CAMERA = Intrinsics(200.0, 210.0, 60.3, 40.7, 128, 80)
+
+
+def plane(normal, distance, reach=20.0) -> Surroundings:
+    normal = np.asarray(normal, dtype=float) / np.linalg.norm(normal)
+    x = np.cross([0, 1.0, 0], normal)
+    x /= np.linalg.norm(x)
+    y = np.cross(normal, x)
+    corners = distance * normal + reach * np.array([-x - y, x - y, x + y, -x + y])
+    surface = Surface(corners, np.array([[0, 1, 2], [0, 2, 3]]), np.tile(-normal, (4, 1)))
+    return Surroundings(surface, corners[:, :2], np.zeros(2, int), np.ones((2, 3)), np.ones(2))
+
+
+@pytest.fixture(scope="module")
+def scene():
+    settings = GenerationSettings(width=160, height=90, quality="fast")
+    return build_scene(settings.recipe(0), settings)
+
+
+def test_a_flat_pane_shifts_rays_but_does_not_bend_them():
+    """Through a pane of glass a ray goes on in its old direction: the picture stays, but dimmer."""
+    low, high = np.array([-3, -3, 0.5]), np.array([3, 3, 0.52])
+    mesh = trimesh.creation.box(bounds=[low, high])
+    mesh = mesh.copy()
+    mesh.unmerge_vertices()
+    pane = Surface(mesh.vertices, np.asarray(mesh.faces), np.asarray(mesh.vertex_normals))
+    wall = plane([0, 0, 1.0], 1.0)
+    with_pane = RayTracer(Contents(None, (pane,), (1.0, 1.0, 1.0), wall))
+    bare = RayTracer(Contents(None, (), surroundings=wall))
+    d = ray_directions(CAMERA).reshape(-1, 3)
+    eye = np.zeros_like(d)
+    seen, direct = with_pane.radiance(eye, d, 0.005), bare.radiance(eye, d, 0.005)
+    ratio = np.median(seen / np.maximum(direct, 1e-6))
+    assert 0.85 < ratio < 1.1
+    assert np.corrcoef(seen.ravel(), direct.ravel())[0, 1] > 0.97
+
+
+def test_a_picture_shows_glass_hand_and_surroundings(scene):
+    picture = RayTracer(scene.contents).picture(scene.camera, scene.world_from_camera)
+    assert picture.shape == (90, 160, 3)
+    assert picture.dtype == np.uint8
+    assert 40 < picture.mean() < 220
+    assert picture.std() > 10
+    labels = RayTracer(scene.contents).labels(scene.camera, scene.world_from_camera)
+    bare = RayTracer(
+        Contents(
+            scene.contents.hand,
+            (),
+            surroundings=scene.contents.surroundings,
+            lamps=scene.contents.lamps,
+            environment=scene.contents.environment,
+        )
+    ).picture(scene.camera, scene.world_from_camera)
+    np.testing.assert_array_equal(picture[~labels.object_mask], bare[~labels.object_mask])
+    changed = np.abs(picture.astype(int) - bare.astype(int)).sum(-1)[labels.object_mask]
+    assert (changed > 12).mean() > 0.5
