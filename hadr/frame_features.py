@@ -15,7 +15,6 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from hadr.camera import BoolArray, FloatArray, Intrinsics, project, unproject
-from hadr.hand import BONES
 
 Array = npt.NDArray[np.float64]
 Features = Mapping[str, float]
@@ -175,6 +174,8 @@ def _hand_features(
     depth: FloatArray, camera: Intrinsics, mask: BoolArray, keypoints: FloatArray
 ) -> dict[str, float]:
     """The hand's form, and where it is against glass and measured depth."""
+    from hadr.hand import BONES
+
     away = float(np.median(keypoints[:, 2]))
     bones = np.linalg.norm(np.diff(keypoints[np.array(BONES)], axis=1)[:, 0], axis=1)
     rows, columns = np.nonzero(mask)

@@ -18,18 +18,19 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-import torch
-from torch import Tensor, nn
-from torch.nn import functional
 
 from hadr.camera import FloatArray, Intrinsics
 from hadr.confidence import ConfidenceRule, within_learned
 from hadr.frame_features import FEATURES, Features, frame_features
-from hadr.models.hadr_input import HADRInput
+
+if TYPE_CHECKING:
+    from torch import Tensor, nn
+
+    from hadr.models.hadr_input import HADRInput
 
 Array = npt.NDArray[np.float64]
 
@@ -41,6 +42,21 @@ BEYOND = 1.5
 """A feature may lie so many half ranges from the middle of its range."""
 DIRECTIONS = 8
 """Main directions of what a network sees; what lies off them is a feature."""
+
+
+@dataclass(frozen=True)
+class Observation:
+    """What a network answered of one frame, and what is compared with its ground.
+
+    Attributes:
+        output: Its answer.
+        features: What was measured of the frame.
+        seen: What it saw in the glass, shape (E,).
+    """
+
+    output: Any
+    features: dict[str, float]
+    seen: Array
 
 
 @dataclass(frozen=True)
@@ -229,6 +245,10 @@ class Sight:
         rest = off - off @ self.directions.T @ self.directions
         return float(np.sqrt((rest**2).mean()))
 
+    def with_strangeness(self, one: Observation) -> dict[str, float]:
+        """The features of an observation, with that of what the network saw."""
+        return {**one.features, "seen": self.strangeness(one.seen)}
+
     def to_dict(self) -> dict[str, Any]:
         """The numbers, rounded, for a checkpoint's record."""
         return {name: _rounded(getattr(self, name)) for name in ("mean", "spread", "directions")}
@@ -251,14 +271,9 @@ class Ground:
     fields: Mapping[str, Field]
     sight: Sight
 
-    def judge(self, features: Features, seen: FloatArray) -> Verdict:
-        """Compare a frame with the ground.
-
-        Args:
-            features: What `frame_features` measured.
-            seen: What the network saw in the glass, shape (E,).
-        """
-        found = {**features, "seen": self.sight.strangeness(seen)}
+    def judge(self, one: Observation) -> Verdict:
+        """Compare a frame with the ground."""
+        found = self.sight.with_strangeness(one)
         scores = {name: field.score(found) for name, field in self.fields.items()}
         name = min(scores, key=lambda name: scores[name])
         inside = scores[name] <= 1
@@ -298,21 +313,6 @@ def _rounded(values: Array) -> Any:
     return np.vectorize(lambda x: float(f"{x:.4g}"))(values).tolist()
 
 
-@dataclass(frozen=True)
-class Observation:
-    """What a network answered of one frame, and what is compared with its ground.
-
-    Attributes:
-        output: Its answer.
-        features: What was measured of the frame.
-        seen: What it saw in the glass, shape (E,).
-    """
-
-    output: Any
-    features: dict[str, float]
-    seen: Array
-
-
 def observe(
     network: nn.Module,
     part: str,
@@ -330,6 +330,9 @@ def observe(
             (H, W); 0 = missing.
         depth_range_m: Depths of the object in training, metres; None if unknown.
     """
+    import torch
+    from torch.nn import functional
+
     maps: list[Tensor] = []
 
     def keep(_module: nn.Module, _given: Any, found: Any) -> None:

@@ -8,7 +8,7 @@ import pytest
 from hadr.camera import Intrinsics
 from hadr.confidence import Calibration, ConfidenceRule
 from hadr.frame_features import FEATURES, frame_features
-from hadr.known_ground import BEYOND, Field, Ground, Sight, shrunk_covariance
+from hadr.known_ground import BEYOND, Field, Ground, Observation, Sight, shrunk_covariance
 
 CAMERA = Intrinsics(fx=100, fy=100, cx=39.5, cy=29.5, width=80, height=60)
 
@@ -50,6 +50,10 @@ def ground(rule: ConfidenceRule | None = None) -> Ground:
         for one in part:
             one["seen"] = sight.strangeness(rng.normal(size=12))
     return Ground({"measured": Field.fit(training, validation, rule)}, sight)
+
+
+def judged(known: Ground, features: dict[str, float], seen: np.ndarray):
+    return known.judge(Observation(None, features, seen))
 
 
 def test_features_of_a_frame_that_can_be_computed_by_hand() -> None:
@@ -99,9 +103,9 @@ def test_a_hand_that_is_not_there_agrees_with_nothing() -> None:
 
 def test_frames_of_the_training_are_inside_and_thrice_the_distance_is_not() -> None:
     known, rng = ground(), np.random.default_rng(1)
-    verdicts = [known.judge(scene(rng=rng), rng.normal(size=12)) for _ in range(100)]
+    verdicts = [judged(known, scene(rng=rng), rng.normal(size=12)) for _ in range(100)]
     assert sum(bool(one.inside) for one in verdicts) >= 90
-    far = known.judge(scene(3.0, rng=rng), np.zeros(12))
+    far = judged(known, scene(3.0, rng=rng), np.zeros(12))
     assert far.inside is False
     assert far.score > 1
     assert known.fields["measured"].beyond(far.features)["distance"] > BEYOND
@@ -145,9 +149,9 @@ def test_the_nearest_field_decides_and_says_which_it_was() -> None:
         {"learned": Field.fit(near, near), "measured": Field.fit(far, far)},
         Sight.fit(np.random.default_rng(0).normal(size=(20, 3))),
     )
-    assert both.judge({"distance": 0.45}, np.zeros(3)).field == "learned"
-    assert both.judge({"distance": 1.45}, np.zeros(3)).field == "measured"
-    between = both.judge({"distance": 0.9}, np.zeros(3))
+    assert judged(both, {"distance": 0.45}, np.zeros(3)).field == "learned"
+    assert judged(both, {"distance": 1.45}, np.zeros(3)).field == "measured"
+    between = judged(both, {"distance": 0.9}, np.zeros(3))
     assert between.inside is False
 
 
@@ -161,7 +165,7 @@ def test_a_ground_survives_its_record() -> None:
     rng = np.random.default_rng(4)
     for scale in (1.0, 1.3, 3.0):
         features, seen = scene(scale, rng), rng.normal(size=12)
-        old, new = known.judge(features, seen), again.judge(features, seen)
+        old, new = judged(known, features, seen), judged(again, features, seen)
         assert new.inside == old.inside
         assert new.score == pytest.approx(old.score, rel=0.01)
     json.dumps(old.to_dict())

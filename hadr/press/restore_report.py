@@ -24,6 +24,8 @@ from hadr.metrics import METRICS, frame_metrics
 from hadr.models.networks import DEPTH_NETWORKS, NETWORKS
 from hadr.restoration import Restoration
 
+OUTSIDE = "no probability: outside of what the network learned"
+UNKNOWN = "no probability: it is not known what the network learned from"
 METHOD_TITLES = {
     **{kind: f"{NETWORKS[kind].title} (not HADR)" for kind in DEPTH_NETWORKS},
     "hadr": "HADR",
@@ -51,6 +53,7 @@ def report(
         "method_title": METHOD_TITLES[result.method],
         "notes": list(result.notes),
         "confidence_means": confidence_means(result),
+        "ground": None if result.ground is None else result.ground.to_dict(),
         "image": {"width": camera.width, "height": camera.height},
         "intrinsics": camera.to_dict(),
         "counts": counts(depth, result),
@@ -96,7 +99,8 @@ def comparison_figure(
             limit = next((x for x in (0.02, 0.05, 0.1, 0.2) if largest <= x), 0.5)
             panels.show_error(top_right, error, "restored minus true depth", limit=limit)
         else:
-            shades = np.ma.masked_where(~there, result.confidence)  # the axes' own grey shows
+            unsaid = target & (confidence_means(result) in (OUTSIDE, UNKNOWN))
+            shades = np.ma.masked_where(~there | unsaid, result.confidence)  # the axes' grey shows
             image = top_right.imshow(shades, cmap="cividis", vmin=0, vmax=1)
             title = f"confidence; in the outline: {confidence_means(result)}"
             top_right.set(title=title, xticks=[], yticks=[], facecolor="#d9d9d9")
@@ -108,6 +112,8 @@ def comparison_figure(
             for ax in (top_left, top_right, left, right):
                 ax.contour(target, [0.5], colors=[panels.COLORS["hand"]], linewidths=0.9)
         title = f"hadr restore: {METHOD_TITLES[result.method]}"
+        if result.ground is not None and result.ground.inside is False:
+            title += "; the frame is unlike those it learned from"
         figure.suptitle(title, fontsize=14, fontweight="bold")
     return figure
 
@@ -119,6 +125,8 @@ def confidence_means(result: Restoration) -> str:
     if result.tolerance_m is not None:
         return f"probability of being right to {100 * result.tolerance_m:g} cm"
     if not result.confidence[result.restored].any():
+        if result.ground is not None and NETWORKS[result.method].can_say:
+            return UNKNOWN if result.ground.inside is None else OUTSIDE
         return "0, the method cannot say how sure it is"
     return "the network's own score, not calibrated"
 

@@ -1,11 +1,13 @@
 """`hadr calibrate`: teach a depth network's checkpoint what its confidence means.
 
-Adds two things to the record of a checkpoint and leaves its weights alone:
+Adds three things to the record of a checkpoint and leaves its weights alone:
 
 * ``learned_range``: the depths at which training has shown the object;
 * ``confidence``: how the spread that the network predicts becomes the probability that a restored
   depth is right to 2 cm, fitted on validation frames. A network that predicts no distribution of
-  depth (`hadr.models.networks`) cannot say how sure it is, and gets none.
+  depth (`hadr.models.networks`) cannot say how sure it is, and gets none;
+* ``ground``: what the training frames were like (`hadr.known_ground`). On others the confidence
+  does not hold, and is not given.
 """
 
 from __future__ import annotations
@@ -31,7 +33,7 @@ from hadr.confidence import (
     sparsification,
     within_learned,
 )
-from hadr.corruption import Corruption
+from hadr.corruption import CORRUPTIONS, Corruption
 from hadr.data.folders import FrameSource, open_folder
 from hadr.models.networks import NETWORKS
 from hadr.records.output_folder import check_writable
@@ -40,6 +42,7 @@ from hadr.records.result_file import write_result_file
 from hadr.training.batches import FrameTensors, load_frames
 from hadr.training.checkpoints import kind_of, load_checkpoint, update_record
 from hadr.training.evaluation import predict
+from hadr.training.ground import learn_ground
 
 RANGE_FRAMES = 600
 """At most so many training frames, evenly taken, are read for the range of depths."""
@@ -152,7 +155,7 @@ def measure_confidence(
 def calibrate(
     model: nn.Module, train: FrameTensors, validation: FrameTensors, source: str
 ) -> dict[str, Any]:
-    """Make the two additions to a checkpoint's record.
+    """Make the first two additions to a checkpoint's record.
 
     Args:
         model: A depth network.
@@ -177,6 +180,29 @@ def calibrate(
     return additions
 
 
+def measured_rule(
+    model: nn.Module,
+    size: tuple[int, int],
+    corruption: Corruption,
+    depth_range_m: tuple[float, float],
+    validation: FrameSource,
+) -> ConfidenceRule | None:
+    """Fit what the confidence of a network that learned from computed depth means on a camera's.
+
+    None for a network that learned from a camera's depth, or cannot say how sure it is, and where
+    no frame has raw depth.
+    """
+    if CORRUPTIONS[corruption].captured or not NETWORKS[kind_of(model)].can_say:
+        return None
+    shown: Corruption = "erased" if CORRUPTIONS[corruption].erase else "sensor"
+    measured = [frame for frame in validation if frame.raw_depth is not None]
+    if not measured:
+        return None
+    pixels = restored_pixels(model, load_frames(measured, size, shown), depth_range_m)
+    assert pixels.signal is not None  # for the type checker
+    return fit_confidence(pixels.signal, pixels.error_m, frames=len(measured))
+
+
 EPILOG = """
 examples
   hadr calibrate runs/plus/last.safetensors data_samples/frames frames
@@ -193,8 +219,8 @@ class Options:
     """Calibrate a depth network's checkpoint.
 
     Fit what its confidence means on validation frames (of HADR-plus; the other networks
-    cannot say how sure they are), note the depths that training has shown, and write both
-    into the checkpoint's record. Its weights stay.
+    cannot say how sure they are), note the depths that training has shown and what its frames
+    were like, and write all of it into the checkpoint's record. Its weights stay.
     """
 
     checkpoint: tyro.conf.Positional[Path]
@@ -211,6 +237,9 @@ class Options:
     """How the depth of the frames is corrupted."""
     seed: int = 0
     """Seed of the analytic corruption."""
+    only_ground: bool = False
+    """Note what the training frames were like, and leave what the record says else: for a
+    checkpoint of whose training frames only a part is at hand."""
     out: Path | None = None
     """Write what was measured as JSON into this file."""
 
@@ -232,17 +261,35 @@ def run(options: Options) -> int:
         )
     size = int(meta["width"]), int(meta["height"])
     tested = options.test_objects or options.objects
-    train, validation, test = (
-        _load(options, split, objects, size)
+    sources = {
+        split: _frames(options, split, objects)
         for split, objects in (
             ("train", options.objects), ("val", options.objects), ("test", tested)
         )
-    )  # fmt: skip
+    }  # fmt: skip
+    train, validation, test = (
+        load_frames(frames, size, options.corruption, options.seed) for frames in sources.values()
+    )
     source = f"split val of {len(options.data)} folder(s), corruption {options.corruption}"
-    additions = calibrate(model, train, validation, source)
+    additions: dict[str, Any] = (
+        {} if options.only_ground else calibrate(model, train, validation, source)
+    )
+    near, far = (additions or meta)["learned_range"]["depth_m"]
+    additions["ground"] = learn_ground(
+        model,
+        size,
+        options.corruption,
+        (near, far),
+        sources["train"],
+        sources["val"],
+        measured_rule=measured_rule(model, size, options.corruption, (near, far), sources["val"]),
+        seed=options.seed,
+    )
     update_record(options.checkpoint, additions)
-    near, far = additions["learned_range"]["depth_m"]
     print(f"learned range  {near:.3f} to {far:.3f} m")
+    print(f"ground         {', '.join(additions['ground']['fields'])}")
+    if options.only_ground:
+        return 0
     if not NETWORKS[kind].can_say:
         unwritten = f"; {options.out} is not written" if options.out else ""
         print(f"confidence     a network of kind {kind} cannot say how sure it is{unwritten}")
@@ -271,11 +318,10 @@ def run(options: Options) -> int:
     return 0
 
 
-def _load(
-    options: Options, split: str, objects: Sequence[str] | None, size: tuple[int, int]
-) -> FrameTensors:
+def _frames(options: Options, split: str, objects: Sequence[str] | None) -> FrameSource:
+    """The frames of a split; evenly taken ones of many for training."""
     source = FrameSource([open_folder(folder, split, objects) for folder in options.data])
     if split == "train" and len(source) > RANGE_FRAMES:
         step = len(source) / RANGE_FRAMES
         source = FrameSource(source.folders, [int(step * n) for n in range(RANGE_FRAMES)])
-    return load_frames(source, size, options.corruption, options.seed)
+    return source
