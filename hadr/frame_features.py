@@ -94,7 +94,9 @@ FEATURES: dict[str, Feature] = {
         "the hand's joints lie {} behind the depth measured there", _signed(0.02), " cm", 100
     ),
     "agree": Feature("measured depth agrees with {} of the hand's joints", _share, " %", 100),
-    "seen": Feature("what the network sees in the glass differs by {} from what is usual", _log()),
+    "seen": Feature(
+        "what the network sees in the glass differs by {} from what is usual", _log(0.05)
+    ),
 }
 """The features by name."""
 

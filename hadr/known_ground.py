@@ -145,7 +145,7 @@ class Field:
         low, high = np.nanquantile(plain, (ENDS, 1 - ENDS), axis=0)
         whole = cls(names, low, high, mean, spread, shrunk_covariance(standard), 1.0, rule)
         distances = [whole.distance(one) for one in validation]
-        return dataclasses.replace(whole, limit=float(np.quantile(distances, KEPT)))
+        return dataclasses.replace(whole, limit=max(float(np.quantile(distances, KEPT)), 1.0))
 
     def distance(self, features: Features) -> float:
         """Mahalanobis distance from the mean, a feature in the mean; missing ones don't count."""
@@ -206,15 +206,20 @@ class Field:
         square = np.zeros((len(names), len(names)))
         square[np.tril_indices(len(names))] = values["correlation"]
         rule = values["confidence"]
+        low, high, mean, spread = (np.asarray(values[name], float) for name in _ARRAYS)
         return cls(
             names,
-            *(np.asarray(values[name], float) for name in _ARRAYS),
+            low,
+            high,
+            mean,
+            spread,
             correlation=square + np.tril(square, -1).T,
             limit=float(values["limit"]),
             rule=None if rule is None else ConfidenceRule.from_dict(rule),
         )
 
 
+_SIGHT = ("mean", "spread", "directions")
 _ARRAYS = ("low", "high", "mean", "spread")
 
 
@@ -251,12 +256,13 @@ class Sight:
 
     def to_dict(self) -> dict[str, Any]:
         """The numbers, rounded, for a checkpoint's record."""
-        return {name: _rounded(getattr(self, name)) for name in ("mean", "spread", "directions")}
+        return {name: _rounded(getattr(self, name)) for name in _SIGHT}
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Sight:
         """Build it from `to_dict`, or from the same read from JSON."""
-        return cls(*(np.asarray(values[name], float) for name in ("mean", "spread", "directions")))
+        mean, spread, directions = (np.asarray(values[name], float) for name in _SIGHT)
+        return cls(mean, spread, directions)
 
 
 @dataclass(frozen=True)
@@ -346,11 +352,14 @@ def observe(
     seen = maps[0]  # (1, E, h, w)
     weight = torch.ones_like(seen[:, :1])
     if not hasattr(network, "crop"):  # a crop lies around the glass; a picture shows more
-        weight = functional.adaptive_avg_pool2d(inputs.mask[:, None].to(seen.dtype), seen.shape[2:])
+        weight = functional.adaptive_avg_pool2d(
+            inputs.mask[:, None].to(seen.dtype), (seen.shape[2], seen.shape[3])
+        )
     vector = (seen * weight).sum(dim=(2, 3)) / weight.sum()  # (1, E)
     found = (output.depth * within_learned(output, depth_range_m))[0]  # (H, W)
     height, width = inputs.depth.shape[1:]
-    camera = Intrinsics(*inputs.intrinsics[0].tolist(), width, height)
+    fx, fy, cx, cy = inputs.intrinsics[0].tolist()
+    camera = Intrinsics(fx, fy, cx, cy, width, height)
     hand = inputs.keypoints[0].double().numpy()
     features = frame_features(
         measured, found.numpy(), camera, inputs.mask[0].numpy(), hand if hand.any() else None

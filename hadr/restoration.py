@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,7 @@ from hadr.frame_checks import (
     depth_to_use,
 )
 from hadr.known_ground import Verdict
+from hadr.models.hand.plausible import HandCheck, NoHandError, check_hand
 from hadr.models.networks import DEPTH_NETWORKS
 from hadr.rivals import classical
 from hadr.trained_networks import DepthNetwork, HandKeypoints, Segmentation
@@ -32,9 +34,58 @@ from hadr.trained_networks import DepthNetwork, HandKeypoints, Segmentation
 METHODS = ("auto", *DEPTH_NETWORKS, "nearest", "inpaint", "hand-median")
 CHECKPOINT_NAME = "hadr-mini.safetensors"
 """The sample checkpoint that is taken where none is named."""
+GIVEN = "given"
+"""The source of a hand that the caller gave."""
 
 Depth = NDArray[np.float32]
 Points = NDArray[np.float64]
+
+
+class HandFinder(Protocol):
+    """What finds a hand's keypoints: a network of ours, or MediaPipe."""
+
+    @property
+    def name(self) -> str:
+        """What messages call it."""
+
+    @property
+    def needs_hand_mask(self) -> bool:
+        """Whether it must be told where the hand is."""
+
+    def find(
+        self,
+        color: NDArray[np.uint8],
+        depth: FloatArray,
+        camera: Intrinsics,
+        mask: BoolArray,
+        hand_mask: BoolArray | None,
+    ) -> Points:
+        """Find them, or raise a NoHandError; see `hadr.trained_networks.HandKeypoints.find`."""
+
+
+@dataclass(frozen=True)
+class Hand:
+    """A hand that was given, or found.
+
+    Attributes:
+        keypoints: 21 keypoints, camera frame, metres, shape (21, 3).
+        source: `GIVEN`, or the name of what found it.
+        check: How it fits to the frame.
+    """
+
+    keypoints: Points
+    source: str
+    check: HandCheck
+
+    @property
+    def accepted(self) -> bool:
+        """Whether it was used: a found hand that does not fit is none."""
+        return self.source == GIVEN or not self.check.problems
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether it was used and does not fit: then the result has no probability."""
+        return self.accepted and bool(self.check.problems)
 
 
 @dataclass(frozen=True)
@@ -54,8 +105,8 @@ class Restoration:
             not hold: away from the frames that the network learned from.
         mask: Pixels that were to be restored, given or predicted, shape (H, W) bool.
         hand_mask: Pixels of hand and arm, given or predicted, shape (H, W) bool; None: not known.
-        keypoints: 21 hand keypoints, given or predicted, camera frame, metres, shape (21, 3); None:
-            not known.
+        hand: The hand that was given or found, also one that was not accepted; None: none was, or
+            there was nothing to restore.
         ground: Whether the frame is like those that the network learned from; None without network.
     """
 
@@ -67,7 +118,7 @@ class Restoration:
     tolerance_m: float | None
     mask: BoolArray
     hand_mask: BoolArray | None = None
-    keypoints: Points | None = None
+    hand: Hand | None = None
     ground: Verdict | None = None
 
 
@@ -79,8 +130,20 @@ class _Known:
     depth: Depth
     camera: Intrinsics
     target: BoolArray
-    hand: Points | None
     hand_mask: BoolArray | None
+    presence: float | None
+    hand: Hand | None = None
+
+    def checked(self, keypoints: Points, source: str) -> Hand:
+        """Hold a hand against what is known; a given one not against pixels that were found."""
+        looked_for = (None, None) if source == GIVEN else (self.hand_mask, self.presence)
+        check = check_hand(keypoints, self.depth, self.camera, self.target, *looked_for)
+        return Hand(keypoints, source, check)
+
+    @property
+    def keypoints(self) -> Points | None:
+        """Those of a hand that is used."""
+        return self.hand.keypoints if self.hand is not None and self.hand.accepted else None
 
 
 @dataclass(frozen=True)
@@ -112,7 +175,9 @@ class Restorer:
             "sensor" gives it to the network; the methods without learning keep it and fill what is
             missing. None does as the network was trained, and "oracle" without one.
         segmentation: A network, or its checkpoint, that finds mask and hand mask.
-        keypoint_network: A network, or its checkpoint, that finds the hand's keypoints.
+        keypoint_network: A network, or its checkpoint, that finds the hand's keypoints, or
+            MediaPipe (`hadr.models.hand.mediapipe_hand.MediaPipeHand`). A hand that it finds
+            counts only if it is plausible (`hadr.models.hand.plausible`).
 
     Raises:
         ValueError: Method or corruption is unknown.
@@ -126,7 +191,7 @@ class Restorer:
         *,
         corruption: Corruption | None = None,
         segmentation: str | Path | Segmentation | None = None,
-        keypoint_network: str | Path | HandKeypoints | None = None,
+        keypoint_network: str | Path | HandFinder | None = None,
     ) -> None:
         for name, value, known in (
             ("method", method, METHODS),
@@ -200,15 +265,20 @@ class Restorer:
         """
         notes: list[str] = []
         clean = checked_depth(color, depth, camera, notes)
-        hand = None if keypoints is None else checked_hand(keypoints, camera, notes)
-        target, hand_mask = self._masks(color, clean, mask, hand_mask, hand is None, notes)
+        given = None if keypoints is None else checked_hand(keypoints, camera, notes)
+        target, hand_mask, presence = self._masks(
+            color, clean, mask, hand_mask, given is None, notes
+        )
+        hand = None
         if target.any():
             if not valid_depth(clean[~target]).any():
                 raise ValueError(
                     f"the mask covers all {int(target.sum())} pixels that could have depth, "
                     "expected at least one pixel with depth outside of it"
                 )
-            known = _Known(color, clean, camera, target, hand, hand_mask)
+            known = _Known(color, clean, camera, target, hand_mask, presence)
+            if given is not None:
+                known = replace(known, hand=_given_hand(given, known, notes))
             known, filled = self._fill(known, notes)
             hand = known.hand
         else:
@@ -224,22 +294,25 @@ class Restorer:
         hand_mask: BoolArray | None,
         without_hand: bool,
         notes: list[str],
-    ) -> tuple[BoolArray, BoolArray | None]:
-        """The pixels to restore and those of the hand: as given, else predicted."""
+    ) -> tuple[BoolArray, BoolArray | None, float | None]:
+        """The pixels to restore and those of the hand, given or predicted, and how sure these."""
         if hand_mask is not None:
             check_mask_form("hand mask", hand_mask, clean)
-        needs_hand = self.method == "hand-median" or (without_hand and self.finder is not None)
-        wanted = mask is None or (hand_mask is None and needs_hand)
-        if not wanted or self.segmentation is None:
-            return checked_mask(mask, clean, notes), hand_mask
-        found, found_hand = self.segmentation.masks(color)
-        hand_mask = found_hand if hand_mask is None else hand_mask
+        finder = self.finder if without_hand else None
+        needed = self.method == "hand-median" or (finder is not None and finder.needs_hand_mask)
+        needed = needed and hand_mask is None
+        presence = None
+        if self.segmentation is None or not (mask is None or needed):
+            return checked_mask(mask, clean, notes), hand_mask, presence
+        found = self.segmentation.masks(color)
+        if needed:
+            hand_mask, presence = found.hand, found.presence
         if mask is not None:
-            return checked_mask(mask, clean, notes), hand_mask
-        name = self.segmentation.name
-        said = "is not given but predicted by" if found.any() else "is empty: no glass was found by"
-        notes.append(f"the mask {said} {name}")
-        return found, hand_mask
+            return checked_mask(mask, clean, notes), hand_mask, presence
+        there = found.glass.any()
+        said = "is not given but predicted by" if there else "is empty: no glass was found by"
+        notes.append(f"the mask {said} {self.segmentation.name}")
+        return found.glass, hand_mask, presence
 
     def _fill(self, known: _Known, notes: list[str]) -> tuple[_Known, _Filled]:
         """Find the hand if need be, and fill the mask with the network or without."""
@@ -248,8 +321,8 @@ class Restorer:
         trusted = self.corruption or learned
         seen = depth_to_use(known.depth, known.target, trusted, notes)
         if known.hand is None and self.finder is not None:
-            known = replace(known, hand=self._find_hand(known, seen, notes))
-            network = self._fitting(known.hand is not None)
+            known = replace(known, hand=self._find_hand(self.finder, known, seen, notes))
+            network = self._fitting(known.keypoints is not None)
         if isinstance(network, str):
             method = self._without_network(network, notes)
             return known, _classical(method, known, known.target & ~valid_depth(seen))
@@ -257,46 +330,50 @@ class Restorer:
         ground = network.ground if CORRUPTIONS[trusted].erase == network.erases else None
         asked = replace(network, corruption=trusted, ground=ground)
         answer = asked.restore(
-            known.color, seen, known.camera, known.target, known.hand, known.depth
+            known.color, seen, known.camera, known.target, known.keypoints, known.depth
         )
         notes += network.notes(answer, trusted, known.camera)
         filled = np.where(known.target, answer.depth, known.depth)
-        return known, _Filled(
-            filled,
-            answer.confidence,
-            known.target,
-            network.kind,
-            answer.tolerance_m,
-            answer.ground,
-        )
+        sure, tolerance = answer.confidence, answer.tolerance_m
+        if known.hand is not None and known.hand.doubtful:
+            sure, tolerance = np.zeros_like(sure), None
+        return known, _Filled(filled, sure, known.target, network.kind, tolerance, answer.ground)
 
     def _fitting(self, hand_is_known: bool) -> DepthNetwork | str:
         """The network that fits the frame, or why there is none."""
         if self._given is None and not hand_is_known:  # needs no file to be read
-            return "the sample checkpoint needs 21 hand keypoints and none were given"
+            return "the sample checkpoint needs 21 hand keypoints and there are none"
         network = self.network
         if isinstance(network, DepthNetwork) and network.needs_hand and not hand_is_known:
             return f"{network.name} needs 21 hand keypoints and there are none"
         return network
 
-    def _find_hand(self, known: _Known, seen: Depth, notes: list[str]) -> Points | None:
-        """Predict the hand's keypoints, or say why not."""
-        network, hand_mask = self.finder, known.hand_mask
-        assert network is not None  # for the type checker: the caller looks
-        if hand_mask is None:
+    def _find_hand(
+        self, finder: HandFinder, known: _Known, seen: Depth, notes: list[str]
+    ) -> Hand | None:
+        """Have the hand's keypoints found, and say whether they are a hand's."""
+        if finder.needs_hand_mask and known.hand_mask is None:
             raise ValueError(
-                f"{network.name} needs to know where the hand is: give hand_mask, or a "
+                f"{finder.name} needs to know where the hand is: give hand_mask, or a "
                 "segmentation checkpoint that predicts it"
             )
-        found = None
-        if hand_mask.any():
-            found = network.find(known.color, seen, known.camera, known.target, hand_mask)
-        notes.append(
-            "there is no hand with depth, so there are no keypoints"
-            if found is None
-            else f"the hand's keypoints are not given but predicted by {network.name}"
-        )
-        return found
+        try:
+            found = finder.find(known.color, seen, known.camera, known.target, known.hand_mask)
+            hand = known.checked(found, finder.name)
+        except NoHandError as why:
+            notes.append(f"no hand found by {finder.name}: {why}")
+            return None
+        if hand.accepted:
+            notes.append(f"the hand's keypoints are not given but predicted by {finder.name}")
+        else:
+            problems = "; ".join(hand.check.problems)
+            notes.append(f"no hand found: what {finder.name} took for one is none: {problems}")
+        if isinstance(finder, HandKeypoints):
+            notes.append(
+                f"{finder.name} has learned from computed pictures; in photographs let MediaPipe "
+                "find the hand"
+            )
+        return hand
 
     def _without_network(self, why: DepthNetwork | str, notes: list[str]) -> str:
         """The classical method to use where no network fits."""
@@ -329,6 +406,17 @@ def restore(
     return restorer(color, depth, camera, mask, keypoints, hand_mask)
 
 
+def _given_hand(keypoints: Points, known: _Known, notes: list[str]) -> Hand:
+    """Compare a given hand with the frame, and say what does not fit."""
+    hand = known.checked(keypoints, GIVEN)
+    if hand.doubtful:
+        notes.append(
+            f"the given hand does not fit this frame: {'; '.join(hand.check.problems)}; what is "
+            "restored from it may be off by as much, and has no probability"
+        )
+    return hand
+
+
 def _classical(method: str, known: _Known, holes: BoolArray) -> _Filled:
     """Fill the holes without learning."""
     if method == "nearest":
@@ -336,9 +424,9 @@ def _classical(method: str, known: _Known, holes: BoolArray) -> _Filled:
     elif method == "inpaint":
         filled = classical.inpaint(known.depth, holes)
     else:
-        if known.hand is None:
+        if known.keypoints is None:
             raise ValueError("method hand-median needs 21 hand keypoints (21, 3), got none")
-        uv, z = project(known.hand, known.camera), known.hand[:, 2]
+        uv, z = project(known.keypoints, known.camera), known.keypoints[:, 2]
         filled = classical.hand_median(known.depth, holes, uv, z, known.hand_mask)
     return _Filled(filled, np.zeros_like(known.depth), holes, method)
 
@@ -348,7 +436,7 @@ def _result(
     filled: _Filled,
     mask: BoolArray,
     hand_mask: BoolArray | None,
-    keypoints: Points | None,
+    hand: Hand | None,
     notes: list[str],
 ) -> Restoration:
     """Put the result together, and count what is missing."""
@@ -370,6 +458,6 @@ def _result(
         tolerance_m=filled.tolerance_m,
         mask=mask,
         hand_mask=hand_mask,
-        keypoints=keypoints,
+        hand=hand,
         ground=filled.ground,
     )

@@ -11,11 +11,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
+from scipy.special import expit
 
 from hadr.camera import (
     BoolArray,
@@ -28,6 +29,7 @@ from hadr.camera import (
 from hadr.confidence import ConfidenceRule, signal_of, within_learned
 from hadr.corruption import CORRUPTIONS, Corruption
 from hadr.known_ground import Ground, Verdict, observe
+from hadr.models.hand.plausible import NoHandError
 from hadr.models.networks import DEPTH_NETWORKS, NETWORKS
 
 if TYPE_CHECKING:
@@ -280,6 +282,20 @@ class DepthNetwork:
         return notes
 
 
+class SeenMasks(NamedTuple):
+    """What a segmentation network sees in a picture.
+
+    Attributes:
+        glass: The object's pixels, shape (H, W) bool.
+        hand: Those of hand and arm, shape (H, W) bool; None if the network has no such class.
+        presence: The mean probability of a hand in these, 0..1; 0 where there are none.
+    """
+
+    glass: BoolArray
+    hand: BoolArray | None
+    presence: float
+
+
 @dataclass(frozen=True)
 class Segmentation:
     """A segmentation network, loaded once.
@@ -305,23 +321,22 @@ class Segmentation:
         """
         return cls(*_read_kind(path, "segmentation"), Path(path).name)
 
-    def masks(self, color: NDArray[np.uint8]) -> tuple[BoolArray, BoolArray | None]:
-        """Find the glass, and the hand with the arm, in RGB (H, W, 3) uint8.
-
-        Returns:
-            The object's pixels and the hand's (None if the network has no such class), (H, W) bool.
-        """
+    def masks(self, color: NDArray[np.uint8]) -> SeenMasks:
+        """Find the glass, and the hand with the arm, in RGB (H, W, 3) uint8."""
         import torch
 
-        from hadr.models.segmentation import predict_masks
+        from hadr.models.segmentation import predict_logits
 
         height, width = color.shape[:2]
         small = resize_color(color, *self.size).astype(np.float32) / 255
         with torch.inference_mode():
             picture = torch.from_numpy(np.ascontiguousarray(small.transpose(2, 0, 1)))[None]
-            positive = predict_masks(self.model, picture)[0].numpy()  # (C, h, w)
-        large = [resize_mask(part, width, height) for part in positive[:2]]
-        return large[0], large[1] if len(large) > 1 else None
+            logits = predict_logits(self.model, picture)[0].numpy()  # (C, h, w)
+        large = [resize_mask(part > 0, width, height) for part in logits[:2]]
+        if len(large) < 2:
+            return SeenMasks(large[0], None, 0.0)
+        sure = expit(logits[1][logits[1] > 0])
+        return SeenMasks(large[0], large[1], float(sure.mean()) if sure.size else 0.0)
 
 
 @dataclass(frozen=True)
@@ -337,6 +352,7 @@ class HandKeypoints:
     model: Any
     size: tuple[int, int]
     name: str
+    needs_hand_mask: ClassVar[bool] = True
 
     @classmethod
     def load(cls, path: str | Path) -> HandKeypoints:
@@ -349,9 +365,9 @@ class HandKeypoints:
         depth: NDArray[np.float32],
         camera: Intrinsics,
         mask: BoolArray,
-        hand_mask: BoolArray,
-    ) -> NDArray[np.float64] | None:
-        """Find the keypoints: camera frame, metres, (21, 3); None where no hand has depth.
+        hand_mask: BoolArray | None,
+    ) -> NDArray[np.float64]:
+        """Find the keypoints: camera frame, metres, (21, 3).
 
         Args:
             color: RGB, shape (H, W, 3) uint8.
@@ -359,17 +375,24 @@ class HandKeypoints:
             camera: Intrinsics of both images.
             mask: The glass's pixels, shape (H, W) bool.
             hand_mask: Pixels of hand and arm, shape (H, W) bool.
+
+        Raises:
+            NoHandError: There are no pixels of a hand, or none of them has a depth.
         """
         import torch
 
         from hadr.models.hadr_input import frame_to_input
         from hadr.models.hand.keypoints import keypoints_where_seen
 
+        if hand_mask is None or not hand_mask.any():
+            raise NoHandError("none is seen in the picture")
         inputs = frame_to_input(color, depth, mask, None, camera, self.size)
         hand = torch.from_numpy(resize_mask(hand_mask, *self.size).copy())[None]
         with torch.inference_mode():
             found = keypoints_where_seen(self.model, inputs, hand)[0]
-        return np.asarray(found.double().numpy()) if bool(found.any()) else None
+        if not bool(found.any()):
+            raise NoHandError("the pixels in which one is seen have no depth")
+        return np.asarray(found.double().numpy())
 
 
 def _read_kind(path: str | Path, kind: str) -> tuple[Any, tuple[int, int]]:

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hadr.experiments.steps import Step
+from hadr.experiments.steps import Step, left_text
 from hadr.records.provenance import machine_text, provenance
 from hadr.records.result_file import read_result_file, write_result_file
 
@@ -46,7 +46,7 @@ def handover_steps(plan: Attempts, out: Path, times: Mapping[str, float]) -> lis
     own = {row["arm"]: row["attempts"] * row["mean_wall_seconds"] for row in rows}
     for condition, trials in plan.items():
         left = sum(not is_finished(out / "handover", trial) for trial in trials)
-        words = f"{left} of {len(trials)} attempts" if left else "done"
+        words = left_text(left, len(trials), "attempt")
         name = f"handover/{condition}"
         seconds = times.get(name) if left else own.get(condition, times.get(name))
         steps.append(Step("handover", name, words, seconds, "tables/handover.json"))

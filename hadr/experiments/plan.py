@@ -22,7 +22,7 @@ from hadr.experiments.conditions import (
 )
 from hadr.experiments.runner import ROW, Bench, Run
 from hadr.experiments.splits import EXPERIMENTS, Experiment
-from hadr.experiments.steps import Step
+from hadr.experiments.steps import Step, left_text
 from hadr.experiments.systems import CHEAP, METHODS, PARTS, SWITCHES, system
 from hadr.experiments.tables import ABLATION, LEDGER, TABLES, write_tables
 from hadr.training.predicted import Given
@@ -131,8 +131,7 @@ def table_steps(bench: Bench, runs: Sequence[Run], times: Mapping[str, float]) -
         row, seconds, words = bench.finished(run), times.get(run.name), "done"
         if row is None:
             left, of = _epochs_left(bench, run)
-            words = f"{left} of {of} epochs" if 0 < left < of else f"{of} epochs"
-            words = words if left else "scoring"
+            words = left_text(left, of, "epoch") if left else "scoring"
         else:
             seconds = row.get("training_s", 0.0) + row["evaluation_s"]
         steps.append(Step("tables", run.name, words, seconds, f"{bench.out.name}/{run.name}/{ROW}"))
@@ -142,7 +141,7 @@ def table_steps(bench: Bench, runs: Sequence[Run], times: Mapping[str, float]) -
     for name, scores in conditions.items():
         there = [row["evaluation_s"] for row in scores if row is not None]
         left = len(scores) - len(there)
-        words = f"{left} of {len(scores)} scores" if left else "done"
+        words = left_text(left, len(scores), "score")
         seconds = times.get(f"given {name}") if left else sum(there)
         made = f"{bench.out.name}/known/*/*/given"
         steps.append(Step("tables", f"given {name}", words, seconds, made))

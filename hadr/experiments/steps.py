@@ -43,6 +43,13 @@ class Step:
         return self.left == "done"
 
 
+def left_text(left: int, of: int, what: str) -> str:
+    """What is left, in words: ``9 scores`` if it is all of them, ``3 of 9 scores``, ``done``."""
+    if not left:
+        return "done"
+    return f"{left} of {of} {what}s" if left < of else f"{of} {what}" + "s" * (of > 1)
+
+
 def steps_text(steps: Sequence[Step]) -> str:
     """Set a plan as text for a terminal: a line a step, then how many are left."""
     width = max([len(step.name) for step in steps] + [8]) + 2

@@ -78,20 +78,18 @@ def use_style() -> None:
     )
 
 
-def _clean(ax: Axes, title: str | None) -> None:
-    ax.set_xticks([])
-    ax.set_yticks([])
-    for spine in ax.spines.values():
-        spine.set_visible(False)
+def bare_axes(ax: Axes, title: str | None = None) -> None:
+    """Take ticks and borders away, for pictures; the labels of the axes stay."""
+    ax.set(xticks=[], yticks=[])
+    ax.spines[:].set_visible(False)
     if title is not None:
         ax.set_title(title)
 
 
 def show_color(ax: Axes, color: npt.NDArray[Any], title: str | None = None) -> AxesImage:
     """Show a colour image, shape (H, W, 3), uint8 or float in 0..1."""
-    image = ax.imshow(color)
-    _clean(ax, title)
-    return image
+    bare_axes(ax, title)
+    return ax.imshow(color)
 
 
 def show_depth(
@@ -107,23 +105,20 @@ def show_depth(
 
     Where no limits are given, they are the 1st and 99th percentile of the valid depth.
     """
-    valid = valid_depth(depth)
-    if valid.any():
-        low, high = np.percentile(depth[valid], (1, 99))
-    else:
-        low, high = 0.0, 1.0
+    low, high = _limits(depth, vmin, vmax)
     cmap = mpl.colormaps[DEPTH_MAP].with_extremes(bad=_MISSING)
-    image = ax.imshow(
-        np.ma.masked_where(~valid, depth),
-        cmap=cmap,
-        vmin=low if vmin is None else vmin,
-        vmax=high if vmax is None else vmax,
-    )
-    _clean(ax, title)
+    shown = np.ma.masked_where(~valid_depth(depth), depth)
+    image = ax.imshow(shown, cmap=cmap, vmin=low, vmax=high)
+    bare_axes(ax, title)
     if colorbar:
-        bar = ax.figure.colorbar(image, ax=ax, shrink=0.75, pad=0.02)
-        bar.set_label("depth (m)")
+        ax.figure.colorbar(image, ax=ax, shrink=0.75, pad=0.02, label="depth (m)")
     return image
+
+
+def _limits(depth: FloatArray, vmin: float | None, vmax: float | None) -> tuple[float, float]:
+    valid = depth[valid_depth(depth)]
+    low, high = np.percentile(valid, (1, 99)) if valid.size else (0.0, 1.0)
+    return (low if vmin is None else vmin), (high if vmax is None else vmax)
 
 
 def show_error(
@@ -139,22 +134,15 @@ def show_error(
     The colour bar is in centimetres and ends at plus and minus ``limit`` metres.
     """
     cmap = mpl.colormaps[ERROR_MAP].with_extremes(bad=_MISSING)
-    image = ax.imshow(
-        np.ma.masked_invalid(np.asarray(error) * 100),
-        cmap=cmap,
-        vmin=-limit * 100,
-        vmax=limit * 100,
-    )
-    _clean(ax, title)
+    shown = np.ma.masked_invalid(np.asarray(error) * 100)
+    image = ax.imshow(shown, cmap=cmap, vmin=-limit * 100, vmax=limit * 100)
+    bare_axes(ax, title)
     if colorbar:
-        bar = ax.figure.colorbar(image, ax=ax, shrink=0.75, pad=0.02, extend="both")
-        bar.set_label("error (cm)")
+        ax.figure.colorbar(image, ax=ax, shrink=0.75, pad=0.02, extend="both", label="error (cm)")
     return image
 
 
-def show_mask(
-    ax: Axes, mask: BoolArray, color: str = COLORS["glass"], *, alpha: float = 0.55
-) -> AxesImage:
+def show_mask(ax: Axes, mask: BoolArray, color: str, alpha: float) -> AxesImage:
     """Lay a mask, shape (H, W), over the image that the axes already show."""
     overlay = np.zeros((*mask.shape, 4))
     overlay[..., :3] = to_rgb(color)
@@ -176,48 +164,32 @@ def frame_strip(
     images: Sequence[npt.NDArray[Any]],
     titles: Sequence[str],
     *,
-    width: float = 9.0,
     vmin: float | None = None,
     vmax: float | None = None,
 ) -> Figure:
-    """Draw images side by side: colour images as they are, (H, W) floats as depth.
+    """Draw images side by side, each with a title: (H, W, 3) colour, (H, W) depth, (H, W) bool.
 
-    All depth images share one scale, and one colour bar stands at the right.
-
-    Args:
-        images: Each (H, W, 3) colour, (H, W) float metres or (H, W) bool.
-        titles: One title an image.
-        width: Width of the figure, inches.
-        vmin: Nearest depth of the scale, metres; the 1st percentile where left out.
-        vmax: Farthest depth of the scale, metres; the 99th percentile where left out.
-
-    Returns:
-        The figure.
-
-    Raises:
-        ValueError: The numbers of images and titles differ.
+    All depth images share one scale, from ``vmin`` to ``vmax`` metres or as `show_depth` has it,
+    and one colour bar stands at the right.
     """
     if len(images) != len(titles):
         raise ValueError(f"{len(images)} images, but {len(titles)} titles")
     depths = [im for im in images if im.ndim == 2 and im.dtype != np.bool_]
-    valid = np.concatenate([d[valid_depth(d)] for d in depths]) if depths else np.zeros(0)
-    if valid.size:
-        low, high = np.percentile(valid, (1, 99))
-        vmin, vmax = (low if vmin is None else vmin), (high if vmax is None else vmax)
+    low, high = _limits(np.concatenate([d.ravel() for d in (*depths, np.zeros(0))]), vmin, vmax)
     rows, columns = images[0].shape[:2]
     bar = 0.9 if depths else 0.0
-    height = (width - bar) / len(images) * rows / columns + 0.45
+    height = (9.0 - bar) / len(images) * rows / columns + 0.45
     fig: Figure
-    fig, axes = plt.subplots(1, len(images), figsize=(width, height), squeeze=False)
+    fig, axes = plt.subplots(1, len(images), figsize=(9.0, height), squeeze=False)
     last: AxesImage | None = None
     for ax, image, title in zip(axes[0], images, titles, strict=True):
         if image.ndim == 3:
             show_color(ax, image, title)
         elif image.dtype == np.bool_:
             ax.imshow(image, cmap="gray", vmin=0, vmax=1)
-            _clean(ax, title)
+            bare_axes(ax, title)
         else:
-            last = show_depth(ax, image, title, vmin=vmin, vmax=vmax, colorbar=False)
+            last = show_depth(ax, image, title, vmin=low, vmax=high, colorbar=False)
     if last is not None:
         fig.colorbar(last, ax=axes[0].tolist(), shrink=0.85, pad=0.01, label="depth (m)")
     return fig
@@ -232,7 +204,7 @@ def legend_below(fig: Figure, ax: Axes, *, columns: int = 4) -> None:
 def show_both_splits(
     draw: Callable[[Axes, str], None],
     *,
-    height: float = 3.5,
+    height: float,
     legend: int = 0,
     same_scale: bool = True,
 ) -> None:
@@ -240,7 +212,7 @@ def show_both_splits(
 
     Args:
         draw: Called with axes and "known" or "unknown".
-        height: Of the figure, inches.
+        height: Inches.
         legend: Columns of the legend below; none where 0.
         same_scale: Whether both have one vertical axis.
     """

@@ -64,8 +64,8 @@ class SegmentationNet(nn.Module):
         return logits[:, :, :height, :width]
 
 
-def predict_masks(model: SegmentationNet, color: Tensor) -> Tensor:
-    """Find each class's pixels: (B, classes, H, W), bool; the object's first, then the hand's.
+def predict_logits(model: SegmentationNet, color: Tensor) -> Tensor:
+    """Give the logits (B, classes, H, W) of each class, the object's first, then the hand's.
 
     Args:
         model: The network in evaluation mode.
@@ -81,4 +81,4 @@ def predict_masks(model: SegmentationNet, color: Tensor) -> Tensor:
         raise ValueError(f"color must be in 0..1, got {low:.4g} to {high:.4g}")
     with torch.no_grad():
         logits: Tensor = model(color)
-    return logits > 0
+    return logits

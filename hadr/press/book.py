@@ -79,11 +79,7 @@ _WIDGET_VIEW = "application/vnd.jupyter.widget-view+json"
 
 
 def chapter_title(notebook: Path) -> str:
-    """The first heading of a notebook, without markup.
-
-    Args:
-        notebook: Path of an .ipynb file.
-    """
+    """The first heading of a notebook, without markup."""
     import nbformat
 
     for cell in nbformat.read(notebook, 4).cells:
@@ -98,14 +94,7 @@ def stage_notebook(notebook: Any, run_time: str) -> Any:
 
     The token for the run time is replaced; papermill's injected parameters, warnings and other
     text on stderr, and the outputs and state of widgets are dropped; films get a name for screen
-    readers; each cell tagged ``interactive`` is followed by a note.
-
-    Args:
-        notebook: The executed notebook (nbformat's NotebookNode); changed in place.
-        run_time: Replaces the line's words ``RUNTIME_TOKEN``.
-
-    Returns:
-        The same notebook.
+    readers; each cell tagged ``interactive`` is followed by a note. The notebook is changed.
     """
     import nbformat
 
@@ -148,9 +137,7 @@ def _label_films(outputs: Sequence[Any]) -> None:
             shown["text/html"] = found.replace("<video", label, 1)
 
 
-def stage_book(
-    book: Path, runs: Sequence[ChapterRun], target: Path, *, total_s: float | None = None
-) -> Path:
+def stage_book(book: Path, runs: Sequence[ChapterRun], target: Path) -> Path:
     """Copy the book's pages and the executed chapters into a build folder."""
     import nbformat
 
@@ -168,7 +155,7 @@ def stage_book(
         nbformat.write(staged, target / "notebooks" / name)
     words = {
         TABLE_TOKEN: run_time_table(runs, titles),
-        RUNTIME_TOKEN: seconds_text(total_s or sum(run.duration_s for run in runs)),
+        RUNTIME_TOKEN: seconds_text(sum(run.duration_s for run in runs)),
         REPOSITORY_TOKEN: repository(book)["url"],
         "{{MACHINE}}": machine_text(),
     }
@@ -201,8 +188,8 @@ def _drop_absent_chapters(target: Path) -> None:
     path.write_text(yaml.safe_dump(contents, sort_keys=False), encoding="utf-8")
 
 
-def build_html(staged: Path, output: Path, *, strict: bool = True) -> Path:
-    """Build the HTML book with Jupyter Book."""
+def build_html(staged: Path, output: Path, *, strict: bool) -> Path:
+    """Build the HTML book with Jupyter Book; where strict, a warning is an error."""
     if importlib.util.find_spec("jupyter_book") is None:
         raise RuntimeError("Jupyter Book is not installed here: pip install -e '.[book]'")
     program = "from jupyter_book.cli.main import main; main()"
@@ -234,10 +221,6 @@ def update_readme(readme: Path, table: str) -> None:
 
 def readme_table(build: Path, root: Path) -> str:
     """The chapter list with the run times that the last ``make book`` measured.
-
-    Args:
-        build: The build folder, with ``results.json``.
-        root: The checkout, whose README links to the notebooks.
 
     Raises:
         FileNotFoundError: No book was built yet.
@@ -288,11 +271,7 @@ class Options:
 
 
 def run(options: Options) -> int:
-    """Build the book as the options say.
-
-    Returns:
-        0 when the book stands; 2 when a chapter or the build failed.
-    """
+    """Build the book as the options say: 0 when it stands; 2 when a chapter or the build failed."""
     root, say = checkout_root(), partial(print, flush=True)
     try:
         build = check_output_folder(options.build)

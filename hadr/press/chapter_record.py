@@ -22,13 +22,7 @@ RECORD = "chapter.json"
 
 
 def chapter_configuration(notebook: Path, preset: str, seed: int) -> dict[str, Any]:
-    """Everything on which a chapter's numbers depend, the installed packages aside.
-
-    Args:
-        notebook: The notebook, not executed.
-        preset: Its parameter ``preset``.
-        seed: Its parameter ``seed``.
-    """
+    """Everything on which a chapter's numbers depend, the installed packages aside."""
     return {
         "chapter": notebook.stem,
         "notebook": _digest([notebook]),
@@ -40,15 +34,9 @@ def chapter_configuration(notebook: Path, preset: str, seed: int) -> dict[str, A
 
 
 def finished_chapter(folder: Path, configuration: dict[str, Any], *made: Path) -> float | None:
-    """Say how long a chapter took, if it is finished.
+    """Seconds that a chapter took in its folder OUT/results/NAME; None where it is unfinished.
 
-    Args:
-        folder: Its folder, ``OUT/results/NAME``.
-        configuration: `chapter_configuration`.
-        *made: Files that must be there, too.
-
-    Returns:
-        Wall-clock seconds of its execution; None where it has to be executed.
+    It is finished for a `chapter_configuration`, and if the files that it has ``made`` are there.
     """
     row = sealed_row(folder / RECORD, configuration)
     if row is None or not all(path.is_file() for path in made):
@@ -78,7 +66,7 @@ def keep_results(
         say: Receives a line where the file does not have all chapters.
 
     Returns:
-        What was written: results and run time of each chapter, and where they come from.
+        What was written.
     """
     chapters = {}
     for notebook in notebooks:

@@ -22,7 +22,7 @@ from hadr.records.output_folder import CACHE
 
 CELL_TIMEOUT_S = 3600
 """A cell that takes longer hangs; the longest takes a minute, or many on a busy machine."""
-PARTS = ("tables", "handover", "chapters")
+WHOLE = ("tables", "handover", "chapters")
 """What ``--only`` takes as a whole, in the order in which it is made."""
 _ANSI = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
 
@@ -71,7 +71,7 @@ def chapter_paths(notebooks: Path, only: Sequence[str] = ()) -> list[Path]:
             names = ", ".join(path.stem for path in paths)
             raise ValueError(
                 f"no chapter begins with {wish!r}; the chapters are {names} (hadr reproduce also "
-                f"takes {', '.join(PARTS)}, or a run of the tables, EXPERIMENT/METHOD)"
+                f"takes {', '.join(WHOLE)}, or a run of the tables, EXPERIMENT/METHOD)"
             )
         wanted += fitting
     return sorted(set(wanted)) if only else paths

@@ -48,14 +48,9 @@ def repository(book: Path) -> dict[str, str]:
 
 
 def notebook_from_text(text: str) -> str:
-    """Turn the MyST text of a chapter into the bytes of its notebook, always the same ones.
+    """Turn the MyST text of a chapter into its notebook as JSON, without outputs.
 
-    Args:
-        text: The text twin, jupytext's MyST form.
-
-    Returns:
-        The notebook as JSON text without outputs; cell ids are ``cell-000``, ``cell-001``, ...;
-        the first code cell sets the library up on Colab.
+    The first code cell, which the text has not, sets the library up on Colab.
     """
     import jupytext
 
@@ -69,14 +64,7 @@ def notebook_from_text(text: str) -> str:
 
 
 def serialise(notebook: Any) -> str:
-    """Write a notebook in the committed form: no outputs, numbered cell ids, fixed metadata.
-
-    Args:
-        notebook: A notebook as nbformat's NotebookNode; it is not changed.
-
-    Returns:
-        JSON text that ends with a newline.
-    """
+    """Write a notebook in the committed form: no outputs, numbered cell ids, fixed metadata."""
     cells = []
     for number, cell in enumerate(notebook.cells):
         metadata = {
@@ -105,14 +93,7 @@ def serialise(notebook: Any) -> str:
 
 
 def text_from_notebook(notebook_json: str) -> str:
-    """Turn a notebook into its MyST text, for chapters that were edited in Jupyter.
-
-    Args:
-        notebook_json: The notebook's JSON text; outputs are ignored.
-
-    Returns:
-        The text twin.
-    """
+    """Turn a notebook's JSON into its MyST text, for chapters that were edited in Jupyter."""
     import jupytext
 
     notebook = nbformat.reads(serialise(nbformat.reads(notebook_json, 4)), 4)
@@ -144,22 +125,18 @@ def twin_problems(notebooks: Path) -> list[str]:
     return sorted(problems)
 
 
-def _replace_if_changed(path: Path, content: str) -> bool:
+def _write_if_changed(path: Path, content: str) -> None:
     if path.exists() and path.read_text(encoding="utf-8") == content:
-        return False
+        return
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
     temporary.write_text(content, encoding="utf-8")
     os.replace(temporary, path)
-    return True
+    print(f"written: {path}")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Write or check the twins; the exit status is 1 where a check fails.
-
-    Args:
-        arguments: Command line without the program's name; None takes ``sys.argv``.
-    """
+    """Write or check the twins; the exit status is 1 where a check fails."""
     parser = argparse.ArgumentParser(
         prog="python -m hadr.press.notebook_twins",
         description="Keep notebooks/NN_name.ipynb and notebooks/text/NN_name.md in step.",
@@ -175,15 +152,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if not options.check:
         if options.from_notebooks:
             for source in sorted(folder.glob("*.ipynb")):
-                target = folder / "text" / f"{source.stem}.md"
                 text = text_from_notebook(source.read_text(encoding="utf-8"))
-                if _replace_if_changed(target, text):
-                    print(f"written: {target}")
+                _write_if_changed(folder / "text" / f"{source.stem}.md", text)
         for source in sorted((folder / "text").glob("*.md")):
-            target = folder / f"{source.stem}.ipynb"
             content = notebook_from_text(source.read_text(encoding="utf-8"))
-            if _replace_if_changed(target, content):
-                print(f"written: {target}")
+            _write_if_changed(folder / f"{source.stem}.ipynb", content)
     problems = twin_problems(folder)
     for problem in problems:
         print(problem, file=sys.stderr)

@@ -51,10 +51,6 @@ def report(results: str | Path, published: str | Path, size: str = "mini") -> st
         Markdown with one section a table, the tables in HTML: the paper's rows with the paper's
         number, ours and the difference; then the rows that the paper has not. Below each stand
         command, run time and provenance.
-
-    Raises:
-        ValueError: A result file was edited by hand, or there is none.
-        FileNotFoundError: The paper's tables are missing.
     """
     paper = json.loads(Path(published).read_text(encoding="utf-8"))
     parts = []

@@ -16,14 +16,8 @@ def private_jupyter(folder: Path) -> Iterator[None]:
     """Keep a user's kernels, start-up files and caches out, and need no writable HOME."""
     kernel = folder / "jupyter" / "kernels" / "python3"
     kernel.mkdir(parents=True, exist_ok=True)
-    command = [
-        sys.executable,
-        "-m",
-        "ipykernel_launcher",
-        "-f",
-        "{connection_file}",
-        "--log-level=CRITICAL",
-    ]
+    command = [sys.executable, "-m", "ipykernel_launcher", "-f", "{connection_file}",
+               "--log-level=CRITICAL"]  # fmt: skip
     specification = {"argv": command, "display_name": "Python 3", "language": "python"}
     (kernel / "kernel.json").write_text(json.dumps(specification), encoding="utf-8")
     changes = {

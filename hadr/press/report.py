@@ -87,16 +87,8 @@ def ledger_effects(folder: str | Path) -> str:
 def conditions_table(folder: str | Path) -> str:
     """Each method's error under all conditions: true or predicted masks, keypoints, sensor.
 
-    Args:
-        folder: Has `keypoints.json` and `segmentation.json`.
-
-    Returns:
-        Markdown: RMSE in centimetres and its standard error over holds, a line a method, a column
-        a condition; "-" where a method has nothing of what is predicted.
-
-    Raises:
-        ValueError: A file was edited by hand.
-        FileNotFoundError: A file is missing.
+    From `keypoints.json` and `segmentation.json` of a folder, as Markdown: RMSE in centimetres and
+    its standard error over holds; "-" where a method has nothing of what is predicted.
     """
     rows = pd.DataFrame(read_result_files(folder, "segmentation", "keypoints").rows)
     rows["error"] = [_with_doubt(row) for _, row in rows.iterrows()]

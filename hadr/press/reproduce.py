@@ -31,6 +31,7 @@ from hadr.experiments.steps import NAME, Step, keep_run_times, last_run_times, s
 from hadr.experiments.systems import METHODS, PARTS, SWITCHES
 from hadr.press.chapter_record import keep_results
 from hadr.press.chapters import (
+    WHOLE,
     ChapterError,
     chapter_paths,
     chapter_steps,
@@ -45,8 +46,6 @@ from hadr.training.processes import chosen_accelerator
 
 TINY_FRAMES = 48
 """Frames of each part in preset tiny, which shows that everything runs and no more."""
-WHOLE = ("tables", "handover", "chapters")
-"""What ``--only`` takes as a whole, in the order in which it is made."""
 
 
 @dataclass(frozen=True)
@@ -86,10 +85,6 @@ def run(options: Options) -> int:
     Returns:
         0 when all was done, 1 when a row that was run again gave other numbers, 2 when a chapter
         or a training failed.
-
-    Raises:
-        ValueError: A wish fits nothing, an option is out of range, or data are missing.
-        FileNotFoundError: A data folder is not there.
     """
     check_output_folder(options.out)
     smallest = min(options.seeds or (0,))
@@ -161,12 +156,7 @@ def is_table_wish(wish: str) -> bool:
 
 
 def open_bench(options: Options) -> Bench:
-    """Open the bench that the options describe; for a plan alone, its data may be missing.
-
-    Raises:
-        ValueError: No data folder is named, and the preset has none of its own.
-        FileNotFoundError: A data folder is not there.
-    """
+    """Open the bench that the options describe; for a plan alone, its data may be missing."""
     roots: Sequence[Path] = options.data
     tiny = options.preset == "tiny"
     if options.dry_run and not options.again and not (tiny or all(root.is_dir() for root in roots)):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+import textwrap
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,6 +35,24 @@ if TYPE_CHECKING:
 else:
     Method = tyro.extras.literal_type_from_choices(METHODS)
 
+OUTPUTS = {
+    "depth.png": "z-depth, 16-bit, 0.001 m per unit, 0 = missing (reads back with the default "
+    "--depth-scale)",
+    "depth.npy": "z-depth, float32 metres, 0 = missing",
+    "confidence.png": "8-bit, 255 = 1",
+    "confidence.npy": "float32: 1 where measured, 0 where missing; where restored the probability "
+    "that the depth is right to 2 cm, if the method is a calibrated hadr-plus; 0, not known, for "
+    "all others, which cannot say how sure they are",
+    "comparison.png": "colour, depth before and after, error or confidence",
+    "mask.png": "pixels to restore, given or predicted, 8-bit, 255 = restore",
+    "cloud.ply": "coloured points, metres, camera frame (x right, y down, z forward), binary",
+    "report.json": "method, notes, counts, errors, versions, inputs' SHA-256, times",
+}
+"""The files that are written, and what they hold."""
+_WRITTEN = "\n".join(
+    textwrap.fill(text, 79, initial_indent=f"  {name:<16}  ", subsequent_indent=20 * " ")
+    for name, text in OUTPUTS.items()
+)
 EPILOG = f"""\
 units and frames
   Depth is z-depth (not the distance along the ray) in metres, 0 or NaN where
@@ -53,18 +72,7 @@ methods
   hand-median  one depth for the whole object: the median of the hand's pixels
 
 what is written
-  depth.png         16-bit, 1 mm per unit, 0 = missing (reads back with the
-                    default --depth-scale)
-  depth.npy         float32 metres, 0 = missing
-  confidence.png    8-bit, 255 = 1
-  confidence.npy    float32: 1 where measured, 0 where missing; where restored
-                    the probability that the depth is right to 2 cm, if the
-                    method is a calibrated hadr-plus; 0, not known, for all
-                    others, which cannot say how sure they are
-  comparison.png    colour, depth before and after, error or confidence
-  cloud.ply         coloured point cloud, metres, camera frame, binary
-  mask.png          8-bit, 255 = pixels to restore, given or predicted
-  report.json       method, notes, counts, versions, inputs' SHA-256, times
+{_WRITTEN}
   A pixel that a network can't know (no candidate, or a depth outside of what it
   learned) stays missing, 0 in depth.*; it is never a depth of zero metres.
   The folder appears complete or not at all.
@@ -96,16 +104,6 @@ INPUTS = (
     "keypoint_network",
 )
 """The options that name a file to read."""
-OUTPUTS = {
-    "depth.png": "z-depth, 16-bit, 0.001 m per unit, 0 = missing",
-    "depth.npy": "z-depth, float32 metres, 0 = missing",
-    "confidence.png": "8-bit, 255 = 1",
-    "confidence.npy": "float32: 1 measured, 0 missing; restored: see confidence_means",
-    "comparison.png": "picture of colour, depth before and after, and error or confidence",
-    "mask.png": "pixels to restore, 8-bit, 255 = restore",
-    "cloud.ply": "coloured points, metres, camera frame (x right, y down, z forward), binary",
-    "report.json": "this report",
-}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -24,8 +24,6 @@ from hadr.metrics import METRICS, frame_metrics
 from hadr.models.networks import DEPTH_NETWORKS, NETWORKS
 from hadr.restoration import Restoration
 
-OUTSIDE = "no probability: outside of what the network learned"
-UNKNOWN = "no probability: it is not known what the network learned from"
 METHOD_TITLES = {
     **{kind: f"{NETWORKS[kind].title} (not HADR)" for kind in DEPTH_NETWORKS},
     "hadr": "HADR",
@@ -99,15 +97,14 @@ def comparison_figure(
             limit = next((x for x in (0.02, 0.05, 0.1, 0.2) if largest <= x), 0.5)
             panels.show_error(top_right, error, "restored minus true depth", limit=limit)
         else:
-            unsaid = target & (confidence_means(result) in (OUTSIDE, UNKNOWN))
+            unsaid = target & confidence_means(result).startswith("no probability")
             shades = np.ma.masked_where(~there | unsaid, result.confidence)  # the axes' grey shows
             image = top_right.imshow(shades, cmap="cividis", vmin=0, vmax=1)
             title = f"confidence; in the outline: {confidence_means(result)}"
-            top_right.set(title=title, xticks=[], yticks=[], facecolor="#d9d9d9")
+            panels.bare_axes(top_right, title)
+            top_right.set_facecolor("#d9d9d9")
             top_right.title.set_fontsize(10)
-            top_right.spines[:].set_visible(False)
-            bar = figure.colorbar(image, ax=top_right, shrink=0.75, pad=0.02)
-            bar.set_label("confidence")
+            figure.colorbar(image, ax=top_right, shrink=0.75, pad=0.02, label="confidence")
         if target.any():
             for ax in (top_left, top_right, left, right):
                 ax.contour(target, [0.5], colors=[panels.COLORS["hand"]], linewidths=0.9)
@@ -126,9 +123,18 @@ def confidence_means(result: Restoration) -> str:
         return f"probability of being right to {100 * result.tolerance_m:g} cm"
     if not result.confidence[result.restored].any():
         if result.ground is not None and NETWORKS[result.method].can_say:
-            return UNKNOWN if result.ground.inside is None else OUTSIDE
+            return f"no probability: {_why_unsaid(result)}"
         return "0, the method cannot say how sure it is"
     return "the network's own score, not calibrated"
+
+
+def _why_unsaid(result: Restoration) -> str:
+    """Why a network that could say how sure it is does not."""
+    if result.hand is not None and result.hand.doubtful:
+        return "the hand does not fit the frame"
+    if result.ground is not None and result.ground.inside is False:
+        return "outside of what the network learned"
+    return "it is not known what the network learned from"
 
 
 def counts(depth: NDArray[np.float32], result: Restoration) -> dict[str, int]:

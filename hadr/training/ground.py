@@ -65,8 +65,11 @@ def learn_ground(
     sight = Sight.fit(seen)
     fields = {}
     for name, observations in learned.items():
-        both = ([sight.with_strangeness(one) for one in of] for of in (observations, checked[name]))
-        fields[name] = Field.fit(*both, measured_rule if name == MEASURED else None)
+        fields[name] = Field.fit(
+            [sight.with_strangeness(one) for one in observations],
+            [sight.with_strangeness(one) for one in checked[name]],
+            measured_rule if name == MEASURED else None,
+        )
     counts = {"training": len(training), "validation": len(validation)}
     return {**Ground(fields, sight).to_dict(), "frames": counts}
 

@@ -61,5 +61,9 @@
     if (doc !== document && doc.documentElement.scrollHeight > doc.documentElement.clientHeight + 1)
       squeezed.push(`${doc.title}: ${doc.documentElement.scrollHeight} px high in ${doc.documentElement.clientHeight}`);
   }
-  return { outside: [...new Set(outside)], hidden: [...new Set(hidden)], squeezed, small, overlapping };
+  // On a desktop what is printed and what stands in a table is seen without scrolling.
+  const cut = window.innerWidth < 1200 ? [] :
+    [...document.querySelectorAll(".cell_output pre, .pst-scrollable-table-container")]
+      .filter((box) => box.scrollWidth > box.clientWidth + 1).map(told);
+  return { cut, outside: [...new Set(outside)], hidden: [...new Set(hidden)], squeezed, small, overlapping };
 })()

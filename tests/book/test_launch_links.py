@@ -40,19 +40,6 @@ def notebook_path(link, repository):
     return wish.removeprefix("lab/tree/")
 
 
-@pytest.mark.parametrize(
-    ("link", "path"),
-    [
-        ("https://colab.research.google.com/github/a/b/blob/main/notebooks/1.ipynb", "notebooks/1"),
-        ("https://mybinder.org/v2/gh/a/b/main?urlpath=lab/tree/notebooks/1.ipynb", "notebooks/1"),
-        ("https://github.com/a/b", None),
-    ],
-)
-def test_reading_a_launch_link(link, path):
-    found = notebook_path(link, {"url": "https://github.com/a/b", "branch": "main"})
-    assert found == (path and f"{path}.ipynb")
-
-
 def test_each_chapter_has_both_launch_links_and_they_fit(html, repository):
     chapters = sorted((html / "notebooks").glob("*.html"))
     assert chapters

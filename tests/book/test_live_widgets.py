@@ -236,30 +236,3 @@ def test_moving_a_slider_changes_the_figure(tab, lab):
 def test_a_figure_that_ignores_its_slider_is_noticed(tab, lab):
     _, _, changed = figures_around_a_move(tab.page, lab, "dead.ipynb", DEAD)
     assert not changed
-
-
-STAND_IN = """import http.server, json, subprocess, sys
-child = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
-print("child", child.pid, flush=True)
-port = next(int(a.split("=")[1]) for a in sys.argv if a.startswith("--ServerApp.port="))
-class Answer(http.server.BaseHTTPRequestHandler):
-    def do_GET(self):
-        self.send_response(200); self.end_headers()
-        self.wfile.write(json.dumps({"version": "0"}).encode())
-http.server.HTTPServer(("127.0.0.1", port), Answer).serve_forever()"""
-
-
-def test_the_server_leaves_no_process_behind(tmp_path):
-    with serving(tmp_path, [sys.executable, "-c", STAND_IN]) as server:
-        child = int(server.log.read_text().split()[1])
-        assert psutil.pid_exists(child)
-    assert server.process.returncode is not None
-    assert not psutil.pid_exists(child)
-
-
-def test_a_server_that_dies_or_hangs_says_so(tmp_path):
-    with pytest.raises(AssertionError, match=r"status 3\n(.*\n)*no such option"):
-        Server(tmp_path / "dies", [sys.executable, "-c", "print('no such option'); exit(3)"])
-    sleeper = [sys.executable, "-c", "print('thinking', flush=True); import time; time.sleep(99)"]
-    with pytest.raises(AssertionError, match=r"answers: not within 3.0 s\n(.*\n)*thinking"):
-        Server(tmp_path / "hangs", sleeper, patience=3.0)

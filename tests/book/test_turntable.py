@@ -89,16 +89,3 @@ def test_a_browser_without_webgl_says_so_and_stays_quiet(tab, table, tmp_path):
     tab.visit(tmp_path / "table.html")
     assert tab.console == []
     assert "no WebGL" in tab.evaluate("document.body.innerText")
-
-
-def test_the_built_chapter_holds_one(tab, html):
-    chapter = html / "notebooks" / "02_transhand_data.html"
-    if not chapter.exists():
-        pytest.skip("the book was built without chapter 2: run `make book`")
-    tab.visit(chapter)
-    tab.needs_webgl()
-    frames = "[...document.querySelectorAll('iframe')].filter(f => f.title === 'Hands on glass')"
-    if not tab.evaluate(f"{frames}.length"):
-        pytest.skip("chapter 2 was built before it had its turning hands: run `make book`")
-    tab.evaluate(f"{frames}[0].scrollIntoView()")
-    assert skin_pixels(tab.picture()).mean() > 0.02

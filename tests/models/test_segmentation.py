@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from hadr.models.blocks.resnet import ResNetUNet, UNetConfig, build_resnet
-from hadr.models.segmentation import RESNET_34, SegmentationConfig, SegmentationNet, predict_masks
+from hadr.models.segmentation import RESNET_34, SegmentationConfig, SegmentationNet, predict_logits
 
 SMALL = UNetConfig((1, 1, 1, 1), widths=(4, 4, 8, 8), decoder=(8, 8, 8, 8))
 
@@ -52,14 +52,14 @@ def test_masks_are_positive_logits_and_bad_colour_is_named() -> None:
     model = SegmentationNet(SegmentationConfig(SMALL)).eval()
     color = torch.rand(1, 3, 32, 64)
     with torch.no_grad():
-        assert torch.equal(predict_masks(model, color), model(color) > 0)
+        assert torch.equal(predict_logits(model, color), model(color))
     with pytest.raises(ValueError, match=r"color must be \(B, 3, H, W\), got \(3, 32, 64\)"):
-        predict_masks(model, color[0])
+        predict_logits(model, color[0])
     with pytest.raises(ValueError, match=r"color must be in 0\.\.1, got .* to 255"):
-        predict_masks(model, color.clone().fill_(255))
+        predict_logits(model, color.clone().fill_(255))
     color[0, 0, 0, 0] = float("nan")
     with pytest.raises(ValueError, match=r"color must be in 0\.\.1, got nan"):
-        predict_masks(model, color)
+        predict_logits(model, color)
 
 
 def test_wrong_configurations_are_named() -> None:

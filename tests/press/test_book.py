@@ -101,11 +101,6 @@ def test_staging_puts_notebooks_where_the_repository_has_them(small_book, tmp_pa
     parts = {part["caption"]: part["chapters"] for part in contents["parts"]}
     assert parts == {"A": [{"file": "notebooks/00_a"}], "C": [{"file": "more"}]}
     assert "{{REPOSITORY}}" in (pages / "index.md").read_text()
-
-
-def test_staging_again_leaves_nothing_of_the_last_time(small_book, tmp_path):
-    pages, runs = small_book
-    staged = book.stage_book(pages, runs, tmp_path / "staged")
     (staged / "notebooks" / "99_old.ipynb").write_text("{}")
     book.stage_book(pages, runs, tmp_path / "staged")
     assert not (staged / "notebooks" / "99_old.ipynb").exists()
@@ -193,9 +188,4 @@ def test_a_warning_stops_the_build_and_is_told(tmp_path, monkeypatch):
     (tmp_path / "jupyter_book.py").write_text("raise SystemExit('somebody else')")
     monkeypatch.chdir(tmp_path)
     with pytest.raises(RuntimeError, match=r"WARNING: undefined label: 'nowhere'"):
-        book.build_html(pages, tmp_path / "out")
-
-
-def test_the_readme_of_the_project_has_the_markers():
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    assert text.index(book.TABLE_BEGIN) < text.index(book.TABLE_END)
+        book.build_html(pages, tmp_path / "out", strict=True)

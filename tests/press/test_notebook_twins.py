@@ -74,11 +74,6 @@ def test_outputs_do_not_reach_the_text():
     assert "12345" not in text_from_notebook(json.dumps(notebook))
 
 
-def test_in_step_after_writing(folder):
-    assert twin_problems(folder) == []
-    assert main(["--notebooks", str(folder), "--check"]) == 0
-
-
 def test_writing_again_touches_nothing(folder):
     notebook = folder / "00_a.ipynb"
     before = notebook.stat().st_mtime_ns
@@ -93,14 +88,6 @@ def test_an_edited_notebook_is_noticed_and_can_be_taken_over(folder, capsys):
     assert "00_a: notebook and text differ" in capsys.readouterr().err
     assert main(["--notebooks", str(folder), "--from-notebooks"]) == 0
     assert "Better prose with" in (folder / "text" / "00_a.md").read_text()
-
-
-def test_outputs_in_a_notebook_are_noticed(folder):
-    path = folder / "00_a.ipynb"
-    notebook = json.loads(path.read_text())
-    notebook["cells"][1]["execution_count"] = 1
-    path.write_text(json.dumps(notebook, indent=1) + "\n")
-    assert len(twin_problems(folder)) == 1
 
 
 def test_lonely_files_are_noticed(folder):

@@ -168,7 +168,7 @@ def test_the_plan_is_printed_first_and_what_is_finished_is_not_repeated(
         ),
         (["tables"], ["unknown/raw/seed-0", "known/hadr-long/seed-0"], ["07_metrics", "handover/"]),
         (["chapters"], ["07_metrics"], ["known/", "handover/"]),
-        (["handover"], ["handover/raw", "1 of 1 attempts"], ["known/", "07_metrics"]),
+        (["handover"], ["handover/raw", " 1 attempt "], ["known/", "07_metrics"]),
         (["3", "raw"], ["03_ray", "known/raw", "unknown/raw"], ["07_metrics", "nearest"]),
     ],
 )

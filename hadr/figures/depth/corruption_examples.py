@@ -87,18 +87,7 @@ def write_examples(
 
 
 def read_examples(path: str | Path) -> dict[str, CorruptionExample]:
-    """Read what `write_examples` wrote.
-
-    Args:
-        path: The ``.npz`` file.
-
-    Returns:
-        Key to example.
-
-    Raises:
-        FileNotFoundError: One of the two files is missing.
-        ValueError: One of them was changed since.
-    """
+    """Read what `write_examples` wrote, by key; a changed file is refused."""
     source = Path(path)
     told = read_sealed(source.with_suffix(".json"))
     if hashlib.sha256(source.read_bytes()).hexdigest() != told["file_sha256"]:
@@ -127,16 +116,14 @@ def error_kinds(measured: Depth, truth: Depth) -> npt.NDArray[np.int64]:
     return np.where(valid_depth(truth), np.where(seen, kinds, 0), -1)
 
 
-def error_places(
-    truth: Depth, mask: BoolArray, *, band_px: int = 2, reach_m: float = 1.5
-) -> dict[str, BoolArray]:
-    """Each of `PLACES` to its pixels (H, W); beyond the reach, metres, only the glass counts."""
+def error_places(truth: Depth, mask: BoolArray) -> dict[str, BoolArray]:
+    """Each of `PLACES` to its pixels (H, W); beyond 1.5 m only the glass counts."""
     square = np.ones((3, 3), bool)
-    grown = ndimage.binary_dilation(mask, square, iterations=band_px)
-    shrunk = ndimage.binary_erosion(mask, square, iterations=band_px, border_value=1)
-    outline = (grown & ~shrunk) | depth_jumps(truth, width_px=band_px)
+    grown = ndimage.binary_dilation(mask, square, iterations=2)
+    shrunk = ndimage.binary_erosion(mask, square, iterations=2, border_value=1)
+    outline = (grown & ~shrunk) | depth_jumps(truth, width_px=2)
     inside = mask & ~outline
-    far = valid_depth(truth) & (truth >= reach_m)
+    far = valid_depth(truth) & (truth >= 1.5)
     rest = ~mask & ~outline & ~far
     return dict(zip(PLACES, (inside, outline & (mask | ~far), rest), strict=True))
 
@@ -144,9 +131,7 @@ def error_places(
 def kind_shares(kinds: npt.NDArray[np.int64], where: BoolArray) -> npt.NDArray[np.float64]:
     """Share (6,) of each of `KINDS` among the pixels ``where`` with a known truth; NaN without."""
     counts = np.bincount(kinds[where & (kinds >= 0)], minlength=len(KINDS))
-    with np.errstate(invalid="ignore"):
-        shares: npt.NDArray[np.float64] = counts / counts.sum()
-    return shares
+    return np.asarray(counts / (counts.sum() or np.nan))
 
 
 @dataclass(frozen=True)
@@ -169,15 +154,9 @@ class CorruptionStatistics:
 def corruption_statistics(
     corrupted: FloatArray, truth: FloatArray, mask: BoolArray
 ) -> CorruptionStatistics:
-    """Count what a corruption left of the depth inside a mask.
+    """Count what a corruption left of the depth (H, W), metres, inside a mask.
 
-    Args:
-        corrupted: Measured z-depth in metres, shape (H, W); 0 or NaN is missing.
-        truth: True z-depth in metres, shape (H, W); 0 or NaN is unknown and not counted.
-        mask: Pixels of the transparent object, shape (H, W) bool.
-
-    Returns:
-        The shares and the bias; NaN where nothing can be counted.
+    Missing or unknown depth is 0 or NaN; a number for which nothing can be counted is NaN.
     """
     known = mask & valid_depth(truth)
     measured, true = corrupted[known], truth[known]

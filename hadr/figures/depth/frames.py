@@ -25,12 +25,15 @@ from hadr.synthesis.generation.statistics import FrameStatistics
 
 Array = npt.NDArray[np.float64]
 
+TIGHT = {"w_pad": 0.015, "h_pad": 0.015, "hspace": 0.0, "wspace": 0.0}
+"""A constrained layout for sheets of pictures."""
+
 
 def contact_sheet(
     pictures: Sequence[npt.NDArray[np.uint8]],
     titles: Sequence[str] | None = None,
     *,
-    columns: int = 6,
+    columns: int,
     width: float = 9.0,
 ) -> Figure:
     """Lay pictures of one size out in a grid; an empty title leaves no word."""
@@ -47,10 +50,9 @@ def contact_sheet(
         rows,
         columns,
         figsize=(width, rows * (cell * high / wide + line)),
-        layout="constrained",
         squeeze=False,
     )
-    _tighten(fig)
+    fig.set_layout_engine("constrained", **TIGHT)
     for k, ax in enumerate(axes.flat):
         if k >= len(pictures):
             ax.set_axis_off()
@@ -61,23 +63,19 @@ def contact_sheet(
     return fig
 
 
-def _tighten(fig: Figure) -> None:
-    fig.set_layout_engine("constrained", w_pad=0.015, h_pad=0.015, hspace=0.0, wspace=0.0)
-
-
-def draw_labels(frame: Frame, normals: FloatArray, *, width: float = 9.0) -> Figure:
+def draw_labels(frame: Frame, normals: FloatArray) -> Figure:
     """Draw a frame with all its labels; it must have background and sensor depth. Nine pictures."""
     if frame.raw_depth is None or frame.background_depth is None:
         raise ValueError(f"frame {frame.stem} lacks raw depth or the depth without the glass")
     fig: Figure
-    fig, axes = plt.subplots(3, 3, figsize=(width, 0.68 * width), layout="constrained")
-    _tighten(fig)
+    fig, axes = plt.subplots(3, 3, figsize=(9, 6.12))
+    fig.set_layout_engine("constrained", **TIGHT)
     show_color(axes[0, 0], frame.color, "colour")
     show_color(axes[0, 1], frame.color, "21 keypoints")
     show_keypoints(axes[0, 1], frame.keypoints_uv, size=5)
     show_color(axes[0, 2], frame.color // 2, "object mask, hand mask")
-    show_mask(axes[0, 2], frame.object_mask, COLORS["glass"], alpha=0.8)
-    show_mask(axes[0, 2], frame.hand_mask, COLORS["hand"], alpha=0.7)
+    show_mask(axes[0, 2], frame.object_mask, COLORS["glass"], 0.8)
+    show_mask(axes[0, 2], frame.hand_mask, COLORS["hand"], 0.7)
     held = frame.depth[frame.object_mask | frame.hand_mask]
     limits = {"vmin": float(held.min()), "vmax": float(np.percentile(held, 99)) + 0.15}
     titles = ("true depth", "depth without the glass", "sensor depth (stereo)")
@@ -113,29 +111,31 @@ def normals_from_depth(depth_points: FloatArray) -> Array:
     return np.pad(np.nan_to_num(n), ((0, 1), (0, 1), (0, 0)))
 
 
-def draw_statistics(statistics: FrameStatistics, *, width: float = 9.0) -> Figure:
+def draw_statistics(statistics: FrameStatistics) -> Figure:
     """Draw six histograms of a data set's frames."""
-    fig: Figure
-    fig, axes = plt.subplots(2, 3, figsize=(width, 0.56 * width), layout="constrained")
     s = statistics
-    _histogram(axes[0, 0], s.distance_m, "hand's distance (m)", COLORS["hand"])
-    _histogram(axes[0, 1], 100 * s.glass_share, "glass in the picture (%)", COLORS["glass"])
-    _histogram(axes[0, 2], 100 * s.visible_share, "of the glass is visible (%)", COLORS["glass"])
-    _histogram(
-        axes[1, 0], 100 * s.missing_share, "sensor depth missing on glass (%)", COLORS["raw"]
-    )
-    bias = 100 * s.bias_m
-    _histogram(axes[1, 1], bias, "sensor depth behind the glass (cm)", COLORS["raw"], upper=90)
-    errors = 1000 * s.hand_error_m
-    _histogram(axes[1, 2], errors, "sensor depth off on the hand (mm)", COLORS["hand"])
+    fig: Figure
+    fig, axes = plt.subplots(2, 3, figsize=(9, 5.04))
+    for ax, values, label, color, upper in zip(
+        axes.flat,
+        (s.distance_m, 100 * s.glass_share, 100 * s.visible_share,
+         100 * s.missing_share, 100 * s.bias_m, 1000 * s.hand_error_m),
+        ("hand's distance (m)", "glass in the picture (%)", "of the glass is visible (%)",
+         "sensor depth missing on glass (%)", "sensor depth behind the glass (cm)",
+         "sensor depth off on the hand (mm)"),
+        ("hand", "glass", "glass", "raw", "raw", "hand"),
+        (97, 97, 97, 97, 90, 97),
+        strict=True,
+    ):  # fmt: skip
+        ax.set_xlabel(label)
+        _histogram(ax, values, COLORS[color], upper)
     for ax in axes[:, 0]:
         ax.set_ylabel("frames")
     return fig
 
 
-def _histogram(ax: Axes, values: Array, label: str, color: str, *, upper: float = 97) -> None:
+def _histogram(ax: Axes, values: Array, color: str, upper: float) -> None:
     known = values[np.isfinite(values)]
-    ax.set_xlabel(label)
     if known.size == 0:
         ax.text(0.5, 0.5, "not stored", transform=ax.transAxes, ha="center")
         return
@@ -147,9 +147,7 @@ def _histogram(ax: Axes, values: Array, label: str, color: str, *, upper: float 
     ax.text(middle, 1.0, f" {middle:.3g}", transform=ax.get_xaxis_transform(), va="top", fontsize=9)
 
 
-def draw_angles(
-    angles: FloatArray, limits: FloatArray, names: Sequence[str], *, width: float = 9.0
-) -> Figure:
+def draw_angles(angles: FloatArray, limits: FloatArray, names: Sequence[str]) -> Figure:
     """Draw joint angles (N, A) over their limits (A, 2), both in radians, a named row an angle."""
     count = len(names)
     if angles.ndim != 2 or angles.shape[1] != count or limits.shape != (count, 2):
@@ -157,7 +155,7 @@ def draw_angles(
             f"angles {angles.shape}, limits {limits.shape} and {count} names don't belong together"
         )
     fig: Figure
-    fig, ax = plt.subplots(figsize=(width, 0.21 * count + 0.7), layout="constrained")
+    fig, ax = plt.subplots(figsize=(9, 0.21 * count + 0.7))
     rows = np.arange(count)
     low, high = np.rad2deg(limits).T
     ax.barh(rows, high - low, left=low, height=0.78, color="#e3e3e3", label="allowed")

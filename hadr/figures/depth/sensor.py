@@ -16,7 +16,7 @@ from hadr.camera import window_around
 from hadr.corruption import see_through
 from hadr.data.frame import Frame
 from hadr.figures.depth.corruption_examples import corruption_statistics
-from hadr.figures.panels import COLORS, show_color, show_depth, show_error
+from hadr.figures.panels import COLORS, bare_axes, show_color, show_depth, show_error
 from hadr.figures.tables.results import markdown
 
 #: What is compared: key in the results, title, factor, unit.
@@ -33,17 +33,11 @@ _COLUMNS = {
 }
 
 
-def draw_sensor_comparison(
-    columns: Mapping[str, Mapping[str, Any]], *, width: float = 9.0
-) -> Figure:
+def draw_sensor_comparison(columns: Mapping[str, Mapping[str, Any]]) -> Figure:
     """Draw the errors of ``results/sensor/comparison.json``, a point a frame, bars at medians."""
     groups = [name for name in _COLUMNS if name in columns]
-    if not groups:
-        raise ValueError(f"need one of {', '.join(_COLUMNS)}, got {', '.join(columns) or 'none'}")
     fig: Figure
-    fig, axes = plt.subplots(
-        1, len(SENSOR_ROWS), figsize=(width, 0.34 * width), layout="constrained"
-    )
+    fig, axes = plt.subplots(1, len(SENSOR_ROWS), figsize=(9, 3.06))
     for ax, (key, title, factor, unit) in zip(axes, SENSOR_ROWS, strict=True):
         for place, name in enumerate(groups):
             _, color, marker = _COLUMNS[name]
@@ -80,33 +74,17 @@ def sensor_table(columns: Mapping[str, Mapping[str, Any]]) -> str:
     ]
     lines = []
     for key, title, factor, unit in SENSOR_ROWS:
-        cells = []
-        for name in groups:
-            values = factor * _values(columns[name]["each"], key)
-            text = "-"
-            if len(values):
-                text = f"{np.median(values):.1f} ({values.min():.1f} to {values.max():.1f})"
-            cells.append(text)
+        found = (factor * _values(columns[name]["each"], key) for name in groups)
+        cells = (f"{np.median(v):.1f} ({v.min():.1f} to {v.max():.1f})" if v.size else "-"
+                 for v in found)  # fmt: skip
         lines.append([f"{title}, {unit}", *cells])
     return markdown(pd.DataFrame(lines, columns=["", *heads]))
 
 
-def show_infrared(ax: Axes, picture: npt.NDArray[np.uint8], title: str) -> None:
-    """Show an infrared picture, shape (H, W) uint8, in its own grey."""
-    ax.imshow(
-        picture, cmap="gray", vmin=0, vmax=min(255.0, float(np.percentile(picture, 99.7)) + 1)
-    )
-    ax.set(title=title, xticks=[], yticks=[])
-    ax.spines[:].set_visible(False)
-
-
-def see_through_picture(frame: Frame, missing: float, background: float, seed: int = 0) -> Figure:
+def see_through_picture(frame: Frame, missing: float, background: float, seed: int) -> Figure:
     """Draw a glass whose depth is partly missing and of the rest partly the background's; 0..1."""
     if frame.background_depth is None:
         raise ValueError(f"frame {frame.stem} lacks the depth without the glass")
-    for name, share in (("missing", missing), ("background", background)):
-        if not 0 <= share <= 1:
-            raise ValueError(f"{name} must be a share in 0..1, got {share}")
     truth, mask = frame.depth, frame.object_mask
     seen = see_through(
         truth,
@@ -158,8 +136,8 @@ def draw_stereo_camera(ax: Axes, glass: bool, title: str) -> None:
         _draw_ghost(ax)
     ax.annotate("", (-0.18, -0.2), (0.18, -0.2), arrowprops={"arrowstyle": "<->", "lw": 1})
     ax.text(0, -0.22, "baseline b", ha="center", va="top")
-    ax.set(xlim=(-0.8, 0.8), ylim=(-0.32, 1.1), title=title, xticks=[], yticks=[], aspect="equal")
-    ax.spines[:].set_visible(False)
+    ax.set(xlim=(-0.8, 0.8), ylim=(-0.32, 1.1), aspect="equal")
+    bare_axes(ax, title)
 
 
 def _ray(x: float, bend: float) -> npt.NDArray[np.float64]:

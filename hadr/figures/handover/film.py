@@ -7,7 +7,6 @@ from collections.abc import Sequence
 
 import matplotlib.pyplot as plt
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -19,6 +18,8 @@ from hadr.simulation.film.world_view import FilmSet
 from hadr.simulation.world.scenes import HeldScene
 from hadr.simulation.world.state import WorldState
 
+_LARGEST_FORCE = 20.0  # newtons on the hand, at which the robot stops
+
 
 def strip_view(width: int = 420, height: int = 300) -> View:
     """The film's view for stills: less wide, so that hand and gripper are larger."""
@@ -29,11 +30,11 @@ def film_strip(
     states: Sequence[WorldState],
     times: Sequence[float],
     scene: HeldScene,
-    transitions: Sequence[Transition] = (),
+    transitions: Sequence[Transition],
     *,
+    columns: int,
     names: Sequence[str] = (),
     view: View | None = None,
-    columns: int = 4,
     width: float = 10.0,
 ) -> tuple[Figure, str]:
     """Draw stills of one run with time and stage below.
@@ -43,26 +44,16 @@ def film_strip(
         times: Seconds, one a still.
         scene: Hand and object.
         transitions: Changes of stage, oldest first.
+        columns: Stills side by side.
         names: What happens in each still; the stage's name where left out.
         view: From where; `strip_view` where left out.
-        columns: Stills side by side.
-        width: Width of the figure, inches.
+        width: Of the figure, inches.
 
     Returns:
         The figure, and a text that says the same to who cannot see it.
-
-    Raises:
-        ValueError: No state or time, or another number of names than of times.
     """
-    if not states or not len(times):
-        raise ValueError(
-            f"a strip needs states and times, got {len(states)} states and {len(times)} times"
-        )
-    if names and len(names) != len(times):
-        raise ValueError(f"{len(times)} times, but {len(names)} names")
     drawn = FilmSet(scene, view or strip_view())
     rows_px, columns_px = drawn.view.camera.shape
-    columns = min(columns, len(times))
     rows = -(-len(times) // columns)
     height = rows * (width / columns * rows_px / columns_px + (0.50 if names else 0.34))
     fig: Figure = plt.figure(figsize=(width, height))
@@ -88,40 +79,24 @@ def film_strip(
     return fig, alt
 
 
-def show_run(
-    states: Sequence[WorldState],
-    transitions: Sequence[Transition] = (),
-    *,
-    to_target: npt.ArrayLike | None = None,
-    largest_force: float = 20.0,
-    width: float = 9.0,
-) -> Figure:
-    """Draw one run over time: distances, opening of the gripper, force on the hand."""
-    if not states:
-        raise ValueError("a timeline needs at least one state, got none")
+def show_run(states: Sequence[WorldState], transitions: Sequence[Transition]) -> Figure:
+    """Draw one run over time: distance, opening of the gripper, force on the hand."""
     time = np.array([state.time for state in states])
     distance = 100 * np.array([state.hand_distance for state in states])
     opening = 1000 * np.array([state.gripper_width for state in states])
     force = np.array([state.hand_force for state in states])
     fig: Figure
-    fig, axes = plt.subplots(
-        3, 1, figsize=(width, 4.6), sharex=True, height_ratios=(1.7, 1, 1), squeeze=True
-    )
+    fig, axes = plt.subplots(3, 1, figsize=(9, 4.6), sharex=True, height_ratios=(1.7, 1, 1))
     top, middle, low = axes
-    if to_target is not None:
-        target = 100 * np.asarray(to_target, dtype=float)
-        if target.shape != time.shape:
-            raise ValueError(f"{len(time)} states, but to_target has shape {target.shape}")
-        top.plot(time, target, color=COLORS["robot"], label="tool to target")
     top.plot(time, distance, color=COLORS["hand"], ls="--", label="robot to hand")
     top.set(ylabel="distance (cm)", ylim=(0, None))
     top.legend(loc="upper right")
     middle.plot(time, opening, color=COLORS["hadr"])
     middle.set(ylabel="opening (mm)", ylim=(0, 90))
     low.plot(time, force, color=COLORS["hand"])
-    low.axhline(largest_force, color=COLORS["truth"], lw=1, ls=":")
-    low.text(time[0], largest_force, f" limit {largest_force:g} N", va="top", ha="left", fontsize=9)
-    low.set(ylabel="force (N)", ylim=(0, 1.15 * max(largest_force, float(force.max()))))
+    low.axhline(_LARGEST_FORCE, color=COLORS["truth"], lw=1, ls=":")
+    low.text(time[0], _LARGEST_FORCE, f" limit {_LARGEST_FORCE:g} N", va="top", fontsize=9)
+    low.set(ylabel="force (N)", ylim=(0, 1.15 * max(_LARGEST_FORCE, float(force.max()))))
     taken = np.array([state.holder == "gripper" for state in states])
     if taken.any():
         first = int(np.argmax(taken))
@@ -129,7 +104,7 @@ def show_run(
         for ax in axes:
             ax.axvline(time[first], color=COLORS["truth"], lw=1, ls=":")
         low.annotate(
-            "the hand lets go", (time[first], largest_force / 2), xytext=(-5 if left else 5, 0),
+            "the hand lets go", (time[first], _LARGEST_FORCE / 2), xytext=(-5 if left else 5, 0),
             textcoords="offset points", ha="right" if left else "left", va="center", fontsize=9,
         )  # fmt: skip
     low.set_xlabel("time (s)")

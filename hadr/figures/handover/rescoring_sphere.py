@@ -22,6 +22,7 @@ from scipy.ndimage import distance_transform_edt
 from scipy.spatial.transform import Rotation
 
 from hadr.figures.handover.scene import bare_axes_3d, show_glass, show_grippers, show_hand
+from hadr.figures.method.hands import upright_view
 from hadr.figures.panels import COLORS
 from hadr.handover.dimensions import FINGER_LENGTH, STEM_LENGTH
 from hadr.handover.grasping.collision import fork
@@ -38,26 +39,25 @@ from hadr.simulation.world.scenes import HeldScene
 Array = npt.NDArray[np.float64]
 Score = Callable[[Array], Array]
 
-SCORE_MAP = "viridis"
 VIEW = (12.0, -52.0)
 """Elevation and azimuth in degrees from which human, down and up can all be seen."""
 _REACH = 1.72  # half the side of the picture; the sphere's radius is 1
 _GROWN = 4.2  # how many times larger the gripper is drawn, where the radius stands for a metre
 
 
-def favourite(score: Score, rings: int = 180) -> Array:
+def favourite(score: Score) -> Array:
     """The direction of approach with the highest score, to about a degree, shape (3,)."""
-    latitude = np.linspace(-np.pi / 2, np.pi / 2, rings + 1)
-    lat, lon = np.meshgrid(latitude, np.linspace(-np.pi, np.pi, 2 * rings + 1), indexing="ij")
+    latitude = np.linspace(-np.pi / 2, np.pi / 2, 181)
+    lat, lon = np.meshgrid(latitude, np.linspace(-np.pi, np.pi, 361), indexing="ij")
     every = np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)], axis=-1)
     every = every.reshape(-1, 3)
     best: Array = every[int(np.argmax(score(every)))]
     return best
 
 
-def score_colors(limit: float, bands: int = 12) -> tuple[Colormap, BoundaryNorm]:
+def score_colors(limit: float) -> tuple[Colormap, BoundaryNorm]:
     """Colour map and bands from minus to plus a limit; lightness alone tells them apart."""
-    return mpl.colormaps[SCORE_MAP], BoundaryNorm(np.linspace(-limit, limit, bands + 1), 256)
+    return mpl.colormaps["viridis"], BoundaryNorm(np.linspace(-limit, limit, 13), 256)
 
 
 def show_score_sphere(
@@ -72,7 +72,7 @@ def show_score_sphere(
     pixels: int = 360,
 ) -> Array:
     """Draw a score of unit directions (n, 3), base frame, as a sphere; gives the favourite (3,)."""
-    screen = screen_from_base(*view)
+    screen = upright_view(view[1], view[0])
     star = favourite(score) if best is None else np.asarray(best, dtype=np.float64)
     ax.imshow(
         _painted(score, screen, limit, pixels), extent=(-1, 1, -1, 1), interpolation="bilinear"
@@ -90,15 +90,6 @@ def show_score_sphere(
     ax.set(xlim=(-_REACH, _REACH), ylim=(-_REACH, _REACH), aspect="equal")
     ax.set_axis_off()
     return star
-
-
-def screen_from_base(elevation_deg: float, azimuth_deg: float) -> Array:
-    """Rotation (3, 3) whose rows are a far viewer's right, up, and the direction to himself."""
-    elevation, azimuth = np.radians(elevation_deg), np.radians(azimuth_deg)
-    right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
-    toward = np.array([np.cos(azimuth), np.sin(azimuth), 0.0]) * np.cos(elevation)
-    toward[2] = np.sin(elevation)
-    return np.stack([right, np.cross(toward, right), toward])
 
 
 def _painted(score: Score, screen: Array, limit: float, pixels: int) -> Array:
@@ -125,20 +116,16 @@ def _show_arrow(
     head = {"arrowstyle": "-|>", "color": color, "lw": lw, "shrinkA": 0, "shrinkB": 0}
     edge = [withStroke(linewidth=3, foreground="white")]
     arrow = ax.annotate(
-        "", _point(length * along), _point(along), arrowprops=head, zorder=-1 if behind else 5
+        "", tuple(length * along[:2]), tuple(along[:2]), arrowprops=head, zorder=-1 if behind else 5
     )
     if arrow.arrow_patch is not None:
         arrow.arrow_patch.set(path_effects=[withStroke(linewidth=lw + 2, foreground="white")])
-    x, y = _point((length + 0.06) * along)
+    x, y = (length + 0.06) * along[:2]
     sideways = "left" if along[0] > 0.25 else "right" if along[0] < -0.25 else "center"
     upright = "center" if sideways != "center" else "top" if along[1] < 0 else "bottom"
     ax.text(
         x, y, name, color=color, ha=sideways, va=upright, fontsize=10, path_effects=edge, zorder=6
     )
-
-
-def _point(along: Array) -> tuple[float, float]:
-    return float(along[0]), float(along[1])
 
 
 def _show_standing_gripper(ax: Axes, along: Array) -> None:
@@ -170,15 +157,9 @@ def draw_regions(
         inside = region == index
         ax.contour(along, along, inside, levels=[0.5], colors="white", linewidths=1.2)
         if inside.mean() > 0.005:
-            row, column = _deepest(inside)
+            deep = distance_transform_edt(np.pad(inside, 1))[1:-1, 1:-1]  # away from the border
+            row, column = np.unravel_index(int(deep.argmax()), inside.shape)
             ax.text(along[column], along[row], name, ha="center", va="center", fontsize=10)
-
-
-def _deepest(inside: npt.NDArray[np.bool_]) -> tuple[int, int]:
-    """The cell of a region that lies farthest from its border."""
-    padded = distance_transform_edt(np.pad(inside, 1))[1:-1, 1:-1]
-    row, column = np.unravel_index(int(padded.argmax()), inside.shape)
-    return int(row), int(column)
 
 
 def score_bar(
@@ -201,13 +182,11 @@ def score_bar(
     return found
 
 
-def show_choice(
-    ax: Any, scene: HeldScene, grasps: Grasps, scores: npt.ArrayLike, *, others: int = 14
-) -> int:
-    """Draw a hand with its glass, some candidates shaded by their score, and the winner."""
+def show_choice(ax: Any, scene: HeldScene, grasps: Grasps, scores: npt.ArrayLike) -> None:
+    """Draw a hand with its glass, 14 candidates shaded by their score, and the winner."""
     value = np.asarray(scores, dtype=np.float64)
     best = int(value.argmax())
-    some = np.random.default_rng(4).permutation(len(value))[:others]
+    some = np.random.default_rng(4).permutation(len(value))[:14]
     shade = mpl.colormaps["Greys"](0.15 + 0.5 * (value - value.min()) / (np.ptp(value) or 1.0))
     show_hand(ax, scene.keypoints)
     show_glass(ax, scene.item, scene.base_from_object)
@@ -218,7 +197,6 @@ def show_choice(
     middle = scene.base_from_object[:3, 3] + [0, 0, 0.13]
     bare_axes_3d(ax, middle - 0.19, middle + 0.19, zoom=1.55)
     ax.view_init(12, -100)
-    return best
 
 
 def candidate_choice(
@@ -233,9 +211,9 @@ def candidate_choice(
     """Draw a sphere of one form of the score, and the grasp that this form chooses.
 
     Args:
-        scene: Hand and glass, base frame.
-        grasps: Candidates, base frame.
-        directions: To the human and down, base frame.
+        scene: Hand and glass, base frame, as all the rest.
+        grasps: Candidates.
+        directions: To the human and down.
         weights: Of the three terms.
         tilt_deg: None draws the intended form. A number draws the printed formula, with the
             rotation written in a frame that is the base frame turned by so many degrees about its

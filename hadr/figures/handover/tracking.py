@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,19 +18,10 @@ from hadr.synthesis.glass.shape import GlassObject
 
 Array = npt.NDArray[np.float64]
 
-VIEW = (12.0, -100.0)
-"""Elevation and azimuth of the viewer, degrees: from the camera's side, the human on the right."""
-
 
 @dataclass(frozen=True)
 class Carried:
-    """One way to carry a grasp along.
-
-    Args:
-        name: How it is called in the legend.
-        color: Its colour.
-        poses: The gripper at each moment, base_from_tool, shape (t, 4, 4), metres.
-    """
+    """One way to carry a grasp along: base_from_tool at each moment, shape (t, 4, 4), metres."""
 
     name: str
     color: str
@@ -55,16 +46,6 @@ class HandFilm:
     base_from_glass: Array
     true_poses: Array
 
-    def __post_init__(self) -> None:
-        t = len(self.times)
-        for name, shape in (
-            ("keypoints", (t, 21, 3)),
-            ("base_from_glass", (t, 4, 4)),
-            ("true_poses", (t, 4, 4)),
-        ):
-            if getattr(self, name).shape != shape:
-                raise ValueError(f"{name} must have shape {shape}, got {getattr(self, name).shape}")
-
     def off_mm(self, poses: Array) -> Array:
         """How far carried grippers are from where they belong, shape (t,), millimetres."""
         off: Array = 1000 * np.linalg.norm(poses[:, :3, 3] - self.true_poses[:, :3, 3], axis=1)
@@ -72,37 +53,29 @@ class HandFilm:
 
 
 def moment_picture(
-    film: HandFilm,
-    carried: Sequence[Carried],
-    at: int,
-    *,
-    limit_mm: float,
-    width: float = 0.075,
-    notes: Mapping[str, Array] | None = None,
+    film: HandFilm, carried: Sequence[Carried], at: int, *, limit_mm: float
 ) -> Figure:
     """One picture of a film: the scene on the left, how far off the grasps are on the right."""
     fig: Figure = plt.figure(figsize=(7.4, 3.6), layout="none")
     scene = fig.add_axes((-0.03, -0.04, 0.56, 1.06), projection="3d")
-    show_moment(scene, film, carried, at, width=width)
+    _show_moment(scene, film, carried, at)
     chart = fig.add_axes((0.60, 0.16, 0.38, 0.60))
-    show_errors(chart, film, carried, limit_mm=limit_mm, at=at, notes=notes or {})
+    show_errors(chart, film, carried, limit_mm=limit_mm, at=at)
     return fig
 
 
-def show_moment(
-    ax: Any, film: HandFilm, carried: Sequence[Carried], at: int, *, width: float = 0.075
-) -> None:
+def _show_moment(ax: Any, film: HandFilm, carried: Sequence[Carried], at: int) -> None:
     """Draw the scene at one moment, with the way that each gripper has come so far."""
     show_hand(ax, film.keypoints[at])
     show_glass(ax, film.glass, film.base_from_glass[at])
     for one in carried:
         ax.plot(*one.poses[: at + 1, :3, 3].T, color=one.color, lw=1.4, alpha=0.55)
         shown = forward_of(one.poses[at], -0.02)
-        show_grippers(ax, [shown], [width], [one.color], lw=4)
+        show_grippers(ax, [shown], [0.075], [one.color], lw=4)
     middle = (film.keypoints.min(axis=(0, 1)) + film.keypoints.max(axis=(0, 1))) / 2
     middle += np.array([-0.03, 0.0, 0.03])
     bare_axes_3d(ax, middle - 0.18, middle + 0.18, zoom=1.5)
-    ax.view_init(*VIEW)
+    ax.view_init(12, -100)  # from the camera's side, the human on the right
 
 
 def show_errors(
@@ -112,7 +85,6 @@ def show_errors(
     *,
     limit_mm: float,
     at: int | None = None,
-    notes: Mapping[str, Array] | None = None,
 ) -> None:
     """Draw how far off each gripper is over time; what is still to come stays pale."""
     reached = len(film.times) - 1 if at is None else at
@@ -122,8 +94,6 @@ def show_errors(
         ax.plot(film.times[: reached + 1], off[: reached + 1], color=one.color, label=one.name)
         if off[reached] <= limit_mm:
             ax.plot(film.times[reached], off[reached], "o", color=one.color, clip_on=False, ms=5)
-    for name, values in (notes or {}).items():
-        ax.plot(film.times, values, color="black", lw=1.0, ls="--", label=name)
     ax.set(xlim=(film.times[0], film.times[-1]), ylim=(0, limit_mm))
     ax.set(xlabel="time (s)", ylabel="grasp off (mm)")
     ax.legend(loc="lower left", bbox_to_anchor=(-0.02, 1.0), borderaxespad=0.2, fontsize=9)

@@ -27,15 +27,10 @@ def both_averages(
 
 
 def averages_picture(
-    sizes: Sequence[int],
-    errors_m: Sequence[float],
-    size: int,
-    error: int,
-    *,
-    good: tuple[int, int, float] = (9, 400, 0.01),
+    sizes: Sequence[int], errors_m: Sequence[float], size: int, error: int
 ) -> Figure:
     """Draw good frames and a bad one of sizes[size] pixels and errors_m[error], both averages."""
-    count, pixels, small = good
+    count, pixels, small = 9, 400, 0.01  # of the good frames; metres
     rows = [
         both_averages([pixels] * count + [n], [small] * count + [errors_m[error]]) for n in sizes
     ]

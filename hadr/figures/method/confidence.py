@@ -10,10 +10,9 @@ from matplotlib.axes import Axes
 from matplotlib.image import AxesImage
 
 from hadr.camera import BoolArray, FloatArray
-from hadr.figures.panels import COLORS
+from hadr.figures.panels import COLORS, bare_axes
 from hadr.figures.rows import Dots, draw_dot_rows
 
-CONFIDENCE_MAP = "cividis"
 _SENSOR = {"raw": "sensor depth"}  # what a camera measured; a result file calls it raw
 
 
@@ -22,8 +21,7 @@ def draw_reliability(
     said: Sequence[float | None],
     true: Sequence[float | None],
     count: Sequence[int],
-    *,
-    tolerance_m: float = 0.02,
+    tolerance_m: float,
 ) -> None:
     """Draw the share of right pixels over each bin's mean confidence; a dot's size is its count."""
     number = np.asarray(count, dtype=float)
@@ -82,21 +80,14 @@ def show_confidence(
     ax: Axes,
     confidence: FloatArray,
     restored: BoolArray,
-    title: str | None = None,
-    *,
-    limits: tuple[float, float] = (0.0, 1.0),
+    title: str,
+    limits: tuple[float, float],
 ) -> AxesImage:
     """Show the confidence of the restored pixels; the others stay white."""
-    low, high = limits
-    image = ax.imshow(
-        np.ma.masked_where(~restored, confidence), cmap=CONFIDENCE_MAP, vmin=low, vmax=high
-    )
-    ax.set(xticks=[], yticks=[])
-    ax.spines[:].set_visible(False)
-    if title is not None:
-        ax.set_title(title)
-    bar = ax.figure.colorbar(image, ax=ax, shrink=0.75, pad=0.02)
-    bar.set_label("confidence")
+    shown = np.ma.masked_where(~restored, confidence)
+    image = ax.imshow(shown, cmap="cividis", vmin=limits[0], vmax=limits[1])
+    bare_axes(ax, title)
+    ax.figure.colorbar(image, ax=ax, shrink=0.75, pad=0.02, label="confidence")
     return image
 
 

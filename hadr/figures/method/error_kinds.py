@@ -18,12 +18,11 @@ from matplotlib.ticker import MaxNLocator
 from hadr.camera import BoolArray, valid_depth, window_around
 from hadr.figures.depth.corruption_examples import (
     KINDS,
-    PLACES,
     error_kinds,
     error_places,
     kind_shares,
 )
-from hadr.figures.panels import COLORS, ERROR_MAP, show_depth
+from hadr.figures.panels import COLORS, ERROR_MAP, bare_axes, show_depth
 from hadr.figures.rows import draw_bar_rows
 from hadr.records.caches import read_only
 
@@ -88,12 +87,11 @@ class Source:
 
 def error_kinds_picture(sources: Sequence[Source], place: str) -> Figure:
     """Draw sources side by side: what was measured, the errors' kinds at a place, their shares."""
-    if place not in PLACES:
-        raise ValueError(f"place must be one of {', '.join(PLACES)}, got {place!r}")
     figure: Figure = plt.figure(figsize=(8, 5.5), layout="none")  # all alike, and drawn faster
     figure.subplots_adjust(0.072, 0.085, 0.895, 0.945, 0.06, 0.16)
     axes = figure.subplots(3, len(sources), squeeze=False, height_ratios=(1, 1, 0.8))
-    near, far = _depth_range(sources)
+    around = np.concatenate([s.truth[window_around(s.mask, 22)].ravel() for s in sources])
+    near, far = np.percentile(around[valid_depth(around)], (1, 95))  # one scale for all
     image = None
     for column, source in zip(axes.T, sources, strict=True):
         column[0].set_title(source.title)
@@ -123,20 +121,9 @@ def error_kinds_picture(sources: Sequence[Source], place: str) -> Figure:
     return figure
 
 
-def _depth_range(sources: Sequence[Source]) -> tuple[float, float]:
-    """The scale that all columns share: that of the true depth around the glasses."""
-    seen = []
-    for source in sources:
-        values = source.truth[window_around(source.mask, 22)]
-        seen.append(values[valid_depth(values)])
-    low, high = np.percentile(np.concatenate(seen), (1, 95))
-    return float(low), float(high)
-
-
 def _say(column: Sequence[Axes], note: str) -> None:
     for ax in column:
-        ax.set(xticks=[], yticks=[])
-        ax.spines[:].set_visible(False)
+        bare_axes(ax)
     column[1].text(
         0.5, 0.5, note, ha="center", va="center", transform=column[1].transAxes, color="#505050"
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -40,11 +40,9 @@ def show_cells(ax: Axes, picture: npt.NDArray[Any], stride: int) -> None:
     ax.hlines(y, -0.5, width - 0.5, color="white", lw=0.5)
 
 
-def show_box(
-    ax: Axes, picture: npt.NDArray[Any], row: int, column: int, *, aligned: bool, box: int = 8
-) -> None:
+def show_box(ax: Axes, picture: npt.NDArray[Any], row: int, column: int, *, aligned: bool) -> None:
     """Show the box of one ray, enlarged: its 2x2 bins and ROI align's samples, one per pixel."""
-    half = box // 2
+    box, half = 8, 4
     shift = 0.5 if aligned else 0.0  # from the box's coordinates to pixel centres at integers
     show_color(ax, picture)
     for left in (column - half, column):
@@ -61,11 +59,6 @@ def show_box(
 
 def box_picture(picture: npt.NDArray[Any], row: int, column: int) -> Figure:
     """Draw one ray's box of 8x8 pixels: in the picture, enlarged with samples, its bins' means."""
-    height, width = picture.shape[:2]
-    if not (4 <= row <= height - 4 and 4 <= column <= width - 4):
-        raise ValueError(
-            f"the box of pixel ({column}, {row}) leaves the picture of {width} x {height}"
-        )
     figure: Figure = plt.figure(figsize=(9, 2.9), layout="none")  # all alike, and drawn faster
     figure.subplots_adjust(0.01, 0.02, 0.99, 0.89, 0.06, 0.0)
     axes = figure.subplots(1, 3, width_ratios=(1.75, 1, 1))
@@ -114,21 +107,6 @@ def influence_figure(maps: Mapping[str, FloatArray], outline: BoolArray) -> Figu
         ax.contour(outline, levels=[0.5], colors=[COLORS["glass"]], linewidths=1)
         ax.set(title=title, xticks=[], yticks=[])
     fig.colorbar(image, ax=axes[0].tolist(), label="influence (log10)", shrink=0.9)
-    return fig
-
-
-def encoding_figure(
-    code: npt.ArrayLike, names: Sequence[str], lowest: float, highest: float
-) -> Figure:
-    """Draw the encoding (N, C) of evenly spaced coordinates, metres, as C named rows of heat."""
-    rows = np.asarray(code).T
-    extent = (lowest, highest, len(rows) - 0.5, -0.5)
-    fig: Figure
-    fig, ax = plt.subplots(figsize=(8.4, 4.2))
-    image = ax.imshow(rows, aspect="auto", cmap="RdBu_r", vmin=-1, vmax=1, extent=extent)
-    ax.set_yticks(range(len(rows)), names, fontsize=9)
-    ax.set_xlabel("coordinate z (m)")
-    fig.colorbar(image, ax=ax)
     return fig
 
 

@@ -74,7 +74,7 @@ def draw_wrist_frame(
     rotation: Array,
     names: str,
     screen_from_frame: Array,
-    title: str | None = None,
+    title: str,
 ) -> None:
     """Draw some axes of the wrist frame over the hand; with z among them, the palm's triangle."""
     points = check_keypoints(keypoints)
@@ -85,7 +85,7 @@ def draw_wrist_frame(
         triangle = on_screen(corners, screen_from_frame)
         ax.fill(*triangle.T, color=COLORS["highlight"], alpha=0.6, zorder=2)
     for name in names:
-        show_axis(ax, name, np.zeros(3), rotation[:, "xyz".index(name)], screen_from_frame)
+        show_axis(ax, name, rotation[:, "xyz".index(name)], screen_from_frame)
     frame_hand_axes(ax, title)
 
 

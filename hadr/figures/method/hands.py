@@ -28,6 +28,14 @@ def orbit_view(azimuth_deg: float, elevation_deg: float) -> Array:
     return np.asarray(turn.as_matrix(), dtype=float)
 
 
+def upright_view(azimuth_deg: float, elevation_deg: float) -> Array:
+    """Look at a frame whose z points up, as `mpl_toolkits` has it: azimuth about z from x."""
+    a, e = np.deg2rad([azimuth_deg, elevation_deg])
+    toward = np.array([np.cos(a) * np.cos(e), np.sin(a) * np.cos(e), np.sin(e)])
+    right = np.array([-np.sin(a), np.cos(a), 0.0])
+    return np.stack([right, np.cross(toward, right), toward])
+
+
 def on_screen(points: npt.ArrayLike, screen_from_frame: Array) -> Array:
     """Project points in metres, shape (..., 3), to the screen's centimetres, shape (..., 2)."""
     projected: Array = 100.0 * np.asarray(points, dtype=float) @ screen_from_frame[:2].T
@@ -43,15 +51,9 @@ def show_bones(
     alpha: float = 1.0,
     joints: bool = True,
 ) -> None:
-    """Draw the 21 keypoints and their bones, one colour a finger, far bones first.
+    """Draw the bones between keypoints (21, 3), metres, one colour a finger, far ones first.
 
-    Args:
-        ax: Ordinary 2D axes.
-        keypoints: Metres, in the view's frame, shape (21, 3).
-        screen_from_frame: The view.
-        lw: Width of a bone, points.
-        alpha: Opacity of the bones.
-        joints: Whether the keypoints are marked.
+    ``joints`` says whether the keypoints are marked, too.
     """
     points = check_keypoints(keypoints)
     flat, height = on_screen(points, screen_from_frame), points @ screen_from_frame[2]
@@ -63,48 +65,20 @@ def show_bones(
         ax.plot(*flat[[parent, child]].T, color="white", lw=lw + 1.6, alpha=alpha, **line)
         ax.plot(*flat[[parent, child]].T, color=color, lw=lw, alpha=alpha, **line)
     if joints:
-        ax.scatter(
-            flat[:, 0],
-            flat[:, 1],
-            s=5 * lw,
-            c="white",
-            edgecolors="black",
-            linewidths=0.7,
-            zorder=4,
-            alpha=alpha,
-        )
+        ax.scatter(flat[:, 0], flat[:, 1], s=5 * lw, c="white", edgecolors="black", linewidths=0.7,
+                   zorder=4, alpha=alpha)  # fmt: skip
 
 
-def show_axis(
-    ax: Axes,
-    name: str,
-    origin: npt.ArrayLike,
-    direction: npt.ArrayLike,
-    screen_from_frame: Array,
-    *,
-    length_m: float = 0.06,
-) -> None:
-    """Draw the axis x, y or z as a named arrow from an origin along a unit vector, both (3,)."""
-    start, step = np.asarray(origin, dtype=float), np.asarray(direction, dtype=float)
-    ends = on_screen(
-        [start, start + length_m * step, start + 1.22 * length_m * step], screen_from_frame
-    )
+def show_axis(ax: Axes, name: str, direction: Array, screen_from_frame: Array) -> None:
+    """Draw the axis x, y or z as a named arrow of 6 cm from the origin along a unit vector (3,)."""
+    ends = on_screen(np.outer([0.0, 0.06, 1.22 * 0.06], direction), screen_from_frame)
     color = AXIS_COLORS[name]
     arrow = {"arrowstyle": "-|>", "lw": 2.6, "color": color, "shrinkA": 0, "shrinkB": 0}
     ax.annotate("", ends[1], ends[0], arrowprops=arrow, annotation_clip=False, zorder=6)
     ax.update_datalim(ends)
     ax.autoscale_view()
-    ax.text(
-        ends[2, 0],
-        ends[2, 1],
-        name,
-        color=color,
-        weight="bold",
-        size=13,
-        ha="center",
-        va="center",
-        zorder=6,
-    )
+    x, y = ends[2]
+    ax.text(x, y, name, color=color, weight="bold", size=13, ha="center", va="center", zorder=6)
 
 
 def frame_hand_axes(ax: Axes, title: str | None = None) -> None:

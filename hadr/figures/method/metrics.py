@@ -18,55 +18,43 @@ from hadr.figures.rows import Dots, draw_bar_rows, draw_dot_rows, name_rows
 from hadr.metrics import DepthMetrics
 
 _THRESHOLD_COLORS = {1.05: COLORS["hadr"], 1.10: COLORS["robot"], 1.25: COLORS["baseline"]}
-_LOG_TICKS_CM = (1, 3, 10, 30, 100)
 
 
 def draw_scored_errors(
     axes: Sequence[Axes],
     errors: Mapping[str, FloatArray],
     scores: Mapping[str, DepthMetrics],
-    *,
-    limit: float = 0.03,
 ) -> None:
     """Draw error maps (H, W) side by side with RMSE and MAE below each, and one colour bar."""
     for ax, (name, error) in zip(axes, errors.items(), strict=True):
-        image = show_error(ax, error, limit=limit, colorbar=False)
+        image = show_error(ax, error, limit=0.03, colorbar=False)
         ax.set_title(name, fontsize=9.5)
         text = f"RMSE {scores[name].rmse_m * 100:.1f} cm\nMAE {scores[name].mae_m * 100:.1f} cm"
         ax.set_xlabel(text, fontsize=9.5)
-    _error_bar(axes, image, shrink=0.7, pad=0.01)
+    axes[0].figure.colorbar(image, ax=list(axes), shrink=0.7, pad=0.01, extend="both",
+                            label="error (cm)")  # fmt: skip
 
 
 def draw_error_rows(
     axes: npt.NDArray[Any],
     colors: Sequence[npt.NDArray[np.uint8]],
     errors: Sequence[Mapping[str, FloatArray]],
-    *,
-    limit: float = 0.1,
 ) -> None:
     """Draw a row a frame, its colour image and each method's error map: (frames, 1 + methods)."""
     for row, color, maps in zip(axes, colors, errors, strict=True):
         show_color(row[0], color)
         for ax, error in zip(row[1:], maps.values(), strict=True):
-            image = show_error(ax, error, limit=limit, colorbar=False)
+            image = show_error(ax, error, limit=0.1, colorbar=False)
     for ax, title in zip(axes[0], ("colour", *errors[0]), strict=True):
         ax.set_title(title)
-    _error_bar(axes[:, -1], image, shrink=0.8, pad=0.05)
+    axes[0, 0].figure.colorbar(image, ax=list(axes[:, -1]), shrink=0.8, pad=0.05, extend="both",
+                               label="error (cm)")  # fmt: skip
 
 
-def _error_bar(
-    axes: Sequence[Axes] | npt.NDArray[Any], image: Any, *, shrink: float, pad: float
-) -> None:
-    bar = axes[0].figure.colorbar(image, ax=list(axes), shrink=shrink, pad=pad, extend="both")
-    bar.set_label("error (cm)")
-
-
-def wide_window(mask: BoolArray, margin: float = 1.7) -> tuple[slice, slice]:
-    """Rows and columns of a window of three to two, ``margin`` times a mask's bounding box."""
-    if not mask.any():
-        raise ValueError(f"the mask is empty: none of its {mask.size} pixels is set")
+def wide_window(mask: BoolArray) -> tuple[slice, slice]:
+    """Rows and columns of a window of three to two, 1.7 times a mask's bounding box."""
     (top, left), (bottom, right) = np.argwhere(mask).min(axis=0), np.argwhere(mask).max(axis=0)
-    half = margin * max(bottom - top, (right - left) / 1.5) / 2
+    half = 1.7 * max(bottom - top, (right - left) / 1.5) / 2
     row, column = (top + bottom) / 2, (left + right) / 2
     return (
         slice(max(int(row - half), 0), int(row + half)),
@@ -79,8 +67,6 @@ def draw_tolerances(
     distance_m: npt.NDArray[np.float64],
     bands_m: Mapping[float, tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]],
     marks: Mapping[float, str],
-    *,
-    gripper_m: float = 0.01,
 ) -> None:
     """Draw the errors, front and behind, that each threshold lets pass over the distance."""
     left, right = distance_m[0], distance_m[-1]
@@ -90,8 +76,8 @@ def draw_tolerances(
         ax.plot(distance_m, behind * 100, distance_m, front * 100, color=color)
         style: dict[str, Any] = {"color": color, "va": "center", "weight": "bold"}
         ax.text(right + 0.01, behind[-1] * 100, f"δ{threshold:.2f}", **style)
-    ax.axhspan(-gripper_m * 100, gripper_m * 100, color="black", alpha=0.55, lw=0)
-    ax.text(right + 0.01, 0, f"±{gripper_m * 100:.0f} cm", va="center", weight="bold")
+    ax.axhspan(-1, 1, color="black", alpha=0.55, lw=0)  # what a gripper allows
+    ax.text(right + 0.01, 0, "±1 cm", va="center", weight="bold")
     for mark, name in marks.items():
         ax.axvline(mark, color="black", lw=0.8, ls=":")
         ax.text(mark + 0.01, 27, name, size=9.5)
@@ -117,7 +103,9 @@ def draw_frame_dots(
             x = rows[name].mae_m * 100
             ax.plot([x, x], [y - 0.3, y + 0.3], label=label if y == 0 else None, **bar)
     name_rows(ax, list(frames))
-    _logarithmic_centimetres(ax, "MAE (cm), one dot per frame")
+    ax.set(xscale="log", xlabel="MAE (cm), one dot per frame")
+    ax.set_xticks([1, 3, 10, 30, 100], ["1", "3", "10", "30", "100"])
+    ax.minorticks_off()
     ax.legend(loc="lower right")
 
 
@@ -158,22 +146,12 @@ def draw_intervals(
     intervals: Mapping[str, tuple[float, float]],
     colors: Mapping[str, str],
     xlabel: str,
-    *,
-    hollow: Container[str] = (),
+    hollow: Container[str],
 ) -> None:
     """Draw named intervals as bars below each other; colours are names of `panels.COLORS`."""
     low, high = np.array(list(intervals.values())).T
     edges = [COLORS[colors[name]] for name in intervals]
-    fills = [
-        "white" if name in hollow else edge for name, edge in zip(intervals, edges, strict=True)
-    ]
+    fills = ["white" if name in hollow else COLORS[colors[name]] for name in intervals]
     rows = list(intervals)
     draw_bar_rows(ax, rows, {"": high - low}, [fills], edges=edges, left=low, height=0.5)
-    ax.set_xlabel(xlabel)
-
-
-def _logarithmic_centimetres(ax: Axes, xlabel: str) -> None:
-    ax.set_xscale("log")
-    ax.set_xticks(_LOG_TICKS_CM, [str(tick) for tick in _LOG_TICKS_CM])
-    ax.minorticks_off()
     ax.set_xlabel(xlabel)

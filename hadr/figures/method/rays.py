@@ -18,6 +18,7 @@ from matplotlib.patches import Rectangle
 
 from hadr.camera import BoolArray
 from hadr.figures.panels import COLORS, show_color
+from hadr.figures.rows import name_rows
 from hadr.ray_voxels import OccupiedVoxels, RayVoxelPairs
 
 
@@ -37,14 +38,14 @@ def draw_walk(
 
     Args:
         ax: 2D axes.
-        direction: Unit direction of the ray, camera frame, shape (3,).
+        direction: Unit vector, camera frame, shape (3,).
         cells: Centres of the candidate voxels in metres, camera frame, shape (K, 3).
-        t_in: Entering distances, metres along the ray, shape (K,).
-        t_out: Leaving distances, metres along the ray, shape (K,).
+        t_in: Where the ray enters them, metres along it, shape (K,).
+        t_out: Where it leaves them, shape (K,).
         size: Side of a voxel in metres.
-        reached: How far the walk has come, metres along the ray; the candidate in which it is
-            then gets a stronger colour. None = the whole ray.
-        truth: Distance of the true surface, metres along the ray, or None.
+        reached: How far the walk has come; the candidate in which it is gets a stronger colour.
+            None = the whole ray.
+        truth: Distance of the true surface, if it is drawn.
         numbers: Whether to write the distances beside the crossings.
     """
     d = np.asarray(direction, dtype=float)
@@ -52,8 +53,8 @@ def draw_walk(
     far = float(ends.max()) + 0.12
     for k, center in enumerate(centers):
         here = reached is not None and starts[k] <= reached < ends[k]
-        corner = (center[2] - size / 2, center[0] - size / 2)
-        ax.add_patch(_square(corner, size, COLORS["voxel"], 0.55 if here else 0.16))
+        corner, fill = center[[2, 0]] - size / 2, to_rgba(COLORS["voxel"], 0.55 if here else 0.16)
+        ax.add_patch(Rectangle(corner, size, size, fc=fill, ec=COLORS["voxel"], lw=1.2))
     ax.plot([0, far * d[2]], [0, far * d[0]], color=COLORS["raw"], lw=1, ls=(0, (4, 3)))
     stop = far if reached is None else reached
     ax.plot([0, stop * d[2]], [0, stop * d[0]], color=COLORS["ray"], lw=2.2)
@@ -66,24 +67,13 @@ def draw_walk(
             at = np.array([t * d[2], t * d[0]])
             ax.plot(*at, "o", ms=6, mfc=face, mec=COLORS["ray"], mew=1.4, zorder=4)
             if numbers:
-                ax.annotate(
-                    f"{t:.3f}",
-                    at,
-                    at + sign * side * 0.055,
-                    ha="center",
-                    va="center",
-                    fontsize=9,
-                    bbox={"fc": "white", "ec": "none", "alpha": 0.8, "pad": 0.6},
-                )
+                box = {"fc": "white", "ec": "none", "alpha": 0.8, "pad": 0.6}
+                ax.annotate(f"{t:.3f}", at, at + sign * side * 0.055, ha="center", va="center",
+                            fontsize=9, bbox=box)  # fmt: skip
     if truth is not None:
         ax.plot(truth * d[2], truth * d[0], "*", ms=14, color=COLORS["truth"], zorder=5)
     ax.set_aspect("equal", adjustable="datalim")
-    ax.set_xlabel("z (m)")
-    ax.set_ylabel("x (m)")
-
-
-def _square(corner: tuple[float, float], size: float, color: str, alpha: float) -> Any:
-    return Rectangle(corner, size, size, fc=to_rgba(color, alpha), ec=color, lw=1.2)
+    ax.set(xlabel="z (m)", ylabel="x (m)")
 
 
 def draw_missed(ax: Axes, center: npt.ArrayLike, size: float, text: str) -> None:
@@ -164,10 +154,9 @@ def show_labels(
     _zoom_to(ax, mask)
 
 
-def _zoom_to(ax: Axes, mask: BoolArray, margin: int = 15) -> None:
+def _zoom_to(ax: Axes, mask: BoolArray) -> None:
     rows, columns = np.nonzero(mask)
-    ax.set_xlim(columns.min() - margin, columns.max() + margin)
-    ax.set_ylim(rows.max() + margin, rows.min() - margin)
+    ax.set(xlim=(columns.min() - 15, columns.max() + 15), ylim=(rows.max() + 15, rows.min() - 15))
 
 
 def draw_strip(
@@ -188,7 +177,5 @@ def draw_strip(
             start, end = float(pairs.t_in[p]), float(pairs.t_out[p])
             ax.barh(row, end - start, left=start, height=0.82, color=shade, ec="white", lw=0.8)
         ax.plot(truth[ray], row, "*", color=COLORS["truth"], ms=9)
-    ax.set_ylim(len(chosen) - 0.4, -0.6)
-    ax.set_yticks(range(len(chosen)), [str(r) for r in chosen])
-    ax.set_ylabel("ray")
-    ax.set_xlabel("distance along the ray (m)")
+    name_rows(ax, [str(ray) for ray in chosen])
+    ax.set(xlabel="distance along the ray (m)", ylabel="ray")

@@ -26,8 +26,6 @@ def epoch_picture(
     stages: Mapping[str, FloatArray], frames: FrameTensors, shown: Sequence[int], stage: int
 ) -> Figure:
     """Draw one stage: restored depth of three frames, the glasses from above, all distances."""
-    if not 0 <= stage < len(stages):
-        raise ValueError(f"there are stages 0 to {len(stages) - 1}, got {stage}")
     name, depth = list(stages.items())[stage]
     figure: Figure = plt.figure(figsize=(9, 4.0))
     names = [[*(f"image {k}" for k in range(3)), "all"], [*(f"above {k}" for k in range(3)), "all"]]

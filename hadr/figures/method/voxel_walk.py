@@ -26,11 +26,11 @@ class VoxelWalk:
     """All cells of the grid that one ray crosses, from near to far.
 
     Attributes:
-        direction: Unit direction of the ray, camera frame, shape (3,).
+        direction: Unit vector, camera frame, shape (3,).
         cells: Indices along x, y, z, shape (K, 3).
-        centers: Centres of the cells in metres, camera frame, shape (K, 3).
-        t_in: Entering distances, metres along the ray, shape (K,).
-        t_out: Leaving distances, metres along the ray, shape (K,).
+        centers: Their centres, camera frame, metres, shape (K, 3).
+        t_in: Where the ray enters them, metres along it, shape (K,).
+        t_out: Where it leaves them, shape (K,).
         candidate: For each cell its number among the ray's candidates, shape (K,); -1 = empty.
         size: Side of a cell in metres.
     """
@@ -56,8 +56,6 @@ class VoxelWalk:
 def voxel_walk(direction: Tensor, occupied: OccupiedVoxels, grid: VoxelGrid) -> VoxelWalk:
     """All cells on the way of a ray, a unit vector (3,), through the grid, empty ones too."""
     ray = direction.detach().double()
-    if ray.shape != (3,) or abs(float(ray.norm()) - 1) > 1e-4:
-        raise ValueError(f"direction must be one unit vector of shape (3,), got {direction}")
     all_cells = torch.cartesian_prod(*(torch.arange(n) for n in grid.shape))
     points = grid.center_of(all_cells, torch.float64)
     every = occupied_voxels(points, torch.zeros(len(points), dtype=torch.long), grid, n_frames=1)
@@ -75,15 +73,8 @@ def voxel_walk(direction: Tensor, occupied: OccupiedVoxels, grid: VoxelGrid) -> 
     )
 
 
-def walk_picture(
-    walk: VoxelWalk, probability: FloatArray, truth: float, place: int, *, surface: str = "surface"
-) -> Figure:
+def walk_picture(walk: VoxelWalk, probability: FloatArray, truth: float, place: int) -> Figure:
     """Draw one place of a walk: the ray from above, the cell's slabs, the candidates' shares."""
-    here = np.asarray(walk.candidate >= 0)
-    if not 0 <= place < len(walk):
-        raise ValueError(f"the walk has places 0 to {len(walk) - 1}, got {place}")
-    if not here.any() or len(probability) != here.sum():
-        raise ValueError(f"{here.sum()} candidates, but {len(probability)} probabilities")
     figure: Figure = plt.figure(figsize=(9, 3.9), layout="none")  # all alike, and drawn faster
     figure.subplots_adjust(0.085, 0.13, 0.885, 0.92, 0.32, 0.5)  # numbers stand at the right
     panels = [["above", "slabs"], ["beside", "shares"]]
@@ -101,7 +92,7 @@ def walk_picture(
     axes["shares"].set(xlabel="candidate", ylabel="share (%)", ylim=(0, 120), xticks=numbers)
     kind = f"candidate {mine + 1}" if mine >= 0 else "empty, so no candidate"
     if walk.cell_at(truth) == place:
-        kind += f"; the {surface} is in here"
+        kind += "; the glass is in here"
     cell = "({}, {}, {})".format(*walk.cells[place])
     axes["above"].set_title(f"cell {cell}: {kind}", loc="left")
     return figure

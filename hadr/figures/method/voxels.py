@@ -32,7 +32,7 @@ def upright(points: npt.ArrayLike) -> npt.NDArray[np.float64]:
     return np.stack((p[..., 0], p[..., 2], -p[..., 1]), axis=-1)
 
 
-def label_upright(ax: Any, low: npt.ArrayLike, high: npt.ArrayLike, *, zoom: float = 1.15) -> None:
+def label_upright(ax: Any, low: npt.ArrayLike, high: npt.ArrayLike, zoom: float) -> None:
     """Label 3D axes of points turned by :func:`upright`, from corner low to high, camera frame."""
     corners = upright(np.stack((np.asarray(low, dtype=float), np.asarray(high, dtype=float))))
     first, last = corners.min(axis=0), corners.max(axis=0)
@@ -53,7 +53,7 @@ def draw_cubes(
     size: float,
     color: str = COLORS["voxel"],
     *,
-    width: float = 0.8,
+    width: float = 1.2,
     alpha: float = 0.7,
 ) -> None:
     """Draw the edges of cubes around centres (V, 3), camera frame, in axes turned by `upright`."""
@@ -79,7 +79,7 @@ def voxel_figure(
     draw_cubes(ax, middle[strong], size, COLORS["hand"], width=1.3)
     _draw_camera(ax)
     low = np.minimum(cloud.min(axis=0) - 0.1, 0)
-    label_upright(ax, low, cloud.max(axis=0) + 0.1, zoom=1.15)
+    label_upright(ax, low, cloud.max(axis=0) + 0.1, 1.15)
     return fig
 
 
@@ -97,12 +97,12 @@ def ray_figure(
     ax = fig.add_subplot(projection="3d", elev=20, azim=-40)
     for name, points in clouds.items():
         ax.scatter(*upright(points)[::2].T, s=2, color=COLORS[name], alpha=0.6, label=name)
-    draw_cubes(ax, middle, size, width=1.2)
+    draw_cubes(ax, middle, size)
     ax.plot(*upright(np.outer([0, enters.max() + 1.4 * size], r)).T, color=COLORS["ray"], lw=1.5)
     ax.scatter(*upright(np.outer(enters, r)).T, s=26, color=COLORS["ray"], depthshade=False)
     _draw_camera(ax)
     low, high = middle.min(axis=0) - 0.6 * size, middle.max(axis=0) + 0.6 * size
-    label_upright(ax, np.minimum(low, 0), high, zoom=1.12)
+    label_upright(ax, np.minimum(low, 0), high, 1.12)
     ax.legend(loc="upper left", markerscale=4)
     return fig
 

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from hadr.camera import Intrinsics, project, transform_points
-from hadr.figures.panels import BONE_COLORS, COLORS
+from hadr.figures.panels import BONE_COLORS, COLORS, bare_axes
 from hadr.figures.solids.studio import StudioView, studio_picture, studio_view
 from hadr.figures.solids.turntable import HandOnGlass
 from hadr.hand import (
@@ -80,8 +80,6 @@ class Orbit:
 def orbit(scene: HandOnGlass, turns_deg: npt.ArrayLike, *, pixels: int = 224) -> Orbit:
     """Send a camera around a held glass, by turns (N,) in degrees, all equally far from it."""
     turns = np.asarray(turns_deg, dtype=float)
-    if turns.ndim != 1 or not len(turns):
-        raise ValueError(f"turns_deg must have shape (N,), N at least 1, got {turns.shape}")
     views = tuple(studio_view(scene, azimuth_deg=scene.azimuth_deg + turn) for turn in turns)
     poses = np.tile(np.eye(4), (len(turns), 1, 1))
     for pose, view in zip(poses, views, strict=True):
@@ -96,11 +94,11 @@ def orbit(scene: HandOnGlass, turns_deg: npt.ArrayLike, *, pixels: int = 224) ->
     return Orbit(scene, turns, views, camera, poses, keypoints)
 
 
-def point_on_glass(track: Orbit, *, height: float = 0.75) -> Array:
+def point_on_glass(track: Orbit) -> Array:
     """The upper glass's point (3,), object frame, that is nearest to the orbit's middle camera."""
     vertices = track.scene.glass.vertices
     low, high = vertices[:, 2].min(), vertices[:, 2].max()
-    upper = vertices[vertices[:, 2] >= low + height * (high - low)]
+    upper = vertices[vertices[:, 2] >= low + 0.75 * (high - low)]
     pose = track.camera_from_object[len(track.turns_deg) // 2]
     nearest: Array = upper[np.argmin(np.linalg.norm(transform_points(pose, upper), axis=1))]
     return nearest
@@ -151,12 +149,9 @@ def orbit_picture(
     features: Mapping[str, Array],
     point: npt.ArrayLike,
     place: int,
-    *,
-    start: int = 0,
+    start: int,
 ) -> Figure:
     """Draw one place of an orbit: what is seen there, the features, and how far they have moved."""
-    if not 0 <= place < len(track.turns_deg):
-        raise ValueError(f"the orbit has places 0 to {len(track.turns_deg) - 1}, got {place}")
     figure: Figure = plt.figure(figsize=(7.8, 4.9), layout="none")  # all alike, and drawn faster
     figure.subplots_adjust(0.005, 0.1, 0.99, 0.945, 0.36, 0.68)
     names = [[side, name] for side, name in zip("pppl", FEATURES, strict=True)]
@@ -187,9 +182,8 @@ def _draw_picture(
         ax.plot(*end, "o", ms=4.5, color=color, mec="white", mew=0.6)
     ax.plot(*at, "*", ms=15, color=COLORS["highlight"], mec="black", mew=0.9)
     width, height = track.camera.width, track.camera.height
-    ax.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), xticks=[], yticks=[])
-    ax.spines[:].set_visible(False)
-    ax.set_title(f"camera at {track.turns_deg[place]:.0f}°")
+    ax.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5))
+    bare_axes(ax, f"camera at {track.turns_deg[place]:.0f}°")
 
 
 def _draw_bars(ax: Axes, rows: Array, place: int, start: int) -> None:

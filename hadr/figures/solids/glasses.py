@@ -13,7 +13,7 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 
 from hadr.figures.depth.frames import contact_sheet
-from hadr.figures.panels import COLORS
+from hadr.figures.panels import COLORS, bare_axes
 from hadr.figures.solids.studio import PLAIN, studio_picture, studio_view
 from hadr.figures.solids.turntable import bare_glass, held_glass, solid_of
 from hadr.synthesis.glass.objects import bodies
@@ -45,19 +45,14 @@ def draw_objects(
     *,
     columns: int = 4,
     pixels: int = 260,
-    width: float = 9.0,
 ) -> Figure:
     """Draw objects at one scale, each beside its section."""
     rows = [items[k : k + columns] for k in range(0, len(items), columns)]
     tall = [100 * max(item.height for item in row) + 5.0 for row in rows]
-    cell = width / columns
+    height = sum(9.0 / columns * t / _CELL_CM for t in tall) + 0.3 * len(rows)
     fig: Figure
     fig, axes = plt.subplots(
-        len(rows),
-        columns,
-        figsize=(width, sum(cell * t / _CELL_CM for t in tall) + 0.3 * len(rows)),
-        height_ratios=tall,
-        squeeze=False,
+        len(rows), columns, figsize=(9.0, height), height_ratios=tall, squeeze=False
     )
     fig.set_layout_engine("constrained", w_pad=0.03, h_pad=0.03, hspace=0.0, wspace=0.0)
     for row, line, top in zip(rows, axes, tall, strict=True):
@@ -83,28 +78,23 @@ def _draw_object(ax: Axes, item: GlassObject, note: str, pixels: int) -> None:
     ax.imshow(picture[:, cut : pixels - cut], extent=extent, interpolation="bilinear")
     across = shown + 0.7 - low_x
     offset = np.array([across, 0.0])
-    closed = [offset + np.concatenate([p, p[:1]]) for p in outlines]
-    codes: list[int] = []
-    for outline in outlines:
-        codes += [int(Path.MOVETO), *[int(Path.LINETO)] * (len(outline) - 1), int(Path.CLOSEPOLY)]
-    section = Path(np.concatenate(closed), codes)
+    closed = [Path(offset + np.concatenate([p, p[:1]]), closed=True) for p in outlines]
+    section = Path.make_compound_path(*closed)
     ax.add_patch(PathPatch(section, fc=COLORS["glass"], ec=COLORS["hadr"], lw=0.7))
     ax.plot([across, across], [-0.6, 100 * item.height + 0.8], "-.", color="0.5", lw=0.7)
     ax.plot([across - 2.5, across + 2.5], [-1.5, -1.5], color="black", lw=1.5)
     ax.text(across, -1.8, "5 cm", ha="center", va="top", fontsize=7.5)
     middle = (across + high_x - shown) / 2
     ax.set(xlim=(middle - _CELL_CM / 2, middle + _CELL_CM / 2), aspect="equal")
-    ax.set(xticks=[], yticks=[], facecolor=(PLAIN, PLAIN, PLAIN))
-    ax.spines[:].set_visible(False)
-    ax.set_title(f"{item.object_id} {item.name}" + (f" ({note})" if note else ""), fontsize=9.5)
+    ax.set_facecolor((PLAIN, PLAIN, PLAIN))
+    bare_axes(ax, f"{item.object_id} {item.name}" + (f" ({note})" if note else ""))
+    ax.title.set_fontsize(9.5)
 
 
 def draw_hold_sheet(
-    holds: Sequence[Sequence[Hold]], titles: Sequence[str], *, pixels: int = 150, width: float = 9.0
+    holds: Sequence[Sequence[Hold]], titles: Sequence[str], *, pixels: int
 ) -> Figure:
     """Draw a sheet of holds, a titled row an object, a column a kind, from the thumb's side."""
-    if not holds or not holds[0] or len(titles) != len(holds):
-        raise ValueError(f"need rows of holds and a title each, got {len(holds)}, {len(titles)}")
     columns = max(len(row) for row in holds)
     blank = np.full((pixels, pixels, 3), 255, np.uint8)
     pictures, kinds = [], []
@@ -113,7 +103,7 @@ def draw_hold_sheet(
         pictures += [studio_picture(scene, pixels=pixels) for scene in scenes]
         pictures += [blank] * (columns - len(row))
         kinds += [*(hold.kind for hold in row), *[""] * (columns - len(row))]
-    fig = contact_sheet(pictures, kinds, columns=columns, width=width)
+    fig = contact_sheet(pictures, kinds, columns=columns)
     for title, ax in zip(titles, fig.axes[::columns], strict=True):
         ax.set_ylabel(title, fontsize=9)
     return fig

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from hadr.figures.panels import FINGER_COLORS
+from hadr.figures.panels import FINGER_COLORS, bare_axes
 from hadr.figures.solids.studio import StudioView, studio_picture, studio_view
 from hadr.figures.solids.turntable import HandOnGlass, bare_hand, held_glass
 from hadr.hand import (
@@ -46,27 +46,26 @@ _STYLES = {
 _MOMENT = "0.35"
 
 
-def open_hand(shape: HandShape | None = None) -> HandOnGlass:
+def open_hand() -> HandOnGlass:
     """An open hand with its fingers a little apart, so that names find room between them."""
-    shape = shape or HandShape()
     angles = np.zeros(20)
     for name, degrees in (("index", 7.0), ("ring", -5.0), ("little", -9.0)):
         angles[ANGLE_NAMES.index(f"{name}_mcp_spread")] = np.deg2rad(degrees)
-    return bare_hand(forward_kinematics(angles, shape), shape)
+    return bare_hand(forward_kinematics(angles), HandShape())
 
 
-def draw_named_skeleton(hand: HandOnGlass, *, pixels: int = 640, width: float = 9.0) -> Figure:
+def draw_named_skeleton(hand: HandOnGlass, *, pixels: int = 640) -> Figure:
     """Draw the 22 joints, counted from 1 as in the paper, and the 21 keypoints, from 0."""
     view = studio_view(hand, radius=0.121, center=(0.014, 0.0, 0.088))
     picture = 255 - (255 - studio_picture(hand, view, pixels=pixels, paper=False)) // 2
     at = view.pixels_of(hand.joints, pixels)
     fig: Figure
-    fig, axes = plt.subplots(1, 2, figsize=(width, 0.56 * width), layout="constrained")
+    fig, axes = plt.subplots(1, 2, figsize=(9, 5.04))
     titles = ("22 joints of the animated skeleton", "21 keypoints of a detector")
     for ax, title in zip(axes, titles, strict=True):
         ax.imshow(picture, interpolation="bilinear")
-        ax.set(title=title, xticks=[], yticks=[], xlim=(0.1 * pixels, pixels), ylim=(pixels, 0))
-        ax.spines[:].set_visible(False)
+        ax.set(xlim=(0.1 * pixels, pixels), ylim=(pixels, 0))
+        bare_axes(ax, title)
     _bones(axes[0], at, SKELETON_PARENTS)
     _bones(axes[1], at, _TO_WRIST, _PALM)
     for i, name in enumerate(SKELETON_NAMES):
@@ -83,12 +82,10 @@ def draw_named_skeleton(hand: HandOnGlass, *, pixels: int = 640, width: float = 
     return fig
 
 
-def draw_poses(
-    skeletons: Mapping[str, Skeleton], *, pixels: int = 280, width: float = 9.0
-) -> Figure:
+def draw_poses(skeletons: Mapping[str, Skeleton], *, pixels: int = 280) -> Figure:
     """Draw named right hands with their bones, into the palm above, from the thumb's side below."""
     fig: Figure
-    fig, axes = plt.subplots(2, len(skeletons), figsize=(width, 0.52 * width), squeeze=False)
+    fig, axes = plt.subplots(2, len(skeletons), figsize=(9, 4.68), squeeze=False)
     for (name, skeleton), column in zip(skeletons.items(), axes.T, strict=True):
         hand = bare_hand(skeleton, HandShape())
         for ax, azimuth in zip(column, (-65.0, 0.0), strict=True):
@@ -96,8 +93,7 @@ def draw_poses(
             picture = studio_picture(hand, view, pixels=pixels, paper=False)
             ax.imshow(255 - (255 - picture) // 4 * 3, interpolation="bilinear")
             _bones(ax, view.pixels_of(hand.joints, pixels), _TO_WRIST, _PALM)
-            ax.set(xticks=[], yticks=[])
-            ax.spines[:].set_visible(False)
+            bare_axes(ax)
         column[0].set_title(name)
     return fig
 
@@ -117,16 +113,9 @@ def _bones(ax: Axes, at: Array, parents: Sequence[int], left_out: int = -1) -> N
 
 def _joint(ax: Axes, at: Array, number: str, name: str, *, virtual: bool = False) -> None:
     color = "white" if virtual else _finger_color(name)
-    ax.scatter(
-        at[0],
-        at[1],
-        s=190,
-        c=color,
-        marker="D" if virtual else "o",
-        edgecolors="black" if virtual else "white",
-        linewidths=1.6 if virtual else 1.0,
-        zorder=4,
-    )
+    marker, edge, width = ("D", "black", 1.6) if virtual else ("o", "white", 1.0)
+    ax.scatter(at[0], at[1], s=190, c=color, marker=marker, edgecolors=edge, linewidths=width,
+               zorder=4)  # fmt: skip
     ink = "black" if virtual or name.startswith("index") else "white"
     ax.text(at[0], at[1], number, color=ink, ha="center", va="center_baseline", fontsize=7.5,
             weight="bold", zorder=5)  # fmt: skip
@@ -135,9 +124,7 @@ def _joint(ax: Axes, at: Array, number: str, name: str, *, virtual: bool = False
 def _name(ax: Axes, at: Array, name: str, pixels: int) -> None:
     label = {"wrist": "wrist", "palm": "palm: the virtual point"}.get(name)
     text = label or _SHORT[name.split("_")[1]]
-    side = -1 if name.startswith("thumb") else 1
-    if name == "palm":
-        side = -1
+    side = -1 if name.startswith(("thumb", "palm")) else 1
     drop = 0.022 * pixels if name.endswith("mcp") else 0.0
     place = at + np.array([side * 0.032 * pixels, drop])
     if name.startswith("thumb"):
@@ -147,12 +134,10 @@ def _name(ax: Axes, at: Array, name: str, pixels: int) -> None:
             zorder=6, bbox=box)  # fmt: skip
 
 
-def draw_angle_sheet(*, pixels: int = 190, width: float = 9.0) -> Figure:
+def draw_angle_sheet(*, pixels: int = 190) -> Figure:
     """Draw the real hand at both ends of each angle's range: the thumb's four, the index's four."""
     fig: Figure
-    fig, axes = plt.subplots(
-        3, len(SHOWN_ANGLES), figsize=(width, 0.44 * width), layout="constrained"
-    )
+    fig, axes = plt.subplots(3, len(SHOWN_ANGLES), figsize=(9, 3.96))
     fig.set_layout_engine("constrained", w_pad=0.01, h_pad=0.01, hspace=0.0, wspace=0.0)
     hands: dict[bytes, HandOnGlass] = {}
     for column, name in enumerate(SHOWN_ANGLES):
@@ -184,14 +169,14 @@ def _bent_hand(
     ax.imshow(studio_picture(hand, view, pixels=pixels, paper=False), interpolation="bilinear")
     chain = view.pixels_of(hand.joints[[i + 1 for i in FINGERS[finger]]], pixels)
     ax.plot(*chain.T, "o-", color=FINGER_COLORS[finger], lw=1.6, ms=2.8, mec="white", mew=0.4)
-    ax.set(xticks=[], yticks=[], xlim=(0, pixels), ylim=(pixels, 0))
-    ax.spines[:].set_visible(False)
+    ax.set(xlim=(0, pixels), ylim=(pixels, 0))
+    bare_axes(ax)
 
 
-def draw_recording(recording: Recording, *, pixels: int = 300, width: float = 9.0) -> Figure:
+def draw_recording(recording: Recording, *, pixels: int = 300) -> Figure:
     """Draw a recording: the hand at its beginning, middle and end over the curves of its angles."""
     rows = [0, len(recording.time) // 2, len(recording.time) - 1]
-    fig: Figure = plt.figure(figsize=(width, 0.69 * width), layout="constrained")
+    fig: Figure = plt.figure(figsize=(9, 6.21), layout="constrained")
     parts: Any = fig.subfigures(2, 1, height_ratios=(1.25, 1))
     above, below = parts
     view: StudioView | None = None
@@ -199,17 +184,14 @@ def draw_recording(recording: Recording, *, pixels: int = 300, width: float = 9.
         scene = held_glass(recording.at(row))
         view = view or studio_view(scene)
         ax.imshow(studio_picture(scene, view, pixels=pixels), interpolation="bilinear")
-        ax.set(title=f"{recording.time[row]:.2f} s", xticks=[], yticks=[])
-        ax.spines[:].set_visible(False)
+        bare_axes(ax, f"{recording.time[row]:.2f} s")
     panels = below.subplots(1, 5, sharey=True)
     for finger, ax in zip(FINGERS, panels, strict=True):
         _draw_finger(ax, recording, finger)
         for row in rows:
             ax.axvline(recording.time[row], color=_MOMENT, lw=0.8, ls=(0, (4, 4)), zorder=0)
     panels[0].set_ylabel("angle (degrees)")
-    handles = [
-        Line2D([], [], color="0.25", ls=style, label=name) for name, style in _STYLES.items()
-    ]
+    handles = [Line2D([], [], color="0.25", ls=ls, label=name) for name, ls in _STYLES.items()]
     below.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=8.5)
     return fig
 

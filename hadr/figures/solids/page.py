@@ -16,13 +16,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Page:
-    """A page that a notebook shows in a frame.
-
-    Args:
-        page: The whole HTML document.
-        title: What the frame is called for readers who cannot see it.
-        style: The frame's CSS.
-    """
+    """A whole HTML document that a notebook shows in a frame with a title and some CSS."""
 
     page: str = field(repr=False)
     title: str

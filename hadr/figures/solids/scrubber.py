@@ -28,9 +28,6 @@ class Slider:
         name: What it changes, with the unit.
         labels: The text of each of its places, at least two.
         start: Where it stands first.
-
-    Raises:
-        ValueError: Fewer than two places, or it starts outside of them.
     """
 
     name: str
@@ -54,7 +51,6 @@ def scrubber(
     title: str,
     alt: str,
     frames_per_second: float = 0.0,
-    quality: int = 70,
     box: BboxBase | None = None,
 ) -> Page:
     """Draw a picture for each place of the sliders and put all of them into one page.
@@ -66,14 +62,7 @@ def scrubber(
         title: What the frame is called.
         alt: What the pictures show, in words.
         frames_per_second: Above 0 a button plays the first slider at this rate.
-        quality: WebP's quality, 1 to 100.
         box: The part of each figure that is kept, inches; the whole one if left out.
-
-    Returns:
-        The page.
-
-    Raises:
-        ValueError: No slider, or the pictures differ in size.
     """
     if not sliders:
         raise ValueError("a scrubber needs at least one slider")
@@ -81,7 +70,7 @@ def scrubber(
     order: list[int] = []
     sizes: set[tuple[int, int]] = set()
     for places in itertools.product(*(range(len(slider.labels)) for slider in sliders)):
-        text, size = _encoded(draw(*places), quality, box)
+        text, size = _encoded(draw(*places), box)
         sizes.add(size)
         if len(sizes) > 1:
             raise ValueError(f"pictures of one scrubber must have one size, got {sorted(sizes)}")
@@ -108,12 +97,6 @@ def turning(figure: Figure, *, title: str, alt: str, turns: int = 12) -> Page:
         title: What the frame is called.
         alt: What the pictures show, in words.
         turns: How many views, evenly over the whole turn.
-
-    Returns:
-        The page.
-
-    Raises:
-        ValueError: The figure has no 3D axes, or fewer than two turns.
     """
     views = [(ax, ax.elev, ax.azim) for ax in figure.axes if isinstance(ax, Axes3D)]
     if not views:
@@ -132,28 +115,24 @@ def turning(figure: Figure, *, title: str, alt: str, turns: int = 12) -> Page:
 
     slider = Slider("turn (°)", tuple(f"{360 * place / turns:.0f}" for place in range(turns)))
     try:
-        seen = Bbox.union([_tight(turned(place)) for place in range(turns)]).padded(0.05)
+        boxes = []
+        for place in range(turns):
+            turned(place).draw_without_rendering()
+            boxes.append(figure.get_tightbbox())
+        seen = Bbox.union(boxes).padded(0.05)
         return scrubber(turned, [slider], title=title, alt=alt, frames_per_second=3, box=seen)
     finally:
         for ax, elevation, azimuth in views:
             ax.view_init(elevation, azimuth)
 
 
-def _tight(figure: Figure) -> BboxBase:
-    """The box around all that a figure shows, inches."""
-    figure.draw_without_rendering()
-    return figure.get_tightbbox()
-
-
-def _encoded(
-    figure: Figure, quality: int, box: BboxBase | None = None
-) -> tuple[str, tuple[int, int]]:
+def _encoded(figure: Figure, box: BboxBase | None) -> tuple[str, tuple[int, int]]:
     """A figure as base64 of a WebP picture, and its width and height in pixels; closes it."""
     drawn = io.BytesIO()
     figure.savefig(drawn, format="png", facecolor="white", bbox_inches=box)
     plt.close(figure)
     raw = np.frombuffer(drawn.getvalue(), np.uint8)
     pixels = np.asarray(cv2.imdecode(raw, cv2.IMREAD_COLOR))
-    _, small = cv2.imencode(".webp", pixels, [cv2.IMWRITE_WEBP_QUALITY, quality])
+    _, small = cv2.imencode(".webp", pixels, [cv2.IMWRITE_WEBP_QUALITY, 70])
     height, width = pixels.shape[:2]
     return base64.b64encode(small.tobytes()).decode(), (width, height)

@@ -11,6 +11,7 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from scipy.ndimage import map_coordinates
 
+from hadr.figures.method.hands import upright_view
 from hadr.figures.solids.turntable import HandOnGlass
 from hadr.synthesis.glass.surfaces import Surface
 
@@ -53,7 +54,6 @@ def studio_view(
     scene: HandOnGlass,
     *,
     azimuth_deg: float | None = None,
-    elevation_deg: float | None = None,
     center: npt.ArrayLike | None = None,
     radius: float | None = None,
 ) -> StudioView:
@@ -62,50 +62,28 @@ def studio_view(
     Args:
         scene: Hand and glass.
         azimuth_deg: Where the viewer stands, degrees about z from x.
-        elevation_deg: How far he is raised, degrees.
         center: Middle of the picture, metres; that of glass and joints where it is left out.
         radius: Metres around the middle; as far as glass and joints reach where left out.
-
-    Returns:
-        The view.
     """
-    a, e = np.deg2rad(
-        [
-            scene.azimuth_deg if azimuth_deg is None else azimuth_deg,
-            scene.elevation_deg if elevation_deg is None else elevation_deg,
-        ]
-    )
-    toward = np.array([np.cos(a) * np.cos(e), np.sin(a) * np.cos(e), np.sin(e)])
-    right = np.array([-np.sin(a), np.cos(a), 0.0])
+    turn = upright_view(scene.azimuth_deg if azimuth_deg is None else azimuth_deg,
+                        scene.elevation_deg)  # fmt: skip
     middle, reach = scene.sphere
     middle = middle if center is None else np.asarray(center, dtype=float)
     reach = reach if radius is None else radius
-    return StudioView(np.stack([right, np.cross(toward, right), toward]), middle, reach)
+    return StudioView(turn, middle, reach)
 
 
 def studio_picture(
     scene: HandOnGlass,
     view: StudioView | None = None,
     *,
-    pixels: int = 320,
+    pixels: int,
     paper: bool = True,
 ) -> npt.NDArray[np.uint8]:
-    """Draw hand and glass as the turntable shows them.
+    """Draw hand and glass, either perhaps without faces, as the turntable shows them.
 
-    Args:
-        scene: Hand and glass; either may have no faces.
-        view: From where; the scene's own view where it is left out.
-        pixels: Side of the square picture.
-        paper: Squared paper behind; else plain.
-
-    Returns:
-        sRGB, shape (pixels, pixels, 3).
-
-    Raises:
-        ValueError: The picture has fewer than 16 pixels a side.
+    Behind them is squared paper, or else a plain grey; sRGB, shape (pixels, pixels, 3).
     """
-    if pixels < 16:
-        raise ValueError(f"a picture needs at least 16 pixels a side, got {pixels}")
     view = view or studio_view(scene)
     side = 2 * pixels
     image = _paper(side) if paper else np.full((side, side, 3), PLAIN)

@@ -66,7 +66,7 @@ class HandOnGlass:
     joints: Array
     azimuth_deg: float
     elevation_deg: float = 14.0
-    fade: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+    fade: Array | tuple[float, ...] = (0.0, 0.0, 0.0, 1.0)
 
     @property
     def sphere(self) -> tuple[Array, float]:
@@ -78,22 +78,15 @@ class HandOnGlass:
 
 def simplified(surface: Surface, tolerance: float) -> Surface:
     """A closed surface of fewer triangles, each vertex moved at most by a tolerance in metres."""
-    if tolerance == 0:
-        return surface
-    solid = solid_of(surface)
-    if solid.is_empty():
+    if tolerance == 0 or (solid := solid_of(surface)).is_empty():
         return surface
     return _surface(solid.simplify(tolerance), surface)
 
 
 def solid_of(surface: Surface) -> Any:
     """A surface as manifold3d's body; an empty one where it isn't closed."""
-    return manifold3d.Manifold(
-        manifold3d.Mesh64(
-            np.array(surface.vertices, dtype=float),
-            np.array(surface.faces, dtype=np.uint64),
-        )
-    )
+    vertices, faces = np.array(surface.vertices, float), np.array(surface.faces, np.uint64)
+    return manifold3d.Manifold(manifold3d.Mesh64(vertices, faces))
 
 
 def _surface(solid: Any, like: Surface) -> Surface:
@@ -114,28 +107,21 @@ def _without_elbow(surface: Surface, length: float, *, closed: bool) -> Surface:
     return Surface(surface.vertices[used], faces.reshape(-1, 3), surface.normals[used])
 
 
-def bare_hand(
-    skeleton: Skeleton, shape: HandShape, *, tone: npt.ArrayLike = SKIN_TONES[1]
-) -> HandOnGlass:
+def bare_hand(skeleton: Skeleton, shape: HandShape) -> HandOnGlass:
     """A hand without a glass, fingers up: z is the wrist's y, the viewer sees the palm."""
-    hand, colors = _hand_shown(skeleton, shape, tone, 0.0003)
+    hand, colors = _hand_shown(skeleton, shape, 0.0003)
     note = f"{shape.side} hand"
     joints = skeleton.joints @ _UPRIGHT[:3, :3].T
     fade = _fade(shape, np.linalg.inv(_UPRIGHT))
-    return HandOnGlass(
-        note, note, _nothing(), hand.moved(_UPRIGHT), colors, joints, -90.0, 0.0, fade
-    )
+    shown = hand.moved(_UPRIGHT)
+    return HandOnGlass(note, note, _nothing(), shown, colors, joints, -90.0, 0.0, fade)
 
 
-def _fade(
-    shape: HandShape, wrist_from_object: npt.NDArray[Any]
-) -> tuple[float, float, float, float]:
+def _fade(shape: HandShape, wrist_from_object: npt.NDArray[Any]) -> Array:
     """The forearm fades out over its last third; the plane is given in the object's frame."""
     slope = 1.0 / (0.35 * FOREARM_SHOWN * shape.scale)
-    normal = slope * wrist_from_object[1, :3]
-    offset = 1.0 / 0.35 + slope * wrist_from_object[1, 3]
-    x, y, z = (float(v) for v in normal)
-    return x, y, z, float(offset)
+    fade: Array = slope * wrist_from_object[1] + [0.0, 0.0, 0.0, 1.0 / 0.35]
+    return fade
 
 
 def bare_glass(item: GlassObject) -> HandOnGlass:
@@ -151,14 +137,10 @@ def _nothing() -> Surface:
 
 
 def _hand_shown(
-    skeleton: Skeleton,
-    shape: HandShape,
-    tone: npt.ArrayLike,
-    tolerance: float,
-    step: float = MIDDLE_STEP,
+    skeleton: Skeleton, shape: HandShape, tolerance: float, step: float = MIDDLE_STEP
 ) -> tuple[Surface, npt.NDArray[np.uint8]]:
     """The hand without its elbow in the wrist frame, and sRGB per vertex."""
-    full = hand_mesh(skeleton, shape, tone=tone, step=step)
+    full = hand_mesh(skeleton, shape, tone=SKIN_TONES[1], step=step)
     length = FOREARM_SHOWN * shape.scale
     cut = _without_elbow(full.surface, length, closed=tolerance > 0)
     hand = simplified(cut, tolerance)
@@ -171,30 +153,18 @@ def _simple_glass(object_id: str, tolerance: float) -> Surface:
     return simplified(merged(bodies(glass_object(object_id))), tolerance)
 
 
-def held_glass(
-    hold: Hold,
-    *,
-    name: str | None = None,
-    tone: npt.ArrayLike = SKIN_TONES[1],
-    tolerance: float = 0.0003,
-    step: float = MIDDLE_STEP,
-) -> HandOnGlass:
-    """Build what the turntable shows of a hold.
+def held_glass(hold: Hold, *, tolerance: float = 0.0003, step: float = MIDDLE_STEP) -> HandOnGlass:
+    """Build what the turntable shows of a hold, in the object's frame.
 
     Args:
         hold: The pose.
-        name: What the reader chooses by; object and kind of hold where it is left out.
-        tone: Linear RGB reflectance of the skin.
         tolerance: How far triangles may stray from the exact surfaces, metres; 0 keeps all of
             the hand's and leaves the forearm's end open, which is quicker and larger.
         step: Coarsest distance of the hand's vertices, metres; larger is quicker.
-
-    Returns:
-        Hand and glass in the object's frame.
     """
     item = glass_object(hold.object_id)
     skeleton = forward_kinematics(hold.angles, hold.shape)
-    hand, colors = _hand_shown(skeleton, hold.shape, tone, tolerance, step)
+    hand, colors = _hand_shown(skeleton, hold.shape, tolerance, step)
     object_from_wrist = np.asarray(np.linalg.inv(hold.wrist_from_object), dtype=np.float64)
     thumb_side = object_from_wrist[:3, 0] * (1.0 if hold.shape.side == "right" else -1.0)
     palm_side = object_from_wrist[:3, 2]
@@ -203,7 +173,7 @@ def held_glass(
         looked_from = palm_side + 0.2 * thumb_side
     touching = ", ".join(part for part in hold.gaps if part in hold.touching)
     return HandOnGlass(
-        name or f"{item.name}: {hold.kind}",
+        f"{item.name}: {hold.kind}",
         f"{hold.shape.side} hand, on the glass: {touching}",
         _simple_glass(hold.object_id, tolerance / 3 or 0.0002),
         hand.moved(object_from_wrist),
@@ -220,22 +190,10 @@ def _srgb(linear: npt.ArrayLike) -> Array:
     return np.asarray(bent, dtype=float)
 
 
-def turntable(scenes: Sequence[HandOnGlass], *, height: int = 480) -> Page:
-    """Make the page that turns the holds.
-
-    Args:
-        scenes: At least one; the reader chooses among them by their names.
-        height: Height of the frame in a notebook, CSS pixels.
-
-    Returns:
-        The page.
-
-    Raises:
-        ValueError: There is no scene, or a surface has more vertices than 16 bits can number.
-    """
-    if not scenes:
-        raise ValueError("a turntable needs at least one hold")
+def turntable(scenes: Sequence[HandOnGlass]) -> Page:
+    """Make the page that turns the holds; the reader chooses among them by their names."""
     names: dict[str, str] = {}  # of arrays
+    inks = [to_rgb(FINGER_COLORS.get(name.split("_")[0], "#404040")) for name in SKELETON_NAMES]
     told = [
         {
             "name": scene.name,
@@ -256,15 +214,9 @@ def turntable(scenes: Sequence[HandOnGlass], *, height: int = 480) -> Page:
         "arrays": {name: text for text, name in names.items()},
         "parents": SKELETON_PARENTS,
         "jointNames": [name.replace("_", " ") for name in SKELETON_NAMES],
-        "jointColors": [_joint_color(name) for name in SKELETON_NAMES],
+        "jointColors": np.rint(255 * np.array(inks)).astype(int).tolist(),
     }
-    return filled_page("turntable.html", "Hands on glass", data, f"height:{height}px")
-
-
-def _joint_color(name: str) -> list[int]:
-    finger = name.split("_")[0]
-    color = to_rgb(FINGER_COLORS.get(finger, "#404040"))
-    return [round(255 * float(c)) for c in color]
+    return filled_page("turntable.html", "Hands on glass", data, "height:480px")
 
 
 def _mesh(

@@ -46,9 +46,7 @@ def _within_reach(row: Record) -> str:
 
 
 def _by_heart(counts: str, value: float) -> str:
-    if counts.endswith("_m"):
-        return f"{1000 * value:.1f} mm"
-    return f"{1 - value:.3f} IoU"
+    return f"{1000 * value:.1f} mm" if counts.endswith("_m") else f"{1 - value:.3f} IoU"
 
 
 def draw_ablation(ax: Axes, rows: Sequence[Record]) -> None:

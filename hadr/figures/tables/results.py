@@ -80,15 +80,9 @@ def difference_cell(pair: Mapping[str, Any] | None) -> str:
 
 
 def with_doubt(value_m: float, doubt_m: float, *, sign: str = "") -> str:
-    """Set a length with its standard error in centimetres, on two lines at most.
+    """Set a length with its standard error, metres, in centimetres; ``sign`` "+" shows its sign.
 
-    Args:
-        value_m: Metres.
-        doubt_m: Its standard error, metres.
-        sign: "+" where a positive value shows its sign.
-
-    Returns:
-        Both; a narrow column can break the line before "±" and nowhere else.
+    A narrow column can break the line before "±" and nowhere else.
     """
     return f"{100 * value_m:{sign}.2f} ±\N{NO-BREAK SPACE}{100 * doubt_m:.2f}"
 
@@ -109,17 +103,8 @@ def _in_rows(rows: Sequence[Row], split: str, part: str) -> tuple[list[str], Flo
 
 def results_table(rows: Sequence[Row], published: Mapping[str, Mapping[str, Any]]) -> str:
     """Set the rows of both splits side by side, the paper's HADR below."""
-    head = [
-        "method",
-        "known: RMSE",
-        "MAE",
-        "δ1.05",
-        "unknown: RMSE",
-        "MAE",
-        "δ1.05",
-        "weights",
-        "time",
-    ]
+    head = ["method", "known: RMSE", "MAE", "δ1.05", "unknown: RMSE", "MAE", "δ1.05", "weights",
+            "time"]  # fmt: skip
     lines = []
     found = {(row["split"], row["method"]): row for row in rows}
     for method, name in NAMES.items():
@@ -244,16 +229,11 @@ def draw_by_object(
     ]  # fmt: skip
     draw_dot_rows(ax, [f"{n} {names.get(n, '')}".strip() for n in objects], series)
     ax.set(xlabel=xlabel, title=f"{split} objects")
-    if part != "bias_m":
+    if part == "bias_m":
+        ax.axvline(0, color=COLORS["truth"], lw=0.8)
+    else:
         ax.set_xlim(0, None)
     ax.grid(axis="y", lw=0.5, alpha=0.5)
-
-
-def draw_bias(ax: Axes, rows: Sequence[Row], split: str, names: Mapping[str, str]) -> None:
-    """Draw for each method how far off each object is placed in the mean, with its sign."""
-    xlabel = "too near  ←  mean error (cm)  →  too far"
-    draw_by_object(ax, rows, split, names, "bias_m", xlabel)
-    ax.axvline(0, color=COLORS["truth"], lw=0.8)
 
 
 def draw_hole(ax: Axes, rows: Sequence[Row], split: str) -> None:

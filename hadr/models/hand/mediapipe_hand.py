@@ -4,9 +4,14 @@ The paper's authors found the regression from depth to suffer from occlusion and
 frames. Their robot takes the 21 landmarks that MediaPipe finds in the colour picture instead: each
 has a pixel and a depth relative to the wrist's, and the camera's depth at the wrist makes them 3D.
 
-MediaPipe is no part of this library: it is the extra "mediapipe", and its model is a file
-(`hand_landmarker.task`) that you fetch yourself and name. Only `MediaPipeHand` needs them; what
-follows on its result (`lift_landmarks`) does not.
+MediaPipe is no part of this library: it is the extra "mediapipe", and `hadr hand-model` makes its
+model's file. Only `MediaPipeHand` needs them; what follows on its result (`lift_landmarks`) does
+not.
+
+Of the two depths relative to the wrist's that MediaPipe gives, "image" and "world", the first is
+the nearer one: tried on 117 photographs of real hands, the mean error of a keypoint was 16.9 mm
+against 20.6 mm; on the bundled computed frames, of whose 480 hands it finds 394, the median frame's
+error is 4.7 cm against 5.6 cm (3.2 cm against 3.6 cm once the wrist is in its place).
 
 Source: paper, "Implementation" of the real-world experiments; MediaPipe, hand landmark detection:
 landmarks have x and y in 0..1 of the picture's width and height, and z relative to the wrist's in
@@ -24,11 +29,16 @@ from typing import Any, Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
+from scipy import ndimage
 
 from hadr.camera import BoolArray, FloatArray, Intrinsics
+from hadr.frame_io import quiet
 from hadr.hand import KEYPOINT_NAMES, lift_keypoints, wrist_depth_at
+from hadr.models.hand.plausible import NoHandError
 
-Relative = Literal["world", "image"]
+Relative = Literal["image", "world"]
+HANDS = 4
+"""At most so many hands are looked at: those of two people."""
 
 
 class Landmark(Protocol):
@@ -65,9 +75,10 @@ def lift_landmarks(
     camera: Intrinsics,
     hand_mask: BoolArray | None = None,
     *,
-    relative: Relative = "world",
+    beside: BoolArray | None = None,
+    relative: Relative = "image",
 ) -> npt.NDArray[np.float64]:
-    """Lift the landmarks of the first hand to 3D by the depth at its wrist.
+    """Lift the landmarks of a hand to 3D by the depth at its wrist.
 
     The camera measures the skin, one or two centimetres in front of the joint; as in the paper no
     correction is made, so all points lie that much too near.
@@ -77,16 +88,19 @@ def lift_landmarks(
         depth: z-depth in metres, registered to the colour, shape (H, W); 0 or NaN = missing.
         camera: Intrinsics of both images.
         hand_mask: Only depth of these pixels counts, shape (H, W); all where it is left out.
-        relative: Where each point's depth relative to the wrist's comes from: "world": its world
-            landmark, metres; "image": its landmark's z, which is in picture widths at the wrist's
-            depth.
+        beside: Pixels of what the hand holds, shape (H, W): of several hands the one whose
+            landmarks are the nearest to them is taken; the first one where it is left out.
+        relative: Where each point's depth relative to the wrist's comes from: "image": its
+            landmark's z, which is in picture widths at the wrist's depth; "world": its world
+            landmark, metres.
 
     Returns:
         Camera frame, metres, shape (21, 3).
 
     Raises:
-        ValueError: No hand was found; it has not 21 landmarks, or one is not finite; the wrist
-            lies outside of the picture or has no depth; or an image is of another size.
+        NoHandError: No hand was found, its wrist lies outside of the picture or has no depth, or
+            a keypoint would lie behind the camera.
+        ValueError: It has not 21 landmarks, or one is not finite; or an image is of another size.
     """
     if depth.shape != camera.shape:
         raise ValueError(f"depth must be {camera.shape} as the intrinsics, got {depth.shape}")
@@ -95,27 +109,32 @@ def lift_landmarks(
     if relative not in ("world", "image"):
         raise ValueError(f"relative must be 'world' or 'image', got {relative!r}")
     if not result.hand_landmarks:
-        raise ValueError("MediaPipe found no hand in the picture, so there are no keypoints")
-    picture = _coordinates(result.hand_landmarks[0], "landmarks")  # (21, 3)
+        raise NoHandError("MediaPipe sees none in the picture")
+    hands = [_coordinates(hand, "landmarks") for hand in result.hand_landmarks]  # (21, 3) each
     size = np.array([camera.width, camera.height])
-    uv = picture[:, :2] * size - 0.5  # from the picture's edges to pixel centres
+    pixels = [hand[:, :2] * size - 0.5 for hand in hands]  # from the edges to pixel centres
+    chosen = 0 if beside is None else _nearest(pixels, beside)
+    picture, uv = hands[chosen], pixels[chosen]
     u, v = uv[0]
     if not (-0.5 <= u < camera.width - 0.5 and -0.5 <= v < camera.height - 0.5):
-        raise ValueError(
+        raise NoHandError(
             f"the wrist lies outside of the picture, at pixel ({u:.0f}, {v:.0f}) of "
             f"{camera.width} x {camera.height}: its depth can't be measured"
         )
     try:
         wrist = wrist_depth_at(depth, uv[0], hand_mask)
     except ValueError as error:
-        raise ValueError(f"the wrist has no depth to lift the keypoints by: {error}") from error
+        raise NoHandError(f"the wrist has no depth to lift the keypoints by: {error}") from error
     if relative == "world":
         if not result.hand_world_landmarks:
             raise ValueError("the result has no world landmarks; take relative='image'")
-        away = _coordinates(result.hand_world_landmarks[0], "world landmarks")[:, 2]
+        away = _coordinates(result.hand_world_landmarks[chosen], "world landmarks")[:, 2]
     else:
         away = picture[:, 2] * camera.width / camera.fx * wrist
-    return lift_keypoints(uv, away - away[0], wrist, camera)
+    try:
+        return lift_keypoints(uv, away - away[0], wrist, camera)
+    except ValueError as error:
+        raise NoHandError(f"it can't be lifted by the depth at its wrist: {error}") from error
 
 
 def _coordinates(landmarks: Sequence[Landmark], name: str) -> npt.NDArray[np.float64]:
@@ -129,18 +148,32 @@ def _coordinates(landmarks: Sequence[Landmark], name: str) -> npt.NDArray[np.flo
     return points
 
 
+def _nearest(hands: Sequence[npt.NDArray[np.float64]], pixels: BoolArray) -> int:
+    """Number of the hand, each (21, 2) pixels, with the least mean distance to some pixels."""
+    if len(hands) < 2 or not pixels.any():
+        return 0
+    away = ndimage.distance_transform_edt(~pixels)
+    rows_columns = [np.rint(uv[:, ::-1]).clip(0, np.array(pixels.shape) - 1) for uv in hands]
+    return int(np.argmin([away[tuple(at.astype(int).T)].mean() for at in rows_columns]))
+
+
 class MediaPipeHand:
     """MediaPipe's hand landmarker, loaded once; use it in a `with` statement.
 
+    Attributes:
+        name: Name of the model's file.
+
     Args:
-        model: Its model's file, `hand_landmarker.task`.
+        model: Its model's file, `hand_landmarker.task`, as `hadr hand-model` makes it.
         confidence: From this confidence on a hand counts as found, 0..1.
 
     Raises:
         ImportError: MediaPipe is not installed.
         FileNotFoundError: There is no such file.
-        ValueError: `confidence` is out of its range.
+        ValueError: `confidence` is out of its range, or the file is no such model.
     """
+
+    needs_hand_mask = False
 
     def __init__(self, model: str | Path, confidence: float = 0.5) -> None:
         if not 0 <= confidence <= 1:
@@ -152,43 +185,51 @@ class MediaPipeHand:
             )
         if not Path(model).is_file():
             raise FileNotFoundError(
-                f"there is no hand landmarker model at {model}; fetch hand_landmarker.task from "
-                "MediaPipe's page on hand landmark detection and give its path"
+                f"there is no hand landmarker model at {model}; make one with "
+                "'hadr hand-model --out hand_landmarker.task' and give its path"
             )
         import mediapipe
 
+        self.name = Path(model).name
         self._mediapipe: Any = mediapipe
         tasks: Any = mediapipe.tasks
-        self._landmarker: Any = tasks.vision.HandLandmarker.create_from_options(
-            tasks.vision.HandLandmarkerOptions(
-                base_options=tasks.BaseOptions(model_asset_path=str(model)),
-                num_hands=1,
-                min_hand_detection_confidence=confidence,
-            )
-        )
+        try:
+            with quiet():
+                self._landmarker: Any = tasks.vision.HandLandmarker.create_from_options(
+                    tasks.vision.HandLandmarkerOptions(
+                        base_options=tasks.BaseOptions(model_asset_path=str(model)),
+                        num_hands=HANDS,
+                        min_hand_detection_confidence=confidence,
+                    )
+                )
+        except (RuntimeError, ValueError) as error:
+            raise ValueError(
+                f"MediaPipe can't use {model} as its hand landmarker model: "
+                f"{str(error).splitlines()[0]}; make one with 'hadr hand-model'"
+            ) from error
 
     def find(
         self,
         color: npt.NDArray[np.uint8],
         depth: FloatArray,
         camera: Intrinsics,
+        mask: BoolArray | None = None,
         hand_mask: BoolArray | None = None,
-        *,
-        relative: Relative = "world",
     ) -> npt.NDArray[np.float64]:
-        """Find the keypoints of the hand in one frame.
+        """Find the keypoints of the hand in one frame that is the nearest to the glass.
 
         Args:
             color: RGB, shape (H, W, 3) uint8.
             depth: As `lift_landmarks`.
             camera: As `lift_landmarks`.
+            mask: The glass's pixels, shape (H, W) bool; where left out, the first hand is taken.
             hand_mask: As `lift_landmarks`.
-            relative: As `lift_landmarks`.
 
         Returns:
             Camera frame, metres, shape (21, 3).
 
         Raises:
+            NoHandError: As `lift_landmarks`.
             ValueError: The colour has another form, or as `lift_landmarks`.
         """
         if color.shape != (*camera.shape, 3) or color.dtype != np.uint8:
@@ -198,8 +239,9 @@ class MediaPipeHand:
         image = self._mediapipe.Image(
             image_format=self._mediapipe.ImageFormat.SRGB, data=np.ascontiguousarray(color)
         )
-        result = self._landmarker.detect(image)
-        return lift_landmarks(result, depth, camera, hand_mask, relative=relative)
+        with quiet():
+            result = self._landmarker.detect(image)
+        return lift_landmarks(result, depth, camera, hand_mask, beside=mask)
 
     def close(self) -> None:
         """Free the landmarker."""

@@ -31,12 +31,7 @@ _GOALS = re.compile(
 class Piece:
     """A stretch of a chapter: one code cell, or prose between two fences.
 
-    Args:
-        kind: What the stretch is for.
-        source: Markdown or Python.
-        metadata: The cell's metadata; empty for prose.
-        label: The exercise's label; empty outside of exercises.
-        is_code: Whether the source is Python.
+    The label is the exercise's; it is empty outside of exercises.
     """
 
     kind: Kind
@@ -48,16 +43,9 @@ class Piece:
 
 @dataclass(frozen=True)
 class Exercise:
-    """One exercise of a chapter.
+    """One exercise of a chapter: question and words of the solution as Markdown, cells as code.
 
-    Args:
-        label: Its label in the book, such as ``ex-03-1``.
-        title: Its heading.
-        question: The question, as Markdown.
-        answer: Code of the cell in which the learner writes.
-        check: Code of the cell that tells right from wrong.
-        words: The explanation of the solution, as Markdown.
-        solution: Code of the solution's cells, in order.
+    The label, such as ``ex-03-1``, is that of the book.
     """
 
     label: str
@@ -71,15 +59,7 @@ class Exercise:
 
 @dataclass(frozen=True)
 class Chapter:
-    """A chapter of the book, taken apart.
-
-    Args:
-        name: The notebook's name without suffix, such as ``03_ray_voxels``.
-        title: The first heading.
-        goals: What a reader will be able to do, one sentence each.
-        pieces: The whole chapter in order.
-        exercises: Its exercises in order.
-    """
+    """A chapter of the book, taken apart; its name is such as ``03_ray_voxels``."""
 
     name: str
     title: str
@@ -116,11 +96,7 @@ def read_chapter(path: Path) -> Chapter:
 
 
 def read_chapters(root: Path) -> list[Chapter]:
-    """Take all chapters of a checkout apart, in the book's order.
-
-    Args:
-        root: The checkout, with ``notebooks/``.
-    """
+    """Take all chapters of a checkout apart, in the book's order."""
     return [read_chapter(path) for path in sorted((root / "notebooks").glob("[0-9][0-9]_*.ipynb"))]
 
 
@@ -170,13 +146,12 @@ def _add_prose(pieces: list[Piece], kind: Kind, text: str, label: str) -> None:
 def _exercise(
     pieces: Sequence[Piece], titles: Mapping[str, str], label: str, name: str
 ) -> Exercise:
-    own = [piece for piece in pieces if piece.label == label]
     by_kind: dict[str, list[str]] = {}
-    for piece in own:
+    for piece in (piece for piece in pieces if piece.label == label):
         key = "code" if piece.kind == "solution" and piece.is_code else piece.kind
         by_kind.setdefault(key, []).append(piece.source)
-    for part, wanted in {"question": 1, "answer": 1, "check": 1, "solution": 1}.items():
-        if len(by_kind.get(part, [])) < wanted:
+    for part in ("question", "answer", "check", "solution"):
+        if part not in by_kind:
             raise ValueError(f"{name}: the exercise {label} has no {part}")
     if len(by_kind["check"]) > 1 or not by_kind.get("code"):
         raise ValueError(
@@ -197,15 +172,7 @@ def _exercise(
 
 
 def last_call(source: str, what: str) -> ast.Call:
-    """The call of ``check`` with which a cell ends.
-
-    Args:
-        source: The cell's code.
-        what: How an error names the cell.
-
-    Raises:
-        ValueError: The cell does not end with ``check(...)``.
-    """
+    """The call of ``check`` with which a cell must end; ``what`` is how an error names the cell."""
     body = ast.parse(source).body
     last = body[-1] if body else None
     if (
@@ -219,15 +186,16 @@ def last_call(source: str, what: str) -> ast.Call:
     raise ValueError(f"{what} must end with check(...), got {source.splitlines()[-1:]}")
 
 
+def marks_text(marks: int) -> str:
+    """Marks in words: ``1 mark``, ``2 marks``."""
+    return "1 mark" if marks == 1 else f"{marks} marks"
+
+
 def hints(exercise: Exercise) -> tuple[str, ...]:
-    """What the check says to plausible wrong answers, read from its code.
+    """What the check says to plausible wrong answers, read from its code, which is not run.
 
-    Args:
-        exercise: The exercise; its check is not run.
-
-    Returns:
-        The sentences, in the order of the code. They stand as the second of two in a pair, in
-        ``wrong=`` itself or in a list that has a name of its own.
+    The sentences stand as the second of two in a pair, in ``wrong=`` itself or in a list that has
+    a name of its own.
     """
     tree = ast.parse(exercise.check)
     call = last_call(exercise.check, exercise.label)

@@ -58,15 +58,7 @@ class Options:
 
 
 def run(options: Options) -> int:
-    """Write a course as the options say.
-
-    Returns:
-        0 when the folder stands.
-
-    Raises:
-        ValueError: The folder cannot be used, or a chapter lacks what a course needs.
-        FileNotFoundError: There is no checkout, or no executed chapter where one was named.
-    """
+    """Write a course as the options say."""
     if options.no_slides and options.executed is not None:
         raise ValueError("--executed has the figures of slides: it does not go with --no-slides")
     root = checkout_root()

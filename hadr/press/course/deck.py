@@ -11,13 +11,12 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-from hadr.press.course.chapter import Chapter, Piece
+from hadr.press.course.chapter import Chapter, Piece, marks_text
 
 MOST_FIGURES = 3
 MOST_FORMULAS = 2
 _DISPLAY = re.compile(r"\$\$.+?\$\$", flags=re.DOTALL)
 _LEAD = re.compile(r"^\*\*[^*]+[.:?!]\*\* ")
-_APART = ("Exercises", "Summary")
 
 
 @dataclass
@@ -27,8 +26,8 @@ class Section:
     Args:
         heading: Its heading.
         paragraphs: Its prose, without formulas on lines of their own.
-        formulas: Displayed formulas, each with the sentence that leads to it.
-        figures: Code cells that draw, in order.
+        formulas: The sentence that leads to a displayed formula, and the formula.
+        figures: Code cells that draw.
     """
 
     heading: str
@@ -71,11 +70,7 @@ def _sort_block(found: list[Section], block: str) -> None:
 
 
 def sentences(text: str) -> list[str]:
-    """Cut prose into sentences; formulas, code and bold leads stay whole.
-
-    Args:
-        text: One paragraph of Markdown.
-    """
+    """Cut a paragraph of Markdown into sentences; formulas, code and bold leads stay whole."""
     kept: list[str] = []
 
     def hide(found: re.Match[str]) -> str:
@@ -104,33 +99,26 @@ def deck_text(
         pictures: Image file, relative to the deck, by the code of the cell that drew it.
         marks: Marks by exercise label.
         plain: Turns the book's Markdown into such as needs none of the book's extensions.
-
-    Returns:
-        The Markdown text.
     """
     goals = "\n".join(f"- {goal}" for goal in chapter.goals)
     slides = [
         f"# {chapter.title}\n\nChapter {chapter.number}",
         f"## You will be able to\n\n{goals}",
     ]
-    for section in sections_of(chapter):
-        if section.heading == _APART[0]:
-            continue
-        slides += _summary(section) if section.heading == _APART[1] else _column(section, pictures)
-    tasks = [slide for slide in slides if slide.startswith("## Summary")]
-    slides = [slide for slide in slides if not slide.startswith("## Summary")]
-    slides.append(f"## Exercises\n\n{_agenda(chapter, marks)}")
+    sections = {section.heading: section for section in sections_of(chapter)}
+    for heading, section in sections.items():
+        if heading not in ("Exercises", "Summary"):
+            slides += _column(section, pictures)
+    listed = "\n".join(
+        f"{place}. {exercise.title} ({marks_text(marks[exercise.label])})"
+        for place, exercise in enumerate(chapter.exercises, start=1)
+    )
+    slides.append(f"## Exercises\n\n{listed}")
     for exercise in chapter.exercises:
         slides.append(f"### {exercise.title}\n\n{exercise.question}\n\n{_notes(exercise.words)}")
-    return plain("\n\n".join([*slides, *tasks])) + "\n"
-
-
-def _agenda(chapter: Chapter, marks: Mapping[str, int]) -> str:
-    rows = []
-    for place, exercise in enumerate(chapter.exercises, start=1):
-        unit = "mark" if marks[exercise.label] == 1 else "marks"
-        rows.append(f"{place}. {exercise.title} ({marks[exercise.label]} {unit})")
-    return "\n".join(rows)
+    if "Summary" in sections:
+        slides.append(_summary(sections["Summary"]))
+    return plain("\n\n".join(slides)) + "\n"
 
 
 def _column(section: Section, pictures: Mapping[str, str]) -> list[str]:
@@ -161,12 +149,12 @@ def _capital(sentence: str) -> str:
     return re.sub(r"^(\**)([a-z])", lambda found: found[1] + found[2].upper(), sentence)
 
 
-def _summary(section: Section) -> list[str]:
+def _summary(section: Section) -> str:
     told = [p for p in section.paragraphs if not p.startswith(("**Read", "**Next", "- "))]
     points = [sentence for paragraph in told for sentence in sentences(paragraph)][:5]
     further = [p for p in section.paragraphs if p.startswith(("**Read", "**Next"))]
     listed = "\n".join(f"- {point}" for point in points)
-    return [f"## Summary\n\n{listed}\n\n{_notes(*further)}"]
+    return f"## Summary\n\n{listed}\n\n{_notes(*further)}"
 
 
 def _notes(*paragraphs: str) -> str:

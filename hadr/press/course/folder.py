@@ -9,12 +9,11 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
-import shutil
-import tempfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from hadr.frame_io import finished_folder
 from hadr.records.output_folder import check_output_folder
 
 MANIFEST = "course.json"
@@ -30,15 +29,7 @@ def _checksums(folder: Path) -> dict[str, str]:
 
 
 def check_target(out: Path) -> None:
-    """Refuse a folder in which something would be lost.
-
-    Args:
-        out: The folder to write. It may be missing, empty, or as an earlier run left it.
-
-    Raises:
-        ValueError: It lies among the sources, is a file, or holds what no earlier run wrote; the
-            text names some of it.
-    """
+    """Refuse a folder that is neither missing, nor empty, nor as an earlier run left it."""
     check_output_folder(out)
     if not out.exists() or not any(out.iterdir()):
         return
@@ -63,35 +54,15 @@ def check_target(out: Path) -> None:
 
 @contextlib.contextmanager
 def written_whole(out: Path, about: Mapping[str, Any]) -> Iterator[Path]:
-    """Fill a folder in one step: all of it or nothing.
+    """Give a folder to write into that becomes ``out`` with a list of checksums, or nothing does.
 
-    Args:
-        out: The folder; see ``check_target``.
-        about: What else the list of checksums should say; the same for the same content.
-
-    Yields:
-        An empty folder beside ``out``, to be filled. It becomes ``out`` when the block ends, and
-        is removed when the block raises.
+    ``about`` is what else the list says.
     """
-    out = out.absolute()
     check_target(out)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    work = Path(tempfile.mkdtemp(prefix=f".{out.name}.partial-", dir=out.parent))
-    try:
-        fresh = work / "new"
-        fresh.mkdir()
+    own = [path.name for path in out.iterdir()] if out.exists() else []
+    with finished_folder(out, own) as fresh:
         yield fresh
         content = {"made_by": MADE_BY, **about, "files": _checksums(fresh)}
         text = json.dumps(content, indent=1, ensure_ascii=False) + "\n"
         (fresh / MANIFEST).write_text(text, encoding="utf-8")
         check_target(out)  # it may have been filled meanwhile
-        if out.exists():
-            out.rename(work / "old")
-        try:
-            fresh.rename(out)
-        except OSError:
-            if (work / "old").exists():
-                (work / "old").rename(out)
-            raise
-    finally:
-        shutil.rmtree(work, ignore_errors=True)

@@ -14,7 +14,7 @@ import re
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from hadr.press.course.chapter import Chapter, Exercise, last_call
+from hadr.press.course.chapter import Chapter, Exercise, last_call, marks_text
 from hadr.press.notebook_twins import KERNELSPEC
 
 NBGRADER_SCHEMA = 3
@@ -88,22 +88,6 @@ def otter_test(exercise: Exercise, points: int) -> str:
     )
 
 
-def nbgrader_metadata(
-    grade_id: str, cell_type: str, *, solution: bool = False, points: int | None = None
-) -> dict[str, Any]:
-    """Metadata of one cell, as nbgrader's schema 3 wants it."""
-    entry: dict[str, Any] = {
-        "schema_version": NBGRADER_SCHEMA,
-        "grade_id": grade_id,
-        "cell_type": cell_type,
-        "grade": points is not None,
-        "solution": solution,
-        "locked": not solution,
-        "task": False,
-    }
-    return entry if points is None else entry | {"points": points}
-
-
 def course_notebook(
     chapter: Chapter,
     points: Mapping[str, int],
@@ -155,9 +139,18 @@ def course_notebook(
 def _marked(
     grade_id: str, cell_type: str, *, solution: bool = False, points: int | None = None
 ) -> dict[str, Any]:
-    entry = nbgrader_metadata(grade_id, cell_type, solution=solution, points=points)
-    locked = {} if solution else {"editable": False, "deletable": False}
-    return {"nbgrader": entry} | (locked or {"deletable": False})
+    """Metadata of one cell, as nbgrader's schema 3 wants it."""
+    entry: dict[str, Any] = {
+        "schema_version": NBGRADER_SCHEMA,
+        "grade_id": grade_id,
+        "cell_type": cell_type,
+        "grade": points is not None,
+        "solution": solution,
+        "locked": not solution,
+        "task": False,
+    }
+    entry |= {} if points is None else {"points": points}
+    return {"nbgrader": entry, "deletable": False} | ({} if solution else {"editable": False})
 
 
 def _figure_of(chapter: Chapter, exercise: Exercise) -> dict[str, Any]:
@@ -170,8 +163,7 @@ def _question(
     exercise: Exercise, chapter: Chapter, points: int, plain: Callable[[str], str]
 ) -> str:
     place = [one.label for one in chapter.exercises].index(exercise.label) + 1
-    marks = "1 mark" if points == 1 else f"{points} marks"
-    head = f"### Exercise {chapter.number}.{place}: {exercise.title} ({marks})"
+    head = f"### Exercise {chapter.number}.{place}: {exercise.title} ({marks_text(points)})"
     return f"{head}\n\n{plain(exercise.question)}"
 
 

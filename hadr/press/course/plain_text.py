@@ -12,11 +12,7 @@ _PAGE = re.compile(r"\]\(\.\./([\w/-]+\.md)(#[\w-]+)?\)")
 
 
 def short_citations(bibliography: str) -> dict[str, str]:
-    """How prose names the works of a BibTeX file: ``Yu et al., 2024`` by key.
-
-    Args:
-        bibliography: The text of the .bib file.
-    """
+    """How prose names the works of a BibTeX file's text: ``Yu et al., 2024`` by key."""
     names = {}
     for entry in re.split(r"^@", bibliography, flags=re.MULTILINE)[1:]:
         key = re.match(r"\w+\{([^,\s]+),", entry)

@@ -103,11 +103,6 @@ def build_slides(
     target: Path,
 ) -> None:
     """Build one deck per chapter and a first page that links them."""
-    if missing := missing_packages():
-        raise RuntimeError(
-            f"slides need {', '.join(missing)}: pip install -e '.[book]', or leave them out with "
-            "--no-slides"
-        )
     source = work / "source"
     (source / "_static").mkdir(parents=True)
     (source / "conf.py").write_text(_CONF, encoding="utf-8")

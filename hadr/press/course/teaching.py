@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import pandas as pd
 
 from hadr.figures.tables.results import markdown
-from hadr.press.course.chapter import Chapter, Exercise, hints
+from hadr.press.course.chapter import Chapter, Exercise, hints, marks_text
 from hadr.press.course.graded import STUB
 
 DEFAULT_MARKS = 2
@@ -45,14 +45,7 @@ experiment of one's own."""
 
 @dataclass(frozen=True)
 class Block:
-    """A stretch of a lesson.
-
-    Args:
-        minutes: How long it takes.
-        chapters: Numbers of the chapters that it uses.
-        what: What happens.
-        exercises: Labels of the exercises done in class.
-    """
+    """A stretch of a lesson: numbers of the chapters that it uses, labels of its exercises."""
 
     minutes: int
     chapters: tuple[int, ...]
@@ -62,13 +55,7 @@ class Block:
 
 @dataclass(frozen=True)
 class Plan:
-    """A course of a given length.
-
-    Args:
-        hours: Its length, without breaks.
-        aim: What a student takes home.
-        sessions: Lessons, each a row of blocks.
-    """
+    """A course of so many hours without breaks: lessons, each a row of blocks."""
 
     hours: int
     aim: str
@@ -152,35 +139,23 @@ def marks_of(exercise: Exercise) -> int:
 
 
 def numbers_in_the_book(chapters: Sequence[Chapter]) -> dict[str, int]:
-    """The number that the book's pages show above each exercise, by its label.
-
-    Args:
-        chapters: All chapters of the book in order: the pages count through them.
-    """
+    """The number that the book's pages, which count through, show above each exercise, by label."""
     labels = [exercise.label for chapter in chapters for exercise in chapter.exercises]
     return {label: number for number, label in enumerate(labels, start=1)}
 
 
 def plans_text(chapters: Sequence[Chapter]) -> str:
-    """The plans as Markdown tables.
-
-    Args:
-        chapters: The book's chapters; exercises are named by their numbers there and their titles.
-    """
+    """The plans as Markdown tables; exercises are named by number and title."""
     numbers = numbers_in_the_book(chapters)
-    titles = {
-        exercise.label: f"{numbers[exercise.label]} {exercise.title}"
-        for chapter in chapters
-        for exercise in chapter.exercises
-    }
+    exercises = [exercise for chapter in chapters for exercise in chapter.exercises]
+    titles = {each.label: f"{numbers[each.label]} {each.title}" for each in exercises}
     parts = []
     for plan in PLANS:
         rows = []
         for number, session in enumerate(plan.sessions, start=1):
             for block in session:
                 done = "; ".join(titles.get(label, label) for label in block.exercises)
-                where = ", ".join(str(chapter) for chapter in block.chapters)
-                words = f"{block.what} ({where})"
+                words = f"{block.what} ({', '.join(map(str, block.chapters))})"
                 rows.append([str(number), str(block.minutes), words, done or "none"])
         head = ["session", "minutes", "what (chapter)", "exercises in class"]
         parts.append(
@@ -214,9 +189,8 @@ def chapters_text(
         ]
         listed = []
         for exercise in chapter.exercises:
-            marks = marks_of(exercise)
-            unit = "mark" if marks == 1 else "marks"
-            head = f"- **{numbers[exercise.label]} {exercise.title}** ({marks} {unit})"
+            marks = marks_text(marks_of(exercise))
+            head = f"- **{numbers[exercise.label]} {exercise.title}** ({marks})"
             listed.append("\n".join([head, *(f"  - {hint}" for hint in hints(exercise))]))
         parts.append("\n\n".join([*lines, "\n".join(listed)]))
     return "\n\n".join(parts)
@@ -264,11 +238,6 @@ c.ExecutePreprocessor.timeout = 900
 
 
 def instructor_text(chapters: Sequence[Chapter], every: Sequence[Chapter]) -> str:
-    """The page that lies beside the notebooks.
-
-    Args:
-        chapters: The chapters in the folder.
-        every: All chapters of the book, for the plans.
-    """
+    """The page that lies beside the notebooks of some chapters; the plans are of every chapter."""
     told = chapters_text(chapters, lambda chapter: f"student/{chapter.name}.ipynb", every)
     return f"{FOLDER}\n## Plans\n\n{plans_text(every)}\n\n## The chapters\n\n{told}\n"

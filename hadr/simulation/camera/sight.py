@@ -21,6 +21,7 @@ from hadr.corruption import smooth_noise
 from hadr.data.samples import samples_dir
 from hadr.frame_checks import depth_to_use
 from hadr.handover.observation import Observation
+from hadr.models.hand.plausible import NoHandError
 from hadr.rivals import classical
 from hadr.simulation.camera.robot_camera import CapturedFrame, RobotCamera
 from hadr.simulation.camera.seen_points import object_points, scene_points
@@ -272,13 +273,13 @@ class HandAndGlass:
         """
         if frame.color is None:
             raise ValueError("networks find mask and keypoints in a picture with colour, got none")
-        mask, hand = self.segmentation.masks(frame.color)
+        mask, hand, _ = self.segmentation.masks(frame.color)
         hand = np.zeros_like(mask) if hand is None else hand & ~mask & ~frame.arm_mask
         depth = np.where(mask, np.float32(0), frame.raw_depth)
-        if not hand.any():
+        try:
+            return mask, hand, self.keypoints.find(frame.color, depth, frame.camera, mask, hand)
+        except NoHandError:
             return mask, hand, None
-        found = self.keypoints.find(frame.color, depth, frame.camera, mask, hand)
-        return mask, hand, found
 
 
 @lru_cache(maxsize=1)

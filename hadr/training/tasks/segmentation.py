@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from hadr.models.segmentation import SegmentationNet, predict_masks
+from hadr.models.segmentation import SegmentationNet, predict_logits
 from hadr.training.batches import FrameTensors
 from hadr.training.losses import shared_mean
 from hadr.training.recipe import Preset
@@ -30,7 +30,7 @@ def validate(model: nn.Module, frames: FrameTensors, batch_size: int) -> dict[st
     both, either = [], []
     for first in range(0, len(frames), batch_size):
         part = frames.take(range(first, min(first + batch_size, len(frames)))).to(device)
-        found, truth = predict_masks(network, part.inputs.color), _truth(model, part)
+        found, truth = predict_logits(network, part.inputs.color) > 0, _truth(model, part)
         both.append((found & truth).sum(dim=(2, 3)).cpu())
         either.append((found | truth).sum(dim=(2, 3)).cpu())
     scores: dict[str, float] = {}

@@ -71,7 +71,7 @@ def test_places_of_a_square_before_a_wall():
     truth[0, 0], truth[39, 0] = 9.0, 0.0
     mask = np.zeros(truth.shape, bool)
     mask[10:20, 10:20] = True
-    places = error_places(truth, mask, band_px=2)
+    places = error_places(truth, mask)
     assert tuple(places) == PLACES
     inside, outline, rest = places.values()
     assert inside.sum() == 6 * 6

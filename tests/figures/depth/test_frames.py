@@ -55,9 +55,9 @@ def test_a_sheet_has_a_place_for_each_picture_and_empty_ones_at_the_end():
 
 def test_a_sheet_of_nothing_or_with_other_titles_is_refused():
     with pytest.raises(ValueError, match="needs pictures"):
-        contact_sheet([])
+        contact_sheet([], columns=1)
     with pytest.raises(ValueError, match="1 pictures, but 2 titles"):
-        contact_sheet([np.zeros((2, 2, 3), np.uint8)], ["a", "b"])
+        contact_sheet([np.zeros((2, 2, 3), np.uint8)], ["a", "b"], columns=1)
 
 
 def test_labels_show_raw_error_in_centimetres_and_grey_where_missing():

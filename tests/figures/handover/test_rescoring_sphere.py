@@ -32,16 +32,6 @@ def two_grasps():
     )
 
 
-def test_screen_of_a_viewer_at_the_side():
-    # From -y, z is up and x runs to the right.
-    screen = sphere.screen_from_base(0, -90)
-    np.testing.assert_allclose(screen, [[1, 0, 0], [0, 0, 1], [0, -1, 0]], atol=1e-12)
-    tilted = sphere.screen_from_base(25, 40)
-    np.testing.assert_allclose(tilted @ tilted.T, np.eye(3), atol=1e-12)
-    assert np.linalg.det(tilted) == pytest.approx(1.0)
-    assert tilted[2, 2] == pytest.approx(np.sin(np.radians(25)))
-
-
 def test_favourite_of_the_intended_score_is_the_wish():
     wish = np.array([0.4, 0, -0.2]) / np.hypot(0.4, 0.2)
     assert np.degrees(np.arccos(sphere.favourite(wishes) @ wish)) < 1.0

@@ -21,15 +21,3 @@ def test_dots_stand_at_the_size_and_both_averages():
     assert dots["mean over frames"].get_ydata()[0] == pytest.approx((9 * 1 + 20) / 10)
     assert dots["pooled"].get_ydata()[0] == pytest.approx((3600 * 1 + 1600 * 20) / 5200)
     assert dots["pooled"].get_label() == "pooled: 6.85 cm"
-
-
-def test_equal_frames_make_both_alike():
-    dots = averages(1, 0)
-    assert [dot.get_ydata()[0] for dot in dots.values()] == pytest.approx([1.2, 1.2])
-
-
-def test_an_object_is_drawn_as_large_as_its_pixels():
-    left = next(ax for ax in averages_picture(SIZES, ERRORS, 2, 0).axes if not ax.get_xlabel())
-    areas = [patch.get_width() * patch.get_height() for patch in left.patches]
-    assert areas == pytest.approx([400] * 9 + [1600])
-    assert left.get_title() == "9 frames: 1 cm; one frame: 3 cm"

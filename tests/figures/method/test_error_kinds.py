@@ -47,16 +47,3 @@ def test_the_picture_shows_the_shares_of_its_place(source):
     assert heights == pytest.approx([0, 0, 100, 0, 0, 0])
     sizes = {tuple(error_kinds_picture([source], p).get_size_inches()) for p in source.places}
     assert len(sizes) == 1
-
-
-def test_only_the_pixels_of_the_place_are_painted(source):
-    figure = error_kinds_picture([source], "in the glass")
-    painted = figure.axes[1].images[0].get_array()
-    assert (painted == 0).sum() == 5 * 12
-    assert (painted == 4).sum() == 5 * 12
-    assert set(np.unique(painted)) == {-1, 0, 4}
-
-
-def test_an_unknown_place_is_refused(source):
-    with pytest.raises(ValueError, match="one of in the glass, at outlines, elsewhere, got 'sky'"):
-        error_kinds_picture([source], "sky")

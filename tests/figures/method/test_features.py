@@ -12,7 +12,6 @@ from hadr.figures.method.features import (
     false_color,
     influence_figure,
     show_box,
-    winners_figure,
 )
 
 PICTURE = np.zeros((32, 64, 3))
@@ -53,18 +52,6 @@ def test_the_box_is_drawn_around_its_pixel_and_its_bins_are_averaged() -> None:
     assert (square.get_width(), square.get_height()) == (8, 8)
     assert len(enlarged.patches) == 4
     np.testing.assert_allclose(means.images[0].get_array()[..., 0], [[0, 1], [0, 0]])
-    with pytest.raises(ValueError, match=r"pixel \(2, 10\) leaves the picture of 64 x 32"):
-        box_picture(picture, 10, 2)
-
-
-def test_winners_are_marked_at_the_largest_share_of_each_channel() -> None:
-    share = np.array([[1.0, 0.2, 0.0], [0.5, 1.0, 1.0]])
-    fig = winners_figure(PICTURE, [[3, 4], [30, 20], [9, 9]], [[3, 4], [30, 20]], share)
-    left, right = fig.axes[:2]
-    assert left.lines[1].get_xydata().tolist() == [[3, 4], [30, 20]]
-    assert left.get_xlim() == (-2, 35)
-    assert left.get_ylim() == (25, -1)
-    assert right.lines[0].get_xydata().tolist() == [[0, 0], [1, 1], [2, 1]]
 
 
 def test_influence_is_relative_to_the_strongest_pixel_of_its_own_map() -> None:

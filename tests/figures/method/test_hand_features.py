@@ -5,9 +5,7 @@ from matplotlib.colors import to_hex
 
 from hadr.figures.method.hand_features import (
     draw_depth_hint,
-    draw_numbered_joints,
     draw_voxel_arrows,
-    draw_wrist_depths,
     draw_wrist_frame,
 )
 from hadr.figures.method.hands import on_screen, orbit_view
@@ -37,21 +35,10 @@ def test_hint_holds_the_glass_against_hand_and_background(axes):
     assert bars[-1].get_x() + bars[-1].get_width() == pytest.approx(2.0)
 
 
-def test_joints_carry_their_numbers_at_their_places(axes):
-    points = np.array([[0, 0, 0.3], [0.01, 0.02, 0], [0.03, 0.05, 0]])
-    draw_numbered_joints(axes[0], points, [(0, 1), (1, 2)], "three", first=1, highlight=1)
-    places = {text.get_text(): text.get_position() for text in axes[0].texts}
-    assert places == {"1": (0, 0), "2": pytest.approx((1, 2)), "3": pytest.approx((3, 5))}
-    np.testing.assert_allclose(axes[0].lines[1].get_xydata(), [[1, 2], [3, 5]])
-    fill = [to_hex(c).upper() for c in axes[0].collections[0].get_facecolor()]
-    assert fill == ["#FFFFFF", COLORS["highlight"], "#FFFFFF"]
-    assert axes[0].get_aspect() == 1.0
-
-
 def test_wrist_frame_shows_the_asked_axes_and_the_palm_with_z(axes):
     turned = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])  # columns x = up, y = left, z
     draw_wrist_frame(axes[0], FLAT + 0.4, turned, "y", FRONT, "first")
-    draw_wrist_frame(axes[1], FLAT + 0.4, turned, "yzx", FRONT)
+    draw_wrist_frame(axes[1], FLAT + 0.4, turned, "yzx", FRONT, "second")
     assert axes[0].get_title() == "first"
     assert not axes[0].patches
     names = [{t.get_text(): t.get_position() for t in ax.texts if t.get_text()} for ax in axes]
@@ -77,14 +64,3 @@ def test_arrows_run_from_the_voxels_centre_to_the_keypoints(axes):
     ends = np.concatenate([e.get_xydata() for e in axes[1].lines if e.get_color() == "#123456"])
     np.testing.assert_allclose(ends.min(axis=0), [-2.5, -32.5])
     np.testing.assert_allclose(ends.max(axis=0), [22.5, -7.5])
-
-
-def test_wrist_depths_are_split_by_what_is_seen(axes):
-    errors = np.array([-0.03, -0.03, -0.02, 0.05])
-    draw_wrist_depths(axes[0], errors, errors < 0)
-    seen, hidden = axes[0].containers
-    assert [sum(bar.get_height() for bar in bars) for bars in (seen, hidden)] == [3, 1]
-    assert seen[0].get_height() == 2
-    assert seen[0].get_x() == pytest.approx(-3.0)
-    assert hidden[-1].get_x() + hidden[-1].get_width() == pytest.approx(5.0)
-    assert axes[0].get_legend().get_texts()[0].get_text() == "wrist seen"

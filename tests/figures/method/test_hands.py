@@ -6,6 +6,7 @@ from hadr.figures.method.hands import (
     on_screen,
     orbit_view,
     show_bones,
+    upright_view,
 )
 from hadr.figures.panels import FINGER_COLORS
 from hadr.hand import forward_kinematics, keypoints_from_skeleton
@@ -22,6 +23,16 @@ def test_view_from_the_side_and_from_above():
     # A viewer above sees y come toward him and z run down the screen.
     np.testing.assert_allclose(orbit_view(0, 90), [[1, 0, 0], [0, 0, -1], [0, 1, 0]], atol=1e-12)
     assert np.linalg.det(orbit_view(33, -20)) == pytest.approx(1.0)
+
+
+def test_an_upright_view_is_a_rotation_that_keeps_z_up():
+    # From -y, x runs to the right and z up; -y comes toward the viewer.
+    np.testing.assert_allclose(upright_view(-90, 0), [[1, 0, 0], [0, 0, 1], [0, -1, 0]], atol=1e-12)
+    raised = upright_view(40, 25)
+    np.testing.assert_allclose(raised @ raised.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(raised) == pytest.approx(1.0)
+    assert raised[2, 2] == pytest.approx(np.sin(np.deg2rad(25)))
+    assert raised[1, 2] > 0
 
 
 def test_bones_are_where_the_keypoints_are(ax):

@@ -11,11 +11,9 @@ from hadr.figures.method.rays import (
     draw_slabs,
     draw_strip,
     draw_walk,
-    show_labels,
-    show_pixels,
     stages_figure,
 )
-from hadr.figures.method.voxels import draw_cubes, ray_figure, upright, voxel_figure
+from hadr.figures.method.voxels import draw_cubes, upright
 from hadr.figures.panels import COLORS
 from hadr.figures.widgets import walk_along_ray
 from hadr.ray_voxels import VoxelGrid, occupied_voxels, ray_voxel_pairs
@@ -96,38 +94,6 @@ def test_stages_stop_before_in_at_and_past() -> None:
     assert reached == pytest.approx([first / 2, first + 0.03, 0.7, last + 0.05])
     dark = [[p.get_facecolor()[3] > 0.4 for p in ax.patches] for ax in fig.axes]
     assert dark == [[False] * 3, [True, False, False], [True, False, False], [False] * 3]
-
-
-def test_pixels_and_labels_stand_on_their_pixels() -> None:
-    picture, mask = np.full((60, 80, 3), 200, dtype=np.uint8), np.zeros((60, 80), dtype=bool)
-    mask[30, 40:43] = True
-    _, (left, right) = plt.subplots(1, 2)
-    show_pixels(left, picture, mask, [[40, 30]])
-    assert left.lines[0].get_xydata().tolist() == [[40, 30]]
-    assert left.get_xlim() == (25, 57)
-    assert left.get_ylim() == (45, 15)
-    show_labels(right, picture, mask, [1, np.nan, 0], ["a", "b"])
-    painted = np.ma.filled(right.images[1].get_array(), np.nan)
-    assert painted[30, 40:43] == pytest.approx([1, np.nan, 0], nan_ok=True)
-    assert np.isfinite(painted).sum() == 2
-    bar = right.images[1].colorbar
-    assert [t.get_text() for t in bar.ax.get_yticklabels()] == ["a", "b"]
-
-
-def test_figures_in_space_draw_what_they_are_given() -> None:
-    directions, occupied, pairs = scene()
-    points = np.random.default_rng(0).uniform(0.5, 1.0, (30, 3))
-    marked = [True, False, False]
-    ax = voxel_figure(points, points, occupied.center, marked, 0.25).axes[0]
-    cloud, grey, strong = ax.collections[:3]
-    assert len(cloud.get_offsets()) == 10
-    assert [len(c._segments3d) for c in (grey, strong)] == [24, 12]
-    mine = (pairs.ray == 0).nonzero().squeeze(1)
-    centers = occupied.center[pairs.voxel[mine]]
-    fig = ray_figure(directions[0], centers, pairs.t_in[mine], 0.25, {"hand": points})
-    ax = fig.axes[0]
-    assert ax.lines[0].get_data_3d()[1][1] == pytest.approx(float(pairs.t_in[mine][-1]) + 0.35)
-    assert [t.get_text() for t in ax.get_legend().get_texts()] == ["hand"]
 
 
 def test_the_widget_offers_the_rays_that_have_a_candidate() -> None:

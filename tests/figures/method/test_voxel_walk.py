@@ -50,7 +50,7 @@ def test_the_cell_at_a_distance(slanted):
 
 def test_the_picture_tells_of_its_cell(slanted):
     place = slanted.cells.tolist().index([7, 4, 4])
-    figure = walk_picture(slanted, np.array([0.25, 0.75]), 1.2, place, surface="glass")
+    figure = walk_picture(slanted, np.array([0.25, 0.75]), 1.2, place)
     above = panel(figure, "from above")
     assert above.get_title("left") == "cell (7, 4, 4): candidate 2; the glass is in here"
     shares = panel(figure, "share")
@@ -61,12 +61,6 @@ def test_the_picture_tells_of_its_cell(slanted):
     assert [text.get_text() for text in slabs.texts][-1] == "1.094 to 1.406"
 
 
-def test_an_empty_cell_is_no_candidate(slanted):
-    figure = walk_picture(slanted, np.array([0.25, 0.75]), 1.2, 0)
-    title = panel(figure, "from above").get_title("left")
-    assert title == "cell (4, 4, 0): empty, so no candidate"
-
-
 def test_from_the_side_up_is_minus_y():
     walk = walked([0.0, 0.6, 0.8], [[4, 6, 3], [4, 4, 4]])
     place = walk.cell_at(1.0)
@@ -75,14 +69,3 @@ def test_from_the_side_up_is_minus_y():
     assert (star.get_xdata()[0], star.get_ydata()[0]) == pytest.approx((0.8, -0.6))
     star = next(line for line in panel(figure, "from above").lines if line.get_marker() == "*")
     assert (star.get_xdata()[0], star.get_ydata()[0]) == pytest.approx((0.8, 0.0))
-
-
-def test_wrong_input_is_refused(slanted):
-    with pytest.raises(ValueError, match="unit vector"):
-        walked([0.0, 0.0, 2.0], [[4, 4, 3]])
-    with pytest.raises(ValueError, match=f"places 0 to {len(slanted) - 1}, got 99"):
-        walk_picture(slanted, np.array([0.5, 0.5]), 1.2, 99)
-    with pytest.raises(ValueError, match="2 candidates, but 1 probabilities"):
-        walk_picture(slanted, np.array([1.0]), 1.2, 0)
-    with pytest.raises(ValueError, match="0 candidates"):
-        walk_picture(walked([0.0, 0.0, 1.0], [[5, 4, 3]]), np.array([]), 1.2, 0)

@@ -1,6 +1,5 @@
 from dataclasses import replace
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
@@ -11,7 +10,6 @@ from hadr.figures.solids.camera_orbit import (
     HIDDEN,
     IN_VIEW,
     change_of,
-    draw_orbit_losses,
     keypoints_seen,
     orbit,
     orbit_features,
@@ -120,19 +118,15 @@ def test_what_is_seen_behind_glass_and_behind_flesh(track):
     depth = track.keypoints[2, :, 2]
     assert edge_on[depth > depth.min() + 0.05].all()
     assert seen[0].min() > HIDDEN
-
-
-def test_a_keypoint_outside_of_the_picture_is_hidden(track):
     keypoints = track.keypoints.copy()
     keypoints[0, 20, 0] += 5.0
-    assert keypoints_seen(track)[0, 20] != HIDDEN
-    assert keypoints_seen(replace(track, keypoints=keypoints))[0, 20] == HIDDEN
+    assert keypoints_seen(replace(track, keypoints=keypoints))[0, 20] == HIDDEN, "outside"
 
 
 def test_the_picture_says_what_changed(track):
     found = orbit_features(track, point_on_glass(track), VoxelGrid())
     pictures = [np.zeros((64, 64, 3), np.uint8)] * 3
-    figure = orbit_picture(track, pictures, found, point_on_glass(track), 1)
+    figure = orbit_picture(track, pictures, found, point_on_glass(track), 1, 0)
     titles = {ax.get_title("left").split(":")[0]: ax for ax in figure.axes}
     assert titles["absolute"].get_title("left").endswith("unchanged")
     share = change_of(found["relative"], 0)[1]
@@ -143,24 +137,3 @@ def test_the_picture_says_what_changed(track):
     np.testing.assert_allclose(tops, found["image"][1])
     np.testing.assert_allclose([s[0, 1] for s in marks.get_segments()], found["image"][0])
     assert len(FEATURES) == 4
-
-
-def test_losses_are_drawn_in_millimetres(track):
-    _, axes = plt.subplots(1, 2)
-    seen = np.full((3, 21), IN_VIEW)
-    seen[1, :6] = HIDDEN
-    draw_orbit_losses(axes, TURNS, seen, [0.01, 0.02, 0.03], [0.02, 0.03, 0.05])
-    predicted, feature = axes[1].lines
-    np.testing.assert_allclose(predicted.get_ydata(), [10, 20, 30])
-    np.testing.assert_allclose(feature.get_ydata(), [20, 30, 50])
-    labels = [text.get_text() for text in axes[0].get_legend().get_texts()]
-    assert labels == ["in full view", "behind glass", "hidden by flesh"]
-    assert axes[0].get_ylim() == (0, 21)
-
-
-def test_wrong_input_is_refused(scene, track):
-    with pytest.raises(ValueError, match=r"shape \(N,\), N at least 1, got \(0,\)"):
-        orbit(scene, [])
-    found = orbit_features(track, point_on_glass(track), VoxelGrid())
-    with pytest.raises(ValueError, match="places 0 to 2, got 3"):
-        orbit_picture(track, [], found, point_on_glass(track), 3)

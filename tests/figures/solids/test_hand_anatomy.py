@@ -6,12 +6,11 @@ from hadr.figures.solids.hand_anatomy import (
     SHOWN_ANGLES,
     draw_angle_sheet,
     draw_named_skeleton,
-    draw_poses,
     draw_recording,
     open_hand,
 )
 from hadr.figures.solids.studio import studio_view
-from hadr.hand import ANGLE_NAMES, KEYPOINT_NAMES, SKELETON_NAMES, forward_kinematics
+from hadr.hand import ANGLE_NAMES, KEYPOINT_NAMES, SKELETON_NAMES
 from hadr.synthesis.holding.hold import make_hold
 from hadr.synthesis.recordings.recording import Recording
 
@@ -70,10 +69,3 @@ def test_curves_are_the_angles_in_degrees_and_lines_mark_the_moments():
             np.testing.assert_allclose(line.get_ydata(), np.rad2deg(angles[:, number]))
         marks = [line.get_xdata()[0] for line in ax.lines if len(line.get_xdata()) == 2]
         np.testing.assert_allclose(marks, [0.0, 0.5, 1.0])
-
-
-def test_each_pose_is_seen_twice_with_its_twenty_bones():
-    poses = {"flat": forward_kinematics(np.zeros(20)), "bent": forward_kinematics(np.full(20, 0.3))}
-    axes = draw_poses(poses, pixels=48).axes
-    assert [ax.get_title() for ax in axes] == ["flat", "bent", "", ""]
-    assert {len(ax.lines) for ax in axes} == {40}  # each bone has a white line below it

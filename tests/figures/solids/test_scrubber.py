@@ -49,6 +49,7 @@ def test_each_place_shows_its_own_picture(two):
             wanted = 255 * np.array(mpl.colors.to_rgb(SHADES[row][column]))
             np.testing.assert_allclose(middle_colour(data, row, column), wanted, atol=12)
     assert [s["start"] for s in data["sliders"]] == [1, 0]
+    assert plt.get_fignums() == []
     assert data["milliseconds"] == 0
 
 
@@ -58,11 +59,7 @@ def test_equal_pictures_are_kept_once(two):
     assert len(data["pictures"]) == 5  # white stands in two places
 
 
-def test_figures_are_closed(two):
-    assert plt.get_fignums() == []
-
-
-def test_frame_holds_the_page_and_asks_no_other_host(two):
+def test_frame_holds_the_page_and_asks_no_other_host(two, tmp_path):
     shown = two._repr_html_()
     assert shown.count("<iframe") == 1
     assert shown.count('"') == 6
@@ -70,6 +67,8 @@ def test_frame_holds_the_page_and_asks_no_other_host(two):
     assert data_of(two.page)["alt"] == 'colours "here"'
     assert two.page.count("</script>") == 1
     assert not re.search(r"https?://|import\(|fetch\(", two.page)
+    two.save(tmp_path / "page.html")
+    assert (tmp_path / "page.html").read_text(encoding="utf-8") == two.page
 
 
 def test_a_rate_makes_it_play():
@@ -77,11 +76,6 @@ def test_a_rate_makes_it_play():
         painted, [Slider("row", ("a", "b"))], title="t", alt="a", frames_per_second=8
     ).page
     assert data_of(page)["milliseconds"] == 125
-
-
-def test_saves_the_page(two, tmp_path):
-    two.save(tmp_path / "page.html")
-    assert (tmp_path / "page.html").read_text(encoding="utf-8") == two.page
 
 
 def test_wrong_sliders_and_sizes_are_refused():

@@ -9,7 +9,6 @@ import matplotlib.pyplot as plt
 from hadr.figures.tables.benchmarks import (
     by_heart_table,
     draw_ablation,
-    draw_pairing,
     speed_table,
 )
 
@@ -79,11 +78,3 @@ def test_an_ablation_is_drawn_against_the_full_network() -> None:
     assert [t.get_text() for t in ax.get_yticklabels()] == ["no plane", "no colour"]
     assert [t.get_text() for t in ax.texts] == ["+0.40", "-0.10"]
     assert "2.00 cm" in ax.get_xlabel()
-
-
-def test_a_method_that_was_not_measured_has_no_point() -> None:
-    rows = [{"frames": 1, "walk": timed(1.0), "dense": timed(9.0)},
-            {"frames": 32, "walk": timed(20.0)}]  # fmt: skip
-    _, ax = plt.subplots()
-    draw_pairing(ax, {"by_batch": rows})
-    assert [line.get_xdata().tolist() for line in ax.lines] == [[1, 32], [1]]

@@ -17,7 +17,6 @@ from hadr.figures.tables.comparison import (
     orders_table,
     poses_table,
     reasons_table,
-    ways_table,
 )
 from hadr.figures.tables.results import (
     draw_hole,
@@ -51,13 +50,6 @@ def test_the_table_has_each_number_once_and_says_what_is_missing() -> None:
     assert "published" in lines[-1]
     assert "| 0.9 | 0.5 | 95.22 |" in lines[-1]
     assert len({line.count("|") for line in lines}) == 1
-
-
-def test_systems_stand_where_they_were_measured() -> None:
-    _, ax = plt.subplots()
-    draw_systems(ax, ROWS, "known", 0.009)
-    assert [t.get_text() for t in ax.get_yticklabels()] == ["nothing", "HADR"]
-    assert {t.get_text() for t in ax.texts} == {"65.0", "3.1"}
 
 
 def test_a_run_that_one_split_lacks_leaves_its_line_empty() -> None:
@@ -147,11 +139,6 @@ def test_reasons_stand_beside_the_differences() -> None:
     ]
     with pytest.raises(KeyError, match="lidf"):
         reasons_table(tables, {**FIVE, "known": {}, "unknown": {}}, {"lidf": ("", "")})
-
-
-def test_ways_of_scoring_are_listed_in_centimetres() -> None:
-    line = ways_table([("here", "48 frames", "counts as 0", 0.0643)]).splitlines()[2]
-    assert cells(line) == ["here", "48 frames", "counts as 0", "6.43"]
 
 
 def test_published_dots_are_hollow_and_ours_full() -> None:

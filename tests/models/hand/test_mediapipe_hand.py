@@ -8,6 +8,7 @@ import pytest
 
 from hadr.camera import Intrinsics
 from hadr.models.hand.mediapipe_hand import MediaPipeHand, lift_landmarks
+from hadr.models.hand.plausible import NoHandError
 
 CAMERA = Intrinsics(200.0, 220.0, 79.5, 59.5, 160, 120)
 
@@ -52,7 +53,7 @@ def test_perfect_landmarks_and_depth_give_the_hand_back(relative: str) -> None:
 
 
 def test_the_depth_at_the_wrist_moves_the_whole_hand_along_its_rays() -> None:
-    found = lift_landmarks(result_of(hand()), wall(0.58), CAMERA)
+    found = lift_landmarks(result_of(hand()), wall(0.58), CAMERA, relative="world")
     z = hand()[:, 2] - 0.02
     np.testing.assert_allclose(found[:, 2], z, atol=1e-7)
     np.testing.assert_allclose(found[:, 0] / z, hand()[:, 0] / hand()[:, 2], atol=1e-7)
@@ -73,12 +74,28 @@ def test_a_wrist_without_depth_takes_the_hand_s_and_without_a_mask_is_an_error()
     depth[100:, :] = 0.6
     mask[100:110] = True
     np.testing.assert_allclose(lift_landmarks(result_of(hand()), depth, CAMERA, mask), hand())
-    with pytest.raises(ValueError, match=r"the wrist has no depth.*pixel \(80, 60\)"):
+    with pytest.raises(NoHandError, match=r"the wrist has no depth.*pixel \(80, 60\)"):
         lift_landmarks(result_of(hand()), depth, CAMERA)
 
 
+def test_of_several_hands_the_one_at_the_glass_is_taken() -> None:
+    near, far = hand(), hand() + np.array([0.15, 0.0, 0.0])
+    both = result_of(far)
+    both.hand_landmarks += result_of(near).hand_landmarks
+    both.hand_world_landmarks += result_of(near).hand_world_landmarks
+    glass = np.zeros((120, 160), dtype=bool)
+    glass[50:70, 60:70] = True  # left of the nearer hand's wrist, at pixel (80, 60)
+    for relative in ("image", "world"):
+        found = lift_landmarks(both, wall(), CAMERA, beside=glass, relative=relative)
+        np.testing.assert_allclose(found, near, atol=1e-7)
+        found = lift_landmarks(both, wall(), CAMERA, relative=relative)
+        np.testing.assert_allclose(found, far, atol=1e-7)
+    found = lift_landmarks(both, wall(), CAMERA, beside=np.zeros_like(glass))
+    np.testing.assert_allclose(found, far, atol=1e-7)
+
+
 def test_no_hand_is_said() -> None:
-    with pytest.raises(ValueError, match="found no hand in the picture"):
+    with pytest.raises(NoHandError, match="MediaPipe sees none in the picture"):
         lift_landmarks(Result(), wall(), CAMERA)
 
 
@@ -93,12 +110,12 @@ def test_wrong_results_are_named() -> None:
         lift_landmarks(broken, wall(), CAMERA)
     outside = result_of(hand())
     outside.hand_landmarks[0][0].x = 1.1
-    with pytest.raises(ValueError, match=r"outside of the picture, at pixel \(176, 60\)"):
+    with pytest.raises(NoHandError, match=r"outside of the picture, at pixel \(176, 60\)"):
         lift_landmarks(outside, wall(), CAMERA)
     flat = result_of(hand())
     flat.hand_world_landmarks = []
     with pytest.raises(ValueError, match="relative='image'"):
-        lift_landmarks(flat, wall(), CAMERA)
+        lift_landmarks(flat, wall(), CAMERA, relative="world")
     with pytest.raises(ValueError, match=r"depth must be \(120, 160\).*got \(4, 4\)"):
         lift_landmarks(result_of(hand()), np.ones((4, 4)), CAMERA)
 
@@ -122,6 +139,9 @@ class FakeLandmarker:
 
     @classmethod
     def create_from_options(cls, options: dict[str, object]) -> "FakeLandmarker":
+        with open(options["base_options"]["model_asset_path"], "rb") as file:
+            if file.read() != b"model":
+                raise RuntimeError("Unable to open zip archive.\nline 2")
         return cls(options)
 
     def detect(self, image: dict[str, object]) -> Result:
@@ -133,7 +153,8 @@ class FakeLandmarker:
         FakeLandmarker.closed = True
 
 
-def test_the_landmarker_is_asked_and_closed(tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def fake_mediapipe(monkeypatch: pytest.MonkeyPatch) -> None:
     fake, tasks, vision = (ModuleType(n) for n in ("mediapipe", "tasks", "vision"))
     vision.HandLandmarker, vision.HandLandmarkerOptions = FakeLandmarker, dict
     tasks.vision, tasks.BaseOptions = vision, dict
@@ -141,6 +162,10 @@ def test_the_landmarker_is_asked_and_closed(tmp_path, monkeypatch: pytest.Monkey
     fake.ImageFormat = type("ImageFormat", (), {"SRGB": "RGB"})
     monkeypatch.setitem(__import__("sys").modules, "mediapipe", fake)
     monkeypatch.setattr("importlib.util.find_spec", lambda name: "there")
+
+
+@pytest.mark.usefixtures("fake_mediapipe")
+def test_the_landmarker_is_asked_and_closed(tmp_path) -> None:
     path = tmp_path / "hand_landmarker.task"
     path.write_bytes(b"model")
     color = np.zeros((120, 160, 3), dtype=np.uint8)
@@ -152,3 +177,11 @@ def test_the_landmarker_is_asked_and_closed(tmp_path, monkeypatch: pytest.Monkey
             detector.find(color[:4], wall(), CAMERA)
     np.testing.assert_allclose(found, hand(), atol=1e-7)
     assert FakeLandmarker.closed
+
+
+@pytest.mark.usefixtures("fake_mediapipe")
+def test_another_file_is_no_model(tmp_path) -> None:
+    path = tmp_path / "other.task"
+    path.write_bytes(b"no model")
+    with pytest.raises(ValueError, match=r"can't use .*other\.task .*: Unable to open zip arch.*;"):
+        MediaPipeHand(path)

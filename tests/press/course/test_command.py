@@ -42,13 +42,6 @@ def test_writes_a_course_and_the_same_again(tmp_path, capsys):
     assert content(out) == first
 
 
-def test_refuses_a_foreign_folder(tmp_path, capsys):
-    (tmp_path / "thesis.tex").write_text("years of work")
-    assert main(["course", "--out", str(tmp_path), "--no-slides"]) == 2
-    assert "is not empty, and `hadr course` did not write it" in capsys.readouterr().err
-    assert (tmp_path / "thesis.tex").read_text() == "years of work"
-
-
 def test_slides_without_their_package_say_so_before_anything_runs(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("hadr.press.course.command.missing_packages", lambda: ["sphinx-revealjs"])
     assert main(["course", "--out", str(tmp_path / "c")]) == 2
@@ -63,8 +56,3 @@ def test_executed_chapters_that_are_missing_are_named(tmp_path, capsys, monkeypa
     assert main([*words, "--executed", str(tmp_path / executed)]) == 2
     assert "03_ray_voxels.ipynb is missing: run `hadr book` first" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
-
-
-def test_an_unknown_chapter(tmp_path, capsys):
-    assert main(["course", "--out", str(tmp_path / "c"), "--only", "77", "--no-slides"]) == 2
-    assert "77" in capsys.readouterr().err

@@ -55,25 +55,3 @@ def test_changed_and_added_files_are_named(tmp_path, name):
     with pytest.raises(ValueError, match=f"added or changed since .*: part/{name}"):
         write(out, a="1")
     assert (out / "part" / name).read_text() == "my own words"
-
-
-def test_a_file_in_its_place(tmp_path):
-    (tmp_path / "course").write_text("x")
-    with pytest.raises(ValueError, match=r"can't be a folder: .*course is a file"):
-        write(tmp_path / "course", a="1")
-
-
-def test_what_fails_leaves_everything_as_it_was(tmp_path):
-    out = tmp_path / "course"
-    write(out, a="1")
-    before = content(out)
-
-    def interrupted():
-        with written_whole(out, {}) as folder:
-            (folder / "half").write_text("x")
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        interrupted()
-    assert content(out) == before
-    assert [p.name for p in tmp_path.iterdir()] == ["course"]

@@ -5,7 +5,6 @@ import re
 import nbformat
 import pytest
 
-from hadr.press.course import slides
 from hadr.press.course.slides import build_slides, missing_packages, pictures_of
 
 PIXEL = base64.b64encode(b"not really a picture").decode()
@@ -32,12 +31,6 @@ def test_a_cell_without_a_picture_is_left_out(small, tmp_path):
 def test_a_notebook_of_another_state_is_named(small, tmp_path):
     with pytest.raises(ValueError, match=r"is not of this state of 07_small.*'draw\(\)'"):
         pictures_of(executed(tmp_path, source="draw(2)"), small, tmp_path / "out")
-
-
-def test_what_is_missing_is_said(small, tmp_path, monkeypatch):
-    monkeypatch.setattr(slides, "missing_packages", lambda: ["sphinx-revealjs"])
-    with pytest.raises(RuntimeError, match="slides need sphinx-revealjs: pip install"):
-        build_slides([small], {}, {"ex-07-1": 2}, str, tmp_path / "work", tmp_path / "out")
 
 
 needs_reveal = pytest.mark.skipif(

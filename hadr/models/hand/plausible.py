@@ -1,0 +1,183 @@
+"""Is this a hand, and does it stand where the picture shows one?
+
+A network that looks for keypoints gives 21 points, whatever it is shown, and a file that a user
+names may hold another frame's hand. What follows believes them: an object is sought where the hand
+is. So keypoints are held against what else is known, and what does not fit is said in words:
+
+* a human hand's size: the palm, and the fingers, each with its three bones together; the median
+  of the five counts, since a network may well lose one finger behind the glass;
+* the glass: a hand that holds it is seen beside it;
+* the depth that the camera measured at the keypoints' pixels: skin lies some millimetres before a
+  joint, fingers before a joint some centimetres, and the hand is never before what is seen there;
+* where the hand's pixels are known, their points: joints lie under them, and together they are as
+  large as hand and forearm can be seen, neither a speck nor a table.
+
+The limits leave the bundled training and validation frames' true hands in, and where that is said
+the predicted ones (`benchmarks/hand_checks.py`).
+
+Source of the lengths: Buryanov and Kotiuk 2010, "Proportions of hand segments", table I.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import cKDTree
+
+from hadr.camera import BoolArray, FloatArray, Intrinsics, project, unproject
+from hadr.hand import FINGERS
+
+PALM_M = 0.090
+"""An adult's palm, wrist to middle finger's knuckle, as of `hadr.hand.HandShape`."""
+FINGERS_M = {"thumb": 0.0995, "index": 0.0780, "middle": 0.0884, "ring": 0.0843, "little": 0.0668}
+"""The means of an adult finger's three bones together, the thumb's with its metacarpal."""
+SIZES = (0.5, 1.6)
+"""Smallest and largest factor on both: a child's or a large man's, and what a network errs."""
+FARTHEST_FROM_GLASS_M = 0.03
+"""A hand that holds a glass has a keypoint so near to it in the picture."""
+GAP_M = (-0.02, 0.08)
+"""How far keypoints lie behind what was measured at their pixels, in the median; below 0: before
+it, where the camera would have seen them."""
+LEAST_SEEN = 5
+"""Of fewer keypoints with measured depth at their pixels nothing is said."""
+WINDOW_M = 0.008
+"""Half of the window around a keypoint's pixel, metres at its depth."""
+FARTHEST_FROM_SKIN_M = 0.06
+"""How far keypoints lie from the nearest point of the hand's pixels, in the median."""
+AREA_M2 = (0.004, 0.055)
+"""What is seen of a hand and its forearm."""
+LEAST_PRESENCE = 0.93
+"""The segmentation's mean probability of a hand in the pixels where it sees one."""
+
+
+class NoHandError(ValueError):
+    """There is no hand to be found in a frame; the message says why."""
+
+
+@dataclass(frozen=True)
+class HandCheck:
+    """How 21 keypoints fit to what else is known of a frame; None: not known.
+
+    Attributes:
+        palm: The palm's length, 1 = an adult's.
+        fingers: The fingers' lengths, each 1 = an adult's mean; their median.
+        glass_m: From the nearest keypoint to the glass in the picture, metres at that depth.
+        gap_m: How far the keypoints lie behind the measured depth at their pixels, median, metres.
+        skin_m: From the keypoints to the nearest point of the hand's pixels, median, metres.
+        area_m2: What the hand's pixels cover, square metres.
+        presence: The mean probability of a hand in its pixels, 0..1.
+        problems: Why it is no hand, or not the one in the picture; one clause each.
+    """
+
+    palm: float
+    fingers: float
+    glass_m: float
+    gap_m: float | None
+    skin_m: float | None
+    area_m2: float | None
+    presence: float | None
+    problems: tuple[str, ...]
+
+
+def check_hand(
+    keypoints: npt.NDArray[np.float64],
+    depth: FloatArray,
+    camera: Intrinsics,
+    mask: BoolArray,
+    hand_mask: BoolArray | None = None,
+    presence: float | None = None,
+) -> HandCheck:
+    """Hold keypoints against a human hand's size, the glass, and the measured depth.
+
+    Args:
+        keypoints: Camera frame, metres, shape (21, 3).
+        depth: Measured z-depth, metres, shape (H, W); 0 = missing. The glass's own does not count.
+        camera: Intrinsics of depth and masks.
+        mask: The glass's pixels, shape (H, W) bool; one at least.
+        hand_mask: Pixels of hand and arm, shape (H, W) bool; None: not known.
+        presence: Mean probability of a hand that a segmentation network gives these; None: its
+            mask is not from one.
+
+    Returns:
+        What was measured, and what does not fit.
+
+    Raises:
+        NoHandError: A keypoint does not lie in front of the camera.
+    """
+    if not (keypoints[:, 2] > 0).all():
+        raise NoHandError(f"a keypoint lies {keypoints[:, 2].min():.3g} m before the camera")
+    seen = np.where(mask, 0, depth)
+    palm, fingers = _lengths(keypoints)
+    glass = _to_glass(keypoints, camera, mask)
+    gap = _gap(keypoints, seen, camera)
+    skin = area = None
+    if hand_mask is not None:
+        skin, area = _skin(keypoints, np.where(hand_mask, seen, 0), camera, hand_mask)
+    problems = [
+        f"{name} {100 * factor:.0f} % of an adult's length"
+        for name, factor in (("its palm has", palm), ("its fingers have", fingers))
+        if not SIZES[0] <= factor <= SIZES[1]
+    ]
+    if glass > FARTHEST_FROM_GLASS_M:
+        problems.append(f"it is {100 * glass:.1f} cm away from the glass in the picture")
+    if gap is not None and not GAP_M[0] <= gap <= GAP_M[1]:
+        side = "behind" if gap > 0 else "before"
+        problems.append(
+            f"its keypoints lie {100 * abs(gap):.1f} cm {side} the depth that was measured at "
+            "their pixels"
+        )
+    if skin is not None and skin > FARTHEST_FROM_SKIN_M:
+        problems.append(f"its keypoints lie {100 * skin:.1f} cm away from the hand's pixels")
+    if area is not None and not AREA_M2[0] <= area <= AREA_M2[1]:
+        problems.append(f"its pixels cover {1e4 * area:.0f} square centimetres")
+    if presence is not None and presence < LEAST_PRESENCE:
+        problems.append(f"its pixels have a mean probability of {presence:.2f} of being a hand's")
+    return HandCheck(palm, fingers, glass, gap, skin, area, presence, tuple(problems))
+
+
+def _lengths(keypoints: npt.NDArray[np.float64]) -> tuple[float, float]:
+    """Length of the palm, and the fingers' median one, 1 = an adult's mean."""
+    bones = np.linalg.norm(np.diff(keypoints[list(FINGERS.values())], axis=1), axis=2)  # (5, 3)
+    palm = np.linalg.norm(keypoints[FINGERS["middle"][0]] - keypoints[0])
+    fingers = np.median(bones.sum(axis=1) / list(FINGERS_M.values()))
+    return float(palm / PALM_M), float(fingers)
+
+
+def _to_glass(keypoints: npt.NDArray[np.float64], camera: Intrinsics, mask: BoolArray) -> float:
+    """From the nearest keypoint to the glass in the picture, metres at the keypoint's depth."""
+    pixels = np.argwhere(mask)[:, ::-1]
+    glass = unproject(pixels, np.ones(len(pixels)), camera)
+    away, _ = cKDTree(glass).query(keypoints / keypoints[:, 2:])
+    return float((away * keypoints[:, 2]).min())
+
+
+def _gap(keypoints: npt.NDArray[np.float64], seen: FloatArray, camera: Intrinsics) -> float | None:
+    """How far keypoints lie behind what is measured at their pixels, median, metres."""
+    gaps = []
+    pixels = project(keypoints, camera).round().astype(int)
+    for (u, v), z in zip(pixels, keypoints[:, 2], strict=True):
+        half = round(WINDOW_M * camera.fx / z)
+        rows, columns = (slice(max(at - half, 0), max(at + half + 1, 0)) for at in (v, u))
+        window = seen[rows, columns]
+        if (window > 0).any():
+            gaps.append(z - float(np.median(window[window > 0])))
+    return float(np.median(gaps)) if len(gaps) >= LEAST_SEEN else None
+
+
+def _skin(
+    keypoints: npt.NDArray[np.float64],
+    depth: FloatArray,
+    camera: Intrinsics,
+    hand_mask: BoolArray,
+) -> tuple[float, float] | tuple[None, None]:
+    """Distance from the keypoints to the hand's points, median, and what its pixels cover."""
+    rows, columns = np.nonzero(depth)
+    if not len(rows):
+        return None, None
+    z = depth[rows, columns].astype(float)
+    skin = unproject(np.stack((columns, rows), axis=1), z, camera)
+    away, _ = cKDTree(skin).query(keypoints)
+    area = float((z**2).mean()) / (camera.fx * camera.fy) * int(hand_mask.sum())
+    return float(np.median(away)), area

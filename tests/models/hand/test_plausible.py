@@ -1,0 +1,98 @@
+"""Checks of a hand: an adult's flat hand before a wall, and what is wrong with others."""
+
+import numpy as np
+import pytest
+
+from hadr.camera import Intrinsics
+from hadr.hand import forward_kinematics, keypoints_from_skeleton
+from hadr.models.hand.plausible import check_hand
+
+CAMERA = Intrinsics(200.0, 200.0, 79.5, 59.5, 160, 120)
+#: Straight fingers in the plane z = 0.6 m; the wrist at the pixel (79.5, 99.5), fingers up.
+FLAT = keypoints_from_skeleton(forward_kinematics(np.zeros(20)).joints)[:, :3] * [1, -1, 0]
+HAND = FLAT + np.array([0, 0.12, 0.6])
+
+
+def scene(wall: float = 0.6) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Depth of the skin 1 cm before the joints, before a wall; glass at the right of the fingers.
+
+    The hand's pixels are a square of 40 x 60 pixels: 0.118 m x 0.177 m = 209 square centimetres.
+    """
+    depth = np.full(CAMERA.shape, wall, np.float32)
+    hand, glass = np.zeros((2, *CAMERA.shape), bool)
+    hand[40:100, 60:100] = True
+    glass[40:80, 100:120] = True
+    depth[hand] = 0.59
+    depth[glass] = 1.5  # the wall behind, which does not count
+    return depth, glass, hand
+
+
+def test_an_adult_s_hand_on_measured_skin_is_one() -> None:
+    depth, glass, hand = scene(0.9)
+    found = check_hand(HAND, depth, CAMERA, glass, hand, presence=0.97)
+    assert found.problems == ()
+    assert found.palm == pytest.approx(1, abs=1e-6)
+    # The median finger is the little one: 35 + 21 + 20 mm of hadr.hand against 66.8 mm.
+    assert found.fingers == pytest.approx(0.076 / 0.0668, abs=1e-6)
+    assert found.gap_m == pytest.approx(0.01, abs=1e-6)
+    assert 0.01 <= found.skin_m < 0.011
+    assert found.area_m2 == pytest.approx(40 * 60 * (0.59 / 200) ** 2, rel=1e-5)
+    assert (found.presence, found.glass_m) == (0.97, pytest.approx(0.0, abs=0.02))
+
+
+def test_the_distance_to_the_glass_is_in_metres_at_the_hand() -> None:
+    depth, glass, _ = scene()
+    glass[:, 100:120] = True
+    at_column_80 = HAND - [HAND[:, 0].max() - 0.5 / 200 * 0.6, 0, 0]
+    found = check_hand(at_column_80, depth, CAMERA, glass)
+    assert found.glass_m == pytest.approx(20 / 200 * 0.6, abs=1e-4)
+    assert found.problems == ("it is 6.0 cm away from the glass in the picture",)
+
+
+@pytest.mark.parametrize(
+    ("factor", "words"), [(1.5, "30.0 cm behind the depth"), (0.75, "15.0 cm before the depth")]
+)
+def test_a_hand_off_the_measured_depth_is_named_with_its_distance(factor, words) -> None:
+    depth, glass, hand = scene()
+    depth[hand] = 0.6
+    moved = HAND * factor  # along the rays: the same pixels at another depth
+    moved = moved[:1] + (moved - moved[:1]) / factor  # and of the same size
+    found = check_hand(moved, depth, CAMERA, glass, hand)
+    assert any(words in why for why in found.problems), found
+    assert any("cm away from the hand's pixels" in why for why in found.problems), found
+
+
+def test_of_a_hand_without_depth_at_its_pixels_nothing_is_said() -> None:
+    depth, glass, hand = scene()
+    depth[:] = 0
+    depth[0] = 3.0
+    found = check_hand(HAND, depth, CAMERA, glass, hand)
+    assert (found.gap_m, found.skin_m, found.area_m2) == (None, None, None)
+    assert found.problems == ()
+    beside = check_hand(HAND + np.array([2.0, 0, 0]), np.full(CAMERA.shape, 0.6), CAMERA, glass)
+    assert beside.gap_m is None
+
+
+@pytest.mark.parametrize(
+    ("scale", "part"), [((1, 0.3, 1), "palm has 30 % of an"), ((1, 2, 1), "palm has 200 %")]
+)
+def test_other_than_human_sizes_are_named(scale, part) -> None:
+    depth, glass, _ = scene()
+    stretched = (HAND - HAND[0]) * scale + HAND[0]
+    assert part in check_hand(stretched, depth, CAMERA, glass).problems[0]
+
+
+def test_a_table_a_speck_and_a_doubtful_hand_are_none() -> None:
+    depth, glass, hand = scene()
+    whole = ~glass
+    (why,) = check_hand(HAND, depth, CAMERA, glass, whole).problems
+    area = (160 * 120 - 800) * 0.36 / 200**2
+    assert "its pixels cover" in why
+    assert area * 1e4 == pytest.approx(float(why.split()[3]), rel=0.03)
+    speck = np.zeros_like(hand)
+    speck[60:64, 78:82] = True
+    assert any(
+        "cover 1 square" in w for w in check_hand(HAND, depth, CAMERA, glass, speck).problems
+    )
+    doubt = check_hand(HAND, depth, CAMERA, glass, hand, presence=0.81)
+    assert doubt.problems == ("its pixels have a mean probability of 0.81 of being a hand's",)
