@@ -133,7 +133,7 @@ def frame_features(
         "distance": away,
         "size": float(side / np.sqrt(camera.fx * camera.fy)) * away,
         "lens": camera.fx / camera.width,
-        "known_around": float(known[ring].mean()),
+        "known_around": _mean(known[ring]),
         "near_around": _mean(np.abs(around - away) < 0.1),
         "depth_around": _median(around) - away,
         **_noise(depth, wide),

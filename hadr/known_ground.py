@@ -79,10 +79,9 @@ class Verdict:
 
     def to_dict(self) -> dict[str, Any]:
         """The verdict as built-in types, for a report."""
-        known = self.inside is not None
         return {
             "inside": self.inside,
-            "score": round(self.score, 4) if known else None,
+            "score": round(self.score, 4) if np.isfinite(self.score) else None,
             "compared_with": self.field or None,
             "why": list(self.why),
             "features": {name: float(f"{value:.4g}") for name, value in self.features.items()},
@@ -201,8 +200,15 @@ class Field:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Field:
-        """Build it from `to_dict`, or from the same read from JSON."""
+        """Build it from `to_dict`, or from the same read from JSON.
+
+        Raises:
+            ValueError: It has features that are not in `FEATURES`.
+        """
         names = tuple(values["features"])
+        unknown = sorted(set(names) - set(FEATURES))
+        if unknown:
+            raise ValueError(f"a ground has the features {', '.join(FEATURES)}, got {unknown}")
         square = np.zeros((len(names), len(names)))
         square[np.tril_indices(len(names))] = values["correlation"]
         rule = values["confidence"]

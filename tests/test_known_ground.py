@@ -171,6 +171,13 @@ def test_a_ground_survives_its_record() -> None:
     json.dumps(old.to_dict())
 
 
+def test_a_record_with_an_unknown_feature_is_refused() -> None:
+    record = ground().fields["measured"].to_dict()
+    record["features"][0] = "weight"
+    with pytest.raises(ValueError, match=r"a ground has the features .*, got \['weight'\]"):
+        Field.from_dict(record)
+
+
 def test_a_range_is_said_in_the_units_of_readers() -> None:
     assert FEATURES["distance"].said(1.04, 0.38, 0.91) == (
         "the glass is 1.04 m away, learned 0.38 to 0.91 m"
