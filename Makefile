@@ -35,7 +35,7 @@ export XDG_CACHE_HOME := $(BUILD_PATH)/hadr-cache
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help book tables reproduce test test-long test-all lint env notebooks texts check-notebooks html readme-times readme-figure clean build-folder
+.PHONY: help book tables reproduce test test-long test-all break lint env notebooks texts check-notebooks html readme-times readme-figure clean build-folder
 
 help: ## what can be made
 	@echo "usage: make TARGET [PYTHON=python3] [VENV=.venv] [BUILD=build]"
@@ -61,7 +61,10 @@ test: $(READY) ## run the tests, without those that take minutes; prints the ten
 test-long: $(READY) ## run the tests that take minutes: every page at every width and theme, all chapters from the wheel
 	@$(PYTEST) -m long $(PYTEST_FLAGS)
 
-test-all: test test-long ## run every test
+test-all: test test-long break ## run every test, and try to break all commands
+
+break: $(READY) ## bad inputs, kills, full disks, two at once: nothing lost, nothing false, each refused in a sentence
+	@$(PY) benchmarks/break_it.py --workers $(WORKERS) --out "$(BUILD)/break_it.json"
 
 lint: $(READY) ## ruff and mypy
 	@$(BIN)/ruff check .

@@ -205,7 +205,7 @@ def _tables() -> Results:
     yield "orders", comparison.orders_table(own, paper)
     yield "reasons", comparison.reasons_table(tables, paper, reasons)
     yield "ablation", comparison.ablation_table(rows["ablation"], paper)
-    yield "handover", handover_tables.conditions_table(conditions)
+    yield "handover", handover_tables.conditions_table(conditions, {})
     yield "handover, pairs", [handover_tables.paired(conditions[0], row) for row in conditions[1:5]]
     yield "by heart", benchmarks.by_heart_table(by_heart)
     yield "speed", benchmarks.speed_table(*speed)

@@ -25,7 +25,7 @@ from hadr.experiments.systems import CHEAP
 from hadr.models.networks import DEPTH_NETWORKS
 from hadr.records.provenance import machine_text, provenance
 from hadr.records.result_file import write_result_file
-from hadr.training.evaluation import BASELINES
+from hadr.training.evaluation import CLASSICAL
 from hadr.training.presets import preset
 from hadr.training.tasks.task import Task
 
@@ -45,7 +45,7 @@ def cheap_in_turns(method: str) -> Callable[[], Any]:
     """A call that restores the next of the frames without a network."""
     frames = sample_frames((224, 224))
     numbers = itertools.cycle(range(len(frames)))
-    return lambda: BASELINES[method](frames, next(numbers))
+    return lambda: CLASSICAL[method](frames, next(numbers))
 
 
 def resident_peak(*, restart: bool = False) -> int | None:

@@ -20,7 +20,7 @@ from hadr.experiments.tables import TABLES
 from hadr.rivals.lidf import LIDF
 from hadr.training.batches import FrameTensors
 from hadr.training.checkpoints import load_checkpoint
-from hadr.training.evaluation import BASELINES
+from hadr.training.evaluation import CLASSICAL
 from hadr.training.loop import LAST
 
 
@@ -30,7 +30,7 @@ def row_of(bench: Bench, run: Run, size: str) -> dict[str, Any]:
     recipe = system(run.method, size).recipe
     more: dict[str, Any] = {}
     if recipe is None:
-        restorer = BASELINES[run.method]
+        restorer = CLASSICAL[run.method]
         depths = [restorer(truth, number) for number in range(len(truth))]
     else:
         model, _ = load_checkpoint(bench.out / run.name / LAST)

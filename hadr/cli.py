@@ -5,25 +5,27 @@ Each subcommand lives in a module of its own, imported only when it is called, t
 * ``Options``, a frozen dataclass: its docstring is the command's description, the string below
   each field is the option's help with its unit;
 * ``run(options) -> int``, the exit status;
-* ``EPILOG``, if there is more to say below the options: units, files, examples.
+* ``EPILOG``, what stands below the options: examples above all, units, files.
+
+On top it imports nothing that takes long, so that its --help is quick; `run` does.
 """
 
 from __future__ import annotations
 
 import argparse
-import contextlib
 import difflib
 import importlib
 import inspect
-import io
 import os
 import re
+import shutil
 import sys
+import textwrap
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from types import ModuleType, NoneType
-from typing import Any, NoReturn, Union, cast, get_args
+from types import NoneType
+from typing import Any, NoReturn, Union, get_args
 
 import tyro
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
@@ -35,18 +37,25 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "hadr.press.restore_command",
         "restore the depth of a transparent object in one frame",
     ),
+    "hand-model": (
+        "hadr.models.hand.hand_model_command",
+        "make the model that MediaPipe finds hands with",
+    ),
     "reproduce": (
         "hadr.press.reproduce",
         "execute the chapters and report beside the paper's tables",
     ),
-    "book": ("hadr.press.book", "execute the chapters and build the HTML book"),
+    "book": ("hadr.press.book_command", "execute the chapters and build the HTML book"),
     "course": ("hadr.press.course.command", "write student notebooks, solutions and slides"),
     "generate": (
         "hadr.synthesis.generation.command",
         "make a data set of hand-held glass in TransHand's form",
     ),
     "train": ("hadr.training.train_command", "train a network on a data set"),
-    "calibrate": ("hadr.training.calibrate", "teach a checkpoint what its confidence means"),
+    "calibrate": (
+        "hadr.training.calibrate_command",
+        "teach a checkpoint what its confidence means",
+    ),
     "handover": (
         "hadr.simulation.trials.command",
         "let a simulated UR5 take glasses from a hand",
@@ -76,10 +85,29 @@ exit status
 
 
 class _Parser(argparse.ArgumentParser):
-    """A parser whose errors are one sentence and where to read on."""
+    """A parser whose errors are one sentence with the nearest known word, and where to read on."""
 
     def error(self, message: str) -> NoReturn:
-        self.exit(2, f"{self.prog}: error: {message} (see {self.prog} --help)\n")
+        wrong = re.search(r"invalid choice: '(.*)' \(choose from (.*)\)", message)
+        known = wrong[2].replace("'", "").split(", ") if wrong else []
+        hint = _nearest(wrong[1], known) if wrong else ""
+        self.exit(2, f"{self.prog}: error: {message}{hint} (see {self.prog} --help)\n")
+
+
+class _Formatter(argparse.HelpFormatter):
+    """Fills paragraphs of prose to the width; what is set in lines or columns stays as it is."""
+
+    def __init__(self, prog: str) -> None:
+        super().__init__(prog, width=min(shutil.get_terminal_size().columns, 100) - 2)
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        parts = text.strip("\n").split("\n\n")
+        return "\n\n".join(p if "\n " in p else textwrap.fill(p, width) for p in parts)
+
+
+def _nearest(word: str, known: Iterable[str]) -> str:
+    similar = difflib.get_close_matches(word, known, n=1)
+    return f"; did you mean {similar[0]!r}?" if similar else ""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -112,20 +140,16 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser.parse_args(words)  # --help and --version leave here
         return 2
     if words[0] not in COMMANDS:
-        similar = difflib.get_close_matches(words[0], COMMANDS, n=1)
-        hint = f"; did you mean {similar[0]!r}?" if similar else ""
-        parser.error(f"there is no command {words[0]!r}{hint} Commands: {', '.join(COMMANDS)}")
+        hint = _nearest(words[0], COMMANDS)
+        parser.error(f"there is no command {words[0]!r}{hint}; commands: {', '.join(COMMANDS)}")
     return _run_command(words[0], words[1:])
 
 
 def command_parser(name: str) -> argparse.ArgumentParser:
-    """The parser of one command, for documentation.
+    """The parser of one command: its help, its errors, and what the book's page is written from.
 
     Args:
         name: A key of ``COMMANDS``.
-
-    Returns:
-        A parser with the options that ``hadr NAME --help`` prints.
 
     Raises:
         ModuleNotFoundError: This installation lacks what the command needs.
@@ -133,16 +157,57 @@ def command_parser(name: str) -> argparse.ArgumentParser:
     module = importlib.import_module(COMMANDS[name][0])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)
-        documented: Any = tyro.extras.get_parser(module.Options, **_tyro_settings(name))
-    documented.description, documented.epilog = _description(module), _epilog(module)
-    for action in documented._actions:  # its help tells the default, its metavar the count
-        action.default = argparse.SUPPRESS
-        action.nargs = None if action.nargs != 0 else 0
-    return cast("argparse.ArgumentParser", documented)
+        declared: Any = tyro.extras.get_parser(module.Options, **_tyro_settings())
+    parser = _Parser(
+        prog=f"hadr {name}",
+        description=inspect.getdoc(module.Options),
+        epilog=module.EPILOG.strip("\n"),
+        formatter_class=_Formatter,
+        allow_abbrev=False,
+    )
+    needed = []
+    for group in declared._action_groups:
+        actions = [action for action in group._group_actions if action.dest != "help"]
+        about = (group.description or "").rstrip(".")
+        own = parser.add_argument_group(f"{about[0].lower()}{about[1:]}") if about else parser
+        for action in actions:
+            added = _add(own, action)
+            if added.required:
+                metavar: Any = added.metavar
+                words = parser._get_formatter()._format_args(added, metavar)
+                needed.append("\xa0".join((*added.option_strings[:1], words)))
+    usage = textwrap.fill(
+        " ".join((parser.prog, *needed, "[options]")), 70, subsequent_indent="    "
+    )
+    parser.usage = usage.replace("\xa0", " ")
+    return parser
+
+
+def _add(group: argparse._ActionsContainer, declared: Any) -> argparse.Action:
+    """Add an option as tyro has declared it, in argparse's own form."""
+    told = re.sub(r"\s*\((default:\s*(unset|False)?|required)\)", "", declared.help)
+    help_text = " ".join(told.replace("``", "`").split())
+    if declared.nargs == 0:
+        return group.add_argument(*declared.option_strings, action="store_true", help=help_text)
+    named, several = bool(declared.option_strings), declared.nargs in ("*", "+")
+    word = re.sub(r"[\[\]]", "", declared.metavar if named else declared.dest.upper()).split()
+    metavar: Any = tuple(word) if declared.nargs == 2 else word[0]
+    if len(metavar) > 60:  # a choice among so many that argparse would not break the line
+        metavar = declared.dest.upper()
+        help_text = f"one of {', '.join(declared.choices)}: {help_text}"
+    return group.add_argument(
+        *(declared.option_strings if named else [declared.dest]),
+        nargs="+" if several else None if declared.nargs == 1 else declared.nargs,
+        metavar=metavar,
+        choices=declared.choices,
+        type={"INT": int, "FLOAT": float}.get(word[0], str),
+        help=help_text,
+        **({"required": declared.required} if named else {}),
+    )
 
 
 def parse_options(name: str, words: Sequence[str]) -> Any:
-    """Read one command's words; in its help, what is unset or off by default has no default.
+    """Read one command's words.
 
     Args:
         name: A key of ``COMMANDS``.
@@ -155,42 +220,21 @@ def parse_options(name: str, words: Sequence[str]) -> Any:
         SystemExit: After --help (status 0) and wrong calls (status 2).
         ModuleNotFoundError: This installation lacks what the command needs.
     """
+    parser = command_parser(name)
+    for word in words:
+        option = word.partition("=")[0]
+        if option.startswith("--") and option not in parser._option_string_actions:
+            hint = _nearest(option, parser._option_string_actions)
+            parser.error(f"there is no option {option!r}{hint}")
+    parser.parse_args(words)
     module = importlib.import_module(COMMANDS[name][0])
-    shown, wrong = io.StringIO(), io.StringIO()
-    try:
-        with contextlib.redirect_stdout(shown), contextlib.redirect_stderr(wrong):
-            return tyro.cli(module.Options, args=words, **_tyro_settings(name))
-    except SystemExit as left:
-        told = wrong if left.code else shown  # tyro would run the description's lines together
-        text = re.sub(r"\s*\(default:\s*(unset|False)?\)", "", told.getvalue())
-        for line in text.splitlines():
-            line = line.replace(_DESCRIPTION, _description(module)).rstrip()
-            print(line, file=sys.stderr if left.code else sys.stdout)
-        if not left.code:
-            print(_epilog(module))
-        raise
+    return tyro.cli(module.Options, args=words, **_tyro_settings())
 
 
-_DESCRIPTION = "<description>"
-
-
-def _tyro_settings(name: str) -> dict[str, Any]:
+def _tyro_settings() -> dict[str, Any]:
     registry = ConstructorRegistry()
     registry.primitive_rule(_unset_or_value)
-    return {
-        "prog": f"hadr {name}",
-        "description": _DESCRIPTION,
-        "config": (tyro.conf.FlagCreatePairsOff, tyro.conf.PositionalMetavarFromFieldName),
-        "registry": registry,
-    }
-
-
-def _description(module: ModuleType) -> str:
-    return inspect.getdoc(module.Options) or ""
-
-
-def _epilog(module: ModuleType) -> str:
-    return str(getattr(module, "EPILOG", "")).strip("\n")
+    return {"config": (tyro.conf.FlagCreatePairsOff,), "registry": registry}
 
 
 def _unset_or_value(told: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:

@@ -172,6 +172,11 @@ def read_hand(path: str | Path) -> NDArray[np.float64]:
             if isinstance(values, dict):
                 if "keypoints" not in values:
                     raise ValueError(f"no entry 'keypoints' among {sorted(values)}")
+                if values.get("accepted") is False:
+                    raise ValueError(
+                        "what 'hadr restore' found there was not accepted as a hand: "
+                        f"{values.get('problems')}"
+                    )
                 values = values["keypoints"]
             return np.asarray(values, dtype=np.float64)
         rows = [line.replace(",", " ").split() for line in text.splitlines()]

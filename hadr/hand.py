@@ -12,14 +12,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import numpy.typing as npt
-import torch
 from scipy.spatial.transform import Rotation
 
 from hadr.camera import BoolArray, FloatArray, Intrinsics, unproject, valid_depth
+
+if TYPE_CHECKING:
+    import torch
 
 Side = Literal["right", "left"]
 
@@ -222,6 +224,8 @@ def wrist_axes(keypoints: torch.Tensor) -> torch.Tensor:
         ``frame_from_wrist`` rotations, shape (B, 3, 3), columns x, y, z; zeros where the knuckles
         and the wrist lie on one line, so that the rotation is undefined.
     """
+    import torch
+
     wrist = keypoints[:, 0]
     index, middle, little = (keypoints[:, FINGERS[f][0]] for f in ("index", "middle", "little"))
     y = torch.nn.functional.normalize(middle - wrist, dim=-1)
@@ -245,6 +249,8 @@ def wrist_frame(keypoints: npt.ArrayLike, side: Side = "right") -> npt.NDArray[n
         ValueError: The keypoints have another shape or are not finite, or wrist and knuckles lie
             on one line, so that no palm is defined.
     """
+    import torch
+
     points = check_keypoints(keypoints)
     rotation = wrist_axes(torch.tensor(points)[None])[0].numpy()
     if abs(np.linalg.det(rotation) - 1.0) > 1e-6:

@@ -121,6 +121,11 @@ class Restoration:
     hand: Hand | None = None
     ground: Verdict | None = None
 
+    @property
+    def keypoints(self) -> Points | None:
+        """The 21 hand keypoints that were used, if any were."""
+        return self.hand.keypoints if self.hand is not None and self.hand.accepted else None
+
 
 @dataclass(frozen=True)
 class _Known:

@@ -1,4 +1,5 @@
 import json
+import re
 import subprocess
 import sys
 from dataclasses import dataclass, field
@@ -12,7 +13,7 @@ import tyro
 
 from hadr import __version__
 from hadr.cli import COMMANDS, command_parser, main
-from hadr.frame_io import read_depth, read_mask
+from hadr.frame_io import read_depth, read_hand, read_mask
 
 OUTPUTS = [
     "cloud.ply",
@@ -93,6 +94,50 @@ def test_output_reads_back_as_input(frame) -> None:
     again = words(frame, depth=frame / "out" / "depth.png", out=frame / "again", method="inpaint")
     assert main(again) == 0
     np.testing.assert_allclose(np.load(frame / "again" / "depth.npy"), 0.8, atol=1e-3)
+
+
+def test_the_hand_is_written_and_reads_back(frame, capsys) -> None:
+    cv2.imwrite(str(frame / "arm.png"), np.full((48, 64), 255, np.uint8))
+    assert main(words(frame, hand=frame / "hand.json", hand_mask=frame / "arm.png")) == 0
+    out = frame / "out"
+    assert sorted(p.name for p in out.iterdir()) == sorted([*OUTPUTS, "hand.json", "hand_mask.png"])
+    assert read_mask(out / "hand_mask.png").all()
+    np.testing.assert_array_equal(read_hand(out / "hand.json"), read_hand(frame / "hand.json"))
+    told = json.loads((out / "hand.json").read_text())
+    assert (told["source"], told["accepted"]) == ("given", True)
+    assert told["measured"]["area_m2"] is None, "the given hand's pixels are not looked for"
+    report = json.loads((out / "report.json").read_text())
+    assert report["hand"]["problems"] == told["problems"] != []
+    assert "hand.json" in report["outputs"]
+    assert "the given hand does not fit this frame" in capsys.readouterr().out
+    assert main([*words(frame), "--overwrite"]) == 0
+    assert sorted(p.name for p in out.iterdir()) == OUTPUTS
+    told["accepted"] = False
+    (frame / "hand.json").write_text(json.dumps(told))
+    assert main(words(frame, hand=frame / "hand.json", out=frame / "again")) == 2
+    assert "was not accepted as a hand" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"hand": "mediapipe"}, "make it with 'hadr hand-model --out hand_landmarker.task'"),
+        ({"hand_model": "gone.task"}, "it goes with --hand mediapipe"),
+        (
+            {"hand": "mediapipe", "hand_model": "gone.task", "keypoint_network": "net"},
+            "both find the hand: name one",
+        ),
+        ({"hand": "mediapipe", "hand_model": "gone.task"}, "pip install 'hadr[mediapipe]'"),
+    ],
+)
+def test_what_mediapipe_lacks_is_one_sentence(
+    frame, capsys, monkeypatch, changes, sentence
+) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    assert main(words(frame, **changes)) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert sentence in line
+    assert not (frame / "out").exists()
 
 
 def test_depth_formats_give_the_same(frame) -> None:
@@ -208,32 +253,37 @@ def test_a_crash_while_writing_leaves_nothing(frame, capsys, monkeypatch) -> Non
     assert sorted(p.name for p in frame.iterdir()) == before
 
 
-def test_help_is_a_manual() -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "hadr.cli", "--help"], capture_output=True, text=True, check=True
-    )
-    for name in COMMANDS:
-        assert f"  {name} " in done.stdout
-    shown = subprocess.run(
-        [sys.executable, "-m", "hadr.cli", "restore", "--help"],
-        capture_output=True,
-        text=True,
-        check=True,
-    ).stdout
-    for said in ("metres per stored unit", "camera frame", "examples", "exit status", "cloud.ply"):
-        assert said in shown
-    assert max(len(line) for line in shown.splitlines()) <= 80
+@pytest.mark.parametrize("columns", [80, 120])
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_is_a_manual(name, columns, capsys, monkeypatch) -> None:
+    monkeypatch.setenv("COLUMNS", str(columns))
+    with pytest.raises(SystemExit) as left:
+        main([name, "--help"])
+    assert left.value.code == 0
+    shown = capsys.readouterr().out
+    assert shown.startswith(f"usage: hadr {name}")
+    assert re.search(rf"^examples\n(  \S.*\n)?  +hadr {name} ", shown, re.MULTILINE)
+    assert "\nexit status\n  0 done" in shown
+    assert not re.search(r"``|default: (unset|None|False)?\)|\b(STR|PATH)\b|^\w+ options", shown)
+    assert max(map(len, shown.splitlines())) <= columns
+
+
+def test_the_list_of_commands_names_all(capsys) -> None:
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    shown = capsys.readouterr().out
+    assert all(f"  {name} " in shown for name in COMMANDS)
 
 
 def test_help_imports_nothing_heavy() -> None:
+    heavy = "torch matplotlib pandas trimesh transformers lightning_fabric nbformat mujoco"
     code = (
-        "import sys; from hadr.cli import main\n"
-        "try: main(['restore', '--help'])\n"
-        "except SystemExit: pass\n"
-        "print({'torch', 'matplotlib', 'trimesh', 'transformers'} & set(sys.modules))"
+        "import sys\nfrom hadr.cli import COMMANDS, command_parser\n"
+        f"for name in COMMANDS:\n  command_parser(name)\n"
+        f"  print(name, {set(heavy.split())} & set(sys.modules))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.splitlines()[-1] == "set()"
+    assert done.stdout.splitlines() == [f"{name} set()" for name in COMMANDS]
 
 
 def test_wrong_calls(capsys) -> None:
@@ -246,8 +296,10 @@ def test_wrong_calls(capsys) -> None:
         main(["restore", "--rgb", "a.png"])
     assert left.value.code == 2
     error = capsys.readouterr().err
-    assert "Missing from hadr restore" in error
-    assert all(f"--{name} " in error for name in ("depth", "intrinsics", "out"))
+    assert error == (
+        "hadr restore: error: the following arguments are required: --depth, --intrinsics, --out "
+        "(see hadr restore --help)\n"
+    )
     with pytest.raises(SystemExit) as left:
         main(["--version"])
     assert left.value.code == 0
@@ -268,14 +320,14 @@ class Leaves:
 class Options:
     """Make tea.
 
-    Two lines of prose that stand
-    as they are.
+    Two lines of prose that are
+    filled to the width.
     """
 
     pot: tyro.conf.Positional[str]
     """Which pot."""
     minutes: float | None = None
-    """How long, minutes."""
+    """How long, minutes; 90 % of it."""
     sweet: bool = False
     """With sugar."""
     leaves: tyro.conf.OmitArgPrefixes[Leaves] = field(default_factory=Leaves)
@@ -302,34 +354,40 @@ def test_a_command_of_options(capsys, monkeypatch) -> None:
         main(["brew", "--help"])
     assert left.value.code == 0
     shown = capsys.readouterr().out
-    assert "that stand\nas they are.\n" in shown
+    assert shown.startswith(
+        "usage: hadr brew POT [options]\n\nMake tea.\n\nTwo lines of prose that are filled"
+    )
+    assert "\nwhat is brewed:\n  --kind" in shown
     assert "--minutes FLOAT" in shown
-    assert "How long, minutes.\n" in shown
+    assert "How long, minutes; 90 % of it.\n" in shown
     assert "--kind {green,black}" in shown
     assert shown.endswith("hadr brew blue --minutes 3\n")
     assert max(len(line) for line in shown.splitlines()) <= 80
 
-    for word, said in (("a", "convert string to float: 'a'"), ("None", "'None'")):
-        with pytest.raises(SystemExit) as left:
-            main(["brew", "blue", "--minutes", word])
-        assert left.value.code == 2
-        assert said in capsys.readouterr().err
     for words, said in (
-        (["blue", "--kind", "red"], "invalid choice 'red'"),
-        (["blue", "--heat"], "--heat"),
-        ([], "POT"),
+        (["blue", "--minutes", "a"], "argument --minutes: invalid float value: 'a'"),
+        (["blue", "--minutes", "None"], "argument --minutes: invalid float value: 'None'"),
+        (
+            ["blue", "--kind", "blck"],
+            "argument --kind: invalid choice: 'blck' (choose from green, black); "
+            "did you mean 'black'?",
+        ),
+        (["--minuts", "3"], "there is no option '--minuts'; did you mean '--minutes'?"),
+        (["--xyzzy=3"], "there is no option '--xyzzy'"),
+        (["blue", "red"], "unrecognized arguments: red"),
+        ([], "the following arguments are required: POT"),
     ):
         with pytest.raises(SystemExit) as left:
             main(["brew", *words])
         assert left.value.code == 2
-        assert said in capsys.readouterr().err
+        error = capsys.readouterr().err.replace("'green', 'black'", "green, black")  # Python 3.11
+        assert error == f"hadr brew: error: {said} (see hadr brew --help)\n"
 
     parser = command_parser("brew")
-    assert parser.description == "Make tea.\n\nTwo lines of prose that stand\nas they are."
     assert parser.epilog == EPILOG.strip()
     told = {action.dest: action.help for action in parser._actions}
-    assert told["minutes"] == "How long, minutes. (default: unset)"
-    assert told["leaves.kind"] == "The tea. (default: green)"
+    assert told["minutes"] == "How long, minutes; 90 %% of it."
+    assert told["kind"] == "The tea. (default: green)"
 
 
 def test_errors_in_a_real_process_have_no_traceback(frame) -> None:

@@ -3,8 +3,11 @@ import pytest
 
 from hadr import restoration
 from hadr.camera import Intrinsics
+from hadr.hand import forward_kinematics, keypoints_from_skeleton
+from hadr.models.hand.plausible import NoHandError
 from hadr.models.networks import DEPTH_NETWORKS
 from hadr.restoration import Restorer, restore
+from hadr.trained_networks import SeenMasks
 
 CAMERA = Intrinsics(fx=100, fy=100, cx=39.5, cy=29.5, width=80, height=60)
 
@@ -20,13 +23,10 @@ def frame() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return color, depth, mask
 
 
-def hand(z: float = 0.7) -> np.ndarray:
-    """21 points on a square of 10 cm at depth z, left of the mask."""
-    points = np.zeros((21, 3))
-    points[:, 0] = np.linspace(-0.2, -0.1, 21)
-    points[:, 1] = 0.05 * (-1.0) ** np.arange(21)
-    points[:, 2] = z
-    return points
+def hand(z: float = 0.81) -> np.ndarray:
+    """An adult's flat hand at depth z, fingers up, its thumb at column 31 beside the mask."""
+    flat = keypoints_from_skeleton(forward_kinematics(np.zeros(20)).joints) * [1, -1, 0]
+    return flat + np.array([-8.5 / 100 * abs(z) - flat[:, 0].max(), 0.1, z])
 
 
 def test_nearest_changes_only_the_mask_and_fills_it() -> None:
@@ -346,6 +346,15 @@ def test_a_calibrated_checkpoint_says_what_its_confidence_means_where_it_holds(t
     assert (sure.confidence[~mask] == 1).all()
     np.testing.assert_array_equal(sure.depth, plain.depth)
     assert not np.allclose(plain.confidence[sure.restored], 0.3)
+    assert not any("does not fit" in n for n in sure.notes)
+    # A hand that lies 60 cm behind what the camera measured there is used, and says so.
+    behind = hand() + np.array([0, 0, 0.59])
+    away = restore(color, depth, CAMERA, mask, behind, checkpoint=path)
+    assert away.tolerance_m is None
+    assert (away.confidence[mask] == 0).all()
+    (note,) = (n for n in away.notes if n.startswith("the given hand does not fit this frame"))
+    assert "60.0 cm behind the depth that was measured" in note
+    np.testing.assert_array_equal(away.keypoints, behind)
     far = restore(color, 2 * depth, CAMERA, mask, hand(1.4), checkpoint=path)
     assert far.ground.inside is False
     assert far.ground.features["distance"] == pytest.approx(1.4)
@@ -409,22 +418,27 @@ class ByColor:
     """A segmentation network that takes blue for glass and red for skin."""
 
     name = "masks.safetensors"
+    presence = 0.97
 
     def masks(self, color):
-        return color[..., 2] > 128, color[..., 0] > 128
+        return SeenMasks(color[..., 2] > 128, color[..., 0] > 128, self.presence)
 
 
 class SameHand:
     """A keypoint network that always finds the same hand, and keeps what it was asked."""
 
     name = "hand.safetensors"
+    needs_hand_mask = True
 
-    def __init__(self) -> None:
+    def __init__(self, keypoints: np.ndarray | None = None) -> None:
         self.asked = []
+        self.keypoints = hand(0.71) if keypoints is None else keypoints
 
     def find(self, color, depth, camera, mask, hand_mask):
         self.asked.append((depth, mask, hand_mask))
-        return hand()
+        if not hand_mask.any():
+            raise NoHandError("none is seen in the picture")
+        return self.keypoints
 
 
 def colored() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -445,7 +459,7 @@ def test_mask_and_keypoints_are_predicted_and_it_says_so() -> None:
     result = restorer(color, depth, CAMERA)
     np.testing.assert_array_equal(result.mask, glass)
     np.testing.assert_array_equal(result.hand_mask, skin)
-    np.testing.assert_array_equal(result.keypoints, hand())
+    np.testing.assert_array_equal(result.keypoints, hand(0.71))
     np.testing.assert_allclose(result.depth, np.where(glass, 0.7, before), atol=1e-6)
     np.testing.assert_array_equal(depth, before)
     assert "the mask is not given but predicted by masks.safetensors" in result.notes
@@ -469,7 +483,7 @@ def test_what_is_given_is_not_predicted() -> None:
     result = restorer(color, depth, CAMERA, mine, hand_mask=skin & mine)
     np.testing.assert_array_equal(result.restored, mine)
     assert result.keypoints is None
-    assert "there is no hand with depth, so there are no keypoints" in result.notes
+    assert "no hand found by hand.safetensors: none is seen in the picture" in result.notes
     blind = Restorer(keypoint_network=finder)
     with pytest.raises(ValueError, match=r"hand.safetensors needs to know where the hand is"):
         blind(color, depth, CAMERA, glass)
@@ -492,6 +506,47 @@ def test_no_glass_and_no_hand_are_said_and_nothing_is_made_up(tmp_path) -> None:
         Restorer("hadr", path, **finds)(no_hand, depth, CAMERA)
 
 
+@pytest.mark.parametrize(
+    ("keypoints", "presence", "reason"),
+    [
+        (hand(0.71) * 1.6, 0.97, "43.6 cm behind the depth that was measured"),
+        (hand(0.71) - [0.1, 0, 0], 0.97, "cm away from the glass in the picture"),
+        ((hand(0.71) - hand(0.71)[5]) * [1, 0.4, 1] + hand(0.71)[5], 0.97, "its palm has 4"),
+        (hand(0.71), 0.82, "a mean probability of 0.82 of being a hand's"),
+        (hand(0.71) - [0, 0, 1], 0.97, "a keypoint lies -0.29 m before the camera"),
+    ],
+)
+def test_a_found_hand_that_can_t_be_one_is_none(tmp_path, keypoints, presence, reason) -> None:
+    color, depth, glass, _ = colored()
+    masks = ByColor()
+    masks.presence = presence
+    finds = {"segmentation": masks, "keypoint_network": SameHand(keypoints)}
+    path = checkpoint_file(tmp_path)
+    result = Restorer("auto", path, **finds)(color, depth, CAMERA, glass)
+    assert (result.method, result.keypoints) == ("nearest", None)
+    assert any(n.startswith("no hand found") and reason in n for n in result.notes), result.notes
+    if result.hand is not None:  # what was found can be looked at
+        assert not result.hand.accepted
+        np.testing.assert_array_equal(result.hand.keypoints, keypoints)
+    without = restore(color, depth, CAMERA, glass, checkpoint=path)
+    np.testing.assert_array_equal(result.depth, without.depth)
+    with pytest.raises(ValueError, match=r"method hadr: no checkpoint fits: .*are none"):
+        Restorer("hadr", path, **finds)(color, depth, CAMERA, glass)
+
+
+def test_what_needs_no_hand_mask_is_not_asked_for_one() -> None:
+    color, depth, glass, _ = colored()
+    finder = SameHand()
+    finder.needs_hand_mask = False
+    finder.find = lambda color, depth, camera, mask, hand_mask: {None: hand(0.71)}[hand_mask]
+    result = Restorer("hand-median", keypoint_network=finder)(color, depth, CAMERA, glass)
+    np.testing.assert_array_equal(result.keypoints, hand(0.71))
+    doubting = ByColor()
+    doubting.presence = 0.1
+    restorer = Restorer("nearest", segmentation=doubting, keypoint_network=finder)
+    assert restorer(color, depth, CAMERA).hand.accepted
+
+
 def test_networks_are_read_once_and_keypoints_see_what_the_network_sees(tmp_path) -> None:
     """The short form and one restorer for many frames give the same."""
     color, depth, glass, _ = colored()
@@ -505,7 +560,7 @@ def test_networks_are_read_once_and_keypoints_see_what_the_network_sees(tmp_path
         assert restorer.network is network
         np.testing.assert_array_equal(first.depth, second.depth)
         np.testing.assert_array_equal(finder.asked[0][0] == 0, glass & (learned == "oracle"))
-        short = restore(color, depth, CAMERA, glass, hand(), checkpoint=path)
+        short = restore(color, depth, CAMERA, glass, hand(0.71), checkpoint=path)
         for name in ("depth", "confidence", "restored", "method"):
             np.testing.assert_array_equal(getattr(first, name), getattr(short, name), name)
 
@@ -535,13 +590,16 @@ def test_untrained_networks_of_all_kinds_work_together(tmp_path) -> None:
     )
     color, depth, glass, skin = colored()
     masks = restorer.segmentation.masks(color)
-    assert [(mask.shape, mask.dtype) for mask in masks] == [((60, 80), bool)] * 2
+    assert [(mask.shape, mask.dtype) for mask in masks[:2]] == [((60, 80), bool)] * 2
+    assert 0 <= masks.presence <= 1
     found = restorer(color, depth, CAMERA, glass, hand_mask=skin)
-    assert found.keypoints.shape == (21, 3)
-    assert np.abs(found.keypoints - found.keypoints.mean(axis=0)).max() < 0.6
-    assert 0.4 < found.keypoints[:, 2].mean() < 1.0, "in the cube around the hand at 0.7 m"
-    assert found.method == "hadr"
+    points = found.hand.keypoints
+    assert points.shape == (21, 3)
+    assert np.abs(points - points.mean(axis=0)).max() < 0.6
+    assert 0.4 < points[:, 2].mean() < 1.0, "in the cube around the hand at 0.7 m"
+    assert found.hand.source == "hand.safetensors"
+    assert any("has learned from computed pictures" in note for note in found.notes)
     np.testing.assert_array_equal(found.restored, glass)
     blind = restorer(color, np.where(skin, 0, depth), CAMERA, glass, hand_mask=skin)
     assert blind.keypoints is None
-    assert any("no hand with depth" in note for note in blind.notes)
+    assert any("the pixels in which one is seen have no depth" in note for note in blind.notes)

@@ -24,6 +24,7 @@ from hadr.camera import Intrinsics, transform_points
 from hadr.data.camera_log import camera_log, native_pixels
 from hadr.data.frame_pictures import (
     DisparityScale,
+    Normals,
     encode_color,
     encode_depth,
     encode_depth_array,
@@ -34,7 +35,6 @@ from hadr.data.frame_pictures import (
 from hadr.hand import KEYPOINT_NAMES
 
 Array = npt.NDArray[np.float64]
-Normals = Literal["all", "held", "object", "none"]
 
 #: The log's name for the metres of one step of ``depth_png`` and ``background_depth_png``.
 DEPTH_SCALE_KEY = "depth_png scale"

@@ -11,11 +11,14 @@ import re
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import cv2
 import numpy as np
 import numpy.typing as npt
+
+Normals = Literal["all", "held", "object", "none"]
+"""Of which pixels a frame's surface normals are kept; held: of hand and object."""
 
 Depth = npt.NDArray[np.float32]
 

@@ -29,9 +29,10 @@ from hadr.records.provenance import machine_text, provenance
 from hadr.records.result_file import digest, seal_row, sealed_row
 from hadr.training.batches import FrameTensors, load_frames
 from hadr.training.checkpoints import load_checkpoint
-from hadr.training.evaluation import BASELINES
+from hadr.training.evaluation import CLASSICAL
+from hadr.training.given import Given
 from hadr.training.loop import LAST
-from hadr.training.predicted import Given, with_predicted
+from hadr.training.predicted import with_predicted
 
 
 def _checkpoints() -> Path:
@@ -159,7 +160,7 @@ def hand_median(truth: FrameTensors) -> Scores:
     """
     images, own = [], []
     for number in range(len(truth)):
-        depth = BASELINES["hand-median"](truth, number)
+        depth = CLASSICAL["hand-median"](truth, number)
         known = truth.inputs.mask[number].numpy() & (depth > 0)
         images.append(enlarge_known(depth, known, known.shape))
         own.append(known)

@@ -5,21 +5,32 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
-from hadr.experiments.scoring import EVALUATION_SIZE, Scores, score_cheap, score_network
-from hadr.metrics import format_table, mean_over_frames
 from hadr.models.networks import DEPTH_NETWORKS
+from hadr.records.option_words import FILE, FOLDER, ID
 from hadr.records.output_folder import check_writable
 from hadr.records.provenance import provenance, write_json
-from hadr.training.batches import FrameTensors, load_frames
-from hadr.training.checkpoints import load_checkpoint
-from hadr.training.evaluation import BASELINES
-from hadr.training.predicted import Given, open_split, with_predicted
-from hadr.training.recipe import Preset
-from hadr.training.tasks.task import Task
+from hadr.training.given import Given
+
+if TYPE_CHECKING:
+    from hadr.experiments.scoring import Scores
+    from hadr.training.batches import FrameTensors
+
+EPILOG = """
+examples
+  A training beside the bundled network, on the bundled test frames:
+    hadr evaluate runs/mini/best.safetensors \\
+        data_samples/checkpoints/hadr-mini.safetensors
+  Given what other networks predict, and the tables as a file:
+    hadr evaluate runs/mini/best.safetensors --out tables.json \\
+        --masks data_samples/checkpoints/segmentation-mini.safetensors \\
+        --keypoints data_samples/checkpoints/hand-keypoints-mini.safetensors
+
+exit status
+  0 done   2 unusable checkpoint or data, or a wrong call"""
 
 
 @dataclass(frozen=True)
@@ -55,23 +66,26 @@ class Options:
     beside methods that learn nothing; segmentation and keypoint networks have figures of their own.
     """
 
-    checkpoint: tyro.conf.Positional[tuple[str, ...]]
+    checkpoint: tyro.conf.Positional[Annotated[tuple[str, ...], FILE]]
     """Files that `hadr train` wrote."""
-    data: tuple[Path, ...] = ()
+    data: Annotated[tuple[Path, ...], FOLDER] = ()
     """Folders in TransHand's layout, joined; the bundled frames where it is left out."""
     split: Literal["train", "val", "test"] = "test"
     """Which frames."""
-    objects: tuple[str, ...] = ()
+    objects: Annotated[tuple[str, ...], ID] = ()
     """Score these objects only."""
     given: tyro.conf.OmitArgPrefixes[Given] = field(default_factory=Given)
-    out: Path | None = None
+    out: Annotated[Path | None, FILE] = None
     """File for the tables as JSON with their provenance."""
 
 
 def depth_table(checkpoints: Sequence[Checkpoint], source: Any, given: Given) -> dict[str, Scores]:
     """Score depth networks and the methods that learn nothing on the same frames."""
+    from hadr.experiments.scoring import EVALUATION_SIZE, score_cheap, score_network
+    from hadr.training.evaluation import CLASSICAL
+
     truth = _load(source, EVALUATION_SIZE, given)
-    rows = {name: score_cheap(truth, name) for name in BASELINES}
+    rows = {name: score_cheap(truth, name) for name in CLASSICAL}
     for one in checkpoints:
         rows[one.name] = score_network(one.model, _load(source, one.size, given), truth)
     return rows
@@ -79,6 +93,10 @@ def depth_table(checkpoints: Sequence[Checkpoint], source: Any, given: Given) ->
 
 def figures(checkpoint: Checkpoint, source: Any, given: Given) -> dict[str, float]:
     """Score a segmentation or keypoint network, at its own size."""
+    from hadr.training.batches import load_frames
+    from hadr.training.recipe import Preset
+    from hadr.training.tasks.task import Task
+
     width, height = checkpoint.size
     recipe = Preset(
         name="evaluation",
@@ -95,10 +113,11 @@ def figures(checkpoint: Checkpoint, source: Any, given: Given) -> dict[str, floa
 def run(options: Options) -> int:
     """Run `hadr evaluate`."""
     from hadr.data.samples import samples_dir
+    from hadr.experiments.scoring import EVALUATION_SIZE
+    from hadr.metrics import format_table, mean_over_frames
+    from hadr.training.predicted import open_split
 
     check_writable(options.out)
-    if not options.checkpoint:
-        raise ValueError("no checkpoint is named: nothing to score")
     folders = options.data or (samples_dir() / "frames",)
     source = open_split(folders, options.split, options.objects or None)
     if source is None:
@@ -143,12 +162,17 @@ def run(options: Options) -> int:
 
 def _load(source: Any, size: tuple[int, int], given: Given) -> FrameTensors:
     """All frames, so that they are the same ones at each size."""
+    from hadr.training.batches import load_frames
+    from hadr.training.predicted import with_predicted
+
     frames = load_frames(source, size, given.corruption, given.seed, keep_all=True)
     return with_predicted(frames, source, given)
 
 
 def _open(paths: Sequence[str]) -> list[Checkpoint]:
     """Load checkpoints, each under its file's name, or its folder's too where names recur."""
+    from hadr.training.checkpoints import load_checkpoint
+
     found: list[Checkpoint] = []
     short = [Path(path).stem for path in paths]
     for path, name in zip(map(Path, paths), short, strict=True):

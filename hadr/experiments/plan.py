@@ -25,7 +25,7 @@ from hadr.experiments.splits import EXPERIMENTS, Experiment
 from hadr.experiments.steps import Step, left_text
 from hadr.experiments.systems import CHEAP, METHODS, PARTS, SWITCHES, system
 from hadr.experiments.tables import ABLATION, LEDGER, TABLES, write_tables
-from hadr.training.predicted import Given
+from hadr.training.given import Given
 
 KNOWN_ALONE = ("hadr-long",)
 """Trained for the known objects alone: it asks whether HADR had too few epochs."""

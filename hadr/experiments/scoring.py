@@ -20,7 +20,7 @@ from hadr.camera import BoolArray, FloatArray
 from hadr.metrics import METRICS, DepthMetrics, frame_metrics, mean_over_frames, pooled
 from hadr.models.hadr_input import enlarge_restored
 from hadr.training.batches import FrameTensors
-from hadr.training.evaluation import BASELINES, predict
+from hadr.training.evaluation import CLASSICAL, predict
 
 EVALUATION_SIZE = (224, 126)
 """(width, height) at which all systems are scored, pixels."""
@@ -149,10 +149,10 @@ def score_cheap(truth: FrameTensors, method: str) -> Scores:
 
     Args:
         truth: The frames at the evaluation size.
-        method: One of ``hadr.training.evaluation.BASELINES``.
+        method: One of ``hadr.training.evaluation.CLASSICAL``.
 
     Returns:
         The scores.
     """
-    restorer = BASELINES[method]
+    restorer = CLASSICAL[method]
     return score_depth(np.stack([restorer(truth, n) for n in range(len(truth))]), truth)

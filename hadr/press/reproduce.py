@@ -13,22 +13,12 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
 
 from hadr.corruption import Corruption
-from hadr.data.folders import has_split
-from hadr.data.samples import samples_dir
-from hadr.experiments.again import measure_again, row_to_run
-from hadr.experiments.handover_table import (
-    handover_steps,
-    make_handover_table,
-    planned_attempts,
-)
-from hadr.experiments.plan import TABLE_RUNS, measure_all, plan, table_steps
-from hadr.experiments.runner import Bench
-from hadr.experiments.splits import EXPERIMENTS
 from hadr.experiments.steps import NAME, Step, keep_run_times, last_run_times, steps_text
-from hadr.experiments.systems import METHODS, PARTS, SWITCHES
 from hadr.press.chapter_record import keep_results
 from hadr.press.chapters import (
     WHOLE,
@@ -38,11 +28,30 @@ from hadr.press.chapters import (
     run_notebooks,
     run_time_table,
 )
-from hadr.press.paper_report import TITLES, report
 from hadr.records.checkout import checkout_root
+from hadr.records.option_words import FOLDER
 from hadr.records.output_folder import check_output_folder, make_output_folder
 from hadr.simulation.trials.command import check_packages
-from hadr.training.processes import chosen_accelerator
+from hadr.training.recipe import Accelerator
+
+if TYPE_CHECKING:
+    from hadr.experiments.runner import Bench
+
+EPILOG = """
+examples
+  The plan, what of it is done, and how long the last run took:
+    hadr reproduce --out build --dry-run
+  Everything at the book's size, on your frames beside the bundled ones:
+    hadr reproduce --preset mini --data frames data_samples/frames \\
+        --out build/mini
+  One row of a table; one row of a result file once more:
+    hadr reproduce --only known/hadr --out build
+    hadr reproduce --again results/mini/known.json hadr --preset mini \\
+        --data frames data_samples/frames --out build/again
+
+exit status
+  0 done   1 a row that was run again gave other numbers
+  2 a chapter or a training failed, or a wrong call   130 interrupted"""
 
 TINY_FRAMES = 48
 """Frames of each part in preset tiny, which shows that everything runs and no more."""
@@ -55,25 +64,25 @@ class Options:
     The plan is printed first. What is finished is not repeated; what was stopped goes on.
     """
 
-    out: Path
+    out: Annotated[Path, FOLDER]
     """Folder for notebooks and results."""
     preset: Literal["tiny", "mini", "paper"] = "tiny"
     """Size of networks and data; tiny takes minutes on a laptop."""
     seed: int = 0
     """Seed of every chapter and of the attempts."""
-    only: tuple[str, ...] = ()
+    only: Annotated[tuple[str, ...], tyro.conf.arg(metavar="PART")] = ()
     """Chapters (03 04), rows (known/hadr raw), or a part: tables, handover, chapters."""
     dry_run: bool = False
     """Print the plan with what is done, and stop."""
-    data: tuple[Path, ...] = ()
+    data: Annotated[tuple[Path, ...], FOLDER] = ()
     """Data for the tables, from `hadr generate --preset mini`; tiny takes the bundled samples."""
     seeds: tuple[int, ...] | None = None
     """Seeds of the trainings; unset: 0, but 0 1 2 where mini and paper ask what a hand is worth."""
     jobs: int = 1
     """Trainings or attempts at a time, each with one thread; 1: one training with all threads."""
-    accelerator: Literal["auto", "cpu", "cuda"] = "auto"
+    accelerator: Accelerator = "auto"
     """auto: cuda if any; numbers of a GPU are near to those of a CPU, not equal to them."""
-    again: tuple[str, str] | None = None
+    again: Annotated[tuple[str, str] | None, tyro.conf.arg(metavar="FILE METHOD")] = None
     """Result file and method: run that row once more as it is recorded there, and compare."""
     corruption: Corruption = "oracle"
     """Depth inside the glass."""
@@ -86,6 +95,13 @@ def run(options: Options) -> int:
         0 when all was done, 1 when a row that was run again gave other numbers, 2 when a chapter
         or a training failed.
     """
+    from hadr.experiments.handover_table import (
+        handover_steps,
+        make_handover_table,
+        planned_attempts,
+    )
+    from hadr.experiments.plan import measure_all, plan, table_steps
+
     check_output_folder(options.out)
     smallest = min(options.seeds or (0,))
     for name, number, least in (
@@ -151,12 +167,21 @@ def run(options: Options) -> int:
 
 def is_table_wish(wish: str) -> bool:
     """Say whether a word of ``--only`` means a table's run and not a chapter."""
+    from hadr.experiments.plan import TABLE_RUNS
+    from hadr.experiments.splits import EXPERIMENTS
+    from hadr.experiments.systems import METHODS, PARTS, SWITCHES
+
     names = (*EXPERIMENTS, *METHODS, *PARTS, *SWITCHES, *TABLE_RUNS, "full")
     return "/" in wish or wish.lower() in names
 
 
 def open_bench(options: Options) -> Bench:
     """Open the bench that the options describe; for a plan alone, its data may be missing."""
+    from hadr.data.folders import has_split
+    from hadr.data.samples import samples_dir
+    from hadr.experiments.runner import Bench
+    from hadr.training.processes import chosen_accelerator
+
     roots: Sequence[Path] = options.data
     tiny = options.preset == "tiny"
     if options.dry_run and not options.again and not (tiny or all(root.is_dir() for root in roots)):
@@ -193,6 +218,8 @@ def _data_step(size: str, times: dict[str, float]) -> Step:
 
 def _run_again(options: Options, file: str, method: str) -> int:
     """Run ``hadr reproduce --again``: 0 where the numbers agree, 1 where they don't."""
+    from hadr.experiments.again import measure_again, row_to_run
+
     bench = open_bench(options)
     if options.dry_run:
         row_to_run(bench, file, method)  # raises where it can't be run
@@ -203,6 +230,8 @@ def _run_again(options: Options, file: str, method: str) -> int:
 
 def write_report(out: Path, size: str) -> None:
     """Write the report of a folder's tables, beside the paper's where these are at hand."""
+    from hadr.press.paper_report import TITLES, report
+
     try:
         published = checkout_root() / "results" / "paper_tables.json"
     except FileNotFoundError:

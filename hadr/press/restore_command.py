@@ -6,9 +6,11 @@ import json
 import sys
 import textwrap
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import tyro
@@ -28,9 +30,12 @@ from hadr.frame_io import (
     write_point_cloud,
 )
 from hadr.models.networks import RIVALS
+from hadr.records.option_words import FILE, FOLDER
 from hadr.restoration import METHODS, Restoration, Restorer
 
 if TYPE_CHECKING:
+    from hadr.models.hand.mediapipe_hand import MediaPipeHand
+
     Method = str
 else:
     Method = tyro.extras.literal_type_from_choices(METHODS)
@@ -43,8 +48,13 @@ OUTPUTS = {
     "confidence.npy": "float32: 1 where measured, 0 where missing; where restored the probability "
     "that the depth is right to 2 cm, if the method is a calibrated hadr-plus; 0, not known, for "
     "all others, which cannot say how sure they are",
-    "comparison.png": "colour, depth before and after, error or confidence",
+    "comparison.png": "colour with mask and hand, depth before and after, error or confidence",
     "mask.png": "pixels to restore, given or predicted, 8-bit, 255 = restore",
+    "hand_mask.png": "pixels of hand and arm, given or predicted, if any are known; 8-bit, 255 = "
+    "hand",
+    "hand.json": "the hand that was given or found, if any: 21 keypoints, metres, camera frame, "
+    "where they are from, whether they were accepted, and what does not fit (reads back with "
+    "--hand)",
     "cloud.ply": "coloured points, metres, camera frame (x right, y down, z forward), binary",
     "report.json": "method, notes, counts, errors, versions, inputs' SHA-256, times",
 }
@@ -77,6 +87,13 @@ what is written
   learned) stays missing, 0 in depth.*; it is never a depth of zero metres.
   The folder appears complete or not at all.
 
+the hand
+  Networks need it to know where the glass is. A hand that is found (--hand
+  mediapipe, --keypoint-network) is accepted only if it is of a human's size, at
+  the glass, and where something was measured; else there is "no hand found", and
+  the notes say why. A hand that is given is always used; where it does not fit,
+  the notes say by how much, and no probability is stated.
+
 examples
   A RealSense frame, depth PNG in millimetres:
     hadr restore --rgb rgb.png --depth depth.png --intrinsics camera.yaml \\
@@ -84,6 +101,12 @@ examples
   The same with a hand, so that HADR can be used:
     hadr restore --rgb rgb.png --depth depth.npy --intrinsics camera.json \\
         --mask glass.png --hand hand.json --out restored
+  The same, with MediaPipe finding the hand in the colour:
+    pip install 'hadr[mediapipe]'
+    hadr hand-model --out hand_landmarker.task
+    hadr restore --rgb rgb.png --depth depth.png --intrinsics camera.yaml \\
+        --mask glass.png --hand mediapipe --hand-model hand_landmarker.task \\
+        --out restored
   Compare with a known depth and print the errors:
     hadr restore --rgb rgb.jpg --depth depth.exr --intrinsics camera.yaml \\
         --mask glass.png --truth opaque.exr --out restored
@@ -91,12 +114,15 @@ examples
 exit status
   0 done   1 the result could not be written   2 unusable input"""
 
+MEDIAPIPE = "mediapipe"
+"""What `hand` says to have MediaPipe find it; a file of that name is ./mediapipe."""
 INPUTS = (
     "rgb",
     "depth",
     "intrinsics",
     "mask",
     "hand",
+    "hand_model",
     "hand_mask",
     "truth",
     "checkpoint",
@@ -115,38 +141,42 @@ class Options:
     object's mask and leaves every other pixel as it was measured.
     """
 
-    rgb: str
+    rgb: Annotated[str, FILE]
     """colour image, PNG or JPEG"""
-    depth: str
+    depth: Annotated[str, FILE]
     """depth: 16-bit PNG, .npy (H, W) or OpenEXR"""
     depth_scale: float | None = None
     """metres per stored unit; unset: 0.001 for whole numbers, 1 for floats"""
-    intrinsics: str
+    intrinsics: Annotated[str, FILE]
     """YAML or JSON: fx fy cx cy in pixels and width height (or xres yres), or K"""
-    mask: str | None = None
+    mask: Annotated[str | None, FILE] = None
     """the transparent object's pixels, 8-bit PNG, not 0 = object; without it they are predicted
     (--segmentation), or the pixels that have no depth are restored"""
-    hand: str | None = None
+    hand: Annotated[str | None, FILE] = None
     """21 hand keypoints, metres, camera frame: JSON list of [x, y, z], text with 21 lines 'x y z',
-    or .npy (21, 3); wrist, then thumb to little finger, root to tip"""
-    hand_mask: str | None = None
+    or .npy (21, 3); wrist, then thumb to little finger, root to tip; or the word mediapipe, which
+    has MediaPipe find them in the colour (--hand-model)"""
+    hand_model: Annotated[str | None, FILE] = None
+    """MediaPipe's model, which 'hadr hand-model' makes"""
+    hand_mask: Annotated[str | None, FILE] = None
     """pixels of hand and arm, sharpens hand-median"""
     method: Method = "auto"
     """how to restore, see below"""
-    checkpoint: str | None = None
+    checkpoint: Annotated[str | None, FILE] = None
     """a depth network, .safetensors; unset: the sample's HADR"""
-    segmentation: str | None = None
+    segmentation: Annotated[str | None, FILE] = None
     """a segmentation network: predicts mask, hand mask"""
-    keypoint_network: str | None = None
-    """a hand-keypoint network: predicts the hand"""
+    keypoint_network: Annotated[str | None, FILE] = None
+    """a hand-keypoint network: predicts the hand in computed pictures, for which it is trained; for
+    photographs take --hand mediapipe"""
     corruption: Corruption | None = None
     """depth measured inside the mask: oracle and erased discard it, sensor and analytic give it to
     the network; unset: as the checkpoint was trained"""
-    out: str
+    out: Annotated[str, FOLDER]
     """folder for the result"""
     overwrite: bool = False
     """replace an earlier result in the folder (one with other files is never replaced)"""
-    truth: str | None = None
+    truth: Annotated[str | None, FILE] = None
     """true depth, a file like --depth's; prints the errors inside the mask"""
     quiet: bool = False
     """print nothing but errors"""
@@ -168,25 +198,31 @@ def run(options: Options) -> int:
     depth = read_depth(options.depth, options.depth_scale)
     camera = load_intrinsics(options.intrinsics)
     mask = None if options.mask is None else read_mask(options.mask)
-    hand = None if options.hand is None else read_hand(options.hand)
+    searched = options.hand == MEDIAPIPE
+    hand = None if options.hand is None or searched else read_hand(options.hand)
     arm = None if options.hand_mask is None else read_mask(options.hand_mask, "hand mask")
     truth = _read_truth(options, depth.shape)
     read = time.perf_counter()
-    restorer = Restorer(
-        options.method,
-        options.checkpoint,
-        corruption=options.corruption,
-        segmentation=options.segmentation,
-        keypoint_network=options.keypoint_network,
-    )
-    result = restorer(color, depth, camera, mask, hand, arm)
+    with _hand_finder(options) as finder:
+        restorer = Restorer(
+            options.method,
+            options.checkpoint,
+            corruption=options.corruption,
+            segmentation=options.segmentation,
+            keypoint_network=finder,
+        )
+        result = restorer(color, depth, camera, mask, hand, arm)
     restored = time.perf_counter()
     files = {name: getattr(options, name) for name in INPUTS}
-    report = restore_report.report(depth, camera, result, truth, files, OUTPUTS)
+    if searched:
+        files["hand"] = None
+    unknown = {"hand_mask.png": result.hand_mask is None, "hand.json": result.hand is None}
+    outputs = {name: text for name, text in OUTPUTS.items() if not unknown.get(name)}
+    report = restore_report.report(depth, camera, result, truth, files, outputs)
     try:
         with finished_folder(options.out, replaceable) as folder:
-            _write(folder, color, camera, result)
-            figure = restore_report.comparison_figure(color, depth, result, truth)
+            _write(folder, color, camera, result, report["hand"])
+            figure = restore_report.comparison_figure(color, depth, camera, result, truth)
             figure.savefig(folder / "comparison.png", dpi=130)
             finished = time.perf_counter()
             report["seconds"] = {
@@ -194,8 +230,7 @@ def run(options: Options) -> int:
                 "restore": round(restored - read, 3),
                 "write": round(finished - restored, 3),
             }
-            text = json.dumps(report, indent=2, allow_nan=False)
-            (folder / "report.json").write_text(text + "\n", encoding="utf-8")
+            _write_json(folder / "report.json", report)
     except FileExistsError:
         raise
     except OSError as error:
@@ -206,14 +241,56 @@ def run(options: Options) -> int:
     return 0
 
 
-def _write(folder: Path, color: NDArray[np.uint8], camera: Intrinsics, result: Restoration) -> None:
+def _write(
+    folder: Path,
+    color: NDArray[np.uint8],
+    camera: Intrinsics,
+    result: Restoration,
+    told_hand: dict[str, Any],
+) -> None:
     """Write what the result holds; the picture and the report come from elsewhere."""
     write_depth_png(folder / "depth.png", result.depth)
     np.save(folder / "depth.npy", result.depth)
     write_image(folder / "confidence.png", np.rint(result.confidence * 255).astype(np.uint8))
     np.save(folder / "confidence.npy", result.confidence)
     write_image(folder / "mask.png", result.mask.astype(np.uint8) * 255)
+    if result.hand_mask is not None:
+        write_image(folder / "hand_mask.png", result.hand_mask.astype(np.uint8) * 255)
+    if result.hand is not None:
+        _write_json(
+            folder / "hand.json", {"keypoints": result.hand.keypoints.tolist(), **told_hand}
+        )
     write_point_cloud(folder / "cloud.ply", result.depth, color, camera)
+
+
+def _write_json(path: Path, content: dict[str, Any]) -> None:
+    text = json.dumps(content, indent=2, allow_nan=False)
+    path.write_text(text + "\n", encoding="utf-8")
+
+
+@contextmanager
+def _hand_finder(options: Options) -> Iterator[MediaPipeHand | str | None]:
+    """What finds the hand: MediaPipe, a network's checkpoint, or nothing."""
+    if options.hand != MEDIAPIPE:
+        if options.hand_model is not None:
+            raise ValueError("--hand-model is MediaPipe's: it goes with --hand mediapipe")
+        yield options.keypoint_network
+        return
+    if options.keypoint_network is not None:
+        raise ValueError("--hand mediapipe and --keypoint-network both find the hand: name one")
+    if options.hand_model is None:
+        raise ValueError(
+            "--hand mediapipe needs its model: make it with 'hadr hand-model --out "
+            "hand_landmarker.task' and add --hand-model hand_landmarker.task"
+        )
+    from hadr.models.hand.mediapipe_hand import MediaPipeHand
+
+    try:
+        finder = MediaPipeHand(options.hand_model)
+    except ImportError as error:
+        raise ValueError(str(error)) from error
+    with finder:
+        yield finder
 
 
 def _read_truth(options: Options, shape: tuple[int, ...]) -> NDArray[np.float32] | None:

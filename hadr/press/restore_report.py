@@ -14,15 +14,17 @@ import cv2
 import numpy as np
 import scipy
 from matplotlib import rc_context
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from hadr import __version__
-from hadr.camera import BoolArray, Intrinsics, valid_depth
+from hadr.camera import BoolArray, Intrinsics, project, valid_depth
 from hadr.figures import panels
+from hadr.hand import BONES
 from hadr.metrics import METRICS, frame_metrics
 from hadr.models.networks import DEPTH_NETWORKS, NETWORKS
-from hadr.restoration import Restoration
+from hadr.restoration import GIVEN, Hand, Restoration
 
 METHOD_TITLES = {
     **{kind: f"{NETWORKS[kind].title} (not HADR)" for kind in DEPTH_NETWORKS},
@@ -55,6 +57,7 @@ def report(
         "image": {"width": camera.width, "height": camera.height},
         "intrinsics": camera.to_dict(),
         "counts": counts(depth, result),
+        "hand": None if result.hand is None else told_hand(result.hand),
         "errors_in_mask": {} if truth is None else errors(depth, result.depth, truth, result.mask),
         "inputs": {
             name: {"file": path, "sha256": hashlib.sha256(Path(path).read_bytes()).hexdigest()}
@@ -68,10 +71,14 @@ def report(
 def comparison_figure(
     color: NDArray[np.uint8],
     depth: NDArray[np.floating],
+    camera: Intrinsics,
     result: Restoration,
     truth: NDArray[np.floating] | None = None,
 ) -> Figure:
-    """Draw colour, depth before and after, and the error (or, without truth, the confidence)."""
+    """Draw colour, depth before and after, and the error (or, without truth, the confidence).
+
+    On the colour lies the hand that was given or found, dashed and grey if it was not accepted.
+    """
     target = result.mask
     with rc_context():
         panels.use_style()
@@ -79,6 +86,7 @@ def comparison_figure(
         figure: Figure = Figure(figsize=(11, height), dpi=130)
         (top_left, top_right), (left, right) = figure.subplots(2, 2)
         panels.show_color(top_left, color, "colour, and the pixels to restore")
+        _show_hand(top_left, camera, result)
         there = valid_depth(result.depth)
         inside = there & target
         shown = result.depth[inside if inside.any() else there]
@@ -115,10 +123,40 @@ def comparison_figure(
     return figure
 
 
+def _show_hand(ax: Axes, camera: Intrinsics, result: Restoration) -> None:
+    """Draw the hand's pixels and keypoints, and write whether they were used."""
+    if result.hand_mask is not None and result.hand_mask.any():
+        ax.contour(result.hand_mask, [0.5], colors=["white"], linewidths=0.7, linestyles="dotted")
+    hand = result.hand
+    if hand is None:
+        return
+    said = "the hand, " + ("given" if hand.source == GIVEN else f"found by {hand.source}")
+    if hand.check.problems:
+        said += "; it does not fit" if hand.accepted else "; not accepted: no hand found"
+    uv = project(hand.keypoints, camera)
+    if hand.accepted:
+        panels.show_keypoints(ax, uv, size=5)
+    else:
+        for bone in BONES:
+            ax.plot(*uv[list(bone)].T, color="#d9d9d9", linewidth=1, linestyle="dashed")
+    height, width = camera.shape
+    ax.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), xlabel=said)
+
+
+def told_hand(hand: Hand) -> dict[str, Any]:
+    """Where a hand is from, whether it was accepted, and how it fits to the frame."""
+    check = asdict(hand.check)
+    problems = list(check.pop("problems"))
+    accepted = hand.accepted
+    return {"source": hand.source, "accepted": accepted, "problems": problems, "measured": check}
+
+
 def confidence_means(result: Restoration) -> str:
     """Say what the confidence of restored pixels is, in a few words."""
     if not result.restored.any():
         return "nothing was restored"
+    if result.hand is not None and result.hand.doubtful:
+        return "0, not known: the given hand does not fit this frame"
     if result.tolerance_m is not None:
         return f"probability of being right to {100 * result.tolerance_m:g} cm"
     if not result.confidence[result.restored].any():

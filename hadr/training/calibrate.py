@@ -1,24 +1,21 @@
-"""`hadr calibrate`: teach a depth network's checkpoint what its confidence means.
+"""What a depth network's confidence means: fitted on validation frames, and measured.
 
-Adds three things to the record of a checkpoint and leaves its weights alone:
+`hadr calibrate` adds three things to the record of a checkpoint and leaves its weights alone:
 
 * ``learned_range``: the depths at which training has shown the object;
 * ``confidence``: how the spread that the network predicts becomes the probability that a restored
   depth is right to 2 cm, fitted on validation frames. A network that predicts no distribution of
   depth (`hadr.models.networks`) cannot say how sure it is, and gets none;
-* ``ground``: what the training frames were like (`hadr.known_ground`). On others the confidence
+* ``ground``: what the training frames were like (`hadr.training.ground`). On others the confidence
   does not hold, and is not given.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-import tyro
 from numpy.typing import NDArray
 from torch import nn
 
@@ -33,19 +30,10 @@ from hadr.confidence import (
     sparsification,
     within_learned,
 )
-from hadr.corruption import CORRUPTIONS, Corruption
-from hadr.data.folders import FrameSource, open_folder
 from hadr.models.networks import NETWORKS
-from hadr.records.output_folder import check_writable
-from hadr.records.provenance import provenance
-from hadr.records.result_file import write_result_file
-from hadr.training.batches import FrameTensors, load_frames
-from hadr.training.checkpoints import kind_of, load_checkpoint, update_record
+from hadr.training.batches import FrameTensors
+from hadr.training.checkpoints import kind_of
 from hadr.training.evaluation import predict
-from hadr.training.ground import learn_ground
-
-RANGE_FRAMES = 600
-"""At most so many training frames, evenly taken, are read for the range of depths."""
 
 
 @dataclass(frozen=True)
@@ -178,150 +166,3 @@ def calibrate(
             "fitted_on": {"frames": len(validation), "pixels": len(pixels.error_m), "of": source},
         }
     return additions
-
-
-def measured_rule(
-    model: nn.Module,
-    size: tuple[int, int],
-    corruption: Corruption,
-    depth_range_m: tuple[float, float],
-    validation: FrameSource,
-) -> ConfidenceRule | None:
-    """Fit what the confidence of a network that learned from computed depth means on a camera's.
-
-    None for a network that learned from a camera's depth, or cannot say how sure it is, and where
-    no frame has raw depth.
-    """
-    if CORRUPTIONS[corruption].captured or not NETWORKS[kind_of(model)].can_say:
-        return None
-    shown: Corruption = "erased" if CORRUPTIONS[corruption].erase else "sensor"
-    measured = [frame for frame in validation if frame.raw_depth is not None]
-    if not measured:
-        return None
-    pixels = restored_pixels(model, load_frames(measured, size, shown), depth_range_m)
-    assert pixels.signal is not None  # for the type checker
-    return fit_confidence(pixels.signal, pixels.error_m, frames=len(measured))
-
-
-EPILOG = """
-examples
-  hadr calibrate runs/plus/last.safetensors data_samples/frames frames
-  The frames of an object that was held out of the training measure it:
-    hadr calibrate runs/plus/last.safetensors data_samples/frames \\
-        --test-objects 0010 --out confidence.json
-
-exit status
-  0 done   2 unusable checkpoint or data, or a wrong call"""
-
-
-@dataclass(frozen=True)
-class Options:
-    """Calibrate a depth network's checkpoint.
-
-    Fit what its confidence means on validation frames (of HADR-plus; the other networks
-    cannot say how sure they are), note the depths that training has shown and what its frames
-    were like, and write all of it into the checkpoint's record. Its weights stay.
-    """
-
-    checkpoint: tyro.conf.Positional[Path]
-    """A .safetensors file that `hadr train` wrote."""
-    data: tyro.conf.Positional[
-        Annotated[tuple[Path, ...], tyro.conf.arg(metavar="DATA [DATA ...]")]
-    ]
-    """Folders in TransHand's layout that it was trained on."""
-    objects: Annotated[tuple[str, ...] | None, tyro.conf.arg(metavar="ID [ID ...]")] = None
-    """These objects only."""
-    test_objects: Annotated[tuple[str, ...] | None, tyro.conf.arg(metavar="ID [ID ...]")] = None
-    """Of split test take these objects, such as those held out of the training."""
-    corruption: Corruption = "oracle"
-    """How the depth of the frames is corrupted."""
-    seed: int = 0
-    """Seed of the analytic corruption."""
-    only_ground: bool = False
-    """Note what the training frames were like, and leave what the record says else: for a
-    checkpoint of whose training frames only a part is at hand."""
-    out: Path | None = None
-    """Write what was measured as JSON into this file."""
-
-
-def run(options: Options) -> int:
-    """Run `hadr calibrate`."""
-    check_writable(options.out)
-    if not options.data:
-        raise ValueError("name at least one folder in TransHand's layout behind the checkpoint")
-    model, meta = load_checkpoint(options.checkpoint)
-    name, kind = options.checkpoint.name, kind_of(model)
-    if NETWORKS[kind].answer != "depth":
-        raise ValueError(f"{name} holds a network of kind {kind!r}, which restores no depth")
-    learned = str(meta.get("data", {}).get("corruption", "oracle")).split(":")[0]
-    if learned != options.corruption:
-        raise ValueError(
-            f"{name} was trained with corruption {learned!r}; a calibration with "
-            f"{options.corruption!r} would speak of other pictures than it restores"
-        )
-    size = int(meta["width"]), int(meta["height"])
-    tested = options.test_objects or options.objects
-    sources = {
-        split: _frames(options, split, objects)
-        for split, objects in (
-            ("train", options.objects), ("val", options.objects), ("test", tested)
-        )
-    }  # fmt: skip
-    train, validation, test = (
-        load_frames(frames, size, options.corruption, options.seed) for frames in sources.values()
-    )
-    source = f"split val of {len(options.data)} folder(s), corruption {options.corruption}"
-    additions: dict[str, Any] = (
-        {} if options.only_ground else calibrate(model, train, validation, source)
-    )
-    near, far = (additions or meta)["learned_range"]["depth_m"]
-    additions["ground"] = learn_ground(
-        model,
-        size,
-        options.corruption,
-        (near, far),
-        sources["train"],
-        sources["val"],
-        measured_rule=measured_rule(model, size, options.corruption, (near, far), sources["val"]),
-        seed=options.seed,
-    )
-    update_record(options.checkpoint, additions)
-    print(f"learned range  {near:.3f} to {far:.3f} m")
-    print(f"ground         {', '.join(additions['ground']['fields'])}")
-    if options.only_ground:
-        return 0
-    if not NETWORKS[kind].can_say:
-        unwritten = f"; {options.out} is not written" if options.out else ""
-        print(f"confidence     a network of kind {kind} cannot say how sure it is{unwritten}")
-        return 0
-    rule = ConfidenceRule.from_dict(additions["confidence"])
-    rows = []
-    for split, frames in (("val", validation), ("test", test)):
-        found = measure_confidence(rule, restored_pixels(model, frames, (near, far)))
-        rows.append({"split": split, "network": kind, **found})
-        print(
-            f"{split:<14} {found['frames']} frames, {100 * found['coverage']:.1f} % restored, RMSE "
-            f"{found['rmse_m']:.4f} m; without the least sure tenth {found['rmse_at_90_m']:.4f} m "
-            f"(oracle {found['oracle_rmse_at_90_m']:.4f}); calibration error "
-            f"{found['expected_calibration_error']:.3f}"
-        )
-    if options.out:
-        of = f" of objects {', '.join(options.test_objects)}" if options.test_objects else ""
-        what = (
-            f"Confidence of {name}, fitted on the frames of split val and "
-            f"measured on those and on split test{of}: pixels of the object that were restored, at "
-            f"{size[0]}x{size[1]}. 'Right' is an error below {rule.calibration.tolerance_m} m. "
-            "Standard errors are those of a bootstrap over frames, of which two or three show one "
-            "hold: somewhat too small."
-        )
-        write_result_file(options.out, what, rows, provenance())
-    return 0
-
-
-def _frames(options: Options, split: str, objects: Sequence[str] | None) -> FrameSource:
-    """The frames of a split; evenly taken ones of many for training."""
-    source = FrameSource([open_folder(folder, split, objects) for folder in options.data])
-    if split == "train" and len(source) > RANGE_FRAMES:
-        step = len(source) / RANGE_FRAMES
-        source = FrameSource(source.folders, [int(step * n) for n in range(RANGE_FRAMES)])
-    return source

@@ -82,7 +82,7 @@ def _hand_median(frames: FrameTensors, number: int) -> FloatArray:
     )
 
 
-BASELINES: dict[str, Restorer] = {
+CLASSICAL: dict[str, Restorer] = {
     "raw": lambda frames, number: classical.raw(*_parts(frames, number)),
     "inpainting": lambda frames, number: classical.inpaint(*_parts(frames, number)),
     "nearest": lambda frames, number: classical.nearest_valid(*_parts(frames, number)),
@@ -102,11 +102,11 @@ def compare(
         batch_size: Frames at a time.
 
     Returns:
-        The metrics of each frame, by the method's name, the baselines first.
+        The metrics of each frame, by the method's name, the classical ones first.
     """
     rows = {
         name: score(np.stack([restorer(frames, n) for n in range(len(frames))]), frames)
-        for name, restorer in BASELINES.items()
+        for name, restorer in CLASSICAL.items()
     }
     rows.update({name: evaluate(model, frames, batch_size) for name, model in models.items()})
     return rows

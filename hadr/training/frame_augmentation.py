@@ -5,10 +5,6 @@ picture: a mirror's camera (a left hand holds the glass then), one with a longer
 looks at a part (zoom and crop), one that is turned about its optical axis (roll). The z-depth of a
 surface point is the same for all of them; only its pixel, the intrinsics, and x and y of the
 keypoints change. Depth and masks are taken from the nearest pixel, colour is interpolated.
-
-The stretch is of another kind: it changes the scene and not the camera. What is seen becomes wider
-or narrower, and taller or shorter, with the hand, while its depth stays: a picture of another
-glass, of which no network has seen the proportions.
 """
 
 from __future__ import annotations
@@ -37,7 +33,7 @@ class OtherCamera:
 
     Attributes:
         camera_from_old: Takes points of the old camera frame to the new one, (3, 3): a roll about
-            the optical axis, perhaps a stretch, perhaps a mirror.
+            the optical axis, perhaps a mirror.
         pixel_from_old: Affine map of old pixels (column, row, 1) to new ones, (2, 3).
         intrinsics: fx, fy, cx, cy of the new camera in pixels, shape (4,).
     """
@@ -55,7 +51,6 @@ def other_camera(
     zoom: float = 1.0,
     corner: tuple[float, float] = (0.0, 0.0),
     roll: float = 0.0,
-    stretch: tuple[float, float] = (1.0, 1.0),
 ) -> OtherCamera:
     """Describe a camera that looks elsewhere.
 
@@ -67,7 +62,6 @@ def other_camera(
         corner: Upper left corner of the part that stays, (column, row) from the picture's edge
             in pixels, after the roll.
         roll: Angle about the optical axis in radians, from x to y.
-        stretch: Factors across and down by which the scene is stretched after the roll.
 
     Returns:
         The camera.
@@ -75,7 +69,6 @@ def other_camera(
     fx, fy, cx, cy = np.asarray(intrinsics, dtype=np.float64)
     sine, cosine = np.sin(roll), np.cos(roll)
     turn = np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1.0]])
-    turn = np.diag([*stretch, 1.0]) @ turn
     new = np.array(
         [
             fx * zoom,
@@ -167,7 +160,7 @@ def draw_camera(frame: FrameTensors, recipe: Preset, rng: np.random.Generator) -
     mirror = bool(rng.random() < recipe.mirror)
     rows, columns = np.nonzero((frame.object_mask | frame.inputs.mask)[0].numpy())
     pixels = np.stack([columns, rows, np.ones_like(rows)], axis=1)
-    for _ in range(_TRIES if recipe.zoom > 1 or recipe.roll_deg > 0 or recipe.stretch > 1 else 0):
+    for _ in range(_TRIES if recipe.zoom > 1 or recipe.roll_deg > 0 else 0):
         zoom = float(rng.uniform(1, recipe.zoom))
         free = np.array([width, height]) * (1 - 1 / zoom)
         camera = other_camera(
@@ -177,20 +170,11 @@ def draw_camera(frame: FrameTensors, recipe: Preset, rng: np.random.Generator) -
             zoom=zoom,
             corner=tuple(rng.uniform(0, free)),
             roll=float(np.radians(rng.uniform(-recipe.roll_deg, recipe.roll_deg))),
-            stretch=_draw_stretch(recipe.stretch, rng),
         )
         moved = pixels @ camera.pixel_from_old.T
         if ((moved > -0.5) & (moved < np.array([width, height]) - 0.5)).all():
             return camera
     return other_camera(intrinsics, (width, height), mirror=mirror)
-
-
-def _draw_stretch(most: float, rng: np.random.Generator) -> tuple[float, float]:
-    """Draw two factors; a recipe without stretch draws nothing, so its training stays the same."""
-    if most == 1:
-        return 1.0, 1.0
-    across, down = np.exp(rng.uniform(-1, 1, 2) * np.log(most))
-    return float(across), float(down)
 
 
 def with_keypoint_noise(
@@ -226,7 +210,6 @@ def augment_frames(
         The augmented frames.
     """
     geometric = recipe.mirror > 0 or recipe.zoom > 1 or recipe.roll_deg > 0
-    geometric = geometric or recipe.stretch > 1
     if not (recipe.augment or geometric or recipe.keypoint_noise):
         return batch
     frames = []

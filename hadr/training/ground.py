@@ -11,12 +11,14 @@ import torch
 from torch import nn
 
 from hadr.camera import FloatArray, resize_depth
-from hadr.confidence import ConfidenceRule
+from hadr.confidence import ConfidenceRule, fit_confidence
 from hadr.corruption import CORRUPTIONS, Corruption, corrupt, erase_mask
 from hadr.data.frame import Frame
 from hadr.known_ground import Field, Ground, Observation, Sight, observe
 from hadr.models.hadr_input import frame_to_input
 from hadr.models.networks import NETWORKS
+from hadr.training.batches import load_frames
+from hadr.training.calibrate import restored_pixels
 from hadr.training.checkpoints import kind_of
 
 LEARNED, MEASURED = "depth as in training", "measured depth"
@@ -29,8 +31,6 @@ def learn_ground(
     depth_range_m: tuple[float, float],
     training: Sequence[Frame],
     validation: Sequence[Frame],
-    *,
-    measured_rule: ConfidenceRule | None = None,
     seed: int = 0,
 ) -> dict[str, Any]:
     """Make the ground of a depth network, for its checkpoint's record.
@@ -45,7 +45,6 @@ def learn_ground(
         depth_range_m: Depths of the object in training, metres.
         training: Frames that it has learned from; some of them are enough.
         validation: Frames that it has not: they set the limit.
-        measured_rule: What the network's confidence means on frames with raw depth; None: the same.
         seed: Of the analytic corruption.
     """
 
@@ -61,6 +60,9 @@ def learn_ground(
         return found
 
     learned, checked = look(training), look(validation)
+    rule = None
+    if len(learned) > 1 and NETWORKS[kind_of(model)].can_say:
+        rule = _measured_rule(model, size, corruption, depth_range_m, validation)
     seen = np.stack([one.seen for field in learned.values() for one in field])
     sight = Sight.fit(seen)
     fields = {}
@@ -68,7 +70,7 @@ def learn_ground(
         fields[name] = Field.fit(
             [sight.with_strangeness(one) for one in observations],
             [sight.with_strangeness(one) for one in checked[name]],
-            measured_rule if name == MEASURED else None,
+            rule if name == MEASURED else None,
         )
     counts = {"training": len(training), "validation": len(validation)}
     return {**Ground(fields, sight).to_dict(), "frames": counts}
@@ -107,3 +109,18 @@ def _observe(
     small = np.nan_to_num(resize_depth(measured, *size))
     with torch.inference_mode():
         return observe(model, NETWORKS[kind_of(model)].sees, inputs, small, depth_range_m)
+
+
+def _measured_rule(
+    model: nn.Module,
+    size: tuple[int, int],
+    corruption: Corruption,
+    depth_range_m: tuple[float, float],
+    validation: Sequence[Frame],
+) -> ConfidenceRule:
+    """What the network's confidence means on the frames that have raw depth."""
+    shown: Corruption = "erased" if CORRUPTIONS[corruption].erase else "sensor"
+    measured = [frame for frame in validation if frame.raw_depth is not None]
+    pixels = restored_pixels(model, load_frames(measured, size, shown), depth_range_m)
+    assert pixels.signal is not None  # for the type checker: the caller looks
+    return fit_confidence(pixels.signal, pixels.error_m, frames=len(measured))

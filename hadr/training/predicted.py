@@ -1,4 +1,4 @@
-"""What a network is given besides colour: the depth's corruption, and true or predicted hints.
+"""The frames of a command: opened, read, and given predicted masks and keypoints.
 
 Predictions of masks and keypoints are computed once and stored in the frames. Scoring stays on the
 true mask (`FrameTensors.object_mask`).
@@ -7,7 +7,7 @@ true mask (`FrameTensors.object_mask`).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,60 +15,12 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from hadr.corruption import CORRUPTIONS, Corruption
+from hadr.corruption import CORRUPTIONS
 from hadr.data.folders import FrameSource, has_split, open_folder
 from hadr.models.hadr_input import HADRInput
 from hadr.models.hand.keypoints import keypoints_where_seen
 from hadr.training.batches import FrameList, FrameTensors, load_frames
-from hadr.training.checkpoints import load_checkpoint
-
-TRUE = "true"
-
-
-@dataclass(frozen=True)
-class Given:
-    """What a network is given besides colour: depth, masks and keypoints."""
-
-    corruption: Corruption = "oracle"
-    """Of the depth. oracle: none in the object's mask; analytic: a stereo camera imitated by
-    formulas; sensor: the frames' raw depth; erased: the same but none in the mask."""
-    masks: str = TRUE
-    """'true', or a segmentation checkpoint whose predictions are given."""
-    keypoints: str = TRUE
-    """'true', or a hand-keypoints checkpoint whose predictions are given."""
-    seed: int = 0
-    """Seed of everything that is drawn by chance."""
-
-    def check(self) -> None:
-        """Load the checkpoints that are named, so that a wrong one is told before frames are read.
-
-        Raises:
-            FileNotFoundError: A checkpoint does not exist.
-            ValueError: A checkpoint is damaged or one of another network.
-        """
-        for path, kind in ((self.masks, "segmentation"), (self.keypoints, "hand-keypoints")):
-            if path != TRUE:
-                _network(path, kind)
-
-    def check_network(self, network: str) -> None:
-        """Refuse predictions for a network to which they would not be given.
-
-        Raises:
-            ValueError: The network restores no depth, and something is predicted.
-        """
-        predicted = self.masks != TRUE or self.keypoints != TRUE
-        if predicted and network in ("segmentation", "hand-keypoints"):
-            raise ValueError(
-                f"--masks and --keypoints are for networks that restore depth, got {network}"
-            )
-
-    def record(self) -> dict[str, str]:
-        """The same for a training's record: files by their names."""
-        return {
-            "corruption": self.corruption,
-            "masks": Path(self.masks).name,
-            "keypoints": Path(self.keypoints).name,
-        }
+from hadr.training.given import TRUE, Given, load_given
 
 
 def open_split(
@@ -131,7 +83,7 @@ def with_predicted(
     """
     inputs, hand = frames.inputs, None
     if given.masks != TRUE:
-        model, size = _network(given.masks, "segmentation")
+        model, size = load_given(given.masks, "segmentation")
         seen = _at(size, frames, source, given)
         found = torch.cat([_masks(model, part) for part in _parts(seen, batch_size)])
         if not found[:, 0].any():
@@ -139,7 +91,7 @@ def with_predicted(
         inputs = _with_mask(inputs, found[:, 0], given)
         hand = found[:, 1] if found.shape[1] > 1 else None
     if given.keypoints != TRUE:
-        model, size = _network(given.keypoints, "hand-keypoints")
+        model, size = load_given(given.keypoints, "hand-keypoints")
         seen = _at(size, frames, source, given)
         if given.masks != TRUE:
             seen = replace(seen, inputs=_with_mask(seen.inputs, found[:, 0], given))
@@ -200,14 +152,6 @@ def pixels_of(points: Tensor, intrinsics: Tensor) -> Tensor:
     """
     focal, centre = intrinsics[:, None, :2], intrinsics[:, None, 2:]
     return points[..., :2] / points[..., 2:].clamp(min=1e-6) * focal + centre
-
-
-def _network(path: str | Path, kind: str) -> tuple[Any, tuple[int, int]]:
-    """Load a network, and give the (width, height) at which it was trained."""
-    model, meta = load_checkpoint(path)
-    if meta["network"] != kind:
-        raise ValueError(f"{path} holds a network of kind {meta['network']!r}, expected {kind!r}")
-    return model.eval(), (int(meta["width"]), int(meta["height"]))
 
 
 def _parts(frames: FrameTensors, batch_size: int) -> list[FrameTensors]:

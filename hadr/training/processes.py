@@ -8,12 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
 
 import torch
 from torch import Tensor, distributed, nn
-
-Accelerator = Literal["auto", "cpu", "cuda"]
 
 
 def chosen_accelerator(wish: str) -> str:

@@ -5,16 +5,30 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from hadr.models.config import NetworkConfig
-from hadr.models.hadr import HADRConfig
 from hadr.records.provenance import IF_CHANGED, record_of
-from hadr.training.losses import PRINTED, LossWeights
+
+if TYPE_CHECKING:
+    from hadr.training.losses import LossWeights
 
 Schedule = Literal["step", "cosine"]
 Precision = Literal["32-true", "bf16-mixed"]
 Optimizer = Literal["adam", "adamw"]
+Accelerator = Literal["auto", "cpu", "cuda"]
+
+
+def _hadr() -> NetworkConfig:
+    from hadr.models.hadr import HADRConfig
+
+    return HADRConfig()
+
+
+def _printed() -> LossWeights:
+    from hadr.training.losses import PRINTED
+
+    return PRINTED
 
 
 @dataclass(frozen=True)
@@ -46,8 +60,6 @@ class Preset:
         mirror: Probability that a training frame is mirrored: a left hand for a right one.
         zoom: Training frames are enlarged by up to this factor and cropped; 1 leaves them.
         roll_deg: Training frames are turned about the optical axis by up to this angle, degrees.
-        stretch: The training frames' scene is stretched across and down by up to this factor each,
-            or pressed: other shapes at the same depth. 1 leaves it.
         precision: Arithmetic of the forward pass in training, as Lightning Fabric names it:
             "32-true" or "bf16-mixed".
         keypoint_noise: Standard deviation of the error that each keypoint coordinate of a training
@@ -70,8 +82,8 @@ class Preset:
     width: int
     height: int
     network: str = "hadr"
-    model: NetworkConfig = field(default_factory=HADRConfig)
-    weights: LossWeights = PRINTED
+    model: NetworkConfig = field(default_factory=_hadr)
+    weights: LossWeights = field(default_factory=_printed)
     epochs: int = 100
     schedule: Schedule = "step"
     drop_epoch: int = 80
@@ -88,7 +100,6 @@ class Preset:
     roll_deg: float = 0.0
     precision: Precision = "32-true"
     validation_frames: int | None = None
-    stretch: float = field(default=1.0, metadata=IF_CHANGED)
     keypoint_noise: float = field(default=0.0, metadata=IF_CHANGED)
     optimizer: Optimizer = field(default="adam", metadata=IF_CHANGED)
     weight_decay: float = field(default=0.0, metadata=IF_CHANGED)
@@ -122,7 +133,6 @@ class Preset:
             ("mirror", self.mirror, 0, 1),
             ("zoom", self.zoom, 1, 4),
             ("roll_deg", self.roll_deg, 0, 45),
-            ("stretch", self.stretch, 1, 2),
             ("keypoint_noise", self.keypoint_noise, 0, 0.1),
             ("weight_decay", self.weight_decay, 0, 1),
             ("decay", self.decay, 0, 1),

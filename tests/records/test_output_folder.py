@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from hadr.cli import main
-from hadr.press import book, reproduce
+from hadr.press import book_command, reproduce
 from hadr.press.course import command as course_command
 from hadr.records import output_folder
 from hadr.records.output_folder import (
@@ -39,7 +39,7 @@ def checkout(tmp_path, monkeypatch):
     (root / "mine" / "file").write_text("years of work")
     (root / "link").symlink_to("book")
     (tmp_path / "outer" / "beside").symlink_to("checkout")
-    for module in (output_folder, book, reproduce, course_command):
+    for module in (output_folder, book_command, reproduce, course_command):
         monkeypatch.setattr(module, "checkout_root", lambda: root)
     monkeypatch.chdir(root)
     return root

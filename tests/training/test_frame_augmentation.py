@@ -44,10 +44,7 @@ def recipe_with(**changes: float) -> Preset:
 @pytest.mark.parametrize("mirror", [False, True])
 @pytest.mark.parametrize("zoom", [1.0, 1.3])
 @pytest.mark.parametrize("roll", [0.0, 0.2])
-@pytest.mark.parametrize("stretch", [(1.0, 1.0), (1.25, 0.85)])
-def test_the_plane_stays_where_it_is(
-    mirror: bool, zoom: float, roll: float, stretch: tuple[float, float]
-) -> None:
+def test_the_plane_stays_where_it_is(mirror: bool, zoom: float, roll: float) -> None:
     frame = plane_frame()
     camera = other_camera(
         INTRINSICS,
@@ -56,7 +53,6 @@ def test_the_plane_stays_where_it_is(
         zoom=zoom,
         corner=(5.3, 2.1),
         roll=roll,
-        stretch=stretch,
     )
     moved = seen_by(frame, camera)
     depth = moved.true_depth
@@ -73,39 +69,6 @@ def test_the_plane_stays_where_it_is(
     x, y, z = moved.inputs.keypoints[0].unbind(-1)
     seen = torch.stack([fx * x / z + cx, fy * y / z + cy], dim=-1)
     torch.testing.assert_close(moved.inputs.keypoints_uv[0], seen, atol=2e-4, rtol=0)
-
-
-def test_a_stretch_makes_the_glass_wider_at_the_same_depth_and_under_the_same_camera() -> None:
-    frame = plane_frame()
-    wide = seen_by(frame, other_camera(INTRINSICS, (WIDTH, HEIGHT), stretch=(1.5, 1.0)))
-    assert wide.inputs.intrinsics[0].tolist() == pytest.approx(INTRINSICS)
-    torch.testing.assert_close(
-        wide.true_keypoints, frame.true_keypoints * torch.tensor([1.5, 1, 1])
-    )
-    widths = [f.object_mask[0].any(dim=0).sum().item() for f in (frame, wide)]
-    heights = [f.object_mask[0].any(dim=1).sum().item() for f in (frame, wide)]
-    assert widths[1] == pytest.approx(1.5 * widths[0], abs=1)
-    assert heights[1] == heights[0]
-
-
-def test_a_drawn_stretch_keeps_to_its_limit_and_draws_nothing_where_there_is_none() -> None:
-    frame = plane_frame()
-    sizes = []
-    for number in range(30):
-        rng = np.random.default_rng(number)
-        camera = draw_camera(frame, recipe_with(stretch=1.2), rng)
-        sizes.append(np.diag(camera.camera_from_old)[:2])
-    assert np.max(sizes) <= 1.2
-    assert np.min(sizes) >= 1 / 1.2
-    assert np.ptp(sizes, axis=0).min() > 0.2
-    ways = [draw_camera(frame, recipe_with(roll_deg=20, stretch=s), np.random.default_rng(7))
-            for s in (1.0, 1.0 + 1e-12)]  # fmt: skip
-    np.testing.assert_allclose(ways[0].pixel_from_old, ways[1].pixel_from_old, atol=1e-6)
-
-
-def test_a_recipe_without_stretch_is_recorded_as_before_there_was_one() -> None:
-    assert "stretch" not in recipe_with().to_dict()
-    assert recipe_with(stretch=1.2).to_dict()["stretch"] == 1.2
 
 
 def test_a_mirror_is_an_exact_flip_and_makes_a_left_hand() -> None:

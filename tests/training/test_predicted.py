@@ -13,7 +13,8 @@ from hadr.models.segmentation import SegmentationNet
 from hadr.training import predicted
 from hadr.training.batches import FrameTensors, load_frames
 from hadr.training.checkpoints import save_checkpoint
-from hadr.training.predicted import Given, pixels_of, with_predicted
+from hadr.training.given import Given
+from hadr.training.predicted import pixels_of, with_predicted
 from hadr.training.presets import preset
 from hadr.training.recipe import Preset
 

@@ -8,7 +8,7 @@ import pytest
 from hadr.cli import parse_options
 from hadr.data.samples import samples_dir
 from hadr.models.hadr import HADRConfig
-from hadr.training import train_command
+from hadr.training import predicted
 from hadr.training.losses import CODED
 from hadr.training.train_command import (
     Options,
@@ -49,8 +49,8 @@ def test_a_resumed_training_with_more_epochs_keeps_the_epoch_of_the_drop(tmp_pat
     (tmp_path / "last.json").write_text('{"preset": {"drop_epoch": 3}}')
     recipe = recipe_from(parsed("--preset", "tiny", "--epochs", "40"))
     assert recipe.drop_epoch == 30
-    assert with_recorded_drop(recipe, tmp_path).drop_epoch == 3
-    assert with_recorded_drop(recipe, tmp_path / "empty").drop_epoch == 30
+    assert with_recorded_drop(recipe, tmp_path / "last.json").drop_epoch == 3
+    assert with_recorded_drop(recipe, tmp_path / "none.json").drop_epoch == 30
 
 
 @pytest.mark.parametrize(
@@ -75,7 +75,7 @@ def test_what_cannot_be_done_is_said_before_a_frame_is_read(
     monkeypatch.setattr(
         importlib.util, "find_spec", lambda name: None if name == "tensorboard" else there(name)
     )
-    monkeypatch.setattr(train_command, "read_split", lambda *_, **__: pytest.fail("frames read"))
+    monkeypatch.setattr(predicted, "read_split", lambda *_, **__: pytest.fail("frames read"))
     with pytest.raises((ValueError, OSError), match=message):
         run(parsed(*words.split(), out=tmp_path / "out"))
     assert not (tmp_path / "out").exists()
@@ -84,7 +84,7 @@ def test_what_cannot_be_done_is_said_before_a_frame_is_read(
 def test_a_folder_that_cannot_be_one_or_is_taken_is_refused_at_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(train_command, "read_split", lambda *_, **__: pytest.fail("frames read"))
+    monkeypatch.setattr(predicted, "read_split", lambda *_, **__: pytest.fail("frames read"))
     (tmp_path / "file").write_text("")
     with pytest.raises(ValueError, match=r"file can't be a folder: .*file is a file"):
         run(parsed(out=tmp_path / "file"))

@@ -6,17 +6,15 @@ import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 from hadr.press.chapters import ChapterError, chapter_paths, run_notebooks
 from hadr.press.course.chapter import Chapter, read_chapters
 from hadr.press.course.folder import check_target, written_whole
-from hadr.press.course.graded import course_notebook, otter_test
 from hadr.press.course.plain_text import plain_markdown, short_citations
 from hadr.press.course.slides import build_slides, missing_packages
-from hadr.press.course.teaching import NBGRADER_CONFIG, instructor_text, marks_of
-from hadr.press.notebook_twins import repository
 from hadr.records.checkout import checkout_root
+from hadr.records.option_words import CHAPTER, FOLDER
 
 EPILOG = """\
 examples
@@ -43,15 +41,15 @@ class Options:
     files.
     """
 
-    out: Path
+    out: Annotated[Path, FOLDER]
     """A new folder, or one that this command wrote and nobody changed."""
-    only: tuple[str, ...] = ()
+    only: Annotated[tuple[str, ...], CHAPTER] = ()
     """Only these chapters, such as `3 4`."""
     preset: Literal["tiny", "mini", "paper"] = "tiny"
     """The notebooks' parameter of this name."""
     seed: int = 0
     """The notebooks' seed."""
-    executed: Path | None = None
+    executed: Annotated[Path | None, FOLDER] = None
     """Take figures from the chapters that `hadr book --build` executed here; execute nothing."""
     no_slides: bool = False
     """Write no slides, execute nothing."""
@@ -59,6 +57,8 @@ class Options:
 
 def run(options: Options) -> int:
     """Write a course as the options say."""
+    from hadr.press.course.teaching import NBGRADER_CONFIG, instructor_text, marks_of
+
     if options.no_slides and options.executed is not None:
         raise ValueError("--executed has the figures of slides: it does not go with --no-slides")
     root = checkout_root()
@@ -94,6 +94,8 @@ def run(options: Options) -> int:
 
 def plainer(root: Path) -> Callable[[str], str]:
     """What turns the book's Markdown into such as any Jupyter shows."""
+    from hadr.press.notebook_twins import repository
+
     citations = short_citations((root / "book" / "references.bib").read_text(encoding="utf-8"))
     pages = f"{repository(root / 'book')['url']}/blob/main/book"
     return lambda text: plain_markdown(text, citations, pages)
@@ -108,6 +110,8 @@ def write_notebooks(
     plain: Callable[[str], str],
 ) -> None:
     """Write ``student/``, ``solutions/`` and ``tests/`` into a folder."""
+    from hadr.press.course.graded import course_notebook, otter_test
+
     for chapter in chapters:
         for part, solved in (("student", False), ("solutions", True)):
             text = course_notebook(

@@ -8,9 +8,8 @@ from typing import Literal, get_args, get_origin, get_type_hints
 
 import numpy as np
 
-from hadr.data.frame import Normals
-from hadr.data.splits import UNKNOWN_OBJECTS
-from hadr.synthesis.glass.objects import OBJECTS, glass_object
+from hadr.data.frame_pictures import Normals
+from hadr.data.splits import OBJECT_IDS, UNKNOWN_OBJECTS
 
 Variant = Literal["llvm_ad_rgb", "scalar_rgb"]
 
@@ -134,14 +133,17 @@ class GenerationSettings:
                 "need frames_per_hold >= 1, hold_shift >= 0 and an object, got "
                 f"{self.frames_per_hold}, {self.hold_shift}, {self.objects}"
             )
-        for name in self.objects or ():
-            glass_object(name)
+        if self.objects is not None:
+            from hadr.synthesis.glass.objects import glass_object
+
+            for name in self.objects:
+                glass_object(name)
 
     def recipe(self, index: int) -> FrameRecipe:
         """What frame ``index`` shows; objects alternate. A negative index is a ``ValueError``."""
         if index < 0:
             raise ValueError(f"frames are counted from 0, got {index}")
-        names = self.objects or tuple(OBJECTS)
+        names = self.objects or OBJECT_IDS
         lap, position = divmod(index, len(names))
         object_id = names[position]
         hold_number = int(lap // self.frames_per_hold) + position * self.hold_shift

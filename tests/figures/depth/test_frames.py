@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from hadr.camera import Intrinsics, back_project
-from hadr.data.frame import Frame
 from hadr.figures.depth.frames import (
     contact_sheet,
     draw_angles,
@@ -16,28 +15,6 @@ from hadr.figures.depth.frames import (
 from hadr.synthesis.generation.statistics import FrameStatistics
 
 CAMERA = Intrinsics(50.0, 50.0, 19.5, 9.5, 40, 20)
-
-
-def frame(**changes):
-    shape = CAMERA.shape
-    mask = np.zeros(shape, bool)
-    mask[5:15, 5:15] = True
-    made = {
-        "stem": "000007",
-        "object_id": "0000",
-        "split": "test",
-        "color": np.zeros((*shape, 3), np.uint8),
-        "depth": np.full(shape, 0.5, np.float32),
-        "hand_mask": np.roll(mask, 15, 1),
-        "object_mask": mask,
-        "keypoints": np.ones((21, 3)),
-        "keypoints_uv": np.full((21, 2), 8.0),
-        "camera": CAMERA,
-        "world_from_camera": np.eye(4),
-        "background_depth": np.full(shape, 0.6, np.float32),
-        "raw_depth": np.full(shape, 0.52, np.float32),
-    }
-    return Frame(**(made | changes))
 
 
 def images_of(fig, title):
@@ -60,21 +37,21 @@ def test_a_sheet_of_nothing_or_with_other_titles_is_refused():
         contact_sheet([np.zeros((2, 2, 3), np.uint8)], ["a", "b"], columns=1)
 
 
-def test_labels_show_raw_error_in_centimetres_and_grey_where_missing():
-    raw = np.full(CAMERA.shape, 0.52, np.float32)
+def test_labels_show_raw_error_in_centimetres_and_grey_where_missing(frame_of):
+    raw = np.full((40, 60), 0.52, np.float32)
     raw[0, 0] = 0.0
-    fig = draw_labels(frame(raw_depth=raw), np.zeros((*CAMERA.shape, 3)))
+    fig = draw_labels(frame_of(raw_depth=raw), np.zeros((40, 60, 3)))
     error = images_of(fig, "sensor minus true")[0].get_array()
     assert error.mask[0, 0]
-    assert float(error[10, 10]) == pytest.approx(2.0, abs=1e-4)
+    assert float(error[15, 25]) == pytest.approx(2.0, abs=1e-4)
     behind = images_of(fig, "without the glass minus true")[0].get_array()
-    assert float(behind[8, 8]) == pytest.approx(10.0, abs=1e-4)
+    assert float(behind[15, 25]) == pytest.approx(30.0, abs=1e-4)
     assert behind.mask[0, 0]
 
 
-def test_a_frame_without_raw_depth_is_refused():
+def test_a_frame_without_raw_depth_is_refused(frame_of):
     with pytest.raises(ValueError, match="000007 lacks raw depth"):
-        draw_labels(frame(raw_depth=None), np.zeros((*CAMERA.shape, 3)))
+        draw_labels(frame_of(raw_depth=None), np.zeros((*CAMERA.shape, 3)))
 
 
 def test_normals_of_a_wall_and_of_a_slope():

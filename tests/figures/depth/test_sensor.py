@@ -4,8 +4,6 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from hadr.camera import Intrinsics
-from hadr.data.frame import Frame
 from hadr.figures.depth.sensor import (
     SENSOR_ROWS,
     draw_sensor_comparison,
@@ -51,36 +49,15 @@ def test_the_table_tells_median_and_range():
     assert len({line.count("|") for line in lines}) == 1, "each row has every column"
 
 
-def held(**changes):
-    mask = np.zeros((40, 60), bool)
-    mask[10:30, 20:40] = True
-    made = {
-        "stem": "000007",
-        "object_id": "0000",
-        "split": "test",
-        "color": np.zeros((40, 60, 3), np.uint8),
-        "depth": np.where(mask, 0.5, 0.8).astype(np.float32),
-        "hand_mask": np.roll(mask, 20, 1),
-        "object_mask": mask,
-        "keypoints": np.ones((21, 3)),
-        "keypoints_uv": np.full((21, 2), 8.0),
-        "camera": Intrinsics(80.0, 80.0, 29.5, 19.5, 60, 40),
-        "world_from_camera": np.eye(4),
-        "background_depth": np.full((40, 60), 0.8, np.float32),
-        "raw_depth": np.full((40, 60), 0.52, np.float32),
-    }
-    return Frame(**(made | changes))
-
-
-def test_a_glass_seen_through_shows_the_chosen_shares():
-    figure = see_through_picture(held(), 0.25, 1.0, 0)
+def test_a_glass_seen_through_shows_the_chosen_shares(frame_of):
+    figure = see_through_picture(frame_of(), 0.25, 1.0, 0)
     titles = [ax.get_title() for ax in figure.axes[:3]]
     assert titles == ["colour", "25% of the glass missing", "median error +30.0 cm"]
     error = figure.axes[2].images[0].get_array()
     inside = error[error.shape[0] // 2 - 10 :][:20, error.shape[1] // 2 - 10 :][:, :20]
     assert inside.mask.sum() == 100
     np.testing.assert_allclose(inside.compressed(), 30, rtol=1e-5)
-    missing = see_through_picture(held(), 1.0, 0.5, 0)
+    missing = see_through_picture(frame_of(), 1.0, 0.5, 0)
     assert missing.axes[2].get_title() == "median error none"
     assert tuple(missing.get_size_inches()) == tuple(figure.get_size_inches())
 

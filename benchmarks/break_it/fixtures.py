@@ -1,0 +1,123 @@
+"""The valid files that cases start from, and a copy of the checkout that they work on."""
+
+import json
+import shutil
+import subprocess
+import sys
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+
+from break_it.cases import CHECKOUT, GENERATE
+from break_it.worker import snapshot
+
+COPIED = ("hadr", "notebooks", "book", "results", "data_samples", "README.md", "pyproject.toml",
+          "LICENSE", "CITATION.cff", "Makefile")  # fmt: skip
+FRAMES = (("train", "0000", 2), ("val", "0000", 1), ("test", "0000", 1))
+
+
+def hadr(words: Sequence[str], folder: Path, environment: dict[str, str]) -> None:
+    """Run a command that must do its work."""
+    line = [sys.executable, "-P", "-m", "hadr.cli", *words]
+    done = subprocess.run(line, cwd=folder, env=environment, capture_output=True, text=True)
+    if done.returncode and not (folder / "reproduced/tables/known.json").exists():
+        raise SystemExit(f"hadr {' '.join(words)} failed:\n{done.stderr[-2000:]}")
+
+
+def make_fixtures(work: Path, environment: dict[str, str]) -> dict[str, str]:
+    """Make `work/fixtures` and `work/checkout`; what lies in the latter."""
+    root = work / "fixtures"
+    if (root / "build").exists():  # they are there from another time
+        return snapshot(work / "checkout")
+    for name in ("fixtures", "cache", "tmp", "checkout"):
+        (work / name).mkdir(parents=True)
+    for name in COPIED:
+        source, target = CHECKOUT / name, work / "checkout" / name
+        if source.is_dir():
+            shutil.copytree(source, target, ignore=shutil.ignore_patterns("__pycache__"))
+        else:
+            shutil.copy(source, target)
+    make_frame(root)
+    make_data(root)
+    commands = [
+        *(["train", "--preset", "tiny", "--network", network, "--epochs", "1", "--data", "data",
+           "--out", f"train-{name}"]
+          for name, network in (("net", "hadr"), ("plus", "hadr-plus"), ("seg", "segmentation"),
+                                ("kpt", "hand-keypoints"))),
+        ["handover", "--arms", "perfect", "--objects", "0004", "--holds", "902", "--jobs", "1",
+         "--out", "attempt"],
+        ["reproduce", "--only", "known/nearest", "--out", "reproduced"],
+        ["generate", *GENERATE.words(out="made")],
+    ]  # fmt: skip
+    with ThreadPoolExecutor(2) as pool:
+        list(pool.map(lambda words: hadr(words, root, environment), commands))
+    for name in ("net", "plus", "seg", "kpt"):
+        for kind in ("safetensors", "json"):
+            shutil.copy(root / f"train-{name}/best.{kind}", root / f"{name}.{kind}")
+    hadr(["calibrate", "plus.safetensors", "data"], root, environment)
+    shutil.move(root / "train-net", root / "run")
+    shutil.copy(root / "run/last.safetensors", root / "last.safetensors")
+    shutil.copy(root / "attempt/perfect/0004-902-log.npz", root / "log.npz")
+    shutil.copy(root / "attempt/perfect/0004-902.npz", root / "states.npz")
+    shutil.copy(root / "reproduced/tables/known.json", root / "result.json")
+    make_build(root / "build")
+    return snapshot(work / "checkout")
+
+
+def make_frame(root: Path) -> None:
+    """The files of a small frame in all forms: a hole in a plane at 0.8 m."""
+    import cv2
+    import OpenEXR
+
+    depth = np.full((48, 64), 800, np.uint16)
+    depth[10:30, 20:40] = 0
+    mask = np.zeros((48, 64), np.uint8)
+    mask[10:30, 20:40] = 255
+    color = np.random.default_rng(0).integers(0, 255, (48, 64, 3)).astype(np.uint8)
+    hand = np.zeros((21, 3)) + np.linspace(0, 0.15, 21)[:, None] + (-0.1, -0.05, 0.65)
+    for name, image in (("rgb.png", color), ("rgb.jpg", color), ("depth.png", depth),
+                        ("mask.png", mask), ("arm.png", mask.T.copy().T[:, ::-1])):  # fmt: skip
+        cv2.imwrite(str(root / name), image)
+    metres = np.where(mask > 0, 0.75, 0.8).astype(np.float32)
+    np.save(root / "truth.npy", metres)
+    np.save(root / "mask.npy", mask > 0)
+    np.save(root / "hand.npy", hand)
+    OpenEXR.File({"type": OpenEXR.scanlineimage}, {"Z": metres}).write(str(root / "depth.exr"))
+    (root / "hand.json").write_text(json.dumps(hand.tolist()))
+    (root / "hand.txt").write_text("\n".join(" ".join(map(str, p)) for p in hand) + "\n")
+    camera = {"fx": 80, "fy": 80, "cx": 31.5, "cy": 23.5, "width": 64, "height": 48}
+    (root / "camera.json").write_text(json.dumps(camera))
+    (root / "camera.yaml").write_text("".join(f"{k}: {v}\n" for k, v in camera.items()))
+
+
+def make_data(root: Path) -> None:
+    """Some of the bundled frames, a recording, and a photograph for backgrounds."""
+    samples = CHECKOUT / "data_samples"
+    for split, thing, count in FRAMES:
+        source = samples / "frames" / split / thing / "depth"
+        stems = sorted(p.stem for p in (source / "rgb").iterdir())[:count]
+        for file in source.glob("*/*"):
+            if file.stem in stems:
+                target = root / "data" / split / thing / "depth" / file.parent.name / file.name
+                target.parent.mkdir(parents=True, exist_ok=True)
+                shutil.copy(file, target)
+    shutil.copy(samples / "frames/generation.json", root / "data/generation.json")
+    (root / "recordings").mkdir()
+    shutil.copy(samples / "recordings/0000/0000-above-0001.csv", root / "recordings/0000.csv")
+    shutil.copy(root / "recordings/0000.csv", root / "recording.csv")
+    (root / "photos").mkdir()
+    shutil.copy(root / "rgb.jpg", root / "photos/wall.jpg")
+
+
+def make_build(build: Path) -> None:
+    """A build folder as `hadr book` leaves it, whose chapters were never executed."""
+    (build / "executed").mkdir(parents=True)
+    words = "hadr made this folder: `make clean` may remove it with all that is in it.\n"
+    (build / ".made-by-hadr").write_text(words)
+    chapters = sorted((CHECKOUT / "notebooks").glob("*.ipynb"))
+    shutil.copy(CHECKOUT / "notebooks/03_ray_voxels.ipynb", build / "executed")
+    times = {chapter.stem: {"duration_s": 1.5, "machine": "m"} for chapter in chapters}
+    text = json.dumps({"parameters": {"preset": "tiny", "seed": 0}, "chapters": times})
+    (build / "results.json").write_text(text)

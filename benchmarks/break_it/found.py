@@ -1,0 +1,288 @@
+"""Tables of other questions, and what was found by hand, one by one."""
+
+# fmt: off
+# ruff: noqa: E501
+
+from typing import Any
+
+from break_it.cases import (
+    AGAIN,
+    ATTEMPT,
+    BOOK,
+    CALIBRATE,
+    COURSE,
+    EVALUATE,
+    EXECUTED,
+    FOUND,
+    GENERATE,
+    HAND,
+    HANDOVER,
+    HTML,
+    HUGE,
+    INF,
+    NAN,
+    NEAREST,
+    NETWORK,
+    PLUS,
+    REPLAY,
+    REPRODUCE,
+    RESUME,
+    TRAIN,
+    Call,
+    Case,
+)
+from break_it.edits import DEEP
+
+#: The same question of many files: the call, its kind and option, the file; how it is changed.
+ARRAYS = {
+    (NEAREST, "depth", "truth.npy"): (
+        "np.dstack([a, a, a])", "a.astype(np.uint8)", "a.astype(bool)", "a > 0", "a[:0]", "a.T",
+        "a.astype(complex)", "a.astype(str)", "a.astype(object)", "a[None]", "a.ravel()", "a * nan",
+        "a * 0", "-a", "a + inf", "a * 1000", "a[::2]", "np.float32(1)", "a.astype('M8[s]')",
+        "np.zeros((0, 0))", "a * 1e30", "a.astype(np.int64) - 5", "np.array([{}])"),
+    (NEAREST, "truth", "truth.npy"): (
+        "a * 1000", "-a", "a * 0", "a * nan", "np.dstack([a, a, a])", "a[::2]", "a > 0",
+        "a.astype(complex)", "a + inf", "a.astype(str)", "a.astype(np.uint8)"),
+    (NEAREST, "mask", "mask.npy"): (
+        "a * nan", "a.astype(str)", "a[::2]", "a * 0 + 1", "np.dstack([a, a])", "a[:0]",
+        "a.astype(complex)", "a.astype(object)", "a.astype('M8[s]')", "np.float64(1)", "a.T"),
+    (HAND, "hand", "hand.npy"): (
+        "a * 1000", "-a", "a * 0", "a * nan", "a[:20]", "a[:, :2]", "a.T", "a.astype(str)",
+        "a.astype(complex)", "a.astype(object)", "a + inf", "a[None]", "a + 100", "a[[0] * 21]"),
+    (NEAREST, "rgb", "rgb.png"): ("a[..., 0]", "a.astype(np.uint16)", "a[::2]", "a[:, :1]"),
+    (NEAREST, "depth", "depth.png"): (
+        "a.astype(np.uint8)", "np.dstack([a, a, a])", "a[::2]", "a * 0", "a[:1, :1]"),
+    (NEAREST, "mask", "mask.png"): ("a[::2]", "a * 0 + 255", "a[:1, :1]"),
+    (HAND, "hand-mask", "arm.png"): ("a[::2]", "a[:1, :1]"),
+}
+CAMERAS = (
+    "fx: 80\nfy: 80\ncx: 31.5\ncy: 23.5\n", "fx 80", "- 80\n- 80\n", "!!python/object/apply:os.system ['touch executed-yaml']\n",
+    "fx: 80\nfy: 80\nfx: 90\ncx: 31.5\ncy: 23.5\nwidth: 64\nheight: 48\n",
+    "fx: 80\nfy: 80\ncx: 31.5\ncy: 23.5\nwidth: 64\nheight: 48\nxres: 128\nyres: 96\n",
+    "fx: 80\nfy: 80\ncx: 31.5\ncy: 23.5\nwidth: 64\nheight: 48\nK: [[90, 0, 31], [0, 90, 23], [0, 0, 1]]\n",
+    "fx: 80\nfy: 80\ncx: 31.5\ncy: 23.5\nwidth: 64\nheight: 48\ndist: [-0.3, 0.1, 0, 0, 0]\n",
+    "fx: 80\nfy: 80\ncx: 31.5\ncy: 23.5\nwidth: 64\nheight: 48\ndistortion_coefficients: {data: [0.2, 0, 0, 0]}\n",
+    "fx: 80\nfy: 80\ncx: 31.5\ncy: 23.5\nwidth: 64\nheight: 48\nk1: 0.2\n",
+    "fx: 80\nfy: 80\ncx: 31.5\ncy: 23.5\nwidth: 48\nheight: 64\n",
+    "fx: .inf\nfy: 80\ncx: 31.5\ncy: 23.5\nwidth: 64\nheight: 48\n",
+    "K: [[80, 0, 31], [0, 80, 23]]\nwidth: 64\nheight: 48\n",
+    "K: [[80, 3, 31], [0, 80, 23], [0, 0, 1]]\nwidth: 64\nheight: 48\n",
+    "K: [[80, 0, 31], [0, 80, 23], [0, 0, 1]]\n", "K: x\nwidth: 64\nheight: 48\n",
+    "a: &a [1, 1]\nb: &b [*a, *a, *a, *a]\nc: &c [*b, *b, *b, *b]\nK: *c\nwidth: 64\nheight: 48\n",
+    "fx: 80\nfy: 80\ncx: 31.5\ncy: 23.5\nwidth: 64\nheight: 48\n---\nfx: 90\n", "\t\t:", "[" * 100_000,
+    f"fx: {'9' * 400}\nfy: 80\ncx: 31.5\ncy: 23.5\nwidth: 64\nheight: 48\n",
+    "fx: 2026-01-01\nfy: 80\ncx: 31.5\ncy: 23.5\nwidth: 64\nheight: 48\n",
+)
+HEADERS = (  # of an .npy
+    "{'descr': '<f4', 'fortran_order': False, 'shape': (1000000000, 1000000000)}",
+    "{'descr': '<f4', 'fortran_order': False, 'shape': (-1, 48)}",
+    "{'descr': '<f4', 'fortran_order': False, 'shape': (48, 6.5)}",
+    "{'descr': '|O', 'fortran_order': False, 'shape': (48, 64)}",
+    "{'descr': '|V8', 'fortran_order': False, 'shape': (48, 64)}",
+    "{'descr': [('a', '<f4')], 'fortran_order': False, 'shape': (1,)}",
+    "__import__('os').system('touch executed-header')", "{", "{}", "(" * 3000,
+    "{'descr': 7, 'fortran_order': False, 'shape': (1,)}", "[" * 100,
+)
+ANGLES = "Thumb|Index|Middle|Ring|Pinky"
+#: Of a recording: the columns whose name has this, and what becomes of each number x.
+COLUMNS = (
+    ("Object_Position", "x * 1000"), ("Object_Position", "x + 100"), ("Object_Position", "nan"),
+    ("Object_Position", "'left'"), ("Object_Position", "''"), ("Object_Position", "1e308"),
+    ("Object_Rotation", "0"), ("Object_Rotation", "x * 7"), ("Object_Rotation", "nan"),
+    (ANGLES, "500"), (ANGLES, "x / 57.3"), (ANGLES, "-x"), (ANGLES, "nan"), (ANGLES, "'x'"),
+    (ANGLES, "1e308"), (ANGLES, "''"), ("Elapsed", "-x"), ("Elapsed", "0"), ("Elapsed", "nan"),
+    ("Elapsed", "'noon'"), ("Elapsed", "1e308"),
+)
+NOTES = (
+    ("object: 0000", "object: 9999"), ("object: 0000", "object: ../0000"), ("kind: above", "kind: foo"),
+    ("side: left", "side: both"), ("scale: 1.0224", "scale: 0"), ("scale: 1.0224", "scale: -1"),
+    ("scale: 1.0224", "scale: nan"), ("scale: 1.0224", "scale: big"), ("girth: 1.0247", "girth: x"),
+    ("girth: 1.0247", "girth: inf"), ("44.77", "-44.77"), ("44.77", "NaN"), ("44.77", '"x"'),
+    ("44.77", "4477"), ("44.77", DEEP), ('"thumb"', '"toe"'), ("# lengths: {", "# lengths: ["),
+    ("# lengths: {", "# lengths: 7 {"), ("Thumb_MCP_Stretch", "Index_MCP_Stretch"),
+    ("Thumb_MCP_Stretch", "Thumb"), ("Object_Rotation_W", "Object_Rotation_V"), ("Frame,", ",,,,"),
+    ("# object: 0000\n", ""), ("# scale: 1.0224\n", ""), ("\n0,0,", '\n0,0,"'),
+)
+#: Forged headers of a run's log, whose checksum is right: the field and what stands there.
+LOGS = (
+    ("transitions", (None, 7, "x", [7], [["x", "y", "z", "w"]], [[0, "Nowhere", "Finished", ""]], "@DROP")),
+    ("cautions", (None, 7, [7], [[None, None]], [["x", 1]], "@DROP")),
+    ("format", (None, 99, "x", [], "@DROP")), ("config", (None, 7, [], {}, {"foo": 1}, "@DROP")),
+    ("events", (None, 7, {}, [7], [[["foo"]]], "@DROP")),
+    ("base_from_camera", (None, 7, [], [[1]], [[NAN] * 4] * 4, [[2] * 4] * 4, "@DROP")),
+    ("odd_keypoints", (None, 7, "x", {"0": 7}, {"x": []}, "@DROP")),
+)
+LOG_ARRAYS = ("time", "taken", "confidence", "hand", "cloud", "keypoints", "points", "tool", "joints", "width", "servo")
+TEST = "data/test/0000/depth"
+#: Frames that are damaged: the file in the data folder, and the edit.
+FRAMES = (
+    *((f"{part}/{name}", ("replaced", "missing")) for part, name in (
+        ("rgb", "000032.jpg"), ("depth_png", "000032.png"), ("log_json", "000032.json"),
+        ("hand_kpt", "000032.txt"), ("obj_mask", "000032.png"), ("hand_mask", "000032.png"))),
+    *((part, ("replaced", "missing")) for part in ("rgb", "depth_png", "log_json", "hand_kpt")),
+    *((part, ("replaced", "folder")) for part in ("rgb", "depth_png", "log_json", "hand_kpt")),
+    ("rgb/000099.jpg", ("text", "")), ("rgb/notes.txt", ("text", "mine")),
+    ("rgb/000032.png", ("text", "twice")), ("rgb/000032.jpg", ("array", "a[::2]")),
+    ("rgb/000032.jpg", ("array", "a[..., 0]")), ("depth_png/000032.png", ("array", "a[::2]")),
+    ("depth_png/000032.png", ("array", "a.astype(np.uint8)")),
+    ("depth_png/000032.png", ("array", "a * 0")), ("obj_mask/000032.png", ("array", "a * 0 + 255")),
+    ("obj_mask/000032.png", ("array", "a * 0")), ("hand_mask/000032.png", ("array", "a[::2]")),
+    *(("hand_kpt/000032.txt", ("text", text)) for text in
+      ("", "x y\n" * 21, "1 2\n" * 20, "1\n" * 21, "nan nan\n" * 21, "1e400 1\n" * 21, "\x00")),
+    *((f"{part}/000032.{kind}", ("noise", how, 1)) for how in ("cut", "junk", "zeros")
+      for part, kind in (("rgb", "jpg"), ("depth_png", "png"), ("log_json", "json"),
+                         ("obj_mask", "png"), ("raw_disparity", "png"), ("normals", "png"))),
+    ("log_json/000032.json", ("replaced", "->000032.json")), ("rgb/000032.jpg", ("replaced", "->/dev/zero")),
+    ("rgb/000032.jpg", ("replaced", "fifo")), ("log_json/000032.json", ("replaced", "fifo")),
+)
+#: The record that `hadr book --readme-times` reads: the field and what stands there.
+TIMES = (
+    ("", (None, [], {}, 7, "x", DEEP)), ("parameters", (None, [], {}, "@DROP")),
+    ("parameters.preset", (None, "mini", 7, [])), ("chapters", (None, [], {}, 7, "@DROP")),
+    ("chapters.03_ray_voxels", (None, [], {}, 7, "@DROP")),
+    ("chapters.03_ray_voxels.duration_s", (None, "x", [], NAN, INF, -1, HUGE, True, "@DROP")),
+    ("chapters.03_ray_voxels.machine", (None, [], {}, 7, "another", "a|b\n<script>", "@DROP")),
+)
+
+
+def many() -> list[Case]:
+    """The cases of this module's tables."""
+    made: list[Case] = []
+
+    def add(call: Call, kind: str, name: str, *edits: Any, **more: Any) -> None:
+        made.append(call.case(kind, name, *edits, **more))
+
+    for (call, option, file), expressions in ARRAYS.items():
+        for e in expressions:
+            add(call, "array", f"{option} {file}: {e}", (file, "array", e), **{option: file},
+                says=(option, file, "colour"))
+    for text in CAMERAS:
+        add(NEAREST, "camera", repr(text[-60:]), ("camera.yaml", "text", text), intrinsics="camera.yaml",
+            says=("camera.yaml",))
+    for text in HEADERS:
+        for option in ("depth", "truth", "mask"):
+            add(NEAREST, "header", f"{option}: {text[:60]}", ("truth.npy", "header", text),
+                **{option: "truth.npy"}, says=("truth.npy",))
+    for part, expression in COLUMNS:
+        file = "recordings/0000.csv"
+        add(GENERATE, "recording", f"{part} = {expression}", (file, "column", part, expression),
+            says=("0000.csv", "0000-above"))
+    for old, new in NOTES:
+        edit = ("recordings/0000.csv", "swap", old, new)
+        add(GENERATE, "recording", f"{old!r} -> {new[:30]!r}", edit, says=("0000.csv", "0000-above"))
+    for name, values in LOGS:
+        for value in values:
+            add(REPLAY, "log", f"{name} = {value!r}", ("log.npz", "log", name, value), says=("log.npz",))
+    for name in LOG_ARRAYS:
+        for e in ("a[:3]", "a * nan", "a.astype(str)", "a[:0]", "np.float64(1)"):
+            add(REPLAY, "log", f"{name}: {e}", ("log.npz", "log_array", name, e), says=("log.npz",))
+    for file, edit in FRAMES:
+        for call in (EVALUATE,):
+            corruption = "sensor" if "raw" in file else None
+            harmless = edit == ("array", "a * 0") or "notes" in file
+            add(call, "data", f"{file}: {' '.join(map(str, edit))[:50]!r}", (f"{TEST}/{file}", *edit),
+                says=("000032", "000099", file.split("/")[0]), corruption=corruption,
+                expect="safe" if harmless or "normals" in file else "refused")
+    for name, values in TIMES:
+        for value in values:
+            add(BOOK, "times", f"{name or 'all'} = {str(value)[:30]}",
+                ("build/results.json", "field", name, value), says=("results.json",))
+    for how in ("nan", "flip"):
+        for call, file in ((NETWORK, "net.safetensors"), (PLUS, "plus.safetensors"), (FOUND, "seg.safetensors"),
+                           (FOUND, "kpt.safetensors"), (EVALUATE, "net.safetensors"),
+                           (CALIBRATE, "plus.safetensors"), (RESUME, "run/last.safetensors")):
+            add(call, "weights", f"{file}: {how}", (file, "weights", how), says=(file,))
+        add(TRAIN, "weights", f"--start-from: {how}", ("net.safetensors", "weights", how),
+            start_from="net.safetensors", says=("net.safetensors",))
+    for name in ("", "/book", "/results", "/hadr", "/notebooks/text", "/data_samples", "/.."):
+        for call, option in ((HTML, "build"), (COURSE, "out"), (REPRODUCE, "out")):
+            add(call, "sources", f"--{option} {name or '.'}", **{option: f"{{checkout}}{name}"},
+                says=(option, "checkout", name or "."))
+    return made
+
+
+FOUND_ONE_BY_ONE = [
+    *many(),
+    *(NEAREST.case("picture", f"mask of {kind} named .png", ("mask.png", "lossy", kind), says=("mask",))
+      for kind in (".jpg", ".webp")),
+    *(NEAREST.case("picture", f"EXR with {c}", ("d.exr", "exr", c), depth="d.exr", says=("d.exr",))
+      for c in ("RGB", "A", "XY")),
+    *(NEAREST.case("picture", f"{o}: a PNG of {w}x{h}", (f"{o}.png", "size", w, h), says=(f"{o}.png",))
+      for o in ("rgb", "depth", "mask") for w, h in ((100000, 100000), (2**31 - 1, 1), (0, 48))),
+    NEAREST.case("picture", "an .npy that begins with PK", ("truth.npy", "bytes", "504b0304" + "00" * 60),
+                 depth="truth.npy", says=("truth.npy",)),
+    NEAREST.case("picture", "mask of nothing", ("mask.png", "array", "a * 0"), expect="safe"),
+    # An output never replaces what is not its own.
+    EVALUATE.case("loss", "--out is the checkpoint", out="net.safetensors", says=("net.safetensors",)),
+    EVALUATE.case("loss", "--out is the checkpoint's record", ("net.json", "text", "{}"), out="net.json",
+                  says=("net.json",)),
+    EVALUATE.case("loss", "--out is a frame", out="data/generation.json", says=("generation.json",)),
+    CALIBRATE.case("loss", "--out is the checkpoint", out="plus.safetensors", may=("plus.json",), says=("plus.safetensors",)),
+    ATTEMPT.case("loss", "--json is somebody's", ("t.json", "text", "mine"), json="t.json",
+                  says=("t.json",)),
+    NEAREST.case("loss", "--out is where the depth is", ("in/depth.png", "replaced", "copy ../depth.png"),
+                 depth="in/depth.png", out="in", overwrite="", says=("in",)),
+    NEAREST.case("loss", "--overwrite of others' files", ("out/depth.png", "text", "mine"), overwrite="",
+                 says=("out",)),
+    NEAREST.case("loss", "--overwrite with more files", ("out/notes.txt", "text", "mine"), overwrite="",
+                 says=("notes.txt",)),
+    GENERATE.case("loss", "again, with my files in it", ("made/train/0000/depth/my_labels/labels.csv",
+                  "text", "mine"), ("made/README.txt", "text", "mine"),
+                  ("made/test/0000/depth/rgb/README.txt", "text", "mine"), out="made", expect="safe", makes=("made",)),
+    GENERATE.case("loss", "again, another seed", out="made", seed="5", says=("seed",)),
+    GENERATE.case("loss", "into a folder of mine", ("taken/notes.txt", "text", "mine"), out="taken",
+                  expect="safe", makes=("taken",)),
+    GENERATE.case("loss", "two folders", **{"": "other"}, says=("--out",)),
+    TRAIN.case("loss", "into a training's folder", out="run", says=("run",)),
+    TRAIN.case("loss", "best.json of mine", ("out/best.json", "text", "mine"), says=("out", "best")),
+    COURSE.case("loss", "into a folder of mine", ("out/notes.txt", "text", "mine"), says=("out",)),
+    COURSE.case("loss", "into pages of mine", ("out/student/03_ray_voxels.ipynb", "text", "mine"),
+                says=("out",)),
+    BOOK.case("loss", "no build", build="nowhere", says=("nowhere",)),
+    # A training that goes on from what is not its own.
+    RESUME.case("resume", "nothing there", out="fresh", says=("fresh", "resume")),
+    RESUME.case("resume", "best in place of last", ("run/last.safetensors", "replaced",
+                "copy best.safetensors"), ("run/last.json", "replaced", "copy best.json"),
+                epochs="3", says=("last.safetensors", "resume")),
+    RESUME.case("resume", "another network", network="hadr-plus", says=("hadr-plus", "network")),
+    RESUME.case("resume", "last is missing", ("run/last.safetensors", "replaced", "missing"), epochs="3",
+                says=("last",)),
+    RESUME.case("resume", "fewer epochs", ("run/last.safetensors", "field", "epochs", 9), says=("epochs",)),
+    *(RESUME.case("resume", f"{f} of last = {str(v)[:20]}", ("run/last.safetensors", "field", f, v), epochs="3",
+                  says=("last", f)) for f, values in (
+        ("history", (None, [], {}, [7], "x", "@DROP")), ("epochs", (None, "x", -1, HUGE, "@DROP")),
+        ("score", (None, 7, "x", "@DROP")), ("preset", (None, 7, [], {}, "@DROP")),
+        ("seed", (None, "x", 99, "@DROP"))) for v in values),
+    *(RESUME.case("resume", f"last.json: {text[:20]!r}", ("run/last.json", "text", text), epochs="2",
+                  says=("last.json",), expect="safe") for text in ("", "[]", "null", "{", DEEP, '{"preset": 7}')),
+    RESUME.case("resume", "with --start-from", start_from="net.safetensors", says=("--start-from",)),
+    TRAIN.case("resume", "--start-from another", start_from="plus.safetensors", says=("plus",)),
+    # What a network is asked that it can't do.
+    NETWORK.case("network", "no hand", hand=None, method="hadr", says=("hand",)),
+    NETWORK.case("network", "another kind", method="hadr-plus", says=("hadr-plus",)),
+    NETWORK.case("network", "a segmentation", checkpoint="seg.safetensors", says=("seg",)),
+    FOUND.case("network", "segmentation is depth's", segmentation="net.safetensors", says=("net",)),
+    FOUND.case("network", "keypoints is depth's", keypoint_network="net.safetensors", says=("net",)),
+    HAND.case("network", "hand-median without hand", hand=None, says=("hand",)),
+    EVALUATE.case("network", "masks from keypoints", masks="kpt.safetensors", says=("kpt",)),
+    CALIBRATE.case("network", "a segmentation", **{"": "seg.safetensors\tdata"}, says=("seg",)),
+    # Options that don't go together.
+    HANDOVER.case("together", "--out and --replay", replay="log.npz", says=("--replay",)),
+    COURSE.case("together", "--no-slides and --executed", executed="build", says=("--executed",)),
+    GENERATE.case("together", "--sensor and --no-sensor", sensor="", no_sensor="", says=("--sensor",)),
+    TRAIN.case("together", "--hand of another network", network="hadr-plus", hand="2d", says=("hadr-plus",)),
+    TRAIN.case("together", "--pretrained of hadr-plus", network="hadr-plus", pretrained="x", says=("--pretrained",)),
+    TRAIN.case("together", "--masks of a segmentation", network="segmentation", masks="seg.safetensors",
+               says=("segmentation",)),
+    # Result files that are right by their checksum and wrong by their content.
+    *(AGAIN.case("sealed", f"{f} = {str(v)[:30]}", ("result.json", "sealed", f, v), says=("result.json", "nearest"))
+      for f, values in (("rows", (None, [], {}, [7], "x")), ("rows.0", (None, 7, [], {})), 
+                        ("rows.0.method", (None, 7, [], "foo", "@DROP"))) for v in values),
+    # Notebooks that are none.
+    *(call.case("notebook", name, ("build/executed/03_ray_voxels.ipynb", "text", text), says=("03_ray_voxels",))
+      for call in (HTML, EXECUTED) for name, text in (
+          ("empty", ""), ("a list", "[]"), ("null", "null"), ("old", '{"nbformat": 99, "cells": []}'),
+          ("cells = 7", '{"nbformat": 4, "nbformat_minor": 5, "metadata": {}, "cells": 7}'), ("deep", DEEP))),
+    HTML.case("notebook", "missing", ("build/executed/03_ray_voxels.ipynb", "replaced", "missing"),
+              says=("03_ray_voxels",)),
+]

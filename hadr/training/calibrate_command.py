@@ -1,0 +1,145 @@
+"""`hadr calibrate`: teach a depth network's checkpoint what its confidence means."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+
+from hadr.corruption import Corruption
+from hadr.models.networks import NETWORKS
+from hadr.records.option_words import FILE, FOLDER, ID
+from hadr.records.output_folder import check_writable
+from hadr.records.provenance import provenance
+
+if TYPE_CHECKING:
+    from hadr.data.folders import FrameSource
+
+RANGE_FRAMES = 600
+"""At most so many training frames, evenly taken, are read for range and ground."""
+
+EPILOG = """
+examples
+  hadr calibrate runs/plus/last.safetensors data_samples/frames frames
+  The frames of an object that was held out of the training measure it:
+    hadr calibrate runs/plus/last.safetensors data_samples/frames \\
+        --test-objects 0010 --out confidence.json
+
+exit status
+  0 done   2 unusable checkpoint or data, or a wrong call"""
+
+
+@dataclass(frozen=True)
+class Options:
+    """Calibrate a depth network's checkpoint.
+
+    Fit what its confidence means on validation frames (of HADR-plus; the other networks
+    cannot say how sure they are), note the depths that training has shown and what its
+    frames were like, and write all of it into the checkpoint's record. Its weights stay.
+    """
+
+    checkpoint: tyro.conf.Positional[Annotated[Path, FILE]]
+    """A .safetensors file that `hadr train` wrote."""
+    data: tyro.conf.Positional[Annotated[tuple[Path, ...], FOLDER]]
+    """Folders in TransHand's layout that it was trained on."""
+    objects: Annotated[tuple[str, ...] | None, ID] = None
+    """These objects only."""
+    test_objects: Annotated[tuple[str, ...] | None, ID] = None
+    """Of split test take these objects, such as those held out of the training."""
+    corruption: Corruption = "oracle"
+    """How the depth of the frames is corrupted."""
+    seed: int = 0
+    """Seed of the analytic corruption."""
+    only_ground: bool = False
+    """Note what the training frames were like and leave all else in the record: for a
+    checkpoint of whose training frames only a part is at hand."""
+    out: Annotated[Path | None, FILE] = None
+    """Write what was measured as JSON into this file."""
+
+
+def run(options: Options) -> int:
+    """Run `hadr calibrate`."""
+    from hadr.confidence import ConfidenceRule
+    from hadr.records.result_file import write_result_file
+    from hadr.training.batches import load_frames
+    from hadr.training.calibrate import calibrate, measure_confidence, restored_pixels
+    from hadr.training.checkpoints import kind_of, load_checkpoint, update_record
+    from hadr.training.ground import learn_ground
+
+    check_writable(options.out)
+    model, meta = load_checkpoint(options.checkpoint)
+    name, kind = options.checkpoint.name, kind_of(model)
+    if NETWORKS[kind].answer != "depth":
+        raise ValueError(f"{name} holds a network of kind {kind!r}, which restores no depth")
+    learned = str(meta.get("data", {}).get("corruption", "oracle")).split(":")[0]
+    if learned != options.corruption:
+        raise ValueError(
+            f"{name} was trained with corruption {learned!r}; a calibration with "
+            f"{options.corruption!r} would speak of other pictures than it restores"
+        )
+    if options.only_ground and "learned_range" not in meta:
+        raise ValueError(f"{name} was never calibrated: leave --only-ground out")
+    size = int(meta["width"]), int(meta["height"])
+    tested = options.test_objects or options.objects
+    sources = [
+        _frames(options, split, objects)
+        for split, objects in (
+            ("train", options.objects), ("val", options.objects), ("test", tested)
+        )
+    ]  # fmt: skip
+    additions: dict[str, Any] = {}
+    if not options.only_ground:
+        train, validation, test = (
+            load_frames(frames, size, options.corruption, options.seed) for frames in sources
+        )
+        source = f"split val of {len(options.data)} folder(s), corruption {options.corruption}"
+        additions = calibrate(model, train, validation, source)
+    near, far = (additions or meta)["learned_range"]["depth_m"]
+    additions["ground"] = learn_ground(
+        model, size, options.corruption, (near, far), *sources[:2], options.seed
+    )
+    update_record(options.checkpoint, additions)
+    print(f"learned range  {near:.3f} to {far:.3f} m")
+    print(f"ground         of {', '.join(additions['ground']['fields'])}")
+    if options.only_ground:
+        return 0
+    if not NETWORKS[kind].can_say:
+        unwritten = f"; {options.out} is not written" if options.out else ""
+        print(f"confidence     a network of kind {kind} cannot say how sure it is{unwritten}")
+        return 0
+    rule = ConfidenceRule.from_dict(additions["confidence"])
+    rows = []
+    for split, frames in (("val", validation), ("test", test)):
+        found = measure_confidence(rule, restored_pixels(model, frames, (near, far)))
+        rows.append({"split": split, "network": kind, **found})
+        print(
+            f"{split:<14} {found['frames']} frames, {100 * found['coverage']:.1f} % restored, RMSE "
+            f"{found['rmse_m']:.4f} m; without the least sure tenth {found['rmse_at_90_m']:.4f} m "
+            f"(oracle {found['oracle_rmse_at_90_m']:.4f}); calibration error "
+            f"{found['expected_calibration_error']:.3f}"
+        )
+    if options.out:
+        of = f" of objects {', '.join(options.test_objects)}" if options.test_objects else ""
+        what = (
+            f"Confidence of {name}, fitted on the frames of split val and "
+            f"measured on those and on split test{of}: pixels of the object that were restored, at "
+            f"{size[0]}x{size[1]}. 'Right' is an error below {rule.calibration.tolerance_m} m. "
+            "Standard errors are those of a bootstrap over frames, of which two or three show one "
+            "hold: somewhat too small."
+        )
+        write_result_file(options.out, what, rows, provenance())
+    return 0
+
+
+def _frames(options: Options, split: str, objects: Sequence[str] | None) -> FrameSource:
+    """The frames of a split; of many for training some, evenly taken."""
+    from hadr.data.folders import FrameSource, open_folder
+
+    source = FrameSource([open_folder(folder, split, objects) for folder in options.data])
+    if split == "train" and len(source) > RANGE_FRAMES:
+        step = len(source) / RANGE_FRAMES
+        source = FrameSource(source.folders, [int(step * n) for n in range(RANGE_FRAMES)])
+    return source
