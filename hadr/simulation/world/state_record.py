@@ -10,6 +10,7 @@ from typing import Any, get_args
 import numpy as np
 import numpy.typing as npt
 
+from hadr.records.writing import write_arrays
 from hadr.simulation.world.state import Holder, WorldState
 
 _VERSION = 1
@@ -53,9 +54,7 @@ def save_states(path: str | Path, states: Sequence[WorldState]) -> Path:
     }
     columns["holder"] = np.array([_HOLDERS.index(s.holder) for s in states], dtype=np.uint8)
     columns["version"] = np.array(_VERSION)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("wb") as file:
-        np.savez_compressed(file, **columns)  # type: ignore[arg-type]  # columns are arrays
+    write_arrays(path, **columns)
     return path
 
 
