@@ -24,8 +24,8 @@ from hadr.handover.robot import SimulatedUR5
 from hadr.handover.tracking import hand_motion
 from hadr.records.provenance import machine_text, provenance
 from hadr.records.result_file import write_result_file
+from hadr.simulation.trials import TRIAL_OBJECTS
 from hadr.simulation.world.scenes import HeldScene, held_scene
-from hadr.simulation.world.trial_set import TRIAL_OBJECTS
 from hadr.synthesis.glass.surfaces import Surface
 
 EYE = np.array([0.05, 0.62, 0.62])

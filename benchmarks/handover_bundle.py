@@ -18,7 +18,7 @@ from hadr.data.samples import samples_dir, write_manifest
 from hadr.records.provenance import machine_text
 from hadr.records.result_file import read_result_file, write_result_file
 from hadr.simulation.film.film import film_frames, write_film
-from hadr.simulation.film.views import side_view
+from hadr.simulation.film.world_view import side_view
 from hadr.simulation.trials.experiment import (
     condition_row,
     ending_of,

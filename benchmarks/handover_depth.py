@@ -8,7 +8,7 @@ error of a scene is that of its object points' median depth along the camera's a
 
 import argparse
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 import torch
@@ -17,25 +17,24 @@ from scipy.stats import spearmanr
 from hadr.records.provenance import machine_text, provenance
 from hadr.records.result_file import write_result_file
 from hadr.simulation.camera.robot_camera import RobotCamera
-from hadr.simulation.camera.sight import DepthSource, Sight
+from hadr.simulation.camera.sight import SOURCES, Sight
+from hadr.simulation.trials import TRIAL_OBJECTS
 from hadr.simulation.world.hand_motions import motion_for
 from hadr.simulation.world.physics import World
 from hadr.simulation.world.scenes import held_scene
-from hadr.simulation.world.trial_set import TRIAL_OBJECTS
 
 HOLDS = range(920, 926)
 
 
 def measure() -> list[dict[str, Any]]:
     """One row a source."""
-    sources = get_args(DepthSource)
-    errors: dict[str, list[float]] = {source: [] for source in sources}
-    confidences: dict[str, list[float]] = {source: [] for source in sources}
+    errors: dict[str, list[float]] = {source: [] for source in SOURCES}
+    confidences: dict[str, list[float]] = {source: [] for source in SOURCES}
     for object_id in TRIAL_OBJECTS:
         for hold in HOLDS:
             scene, camera = held_scene(object_id, hold), RobotCamera()
-            state = World(scene, motion_for(object_id, hold, scene=scene)).state()
-            found = {a: Sight(scene, camera, a).look(state, with_points=True) for a in sources}
+            state = World(scene, motion_for(scene, hold).moved).state()
+            found = {a: Sight(scene, camera, a).look(state, with_points=True) for a in SOURCES}
             truth = found["perfect"].object_points
             for source, seen in found.items():
                 both = seen.object_points is not None and truth is not None
@@ -43,7 +42,7 @@ def measure() -> list[dict[str, Any]]:
                 errors[source].append(float(middle - np.median(truth[:, 2])) if both else np.nan)
                 confidences[source].append(np.nan if seen.confidence is None else seen.confidence)
     rows = []
-    for source in sources:
+    for source in SOURCES:
         error = np.array(errors[source])
         seen = np.isfinite(error)
         row: dict[str, Any] = {

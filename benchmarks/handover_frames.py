@@ -13,14 +13,14 @@ from pathlib import Path
 from tqdm import tqdm
 
 from hadr.data.frame import frame_log_path, write_frame
-from hadr.simulation.camera.camera_frames import CameraFrameConfig, camera_frame
+from hadr.simulation.camera.training_frames import FRAME_OBJECTS, camera_frame
 
 
 def draw(out: Path, seed: int, which: tuple[str, int]) -> bool:
     """Draw one frame, unless it is there; say whether it shows the object."""
     split, number = which
-    objects = CameraFrameConfig().objects
-    if frame_log_path(out, split, objects[number % len(objects)], f"{number:06d}").exists():
+    object_id = FRAME_OBJECTS[number % len(FRAME_OBJECTS)]
+    if frame_log_path(out, split, object_id, f"{number:06d}").exists():
         return True
     frame = camera_frame(split, number, seed)
     if not frame.object_mask.any():

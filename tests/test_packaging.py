@@ -31,7 +31,6 @@ PHYSICAL = {
 ON_PHYSICAL = {
     "hadr.simulation.trials.trial",
     "hadr.simulation.trials.experiment",
-    "hadr.simulation.trials.watch",
 }
 IMPORT_NAMES = {
     "cv2": "opencv-python-headless",

@@ -19,7 +19,6 @@ import numpy.typing as npt
 from hadr.handover import safety
 from hadr.handover.grasping.grasps import final_travel, forward_of
 from hadr.handover.guarded_arm import NO_NEARER, GuardedArm, HaltError
-from hadr.handover.observation import HandWatch
 from hadr.handover.poses import pose_distance
 from hadr.handover.stages import ARRIVE_DISTANCE, CLOSE_TIMEOUT, LET_GO_TIME, RETREAT
 
@@ -52,7 +51,6 @@ class Advance:
 
     Attributes:
         arm: The arm.
-        watch: The newest hand.
         aside: How far the grasp was moved along the closing axis by what was felt, metres.
         corrections: How often.
         all_corrections: How often in all final moves of this handover.
@@ -60,7 +58,6 @@ class Advance:
     """
 
     arm: GuardedArm
-    watch: HandWatch
     aside: float = field(default=0.0, init=False)
     corrections: int = field(default=0, init=False)
     all_corrections: int = field(default=0, init=False)
@@ -100,11 +97,11 @@ class Advance:
         """Go on for dt seconds.
 
         Args:
-            pre_grasp: The pre-grasp as it has moved with the hand, shape (4, 4), metres.
+            pre_grasp: As it has moved with the hand, shape (4, 4), metres, base frame.
             dt: Seconds.
 
         Returns:
-            Where the fingers shall close, shape (4, 4); None while they shall not.
+            Where the fingers shall close, a pose too; None while they shall not.
 
         Raises:
             HaltError: The hand is too near (on the way on or back), the object does not fit between
@@ -113,8 +110,8 @@ class Advance:
         arm, c = self.arm, self.arm.config
         target = pre_grasp.copy()
         target[:3, 3] += self.aside * pre_grasp[:3, 0]
-        if self.watch.keypoints is None:  # neither on nor back nor shut beside an unseen hand
-            arm.caution = self.watch.problem
+        if self.arm.watch.keypoints is None:  # neither on nor back nor shut beside an unseen hand
+            arm.caution = self.arm.watch.problem
             arm.hold(dt)
             return None
         if self._back_to is not None:
@@ -123,18 +120,13 @@ class Advance:
         here = forward_of(target, self.travelled)
         soon = forward_of(target, min(self._end, self.travelled + c.safety.look_ahead))
         later = [forward_of(target, s) for s in np.linspace(self.travelled, self._end, 4)]
-        factor = arm.allowed(
-            [arm.reading.tool, here, soon],
-            self.watch,
-            c.safety.grasp_distance,
-            c.advance_speed,
-            far=later,
-        )
+        near = [arm.reading.tool, here, soon]
+        factor = arm.allowed(near, c.safety.grasp_distance, c.advance_speed, far=later)
         if pose_distance(arm.reading.tool, here)[0] < FAR_FROM_GOAL:
             self.travelled = min(self._end, self.travelled + factor * c.advance_speed * dt)
         here = forward_of(target, self.travelled)
         arm.go(here, 2 * c.advance_speed, dt, factor=factor)
-        near = pose_distance(arm.reading.tool, here)[0] < ARRIVE_DISTANCE
+        arrived = pose_distance(arm.reading.tool, here)[0] < ARRIVE_DISTANCE
         met = self._met_at()
         if met is not None:
             on_finger = abs(met) > ON_A_FINGER * arm.reading.width
@@ -149,7 +141,7 @@ class Advance:
                 )
             self._felt = f"{self._contact(met)}: closes here"
             return arm.reading.tool
-        elif self.travelled >= self._end and near and not self._farther(target):
+        if self.travelled >= self._end and arrived and not self._farther(target):
             return here
         return None
 
@@ -207,8 +199,8 @@ class Advance:
         assert self._back_to is not None
         soon = forward_of(target, max(self._back_to, self.travelled - c.safety.look_ahead))
         factor = 1.0
-        if arm.free(self.watch, soon) < arm.free(self.watch) - NO_NEARER:
-            factor = arm.allowed([soon], self.watch, c.safety.grasp_distance, c.advance_speed)
+        if arm.free(soon) < arm.free() - NO_NEARER:
+            factor = arm.allowed([soon], c.safety.grasp_distance, c.advance_speed)
         self.travelled = max(self._back_to, self.travelled - factor * c.advance_speed * dt)
         here = forward_of(target, self.travelled)
         arm.go(here, 2 * c.advance_speed, dt, factor=factor)
@@ -228,11 +220,10 @@ class Advance:
 
     def _clear(self, pose: Array) -> bool:
         """Whether a tool pose (4, 4) keeps off the hand and can be reached."""
-        arm, hand = self.arm, self.watch.keypoints
-        if hand is None:
+        arm = self.arm
+        if arm.watch.keypoints is None:
             return False
-        free = safety.path_distance([pose], arm.reading.width, hand)
-        return free >= arm.config.safety.grasp_distance and arm.robot.reachable(pose)
+        return arm.free(pose) >= arm.config.safety.grasp_distance and arm.robot.reachable(pose)
 
 
 @dataclass
@@ -253,28 +244,14 @@ class Retrieval:
     _travelled: float = field(default=0.0, init=False)
 
     def begin(self, now: float, pose: Array, width: float) -> None:
-        """Tell the fingers to close.
-
-        Args:
-            now: Seconds.
-            pose: Where the tool stays meanwhile, shape (4, 4), metres.
-            width: The grasp's width, metres.
-        """
+        """Tell the fingers of a grasp's width, metres, to close at a tool pose (4, 4)."""
         self._pose, self._told = pose, max(0.0, width - self.arm.config.squeeze)
         self.arm.robot.set_gripper(self._told)
         self._still = (now, self.arm.reading.width)
         self._enter("close", now)
 
     def step(self, now: float, dt: float, *, factor: float = 1.0) -> bool:
-        """Go on for dt seconds.
-
-        Args:
-            now: Seconds.
-            dt: Seconds.
-            factor: Part of the speed of the way back that is used.
-
-        Returns:
-            True where the object is pulled back and still held.
+        """Go on for dt seconds, back at a part of the speed; True once the object is pulled back.
 
         Raises:
             HaltError: Nothing is between the fingers.

@@ -1,14 +1,14 @@
 """The robot as the workflow moves it: at a limited speed, and no nearer to the hand than allowed.
 
 Stages say where to go; here stands how: read the arm once a step, slow down near the hand, hold
-still, stop. The robot is told to go to a reference that moves at a limited speed, never straight to
-a target far away: so it can be slowed by any factor, and a target that jumps does not make the arm
+still. The robot is told to go to a reference that moves at a limited speed, never straight to a
+target far away: so it can be slowed by any factor, and a target that jumps does not make the arm
 jump. What follows a stop is in `hadr.handover.recovery`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -49,18 +49,20 @@ class Reading(NamedTuple):
 
 @dataclass
 class GuardedArm:
-    """A robot with a reference that runs before it.
+    """A robot with a reference that runs before it; poses (4, 4) in metres, base frame.
 
     Attributes:
         robot: The arm.
         config: Settings.
+        watch: Knows the hand.
         reading: What the robot said at the start of this step.
-        home: Where the tool was at the start, shape (4, 4), metres.
+        home: Where the tool was at the start.
         caution: Why it is slower than it could be; empty where it is not.
     """
 
     robot: Robot
     config: HandoverConfig
+    watch: HandWatch
     reading: Reading = field(init=False)
     home: Array = field(init=False)
     caution: str = field(default="", init=False)
@@ -86,7 +88,7 @@ class GuardedArm:
             self._trail = [*self._trail[-99:], tool]
 
     def came_from(self, distance: float) -> Array:
-        """Where the tool was so far back on its way, shape (4, 4); distance in metres."""
+        """Where the tool was so many metres back on its way."""
         poses = [*self._trail, self.reading.tool]
         for last, pose in zip(poses[:0:-1], poses[-2::-1], strict=True):
             distance -= pose_distance(last, pose)[0]
@@ -95,13 +97,9 @@ class GuardedArm:
         return poses[0]
 
     def check_joints(self, now: float) -> None:
-        """HaltError an arm that is nearly singular for too long and gets more so.
-
-        Args:
-            now: Seconds.
-        """
+        """HaltError an arm that is nearly singular for too long, seconds, and gets more so."""
         limits = self.config.safety
-        value, before = safety.singularity(self.reading.joints), self._singular
+        value, before = self.robot.singularity(self.reading.joints), self._singular
         self._singular = value
         if value >= limits.smallest_singular_value:
             self._regular_at = now
@@ -111,49 +109,19 @@ class GuardedArm:
             )
 
     def check_target(self, target: Array) -> None:
-        """HaltError where a tool pose, shape (4, 4), cannot be gone to."""
+        """HaltError where a tool pose cannot be gone to."""
         if not self.config.workspace.contains(target[:3, 3]):
             raise HaltError(f"target {np.round(target[:3, 3], 2)} m lies outside the workspace")
         if not self.robot.reachable(target):
             raise HaltError(f"target {np.round(target[:3, 3], 2)} m is out of reach")
 
-    def hold(self, dt: float) -> None:
-        """Stay where the tool was when the hold began."""
-        if not self._holding or self._reference is None:
-            self._reference, self._holding = self.reading.tool.copy(), True
-        self.robot.servo_to(self._reference, dt)
-
-    def go(self, goal: Array, speed: float, dt: float, *, factor: float = 1.0) -> None:
-        """Move toward a goal.
-
-        Args:
-            goal: Tool pose, shape (4, 4), metres.
-            speed: Metres per second.
-            dt: Seconds.
-            factor: Part of speed and of the turn's speed that is used.
-        """
-        if factor <= 0:
-            self.hold(dt)
-            return
-        tool, turn = self.reading.tool, factor * self.config.turn_speed * dt
-        start = tool if self._reference is None else self._reference
-        ahead = toward(start, goal, factor * speed * dt, turn)
-        self._reference, self._holding = toward(tool, ahead, LEAD, LEAD_ANGLE), False
-        self.robot.servo_to(self._reference, dt)
-
     def allowed(
-        self,
-        near: Iterable[Array],
-        watch: HandWatch,
-        least: float,
-        speed: float,
-        far: Iterable[Array] = (),
+        self, near: Sequence[Array], least: float, speed: float, far: Sequence[Array] = ()
     ) -> float:
         """Part of a speed that the hand beside the path leaves.
 
         Args:
-            near: Tool poses that come next, each (4, 4), metres, base frame.
-            watch: Knows the hand.
+            near: Tool poses that come next.
             least: Least free space to the skin, metres.
             speed: Speed wanted, metres per second.
             far: Poses later on the path: the hand may not be there, but does not slow it yet.
@@ -164,12 +132,12 @@ class GuardedArm:
         Raises:
             HaltError: The hand is nearer to the path than that.
         """
+        watch = self.watch
         if watch.keypoints is None:
             self.caution = watch.problem
             return 0.0
-        width, near, far = self.reading.width, list(near), list(far)
-        free = safety.path_distance(near, width, watch.keypoints)
-        later = safety.path_distance(far, width, watch.keypoints) if far else free
+        free = self.free(*near)
+        later = self.free(*far) if far else free
         where = f"{1000 * min(free, later):.0f} mm from the gripper's path"
         if min(free, later) < least:
             raise HaltError(f"hand {where}, at least {1000 * least:.0f} mm are needed", back=True)
@@ -183,35 +151,48 @@ class GuardedArm:
             self.caution = f"hand {1000 * free:.0f} mm away: {100 * factor:.0f} % of the speed"
         return factor
 
-    def free(self, watch: HandWatch, tool: Array | None = None) -> float:
-        """Free space between gripper and skin, metres; infinity where no hand is known.
+    def free(self, *path: Array, width: float | None = None) -> float:
+        """Least free space between gripper and skin over tool poses, metres.
 
-        Args:
-            watch: Knows the hand.
-            tool: Tool pose, shape (4, 4), metres; where the tool is now if left out.
+        Left out, poses and opening (metres) are those of now; infinity where no hand is known.
         """
-        if watch.keypoints is None:
+        if self.watch.keypoints is None:
             return np.inf
-        tool = self.reading.tool if tool is None else tool
-        return safety.path_distance([tool], self.reading.width, watch.keypoints)
+        width = self.reading.width if width is None else width
+        return safety.path_distance(path or [self.reading.tool], width, self.watch.keypoints)
 
     def ahead(self, goal: Array, *, within: float | None = None) -> list[Array]:
-        """Poses from the tool on toward a goal, over the part of the way that is looked ahead.
-
-        Args:
-            goal: Tool pose, shape (4, 4), metres.
-            within: How far to look, metres; None: `look_ahead`.
-        """
+        """Poses from the tool on toward a goal, within so many metres; `look_ahead` if left out."""
         look = self.config.safety.look_ahead if within is None else within
         way, angle = pose_distance(self.reading.tool, goal)
         part = min(1.0, look / max(way, 0.1 * angle, 1e-9))  # a turn moves the fingers too
         return [between(self.reading.tool, goal, part * step) for step in (0.0, 0.5, 1.0)]
 
-    def stop(self) -> None:
-        """Stand still until `release`."""
-        self.robot.stop()
+    def go(self, goal: Array, speed: float, dt: float, *, factor: float = 1.0) -> None:
+        """Move toward a goal for dt seconds.
+
+        Args:
+            goal: Tool pose.
+            speed: Metres per second.
+            dt: Seconds.
+            factor: Part of speed and of the turn's speed that is used.
+        """
+        if factor <= 0:
+            self.hold(dt)
+            return
+        tool, turn = self.reading.tool, factor * self.config.turn_speed * dt
+        start = tool if self._reference is None else self._reference
+        ahead = toward(start, goal, factor * speed * dt, turn)
+        self._reference, self._holding = toward(tool, ahead, LEAD, LEAD_ANGLE), False
+        self.robot.servo_to(self._reference, dt)
+
+    def hold(self, dt: float) -> None:
+        """Stay where the tool was when the hold began."""
+        if not self._holding or self._reference is None:
+            self._reference, self._holding = self.reading.tool.copy(), True
+        self.robot.servo_to(self._reference, dt)
 
     def release(self) -> None:
-        """May move again, from wherever the tool is."""
+        """May move again after a stop, from wherever the tool is."""
         self.robot.release()
         self._reference, self._holding = None, False

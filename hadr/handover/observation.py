@@ -64,16 +64,26 @@ class Observation:
         return self.time if self.frame_time is None else self.frame_time
 
 
-def clean_points(points: npt.ArrayLike | None) -> Array | None:
-    """Drop what is no point.
-
-    Args:
-        points: Anything; points in the camera frame, shape (n, 3), metres.
+def cleaned(observation: Observation) -> Observation:
+    """The same without what is no number and no point; the keypoints are `HandWatch`'s business.
 
     Returns:
-        The finite points within `FARTHEST_POINT`, or None where fewer than `FEWEST_POINTS` are
-        left or the shape is another.
+        Times and confidence as finite numbers, NaN for anything else; of each cloud the finite
+        points within `FARTHEST_POINT`, None where fewer than `FEWEST_POINTS` are left.
     """
+    confidence = observation.confidence
+    return Observation(
+        _number(observation.time),
+        observation.keypoints,
+        _points(observation.object_points),
+        _points(observation.scene_points),
+        None if confidence is None else _number(confidence),
+        _number(observation.taken),
+    )
+
+
+def _points(points: npt.ArrayLike | None) -> Array | None:
+    """The usable points of anything, or None."""
     if points is None:
         return None
     try:
@@ -86,7 +96,7 @@ def clean_points(points: npt.ArrayLike | None) -> Array | None:
     return cloud if len(cloud) >= FEWEST_POINTS else None
 
 
-def number(value: object) -> float:
+def _number(value: object) -> float:
     """A finite number as a float, NaN for anything else."""
     if not isinstance(value, (int, float, np.number)) or isinstance(value, complex):
         return float("nan")
@@ -123,19 +133,14 @@ class HandWatch:
     _path: list[tuple[float, Array]] = field(default_factory=list, init=False)
 
     def look(self, observation: Observation, now: float) -> bool:
-        """Take in an observation.
+        """Take in an observation at a time in seconds; say whether it shows a new picture.
 
-        Args:
-            observation: Whatever perception says.
-            now: The workflow's clock, seconds.
-
-        Returns:
-            True where it shows a new picture. A picture from the future, one older than
-            `oldest_picture` or older than the one before is none.
+        A picture from the future, one older than `oldest_picture` or older than the one before is
+        none.
         """
         if np.isnan(self._started):
             self._started = now
-        taken = number(observation.taken)
+        taken = observation.taken
         fresh = now - self.config.oldest_picture <= taken <= now + 1e-6
         if not fresh or taken <= self.frame_time:
             return False
@@ -162,14 +167,9 @@ class HandWatch:
         return self._path[-1][1]
 
     def velocity(self, window: float) -> Array | None:
-        """How fast the middle of the hand moves.
+        """Velocity (3,) of the hand's middle over the last seconds, m/s, base frame.
 
-        Args:
-            window: Over how long back from the newest hand, seconds.
-
-        Returns:
-            Metres per second in the base frame, shape (3,); None where the pictures do not reach
-            back over half of the window.
+        None where the pictures do not reach back over half of the window.
         """
         if not self._path:
             return None
@@ -181,22 +181,14 @@ class HandWatch:
         return line_velocity(times, np.stack([p[1] for p in recent]))
 
     def camera_trouble(self, now: float) -> str:
-        """Say that the camera stopped, or nothing.
-
-        Args:
-            now: The workflow's clock, seconds.
-        """
+        """Say that the camera has stopped at the workflow's time, seconds, or nothing."""
         silent = now - (self._started if np.isnan(self._frame_came) else self._frame_came)
         if silent >= self.config.camera_silent_after - 1e-9:
             return f"the camera stopped: no new picture for {silent:.2f} s"
         return ""
 
     def trouble(self, now: float) -> str:
-        """Why the robot may not move on what is seen, or an empty string.
-
-        Args:
-            now: The workflow's clock, seconds.
-        """
+        """Why the robot may not move on what is seen at a time in seconds, or an empty string."""
         if self.camera_trouble(now):
             return self.camera_trouble(now)
         lost = now - (self._started if np.isnan(self._hand_came) else self._hand_came)
@@ -230,24 +222,17 @@ class Choosing:
     _searched_at: float = field(default=-float("inf"), init=False)
 
     def obstacle(self, observation: Observation, now: float) -> str:
-        """Why no grasp may be chosen from this observation, or an empty string.
-
-        Args:
-            observation: The newest one.
-            now: The workflow's clock, seconds.
-        """
+        """Why no grasp may be chosen from this observation now, or an empty string."""
         limits, watch = self.config.safety, self.watch
         trouble = watch.trouble(now)
         if trouble or watch.keypoints is None:
             return trouble or watch.problem
-        points = clean_points(observation.object_points)
-        if points is None:
+        if observation.object_points is None:
             return "no points of the object"
-        confidence = None if observation.confidence is None else number(observation.confidence)
-        doubt = safety.low_confidence(confidence, limits.smallest_confidence)
+        doubt = safety.low_confidence(observation.confidence, limits.smallest_confidence)
         if doubt:
             return doubt
-        points = transform_points(watch.base_from_camera, points)
+        points = transform_points(watch.base_from_camera, observation.object_points)
         if not safety.object_in_hand(points, watch.keypoints, limits.object_near):
             return "the object is not in the hand"
         return ""
@@ -258,13 +243,7 @@ class Choosing:
         self.caution = self.reason = self._found = ""
 
     def ready(self, observation: Observation, now: float, *, new: bool) -> bool:
-        """Say whether to search now; the reason against it stands in `caution`.
-
-        Args:
-            observation: The newest one.
-            now: The workflow's clock, seconds.
-            new: It shows a new picture.
-        """
+        """Say whether to search now, in a new picture; the reason against it is in `caution`."""
         watch = self.watch
         seen = watch.keypoints is not None
         self._hand_from = min(self._hand_from, now) if seen else float("inf")
@@ -281,12 +260,7 @@ class Choosing:
         return now - self._searched_at >= CHOOSE_EVERY - 1e-9
 
     def search(self, observation: Observation, now: float, robot: Robot) -> ChosenGrasp | None:
-        """Search for a grasp.
-
-        Args:
-            observation: One without an `obstacle`.
-            now: The workflow's clock, seconds.
-            robot: Says what it can reach.
+        """Search for a grasp in an observation without an `obstacle`.
 
         Returns:
             The grasp in the base frame; None, and the reason in `caution`, where there is none or
@@ -303,8 +277,7 @@ class Choosing:
 
     def _chosen(self, observation: Observation, robot: Robot) -> tuple[ChosenGrasp | None, str]:
         """The grasp, or why there is none."""
-        watch, scene = self.watch, clean_points(observation.scene_points)
-        points = clean_points(observation.object_points)
+        watch, points, scene = self.watch, observation.object_points, observation.scene_points
         if points is None or watch.keypoints is None:
             return None, self._found
         if scene is not None:

@@ -10,30 +10,16 @@ Array = npt.NDArray[np.float64]
 
 
 def pose_distance(first: Array, second: Array) -> tuple[float, float]:
-    """How far two poses are apart.
-
-    Args:
-        first: Shape (4, 4), metres.
-        second: Shape (4, 4), the same frame.
-
-    Returns:
-        Distance of the origins in metres, and the angle of the rotation between them in radians.
-    """
+    """Distance in metres and angle in radians between two poses (4, 4) of one frame."""
     turn = first[:3, :3].T @ second[:3, :3]
     angle = float(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1.0, 1.0)))
     return float(np.linalg.norm(first[:3, 3] - second[:3, 3])), angle
 
 
 def between(first: Array, second: Array, part: float) -> Array:
-    """A pose on the way from one pose to another.
+    """A part of the way from one pose (4, 4) to another: 0 gives the first, 1 the second.
 
-    Args:
-        first: Shape (4, 4), metres.
-        second: Shape (4, 4), the same frame.
-        part: 0 gives the first, 1 the second.
-
-    Returns:
-        Shape (4, 4): on the straight line, turned about the one axis that leads there.
+    It lies on the straight line, turned about the one axis that leads there.
     """
     if part >= 1.0:
         return second.copy()
@@ -45,16 +31,9 @@ def between(first: Array, second: Array, part: float) -> Array:
 
 
 def toward(first: Array, second: Array, distance: float, angle: float) -> Array:
-    """Go from one pose toward another, by at most a distance and an angle.
+    """Go from one pose (4, 4) toward another, by at most a distance (metres) and an angle.
 
-    Args:
-        first: Shape (4, 4), metres.
-        second: Shape (4, 4), the same frame.
-        distance: Metres.
-        angle: Radians.
-
-    Returns:
-        Shape (4, 4); exactly the second where it lies within both.
+    The angle is in radians; exactly the second pose where it lies within both.
     """
     way, turn = pose_distance(first, second)
     part = min(distance / max(way, 1e-12), angle / max(turn, 1e-12))
@@ -62,14 +41,9 @@ def toward(first: Array, second: Array, distance: float, angle: float) -> Array:
 
 
 def camera_at(position: Array, look_at: Array) -> Array:
-    """Place a camera so that it looks at a point with the image upright.
+    """base_from_camera (4, 4) of a camera at a point (3,) that looks at another, the image upright.
 
-    Args:
-        position: Shape (3,), metres, in the base frame (z up).
-        look_at: Shape (3,), metres.
-
-    Returns:
-        base_from_camera, shape (4, 4); x right, y down, z forward.
+    Metres, base frame (z up); the camera's x is right, y down, z forward.
     """
     forward = np.asarray(look_at, dtype=np.float64) - position
     forward /= np.linalg.norm(forward)

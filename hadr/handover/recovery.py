@@ -11,10 +11,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from hadr.handover import safety
 from hadr.handover.grasping.grasps import forward_of
 from hadr.handover.guarded_arm import NO_NEARER, GuardedArm
-from hadr.handover.observation import HandWatch
 from hadr.handover.poses import between, pose_distance
 from hadr.handover.stages import BACK_OFF, STAND_TIME
 
@@ -28,9 +26,7 @@ gripper is pressed against the hand and the next stop would come."""
 
 @dataclass
 class Recovery:
-    """What happens after a stop: stand; where the gripper is beside the hand, open and back off.
-
-    From a hand that is then still too near it backs off farther.
+    """What happens after a stop.
 
     Attributes:
         arm: The arm.
@@ -54,38 +50,25 @@ class Recovery:
     _travelled: float = field(default=0.0, init=False)
 
     def begin(self, now: float, *, back: float, opening: float | None, straight: bool) -> None:
-        """Stop the arm.
+        """Stop the arm, then open the fingers to a width and back off so many metres, or none.
 
-        Args:
-            now: Seconds.
-            back: How far to back off, metres; 0: not at all.
-            opening: Width in metres to open the fingers to first, or None.
-            straight: Back off along the approach axis; False: along the way that the tool came.
+        Straight is along the approach axis; else it goes along the way that the tool came.
         """
-        self.arm.stop()
+        self.arm.robot.stop()
         self._back, self._opening, self._straight = back, opening, straight
         self._pressed, self._yields = bool(self.arm.reading.protective_stop), 0
         if opening is not None:
             self.arm.robot.set_gripper(opening)
         self._enter("still", now)
 
-    def step(self, now: float, dt: float, watch: HandWatch) -> bool:
-        """Go on for dt seconds.
-
-        Args:
-            now: Seconds.
-            dt: Seconds.
-            watch: Knows the hand.
-
-        Returns:
-            True where the arm may start again: the cause is gone for `stand_time`.
-        """
-        arm, stand = self.arm, STAND_TIME
-        free = arm.free(watch)
+    def step(self, now: float, dt: float) -> bool:
+        """Go on for dt seconds; True where the arm may start again: the cause is gone for good."""
+        arm, watch = self.arm, self.arm.watch
+        free = arm.free()
         self.trouble = watch.trouble(now) or watch.problem
         if not self.trouble and free < arm.config.safety.approach_distance:
             self.trouble = f"hand {1000 * free:.0f} mm from the gripper"
-        if self.part == "still" and now - self._since >= stand - 1e-9:
+        if self.part == "still" and now - self._since >= STAND_TIME - 1e-9:
             if self._back > 0:
                 arm.release()
                 if self._opening is not None:  # fingers take no command in a protective stop
@@ -111,20 +94,20 @@ class Recovery:
             if self._travelled >= self._back and (near or late):
                 self.stay(now)
         elif self.part == "clear":
-            self._yield(now, free, watch)
+            self._yield(now, free)
         if self.trouble or self.part in ("open", "back"):
             self._clear_from = now
-        return self.part == "clear" and now - self._clear_from >= stand - 1e-9
+        return self.part == "clear" and now - self._clear_from >= STAND_TIME - 1e-9
 
     def stay(self, now: float) -> None:
         """Back off no farther; stand and wait for the cause to go."""
-        self.arm.stop()
+        self.arm.robot.stop()
         self._enter("clear", now)
 
-    def _yield(self, now: float, free: float, watch: HandWatch) -> None:
+    def _yield(self, now: float, free: float) -> None:
         """Back off farther from a hand that has been too near for long enough."""
-        arm, c = self.arm, self.arm.config
-        if free >= c.safety.approach_distance or watch.trouble(now) or watch.keypoints is None:
+        arm = self.arm
+        if free >= arm.config.safety.approach_distance or arm.watch.trouble(now):
             self._apart_at = now
             return
         if now - self._apart_at < 2 * STAND_TIME or self._yields >= MOST_YIELDS:
@@ -133,7 +116,7 @@ class Recovery:
         back = forward_of(tool, -BACK_OFF)
         way = [between(tool, back, part) for part in (0.25, 0.5, 1.0)]
         self._apart_at = now
-        if safety.path_distance(way, arm.reading.width, watch.keypoints) < free - NO_NEARER:
+        if arm.free(*way) < free - NO_NEARER:
             return
         arm.release()
         self._yields += 1

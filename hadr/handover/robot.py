@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 
 from hadr.handover import ur5
-from hadr.handover.dimensions import FLANGE_TO_TOOL, LARGEST_OPENING
+from hadr.handover.gripper import FLANGE_FROM_TOOL, LARGEST_OPENING
 from hadr.handover.ur5 import Array, UnreachableError
 
 HOME_JOINTS: Array = np.deg2rad([5.99, -130.74, 121.43, 9.32, 95.99, 0.0])
@@ -28,6 +28,10 @@ class Robot(Protocol):
 
     def joint_positions(self) -> Array:
         """Return the joint angles now, shape (n,), radians."""
+        ...
+
+    def singularity(self, joints: Array) -> float:
+        """Return how far joint angles (n,) are from a singular pose: 0 there, infinity: never."""
         ...
 
     def reachable(self, base_from_tool: Array) -> bool:
@@ -95,36 +99,25 @@ class Workspace:
         return bool(np.all(point >= self.lower) and np.all(point <= self.upper))
 
 
-def _tool_at(distance: float) -> Array:
-    flange_from_tool = np.eye(4)
-    flange_from_tool[2, 3] = distance
-    return flange_from_tool
-
-
 @dataclass(frozen=True)
 class ArmConfig:
     """Settings of the simulated arm.
 
     Attributes:
         home: Joint angles at the start, shape (6,), radians.
-        flange_from_tool: Where the point between the fingertips stands, shape (4, 4).
         speed_fraction: Part of the joints' top speed (180 degrees per second) that is used;
             a quarter is slow enough to be watched beside a person.
-        largest_opening: Widest distance between the fingers, metres.
         finger_speed: Speed of opening and closing, metres per second.
         workspace: Where the tool may go.
     """
 
     home: Array = field(default_factory=lambda: HOME_JOINTS.copy())
-    flange_from_tool: Array = field(default_factory=lambda: _tool_at(FLANGE_TO_TOOL))
     speed_fraction: float = 0.25
-    largest_opening: float = LARGEST_OPENING
     finger_speed: float = 0.1
     workspace: Workspace = field(default_factory=Workspace)
 
     def __post_init__(self) -> None:
         ur5.check_joints(self.home)
-        ur5.check_pose(self.flange_from_tool, "flange_from_tool")
         if not 0 < self.speed_fraction <= 1:
             raise ValueError(f"speed_fraction must lie in (0, 1], got {self.speed_fraction}")
 
@@ -147,7 +140,7 @@ class SimulatedUR5:
     def __init__(self, config: ArmConfig | None = None) -> None:
         self.config = config or ArmConfig()
         self._joints = self.config.home.copy()
-        self._opening = self._target_opening = self.config.largest_opening
+        self._opening = self._target_opening = LARGEST_OPENING
         self._stopped = False
         self.between_fingers = 0.0
         self.protective_stop = ""
@@ -162,11 +155,15 @@ class SimulatedUR5:
     def tool_pose_at(self, joints: Array) -> Array:
         """Return base_from_tool for joint angles (6,) in radians, shape (4, 4), metres."""
         flange = ur5.forward_kinematics(joints)
-        return ur5.BASE_LINK_FROM_DH_BASE @ flange @ self.config.flange_from_tool
+        return ur5.BASE_LINK_FROM_DH_BASE @ flange @ FLANGE_FROM_TOOL
 
     def joint_positions(self) -> Array:
         """Return the six joint angles now, radians."""
         return self._joints.copy()
+
+    def singularity(self, joints: Array) -> float:
+        """See `hadr.handover.ur5.singularity`."""
+        return ur5.singularity(joints)
 
     def outline(self) -> Array:
         """Return points along the links in the base frame, shape (9, 3), metres."""
@@ -175,13 +172,7 @@ class SimulatedUR5:
         return points
 
     def joint_solutions(self, base_from_tool: Array) -> Array:
-        """All joint angles that reach a tool pose within every limit, nearest to now first.
-
-        Args:
-            base_from_tool: Target, shape (4, 4), metres.
-
-        Returns:
-            Joint angles, shape (n, 6), radians, sorted by the largest joint's way to go.
+        """Joint angles (n, 6) that reach a tool pose (4, 4) within every limit, nearest first.
 
         Raises:
             UnreachableError: None is left; the message names the limit that the nearest breaks.
@@ -252,9 +243,9 @@ class SimulatedUR5:
         Raises:
             ValueError: The width is not finite or lies outside 0 to the largest opening.
         """
-        if not 0 <= width <= self.config.largest_opening:
+        if not 0 <= width <= LARGEST_OPENING:
             raise ValueError(
-                f"gripper width must lie between 0 and {self.config.largest_opening} m, got {width}"
+                f"gripper width must lie between 0 and {LARGEST_OPENING} m, got {width}"
             )
         self._target_opening = width
 
@@ -269,7 +260,7 @@ class SimulatedUR5:
     def _solutions_by_way(self, base_from_tool: Array) -> Array:
         """Joint angles (n, 6) for a tool pose, limits not yet checked, the shortest way first."""
         target = ur5.check_pose(base_from_tool, "base_from_tool")
-        flange = ur5.BASE_LINK_FROM_DH_BASE @ target @ np.linalg.inv(self.config.flange_from_tool)
+        flange = ur5.BASE_LINK_FROM_DH_BASE @ target @ np.linalg.inv(FLANGE_FROM_TOOL)
         found = ur5.inverse_kinematics(flange, free_angle=float(self._joints[5]))
         found = ur5.nearest_turns(found, self._joints)
         by_way: Array = found[np.abs(found - self._joints).max(axis=1).argsort(kind="stable")]

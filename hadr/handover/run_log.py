@@ -1,8 +1,9 @@
 """What a handover saw, what the robot said and was told, and why the stage changed: in one file.
 
-Use `RecordedHandover` where a `Handover` is used; its log is enough to run the workflow again, see
-`hadr.handover.replay`. The workflow under record sees exactly what is stored: keypoints and the
-robot's answers are rounded to single precision (0.1 micrometres) on the way in. Of the object's
+Use `RecordedHandover` where a `Handover` is used. Its log is enough to run the workflow again
+(`replay`), where the same transitions must come out: whoever doubts a stop can step through it with
+a debugger, without a robot. The workflow under record sees exactly what is stored: keypoints and
+the robot's answers are rounded to single precision (0.1 micrometres) on the way in. Of the object's
 points only the few that the workflow's own checks need are kept; the chosen grasps are stored as
 they came.
 """
@@ -19,20 +20,17 @@ from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
+import cattrs
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
+from hadr.handover import ur5
 from hadr.handover.grasping.collision import hand_points
-from hadr.handover.observation import Observation, clean_points, number
+from hadr.handover.observation import Observation, cleaned
 from hadr.handover.robot import Robot
 from hadr.handover.safety import hand_problem
-from hadr.handover.stages import (
-    ChooseGrasp,
-    ChosenGrasp,
-    Stage,
-    Transition,
-)
+from hadr.handover.stages import ChooseGrasp, ChosenGrasp, HandoverConfig, Stage, Transition
 from hadr.handover.ur5 import UnreachableError
 from hadr.handover.workflow import Handover
 from hadr.records.writing import write_arrays
@@ -74,14 +72,8 @@ class RunLog:
         """When, seconds, and why the robot was slow or waited; "" where it went on."""
         return [(float(time), str(words)) for time, words in self.header["cautions"]]
 
-    def save(self, path: str | Path) -> Path:
-        """Write the log, with a checksum, as one compressed file; say where.
-
-        Args:
-            path: Where to; `.npz` is appended where it is missing.
-        """
-        path = Path(path)
-        path = path if path.suffix == ".npz" else path.with_name(path.name + ".npz")
+    def save(self, path: Path) -> Path:
+        """Write the log, with a checksum, as one .npz; give its path."""
         text = json.dumps(self.header, sort_keys=True)
         sealed = np.array(_checksum(self.arrays, text))
         content: dict[str, Any] = {**self.arrays, "header": np.array(text), "checksum": sealed}
@@ -114,9 +106,8 @@ def read_run_log(path: str | Path) -> RunLog:
             f"the file says {sealed[:12]}..."
         )
     header = json.loads(text)
-    if not isinstance(header, dict) or header.get("format") != FORMAT:
-        has = header.get("format") if isinstance(header, dict) else type(header).__name__
-        raise ValueError(f"{path} has format {has}, this version reads {FORMAT}")
+    if header["format"] != FORMAT:
+        raise ValueError(f"{path} has format {header['format']}, this version reads {FORMAT}")
     return RunLog(arrays, header)
 
 
@@ -136,6 +127,7 @@ def _single(values: npt.ArrayLike) -> Array:
 
 READINGS = {"tool_pose": "tool", "joint_positions": "joints", "gripper_width": "width"}
 """What is read of the robot in each step, and the array that keeps it."""
+_CONFIG = cattrs.Converter(forbid_extra_keys=True, detailed_validation=False)
 COMMANDS = ("stop", "release", "set_gripper")
 """Commands that a replay must give again."""
 
@@ -164,6 +156,10 @@ class RecordedRobot:
         if reason:
             self.step.events.append(["protective_stop", reason])
         return reason
+
+    def singularity(self, joints: Array) -> float:
+        """As the robot says; it follows from the joints, which are noted."""
+        return self.robot.singularity(joints)
 
     def __getattr__(self, name: str) -> Callable[..., Any]:
         if name.startswith("_"):
@@ -201,7 +197,7 @@ class RecordedHandover(Handover):
     def __post_init__(self) -> None:
         self.recorded = RecordedRobot(self.robot)
         self.robot = cast(Robot, self.recorded)
-        self.choose_grasp = self._noted(self.choose_grasp)
+        self.choose_grasp = partial(self._choose, self.choose_grasp)
         super().__post_init__()
         self._steps = [self.recorded.step]  # the first holds what the robot said before the run
         self._given: list[tuple[float, float, float, float, int, int]] = []
@@ -215,13 +211,11 @@ class RecordedHandover(Handover):
         if self.over:
             return self.stage
         notes = self.recorded.step = StepNotes()
-        given, row, cloud = self._keep(observation)
+        given, row, cloud = self._keep(cleaned(observation))
         stage = super().step(given, dt)
         self._steps.append(notes)
-        unknown = observation.confidence is None
-        confidence = np.inf if unknown else number(observation.confidence)
-        times = (number(observation.time), number(observation.taken))
-        self._given.append((*times, dt, confidence, row, cloud))
+        confidence = np.inf if given.confidence is None else given.confidence
+        self._given.append((given.time, given.taken, dt, confidence, row, cloud))
         if not self._cautions or self._cautions[-1][1] != self.caution:
             self._cautions.append((self.time, self.caution))
         return stage
@@ -280,7 +274,7 @@ class RecordedHandover(Handover):
             else:
                 keypoints = np.zeros(keypoints.shape)
                 self._odd[str(len(self._given))] = list(keypoints.shape)
-        points = clean_points(observation.object_points)
+        points = observation.object_points
         if points is not None:
             kept = points[np.linspace(0, len(points) - 1, KEPT_POINTS).astype(int)]
             nearest = points[:1]
@@ -292,23 +286,147 @@ class RecordedHandover(Handover):
             cloud = len(self._clouds) - 1
         return replace(observation, keypoints=keypoints), row, cloud
 
-    def _noted(self, choose: ChooseGrasp) -> ChooseGrasp:
-        def chosen(
-            points: Array, keypoints: Array, robot: Robot, scene: Array | None
-        ) -> ChosenGrasp | None:
-            events = self.recorded.step.events
-            try:
-                grasp = choose(points, keypoints, self.recorded.robot, scene)
-                chose: list[Any] = [None]
-                if grasp is not None:
-                    pose = np.asarray(grasp.pose, dtype=np.float64).tolist()
-                    chose = [pose, float(grasp.width), float(grasp.score)]
-            except Exception as error:
-                refused = isinstance(error, UnreachableError | ValueError)
-                name = "choose_error" if refused else "choose_failed"
-                events.append([name, type(error).__name__, str(error)])
-                raise
-            events.append(["chose", *chose])
-            return grasp
+    def _choose(
+        self,
+        choose: ChooseGrasp,
+        points: Array,
+        keypoints: Array,
+        _: Robot,
+        scene: Array | None,
+    ) -> ChosenGrasp | None:
+        """Choose a grasp, and note it or what went wrong; what the search asks is not noted."""
+        events = self.recorded.step.events
+        try:
+            grasp = choose(points, keypoints, self.recorded.robot, scene)
+            chose: list[Any] = [None]
+            if grasp is not None:
+                pose = np.asarray(grasp.pose, dtype=np.float64).tolist()
+                chose = [pose, float(grasp.width), float(grasp.score)]
+        except Exception as error:
+            refused = isinstance(error, UnreachableError | ValueError)
+            name = "choose_error" if refused else "choose_failed"
+            events.append([name, type(error).__name__, str(error)])
+            raise
+        events.append(["chose", *chose])
+        return grasp
 
-        return chosen
+
+class LoggedRobot:
+    """A robot that answers what the log's robot answered, step by step, and notes its commands."""
+
+    def __init__(self, log: RunLog) -> None:
+        self._log = log
+        self._events: dict[int, list[list[Any]]] = {}
+        for step, *event in log.header["events"]:
+            self._events.setdefault(step, []).append(event)
+        self.commands: list[list[Any]] = []
+        self.turn_to(-1)
+
+    def turn_to(self, step: int) -> None:
+        """Answer from this step on; step -1 is before the first."""
+        self._step, self._left = step, [list(event) for event in self._events.get(step, [])]
+
+    def _take(self, name: str) -> list[Any]:
+        """The rest of the next event of this name in this step; empty where there is none left."""
+        for position, event in enumerate(self._left):
+            if event[0] == name:
+                return self._left.pop(position)[1:]
+        return []
+
+    @property
+    def protective_stop(self) -> str:
+        """As the robot said then."""
+        return "".join(self._take("protective_stop"))
+
+    def singularity(self, joints: Array) -> float:
+        """As it follows from the joints: logs are of UR5s."""
+        return ur5.singularity(joints)
+
+    def __getattr__(self, name: str) -> Callable[..., Any]:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        return partial(self._answer, name)
+
+    def _answer(self, name: str, *given: Any) -> Any:
+        """What a method of the robot gave, or raised, then."""
+        if name in COMMANDS:
+            self.commands.append([self._step, name, *given])
+        self._fail(f"{name}_error")
+        if name in READINGS:
+            read = self._log.arrays[READINGS[name]][self._step + 1].astype(np.float64)
+            if name == "tool_pose":
+                return np.concatenate([read, [[0.0, 0.0, 0.0, 1.0]]])
+            return read if read.ndim else float(read)
+        found = self._take(name)
+        if name == "tool_wrench":
+            return np.array(found or np.zeros(6), dtype=np.float64)
+        return found[0] if found else True
+
+    def choose(self, *_: object) -> ChosenGrasp | None:
+        """Choose what was chosen then."""
+        self._fail("choose_error")
+        failed = self._take("choose_failed")
+        if failed:  # neither of the errors that say there is no grasp
+            raise type(failed[0], (Exception,), {})(failed[1])
+        chose = self._take("chose")
+        if not chose or chose[0] is None:
+            return None
+        return ChosenGrasp(np.array(chose[0], dtype=np.float64), *chose[1:])
+
+    def _fail(self, name: str) -> None:
+        failed = self._take(name)
+        if failed:
+            kind = UnreachableError if failed[0] == "UnreachableError" else ValueError
+            raise kind(failed[1])
+
+
+def logged_observation(log: RunLog, step: int) -> Observation:
+    """What the workflow was given in a step, counted from 0."""
+    a = log.arrays
+    shape = log.header["odd_keypoints"].get(str(step))
+    keypoints = None if shape is None else np.zeros(shape)
+    if a["hand"][step] >= 0:
+        keypoints = a["keypoints"][a["hand"][step]].astype(np.float64)
+    row, confidence = int(a["cloud"][step]), float(a["confidence"][step])
+    return Observation(
+        float(a["time"][step]),
+        keypoints,
+        a["points"][row].astype(np.float64) if row >= 0 else None,
+        confidence=None if np.isinf(confidence) else confidence,
+        frame_time=float(a["taken"][step]),
+    )
+
+
+def replay(log: RunLog) -> Handover:
+    """Run the workflow on a log; give the handover at its end.
+
+    Raises:
+        ValueError: Another transition or command comes out than is in the log, or it has a setting
+            that is unknown here.
+    """
+    robot = LoggedRobot(log)
+    header = log.header
+    try:
+        config = _CONFIG.structure(header["config"], HandoverConfig)
+    except cattrs.ForbiddenExtraKeysError as error:
+        raise ValueError(
+            f"the log has the setting {min(error.extra_fields)}, which this version does not "
+            "know: replay it with the version that made it"
+        ) from error
+    calibration = np.array(header["base_from_camera"])
+    handover = Handover(cast(Robot, robot), robot.choose, calibration, config)
+    for step in range(len(log.arrays["time"])):
+        robot.turn_to(step)
+        handover.step(logged_observation(log, step), float(log.arrays["dt"][step]))
+    _compare("transition", log.transitions, handover.transitions)
+    told = [event for event in header["events"] if event[1] in COMMANDS]
+    _compare("command", told, robot.commands)
+    return handover
+
+
+def _compare(what: str, logged: list[Any], found: list[Any]) -> None:
+    for place, (was, now) in enumerate(zip(logged, found, strict=False)):
+        if was != now:
+            raise ValueError(f"{what} {place} differs: the log has {was}, the replay {now}")
+    if len(logged) != len(found):
+        raise ValueError(f"the log has {len(logged)} {what}s, the replay {len(found)}")

@@ -15,9 +15,8 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from hadr.hand import check_keypoints
-from hadr.handover import ur5
-from hadr.handover.dimensions import FINGER_WIDTH
-from hadr.handover.grasping.collision import FLESH, fork_points, hand_points
+from hadr.handover.grasping.collision import FLESH, hand_points
+from hadr.handover.gripper import FINGER_WIDTH, fork_points
 
 Array = npt.NDArray[np.float64]
 
@@ -108,15 +107,12 @@ def line_velocity(times: Array, points: Array) -> Array:
 
 
 def path_distance(poses: Iterable[Array], width: float, keypoints: Array) -> float:
-    """Least free space between the gripper and the hand over a path.
+    """Least free space between gripper and skin over a path, metres; 0 or less where they touch.
 
     Args:
         poses: Tool poses, each (4, 4), metres.
         width: Opening between the fingers, metres.
         keypoints: Hand in the same frame, shape (21, 3), metres.
-
-    Returns:
-        Metres between the gripper's surface and the skin; 0 or less where they touch.
     """
     tree = cKDTree(hand_points(keypoints))
     path = np.concatenate([fork_points(pose, width) for pose in poses])
@@ -180,21 +176,3 @@ def pushed_away(began: Array, now: Array, most: float) -> float:
     """
     gone = float((now[:3, 3] - began[:3, 3]) @ now[:3, 2])
     return max(0.0, gone - most)
-
-
-def singularity(joints: Array) -> float:
-    """How far the arm is from a singular pose.
-
-    Args:
-        joints: Joint angles, shape (6,), radians.
-
-    Returns:
-        Smallest singular value of the flange's Jacobian, metres and radians a radian; infinity
-        for an arm that does not have six joints. 0 at a singular pose.
-    """
-    if np.shape(joints) != (6,):
-        return float("inf")
-    frames = ur5.joint_frames(joints)
-    axes, origins = frames[:6, :3, 2], frames[:6, :3, 3]
-    jacobian = np.concatenate([np.cross(axes, frames[6, :3, 3] - origins), axes], axis=1)
-    return float(np.linalg.svd(jacobian, compute_uv=False)[-1])

@@ -15,11 +15,10 @@ from typing import NamedTuple, get_args
 import numpy as np
 import numpy.typing as npt
 
-from hadr.handover.dimensions import LARGEST_OPENING
 from hadr.handover.grasping.grasps import FinalMove
+from hadr.handover.gripper import LARGEST_OPENING
 from hadr.handover.robot import Robot, Workspace
 from hadr.handover.safety import SafetyConfig
-from hadr.handover.tracking import HandMotion
 
 Array = npt.NDArray[np.float64]
 
@@ -83,9 +82,6 @@ class ChosenGrasp:
 ChooseGrasp = Callable[[Array, Array, Robot, Array | None], ChosenGrasp | None]
 """From object points (n, 3), keypoints (21, 3), the robot, and the scene's points (m, 3) or None;
 points in the base frame, metres. A ValueError says that the points allow no grasp."""
-
-FollowHand = Callable[[Array, Array], HandMotion]
-"""From keypoints then and now, each (21, 3) in the base frame, to the hand's motion."""
 
 
 @dataclass(frozen=True)

@@ -76,11 +76,7 @@ class HandMotion:
         return moved
 
     def move_pose(self, pose: Array) -> Array:
-        """Move a grasp or any other pose, shape (4, 4), that is fixed to the hand.
-
-        Raises:
-            ValueError: The pose is not a finite (4, 4) matrix.
-        """
+        """Move a grasp or any other pose (4, 4) that is fixed to the hand."""
         matrix = np.asarray(pose, dtype=np.float64)
         if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
             raise ValueError(f"pose must be a finite (4, 4) transform, got shape {matrix.shape}")
@@ -135,7 +131,6 @@ def hand_motion(
     *,
     about: About = "wrist",
     flip: Flip = "v",
-    weights: Array | None = None,
     robust: bool = False,
 ) -> HandMotion:
     """Rigid motion of the hand from its keypoints at two moments.
@@ -145,8 +140,6 @@ def hand_motion(
         current: Keypoints now, the same frame.
         about: How points are moved, see `HandMotion`.
         flip: What is flipped where the fit is a mirror, see `best_rotation`.
-        weights: How much each keypoint counts, shape (21,), 0 or more. All
-            alike if left out, as in the paper.
         robust: False: the paper's. True: the largest group of keypoints that moves as one body is
             looked for, and the others are left out and named. The fit turns about the group's
             middle, so that an error of the wrist's keypoint does not shift everything;
@@ -156,52 +149,35 @@ def hand_motion(
         The motion; its residual says how far from rigid the hand was.
 
     Raises:
-        ValueError: Keypoints of another shape or with NaN; all on one line or in one place; or
-            weights that are not 21 finite numbers, 0 or more, at least three of them above 0.
+        ValueError: Keypoints of another shape or with NaN, or all on one line or in one place.
     """
     before, now = check_keypoints(initial), check_keypoints(current)
-    count = np.ones(len(before)) if weights is None else _checked_weights(weights, len(before))
     if robust:
-        return _robust_motion(before, now, count, about, flip)
-    rotation = best_rotation(before - before[0], now - now[0], flip=flip, weights=count)
+        return _robust_motion(before, now, about, flip)
+    rotation = best_rotation(before - before[0], now - now[0], flip=flip)
     misfit = (((before - before[0]) @ rotation.T + now[0] - now) ** 2).sum(axis=1)
-    residual = float(np.sqrt(np.average(misfit, weights=count)))
-    return HandMotion(rotation, before[0], now[0], residual, about)
+    return HandMotion(rotation, before[0], now[0], float(np.sqrt(misfit.mean())), about)
 
 
-def _robust_motion(
-    before: Array, now: Array, weights: Array, about: About, flip: Flip
-) -> HandMotion:
-    """The better of two fits: one begun from the palm, one from all keypoints.
-
-    The better one misses less, where no keypoint counts for more than `LARGEST_CUT`.
-    """
+def _robust_motion(before: Array, now: Array, about: About, flip: Flip) -> HandMotion:
+    """The better of two fits: one begun from the palm, one from all keypoints."""
     palm = np.zeros(len(before))
-    palm[list(PALM)] = weights[list(PALM)]
-    fits = []
-    for start in (palm, weights):
-        if np.count_nonzero(start) >= 3:
-            fits.append(_trimmed(before, now, start, weights, flip))
+    palm[list(PALM)] = 1.0
+    fits = [_trimmed(before, now, start, flip) for start in (palm, np.ones(len(before)))]
     rotation, shift, inlier, miss = min(
-        fits, key=lambda fit: float(weights @ np.minimum(fit[3], LARGEST_CUT) ** 2)
+        fits, key=lambda fit: float((np.minimum(fit[3], LARGEST_CUT) ** 2).sum())
     )
-    kept = weights * inlier
-    residual = float(np.sqrt(np.average(miss**2, weights=kept)))
+    residual = float(np.sqrt(np.average(miss**2, weights=inlier)))
     outliers = tuple(KEYPOINT_NAMES[i] for i in np.flatnonzero(~inlier))
     wrist = rotation @ before[0] + shift
     return HandMotion(rotation, before[0], wrist, residual, about, outliers)
 
 
 def _trimmed(
-    before: Array, now: Array, start: Array, weights: Array, flip: Flip, rounds: int = 12
+    before: Array, now: Array, used: Array, flip: Flip
 ) -> tuple[Array, Array, NDArray[np.bool_], Array]:
-    """Fit, leave out what misses by more than three spreads, and again until nothing changes.
-
-    Returns:
-        Rotation (3, 3), translation (3,), which keypoints are kept (n,), misses (n,) in metres.
-    """
-    used = start
-    for _ in range(rounds):
+    """Fit, leave out what misses by three spreads, until nothing changes: R, t, kept, misses."""
+    for _ in range(12):
         share = used / used.sum()
         first, then = share @ before, share @ now
         rotation = best_rotation(before - first, now - then, flip=flip, weights=share)
@@ -209,17 +185,7 @@ def _trimmed(
         miss = np.linalg.norm(before @ rotation.T + shift - now, axis=1)
         spread = 1.4826 * float(np.median(miss[used > 0]))
         inlier: NDArray[np.bool_] = miss <= np.clip(3 * spread, LEAST_CUT, LARGEST_CUT)
-        following = weights * inlier
-        if np.count_nonzero(following) < 4 or np.array_equal(following, used):
+        if np.count_nonzero(inlier) < 4 or np.array_equal(inlier, used):
             break
-        used = following
+        used = inlier.astype(np.float64)
     return rotation, shift, inlier, miss
-
-
-def _checked_weights(weights: Array, n: int) -> Array:
-    values = np.asarray(weights, dtype=np.float64)
-    if values.shape != (n,) or not np.isfinite(values).all() or (values < 0).any():
-        raise ValueError(f"weights must be {n} finite numbers, 0 or more, got {values}")
-    if np.count_nonzero(values) < 3:
-        raise ValueError(f"at least 3 weights must be above 0, got {np.count_nonzero(values)}")
-    return values

@@ -73,17 +73,7 @@ def check_pose(pose: Array, name: str = "pose") -> Array:
 
 
 def check_joints(joints: Array) -> Array:
-    """Check that six joint angles are finite numbers.
-
-    Args:
-        joints: Joint angles in radians, shape (6,).
-
-    Returns:
-        The angles as float64.
-
-    Raises:
-        ValueError: Another shape, NaN or infinity.
-    """
+    """Six joint angles as float64; ValueError for another shape, NaN or infinity."""
     angles = np.asarray(joints, dtype=np.float64)
     if angles.shape != (6,):
         raise ValueError(f"joints must be six angles in radians, got shape {angles.shape}")
@@ -93,14 +83,9 @@ def check_joints(joints: Array) -> Array:
 
 
 def link_transform(index: int, angle: float) -> Array:
-    """The DH transform from frame index to frame index + 1.
+    """The DH transform (4, 4) of joint 0 to 5 at an angle in radians.
 
-    Args:
-        index: Joint, 0 to 5.
-        angle: Its angle in radians.
-
-    Returns:
-        Transform (4, 4): rotate by angle about z, shift d along z, shift a along x, twist by alpha.
+    Rotate by the angle about z, shift d along z, shift a along x, twist by alpha.
     """
     c, s = np.cos(angle), np.sin(angle)
     ca, sa = np.cos(DH_ALPHA[index]), np.sin(DH_ALPHA[index])
@@ -116,13 +101,10 @@ def link_transform(index: int, angle: float) -> Array:
 
 
 def joint_frames(joints: Array) -> Array:
-    """Where each DH frame stands.
-
-    Args:
-        joints: Joint angles in radians, shape (6,).
+    """Poses of frames 0 (the base) to 6 (the flange) in `dh_base` for joint angles (6,) in radians.
 
     Returns:
-        dh_base_from_frame for frames 0 (the base) to 6 (the flange), shape (7, 4, 4), metres.
+        Shape (7, 4, 4), metres.
     """
     frames = [np.eye(4)]
     for index, angle in enumerate(check_joints(joints)):
@@ -131,28 +113,27 @@ def joint_frames(joints: Array) -> Array:
 
 
 def forward_kinematics(joints: Array) -> Array:
-    """The flange for given joint angles.
-
-    Args:
-        joints: Joint angles in radians, shape (6,).
-
-    Returns:
-        dh_base_from_flange, shape (4, 4), metres.
-    """
-    frames: Array = joint_frames(joints)[-1]
-    return frames
+    """The flange's pose (4, 4), metres, in `dh_base`, for joint angles (6,) in radians."""
+    flange: Array = joint_frames(joints)[-1]
+    return flange
 
 
 def ros_forward_kinematics(joints: Array) -> Array:
-    """The same pose under ROS' names.
+    """The same pose under ROS' names: base_link_from_ee_link."""
+    return BASE_LINK_FROM_DH_BASE @ forward_kinematics(joints) @ FLANGE_FROM_EE_LINK
 
-    Args:
-        joints: Joint angles in radians, shape (6,).
+
+def singularity(joints: Array) -> float:
+    """How far the arm is from a singular pose at joint angles (6,) in radians.
 
     Returns:
-        base_link_from_ee_link, shape (4, 4), metres.
+        Smallest singular value of the flange's Jacobian, metres and radians a radian; 0 at a
+        singular pose.
     """
-    return BASE_LINK_FROM_DH_BASE @ forward_kinematics(joints) @ FLANGE_FROM_EE_LINK
+    frames = joint_frames(joints)
+    axes, origins = frames[:6, :3, 2], frames[:6, :3, 3]
+    jacobian = np.concatenate([np.cross(axes, frames[6, :3, 3] - origins), axes], axis=1)
+    return float(np.linalg.svd(jacobian, compute_uv=False)[-1])
 
 
 def link_outline(joints: Array) -> Array:
@@ -265,24 +246,20 @@ def wrap_angle(angle: Array) -> Array:
     return wrapped
 
 
-def distinct_solutions(joints: Array, tolerance: float = 1e-5) -> Array:
+def distinct_solutions(joints: Array) -> Array:
     """Of joint vectors (n, 6) that differ by whole turns only, keep the first, in (-pi, pi]."""
     kept: list[Array] = []
     for row in wrap_angle(joints):
-        if not any(np.abs(wrap_angle(row - other)).max() < tolerance for other in kept):
+        if not any(np.abs(wrap_angle(row - other)).max() < 1e-5 for other in kept):
             kept.append(row)
     return np.stack(kept) if kept else np.empty((0, 6))
 
 
 def nearest_turns(joints: Array, current: Array) -> Array:
-    """Add whole turns so that each joint is as near as its limits allow to where it is now.
+    """Add whole turns so that each joint is as near as its limits allow to where it is now, (6,).
 
-    Args:
-        joints: Joint angles in radians in (-pi, pi], shape (n, 6).
-        current: Joint angles now, shape (6,).
-
-    Returns:
-        The same poses within the joint limits, shape (n, 6).
+    The joint angles (n, 6) lie in (-pi, pi], radians; so do those of the same poses that come back,
+    but for whole turns.
     """
     turns = 2 * np.pi * np.arange(-2, 3)[:, None, None]
     choices = joints[None] + turns  # (5, n, 6)

@@ -17,7 +17,7 @@ from hadr.handover import safety
 from hadr.handover.grasp_and_retrieve import ADVANCING, Advance, Retrieval
 from hadr.handover.grasping.grasps import forward_of
 from hadr.handover.guarded_arm import NO_NEARER, GuardedArm, HaltError
-from hadr.handover.observation import Choosing, HandWatch, Observation, number
+from hadr.handover.observation import Choosing, HandWatch, Observation, cleaned
 from hadr.handover.poses import pose_distance
 from hadr.handover.recovery import Recovery
 from hadr.handover.robot import Robot
@@ -31,7 +31,6 @@ from hadr.handover.stages import (
     SETTLE_TIME,
     ChooseGrasp,
     ChosenGrasp,
-    FollowHand,
     HandoverConfig,
     Stage,
     Transition,
@@ -55,10 +54,7 @@ class Handover:
         choose_grasp: Chooses among candidates; see `hadr.handover.grasping.selection`.
         base_from_camera: The camera's calibration, shape (4, 4), metres.
         config: Settings.
-        follow: How the hand is followed; see `hadr.handover.tracking`.
         stage: Where it stands.
-        part: Which part of the stage: advance, draw back, feel, close, let go, retreat; still,
-            open, back, clear.
         transitions: Every change of stage with its reason, oldest first.
         caution: Why the robot is slower than it could be or waits; empty where it is not.
         tries: How often it was stopped.
@@ -72,9 +68,7 @@ class Handover:
     choose_grasp: ChooseGrasp
     base_from_camera: Array
     config: HandoverConfig = field(default_factory=HandoverConfig)
-    follow: FollowHand = hand_motion
     stage: Stage = field(default=Stage.WAIT_AND_OBSERVE, init=False)
-    part: str = field(default="", init=False)
     transitions: list[Transition] = field(default_factory=list, init=False)
     caution: str = field(default="", init=False)
     tries: int = field(default=0, init=False)
@@ -93,15 +87,24 @@ class Handover:
     def __post_init__(self) -> None:
         check_pose(self.base_from_camera, "base_from_camera")
         self.watch = HandWatch(self.base_from_camera, self.config.safety)
-        self.arm = GuardedArm(self.robot, self.config)
+        self.arm = GuardedArm(self.robot, self.config, self.watch)
         self.choosing = Choosing(self.choose_grasp, self.watch, self.config)
         self.recovery, self.retrieval = Recovery(self.arm), Retrieval(self.arm)
-        self.advance = Advance(self.arm, self.watch)
+        self.advance = Advance(self.arm)
 
     @property
     def over(self) -> bool:
         """True once the handover has finished, or was given up and the arm stands."""
         return self.stage in (Stage.FINISHED, Stage.GAVE_UP)
+
+    @property
+    def part(self) -> str:
+        """Which part of the stage, see `Advance`, `Retrieval` and `Recovery`; most have none."""
+        if self.stage is Stage.STOPPED:
+            return self.recovery.part
+        if self.stage in (Stage.GRASP_AND_RETRIEVE, Stage.FINISHED):
+            return self.retrieval.part or self.advance.part
+        return ""
 
     def step(self, observation: Observation, dt: float) -> Stage:
         """Look once and move for dt seconds.
@@ -120,7 +123,8 @@ class Handover:
             raise ValueError(f"dt must be more than 0 and at most 0.1 seconds, got {dt}")
         if self.over:
             return self.stage
-        self._tick(number(observation.time), dt)
+        observation = cleaned(observation)
+        self._tick(observation.time, dt)
         new = self.watch.look(observation, self.time)
         if self.watch.keypoints is not None:
             self._first_seen = min(self._first_seen, self.time)
@@ -178,7 +182,7 @@ class Handover:
         if chosen is None or self.watch.keypoints is None:
             return
         way = self.arm.ahead(forward_of(chosen.pose, -c.back), within=np.inf)
-        free = safety.path_distance(way, chosen.width, self.watch.keypoints)
+        free = self.arm.free(*way, width=chosen.width)
         if free < c.safety.approach_distance:
             choosing.refuse(f"the hand is {1000 * free:.0f} mm from the way to the grasp")
             self.caution = choosing.caution
@@ -205,9 +209,8 @@ class Handover:
         if not self._see(new, dt):
             return
         assert self.target is not None  # set before this stage is entered
-        path = self.arm.ahead(self.target)
-        least = c.safety.approach_distance
-        factor = self.arm.allowed(path, self.watch, least, c.approach_speed)
+        path, least = self.arm.ahead(self.target), c.safety.approach_distance
+        factor = self.arm.allowed(path, least, c.approach_speed)
         self.arm.go(self.target, c.approach_speed, dt, factor=factor)
         distance, angle = pose_distance(self.arm.reading.tool, self.target)
         if distance > 3 * ARRIVE_DISTANCE or angle > 3 * ARRIVE_ANGLE:
@@ -226,7 +229,7 @@ class Handover:
             self._arrived = (now, self.target)
         if now - self._arrived[0] < SETTLE_TIME - 1e-9 and not restless:
             return
-        self.part, self._began = "advance", self.target
+        self._began, self.retrieval = self.target, Retrieval(self.arm)
         self.advance.begin()
         reason = f"at the pre-grasp within {1000 * distance:.1f} mm, {np.rad2deg(angle):.1f} deg"
         self._enter(Stage.GRASP_AND_RETRIEVE, reason + (", the hand not calm" if restless else ""))
@@ -249,7 +252,7 @@ class Handover:
         follows = c.tracking and (c.final_tracking or self.stage is Stage.APPROACH_AND_REACT)
         if not (new and follows):
             return True
-        self.motion = self.follow(self._chosen_hand, watch.keypoints)
+        self.motion = hand_motion(self._chosen_hand, watch.keypoints)
         if self.motion.residual > c.safety.largest_residual:
             off = f"keypoints {1000 * self.motion.residual:.0f} mm from a rigid motion"
             if self.stage is Stage.GRASP_AND_RETRIEVE:
@@ -275,7 +278,6 @@ class Handover:
         if self.part not in ADVANCING:
             self.caution = self.watch.camera_trouble(now)
             pulled_back = self.retrieval.step(now, dt, factor=BLIND if self.caution else 1.0)
-            self.part = self.retrieval.part
             if pulled_back:
                 reason = "object pulled back to where it can be carried off, still held"
                 self._enter(Stage.FINISHED, reason)
@@ -283,18 +285,16 @@ class Handover:
         if not self._see(new, dt):
             return
         pose = self.advance.step(self.target, dt)
-        self.part = self.advance.part
         self.caution = "; ".join(filter(None, (self.advance.words, self.arm.caution)))
         if pose is not None:
             self.target = pose
             self.retrieval.begin(now, pose, self.grasp.width)
-            self.part = self.retrieval.part
 
     # Stopped and home
 
     def _stop(self, reason: str, *, back: bool = False) -> None:
         if self.stage is Stage.GOING_HOME:
-            self.arm.stop()
+            self.robot.stop()
             self._enter(Stage.GAVE_UP, f"stands where it is: {reason}")
             return
         if self.stage is Stage.STOPPED and self.part == "back" and not back:
@@ -311,11 +311,10 @@ class Handover:
             distance, opening = 0.0, None
         self.recovery.begin(self.time, back=distance, opening=opening, straight=straight)
         self._enter(Stage.STOPPED, reason)
-        self.part = self.recovery.part
 
     def _recover(self, observation: Observation, dt: float) -> None:
-        clear = self.recovery.step(self.time, dt, self.watch)
-        self.caution, self.part = self.recovery.trouble, self.recovery.part
+        clear = self.recovery.step(self.time, dt)
+        self.caution = self.recovery.trouble
         if clear and self.tries >= self.config.tries:
             self._leave(f"stopped {self.tries} times", observation)
         elif clear:
@@ -324,7 +323,6 @@ class Handover:
 
     def _observe_again(self, reason: str) -> None:
         self.choosing.start()
-        self.part = ""
         self._enter(Stage.WAIT_AND_OBSERVE, reason)
 
     def _leave(self, reason: str, observation: Observation) -> None:
@@ -332,23 +330,21 @@ class Handover:
         if not why and self.stage is Stage.WAIT_AND_OBSERVE:
             why = self.choosing.reason
         self.arm.release()
-        self.part = ""
         self._enter(Stage.GOING_HOME, reason + (f"; {why}" if why else ""))
 
     def _go_home(self, dt: float) -> None:
         c, home = self.config, self.arm.home
         distance, angle = pose_distance(self.arm.reading.tool, home)
         if distance < ARRIVE_DISTANCE and angle < ARRIVE_ANGLE:
-            self.arm.stop()
+            self.robot.stop()
             self._enter(Stage.GAVE_UP, "at home without the object")
             return
         if self.time - self._entered > HOME_TIMEOUT:
             raise HaltError(f"home not reached within {HOME_TIMEOUT:.0f} s")
         factor, self.caution = BLIND, self.watch.trouble(self.time) or self.watch.problem
         if not self.caution:
-            path = self.arm.ahead(home)
-            least = min(0.0, self.arm.free(self.watch) - NO_NEARER)
-            factor = self.arm.allowed(path, self.watch, least, c.approach_speed)
+            least = min(0.0, self.arm.free() - NO_NEARER)
+            factor = self.arm.allowed(self.arm.ahead(home), least, c.approach_speed)
             self.caution = self.arm.caution
         self.arm.go(home, c.approach_speed, dt, factor=factor)
 

@@ -45,24 +45,23 @@ class PressedUR5(SimulatedUR5):
             super().set_gripper(width)
 
 
-def at_distance(arm: GuardedArm, free: float, direction: np.ndarray) -> np.ndarray:
-    """A hand (21, 3) whose skin is so far from the gripper, to one side of it."""
-    hand = rehearsed_scene().keypoints
-    hand = hand - hand.mean(axis=0) + arm.reading.tool[:3, 3]
-    watch = HandWatch(np.eye(4), SafetyConfig())
-    low, high = 0.0, 0.5
-    for _ in range(18):  # to 2 micrometres
-        middle = (low + high) / 2
-        watch.keypoints = hand + middle * direction
-        low, high = (low, middle) if arm.free(watch) > free else (middle, high)
-    return hand + high * direction
-
-
 class Watched:
-    """A hand in pictures ten times a second, never twice the same."""
+    """An arm beside a hand in pictures ten times a second, never twice the same."""
 
-    def __init__(self, hand: np.ndarray) -> None:
-        self.watch, self.hand, self.steps = HandWatch(np.eye(4), SafetyConfig()), hand, 0
+    def __init__(self, robot: SimulatedUR5, hand: np.ndarray = FAR_HAND) -> None:
+        self.arm = GuardedArm(robot, CONFIG, HandWatch(np.eye(4), SafetyConfig()))
+        self.hand, self.steps = hand, 0
+
+    def put(self, free: float, direction: np.ndarray) -> None:
+        """Bring the hand so near that its skin is so far from the gripper, to one side of it."""
+        beside = GuardedArm(self.arm.robot, CONFIG, HandWatch(np.eye(4), SafetyConfig()))
+        hand = FAR_HAND - FAR_HAND.mean(axis=0) + beside.reading.tool[:3, 3]
+        low, high = 0.0, 0.5
+        for _ in range(18):  # to 2 micrometres
+            middle = (low + high) / 2
+            beside.watch.keypoints = hand + middle * direction
+            low, high = (low, middle) if beside.free() > free else (middle, high)
+        self.hand = hand + high * direction
 
     def seen(self) -> Observation:
         taken = 0.1 * (self.steps // 5)
@@ -70,24 +69,23 @@ class Watched:
 
     def look(self) -> float:
         now = self.steps * DT
-        self.watch.look(self.seen(), now)
+        self.arm.watch.look(self.seen(), now)
+        self.arm.read()
         self.steps += 1
         return now
 
 
-def recover(robot: SimulatedUR5, hand: np.ndarray, *, seconds: float) -> tuple[Recovery, float]:
+def recover(robot: PressedUR5, *, seconds: float) -> tuple[Recovery, float]:
     """From a stop with a protective stop on; the time at which it may go on, or infinity."""
-    arm, watched = GuardedArm(robot, CONFIG), Watched(hand)
-    recovery = Recovery(arm)
+    watched = Watched(robot)
+    recovery = Recovery(watched.arm)
     recovery.begin(0.0, back=BACK_OFF, opening=0.085, straight=True)
     for _ in range(round(seconds / DT)):
+        robot.feel()
         now = watched.look()
-        if isinstance(robot, PressedUR5):
-            robot.feel()
-        arm.read()
-        if arm.reading.protective_stop and recovery.part != "still":
+        if watched.arm.reading.protective_stop and recovery.part != "still":
             recovery.begin(now, back=BACK_OFF, opening=0.085, straight=True)
-        if recovery.step(now, DT, watched.watch):
+        if recovery.step(now, DT):
             return recovery, now
     return recovery, float("inf")
 
@@ -101,7 +99,7 @@ def test_a_pressed_arm_backs_off_after_one_stop(stuck: bool) -> None:
     start = robot.tool_pose()
     robot.feel()
     assert robot.protective_stop
-    recovery, restarted = recover(robot, FAR_HAND, seconds=5.0)
+    recovery, restarted = recover(robot, seconds=5.0)
     assert robot.stops == 1
     # stand 0.5 s, open (0.65 s at 0.1 m/s, cut short at 0.2 s), back 0.8 s, stand 0.5 s
     assert restarted == pytest.approx(2.1, abs=0.2)
@@ -115,13 +113,12 @@ def test_without_contact_it_waits_for_the_fingers() -> None:
     robot = SimulatedUR5()
     robot._opening = robot._target_opening = 0.02
     start = robot.tool_pose()[:3, 3]
-    arm, watched = GuardedArm(robot, CONFIG), Watched(FAR_HAND)
-    recovery = Recovery(arm)
+    watched = Watched(robot)
+    recovery = Recovery(watched.arm)
     recovery.begin(0.0, back=BACK_OFF, opening=0.085, straight=True)
     while recovery.part != "back":
         now = watched.look()
-        arm.read()
-        recovery.step(now, DT, watched.watch)
+        recovery.step(now, DT)
         assert np.linalg.norm(robot.tool_pose()[:3, 3] - start) < 1e-9
         assert now < 3.0
     assert robot.gripper_width() > 0.083
@@ -129,22 +126,21 @@ def test_without_contact_it_waits_for_the_fingers() -> None:
 
 @pytest.mark.parametrize("follows", [False, True], ids=["hand stays", "hand follows"])
 def test_it_leaves_a_hand_that_is_too_near(follows: bool) -> None:
-    arm = GuardedArm(SimulatedUR5(), CONFIG)
-    start = arm.reading.tool
+    watched = Watched(SimulatedUR5())
+    arm, start = watched.arm, watched.arm.reading.tool
     approach = start[:3, 2]
-    watched = Watched(at_distance(arm, 0.004, approach))
-    recovery = Recovery(arm)
+    watched.put(0.004, approach)
+    recovery = Recovery(watched.arm)
     recovery.begin(0.0, back=0.0, opening=None, straight=True)
     frees, ways = [], []
     restarted = np.inf
     for step in range(round(10.0 / DT)):
         if follows and recovery.part == "clear":
-            watched.hand = at_distance(arm, 0.004, approach)
+            watched.put(0.004, approach)
         now = watched.look()
-        arm.read()
-        frees.append(arm.free(watched.watch))
+        frees.append(arm.free())
         ways.append(float((start[:3, 3] - arm.reading.tool[:3, 3]) @ approach))
-        if recovery.step(now, DT, watched.watch):
+        if recovery.step(now, DT):
             restarted = step * DT
             break
     assert min(frees) > 0.003
@@ -159,16 +155,15 @@ def test_it_leaves_a_hand_that_is_too_near(follows: bool) -> None:
 
 def test_it_does_not_back_into_a_hand_behind_it() -> None:
     robot = SimulatedUR5()
-    arm = GuardedArm(robot, CONFIG)
-    start = arm.reading.tool[:3, 3]
-    watched = Watched(at_distance(arm, 0.008, -arm.reading.tool[:3, 2]))
-    recovery = Recovery(arm)
+    watched = Watched(robot)
+    start = robot.tool_pose()
+    watched.put(0.008, -start[:3, 2])
+    recovery = Recovery(watched.arm)
     recovery.begin(0.0, back=0.0, opening=None, straight=True)
     for _ in range(150):
         now = watched.look()
-        arm.read()
-        assert not recovery.step(now, DT, watched.watch)
-    assert np.linalg.norm(robot.tool_pose()[:3, 3] - start) < 1e-9
+        assert not recovery.step(now, DT)
+    assert np.linalg.norm(robot.tool_pose()[:3, 3] - start[:3, 3]) < 1e-9
     assert recovery.trouble == "hand 8 mm from the gripper"
 
 
@@ -186,16 +181,17 @@ def test_the_way_home_begins_beside_a_hand_that_touches(side: float, leaves: boo
     away[:3, 3] -= 0.1 * home[:3, 2]
     for _ in range(100):
         robot.servo_to(away, DT)
-    arm = GuardedArm(robot, CONFIG)
+    watched = Watched(robot)
+    arm = watched.arm
     assert np.linalg.norm(arm.reading.tool[:3, 3] - away[:3, 3]) < 1e-3
     # home lies ahead: a hand behind the gripper is left, one before it is not run into
-    watched = Watched(at_distance(arm, -0.002, -side * home[:3, 2]))
+    watched.put(-0.002, -side * home[:3, 2])
     frees = []
     for _ in range(round(8.0 / DT)):
         watched.look()
         handover.step(watched.seen(), DT)
         arm.read()
-        frees.append(arm.free(watched.watch))
+        frees.append(arm.free())
         if handover.over:
             break
     assert handover.stage is Stage.GAVE_UP

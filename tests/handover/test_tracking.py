@@ -168,26 +168,3 @@ def test_robust_form_gives_a_proper_rotation_for_a_mirrored_hand() -> None:
     rotation = hand_motion(HAND, mirrored, robust=True).rotation
     np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(rotation) == pytest.approx(1.0)
-
-
-def test_weights_leave_a_finger_out() -> None:
-    before, now, true = moved_hand(("index",))
-    weights = np.ones(21)
-    weights[list(FINGERS["index"][1:])] = 0.0
-    motion = hand_motion(before, now, weights=weights)
-    np.testing.assert_allclose(motion.current_from_initial, true, atol=1e-9)
-    assert motion.residual < 1e-9
-    weights[list(FINGERS["index"][1:])] = 0.25
-    # weighted Kabsch against scipy's, both about the wrist
-    half = hand_motion(before, now, weights=weights)
-    expected = Rotation.align_vectors(now - now[0], before - before[0], weights=weights)[0]
-    np.testing.assert_allclose(half.rotation, expected.as_matrix(), atol=1e-9)
-
-
-def test_bad_weights_are_refused() -> None:
-    with pytest.raises(ValueError, match="21 finite numbers"):
-        hand_motion(HAND, HAND, weights=np.ones(20))
-    with pytest.raises(ValueError, match="0 or more"):
-        hand_motion(HAND, HAND, weights=-np.ones(21))
-    with pytest.raises(ValueError, match="at least 3"):
-        hand_motion(HAND, HAND, weights=np.eye(21)[0])

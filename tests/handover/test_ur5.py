@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from hadr.handover import ur5
+from hadr.handover.robot import HOME_JOINTS
 
 PAIRS = (
     *("zero", "ros_main", "compas_doc", "compas_ik0", "home"),
@@ -131,3 +132,23 @@ def test_outline_ends_at_the_flange_and_keeps_link_lengths() -> None:
     lengths = np.linalg.norm(np.diff(outline, axis=0), axis=1)
     expected = [0.089159, 0.13585, 0.425, 0.1197, 0.39225, 0.093, 0.09465, 0.0823]
     np.testing.assert_allclose(lengths, expected, atol=1e-6)
+
+
+def test_singular_value_is_the_smallest_stretch_of_the_jacobian() -> None:
+    for change in ({2: 0.0}, {4: 0.0}):  # elbow stretched; wrist's axes parallel
+        joints = HOME_JOINTS.copy()
+        for index, angle in change.items():
+            joints[index] = angle
+        assert ur5.singularity(joints) == pytest.approx(0.0, abs=1e-9)
+    jacobian = np.zeros((6, 6))
+    step = 1e-6
+    for i in range(6):
+        ahead, behind = HOME_JOINTS.copy(), HOME_JOINTS.copy()
+        ahead[i] += step
+        behind[i] -= step
+        a, b = ur5.forward_kinematics(ahead), ur5.forward_kinematics(behind)
+        jacobian[:3, i] = (a - b)[:3, 3] / (2 * step)
+        turn = (a[:3, :3] @ b[:3, :3].T - np.eye(3)) / (2 * step)
+        jacobian[3:, i] = [turn[2, 1], turn[0, 2], turn[1, 0]]
+    expected = np.linalg.svd(jacobian, compute_uv=False)[-1]
+    assert ur5.singularity(HOME_JOINTS) == pytest.approx(expected, rel=1e-5)

@@ -26,7 +26,6 @@ from hadr.simulation.trials.rehearsal import (
     MovingHand,
     rehearse,
     rehearsed_scene,
-    visible_points,
 )
 
 SCENE = rehearsed_scene()
@@ -466,24 +465,3 @@ def test_camera_pose_and_dt_are_checked() -> None:
         fixed_handover().step(Observation(0.0), 0.2)
     with pytest.raises(ValueError, match="tries must be 1 or more, got 0"):
         HandoverConfig(tries=0)
-
-
-def test_pose_distance_by_hand() -> None:
-    first, second = np.eye(4), np.eye(4)
-    second[:3, :3] = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
-    second[:3, 3] = [0.03, 0.04, 0]
-    distance, angle = pose_distance(first, second)
-    assert distance == pytest.approx(0.05)
-    assert angle == pytest.approx(np.pi / 2)
-
-
-def test_visible_points_lie_on_the_glass_and_face_the_camera() -> None:
-    points = visible_points(SCENE, CAMERA[:3, 3])
-    local = (points - SCENE.base_from_object[:3, 3]) @ SCENE.base_from_object[:3, :3]
-    radius = np.hypot(local[:, 0], local[:, 1])
-    expected = np.array([SCENE.item.outer_radius(float(z)) for z in local[:, 2]])
-    side = (local[:, 2] > 0.1) & (local[:, 2] < 0.19)
-    np.testing.assert_allclose(radius[side], expected[side], atol=2e-3)
-    away = points - CAMERA[:3, 3]
-    outward = (points - SCENE.base_from_object[:3, 3]) * [1, 1, 0]
-    assert ((away * outward).sum(axis=1)[side] < 0.01).all()

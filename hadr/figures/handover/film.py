@@ -13,8 +13,7 @@ from matplotlib.figure import Figure
 from hadr.figures.panels import COLORS
 from hadr.handover.stages import Stage, Transition
 from hadr.simulation.film.film import nearest_state, stage_at, stage_color
-from hadr.simulation.film.views import View, view_from
-from hadr.simulation.film.world_view import FilmSet
+from hadr.simulation.film.world_view import FilmSet, View, view_from
 from hadr.simulation.world.scenes import HeldScene
 from hadr.simulation.world.state import WorldState
 

@@ -21,7 +21,6 @@ def draw_reliability(
     said: Sequence[float | None],
     true: Sequence[float | None],
     count: Sequence[int],
-    tolerance_m: float,
 ) -> None:
     """Draw the share of right pixels over each bin's mean confidence; a dot's size is its count."""
     number = np.asarray(count, dtype=float)
@@ -40,7 +39,7 @@ def draw_reliability(
         ylim=(0, 1),
         aspect="equal",
         xlabel="confidence",
-        ylabel=f"share within {tolerance_m * 100:g} cm",
+        ylabel="share within 2 cm",
     )
     ax.legend(loc="upper left")
 

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from hadr.handover.dimensions import FINGER_HEIGHT, LARGEST_OPENING
 from hadr.handover.grasping.grasps import Grasps
 from hadr.handover.grasping.unseen_side import unseen_side
+from hadr.handover.gripper import FINGER_HEIGHT, LARGEST_OPENING
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -39,17 +39,10 @@ class NoCandidateError(ValueError):
 def surface_normals(
     points: Array, viewpoint: Array, neighbours: int = 16, *, among: Array | None = None
 ) -> Array:
-    """Unit normals of a point cloud, turned to the side from which it was seen.
+    """Unit normals (n, 3) of points (n, 3), turned to the side of a viewpoint (3,), metres.
 
-    Args:
-        points: Shape (n, 3), metres.
-        viewpoint: Where the camera stood, shape (3,), metres.
-        neighbours: How many nearest points span the tangent plane.
-        among: Points to take the neighbours from, shape (m, 3), metres: a denser cloud of the same
-            surface. The points themselves if left out.
-
-    Returns:
-        Normals, shape (n, 3).
+    The nearest neighbours span the tangent plane; they are taken from `among` (m, 3), a denser
+    cloud of the same surface, or from the points themselves.
     """
     cloud = points if among is None else among
     _, near = cKDTree(cloud).query(points, k=min(neighbours, len(cloud)))
@@ -135,15 +128,10 @@ def sample_grasps(
 
 
 def completed(points: Array, viewpoint: Array) -> tuple[Array, Array]:
-    """Some of the seen points with the guessed ones behind them.
+    """Some of the seen points with the guessed ones behind them, and all their unit normals.
 
-    Args:
-        points: Seen points in any but a regular order, shape (n, 3), metres. The first 500 are
-            kept; all help to find their normals.
-        viewpoint: Where the camera stood, shape (3,), metres.
-
-    Returns:
-        Points (m, 3) in metres, the seen ones first, and their unit normals (m, 3).
+    Of the seen points (n, 3), in any but a regular order, the first 500 are kept and come first;
+    all help to find their normals.
     """
     kept = points[:_MOST_POINTS]
     dense = len(points) > 2 * _MOST_POINTS
@@ -165,10 +153,7 @@ def _narrow_places(cloud: Array, normals: Array, widest: float) -> NDArray[np.in
 
 
 def _axes(normals: Array, rng: np.random.Generator, turns: int, friction: float) -> Array:
-    """Closing axes near the normals (n, 3), and approaches about them: shape (n * turns, 3, 3).
-
-    The columns are approach, closing and height.
-    """
+    """Axes (n * turns, 3, 3) near the normals (n, 3): approach, closing and height as columns."""
     n = len(normals)
     closing = normals + 0.5 * friction * rng.uniform(-1, 1, size=(n, 3))
     closing /= np.linalg.norm(closing, axis=1, keepdims=True)

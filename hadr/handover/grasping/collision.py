@@ -1,8 +1,11 @@
 """Whether a gripper would touch the hand, the object or anything else: distances to boxes.
 
-The gripper is four boxes: two fingers, the bar that carries them and the palm behind it. Whoever
+The gripper is four boxes (`hadr.handover.gripper`). Whoever
 moves straight along the approach axis sweeps a box out of a box, so the whole way from the
 pre-grasp to the end is checked at once and exactly. The hand is its skeleton with flesh around it.
+
+Points, keypoints (21, 3) and grasps are written in one frame, metres. `back` is the distance of the
+pre-grasp, `forward` how far past the grasp's point the fingertips end.
 """
 
 import numpy as np
@@ -10,94 +13,23 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from hadr.hand import BONES, check_keypoints
-from hadr.handover.dimensions import (
-    BAR_LENGTH,
-    FINGER_HEIGHT,
-    FINGER_LENGTH,
-    FINGER_WIDTH,
-    PALM_SIZE,
-    STEM_LENGTH,
-)
 from hadr.handover.grasping.grasps import Grasps
+from hadr.handover.gripper import gripper_boxes
 
 Array = NDArray[np.float64]
 
 FLESH = 0.010
 """Thickness of flesh around the bones of the hand, metres."""
+NOISE = 3
+"""So many points may be met."""
 
 
-def fork(width: float) -> Array:
-    """The gripper's centre lines, for pictures.
-
-    Args:
-        width: Opening between the fingers, metres.
-
-    Returns:
-        Four segments in the tool frame (x closing, z approach, origin between the fingertips),
-        shape (4, 2, 3), metres: left finger, right finger, bar, stem.
-    """
-    x, back = width / 2 + FINGER_WIDTH / 2, -FINGER_LENGTH
-    ends = [
-        [(-x, 0, 0), (-x, 0, back)],
-        [(x, 0, 0), (x, 0, back)],
-        [(-x, 0, back), (x, 0, back)],
-        [(0, 0, back), (0, 0, back - STEM_LENGTH)],
-    ]
-    return np.array(ends, dtype=np.float64)
-
-
-def fork_points(base_from_tool: Array, width: float, spacing: int = 9) -> Array:
-    """Points along the fork's four lines at a tool pose (4, 4): (4 * spacing, 3), metres."""
-    along = np.linspace(0.0, 1.0, spacing)[None, :, None]
-    segments = fork(width)
-    points = (segments[:, None, 0] * (1 - along) + segments[:, None, 1] * along).reshape(-1, 3)
-    return points @ base_from_tool[:3, :3].T + base_from_tool[:3, 3]
-
-
-def gripper_boxes(widths: Array, *, behind: float = 0.0, ahead: float = 0.0) -> Array:
-    """The gripper's body, or what it sweeps along its approach axis.
-
-    Args:
-        widths: Openings, shape (n,), metres.
-        behind: The way begins this far behind the tool pose, metres.
-        ahead: It ends this far past the tool pose, metres.
-
-    Returns:
-        Lower and upper corners in the tool frame (x closing, y height, z approach), shape
-        (n, 4, 2, 3), metres: left finger, right finger, bar, palm.
-    """
-    inner = np.asarray(widths, dtype=np.float64) / 2
-    outer, one = inner + FINGER_WIDTH, np.ones(len(inner))
-    tall, wide, thick = FINGER_HEIGHT / 2, PALM_SIZE[0] / 2, PALM_SIZE[1] / 2
-    bar, palm = -FINGER_LENGTH - BAR_LENGTH, -FINGER_LENGTH - PALM_SIZE[2]
-    rows = [
-        (-outer, -inner, tall, -FINGER_LENGTH, 0.0),
-        (inner, outer, tall, -FINGER_LENGTH, 0.0),
-        (-outer, outer, tall, bar, -FINGER_LENGTH),
-        (-wide * one, wide * one, thick, palm, -FINGER_LENGTH),
-    ]
-    boxes = np.empty((len(inner), 4, 2, 3))
-    for i, (low, high, half, back, front) in enumerate(rows):
-        boxes[:, i, 0, 0], boxes[:, i, 1, 0] = low, high
-        boxes[:, i, :, 1] = -half, half
-        boxes[:, i, :, 2] = back - behind, front + ahead
-    return boxes
-
-
-def hand_points(keypoints: Array, spacing: int = 5) -> Array:
-    """Points along the hand's twenty bones and across the palm.
-
-    Args:
-        keypoints: Shape (21, 3), metres.
-        spacing: Points on each bone.
-
-    Returns:
-        Shape (m, 3), metres, in the keypoints' frame.
-    """
+def hand_points(keypoints: Array) -> Array:
+    """Points (m, 3) along the hand's twenty bones and across the palm, from keypoints (21, 3)."""
     points = check_keypoints(keypoints)
     bones = [*BONES, (5, 9), (9, 13), (13, 17)]
     start, end = (points[[bone[i] for bone in bones]] for i in (0, 1))
-    along = np.linspace(0.0, 1.0, spacing)[None, :, None]
+    along = np.linspace(0.0, 1.0, 5)[None, :, None]
     line: Array = (start[:, None] * (1 - along) + end[:, None] * along).reshape(-1, 3)
     return line
 
@@ -119,17 +51,7 @@ def hand_distance(base_from_tool: Array, width: float, keypoints: Array) -> floa
 
 
 def way_to_hand(grasps: Grasps, keypoints: Array, *, back: float, forward: float) -> Array:
-    """Smallest free space between gripper and skin on each grasp's way in.
-
-    Args:
-        grasps: Candidates.
-        keypoints: Hand in the grasps' frame, shape (21, 3), metres.
-        back: Distance of the pre-grasp, metres.
-        forward: How far past the grasp's point the fingertips end, metres.
-
-    Returns:
-        Metres, shape (n,); 0 or negative where they touch.
-    """
+    """Smallest free space between gripper and skin on each grasp's way in: metres, shape (n,)."""
     boxes = gripper_boxes(grasps.widths, behind=back, ahead=forward)
     gap: Array = _gaps(grasps.poses, boxes, hand_points(keypoints)).min(axis=1, initial=np.inf)
     return gap - FLESH
@@ -143,18 +65,7 @@ def free_of_hand(
     forward: float = 0.05,
     clearance: float = 0.02,
 ) -> NDArray[np.bool_]:
-    """Which grasps keep off the hand, on their whole way in from the pre-grasp.
-
-    Args:
-        grasps: Candidates.
-        keypoints: Hand in the grasps' frame, shape (21, 3), metres.
-        back: Distance of the pre-grasp, metres.
-        forward: How far past the grasp's point the fingertips end, metres.
-        clearance: Free space to keep to the skin, metres.
-
-    Returns:
-        True where the grasp keeps its distance, shape (n,).
-    """
+    """Which grasps keep a clearance to the skin, metres, on their whole way in, (n,)."""
     free: NDArray[np.bool_] = (
         way_to_hand(grasps, keypoints, back=back, forward=forward) >= clearance
     )
@@ -168,26 +79,16 @@ def free_of_object(
     back: float = 0.10,
     forward: float = 0.05,
     clearance: float = 0.003,
-    allowed: int = 3,
 ) -> NDArray[np.bool_]:
     """Which grasps get the object between the fingers without running into it on their way.
 
-    Args:
-        grasps: Candidates.
-        points: Object's points in the grasps' frame, shape (n, 3), metres.
-        back: Distance of the pre-grasp, metres.
-        forward: How far past the grasp's point the fingertips end, metres.
-        clearance: Free space to keep to the bar and the palm, metres; beside the fingers the
-            grasp's own width says what is free.
-        allowed: How many points may be met (noise).
-
-    Returns:
-        True where no more points than that are met, shape (n,).
+    Beside the fingers the grasp's own width says what is free; to the bar and the palm a clearance
+    in metres is kept. A few points may be met (noise).
     """
     boxes = gripper_boxes(grasps.widths, behind=back, ahead=forward)
     boxes[:, 2:, 0] -= clearance
     boxes[:, 2:, 1] += clearance
-    return _count_inside(grasps, boxes, points) <= allowed
+    return _count_inside(grasps, boxes, points) <= NOISE
 
 
 def free_of_scene(
@@ -198,28 +99,17 @@ def free_of_scene(
     back: float = 0.10,
     forward: float = 0.05,
     clearance: float = 0.01,
-    allowed: int = 3,
 ) -> NDArray[np.bool_]:
-    """Which grasps keep off everything else that was measured: hand, arm, table.
+    """Which grasps keep a clearance to everything else that was measured: hand, arm, table.
 
-    Args:
-        grasps: Candidates.
-        scene_points: Measured points without the object, in the grasps' frame, (m, 3), metres.
-        object_points: The object's points, (n, 3), metres. Scene points nearer to them than 8 mm
-            are taken for the object's rim, which a mask never cuts exactly.
-        back: Distance of the pre-grasp, metres.
-        forward: How far past the grasp's point the fingertips end, metres.
-        clearance: Free space to keep, metres.
-        allowed: How many points may be nearer (noise).
-
-    Returns:
-        True where no more points than that are nearer, shape (n,).
+    Scene points nearer than 8 mm to the object's points are taken for its rim, which a mask never
+    cuts exactly; a few may be nearer than the clearance (noise).
     """
     beside = cKDTree(object_points).query(scene_points, distance_upper_bound=0.008)[0]
     boxes = gripper_boxes(grasps.widths, behind=back, ahead=forward)
     boxes[:, :, 0] -= clearance
     boxes[:, :, 1] += clearance
-    return _count_inside(grasps, boxes, scene_points[np.isinf(beside)]) <= allowed
+    return _count_inside(grasps, boxes, scene_points[np.isinf(beside)]) <= NOISE
 
 
 def _count_inside(grasps: Grasps, boxes: Array, points: Array) -> NDArray[np.int64]:

@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from hadr.camera import transform_points
-from hadr.handover.dimensions import LARGEST_OPENING
 from hadr.handover.grasping.grasps import Grasps
+from hadr.handover.gripper import LARGEST_OPENING
 from hadr.handover.ur5 import check_pose
 
 Array = NDArray[np.float64]
@@ -110,13 +110,11 @@ class DetectedGrasps:
         base_from_camera: The camera's calibration, shape (4, 4), metres.
         nearest: Grasps whose point is further than this from the object's points belong to
             something else and are left out: the filter by the object's mask. Metres.
-        widest: Widest opening of the gripper, metres.
     """
 
     detect: Detect
     base_from_camera: Array
     nearest: float = 0.03
-    widest: float = LARGEST_OPENING
 
     def __post_init__(self) -> None:
         check_pose(self.base_from_camera, "base_from_camera")
@@ -125,7 +123,7 @@ class DetectedGrasps:
         """The detector's grasps of an object's points (n, 3), metres, base frame, best first."""
         camera_from_base = np.linalg.inv(self.base_from_camera)
         rows = self.detect(transform_points(camera_from_base, points))
-        grasps = from_graspnet(rows, self.base_from_camera, widest=self.widest)
+        grasps = from_graspnet(rows, self.base_from_camera)
         # the grasp's point stands before the surface: look at the fingertips too
         tips = grasps.translations + grasps.depths[:, None] * grasps.axis("approach")
         tree = cKDTree(points)

@@ -194,15 +194,7 @@ def pre_grasp(grasps: Grasps, distance: float = 0.10, *, axis: Axis = "approach"
 
 
 def forward_of(pose: Array, distance: float) -> Array:
-    """A tool pose moved along its own approach axis.
-
-    Args:
-        pose: frame_from_tool, z approaches, shape (..., 4, 4), metres.
-        distance: Metres forward; negative is back.
-
-    Returns:
-        The moved pose, the same shape.
-    """
+    """A tool pose (..., 4, 4) moved forward along its approach axis z, metres; negative is back."""
     moved = np.array(pose, dtype=np.float64)
     moved[..., :3, 3] += distance * moved[..., :3, 2]
     return moved

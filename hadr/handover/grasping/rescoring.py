@@ -58,16 +58,10 @@ class Directions:
 def literal_score(
     scores: ArrayLike, rotations: ArrayLike, directions: Directions, weights: Weights | None = None
 ) -> Array:
-    """The formula as printed: C = w_s s + w_r2h v^T (R_g v) + w_u2d u^T (R_g u).
+    """The formula as printed: C = w_s s + w_r2h v^T (R_g v) + w_u2d u^T (R_g u), shape (n,).
 
-    Args:
-        scores: The detector's scores s, shape (n,).
-        rotations: R_g, shape (n, 3, 3), written in the directions' frame.
-        directions: v and u.
-        weights: The paper's where left out.
-
-    Returns:
-        C, shape (n,). Source: paper, equation 4; ledger row 16.
+    The scores s (n,) are the detector's; R_g (n, 3, 3) is written in the frame of the directions v
+    and u. Source: paper, equation 4; ledger row 16.
     """
     w = weights or Weights()
     v, u, r = directions.robot_to_human, directions.up_to_down, np.asarray(rotations)
@@ -115,19 +109,11 @@ def literal_at_best_turn(
 def intended_score(
     scores: ArrayLike, approach: ArrayLike, directions: Directions, weights: Weights | None = None
 ) -> Array:
-    """What the text describes: C = w_s s + w_r2h (a . v) + w_u2d (a . u).
+    """What the text describes: C = w_s s + w_r2h (a . v) + w_u2d (a . u), shape (n,).
 
-    It is the printed formula with R_g taken relative to a gripper that already approaches along
-    the direction in question: R_g R_0^T with R_0 a pose whose approach axis is v, then u.
-
-    Args:
-        scores: The detector's scores s, shape (n,).
-        approach: Unit approach axes a, shape (n, 3), written in the directions' frame.
-        directions: v and u.
-        weights: The paper's where left out.
-
-    Returns:
-        C, shape (n,).
+    It is the printed formula with R_g taken relative to a gripper that already approaches along the
+    direction in question: R_g R_0^T with R_0 a pose whose approach axis is v, then u. The unit
+    approach axes a (n, 3) are written in the directions' frame.
     """
     w = weights or Weights()
     wish = w.robot_to_human * directions.robot_to_human + w.up_to_down * directions.up_to_down

@@ -1,17 +1,17 @@
 """From restored points to the one grasp to go for: sample, filter, rescore, check the reach."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hadr.handover.dimensions import LARGEST_OPENING
 from hadr.handover.grasping.candidates import NoCandidateError, completed, sample_grasps
 from hadr.handover.grasping.collision import free_of_object, free_of_scene, way_to_hand
 from hadr.handover.grasping.grasps import Grasps, forward_of
-from hadr.handover.grasping.rescoring import Directions, Form, Weights, rescore
+from hadr.handover.grasping.rescoring import Directions, rescore
 from hadr.handover.grasping.unseen_side import turned_about_axis
+from hadr.handover.gripper import LARGEST_OPENING
 from hadr.handover.robot import Robot
 from hadr.handover.stages import ChosenGrasp
 from hadr.handover.ur5 import Array
@@ -23,6 +23,13 @@ CandidateSource = Callable[[Array], Grasps]
 """From the object's points in the base frame (n, 3), metres, to candidates in the base frame."""
 
 
+CLEARANCES = (0.02, 0.012)
+"""Free space to keep to the skin, metres: the second is tried where the first leaves no grasp that
+can be reached."""
+MOST_CHECKED = 25
+"""How many of the best of one round are asked for their reach, at most."""
+
+
 @dataclass(frozen=True)
 class GraspSelection:
     """Chooses a grasp as the paper's first stage does; call it with points, hand and robot.
@@ -30,18 +37,9 @@ class GraspSelection:
     Attributes:
         rng: Source of the candidates' draws.
         viewpoint: Where the camera stands in the base frame, shape (3,), metres.
-        directions: Robot to human, and down, in the base frame.
-        form: Which reading of the score, see `hadr.handover.grasping.rescoring`.
-        weights: Weights of the score.
-        attempts: How many contacts are tried.
         back: Distance of the pre-grasp, metres.
         forward: How far past the grasp the fingertips end, metres.
-        clearances: Free space to keep to the skin, metres: the second is tried where the first
-            leaves no grasp that can be reached, and so on.
-        friction: Coefficient that a grasp may need at most.
         rescoring: False orders the candidates by their own score alone.
-        widest: The gripper's widest opening, metres; it opens as far as hand and object allow.
-        most_checked: How many of the best of one round are asked for their reach, at most.
         rounds: How often candidates are drawn anew while none is left.
         source: Where the candidates come from instead of `sample_grasps`, such as
             `hadr.handover.grasping.graspnet.DetectedGrasps`.
@@ -49,17 +47,9 @@ class GraspSelection:
 
     rng: np.random.Generator
     viewpoint: Array
-    directions: Directions = field(default_factory=Directions)
-    form: Form = "intended"
-    weights: Weights = field(default_factory=Weights)
-    attempts: int = 800
     back: float = 0.10
     forward: float = 0.05
-    clearances: tuple[float, ...] = (0.02, 0.012)
-    friction: float = 0.6
     rescoring: bool = True
-    widest: float = LARGEST_OPENING
-    most_checked: int = 25
     rounds: int = 4
     source: CandidateSource | None = None
 
@@ -76,8 +66,7 @@ class GraspSelection:
             points: Object's points in the base frame, shape (n, 3), metres.
             keypoints: Hand in the base frame, shape (21, 3), metres.
             robot: Says what it can reach.
-            scene_points: Measured points of anything else (hand, arm, table) in the base frame,
-                shape (m, 3), metres.
+            scene_points: Measured points of anything else (hand, arm, table), as the object's.
 
         Returns:
             The best grasp whose pre-grasp, grasp and final pose can all be reached, and to whose
@@ -88,14 +77,16 @@ class GraspSelection:
             ValueError: The points are too few or not finite, see `sample_grasps`.
         """
         seen = np.asarray(points, dtype=np.float64)
-        taken = self._taken_space(self.rng.permutation(seen)[:2000])
+        whole, normals = completed(self.rng.permutation(seen)[:2000], self.viewpoint)
+        taken = np.concatenate([whole, turned_about_axis(whole, normals)])  # where it may be
+        scene = np.zeros((0, 3)) if scene_points is None else _thinned(scene_points)
         for number in range(self.rounds):
             try:
                 grasps = self.candidates(seen)
             except NoCandidateError:
                 continue
             aside = _ASIDE if number < self.rounds - 1 else _ASIDE[:1]  # at last: as it stands
-            chosen = self._best(grasps, taken, keypoints, robot, scene_points, aside)
+            chosen = self._best(grasps, taken, keypoints, robot, scene, aside)
             if chosen is not None:
                 return chosen
         return None
@@ -104,26 +95,10 @@ class GraspSelection:
         """Candidates around points (n, 3) in the base frame, before any filter."""
         if self.source is not None:
             return self.source(points)
+        toward = Directions().robot_to_human if self.rescoring else None
         return sample_grasps(
-            points,
-            self.rng,
-            viewpoint=self.viewpoint,
-            toward=self.directions.robot_to_human if self.rescoring else None,
-            attempts=self.attempts,
-            friction=self.friction,
-            frame="base",
+            points, self.rng, viewpoint=self.viewpoint, toward=toward, frame="base"
         )
-
-    def _taken_space(self, points: Array) -> Array:
-        """Where the object may be: points in random order (n, 3), seen and guessed (m, 3)."""
-        whole, normals = completed(points, self.viewpoint)
-        return np.concatenate([whole, turned_about_axis(whole, normals)])
-
-    def scores(self, grasps: Grasps) -> Array:
-        """What the grasps are ordered by, shape (n,)."""
-        if not self.rescoring:
-            return grasps.scores
-        return rescore(grasps, self.directions, form=self.form, weights=self.weights)
 
     def _best(
         self,
@@ -131,64 +106,55 @@ class GraspSelection:
         points: Array,
         keypoints: Array,
         robot: Robot,
-        scene_points: Array | None,
+        scene: Array,
         aside: Array,
     ) -> ChosenGrasp | None:
         """The best of some candidates that is free and can be reached, moved aside (n, 3) too."""
-        back, forward = self.back, self.forward
-        room = way_to_hand(grasps, keypoints, back=back, forward=forward)
-        grasps = grasps.select(room >= min(self.clearances))
-        grasps = grasps.select(free_of_object(grasps, points, back=back, forward=forward))
-        if scene_points is not None and len(scene_points):
-            few = _thinned(scene_points)
-            free = free_of_scene(grasps, few, points, back=back, forward=forward)
-            grasps = grasps.select(free)
-        room = way_to_hand(grasps, keypoints, back=back, forward=forward)
-        scores = self.scores(grasps)
+        grasps = grasps.select(self._room(grasps, keypoints) >= min(CLEARANCES))
+        grasps = grasps.select(self._free(grasps, points, scene))
+        room = self._room(grasps, keypoints)
+        scores = rescore(grasps, Directions()) if self.rescoring else grasps.scores
         best_first = np.argsort(-scores, kind="stable")
         tried: list[Array] = []
         roundabout: ChosenGrasp | None = None
-        for clearance in self.clearances:
+        for clearance in CLEARANCES:
             for row in best_first[room[best_first] >= clearance]:
                 pose = grasps.poses[row]
-                if len(tried) >= self.most_checked:
+                if len(tried) >= MOST_CHECKED:
                     return roundabout
                 if any(_alike(pose, other) for other in tried):
                     continue
                 tried.append(pose)
                 for reached in self._turned(pose, robot, aside):
                     one = grasps.select(np.array([row]))
-                    width = self._opening(one, points, keypoints, scene_points, clearance)
+                    width = self._opening(one, points, keypoints, scene, clearance)
                     found = ChosenGrasp(reached, width, float(scores[row]))
                     if robot.straight_way(forward_of(reached, -self.back)):
                         return found
                     roundabout = roundabout or found
         return roundabout
 
+    def _room(self, grasps: Grasps, keypoints: Array) -> Array:
+        """Free space to the skin on the way in, (n,)."""
+        return way_to_hand(grasps, keypoints, back=self.back, forward=self.forward)
+
+    def _free(self, grasps: Grasps, points: Array, scene: Array) -> NDArray[np.bool_]:
+        """Which keep off the object's points and those of anything else on the way in, (n,)."""
+        way = {"back": self.back, "forward": self.forward}
+        return free_of_object(grasps, points, **way) & free_of_scene(grasps, scene, points, **way)
+
     def _opening(
-        self,
-        grasp: Grasps,
-        points: Array,
-        keypoints: Array,
-        scene_points: Array | None,
-        clearance: float,
+        self, grasp: Grasps, points: Array, keypoints: Array, scene: Array, clearance: float
     ) -> float:
         """How wide the fingers may open on the way in, metres: an error to the side is forgiven."""
         least = float(grasp.widths[0])
-        for width in np.linspace(self.widest, least, 4)[:-1]:
+        for width in np.linspace(LARGEST_OPENING, least, 4)[:-1]:
             if width <= least:
                 break
             wide = replace(grasp, widths=np.array([width]))
-            room = way_to_hand(wide, keypoints, back=self.back, forward=self.forward)
-            if room[0] < clearance:
-                continue
-            if not free_of_object(wide, points, back=self.back, forward=self.forward)[0]:
-                continue
-            if scene_points is not None and len(scene_points):
-                few = _thinned(scene_points)
-                if not free_of_scene(wide, few, points, back=self.back, forward=self.forward)[0]:
-                    continue
-            return float(width)
+            near_hand = self._room(wide, keypoints)[0] < clearance
+            if not near_hand and self._free(wide, points, scene)[0]:
+                return float(width)
         return least
 
     def _turned(self, pose: Array, robot: Robot, aside: Array) -> list[Array]:
@@ -221,9 +187,9 @@ def _alike(pose: Array, other: Array) -> bool:
     return near and turned
 
 
-def _thinned(points: Array, most: int = 1000) -> Array:
-    """At most that many of the points, evenly over their order."""
-    if len(points) <= most:
+def _thinned(points: Array) -> Array:
+    """At most 1000 of the points, evenly over their order."""
+    if len(points) <= 1000:
         return points
-    rows: NDArray[np.int64] = np.linspace(0, len(points) - 1, most).astype(np.int64)
+    rows: NDArray[np.int64] = np.linspace(0, len(points) - 1, 1000).astype(np.int64)
     return points[rows]

@@ -111,14 +111,9 @@ def turned_about_axis(points: Array, normals: Array, copies: int = 7) -> Array:
     What the hand hides on one side is often seen on another. Points whose normals pass the axis by
     more than 1 cm (a handle) are not turned.
 
-    Args:
-        points: Seen points of one object, shape (n, 3), metres.
-        normals: Their unit normals, shape (n, 3).
-        copies: How many turns are made, evenly over the circle.
-
     Returns:
-        The turned points without the seen ones, shape (m, 3), metres; m is 0 where the normals
-        give no clear axis.
+        The turned points without the seen ones, shape (m, 3), metres; m is 0 where the normals give
+        no clear axis.
     """
     axis = symmetry_axis(points, normals)
     if axis.miss > LARGEST_MISS:

@@ -7,18 +7,19 @@ ray casting, and the colour refracts in the glass.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from hadr.camera import TRANSHAND_CAMERA, Intrinsics, project, transform_points
-from hadr.handover import ur5
 from hadr.handover.poses import camera_at
 from hadr.simulation.camera.depth_sensor import DepthSensor
 from hadr.simulation.camera.moving_view import MovingView, search_tree
 from hadr.simulation.camera.room import make_room
-from hadr.simulation.robot.arm_shape import Part, arm_surfaces
+from hadr.simulation.robot.arm_shape import arm_surfaces
+from hadr.simulation.robot.solids import Part
 from hadr.simulation.world.scenes import MIDDLE, HeldScene
 from hadr.simulation.world.state import WorldState
 from hadr.synthesis.glass.surfaces import merged
@@ -38,25 +39,23 @@ class CapturedFrame:
     """One picture with its exact labels; all images (H, W).
 
     Attributes:
-        time: When it was taken, seconds.
         color: sRGB, shape (H, W, 3) uint8, or None where no colour was asked for.
         raw_depth: Measured z-depth, metres, float32; 0 is missing.
         depth: True z-depth, metres, float32.
         background_depth: True z-depth with the object taken away.
-        object_mask: The object's pixels.
         hand_mask: The hand's and forearm's pixels.
+        object_mask: The object's pixels.
         arm_mask: The robot's pixels, also where the object is before it.
         keypoints: True keypoints, camera frame, metres, shape (21, 3).
         camera: Intrinsics.
     """
 
-    time: float
     color: npt.NDArray[np.uint8] | None
     raw_depth: Depth
     depth: Depth
     background_depth: Depth
-    object_mask: Mask
     hand_mask: Mask
+    object_mask: Mask
     arm_mask: Mask
     keypoints: Array
     camera: Intrinsics
@@ -68,27 +67,18 @@ class RobotCamera:
 
     Attributes:
         base_from_camera: Where it really stands, shape (4, 4), metres.
-        intrinsics: Of colour and depth.
         calibrated: Where the robot believes it stands; the truth where it is left out.
         room: Number of the room in which all of this happens.
-        sensor: How its depth errs.
-        see_arm: Draw the robot's arm.
+        intrinsics: Of colour and depth.
     """
 
     base_from_camera: Array = field(default_factory=lambda: camera_at(EYE, MIDDLE))
-    intrinsics: Intrinsics = field(default_factory=lambda: TRANSHAND_CAMERA.resized(256, 144))
     calibrated: Array | None = None
     room: int = 7
-    sensor: DepthSensor = field(default_factory=DepthSensor)
-    see_arm: bool = True
+    intrinsics: ClassVar[Intrinsics] = TRANSHAND_CAMERA.resized(256, 144)
     _views: dict[int, tuple[HeldScene, MovingView]] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
-
-    def __post_init__(self) -> None:
-        ur5.check_pose(self.base_from_camera, "base_from_camera")
-        if self.calibrated is not None:
-            ur5.check_pose(self.calibrated, "calibrated")
 
     @property
     def calibration(self) -> Array:
@@ -126,21 +116,11 @@ class RobotCamera:
         if color:
             light = view.light(self.intrinsics, self.base_from_camera, rng)
             picture = develop(light, rng, ColorCamera())
-        raw = self.sensor.measure(
+        raw = DepthSensor().measure(
             labels.depth, labels.background_depth, labels.object_mask, self.intrinsics, rng
         )
-        return CapturedFrame(
-            time=state.time,
-            color=picture,
-            raw_depth=raw,
-            depth=labels.depth,
-            background_depth=labels.background_depth,
-            object_mask=labels.object_mask,
-            hand_mask=labels.hand_mask,
-            arm_mask=labels.arm_mask,
-            keypoints=self.true_keypoints(state, scene),
-            camera=self.intrinsics,
-        )
+        keypoints = self.true_keypoints(state, scene)
+        return CapturedFrame(picture, raw, *labels, keypoints, self.intrinsics)
 
     def true_keypoints(self, state: WorldState, scene: HeldScene) -> Array:
         """The hand's keypoints in the camera frame, metres, shape (21, 3)."""
@@ -171,8 +151,6 @@ class RobotCamera:
 
     def _arm_in_view(self, state: WorldState) -> list[Part]:
         """The arm's parts that a ray of this camera may meet: most of it is beside the picture."""
-        if not self.see_arm:
-            return []
         camera_from_base = np.linalg.inv(self.base_from_camera)
         # the picture is the part of space on the inner side of four planes through the camera
         c = self.intrinsics

@@ -11,15 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from hadr.handover.dimensions import (
-    FLOOR,
-    ROOM_TABLE_HALF_WIDTH,
-    ROOM_TABLE_THICKNESS,
-    TABLE_FAR,
-    TABLE_NEAR,
-)
 from hadr.records.caches import kept
-from hadr.simulation.world.scenes import MIDDLE
+from hadr.simulation.world.scenes import FLOOR, MIDDLE, TABLE_FAR, TABLE_NEAR
 from hadr.synthesis.glass.surfaces import Surface
 from hadr.synthesis.scene.contents import Surroundings
 from hadr.synthesis.scene.furnishing import UP, TextureChoice, natural_size, put_thing
@@ -29,8 +22,8 @@ from hadr.synthesis.textures.families import pyramid, texture_number
 
 Array = npt.NDArray[np.float64]
 
-_TABLE_LOWER: Array = np.array([TABLE_NEAR, -ROOM_TABLE_HALF_WIDTH, -ROOM_TABLE_THICKNESS])
-_TABLE_UPPER: Array = np.array([TABLE_FAR, ROOM_TABLE_HALF_WIDTH, 0.0])
+_TABLE_LOWER: Array = np.array([TABLE_NEAR, -0.65, -0.04])
+_TABLE_UPPER: Array = np.array([TABLE_FAR, 0.65, 0.0])
 BESIDE, BEYOND = 1.7, 2.1
 """The walls' distances from the robot to either side, and beyond the human, metres."""
 _TALL = 2.6

@@ -24,16 +24,9 @@ _FOREARM_FROM = 0.06
 def object_points(
     depth: Depth, mask: Mask, camera: Intrinsics, rng: np.random.Generator
 ) -> Array | None:
-    """The points of the mask's pixels, without those that lie apart from the others.
+    """Points (n, 3) of the mask's pixels, camera frame, without those that lie apart.
 
-    Args:
-        depth: z-depth in metres, shape (H, W); 0 or NaN is missing.
-        mask: The object's pixels, shape (H, W) bool.
-        camera: Intrinsics.
-        rng: Chooses which points stay where there are more than 1500.
-
-    Returns:
-        Camera frame, metres, shape (n, 3); None where fewer than ten are left.
+    At most 1500 of them, drawn at random; None where fewer than ten are left.
     """
     points = back_project(np.where(mask, depth, 0), camera)[mask]
     points = points[np.isfinite(points).all(axis=1)]

@@ -1,9 +1,9 @@
 """What the robot sees at one moment: the hand, the object's points, what stands around.
 
-Masks and keypoints come from the simulator, with noise that lasts from frame to frame: the same
-for every condition of the experiment, which then differ by the object's depth alone. Or they come
-from networks, as on a real robot. The network of `hadr` sees the picture, the measured depth
-outside of the glass, the mask and the keypoints.
+Masks and keypoints come from the simulator, with noise that lasts from frame to frame: the same in
+every condition of the experiment, which then differ by the object's depth alone. Or they come from
+networks, as on a real robot. The network of `hadr` sees the picture, the measured depth outside of
+the glass, the mask and the keypoints.
 """
 
 from __future__ import annotations
@@ -41,29 +41,18 @@ CHECKPOINTS = {
     "keypoints": "hand-keypoints-handover.safetensors",
 }
 """The bundled networks, trained on other holds of the known objects before this camera."""
-
-
-@dataclass(frozen=True)
-class SightConfig:
-    """The noise of masks and keypoints, and the camera's rate; metres, seconds, pixels.
-
-    Attributes:
-        keypoint_noise: Standard deviation of each keypoint coordinate. Half of the variance is
-            common to all keypoints, as where a hand is taken for nearer than it is.
-        noise_lasts: Time after which a keypoint's error is mostly a new one.
-        mask_jitter: Standard deviation of the mask's outline.
-        period: Time from one picture to the next; between them the last one is given again.
-        hidden_noise: Factor on the error of keypoints that the robot hides or that lie outside of
-            the picture: they are guessed from the others.
-        smallest_visible: With fewer keypoints in view no hand is found.
-    """
-
-    keypoint_noise: float = 0.004
-    noise_lasts: float = 0.3
-    mask_jitter: float = 0.6
-    period: float = 0.1
-    hidden_noise: float = 2.0
-    smallest_visible: int = 5
+KEYPOINT_NOISE = 0.004
+"""Standard deviation of each keypoint coordinate, metres. Half of the variance is common to all
+keypoints, as where a hand is taken for nearer than it is."""
+NOISE_LASTS = 0.3
+"""Time after which a keypoint's error is mostly a new one, seconds."""
+MASK_JITTER = 0.6
+"""Standard deviation of the mask's outline, pixels."""
+HIDDEN_NOISE = 2.0
+"""Factor on the error of keypoints that the robot hides or that lie outside of the picture: they
+are guessed from the others."""
+SMALLEST_VISIBLE = 5
+"""With fewer keypoints in view no hand is found."""
 
 
 class Looks(Protocol):
@@ -81,16 +70,11 @@ class Sight:
         scene: What is held.
         camera: The camera.
         source: Where the object's depth comes from: "raw" takes what the sensor measured,
-            "inpainted" fills the mask from around it, "hadr" and "hadr-plus" restore it,
-            "perfect" knows it.
+            "inpainted" fills the mask from around it, "hadr" and "hadr-plus" restore it, "perfect"
+            knows it.
         seed: Seed of all noise, which differs from hold to hold.
-        config: Noise and rate.
-        network: The depth network of "hadr" or "hadr-plus", if not the bundled one.
         finder: Networks that find mask and keypoints in each picture; the simulator's, with noise,
             where it is left out.
-
-    Raises:
-        ValueError: The source is unknown.
     """
 
     def __init__(
@@ -100,153 +84,117 @@ class Sight:
         source: DepthSource,
         *,
         seed: int = 0,
-        config: SightConfig | None = None,
-        network: DepthNetwork | None = None,
         finder: HandAndGlass | None = None,
     ) -> None:
-        if source not in SOURCES:
-            raise ValueError(f"source must be one of {', '.join(SOURCES)}, got {source!r}")
-        self.scene, self.camera, self.source = scene, camera, source
-        self.config = config or SightConfig()
-        self.frame: CapturedFrame | None = None
-        """The last picture that points were taken from."""
-        self._network, self._finder = network, finder
-        if source in ("hadr", "hadr-plus") and network is None:
-            self._network = bundled_network(source)
+        self.scene, self.camera, self.source, self._finder = scene, camera, source, finder
         name = list(scene.hold.hold_id.encode())  # every hold has noise of its own
         self._sensor_rng, self._noise_rng, self._mask_rng = (
             np.random.default_rng([seed, part, 83, *name]) for part in range(3)
         )
         self._noise: tuple[float, Array] | None = None
-        self._last: Observation | None = None
 
     def look(self, state: WorldState, *, with_points: bool) -> Observation:
-        """Look at the world.
+        """Take a picture of the world.
 
         Args:
             state: The world now.
-            with_points: Also take the points of object and surroundings, which costs a picture.
+            with_points: Also take the points of object and surroundings, which costs most.
 
         Returns:
-            What is seen, in the camera frame. Before the next picture is due, the last one again.
+            What is seen, in the camera frame.
         """
-        last = self._last
-        if (
-            last is not None
-            and state.time - last.taken < self.config.period - 1e-9
-            and state.time >= last.time
-        ):
-            return replace(last, time=state.time)
         if self._finder is not None:
-            self._last = self._found_by(self._finder, state, with_points=with_points)
-            return self._last
-        keypoints: Array | None = self.camera.true_keypoints(state, self.scene)
-        assert keypoints is not None  # for the type checker: it may become None below
-        seen = self.camera.visible(keypoints, state)
-        factor = np.where(seen, 1.0, self.config.hidden_noise)[:, None]
-        keypoints = keypoints + factor * self._keypoint_noise(state.time)
-        if seen.sum() < self.config.smallest_visible:
-            keypoints = None
+            frame = self.camera.capture(state, self.scene, self._sensor_rng)
+            mask, hand, keypoints = self._finder.find(frame)
+            # the depth camera's masks of the arm are the robot's own knowledge, the hand's are not
+            frame = replace(frame, hand_mask=hand)
+        else:
+            keypoints = self._seen_keypoints(state)
         found = Observation(state.time, keypoints, frame_time=state.time)
-        if with_points:
-            found = self._with_points(found, state)
-        self._last = found
-        return found
-
-    def _found_by(
-        self, finder: HandAndGlass, state: WorldState, *, with_points: bool
-    ) -> Observation:
-        """What networks find in a new picture."""
-        frame = self.camera.capture(state, self.scene, self._sensor_rng, color=True)
-        mask, hand, keypoints = finder.find(frame)
-        found = Observation(state.time, keypoints, frame_time=state.time)
-        # the depth camera's masks of the arm are the robot's own knowledge, the hand's are not
-        return self._points(found, replace(frame, hand_mask=hand), mask) if with_points else found
-
-    def _with_points(self, found: Observation, state: WorldState) -> Observation:
-        color = self._network is not None
-        frame = self.camera.capture(state, self.scene, self._sensor_rng, color=color)
-        return self._points(found, frame, self._seen_mask(frame.object_mask))
-
-    def _points(self, found: Observation, frame: CapturedFrame, mask: Mask) -> Observation:
-        self.frame = frame
+        if not with_points:
+            return found
+        if self._finder is None:
+            color = self.source in CHECKPOINTS
+            frame = self.camera.capture(state, self.scene, self._sensor_rng, color=color)
+            mask = self._seen_mask(frame.object_mask)
+        scene = scene_points(frame, mask, keypoints)
         if not mask.any():
-            return replace(found, scene_points=scene_points(frame, mask, found.keypoints))
-        depth, confidence = self.object_depth(frame, mask, found.keypoints)
-        return replace(
-            found,
-            object_points=object_points(depth, mask, frame.camera, self._mask_rng),
-            scene_points=scene_points(frame, mask, found.keypoints),
-            confidence=confidence,
-        )
+            return replace(found, scene_points=scene)
+        depth, confidence = object_depth(self.source, frame, mask, keypoints)
+        points = object_points(depth, mask, frame.camera, self._mask_rng)
+        return replace(found, object_points=points, scene_points=scene, confidence=confidence)
 
-    def object_depth(
-        self, frame: CapturedFrame, mask: Mask, keypoints: Array | None
-    ) -> tuple[Depth, float | None]:
-        """The depth that this source believes in.
-
-        Args:
-            frame: The picture.
-            mask: The object's pixels, shape (H, W) bool.
-            keypoints: The hand, camera frame, metres, shape (21, 3); None: no hand was found.
-
-        Returns:
-            z-depth in metres, shape (H, W), 0 where unknown; and the mean probability over the
-            mask that it is right to 2 cm, None where the source has no opinion.
-        """
-        if self.source == "perfect":
-            # where the mask is too wide, the object's depth goes on
-            known = np.where(frame.object_mask, frame.depth, 0)
-            return classical.nearest_valid(known, ~frame.object_mask).astype(np.float32), 1.0
-        if self.source == "raw":
-            return frame.raw_depth, None
-        if self.source == "inpainted":
-            return classical.inpaint(frame.raw_depth, mask).astype(np.float32), None
-        network = self._network
-        assert network is not None  # the constructor loads it for the other sources
-        assert frame.color is not None
-        if keypoints is None:
-            return np.where(mask, np.float32(0), frame.raw_depth), 0.0
-        given = depth_to_use(frame.raw_depth, mask, network.corruption, [])
-        answer = network.restore(frame.color, given, frame.camera, mask, keypoints)
-        sure = float(answer.confidence[mask].mean()) if network.can_say else None
-        return answer.depth, sure
+    def _seen_keypoints(self, state: WorldState) -> Array | None:
+        """The simulator's keypoints with noise, or None where too few are in view."""
+        true = self.camera.true_keypoints(state, self.scene)
+        seen = self.camera.visible(true, state)
+        factor = np.where(seen, 1.0, HIDDEN_NOISE)[:, None]
+        keypoints: Array = true + factor * self._keypoint_noise(state.time)
+        return None if seen.sum() < SMALLEST_VISIBLE else keypoints
 
     def _keypoint_noise(self, time: float) -> Array:
         """Errors that die away and are renewed, shape (21, 3), metres."""
-        half = np.sqrt(0.5) * self.config.keypoint_noise
+        half = np.sqrt(0.5) * KEYPOINT_NOISE
         rng = self._noise_rng
         fresh = half * (rng.standard_normal((21, 3)) + rng.standard_normal((1, 3)))
         if self._noise is not None:
             before, old = self._noise
-            kept = np.exp(-max(time - before, 0.0) / self.config.noise_lasts)
+            kept = np.exp(-max(time - before, 0.0) / NOISE_LASTS)
             fresh = kept * old + np.sqrt(1 - kept**2) * fresh
         self._noise = (time, fresh)
         return np.asarray(fresh)
 
     def _seen_mask(self, mask: Mask) -> Mask:
         """The mask with an outline that wavers."""
-        if self.config.mask_jitter <= 0 or not mask.any():
+        if not mask.any():
             return mask
         window = window_around(mask, 6)
         true = mask[window]
         inside = ndimage.distance_transform_edt(true) - ndimage.distance_transform_edt(~true)
-        wave = self.config.mask_jitter * smooth_noise(true.shape, 2.0, self._mask_rng)
+        wave = MASK_JITTER * smooth_noise(true.shape, 2.0, self._mask_rng)
         seen = np.zeros_like(mask)
         # the outline lies half a pixel outside of the last pixel on either side
         seen[window] = inside - 0.5 * np.sign(inside) + wave > 0
         return seen
 
 
-@lru_cache(maxsize=2)
-def bundled_network(source: str) -> DepthNetwork:
-    """The bundled network of a source, loaded once.
+def object_depth(
+    source: DepthSource, frame: CapturedFrame, mask: Mask, keypoints: Array | None
+) -> tuple[Depth, float | None]:
+    """The depth that a source believes in.
 
-    Raises:
-        FileNotFoundError: The folder `data_samples` is not there.
-        KeyError: The source has no network.
+    Args:
+        source: See `Sight`.
+        frame: The picture; with colour for "hadr" and "hadr-plus".
+        mask: The object's pixels, shape (H, W) bool.
+        keypoints: The hand, camera frame, metres, shape (21, 3); None: no hand was found.
+
+    Returns:
+        z-depth in metres, shape (H, W), 0 where unknown; and the mean probability over the mask
+        that it is right to 2 cm, None where the source has no opinion.
     """
-    return DepthNetwork.load(samples_dir() / "checkpoints" / CHECKPOINTS[source])
+    if source == "perfect":
+        # where the mask is too wide, the object's depth goes on
+        known = np.where(frame.object_mask, frame.depth, 0)
+        return classical.nearest_valid(known, ~frame.object_mask).astype(np.float32), 1.0
+    if source == "raw":
+        return frame.raw_depth, None
+    if source == "inpainted":
+        return classical.inpaint(frame.raw_depth, mask).astype(np.float32), None
+    assert frame.color is not None
+    if keypoints is None:
+        return np.where(mask, np.float32(0), frame.raw_depth), 0.0
+    network = bundled_network(source)
+    given = depth_to_use(frame.raw_depth, mask, network.corruption, [])
+    answer = network.restore(frame.color, given, frame.camera, mask, keypoints)
+    sure = float(answer.confidence[mask].mean()) if network.can_say else None
+    return answer.depth, sure
+
+
+@lru_cache(maxsize=2)
+def bundled_network(name: str) -> DepthNetwork:
+    """The bundled network of that name, loaded once; FileNotFoundError without `data_samples`."""
+    return DepthNetwork.load(samples_dir() / "checkpoints" / CHECKPOINTS[name])
 
 
 @dataclass(frozen=True)
@@ -284,11 +232,7 @@ class HandAndGlass:
 
 @lru_cache(maxsize=1)
 def bundled_finder() -> HandAndGlass:
-    """The bundled networks of this camera, loaded once.
-
-    Raises:
-        FileNotFoundError: The folder `data_samples` is not there.
-    """
+    """The bundled networks of this camera, loaded once; as `bundled_network`."""
     folder = samples_dir() / "checkpoints"
     return HandAndGlass(
         Segmentation.load(folder / CHECKPOINTS["segmentation"]),

@@ -18,8 +18,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from hadr.handover.stages import Stage, Transition
 from hadr.records.writing import whole_file
-from hadr.simulation.film.views import View
-from hadr.simulation.film.world_view import FilmSet
+from hadr.simulation.film.world_view import FilmSet, View
 from hadr.simulation.world.scenes import HeldScene
 from hadr.simulation.world.state import WorldState
 
@@ -49,13 +48,7 @@ def stage_color(stage: Stage) -> str:
 def stage_at(
     time: float, transitions: Sequence[Transition], first: Stage = Stage.WAIT_AND_OBSERVE
 ) -> tuple[Stage, str]:
-    """The stage at a time in seconds, and the reason for which it was entered.
-
-    Args:
-        time: Seconds.
-        transitions: Changes of stage, oldest first.
-        first: The stage before the first change.
-    """
+    """The stage at a time in seconds, and why it was entered; `first` before any change."""
     now, reason = (transitions[0].before if transitions else first), ""
     for change in transitions:
         if change.time > time + 1e-9:
@@ -146,13 +139,8 @@ def captioned(
 def film_times(states: Sequence[WorldState], rate: float, speed: float = 1.0) -> list[float]:
     """Times in seconds of a film's pictures, the last state's included.
 
-    Args:
-        states: In the order of time, at least one.
-        rate: Pictures a second.
-        speed: How much faster than life.
-
     Raises:
-        ValueError: There is no state, or rate or speed is not positive.
+        ValueError: There is no state, or the rate (pictures a second) or speed is not positive.
     """
     if not states:
         raise ValueError("a film needs at least one state, got none")
@@ -175,7 +163,7 @@ def film_frames(
     note: str = "",
     ending: str = "",
 ) -> Iterator[Picture]:
-    """Draw a film's pictures, one after the other.
+    """Draw a film's pictures, one after the other, as `captioned` makes them.
 
     Args:
         states: In the order of time; the nearest one is taken for each picture.
@@ -187,9 +175,6 @@ def film_frames(
         hold: How long the last picture stays, seconds.
         note: A line in place of the stages' reasons.
         ending: A line in place of all that below the last picture, such as the verdict.
-
-    Yields:
-        sRGB, shape (H + CAPTION_HEIGHT, W, 3) uint8.
     """
     times = film_times(states, rate, speed)
     span = (states[0].time, states[-1].time)

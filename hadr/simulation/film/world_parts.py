@@ -6,13 +6,8 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
-from hadr.handover.dimensions import (
-    FILM_FLOOR,
-    FILM_TABLE_HALF_WIDTH,
-    FILM_TABLE_THICKNESS,
-    TABLE_FAR,
-    TABLE_NEAR,
-)
+from hadr.simulation.robot.solids import box
+from hadr.simulation.world.scenes import TABLE_FAR, TABLE_NEAR
 from hadr.synthesis.glass.surfaces import Surface, vertex_normals
 
 Array = npt.NDArray[np.float64]
@@ -22,20 +17,15 @@ Piece = tuple[Surface, Array, int]
 NOTHING, ARM, HAND, CLOTH, TABLE, FLOOR, GLASS = range(7)
 """What a pixel can show; the sleeve counts as HAND."""
 
+TABLE_HALF_WIDTH, TABLE_THICKNESS = 0.45, 0.035
+"""Along y, and downward, metres: a wider table would hide the view from the side."""
+FLOOR_HEIGHT = -0.74
 _WOOD = np.array([[0.36, 0.25, 0.16]])
 _LINEN = np.array([[0.66, 0.63, 0.56]])
 _CONCRETE = np.array([[0.40, 0.41, 0.41]])
 _STRIPE = np.array([0.70, 0.80, 0.92])
 _SLEEVE = np.array([[0.055, 0.10, 0.20]])
 _CUFF_AT, _RINGS, _SIDES = -0.17, 60, 40
-
-
-def box(low: npt.ArrayLike, high: npt.ArrayLike) -> Surface:
-    """A box between two corners (3,) in metres, with flat sides."""
-    solid = trimesh.creation.box(bounds=np.array([low, high], dtype=np.float64))
-    vertices = np.array(solid.triangles).reshape(-1, 3)
-    faces = np.arange(len(vertices)).reshape(-1, 3)
-    return Surface(vertices, faces, np.repeat(np.array(solid.face_normals), 3, axis=0))
 
 
 def _plane(low: tuple[float, float], high: tuple[float, float], z: float) -> Surface:
@@ -47,15 +37,15 @@ def _plane(low: tuple[float, float], high: tuple[float, float], z: float) -> Sur
 
 def table() -> list[Piece]:
     """The robot's table with its cloth, its legs and the floor, in the base frame."""
-    x0, x1, y0, y1 = TABLE_NEAR, TABLE_FAR, -FILM_TABLE_HALF_WIDTH, FILM_TABLE_HALF_WIDTH
+    x0, x1, y0, y1 = TABLE_NEAR, TABLE_FAR, -TABLE_HALF_WIDTH, TABLE_HALF_WIDTH
     pieces: list[Piece] = [
         (_plane((x0, y0), (x1, y1), 0.0), _LINEN, CLOTH),
-        (box((x0, y0, -FILM_TABLE_THICKNESS), (x1, y1, -0.0005)), _WOOD, TABLE),
-        (_plane((-9.0, -9.0), (9.0, 9.0), FILM_FLOOR), _CONCRETE, FLOOR),
+        (box((x0, y0, -TABLE_THICKNESS), (x1, y1, -0.0005)), _WOOD, TABLE),
+        (_plane((-9.0, -9.0), (9.0, 9.0), FLOOR_HEIGHT), _CONCRETE, FLOOR),
     ]
     for x in (x0 + 0.03, x1 - 0.08):
         for y in (y0 + 0.03, y1 - 0.08):
-            leg = box((x, y, FILM_FLOOR), (x + 0.05, y + 0.05, -0.03))
+            leg = box((x, y, FLOOR_HEIGHT), (x + 0.05, y + 0.05, -0.03))
             pieces.append((leg, _WOOD, TABLE))
     return pieces
 

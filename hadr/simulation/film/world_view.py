@@ -5,14 +5,15 @@ For people, not for the robot: what the robot's camera sees is made elsewhere.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from hadr.camera import pixel_grid
-from hadr.simulation.film.views import View, side_view
+from hadr.camera import Intrinsics, pixel_grid
+from hadr.handover.poses import camera_at
 from hadr.simulation.film.world_light import Moment, Seen, Solid, rolled_off, room_seen, shade
 from hadr.simulation.film.world_parts import (
     ARM,
@@ -35,20 +36,65 @@ Picture = npt.NDArray[np.uint8]
 _HAND_STEP = 0.0035
 
 
+@dataclass(frozen=True)
+class View:
+    """From where the world is looked at.
+
+    Attributes:
+        base_from_camera: Pose of the OpenCV camera, shape (4, 4), metres.
+        camera: Intrinsics of the picture.
+    """
+
+    base_from_camera: Array
+    camera: Intrinsics
+
+    def pixel(self, point: npt.ArrayLike) -> tuple[float, float]:
+        """Where a point of the base frame, shape (3,), metres, appears: (column, row)."""
+        turn, eye = self.base_from_camera[:3, :3], self.base_from_camera[:3, 3]
+        x, y, z = (np.asarray(point, dtype=np.float64) - eye) @ turn
+        if z <= 0:
+            raise ValueError(f"the point lies {-z:.3f} m behind the camera of this view")
+        c = self.camera
+        return float(c.fx * x / z + c.cx), float(c.fy * y / z + c.cy)
+
+
+def view_from(
+    eye: tuple[float, float, float],
+    look_at: tuple[float, float, float],
+    *,
+    width: int = 640,
+    height: int = 360,
+    across: float = 1.4,
+) -> View:
+    """A view from an eye at a point (base frame, metres), so many metres wide at that point."""
+    distance = float(np.linalg.norm(np.subtract(look_at, eye)))
+    focal = width * distance / across
+    camera = Intrinsics(focal, focal, (width - 1) / 2, (height - 1) / 2, width, height)
+    return View(camera_at(np.array(eye), np.array(look_at)), camera)
+
+
+def side_view(width: int = 640, height: int = 360) -> View:
+    """Robot at the left, human at the right: the film's standard view."""
+    return view_from((0.72, -1.6, 0.80), (0.36, 0.0, 0.32), width=width, height=height, across=1.55)
+
+
+def close_view(point: tuple[float, float, float], width: int = 640, height: int = 360) -> View:
+    """The same side, near to a point (base frame, metres), for what the fingers do."""
+    x, y, z = point
+    eye = (x - 0.05, y - 0.75, z + 0.28)
+    return view_from(eye, point, width=width, height=height, across=0.46)
+
+
 class FilmSet:
     """One held scene, looked at from one view: draws any moment of it.
 
     Args:
         scene: Hand and object.
         view: From where; the side view where left out.
-        flange_from_tool: The gripper's length, shape (4, 4); see `arm_surfaces`.
     """
 
-    def __init__(
-        self, scene: HeldScene, view: View | None = None, flange_from_tool: Array | None = None
-    ) -> None:
+    def __init__(self, scene: HeldScene, view: View | None = None) -> None:
         self.view = view or side_view()
-        self.flange_from_tool = flange_from_tool
         self._hand = scene.hand(step=_HAND_STEP)
         self._sleeve = sleeve(self._hand.surface)
         self._glass = scene.glass()
@@ -72,11 +118,7 @@ class FilmSet:
         return origins, directions
 
     def draw(self, state: WorldState) -> Picture:
-        """Draw one moment.
-
-        Returns:
-            sRGB, shape (H, W, 3) uint8.
-        """
+        """Draw one moment: sRGB, shape (H, W, 3) uint8."""
         return self.render(state)[0]
 
     def render(self, state: WorldState) -> tuple[Picture, npt.NDArray[np.int64]]:
@@ -113,7 +155,7 @@ class FilmSet:
 
     def _pieces(self, state: WorldState) -> list[Piece]:
         """Arm, hand and sleeve where they are."""
-        parts = arm_surfaces(state.joints, state.gripper_width, self.flange_from_tool)
+        parts = arm_surfaces(state.joints, state.gripper_width)
         cuff, blue, _ = self._sleeve
         pieces: list[Piece] = [(surface, np.array([color]), ARM) for surface, color in parts]
         hand = self._hand.surface.moved(state.base_from_wrist)

@@ -8,27 +8,14 @@ product itself.
 
 from __future__ import annotations
 
-from typing import Any
-
 import mujoco
 import numpy as np
 
 from hadr.handover import ur5
-from hadr.handover.dimensions import (
-    BAR_HEIGHT,
-    BAR_LENGTH,
-    FINGER_HEIGHT,
-    FINGER_LENGTH,
-    FINGER_WIDTH,
-    STEM_LENGTH,
-    STEM_RADIUS,
-    TABLE_FAR,
-    TABLE_HALF_WIDTH,
-    TABLE_NEAR,
-    TABLE_THICKNESS,
-)
-from hadr.handover.robot import ArmConfig
+from hadr.handover.gripper import FLANGE_FROM_TOOL
 from hadr.handover.ur5 import Array
+from hadr.simulation.robot.gripper import add_gripper
+from hadr.simulation.world.scenes import TABLE_FAR, TABLE_NEAR
 
 ROBOT, HAND, OBJECT, GROUND = 1, 2, 4, 8
 """Bits that say what collides with what."""
@@ -37,10 +24,6 @@ LINKS: tuple[str, ...] = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_
 """The moving links, each behind the joint of the same number."""
 LINK_MASSES: tuple[float, ...] = (3.7, 8.393, 2.33, 1.219, 1.219, 0.1879)
 """Published masses of the six links in kilograms."""
-GRIPPER_MASSES: dict[str, float] = {"stem": 0.5, "bar": 0.25, "finger": 0.06}
-"""Our gripper's masses in kilograms; one finger."""
-GRIPPER_GEOMS: tuple[str, ...] = ("left_finger", "right_finger", "bar", "stem")
-"""Names of the gripper's collision shapes."""
 ARM_TORQUES: tuple[float, ...] = (150.0, 150.0, 150.0, 28.0, 28.0, 28.0)
 """Largest joint torques in newton metres."""
 
@@ -52,13 +35,12 @@ _SPEED_GAINS = (450.0, 450.0, 260.0, 40.0, 40.0, 18.0)
 _ARMATURES = (0.2, 0.2, 0.2, 0.05, 0.05, 0.05)
 
 
-def add_arm(spec: mujoco.MjSpec, config: ArmConfig, gripper_width: float | None = None) -> None:
+def add_arm(spec: mujoco.MjSpec, *, sliding: bool = True) -> None:
     """Add the arm, its base at the world's origin in the frame `base_link`, and its gripper.
 
     Args:
         spec: What to add it to.
-        config: Home pose, tool and largest opening.
-        gripper_width: Fixes the fingers at this distance, metres; None lets them slide.
+        sliding: Let the fingers slide; False fixes them as wide open as they go.
     """
     spec.compiler.autolimits, spec.compiler.degree = False, False
     base = spec.worldbody.add_body(name="base_link", quat=_quaternion(ur5.BASE_LINK_FROM_DH_BASE))
@@ -109,90 +91,14 @@ def add_arm(spec: mujoco.MjSpec, config: ArmConfig, gripper_width: float | None 
         quat=_quaternion(parent_from_body),
         gravcomp=1.0,
     )
-    _add_gripper(spec, flange, config, gripper_width)
-
-
-def _add_gripper(spec: mujoco.MjSpec, flange: Any, config: ArmConfig, width: float | None) -> None:
-    """Stem, bar and two fingers in the tool frame, which stands on the flange."""
-    pose = config.flange_from_tool
-    tool = flange.add_body(name="tool", pos=pose[:3, 3], quat=_quaternion(pose), gravcomp=1.0)
+    tool = flange.add_body(
+        name="tool",
+        pos=FLANGE_FROM_TOOL[:3, 3],
+        quat=_quaternion(FLANGE_FROM_TOOL),
+        gravcomp=1.0,
+    )
     tool.add_site(name="tool", pos=[0, 0, 0], size=[0.002, 0, 0])
-    back = -FINGER_LENGTH - BAR_LENGTH
-    tool.add_geom(
-        name="stem",
-        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
-        fromto=[0, 0, back, 0, 0, min(back - 0.01, -FINGER_LENGTH - STEM_LENGTH)],
-        size=[STEM_RADIUS, 0, 0],
-        mass=GRIPPER_MASSES["stem"],
-        **_touch(),
-    )
-    tool.add_geom(
-        name="bar",
-        type=mujoco.mjtGeom.mjGEOM_BOX,
-        pos=[0, 0, -FINGER_LENGTH - BAR_LENGTH / 2],
-        size=[config.largest_opening / 2 + FINGER_WIDTH, BAR_HEIGHT / 2, BAR_LENGTH / 2],
-        mass=GRIPPER_MASSES["bar"],
-        **_touch(),
-    )
-    half = (config.largest_opening if width is None else width) / 2
-    for name, side in (("left", -1.0), ("right", 1.0)):
-        # at joint position 0 the finger closes in the middle
-        middle = side * (FINGER_WIDTH / 2 + (0.0 if width is None else half))
-        body = tool.add_body(
-            name=f"{name}_finger", pos=[middle, 0, -FINGER_LENGTH / 2], gravcomp=1.0
-        )
-        if width is None:
-            body.add_joint(
-                name=f"{name}_finger",
-                type=mujoco.mjtJoint.mjJNT_SLIDE,
-                axis=[side, 0, 0],
-                limited=True,
-                range=[0.0, config.largest_opening / 2],
-                armature=0.1,
-                damping=2.0,
-            )
-        body.add_geom(
-            name=f"{name}_finger",
-            type=mujoco.mjtGeom.mjGEOM_BOX,
-            size=[FINGER_WIDTH / 2, FINGER_HEIGHT / 2, FINGER_LENGTH / 2],
-            mass=GRIPPER_MASSES["finger"],
-            # rubber pads: they give way by about a millimetre and resist twisting
-            condim=4,
-            friction=[1.0, 0.02, 0.001],
-            solref=[0.015, 1.0],
-            solimp=[0.8, 0.95, 0.002, 0.5, 2.0],
-            priority=1,
-            **_touch(),
-        )
-    if width is None:
-        _couple_fingers(spec)
-
-
-def _couple_fingers(spec: mujoco.MjSpec) -> None:
-    """Both fingers move by the same way, drawn by one motor; its length is half the opening."""
-    spec.add_equality(
-        name="fingers",
-        type=mujoco.mjtEq.mjEQ_JOINT,
-        objtype=mujoco.mjtObj.mjOBJ_JOINT,
-        name1="left_finger",
-        name2="right_finger",
-        data=[0, 1, *[0] * 10],
-        solref=[0.005, 1.0],
-    )
-    tendon = spec.add_tendon(name="fingers")
-    tendon.wrap_joint("left_finger", 0.5)
-    tendon.wrap_joint("right_finger", 0.5)
-    motor = spec.add_actuator(
-        name="fingers",
-        target="fingers",
-        trntype=mujoco.mjtTrn.mjTRN_TENDON,
-        gaintype=mujoco.mjtGain.mjGAIN_FIXED,
-        biastype=mujoco.mjtBias.mjBIAS_AFFINE,
-        forcelimited=True,
-        forcerange=[-14.0, 14.0],
-    )
-    motor.gainprm[0] = 6000.0
-    motor.biasprm[:3] = [0.0, -6000.0, -60.0]
+    add_gripper(spec, tool, _touch(), sliding=sliding)
 
 
 def _add_servo(spec: mujoco.MjSpec, index: int) -> None:
@@ -210,10 +116,10 @@ def _add_servo(spec: mujoco.MjSpec, index: int) -> None:
         servo.biasprm[1 if kind == "position" else 2] = -gain
 
 
-def kinematic_model(config: ArmConfig) -> mujoco.MjModel:
+def kinematic_model() -> mujoco.MjModel:
     """The arm alone, fingers open and fixed, with the table: all shapes may collide."""
     spec = mujoco.MjSpec()
-    add_arm(spec, config, gripper_width=config.largest_opening)
+    add_arm(spec, sliding=False)
     add_table(spec)
     for geom in spec.geoms:
         geom.contype = geom.conaffinity = 1
@@ -221,12 +127,12 @@ def kinematic_model(config: ArmConfig) -> mujoco.MjModel:
 
 
 def add_table(spec: mujoco.MjSpec) -> None:
-    """Add the robot's own table, whose top is z = 0."""
+    """Add the robot's own table, whose top is z = 0: so wide that nothing falls past it."""
     spec.worldbody.add_geom(
         name="table",
         type=mujoco.mjtGeom.mjGEOM_BOX,
-        pos=[round((TABLE_NEAR + TABLE_FAR) / 2, 6), 0.0, -TABLE_THICKNESS / 2],
-        size=[(TABLE_FAR - TABLE_NEAR) / 2, TABLE_HALF_WIDTH, TABLE_THICKNESS / 2],
+        pos=[round((TABLE_NEAR + TABLE_FAR) / 2, 6), 0.0, -0.015],
+        size=[(TABLE_FAR - TABLE_NEAR) / 2, 0.80, 0.015],
         contype=GROUND,
         conaffinity=OBJECT,
     )

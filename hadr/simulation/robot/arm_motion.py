@@ -14,10 +14,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from hadr.handover import ur5
+from hadr.handover.gripper import FLANGE_FROM_TOOL
 from hadr.handover.robot import ArmConfig
 from hadr.handover.ur5 import Array, UnreachableError
 from hadr.simulation.robot.arm_model import kinematic_model
-from hadr.simulation.robot.motion_limits import MotionConfig, MotionRows
+from hadr.simulation.robot.motion_limits import TOOL_SPEED, MotionConfig, MotionRows
+
+TOOL_ACCELERATION = 0.8
+"""How hard the tool slows down before its target, m/s2."""
 
 
 @dataclass
@@ -37,14 +41,14 @@ class ArmMotion:
     velocity: Array = field(init=False)
 
     def __post_init__(self) -> None:
-        model = kinematic_model(self.arm)
+        model = kinematic_model()
         self.joints, self.velocity = self.arm.home.copy(), np.zeros(6)
         self._configuration = mink.Configuration(model, self.joints)
         self._trial = mink.Configuration(model, self.joints)
         self.rows = MotionRows(model, self.arm, self.motion)
         self._site = model.site("tool").id
         self._frame = mink.FrameTask("tool", "site", position_cost=1.0, orientation_cost=0.3)
-        self._posture = mink.PostureTask(model, cost=self.motion.posture_weight)
+        self._posture = mink.PostureTask(model, cost=0.02)
         self._goal: Array | None = None
         self._goal_pose = np.zeros((4, 4))
         self._way = [self.joints]
@@ -75,7 +79,7 @@ class ArmMotion:
         """
         start = self.joints if near is None else near
         target = ur5.check_pose(base_from_tool, "base_from_tool")
-        flange = ur5.BASE_LINK_FROM_DH_BASE @ target @ np.linalg.inv(self.arm.flange_from_tool)
+        flange = ur5.BASE_LINK_FROM_DH_BASE @ target @ np.linalg.inv(FLANGE_FROM_TOOL)
         found = ur5.inverse_kinematics(flange, free_angle=float(start[5]))
         found = ur5.nearest_turns(found, start)
         problems = []
@@ -88,11 +92,7 @@ class ArmMotion:
             raise UnreachableError(f"no joint angles keep every limit: {problems[0]}")
 
     def _plan(self, target: Array) -> None:
-        """Choose joint angles for a target, and the points in joint space on the way to them.
-
-        A target near the one before keeps its branch of solutions. To another one the tool goes
-        straight if it can, else straight in joint space, to another branch or past the home pose.
-        """
+        """Choose joint angles for a target, and the way: straight, or in joint space."""
         moved = (1.0, 1.0) if self._goal is None else _difference(self._goal_pose, target)
         if moved[0] < 0.005 and moved[1] < 0.03:
             return
@@ -181,11 +181,7 @@ class ArmMotion:
         self.put(self.joints + velocity * dt, velocity)
 
     def _reference(self, now: Array, target: Array, dt: float) -> Array:
-        """The tool pose (4, 4) for the next moment, on the line from where the way began.
-
-        Joints that are at their limits push the tool off the line; it then goes on more slowly
-        until it is back.
-        """
+        """The tool pose for the next moment, on the way's line; slower while joints push it off."""
         c = self.motion
         moving = self._configuration.get_frame_jacobian("tool", "site") @ self.velocity
         speed, spin = float(np.linalg.norm(moving[:3])), float(np.linalg.norm(moving[3:]))
@@ -196,10 +192,10 @@ class ArmMotion:
         aside = left - along
         ahead, off = float(np.linalg.norm(along)), float(np.linalg.norm(aside))
         fast = min(
-            _slowing(ahead, c.tool_speed, c.tool_acceleration, dt) / (1 + off / 0.004),
-            speed + c.tool_acceleration * dt,
+            _slowing(ahead, TOOL_SPEED, TOOL_ACCELERATION, dt) / (1 + off / 0.004),
+            speed + TOOL_ACCELERATION * dt,
         )
-        back = _slowing(off, c.tool_speed / 2, c.tool_acceleration, dt)
+        back = _slowing(off, TOOL_SPEED / 2, TOOL_ACCELERATION, dt)
         angle = _difference(now, target)[1]
         turn = min(
             _slowing(angle, c.turn_speed, c.turn_acceleration, dt), spin + c.turn_acceleration * dt

@@ -17,37 +17,30 @@ import numpy as np
 from hadr.handover import ur5
 from hadr.handover.robot import ArmConfig
 from hadr.handover.ur5 import Array
-from hadr.simulation.robot.arm_model import GRIPPER_GEOMS
+from hadr.simulation.robot.gripper import GRIPPER_GEOMS
 
 
 @dataclass(frozen=True)
 class MotionConfig:
-    """How the arm may move.
+    """How hard the arm may move.
 
     Attributes:
         joint_acceleration: Largest acceleration of a joint, rad/s2.
-        tool_speed: Largest speed of the tool point, m/s.
-        tool_acceleration: How hard the tool slows down before its target, m/s2.
         turn_speed: Largest speed of the tool's rotation on a straight way, rad/s.
         turn_acceleration: How hard the rotation slows down, rad/s2.
-        clearance: Free space that links and gripper keep to each other and to the table, metres.
-        margin: The commanded tool point stays this far inside the workspace box, metres.
-        posture_weight: Pull of the chosen joint angles beside that of the straight way.
     """
 
     joint_acceleration: float = 5.0
-    tool_speed: float = 0.35
-    tool_acceleration: float = 0.8
     turn_speed: float = 1.5
     turn_acceleration: float = 4.0
-    clearance: float = 0.008
-    margin: float = 0.004
-    posture_weight: float = 0.02
 
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if not (np.isfinite(value) and value > 0):
-                raise ValueError(f"{name} must be a positive number, got {value}")
+
+TOOL_SPEED = 0.35
+"""Largest speed of the tool point, m/s."""
+CLEARANCE = 0.008
+"""Free space that links and gripper keep to each other and to the table, metres."""
+MARGIN = 0.004
+"""The commanded tool point stays this far inside the workspace box, metres."""
 
 
 def _directions() -> Array:
@@ -84,7 +77,7 @@ class MotionRows(mink.Limit):  # type: ignore[misc]
                 (("forearm", "forearm_1"), ("wrist_3", *GRIPPER_GEOMS)),
                 (("table",), _LOW_PARTS),
             ],
-            minimum_distance_from_collisions=motion.clearance,
+            minimum_distance_from_collisions=CLEARANCE,
             collision_detection_distance=0.2,
         )
 
@@ -95,8 +88,8 @@ class MotionRows(mink.Limit):  # type: ignore[misc]
         if np.any(joints < ur5.JOINT_LOWER) or np.any(joints > ur5.JOINT_UPPER):
             return f"joint angles {np.round(joints, 3)} rad lie outside the joint limits"
         tool = data.site_xpos[self._tool]
-        m = self.motion.margin
-        if not (np.all(tool >= np.add(space.lower, m)) and np.all(tool <= np.add(space.upper, -m))):
+        low, high = np.add(space.lower, MARGIN), np.add(space.upper, -MARGIN)
+        if not (np.all(tool >= low) and np.all(tool <= high)):
             return f"tool point {np.round(tool, 3)} m lies outside the workspace box"
         reach = float(np.linalg.norm(data.site_xpos[self._flange] - self._shoulder))
         if reach > ur5.REACH:
@@ -107,7 +100,7 @@ class MotionRows(mink.Limit):  # type: ignore[misc]
         model = configuration.model
         for first, second in self._apart.geom_id_pairs:
             gap = mujoco.mj_geomDistance(model, data, first, second, 0.02, None)
-            if gap < self.motion.clearance:
+            if gap < CLEARANCE:
                 names = f"{model.geom(first).name} and {model.geom(second).name}"
                 return f"{names} would be {1000 * gap:.0f} mm apart"
         return ""
@@ -124,9 +117,9 @@ class MotionRows(mink.Limit):  # type: ignore[misc]
         down = np.minimum(self.speed, step - self.velocity) * dt
         down = np.minimum(down, (data.qpos - ur5.JOINT_LOWER) * share)
         tool = self._jacobian(model, data, self._tool)
-        place, m = data.site_xpos[self._tool], self.motion.margin
+        place = data.site_xpos[self._tool]
         along = _DIRECTIONS @ tool
-        fast = np.full(len(along), self.motion.tool_speed * _ROUNDNESS * dt)
+        fast = np.full(len(along), TOOL_SPEED * _ROUNDNESS * dt)
         heights = np.stack([self._jacobian(model, data, i)[2] for i in self._points])
         above = (data.site_xpos[self._points, 2] - space.table) * share
         away = data.site_xpos[self._flange] - self._shoulder
@@ -137,8 +130,8 @@ class MotionRows(mink.Limit):  # type: ignore[misc]
         near = np.isfinite(apart.h)
         rows = [np.eye(6), -np.eye(6), tool, -tool, along, -along, -heights, out[None]]
         bounds = [up, down]
-        bounds += [(np.asarray(space.upper) - m - place) * share]
-        bounds += [(place - np.asarray(space.lower) - m) * share]
+        bounds += [(np.asarray(space.upper) - MARGIN - place) * share]
+        bounds += [(place - np.asarray(space.lower) - MARGIN) * share]
         bounds += [fast, fast, above, np.array([(ur5.REACH - reach) * share])]
         G = np.concatenate([*rows, apart.G[near]])
         h = np.concatenate([*bounds, apart.h[near]])

@@ -6,50 +6,29 @@ that is not renewed in time makes the arm brake, as a real UR5 does when its cli
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 
 from hadr.handover import ur5
+from hadr.handover.gripper import LARGEST_OPENING
 from hadr.handover.robot import ArmConfig
-from hadr.handover.safety import singularity
 from hadr.handover.ur5 import Array, UnreachableError
 from hadr.simulation.robot.arm_motion import ArmMotion
 from hadr.simulation.robot.motion_limits import MotionConfig
 
-
-@dataclass(frozen=True)
-class PhysicalArmConfig:
-    """Settings of the physical arm.
-
-    Attributes:
-        arm: Home, tool, speed, gripper and workspace.
-        motion: How it may move.
-        gentle_force: Force of a finger while the human still holds the object, newtons.
-        firm_force: Force of a finger once the gripper alone holds it, newtons.
-        opening_force: Force of a finger that opens in a protective stop, newtons.
-        force_rise: How fast the fingers' force may grow, newtons per second.
-        protective_force: Force on the hand at which the arm freezes, newtons.
-        emergency_deceleration: Of the joints in a protective stop, rad/s2.
-        least_singular_value: Where the Jacobian's smallest singular value is less, a pose counts as
-            out of reach, see `hadr.handover.safety.singularity`.
-    """
-
-    arm: ArmConfig = field(default_factory=lambda: ArmConfig(speed_fraction=0.35))
-    motion: MotionConfig = field(default_factory=MotionConfig)
-    gentle_force: float = 7.0
-    firm_force: float = 22.0
-    opening_force: float = 3.0
-    force_rise: float = 20.0
-    protective_force: float = 9.0
-    emergency_deceleration: float = 20.0
-    least_singular_value: float = 0.005
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if name not in ("arm", "motion") and not (np.isfinite(value) and value > 0):
-                raise ValueError(f"{name} must be a positive number, got {value}")
+GENTLE_FORCE, FIRM_FORCE, OPENING_FORCE = 7.0, 22.0, 3.0
+"""Force of a finger, newtons: while the human still holds the object, once the gripper alone holds
+it, and while it opens in a protective stop."""
+FORCE_RISE = 20.0
+"""How fast the fingers' force may grow, newtons per second."""
+PROTECTIVE_FORCE = 9.0
+"""Force on the hand at which the arm freezes, newtons."""
+EMERGENCY_DECELERATION = 20.0
+"""Of the joints in a protective stop, rad/s2."""
+LEAST_SINGULAR_VALUE = 0.005
+"""A pose of a smaller `hadr.handover.ur5.singularity` counts as out of reach."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +69,8 @@ class PhysicalUR5:
     Args:
         model: The world's model; this robot changes the motor limits of its gripper.
         data: The world's state; this robot writes its controls.
-        config: Settings.
+        arm: Home, speed, fingers and workspace.
+        motion: How it may move.
 
     Attributes:
         protective_stop: Why the arm has frozen; empty while it has not.
@@ -100,12 +80,13 @@ class PhysicalUR5:
         self,
         model: mujoco.MjModel,
         data: mujoco.MjData,
-        config: PhysicalArmConfig | None = None,
+        arm: ArmConfig,
+        motion: MotionConfig,
     ) -> None:
-        self.config = config or PhysicalArmConfig()
+        self.arm, self.motion = arm, motion
         self.protective_stop = ""
         self._model, self._data = model, data
-        self._motion = ArmMotion(self.config.arm, self.config.motion)
+        self._motion = ArmMotion(arm, motion)
         self._site = model.site("tool").id
         self._position = np.array([model.actuator(f"position_{i}").id for i in range(1, 7)])
         self._speed = np.array([model.actuator(f"speed_{i}").id for i in range(1, 7)])
@@ -117,14 +98,14 @@ class PhysicalUR5:
         self._stopped = False
         self._touch = np.zeros(6)
         self._released_at = -np.inf
-        self._opening = self._target_opening = self.config.arm.largest_opening
-        data.qpos[self._joints] = self.config.arm.home
+        self._opening = self._target_opening = LARGEST_OPENING
+        home = arm.home
+        data.qpos[self._joints] = home
         data.qpos[self._fingers] = self._opening / 2
-        home = self.config.arm.home
         still = (np.zeros(6), np.zeros(6))
         self._stretch = _Stretch(data.time - 0.02, 0.02, (home, home), still)
         self.home_pose: Array = self._motion.tool_pose_at(home)
-        self._force = self._wanted_force = self.config.gentle_force
+        self._force = self._wanted_force = GENTLE_FORCE
         self.drive()
 
     def tool_pose(self) -> Array:
@@ -148,7 +129,11 @@ class PhysicalUR5:
             joints = next(self._motion.joint_goals(base_from_tool))
         except UnreachableError:
             return False
-        return singularity(joints) >= self.config.least_singular_value
+        return self.singularity(joints) >= LEAST_SINGULAR_VALUE
+
+    def singularity(self, joints: Array) -> float:
+        """See `hadr.handover.ur5.singularity`."""
+        return ur5.singularity(joints)
 
     def servo_to(self, base_from_tool: Array, dt: float) -> None:
         """Set the command for the next dt seconds: move toward a tool pose.
@@ -207,36 +192,31 @@ class PhysicalUR5:
         Raises:
             ValueError: The width is not finite or lies outside 0 to the largest opening.
         """
-        largest = self.config.arm.largest_opening
-        if not 0 <= width <= largest:
-            raise ValueError(f"gripper width must lie between 0 and {largest} m, got {width}")
+        if not 0 <= width <= LARGEST_OPENING:
+            raise ValueError(
+                f"gripper width must lie between 0 and {LARGEST_OPENING} m, got {width}"
+            )
         if not self.protective_stop:
             self._target_opening = width
 
     def gripper_width(self) -> float:
         """Return the distance between the fingers now, metres."""
         width = float(self._data.qpos[self._fingers].sum())
-        return min(max(width, 0.0), self.config.arm.largest_opening)
+        return min(max(width, 0.0), LARGEST_OPENING)
 
     def tool_wrench(self) -> Array:
         """Return force and torque about the tool point of what the gripper touches on it, (6,)."""
         return self._touch.copy()
 
     def touched(self, wrench: Array, dt: float) -> None:
-        """Tell the sensor at the wrist of the contacts in dt seconds; it smooths over 20 ms.
-
-        Args:
-            wrench: Force and torque about the tool point on the gripper, shape (6,), N and N m,
-                base frame.
-            dt: Seconds.
-        """
+        """Tell the wrist's sensor what touched the gripper in dt seconds; it smooths over 20 ms."""
         self._touch += (wrench - self._touch) * min(1.0, dt / 0.02)
 
     def set_firm_grip(self, firm: bool) -> None:
         """Let the fingers press firmly (the gripper alone holds), or only gently."""
-        force = self.config.firm_force if firm else self.config.gentle_force
+        force = FIRM_FORCE if firm else GENTLE_FORCE
         if self.protective_stop and not firm:
-            force = min(force, self.config.opening_force)
+            force = min(force, OPENING_FORCE)
         self._wanted_force = force
 
     def feel(self, force: float, *, open_fingers: bool) -> None:
@@ -248,23 +228,23 @@ class PhysicalUR5:
                 that nobody else holds.
         """
         released = self._data.time < self._released_at + 0.5
-        allowed = self.config.protective_force * (1.5 if released else 1.0)
+        allowed = PROTECTIVE_FORCE * (1.5 if released else 1.0)
         if force <= allowed or self.protective_stop:
             return
         self.protective_stop = f"{force:.1f} N on the hand, more than {allowed:.1f} N"
         if open_fingers:
             self.set_firm_grip(False)
-            self._target_opening = self.config.arm.largest_opening
+            self._target_opening = LARGEST_OPENING
 
     def drive(self) -> None:
         """Write the motors' commands for this moment; the world calls it before each step."""
-        now, c = self._data.time, self.config
+        now = self._data.time
         halt = self._stopped or bool(self.protective_stop)
         if now >= self._stretch.end - 1e-9 or (halt and self._stretch.start < now):
             joints, velocity = self._stretch.at(now)
             self._motion.put(joints, velocity)
             urgent = bool(self.protective_stop)
-            rate = c.emergency_deceleration if urgent else c.motion.joint_acceleration
+            rate = EMERGENCY_DECELERATION if urgent else self.motion.joint_acceleration
             step = self._model.opt.timestep
             self._motion.brake(step, rate)
             after = (self._motion.joints, self._motion.velocity)
@@ -272,10 +252,10 @@ class PhysicalUR5:
         joints, velocity = self._stretch.at(now + self._model.opt.timestep)
         self._data.ctrl[self._position] = joints
         self._data.ctrl[self._speed] = velocity
-        step = c.arm.finger_speed * self._model.opt.timestep
+        step = self.arm.finger_speed * self._model.opt.timestep
         self._opening += float(np.clip(self._target_opening - self._opening, -step, step))
         self._data.ctrl[self._grip] = self._opening / 2
-        rise = c.force_rise * self._model.opt.timestep
+        rise = FORCE_RISE * self._model.opt.timestep
         self._force = min(self._force + rise, self._wanted_force)
         # half of the motor's force acts on each finger
         self._model.actuator_forcerange[self._grip] = [-2 * self._force, 2 * self._force]

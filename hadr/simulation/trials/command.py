@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import importlib.util
+import os
+import sys
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,10 +18,13 @@ from hadr.records.output_folder import check_file, check_folder
 from hadr.records.provenance import machine_text, provenance, record_of, usable_cores
 from hadr.records.result_file import write_result_file
 from hadr.records.writing import sole_owner
-from hadr.simulation.world.trial_set import TRIAL_HOLDS, TRIAL_OBJECTS
+from hadr.simulation.trials import TRIAL_HOLDS, TRIAL_OBJECTS
 
 if TYPE_CHECKING:
-    from hadr.simulation.trials.trial import Condition
+    from hadr.handover.stages import Stage
+    from hadr.simulation.trials.trial import Condition, Run, Trial
+    from hadr.simulation.world.physics import World
+    from hadr.simulation.world.state import WorldState
 
 _WHAT = "handover attempts in simulation"
 """How the file of the rows begins."""
@@ -67,9 +73,9 @@ class Options:
     """Let a simulated UR5 take glasses out of a human's hand; count its successes.
 
     Each attempt is one object in one holding pose. The world is physical (MuJoCo);
-    the robot sees it through one simulated depth camera, ten times a second. A condition
-    of the experiment says whose depth of the glass the robot believes, or which
-    part of the method is switched off. All conditions meet the same hands, motions and
+    the robot sees it through one simulated depth camera, ten times a second. A
+    condition of the experiment says whose depth of the glass the robot believes, or
+    which part of the method is switched off. All meet the same hands, motions and
     noise.
     """
 
@@ -132,7 +138,6 @@ def run(options: Options) -> int:
         run_attempts,
     )
     from hadr.simulation.trials.trial import Trial
-    from hadr.simulation.trials.watch import check_display, watch_trial
 
     if options.watch:
         check_display()
@@ -180,8 +185,7 @@ def run(options: Options) -> int:
 
 def _replay(path: Path) -> int:
     """Replay an attempt's log, and print what happened in the order of time."""
-    from hadr.handover.replay import replay
-    from hadr.handover.run_log import read_run_log
+    from hadr.handover.run_log import read_run_log, replay
 
     if path.is_dir():
         raise ValueError(f"--replay {path} is a folder, expected a log, such as 0004-902-log.npz")
@@ -193,9 +197,9 @@ def _replay(path: Path) -> int:
     changes = [
         (t.time, 1, f"{t.before.value} -> {t.after.value}: {t.reason}") for t in again.transitions
     ]
-    cautions = [(time, 0, f"  caution: {words}") for time, words in log.cautions if words]
-    for time, _, words in sorted([*changes, *cautions], key=lambda line: line[:2]):
-        print(f"{time:6.2f} s  {words}")
+    cautions = [(at, 0, f"  caution: {words}") for at, words in log.cautions if words]
+    for at, _, words in sorted([*changes, *cautions], key=lambda line: line[:2]):
+        print(f"{at:6.2f} s  {words}")
     print(f"replayed {path}: the same {_count(len(changes), 'change')} of stage, the same commands")
     return 0
 
@@ -233,6 +237,44 @@ def check_packages() -> None:
         )
 
 
+def check_display() -> None:
+    """Check that a window can be opened.
+
+    Raises:
+        ValueError: There is no display; the message says what to do instead.
+    """
+    seen = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    if sys.platform.startswith("linux") and not seen:
+        raise ValueError(
+            "--watch opens a window, but there is no display (DISPLAY is not set); "
+            "--film writes an MP4 of each attempt instead"
+        )
+
+
+def watch_trial(trial: Trial) -> Run:
+    """Make one attempt and show it at the speed of life, or slower where the machine is."""
+    check_display()
+    import mujoco.viewer
+
+    from hadr.simulation.trials.trial import run_trial
+
+    viewer = None
+    started = time.perf_counter()
+
+    def show(world: World, state: WorldState, stage: Stage) -> None:
+        nonlocal viewer
+        if viewer is None:
+            viewer = mujoco.viewer.launch_passive(*world.physics)
+        viewer.sync()
+        time.sleep(max(0.0, started + state.time - time.perf_counter()))
+
+    try:
+        return run_trial(trial, on_step=show)
+    finally:
+        if viewer is not None:
+            viewer.close()
+
+
 def _count(number: int, what: str) -> str:
     return f"{number} {what}" + ("" if number == 1 else "s")
 
@@ -250,8 +292,8 @@ def _origin_of_masks(conditions: Sequence[str]) -> str:
     """Say of which conditions masks and keypoints are the simulator's, and of which networks'."""
     from hadr.simulation.trials.trial import finds_by_networks
 
-    told = [condition for condition in conditions if not finds_by_networks(condition)]
-    found = [condition for condition in conditions if finds_by_networks(condition)]
+    told = [name for name in conditions if not finds_by_networks(name)]
+    found = [name for name in conditions if finds_by_networks(name)]
     words = []
     if told:
         of = f" for {', '.join(told)}" if found else ""

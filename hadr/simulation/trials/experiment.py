@@ -1,4 +1,4 @@
-"""The experiment: 8 objects, 6 holds each, once for every condition; resumable, on several cores.
+"""The experiment: 8 objects, 6 holds each, once in every condition; resumable, on several cores.
 
     OUT/hadr/0004-902.json   a finished attempt: its outcome, sealed by a checksum
     OUT/hadr/0004-902.npz    the states of the world, for films and for a second look
@@ -32,11 +32,10 @@ from hadr.handover.stages import Stage, Transition
 from hadr.records.provenance import plain, record_of
 from hadr.records.result_file import digest, seal_row, sealed_row
 from hadr.simulation.film.film import film_frames, write_film
+from hadr.simulation.trials import TRIAL_HOLDS, TRIAL_OBJECTS
 from hadr.simulation.trials.trial import Condition, Trial, run_trial
 from hadr.simulation.world.scenes import HeldScene, held_scene
-from hadr.simulation.world.state import WorldState
-from hadr.simulation.world.state_record import load_states, save_states
-from hadr.simulation.world.trial_set import TRIAL_HOLDS, TRIAL_OBJECTS
+from hadr.simulation.world.state import WorldState, load_states, save_states
 
 Report = Callable[[Trial, dict[str, Any]], None]
 """Told of each attempt and its outcome, finished now or before."""
@@ -52,15 +51,8 @@ def attempts(
 ) -> list[Trial]:
     """List a condition's attempts, object by object.
 
-    Args:
-        condition: Which condition of the experiment.
-        objects: Ids of the objects.
-        holds: Numbers of the holding poses.
-        seed: Seed of places, motions and noise; the same for all conditions: they are paired.
-        template: What else the attempts share, such as a faster hand.
-
-    Returns:
-        ``len(objects) * len(holds)`` attempts.
+    Seed and holds are the same in all conditions, which are thus paired; `template` has what else
+    the attempts share, such as a faster hand.
     """
     shared = template or Trial(objects[0], holds[0])
     return [
@@ -85,11 +77,8 @@ def run_attempts(
         The outcomes in the attempts' order.
 
     Raises:
-        ValueError: jobs is less than 1.
         KeyboardInterrupt: Interrupted. What was under way is lost, what was finished stays.
     """
-    if jobs < 1:
-        raise ValueError(f"jobs must be at least 1, got {jobs}")
     trials = list(trials)
     found = [_finished_row(out, t) for t in trials]
     missing = [i for i, row in enumerate(found) if row is None]
@@ -167,12 +156,7 @@ def _end_with_parent() -> None:
 
 
 def is_finished(out: Path, trial: Trial) -> bool:
-    """Say whether an attempt is whole and of this code, so that it is not made again.
-
-    Args:
-        out: The folder that `run_attempts` writes to.
-        trial: Which attempt.
-    """
+    """Say whether an attempt is whole and of this code, so that it is not made again."""
     return _finished_row(out, trial) is not None
 
 
@@ -280,9 +264,7 @@ def film_path(out: Path, trial: Trial) -> Path:
 def film_of_attempt(out: Path, trial: Trial) -> Path:
     """Write a finished attempt's film beside its files; its last caption says the verdict.
 
-    Raises:
-        FileNotFoundError: As `finished_attempt`.
-        ValueError: As `finished_attempt`.
+    Raises as `finished_attempt`.
     """
     row, states, changes, scene = finished_attempt(out, trial)
     frames = film_frames(states, scene, changes, ending=ending_of(row))
@@ -295,10 +277,7 @@ def ending_of(row: dict[str, Any]) -> str:
 
 
 def verdicts(outcomes: Sequence[dict[str, Any]]) -> dict[str, str]:
-    """The judge's word on each attempt, by the attempt's name, such as ``0004-902``.
-
-    Args:
-        outcomes: What `run_attempts` gave, or `read_row` of each file.
+    """The judge's word on each attempt of `run_attempts`, by its name, such as ``0004-902``.
 
     Raises:
         ValueError: An attempt is there twice.

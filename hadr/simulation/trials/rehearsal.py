@@ -12,8 +12,8 @@ import numpy as np
 
 from hadr.camera import transform_points
 from hadr.hand import HandShape
-from hadr.handover.dimensions import FINGER_HEIGHT, FINGER_LENGTH
 from hadr.handover.grasping.collision import hand_distance
+from hadr.handover.gripper import FINGER_HEIGHT, FINGER_LENGTH
 from hadr.handover.observation import Observation
 from hadr.handover.poses import pose_distance
 from hadr.handover.robot import SimulatedUR5
@@ -81,8 +81,6 @@ def visible_points(scene: HeldScene, viewpoint: Array, spacing: float = 0.004) -
 class MovingHand:
     """A hand that drifts and turns smoothly about where it started, seen by a camera.
 
-    It is a `hadr.simulation.world.state.HandPath`, and what perception says of it.
-
     Attributes:
         scene: Hand and glass at rest.
         base_from_camera: Where the camera stands, shape (4, 4), metres.
@@ -140,15 +138,9 @@ class MovingHand:
 
 
 def width_between(base_from_tool: Array, base_from_glass: Array, glass: GlassObject) -> float:
-    """How wide a glass is between the fingers.
+    """How wide a glass is between the fingers, metres along the closing axis; 0: not there.
 
-    Args:
-        base_from_tool: Tool pose, shape (4, 4), metres.
-        base_from_glass: Pose of the glass, shape (4, 4), metres.
-        glass: Which object.
-
-    Returns:
-        Metres along the closing axis; 0 where no part of the glass is between the fingers.
+    The tool pose and that of the glass, (4, 4), are in the base frame, metres.
     """
     points = transform_points(
         np.linalg.inv(base_from_tool) @ base_from_glass, bodies(glass)[0].vertices

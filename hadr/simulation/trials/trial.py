@@ -8,12 +8,13 @@ comes from the attempt's seed, so the same attempt ends in the same way.
 from __future__ import annotations
 
 import hashlib
+import re
 import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal, cast, get_args
 
 import numpy as np
 
@@ -35,10 +36,9 @@ from hadr.simulation.camera.sight import (
     bundled_finder,
 )
 from hadr.simulation.robot.motion_limits import MotionConfig
-from hadr.simulation.robot.physical_arm import PhysicalArmConfig
-from hadr.simulation.world.hand_motions import HandMotionConfig, motion_for
+from hadr.simulation.world.hand_motions import motion_for
 from hadr.simulation.world.judge import Judge, Verdict
-from hadr.simulation.world.physics import World, WorldConfig
+from hadr.simulation.world.physics import World
 from hadr.simulation.world.scenes import HeldScene, held_scene
 from hadr.simulation.world.state import WorldState
 from hadr.synthesis.glass.objects import glass_object
@@ -54,16 +54,6 @@ Condition = Literal[
     "hadr-plus-networks",
 ]
 CONDITIONS: tuple[Condition, ...] = get_args(Condition)
-_DEPTH_OF: dict[Condition, DepthSource] = {
-    "raw": "raw",
-    "inpainted": "inpainted",
-    "hadr": "hadr",
-    "hadr-plus": "hadr-plus",
-    "perfect": "perfect",
-    "hadr-no-rescoring": "hadr",
-    "hadr-no-tracking": "hadr",
-    "hadr-plus-networks": "hadr-plus",
-}
 CODE = ("hadr.simulation.trials.trial", "hadr.models.hadr", "hadr.models.hadr_plus")
 """Modules with which an attempt begins: this one, and those of networks that are loaded by name."""
 CONTROL_STEP, SIGHT_STEP = 0.02, 0.1
@@ -86,12 +76,8 @@ ATTEMPT_CONFIG = HandoverConfig(
 """Settings of all attempts, found on holds that are none of the experiment's. Keypoints with an
 error of 4 mm make the pre-grasp move by more than the standard 5 mm although the hand rests, and
 the program that moves this arm holds its limits nearer to a singular pose than the standard."""
-ATTEMPT_WORLD = WorldConfig(
-    arm=PhysicalArmConfig(
-        arm=ArmConfig(speed_fraction=0.6, finger_speed=0.15),
-        motion=MotionConfig(joint_acceleration=9.0, turn_speed=2.0, turn_acceleration=6.0),
-    )
-)
+ATTEMPT_ARM = ArmConfig(speed_fraction=0.6, finger_speed=0.15)
+ATTEMPT_MOTION = MotionConfig(joint_acceleration=9.0, turn_speed=2.0, turn_acceleration=6.0)
 
 
 @dataclass(frozen=True)
@@ -101,8 +87,8 @@ class Trial:
     Attributes:
         object_id: Which object.
         hold_number: Which of its holding poses.
-        arm: The condition, by the name of results: whose depth the robot sees, and what is switched
-            off; with "-networks" mask and keypoints are those of networks, too.
+        arm: The condition, as doctors call it in a trial: whose depth the robot sees, and what is
+            switched off; with "-networks" mask and keypoints are those of networks, too.
         seed: Seed of place, motion, noise and of the grasps' draws.
         hand_speed: Factor on the speed of the hand's motion.
         extrinsics_error_deg: The camera stands turned by this angle from what its calibration says.
@@ -158,19 +144,21 @@ def _code() -> str:
     return code_digest(*CODE, without=("hadr.models.networks",))  # it leads to every network
 
 
-def network_files(condition: Condition) -> dict[str, Path]:
+def depth_source(arm: Condition) -> DepthSource:
+    """Where a condition's depth comes from: its name without what is switched off or added."""
+    return cast("DepthSource", re.sub("-(no-rescoring|no-tracking|networks)$", "", arm))
+
+
+def network_files(arm: Condition) -> dict[str, Path]:
     """The bundled checkpoints that a condition uses, by their names in `sight`."""
-    names = [
-        _DEPTH_OF[condition],
-        *(("segmentation", "keypoints") if finds_by_networks(condition) else ()),
-    ]
+    names = [depth_source(arm), *(("segmentation", "keypoints") if finds_by_networks(arm) else ())]
     used = [name for name in names if name in CHECKPOINTS]
     return {name: samples_dir() / "checkpoints" / CHECKPOINTS[name] for name in used}
 
 
-def finds_by_networks(condition: str) -> bool:
+def finds_by_networks(arm: str) -> bool:
     """Say whether networks find mask and keypoints, which else come from the simulator."""
-    return condition.endswith("-networks")
+    return arm.endswith("-networks")
 
 
 def _file_sha256(path: Path) -> str:
@@ -277,18 +265,12 @@ def run_trial(
     """
     started = clock.perf_counter()
     scene = held_scene(trial.object_id, trial.hold_number, trial.seed)
-    path = motion_for(
-        trial.object_id,
-        trial.hold_number,
-        trial.seed,
-        config=HandMotionConfig(speed=trial.hand_speed),
-        scene=scene,
-    )
-    world = World(scene, path, ATTEMPT_WORLD)
+    motion = motion_for(scene, trial.hold_number, trial.seed, speed=trial.hand_speed)
+    world = World(scene, motion.moved, ATTEMPT_ARM, ATTEMPT_MOTION)
     camera = RobotCamera().miscalibrated(trial.extrinsics_error_deg, trial.seed)
     base_from_camera = camera.calibration
     finder = bundled_finder() if finds_by_networks(trial.arm) else None
-    whole = Sight(scene, camera, _DEPTH_OF[trial.arm], seed=trial.seed, finder=finder)
+    whole = Sight(scene, camera, depth_source(trial.arm), seed=trial.seed, finder=finder)
     sight: Looks = whole if spoil is None else spoil(whole)
     rng = np.random.default_rng([trial.seed, int(trial.object_id), trial.hold_number, 67])
     select = _Timed(
@@ -297,17 +279,16 @@ def run_trial(
     config = replace(config or ATTEMPT_CONFIG, tracking=trial.arm != "hadr-no-tracking")
     home = world.robot.tool_pose()
     handover = RecordedHandover(world.robot, select, base_from_camera, config)
-    judge = Judge(scene.item.height)
-    judge.rules = replace(judge.rules, time_limit=trial.time_limit)
+    judge = Judge(scene.item.height, trial.time_limit)
     states = [world.state()]
     arriving = sight.look(states[0], with_points=True)
     step = 0
     while not judge.verdict:
         if step % round(SIGHT_STEP / CONTROL_STEP) == 0:
-            observation, arriving = (
-                arriving,
-                sight.look(states[-1], with_points=handover.stage is Stage.WAIT_AND_OBSERVE),
-            )
+            observation = arriving
+            if step > 0:  # the first picture is there already
+                waits = handover.stage is Stage.WAIT_AND_OBSERVE
+                arriving = sight.look(states[-1], with_points=waits)
         if handover.stage is Stage.FINISHED:
             world.robot.servo_to(home, CONTROL_STEP)  # carries the object to the goal
         else:
@@ -330,7 +311,7 @@ def run_trial(
         grasps_chosen=len(chosen),
         smallest_distance=judge.smallest_distance,
         largest_force=judge.largest_force,
-        motion=path.kind,
+        motion=motion.kind,
         kind=scene.hold.kind,
         planning_wall_seconds=float(np.mean(select.seconds)) if select.seconds else float("nan"),
         wall_seconds=clock.perf_counter() - started,

@@ -6,7 +6,7 @@ People who hand something over come to rest, so every motion but the tremor dies
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal, get_args
 
@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from hadr.simulation.world.scenes import HeldScene, held_scene
+from hadr.simulation.world.scenes import HeldScene
 
 Array = npt.NDArray[np.float64]
 MotionKind = Literal["still", "drift", "swing", "turn", "give-and-withdraw"]
@@ -26,54 +26,23 @@ _TREMOR_BANDS = ((0.5, 1.1), (2.0, 4.0), (8.0, 11.0))
 """Frequencies of the three, hertz."""
 
 
-@dataclass(frozen=True)
-class HandMotionConfig:
-    """How far and how fast hands move; metres, radians, seconds.
-
-    Attributes:
-        speed: 1 is normal; 3 goes through the same motion three times as fast. When a hand comes
-            to rest, and when it withdraws, does not depend on it.
-        drift: Largest displacement of a drift along each axis.
-        drift_periods: Shortest and longest period of a drift.
-        swing: Largest displacement of a swing to the side.
-        swing_turn: Rotation about the vertical that goes with it.
-        swing_periods: Shortest and longest period of a swing.
-        turn: Largest rotation of a turn about its main axis.
-        turn_periods: Shortest and longest period of a turn.
-        calm_after: A motion dies down over about this long; infinity keeps the hand moving.
-        tremor: Root mean square of the tremor's displacement.
-        tremor_turn: Root mean square of its rotation.
-        withdraw: Shortest and longest way back of a hand that withdraws.
-        withdraw_at: Earliest and latest time at which it starts to.
-        withdraw_lasts: How long the way back takes, and the way forth.
-        withdrawn_for: Shortest and longest wait between the two.
-        given_again: How far from the first place it may offer again, along each axis.
-
-    Raises:
-        ValueError: The speed or a time is not positive.
-    """
-
-    speed: float = 1.0
-    drift: float = 0.04
-    drift_periods: tuple[float, float] = (3.0, 6.0)
-    swing: float = 0.05
-    swing_turn: float = float(np.deg2rad(8.0))
-    swing_periods: tuple[float, float] = (2.0, 3.0)
-    turn: float = float(np.deg2rad(18.0))
-    turn_periods: tuple[float, float] = (3.0, 4.5)
-    calm_after: float = 2.0
-    tremor: float = 0.001
-    tremor_turn: float = float(np.deg2rad(0.2))
-    withdraw: tuple[float, float] = (0.15, 0.25)
-    withdraw_at: tuple[float, float] = (1.5, 3.0)
-    withdraw_lasts: float = 1.0
-    withdrawn_for: tuple[float, float] = (1.0, 2.0)
-    given_again: float = 0.02
-
-    def __post_init__(self) -> None:
-        for name in ("speed", "calm_after", "withdraw_lasts"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
+DRIFT, SWING = 0.04, 0.05
+"""Largest displacement of a drift along each axis, and of a swing to the side, metres."""
+SWING_TURN, TURN = float(np.deg2rad(8.0)), float(np.deg2rad(18.0))
+"""Rotation about the vertical that goes with a swing; largest rotation of a turn, radians."""
+PERIODS: dict[str, tuple[float, float]] = {"swing": (2.0, 3.0), "turn": (3.0, 4.5)}
+DRIFT_PERIODS = (3.0, 6.0)
+"""Shortest and longest period, seconds; of a drift, and of kinds that `PERIODS` has not."""
+CALM_AFTER = 2.0
+"""A motion dies down over about this long, seconds; infinity keeps the hand moving."""
+TREMOR, TREMOR_TURN = 0.001, float(np.deg2rad(0.2))
+"""Root mean square of the tremor's displacement, metres, and rotation, radians."""
+WITHDRAW, GIVEN_AGAIN = (0.15, 0.25), 0.02
+"""Shortest and longest way back of a hand that withdraws, and how far from the first place it may
+offer again along each axis, metres."""
+WITHDRAW_AT, WITHDRAW_LASTS, WITHDRAWN_FOR = (1.5, 3.0), 1.0, (1.0, 2.0)
+"""Earliest and latest time at which it starts to; how long the way back takes, and the way forth;
+shortest and longest wait between the two, seconds."""
 
 
 @dataclass(frozen=True)
@@ -94,39 +63,24 @@ class _Drawn:
 
 @dataclass(frozen=True)
 class SeededMotion:
-    """A hand's motion about where it started; a `hadr.simulation.world.state.HandPath`.
+    """A hand's motion about where it started.
 
     Attributes:
         kind: One of `KINDS`.
         wrist: Where the wrist is at the start, base frame, metres, shape (3,): what turns, turns
             about it.
         seed: Chooses directions, periods and times.
-        config: Amplitudes and speeds.
-
-    Raises:
-        ValueError: The kind is unknown or the wrist not three finite numbers.
+        speed: 1 is normal; 3 goes through the same motion three times as fast. When a hand comes
+            to rest, and when it withdraws, does not depend on it.
     """
 
     kind: MotionKind
     wrist: Array
     seed: int = 0
-    config: HandMotionConfig = field(default_factory=HandMotionConfig)
-
-    def __post_init__(self) -> None:
-        if self.kind not in KINDS:
-            raise ValueError(f"kind must be one of {', '.join(KINDS)}, got {self.kind!r}")
-        if np.shape(self.wrist) != (3,) or not np.isfinite(self.wrist).all():
-            raise ValueError(f"wrist must be (3,) finite metres, got {self.wrist!r}")
+    speed: float = 1.0
 
     def moved(self, time: float) -> Array:
-        """How the hand has moved since the start.
-
-        Args:
-            time: Seconds since the start; before it the hand is where it starts.
-
-        Returns:
-            base_now_from_base_start, shape (4, 4); the identity at time 0.
-        """
+        """base_now_from_base_start (4, 4) at a time in seconds; the identity up to time 0."""
         now, start = self._displaced(max(time, 0.0)), self._displaced(0.0)
         if time <= 0:
             return np.eye(4)
@@ -134,19 +88,19 @@ class SeededMotion:
 
     def _displaced(self, time: float) -> Array:
         """Displacement in metres and rotation vector in radians, shape (2, 3)."""
-        c, drawn = self.config, self._drawn
-        lasted = calmed(time, c.calm_after)
-        wave = drawn.signs * np.sin(2 * np.pi * c.speed * lasted / drawn.periods)  # (2, 3)
+        drawn = self._drawn
+        lasted = calmed(time, CALM_AFTER)
+        wave = drawn.signs * np.sin(2 * np.pi * self.speed * lasted / drawn.periods)  # (2, 3)
         out = self._tremor(time)
         if self.kind == "drift":
-            out[0] += c.drift * wave[0]
+            out[0] += DRIFT * wave[0]
         elif self.kind == "swing":
-            out[0] += c.swing * wave[0, 0] * drawn.aside
-            out[1] += c.swing_turn * wave[0, 0] * np.array([0.0, 0.0, 1.0])
+            out[0] += SWING * wave[0, 0] * drawn.aside
+            out[1] += SWING_TURN * wave[0, 0] * np.array([0.0, 0.0, 1.0])
         elif self.kind == "turn":
-            out[1] += c.turn * wave[1, 0] * drawn.axis
+            out[1] += TURN * wave[1, 0] * drawn.axis
         elif self.kind == "give-and-withdraw":
-            lasts = c.withdraw_lasts / c.speed
+            lasts = WITHDRAW_LASTS / self.speed
             back = _eased((time - drawn.leaves) / lasts)
             forth = _eased((time - drawn.leaves - lasts - drawn.waits) / lasts)
             out[0] += back * drawn.way_back + forth * (drawn.again - drawn.way_back)
@@ -156,17 +110,15 @@ class SeededMotion:
         """The part that never rests, shape (2, 3)."""
         drawn = self._drawn
         waves = np.sin(2 * np.pi * drawn.tremor_frequencies * time + drawn.tremor_phases)
-        size = np.array([[self.config.tremor], [self.config.tremor_turn]])
+        size = np.array([[TREMOR], [TREMOR_TURN]])
         # a sine's mean square is 1/2, and three axes share it
         tremor: Array = size * (waves @ _TREMOR_SHARES) * np.sqrt(2 / 3)
         return tremor
 
     @cached_property
     def _drawn(self) -> _Drawn:
-        c = self.config
         rng = np.random.default_rng([self.seed, KINDS.index(self.kind), 17])
-        spans = {"swing": c.swing_periods, "turn": c.turn_periods}
-        periods = rng.uniform(*spans.get(self.kind, c.drift_periods), size=(2, 3))
+        periods = rng.uniform(*PERIODS.get(self.kind, DRIFT_PERIODS), size=(2, 3))
         signs = rng.choice([-1.0, 1.0], size=(2, 3))
         bearing = np.pi / 2 + rng.uniform(-0.5, 0.5)  # sideways, seen from the robot
         axis = rng.normal(size=3)
@@ -180,10 +132,10 @@ class SeededMotion:
                 [rng.uniform(low, high, size=(2, 3)) for low, high in _TREMOR_BANDS], axis=2
             ),
             tremor_phases=rng.uniform(0, 2 * np.pi, size=(2, 3, 3)),
-            way_back=rng.uniform(*c.withdraw) * back / np.linalg.norm(back),
-            leaves=float(rng.uniform(*c.withdraw_at)),
-            waits=float(rng.uniform(*c.withdrawn_for)),
-            again=rng.uniform(-c.given_again, c.given_again, size=3),
+            way_back=rng.uniform(*WITHDRAW) * back / np.linalg.norm(back),
+            leaves=float(rng.uniform(*WITHDRAW_AT)),
+            waits=float(rng.uniform(*WITHDRAWN_FOR)),
+            again=rng.uniform(-GIVEN_AGAIN, GIVEN_AGAIN, size=3),
         )
 
 
@@ -212,30 +164,10 @@ def kind_for(object_id: str, hold_number: int, seed: int = 0) -> MotionKind:
 
 
 def motion_for(
-    object_id: str,
-    hold_number: int,
-    seed: int = 0,
-    *,
-    config: HandMotionConfig | None = None,
-    scene: HeldScene | None = None,
+    scene: HeldScene, hold_number: int, seed: int = 0, *, speed: float = 1.0
 ) -> SeededMotion:
-    """The hand's motion in one attempt.
-
-    Args:
-        object_id: Which object.
-        hold_number: Which of its holding poses.
-        seed: The experiment's seed.
-        config: Amplitudes and speeds.
-        scene: The attempt's scene, if it is made already; it gives the wrist's place.
-
-    Returns:
-        The motion; the same for the same arguments.
-    """
-    scene = held_scene(object_id, hold_number, seed) if scene is None else scene
+    """The hand's motion in one attempt at a scene; `seed` is the experiment's."""
+    object_id = scene.hold.object_id
     number = int(np.random.SeedSequence([seed, int(object_id), hold_number]).generate_state(1)[0])
-    return SeededMotion(
-        kind_for(object_id, hold_number, seed),
-        scene.base_from_wrist[:3, 3].copy(),
-        number,
-        config or HandMotionConfig(),
-    )
+    kind = kind_for(object_id, hold_number, seed)
+    return SeededMotion(kind, scene.base_from_wrist[:3, 3].copy(), number, speed)

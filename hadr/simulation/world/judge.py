@@ -21,25 +21,12 @@ Verdict = Literal["", "success", "human contact", "drop", "time-out", "gave up"]
 object; HandoverSim would let it stand until the time is out."""
 
 
-@dataclass(frozen=True)
-class Rules:
-    """What counts; metres, newtons, seconds.
-
-    Attributes:
-        goal: Where the object is to be carried, base frame, shape (3,): the tool's waiting place.
-        goal_radius: How near its middle must come.
-        hold_time: How long it must stay there.
-        contact_force: More than this between robot and hand is human contact.
-        drop_time: With nobody holding it for longer the object is dropped.
-        time_limit: An attempt that takes longer has failed.
-    """
-
-    goal: tuple[float, float, float] = (0.34, 0.12, 0.38)
-    goal_radius: float = 0.15
-    hold_time: float = 0.1
-    contact_force: float = 0.0
-    drop_time: float = 0.1
-    time_limit: float = 13.0
+GOAL: Array = np.array([0.34, 0.12, 0.38])
+"""Where the object is to be carried, base frame, metres: the tool's waiting place."""
+GOAL_RADIUS, HOLD_TIME = 0.15, 0.1
+"""How near its middle must come, metres, and how long it must stay there, seconds."""
+DROP_TIME = 0.1
+"""With nobody holding it for longer, seconds, the object is dropped."""
 
 
 @dataclass
@@ -48,7 +35,7 @@ class Judge:
 
     Attributes:
         height: Of the object, from its foot to its top, metres: its middle is what counts.
-        rules: What counts.
+        time_limit: An attempt that takes longer, seconds, has failed.
         verdict: The first thing that was decided; it stays.
         decided_at: When, seconds; NaN before.
         largest_force: Largest force on the hand so far, newtons.
@@ -56,7 +43,7 @@ class Judge:
     """
 
     height: float
-    rules: Rules = field(default_factory=Rules)
+    time_limit: float = 13.0
     verdict: Verdict = field(default="", init=False)
     decided_at: float = field(default=float("nan"), init=False)
     largest_force: float = field(default=0.0, init=False)
@@ -76,20 +63,20 @@ class Judge:
         self.largest_force = max(self.largest_force, state.hand_force)
         if not self.verdict:  # afterwards a hand may come as near as it likes
             self.smallest_distance = min(self.smallest_distance, state.hand_distance)
-        rules, now = self.rules, state.time
+        now = state.time
         middle = state.base_from_object[:3, 3] + state.base_from_object[:3, 2] * self.height / 2
-        near = float(np.linalg.norm(middle - np.array(rules.goal))) <= rules.goal_radius
+        near = float(np.linalg.norm(middle - GOAL)) <= GOAL_RADIUS
         self._at_goal_since = _since(self._at_goal_since, near and state.holder == "gripper", now)
         self._unheld_since = _since(self._unheld_since, state.holder == "nobody", now)
         if self.verdict:
             return self.verdict
-        if state.hand_force > rules.contact_force:
+        if state.hand_force > 0:
             self._decide("human contact", now)
-        elif _lasted(self._unheld_since, now, rules.drop_time):
+        elif _lasted(self._unheld_since, now, DROP_TIME):
             self._decide("drop", now)
-        elif _lasted(self._at_goal_since, now, rules.hold_time):
+        elif _lasted(self._at_goal_since, now, HOLD_TIME):
             self._decide("success", now)
-        elif now > rules.time_limit:
+        elif now > self.time_limit:
             self._decide("time-out", now)
         return self.verdict
 

@@ -12,12 +12,10 @@ import mujoco
 import numpy as np
 
 from hadr.hand import BONES, keypoints_from_skeleton
-from hadr.handover.dimensions import FLOOR
-from hadr.handover.robot import ArmConfig
 from hadr.handover.ur5 import Array
 from hadr.simulation.robot.arm_model import GROUND, HAND, OBJECT, ROBOT, add_arm, add_table
 from hadr.simulation.world.object_parts import convex_parts, handle_capsules, mass_properties
-from hadr.simulation.world.scenes import HeldScene
+from hadr.simulation.world.scenes import FLOOR, HeldScene
 from hadr.synthesis.glass.shape import GlassObject
 
 TIMESTEP = 0.002
@@ -35,7 +33,7 @@ _PALM = ((5, 9), (9, 13), (13, 17), (1, 5))
 _KNUCKLES = (0, 1, 5, 9, 13, 17)
 
 
-def world_model(scene: HeldScene, arm: ArmConfig) -> mujoco.MjModel:
+def world_model(scene: HeldScene) -> mujoco.MjModel:
     """Compile a scene's world: free bodies `hand` and `object`, the weld `grip` between them."""
     spec = mujoco.MjSpec()
     spec.option.timestep = TIMESTEP
@@ -43,7 +41,7 @@ def world_model(scene: HeldScene, arm: ArmConfig) -> mujoco.MjModel:
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.impratio = 10.0
     spec.option.noslip_iterations = 4
-    add_arm(spec, arm)
+    add_arm(spec)
     add_table(spec)
     spec.worldbody.add_geom(
         name="floor",

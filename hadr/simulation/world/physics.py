@@ -7,54 +7,36 @@ and draws back along its forearm.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 
 from hadr.camera import transform_points
+from hadr.handover.robot import ArmConfig
 from hadr.handover.ur5 import Array
-from hadr.simulation.robot.arm_model import GRIPPER_GEOMS, HAND, OBJECT, ROBOT
-from hadr.simulation.robot.physical_arm import PhysicalArmConfig, PhysicalUR5
+from hadr.simulation.robot.arm_model import HAND, OBJECT, ROBOT
+from hadr.simulation.robot.gripper import GRIPPER_GEOMS
+from hadr.simulation.robot.motion_limits import MotionConfig
+from hadr.simulation.robot.physical_arm import PhysicalUR5
 from hadr.simulation.world.model import HAND_INERTIA, HAND_MASS, world_model
 from hadr.simulation.world.scenes import HeldScene
-from hadr.simulation.world.state import HandPath, Holder, WorldState
+from hadr.simulation.world.state import Holder, WorldState
 
 _NEAR_PARTS = (*GRIPPER_GEOMS, "wrist_3", "wrist_2", "wrist_1", "forearm", "forearm_1")
 _KNOT = 0.01
 """Seconds between two looks at the hand's path; between them the hand wants to move evenly."""
 
 
-@dataclass(frozen=True)
-class WorldConfig:
-    """How the human behaves, and the arm's settings; metres, newtons, seconds.
-
-    Attributes:
-        arm: Settings of the physical arm.
-        hand_stiffness: Force that a displaced hand holds against, N/m.
-        hand_turn_stiffness: Torque that a twisted hand holds against, N m/rad.
-        hand_strength: A hand that is pushed harder gives way, newtons.
-        hand_torque: A hand that is twisted harder gives way, N m.
-        release_after: The hand lets go once both fingers have pressed for this long.
-        release_force: What counts as pressing.
-        withdraw_speed: How fast the hand draws back after it has let go, m/s.
-        withdraw_distance: How far.
-    """
-
-    arm: PhysicalArmConfig = field(default_factory=PhysicalArmConfig)
-    hand_stiffness: float = 250.0
-    hand_turn_stiffness: float = 5.0
-    hand_strength: float = 12.0
-    hand_torque: float = 1.5
-    release_after: float = 0.1
-    release_force: float = 0.5
-    withdraw_speed: float = 0.05
-    withdraw_distance: float = 0.15
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if name != "arm" and not (np.isfinite(value) and value > 0):
-                raise ValueError(f"{name} must be a positive number, got {value}")
+HAND_STIFFNESS, HAND_TURN_STIFFNESS = 250.0, 5.0
+"""Force and torque that a displaced or twisted hand holds against, N/m and N m/rad."""
+HAND_STRENGTH, HAND_TORQUE = 12.0, 1.5
+"""A hand that is pushed or twisted harder gives way, newtons and N m."""
+RELEASE_AFTER, RELEASE_FORCE = 0.1, 0.5
+"""The hand lets go once both fingers have pressed for so long, seconds, by so much, newtons."""
+WITHDRAW_SPEED, WITHDRAW_DISTANCE = 0.05, 0.15
+"""How fast the hand draws back after it has let go, m/s, and how far, metres."""
 
 
 @dataclass(frozen=True)
@@ -124,8 +106,10 @@ class World:
 
     Args:
         scene: Hand and object at rest.
-        path: How the hand moves; None keeps it where it is.
-        config: Settings; the standard ones where left out.
+        path: How the hand has moved at a time in seconds, base_now_from_base_start, shape (4, 4);
+            None keeps it where it is.
+        arm: Settings of the arm; slow ones where left out.
+        motion: How it may move.
 
     Attributes:
         robot: The arm; its last command runs while the world is stepped.
@@ -135,14 +119,19 @@ class World:
     def __init__(
         self,
         scene: HeldScene,
-        path: HandPath | None = None,
-        config: WorldConfig | None = None,
+        path: Callable[[float], Array] | None = None,
+        arm: ArmConfig | None = None,
+        motion: MotionConfig | None = None,
     ) -> None:
         self.scene, self._path = scene, path
-        self.config = config or WorldConfig()
-        self._model = world_model(scene, self.config.arm.arm)
+        self._model = world_model(scene)
         self._data = mujoco.MjData(self._model)
-        self.robot = PhysicalUR5(self._model, self._data, self.config.arm)
+        self.robot = PhysicalUR5(
+            self._model,
+            self._data,
+            arm or ArmConfig(speed_fraction=0.35),
+            motion or MotionConfig(),
+        )
         model, data = self._model, self._data
         self._hand, self._object = model.body("hand").id, model.body("object").id
         self._grip = model.equality("grip").id
@@ -229,11 +218,10 @@ class World:
 
     def _hand_target(self, time: float) -> Array:
         """Where the hand wants its wrist, base frame, shape (4, 4)."""
-        moved = np.eye(4) if self._path is None else self._path.moved(time)
+        moved = np.eye(4) if self._path is None else self._path(time)
         target: Array = moved @ self._rest
         if self._released_at is not None:
-            c = self.config
-            back = min(c.withdraw_distance, c.withdraw_speed * (time - self._released_at))
+            back = min(WITHDRAW_DISTANCE, WITHDRAW_SPEED * (time - self._released_at))
             target[:3, 3] += back * self._forearm
         return target
 
@@ -242,7 +230,7 @@ class World:
         now, body, data = self.time, self._hand, self._data
         if now >= self._course.start + _KNOT - 1e-9:
             self._course = _Course.between(now, self._course.end, self._hand_target(now + _KNOT))
-        course, c, rotation = self._course, self.config, data.xmat[body].reshape(3, 3)
+        course, rotation = self._course, data.xmat[body].reshape(3, 3)
         elapsed = now - course.start
         mujoco.mj_objectVelocity(
             self._model, data, mujoco.mjtObj.mjOBJ_BODY, body, self._velocity, 0
@@ -252,13 +240,13 @@ class World:
         goal_speed = course.speed + _cross(course.spin, goal - course.origin(elapsed))
         away = goal - data.xipos[body]
         twist = rotation @ course.turn_from(elapsed, data.xquat[body])
-        damping = 2 * np.sqrt(c.hand_stiffness * HAND_MASS)
-        turn_damping = 2 * np.sqrt(c.hand_turn_stiffness * HAND_INERTIA)
+        damping = 2 * np.sqrt(HAND_STIFFNESS * HAND_MASS)
+        turn_damping = 2 * np.sqrt(HAND_TURN_STIFFNESS * HAND_INERTIA)
         # the spring is the weaker part, so that a hand that comes free does not shoot back
-        pull = _at_most(c.hand_stiffness * away, 0.6 * c.hand_strength)
-        force = _at_most(pull + damping * (goal_speed - speed), c.hand_strength)
-        twisting = _at_most(c.hand_turn_stiffness * twist, 0.6 * c.hand_torque)
-        torque = _at_most(twisting + turn_damping * (course.spin - spin), c.hand_torque)
+        pull = _at_most(HAND_STIFFNESS * away, 0.6 * HAND_STRENGTH)
+        force = _at_most(pull + damping * (goal_speed - speed), HAND_STRENGTH)
+        twisting = _at_most(HAND_TURN_STIFFNESS * twist, 0.6 * HAND_TORQUE)
+        torque = _at_most(twisting + turn_damping * (course.spin - spin), HAND_TORQUE)
         if self._released_at is None:
             weight = -self._model.body_mass[self._object] * self._model.opt.gravity
             arm = data.xipos[self._object] - data.xipos[body]
@@ -285,28 +273,24 @@ class World:
                     on_object[finger] += float(np.linalg.norm(wrench[:3]))
         self._largest_force = max(self._largest_force, on_hand)
         self.robot.touched(on_gripper, self._model.opt.timestep)
-        pressing = on_object > self.config.release_force
+        pressing = on_object > RELEASE_FORCE
         self._pressed[pressing] = self.time
         if on_hand > 0:
             self._touched_at = self.time
         self.robot.feel(on_hand, open_fingers=self._released_at is None)
         if self._released_at is not None:
             clear = self.time - max(self._touched_at, self._released_at)
-            self.robot.set_firm_grip(clear > self.config.release_after)
+            self.robot.set_firm_grip(clear > RELEASE_AFTER)
             return
         if not pressing.all():
             self._pressing_since = None
         elif self._pressing_since is None:
             self._pressing_since = self.time
-        elif self.time - self._pressing_since >= self.config.release_after - 1e-9:
+        elif self.time - self._pressing_since >= RELEASE_AFTER - 1e-9:
             self._let_go()
 
     def _on_gripper(self, index: int, first: int, second: int, wrench: Array) -> Array:
-        """A contact's force on the gripper and its torque about the tool point, shape (6,).
-
-        Zeros where another part of the arm is touched. MuJoCo gives the force on the contact's
-        second geom, in axes whose first is the normal.
-        """
+        """A contact's force and torque about the tool point, (6,); 0 where it is no gripper's."""
         sign = int(self._gripper[second]) - int(self._gripper[first])
         if sign == 0:
             return np.zeros(6)

@@ -23,6 +23,8 @@ from hadr.synthesis.hand.mesh import SKIN_TONES, HandMesh, hand_mesh
 from hadr.synthesis.holding.hold import Hold, make_hold
 
 Array = npt.NDArray[np.float64]
+TABLE_NEAR, TABLE_FAR, FLOOR = -0.40, 0.42, -0.75
+"""Edges of the robot's table along x, whose top lies at z = 0, and the floor's height, metres."""
 MIDDLE: Array = np.array([0.62, 0.0, 0.32])
 """Where the middle of the object is held out, metres; each scene differs by some centimetres."""
 
@@ -65,11 +67,7 @@ class HeldScene:
         return read_only(points)
 
     def hand(self, step: float = 0.005) -> HandMesh:
-        """The hand with its forearm in the wrist frame.
-
-        Args:
-            step: Coarsest distance of vertices, metres, see `hadr.synthesis.hand.mesh`.
-        """
+        """The hand with its forearm in the wrist frame, vertices at most a step apart, metres."""
         return hand_mesh(self.skeleton, self.hold.shape, tone=self.tone, step=step)
 
     def glass(self) -> tuple[Surface, ...]:

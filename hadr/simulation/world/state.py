@@ -1,12 +1,19 @@
-"""What is true in the world at one moment: what pictures are drawn from and judges look at."""
+"""What is true in the world at one moment: what pictures are drawn from and judges look at.
+
+A run's states are kept as one compressed .npz, single precision, some kilobytes a second.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal, Protocol
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
+
+from hadr.records.writing import write_arrays
 
 Array = npt.NDArray[np.float64]
 Holder = Literal["hand", "both", "gripper", "nobody"]
@@ -38,9 +45,44 @@ class WorldState:
     hand_distance: float
 
 
-class HandPath(Protocol):
-    """How the hand moves, whatever the robot does."""
+_VERSION = 1
+_HOLDERS: tuple[Holder, ...] = get_args(Holder)
+_NUMBERS = [field.name for field in fields(WorldState) if field.name != "holder"]
 
-    def moved(self, time: float) -> Array:
-        """Return base_now_from_base_start for a time in seconds, shape (4, 4); I at time 0."""
-        ...
+
+def save_states(path: Path, states: Sequence[WorldState]) -> None:
+    """Write the states of one run, in the order of time, as an .npz."""
+    columns: dict[str, npt.NDArray[Any]] = {
+        name: np.array([getattr(state, name) for state in states], dtype=np.float32)
+        for name in _NUMBERS
+    }
+    columns["holder"] = np.array([_HOLDERS.index(s.holder) for s in states], dtype=np.uint8)
+    columns["version"] = np.array(_VERSION)
+    write_arrays(path, **columns)
+
+
+def load_states(path: Path) -> list[WorldState]:
+    """Read what `save_states` wrote; who calls compares the file's checksum.
+
+    Numbers come back in single precision, but poses are made rigid again to double precision, so
+    that they pass the checks of poses.
+
+    Raises:
+        ValueError: The file is of another version.
+    """
+    with np.load(path, allow_pickle=False) as file:
+        if int(file["version"]) != _VERSION:
+            raise ValueError(f"{path} has version {file['version']}, expected {_VERSION}")
+        columns = {name: file[name].astype(np.float64) for name in _NUMBERS}
+        holders = [_HOLDERS[number] for number in file["holder"]]
+    for name in ("base_from_wrist", "base_from_object"):
+        left, _, right = np.linalg.svd(columns[name][:, :3, :3])
+        columns[name][:, :3, :3] = left @ right
+    rows: list[dict[str, Any]] = [
+        {
+            name: values[k] if values.ndim > 1 else float(values[k])
+            for name, values in columns.items()
+        }
+        for k in range(len(holders))
+    ]
+    return [WorldState(holder=holder, **row) for holder, row in zip(holders, rows, strict=True)]

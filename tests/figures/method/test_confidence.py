@@ -12,7 +12,7 @@ def test_reliability_dots_stand_where_the_numbers_are_and_empty_bins_draw_nothin
     bins = reliability(np.array([0.2, 0.2, 0.9, 0.9]), np.array([True, False, True, True]))
     said = [None if np.isnan(v) else float(v) for v in bins.said]  # as read from JSON
     true = [None if np.isnan(v) else float(v) for v in bins.true]
-    draw_reliability(ax, said, true, bins.count.tolist(), 0.02)
+    draw_reliability(ax, said, true, bins.count.tolist())
     dots = np.asarray(ax.collections[-1].get_offsets())
     np.testing.assert_allclose(dots, [(0.2, 0.5), (0.9, 1.0)])
     assert any("mean gap 0.200" in text.get_text() for text in ax.texts)

@@ -1,12 +1,13 @@
-"""The gripper's boxes, the way it sweeps, and what is in its way."""
+"""How near the gripper comes to the hand on its way, and what is in its way."""
 
 import numpy as np
 import pytest
 
+from hadr.hand import forward_kinematics, keypoints_from_skeleton
 from hadr.handover.grasping.collision import (
+    free_of_hand,
     free_of_object,
     free_of_scene,
-    gripper_boxes,
     hand_distance,
     way_to_hand,
 )
@@ -24,16 +25,6 @@ def grasp(width: float = 0.06) -> Grasps:
 def points_at(x: float, y: float, z: float, count: int = 10) -> np.ndarray:
     """So many points in one place, metres."""
     return np.tile([x, y, z], (count, 1))
-
-
-def test_boxes_of_the_gripper() -> None:
-    left, right, bar, palm = gripper_boxes(np.array([0.06]))[0]
-    np.testing.assert_allclose(left, [[-0.04, -0.01, -0.06], [-0.03, 0.01, 0.0]])
-    np.testing.assert_allclose(right, [[0.03, -0.01, -0.06], [0.04, 0.01, 0.0]])
-    np.testing.assert_allclose(bar, [[-0.04, -0.01, -0.08], [0.04, 0.01, -0.06]])
-    np.testing.assert_allclose(palm, [[-0.04, -0.03, -0.16], [0.04, 0.03, -0.06]])
-    swept = gripper_boxes(np.array([0.06]), behind=0.1, ahead=0.05)[0]
-    np.testing.assert_allclose(swept[1], [[0.03, -0.01, -0.16], [0.04, 0.01, 0.05]])
 
 
 @pytest.mark.parametrize(
@@ -108,3 +99,11 @@ def test_many_grasps_are_checked_as_one_by_one() -> None:
         assert free_of_object(one, points)[0] == free[i]
         assert way_to_hand(one, keypoints, back=0.1, forward=0.05)[0] == pytest.approx(ways[i])
     assert len(free_of_object(together.select(np.zeros(30, dtype=bool)), points)) == 0
+
+
+def test_free_of_hand_looks_at_the_whole_way() -> None:
+    hand = keypoints_from_skeleton(forward_kinematics(np.zeros(20)).joints)
+    away = hand + np.array([0.5, 0.5, 0.0])
+    in_the_way = hand - hand.mean(axis=0) + [-0.07, 0.0, 0.0]  # between pre-grasp and grasp
+    assert free_of_hand(grasp(), away)[0]
+    assert not free_of_hand(grasp(), in_the_way)[0]

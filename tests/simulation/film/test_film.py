@@ -21,9 +21,8 @@ from hadr.simulation.film.film import (
     stage_at,
     write_film,
 )
-from hadr.simulation.film.views import close_view, side_view, view_from
 from hadr.simulation.film.world_parts import ARM, CLOTH, FLOOR, GLASS, HAND, NOTHING
-from hadr.simulation.film.world_view import FilmSet, draw_world
+from hadr.simulation.film.world_view import FilmSet, close_view, draw_world, side_view, view_from
 from hadr.simulation.world.scenes import HeldScene, held_scene
 from hadr.simulation.world.state import WorldState
 

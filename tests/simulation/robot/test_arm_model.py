@@ -5,13 +5,14 @@ import numpy as np
 import pytest
 
 from hadr.handover import ur5
-from hadr.handover.robot import ArmConfig, SimulatedUR5
+from hadr.handover.gripper import FLANGE_FROM_TOOL
+from hadr.handover.robot import HOME_JOINTS, SimulatedUR5
 from hadr.simulation.robot import arm_model
 
 
 @pytest.fixture(scope="module")
 def model() -> mujoco.MjModel:
-    return arm_model.kinematic_model(ArmConfig())
+    return arm_model.kinematic_model()
 
 
 def posed(model: mujoco.MjModel, joints: np.ndarray) -> mujoco.MjData:
@@ -27,7 +28,7 @@ def test_tool_site_equals_the_dh_product(model: mujoco.MjModel) -> None:
         joints = rng.uniform(ur5.JOINT_LOWER, ur5.JOINT_UPPER)
         site = posed(model, joints).site("tool")
         flange = ur5.BASE_LINK_FROM_DH_BASE @ ur5.forward_kinematics(joints)
-        expected = flange @ ArmConfig().flange_from_tool
+        expected = flange @ FLANGE_FROM_TOOL
         np.testing.assert_allclose(site.xpos, expected[:3, 3], atol=1e-5)
         np.testing.assert_allclose(site.xmat.reshape(3, 3), expected[:3, :3], atol=1e-5)
 
@@ -54,7 +55,7 @@ def test_masses_and_limits_are_the_published_ones(model: mujoco.MjModel) -> None
 
 def test_fingers_stand_where_the_grasp_checks_expect_them(model: mujoco.MjModel) -> None:
     tool = SimulatedUR5().tool_pose()
-    data = posed(model, ArmConfig().home)
+    data = posed(model, HOME_JOINTS)
     for name, side in (("left_finger", -1), ("right_finger", 1)):
         place = tool[:3, :3].T @ (data.geom(name).xpos - tool[:3, 3])
         # 85 mm between the pads, 1 cm thick, from the fingertips 6 cm back
@@ -64,10 +65,10 @@ def test_fingers_stand_where_the_grasp_checks_expect_them(model: mujoco.MjModel)
 
 def test_gravity_needs_no_torque() -> None:
     spec = mujoco.MjSpec()
-    arm_model.add_arm(spec, ArmConfig())
+    arm_model.add_arm(spec)
     model = spec.compile()
     data = mujoco.MjData(model)
-    data.qpos[:6] = ArmConfig().home
+    data.qpos[:6] = HOME_JOINTS
     mujoco.mj_forward(model, data)
     # what is left of gravity after its compensation, in newton metres
     assert np.abs(data.qfrc_bias[:6] - data.qfrc_passive[:6]).max() < 1e-9

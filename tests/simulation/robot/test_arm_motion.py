@@ -11,7 +11,7 @@ from hadr.handover.poses import pose_distance
 from hadr.handover.robot import ArmConfig
 from hadr.handover.ur5 import UnreachableError
 from hadr.simulation.robot.arm_motion import ArmMotion
-from hadr.simulation.robot.motion_limits import MotionConfig
+from hadr.simulation.robot.motion_limits import CLEARANCE, MARGIN
 
 DT = 0.02
 SOLVER = 1e-6 / DT
@@ -108,7 +108,7 @@ def test_no_target_breaks_a_limit(seed: int, spread: float) -> None:
             step = np.abs(motion.velocity - before).max()
             assert step <= limits.joint_acceleration * DT + SOLVER
             assert space.contains(motion.tool_pose_at(motion.joints)[:3, 3])
-            assert nearest_links(motion) > limits.clearance - 1e-3
+            assert nearest_links(motion) > CLEARANCE - 1e-3
 
 
 _SHARED: list[ArmMotion] = []
@@ -142,7 +142,7 @@ def test_the_edge_of_the_workspace_holds_a_target_on_it(motion: ArmMotion) -> No
     target[2, 3] = 0.056
     for _ in range(150):
         motion.advance(target, DT)
-        assert motion.tool_pose_at(motion.joints)[2, 3] > 0.05 + motion.motion.margin - 1e-4
+        assert motion.tool_pose_at(motion.joints)[2, 3] > 0.05 + MARGIN - 1e-4
 
 
 def test_braking_takes_the_time_of_the_acceleration(motion: ArmMotion) -> None:
@@ -153,8 +153,3 @@ def test_braking_takes_the_time_of_the_acceleration(motion: ArmMotion) -> None:
     for _ in range(9):
         motion.brake(DT, 5.0)
     np.testing.assert_allclose(motion.velocity, 0.0, atol=1e-12)
-
-
-def test_settings_say_which_number_is_wrong() -> None:
-    with pytest.raises(ValueError, match="tool_speed must be a positive number, got -1"):
-        MotionConfig(tool_speed=-1)

@@ -83,20 +83,6 @@ def test_turning_the_base_turns_all_but_the_foot() -> None:
             np.testing.assert_allclose(spun, b.vertices, atol=1e-9)
 
 
-def test_a_longer_tool_leaves_no_gap_to_the_flange() -> None:
-    long_tool = np.eye(4)
-    long_tool[2, 3] = 0.24
-    flange = ur5.BASE_LINK_FROM_DH_BASE @ ur5.forward_kinematics(HOME_JOINTS)
-    heights = np.concatenate(
-        [
-            ((s.vertices - flange[:3, 3]) @ flange[:3, 2])
-            for s, _ in arm_surfaces(HOME_JOINTS, 0.05, long_tool)[-7:]
-        ]
-    )
-    assert heights.min() <= 0.0
-    assert heights.max() == pytest.approx(0.24)
-
-
 @pytest.mark.parametrize("width", [-0.003, 0.088, 0.2, np.nan])
 def test_an_impossible_width_is_refused(width: float) -> None:
     with pytest.raises(ValueError, match=r"gripper_width must lie between 0 and 0\.085"):

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from hadr.handover.poses import pose_distance
 from hadr.handover.robot import Robot
 from hadr.handover.ur5 import UnreachableError
-from hadr.simulation.robot.physical_arm import PhysicalArmConfig
+from hadr.simulation.robot.physical_arm import PROTECTIVE_FORCE
 from hadr.simulation.world.physics import World
 from hadr.simulation.world.scenes import HeldScene, held_scene
 
@@ -95,7 +95,7 @@ def test_stop_holds_until_release(scene: HeldScene) -> None:
 def test_the_tool_never_leaves_its_workspace(scene: HeldScene, seed: int) -> None:
     rng = np.random.default_rng(seed)
     world = World(scene)
-    space = world.robot.config.arm.workspace
+    space = world.robot.arm.workspace
     for _ in range(8):
         target = np.eye(4)
         target[:3, :3] = Rotation.random(rng=rng).as_matrix()
@@ -138,7 +138,7 @@ def test_a_push_into_the_hand_stays_gentle(scene: HeldScene, speed: float, keypo
         world.step(0.02)
         forces.append(world.state().hand_force)
     assert 2.0 < max(forces) < 20.0
-    if max(forces) > PhysicalArmConfig().protective_force:
+    if max(forces) > PROTECTIVE_FORCE:
         assert "N on the hand" in world.robot.protective_stop
         stood = world.robot.tool_pose()
         drive(world, start, 0.2)  # commands do nothing now

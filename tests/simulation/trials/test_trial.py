@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hadr.handover.replay import replay
+from hadr.handover.run_log import replay
 from hadr.handover.stages import Stage, Transition
 from hadr.simulation.camera.sight import BrokenSight, Fault
-from hadr.simulation.trials.trial import CONDITIONS, Run, Trial, run_trial
+from hadr.simulation.trials.trial import CONDITIONS, Outcome, Run, Trial, run_trial
 from hadr.simulation.world.state import WorldState
 
 BROKEN = Trial("0004", 922, "perfect")
@@ -191,7 +191,12 @@ def test_descriptions_are_told_apart() -> None:
             ("object_id", "0001"), ("hold_number", 923), ("seed", 1), ("hand_speed", 3.0),
             ("extrinsics_error_deg", 3.0), ("time_limit", 5.0),
         ]
-    ] + [replace(BROKEN, arm=other) for other in CONDITIONS if other != BROKEN.arm]  # fmt: skip
+    ] + [replace(BROKEN, arm=arm) for arm in CONDITIONS if arm != BROKEN.arm]  # fmt: skip
     records = [repr(t.record) for t in [BROKEN, *changed]]
     assert len(set(records)) == len(records)
     assert BROKEN.name == "0004-922"
+
+
+def test_a_row_from_before_corrections_were_counted_is_read() -> None:
+    old = ("success", "", 5.8, 0.3, 1, 0.03, 0.0, "still", "fist", 0.4, 14.7)
+    assert Outcome(*old).corrections == 0  # type: ignore[arg-type]

@@ -1,10 +1,8 @@
 import numpy as np
 import pytest
 
-from hadr.simulation.world.judge import Judge, Rules
+from hadr.simulation.world.judge import GOAL, Judge
 from hadr.simulation.world.state import WorldState
-
-GOAL = np.array(Rules().goal)
 
 
 def state(time, at=(0.62, 0.0, 0.3), holder="hand", force=0.0, distance=0.05):

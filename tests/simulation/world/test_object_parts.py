@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from hadr.simulation.trials import TRIAL_OBJECTS
 from hadr.simulation.world.object_parts import (
     convex_parts,
     handle_capsules,
@@ -10,7 +11,6 @@ from hadr.simulation.world.object_parts import (
     outside,
     stacked_rings,
 )
-from hadr.simulation.world.trial_set import TRIAL_OBJECTS
 from hadr.synthesis.glass.objects import glass_object
 from hadr.synthesis.glass.shape import GlassObject
 

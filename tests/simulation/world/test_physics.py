@@ -77,27 +77,24 @@ def test_distance_to_the_hand_against_points_on_its_bones(tumbler: HeldScene) ->
     assert state.hand_distance == pytest.approx(nearest, abs=5e-4)
 
 
-class Swing:
+def swing(time: float) -> np.ndarray:
     """Five centimetres to the side and back in three seconds, and a turn about the vertical."""
-
-    def moved(self, time: float) -> np.ndarray:
-        """base_now_from_base_start, shape (4, 4)."""
-        phase = (1 - np.cos(2 * np.pi * time / 3)) / 2
-        pose = np.eye(4)
-        pose[:3, :3] = Rotation.from_euler("z", 0.1 * phase).as_matrix()
-        pose[1, 3] = 0.05 * phase
-        return pose
+    phase = (1 - np.cos(2 * np.pi * time / 3)) / 2
+    pose = np.eye(4)
+    pose[:3, :3] = Rotation.from_euler("z", 0.1 * phase).as_matrix()
+    pose[1, 3] = 0.05 * phase
+    return pose
 
 
 def test_the_hand_follows_its_path(tumbler: HeldScene) -> None:
-    world = World(tumbler, Swing())
+    world = World(tumbler, swing)
     for _ in range(75):
         world.step(0.02)
-        wanted = Swing().moved(world.time) @ tumbler.base_from_wrist
+        wanted = swing(world.time) @ tumbler.base_from_wrist
         distance, angle = pose_distance(world.state().base_from_wrist, wanted)
         assert distance < 0.004
         assert angle < np.deg2rad(2.0)
-        wanted_points = transform_points(Swing().moved(world.time), tumbler.keypoints)
+        wanted_points = transform_points(swing(world.time), tumbler.keypoints)
         np.testing.assert_allclose(world.keypoints(), wanted_points, atol=0.006)
 
 

@@ -14,7 +14,6 @@ from hadr.handover.grasping.grasps import forward_of
 from hadr.handover.guarded_arm import GuardedArm, HaltError
 from hadr.handover.robot import SimulatedUR5
 from hadr.handover.stages import HandoverConfig
-from hadr.simulation.trials.trial import Outcome
 
 DT = 0.02
 PLAIN = HandoverConfig()
@@ -70,8 +69,7 @@ def advancing(config: HandoverConfig, **block: object) -> tuple[Touching, Advanc
     watch = SimpleNamespace(
         keypoints=away, problem="", middle=away.mean(axis=0), velocity=lambda window: np.zeros(3)
     )
-    arm = GuardedArm(robot, config)
-    advance = Advance(arm, watch)
+    advance = Advance(GuardedArm(robot, config, watch))
     advance.begin()
     return robot, advance, robot.start
 
@@ -207,11 +205,6 @@ def test_a_sensor_without_a_number_stops_it_and_it_goes_back(wrench: object) -> 
     closing_pose(robot, advance, start)
 
 
-def test_a_row_from_before_corrections_were_counted_is_read() -> None:
-    old = ("success", "", 5.8, 0.3, 1, 0.03, 0.0, "still", "fist", 0.4, 14.7)
-    assert Outcome(*old).corrections == 0  # type: ignore[arg-type]
-
-
 def test_corrections_end() -> None:
     """A wall on one side that no correction passes: after the last it closes or says so."""
     few = replace(FEELING, corrections=2)
@@ -238,8 +231,8 @@ def test_beside_the_hand_it_does_not_go_on() -> None:
     robot, advance, start = advancing(FEELING)
     ahead = forward_of(start, FEELING.back + FEELING.forward + 0.035)
     spot = ahead[:3, 3] + 0.0475 * ahead[:3, 0]
-    advance.watch.keypoints = spot + 1e-4 * np.arange(63).reshape(21, 3)
-    advance.watch.middle = advance.watch.keypoints.mean(axis=0)
+    advance.arm.watch.keypoints = spot + 1e-4 * np.arange(63).reshape(21, 3)
+    advance.arm.watch.middle = advance.arm.watch.keypoints.mean(axis=0)
     end = closing_pose(robot, advance, start)
     way = end[2, 3] - FEELING.back - FEELING.forward
     assert 0.009 < way < 0.021  # 1 cm of flesh and 5 mm to spare leave 2 cm
@@ -285,7 +278,7 @@ def test_while_no_hand_is_known_it_stands(when: str, monkeypatch: pytest.MonkeyP
         advance.arm.read()
         assert advance.step(start, DT) is None
     monkeypatch.setattr("hadr.handover.grasp_and_retrieve.ARRIVE_DISTANCE", 0.05)
-    advance.watch.keypoints, advance.watch.problem = None, "no hand in the picture"
+    advance.arm.watch.keypoints, advance.arm.watch.problem = None, "no hand in the picture"
     held, way = robot.tool_pose(), advance.travelled
     for _ in range(20):
         advance.arm.read()
@@ -302,8 +295,8 @@ def test_a_hand_behind_the_gripper_stops_the_drawing_back() -> None:
         advance.step(start, DT)
     tool = robot.tool_pose()
     spot = tool[:3, 3] + 0.0475 * tool[:3, 0] - 0.09 * tool[:3, 2]  # 3 cm behind the fingers' bar
-    advance.watch.keypoints = spot + 1e-4 * np.arange(63).reshape(21, 3)
-    advance.watch.middle = spot
+    advance.arm.watch.keypoints = spot + 1e-4 * np.arange(63).reshape(21, 3)
+    advance.arm.watch.middle = spot
     advance.arm.read()
     with pytest.raises(HaltError, match=r"hand .* mm from the gripper's path"):
         advance.step(start, DT)
@@ -318,8 +311,8 @@ def test_a_hand_in_front_lets_it_draw_back() -> None:
         advance.step(start, DT)
     tool = robot.tool_pose()
     spot = tool[:3, 3] + 0.0475 * tool[:3, 0] + 0.016 * tool[:3, 2]
-    advance.watch.keypoints = spot + 1e-5 * np.arange(63).reshape(21, 3)
-    advance.watch.middle = spot
+    advance.arm.watch.keypoints = spot + 1e-5 * np.arange(63).reshape(21, 3)
+    advance.arm.watch.middle = spot
     for _ in range(5):
         advance.arm.read()
         advance.step(start, DT)

@@ -10,16 +10,11 @@ import pytest
 from hadr.data.frame import Frame, write_frame
 from hadr.data.transhand import TransHand
 from hadr.handover.robot import HOME_JOINTS
-from hadr.simulation.camera.camera_frames import (
-    TEST_HOLDS,
-    TRAINING_HOLDS,
-    VALIDATION_HOLDS,
-    CameraFrameConfig,
-    camera_frame,
-)
+from hadr.simulation.camera import training_frames
 from hadr.simulation.camera.robot_camera import EYE, RobotCamera
+from hadr.simulation.camera.training_frames import EYE_SPREAD, FRAME_OBJECTS, HOLDS, camera_frame
+from hadr.simulation.trials import TRIAL_HOLDS
 from hadr.simulation.world.state import WorldState
-from hadr.simulation.world.trial_set import TRIAL_HOLDS
 from hadr.synthesis.glass.objects import NOVEL_OBJECTS
 
 
@@ -36,13 +31,13 @@ def test_the_same_number_gives_the_same_frame(frame: Frame) -> None:
 
 
 def test_no_split_shares_a_hold_with_another_or_with_the_trials() -> None:
-    splits = [set(TRAINING_HOLDS), set(VALIDATION_HOLDS), set(TEST_HOLDS), set(TRIAL_HOLDS)]
+    splits = [*map(set, HOLDS.values()), set(TRIAL_HOLDS)]
     assert len(set.union(*splits)) == sum(map(len, splits))
-    assert not set(CameraFrameConfig().objects) & set(NOVEL_OBJECTS)
+    assert not set(FRAME_OBJECTS) & set(NOVEL_OBJECTS)
 
 
 def test_the_labels_fit_the_picture(frame: Frame) -> None:
-    assert frame.object_id == CameraFrameConfig().objects[3]
+    assert frame.object_id == FRAME_OBJECTS[3]
     assert frame.object_mask.sum() > 50
     assert not (frame.object_mask & frame.hand_mask).any()
     inside = frame.object_mask
@@ -56,7 +51,7 @@ def test_the_labels_fit_the_picture(frame: Frame) -> None:
 
 def test_the_camera_stands_near_to_its_place_in_the_trials(frame: Frame) -> None:
     away = np.abs(frame.world_from_camera[:3, 3] - EYE)
-    assert 0 < away.max() <= CameraFrameConfig().eye
+    assert 0 < away.max() <= EYE_SPREAD
 
 
 def test_a_training_reads_what_is_written(frame: Frame, tmp_path: Path) -> None:
@@ -73,24 +68,6 @@ def test_wrong_arguments_are_named() -> None:
         camera_frame("trials", 0)
     with pytest.raises(ValueError, match="number must be 0 or more, got -1"):
         camera_frame("train", -1)
-    with pytest.raises(ValueError, match="0099"):
-        CameraFrameConfig(objects=("0099",))
-
-
-@pytest.mark.parametrize(
-    ("wrong", "says"),
-    [
-        ({"eye": np.nan}, "eye must be finite and 0 or more, got nan"),
-        ({"aim": np.inf}, "aim must be finite and 0 or more, got inf"),
-        ({"joints": -0.1}, "joints must be finite and 0 or more, got -0.1"),
-        ({"arm_at_home": 1.1}, "arm_at_home must be a share in 0..1, got 1.1"),
-        ({"arm_at_home": np.nan}, "arm_at_home must be a share in 0..1, got nan"),
-        ({"objects": ()}, "objects must name at least one object"),
-    ],
-)
-def test_wrong_settings_are_named(wrong: dict[str, object], says: str) -> None:
-    with pytest.raises(ValueError, match=says):
-        CameraFrameConfig(**wrong)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(("share", "at_home"), [(1.0, True), (0.0, False)])
@@ -107,6 +84,7 @@ def test_the_arm_is_at_home_in_its_share_of_the_frames(
         raise DrawnError
 
     monkeypatch.setattr(RobotCamera, "capture", capture)
+    monkeypatch.setattr(training_frames, "ARM_AT_HOME", share)
     with pytest.raises(DrawnError):
-        camera_frame("train", 0, config=CameraFrameConfig(arm_at_home=share))
+        camera_frame("train", 0)
     assert np.array_equal(seen[0], HOME_JOINTS) == at_home

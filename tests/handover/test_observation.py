@@ -1,4 +1,4 @@
-"""When a grasp is searched for, what a failing detector does, and how long its reason stays."""
+"""What an observation is worth; when a grasp is searched for, and how long a reason stays."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hadr.handover.observation import Observation
+from hadr.handover.observation import HandWatch, Observation, cleaned
 from hadr.handover.poses import camera_at
-from hadr.handover.replay import replay
 from hadr.handover.robot import SimulatedUR5
-from hadr.handover.run_log import RecordedHandover
+from hadr.handover.run_log import RecordedHandover, replay
+from hadr.handover.safety import SafetyConfig
 from hadr.handover.stages import ChosenGrasp, HandoverConfig, Stage
 from hadr.simulation.trials.rehearsal import MovingHand, rehearse, rehearsed_scene
 
@@ -20,6 +20,59 @@ SCENE = rehearsed_scene()
 CAMERA = camera_at(np.array([0.0, -0.55, 0.65]), np.array([0.55, 0.0, 0.3]))
 STILL = MovingHand(SCENE, CAMERA, drift=0.0, turn=0.0)
 DT = 0.02
+
+
+def noisy(seed: int) -> np.ndarray:
+    return SCENE.keypoints + np.random.default_rng(seed).normal(0, 1e-4, (21, 3))
+
+
+def test_points_and_numbers_are_cleaned() -> None:
+    cloud = np.ones((40, 3))
+    cloud[0], cloud[1, 2], cloud[2, 0] = np.nan, np.inf, 1e200
+    seen = cleaned(Observation(2, None, cloud, cloud[:32], None, np.inf))  # 29 are left of these
+    assert (seen.time, seen.scene_points, seen.confidence) == (2.0, None, None)
+    assert np.isnan(seen.taken)
+    assert seen.object_points is not None
+    assert seen.object_points.shape == (37, 3)
+    for odd in (cloud[:, :2], cloud.ravel(), "points", None):
+        assert cleaned(Observation(0.0, None, odd)).object_points is None  # type: ignore[arg-type]
+    for odd in (np.inf, np.nan, "2", 10**400, 1j):
+        assert np.isnan(cleaned(Observation(0.0, confidence=odd)).confidence)  # type: ignore[arg-type]
+
+
+def test_watch_sees_lost_silent_and_frozen() -> None:
+    watch = HandWatch(np.eye(4), SafetyConfig())
+    assert watch.look(Observation(0.0, noisy(0)), 0.0)
+    assert not watch.look(Observation(0.02, noisy(1), frame_time=0.0), 0.02)  # the same picture
+    assert not watch.look(Observation(0.04, noisy(1), frame_time=9.0), 0.04)  # the future
+    assert not watch.look(Observation(0.06, noisy(1), frame_time=float("nan")), 0.06)
+    np.testing.assert_array_equal(watch.keypoints, noisy(0))
+    assert watch.trouble(0.29) == ""
+    assert watch.trouble(0.30).startswith("the camera stopped")
+    assert watch.look(Observation(0.3), 0.3)
+    assert watch.keypoints is None
+    assert watch.trouble(0.31) == "no hand seen for 0.31 s: no hand in the picture"
+    assert watch.look(Observation(0.4, noisy(2)), 0.4)
+    assert watch.trouble(0.4) == ""
+    for k in range(4):
+        assert watch.trouble(0.4 + 0.1 * k) == ""
+        watch.look(Observation(0.5 + 0.1 * k, noisy(2)), 0.5 + 0.1 * k)
+    assert "the same in 5 pictures" in watch.trouble(0.8)
+    watch.look(Observation(0.9, noisy(3)), 0.9)
+    assert watch.trouble(0.9) == ""
+
+
+def test_watch_gives_the_hand_in_the_base_frame_and_its_speed() -> None:
+    base_from_camera = np.array([[0, -1, 0, 1.0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+    watch = HandWatch(base_from_camera, SafetyConfig())
+    at_origin = SCENE.keypoints - SCENE.keypoints[0]
+    for k in range(8):
+        watch.look(Observation(0.1 * k, at_origin + np.array([0.02 * k, 0, 0])), 0.1 * k)
+        if k == 1:
+            assert watch.velocity(0.3) is None  # 0.1 s is less than half of it
+    assert watch.keypoints is not None
+    np.testing.assert_allclose(watch.keypoints[0], [1.0, 0.14, 0.0], atol=1e-12)
+    np.testing.assert_allclose(watch.velocity(0.3), [0.0, 0.2, 0.0], atol=1e-9)
 
 
 def grasp() -> ChosenGrasp:

@@ -1,0 +1,57 @@
+"""Recorded states: there and back."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from hadr.handover.ur5 import check_pose
+from hadr.simulation.world.state import WorldState, load_states, save_states
+
+
+def pose(rng: np.random.Generator) -> np.ndarray:
+    result = np.eye(4)
+    result[:3, :3] = Rotation.random(random_state=int(rng.integers(1000))).as_matrix()
+    result[:3, 3] = rng.normal(size=3)
+    return result
+
+
+@pytest.fixture
+def states() -> list[WorldState]:
+    rng = np.random.default_rng(4)
+    holders = ("hand", "both", "gripper", "nobody")
+    return [
+        WorldState(
+            0.02 * k,
+            rng.uniform(-3, 3, 6),
+            rng.uniform(0, 0.085),
+            pose(rng),
+            pose(rng),
+            holders[k % 4],
+            rng.uniform(0, 20),
+            rng.uniform(0, 0.3),
+        )
+        for k in range(400)
+    ]
+
+
+def test_states_come_back_in_single_precision(tmp_path: Path, states: list[WorldState]) -> None:
+    path = tmp_path / "a.npz"
+    save_states(path, states)
+    read = load_states(path)
+    assert len(read) == len(states)
+    for before, after in zip(states, read, strict=True):
+        assert after.holder == before.holder
+        for name in WorldState.__dataclass_fields__:
+            if name != "holder":
+                np.testing.assert_allclose(
+                    getattr(after, name), getattr(before, name), rtol=2e-7, atol=4e-7
+                )
+        check_pose(after.base_from_object)
+        check_pose(after.base_from_wrist)
+    # 45 numbers of four bytes: random ones do not compress
+    assert path.stat().st_size < 400 * 45 * 4 + 5000
+    np.savez(path, version=7)
+    with pytest.raises(ValueError, match="has version 7, expected 1"):
+        load_states(path)
