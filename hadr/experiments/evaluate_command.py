@@ -30,7 +30,7 @@ examples
         --keypoints data_samples/checkpoints/hand-keypoints-mini.safetensors
 
 exit status
-  0 done   2 unusable checkpoint or data, or a wrong call"""
+  0 done   1 the disk is full   2 unusable checkpoint or data, or a wrong call"""
 
 
 @dataclass(frozen=True)

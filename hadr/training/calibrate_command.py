@@ -31,7 +31,7 @@ examples
         --test-objects 0010 --out confidence.json
 
 exit status
-  0 done   2 unusable checkpoint or data, or a wrong call"""
+  0 done   1 the disk is full   2 unusable checkpoint or data, or a wrong call"""
 
 
 @dataclass(frozen=True)

@@ -40,7 +40,8 @@ examples
     hadr train --preset tiny --out runs/tiny --resume
 
 exit status
-  0 done   2 unusable data or a wrong call   130 interrupted"""
+  0 done   1 the disk is full   2 unusable data or a wrong call
+  130 interrupted"""
 
 
 @dataclass(frozen=True)

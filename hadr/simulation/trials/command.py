@@ -65,7 +65,8 @@ or damaged. --dry-run counts what is done. The same seed gives the same
 outcomes.
 
 exit status
-  0 done, however many attempts failed   2 a wrong call   130 interrupted"""
+  0 done, however many attempts failed   1 the disk is full
+  2 a wrong call   130 interrupted"""
 
 
 @dataclass(frozen=True)

@@ -157,4 +157,8 @@ def generation_folder(root: Path, settings: GenerationSettings) -> Iterator[Path
         _check_settings(root, record)
         _clean(root)
         write_whole(root / SETTINGS_FILE, json.dumps(record, indent=1) + "\n")
-        yield root
+        try:
+            yield root
+        finally:
+            if not recorded_settings(root):
+                (root / SETTINGS_FILE).unlink(missing_ok=True)
