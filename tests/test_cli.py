@@ -229,13 +229,21 @@ def test_bad_input_is_one_sentence_and_leaves_nothing(frame, capfd, case: str) -
 
 def test_an_earlier_result_is_only_replaced_when_asked(frame, capsys) -> None:
     assert main(words(frame)) == 0
-    (frame / "out" / "report.json").write_text("old")
+    (frame / "out" / "cloud.ply").write_text("old")
     assert main(words(frame)) == 2
     assert "already holds cloud.ply and 7 more; choose a new name" in capsys.readouterr().err
-    assert (frame / "out" / "report.json").read_text() == "old"
+    again = [*words(frame, depth=frame / "out" / "depth.png"), "--overwrite"]
+    assert main(again) == 2
+    assert "out is not replaced: " in capsys.readouterr().err  # it would replace its own input
+    assert (frame / "out" / "cloud.ply").read_text() == "old"
     assert main([*words(frame), "--overwrite", "--quiet"]) == 0
     assert capsys.readouterr().out == ""
     assert json.loads((frame / "out" / "report.json").read_text())["method"] == "nearest"
+    assert (frame / "out" / "cloud.ply").read_bytes() != b"old"
+    (frame / "out" / "report.json").rename(frame / "report.json")
+    assert main([*words(frame), "--overwrite"]) == 2
+    assert "holds cloud.ply, which no earlier run wrote" in capsys.readouterr().err
+    (frame / "report.json").rename(frame / "out" / "report.json")
     (frame / "out" / "mine.txt").write_text("keep")
     assert main([*words(frame), "--overwrite"]) == 2
     assert "holds mine.txt, which no earlier run wrote" in capsys.readouterr().err
@@ -249,8 +257,31 @@ def test_a_crash_while_writing_leaves_nothing(frame, capsys, monkeypatch) -> Non
     monkeypatch.setattr("hadr.press.restore_command.write_point_cloud", full_disk)
     before = sorted(p.name for p in frame.iterdir())
     assert main(words(frame)) == 1
-    assert "cannot write" in capsys.readouterr().err
+    assert capsys.readouterr().err == (
+        "hadr restore: error: [Errno 28] No space left on device; nothing is half-written, make "
+        "room and run it again\n"
+    )
     assert sorted(p.name for p in frame.iterdir()) == before
+
+
+def test_what_nobody_expected_is_a_bug_and_says_so(frame, capsys, monkeypatch) -> None:
+    monkeypatch.setattr("hadr.press.restore_command.write_point_cloud", None)
+    assert main(words(frame)) == 1
+    told = capsys.readouterr().err
+    assert "TypeError: 'NoneType' object is not callable\nhadr restore: this is a bug in" in told
+    assert "please report it with the command and the text above" in told
+
+
+@pytest.mark.parametrize("line", ["restore --out=", "train --out ", "book --build  "])
+def test_an_empty_name_is_no_place(line, capsys, monkeypatch, tmp_path) -> None:
+    monkeypatch.chdir(tmp_path)
+    command, *given = line.split(" ", 2)
+    required = words(tmp_path)[1:-2] if command == "restore" else []
+    with pytest.raises(SystemExit) as left:
+        main([command, *required, *given])
+    assert left.value.code == 2
+    assert "expected a name or value, got an empty one" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("columns", [80, 120])

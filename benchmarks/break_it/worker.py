@@ -174,6 +174,9 @@ def tried(case: dict[str, Any], fixtures: Path, folder: Path) -> dict[str, Any]:
         status, place = call(case)
     os.chdir("/")
     told = (folder / "2.stream").read_text(errors="replace")
+    if "Traceback (most recent call last)" in told and status == 1:  # the command's own word
+        found = re.findall(r'/(hadr/[\w/]+\.py)", line (\d+)', told)
+        status, place = told.strip()[-400:], ":".join(found[-1]) if found else "?"
     verdict, detail = judged(case, before, snapshot(work), status, told)
     return {"verdict": verdict, "detail": detail, "place": place}
 

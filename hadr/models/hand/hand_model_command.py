@@ -13,7 +13,6 @@ mediapipe 1.2.2.
 from __future__ import annotations
 
 import hashlib
-import os
 import subprocess
 import sys
 import tempfile
@@ -22,7 +21,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from hadr.records.output_folder import check_writable
+from hadr.records.output_folder import check_file
+from hadr.records.writing import whole_file
 
 PARTS: dict[str, tuple[str, str]] = {
     "hand_detector.tflite": (
@@ -77,7 +77,7 @@ def run(options: Options) -> int:
         OSError: The file can't be written, or is another one.
     """
     out = Path(options.out)
-    check_writable(out)
+    check_file(out)
     if out.exists():
         if not is_hand_model(out):
             raise FileExistsError(
@@ -102,18 +102,9 @@ def write_hand_model(wheel: Path, out: Path) -> None:
     Raises:
         ValueError: The wheel is damaged, lacks a network, or holds another one.
     """
-    out.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=out.parent, prefix=f".{out.name}.part")
-    try:
-        with os.fdopen(handle, "wb") as file, zipfile.ZipFile(file, "w") as model:
-            for part, content in _networks(wheel).items():
-                model.writestr(zipfile.ZipInfo(part), content)  # stored, and of no date
-        umask = os.umask(0)
-        os.umask(umask)
-        os.chmod(name, 0o666 & ~umask)
-        os.replace(name, out)
-    finally:
-        Path(name).unlink(missing_ok=True)
+    with whole_file(out) as part, zipfile.ZipFile(part, "w") as model:
+        for name, content in _networks(wheel).items():
+            model.writestr(zipfile.ZipInfo(name), content)  # stored, and of no date
 
 
 def is_hand_model(path: Path) -> bool:
