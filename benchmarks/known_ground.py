@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 from collections import Counter
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -27,6 +28,7 @@ from hadr.data.frame import Frame, frame_log_path, write_frame
 from hadr.data.samples import open_gallery, open_samples, samples_dir
 from hadr.data.transhand import TransHand
 from hadr.known_ground import BEYOND
+from hadr.models.hand.plausible import NoHandError
 from hadr.records.provenance import machine_text, provenance
 from hadr.records.result_file import write_result_file
 from hadr.synthesis.depth_sensor.depth_camera import StereoCamera, capture_depth
@@ -218,12 +220,12 @@ def finders() -> tuple[Segmentation, HandKeypoints]:
 def found_hand(frame: Frame, glass: bool) -> Iterator[Shown]:
     """With the hand, and perhaps the glass, that the bundled networks find, if they find any."""
     segmentation, finder = finders()
-    mask, hand_mask = segmentation.masks(frame.color)
-    mask = mask if glass else frame.object_mask
+    found = segmentation.masks(frame.color)
+    mask = found.glass if glass else frame.object_mask
     seen = np.where(mask, 0, frame.raw_depth).astype(np.float32)
-    if mask.any() and hand_mask is not None and hand_mask.any():
-        hand = finder.find(frame.color, seen, frame.camera, mask, hand_mask)
-        if hand is not None and np.median(hand[:, 2]) > 0.05:
+    with suppress(NoHandError):
+        hand = finder.find(frame.color, seen, frame.camera, mask, found.hand)
+        if mask.any() and np.median(hand[:, 2]) > 0.05:
             yield shown(frame, mask=mask, keypoints=hand)
 
 
