@@ -14,6 +14,8 @@ import tyro
 from hadr import __version__
 from hadr.cli import COMMANDS, command_parser, main
 from hadr.frame_io import read_depth, read_hand, read_mask
+from hadr.records.output_folder import MARKER
+from hadr.records.writing import LOCK, sole_owner
 
 OUTPUTS = [
     "cloud.ply",
@@ -262,6 +264,26 @@ def test_a_crash_while_writing_leaves_nothing(frame, capsys, monkeypatch) -> Non
         "room and run it again\n"
     )
     assert sorted(p.name for p in frame.iterdir()) == before
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "train --preset tiny --out",
+        "generate --frames 1 --out",
+        "handover --arms perfect --objects 0004 --holds 902 --jobs 1 --out",
+        "reproduce --only known/raw --out",
+        "book --html-only --build",
+    ],
+)
+def test_a_folder_that_another_run_has_is_refused(tmp_path, capfd, line) -> None:
+    pytest.importorskip("fcntl", reason="folders are locked on POSIX systems alone")
+    with sole_owner(tmp_path / "out", "hadr test") as folder:
+        assert main([*line.split(), str(folder)]) == 2
+        assert {p.name for p in folder.iterdir()} <= {LOCK, MARKER}
+    error = capfd.readouterr().err
+    assert error.startswith(f"hadr {line.split()[0]}: error: {folder} is taken by hadr test, ")
+    assert error.count("\n") == 1
 
 
 def test_what_nobody_expected_is_a_bug_and_says_so(frame, capsys, monkeypatch) -> None:

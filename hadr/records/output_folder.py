@@ -40,7 +40,7 @@ def check_file(path: str | Path | None, **fields: str) -> None:
 
     Raises:
         ValueError: It is a folder, no regular file, or not the same command's; or a part of its
-            path is a file.
+            path is a file, or may not be written to.
     """
     if path is None:
         return
@@ -48,6 +48,9 @@ def check_file(path: str | Path | None, **fields: str) -> None:
     if path.is_dir():
         raise ValueError(f"{path} is a folder, expected the name of a file to write")
     check_folder(path.parent)
+    parent = next(part for part in path.absolute().parents if part.exists())
+    if not os.access(parent, os.W_OK | os.X_OK):
+        raise ValueError(f"can't write {path}: no permission for the folder {parent}")
     if path.is_symlink() or (path.exists() and not path.is_file()):
         raise ValueError(f"{path} is a link or a device, which is not replaced; name another file")
     if path.exists() and fields and not wrote(path, **fields):
@@ -71,8 +74,7 @@ def check_folder(path: str | Path) -> None:
     """Refuse a folder for results that is a file, or would lie in one.
 
     Raises:
-        ValueError: It is; or it is a link that leads nowhere, such as to itself; or it may not be
-            written to.
+        ValueError: It is, or it is a link that leads nowhere, such as to itself.
     """
     path = Path(path)
     parts = (path, *path.parents)
@@ -80,8 +82,6 @@ def check_folder(path: str | Path) -> None:
     if there is not None and not there.is_dir():
         kind = "a file" if there.exists() else "a link that leads nowhere"
         raise ValueError(f"{path} can't be a folder: {there} is {kind}")
-    if there is not None and not os.access(there, os.W_OK | os.X_OK):
-        raise ValueError(f"can't write to the folder {there}: permission denied")
 
 
 def check_replaceable(

@@ -113,8 +113,9 @@ def sole_owner(folder: str | Path, command: str) -> Iterator[Path]:
         OSError: The folder can't be made or written.
     """
     folder = Path(folder)
-    parts = (folder, *folder.absolute().parents)
-    made = [part for part in parts if not part.exists() or os.listdir(part) == [LOCK]]
+    made = [part for part in (folder, *folder.absolute().parents) if not part.exists()]
+    if not made and os.listdir(folder) == [LOCK]:  # a run was killed before it wrote anything
+        made = [folder]
     try:
         handle = _taken(folder)
         try:
@@ -139,7 +140,7 @@ def _taken(folder: Path) -> int:
     path = folder / LOCK
     while True:
         folder.mkdir(parents=True, exist_ok=True)
-        handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+        handle = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)
         try:
             _lock(handle)
         except BlockingIOError:
