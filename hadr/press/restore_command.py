@@ -90,9 +90,9 @@ what is written
 the hand
   Networks need it to know where the glass is. A hand that is found (--hand
   mediapipe, --keypoint-network) is accepted only if it is of a human's size, at
-  the glass, and where something was measured; else there is "no hand found", and
-  the notes say why. A hand that is given is always used; where it does not fit,
-  the notes say by how much, and no probability is stated.
+  the glass, and where something was measured; else there is "no hand found",
+  and the notes say why. A hand that is given is always used; where it does not
+  fit, the notes say by how much, and no probability is stated.
 
 examples
   A RealSense frame, depth PNG in millimetres:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
@@ -16,12 +16,12 @@ from hadr.records.output_folder import check_file
 from hadr.records.provenance import provenance
 
 if TYPE_CHECKING:
-    from hadr.training.batches import FrameTensors
+    from hadr.data.folders import FrameSource
 
 _WHAT = "Confidence of"
 """How the file of measured numbers begins."""
 RANGE_FRAMES = 600
-"""At most so many training frames, evenly taken, are read for the range of depths."""
+"""At most so many training frames, evenly taken, are read for range and ground."""
 
 EPILOG = """
 examples
@@ -39,8 +39,8 @@ class Options:
     """Calibrate a depth network's checkpoint.
 
     Fit what its confidence means on validation frames (of HADR-plus; the other networks
-    cannot say how sure they are), note the depths that training has shown, and write both
-    into the checkpoint's record. Its weights stay.
+    cannot say how sure they are), note the depths that training has shown and what its
+    frames were like, and write all of it into the checkpoint's record. Its weights stay.
     """
 
     checkpoint: tyro.conf.Positional[Annotated[Path, FILE]]
@@ -55,6 +55,9 @@ class Options:
     """How the depth of the frames is corrupted."""
     seed: int = 0
     """Seed of the analytic corruption."""
+    only_ground: bool = False
+    """Note what the training frames were like and leave all else in the record: for a
+    checkpoint of whose training frames only a part is at hand."""
     out: Annotated[Path | None, FILE] = None
     """Write what was measured as JSON into this file."""
 
@@ -63,8 +66,10 @@ def run(options: Options) -> int:
     """Run `hadr calibrate`."""
     from hadr.confidence import ConfidenceRule
     from hadr.records.result_file import write_result_file
+    from hadr.training.batches import load_frames
     from hadr.training.calibrate import calibrate, measure_confidence, restored_pixels
     from hadr.training.checkpoints import kind_of, load_checkpoint, update_record
+    from hadr.training.ground import learn_ground
 
     check_file(options.out, what=_WHAT)
     model, meta = load_checkpoint(options.checkpoint)
@@ -77,19 +82,32 @@ def run(options: Options) -> int:
             f"{name} was trained with corruption {learned!r}; a calibration with "
             f"{options.corruption!r} would speak of other pictures than it restores"
         )
+    if options.only_ground and "learned_range" not in meta:
+        raise ValueError(f"{name} was never calibrated: leave --only-ground out")
     size = int(meta["width"]), int(meta["height"])
     tested = options.test_objects or options.objects
-    train, validation, test = (
-        _load(options, split, objects, size)
+    sources = [
+        _frames(options, split, objects)
         for split, objects in (
             ("train", options.objects), ("val", options.objects), ("test", tested)
         )
-    )  # fmt: skip
-    source = f"split val of {len(options.data)} folder(s), corruption {options.corruption}"
-    additions = calibrate(model, train, validation, source)
+    ]  # fmt: skip
+    additions: dict[str, Any] = {}
+    if not options.only_ground:
+        train, validation, test = (
+            load_frames(frames, size, options.corruption, options.seed) for frames in sources
+        )
+        source = f"split val of {len(options.data)} folder(s), corruption {options.corruption}"
+        additions = calibrate(model, train, validation, source)
+    near, far = (additions or meta)["learned_range"]["depth_m"]
+    additions["ground"] = learn_ground(
+        model, size, options.corruption, (near, far), *sources[:2], options.seed
+    )
     update_record(options.checkpoint, additions)
-    near, far = additions["learned_range"]["depth_m"]
     print(f"learned range  {near:.3f} to {far:.3f} m")
+    print(f"ground         of {', '.join(additions['ground']['fields'])}")
+    if options.only_ground:
+        return 0
     if not NETWORKS[kind].can_say:
         unwritten = f"; {options.out} is not written" if options.out else ""
         print(f"confidence     a network of kind {kind} cannot say how sure it is{unwritten}")
@@ -118,14 +136,12 @@ def run(options: Options) -> int:
     return 0
 
 
-def _load(
-    options: Options, split: str, objects: Sequence[str] | None, size: tuple[int, int]
-) -> FrameTensors:
+def _frames(options: Options, split: str, objects: Sequence[str] | None) -> FrameSource:
+    """The frames of a split; of many for training some, evenly taken."""
     from hadr.data.folders import FrameSource, open_folder
-    from hadr.training.batches import load_frames
 
     source = FrameSource([open_folder(folder, split, objects) for folder in options.data])
     if split == "train" and len(source) > RANGE_FRAMES:
         step = len(source) / RANGE_FRAMES
         source = FrameSource(source.folders, [int(step * n) for n in range(RANGE_FRAMES)])
-    return load_frames(source, size, options.corruption, options.seed)
+    return source

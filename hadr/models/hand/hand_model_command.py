@@ -19,8 +19,9 @@ import tempfile
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
+from hadr.records.option_words import FILE
 from hadr.records.output_folder import check_file
 from hadr.records.writing import whole_file
 
@@ -40,18 +41,19 @@ PLATFORMS = ("manylinux_2_28_x86_64", "manylinux_2_17_x86_64")
 
 EPILOG = """\
 what is written
-  One file of 7.8 MB, for 'hadr restore --hand mediapipe --hand-model FILE': MediaPipe's
-  networks palm_detection_full and hand_landmark_full, Apache-2.0. The wheel they lie in
-  (36 MB) is fetched by pip from the package index that pip is set up for, into a temporary
-  folder. Both are checked against SHA-256 checksums that are part of hadr.
+  One file of 7.8 MB, for 'hadr restore --hand mediapipe --hand-model FILE':
+  MediaPipe's networks palm_detection_full and hand_landmark_full, Apache-2.0.
+  The wheel they lie in (36 MB) is fetched by pip from the package index that
+  pip is set up for, into a temporary folder. Both are checked against SHA-256
+  checksums that are part of hadr.
 
-example
-    pip install 'hadr[mediapipe]'
+examples
     hadr hand-model --out hand_landmarker.task
+  Then, with the package MediaPipe (pip install 'hadr[mediapipe]'):
     hadr restore --hand mediapipe --hand-model hand_landmarker.task ...
 
 exit status
-  0 the file is there   2 it could not be made"""
+  0 done   2 the model could not be made; it says why"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,7 +64,7 @@ class Options:
     package index.
     """
 
-    out: str
+    out: Annotated[str, FILE]
     """file to write, such as hand_landmarker.task; a file that is there is never replaced, unless
     it is this model"""
     version: Literal["0.10.21", "0.10.14"] = "0.10.21"
