@@ -21,7 +21,12 @@ from hadr.press.chapters import (
 )
 from hadr.records.checkout import checkout_root
 from hadr.records.option_words import CHAPTER, FOLDER
-from hadr.records.output_folder import check_output_folder, check_removable, make_output_folder
+from hadr.records.output_folder import (
+    check_file,
+    check_output_folder,
+    check_removable,
+    make_output_folder,
+)
 from hadr.records.provenance import machine_text
 from hadr.records.writing import sole_owner
 
@@ -64,6 +69,7 @@ def run(options: Options) -> int:
             update_readme(root / "README.md", readme_table(build, root))
             return 0
         check_removable(build / "book")
+        check_file(build / "results.json", parameters="", chapters="")
         every = chapter_paths(root / "notebooks")
         paths = chapter_paths(root / "notebooks", options.only)
         make_output_folder(build)

@@ -30,7 +30,7 @@ from hadr.press.chapters import (
 )
 from hadr.records.checkout import checkout_root
 from hadr.records.option_words import FOLDER
-from hadr.records.output_folder import check_output_folder, make_output_folder
+from hadr.records.output_folder import check_file, check_output_folder, make_output_folder
 from hadr.records.writing import sole_owner, write_whole
 from hadr.simulation.trials.command import check_packages
 from hadr.training.recipe import Accelerator
@@ -104,6 +104,7 @@ def run(options: Options) -> int:
     from hadr.experiments.plan import measure_all, plan, table_steps
 
     check_output_folder(options.out)
+    check_file(options.out / "results.json", parameters="", chapters="")
     smallest = min(options.seeds or (0,))
     for name, number, least in (
         ("jobs", options.jobs, 1), ("seed", options.seed, 0), ("seeds", smallest, 0),
