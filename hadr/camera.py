@@ -181,7 +181,8 @@ def load_intrinsics(path: str | Path) -> Intrinsics:
         else:
             values = yaml.load(text, _EachOnce)
     except (ValueError, yaml.YAMLError, RecursionError) as error:
-        raise ValueError(f"intrinsics {path} are neither valid YAML nor JSON: {error}") from error
+        why = " ".join(str(error).split())[:300]
+        raise ValueError(f"intrinsics {path} are neither valid YAML nor JSON: {why}") from error
     if not isinstance(values, Mapping):
         raise ValueError(f"{path} must hold named values (fx, fy, cx, cy, width, height)")
     try:

@@ -89,20 +89,32 @@ def checked_mask(mask: BoolArray | None, clean: NDArray[np.float32], notes: list
 
 
 def depth_to_use(
-    depth: NDArray[np.float32], mask: BoolArray, corruption: Corruption, notes: list[str]
+    depth: NDArray[np.float32], mask: BoolArray, corruption: Corruption
 ) -> NDArray[np.float32]:
-    """Erase what was measured in the mask, if this corruption does; note if anything was.
+    """Erase what was measured in the mask, if this corruption does.
 
     Depth is z-depth in metres, (H, W), 0 = missing; the mask is (H, W) bool.
     """
+    return np.where(mask, np.float32(0), depth) if CORRUPTIONS[corruption].erase else depth
+
+
+def note_measured(
+    depth: NDArray[np.float32],
+    mask: BoolArray,
+    corruption: Corruption,
+    skipped_by: str | None,
+    notes: list[str],
+) -> None:
+    """Say what becomes of depth that was measured inside the mask, which a network may skip."""
     measured = int((mask & (depth > 0)).sum())
-    trusted = not CORRUPTIONS[corruption].erase
+    if CORRUPTIONS[corruption].erase:
+        fate = "not trusted and was erased"
+    else:
+        fate = f"not used: {skipped_by} looks at none there" if skipped_by else "trusted"
     if measured:
         notes.append(
-            f"{measured} of the mask's {int(mask.sum())} pixels had a measured depth; it is "
-            + ("trusted as far as the method does" if trusted else "not trusted and was erased")
+            f"{measured} of the mask's {int(mask.sum())} pixels had a measured depth; it is {fate}"
         )
-    return depth if trusted else np.where(mask, np.float32(0), depth)
 
 
 def check_mask_form(name: str, mask: BoolArray, clean: NDArray[np.float32]) -> None:

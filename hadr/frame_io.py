@@ -33,6 +33,7 @@ from hadr.camera import (
     valid_depth,
 )
 from hadr.data.frame_pictures import JPEG_START, decode_image
+from hadr.hand import check_keypoints
 
 DEFAULT_DEPTH_SCALE = 0.001
 _QUIET = Lock()
@@ -160,8 +161,10 @@ def read_mask(path: str | Path, name: str = "mask") -> BoolArray:
     """
     if Path(path).suffix.lower() == ".npy":
         stored: NDArray[Any] = _read_npy(Path(path), name)
-        if stored.dtype.kind not in "biuf" or not np.isfinite(stored).all():
-            raise ValueError(f"{name} {path} must hold finite numbers or bool, got {stored.dtype}")
+        if stored.dtype.kind not in "biu" and not np.isin(stored, (0, 1)).all():
+            raise ValueError(
+                f"{name} {path} must hold bool, whole numbers, or 0 and 1, got {stored.dtype}"
+            )
     else:
         stored = _read_image(path, name, lossless=True)
         if stored.ndim == 3 and (stored[..., :3] == stored[..., :1]).all():
@@ -181,11 +184,11 @@ def read_hand(path: str | Path) -> NDArray[np.float64]:
     Args:
         path: JSON (a list of 21 `[x, y, z]`, or an object with that list as `keypoints`), text
             (21 lines `x y z`, spaces or commas) or `.npy`; order wrist, then thumb, index, middle,
-            ring, little finger. The door that uses them checks the shape.
+            ring, little finger.
 
     Raises:
         FileNotFoundError: No such file.
-        ValueError: Not numbers.
+        ValueError: Not 21 times 3 finite numbers.
     """
     path = Path(path)
     _check_file(path, "hand")
@@ -194,7 +197,7 @@ def read_hand(path: str | Path) -> NDArray[np.float64]:
             stored = _read_npy(path, "hand")
             if stored.dtype.kind not in "fiu":
                 raise ValueError(f"got {_kind(stored)}")
-            return stored.astype(np.float64)
+            return check_keypoints(stored)
         text = path.read_text(encoding="utf-8")
         if path.suffix.lower() == ".json":
             values = json.loads(text)
@@ -208,12 +211,13 @@ def read_hand(path: str | Path) -> NDArray[np.float64]:
                     )
                 values = values["keypoints"]
             rows = [[checked_number("a coordinate", x) for x in row] for row in values]
-            return np.asarray(rows, dtype=np.float64)
+            return check_keypoints(rows)
         rows = [[float(x) for x in line.replace(",", " ").split()] for line in text.splitlines()]
-        return np.asarray([row for row in rows if row], dtype=np.float64)
+        return check_keypoints([row for row in rows if row])
     except (ValueError, TypeError, RecursionError) as error:
         raise ValueError(
-            f"hand {path} must hold 21 keypoints x y z in metres as JSON, text or .npy: {error}"
+            f"hand {path} must hold 21 keypoints x y z in metres as JSON, text or .npy: "
+            f"{str(error)[:300]}"
         ) from error
 
 

@@ -279,9 +279,10 @@ def test_a_picture_too_large_is_refused_by_its_header(tmp_path, width, height):
         read_color(tmp_path / "a.jpg")
 
 
-def test_a_mask_of_nan_is_refused(tmp_path):
-    np.save(tmp_path / "mask.npy", np.full((4, 4), np.nan))
-    with pytest.raises(ValueError, match="must hold finite numbers or bool, got float64"):
+@pytest.mark.parametrize("value", [np.nan, 0.75])
+def test_a_mask_of_other_numbers_is_refused(tmp_path, value):
+    np.save(tmp_path / "mask.npy", np.full((4, 4), value))
+    with pytest.raises(ValueError, match="must hold bool, whole numbers, or 0 and 1, got float64"):
         read_mask(tmp_path / "mask.npy")
 
 

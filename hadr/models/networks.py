@@ -27,6 +27,7 @@ class Network:
         can_say: It predicts a distribution of depth, so that it can say how sure it is. HADR's and
             LIDF's probability is that of a voxel of 25 cm and says next to nothing about
             centimetres (chapter 6); the others have no opinion.
+        skips_mask: It never looks at depth that was measured inside the mask.
     """
 
     title: str
@@ -37,6 +38,7 @@ class Network:
     answer: Literal["depth", "keypoints", "masks"] = "depth"
     published: str = ""
     can_say: bool = False
+    skips_mask: bool = False
 
     @property
     def modules(self) -> tuple[str, str]:
@@ -75,11 +77,11 @@ NETWORKS: dict[str, Network] = {
     ),
     "unet-hand": Network(
         "U-Net with the hand", "hadr.rivals.unet_hand", "UNetHand", "UNetHandConfig",
-        "hadr.training.tasks.unet_hand",
+        "hadr.training.tasks.unet_hand", skips_mask=True,
     ),
     "hadr-plus": Network(
         "HADR-plus", "hadr.models.hadr_plus", "HADRPlus", "HADRPlusConfig",
-        "hadr.training.tasks.hadr_plus", can_say=True,
+        "hadr.training.tasks.hadr_plus", can_say=True, skips_mask=True,
     ),
     "hand-keypoints": Network(
         "hand keypoints", "hadr.models.hand.keypoints", "HandKeypointNet", "HandKeypointConfig",
