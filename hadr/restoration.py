@@ -24,6 +24,7 @@ from hadr.frame_checks import (
     checked_hand,
     checked_mask,
     depth_to_use,
+    note_measured,
 )
 from hadr.known_ground import Verdict
 from hadr.models.hand.plausible import HandCheck, NoHandError, check_hand
@@ -325,10 +326,12 @@ class Restorer:
         network = self._fitting(known.hand is not None or self.finder is not None)
         learned: Corruption = "oracle" if isinstance(network, str) else network.corruption
         trusted = self.corruption or learned
-        seen = depth_to_use(known.depth, known.target, trusted, notes)
+        seen = depth_to_use(known.depth, known.target, trusted)
         if known.hand is None and self.finder is not None:
             known = replace(known, hand=self._find_hand(self.finder, known, seen, notes))
             network = self._fitting(known.keypoints is not None)
+        skipped_by = None if isinstance(network, str) or not network.skips_mask else network.title
+        note_measured(known.depth, known.target, trusted, skipped_by, notes)
         if isinstance(network, str):
             method = self._without_network(network, notes)
             return known, _classical(method, known, known.target & ~valid_depth(seen))
@@ -336,7 +339,13 @@ class Restorer:
         ground = network.ground if CORRUPTIONS[trusted].erase == network.erases else None
         asked = replace(network, corruption=trusted, ground=ground)
         answer = asked.restore(
-            known.color, seen, known.camera, known.target, known.keypoints, known.depth
+            known.color,
+            seen,
+            known.camera,
+            known.target,
+            known.keypoints,
+            known.depth,
+            beyond=network.can_say,
         )
         notes += network.notes(answer, trusted, known.camera)
         filled = np.where(known.target, answer.depth, known.depth)

@@ -39,8 +39,11 @@ if TYPE_CHECKING:
 
 SAMPLE_CHECKPOINTS = (
     "hadr-mini.safetensors", "hadr-mini-unknown.safetensors", "hadr-plus-mini.safetensors",
+    "hadr-handover.safetensors", "hadr-plus-handover.safetensors",
 )  # fmt: skip
-"""The bundled checkpoints that restore depth of any frame."""
+"""The bundled checkpoints that restore depth."""
+EDGE_M = 0.05
+"""Nearer to an end of the learned range, metres, errors are larger."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +56,9 @@ class NetworkDepth:
             network that cannot say how sure it is.
         restored: Pixels of the mask with a depth, shape (H, W) bool.
         no_answer: Share of the mask's working pixels without any answer, 0..1.
-        out_of_range: Share of them whose answer lies outside of what was learned, 0..1.
+        out_of_range: Share of them that stay missing as their answer lies outside of what was
+            learned, 0..1.
+        beyond: Share of them that are restored all the same, without confidence, 0..1.
         ground: Whether the frame lies on the network's ground.
         tolerance_m: The confidence is the probability that the depth is right to so many metres;
             None where it is none.
@@ -66,6 +71,7 @@ class NetworkDepth:
     out_of_range: float
     ground: Verdict
     tolerance_m: float | None
+    beyond: float
 
 
 @dataclass(frozen=True)
@@ -107,6 +113,11 @@ class DepthNetwork:
     def can_say(self) -> bool:
         """Whether it can say how sure it is."""
         return NETWORKS[self.kind].can_say
+
+    @property
+    def skips_mask(self) -> bool:
+        """Whether it never looks at depth that was measured inside the mask."""
+        return NETWORKS[self.kind].skips_mask
 
     @property
     def erases(self) -> bool:
@@ -164,6 +175,8 @@ class DepthNetwork:
         mask: BoolArray,
         keypoints: NDArray[np.float64] | None,
         measured: NDArray[np.float32] | None = None,
+        *,
+        beyond: bool = False,
     ) -> NetworkDepth:
         """Restore the mask's pixels.
 
@@ -176,6 +189,7 @@ class DepthNetwork:
             measured: The same as the camera measured it, inside the mask too. Where it is given,
                 the frame gets no probability unless it lies on the network's ground. None: the
                 ground is not asked.
+            beyond: Keep answers beyond the learned range, with the confidence 0.
         """
         import torch
 
@@ -194,7 +208,8 @@ class DepthNetwork:
             output, ground, rule = self._ask(inputs, measured)
             asked = inputs.mask[0].numpy()
             answered = (output.restored & (output.depth > 0))[0].numpy() & asked
-            known = within_learned(output, self.learned_range_m)[0].numpy() & asked
+            within = within_learned(output, self.learned_range_m)[0].numpy() & asked
+            known = within_learned(output, None)[0].numpy() & asked if beyond else within
             found = output.depth[0].numpy()
             sure = np.zeros_like(found)
             if rule is not None:
@@ -209,6 +224,9 @@ class DepthNetwork:
             large, there = enlarge_restored(images, known, asked, mask.shape, window)
             restored[window] = there & mask[window]
             whole[:, *window] = np.where(restored[window], large, 0)
+            if self.learned_range_m is not None:
+                near, far = self.learned_range_m
+                whole[1, (whole[0] < near) | (whole[0] > far)] = 0
         count = max(int(asked.sum()), 1)
         return NetworkDepth(
             depth=whole[0],
@@ -218,6 +236,7 @@ class DepthNetwork:
             out_of_range=float((answered & ~known).sum()) / count,
             ground=ground,
             tolerance_m=None if rule is None else rule.calibration.tolerance_m,
+            beyond=float((known & ~within).sum()) / count,
         )
 
     def _ask(
@@ -238,7 +257,7 @@ class DepthNetwork:
     def notes(self, answer: NetworkDepth, corruption: Corruption, camera: Intrinsics) -> list[str]:
         """Say which network it was, what it was not trained for, and what it could not do."""
         (width, height), notes = self.size, []
-        if CORRUPTIONS[corruption].erase != self.erases:
+        if CORRUPTIONS[corruption].erase != self.erases and not self.skips_mask:
             learned = "without" if self.erases else "with"
             notes.append(
                 f"{self.name} learned from frames {learned} measured depth inside the mask, and "
@@ -274,11 +293,25 @@ class DepthNetwork:
             notes.append(
                 f"no ray of the mask met an occupied voxel, so {self.title} restored nothing"
             )
-        elif answer.out_of_range:
-            notes.append(
-                f"{100 * answer.out_of_range:.1f} % of the mask's depth lay outside of what "
-                f"{self.title} has learned and was discarded"
-            )
+            return notes
+        learned = "what it has learned"
+        if self.learned_range_m is not None:
+            near, far = self.learned_range_m
+            learned += f" ({near:.2f} to {far:.2f} m)"
+            seen = answer.depth[answer.restored]
+            middle = float(np.median(seen)) if seen.size else near
+            if min(middle - near, far - middle) < EDGE_M:
+                notes.append(
+                    f"the depth lies at the edge of {learned}: expect larger errors of {self.title}"
+                )
+        shares = (
+            (answer.no_answer, "no answer, and stay missing"),
+            (answer.out_of_range, f"one outside of {learned}, and stay missing"),
+            (answer.beyond, f"one outside of {learned}, and keep it without probability"),
+        )
+        told = [f"{100 * share:.1f} % {what}" for share, what in shares if share]
+        if told:
+            notes.append(f"of the mask's pixels {self.title} gives {'; '.join(told)}")
         return notes
 
 

@@ -279,13 +279,13 @@ def test_measured_depth_in_the_mask_counts_where_it_is_trusted(tmp_path) -> None
     )
     assert (first.depth != second.depth).any()
     assert any("learned from frames without measured depth" in n for n in first.notes)
-    assert any("it is trusted as far as the method does" in n for n in first.notes)
+    assert any("pixels had a measured depth; it is trusted" in n for n in first.notes)
     # A checkpoint that learned so takes it without being told.
     path = checkpoint_file(tmp_path, data={"corruption": "sensor"})
     told = restore(color, depth, CAMERA, mask, hand(), checkpoint=path)
     np.testing.assert_array_equal(told.depth, first.depth)
     assert not any("learned from" in n for n in told.notes)
-    assert any("it is trusted as far as the method does" in n for n in told.notes)
+    assert any("pixels had a measured depth; it is trusted" in n for n in told.notes)
 
 
 @pytest.mark.parametrize("method", ["nearest", "inpaint", "hand-median"])

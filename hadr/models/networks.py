@@ -28,6 +28,7 @@ class Network:
             LIDF's probability is that of a voxel of 25 cm and says next to nothing about
             centimetres (chapter 6); the others have no opinion.
         sees: Of one that restores depth, the part whose map is what it sees (`hadr.known_ground`).
+        skips_mask: It never looks at depth that was measured inside the mask.
     """
 
     title: str
@@ -39,6 +40,7 @@ class Network:
     published: str = ""
     can_say: bool = False
     sees: str = ""
+    skips_mask: bool = False
 
     @property
     def modules(self) -> tuple[str, str]:
@@ -77,11 +79,11 @@ NETWORKS: dict[str, Network] = {
     ),
     "unet-hand": Network(
         "U-Net with the hand", "hadr.rivals.unet_hand", "UNetHand", "UNetHandConfig",
-        "hadr.training.tasks.unet_hand", sees="up.0",
+        "hadr.training.tasks.unet_hand", sees="up.0", skips_mask=True,
     ),
     "hadr-plus": Network(
         "HADR-plus", "hadr.models.hadr_plus", "HADRPlus", "HADRPlusConfig",
-        "hadr.training.tasks.hadr_plus", can_say=True, sees="unet",
+        "hadr.training.tasks.hadr_plus", can_say=True, sees="unet", skips_mask=True,
     ),
     "hand-keypoints": Network(
         "hand keypoints", "hadr.models.hand.keypoints", "HandKeypointNet", "HandKeypointConfig",
