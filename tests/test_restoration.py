@@ -300,8 +300,26 @@ def test_without_learning_trust_means_to_keep_what_was_measured(method: str) -> 
     np.testing.assert_array_equal(result.mask, mask)
 
 
-def test_a_calibrated_checkpoint_says_what_its_confidence_means(tmp_path) -> None:
+def ground_of_frame(path) -> dict:
+    """The ground of a network that has learned from `frame` alone."""
+    from hadr.camera import resize_depth
+    from hadr.known_ground import Field, Ground, Sight, observe
+    from hadr.models.hadr_input import frame_to_input
+    from hadr.trained_networks import DepthNetwork
+
+    (color, depth, mask), network = frame(), DepthNetwork.load(path)
+    given = np.where(mask, 0, depth)
+    inputs = frame_to_input(color, given, mask, hand(), CAMERA, network.size)
+    small = resize_depth(depth, *network.size)
+    one = observe(network.model.requires_grad_(False), "unet", inputs, small, None)
+    sight = Sight.fit(np.stack((one.seen, one.seen + 1)))
+    features = [sight.with_strangeness(one)]
+    return Ground({"measured depth": Field.fit(features, features)}, sight).to_dict()
+
+
+def test_a_calibrated_checkpoint_says_what_its_confidence_means_where_it_holds(tmp_path) -> None:
     """The rule says 0.3 whatever the network's score; the raw score is another."""
+    from hadr.press.restore_report import confidence_means, report
     from hadr.training.checkpoints import save_checkpoint
 
     color, depth, mask = frame()
@@ -311,9 +329,17 @@ def test_a_calibrated_checkpoint_says_what_its_confidence_means(tmp_path) -> Non
     plain = restore(color, depth, CAMERA, mask, hand(), checkpoint=path)
     assert plain.tolerance_m is None
     assert any("never calibrated" in n for n in plain.notes)
-    rule = ConfidenceRule("candidates", 0.0, 1.0, Calibration((0.2, 0.8), (0.3, 0.3)))
-    save_checkpoint(path, depth_network("hadr-plus"), size | {"confidence": rule.to_dict()})
+    rule = ConfidenceRule("candidates", 0.0, 1.0, Calibration((0.2, 0.8), (0.3, 0.3))).to_dict()
+    save_checkpoint(path, depth_network("hadr-plus"), size | {"confidence": rule})
+    unknown = restore(color, depth, CAMERA, mask, hand(), checkpoint=path)
+    assert unknown.tolerance_m is None
+    assert (unknown.confidence[mask] == 0).all()
+    assert any("it is not known which frames plus.safetensors learned" in n for n in unknown.notes)
+    assert confidence_means(unknown).startswith("no probability: it is not known")
+    known = size | {"confidence": rule, "ground": ground_of_frame(path)}
+    save_checkpoint(path, depth_network("hadr-plus"), known)
     sure = restore(color, depth, CAMERA, mask, hand(), checkpoint=path)
+    assert sure.ground.inside
     assert sure.tolerance_m == 0.02
     assert not any("never calibrated" in n for n in sure.notes)
     np.testing.assert_allclose(sure.confidence[sure.restored], 0.3, rtol=1e-6)
@@ -322,13 +348,25 @@ def test_a_calibrated_checkpoint_says_what_its_confidence_means(tmp_path) -> Non
     assert not np.allclose(plain.confidence[sure.restored], 0.3)
     assert not any("does not fit" in n for n in sure.notes)
     # A hand that lies 60 cm behind what the camera measured there is used, and says so.
-    far = hand() + np.array([0, 0, 0.59])
-    away = restore(color, depth, CAMERA, mask, far, checkpoint=path)
+    behind = hand() + np.array([0, 0, 0.59])
+    away = restore(color, depth, CAMERA, mask, behind, checkpoint=path)
     assert away.tolerance_m is None
     assert (away.confidence[mask] == 0).all()
     (note,) = (n for n in away.notes if n.startswith("the given hand does not fit this frame"))
     assert "60.0 cm behind the depth that was measured" in note
-    np.testing.assert_array_equal(away.keypoints, far)
+    np.testing.assert_array_equal(away.keypoints, behind)
+    far = restore(color, 2 * depth, CAMERA, mask, hand(1.4), checkpoint=path)
+    assert far.ground.inside is False
+    assert far.ground.features["distance"] == pytest.approx(1.4)
+    assert (far.confidence[mask] == 0).all()
+    assert far.tolerance_m is None
+    said = next(n for n in far.notes if "is unlike those that HADR-plus learned from" in n)
+    assert ", so there is no probability of being right: " in said
+    assert said.count(", learned ") == len(far.ground.why)
+    assert confidence_means(far).startswith("no probability: ")
+    kept = report(depth, CAMERA, far, None, {}, {})["ground"]
+    assert kept["inside"] is False
+    assert kept["features"]["distance"] == pytest.approx(1.4)
 
 
 def test_depth_beyond_the_learned_range_is_left_missing(tmp_path) -> None:
@@ -492,7 +530,7 @@ def test_a_found_hand_that_can_t_be_one_is_none(tmp_path, keypoints, presence, r
         np.testing.assert_array_equal(result.hand.keypoints, keypoints)
     without = restore(color, depth, CAMERA, glass, checkpoint=path)
     np.testing.assert_array_equal(result.depth, without.depth)
-    with pytest.raises(ValueError, match=r"method hadr: no checkpoint fits: .*are none"):
+    with pytest.raises(ValueError, match=r"method hadr: no checkpoint.*are none; no hand found"):
         Restorer("hadr", path, **finds)(color, depth, CAMERA, glass)
 
 

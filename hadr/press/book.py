@@ -43,6 +43,7 @@ from hadr.records.output_folder import (
 )
 from hadr.records.provenance import machine_text
 from hadr.records.reading import read_json, structured
+from hadr.records.writing import write_whole
 
 RUNTIME_TOKEN = "*stands here in the built book*"
 TABLE_TOKEN = "{{RUNTIME_TABLE}}"
@@ -208,7 +209,7 @@ def update_readme(readme: Path, table: str) -> None:
     _, end, after = rest.partition(TABLE_END)
     if not end:
         raise ValueError(f"{readme} has no lines {TABLE_BEGIN!r} and {TABLE_END!r}")
-    readme.write_text(f"{before}{begin}\n{table}\n{end}{after}", encoding="utf-8")
+    write_whole(readme, f"{before}{begin}\n{table}\n{end}{after}")
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,6 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
-import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, is_dataclass, replace
 from pathlib import Path
@@ -19,7 +18,7 @@ from typing import Any
 
 import torch
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
+from safetensors.torch import save
 from torch import Tensor, nn
 
 from hadr.confidence import ConfidenceRule
@@ -27,6 +26,7 @@ from hadr.corruption import CORRUPTIONS, Corruption
 from hadr.models.networks import NETWORKS
 from hadr.records.provenance import IF_CHANGED, plain, write_json
 from hadr.records.reading import parse_json, structured
+from hadr.records.writing import write_whole
 
 CHECKSUM = "tensors_sha256"
 _HEADER = "hadr"
@@ -211,16 +211,8 @@ def load_training_state(path: str | Path) -> dict[str, Tensor]:
 
 def _write(path: Path, tensors: dict[str, Tensor], record: dict[str, Any]) -> None:
     """Write checkpoint and record, each whole or not at all."""
-    path.parent.mkdir(parents=True, exist_ok=True)
     record[CHECKSUM] = _checksum(tensors)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        save_file(tensors, temporary, metadata={_HEADER: json.dumps(record)})
-        temporary.chmod(0o644)  # safetensors writes files that their owner alone can read
-        os.replace(temporary, path)
-    finally:
-        with contextlib.suppress(FileNotFoundError):
-            temporary.unlink()
+    write_whole(path, save(tensors, metadata={_HEADER: json.dumps(record)}))
     write_json(path.with_suffix(".json"), record)
 
 
