@@ -149,11 +149,13 @@ class DepthNetwork:
                 f"{name} holds a network of kind {kind!r}, expected one that restores depth: "
                 f"{', '.join(DEPTH_NETWORKS)}"
             )
+        from hadr.training.checkpoints import trained_corruption
+
         config: Any = model.config
         stored = meta.get("confidence") if NETWORKS[kind].can_say else None
-        learned = meta.get("learned_range", {}).get("depth_m")
+        learned = (meta.get("learned_range") or {}).get("depth_m")
         ground = meta.get("ground")
-        recipe = meta.get("preset", {}).get("name", "unknown")
+        recipe = (meta.get("preset") or {}).get("name", "unknown")
         return cls(
             model=model.eval(),
             kind=kind,
@@ -436,16 +438,3 @@ def _read_kind(path: str | Path, kind: str) -> tuple[Any, tuple[int, int]]:
     if meta["network"] != kind:
         raise ValueError(f"{path} holds a network of kind {meta['network']!r}, expected {kind!r}")
     return model.eval(), (int(meta["width"]), int(meta["height"]))
-
-
-def trained_corruption(meta: dict[str, Any]) -> Corruption:
-    """Read from a checkpoint's record of which corruption it learned.
-
-    Raises:
-        ValueError: It is none of `CORRUPTIONS`.
-    """
-    stored = meta.get("data", {}).get("corruption", meta.get("corruption", "oracle"))
-    for name in CORRUPTIONS:
-        if name == str(stored).partition(":")[0]:
-            return name
-    raise ValueError(f"corruption must be one of {', '.join(CORRUPTIONS)}, got {stored!r}")

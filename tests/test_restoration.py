@@ -3,6 +3,7 @@ import pytest
 
 from hadr import restoration
 from hadr.camera import Intrinsics
+from hadr.confidence import Calibration, ConfidenceRule
 from hadr.hand import forward_kinematics, keypoints_from_skeleton
 from hadr.models.hand.plausible import NoHandError
 from hadr.models.networks import DEPTH_NETWORKS
@@ -328,8 +329,7 @@ def test_a_calibrated_checkpoint_says_what_its_confidence_means_where_it_holds(t
     plain = restore(color, depth, CAMERA, mask, hand(), checkpoint=path)
     assert plain.tolerance_m is None
     assert any("never calibrated" in n for n in plain.notes)
-    calibration = {"scores": [0.2, 0.8], "probabilities": [0.3, 0.3], "tolerance_m": 0.02}
-    rule = {"signals": ["candidates"], "center": [0], "scale": [1], "calibration": calibration}
+    rule = ConfidenceRule("candidates", 0.0, 1.0, Calibration((0.2, 0.8), (0.3, 0.3))).to_dict()
     save_checkpoint(path, depth_network("hadr-plus"), size | {"confidence": rule})
     unknown = restore(color, depth, CAMERA, mask, hand(), checkpoint=path)
     assert unknown.tolerance_m is None

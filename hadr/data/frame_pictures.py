@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import re
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hadr.camera import LARGEST_IMAGE
+from hadr.records.reading import structured
 
 Normals = Literal["all", "held", "object", "none"]
 """Of which pixels a frame's surface normals are kept; held: of hand and object."""
@@ -182,14 +183,7 @@ class DisparityScale:
     @classmethod
     def from_record(cls, record: Any) -> DisparityScale:
         """The values by name, as a log has them; a ``ValueError`` says what it lacks."""
-        if not isinstance(record, Mapping) or set(record) != {"focal_baseline", "step", "unit"}:
-            raise ValueError(
-                f"a disparity scale must name focal_baseline, step and unit, got {record!r}"
-            )
-        try:
-            return cls(**{name: float(value) for name, value in record.items()})
-        except TypeError as error:
-            raise ValueError(f"a disparity scale must hold numbers, got {record!r}") from error
+        return structured(record, cls, "a disparity scale")
 
     def depth(self, steps: npt.NDArray[Any]) -> Depth:
         """Depth in metres of whole steps; 0 stays 0."""

@@ -20,7 +20,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
-import cattrs
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
@@ -33,12 +32,26 @@ from hadr.handover.safety import hand_problem
 from hadr.handover.stages import ChooseGrasp, ChosenGrasp, HandoverConfig, Stage, Transition
 from hadr.handover.ur5 import UnreachableError
 from hadr.handover.workflow import Handover
+from hadr.records.reading import parse_json, structured
 from hadr.records.writing import write_arrays
 
 Array = npt.NDArray[np.float64]
 FORMAT = 1
 KEPT_POINTS = 32
 """So many points of a cloud are stored, and the one next to the hand."""
+
+
+_ARRAYS: dict[str, tuple[Any, ...]] = {
+    **dict.fromkeys(("time", "taken", "dt", "confidence"), ("f", "steps")),
+    **dict.fromkeys(("hand", "cloud"), ("i", "steps")),
+    "keypoints": ("f", "hands", 21, 3),
+    "points": ("f", "clouds", KEPT_POINTS + 1, 3),
+    "tool": ("f", "steps and one", 3, 4),
+    "joints": ("f", "steps and one", "joints"),
+    "width": ("f", "steps and one"),
+    "servo": ("f", "steps", 3, 4),
+}
+"""Kind and shape of each array; what has the same name has the same length."""
 
 
 @dataclass(frozen=True)
@@ -105,10 +118,56 @@ def read_run_log(path: str | Path) -> RunLog:
             f"{path} was changed: its content has the checksum {found[:12]}..., "
             f"the file says {sealed[:12]}..."
         )
-    header = json.loads(text)
-    if header["format"] != FORMAT:
-        raise ValueError(f"{path} has format {header['format']}, this version reads {FORMAT}")
+    header = parse_json(text, f"the header of {path}")
+    if not isinstance(header, dict) or header.get("format") != FORMAT:
+        has = header.get("format") if isinstance(header, dict) else type(header).__name__
+        raise ValueError(f"{path} has format {has!r:.60}, this version reads {FORMAT}")
+    structured(header, _Header, path, infinite=True)
+    _check_arrays(arrays, path)
     return RunLog(arrays, header)
+
+
+@dataclass(frozen=True)
+class _Header:
+    """The form of a log's header."""
+
+    format: int
+    config: dict[str, Any]
+    base_from_camera: list[list[float]]
+    transitions: list[tuple[float, Stage, Stage, str]]
+    cautions: list[tuple[float, str]]
+    odd_keypoints: dict[str, list[int]]
+    events: list[list[Any]]
+
+    def __post_init__(self) -> None:
+        if wrong := [step for step in self.odd_keypoints if not step.isdigit()]:
+            raise ValueError(f"odd_keypoints: {wrong[0]!r:.60} is no number of a step")
+        for event in self.events:
+            if [type(part) for part in event[:2]] != [int, str]:
+                raise ValueError(f"events: each begins with step and name, got {event!r:.60}")
+
+
+def _check_arrays(arrays: Mapping[str, npt.NDArray[Any]], path: str | Path) -> None:
+    """Refuse arrays of another shape than `RunLog` says, or that are no numbers."""
+    counts: dict[str, int] = {}
+    for name, (kind, *shape) in _ARRAYS.items():
+        if name not in arrays:
+            raise ValueError(f"{path} lacks the array {name}")
+        values = arrays[name]
+        wanted = [counts.setdefault(n, m) if isinstance(n, str) else n
+                  for n, m in zip(shape, values.shape, strict=False)]  # fmt: skip
+        if list(values.shape) != wanted or len(shape) != values.ndim or values.dtype.kind != kind:
+            found = f"{values.shape} {values.dtype}"
+            raise ValueError(f"{path}: the array {name} must have shape {shape}, got {found}")
+    if counts["steps and one"] != counts["steps"] + 1:
+        raise ValueError(f"{path}: {counts['steps']} steps, but {counts['steps and one']} tools")
+    for name in ("time", "dt", "points"):
+        if not np.isfinite(arrays[name]).all():
+            raise ValueError(f"{path}: the array {name} must be finite")
+    for name, of in (("hand", "hands"), ("cloud", "clouds")):
+        rows = arrays[name]
+        if rows.size and not -1 <= rows.min() <= rows.max() < counts[of]:
+            raise ValueError(f"{path}: the array {name} names rows that are not there")
 
 
 def _checksum(arrays: Mapping[str, npt.NDArray[Any]], text: str) -> str:
@@ -127,7 +186,6 @@ def _single(values: npt.ArrayLike) -> Array:
 
 READINGS = {"tool_pose": "tool", "joint_positions": "joints", "gripper_width": "width"}
 """What is read of the robot in each step, and the array that keeps it."""
-_CONFIG = cattrs.Converter(forbid_extra_keys=True, detailed_validation=False)
 COMMANDS = ("stop", "release", "set_gripper")
 """Commands that a replay must give again."""
 
@@ -406,18 +464,13 @@ def replay(log: RunLog) -> Handover:
     """
     robot = LoggedRobot(log)
     header = log.header
-    try:
-        config = _CONFIG.structure(header["config"], HandoverConfig)
-    except cattrs.ForbiddenExtraKeysError as error:
-        raise ValueError(
-            f"the log has the setting {min(error.extra_fields)}, which this version does not "
-            "know: replay it with the version that made it"
-        ) from error
+    config = structured(header["config"], HandoverConfig, "the log: config", infinite=True)
     calibration = np.array(header["base_from_camera"])
     handover = Handover(cast(Robot, robot), robot.choose, calibration, config)
-    for step in range(len(log.arrays["time"])):
-        robot.turn_to(step)
-        handover.step(logged_observation(log, step), float(log.arrays["dt"][step]))
+    with np.errstate(all="ignore"):  # what a robot said may have been no number
+        for step in range(len(log.arrays["time"])):
+            robot.turn_to(step)
+            handover.step(logged_observation(log, step), float(log.arrays["dt"][step]))
     _compare("transition", log.transitions, handover.transitions)
     told = [event for event in header["events"] if event[1] in COMMANDS]
     _compare("command", told, robot.commands)

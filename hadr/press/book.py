@@ -6,13 +6,13 @@ without a kernel cannot show is taken out on the way; the executed notebooks sta
 """
 
 import importlib.util
-import json
 import os
 import re
 import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -42,6 +42,7 @@ from hadr.records.output_folder import (
     remove_output_folder,
 )
 from hadr.records.provenance import machine_text
+from hadr.records.reading import read_json, structured
 from hadr.records.writing import write_whole
 
 RUNTIME_TOKEN = "*stands here in the built book*"
@@ -211,6 +212,28 @@ def update_readme(readme: Path, table: str) -> None:
     write_whole(readme, f"{before}{begin}\n{table}\n{end}{after}")
 
 
+@dataclass(frozen=True)
+class _Measured:
+    """What is read of a build's record."""
+
+    parameters: dict[str, Any]
+    chapters: dict[str, dict[str, Any]]
+
+
+@dataclass(frozen=True)
+class _Timed:
+    """A chapter's time, seconds, and the machine that took it."""
+
+    duration_s: float
+    machine: str
+
+    def __post_init__(self) -> None:
+        if self.duration_s < 0:
+            raise ValueError(f"duration_s must not be negative, got {self.duration_s}")
+        if not self.machine.isprintable() or set("|<>`") & set(self.machine):
+            raise ValueError(f"machine must be words, got {self.machine!r:.60}")
+
+
 def readme_table(build: Path, root: Path) -> str:
     """The chapter list with the run times that the last ``make book`` measured.
 
@@ -222,12 +245,11 @@ def readme_table(build: Path, root: Path) -> str:
     path = build / "results.json"
     if not path.exists():
         raise FileNotFoundError(f"{path} is missing: run `make book` first")
-    try:
-        measured = json.loads(path.read_text(encoding="utf-8"))
-        preset, chapters = measured["parameters"]["preset"], measured["chapters"]
-        timed = {name: c for name, c in chapters.items() if {"duration_s", "machine"} <= c.keys()}
-    except (ValueError, LookupError, AttributeError, TypeError) as error:
-        raise ValueError(f"{path} is broken ({error!r}): run `make book` first") from error
+    measured = structured(read_json(path), _Measured, path, further=True)
+    preset, timed = measured.parameters.get("preset"), {}
+    for name, one in measured.chapters.items():
+        if {"duration_s", "machine"} <= one.keys():
+            timed[name] = structured(one, _Timed, f"{path}: chapters.{name}", further=True)
     if preset != "tiny":
         raise ValueError(f"{path} has times of preset {preset}, README those of tiny")
     notebooks = chapter_paths(root / "notebooks")
@@ -237,8 +259,8 @@ def readme_table(build: Path, root: Path) -> str:
     runs, titles = [], {}
     for notebook in notebooks:
         name = notebook.stem
-        runs.append(ChapterRun(name, timed[name]["duration_s"], notebook, None))
+        runs.append(ChapterRun(name, timed[name].duration_s, notebook, None))
         titles[name] = f"[{chapter_title(notebook)}](notebooks/{name}.ipynb)"
-    if len(machines := sorted({timed[run.name]["machine"] for run in runs})) > 1:
+    if len(machines := sorted({timed[run.name].machine for run in runs})) > 1:
         raise ValueError(f"{path} has times of {' and of '.join(machines)}: run `make book` again")
     return f"{run_time_table(runs, titles)}\n\nMeasured on {machines[0]}."

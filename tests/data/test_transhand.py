@@ -147,7 +147,7 @@ def test_a_stereo_cameras_depth_is_stored_as_disparity_without_loss(tmp_path, st
         TransHand(tmp_path, "train")[0]
     del log["raw_disparity scale"]
     path.write_text(json.dumps(log))
-    with pytest.raises(ValueError, match=r"must name focal_baseline, step and unit, got None"):
+    with pytest.raises(ValueError, match=r"disparity scale: must be named values, got None"):
         TransHand(tmp_path, "train")[0]
 
 
@@ -487,7 +487,7 @@ def test_the_objects_pose_of_a_log(tmp_path):
     path = tmp_path / "train/0004/depth/log_json/000007.json"
     log = json.loads(path.read_text()) | {"world_from_object": [[1, 2], [3, 4]]}
     path.write_text(json.dumps(log))
-    with pytest.raises(ValueError, match=r"'world_from_object' must be a 4x4 matrix"):
+    with pytest.raises(ValueError, match=r"'world_from_object' must be a rigid 4x4 matrix"):
         TransHand(tmp_path, "train")[0]
 
 

@@ -155,9 +155,15 @@ def test_settings_of_another_version_are_named(path: Path) -> None:
     config = log.header["config"]
     safety, workspace = config["safety"], config["workspace"]
     for other, says in [
-        ({**config, "boldness": 2.0}, "setting boldness, which this version does not know"),
-        ({**config, "safety": {**safety, "luck": 1.0}}, "setting luck, which"),
-        ({**config, "workspace": {**workspace, "roof": 1.0}}, "setting roof, which"),
+        ({**config, "boldness": 2.0}, "config: has the unknown field boldness"),
+        (
+            {**config, "safety": {**safety, "luck": 1.0}},
+            "config: safety: has the unknown field luck",
+        ),
+        (
+            {**config, "workspace": {**workspace, "roof": 1.0}},
+            "config: workspace: has the unknown field roof",
+        ),
     ]:
         with pytest.raises(ValueError, match=says):
             replay(RunLog(log.arrays, {**log.header, "config": other}))
