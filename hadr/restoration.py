@@ -37,6 +37,7 @@ CHECKPOINT_NAME = "hadr-mini.safetensors"
 """The sample checkpoint that is taken where none is named."""
 GIVEN = "given"
 """The source of a hand that the caller gave."""
+NO_HAND = "no hand found"
 
 Depth = NDArray[np.float32]
 Points = NDArray[np.float64]
@@ -375,13 +376,13 @@ class Restorer:
             found = finder.find(known.color, seen, known.camera, known.target, known.hand_mask)
             hand = known.checked(found, finder.name)
         except NoHandError as why:
-            notes.append(f"no hand found by {finder.name}: {why}")
+            notes.append(f"{NO_HAND} by {finder.name}: {why}")
             return None
         if hand.accepted:
             notes.append(f"the hand's keypoints are not given but predicted by {finder.name}")
         else:
             problems = "; ".join(hand.check.problems)
-            notes.append(f"no hand found: what {finder.name} took for one is none: {problems}")
+            notes.append(f"{NO_HAND}: what {finder.name} took for one is none: {problems}")
         if isinstance(finder, HandKeypoints):
             notes.append(
                 f"{finder.name} has learned from computed pictures; in photographs let MediaPipe "
@@ -392,7 +393,10 @@ class Restorer:
     def _without_network(self, why: DepthNetwork | str, notes: list[str]) -> str:
         """The classical method to use where no network fits."""
         if self.method in DEPTH_NETWORKS:
-            raise ValueError(f"method {self.method}: no checkpoint fits: {why}")
+            reasons = (note for note in notes if note.startswith(NO_HAND))
+            raise ValueError(
+                "; ".join((f"method {self.method}: no checkpoint fits: {why}", *reasons))
+            )
         if self.method != "auto":
             return self.method
         notes.append(f"no checkpoint fits: {why}; the result is nearest valid depth, not HADR")

@@ -130,9 +130,9 @@ def _show_hand(ax: Axes, camera: Intrinsics, result: Restoration) -> None:
     hand = result.hand
     if hand is None:
         return
-    said = "the hand, " + ("given" if hand.source == GIVEN else f"found by {hand.source}")
+    said = "hand given" if hand.source == GIVEN else f"hand found by {hand.source}"
     if hand.check.problems:
-        said += "; it does not fit" if hand.accepted else "; not accepted: no hand found"
+        said += ": does not fit" if hand.accepted else ": not accepted"
     uv = project(hand.keypoints, camera)
     if hand.accepted:
         panels.show_keypoints(ax, uv, size=5)
@@ -140,7 +140,8 @@ def _show_hand(ax: Axes, camera: Intrinsics, result: Restoration) -> None:
         for bone in BONES:
             ax.plot(*uv[list(bone)].T, color="#d9d9d9", linewidth=1, linestyle="dashed")
     height, width = camera.shape
-    ax.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), xlabel=said)
+    ax.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5))
+    ax.set_xlabel(said, fontsize=9)
 
 
 def told_hand(hand: Hand) -> dict[str, Any]:

@@ -12,12 +12,14 @@ import tyro
 from hadr.corruption import Corruption
 from hadr.models.networks import NETWORKS
 from hadr.records.option_words import FILE, FOLDER, ID
-from hadr.records.output_folder import check_writable
+from hadr.records.output_folder import check_file
 from hadr.records.provenance import provenance
 
 if TYPE_CHECKING:
     from hadr.data.folders import FrameSource
 
+_WHAT = "Confidence of"
+"""How the file of measured numbers begins."""
 RANGE_FRAMES = 600
 """At most so many training frames, evenly taken, are read for range and ground."""
 
@@ -29,7 +31,7 @@ examples
         --test-objects 0010 --out confidence.json
 
 exit status
-  0 done   2 unusable checkpoint or data, or a wrong call"""
+  0 done   1 the disk is full   2 unusable checkpoint or data, or a wrong call"""
 
 
 @dataclass(frozen=True)
@@ -69,7 +71,7 @@ def run(options: Options) -> int:
     from hadr.training.checkpoints import kind_of, load_checkpoint, update_record
     from hadr.training.ground import learn_ground
 
-    check_writable(options.out)
+    check_file(options.out, what=_WHAT)
     model, meta = load_checkpoint(options.checkpoint)
     name, kind = options.checkpoint.name, kind_of(model)
     if NETWORKS[kind].answer != "depth":
@@ -125,7 +127,7 @@ def run(options: Options) -> int:
     if options.out:
         of = f" of objects {', '.join(options.test_objects)}" if options.test_objects else ""
         what = (
-            f"Confidence of {name}, fitted on the frames of split val and "
+            f"{_WHAT} {name}, fitted on the frames of split val and "
             f"measured on those and on split test{of}: pixels of the object that were restored, at "
             f"{size[0]}x{size[1]}. 'Right' is an error below {rule.calibration.tolerance_m} m. "
             "Standard errors are those of a bootstrap over frames, of which two or three show one "
