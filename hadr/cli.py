@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import argparse
 import difflib
+import errno
 import importlib
 import inspect
 import os
@@ -21,6 +22,7 @@ import re
 import shutil
 import sys
 import textwrap
+import traceback
 import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -63,6 +65,8 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "evaluate": ("hadr.experiments.evaluate_command", "score networks beside simple methods"),
 }
 
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+"""What an error of writing says where the disk is full."""
 DESCRIPTION = """\
 hadr: depth restoration of hand-held transparent objects.
 
@@ -226,7 +230,11 @@ def parse_options(name: str, words: Sequence[str]) -> Any:
         if option.startswith("--") and option not in parser._option_string_actions:
             hint = _nearest(option, parser._option_string_actions)
             parser.error(f"there is no option {option!r}{hint}")
-    parser.parse_args(words)
+    for option, given in vars(parser.parse_args(words)).items():
+        for word in given if isinstance(given, list) else [given]:
+            if isinstance(word, str) and not word.strip():
+                name = option.replace("_", "-")
+                parser.error(f"argument --{name}: expected a name or value, got an empty one")
     module = importlib.import_module(COMMANDS[name][0])
     return tyro.cli(module.Options, args=words, **_tyro_settings())
 
@@ -268,12 +276,22 @@ def _run_command(name: str, words: list[str]) -> int:
         status: int = module.run(options)
         return status
     except (ValueError, OSError, FloatingPointError) as error:
-        sentence = " ".join(str(error).split())
+        full = isinstance(error, OSError) and error.errno in FULL
+        told = f"{error}; nothing is half-written, make room and run it again" if full else error
+        sentence = " ".join("; ".join((str(told), *getattr(error, "__notes__", ()))).split())
         print(f"{program}: error: {sentence}", file=sys.stderr)
-        return 2
+        return 1 if full else 2
     except KeyboardInterrupt:
         print(f"{program}: interrupted", file=sys.stderr)
         return 130
+    except Exception:
+        traceback.print_exc()
+        print(
+            f"{program}: this is a bug in hadr: please report it with the command and the text "
+            "above",
+            file=sys.stderr,
+        )
+        return 1
 
 
 def _command_list() -> str:

@@ -9,10 +9,8 @@ from __future__ import annotations
 import io
 import json
 import os
-import shutil
 import sys
-import tempfile
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
 from reprlib import repr as short
@@ -248,70 +246,6 @@ def write_point_cloud(
     cloud = trimesh.PointCloud(points[valid].astype(np.float32), colors=color[valid])
     path.write_bytes(cloud.export(file_type="ply"))
     return int(valid.sum())
-
-
-@contextmanager
-def finished_folder(
-    folder: str | Path, may_replace: Collection[str] | None = None
-) -> Iterator[Path]:
-    """Give a folder to write into that appears under its name only when all went well.
-
-    The files are written into a hidden sibling, which is renamed at the end, or removed when
-    anything went wrong: there is never a half-written result.
-
-    Args:
-        folder: The name of the finished folder. It may exist when it is empty.
-        may_replace: Names of the files that a former run wrote. When given, a folder that holds
-            nothing else is replaced.
-
-    Raises:
-        FileExistsError: The folder holds files and must not be replaced.
-        NotADirectoryError: There is a file of that name.
-    """
-    target = Path(folder).absolute()
-    check_replaceable(target, may_replace)
-    target.parent.mkdir(parents=True, exist_ok=True)
-    draft = Path(tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent))
-    try:
-        umask = os.umask(0)
-        os.umask(umask)
-        draft.chmod(0o777 & ~umask)
-        yield draft
-        check_replaceable(target, may_replace)
-        if target.exists():
-            former = Path(tempfile.mkdtemp(prefix=f".{target.name}-former-", dir=target.parent))
-            os.rename(target, former / target.name)
-            try:
-                os.rename(draft, target)
-            except OSError:
-                os.rename(former / target.name, target)
-                raise
-            finally:
-                shutil.rmtree(former, ignore_errors=True)
-        else:
-            os.rename(draft, target)
-    finally:
-        shutil.rmtree(draft, ignore_errors=True)
-
-
-def check_replaceable(folder: Path, may_replace: Collection[str] | None = None) -> None:
-    """Raise where `finished_folder` would refuse, before any work is done."""
-    for place in (folder, *folder.absolute().parents):
-        if place.exists() and not place.is_dir():
-            raise NotADirectoryError(f"output {place} is a file, expected a folder or a new name")
-    present = sorted(entry.name for entry in folder.iterdir()) if folder.exists() else []
-    if present and may_replace is None:
-        raise FileExistsError(
-            f"output folder {folder} already holds {present[0]}"
-            + (f" and {len(present) - 1} more" if len(present) > 1 else "")
-            + "; choose a new name, or --overwrite to replace an earlier result"
-        )
-    strange = [name for name in present if name not in (may_replace or ())]
-    if strange:
-        raise FileExistsError(
-            f"output folder {folder} holds {strange[0]}, which no earlier run wrote; "
-            "it is not replaced, choose another folder"
-        )
 
 
 def _check_file(path: Path, name: str) -> None:

@@ -26,6 +26,7 @@ from hadr.frame_checks import (
     depth_to_use,
     note_measured,
 )
+from hadr.known_ground import Verdict
 from hadr.models.hand.plausible import HandCheck, NoHandError, check_hand
 from hadr.models.networks import DEPTH_NETWORKS
 from hadr.rivals import classical
@@ -36,6 +37,7 @@ CHECKPOINT_NAME = "hadr-mini.safetensors"
 """The sample checkpoint that is taken where none is named."""
 GIVEN = "given"
 """The source of a hand that the caller gave."""
+NO_HAND = "no hand found"
 
 Depth = NDArray[np.float32]
 Points = NDArray[np.float64]
@@ -101,11 +103,13 @@ class Restoration:
         restored: Pixels whose depth comes from the method, shape (H, W) bool.
         method: The method that was really used; "none" where there was nothing to restore.
         notes: What a user must know about this result, one sentence each.
-        tolerance_m: What a calibrated confidence speaks of, metres; None where it is none.
+        tolerance_m: What a calibrated confidence speaks of, metres; None where it is none, or does
+            not hold: away from the frames that the network learned from.
         mask: Pixels that were to be restored, given or predicted, shape (H, W) bool.
         hand_mask: Pixels of hand and arm, given or predicted, shape (H, W) bool; None: not known.
         hand: The hand that was given or found, also one that was not accepted; None: none was, or
             there was nothing to restore.
+        ground: Whether the frame is like those that the network learned from; None without network.
     """
 
     depth: Depth
@@ -117,6 +121,7 @@ class Restoration:
     mask: BoolArray
     hand_mask: BoolArray | None = None
     hand: Hand | None = None
+    ground: Verdict | None = None
 
     @property
     def keypoints(self) -> Points | None:
@@ -157,6 +162,7 @@ class _Filled:
     changed: BoolArray
     method: str
     tolerance_m: float | None = None
+    ground: Verdict | None = None
 
 
 class Restorer:
@@ -329,17 +335,24 @@ class Restorer:
         if isinstance(network, str):
             method = self._without_network(network, notes)
             return known, _classical(method, known, known.target & ~valid_depth(seen))
-        asked = replace(network, corruption=trusted)
+        # With or without depth in the mask, unlike in training, its ground says nothing.
+        alike = network.skips_mask or CORRUPTIONS[trusted].erase == network.erases
+        asked = replace(network, corruption=trusted, ground=network.ground if alike else None)
         answer = asked.restore(
-            known.color, seen, known.camera, known.target, known.keypoints, beyond=network.can_say
+            known.color,
+            seen,
+            known.camera,
+            known.target,
+            known.keypoints,
+            known.depth,
+            beyond=network.can_say,
         )
         notes += network.notes(answer, trusted, known.camera)
         filled = np.where(known.target, answer.depth, known.depth)
+        sure, tolerance = answer.confidence, answer.tolerance_m
         if known.hand is not None and known.hand.doubtful:
-            unsure = np.zeros_like(answer.confidence)
-            return known, _Filled(filled, unsure, known.target, network.kind)
-        tolerance = None if network.rule is None else network.rule.calibration.tolerance_m
-        return known, _Filled(filled, answer.confidence, known.target, network.kind, tolerance)
+            sure, tolerance = np.zeros_like(sure), None
+        return known, _Filled(filled, sure, known.target, network.kind, tolerance, answer.ground)
 
     def _fitting(self, hand_is_known: bool) -> DepthNetwork | str:
         """The network that fits the frame, or why there is none."""
@@ -363,13 +376,13 @@ class Restorer:
             found = finder.find(known.color, seen, known.camera, known.target, known.hand_mask)
             hand = known.checked(found, finder.name)
         except NoHandError as why:
-            notes.append(f"no hand found by {finder.name}: {why}")
+            notes.append(f"{NO_HAND} by {finder.name}: {why}")
             return None
         if hand.accepted:
             notes.append(f"the hand's keypoints are not given but predicted by {finder.name}")
         else:
             problems = "; ".join(hand.check.problems)
-            notes.append(f"no hand found: what {finder.name} took for one is none: {problems}")
+            notes.append(f"{NO_HAND}: what {finder.name} took for one is none: {problems}")
         if isinstance(finder, HandKeypoints):
             notes.append(
                 f"{finder.name} has learned from computed pictures; in photographs let MediaPipe "
@@ -380,7 +393,10 @@ class Restorer:
     def _without_network(self, why: DepthNetwork | str, notes: list[str]) -> str:
         """The classical method to use where no network fits."""
         if self.method in DEPTH_NETWORKS:
-            raise ValueError(f"method {self.method}: no checkpoint fits: {why}")
+            reasons = (note for note in notes if note.startswith(NO_HAND))
+            raise ValueError(
+                "; ".join((f"method {self.method}: no checkpoint fits: {why}", *reasons))
+            )
         if self.method != "auto":
             return self.method
         notes.append(f"no checkpoint fits: {why}; the result is nearest valid depth, not HADR")
@@ -461,4 +477,5 @@ def _result(
         mask=mask,
         hand_mask=hand_mask,
         hand=hand,
+        ground=filled.ground,
     )

@@ -22,16 +22,20 @@ from hadr.camera import (
     BoolArray,
     Intrinsics,
     resize_color,
+    resize_depth,
     resize_mask,
     window_around,
 )
 from hadr.confidence import ConfidenceRule, signal_of, within_learned
 from hadr.corruption import CORRUPTIONS, Corruption
+from hadr.known_ground import Ground, Verdict, observe
 from hadr.models.hand.plausible import NoHandError
 from hadr.models.networks import DEPTH_NETWORKS, NETWORKS
 
 if TYPE_CHECKING:
     from torch import nn
+
+    from hadr.models.hadr_input import HADRInput
 
 SAMPLE_CHECKPOINTS = (
     "hadr-mini.safetensors", "hadr-mini-unknown.safetensors", "hadr-plus-mini.safetensors",
@@ -55,6 +59,9 @@ class NetworkDepth:
         out_of_range: Share of them that stay missing as their answer lies outside of what was
             learned, 0..1.
         beyond: Share of them that are restored all the same, without confidence, 0..1.
+        ground: Whether the frame lies on the network's ground.
+        tolerance_m: The confidence is the probability that the depth is right to so many metres;
+            None where it is none.
     """
 
     depth: NDArray[np.float32]
@@ -63,6 +70,8 @@ class NetworkDepth:
     no_answer: float
     out_of_range: float
     beyond: float
+    ground: Verdict
+    tolerance_m: float | None
 
 
 @dataclass(frozen=True)
@@ -79,6 +88,7 @@ class DepthNetwork:
             where it was never calibrated, or cannot say.
         learned_range_m: Nearest and farthest depth of the objects that it learned from, metres;
             None where it is not known.
+        ground: What else it knows of the frames that it learned from; None where that is not known.
         name: Name of the checkpoint's file.
         trained: Its recipe's name and epochs, for readers.
     """
@@ -90,6 +100,7 @@ class DepthNetwork:
     corruption: Corruption
     rule: ConfidenceRule | None
     learned_range_m: tuple[float, float] | None
+    ground: Ground | None
     name: str
     trained: str
 
@@ -141,6 +152,7 @@ class DepthNetwork:
         config: Any = model.config
         stored = meta.get("confidence") if NETWORKS[kind].can_say else None
         learned = meta.get("learned_range", {}).get("depth_m")
+        ground = meta.get("ground")
         recipe = meta.get("preset", {}).get("name", "unknown")
         return cls(
             model=model.eval(),
@@ -150,6 +162,7 @@ class DepthNetwork:
             corruption=trained_corruption(meta),
             rule=None if stored is None else ConfidenceRule.from_dict(stored),
             learned_range_m=None if learned is None else (float(learned[0]), float(learned[1])),
+            ground=None if ground is None else Ground.from_dict(ground),
             name=name,
             trained=f"preset {recipe}, {meta.get('epochs', 'unknown')} epochs",
         )
@@ -161,6 +174,7 @@ class DepthNetwork:
         camera: Intrinsics,
         mask: BoolArray,
         keypoints: NDArray[np.float64] | None,
+        measured: NDArray[np.float32] | None = None,
         *,
         beyond: bool = False,
     ) -> NetworkDepth:
@@ -172,6 +186,9 @@ class DepthNetwork:
             camera: Intrinsics of both images.
             mask: Pixels to restore, shape (H, W) bool.
             keypoints: 21 hand keypoints, camera frame, metres, shape (21, 3).
+            measured: The same as the camera measured it, inside the mask too. Where it is given,
+                the frame gets no probability unless it lies on the network's ground. None: the
+                ground is not asked.
             beyond: Keep answers beyond the learned range, with the confidence 0.
         """
         import torch
@@ -188,15 +205,17 @@ class DepthNetwork:
                 depth = np.where(seen, 0, depth)
         with torch.inference_mode():
             inputs = frame_to_input(color, depth, seen, keypoints, camera, self.size)
-            output = self.model(inputs)
+            output, ground, rule = self._ask(inputs, measured)
             asked = inputs.mask[0].numpy()
             answered = (output.restored & (output.depth > 0))[0].numpy() & asked
             within = within_learned(output, self.learned_range_m)[0].numpy() & asked
             known = within_learned(output, None)[0].numpy() & asked if beyond else within
             found = output.depth[0].numpy()
-            sure = output.confidence[0].numpy() if self.can_say else np.zeros_like(found)
-            if self.rule is not None:
-                sure = self.rule(signal_of(output, self.rule.signal)[0].numpy())
+            sure = np.zeros_like(found)
+            if rule is not None:
+                sure = rule(signal_of(output, rule.signal)[0].numpy())
+            elif self.rule is None and self.can_say:
+                sure = output.confidence[0].numpy()
         whole = np.zeros((2, *mask.shape), np.float32)
         restored = np.zeros_like(mask)
         if mask.any():
@@ -216,7 +235,24 @@ class DepthNetwork:
             no_answer=float((asked & ~answered).sum()) / count,
             out_of_range=float((answered & ~known).sum()) / count,
             beyond=float((known & ~within).sum()) / count,
+            ground=ground,
+            tolerance_m=None if rule is None else rule.calibration.tolerance_m,
         )
+
+    def _ask(
+        self, inputs: HADRInput, measured: NDArray[np.float32] | None
+    ) -> tuple[Any, Verdict, ConfidenceRule | None]:
+        """The answer, whether the frame lies on the ground, and what the confidence means there."""
+        if measured is None:
+            return self.model(inputs), Verdict(None), self.rule
+        if self.ground is None or not inputs.mask.any():
+            return self.model(inputs), Verdict(None), None
+        small = np.nan_to_num(resize_depth(measured, *self.size))
+        part = NETWORKS[self.kind].sees
+        seen = observe(self.model, part, inputs, small, self.learned_range_m)
+        verdict = self.ground.judge(seen)
+        here = self.ground.fields[verdict.field].rule or self.rule
+        return seen.output, verdict, here if verdict.inside and self.rule else None
 
     def notes(self, answer: NetworkDepth, corruption: Corruption, camera: Intrinsics) -> list[str]:
         """Say which network it was, what it was not trained for, and what it could not do."""
@@ -242,6 +278,17 @@ class DepthNetwork:
             notes.append(
                 f"the confidence is the network's own score; {self.name} was never calibrated"
             )
+        if answer.ground.inside is False:
+            less = "there is no probability of being right" if self.rule else "expect larger errors"
+            notes.append(
+                f"the frame is unlike those that {self.title} learned from, so {less}: "
+                + "; ".join(answer.ground.why)
+            )
+        elif self.rule is not None and answer.tolerance_m is None:
+            notes.append(
+                f"it is not known which frames {self.name} learned from, so there is no "
+                "probability of being right; `hadr calibrate` adds it"
+            )
         if answer.no_answer == 1:
             notes.append(
                 f"no ray of the mask met an occupied voxel, so {self.title} restored nothing"
@@ -252,10 +299,10 @@ class DepthNetwork:
             near, far = self.learned_range_m
             learned += f" ({near:.2f} to {far:.2f} m)"
             seen = answer.depth[answer.restored]
-            middle = float(np.median(seen)) if seen.size else near
-            if min(middle - near, far - middle) < EDGE_M:
+            if seen.size and not near + EDGE_M < np.median(seen) < far - EDGE_M:
                 notes.append(
-                    f"the depth lies at the edge of {learned}: expect larger errors of {self.title}"
+                    f"the depth lies at the edge of {learned}, or beyond: expect larger errors of "
+                    f"{self.title}"
                 )
         shares = (
             (answer.no_answer, "no answer, and stay missing"),

@@ -14,6 +14,8 @@ import tyro
 from hadr import __version__
 from hadr.cli import COMMANDS, command_parser, main
 from hadr.frame_io import read_depth, read_hand, read_mask
+from hadr.records.output_folder import MARKER
+from hadr.records.writing import LOCK, sole_owner
 
 OUTPUTS = [
     "cloud.ply",
@@ -161,6 +163,49 @@ def test_truth_prints_the_errors_of_both(frame, capsys) -> None:
     assert "RMSE (cm) 5.00" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(
+    ("truth", "sentence"),
+    [
+        (750.0, "truth has a median of 750, expected metres between 0.02 and 20; is it in milli"),
+        (-0.75, "truth must not be negative"),
+        (0.0, "truth is missing everywhere"),
+        (np.nan, "truth is missing everywhere"),
+    ],
+)
+def test_a_truth_that_can_t_be_one_is_refused(frame, capsys, truth, sentence) -> None:
+    np.save(frame / "truth.npy", np.full((48, 64), truth, np.float32))
+    assert main(words(frame, truth=frame / "truth.npy")) == 2
+    assert sentence in capsys.readouterr().err
+
+
+def test_a_truth_unknown_in_the_mask_is_said(frame) -> None:
+    np.save(frame / "truth.npy", np.where(read_mask(frame / "mask.png"), 0, 0.8))
+    assert main(words(frame, truth=frame / "truth.npy")) == 0
+    report = json.loads((frame / "out" / "report.json").read_text())
+    assert report["errors_in_mask"] == {}
+    assert "no errors can be stated: the truth is known in 0 of the mask's" in report["notes"][-1]
+
+
+def test_nothing_restored_is_exit_status_1_with_the_reasons(frame, capsys) -> None:
+    import torch
+
+    from hadr.models.hadr import HADR
+    from hadr.training.checkpoints import save_checkpoint
+    from hadr.training.presets import preset
+
+    torch.manual_seed(0)
+    path = frame / "near.safetensors"
+    size = {"width": 64, "height": 48, "learned_range": {"depth_m": [0.1, 0.2]}}
+    save_checkpoint(path, HADR(preset("tiny").model), size)
+    assert main([*words(frame, hand=frame / "hand.json", checkpoint=path), "--quiet"]) == 1
+    told = capsys.readouterr().err
+    assert told.startswith("hadr restore: error: nothing could be restored: all 400 pixels")
+    report = json.loads((frame / "out" / "report.json").read_text())
+    assert any(
+        "HADR gives 100.0 % one outside of what it has learned" in n for n in report["notes"]
+    )
+
+
 def test_hadr_through_the_command(frame, capsys) -> None:
     import torch
 
@@ -178,7 +223,7 @@ def test_hadr_through_the_command(frame, capsys) -> None:
     assert report["inputs"]["checkpoint"]["sha256"]
     confidence = np.load(frame / "out" / "confidence.npy")[read_mask(frame / "mask.png")]
     assert (confidence == 0).all()
-    assert report["confidence_means"] == "0, the method cannot say how sure it is"
+    assert report["confidence_means"] == "0, not known: the given hand does not fit this frame"
     assert "method    HADR\n" in capsys.readouterr().out
 
 
@@ -229,13 +274,21 @@ def test_bad_input_is_one_sentence_and_leaves_nothing(frame, capfd, case: str) -
 
 def test_an_earlier_result_is_only_replaced_when_asked(frame, capsys) -> None:
     assert main(words(frame)) == 0
-    (frame / "out" / "report.json").write_text("old")
+    (frame / "out" / "cloud.ply").write_text("old")
     assert main(words(frame)) == 2
     assert "already holds cloud.ply and 7 more; choose a new name" in capsys.readouterr().err
-    assert (frame / "out" / "report.json").read_text() == "old"
+    again = [*words(frame, depth=frame / "out" / "depth.png"), "--overwrite"]
+    assert main(again) == 2
+    assert "out is not replaced: " in capsys.readouterr().err  # it would replace its own input
+    assert (frame / "out" / "cloud.ply").read_text() == "old"
     assert main([*words(frame), "--overwrite", "--quiet"]) == 0
     assert capsys.readouterr().out == ""
     assert json.loads((frame / "out" / "report.json").read_text())["method"] == "nearest"
+    assert (frame / "out" / "cloud.ply").read_bytes() != b"old"
+    (frame / "out" / "report.json").rename(frame / "report.json")
+    assert main([*words(frame), "--overwrite"]) == 2
+    assert "holds cloud.ply, which no earlier run wrote" in capsys.readouterr().err
+    (frame / "report.json").rename(frame / "out" / "report.json")
     (frame / "out" / "mine.txt").write_text("keep")
     assert main([*words(frame), "--overwrite"]) == 2
     assert "holds mine.txt, which no earlier run wrote" in capsys.readouterr().err
@@ -249,8 +302,51 @@ def test_a_crash_while_writing_leaves_nothing(frame, capsys, monkeypatch) -> Non
     monkeypatch.setattr("hadr.press.restore_command.write_point_cloud", full_disk)
     before = sorted(p.name for p in frame.iterdir())
     assert main(words(frame)) == 1
-    assert "cannot write" in capsys.readouterr().err
+    assert capsys.readouterr().err == (
+        "hadr restore: error: [Errno 28] No space left on device; nothing is half-written, make "
+        "room and run it again\n"
+    )
     assert sorted(p.name for p in frame.iterdir()) == before
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "train --preset tiny --out",
+        "generate --frames 1 --out",
+        "handover --arms perfect --objects 0004 --holds 902 --jobs 1 --out",
+        "reproduce --only known/raw --out",
+        "book --html-only --build",
+    ],
+)
+def test_a_folder_that_another_run_has_is_refused(tmp_path, capfd, line) -> None:
+    pytest.importorskip("fcntl", reason="folders are locked on POSIX systems alone")
+    with sole_owner(tmp_path / "out", "hadr test") as folder:
+        assert main([*line.split(), str(folder)]) == 2
+        assert {p.name for p in folder.iterdir()} <= {LOCK, MARKER}
+    error = capfd.readouterr().err
+    assert error.startswith(f"hadr {line.split()[0]}: error: {folder} is taken by hadr test, ")
+    assert error.count("\n") == 1
+
+
+def test_what_nobody_expected_is_a_bug_and_says_so(frame, capsys, monkeypatch) -> None:
+    monkeypatch.setattr("hadr.press.restore_command.write_point_cloud", None)
+    assert main(words(frame)) == 1
+    told = capsys.readouterr().err
+    assert "TypeError: 'NoneType' object is not callable\nhadr restore: this is a bug in" in told
+    assert "please report it with the command and the text above" in told
+
+
+@pytest.mark.parametrize("line", ["restore --out=", "train --out ", "book --build  "])
+def test_an_empty_name_is_no_place(line, capsys, monkeypatch, tmp_path) -> None:
+    monkeypatch.chdir(tmp_path)
+    command, *given = line.split(" ", 2)
+    required = words(tmp_path)[1:-2] if command == "restore" else []
+    with pytest.raises(SystemExit) as left:
+        main([command, *required, *given])
+    assert left.value.code == 2
+    assert "expected a name or value, got an empty one" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("columns", [80, 120])

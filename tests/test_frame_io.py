@@ -10,7 +10,6 @@ import trimesh
 
 from hadr.camera import Intrinsics
 from hadr.frame_io import (
-    finished_folder,
     read_color,
     read_depth,
     read_hand,
@@ -154,54 +153,6 @@ def test_point_cloud_lies_where_the_camera_saw_it(tmp_path) -> None:
     cloud = trimesh.load(tmp_path / "cloud.ply")
     np.testing.assert_allclose(cloud.vertices, [[-0.02, 0, 2], [0.01, 0, 1]], atol=1e-7)
     np.testing.assert_array_equal(cloud.colors[:, :3], [[1, 2, 3], [7, 8, 9]])
-
-
-def fail_while_writing(target) -> None:
-    with finished_folder(target) as folder:
-        (folder / "a.txt").write_text("1")
-        raise RuntimeError("on purpose")
-
-
-def test_folder_appears_whole_or_not_at_all(tmp_path) -> None:
-    target = tmp_path / "deep" / "out"
-    with finished_folder(target) as folder:
-        (folder / "a.txt").write_text("1")
-        assert not target.exists()
-    assert [p.name for p in target.iterdir()] == ["a.txt"]
-    assert target.stat().st_mode & 0o777 == (tmp_path / "deep").stat().st_mode & 0o777
-    with pytest.raises(RuntimeError, match="on purpose"):
-        fail_while_writing(tmp_path / "other")
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["deep"]
-
-
-def test_folder_with_files_is_replaced_only_when_they_are_ours(tmp_path) -> None:
-    target = tmp_path / "out"
-    target.mkdir()
-    with finished_folder(target) as folder:  # an empty folder may be filled
-        (folder / "a.txt").write_text("1")
-    with (
-        pytest.raises(FileExistsError, match=r"already holds a.txt; choose a new name"),
-        finished_folder(target),
-    ):
-        pass
-    with finished_folder(target, ("a.txt",)) as folder:
-        (folder / "a.txt").write_text("2")
-    assert (target / "a.txt").read_text() == "2"
-    (target / "thesis.tex").write_text("precious")
-    with (
-        pytest.raises(FileExistsError, match=r"holds thesis.tex, which no earlier run wrote"),
-        finished_folder(target, ("a.txt",)),
-    ):
-        pass
-    assert (target / "thesis.tex").read_text() == "precious"
-    assert [p.name for p in tmp_path.iterdir()] == ["out"]
-    with pytest.raises(NotADirectoryError, match="is a file"), finished_folder(target / "a.txt"):
-        pass
-    with (
-        pytest.raises(NotADirectoryError, match=r"a.txt is a file"),
-        finished_folder(target / "a.txt" / "below"),
-    ):
-        pass
 
 
 @pytest.mark.parametrize("compression", ["ZIP_COMPRESSION", "PIZ_COMPRESSION", "NO_COMPRESSION"])

@@ -86,8 +86,8 @@ def test_conda_and_pyproject_name_the_same_dependencies():
 @pytest.mark.parametrize(
     ("line", "instead"),
     [
-        ("  - filelock>=3.16\n", ""),  # forgotten
-        ("  - filelock>=3.16\n", "  - filelock>=3.16\n  - polars\n"),  # left over
+        ("  - safetensors>=0.4\n", ""),  # forgotten
+        ("  - safetensors>=0.4\n", "  - safetensors>=0.4\n  - polars\n"),  # left over
         ("- transformers>=5,<6", "- transformers>=5"),  # another range
         ("      - mujoco>=4,<5\n", ""),  # forgotten among those of pip
         ("- pytorch>=2.4", "- torch-cpu>=2.4"),  # another name

@@ -299,8 +299,26 @@ def test_without_learning_trust_means_to_keep_what_was_measured(method: str) -> 
     np.testing.assert_array_equal(result.mask, mask)
 
 
-def test_a_calibrated_checkpoint_says_what_its_confidence_means(tmp_path) -> None:
+def ground_of_frame(path) -> dict:
+    """The ground of a network that has learned from `frame` alone."""
+    from hadr.camera import resize_depth
+    from hadr.known_ground import Field, Ground, Sight, observe
+    from hadr.models.hadr_input import frame_to_input
+    from hadr.trained_networks import DepthNetwork
+
+    (color, depth, mask), network = frame(), DepthNetwork.load(path)
+    given = np.where(mask, 0, depth)
+    inputs = frame_to_input(color, given, mask, hand(), CAMERA, network.size)
+    small = resize_depth(depth, *network.size)
+    one = observe(network.model.requires_grad_(False), "unet", inputs, small, None)
+    sight = Sight.fit(np.stack((one.seen, one.seen + 1)))
+    features = [sight.with_strangeness(one)]
+    return Ground({"measured depth": Field.fit(features, features)}, sight).to_dict()
+
+
+def test_a_calibrated_checkpoint_says_what_its_confidence_means_where_it_holds(tmp_path) -> None:
     """The rule says 0.3 whatever the network's score; the raw score is another."""
+    from hadr.press.restore_report import confidence_means, report
     from hadr.training.checkpoints import save_checkpoint
 
     color, depth, mask = frame()
@@ -313,7 +331,15 @@ def test_a_calibrated_checkpoint_says_what_its_confidence_means(tmp_path) -> Non
     calibration = {"scores": [0.2, 0.8], "probabilities": [0.3, 0.3], "tolerance_m": 0.02}
     rule = {"signals": ["candidates"], "center": [0], "scale": [1], "calibration": calibration}
     save_checkpoint(path, depth_network("hadr-plus"), size | {"confidence": rule})
+    unknown = restore(color, depth, CAMERA, mask, hand(), checkpoint=path)
+    assert unknown.tolerance_m is None
+    assert (unknown.confidence[mask] == 0).all()
+    assert any("it is not known which frames plus.safetensors learned" in n for n in unknown.notes)
+    assert confidence_means(unknown).startswith("no probability: it is not known")
+    known = size | {"confidence": rule, "ground": ground_of_frame(path)}
+    save_checkpoint(path, depth_network("hadr-plus"), known)
     sure = restore(color, depth, CAMERA, mask, hand(), checkpoint=path)
+    assert sure.ground.inside
     assert sure.tolerance_m == 0.02
     assert not any("never calibrated" in n for n in sure.notes)
     np.testing.assert_allclose(sure.confidence[sure.restored], 0.3, rtol=1e-6)
@@ -322,13 +348,25 @@ def test_a_calibrated_checkpoint_says_what_its_confidence_means(tmp_path) -> Non
     assert not np.allclose(plain.confidence[sure.restored], 0.3)
     assert not any("does not fit" in n for n in sure.notes)
     # A hand that lies 60 cm behind what the camera measured there is used, and says so.
-    far = hand() + np.array([0, 0, 0.59])
-    away = restore(color, depth, CAMERA, mask, far, checkpoint=path)
+    behind = hand() + np.array([0, 0, 0.59])
+    away = restore(color, depth, CAMERA, mask, behind, checkpoint=path)
     assert away.tolerance_m is None
     assert (away.confidence[mask] == 0).all()
     (note,) = (n for n in away.notes if n.startswith("the given hand does not fit this frame"))
     assert "60.0 cm behind the depth that was measured" in note
-    np.testing.assert_array_equal(away.keypoints, far)
+    np.testing.assert_array_equal(away.keypoints, behind)
+    far = restore(color, 2 * depth, CAMERA, mask, hand(1.4), checkpoint=path)
+    assert far.ground.inside is False
+    assert far.ground.features["distance"] == pytest.approx(1.4)
+    assert (far.confidence[mask] == 0).all()
+    assert far.tolerance_m is None
+    said = next(n for n in far.notes if "is unlike those that HADR-plus learned from" in n)
+    assert ", so there is no probability of being right: " in said
+    assert said.count(", learned ") == len(far.ground.why)
+    assert confidence_means(far).startswith("no probability: ")
+    kept = report(depth, CAMERA, far, None, {}, {})["ground"]
+    assert kept["inside"] is False
+    assert kept["features"]["distance"] == pytest.approx(1.4)
 
 
 def test_depth_beyond_the_learned_range_is_left_missing(tmp_path) -> None:
@@ -339,8 +377,52 @@ def test_depth_beyond_the_learned_range_is_left_missing(tmp_path) -> None:
     assert (result.depth[mask] == 0).all()
     assert (result.confidence[mask] == 0).all()
     np.testing.assert_array_equal(result.depth[~mask], depth[~mask])
-    assert any("100.0 % of the mask's depth lay outside of what HADR" in n for n in result.notes)
+    told = (
+        "HADR gives 100.0 % one outside of what it has learned (0.20 to 0.30 m), and stay missing"
+    )
+    assert f"of the mask's pixels {told}" in result.notes
     assert "400 of 400 pixels of the mask could not be restored" in result.notes
+
+
+def test_hadr_plus_keeps_its_depth_beyond_the_learned_range_without_probability(tmp_path) -> None:
+    from hadr.training.checkpoints import save_checkpoint
+
+    color, depth, mask = frame()
+    path = tmp_path / "plus.safetensors"
+    network = depth_network("hadr-plus")
+    results = {}
+    for far in (5.0, 0.3):
+        record = {"width": 64, "height": 40, "learned_range": {"depth_m": [0.2, far]}}
+        save_checkpoint(path, network, record)
+        results[far] = restore(color, depth, CAMERA, mask, hand(), checkpoint=path)
+    free, held = results.values()
+    assert held.restored.any()
+    np.testing.assert_array_equal(held.depth, free.depth)
+    assert free.confidence[free.restored].max() > 0
+    assert (held.confidence[mask] == 0).all()
+    assert not any("outside of what it has learned" in note for note in free.notes)
+    assert any(
+        n.endswith(
+            "outside of what it has learned (0.20 to 0.30 m), and keep it without probability"
+        )
+        for n in held.notes
+    )
+    assert any("at the edge of what it has learned" in note for note in held.notes)
+
+
+def test_a_network_that_skips_depth_in_the_mask_does_not_claim_to_trust_it(tmp_path) -> None:
+    from hadr.training.checkpoints import save_checkpoint
+
+    color, depth, mask = frame()
+    path = tmp_path / "plus.safetensors"
+    save_checkpoint(path, depth_network("hadr-plus"), {"width": 64, "height": 40})
+    first, second = (
+        restore(color, depth, CAMERA, mask, hand(), checkpoint=path, corruption=given)
+        for given in ("oracle", "sensor")
+    )
+    np.testing.assert_array_equal(first.depth, second.depth)
+    assert any("it is not used: HADR-plus looks at none there" in note for note in second.notes)
+    assert not any("learned from frames without" in note for note in second.notes)
 
 
 def depth_network(kind: str):
@@ -492,7 +574,7 @@ def test_a_found_hand_that_can_t_be_one_is_none(tmp_path, keypoints, presence, r
         np.testing.assert_array_equal(result.hand.keypoints, keypoints)
     without = restore(color, depth, CAMERA, glass, checkpoint=path)
     np.testing.assert_array_equal(result.depth, without.depth)
-    with pytest.raises(ValueError, match=r"method hadr: no checkpoint fits: .*are none"):
+    with pytest.raises(ValueError, match=r"method hadr: no checkpoint.*are none; no hand found"):
         Restorer("hadr", path, **finds)(color, depth, CAMERA, glass)
 
 

@@ -56,6 +56,7 @@ def network(model: nn.Module, **changes) -> DepthNetwork:
         corruption="oracle",
         rule=None,
         learned_range_m=None,
+        ground=None,
         name="stand-in",
         trained="never",
     )

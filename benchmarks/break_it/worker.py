@@ -24,7 +24,7 @@ READERS: dict[str, Callable[..., Any]] = {}
 
 SAME = {
     "hand": ("keypoint",), "hand.npy": ("keypoint",), "hand.json": ("keypoint",),
-    "hand.txt": ("keypoint",), "hand-mask": ("hand mask",), "rgb": ("colour",),
+    "hand.txt": ("keypoint",), "rgb": ("colour",),
     "camera.yaml": ("intrinsics",), "camera.json": ("intrinsics",), "build": ("folder",),
 }  # fmt: skip
 """What a sentence may say in place of a file's or an option's name."""
@@ -79,6 +79,7 @@ def complaint(words: str, told: str, says: list[str], program: str) -> str:
     if len(flat) > 1500:
         return f"endless: {len(flat)} characters, {flat[:200]}"
     words = [*says, *(same for word in says for same in SAME.get(word, ()))]
+    words += [word.replace("-", by) for word in says for by in " _"]  # --depth-scale: depth scale
     if says and not any(word.lower() in flat.lower() for word in words):
         return f"names none of {says}: {flat[:300]}"
     if program and not tyro and not flat.startswith(f"hadr {program}"):
@@ -173,6 +174,9 @@ def tried(case: dict[str, Any], fixtures: Path, folder: Path) -> dict[str, Any]:
         status, place = call(case)
     os.chdir("/")
     told = (folder / "2.stream").read_text(errors="replace")
+    if "Traceback (most recent call last)" in told and status == 1:  # the command's own word
+        found = re.findall(r'/(hadr/[\w/]+\.py)", line (\d+)', told)
+        status, place = told.strip()[-400:], ":".join(found[-1]) if found else "?"
     verdict, detail = judged(case, before, snapshot(work), status, told)
     return {"verdict": verdict, "detail": detail, "place": place}
 

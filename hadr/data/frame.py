@@ -1,7 +1,7 @@
 """One frame with all its labels, and how it is written in TransHand-14K's form.
 
 A frame is spread over some ten folders. All its files are first written into a folder of their
-own, ``.unfinished-*``, then moved to their places, the log last: a frame that has a log is
+own, ``.hadr-part-*``, then moved to their places, the log last: a frame that has a log is
 complete, whatever happens to the program that writes it. The reader of the same form is
 :mod:`hadr.data.transhand`.
 """
@@ -33,6 +33,7 @@ from hadr.data.frame_pictures import (
     encode_normals,
 )
 from hadr.hand import KEYPOINT_NAMES
+from hadr.records.writing import PART
 
 Array = npt.NDArray[np.float64]
 
@@ -47,8 +48,6 @@ OBJECT_POSE_KEY = "world_from_object"
 #: What TransHand-14K has no folder for.
 BACKGROUND_FOLDER, NORMALS_FOLDER = "background_depth_png", "normals"
 RAW_FOLDER, DISPARITY_FOLDER = "raw_depth", "raw_disparity"
-#: How the folders begin in which frames lie while they are written.
-UNFINISHED_PREFIX = ".unfinished-"
 
 
 @dataclass(frozen=True)
@@ -177,7 +176,7 @@ def _log(frame: Frame) -> dict[str, Any]:
 def _place(root: Path, files: Mapping[Path, bytes]) -> None:
     """Write all files, then move them to their places in the given order."""
     root.mkdir(parents=True, exist_ok=True)
-    staged = Path(tempfile.mkdtemp(dir=root, prefix=UNFINISHED_PREFIX))
+    staged = Path(tempfile.mkdtemp(dir=root, prefix=PART))
     try:
         for number, data in enumerate(files.values()):
             (staged / str(number)).write_bytes(data)

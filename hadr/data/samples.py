@@ -12,6 +12,7 @@ from pathlib import Path
 import hadr
 from hadr.data.splits import OBJECT_IDS, UNKNOWN_OBJECTS
 from hadr.data.transhand import SPLITS, TransHand
+from hadr.records.writing import write_whole
 
 MANIFEST = "manifest.json"
 
@@ -116,9 +117,7 @@ def write_manifest(root: Path | None = None) -> Path:
     root = samples_dir() if root is None else root
     listed = {name: _digest(root / name) for name in _files(root)}
     path = root / MANIFEST
-    part = path.with_name(f".{MANIFEST}.part")
-    part.write_text(json.dumps({"sha256": listed}, indent=0) + "\n", encoding="utf-8")
-    os.replace(part, path)
+    write_whole(path, json.dumps({"sha256": listed}, indent=0) + "\n")
     return path
 
 

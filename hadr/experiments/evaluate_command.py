@@ -11,7 +11,7 @@ import tyro
 
 from hadr.models.networks import DEPTH_NETWORKS
 from hadr.records.option_words import FILE, FOLDER, ID
-from hadr.records.output_folder import check_writable
+from hadr.records.output_folder import check_file
 from hadr.records.provenance import provenance, write_json
 from hadr.training.given import Given
 
@@ -30,7 +30,7 @@ examples
         --keypoints data_samples/checkpoints/hand-keypoints-mini.safetensors
 
 exit status
-  0 done   2 unusable checkpoint or data, or a wrong call"""
+  0 done   1 the disk is full   2 unusable checkpoint or data, or a wrong call"""
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ def run(options: Options) -> int:
     from hadr.metrics import format_table, mean_over_frames
     from hadr.training.predicted import open_split
 
-    check_writable(options.out)
+    check_file(options.out, split="", given="", frames="")
     folders = options.data or (samples_dir() / "frames",)
     source = open_split(folders, options.split, options.objects or None)
     if source is None:

@@ -23,7 +23,6 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from filelock import FileLock, Timeout
 from lightning_fabric import Fabric
 from torch import nn
 
@@ -212,31 +211,17 @@ class Bench:
 
         Returns:
             The row: names, the scores, training time, parameters, provenance.
-
-        Raises:
-            ValueError: Another process makes this run now.
         """
         found = self.finished(run)
         if found is not None:
             return found
         folder = self.out / run.name
-        folder.mkdir(parents=True, exist_ok=True)
-        try:
-            with FileLock(folder.with_name(f".{folder.name}.lock"), timeout=0):
-                return self.finished(run) or self._measure(run)
-        except Timeout as error:
-            raise ValueError(
-                f"{run.name} is being made by another process in {self.out}"
-            ) from error
-
-    def _measure(self, run: Run) -> dict[str, Any]:
         recipe = system(run.method, self.size).recipe
         columns: dict[str, Any] = {}
         started = time.perf_counter()
         if recipe is None:
             scores = score_cheap(self.frames(run, "test", EVALUATION_SIZE), run.method)
         else:
-            folder = self.out / run.name
             set_aside_another(folder, recipe, self.data_of(run, recipe))
             trained = self.train(run, recipe, folder)
             started = time.perf_counter()

@@ -33,6 +33,7 @@ from hadr.handover.safety import hand_problem
 from hadr.handover.stages import ChooseGrasp, ChosenGrasp, HandoverConfig, Stage, Transition
 from hadr.handover.ur5 import UnreachableError
 from hadr.handover.workflow import Handover
+from hadr.records.writing import write_arrays
 
 Array = npt.NDArray[np.float64]
 FORMAT = 1
@@ -76,8 +77,7 @@ class RunLog:
         text = json.dumps(self.header, sort_keys=True)
         sealed = np.array(_checksum(self.arrays, text))
         content: dict[str, Any] = {**self.arrays, "header": np.array(text), "checksum": sealed}
-        with path.open("wb") as file:
-            np.savez_compressed(file, **content)
+        write_arrays(path, **content)
         return path
 
 

@@ -28,6 +28,7 @@ class Network:
             LIDF's probability is that of a voxel of 25 cm and says next to nothing about
             centimetres (chapter 6); the others have no opinion.
         skips_mask: It never looks at depth that was measured inside the mask.
+        sees: Of one that restores depth, the part whose map is what it sees (`hadr.known_ground`).
     """
 
     title: str
@@ -39,6 +40,7 @@ class Network:
     published: str = ""
     can_say: bool = False
     skips_mask: bool = False
+    sees: str = ""
 
     @property
     def modules(self) -> tuple[str, str]:
@@ -57,31 +59,31 @@ class Network:
 NETWORKS: dict[str, Network] = {
     "hadr": Network(
         "HADR", "hadr.models.hadr", "HADR", "HADRConfig", "hadr.training.tasks.hadr",
-        published="HADR",
+        published="HADR", sees="backbone",
     ),
     "lidf": Network(
         "LIDF", "hadr.rivals.lidf", "LIDF", "LIDFConfig", "hadr.training.tasks.lidf",
-        published="LIDF+Refine",
+        published="LIDF+Refine", sees="first.backbone",
     ),
     "dfnet": Network(
         "DFNet", "hadr.rivals.dfnet", "DFNet", "DFNetConfig", "hadr.training.tasks.dfnet",
-        published="TransCG",
+        published="TransCG", sees="final",
     ),
     "swindrnet": Network(
         "SwinDRNet", "hadr.rivals.swindrnet", "SwinDRNet", "SwinDRNetConfig",
-        "hadr.training.tasks.swindrnet", published="SwinDRNet",
+        "hadr.training.tasks.swindrnet", published="SwinDRNet", sees="fusions.0",
     ),
     "tode": Network(
         "TODE-Trans", "hadr.rivals.tode", "TODETrans", "TODEConfig", "hadr.training.tasks.tode",
-        published="TODE-Trans",
+        published="TODE-Trans", sees="decoder.0",
     ),
     "unet-hand": Network(
         "U-Net with the hand", "hadr.rivals.unet_hand", "UNetHand", "UNetHandConfig",
-        "hadr.training.tasks.unet_hand", skips_mask=True,
+        "hadr.training.tasks.unet_hand", sees="up.0", skips_mask=True,
     ),
     "hadr-plus": Network(
         "HADR-plus", "hadr.models.hadr_plus", "HADRPlus", "HADRPlusConfig",
-        "hadr.training.tasks.hadr_plus", can_say=True, skips_mask=True,
+        "hadr.training.tasks.hadr_plus", can_say=True, sees="unet", skips_mask=True,
     ),
     "hand-keypoints": Network(
         "hand keypoints", "hadr.models.hand.keypoints", "HandKeypointNet", "HandKeypointConfig",

@@ -42,6 +42,7 @@ from hadr.records.output_folder import (
     remove_output_folder,
 )
 from hadr.records.provenance import machine_text
+from hadr.records.writing import write_whole
 
 RUNTIME_TOKEN = "*stands here in the built book*"
 TABLE_TOKEN = "{{RUNTIME_TABLE}}"
@@ -207,7 +208,7 @@ def update_readme(readme: Path, table: str) -> None:
     _, end, after = rest.partition(TABLE_END)
     if not end:
         raise ValueError(f"{readme} has no lines {TABLE_BEGIN!r} and {TABLE_END!r}")
-    readme.write_text(f"{before}{begin}\n{table}\n{end}{after}", encoding="utf-8")
+    write_whole(readme, f"{before}{begin}\n{table}\n{end}{after}")
 
 
 def readme_table(build: Path, root: Path) -> str:

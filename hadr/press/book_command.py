@@ -23,6 +23,7 @@ from hadr.records.checkout import checkout_root
 from hadr.records.option_words import CHAPTER, FOLDER
 from hadr.records.output_folder import check_output_folder, check_removable, make_output_folder
 from hadr.records.provenance import machine_text
+from hadr.records.writing import sole_owner
 
 EPILOG = """
 examples
@@ -67,17 +68,20 @@ def run(options: Options) -> int:
         paths = chapter_paths(root / "notebooks", options.only)
         make_output_folder(build)
         started = time.perf_counter()
-        if options.html_only:
-            runs = _runs_of_last_time(build, paths)
-        else:
-            say(f"executing {len(paths)} notebooks, preset {options.preset}")
-            runs = run_notebooks(paths, build, preset=options.preset, seed=options.seed, say=say)
-            keep_results(build, every, options.preset, options.seed, say=say)
-        say("building the HTML book")
-        staged = stage_book(root / "book", runs, build / "book")
-        index = build_html(staged, build / "html", strict=not options.only)
-    except (ChapterError, RuntimeError, ValueError, OSError) as error:
-        print(error, file=sys.stderr)
+        with sole_owner(build, "hadr book"):
+            if options.html_only:
+                runs = _runs_of_last_time(build, paths)
+            else:
+                say(f"executing {len(paths)} notebooks, preset {options.preset}")
+                runs = run_notebooks(
+                    paths, build, preset=options.preset, seed=options.seed, say=say
+                )
+                keep_results(build, every, options.preset, options.seed, say=say)
+            say("building the HTML book")
+            staged = stage_book(root / "book", runs, build / "book")
+            index = build_html(staged, build / "html", strict=not options.only)
+    except (ChapterError, RuntimeError) as error:
+        print(f"hadr book: error: {error}", file=sys.stderr)
         return 2
     print(f"\n{run_time_table(runs)}\n")
     print(f"everything took {seconds_text(time.perf_counter() - started)} on {machine_text()}")

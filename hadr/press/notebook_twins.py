@@ -7,7 +7,6 @@ compares, instead of trusting time stamps: ``python -m hadr.press.notebook_twins
 
 import argparse
 import json
-import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,6 +16,7 @@ import nbformat
 import yaml
 
 from hadr.records.checkout import checkout_root
+from hadr.records.writing import write_whole
 
 KERNELSPEC = {"display_name": "Python 3", "language": "python", "name": "python3"}
 TEXT_HEADER = {
@@ -128,10 +128,7 @@ def twin_problems(notebooks: Path) -> list[str]:
 def _write_if_changed(path: Path, content: str) -> None:
     if path.exists() and path.read_text(encoding="utf-8") == content:
         return
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    temporary.write_text(content, encoding="utf-8")
-    os.replace(temporary, path)
+    write_whole(path, content)
     print(f"written: {path}")
 
 

@@ -206,8 +206,8 @@ def _both(title: str, own: str) -> str:
     return title if own in title or title in own else f"{title} (ours: {own})"
 
 
-def _short(sha: str) -> str:
-    return f"`{sha[:7]}`"
+def _short(sha: str | None) -> str:
+    return f"`{(sha or 'unknown')[:7]}`"
 
 
 def _code(text: str) -> Markup:

@@ -31,6 +31,7 @@ from hadr.press.chapters import (
 from hadr.records.checkout import checkout_root
 from hadr.records.option_words import FOLDER
 from hadr.records.output_folder import check_output_folder, make_output_folder
+from hadr.records.writing import sole_owner, write_whole
 from hadr.simulation.trials.command import check_packages
 from hadr.training.recipe import Accelerator
 
@@ -143,24 +144,25 @@ def run(options: Options) -> int:
         return 0
     print()
     make_output_folder(options.out)
-    try:
-        if bench is not None and runs is not None:
-            measure_all(bench, runs, options.out / "tables", jobs=options.jobs)
-        if attempts is not None:
-            make_handover_table(attempts, options.out, options.jobs)
-        if bench is not None or attempts is not None:
-            write_report(options.out, options.preset)
-        if paths:
-            done = run_notebooks(
-                paths, options.out, preset=options.preset, seed=options.seed, resume=True
-            )
-            every = chapter_paths(checkout_root() / "notebooks")
-            keep_results(options.out, every, options.preset, options.seed)
-            print(f"\n{run_time_table(done)}\n\nresults: {options.out / 'results.json'}")
-    except (ChapterError, RuntimeError) as error:
-        print(error, file=sys.stderr)
-        return 2
-    keep_run_times(options.out, steps())
+    with sole_owner(options.out, "hadr reproduce"):
+        try:
+            if bench is not None and runs is not None:
+                measure_all(bench, runs, options.out / "tables", jobs=options.jobs)
+            if attempts is not None:
+                make_handover_table(attempts, options.out, options.jobs)
+            if bench is not None or attempts is not None:
+                write_report(options.out, options.preset)
+            if paths:
+                done = run_notebooks(
+                    paths, options.out, preset=options.preset, seed=options.seed, resume=True
+                )
+                every = chapter_paths(checkout_root() / "notebooks")
+                keep_results(options.out, every, options.preset, options.seed)
+                print(f"\n{run_time_table(done)}\n\nresults: {options.out / 'results.json'}")
+        except (ChapterError, RuntimeError) as error:
+            print(f"hadr reproduce: error: {error}", file=sys.stderr)
+            return 2
+        keep_run_times(options.out, steps())
     print(f"how long each step took: {options.out / NAME}")
     return 0
 
@@ -225,7 +227,8 @@ def _run_again(options: Options, file: str, method: str) -> int:
         row_to_run(bench, file, method)  # raises where it can't be run
         print(f"row {method!r} of {file} would be run again in {options.out}")
         return 0
-    return 0 if measure_again(bench, file, method) else 1
+    with sole_owner(options.out, "hadr reproduce"):
+        return 0 if measure_again(bench, file, method) else 1
 
 
 def write_report(out: Path, size: str) -> None:
@@ -238,5 +241,5 @@ def write_report(out: Path, size: str) -> None:
         return
     if published.exists() and any((out / "tables" / f"{name}.json").exists() for name in TITLES):
         text = f"# The paper's tables, and ours\n\n{report(out / 'tables', published, size)}"
-        (out / "report.md").write_text(text, encoding="utf-8")
+        write_whole(out / "report.md", text)
         print(f"the report: {out / 'report.md'}")

@@ -18,10 +18,9 @@ from numpy.typing import NDArray
 
 from hadr.camera import Intrinsics, load_intrinsics, valid_depth
 from hadr.corruption import Corruption
+from hadr.data.frame_pictures import encode_depth_array
 from hadr.frame_checks import checked_metres
 from hadr.frame_io import (
-    check_replaceable,
-    finished_folder,
     read_color,
     read_depth,
     read_hand,
@@ -32,6 +31,8 @@ from hadr.frame_io import (
 )
 from hadr.models.networks import RIVALS
 from hadr.records.option_words import FILE, FOLDER
+from hadr.records.output_folder import check_replaceable
+from hadr.records.writing import whole_folder
 from hadr.restoration import METHODS, Restoration, Restorer
 
 if TYPE_CHECKING:
@@ -92,9 +93,9 @@ what is written
 the hand
   Networks need it to know where the glass is. A hand that is found (--hand
   mediapipe, --keypoint-network) is accepted only if it is of a human's size, at
-  the glass, and where something was measured; else there is "no hand found", and
-  the notes say why. A hand that is given is always used; where it does not fit,
-  the notes say by how much, and no probability is stated.
+  the glass, and where something was measured; else there is "no hand found",
+  and the notes say why. A hand that is given is always used; where it does not
+  fit, the notes say by how much, and no probability is stated.
 
 examples
   A RealSense frame, depth PNG in millimetres:
@@ -114,8 +115,8 @@ examples
         --mask glass.png --truth opaque.exr --out restored
 
 exit status
-  0 done   1 nothing could be restored (the result says why), or it could not
-  be written   2 unusable input"""
+  0 done   1 nothing could be restored (the result says why), or the disk is full
+  2 unusable input"""
 
 MEDIAPIPE = "mediapipe"
 """What `hand` says to have MediaPipe find it; a file of that name is ./mediapipe."""
@@ -190,13 +191,21 @@ def run(options: Options) -> int:
 
     Raises:
         ValueError: Unusable input, in one sentence.
-        OSError: A file that does not exist, or a folder that is not to be replaced.
+        OSError: A file that does not exist, or can't be written.
     """
     from hadr.press import restore_report  # loads matplotlib, which --help need not wait for
 
     started = time.perf_counter()
-    replaceable = tuple(OUTPUTS) if options.overwrite else None
-    check_replaceable(Path(options.out), replaceable)
+    files = {name: getattr(options, name) for name in INPUTS}
+    if options.hand == MEDIAPIPE:
+        files["hand"] = None
+
+    def check() -> None:
+        replaced = OUTPUTS if options.overwrite else None
+        read = filter(None, files.values())
+        check_replaceable(Path(options.out), replaced, "report.json", read, command="hadr restore")
+
+    check()
     color = read_color(options.rgb)
     depth = read_depth(options.depth, options.depth_scale)
     camera = load_intrinsics(options.intrinsics)
@@ -216,29 +225,20 @@ def run(options: Options) -> int:
         )
         result = restorer(color, depth, camera, mask, hand, arm)
     restored = time.perf_counter()
-    files = {name: getattr(options, name) for name in INPUTS}
-    if searched:
-        files["hand"] = None
     unknown = {"hand_mask.png": result.hand_mask is None, "hand.json": result.hand is None}
     outputs = {name: text for name, text in OUTPUTS.items() if not unknown.get(name)}
     report = restore_report.report(depth, camera, result, truth, files, outputs)
-    try:
-        with finished_folder(options.out, replaceable) as folder:
-            _write(folder, color, camera, result, report["hand"])
-            figure = restore_report.comparison_figure(color, depth, camera, result, truth)
-            figure.savefig(folder / "comparison.png", dpi=130)
-            finished = time.perf_counter()
-            report["seconds"] = {
-                "read": round(read - started, 3),
-                "restore": round(restored - read, 3),
-                "write": round(finished - restored, 3),
-            }
-            _write_json(folder / "report.json", report)
-    except FileExistsError:
-        raise
-    except OSError as error:
-        print(f"hadr restore: error: cannot write {options.out}: {error}", file=sys.stderr)
-        return 1
+    with whole_folder(Path(options.out), "hadr restore", check) as folder:
+        _write(folder, color, camera, result, report["hand"])
+        figure = restore_report.comparison_figure(color, depth, camera, result, truth)
+        figure.savefig(folder / "comparison.png", dpi=130)
+        finished = time.perf_counter()
+        report["seconds"] = {
+            "read": round(read - started, 3),
+            "restore": round(restored - read, 3),
+            "write": round(finished - restored, 3),
+        }
+        _write_json(folder / "report.json", report)
     if not options.quiet:
         print(restore_report.summary(report, options.out))
     if result.mask.any() and not valid_depth(result.depth[result.mask]).any():
@@ -260,9 +260,9 @@ def _write(
 ) -> None:
     """Write what the result holds; the picture and the report come from elsewhere."""
     write_depth_png(folder / "depth.png", result.depth)
-    np.save(folder / "depth.npy", result.depth)
+    (folder / "depth.npy").write_bytes(encode_depth_array(result.depth))
     write_image(folder / "confidence.png", np.rint(result.confidence * 255).astype(np.uint8))
-    np.save(folder / "confidence.npy", result.confidence)
+    (folder / "confidence.npy").write_bytes(encode_depth_array(result.confidence))
     write_image(folder / "mask.png", result.mask.astype(np.uint8) * 255)
     if result.hand_mask is not None:
         write_image(folder / "hand_mask.png", result.hand_mask.astype(np.uint8) * 255)

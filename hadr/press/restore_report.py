@@ -61,6 +61,7 @@ def report(
         "method_title": METHOD_TITLES[result.method],
         "notes": notes,
         "confidence_means": confidence_means(result),
+        "ground": None if result.ground is None else result.ground.to_dict(),
         "image": {"width": camera.width, "height": camera.height},
         "intrinsics": camera.to_dict(),
         "counts": counts(depth, result),
@@ -112,7 +113,8 @@ def comparison_figure(
             limit = next((x for x in (0.02, 0.05, 0.1, 0.2) if largest <= x), 0.5)
             panels.show_error(top_right, error, "restored minus true depth", limit=limit)
         else:
-            shades = np.ma.masked_where(~there, result.confidence)  # the axes' own grey shows
+            unsaid = target & confidence_means(result).startswith("no probability")
+            shades = np.ma.masked_where(~there | unsaid, result.confidence)  # the axes' grey shows
             image = top_right.imshow(shades, cmap="cividis", vmin=0, vmax=1)
             title = f"confidence; in the outline: {confidence_means(result)}"
             panels.bare_axes(top_right, title)
@@ -123,6 +125,8 @@ def comparison_figure(
             for ax in (top_left, top_right, left, right):
                 ax.contour(target, [0.5], colors=[panels.COLORS["hand"]], linewidths=0.9)
         title = f"hadr restore: {METHOD_TITLES[result.method]}"
+        if result.ground is not None and result.ground.inside is False:
+            title += "; the frame is unlike those it learned from"
         figure.suptitle(title, fontsize=14, fontweight="bold")
     return figure
 
@@ -134,9 +138,9 @@ def _show_hand(ax: Axes, camera: Intrinsics, result: Restoration) -> None:
     hand = result.hand
     if hand is None:
         return
-    said = "the hand, " + ("given" if hand.source == GIVEN else f"found by {hand.source}")
+    said = "hand given" if hand.source == GIVEN else f"hand found by {hand.source}"
     if hand.check.problems:
-        said += "; it does not fit" if hand.accepted else "; not accepted: no hand found"
+        said += ": does not fit" if hand.accepted else ": not accepted"
     uv = project(hand.keypoints, camera)
     if hand.accepted:
         panels.show_keypoints(ax, uv, size=5)
@@ -144,7 +148,8 @@ def _show_hand(ax: Axes, camera: Intrinsics, result: Restoration) -> None:
         for bone in BONES:
             ax.plot(*uv[list(bone)].T, color="#d9d9d9", linewidth=1, linestyle="dashed")
     height, width = camera.shape
-    ax.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), xlabel=said)
+    ax.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5))
+    ax.set_xlabel(said, fontsize=9)
 
 
 def told_hand(hand: Hand) -> dict[str, Any]:
@@ -164,8 +169,19 @@ def confidence_means(result: Restoration) -> str:
     if result.tolerance_m is not None:
         return f"probability of being right to {100 * result.tolerance_m:g} cm"
     if not result.confidence[result.restored].any():
+        if result.ground is not None and NETWORKS[result.method].can_say:
+            return f"no probability: {_why_unsaid(result)}"
         return "0, the method cannot say how sure it is"
     return "the network's own score, not calibrated"
+
+
+def _why_unsaid(result: Restoration) -> str:
+    """Why a network that could say how sure it is does not."""
+    if result.hand is not None and result.hand.doubtful:
+        return "the hand does not fit the frame"
+    if result.ground is not None and result.ground.inside is False:
+        return "outside of what the network learned"
+    return "it is not known what the network learned from"
 
 
 def counts(depth: NDArray[np.float32], result: Restoration) -> dict[str, int]:

@@ -11,9 +11,11 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import json
+import os
 import shutil
 import sys
-from collections.abc import Sequence
+from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
 
 from hadr.records.checkout import checkout_root
@@ -28,32 +30,94 @@ SOURCES = (
 """The checkout's own folders."""
 
 
-def check_writable(path: str | Path | None) -> None:
+def check_file(path: str | Path | None, **fields: str) -> None:
     """Refuse a file for results that can't be written, before anything is computed for it.
 
     Args:
-        path: The file; None is always right.
+        path: The file; None is always right. What is there is replaced only if it is a file of
+            `fields`: never an input, a checkpoint, a link or a device.
+        fields: As `wrote`; without them no file that is there is opened.
 
     Raises:
-        ValueError: It is a folder, or a part of its path is a file.
+        ValueError: It is a folder, no regular file, or not the same command's; or a part of its
+            path is a file, or may not be written to.
     """
     if path is None:
         return
-    if Path(path).is_dir():
+    path = Path(path)
+    if path.is_dir():
         raise ValueError(f"{path} is a folder, expected the name of a file to write")
-    check_folder(Path(path).parent)
+    check_folder(path.parent)
+    parent = next(part for part in path.absolute().parents if part.exists())
+    if not os.access(parent, os.W_OK | os.X_OK):
+        raise ValueError(f"can't write {path}: no permission for the folder {parent}")
+    if path.is_symlink() or (path.exists() and not path.is_file()):
+        raise ValueError(f"{path} is a link or a device, which is not replaced; name another file")
+    if path.exists() and fields and not wrote(path, **fields):
+        raise ValueError(
+            f"{path} is not replaced: no earlier run of this command wrote it; name another file"
+        )
+
+
+def wrote(path: Path, **fields: str) -> bool:
+    """Whether a file is JSON with these fields, each of which begins so: a command's own record."""
+    try:
+        found = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else None
+    except (OSError, ValueError, RecursionError):
+        return False
+    return isinstance(found, dict) and all(
+        name in found and str(found[name]).startswith(words) for name, words in fields.items()
+    )
 
 
 def check_folder(path: str | Path) -> None:
     """Refuse a folder for results that is a file, or would lie in one.
 
     Raises:
-        ValueError: It is.
+        ValueError: It is, or it is a link that leads nowhere, such as to itself.
     """
     path = Path(path)
-    there = next((part for part in (path, *path.parents) if part.exists()), None)
+    parts = (path, *path.parents)
+    there = next((part for part in parts if part.is_symlink() or part.exists()), None)
     if there is not None and not there.is_dir():
-        raise ValueError(f"{path} can't be a folder: {there} is a file")
+        kind = "a file" if there.exists() else "a link that leads nowhere"
+        raise ValueError(f"{path} can't be a folder: {there} is {kind}")
+
+
+def check_replaceable(
+    folder: Path, names: Collection[str] | None, record: str, inputs: Iterable[str], **fields: str
+) -> None:
+    """Refuse to replace a folder that is not an earlier result.
+
+    Args:
+        folder: It may be missing or empty.
+        names: Names of all files that a result has; None replaces no result.
+        record: The one of them that is known by `fields`.
+        inputs: Files that are read.
+        fields: As `wrote`.
+
+    Raises:
+        ValueError: As `check_folder`; or it holds something else, or an input.
+    """
+    check_folder(folder)
+    present = sorted(entry.name for entry in folder.iterdir()) if folder.exists() else []
+    if not present:
+        return
+    more = f" and {len(present) - 1} more" if len(present) > 1 else ""
+    if names is None:
+        raise ValueError(
+            f"output folder {folder} already holds {present[0]}{more}; choose a new name, or "
+            "--overwrite to replace an earlier result"
+        )
+    strange = [name for name in present if name not in names]
+    if strange or not wrote(folder / record, **fields):
+        raise ValueError(
+            f"output folder {folder} holds {(strange or present)[0]}, which no earlier run wrote; "
+            "it is not replaced, choose another folder"
+        )
+    for path in inputs:
+        if folder.resolve() in Path(path).resolve().parents:
+            raise ValueError(f"output folder {folder} is not replaced: {path}, an input, is in it")
 
 
 def check_output_folder(folder: str | Path) -> Path:

@@ -15,6 +15,8 @@ from dataclasses import asdict, fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
+from hadr.records.writing import write_whole
+
 IF_CHANGED: Mapping[str, bool] = {"recorded if changed": True}
 """Metadata of a dataclass field that joined after configurations were recorded (`record_of`)."""
 PROVENANCE_PACKAGES = (
@@ -156,14 +158,8 @@ def plain(value: Any, where: str = "results") -> Any:
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
     """Write JSON atomically: a reader sees the old file or the whole new one."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    text = json.dumps(plain(content), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        temporary.write_text(text, encoding="utf-8")
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    text = json.dumps(plain(content), indent=2, ensure_ascii=False, allow_nan=False)
+    write_whole(path, text + "\n")
 
 
 def write_results(

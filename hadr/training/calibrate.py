@@ -1,11 +1,13 @@
 """What a depth network's confidence means: fitted on validation frames, and measured.
 
-`hadr calibrate` adds two things to the record of a checkpoint and leaves its weights alone:
+`hadr calibrate` adds three things to the record of a checkpoint and leaves its weights alone:
 
 * ``learned_range``: the depths at which training has shown the object;
 * ``confidence``: how the spread that the network predicts becomes the probability that a restored
   depth is right to 2 cm, fitted on validation frames. A network that predicts no distribution of
-  depth (`hadr.models.networks`) cannot say how sure it is, and gets none.
+  depth (`hadr.models.networks`) cannot say how sure it is, and gets none;
+* ``ground``: what the training frames were like (`hadr.training.ground`). On others the confidence
+  does not hold, and is not given.
 """
 
 from __future__ import annotations
@@ -141,7 +143,7 @@ def measure_confidence(
 def calibrate(
     model: nn.Module, train: FrameTensors, validation: FrameTensors, source: str
 ) -> dict[str, Any]:
-    """Make the two additions to a checkpoint's record.
+    """Make the first two additions to a checkpoint's record.
 
     Args:
         model: A depth network.

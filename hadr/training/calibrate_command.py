@@ -5,21 +5,23 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
 from hadr.corruption import Corruption
 from hadr.models.networks import NETWORKS
 from hadr.records.option_words import FILE, FOLDER, ID
-from hadr.records.output_folder import check_writable
+from hadr.records.output_folder import check_file
 from hadr.records.provenance import provenance
 
 if TYPE_CHECKING:
-    from hadr.training.batches import FrameTensors
+    from hadr.data.folders import FrameSource
 
+_WHAT = "Confidence of"
+"""How the file of measured numbers begins."""
 RANGE_FRAMES = 600
-"""At most so many training frames, evenly taken, are read for the range of depths."""
+"""At most so many training frames, evenly taken, are read for range and ground."""
 
 EPILOG = """
 examples
@@ -29,7 +31,7 @@ examples
         --test-objects 0010 --out confidence.json
 
 exit status
-  0 done   2 unusable checkpoint or data, or a wrong call"""
+  0 done   1 the disk is full   2 unusable checkpoint or data, or a wrong call"""
 
 
 @dataclass(frozen=True)
@@ -37,8 +39,8 @@ class Options:
     """Calibrate a depth network's checkpoint.
 
     Fit what its confidence means on validation frames (of HADR-plus; the other networks
-    cannot say how sure they are), note the depths that training has shown, and write both
-    into the checkpoint's record. Its weights stay.
+    cannot say how sure they are), note the depths that training has shown and what its
+    frames were like, and write all of it into the checkpoint's record. Its weights stay.
     """
 
     checkpoint: tyro.conf.Positional[Annotated[Path, FILE]]
@@ -53,6 +55,9 @@ class Options:
     """How the depth of the frames is corrupted."""
     seed: int = 0
     """Seed of the analytic corruption."""
+    only_ground: bool = False
+    """Note what the training frames were like and leave all else in the record: for a
+    checkpoint of whose training frames only a part is at hand."""
     out: Annotated[Path | None, FILE] = None
     """Write what was measured as JSON into this file."""
 
@@ -61,10 +66,12 @@ def run(options: Options) -> int:
     """Run `hadr calibrate`."""
     from hadr.confidence import ConfidenceRule
     from hadr.records.result_file import write_result_file
+    from hadr.training.batches import load_frames
     from hadr.training.calibrate import calibrate, measure_confidence, restored_pixels
     from hadr.training.checkpoints import kind_of, load_checkpoint, update_record
+    from hadr.training.ground import learn_ground
 
-    check_writable(options.out)
+    check_file(options.out, what=_WHAT)
     model, meta = load_checkpoint(options.checkpoint)
     name, kind = options.checkpoint.name, kind_of(model)
     if NETWORKS[kind].answer != "depth":
@@ -75,19 +82,32 @@ def run(options: Options) -> int:
             f"{name} was trained with corruption {learned!r}; a calibration with "
             f"{options.corruption!r} would speak of other pictures than it restores"
         )
+    if options.only_ground and "learned_range" not in meta:
+        raise ValueError(f"{name} was never calibrated: leave --only-ground out")
     size = int(meta["width"]), int(meta["height"])
     tested = options.test_objects or options.objects
-    train, validation, test = (
-        _load(options, split, objects, size)
+    sources = [
+        _frames(options, split, objects)
         for split, objects in (
             ("train", options.objects), ("val", options.objects), ("test", tested)
         )
-    )  # fmt: skip
-    source = f"split val of {len(options.data)} folder(s), corruption {options.corruption}"
-    additions = calibrate(model, train, validation, source)
+    ]  # fmt: skip
+    additions: dict[str, Any] = {}
+    if not options.only_ground:
+        train, validation, test = (
+            load_frames(frames, size, options.corruption, options.seed) for frames in sources
+        )
+        source = f"split val of {len(options.data)} folder(s), corruption {options.corruption}"
+        additions = calibrate(model, train, validation, source)
+    near, far = (additions or meta)["learned_range"]["depth_m"]
+    additions["ground"] = learn_ground(
+        model, size, options.corruption, (near, far), *sources[:2], options.seed
+    )
     update_record(options.checkpoint, additions)
-    near, far = additions["learned_range"]["depth_m"]
     print(f"learned range  {near:.3f} to {far:.3f} m")
+    print(f"ground         of {', '.join(additions['ground']['fields'])}")
+    if options.only_ground:
+        return 0
     if not NETWORKS[kind].can_say:
         unwritten = f"; {options.out} is not written" if options.out else ""
         print(f"confidence     a network of kind {kind} cannot say how sure it is{unwritten}")
@@ -106,7 +126,7 @@ def run(options: Options) -> int:
     if options.out:
         of = f" of objects {', '.join(options.test_objects)}" if options.test_objects else ""
         what = (
-            f"Confidence of {name}, fitted on the frames of split val and "
+            f"{_WHAT} {name}, fitted on the frames of split val and "
             f"measured on those and on split test{of}: pixels of the object that were restored, at "
             f"{size[0]}x{size[1]}. 'Right' is an error below {rule.calibration.tolerance_m} m. "
             "Standard errors are those of a bootstrap over frames, of which two or three show one "
@@ -116,14 +136,12 @@ def run(options: Options) -> int:
     return 0
 
 
-def _load(
-    options: Options, split: str, objects: Sequence[str] | None, size: tuple[int, int]
-) -> FrameTensors:
+def _frames(options: Options, split: str, objects: Sequence[str] | None) -> FrameSource:
+    """The frames of a split; of many for training some, evenly taken."""
     from hadr.data.folders import FrameSource, open_folder
-    from hadr.training.batches import load_frames
 
     source = FrameSource([open_folder(folder, split, objects) for folder in options.data])
     if split == "train" and len(source) > RANGE_FRAMES:
         step = len(source) / RANGE_FRAMES
         source = FrameSource(source.folders, [int(step * n) for n in range(RANGE_FRAMES)])
-    return load_frames(source, size, options.corruption, options.seed)
+    return source

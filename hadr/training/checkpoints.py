@@ -7,9 +7,7 @@ written to a temporary file first and renamed, so a crash never leaves half a fi
 
 from __future__ import annotations
 
-import contextlib
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import is_dataclass, replace
 from pathlib import Path
@@ -17,11 +15,12 @@ from typing import Any
 
 import torch
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
+from safetensors.torch import save
 from torch import Tensor, nn
 
 from hadr.models.networks import NETWORKS
 from hadr.records.provenance import plain, write_json
+from hadr.records.writing import write_whole
 
 _HEADER = "hadr"
 _STATE = "training/"  # prefix of tensors that only a resumed training needs
@@ -143,15 +142,7 @@ def load_training_state(path: str | Path) -> dict[str, Tensor]:
 
 def _write(path: Path, tensors: dict[str, Tensor], record: dict[str, Any]) -> None:
     """Write checkpoint and record, each whole or not at all."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        save_file(tensors, temporary, metadata={_HEADER: json.dumps(record)})
-        temporary.chmod(0o644)  # safetensors writes files that their owner alone can read
-        os.replace(temporary, path)
-    finally:
-        with contextlib.suppress(FileNotFoundError):
-            temporary.unlink()
+    write_whole(path, save(tensors, metadata={_HEADER: json.dumps(record)}))
     write_json(path.with_suffix(".json"), record)
 
 

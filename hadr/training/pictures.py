@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import cv2
@@ -12,6 +11,7 @@ import torch
 from torch import nn
 
 from hadr.camera import BoolArray, FloatArray
+from hadr.records.writing import write_whole
 from hadr.training.batches import FrameTensors
 
 Picture = npt.NDArray[np.uint8]
@@ -55,11 +55,8 @@ def depth_picture(model: nn.Module, frames: FrameTensors, rows: int = 4) -> Pict
 
 def save_png(path: Path, picture: Picture) -> None:
     """Write an RGB picture as PNG, whole or not at all."""
-    path.parent.mkdir(parents=True, exist_ok=True)
     _, data = cv2.imencode(".png", picture[..., ::-1])
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    temporary.write_bytes(data.tobytes())
-    os.replace(temporary, path)
+    write_whole(path, data.tobytes())
 
 
 def _line(

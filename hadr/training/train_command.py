@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import os
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -13,6 +14,7 @@ import tyro
 from hadr.models.networks import NETWORKS
 from hadr.records.option_words import FILE, FOLDER, ID, NAME
 from hadr.records.output_folder import check_folder
+from hadr.records.writing import sole_owner
 from hadr.training.given import Given
 from hadr.training.recipe import Accelerator, Precision, Preset, Schedule
 
@@ -38,7 +40,8 @@ examples
     hadr train --preset tiny --out runs/tiny --resume
 
 exit status
-  0 done   2 unusable data or a wrong call   130 interrupted"""
+  0 done   1 the disk is full   2 unusable data or a wrong call
+  130 interrupted"""
 
 
 @dataclass(frozen=True)
@@ -201,6 +204,14 @@ def with_recorded_drop(recipe: Preset, record: Path) -> Preset:
 
 def run(options: Options) -> int:
     """Run `hadr train`."""
+    check_folder(options.out)
+    if int(os.environ.get("LOCAL_RANK", 0)):  # of several processes the first one has the folder
+        return _train(options)
+    with sole_owner(options.out, "hadr train"):
+        return _train(options)
+
+
+def _train(options: Options) -> int:
     from lightning_fabric import Fabric
 
     from hadr.data.samples import samples_dir
@@ -222,7 +233,6 @@ def run(options: Options) -> int:
     if options.start_from and options.resume:
         raise ValueError("--start-from begins a training and --resume goes on with one: name one")
     start = None if options.start_from is None else starting_weights(options.start_from, recipe)
-    check_folder(out)
     if options.resume and options.drop_epoch is None:
         recipe = with_recorded_drop(recipe, (out / LAST).with_suffix(".json"))
     elif not options.resume:

@@ -9,8 +9,8 @@ at any moment: `resume` brings the rest into line with the last whole epoch.
 from __future__ import annotations
 
 import csv
+import io
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +20,7 @@ import torch
 from torch import nn
 
 from hadr.records.provenance import provenance
+from hadr.records.writing import write_whole
 from hadr.training.checkpoints import (
     adam_state,
     load_checkpoint,
@@ -53,7 +54,7 @@ class TrainingFolder:
     data: Mapping[str, Any] | None
 
     def check_empty(self) -> None:
-        """Refuse a folder that holds a training already.
+        """Refuse a folder that holds a training already, or what a training would replace.
 
         Raises:
             ValueError: It does.
@@ -63,6 +64,13 @@ class TrainingFolder:
                 f"{self.path} holds a training already ({LAST}); go on with it (--resume), or name "
                 "another folder"
             )
+        records = [Path(name).with_suffix(".json").name for name in (LAST, BEST)]
+        for name in (BEST, *records, HISTORY):
+            if (self.path / name).exists():
+                raise ValueError(
+                    f"{self.path} holds {name}, but no training ({LAST}); it is not replaced, name "
+                    "another folder"
+                )
 
     def save(
         self,
@@ -95,7 +103,6 @@ class TrainingFolder:
         Raises:
             ValueError: The folder holds a training of another recipe, seed or data.
         """
-        self._sweep()
         if not (self.path / LAST).is_file():
             return []
         earlier, meta = load_checkpoint(self.path / LAST)
@@ -137,21 +144,11 @@ class TrainingFolder:
 
     def _write_history(self, history: History) -> None:
         names = list(dict.fromkeys(name for row in history for name in row))
-        temporary = self.path / f".{HISTORY}.{os.getpid()}"
-        with temporary.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, fieldnames=names)
-            writer.writeheader()
-            writer.writerows(history)
-        os.replace(temporary, self.path / HISTORY)
-
-    def _sweep(self) -> None:
-        """Remove the temporary files that a killed training left."""
-        for name in (LAST, BEST, HISTORY):
-            for stem in {name, str(Path(name).with_suffix(".json"))}:
-                for left in self.path.glob(f".{stem}.*"):
-                    left.unlink(missing_ok=True)
-        for left in self.path.glob("pictures/.*.png.*"):
-            left.unlink(missing_ok=True)
+        text = io.StringIO(newline="")
+        writer = csv.DictWriter(text, fieldnames=names)
+        writer.writeheader()
+        writer.writerows(history)
+        write_whole(self.path / HISTORY, text.getvalue())
 
     def _check_same(self, earlier: nn.Module, network: nn.Module, meta: Mapping[str, Any]) -> None:
         """Refuse to go on with another network, recipe, seed or other data."""

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from filelock import FileLock
 
 from hadr.data.samples import samples_dir
 from hadr.experiments import runner
@@ -337,18 +336,6 @@ def test_files_without_rows_are_removed(tmp_path: Path) -> None:
     other = Bench(bench.roots, bench.out, "tiny", "analytic", limit=4)
     measure_all(other, plan(["known/raw"], size="tiny"), tmp_path)
     assert [path.name for path in tmp_path.glob("*.json")] == ["known.json"]
-
-
-def test_a_run_is_made_by_one_process(tmp_path: Path) -> None:
-    bench = Bench([samples_dir() / "frames"], tmp_path, "tiny", limit=4)
-    run = Run("known", "raw")
-    (tmp_path / "known" / "raw").mkdir(parents=True)
-    with (
-        FileLock(tmp_path / "known" / "raw" / ".seed-0.lock"),
-        pytest.raises(ValueError, match="known/raw/seed-0 is being made by another process"),
-    ):
-        bench.measure(run)
-    assert bench.measure(run)["frames"] == 4
 
 
 def test_several_processes_give_the_rows_of_one_and_the_failing_one_is_named(

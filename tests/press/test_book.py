@@ -173,7 +173,9 @@ def test_times_of_some_chapters_or_of_two_machines_are_no_table(
     (tmp_path / "build" / "results.json").write_text(json.dumps(record) if chapters else "[]")
     monkeypatch.setattr(book_command, "checkout_root", lambda: tmp_path)
     assert main(["book", "--build", str(tmp_path / "build"), "--readme-times"]) == 2
-    assert says in capsys.readouterr().err
+    told = capsys.readouterr().err
+    assert told.startswith("hadr book: error: ")
+    assert says in told
     assert (tmp_path / "README.md").read_text() == readme
 
 

@@ -14,10 +14,10 @@ from hadr.records import output_folder
 from hadr.records.output_folder import (
     MARKER,
     SOURCES,
+    check_file,
     check_folder,
     check_output_folder,
     check_removable,
-    check_writable,
     make_output_folder,
     remove_output_folder,
 )
@@ -91,7 +91,32 @@ def test_what_is_no_folder_is_refused(checkout, tmp_path):
         with pytest.raises(ValueError, match=r"can't be a folder: .*file is a file"):
             check_folder(tmp_path / path)
     with pytest.raises(ValueError, match="is a folder, expected the name of a file"):
-        check_writable(tmp_path)
+        check_file(tmp_path)
+    (tmp_path / "loop").symlink_to("loop")
+    for check in (check_folder, check_output_folder):
+        with pytest.raises(ValueError, match="loop is a link that leads nowhere"):
+            check(tmp_path / "loop" / "new")
+
+
+def test_only_a_file_of_the_same_command_is_replaced(tmp_path):
+    own = tmp_path / "own.json"
+    own.write_text('{"what": "Confidence of net", "rows": []}')
+    check_file(own, what="Confidence of", rows="")
+    check_file(tmp_path / "new.json", what="Confidence of")
+    (tmp_path / "link.json").symlink_to(own)
+    os.mkfifo(tmp_path / "fifo")
+    (tmp_path / "net.safetensors").write_bytes(b"\x80 years of work")
+    (tmp_path / "list.json").write_text("[]")
+    for path, fields, says in (
+        (own, {"what": "handover attempts"}, "is not replaced: no earlier run"),
+        (own, {"what": "", "split": ""}, "is not replaced: no earlier run"),
+        (tmp_path / "net.safetensors", {"what": ""}, "is not replaced: no earlier run"),
+        (tmp_path / "list.json", {"what": ""}, "is not replaced: no earlier run"),
+        (tmp_path / "link.json", {"what": ""}, "is a link or a device"),
+        (tmp_path / "fifo", {}, "is a link or a device"),
+    ):
+        with pytest.raises(ValueError, match=says):
+            check_file(path, **fields)
 
 
 @pytest.mark.parametrize("folder", ["build", "bookish", "out put/ü", "../build"])

@@ -9,12 +9,13 @@ from safetensors.torch import load_file
 from hadr.cli import parse_options
 from hadr.confidence import ConfidenceRule
 from hadr.data.samples import samples_dir
+from hadr.known_ground import Ground
 from hadr.models.hadr import HADR
 from hadr.models.hadr_plus import HADRPlus, HADRPlusConfig
 from hadr.records.result_file import read_result_file
 from hadr.training import calibrate_command as subject
 from hadr.training.calibrate import calibrate, measure_confidence, restored_pixels
-from hadr.training.checkpoints import load_checkpoint, save_checkpoint
+from hadr.training.checkpoints import load_checkpoint, save_checkpoint, update_record
 
 
 @pytest.fixture(scope="module")
@@ -97,6 +98,16 @@ def test_the_command_adds_to_the_record_and_leaves_the_weights(plus, tmp_path, c
     told = capsys.readouterr().out
     assert "learned range" in told
     assert "without the least sure tenth" in told
+    ground = Ground.from_dict(record["ground"])
+    learned, measured = ground.fields["depth as in training"], ground.fields["measured depth"]
+    assert "known_in" not in learned.names, "oracle frames have no depth in the glass"
+    assert "known_in" in measured.names
+    assert learned.rule is None
+    assert measured.rule is not None, "a camera's depth has a calibration of its own"
+    update_record(path, {"ground": None, "confidence": "as it was"})
+    assert subject.run(parsed(*line[:4], "--only-ground")) == 0
+    _, again = load_checkpoint(path)
+    assert again == {**record, "confidence": "as it was"}
 
 
 def test_the_command_says_which_network_cannot_say_how_sure_it_is(model, tmp_path, capsys) -> None:
@@ -132,6 +143,8 @@ def test_what_cannot_be_calibrated_is_left_as_it_is(model, tmp_path) -> None:
         subject.run(parsed(masks, frames))
     path = tmp_path / "small.safetensors"
     save_checkpoint(path, model, {"width": 32, "height": 24, "data": {"corruption": "oracle"}})
+    with pytest.raises(ValueError, match="was never calibrated: leave --only-ground out"):
+        subject.run(parsed(str(path), frames, "--only-ground"))
     before = path.read_bytes()
     with pytest.raises(ValueError, match="trained with corruption 'oracle'"):
         subject.run(parsed(str(path), frames, "--corruption", "sensor"))

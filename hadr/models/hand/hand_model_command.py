@@ -13,16 +13,17 @@ mediapipe 1.2.2.
 from __future__ import annotations
 
 import hashlib
-import os
 import subprocess
 import sys
 import tempfile
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
-from hadr.records.output_folder import check_writable
+from hadr.records.option_words import FILE
+from hadr.records.output_folder import check_file
+from hadr.records.writing import whole_file
 
 PARTS: dict[str, tuple[str, str]] = {
     "hand_detector.tflite": (
@@ -40,18 +41,19 @@ PLATFORMS = ("manylinux_2_28_x86_64", "manylinux_2_17_x86_64")
 
 EPILOG = """\
 what is written
-  One file of 7.8 MB, for 'hadr restore --hand mediapipe --hand-model FILE': MediaPipe's
-  networks palm_detection_full and hand_landmark_full, Apache-2.0. The wheel they lie in
-  (36 MB) is fetched by pip from the package index that pip is set up for, into a temporary
-  folder. Both are checked against SHA-256 checksums that are part of hadr.
+  One file of 7.8 MB, for 'hadr restore --hand mediapipe --hand-model FILE':
+  MediaPipe's networks palm_detection_full and hand_landmark_full, Apache-2.0.
+  The wheel they lie in (36 MB) is fetched by pip from the package index that
+  pip is set up for, into a temporary folder. Both are checked against SHA-256
+  checksums that are part of hadr.
 
-example
-    pip install 'hadr[mediapipe]'
+examples
     hadr hand-model --out hand_landmarker.task
+  Then, with the package MediaPipe (pip install 'hadr[mediapipe]'):
     hadr restore --hand mediapipe --hand-model hand_landmarker.task ...
 
 exit status
-  0 the file is there   2 it could not be made"""
+  0 done   2 the model could not be made; it says why"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,7 +64,7 @@ class Options:
     package index.
     """
 
-    out: str
+    out: Annotated[str, FILE]
     """file to write, such as hand_landmarker.task; a file that is there is never replaced, unless
     it is this model"""
     version: Literal["0.10.21", "0.10.14"] = "0.10.21"
@@ -77,7 +79,7 @@ def run(options: Options) -> int:
         OSError: The file can't be written, or is another one.
     """
     out = Path(options.out)
-    check_writable(out)
+    check_file(out)
     if out.exists():
         if not is_hand_model(out):
             raise FileExistsError(
@@ -102,18 +104,9 @@ def write_hand_model(wheel: Path, out: Path) -> None:
     Raises:
         ValueError: The wheel is damaged, lacks a network, or holds another one.
     """
-    out.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=out.parent, prefix=f".{out.name}.part")
-    try:
-        with os.fdopen(handle, "wb") as file, zipfile.ZipFile(file, "w") as model:
-            for part, content in _networks(wheel).items():
-                model.writestr(zipfile.ZipInfo(part), content)  # stored, and of no date
-        umask = os.umask(0)
-        os.umask(umask)
-        os.chmod(name, 0o666 & ~umask)
-        os.replace(name, out)
-    finally:
-        Path(name).unlink(missing_ok=True)
+    with whole_file(out) as part, zipfile.ZipFile(part, "w") as model:
+        for name, content in _networks(wheel).items():
+            model.writestr(zipfile.ZipInfo(name), content)  # stored, and of no date
 
 
 def is_hand_model(path: Path) -> bool:

@@ -34,9 +34,12 @@ from scipy import ndimage
 from hadr.camera import BoolArray, FloatArray, Intrinsics
 from hadr.frame_io import quiet
 from hadr.hand import KEYPOINT_NAMES, lift_keypoints, wrist_depth_at
-from hadr.models.hand.plausible import NoHandError
+from hadr.models.hand.plausible import LEAST_SEEN, NoHandError, median_depth
 
 Relative = Literal["image", "world"]
+By = Literal["all", "wrist"]
+NEAR_PIXELS = 2
+"""How many pixels around a landmark's are looked at for its depth."""
 HANDS = 4
 """At most so many hands are looked at: those of two people."""
 
@@ -76,9 +79,10 @@ def lift_landmarks(
     hand_mask: BoolArray | None = None,
     *,
     beside: BoolArray | None = None,
+    by: By = "all",
     relative: Relative = "image",
 ) -> npt.NDArray[np.float64]:
-    """Lift the landmarks of a hand to 3D by the depth at its wrist.
+    """Lift the landmarks of a hand to 3D by the depth at their pixels.
 
     The camera measures the skin, one or two centimetres in front of the joint; as in the paper no
     correction is made, so all points lie that much too near.
@@ -90,6 +94,8 @@ def lift_landmarks(
         hand_mask: Only depth of these pixels counts, shape (H, W); all where it is left out.
         beside: Pixels of what the hand holds, shape (H, W): of several hands the one whose
             landmarks are the nearest to them is taken; the first one where it is left out.
+        by: "all": each landmark at whose pixel depth was measured says how far away the wrist is,
+            and their median counts; "wrist": the depth at the wrist's pixel, as in the paper.
         relative: Where each point's depth relative to the wrist's comes from: "image": its
             landmark's z, which is in picture widths at the wrist's depth; "world": its world
             landmark, metres.
@@ -98,8 +104,8 @@ def lift_landmarks(
         Camera frame, metres, shape (21, 3).
 
     Raises:
-        NoHandError: No hand was found, its wrist lies outside of the picture or has no depth, or
-            a keypoint would lie behind the camera.
+        NoHandError: No hand was found, depth is known at too few of its landmarks, or at none of
+            the wrist's; or a keypoint would lie behind the camera.
         ValueError: It has not 21 landmarks, or one is not finite; or an image is of another size.
     """
     if depth.shape != camera.shape:
@@ -109,32 +115,48 @@ def lift_landmarks(
     if relative not in ("world", "image"):
         raise ValueError(f"relative must be 'world' or 'image', got {relative!r}")
     if not result.hand_landmarks:
-        raise NoHandError("MediaPipe sees none in the picture")
+        raise NoHandError("it sees none in the picture")
     hands = [_coordinates(hand, "landmarks") for hand in result.hand_landmarks]  # (21, 3) each
     size = np.array([camera.width, camera.height])
     pixels = [hand[:, :2] * size - 0.5 for hand in hands]  # from the edges to pixel centres
     chosen = 0 if beside is None else _nearest(pixels, beside)
     picture, uv = hands[chosen], pixels[chosen]
-    u, v = uv[0]
-    if not (-0.5 <= u < camera.width - 0.5 and -0.5 <= v < camera.height - 0.5):
-        raise NoHandError(
-            f"the wrist lies outside of the picture, at pixel ({u:.0f}, {v:.0f}) of "
-            f"{camera.width} x {camera.height}: its depth can't be measured"
-        )
-    try:
-        wrist = wrist_depth_at(depth, uv[0], hand_mask)
-    except ValueError as error:
-        raise NoHandError(f"the wrist has no depth to lift the keypoints by: {error}") from error
-    if relative == "world":
-        if not result.hand_world_landmarks:
-            raise ValueError("the result has no world landmarks; take relative='image'")
-        away = _coordinates(result.hand_world_landmarks[chosen], "world landmarks")[:, 2]
+    away, per_metre = np.zeros(
+        (2, 21)
+    )  # of the wrist's depth: so much more, and so many times more
+    if relative == "image":
+        per_metre = (picture[:, 2] - picture[0, 2]) * camera.width / camera.fx
+    elif result.hand_world_landmarks:
+        world = _coordinates(result.hand_world_landmarks[chosen], "world landmarks")
+        away = world[:, 2] - world[0, 2]
     else:
-        away = picture[:, 2] * camera.width / camera.fx * wrist
+        raise ValueError("the result has no world landmarks; take relative='image'")
     try:
-        return lift_keypoints(uv, away - away[0], wrist, camera)
+        if by == "wrist":
+            wrist = _at_wrist(depth, uv[0], camera, hand_mask)
+        else:
+            seen = depth if hand_mask is None else np.where(hand_mask, depth, 0)
+            measured = np.array([median_depth(seen, pixel, NEAR_PIXELS) for pixel in uv])
+            known = np.isfinite(measured)
+            if known.sum() < LEAST_SEEN:
+                raise ValueError(f"depth is known at {known.sum()} of its 21 landmarks alone")
+            wrist = float(np.median(((measured - away) / (1 + per_metre))[known]))
+        return lift_keypoints(uv, away + per_metre * wrist, wrist, camera)
     except ValueError as error:
-        raise NoHandError(f"it can't be lifted by the depth at its wrist: {error}") from error
+        raise NoHandError(f"what it sees can't be lifted to 3D: {error}") from error
+
+
+def _at_wrist(
+    depth: FloatArray, pixel: FloatArray, camera: Intrinsics, hand_mask: BoolArray | None
+) -> float:
+    """Depth at the wrist's pixel (u, v), metres."""
+    u, v = pixel
+    if not (-0.5 <= u < camera.width - 0.5 and -0.5 <= v < camera.height - 0.5):
+        raise ValueError(
+            f"the wrist lies outside of the picture, at pixel ({u:.0f}, {v:.0f}) of "
+            f"{camera.width} x {camera.height}"
+        )
+    return wrist_depth_at(depth, pixel, hand_mask)
 
 
 def _coordinates(landmarks: Sequence[Landmark], name: str) -> npt.NDArray[np.float64]:
@@ -160,9 +182,6 @@ def _nearest(hands: Sequence[npt.NDArray[np.float64]], pixels: BoolArray) -> int
 class MediaPipeHand:
     """MediaPipe's hand landmarker, loaded once; use it in a `with` statement.
 
-    Attributes:
-        name: Name of the model's file.
-
     Args:
         model: Its model's file, `hand_landmarker.task`, as `hadr hand-model` makes it.
         confidence: From this confidence on a hand counts as found, 0..1.
@@ -173,6 +192,7 @@ class MediaPipeHand:
         ValueError: `confidence` is out of its range, or the file is no such model.
     """
 
+    name = "MediaPipe"
     needs_hand_mask = False
 
     def __init__(self, model: str | Path, confidence: float = 0.5) -> None:
@@ -190,7 +210,6 @@ class MediaPipeHand:
             )
         import mediapipe
 
-        self.name = Path(model).name
         self._mediapipe: Any = mediapipe
         tasks: Any = mediapipe.tasks
         try:

@@ -10,11 +10,12 @@ import contextlib
 import hashlib
 import json
 from collections.abc import Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from hadr.frame_io import finished_folder
 from hadr.records.output_folder import check_output_folder
+from hadr.records.writing import whole_folder
 
 MANIFEST = "course.json"
 MADE_BY = "hadr course"
@@ -58,11 +59,8 @@ def written_whole(out: Path, about: Mapping[str, Any]) -> Iterator[Path]:
 
     ``about`` is what else the list says.
     """
-    check_target(out)
-    own = [path.name for path in out.iterdir()] if out.exists() else []
-    with finished_folder(out, own) as fresh:
+    with whole_folder(out, MADE_BY, partial(check_target, out)) as fresh:
         yield fresh
         content = {"made_by": MADE_BY, **about, "files": _checksums(fresh)}
         text = json.dumps(content, indent=1, ensure_ascii=False) + "\n"
         (fresh / MANIFEST).write_text(text, encoding="utf-8")
-        check_target(out)  # it may have been filled meanwhile

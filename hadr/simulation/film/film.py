@@ -5,7 +5,6 @@ The files play in browsers: MP4 (H.264, yuv420p) through imageio's ffmpeg, or GI
 
 from __future__ import annotations
 
-import os
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing
@@ -18,6 +17,7 @@ import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 
 from hadr.handover.stages import Stage, Transition
+from hadr.records.writing import whole_file
 from hadr.simulation.film.world_view import FilmSet, View
 from hadr.simulation.world.scenes import HeldScene
 from hadr.simulation.world.state import WorldState
@@ -209,14 +209,9 @@ def write_film(path: str | Path, frames: Iterable[Picture], rate: float = 12.5) 
     first = next(checked, None)
     if first is None:
         raise ValueError("a film needs at least one picture, got none")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    unfinished = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
     write = _write_gif if path.suffix == ".gif" else _write_mp4
-    try:
-        write(unfinished, chain([first], checked), rate)
-        os.replace(unfinished, path)
-    finally:
-        unfinished.unlink(missing_ok=True)
+    with whole_file(path) as part:
+        write(part, chain([first], checked), rate)
     return path
 
 

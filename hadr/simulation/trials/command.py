@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 import tyro
 
 from hadr.records.option_words import FILE, FOLDER, ID
-from hadr.records.output_folder import check_folder, check_writable
+from hadr.records.output_folder import check_file, check_folder
 from hadr.records.provenance import machine_text, provenance, record_of, usable_cores
 from hadr.records.result_file import write_result_file
+from hadr.records.writing import sole_owner
 from hadr.simulation.trials import TRIAL_HOLDS, TRIAL_OBJECTS
 
 if TYPE_CHECKING:
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
     from hadr.simulation.world.physics import World
     from hadr.simulation.world.state import WorldState
 
+_WHAT = "handover attempts in simulation"
+"""How the file of the rows begins."""
 EPILOG = """\
 conditions (--arms)
   raw                 the depth that the camera measured
@@ -62,7 +65,8 @@ or damaged. --dry-run counts what is done. The same seed gives the same
 outcomes.
 
 exit status
-  0 done, however many attempts failed   2 a wrong call   130 interrupted"""
+  0 done, however many attempts failed   1 the disk is full
+  2 a wrong call   130 interrupted"""
 
 
 @dataclass(frozen=True)
@@ -120,9 +124,9 @@ def run(options: Options) -> int:
     if (options.out is None) == (options.replay is None):
         raise ValueError("give one of --out and --replay")
     if options.replay is not None:
-        return _replay(_named("--replay", options.replay))
-    out = _named("--out", options.out)
-    path = out / "handover.json" if options.json is None else _named("--json", options.json)
+        return _replay(Path(options.replay))
+    out = Path(options.out or "")
+    path = out / "handover.json" if options.json is None else Path(options.json)
     _check(options, out, path)
     jobs = usable_cores() if options.jobs is None else options.jobs
     check_packages()
@@ -162,25 +166,21 @@ def run(options: Options) -> int:
         print(f"finished already: {done} of {total} in {out}")
     if options.dry_run:
         return 0
-    if not options.watch:
-        for folder in (out, path.parent):
-            _make_folder(folder)
-    rows = []
-    for condition, trials in plan.items():
-        if options.watch:
-            for trial in trials:
-                _say(trial, record_of(watch_trial(trial).outcome))
-            continue
-        outcomes = run_attempts(trials, out, jobs=jobs, report=_say)
-        rows.append(condition_row(condition, outcomes))
-        print(_sum_up(rows[-1]))
-    if rows:
+    if options.watch:
+        for trial in (trial for trials in plan.values() for trial in trials):
+            _say(trial, record_of(watch_trial(trial).outcome))
+        return 0
+    with sole_owner(out, "hadr handover"):
+        rows = []
+        for condition, trials in plan.items():
+            rows.append(condition_row(condition, run_attempts(trials, out, jobs=jobs, report=_say)))
+            print(_sum_up(rows[-1]))
         write_result_file(path, _what(options), rows, {**provenance(), "machine": machine_text()})
         print(f"the rows: {path}")
-    if options.film:
-        for trial in (trial for trials in plan.values() for trial in trials):
-            print(f"drawing {film_path(out, trial)}", flush=True)
-            film_of_attempt(out, trial)
+        if options.film:
+            for trial in (trial for trials in plan.values() for trial in trials):
+                print(f"drawing {film_path(out, trial)}", flush=True)
+                film_of_attempt(out, trial)
     return 0
 
 
@@ -205,12 +205,6 @@ def _replay(path: Path) -> int:
     return 0
 
 
-def _named(option: str, words: str | None) -> Path:
-    if not (words or "").strip():
-        raise ValueError(f"{option}: expected a path, got an empty one")
-    return Path(words or "")
-
-
 def _check(options: Options, out: Path, path: Path) -> None:
     """ValueError what `Trial` does not refuse by itself, before anything is computed."""
     if options.jobs is not None and options.jobs < 1:
@@ -227,21 +221,8 @@ def _check(options: Options, out: Path, path: Path) -> None:
         raise ValueError(f"no object {unknown[0]!r} here; there are {', '.join(TRIAL_OBJECTS)}")
     if options.watch and options.film:
         raise ValueError("--watch keeps no files to film: give one of --watch and --film")
-    for name, check, place in (("--out", check_folder, out), ("--json", check_writable, path)):
-        try:
-            check(place)
-        except ValueError as error:
-            raise ValueError(f"{name}: {error}") from error
-
-
-def _make_folder(path: Path) -> None:
-    """Make a folder for results before hours are spent on what it is to hold."""
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ValueError(f"can't make the folder {path}: {error.strerror}") from error
-    if not os.access(path, os.W_OK | os.X_OK):
-        raise ValueError(f"can't write to the folder {path}: permission denied")
+    check_folder(out)
+    check_file(path, what=_WHAT)
 
 
 def check_packages() -> None:
@@ -301,7 +282,7 @@ def _count(number: int, what: str) -> str:
 
 def _what(options: Options) -> str:
     return (
-        f"handover attempts in simulation: objects {' '.join(options.objects)}, holds "
+        f"{_WHAT}: objects {' '.join(options.objects)}, holds "
         f"{' '.join(map(str, options.holds))}, seed {options.seed}, hand's speed "
         f"x{options.hand_speed:g}, camera turned by {options.extrinsics_error:g} degrees; "
         f"{_origin_of_masks(options.arms)}; success by HandoverSim's rules"

@@ -13,6 +13,8 @@ from typing import Any, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
+from hadr.records.writing import write_arrays
+
 Array = npt.NDArray[np.float64]
 Holder = Literal["hand", "both", "gripper", "nobody"]
 """Who holds the object: the hand alone, hand and fingers, the fingers alone, or it is falling."""
@@ -56,8 +58,7 @@ def save_states(path: Path, states: Sequence[WorldState]) -> None:
     }
     columns["holder"] = np.array([_HOLDERS.index(s.holder) for s in states], dtype=np.uint8)
     columns["version"] = np.array(_VERSION)
-    with path.open("wb") as file:
-        np.savez_compressed(file, **columns)  # type: ignore[arg-type]  # columns are arrays
+    write_arrays(path, **columns)
 
 
 def load_states(path: Path) -> list[WorldState]:

@@ -78,7 +78,8 @@ examples
   hadr generate --preset mini --engine photo --workers 8 --out frames
 
 exit status
-  0 done   2 unusable settings, folder or worker   130 interrupted"""
+  0 done   1 the disk is full   2 unusable settings, folder or worker
+  130 interrupted"""
 
 
 def _settings(options: Options) -> GenerationSettings:

@@ -7,14 +7,15 @@ import hashlib
 import json
 import os
 import re
-import shutil
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from hadr import __version__
-from hadr.data.frame import UNFINISHED_PREFIX, frame_log_path, frame_places
+from hadr.data.frame import frame_log_path, frame_places
+from hadr.records.output_folder import check_file, check_folder
+from hadr.records.writing import sole_owner, write_whole
 from hadr.synthesis.generation.settings import FrameRecipe, GenerationSettings
 from hadr.synthesis.recordings.recording import companions, find_recordings
 from hadr.synthesis.textures.backgrounds import find_backgrounds
@@ -105,6 +106,7 @@ def _check_settings(root: Path, record: dict[str, Any]) -> None:
         )
     before = recorded_settings(root)
     if not before:
+        check_file(root / SETTINGS_FILE, hadr="")
         return
     differing = [
         f"{name} is {before.get(name)!r} there, {record.get(name)!r} here"
@@ -119,9 +121,7 @@ def _check_settings(root: Path, record: dict[str, Any]) -> None:
 
 
 def _clean(root: Path) -> None:
-    """Remove what a stopped run left: staged files, and the files of frames without a log."""
-    for staged in root.glob(f"{UNFINISHED_PREFIX}*"):
-        shutil.rmtree(staged, ignore_errors=True)
+    """Remove what a stopped run left: the files of frames without a log."""
     for split in _SPLITS:
         for logs in sorted((root / split).glob("*/depth")):
             done = {p.stem for p in (logs / "log_json").glob("*.json")}
@@ -141,25 +141,6 @@ def _is_of_a_frame(path: Path) -> bool:
 
 
 @contextlib.contextmanager
-def _sole_owner(root: Path) -> Iterator[None]:
-    """Keep a second run out of the folder; the lock ends with the process."""
-    try:
-        import fcntl
-    except ImportError:  # Windows: nothing is locked
-        yield
-        return
-    handle = os.open(root, os.O_RDONLY)
-    try:
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            raise ValueError(f"another run is making frames in {root}") from error
-        yield
-    finally:
-        os.close(handle)
-
-
-@contextlib.contextmanager
 def generation_folder(root: Path, settings: GenerationSettings) -> Iterator[Path]:
     """Take a folder for making frames, alone: check that it is meant for them, and tidy it.
 
@@ -171,14 +152,13 @@ def generation_folder(root: Path, settings: GenerationSettings) -> Iterator[Path
         OSError: The folder can't be made or written.
     """
     record = settings_record(settings)
-    for place in (root, *root.parents):
-        if place.exists() and not place.is_dir():
-            raise ValueError(f"can't write frames into {root}: {place} is a file, not a folder")
-    root.mkdir(parents=True, exist_ok=True)
-    with _sole_owner(root):
+    check_folder(root)
+    with sole_owner(root, "hadr generate"):
         _check_settings(root, record)
         _clean(root)
-        part = root / f".{SETTINGS_FILE}.part"
-        part.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
-        os.replace(part, root / SETTINGS_FILE)
-        yield root
+        write_whole(root / SETTINGS_FILE, json.dumps(record, indent=1) + "\n")
+        try:
+            yield root
+        finally:
+            if not recorded_settings(root):
+                (root / SETTINGS_FILE).unlink(missing_ok=True)

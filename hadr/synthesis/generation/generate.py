@@ -8,8 +8,6 @@ depend on it: all workers use the same one, and one that can't ends the run with
 
 from __future__ import annotations
 
-import errno
-import os
 import time
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -171,35 +169,26 @@ def generate(
     if settings.backgrounds is not None:
         check_backgrounds(settings.backgrounds)
     recipes = [settings.recipe(i) for i in range(n_frames)]
-    written = 0
-    try:
-        with ExitStack() as stack:
-            client = stack.enter_context(connected(scheduler))
-            if settings.engine == "photo":
-                settings = replace(settings, variant=_chosen_variant(settings, root, client))
-            stack.enter_context(generation_folder(root, settings))
-            whole = whole_frames(root, recipes, settings)
-            todo = [r for r in recipes if r.index not in whole]
-            kept = n_frames - len(todo)
-            slow = settings.variant == SCALAR and not (asked or client or wanted_variant())
-            if slow and progress and todo:
-                why = why_not_llvm()
-                why = f"{why}; to become faster, {REMEDY}" if why else f"as all frames in {root}"
-                print(f"drawing with Mitsuba's slower variant {SCALAR}: {why}", flush=True)
-            make = partial(_make_frames, root=root.absolute(), settings=settings)
-            bar = tqdm(total=n_frames, initial=kept, unit="frame", disable=not progress)
-            with bar:
+    with ExitStack() as stack:
+        client = stack.enter_context(connected(scheduler))
+        if settings.engine == "photo":
+            settings = replace(settings, variant=_chosen_variant(settings, root, client))
+        stack.enter_context(generation_folder(root, settings))
+        whole = whole_frames(root, recipes, settings)
+        todo = [r for r in recipes if r.index not in whole]
+        kept = n_frames - len(todo)
+        slow = settings.variant == SCALAR and not (asked or client or wanted_variant())
+        if slow and progress and todo:
+            why = why_not_llvm()
+            why = f"{why}; to become faster, {REMEDY}" if why else f"as all frames in {root}"
+            print(f"drawing with Mitsuba's slower variant {SCALAR}: {why}", flush=True)
+        make = partial(_make_frames, root=root.absolute(), settings=settings)
+        try:
+            with tqdm(total=n_frames, initial=kept, unit="frame", disable=not progress) as bar:
                 for made in run_tasks(make, recipes_by_hold(todo), workers=workers, client=client):
-                    written += made
                     bar.update(made)
-    except OSError as error:
-        if error.errno in (errno.ENOSPC, errno.EDQUOT):
-            raise OSError(
-                f"no space left for {root}: {written} frames were written, all of them whole. "
-                "Make room and run the same command again"
-            ) from error
-        if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOTDIR, errno.EEXIST):
-            reason = os.strerror(error.errno)
-            raise OSError(f"can't write frames into {root}: {reason}") from error
-        raise
+        except OSError as error:
+            written = len(whole_frames(root, todo, settings))
+            error.add_note(f"{written} frames were written to {root}, all of them whole")
+            raise
     return GenerationReport(root, len(todo), kept, time.perf_counter() - start)

@@ -10,7 +10,6 @@ from __future__ import annotations
 import csv
 import io
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,6 +20,7 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation, Slerp
 
 from hadr.hand import ANGLE_NAMES, FINGERS, HandShape
+from hadr.records.writing import write_whole
 from hadr.synthesis.glass.objects import glass_object
 from hadr.synthesis.holding.contact import ContactReport
 from hadr.synthesis.holding.hold import Hold, check_hold
@@ -361,11 +361,7 @@ def recording_text(recording: Recording) -> str:
 
 def write_recording(recording: Recording, path: str | Path) -> None:
     """Write a recording; the file appears whole or not at all."""
-    target = Path(path)
-    target.parent.mkdir(parents=True, exist_ok=True)
-    part = target.with_name(f".{target.name}.{os.getpid()}.part")
-    part.write_text(recording_text(recording), encoding="utf-8", newline="\n")
-    os.replace(part, target)
+    write_whole(Path(path), recording_text(recording))
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from hadr.camera import Intrinsics
+from hadr.camera import Intrinsics, project, unproject
 from hadr.models.hand.mediapipe_hand import MediaPipeHand, lift_landmarks
 from hadr.models.hand.plausible import NoHandError
 
@@ -48,12 +48,48 @@ def wall(z: float = 0.6) -> np.ndarray:
 
 @pytest.mark.parametrize("relative", ["world", "image"])
 def test_perfect_landmarks_and_depth_give_the_hand_back(relative: str) -> None:
-    found = lift_landmarks(result_of(hand()), wall(), CAMERA, relative=relative)
+    found = lift_landmarks(result_of(hand()), wall(), CAMERA, by="wrist", relative=relative)
     np.testing.assert_allclose(found, hand(), atol=1e-7)
 
 
+def spread() -> np.ndarray:
+    """A hand whose landmarks are 11 pixels or more from each other: five rows of five."""
+    rows, columns = np.divmod(np.arange(21), 5)
+    z = 0.6 + np.random.default_rng(1).uniform(-0.05, 0.05, 21)
+    uv = np.stack([30 + 15 * columns, 20 + 15 * rows], axis=1)
+    return unproject(uv, z, CAMERA)
+
+
+def skin_of(points: np.ndarray) -> np.ndarray:
+    """Depth of 5 x 5 pixels around each of them, and nothing else."""
+    depth = np.zeros((120, 160), dtype=np.float32)
+    for (u, v), z in zip(project(points, CAMERA).round().astype(int), points[:, 2], strict=True):
+        depth[v - 2 : v + 3, u - 2 : u + 3] = z
+    return depth
+
+
+@pytest.mark.parametrize("relative", ["world", "image"])
+def test_all_landmarks_with_depth_say_how_far_the_hand_is(relative: str) -> None:
+    """The wrist is hidden, five landmarks lie behind what is before them, and two on the wall."""
+    depth = skin_of(spread())
+    for number, seen in {0: 0.0, 1: 0.4, 2: 0.4, 3: 0.41, 4: 0.42, 5: 0.38, 6: 2.0, 7: 2.0}.items():
+        depth[(near := skin_of(spread()[[number]]) > 0)] = seen
+        assert near.sum() == 25
+    found = lift_landmarks(result_of(spread()), depth, CAMERA, relative=relative)
+    np.testing.assert_allclose(found, spread(), atol=1e-6)
+    with pytest.raises(NoHandError, match="no valid depth around the wrist"):
+        lift_landmarks(result_of(spread()), depth, CAMERA, by="wrist", relative=relative)
+    fingers = skin_of(spread()[8:]) > 0
+    few = np.where(skin_of(spread()[:4]) > 0, depth, 0)
+    with pytest.raises(NoHandError, match="depth is known at 3 of its 21 landmarks"):
+        lift_landmarks(result_of(spread()), few, CAMERA)
+    away = np.where(fingers, depth, 3.0).astype(np.float32)
+    found = lift_landmarks(result_of(spread()), away, CAMERA, fingers, relative=relative)
+    np.testing.assert_allclose(found, spread(), atol=1e-6)
+
+
 def test_the_depth_at_the_wrist_moves_the_whole_hand_along_its_rays() -> None:
-    found = lift_landmarks(result_of(hand()), wall(0.58), CAMERA, relative="world")
+    found = lift_landmarks(result_of(hand()), wall(0.58), CAMERA, by="wrist", relative="world")
     z = hand()[:, 2] - 0.02
     np.testing.assert_allclose(found[:, 2], z, atol=1e-7)
     np.testing.assert_allclose(found[:, 0] / z, hand()[:, 0] / hand()[:, 2], atol=1e-7)
@@ -62,9 +98,9 @@ def test_the_depth_at_the_wrist_moves_the_whole_hand_along_its_rays() -> None:
 def test_world_and_image_differ_where_the_world_landmarks_are_of_another_size() -> None:
     result = result_of(hand(), world_from_points=1.2)
     np.testing.assert_allclose(
-        lift_landmarks(result, wall(), CAMERA, relative="image"), hand(), atol=1e-7
+        lift_landmarks(result, wall(), CAMERA, by="wrist"), hand(), atol=1e-7
     )
-    large = lift_landmarks(result, wall(), CAMERA, relative="world")
+    large = lift_landmarks(result, wall(), CAMERA, by="wrist", relative="world")
     np.testing.assert_allclose(large[:, 2] - 0.6, 1.2 * (hand()[:, 2] - 0.6), atol=1e-7)
 
 
@@ -73,9 +109,10 @@ def test_a_wrist_without_depth_takes_the_hand_s_and_without_a_mask_is_an_error()
     depth[50:70, 70:90] = 0
     depth[100:, :] = 0.6
     mask[100:110] = True
-    np.testing.assert_allclose(lift_landmarks(result_of(hand()), depth, CAMERA, mask), hand())
-    with pytest.raises(NoHandError, match=r"the wrist has no depth.*pixel \(80, 60\)"):
-        lift_landmarks(result_of(hand()), depth, CAMERA)
+    found = lift_landmarks(result_of(hand()), depth, CAMERA, mask, by="wrist")
+    np.testing.assert_allclose(found, hand())
+    with pytest.raises(NoHandError, match=r"no valid depth around the wrist.*pixel \(80, 60\)"):
+        lift_landmarks(result_of(hand()), depth, CAMERA, by="wrist")
 
 
 def test_of_several_hands_the_one_at_the_glass_is_taken() -> None:
@@ -86,16 +123,16 @@ def test_of_several_hands_the_one_at_the_glass_is_taken() -> None:
     glass = np.zeros((120, 160), dtype=bool)
     glass[50:70, 60:70] = True  # left of the nearer hand's wrist, at pixel (80, 60)
     for relative in ("image", "world"):
-        found = lift_landmarks(both, wall(), CAMERA, beside=glass, relative=relative)
+        found = lift_landmarks(both, wall(), CAMERA, by="wrist", beside=glass, relative=relative)
         np.testing.assert_allclose(found, near, atol=1e-7)
-        found = lift_landmarks(both, wall(), CAMERA, relative=relative)
+        found = lift_landmarks(both, wall(), CAMERA, by="wrist", relative=relative)
         np.testing.assert_allclose(found, far, atol=1e-7)
-    found = lift_landmarks(both, wall(), CAMERA, beside=np.zeros_like(glass))
+    found = lift_landmarks(both, wall(), CAMERA, by="wrist", beside=np.zeros_like(glass))
     np.testing.assert_allclose(found, far, atol=1e-7)
 
 
 def test_no_hand_is_said() -> None:
-    with pytest.raises(NoHandError, match="MediaPipe sees none in the picture"):
+    with pytest.raises(NoHandError, match="it sees none in the picture"):
         lift_landmarks(Result(), wall(), CAMERA)
 
 
@@ -111,7 +148,7 @@ def test_wrong_results_are_named() -> None:
     outside = result_of(hand())
     outside.hand_landmarks[0][0].x = 1.1
     with pytest.raises(NoHandError, match=r"outside of the picture, at pixel \(176, 60\)"):
-        lift_landmarks(outside, wall(), CAMERA)
+        lift_landmarks(outside, wall(), CAMERA, by="wrist")
     flat = result_of(hand())
     flat.hand_world_landmarks = []
     with pytest.raises(ValueError, match="relative='image'"):
@@ -147,7 +184,7 @@ class FakeLandmarker:
     def detect(self, image: dict[str, object]) -> Result:
         assert image["image_format"] == "RGB"
         assert image["data"].shape == (120, 160, 3)
-        return result_of(hand())
+        return result_of(spread())
 
     def close(self) -> None:
         FakeLandmarker.closed = True
@@ -170,12 +207,12 @@ def test_the_landmarker_is_asked_and_closed(tmp_path) -> None:
     path.write_bytes(b"model")
     color = np.zeros((120, 160, 3), dtype=np.uint8)
     with MediaPipeHand(path, confidence=0.3) as detector:
-        found = detector.find(color, wall(), CAMERA)
+        found = detector.find(color, skin_of(spread()), CAMERA)
         assert detector._landmarker.options["base_options"] == {"model_asset_path": str(path)}
         assert detector._landmarker.options["min_hand_detection_confidence"] == 0.3
         with pytest.raises(ValueError, match=r"color must be \(120, 160, 3\) uint8"):
             detector.find(color[:4], wall(), CAMERA)
-    np.testing.assert_allclose(found, hand(), atol=1e-7)
+    np.testing.assert_allclose(found, spread(), atol=1e-6)
     assert FakeLandmarker.closed
 
 

@@ -14,15 +14,15 @@ HAND = FLAT + np.array([0, 0.12, 0.6])
 
 
 def scene(wall: float = 0.6) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Depth of the skin 1 cm before the joints, before a wall; glass at the right of the fingers.
+    """Depth of the skin 2 cm before the joints, before a wall; glass at the right of the fingers.
 
-    The hand's pixels are a square of 40 x 60 pixels: 0.118 m x 0.177 m = 209 square centimetres.
+    The hand's pixels are a square of 40 x 60 pixels: 0.116 m x 0.174 m = 202 square centimetres.
     """
     depth = np.full(CAMERA.shape, wall, np.float32)
     hand, glass = np.zeros((2, *CAMERA.shape), bool)
     hand[40:100, 60:100] = True
     glass[40:80, 100:120] = True
-    depth[hand] = 0.59
+    depth[hand] = 0.58
     depth[glass] = 1.5  # the wall behind, which does not count
     return depth, glass, hand
 
@@ -34,9 +34,10 @@ def test_an_adult_s_hand_on_measured_skin_is_one() -> None:
     assert found.palm == pytest.approx(1, abs=1e-6)
     # The median finger is the little one: 35 + 21 + 20 mm of hadr.hand against 66.8 mm.
     assert found.fingers == pytest.approx(0.076 / 0.0668, abs=1e-6)
-    assert found.gap_m == pytest.approx(0.01, abs=1e-6)
-    assert 0.01 <= found.skin_m < 0.011
-    assert found.area_m2 == pytest.approx(40 * 60 * (0.59 / 200) ** 2, rel=1e-5)
+    assert found.gap_m == pytest.approx(0.02, abs=1e-6)
+    assert 0.02 <= found.skin_m < 0.021
+    assert found.area_m2 == pytest.approx(40 * 60 * (0.58 / 200) ** 2, rel=1e-5)
+    assert found.step_m == pytest.approx(0.32, abs=1e-6)
     assert (found.presence, found.glass_m) == (0.97, pytest.approx(0.0, abs=0.02))
 
 
@@ -65,9 +66,9 @@ def test_a_hand_off_the_measured_depth_is_named_with_its_distance(factor, words)
 def test_of_a_hand_without_depth_at_its_pixels_nothing_is_said() -> None:
     depth, glass, hand = scene()
     depth[:] = 0
-    depth[0] = 3.0
+    depth[0] = 3.0  # no keypoint is there
     found = check_hand(HAND, depth, CAMERA, glass, hand)
-    assert (found.gap_m, found.skin_m, found.area_m2) == (None, None, None)
+    assert (found.gap_m, found.skin_m, found.area_m2, found.step_m) == (None, None, None, None)
     assert found.problems == ()
     beside = check_hand(HAND + np.array([2.0, 0, 0]), np.full(CAMERA.shape, 0.6), CAMERA, glass)
     assert beside.gap_m is None
@@ -94,5 +95,8 @@ def test_a_table_a_speck_and_a_doubtful_hand_are_none() -> None:
     assert any(
         "cover 1 square" in w for w in check_hand(HAND, depth, CAMERA, glass, speck).problems
     )
+    cloth, _, _ = scene(0.582)
+    (why,) = check_hand(HAND, cloth, CAMERA, glass, hand).problems
+    assert why == "its pixels don't stand out: what is around them lies 0.2 cm behind them"
     doubt = check_hand(HAND, depth, CAMERA, glass, hand, presence=0.81)
     assert doubt.problems == ("its pixels have a mean probability of 0.81 of being a hand's",)

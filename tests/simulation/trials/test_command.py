@@ -81,33 +81,18 @@ def test_places_that_cannot_be_written_are_named(
     assert call(file / "deeper", "--dry-run") == 2
     assert f"{file} is a file" in capsys.readouterr().err
     assert call(tmp_path / "out", "--dry-run", "--json", tmp_path) == 2
-    assert f"--json: {tmp_path} is a folder" in capsys.readouterr().err
+    assert f"{tmp_path} is a folder" in capsys.readouterr().err
     assert call(tmp_path / "out", "--dry-run", "--json", file / "rows.json") == 2
-    assert f"--json: {file} can't be a folder" in capsys.readouterr().err
+    assert f"{file} can't be a folder" in capsys.readouterr().err
     (tmp_path / "taken" / "handover.json").mkdir(parents=True)
     assert call(tmp_path / "taken", "--dry-run") == 2
     assert "handover.json is a folder" in capsys.readouterr().err
     assert file.read_text() == "kept"
 
 
-@pytest.mark.parametrize("words", [["--out", ""], ["--out", "x", "--json", " "], []])
-def test_an_empty_name_is_no_place(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["handover", *words, "--dry-run"]) == 2
-    said = capsys.readouterr().err
-    if words:
-        assert f"{words[-2]}: expected a path, got an empty one" in said
-    else:
-        assert "give one of --out and --replay" in said
-
-
-def test_a_folder_for_the_rows_that_cannot_be_made_is_named_before_the_attempts(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(experiment, "run_trial", None)
-    (tmp_path / "away").symlink_to(tmp_path / "nowhere" / "at" / "all")
-    words = ["--arms", "perfect", "--objects", "0010", "--holds", 922, "--jobs", 1]
-    assert call(tmp_path / "out", *words, "--json", tmp_path / "away" / "rows.json") == 2
-    assert f"can't make the folder {tmp_path / 'away'}" in capsys.readouterr().err
+def test_a_place_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["handover", "--dry-run"]) == 2
+    assert "give one of --out and --replay" in capsys.readouterr().err
 
 
 def test_a_replay_prints_changes_and_cautions(

@@ -21,6 +21,7 @@ def beaker() -> GlassObject:
     return GlassObject(
         "9000",
         "cylinder",
+        holds=("side",) * 8,
         outer=((0, 0), (0.04, 0, 1e-4), (0.04, 0.1)),
         inner=((0.038, 0.1), (0.038, 0.002, 1e-4), (0, 0.002)),
         grip=(0.02, 0.08),

@@ -68,12 +68,9 @@ def test_leftovers_of_a_stopped_run_go_and_whole_frames_stay(tmp_path):
     for name in (*whole, *half):
         (base / name).parent.mkdir(parents=True, exist_ok=True)
         (base / name).write_text("x")
-    (tmp_path / ".unfinished-xyz").mkdir()
-    (tmp_path / ".unfinished-xyz/0").write_text("x")
     take(tmp_path)
     left = {p.relative_to(tmp_path).as_posix() for p in tmp_path.rglob("*") if p.is_file()}
     assert left == {SETTINGS_FILE, *(f"val/0004/depth/{name}" for name in whole)}
-    assert not (tmp_path / ".unfinished-xyz").exists()
 
 
 def test_somebodys_own_files_stay(tmp_path):
@@ -90,16 +87,6 @@ def test_somebodys_own_files_stay(tmp_path):
         (base / name).write_text("mine")
     take(tmp_path)
     assert [name for name in own if not (base / name).is_file()] == []
-
-
-def test_two_runs_in_one_folder_are_refused(tmp_path):
-    pytest.importorskip("fcntl", reason="folders are locked on POSIX systems alone")
-    with (
-        generation_folder(tmp_path, SETTINGS),
-        pytest.raises(ValueError, match="another run is making frames in"),
-    ):
-        take(tmp_path)
-    take(tmp_path)
 
 
 def test_a_folder_that_is_read_from_counts_by_its_contents(tmp_path):

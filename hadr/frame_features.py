@@ -1,0 +1,203 @@
+"""What can be measured of a frame: how far the glass is, where the hand is, what the camera says.
+
+Each feature has a scale on which steps are alike, and words in which it is said. They are measured
+at the size at which a network works, so that they don't depend on the picture's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
+
+from hadr.camera import BoolArray, FloatArray, Intrinsics, project, unproject
+
+Array = npt.NDArray[np.float64]
+Features = Mapping[str, float]
+NEAR_M = 0.03
+"""Depth in the glass that is no farther from the answer may be its surface's, metres."""
+SKIN_M = (-0.02, 0.07)
+"""A hand's joint lies so far behind the depth that is measured at its pixel, metres: 1 to 2 cm
+below the skin, more where a finger hides it."""
+
+
+def _log(unit: float = 0.0) -> Callable[[Array], Array]:
+    return lambda v: np.log(np.maximum(v, 0) + unit + 1e-9)
+
+
+def _share(v: Array) -> Array:
+    """Log odds of a share, which end at those of 1 %."""
+    return np.asarray(np.log((0.98 * v + 0.01) / (0.99 - 0.98 * v)))
+
+
+def _signed(unit: float) -> Callable[[Array], Array]:
+    return lambda v: np.arcsinh(v / unit)
+
+
+@dataclass(frozen=True)
+class Feature:
+    """How a feature is compared and said.
+
+    Args:
+        words: What it is, with `{}` in place of its value.
+        scale: Brings it to a scale on which steps are alike.
+        unit: Behind the value, where it is said.
+        factor: From metres, or a share, to that unit.
+        slack: What counts as equal, on that scale: half of a range is no less.
+    """
+
+    words: str
+    scale: Callable[[Array], Array]
+    unit: str = ""
+    factor: float = 1.0
+    slack: float = 0.05
+
+    def said(self, value: float, low: float, high: float) -> str:
+        """Say the value and the range that was learned."""
+        here, least, most = (f"{self.factor * v:.3g}" for v in (value, low, high))
+        learned = least if least == most else f"{least} to {most}"
+        return f"{self.words.format(f'{here}{self.unit}')}, learned {learned}{self.unit}"
+
+
+FEATURES: dict[str, Feature] = {
+    "distance": Feature("the glass is {} away", _log(), " m"),
+    "size": Feature("the glass measures {} across", _log(), " cm", 100),
+    "lens": Feature("the focal length is {} of the picture's width", _log(), " %", 100, 0.08),
+    "known_around": Feature("depth is known on {} around the glass", _share, " %", 100),
+    "near_around": Feature(
+        "{} of the depth around the glass is within 10 cm of it", _share, " %", 100
+    ),
+    "depth_around": Feature("what is around the glass is {} behind it", _signed(0.1), " cm", 100),
+    "rough": Feature("the measured depth is rough by {} at 1 m", _log(1e-4), " mm", 1000),
+    "even": Feature("{} of the measured depth has no noise at all", _share, " %", 100),
+    "known_in": Feature("depth is known on {} of the glass", _share, " %", 100),
+    "near_in": Feature(
+        "{} of the depth measured in the glass is within 3 cm of the answer", _share, " %", 100
+    ),
+    "behind_in": Feature(
+        "{} of the depth measured in the glass is over 3 cm behind the answer", _share, " %", 100
+    ),
+    "spread_in": Feature(
+        "half of the depth measured in the glass is spread over {}", _log(0.003), " cm", 100
+    ),
+    "hand": Feature("the hand's bones measure {} in the mean", _log(), " mm", 1000),
+    "fingers": Feature("the hand's bones differ by {} in length", _log(), " %", 100),
+    "tilt": Feature("the hand points away from the camera by {} of its length", _signed(1), ""),
+    "touch": Feature("the hand is {} from the glass", _log(0.002), " cm", 100),
+    "beside": Feature("the hand's middle is {} beside the glass's", _log(0.01), " cm", 100),
+    "behind": Feature("the glass is restored {} behind the hand", _signed(0.05), " cm", 100),
+    "off": Feature(
+        "the hand's joints lie {} behind the depth measured there", _signed(0.02), " cm", 100
+    ),
+    "agree": Feature("measured depth agrees with {} of the hand's joints", _share, " %", 100),
+    "seen": Feature(
+        "what the network sees in the glass differs by {} from what is usual", _log(0.05)
+    ),
+}
+"""The features by name."""
+
+
+def frame_features(
+    depth: FloatArray,
+    restored: FloatArray,
+    camera: Intrinsics,
+    mask: BoolArray,
+    keypoints: FloatArray | None = None,
+) -> dict[str, float]:
+    """Measure a frame at the size at which a network works.
+
+    Args:
+        depth: z-depth as the camera measured it, in the glass too, metres, shape (H, W); 0 =
+            missing.
+        restored: The network's answer, metres, shape (H, W); 0 where there is none.
+        camera: Intrinsics of this size.
+        mask: Pixels to restore, shape (H, W) bool; at least one.
+        keypoints: 21 hand keypoints, camera frame, metres, shape (21, 3); None: no hand.
+
+    Returns:
+        Features by name, lengths in metres; what can't be measured is left out.
+    """
+    known, answered = depth > 0, mask & (restored > 0)
+    hand = keypoints is not None
+    answer = float(np.median(restored[answered])) if answered.any() else np.nan
+    away = float(np.median(keypoints[:, 2])) if hand else answer  # type: ignore[index]
+    side = np.sqrt(mask.sum())
+    near = max(2, round(0.2 * side))
+    ring, wide = (ndimage.maximum_filter(mask, 2 * reach + 1) & ~mask for reach in (near, 2 * near))
+    around = depth[ring & known]
+    found: dict[str, float] = {
+        "distance": away,
+        "size": float(side / np.sqrt(camera.fx * camera.fy)) * away,
+        "lens": camera.fx / camera.width,
+        "known_around": _mean(known[ring]),
+        "near_around": _mean(np.abs(around - away) < 0.1),
+        "depth_around": _median(around) - away,
+        **_noise(depth, wide),
+    }
+    inside = known & mask
+    if inside.any():
+        off = (depth - restored)[inside & answered]
+        found |= {
+            "known_in": float(inside.sum() / mask.sum()),
+            "near_in": _mean(np.abs(off) < NEAR_M),
+            "behind_in": _mean(off > NEAR_M),
+            "spread_in": float(np.subtract(*np.percentile(off, (75, 25)))) if off.size else np.nan,
+        }
+    if hand:
+        found |= {"behind": answer - away, **_hand_features(depth, camera, mask, keypoints)}
+    return {name: value for name, value in found.items() if np.isfinite(value)}
+
+
+def _mean(values: npt.NDArray[Any]) -> float:
+    return float(values.mean()) if values.size else np.nan
+
+
+def _median(values: FloatArray) -> float:
+    return float(np.median(values)) if values.size else np.nan
+
+
+def _noise(depth: FloatArray, region: BoolArray) -> dict[str, float]:
+    """Second differences of depth, which noise makes and a plane has none of."""
+    parts = []
+    for z, at in ((depth, region), (depth.T, region.T)):
+        before, here, after = z[:-2], z[1:-1], z[2:]
+        good = at[1:-1] & (before > 0) & (here > 0) & (after > 0)
+        parts.append((np.abs(before - 2 * here + after) / np.maximum(here, 1e-6) ** 2)[good])
+    # a stereo camera's noise grows with the square of the distance
+    bent = np.concatenate(parts)
+    return {"rough": _median(bent), "even": _mean(bent < 1e-4)}
+
+
+def _hand_features(
+    depth: FloatArray, camera: Intrinsics, mask: BoolArray, keypoints: FloatArray
+) -> dict[str, float]:
+    """The hand's form, and where it is against glass and measured depth."""
+    from hadr.hand import BONES
+
+    away = float(np.median(keypoints[:, 2]))
+    bones = np.linalg.norm(np.diff(keypoints[np.array(BONES)], axis=1)[:, 0], axis=1)
+    rows, columns = np.nonzero(mask)
+    middle = unproject((columns.mean(), rows.mean()), away, camera)
+    uv = project(keypoints, camera)
+    last = (camera.width - 1, camera.height - 1)
+    cell = np.rint(np.clip(uv, 0, last)).astype(int)
+    beyond = np.linalg.norm(uv - cell, axis=1) * (np.abs(uv - cell).max(axis=1) > 0.5)
+    column, row = cell.T
+    gap = (ndimage.distance_transform_edt(~mask)[row, column] + beyond) * away / camera.fx
+    measured = depth[row, column]
+    seen = (beyond == 0) & (measured > 0) & ~mask[row, column]
+    off = keypoints[seen, 2] - measured[seen]
+    along = keypoints[9] - keypoints[0]
+    return {
+        "hand": float(bones.mean()),
+        "fingers": float(bones.std() / bones.mean()),
+        "tilt": float(along[2] / max(np.linalg.norm(along), 1e-6)),
+        "touch": float(np.sort(gap)[:3].mean()),
+        "beside": float(np.linalg.norm(keypoints[:, :2].mean(axis=0) - middle[:2])),
+        "off": _median(off),
+        "agree": _mean((off > SKIN_M[0]) & (off < SKIN_M[1])),
+    }

@@ -1,0 +1,212 @@
+"""A network's ground: frames whose features are known by hand, and clouds of known form."""
+
+import json
+
+import numpy as np
+import pytest
+
+from hadr.camera import Intrinsics
+from hadr.confidence import Calibration, ConfidenceRule
+from hadr.frame_features import FEATURES, frame_features
+from hadr.known_ground import BEYOND, Field, Ground, Observation, Sight, shrunk_covariance
+
+CAMERA = Intrinsics(fx=100, fy=100, cx=39.5, cy=29.5, width=80, height=60)
+
+
+def mask() -> np.ndarray:
+    found = np.zeros(CAMERA.shape, bool)
+    found[20:40, 30:50] = True
+    return found
+
+
+def hand(z: float = 0.7) -> np.ndarray:
+    """21 points on a line of 10 cm, 1 to 11 pixels left of the mask."""
+    points = np.zeros((21, 3))
+    points[:, 0] = (np.linspace(19, 29, 21) - CAMERA.cx) / CAMERA.fx * z
+    points[:, 2] = z
+    return points
+
+
+def scene(scale: float = 1.0, rng: np.random.Generator | None = None) -> dict[str, float]:
+    """The features of a glass at 0.7 m before a wall, of all of it farther, or of noisy ones."""
+    z = 0.7 * scale * (1 if rng is None else rng.uniform(0.9, 1.1))
+    noise = 0.001 * (0 if rng is None else 1)
+    depth = np.full(CAMERA.shape, 1.2 * z)
+    depth[:, :30] = z - 0.01  # the hand's skin
+    depth[20:40, 30:40] = 0
+    if rng is not None:
+        depth += noise * rng.standard_normal(depth.shape) * (depth > 0)
+        depth[rng.random(depth.shape) < rng.uniform(0.02, 0.1)] = 0
+    shift = 0 if rng is None else rng.normal(0, 0.004, 3)
+    return frame_features(depth, np.where(mask(), z - 0.02, 0), CAMERA, mask(), hand(z) + shift)
+
+
+def ground(rule: ConfidenceRule | None = None) -> Ground:
+    rng = np.random.default_rng(0)
+    training, validation = ([scene(rng=rng) for _ in range(n)] for n in (200, 60))
+    seen = rng.normal(size=(50, 12))
+    sight = Sight.fit(seen)
+    for part in (training, validation):
+        for one in part:
+            one["seen"] = sight.strangeness(rng.normal(size=12))
+    return Ground({"measured": Field.fit(training, validation, rule)}, sight)
+
+
+def judged(known: Ground, features: dict[str, float], seen: np.ndarray):
+    return known.judge(Observation(None, features, seen))
+
+
+def test_features_of_a_frame_that_can_be_computed_by_hand() -> None:
+    found = scene()
+    expected = {
+        "distance": 0.7,
+        "size": 0.14,  # 20 of 100 pixels of focal length, at 0.7 m
+        "lens": 1.25,
+        "known_around": 1.0,
+        "even": 1.0,  # the one jump is seen from few pixels
+        "known_in": 0.5,
+        "near_in": 0.0,
+        "behind_in": 1.0,
+        "spread_in": 0.0,
+        "tilt": 0.0,
+        "behind": -0.02,
+        "off": 0.01,
+        "agree": 1.0,
+    }
+    for name, value in expected.items():
+        assert found[name] == pytest.approx(value, abs=0.03 if name == "even" else 1e-6), name
+    assert set(found) <= set(FEATURES)
+    # The three points next to the glass are 1, 1.5 (its pixel's: 1 or 2) and 2 pixels from it.
+    assert 1 / 100 * 0.7 <= found["touch"] <= 2 / 100 * 0.7
+
+
+def test_without_hand_or_depth_in_the_glass_their_features_are_left_out() -> None:
+    depth = np.where(mask(), 0, 0.9)
+    found = frame_features(depth, np.where(mask(), 0.7, 0), CAMERA, mask())
+    assert found["distance"] == pytest.approx(0.7)
+    assert {"known_in", "near_in", "off", "agree", "touch"}.isdisjoint(found)
+    blind = frame_features(depth, np.zeros(CAMERA.shape), CAMERA, mask())
+    assert "distance" not in blind
+
+
+def test_a_hand_that_is_not_there_agrees_with_nothing() -> None:
+    depth = np.full(CAMERA.shape, 2.0)
+    found = frame_features(depth, np.where(mask(), 0.7, 0), CAMERA, mask(), hand())
+    assert found["agree"] == 0
+    assert found["off"] == pytest.approx(-1.3)
+    away = frame_features(
+        depth, np.where(mask(), 0.7, 0), CAMERA, mask(), hand() + np.array([5, 0, 0])
+    )
+    assert away["touch"] > 4
+    assert "agree" not in away, "no keypoint is in the picture"
+
+
+def test_frames_of_the_training_are_inside_and_thrice_the_distance_is_not() -> None:
+    known, rng = ground(), np.random.default_rng(1)
+    verdicts = [judged(known, scene(rng=rng), rng.normal(size=12)) for _ in range(100)]
+    assert sum(bool(one.inside) for one in verdicts) >= 90
+    far = judged(known, scene(3.0, rng=rng), np.zeros(12))
+    assert far.inside is False
+    assert far.score > 1
+    assert known.fields["measured"].beyond(far.features)["distance"] > BEYOND
+    assert 1 <= len(far.why) <= 3
+
+
+def test_what_is_outside_is_said_in_words_that_a_user_can_act_on() -> None:
+    field = Field.fit(
+        [{"distance": z} for z in np.linspace(0.375, 0.915, 100)] * 2, [{"distance": 0.6}]
+    )
+    assert field.why({"distance": 1.44}) == ("the glass is 1.44 m away, learned 0.38 to 0.91 m",)
+
+
+def test_a_combination_that_was_never_seen_is_outside_of_no_range() -> None:
+    rng = np.random.default_rng(2)
+    one = rng.normal(size=(300, 1))
+    tilt, behind = np.tanh(one), 0.05 * np.sinh(one + 0.05 * rng.normal(size=one.shape))
+    frames = [
+        {"tilt": float(a), "behind": float(b)} for (a,), (b,) in zip(tilt, behind, strict=True)
+    ]
+    field = Field.fit(frames[:200], frames[200:])
+    assert field.score(frames[0]) <= 1
+    odd = {"tilt": 0.7, "behind": -0.05}
+    assert max(field.beyond(odd).values()) < 1
+    assert field.score(odd) > 1
+    assert field.why(odd)[0].startswith("no such combination of measurements was learned")
+
+
+def test_what_is_not_known_does_not_count_and_nothing_known_is_outside() -> None:
+    field = ground().fields["measured"]
+    whole = scene(rng=np.random.default_rng(3))
+    part = {name: whole[name] for name in ("distance", "size", "touch")}
+    assert field.score(part) <= 1
+    assert field.score({}) == np.inf
+
+
+def test_the_nearest_field_decides_and_says_which_it_was() -> None:
+    near = [{"distance": z} for z in np.linspace(0.4, 0.5, 50)]
+    far = [{"distance": z} for z in np.linspace(1.4, 1.5, 50)]
+    both = Ground(
+        {"learned": Field.fit(near, near), "measured": Field.fit(far, far)},
+        Sight.fit(np.random.default_rng(0).normal(size=(20, 3))),
+    )
+    assert judged(both, {"distance": 0.45}, np.zeros(3)).field == "learned"
+    assert judged(both, {"distance": 1.45}, np.zeros(3)).field == "measured"
+    between = judged(both, {"distance": 0.9}, np.zeros(3))
+    assert between.inside is False
+
+
+def test_a_ground_survives_its_record() -> None:
+    rule = ConfidenceRule("candidates", 4.0, 0.5, Calibration((0.1, 0.9), (0.2, 0.8)))
+    known = ground(rule)
+    text = json.dumps(known.to_dict())
+    assert len(text) < 20_000
+    again = Ground.from_dict(json.loads(text))
+    assert again.fields["measured"].rule == rule
+    rng = np.random.default_rng(4)
+    for scale in (1.0, 1.3, 3.0):
+        features, seen = scene(scale, rng), rng.normal(size=12)
+        old, new = judged(known, features, seen), judged(again, features, seen)
+        assert new.inside == old.inside
+        assert new.score == pytest.approx(old.score, rel=0.01)
+    json.dumps(old.to_dict())
+
+
+def test_a_record_with_an_unknown_feature_is_refused() -> None:
+    record = ground().fields["measured"].to_dict()
+    record["features"][0] = "weight"
+    with pytest.raises(ValueError, match=r"a ground has the features .*, got \['weight'\]"):
+        Field.from_dict(record)
+
+
+def test_a_range_is_said_in_the_units_of_readers() -> None:
+    assert FEATURES["distance"].said(1.04, 0.38, 0.91) == (
+        "the glass is 1.04 m away, learned 0.38 to 0.91 m"
+    )
+    assert FEATURES["lens"].said(0.5, 0.8889, 0.8889) == (
+        "the focal length is 50 % of the picture's width, learned 88.9 %"
+    )
+
+
+def test_sight_measures_what_lies_off_the_main_directions() -> None:
+    rng = np.random.default_rng(5)
+    basis = np.linalg.qr(rng.normal(size=(20, 20)))[0]
+    seen = rng.normal(size=(400, 8)) @ basis[:8] + 3.0
+    sight = Sight.fit(seen)
+    assert sight.strangeness(seen[0]) < 1e-6
+    assert sight.strangeness(seen[0] + 2 * basis[9]) > 0.5
+
+
+def test_a_shrunk_covariance_is_plain_for_many_values_and_round_for_few() -> None:
+    rng = np.random.default_rng(6)
+    true = np.diag([4.0, 1.0, 0.25])
+    many = rng.normal(size=(20_000, 3)) @ np.sqrt(true)
+    np.testing.assert_allclose(shrunk_covariance(many), true, atol=0.1)
+    few = rng.normal(size=(4, 30))
+    found = shrunk_covariance(few)
+    assert np.linalg.eigvalsh(found).min() > 0.1, "a plain covariance of 4 values is singular"
+    assert np.trace(found) == pytest.approx((few**2).sum() / 4)
+
+
+def test_a_ground_without_frames_is_refused() -> None:
+    with pytest.raises(ValueError, match="needs training and validation frames, got 1 and 0"):
+        Field.fit([{"distance": 1.0}], [])
