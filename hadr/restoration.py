@@ -145,7 +145,7 @@ class _Known:
 
     def unlike_training(self, network: DepthNetwork, trusted: Corruption) -> Iterator[str]:
         """What the network is given in another way than in training, in words."""
-        if CORRUPTIONS[trusted].erase != network.erases:
+        if CORRUPTIONS[trusted].erase != network.erases and not network.skips_mask:
             yield f"depth in the mask is {'kept, learned without' if network.erases else 'erased'}"
         if not self.given_mask:
             yield "the mask is not given, learned with true ones"

@@ -69,9 +69,9 @@ class NetworkDepth:
     restored: BoolArray
     no_answer: float
     out_of_range: float
+    beyond: float
     ground: Verdict
     tolerance_m: float | None
-    beyond: float
 
 
 @dataclass(frozen=True)
@@ -238,9 +238,9 @@ class DepthNetwork:
             restored=restored,
             no_answer=float((asked & ~answered).sum()) / count,
             out_of_range=float((answered & ~known).sum()) / count,
+            beyond=float((known & ~within).sum()) / count,
             ground=ground,
             tolerance_m=None if rule is None else rule.calibration.tolerance_m,
-            beyond=float((known & ~within).sum()) / count,
         )
 
     def _ask(
@@ -305,10 +305,10 @@ class DepthNetwork:
             near, far = self.learned_range_m
             learned += f" ({near:.2f} to {far:.2f} m)"
             seen = answer.depth[answer.restored]
-            middle = float(np.median(seen)) if seen.size else near
-            if min(middle - near, far - middle) < EDGE_M:
+            if seen.size and not near + EDGE_M < np.median(seen) < far - EDGE_M:
                 notes.append(
-                    f"the depth lies at the edge of {learned}: expect larger errors of {self.title}"
+                    f"the depth lies at the edge of {learned}, or beyond: expect larger errors of "
+                    f"{self.title}"
                 )
         shares = (
             (answer.no_answer, "no answer, and stay missing"),

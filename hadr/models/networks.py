@@ -27,8 +27,8 @@ class Network:
         can_say: It predicts a distribution of depth, so that it can say how sure it is. HADR's and
             LIDF's probability is that of a voxel of 25 cm and says next to nothing about
             centimetres (chapter 6); the others have no opinion.
-        sees: Of one that restores depth, the part whose map is what it sees (`hadr.known_ground`).
         skips_mask: It never looks at depth that was measured inside the mask.
+        sees: Of one that restores depth, the part whose map is what it sees (`hadr.known_ground`).
     """
 
     title: str
@@ -39,8 +39,8 @@ class Network:
     answer: Literal["depth", "keypoints", "masks"] = "depth"
     published: str = ""
     can_say: bool = False
-    sees: str = ""
     skips_mask: bool = False
+    sees: str = ""
 
     @property
     def modules(self) -> tuple[str, str]:

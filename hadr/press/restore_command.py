@@ -85,9 +85,9 @@ methods
 
 what is written
 {_WRITTEN}
-  A pixel that a network can't know (no candidate, or, but for hadr-plus, a depth
-  outside of what it learned) stays missing, 0 in depth.*; it is never a depth of
-  zero metres. hadr-plus keeps its depth beyond that range, without probability.
+  A pixel that a network can't know (no candidate, or a depth outside of what it
+  learned) stays missing, 0 in depth.*; it is never a depth of zero metres.
+  hadr-plus keeps such a depth, without probability.
   The folder appears complete or not at all.
 
 the hand

@@ -143,9 +143,13 @@ def load_checkpoint(path: str | Path) -> tuple[Any, dict[str, Any]]:
     try:
         model.load_state_dict(weights)
     except RuntimeError as error:
-        first = str(error).splitlines()[1:2] or [str(error)]
+        wanted = model.state_dict()
+        other = [n for n in wanted if n in weights and wanted[n].shape != weights[n].shape]
         raise ValueError(
-            f"{path} does not fit its own configuration: {first[0].strip()[:300]}"
+            f"{path} does not fit its own configuration: of {len(wanted)} weights "
+            f"{len(wanted.keys() - weights.keys())} are missing and {len(other)} of another size, "
+            f"and {len(weights.keys() - wanted.keys())} have unknown names (is transformers as new "
+            "as pyproject.toml asks for?)"
         ) from error
     model.eval()
     return model, meta
