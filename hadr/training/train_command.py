@@ -206,7 +206,8 @@ def with_recorded_drop(recipe: Preset, last: Path) -> Preset:
 def run(options: Options) -> int:
     """Run `hadr train`."""
     check_folder(options.out)
-    if int(os.environ.get("LOCAL_RANK", 0)):  # of several processes the first one has the folder
+    # Of several processes, which torchrun or the first of them starts, the first has the folder.
+    if int(os.environ.get("RANK") or os.environ.get("LOCAL_RANK") or 0):
         return _train(options)
     with sole_owner(options.out, "hadr train"):
         return _train(options)
