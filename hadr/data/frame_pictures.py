@@ -127,8 +127,11 @@ def encode_color(color: npt.NDArray[np.uint8], jpeg_quality: int | None) -> byte
 
 
 def decode_color(data: bytes) -> npt.NDArray[np.uint8]:
-    """Decode a PNG or JPEG to sRGB, shape (H, W, 3) uint8."""
-    return np.ascontiguousarray(decode_image(data, cv2.IMREAD_COLOR)[..., ::-1])
+    """Decode a PNG or JPEG to sRGB, shape (H, W, 3) uint8; a ``ValueError`` where it is grey."""
+    bgr = decode_image(data, cv2.IMREAD_ANYCOLOR)
+    if bgr.ndim == 2:
+        raise ValueError(f"a colour picture has three channels, got {bgr.shape}: it is grey")
+    return np.ascontiguousarray(bgr[..., ::-1])
 
 
 def encode_depth(depth: Depth, scale: float) -> bytes:

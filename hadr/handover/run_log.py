@@ -12,8 +12,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import zipfile
-import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
@@ -32,26 +30,13 @@ from hadr.handover.safety import hand_problem
 from hadr.handover.stages import ChooseGrasp, ChosenGrasp, HandoverConfig, Stage, Transition
 from hadr.handover.ur5 import UnreachableError
 from hadr.handover.workflow import Handover
-from hadr.records.reading import parse_json, structured
+from hadr.records.reading import parse_json, read_arrays, structured
 from hadr.records.writing import write_arrays
 
 Array = npt.NDArray[np.float64]
 FORMAT = 1
 KEPT_POINTS = 32
 """So many points of a cloud are stored, and the one next to the hand."""
-
-
-_ARRAYS: dict[str, tuple[Any, ...]] = {
-    **dict.fromkeys(("time", "taken", "dt", "confidence"), ("f", "steps")),
-    **dict.fromkeys(("hand", "cloud"), ("i", "steps")),
-    "keypoints": ("f", "hands", 21, 3),
-    "points": ("f", "clouds", KEPT_POINTS + 1, 3),
-    "tool": ("f", "steps and one", 3, 4),
-    "joints": ("f", "steps and one", "joints"),
-    "width": ("f", "steps and one"),
-    "servo": ("f", "steps", 3, 4),
-}
-"""Kind and shape of each array; what has the same name has the same length."""
 
 
 @dataclass(frozen=True)
@@ -94,42 +79,18 @@ class RunLog:
         return path
 
 
-def read_run_log(path: str | Path) -> RunLog:
-    """Read what `RunLog.save` wrote.
-
-    Raises:
-        ValueError: The file is cut off, was changed, or is no log of this format.
-        FileNotFoundError: There is no such file.
-    """
-    try:
-        file = np.load(path, allow_pickle=False)
-        if not isinstance(file, np.lib.npyio.NpzFile):
-            raise ValueError("it holds a single array, a log is an .npz of several")
-        with file:
-            arrays = {name: file[name] for name in file.files}
-        text, sealed = str(arrays.pop("header")), str(arrays.pop("checksum"))
-    except FileNotFoundError:
-        raise
-    except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile, zlib.error) as error:
-        raise ValueError(f"{path} is no run log, or is cut off or damaged: {error}") from error
-    found = _checksum(arrays, text)
-    if found != sealed:
-        raise ValueError(
-            f"{path} was changed: its content has the checksum {found[:12]}..., "
-            f"the file says {sealed[:12]}..."
-        )
-    header = parse_json(text, f"the header of {path}")
-    if not isinstance(header, dict) or header.get("format") != FORMAT:
-        has = header.get("format") if isinstance(header, dict) else type(header).__name__
-        raise ValueError(f"{path} has format {has!r:.60}, this version reads {FORMAT}")
-    structured(header, _Header, path, infinite=True)
-    _check_arrays(arrays, path)
-    return RunLog(arrays, header)
+_SCHEMA = {
+    **dict.fromkeys(("time", "taken", "dt", "confidence"), "f8 steps"),
+    **dict.fromkeys(("hand", "cloud"), "i4 steps"),
+    "keypoints": "f4 hands 21 3", "points": f"f4 clouds {KEPT_POINTS + 1} 3",
+    "tool": "f4 answers 3 4", "joints": "f4 answers 6", "width": "f4 answers",
+    "servo": "f4 steps 3 4", "header": "U", "checksum": "U",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
 class _Header:
-    """The form of a log's header."""
+    """What a log's header must hold; the settings are `replay`'s business."""
 
     format: int
     config: dict[str, Any]
@@ -137,37 +98,67 @@ class _Header:
     transitions: list[tuple[float, Stage, Stage, str]]
     cautions: list[tuple[float, str]]
     odd_keypoints: dict[str, list[int]]
-    events: list[list[Any]]
+    events: list[Any]
 
     def __post_init__(self) -> None:
-        if wrong := [step for step in self.odd_keypoints if not step.isdigit()]:
-            raise ValueError(f"odd_keypoints: {wrong[0]!r:.60} is no number of a step")
+        if self.format != FORMAT:
+            raise ValueError(f"format is {self.format}, this version reads {FORMAT}")
+        for step in self.odd_keypoints:
+            if not step.isdecimal():
+                raise ValueError(f"odd_keypoints must be named by steps, got {step!r}")
         for event in self.events:
-            if [type(part) for part in event[:2]] != [int, str]:
-                raise ValueError(f"events: each begins with step and name, got {event!r:.60}")
+            if not _is_event(event):
+                raise ValueError(f"events has {event!r:.60}, which is none")
 
 
-def _check_arrays(arrays: Mapping[str, npt.NDArray[Any]], path: str | Path) -> None:
-    """Refuse arrays of another shape than `RunLog` says, or that are no numbers."""
-    counts: dict[str, int] = {}
-    for name, (kind, *shape) in _ARRAYS.items():
-        if name not in arrays:
-            raise ValueError(f"{path} lacks the array {name}")
-        values = arrays[name]
-        wanted = [counts.setdefault(n, m) if isinstance(n, str) else n
-                  for n, m in zip(shape, values.shape, strict=False)]  # fmt: skip
-        if list(values.shape) != wanted or len(shape) != values.ndim or values.dtype.kind != kind:
-            found = f"{values.shape} {values.dtype}"
-            raise ValueError(f"{path}: the array {name} must have shape {shape}, got {found}")
-    if counts["steps and one"] != counts["steps"] + 1:
-        raise ValueError(f"{path}: {counts['steps']} steps, but {counts['steps and one']} tools")
-    for name in ("time", "dt", "points"):
-        if not np.isfinite(arrays[name]).all():
-            raise ValueError(f"{path}: the array {name} must be finite")
-    for name, of in (("hand", "hands"), ("cloud", "clouds")):
+def _is_event(event: Any) -> bool:
+    match event:
+        case [int(), "protective_stop", str()] | [int(), "chose", None]:
+            return True
+        case [int(), "chose", pose, float() | int(), float() | int()]:
+            return _is_array(pose, (4, 4))
+        case [int(), "tool_wrench", *forces]:
+            return _is_array(forces, (6,))
+        case [int(), str(name), *given]:
+            if name.endswith(("_error", "_failed")):
+                return [type(words) for words in given] == [str, str]
+            told = name in ("chose", "protective_stop")
+            return not told and all(isinstance(value, int | float) for value in given)
+    return False
+
+
+def _is_array(values: Any, shape: tuple[int, ...]) -> bool:
+    try:
+        return np.array(values, dtype=np.float64).shape == shape
+    except (TypeError, ValueError):
+        return False
+
+
+def read_run_log(path: str | Path) -> RunLog:
+    """Read what `RunLog.save` wrote.
+
+    Raises:
+        ValueError: The file is cut off, was changed, or is no log of this format; the message
+            names the file and what is wrong in it.
+        FileNotFoundError: There is no such file.
+    """
+    arrays = read_arrays(path, _SCHEMA)
+    text, sealed = str(arrays.pop("header")), str(arrays.pop("checksum"))
+    found = _checksum(arrays, text)
+    if found != sealed:
+        raise ValueError(
+            f"{path} was changed: its content has the checksum {found[:12]}..., "
+            f"the file says {sealed[:12]}..."
+        )
+    header = parse_json(text, f"{path}: header")
+    structured(header, _Header, path)
+    if len(arrays["tool"]) != len(arrays["time"]) + 1:
+        raise ValueError(f"{path}: tool must have a row more than time")
+    for name, kept in (("hand", "keypoints"), ("cloud", "points")):
         rows = arrays[name]
-        if rows.size and not -1 <= rows.min() <= rows.max() < counts[of]:
-            raise ValueError(f"{path}: the array {name} names rows that are not there")
+        if rows.min(initial=-1) < -1 or rows.max(initial=-1) >= len(arrays[kept]):
+            raise ValueError(f"{path}: {name} must be rows of the {len(arrays[kept])} {kept}")
+    return RunLog(arrays, header)
 
 
 def _checksum(arrays: Mapping[str, npt.NDArray[Any]], text: str) -> str:
@@ -186,6 +177,8 @@ def _single(values: npt.ArrayLike) -> Array:
 
 READINGS = {"tool_pose": "tool", "joint_positions": "joints", "gripper_width": "width"}
 """What is read of the robot in each step, and the array that keeps it."""
+SAME_PLACE = 1e-4
+"""A replay's commands to the arm are the log's within this, metres; the log is rounded."""
 COMMANDS = ("stop", "release", "set_gripper")
 """Commands that a replay must give again."""
 
@@ -378,6 +371,7 @@ class LoggedRobot:
         for step, *event in log.header["events"]:
             self._events.setdefault(step, []).append(event)
         self.commands: list[list[Any]] = []
+        self.servo = np.full((len(log.arrays["time"]), 3, 4), np.nan)
         self.turn_to(-1)
 
     def turn_to(self, step: int) -> None:
@@ -409,6 +403,8 @@ class LoggedRobot:
         """What a method of the robot gave, or raised, then."""
         if name in COMMANDS:
             self.commands.append([self._step, name, *given])
+        elif name == "servo_to":
+            self.servo[self._step] = given[0][:3]
         self._fail(f"{name}_error")
         if name in READINGS:
             read = self._log.arrays[READINGS[name]][self._step + 1].astype(np.float64)
@@ -442,7 +438,7 @@ def logged_observation(log: RunLog, step: int) -> Observation:
     """What the workflow was given in a step, counted from 0."""
     a = log.arrays
     shape = log.header["odd_keypoints"].get(str(step))
-    keypoints = None if shape is None else np.zeros(shape)
+    keypoints = None if shape is None else np.broadcast_to(0.0, shape)
     if a["hand"][step] >= 0:
         keypoints = a["keypoints"][a["hand"][step]].astype(np.float64)
     row, confidence = int(a["cloud"][step]), float(a["confidence"][step])
@@ -459,12 +455,15 @@ def replay(log: RunLog) -> Handover:
     """Run the workflow on a log; give the handover at its end.
 
     Raises:
-        ValueError: Another transition or command comes out than is in the log, or it has a setting
-            that is unknown here.
+        ValueError: Another transition or command comes out than is in the log, or its settings are
+            not those of this version.
     """
     robot = LoggedRobot(log)
     header = log.header
-    config = structured(header["config"], HandoverConfig, "the log: config", infinite=True)
+    try:
+        config = structured(header["config"], HandoverConfig, "config", infinite=True)
+    except ValueError as error:
+        raise ValueError(f"{error}: replay the log with the version that made it") from error
     calibration = np.array(header["base_from_camera"])
     handover = Handover(cast(Robot, robot), robot.choose, calibration, config)
     with np.errstate(all="ignore"):  # what a robot said may have been no number
@@ -474,6 +473,9 @@ def replay(log: RunLog) -> Handover:
     _compare("transition", log.transitions, handover.transitions)
     told = [event for event in header["events"] if event[1] in COMMANDS]
     _compare("command", told, robot.commands)
+    same = np.isclose(log.arrays["servo"], robot.servo, atol=SAME_PLACE, equal_nan=True)
+    for step in np.flatnonzero(~same.all(axis=(1, 2)))[:1]:
+        raise ValueError(f"the command to the arm in step {step} differs")
     return handover
 
 

@@ -23,6 +23,7 @@ from hadr.experiments.steps import seconds_text
 from hadr.press.chapters import (
     ChapterRun,
     chapter_paths,
+    read_notebook,
     run_time_table,
     without_ansi,
 )
@@ -73,9 +74,7 @@ _WIDGET_VIEW = "application/vnd.jupyter.widget-view+json"
 
 def chapter_title(notebook: Path) -> str:
     """The first heading of a notebook, without markup."""
-    import nbformat
-
-    for cell in nbformat.read(notebook, 4).cells:
+    for cell in read_notebook(notebook).cells:
         found = re.search(r"^# +(.+)$", cell.source, flags=re.MULTILINE)
         if cell.cell_type == "markdown" and found:
             return found.group(1).strip()
@@ -144,7 +143,7 @@ def stage_book(book: Path, runs: Sequence[ChapterRun], target: Path) -> Path:
         name = run.notebook.name
         titles[run.name] = f"[{chapter_title(run.notebook)}](notebooks/{name})"
         measured = f"{seconds_text(run.duration_s)} ({machine_text()})"
-        staged = stage_notebook(nbformat.read(run.notebook, 4), measured)
+        staged = stage_notebook(read_notebook(run.notebook), measured)
         nbformat.write(staged, target / "notebooks" / name)
     words = {
         TABLE_TOKEN: run_time_table(runs, titles),
@@ -245,7 +244,10 @@ def readme_table(build: Path, root: Path) -> str:
     path = build / "results.json"
     if not path.exists():
         raise FileNotFoundError(f"{path} is missing: run `make book` first")
-    measured = structured(read_json(path), _Measured, path, further=True)
+    try:
+        measured = structured(read_json(path), _Measured, path, further=True)
+    except ValueError as error:
+        raise ValueError(f"{error}: run `make book` first") from error
     preset, timed = measured.parameters.get("preset"), {}
     for name, one in measured.chapters.items():
         if {"duration_s", "machine"} <= one.keys():

@@ -6,6 +6,7 @@ silently ("64" is no number, 1.5 no count, true neither).
 
 from __future__ import annotations
 
+import io
 import json
 import stat
 import sys
@@ -17,6 +18,8 @@ from types import NoneType
 from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 import cattrs
+import numpy as np
+import numpy.typing as npt
 from cattrs.gen import make_dict_structure_fn
 
 from hadr.records.provenance import IF_CHANGED
@@ -82,6 +85,49 @@ def structured(
         text, _, name = cattrs.transform_error(error, "$", _said)[0].rpartition(" @ $")
         parts = (str(where), name.removeprefix("."), text)
         raise ValueError(": ".join(part for part in parts if part)) from error
+
+
+def read_arrays(path: str | Path, schema: Mapping[str, str]) -> dict[str, npt.NDArray[Any]]:
+    """Read an .npz that somebody may have written.
+
+    Args:
+        path: The file.
+        schema: The kind and shape of each array in it, such as ``"f4 steps 3 4"``, ``"U"`` for a
+            text; a word stands for a length, the same one wherever it stands.
+
+    Returns:
+        The arrays by name.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        ValueError: It is cut off or damaged, lacks an array or has a further one, or one is of
+            another kind or shape; the message names file and array.
+    """
+    data = read_bytes(path)
+    try:
+        with np.load(io.BytesIO(data), allow_pickle=False) as file:
+            arrays = {name: np.asarray(file[name]) for name in file.files}
+    except Exception as error:  # zipfile, zlib and NumPy's header raise a dozen kinds
+        raise ValueError(f"{path} is no .npz of arrays, or is cut off or damaged: {error}") from (
+            error
+        )
+    if wrong := sorted(arrays.keys() ^ schema.keys()):
+        said = "lacks the array" if wrong[0] in schema else "has an unknown array,"
+        raise ValueError(f"{path} {said} {wrong[0]!r}")
+    lengths: dict[str, int] = {}
+    for name, words in schema.items():
+        kind, *sizes = words.split()
+        found = arrays[name]
+        shape = found.shape
+        if len(shape) == len(sizes):
+            lengths |= {s: n for s, n in zip(sizes, shape, strict=True) if s not in lengths}
+        wanted = tuple(int(s) if s.isdigit() else lengths.get(s, -1) for s in sizes)
+        if not np.issubdtype(found.dtype, np.dtype(kind).type) or shape != wanted:
+            raise ValueError(
+                f"{path}: {name} must be {words}, got {found.dtype.str[1:]} {shape or ''}, "
+                f"where {lengths}"
+            )
+    return arrays
 
 
 def _said(error: BaseException, kind: type | None) -> str:

@@ -331,6 +331,14 @@ def test_a_broken_picture_is_named(tmp_path, folder, damage):
         frames[0]
 
 
+def test_a_grey_picture_is_no_colour_picture(tmp_path):
+    write_frame(tmp_path, make_frame())
+    path = next((tmp_path / "train/0004/depth/rgb").iterdir())
+    path.write_bytes(cv2.imencode(path.suffix, np.full((H, W), 7, np.uint8))[1].tobytes())
+    with pytest.raises(ValueError, match=rf"{path.name}: a colour picture has three channels"):
+        TransHand(tmp_path, "train")[0]
+
+
 def test_a_flipped_bit_in_a_png_is_named(tmp_path):
     write_frame(tmp_path, make_frame(), depth_format="png")
     path = tmp_path / "train/0004/depth/depth_png/000007.png"
