@@ -30,7 +30,7 @@ from hadr.frame_features import FEATURES, Features, frame_features
 if TYPE_CHECKING:
     from torch import Tensor, nn
 
-    from hadr.models.hadr_input import HADRInput
+    from hadr.models.network_input import HADRInput
 
 Array = npt.NDArray[np.float64]
 

@@ -35,7 +35,7 @@ from hadr.models.networks import DEPTH_NETWORKS, NETWORKS
 if TYPE_CHECKING:
     from torch import nn
 
-    from hadr.models.hadr_input import HADRInput
+    from hadr.models.network_input import HADRInput
 
 SAMPLE_CHECKPOINTS = (
     "hadr-mini.safetensors", "hadr-mini-unknown.safetensors", "hadr-plus-mini.safetensors",
@@ -197,7 +197,7 @@ class DepthNetwork:
         """
         import torch
 
-        from hadr.models.hadr_input import enlarge_restored, frame_to_input
+        from hadr.models.network_input import enlarge_restored, frame_to_input
 
         width, height = self.size
         seen = mask
@@ -420,8 +420,8 @@ class HandKeypoints:
         """
         import torch
 
-        from hadr.models.hadr_input import frame_to_input
         from hadr.models.hand.keypoints import keypoints_where_seen
+        from hadr.models.network_input import frame_to_input
 
         if hand_mask is None or not hand_mask.any():
             raise NoHandError("none is seen in the picture")

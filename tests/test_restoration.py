@@ -304,7 +304,7 @@ def ground_of_frame(path) -> dict:
     """The ground of a network that has learned from `frame` alone."""
     from hadr.camera import resize_depth
     from hadr.known_ground import Field, Ground, Sight, observe
-    from hadr.models.hadr_input import frame_to_input
+    from hadr.models.network_input import frame_to_input
     from hadr.trained_networks import DepthNetwork
 
     (color, depth, mask), network = frame(), DepthNetwork.load(path)

@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 from hadr.camera import Intrinsics, resize_mask
 from hadr.confidence import Calibration, ConfidenceRule
-from hadr.models.hadr_input import enlarge_known, enlarge_restored
+from hadr.models.network_input import enlarge_known, enlarge_restored
 from hadr.trained_networks import DepthNetwork, HandKeypoints, Segmentation
 from hadr.training.checkpoints import trained_corruption
 

@@ -17,8 +17,8 @@ from torch.nn import functional
 
 from hadr.corruption import CORRUPTIONS
 from hadr.data.folders import FrameSource, check_folders, has_split, open_folder
-from hadr.models.hadr_input import HADRInput
 from hadr.models.hand.keypoints import keypoints_where_seen
+from hadr.models.network_input import HADRInput
 from hadr.training.batches import FrameList, FrameTensors, load_frames
 from hadr.training.given import TRUE, Given, load_given
 
