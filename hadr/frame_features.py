@@ -87,7 +87,7 @@ FEATURES: dict[str, Feature] = {
     "hand": Feature("the hand's bones measure {} in the mean", _log(), " mm", 1000),
     "fingers": Feature("the hand's bones differ by {} in length", _log(), " %", 100),
     "tilt": Feature("the hand points away from the camera by {} of its length", _signed(1), ""),
-    "touch": Feature("the hand is {} from the glass", _log(0.002), " cm", 100),
+    "touch": Feature("the hand's nearest joints are {} beside the glass", _log(0.002), " cm", 100),
     "beside": Feature("the hand's middle is {} beside the glass's", _log(0.01), " cm", 100),
     "behind": Feature("the glass is restored {} behind the hand", _signed(0.05), " cm", 100),
     "off": Feature(
