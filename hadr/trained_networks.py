@@ -9,7 +9,7 @@ a pixel stays missing; it is neither 0 metres away nor filled from its neighbour
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
@@ -164,6 +164,7 @@ class DepthNetwork:
         mask: BoolArray,
         keypoints: NDArray[np.float64] | None,
         measured: NDArray[np.float32] | None = None,
+        unlike: tuple[str, ...] = (),
     ) -> NetworkDepth:
         """Restore the mask's pixels.
 
@@ -176,6 +177,7 @@ class DepthNetwork:
             measured: The same as the camera measured it, inside the mask too. Where it is given,
                 the frame gets no probability unless it lies on the network's ground. None: the
                 ground is not asked.
+            unlike: What else is unlike the training, in words; then it lies outside.
         """
         import torch
 
@@ -191,7 +193,7 @@ class DepthNetwork:
                 depth = np.where(seen, 0, depth)
         with torch.inference_mode():
             inputs = frame_to_input(color, depth, seen, keypoints, camera, self.size)
-            output, ground, rule = self._ask(inputs, measured)
+            output, ground, rule = self._ask(inputs, measured, unlike)
             asked = inputs.mask[0].numpy()
             answered = (output.restored & (output.depth > 0))[0].numpy() & asked
             known = within_learned(output, self.learned_range_m)[0].numpy() & asked
@@ -221,17 +223,19 @@ class DepthNetwork:
         )
 
     def _ask(
-        self, inputs: HADRInput, measured: NDArray[np.float32] | None
+        self, inputs: HADRInput, measured: NDArray[np.float32] | None, unlike: tuple[str, ...]
     ) -> tuple[Any, Verdict, ConfidenceRule | None]:
         """The answer, whether the frame lies on the ground, and what the confidence means there."""
         if measured is None:
             return self.model(inputs), Verdict(None), self.rule
         if self.ground is None or not inputs.mask.any():
-            return self.model(inputs), Verdict(None), None
+            return self.model(inputs), Verdict(False if unlike else None, why=unlike), None
         small = np.nan_to_num(resize_depth(measured, *self.size))
         part = NETWORKS[self.kind].sees
         seen = observe(self.model, part, inputs, small, self.learned_range_m)
         verdict = self.ground.judge(seen)
+        if unlike:
+            verdict = replace(verdict, inside=False, why=unlike + verdict.why)
         here = self.ground.fields[verdict.field].rule or self.rule
         return seen.output, verdict, here if verdict.inside and self.rule else None
 

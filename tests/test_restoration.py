@@ -355,6 +355,14 @@ def test_a_calibrated_checkpoint_says_what_its_confidence_means_where_it_holds(t
     (note,) = (n for n in away.notes if n.startswith("the given hand does not fit this frame"))
     assert "60.0 cm behind the depth that was measured" in note
     np.testing.assert_array_equal(away.keypoints, behind)
+    # The frame lies on its ground, but what is given is not what was given in training.
+    looked_for = restore(color, depth, CAMERA, None, hand(), checkpoint=path)
+    kept = restore(color, depth, CAMERA, mask, hand(), checkpoint=path, corruption="sensor")
+    for odd, said in ((looked_for, "the mask is not given"), (kept, "depth in the mask is kept")):
+        assert odd.ground.inside is False
+        assert odd.ground.why[0].startswith(said)
+        assert odd.tolerance_m is None
+        assert (odd.confidence[odd.restored] == 0).all()
     far = restore(color, 2 * depth, CAMERA, mask, hand(1.4), checkpoint=path)
     assert far.ground.inside is False
     assert far.ground.features["distance"] == pytest.approx(1.4)
@@ -364,9 +372,9 @@ def test_a_calibrated_checkpoint_says_what_its_confidence_means_where_it_holds(t
     assert ", so there is no probability of being right: " in said
     assert said.count(", learned ") == len(far.ground.why)
     assert confidence_means(far).startswith("no probability: ")
-    kept = report(depth, CAMERA, far, None, {}, {})["ground"]
-    assert kept["inside"] is False
-    assert kept["features"]["distance"] == pytest.approx(1.4)
+    listed = report(depth, CAMERA, far, None, {}, {})["ground"]
+    assert listed["inside"] is False
+    assert listed["features"]["distance"] == pytest.approx(1.4)
 
 
 def test_depth_beyond_the_learned_range_is_left_missing(tmp_path) -> None:

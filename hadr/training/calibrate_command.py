@@ -86,22 +86,23 @@ def run(options: Options) -> int:
         raise ValueError(f"{name} was never calibrated: leave --only-ground out")
     size = int(meta["width"]), int(meta["height"])
     tested = options.test_objects or options.objects
-    sources = [
+    learned_from, held_back, unseen = (
         _frames(options, split, objects)
         for split, objects in (
             ("train", options.objects), ("val", options.objects), ("test", tested)
         )
-    ]  # fmt: skip
+    )  # fmt: skip
     additions: dict[str, Any] = {}
     if not options.only_ground:
         train, validation, test = (
-            load_frames(frames, size, options.corruption, options.seed) for frames in sources
+            load_frames(frames, size, options.corruption, options.seed)
+            for frames in (learned_from, held_back, unseen)
         )
         source = f"split val of {len(options.data)} folder(s), corruption {options.corruption}"
         additions = calibrate(model, train, validation, source)
     near, far = (additions or meta)["learned_range"]["depth_m"]
     additions["ground"] = learn_ground(
-        model, size, options.corruption, (near, far), *sources[:2], options.seed
+        model, size, options.corruption, (near, far), learned_from, held_back, options.seed
     )
     update_record(options.checkpoint, additions)
     print(f"learned range  {near:.3f} to {far:.3f} m")
