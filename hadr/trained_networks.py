@@ -43,13 +43,13 @@ SAMPLE_CHECKPOINTS = (
 )  # fmt: skip
 """The bundled checkpoints that restore depth."""
 EDGE_M = 0.05
-"""Nearer to an end of the learned range, metres, errors are larger: HADR's bundled network is right to
-2.7 cm (root mean square) on five bundled validation frames as they are, and to 5.8 and 6.5 cm on five
-that are scaled so that the glass is 3 cm before the far and the near end.
+"""Nearer to an end of the learned range, metres, errors are larger.
 
-Beyond the far end by 4 and by 10 cm, half of what HADR-plus says of depths outside is right to 2 cm (52
-and 50 %), what it says of depths inside is not (11 and 1 %): it keeps them. Of HADR's outside, 46 and
-15 % are right to 2 cm, and it cannot say of which: they are left missing."""
+On five bundled validation frames the bundled HADR errs by 2.7 cm (root mean square), and by 5.8 and
+6.5 cm on five that are scaled until the glass is 3 cm before the far and the near end. 4 and 10 cm
+beyond the far end, half of the depths outside that HADR-plus answers are right to 2 cm (52 and 50 %),
+and those inside hardly ever (11 and 1 %): it keeps both. Of HADR's outside 46 and 15 % are, and it
+cannot say which: they stay missing."""
 
 
 @dataclass(frozen=True)
