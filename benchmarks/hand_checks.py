@@ -9,7 +9,7 @@ model is named (`hadr hand-model`). For each there is the share that `hadr.model
 accepts, the error of the accepted ones and of the others, and the range of every number that is
 checked: its limits are to leave the frames of `train` and `val` inside.
 
-The folders of `--without` hold frames without a hand, in the data set's form; those of `--real` are
+The folders of `--without` hold frames without a hand, in the data set's form; `--real` has
 ClearGrasp's (`benchmarks/real_frames.py`). All of these must be "no hand found".
 """
 
@@ -142,7 +142,9 @@ def measure_all(args: argparse.Namespace, by: dict[str, Way]) -> None:
         measure(split, (shot(frames[i]) for i in chosen), by)
     for folder in args.without:
         there = [split for split in SPLITS if (folder / split).is_dir()]
-        empty = (shot(frame, hand=False) for frame in TransHand(folder, there))
+        empty = (
+            shot(frame, hand=False) for frame in TransHand(folder, there) if frame.object_mask.any()
+        )
         measure(f"{folder.name}, without a hand", empty, by)
     if args.real.is_dir():
         measure("ClearGrasp, without a hand", real_shots(args.real), by)

@@ -122,9 +122,8 @@ def frame_features(
         Features by name, lengths in metres; what can't be measured is left out.
     """
     known, answered = depth > 0, mask & (restored > 0)
-    hand = keypoints is not None
     answer = float(np.median(restored[answered])) if answered.any() else np.nan
-    away = float(np.median(keypoints[:, 2])) if hand else answer  # type: ignore[index]
+    away = answer if keypoints is None else float(np.median(keypoints[:, 2]))
     side = np.sqrt(mask.sum())
     near = max(2, round(0.2 * side))
     ring, wide = (ndimage.maximum_filter(mask, 2 * reach + 1) & ~mask for reach in (near, 2 * near))
@@ -147,7 +146,7 @@ def frame_features(
             "behind_in": _mean(off > NEAR_M),
             "spread_in": float(np.subtract(*np.percentile(off, (75, 25)))) if off.size else np.nan,
         }
-    if hand:
+    if keypoints is not None:
         found |= {"behind": answer - away, **_hand_features(depth, camera, mask, keypoints)}
     return {name: value for name, value in found.items() if np.isfinite(value)}
 

@@ -140,9 +140,12 @@ class Field:
         slack = np.array([FEATURES[name].slack for name in names])
         spread = np.maximum(spread, slack)
         standard = np.nan_to_num((values - mean) / spread)
+        correlation = shrunk_covariance(standard)
+        # What hardly varied in training may differ by its slack.
+        np.fill_diagonal(correlation, np.maximum(correlation.diagonal(), 1))
         plain = np.array([[one.get(n, np.nan) for n in names] for one in training])
         low, high = np.nanquantile(plain, (ENDS, 1 - ENDS), axis=0)
-        whole = cls(names, low, high, mean, spread, shrunk_covariance(standard), 1.0, rule)
+        whole = cls(names, low, high, mean, spread, correlation, 1.0, rule)
         distances = [whole.distance(one) for one in validation]
         return dataclasses.replace(whole, limit=max(float(np.quantile(distances, KEPT)), 1.0))
 

@@ -8,6 +8,7 @@ classical fill and is called one. `restore` is its short form for a single frame
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -137,9 +138,19 @@ class _Known:
     depth: Depth
     camera: Intrinsics
     target: BoolArray
+    given_mask: bool
     hand_mask: BoolArray | None
     presence: float | None
     hand: Hand | None = None
+
+    def unlike_training(self, network: DepthNetwork, trusted: Corruption) -> Iterator[str]:
+        """What the network is given in another way than in training, in words."""
+        if CORRUPTIONS[trusted].erase != network.erases and not network.skips_mask:
+            yield f"depth in the mask is {'kept, learned without' if network.erases else 'erased'}"
+        if not self.given_mask:
+            yield "the mask is not given, learned with true ones"
+        if self.hand is not None and self.hand.source != GIVEN:
+            yield f"the hand was found by {self.hand.source}, learned with true ones"
 
     def checked(self, keypoints: Points, source: str) -> Hand:
         """Hold a hand against what is known; a given one not against pixels that were found."""
@@ -283,7 +294,7 @@ class Restorer:
                     f"the mask covers all {int(target.sum())} pixels that could have depth, "
                     "expected at least one pixel with depth outside of it"
                 )
-            known = _Known(color, clean, camera, target, hand_mask, presence)
+            known = _Known(color, clean, camera, target, mask is not None, hand_mask, presence)
             if given is not None:
                 known = replace(known, hand=_given_hand(given, known, notes))
             known, filled = self._fill(known, notes)
@@ -335,17 +346,11 @@ class Restorer:
         if isinstance(network, str):
             method = self._without_network(network, notes)
             return known, _classical(method, known, known.target & ~valid_depth(seen))
-        # With or without depth in the mask, unlike in training, its ground says nothing.
-        alike = network.skips_mask or CORRUPTIONS[trusted].erase == network.erases
-        asked = replace(network, corruption=trusted, ground=network.ground if alike else None)
+        asked = replace(network, corruption=trusted)
+        unlike = tuple(known.unlike_training(network, trusted))
+        place = known.camera, known.target, known.keypoints
         answer = asked.restore(
-            known.color,
-            seen,
-            known.camera,
-            known.target,
-            known.keypoints,
-            known.depth,
-            beyond=network.can_say,
+            known.color, seen, *place, known.depth, unlike, beyond=network.can_say
         )
         notes += network.notes(answer, trusted, known.camera)
         filled = np.where(known.target, answer.depth, known.depth)

@@ -9,7 +9,7 @@ a pixel stays missing; it is neither 0 metres away nor filled from its neighbour
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
@@ -155,11 +155,13 @@ class DepthNetwork:
                 f"{name} holds a network of kind {kind!r}, expected one that restores depth: "
                 f"{', '.join(DEPTH_NETWORKS)}"
             )
+        from hadr.training.checkpoints import trained_corruption
+
         config: Any = model.config
         stored = meta.get("confidence") if NETWORKS[kind].can_say else None
-        learned = meta.get("learned_range", {}).get("depth_m")
+        learned = (meta.get("learned_range") or {}).get("depth_m")
         ground = meta.get("ground")
-        recipe = meta.get("preset", {}).get("name", "unknown")
+        recipe = (meta.get("preset") or {}).get("name", "unknown")
         return cls(
             model=model.eval(),
             kind=kind,
@@ -181,6 +183,7 @@ class DepthNetwork:
         mask: BoolArray,
         keypoints: NDArray[np.float64] | None,
         measured: NDArray[np.float32] | None = None,
+        unlike: tuple[str, ...] = (),
         *,
         beyond: bool = False,
     ) -> NetworkDepth:
@@ -195,6 +198,7 @@ class DepthNetwork:
             measured: The same as the camera measured it, inside the mask too. Where it is given,
                 the frame gets no probability unless it lies on the network's ground. None: the
                 ground is not asked.
+            unlike: What else is unlike the training, in words; then it lies outside.
             beyond: Keep answers beyond the learned range, with the confidence 0.
         """
         import torch
@@ -211,7 +215,7 @@ class DepthNetwork:
                 depth = np.where(seen, 0, depth)
         with torch.inference_mode():
             inputs = frame_to_input(color, depth, seen, keypoints, camera, self.size)
-            output, ground, rule = self._ask(inputs, measured)
+            output, ground, rule = self._ask(inputs, measured, unlike)
             asked = inputs.mask[0].numpy()
             answered = (output.restored & (output.depth > 0))[0].numpy() & asked
             within = within_learned(output, self.learned_range_m)[0].numpy() & asked
@@ -246,17 +250,19 @@ class DepthNetwork:
         )
 
     def _ask(
-        self, inputs: HADRInput, measured: NDArray[np.float32] | None
+        self, inputs: HADRInput, measured: NDArray[np.float32] | None, unlike: tuple[str, ...]
     ) -> tuple[Any, Verdict, ConfidenceRule | None]:
         """The answer, whether the frame lies on the ground, and what the confidence means there."""
         if measured is None:
             return self.model(inputs), Verdict(None), self.rule
         if self.ground is None or not inputs.mask.any():
-            return self.model(inputs), Verdict(None), None
+            return self.model(inputs), Verdict(False if unlike else None, why=unlike), None
         small = np.nan_to_num(resize_depth(measured, *self.size))
         part = NETWORKS[self.kind].sees
         seen = observe(self.model, part, inputs, small, self.learned_range_m)
         verdict = self.ground.judge(seen)
+        if unlike:
+            verdict = replace(verdict, inside=False, why=unlike + verdict.why)
         here = self.ground.fields[verdict.field].rule or self.rule
         return seen.output, verdict, here if verdict.inside and self.rule else None
 
@@ -442,16 +448,3 @@ def _read_kind(path: str | Path, kind: str) -> tuple[Any, tuple[int, int]]:
     if meta["network"] != kind:
         raise ValueError(f"{path} holds a network of kind {meta['network']!r}, expected {kind!r}")
     return model.eval(), (int(meta["width"]), int(meta["height"]))
-
-
-def trained_corruption(meta: dict[str, Any]) -> Corruption:
-    """Read from a checkpoint's record of which corruption it learned.
-
-    Raises:
-        ValueError: It is none of `CORRUPTIONS`.
-    """
-    stored = meta.get("data", {}).get("corruption", meta.get("corruption", "oracle"))
-    for name in CORRUPTIONS:
-        if name == str(stored).partition(":")[0]:
-            return name
-    raise ValueError(f"corruption must be one of {', '.join(CORRUPTIONS)}, got {stored!r}")

@@ -223,7 +223,7 @@ def test_hadr_through_the_command(frame, capsys) -> None:
     assert report["inputs"]["checkpoint"]["sha256"]
     confidence = np.load(frame / "out" / "confidence.npy")[read_mask(frame / "mask.png")]
     assert (confidence == 0).all()
-    assert report["confidence_means"] == "0, not known: the given hand does not fit this frame"
+    assert report["confidence_means"] == "0, the method cannot say how sure it is"
     assert "method    HADR\n" in capsys.readouterr().out
 
 

@@ -3,6 +3,7 @@ import pytest
 
 from hadr import restoration
 from hadr.camera import Intrinsics
+from hadr.confidence import Calibration, ConfidenceRule
 from hadr.hand import forward_kinematics, keypoints_from_skeleton
 from hadr.models.hand.plausible import NoHandError
 from hadr.models.networks import DEPTH_NETWORKS
@@ -328,8 +329,7 @@ def test_a_calibrated_checkpoint_says_what_its_confidence_means_where_it_holds(t
     plain = restore(color, depth, CAMERA, mask, hand(), checkpoint=path)
     assert plain.tolerance_m is None
     assert any("never calibrated" in n for n in plain.notes)
-    calibration = {"scores": [0.2, 0.8], "probabilities": [0.3, 0.3], "tolerance_m": 0.02}
-    rule = {"signals": ["candidates"], "center": [0], "scale": [1], "calibration": calibration}
+    rule = ConfidenceRule("candidates", 0.0, 1.0, Calibration((0.2, 0.8), (0.3, 0.3))).to_dict()
     save_checkpoint(path, depth_network("hadr-plus"), size | {"confidence": rule})
     unknown = restore(color, depth, CAMERA, mask, hand(), checkpoint=path)
     assert unknown.tolerance_m is None
@@ -355,6 +355,14 @@ def test_a_calibrated_checkpoint_says_what_its_confidence_means_where_it_holds(t
     (note,) = (n for n in away.notes if n.startswith("the given hand does not fit this frame"))
     assert "60.0 cm behind the depth that was measured" in note
     np.testing.assert_array_equal(away.keypoints, behind)
+    # The frame lies on its ground, but what is given is not what was given in training.
+    looked_for = restore(color, depth, CAMERA, None, hand(), checkpoint=path)
+    kept = restore(color, depth, CAMERA, mask, hand(), checkpoint=path, corruption="sensor")
+    for odd, said in ((looked_for, "the mask is not given"), (kept, "depth in the mask is kept")):
+        assert odd.ground.inside is False
+        assert odd.ground.why[0].startswith(said)
+        assert odd.tolerance_m is None
+        assert (odd.confidence[odd.restored] == 0).all()
     far = restore(color, 2 * depth, CAMERA, mask, hand(1.4), checkpoint=path)
     assert far.ground.inside is False
     assert far.ground.features["distance"] == pytest.approx(1.4)
@@ -364,9 +372,9 @@ def test_a_calibrated_checkpoint_says_what_its_confidence_means_where_it_holds(t
     assert ", so there is no probability of being right: " in said
     assert said.count(", learned ") == len(far.ground.why)
     assert confidence_means(far).startswith("no probability: ")
-    kept = report(depth, CAMERA, far, None, {}, {})["ground"]
-    assert kept["inside"] is False
-    assert kept["features"]["distance"] == pytest.approx(1.4)
+    listed = report(depth, CAMERA, far, None, {}, {})["ground"]
+    assert listed["inside"] is False
+    assert listed["features"]["distance"] == pytest.approx(1.4)
 
 
 def test_depth_beyond_the_learned_range_is_left_missing(tmp_path) -> None:

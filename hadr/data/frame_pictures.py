@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import re
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hadr.camera import LARGEST_IMAGE
+from hadr.records.reading import structured
 
 Normals = Literal["all", "held", "object", "none"]
 """Of which pixels a frame's surface normals are kept; held: of hand and object."""
@@ -126,8 +127,11 @@ def encode_color(color: npt.NDArray[np.uint8], jpeg_quality: int | None) -> byte
 
 
 def decode_color(data: bytes) -> npt.NDArray[np.uint8]:
-    """Decode a PNG or JPEG to sRGB, shape (H, W, 3) uint8."""
-    return np.ascontiguousarray(decode_image(data, cv2.IMREAD_COLOR)[..., ::-1])
+    """Decode a PNG or JPEG to sRGB, shape (H, W, 3) uint8; a ``ValueError`` where it is grey."""
+    bgr = decode_image(data, cv2.IMREAD_ANYCOLOR)
+    if bgr.ndim == 2:
+        raise ValueError(f"a colour picture has three channels, got {bgr.shape}: it is grey")
+    return np.ascontiguousarray(bgr[..., ::-1])
 
 
 def encode_depth(depth: Depth, scale: float) -> bytes:
@@ -182,14 +186,7 @@ class DisparityScale:
     @classmethod
     def from_record(cls, record: Any) -> DisparityScale:
         """The values by name, as a log has them; a ``ValueError`` says what it lacks."""
-        if not isinstance(record, Mapping) or set(record) != {"focal_baseline", "step", "unit"}:
-            raise ValueError(
-                f"a disparity scale must name focal_baseline, step and unit, got {record!r}"
-            )
-        try:
-            return cls(**{name: float(value) for name, value in record.items()})
-        except TypeError as error:
-            raise ValueError(f"a disparity scale must hold numbers, got {record!r}") from error
+        return structured(record, cls, "a disparity scale")
 
     def depth(self, steps: npt.NDArray[Any]) -> Depth:
         """Depth in metres of whole steps; 0 stays 0."""

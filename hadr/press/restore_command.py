@@ -48,8 +48,8 @@ OUTPUTS = {
     "depth.npy": "z-depth, float32 metres, 0 = missing",
     "confidence.png": "8-bit, 255 = 1",
     "confidence.npy": "float32: 1 where measured, 0 where missing; where restored the probability "
-    "that the depth is right to 2 cm, if the method is a calibrated hadr-plus; 0, not known, for "
-    "all others, which cannot say how sure they are",
+    "that the depth is right to 2 cm, if the method is a calibrated hadr-plus and the frame like "
+    "those it learned from; else 0, not known",
     "comparison.png": "colour with mask and hand, depth before and after, error or confidence",
     "mask.png": "pixels to restore, given or predicted, 8-bit, 255 = restore",
     "hand_mask.png": "pixels of hand and arm, given or predicted, if any are known; 8-bit, 255 = "

@@ -164,24 +164,18 @@ def confidence_means(result: Restoration) -> str:
     """Say what the confidence of restored pixels is, in a few words."""
     if not result.restored.any():
         return "nothing was restored"
-    if result.hand is not None and result.hand.doubtful:
-        return "0, not known: the given hand does not fit this frame"
     if result.tolerance_m is not None:
         return f"probability of being right to {100 * result.tolerance_m:g} cm"
-    if not result.confidence[result.restored].any():
-        if result.ground is not None and NETWORKS[result.method].can_say:
-            return f"no probability: {_why_unsaid(result)}"
+    if result.confidence[result.restored].any():
+        return "the network's own score, not calibrated"
+    network = NETWORKS.get(result.method)
+    if network is None or not network.can_say:
         return "0, the method cannot say how sure it is"
-    return "the network's own score, not calibrated"
-
-
-def _why_unsaid(result: Restoration) -> str:
-    """Why a network that could say how sure it is does not."""
     if result.hand is not None and result.hand.doubtful:
-        return "the hand does not fit the frame"
+        return "no probability: the given hand does not fit this frame"
     if result.ground is not None and result.ground.inside is False:
-        return "outside of what the network learned"
-    return "it is not known what the network learned from"
+        return "no probability: outside of what the network learned"
+    return "no probability: it is not known what the network learned from"
 
 
 def counts(depth: NDArray[np.float32], result: Restoration) -> dict[str, int]:

@@ -65,18 +65,25 @@ class Options:
 def run(options: Options) -> int:
     """Run `hadr calibrate`."""
     from hadr.confidence import ConfidenceRule
+    from hadr.data.folders import check_folders
     from hadr.records.result_file import write_result_file
     from hadr.training.batches import load_frames
     from hadr.training.calibrate import calibrate, measure_confidence, restored_pixels
-    from hadr.training.checkpoints import kind_of, load_checkpoint, update_record
+    from hadr.training.checkpoints import (
+        kind_of,
+        load_checkpoint,
+        trained_corruption,
+        update_record,
+    )
     from hadr.training.ground import learn_ground
 
     check_file(options.out, what=_WHAT)
+    check_folders(options.data)
     model, meta = load_checkpoint(options.checkpoint)
     name, kind = options.checkpoint.name, kind_of(model)
     if NETWORKS[kind].answer != "depth":
         raise ValueError(f"{name} holds a network of kind {kind!r}, which restores no depth")
-    learned = str(meta.get("data", {}).get("corruption", "oracle")).split(":")[0]
+    learned = trained_corruption(meta)
     if learned != options.corruption:
         raise ValueError(
             f"{name} was trained with corruption {learned!r}; a calibration with "
@@ -86,22 +93,23 @@ def run(options: Options) -> int:
         raise ValueError(f"{name} was never calibrated: leave --only-ground out")
     size = int(meta["width"]), int(meta["height"])
     tested = options.test_objects or options.objects
-    sources = [
+    learned_from, held_back, unseen = (
         _frames(options, split, objects)
         for split, objects in (
             ("train", options.objects), ("val", options.objects), ("test", tested)
         )
-    ]  # fmt: skip
+    )  # fmt: skip
     additions: dict[str, Any] = {}
     if not options.only_ground:
         train, validation, test = (
-            load_frames(frames, size, options.corruption, options.seed) for frames in sources
+            load_frames(frames, size, options.corruption, options.seed)
+            for frames in (learned_from, held_back, unseen)
         )
         source = f"split val of {len(options.data)} folder(s), corruption {options.corruption}"
         additions = calibrate(model, train, validation, source)
     near, far = (additions or meta)["learned_range"]["depth_m"]
     additions["ground"] = learn_ground(
-        model, size, options.corruption, (near, far), *sources[:2], options.seed
+        model, size, options.corruption, (near, far), learned_from, held_back, options.seed
     )
     update_record(options.checkpoint, additions)
     print(f"learned range  {near:.3f} to {far:.3f} m")

@@ -147,7 +147,7 @@ def test_a_stereo_cameras_depth_is_stored_as_disparity_without_loss(tmp_path, st
         TransHand(tmp_path, "train")[0]
     del log["raw_disparity scale"]
     path.write_text(json.dumps(log))
-    with pytest.raises(ValueError, match=r"must name focal_baseline, step and unit, got None"):
+    with pytest.raises(ValueError, match=r"disparity scale: must be named values, got None"):
         TransHand(tmp_path, "train")[0]
 
 
@@ -331,6 +331,14 @@ def test_a_broken_picture_is_named(tmp_path, folder, damage):
         frames[0]
 
 
+def test_a_grey_picture_is_no_colour_picture(tmp_path):
+    write_frame(tmp_path, make_frame())
+    path = next((tmp_path / "train/0004/depth/rgb").iterdir())
+    path.write_bytes(cv2.imencode(path.suffix, np.full((H, W), 7, np.uint8))[1].tobytes())
+    with pytest.raises(ValueError, match=rf"{path.name}: a colour picture has three channels"):
+        TransHand(tmp_path, "train")[0]
+
+
 def test_a_flipped_bit_in_a_png_is_named(tmp_path):
     write_frame(tmp_path, make_frame(), depth_format="png")
     path = tmp_path / "train/0004/depth/depth_png/000007.png"
@@ -487,7 +495,7 @@ def test_the_objects_pose_of_a_log(tmp_path):
     path = tmp_path / "train/0004/depth/log_json/000007.json"
     log = json.loads(path.read_text()) | {"world_from_object": [[1, 2], [3, 4]]}
     path.write_text(json.dumps(log))
-    with pytest.raises(ValueError, match=r"'world_from_object' must be a 4x4 matrix"):
+    with pytest.raises(ValueError, match=r"'world_from_object' must be a rigid 4x4 matrix"):
         TransHand(tmp_path, "train")[0]
 
 
