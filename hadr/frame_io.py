@@ -159,7 +159,8 @@ def read_mask(path: str | Path, name: str = "mask") -> BoolArray:
     """
     if Path(path).suffix.lower() == ".npy":
         stored: NDArray[Any] = _read_npy(Path(path), name)
-        if stored.dtype.kind not in "biu" and not np.isin(stored, (0, 1)).all():
+        kind = stored.dtype.kind
+        if kind not in "biuf" or (kind == "f" and not np.isin(stored, (0, 1)).all()):
             raise ValueError(
                 f"{name} {path} must hold bool, whole numbers, or 0 and 1, got {stored.dtype}"
             )

@@ -43,7 +43,13 @@ SAMPLE_CHECKPOINTS = (
 )  # fmt: skip
 """The bundled checkpoints that restore depth."""
 EDGE_M = 0.05
-"""Nearer to an end of the learned range, metres, errors are larger."""
+"""Nearer to an end of the learned range, metres, errors are larger.
+
+On five bundled validation frames the bundled HADR errs by 2.7 cm (root mean square), and by 5.8 and
+6.5 cm on five that are scaled until the glass is 3 cm before the far and the near end. 4 and 10 cm
+beyond the far end, half of the depths outside that HADR-plus tells are right to 2 cm (52 and 50 %),
+and those inside hardly ever (11 and 1 %): it keeps both. Of HADR's outside 46 and 15 % are, and it
+cannot say which: they stay missing."""
 
 
 @dataclass(frozen=True)
