@@ -147,6 +147,21 @@ def _set(lines, line, column, value):
     return lines
 
 
+_LENGTHS = (
+    '# lengths: {"thumb": [44, 34, 27], '
+    + ", ".join(f'"{finger}": [40, 30, 20]' for finger in FINGERS if finger != "thumb")
+    + "}"
+)
+
+
+def _times(lines, start, columns, factor):
+    for line in range(start + 1, len(lines)):
+        for column in columns:
+            cell = float(lines[line].split(",")[column])
+            _set(lines, line, column, f"{cell * factor:.6f}")
+    return lines
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -187,6 +202,26 @@ def _set(lines, line, column, value):
         (
             lambda t, s: [r.replace("Ring_MCP_S", "Index_MCP_S") for r in t],
             "are both the index_mcp",
+        ),
+        (
+            lambda t, s: _set(t, s + 2, 8, "500"),
+            r"row 2 .*Index_PIP_Stretch: no joint bends to 500",
+        ),
+        (
+            lambda t, s: _set(t, s + 2, 8, "-61"),
+            r"row 2 .*Index_PIP_Stretch: no joint bends to -61",
+        ),
+        (lambda t, s: _times(t, s, range(2, 22), 0.0174), "in degrees, not radians"),
+        (lambda t, s: _times(t, s, range(22, 25), 1000), r"row 1 .*no hand reaches .*metres\?"),
+        (
+            lambda t, s: [_LENGTHS.replace("44", "-44"), *t],
+            r"broken\.csv: lengths of the th",
+        ),
+        (lambda t, s: ["# lengths: [", *t], r"broken\.csv: lengths is not valid JSON"),
+        (lambda t, s: ["# girth: big", *t], r"broken\.csv: girth must be a number, got 'big'"),
+        (
+            lambda t, s: [r.replace("Position_Z", "Position_X") for r in t],
+            "column Object_Pos.* twice",
         ),
     ],
 )
