@@ -23,6 +23,7 @@ from torch import Tensor, nn
 
 from hadr.confidence import ConfidenceRule
 from hadr.corruption import CORRUPTIONS, Corruption
+from hadr.known_ground import Ground
 from hadr.models.networks import NETWORKS
 from hadr.records.provenance import IF_CHANGED, plain, write_json
 from hadr.records.reading import parse_json, structured
@@ -126,6 +127,8 @@ def load_checkpoint(path: str | Path) -> tuple[Any, dict[str, Any]]:
         trained_corruption(meta)
         if NETWORKS[kind].can_say and meta.get("confidence") is not None:
             ConfidenceRule.from_dict(meta["confidence"])
+        if meta.get("ground") is not None:
+            Ground.from_dict(meta["ground"])
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
     try:

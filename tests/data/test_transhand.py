@@ -477,6 +477,26 @@ def test_a_broken_log_is_named(tmp_path):
         TransHand(tmp_path, "train")[0]
 
 
+@pytest.mark.parametrize(
+    ("key", "value", "said"),
+    [
+        ("camera point", "x", "'camera point': must be a list, got 'x'"),
+        ("camera point", [1, 2, 10**400], r"'camera point': .*must be a number, got 1000"),
+        ("hold_id", 7, "'hold_id': must be text, got 7"),
+        ("depth_png scale", True, "'depth_png scale': must be a number, got True"),
+        ("depth_png scale", 1e300, "'depth_png scale' must be at most 0.01 m"),
+        ("world_from_object", [[0.0] * 4] * 4, "'world_from_object' must be a rigid"),
+        ("camera internal", [[10**400] * 3] * 3, "'camera internal' must be a 3x3 matrix"),
+    ],
+)
+def test_a_value_of_a_log_that_cannot_be_is_named(tmp_path, key, value, said):
+    write_frame(tmp_path, make_frame(), depth_format="png")
+    path = tmp_path / "train/0004/depth/log_json/000007.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {key: value}))
+    with pytest.raises(ValueError, match=rf"frame 000007: .*000007\.json: {said}"):
+        TransHand(tmp_path, "train")[0]
+
+
 def test_intrinsics_by_name_by_matrix_or_left_out(tmp_path):
     write_frame(tmp_path, make_frame())
     edit_log(tmp_path, camera_internal=None)

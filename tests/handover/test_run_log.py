@@ -187,6 +187,8 @@ def test_another_format_is_refused(path: Path, tmp_path: Path) -> None:
         ("events", [[0, "chose", 7]], r"events has \[0, 'chose', 7\], which is none"),
         ("events", [[0, "tool_wrench", 1.0]], "events has .*tool_wrench"),
         ("odd_keypoints", {"0": 7}, "odd_keypoints"),
+        ("odd_keypoints", {"x": []}, "odd_keypoints must be named by steps, got 'x'"),
+        ("config", 7, "config: must be named values, got 7"),
         ("base_from_camera", [["x"]], "base_from_camera.*must be a number, got 'x'"),
     ],
 )

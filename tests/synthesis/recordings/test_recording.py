@@ -46,7 +46,8 @@ def _recording(rows=5):
     rng = np.random.default_rng(2)
     poses = np.tile(np.eye(4), (rows, 1, 1))
     poses[:, :3, 3] = rng.uniform(-0.2, 0.2, (rows, 3)).round(5)
-    angles = np.deg2rad(rng.uniform(-10, 40, (rows, 20)).round(2))
+    low, high = np.rad2deg(ANGLE_LIMITS).T
+    angles = np.deg2rad(rng.uniform(low, high, (rows, 20)).round(2))
     time = np.arange(rows) / 10
     return Recording("0001-stem-0007", "0001", "stem", HandShape("left", 0.95), time, angles, poses)
 
@@ -77,18 +78,18 @@ def test_both_hands_semicolons_decimal_commas_and_a_preamble(tmp_path):
     rows = []
     for row in _manus_rows():
         cells = row.split(",")
-        half = [f"{float(c) / 2:.6f}" for c in cells[3:]]
-        rows.append(";".join(c.replace(".", ",") for c in [*cells[:3], *half, *cells[3:]]))
+        other = [f"{float(c) / 2:.6f}" for c in cells[3:]]
+        rows.append(";".join(c.replace(".", ",") for c in [*cells[:3], *other, *cells[3:]]))
     preamble = "MANUS Core;3.1.0\nProfile;someone\n\n"
     header = "# object: 0005\n# kind: tips\n# scale: 1\n"
     text = header + preamble + ";".join(both) + ";\n" + ";\n".join(rows) + ";\n"
     (tmp_path / "two.placement.csv").write_text(f"Time_s,{POSE}\n0,0,0.1,0.05,0,1,0,0\n")
     path = tmp_path / "two.csv"
-    for side, factor in (("right", 1), ("left", 0.5)):
+    for side, share in (("right", 1), ("left", 0.5)):
         path.write_text(f"# side: {side}\n" + text, encoding="utf-8-sig")
         recording = read_recording(path)
         assert recording.shape.side == side
-        np.testing.assert_allclose(np.rad2deg(recording.angles[0]), factor * np.array(FIRST))
+        np.testing.assert_allclose(np.rad2deg(recording.angles[0]), share * np.array(FIRST))
         np.testing.assert_allclose(recording.wrist_from_object[1, :3, :3], np.diag([1, -1, -1]))
     path.write_text(text)
     with pytest.raises(ValueError, match="does not say which hand holds: add '# side: right'"):
@@ -147,6 +148,21 @@ def _set(lines, line, column, value):
     return lines
 
 
+_LENGTHS = (
+    '# lengths: {"thumb": [44, 34, 27], '
+    + ", ".join(f'"{finger}": [40, 30, 20]' for finger in FINGERS if finger != "thumb")
+    + "}"
+)
+
+
+def _times(lines, start, columns, factor):
+    for line in range(start + 1, len(lines)):
+        for column in columns:
+            cell = float(lines[line].split(",")[column])
+            _set(lines, line, column, f"{cell * factor:.6f}")
+    return lines
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -160,23 +176,6 @@ def _set(lines, line, column, value):
         ),
         (lambda t, s: _set(t, s + 1, 5, "nan"), r"column Thumb_IP_Stretch: 'nan' is not a finite"),
         (lambda t, s: _set(t, s + 3, 25, "2"), r"row 3 \(line 9\).*a quaternion of length"),
-        (lambda t, s: _set(t, s + 3, 23, "52"), r"row 3 \(line 9\).*the object is at \[.*52.0"),
-        (lambda t, s: _set(t, s + 3, 22, "1e308"), r"row 3 \(line 9\).*which no hand reaches"),
-        (
-            lambda t, s: _set(t, s + 2, 5, "500"),
-            r"row 2.*Thumb_IP_Stretch: no joint bends to 500 d",
-        ),
-        (
-            lambda t, s: [
-                '# lengths: {"thumb": [-40, 30, 20], "index": [40, 30, 20], "middle": '
-                '[40, 30, 20], "ring": [40, 30, 20], "little": [40, 30, 20]}',
-                *t,
-            ],
-            r"broken.csv: lengths of the thumb must be from 5 to 120 mm, got \(-40",
-        ),
-        (lambda t, s: ["# girth: x", *t], "broken.csv: girth must be a number, got 'x'"),
-        (lambda t, s: [r.replace("Position_Y", "Position_X") for r in t], "Position_X twice"),
-        (lambda t, s: _set(t, s + 2, 0, '"'), "row 2"),
         (lambda t, s: _set(t, s + 3, 1, "50"), r"row 3 \(line 9\): time does not grow"),
         (lambda t, s: [*t[:-1], t[-1][:40]], r"row 5 \(line 11\) has \d+ cells, the header 29"),
         (lambda t, s: t[: s + 1], "has a header but no rows"),
@@ -187,6 +186,26 @@ def _set(lines, line, column, value):
         (
             lambda t, s: [r.replace("Ring_MCP_S", "Index_MCP_S") for r in t],
             "are both the index_mcp",
+        ),
+        (
+            lambda t, s: _set(t, s + 2, 8, "500"),
+            r"row 2 .*Index_PIP_Stretch: no joint bends to 500",
+        ),
+        (
+            lambda t, s: _set(t, s + 2, 8, "-61"),
+            r"row 2 .*Index_PIP_Stretch: no joint bends to -61",
+        ),
+        (lambda t, s: _times(t, s, range(2, 22), 0.0174), "in degrees, not radians"),
+        (lambda t, s: _times(t, s, range(22, 25), 1000), r"row 1 .*no hand reaches .*metres\?"),
+        (
+            lambda t, s: [_LENGTHS.replace("44", "-44"), *t],
+            r"broken\.csv: lengths of the th",
+        ),
+        (lambda t, s: ["# lengths: [", *t], r"broken\.csv: lengths is not valid JSON"),
+        (lambda t, s: ["# girth: big", *t], r"broken\.csv: girth must be a number, got 'big'"),
+        (
+            lambda t, s: [r.replace("Position_Z", "Position_X") for r in t],
+            "column Object_Pos.* twice",
         ),
     ],
 )
