@@ -175,23 +175,6 @@ def _times(lines, start, columns, factor):
         ),
         (lambda t, s: _set(t, s + 1, 5, "nan"), r"column Thumb_IP_Stretch: 'nan' is not a finite"),
         (lambda t, s: _set(t, s + 3, 25, "2"), r"row 3 \(line 9\).*a quaternion of length"),
-        (lambda t, s: _set(t, s + 3, 23, "52"), r"row 3 \(line 9\).*the object is at \[.*52.0"),
-        (lambda t, s: _set(t, s + 3, 22, "1e308"), r"row 3 \(line 9\).*which no hand reaches"),
-        (
-            lambda t, s: _set(t, s + 2, 5, "500"),
-            r"row 2.*Thumb_IP_Stretch: no joint bends to 500 d",
-        ),
-        (
-            lambda t, s: [
-                '# lengths: {"thumb": [-40, 30, 20], "index": [40, 30, 20], "middle": '
-                '[40, 30, 20], "ring": [40, 30, 20], "little": [40, 30, 20]}',
-                *t,
-            ],
-            r"broken.csv: lengths of the thumb must be from 5 to 120 mm, got \(-40",
-        ),
-        (lambda t, s: ["# girth: x", *t], "broken.csv: girth must be a number, got 'x'"),
-        (lambda t, s: [r.replace("Position_Y", "Position_X") for r in t], "Position_X twice"),
-        (lambda t, s: _set(t, s + 2, 0, '"'), "row 2"),
         (lambda t, s: _set(t, s + 3, 1, "50"), r"row 3 \(line 9\): time does not grow"),
         (lambda t, s: [*t[:-1], t[-1][:40]], r"row 5 \(line 11\) has \d+ cells, the header 29"),
         (lambda t, s: t[: s + 1], "has a header but no rows"),
