@@ -4,11 +4,13 @@
 #   VENV=DIR            the environment's folder (default: .venv)
 #   BUILD=DIR           where the executed notebooks and the book go (default: build); a folder of
 #                       its own, which `make clean` removes whole
+#   OLDEST=DIR          the environment of `make test-oldest` (default: .venv-oldest)
 #   WORKERS=2           processes that run tests at the same time
 #   PIP_FLAGS=...       more options for pip, such as another index for PyTorch's wheels
 
 PYTHON    ?= python3
 VENV      ?= .venv
+OLDEST    ?= $(VENV)-oldest
 BUILD     ?= build
 PIP_FLAGS ?=
 PRESET    ?= tiny
@@ -35,7 +37,7 @@ export XDG_CACHE_HOME := $(BUILD_PATH)/hadr-cache
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help book tables reproduce test test-long test-all break lint env notebooks texts check-notebooks html readme-times readme-figure clean build-folder
+.PHONY: help book tables reproduce test test-long test-all test-oldest break lint env notebooks texts check-notebooks html readme-times readme-figure clean build-folder
 
 help: ## what can be made
 	@echo "usage: make TARGET [PYTHON=python3] [VENV=.venv] [BUILD=build]"
@@ -62,6 +64,19 @@ test-long: $(READY) ## run the tests that take minutes: every page at every widt
 	@$(PYTEST) -m long $(PYTEST_FLAGS)
 
 test-all: test test-long break ## run every test, and try to break all commands
+
+# The lowest versions have wheels for Python 3.11. PyTorch is the pinned one, of which pip takes the
+# build for CPUs; uv only says which versions these are. Attempts need the extra "handover".
+test-oldest: ## run the tests of what users call with the oldest versions that pyproject.toml allows (PYTHON=python3.11)
+	@$(PYTHON) -m venv "$(OLDEST)"
+	@"$(OLDEST)/bin/python" -m pip install --quiet $(PIP_FLAGS) uv
+	@grep '^torch==' constraints.txt >"$(OLDEST)/torch.txt"
+	@"$(OLDEST)/bin/uv" pip compile --quiet --resolution lowest-direct --annotation-style line \
+	    --python "$(OLDEST)/bin/python" -c "$(OLDEST)/torch.txt" pyproject.toml -o "$(OLDEST)/all.txt"
+	@grep -F 'hadr (pyproject.toml)' "$(OLDEST)/all.txt" >"$(OLDEST)/direct.txt"
+	@"$(OLDEST)/bin/python" -m pip install --quiet $(PIP_FLAGS) -c "$(OLDEST)/direct.txt" -e . pytest hypothesis
+	@"$(OLDEST)/bin/python" -m pytest -q tests/test_cli.py tests/test_frame_io.py tests/test_restoration.py \
+	    -k "not (another_run_has and handover)"
 
 break: $(READY) ## bad inputs, kills, full disks, two at once: nothing lost, nothing false, each refused in a sentence
 	@$(PY) benchmarks/break_it.py --workers $(WORKERS) --out "$(BUILD)/break_it.json"

@@ -20,7 +20,7 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from hadr.camera import Intrinsics, load_intrinsics, valid_depth
-from hadr.corruption import SENSOR, corrupt
+from hadr.corruption import ANALYTIC, corrupt
 from hadr.frame_io import read_depth, read_mask
 from hadr.records.provenance import machine_text, provenance
 from hadr.records.result_file import write_sealed
@@ -216,7 +216,7 @@ def analytic(scenes: list[Scene], seed: int) -> list[dict[str, float]]:
     for scene in scenes:
         labels = RayTracer(scene.contents).labels(scene.camera, scene.world_from_camera)
         truth, glass = labels.depth, labels.object_mask
-        raw = corrupt(truth, glass, scene.camera, rng, SENSOR, labels.background_depth)
+        raw = corrupt(truth, glass, scene.camera, rng, ANALYTIC, labels.background_depth)
         found.append(errors(raw, truth, glass, labels.hand_mask))
     return found
 

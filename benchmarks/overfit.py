@@ -20,7 +20,7 @@ from torch.nn.functional import interpolate
 
 from hadr.data.samples import open_samples
 from hadr.models.hadr import HADR
-from hadr.models.hadr_input import ray_points
+from hadr.models.network_input import ray_points
 from hadr.models.networks import NETWORKS, RIVALS
 from hadr.ray_voxels import pair_of_true_point
 from hadr.records.provenance import machine_text, provenance

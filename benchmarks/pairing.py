@@ -25,7 +25,7 @@ from measuring import (
 from torch import Tensor
 from torch.nn import functional
 
-from hadr.models.hadr_input import masked_rays, ray_points
+from hadr.models.network_input import masked_rays, ray_points
 from hadr.ray_voxels import (
     SHORTEST_PAIR_M,
     OccupiedVoxels,

@@ -8,10 +8,15 @@ marks a missing value.
 
 from __future__ import annotations
 
+import contextlib
 import json
-from collections.abc import Mapping
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
+from numbers import Real
 from pathlib import Path
+from reprlib import repr as short
 from typing import Any
 
 import cv2
@@ -21,6 +26,14 @@ import yaml
 
 FloatArray = npt.NDArray[np.floating[Any]]
 BoolArray = npt.NDArray[np.bool_]
+
+LARGEST_IMAGE = 2**26
+"""Pixels of the largest image that is taken for one: 8,192 by 8,192, 67 million."""
+WIDEST_VIEW = 20.0
+"""Image sizes a focal length: an image wider than so many of them is no pinhole camera's (169
+degrees)."""
+LONGEST_FOCAL_LENGTH = 1e6
+"""Pixels; a camera of 1,000 pixels sees then 0.06 degrees."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +49,8 @@ class Intrinsics:
         height: Image height, pixels.
 
     Raises:
-        ValueError: A focal length or a size is not positive and finite, or the principal
+        ValueError: A size is not positive or beyond `LARGEST_IMAGE`, a focal length is none of a
+            pinhole camera of this size (`WIDEST_VIEW`, `LONGEST_FOCAL_LENGTH`), or the principal
             point is further outside of the image than the image is wide or high.
     """
 
@@ -48,14 +62,25 @@ class Intrinsics:
     height: int
 
     def __post_init__(self) -> None:
-        for name in ("fx", "fy"):
-            value = getattr(self, name)
-            if not np.isfinite(value) or value <= 0:
-                raise ValueError(f"{name} must be a positive focal length in pixels, got {value}")
         for name in ("width", "height"):
             value = getattr(self, name)
-            if value != int(value) or value < 1:
-                raise ValueError(f"{name} must be a positive whole number of pixels, got {value}")
+            if not 1 <= value <= LARGEST_IMAGE or value != int(value):
+                raise ValueError(
+                    f"{name} must be a positive whole number of pixels, at most {LARGEST_IMAGE}, "
+                    f"got {value:g}"
+                )
+        if self.width * self.height > LARGEST_IMAGE:
+            raise ValueError(
+                f"width and height must give at most {LARGEST_IMAGE} pixels, got "
+                f"{self.width}x{self.height}"
+            )
+        for name, size in (("fx", self.width), ("fy", self.height)):
+            value = getattr(self, name)
+            if not size / WIDEST_VIEW <= value <= LONGEST_FOCAL_LENGTH:
+                raise ValueError(
+                    f"{name} must be a focal length in pixels, for an image of {size} between "
+                    f"{size / WIDEST_VIEW:g} and {LONGEST_FOCAL_LENGTH:g}, got {value:g}"
+                )
         for name, size in (("cx", self.width), ("cy", self.height)):
             value = getattr(self, name)
             if not np.isfinite(value) or not -size <= value <= 2 * size:
@@ -78,31 +103,24 @@ class Intrinsics:
         Raises:
             ValueError: The matrix has another shape, a skew, or a last row other than 0 0 1.
         """
-        k = np.asarray(matrix, dtype=float)
-        if k.shape != (3, 3):
-            raise ValueError(f"K must have shape (3, 3), got {k.shape}")
-        if abs(k[0, 1]) > 1e-9 or abs(k[1, 0]) > 1e-9 or not np.allclose(k[2], (0, 0, 1)):
-            raise ValueError(f"K must be a pinhole matrix without skew, got {k.tolist()}")
-        return cls(float(k[0, 0]), float(k[1, 1]), float(k[0, 2]), float(k[1, 2]), width, height)
+        return cls(**_of_matrix(matrix), width=width, height=height)
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Intrinsics:
         """Build intrinsics from ``fx fy cx cy width height``; the inverse of :meth:`to_dict`.
 
         Raises:
-            ValueError: A value is missing; the message names it.
+            ValueError: A value is missing or no number; the message names it.
         """
         names = [field.name for field in fields(cls)]
         missing = [key for key in names if key not in values]
         if missing:
-            raise ValueError(f"intrinsics lack {', '.join(missing)}; found {sorted(values)}")
-        for key in names:
-            try:
-                float(values[key])
-            except (TypeError, ValueError) as error:
-                raise ValueError(f"{key} must be a number, got {values[key]!r}") from error
-        fx, fy, cx, cy = (float(values[key]) for key in names[:4])
-        return cls(fx, fy, cx, cy, int(values["width"]), int(values["height"]))
+            raise ValueError(
+                f"intrinsics lack {', '.join(missing)}; found {short(sorted(map(str, values)))}"
+            )
+        numbers: dict[str, Any] = {name: checked_number(name, values[name]) for name in names}
+        whole = {name: int(numbers[name]) for name in names[4:] if numbers[name].is_integer()}
+        return cls(**{**numbers, **whole})  # the class refuses other sizes
 
     def to_dict(self) -> dict[str, float | int]:
         """The six numbers by name."""
@@ -150,30 +168,95 @@ def load_intrinsics(path: str | Path) -> Intrinsics:
 
     Raises:
         FileNotFoundError: There is no such file.
-        ValueError: The file can't be parsed, or a number is missing.
+        ValueError: The file can't be parsed, a number is missing, stands there twice or in
+            conflict with another, or the lens distorts.
     """
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"no intrinsics file at {path}")
     text = path.read_text(encoding="utf-8", errors="replace")
     try:
-        values = json.loads(text) if path.suffix.lower() == ".json" else yaml.safe_load(text)
-    except (json.JSONDecodeError, yaml.YAMLError) as error:
-        raise ValueError(f"{path} is neither valid YAML nor JSON: {error}") from error
+        if path.suffix.lower() == ".json":
+            values = json.loads(text, object_pairs_hook=_each_once)
+        else:
+            values = yaml.load(text, _EachOnce)
+    except (ValueError, yaml.YAMLError, RecursionError) as error:
+        why = " ".join(str(error).split())[:300]
+        raise ValueError(f"intrinsics {path} are neither valid YAML nor JSON: {why}") from error
     if not isinstance(values, Mapping):
         raise ValueError(f"{path} must hold named values (fx, fy, cx, cy, width, height)")
-    named = dict(values)
-    for key, alias in (("width", "xres"), ("height", "yres")):
-        if key not in named and alias in named:
-            named[key] = named[alias]
     try:
-        if "K" in named:
-            return Intrinsics.from_matrix(named["K"], int(named["width"]), int(named["height"]))
-        return Intrinsics.from_dict(named)
-    except KeyError as error:
-        raise ValueError(f"{path} lacks {error.args[0]!r} beside K") from error
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{path}: {error}") from error
+        return _one_camera(values)
+    except (TypeError, ValueError, RecursionError) as error:
+        raise ValueError(f"intrinsics {path}: {error}") from error
+
+
+class _EachOnce(yaml.SafeLoader):  # type: ignore[misc]
+    """Refuses what the plain loader takes the last one of."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        _each_once([(str(key.value), None) for key, _ in node.value])
+        return dict(super().construct_mapping(node, deep))
+
+
+def _each_once(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
+    """Named values, none of them twice."""
+    for name, count in Counter(name for name, _ in pairs).items():
+        if count > 1:
+            raise ValueError(f"{short(name)} stands there twice")
+    return dict(pairs)
+
+
+#: Names that calibrations give to a lens's distortion: OpenCV's, ROS's, librealsense's, COLMAP's.
+_DISTORTION = re.compile(r"(.*distortion(?!_model).*|dist(_?coeffs?)?|coeffs|d|k[1-6]|p[12])", re.I)
+
+
+def _one_camera(values: Mapping[str, Any]) -> Intrinsics:
+    """The intrinsics that all of the values agree on, of a lens that does not distort."""
+    for name, value in values.items():
+        if _DISTORTION.fullmatch(str(name)) and not _is_zero(value):
+            raise ValueError(
+                f"the lens distorts ({name} = {short(value)}), which is not undone here: give "
+                "undistorted images (OpenCV's undistort for the colour, initUndistortRectifyMap "
+                "and remap with INTER_NEAREST for depth and mask) and their intrinsics"
+            )
+    others = {
+        new: values[old] for new, old in (("width", "xres"), ("height", "yres")) if old in values
+    }
+    if "K" in values:
+        others |= _of_matrix(values["K"])
+    for name, value in others.items():
+        if values.get(name, value) != value:
+            raise ValueError(f"{name} is {short(values[name])}, but also {short(value)}")
+    return Intrinsics.from_dict({**others, **values})
+
+
+def _of_matrix(matrix: Any) -> dict[str, float]:
+    """The focal lengths and the principal point of a calibration matrix."""
+    if np.shape(matrix) != (3, 3):
+        raise ValueError(f"K must have shape (3, 3), got {np.shape(matrix)}")
+    k = np.array([[checked_number("K", x) for x in row] for row in matrix])
+    if abs(k[0, 1]) > 1e-9 or abs(k[1, 0]) > 1e-9 or not np.allclose(k[2], (0, 0, 1)):
+        raise ValueError(f"K must be a pinhole matrix without skew, got {k.tolist()}")
+    (fx, _, cx), (_, fy, cy) = k[:2].tolist()
+    return {"fx": fx, "fy": fy, "cx": cx, "cy": cy}
+
+
+def _is_zero(value: Any) -> bool:
+    """Whether nothing but zeros stands there."""
+    if isinstance(value, Mapping):
+        return _is_zero(value.get("data", list(value.values())))
+    if isinstance(value, list):
+        return all(map(_is_zero, value))
+    return value is None or bool(value == 0)
+
+
+def checked_number(name: str, value: Any) -> float:
+    """Take a number from a file, or say what stands there (`true` is none, nor is "7")."""
+    if isinstance(value, Real) and not isinstance(value, bool):
+        with contextlib.suppress(OverflowError):
+            return float(value)
+    raise ValueError(f"{name} must be a number, got {short(value)}")
 
 
 def valid_depth(depth: FloatArray) -> BoolArray:

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -27,6 +27,7 @@ from scipy.optimize import isotonic_regression
 from scipy.special import expit
 
 from hadr.camera import BoolArray, FloatArray
+from hadr.records.reading import structured
 
 TOLERANCE_M = 0.02
 """An error below this is what a confidence speaks of, metres."""
@@ -78,12 +79,6 @@ class Calibration:
     def to_dict(self) -> dict[str, Any]:
         """The numbers, for a checkpoint's record."""
         return {**asdict(self), "scores": [*self.scores], "probabilities": [*self.probabilities]}
-
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> Calibration:
-        """Build it from `to_dict`, or from the same read from JSON."""
-        knots = {name: tuple(values[name]) for name in ("scores", "probabilities")}
-        return cls(**{**values, **knots})
 
 
 def fit_calibration(
@@ -157,6 +152,10 @@ class ConfidenceRule:
     scale: float
     calibration: Calibration
 
+    def __post_init__(self) -> None:
+        if not self.scale > 0:
+            raise ValueError(f"the scale of a confidence must be positive, got {self.scale}")
+
     def score(self, signal: FloatArray) -> npt.NDArray[np.float64]:
         """Standardise the signal, any shape, and bring it to 0..1."""
         return np.asarray(expit((np.asarray(signal, np.float64) - self.center) / self.scale))
@@ -184,13 +183,22 @@ class ConfidenceRule:
         """Build the rule from `to_dict` or from the same read from JSON; further keys are left.
 
         Raises:
-            ValueError: The record joins several signals, or has another one.
+            ValueError: The record joins several signals, lacks a field or has a wrong one.
         """
-        signals = values["signals"]
-        if len(signals) != 1 or signals[0] not in get_args(Signal):
-            raise ValueError(f"a confidence is made of one of {get_args(Signal)}, got {signals}")
-        (center,), (scale,) = values["center"], values["scale"]
-        return cls(signals[0], center, scale, Calibration.from_dict(values["calibration"]))
+        stored = structured(values, _StoredRule, "confidence", further=True)
+        (signal,), (center,), (scale,) = stored.signals, stored.center, stored.scale
+        return cls(signal, center, scale, stored.calibration)
+
+
+@dataclass(frozen=True)
+class _StoredRule:
+    """A rule as records store it; rules of several signals are none of ours."""
+
+    signals: tuple[Signal]
+    center: tuple[float]
+    scale: tuple[float]
+    weights: tuple[float]
+    calibration: Calibration
 
 
 def signal_of(output: Any, signal: Signal = "candidates") -> Any:

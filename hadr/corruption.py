@@ -47,17 +47,17 @@ frames of ClearGrasp, each counting once. Of the pixels inside the mask whose tr
 #: No depth in the object's mask, as the published experiments have it.
 ORACLE = CorruptionConfig()
 #: A stereo camera imitated by formulas: patches, disparity noise, frayed outlines.
-SENSOR = CorruptionConfig(erase=False, see_through=True, stereo=True, edges=True)
+ANALYTIC = CorruptionConfig(erase=False, see_through=True, stereo=True, edges=True)
 #: What a depth camera measured, taken as it is.
-CAPTURED = CorruptionConfig(erase=False, captured=True)
+SENSOR = CorruptionConfig(erase=False, captured=True)
 #: The same with the depth in the object's mask erased.
 ERASED = CorruptionConfig(erase=True, captured=True)
 
 Corruption = Literal["oracle", "analytic", "sensor", "erased"]
 CORRUPTIONS: dict[Corruption, CorruptionConfig] = {
     "oracle": ORACLE,
-    "analytic": SENSOR,
-    "sensor": CAPTURED,
+    "analytic": ANALYTIC,
+    "sensor": SENSOR,
     "erased": ERASED,
 }
 """Those that networks are trained with, by their name in recipes, checkpoints and commands. Where

@@ -37,16 +37,21 @@ def checked_depth(
     for name, odd in (("NaN", np.isnan(depth)), ("infinite", np.isinf(depth))):
         if odd.any():
             notes.append(f"{int(odd.sum())} pixels of the depth are {name} and count as missing")
+    return checked_metres("depth", depth)
+
+
+def checked_metres(name: str, depth: FloatArray) -> NDArray[np.float32]:
+    """Check that a depth image (H, W) can be one in metres: itself, 0 where not finite."""
     clean = np.where(np.isfinite(depth), depth, 0).astype(np.float32)
     if (clean < 0).any():
         raise ValueError(
-            f"depth must not be negative, got {float(clean.min()):g} m in "
+            f"{name} must not be negative, got {float(clean.min()):g} m in "
             f"{int((clean < 0).sum())} pixels; expected z-depth in metres, 0 where missing"
         )
     valid = clean > 0
     if not valid.any():
         raise ValueError(
-            f"depth is missing everywhere: all {clean.size} pixels are 0, NaN or infinite, "
+            f"{name} is missing everywhere: all {clean.size} pixels are 0, NaN or infinite, "
             "expected z-depth in metres"
         )
     # The median lies beyond a limit where more than half of the pixels do; counting is faster.
@@ -59,7 +64,7 @@ def checked_depth(
         if median > DEEPEST_MEDIAN_M:
             unit = "in millimetres" if median > 200 else "in centimetres"
         raise ValueError(
-            f"depth has a median of {median:g}, expected metres between {NEAREST_MEDIAN_M:g} and "
+            f"{name} has a median of {median:g}, expected metres between {NEAREST_MEDIAN_M:g} and "
             f"{DEEPEST_MEDIAN_M:g}; is it {unit}? (on the command line: --depth-scale)"
         )
     return clean
@@ -84,20 +89,32 @@ def checked_mask(mask: BoolArray | None, clean: NDArray[np.float32], notes: list
 
 
 def depth_to_use(
-    depth: NDArray[np.float32], mask: BoolArray, corruption: Corruption, notes: list[str]
+    depth: NDArray[np.float32], mask: BoolArray, corruption: Corruption
 ) -> NDArray[np.float32]:
-    """Erase what was measured in the mask, if this corruption does; note if anything was.
+    """Erase what was measured in the mask, if this corruption does.
 
     Depth is z-depth in metres, (H, W), 0 = missing; the mask is (H, W) bool.
     """
+    return np.where(mask, np.float32(0), depth) if CORRUPTIONS[corruption].erase else depth
+
+
+def note_measured(
+    depth: NDArray[np.float32],
+    mask: BoolArray,
+    corruption: Corruption,
+    skipped_by: str | None,
+    notes: list[str],
+) -> None:
+    """Say what becomes of depth that was measured inside the mask, which a network may skip."""
     measured = int((mask & (depth > 0)).sum())
-    trusted = not CORRUPTIONS[corruption].erase
+    if CORRUPTIONS[corruption].erase:
+        fate = "not trusted and was erased"
+    else:
+        fate = f"not used: {skipped_by} looks at none there" if skipped_by else "trusted"
     if measured:
         notes.append(
-            f"{measured} of the mask's {int(mask.sum())} pixels had a measured depth; it is "
-            + ("trusted as far as the method does" if trusted else "not trusted and was erased")
+            f"{measured} of the mask's {int(mask.sum())} pixels had a measured depth; it is {fate}"
         )
-    return depth if trusted else np.where(mask, np.float32(0), depth)
 
 
 def check_mask_form(name: str, mask: BoolArray, clean: NDArray[np.float32]) -> None:
@@ -119,6 +136,11 @@ def checked_hand(
 
     hand = check_keypoints(keypoints)
     worst = int(np.argmin(hand[:, 2]))
+    if hand.max() > DEEPEST_MEDIAN_M:
+        raise ValueError(
+            f"a hand keypoint has a coordinate of {hand.max():g} m, expected at most "
+            f"{DEEPEST_MEDIAN_M:g}; are the keypoints in metres?"
+        )
     if hand[worst, 2] <= 0:
         raise ValueError(
             f"hand keypoint {worst} ({KEYPOINT_NAMES[worst]}) has z = {hand[worst, 2]:g} m, "

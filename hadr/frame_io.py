@@ -13,6 +13,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
+from reprlib import repr as short
 from threading import Lock
 from typing import Any
 
@@ -20,8 +21,17 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from hadr.camera import BoolArray, FloatArray, Intrinsics, back_project, valid_depth
-from hadr.data.frame_pictures import decode_image
+from hadr.camera import (
+    LARGEST_IMAGE,
+    BoolArray,
+    FloatArray,
+    Intrinsics,
+    back_project,
+    checked_number,
+    valid_depth,
+)
+from hadr.data.frame_pictures import JPEG_START, decode_image
+from hadr.hand import check_keypoints
 
 DEFAULT_DEPTH_SCALE = 0.001
 _QUIET = Lock()
@@ -48,7 +58,8 @@ def read_depth(path: str | Path, scale: float | None = None) -> NDArray[np.float
     """Read a depth image.
 
     Args:
-        path: A 16-bit one-channel PNG, a `.npy` array or an OpenEXR image (its first channel).
+        path: A 16-bit one-channel PNG, a `.npy` array (H, W) or (H, W, 1), or an OpenEXR image:
+            its channel Z, or what all its channels agree on.
         scale: Metres per stored unit. None means 0.001 where whole numbers are stored (PNG,
             integer `.npy`) and 1 where floats are (float `.npy`, EXR).
 
@@ -57,11 +68,13 @@ def read_depth(path: str | Path, scale: float | None = None) -> NDArray[np.float
 
     Raises:
         FileNotFoundError: No such file.
-        ValueError: Not a whole depth image, or a scale that is not positive.
+        ValueError: Not a whole depth image, or a scale that is not in [0.000001, 1].
     """
     path = Path(path)
-    if scale is not None and not (np.isfinite(scale) and scale > 0):
-        raise ValueError(f"depth scale must be a positive number of metres per unit, got {scale}")
+    if scale is not None and not 1e-6 <= scale <= 1:
+        raise ValueError(
+            f"the depth's scale (--depth-scale) must be 0.000001 to 1 metres per unit, got {scale}"
+        )
     stored: NDArray[Any]
     if path.suffix.lower() == ".npy":
         stored = _read_npy(path, "depth")
@@ -74,30 +87,44 @@ def read_depth(path: str | Path, scale: float | None = None) -> NDArray[np.float
                 f"depth {path} must be a 16-bit one-channel PNG, a .npy or an .exr file, "
                 f"got {_kind(stored)}"
             )
-    if stored.ndim == 3 and stored.shape[2] > 0:
+    if stored.ndim == 3 and stored.shape[2] == 1:
         stored = stored[..., 0]
-    if stored.ndim != 2 or stored.dtype.kind not in "fiu":
-        raise ValueError(f"depth {path} must be (H, W) numbers, got {stored.shape} {stored.dtype}")
+    if stored.ndim != 2 or stored.dtype.kind not in "fiu" or stored.dtype.itemsize == 1:
+        raise ValueError(
+            f"depth {path} must be (H, W) numbers of 16 bits or more, got {_kind(stored)}"
+        )
     if scale is None:
         scale = 1.0 if stored.dtype.kind == "f" else DEFAULT_DEPTH_SCALE
-    return (stored.astype(np.float64) * scale).astype(np.float32)
+    with np.errstate(over="ignore"):  # infinite depth is told of as such
+        return (stored.astype(np.float64) * scale).astype(np.float32)
 
 
 def _read_exr(path: Path, name: str) -> NDArray[Any]:
-    """The channel Z of an OpenEXR image or, where there is none, its first one, shape (H, W)."""
+    """The channel Z of an OpenEXR image, or what its channels agree on, shape (H, W)."""
     import OpenEXR
 
     _check_file(path, name)
     try:
         with quiet():
-            channels = OpenEXR.File(str(path), separate_channels=True).channels()
-        stored: NDArray[Any] = channels.get("Z", next(iter(channels.values()))).pixels
-    except (RuntimeError, ValueError, StopIteration) as error:
+            opened = OpenEXR.File(str(path), separate_channels=True).channels()
+        channels: dict[str, NDArray[Any]] = {name: one.pixels for name, one in opened.items()}
+    except Exception as error:  # whatever the library says of a damaged file
         raise ValueError(
             f"{name} {path} is not a whole OpenEXR image: its {path.stat().st_size} bytes are "
             "truncated, damaged or of another format"
         ) from error
-    return stored
+    names = set(channels) - {"A"}
+    if "Z" in names:
+        return channels["Z"]
+    alike = names == {"R", "G", "B"} and all(
+        np.array_equal(channels["R"], channels[other], equal_nan=True) for other in "GB"
+    )
+    if alike or len(names) == 1:
+        return channels[names.pop()]
+    raise ValueError(
+        f"{name} {path} has the channels {', '.join(channels)}, expected Z, a single one, or the "
+        "same depth in R, G and B"
+    )
 
 
 @contextmanager
@@ -116,10 +143,11 @@ def quiet() -> Iterator[None]:
 
 
 def read_mask(path: str | Path, name: str = "mask") -> BoolArray:
-    """Read a mask: pixels that are not zero in an 8-bit image or a `.npy` array.
+    """Read a mask: pixels that are not zero in an 8-bit PNG or a `.npy` array.
 
     Args:
-        path: The file; no JPEG, whose compression puts small values around the mask.
+        path: The file; no JPEG, whose compression puts small values around the mask, and no picture
+            in colours.
         name: What to call it in errors.
 
     Returns:
@@ -127,21 +155,23 @@ def read_mask(path: str | Path, name: str = "mask") -> BoolArray:
 
     Raises:
         FileNotFoundError: No such file.
-        ValueError: Not a whole image, a JPEG, or not numbers.
+        ValueError: Not a whole image, a JPEG, in colours, not of 8 bits, or not numbers.
     """
-    if Path(path).suffix.lower() in (".jpg", ".jpeg"):
-        raise ValueError(
-            f"{name} {path} is a JPEG, whose compression blurs a mask's border; expected a PNG "
-            "(0 or 255) or a .npy"
-        )
     if Path(path).suffix.lower() == ".npy":
         stored: NDArray[Any] = _read_npy(Path(path), name)
-        if stored.dtype.kind not in "biuf" or not np.isfinite(stored).all():
-            raise ValueError(f"{name} {path} must hold finite numbers or bool, got {stored.dtype}")
+        kind = stored.dtype.kind
+        if kind not in "biuf" or (kind == "f" and not np.isin(stored, (0, 1)).all()):
+            raise ValueError(
+                f"{name} {path} must hold bool, whole numbers, or 0 and 1, got {stored.dtype}"
+            )
     else:
-        stored = _read_image(path, name)
-        if stored.ndim == 3:
-            stored = stored[..., :3].max(axis=-1)
+        stored = _read_image(path, name, lossless=True)
+        if stored.ndim == 3 and (stored[..., :3] == stored[..., :1]).all():
+            stored = stored[..., 0]
+        if stored.ndim != 2 or stored.dtype != np.uint8:
+            raise ValueError(
+                f"{name} {path} must be an 8-bit image without colours, got {_kind(stored)}"
+            )
     if stored.ndim != 2:
         raise ValueError(f"{name} {path} must be (H, W), got {stored.shape} {stored.dtype}")
     return np.asarray(stored != 0)
@@ -153,17 +183,20 @@ def read_hand(path: str | Path) -> NDArray[np.float64]:
     Args:
         path: JSON (a list of 21 `[x, y, z]`, or an object with that list as `keypoints`), text
             (21 lines `x y z`, spaces or commas) or `.npy`; order wrist, then thumb, index, middle,
-            ring, little finger. The door that uses them checks the shape.
+            ring, little finger.
 
     Raises:
         FileNotFoundError: No such file.
-        ValueError: Not numbers.
+        ValueError: Not 21 times 3 finite numbers.
     """
     path = Path(path)
     _check_file(path, "hand")
     try:
         if path.suffix.lower() == ".npy":
-            return np.asarray(_read_npy(path, "hand"), dtype=np.float64)
+            stored = _read_npy(path, "hand")
+            if stored.dtype.kind not in "fiu":
+                raise ValueError(f"got {_kind(stored)}")
+            return check_keypoints(stored)
         text = path.read_text(encoding="utf-8")
         if path.suffix.lower() == ".json":
             values = json.loads(text)
@@ -173,15 +206,17 @@ def read_hand(path: str | Path) -> NDArray[np.float64]:
                 if values.get("accepted") is False:
                     raise ValueError(
                         "what 'hadr restore' found there was not accepted as a hand: "
-                        f"{values.get('problems')}"
+                        f"{short(values.get('problems'))}"
                     )
                 values = values["keypoints"]
-            return np.asarray(values, dtype=np.float64)
-        rows = [line.replace(",", " ").split() for line in text.splitlines()]
-        return np.asarray([[float(x) for x in row] for row in rows if row], dtype=np.float64)
-    except (ValueError, TypeError) as error:
+            rows = [[checked_number("a coordinate", x) for x in row] for row in values]
+            return check_keypoints(rows)
+        rows = [[float(x) for x in line.replace(",", " ").split()] for line in text.splitlines()]
+        return check_keypoints([row for row in rows if row])
+    except (ValueError, TypeError, RecursionError) as error:
         raise ValueError(
-            f"hand {path} must hold 21 keypoints x y z in metres as JSON, text or .npy: {error}"
+            f"hand {path} must hold 21 keypoints x y z in metres as JSON, text or .npy: "
+            f"{str(error)[:300]}"
         ) from error
 
 
@@ -224,19 +259,27 @@ def _check_file(path: Path, name: str) -> None:
 def _read_npy(path: Path, name: str) -> NDArray[Any]:
     _check_file(path, name)
     try:
-        stored = np.load(path, allow_pickle=False)
-    except (ValueError, EOFError, OSError) as error:
-        raise ValueError(
-            f"{name} {path} is not a whole .npy file of numbers: {str(error).splitlines()[0]}"
-        ) from error
-    return np.asarray(stored)
+        # Without setting aside what the header says; neither .npz nor pickle.
+        stored = np.lib.format.open_memmap(path, mode="r")
+    except Exception as error:  # whatever Python's parser says of a damaged header
+        why = str(error).partition("\n")[0] or type(error).__name__
+        raise ValueError(f"{name} {path} is not a whole .npy file of numbers: {why}") from error
+    if stored.size > LARGEST_IMAGE:
+        raise ValueError(f"{name} {path} has {stored.size} numbers, at most {LARGEST_IMAGE}")
+    return np.array(stored)
 
 
-def _read_image(path: str | Path, name: str) -> NDArray[Any]:
+def _read_image(path: str | Path, name: str, *, lossless: bool = False) -> NDArray[Any]:
     path = Path(path)
     _check_file(path, name)
+    data = path.read_bytes()
+    if lossless and data.startswith(JPEG_START):
+        raise ValueError(
+            f"{name} {path} is a JPEG, whose compression blurs a mask's border; expected a PNG "
+            "(0 or 255) or a .npy"
+        )
     try:
-        return decode_image(path.read_bytes(), cv2.IMREAD_UNCHANGED)
+        return decode_image(data, cv2.IMREAD_UNCHANGED)
     except ValueError as error:
         raise ValueError(f"{name} {path} is not a whole image, PNG or JPEG: {error}") from error
 

@@ -26,11 +26,12 @@ import numpy.typing as npt
 from hadr.camera import FloatArray, Intrinsics
 from hadr.confidence import ConfidenceRule, within_learned
 from hadr.frame_features import FEATURES, Features, frame_features
+from hadr.records.reading import structured
 
 if TYPE_CHECKING:
     from torch import Tensor, nn
 
-    from hadr.models.hadr_input import HADRInput
+    from hadr.models.network_input import HADRInput
 
 Array = npt.NDArray[np.float64]
 
@@ -206,8 +207,9 @@ class Field:
         """Build it from `to_dict`, or from the same read from JSON.
 
         Raises:
-            ValueError: It has features that are not in `FEATURES`.
+            ValueError: It has unknown features, lacks a field or has a wrong one.
         """
+        structured(values, _StoredField, "field", further=True)
         names = tuple(values["features"])
         unknown = sorted(set(names) - set(FEATURES))
         if unknown:
@@ -269,7 +271,8 @@ class Sight:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Sight:
-        """Build it from `to_dict`, or from the same read from JSON."""
+        """Build it from `to_dict`, or from the same read from JSON; errors as `Field.from_dict`."""
+        structured(values, _StoredSight, "sight", further=True)
         mean, spread, directions = (np.asarray(values[name], float) for name in _SIGHT)
         return cls(mean, spread, directions)
 
@@ -303,8 +306,54 @@ class Ground:
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Ground:
         """Build it from `to_dict`, or from the same read from JSON; further keys are left."""
+        structured(values, _StoredGround, "ground", further=True)
         fields = {name: Field.from_dict(field) for name, field in values["fields"].items()}
         return cls(fields, Sight.from_dict(values["sight"]))
+
+
+@dataclass(frozen=True)
+class _StoredField:
+    """A field as records store it."""
+
+    features: list[str]
+    low: list[float]
+    high: list[float]
+    mean: list[float]
+    spread: list[float]
+    correlation: list[float]
+    limit: float
+    confidence: dict[str, Any] | None
+
+    def __post_init__(self) -> None:
+        count = len(self.features)
+        for name in _ARRAYS:
+            if len(getattr(self, name)) != count:
+                raise ValueError(
+                    f"{name} must hold {count} numbers, got {len(getattr(self, name))}"
+                )
+        if len(self.correlation) != count * (count + 1) // 2:
+            raise ValueError(f"correlation must be that of {count} features")
+
+
+@dataclass(frozen=True)
+class _StoredSight:
+    """A sight as records store it."""
+
+    mean: list[float]
+    spread: list[float]
+    directions: list[list[float]]
+
+    def __post_init__(self) -> None:
+        if {len(self.mean)} != {len(self.spread), *map(len, self.directions)}:
+            raise ValueError("mean, spread and directions must be of one length")
+
+
+@dataclass(frozen=True)
+class _StoredGround:
+    """A ground as records store it."""
+
+    fields: dict[str, dict[str, Any]]
+    sight: dict[str, Any]
 
 
 def shrunk_covariance(values: FloatArray) -> Array:

@@ -25,6 +25,7 @@ from hadr.frame_checks import (
     checked_hand,
     checked_mask,
     depth_to_use,
+    note_measured,
 )
 from hadr.known_ground import Verdict
 from hadr.models.hand.plausible import HandCheck, NoHandError, check_hand
@@ -144,7 +145,7 @@ class _Known:
 
     def unlike_training(self, network: DepthNetwork, trusted: Corruption) -> Iterator[str]:
         """What the network is given in another way than in training, in words."""
-        if CORRUPTIONS[trusted].erase != network.erases:
+        if CORRUPTIONS[trusted].erase != network.erases and not network.skips_mask:
             yield f"depth in the mask is {'kept, learned without' if network.erases else 'erased'}"
         if not self.given_mask:
             yield "the mask is not given, learned with true ones"
@@ -336,17 +337,21 @@ class Restorer:
         network = self._fitting(known.hand is not None or self.finder is not None)
         learned: Corruption = "oracle" if isinstance(network, str) else network.corruption
         trusted = self.corruption or learned
-        seen = depth_to_use(known.depth, known.target, trusted, notes)
+        seen = depth_to_use(known.depth, known.target, trusted)
         if known.hand is None and self.finder is not None:
             known = replace(known, hand=self._find_hand(self.finder, known, seen, notes))
             network = self._fitting(known.keypoints is not None)
+        skipped_by = None if isinstance(network, str) or not network.skips_mask else network.title
+        note_measured(known.depth, known.target, trusted, skipped_by, notes)
         if isinstance(network, str):
             method = self._without_network(network, notes)
             return known, _classical(method, known, known.target & ~valid_depth(seen))
         asked = replace(network, corruption=trusted)
         unlike = tuple(known.unlike_training(network, trusted))
         place = known.camera, known.target, known.keypoints
-        answer = asked.restore(known.color, seen, *place, known.depth, unlike)
+        answer = asked.restore(
+            known.color, seen, *place, known.depth, unlike, beyond=network.can_say
+        )
         notes += network.notes(answer, trusted, known.camera)
         filled = np.where(known.target, answer.depth, known.depth)
         sure, tolerance = answer.confidence, answer.tolerance_m

@@ -104,10 +104,17 @@ def test_crop_outside_of_the_image(box):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"fx": 0.0}, "fx must be a positive focal length in pixels, got 0.0"),
-        ({"fy": float("nan")}, "fy must be a positive focal length in pixels, got nan"),
-        ({"width": 0}, "width must be a positive whole number of pixels, got 0"),
-        ({"height": 2.5}, "height must be a positive whole number of pixels, got 2.5"),
+        (
+            {"fx": 0.0},
+            "fx must be a focal length in pixels, for an image of 8 between 0.4 and .*, got 0",
+        ),
+        ({"fy": float("nan")}, "fy must be a focal length in pixels, .* got nan"),
+        ({"fx": 0.9, "width": 640}, "fx must be .* for an image of 640 between 32 and .*, got 0.9"),
+        ({"fx": 1e308}, r"fx must be .* got 1e\+308"),
+        ({"width": 0}, "width must be a positive whole number of pixels, .*got 0"),
+        ({"height": 2.5}, "height must be a positive whole number of pixels, .*got 2.5"),
+        ({"width": 10**9}, r"width must be .* at most 67108864, got 1e\+09"),
+        ({"width": 10**4, "height": 10**4}, "at most 67108864 pixels, got 10000x10000"),
         ({"cx": 100.0}, "cx must lie near the image of 8 pixels, got 100.0"),
         ({"cy": float("inf")}, "cy must lie near the image of 4 pixels, got inf"),
     ],
@@ -148,14 +155,37 @@ def test_load_intrinsics_in_three_forms(tmp_path):
     )
 
 
+NAMED = "fy: 80\ncx: 3\ncy: 1\nwidth: 8\nheight: 4\n"
+
+
+def test_a_lens_without_distortion_and_what_is_told_twice_alike(tmp_path):
+    path = tmp_path / "camera.yaml"
+    more = (
+        "xres: 8\nyres: 4\ndistortion_model: plumb_bob\nD: [0, 0.0, 0]\ndist: {cols: 5, data: [0]}"
+    )
+    path.write_text(f"{NAMED}fx: 80\nK: [[80, 0, 3], [0, 80, 1], [0, 0, 1]]\n{more}")
+    assert load_intrinsics(path) == Intrinsics(80, 80, 3, 1, 8, 4)
+
+
 @pytest.mark.parametrize(
     ("name", "text", "message"),
     [
         ("a.json", "{fx: ", "neither valid YAML nor JSON"),
         ("a.yaml", "[1, 2, 3]", "must hold named values"),
         ("a.json", '{"fx": 1, "fy": 1, "cx": 0}', "lack cy, width, height"),
-        ("a.json", '{"K": [[1,0,0],[0,1,0],[0,0,1]], "width": 4}', "lacks 'height' beside K"),
-        ("a.yaml", "fx: wide\nfy: 1\ncx: 0\ncy: 0\nwidth: 1\nheight: 1", "wide"),
+        ("a.json", '{"K": [[1,0,0],[0,1,0],[0,0,1]], "width": 4}', "lack height"),
+        ("a.json", '{"a": ' * 100_000, "neither valid YAML nor JSON"),
+        ("a.yaml", "[" * 100_000, "neither valid YAML nor JSON"),
+        ("a.json", '{"fx": 1, "fx": 2}', "'fx' stands there twice"),
+        ("a.yaml", "fx: 1\nfx: 2", "'fx' stands there twice"),
+        ("a.yaml", NAMED + "fx: wide", "fx must be a number, got 'wide'"),
+        ("a.yaml", NAMED + "fx: true", "fx must be a number, got True"),
+        ("a.yaml", NAMED + f"fx: {10**400}", "fx must be a number, got 1000"),
+        ("a.yaml", NAMED + "fx: 80\nxres: 128", "width is 8, but also 128"),
+        ("a.yaml", NAMED + "fx: 80\nK: [[9, 0, 3], [0, 9, 1], [0, 0, 1]]", "fx is 80, but also 9"),
+        ("a.yaml", NAMED + "fx: 80\nk1: 0.2", r"the lens distorts \(k1 = 0.2\), .* undistorted"),
+        ("a.yaml", NAMED + "fx: 80\nD: [0, 0, 0, 0, 1.0e-3]", r"the lens distorts \(D = "),
+        ("a.yaml", NAMED + "fx: 80\ndistortion: {rows: 1, data: [1]}", "the lens distorts"),
     ],
 )
 def test_bad_intrinsics_files(tmp_path, name, text, message):

@@ -163,6 +163,49 @@ def test_truth_prints_the_errors_of_both(frame, capsys) -> None:
     assert "RMSE (cm) 5.00" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(
+    ("truth", "sentence"),
+    [
+        (750.0, "truth has a median of 750, expected metres between 0.02 and 20; is it in milli"),
+        (-0.75, "truth must not be negative"),
+        (0.0, "truth is missing everywhere"),
+        (np.nan, "truth is missing everywhere"),
+    ],
+)
+def test_a_truth_that_can_t_be_one_is_refused(frame, capsys, truth, sentence) -> None:
+    np.save(frame / "truth.npy", np.full((48, 64), truth, np.float32))
+    assert main(words(frame, truth=frame / "truth.npy")) == 2
+    assert sentence in capsys.readouterr().err
+
+
+def test_a_truth_unknown_in_the_mask_is_said(frame) -> None:
+    np.save(frame / "truth.npy", np.where(read_mask(frame / "mask.png"), 0, 0.8))
+    assert main(words(frame, truth=frame / "truth.npy")) == 0
+    report = json.loads((frame / "out" / "report.json").read_text())
+    assert report["errors_in_mask"] == {}
+    assert "no errors can be stated: the truth is known in 0 of the mask's" in report["notes"][-1]
+
+
+def test_nothing_restored_is_exit_status_1_with_the_reasons(frame, capsys) -> None:
+    import torch
+
+    from hadr.models.hadr import HADR
+    from hadr.training.checkpoints import save_checkpoint
+    from hadr.training.presets import preset
+
+    torch.manual_seed(0)
+    path = frame / "near.safetensors"
+    size = {"width": 64, "height": 48, "learned_range": {"depth_m": [0.1, 0.2]}}
+    save_checkpoint(path, HADR(preset("tiny").model), size)
+    assert main([*words(frame, hand=frame / "hand.json", checkpoint=path), "--quiet"]) == 1
+    told = capsys.readouterr().err
+    assert told.startswith("hadr restore: error: nothing could be restored: all 400 pixels")
+    report = json.loads((frame / "out" / "report.json").read_text())
+    assert any(
+        "HADR gives 100.0 % one outside of what it has learned" in n for n in report["notes"]
+    )
+
+
 def test_hadr_through_the_command(frame, capsys) -> None:
     import torch
 
@@ -180,7 +223,7 @@ def test_hadr_through_the_command(frame, capsys) -> None:
     assert report["inputs"]["checkpoint"]["sha256"]
     confidence = np.load(frame / "out" / "confidence.npy")[read_mask(frame / "mask.png")]
     assert (confidence == 0).all()
-    assert report["confidence_means"] == "0, not known: the given hand does not fit this frame"
+    assert report["confidence_means"] == "0, the method cannot say how sure it is"
     assert "method    HADR\n" in capsys.readouterr().out
 
 

@@ -1,4 +1,5 @@
 import json
+import math
 from types import SimpleNamespace
 
 import numpy as np
@@ -67,7 +68,6 @@ def test_a_calibration_never_falls(drawn, bins) -> None:
     assert (np.diff(said) >= 0).all()
     assert said.min() >= 0
     assert said.max() <= 1
-    assert Calibration.from_dict(json.loads(json.dumps(found.to_dict()))) == found
 
 
 @pytest.mark.parametrize(
@@ -189,8 +189,10 @@ def test_a_rule_survives_json_and_one_of_several_signals_is_refused() -> None:
     record = json.loads(json.dumps({**rule.to_dict(), "fitted_on": "more"}))
     assert ConfidenceRule.from_dict(record) == rule
     joined = record | {"signals": ["network", "candidates", "neighbours"]}
-    with pytest.raises(ValueError, match=r"made of one of .*, got \['network', 'candidates'"):
+    with pytest.raises(ValueError, match="signals: Too many values"):
         ConfidenceRule.from_dict(joined)
+    with pytest.raises(ValueError, match=r"confidence: scale\[0\]: must be a number, got nan"):
+        ConfidenceRule.from_dict(record | {"scale": [math.nan]})
     with pytest.raises(ValueError, match="finite signals"):
         fit_confidence(np.array([0.0, np.inf]), np.zeros(2))
 

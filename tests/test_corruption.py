@@ -5,8 +5,8 @@ from hypothesis import strategies as st
 
 from hadr.camera import Intrinsics
 from hadr.corruption import (
+    ANALYTIC,
     BACKGROUND_SHARE,
-    CAPTURED,
     MISSING_SHARE,
     SENSOR,
     CorruptionConfig,
@@ -207,7 +207,7 @@ def test_corrupt_is_the_oracle_by_default_and_repeats_with_the_seed() -> None:
     oracle = corrupt(depth, mask, CAMERA, np.random.default_rng(0))
     np.testing.assert_array_equal(oracle, erase_mask(depth, mask))
     first, again, other = (
-        corrupt(depth, mask, CAMERA, np.random.default_rng(seed), SENSOR, plane(1.3))
+        corrupt(depth, mask, CAMERA, np.random.default_rng(seed), ANALYTIC, plane(1.3))
         for seed in (5, 5, 6)
     )
     np.testing.assert_array_equal(first, again)
@@ -223,14 +223,14 @@ def test_a_captured_depth_replaces_the_true_one() -> None:
     depth, mask = two_steps(), disc()
     raw = np.full_like(depth, 0.7)
     raw[:5], raw[5:9] = np.nan, -1.0
-    taken = corrupt(depth, mask, CAMERA, np.random.default_rng(0), CAPTURED, raw_depth=raw)
+    taken = corrupt(depth, mask, CAMERA, np.random.default_rng(0), SENSOR, raw_depth=raw)
     assert (taken[:9] == 0).all()
     assert (taken[9:] == np.float32(0.7)).all()
     assert taken.dtype == np.float32
     with pytest.raises(ValueError, match="captured needs raw_depth"):
-        corrupt(depth, mask, CAMERA, np.random.default_rng(0), CAPTURED)
+        corrupt(depth, mask, CAMERA, np.random.default_rng(0), SENSOR)
     with pytest.raises(ValueError, match=r"depth and raw_depth .* got \(120, 160\) and \(2, 2\)"):
-        corrupt(depth, mask, CAMERA, np.random.default_rng(0), CAPTURED, raw_depth=np.ones((2, 2)))
+        corrupt(depth, mask, CAMERA, np.random.default_rng(0), SENSOR, raw_depth=np.ones((2, 2)))
 
 
 def test_the_default_shares_are_the_real_ones(realdata) -> None:
@@ -278,7 +278,7 @@ def test_errors_name_the_values() -> None:
             background_share=0.6,
         )
     with pytest.raises(ValueError, match="see_through needs background_depth"):
-        corrupt(depth, mask, CAMERA, np.random.default_rng(0), SENSOR)
+        corrupt(depth, mask, CAMERA, np.random.default_rng(0), ANALYTIC)
 
 
 @settings(max_examples=25)

@@ -1,4 +1,6 @@
 import json
+import struct
+import zlib
 
 import cv2
 import numpy as np
@@ -46,7 +48,7 @@ def test_depth_png_round_trip(tmp_path) -> None:
         (np.array([[0.7]], np.float64), None, 0.7),
         (np.array([[700]], np.uint16), None, 0.7),
         (np.array([[700.0]], np.float32), 0.001, 0.7),
-        (np.array([[[0.7, 5.0, 5.0]]], np.float32), None, 0.7),
+        (np.array([[[0.7]]], np.float32), None, 0.7),
     ],
 )
 def test_depth_npy_whole_numbers_are_millimetres_floats_are_metres(
@@ -62,9 +64,9 @@ def test_depth_npy_whole_numbers_are_millimetres_floats_are_metres(
 def test_mask_is_everything_not_zero(tmp_path) -> None:
     cv2.imwrite(str(tmp_path / "mask.png"), np.array([[0, 1], [255, 0]], np.uint8))
     assert read_mask(tmp_path / "mask.png").tolist() == [[False, True], [True, False]]
-    color = np.zeros((2, 2, 3), np.uint8)
-    color[0, 0, 1] = 9
-    cv2.imwrite(str(tmp_path / "mask3.png"), color)
+    grey = np.zeros((2, 2, 3), np.uint8)
+    grey[0, 0] = 9
+    cv2.imwrite(str(tmp_path / "mask3.png"), grey)
     assert read_mask(tmp_path / "mask3.png").tolist() == [[True, False], [False, False]]
 
 
@@ -86,6 +88,9 @@ def test_hand_in_all_its_forms(tmp_path) -> None:
         ("b.json", "[[1, 2, 3], [1, 2]]"),
         ("c.txt", "wrist 1 2 3"),
         ("d.json", "not json"),
+        ("e.json", "[" * 100_000),
+        ("f.json", f"[[0, 0, {10**400}]]"),
+        ("g.json", "[[0, 0, true]]"),
     ],
 )
 def test_hand_that_is_no_hand(tmp_path, name: str, content: str) -> None:
@@ -126,12 +131,16 @@ def test_wrong_kinds_of_images_are_named(tmp_path) -> None:
     with pytest.raises(ValueError, match=r"16-bit one-channel PNG.*got shape \(4, 5\) uint8"):
         read_depth(tmp_path / "grey.png")
     np.save(tmp_path / "line.npy", np.ones(5))
-    with pytest.raises(ValueError, match=r"\(H, W\) numbers, got \(5,\) float64"):
+    with pytest.raises(ValueError, match=r"\(H, W\) numbers of 16.*, got shape \(5,\) float64"):
         read_depth(tmp_path / "line.npy")
+    for wrong in (np.ones((4, 5, 3)), np.ones((4, 5), np.uint8), np.ones((4, 5), bool)):
+        np.save(tmp_path / "other.npy", wrong)
+        with pytest.raises(ValueError, match=r"must be \(H, W\) numbers of 16 bits or more, got"):
+            read_depth(tmp_path / "other.npy")
     (tmp_path / "cut.npy").write_bytes((tmp_path / "line.npy").read_bytes()[:-8])
     with pytest.raises(ValueError, match=r"not a whole .npy file"):
         read_depth(tmp_path / "cut.npy")
-    with pytest.raises(ValueError, match=r"positive number of metres per unit, got 0"):
+    with pytest.raises(ValueError, match=r"must be 0.000001 to 1 metres per unit, got 0"):
         read_depth(tmp_path / "line.npy", 0)
 
 
@@ -165,21 +174,72 @@ def test_of_several_exr_channels_z_is_the_depth(tmp_path):
     np.testing.assert_array_equal(read_depth(tmp_path / "depth.exr"), depth)
 
 
-def test_a_jpeg_is_no_mask(tmp_path):
+@pytest.mark.parametrize("channels", ["A", "RGB", "XY"])
+def test_an_exr_that_does_not_say_which_channel_is_the_depth(tmp_path, channels):
+    planes = {name: np.full((4, 5), n + 1, np.float32) for n, name in enumerate(channels)}
+    OpenEXR.File({"type": OpenEXR.scanlineimage}, planes).write(str(tmp_path / "depth.exr"))
+    with pytest.raises(ValueError, match=r"depth.exr has the channels .*, expected Z"):
+        read_depth(tmp_path / "depth.exr")
+
+
+def test_a_jpeg_or_a_picture_is_no_mask(tmp_path):
     cv2.imwrite(str(tmp_path / "mask.jpg"), np.full((8, 8), 255, np.uint8))
-    with pytest.raises(ValueError, match="is a JPEG, whose compression blurs"):
-        read_mask(tmp_path / "mask.jpg")
+    (tmp_path / "mask.jpg").rename(tmp_path / "mask.png")
+    with pytest.raises(ValueError, match=r"mask.png is a JPEG, whose compression blurs"):
+        read_mask(tmp_path / "mask.png")
+    cv2.imwrite(str(tmp_path / "red.png"), np.full((8, 8, 3), (0, 0, 255), np.uint8))
+    cv2.imwrite(str(tmp_path / "deep.png"), np.full((8, 8), 800, np.uint16))
+    for name in ("red.png", "deep.png"):
+        with pytest.raises(ValueError, match="must be an 8-bit image without colours"):
+            read_mask(tmp_path / name)
 
 
-def test_a_mask_of_nan_is_refused(tmp_path):
-    np.save(tmp_path / "mask.npy", np.full((4, 4), np.nan))
-    with pytest.raises(ValueError, match="must hold finite numbers or bool, got float64"):
+@pytest.mark.parametrize(
+    "header",
+    [
+        "{'descr': '<f4', 'fortran_order': False, 'shape': (1000000000, 1000000000)}",
+        "(" * 3000,
+        "{'descr': '|O', 'fortran_order': False, 'shape': (4, 5)}",
+        None,
+    ],
+)
+def test_an_npy_file_that_is_none(tmp_path, header):
+    path = tmp_path / "depth.npy"
+    if header is None:
+        path.write_bytes(b"PK\x03\x04" + bytes(60))
+    else:
+        text = header.encode() + b"\n"
+        path.write_bytes(b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text)
+    with pytest.raises(ValueError, match=r"depth.npy is not a whole .npy file of numbers: ."):
+        read_depth(path)
+
+
+@pytest.mark.parametrize(("width", "height"), [(100_000, 100_000), (2**31 - 1, 1), (0, 4)])
+def test_a_picture_too_large_is_refused_by_its_header(tmp_path, width, height):
+    png = bytearray(cv2.imencode(".png", np.zeros((4, 5, 3), np.uint8))[1].tobytes())
+    png[16:24] = struct.pack(">II", width, height)
+    png[29:33] = zlib.crc32(png[12:29]).to_bytes(4, "big")
+    (tmp_path / "a.png").write_bytes(png)
+    with pytest.raises(ValueError, match=f"a.png .* has {width}x{height} pixels, expected 1 to"):
+        read_color(tmp_path / "a.png")
+    jpeg = bytearray(cv2.imencode(".jpg", np.zeros((4, 5, 3), np.uint8))[1].tobytes())
+    start = jpeg.index(b"\xff\xc0") + 5
+    jpeg[start : start + 4] = b"\xff" * 4
+    (tmp_path / "a.jpg").write_bytes(jpeg)
+    with pytest.raises(ValueError, match=r"a.jpg .* has 65535x65535 pixels, expected 1 to"):
+        read_color(tmp_path / "a.jpg")
+
+
+@pytest.mark.parametrize("value", [np.nan, 0.75, 1j, np.zeros(1, [("a", "<f4")])])
+def test_a_mask_of_other_numbers_is_refused(tmp_path, value):
+    np.save(tmp_path / "mask.npy", np.broadcast_to(value, (4, 4)))
+    with pytest.raises(ValueError, match="must hold bool, whole numbers, or 0 and 1, got"):
         read_mask(tmp_path / "mask.npy")
 
 
 def test_depth_without_a_channel_is_refused(tmp_path):
     np.save(tmp_path / "depth.npy", np.zeros((4, 5, 0), np.float32))
-    with pytest.raises(ValueError, match=r"must be \(H, W\) numbers, got \(4, 5, 0\)"):
+    with pytest.raises(ValueError, match=r"must be \(H, W\) numbers .* got shape \(4, 5, 0\)"):
         read_depth(tmp_path / "depth.npy")
 
 

@@ -88,7 +88,7 @@ def test_conda_and_pyproject_name_the_same_dependencies():
     [
         ("  - safetensors>=0.4\n", ""),  # forgotten
         ("  - safetensors>=0.4\n", "  - safetensors>=0.4\n  - polars\n"),  # left over
-        ("- transformers>=5,<6", "- transformers>=5"),  # another range
+        ("- transformers>=5.9,<6", "- transformers>=5.9"),  # another range
         ("      - mujoco>=4,<5\n", ""),  # forgotten among those of pip
         ("- pytorch>=2.4", "- torch-cpu>=2.4"),  # another name
     ],

@@ -3,6 +3,7 @@ import pytest
 
 from hadr import restoration
 from hadr.camera import Intrinsics
+from hadr.confidence import Calibration, ConfidenceRule
 from hadr.hand import forward_kinematics, keypoints_from_skeleton
 from hadr.models.hand.plausible import NoHandError
 from hadr.models.networks import DEPTH_NETWORKS
@@ -279,13 +280,13 @@ def test_measured_depth_in_the_mask_counts_where_it_is_trusted(tmp_path) -> None
     )
     assert (first.depth != second.depth).any()
     assert any("learned from frames without measured depth" in n for n in first.notes)
-    assert any("it is trusted as far as the method does" in n for n in first.notes)
+    assert any("pixels had a measured depth; it is trusted" in n for n in first.notes)
     # A checkpoint that learned so takes it without being told.
     path = checkpoint_file(tmp_path, data={"corruption": "sensor"})
     told = restore(color, depth, CAMERA, mask, hand(), checkpoint=path)
     np.testing.assert_array_equal(told.depth, first.depth)
     assert not any("learned from" in n for n in told.notes)
-    assert any("it is trusted as far as the method does" in n for n in told.notes)
+    assert any("pixels had a measured depth; it is trusted" in n for n in told.notes)
 
 
 @pytest.mark.parametrize("method", ["nearest", "inpaint", "hand-median"])
@@ -303,7 +304,7 @@ def ground_of_frame(path) -> dict:
     """The ground of a network that has learned from `frame` alone."""
     from hadr.camera import resize_depth
     from hadr.known_ground import Field, Ground, Sight, observe
-    from hadr.models.hadr_input import frame_to_input
+    from hadr.models.network_input import frame_to_input
     from hadr.trained_networks import DepthNetwork
 
     (color, depth, mask), network = frame(), DepthNetwork.load(path)
@@ -328,8 +329,7 @@ def test_a_calibrated_checkpoint_says_what_its_confidence_means_where_it_holds(t
     plain = restore(color, depth, CAMERA, mask, hand(), checkpoint=path)
     assert plain.tolerance_m is None
     assert any("never calibrated" in n for n in plain.notes)
-    calibration = {"scores": [0.2, 0.8], "probabilities": [0.3, 0.3], "tolerance_m": 0.02}
-    rule = {"signals": ["candidates"], "center": [0], "scale": [1], "calibration": calibration}
+    rule = ConfidenceRule("candidates", 0.0, 1.0, Calibration((0.2, 0.8), (0.3, 0.3))).to_dict()
     save_checkpoint(path, depth_network("hadr-plus"), size | {"confidence": rule})
     unknown = restore(color, depth, CAMERA, mask, hand(), checkpoint=path)
     assert unknown.tolerance_m is None
@@ -385,8 +385,52 @@ def test_depth_beyond_the_learned_range_is_left_missing(tmp_path) -> None:
     assert (result.depth[mask] == 0).all()
     assert (result.confidence[mask] == 0).all()
     np.testing.assert_array_equal(result.depth[~mask], depth[~mask])
-    assert any("100.0 % of the mask's depth lay outside of what HADR" in n for n in result.notes)
+    told = (
+        "HADR gives 100.0 % one outside of what it has learned (0.20 to 0.30 m), and stay missing"
+    )
+    assert f"of the mask's pixels {told}" in result.notes
     assert "400 of 400 pixels of the mask could not be restored" in result.notes
+
+
+def test_hadr_plus_keeps_its_depth_beyond_the_learned_range_without_probability(tmp_path) -> None:
+    from hadr.training.checkpoints import save_checkpoint
+
+    color, depth, mask = frame()
+    path = tmp_path / "plus.safetensors"
+    network = depth_network("hadr-plus")
+    results = {}
+    for far in (5.0, 0.3):
+        record = {"width": 64, "height": 40, "learned_range": {"depth_m": [0.2, far]}}
+        save_checkpoint(path, network, record)
+        results[far] = restore(color, depth, CAMERA, mask, hand(), checkpoint=path)
+    free, held = results.values()
+    assert held.restored.any()
+    np.testing.assert_array_equal(held.depth, free.depth)
+    assert free.confidence[free.restored].max() > 0
+    assert (held.confidence[mask] == 0).all()
+    assert not any("outside of what it has learned" in note for note in free.notes)
+    assert any(
+        n.endswith(
+            "outside of what it has learned (0.20 to 0.30 m), and keep it without probability"
+        )
+        for n in held.notes
+    )
+    assert any("at the edge of what it has learned" in note for note in held.notes)
+
+
+def test_a_network_that_skips_depth_in_the_mask_does_not_claim_to_trust_it(tmp_path) -> None:
+    from hadr.training.checkpoints import save_checkpoint
+
+    color, depth, mask = frame()
+    path = tmp_path / "plus.safetensors"
+    save_checkpoint(path, depth_network("hadr-plus"), {"width": 64, "height": 40})
+    first, second = (
+        restore(color, depth, CAMERA, mask, hand(), checkpoint=path, corruption=given)
+        for given in ("oracle", "sensor")
+    )
+    np.testing.assert_array_equal(first.depth, second.depth)
+    assert any("it is not used: HADR-plus looks at none there" in note for note in second.notes)
+    assert not any("learned from frames without" in note for note in second.notes)
 
 
 def depth_network(kind: str):

@@ -181,7 +181,7 @@ def many() -> list[Case]:
             corruption = "sensor" if "raw" in file else None
             harmless = edit == ("array", "a * 0") or "notes" in file
             add(call, "data", f"{file}: {' '.join(map(str, edit))[:50]!r}", (f"{TEST}/{file}", *edit),
-                says=("000032", "000099", file.split("/")[0]), corruption=corruption,
+                says=("000032", "000099", file.split("/")[0], "frame notes", "shows an object"), corruption=corruption,
                 expect="safe" if harmless or "normals" in file else "refused")
     for name, values in TIMES:
         for value in values:

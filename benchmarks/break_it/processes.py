@@ -70,9 +70,9 @@ class Run:
 
 
 RUNS = (
-    Run("generate", ("generate", *GENERATE.words(frames="4")), ("recordings",),
+    Run("generate", ("generate", *GENERATE.words(frames="4", recordings=None)), (),
         other=("--seed", "7"), locks=True, kills=8),
-    Run("generate, 2 workers", ("generate", *GENERATE.words(frames="6", workers="2")),
+    Run("generate, 2 workers", ("generate", *GENERATE.words(frames="6", workers="2", recordings=None)),
         ("recordings",), kills=6, other=("--seed", "7"), locks=True),
     Run("train", ("train", *TRAIN.words(epochs="6")), ("data",), other=("--seed", "7"), locks=True,
         goes_on=("out/last.safetensors", ("--resume",)), kills=10, limits=(0, 20_000, 3_000_000)),
@@ -92,7 +92,7 @@ Job = tuple[str, Run, Callable[["Bench"], list[Row]]]
 PLANTED = ("mitsuba", "jupyter_book", "torch", "numpy", "yaml", "sphinx", "distributed", "ipykernel",
            "hadr", "json", "nbformat", "mujoco")
 PROBES = (
-    Run("generate, 2 workers", ("generate", *GENERATE.words(frames="4", workers="2")), ("recordings",)),
+    Run("generate, 2 workers", ("generate", *GENERATE.words(frames="4", workers="2", recordings=None)), ()),
     Run("generate, photo", ("generate", *GENERATE.words(engine="photo", quality=None)), ("recordings",)),
     Run("handover, 2 jobs", ("handover", *ATTEMPT.words(out="out", jobs="2", holds="902\t903")), ()),
     Run("reproduce, a chapter", ("reproduce", "--out", "out", "--only", "00"), ()),

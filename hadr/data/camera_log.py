@@ -6,7 +6,6 @@ Blender's camera looks along -z with y up. Camera coordinates in our OpenCV fram
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from hadr.camera import TRANSHAND_CAMERA, Intrinsics
+from hadr.records.reading import read_json, structured
 
 Array = npt.NDArray[np.float64]
 
@@ -56,12 +56,9 @@ def image_pixels(uv: Array, camera: Intrinsics) -> Array:
 
 def read_log(path: Path) -> dict[str, Any]:
     """Read a log; a ``ValueError`` names a file that is not one."""
-    try:
-        log = json.loads(path.read_text(encoding="utf-8"))
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path} is not valid JSON: {error}") from error
-    if not isinstance(log, dict):
-        raise ValueError(f"{path} must hold named values, got {type(log).__name__}")
+    log = structured(read_json(path), dict[str, Any], path)
+    if log.get("hold_id") is not None:
+        structured(log["hold_id"], str, f"{path}: 'hold_id'")
     return log
 
 
@@ -71,13 +68,10 @@ def numbers(log: Mapping[str, Any], key: str, path: Path, count: int) -> list[fl
         raise ValueError(f"{path} lacks the key {key!r}; it has {', '.join(log) or 'none'}")
     value = log[key]
     value = list(value.values()) if isinstance(value, Mapping) else value
-    try:
-        numbers = [float(v) for v in value]
-    except (TypeError, ValueError):
-        numbers = []
-    if len(numbers) != count or not np.isfinite(numbers).all():
-        raise ValueError(f"{path}: {key!r} must hold {count} finite numbers, got {value!r}")
-    return numbers
+    found = structured(value, list[float], f"{path}: {key!r}")
+    if len(found) != count:
+        raise ValueError(f"{path}: {key!r} must hold {count} finite numbers, got {value!r:.80}")
+    return found
 
 
 def log_pose(log: Mapping[str, Any], path: Path) -> Array:
@@ -102,12 +96,12 @@ def log_transform(log: Mapping[str, Any], key: str, path: Path) -> Array | None:
     """A rigid transform (4, 4) of a log, or None where the log has none of this name."""
     if key not in log:
         return None
-    try:
-        matrix = np.asarray(log[key], dtype=float)
-    except (TypeError, ValueError):
-        matrix = np.full(1, np.nan)
-    if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
-        raise ValueError(f"{path}: {key!r} must be a 4x4 matrix of numbers, got {log[key]!r}")
+    rows = structured(log[key], list[list[float]], f"{path}: {key!r}")
+    matrix = np.array(rows) if [len(row) for row in rows] == [4] * 4 else np.zeros((4, 4))
+    turn = matrix[:3, :3]
+    turns = np.allclose(turn @ turn.T, np.eye(3), atol=1e-3) and np.linalg.det(turn) > 0
+    if not turns or not np.allclose(matrix[3], (0, 0, 0, 1)):
+        raise ValueError(f"{path}: {key!r} must be a rigid 4x4 matrix, got {rows!r:.80}")
     return matrix
 
 
@@ -116,16 +110,13 @@ def log_camera(log: Mapping[str, Any], width: int, height: int, path: Path) -> I
     value = log.get("camera internal")
     if value is None:
         return TRANSHAND_CAMERA.resized(width, height)
-    if isinstance(value, Mapping):
-        try:
-            return Intrinsics.from_dict({"width": width, "height": height, **value})
-        except (TypeError, ValueError) as error:
-            raise ValueError(f"{path}: 'camera internal': {error}") from error
     try:
-        matrix = np.asarray(value, dtype=float).reshape(3, -1)[:, :3]
-        return Intrinsics.from_matrix(matrix, width, height)
-    except (TypeError, ValueError) as error:
+        if isinstance(value, Mapping):
+            return Intrinsics.from_dict({"width": width, "height": height, **value})
+        rows = structured(value, list[list[float]], "")
+        return Intrinsics.from_matrix(np.array(rows)[:, :3], width, height)
+    except (TypeError, ValueError, IndexError, OverflowError) as error:
         raise ValueError(
             f"{path}: 'camera internal' must be a 3x3 matrix or fx, fy, cx, cy by name, got "
-            f"{value!r} ({error}); pass camera= to use your own"
+            f"{value!r:.80} ({error}); pass camera= to use your own"
         ) from error

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Protocol, overload
 
 from hadr.data.frame import Frame
-from hadr.data.transhand import TransHand
+from hadr.data.transhand import SPLITS, TransHand
 
 
 class FrameFolder(Protocol):
@@ -51,6 +51,20 @@ def open_folder(
 def has_split(root: str | Path, split: str) -> bool:
     """Whether a data folder has such a split."""
     return (Path(root) / split).is_dir()
+
+
+def check_folders(folders: Sequence[str | Path]) -> None:
+    """Refuse data folders of which one is no data folder, or is named twice.
+
+    Raises:
+        FileNotFoundError: One has none of the splits.
+        ValueError: One is named twice, and its frames would count twice.
+    """
+    for number, folder in enumerate(folders):
+        if not any(has_split(folder, split) for split in SPLITS):
+            raise FileNotFoundError(f"{folder} has none of the folders {', '.join(SPLITS)}")
+        if any(Path(folder).samefile(other) for other in folders[:number]):
+            raise ValueError(f"{folder} is named twice; its frames would count twice")
 
 
 class FrameSource(Sequence[Frame]):

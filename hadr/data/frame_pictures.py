@@ -9,13 +9,16 @@ from __future__ import annotations
 import io
 import re
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import cv2
 import numpy as np
 import numpy.typing as npt
+
+from hadr.camera import LARGEST_IMAGE
+from hadr.records.reading import structured
 
 Normals = Literal["all", "held", "object", "none"]
 """Of which pixels a frame's surface normals are kept; held: of hand and object."""
@@ -26,6 +29,8 @@ PNG_START = b"\x89PNG\r\n\x1a\n"
 JPEG_START = b"\xff\xd8"
 # Within a JPEG's coded pixels, neither a stuffed 0xFF nor a restart.
 _JPEG_MARKER = re.compile(rb"\xff+([^\x00\xff\xd0-\xd7])")
+# The markers of segments that say how large the picture is.
+_JPEG_FRAMES = [bytes([code]) for code in range(0xC0, 0xD0) if code not in (0xC4, 0xC8, 0xCC)]
 _BEST = (cv2.IMWRITE_PNG_COMPRESSION, 9)
 # Differences to the left neighbour, or Paeth's. One of them for a whole picture makes depth a
 # tenth smaller than a filter chosen row by row. Old OpenCV can't choose.
@@ -48,28 +53,33 @@ def _smallest_png(steps: npt.NDArray[np.uint16]) -> bytes:
     return min((_encode(".png", steps, (*_BEST, *one)) for one in _FILTERS), key=len)
 
 
-def _jpeg_ends(data: bytes) -> bool:
-    """Whether a JPEG reaches its end; a preview inside has an end of its own."""
-    position = len(JPEG_START)
+def _jpeg_size(data: bytes) -> tuple[int, int]:
+    """Rows and columns of a JPEG that reaches its end; a preview inside has an end of its own."""
+    position, size = len(JPEG_START), (0, 0)
     while (marker := _JPEG_MARKER.search(data, position)) is not None:
         if marker[1] == b"\xd9":
-            return True
+            return size
+        if marker[1] in _JPEG_FRAMES:
+            start = marker.end() + 3
+            size = (
+                int.from_bytes(data[start : start + 2], "big"),
+                int.from_bytes(data[start + 2 : start + 4], "big"),
+            )
         # The other markers begin a segment that says how long it is.
         position = marker.end() + int.from_bytes(data[marker.end() : marker.end() + 2], "big")
-    return False
+    raise ValueError(f"the JPEG is cut off after {len(data)} bytes")
 
 
 def check_whole(data: bytes) -> None:
-    """Check that a PNG or JPEG file is complete.
+    """Check that a PNG or JPEG file is complete, before anything of its size is set aside.
 
     Raises:
-        ValueError: The file is empty, cut off, damaged, or neither PNG nor JPEG.
+        ValueError: The file is empty, cut off, damaged, too large, or neither PNG nor JPEG.
     """
     if not data:
         raise ValueError("the file is empty")
     if data.startswith(JPEG_START):
-        if not _jpeg_ends(data):
-            raise ValueError(f"the JPEG is cut off after {len(data)} bytes")
+        _check_size(*_jpeg_size(data))
         return
     if not data.startswith(PNG_START):
         raise ValueError("the file is neither PNG nor JPEG")
@@ -83,6 +93,12 @@ def check_whole(data: bytes) -> None:
         if zlib.crc32(data[position + 4 : end - 4]) != int.from_bytes(data[end - 4 : end], "big"):
             raise ValueError(f"the PNG is damaged at byte {position}")
         position = end
+    _check_size(int.from_bytes(data[20:24], "big"), int.from_bytes(data[16:20], "big"))
+
+
+def _check_size(height: int, width: int) -> None:
+    if not 1 <= height * width <= LARGEST_IMAGE:
+        raise ValueError(f"it has {width}x{height} pixels, expected 1 to {LARGEST_IMAGE}")
 
 
 def decode_image(data: bytes, flags: int) -> npt.NDArray[Any]:
@@ -92,6 +108,8 @@ def decode_image(data: bytes, flags: int) -> npt.NDArray[Any]:
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+    except cv2.error as error:
+        raise ValueError(f"its {len(data)} bytes cannot be decoded: {error.err}") from error
     finally:
         cv2.utils.logging.setLogLevel(level)
     if image is None:
@@ -109,8 +127,11 @@ def encode_color(color: npt.NDArray[np.uint8], jpeg_quality: int | None) -> byte
 
 
 def decode_color(data: bytes) -> npt.NDArray[np.uint8]:
-    """Decode a PNG or JPEG to sRGB, shape (H, W, 3) uint8."""
-    return np.ascontiguousarray(decode_image(data, cv2.IMREAD_COLOR)[..., ::-1])
+    """Decode a PNG or JPEG to sRGB, shape (H, W, 3) uint8; a ``ValueError`` where it is grey."""
+    bgr = decode_image(data, cv2.IMREAD_ANYCOLOR)
+    if bgr.ndim == 2:
+        raise ValueError(f"a colour picture has three channels, got {bgr.shape}: it is grey")
+    return np.ascontiguousarray(bgr[..., ::-1])
 
 
 def encode_depth(depth: Depth, scale: float) -> bytes:
@@ -165,14 +186,7 @@ class DisparityScale:
     @classmethod
     def from_record(cls, record: Any) -> DisparityScale:
         """The values by name, as a log has them; a ``ValueError`` says what it lacks."""
-        if not isinstance(record, Mapping) or set(record) != {"focal_baseline", "step", "unit"}:
-            raise ValueError(
-                f"a disparity scale must name focal_baseline, step and unit, got {record!r}"
-            )
-        try:
-            return cls(**{name: float(value) for name, value in record.items()})
-        except TypeError as error:
-            raise ValueError(f"a disparity scale must hold numbers, got {record!r}") from error
+        return structured(record, cls, "a disparity scale")
 
     def depth(self, steps: npt.NDArray[Any]) -> Depth:
         """Depth in metres of whole steps; 0 stays 0."""

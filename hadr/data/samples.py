@@ -12,6 +12,7 @@ from pathlib import Path
 import hadr
 from hadr.data.splits import OBJECT_IDS, UNKNOWN_OBJECTS
 from hadr.data.transhand import SPLITS, TransHand
+from hadr.records.reading import read_json, structured
 from hadr.records.writing import write_whole
 
 MANIFEST = "manifest.json"
@@ -121,17 +122,25 @@ def write_manifest(root: Path | None = None) -> Path:
     return path
 
 
+@dataclass(frozen=True)
+class _Manifest:
+    """SHA-256 of each file by its name."""
+
+    sha256: dict[str, str]
+
+
 def verify_manifest(root: Path | None = None) -> ManifestReport:
     """Compare the files below ``root`` (``data_samples``) with its manifest.
 
     Raises:
         FileNotFoundError: There is no manifest.
+        ValueError: The manifest is none.
     """
     root = samples_dir() if root is None else root
     path = root / MANIFEST
     if not path.is_file():
         raise FileNotFoundError(f"no {MANIFEST} in {root}")
-    listed: dict[str, str] = json.loads(path.read_text(encoding="utf-8"))["sha256"]
+    listed = structured(read_json(path), _Manifest, path, further=True).sha256
     present = set(_files(root))
     missing = tuple(name for name in listed if name not in present)
     changed = tuple(

@@ -45,6 +45,7 @@ from hadr.data.frame_pictures import (
     decode_mask,
     decode_normals,
 )
+from hadr.records.reading import read_bytes, structured
 
 Array = npt.NDArray[np.float64]
 Dtype = TypeVar("Dtype", bound=np.generic)
@@ -59,6 +60,8 @@ _FOLDERS: dict[str, tuple[str, ...]] = {
     "log": ("log_json",),
     "hand_kpt": ("hand_kpt",),
 }
+#: Depth in coarser steps would show no glass; a larger number is of another unit.
+LARGEST_STEP_M = 0.01
 #: Those that a data set may lack altogether.
 _MORE_FOLDERS = {
     "background": (BACKGROUND_FOLDER,),
@@ -179,9 +182,15 @@ class TransHand(Sequence[Frame]):
             if path.suffix == ".npy":
                 return load(path, decode_depth_array)
             scale = log.get(key, self._depth_scale)
-            if not isinstance(scale, (int, float)) or not scale > 0:
+            if scale is None:
                 raise ValueError(
                     f"{path}: the log does not name {key!r}; pass depth_scale= (metres per step)"
+                )
+            scale = structured(scale, float, f"{files.log}: {key!r}")
+            if not 0 < scale <= LARGEST_STEP_M:
+                raise ValueError(
+                    f"{files.log}: {key!r} must be at most {LARGEST_STEP_M} m and above 0, got "
+                    f"{scale}"
                 )
             return load(path, lambda data: decode_depth(data, scale))
 
@@ -236,7 +245,7 @@ def _disparity_scale(log: Mapping[str, Any], path: Path) -> DisparityScale:
 
 def _load(path: Path, decode: Callable[[bytes], npt.NDArray[Dtype]]) -> npt.NDArray[Dtype]:
     try:
-        return decode(path.read_bytes())
+        return decode(read_bytes(path))
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
 
@@ -252,9 +261,11 @@ def _list_split(
             f"{root} has no folder {split!r}; a TransHand root holds {{train,val,test}}/{{object}}/"
         )
     found = sorted(p.name for p in folder.iterdir() if p.is_dir())
-    for name in objects or ():
+    for number, name in enumerate(objects or ()):
         if name not in found:
             raise FileNotFoundError(f"no object {name!r} in {folder}; found {', '.join(found)}")
+        if objects and name in objects[:number]:
+            raise ValueError(f"object {name!r} is named twice")
     return [
         files
         for name in (found if objects is None else objects)
@@ -315,7 +326,7 @@ def _check_pairs(
 
 def _read_keypoints_uv(path: Path) -> Array:
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
+        lines = read_bytes(path).decode("utf-8").splitlines()
         words = [line.split() for line in lines if line.strip()]
         uv = np.array([[float(line[0]), float(line[1])] for line in words])
     except (IndexError, ValueError) as error:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
+import re
 import shutil
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +14,7 @@ import torch
 
 from hadr.experiments.runner import Bench, Run
 from hadr.experiments.scoring import EVALUATION_SIZE, score_cheap
+from hadr.records.reading import structured
 from hadr.records.result_file import digest, read_result_file
 from hadr.training.presets import recipe_from_dict
 
@@ -38,8 +42,8 @@ def measure_again(
     found, same = scores.columns(), True
     say(f"{run.name:<24} {'recorded':>12} {'again':>12}")
     for column, (then, *_) in row["by_seed"].items():
-        now = float(found[column])
-        agrees = abs(now - then) <= 1e-6 * abs(then)
+        then, now = math.nan if then is None else then, float(found[column])
+        agrees = abs(now - then) <= 1e-6 * abs(then) or (math.isnan(now) and math.isnan(then))
         say(f"  {column:<22} {then:12.6f} {now:12.6f}{'' if agrees else '  differs'}")
         same = same and agrees
     if not same:
@@ -47,6 +51,32 @@ def measure_again(
             f"digits trainings differ: this is {bench.device}, the row was made on "
             f"{row.get('device', 'cpu')}, {row['provenance']['machine']}")  # fmt: skip
     return same
+
+
+@dataclass(frozen=True)
+class _Configuration:
+    run: str
+    recipe: dict[str, Any] | None
+    data: dict[str, Any]
+    evaluation_size: tuple[int, int]
+
+    def __post_init__(self) -> None:
+        if not re.fullmatch(r"[\w-]+/[\w-]+/seed-\d+", self.run):
+            raise ValueError(f"run must be EXPERIMENT/METHOD/seed-N, got {self.run!r:.60}")
+
+
+@dataclass(frozen=True)
+class _Row:
+    """What a row must say to be run again."""
+
+    configuration: _Configuration
+    config_sha256: list[str]
+    by_seed: dict[str, list[float | None]]
+    provenance: dict[str, Any]
+
+    def __post_init__(self) -> None:
+        if empty := [name for name, values in self.by_seed.items() if not values]:
+            raise ValueError(f"by_seed: {empty[0]} has no value")
 
 
 def row_to_run(bench: Bench, file: str | Path, method: str) -> dict[str, Any]:
@@ -61,8 +91,9 @@ def row_to_run(bench: Bench, file: str | Path, method: str) -> dict[str, Any]:
         row = read_result_file(file).row(method=method)
     except KeyError as error:
         raise ValueError(f"{file}: {error.args[0]}; rows of known.json can be run") from error
-    configuration: dict[str, Any] = row.get("configuration") or {}
-    if "recipe" not in configuration or digest(configuration) != row["config_sha256"][0]:
+    structured(row, _Row, f"{file}: row {method!r}", further=True)
+    configuration: dict[str, Any] = row["configuration"]
+    if row["config_sha256"][:1] != [digest(configuration)]:
         raise ValueError(f"{file}: row {method!r} has no whole configuration to run again")
     then = {**configuration["data"], "size": configuration["evaluation_size"]}
     now = {**bench.data, "size": list(EVALUATION_SIZE)}

@@ -22,7 +22,7 @@ from hadr.data.samples import samples_dir
 from hadr.experiments.averages import paired, standard_error
 from hadr.experiments.runner import Bench, Run, code_of
 from hadr.experiments.scoring import EVALUATION_SIZE, Scores, score_depth, score_network
-from hadr.models.hadr_input import enlarge_known
+from hadr.models.network_input import enlarge_known
 from hadr.models.networks import RIVALS
 from hadr.records.caches import kept_by_file
 from hadr.records.provenance import machine_text, provenance

@@ -35,6 +35,7 @@ from hadr.records.dependencies import code_digest
 from hadr.records.provenance import machine_text, plain, provenance
 from hadr.records.result_file import digest, seal_row, sealed_row
 from hadr.training.batches import FrameTensors, load_frames
+from hadr.training.checkpoints import read_record
 from hadr.training.loop import LAST, Trained, train
 from hadr.training.recipe import Preset
 
@@ -290,9 +291,8 @@ def set_aside_another(folder: Path, recipe: Preset, data: Mapping[str, Any]) -> 
 
 def _is_another(folder: Path, recipe: Preset, data: Mapping[str, Any]) -> bool:
     """Whether a training lies in this folder that is of another recipe, other data or code."""
-    record = (folder / LAST).with_suffix(".json")
-    if not record.is_file():
+    if not (folder / LAST).is_file():
         return False
-    found = json.loads(record.read_text(encoding="utf-8"))
+    found = read_record(folder / LAST)
     asked = json.loads(json.dumps(plain({"preset": recipe.to_dict(), "data": data})))
     return bool({name: found.get(name) for name in asked} != asked)

@@ -18,7 +18,7 @@ from torch import nn
 
 from hadr.camera import BoolArray, FloatArray
 from hadr.metrics import METRICS, DepthMetrics, frame_metrics, mean_over_frames, pooled
-from hadr.models.hadr_input import enlarge_restored
+from hadr.models.network_input import enlarge_restored
 from hadr.training.batches import FrameTensors
 from hadr.training.evaluation import CLASSICAL, predict
 

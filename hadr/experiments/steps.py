@@ -14,6 +14,7 @@ from pathlib import Path
 
 from hadr.records.checkout import checkout_root
 from hadr.records.provenance import machine_text, provenance
+from hadr.records.reading import structured
 from hadr.records.result_file import read_result_file, write_result_file
 
 NAME = "run_times.json"
@@ -92,8 +93,20 @@ def last_run_times(out: Path, size: str) -> dict[str, float]:
     paths = [out / NAME]
     with contextlib.suppress(FileNotFoundError):  # installed without its checkout
         paths.insert(0, checkout_root() / "results" / size / NAME)
-    there = [read_result_file(path).rows for path in paths if path.is_file()]
-    return {row["step"]: float(row["seconds"]) for rows in there for row in rows}
+    return {
+        row.step: row.seconds
+        for path in paths
+        if path.is_file()
+        for row in structured([*read_result_file(path).rows], list[_Time], path, further=True)
+    }
+
+
+@dataclass(frozen=True)
+class _Time:
+    """A row of run times."""
+
+    step: str
+    seconds: float
 
 
 def keep_run_times(out: Path, steps: Sequence[Step]) -> None:

@@ -12,15 +12,12 @@ from __future__ import annotations
 
 import hashlib
 import json
-import zipfile
-import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
-import cattrs
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
@@ -33,6 +30,7 @@ from hadr.handover.safety import hand_problem
 from hadr.handover.stages import ChooseGrasp, ChosenGrasp, HandoverConfig, Stage, Transition
 from hadr.handover.ur5 import UnreachableError
 from hadr.handover.workflow import Handover
+from hadr.records.reading import parse_json, read_arrays, structured
 from hadr.records.writing import write_arrays
 
 Array = npt.NDArray[np.float64]
@@ -81,33 +79,85 @@ class RunLog:
         return path
 
 
+_SCHEMA = {
+    **dict.fromkeys(("time", "taken", "dt", "confidence"), "f8 steps"),
+    **dict.fromkeys(("hand", "cloud"), "i4 steps"),
+    "keypoints": "f4 hands 21 3", "points": f"f4 clouds {KEPT_POINTS + 1} 3",
+    "tool": "f4 answers 3 4", "joints": "f4 answers 6", "width": "f4 answers",
+    "servo": "f4 steps 3 4", "header": "U", "checksum": "U",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Header:
+    """What a log's header must hold; the settings are `replay`'s business."""
+
+    format: int
+    config: dict[str, Any]
+    base_from_camera: list[list[float]]
+    transitions: list[tuple[float, Stage, Stage, str]]
+    cautions: list[tuple[float, str]]
+    odd_keypoints: dict[str, list[int]]
+    events: list[Any]
+
+    def __post_init__(self) -> None:
+        if self.format != FORMAT:
+            raise ValueError(f"format is {self.format}, this version reads {FORMAT}")
+        for step in self.odd_keypoints:
+            if not step.isdecimal():
+                raise ValueError(f"odd_keypoints must be named by steps, got {step!r}")
+        for event in self.events:
+            if not _is_event(event):
+                raise ValueError(f"events has {event!r:.60}, which is none")
+
+
+def _is_event(event: Any) -> bool:
+    match event:
+        case [int(), "protective_stop", str()] | [int(), "chose", None]:
+            return True
+        case [int(), "chose", pose, float() | int(), float() | int()]:
+            return _is_array(pose, (4, 4))
+        case [int(), "tool_wrench", *forces]:
+            return _is_array(forces, (6,))
+        case [int(), str(name), *given]:
+            if name.endswith(("_error", "_failed")):
+                return [type(words) for words in given] == [str, str]
+            told = name in ("chose", "protective_stop")
+            return not told and all(isinstance(value, int | float) for value in given)
+    return False
+
+
+def _is_array(values: Any, shape: tuple[int, ...]) -> bool:
+    try:
+        return np.array(values, dtype=np.float64).shape == shape
+    except (TypeError, ValueError):
+        return False
+
+
 def read_run_log(path: str | Path) -> RunLog:
     """Read what `RunLog.save` wrote.
 
     Raises:
-        ValueError: The file is cut off, was changed, or is no log of this format.
+        ValueError: The file is cut off, was changed, or is no log of this format; the message
+            names the file and what is wrong in it.
         FileNotFoundError: There is no such file.
     """
-    try:
-        file = np.load(path, allow_pickle=False)
-        if not isinstance(file, np.lib.npyio.NpzFile):
-            raise ValueError("it holds a single array, a log is an .npz of several")
-        with file:
-            arrays = {name: file[name] for name in file.files}
-        text, sealed = str(arrays.pop("header")), str(arrays.pop("checksum"))
-    except FileNotFoundError:
-        raise
-    except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile, zlib.error) as error:
-        raise ValueError(f"{path} is no run log, or is cut off or damaged: {error}") from error
+    arrays = read_arrays(path, _SCHEMA)
+    text, sealed = str(arrays.pop("header")), str(arrays.pop("checksum"))
     found = _checksum(arrays, text)
     if found != sealed:
         raise ValueError(
             f"{path} was changed: its content has the checksum {found[:12]}..., "
             f"the file says {sealed[:12]}..."
         )
-    header = json.loads(text)
-    if header["format"] != FORMAT:
-        raise ValueError(f"{path} has format {header['format']}, this version reads {FORMAT}")
+    header = parse_json(text, f"{path}: header")
+    structured(header, _Header, path)
+    if len(arrays["tool"]) != len(arrays["time"]) + 1:
+        raise ValueError(f"{path}: tool must have a row more than time")
+    for name, kept in (("hand", "keypoints"), ("cloud", "points")):
+        rows = arrays[name]
+        if rows.min(initial=-1) < -1 or rows.max(initial=-1) >= len(arrays[kept]):
+            raise ValueError(f"{path}: {name} must be rows of the {len(arrays[kept])} {kept}")
     return RunLog(arrays, header)
 
 
@@ -127,7 +177,8 @@ def _single(values: npt.ArrayLike) -> Array:
 
 READINGS = {"tool_pose": "tool", "joint_positions": "joints", "gripper_width": "width"}
 """What is read of the robot in each step, and the array that keeps it."""
-_CONFIG = cattrs.Converter(forbid_extra_keys=True, detailed_validation=False)
+SAME_PLACE = 1e-4
+"""A replay's commands to the arm are the log's within this, metres; the log is rounded."""
 COMMANDS = ("stop", "release", "set_gripper")
 """Commands that a replay must give again."""
 
@@ -320,6 +371,7 @@ class LoggedRobot:
         for step, *event in log.header["events"]:
             self._events.setdefault(step, []).append(event)
         self.commands: list[list[Any]] = []
+        self.servo = np.full((len(log.arrays["time"]), 3, 4), np.nan)
         self.turn_to(-1)
 
     def turn_to(self, step: int) -> None:
@@ -351,6 +403,8 @@ class LoggedRobot:
         """What a method of the robot gave, or raised, then."""
         if name in COMMANDS:
             self.commands.append([self._step, name, *given])
+        elif name == "servo_to":
+            self.servo[self._step] = given[0][:3]
         self._fail(f"{name}_error")
         if name in READINGS:
             read = self._log.arrays[READINGS[name]][self._step + 1].astype(np.float64)
@@ -384,7 +438,7 @@ def logged_observation(log: RunLog, step: int) -> Observation:
     """What the workflow was given in a step, counted from 0."""
     a = log.arrays
     shape = log.header["odd_keypoints"].get(str(step))
-    keypoints = None if shape is None else np.zeros(shape)
+    keypoints = None if shape is None else np.broadcast_to(0.0, shape)
     if a["hand"][step] >= 0:
         keypoints = a["keypoints"][a["hand"][step]].astype(np.float64)
     row, confidence = int(a["cloud"][step]), float(a["confidence"][step])
@@ -401,26 +455,27 @@ def replay(log: RunLog) -> Handover:
     """Run the workflow on a log; give the handover at its end.
 
     Raises:
-        ValueError: Another transition or command comes out than is in the log, or it has a setting
-            that is unknown here.
+        ValueError: Another transition or command comes out than is in the log, or its settings are
+            not those of this version.
     """
     robot = LoggedRobot(log)
     header = log.header
     try:
-        config = _CONFIG.structure(header["config"], HandoverConfig)
-    except cattrs.ForbiddenExtraKeysError as error:
-        raise ValueError(
-            f"the log has the setting {min(error.extra_fields)}, which this version does not "
-            "know: replay it with the version that made it"
-        ) from error
+        config = structured(header["config"], HandoverConfig, "config", infinite=True)
+    except ValueError as error:
+        raise ValueError(f"{error}: replay the log with the version that made it") from error
     calibration = np.array(header["base_from_camera"])
     handover = Handover(cast(Robot, robot), robot.choose, calibration, config)
-    for step in range(len(log.arrays["time"])):
-        robot.turn_to(step)
-        handover.step(logged_observation(log, step), float(log.arrays["dt"][step]))
+    with np.errstate(all="ignore"):  # what a robot said may have been no number
+        for step in range(len(log.arrays["time"])):
+            robot.turn_to(step)
+            handover.step(logged_observation(log, step), float(log.arrays["dt"][step]))
     _compare("transition", log.transitions, handover.transitions)
     told = [event for event in header["events"] if event[1] in COMMANDS]
     _compare("command", told, robot.commands)
+    same = np.isclose(log.arrays["servo"], robot.servo, atol=SAME_PLACE, equal_nan=True)
+    for step in np.flatnonzero(~same.all(axis=(1, 2)))[:1]:
+        raise ValueError(f"the command to the arm in step {step} differs")
     return handover
 
 

@@ -6,9 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any, Self
 
-import cattrs
-
-_CONVERTER = cattrs.Converter(forbid_extra_keys=True, detailed_validation=False)
+from hadr.records.reading import structured
 
 
 class NetworkConfig:
@@ -19,13 +17,15 @@ class NetworkConfig:
         return asdict(self)  # type: ignore[call-overload, no-any-return]
 
     @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> Self:
+    def from_dict(cls, values: Mapping[str, Any], where: str = "model") -> Self:
         """Build the configuration from `to_dict`, or from the same read from JSON.
 
         Raises:
-            ValueError: A value is of the wrong kind, missing, or unknown.
+            ValueError: A value is of the wrong kind, missing, or unknown; the message begins with
+                `where` and names it.
         """
-        try:
-            return _CONVERTER.structure(values, cls)
-        except (KeyError, TypeError, cattrs.ForbiddenExtraKeysError) as error:
-            raise ValueError(f"no configuration of a network: {error}") from error
+        config = structured(values, cls, where)
+        for name, value in vars(config).items():
+            if isinstance(value, int | float) and value < 0:
+                raise ValueError(f"{where}: {name} must not be negative, got {value}")
+        return config

@@ -22,7 +22,7 @@ from hadr.hand import absolute_hand_feature, relative_hand_feature
 from hadr.models.backbone import BackboneConfig, ColorBackbone
 from hadr.models.config import NetworkConfig
 from hadr.models.decoders import OffsetDecoder, PairDecoder, encode_position, leaky_clamp
-from hadr.models.hadr_input import (
+from hadr.models.network_input import (
     DepthOutput,
     HADRInput,
     float_color,

@@ -31,8 +31,8 @@ from torch.nn import functional
 from hadr.hand import FINGERS
 from hadr.models.blocks.crop_unet import CropUNet, layer
 from hadr.models.config import NetworkConfig
-from hadr.models.hadr_input import DepthOutput, HADRInput, float_color, masked_rays
 from hadr.models.hand.crop import HandCrop, hand_crop, keypoint_maps, relative_depth
+from hadr.models.network_input import DepthOutput, HADRInput, float_color, masked_rays
 
 GROUPS: tuple[tuple[int, ...], ...] = ((0,), *FINGERS.values())
 """Keypoints that share a map: the wrist, and each finger."""

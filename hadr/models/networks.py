@@ -27,6 +27,7 @@ class Network:
         can_say: It predicts a distribution of depth, so that it can say how sure it is. HADR's and
             LIDF's probability is that of a voxel of 25 cm and says next to nothing about
             centimetres (chapter 6); the others have no opinion.
+        skips_mask: It never looks at depth that was measured inside the mask.
         sees: Of one that restores depth, the part whose map is what it sees (`hadr.known_ground`).
     """
 
@@ -38,6 +39,7 @@ class Network:
     answer: Literal["depth", "keypoints", "masks"] = "depth"
     published: str = ""
     can_say: bool = False
+    skips_mask: bool = False
     sees: str = ""
 
     @property
@@ -77,11 +79,11 @@ NETWORKS: dict[str, Network] = {
     ),
     "unet-hand": Network(
         "U-Net with the hand", "hadr.rivals.unet_hand", "UNetHand", "UNetHandConfig",
-        "hadr.training.tasks.unet_hand", sees="up.0",
+        "hadr.training.tasks.unet_hand", sees="up.0", skips_mask=True,
     ),
     "hadr-plus": Network(
         "HADR-plus", "hadr.models.hadr_plus", "HADRPlus", "HADRPlusConfig",
-        "hadr.training.tasks.hadr_plus", can_say=True, sees="unet",
+        "hadr.training.tasks.hadr_plus", can_say=True, sees="unet", skips_mask=True,
     ),
     "hand-keypoints": Network(
         "hand keypoints", "hadr.models.hand.keypoints", "HandKeypointNet", "HandKeypointConfig",

@@ -6,13 +6,13 @@ without a kernel cannot show is taken out on the way; the executed notebooks sta
 """
 
 import importlib.util
-import json
 import os
 import re
 import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ from hadr.experiments.steps import seconds_text
 from hadr.press.chapters import (
     ChapterRun,
     chapter_paths,
+    read_notebook,
     run_time_table,
     without_ansi,
 )
@@ -42,6 +43,7 @@ from hadr.records.output_folder import (
     remove_output_folder,
 )
 from hadr.records.provenance import machine_text
+from hadr.records.reading import read_json, structured
 from hadr.records.writing import write_whole
 
 RUNTIME_TOKEN = "*stands here in the built book*"
@@ -72,9 +74,7 @@ _WIDGET_VIEW = "application/vnd.jupyter.widget-view+json"
 
 def chapter_title(notebook: Path) -> str:
     """The first heading of a notebook, without markup."""
-    import nbformat
-
-    for cell in nbformat.read(notebook, 4).cells:
+    for cell in read_notebook(notebook).cells:
         found = re.search(r"^# +(.+)$", cell.source, flags=re.MULTILINE)
         if cell.cell_type == "markdown" and found:
             return found.group(1).strip()
@@ -143,7 +143,7 @@ def stage_book(book: Path, runs: Sequence[ChapterRun], target: Path) -> Path:
         name = run.notebook.name
         titles[run.name] = f"[{chapter_title(run.notebook)}](notebooks/{name})"
         measured = f"{seconds_text(run.duration_s)} ({machine_text()})"
-        staged = stage_notebook(nbformat.read(run.notebook, 4), measured)
+        staged = stage_notebook(read_notebook(run.notebook), measured)
         nbformat.write(staged, target / "notebooks" / name)
     words = {
         TABLE_TOKEN: run_time_table(runs, titles),
@@ -211,6 +211,28 @@ def update_readme(readme: Path, table: str) -> None:
     write_whole(readme, f"{before}{begin}\n{table}\n{end}{after}")
 
 
+@dataclass(frozen=True)
+class _Measured:
+    """What is read of a build's record."""
+
+    parameters: dict[str, Any]
+    chapters: dict[str, dict[str, Any]]
+
+
+@dataclass(frozen=True)
+class _Timed:
+    """A chapter's time, seconds, and the machine that took it."""
+
+    duration_s: float
+    machine: str
+
+    def __post_init__(self) -> None:
+        if self.duration_s < 0:
+            raise ValueError(f"duration_s must not be negative, got {self.duration_s}")
+        if not self.machine.isprintable() or set("|<>`") & set(self.machine):
+            raise ValueError(f"machine must be words, got {self.machine!r:.60}")
+
+
 def readme_table(build: Path, root: Path) -> str:
     """The chapter list with the run times that the last ``make book`` measured.
 
@@ -223,11 +245,13 @@ def readme_table(build: Path, root: Path) -> str:
     if not path.exists():
         raise FileNotFoundError(f"{path} is missing: run `make book` first")
     try:
-        measured = json.loads(path.read_text(encoding="utf-8"))
-        preset, chapters = measured["parameters"]["preset"], measured["chapters"]
-        timed = {name: c for name, c in chapters.items() if {"duration_s", "machine"} <= c.keys()}
-    except (ValueError, LookupError, AttributeError, TypeError) as error:
-        raise ValueError(f"{path} is broken ({error!r}): run `make book` first") from error
+        measured = structured(read_json(path), _Measured, path, further=True)
+    except ValueError as error:
+        raise ValueError(f"{error}: run `make book` first") from error
+    preset, timed = measured.parameters.get("preset"), {}
+    for name, one in measured.chapters.items():
+        if {"duration_s", "machine"} <= one.keys():
+            timed[name] = structured(one, _Timed, f"{path}: chapters.{name}", further=True)
     if preset != "tiny":
         raise ValueError(f"{path} has times of preset {preset}, README those of tiny")
     notebooks = chapter_paths(root / "notebooks")
@@ -237,8 +261,8 @@ def readme_table(build: Path, root: Path) -> str:
     runs, titles = [], {}
     for notebook in notebooks:
         name = notebook.stem
-        runs.append(ChapterRun(name, timed[name]["duration_s"], notebook, None))
+        runs.append(ChapterRun(name, timed[name].duration_s, notebook, None))
         titles[name] = f"[{chapter_title(notebook)}](notebooks/{name}.ipynb)"
-    if len(machines := sorted({timed[run.name]["machine"] for run in runs})) > 1:
+    if len(machines := sorted({timed[run.name].machine for run in runs})) > 1:
         raise ValueError(f"{path} has times of {' and of '.join(machines)}: run `make book` again")
     return f"{run_time_table(runs, titles)}\n\nMeasured on {machines[0]}."

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
@@ -16,13 +16,20 @@ from hadr.press.chapters import (
     ChapterError,
     ChapterRun,
     chapter_paths,
+    read_notebook,
     run_notebooks,
     run_time_table,
 )
 from hadr.records.checkout import checkout_root
-from hadr.records.option_words import CHAPTER, FOLDER
-from hadr.records.output_folder import check_output_folder, check_removable, make_output_folder
-from hadr.records.provenance import machine_text
+from hadr.records.option_words import CHAPTER, FOLDER, LARGEST_SEED, check_range
+from hadr.records.output_folder import (
+    check_file,
+    check_output_folder,
+    check_removable,
+    make_output_folder,
+)
+from hadr.records.provenance import IF_CHANGED, machine_text
+from hadr.records.reading import structured
 from hadr.records.writing import sole_owner
 
 EPILOG = """
@@ -59,11 +66,13 @@ def run(options: Options) -> int:
 
     root, say = checkout_root(), partial(print, flush=True)
     try:
+        check_range("seed", options.seed, 0, LARGEST_SEED)
         build = check_output_folder(options.build)
         if options.readme_times:
             update_readme(root / "README.md", readme_table(build, root))
             return 0
         check_removable(build / "book")
+        check_file(build / "results.json", parameters="", chapters="")
         every = chapter_paths(root / "notebooks")
         paths = chapter_paths(root / "notebooks", options.only)
         make_output_folder(build)
@@ -89,16 +98,23 @@ def run(options: Options) -> int:
     return 0
 
 
-def _runs_of_last_time(build: Path, paths: Sequence[Path]) -> list[ChapterRun]:
-    import nbformat
+@dataclass(frozen=True)
+class _Times:
+    """What papermill notes in a notebook, seconds."""
 
+    duration: float | None = field(default=None, metadata=IF_CHANGED)
+
+
+def _runs_of_last_time(build: Path, paths: Sequence[Path]) -> list[ChapterRun]:
     runs = []
     for path in paths:
         executed = build / "executed" / path.name
         if not executed.exists():
             raise FileNotFoundError(f"{executed} is missing: run without --html-only first")
-        times = nbformat.read(executed, 4).metadata.get("papermill", {})
+        times = structured(
+            read_notebook(executed).metadata.get("papermill", {}), _Times, executed, further=True
+        )
         results = build / "results" / path.stem / "results.json"
         found = results if results.exists() else None
-        runs.append(ChapterRun(path.stem, float(times.get("duration") or 0), executed, found))
+        runs.append(ChapterRun(path.stem, times.duration or 0.0, executed, found))
     return runs

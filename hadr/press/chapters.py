@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import sys
 import time
@@ -19,6 +20,7 @@ from hadr.press.chapter_record import (
 )
 from hadr.press.private_kernel import private_jupyter, register_engine
 from hadr.records.output_folder import CACHE
+from hadr.records.reading import parse_json, read_bytes
 
 CELL_TIMEOUT_S = 3600
 """A cell that takes longer hangs; the longest takes a minute, or many on a busy machine."""
@@ -165,13 +167,29 @@ def _execute(source: Path, target: Path, parameters: dict[str, Any], label: str)
     return float(duration) if duration else time.perf_counter() - started
 
 
-def _cell_under_way(executed: Path) -> tuple[str, str]:
-    """The last code cell that was begun, for a kernel that left no error output."""
+def read_notebook(path: Path) -> Any:
+    """Read a notebook.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        ValueError: It is no notebook of a known version; the message names it.
+    """
     import nbformat
 
+    content = parse_json(read_bytes(path), path)
+    try:
+        nbformat.validate(content)
+        return nbformat.reads(json.dumps(content), 4)
+    except Exception as error:  # nbformat raises whatever it stumbles over
+        words = str(error).splitlines() or [type(error).__name__]
+        raise ValueError(f"{path} is no notebook: {words[0]:.200}") from error
+
+
+def _cell_under_way(executed: Path) -> tuple[str, str]:
+    """The last code cell that was begun, for a kernel that left no error output."""
     begun = [
         (index, cell)
-        for index, cell in enumerate(nbformat.read(executed, 4).cells)
+        for index, cell in enumerate(read_notebook(executed).cells)
         if cell.cell_type == "code" and cell.metadata.get("papermill", {}).get("start_time")
     ]
     if begun:

@@ -29,8 +29,8 @@ from hadr.press.chapters import (
     run_time_table,
 )
 from hadr.records.checkout import checkout_root
-from hadr.records.option_words import FOLDER
-from hadr.records.output_folder import check_output_folder, make_output_folder
+from hadr.records.option_words import FOLDER, LARGEST_SEED, MOST_JOBS, check_range
+from hadr.records.output_folder import check_file, check_output_folder, make_output_folder
 from hadr.records.writing import sole_owner, write_whole
 from hadr.simulation.trials.command import check_packages
 from hadr.training.recipe import Accelerator
@@ -104,12 +104,14 @@ def run(options: Options) -> int:
     from hadr.experiments.plan import measure_all, plan, table_steps
 
     check_output_folder(options.out)
-    smallest = min(options.seeds or (0,))
-    for name, number, least in (
-        ("jobs", options.jobs, 1), ("seed", options.seed, 0), ("seeds", smallest, 0),
-    ):  # fmt: skip
-        if number < least:
-            raise ValueError(f"--{name} must be at least {least}, got {number}")
+    check_file(options.out / "results.json", parameters="", chapters="")
+    check_range("jobs", options.jobs, 1, MOST_JOBS)
+    check_range("seed", options.seed, 0, LARGEST_SEED)
+    seeds = options.seeds or ()
+    for seed in seeds:
+        check_range("seeds", seed, 0, LARGEST_SEED)
+        if seeds.count(seed) > 1:
+            raise ValueError(f"--seeds names {seed} twice")
     if options.again:
         return _run_again(options, *options.again)
     asked = set(options.only)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 import textwrap
 import time
 from collections.abc import Iterator
@@ -15,9 +16,10 @@ import numpy as np
 import tyro
 from numpy.typing import NDArray
 
-from hadr.camera import Intrinsics, load_intrinsics
+from hadr.camera import Intrinsics, load_intrinsics, valid_depth
 from hadr.corruption import Corruption
 from hadr.data.frame_pictures import encode_depth_array
+from hadr.frame_checks import checked_metres
 from hadr.frame_io import (
     read_color,
     read_depth,
@@ -85,6 +87,7 @@ what is written
 {_WRITTEN}
   A pixel that a network can't know (no candidate, or a depth outside of what it
   learned) stays missing, 0 in depth.*; it is never a depth of zero metres.
+  hadr-plus keeps such a depth, without probability.
   The folder appears complete or not at all.
 
 the hand
@@ -112,7 +115,8 @@ examples
         --mask glass.png --truth opaque.exr --out restored
 
 exit status
-  0 done   1 the disk is full   2 unusable input"""
+  0 done   1 nothing could be restored (the result says why), or the disk is
+  full   2 unusable input"""
 
 MEDIAPIPE = "mediapipe"
 """What `hand` says to have MediaPipe find it; a file of that name is ./mediapipe."""
@@ -237,6 +241,13 @@ def run(options: Options) -> int:
         _write_json(folder / "report.json", report)
     if not options.quiet:
         print(restore_report.summary(report, options.out))
+    if result.mask.any() and not valid_depth(result.depth[result.mask]).any():
+        print(
+            f"hadr restore: error: nothing could be restored: all {int(result.mask.sum())} pixels "
+            f"of the mask stay missing; the notes in {options.out}/report.json say why",
+            file=sys.stderr,
+        )
+        return 1
     return 0
 
 
@@ -303,4 +314,4 @@ def _read_truth(options: Options, shape: tuple[int, ...]) -> NDArray[np.float32]
         raise type(error)(f"truth: {error}") from error
     if truth.shape != shape:
         raise ValueError(f"truth is {truth.shape} but depth is {shape}, expected the same")
-    return truth
+    return checked_metres("truth", truth)

@@ -47,18 +47,26 @@ def report(
 ) -> dict[str, Any]:
     """All that `report.json` holds but for the times; `files` are what was read, by option."""
     given = {name: path for name, path in files.items() if path is not None}
+    scores = {} if truth is None else errors(depth, result.depth, truth, result.mask)
+    notes = list(result.notes)
+    if truth is not None and not scores:
+        known = int((result.mask & valid_depth(truth)).sum())
+        notes.append(
+            f"no errors can be stated: the truth is known in {known} of the mask's "
+            f"{int(result.mask.sum())} pixels, and no depth was measured or restored in these"
+        )
     return {
         "command": "hadr restore",
         "method": result.method,
         "method_title": METHOD_TITLES[result.method],
-        "notes": list(result.notes),
+        "notes": notes,
         "confidence_means": confidence_means(result),
         "ground": None if result.ground is None else result.ground.to_dict(),
         "image": {"width": camera.width, "height": camera.height},
         "intrinsics": camera.to_dict(),
         "counts": counts(depth, result),
         "hand": None if result.hand is None else told_hand(result.hand),
-        "errors_in_mask": {} if truth is None else errors(depth, result.depth, truth, result.mask),
+        "errors_in_mask": scores,
         "inputs": {
             name: {"file": path, "sha256": hashlib.sha256(Path(path).read_bytes()).hexdigest()}
             for name, path in given.items()

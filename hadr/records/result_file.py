@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from hadr.records.provenance import plain, write_json
+from hadr.records.reading import read_json, structured
 
 
 @dataclass(frozen=True)
@@ -122,24 +123,19 @@ def read_sealed(path: str | Path) -> dict[str, Any]:
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"there is no result file {path}")
-    try:
-        content: dict[str, Any] = json.loads(
-            path.read_text(encoding="utf-8"),
-            object_pairs_hook=_once_each,
-            parse_constant=_refuse,
-        )
-        provenance = dict(content["provenance"])
-        stored = provenance.pop("sha256")
-    except KeyError as error:
-        raise ValueError(f"{path} is not a whole result file: it has no {error}") from error
-    except (ValueError, TypeError) as error:
-        raise ValueError(f"{path} is not a result file: {error}") from error
+    content = read_json(path)
+    sealed = structured(content, _Sealed, path, further=True)
+    provenance = {k: v for k, v in sealed.provenance.items() if k != "sha256"}
+    if (stored := sealed.provenance.get("sha256")) is None:
+        raise ValueError(f"{path}: provenance: lacks sha256")
+    if plain(content) != content:
+        raise ValueError(f"{path} holds NaN or infinity, which is not JSON")
     if digest({**content, "provenance": provenance}) != stored:
         raise ValueError(
             f"{path} was changed after it was measured: its content does not fit its checksum "
             f"{str(stored)[:12]}...; measure it again instead of editing it"
         )
-    return content
+    return dict(content)
 
 
 def read_result_file(path: str | Path) -> ResultFile:
@@ -155,21 +151,29 @@ def read_result_file(path: str | Path) -> ResultFile:
         FileNotFoundError: There is no such file.
         ValueError: It is not such a file, or it was changed after it was written.
     """
-    content = read_sealed(path)
-    try:
-        rows = tuple(dict(row) for row in content["rows"])
-        what = str(content["what"])
-    except KeyError as error:
-        raise ValueError(f"{path} is not a whole result file: it has no {error}") from error
-    except (ValueError, TypeError) as error:
-        raise ValueError(f"{path} is not a result file: {error}") from error
-    return ResultFile(what, rows, content["provenance"])
+    content = structured(read_sealed(path), _Result, path, further=True)
+    if not content.rows or not all(content.rows):
+        raise ValueError(f"{path}: rows: expected rows of numbers, got {content.rows!r:.60}")
+    return ResultFile(content.what, tuple(content.rows), content.provenance)
+
+
+@dataclass(frozen=True)
+class _Sealed:
+    """What each file with a checksum has."""
+
+    provenance: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class _Result(_Sealed):
+    what: str
+    rows: list[dict[str, Any]]
 
 
 def sealed_row(path: Path, configuration: Mapping[str, Any]) -> dict[str, Any] | None:
     """Read a row, if it is there, whole, untouched, and was measured with this configuration."""
     with contextlib.suppress(OSError, ValueError):
-        row = json.loads(path.read_text(encoding="utf-8"))
+        row = read_json(path)
         if isinstance(row, dict) and row.get("config_sha256") == digest(configuration):
             sealed = {name: value for name, value in row.items() if name != "sha256"}
             return row if row.get("sha256") == digest(sealed) else None
@@ -183,15 +187,3 @@ def seal_row(path: Path, row: Mapping[str, Any]) -> dict[str, Any]:
     content["sha256"] = digest(content)
     write_json(path, content)
     return content
-
-
-def _once_each(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """A JSON object, of which each name may stand there once."""
-    found = dict(pairs)
-    if len(found) < len(pairs):
-        raise ValueError("a name stands there twice")
-    return found
-
-
-def _refuse(word: str) -> None:
-    raise ValueError(f"{word} is not JSON")

@@ -22,7 +22,7 @@ from scipy import ndimage
 from torch import Tensor, nn
 
 from hadr.models.config import NetworkConfig
-from hadr.models.hadr_input import HADRInput, ImageOutput, float_color
+from hadr.models.network_input import HADRInput, ImageOutput, float_color
 
 MARGIN_M = 1e-6
 """Keeps the range of a frame of one depth from being empty."""

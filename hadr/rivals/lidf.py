@@ -46,7 +46,7 @@ from hadr.models.blocks.dilated_resnet import DilatedResNet, DilatedResNetConfig
 from hadr.models.config import NetworkConfig
 from hadr.models.decoders import OffsetDecoder, encode_position
 from hadr.models.hadr import HADR, POSITION_LEVELS, HADRConfig, HADROutput, Seen
-from hadr.models.hadr_input import HADRInput, float_color
+from hadr.models.network_input import HADRInput, float_color
 from hadr.models.ray_features import features_at
 from hadr.models.voxel_features import VoxelFeatures
 from hadr.ray_voxels import OccupiedVoxels, VoxelGrid, voxels_at

@@ -33,7 +33,7 @@ from hadr.models.backbone import BackboneConfig, build_swin, enlarge, imagenet_n
 from hadr.models.blocks.cross_fusion import CrossFusion
 from hadr.models.blocks.pyramid_head import PyramidHead
 from hadr.models.config import NetworkConfig
-from hadr.models.hadr_input import HADRInput, ImageOutput, float_color
+from hadr.models.network_input import HADRInput, ImageOutput, float_color
 
 PUBLISHED_ENCODER = BackboneConfig(normalize_color=False)
 """Swin-T on colours in 0..1."""

@@ -33,7 +33,7 @@ from torch.nn import functional
 
 from hadr.models.blocks.stochastic_depth import replace_drop_path
 from hadr.models.config import NetworkConfig
-from hadr.models.hadr_input import HADRInput, ImageOutput, float_color
+from hadr.models.network_input import HADRInput, ImageOutput, float_color
 
 LIMIT_M = 10.0
 """Measured depth beyond this counts as missing."""

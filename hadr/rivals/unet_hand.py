@@ -17,8 +17,8 @@ from torch.nn import functional
 
 from hadr.models.backbone import enlarge
 from hadr.models.config import NetworkConfig
-from hadr.models.hadr_input import DepthOutput, HADRInput, float_color
 from hadr.models.hand.crop import hand_depth, keypoint_maps, relative_depth
+from hadr.models.network_input import DepthOutput, HADRInput, float_color
 
 REACH_M = 0.2
 """Measured depth farther than this from the hand's is cut off."""

@@ -14,7 +14,7 @@ from tqdm import tqdm
 
 from hadr.camera import resize_depth, resize_mask
 from hadr.corruption import CORRUPTIONS, Corruption, corrupt
-from hadr.models.hadr_input import HADRInput, frame_to_input, stack_inputs
+from hadr.models.network_input import HADRInput, frame_to_input, stack_inputs
 from hadr.records.provenance import usable_cores
 
 if TYPE_CHECKING:

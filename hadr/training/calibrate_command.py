@@ -65,18 +65,25 @@ class Options:
 def run(options: Options) -> int:
     """Run `hadr calibrate`."""
     from hadr.confidence import ConfidenceRule
+    from hadr.data.folders import check_folders
     from hadr.records.result_file import write_result_file
     from hadr.training.batches import load_frames
     from hadr.training.calibrate import calibrate, measure_confidence, restored_pixels
-    from hadr.training.checkpoints import kind_of, load_checkpoint, update_record
+    from hadr.training.checkpoints import (
+        kind_of,
+        load_checkpoint,
+        trained_corruption,
+        update_record,
+    )
     from hadr.training.ground import learn_ground
 
     check_file(options.out, what=_WHAT)
+    check_folders(options.data)
     model, meta = load_checkpoint(options.checkpoint)
     name, kind = options.checkpoint.name, kind_of(model)
     if NETWORKS[kind].answer != "depth":
         raise ValueError(f"{name} holds a network of kind {kind!r}, which restores no depth")
-    learned = str(meta.get("data", {}).get("corruption", "oracle")).split(":")[0]
+    learned = trained_corruption(meta)
     if learned != options.corruption:
         raise ValueError(
             f"{name} was trained with corruption {learned!r}; a calibration with "

@@ -3,13 +3,16 @@
 A checkpoint is a safetensors file. Its header holds the network's configuration and the record of
 its training as JSON; the `.json` file beside it is the same record for human eyes. Both are
 written to a temporary file first and renamed, so a crash never leaves half a file under the name.
+The record has a checksum of all tensors; a file that was made before there was one is read without.
 """
 
 from __future__ import annotations
 
+import contextlib
+import hashlib
 import json
-from collections.abc import Mapping
-from dataclasses import is_dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, is_dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +21,52 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor, nn
 
+from hadr.confidence import ConfidenceRule
+from hadr.corruption import CORRUPTIONS, Corruption
+from hadr.known_ground import Ground
 from hadr.models.networks import NETWORKS
-from hadr.records.provenance import plain, write_json
+from hadr.records.provenance import IF_CHANGED, plain, write_json
+from hadr.records.reading import parse_json, structured
 from hadr.records.writing import write_whole
 
+CHECKSUM = "tensors_sha256"
 _HEADER = "hadr"
+_LARGEST = 16384
 _STATE = "training/"  # prefix of tensors that only a resumed training needs
+
+
+@dataclass(frozen=True)
+class _LearnedRange:
+    """Nearest and farthest depth that a training has shown, metres."""
+
+    depth_m: tuple[float, float]
+
+    def __post_init__(self) -> None:
+        near, far = self.depth_m
+        if not 0 <= near < far:
+            raise ValueError(f"depth_m must be two rising depths in metres, got {self.depth_m}")
+
+
+@dataclass(frozen=True)
+class _Record:
+    """What each checkpoint's record must say, and what it may; there is more in it."""
+
+    network: str
+    model: dict[str, Any]
+    width: int
+    height: int
+    data: dict[str, Any] | None = field(default=None, metadata=IF_CHANGED)
+    preset: dict[str, Any] | None = field(default=None, metadata=IF_CHANGED)
+    learned_range: _LearnedRange | None = field(default=None, metadata=IF_CHANGED)
+    tensors_sha256: str | None = field(default=None, metadata=IF_CHANGED)
+
+    def __post_init__(self) -> None:
+        if self.network not in NETWORKS:
+            known = ", ".join(NETWORKS)
+            raise ValueError(f"network must be one of {known}, got {self.network!r}")
+        for name in ("width", "height"):
+            if not 1 <= getattr(self, name) <= _LARGEST:
+                raise ValueError(f"{name} must be 1 to {_LARGEST}, got {getattr(self, name)}")
 
 
 def save_checkpoint(
@@ -74,23 +117,43 @@ def load_checkpoint(path: str | Path) -> tuple[Any, dict[str, Any]]:
 
     Raises:
         FileNotFoundError: There is no such file.
-        ValueError: The file is cut off, damaged, or not a checkpoint of a known network.
+        ValueError: The file is cut off or damaged, its weights are not those that were written, or
+            no numbers; or its record lacks a field or has a wrong one.
     """
     tensors, meta = _read(Path(path))
-    kind = meta.setdefault("network", "hadr")  # the first checkpoints were all of HADR
-    if kind not in NETWORKS:
-        raise ValueError(f"{path} holds a {kind!r}, expected one of {', '.join(NETWORKS)}")
-    config = NETWORKS[kind].config_class().from_dict(meta["model"])
-    model = NETWORKS[kind].network_class()(_without_download(config))
+    kind = meta["network"]
+    config = NETWORKS[kind].config_class().from_dict(meta["model"], f"{path}: model")
+    try:
+        trained_corruption(meta)
+        if NETWORKS[kind].can_say and meta.get("confidence") is not None:
+            ConfidenceRule.from_dict(meta["confidence"])
+        if meta.get("ground") is not None:
+            Ground.from_dict(meta["ground"])
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+    try:
+        model = NETWORKS[kind].network_class()(_without_download(config))
+    except (RuntimeError, ValueError, IndexError, ZeroDivisionError) as error:
+        raise ValueError(f"{path}: its model is no network that can be: {error}") from error
     weights = {
         name: values.float() if values.is_floating_point() else values
         for name, values in tensors.items()
         if not name.startswith(_STATE)
     }
+    for name, values in weights.items():
+        if not bool(torch.isfinite(values).all()):
+            raise ValueError(f"{path} holds weights that are no numbers, in {name}")
     try:
         model.load_state_dict(weights)
     except RuntimeError as error:
-        raise ValueError(f"{path} does not fit its own configuration: {error}") from error
+        wanted = model.state_dict()
+        other = [n for n in wanted if n in weights and wanted[n].shape != weights[n].shape]
+        raise ValueError(
+            f"{path} does not fit its own configuration: of {len(wanted)} weights "
+            f"{len(wanted.keys() - weights.keys())} are missing and {len(other)} of another size, "
+            f"and {len(weights.keys() - wanted.keys())} have unknown names (is transformers as new "
+            "as pyproject.toml asks for?)"
+        ) from error
     model.eval()
     return model, meta
 
@@ -105,6 +168,19 @@ def kind_of(model: nn.Module) -> str:
         if type(model).__name__ == network.network:
             return kind
     raise ValueError(f"{type(model).__name__} is none of the networks {', '.join(NETWORKS)}")
+
+
+def trained_corruption(meta: Mapping[str, Any]) -> Corruption:
+    """Read from a checkpoint's record of which corruption it learned.
+
+    Raises:
+        ValueError: It is none of `CORRUPTIONS`.
+    """
+    stored = (meta.get("data") or {}).get("corruption", meta.get("corruption", "oracle"))
+    for name in CORRUPTIONS:
+        if name == str(stored).partition(":")[0]:
+            return name
+    raise ValueError(f"corruption must be one of {', '.join(CORRUPTIONS)}, got {stored!r}")
 
 
 def strip_checkpoint(source: str | Path, target: str | Path, *, half: bool = True) -> None:
@@ -142,27 +218,56 @@ def load_training_state(path: str | Path) -> dict[str, Tensor]:
 
 def _write(path: Path, tensors: dict[str, Tensor], record: dict[str, Any]) -> None:
     """Write checkpoint and record, each whole or not at all."""
+    record[CHECKSUM] = _checksum(tensors)
     write_whole(path, save(tensors, metadata={_HEADER: json.dumps(record)}))
     write_json(path.with_suffix(".json"), record)
 
 
 def _read(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
+    with _opened(path) as (file, meta):
+        names = file.keys()
+        tensors: dict[str, Tensor] = {name: file.get_tensor(name) for name in names}
+    if meta.get(CHECKSUM, found := _checksum(tensors)) != found:
+        raise ValueError(f"{path} was damaged or changed: its tensors do not fit their checksum")
+    return tensors, meta
+
+
+def read_record(path: str | Path) -> dict[str, Any]:
+    """Read a checkpoint's record alone; errors as `load_checkpoint`."""
+    with _opened(Path(path)) as (_, meta):
+        return meta
+
+
+@contextlib.contextmanager
+def _opened(path: Path) -> Iterator[tuple[Any, dict[str, Any]]]:
+    """The open file and its record, whose fields are checked."""
     if not path.is_file():
         raise FileNotFoundError(f"there is no checkpoint at {path}")
     try:
         with safe_open(path, framework="pt") as file:
             header = file.metadata() or {}
-            names = file.keys()
-            tensors: dict[str, Tensor] = {name: file.get_tensor(name) for name in names}
+            if _HEADER not in header:
+                raise ValueError(f"{path} is a safetensors file, but not a checkpoint of HADR")
+            meta: dict[str, Any] = parse_json(header[_HEADER], f"the record of {path}")
+            if isinstance(meta, dict):
+                meta.setdefault("network", "hadr")  # the first checkpoints were all of HADR
+            structured(meta, _Record, path, further=True)
+            yield file, meta
     except (SafetensorError, OSError) as error:
         raise ValueError(
             f"{path} ({path.stat().st_size} bytes) is cut off or damaged, not a whole checkpoint: "
             f"{error}"
         ) from error
-    if _HEADER not in header:
-        raise ValueError(f"{path} is a safetensors file, but not a checkpoint of HADR")
-    meta: dict[str, Any] = json.loads(header[_HEADER])
-    return tensors, meta
+
+
+def _checksum(tensors: Mapping[str, Tensor]) -> str:
+    """SHA-256 of names, types, shapes and bytes."""
+    digest = hashlib.sha256()
+    for name in sorted(tensors):
+        values = tensors[name].contiguous()
+        digest.update(f"{name} {values.dtype} {tuple(values.shape)}".encode())
+        digest.update(values.reshape(-1).view(torch.uint8).numpy().data)
+    return digest.hexdigest()
 
 
 def _without_download(config: Any) -> Any:

@@ -15,7 +15,7 @@ from hadr.confidence import ConfidenceRule, fit_confidence
 from hadr.corruption import CORRUPTIONS, Corruption, corrupt, erase_mask
 from hadr.data.frame import Frame
 from hadr.known_ground import Field, Ground, Observation, Sight, observe
-from hadr.models.hadr_input import frame_to_input
+from hadr.models.network_input import frame_to_input
 from hadr.models.networks import NETWORKS
 from hadr.training.batches import load_frames
 from hadr.training.calibrate import restored_pixels

@@ -14,7 +14,7 @@ from torch import Tensor, distributed
 from torch.nn import functional
 
 from hadr.models.hadr import HADROutput
-from hadr.models.hadr_input import masked_rays, ray_points
+from hadr.models.network_input import masked_rays, ray_points
 from hadr.ray_voxels import (
     VoxelGrid,
     pair_of_true_point,

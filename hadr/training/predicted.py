@@ -16,9 +16,9 @@ from torch import Tensor
 from torch.nn import functional
 
 from hadr.corruption import CORRUPTIONS
-from hadr.data.folders import FrameSource, has_split, open_folder
-from hadr.models.hadr_input import HADRInput
+from hadr.data.folders import FrameSource, check_folders, has_split, open_folder
 from hadr.models.hand.keypoints import keypoints_where_seen
+from hadr.models.network_input import HADRInput
 from hadr.training.batches import FrameList, FrameTensors, load_frames
 from hadr.training.given import TRUE, Given, load_given
 
@@ -29,8 +29,10 @@ def open_split(
     """Open a split of some data folders, joined; None where none of them has it.
 
     Raises:
-        FileNotFoundError: An object is missing.
+        FileNotFoundError: An object is missing, or a folder has no split at all.
+        ValueError: A folder is named twice.
     """
+    check_folders(folders)
     there = [folder for folder in folders if has_split(folder, split)]
     if not there:
         return None

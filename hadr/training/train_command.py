@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import json
 import os
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from pathlib import Path
@@ -194,18 +193,21 @@ def starting_weights(path: str | Path, recipe: Preset) -> Any:
     return network
 
 
-def with_recorded_drop(recipe: Preset, record: Path) -> Preset:
+def with_recorded_drop(recipe: Preset, last: Path) -> Preset:
     """Keep the epoch at which the rate falls where a training is resumed with more epochs."""
-    if recipe.schedule != "step" or not record.is_file():
+    from hadr.training.checkpoints import read_record
+
+    if recipe.schedule != "step":
         return recipe
-    stored = json.loads(record.read_text(encoding="utf-8")).get("preset", {}).get("drop_epoch")
-    return recipe if stored is None else replace(recipe, drop_epoch=stored)
+    drop = (read_record(last).get("preset") or {}).get("drop_epoch")
+    return replace(recipe, drop_epoch=drop) if isinstance(drop, int) else recipe
 
 
 def run(options: Options) -> int:
     """Run `hadr train`."""
     check_folder(options.out)
-    if int(os.environ.get("LOCAL_RANK", 0)):  # of several processes the first one has the folder
+    # Of several processes, which torchrun or the first of them starts, the first has the folder.
+    if int(os.environ.get("RANK") or os.environ.get("LOCAL_RANK") or 0):
         return _train(options)
     with sole_owner(options.out, "hadr train"):
         return _train(options)
@@ -234,7 +236,7 @@ def _train(options: Options) -> int:
         raise ValueError("--start-from begins a training and --resume goes on with one: name one")
     start = None if options.start_from is None else starting_weights(options.start_from, recipe)
     if options.resume and options.drop_epoch is None:
-        recipe = with_recorded_drop(recipe, (out / LAST).with_suffix(".json"))
+        recipe = with_recorded_drop(recipe, out / LAST)
     elif not options.resume:
         TrainingFolder(out, recipe, given.seed, None).check_empty()
     fabric = Fabric(

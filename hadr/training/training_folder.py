@@ -11,6 +11,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +21,7 @@ import torch
 from torch import nn
 
 from hadr.records.provenance import provenance
+from hadr.records.reading import structured
 from hadr.records.writing import write_whole
 from hadr.training.checkpoints import (
     adam_state,
@@ -35,6 +37,23 @@ BEST = "best.safetensors"
 HISTORY = "history.csv"
 _RAW = "weights/"  # the weights themselves, where the checkpoint's are their average
 History = list[dict[str, float]]
+
+
+@dataclass(frozen=True)
+class _Reached:
+    """What the last checkpoint's record must say so that a training can go on."""
+
+    history: list[dict[str, float | None]]
+    epochs: int
+    score: str | None
+    preset: dict[str, Any]
+    seed: int
+
+    def __post_init__(self) -> None:
+        if not self.epochs == len(self.history) >= 1:
+            raise ValueError(f"epochs is {self.epochs}, but history has {len(self.history)} rows")
+        if self.score is not None and any(self.score not in row for row in self.history):
+            raise ValueError(f"score is {self.score!r}, which is no column of history")
 
 
 @dataclass(frozen=True)
@@ -98,24 +117,32 @@ class TrainingFolder:
     ) -> History:
         """Load the last epoch into network, optimiser and average, and bring the folder into line.
 
-        Returns the history, empty where there is nothing to go on from.
+        Returns the history.
 
         Raises:
+            FileNotFoundError: There is nothing to go on from.
             ValueError: The folder holds a training of another recipe, seed or data.
         """
-        if not (self.path / LAST).is_file():
-            return []
-        earlier, meta = load_checkpoint(self.path / LAST)
+        last = self.path / LAST
+        if not last.is_file():
+            raise FileNotFoundError(f"there is no {last} to go on from; leave out --resume")
+        earlier, meta = load_checkpoint(last)
+        reached = structured(meta, _Reached, last, further=True)
         self._check_same(earlier, network, meta)
-        state = load_training_state(self.path / LAST)
+        state = load_training_state(last)
         raw = {n.removeprefix(_RAW): t for n, t in state.items() if n.startswith(_RAW)}
         moments = {n: t for n, t in state.items() if not n.startswith(_RAW)}
+        if not moments:
+            raise ValueError(f"{last} lacks the optimiser's state: it is a copy of another file")
         network.load_state_dict(raw or earlier.state_dict())
         if average is not None:
             average.load_state_dict(earlier.state_dict())
         restore_adam(optimizer, moments)
-        history: History = meta["history"]
-        newest_is_best = best_epoch(history, meta["score"]) == len(history)
+        history = [
+            {name: math.nan if value is None else value for name, value in row.items()}
+            for row in reached.history
+        ]
+        newest_is_best = best_epoch(history, reached.score) == len(history)
         if newest_is_best and self._epochs_of(BEST) != len(history):
             save_checkpoint(self.path / BEST, earlier, meta)
         self._write_history(history)
@@ -137,10 +164,10 @@ class TrainingFolder:
     def _epochs_of(self, name: str) -> int | None:
         """Epochs of a checkpoint in the folder; None where there is no whole one."""
         try:
-            _, meta = load_checkpoint(self.path / name)
+            epochs = load_checkpoint(self.path / name)[1].get("epochs")
         except (FileNotFoundError, ValueError):
             return None
-        return int(meta["epochs"])
+        return epochs if isinstance(epochs, int) else None
 
     def _write_history(self, history: History) -> None:
         names = list(dict.fromkeys(name for row in history for name in row))
@@ -155,10 +182,9 @@ class TrainingFolder:
         last, recipe = self.path / LAST, self.recipe
         if meta["seed"] != self.seed:
             raise ValueError(f"{last} was trained with seed {meta['seed']}, not {self.seed}")
-        same_config = earlier.config == network.config
-        if not same_config or meta["preset"]["name"] != recipe.name:
+        if earlier.config != network.config or meta["preset"].get("name") != recipe.name:
             raise ValueError(
-                f"{last} holds a training of preset {meta['preset']['name']!r} with another "
+                f"{last} holds a training of preset {meta['preset'].get('name')!r} with another "
                 f"network than preset {recipe.name!r} asks for"
             )
         asked = json.loads(json.dumps({"recipe": recipe.to_dict(), "data": self.data}))
@@ -179,6 +205,6 @@ def best_epoch(history: History, score: str | None) -> int | None:
     scores = [
         (row[score], number + 1)
         for number, row in enumerate(history)
-        if score is not None and score in row
+        if score is not None and math.isfinite(row.get(score, math.nan))
     ]
     return min(scores)[1] if scores else None

@@ -2,7 +2,7 @@
 
 import pytest
 
-from hadr.data.folders import FrameSource, has_split, open_folder
+from hadr.data.folders import FrameSource, check_folders, has_split, open_folder
 from hadr.data.samples import samples_dir
 
 
@@ -48,3 +48,14 @@ def test_the_bundled_folder_is_opened():
     assert folder.hold_ids[0] == frame.hold_id
     assert has_split(root, "val")
     assert not has_split(root, "validation")
+
+
+def test_a_folder_that_is_none_or_is_named_twice_is_refused(tmp_path):
+    root = samples_dir() / "frames"
+    check_folders([root])
+    with pytest.raises(FileNotFoundError, match="nowhere has none of the folders train, val, test"):
+        check_folders([root, tmp_path / "nowhere"])
+    with pytest.raises(ValueError, match="frames is named twice"):
+        check_folders([root, root.parent / "." / "frames"])
+    with pytest.raises(ValueError, match="object '0004' is named twice"):
+        open_folder(root, "val", ["0004", "0004"])

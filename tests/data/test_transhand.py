@@ -147,7 +147,7 @@ def test_a_stereo_cameras_depth_is_stored_as_disparity_without_loss(tmp_path, st
         TransHand(tmp_path, "train")[0]
     del log["raw_disparity scale"]
     path.write_text(json.dumps(log))
-    with pytest.raises(ValueError, match=r"must name focal_baseline, step and unit, got None"):
+    with pytest.raises(ValueError, match=r"disparity scale: must be named values, got None"):
         TransHand(tmp_path, "train")[0]
 
 
@@ -331,6 +331,14 @@ def test_a_broken_picture_is_named(tmp_path, folder, damage):
         frames[0]
 
 
+def test_a_grey_picture_is_no_colour_picture(tmp_path):
+    write_frame(tmp_path, make_frame())
+    path = next((tmp_path / "train/0004/depth/rgb").iterdir())
+    path.write_bytes(cv2.imencode(path.suffix, np.full((H, W), 7, np.uint8))[1].tobytes())
+    with pytest.raises(ValueError, match=rf"{path.name}: a colour picture has three channels"):
+        TransHand(tmp_path, "train")[0]
+
+
 def test_a_flipped_bit_in_a_png_is_named(tmp_path):
     write_frame(tmp_path, make_frame(), depth_format="png")
     path = tmp_path / "train/0004/depth/depth_png/000007.png"
@@ -469,6 +477,26 @@ def test_a_broken_log_is_named(tmp_path):
         TransHand(tmp_path, "train")[0]
 
 
+@pytest.mark.parametrize(
+    ("key", "value", "said"),
+    [
+        ("camera point", "x", "'camera point': must be a list, got 'x'"),
+        ("camera point", [1, 2, 10**400], r"'camera point': .*must be a number, got 1000"),
+        ("hold_id", 7, "'hold_id': must be text, got 7"),
+        ("depth_png scale", True, "'depth_png scale': must be a number, got True"),
+        ("depth_png scale", 1e300, "'depth_png scale' must be at most 0.01 m"),
+        ("world_from_object", [[0.0] * 4] * 4, "'world_from_object' must be a rigid"),
+        ("camera internal", [[10**400] * 3] * 3, "'camera internal' must be a 3x3 matrix"),
+    ],
+)
+def test_a_value_of_a_log_that_cannot_be_is_named(tmp_path, key, value, said):
+    write_frame(tmp_path, make_frame(), depth_format="png")
+    path = tmp_path / "train/0004/depth/log_json/000007.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {key: value}))
+    with pytest.raises(ValueError, match=rf"frame 000007: .*000007\.json: {said}"):
+        TransHand(tmp_path, "train")[0]
+
+
 def test_intrinsics_by_name_by_matrix_or_left_out(tmp_path):
     write_frame(tmp_path, make_frame())
     edit_log(tmp_path, camera_internal=None)
@@ -487,7 +515,7 @@ def test_the_objects_pose_of_a_log(tmp_path):
     path = tmp_path / "train/0004/depth/log_json/000007.json"
     log = json.loads(path.read_text()) | {"world_from_object": [[1, 2], [3, 4]]}
     path.write_text(json.dumps(log))
-    with pytest.raises(ValueError, match=r"'world_from_object' must be a 4x4 matrix"):
+    with pytest.raises(ValueError, match=r"'world_from_object' must be a rigid 4x4 matrix"):
         TransHand(tmp_path, "train")[0]
 
 

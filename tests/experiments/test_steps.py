@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from hadr.experiments.steps import Step, keep_run_times, last_run_times, seconds_text, steps_text
+from hadr.records.result_file import write_result_file
 
 STEPS = [
     Step("tables", "known/raw/seed-0", "done", 2.0, "runs/known/raw/seed-0/row.json"),
@@ -50,6 +51,13 @@ def test_times_of_finished_steps_are_kept_beside_those_of_others(tmp_path: Path)
     path = tmp_path / "run_times.json"
     path.write_text(path.read_text(encoding="utf-8").replace("7.0", "6.0"), encoding="utf-8")
     with pytest.raises(ValueError, match="does not fit its checksum"):
+        last_run_times(tmp_path, "paper")
+
+
+def test_a_row_that_is_no_steps_is_named(tmp_path: Path) -> None:
+    row = {"part": "tables", "step": "known/raw/seed-0", "seconds": "long"}
+    write_result_file(tmp_path / "run_times.json", "times", [row], {})
+    with pytest.raises(ValueError, match=r"run_times.json.*seconds.*must be a number, got 'long'"):
         last_run_times(tmp_path, "paper")
 
 

@@ -1,5 +1,6 @@
 """Logs: what is in them, that a replay gives the same transitions, that damage is refused."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -114,7 +115,9 @@ def test_a_log_that_was_cut_off_is_refused(path: Path, tmp_path: Path, part: flo
     whole = path.read_bytes()
     short = tmp_path / "short.npz"
     short.write_bytes(whole[: int(part * len(whole))])
-    with pytest.raises(ValueError, match=r"short.npz is no run log, or is cut off or damaged"):
+    with pytest.raises(
+        ValueError, match=r"short.npz is no .npz of arrays, or is cut off or damaged"
+    ):
         read_run_log(short)
 
 
@@ -143,10 +146,10 @@ def test_a_log_that_was_changed_is_refused(path: Path, tmp_path: Path) -> None:
 
 def test_other_files_of_numpy_are_no_logs(tmp_path: Path) -> None:
     np.save(tmp_path / "one.npy", np.zeros(3))
-    with pytest.raises(ValueError, match=r"one\.npy is no run log.*a single array"):
+    with pytest.raises(ValueError, match=r"one\.npy is no .npz"):
         read_run_log(tmp_path / "one.npy")
     np.savez(tmp_path / "two.npz", a=np.zeros(3))
-    with pytest.raises(ValueError, match=r"two\.npz is no run log"):
+    with pytest.raises(ValueError, match=r"two\.npz has an unknown array, 'a'"):
         read_run_log(tmp_path / "two.npz")
 
 
@@ -155,9 +158,15 @@ def test_settings_of_another_version_are_named(path: Path) -> None:
     config = log.header["config"]
     safety, workspace = config["safety"], config["workspace"]
     for other, says in [
-        ({**config, "boldness": 2.0}, "setting boldness, which this version does not know"),
-        ({**config, "safety": {**safety, "luck": 1.0}}, "setting luck, which"),
-        ({**config, "workspace": {**workspace, "roof": 1.0}}, "setting roof, which"),
+        ({**config, "boldness": 2.0}, "config: has the unknown field boldness"),
+        (
+            {**config, "safety": {**safety, "luck": 1.0}},
+            "config: safety: has the unknown field luck.* the version that made it",
+        ),
+        (
+            {**config, "workspace": {**workspace, "roof": 1.0}},
+            "config: workspace: has the unknown field roof",
+        ),
     ]:
         with pytest.raises(ValueError, match=says):
             replay(RunLog(log.arrays, {**log.header, "config": other}))
@@ -166,8 +175,57 @@ def test_settings_of_another_version_are_named(path: Path) -> None:
 def test_another_format_is_refused(path: Path, tmp_path: Path) -> None:
     log = read_run_log(path)
     other = RunLog(log.arrays, {**log.header, "format": 99}).save(tmp_path / "other.npz")
-    with pytest.raises(ValueError, match="has format 99, this version reads 1"):
+    with pytest.raises(ValueError, match="format is 99, this version reads 1"):
         read_run_log(other)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "says"),
+    [
+        ("transitions", [[0, "Nowhere", "Finished", ""]], "transitions.*'Nowhere' is not a valid"),
+        ("cautions", None, "cautions: must be a list, got None"),
+        ("events", [[0, "chose", 7]], r"events has \[0, 'chose', 7\], which is none"),
+        ("events", [[0, "tool_wrench", 1.0]], "events has .*tool_wrench"),
+        ("odd_keypoints", {"0": 7}, "odd_keypoints"),
+        ("odd_keypoints", {"x": []}, "odd_keypoints must be named by steps, got 'x'"),
+        ("config", 7, "config: must be named values, got 7"),
+        ("base_from_camera", [["x"]], "base_from_camera.*must be a number, got 'x'"),
+    ],
+)
+def test_a_forged_header_is_refused(
+    path: Path, tmp_path: Path, name: str, value: object, says: str
+) -> None:
+    log = read_run_log(path)
+    forged = RunLog(log.arrays, {**log.header, name: value}).save(tmp_path / "forged.npz")
+    with pytest.raises(ValueError, match=rf"forged\.npz.*{says}"):
+        read_run_log(forged)
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "says"),
+    [
+        ("taken", lambda a: a[:3], "taken must be f8 steps"),
+        ("tool", lambda a: a[:-1], "joints must be f4 answers 6"),
+        ("hand", lambda a: a.astype(str), "hand must be i4 steps"),
+        ("cloud", lambda a: a + 1000, "cloud must be rows of the"),
+        ("keypoints", lambda a: np.float32(1), "keypoints must be f4 hands 21 3"),
+    ],
+)
+def test_forged_arrays_are_refused(
+    path: Path, tmp_path: Path, name: str, change: Callable[[np.ndarray], np.ndarray], says: str
+) -> None:
+    log = read_run_log(path)
+    arrays = {**log.arrays, name: np.asarray(change(log.arrays[name]))}
+    with pytest.raises(ValueError, match=rf"forged\.npz: {says}"):
+        read_run_log(RunLog(arrays, log.header).save(tmp_path / "forged.npz"))
+
+
+def test_a_replay_compares_the_commands_to_the_arm(path: Path) -> None:
+    log = read_run_log(path)
+    servo = log.arrays["servo"].copy()
+    servo[np.flatnonzero(np.isfinite(servo[:, 0, 3]))[5], 0, 3] += 0.002
+    with pytest.raises(ValueError, match=r"the command to the arm in step \d+ differs"):
+        replay(RunLog({**log.arrays, "servo": servo}, log.header))
 
 
 def test_forces_and_refusals_of_the_robot_are_replayed() -> None:
@@ -195,7 +253,7 @@ def test_forces_and_refusals_of_the_robot_are_replayed() -> None:
 
 
 @pytest.mark.parametrize("seed", [0, 1])
-def test_a_run_on_garbage_is_replayed(seed: int) -> None:
+def test_a_run_on_garbage_is_replayed(tmp_path: Path, seed: int) -> None:
     rng = np.random.default_rng(seed)
     last = ChosenGrasp(grasp(), 0.075, 1.0)
     handover = RecordedHandover(SimulatedUR5(), lambda *_: last, CAMERA)
@@ -213,6 +271,6 @@ def test_a_run_on_garbage_is_replayed(seed: int) -> None:
 
     rehearse(handover, HAND, dt=0.02, longest=4.0, past_stops=True, spoil=garble)
     assert len(handover.transitions) >= 2
-    again = replay(handover.log())
+    again = replay(read_run_log(handover.log().save(tmp_path / "run.npz")))
     assert again.transitions == handover.transitions
     assert (again.caution, again.time) == (handover.caution, handover.time)

@@ -18,7 +18,7 @@ from hadr.models.decoders import (
     leaky_clamp,
 )
 from hadr.models.hadr import HADR, HADRConfig
-from hadr.models.hadr_input import (
+from hadr.models.network_input import (
     HADRInput,
     frame_to_input,
     masked_rays,

@@ -9,7 +9,7 @@ import pytest
 import torch
 from torch import nn
 
-from hadr.models.hadr_input import HADRInput
+from hadr.models.network_input import HADRInput
 from hadr.models.networks import DEPTH_NETWORKS, NETWORKS
 from hadr.training.presets import preset
 

@@ -153,7 +153,7 @@ def test_the_readme_table_comes_from_the_measurement(tmp_path):
 @pytest.mark.parametrize(
     ("preset", "chapters", "says"),
     [
-        ("tiny", {}, "results.json is broken"),
+        ("tiny", {}, "results.json: must be named values, got []: run `make book` first"),
         ("mini", {"00_a": "one core"}, "has times of preset mini, README those of tiny"),
         ("tiny", {"01_b": "one core"}, "results.json has no time of 00_a: run `make book` first"),
         ("tiny", {"00_a": "one core", "01_b": "two cores"}, "of one core and of two cores: run"),

@@ -109,6 +109,19 @@ def test_an_empty_wish_is_refused(tmp_path):
         chapters.chapter_paths(tmp_path, [""])
 
 
+@pytest.mark.parametrize(
+    "text", ["", "null", "[]", '{"nbformat": 99, "cells": []}', "[" * 100_000, "\x00",
+             '{"nbformat": 4, "nbformat_minor": 5, "metadata": {}, "cells": 7}']
+)  # fmt: skip
+def test_what_is_no_notebook_is_named(tmp_path, text, capsys):
+    path = tmp_path / "03_x.ipynb"
+    path.write_text(text)
+    with pytest.raises(ValueError, match=r"03_x\.ipynb is ") as error:
+        chapters.read_notebook(path)
+    assert len(str(error.value)) < 500
+    assert capsys.readouterr().err == ""
+
+
 def test_table_of_run_times():
     runs = [ChapterRun("00_a", 1.0, Path(), None), ChapterRun("01_b", 70.0, Path(), None)]
     table = chapters.run_time_table(runs, {"00_a": "[A](a)"}).splitlines()

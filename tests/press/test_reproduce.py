@@ -76,8 +76,9 @@ def test_a_row_that_gives_other_numbers_is_told(
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--jobs", "0"], "--jobs must be at least 1, got 0"),
-        (["--seeds", "-1"], "--seeds must be at least 0, got -1"),
+        (["--jobs", "0"], "--jobs must be from 1 to 1024, got 0"),
+        (["--seeds", "-1"], "--seeds must be from 0 to 9223372036854775807, got -1"),
+        (["--seeds", "4", "4"], "--seeds names 4 twice"),
         (["--only", "known/gan"], "no run fits 'known/gan'"),
         (["--only", "known/hadr/seed-7"], "seeds are chosen with --seeds"),
         (["--preset", "mini", "--only", "known"], "hadr generate --preset mini --out DIR"),

@@ -79,11 +79,19 @@ def test_a_row_must_be_the_only_one(written):
         found.row(method="lidf")
 
 
-@pytest.mark.parametrize("text", ["", "[]", '{"rows": []}', '{"what": 1, "provenance": {}}'])
-def test_other_files_are_named(tmp_path, text):
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", " is not valid JSON"),
+        ("[]", r": must be named values, got \[\]"),
+        ('{"rows": []}', ": lacks provenance"),
+        ('{"what": 1, "provenance": {}}', ": provenance: lacks sha256"),
+    ],
+)
+def test_other_files_are_named(tmp_path, text, said):
     path = tmp_path / "other.json"
     path.write_text(text, encoding="utf-8")
-    with pytest.raises(ValueError, match=r"other\.json is not a (whole )?result file"):
+    with pytest.raises(ValueError, match=rf"other\.json{said}"):
         read_result_file(path)
 
 
@@ -108,8 +116,8 @@ def test_several_files_are_read_as_one(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("null", "NaN", "NaN is not JSON"),
-        ('"what"', '"what": "something else", "what"', "a name stands there twice"),
+        ("null", "NaN", "NaN or infinity, which is not JSON"),
+        ('"what"', '"what": "something else", "what"', "the name 'what' stands there twice"),
     ],
 )
 def test_what_another_reader_would_read_otherwise_is_refused(written, old, new, said):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 import torch
 
-from hadr.models.hadr_input import HADRInput
+from hadr.models.network_input import HADRInput
 from hadr.rivals.dfnet import (
     DenseBlock,
     DFNet,

@@ -10,7 +10,7 @@ from torch import Tensor, nn
 from hadr.confidence import within_learned
 from hadr.models.backbone import imagenet_normal
 from hadr.models.blocks.dilated_resnet import DilatedResNetConfig
-from hadr.models.hadr_input import HADRInput
+from hadr.models.network_input import HADRInput
 from hadr.models.ray_features import features_at
 from hadr.rivals.lidf import LIDF, LIDFConfig, LIDFOutput
 

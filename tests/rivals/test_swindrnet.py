@@ -7,7 +7,7 @@ import torch
 from torch import nn
 
 from hadr.models.backbone import IMAGENET_MEAN, IMAGENET_STD, BackboneConfig
-from hadr.models.hadr_input import HADRInput
+from hadr.models.network_input import HADRInput
 from hadr.rivals.swindrnet import SwinDRNet, SwinDRNetConfig
 
 SMALL = SwinDRNetConfig(

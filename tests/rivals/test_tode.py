@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from hadr.models.blocks.stochastic_depth import StochasticDepth
-from hadr.models.hadr_input import HADRInput
+from hadr.models.network_input import HADRInput
 from hadr.rivals.tode import TODEConfig, TODETrans, _Enlarge, fuse_levels
 
 SMALL = TODEConfig(embed_dim=8, depths=(2, 1, 1), heads=(1, 2, 4), window=4, width=16)

@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from hadr.models.hadr_input import HADRInput
+from hadr.models.network_input import HADRInput
 from hadr.rivals.unet_hand import UNetHand, UNetHandConfig
 
 SMALL = UNetHandConfig(width=8, levels=3)

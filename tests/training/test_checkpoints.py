@@ -5,12 +5,14 @@ from pathlib import Path
 
 import pytest
 import torch
-from safetensors.torch import save_file
+from safetensors.torch import load_file, save_file
 
 from hadr.models.hadr import HADR
 from hadr.training.batches import FrameTensors
-from hadr.training.checkpoints import load_checkpoint, save_checkpoint
+from hadr.training.checkpoints import load_checkpoint, save_checkpoint, update_record
 from hadr.training.recipe import Preset
+
+SIZE = {"width": 32, "height": 24}
 
 
 def test_round_trip_and_the_record_beside_it(
@@ -18,7 +20,7 @@ def test_round_trip_and_the_record_beside_it(
 ) -> None:
     model = HADR(micro.model).eval()
     path = tmp_path / "deep" / "net.safetensors"
-    save_checkpoint(path, model, {"width": 32, "note": "ä"})
+    save_checkpoint(path, model, {**SIZE, "note": "ä"})
     again, meta = load_checkpoint(path)
     assert again.config == model.config
     assert not again.training
@@ -33,8 +35,8 @@ def test_half_precision_halves_the_file_and_hardly_moves_the_depth(
     tmp_path: Path, micro: Preset, frames: FrameTensors
 ) -> None:
     model = HADR(micro.model).eval()
-    save_checkpoint(tmp_path / "full.safetensors", model, {})
-    save_checkpoint(tmp_path / "half.safetensors", model, {}, half=True)
+    save_checkpoint(tmp_path / "full.safetensors", model, SIZE)
+    save_checkpoint(tmp_path / "half.safetensors", model, SIZE, half=True)
     half, _ = load_checkpoint(tmp_path / "half.safetensors")
     assert next(half.parameters()).dtype == torch.float32
     sizes = [(tmp_path / f"{name}.safetensors").stat().st_size for name in ("half", "full")]
@@ -47,7 +49,7 @@ def test_half_precision_halves_the_file_and_hardly_moves_the_depth(
 @pytest.mark.parametrize("keep", [0, 5, 1000, -1])
 def test_a_truncated_checkpoint_says_so(tmp_path: Path, micro: Preset, keep: int) -> None:
     path = tmp_path / "net.safetensors"
-    save_checkpoint(path, HADR(micro.model), {})
+    save_checkpoint(path, HADR(micro.model), SIZE)
     path.write_bytes(path.read_bytes()[:keep])
     with pytest.raises(ValueError, match=r"net\.safetensors \(\d+ bytes\) is cut off or damaged"):
         load_checkpoint(path)
@@ -60,14 +62,76 @@ def test_other_files_are_refused(tmp_path: Path, micro: Preset) -> None:
     with pytest.raises(ValueError, match="not a checkpoint of HADR"):
         load_checkpoint(tmp_path / "other.safetensors")
     with pytest.raises(ValueError, match=r"must end with \.safetensors, got 'net\.pt'"):
-        save_checkpoint(tmp_path / "net.pt", HADR(micro.model), {})
+        save_checkpoint(tmp_path / "net.pt", HADR(micro.model), SIZE)
+
+
+def test_weights_that_changed_or_are_no_numbers_are_refused(tmp_path: Path, micro: Preset) -> None:
+    path, model = tmp_path / "net.safetensors", HADR(micro.model)
+    save_checkpoint(path, model, SIZE)
+    whole = bytearray(path.read_bytes())
+    whole[-(len(whole) // 4)] ^= 64
+    path.write_bytes(whole)
+    with pytest.raises(ValueError, match=r"net\.safetensors was damaged or changed: its tensors"):
+        load_checkpoint(path)
+    with torch.no_grad():
+        next(model.parameters()).fill_(torch.nan)
+    save_checkpoint(path, model, SIZE)
+    with pytest.raises(ValueError, match=r"net\.safetensors holds weights that are no numbers, in"):
+        load_checkpoint(path)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"width": "64"}, "width: must be a whole number, got '64'"),
+        ({"height": 0}, "height must be 1 to 16384, got 0"),
+        ({"network": 7}, "network: must be text, got 7"),
+        ({"network": "x"}, "network must be one of hadr, .*, got 'x'"),
+        ({"model": {}}, "model: lacks hand, "),
+        ({"data": {"corruption": "fog"}}, "corruption must be one of oracle, .*, got 'fog'"),
+        ({"data": []}, r"data: must be named values, got \[\]"),
+        ({"learned_range": {"depth_m": [2.0, 0.3]}}, "learned_range: depth_m must be two rising"),
+    ],
+)
+def test_a_wrong_field_of_the_record_is_named(
+    tmp_path: Path, micro: Preset, change: dict[str, object], said: str
+) -> None:
+    path = tmp_path / "net.safetensors"
+    save_checkpoint(path, HADR(micro.model), SIZE)
+    update_record(path, change)
+    with pytest.raises(ValueError, match=rf"net\.safetensors: {said}"):
+        load_checkpoint(path)
+
+
+def test_a_configuration_that_makes_no_network_is_refused(tmp_path: Path, micro: Preset) -> None:
+    path = tmp_path / "net.safetensors"
+    save_checkpoint(path, HADR(micro.model), SIZE)
+    model = load_checkpoint(path)[1]["model"]
+    for change, said in (
+        ({"voxel_width": -1}, "model: voxel_width must not be negative, got -1"),
+        ({"decoder_widths": []}, "its model is no network that can be"),
+        ({"decoder_widths": [8]}, "does not fit its own configuration"),
+    ):
+        update_record(path, {"model": model | change})
+        with pytest.raises(ValueError, match=rf"net\.safetensors.* {said}") as error:
+            load_checkpoint(path)
+        assert len(str(error.value)) < 600
+
+
+def test_a_file_without_a_checksum_is_read(tmp_path: Path, micro: Preset) -> None:
+    path = tmp_path / "net.safetensors"
+    save_checkpoint(path, HADR(micro.model), SIZE)
+    tensors, record = load_file(path), load_checkpoint(path)[1]
+    del record["tensors_sha256"]
+    save_file(tensors, path, metadata={"hadr": json.dumps(record)})
+    assert load_checkpoint(path)[1]["width"] == 32
 
 
 def test_a_failed_write_leaves_the_old_checkpoint(
     tmp_path: Path, micro: Preset, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "net.safetensors"
-    save_checkpoint(path, HADR(micro.model), {"round": 1})
+    save_checkpoint(path, HADR(micro.model), {**SIZE, "round": 1})
 
     def full_disk(path: Path, content: bytes) -> None:
         with path.open("wb") as file:
@@ -76,6 +140,6 @@ def test_a_failed_write_leaves_the_old_checkpoint(
 
     monkeypatch.setattr(Path, "write_bytes", full_disk)
     with pytest.raises(OSError, match="no space left"):
-        save_checkpoint(path, HADR(micro.model), {"round": 2})
+        save_checkpoint(path, HADR(micro.model), {**SIZE, "round": 2})
     assert load_checkpoint(path)[1]["round"] == 1
     assert sorted(p.name for p in tmp_path.iterdir()) == ["net.json", "net.safetensors"]

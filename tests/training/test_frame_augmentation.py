@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from hadr.models.hadr_input import HADRInput, ray_points
+from hadr.models.network_input import HADRInput, ray_points
 from hadr.training.batches import FrameTensors
 from hadr.training.frame_augmentation import (
     augment_frames,

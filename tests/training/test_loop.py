@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import csv
+import shutil
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -11,7 +12,7 @@ import pytest
 import torch
 
 from hadr.training.batches import FrameTensors
-from hadr.training.checkpoints import load_checkpoint
+from hadr.training.checkpoints import load_checkpoint, update_record
 from hadr.training.loop import BEST, LAST, Trained, average_of, early_look, train
 from hadr.training.losses import CODED
 from hadr.training.recipe import Preset
@@ -68,16 +69,38 @@ def test_every_group_of_weights_follows_the_schedule_from_its_own_rate(
     assert same_weights(through.model, resumed.model)
 
 
-def test_resuming_needs_the_optimizers_state_and_the_seed(
-    tmp_path: Path, micro: Preset, frames: FrameTensors, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_another_seed_is_another_training(micro: Preset, frames: FrameTensors) -> None:
     short = replace(micro, epochs=2)
     through = train(short, frames, seed=3, progress=False)
     assert not same_weights(through.model, train(short, frames, seed=4, progress=False).model)
-    train(short, frames, folder=tmp_path, seed=3, stop_after=1, progress=False)
-    monkeypatch.setattr("hadr.training.training_folder.load_training_state", lambda _: {})
-    forgetful = train(short, frames, folder=tmp_path, seed=3, resume=True, progress=False)
-    assert not same_weights(through.model, forgetful.model)
+
+
+def test_what_a_training_cannot_go_on_from_is_refused(
+    tmp_path: Path, micro: Preset, frames: FrameTensors
+) -> None:
+    def resumed() -> None:
+        train(short, frames, frames, folder=tmp_path, seed=3, resume=True, progress=False)
+
+    short = replace(micro, epochs=2)
+    with pytest.raises(FileNotFoundError, match=r"no .*last\.safetensors to go on from"):
+        resumed()
+    train(short, frames, frames, folder=tmp_path, seed=3, stop_after=1, progress=False)
+    last, best = tmp_path / "last.safetensors", tmp_path / "best.safetensors"
+    whole = last.read_bytes()
+    for field, value, said in (
+        ("history", [], "epochs is 1, but history has 0 rows"),
+        ("epochs", 9, "epochs is 9, but history has 1 rows"),
+        ("score", "x", "score is 'x', which is no column of history"),
+        ("seed", None, "seed: must be a whole number, got None"),
+        ("preset", 7, "preset: must be named values, got 7"),
+    ):
+        last.write_bytes(whole)
+        update_record(last, {field: value})
+        with pytest.raises(ValueError, match=rf"last\.safetensors: {said}"):
+            resumed()
+    shutil.copy(best, last)
+    with pytest.raises(ValueError, match="lacks the optimiser's state"):
+        resumed()
 
 
 def test_history_and_checkpoints_are_written(through: tuple[Trained, Path]) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from hadr.models.hadr_input import HADRInput
+from hadr.models.network_input import HADRInput
 from hadr.training.batches import FrameTensors
 from hadr.training.pictures import _window, depth_picture, save_png
 

@@ -120,7 +120,7 @@ def test_frames_of_another_source_are_refused(
 def test_a_checkpoint_of_another_network_is_refused(
     frames: FrameTensors, source: list[Frame], micro: Preset, tmp_path: Path
 ) -> None:
-    save_checkpoint(tmp_path / "hadr.safetensors", HADR(micro.model), {})  # type: ignore[arg-type]
+    save_checkpoint(tmp_path / "hadr.safetensors", HADR(micro.model), {"width": 32, "height": 24})  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="of kind 'hadr', expected 'segmentation'"):
         with_predicted(frames, source, Given("oracle", tmp_path / "hadr.safetensors"))
 

@@ -7,9 +7,11 @@ import pytest
 
 from hadr.cli import parse_options
 from hadr.data.samples import samples_dir
-from hadr.models.hadr import HADRConfig
+from hadr.models.hadr import HADR, HADRConfig
 from hadr.training import predicted
+from hadr.training.checkpoints import save_checkpoint
 from hadr.training.losses import CODED
+from hadr.training.recipe import Preset
 from hadr.training.train_command import (
     Options,
     recipe_from,
@@ -45,12 +47,17 @@ def test_epochs_must_be_positive() -> None:
         recipe_from(parsed("--epochs", "0"))
 
 
-def test_a_resumed_training_with_more_epochs_keeps_the_epoch_of_the_drop(tmp_path: Path) -> None:
-    (tmp_path / "last.json").write_text('{"preset": {"drop_epoch": 3}}')
-    recipe = recipe_from(parsed("--preset", "tiny", "--epochs", "40"))
+def test_a_resumed_training_with_more_epochs_keeps_the_epoch_of_the_drop(
+    tmp_path: Path, micro: Preset
+) -> None:
+    last = tmp_path / "last.safetensors"
+    recipe = recipe_from(parsed("--preset", "tiny", "--epochs", "40", "--schedule", "step"))
     assert recipe.drop_epoch == 30
-    assert with_recorded_drop(recipe, tmp_path / "last.json").drop_epoch == 3
-    assert with_recorded_drop(recipe, tmp_path / "none.json").drop_epoch == 30
+    size = {"width": 32, "height": 24}
+    save_checkpoint(last, HADR(micro.model), {**size, "preset": {"drop_epoch": 3}})
+    assert with_recorded_drop(recipe, last).drop_epoch == 3
+    save_checkpoint(last, HADR(micro.model), size)
+    assert with_recorded_drop(recipe, last).drop_epoch == 30
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ frame and in metres: score, width, height, depth, R (9, row by row; its first co
 t (3), object_id.
 """
 
+import warnings
 import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -44,7 +45,7 @@ def from_graspnet(
         base_from_camera: The camera's calibration, shape (4, 4), metres; where left out the grasps
             stay in the camera frame.
         widest: Grasps that need a wider opening than the gripper has are left out, metres
-            (the network was trained for 100 mm).
+            (the network was trained for 100 mm); a warning says how many.
 
     Returns:
         The grasps, highest score first, in frame "base" or "camera".
@@ -80,6 +81,11 @@ def from_graspnet(
     if base_from_camera is not None:
         grasps = grasps.in_frame(check_pose(base_from_camera, "base_from_camera"), "base")
     order = np.argsort(-grasps.scores, kind="stable")
+    if wide := int((grasps.widths > widest).sum()):
+        warnings.warn(
+            f"{wide} of {len(grasps)} grasps are left out: they need more than {widest} m",
+            stacklevel=2,
+        )
     return grasps.select(order[grasps.widths[order] <= widest])
 
 

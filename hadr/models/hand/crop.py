@@ -18,7 +18,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from hadr.models.hadr_input import HADRInput
+from hadr.models.network_input import HADRInput
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from hadr.models.hadr_input import ray_points
+from hadr.models.network_input import ray_points
 
 BESIDE = 1 / 64
 """Hand pixels at most this share of the picture's width and 16/9 of it of its height away from

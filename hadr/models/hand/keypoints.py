@@ -18,9 +18,9 @@ from torch import Tensor, nn
 
 from hadr.models.blocks.resnet import ResNetUNet, UNetConfig
 from hadr.models.config import NetworkConfig
-from hadr.models.hadr_input import HADRInput
 from hadr.models.hand.cube import HandCube, hand_center
 from hadr.models.hand.weighted_regression import JointMaps, joints_of_maps
+from hadr.models.network_input import HADRInput
 
 KEYPOINTS = 21
 MAP_STRIDE = 2

@@ -14,7 +14,7 @@ from hadr.press.course.folder import check_target, written_whole
 from hadr.press.course.plain_text import plain_markdown, short_citations
 from hadr.press.course.slides import build_slides, missing_packages
 from hadr.records.checkout import checkout_root
-from hadr.records.option_words import CHAPTER, FOLDER
+from hadr.records.option_words import CHAPTER, FOLDER, LARGEST_SEED, check_range
 
 EPILOG = """\
 examples
@@ -61,6 +61,7 @@ def run(options: Options) -> int:
 
     if options.no_slides and options.executed is not None:
         raise ValueError("--executed has the figures of slides: it does not go with --no-slides")
+    check_range("seed", options.seed, 0, LARGEST_SEED)
     root = checkout_root()
     check_target(options.out)
     every = read_chapters(root)

@@ -15,6 +15,7 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
+from hadr.press.chapters import read_notebook
 from hadr.press.course.chapter import Chapter
 from hadr.press.course.deck import deck_text
 
@@ -67,11 +68,9 @@ def missing_packages() -> list[str]:
 
 def pictures_of(executed: Path, chapter: Chapter, folder: Path) -> dict[str, str]:
     """Take the figures of an executed notebook out into files."""
-    import nbformat
-
     outputs = {
         cell.source: cell.outputs
-        for cell in nbformat.read(executed, 4).cells
+        for cell in read_notebook(executed).cells
         if cell.cell_type == "code"
     }
     folder.mkdir(parents=True, exist_ok=True)
@@ -117,8 +116,8 @@ def build_slides(
     index = f"# Depth for glass in a hand\n\n## Decks\n\n{links}\n\n"
     index += f"```{{toctree}}\n:hidden:\n\n{names}\n```\n"
     (source / "index.md").write_text(index, encoding="utf-8")
-    command = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "-b", "revealjs",
-               "-d", str(work / "doctrees"), str(source), str(target)]  # fmt: skip
+    command = [sys.executable, "-P", "-m", "sphinx", "-q", "-W", "--keep-going", "-b",
+               "revealjs", "-d", str(work / "doctrees"), str(source), str(target)]  # fmt: skip
     environment = os.environ | {"NO_COLOR": "1", "PYTHONHASHSEED": "0"}
     done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
     if done.returncode != 0:

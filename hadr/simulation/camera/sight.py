@@ -185,7 +185,7 @@ def object_depth(
     if keypoints is None:
         return np.where(mask, np.float32(0), frame.raw_depth), 0.0
     network = bundled_network(source)
-    given = depth_to_use(frame.raw_depth, mask, network.corruption, [])
+    given = depth_to_use(frame.raw_depth, mask, network.corruption)
     answer = network.restore(frame.color, given, frame.camera, mask, keypoints)
     sure = float(answer.confidence[mask].mean()) if network.can_say else None
     return answer.depth, sure

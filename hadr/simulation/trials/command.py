@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import tyro
 
-from hadr.records.option_words import FILE, FOLDER, ID
+from hadr.records.option_words import FILE, FOLDER, ID, LARGEST_SEED, MOST_JOBS, check_range
 from hadr.records.output_folder import check_file, check_folder
 from hadr.records.provenance import machine_text, provenance, record_of, usable_cores
 from hadr.records.result_file import write_result_file
@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 _WHAT = "handover attempts in simulation"
 """How the file of the rows begins."""
+HAND_SPEEDS, LARGEST_HOLD = (0.01, 10.0), 999_999
+"""Factors on a hand's speed at which a run shows something, and the last holding pose."""
 EPILOG = """\
 conditions (--arms)
   raw                 the depth that the camera measured
@@ -207,15 +209,19 @@ def _replay(path: Path) -> int:
 
 def _check(options: Options, out: Path, path: Path) -> None:
     """ValueError what `Trial` does not refuse by itself, before anything is computed."""
-    if options.jobs is not None and options.jobs < 1:
-        raise ValueError(f"--jobs must be at least 1, got {options.jobs}")
+    check_range("jobs", 1 if options.jobs is None else options.jobs, 1, MOST_JOBS)
+    check_range("seed", options.seed, 0, LARGEST_SEED)
+    check_range("hand-speed", options.hand_speed, *HAND_SPEEDS)
+    check_range("extrinsics-error", options.extrinsics_error, 0, 90)
     for name in ("arms", "objects", "holds"):
         given = getattr(options, name)
-        if not given:
-            raise ValueError(f"--{name} names nothing")
+        if not given or "" in given:
+            raise ValueError(f"--{name} names nothing, or has an empty word")
         twice = [value for i, value in enumerate(given) if value in given[:i]]
         if twice:
             raise ValueError(f"--{name} names {twice[0]} twice")
+    for number in options.holds:
+        check_range("holds", number, 0, LARGEST_HOLD)
     unknown = [name for name in options.objects if name not in TRIAL_OBJECTS]
     if unknown:
         raise ValueError(f"no object {unknown[0]!r} here; there are {', '.join(TRIAL_OBJECTS)}")

@@ -13,6 +13,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
+from hadr.records.reading import read_arrays
 from hadr.records.writing import write_arrays
 
 Array = npt.NDArray[np.float64]
@@ -47,6 +48,11 @@ class WorldState:
 
 _VERSION = 1
 _HOLDERS: tuple[Holder, ...] = get_args(Holder)
+_SCHEMA = {
+    "time": "f4 states", "joints": "f4 states 6", "gripper_width": "f4 states",
+    "base_from_wrist": "f4 states 4 4", "base_from_object": "f4 states 4 4",
+    "hand_force": "f4 states", "hand_distance": "f4 states", "holder": "u1 states", "version": "i8",
+}  # fmt: skip
 _NUMBERS = [field.name for field in fields(WorldState) if field.name != "holder"]
 
 
@@ -68,13 +74,16 @@ def load_states(path: Path) -> list[WorldState]:
     that they pass the checks of poses.
 
     Raises:
-        ValueError: The file is of another version.
+        FileNotFoundError: There is no such file.
+        ValueError: The file is cut off or damaged, of another version, or no file of states.
     """
-    with np.load(path, allow_pickle=False) as file:
-        if int(file["version"]) != _VERSION:
-            raise ValueError(f"{path} has version {file['version']}, expected {_VERSION}")
-        columns = {name: file[name].astype(np.float64) for name in _NUMBERS}
-        holders = [_HOLDERS[number] for number in file["holder"]]
+    arrays = read_arrays(path, _SCHEMA)
+    if arrays["version"] != _VERSION:
+        raise ValueError(f"{path} has version {arrays['version']}, expected {_VERSION}")
+    if max(arrays["holder"], default=0) >= len(_HOLDERS):
+        raise ValueError(f"{path}: holder must be below {len(_HOLDERS)}")
+    columns = {name: arrays[name].astype(np.float64) for name in _NUMBERS}
+    holders = [_HOLDERS[number] for number in arrays["holder"]]
     for name in ("base_from_wrist", "base_from_object"):
         left, _, right = np.linalg.svd(columns[name][:, :3, :3])
         columns[name][:, :3, :3] = left @ right

@@ -34,6 +34,10 @@ def dask_installed() -> bool:
     return importlib.util.find_spec("distributed") is not None
 
 
+MOST_WORKERS = 1024
+"""Processes of one machine."""
+
+
 def check_workers(workers: int, scheduler: str | None = None) -> None:
     """Check that so many processes, or a cluster, can work, before anything is done.
 
@@ -41,8 +45,8 @@ def check_workers(workers: int, scheduler: str | None = None) -> None:
         ValueError: ``workers`` is not positive, both are asked for, Dask is not installed, or the
             script that asks has no guard against being run again by each worker.
     """
-    if workers < 1:
-        raise ValueError(f"workers must be at least 1, got {workers}")
+    if not 1 <= workers <= MOST_WORKERS:
+        raise ValueError(f"workers must be from 1 to {MOST_WORKERS}, got {workers}")
     if scheduler is not None and workers > 1:
         raise ValueError(
             f"{workers} workers of this machine or the cluster at {scheduler}: give one of both"

@@ -159,6 +159,7 @@ def generation_folder(root: Path, settings: GenerationSettings) -> Iterator[Path
         write_whole(root / SETTINGS_FILE, json.dumps(record, indent=1) + "\n")
         try:
             yield root
-        finally:
-            if not recorded_settings(root):
+        except BaseException:
+            if not any((root / split).exists() for split in _SPLITS):
                 (root / SETTINGS_FILE).unlink(missing_ok=True)
+            raise

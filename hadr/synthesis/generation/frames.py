@@ -67,22 +67,29 @@ def _recording(path: Path, *_: Path) -> Recording:
     return read_recording(path)
 
 
-def recipe_hold(recipe: FrameRecipe, settings: GenerationSettings) -> Hold:
-    """The holding pose of a frame: made from the seed, or a moment of a recording.
+def recipe_recording(recipe: FrameRecipe, settings: GenerationSettings) -> Recording:
+    """The recording of which a frame shows a moment.
 
     Raises:
-        ValueError: There are fewer recordings of the object than the frame's hold number asks.
+        ValueError: It is broken, or there are fewer recordings of the object than the frame's hold
+            number asks.
     """
-    if settings.recordings is None:
-        return make_hold(recipe.object_id, recipe.hold_number, settings.seed)
-    files = _recordings_by_object(settings.recordings).get(recipe.object_id, ())
+    folder = settings.recordings or ""
+    files = _recordings_by_object(folder).get(recipe.object_id, ())
     if recipe.hold_number >= len(files):
         raise ValueError(
-            f"it needs recording number {recipe.hold_number} of object "
-            f"{recipe.object_id}, but {settings.recordings} holds {len(files)} of them"
+            f"frame {recipe.index} needs recording number {recipe.hold_number} of object "
+            f"{recipe.object_id}, but {folder} holds {len(files)} of them"
         )
     path = files[recipe.hold_number]
-    recording = _recording(path, *companions(path))
+    return _recording(path, *companions(path))
+
+
+def recipe_hold(recipe: FrameRecipe, settings: GenerationSettings) -> Hold:
+    """The holding pose of a frame: made from the seed, or a moment of a recording."""
+    if settings.recordings is None:
+        return make_hold(recipe.object_id, recipe.hold_number, settings.seed)
+    recording = recipe_recording(recipe, settings)
     row = np.random.default_rng([settings.seed, recipe.index, 13]).integers(len(recording.time))
     return recording.at(int(row))
 

@@ -27,9 +27,11 @@ from hadr.synthesis.generation.folder import generation_folder, recorded_setting
 from hadr.synthesis.generation.frames import (
     build_scene,
     draw_frame,
+    recipe_recording,
     stored_raw_depth,
 )
 from hadr.synthesis.generation.settings import (
+    MOST_FRAMES,
     FrameRecipe,
     GenerationSettings,
     Variant,
@@ -154,8 +156,8 @@ def generate(
             workers outside of ``if __name__ == "__main__":``.
         OSError: The folder can't be written, the disk is full, or workers died.
     """
-    if n_frames < 1:
-        raise ValueError(f"the number of frames must be at least 1, got {n_frames}")
+    if not 1 <= n_frames <= MOST_FRAMES:
+        raise ValueError(f"the number of frames must be from 1 to {MOST_FRAMES}, got {n_frames}")
     check_workers(workers, scheduler)
     if settings.engine == "photo":
         check_installed()
@@ -169,6 +171,9 @@ def generate(
     if settings.backgrounds is not None:
         check_backgrounds(settings.backgrounds)
     recipes = [settings.recipe(i) for i in range(n_frames)]
+    if settings.recordings is not None:
+        for same_hold in recipes_by_hold(recipes):
+            recipe_recording(same_hold[0], settings)
     with ExitStack() as stack:
         client = stack.enter_context(connected(scheduler))
         if settings.engine == "photo":

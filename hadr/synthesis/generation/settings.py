@@ -11,6 +11,8 @@ import numpy as np
 from hadr.data.frame_pictures import Normals
 from hadr.data.splits import OBJECT_IDS, UNKNOWN_OBJECTS
 
+LARGEST_SIDE, MOST_FRAMES = 8192, 1_000_000
+"""Limits of a data set: pixels of a picture's longer side, and frames."""
 Variant = Literal["llvm_ad_rgb", "scalar_rgb"]
 
 #: Ratio of training, validation and testing frames (paper, section IV-A).
@@ -118,21 +120,21 @@ class GenerationSettings:
             if get_origin(hint) is Literal and value not in allowed:
                 known = ", ".join(map(repr, allowed[:-1]))
                 raise ValueError(f"{name} must be {known} or {allowed[-1]!r}, got {value!r}")
-        if self.width < 16 or self.height < 9:
-            raise ValueError(f"a frame needs at least 16x9 pixels, got {self.width}x{self.height}")
-        if self.seed < 0 or self.samples < 1:
-            raise ValueError(f"need seed >= 0 and samples >= 1, got {self.seed} and {self.samples}")
-        if self.jpeg_quality is not None and not 1 <= self.jpeg_quality <= 100:
-            raise ValueError(f"jpeg_quality must lie in 1..100, got {self.jpeg_quality}")
-        if (
-            self.frames_per_hold < 1
-            or self.hold_shift < 0
-            or (self.objects is not None and not self.objects)
+        for name, low, high in (
+            ("seed", 0, 2**63 - 1),
+            ("width", 16, LARGEST_SIDE),
+            ("height", 9, LARGEST_SIDE),
+            ("samples", 1, 65536),
+            ("frames_per_hold", 1, MOST_FRAMES),
+            ("hold_shift", 0, MOST_FRAMES),
+            ("jpeg_quality", 1, 100),
+            ("rest_step", 1e-4, 0.1),
         ):
-            raise ValueError(
-                "need frames_per_hold >= 1, hold_shift >= 0 and an object, got "
-                f"{self.frames_per_hold}, {self.hold_shift}, {self.objects}"
-            )
+            value = getattr(self, name)
+            if value is not None and not low <= value <= high:
+                raise ValueError(f"{name} must lie in {low}..{high}, got {value}")
+        if self.objects is not None and not 0 < len(set(self.objects)) == len(self.objects):
+            raise ValueError(f"objects must be different ones, at least one, got {self.objects}")
         if self.objects is not None:
             from hadr.synthesis.glass.objects import glass_object
 

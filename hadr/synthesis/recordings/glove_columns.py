@@ -126,6 +126,8 @@ def find_angle_columns(header: Sequence[str]) -> dict[Side | None, dict[str, int
         else:
             for joint_number, position in columns:
                 angle = f"thumb_{_JOINT_WORDS[joint_number]}_stretch"
+                if angle in hands[side]:
+                    raise ValueError(f"two columns are the {angle} of one hand")
                 if angle in names:
                     hands[side][angle] = position
     return hands

@@ -19,7 +19,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation, Slerp
 
-from hadr.hand import ANGLE_NAMES, FINGERS, HandShape
+from hadr.hand import ANGLE_LIMITS, ANGLE_NAMES, FINGERS, HandShape
+from hadr.records.reading import parse_json, read_bytes, read_json, structured
 from hadr.records.writing import write_whole
 from hadr.synthesis.glass.objects import glass_object
 from hadr.synthesis.holding.contact import ContactReport
@@ -35,6 +36,14 @@ Array = npt.NDArray[np.float64]
 
 _MILLISECONDS = ("elapsedtimeinmilliseconds", "elapsedtimems", "timems", "timestampms")
 _SECONDS = ("elapsedtimeinseconds", "elapsedtimes", "times", "timestamps", "seconds", "timestamp")
+REACH_M = 0.5
+"""No point of an object that a hand holds is so far from the wrist, metres."""
+BONE_M, ROOT_M = (0.005, 0.12), 0.2
+"""Shortest and longest bone, and the farthest root of a finger, of any hand, metres."""
+BEYOND_LIMITS = np.deg2rad(40)
+"""So far a glove may read beyond the usual range of a joint, radians."""
+LEAST_BEND = np.deg2rad(3.2)
+"""Where no joint ever bends by more, the numbers were radians: a hand that holds is not flat."""
 _ADD_PLACEMENT = (
     "add the columns {columns} (metres and a unit quaternion: the object's pose in the wrist "
     "frame), or a file {side_file} with a time column and these columns"
@@ -139,7 +148,7 @@ class _Table:
 
 def _read_table(path: Path) -> _Table:
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = read_bytes(path).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise ValueError(f"{path.name} is not text in UTF-8") from error
     notes: dict[str, str] = {}
@@ -154,8 +163,12 @@ def _read_table(path: Path) -> _Table:
     start = 0
     for start, (_, line) in enumerate(lines):  # noqa: B007
         delimiter = max(",;\t", key=line.count)
-        header = next(csv.reader([line], delimiter=delimiter))
-        if find_angle_columns(header) or any(n.strip() in POSITION_COLUMNS for n in header):
+        header = _cells(path, line, delimiter)
+        try:
+            angles = find_angle_columns(header)
+        except ValueError as error:
+            raise ValueError(f"{path.name}: {error}") from error
+        if angles or any(n.strip() in POSITION_COLUMNS for n in header):
             break
     else:
         raise ValueError(f"{path.name} has no header with joint angles, such as {ANGLE_COLUMNS[5]}")
@@ -163,7 +176,7 @@ def _read_table(path: Path) -> _Table:
     rows: list[list[str]] = []
     kept: list[int] = []
     for number, line in lines[start + 1 :]:
-        cells = next(csv.reader(io.StringIO(line), delimiter=delimiter))
+        cells = _cells(path, line, delimiter)
         if len(cells) > len(header) and not any(c.strip() for c in cells[len(header) :]):
             cells = cells[: len(header)]  # a delimiter at the end of each line
         if len(cells) != len(header):
@@ -178,6 +191,13 @@ def _read_table(path: Path) -> _Table:
     return _Table(path, notes, header, rows, kept, delimiter == ";")
 
 
+def _cells(path: Path, line: str, delimiter: str) -> list[str]:
+    try:
+        return next(csv.reader(io.StringIO(line), delimiter=delimiter))
+    except (csv.Error, StopIteration) as error:
+        raise ValueError(f"{path.name}: {line!r:.60} is no row of a table: {error}") from error
+
+
 def _times(table: _Table, notes: Mapping[str, Any]) -> Array:
     milliseconds, seconds = table.find(*_MILLISECONDS), table.find(*_SECONDS)
     frame = table.find("frame", "framenumber", "frameid")
@@ -186,7 +206,7 @@ def _times(table: _Table, notes: Mapping[str, Any]) -> Array:
     elif seconds is not None:
         time = table.column(seconds)
     elif frame is not None and "frame_rate" in notes:
-        time = table.column(frame) / float(notes["frame_rate"])
+        time = table.column(frame) / _note(notes, "frame_rate", table.path.name)
     else:
         raise ValueError(
             f"{table.path.name} has no time: expected a column Elapsed_Time_In_Milliseconds or "
@@ -211,15 +231,26 @@ def _poses(table: _Table, positions: list[int], rotations: list[int]) -> Array:
             f"{table.path.name}: row {row + 1} (line {table.lines[row]}), columns "
             f"{ROTATION_COLUMNS[0]}...: a quaternion of length {norms[row]:.3f}, not 1"
         )
+    places = np.stack([table.column(i) for i in positions], axis=1)
+    far = np.flatnonzero(np.abs(places).max(axis=1) > REACH_M)
+    if len(far):
+        row = int(far[0])
+        raise ValueError(
+            f"{table.path.name}: row {row + 1} (line {table.lines[row]}), columns "
+            f"{POSITION_COLUMNS[0]}...: the object is at {places[row].tolist()} m from the wrist, "
+            f"which no hand reaches (at most {REACH_M} m); are these metres?"
+        )
     poses = np.tile(np.eye(4), (len(quaternions), 1, 1))
     poses[:, :3, :3] = Rotation.from_quat(quaternions[:, [1, 2, 3, 0]]).as_matrix()
-    poses[:, :3, 3] = np.stack([table.column(i) for i in positions], axis=1)
+    poses[:, :3, 3] = places
     return poses
 
 
 def _placement(table: _Table, time: Array) -> Array:
     """The object's pose in each row, from the table or from the file beside it."""
     wanted = [*POSITION_COLUMNS, *ROTATION_COLUMNS]
+    if twice := [name for name in wanted if table.header.count(name) > 1]:
+        raise ValueError(f"{table.path.name} has the column {twice[0]} twice")
     _, side_file = companions(table.path)
     own = [name for name in wanted if name in table.header]
     source = table
@@ -251,11 +282,38 @@ def _notes(table: _Table) -> dict[str, Any]:
     notes: dict[str, Any] = dict(table.notes)
     companion, _ = companions(table.path)
     if companion.is_file():
-        try:
-            notes |= json.loads(companion.read_text(encoding="utf-8"))
-        except ValueError as error:
-            raise ValueError(f"{companion.name} is not JSON: {error}") from error
+        notes |= structured(read_json(companion), dict[str, Any], companion.name)
     return notes
+
+
+def _note(notes: Mapping[str, Any], key: str, name: str) -> float:
+    """A positive number that is noted, as text or not."""
+    try:
+        value = float(notes[key])
+    except (TypeError, ValueError, OverflowError) as error:
+        raise ValueError(f"{name}: {key} must be a number, got {notes[key]!r:.60}") from error
+    if not 0 < value < np.inf:
+        raise ValueError(f"{name}: {key} must be a positive number, got {value}")
+    return value
+
+
+def _angles(table: _Table, columns: Mapping[str, int]) -> Array:
+    """The joint angles in radians, refused where no hand bends so."""
+    angles = np.deg2rad(np.stack([table.column(columns[a]) for a in ANGLE_NAMES], axis=1))
+    low, high = ANGLE_LIMITS.T
+    wrong = np.argwhere((angles < low - BEYOND_LIMITS) | (angles > high + BEYOND_LIMITS))
+    for row, joint in wrong[:1]:
+        raise ValueError(
+            f"{table.path.name}: row {row + 1} (line {table.lines[row]}), column "
+            f"{table.header[columns[ANGLE_NAMES[joint]]]}: no joint bends to "
+            f"{np.rad2deg(angles[row, joint]):g} degrees"
+        )
+    if np.abs(angles).max() < LEAST_BEND:
+        raise ValueError(
+            f"{table.path.name}: no joint bends by more than {np.rad2deg(np.abs(angles).max()):.2f}"
+            " degrees; the columns must be in degrees, not radians"
+        )
+    return angles
 
 
 def _shape(notes: Mapping[str, Any], side: str, name: str) -> HandShape:
@@ -263,15 +321,26 @@ def _shape(notes: Mapping[str, Any], side: str, name: str) -> HandShape:
     sizes: dict[str, Any] = {}
     for field in ("roots", "lengths"):
         if field in notes:
-            given = notes[field]
-            given = json.loads(given) if isinstance(given, str) else given
-            if set(given) != set(FINGERS):
-                raise ValueError(f"{name}: {field} must name the five fingers, got {list(given)}")
-            sizes[field] = {f: tuple(float(v) / 1000 for v in given[f]) for f in FINGERS}
+            where, given = f"{name}: {field}", notes[field]
+            given = parse_json(given, where) if isinstance(given, str) else given
+            known = structured(given, dict[str, tuple[float, float, float]], where)
+            if set(known) != set(FINGERS):
+                raise ValueError(f"{where} must name the five fingers, got {list(given)}")
+            low, high = BONE_M if field == "lengths" else (-ROOT_M, ROOT_M)
+            for finger, values in known.items():
+                if not all(1000 * low <= value <= 1000 * high for value in values):
+                    raise ValueError(
+                        f"{where} of the {finger} must be from {1000 * low:g} to {1000 * high:g} "
+                        f"mm, got {values}"
+                    )
+            sizes[field] = {f: tuple(v / 1000 for v in known[f]) for f in FINGERS}
     for field in ("scale", "girth"):
         if field in notes:
-            sizes[field] = float(notes[field])
-    return HandShape(side=side, fan=usual.fan, **sizes)  # type: ignore[arg-type]
+            sizes[field] = _note(notes, field, name)
+    try:
+        return HandShape(side=side, fan=usual.fan, **sizes)  # type: ignore[arg-type]
+    except ValueError as error:
+        raise ValueError(f"{name}: {error}") from error
 
 
 def read_recording(path: str | Path) -> Recording:
@@ -281,8 +350,9 @@ def read_recording(path: str | Path) -> Recording:
     not matter.
 
     Raises:
-        ValueError: A cell is no number (row and column are named), an angle, the time or the
-            placement is missing, or it is not said which object, kind, scale and hand it is.
+        ValueError: A cell is no number, or no hand bends or reaches so (row and column are
+            named); an angle, the time or the placement is missing; or it is not said which object,
+            kind, scale and hand it is.
         FileNotFoundError: There is no such file.
     """
     table = _read_table(Path(path))
@@ -294,7 +364,10 @@ def read_recording(path: str | Path) -> Recording:
             f"{name} does not say {', '.join(missing)}: add comment lines such as "
             f"'# object: 0000' above the header, or {table.path.stem}.json"
         )
-    glass_object(str(notes["object"]))
+    try:
+        glass_object(str(notes["object"]))
+    except ValueError as error:
+        raise ValueError(f"{name}: {error}") from error
     hands = find_angle_columns(table.header)
     side = notes.get("side")
     if side is None:
@@ -308,7 +381,6 @@ def read_recording(path: str | Path) -> Recording:
     absent = [a for a in ANGLE_NAMES if a not in columns]
     if absent:
         raise ValueError(f"{name} lacks {len(absent)} angles of the {side} hand: {absent[0]} ...")
-    degrees = np.stack([table.column(columns[a]) for a in ANGLE_NAMES], axis=1)
     time = _times(table, notes)
     return Recording(
         str(notes.get("hold_id", table.path.stem)),
@@ -316,7 +388,7 @@ def read_recording(path: str | Path) -> Recording:
         str(notes["kind"]),
         _shape(notes, side, name),
         time,
-        np.deg2rad(degrees),
+        _angles(table, columns),
         _placement(table, time),
     )
 

@@ -7,7 +7,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from hadr.models.hadr_input import masked_rays
+from hadr.models.network_input import masked_rays
 from hadr.training.batches import FrameTensors
 from hadr.training.losses import hadr_losses
 from hadr.training.recipe import Preset

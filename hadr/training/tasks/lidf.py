@@ -17,7 +17,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from hadr.models.hadr_input import masked_rays, ray_points
+from hadr.models.network_input import masked_rays, ray_points
 from hadr.rivals.lidf import LIDFOutput
 from hadr.training.batches import FrameTensors
 from hadr.training.losses import depth_loss, hadr_losses

@@ -3,8 +3,8 @@ import math
 import pytest
 import torch
 
-from hadr.models.hadr_input import HADRInput
 from hadr.models.hand.crop import hand_crop, hand_depth, keypoint_maps, relative_depth
+from hadr.models.network_input import HADRInput
 
 
 def frames(depth_m=(0.5, 1.0), size=(144, 256)):

@@ -5,7 +5,6 @@ import torch
 from torch import nn
 
 from hadr.models.blocks.resnet import UNetConfig
-from hadr.models.hadr_input import HADRInput
 from hadr.models.hand.keypoints import (
     HandKeypointConfig,
     HandKeypointNet,
@@ -13,6 +12,7 @@ from hadr.models.hand.keypoints import (
     predict_keypoints,
 )
 from hadr.models.hand.weighted_regression import JointMaps, maps_of_joints
+from hadr.models.network_input import HADRInput
 
 SMALL = HandKeypointConfig(
     UNetConfig((1, 1, 1, 1), widths=(4, 4, 8, 8), decoder=(8, 8, 8, 8)), crop=48

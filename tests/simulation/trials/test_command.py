@@ -48,14 +48,14 @@ def test_help_is_a_manual_and_imports_nothing_heavy() -> None:
         (["--arms", "rau"], "arm must be one of raw, inpainted, hadr, hadr-plus, perfect, "
          "hadr-no-rescoring, hadr-no-tracking, hadr-plus-networks, got 'rau'"),
         (["--arms", "raw", "raw"], "--arms names raw twice"),
-        (["--jobs", "0"], "--jobs must be at least 1, got 0"),
-        (["--seed", "-1"], "seed must be 0 or more, got -1"),
-        (["--hand-speed", "0"], "hand_speed must be a factor above 0, got 0"),
-        (["--extrinsics-error", "-1"], "extrinsics_error_deg must lie in 0..90, got -1"),
+        (["--jobs", f"1{30 * '0'}"], "--jobs must be from 1 to 1024, got 1000"),
+        (["--seed", "-1"], "--seed must be from 0 to 9223372036854775807, got -1"),
+        (["--hand-speed", "1000"], "--hand-speed must be from 0.01 to 10.0, got 1000"),
+        (["--extrinsics-error", "nan"], "--extrinsics-error must be from 0 to 90, got nan"),
         (["--objects", "0099"], "no object '0099' here; there are 0000, 0001"),
         (["--objects", "0004", "0010", "0004"], "--objects names 0004 twice"),
         (["--holds", "920", "920"], "--holds names 920 twice"),
-        (["--holds", "920", "-3"], "hold_number must be 0 or more, got -3"),
+        (["--holds", "920", "-3"], "--holds must be from 0 to 999999, got -3"),
         (["--watch", "--film"], "--watch keeps no files to film"),
     ],
 )  # fmt: skip
@@ -112,7 +112,7 @@ def test_a_replay_prints_changes_and_cautions(
     assert lines[-1] == f"replayed {file}: the same 3 changes of stage, the same commands"
     (tmp_path / "b.npz").write_bytes(file.read_bytes()[:500])
     assert main(["handover", "--replay", str(tmp_path / "b.npz")]) == 2
-    assert "b.npz is no run log" in capsys.readouterr().err
+    assert "b.npz is no .npz of arrays" in capsys.readouterr().err
     assert main(["handover", "--replay", str(tmp_path / "none.npz")]) == 2
     assert "none.npz" in capsys.readouterr().err
 

@@ -1,8 +1,10 @@
 """Recorded states: there and back."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 from scipy.spatial.transform import Rotation
 
@@ -52,6 +54,30 @@ def test_states_come_back_in_single_precision(tmp_path: Path, states: list[World
         check_pose(after.base_from_wrist)
     # 45 numbers of four bytes: random ones do not compress
     assert path.stat().st_size < 400 * 45 * 4 + 5000
-    np.savez(path, version=7)
+    with np.load(path) as file:
+        np.savez(path, **{**file, "version": np.array(7)})
     with pytest.raises(ValueError, match="has version 7, expected 1"):
+        load_states(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "says"),
+    [
+        ("time", np.zeros(3, np.float32), r"joints must be f4 states 6, got f4 \(400, 6\)"),
+        ("joints", np.full((400, 6), "x"), "joints must be f4 states 6, got U1"),
+        ("holder", np.full(400, 9, np.uint8), "holder must be below 4"),
+        ("luck", np.zeros(1), "has an unknown array, 'luck'"),
+    ],
+)
+def test_what_is_no_file_of_states_is_named(
+    tmp_path: Path, states: list[WorldState], name: str, value: npt.NDArray[Any], says: str
+) -> None:
+    path = tmp_path / "a.npz"
+    save_states(path, states)
+    with np.load(path) as file:
+        np.savez(path, **{**file, name: value})
+    with pytest.raises(ValueError, match=rf"a\.npz.*{says}"):
+        load_states(path)
+    path.write_bytes(path.read_bytes()[:-99])
+    with pytest.raises(ValueError, match=r"a\.npz is no \.npz of arrays, or is cut off"):
         load_states(path)

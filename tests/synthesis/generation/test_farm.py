@@ -40,7 +40,7 @@ def test_what_is_missing_is_named(monkeypatch):
         check_workers(2)
     with pytest.raises(ValueError, match=r"a cluster needs Dask.*pip install"):
         check_workers(1, "tcp://host:1")
-    with pytest.raises(ValueError, match="workers must be at least 1, got 0"):
+    with pytest.raises(ValueError, match="workers must be from 1 to 1024, got 0"):
         check_workers(0)
 
 

@@ -179,8 +179,9 @@ def test_the_command_refuses_workers_beside_a_cluster_and_names_what_is_wrong(tm
             "--workers 2 --scheduler tcp://h:1",
             "2 workers of this machine or the cluster at tcp://h:",
         ),
-        ("--workers 0", "workers must be at least 1, got 0"),
-        ("--frames 0", "the number of frames must be at least 1, got 0"),
+        ("--workers 0", "workers must be from 1 to 1024, got 0"),
+        ("--frames 0", "the number of frames must be from 1 to 1000000, got 0"),
+        ("--frames 1000000000", "the number of frames must be from 1 to 1000000"),
         ("--backgrounds /nowhere", "no folder of photographs at /nowhere"),
         ("--recordings /nowhere", "no folder of recordings at /nowhere"),
     ):
@@ -249,7 +250,7 @@ def test_recorded_holds_are_shown_at_a_moment_of_theirs(recordings, tmp_path):
             own = transform_points(np.linalg.inv(recording.wrist_from_object[row]), joints)
             moments.append(np.abs(keypoints_from_skeleton(own) - local).max())
         assert min(moments) < 1e-6
-    with pytest.raises(ValueError, match=r"frame 4: .*needs recording number 2 .* holds 2 of them"):
+    with pytest.raises(ValueError, match=r"frame 4 needs recording number 2 .* holds 2 of them"):
         generate(tmp_path, 6, settings)
     with pytest.raises(ValueError, match=r"no folder of recordings at .*none"):
         generate(tmp_path / "b", 1, replace(SIZE, recordings=str(tmp_path / "none")))

@@ -1,5 +1,6 @@
 """What a frame of a data set shows, and which settings there are."""
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -39,11 +40,17 @@ def test_presets_say_what_the_data_card_promises():
         ({"engine": "blender"}, "engine must be 'photo' or 'raycast', got 'blender'"),
         ({"normals": "some"}, "normals must be 'all', 'held', 'object' or 'none'"),
         ({"jpeg_quality": 0}, r"jpeg_quality must lie in 1\.\.100, got 0"),
-        ({"seed": -1}, "need seed >= 0 and samples >= 1, got -1 and 8"),
-        ({"frames_per_hold": 0.5}, "frames_per_hold >= 1"),
+        ({"seed": -1}, "seed must lie in 0.*, got -1"),
+        ({"samples": 0}, "samples must lie in 1"),
+        ({"frames_per_hold": 0.5}, "frames_per_hold must lie in 1"),
+        ({"frames_per_hold": math.nan}, "frames_per_hold must .* got nan"),
         ({"objects": ("0002",)}, "no object '0002'"),
-        ({"objects": ()}, "and an object"),
-        ({"width": 4, "height": 4}, "at least 16x9 pixels, got 4x4"),
+        ({"objects": ()}, "at least one"),
+        ({"objects": ("0000", "0000")}, "different ones"),
+        ({"width": 4, "height": 4}, r"width must lie in 16\.\.8192, got 4"),
+        ({"height": 10_000_000}, r"height must lie in 9\.\.8192, got 10000000"),
+        ({"rest_step": 0.0}, r"rest_step must lie in 0\.0001\.\.0\.1, got 0\.0"),
+        ({"rest_step": math.nan}, "rest_step must .* got nan"),
     ],
 )
 def test_errors_name_the_value(value, message):

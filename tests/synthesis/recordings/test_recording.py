@@ -46,7 +46,7 @@ def _recording(rows=5):
     rng = np.random.default_rng(2)
     poses = np.tile(np.eye(4), (rows, 1, 1))
     poses[:, :3, 3] = rng.uniform(-0.2, 0.2, (rows, 3)).round(5)
-    angles = np.deg2rad(rng.uniform(-20, 90, (rows, 20)).round(2))
+    angles = np.deg2rad(rng.uniform(-10, 40, (rows, 20)).round(2))
     time = np.arange(rows) / 10
     return Recording("0001-stem-0007", "0001", "stem", HandShape("left", 0.95), time, angles, poses)
 
@@ -77,18 +77,18 @@ def test_both_hands_semicolons_decimal_commas_and_a_preamble(tmp_path):
     rows = []
     for row in _manus_rows():
         cells = row.split(",")
-        mirrored = [f"{-float(c):.6f}" for c in cells[3:]]
-        rows.append(";".join(c.replace(".", ",") for c in [*cells[:3], *mirrored, *cells[3:]]))
+        half = [f"{float(c) / 2:.6f}" for c in cells[3:]]
+        rows.append(";".join(c.replace(".", ",") for c in [*cells[:3], *half, *cells[3:]]))
     preamble = "MANUS Core;3.1.0\nProfile;someone\n\n"
     header = "# object: 0005\n# kind: tips\n# scale: 1\n"
     text = header + preamble + ";".join(both) + ";\n" + ";\n".join(rows) + ";\n"
     (tmp_path / "two.placement.csv").write_text(f"Time_s,{POSE}\n0,0,0.1,0.05,0,1,0,0\n")
     path = tmp_path / "two.csv"
-    for side, sign in (("right", 1), ("left", -1)):
+    for side, factor in (("right", 1), ("left", 0.5)):
         path.write_text(f"# side: {side}\n" + text, encoding="utf-8-sig")
         recording = read_recording(path)
         assert recording.shape.side == side
-        np.testing.assert_allclose(np.rad2deg(recording.angles[0]), sign * np.array(FIRST))
+        np.testing.assert_allclose(np.rad2deg(recording.angles[0]), factor * np.array(FIRST))
         np.testing.assert_allclose(recording.wrist_from_object[1, :3, :3], np.diag([1, -1, -1]))
     path.write_text(text)
     with pytest.raises(ValueError, match="does not say which hand holds: add '# side: right'"):
@@ -147,6 +147,21 @@ def _set(lines, line, column, value):
     return lines
 
 
+_LENGTHS = (
+    '# lengths: {"thumb": [44, 34, 27], '
+    + ", ".join(f'"{finger}": [40, 30, 20]' for finger in FINGERS if finger != "thumb")
+    + "}"
+)
+
+
+def _times(lines, start, columns, factor):
+    for line in range(start + 1, len(lines)):
+        for column in columns:
+            cell = float(lines[line].split(",")[column])
+            _set(lines, line, column, f"{cell * factor:.6f}")
+    return lines
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -170,6 +185,26 @@ def _set(lines, line, column, value):
         (
             lambda t, s: [r.replace("Ring_MCP_S", "Index_MCP_S") for r in t],
             "are both the index_mcp",
+        ),
+        (
+            lambda t, s: _set(t, s + 2, 8, "500"),
+            r"row 2 .*Index_PIP_Stretch: no joint bends to 500",
+        ),
+        (
+            lambda t, s: _set(t, s + 2, 8, "-61"),
+            r"row 2 .*Index_PIP_Stretch: no joint bends to -61",
+        ),
+        (lambda t, s: _times(t, s, range(2, 22), 0.0174), "in degrees, not radians"),
+        (lambda t, s: _times(t, s, range(22, 25), 1000), r"row 1 .*no hand reaches .*metres\?"),
+        (
+            lambda t, s: [_LENGTHS.replace("44", "-44"), *t],
+            r"broken\.csv: lengths of the th",
+        ),
+        (lambda t, s: ["# lengths: [", *t], r"broken\.csv: lengths is not valid JSON"),
+        (lambda t, s: ["# girth: big", *t], r"broken\.csv: girth must be a number, got 'big'"),
+        (
+            lambda t, s: [r.replace("Position_Z", "Position_X") for r in t],
+            "column Object_Pos.* twice",
         ),
     ],
 )

@@ -7,7 +7,7 @@ import pytest
 import torch
 from torch import nn
 
-from hadr.models.hadr_input import ImageOutput
+from hadr.models.network_input import ImageOutput
 from hadr.rivals.dfnet import DFNetConfig
 from hadr.training.losses import image_points, normals, normals_apart
 from hadr.training.recipe import Preset

@@ -7,9 +7,9 @@ import torch
 
 from hadr.hand import FINGERS
 from hadr.models.blocks.resnet import UNetConfig
-from hadr.models.hadr_input import HADRInput
 from hadr.models.hand.keypoints import HandKeypointConfig
 from hadr.models.hand.weighted_regression import JointMaps, maps_of_joints
+from hadr.models.network_input import HADRInput
 from hadr.training.batches import FrameTensors
 from hadr.training.loop import chance
 from hadr.training.recipe import Preset

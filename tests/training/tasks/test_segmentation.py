@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from hadr.models.blocks.resnet import UNetConfig
-from hadr.models.hadr_input import HADRInput
+from hadr.models.network_input import HADRInput
 from hadr.models.segmentation import SegmentationConfig
 from hadr.training.batches import FrameTensors
 from hadr.training.recipe import Preset

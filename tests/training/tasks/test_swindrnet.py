@@ -7,7 +7,7 @@ import torch
 from torch import Tensor, nn
 
 from hadr.models.backbone import BackboneConfig
-from hadr.models.hadr_input import HADRInput
+from hadr.models.network_input import HADRInput
 from hadr.rivals.swindrnet import SwinDRNetConfig
 from hadr.training.batches import FrameTensors
 from hadr.training.recipe import Preset

@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from hadr.models.hadr_input import HADRInput, ImageOutput
+from hadr.models.network_input import HADRInput, ImageOutput
 from hadr.rivals.tode import TODEConfig
 from hadr.training.batches import FrameTensors
 from hadr.training.recipe import Preset

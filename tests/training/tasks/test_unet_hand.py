@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from hadr.models.hadr_input import HADRInput
+from hadr.models.network_input import HADRInput
 from hadr.training.batches import FrameTensors
 from hadr.training.losses import frame_mean
 from hadr.training.presets import preset
