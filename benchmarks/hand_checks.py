@@ -9,8 +9,9 @@ model is named (`hadr hand-model`). For each there is the share that `hadr.model
 accepts, the error of the accepted ones and of the others, and the range of every number that is
 checked: its limits are to leave the frames of `train` and `val` inside.
 
-The folders of `--without` hold frames without a hand, in the data set's form; `--real` has
-ClearGrasp's (`benchmarks/real_frames.py`). All of these must be "no hand found".
+The folders of `--without` hold frames without a hand, in the data set's form (`known_ground.py draw
+DIR --sets no-hand` makes some); `--real` has ClearGrasp's (`real_frames.py`). All of these must be
+"no hand found".
 """
 
 from __future__ import annotations
