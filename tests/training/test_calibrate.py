@@ -104,10 +104,11 @@ def test_the_command_adds_to_the_record_and_leaves_the_weights(plus, tmp_path, c
     assert "known_in" in measured.names
     assert learned.rule is None
     assert measured.rule is not None, "a camera's depth has a calibration of its own"
-    update_record(path, {"ground": None, "confidence": "as it was"})
+    noted = {**record["confidence"], "note": "as it was"}
+    update_record(path, {"ground": None, "confidence": noted})
     assert subject.run(parsed(*line[:4], "--only-ground")) == 0
     _, again = load_checkpoint(path)
-    assert again == {**record, "confidence": "as it was"}
+    assert again == {**record, "confidence": noted}
 
 
 def test_the_command_says_which_network_cannot_say_how_sure_it_is(model, tmp_path, capsys) -> None:
