@@ -40,7 +40,8 @@ from hadr.synthesis.hand.mesh import HandMesh
 from hadr.synthesis.rendering.photo import photograph
 from hadr.synthesis.rendering.shading import RayTracer
 from hadr.synthesis.scene.scene import HoldScene
-from hadr.trained_networks import DepthNetwork, HandKeypoints, Segmentation
+from hadr.trained_finders import HandKeypoints, Segmentation
+from hadr.trained_networks import DepthNetwork
 
 SMALL = ("far", "near", "lens")
 """Drawn at the size at which the networks see them, which is faster."""

@@ -31,7 +31,8 @@ from hadr.known_ground import Verdict
 from hadr.models.hand.plausible import HandCheck, NoHandError, check_hand
 from hadr.models.networks import DEPTH_NETWORKS
 from hadr.rivals import classical
-from hadr.trained_networks import DepthNetwork, HandKeypoints, Segmentation
+from hadr.trained_finders import HandKeypoints, Segmentation
+from hadr.trained_networks import DepthNetwork
 
 METHODS = ("auto", *DEPTH_NETWORKS, "nearest", "inpaint", "hand-median")
 CHECKPOINT_NAME = "hadr-mini.safetensors"
@@ -63,7 +64,7 @@ class HandFinder(Protocol):
         mask: BoolArray,
         hand_mask: BoolArray | None,
     ) -> Points:
-        """Find them, or raise a NoHandError; see `hadr.trained_networks.HandKeypoints.find`."""
+        """Find them, or raise a NoHandError; see `hadr.trained_finders.HandKeypoints.find`."""
 
 
 @dataclass(frozen=True)

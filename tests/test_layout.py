@@ -27,6 +27,7 @@ METHOD = (
     "known_ground",
     "rivals",
     "training",
+    "trained_finders",
     "trained_networks",
     "frame_checks",
     "restoration",

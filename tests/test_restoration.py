@@ -8,7 +8,7 @@ from hadr.hand import forward_kinematics, keypoints_from_skeleton
 from hadr.models.hand.plausible import NoHandError
 from hadr.models.networks import DEPTH_NETWORKS
 from hadr.restoration import Restorer, restore
-from hadr.trained_networks import SeenMasks
+from hadr.trained_finders import SeenMasks
 
 CAMERA = Intrinsics(fx=100, fy=100, cx=39.5, cy=29.5, width=80, height=60)
 

@@ -13,7 +13,8 @@ from torch import Tensor, nn
 from hadr.camera import Intrinsics, resize_mask
 from hadr.confidence import Calibration, ConfidenceRule
 from hadr.models.network_input import enlarge_known, enlarge_restored
-from hadr.trained_networks import DepthNetwork, HandKeypoints, Segmentation
+from hadr.trained_finders import HandKeypoints, Segmentation
+from hadr.trained_networks import DepthNetwork
 from hadr.training.checkpoints import trained_corruption
 
 CAMERA = Intrinsics(fx=100, fy=100, cx=39.5, cy=29.5, width=80, height=60)

@@ -10,8 +10,9 @@ import pytest
 
 from hadr.handover.observation import HandWatch, Observation, cleaned
 from hadr.handover.poses import camera_at
+from hadr.handover.replay import replay
 from hadr.handover.robot import SimulatedUR5
-from hadr.handover.run_log import RecordedHandover, replay
+from hadr.handover.run_log import RecordedHandover
 from hadr.handover.safety import SafetyConfig
 from hadr.handover.stages import ChosenGrasp, HandoverConfig, Stage
 from hadr.simulation.trials.rehearsal import MovingHand, rehearse, rehearsed_scene

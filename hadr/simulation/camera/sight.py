@@ -27,7 +27,8 @@ from hadr.simulation.camera.robot_camera import CapturedFrame, RobotCamera
 from hadr.simulation.camera.seen_points import object_points, scene_points
 from hadr.simulation.world.scenes import HeldScene
 from hadr.simulation.world.state import WorldState
-from hadr.trained_networks import DepthNetwork, HandKeypoints, Segmentation
+from hadr.trained_finders import HandKeypoints, Segmentation
+from hadr.trained_networks import DepthNetwork
 
 Array = npt.NDArray[np.float64]
 Depth = npt.NDArray[np.float32]
