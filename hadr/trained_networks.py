@@ -315,8 +315,8 @@ class DepthNetwork:
                 )
         shares = (
             (answer.no_answer, "no answer, and stay missing"),
-            (answer.out_of_range, f"one outside of {learned}, and stay missing"),
-            (answer.beyond, f"one outside of {learned}, and keep it without probability"),
+            (answer.out_of_range, f"a depth outside of {learned}, and stay missing"),
+            (answer.beyond, f"a depth outside of {learned}, and keep it without probability"),
         )
         told = [f"{100 * share:.1f} % {what}" for share, what in shares if share]
         if told:

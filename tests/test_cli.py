@@ -202,7 +202,7 @@ def test_nothing_restored_is_exit_status_1_with_the_reasons(frame, capsys) -> No
     assert told.startswith("hadr restore: error: nothing could be restored: all 400 pixels")
     report = json.loads((frame / "out" / "report.json").read_text())
     assert any(
-        "HADR gives 100.0 % one outside of what it has learned" in n for n in report["notes"]
+        "HADR gives 100.0 % a depth outside of what it has learned" in n for n in report["notes"]
     )
 
 
