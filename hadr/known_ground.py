@@ -148,7 +148,8 @@ class Field:
         low, high = np.nanquantile(plain, (ENDS, 1 - ENDS), axis=0)
         whole = cls(names, low, high, mean, spread, correlation, 1.0, rule)
         distances = [whole.distance(one) for one in validation]
-        return dataclasses.replace(whole, limit=max(float(np.quantile(distances, KEPT)), 1.0))
+        finite = [one for one in distances if np.isfinite(one)] or [1.0]
+        return dataclasses.replace(whole, limit=max(float(np.quantile(finite, KEPT)), 1.0))
 
     def distance(self, features: Features) -> float:
         """Mahalanobis distance from the mean, a feature in the mean; missing ones don't count."""

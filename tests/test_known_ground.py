@@ -210,3 +210,11 @@ def test_a_shrunk_covariance_is_plain_for_many_values_and_round_for_few() -> Non
 def test_a_ground_without_frames_is_refused() -> None:
     with pytest.raises(ValueError, match="needs training and validation frames, got 1 and 0"):
         Field.fit([{"distance": 1.0}], [])
+
+
+def test_a_network_that_restores_nothing_in_validation_has_a_ground_all_the_same() -> None:
+    """No feature is known there, so the distances are infinite; the limit stays a number."""
+    training = [{"distance": 0.5 + 0.01 * n} for n in range(8)]
+    field = Field.fit(training, [{}, {}])
+    assert field.limit == 1.0
+    assert Field.from_dict(field.to_dict()).limit == 1.0

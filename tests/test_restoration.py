@@ -387,10 +387,8 @@ def test_depth_beyond_the_learned_range_is_left_missing(tmp_path) -> None:
     assert (result.depth[mask] == 0).all()
     assert (result.confidence[mask] == 0).all()
     np.testing.assert_array_equal(result.depth[~mask], depth[~mask])
-    told = (
-        "HADR gives 100.0 % a depth outside of what it has learned (0.20 to 0.30 m), and stay missing"
-    )
-    assert f"of the mask's pixels {told}" in result.notes
+    told = "HADR gives 100.0 % a depth outside of what it has learned (0.20 to 0.30 m)"
+    assert f"of the mask's pixels {told}, and stay missing" in result.notes
     assert "400 of 400 pixels of the mask could not be restored" in result.notes
 
 

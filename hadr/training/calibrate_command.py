@@ -11,7 +11,7 @@ import tyro
 
 from hadr.corruption import Corruption
 from hadr.models.networks import NETWORKS
-from hadr.records.option_words import FILE, FOLDER, ID
+from hadr.records.option_words import FILE, FOLDER, ID, LARGEST_SEED, check_range
 from hadr.records.output_folder import check_file
 from hadr.records.provenance import provenance
 
@@ -77,6 +77,7 @@ def run(options: Options) -> int:
     )
     from hadr.training.ground import learn_ground
 
+    check_range("seed", options.seed, 0, LARGEST_SEED)
     check_file(options.out, what=_WHAT)
     check_folders(options.data)
     model, meta = load_checkpoint(options.checkpoint)

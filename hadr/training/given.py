@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from hadr.corruption import Corruption
-from hadr.records.option_words import FILE
+from hadr.records.option_words import FILE, LARGEST_SEED, check_range
 
 TRUE = "true"
 
@@ -27,12 +27,13 @@ class Given:
     """Seed of everything that is drawn by chance."""
 
     def check(self) -> None:
-        """Load the checkpoints that are named, so that a wrong one is told before frames are read.
+        """Check the seed, and load the checkpoints that are named, before frames are read.
 
         Raises:
             FileNotFoundError: A checkpoint does not exist.
-            ValueError: A checkpoint is damaged or one of another network.
+            ValueError: A checkpoint is damaged or one of another network; or the seed is negative.
         """
+        check_range("seed", self.seed, 0, LARGEST_SEED)
         for path, kind in ((self.masks, "segmentation"), (self.keypoints, "hand-keypoints")):
             if path != TRUE:
                 load_given(path, kind)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from hadr.models.networks import NETWORKS
-from hadr.records.option_words import FILE, FOLDER, ID, NAME
+from hadr.records.option_words import FILE, FOLDER, ID, NAME, check_range
 from hadr.records.output_folder import check_folder
 from hadr.records.writing import sole_owner
 from hadr.training.given import Given
@@ -223,10 +223,13 @@ def _train(options: Options) -> int:
     from hadr.training.training_folder import LAST, TrainingFolder
 
     recipe, given, out = recipe_from(options), options.given, options.out
-    if options.machine.devices < 1:
-        raise ValueError(f"--devices must be at least 1, got {options.machine.devices}")
-    if given.seed < 0:
-        raise ValueError(f"--seed must be at least 0, got {given.seed}")
+    for option, number, least, most in (
+        ("devices", options.machine.devices, 1, 64),
+        ("epochs", recipe.epochs, 1, 100_000),
+        ("batch-size", recipe.batch_size, 1, 100_000),
+        ("learning-rate", recipe.learning_rate, 1e-9, 10),
+    ):
+        check_range(option, number, least, most)
     accelerator = chosen_accelerator(options.machine.accelerator)
     if options.tensorboard and importlib.util.find_spec("tensorboard") is None:
         raise ValueError("--tensorboard needs a package that is not here: pip install tensorboard")

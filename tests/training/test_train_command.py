@@ -63,7 +63,7 @@ def test_a_resumed_training_with_more_epochs_keeps_the_epoch_of_the_drop(
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ("--seed -1", "--seed must be at least 0, got -1"),
+        ("--seed -1", "--seed must be from 0 to"),
         ("--accelerator cuda", "finds no CUDA device"),
         ("--tensorboard", "pip install tensorboard"),
         ("--network segmentation --masks some.safetensors", "got segmentation"),
