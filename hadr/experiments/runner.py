@@ -184,11 +184,12 @@ class Bench:
         return []
 
     def epochs_done(self, run: Run) -> int:
-        """Count the epochs that a run's training has behind it; 0 if it would be set aside."""
+        """Count a training's epochs so far; 0 if it would be set aside, or can't be read."""
         recipe = system(run.method, self.size).recipe
-        if recipe is not None and _is_another(
-            self.out / run.name, recipe, self.data_of(run, recipe)
-        ):
+        try:
+            if recipe and _is_another(self.out / run.name, recipe, self.data_of(run, recipe)):
+                return 0
+        except ValueError:  # the run itself says what is wrong with it
             return 0
         return len(self._history(run))
 

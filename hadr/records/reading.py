@@ -15,14 +15,15 @@ from dataclasses import fields, is_dataclass
 from functools import cache
 from pathlib import Path
 from types import NoneType
-from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 import cattrs
-import numpy as np
-import numpy.typing as npt
 from cattrs.gen import make_dict_structure_fn
 
 from hadr.records.provenance import IF_CHANGED
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
 
 T = TypeVar("T")
 LARGEST_FILE = 1 << 30
@@ -103,6 +104,8 @@ def read_arrays(path: str | Path, schema: Mapping[str, str]) -> dict[str, npt.ND
         ValueError: It is cut off or damaged, lacks an array or has a further one, or one is of
             another kind or shape; the message names file and array.
     """
+    import numpy as np
+
     data = read_bytes(path)
     try:
         with np.load(io.BytesIO(data), allow_pickle=False) as file:

@@ -181,7 +181,7 @@ def code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
         ("handover/grasping/selection.py", "Chooses a grasp", "Selects a grasp", False),
         ("rivals/tode.py", "import torch\n", "import torch as pytorch\n", False),
         ("training/loop.py", "import torch\n", "import torch as pytorch\n", False),
-        ("simulation/film/film.py", "import os\n", "import os as system\n", False),
+        ("simulation/film/film.py", "import textwrap\n", "import textwrap as wrapping\n", False),
     ],
 )
 def test_attempts_of_other_code_are_made_again(
