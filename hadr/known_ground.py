@@ -157,8 +157,9 @@ class Field:
         known = np.isfinite(off)
         if not known.any():
             return np.inf
-        inverse = np.linalg.solve(self.correlation[np.ix_(known, known)], off[known])
-        return float(np.sqrt(off[known] @ inverse / known.sum()))
+        # The pseudoinverse: of few training frames, and rounded, the matrix may have no inverse.
+        inverse = np.linalg.pinv(self.correlation[np.ix_(known, known)], hermitian=True)
+        return float(np.sqrt(max(off[known] @ inverse @ off[known], 0) / known.sum()))
 
     def beyond(self, features: Features) -> dict[str, float]:
         """Tell how far each known feature lies from the middle of its range; 1 is its end."""

@@ -1,6 +1,7 @@
 """A network's ground: frames whose features are known by hand, and clouds of known form."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -218,3 +219,10 @@ def test_a_network_that_restores_nothing_in_validation_has_a_ground_all_the_same
     field = Field.fit(training, [{}, {}])
     assert field.limit == 1.0
     assert Field.from_dict(field.to_dict()).limit == 1.0
+
+
+def test_features_that_always_go_together_are_no_error() -> None:
+    training = [{"distance": 0.5 + 0.1 * n, "size": 0.05 + 0.01 * n} for n in range(3)]
+    field = Field.fit(training, training)
+    whole = replace(field, correlation=np.ones((2, 2)))
+    assert np.isfinite(whole.distance(training[0]))
