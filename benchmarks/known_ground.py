@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 import real_frames as real
 
-from hadr.camera import Intrinsics, load_intrinsics, project, transform_points
+from hadr.camera import Intrinsics, load_intrinsics, transform_points
 from hadr.confidence import TOLERANCE_M
 from hadr.data.frame import Frame, frame_log_path, write_frame
 from hadr.data.samples import open_gallery, open_samples, samples_dir
@@ -33,7 +33,7 @@ from hadr.records.provenance import machine_text, provenance
 from hadr.records.result_file import write_result_file
 from hadr.synthesis.depth_sensor.depth_camera import StereoCamera, capture_depth
 from hadr.synthesis.depth_sensor.infrared import Projector
-from hadr.synthesis.generation.frames import build_scene
+from hadr.synthesis.generation.frames import build_scene, frame_of
 from hadr.synthesis.generation.settings import FrameRecipe, GenerationSettings
 from hadr.synthesis.glass.surfaces import Surface
 from hadr.synthesis.hand.mesh import HandMesh
@@ -148,24 +148,10 @@ def drawn(name: str, part: str, number: int) -> Frame:
     # A painted glass has the labels of the glass.
     labelled = replace(scene, contents=plain.contents) if name == "opaque" else scene
     labels = RayTracer(labelled.contents).labels(scene.camera, scene.world_from_camera)
-    keypoints = transform_points(np.linalg.inv(scene.world_from_camera), scene.keypoints)
-    return Frame(
-        recipe.stem,
-        recipe.object_id,
-        recipe.split,
-        photograph(scene, seed=settings.seed + number, samples=settings.samples),
-        labels.depth,
-        labels.hand_mask,
-        labels.object_mask,
-        keypoints,
-        project(keypoints, scene.camera),
-        scene.camera,
-        scene.world_from_camera,
-        labels.background_depth,
-        scene.hold.hold_id,
-        capture_depth(scene, settings.seed + number, COARSE if name == "sensor" else None),
-        world_from_object=scene.world_from_object,
-    )
+    color = photograph(scene, seed=settings.seed + number, samples=settings.samples)
+    camera = COARSE if name == "sensor" else None
+    raw = capture_depth(scene, settings.seed + number, camera)
+    return frame_of(scene, recipe, color, labels, raw)
 
 
 def draw(folder: Path, part: str, names: list[str]) -> None:

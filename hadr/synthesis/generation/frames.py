@@ -24,6 +24,7 @@ from hadr.synthesis.recordings.recording import (
 from hadr.synthesis.rendering.child_process import call_in_child
 from hadr.synthesis.rendering.mitsuba_variant import check_installed
 from hadr.synthesis.rendering.photo import photograph
+from hadr.synthesis.rendering.raycast import Labels
 from hadr.synthesis.rendering.shading import RayTracer
 from hadr.synthesis.scene.scene import HoldScene, make_scene
 from hadr.synthesis.textures.backgrounds import find_backgrounds
@@ -128,6 +129,17 @@ def draw_frame(scene: HoldScene, recipe: FrameRecipe, settings: GenerationSettin
     raw = None
     if settings.sensor:
         raw = capture_depth(scene, _number(settings.seed, recipe.index, 7))
+    return frame_of(scene, recipe, color, labels, raw)
+
+
+def frame_of(
+    scene: HoldScene,
+    recipe: FrameRecipe,
+    color: npt.NDArray[np.uint8],
+    labels: Labels,
+    raw_depth: npt.NDArray[np.float32] | None,
+) -> Frame:
+    """Put a frame together from what was drawn of its scene."""
     keypoints = transform_points(np.linalg.inv(scene.world_from_camera), scene.keypoints)
     return Frame(
         recipe.stem,
@@ -143,7 +155,7 @@ def draw_frame(scene: HoldScene, recipe: FrameRecipe, settings: GenerationSettin
         scene.world_from_camera,
         labels.background_depth,
         scene.hold.hold_id,
-        raw,
+        raw_depth,
         labels.normals,
         scene.world_from_object,
     )

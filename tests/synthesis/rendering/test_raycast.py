@@ -7,19 +7,9 @@ from hadr.synthesis.generation.frames import build_scene
 from hadr.synthesis.generation.settings import GenerationSettings
 from hadr.synthesis.glass.surfaces import Surface
 from hadr.synthesis.rendering.shading import RayTracer
-from hadr.synthesis.scene.contents import Contents, Surroundings
+from hadr.synthesis.scene.contents import Contents
 
 CAMERA = Intrinsics(200.0, 210.0, 60.3, 40.7, 128, 80)
-
-
-def plane(normal, distance, reach=20.0) -> Surroundings:
-    normal = np.asarray(normal, dtype=float) / np.linalg.norm(normal)
-    x = np.cross([0, 1.0, 0], normal)
-    x /= np.linalg.norm(x)
-    y = np.cross(normal, x)
-    corners = distance * normal + reach * np.array([-x - y, x - y, x + y, -x + y])
-    surface = Surface(corners, np.array([[0, 1, 2], [0, 2, 3]]), np.tile(-normal, (4, 1)))
-    return Surroundings(surface, corners[:, :2], np.zeros(2, int), np.ones((2, 3)), np.ones(2))
 
 
 def sphere(center, radius, subdivisions=6) -> Surface:
@@ -27,7 +17,7 @@ def sphere(center, radius, subdivisions=6) -> Surface:
     return Surface(mesh.vertices + center, np.asarray(mesh.faces), mesh.vertices / radius)
 
 
-def test_depth_of_a_glass_sphere_is_exact_and_what_is_behind_it_is_kept():
+def test_depth_of_a_glass_sphere_is_exact_and_what_is_behind_it_is_kept(plane):
     center, radius = np.array([0.02, -0.03, 0.7]), 0.08
     scene = RayTracer(
         Contents(None, (sphere(center, radius, 7),), surroundings=plane([0, 0, 1.0], 2.0))
@@ -49,7 +39,7 @@ def test_depth_of_a_glass_sphere_is_exact_and_what_is_behind_it_is_kept():
     np.testing.assert_allclose(labels.normals[clear], normal[clear], atol=2e-3)
 
 
-def test_a_moved_camera_sees_the_plane_where_it_is():
+def test_a_moved_camera_sees_the_plane_where_it_is(plane):
     pose = np.eye(4)
     pose[:3, 3] = (0.3, -0.2, -0.5)
     scene = RayTracer(Contents(None, (), surroundings=plane([0, 0, 1.0], 1.0)))
@@ -106,7 +96,7 @@ def test_depth_of_hand_and_glass_is_that_of_the_nearest_triangle(scene):
             assert labels.depth[row, column] == pytest.approx(depth, abs=2e-5)
 
 
-def test_depth_is_exact_to_single_precision_at_any_slant():
+def test_depth_is_exact_to_single_precision_at_any_slant(plane):
     """Embree alone is off everywhere by more than rounding to float32 explains."""
     for slant in (0.0, 0.5, 1.2, 1.4):
         normal = np.array([np.sin(slant), 0.1, np.cos(slant)])
@@ -145,7 +135,7 @@ def test_no_ray_slips_through_where_triangles_meet(count):
     np.testing.assert_allclose(labels.depth, 1.0, rtol=1e-7)
 
 
-def test_a_pixel_is_what_its_centre_sees():
+def test_a_pixel_is_what_its_centre_sees(plane):
     """An edge between columns 60 and 61, a hundredth of a pixel beside the centre of one."""
     wall = plane([0, 0, 1.0], 2.0)
     for edge, first in ((60.01, 61), (59.99, 60)):

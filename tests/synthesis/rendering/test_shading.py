@@ -7,19 +7,9 @@ from hadr.synthesis.generation.frames import build_scene
 from hadr.synthesis.generation.settings import GenerationSettings
 from hadr.synthesis.glass.surfaces import Surface
 from hadr.synthesis.rendering.shading import RayTracer
-from hadr.synthesis.scene.contents import Contents, Surroundings
+from hadr.synthesis.scene.contents import Contents
 
 CAMERA = Intrinsics(200.0, 210.0, 60.3, 40.7, 128, 80)
-
-
-def plane(normal, distance, reach=20.0) -> Surroundings:
-    normal = np.asarray(normal, dtype=float) / np.linalg.norm(normal)
-    x = np.cross([0, 1.0, 0], normal)
-    x /= np.linalg.norm(x)
-    y = np.cross(normal, x)
-    corners = distance * normal + reach * np.array([-x - y, x - y, x + y, -x + y])
-    surface = Surface(corners, np.array([[0, 1, 2], [0, 2, 3]]), np.tile(-normal, (4, 1)))
-    return Surroundings(surface, corners[:, :2], np.zeros(2, int), np.ones((2, 3)), np.ones(2))
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +18,7 @@ def scene():
     return build_scene(settings.recipe(0), settings)
 
 
-def test_a_flat_pane_shifts_rays_but_does_not_bend_them():
+def test_a_flat_pane_shifts_rays_but_does_not_bend_them(plane):
     """Through a pane of glass a ray goes on in its old direction: the picture stays, but dimmer."""
     low, high = np.array([-3, -3, 0.5]), np.array([3, 3, 0.52])
     mesh = trimesh.creation.box(bounds=[low, high])
