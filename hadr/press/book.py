@@ -101,7 +101,7 @@ def stage_notebook(notebook: Any, run_time: str) -> Any:
         _label_films(cell.outputs)
         if "interactive" in tags:
             cell.outputs = []
-            cells.append(nbformat.v4.new_markdown_cell(WIDGET_NOTE))
+            cells.append(nbformat.v4.new_markdown_cell(WIDGET_NOTE, id=f"note-{len(cells)}"))
     notebook.cells = cells
     notebook.metadata.pop("widgets", None)
     notebook.metadata.pop("papermill", None)
