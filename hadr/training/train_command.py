@@ -238,10 +238,13 @@ def _train(options: Options) -> int:
     if options.start_from and options.resume:
         raise ValueError("--start-from begins a training and --resume goes on with one: name one")
     start = None if options.start_from is None else starting_weights(options.start_from, recipe)
-    if options.resume and options.drop_epoch is None:
-        recipe = with_recorded_drop(recipe, out / LAST)
-    elif not options.resume:
-        TrainingFolder(out, recipe, given.seed, None).check_empty()
+    home = TrainingFolder(out, recipe, given.seed, None)
+    if not options.resume:
+        home.check_empty()
+    else:
+        home.check_begun()
+        if options.drop_epoch is None:
+            recipe = with_recorded_drop(recipe, out / LAST)
     devices = options.machine.devices
     fabric = Fabric(
         accelerator=accelerator,
