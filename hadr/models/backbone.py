@@ -9,6 +9,7 @@ Transformer itself is that of the `transformers` package, in plain torch.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -84,6 +85,8 @@ def load_published(kind: Any, name: str, **options: Any) -> Any:
     Raises:
         OSError: The weights can't be fetched or are not in the local cache.
     """
+    # What it tries in vain is one sentence in the end.
+    logging.getLogger("huggingface_hub").setLevel(logging.ERROR)
     try:
         return kind.from_pretrained(name, **options)
     except (OSError, RuntimeError) as error:
