@@ -280,8 +280,10 @@ def _run_command(name: str, words: list[str]) -> int:
         return status
     except (ValueError, OSError, FloatingPointError) as error:
         full = isinstance(error, OSError) and error.errno in FULL
-        told = f"{error}; nothing is half-written, make room and run it again" if full else error
-        sentence = " ".join("; ".join((str(told), *getattr(error, "__notes__", ()))).split())
+        told = re.sub(r"^\[Errno \d+\] ", "", str(error))
+        if full:
+            told = f"the disk is full ({told}); nothing is half-written, make room, run it again"
+        sentence = " ".join("; ".join((told, *getattr(error, "__notes__", ()))).split())
         print(f"{program}: error: {sentence}", file=sys.stderr)
         return 1 if full else 2
     except KeyboardInterrupt:

@@ -303,8 +303,8 @@ def test_a_crash_while_writing_leaves_nothing(frame, capsys, monkeypatch) -> Non
     before = sorted(p.name for p in frame.iterdir())
     assert main(words(frame)) == 1
     assert capsys.readouterr().err == (
-        "hadr restore: error: [Errno 28] No space left on device; nothing is half-written, make "
-        "room and run it again\n"
+        "hadr restore: error: the disk is full (No space left on device); nothing is half-written, "
+        "make room, run it again\n"
     )
     assert sorted(p.name for p in frame.iterdir()) == before
 
