@@ -115,7 +115,7 @@ def ur5() -> Results:
     yield "rehearsal opening", np.array([m.gripper_width for m in moments])
     yield "rehearsal glass", np.array([m.base_from_object for m in moments])
     yield "rehearsal to_hand", np.array([m.hand_distance for m in moments])
-    run = run_trial(Trial("0004", 902, arm="perfect"))
+    run = run_trial(Trial("0004", 902, condition="perfect"))
     seen = ("joints", "gripper_width", "base_from_wrist", "base_from_object", "hand_force")
     yield from _fields("attempt", run.states, *seen)
     yield "attempt outcome", {k: str(v) for k, v in vars(run.outcome).items() if "wall" not in k}

@@ -43,7 +43,7 @@ def handover_steps(plan: Attempts, out: Path, times: Mapping[str, float]) -> lis
 
     table, steps = out / "tables" / "handover.json", []
     rows = read_result_file(table).rows if table.is_file() else ()
-    own = {row["arm"]: row["attempts"] * row["mean_wall_seconds"] for row in rows}
+    own = {row["condition"]: row["attempts"] * row["mean_wall_seconds"] for row in rows}
     for condition, trials in plan.items():
         left = sum(not is_finished(out / "handover", trial) for trial in trials)
         words = left_text(left, len(trials), "attempt")
@@ -72,4 +72,4 @@ def make_handover_table(plan: Attempts, out: Path, jobs: int) -> None:
 
 
 def _say(trial: Trial, row: Mapping[str, Any]) -> None:
-    print(f"{trial.arm:18} {trial.name}  {row['verdict']:14} {row['reason']}", flush=True)
+    print(f"{trial.condition:18} {trial.name}  {row['verdict']:14} {row['reason']}", flush=True)

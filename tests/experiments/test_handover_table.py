@@ -19,7 +19,7 @@ RESULTS = Path(__file__).resolve().parents[2] / "results"
 
 def finish(out: Path, trial: Trial, **changed: float) -> None:
     """Leave the file of an attempt as `hadr.simulation.trials.experiment` does."""
-    path = out / trial.arm / f"{trial.name}.json"
+    path = out / trial.condition / f"{trial.name}.json"
     path.parent.mkdir(parents=True, exist_ok=True)
     empty = hashlib.sha256().hexdigest()
     row = {
@@ -37,7 +37,7 @@ def test_tiny_makes_one_attempt_a_condition_and_the_others_48() -> None:
     table = read_result_file(RESULTS / "mini" / "handover.json")
     for size, count in (("tiny", 1), ("mini", 48), ("paper", 48)):
         plan = planned_attempts(size, 3)
-        assert sorted(plan) == sorted(row["arm"] for row in table.rows)
+        assert sorted(plan) == sorted(row["condition"] for row in table.rows)
         assert {len(trials) for trials in plan.values()} == {count}
         assert {trial.seed for trials in plan.values() for trial in trials} == {3}
 
@@ -69,13 +69,13 @@ def test_the_table_has_a_row_a_condition(tmp_path: Path, monkeypatch: pytest.Mon
     monkeypatch.setattr(experiment, "run_attempts", attempted)
     monkeypatch.setattr(
         experiment, "condition_row",
-        lambda condition, names: {"arm": condition, "successes": 1, "attempts": len(names),
+        lambda condition, names: {"condition": condition, "successes": 1, "attempts": len(names),
                             "mean_wall_seconds": 4.0},
     )  # fmt: skip
     plan = planned_attempts("tiny", 0)
     make_handover_table(plan, tmp_path, jobs=1)
     rows = read_result_file(tmp_path / "tables" / "handover.json").rows
-    assert [row["arm"] for row in rows] == list(plan)
+    assert [row["condition"] for row in rows] == list(plan)
     for trials in plan.values():
         finish(tmp_path / "handover", trials[0])
     assert {step.seconds for step in handover_steps(plan, tmp_path, {})} == {4.0}

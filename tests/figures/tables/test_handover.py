@@ -11,7 +11,7 @@ from hadr.figures.tables.handover import (
 )
 
 ROW = {
-    "arm": "hadr",
+    "condition": "hadr",
     "attempts": 48,
     "successes": 30,
     "rate": 0.625,
@@ -23,7 +23,7 @@ ROW = {
     "failures": {"drop": 10, "time-out": 8},
     "mean_seconds": 7.25,
 }
-NEVER = {**ROW, "arm": "raw", "successes": 0, "rate": 0.0, "mean_seconds": None}
+NEVER = {**ROW, "condition": "raw", "successes": 0, "rate": 0.0, "mean_seconds": None}
 
 
 def cells(line):
@@ -42,21 +42,27 @@ def test_each_arm_has_its_numbers_and_the_paper_stands_below():
 
 
 def test_two_arms_are_compared_attempt_by_attempt():
-    first = {"arm": "a", "verdicts": {"1": "success", "2": "success", "3": "drop", "4": "drop"}}
-    second = {"arm": "b", "verdicts": {"1": "success", "2": "drop", "3": "drop", "4": "success"}}
+    first = {
+        "condition": "a",
+        "verdicts": {"1": "success", "2": "success", "3": "drop", "4": "drop"},
+    }
+    second = {
+        "condition": "b",
+        "verdicts": {"1": "success", "2": "drop", "3": "drop", "4": "success"},
+    }
     assert paired(first, second) == (1, 1, 1.0)
-    better = {"arm": "c", "verdicts": dict.fromkeys("1234", "success")}
+    better = {"condition": "c", "verdicts": dict.fromkeys("1234", "success")}
     assert paired(better, first) == (2, 0, 0.5)  # 2 of 2: once each way in four
     assert paired(first, first) == (0, 0, 1.0)
     with pytest.raises(ValueError, match="a and d have not made the same attempts"):
-        paired(first, {"arm": "d", "verdicts": {"1": "drop"}})
+        paired(first, {"condition": "d", "verdicts": {"1": "drop"}})
 
 
 def row(
     condition: str, successes: int, low: float, high: float, **more: object
 ) -> dict[str, object]:
     return {
-        "arm": condition,
+        "condition": condition,
         "attempts": 48,
         "successes": successes,
         "rate": successes / 48,
