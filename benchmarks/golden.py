@@ -97,7 +97,7 @@ def ur5() -> Results:
     """The UR5's kinematics, a rehearsed handover, and an attempt in the physical world."""
     from hadr.handover.grasping.selection import GraspSelection
     from hadr.handover.poses import camera_at
-    from hadr.handover.robot import SimulatedUR5
+    from hadr.handover.simulated_ur5 import SimulatedUR5
     from hadr.handover.ur5 import forward_kinematics, inverse_kinematics
     from hadr.handover.workflow import Handover
     from hadr.simulation.trials.rehearsal import MovingHand, rehearse, rehearsed_scene

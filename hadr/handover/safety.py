@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from hadr.hand import check_keypoints
 from hadr.handover.grasping.collision import FLESH, hand_points
-from hadr.handover.gripper import FINGER_WIDTH, fork_points
+from hadr.handover.grasping.gripper import FINGER_WIDTH, fork_points
 
 Array = npt.NDArray[np.float64]
 

@@ -16,8 +16,9 @@ from hadr.handover.grasping.grasps import forward_of
 from hadr.handover.grasping.selection import GraspSelection
 from hadr.handover.observation import Observation
 from hadr.handover.poses import camera_at, pose_distance
-from hadr.handover.robot import SimulatedUR5, Workspace
+from hadr.handover.robot import Workspace
 from hadr.handover.safety import SafetyConfig
+from hadr.handover.simulated_ur5 import SimulatedUR5
 from hadr.handover.stages import ChosenGrasp, HandoverConfig, Stage
 from hadr.handover.tracking import hand_motion
 from hadr.handover.workflow import Handover

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from hadr.handover.grasping.grasps import Grasps
+from hadr.handover.grasping.gripper import FINGER_HEIGHT, LARGEST_OPENING
 from hadr.handover.grasping.unseen_side import unseen_side
-from hadr.handover.gripper import FINGER_HEIGHT, LARGEST_OPENING
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -1,6 +1,6 @@
 """Whether a gripper would touch the hand, the object or anything else: distances to boxes.
 
-The gripper is four boxes (`hadr.handover.gripper`). Whoever
+The gripper is four boxes (`hadr.handover.grasping.gripper`). Whoever
 moves straight along the approach axis sweeps a box out of a box, so the whole way from the
 pre-grasp to the end is checked at once and exactly. The hand is its skeleton with flesh around it.
 
@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from hadr.hand import BONES, check_keypoints
 from hadr.handover.grasping.grasps import Grasps
-from hadr.handover.gripper import gripper_boxes
+from hadr.handover.grasping.gripper import gripper_boxes
 
 Array = NDArray[np.float64]
 

@@ -17,8 +17,8 @@ from scipy.spatial import cKDTree
 
 from hadr.camera import transform_points
 from hadr.handover.grasping.grasps import Grasps
-from hadr.handover.gripper import LARGEST_OPENING
-from hadr.handover.ur5 import check_pose
+from hadr.handover.grasping.gripper import LARGEST_OPENING
+from hadr.handover.poses import check_pose
 
 Array = NDArray[np.float64]
 Detect = Callable[[Array], ArrayLike]

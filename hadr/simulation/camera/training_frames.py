@@ -12,9 +12,9 @@ import numpy.typing as npt
 
 from hadr.camera import project
 from hadr.data.frame import Frame
-from hadr.handover.gripper import LARGEST_OPENING
+from hadr.handover.grasping.gripper import LARGEST_OPENING
 from hadr.handover.poses import camera_at
-from hadr.handover.robot import HOME_JOINTS
+from hadr.handover.simulated_ur5 import HOME_JOINTS
 from hadr.simulation.camera.robot_camera import EYE, RobotCamera
 from hadr.simulation.world.scenes import MIDDLE, held_scene
 from hadr.simulation.world.state import WorldState

@@ -7,7 +7,7 @@ for the camera's depth: rounded solids of about the real sizes, a centimetre off
 from __future__ import annotations
 
 from hadr.handover import ur5
-from hadr.handover.gripper import FLANGE_FROM_TOOL
+from hadr.handover.grasping.gripper import FLANGE_FROM_TOOL
 from hadr.records.caches import kept
 from hadr.simulation.robot.gripper import gripper_surfaces
 from hadr.simulation.robot.solids import (

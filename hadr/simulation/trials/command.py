@@ -189,8 +189,8 @@ def run(options: Options) -> int:
 
 def _replay(path: Path) -> int:
     """Replay an attempt's log, and print what happened in the order of time."""
-    from hadr.handover.replay import replay
-    from hadr.handover.run_log import read_run_log
+    from hadr.handover.logs.replay import replay
+    from hadr.handover.logs.run_log import read_run_log
 
     if path.is_dir():
         raise ValueError(f"--replay {path} is a folder, expected a log, such as 0004-902-log.npz")

@@ -20,9 +20,9 @@ import numpy as np
 
 from hadr.data.samples import samples_dir
 from hadr.handover.grasping.selection import GraspSelection
-from hadr.handover.robot import ArmConfig
-from hadr.handover.run_log import RecordedHandover, RunLog
+from hadr.handover.logs.run_log import RecordedHandover, RunLog
 from hadr.handover.safety import SafetyConfig
+from hadr.handover.simulated_ur5 import ArmConfig
 from hadr.handover.stages import ChosenGrasp, HandoverConfig, Stage, Transition
 from hadr.handover.workflow import Handover
 from hadr.records.dependencies import code_digest

@@ -8,7 +8,7 @@ import pytest
 from hadr.handover.grasping.graspnet import DetectedGrasps, from_graspnet
 from hadr.handover.grasping.selection import GraspSelection
 from hadr.handover.poses import camera_at
-from hadr.handover.robot import SimulatedUR5
+from hadr.handover.simulated_ur5 import SimulatedUR5
 from hadr.simulation.trials.rehearsal import rehearsed_scene, visible_points
 
 # the camera stands 1 m before the base and 0.5 m above it, level, and looks back at it

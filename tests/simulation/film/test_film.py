@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from hadr.handover.robot import HOME_JOINTS, SimulatedUR5
+from hadr.handover.simulated_ur5 import HOME_JOINTS, SimulatedUR5
 from hadr.handover.stages import Stage, Transition
 from hadr.simulation.film.film import (
     CAPTION_HEIGHT,

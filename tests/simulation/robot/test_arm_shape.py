@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 from hadr.handover import ur5
-from hadr.handover.robot import HOME_JOINTS, SimulatedUR5
+from hadr.handover.simulated_ur5 import HOME_JOINTS, SimulatedUR5
 from hadr.simulation.robot.arm_shape import arm_surfaces
 
 POSES = [

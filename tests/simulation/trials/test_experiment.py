@@ -22,8 +22,8 @@ import pytest
 import torch
 
 from hadr.data.samples import samples_dir
-from hadr.handover.replay import replay
-from hadr.handover.run_log import read_run_log
+from hadr.handover.logs.replay import replay
+from hadr.handover.logs.run_log import read_run_log
 from hadr.records import dependencies
 from hadr.records.dependencies import modules_behind
 from hadr.records.result_file import digest

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hadr.handover.replay import replay
+from hadr.handover.logs.replay import replay
 from hadr.handover.stages import Stage, Transition
 from hadr.simulation.camera.sight import BrokenSight, Fault
 from hadr.simulation.trials.trial import CONDITIONS, Outcome, Run, Trial, run_trial
