@@ -27,8 +27,8 @@ from finished_runs import arguments, open_runs, write_rows
 from torch import Tensor
 
 from hadr.experiments.averages import standard_error
+from hadr.experiments.protocol import LEARNED, system
 from hadr.experiments.runner import Run
-from hadr.experiments.systems import LEARNED, system
 from hadr.experiments.tables import TABLES
 from hadr.rivals.classical import nearest_valid
 from hadr.training.batches import FrameTensors

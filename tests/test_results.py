@@ -12,7 +12,7 @@ import pytest
 from hadr.data.splits import UNKNOWN_OBJECTS
 from hadr.experiments.conditions import IN_CONDITIONS, WITH_HAND
 from hadr.experiments.plan import KNOWN_ALONE, OFTEN
-from hadr.experiments.systems import METHODS, SWITCHES
+from hadr.experiments.protocol import METHODS, SWITCHES
 from hadr.experiments.tables import ABLATION, FILES, LEDGER
 from hadr.figures.tables.benchmarks import by_heart_table
 from hadr.figures.tables.handover import paired

@@ -27,9 +27,8 @@ from lightning_fabric import Fabric
 from torch import nn
 
 from hadr.corruption import Corruption
+from hadr.experiments.protocol import Experiment, Part, data_digest, open_part, system
 from hadr.experiments.scoring import EVALUATION_SIZE, Scores, score_cheap, score_network
-from hadr.experiments.splits import Experiment, Part, data_digest, open_part
-from hadr.experiments.systems import system
 from hadr.models.networks import network_of
 from hadr.records.dependencies import code_digest
 from hadr.records.provenance import machine_text, plain, provenance
@@ -41,7 +40,7 @@ from hadr.training.recipe import Preset
 
 ROW, HISTORY = "row.json", "history.csv"
 TABLES_OF_NETWORKS = (
-    "hadr.experiments.systems", "hadr.models.networks", "hadr.training.presets",
+    "hadr.experiments.protocol", "hadr.models.networks", "hadr.training.presets",
 )  # fmt: skip
 """Modules that lead to every network: a run depends on its own, and on its recipe as a value."""
 
