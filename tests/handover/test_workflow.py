@@ -101,7 +101,7 @@ def test_same_seed_same_handover() -> None:
 def test_approach_follows_the_moved_hand_and_without_tracking_does_not(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("hadr.handover.observation.CALM_SPEED", np.inf)
+    monkeypatch.setattr("hadr.handover.grasping.selection.CALM_SPEED", np.inf)
     hand = MovingHand(SCENE, CAMERA, seed=2, noise=0.0)
     start = forward_of(fixed_grasp(), -0.10)
     for tracking in (True, False):
@@ -380,7 +380,7 @@ def test_a_grasp_is_chosen_in_a_calm_hand_or_after_two_seconds(
     run(handover, longest=1.0)
     assert handover.transitions[0].time == pytest.approx(0.2)  # half of the window is enough
     restless = MovingHand(SCENE, CAMERA, drift=0.04, calm_after=np.inf)
-    monkeypatch.setattr("hadr.handover.observation.CALM_SPEED", 1e-9)
+    monkeypatch.setattr("hadr.handover.grasping.selection.CALM_SPEED", 1e-9)
     handover = fixed_handover()
     run(handover, restless, longest=3.0)
     assert handover.transitions[0].time == pytest.approx(2.0)
