@@ -25,7 +25,7 @@ from hadr.experiments.scoring import EVALUATION_SIZE, score_network
 from hadr.models.hadr_plus import HADRPlusConfig
 from hadr.records.provenance import machine_text, provenance, write_json
 from hadr.records.result_file import digest, write_result_file
-from hadr.training.batches import load_frames
+from hadr.training.frames.batches import load_frames
 from hadr.training.loop import train
 from hadr.training.presets import preset
 from hadr.training.recipe import Preset

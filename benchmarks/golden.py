@@ -152,7 +152,7 @@ def training() -> Results:
     from hadr.corruption import CORRUPTIONS
     from hadr.data.samples import open_samples
     from hadr.models.networks import NETWORKS
-    from hadr.training.batches import load_frames
+    from hadr.training.frames.batches import load_frames
     from hadr.training.loop import train
     from hadr.training.presets import preset
 

@@ -24,7 +24,7 @@ from hadr.experiments.protocol import Experiment
 from hadr.experiments.runner import Run
 from hadr.experiments.scoring import EVALUATION_SIZE, Scores, score_depth
 from hadr.rivals.classical import nearest_valid
-from hadr.training.batches import FrameTensors
+from hadr.training.frames.batches import FrameTensors
 
 SPLITS: tuple[Experiment, ...] = ("known", "by-frame")
 NETWORKS = ("hadr", "hadr-plus")

@@ -31,9 +31,9 @@ from hadr.experiments.protocol import LEARNED, system
 from hadr.experiments.runner import Run
 from hadr.experiments.tables import TABLES
 from hadr.rivals.classical import nearest_valid
-from hadr.training.batches import FrameTensors
 from hadr.training.checkpoints import load_checkpoint
 from hadr.training.evaluation import predict
+from hadr.training.frames.batches import FrameTensors
 from hadr.training.loop import LAST, evenly
 
 SHARES = (-0.25, -0.15, 0.15, 0.25, 0.35)

@@ -18,9 +18,9 @@ from hadr.experiments.runner import Bench, Run
 from hadr.experiments.scoring import EVALUATION_SIZE, restored_depth, score_network
 from hadr.experiments.tables import TABLES
 from hadr.rivals.lidf import LIDF
-from hadr.training.batches import FrameTensors
 from hadr.training.checkpoints import load_checkpoint
 from hadr.training.evaluation import CLASSICAL
+from hadr.training.frames.batches import FrameTensors
 from hadr.training.loop import LAST
 
 

@@ -27,12 +27,12 @@ from hadr.models.networks import RIVALS
 from hadr.records.caches import kept_by_file
 from hadr.records.provenance import machine_text, provenance
 from hadr.records.result_file import digest, seal_row, sealed_row
-from hadr.training.batches import FrameTensors, load_frames
 from hadr.training.checkpoints import load_checkpoint
 from hadr.training.evaluation import CLASSICAL
-from hadr.training.given import Given
+from hadr.training.frames.batches import FrameTensors, load_frames
+from hadr.training.frames.predicted import with_predicted
 from hadr.training.loop import LAST
-from hadr.training.predicted import with_predicted
+from hadr.training.recipe import Given
 
 
 def _checkpoints() -> Path:

@@ -11,7 +11,7 @@ from scipy import stats
 from torch import Tensor
 
 from hadr.camera import BoolArray, FloatArray
-from hadr.training.batches import FrameTensors
+from hadr.training.frames.batches import FrameTensors
 
 
 @dataclass(frozen=True)

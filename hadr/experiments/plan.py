@@ -38,7 +38,7 @@ from hadr.experiments.steps import Step, left_text
 from hadr.experiments.tables import ABLATION, LEDGER, TABLES, write_tables
 from hadr.records.provenance import machine_text, provenance
 from hadr.records.result_file import read_result_file, write_result_file
-from hadr.training.given import Given
+from hadr.training.recipe import Given
 
 if TYPE_CHECKING:
     from hadr.simulation.trials.trial import Condition, Trial

@@ -33,8 +33,8 @@ from hadr.models.networks import network_of
 from hadr.records.dependencies import code_digest
 from hadr.records.provenance import machine_text, plain, provenance
 from hadr.records.result_file import digest, seal_row, sealed_row
-from hadr.training.batches import FrameTensors, load_frames
 from hadr.training.checkpoints import read_record
+from hadr.training.frames.batches import FrameTensors, load_frames
 from hadr.training.loop import LAST, Trained, train
 from hadr.training.recipe import Preset
 

@@ -19,8 +19,8 @@ from torch import nn
 from hadr.camera import BoolArray, FloatArray
 from hadr.metrics import METRICS, DepthMetrics, frame_metrics, mean_over_frames, pooled
 from hadr.models.network_input import enlarge_restored
-from hadr.training.batches import FrameTensors
 from hadr.training.evaluation import CLASSICAL, predict
+from hadr.training.frames.batches import FrameTensors
 
 EVALUATION_SIZE = (224, 126)
 """(width, height) at which all systems are scored, pixels."""

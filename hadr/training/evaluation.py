@@ -18,7 +18,7 @@ from hadr.camera import BoolArray, FloatArray
 from hadr.metrics import DepthMetrics, frame_metrics, mean_over_frames
 from hadr.models.hadr import HADROutput
 from hadr.rivals import classical
-from hadr.training.batches import FrameTensors
+from hadr.training.frames.batches import FrameTensors
 
 Restorer = Callable[[FrameTensors, int], FloatArray]
 """From the frames and a frame's number to restored z-depth in metres, shape (H, W)."""

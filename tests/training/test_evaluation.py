@@ -7,7 +7,6 @@ import pytest
 import torch
 
 from hadr.models.hadr import HADR
-from hadr.training.batches import FrameTensors
 from hadr.training.evaluation import (
     averages,
     compare,
@@ -16,6 +15,7 @@ from hadr.training.evaluation import (
     predict_depth,
     score,
 )
+from hadr.training.frames.batches import FrameTensors
 from hadr.training.recipe import Preset
 
 

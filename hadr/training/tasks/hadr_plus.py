@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from hadr.models.hadr_plus import HADRPlusOutput
-from hadr.training.batches import FrameTensors
+from hadr.training.frames.batches import FrameTensors
 from hadr.training.losses import frame_mean
 from hadr.training.recipe import Preset
 

@@ -26,8 +26,8 @@ from torch import Tensor, nn
 
 from hadr.metrics import mean_over_frames
 from hadr.models.networks import network_of
-from hadr.training.batches import FrameTensors
 from hadr.training.evaluation import evaluate
+from hadr.training.frames.batches import FrameTensors
 from hadr.training.pictures import Picture, depth_picture
 from hadr.training.recipe import Preset
 

@@ -19,8 +19,9 @@ from hadr.corruption import CORRUPTIONS
 from hadr.data.folders import FrameSource, check_folders, has_split, open_folder
 from hadr.models.hand.keypoints import keypoints_where_seen
 from hadr.models.network_input import HADRInput
-from hadr.training.batches import FrameList, FrameTensors, load_frames
-from hadr.training.given import TRUE, Given, load_given
+from hadr.training.checkpoints import load_checkpoint
+from hadr.training.frames.batches import FrameList, FrameTensors, load_frames
+from hadr.training.recipe import TRUE, Given
 
 
 def open_split(
@@ -107,6 +108,14 @@ def with_predicted(
     if hand is not None:
         frames = replace(frames, hand_mask=resized(hand, frames.hand_mask))
     return frames if inputs is frames.inputs else replace(frames, inputs=inputs)
+
+
+def load_given(path: str | Path, kind: str) -> tuple[Any, tuple[int, int]]:
+    """Load a network, and give the (width, height) at which it was trained."""
+    model, meta = load_checkpoint(path)
+    if meta["network"] != kind:
+        raise ValueError(f"{path} holds a network of kind {meta['network']!r}, expected {kind!r}")
+    return model.eval(), (int(meta["width"]), int(meta["height"]))
 
 
 def _with_mask(inputs: HADRInput, masks: Tensor, given: Given) -> HADRInput:
