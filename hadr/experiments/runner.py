@@ -47,12 +47,7 @@ TABLES_OF_NETWORKS = (
 
 @cache  # what this process has loaded does not change
 def code_of(module: str, network: str | None) -> str:
-    """Checksum of the code of a run (`hadr.records.dependencies`).
-
-    Args:
-        module: The module with which it begins.
-        network: The kind of its network; None for a method that learns nothing.
-    """
+    """Checksum of a run's code, from a first module on; network None: it learns nothing."""
     task = () if network is None else network_of(network).modules
     return code_digest(module, *task, without=TABLES_OF_NETWORKS)
 
@@ -148,12 +143,7 @@ class Bench:
         return self.kept((run.experiment, part, size), load)
 
     def kept(self, key: Hashable, load: Callable[[], FrameTensors]) -> FrameTensors:
-        """Load frames, or give them again if they are among the last few that were loaded.
-
-        Args:
-            key: What tells them from others.
-            load: Loads them.
-        """
+        """Load frames, or give them again if they are among the last few that were loaded."""
         if key not in self._frames:
             while len(self._frames) > 3:
                 del self._frames[next(iter(self._frames))]

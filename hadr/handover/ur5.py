@@ -95,11 +95,9 @@ def ros_forward_kinematics(joints: Array) -> Array:
 
 
 def singularity(joints: Array) -> float:
-    """How far the arm is from a singular pose at joint angles (6,) in radians.
+    """Smallest singular value of the flange's Jacobian at joint angles (6,): 0 where singular.
 
-    Returns:
-        Smallest singular value of the flange's Jacobian, metres and radians a radian; 0 at a
-        singular pose.
+    Metres and radians a radian.
     """
     frames = joint_frames(joints)
     axes, origins = frames[:6, :3, 2], frames[:6, :3, 3]

@@ -96,13 +96,7 @@ def compare(
 ) -> dict[str, list[DepthMetrics]]:
     """Score the methods without learning and some networks on the same frames.
 
-    Args:
-        frames: The frames.
-        models: Networks by name.
-        batch_size: Frames at a time.
-
-    Returns:
-        The metrics of each frame, by the method's name, the classical ones first.
+    Gives the metrics of each frame by the method's name, the classical ones first.
     """
     rows = {
         name: score(np.stack([restorer(frames, n) for n in range(len(frames))]), frames)

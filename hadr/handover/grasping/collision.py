@@ -35,15 +35,9 @@ def hand_points(keypoints: Array) -> Array:
 
 
 def hand_distance(base_from_tool: Array, width: float, keypoints: Array) -> float:
-    """Free space between gripper and hand.
+    """Free space between the gripper's surface and the skin, metres; 0 or less where they touch.
 
-    Args:
-        base_from_tool: Tool pose, shape (4, 4), metres.
-        width: Opening, metres.
-        keypoints: Hand in the same frame, shape (21, 3), metres.
-
-    Returns:
-        Metres between the gripper's surface and the skin; 0 or negative where they touch.
+    The tool's pose (4, 4) and the keypoints (21, 3) are written in one frame, metres.
     """
     boxes = gripper_boxes(np.array([width]))
     gap = _gaps(np.asarray(base_from_tool)[None], boxes, hand_points(keypoints))

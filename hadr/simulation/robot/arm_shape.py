@@ -117,11 +117,7 @@ def _links() -> tuple[tuple[Part, ...], ...]:
 def arm_surfaces(joints: Array, gripper_width: float) -> list[Part]:
     """The arm at joint angles (6,) in radians, with its gripper open by a width in metres.
 
-    Returns:
-        Closed surfaces in the base frame (metres) with their linear RGB reflectance.
-
-    Raises:
-        ValueError: The joints are no such thing, or the width is not from 0 to 85 mm.
+    Gives closed surfaces in the base frame (metres) with their linear RGB reflectance.
     """
     frames = ur5.BASE_LINK_FROM_DH_BASE @ ur5.joint_frames(joints)
     parts = [

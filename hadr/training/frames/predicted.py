@@ -29,9 +29,7 @@ def open_split(
 ) -> FrameSource | None:
     """Open a split of some data folders, joined; None where none of them has it.
 
-    Raises:
-        FileNotFoundError: An object is missing, or a folder has no split at all.
-        ValueError: A folder is named twice.
+    FileNotFoundError for an object or all splits, ValueError for a folder that is named twice.
     """
     check_folders(folders)
     there = [folder for folder in folders if has_split(folder, split)]
@@ -152,15 +150,7 @@ def _at(
 
 
 def pixels_of(points: Tensor, intrinsics: Tensor) -> Tensor:
-    """Project keypoints.
-
-    Args:
-        points: Metres, camera frame, shape (N, 21, 3).
-        intrinsics: fx, fy, cx, cy, shape (N, 4).
-
-    Returns:
-        Pixels (column, row), shape (N, 21, 2).
-    """
+    """Project points (N, 21, 3), metres, by fx, fy, cx, cy (N, 4): pixels (N, 21, 2)."""
     focal, centre = intrinsics[:, None, :2], intrinsics[:, None, 2:]
     return points[..., :2] / points[..., 2:].clamp(min=1e-6) * focal + centre
 

@@ -70,16 +70,7 @@ class Task:
         return loss(self.recipe, model, batch, epoch, generator)
 
     def validate(self, model: nn.Module, frames: FrameTensors, batch_size: int) -> dict[str, float]:
-        """Score the network in evaluation mode on frames that it does not learn from.
-
-        Args:
-            model: The network.
-            frames: The frames.
-            batch_size: Frames at a time.
-
-        Returns:
-            Numbers by name. The first decides which epoch is the best: smaller is better.
-        """
+        """Score the network: numbers by name, of which the first decides; smaller is better."""
         validate: Any = getattr(self._module, "validate", validate_depth)
         scores: dict[str, float] = validate(model, frames, batch_size)
         return scores
