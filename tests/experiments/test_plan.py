@@ -1,11 +1,9 @@
 import hashlib
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from hadr.data.samples import samples_dir
-from hadr.experiments import runner
 from hadr.experiments.averages import table_rows
 from hadr.experiments.conditions import KEYPOINTS, MASKS
 from hadr.experiments.plan import (
@@ -15,10 +13,9 @@ from hadr.experiments.plan import (
     planned_attempts,
     table_steps,
 )
-from hadr.experiments.protocol import METHODS, PARTS, SWITCHES, System, system
+from hadr.experiments.protocol import METHODS, PARTS, SWITCHES
 from hadr.experiments.runner import Bench, Run
 from hadr.experiments.steps import Step
-from hadr.models.hadr import HADRConfig
 from hadr.records.provenance import plain
 from hadr.records.result_file import digest, read_result_file, seal_row
 from hadr.simulation.trials import experiment
@@ -75,36 +72,6 @@ def test_every_system_has_every_preset_and_a_step(size, tmp_path):
     assert not any(step.is_done for step in steps)
     timed = {step.name: step.seconds for step in steps if step.seconds is not None}
     assert timed == {"known/hadr/seed-0": 5.0, "given all true": 3.0}
-
-
-@pytest.fixture
-def bench(tmp_path, monkeypatch):
-    """A bench whose HADR has one epoch on six frames."""
-    recipe = replace(system("hadr", "tiny").recipe, epochs=1, drop_epoch=1)
-    assert isinstance(recipe.model, HADRConfig)
-    monkeypatch.setattr(
-        runner, "system", lambda m, size: System(m, recipe) if m == "hadr" else system(m, size)
-    )
-    return Bench([samples_dir() / "frames"], tmp_path / "runs", "tiny", limit=6)
-
-
-def test_another_recipe_is_another_row(bench, tmp_path, monkeypatch):
-    run = Run("known", "hand-median")
-    row = bench.measure(run)
-    assert bench.finished(run) == row
-    (step,) = table_steps(bench, [run], {run.name: 99.0})[:1]
-    assert (step.left, step.seconds) == ("done", row["evaluation_s"])
-    monkeypatch.setattr(bench, "corruption", "analytic")
-    assert bench.finished(run) is None
-
-
-def test_a_damaged_row_is_measured_again(bench):
-    run = Run("known", "raw")
-    row = bench.measure(run)
-    path = bench.out / run.name / runner.ROW
-    path.write_text(path.read_text()[:100])
-    assert bench.finished(run) is None
-    assert bench.measure(run)["rmse_m"] == row["rmse_m"]
 
 
 def test_seeds_are_averaged():

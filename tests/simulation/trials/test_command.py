@@ -218,10 +218,10 @@ def test_attempts_are_told_and_summed_up(
         "--objects",
         "0010",
         "--holds",
-        922,
-        923,
+        "922",
+        "923",
         "--jobs",
-        1,
+        "1",
     ]
     assert call(out, *words, "--hand-speed", 2) == 0
     said = capsys.readouterr().out

@@ -55,15 +55,14 @@ def made(whole: Run, monkeypatch: pytest.MonkeyPatch) -> Counter[Trial]:
     return count
 
 
-def test_attempts_are_paired_between_arms() -> None:
+def test_attempts_are_paired_between_conditions() -> None:
     template = Trial("0000", 920, hand_speed=3.0, time_limit=5.0)
     hadr = attempts("hadr", objects=("0004", "0010"), holds=(921, 920), seed=4, template=template)
     assert [(t.object_id, t.hold_number) for t in hadr] == [
         ("0004", 921), ("0004", 920), ("0010", 921), ("0010", 920),
     ]  # fmt: skip
-    assert {(t.condition, t.seed, t.hand_speed, t.time_limit) for t in hadr} == {
-        ("hadr", 4, 3.0, 5.0)
-    }
+    shared = {(t.condition, t.seed, t.hand_speed, t.time_limit) for t in hadr}
+    assert shared == {("hadr", 4, 3.0, 5.0)}
     raw = attempts("raw", objects=("0004", "0010"), holds=(921, 920), seed=4, template=template)
     assert [replace(t, condition="hadr") for t in raw] == hadr
     assert len(attempts("raw")) == 48
@@ -383,7 +382,7 @@ def outcome(object_id: str, verdict: str, **values: Any) -> dict[str, Any]:
     }
 
 
-def test_an_arms_row_by_hand() -> None:
+def test_a_conditions_row_by_hand() -> None:
     outcomes = [
         # 0000: all of two; 0001: one of two, which is not above 0.5; 0004: none of one
         outcome("0000", "success", decided_at=5.0, largest_force=0.0),
@@ -451,9 +450,3 @@ def test_means_without_a_success_are_nan_and_no_outcome_is_refused() -> None:
     assert math.isnan(row["mean_seconds"])
     with pytest.raises(ValueError, match="no attempt of condition 'raw' to sum up"):
         condition_row("raw", [])
-
-
-def test_the_rows_digest_is_the_descriptions(made: Counter[Trial], tmp_path: Path) -> None:
-    trial = Trial("0010", 922, "perfect")
-    (row,) = run_attempts([trial], tmp_path)
-    assert row["config_sha256"] == digest(trial.record)
