@@ -211,18 +211,8 @@ def test_attempts_are_told_and_summed_up(
         return replace(whole, trial=trial, outcome=result)
 
     monkeypatch.setattr(experiment, "run_trial", run_trial)
-    words = [
-        "--conditions",
-        "raw",
-        "perfect",
-        "--objects",
-        "0010",
-        "--holds",
-        "922",
-        "923",
-        "--jobs",
-        "1",
-    ]
+    words = ["--conditions", "raw", "perfect", "--objects", "0010", "--holds", 922, 923,
+             "--jobs", 1]  # fmt: skip
     assert call(out, *words, "--hand-speed", 2) == 0
     said = capsys.readouterr().out
     assert "4 attempts: 1 object, 2 holds, 2 conditions, 1 at a time" in said
