@@ -10,7 +10,7 @@ import multiprocessing
 import os
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from multiprocessing import connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -186,22 +186,14 @@ def _conditions(bench: Bench, runs: Sequence[Run]) -> list[tuple[Run, str, Given
     return list(conditions_of(seeds))
 
 
-def measure_all(
-    bench: Bench,
-    runs: Sequence[Run],
-    tables: str | Path,
-    say: Callable[[str], None] = print,
-    *,
-    jobs: int = 1,
-) -> None:
-    """Make the runs that are missing, and write the tables after each.
+def measure_all(bench: Bench, runs: Sequence[Run], tables: str | Path, *, jobs: int = 1) -> None:
+    """Make the runs that are missing, say each in a line, and write the tables after it.
 
     Args:
         bench: Where they run.
         runs: The runs.
         tables: Folder of the result files (`hadr.experiments.tables`); they hold every run of the
             bench that is finished, also those that were not asked for.
-        say: Receives a line a run.
         jobs: So many runs at a time, each in a process of its own with one thread.
 
     Raises:
@@ -216,24 +208,17 @@ def measure_all(
         state = (
             "was there" if run in done else f"{row.get('training_s', 0) / 60:.1f} min of training"
         )
-        say(
+        print(
             f"[{number}/{len(runs)}] {run.name:<32} RMSE {row['rmse_m']:.4f} m, "
             f"δ1.05 {row['delta_105']:.2f} % ({state})"
         )
         if run not in done:
             write_tables(bench, tables)
-    measure_conditions(bench, runs, say)
-    write_tables(bench, tables)
-
-
-def measure_conditions(
-    bench: Bench, runs: Sequence[Run], say: Callable[[str], None] = print
-) -> None:
-    """Score the runs' networks with predicted masks and keypoints and with the sensor's depth."""
     for run, name, given in _conditions(bench, runs):
         if finished_condition(bench, run, name, given) is None:
             row = measure_condition(bench, run, name, given)
-            say(f"{run.name:<32} RMSE {row['rmse_m']:.4f} m, given: {name}")
+            print(f"{run.name:<32} RMSE {row['rmse_m']:.4f} m, given: {name}")
+    write_tables(bench, tables)
 
 
 def _measured(bench: Bench, runs: Sequence[Run], jobs: int) -> Iterator[tuple[Run, dict[str, Any]]]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from hadr.hand import BONES, check_keypoints
-from hadr.handover.grasping.grasps import Grasps
+from hadr.handover.grasping.grasps import BACK, FORWARD, Grasps
 from hadr.handover.grasping.gripper import gripper_boxes
 
 Array = NDArray[np.float64]
@@ -44,55 +44,33 @@ def hand_distance(base_from_tool: Array, width: float, keypoints: Array) -> floa
     return float(gap.min()) - FLESH
 
 
-def way_to_hand(grasps: Grasps, keypoints: Array, *, back: float, forward: float) -> Array:
+def way_to_hand(grasps: Grasps, keypoints: Array) -> Array:
     """Smallest free space between gripper and skin on each grasp's way in: metres, shape (n,)."""
-    boxes = gripper_boxes(grasps.widths, behind=back, ahead=forward)
+    boxes = gripper_boxes(grasps.widths, behind=BACK, ahead=FORWARD)
     gap: Array = _gaps(grasps.poses, boxes, hand_points(keypoints)).min(axis=1, initial=np.inf)
     return gap - FLESH
 
 
-def free_of_hand(
-    grasps: Grasps,
-    keypoints: Array,
-    *,
-    back: float = 0.10,
-    forward: float = 0.05,
-    clearance: float = 0.02,
-) -> NDArray[np.bool_]:
-    """Which grasps keep a clearance to the skin, metres, on their whole way in, (n,)."""
-    free: NDArray[np.bool_] = (
-        way_to_hand(grasps, keypoints, back=back, forward=forward) >= clearance
-    )
+def free_of_hand(grasps: Grasps, keypoints: Array) -> NDArray[np.bool_]:
+    """Which grasps keep 2 cm to the skin on their whole way in, (n,)."""
+    free: NDArray[np.bool_] = way_to_hand(grasps, keypoints) >= 0.02
     return free
 
 
-def free_of_object(
-    grasps: Grasps,
-    points: Array,
-    *,
-    back: float = 0.10,
-    forward: float = 0.05,
-    clearance: float = 0.003,
-) -> NDArray[np.bool_]:
+def free_of_object(grasps: Grasps, points: Array) -> NDArray[np.bool_]:
     """Which grasps get the object between the fingers without running into it on their way.
 
-    Beside the fingers the grasp's own width says what is free; to the bar and the palm a clearance
-    in metres is kept. A few points may be met (noise).
+    Beside the fingers the grasp's own width says what is free; to the bar and the palm 3 mm are
+    kept. A few points may be met (noise).
     """
-    boxes = gripper_boxes(grasps.widths, behind=back, ahead=forward)
-    boxes[:, 2:, 0] -= clearance
-    boxes[:, 2:, 1] += clearance
+    boxes = gripper_boxes(grasps.widths, behind=BACK, ahead=FORWARD)
+    boxes[:, 2:, 0] -= 0.003
+    boxes[:, 2:, 1] += 0.003
     return _count_inside(grasps, boxes, points) <= NOISE
 
 
 def free_of_scene(
-    grasps: Grasps,
-    scene_points: Array,
-    object_points: Array,
-    *,
-    back: float = 0.10,
-    forward: float = 0.05,
-    clearance: float = 0.01,
+    grasps: Grasps, scene_points: Array, object_points: Array, clearance: float = 0.01
 ) -> NDArray[np.bool_]:
     """Which grasps keep a clearance to everything else that was measured: hand, arm, table.
 
@@ -100,7 +78,7 @@ def free_of_scene(
     cuts exactly; a few may be nearer than the clearance (noise).
     """
     beside = cKDTree(object_points).query(scene_points, distance_upper_bound=0.008)[0]
-    boxes = gripper_boxes(grasps.widths, behind=back, ahead=forward)
+    boxes = gripper_boxes(grasps.widths, behind=BACK, ahead=FORWARD)
     boxes[:, :, 0] -= clearance
     boxes[:, :, 1] += clearance
     return _count_inside(grasps, boxes, scene_points[np.isinf(beside)]) <= NOISE

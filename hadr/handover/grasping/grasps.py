@@ -21,6 +21,8 @@ ROW_NAMES: tuple[str, ...] = (
     *("tx", "ty", "tz", "object_id"),
 )
 """Names of a row's 17 numbers."""
+BACK, FORWARD = 0.10, 0.05
+"""The paper's way in: from so far before the predicted grasp to so far past it, metres."""
 
 _COLUMN = {"approach": 0, "closing": 1, "height": 2}
 
@@ -175,7 +177,7 @@ class Grasps:
         )
 
 
-def pre_grasp(grasps: Grasps, distance: float = 0.10, *, axis: Axis = "approach") -> Array:
+def pre_grasp(grasps: Grasps, distance: float = BACK, *, axis: Axis = "approach") -> Array:
     """Where the gripper waits: frame_from_tool in the paper's convention, (n, 4, 4), metres.
 
     It is so far back along the approach axis, the paper's "z". graspnetAPI's z, the third column,
@@ -195,7 +197,7 @@ def forward_of(pose: Array, distance: float) -> Array:
 
 
 def final_travel(
-    reading: FinalMove = "past_grasp", *, back: float = 0.10, forward: float = 0.05
+    reading: FinalMove = "past_grasp", *, back: float = BACK, forward: float = FORWARD
 ) -> float:
     """Metres along the approach axis from the pre-grasp to where the gripper closes.
 

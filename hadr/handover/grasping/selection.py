@@ -16,7 +16,7 @@ from hadr.camera import transform_points
 from hadr.handover import safety
 from hadr.handover.grasping.candidates import NoCandidateError, completed, sample_grasps
 from hadr.handover.grasping.collision import free_of_object, free_of_scene, way_to_hand
-from hadr.handover.grasping.grasps import Grasps, forward_of
+from hadr.handover.grasping.grasps import BACK, FORWARD, Grasps, forward_of
 from hadr.handover.grasping.gripper import LARGEST_OPENING
 from hadr.handover.grasping.rescoring import Directions, rescore
 from hadr.handover.grasping.unseen_side import turned_about_axis
@@ -55,8 +55,6 @@ class GraspSelection:
     Attributes:
         rng: Source of the candidates' draws.
         viewpoint: Where the camera stands in the base frame, shape (3,), metres.
-        back: Distance of the pre-grasp, metres.
-        forward: How far past the grasp the fingertips end, metres.
         rescoring: False orders the candidates by their own score alone.
         rounds: How often candidates are drawn anew while none is left.
         source: Where the candidates come from instead of `sample_grasps`, such as
@@ -65,8 +63,6 @@ class GraspSelection:
 
     rng: np.random.Generator
     viewpoint: Array
-    back: float = 0.10
-    forward: float = 0.05
     rescoring: bool = True
     rounds: int = 4
     source: CandidateSource | None = None
@@ -128,9 +124,9 @@ class GraspSelection:
         aside: Array,
     ) -> ChosenGrasp | None:
         """The best of some candidates that is free and can be reached, moved aside (n, 3) too."""
-        grasps = grasps.select(self._room(grasps, keypoints) >= min(CLEARANCES))
-        grasps = grasps.select(self._free(grasps, points, scene))
-        room = self._room(grasps, keypoints)
+        grasps = grasps.select(way_to_hand(grasps, keypoints) >= min(CLEARANCES))
+        grasps = grasps.select(_free(grasps, points, scene))
+        room = way_to_hand(grasps, keypoints)
         scores = rescore(grasps, Directions()) if self.rescoring else grasps.scores
         best_first = np.argsort(-scores, kind="stable")
         tried: list[Array] = []
@@ -143,49 +139,46 @@ class GraspSelection:
                 if any(_alike(pose, other) for other in tried):
                     continue
                 tried.append(pose)
-                for reached in self._turned(pose, robot, aside):
+                for reached in _turned(pose, robot, aside):
                     one = grasps.select(np.array([row]))
-                    width = self._opening(one, points, keypoints, scene, clearance)
+                    width = _opening(one, points, keypoints, scene, clearance)
                     found = ChosenGrasp(reached, width, float(scores[row]))
-                    if robot.straight_way(forward_of(reached, -self.back)):
+                    if robot.straight_way(forward_of(reached, -BACK)):
                         return found
                     roundabout = roundabout or found
         return roundabout
 
-    def _room(self, grasps: Grasps, keypoints: Array) -> Array:
-        """Free space to the skin on the way in, (n,)."""
-        return way_to_hand(grasps, keypoints, back=self.back, forward=self.forward)
 
-    def _free(self, grasps: Grasps, points: Array, scene: Array) -> NDArray[np.bool_]:
-        """Which keep off the object's points and those of anything else on the way in, (n,)."""
-        way = {"back": self.back, "forward": self.forward}
-        return free_of_object(grasps, points, **way) & free_of_scene(grasps, scene, points, **way)
+def _free(grasps: Grasps, points: Array, scene: Array) -> NDArray[np.bool_]:
+    """Which keep off the object's points and those of anything else on the way in, (n,)."""
+    return free_of_object(grasps, points) & free_of_scene(grasps, scene, points)
 
-    def _opening(
-        self, grasp: Grasps, points: Array, keypoints: Array, scene: Array, clearance: float
-    ) -> float:
-        """How wide the fingers may open on the way in, metres: an error to the side is forgiven."""
-        least = float(grasp.widths[0])
-        for width in np.linspace(LARGEST_OPENING, least, 4)[:-1]:
-            if width <= least:
-                break
-            wide = replace(grasp, widths=np.array([width]))
-            near_hand = self._room(wide, keypoints)[0] < clearance
-            if not near_hand and self._free(wide, points, scene)[0]:
-                return float(width)
-        return least
 
-    def _turned(self, pose: Array, robot: Robot, aside: Array) -> list[Array]:
-        """The reachable ones of a pose and its half turn, the nearer to the tool's turn first."""
-        closing = robot.tool_pose()[:3, 0]
-        both = sorted((pose, pose @ HALF_TURN), key=lambda p: -float(p[:3, 0] @ closing))
-        stops = [(-self.back, side) for side in aside]
-        stops += [(0.0, np.zeros(3)), (self.forward, np.zeros(3))]
-        return [
-            option
-            for option in both
-            if all(robot.reachable(_moved(forward_of(option, s), side)) for s, side in stops)
-        ]
+def _opening(
+    grasp: Grasps, points: Array, keypoints: Array, scene: Array, clearance: float
+) -> float:
+    """How wide the fingers may open on the way in, metres: an error to the side is forgiven."""
+    least = float(grasp.widths[0])
+    for width in np.linspace(LARGEST_OPENING, least, 4)[:-1]:
+        if width <= least:
+            break
+        wide = replace(grasp, widths=np.array([width]))
+        near_hand = way_to_hand(wide, keypoints)[0] < clearance
+        if not near_hand and _free(wide, points, scene)[0]:
+            return float(width)
+    return least
+
+
+def _turned(pose: Array, robot: Robot, aside: Array) -> list[Array]:
+    """The reachable ones of a pose and its half turn, the nearer to the tool's turn first."""
+    closing = robot.tool_pose()[:3, 0]
+    both = sorted((pose, pose @ HALF_TURN), key=lambda p: -float(p[:3, 0] @ closing))
+    stops = [(-BACK, side) for side in aside] + [(0.0, np.zeros(3)), (FORWARD, np.zeros(3))]
+    return [
+        option
+        for option in both
+        if all(robot.reachable(_moved(forward_of(option, s), side)) for s, side in stops)
+    ]
 
 
 _ASIDE = 0.03 * np.array([[0, 0, 0], [0, 0, 1], [0, 0, -1], [0, 1, 0], [0, -1, 0]])

@@ -8,7 +8,6 @@ so that a network learns this view and not this one calibration.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from hadr.camera import project
 from hadr.data.frame import Frame
@@ -19,8 +18,6 @@ from hadr.simulation.camera.robot_camera import EYE, RobotCamera
 from hadr.simulation.world.scenes import MIDDLE, held_scene
 from hadr.simulation.world.state import WorldState
 from hadr.synthesis.glass.objects import OBJECTS
-
-Array = npt.NDArray[np.float64]
 
 HOLDS = {"train": range(400, 600), "val": range(600, 640), "test": range(640, 680)}
 """Holding poses that may be drawn for a split; none of them is one of a trial's."""

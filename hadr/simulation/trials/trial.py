@@ -7,12 +7,11 @@ comes from the attempt's seed, so the same attempt ends in the same way.
 
 from __future__ import annotations
 
-import hashlib
 import re
 import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cache, lru_cache
+from functools import cache
 from pathlib import Path
 from typing import Any, Literal, cast, get_args
 
@@ -25,6 +24,7 @@ from hadr.handover.safety import SafetyConfig
 from hadr.handover.simulated_ur5 import ArmConfig
 from hadr.handover.stages import ChosenGrasp, HandoverConfig, Stage, Transition
 from hadr.handover.workflow import Handover
+from hadr.records.caches import file_sha256
 from hadr.records.dependencies import code_digest
 from hadr.records.provenance import record_of
 from hadr.simulation.camera.robot_camera import RobotCamera
@@ -135,7 +135,7 @@ class Trial:
         Raises:
             FileNotFoundError: A bundled network of this condition is not there.
         """
-        sums = {name: _file_sha256(path) for name, path in network_files(self.condition).items()}
+        sums = {name: file_sha256(path) for name, path in network_files(self.condition).items()}
         return {**record_of(self), "networks": sums, "code": _code()}
 
 
@@ -161,17 +161,6 @@ def network_files(condition: Condition) -> dict[str, Path]:
 def finds_by_networks(condition: str) -> bool:
     """Say whether networks find mask and keypoints, which else come from the simulator."""
     return condition.endswith("-networks")
-
-
-def _file_sha256(path: Path) -> str:
-    state = path.stat()
-    return _sha256_then(path, state.st_mtime_ns, state.st_size)
-
-
-@lru_cache(maxsize=16)
-def _sha256_then(path: Path, changed: int, size: int) -> str:
-    """Checksum of a file, computed once for each time and size that it has."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 @dataclass(frozen=True)
@@ -247,7 +236,6 @@ class _Timed:
 def run_trial(
     trial: Trial,
     *,
-    config: HandoverConfig | None = None,
     spoil: Callable[[Sight], Looks] | None = None,
     on_step: Callable[[World, WorldState, Stage], None] | None = None,
 ) -> Run:
@@ -255,7 +243,6 @@ def run_trial(
 
     Args:
         trial: What to try.
-        config: Settings of the workflow; the standard ones where left out.
         spoil: Puts something between the world and its sight, such as a `BrokenSight`.
         on_step: Told of the world, its state and the stage after each step, for watching.
 
@@ -280,7 +267,7 @@ def run_trial(
             rng, base_from_camera[:3, 3], rescoring=trial.condition != "hadr-no-rescoring"
         )
     )
-    config = replace(config or ATTEMPT_CONFIG, tracking=trial.condition != "hadr-no-tracking")
+    config = replace(ATTEMPT_CONFIG, tracking=trial.condition != "hadr-no-tracking")
     home = world.robot.tool_pose()
     handover = RecordedHandover(world.robot, select, base_from_camera, config)
     judge = Judge(scene.item.height, trial.time_limit)

@@ -34,7 +34,6 @@ def test_array_is_read_sorted_and_without_what_is_too_wide() -> None:
     np.testing.assert_array_equal(grasps.scores, [0.90, 0.30])
     np.testing.assert_array_equal(grasps.object_ids, [-1, -1])
     assert grasps.frame == "camera"
-    assert len(from_graspnet(rows(), widest=0.1)) == 3
 
 
 def test_camera_frame_becomes_base_frame_by_hand() -> None:
