@@ -72,17 +72,6 @@ def test_the_sizes_are_those_of_a_ur5() -> None:
     assert np.hypot(foot[:, 0], foot[:, 1]).max() == pytest.approx(0.075, abs=1e-6)
 
 
-def test_turning_the_base_turns_all_but_the_foot() -> None:
-    turned = HOME_JOINTS + np.array([0.5, 0, 0, 0, 0, 0])
-    c, s = np.cos(0.5), np.sin(0.5)
-    for number, ((a, _), (b, _)) in enumerate(
-        zip(arm_surfaces(HOME_JOINTS, 0.05), arm_surfaces(turned, 0.05), strict=True)
-    ):
-        if number > 1:
-            spun = a.vertices @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]).T
-            np.testing.assert_allclose(spun, b.vertices, atol=1e-9)
-
-
 @pytest.mark.parametrize("width", [-0.003, 0.088, 0.2, np.nan])
 def test_an_impossible_width_is_refused(width: float) -> None:
     with pytest.raises(ValueError, match=r"gripper_width must lie between 0 and 0\.085"):
