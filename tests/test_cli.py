@@ -314,7 +314,7 @@ def test_a_crash_while_writing_leaves_nothing(frame, capsys, monkeypatch) -> Non
     [
         "train --preset tiny --out",
         "generate --frames 1 --out",
-        "handover --arms perfect --objects 0004 --holds 902 --jobs 1 --out",
+        "handover --conditions perfect --objects 0004 --holds 902 --jobs 1 --out",
         "reproduce --only known/raw --out",
         "book --html-only --build",
     ],

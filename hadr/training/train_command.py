@@ -14,8 +14,7 @@ from hadr.models.networks import NETWORKS
 from hadr.records.option_words import FILE, FOLDER, ID, NAME, check_range
 from hadr.records.output_folder import check_folder
 from hadr.records.writing import PART, sole_owner
-from hadr.training.given import Given
-from hadr.training.recipe import Accelerator, Precision, Preset, Schedule
+from hadr.training.recipe import Accelerator, Given, Precision, Preset, Schedule
 
 if TYPE_CHECKING:
     Kind = str
@@ -217,8 +216,8 @@ def _train(options: Options) -> int:
     from lightning_fabric import Fabric
 
     from hadr.data.samples import samples_dir
+    from hadr.training.frames.predicted import read_split
     from hadr.training.loop import train
-    from hadr.training.predicted import read_split
     from hadr.training.processes import OneMachine, chosen_accelerator
     from hadr.training.training_folder import LAST, TrainingFolder
 

@@ -23,7 +23,7 @@ from conftest import MICRO, little_frames
 
 from hadr.models.blocks.dilated_resnet import DilatedResNetConfig
 from hadr.rivals.lidf import LIDFConfig
-from hadr.training.batches import FrameTensors
+from hadr.training.frames.batches import FrameTensors
 from hadr.training.loop import train
 from hadr.training.losses import shared_mean
 from hadr.training.processes import OneMachine
