@@ -382,6 +382,18 @@ def test_help_imports_nothing_heavy() -> None:
     assert done.stdout.splitlines() == [f"{name} set()" for name in COMMANDS]
 
 
+def test_no_child_of_a_command_imports_from_the_current_folder(tmp_path, monkeypatch) -> None:
+    monkeypatch.setenv("PYTHONSAFEPATH", "")
+    monkeypatch.setattr(sys, "argv", ["hadr", "--version"])
+    with pytest.raises(SystemExit):
+        main()
+    (tmp_path / "planted.py").write_text("")
+    done = subprocess.run(
+        [sys.executable, "-c", "import planted"], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert "ModuleNotFoundError: No module named 'planted'" in done.stderr
+
+
 def test_wrong_calls(capsys) -> None:
     with pytest.raises(SystemExit) as left:
         main(["restor"])
