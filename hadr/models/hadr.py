@@ -42,6 +42,7 @@ from hadr.ray_voxels import (
     segment_softmax,
     select_points,
 )
+from hadr.records.provenance import IF_CHANGED
 
 HandFeature = Literal["none", "2d", "3d"]
 POSITION_LEVELS = 8
@@ -68,6 +69,8 @@ class HADRConfig(NetworkConfig):
         max_points: Most points of one frame that enter the voxels.
         clamp_probability: End the probability head in the leaky clamp as the published code does.
             It caps a ray's best probability near e / (e + K - 1) for K voxels, so it is off.
+        voxel_relu: End the voxel encoder's two layers on voxels in a ReLU, as the published code
+            does and the bundled networks don't (ledger, row 28).
 
     Raises:
         ValueError: `hand` is unknown.
@@ -85,6 +88,7 @@ class HADRConfig(NetworkConfig):
     offset_steps: int = 2
     max_points: int = 10_000
     clamp_probability: bool = False
+    voxel_relu: bool = field(default=False, metadata=IF_CHANGED)
 
     def __post_init__(self) -> None:
         if self.hand not in get_args(HandFeature):
@@ -167,7 +171,7 @@ class HADR(nn.Module):
         )
         self.ray_features = RayFeatures()
         self.voxel_features = VoxelFeatures(
-            config.point_fusion, config.feature_channels, config.voxel_width
+            config.point_fusion, config.feature_channels, config.voxel_width, config.voxel_relu
         )
         self.probability_decoder = PairDecoder(config.parts, config.decoder_widths)
         self.offset_decoder = OffsetDecoder(
