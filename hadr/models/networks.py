@@ -9,7 +9,10 @@ from __future__ import annotations
 
 import importlib
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
+
+if TYPE_CHECKING:
+    from torch import nn
 
 
 @dataclass(frozen=True)
@@ -29,7 +32,8 @@ class Network:
             centimetres (chapter 6); the others have no opinion.
         skips_mask: It never looks at depth that was measured inside the mask.
         sees: Of one that restores depth, the part whose map is what it sees (`hadr.known_ground`).
-        encoders: The parts that read pictures stage by stage, the one that sees colour first.
+        encoders: The parts that read pictures stage by stage, the one that sees colour first; a
+            network need not have all of them.
     """
 
     title: str
@@ -53,6 +57,10 @@ class Network:
         """Import the class of the network."""
         return getattr(importlib.import_module(self.module), self.network)
 
+    def encoders_of(self, network: nn.Module) -> dict[str, nn.Module]:
+        """Give the encoders that a network of this kind has, by their dotted names."""
+        return {name: part for name, part in network.named_modules() if name in self.encoders}
+
     def config_class(self) -> Any:
         """Import the class of its configuration."""
         return getattr(importlib.import_module(self.module), self.config)
@@ -61,7 +69,7 @@ class Network:
 NETWORKS: dict[str, Network] = {
     "hadr": Network(
         "HADR", "hadr.models.hadr", "HADR", "HADRConfig", "hadr.training.tasks.hadr",
-        published="HADR", sees="backbone", encoders=("backbone.swin",),
+        published="HADR", sees="backbone", encoders=("backbone.swin", "backbone.lite"),
     ),
     "lidf": Network(
         "LIDF", "hadr.rivals.lidf", "LIDF", "LIDFConfig", "hadr.training.tasks.lidf",

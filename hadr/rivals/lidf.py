@@ -49,6 +49,7 @@ from hadr.models.hadr import HADR, POSITION_LEVELS, HADRConfig, HADROutput, Seen
 from hadr.models.network_input import HADRInput, float_color
 from hadr.models.ray_features import features_at
 from hadr.models.voxel_features import VoxelFeatures
+from hadr.models.window import WindowConfig, through_window
 from hadr.ray_voxels import OccupiedVoxels, VoxelGrid, voxels_at
 from hadr.records.provenance import IF_CHANGED
 
@@ -72,6 +73,7 @@ class LIDFConfig(NetworkConfig):
         first_share: Share of a training's epochs in which the first stage learns alone.
         perturb_probability: Chance that the ends of a training batch are perturbed before the
             refinement, 0..1.
+        view: Look at a window around hand and glass; None looks at the whole picture.
         voxel_relu: End the voxel encoders' layers on voxels in a ReLU (ledger, row 28).
     """
 
@@ -89,6 +91,7 @@ class LIDFConfig(NetworkConfig):
     refine_range_m: float = 0.2
     first_share: float = 2 / 3
     perturb_probability: float = 0.8
+    view: WindowConfig | None = field(default=None, metadata=IF_CHANGED)
     voxel_relu: bool = field(default=False, metadata=IF_CHANGED)
 
     @property
@@ -234,6 +237,7 @@ class LIDF(nn.Module):
             self.first.eval()
         return self
 
+    @through_window
     def forward(
         self,
         inputs: HADRInput,

@@ -11,7 +11,7 @@ Source: Roy and Vetterli 2007, "The effective rank: a measure of effective dimen
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
@@ -52,7 +52,7 @@ def effective_rank(features: Tensor) -> float:
 def recorded_stages(encoder: nn.Module) -> Iterator[list[list[Tensor]]]:
     """Keep the maps that an encoder's stages give while it is used: a list a stage.
 
-    An encoder is a backbone of `transformers`, of any form, or a list of stages.
+    An encoder is a backbone of `transformers`, a module that gives all maps, or a list of stages.
     """
     kept: list[list[Tensor]] = []
     stages: Any = getattr(getattr(encoder, "encoder", None), "stages", None)
@@ -61,7 +61,8 @@ def recorded_stages(encoder: nn.Module) -> Iterator[list[list[Tensor]]]:
 
     def keep(number: int) -> Callable[..., None]:
         def hook(_module: nn.Module, _given: Any, output: Any) -> None:
-            for place, values in enumerate(getattr(output, "feature_maps", [output]), number):
+            maps = getattr(output, "feature_maps", output)
+            for place, values in enumerate([maps] if isinstance(maps, Tensor) else maps, number):
                 while len(kept) <= place:
                     kept.append([])
                 kept[place].append(values.detach())
@@ -100,15 +101,15 @@ def diagnose(
     """
     step = -(-len(frames) // PROBED)
     probed = frames.take(range(0, len(frames), step))
-    encoder = network.get_submodule(kind.encoders[0]) if kind.encoders else nn.ModuleList()
-    with recorded_stages(encoder) as stages:
+    first, *_ = [*kind.encoders_of(network).values(), nn.ModuleList()]
+    with recorded_stages(first) as stages:
         own = mean_over_frames(evaluate(network, probed, batch_size)).rmse_m
     ranks = {f"rank_{n}": effective_rank(torch.cat(maps)) for n, maps in enumerate(stages, 1)}
     other = mean_over_frames(evaluate(network, with_other_colors(probed), batch_size)).rmse_m
     return ranks | {"color_gain_m": other - own}
 
 
-def gradient_norms(network: nn.Module, encoders: tuple[str, ...]) -> dict[str, Tensor]:
+def gradient_norms(network: nn.Module, encoders: Iterable[str]) -> dict[str, Tensor]:
     """Give the length of the loss's gradient by part: `gradient_NAME` of each.
 
     Parts are the encoders by their dotted names and the network's other children, less what is an
