@@ -71,6 +71,9 @@ CAMERAS = (
     "a: &a [1, 1]\nb: &b [*a, *a, *a, *a]\nc: &c [*b, *b, *b, *b]\nK: *c\nwidth: 64\nheight: 48\n",
     "fx: 80\nfy: 80\ncx: 31.5\ncy: 23.5\nwidth: 64\nheight: 48\n---\nfx: 90\n", "\t\t:", "[" * 100_000,
     f"fx: {'9' * 400}\nfy: 80\ncx: 31.5\ncy: 23.5\nwidth: 64\nheight: 48\n",
+    *(f"fx: 80\nfy: 80\ncx: 31.5\ncy: 23.5\nwidth: 64\nheight: 48\n{more}\n" for more in (
+        "model: fisheye", "distortion_model: equidistant", "camera_model: KANNALA_BRANDT", "projection: equirectangular",
+        "skew: 50", "skew_c: 0.5", "depth_scale: 0.0001", "binning_x: 2", "R: [[0, 1, 0], [1, 0, 0], [0, 0, 1]]", "unit: mm")),
     "fx: 2026-01-01\nfy: 80\ncx: 31.5\ncy: 23.5\nwidth: 64\nheight: 48\n",
 )
 HEADERS = (  # of an .npy
@@ -194,6 +197,8 @@ def many() -> list[Case]:
             add(call, "weights", f"{file}: {how}", (file, "weights", how), says=(file,))
         add(TRAIN, "weights", f"--start-from: {how}", ("net.safetensors", "weights", how),
             start_from="net.safetensors", says=("net.safetensors",))
+    for old, new in (('"center": .-?', '"center": [9'), ('"depth_m": .0', '"depth_m": [0.1'), ('"name": "', '"name": "x')):
+        add(PLUS, "record", f"{old} -> {new}", ("plus.safetensors", "record", old, new), says=("plus.safetensors",))
     for name in ("", "/book", "/results", "/hadr", "/notebooks/text", "/data_samples", "/.."):
         for call, option in ((HTML, "build"), (COURSE, "out"), (REPRODUCE, "out")):
             add(call, "sources", f"--{option} {name or '.'}", **{option: f"{{checkout}}{name}"},

@@ -109,10 +109,10 @@ def _inside(crop: HandCrop, pixels: Tensor) -> Tensor:
 def through_window(forward: Forward) -> Forward:
     """Let a depth network look through the window of its configuration, if that has one.
 
-    In training the frames are windows already (`hadr.training.frame_augmentation`). Otherwise the
+    In training the frames are windows already (`hadr.training.frames.augmentation`). Otherwise the
     network is given each frame's window, and its answer is put back into the frame: interpolated
-    between the pixels that were restored, and restored where the nearest of them is. Of the
-    answer's parts `depth`, `restored` and `clamped` lie in the frame then, all others in the window.
+    between the pixels that were restored, and restored where the nearest of them is. Then `depth`,
+    `restored` and `clamped` lie in the frame, and all other parts of the answer in the window.
     """
 
     @wraps(forward)

@@ -21,7 +21,7 @@ from torch import Tensor, nn
 
 from hadr.metrics import mean_over_frames
 from hadr.models.networks import Network
-from hadr.training.batches import FrameTensors
+from hadr.training.frames.batches import FrameTensors
 from hadr.training.evaluation import evaluate
 
 PROBED = 48

@@ -108,7 +108,7 @@ def test_the_command_adds_to_the_record_and_leaves_the_weights(plus, tmp_path, c
     update_record(path, {"ground": None, "confidence": noted})
     assert subject.run(parsed(*line[:4], "--only-ground")) == 0
     _, again = load_checkpoint(path)
-    assert again == {**record, "confidence": noted}
+    assert again == {**record, "confidence": noted, "sha256": again["sha256"]}
 
 
 def test_the_command_says_which_network_cannot_say_how_sure_it_is(model, tmp_path, capsys) -> None:

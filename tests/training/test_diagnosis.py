@@ -13,7 +13,7 @@ from torch import Tensor, nn
 
 from hadr.models.network_input import DepthOutput, HADRInput
 from hadr.models.networks import DEPTH_NETWORKS, NETWORKS
-from hadr.training.batches import FrameTensors
+from hadr.training.frames.batches import FrameTensors
 from hadr.training.diagnosis import (
     diagnose,
     effective_rank,

@@ -12,7 +12,7 @@ import pytest
 import torch
 
 from hadr.models.networks import NETWORKS
-from hadr.training.batches import FrameTensors
+from hadr.training.frames.batches import FrameTensors
 from hadr.training.checkpoints import load_checkpoint, update_record
 from hadr.training.loop import (
     BEST,
