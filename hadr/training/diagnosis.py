@@ -21,8 +21,8 @@ from torch import Tensor, nn
 
 from hadr.metrics import mean_over_frames
 from hadr.models.networks import Network
-from hadr.training.frames.batches import FrameTensors
 from hadr.training.evaluation import evaluate
+from hadr.training.frames.batches import FrameTensors
 
 PROBED = 48
 """Frames on which ranks and the cost of other colours are measured, at most."""
@@ -121,4 +121,7 @@ def gradient_norms(network: nn.Module, encoders: Iterable[str]) -> dict[str, Ten
             continue
         encoder = next((path for path in encoders if name.startswith(path + ".")), None)
         parts.setdefault(encoder or name.split(".")[0], []).append(weight.grad)
-    return {f"gradient_{part}": nn.utils.get_total_norm(some) for part, some in parts.items()}
+    return {
+        f"gradient_{part}": torch.stack([values.norm() for values in some]).norm()
+        for part, some in parts.items()
+    }

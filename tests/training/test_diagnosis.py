@@ -13,7 +13,6 @@ from torch import Tensor, nn
 
 from hadr.models.network_input import DepthOutput, HADRInput
 from hadr.models.networks import DEPTH_NETWORKS, NETWORKS
-from hadr.training.frames.batches import FrameTensors
 from hadr.training.diagnosis import (
     diagnose,
     effective_rank,
@@ -21,6 +20,7 @@ from hadr.training.diagnosis import (
     recorded_stages,
     with_other_colors,
 )
+from hadr.training.frames.batches import FrameTensors
 from hadr.training.loop import Trained
 from hadr.training.presets import preset
 from hadr.training.tasks.task import Task

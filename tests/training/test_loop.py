@@ -12,8 +12,8 @@ import pytest
 import torch
 
 from hadr.models.networks import NETWORKS
-from hadr.training.frames.batches import FrameTensors
 from hadr.training.checkpoints import load_checkpoint, update_record
+from hadr.training.frames.batches import FrameTensors
 from hadr.training.loop import (
     BEST,
     LAST,

@@ -197,11 +197,12 @@ def with_keypoint_noise(
 def through_view(frame: FrameTensors, view: WindowConfig, chance: torch.Generator) -> FrameTensors:
     """Give one frame as it is seen through its window, laid by chance."""
     crop = lay_windows(frame.inputs, view, chance)
-    names = ("true_depth", "hand_mask", "object_mask")
     return replace(
         frame,
         inputs=seen_through(crop, frame.inputs),
-        **{name: nearest(crop, getattr(frame, name)) for name in names},
+        true_depth=nearest(crop, frame.true_depth),
+        hand_mask=nearest(crop, frame.hand_mask),
+        object_mask=nearest(crop, frame.object_mask),
     )
 
 
