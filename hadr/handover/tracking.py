@@ -128,20 +128,12 @@ def hand_motion(
     flip: Flip = "v",
     robust: bool = False,
 ) -> HandMotion:
-    """Rigid motion of the hand from its keypoints at two moments.
+    """Rigid motion of the hand from its keypoints (21, 3), metres, at two moments, in one frame.
 
-    Args:
-        initial: Keypoints when the grasp was chosen, shape (21, 3), metres, any fixed frame.
-        current: Keypoints now, the same frame.
-        about: How points are moved, see `HandMotion`.
-        flip: What is flipped where the fit is a mirror, see `best_rotation`.
-        robust: False: the paper's. True: the largest group of keypoints that moves as one body is
-            looked for, and the others are left out and named. The fit turns about the group's
-            middle, so that an error of the wrist's keypoint does not shift everything;
-            `current_wrist` is then where the fit puts the wrist.
-
-    Returns:
-        The motion; its residual says how far from rigid the hand was.
+    `robust` looks for the largest group of keypoints that moves as one body; the others are left
+    out and named. The fit turns about the group's middle, so that an error of the wrist's keypoint
+    does not shift everything; `current_wrist` is then where the fit puts the wrist. `about` is as
+    in `HandMotion`, `flip` as in `best_rotation`.
 
     Raises:
         ValueError: Keypoints of another shape or with NaN, or all on one line or in one place.

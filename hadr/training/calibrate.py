@@ -25,7 +25,6 @@ from torch import nn
 from hadr.camera import FloatArray, resize_depth
 from hadr.confidence import (
     ConfidenceRule,
-    Signal,
     fit_confidence,
     learned_range,
     reliability,
@@ -43,6 +42,8 @@ from hadr.training.evaluation import predict
 from hadr.training.frames.batches import FrameTensors, load_frames
 
 LEARNED, MEASURED = "depth as in training", "measured depth"
+DRAWS = 200
+"""Bootstrap draws of whole frames, for standard errors."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,6 @@ def restored_pixels(
     model: nn.Module,
     frames: FrameTensors,
     depth_range_m: tuple[float, float] | None = None,
-    signal: Signal = "candidates",
     batch_size: int = 8,
 ) -> RestoredPixels:
     """Restore frames; collect error and signal of each restored pixel of the object."""
@@ -82,7 +82,7 @@ def restored_pixels(
         errors.append((output.depth.cpu() - truth)[kept].numpy().astype(np.float64))
         numbers.append(kept.nonzero()[:, 0].numpy() + first)
         if sure:
-            signals.append(signal_of(output, signal).cpu()[kept].numpy())
+            signals.append(signal_of(output).cpu()[kept].numpy())
         first += count
     error = np.concatenate(errors)
     return RestoredPixels(
@@ -93,15 +93,12 @@ def restored_pixels(
     )
 
 
-def measure_confidence(
-    rule: ConfidenceRule, pixels: RestoredPixels, *, draws: int = 200
-) -> dict[str, Any]:
+def measure_confidence(rule: ConfidenceRule, pixels: RestoredPixels) -> dict[str, Any]:
     """Measure how honest a confidence is on some frames, and what it knows.
 
     Args:
         rule: The confidence.
         pixels: Pixels of other frames than those it was fitted on.
-        draws: Bootstrap draws of whole frames, for the standard errors.
 
     Returns:
         Numbers by name: lengths in metres; RMSE of all pixels and of those that remain when a
@@ -120,7 +117,7 @@ def measure_confidence(
     frames, place = np.unique(pixels.frame, return_inverse=True)
     rows = [np.flatnonzero(place == number) for number in range(len(frames))]
     gains, gaps = [], []
-    for _ in range(draws):
+    for _ in range(DRAWS):
         drawn = np.concatenate([rows[n] for n in rng.integers(len(frames), size=len(frames))])
         again = sparsification(order[drawn], pixels.error_m[drawn], (0.0, 0.1))
         gains.append(again.rmse_m[0] - again.rmse_m[1])

@@ -182,10 +182,9 @@ def trained_corruption(meta: Mapping[str, Any]) -> Corruption:
     raise ValueError(f"corruption must be one of {', '.join(CORRUPTIONS)}, got {stored!r}")
 
 
-def strip_checkpoint(source: str | Path, target: str | Path, *, half: bool = True) -> None:
-    """Write a checkpoint without what a resumed training needs; errors as `load_checkpoint`."""
-    model, meta = load_checkpoint(source)
-    save_checkpoint(target, model, meta, half=half)
+def strip_checkpoint(source: str | Path, target: str | Path) -> None:
+    """Write a checkpoint's weights alone, in half precision; errors as `load_checkpoint`."""
+    save_checkpoint(target, *load_checkpoint(source), half=True)
 
 
 def update_record(path: str | Path, additions: Mapping[str, Any]) -> dict[str, Any]:

@@ -171,12 +171,7 @@ def _pretrained(config: Any, name: str | None) -> Any:
 
 
 def starting_weights(path: str | Path, recipe: Preset) -> Any:
-    """Read the network whose weights a training begins with.
-
-    Raises:
-        FileNotFoundError: There is no such checkpoint.
-        ValueError: It is of another network, or of the same kind in another form.
-    """
+    """Read the network with whose weights a training begins; ValueError for one of another form."""
     from hadr.training.checkpoints import load_checkpoint
 
     network, meta = load_checkpoint(path)

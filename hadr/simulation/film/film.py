@@ -161,14 +161,9 @@ def film_frames(
 ) -> Iterator[Picture]:
     """Draw a film's pictures, one after the other, as `captioned` makes them.
 
-    Args:
-        states: In the order of time; the nearest one is taken for each picture.
-        scene: Hand and object.
-        transitions: Changes of stage for caption and ribbon.
-        view: From where; the side view where left out.
-        rate: Pictures a second.
-        hold: How long the last picture stays, seconds.
-        ending: A line in place of the reason at the last picture, such as the verdict.
+    Of the states, in the order of time, the nearest one is taken for each picture, `rate` a second;
+    the last one stays for `hold` seconds and says `ending` in place of the reason, such as the
+    verdict. The side view where none is given.
     """
     times = film_times(states, rate)
     span = (states[0].time, states[-1].time)
@@ -182,18 +177,10 @@ def film_frames(
 
 
 def write_film(path: str | Path, frames: Iterable[Picture], rate: float = 12.5) -> Path:
-    """Write pictures as a film, whole or not at all.
-
-    Args:
-        path: Ends in .mp4 or .gif; folders are made.
-        frames: sRGB, shape (H, W, 3) uint8 of one size; for MP4 height and width are even.
-        rate: Pictures a second.
-
-    Returns:
-        The path.
+    """Write sRGB pictures (H, W, 3) uint8 as a film, .mp4 or .gif, whole or not at all.
 
     Raises:
-        ValueError: Another ending, no picture, or pictures of an odd or another size.
+        ValueError: Another ending, no picture, or pictures of an odd (MP4) or another size.
         ImportError: MP4 without imageio-ffmpeg (``pip install hadr[handover]``).
     """
     path = Path(path)

@@ -138,16 +138,13 @@ class PhysicalUR5:
         return ur5.singularity(joints)
 
     def servo_to(self, base_from_tool: Array, dt: float) -> None:
-        """Set the command for the next dt seconds: move toward a tool pose.
+        """Set the command for the next dt seconds, at most 0.1: move toward a tool pose (4, 4).
 
-        Args:
-            base_from_tool: Target, shape (4, 4), metres.
-            dt: Time that the command holds, seconds, more than 0 and at most 0.1; without a new
-                one the arm brakes after it.
+        Without a new one the arm brakes after it; and where this one raises.
 
         Raises:
-            UnreachableError: The target breaks a limit; the arm brakes.
-            ValueError: The target is no rigid transform, or dt is out of range; the arm brakes.
+            UnreachableError: The target breaks a limit.
+            ValueError: The target is no rigid transform, or dt is out of range.
         """
         if not 0 < dt <= 0.1:
             raise ValueError(f"dt must be more than 0 and at most 0.1 seconds, got {dt}")
