@@ -27,7 +27,7 @@ from tqdm import tqdm
 from hadr.models.blocks.shared_batch_norm import share_batch_norm
 from hadr.models.blocks.stochastic_depth import set_share
 from hadr.models.networks import network_of
-from hadr.training.diagnosis import diagnose, gradient_norms
+from hadr.training.diagnosis import gradient_norms
 from hadr.training.frames.augmentation import augment_frames
 from hadr.training.frames.batches import FrameTensors
 from hadr.training.pictures import save_png
@@ -113,6 +113,7 @@ def train(
         network.load_state_dict(start.state_dict())
     if processes > 1:
         share_batch_norm(network)
+    encoders = network_of(recipe.network).encoders
     optimizer = optimizer_of(recipe, network)
     rates = [group["lr"] for group in optimizer.param_groups]  # of each, before the schedule
     average = None if recipe.average_decay is None else average_of(network, recipe.average_decay)
@@ -154,7 +155,7 @@ def train(
             optimizer.zero_grad()
             losses["loss"].backward()  # type: ignore[no-untyped-call]
             average_gradients(network, processes)
-            norms = gradient_norms(network, task.kind.encoders)
+            norms = gradient_norms(network, encoders)
             if recipe.clip_norm is not None:
                 nn.utils.clip_grad_norm_(network.parameters(), recipe.clip_norm)
             for group, rate in zip(optimizer.param_groups, rates, strict=True):
@@ -178,8 +179,6 @@ def train(
         scores: dict[str, float] = {}
         if validation is not None and first_process:
             scores = task.validate(result, validation, recipe.batch_size)
-            if task.kind.answer == "depth":
-                scores |= diagnose(result, task.kind, validation, recipe.batch_size)
         row |= fabric.broadcast(scores)
         row["seconds"] = time.perf_counter() - started
         history.append(row)
@@ -216,7 +215,7 @@ def average_of(network: nn.Module, decay: float) -> AveragedModel:
 
 def optimizer_of(recipe: Preset, network: nn.Module) -> torch.optim.Adam:
     """Build the recipe's optimiser; the loop schedules the rate of each of its groups."""
-    parts = tuple(f"{name}." for name in network_of(recipe.network).encoders_of(network))
+    parts = tuple(f"{name}." for name in network_of(recipe.network).encoders)
     slow, fast = list[Tensor](), list[Tensor]()
     for name, weight in network.named_parameters():
         (slow if recipe.encoder_rate != 1 and name.startswith(parts) else fast).append(weight)
