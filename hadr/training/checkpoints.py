@@ -255,12 +255,13 @@ def checksum(tensors: Mapping[str, Tensor], record: Mapping[str, Any]) -> str:
 
 def _without_download(config: Any) -> Any:
     """Build without fetching published weights: they will be overwritten at once."""
-    if getattr(config, "pretrained", None) is not None:
-        return replace(config, pretrained=None)
-    backbone = getattr(config, "backbone", None)
-    if is_dataclass(backbone) and getattr(backbone, "pretrained", None) is not None:
-        return replace(config, backbone=replace(backbone, pretrained=None))  # type: ignore[type-var]
-    return config
+    parts: dict[str, Any] = {}
+    for name, value in vars(config).items():
+        if name == "pretrained":
+            parts[name] = False if value is True else None if isinstance(value, str) else value
+        elif is_dataclass(value):
+            parts[name] = _without_download(value)
+    return replace(config, **parts)
 
 
 def adam_state(optimizer: torch.optim.Adam) -> dict[str, Tensor]:

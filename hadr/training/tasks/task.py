@@ -26,6 +26,7 @@ from torch import Tensor, nn
 
 from hadr.metrics import mean_over_frames
 from hadr.models.networks import network_of
+from hadr.training.diagnosis import diagnose
 from hadr.training.evaluation import evaluate
 from hadr.training.frames.batches import FrameTensors
 from hadr.training.pictures import Picture, depth_picture
@@ -73,6 +74,8 @@ class Task:
         """Score the network: numbers by name, of which the first decides; smaller is better."""
         validate: Any = getattr(self._module, "validate", validate_depth)
         scores: dict[str, float] = validate(model, frames, batch_size)
+        if self.kind.answer == "depth":
+            scores |= diagnose(model, self.kind, frames, batch_size)
         return scores
 
     def picture(self, model: nn.Module, frames: FrameTensors) -> Picture | None:
