@@ -155,8 +155,11 @@ class _Known:
 
     def checked(self, keypoints: Points, source: str) -> Hand:
         """Hold a hand against what is known; a given one not against pixels that were found."""
-        looked_for = (None, None) if source == GIVEN else (self.hand_mask, self.presence)
-        check = check_hand(keypoints, self.depth, self.camera, self.target, *looked_for)
+        given = source == GIVEN
+        looked_for = (None, None) if given else (self.hand_mask, self.presence)
+        check = check_hand(
+            keypoints, self.depth, self.camera, self.target, *looked_for, given=given
+        )
         return Hand(keypoints, source, check)
 
     @property
