@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from torch import nn
 
 from hadr.camera import FloatArray
-from hadr.confidence import (
+from hadr.confidence.calibration import (
     ConfidenceRule,
     Signal,
     fit_confidence,

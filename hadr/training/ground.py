@@ -11,10 +11,11 @@ import torch
 from torch import nn
 
 from hadr.camera import FloatArray, resize_depth
-from hadr.confidence import ConfidenceRule, fit_confidence
+from hadr.confidence.calibration import ConfidenceRule, fit_confidence
+from hadr.confidence.known_ground import Field, Ground
+from hadr.confidence.sight import Observation, Sight, observe
 from hadr.corruption import CORRUPTIONS, Corruption, corrupt, erase_mask
 from hadr.data.frame import Frame
-from hadr.known_ground import Field, Ground, Observation, Sight, observe
 from hadr.models.network_input import frame_to_input
 from hadr.models.networks import NETWORKS
 from hadr.training.batches import load_frames

@@ -167,10 +167,16 @@ def check_hand(
         problems.append(f"its pixels cover {1e4 * area:.0f} square centimetres")
     if step is not None and step < LEAST_STEP_M:
         problems.append(
-            f"its pixels don't stand out: what is around them lies {100 * step:.1f} cm behind them"
+            f"its pixels don't stand out: what is around them lies {100 * abs(step):.1f} cm "
+            f"{'behind' if step >= 0 else 'before'} them"
         )
     if presence is not None and presence < LEAST_PRESENCE:
         problems.append(f"its pixels have a mean probability of {presence:.2f} of being a hand's")
+    uv = np.rint(project(keypoints, camera)).astype(int)
+    column, row = uv[((uv >= 0) & (uv < mask.shape[::-1])).all(axis=1)].T
+    hidden = int(mask[row, column].sum())
+    if problems and hidden > len(keypoints) / 2:
+        problems.append(f"{hidden} of its keypoints lie in the mask: is that the hand's?")
     return HandCheck(
         palm, fingers, shortest, longest, glass, gap, skin, area, step, presence, tuple(problems)
     )

@@ -107,6 +107,12 @@ def test_swapped_keypoints_are_named_where_a_hand_is_given(order: list[int], par
     assert re.match(part, check_hand(HAND[order], depth, CAMERA, glass, given=True).problems[0])
 
 
+def test_a_hand_s_mask_in_place_of_the_glass_s_is_named() -> None:
+    depth, _, hand = scene(0.9)
+    *_, why = check_hand(HAND, depth, CAMERA, hand).problems
+    assert "lie in the mask: is that the hand's?" in why
+
+
 def test_a_table_a_speck_and_a_doubtful_hand_are_none() -> None:
     depth, glass, hand = scene()
     whole = ~glass
