@@ -128,7 +128,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     # Before a library starts its threads: see `hadr.press.private_kernel`.
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
-    words = list(sys.argv[1:] if argv is None else argv)
+    if argv is None:
+        os.environ["PYTHONSAFEPATH"] = "1"  # no child process imports from the current folder
+        argv = sys.argv[1:]
+    words = list(argv)
     parser = _Parser(
         prog="hadr",
         usage="hadr COMMAND [options]",

@@ -320,7 +320,7 @@ def test_a_crash_while_writing_leaves_nothing(frame, capsys, monkeypatch) -> Non
     [
         "train --preset tiny --out",
         "generate --frames 1 --out",
-        "handover --arms perfect --objects 0004 --holds 902 --jobs 1 --out",
+        "handover --conditions perfect --objects 0004 --holds 902 --jobs 1 --out",
         "reproduce --only known/raw --out",
         "book --html-only --build",
     ],
@@ -386,6 +386,18 @@ def test_help_imports_nothing_heavy() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines() == [f"{name} set()" for name in COMMANDS]
+
+
+def test_no_child_of_a_command_imports_from_the_current_folder(tmp_path, monkeypatch) -> None:
+    monkeypatch.setenv("PYTHONSAFEPATH", "")
+    monkeypatch.setattr(sys, "argv", ["hadr", "--version"])
+    with pytest.raises(SystemExit):
+        main()
+    (tmp_path / "planted.py").write_text("")
+    done = subprocess.run(
+        [sys.executable, "-c", "import planted"], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert "ModuleNotFoundError: No module named 'planted'" in done.stderr
 
 
 def test_wrong_calls(capsys) -> None:

@@ -207,7 +207,7 @@ def column(path: Path, part: str, expression: str) -> None:
 
 def log(path: Path, name: str, given: Any) -> None:
     """Forge a field of a run log's header, with the right checksum."""
-    from hadr.handover.run_log import RunLog, read_run_log
+    from hadr.handover.logs.run_log import RunLog, read_run_log
 
     found = read_run_log(path)
     content = dict(found.header)
@@ -217,7 +217,7 @@ def log(path: Path, name: str, given: Any) -> None:
 
 def log_array(path: Path, name: str, expression: str) -> None:
     """Forge an array of a run log, with the right checksum."""
-    from hadr.handover.run_log import RunLog, read_run_log
+    from hadr.handover.logs.run_log import RunLog, read_run_log
 
     found = read_run_log(path)
     new = eval(expression, {"np": np, "nan": np.nan, "a": found.arrays[name]})

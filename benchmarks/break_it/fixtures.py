@@ -46,8 +46,8 @@ def make_fixtures(work: Path, environment: dict[str, str]) -> dict[str, str]:
            "--out", f"train-{name}"]
           for name, network in (("net", "hadr"), ("plus", "hadr-plus"), ("seg", "segmentation"),
                                 ("kpt", "hand-keypoints"))),
-        ["handover", "--arms", "perfect", "--objects", "0004", "--holds", "902", "--jobs", "1",
-         "--out", "attempt"],
+        ["handover", "--conditions", "perfect", "--objects", "0004", "--holds", "902", "--jobs",
+         "1", "--out", "attempt"],
         ["reproduce", "--only", "known/nearest", "--out", "reproduced"],
         ["generate", *GENERATE.words(out="made")],
     ]  # fmt: skip

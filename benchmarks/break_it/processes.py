@@ -66,7 +66,7 @@ class Run:
     def line(self, folder: Path, *more: str) -> list[str]:
         there, words = self.goes_on
         again = words if there and (folder / there).exists() else ()
-        return [sys.executable, "-P", "-m", "hadr.cli", *self.words, *again, *more]
+        return [str(Path(sys.executable).with_name("hadr")), *self.words, *again, *more]
 
 
 RUNS = (
@@ -90,7 +90,8 @@ RUNS = (
 Job = tuple[str, Run, Callable[["Bench"], list[Row]]]
 #: Commands that start Pythons of their own, in a folder with modules of others.
 PLANTED = ("mitsuba", "jupyter_book", "torch", "numpy", "yaml", "sphinx", "distributed", "ipykernel",
-           "hadr", "json", "nbformat", "mujoco")
+           "hadr", "json", "nbformat", "mujoco", "multiprocessing", "ipykernel_launcher", "struct",
+           "lightning_fabric", "asyncio")
 PROBES = (
     Run("generate, 2 workers", ("generate", *GENERATE.words(frames="4", workers="2", recordings=None)), ()),
     Run("generate, photo", ("generate", *GENERATE.words(engine="photo", quality=None)), ("recordings",)),

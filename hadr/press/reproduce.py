@@ -96,12 +96,14 @@ def run(options: Options) -> int:
         0 when all was done, 1 when a row that was run again gave other numbers, 2 when a chapter
         or a training failed.
     """
-    from hadr.experiments.handover_table import (
+    from hadr.experiments.plan import (
         handover_steps,
         make_handover_table,
+        measure_all,
+        plan,
         planned_attempts,
+        table_steps,
     )
-    from hadr.experiments.plan import measure_all, plan, table_steps
 
     check_output_folder(options.out)
     check_file(options.out / "results.json", parameters="", chapters="")
@@ -172,8 +174,7 @@ def run(options: Options) -> int:
 def is_table_wish(wish: str) -> bool:
     """Say whether a word of ``--only`` means a table's run and not a chapter."""
     from hadr.experiments.plan import TABLE_RUNS
-    from hadr.experiments.splits import EXPERIMENTS
-    from hadr.experiments.systems import METHODS, PARTS, SWITCHES
+    from hadr.experiments.protocol import EXPERIMENTS, METHODS, PARTS, SWITCHES
 
     names = (*EXPERIMENTS, *METHODS, *PARTS, *SWITCHES, *TABLE_RUNS, "full")
     return "/" in wish or wish.lower() in names

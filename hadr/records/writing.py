@@ -127,6 +127,7 @@ def sole_owner(folder: str | Path, command: str) -> Iterator[Path]:
             yield folder
         finally:
             with contextlib.suppress(OSError):
+                _sweep(folder)
                 (folder / LOCK).unlink()
             os.close(handle)
     finally:

@@ -189,18 +189,9 @@ def strip_checkpoint(source: str | Path, target: str | Path, *, half: bool = Tru
 
 
 def update_record(path: str | Path, additions: Mapping[str, Any]) -> dict[str, Any]:
-    """Add to a checkpoint's record; every tensor keeps its bytes.
+    """Add to a checkpoint's record, in it and beside it; give it. Tensors keep their bytes.
 
-    Args:
-        path: A checkpoint; the file and the record beside it are replaced.
-        additions: Values by their keys; a key that is there already is replaced.
-
-    Returns:
-        The whole record.
-
-    Raises:
-        FileNotFoundError: There is no such file.
-        ValueError: It is no checkpoint.
+    Errors as `load_checkpoint`.
     """
     path = Path(path)
     tensors, meta = _read(path)

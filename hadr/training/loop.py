@@ -26,8 +26,8 @@ from tqdm import tqdm
 
 from hadr.models.blocks.shared_batch_norm import share_batch_norm
 from hadr.models.blocks.stochastic_depth import set_share
-from hadr.training.batches import FrameTensors
-from hadr.training.frame_augmentation import augment_frames
+from hadr.training.frames.augmentation import augment_frames
+from hadr.training.frames.batches import FrameTensors
 from hadr.training.pictures import save_png
 from hadr.training.processes import average_gradients, average_numbers, shares
 from hadr.training.recipe import Preset

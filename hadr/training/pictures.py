@@ -12,7 +12,7 @@ from torch import nn
 
 from hadr.camera import BoolArray, FloatArray
 from hadr.records.writing import write_whole
-from hadr.training.batches import FrameTensors
+from hadr.training.frames.batches import FrameTensors
 
 Picture = npt.NDArray[np.uint8]
 AROUND_M = 0.15

@@ -13,9 +13,8 @@ import tyro
 from hadr.models.networks import NETWORKS
 from hadr.records.option_words import FILE, FOLDER, ID, NAME, check_range
 from hadr.records.output_folder import check_folder
-from hadr.records.writing import sole_owner
-from hadr.training.given import Given
-from hadr.training.recipe import Accelerator, Precision, Preset, Schedule
+from hadr.records.writing import PART, sole_owner
+from hadr.training.recipe import Accelerator, Given, Precision, Preset, Schedule
 
 if TYPE_CHECKING:
     Kind = str
@@ -217,9 +216,9 @@ def _train(options: Options) -> int:
     from lightning_fabric import Fabric
 
     from hadr.data.samples import samples_dir
+    from hadr.training.frames.predicted import read_split
     from hadr.training.loop import train
-    from hadr.training.predicted import read_split
-    from hadr.training.processes import chosen_accelerator
+    from hadr.training.processes import OneMachine, chosen_accelerator
     from hadr.training.training_folder import LAST, TrainingFolder
 
     recipe, given, out = recipe_from(options), options.given, options.out
@@ -242,8 +241,12 @@ def _train(options: Options) -> int:
         recipe = with_recorded_drop(recipe, out / LAST)
     elif not options.resume:
         TrainingFolder(out, recipe, given.seed, None).check_empty()
+    devices = options.machine.devices
     fabric = Fabric(
-        accelerator=accelerator, devices=options.machine.devices, precision=recipe.precision
+        accelerator=accelerator,
+        strategy=OneMachine(out / f"{PART}meeting") if devices > 1 else "auto",
+        devices=devices,
+        precision=recipe.precision,
     )
     fabric.launch()
     folders = options.data or (samples_dir() / "frames",)

@@ -5,6 +5,7 @@ import time
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from axe_playwright_python.sync_playwright import Axe
 
 from hadr.figures.solids.scrubber import Slider, scrubber
 
@@ -18,15 +19,19 @@ def close_to(colour, row, column):
     return np.abs(colour - wanted).max() < 25
 
 
-@pytest.fixture(scope="module")
-def page():
+def colours(inches=4):
     def draw(row, column):
-        figure = plt.figure(figsize=(4, 2), dpi=100, layout="none")
+        figure = plt.figure(figsize=(inches, 2), dpi=100, layout="none")
         figure.add_artist(plt.Rectangle((0, 0), 1, 1, color=SHADES[row][column]))
         return figure
 
     sliders = [Slider("row", ("a", "b")), Slider("column", ("x", "y", "z"), start=1)]
     return scrubber(draw, sliders, title="Colours", alt="one colour", frames_per_second=10)
+
+
+@pytest.fixture(scope="module")
+def page():
+    return colours()
 
 
 def move(tab, slider, place):
@@ -74,3 +79,19 @@ def test_the_keyboard_reaches_and_moves_the_sliders(tab, page, tmp_path):
     tab.page.keyboard.press("ArrowRight")
     assert tab.page.locator("output").all_text_contents() == ["a", "z"]
     assert tab.page.locator("img").get_attribute("alt")
+
+
+@pytest.mark.parametrize(("inches", "scrolls"), [(4, False), (12, True)])
+def test_the_keyboard_scrolls_what_is_wider_than_a_phone(opened, tmp_path, inches, scrolls):
+    colours(inches).save(tmp_path / "page.html")
+    with opened(True) as tab:
+        tab.visit(tmp_path / "page.html")
+        tab.page.wait_for_function(
+            f"stage.scrollWidth > stage.clientWidth === {str(scrolls).lower()}"
+        )
+        tab.page.keyboard.press("Tab")
+        assert tab.evaluate("document.activeElement === stage") == scrolls
+        tab.page.keyboard.press("ArrowRight")
+        if scrolls:
+            tab.page.wait_for_function("stage.scrollLeft > 0")
+        assert Axe().run(tab.page, options={"runOnly": ["wcag2a"]}).response["violations"] == []

@@ -116,11 +116,12 @@ def test_staging_replaces_no_folder_that_it_did_not_make(small_book, tmp_path):
     assert [path.name for path in own.parent.iterdir()] == [own.name]
 
 
-def test_staging_refuses_a_word_that_nothing_fills(small_book, tmp_path):
+def test_staging_refuses_a_word_that_nothing_fills_and_leaves_no_half(small_book, tmp_path):
     pages, runs = small_book
     (pages / "more.md").write_text("# More\n\n{{WEATHER}}\n")
     with pytest.raises(ValueError, match=r"more.md has \{\{WEATHER\}\}, which nothing fills"):
         book.stage_book(pages, runs, tmp_path / "staged")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["book", "executed"]
 
 
 def test_the_readme_takes_measured_times(tmp_path):

@@ -8,8 +8,8 @@ import torch
 from safetensors.torch import save_file
 
 from hadr.models.hadr import HADR
-from hadr.training.batches import FrameTensors
 from hadr.training.checkpoints import load_checkpoint, save_checkpoint, update_record
+from hadr.training.frames.batches import FrameTensors
 from hadr.training.recipe import Preset
 
 SIZE = {"width": 32, "height": 24}

@@ -11,8 +11,8 @@ import cv2
 import pytest
 import torch
 
-from hadr.training.batches import FrameTensors
 from hadr.training.checkpoints import load_checkpoint, update_record
+from hadr.training.frames.batches import FrameTensors
 from hadr.training.loop import BEST, LAST, Trained, average_of, early_look, train
 from hadr.training.losses import CODED
 from hadr.training.recipe import Preset

@@ -8,8 +8,8 @@ import pytest
 from hadr.cli import parse_options
 from hadr.data.samples import samples_dir
 from hadr.models.hadr import HADR, HADRConfig
-from hadr.training import predicted
 from hadr.training.checkpoints import save_checkpoint
+from hadr.training.frames import predicted
 from hadr.training.losses import CODED
 from hadr.training.recipe import Preset
 from hadr.training.train_command import (

@@ -12,9 +12,11 @@ import mujoco
 import numpy as np
 
 from hadr.handover import ur5
-from hadr.handover.gripper import LARGEST_OPENING
-from hadr.handover.robot import ArmConfig
-from hadr.handover.ur5 import Array, UnreachableError
+from hadr.handover.grasping.gripper import LARGEST_OPENING
+from hadr.handover.poses import check_pose
+from hadr.handover.robot import UnreachableError
+from hadr.handover.simulated_ur5 import ArmConfig
+from hadr.handover.ur5 import Array
 from hadr.simulation.robot.arm_motion import ArmMotion
 from hadr.simulation.robot.motion_limits import MotionConfig
 
@@ -149,7 +151,7 @@ class PhysicalUR5:
         """
         if not 0 < dt <= 0.1:
             raise ValueError(f"dt must be more than 0 and at most 0.1 seconds, got {dt}")
-        target = ur5.check_pose(base_from_tool, "base_from_tool")
+        target = check_pose(base_from_tool, "base_from_tool")
         if self._stopped or self.protective_stop:
             return
         joints, velocity = self._stretch.at(self._data.time)

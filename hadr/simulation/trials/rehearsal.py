@@ -13,11 +13,11 @@ import numpy as np
 from hadr.camera import transform_points
 from hadr.hand import HandShape
 from hadr.handover.grasping.collision import hand_distance
-from hadr.handover.gripper import FINGER_HEIGHT, FINGER_LENGTH
+from hadr.handover.grasping.gripper import FINGER_HEIGHT, FINGER_LENGTH
+from hadr.handover.logs.run_log import RecordedRobot
 from hadr.handover.observation import Observation
 from hadr.handover.poses import pose_distance
-from hadr.handover.robot import SimulatedUR5
-from hadr.handover.run_log import RecordedRobot
+from hadr.handover.simulated_ur5 import SimulatedUR5
 from hadr.handover.stages import Stage
 from hadr.handover.ur5 import Array
 from hadr.handover.workflow import Handover

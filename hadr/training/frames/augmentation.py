@@ -19,8 +19,8 @@ import torch
 from torch import Tensor
 
 from hadr.data.augmentation import augment_color
-from hadr.training.batches import FrameTensors
-from hadr.training.predicted import pixels_of
+from hadr.training.frames.batches import FrameTensors
+from hadr.training.frames.predicted import pixels_of
 from hadr.training.recipe import Preset
 
 _TRIES = 5
