@@ -202,7 +202,7 @@ def many() -> list[Case]:
             add(call, "weights", f"{file}: {how}", (file, "weights", how), says=(file,))
         add(TRAIN, "weights", f"--start-from: {how}", ("net.safetensors", "weights", how),
             start_from="net.safetensors", says=("net.safetensors",))
-    for old, new in (('"center": .-?', '"center": [9'), ('"depth_m": .0', '"depth_m": [0.1'), ('"name": "', '"name": "x')):
+    for old, new in (('"center": .-?', '"center": [9'), ('"depth_m": .0.', '"depth_m": [0.0'), ('"name": "', '"name": "x')):
         add(PLUS, "record", f"{old} -> {new}", ("plus.safetensors", "record", old, new), says=("plus.safetensors",))
     for name in ("", "/book", "/results", "/hadr", "/notebooks/text", "/data_samples", "/.."):
         for call, option in ((HTML, "build"), (COURSE, "out"), (REPRODUCE, "out")):
