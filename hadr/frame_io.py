@@ -42,20 +42,19 @@ _QUIET = Lock()
 
 
 def read_color(path: str | Path) -> NDArray[np.uint8]:
-    """Read a PNG or JPEG colour image of 8 bits; alpha is dropped.
+    """Read a PNG or JPEG colour image of 8 bits, opaque everywhere.
 
     Returns:
         RGB, shape (H, W, 3) uint8.
 
     Raises:
         FileNotFoundError: No such file.
-        ValueError: Not a whole image, or not 8-bit colour.
+        ValueError: Not a whole image, not 8-bit colour, or transparent somewhere.
     """
     image = _read_image(path, "colour")
     if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] not in (3, 4):
         raise ValueError(f"colour {path} must be an 8-bit RGB image, got {_kind(image)}")
-    code = cv2.COLOR_BGR2RGB if image.shape[2] == 3 else cv2.COLOR_BGRA2RGB
-    return np.asarray(cv2.cvtColor(image, code), dtype=np.uint8)
+    return np.asarray(cv2.cvtColor(image[..., :3], cv2.COLOR_BGR2RGB), dtype=np.uint8)
 
 
 def read_depth(path: str | Path, scale: float | None = None) -> NDArray[np.float32]:
@@ -257,7 +256,8 @@ def read_mask(path: str | Path, name: str = "mask") -> BoolArray:
 
     Raises:
         FileNotFoundError: No such file.
-        ValueError: Not a whole image, a JPEG, in colours, not of 8 bits, or not numbers.
+        ValueError: Not a whole image, a JPEG, in colours, not of 8 bits, transparent, or not
+            numbers.
     """
     if Path(path).suffix.lower() == ".npy":
         stored: NDArray[Any] = _read_npy(Path(path), name)
@@ -381,9 +381,16 @@ def _read_image(path: str | Path, name: str, *, lossless: bool = False) -> NDArr
             "(0 or 255) or a .npy"
         )
     try:
-        return decode_image(data, cv2.IMREAD_UNCHANGED)
+        image = decode_image(data, cv2.IMREAD_UNCHANGED)
     except ValueError as error:
         raise ValueError(f"{name} {path} is not a whole image, PNG or JPEG: {error}") from error
+    alpha = image[..., 3:] if image.ndim == 3 else image[:0]
+    if clear := int((alpha < np.iinfo(image.dtype).max).sum()):
+        raise ValueError(
+            f"{name} {path} is transparent in {clear} of its {alpha.size} pixels (alpha below its "
+            "most), expected an opaque picture"
+        )
+    return image
 
 
 def _kind(image: NDArray[Any]) -> str:

@@ -30,6 +30,18 @@ def test_colour_keeps_the_order_red_green_blue(tmp_path) -> None:
     assert color[0, 0].tolist() == [200, 0, 0]
 
 
+@pytest.mark.parametrize("read", [read_color, read_mask])
+def test_alpha_may_not_mean_anything(tmp_path: Path, read) -> None:
+    path = tmp_path / "picture.png"
+    picture = np.full((4, 5, 4), 255, np.uint8)
+    cv2.imwrite(str(path), picture)
+    assert read(path).all()
+    picture[0, 1:3, 3] = (0, 254)
+    cv2.imwrite(str(path), picture)
+    with pytest.raises(ValueError, match=r"picture\.png is transparent in 2 of its 20 pixels"):
+        read(path)
+
+
 def test_depth_png_is_millimetres_by_default_and_scales(tmp_path) -> None:
     path = tmp_path / "depth.png"
     cv2.imwrite(str(path), np.array([[0, 500], [1234, 65535]], np.uint16))

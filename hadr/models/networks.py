@@ -31,7 +31,8 @@ class Network:
             LIDF's probability is that of a voxel of 25 cm and says next to nothing about
             centimetres (chapter 6); the others have no opinion.
         skips_mask: It never looks at depth that was measured inside the mask.
-        sees: Of one that restores depth, the part whose map is what it sees (`hadr.known_ground`).
+        sees: Of one that restores depth, the part whose map is what it sees
+            (`hadr.confidence.sight`).
         encoders: The parts that read pictures stage by stage, the one that sees colour first; a
             network need not have all of them.
     """

@@ -187,7 +187,7 @@ def build_html(staged: Path, output: Path, *, strict: bool) -> Path:
     if importlib.util.find_spec("jupyter_book") is None:
         raise RuntimeError("Jupyter Book is not installed here: pip install -e '.[book]'")
     program = "from jupyter_book.cli.main import main; main()"
-    command = [sys.executable, "-c", program, "build", str(staged)]
+    command = [sys.executable, "-P", "-c", program, "build", str(staged)]
     command += ["--path-output", str(output), "--all"]
     command += ["-W", "--keep-going", "-n"] if strict else []
     environment = os.environ | {"PYDEVD_DISABLE_FILE_VALIDATION": "1", "NO_COLOR": "1"}

@@ -6,8 +6,8 @@
 * ``confidence``: how the spread that the network predicts becomes the probability that a restored
   depth is right to 2 cm, fitted on validation frames. A network that predicts no distribution of
   depth (`hadr.models.networks`) cannot say how sure it is, and gets none;
-* ``ground``: what the training frames were like (`hadr.known_ground`). On others the confidence
-  does not hold, and is not given.
+* ``ground``: what the training frames were like (`hadr.confidence.known_ground`). On others the
+  confidence does not hold, and is not given.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from torch import nn
 
 from hadr.camera import FloatArray, resize_depth
-from hadr.confidence import (
+from hadr.confidence.calibration import (
     ConfidenceRule,
     fit_confidence,
     learned_range,
@@ -32,9 +32,10 @@ from hadr.confidence import (
     sparsification,
     within_learned,
 )
+from hadr.confidence.known_ground import Field, Ground
+from hadr.confidence.sight import Observation, Sight, observe
 from hadr.corruption import CORRUPTIONS, Corruption, corrupt, erase_mask
 from hadr.data.frame import Frame
-from hadr.known_ground import Field, Ground, Observation, Sight, observe
 from hadr.models.network_input import frame_to_input
 from hadr.models.networks import NETWORKS
 from hadr.training.checkpoints import kind_of

@@ -64,7 +64,7 @@ class Options:
 
 def run(options: Options) -> int:
     """Run `hadr calibrate`."""
-    from hadr.confidence import ConfidenceRule
+    from hadr.confidence.calibration import ConfidenceRule
     from hadr.data.folders import check_folders
     from hadr.records.result_file import write_result_file
     from hadr.training.calibrate import calibrate, learn_ground, measure_confidence, restored_pixels

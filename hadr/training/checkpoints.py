@@ -20,9 +20,9 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor, nn
 
-from hadr.confidence import ConfidenceRule
+from hadr.confidence.calibration import ConfidenceRule
+from hadr.confidence.known_ground import Ground
 from hadr.corruption import CORRUPTIONS, Corruption
-from hadr.known_ground import Ground
 from hadr.models.networks import NETWORKS
 from hadr.records.provenance import IF_CHANGED, plain, write_json
 from hadr.records.reading import parse_json, structured

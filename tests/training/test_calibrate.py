@@ -7,9 +7,9 @@ import torch
 from safetensors.torch import load_file
 
 from hadr.cli import parse_options
-from hadr.confidence import ConfidenceRule
+from hadr.confidence.calibration import ConfidenceRule
+from hadr.confidence.known_ground import Ground
 from hadr.data.samples import samples_dir
-from hadr.known_ground import Ground
 from hadr.models.hadr import HADR
 from hadr.models.hadr_plus import HADRPlus, HADRPlusConfig
 from hadr.records.result_file import read_result_file
