@@ -20,7 +20,7 @@ from hadr.confidence.frame_features import frame_features
 from hadr.records.reading import structured
 
 if TYPE_CHECKING:
-    from torch import Tensor, nn
+    from torch import Tensor
 
     from hadr.models.network_input import HADRInput
 
@@ -103,7 +103,7 @@ class _StoredSight:
 
 
 def observe(
-    network: nn.Module,
+    network: Any,
     part: str,
     inputs: HADRInput,
     measured: FloatArray,
@@ -122,9 +122,11 @@ def observe(
     import torch
     from torch.nn import functional
 
+    from hadr.models.window import lay_windows, nearest
+
     maps: list[Tensor] = []
 
-    def keep(_module: nn.Module, _given: Any, found: Any) -> None:
+    def keep(_module: Any, _given: Any, found: Any) -> None:
         maps.append(found[0] if isinstance(found, tuple) else found)
 
     handle = network.get_submodule(part).register_forward_hook(keep)
@@ -135,8 +137,10 @@ def observe(
     seen = maps[0]  # (1, E, h, w)
     weight = torch.ones_like(seen[:, :1])
     if not hasattr(network, "crop"):  # a crop lies around the glass; a picture shows more
+        view = network.config.view
+        mask = inputs.mask if view is None else nearest(lay_windows(inputs, view), inputs.mask)
         weight = functional.adaptive_avg_pool2d(
-            inputs.mask[:, None].to(seen.dtype), (seen.shape[2], seen.shape[3])
+            mask[:, None].to(seen.dtype), (seen.shape[2], seen.shape[3])
         )
     vector = (seen * weight).sum(dim=(2, 3)) / weight.sum()  # (1, E)
     found = (output.depth * within_learned(output, depth_range_m))[0]  # (H, W)
