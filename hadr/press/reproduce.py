@@ -30,7 +30,7 @@ from hadr.press.chapters import (
 )
 from hadr.records.checkout import checkout_root
 from hadr.records.option_words import FOLDER, LARGEST_SEED, MOST_JOBS, check_range
-from hadr.records.output_folder import check_file, check_output_folder, make_output_folder
+from hadr.records.output_folder import check_own, make_output_folder
 from hadr.records.writing import sole_owner, write_whole
 from hadr.simulation.trials.command import check_packages
 from hadr.training.recipe import Accelerator
@@ -54,8 +54,6 @@ exit status
   0 done   1 a row that was run again gave other numbers
   2 a chapter or a training failed, or a wrong call   130 interrupted"""
 
-HEADING = "# The paper's tables, and ours"
-"""How a report begins."""
 TINY_FRAMES = 48
 """Frames of each part in preset tiny, which shows that everything runs and no more."""
 
@@ -107,13 +105,7 @@ def run(options: Options) -> int:
         table_steps,
     )
 
-    check_output_folder(options.out)
-    check_file(options.out / "results.json", parameters="", chapters="")
-    for table in (options.out / "tables").glob("*.json"):
-        check_file(table, what="", rows="")
-    check_file(told := options.out / "report.md")
-    if told.exists() and not told.read_bytes().startswith(HEADING.encode()):
-        raise ValueError(f"{told} is not replaced: no earlier run of this command wrote it")
+    check_own(options.out)
     check_range("jobs", options.jobs, 1, MOST_JOBS)
     check_range("seed", options.seed, 0, LARGEST_SEED)
     seeds = options.seeds or ()
@@ -250,6 +242,6 @@ def write_report(out: Path, size: str) -> None:
     except FileNotFoundError:
         return
     if published.exists() and any((out / "tables" / f"{name}.json").exists() for name in TITLES):
-        text = f"{HEADING}\n\n{report(out / 'tables', published, size)}"
+        text = f"# The paper's tables, and ours\n\n{report(out / 'tables', published, size)}"
         write_whole(out / "report.md", text)
         print(f"the report: {out / 'report.md'}")

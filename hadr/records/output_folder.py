@@ -170,15 +170,22 @@ def make_output_folder(folder: str | Path) -> Path:
 def check_removable(folder: str | Path) -> Path:
     """Refuse to remove or replace a folder that hadr did not make; gives its absolute path.
 
-    ValueError as `check_output_folder`, or where it holds files and no marker.
+    ValueError as `check_output_folder`, or where it is there without a marker.
     """
     target = check_output_folder(folder)
     if target.exists() and not _is_own(target):
         raise ValueError(
-            f"{folder} was not made by hadr (no {MARKER} lies in it), so it is neither removed nor "
-            "replaced: move it away, or name another folder"
+            f"{folder} was not made by hadr (no {MARKER} lies in it), so nothing in it is removed "
+            "or replaced: move it away, or name another folder"
         )
     return target
+
+
+def check_own(folder: str | Path) -> None:
+    """Refuse a folder for results in which somebody else's files lie; errors as above."""
+    target = check_output_folder(folder)
+    if target.exists() and any(target.iterdir()):
+        check_removable(folder)
 
 
 def remove_output_folder(folder: str | Path) -> None:
@@ -204,11 +211,13 @@ def _same(one: Path, other: Path) -> bool:
 
 
 def _is_own(folder: Path) -> bool:
-    """Whether a folder is marked, is or lies in the checkout's ``build``, or holds caches alone."""
+    """Whether a folder is or lies in a marked one or the checkout's ``build``, or holds caches."""
+    around = (folder, *folder.parents)
     with contextlib.suppress(FileNotFoundError):
-        if (checkout_root() / "build").resolve() in (folder, *folder.parents):
+        if (checkout_root() / "build").resolve() in around:
             return True
-    return (folder / MARKER).is_file() or {entry.name for entry in folder.iterdir()} == {CACHE}
+    marked = any((part / MARKER).is_file() for part in around)
+    return marked or {entry.name for entry in folder.iterdir()} == {CACHE}
 
 
 def _is_free(folder: Path) -> bool:

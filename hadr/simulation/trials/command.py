@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 import tyro
 
 from hadr.records.option_words import FILE, FOLDER, ID, LARGEST_SEED, MOST_JOBS, check_range
-from hadr.records.output_folder import check_file, check_folder
+from hadr.records.output_folder import check_file, check_own, make_output_folder
 from hadr.records.provenance import machine_text, provenance, record_of, usable_cores
 from hadr.records.result_file import write_result_file
 from hadr.records.writing import sole_owner
@@ -173,6 +173,7 @@ def run(options: Options) -> int:
         for trial in (trial for trials in plan.values() for trial in trials):
             _say(trial, record_of(watch_trial(trial).outcome))
         return 0
+    make_output_folder(out)
     with sole_owner(out, "hadr handover"):
         rows = []
         for condition, trials in plan.items():
@@ -229,7 +230,7 @@ def _check(options: Options, out: Path, path: Path) -> None:
         raise ValueError(f"no object {unknown[0]!r} here; there are {', '.join(TRIAL_OBJECTS)}")
     if options.watch and options.film:
         raise ValueError("--watch keeps no files to film: give one of --watch and --film")
-    check_folder(out)
+    check_own(out)
     check_file(path, what=_WHAT)
 
 

@@ -85,9 +85,11 @@ def test_places_that_cannot_be_written_are_named(
     assert f"{tmp_path} is a folder" in capsys.readouterr().err
     assert call(tmp_path / "out", "--dry-run", "--json", file / "rows.json") == 2
     assert f"{file} can't be a folder" in capsys.readouterr().err
-    (tmp_path / "taken" / "handover.json").mkdir(parents=True)
+    own = tmp_path / "taken" / "perfect" / "0004-902.json"
+    own.parent.mkdir(parents=True)
+    own.write_text("mine")
     assert call(tmp_path / "taken", "--dry-run") == 2
-    assert "handover.json is a folder" in capsys.readouterr().err
+    assert "taken was not made by hadr" in capsys.readouterr().err
     assert file.read_text() == "kept"
 
 
