@@ -111,9 +111,8 @@ def _surroundings(mi: Any, around: Surroundings, eye: Array, pixel: float) -> di
         level = int(np.clip(np.floor(np.log2(max(nearest * pixel / texel, 1.0))), 0, 4))
         linear = (levels[level].astype(np.float32) / 255.0) ** 2.2 * groups[number, 1:4]
         matte = _matte(mi, np.minimum(linear, 0.9))
-        # Mitsuba turns pictures upside down, ours have their first row at v = 0.
-        uv = around.uv[used] * np.array([1.0, -1.0])
-        shapes[f"surroundings{number}"] = _mesh(mi, f"surroundings{number}", part, matte, uv)
+        name, uv = f"surroundings{number}", around.uv[used]
+        shapes[name] = _mesh(mi, name, part, matte, uv)
     # Mitsuba compiles its kernels anew where the number of meshes differs: fill them up.
     spare = Surface(
         eye + np.array([0, 0, -50.0]) + 1e-3 * np.eye(3), np.array([[0, 1, 2]]), np.eye(3)
