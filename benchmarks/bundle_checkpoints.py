@@ -31,7 +31,7 @@ from pathlib import Path
 from hadr.cli import main as hadr
 from hadr.data.samples import samples_dir, write_manifest
 from hadr.data.splits import UNKNOWN_OBJECTS
-from hadr.experiments.splits import Experiment, open_part
+from hadr.experiments.protocol import Experiment, open_part
 from hadr.press.reproduce import checkout_root
 from hadr.synthesis.glass.objects import OBJECTS
 from hadr.training.checkpoints import load_checkpoint, strip_checkpoint, update_record

@@ -14,11 +14,11 @@ import torch
 from finished_runs import arguments, open_runs, write_rows
 
 from hadr.experiments.averages import paired
+from hadr.experiments.protocol import METHODS, PARTS, system
 from hadr.experiments.runner import Run
 from hadr.experiments.scoring import EVALUATION_SIZE, score_network
-from hadr.experiments.systems import METHODS, PARTS, system
-from hadr.training.batches import FrameTensors
 from hadr.training.checkpoints import load_checkpoint
+from hadr.training.frames.batches import FrameTensors
 from hadr.training.loop import LAST
 
 

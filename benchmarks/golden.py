@@ -97,7 +97,7 @@ def ur5() -> Results:
     """The UR5's kinematics, a rehearsed handover, and an attempt in the physical world."""
     from hadr.handover.grasping.selection import GraspSelection
     from hadr.handover.poses import camera_at
-    from hadr.handover.robot import SimulatedUR5
+    from hadr.handover.simulated_ur5 import SimulatedUR5
     from hadr.handover.ur5 import forward_kinematics, inverse_kinematics
     from hadr.handover.workflow import Handover
     from hadr.simulation.trials.rehearsal import MovingHand, rehearse, rehearsed_scene
@@ -115,7 +115,7 @@ def ur5() -> Results:
     yield "rehearsal opening", np.array([m.gripper_width for m in moments])
     yield "rehearsal glass", np.array([m.base_from_object for m in moments])
     yield "rehearsal to_hand", np.array([m.hand_distance for m in moments])
-    run = run_trial(Trial("0004", 902, arm="perfect"))
+    run = run_trial(Trial("0004", 902, condition="perfect"))
     seen = ("joints", "gripper_width", "base_from_wrist", "base_from_object", "hand_force")
     yield from _fields("attempt", run.states, *seen)
     yield "attempt outcome", {k: str(v) for k, v in vars(run.outcome).items() if "wall" not in k}
@@ -152,7 +152,7 @@ def training() -> Results:
     from hadr.corruption import CORRUPTIONS
     from hadr.data.samples import open_samples
     from hadr.models.networks import NETWORKS
-    from hadr.training.batches import load_frames
+    from hadr.training.frames.batches import load_frames
     from hadr.training.loop import train
     from hadr.training.presets import preset
 

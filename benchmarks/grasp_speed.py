@@ -20,7 +20,7 @@ from measuring import interleaved
 
 from hadr.handover.grasping.candidates import sample_grasps
 from hadr.handover.grasping.selection import GraspSelection
-from hadr.handover.robot import SimulatedUR5
+from hadr.handover.simulated_ur5 import SimulatedUR5
 from hadr.handover.tracking import hand_motion
 from hadr.records.provenance import machine_text, provenance
 from hadr.records.result_file import write_result_file

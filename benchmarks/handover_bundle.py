@@ -1,7 +1,7 @@
 """Put the handover experiment's results, and the recordings of chapter 11, where they belong.
 
     hadr handover --out build/handover                                          (the table)
-    hadr handover --arms perfect --extrinsics-error 3 --out build/turned        (made worse)
+    hadr handover --conditions perfect --extrinsics-error 3 --out build/turned        (made worse)
     python benchmarks/handover_bundle.py --out build/handover --worse build/turned \\
         --films success=hadr/0004-904 failure=raw/0006-900
 
@@ -45,7 +45,7 @@ def with_verdicts(row: dict[str, Any], folder: Path) -> dict[str, Any]:
     """A row of the table with each attempt's verdict, which rows once had not."""
     if "verdicts" in row:
         return row
-    return {**row, "verdicts": verdicts(outcomes_below(folder, row["arm"]))}
+    return {**row, "verdicts": verdicts(outcomes_below(folder, row["condition"]))}
 
 
 def worse_row(condition: str, outcomes: list[dict[str, Any]]) -> dict[str, Any]:
@@ -60,7 +60,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, required=True, help="folder of the table's attempts")
     parser.add_argument("--worse", type=Path, nargs="*", default=[], help="folders made worse")
-    parser.add_argument("--films", nargs="*", default=[], metavar="NAME=ARM/OBJECT-HOLD")
+    parser.add_argument("--films", nargs="*", default=[], metavar="NAME=CONDITION/OBJECT-HOLD")
     parser.add_argument("--results", type=Path, default=Path("results/mini"))
     args = parser.parse_args()
     table = read_result_file(args.out / "handover.json")
@@ -70,9 +70,11 @@ def main() -> None:
     rows, names = [], set[str]()
     for folder, file in zip(args.worse, made_worse, strict=True):
         for row in file.rows:
-            rows.append(worse_row(row["arm"], outcomes_below(folder, row["arm"])))
+            rows.append(worse_row(row["condition"], outcomes_below(folder, row["condition"])))
             names = set(rows[-1]["verdicts"])
-    for condition in dict.fromkeys(row["arm"] for row in rows):  # the same attempts, not made worse
+    for condition in dict.fromkeys(
+        row["condition"] for row in rows
+    ):  # the same attempts, not made worse
         same = [r for r in outcomes_below(args.out, condition) if set(verdicts([r])) <= names]
         rows.append(worse_row(condition, same))
     what = table.what + "; the same with the camera turned or a faster hand"
@@ -87,7 +89,7 @@ def main() -> None:
         name, _, where = wish.partition("=")
         condition, _, attempt = where.partition("/")
         object_id, _, hold = attempt.partition("-")
-        trial = Trial(object_id, int(hold), arm=condition)
+        trial = Trial(object_id, int(hold), condition=condition)
         row, states, changes, scene = finished_attempt(args.out, trial)
         (kept / condition).mkdir(parents=True, exist_ok=True)
         for ending in (".json", ".npz"):

@@ -46,7 +46,7 @@ def measure() -> list[dict[str, Any]]:
         error = np.array(errors[source])
         seen = np.isfinite(error)
         row: dict[str, Any] = {
-            "arm": source,
+            "condition": source,
             "scenes": len(error),
             "scenes_with_points": int(seen.sum()),
             "median_error_m": float(np.median(np.abs(error[seen]))),

@@ -24,7 +24,7 @@ from torch import nn
 from torch.profiler import ProfilerActivity, profile
 
 from hadr.data.samples import open_samples
-from hadr.training.batches import FrameTensors, load_frames
+from hadr.training.frames.batches import FrameTensors, load_frames
 
 
 @functools.cache

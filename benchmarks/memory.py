@@ -20,11 +20,11 @@ from finished_runs import arguments, open_runs, write_rows
 
 from hadr.camera import Intrinsics, back_project
 from hadr.experiments.averages import paired, standard_error
+from hadr.experiments.protocol import Experiment
 from hadr.experiments.runner import Run
 from hadr.experiments.scoring import EVALUATION_SIZE, Scores, score_depth
-from hadr.experiments.splits import Experiment
 from hadr.rivals.classical import nearest_valid
-from hadr.training.batches import FrameTensors
+from hadr.training.frames.batches import FrameTensors
 
 SPLITS: tuple[Experiment, ...] = ("known", "by-frame")
 NETWORKS = ("hadr", "hadr-plus")

@@ -27,7 +27,7 @@ from hadr.records.provenance import machine_text, provenance
 from hadr.records.result_file import read_result_file, write_result_file
 from hadr.rivals.lidf import LIDF
 from hadr.rivals.swindrnet import SwinDRNet
-from hadr.training.batches import FrameTensors, load_frames
+from hadr.training.frames.batches import FrameTensors, load_frames
 from hadr.training.loop import train
 from hadr.training.presets import preset
 from hadr.training.recipe import Preset

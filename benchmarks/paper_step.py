@@ -21,7 +21,7 @@ import torch
 from hadr.data.samples import open_samples
 from hadr.records.provenance import machine_text, provenance
 from hadr.records.result_file import write_sealed
-from hadr.training.batches import load_frames
+from hadr.training.frames.batches import load_frames
 from hadr.training.loop import chance
 from hadr.training.presets import preset
 from hadr.training.tasks.task import Task

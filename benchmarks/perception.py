@@ -25,7 +25,7 @@ from hadr.models.hand.keypoints import HandKeypointNet, predict_keypoints
 from hadr.models.segmentation import SegmentationNet
 from hadr.records.provenance import machine_text, provenance
 from hadr.records.result_file import write_sealed
-from hadr.training.batches import FrameTensors, load_frames
+from hadr.training.frames.batches import FrameTensors, load_frames
 from hadr.training.presets import preset
 
 SIZE = (224, 224)

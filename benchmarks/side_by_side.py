@@ -21,7 +21,7 @@ import torch
 from measuring import in_a_process, in_turns, interleaved, peak_tensor_bytes, sample_frames
 from torch import nn
 
-from hadr.experiments.systems import CHEAP
+from hadr.experiments.protocol import CHEAP
 from hadr.models.networks import DEPTH_NETWORKS
 from hadr.records.provenance import machine_text, provenance
 from hadr.records.result_file import write_result_file

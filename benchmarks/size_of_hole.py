@@ -27,13 +27,13 @@ from finished_runs import arguments, open_runs, write_rows
 from torch import Tensor
 
 from hadr.experiments.averages import standard_error
+from hadr.experiments.protocol import LEARNED, system
 from hadr.experiments.runner import Run
-from hadr.experiments.systems import LEARNED, system
 from hadr.experiments.tables import TABLES
 from hadr.rivals.classical import nearest_valid
-from hadr.training.batches import FrameTensors
 from hadr.training.checkpoints import load_checkpoint
 from hadr.training.evaluation import predict
+from hadr.training.frames.batches import FrameTensors
 from hadr.training.loop import LAST, evenly
 
 SHARES = (-0.25, -0.15, 0.15, 0.25, 0.35)

@@ -19,13 +19,13 @@ from typing import Any
 
 import torch
 
+from hadr.experiments.protocol import Part, data_digest, open_part
 from hadr.experiments.runner import code_of
 from hadr.experiments.scoring import EVALUATION_SIZE, score_network
-from hadr.experiments.splits import Part, data_digest, open_part
 from hadr.models.hadr import HADRConfig
 from hadr.records.provenance import machine_text, plain, provenance, write_json
 from hadr.records.result_file import digest, write_result_file
-from hadr.training.batches import FrameTensors, load_frames
+from hadr.training.frames.batches import FrameTensors, load_frames
 from hadr.training.loop import evenly, train
 from hadr.training.presets import preset
 from hadr.training.recipe import Preset

@@ -13,14 +13,14 @@ from finished_runs import arguments, open_runs, write_rows
 
 from hadr.experiments.averages import paired
 from hadr.experiments.errors import frame_error, hand_poses, pose_distance, summary
+from hadr.experiments.protocol import LEARNED, system
 from hadr.experiments.runner import Bench, Run
 from hadr.experiments.scoring import EVALUATION_SIZE, restored_depth, score_network
-from hadr.experiments.systems import LEARNED, system
 from hadr.experiments.tables import TABLES
 from hadr.rivals.lidf import LIDF
-from hadr.training.batches import FrameTensors
 from hadr.training.checkpoints import load_checkpoint
 from hadr.training.evaluation import CLASSICAL
+from hadr.training.frames.batches import FrameTensors
 from hadr.training.loop import LAST
 
 

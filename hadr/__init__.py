@@ -20,7 +20,7 @@ __version__ = "0.1.0"
 
 FRONT_DOOR = {
     "Intrinsics": "camera",
-    "load_intrinsics": "camera",
+    "load_intrinsics": "frame_io",
     "read_color": "frame_io",
     "read_depth": "frame_io",
     "read_hand": "frame_io",

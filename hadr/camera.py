@@ -9,20 +9,15 @@ marks a missing value.
 from __future__ import annotations
 
 import contextlib
-import json
-import re
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from numbers import Real
-from pathlib import Path
 from reprlib import repr as short
 from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
-import yaml
 
 FloatArray = npt.NDArray[np.floating[Any]]
 BoolArray = npt.NDArray[np.bool_]
@@ -103,7 +98,7 @@ class Intrinsics:
         Raises:
             ValueError: The matrix has another shape, a skew, or a last row other than 0 0 1.
         """
-        return cls(**_of_matrix(matrix), width=width, height=height)
+        return cls(**checked_matrix(matrix), width=width, height=height)
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Intrinsics:
@@ -160,78 +155,7 @@ class Intrinsics:
 TRANSHAND_CAMERA = Intrinsics(1137.7778, 1137.7778, 639.5, 359.5, 1280, 720)
 
 
-def load_intrinsics(path: str | Path) -> Intrinsics:
-    """Read intrinsics from a ``.yaml``, ``.yml`` or ``.json`` file.
-
-    Three forms are understood: ``fx fy cx cy width height``; the same with ``xres yres`` for
-    the size, as ClearGrasp publishes them; and ``K`` (3, 3) with ``width height``.
-
-    Raises:
-        FileNotFoundError: There is no such file.
-        ValueError: The file can't be parsed, a number is missing, stands there twice or in
-            conflict with another, or the lens distorts.
-    """
-    path = Path(path)
-    if not path.is_file():
-        raise FileNotFoundError(f"no intrinsics file at {path}")
-    text = path.read_text(encoding="utf-8", errors="replace")
-    try:
-        if path.suffix.lower() == ".json":
-            values = json.loads(text, object_pairs_hook=_each_once)
-        else:
-            values = yaml.load(text, _EachOnce)
-    except (ValueError, yaml.YAMLError, RecursionError) as error:
-        why = " ".join(str(error).split())[:300]
-        raise ValueError(f"intrinsics {path} are neither valid YAML nor JSON: {why}") from error
-    if not isinstance(values, Mapping):
-        raise ValueError(f"{path} must hold named values (fx, fy, cx, cy, width, height)")
-    try:
-        return _one_camera(values)
-    except (TypeError, ValueError, RecursionError) as error:
-        raise ValueError(f"intrinsics {path}: {error}") from error
-
-
-class _EachOnce(yaml.SafeLoader):  # type: ignore[misc]
-    """Refuses what the plain loader takes the last one of."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        _each_once([(str(key.value), None) for key, _ in node.value])
-        return dict(super().construct_mapping(node, deep))
-
-
-def _each_once(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
-    """Named values, none of them twice."""
-    for name, count in Counter(name for name, _ in pairs).items():
-        if count > 1:
-            raise ValueError(f"{short(name)} stands there twice")
-    return dict(pairs)
-
-
-#: Names that calibrations give to a lens's distortion: OpenCV's, ROS's, librealsense's, COLMAP's.
-_DISTORTION = re.compile(r"(.*distortion(?!_model).*|dist(_?coeffs?)?|coeffs|d|k[1-6]|p[12])", re.I)
-
-
-def _one_camera(values: Mapping[str, Any]) -> Intrinsics:
-    """The intrinsics that all of the values agree on, of a lens that does not distort."""
-    for name, value in values.items():
-        if _DISTORTION.fullmatch(str(name)) and not _is_zero(value):
-            raise ValueError(
-                f"the lens distorts ({name} = {short(value)}), which is not undone here: give "
-                "undistorted images (OpenCV's undistort for the colour, initUndistortRectifyMap "
-                "and remap with INTER_NEAREST for depth and mask) and their intrinsics"
-            )
-    others = {
-        new: values[old] for new, old in (("width", "xres"), ("height", "yres")) if old in values
-    }
-    if "K" in values:
-        others |= _of_matrix(values["K"])
-    for name, value in others.items():
-        if values.get(name, value) != value:
-            raise ValueError(f"{name} is {short(values[name])}, but also {short(value)}")
-    return Intrinsics.from_dict({**others, **values})
-
-
-def _of_matrix(matrix: Any) -> dict[str, float]:
+def checked_matrix(matrix: Any) -> dict[str, float]:
     """The focal lengths and the principal point of a calibration matrix."""
     if np.shape(matrix) != (3, 3):
         raise ValueError(f"K must have shape (3, 3), got {np.shape(matrix)}")
@@ -240,15 +164,6 @@ def _of_matrix(matrix: Any) -> dict[str, float]:
         raise ValueError(f"K must be a pinhole matrix without skew, got {k.tolist()}")
     (fx, _, cx), (_, fy, cy) = k[:2].tolist()
     return {"fx": fx, "fy": fy, "cx": cx, "cy": cy}
-
-
-def _is_zero(value: Any) -> bool:
-    """Whether nothing but zeros stands there."""
-    if isinstance(value, Mapping):
-        return _is_zero(value.get("data", list(value.values())))
-    if isinstance(value, list):
-        return all(map(_is_zero, value))
-    return value is None or bool(value == 0)
 
 
 def checked_number(name: str, value: Any) -> float:

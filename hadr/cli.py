@@ -128,7 +128,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     # Before a library starts its threads: see `hadr.press.private_kernel`.
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
-    words = list(sys.argv[1:] if argv is None else argv)
+    if argv is None:
+        os.environ["PYTHONSAFEPATH"] = "1"  # no child process imports from the current folder
+        argv = sys.argv[1:]
+    words = list(argv)
     parser = _Parser(
         prog="hadr",
         usage="hadr COMMAND [options]",
@@ -277,8 +280,10 @@ def _run_command(name: str, words: list[str]) -> int:
         return status
     except (ValueError, OSError, FloatingPointError) as error:
         full = isinstance(error, OSError) and error.errno in FULL
-        told = f"{error}; nothing is half-written, make room and run it again" if full else error
-        sentence = " ".join("; ".join((str(told), *getattr(error, "__notes__", ()))).split())
+        told = re.sub(r"^\[Errno \d+\] ", "", str(error))
+        if full:
+            told = f"the disk is full ({told}); nothing is half-written, make room, run it again"
+        sentence = " ".join("; ".join((told, *getattr(error, "__notes__", ()))).split())
         print(f"{program}: error: {sentence}", file=sys.stderr)
         return 1 if full else 2
     except KeyboardInterrupt:

@@ -60,12 +60,12 @@ def checked_metres(name: str, depth: FloatArray) -> NDArray[np.float32]:
     too_near = np.count_nonzero(valid & (clean < NEAREST_MEDIAN_M)) > half
     if too_deep or too_near:
         median = float(np.median(clean[valid]))
-        unit = "scaled twice"
-        if median > DEEPEST_MEDIAN_M:
-            unit = "in millimetres" if median > 200 else "in centimetres"
+        factor = 10 ** abs(round(np.log10(median)))
+        nearer, than = (median / factor, "smaller") if too_deep else (median * factor, "larger")
         raise ValueError(
             f"{name} has a median of {median:g}, expected metres between {NEAREST_MEDIAN_M:g} and "
-            f"{DEEPEST_MEDIAN_M:g}; is it {unit}? (on the command line: --depth-scale)"
+            f"{DEEPEST_MEDIAN_M:g}; it would be {nearer:.3g} m with a scale {factor} times {than} "
+            "(on the command line: --depth-scale)"
         )
     return clean
 
@@ -126,6 +126,17 @@ def check_mask_form(name: str, mask: BoolArray, clean: NDArray[np.float32]) -> N
             f"{name} is {_size(mask.shape)} pixels but depth is {_size(clean.shape)}; "
             "expected the same size"
         )
+
+
+def check_apart(mask: BoolArray | None, hand_mask: BoolArray) -> None:
+    """Raise a ValueError if the object's mask, (H, W) bool, is mostly the hand's."""
+    if mask is not None and mask.shape == hand_mask.shape:
+        both, size = int((mask & hand_mask).sum()), int(mask.sum())
+        if both > size / 2:
+            raise ValueError(
+                f"mask and hand mask share {both} of the mask's {size} pixels, expected the "
+                "transparent object in the one and hand and arm in the other"
+            )
 
 
 def checked_hand(

@@ -7,11 +7,12 @@ one sentence that names the file, what is wrong with it and what is expected.
 from __future__ import annotations
 
 import io
-import json
 import os
+import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, redirect_stdout
+from dataclasses import fields
 from pathlib import Path
 from reprlib import repr as short
 from threading import Lock
@@ -19,6 +20,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 
 from hadr.camera import (
@@ -27,31 +29,32 @@ from hadr.camera import (
     FloatArray,
     Intrinsics,
     back_project,
+    checked_matrix,
     checked_number,
     valid_depth,
 )
 from hadr.data.frame_pictures import JPEG_START, decode_image
 from hadr.hand import check_keypoints
+from hadr.records.reading import read_json
 
 DEFAULT_DEPTH_SCALE = 0.001
 _QUIET = Lock()
 
 
 def read_color(path: str | Path) -> NDArray[np.uint8]:
-    """Read a PNG or JPEG colour image of 8 bits; alpha is dropped.
+    """Read a PNG or JPEG colour image of 8 bits, opaque everywhere.
 
     Returns:
         RGB, shape (H, W, 3) uint8.
 
     Raises:
         FileNotFoundError: No such file.
-        ValueError: Not a whole image, or not 8-bit colour.
+        ValueError: Not a whole image, not 8-bit colour, or transparent somewhere.
     """
     image = _read_image(path, "colour")
     if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] not in (3, 4):
         raise ValueError(f"colour {path} must be an 8-bit RGB image, got {_kind(image)}")
-    code = cv2.COLOR_BGR2RGB if image.shape[2] == 3 else cv2.COLOR_BGRA2RGB
-    return np.asarray(cv2.cvtColor(image, code), dtype=np.uint8)
+    return np.asarray(cv2.cvtColor(image[..., :3], cv2.COLOR_BGR2RGB), dtype=np.uint8)
 
 
 def read_depth(path: str | Path, scale: float | None = None) -> NDArray[np.float32]:
@@ -142,6 +145,104 @@ def quiet() -> Iterator[None]:
             os.close(kept)
 
 
+def load_intrinsics(path: str | Path) -> Intrinsics:
+    """Read intrinsics from a ``.yaml``, ``.yml`` or ``.json`` file.
+
+    Three forms are understood: ``fx fy cx cy width height``; the same with ``xres yres`` for
+    the size, as ClearGrasp publishes them; and ``K`` (3, 3) with ``width height``. Beside them may
+    stand a distortion or skew of zero, a pinhole's model, and what `_NOTES` names.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        ValueError: The file can't be parsed, a number is missing, stands there twice or in
+            conflict with another; the lens distorts, is no pinhole or has a skew; or there is an
+            entry of unknown meaning.
+    """
+    path = Path(path)
+    _check_file(path, "intrinsics")
+    try:
+        if path.suffix.lower() == ".json":
+            values = read_json(path)
+        else:
+            values = yaml.load(path.read_text(encoding="utf-8", errors="replace"), _EachOnce)
+    except (ValueError, yaml.YAMLError, RecursionError) as error:
+        why = " ".join(str(error).split())[:300]
+        raise ValueError(f"intrinsics {path} are neither valid YAML nor JSON: {why}") from error
+    if not isinstance(values, Mapping):
+        raise ValueError(f"{path} must hold named values (fx, fy, cx, cy, width, height)")
+    try:
+        return _one_camera(values)
+    except (TypeError, ValueError, RecursionError) as error:
+        raise ValueError(f"intrinsics {path}: {error}") from error
+
+
+class _EachOnce(yaml.SafeLoader):  # type: ignore[misc]
+    """Refuses what the plain loader takes the last one of."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        names = [str(key.value) for key, _ in node.value]
+        if twice := [name for name in names if names.count(name) > 1]:
+            raise ValueError(f"the name {twice[0]!r} stands there twice")
+        return dict(super().construct_mapping(node, deep))
+
+
+#: Names that calibrations give to a lens's distortion: OpenCV's, ROS's, librealsense's, COLMAP's.
+_DISTORTION = re.compile(r"(.*distortion(?!_model).*|dist(_?coeffs?)?|coeffs|d|k[1-6]|p[12])", re.I)
+_SKEW = re.compile(r"skew.*|s|gamma", re.I)
+_MODEL = re.compile(r"((camera|lens|distortion|projection)_?)?(model|type)|projection", re.I)
+_PINHOLE = re.compile(
+    r".*pinhole|perspective|rectilinear|none|plumb_bob|rational_polynomial|.*brown_conrady", re.I
+)
+"""Models that are a pinhole where nothing distorts."""
+_NOTES = re.compile(
+    r"((camera|sensor)_?)?(name|id)|serial(_?number)?|comment|notes?|fps|date", re.I
+)
+_SIZES = {"xres": "width", "yres": "height"}
+
+
+def _one_camera(values: Mapping[str, Any]) -> Intrinsics:
+    """The intrinsics that all of the values agree on, of a lens that does not distort."""
+    others = {new: values[old] for old, new in _SIZES.items() if old in values}
+    if "K" in values:
+        others |= checked_matrix(values["K"])
+    for name, value in others.items():
+        if values.get(name, value) != value:
+            raise ValueError(f"{name} is {short(values[name])}, but also {short(value)}")
+    known = {"K", *_SIZES, *(field.name for field in fields(Intrinsics))}
+    for name, value in values.items():
+        if name not in known:
+            _check_harmless(str(name), value)
+    return Intrinsics.from_dict({**others, **values})
+
+
+def _check_harmless(name: str, value: Any) -> None:
+    """Refuse what makes another camera of the same numbers, or might."""
+    said = f"{name} = {short(value)}"
+    if _DISTORTION.fullmatch(name) and not _is_zero(value):
+        raise ValueError(
+            f"the lens distorts ({said}), which is not undone here: give undistorted images "
+            "(OpenCV's undistort for the colour, initUndistortRectifyMap and remap with "
+            "INTER_NEAREST for depth and mask) and their intrinsics"
+        )
+    if _MODEL.fullmatch(name) and value is not None and not _PINHOLE.fullmatch(str(value)):
+        raise ValueError(f"the camera is no pinhole ({said}): give undistorted images")
+    if _SKEW.fullmatch(name) and not _is_zero(value):
+        raise ValueError(f"the camera has a skew ({said}), expected none")
+    if not any(kind.fullmatch(name) for kind in (_DISTORTION, _MODEL, _SKEW, _NOTES)):
+        raise ValueError(
+            f"{said} is not understood: leave it out if the camera is a pinhole without it"
+        )
+
+
+def _is_zero(value: Any) -> bool:
+    """Whether nothing but zeros stands there."""
+    if isinstance(value, Mapping):
+        return _is_zero(value.get("data", list(value.values())))
+    if isinstance(value, list):
+        return all(map(_is_zero, value))
+    return value is None or bool(value == 0)
+
+
 def read_mask(path: str | Path, name: str = "mask") -> BoolArray:
     """Read a mask: pixels that are not zero in an 8-bit PNG or a `.npy` array.
 
@@ -155,7 +256,8 @@ def read_mask(path: str | Path, name: str = "mask") -> BoolArray:
 
     Raises:
         FileNotFoundError: No such file.
-        ValueError: Not a whole image, a JPEG, in colours, not of 8 bits, or not numbers.
+        ValueError: Not a whole image, a JPEG, in colours, not of 8 bits, transparent, or not
+            numbers.
     """
     if Path(path).suffix.lower() == ".npy":
         stored: NDArray[Any] = _read_npy(Path(path), name)
@@ -197,9 +299,8 @@ def read_hand(path: str | Path) -> NDArray[np.float64]:
             if stored.dtype.kind not in "fiu":
                 raise ValueError(f"got {_kind(stored)}")
             return check_keypoints(stored)
-        text = path.read_text(encoding="utf-8")
         if path.suffix.lower() == ".json":
-            values = json.loads(text)
+            values = read_json(path)
             if isinstance(values, dict):
                 if "keypoints" not in values:
                     raise ValueError(f"no entry 'keypoints' among {sorted(values)}")
@@ -211,7 +312,8 @@ def read_hand(path: str | Path) -> NDArray[np.float64]:
                 values = values["keypoints"]
             rows = [[checked_number("a coordinate", x) for x in row] for row in values]
             return check_keypoints(rows)
-        rows = [[float(x) for x in line.replace(",", " ").split()] for line in text.splitlines()]
+        lines = path.read_text(encoding="utf-8").splitlines()
+        rows = [[float(x) for x in line.replace(",", " ").split()] for line in lines]
         return check_keypoints([row for row in rows if row])
     except (ValueError, TypeError, RecursionError) as error:
         raise ValueError(
@@ -279,9 +381,16 @@ def _read_image(path: str | Path, name: str, *, lossless: bool = False) -> NDArr
             "(0 or 255) or a .npy"
         )
     try:
-        return decode_image(data, cv2.IMREAD_UNCHANGED)
+        image = decode_image(data, cv2.IMREAD_UNCHANGED)
     except ValueError as error:
         raise ValueError(f"{name} {path} is not a whole image, PNG or JPEG: {error}") from error
+    alpha = image[..., 3:] if image.ndim == 3 else image[:0]
+    if clear := int((alpha < np.iinfo(image.dtype).max).sum()):
+        raise ValueError(
+            f"{name} {path} is transparent in {clear} of its {alpha.size} pixels (alpha below its "
+            "most), expected an opaque picture"
+        )
+    return image
 
 
 def _kind(image: NDArray[Any]) -> str:

@@ -12,14 +12,15 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hadr.camera import BoolArray, FloatArray, Intrinsics, project, valid_depth
+from hadr.camera import BoolArray, FloatArray, Intrinsics, valid_depth
+from hadr.confidence.known_ground import Verdict
 from hadr.corruption import CORRUPTIONS, Corruption
 from hadr.frame_checks import (
+    check_apart,
     check_mask_form,
     checked_depth,
     checked_hand,
@@ -27,69 +28,25 @@ from hadr.frame_checks import (
     depth_to_use,
     note_measured,
 )
-from hadr.known_ground import Verdict
-from hadr.models.hand.plausible import HandCheck, NoHandError, check_hand
 from hadr.models.networks import DEPTH_NETWORKS
 from hadr.rivals import classical
-from hadr.trained_finders import HandKeypoints, Segmentation
+from hadr.trained_finders import (
+    GIVEN,
+    NO_HAND,
+    Hand,
+    HandFinder,
+    HandKeypoints,
+    Segmentation,
+    find_hand,
+    given_hand,
+)
 from hadr.trained_networks import DepthNetwork
 
 METHODS = ("auto", *DEPTH_NETWORKS, "nearest", "inpaint", "hand-median")
 CHECKPOINT_NAME = "hadr-mini.safetensors"
 """The sample checkpoint that is taken where none is named."""
-GIVEN = "given"
-"""The source of a hand that the caller gave."""
-NO_HAND = "no hand found"
-
 Depth = NDArray[np.float32]
 Points = NDArray[np.float64]
-
-
-class HandFinder(Protocol):
-    """What finds a hand's keypoints: a network of ours, or MediaPipe."""
-
-    @property
-    def name(self) -> str:
-        """What messages call it."""
-
-    @property
-    def needs_hand_mask(self) -> bool:
-        """Whether it must be told where the hand is."""
-
-    def find(
-        self,
-        color: NDArray[np.uint8],
-        depth: FloatArray,
-        camera: Intrinsics,
-        mask: BoolArray,
-        hand_mask: BoolArray | None,
-    ) -> Points:
-        """Find them, or raise a NoHandError; see `hadr.trained_finders.HandKeypoints.find`."""
-
-
-@dataclass(frozen=True)
-class Hand:
-    """A hand that was given, or found.
-
-    Attributes:
-        keypoints: 21 keypoints, camera frame, metres, shape (21, 3).
-        source: `GIVEN`, or the name of what found it.
-        check: How it fits to the frame.
-    """
-
-    keypoints: Points
-    source: str
-    check: HandCheck
-
-    @property
-    def accepted(self) -> bool:
-        """Whether it was used: a found hand that does not fit is none."""
-        return self.source == GIVEN or not self.check.problems
-
-    @property
-    def doubtful(self) -> bool:
-        """Whether it was used and does not fit: then the result has no probability."""
-        return self.accepted and bool(self.check.problems)
 
 
 @dataclass(frozen=True)
@@ -152,12 +109,6 @@ class _Known:
             yield "the mask is not given, learned with true ones"
         if self.hand is not None and self.hand.source != GIVEN:
             yield f"the hand was found by {self.hand.source}, learned with true ones"
-
-    def checked(self, keypoints: Points, source: str) -> Hand:
-        """Hold a hand against what is known; a given one not against pixels that were found."""
-        looked_for = (None, None) if source == GIVEN else (self.hand_mask, self.presence)
-        check = check_hand(keypoints, self.depth, self.camera, self.target, *looked_for)
-        return Hand(keypoints, source, check)
 
     @property
     def keypoints(self) -> Points | None:
@@ -297,7 +248,8 @@ class Restorer:
                 )
             known = _Known(color, clean, camera, target, mask is not None, hand_mask, presence)
             if given is not None:
-                known = replace(known, hand=_given_hand(given, known, notes))
+                hand = given_hand(given, clean, camera, target, notes)
+                known = replace(known, hand=hand)
             known, filled = self._fill(known, notes)
             hand = known.hand
         else:
@@ -317,6 +269,7 @@ class Restorer:
         """The pixels to restore and those of the hand, given or predicted, and how sure these."""
         if hand_mask is not None:
             check_mask_form("hand mask", hand_mask, clean)
+            check_apart(mask, hand_mask)
         finder = self.finder if without_hand else None
         needed = self.method == "hand-median" or (finder is not None and finder.needs_hand_mask)
         needed = needed and hand_mask is None
@@ -340,13 +293,19 @@ class Restorer:
         trusted = self.corruption or learned
         seen = depth_to_use(known.depth, known.target, trusted)
         if known.hand is None and self.finder is not None:
-            known = replace(known, hand=self._find_hand(self.finder, known, seen, notes))
+            searched = known.color, seen, known.camera, known.target, known.hand_mask
+            hand = find_hand(self.finder, *searched, known.depth, known.presence, notes)
+            known = replace(known, hand=hand)
             network = self._fitting(known.keypoints is not None)
         skipped_by = None if isinstance(network, str) or not network.skips_mask else network.title
         note_measured(known.depth, known.target, trusted, skipped_by, notes)
         if isinstance(network, str):
             method = self._without_network(network, notes)
-            return known, _classical(method, known, known.target & ~valid_depth(seen))
+            holes = known.target & ~valid_depth(seen)
+            filled = classical.fill(
+                method, known.depth, holes, known.camera, known.keypoints, known.hand_mask
+            )
+            return known, _Filled(filled, np.zeros_like(known.depth), holes, method)
         asked = replace(network, corruption=trusted)
         unlike = tuple(known.unlike_training(network, trusted))
         place = known.camera, known.target, known.keypoints
@@ -368,33 +327,6 @@ class Restorer:
         if isinstance(network, DepthNetwork) and network.needs_hand and not hand_is_known:
             return f"{network.name} needs 21 hand keypoints and there are none"
         return network
-
-    def _find_hand(
-        self, finder: HandFinder, known: _Known, seen: Depth, notes: list[str]
-    ) -> Hand | None:
-        """Have the hand's keypoints found, and say whether they are a hand's."""
-        if finder.needs_hand_mask and known.hand_mask is None:
-            raise ValueError(
-                f"{finder.name} needs to know where the hand is: give hand_mask, or a "
-                "segmentation checkpoint that predicts it"
-            )
-        try:
-            found = finder.find(known.color, seen, known.camera, known.target, known.hand_mask)
-            hand = known.checked(found, finder.name)
-        except NoHandError as why:
-            notes.append(f"{NO_HAND} by {finder.name}: {why}")
-            return None
-        if hand.accepted:
-            notes.append(f"the hand's keypoints are not given but predicted by {finder.name}")
-        else:
-            problems = "; ".join(hand.check.problems)
-            notes.append(f"{NO_HAND}: what {finder.name} took for one is none: {problems}")
-        if isinstance(finder, HandKeypoints):
-            notes.append(
-                f"{finder.name} has learned from computed pictures; in photographs let MediaPipe "
-                "find the hand"
-            )
-        return hand
 
     def _without_network(self, why: DepthNetwork | str, notes: list[str]) -> str:
         """The classical method to use where no network fits."""
@@ -428,31 +360,6 @@ def restore(
     """
     restorer = Restorer(method, checkpoint, corruption=corruption)
     return restorer(color, depth, camera, mask, keypoints, hand_mask)
-
-
-def _given_hand(keypoints: Points, known: _Known, notes: list[str]) -> Hand:
-    """Compare a given hand with the frame, and say what does not fit."""
-    hand = known.checked(keypoints, GIVEN)
-    if hand.doubtful:
-        notes.append(
-            f"the given hand does not fit this frame: {'; '.join(hand.check.problems)}; what is "
-            "restored from it may be off by as much, and has no probability"
-        )
-    return hand
-
-
-def _classical(method: str, known: _Known, holes: BoolArray) -> _Filled:
-    """Fill the holes without learning."""
-    if method == "nearest":
-        filled = classical.nearest_valid(known.depth, holes)
-    elif method == "inpaint":
-        filled = classical.inpaint(known.depth, holes)
-    else:
-        if known.keypoints is None:
-            raise ValueError("method hand-median needs 21 hand keypoints (21, 3), got none")
-        uv, z = project(known.keypoints, known.camera), known.keypoints[:, 2]
-        filled = classical.hand_median(known.depth, holes, uv, z, known.hand_mask)
-    return _Filled(filled, np.zeros_like(known.depth), holes, method)
 
 
 def _result(

@@ -1,28 +1,28 @@
-"""The trained networks that find glass, hand and keypoints in a frame, each loaded once.
+"""What finds glass, hand and keypoints in a frame, and the hand that was found or given.
 
-Numpy in, numpy out: each brings the frame to its own size and its answer back.
+Numpy in, numpy out: a trained network is loaded once, brings each frame to its own size and its
+answer back. A hand is held against the frame (`hadr.models.hand.plausible`): a found one that does
+not fit is none, a given one is used and doubted.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
 
-from hadr.camera import (
-    BoolArray,
-    Intrinsics,
-    resize_color,
-    resize_mask,
-)
-from hadr.models.hand.plausible import NoHandError
+from hadr.camera import BoolArray, FloatArray, Intrinsics, resize_color, resize_mask
+from hadr.models.hand.plausible import HandCheck, NoHandError, check_hand
 
-if TYPE_CHECKING:
-    pass
+GIVEN = "given"
+"""The source of a hand that the caller gave."""
+NO_HAND = "no hand found"
+
+Points = NDArray[np.float64]
 
 
 class SeenMasks(NamedTuple):
@@ -136,6 +136,125 @@ class HandKeypoints:
         if not bool(found.any()):
             raise NoHandError("the pixels in which one is seen have no depth")
         return np.asarray(found.double().numpy())
+
+
+class HandFinder(Protocol):
+    """What finds a hand's keypoints: a network of ours, or MediaPipe."""
+
+    @property
+    def name(self) -> str:
+        """What messages call it."""
+
+    @property
+    def needs_hand_mask(self) -> bool:
+        """Whether it must be told where the hand is."""
+
+    def find(
+        self,
+        color: NDArray[np.uint8],
+        depth: FloatArray,
+        camera: Intrinsics,
+        mask: BoolArray,
+        hand_mask: BoolArray | None,
+    ) -> Points:
+        """Find them, or raise a NoHandError; see `HandKeypoints.find`."""
+
+
+@dataclass(frozen=True)
+class Hand:
+    """A hand that was given, or found.
+
+    Attributes:
+        keypoints: 21 keypoints, camera frame, metres, shape (21, 3).
+        source: `GIVEN`, or the name of what found it.
+        check: How it fits to the frame.
+    """
+
+    keypoints: Points
+    source: str
+    check: HandCheck
+
+    @property
+    def accepted(self) -> bool:
+        """Whether it was used: a found hand that does not fit is none."""
+        return self.source == GIVEN or not self.check.problems
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether it was used and does not fit: then the result has no probability."""
+        return self.accepted and bool(self.check.problems)
+
+
+def given_hand(
+    keypoints: Points,
+    depth: FloatArray,
+    camera: Intrinsics,
+    glass: BoolArray,
+    notes: list[str],
+) -> Hand:
+    """Hold a given hand against the frame, as `find_hand` does, and note what does not fit."""
+    hand = Hand(keypoints, GIVEN, check_hand(keypoints, depth, camera, glass, given=True))
+    if hand.doubtful:
+        notes.append(
+            f"the given hand does not fit this frame: {'; '.join(hand.check.problems)}; what is "
+            "restored from it may be off by as much, and has no probability"
+        )
+    return hand
+
+
+def find_hand(
+    finder: HandFinder,
+    color: NDArray[np.uint8],
+    seen: FloatArray,
+    camera: Intrinsics,
+    glass: BoolArray,
+    hand_mask: BoolArray | None,
+    measured: FloatArray,
+    presence: float | None,
+    notes: list[str],
+) -> Hand | None:
+    """Have a hand found, and note whether it is one.
+
+    Args:
+        finder: What finds it.
+        color: RGB, shape (H, W, 3) uint8.
+        seen: z-depth that the finder may use, metres, shape (H, W); 0 = missing.
+        camera: Intrinsics of all images.
+        glass: The glass's pixels, shape (H, W) bool; one at least.
+        hand_mask: Pixels of hand and arm, shape (H, W) bool; None: not known.
+        measured: z-depth as it was measured, metres, shape (H, W); 0 = missing.
+        presence: Mean probability of a hand in `hand_mask`; None: it is not from a network.
+        notes: Gets a sentence on what was found.
+
+    Returns:
+        The hand, also one that is not accepted; None: none was found.
+
+    Raises:
+        ValueError: The finder needs a hand mask and there is none.
+    """
+    if finder.needs_hand_mask and hand_mask is None:
+        raise ValueError(
+            f"{finder.name} needs to know where the hand is: give a hand mask (--hand-mask), "
+            "or a segmentation checkpoint (--segmentation) that predicts it"
+        )
+    try:
+        found = finder.find(color, seen, camera, glass, hand_mask)
+        check = check_hand(found, measured, camera, glass, hand_mask, presence)
+    except NoHandError as why:
+        notes.append(f"{NO_HAND} by {finder.name}: {why}")
+        return None
+    hand = Hand(found, finder.name, check)
+    if hand.accepted:
+        notes.append(f"the hand's keypoints are not given but predicted by {finder.name}")
+    else:
+        problems = "; ".join(hand.check.problems)
+        notes.append(f"{NO_HAND}: what {finder.name} took for one is none: {problems}")
+    if isinstance(finder, HandKeypoints):
+        notes.append(
+            f"{finder.name} has learned from computed pictures; in photographs let MediaPipe "
+            "find the hand"
+        )
+    return hand
 
 
 def _read_kind(path: str | Path, kind: str) -> tuple[Any, tuple[int, int]]:

@@ -1,10 +1,10 @@
 """The trained networks that restore depth, each loaded once and asked frame by frame.
 
 Numpy in, numpy out; those that find glass and hand are `hadr.trained_finders`. A network brings the
-frame to its own size and its answer back. What it can't
-know is *not restored*: no ray met a voxel, the offset in the voxel is at its end, or the depth is
-outside of the range in which the training showed objects (`hadr.confidence.within_learned`). Such
-a pixel stays missing; it is neither 0 metres away nor filled from its neighbours.
+frame to its own size and its answer back. What it can't know is *not restored*: no ray met a voxel,
+the offset in the voxel is at its end, or the depth is outside of the range in which the training
+showed objects (`hadr.confidence.calibration.within_learned`). Such a pixel stays missing; it is
+neither 0 metres away nor filled from its neighbours.
 """
 
 from __future__ import annotations
@@ -24,9 +24,10 @@ from hadr.camera import (
     resize_mask,
     window_around,
 )
-from hadr.confidence import ConfidenceRule, signal_of, within_learned
+from hadr.confidence.calibration import ConfidenceRule, signal_of, within_learned
+from hadr.confidence.known_ground import Ground, Verdict
+from hadr.confidence.sight import observe
 from hadr.corruption import CORRUPTIONS, Corruption
-from hadr.known_ground import Ground, Verdict, observe
 from hadr.models.networks import DEPTH_NETWORKS, NETWORKS
 
 if TYPE_CHECKING:

@@ -11,7 +11,6 @@ from scipy.spatial.transform import Rotation
 from hadr.camera import (
     Intrinsics,
     back_project,
-    load_intrinsics,
     pixel_grid,
     project,
     ray_directions,
@@ -141,69 +140,6 @@ def test_matrix_and_dictionary_round_trip():
 def test_matrices_that_are_no_pinhole(matrix, message):
     with pytest.raises(ValueError, match=message):
         Intrinsics.from_matrix(matrix, 8, 4)
-
-
-def test_load_intrinsics_in_three_forms(tmp_path):
-    named = tmp_path / "camera.json"
-    named.write_text(json.dumps(CAMERA.to_dict()))
-    matrix = tmp_path / "matrix.yml"
-    matrix.write_text("K: [[40, 0, 3], [0, 50, 1.5], [0, 0, 1]]\nwidth: 8\nheight: 4\n")
-    sized = tmp_path / "camera.yaml"
-    sized.write_text("xres: 8\nyres: 4\nfx: 40\nfy: 50\ncx: 3\ncy: 1.5\n")
-    assert (
-        load_intrinsics(named) == load_intrinsics(matrix) == load_intrinsics(str(sized)) == CAMERA
-    )
-
-
-NAMED = "fy: 80\ncx: 3\ncy: 1\nwidth: 8\nheight: 4\n"
-
-
-def test_a_lens_without_distortion_and_what_is_told_twice_alike(tmp_path):
-    path = tmp_path / "camera.yaml"
-    more = (
-        "xres: 8\nyres: 4\ndistortion_model: plumb_bob\nD: [0, 0.0, 0]\ndist: {cols: 5, data: [0]}"
-    )
-    path.write_text(f"{NAMED}fx: 80\nK: [[80, 0, 3], [0, 80, 1], [0, 0, 1]]\n{more}")
-    assert load_intrinsics(path) == Intrinsics(80, 80, 3, 1, 8, 4)
-
-
-@pytest.mark.parametrize(
-    ("name", "text", "message"),
-    [
-        ("a.json", "{fx: ", "neither valid YAML nor JSON"),
-        ("a.yaml", "[1, 2, 3]", "must hold named values"),
-        ("a.json", '{"fx": 1, "fy": 1, "cx": 0}', "lack cy, width, height"),
-        ("a.json", '{"K": [[1,0,0],[0,1,0],[0,0,1]], "width": 4}', "lack height"),
-        ("a.json", '{"a": ' * 100_000, "neither valid YAML nor JSON"),
-        ("a.yaml", "[" * 100_000, "neither valid YAML nor JSON"),
-        ("a.json", '{"fx": 1, "fx": 2}', "'fx' stands there twice"),
-        ("a.yaml", "fx: 1\nfx: 2", "'fx' stands there twice"),
-        ("a.yaml", NAMED + "fx: wide", "fx must be a number, got 'wide'"),
-        ("a.yaml", NAMED + "fx: true", "fx must be a number, got True"),
-        ("a.yaml", NAMED + f"fx: {10**400}", "fx must be a number, got 1000"),
-        ("a.yaml", NAMED + "fx: 80\nxres: 128", "width is 8, but also 128"),
-        ("a.yaml", NAMED + "fx: 80\nK: [[9, 0, 3], [0, 9, 1], [0, 0, 1]]", "fx is 80, but also 9"),
-        ("a.yaml", NAMED + "fx: 80\nk1: 0.2", r"the lens distorts \(k1 = 0.2\), .* undistorted"),
-        ("a.yaml", NAMED + "fx: 80\nD: [0, 0, 0, 0, 1.0e-3]", r"the lens distorts \(D = "),
-        ("a.yaml", NAMED + "fx: 80\ndistortion: {rows: 1, data: [1]}", "the lens distorts"),
-    ],
-)
-def test_bad_intrinsics_files(tmp_path, name, text, message):
-    path = tmp_path / name
-    path.write_text(text)
-    with pytest.raises(ValueError, match=message) as caught:
-        load_intrinsics(path)
-    assert name in str(caught.value)
-
-
-def test_missing_intrinsics_file(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r"no intrinsics file at .*nowhere\.yaml"):
-        load_intrinsics(tmp_path / "nowhere.yaml")
-
-
-def test_cleargrasp_intrinsics(realdata: Path):
-    camera = load_intrinsics(realdata / "cleargrasp_d435" / "camera_intrinsics.yaml")
-    assert camera == Intrinsics(921.0, 921.0, 642.0, 359.0, 1280, 720)
 
 
 @pytest.mark.parametrize("name", ["camera1", "camera2"])

@@ -99,11 +99,12 @@ def test_output_reads_back_as_input(frame) -> None:
 
 
 def test_the_hand_is_written_and_reads_back(frame, capsys) -> None:
-    cv2.imwrite(str(frame / "arm.png"), np.full((48, 64), 255, np.uint8))
+    arm = ~read_mask(frame / "mask.png")
+    cv2.imwrite(str(frame / "arm.png"), arm.astype(np.uint8) * 255)
     assert main(words(frame, hand=frame / "hand.json", hand_mask=frame / "arm.png")) == 0
     out = frame / "out"
     assert sorted(p.name for p in out.iterdir()) == sorted([*OUTPUTS, "hand.json", "hand_mask.png"])
-    assert read_mask(out / "hand_mask.png").all()
+    np.testing.assert_array_equal(read_mask(out / "hand_mask.png"), arm)
     np.testing.assert_array_equal(read_hand(out / "hand.json"), read_hand(frame / "hand.json"))
     told = json.loads((out / "hand.json").read_text())
     assert (told["source"], told["accepted"]) == ("given", True)
@@ -160,13 +161,18 @@ def test_truth_prints_the_errors_of_both(frame, capsys) -> None:
     assert report["errors_in_mask"]["restored"]["rmse_m"] == pytest.approx(0.05, rel=1e-5)
     assert report["errors_in_mask"]["restored"]["pixels"] == 400
     assert report["errors_in_mask"]["restored"]["coverage"] == 1
-    assert "RMSE (cm) 5.00" in capsys.readouterr().out
+    told = capsys.readouterr().out
+    assert "the truth is known in 400 of its 400 pixels" in told
+    assert "RMSE (cm) 5.00" in told
 
 
 @pytest.mark.parametrize(
     ("truth", "sentence"),
     [
-        (750.0, "truth has a median of 750, expected metres between 0.02 and 20; is it in milli"),
+        (
+            750.0,
+            "truth has a median of 750, expected metres between 0.02 and 20; it would be 0.75",
+        ),
         (-0.75, "truth must not be negative"),
         (0.0, "truth is missing everywhere"),
         (np.nan, "truth is missing everywhere"),
@@ -303,8 +309,8 @@ def test_a_crash_while_writing_leaves_nothing(frame, capsys, monkeypatch) -> Non
     before = sorted(p.name for p in frame.iterdir())
     assert main(words(frame)) == 1
     assert capsys.readouterr().err == (
-        "hadr restore: error: [Errno 28] No space left on device; nothing is half-written, make "
-        "room and run it again\n"
+        "hadr restore: error: the disk is full (No space left on device); nothing is half-written, "
+        "make room, run it again\n"
     )
     assert sorted(p.name for p in frame.iterdir()) == before
 
@@ -314,7 +320,7 @@ def test_a_crash_while_writing_leaves_nothing(frame, capsys, monkeypatch) -> Non
     [
         "train --preset tiny --out",
         "generate --frames 1 --out",
-        "handover --arms perfect --objects 0004 --holds 902 --jobs 1 --out",
+        "handover --conditions perfect --objects 0004 --holds 902 --jobs 1 --out",
         "reproduce --only known/raw --out",
         "book --html-only --build",
     ],
@@ -380,6 +386,18 @@ def test_help_imports_nothing_heavy() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines() == [f"{name} set()" for name in COMMANDS]
+
+
+def test_no_child_of_a_command_imports_from_the_current_folder(tmp_path, monkeypatch) -> None:
+    monkeypatch.setenv("PYTHONSAFEPATH", "")
+    monkeypatch.setattr(sys, "argv", ["hadr", "--version"])
+    with pytest.raises(SystemExit):
+        main()
+    (tmp_path / "planted.py").write_text("")
+    done = subprocess.run(
+        [sys.executable, "-c", "import planted"], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert "ModuleNotFoundError: No module named 'planted'" in done.stderr
 
 
 def test_wrong_calls(capsys) -> None:

@@ -3,7 +3,7 @@ import pytest
 
 from hadr import restoration
 from hadr.camera import Intrinsics
-from hadr.confidence import Calibration, ConfidenceRule
+from hadr.confidence.calibration import Calibration, ConfidenceRule
 from hadr.hand import forward_kinematics, keypoints_from_skeleton
 from hadr.models.hand.plausible import NoHandError
 from hadr.models.networks import DEPTH_NETWORKS
@@ -137,9 +137,21 @@ BAD = {
     "all NaN": (dict(depth=np.full((60, 80), np.nan)), "missing everywhere: all 4800 pixels"),
     "millimetres": (
         dict(depth=np.full((60, 80), 800.0)),
-        r"depth has a median of 800, expected metres .* is it in millimetres\?",
+        r"depth has a median of 800, expected metres .* 0.8 m with a scale 1000 times smaller",
     ),
-    "scaled twice": (dict(depth=np.full((60, 80), 0.0008)), r"median of 0.0008, .*scaled twice\?"),
+    "tenths of a millimetre": (
+        dict(depth=np.full((60, 80), 8000.0)),
+        "it would be 0.8 m with a scale 10000 times smaller",
+    ),
+    "centimetres": (dict(depth=np.full((60, 80), 80.0)), "0.8 m with a scale 100 times smaller"),
+    "scaled twice": (
+        dict(depth=np.full((60, 80), 0.0008)),
+        "median of 0.0008, .* 0.8 m with a scale 1000 times larger",
+    ),
+    "one mask twice": (
+        dict(mask=np.ones((60, 80), bool), hand_mask=np.ones((60, 80), bool)),
+        "mask and hand mask share 4800 of the mask's 4800 pixels",
+    ),
     "negative": (dict(depth=np.full((60, 80), -0.8)), "depth must not be negative, got -0.8 m in"),
     "empty mask": (dict(mask=np.zeros((60, 80), bool)), "mask is empty: none of its 4800 pixels"),
     "mask of another size": (
@@ -303,7 +315,8 @@ def test_without_learning_trust_means_to_keep_what_was_measured(method: str) -> 
 def ground_of_frame(path) -> dict:
     """The ground of a network that has learned from `frame` alone."""
     from hadr.camera import resize_depth
-    from hadr.known_ground import Field, Ground, Sight, observe
+    from hadr.confidence.known_ground import Field, Ground
+    from hadr.confidence.sight import Sight, observe
     from hadr.models.network_input import frame_to_input
     from hadr.trained_networks import DepthNetwork
 
@@ -537,7 +550,9 @@ def test_what_is_given_is_not_predicted() -> None:
     assert result.keypoints is None
     assert "no hand found by hand.safetensors: none is seen in the picture" in result.notes
     blind = Restorer(keypoint_network=finder)
-    with pytest.raises(ValueError, match=r"hand.safetensors needs to know where the hand is"):
+    with pytest.raises(
+        ValueError, match=r"hand.safetensors needs to know where .* \(--hand-mask\)"
+    ):
         blind(color, depth, CAMERA, glass)
 
 

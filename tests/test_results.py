@@ -12,7 +12,7 @@ import pytest
 from hadr.data.splits import UNKNOWN_OBJECTS
 from hadr.experiments.conditions import IN_CONDITIONS, WITH_HAND
 from hadr.experiments.plan import KNOWN_ALONE, OFTEN
-from hadr.experiments.systems import METHODS, SWITCHES
+from hadr.experiments.protocol import METHODS, SWITCHES
 from hadr.experiments.tables import ABLATION, FILES, LEDGER
 from hadr.figures.tables.benchmarks import by_heart_table
 from hadr.figures.tables.handover import paired
@@ -336,7 +336,9 @@ def test_chapter_6_says_of_each_network_that_misses_what_lies_within_its_reach()
 
 def handover_rows() -> dict[str, dict[str, Any]]:
     """Rows of the handover experiment by condition."""
-    return {row["arm"]: row for row in read_result_file(RESULTS / "mini" / "handover.json").rows}
+    return {
+        row["condition"]: row for row in read_result_file(RESULTS / "mini" / "handover.json").rows
+    }
 
 
 def test_the_handover_has_all_arms_and_their_attempts_add_up() -> None:
@@ -396,9 +398,9 @@ def test_chapter_11_says_what_makes_it_worse() -> None:
 
 def test_chapter_11_says_how_far_the_depth_is_off() -> None:
     file = read_result_file(RESULTS / "mini" / "handover_depth.json")
-    hadr = file.row(arm="hadr")
-    plus = file.row(arm="hadr-plus")
+    hadr = file.row(condition="hadr")
+    plus = file.row(condition="hadr-plus")
     assert plus["median_error_m"] < hadr["median_error_m"] < 0.015  # "a centimetre is most of"
     for row in (hadr, plus):
         assert row["confidence_rank_correlation"] > -0.5  # "would have a correlation near -1"
-    assert file.row(arm="perfect")["median_error_m"] == 0
+    assert file.row(condition="perfect")["median_error_m"] == 0

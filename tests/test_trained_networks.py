@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from torch import Tensor, nn
 
 from hadr.camera import Intrinsics, resize_mask
-from hadr.confidence import Calibration, ConfidenceRule
+from hadr.confidence.calibration import Calibration, ConfidenceRule
 from hadr.models.network_input import enlarge_known, enlarge_restored
 from hadr.trained_finders import HandKeypoints, Segmentation
 from hadr.trained_networks import DepthNetwork

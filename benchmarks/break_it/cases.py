@@ -88,9 +88,9 @@ EVALUATE = Call("evaluate", {"": "net.safetensors", "data": "data", "out": "out.
 CALIBRATE = Call("calibrate", {"": "plus.safetensors\tdata", "out": "out.json"},
                  may=("plus.safetensors", "plus.json"), out=("out.json", "plus.json"))
 REPLAY = Call("handover", {"replay": "log.npz"})
-HANDOVER = Call("handover", {"out": "out", "arms": "raw", "objects": "0004", "holds": "902",
+HANDOVER = Call("handover", {"out": "out", "conditions": "raw", "objects": "0004", "holds": "902",
                              "jobs": "1", "dry-run": ""})
-ATTEMPT = Call("handover", {"out": "attempt", "arms": "perfect", "objects": "0004", "holds": "902",
+ATTEMPT = Call("handover", {"out": "attempt", "conditions": "perfect", "objects": "0004", "holds": "902",
                             "jobs": "1"}, may=("attempt",), out=("attempt",))
 REPRODUCE = Call("reproduce", {"out": "out", "only": "known/raw", "dry-run": ""})
 AGAIN = Call("reproduce", {"out": "out", "again": "result.json\tnearest"})
@@ -220,7 +220,7 @@ OPTIONS = (
     (CALIBRATE, "", ("plus.safetensors\tdata\tnowhere", "plus.safetensors\tdata\tdata")),
     (CALIBRATE, "objects", ("9999", "", "../0000")), (CALIBRATE, "seed", SEEDS),
     (CALIBRATE, "test-objects", ("9999", "")), (CALIBRATE, "corruption", ("foo",)),
-    (HANDOVER, "arms", ("foo", "", "raw\tfoo", "raw\traw")), (HANDOVER, "seed", SEEDS),
+    (HANDOVER, "conditions", ("foo", "", "raw\tfoo", "raw\traw")), (HANDOVER, "seed", SEEDS),
     (HANDOVER, "objects", ("9999", "", "../0004", "0004\t0004")),
     (HANDOVER, "holds", (*WHOLE, "902\t902")), (HANDOVER, "jobs", (*WHOLE, "0")),
     (HANDOVER, "hand-speed", (*REAL, "1000")), (HANDOVER, "extrinsics-error", (*REAL[:-1], "400")),

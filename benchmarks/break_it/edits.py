@@ -1,9 +1,11 @@
 """What is done to a valid file to make a case of it: a word and its arguments, in a table."""
 
+import contextlib
 import json
 import os
 import pickle
 import random
+import re
 import struct
 import zlib
 from pathlib import Path
@@ -37,12 +39,22 @@ def dumped(value: Any) -> str:
     return json.dumps(value).replace(f'"{DEEP}"', "[" * 100_000 + "]" * 100_000)
 
 
-def to_record(path: Path, change: Any) -> None:
-    """Change the record in a checkpoint's header; the weights keep their bytes."""
+def to_record(path: Path, change: Any, honest: bool = True) -> None:
+    """Change the record in a checkpoint's header, and its checksum too, if that is honest."""
+    from safetensors.torch import load_file
+
+    from hadr.training.checkpoints import checksum
+
     data = path.read_bytes()
     (size,) = struct.unpack("<Q", data[:8])
     header = json.loads(data[8 : 8 + size])
-    header["__metadata__"]["hadr"] = change(header["__metadata__"]["hadr"])
+    record = change(header["__metadata__"]["hadr"])
+    with contextlib.suppress(TypeError, AttributeError, RecursionError):
+        forged = json.loads(record)
+        if honest:
+            forged["sha256"] = checksum(load_file(path), forged)
+            record = dumped(forged)
+    header["__metadata__"]["hadr"] = record
     text = json.dumps(header).encode()
     path.write_bytes(struct.pack("<Q", len(text)) + text + data[8 + size :])
 
@@ -61,6 +73,11 @@ def field(path: Path, dotted: str, given: Any) -> None:
         to_record(path, change)
     else:
         path.write_text(change(path.read_text()))
+
+
+def flipped_record(path: Path, old: str, new: str) -> None:
+    """Change a checkpoint's record as damage would: a few characters, and no checksum."""
+    to_record(path, lambda text: re.sub(old, new, text, count=1), honest=False)
 
 
 def weights(path: Path, how: str) -> None:
@@ -190,7 +207,7 @@ def column(path: Path, part: str, expression: str) -> None:
 
 def log(path: Path, name: str, given: Any) -> None:
     """Forge a field of a run log's header, with the right checksum."""
-    from hadr.handover.run_log import RunLog, read_run_log
+    from hadr.handover.logs.run_log import RunLog, read_run_log
 
     found = read_run_log(path)
     content = dict(found.header)
@@ -200,7 +217,7 @@ def log(path: Path, name: str, given: Any) -> None:
 
 def log_array(path: Path, name: str, expression: str) -> None:
     """Forge an array of a run log, with the right checksum."""
-    from hadr.handover.run_log import RunLog, read_run_log
+    from hadr.handover.logs.run_log import RunLog, read_run_log
 
     found = read_run_log(path)
     new = eval(expression, {"np": np, "nan": np.nan, "a": found.arrays[name]})
@@ -219,9 +236,9 @@ def sealed(path: Path, dotted: str, given: Any) -> None:
 EDITS = {
     "text": lambda path, text: (path.parent.mkdir(parents=True, exist_ok=True),
                                 path.write_text(text.replace(DEEP, "[" * 100_000))),
-    "field": field, "weights": weights, "array": array, "exr": exr, "noise": noise,
-    "replaced": replaced, "header": header, "size": size, "column": column, "log": log,
-    "log_array": log_array, "sealed": sealed,
+    "field": field, "weights": weights, "record": flipped_record, "array": array,
+    "exr": exr, "noise": noise, "replaced": replaced, "header": header, "size": size,
+    "column": column, "log": log, "log_array": log_array, "sealed": sealed,
     "swap": lambda path, old, new: path.write_text(path.read_text().replace(old, new)),
     "unreadable": lambda path: path.chmod(0),
     "lossy": lambda path, kind: _write_picture(path, _picture(path), kind),

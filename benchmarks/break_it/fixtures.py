@@ -46,8 +46,8 @@ def make_fixtures(work: Path, environment: dict[str, str]) -> dict[str, str]:
            "--out", f"train-{name}"]
           for name, network in (("net", "hadr"), ("plus", "hadr-plus"), ("seg", "segmentation"),
                                 ("kpt", "hand-keypoints"))),
-        ["handover", "--arms", "perfect", "--objects", "0004", "--holds", "902", "--jobs", "1",
-         "--out", "attempt"],
+        ["handover", "--conditions", "perfect", "--objects", "0004", "--holds", "902", "--jobs",
+         "1", "--out", "attempt"],
         ["reproduce", "--only", "known/nearest", "--out", "reproduced"],
         ["generate", *GENERATE.words(out="made")],
     ]  # fmt: skip
@@ -78,7 +78,7 @@ def make_frame(root: Path) -> None:
     color = np.random.default_rng(0).integers(0, 255, (48, 64, 3)).astype(np.uint8)
     hand = np.zeros((21, 3)) + np.linspace(0, 0.15, 21)[:, None] + (-0.1, -0.05, 0.65)
     for name, image in (("rgb.png", color), ("rgb.jpg", color), ("depth.png", depth),
-                        ("mask.png", mask), ("arm.png", mask.T.copy().T[:, ::-1])):  # fmt: skip
+                        ("mask.png", mask), ("arm.png", 255 - mask)):  # fmt: skip
         cv2.imwrite(str(root / name), image)
     metres = np.where(mask > 0, 0.75, 0.8).astype(np.float32)
     np.save(root / "truth.npy", metres)

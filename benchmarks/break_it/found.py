@@ -49,10 +49,11 @@ ARRAYS = {
     (HAND, "hand", "hand.npy"): (
         "a * 1000", "-a", "a * 0", "a * nan", "a[:20]", "a[:, :2]", "a.T", "a.astype(str)",
         "a.astype(complex)", "a.astype(object)", "a + inf", "a[None]", "a + 100", "a[[0] * 21]"),
-    (NEAREST, "rgb", "rgb.png"): ("a[..., 0]", "a.astype(np.uint16)", "a[::2]", "a[:, :1]"),
+    (NEAREST, "rgb", "rgb.png"): ("a[..., 0]", "a.astype(np.uint16)", "a[::2]", "a[:, :1]",
+        "np.dstack([a, a[..., 0] * 0])", "np.dstack([a, np.eye(*a.shape[:2], dtype=np.uint8) + 254])"),
     (NEAREST, "depth", "depth.png"): (
         "a.astype(np.uint8)", "np.dstack([a, a, a])", "a[::2]", "a * 0", "a[:1, :1]"),
-    (NEAREST, "mask", "mask.png"): ("a[::2]", "a * 0 + 255", "a[:1, :1]"),
+    (NEAREST, "mask", "mask.png"): ("a[::2]", "a * 0 + 255", "a[:1, :1]", "np.dstack([a, a, a, a])"),
     (HAND, "hand-mask", "arm.png"): ("a[::2]", "a[:1, :1]"),
 }
 CAMERAS = (
@@ -71,6 +72,9 @@ CAMERAS = (
     "a: &a [1, 1]\nb: &b [*a, *a, *a, *a]\nc: &c [*b, *b, *b, *b]\nK: *c\nwidth: 64\nheight: 48\n",
     "fx: 80\nfy: 80\ncx: 31.5\ncy: 23.5\nwidth: 64\nheight: 48\n---\nfx: 90\n", "\t\t:", "[" * 100_000,
     f"fx: {'9' * 400}\nfy: 80\ncx: 31.5\ncy: 23.5\nwidth: 64\nheight: 48\n",
+    *(f"fx: 80\nfy: 80\ncx: 31.5\ncy: 23.5\nwidth: 64\nheight: 48\n{more}\n" for more in (
+        "model: fisheye", "distortion_model: equidistant", "camera_model: KANNALA_BRANDT", "projection: equirectangular",
+        "skew: 50", "skew_c: 0.5", "depth_scale: 0.0001", "binning_x: 2", "R: [[0, 1, 0], [1, 0, 0], [0, 0, 1]]", "unit: mm")),
     "fx: 2026-01-01\nfy: 80\ncx: 31.5\ncy: 23.5\nwidth: 64\nheight: 48\n",
 )
 HEADERS = (  # of an .npy
@@ -156,6 +160,10 @@ def many() -> list[Case]:
         for e in expressions:
             add(call, "array", f"{option} {file}: {e}", (file, "array", e), **{option: file},
                 says=(option, file, "colour"))
+    for name, e in (("swapped", "a[[0, *range(5, 9), *range(1, 5), *range(9, 21)]]"), ("reversed", "a[[0, *range(20, 0, -1)]]"),
+                    ("mirrored", "a * [-1, 1, 1]"), ("shuffled", "np.random.default_rng(0).permutation(a)")):
+        for call in (HAND, PLUS):  # used, with a note, and no probability
+            add(call, "hand's form", name, ("hand.npy", "array", e), hand="hand.npy", expect="safe")
     for text in CAMERAS:
         add(NEAREST, "camera", repr(text[-60:]), ("camera.yaml", "text", text), intrinsics="camera.yaml",
             says=("camera.yaml",))
@@ -194,6 +202,8 @@ def many() -> list[Case]:
             add(call, "weights", f"{file}: {how}", (file, "weights", how), says=(file,))
         add(TRAIN, "weights", f"--start-from: {how}", ("net.safetensors", "weights", how),
             start_from="net.safetensors", says=("net.safetensors",))
+    for old, new in (('"center": .-?', '"center": [9'), ('"depth_m": .0.', '"depth_m": [0.0'), ('"name": "', '"name": "x')):
+        add(PLUS, "record", f"{old} -> {new}", ("plus.safetensors", "record", old, new), says=("plus.safetensors",))
     for name in ("", "/book", "/results", "/hadr", "/notebooks/text", "/data_samples", "/.."):
         for call, option in ((HTML, "build"), (COURSE, "out"), (REPRODUCE, "out")):
             add(call, "sources", f"--{option} {name or '.'}", **{option: f"{{checkout}}{name}"},

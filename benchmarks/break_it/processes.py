@@ -66,7 +66,7 @@ class Run:
     def line(self, folder: Path, *more: str) -> list[str]:
         there, words = self.goes_on
         again = words if there and (folder / there).exists() else ()
-        return [sys.executable, "-P", "-m", "hadr.cli", *self.words, *again, *more]
+        return [str(Path(sys.executable).with_name("hadr")), *self.words, *again, *more]
 
 
 RUNS = (
@@ -90,7 +90,8 @@ RUNS = (
 Job = tuple[str, Run, Callable[["Bench"], list[Row]]]
 #: Commands that start Pythons of their own, in a folder with modules of others.
 PLANTED = ("mitsuba", "jupyter_book", "torch", "numpy", "yaml", "sphinx", "distributed", "ipykernel",
-           "hadr", "json", "nbformat", "mujoco")
+           "hadr", "json", "nbformat", "mujoco", "multiprocessing", "ipykernel_launcher", "struct",
+           "lightning_fabric", "asyncio")
 PROBES = (
     Run("generate, 2 workers", ("generate", *GENERATE.words(frames="4", workers="2", recordings=None)), ()),
     Run("generate, photo", ("generate", *GENERATE.words(engine="photo", quality=None)), ("recordings",)),
@@ -101,9 +102,10 @@ PROBES = (
     Run("book", ("book", *HTML.words()), ("build",), ("build",)),
     Run("course", ("course", *EXECUTED.words()), ("build",)),
 )
-CLOCK = {"seconds", "wall_seconds", "planning_wall_seconds", "provenance", "made_with", "created",
-         "sha256", "duration_s", "log_sha256"}
-"""What differs between two runs of the same."""
+CLOCK = {"seconds", "wall_seconds", "planning_wall_seconds", "mean_wall_seconds",
+         "mean_planning_wall_seconds", "evaluation_s", "duration_s", "provenance", "made_with",
+         "created", "sha256", "log_sha256", "config_sha256"}
+"""What differs between two runs of the same: wall times, and checksums of what holds some."""
 OURS = {".made-by-hadr", ".nojekyll", ".buildinfo", ".doctrees"}
 
 
@@ -241,9 +243,12 @@ def kills(run: Run, bench: Bench) -> list[Row]:
     folder, rows = bench.folder(run, "killed"), []
     for number in range(run.kills):
         process = bench.start(run.line(folder), folder)
-        time.sleep(rng.uniform(0.35, 1.0) * seconds)
+        time.sleep(rng.uniform(0.2, 0.9) * seconds)
         running = kill(process)
         harm = bench.harm(run, folder, swept=False)
+        if not running:  # nothing is left to kill: the next one begins anew
+            shutil.rmtree(folder)
+            bench.folder(run, "killed")
         name = f"kill {number + 1}" + ("" if running else ", came too late")
         rows.append(row("kill", run, name, "damaged" if harm else "fine", harm))
     status, told = bench.ended(bench.start(run.line(folder), folder))

@@ -35,9 +35,9 @@ def of(module: str, name: str) -> Callable[..., Any]:
 
 
 for where in (
-    "frame_io:read_color read_depth read_mask read_hand", "camera:load_intrinsics",
+    "frame_io:read_color read_depth read_mask read_hand load_intrinsics",
     "training.checkpoints:load_checkpoint load_training_state",
-    "handover.run_log:read_run_log", "simulation.world.state:load_states",
+    "handover.logs.run_log:read_run_log", "simulation.world.state:load_states",
     "synthesis.recordings.recording:read_recording", "data.samples:verify_manifest",
     "records.result_file:read_result_file read_sealed",
 ):  # fmt: skip

@@ -55,14 +55,8 @@ def against(
 ) -> dict[str, dict[str, Any]]:
     """Compare all methods of a split with one of them, frame by frame.
 
-    Args:
-        rows: Rows of `Bench.measure`.
-        split: Whose rows are compared.
-        reference: The method that the others are compared with.
-        holds: Hold of each frame of the split; without it each counts as a hold of its own.
-
-    Returns:
-        `paired` of each other method, by its name; empty where the reference has no row.
+    The rows are `Bench.measure`'s, `holds` the hold of each frame of the split (without it each is
+    one of its own). Gives `paired` by name; nothing where the reference has no row.
     """
     groups: dict[str, list[Mapping[str, Any]]] = {}
     for row in rows:
@@ -86,19 +80,14 @@ def _over_seeds(group: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 def paired(
     own: Mapping[str, Any], reference: Mapping[str, Any], holds: Sequence[str] | None = None
 ) -> dict[str, Any]:
-    """Compare two methods frame by frame.
-
-    Args:
-        own: RMSE of each frame with the frames' names (`Scores.per_frame`).
-        reference: The other method's, of the same frames in the same order.
-        holds: Hold of each frame; without it each frame counts as a hold of its own.
+    """Compare the RMSE of two methods (`Scores.per_frame`) frame by frame.
 
     Returns:
-        Mean of own minus the reference's RMSE in metres, its standard error over holds, on how
-        many frames the own one is smaller, and the number of frames.
+        Mean of own minus the reference's RMSE in metres, its standard error over holds (without
+        them each frame is one), on how many frames the own one is smaller, and their number.
 
     Raises:
-        ValueError: The frames are not the same.
+        ValueError: The frames are not the same, in the same order.
     """
     if list(own["stems"]) != list(reference["stems"]):
         raise ValueError(
@@ -118,14 +107,7 @@ def standard_error(values: Sequence[float], groups: Sequence[Hashable]) -> float
     """Estimate how far a mean may be off when values come in groups that are alike.
 
     The deviations from the mean are summed within each group first (cluster-robust). With groups
-    of one it is the ordinary standard error.
-
-    Args:
-        values: The values.
-        groups: Group of each.
-
-    Returns:
-        The standard error of the mean; None for fewer than two groups.
+    of one it is the ordinary standard error; None for fewer than two groups.
     """
     if not values:
         return None

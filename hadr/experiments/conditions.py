@@ -7,7 +7,6 @@ predict. What they find is given to all methods alike; the score is on the true 
 
 from __future__ import annotations
 
-import hashlib
 import statistics
 import time
 from collections.abc import Mapping, Sequence
@@ -24,15 +23,15 @@ from hadr.experiments.runner import Bench, Run, code_of
 from hadr.experiments.scoring import EVALUATION_SIZE, Scores, score_depth, score_network
 from hadr.models.network_input import enlarge_known
 from hadr.models.networks import RIVALS
-from hadr.records.caches import kept_by_file
+from hadr.records.caches import file_sha256
 from hadr.records.provenance import machine_text, provenance
 from hadr.records.result_file import digest, seal_row, sealed_row
-from hadr.training.batches import FrameTensors, load_frames
 from hadr.training.checkpoints import load_checkpoint
 from hadr.training.evaluation import CLASSICAL
-from hadr.training.given import Given
+from hadr.training.frames.batches import FrameTensors, load_frames
+from hadr.training.frames.predicted import with_predicted
 from hadr.training.loop import LAST
-from hadr.training.predicted import with_predicted
+from hadr.training.recipe import Given
 
 
 def _checkpoints() -> Path:
@@ -127,14 +126,9 @@ def configuration(bench: Bench, run: Run, name: str, given: Given) -> dict[str, 
         "given": name,
         "corruption": given.corruption,
         "predicted_by": [
-            _file_digest(Path(path)) for path in (given.masks, given.keypoints) if path != "true"
+            file_sha256(Path(path)) for path in (given.masks, given.keypoints) if path != "true"
         ],
     }
-
-
-@kept_by_file(16)
-def _file_digest(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def condition_frames(bench: Bench, run: Run, size: tuple[int, int], given: Given) -> FrameTensors:

@@ -11,7 +11,7 @@ from scipy import stats
 from torch import Tensor
 
 from hadr.camera import BoolArray, FloatArray
-from hadr.training.batches import FrameTensors
+from hadr.training.frames.batches import FrameTensors
 
 
 @dataclass(frozen=True)
@@ -72,17 +72,10 @@ def hand_poses(frames: FrameTensors) -> Tensor:
 
 
 def pose_distance(poses: Tensor, learned: Tensor) -> Tensor:
-    """Mean distance of the 21 keypoints from those of the nearest pose that was learned.
+    """Mean distance (N,) of the 21 keypoints from those of the nearest learned pose, metres.
 
-    Args:
-        poses: Shape (N, 63), as `hand_poses` gives them.
-        learned: Those of the training frames, shape (M, 63); each counts mirrored as well.
-
-    Returns:
-        Metres, shape (N,).
-
-    Raises:
-        ValueError: Nothing was learned.
+    Both are as `hand_poses` gives them; each of the learned ones (M, 63) counts mirrored as well.
+    ValueError where nothing was learned.
     """
     if len(learned) == 0:
         raise ValueError("there is no learned pose")

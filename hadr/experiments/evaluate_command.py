@@ -13,11 +13,11 @@ from hadr.models.networks import DEPTH_NETWORKS
 from hadr.records.option_words import FILE, FOLDER, ID
 from hadr.records.output_folder import check_file
 from hadr.records.provenance import provenance, write_json
-from hadr.training.given import Given
+from hadr.training.recipe import Given
 
 if TYPE_CHECKING:
     from hadr.experiments.scoring import Scores
-    from hadr.training.batches import FrameTensors
+    from hadr.training.frames.batches import FrameTensors
 
 EPILOG = """
 examples
@@ -93,7 +93,7 @@ def depth_table(checkpoints: Sequence[Checkpoint], source: Any, given: Given) ->
 
 def figures(checkpoint: Checkpoint, source: Any, given: Given) -> dict[str, float]:
     """Score a segmentation or keypoint network, at its own size."""
-    from hadr.training.batches import load_frames
+    from hadr.training.frames.batches import load_frames
     from hadr.training.recipe import Preset
     from hadr.training.tasks.task import Task
 
@@ -115,7 +115,7 @@ def run(options: Options) -> int:
     from hadr.data.samples import samples_dir
     from hadr.experiments.scoring import EVALUATION_SIZE
     from hadr.metrics import format_table, mean_over_frames
-    from hadr.training.predicted import open_split
+    from hadr.training.frames.predicted import open_split
 
     check_file(options.out, split="", given="", frames="")
     folders = options.data or (samples_dir() / "frames",)
@@ -162,8 +162,8 @@ def run(options: Options) -> int:
 
 def _load(source: Any, size: tuple[int, int], given: Given) -> FrameTensors:
     """All frames, so that they are the same ones at each size."""
-    from hadr.training.batches import load_frames
-    from hadr.training.predicted import with_predicted
+    from hadr.training.frames.batches import load_frames
+    from hadr.training.frames.predicted import with_predicted
 
     frames = load_frames(source, size, given.corruption, given.seed, keep_all=True)
     return with_predicted(frames, source, given)

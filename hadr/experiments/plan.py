@@ -1,4 +1,8 @@
-"""What is run for the tables, what of it is left, and the runs themselves."""
+"""What is run for the tables, what of it is left, and the runs themselves; then the handover's.
+
+OUT/handover/hadr/0004-902.json   an attempt, as `hadr handover` leaves it
+OUT/tables/handover.json          the rows of the handover's table
+"""
 
 from __future__ import annotations
 
@@ -6,10 +10,10 @@ import multiprocessing
 import os
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from multiprocessing import connection
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import torch
 
@@ -20,12 +24,26 @@ from hadr.experiments.conditions import (
     finished_condition,
     measure_condition,
 )
+from hadr.experiments.protocol import (
+    CHEAP,
+    EXPERIMENTS,
+    METHODS,
+    PARTS,
+    SWITCHES,
+    Experiment,
+    system,
+)
 from hadr.experiments.runner import ROW, Bench, Run
-from hadr.experiments.splits import EXPERIMENTS, Experiment
 from hadr.experiments.steps import Step, left_text
-from hadr.experiments.systems import CHEAP, METHODS, PARTS, SWITCHES, system
 from hadr.experiments.tables import ABLATION, LEDGER, TABLES, write_tables
-from hadr.training.given import Given
+from hadr.records.provenance import machine_text, provenance
+from hadr.records.result_file import read_result_file, write_result_file
+from hadr.training.recipe import Given
+
+if TYPE_CHECKING:
+    from hadr.simulation.trials.trial import Condition, Trial
+
+    Attempts = Mapping[Condition, Sequence[Trial]]
 
 KNOWN_ALONE = ("hadr-long",)
 """Trained for the known objects alone: it asks whether HADR had too few epochs."""
@@ -40,6 +58,10 @@ TABLE_RUNS: dict[str, Sequence[tuple[str, str]]] = {
     "segmentation": [("known", method) for method in IN_CONDITIONS],
 }
 """The runs that those result files need which are none of an experiment's."""
+REPRODUCED: tuple[Condition, ...] = (
+    "raw", "inpainted", "hadr", "hadr-plus", "perfect", "hadr-no-rescoring", "hadr-no-tracking",
+)  # fmt: skip
+"""The conditions of results/mini/handover.json; `hadr handover` alone leaves out hadr-plus."""
 
 
 def plan(
@@ -164,22 +186,14 @@ def _conditions(bench: Bench, runs: Sequence[Run]) -> list[tuple[Run, str, Given
     return list(conditions_of(seeds))
 
 
-def measure_all(
-    bench: Bench,
-    runs: Sequence[Run],
-    tables: str | Path,
-    say: Callable[[str], None] = print,
-    *,
-    jobs: int = 1,
-) -> None:
-    """Make the runs that are missing, and write the tables after each.
+def measure_all(bench: Bench, runs: Sequence[Run], tables: str | Path, *, jobs: int = 1) -> None:
+    """Make the runs that are missing, say each in a line, and write the tables after it.
 
     Args:
         bench: Where they run.
         runs: The runs.
         tables: Folder of the result files (`hadr.experiments.tables`); they hold every run of the
             bench that is finished, also those that were not asked for.
-        say: Receives a line a run.
         jobs: So many runs at a time, each in a process of its own with one thread.
 
     Raises:
@@ -194,24 +208,17 @@ def measure_all(
         state = (
             "was there" if run in done else f"{row.get('training_s', 0) / 60:.1f} min of training"
         )
-        say(
+        print(
             f"[{number}/{len(runs)}] {run.name:<32} RMSE {row['rmse_m']:.4f} m, "
             f"δ1.05 {row['delta_105']:.2f} % ({state})"
         )
         if run not in done:
             write_tables(bench, tables)
-    measure_conditions(bench, runs, say)
-    write_tables(bench, tables)
-
-
-def measure_conditions(
-    bench: Bench, runs: Sequence[Run], say: Callable[[str], None] = print
-) -> None:
-    """Score the runs' networks with predicted masks and keypoints and with the sensor's depth."""
     for run, name, given in _conditions(bench, runs):
         if finished_condition(bench, run, name, given) is None:
             row = measure_condition(bench, run, name, given)
-            say(f"{run.name:<32} RMSE {row['rmse_m']:.4f} m, given: {name}")
+            print(f"{run.name:<32} RMSE {row['rmse_m']:.4f} m, given: {name}")
+    write_tables(bench, tables)
 
 
 def _measured(bench: Bench, runs: Sequence[Run], jobs: int) -> Iterator[tuple[Run, dict[str, Any]]]:
@@ -262,3 +269,55 @@ def _measure_alone(bench: Bench, run: Run, parent: int) -> None:
 
     threading.Thread(target=watch, daemon=True).start()
     bench.measure(run)
+
+
+def planned_attempts(size: str, seed: int) -> dict[Condition, list[Trial]]:
+    """The attempts of each condition: 48, and at preset tiny one, to see that everything runs."""
+    from hadr.simulation.trials.experiment import attempts
+
+    if size == "tiny":
+        return {
+            condition: attempts(condition, objects=["0004"], holds=[902], seed=seed)
+            for condition in REPRODUCED
+        }
+    return {condition: attempts(condition, seed=seed) for condition in REPRODUCED}
+
+
+def handover_steps(plan: Attempts, out: Path, times: Mapping[str, float]) -> list[Step]:
+    """Describe the conditions as steps of a plan."""
+    from hadr.simulation.trials.experiment import is_finished
+
+    table, steps = out / "tables" / "handover.json", []
+    rows = read_result_file(table).rows if table.is_file() else ()
+    own = {row["condition"]: row["attempts"] * row["mean_wall_seconds"] for row in rows}
+    for condition, trials in plan.items():
+        left = sum(not is_finished(out / "handover", trial) for trial in trials)
+        words = left_text(left, len(trials), "attempt")
+        name = f"handover/{condition}"
+        seconds = times.get(name) if left else own.get(condition, times.get(name))
+        steps.append(Step("handover", name, words, seconds, "tables/handover.json"))
+    return steps
+
+
+def make_handover_table(plan: Attempts, out: Path, jobs: int) -> None:
+    """Make the attempts that are missing, `jobs` at a time, and write the table."""
+    from hadr.simulation.trials.experiment import condition_row, run_attempts
+
+    rows = []
+    for condition, trials in plan.items():
+        rows.append(
+            condition_row(
+                condition, run_attempts(trials, out / "handover", jobs=jobs, report=_say_attempt)
+            )
+        )
+        print(f"{condition}: {rows[-1]['successes']} of {rows[-1]['attempts']}", flush=True)
+    what = (
+        f"handover attempts in simulation, {len(trials)} a condition, seed {trials[0].seed}; masks "
+        "and keypoints from the simulator with noise; success by HandoverSim's rules"
+    )
+    origin = {**provenance(), "machine": machine_text()}
+    write_result_file(out / "tables" / "handover.json", what, rows, origin)
+
+
+def _say_attempt(trial: Trial, row: Mapping[str, Any]) -> None:
+    print(f"{trial.condition:18} {trial.name}  {row['verdict']:14} {row['reason']}", flush=True)

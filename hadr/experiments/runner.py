@@ -27,33 +27,27 @@ from lightning_fabric import Fabric
 from torch import nn
 
 from hadr.corruption import Corruption
+from hadr.experiments.protocol import Experiment, Part, data_digest, open_part, system
 from hadr.experiments.scoring import EVALUATION_SIZE, Scores, score_cheap, score_network
-from hadr.experiments.splits import Experiment, Part, data_digest, open_part
-from hadr.experiments.systems import system
 from hadr.models.networks import network_of
 from hadr.records.dependencies import code_digest
 from hadr.records.provenance import machine_text, plain, provenance
 from hadr.records.result_file import digest, seal_row, sealed_row
-from hadr.training.batches import FrameTensors, load_frames
 from hadr.training.checkpoints import read_record
+from hadr.training.frames.batches import FrameTensors, load_frames
 from hadr.training.loop import LAST, Trained, train
 from hadr.training.recipe import Preset
 
 ROW, HISTORY = "row.json", "history.csv"
 TABLES_OF_NETWORKS = (
-    "hadr.experiments.systems", "hadr.models.networks", "hadr.training.presets",
+    "hadr.experiments.protocol", "hadr.models.networks", "hadr.training.presets",
 )  # fmt: skip
 """Modules that lead to every network: a run depends on its own, and on its recipe as a value."""
 
 
 @cache  # what this process has loaded does not change
 def code_of(module: str, network: str | None) -> str:
-    """Checksum of the code of a run (`hadr.records.dependencies`).
-
-    Args:
-        module: The module with which it begins.
-        network: The kind of its network; None for a method that learns nothing.
-    """
+    """Checksum of a run's code, from a first module on; network None: it learns nothing."""
     task = () if network is None else network_of(network).modules
     return code_digest(module, *task, without=TABLES_OF_NETWORKS)
 
@@ -149,12 +143,7 @@ class Bench:
         return self.kept((run.experiment, part, size), load)
 
     def kept(self, key: Hashable, load: Callable[[], FrameTensors]) -> FrameTensors:
-        """Load frames, or give them again if they are among the last few that were loaded.
-
-        Args:
-            key: What tells them from others.
-            load: Loads them.
-        """
+        """Load frames, or give them again if they are among the last few that were loaded."""
         if key not in self._frames:
             while len(self._frames) > 3:
                 del self._frames[next(iter(self._frames))]

@@ -19,8 +19,8 @@ from torch import nn
 from hadr.camera import BoolArray, FloatArray
 from hadr.metrics import METRICS, DepthMetrics, frame_metrics, mean_over_frames, pooled
 from hadr.models.network_input import enlarge_restored
-from hadr.training.batches import FrameTensors
 from hadr.training.evaluation import CLASSICAL, predict
+from hadr.training.frames.batches import FrameTensors
 
 EVALUATION_SIZE = (224, 126)
 """(width, height) at which all systems are scored, pixels."""
@@ -65,17 +65,10 @@ class Scores:
 def score_depth(
     depth: FloatArray, truth: FrameTensors, restored: BoolArray | None = None
 ) -> Scores:
-    """Score depth images at the size of the truth.
+    """Score depth images (N, H, W), metres, 0 = not restored, at the size of the truth.
 
-    Args:
-        depth: z-depth in metres, shape (N, H, W); 0 = not restored.
-        truth: The frames at the evaluation size; those without a pixel of the object are left
-            out.
-        restored: Where the depth is the system's own answer and not filled from around it, shape
-            (N, H, W) bool; wherever there is a depth where it is left out.
-
-    Returns:
-        The scores.
+    Frames without a pixel of the object are left out. `restored` (N, H, W) bool says where the
+    depth is the system's own and not filled from around it; where there is any, if left out.
 
     Raises:
         ValueError: The shapes differ, or no frame shows an object.
@@ -96,19 +89,7 @@ def score_depth(
 
 
 def score_network(model: nn.Module, given: FrameTensors, truth: FrameTensors) -> Scores:
-    """Let a depth network restore frames, and score it.
-
-    Args:
-        model: A network whose output has ``depth`` and ``restored``.
-        given: The frames at the network's own size.
-        truth: The same frames at the evaluation size.
-
-    Returns:
-        The scores.
-
-    Raises:
-        ValueError: The frames are not the same.
-    """
+    """Let a network restore frames, and score it; arguments, errors as `restored_depth`."""
     depth, restored = restored_depth(model, given, truth)
     return score_depth(depth, truth, restored)
 
@@ -145,14 +126,6 @@ def restored_depth(
 
 
 def score_cheap(truth: FrameTensors, method: str) -> Scores:
-    """Score a method that learns nothing, at the evaluation size.
-
-    Args:
-        truth: The frames at the evaluation size.
-        method: One of ``hadr.training.evaluation.CLASSICAL``.
-
-    Returns:
-        The scores.
-    """
+    """Score one of `hadr.training.evaluation.CLASSICAL` on frames at the evaluation size."""
     restorer = CLASSICAL[method]
     return score_depth(np.stack([restorer(truth, n) for n in range(len(truth))]), truth)

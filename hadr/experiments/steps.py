@@ -78,17 +78,9 @@ def seconds_text(seconds: float) -> str:
 
 
 def last_run_times(out: Path, size: str) -> dict[str, float]:
-    """Read how long steps took: the repository's times of a preset, and over them a folder's own.
+    """Wall-clock seconds by step: the repository's of a preset, over them a folder's own.
 
-    Args:
-        out: The output folder of `hadr reproduce`.
-        size: The preset.
-
-    Returns:
-        Wall-clock seconds by the step's name.
-
-    Raises:
-        ValueError: A file was changed by hand.
+    ValueError where a file was changed by hand.
     """
     paths = [out / NAME]
     with contextlib.suppress(FileNotFoundError):  # installed without its checkout

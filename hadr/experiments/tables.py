@@ -19,10 +19,9 @@ from typing import Any
 
 from hadr.experiments.averages import against, table_rows
 from hadr.experiments.conditions import KEYPOINTS, MASKS, condition_rows
+from hadr.experiments.protocol import EXPERIMENTS, METHODS, PARTS, SWITCHES, Experiment
 from hadr.experiments.runner import Bench, Run
 from hadr.experiments.scoring import EVALUATION_SIZE
-from hadr.experiments.splits import EXPERIMENTS, Experiment
-from hadr.experiments.systems import METHODS, PARTS, SWITCHES
 from hadr.models.networks import RIVALS
 from hadr.records.provenance import machine_text, provenance
 from hadr.records.result_file import write_result_file

@@ -208,13 +208,9 @@ def show_both_splits(
     legend: int = 0,
     same_scale: bool = True,
 ) -> None:
-    """Show known objects on the left and unknown ones on the right.
+    """Show known objects on the left and unknown ones on the right, `height` inches high.
 
-    Args:
-        draw: Called with axes and "known" or "unknown".
-        height: Inches.
-        legend: Columns of the legend below; none where 0.
-        same_scale: Whether both have one vertical axis.
+    `draw` is called with axes and "known" or "unknown"; `legend` has so many columns, none at 0.
     """
     fig, axes = plt.subplots(1, 2, figsize=(9, height), sharey=same_scale)
     for ax, split in zip(axes, ("known", "unknown"), strict=True):

@@ -95,17 +95,9 @@ def draw_bar_rows(
 ) -> None:
     """Draw bars in named rows, one behind the other from left to right.
 
-    Args:
-        ax: Ordinary 2D axes.
-        names: The N rows.
-        parts: What the legend says to the lengths of its bars, shape (N,).
-        colors: For each part one for all rows, or one a row.
-        edges: Of the bars' edges: one for all, or one a row.
-        hatches: One a part; none where left out.
-        height: Of a bar, rows.
-        left: Where the first bars begin, shape (N,) or one number.
-        text: Format of the number within each bar, for example ``"{:.0f}"``; none where left out.
-        least: Shorter bars get no number.
+    `parts` has by what the legend says the lengths of its bars, shape (N,), with a colour (or one a
+    row) and a hatch each; they begin at `left`. `text` formats the number within a bar, for example
+    ``"{:.0f}"``; those shorter than `least` get none.
     """
     start = np.broadcast_to(np.asarray(left, dtype=float), len(names)).copy()
     box = {"facecolor": "white", "edgecolor": "none", "pad": 1.0, "alpha": 0.8}

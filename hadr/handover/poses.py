@@ -1,4 +1,4 @@
-"""Rigid poses (4, 4): how far they are apart, what lies between, a camera that looks at a point."""
+"""Rigid poses (4, 4): a check, distance, what lies between, a camera that looks at a point."""
 
 from __future__ import annotations
 
@@ -7,6 +7,34 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 Array = npt.NDArray[np.float64]
+
+
+def check_pose(pose: Array, name: str = "pose") -> Array:
+    """Check that a matrix is a rigid transform.
+
+    Args:
+        pose: Homogeneous transform, shape (4, 4), metres.
+        name: What to call it in the error.
+
+    Returns:
+        The pose as float64.
+
+    Raises:
+        ValueError: Not (4, 4), not finite, or the upper left block is no proper rotation.
+    """
+    matrix = np.asarray(pose, dtype=np.float64)
+    if matrix.shape != (4, 4):
+        raise ValueError(f"{name} must be a (4, 4) transform, got shape {matrix.shape}")
+    if not np.isfinite(matrix).all():
+        raise ValueError(f"{name} must be finite, got NaN or infinity in it")
+    rotation = matrix[:3, :3]
+    error = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
+    if error > 1e-6 or np.linalg.det(rotation) < 0 or not np.allclose(matrix[3], [0, 0, 0, 1]):
+        raise ValueError(
+            f"{name} must hold a proper rotation (R R^T = I, det +1) over the row 0 0 0 1, got "
+            f"R R^T off by {error:.2g} and det {np.linalg.det(rotation):.3g}"
+        )
+    return matrix
 
 
 def pose_distance(first: Array, second: Array) -> tuple[float, float]:

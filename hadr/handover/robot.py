@@ -1,22 +1,22 @@
-"""What a robot must offer to the handover, and a UR5 that moves in time without physics.
+"""What a robot must offer to the handover.
 
-The workflow knows only `Robot`. A driver for a real arm, or a physics engine, offers the same
-methods and takes the simulated arm's place. Poses are written in the robot's base frame (ROS
+The workflow knows only `Robot`. `hadr.handover.simulated_ur5`, a driver for a real arm and a
+physics engine offer the same methods. Poses are written in the robot's base frame (ROS
 `base_link`: x forward, z up) and end at the gripper's tool point, whose z axis points out of the
 gripper: the approach axis.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
-from hadr.handover import ur5
-from hadr.handover.gripper import FLANGE_FROM_TOOL, LARGEST_OPENING
-from hadr.handover.ur5 import Array, UnreachableError
+Array = NDArray[np.float64]
 
-HOME_JOINTS: Array = np.deg2rad([5.99, -130.74, 121.43, 9.32, 95.99, 0.0])
-"""Waiting pose: elbow up, the tool at (0.34, 0.12, 0.38) m, level and facing forward along x."""
+
+class UnreachableError(ValueError):
+    """No joint angles bring the arm to the target; the message says what stands in the way."""
 
 
 class Robot(Protocol):
@@ -97,194 +97,3 @@ class Workspace:
     def contains(self, point: Array) -> bool:
         """Say whether a point (3,) in metres lies in the box."""
         return bool(np.all(point >= self.lower) and np.all(point <= self.upper))
-
-
-@dataclass(frozen=True)
-class ArmConfig:
-    """Settings of the simulated arm.
-
-    Attributes:
-        home: Joint angles at the start, shape (6,), radians.
-        speed_fraction: Part of the joints' top speed (180 degrees per second) that is used;
-            a quarter is slow enough to be watched beside a person.
-        finger_speed: Speed of opening and closing, metres per second.
-        workspace: Where the tool may go.
-    """
-
-    home: Array = field(default_factory=lambda: HOME_JOINTS.copy())
-    speed_fraction: float = 0.25
-    finger_speed: float = 0.1
-    workspace: Workspace = field(default_factory=Workspace)
-
-    def __post_init__(self) -> None:
-        ur5.check_joints(self.home)
-        if not 0 < self.speed_fraction <= 1:
-            raise ValueError(f"speed_fraction must lie in (0, 1], got {self.speed_fraction}")
-
-
-class SimulatedUR5:
-    """A UR5 that moves exactly as told, at most as fast as its joints can: no forces, no inertia.
-
-    Args:
-        config: Settings; the standard ones where left out.
-
-    Attributes:
-        between_fingers: Width of what stands between the fingers, metres: they close no further.
-            Whoever knows the object sets it; there is no contact in this arm.
-        protective_stop: Always empty: this arm feels no force. A test may write a reason here.
-
-    Raises:
-        UnreachableError: The home pose breaks a limit.
-    """
-
-    def __init__(self, config: ArmConfig | None = None) -> None:
-        self.config = config or ArmConfig()
-        self._joints = self.config.home.copy()
-        self._opening = self._target_opening = LARGEST_OPENING
-        self._stopped = False
-        self.between_fingers = 0.0
-        self.protective_stop = ""
-        problem = self._broken_limit(self._joints)
-        if problem:
-            raise UnreachableError(f"the home pose is not allowed: {problem}")
-
-    def tool_pose(self) -> Array:
-        """Return base_from_tool now, shape (4, 4), metres."""
-        return self.tool_pose_at(self._joints)
-
-    def tool_pose_at(self, joints: Array) -> Array:
-        """Return base_from_tool for joint angles (6,) in radians, shape (4, 4), metres."""
-        flange = ur5.forward_kinematics(joints)
-        return ur5.BASE_LINK_FROM_DH_BASE @ flange @ FLANGE_FROM_TOOL
-
-    def joint_positions(self) -> Array:
-        """Return the six joint angles now, radians."""
-        return self._joints.copy()
-
-    def singularity(self, joints: Array) -> float:
-        """See `hadr.handover.ur5.singularity`."""
-        return ur5.singularity(joints)
-
-    def outline(self) -> Array:
-        """Return points along the links in the base frame, shape (9, 3), metres."""
-        rotation = ur5.BASE_LINK_FROM_DH_BASE[:3, :3]
-        points: Array = ur5.link_outline(self._joints) @ rotation.T
-        return points
-
-    def joint_solutions(self, base_from_tool: Array) -> Array:
-        """Joint angles (n, 6) that reach a tool pose (4, 4) within every limit, nearest first.
-
-        Raises:
-            UnreachableError: None is left; the message names the limit that the nearest breaks.
-            ValueError: The target is no rigid transform.
-        """
-        found = self._solutions_by_way(base_from_tool)
-        problems = [self._broken_limit(joints) for joints in found]
-        allowed: Array = found[[problem == "" for problem in problems]]
-        if not len(allowed):
-            raise UnreachableError(f"no joint angles keep every limit: {problems[0]}")
-        return allowed
-
-    def reachable(self, base_from_tool: Array) -> bool:
-        """Say whether the tool could stand at this pose, shape (4, 4), within all limits."""
-        try:
-            self.joint_solutions(base_from_tool)
-        except UnreachableError:
-            return False
-        return True
-
-    def straight_way(self, base_from_tool: Array) -> bool:
-        """Say whether the tool could stand at a pose: this arm's joints go there evenly."""
-        return self.reachable(base_from_tool)
-
-    def servo_to(self, base_from_tool: Array, dt: float) -> None:
-        """Move toward a tool pose for a short time, all joints in step, in joint space.
-
-        Args:
-            base_from_tool: Target, shape (4, 4), metres.
-            dt: Time in seconds, more than 0 and at most 0.1.
-
-        Raises:
-            UnreachableError: The target, or the next point on the way to it, breaks a limit; the
-                arm has not moved.
-            ValueError: The target is no rigid transform, or dt is out of range.
-        """
-        if not 0 < dt <= 0.1:
-            raise ValueError(f"dt must be more than 0 and at most 0.1 seconds, got {dt}")
-        if self._stopped:
-            return
-        found = self._solutions_by_way(base_from_tool)
-        goal = next((joints for joints in found if not self._broken_limit(joints)), None)
-        if goal is None:
-            problem = self._broken_limit(found[0])
-            raise UnreachableError(f"no joint angles keep every limit: {problem}")
-        way = goal - self._joints
-        longest = float(np.abs(way).max())
-        largest_step = ur5.JOINT_SPEED * self.config.speed_fraction * dt
-        joints = self._joints + way * min(1.0, largest_step / max(longest, 1e-12))
-        problem = self._broken_limit(joints)
-        if problem:
-            raise UnreachableError(f"the way to the target breaks a limit: {problem}")
-        self._joints = joints
-        self._move_fingers(dt)
-
-    def stop(self) -> None:
-        """Stand still; later commands do nothing until `release`."""
-        self._stopped = True
-
-    def release(self) -> None:
-        """Let the arm move again after a stop."""
-        self._stopped = False
-        self.protective_stop = ""
-
-    def set_gripper(self, width: float) -> None:
-        """Open or close the fingers to a width in metres, within what they can do.
-
-        Raises:
-            ValueError: The width is not finite or lies outside 0 to the largest opening.
-        """
-        if not 0 <= width <= LARGEST_OPENING:
-            raise ValueError(
-                f"gripper width must lie between 0 and {LARGEST_OPENING} m, got {width}"
-            )
-        self._target_opening = width
-
-    def gripper_width(self) -> float:
-        """Return the distance between the fingers now, metres."""
-        return self._opening
-
-    def tool_wrench(self) -> Array:
-        """Return no force and torque, shape (6,): nothing is touched without physics."""
-        return np.zeros(6)
-
-    def _solutions_by_way(self, base_from_tool: Array) -> Array:
-        """Joint angles (n, 6) for a tool pose, limits not yet checked, the shortest way first."""
-        target = ur5.check_pose(base_from_tool, "base_from_tool")
-        flange = ur5.BASE_LINK_FROM_DH_BASE @ target @ np.linalg.inv(FLANGE_FROM_TOOL)
-        found = ur5.inverse_kinematics(flange, free_angle=float(self._joints[5]))
-        found = ur5.nearest_turns(found, self._joints)
-        by_way: Array = found[np.abs(found - self._joints).max(axis=1).argsort(kind="stable")]
-        return by_way
-
-    def _move_fingers(self, dt: float) -> None:
-        step = self.config.finger_speed * dt
-        blocked = min(self._opening, self.between_fingers)
-        goal = max(self._target_opening, blocked)
-        self._opening += float(np.clip(goal - self._opening, -step, step))
-
-    def _broken_limit(self, joints: Array) -> str:
-        """Name the limit that joint angles (6,) break, or return an empty string."""
-        if np.any(joints < ur5.JOINT_LOWER) or np.any(joints > ur5.JOINT_UPPER):
-            return f"joint angles {np.round(joints, 3)} rad lie outside the joint limits"
-        workspace = self.config.workspace
-        tool = self.tool_pose_at(joints)[:3, 3]
-        if not workspace.contains(tool):
-            return f"tool point {np.round(tool, 3)} m lies outside the workspace box"
-        outline = ur5.link_outline(joints)
-        reach = float(np.linalg.norm(outline[-1] - outline[1]))
-        if reach > ur5.REACH:
-            return f"flange {reach:.3f} m from the shoulder, reach is {ur5.REACH} m"
-        lowest = float(outline[2:, 2].min())
-        if lowest < workspace.table:
-            return f"a link would be at height {lowest:.3f} m, the table at {workspace.table} m"
-        return ""

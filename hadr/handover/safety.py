@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from hadr.hand import check_keypoints
 from hadr.handover.grasping.collision import FLESH, hand_points
-from hadr.handover.gripper import FINGER_WIDTH, fork_points
+from hadr.handover.grasping.gripper import FINGER_WIDTH, fork_points
 
 Array = npt.NDArray[np.float64]
 
@@ -107,13 +107,7 @@ def line_velocity(times: Array, points: Array) -> Array:
 
 
 def path_distance(poses: Iterable[Array], width: float, keypoints: Array) -> float:
-    """Least free space between gripper and skin over a path, metres; 0 or less where they touch.
-
-    Args:
-        poses: Tool poses, each (4, 4), metres.
-        width: Opening between the fingers, metres.
-        keypoints: Hand in the same frame, shape (21, 3), metres.
-    """
+    """Least free space between gripper and hand over tool poses, metres; <= 0: they touch."""
     tree = cKDTree(hand_points(keypoints))
     path = np.concatenate([fork_points(pose, width) for pose in poses])
     return float(tree.query(path)[0].min()) - FLESH - FINGER_WIDTH / 2

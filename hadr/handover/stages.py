@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hadr.handover.grasping.grasps import FinalMove
-from hadr.handover.gripper import LARGEST_OPENING
+from hadr.handover.grasping.gripper import LARGEST_OPENING
 from hadr.handover.robot import Robot, Workspace
 from hadr.handover.safety import SafetyConfig
 

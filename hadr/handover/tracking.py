@@ -86,25 +86,20 @@ class HandMotion:
 def best_rotation(
     initial: Array, current: Array, *, flip: Flip = "v", weights: Array | None = None
 ) -> Array:
-    """The rotation that carries one centred point set onto another in the least-squares sense.
+    """The rotation (3, 3) that carries one centred point set onto another, by least squares.
 
     H = initial^T W current = U S V^T and R = V U^T. If det R < 0 the best orthogonal matrix is a
     mirror; the best rotation has the sign of V's last column flipped first.
 
     Args:
         initial: Points relative to the pivot, shape (n, 3), metres.
-        current: The same points later, relative to the pivot, shape (n, 3), metres.
-        flip: "v" flips V's last column before R is formed; "r" flips the last column of R, the
-            other reading of the paper's sentence. That is a proper rotation too, but a wrong one
-            (ledger row 20).
+        current: The same points later.
+        flip: "r" flips the last column of R instead, the other reading of the paper's sentence:
+            a proper rotation too, but a wrong one (ledger, row 20).
         weights: W's diagonal, shape (n,), 0 or more; all 1 if left out.
 
-    Returns:
-        Proper rotation, shape (3, 3).
-
     Raises:
-        ValueError: The points lie on one line or in one place, so that the rotation about that
-            line is not determined.
+        ValueError: The points lie on one line or in one place: the rotation is not determined.
     """
     weighted = initial if weights is None else initial * weights[:, None]
     u, s, vt = np.linalg.svd(weighted.T @ current)
@@ -133,20 +128,12 @@ def hand_motion(
     flip: Flip = "v",
     robust: bool = False,
 ) -> HandMotion:
-    """Rigid motion of the hand from its keypoints at two moments.
+    """Rigid motion of the hand from its keypoints (21, 3), metres, at two moments, in one frame.
 
-    Args:
-        initial: Keypoints when the grasp was chosen, shape (21, 3), metres, any fixed frame.
-        current: Keypoints now, the same frame.
-        about: How points are moved, see `HandMotion`.
-        flip: What is flipped where the fit is a mirror, see `best_rotation`.
-        robust: False: the paper's. True: the largest group of keypoints that moves as one body is
-            looked for, and the others are left out and named. The fit turns about the group's
-            middle, so that an error of the wrist's keypoint does not shift everything;
-            `current_wrist` is then where the fit puts the wrist.
-
-    Returns:
-        The motion; its residual says how far from rigid the hand was.
+    `robust` looks for the largest group of keypoints that moves as one body; the others are left
+    out and named. The fit turns about the group's middle, so that an error of the wrist's keypoint
+    does not shift everything; `current_wrist` is then where the fit puts the wrist. `about` is as
+    in `HandMotion`, `flip` as in `best_rotation`.
 
     Raises:
         ValueError: Keypoints of another shape or with NaN, or all on one line or in one place.

@@ -10,6 +10,9 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from hadr.handover.poses import check_pose
+from hadr.handover.robot import UnreachableError
+
 Array = NDArray[np.float64]
 
 DH_A: Array = np.array([0.0, -0.425, -0.39225, 0.0, 0.0, 0.0])
@@ -38,38 +41,6 @@ SHOULDER_OFFSET = 0.13585
 ELBOW_OFFSET = -0.1197
 """How far the upper arm stands beside the shoulder's plane, and the forearm beside the upper arm,
 metres; from the ROS description. The DH table folds both into d_4."""
-
-
-class UnreachableError(ValueError):
-    """No joint angles bring the arm to the target; the message says what stands in the way."""
-
-
-def check_pose(pose: Array, name: str = "pose") -> Array:
-    """Check that a matrix is a rigid transform.
-
-    Args:
-        pose: Homogeneous transform, shape (4, 4), metres.
-        name: What to call it in the error.
-
-    Returns:
-        The pose as float64.
-
-    Raises:
-        ValueError: Not (4, 4), not finite, or the upper left block is no proper rotation.
-    """
-    matrix = np.asarray(pose, dtype=np.float64)
-    if matrix.shape != (4, 4):
-        raise ValueError(f"{name} must be a (4, 4) transform, got shape {matrix.shape}")
-    if not np.isfinite(matrix).all():
-        raise ValueError(f"{name} must be finite, got NaN or infinity in it")
-    rotation = matrix[:3, :3]
-    error = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
-    if error > 1e-6 or np.linalg.det(rotation) < 0 or not np.allclose(matrix[3], [0, 0, 0, 1]):
-        raise ValueError(
-            f"{name} must hold a proper rotation (R R^T = I, det +1) over the row 0 0 0 1, got "
-            f"R R^T off by {error:.2g} and det {np.linalg.det(rotation):.3g}"
-        )
-    return matrix
 
 
 def check_joints(joints: Array) -> Array:
@@ -124,11 +95,9 @@ def ros_forward_kinematics(joints: Array) -> Array:
 
 
 def singularity(joints: Array) -> float:
-    """How far the arm is from a singular pose at joint angles (6,) in radians.
+    """Smallest singular value of the flange's Jacobian at joint angles (6,): 0 where singular.
 
-    Returns:
-        Smallest singular value of the flange's Jacobian, metres and radians a radian; 0 at a
-        singular pose.
+    Metres and radians a radian.
     """
     frames = joint_frames(joints)
     axes, origins = frames[:6, :3, 2], frames[:6, :3, 3]

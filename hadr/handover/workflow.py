@@ -16,11 +16,12 @@ import numpy.typing as npt
 from hadr.handover import safety
 from hadr.handover.grasp_and_retrieve import ADVANCING, Advance, Retrieval
 from hadr.handover.grasping.grasps import forward_of
+from hadr.handover.grasping.selection import Choosing
 from hadr.handover.guarded_arm import NO_NEARER, GuardedArm, HaltError
-from hadr.handover.observation import Choosing, HandWatch, Observation, cleaned
-from hadr.handover.poses import pose_distance
+from hadr.handover.observation import HandWatch, Observation, cleaned
+from hadr.handover.poses import check_pose, pose_distance
 from hadr.handover.recovery import Recovery
-from hadr.handover.robot import Robot
+from hadr.handover.robot import Robot, UnreachableError
 from hadr.handover.stages import (
     ARRIVE_ANGLE,
     ARRIVE_DISTANCE,
@@ -36,7 +37,6 @@ from hadr.handover.stages import (
     Transition,
 )
 from hadr.handover.tracking import HandMotion, hand_motion
-from hadr.handover.ur5 import UnreachableError, check_pose
 
 Array = npt.NDArray[np.float64]
 CLOCK_JUMP = 1.0

@@ -9,6 +9,7 @@ Transformer itself is that of the `transformers` package, in plain torch.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -17,6 +18,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from hadr.models.blocks.efficientnet_lite import EfficientNetLite0, LiteConfig
 from hadr.models.blocks.stochastic_depth import replace_drop_path
 from hadr.records.provenance import IF_CHANGED
 
@@ -84,6 +86,8 @@ def load_published(kind: Any, name: str, **options: Any) -> Any:
     Raises:
         OSError: The weights can't be fetched or are not in the local cache.
     """
+    # What it tries in vain is one sentence in the end.
+    logging.getLogger("huggingface_hub").setLevel(logging.ERROR)
     try:
         return kind.from_pretrained(name, **options)
     except (OSError, RuntimeError) as error:
@@ -206,23 +210,28 @@ class ColorBackbone(nn.Module):
     """From sRGB in 0..1 (B, 3, H, W) to the dense colour feature map (B, channels, H, W).
 
     Args:
-        config: Size of the Swin Transformer.
+        config: Size of the encoder.
         channels: Channels of the dense map.
         multi_scale: Aggregate all stages (True) or use the first alone.
     """
 
     def __init__(
-        self, config: BackboneConfig, channels: int = 32, multi_scale: bool = True
+        self, config: BackboneConfig | LiteConfig, channels: int = 32, multi_scale: bool = True
     ) -> None:
         super().__init__()
         self.config = config
-        self.swin = build_swin(config)
+        if isinstance(config, LiteConfig):
+            self.lite, self.patch = EfficientNetLite0(config), 4
+        else:
+            self.swin, self.patch = build_swin(config), config.patch
         self.aggregation = FeatureAggregation(config.channels, channels, multi_scale)
 
     def forward(self, color: Tensor) -> Tensor:
         """Compute the dense map."""
-        if self.config.normalize_color:
-            color = imagenet_normal(color)
-        stages = self.swin(color).feature_maps  # each (B, C_i, H / s_i, W / s_i)
+        if isinstance(self.config, LiteConfig):
+            stages = self.lite(color)  # each (B, C_i, H / s_i, W / s_i)
+        else:
+            seen = imagenet_normal(color) if self.config.normalize_color else color
+            stages = self.swin(seen).feature_maps  # each (B, C_i, H / s_i, W / s_i)
         coarse = self.aggregation(stages)  # (B, channels, H / 4, W / 4)
-        return enlarge(coarse, self.config.patch, color.shape[2:])
+        return enlarge(coarse, self.patch, color.shape[2:])

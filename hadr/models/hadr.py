@@ -20,6 +20,7 @@ from torch.nn import functional
 
 from hadr.hand import absolute_hand_feature, relative_hand_feature
 from hadr.models.backbone import BackboneConfig, ColorBackbone
+from hadr.models.blocks.efficientnet_lite import LiteConfig
 from hadr.models.config import NetworkConfig
 from hadr.models.decoders import OffsetDecoder, PairDecoder, encode_position, leaky_clamp
 from hadr.models.network_input import (
@@ -31,6 +32,7 @@ from hadr.models.network_input import (
 )
 from hadr.models.ray_features import RayFeatures, features_at
 from hadr.models.voxel_features import VoxelFeatures
+from hadr.models.window import WindowConfig, through_window
 from hadr.ray_voxels import (
     OccupiedVoxels,
     RayVoxelPairs,
@@ -42,6 +44,7 @@ from hadr.ray_voxels import (
     segment_softmax,
     select_points,
 )
+from hadr.records.provenance import IF_CHANGED
 
 HandFeature = Literal["none", "2d", "3d"]
 POSITION_LEVELS = 8
@@ -68,6 +71,10 @@ class HADRConfig(NetworkConfig):
         max_points: Most points of one frame that enter the voxels.
         clamp_probability: End the probability head in the leaky clamp as the published code does.
             It caps a ray's best probability near e / (e + K - 1) for K voxels, so it is off.
+        view: Look at a window around hand and glass; None looks at the whole picture.
+        lite: An EfficientNet-Lite0 in the Swin Transformer's place.
+        voxel_relu: End the voxel encoder's two layers on voxels in a ReLU, as the published code
+            does and the bundled networks don't (ledger, row 28).
 
     Raises:
         ValueError: `hand` is unknown.
@@ -85,6 +92,9 @@ class HADRConfig(NetworkConfig):
     offset_steps: int = 2
     max_points: int = 10_000
     clamp_probability: bool = False
+    view: WindowConfig | None = field(default=None, metadata=IF_CHANGED)
+    lite: LiteConfig | None = field(default=None, metadata=IF_CHANGED)
+    voxel_relu: bool = field(default=False, metadata=IF_CHANGED)
 
     def __post_init__(self) -> None:
         if self.hand not in get_args(HandFeature):
@@ -163,17 +173,18 @@ class HADR(nn.Module):
         super().__init__()
         self.config = config = config or HADRConfig()
         self.backbone: Any = backbone or ColorBackbone(
-            config.backbone, config.feature_channels, multi_scale=config.aggregation
+            config.lite or config.backbone, config.feature_channels, multi_scale=config.aggregation
         )
         self.ray_features = RayFeatures()
         self.voxel_features = VoxelFeatures(
-            config.point_fusion, config.feature_channels, config.voxel_width
+            config.point_fusion, config.feature_channels, config.voxel_width, config.voxel_relu
         )
         self.probability_decoder = PairDecoder(config.parts, config.decoder_widths)
         self.offset_decoder = OffsetDecoder(
             config.parts, config.decoder_widths, config.offset_steps
         )
 
+    @through_window
     def forward(
         self, inputs: HADRInput, *, rays: Tensor | None = None, true_depth: Tensor | None = None
     ) -> HADROutput:

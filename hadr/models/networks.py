@@ -9,7 +9,10 @@ from __future__ import annotations
 
 import importlib
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
+
+if TYPE_CHECKING:
+    from torch import nn
 
 
 @dataclass(frozen=True)
@@ -28,7 +31,10 @@ class Network:
             LIDF's probability is that of a voxel of 25 cm and says next to nothing about
             centimetres (chapter 6); the others have no opinion.
         skips_mask: It never looks at depth that was measured inside the mask.
-        sees: Of one that restores depth, the part whose map is what it sees (`hadr.known_ground`).
+        sees: Of one that restores depth, the part whose map is what it sees
+            (`hadr.confidence.sight`).
+        encoders: The parts that read pictures stage by stage, the one that sees colour first; a
+            network need not have all of them.
     """
 
     title: str
@@ -41,6 +47,7 @@ class Network:
     can_say: bool = False
     skips_mask: bool = False
     sees: str = ""
+    encoders: tuple[str, ...] = ()
 
     @property
     def modules(self) -> tuple[str, str]:
@@ -51,6 +58,10 @@ class Network:
         """Import the class of the network."""
         return getattr(importlib.import_module(self.module), self.network)
 
+    def encoders_of(self, network: nn.Module) -> dict[str, nn.Module]:
+        """Give the encoders that a network of this kind has, by their dotted names."""
+        return {name: part for name, part in network.named_modules() if name in self.encoders}
+
     def config_class(self) -> Any:
         """Import the class of its configuration."""
         return getattr(importlib.import_module(self.module), self.config)
@@ -59,11 +70,11 @@ class Network:
 NETWORKS: dict[str, Network] = {
     "hadr": Network(
         "HADR", "hadr.models.hadr", "HADR", "HADRConfig", "hadr.training.tasks.hadr",
-        published="HADR", sees="backbone",
+        published="HADR", sees="backbone", encoders=("backbone.swin", "backbone.lite"),
     ),
     "lidf": Network(
         "LIDF", "hadr.rivals.lidf", "LIDF", "LIDFConfig", "hadr.training.tasks.lidf",
-        published="LIDF+Refine", sees="first.backbone",
+        published="LIDF+Refine", sees="first.backbone", encoders=("first.backbone.resnet",),
     ),
     "dfnet": Network(
         "DFNet", "hadr.rivals.dfnet", "DFNet", "DFNetConfig", "hadr.training.tasks.dfnet",
@@ -72,26 +83,30 @@ NETWORKS: dict[str, Network] = {
     "swindrnet": Network(
         "SwinDRNet", "hadr.rivals.swindrnet", "SwinDRNet", "SwinDRNetConfig",
         "hadr.training.tasks.swindrnet", published="SwinDRNet", sees="fusions.0",
+        encoders=("color_swin", "depth_swin"),
     ),
     "tode": Network(
         "TODE-Trans", "hadr.rivals.tode", "TODETrans", "TODEConfig", "hadr.training.tasks.tode",
-        published="TODE-Trans", sees="decoder.0",
+        published="TODE-Trans", sees="decoder.0", encoders=("swin",),
     ),
     "unet-hand": Network(
         "U-Net with the hand", "hadr.rivals.unet_hand", "UNetHand", "UNetHandConfig",
-        "hadr.training.tasks.unet_hand", sees="up.0", skips_mask=True,
+        "hadr.training.tasks.unet_hand", sees="up.0", skips_mask=True, encoders=("down",),
     ),
     "hadr-plus": Network(
         "HADR-plus", "hadr.models.hadr_plus", "HADRPlus", "HADRPlusConfig",
         "hadr.training.tasks.hadr_plus", can_say=True, sees="unet", skips_mask=True,
+        encoders=("unet.left",),
     ),
     "hand-keypoints": Network(
         "hand keypoints", "hadr.models.hand.keypoints", "HandKeypointNet", "HandKeypointConfig",
         "hadr.training.tasks.hand_keypoints", answer="keypoints",
+        encoders=("unet.resnet",),
     ),
     "segmentation": Network(
         "segmentation", "hadr.models.segmentation", "SegmentationNet", "SegmentationConfig",
         "hadr.training.tasks.segmentation", answer="masks",
+        encoders=("unet.resnet",),
     ),
 }  # fmt: skip
 """The networks by their kind, as checkpoints and commands name it, in the tables' order."""

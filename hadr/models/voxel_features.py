@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import torch
 from torch import Tensor, nn
+from torch.nn import functional
 
 from hadr.ray_voxels import segment_max
 
@@ -17,19 +18,25 @@ class VoxelFeatures(nn.Module):
 
     Each point becomes 32 numbers. With point fusion these are 16 from its position relative to the
     voxel's centre and 16 from the dense colour feature at its pixel; without, 32 from position and
-    raw RGB together (the form of LIDF). Then, twice: layers on each point and the maximum in the
-    voxel; after the first time the voxel's vector goes back to each of its points.
+    raw RGB together (the form of LIDF). Then, twice: layers on each point, the maximum in the
+    voxel, and a layer on it; after the first time its vector goes back to each of the points.
 
     Args:
         point_fusion: Take the dense colour feature of each point (True) or its raw RGB (False).
         color_channels: Channels of the dense colour feature; without point fusion not used.
         width: Length of a voxel's feature.
+        voxel_relu: End both layers on voxels in a ReLU (ledger, row 28).
     """
 
     def __init__(
-        self, point_fusion: bool = True, color_channels: int = 32, width: int = 128
+        self,
+        point_fusion: bool = True,
+        color_channels: int = 32,
+        width: int = 128,
+        voxel_relu: bool = False,
     ) -> None:
         super().__init__()
+        self.bend = functional.relu if voxel_relu else nn.Identity()
         self.point_fusion = point_fusion
         self.color_channels = color_channels if point_fusion else 3
         self.width = width
@@ -82,9 +89,9 @@ class VoxelFeatures(nn.Module):
         else:
             point = torch.relu(self.embed_both(torch.cat((relative, color), dim=1)))
         point = torch.relu(self.lift(point))  # (points, 64)
-        in_voxel = self.first_voxel(segment_max(point, voxel, n_voxels))  # (voxels, 64)
+        in_voxel = self.bend(self.first_voxel(segment_max(point, voxel, n_voxels)))  # (voxels, 64)
         from_voxel = self.mix_voxel(in_voxel).index_select(0, voxel)  # (points, 128)
         point = torch.relu(self.mix_point(point) + from_voxel)  # (points, 128)
         point = torch.relu(self.mix(point))  # (points, 128)
-        result: Tensor = self.last_voxel(segment_max(point, voxel, n_voxels))  # (voxels, width)
-        return result
+        result: Tensor = self.bend(self.last_voxel(segment_max(point, voxel, n_voxels)))
+        return result  # (voxels, width)

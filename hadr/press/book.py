@@ -13,6 +13,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -38,13 +39,10 @@ from hadr.press.report import (
     speed_table,
     tuning_table,
 )
-from hadr.records.output_folder import (
-    make_output_folder,
-    remove_output_folder,
-)
+from hadr.records.output_folder import check_removable, make_output_folder
 from hadr.records.provenance import machine_text
 from hadr.records.reading import read_json, structured
-from hadr.records.writing import write_whole
+from hadr.records.writing import whole_folder, write_whole
 
 RUNTIME_TOKEN = "*stands here in the built book*"
 TABLE_TOKEN = "{{RUNTIME_TABLE}}"
@@ -103,7 +101,7 @@ def stage_notebook(notebook: Any, run_time: str) -> Any:
         _label_films(cell.outputs)
         if "interactive" in tags:
             cell.outputs = []
-            cells.append(nbformat.v4.new_markdown_cell(WIDGET_NOTE))
+            cells.append(nbformat.v4.new_markdown_cell(WIDGET_NOTE, id=f"note-{len(cells)}"))
     notebook.cells = cells
     notebook.metadata.pop("widgets", None)
     notebook.metadata.pop("papermill", None)
@@ -131,10 +129,15 @@ def _label_films(outputs: Sequence[Any]) -> None:
 
 def stage_book(book: Path, runs: Sequence[ChapterRun], target: Path) -> Path:
     """Copy the book's pages and the executed chapters into a build folder."""
+    with whole_folder(target, "hadr book", partial(check_removable, target)) as staged:
+        make_output_folder(staged)
+        _stage(book, runs, staged)
+    return target
+
+
+def _stage(book: Path, runs: Sequence[ChapterRun], target: Path) -> None:
     import nbformat
 
-    remove_output_folder(target)
-    make_output_folder(target)
     left_out = shutil.ignore_patterns("_build", ".*")
     shutil.copytree(book, target, ignore=left_out, dirs_exist_ok=True)
     (target / "notebooks").mkdir()
@@ -163,7 +166,6 @@ def stage_book(book: Path, runs: Sequence[ChapterRun], target: Path) -> Path:
             raise ValueError(f"{page.name} has {left.group()}, which nothing fills")
         page.write_text(text, encoding="utf-8")
     _drop_absent_chapters(target)
-    return target
 
 
 def _drop_absent_chapters(target: Path) -> None:

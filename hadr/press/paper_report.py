@@ -154,7 +154,7 @@ def _command(name: str, run: str, size: str) -> str:
 
 
 def _handover(file: ResultFile, paper: Mapping[str, Any], size: str) -> str:
-    ours = {row["arm"]: row for row in file.rows}
+    ours = {row["condition"]: row for row in file.rows}
     of_all, objects = int(paper["attempts"]), int(paper["objects"])
     listed: list[Method] = []
     for condition in dict.fromkeys([*HANDOVER_NAMES, *ours]):
@@ -164,7 +164,7 @@ def _handover(file: ResultFile, paper: Mapping[str, Any], size: str) -> str:
             won, *reached = paper[title]
             rate = f"{paper['success_rate_percent'][title]:.1f} %"
             lines["paper"] = [f"{won}/{of_all}", rate, *(f"{count}/{objects}" for count in reached)]
-        command = f"hadr handover --arms {condition} --out OUT"
+        command = f"hadr handover --conditions {condition} --out OUT"
         if row is None:
             listed.append((title or label, lines, {"command": _code(command)}))
             continue

@@ -54,6 +54,8 @@ exit status
   0 done   1 a row that was run again gave other numbers
   2 a chapter or a training failed, or a wrong call   130 interrupted"""
 
+HEADING = "# The paper's tables, and ours"
+"""How a report begins."""
 TINY_FRAMES = 48
 """Frames of each part in preset tiny, which shows that everything runs and no more."""
 
@@ -96,15 +98,22 @@ def run(options: Options) -> int:
         0 when all was done, 1 when a row that was run again gave other numbers, 2 when a chapter
         or a training failed.
     """
-    from hadr.experiments.handover_table import (
+    from hadr.experiments.plan import (
         handover_steps,
         make_handover_table,
+        measure_all,
+        plan,
         planned_attempts,
+        table_steps,
     )
-    from hadr.experiments.plan import measure_all, plan, table_steps
 
     check_output_folder(options.out)
     check_file(options.out / "results.json", parameters="", chapters="")
+    for table in (options.out / "tables").glob("*.json"):
+        check_file(table, what="", rows="")
+    check_file(told := options.out / "report.md")
+    if told.exists() and not told.read_bytes().startswith(HEADING.encode()):
+        raise ValueError(f"{told} is not replaced: no earlier run of this command wrote it")
     check_range("jobs", options.jobs, 1, MOST_JOBS)
     check_range("seed", options.seed, 0, LARGEST_SEED)
     seeds = options.seeds or ()
@@ -172,8 +181,7 @@ def run(options: Options) -> int:
 def is_table_wish(wish: str) -> bool:
     """Say whether a word of ``--only`` means a table's run and not a chapter."""
     from hadr.experiments.plan import TABLE_RUNS
-    from hadr.experiments.splits import EXPERIMENTS
-    from hadr.experiments.systems import METHODS, PARTS, SWITCHES
+    from hadr.experiments.protocol import EXPERIMENTS, METHODS, PARTS, SWITCHES
 
     names = (*EXPERIMENTS, *METHODS, *PARTS, *SWITCHES, *TABLE_RUNS, "full")
     return "/" in wish or wish.lower() in names
@@ -242,6 +250,6 @@ def write_report(out: Path, size: str) -> None:
     except FileNotFoundError:
         return
     if published.exists() and any((out / "tables" / f"{name}.json").exists() for name in TITLES):
-        text = f"# The paper's tables, and ours\n\n{report(out / 'tables', published, size)}"
+        text = f"{HEADING}\n\n{report(out / 'tables', published, size)}"
         write_whole(out / "report.md", text)
         print(f"the report: {out / 'report.md'}")

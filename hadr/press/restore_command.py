@@ -16,11 +16,12 @@ import numpy as np
 import tyro
 from numpy.typing import NDArray
 
-from hadr.camera import Intrinsics, load_intrinsics, valid_depth
+from hadr.camera import Intrinsics, valid_depth
 from hadr.corruption import Corruption
 from hadr.data.frame_pictures import encode_depth_array
 from hadr.frame_checks import checked_metres
 from hadr.frame_io import (
+    load_intrinsics,
     read_color,
     read_depth,
     read_hand,

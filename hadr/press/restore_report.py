@@ -16,6 +16,7 @@ import scipy
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from hadr import __version__
@@ -24,7 +25,10 @@ from hadr.figures import panels
 from hadr.hand import BONES
 from hadr.metrics import METRICS, frame_metrics
 from hadr.models.networks import DEPTH_NETWORKS, NETWORKS
-from hadr.restoration import GIVEN, Hand, Restoration
+from hadr.restoration import Restoration
+from hadr.trained_finders import GIVEN, Hand
+
+_MISSING = "#d9d9d9"
 
 METHOD_TITLES = {
     **{kind: f"{NETWORKS[kind].title} (not HADR)" for kind in DEPTH_NETWORKS},
@@ -64,7 +68,7 @@ def report(
         "ground": None if result.ground is None else result.ground.to_dict(),
         "image": {"width": camera.width, "height": camera.height},
         "intrinsics": camera.to_dict(),
-        "counts": counts(depth, result),
+        "counts": counts(depth, result, truth),
         "hand": None if result.hand is None else told_hand(result.hand),
         "errors_in_mask": scores,
         "inputs": {
@@ -106,29 +110,55 @@ def comparison_figure(
             (right, result.depth, "depth restored"),
         ):
             panels.show_depth(ax, image, title, vmin=low, vmax=high, colorbar=ax is right)
-        known = target & valid_depth(result.depth)
-        if truth is not None and (known & valid_depth(truth)).any():
-            error = np.where(known & valid_depth(truth), result.depth - truth, np.nan)
-            largest = float(np.nanpercentile(np.abs(error), 75))
-            limit = next((x for x in (0.02, 0.05, 0.1, 0.2) if largest <= x), 0.5)
-            panels.show_error(top_right, error, "restored minus true depth", limit=limit)
+        if truth is not None and (inside & valid_depth(truth)).any():
+            _show_error(top_right, result, truth)
         else:
-            unsaid = target & confidence_means(result).startswith("no probability")
-            shades = np.ma.masked_where(~there | unsaid, result.confidence)  # the axes' grey shows
-            image = top_right.imshow(shades, cmap="cividis", vmin=0, vmax=1)
-            title = f"confidence; in the outline: {confidence_means(result)}"
-            panels.bare_axes(top_right, title)
-            top_right.set_facecolor("#d9d9d9")
-            top_right.title.set_fontsize(10)
-            figure.colorbar(image, ax=top_right, shrink=0.75, pad=0.02, label="confidence")
+            _show_confidence(top_right, result)
         if target.any():
             for ax in (top_left, top_right, left, right):
-                ax.contour(target, [0.5], colors=[panels.COLORS["hand"]], linewidths=0.9)
+                ax.contour(target, [0.5], colors=[panels.COLORS["hand"]], linewidths=0.9, zorder=3)
         title = f"hadr restore: {METHOD_TITLES[result.method]}"
         if result.ground is not None and result.ground.inside is False:
             title += "; the frame is unlike those it learned from"
         figure.suptitle(title, fontsize=14, fontweight="bold")
+        figure.supxlabel(f"in the outline: {confidence_means(result)}", fontsize=11)
     return figure
+
+
+def _show_error(ax: Axes, result: Restoration, truth: NDArray[np.floating]) -> None:
+    """Draw restored minus true depth in the mask."""
+    known = result.mask & valid_depth(result.depth)
+    error = np.where(known & valid_depth(truth), result.depth - truth, np.nan)
+    largest = float(np.nanpercentile(np.abs(error), 75))
+    limit = next((x for x in (0.02, 0.05, 0.1, 0.2) if largest <= x), 0.5)
+    image = panels.show_error(ax, error, "restored minus true depth", limit=limit)
+    image.set(cmap=panels.ERROR_MAP, zorder=2)  # clear where there is no error to show
+    _mark(ax, "outside the mask", ~result.mask, "white")
+    _mark(ax, "the truth is not known", known & ~valid_depth(truth), "white", "////")
+    _mark(ax, "no depth", result.mask & ~known, _MISSING)
+
+
+def _show_confidence(ax: Axes, result: Restoration) -> None:
+    """Draw the confidence, and where there is none."""
+    there = valid_depth(result.depth)
+    said = bool(result.confidence[result.restored].any())
+    unsaid = result.restored & (not said)
+    shades = np.ma.masked_where(~there | unsaid, result.confidence)
+    image = ax.imshow(shades, cmap="plasma", vmin=0, vmax=1, zorder=2)
+    panels.bare_axes(ax, "confidence" if said else "confidence: none where restored")
+    ax.figure.colorbar(image, ax=ax, shrink=0.75, pad=0.02, label="confidence (1 = measured)")
+    _mark(ax, "no depth", ~there, _MISSING)
+    _mark(ax, "restored, without probability", unsaid, "white", "////")
+
+
+def _mark(ax: Axes, label: str, region: BoolArray, color: str, hatch: str | None = None) -> None:
+    """Fill a region under the picture, and say below what it is; nothing of an empty one."""
+    if not region.any():
+        return
+    ax.contourf(1.0 * region, [0.5, 1.5], colors=[color], hatches=[hatch], zorder=1)
+    handles = [*(old.legend_handles if (old := ax.get_legend()) else ())]
+    handles.append(Patch(facecolor=color, edgecolor="black", hatch=hatch, label=label))
+    ax.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, 0), ncols=3, frameon=False)
 
 
 def _show_hand(ax: Axes, camera: Intrinsics, result: Restoration) -> None:
@@ -178,10 +208,13 @@ def confidence_means(result: Restoration) -> str:
     return "no probability: it is not known what the network learned from"
 
 
-def counts(depth: NDArray[np.float32], result: Restoration) -> dict[str, int]:
-    """Count the frame's pixels: measured, to restore, restored, still missing."""
+def counts(
+    depth: NDArray[np.float32], result: Restoration, truth: NDArray[np.float32] | None
+) -> dict[str, int]:
+    """Count the frame's pixels: measured, to restore, with a known truth, restored, missing."""
     measured, target = valid_depth(depth), result.mask
-    return {
+    known = {} if truth is None else {"truth_in_mask": int((valid_depth(truth) & target).sum())}
+    return known | {
         "pixels": int(depth.size),
         "measured": int(measured.sum()),
         "mask": int(target.sum()),
@@ -241,7 +274,10 @@ def summary(report: Mapping[str, Any], out: str) -> str:
         *(f"note      {note}" for note in report["notes"]),
     ]
     if report["errors_in_mask"]:
-        lines.append("errors inside the mask")
+        lines.append(
+            f"errors inside the mask; the truth is known in {numbers['truth_in_mask']} of its "
+            f"{numbers['mask']} pixels"
+        )
     for name, row in report["errors_in_mask"].items():
         if name == "restored_where_measured":
             name = "the same, where measured"

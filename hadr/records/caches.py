@@ -9,6 +9,7 @@ for as long as the file's time and size stay the same.
 from __future__ import annotations
 
 import copyreg
+import hashlib
 from collections.abc import Callable
 from dataclasses import fields, is_dataclass
 from functools import _lru_cache_wrapper, lru_cache, wraps
@@ -108,3 +109,9 @@ def _state(path: Path) -> tuple[int, int] | None:
     except OSError:
         return None
     return found.st_mtime_ns, found.st_size
+
+
+@kept_by_file(64)
+def file_sha256(path: Path) -> str:
+    """SHA-256 of a file: 64 hexadecimal digits."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()

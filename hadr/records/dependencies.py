@@ -27,18 +27,9 @@ def code_digest(*modules: str, without: Collection[str] = ()) -> str:
 
     It is over the modules, over those that they import, at whatever place, or whose dotted name is
     a string in them, as in a table of networks, and so on; and over the other files of a module's
-    folder that it names, such as the template of a page.
-
-    Args:
-        *modules: Dotted names of the library's modules.
-        without: Modules to leave out, with what only they lead to: tables of all networks, where
-            the networks that are used are among `modules`.
-
-    Returns:
-        64 hexadecimal digits; other ones on a Python with another syntax tree.
-
-    Raises:
-        KeyError: The library has no such module. `hadr.records.provenance` counts for nothing.
+    folder that it names, such as the template of a page. Not over `hadr.records.provenance`, nor
+    over what only the modules `without` lead to: tables of all networks. 64 hexadecimal digits,
+    other ones on a Python with another syntax tree; KeyError for an unknown module.
     """
     whole, known = hashlib.sha256(), _modules()
     for name in sorted(modules_behind(*modules, without=without)):

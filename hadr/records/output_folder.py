@@ -155,15 +155,8 @@ def check_output_folder(folder: str | Path) -> Path:
 def make_output_folder(folder: str | Path) -> Path:
     """Make a folder for results, and mark it as hadr's where nobody's files are in it yet.
 
-    Args:
-        folder: It may be there already.
-
-    Returns:
-        Its absolute path, links followed.
-
-    Raises:
-        ValueError: As `check_output_folder`.
-        OSError: It can't be made or written.
+    Gives its absolute path, links followed; errors as `check_output_folder`, and OSError where it
+    can't be made or written.
     """
     target = check_output_folder(folder)
     own = not target.exists() or _is_own(target) or _is_free(target)
@@ -175,16 +168,9 @@ def make_output_folder(folder: str | Path) -> Path:
 
 
 def check_removable(folder: str | Path) -> Path:
-    """Refuse to remove or replace a folder that hadr did not make.
+    """Refuse to remove or replace a folder that hadr did not make; gives its absolute path.
 
-    Args:
-        folder: It may be missing.
-
-    Returns:
-        Its absolute path, links followed.
-
-    Raises:
-        ValueError: As `check_output_folder`; or it holds files and no marker.
+    ValueError as `check_output_folder`, or where it holds files and no marker.
     """
     target = check_output_folder(folder)
     if target.exists() and not _is_own(target):

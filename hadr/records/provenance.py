@@ -70,10 +70,7 @@ def provenance() -> dict[str, Any]:
 
 
 def _commit() -> dict[str, Any]:
-    """The library's own commit, and whether code beside it differs; None where nobody knows.
-
-    A library that lies in somebody's repository without being part of it has none.
-    """
+    """The library's own commit and whether code beside it differs; None where it is in none."""
     root = Path(__file__).resolve().parents[2]
     top = _git(root, "rev-parse", "--show-toplevel")
     tracked = _git(root, "ls-files", "--error-unmatch", "hadr/records/provenance.py")
@@ -104,14 +101,10 @@ def _git(folder: Path, *words: str) -> str | None:
 
 
 def record_of(config: Any) -> dict[str, Any]:
-    """Bring a configuration to built-in types, in a form that stays the same as fields join.
+    """Bring a dataclass to built-in types, in a form that stays the same as fields join.
 
-    Args:
-        config: A dataclass; those in its fields are brought along.
-
-    Returns:
-        Name and value of each field, but for the fields with metadata `IF_CHANGED` that have their
-        default: so older records, and their digests, stay valid.
+    Fields with metadata `IF_CHANGED` that have their default are left out: so older records, and
+    their digests, stay valid.
     """
     values: dict[str, Any] = asdict(config)
     for one in fields(config):

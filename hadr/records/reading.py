@@ -67,17 +67,12 @@ def structured(
 ) -> T:
     """Build a dataclass, or a type made of lists and names, from what JSON holds.
 
-    Args:
-        value: Of a dataclass a name and value for each field, but for the fields with metadata
-            `IF_CHANGED`, which may be left out.
-        kind: What to build.
-        where: The file's name, for errors.
-        further: Other names are left aside; else they are refused.
-        infinite: Numbers may be infinite.
+    Fields with metadata `IF_CHANGED` may be left out; `further` leaves other names aside, which
+    else are refused; `infinite` lets numbers be so.
 
     Raises:
         ValueError: A value is missing, of another kind, unknown, or refused by the dataclass; the
-            message names file, field and value.
+            message names the file (`where`), field and value.
     """
     try:
         _check_form(value, kind)

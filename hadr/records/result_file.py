@@ -49,18 +49,9 @@ class ResultFile:
 
 
 def read_result_files(folder: str | Path, *names: str) -> ResultFile:
-    """Read several result files as one.
+    """Read result files of a folder as one: all rows, the first one's words and origin.
 
-    Args:
-        folder: Where they are.
-        *names: Their names without ``.json``, at least one.
-
-    Returns:
-        All rows in the files' order, with the first one's words and provenance.
-
-    Raises:
-        FileNotFoundError: A file is missing.
-        ValueError: A file was changed since it was written, or is no result file.
+    Names are given without ``.json``; errors as `read_result_file`.
     """
     files = [read_result_file(Path(folder) / f"{name}.json") for name in names]
     rows = tuple(row for file in files for row in file.rows)
@@ -76,13 +67,7 @@ def digest(content: Any) -> str:
 def write_result_file(
     path: str | Path, what: str, rows: Sequence[Mapping[str, Any]], provenance: Mapping[str, Any]
 ) -> None:
-    """Write a result file, whole or not at all.
-
-    Args:
-        path: A ``.json`` file; its folder is made.
-        what: What was measured, for readers.
-        rows: The rows; numbers that are NaN become null.
-        provenance: Where they come from.
+    """Write a result file, whole or not at all; its folder is made, NaN becomes null.
 
     Raises:
         ValueError: There is no row.
@@ -94,15 +79,9 @@ def write_result_file(
 
 
 def write_sealed(path: str | Path, content: Mapping[str, Any]) -> None:
-    """Write measured numbers of any form with a checksum, whole or not at all.
+    """Write plain values with a checksum beside their ``provenance``, whole or not at all.
 
-    Args:
-        path: A ``.json`` file; its folder is made.
-        content: Plain values; under ``provenance`` where they come from.
-
-    Raises:
-        KeyError: Nothing stands under ``provenance``.
-        TypeError: A value has no form in JSON.
+    KeyError where nothing stands under ``provenance``, TypeError for what has no form in JSON.
     """
     sealed = dict(plain(content))
     sealed["provenance"] = {k: v for k, v in sealed["provenance"].items() if k != "sha256"}
@@ -139,18 +118,7 @@ def read_sealed(path: str | Path) -> dict[str, Any]:
 
 
 def read_result_file(path: str | Path) -> ResultFile:
-    """Read a result file and compare it with its checksum.
-
-    Args:
-        path: A file that `write_result_file` wrote.
-
-    Returns:
-        Its content.
-
-    Raises:
-        FileNotFoundError: There is no such file.
-        ValueError: It is not such a file, or it was changed after it was written.
-    """
+    """Read what `write_result_file` wrote; errors as `read_sealed`."""
     content = structured(read_sealed(path), _Result, path, further=True)
     if not content.rows or not all(content.rows):
         raise ValueError(f"{path}: rows: expected rows of numbers, got {content.rows!r:.60}")

@@ -99,7 +99,7 @@ def whole_folder(target: Path, command: str, check: Callable[[], object]) -> Ite
 
 @contextlib.contextmanager
 def sole_owner(folder: str | Path, command: str) -> Iterator[Path]:
-    """Have a folder to oneself, and sweep what a run that was killed left unfinished in it.
+    """Have a folder to oneself, and sweep what is unfinished in it: a killed run's, and one's own.
 
     The lock is the operating system's: it ends with the process, however that ends. Where there
     is none (Windows, some network file systems) nothing is locked.
@@ -127,6 +127,7 @@ def sole_owner(folder: str | Path, command: str) -> Iterator[Path]:
             yield folder
         finally:
             with contextlib.suppress(OSError):
+                _sweep(folder)
                 (folder / LOCK).unlink()
             os.close(handle)
     finally:

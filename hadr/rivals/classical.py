@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from hadr.camera import BoolArray, FloatArray, valid_depth, window_around
+from hadr.camera import BoolArray, FloatArray, Intrinsics, project, valid_depth, window_around
 
 SLACK_M = 0.06
 """How far the skin may be from the keypoints' depths, metres."""
@@ -117,6 +117,36 @@ def hand_median(
     hand = restored[region & ~mask & (restored > 0)]
     restored[mask] = np.median(hand) if hand.size else np.median(keypoints_z)
     return restored
+
+
+def fill(
+    method: str,
+    depth: FloatArray,
+    mask: BoolArray,
+    camera: Intrinsics,
+    keypoints: NDArray[np.float64] | None,
+    hand_mask: BoolArray | None,
+) -> FloatArray:
+    """Fill the mask with a method by its name: nearest, inpaint or hand-median.
+
+    Args:
+        method: The name.
+        depth: z-depth in metres, shape (H, W); 0 = missing.
+        mask: Pixels to restore, shape (H, W) bool.
+        camera: Intrinsics of the depth.
+        keypoints: 21 hand keypoints, camera frame, metres, shape (21, 3).
+        hand_mask: Pixels of hand and arm, shape (H, W) bool; None: not known.
+
+    Raises:
+        ValueError: The method needs keypoints and there are none, or no pixel has depth.
+    """
+    if method == "nearest":
+        return nearest_valid(depth, mask)
+    if method == "inpaint":
+        return inpaint(depth, mask)
+    if keypoints is None:
+        raise ValueError("method hand-median needs 21 hand keypoints (21, 3), got none")
+    return hand_median(depth, mask, project(keypoints, camera), keypoints[:, 2], hand_mask)
 
 
 def _checked(depth: FloatArray, mask: BoolArray) -> NDArray[np.float32]:

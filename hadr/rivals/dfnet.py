@@ -14,7 +14,7 @@ may when it learns; here it does both or neither.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 import torch
@@ -23,6 +23,8 @@ from torch import Tensor, nn
 
 from hadr.models.config import NetworkConfig
 from hadr.models.network_input import HADRInput, ImageOutput, float_color
+from hadr.models.window import WindowConfig, through_window
+from hadr.records.provenance import IF_CHANGED
 
 MARGIN_M = 1e-6
 """Keeps the range of a frame of one depth from being empty."""
@@ -41,6 +43,7 @@ class DFNetConfig(NetworkConfig):
         far_m: Depth farther than this counts as missing, metres.
         fill_holes: Missing depth becomes that of the nearest pixel that has some; without it,
             missing depth stays 0, and the network can see where it is missing.
+        view: Look at a window around hand and glass; None looks at the whole picture.
     """
 
     width: int = 64
@@ -50,6 +53,7 @@ class DFNetConfig(NetworkConfig):
     near_m: float = 0.3
     far_m: float = 1.5
     fill_holes: bool = True
+    view: WindowConfig | None = field(default=None, metadata=IF_CHANGED)
 
     hand: ClassVar[str] = "none"
     """It does without the hand's keypoints."""
@@ -166,6 +170,7 @@ class DFNet(nn.Module):
         self.final = _conv(width, width)
         self.head = nn.Conv2d(width, 1, 1)
 
+    @through_window
     def forward(self, inputs: HADRInput) -> ImageOutput:
         """Restore the depth of masked pixels; frames may be of any size.
 

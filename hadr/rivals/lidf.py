@@ -21,13 +21,13 @@ in evaluation mode whatever `train` asks for, so its weights and running statist
 deviation taken off the colours everywhere, 2 iterations, the range of 0.2 m, the end voxel, and
 how ends are perturbed in training. **Different here:** what the ledger's rows 3 and 10 say of HADR
 (points are spread in raster order, not within 8x8 blocks; rays without a candidate are not
-restored); ROI boxes at the border, as in `RayFeatures`; the voxel encoder has no ReLU after its
-two layers on voxels; decoders start as HADR's do, and the refinement starts as the identity, where
-the published one starts near -0.2 m; a move is cut off at 0.2 m exactly, with the leaky clamp's
-gradient, where the published one leaks a little; the published training keeps the frozen stage's
-batch normalisation in training mode, and ends with a third part on the worst tenth of the rays at
-a rate of 1e-4, which is left out. **Not checked:** whether the paper's own figures include that
-third part, and nothing was compared with the published weights.
+restored); ROI boxes at the border, as in `RayFeatures`; decoders start as HADR's do, and the
+refinement starts as the identity, where the published one starts near -0.2 m; a move is cut off at
+0.2 m exactly, with the leaky clamp's gradient, where the published one leaks a little; the
+published training keeps the frozen stage's batch normalisation in training mode, and ends with a
+third part on the worst tenth of the rays at a rate of 1e-4, which is left out. **Not checked:**
+whether the paper's own figures include that third part, and nothing was compared with the
+published weights.
 
 Source: Zhu et al. 2021, "RGB-D Local Implicit Function for Depth Completion of Transparent
 Objects", and its published code for the numbers.
@@ -49,7 +49,9 @@ from hadr.models.hadr import HADR, POSITION_LEVELS, HADRConfig, HADROutput, Seen
 from hadr.models.network_input import HADRInput, float_color
 from hadr.models.ray_features import features_at
 from hadr.models.voxel_features import VoxelFeatures
+from hadr.models.window import WindowConfig, through_window
 from hadr.ray_voxels import OccupiedVoxels, VoxelGrid, voxels_at
+from hadr.records.provenance import IF_CHANGED
 
 
 @dataclass(frozen=True)
@@ -71,6 +73,8 @@ class LIDFConfig(NetworkConfig):
         first_share: Share of a training's epochs in which the first stage learns alone.
         perturb_probability: Chance that the ends of a training batch are perturbed before the
             refinement, 0..1.
+        view: Look at a window around hand and glass; None looks at the whole picture.
+        voxel_relu: End the voxel encoders' layers on voxels in a ReLU (ledger, row 28).
     """
 
     hand: ClassVar[str] = "none"
@@ -87,6 +91,8 @@ class LIDFConfig(NetworkConfig):
     refine_range_m: float = 0.2
     first_share: float = 2 / 3
     perturb_probability: float = 0.8
+    view: WindowConfig | None = field(default=None, metadata=IF_CHANGED)
+    voxel_relu: bool = field(default=False, metadata=IF_CHANGED)
 
     @property
     def first_stage(self) -> HADRConfig:
@@ -100,6 +106,7 @@ class LIDFConfig(NetworkConfig):
             decoder_widths=self.decoder_widths,
             offset_steps=self.offset_steps,
             max_points=self.max_points,
+            voxel_relu=self.voxel_relu,
         )
 
     @property
@@ -134,7 +141,9 @@ class Refinement(nn.Module):
     def __init__(self, config: LIDFConfig) -> None:
         super().__init__()
         self.config = config
-        self.voxel_features = VoxelFeatures(point_fusion=False, width=config.voxel_width)
+        self.voxel_features = VoxelFeatures(
+            point_fusion=False, width=config.voxel_width, voxel_relu=config.voxel_relu
+        )
         self.offset_decoder = OffsetDecoder(
             config.refine_parts, config.decoder_widths, config.offset_steps
         )
@@ -228,6 +237,7 @@ class LIDF(nn.Module):
             self.first.eval()
         return self
 
+    @through_window
     def forward(
         self,
         inputs: HADRInput,

@@ -23,7 +23,7 @@ Parsing for Scene Understanding" (the heads).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import torch
@@ -34,6 +34,8 @@ from hadr.models.blocks.cross_fusion import CrossFusion
 from hadr.models.blocks.pyramid_head import PyramidHead
 from hadr.models.config import NetworkConfig
 from hadr.models.network_input import HADRInput, ImageOutput, float_color
+from hadr.models.window import WindowConfig, through_window
+from hadr.records.provenance import IF_CHANGED
 
 PUBLISHED_ENCODER = BackboneConfig(normalize_color=False)
 """Swin-T on colours in 0..1."""
@@ -56,6 +58,7 @@ class SwinDRNetConfig(NetworkConfig):
         mix_missing: Missing depth takes part in the mix as 0 m, as published; False gives it no
             share.
         start_m: Depth in metres around which the untrained depth head answers; 0 is published.
+        view: Look at a window around hand and glass; None looks at the whole picture.
     """
 
     hand: ClassVar[str] = "none"
@@ -67,6 +70,7 @@ class SwinDRNetConfig(NetworkConfig):
     dropout: float = 0.1
     mix_missing: bool = False
     start_m: float = 0.5
+    view: WindowConfig | None = field(default=None, metadata=IF_CHANGED)
 
 
 @dataclass(frozen=True)
@@ -110,6 +114,7 @@ class SwinDRNet(nn.Module):
         self.confidence_head = PyramidHead(widths, config.channels, 2, config.pools, config.dropout)
         nn.init.constant_(self.depth_head.last.bias, config.start_m)  # type: ignore[arg-type]
 
+    @through_window
     def forward(self, inputs: HADRInput) -> SwinDRNetOutput:
         """Restore the depth of masked pixels; frames may be of any size."""
         raw = inputs.depth  # (B, H, W)

@@ -24,7 +24,7 @@ its published code, read for its numbers.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import torch
@@ -34,6 +34,8 @@ from torch.nn import functional
 from hadr.models.blocks.stochastic_depth import replace_drop_path
 from hadr.models.config import NetworkConfig
 from hadr.models.network_input import HADRInput, ImageOutput, float_color
+from hadr.models.window import WindowConfig, through_window
+from hadr.records.provenance import IF_CHANGED
 
 LIMIT_M = 10.0
 """Measured depth beyond this counts as missing."""
@@ -53,6 +55,7 @@ class TODEConfig(NetworkConfig):
         width: Channels of the decoder; half as many at the image's own resolution.
         gate: How much of a coarse level passes through the finer one's gate, 0..1; the rest passes
             as it is.
+        view: Look at a window around hand and glass; None looks at the whole picture.
     """
 
     hand: ClassVar[str] = "none"
@@ -65,6 +68,7 @@ class TODEConfig(NetworkConfig):
     drop_path: float = 0.1
     width: int = 128
     gate: float = 1.0
+    view: WindowConfig | None = field(default=None, metadata=IF_CHANGED)
 
     @property
     def channels(self) -> tuple[int, ...]:
@@ -157,6 +161,7 @@ class TODETrans(nn.Module):
             if isinstance(module, nn.Conv2d):
                 nn.init.kaiming_normal_(module.weight, mode="fan_out")
 
+    @through_window
     def forward(self, inputs: HADRInput) -> ImageOutput:
         """Restore depth; frames may be of any size, hand and intrinsics are not looked at."""
         measured = inputs.depth  # (B, H, W)

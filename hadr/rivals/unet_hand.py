@@ -8,7 +8,7 @@ over this one, it gains by more than by being told where the hand is.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import torch
@@ -19,6 +19,8 @@ from hadr.models.backbone import enlarge
 from hadr.models.config import NetworkConfig
 from hadr.models.hand.crop import hand_depth, keypoint_maps, relative_depth
 from hadr.models.network_input import DepthOutput, HADRInput, float_color
+from hadr.models.window import WindowConfig, through_window
+from hadr.records.provenance import IF_CHANGED
 
 REACH_M = 0.2
 """Measured depth farther than this from the hand's is cut off."""
@@ -33,10 +35,12 @@ class UNetHandConfig(NetworkConfig):
     Args:
         width: Channels at half of the input's resolution, twice as many at each coarser one.
         levels: Number of resolutions, the first included.
+        view: Look at a window around hand and glass; None looks at the whole picture.
     """
 
     width: int = 38
     levels: int = 4
+    view: WindowConfig | None = field(default=None, metadata=IF_CHANGED)
 
 
 def _twice(channels: int, out: int) -> nn.Sequential:
@@ -61,6 +65,7 @@ class UNetHand(nn.Module):
         self.up = nn.ModuleList(_twice(coarse + fine, fine) for fine, coarse in pairwise(widths))
         self.head = nn.Conv2d(widths[0], 4, 1)
 
+    @through_window
     def forward(self, inputs: HADRInput) -> DepthOutput:
         """Restore the depth of masked pixels, in frames of even height and width.
 

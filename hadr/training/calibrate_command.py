@@ -64,18 +64,17 @@ class Options:
 
 def run(options: Options) -> int:
     """Run `hadr calibrate`."""
-    from hadr.confidence import ConfidenceRule
+    from hadr.confidence.calibration import ConfidenceRule
     from hadr.data.folders import check_folders
     from hadr.records.result_file import write_result_file
-    from hadr.training.batches import load_frames
-    from hadr.training.calibrate import calibrate, measure_confidence, restored_pixels
+    from hadr.training.calibrate import calibrate, learn_ground, measure_confidence, restored_pixels
     from hadr.training.checkpoints import (
         kind_of,
         load_checkpoint,
         trained_corruption,
         update_record,
     )
-    from hadr.training.ground import learn_ground
+    from hadr.training.frames.batches import load_frames
 
     check_range("seed", options.seed, 0, LARGEST_SEED)
     check_file(options.out, what=_WHAT)

@@ -3,15 +3,14 @@
 A checkpoint is a safetensors file. Its header holds the network's configuration and the record of
 its training as JSON; the `.json` file beside it is the same record for human eyes. Both are
 written to a temporary file first and renamed, so a crash never leaves half a file under the name.
-The record has a checksum of all tensors; a file that was made before there was one is read without.
+The record holds a checksum of itself and of all tensors; a file without it is refused.
 """
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, is_dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -21,15 +20,15 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor, nn
 
-from hadr.confidence import ConfidenceRule
+from hadr.confidence.calibration import ConfidenceRule
+from hadr.confidence.known_ground import Ground
 from hadr.corruption import CORRUPTIONS, Corruption
-from hadr.known_ground import Ground
 from hadr.models.networks import NETWORKS
 from hadr.records.provenance import IF_CHANGED, plain, write_json
 from hadr.records.reading import parse_json, structured
 from hadr.records.writing import write_whole
 
-CHECKSUM = "tensors_sha256"
+_CHECKSUM = "sha256"
 _HEADER = "hadr"
 _LARGEST = 16384
 _STATE = "training/"  # prefix of tensors that only a resumed training needs
@@ -55,10 +54,10 @@ class _Record:
     model: dict[str, Any]
     width: int
     height: int
+    sha256: str
     data: dict[str, Any] | None = field(default=None, metadata=IF_CHANGED)
     preset: dict[str, Any] | None = field(default=None, metadata=IF_CHANGED)
     learned_range: _LearnedRange | None = field(default=None, metadata=IF_CHANGED)
-    tensors_sha256: str | None = field(default=None, metadata=IF_CHANGED)
 
     def __post_init__(self) -> None:
         if self.network not in NETWORKS:
@@ -117,8 +116,8 @@ def load_checkpoint(path: str | Path) -> tuple[Any, dict[str, Any]]:
 
     Raises:
         FileNotFoundError: There is no such file.
-        ValueError: The file is cut off or damaged, its weights are not those that were written, or
-            no numbers; or its record lacks a field or has a wrong one.
+        ValueError: The file is cut off or damaged, its weights or its record are not those that
+            were written; or weights are no numbers, or the record lacks a field or has a wrong one.
     """
     tensors, meta = _read(Path(path))
     kind = meta["network"]
@@ -183,25 +182,15 @@ def trained_corruption(meta: Mapping[str, Any]) -> Corruption:
     raise ValueError(f"corruption must be one of {', '.join(CORRUPTIONS)}, got {stored!r}")
 
 
-def strip_checkpoint(source: str | Path, target: str | Path, *, half: bool = True) -> None:
-    """Write a checkpoint without what a resumed training needs; errors as `load_checkpoint`."""
-    model, meta = load_checkpoint(source)
-    save_checkpoint(target, model, meta, half=half)
+def strip_checkpoint(source: str | Path, target: str | Path) -> None:
+    """Write a checkpoint's weights alone, in half precision; errors as `load_checkpoint`."""
+    save_checkpoint(target, *load_checkpoint(source), half=True)
 
 
 def update_record(path: str | Path, additions: Mapping[str, Any]) -> dict[str, Any]:
-    """Add to a checkpoint's record; every tensor keeps its bytes.
+    """Add to a checkpoint's record, in it and beside it; give it. Tensors keep their bytes.
 
-    Args:
-        path: A checkpoint; the file and the record beside it are replaced.
-        additions: Values by their keys; a key that is there already is replaced.
-
-    Returns:
-        The whole record.
-
-    Raises:
-        FileNotFoundError: There is no such file.
-        ValueError: It is no checkpoint.
+    Errors as `load_checkpoint`.
     """
     path = Path(path)
     tensors, meta = _read(path)
@@ -218,29 +207,13 @@ def load_training_state(path: str | Path) -> dict[str, Tensor]:
 
 def _write(path: Path, tensors: dict[str, Tensor], record: dict[str, Any]) -> None:
     """Write checkpoint and record, each whole or not at all."""
-    record[CHECKSUM] = _checksum(tensors)
+    record[_CHECKSUM] = checksum(tensors, record)
     write_whole(path, save(tensors, metadata={_HEADER: json.dumps(record)}))
     write_json(path.with_suffix(".json"), record)
 
 
 def _read(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
-    with _opened(path) as (file, meta):
-        names = file.keys()
-        tensors: dict[str, Tensor] = {name: file.get_tensor(name) for name in names}
-    if meta.get(CHECKSUM, found := _checksum(tensors)) != found:
-        raise ValueError(f"{path} was damaged or changed: its tensors do not fit their checksum")
-    return tensors, meta
-
-
-def read_record(path: str | Path) -> dict[str, Any]:
-    """Read a checkpoint's record alone; errors as `load_checkpoint`."""
-    with _opened(Path(path)) as (_, meta):
-        return meta
-
-
-@contextlib.contextmanager
-def _opened(path: Path) -> Iterator[tuple[Any, dict[str, Any]]]:
-    """The open file and its record, whose fields are checked."""
+    """The tensors and the record, whose checksum and fields are checked."""
     if not path.is_file():
         raise FileNotFoundError(f"there is no checkpoint at {path}")
     try:
@@ -249,20 +222,30 @@ def _opened(path: Path) -> Iterator[tuple[Any, dict[str, Any]]]:
             if _HEADER not in header:
                 raise ValueError(f"{path} is a safetensors file, but not a checkpoint of HADR")
             meta: dict[str, Any] = parse_json(header[_HEADER], f"the record of {path}")
-            if isinstance(meta, dict):
-                meta.setdefault("network", "hadr")  # the first checkpoints were all of HADR
             structured(meta, _Record, path, further=True)
-            yield file, meta
+            names = file.keys()
+            tensors: dict[str, Tensor] = {name: file.get_tensor(name) for name in names}
     except (SafetensorError, OSError) as error:
         raise ValueError(
             f"{path} ({path.stat().st_size} bytes) is cut off or damaged, not a whole checkpoint: "
             f"{error}"
         ) from error
+    if meta[_CHECKSUM] != checksum(tensors, meta):
+        raise ValueError(
+            f"{path} was damaged or changed: weights and record do not fit their checksum"
+        )
+    return tensors, meta
 
 
-def _checksum(tensors: Mapping[str, Tensor]) -> str:
-    """SHA-256 of names, types, shapes and bytes."""
-    digest = hashlib.sha256()
+def read_record(path: str | Path) -> dict[str, Any]:
+    """Read a checkpoint's record alone; errors as `load_checkpoint`."""
+    return _read(Path(path))[1]
+
+
+def checksum(tensors: Mapping[str, Tensor], record: Mapping[str, Any]) -> str:
+    """SHA-256 of the record but for itself, and of the tensors' names, types, shapes, bytes."""
+    rest = {name: value for name, value in record.items() if name != _CHECKSUM}
+    digest = hashlib.sha256(json.dumps(rest, sort_keys=True).encode())
     for name in sorted(tensors):
         values = tensors[name].contiguous()
         digest.update(f"{name} {values.dtype} {tuple(values.shape)}".encode())
@@ -272,12 +255,13 @@ def _checksum(tensors: Mapping[str, Tensor]) -> str:
 
 def _without_download(config: Any) -> Any:
     """Build without fetching published weights: they will be overwritten at once."""
-    if getattr(config, "pretrained", None) is not None:
-        return replace(config, pretrained=None)
-    backbone = getattr(config, "backbone", None)
-    if is_dataclass(backbone) and getattr(backbone, "pretrained", None) is not None:
-        return replace(config, backbone=replace(backbone, pretrained=None))  # type: ignore[type-var]
-    return config
+    parts: dict[str, Any] = {}
+    for name, value in vars(config).items():
+        if name == "pretrained":
+            parts[name] = False if value is True else None if isinstance(value, str) else value
+        elif is_dataclass(value):
+            parts[name] = _without_download(value)
+    return replace(config, **parts)
 
 
 def adam_state(optimizer: torch.optim.Adam) -> dict[str, Tensor]:

@@ -8,7 +8,6 @@ gains by leaving out what is difficult.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
 
 import numpy as np
 import torch
@@ -18,7 +17,7 @@ from hadr.camera import BoolArray, FloatArray
 from hadr.metrics import DepthMetrics, frame_metrics, mean_over_frames
 from hadr.models.hadr import HADROutput
 from hadr.rivals import classical
-from hadr.training.batches import FrameTensors
+from hadr.training.frames.batches import FrameTensors
 
 Restorer = Callable[[FrameTensors, int], FloatArray]
 """From the frames and a frame's number to restored z-depth in metres, shape (H, W)."""
@@ -96,13 +95,7 @@ def compare(
 ) -> dict[str, list[DepthMetrics]]:
     """Score the methods without learning and some networks on the same frames.
 
-    Args:
-        frames: The frames.
-        models: Networks by name.
-        batch_size: Frames at a time.
-
-    Returns:
-        The metrics of each frame, by the method's name, the classical ones first.
+    Gives the metrics of each frame by the method's name, the classical ones first.
     """
     rows = {
         name: score(np.stack([restorer(frames, n) for n in range(len(frames))]), frames)
@@ -115,48 +108,3 @@ def compare(
 def averages(rows: Mapping[str, list[DepthMetrics]]) -> dict[str, DepthMetrics]:
     """Average each method's metrics over the frames."""
     return {name: mean_over_frames(metrics) for name, metrics in rows.items()}
-
-
-def comparison(
-    frames: FrameTensors, rows: Mapping[str, list[DepthMetrics]], reference: str = "hand-median"
-) -> dict[str, Any]:
-    """Put a comparison into a form for JSON: averages, their uncertainty, and each frame's RMSE.
-
-    Args:
-        frames: The frames.
-        rows: What `compare` gave.
-        reference: The method that each other one is compared with, frame by frame.
-
-    Returns:
-        `rows` (the per-frame mean of each method, with the standard error of the RMSE),
-        `against` (each method's RMSE minus the reference's on the same frame: the mean and its
-        standard error) and `frames` (the RMSE of each frame by method).
-    """
-    rmse = {name: np.array([m.rmse_m for m in metrics]) for name, metrics in rows.items()}
-    return {
-        "rows": {
-            name: {**mean.to_dict(), "rmse_standard_error_m": _standard_error(rmse[name])}
-            for name, mean in averages(rows).items()
-        },
-        "against": [
-            {
-                "method": name,
-                "reference": reference,
-                "mean_difference_m": float((values - rmse[reference]).mean()),
-                "standard_error_m": _standard_error(values - rmse[reference]),
-                "better_on_frames": int((values < rmse[reference]).sum()),
-                "frames": len(values),
-            }
-            for name, values in rmse.items()
-            if name != reference
-        ],
-        "frames": [
-            {"frame": stem, **{name: float(values[number]) for name, values in rmse.items()}}
-            for number, stem in enumerate(frames.stems)
-        ],
-    }
-
-
-def _standard_error(values: FloatArray) -> float:
-    """Standard error of the mean; NaN for a single value."""
-    return float(values.std(ddof=1) / len(values) ** 0.5) if len(values) > 1 else float("nan")

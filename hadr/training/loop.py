@@ -26,8 +26,10 @@ from tqdm import tqdm
 
 from hadr.models.blocks.shared_batch_norm import share_batch_norm
 from hadr.models.blocks.stochastic_depth import set_share
-from hadr.training.batches import FrameTensors
-from hadr.training.frame_augmentation import augment_frames
+from hadr.models.networks import network_of
+from hadr.training.diagnosis import gradient_norms
+from hadr.training.frames.augmentation import augment_frames
+from hadr.training.frames.batches import FrameTensors
 from hadr.training.pictures import save_png
 from hadr.training.processes import average_gradients, average_numbers, shares
 from hadr.training.recipe import Preset
@@ -111,6 +113,7 @@ def train(
         network.load_state_dict(start.state_dict())
     if processes > 1:
         share_batch_norm(network)
+    encoders = network_of(recipe.network).encoders
     optimizer = optimizer_of(recipe, network)
     rates = [group["lr"] for group in optimizer.param_groups]  # of each, before the schedule
     average = None if recipe.average_decay is None else average_of(network, recipe.average_decay)
@@ -152,6 +155,7 @@ def train(
             optimizer.zero_grad()
             losses["loss"].backward()  # type: ignore[no-untyped-call]
             average_gradients(network, processes)
+            norms = gradient_norms(network, encoders)
             if recipe.clip_norm is not None:
                 nn.utils.clip_grad_norm_(network.parameters(), recipe.clip_norm)
             for group, rate in zip(optimizer.param_groups, rates, strict=True):
@@ -161,11 +165,12 @@ def train(
                 average.update_parameters(network)
 
             numbers = average_numbers(losses, processes)
+            numbers |= {name: float(norm) for name, norm in norms.items()}
             _check_finite(numbers["loss"], epoch, step)
             seen += share.batch_size
             for name, value in numbers.items():
                 sums[name] = sums.get(name, 0.0) + value * share.batch_size
-            bar.set_postfix({name: f"{sums[name] / seen:.4g}" for name in sums}, refresh=False)
+            bar.set_postfix({name: f"{sums[name] / seen:.4g}" for name in losses}, refresh=False)
             bar.update()
 
         row = {"epoch": float(epoch), "rate": recipe.rate(epoch)}
@@ -210,11 +215,16 @@ def average_of(network: nn.Module, decay: float) -> AveragedModel:
 
 def optimizer_of(recipe: Preset, network: nn.Module) -> torch.optim.Adam:
     """Build the recipe's optimiser; the loop schedules the rate of each of its groups."""
+    parts = tuple(f"{name}." for name in network_of(recipe.network).encoders)
+    slow, fast = list[Tensor](), list[Tensor]()
+    for name, weight in network.named_parameters():
+        (slow if recipe.encoder_rate != 1 and name.startswith(parts) else fast).append(weight)
+    groups: list[dict[str, Any]] = [{"params": fast}]
+    if slow:
+        groups.append({"params": slow, "lr": recipe.learning_rate * recipe.encoder_rate})
     if recipe.optimizer == "adamw":
-        return torch.optim.AdamW(
-            network.parameters(), lr=recipe.learning_rate, weight_decay=recipe.weight_decay
-        )
-    return torch.optim.Adam(network.parameters(), lr=recipe.learning_rate)
+        return torch.optim.AdamW(groups, lr=recipe.learning_rate, weight_decay=recipe.weight_decay)
+    return torch.optim.Adam(groups, lr=recipe.learning_rate)
 
 
 def chance(seed: int, epoch: int, step: int | None = None) -> torch.Generator:

@@ -29,14 +29,8 @@ def shared_mean(total: Tensor, count: Tensor | int) -> Tensor:
     """Divide a sum by how many entered it, so that processes average to the whole batch's mean.
 
     Each process divides its own sum by the mean of all processes' counts: the mean over the
-    processes of the results is then the sum of all totals by the sum of all counts.
-
-    Args:
-        total: Sum over this process's share of the batch, any shape.
-        count: How many entered it, one number.
-
-    Returns:
-        The shape of `total`; zeros where nothing counts. With one process: total / count.
+    processes of the results is then the sum of all totals by the sum of all counts. Zeros where
+    nothing counts.
     """
     number = torch.as_tensor(count, dtype=total.dtype, device=total.device).detach().clone()
     if distributed.is_available() and distributed.is_initialized():
@@ -126,14 +120,9 @@ def probability_loss(log_probability: Tensor, true_pair: Tensor) -> Tensor:
 
 
 def normals(cloud: Tensor) -> Tensor:
-    """Normals of an organised point cloud, from the cross product of forward differences.
+    """Unit normals (B, H - 1, W - 1, 3) of an organised point cloud (B, H, W, 3).
 
-    Args:
-        cloud: Points, shape (B, H, W, 3).
-
-    Returns:
-        Unit vectors, shape (B, H - 1, W - 1, 3): the step to the next column cross the step to
-        the next row. They are meaningless where one of the three points is.
+    The step to the next column cross that to the next row; meaningless where a point is.
     """
     to_column = cloud[:, :-1, 1:] - cloud[:, :-1, :-1]
     to_row = cloud[:, 1:, :-1] - cloud[:, :-1, :-1]
@@ -141,31 +130,17 @@ def normals(cloud: Tensor) -> Tensor:
 
 
 def normals_apart(cloud: Tensor, true_cloud: Tensor, known: Tensor) -> tuple[Tensor, Tensor]:
-    """Compare the normals of two organised point clouds.
+    """Compare the normals of two organised point clouds (B, H, W, 3), known (B, H, W) where bool.
 
-    Args:
-        cloud: Predicted points, shape (B, H, W, 3).
-        true_cloud: True points, shape (B, H, W, 3).
-        known: Where the points are known, shape (B, H, W), bool.
-
-    Returns:
-        1 - cos of the angle between them, shape (B, H - 1, W - 1): 0 = parallel, 2 = opposite; and
-        where the pixel and the next ones in column and row are known, the same shape, bool.
+    Gives 1 - cos of the angle between them, (B, H - 1, W - 1): 0 = parallel, 2 = opposite; and
+    where the pixel and the next ones in column and row are known.
     """
     whole = known[:, :-1, :-1] & known[:, :-1, 1:] & known[:, 1:, :-1]
     return 1 - (normals(cloud) * normals(true_cloud)).sum(dim=-1), whole
 
 
 def image_points(depth: Tensor, intrinsics: Tensor) -> Tensor:
-    """Lift whole depth images to points.
-
-    Args:
-        depth: z-depth in metres, shape (B, H, W).
-        intrinsics: fx, fy, cx, cy of each frame in pixels, shape (B, 4).
-
-    Returns:
-        Points in metres, camera frame, shape (B, H, W, 3).
-    """
+    """Lift depth (B, H, W), metres, by fx, fy, cx, cy (B, 4): points (B, H, W, 3)."""
     pixels = masked_rays(torch.ones_like(depth, dtype=torch.bool))  # (B * H * W, 3)
     return ray_points(pixels, depth.flatten(), intrinsics).view(*depth.shape, 3)
 

@@ -12,7 +12,7 @@ from torch import nn
 
 from hadr.camera import BoolArray, FloatArray
 from hadr.records.writing import write_whole
-from hadr.training.batches import FrameTensors
+from hadr.training.frames.batches import FrameTensors
 
 Picture = npt.NDArray[np.uint8]
 AROUND_M = 0.15
@@ -24,15 +24,15 @@ _GAP = 4
 _TITLES = ("colour", "corrupted", "restored", "truth", "error")
 
 
-def depth_picture(model: nn.Module, frames: FrameTensors, rows: int = 4) -> Picture:
-    """Draw colour, corrupted, restored and true depth and the error of some frames, evenly spread.
+def depth_picture(model: nn.Module, frames: FrameTensors) -> Picture:
+    """Draw colour, corrupted, restored and true depth and the error of four frames, evenly spread.
 
     Each row shows the half of a frame in which the glass is (all of it for a large one). Depth has
     one colour scale a row, `AROUND_M` to both sides of the glass's median; black is missing. The
     error is blue in front of the surface and red behind it, `ERROR_M` at most; the number is the
     frame's RMSE.
     """
-    chosen = [int(n) for n in np.unique(np.linspace(0, len(frames) - 1, rows).round())]
+    chosen = [int(n) for n in np.unique(np.linspace(0, len(frames) - 1, 4).round())]
     some = frames.take(chosen)
     device = next(model.parameters()).device
     with torch.no_grad():

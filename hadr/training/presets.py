@@ -308,17 +308,9 @@ RECIPES: tuple[Preset, ...] = (
 
 
 def preset(name: str, network: str = "hadr") -> Preset:
-    """Give the recipe of a name.
+    """Give the recipe "tiny", "mini" or "paper" of a network.
 
-    Args:
-        name: "tiny", "mini" or "paper".
-        network: One of `hadr.models.networks.NETWORKS`.
-
-    Returns:
-        The recipe.
-
-    Raises:
-        ValueError: There is no such recipe, or no such network.
+    ValueError where there is no such recipe, or no such network.
     """
     network_of(network)
     known = {recipe.name: recipe for recipe in RECIPES if recipe.network == network}
@@ -328,13 +320,7 @@ def preset(name: str, network: str = "hadr") -> Preset:
 
 
 def recipe_from_dict(values: Mapping[str, Any]) -> Preset:
-    """Build the recipe that a record describes.
-
-    Args:
-        values: What `Preset.to_dict` gave, also after a way through JSON.
-
-    Returns:
-        The recipe.
+    """Build the recipe that a record describes: what `Preset.to_dict` gave, also through JSON.
 
     Raises:
         ValueError: It is of an unknown network, or a number is out of range.

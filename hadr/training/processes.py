@@ -6,10 +6,15 @@ gradients are averaged, so that all processes make the same step.
 
 from __future__ import annotations
 
+import os
+import socket
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import torch
+from lightning_fabric.plugins.environments.lightning import LightningEnvironment
+from lightning_fabric.strategies.ddp import DDPStrategy
 from torch import Tensor, distributed, nn
 
 
@@ -23,6 +28,32 @@ def chosen_accelerator(wish: str) -> str:
     if wish == "cuda" and not cuda:
         raise ValueError("--accelerator cuda: PyTorch finds no CUDA device on this machine")
     return "cuda" if cuda and wish != "cpu" else "cpu"
+
+
+class OneMachine(DDPStrategy):
+    """Processes that meet at a file and talk over the loopback: no other machine reaches them.
+
+    PyTorch's own meeting place would listen on all addresses, without a login.
+    """
+
+    def __init__(self, meeting: Path) -> None:
+        super().__init__()
+        self.meeting = meeting
+
+    def setup_environment(self) -> None:
+        """Connect the processes that Fabric starts; torchrun has connected its own."""
+        if isinstance(self.cluster_environment, LightningEnvironment):
+            for library in ("GLOO", "NCCL"):
+                os.environ.setdefault(f"{library}_SOCKET_IFNAME", socket.if_indextoname(1))
+            distributed.init_process_group(
+                "nccl" if self.root_device.type == "cuda" else "gloo",
+                store=distributed.FileStore(  # type: ignore[attr-defined]
+                    str(self.meeting), self.num_processes
+                ),
+                rank=self.cluster_environment.local_rank(),
+                world_size=self.num_processes,
+            )
+        super().setup_environment()
 
 
 @dataclass(frozen=True)

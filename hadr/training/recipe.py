@@ -1,13 +1,16 @@
-"""A training recipe: network, size, schedule, augmentation."""
+"""A training recipe: network, size, schedule, augmentation; and what a network is given."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
+from hadr.corruption import Corruption
 from hadr.models.config import NetworkConfig
+from hadr.records.option_words import FILE, LARGEST_SEED, check_range
 from hadr.records.provenance import IF_CHANGED, record_of
 
 if TYPE_CHECKING:
@@ -17,6 +20,7 @@ Schedule = Literal["step", "cosine"]
 Precision = Literal["32-true", "bf16-mixed"]
 Optimizer = Literal["adam", "adamw"]
 Accelerator = Literal["auto", "cpu", "cuda"]
+TRUE = "true"
 
 
 def _hadr() -> NetworkConfig:
@@ -71,6 +75,8 @@ class Preset:
         decay: Factor at each milestone.
         restarts: With "cosine", shares of the training, 0..1 and rising, at each of which the
             cosine begins anew, for trainings in stages.
+        encoder_rate: Factor on the rate of the network's encoders (`hadr.models.networks`): a
+            Swin Transformer from random weights collapses at 1e-3 and not at 1e-4 (ledger, row 29).
         validation_frames: At most so many validation frames, evenly spread, are scored after each
             epoch; None scores all.
 
@@ -106,6 +112,7 @@ class Preset:
     milestones: tuple[float, ...] = field(default=(), metadata=IF_CHANGED)
     decay: float = field(default=0.1, metadata=IF_CHANGED)
     restarts: tuple[float, ...] = field(default=(), metadata=IF_CHANGED)
+    encoder_rate: float = field(default=1.0, metadata=IF_CHANGED)
 
     def __post_init__(self) -> None:
         for name in ("width", "height", "epochs", "batch_size", "ray_stride"):
@@ -136,6 +143,7 @@ class Preset:
             ("keypoint_noise", self.keypoint_noise, 0, 0.1),
             ("weight_decay", self.weight_decay, 0, 1),
             ("decay", self.decay, 0, 1),
+            ("encoder_rate", self.encoder_rate, 0, 10),
         ):
             if not low <= value <= high:
                 raise ValueError(f"{name} must be from {low} to {high}, got {value}")
@@ -176,3 +184,52 @@ class Preset:
     def to_dict(self) -> dict[str, Any]:
         """The recipe as built-in types, for JSON (`record_of`)."""
         return record_of(self)
+
+
+@dataclass(frozen=True)
+class Given:
+    """What a network is given besides colour: depth, masks and keypoints."""
+
+    corruption: Corruption = "oracle"
+    """Of the depth. oracle: none in the object's mask; analytic: a stereo camera imitated by
+    formulas; sensor: the frames' raw depth; erased: the same but none in the mask."""
+    masks: Annotated[str, FILE] = TRUE
+    """'true', or a segmentation checkpoint whose predictions are given."""
+    keypoints: Annotated[str, FILE] = TRUE
+    """'true', or a hand-keypoints checkpoint whose predictions are given."""
+    seed: int = 0
+    """Seed of everything that is drawn by chance."""
+
+    def check(self) -> None:
+        """Check the seed, and load the checkpoints that are named, before frames are read.
+
+        Raises:
+            FileNotFoundError: A checkpoint does not exist.
+            ValueError: A checkpoint is damaged or one of another network; or the seed is negative.
+        """
+        check_range("seed", self.seed, 0, LARGEST_SEED)
+        for path, kind in ((self.masks, "segmentation"), (self.keypoints, "hand-keypoints")):
+            if path != TRUE:
+                from hadr.training.frames.predicted import load_given
+
+                load_given(path, kind)
+
+    def check_network(self, network: str) -> None:
+        """Refuse predictions for a network to which they would not be given.
+
+        Raises:
+            ValueError: The network restores no depth, and something is predicted.
+        """
+        predicted = self.masks != TRUE or self.keypoints != TRUE
+        if predicted and network in ("segmentation", "hand-keypoints"):
+            raise ValueError(
+                f"--masks and --keypoints are for networks that restore depth, got {network}"
+            )
+
+    def record(self) -> dict[str, str]:
+        """The same for a training's record: files by their names."""
+        return {
+            "corruption": self.corruption,
+            "masks": Path(self.masks).name,
+            "keypoints": Path(self.keypoints).name,
+        }

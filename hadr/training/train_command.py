@@ -13,9 +13,8 @@ import tyro
 from hadr.models.networks import NETWORKS
 from hadr.records.option_words import FILE, FOLDER, ID, NAME, check_range
 from hadr.records.output_folder import check_folder
-from hadr.records.writing import sole_owner
-from hadr.training.given import Given
-from hadr.training.recipe import Accelerator, Precision, Preset, Schedule
+from hadr.records.writing import PART, sole_owner
+from hadr.training.recipe import Accelerator, Given, Precision, Preset, Schedule
 
 if TYPE_CHECKING:
     Kind = str
@@ -172,12 +171,7 @@ def _pretrained(config: Any, name: str | None) -> Any:
 
 
 def starting_weights(path: str | Path, recipe: Preset) -> Any:
-    """Read the network whose weights a training begins with.
-
-    Raises:
-        FileNotFoundError: There is no such checkpoint.
-        ValueError: It is of another network, or of the same kind in another form.
-    """
+    """Read the network with whose weights a training begins; ValueError for one of another form."""
     from hadr.training.checkpoints import load_checkpoint
 
     network, meta = load_checkpoint(path)
@@ -217,9 +211,9 @@ def _train(options: Options) -> int:
     from lightning_fabric import Fabric
 
     from hadr.data.samples import samples_dir
+    from hadr.training.frames.predicted import read_split
     from hadr.training.loop import train
-    from hadr.training.predicted import read_split
-    from hadr.training.processes import chosen_accelerator
+    from hadr.training.processes import OneMachine, chosen_accelerator
     from hadr.training.training_folder import LAST, TrainingFolder
 
     recipe, given, out = recipe_from(options), options.given, options.out
@@ -238,12 +232,19 @@ def _train(options: Options) -> int:
     if options.start_from and options.resume:
         raise ValueError("--start-from begins a training and --resume goes on with one: name one")
     start = None if options.start_from is None else starting_weights(options.start_from, recipe)
-    if options.resume and options.drop_epoch is None:
-        recipe = with_recorded_drop(recipe, out / LAST)
-    elif not options.resume:
-        TrainingFolder(out, recipe, given.seed, None).check_empty()
+    home = TrainingFolder(out, recipe, given.seed, None)
+    if not options.resume:
+        home.check_empty()
+    else:
+        home.check_begun()
+        if options.drop_epoch is None:
+            recipe = with_recorded_drop(recipe, out / LAST)
+    devices = options.machine.devices
     fabric = Fabric(
-        accelerator=accelerator, devices=options.machine.devices, precision=recipe.precision
+        accelerator=accelerator,
+        strategy=OneMachine(out / f"{PART}meeting") if devices > 1 else "auto",
+        devices=devices,
+        precision=recipe.precision,
     )
     fabric.launch()
     folders = options.data or (samples_dir() / "frames",)

@@ -91,6 +91,15 @@ class TrainingFolder:
                     "another folder"
                 )
 
+    def check_begun(self) -> None:
+        """Refuse a folder in which there is nothing to go on from.
+
+        Raises:
+            FileNotFoundError: It holds no finished epoch.
+        """
+        if not (last := self.path / LAST).is_file():
+            raise FileNotFoundError(f"there is no {last} to go on from; leave out --resume")
+
     def save(
         self,
         network: nn.Module,
@@ -123,9 +132,8 @@ class TrainingFolder:
             FileNotFoundError: There is nothing to go on from.
             ValueError: The folder holds a training of another recipe, seed or data.
         """
+        self.check_begun()
         last = self.path / LAST
-        if not last.is_file():
-            raise FileNotFoundError(f"there is no {last} to go on from; leave out --resume")
         earlier, meta = load_checkpoint(last)
         reached = structured(meta, _Reached, last, further=True)
         self._check_same(earlier, network, meta)

@@ -1,16 +1,27 @@
-from dataclasses import replace
+import hashlib
+from pathlib import Path
 
 import pytest
 
 from hadr.data.samples import samples_dir
-from hadr.experiments import runner
 from hadr.experiments.averages import table_rows
 from hadr.experiments.conditions import KEYPOINTS, MASKS
-from hadr.experiments.plan import plan, table_steps
+from hadr.experiments.plan import (
+    handover_steps,
+    make_handover_table,
+    plan,
+    planned_attempts,
+    table_steps,
+)
+from hadr.experiments.protocol import METHODS, PARTS, SWITCHES
 from hadr.experiments.runner import Bench, Run
-from hadr.experiments.systems import LONG_RUN, METHODS, PARTS, SWITCHES, System, system
-from hadr.models.hadr import HADRConfig
-from hadr.training.losses import CODED
+from hadr.experiments.steps import Step
+from hadr.records.provenance import plain
+from hadr.records.result_file import digest, read_result_file, seal_row
+from hadr.simulation.trials import experiment
+from hadr.simulation.trials.trial import Trial
+
+RESULTS = Path(__file__).resolve().parents[2] / "results"
 
 
 def test_a_plan_takes_whole_methods():
@@ -63,61 +74,6 @@ def test_every_system_has_every_preset_and_a_step(size, tmp_path):
     assert timed == {"known/hadr/seed-0": 5.0, "given all true": 3.0}
 
 
-def test_systems_differ_from_hadr_in_one_thing():
-    base = system("hadr", "mini").recipe
-    long, handless = system("hadr-long", "mini").recipe, system("no-hand", "mini").recipe
-    assert (long.epochs, long.drop_epoch) == (LONG_RUN * base.epochs, LONG_RUN * base.drop_epoch)
-    assert replace(long, epochs=base.epochs, drop_epoch=base.drop_epoch) == base
-    assert handless.model.hand == "none"
-    assert replace(handless, model=replace(handless.model, hand="3d")) == base
-    assert system("raw", "mini").recipe is None
-    for name, fields in {
-        "no-aggregation": {"aggregation": True},
-        "no-point-fusion": {"point_fusion": True},
-        "hand-2d": {"hand": "3d"},
-        "wrist-translation": {"wrist_rotation": True},
-        "clamped-probability": {"clamp_probability": False},
-    }.items():
-        changed = system(name, "mini").recipe
-        assert changed != base
-        assert replace(changed, model=replace(changed.model, **fields)) == base
-    coded = system("coded-weights", "mini").recipe
-    assert coded.weights == CODED
-    assert replace(coded, weights=base.weights) == base
-    with pytest.raises(ValueError, match=r"method must be one of .* got 'gan'"):
-        system("gan", "mini")
-
-
-@pytest.fixture
-def bench(tmp_path, monkeypatch):
-    """A bench whose HADR has one epoch on six frames."""
-    recipe = replace(system("hadr", "tiny").recipe, epochs=1, drop_epoch=1)
-    assert isinstance(recipe.model, HADRConfig)
-    monkeypatch.setattr(
-        runner, "system", lambda m, size: System(m, recipe) if m == "hadr" else system(m, size)
-    )
-    return Bench([samples_dir() / "frames"], tmp_path / "runs", "tiny", limit=6)
-
-
-def test_another_recipe_is_another_row(bench, tmp_path, monkeypatch):
-    run = Run("known", "hand-median")
-    row = bench.measure(run)
-    assert bench.finished(run) == row
-    (step,) = table_steps(bench, [run], {run.name: 99.0})[:1]
-    assert (step.left, step.seconds) == ("done", row["evaluation_s"])
-    monkeypatch.setattr(bench, "corruption", "analytic")
-    assert bench.finished(run) is None
-
-
-def test_a_damaged_row_is_measured_again(bench):
-    run = Run("known", "raw")
-    row = bench.measure(run)
-    path = bench.out / run.name / runner.ROW
-    path.write_text(path.read_text()[:100])
-    assert bench.finished(run) is None
-    assert bench.measure(run)["rmse_m"] == row["rmse_m"]
-
-
 def test_seeds_are_averaged():
     def row(seed, rmse):
         return {
@@ -145,3 +101,67 @@ def test_seeds_are_averaged():
     assert found["by_object"] == pytest.approx({"0001": 0.02, "0002": 0.06})
     assert (found["frames"], found["seeds"]) == (4, [0, 1, 2])
     assert table_rows([row(0, 0.01)])[0]["seed_sd"]["rmse_m"] is None
+
+
+def finish(out: Path, trial: Trial, **changed: float) -> None:
+    """Leave the file of an attempt as `hadr.simulation.trials.experiment` does."""
+    path = out / trial.condition / f"{trial.name}.json"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    empty = hashlib.sha256().hexdigest()
+    row = {
+        "trial": plain(trial.record),
+        "config_sha256": digest({**trial.record, **changed}),
+        "states_sha256": empty,
+        "log_sha256": empty,
+    }
+    seal_row(path, row)
+    for name in (f"{trial.name}.npz", f"{trial.name}-log.npz"):
+        (path.parent / name).touch()
+
+
+def test_tiny_makes_one_attempt_a_condition_and_the_others_48() -> None:
+    table = read_result_file(RESULTS / "mini" / "handover.json")
+    for size, count in (("tiny", 1), ("mini", 48), ("paper", 48)):
+        plan = planned_attempts(size, 3)
+        assert sorted(plan) == sorted(row["condition"] for row in table.rows)
+        assert {len(trials) for trials in plan.values()} == {count}
+        assert {trial.seed for trials in plan.values() for trial in trials} == {3}
+
+
+def test_finished_attempts_are_not_in_the_plan(tmp_path: Path) -> None:
+    def steps(size: str) -> dict[str, Step]:
+        times = {"handover/hadr": 480.0}
+        found = handover_steps(planned_attempts(size, 0), tmp_path, times)
+        return {step.name: step for step in found}
+
+    whole = steps("mini")
+    assert (whole["handover/hadr"].left, whole["handover/hadr"].seconds) == (
+        "48 attempts", 480.0,
+    )  # fmt: skip
+    assert whole["handover/raw"].seconds is None
+    out = tmp_path / "handover"
+    finish(out, Trial("0004", 902, "hadr"))
+    finish(out, Trial("0004", 903, "hadr"), hand_speed=2.0)  # another attempt than asked for
+    assert steps("mini")["handover/hadr"].left == "47 of 48 attempts"
+    assert steps("tiny")["handover/hadr"].is_done
+    assert not steps("tiny")["handover/raw"].is_done
+
+
+def test_the_table_has_a_row_a_condition(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def attempted(trials: list[Trial], out: Path, **_: object) -> list[str]:
+        assert out == tmp_path / "handover"
+        return [trial.name for trial in trials]
+
+    monkeypatch.setattr(experiment, "run_attempts", attempted)
+    monkeypatch.setattr(
+        experiment, "condition_row",
+        lambda condition, names: {"condition": condition, "successes": 1, "attempts": len(names),
+                            "mean_wall_seconds": 4.0},
+    )  # fmt: skip
+    plan = planned_attempts("tiny", 0)
+    make_handover_table(plan, tmp_path, jobs=1)
+    rows = read_result_file(tmp_path / "tables" / "handover.json").rows
+    assert [row["condition"] for row in rows] == list(plan)
+    for trials in plan.values():
+        finish(tmp_path / "handover", trials[0])
+    assert {step.seconds for step in handover_steps(plan, tmp_path, {})} == {4.0}

@@ -15,8 +15,8 @@ import pytest
 from hadr.data.samples import open_samples, samples_dir
 from hadr.experiments import runner
 from hadr.experiments.averages import paired, standard_error, table_rows
+from hadr.experiments.protocol import CHEAP, System, system
 from hadr.experiments.runner import Bench, Run
-from hadr.experiments.systems import CHEAP, System, system
 from hadr.experiments.tables import write_tables
 from hadr.records import dependencies
 from hadr.records.result_file import read_result_file

@@ -7,7 +7,7 @@ import torch
 from hadr.data.samples import open_samples
 from hadr.experiments.scoring import EVALUATION_SIZE, score_cheap, score_depth, score_network
 from hadr.metrics import frame_metrics
-from hadr.training.batches import load_frames
+from hadr.training.frames.batches import load_frames
 
 
 @pytest.fixture(scope="module")

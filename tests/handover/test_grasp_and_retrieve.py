@@ -12,7 +12,7 @@ import pytest
 from hadr.handover.grasp_and_retrieve import DRAW_BACK, Advance
 from hadr.handover.grasping.grasps import forward_of
 from hadr.handover.guarded_arm import GuardedArm, HaltError
-from hadr.handover.robot import SimulatedUR5
+from hadr.handover.simulated_ur5 import SimulatedUR5
 from hadr.handover.stages import HandoverConfig
 
 DT = 0.02

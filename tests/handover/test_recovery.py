@@ -6,8 +6,8 @@ import pytest
 from hadr.handover.guarded_arm import GuardedArm
 from hadr.handover.observation import HandWatch, Observation
 from hadr.handover.recovery import Recovery
-from hadr.handover.robot import SimulatedUR5
 from hadr.handover.safety import SafetyConfig
+from hadr.handover.simulated_ur5 import SimulatedUR5
 from hadr.handover.stages import ARRIVE_DISTANCE, BACK_OFF, ChosenGrasp, HandoverConfig, Stage
 from hadr.handover.workflow import Handover
 from hadr.simulation.trials.rehearsal import rehearsed_scene

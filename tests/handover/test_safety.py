@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hadr.handover.grasping.collision import FLESH
-from hadr.handover.gripper import FINGER_WIDTH
+from hadr.handover.grasping.gripper import FINGER_WIDTH
 from hadr.handover.safety import (
     SafetyConfig,
     closing_speed,

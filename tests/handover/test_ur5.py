@@ -10,7 +10,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from hadr.handover import ur5
-from hadr.handover.robot import HOME_JOINTS
+from hadr.handover.poses import check_pose
+from hadr.handover.robot import UnreachableError
+from hadr.handover.simulated_ur5 import HOME_JOINTS
 
 PAIRS = (
     *("zero", "ros_main", "compas_doc", "compas_ik0", "home"),
@@ -95,9 +97,9 @@ def test_unreachable_targets_say_why() -> None:
     far, near = np.eye(4), np.eye(4)
     far[:3, 3] = [1.2, 0.0, 0.3]
     near[:3, 3] = [0.05, 0.0, 0.5]
-    with pytest.raises(ur5.UnreachableError, match=r"forearm reach from 0\.033 to 0\.817 m"):
+    with pytest.raises(UnreachableError, match=r"forearm reach from 0\.033 to 0\.817 m"):
         ur5.inverse_kinematics(far)
-    with pytest.raises(ur5.UnreachableError, match=r"0\.050 m from the base's axis"):
+    with pytest.raises(UnreachableError, match=r"0\.050 m from the base's axis"):
         ur5.inverse_kinematics(near)
 
 
@@ -107,7 +109,7 @@ def test_a_mirror_or_nan_is_no_pose() -> None:
     with pytest.raises(ValueError, match="must be finite"):
         ur5.inverse_kinematics(np.full((4, 4), np.nan))
     with pytest.raises(ValueError, match=r"shape \(3, 4\)"):
-        ur5.check_pose(np.eye(4)[:3])
+        check_pose(np.eye(4)[:3])
     with pytest.raises(ValueError, match="six angles"):
         ur5.forward_kinematics(np.zeros(5))
 

@@ -16,8 +16,9 @@ from hadr.handover.grasping.grasps import forward_of
 from hadr.handover.grasping.selection import GraspSelection
 from hadr.handover.observation import Observation
 from hadr.handover.poses import camera_at, pose_distance
-from hadr.handover.robot import SimulatedUR5, Workspace
+from hadr.handover.robot import Workspace
 from hadr.handover.safety import SafetyConfig
+from hadr.handover.simulated_ur5 import SimulatedUR5
 from hadr.handover.stages import ChosenGrasp, HandoverConfig, Stage
 from hadr.handover.tracking import hand_motion
 from hadr.handover.workflow import Handover
@@ -100,7 +101,7 @@ def test_same_seed_same_handover() -> None:
 def test_approach_follows_the_moved_hand_and_without_tracking_does_not(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("hadr.handover.observation.CALM_SPEED", np.inf)
+    monkeypatch.setattr("hadr.handover.grasping.selection.CALM_SPEED", np.inf)
     hand = MovingHand(SCENE, CAMERA, seed=2, noise=0.0)
     start = forward_of(fixed_grasp(), -0.10)
     for tracking in (True, False):
@@ -154,12 +155,6 @@ def test_hand_lost_for_three_tenths_stops_it_and_it_goes_on_when_it_is_back() ->
     assert handover.stage is Stage.FINISHED
 
 
-def test_a_hand_lost_for_two_tenths_is_no_reason_to_stop() -> None:
-    handover = fixed_handover()
-    run(handover, spoil=during(1.0, 1.2, keypoints=None))
-    assert afters(handover) == STAGES
-
-
 def test_nan_and_wrong_shape_hold_the_arm_and_name_the_keypoint() -> None:
     bad = STILL.observe(0.0).keypoints
     assert bad is not None
@@ -175,26 +170,6 @@ def test_nan_and_wrong_shape_hold_the_arm_and_name_the_keypoint() -> None:
     assert words in handover.transitions[-2].reason
     home = SimulatedUR5().tool_pose()
     assert pose_distance(handover.robot.tool_pose(), home)[0] < 0.01
-
-
-def test_frozen_keypoints_stop_it_and_an_older_noise_does_not() -> None:
-    same = STILL.observe(0.0).keypoints
-    handover = fixed_handover()
-    run(handover, spoil=during(1.0, 99, keypoints=same), longest=2.0)
-    time, reason = first_stop(handover)
-    assert reason == "keypoints frozen: the same in 5 pictures in a row"
-    assert time == pytest.approx(1.4)  # pictures at 1.0, 1.1, 1.2, 1.3, 1.4
-    handover = fixed_handover()
-    run(handover, spoil=during(1.0, 1.4, keypoints=same))
-    assert afters(handover) == STAGES
-
-
-def test_a_camera_that_stops_stops_it_within_three_tenths() -> None:
-    handover = fixed_handover()
-    run(handover, spoil=during(1.05, 99, frame_time=1.0), longest=2.0)
-    time, reason = first_stop(handover)
-    assert reason == "the camera stopped: no new picture for 0.30 s"
-    assert time == pytest.approx(1.3)
 
 
 @pytest.mark.parametrize(("hangs", "expected"), [(False, 1.5), (True, 0.3 + 2 * 1.2)])
@@ -379,7 +354,7 @@ def test_a_grasp_is_chosen_in_a_calm_hand_or_after_two_seconds(
     run(handover, longest=1.0)
     assert handover.transitions[0].time == pytest.approx(0.2)  # half of the window is enough
     restless = MovingHand(SCENE, CAMERA, drift=0.04, calm_after=np.inf)
-    monkeypatch.setattr("hadr.handover.observation.CALM_SPEED", 1e-9)
+    monkeypatch.setattr("hadr.handover.grasping.selection.CALM_SPEED", 1e-9)
     handover = fixed_handover()
     run(handover, restless, longest=3.0)
     assert handover.transitions[0].time == pytest.approx(2.0)

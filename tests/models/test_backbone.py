@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import logging
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -114,16 +115,20 @@ def test_color_is_normalised_with_imagenet_numbers(
     assert seen[0][0, 1, 3, 3].item() == pytest.approx(green, abs=1e-6)
 
 
-def test_unreachable_weights_say_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unreachable_weights_are_one_sentence_that_says_what_to_do(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
     from transformers import SwinBackbone
 
     def offline(*_: object, **__: object) -> None:
+        logging.getLogger("huggingface_hub.utils._http").warning("Retrying in 1s [Retry 1/5].")
         raise OSError("no network")
 
     monkeypatch.setattr(SwinBackbone, "from_pretrained", offline)
     config = BackboneConfig(pretrained="microsoft/swin-tiny-patch4-window7-224")
     with pytest.raises(OSError, match=r"swin-tiny-patch4-window7-224.*could not be fetched"):
         build_swin(config)
+    assert caplog.text == ""
 
 
 def test_weights_of_another_size_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,7 +6,7 @@ import torch
 
 from hadr.data.samples import open_samples
 from hadr.models.hadr_plus import HADRPlus, HADRPlusConfig, _share_within, plane_picture
-from hadr.training.batches import load_frames
+from hadr.training.frames.batches import load_frames
 
 SMALL = HADRPlusConfig(crop=64, pixel_m=0.0045, width=16, blocks=1)
 

@@ -45,6 +45,7 @@ def test_a_page_shows_what_needs_no_kernel():
     assert [output.output_type for output in staged.cells[3].outputs] == ["stream"]
     assert staged.cells[4].outputs == []
     assert "needs a running kernel" in sources[5]
+    assert staged.cells[5].id == book.stage_notebook(executed(), "3 s").cells[5].id
     assert "widgets" not in staged.metadata
     nbformat.validate(staged)
 
@@ -116,11 +117,12 @@ def test_staging_replaces_no_folder_that_it_did_not_make(small_book, tmp_path):
     assert [path.name for path in own.parent.iterdir()] == [own.name]
 
 
-def test_staging_refuses_a_word_that_nothing_fills(small_book, tmp_path):
+def test_staging_refuses_a_word_that_nothing_fills_and_leaves_no_half(small_book, tmp_path):
     pages, runs = small_book
     (pages / "more.md").write_text("# More\n\n{{WEATHER}}\n")
     with pytest.raises(ValueError, match=r"more.md has \{\{WEATHER\}\}, which nothing fills"):
         book.stage_book(pages, runs, tmp_path / "staged")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["book", "executed"]
 
 
 def test_the_readme_takes_measured_times(tmp_path):
@@ -179,15 +181,12 @@ def test_times_of_some_chapters_or_of_two_machines_are_no_table(
     assert (tmp_path / "README.md").read_text() == readme
 
 
-def test_a_warning_stops_the_build_and_is_told(tmp_path, monkeypatch):
+def test_a_warning_stops_the_build_and_is_told(tmp_path):
     pytest.importorskip("jupyter_book", reason="needs the extra: pip install -e '.[book]'")
     pages = tmp_path / "pages"
     pages.mkdir()
     (pages / "_config.yml").write_text("title: t\nauthor: a\nexecute:\n  execute_notebooks: off\n")
     (pages / "_toc.yml").write_text("format: jb-book\nroot: index\n")
     (pages / "index.md").write_text("# Title\n\n{ref}`nowhere`\n")
-    # a user's own module in the working folder is not Jupyter Book
-    (tmp_path / "jupyter_book.py").write_text("raise SystemExit('somebody else')")
-    monkeypatch.chdir(tmp_path)
     with pytest.raises(RuntimeError, match=r"WARNING: undefined label: 'nowhere'"):
         book.build_html(pages, tmp_path / "out", strict=True)

@@ -91,7 +91,9 @@ def test_depth_tables_have_every_number(text: str, name: str) -> None:
 
 def test_the_handover_has_every_number(text: str) -> None:
     found = blocks(text, "Handover")
-    rows = {row["arm"]: row for row in read_result_file(RESULTS / "mini" / "handover.json").rows}
+    rows = {
+        row["condition"]: row for row in read_result_file(RESULTS / "mini" / "handover.json").rows
+    }
     assert len(found) == len(rows)
     for condition, title in HANDOVER_NAMES.items():
         block = next(b for k, b in found.items() if k.split(" (ours")[0] == title)
@@ -116,7 +118,7 @@ def test_the_handover_has_every_number(text: str) -> None:
 
 
 def test_a_number_without_counterpart_says_why(tmp_path: Path) -> None:
-    for name, kept in (("known", ("method", "hadr")), ("handover", ("arm", "raw"))):
+    for name, kept in (("known", ("method", "hadr")), ("handover", ("condition", "raw"))):
         file = read_result_file(RESULTS / "mini" / f"{name}.json")
         rows = [row for row in file.rows if row[kept[0]] == kept[1]]
         write_result_file(tmp_path / f"{name}.json", file.what, rows, file.provenance)
@@ -136,7 +138,7 @@ def test_a_number_without_counterpart_says_why(tmp_path: Path) -> None:
 
 def test_few_attempts_are_not_subtracted_from_48(tmp_path: Path) -> None:
     file = read_result_file(RESULTS / "mini" / "handover.json")
-    row = {**file.row(arm="hadr"), "attempts": 1, "successes": 1, "rate": 1.0,
+    row = {**file.row(condition="hadr"), "attempts": 1, "successes": 1, "rate": 1.0,
            "rate_by_object": {"0004": 1.0}}  # fmt: skip
     write_result_file(tmp_path / "handover.json", file.what, [row], file.provenance)
     block = blocks(report(tmp_path, PUBLISHED, "tiny"), "Handover")["HADR + GraspNet"]

@@ -103,6 +103,18 @@ def test_an_output_that_is_a_file_is_told_first(
     assert "is a file" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("name", ["report.md", "tables/known.json"])
+def test_what_it_did_not_write_is_not_replaced(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    own = tmp_path / "out" / name
+    own.parent.mkdir(parents=True)
+    own.write_text("years of work")
+    assert run("--only", "raw", "--out", tmp_path / "out") == 2
+    assert f"{own} is not replaced" in capsys.readouterr().err
+    assert own.read_text() == "years of work"
+
+
 @pytest.fixture
 def chapters(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A checkout whose chapters are two small ones, one of which fails."""

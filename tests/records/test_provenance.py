@@ -1,7 +1,6 @@
 """Where a number comes from: the library's own commit, or none."""
 
 import importlib.util
-import json
 import math
 import shutil
 import subprocess
@@ -12,7 +11,7 @@ import numpy as np
 import pytest
 
 from hadr.records import provenance
-from hadr.records.provenance import plain, write_json, write_results
+from hadr.records.provenance import plain, write_results
 
 SOURCE = Path(provenance.__file__)
 UNKNOWN = {"commit": None, "uncommitted_changes": None}
@@ -130,12 +129,3 @@ def test_plain_takes_what_chapters_measure():
 def test_plain_names_what_it_cannot_hold():
     with pytest.raises(TypeError, match=r"results.a\[1\] is a set, which JSON cannot hold"):
         plain({"a": [1, {2}]})
-
-
-def test_a_failed_write_leaves_the_old_file(tmp_path):
-    path = tmp_path / "results.json"
-    write_json(path, {"a": 1})
-    with pytest.raises(TypeError, match="is a set"):
-        write_json(path, {"a": {1}})
-    assert json.loads(path.read_text()) == {"a": 1}
-    assert [item.name for item in tmp_path.iterdir()] == ["results.json"]

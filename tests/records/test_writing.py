@@ -97,8 +97,8 @@ def test_a_folder_has_one_owner_and_a_killed_one_leaves_it(tmp_path):
 
 
 def test_an_owner_that_wrote_nothing_leaves_nothing(tmp_path):
-    with sole_owner(tmp_path / "a" / "b", "test"):
-        pass
+    with sole_owner(tmp_path / "a" / "b", "test") as folder:
+        (folder / f"{PART}9").touch()  # such as a process leaves that it started
     assert names(tmp_path) == []
     (tmp_path / "a").mkdir()
     (tmp_path / "a" / LOCK).touch()  # a run was killed

@@ -7,7 +7,7 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from hadr.confidence import within_learned
+from hadr.confidence.calibration import within_learned
 from hadr.models.backbone import imagenet_normal
 from hadr.models.blocks.dilated_resnet import DilatedResNetConfig
 from hadr.models.network_input import HADRInput

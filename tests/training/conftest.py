@@ -14,7 +14,7 @@ from hadr.data.frame import Frame
 from hadr.models.backbone import BackboneConfig
 from hadr.models.hadr import HADRConfig
 from hadr.models.network_input import HADRInput
-from hadr.training.batches import FrameTensors
+from hadr.training.frames.batches import FrameTensors
 from hadr.training.loop import Trained, train
 from hadr.training.recipe import Preset
 

@@ -7,9 +7,9 @@ import torch
 from safetensors.torch import load_file
 
 from hadr.cli import parse_options
-from hadr.confidence import ConfidenceRule
+from hadr.confidence.calibration import ConfidenceRule
+from hadr.confidence.known_ground import Ground
 from hadr.data.samples import samples_dir
-from hadr.known_ground import Ground
 from hadr.models.hadr import HADR
 from hadr.models.hadr_plus import HADRPlus, HADRPlusConfig
 from hadr.records.result_file import read_result_file
@@ -108,7 +108,7 @@ def test_the_command_adds_to_the_record_and_leaves_the_weights(plus, tmp_path, c
     update_record(path, {"ground": None, "confidence": noted})
     assert subject.run(parsed(*line[:4], "--only-ground")) == 0
     _, again = load_checkpoint(path)
-    assert again == {**record, "confidence": noted}
+    assert again == {**record, "confidence": noted, "sha256": again["sha256"]}
 
 
 def test_the_command_says_which_network_cannot_say_how_sure_it_is(model, tmp_path, capsys) -> None:

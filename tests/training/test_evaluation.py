@@ -7,15 +7,14 @@ import pytest
 import torch
 
 from hadr.models.hadr import HADR
-from hadr.training.batches import FrameTensors
 from hadr.training.evaluation import (
     averages,
     compare,
-    comparison,
     evaluate,
     predict_depth,
     score,
 )
+from hadr.training.frames.batches import FrameTensors
 from hadr.training.recipe import Preset
 
 
@@ -82,24 +81,3 @@ def test_rays_without_candidate_count_against_the_network(
     )
     found = evaluate(HADR(micro.model), blind)
     assert all(metrics.coverage == 0.0 and metrics.delta_125 == 0.0 for metrics in found)
-
-
-def test_comparison_states_differences_on_the_same_frames(
-    micro: Preset, frames: FrameTensors
-) -> None:
-    depth = frames.true_depth.numpy()
-    mask = frames.inputs.mask.numpy()
-    steps = np.array([0.01, 0.02, 0.03, 0.04, 0.05, 0.06])[:, None, None]
-    rows = {
-        "hand-median": score(depth + 0.03 * mask, frames),
-        "hadr": score(depth + steps * mask, frames),
-    }
-    table = comparison(frames, rows)
-    assert table["rows"]["hadr"]["rmse_m"] == pytest.approx(0.035, abs=1e-6)
-    # Sample standard deviation of 1..6 cm is 1.8708 cm; divided by the root of six frames.
-    assert table["rows"]["hadr"]["rmse_standard_error_m"] == pytest.approx(0.0076376, abs=1e-6)
-    (against,) = table["against"]
-    assert against["mean_difference_m"] == pytest.approx(0.005, abs=1e-6)
-    assert against["better_on_frames"] == 2
-    assert table["frames"][5]["frame"] == "0000/005"
-    assert table["frames"][5]["hadr"] == pytest.approx(0.06, abs=1e-6)

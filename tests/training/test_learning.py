@@ -17,8 +17,8 @@ from hadr.rivals.dfnet import DFNetConfig
 from hadr.rivals.swindrnet import SwinDRNetConfig
 from hadr.rivals.tode import TODEConfig
 from hadr.rivals.unet_hand import UNetHandConfig
-from hadr.training.batches import FrameTensors
 from hadr.training.evaluation import predict_depth
+from hadr.training.frames.batches import FrameTensors
 from hadr.training.loop import train
 from hadr.training.recipe import Preset
 from hadr.training.tasks.task import Task

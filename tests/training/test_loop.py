@@ -11,11 +11,22 @@ import cv2
 import pytest
 import torch
 
-from hadr.training.batches import FrameTensors
+from hadr.models.networks import NETWORKS
 from hadr.training.checkpoints import load_checkpoint, update_record
-from hadr.training.loop import BEST, LAST, Trained, average_of, early_look, train
+from hadr.training.frames.batches import FrameTensors
+from hadr.training.loop import (
+    BEST,
+    LAST,
+    Trained,
+    average_of,
+    early_look,
+    optimizer_of,
+    train,
+)
 from hadr.training.losses import CODED
+from hadr.training.presets import preset
 from hadr.training.recipe import Preset
+from hadr.training.tasks.task import Task
 
 
 def same_weights(a: torch.nn.Module, b: torch.nn.Module) -> bool:
@@ -35,7 +46,7 @@ def test_a_resumed_training_ends_with_the_same_weights(
         assert {**one, "seconds": 0} == {**two, "seconds": 0}
 
 
-def test_every_group_of_weights_follows_the_schedule_from_its_own_rate(
+def test_encoders_follow_the_schedule_from_their_own_rate(
     tmp_path: Path, micro: Preset, frames: FrameTensors, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rates: list[tuple[float, ...]] = []
@@ -45,28 +56,30 @@ def test_every_group_of_weights_follows_the_schedule_from_its_own_rate(
             rates.append(tuple(group["lr"] for group in self.param_groups))
             return super().step(closure)
 
-    def grouped(recipe: Preset, network: torch.nn.Module) -> torch.optim.Adam:
-        slow, fast = (
-            network.backbone.parameters(),
-            [
-                weight
-                for name, weight in network.named_parameters()
-                if not name.startswith("backbone.")
-            ],
-        )
-        groups = [{"params": slow, "lr": recipe.learning_rate / 8}, {"params": fast}]
-        return Watched(groups, lr=recipe.learning_rate)
-
-    monkeypatch.setattr("hadr.training.loop.optimizer_of", grouped)
-    through = train(micro, frames, folder=tmp_path / "a", seed=3, progress=False)
+    monkeypatch.setattr("torch.optim.Adam", Watched)
+    recipe = replace(micro, encoder_rate=1 / 8)
+    through = train(recipe, frames, folder=tmp_path / "a", seed=3, progress=False)
     # Six frames in batches of four: two steps an epoch; the fourth epoch has a tenth of the rate.
-    assert [fast for _, fast in rates] == [1e-3] * 6 + [pytest.approx(1e-4)] * 2
-    assert [slow for slow, _ in rates] == [fast / 8 for _, fast in rates]
-    train(micro, frames, folder=tmp_path / "b", seed=3, stop_after=3, progress=False)
+    assert [fast for fast, _ in rates] == [1e-3] * 6 + [pytest.approx(1e-4)] * 2
+    assert [slow for _, slow in rates] == [fast / 8 for fast, _ in rates]
+    train(recipe, frames, folder=tmp_path / "b", seed=3, stop_after=3, progress=False)
     rates.clear()
-    resumed = train(micro, frames, folder=tmp_path / "b", seed=3, resume=True, progress=False)
-    assert rates == [(pytest.approx(1.25e-5), pytest.approx(1e-4))] * 2
+    resumed = train(recipe, frames, folder=tmp_path / "b", seed=3, resume=True, progress=False)
+    assert rates == [(pytest.approx(1e-4), pytest.approx(1.25e-5))] * 2
     assert same_weights(through.model, resumed.model)
+
+
+@pytest.mark.parametrize("kind", sorted(NETWORKS))
+def test_of_each_network_the_encoders_have_their_own_rate(kind: str) -> None:
+    recipe = replace(preset("tiny", kind), encoder_rate=0.5)
+    network = Task(recipe).build()
+    inside = NETWORKS[kind].encoders_of(network).values()
+    wanted = {id(weight) for part in inside for weight in part.parameters()}
+    groups = optimizer_of(recipe, network).param_groups
+    assert [group["lr"] / recipe.learning_rate for group in groups] == [1, 0.5][: 1 + bool(inside)]
+    assert {id(weight) for group in groups[1:] for weight in group["params"]} == wanted
+    everything = {id(weight) for group in groups for weight in group["params"]}
+    assert everything == {id(weight) for weight in network.parameters()}
 
 
 def test_another_seed_is_another_training(micro: Preset, frames: FrameTensors) -> None:

@@ -12,7 +12,6 @@ from hadr.training.losses import (
     CODED,
     PRINTED,
     LossTerms,
-    LossWeights,
     depth_loss,
     hadr_losses,
     normals,
@@ -159,8 +158,3 @@ def test_a_ray_without_candidate_counts_in_no_term() -> None:
     terms = hadr_losses(lost, depth, INTRINSICS, GRID)
     assert terms.depth.item() == pytest.approx(0, abs=1e-7)
     assert terms.normals.item() == pytest.approx(0, abs=1e-6)
-
-
-def test_depth_over_is_part_of_the_weights() -> None:
-    assert LossWeights(depth_over="z").depth_over == "z"
-    assert PRINTED.depth_over == "xyz"

@@ -9,7 +9,7 @@ import torch
 from torch import nn
 
 from hadr.models.network_input import HADRInput
-from hadr.training.batches import FrameTensors
+from hadr.training.frames.batches import FrameTensors
 from hadr.training.pictures import _window, depth_picture, save_png
 
 

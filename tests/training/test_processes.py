@@ -21,7 +21,8 @@ def test_two_processes_learn_like_one_with_twice_the_batch(tmp_path: Path) -> No
     out = tmp_path / "histories.json"
     done = subprocess.run([sys.executable, str(SCRIPT), str(out)], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    alone, together = json.loads(out.read_text(encoding="utf-8")).values()
+    alone, listens, together = json.loads(out.read_text(encoding="utf-8")).values()
+    assert set(listens) <= {"127.0.0.1"}, "no other machine can reach the processes"
     for network in ("hadr", "norm", "lidf"):
         assert len(alone[network]) == len(together[network]) == 3
         for one, two in zip(alone[network], together[network], strict=True):

@@ -8,8 +8,8 @@ import pytest
 from hadr.cli import parse_options
 from hadr.data.samples import samples_dir
 from hadr.models.hadr import HADR, HADRConfig
-from hadr.training import predicted
 from hadr.training.checkpoints import save_checkpoint
+from hadr.training.frames import predicted
 from hadr.training.losses import CODED
 from hadr.training.recipe import Preset
 from hadr.training.train_command import (
@@ -70,6 +70,7 @@ def test_a_resumed_training_with_more_epochs_keeps_the_epoch_of_the_drop(
         ("--masks nowhere.safetensors", "nowhere.safetensors"),
         ("--start-from nowhere.safetensors", "nowhere.safetensors"),
         ("--start-from some.safetensors --resume", "name one"),
+        ("--resume", "last.safetensors to go on from; leave out --resume"),
         ("--keypoint-noise 1", "keypoint_noise must be from 0 to 0.1, got 1.0"),
         ("--drop-epoch -3", "drop_epoch must be from 0 to inf, got -3"),
     ],

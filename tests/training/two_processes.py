@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import psutil
 import torch
 from lightning_fabric import Fabric
 from torch import Tensor, nn
@@ -22,9 +23,10 @@ from conftest import MICRO, little_frames
 
 from hadr.models.blocks.dilated_resnet import DilatedResNetConfig
 from hadr.rivals.lidf import LIDFConfig
-from hadr.training.batches import FrameTensors
+from hadr.training.frames.batches import FrameTensors
 from hadr.training.loop import train
 from hadr.training.losses import shared_mean
+from hadr.training.processes import OneMachine
 from hadr.training.tasks.task import Task
 
 TOGETHER = 4
@@ -147,8 +149,11 @@ if __name__ == "__main__":
     found = {}
     if "LOCAL_RANK" not in os.environ:  # else this is the second process, started by the first
         found["alone"] = histories(Fabric(accelerator="cpu", devices=1))
-    fabric = Fabric(accelerator="cpu", devices=2)
+    out = Path(sys.argv[1])
+    fabric = Fabric(accelerator="cpu", strategy=OneMachine(out.with_name("meeting")), devices=2)
     fabric.launch()
+    links = psutil.Process().net_connections("inet")
+    found["listens on"] = sorted({x.laddr.ip for x in links if x.status == psutil.CONN_LISTEN})
     found["together"] = histories(fabric)
     if fabric.is_global_zero:
-        Path(sys.argv[1]).write_text(json.dumps(found), encoding="utf-8")
+        out.write_text(json.dumps(found), encoding="utf-8")

@@ -34,7 +34,6 @@ def contact_sheet(
     titles: Sequence[str] | None = None,
     *,
     columns: int,
-    width: float = 9.0,
 ) -> Figure:
     """Lay pictures of one size out in a grid; an empty title leaves no word."""
     if not pictures:
@@ -44,12 +43,12 @@ def contact_sheet(
     rows = -(-len(pictures) // columns)
     high, wide = pictures[0].shape[:2]
     line = 0.2 if titles is not None else 0.0
-    cell = width / columns
+    cell = 9.0 / columns
     fig: Figure
     fig, axes = plt.subplots(
         rows,
         columns,
-        figsize=(width, rows * (cell * high / wide + line)),
+        figsize=(9.0, rows * (cell * high / wide + line)),
         squeeze=False,
     )
     fig.set_layout_engine("constrained", **TIGHT)

@@ -25,6 +25,7 @@ from hadr.figures.handover.scene import bare_axes_3d, show_glass, show_grippers,
 from hadr.figures.method.hands import upright_view
 from hadr.figures.panels import COLORS
 from hadr.handover.grasping.grasps import Grasps, forward_of
+from hadr.handover.grasping.gripper import FINGER_LENGTH, STEM_LENGTH, fork
 from hadr.handover.grasping.rescoring import (
     Directions,
     Weights,
@@ -32,7 +33,6 @@ from hadr.handover.grasping.rescoring import (
     literal_at_best_turn,
     rescore,
 )
-from hadr.handover.gripper import FINGER_LENGTH, STEM_LENGTH, fork
 from hadr.simulation.world.scenes import HeldScene
 
 Array = npt.NDArray[np.float64]

@@ -12,7 +12,7 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
 from hadr.figures.panels import BONE_COLORS, COLORS
 from hadr.hand import BONES
-from hadr.handover.gripper import LARGEST_OPENING, fork
+from hadr.handover.grasping.gripper import LARGEST_OPENING, fork
 from hadr.synthesis.glass.shape import GlassObject, profile
 
 Array = npt.NDArray[np.float64]

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from hadr.camera import FloatArray, window_around
 from hadr.figures.panels import COLORS, show_depth
-from hadr.training.batches import FrameTensors
+from hadr.training.frames.batches import FrameTensors
 
 _NEAR_CM = 15.0  # half the range of depth around a glass
 

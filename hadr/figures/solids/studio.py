@@ -59,11 +59,7 @@ def studio_view(
 ) -> StudioView:
     """Look at a scene as the turntable does first, or from elsewhere.
 
-    Args:
-        scene: Hand and glass.
-        azimuth_deg: Where the viewer stands, degrees about z from x.
-        center: Middle of the picture, metres; that of glass and joints where it is left out.
-        radius: Metres around the middle; as far as glass and joints reach where left out.
+    From degrees about z from x, at a middle and as far around it as told, metres.
     """
     turn = upright_view(scene.azimuth_deg if azimuth_deg is None else azimuth_deg,
                         scene.elevation_deg)  # fmt: skip

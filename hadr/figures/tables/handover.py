@@ -1,6 +1,6 @@
 """The handover experiment as tables and pictures, from its result files.
 
-Rows are dicts with ``arm`` (the condition), ``attempts``, ``successes``, ``rate`` (0 to 1),
+Rows are dicts with ``condition``, ``attempts``, ``successes``, ``rate`` (0 to 1),
 ``interval`` (low, high of 95 %) and ``failures`` (kind to count).
 """
 
@@ -64,7 +64,7 @@ def conditions_table(rows: Sequence[Row], published: Mapping[str, Sequence[int]]
         low, high = row["interval"]
         reached = (row[f"objects_at_{share}_percent"] for share in (50, 80, 100))
         lines.append([
-            str(CONDITIONS.get(row["arm"], row["arm"])),
+            str(CONDITIONS.get(row["condition"], row["condition"])),
             f"{row['successes']}/{row['attempts']}",
             f"{100 * row['rate']:.1f}\N{NO-BREAK SPACE}%",
             f"{100 * low:.0f}\N{NO-BREAK SPACE}to\N{NO-BREAK SPACE}{100 * high:.0f}",
@@ -87,7 +87,9 @@ def paired(first: Row, second: Row) -> tuple[int, int, float]:
         chance alone makes at least such a difference (two-sided sign test; 1 without any).
     """
     if first["verdicts"].keys() != second["verdicts"].keys():
-        raise ValueError(f"{first['arm']} and {second['arm']} have not made the same attempts")
+        raise ValueError(
+            f"{first['condition']} and {second['condition']} have not made the same attempts"
+        )
     won = [
         (verdict == "success", second["verdicts"][name] == "success")
         for name, verdict in first["verdicts"].items()
@@ -105,7 +107,7 @@ def _seconds(value: float | None) -> str:
 
 def _ordered(rows: Sequence[Row]) -> list[Row]:
     place = {condition: number for number, condition in enumerate(CONDITIONS)}
-    return sorted(rows, key=lambda row: place.get(row["arm"], len(place)))
+    return sorted(rows, key=lambda row: place.get(row["condition"], len(place)))
 
 
 def _rate(row: Row) -> tuple[float, float, float]:
@@ -118,8 +120,8 @@ def draw_success(ax: Axes, rows: Sequence[Row], *, published: float) -> None:
     """Draw each condition's rate of success with its 95 % interval; the paper's as a line."""
     chosen = _ordered(rows)
     rate, low, high = np.array([_rate(row) for row in chosen]).T
-    colors = [condition_color(row["arm"]) for row in chosen]
-    names = [CONDITIONS.get(str(row["arm"]), str(row["arm"])) for row in chosen]
+    colors = [condition_color(row["condition"]) for row in chosen]
+    names = [CONDITIONS.get(str(row["condition"]), str(row["condition"])) for row in chosen]
     pale = [to_rgba(color, 0.45) for color in colors]
     draw_bar_rows(ax, names, {"": rate}, [pale], edges=colors)
     spread = np.maximum([rate - low, high - rate], 0)
@@ -142,7 +144,7 @@ def draw_outcomes(ax: Axes, rows: Sequence[Row]) -> None:
     parts |= {kind: [row["failures"].get(kind, 0) for row in chosen] for kind in kinds}
     styles = [("robot", ""), *(_KIND_STYLE[k % len(_KIND_STYLE)] for k in range(len(kinds)))]
     colors, hatches = [COLORS[color] for color, _ in styles], [hatch for _, hatch in styles]
-    names = [CONDITIONS.get(str(row["arm"]), str(row["arm"])) for row in chosen]
+    names = [CONDITIONS.get(str(row["condition"]), str(row["condition"])) for row in chosen]
     draw_bar_rows(ax, names, parts, colors, text="{:.0f}", hatches=hatches, edges="white")
     ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4)
     ax.set(xlim=(0, max((row["attempts"] for row in chosen), default=1)), xlabel="attempts")
@@ -152,11 +154,11 @@ def draw_degradation(
     ax: Axes, rows: Sequence[Row], key: str, xlabel: str, *, standard: float
 ) -> None:
     """Draw the rate of success over something that is made worse, with 95 % intervals."""
-    conditions = list(dict.fromkeys(row["arm"] for row in _ordered(rows)))
+    conditions = list(dict.fromkeys(row["condition"] for row in _ordered(rows)))
     values = sorted({float(row[key]) for row in rows})
     gap = min(np.diff(values), default=1.0) * 0.05
     for number, condition in enumerate(conditions):
-        points = sorted((float(r[key]), *_rate(r)) for r in rows if r["arm"] == condition)
+        points = sorted((float(r[key]), *_rate(r)) for r in rows if r["condition"] == condition)
         x, rate, low, high = np.array(points).T
         # beside each other, so that intervals don't cover each other
         aside = gap * (number - (len(conditions) - 1) / 2)

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from hadr.handover.grasping.grasps import Grasps
+from hadr.handover.grasping.gripper import FINGER_HEIGHT, LARGEST_OPENING
 from hadr.handover.grasping.unseen_side import unseen_side
-from hadr.handover.gripper import FINGER_HEIGHT, LARGEST_OPENING
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -255,18 +255,8 @@ def _scores(
 ) -> Array:
     """Score of grasps, 0 to 1: geometric mean of friction, pad that touches, room and balance.
 
-    Args:
-        used: Share of the friction cone that is used at the worse contact, shape (n,); 0: the
-            surfaces face the pads squarely, 1 or more: they slip.
-        touched: Share of the pad's height that meets the object at the worse contact, shape (n,).
-        room: Opening that is left beside the object over the opening that is wanted, shape (n,).
-        middle: Middle between the contacts, shape (n, 3), metres.
-        closing: Closing axes, shape (n, 3).
-        cloud: All points, shape (m, 3), metres.
-
-    Returns:
-        Scores, shape (n,). Balance is exp(-(l / 10 cm)^2), l the distance of the object's middle
-        from the line between the contacts: what turns the object between the pads.
+    `used` is the share of the friction cone at the worse contact. Balance is exp(-(l / 10 cm)^2),
+    l the distance of the object's middle from the line between the contacts.
     """
     away = middle - cloud.mean(axis=0)
     away -= (away * closing).sum(axis=1, keepdims=True) * closing

@@ -1,6 +1,6 @@
 """Whether a gripper would touch the hand, the object or anything else: distances to boxes.
 
-The gripper is four boxes (`hadr.handover.gripper`). Whoever
+The gripper is four boxes (`hadr.handover.grasping.gripper`). Whoever
 moves straight along the approach axis sweeps a box out of a box, so the whole way from the
 pre-grasp to the end is checked at once and exactly. The hand is its skeleton with flesh around it.
 
@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from hadr.hand import BONES, check_keypoints
-from hadr.handover.grasping.grasps import Grasps
-from hadr.handover.gripper import gripper_boxes
+from hadr.handover.grasping.grasps import BACK, FORWARD, Grasps
+from hadr.handover.grasping.gripper import gripper_boxes
 
 Array = NDArray[np.float64]
 
@@ -35,70 +35,42 @@ def hand_points(keypoints: Array) -> Array:
 
 
 def hand_distance(base_from_tool: Array, width: float, keypoints: Array) -> float:
-    """Free space between gripper and hand.
+    """Free space between the gripper's surface and the skin, metres; 0 or less where they touch.
 
-    Args:
-        base_from_tool: Tool pose, shape (4, 4), metres.
-        width: Opening, metres.
-        keypoints: Hand in the same frame, shape (21, 3), metres.
-
-    Returns:
-        Metres between the gripper's surface and the skin; 0 or negative where they touch.
+    The tool's pose (4, 4) and the keypoints (21, 3) are written in one frame, metres.
     """
     boxes = gripper_boxes(np.array([width]))
     gap = _gaps(np.asarray(base_from_tool)[None], boxes, hand_points(keypoints))
     return float(gap.min()) - FLESH
 
 
-def way_to_hand(grasps: Grasps, keypoints: Array, *, back: float, forward: float) -> Array:
+def way_to_hand(grasps: Grasps, keypoints: Array) -> Array:
     """Smallest free space between gripper and skin on each grasp's way in: metres, shape (n,)."""
-    boxes = gripper_boxes(grasps.widths, behind=back, ahead=forward)
+    boxes = gripper_boxes(grasps.widths, behind=BACK, ahead=FORWARD)
     gap: Array = _gaps(grasps.poses, boxes, hand_points(keypoints)).min(axis=1, initial=np.inf)
     return gap - FLESH
 
 
-def free_of_hand(
-    grasps: Grasps,
-    keypoints: Array,
-    *,
-    back: float = 0.10,
-    forward: float = 0.05,
-    clearance: float = 0.02,
-) -> NDArray[np.bool_]:
-    """Which grasps keep a clearance to the skin, metres, on their whole way in, (n,)."""
-    free: NDArray[np.bool_] = (
-        way_to_hand(grasps, keypoints, back=back, forward=forward) >= clearance
-    )
+def free_of_hand(grasps: Grasps, keypoints: Array) -> NDArray[np.bool_]:
+    """Which grasps keep 2 cm to the skin on their whole way in, (n,)."""
+    free: NDArray[np.bool_] = way_to_hand(grasps, keypoints) >= 0.02
     return free
 
 
-def free_of_object(
-    grasps: Grasps,
-    points: Array,
-    *,
-    back: float = 0.10,
-    forward: float = 0.05,
-    clearance: float = 0.003,
-) -> NDArray[np.bool_]:
+def free_of_object(grasps: Grasps, points: Array) -> NDArray[np.bool_]:
     """Which grasps get the object between the fingers without running into it on their way.
 
-    Beside the fingers the grasp's own width says what is free; to the bar and the palm a clearance
-    in metres is kept. A few points may be met (noise).
+    Beside the fingers the grasp's own width says what is free; to the bar and the palm 3 mm are
+    kept. A few points may be met (noise).
     """
-    boxes = gripper_boxes(grasps.widths, behind=back, ahead=forward)
-    boxes[:, 2:, 0] -= clearance
-    boxes[:, 2:, 1] += clearance
+    boxes = gripper_boxes(grasps.widths, behind=BACK, ahead=FORWARD)
+    boxes[:, 2:, 0] -= 0.003
+    boxes[:, 2:, 1] += 0.003
     return _count_inside(grasps, boxes, points) <= NOISE
 
 
 def free_of_scene(
-    grasps: Grasps,
-    scene_points: Array,
-    object_points: Array,
-    *,
-    back: float = 0.10,
-    forward: float = 0.05,
-    clearance: float = 0.01,
+    grasps: Grasps, scene_points: Array, object_points: Array, clearance: float = 0.01
 ) -> NDArray[np.bool_]:
     """Which grasps keep a clearance to everything else that was measured: hand, arm, table.
 
@@ -106,7 +78,7 @@ def free_of_scene(
     cuts exactly; a few may be nearer than the clearance (noise).
     """
     beside = cKDTree(object_points).query(scene_points, distance_upper_bound=0.008)[0]
-    boxes = gripper_boxes(grasps.widths, behind=back, ahead=forward)
+    boxes = gripper_boxes(grasps.widths, behind=BACK, ahead=FORWARD)
     boxes[:, :, 0] -= clearance
     boxes[:, :, 1] += clearance
     return _count_inside(grasps, boxes, scene_points[np.isinf(beside)]) <= NOISE

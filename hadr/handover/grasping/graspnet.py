@@ -17,8 +17,8 @@ from scipy.spatial import cKDTree
 
 from hadr.camera import transform_points
 from hadr.handover.grasping.grasps import Grasps
-from hadr.handover.gripper import LARGEST_OPENING
-from hadr.handover.ur5 import check_pose
+from hadr.handover.grasping.gripper import LARGEST_OPENING
+from hadr.handover.poses import check_pose
 
 Array = NDArray[np.float64]
 Detect = Callable[[Array], ArrayLike]
@@ -31,21 +31,16 @@ graspnet-baseline is trained on ln(u_max / u), u the friction that a grasp needs
 not 0 to 1, and what a network predicts may be a little below 0. Percentages do not belong here."""
 
 
-def from_graspnet(
-    source: str | Path | ArrayLike,
-    base_from_camera: Array | None = None,
-    *,
-    widest: float = LARGEST_OPENING,
-) -> Grasps:
-    """Read a detector's grasps.
+def from_graspnet(source: str | Path | ArrayLike, base_from_camera: Array | None = None) -> Grasps:
+    """Read a detector's grasps; those that need a wider opening than the gripper has are left out.
+
+    The network was trained for 100 mm; a warning says how many are left out.
 
     Args:
         source: A `.npy` file of `GraspGroup.save_npy`, or its array `grasp_group_array`, shape
             (n, 17), or (n, 16) without object_id.
         base_from_camera: The camera's calibration, shape (4, 4), metres; where left out the grasps
             stay in the camera frame.
-        widest: Grasps that need a wider opening than the gripper has are left out, metres
-            (the network was trained for 100 mm); a warning says how many.
 
     Returns:
         The grasps, highest score first, in frame "base" or "camera".
@@ -81,12 +76,12 @@ def from_graspnet(
     if base_from_camera is not None:
         grasps = grasps.in_frame(check_pose(base_from_camera, "base_from_camera"), "base")
     order = np.argsort(-grasps.scores, kind="stable")
-    if wide := int((grasps.widths > widest).sum()):
+    if wide := int((grasps.widths > LARGEST_OPENING).sum()):
         warnings.warn(
-            f"{wide} of {len(grasps)} grasps are left out: they need more than {widest} m",
+            f"{wide} of {len(grasps)} grasps are left out: they need more than {LARGEST_OPENING} m",
             stacklevel=2,
         )
-    return grasps.select(order[grasps.widths[order] <= widest])
+    return grasps.select(order[grasps.widths[order] <= LARGEST_OPENING])
 
 
 def _read(path: Path) -> NDArray[np.generic]:

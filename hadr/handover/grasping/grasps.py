@@ -21,6 +21,8 @@ ROW_NAMES: tuple[str, ...] = (
     *("tx", "ty", "tz", "object_id"),
 )
 """Names of a row's 17 numbers."""
+BACK, FORWARD = 0.10, 0.05
+"""The paper's way in: from so far before the predicted grasp to so far past it, metres."""
 
 _COLUMN = {"approach": 0, "closing": 1, "height": 2}
 
@@ -175,18 +177,12 @@ class Grasps:
         )
 
 
-def pre_grasp(grasps: Grasps, distance: float = 0.10, *, axis: Axis = "approach") -> Array:
-    """Where the gripper waits before it grasps.
+def pre_grasp(grasps: Grasps, distance: float = BACK, *, axis: Axis = "approach") -> Array:
+    """Where the gripper waits: frame_from_tool in the paper's convention, (n, 4, 4), metres.
 
-    Args:
-        grasps: The grasps.
-        distance: How far back, metres; the paper's 10 cm.
-        axis: Back along which axis. The paper says "z": its approach axis. graspnetAPI's z is the
-            third column, the height axis, and would put the gripper beside the object; it is here
-            to be looked at (ledger row 17).
-
-    Returns:
-        frame_from_tool in the paper's convention (z approaches), shape (n, 4, 4), metres.
+    It is so far back along the approach axis, the paper's "z". graspnetAPI's z, the third column,
+    is the height axis and would put it beside the object; it is here to be looked at (ledger, row
+    17).
     """
     poses = grasps.poses
     poses[:, :3, 3] -= distance * grasps.axis(axis)
@@ -201,21 +197,12 @@ def forward_of(pose: Array, distance: float) -> Array:
 
 
 def final_travel(
-    reading: FinalMove = "past_grasp", *, back: float = 0.10, forward: float = 0.05
+    reading: FinalMove = "past_grasp", *, back: float = BACK, forward: float = FORWARD
 ) -> float:
-    """How far the gripper travels from the pre-grasp to where it closes (ledger row 21).
+    """Metres along the approach axis from the pre-grasp to where the gripper closes.
 
-    Args:
-        reading: "past_grasp": 5 cm past the predicted grasp, so 15 cm. "from_pre_grasp": 5 cm from
-            where it waits, which leaves it 5 cm short of the grasp.
-        back: Distance of the pre-grasp, metres.
-        forward: The paper's 5 cm, metres.
-
-    Returns:
-        Metres along the approach axis.
-
-    Raises:
-        ValueError: The reading is unknown.
+    "past_grasp": 5 cm past the predicted grasp, so 15 cm. "from_pre_grasp": 5 cm from where it
+    waits, which leaves it 5 cm short (ledger, row 21). ValueError for another reading.
     """
     if reading not in ("past_grasp", "from_pre_grasp"):
         raise ValueError(f"reading must be past_grasp or from_pre_grasp, got {reading!r}")

@@ -77,20 +77,12 @@ def literal_at_best_turn(
     axes: AxisOrder = "paper",
     weights: Weights | None = None,
 ) -> Array:
-    """The printed formula's two wishes for an approach axis, at the best turn about that axis.
+    """Largest w_r2h v^T (R_g v) + w_u2d u^T (R_g u) over all turns about axes (n, 3): (n,).
 
     An approach axis leaves the gripper's turn about it free, and the printed formula depends on
     it: with M = w_r2h v v^T + w_u2d u u^T it is the trace of R_g M, a constant and one sine of the
-    turn. The maximum is found in closed form.
-
-    Args:
-        approach: Unit approach axes a, shape (n, 3), written in the directions' frame.
-        directions: v and u.
-        axes: Which column of R_g is the approach axis: "paper" z, "graspnet" x.
-        weights: The paper's where left out; the detector's score takes no part.
-
-    Returns:
-        Largest w_r2h v^T (R_g v) + w_u2d u^T (R_g u) over all turns, shape (n,).
+    turn. The maximum is found in closed form. `axes` says which column of R_g is the approach axis:
+    "paper" z, "graspnet" x.
     """
     w = weights or Weights()
     v, u = directions.robot_to_human, directions.up_to_down
@@ -129,18 +121,10 @@ def rescore(
     axes: AxisOrder = "paper",
     weights: Weights | None = None,
 ) -> Array:
-    """Score grasps for a handover.
+    """Score grasps for a handover: C, shape (n,); higher is better.
 
-    Args:
-        grasps: Candidates.
-        directions: Robot to human, and down, in the same frame as the grasps.
-        form: "intended" (the default of the workflow) or "literal".
-        axes: Which order of columns R_g has in the literal form: the paper's (z approaches) or
-            graspnetAPI's (x approaches). The intended form does not depend on it.
-        weights: The paper's where left out.
-
-    Returns:
-        C, shape (n,); higher is better.
+    `axes` is the order of columns that R_g has in the literal form: the paper's (z approaches) or
+    graspnetAPI's (x approaches). The intended form, the workflow's, does not depend on it.
 
     Raises:
         ValueError: Grasps and directions are written in different frames, or an unknown form.

@@ -1,19 +1,37 @@
-"""From restored points to the one grasp to go for: sample, filter, rescore, check the reach."""
+"""From restored points to the one grasp to go for: sample, filter, rescore, check the reach.
+
+When to search is decided here too: in a fresh picture, of an object in a calm hand, and not too
+often.
+"""
+
+from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hadr.camera import transform_points
+from hadr.handover import safety
 from hadr.handover.grasping.candidates import NoCandidateError, completed, sample_grasps
 from hadr.handover.grasping.collision import free_of_object, free_of_scene, way_to_hand
-from hadr.handover.grasping.grasps import Grasps, forward_of
+from hadr.handover.grasping.grasps import BACK, FORWARD, Grasps, forward_of
+from hadr.handover.grasping.gripper import LARGEST_OPENING
 from hadr.handover.grasping.rescoring import Directions, rescore
 from hadr.handover.grasping.unseen_side import turned_about_axis
-from hadr.handover.gripper import LARGEST_OPENING
-from hadr.handover.robot import Robot
-from hadr.handover.stages import ChosenGrasp
+from hadr.handover.observation import HandWatch, Observation
+from hadr.handover.poses import check_pose
+from hadr.handover.robot import Robot, UnreachableError
+from hadr.handover.stages import (
+    CALM_SPEED,
+    CALM_WINDOW,
+    CHOOSE_EVERY,
+    LONGEST_WAIT,
+    ChooseGrasp,
+    ChosenGrasp,
+    HandoverConfig,
+)
 from hadr.handover.ur5 import Array
 
 HALF_TURN: Array = np.diag([-1.0, -1.0, 1.0, 1.0])
@@ -37,8 +55,6 @@ class GraspSelection:
     Attributes:
         rng: Source of the candidates' draws.
         viewpoint: Where the camera stands in the base frame, shape (3,), metres.
-        back: Distance of the pre-grasp, metres.
-        forward: How far past the grasp the fingertips end, metres.
         rescoring: False orders the candidates by their own score alone.
         rounds: How often candidates are drawn anew while none is left.
         source: Where the candidates come from instead of `sample_grasps`, such as
@@ -47,8 +63,6 @@ class GraspSelection:
 
     rng: np.random.Generator
     viewpoint: Array
-    back: float = 0.10
-    forward: float = 0.05
     rescoring: bool = True
     rounds: int = 4
     source: CandidateSource | None = None
@@ -110,9 +124,9 @@ class GraspSelection:
         aside: Array,
     ) -> ChosenGrasp | None:
         """The best of some candidates that is free and can be reached, moved aside (n, 3) too."""
-        grasps = grasps.select(self._room(grasps, keypoints) >= min(CLEARANCES))
-        grasps = grasps.select(self._free(grasps, points, scene))
-        room = self._room(grasps, keypoints)
+        grasps = grasps.select(way_to_hand(grasps, keypoints) >= min(CLEARANCES))
+        grasps = grasps.select(_free(grasps, points, scene))
+        room = way_to_hand(grasps, keypoints)
         scores = rescore(grasps, Directions()) if self.rescoring else grasps.scores
         best_first = np.argsort(-scores, kind="stable")
         tried: list[Array] = []
@@ -125,49 +139,46 @@ class GraspSelection:
                 if any(_alike(pose, other) for other in tried):
                     continue
                 tried.append(pose)
-                for reached in self._turned(pose, robot, aside):
+                for reached in _turned(pose, robot, aside):
                     one = grasps.select(np.array([row]))
-                    width = self._opening(one, points, keypoints, scene, clearance)
+                    width = _opening(one, points, keypoints, scene, clearance)
                     found = ChosenGrasp(reached, width, float(scores[row]))
-                    if robot.straight_way(forward_of(reached, -self.back)):
+                    if robot.straight_way(forward_of(reached, -BACK)):
                         return found
                     roundabout = roundabout or found
         return roundabout
 
-    def _room(self, grasps: Grasps, keypoints: Array) -> Array:
-        """Free space to the skin on the way in, (n,)."""
-        return way_to_hand(grasps, keypoints, back=self.back, forward=self.forward)
 
-    def _free(self, grasps: Grasps, points: Array, scene: Array) -> NDArray[np.bool_]:
-        """Which keep off the object's points and those of anything else on the way in, (n,)."""
-        way = {"back": self.back, "forward": self.forward}
-        return free_of_object(grasps, points, **way) & free_of_scene(grasps, scene, points, **way)
+def _free(grasps: Grasps, points: Array, scene: Array) -> NDArray[np.bool_]:
+    """Which keep off the object's points and those of anything else on the way in, (n,)."""
+    return free_of_object(grasps, points) & free_of_scene(grasps, scene, points)
 
-    def _opening(
-        self, grasp: Grasps, points: Array, keypoints: Array, scene: Array, clearance: float
-    ) -> float:
-        """How wide the fingers may open on the way in, metres: an error to the side is forgiven."""
-        least = float(grasp.widths[0])
-        for width in np.linspace(LARGEST_OPENING, least, 4)[:-1]:
-            if width <= least:
-                break
-            wide = replace(grasp, widths=np.array([width]))
-            near_hand = self._room(wide, keypoints)[0] < clearance
-            if not near_hand and self._free(wide, points, scene)[0]:
-                return float(width)
-        return least
 
-    def _turned(self, pose: Array, robot: Robot, aside: Array) -> list[Array]:
-        """The reachable ones of a pose and its half turn, the nearer to the tool's turn first."""
-        closing = robot.tool_pose()[:3, 0]
-        both = sorted((pose, pose @ HALF_TURN), key=lambda p: -float(p[:3, 0] @ closing))
-        stops = [(-self.back, side) for side in aside]
-        stops += [(0.0, np.zeros(3)), (self.forward, np.zeros(3))]
-        return [
-            option
-            for option in both
-            if all(robot.reachable(_moved(forward_of(option, s), side)) for s, side in stops)
-        ]
+def _opening(
+    grasp: Grasps, points: Array, keypoints: Array, scene: Array, clearance: float
+) -> float:
+    """How wide the fingers may open on the way in, metres: an error to the side is forgiven."""
+    least = float(grasp.widths[0])
+    for width in np.linspace(LARGEST_OPENING, least, 4)[:-1]:
+        if width <= least:
+            break
+        wide = replace(grasp, widths=np.array([width]))
+        near_hand = way_to_hand(wide, keypoints)[0] < clearance
+        if not near_hand and _free(wide, points, scene)[0]:
+            return float(width)
+    return least
+
+
+def _turned(pose: Array, robot: Robot, aside: Array) -> list[Array]:
+    """The reachable ones of a pose and its half turn, the nearer to the tool's turn first."""
+    closing = robot.tool_pose()[:3, 0]
+    both = sorted((pose, pose @ HALF_TURN), key=lambda p: -float(p[:3, 0] @ closing))
+    stops = [(-BACK, side) for side in aside] + [(0.0, np.zeros(3)), (FORWARD, np.zeros(3))]
+    return [
+        option
+        for option in both
+        if all(robot.reachable(_moved(forward_of(option, s), side)) for s, side in stops)
+    ]
 
 
 _ASIDE = 0.03 * np.array([[0, 0, 0], [0, 0, 1], [0, 0, -1], [0, 1, 0], [0, -1, 0]])
@@ -193,3 +204,98 @@ def _thinned(points: Array) -> Array:
         return points
     rows: NDArray[np.int64] = np.linspace(0, len(points) - 1, 1000).astype(np.int64)
     return points[rows]
+
+
+@dataclass
+class Choosing:
+    """Decides when to search for a grasp, and keeps what went wrong in words.
+
+    Attributes:
+        choose_grasp: Searches, such as a `GraspSelection`.
+        watch: The newest hand.
+        config: Settings.
+        caution: Why there is no grasp; empty after one was found.
+        reason: What the newest picture that a grasp could have been chosen from lacked. It stays,
+            unlike `caution`, while a picture is bad for another reason, until the next search.
+    """
+
+    choose_grasp: ChooseGrasp
+    watch: HandWatch
+    config: HandoverConfig
+    caution: str = field(default="", init=False)
+    reason: str = field(default="", init=False)
+    _found: str = field(default="", init=False)
+    _hand_from: float = field(default=float("inf"), init=False)
+    _searched_at: float = field(default=-float("inf"), init=False)
+
+    def obstacle(self, observation: Observation, now: float) -> str:
+        """Why no grasp may be chosen from this observation now, or an empty string."""
+        limits, watch = self.config.safety, self.watch
+        trouble = watch.trouble(now)
+        if trouble or watch.keypoints is None:
+            return trouble or watch.problem
+        if observation.object_points is None:
+            return "no points of the object"
+        doubt = safety.low_confidence(observation.confidence, limits.smallest_confidence)
+        if doubt:
+            return doubt
+        points = transform_points(watch.base_from_camera, observation.object_points)
+        if not safety.object_in_hand(points, watch.keypoints, limits.object_near):
+            return "the object is not in the hand"
+        return ""
+
+    def start(self) -> None:
+        """Begin to wait for a calm hand."""
+        self._hand_from = float("inf")
+        self.caution = self.reason = self._found = ""
+
+    def ready(self, observation: Observation, now: float, *, new: bool) -> bool:
+        """Say whether to search now, in a new picture; the reason against it is in `caution`."""
+        watch = self.watch
+        seen = watch.keypoints is not None
+        self._hand_from = min(self._hand_from, now) if seen else float("inf")
+        obstacle = self.obstacle(observation, now)
+        self.caution = obstacle or self.reason
+        if obstacle or not new:
+            return False
+        velocity = watch.velocity(CALM_WINDOW)
+        calm = velocity is not None and bool(np.linalg.norm(velocity) < CALM_SPEED)
+        if not calm and now - self._hand_from < LONGEST_WAIT:
+            self.caution = self.reason = "the hand is not calm yet"
+            return False
+        self.caution = self.reason = self._found
+        return now - self._searched_at >= CHOOSE_EVERY - 1e-9
+
+    def search(self, observation: Observation, now: float, robot: Robot) -> ChosenGrasp | None:
+        """Search for a grasp in an observation without an `obstacle`.
+
+        Returns:
+            The grasp in the base frame; None, and the reason in `caution`, where there is none or
+            the detector failed, in whatever way.
+        """
+        self._searched_at = now
+        chosen, why = self._chosen(observation, robot)
+        self.refuse(why)
+        return chosen
+
+    def refuse(self, why: str) -> None:
+        """Keep why the last search led to nothing; an empty string: it led to a grasp."""
+        self.caution = self.reason = self._found = why
+
+    def _chosen(self, observation: Observation, robot: Robot) -> tuple[ChosenGrasp | None, str]:
+        """The grasp, or why there is none."""
+        watch, points, scene = self.watch, observation.object_points, observation.scene_points
+        if points is None or watch.keypoints is None:
+            return None, self._found
+        if scene is not None:
+            scene = transform_points(watch.base_from_camera, scene)
+        points = transform_points(watch.base_from_camera, points)
+        try:
+            chosen = self.choose_grasp(points, watch.keypoints, robot, scene)
+            if chosen is not None:
+                check_pose(chosen.pose, "the chosen grasp")
+        except (UnreachableError, ValueError, np.linalg.LinAlgError) as error:
+            return None, f"no grasp: {error}"
+        except Exception as error:  # a user's detector may raise anything; the arm goes on
+            return None, f"no grasp: the detector failed: {type(error).__name__}: {error}"
+        return chosen, "" if chosen else "no grasp: none that is free and within reach"

@@ -146,9 +146,8 @@ def _fetch_wheel(version: str, folder: Path) -> Path:
     words = ["download", "--quiet", "--no-deps", "--only-binary=:all:", "--python-version=3.11"]
     words += [f"--platform={name}" for name in PLATFORMS]
     words += ["--no-input", "--retries=2", f"--dest={folder}", f"mediapipe=={version}"]
-    # -P: a pip.py in the current folder is not what is meant.
     done = subprocess.run(
-        [sys.executable, "-P", "-m", "pip", *words], capture_output=True, text=True, check=False
+        [sys.executable, "-m", "pip", *words], capture_output=True, text=True, check=False
     )
     wheels = list(folder.glob("*.whl"))
     if done.returncode == 0 and len(wheels) == 1:

@@ -116,7 +116,7 @@ def build_slides(
     index = f"# Depth for glass in a hand\n\n## Decks\n\n{links}\n\n"
     index += f"```{{toctree}}\n:hidden:\n\n{names}\n```\n"
     (source / "index.md").write_text(index, encoding="utf-8")
-    command = [sys.executable, "-P", "-m", "sphinx", "-q", "-W", "--keep-going", "-b",
+    command = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "-b",
                "revealjs", "-d", str(work / "doctrees"), str(source), str(target)]  # fmt: skip
     environment = os.environ | {"NO_COLOR": "1", "PYTHONHASHSEED": "0"}
     done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)

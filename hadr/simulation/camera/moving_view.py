@@ -89,11 +89,10 @@ class MovingView(RayTracer):
     Args:
         scene: Hand and object.
         room: What stands around them.
-        hand_step: Coarsest distance of the hand's vertices, metres.
     """
 
-    def __init__(self, scene: HeldScene, room: Room, hand_step: float = 0.004) -> None:
-        self._own_hand, self._own_glass = scene.hand(hand_step), scene.glass()
+    def __init__(self, scene: HeldScene, room: Room) -> None:
+        self._own_hand, self._own_glass = scene.hand(0.004), scene.glass()  # metres of a step
         super().__init__(
             Contents(
                 self._own_hand,

@@ -36,13 +36,13 @@ def object_points(
     return points if len(points) >= _SMALLEST_CLOUD else None
 
 
-def without_outliers(points: Array, neighbours: int = 8, spread: float = 2.0) -> Array:
-    """Drop points (n, 3) whose mean distance to their neighbours is `spread` deviations too far."""
-    if len(points) <= neighbours:
+def without_outliers(points: Array) -> Array:
+    """Drop points (n, 3) whose mean distance to eight neighbours is two deviations too far."""
+    if len(points) <= 8:
         return points
-    distances, _ = cKDTree(points).query(points, neighbours + 1)
+    distances, _ = cKDTree(points).query(points, 9)
     apart = distances[:, 1:].mean(axis=1)
-    kept: Array = points[apart <= apart.mean() + spread * apart.std()]
+    kept: Array = points[apart <= apart.mean() + 2.0 * apart.std()]
     return kept
 
 

@@ -162,17 +162,10 @@ class Sight:
 def object_depth(
     source: DepthSource, frame: CapturedFrame, mask: Mask, keypoints: Array | None
 ) -> tuple[Depth, float | None]:
-    """The depth that a source believes in.
+    """The depth that a source believes in, metres, 0 where unknown, from a picture and its mask.
 
-    Args:
-        source: See `Sight`.
-        frame: The picture; with colour for "hadr" and "hadr-plus".
-        mask: The object's pixels, shape (H, W) bool.
-        keypoints: The hand, camera frame, metres, shape (21, 3); None: no hand was found.
-
-    Returns:
-        z-depth in metres, shape (H, W), 0 where unknown; and the mean probability over the mask
-        that it is right to 2 cm, None where the source has no opinion.
+    And the mean probability over the mask that it is right to 2 cm; None where the source has no
+    opinion. The keypoints (21, 3) are in the camera frame, metres; None: no hand was found.
     """
     if source == "perfect":
         # where the mask is too wide, the object's depth goes on

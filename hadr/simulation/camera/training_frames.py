@@ -8,19 +8,16 @@ so that a network learns this view and not this one calibration.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from hadr.camera import project
 from hadr.data.frame import Frame
-from hadr.handover.gripper import LARGEST_OPENING
+from hadr.handover.grasping.gripper import LARGEST_OPENING
 from hadr.handover.poses import camera_at
-from hadr.handover.robot import HOME_JOINTS
+from hadr.handover.simulated_ur5 import HOME_JOINTS
 from hadr.simulation.camera.robot_camera import EYE, RobotCamera
 from hadr.simulation.world.scenes import MIDDLE, held_scene
 from hadr.simulation.world.state import WorldState
 from hadr.synthesis.glass.objects import OBJECTS
-
-Array = npt.NDArray[np.float64]
 
 HOLDS = {"train": range(400, 600), "val": range(600, 640), "test": range(640, 680)}
 """Holding poses that may be drawn for a split; none of them is one of a trial's."""

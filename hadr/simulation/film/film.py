@@ -45,11 +45,9 @@ def stage_color(stage: Stage) -> str:
     return STAGE_COLORS.get(stage.value, _OTHER_STAGE)
 
 
-def stage_at(
-    time: float, transitions: Sequence[Transition], first: Stage = Stage.WAIT_AND_OBSERVE
-) -> tuple[Stage, str]:
-    """The stage at a time in seconds, and why it was entered; `first` before any change."""
-    now, reason = (transitions[0].before if transitions else first), ""
+def stage_at(time: float, transitions: Sequence[Transition]) -> tuple[Stage, str]:
+    """The stage at a time in seconds, and why it was entered."""
+    now, reason = (transitions[0].before if transitions else Stage.WAIT_AND_OBSERVE), ""
     for change in transitions:
         if change.time > time + 1e-9:
             break
@@ -136,19 +134,19 @@ def captioned(
     return np.asarray(whole, dtype=np.uint8)
 
 
-def film_times(states: Sequence[WorldState], rate: float, speed: float = 1.0) -> list[float]:
+def film_times(states: Sequence[WorldState], rate: float) -> list[float]:
     """Times in seconds of a film's pictures, the last state's included.
 
     Raises:
-        ValueError: There is no state, or the rate (pictures a second) or speed is not positive.
+        ValueError: There is no state, or the rate (pictures a second) is not positive.
     """
     if not states:
         raise ValueError("a film needs at least one state, got none")
-    if not (rate > 0 and speed > 0):
-        raise ValueError(f"rate and speed must be positive, got {rate} and {speed}")
+    if not rate > 0:
+        raise ValueError(f"rate must be positive, got {rate}")
     start, end = states[0].time, states[-1].time
-    count = int(np.ceil((end - start) * rate / speed - 1e-6)) + 1
-    return [min(start + k * speed / rate, end) for k in range(count)]
+    count = int(np.ceil((end - start) * rate - 1e-6)) + 1
+    return [min(start + k / rate, end) for k in range(count)]
 
 
 def film_frames(
@@ -158,29 +156,20 @@ def film_frames(
     *,
     view: View | None = None,
     rate: float = 12.5,
-    speed: float = 1.0,
     hold: float = 1.0,
-    note: str = "",
     ending: str = "",
 ) -> Iterator[Picture]:
     """Draw a film's pictures, one after the other, as `captioned` makes them.
 
-    Args:
-        states: In the order of time; the nearest one is taken for each picture.
-        scene: Hand and object.
-        transitions: Changes of stage for caption and ribbon.
-        view: From where; the side view where left out.
-        rate: Pictures a second.
-        speed: How much faster than life.
-        hold: How long the last picture stays, seconds.
-        note: A line in place of the stages' reasons.
-        ending: A line in place of all that below the last picture, such as the verdict.
+    Of the states, in the order of time, the nearest one is taken for each picture, `rate` a second;
+    the last one stays for `hold` seconds and says `ending` in place of the reason, such as the
+    verdict. The side view where none is given.
     """
-    times = film_times(states, rate, speed)
+    times = film_times(states, rate)
     span = (states[0].time, states[-1].time)
     drawn = FilmSet(scene, view)
     for time in times:
-        words = ending if ending and time == times[-1] else note
+        words = ending if time == times[-1] else ""
         frame = captioned(drawn.draw(nearest_state(states, time)), time, transitions, span, words)
         yield frame
     for _ in range(round(hold * rate)):
@@ -188,18 +177,10 @@ def film_frames(
 
 
 def write_film(path: str | Path, frames: Iterable[Picture], rate: float = 12.5) -> Path:
-    """Write pictures as a film, whole or not at all.
-
-    Args:
-        path: Ends in .mp4 or .gif; folders are made.
-        frames: sRGB, shape (H, W, 3) uint8 of one size; for MP4 height and width are even.
-        rate: Pictures a second.
-
-    Returns:
-        The path.
+    """Write sRGB pictures (H, W, 3) uint8 as a film, .mp4 or .gif, whole or not at all.
 
     Raises:
-        ValueError: Another ending, no picture, or pictures of an odd or another size.
+        ValueError: Another ending, no picture, or pictures of an odd (MP4) or another size.
         ImportError: MP4 without imageio-ffmpeg (``pip install hadr[handover]``).
     """
     path = Path(path)
@@ -216,7 +197,8 @@ def write_film(path: str | Path, frames: Iterable[Picture], rate: float = 12.5) 
 
 
 def _write_gif(path: Path, frames: Iterable[Picture], rate: float) -> None:
-    pictures = [_few_colors(frame) for frame in frames]
+    # 256 colours of each picture's own; the octree keeps skin smooth
+    pictures = [Image.fromarray(f).quantize(256, method=Image.Quantize.FASTOCTREE) for f in frames]
     pictures[0].save(
         path, save_all=True, append_images=pictures[1:], duration=round(1000 / rate), loop=0
     )
@@ -258,8 +240,3 @@ def _same_size(frames: Iterable[Picture], *, even: bool) -> Iterator[Picture]:
         if even and (size[0] % 2 or size[1] % 2):
             raise ValueError(f"an MP4 needs even height and width, got {size[0]} x {size[1]}")
         yield frame
-
-
-def _few_colors(frame: Picture) -> Image.Image:
-    """A picture in 256 colours of its own, for GIF; the octree keeps skin smooth."""
-    return Image.fromarray(frame).quantize(256, method=Image.Quantize.FASTOCTREE)

@@ -48,15 +48,6 @@ class View:
     base_from_camera: Array
     camera: Intrinsics
 
-    def pixel(self, point: npt.ArrayLike) -> tuple[float, float]:
-        """Where a point of the base frame, shape (3,), metres, appears: (column, row)."""
-        turn, eye = self.base_from_camera[:3, :3], self.base_from_camera[:3, 3]
-        x, y, z = (np.asarray(point, dtype=np.float64) - eye) @ turn
-        if z <= 0:
-            raise ValueError(f"the point lies {-z:.3f} m behind the camera of this view")
-        c = self.camera
-        return float(c.fx * x / z + c.cx), float(c.fy * y / z + c.cy)
-
 
 def view_from(
     eye: tuple[float, float, float],
@@ -162,11 +153,6 @@ class FilmSet:
         pieces.append((hand, self._hand.albedo, HAND))
         pieces.append((cuff.moved(state.base_from_wrist), blue, HAND))
         return pieces
-
-
-def draw_world(state: WorldState, scene: HeldScene, view: View | None = None) -> Picture:
-    """Draw one moment as sRGB (H, W, 3); for many of one scene, `FilmSet` keeps what stays."""
-    return FilmSet(scene, view).draw(state)
 
 
 def _smooth(lit: Array, kinds: npt.NDArray[np.int64], shape: tuple[int, int]) -> Array:

@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 
 from hadr.handover import ur5
-from hadr.handover.gripper import FLANGE_FROM_TOOL
+from hadr.handover.grasping.gripper import FLANGE_FROM_TOOL
 from hadr.handover.ur5 import Array
 from hadr.simulation.robot.gripper import add_gripper
 from hadr.simulation.world.scenes import TABLE_FAR, TABLE_NEAR

@@ -14,9 +14,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from hadr.handover import ur5
-from hadr.handover.gripper import FLANGE_FROM_TOOL
-from hadr.handover.robot import ArmConfig
-from hadr.handover.ur5 import Array, UnreachableError
+from hadr.handover.grasping.gripper import FLANGE_FROM_TOOL
+from hadr.handover.poses import check_pose
+from hadr.handover.robot import UnreachableError
+from hadr.handover.simulated_ur5 import ArmConfig
+from hadr.handover.ur5 import Array
 from hadr.simulation.robot.arm_model import kinematic_model
 from hadr.simulation.robot.motion_limits import TOOL_SPEED, MotionConfig, MotionRows
 
@@ -78,7 +80,7 @@ class ArmMotion:
             ValueError: The target is no rigid transform.
         """
         start = self.joints if near is None else near
-        target = ur5.check_pose(base_from_tool, "base_from_tool")
+        target = check_pose(base_from_tool, "base_from_tool")
         flange = ur5.BASE_LINK_FROM_DH_BASE @ target @ np.linalg.inv(FLANGE_FROM_TOOL)
         found = ur5.inverse_kinematics(flange, free_angle=float(start[5]))
         found = ur5.nearest_turns(found, start)
@@ -160,7 +162,7 @@ class ArmMotion:
             UnreachableError: The target breaks a limit; the command has not changed.
             ValueError: The target is no rigid transform.
         """
-        target = ur5.check_pose(base_from_tool, "base_from_tool")
+        target = check_pose(base_from_tool, "base_from_tool")
         self._plan(target)
         now, c = self._pose(self._configuration), self.motion
         distance, angle = _difference(now, target)

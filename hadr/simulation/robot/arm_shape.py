@@ -7,7 +7,7 @@ for the camera's depth: rounded solids of about the real sizes, a centimetre off
 from __future__ import annotations
 
 from hadr.handover import ur5
-from hadr.handover.gripper import FLANGE_FROM_TOOL
+from hadr.handover.grasping.gripper import FLANGE_FROM_TOOL
 from hadr.records.caches import kept
 from hadr.simulation.robot.gripper import gripper_surfaces
 from hadr.simulation.robot.solids import (
@@ -117,11 +117,7 @@ def _links() -> tuple[tuple[Part, ...], ...]:
 def arm_surfaces(joints: Array, gripper_width: float) -> list[Part]:
     """The arm at joint angles (6,) in radians, with its gripper open by a width in metres.
 
-    Returns:
-        Closed surfaces in the base frame (metres) with their linear RGB reflectance.
-
-    Raises:
-        ValueError: The joints are no such thing, or the width is not from 0 to 85 mm.
+    Gives closed surfaces in the base frame (metres) with their linear RGB reflectance.
     """
     frames = ur5.BASE_LINK_FROM_DH_BASE @ ur5.joint_frames(joints)
     parts = [

@@ -1,4 +1,4 @@
-"""Our gripper (`hadr.handover.gripper`) in the world: its body in physics, and its look."""
+"""Our gripper (`hadr.handover.grasping.gripper`) in the world: body and look."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from hadr.handover.gripper import (
+from hadr.handover.grasping.gripper import (
     BAR_HEIGHT,
     BAR_LENGTH,
     FINGER_HEIGHT,

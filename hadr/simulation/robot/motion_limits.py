@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 
 from hadr.handover import ur5
-from hadr.handover.robot import ArmConfig
+from hadr.handover.simulated_ur5 import ArmConfig
 from hadr.handover.ur5 import Array
 from hadr.simulation.robot.gripper import GRIPPER_GEOMS
 

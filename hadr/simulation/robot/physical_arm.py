@@ -12,9 +12,11 @@ import mujoco
 import numpy as np
 
 from hadr.handover import ur5
-from hadr.handover.gripper import LARGEST_OPENING
-from hadr.handover.robot import ArmConfig
-from hadr.handover.ur5 import Array, UnreachableError
+from hadr.handover.grasping.gripper import LARGEST_OPENING
+from hadr.handover.poses import check_pose
+from hadr.handover.robot import UnreachableError
+from hadr.handover.simulated_ur5 import ArmConfig
+from hadr.handover.ur5 import Array
 from hadr.simulation.robot.arm_motion import ArmMotion
 from hadr.simulation.robot.motion_limits import MotionConfig
 
@@ -136,20 +138,17 @@ class PhysicalUR5:
         return ur5.singularity(joints)
 
     def servo_to(self, base_from_tool: Array, dt: float) -> None:
-        """Set the command for the next dt seconds: move toward a tool pose.
+        """Set the command for the next dt seconds, at most 0.1: move toward a tool pose (4, 4).
 
-        Args:
-            base_from_tool: Target, shape (4, 4), metres.
-            dt: Time that the command holds, seconds, more than 0 and at most 0.1; without a new
-                one the arm brakes after it.
+        Without a new one the arm brakes after it; and where this one raises.
 
         Raises:
-            UnreachableError: The target breaks a limit; the arm brakes.
-            ValueError: The target is no rigid transform, or dt is out of range; the arm brakes.
+            UnreachableError: The target breaks a limit.
+            ValueError: The target is no rigid transform, or dt is out of range.
         """
         if not 0 < dt <= 0.1:
             raise ValueError(f"dt must be more than 0 and at most 0.1 seconds, got {dt}")
-        target = ur5.check_pose(base_from_tool, "base_from_tool")
+        target = check_pose(base_from_tool, "base_from_tool")
         if self._stopped or self.protective_stop:
             return
         joints, velocity = self._stretch.at(self._data.time)

@@ -31,7 +31,7 @@ _WHAT = "handover attempts in simulation"
 HAND_SPEEDS, LARGEST_HOLD = (0.01, 10.0), 999_999
 """Factors on a hand's speed at which a run shows something, and the last holding pose."""
 EPILOG = """\
-conditions (--arms)
+conditions (--conditions)
   raw                 the depth that the camera measured
   inpainted           the glass filled in from around it
   hadr, hadr-plus     restored by a bundled network trained for this camera
@@ -42,16 +42,17 @@ conditions (--arms)
                       which the simulator gives in all others, with noise
 
 examples
-  hadr handover --arms hadr --objects 0004 --holds 902 --film \\
+  hadr handover --conditions hadr --objects 0004 --holds 902 --film \\
       --out build/handover
-  hadr handover --arms raw hadr perfect --jobs 2 --out build/handover
+  hadr handover --conditions raw hadr perfect --jobs 2 --out build/handover
   hadr handover --replay build/handover/hadr/0004-902-log.npz
 
 output, in --out
-  ARM/OBJECT-HOLD.json      an attempt's outcome and its changes of stage
-  ARM/OBJECT-HOLD.npz       the states of the world, 25 a second
-  ARM/OBJECT-HOLD-log.npz   what the workflow saw and commanded, for a replay
-  ARM/OBJECT-HOLD.mp4       with --film, drawn after the rows are written;
+  CONDITION/OBJECT-HOLD.json  an attempt's outcome and its changes of stage
+  CONDITION/OBJECT-HOLD.npz   the states of the world, 25 a second
+  CONDITION/OBJECT-HOLD-log.npz
+                            what the workflow saw and commanded, for a replay
+  CONDITION/OBJECT-HOLD.mp4   with --film, drawn after the rows are written;
                             about a minute each, on one core
   handover.json             one row per condition: successes, rate and its 95 %
                             interval, failures by kind, times, distance, force,
@@ -86,7 +87,7 @@ class Options:
     """Folder of the attempts' files."""
     replay: Annotated[str | None, FILE] = None
     """Replay an attempt's log and print its changes of stage and its cautions; runs none."""
-    arms: Annotated[tuple[str, ...], tyro.conf.arg(metavar="ARM")] = (
+    conditions: Annotated[tuple[str, ...], tyro.conf.arg(metavar="CONDITION")] = (
         *("raw", "inpainted", "hadr", "perfect"),
         *("hadr-no-rescoring", "hadr-no-tracking"),
     )
@@ -155,7 +156,7 @@ def run(options: Options) -> int:
         condition: attempts(
             cast("Condition", condition), **which, seed=options.seed, template=shared
         )
-        for condition in options.arms
+        for condition in options.conditions
     }
     total = sum(map(len, plan.values()))
     print(
@@ -188,8 +189,8 @@ def run(options: Options) -> int:
 
 def _replay(path: Path) -> int:
     """Replay an attempt's log, and print what happened in the order of time."""
-    from hadr.handover.replay import replay
-    from hadr.handover.run_log import read_run_log
+    from hadr.handover.logs.replay import replay
+    from hadr.handover.logs.run_log import read_run_log
 
     if path.is_dir():
         raise ValueError(f"--replay {path} is a folder, expected a log, such as 0004-902-log.npz")
@@ -214,7 +215,7 @@ def _check(options: Options, out: Path, path: Path) -> None:
     check_range("seed", options.seed, 0, LARGEST_SEED)
     check_range("hand-speed", options.hand_speed, *HAND_SPEEDS)
     check_range("extrinsics-error", options.extrinsics_error, 0, 90)
-    for name in ("arms", "objects", "holds"):
+    for name in ("conditions", "objects", "holds"):
         given = getattr(options, name)
         if not given or "" in given:
             raise ValueError(f"--{name} names nothing, or has an empty word")
@@ -292,7 +293,7 @@ def _what(options: Options) -> str:
         f"{_WHAT}: objects {' '.join(options.objects)}, holds "
         f"{' '.join(map(str, options.holds))}, seed {options.seed}, hand's speed "
         f"x{options.hand_speed:g}, camera turned by {options.extrinsics_error:g} degrees; "
-        f"{_origin_of_masks(options.arms)}; success by HandoverSim's rules"
+        f"{_origin_of_masks(options.conditions)}; success by HandoverSim's rules"
     )
 
 
@@ -313,7 +314,7 @@ def _origin_of_masks(conditions: Sequence[str]) -> str:
 
 def _say(trial: Any, row: dict[str, Any]) -> None:
     print(
-        f"{trial.arm:18} {trial.name}  {row['verdict']:14} {row['decided_at']:5.1f} s  "
+        f"{trial.condition:18} {trial.name}  {row['verdict']:14} {row['decided_at']:5.1f} s  "
         f"{row['motion']:8} {row['kind']:8} {row['reason']}",
         flush=True,
     )
@@ -323,7 +324,7 @@ def _sum_up(row: dict[str, Any]) -> str:
     low, high = row["interval"]
     failures = ", ".join(f"{count} {kind}" for kind, count in row["failures"].items()) or "none"
     return (
-        f"{row['arm']}: {row['successes']} of {row['attempts']} "
+        f"{row['condition']}: {row['successes']} of {row['attempts']} "
         f"({100 * row['rate']:.1f} %, 95 % interval {100 * low:.0f} to {100 * high:.0f}); "
         f"failures: {failures}; largest force {row['largest_force_n']:.1f} N"
     )

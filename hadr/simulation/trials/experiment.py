@@ -56,7 +56,7 @@ def attempts(
     """
     shared = template or Trial(objects[0], holds[0])
     return [
-        replace(shared, object_id=object_id, hold_number=hold, arm=condition, seed=seed)
+        replace(shared, object_id=object_id, hold_number=hold, condition=condition, seed=seed)
         for object_id in objects
         for hold in holds
     ]
@@ -161,7 +161,7 @@ def is_finished(out: Path, trial: Trial) -> bool:
 
 
 def _path(out: Path, trial: Trial) -> Path:
-    return out / trial.arm / f"{trial.name}.json"
+    return out / trial.condition / f"{trial.name}.json"
 
 
 def _companions(path: Path) -> dict[str, Path]:
@@ -322,7 +322,7 @@ def condition_row(condition: str, outcomes: Sequence[dict[str, Any]]) -> dict[st
         return float(np.mean(values)) if values else float("nan")
 
     return {
-        "arm": condition,
+        "condition": condition,
         "attempts": len(won),
         "successes": int(won.sum()),
         "rate": float(won.mean()),

@@ -13,11 +13,11 @@ import numpy as np
 from hadr.camera import transform_points
 from hadr.hand import HandShape
 from hadr.handover.grasping.collision import hand_distance
-from hadr.handover.gripper import FINGER_HEIGHT, FINGER_LENGTH
+from hadr.handover.grasping.gripper import FINGER_HEIGHT, FINGER_LENGTH
+from hadr.handover.logs.run_log import RecordedRobot
 from hadr.handover.observation import Observation
 from hadr.handover.poses import pose_distance
-from hadr.handover.robot import SimulatedUR5
-from hadr.handover.run_log import RecordedRobot
+from hadr.handover.simulated_ur5 import SimulatedUR5
 from hadr.handover.stages import Stage
 from hadr.handover.ur5 import Array
 from hadr.handover.workflow import Handover
@@ -52,16 +52,11 @@ def rehearsed_scene() -> HeldScene:
     return HeldScene(hold, np.array(base_from_wrist, dtype=np.float64), np.asarray(SKIN_TONES[1]))
 
 
-def visible_points(scene: HeldScene, viewpoint: Array, spacing: float = 0.004) -> Array:
-    """Points of the glass's outside that face the camera and are not in the hand.
+def visible_points(scene: HeldScene, viewpoint: Array) -> Array:
+    """What a perfect restoration would give: points (n, 3) of the glass's outside, base frame.
 
-    Args:
-        scene: Hand and glass.
-        viewpoint: Where the camera stands in the base frame, shape (3,), metres.
-        spacing: Thins the points to about one a cube of this size, metres.
-
-    Returns:
-        Shape (n, 3), metres, base frame: what a perfect restoration would give.
+    They face a camera that stands at the viewpoint (3,) and are not in the hand; about one in a
+    cube of 4 mm.
     """
     axis = scene.base_from_object
     surface = scene.glass()[0].moved(axis)
@@ -72,7 +67,7 @@ def visible_points(scene: HeldScene, viewpoint: Array, spacing: float = 0.004) -
     outward = (outside * turned[:, :2]).sum(axis=1) >= 0  # not the inner wall
     nearest = np.linalg.norm(points[:, None] - scene.keypoints[None], axis=2).min(axis=1)
     kept: Array = points[facing & outward & (nearest > 0.015)]
-    _, first = np.unique(np.floor(kept / spacing), axis=0, return_index=True)
+    _, first = np.unique(np.floor(kept / 0.004), axis=0, return_index=True)
     thinned: Array = kept[np.sort(first)]
     return thinned
 

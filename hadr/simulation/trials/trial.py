@@ -7,12 +7,11 @@ comes from the attempt's seed, so the same attempt ends in the same way.
 
 from __future__ import annotations
 
-import hashlib
 import re
 import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cache, lru_cache
+from functools import cache
 from pathlib import Path
 from typing import Any, Literal, cast, get_args
 
@@ -20,11 +19,12 @@ import numpy as np
 
 from hadr.data.samples import samples_dir
 from hadr.handover.grasping.selection import GraspSelection
-from hadr.handover.robot import ArmConfig
-from hadr.handover.run_log import RecordedHandover, RunLog
+from hadr.handover.logs.run_log import RecordedHandover, RunLog
 from hadr.handover.safety import SafetyConfig
+from hadr.handover.simulated_ur5 import ArmConfig
 from hadr.handover.stages import ChosenGrasp, HandoverConfig, Stage, Transition
 from hadr.handover.workflow import Handover
+from hadr.records.caches import file_sha256
 from hadr.records.dependencies import code_digest
 from hadr.records.provenance import record_of
 from hadr.simulation.camera.robot_camera import RobotCamera
@@ -87,8 +87,8 @@ class Trial:
     Attributes:
         object_id: Which object.
         hold_number: Which of its holding poses.
-        arm: The condition, as doctors call it in a trial: whose depth the robot sees, and what is
-            switched off; with "-networks" mask and keypoints are those of networks, too.
+        condition: Whose depth the robot sees, and what is switched off; with "-networks"
+            mask and keypoints are those of networks, too.
         seed: Seed of place, motion, noise and of the grasps' draws.
         hand_speed: Factor on the speed of the hand's motion.
         extrinsics_error_deg: The camera stands turned by this angle from what its calibration says.
@@ -97,7 +97,7 @@ class Trial:
 
     object_id: str
     hold_number: int
-    arm: Condition = "hadr"
+    condition: Condition = "hadr"
     seed: int = 0
     hand_speed: float = 1.0
     extrinsics_error_deg: float = 0.0
@@ -108,8 +108,9 @@ class Trial:
         for name in ("hold_number", "seed"):
             if getattr(self, name) < 0:
                 raise ValueError(f"{name} must be 0 or more, got {getattr(self, name)}")
-        if self.arm not in CONDITIONS:
-            raise ValueError(f"arm must be one of {', '.join(CONDITIONS)}, got {self.arm!r}")
+        if self.condition not in CONDITIONS:
+            known = ", ".join(CONDITIONS)
+            raise ValueError(f"condition must be one of {known}, got {self.condition!r}")
         if not (np.isfinite(self.hand_speed) and self.hand_speed > 0):
             raise ValueError(f"hand_speed must be a factor above 0, got {self.hand_speed}")
         if not 0 <= self.extrinsics_error_deg <= 90:
@@ -134,7 +135,7 @@ class Trial:
         Raises:
             FileNotFoundError: A bundled network of this condition is not there.
         """
-        sums = {name: _file_sha256(path) for name, path in network_files(self.arm).items()}
+        sums = {name: file_sha256(path) for name, path in network_files(self.condition).items()}
         return {**record_of(self), "networks": sums, "code": _code()}
 
 
@@ -144,32 +145,22 @@ def _code() -> str:
     return code_digest(*CODE, without=("hadr.models.networks",))  # it leads to every network
 
 
-def depth_source(arm: Condition) -> DepthSource:
+def depth_source(condition: Condition) -> DepthSource:
     """Where a condition's depth comes from: its name without what is switched off or added."""
-    return cast("DepthSource", re.sub("-(no-rescoring|no-tracking|networks)$", "", arm))
+    return cast("DepthSource", re.sub("-(no-rescoring|no-tracking|networks)$", "", condition))
 
 
-def network_files(arm: Condition) -> dict[str, Path]:
+def network_files(condition: Condition) -> dict[str, Path]:
     """The bundled checkpoints that a condition uses, by their names in `sight`."""
-    names = [depth_source(arm), *(("segmentation", "keypoints") if finds_by_networks(arm) else ())]
+    found = ("segmentation", "keypoints") if finds_by_networks(condition) else ()
+    names = [depth_source(condition), *found]
     used = [name for name in names if name in CHECKPOINTS]
     return {name: samples_dir() / "checkpoints" / CHECKPOINTS[name] for name in used}
 
 
-def finds_by_networks(arm: str) -> bool:
+def finds_by_networks(condition: str) -> bool:
     """Say whether networks find mask and keypoints, which else come from the simulator."""
-    return arm.endswith("-networks")
-
-
-def _file_sha256(path: Path) -> str:
-    state = path.stat()
-    return _sha256_then(path, state.st_mtime_ns, state.st_size)
-
-
-@lru_cache(maxsize=16)
-def _sha256_then(path: Path, changed: int, size: int) -> str:
-    """Checksum of a file, computed once for each time and size that it has."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    return condition.endswith("-networks")
 
 
 @dataclass(frozen=True)
@@ -245,7 +236,6 @@ class _Timed:
 def run_trial(
     trial: Trial,
     *,
-    config: HandoverConfig | None = None,
     spoil: Callable[[Sight], Looks] | None = None,
     on_step: Callable[[World, WorldState, Stage], None] | None = None,
 ) -> Run:
@@ -253,7 +243,6 @@ def run_trial(
 
     Args:
         trial: What to try.
-        config: Settings of the workflow; the standard ones where left out.
         spoil: Puts something between the world and its sight, such as a `BrokenSight`.
         on_step: Told of the world, its state and the stage after each step, for watching.
 
@@ -269,14 +258,16 @@ def run_trial(
     world = World(scene, motion.moved, ATTEMPT_ARM, ATTEMPT_MOTION)
     camera = RobotCamera().miscalibrated(trial.extrinsics_error_deg, trial.seed)
     base_from_camera = camera.calibration
-    finder = bundled_finder() if finds_by_networks(trial.arm) else None
-    whole = Sight(scene, camera, depth_source(trial.arm), seed=trial.seed, finder=finder)
+    finder = bundled_finder() if finds_by_networks(trial.condition) else None
+    whole = Sight(scene, camera, depth_source(trial.condition), seed=trial.seed, finder=finder)
     sight: Looks = whole if spoil is None else spoil(whole)
     rng = np.random.default_rng([trial.seed, int(trial.object_id), trial.hold_number, 67])
     select = _Timed(
-        GraspSelection(rng, base_from_camera[:3, 3], rescoring=trial.arm != "hadr-no-rescoring")
+        GraspSelection(
+            rng, base_from_camera[:3, 3], rescoring=trial.condition != "hadr-no-rescoring"
+        )
     )
-    config = replace(config or ATTEMPT_CONFIG, tracking=trial.arm != "hadr-no-tracking")
+    config = replace(ATTEMPT_CONFIG, tracking=trial.condition != "hadr-no-tracking")
     home = world.robot.tool_pose()
     handover = RecordedHandover(world.robot, select, base_from_camera, config)
     judge = Judge(scene.item.height, trial.time_limit)

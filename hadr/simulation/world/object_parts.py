@@ -136,11 +136,11 @@ def convex_parts(item: GlassObject) -> tuple[Array, ...]:
     return tuple(parts)
 
 
-def handle_capsules(item: GlassObject, count: int = 9) -> tuple[Capsule, ...]:
-    """The handle as a chain of so many capsules; none without a handle."""
+def handle_capsules(item: GlassObject) -> tuple[Capsule, ...]:
+    """The handle as a chain of nine capsules; none without a handle."""
     line, thickness, _ = handle_sections(item)
     if not len(line):
         return ()
     radius = float(np.median(thickness))
-    knots = line[np.linspace(0, len(line) - 1, count + 1).round().astype(int)]
+    knots = line[np.linspace(0, len(line) - 1, 10).round().astype(int)]
     return tuple(Capsule(a, b, radius) for a, b in pairwise(knots))

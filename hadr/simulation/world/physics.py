@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 
 from hadr.camera import transform_points
-from hadr.handover.robot import ArmConfig
+from hadr.handover.simulated_ur5 import ArmConfig
 from hadr.handover.ur5 import Array
 from hadr.simulation.robot.arm_model import HAND, OBJECT, ROBOT
 from hadr.simulation.robot.gripper import GRIPPER_GEOMS

@@ -76,18 +76,11 @@ class HeldScene:
 
 
 def held_scene(object_id: str, hold_number: int, seed: int = 0) -> HeldScene:
-    """Place one hold before the robot.
+    """Place one hold of an object before the robot; the same for the same three arguments.
 
     The object leans by up to 20 degrees. Of all turns about the vertical the one is taken in which
-    the forearm points away from the robot, but for up to 35 degrees to either side.
-
-    Args:
-        object_id: Which object, see `hadr.synthesis.glass.objects`.
-        hold_number: Which of its holding poses, from 0.
-        seed: Chooses the place, the lean and the skin. The holding pose does not depend on it.
-
-    Returns:
-        The scene; the same for the same three arguments.
+    the forearm points away from the robot, but for up to 35 degrees to either side. The seed
+    chooses the place, the lean and the skin, not the holding pose.
 
     Raises:
         ValueError: The object is unknown or the number negative.

@@ -7,8 +7,6 @@ hand, the hand's size) comes from comment lines, a JSON file or a placement file
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -20,7 +18,7 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation, Slerp
 
 from hadr.hand import ANGLE_LIMITS, ANGLE_NAMES, FINGERS, HandShape
-from hadr.records.reading import parse_json, read_bytes, read_json, structured
+from hadr.records.reading import parse_json, read_json, structured
 from hadr.records.writing import write_whole
 from hadr.synthesis.glass.objects import glass_object
 from hadr.synthesis.holding.contact import ContactReport
@@ -31,6 +29,7 @@ from hadr.synthesis.recordings.glove_columns import (
     ROTATION_COLUMNS,
     find_angle_columns,
 )
+from hadr.synthesis.recordings.table import Table, read_table
 
 Array = npt.NDArray[np.float64]
 
@@ -113,92 +112,7 @@ def companions(path: Path) -> tuple[Path, Path]:
     return path.with_suffix(".json"), path.with_name(f"{path.stem}.placement.csv")
 
 
-@dataclass(frozen=True)
-class _Table:
-    """The cells of a CSV file."""
-
-    path: Path
-    notes: Mapping[str, str]
-    header: list[str]
-    rows: list[list[str]]
-    lines: list[int]
-    decimal_comma: bool
-
-    def number(self, row: int, column: int) -> float:
-        text = self.rows[row][column].strip()
-        try:
-            value = float(text.replace(",", ".") if self.decimal_comma else text)
-        except ValueError:
-            value = float("nan")
-        if not np.isfinite(value):
-            raise ValueError(
-                f"{self.path.name}: row {row + 1} (line {self.lines[row]}), column "
-                f"{self.header[column]}: {text!r} is not a finite number"
-            )
-        return value
-
-    def column(self, position: int) -> Array:
-        return np.array([self.number(row, position) for row in range(len(self.rows))])
-
-    def find(self, *names: str) -> int | None:
-        """Position of the first column that has one of the (bare) names."""
-        bare = ["".join(c for c in name.lower() if c.isalnum()) for name in self.header]
-        return next((bare.index(name) for name in names if name in bare), None)
-
-
-def _read_table(path: Path) -> _Table:
-    try:
-        text = read_bytes(path).decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path.name} is not text in UTF-8") from error
-    notes: dict[str, str] = {}
-    lines: list[tuple[int, str]] = []
-    for number, line in enumerate(text.splitlines(), start=1):
-        if line.lstrip().startswith("#"):
-            key, _, value = line.lstrip("# \t").partition(":")
-            notes[key.strip().lower()] = value.strip()
-        elif line.strip(" ,;\t"):
-            lines.append((number, line))
-    # The header is the first line with joint angles in it; what stands before is a preamble.
-    start = 0
-    for start, (_, line) in enumerate(lines):  # noqa: B007
-        delimiter = max(",;\t", key=line.count)
-        header = _cells(path, line, delimiter)
-        try:
-            angles = find_angle_columns(header)
-        except ValueError as error:
-            raise ValueError(f"{path.name}: {error}") from error
-        if angles or any(n.strip() in POSITION_COLUMNS for n in header):
-            break
-    else:
-        raise ValueError(f"{path.name} has no header with joint angles, such as {ANGLE_COLUMNS[5]}")
-    header = [name.strip() for name in header]
-    rows: list[list[str]] = []
-    kept: list[int] = []
-    for number, line in lines[start + 1 :]:
-        cells = _cells(path, line, delimiter)
-        if len(cells) > len(header) and not any(c.strip() for c in cells[len(header) :]):
-            cells = cells[: len(header)]  # a delimiter at the end of each line
-        if len(cells) != len(header):
-            raise ValueError(
-                f"{path.name}: row {len(rows) + 1} (line {number}) has {len(cells)} cells, the "
-                f"header {len(header)}"
-            )
-        rows.append(cells)
-        kept.append(number)
-    if not rows:
-        raise ValueError(f"{path.name} has a header but no rows")
-    return _Table(path, notes, header, rows, kept, delimiter == ";")
-
-
-def _cells(path: Path, line: str, delimiter: str) -> list[str]:
-    try:
-        return next(csv.reader(io.StringIO(line), delimiter=delimiter))
-    except (csv.Error, StopIteration) as error:
-        raise ValueError(f"{path.name}: {line!r:.60} is no row of a table: {error}") from error
-
-
-def _times(table: _Table, notes: Mapping[str, Any]) -> Array:
+def _times(table: Table, notes: Mapping[str, Any]) -> Array:
     milliseconds, seconds = table.find(*_MILLISECONDS), table.find(*_SECONDS)
     frame = table.find("frame", "framenumber", "frameid")
     if milliseconds is not None:
@@ -221,7 +135,7 @@ def _times(table: _Table, notes: Mapping[str, Any]) -> Array:
     return np.asarray(time - time[0])
 
 
-def _poses(table: _Table, positions: list[int], rotations: list[int]) -> Array:
+def _poses(table: Table, positions: list[int], rotations: list[int]) -> Array:
     quaternions = np.stack([table.column(i) for i in rotations], axis=1)
     norms = np.linalg.norm(quaternions, axis=1)
     wrong = np.flatnonzero(np.abs(norms - 1) > 0.01)
@@ -246,7 +160,7 @@ def _poses(table: _Table, positions: list[int], rotations: list[int]) -> Array:
     return poses
 
 
-def _placement(table: _Table, time: Array) -> Array:
+def _placement(table: Table, time: Array) -> Array:
     """The object's pose in each row, from the table or from the file beside it."""
     wanted = [*POSITION_COLUMNS, *ROTATION_COLUMNS]
     if twice := [name for name in wanted if table.header.count(name) > 1]:
@@ -255,7 +169,7 @@ def _placement(table: _Table, time: Array) -> Array:
     own = [name for name in wanted if name in table.header]
     source = table
     if not own and side_file.is_file():
-        source = _read_table(side_file)
+        source = read_table(side_file)
     missing = [name for name in wanted if name not in source.header]
     if missing:
         what = "where the object is" if not own else ", ".join(missing)
@@ -278,7 +192,7 @@ def _placement(table: _Table, time: Array) -> Array:
     return result
 
 
-def _notes(table: _Table) -> dict[str, Any]:
+def _notes(table: Table) -> dict[str, Any]:
     notes: dict[str, Any] = dict(table.notes)
     companion, _ = companions(table.path)
     if companion.is_file():
@@ -297,7 +211,7 @@ def _note(notes: Mapping[str, Any], key: str, name: str) -> float:
     return value
 
 
-def _angles(table: _Table, columns: Mapping[str, int]) -> Array:
+def _angles(table: Table, columns: Mapping[str, int]) -> Array:
     """The joint angles in radians, refused where no hand bends so."""
     angles = np.deg2rad(np.stack([table.column(columns[a]) for a in ANGLE_NAMES], axis=1))
     low, high = ANGLE_LIMITS.T
@@ -355,7 +269,7 @@ def read_recording(path: str | Path) -> Recording:
             kind, scale and hand it is.
         FileNotFoundError: There is no such file.
     """
-    table = _read_table(Path(path))
+    table = read_table(Path(path))
     notes = _notes(table)
     name = table.path.name
     missing = [key for key in ("object", "kind", "scale") if key not in notes]

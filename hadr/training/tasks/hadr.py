@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from hadr.models.network_input import masked_rays
-from hadr.training.batches import FrameTensors
+from hadr.training.frames.batches import FrameTensors
 from hadr.training.losses import hadr_losses
 from hadr.training.recipe import Preset
 

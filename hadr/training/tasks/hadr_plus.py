@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from hadr.models.hadr_plus import HADRPlusOutput
-from hadr.training.batches import FrameTensors
+from hadr.training.frames.batches import FrameTensors
 from hadr.training.losses import frame_mean
 from hadr.training.recipe import Preset
 
@@ -30,18 +30,11 @@ def losses(
 
 
 def plus_losses(output: HADRPlusOutput, batch: FrameTensors) -> dict[str, Tensor]:
-    """Compute the loss and its terms, each frame counting the same.
+    """Compute the loss and its terms, each frame counting the same; all but the first in metres.
 
-    Args:
-        output: What the network gave.
-        batch: The frames with their true depth.
-
-    Returns:
-        "loss"; "likelihood": mean negative logarithm of the true depth's density, nats; "depth":
-        mean absolute error in metres that the probabilities let expect; "step": mean absolute
-        error in metres of the step from a ray to the next on the same surface; "mae": mean
-        absolute error of the chosen candidates in metres; "plane", where it is guessed: mean
-        absolute error of the plane in metres.
+    "likelihood": mean negative logarithm of the true depth's density, nats; "depth": mean absolute
+    error that the probabilities let expect; "step": that of the step from a ray to the next on the
+    same surface; "mae": that of the chosen candidates; "plane", where it is guessed: its.
     """
     frame, row, column = output.rays.unbind(dim=1)
     truth = batch.true_depth[frame, row, column]  # (rays,)

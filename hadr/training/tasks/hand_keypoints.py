@@ -22,7 +22,7 @@ from hadr.models.hand.keypoints import (
     predict_keypoints,
 )
 from hadr.models.hand.weighted_regression import JointMaps, joints_of_maps, maps_of_joints
-from hadr.training.batches import FrameTensors
+from hadr.training.frames.batches import FrameTensors
 from hadr.training.losses import shared_mean
 from hadr.training.recipe import Preset
 

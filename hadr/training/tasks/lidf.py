@@ -19,7 +19,7 @@ from torch import Tensor, nn
 
 from hadr.models.network_input import masked_rays, ray_points
 from hadr.rivals.lidf import LIDFOutput
-from hadr.training.batches import FrameTensors
+from hadr.training.frames.batches import FrameTensors
 from hadr.training.losses import depth_loss, hadr_losses
 from hadr.training.recipe import Preset
 

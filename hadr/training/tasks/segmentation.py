@@ -9,7 +9,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from hadr.models.segmentation import SegmentationNet, predict_logits
-from hadr.training.batches import FrameTensors
+from hadr.training.frames.batches import FrameTensors
 from hadr.training.losses import shared_mean
 from hadr.training.recipe import Preset
 

@@ -26,8 +26,9 @@ from torch import Tensor, nn
 
 from hadr.metrics import mean_over_frames
 from hadr.models.networks import network_of
-from hadr.training.batches import FrameTensors
+from hadr.training.diagnosis import diagnose
 from hadr.training.evaluation import evaluate
+from hadr.training.frames.batches import FrameTensors
 from hadr.training.pictures import Picture, depth_picture
 from hadr.training.recipe import Preset
 
@@ -70,18 +71,11 @@ class Task:
         return loss(self.recipe, model, batch, epoch, generator)
 
     def validate(self, model: nn.Module, frames: FrameTensors, batch_size: int) -> dict[str, float]:
-        """Score the network in evaluation mode on frames that it does not learn from.
-
-        Args:
-            model: The network.
-            frames: The frames.
-            batch_size: Frames at a time.
-
-        Returns:
-            Numbers by name. The first decides which epoch is the best: smaller is better.
-        """
+        """Score the network: numbers by name, of which the first decides; smaller is better."""
         validate: Any = getattr(self._module, "validate", validate_depth)
         scores: dict[str, float] = validate(model, frames, batch_size)
+        if self.kind.answer == "depth":
+            scores |= diagnose(model, self.kind, frames, batch_size)
         return scores
 
     def picture(self, model: nn.Module, frames: FrameTensors) -> Picture | None:

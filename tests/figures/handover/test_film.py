@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hadr.figures.handover.film import film_strip, show_run
-from hadr.handover.robot import HOME_JOINTS
+from hadr.handover.simulated_ur5 import HOME_JOINTS
 from hadr.handover.stages import Stage, Transition
 from hadr.simulation.film.world_view import side_view
 from hadr.simulation.world.scenes import HeldScene, held_scene

@@ -1,6 +1,6 @@
 import numpy as np
 
-from hadr.confidence import reliability, sparsification
+from hadr.confidence.calibration import reliability, sparsification
 from hadr.figures.method.confidence import (
     draw_reliability,
     draw_sparsification,

@@ -3,7 +3,7 @@ import pytest
 
 from hadr.data.samples import open_samples
 from hadr.figures.method.training_film import distances, epoch_picture
-from hadr.training.batches import load_frames
+from hadr.training.frames.batches import load_frames
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ from hadr.figures.tables.handover import (
 )
 
 ROW = {
-    "arm": "hadr",
+    "condition": "hadr",
     "attempts": 48,
     "successes": 30,
     "rate": 0.625,
@@ -23,7 +23,7 @@ ROW = {
     "failures": {"drop": 10, "time-out": 8},
     "mean_seconds": 7.25,
 }
-NEVER = {**ROW, "arm": "raw", "successes": 0, "rate": 0.0, "mean_seconds": None}
+NEVER = {**ROW, "condition": "raw", "successes": 0, "rate": 0.0, "mean_seconds": None}
 
 
 def cells(line):
@@ -33,7 +33,7 @@ def cells(line):
     return [cell.replace("\N{NO-BREAK SPACE}", " ") for cell in found]
 
 
-def test_each_arm_has_its_numbers_and_the_paper_stands_below():
+def test_each_condition_has_its_numbers_and_the_paper_stands_below():
     lines = conditions_table([ROW, NEVER], {"GraspNet": [5, 0, 0, 0]}).splitlines()
     assert cells(lines[2]) == ["HADR", "30/48", "62.5 %", "48 to 75", "3/4", "2/4", "1/4", "7.2 s"]
     assert cells(lines[3])[:3] == ["sensor depth", "0/48", "0.0 %"]
@@ -41,22 +41,25 @@ def test_each_arm_has_its_numbers_and_the_paper_stands_below():
     assert cells(lines[4]) == ["*paper: GraspNet*", "5/48", "10.4 %", "", "0/8", "0/8", "0/8", ""]
 
 
-def test_two_arms_are_compared_attempt_by_attempt():
-    first = {"arm": "a", "verdicts": {"1": "success", "2": "success", "3": "drop", "4": "drop"}}
-    second = {"arm": "b", "verdicts": {"1": "success", "2": "drop", "3": "drop", "4": "success"}}
+def test_two_conditions_are_compared_attempt_by_attempt():
+    first, second = (
+        {"condition": name, "verdicts": dict(zip("1234", ends, strict=True))}
+        for name, ends in (("a", [*2 * ["success"], *2 * ["drop"]]),
+                           ("b", ["success", "drop", "drop", "success"]))
+    )  # fmt: skip
     assert paired(first, second) == (1, 1, 1.0)
-    better = {"arm": "c", "verdicts": dict.fromkeys("1234", "success")}
+    better = {"condition": "c", "verdicts": dict.fromkeys("1234", "success")}
     assert paired(better, first) == (2, 0, 0.5)  # 2 of 2: once each way in four
     assert paired(first, first) == (0, 0, 1.0)
     with pytest.raises(ValueError, match="a and d have not made the same attempts"):
-        paired(first, {"arm": "d", "verdicts": {"1": "drop"}})
+        paired(first, {"condition": "d", "verdicts": {"1": "drop"}})
 
 
 def row(
     condition: str, successes: int, low: float, high: float, **more: object
 ) -> dict[str, object]:
     return {
-        "arm": condition,
+        "condition": condition,
         "attempts": 48,
         "successes": successes,
         "rate": successes / 48,
@@ -93,7 +96,7 @@ def test_outcomes_fill_the_attempts() -> None:
     assert [t.get_text() for t in ax.get_legend().texts] == ["success", "drop", "timeout"]
 
 
-def test_degradation_has_a_line_an_arm_with_its_intervals() -> None:
+def test_degradation_has_a_line_a_condition_with_its_intervals() -> None:
     _, ax = plt.subplots()
     rows = [
         row("hadr", 36, 0.61, 0.85, hand_speed=1),

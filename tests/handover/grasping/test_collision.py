@@ -47,12 +47,11 @@ def test_distance_to_a_hand_in_one_place(place: tuple[float, float, float], free
 def test_the_way_counts_and_not_only_its_end() -> None:
     # beside where the palm passes: 16 + 10 cm behind the grasp's point
     passed = np.tile([-0.25, 0.0, 0.06], (21, 1))
-    way = way_to_hand(grasp(), passed, back=0.10, forward=0.05)
+    way = way_to_hand(grasp(), passed)
     assert way[0] == pytest.approx(0.06 - 0.03 - 0.01)
-    assert way_to_hand(grasp(), passed, back=0.0, forward=0.05)[0] > 0.08
     # 8 cm past the grasp's point: the tips stop 3 cm before it
     ahead = np.tile([0.08, 0.035, 0.0], (21, 1))
-    assert way_to_hand(grasp(), ahead, back=0.1, forward=0.05)[0] == pytest.approx(0.03 - 0.01)
+    assert way_to_hand(grasp(), ahead)[0] == pytest.approx(0.03 - 0.01)
 
 
 @pytest.mark.parametrize(
@@ -91,13 +90,13 @@ def test_many_grasps_are_checked_as_one_by_one() -> None:
     rows[:, 4:13], rows[:, 13:16] = turns.reshape(30, 9), rng.normal(0, 0.05, (30, 3))
     together = Grasps.from_rows(rows, "base")
     points, keypoints = rng.normal(0, 0.08, (60, 3)), rng.normal(0.1, 0.1, (21, 3))
-    ways = way_to_hand(together, keypoints, back=0.1, forward=0.05)
+    ways = way_to_hand(together, keypoints)
     free = free_of_object(together, points)
     assert 3 < free.sum() < 27
     for i in range(30):
         one = together.select(np.array([i]))
         assert free_of_object(one, points)[0] == free[i]
-        assert way_to_hand(one, keypoints, back=0.1, forward=0.05)[0] == pytest.approx(ways[i])
+        assert way_to_hand(one, keypoints)[0] == pytest.approx(ways[i])
     assert len(free_of_object(together.select(np.zeros(30, dtype=bool)), points)) == 0
 
 

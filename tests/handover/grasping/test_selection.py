@@ -1,15 +1,31 @@
-"""The choice of a grasp: it faces the human, keeps off the hand, can be reached."""
+"""The choice of a grasp: it faces the human, keeps off the hand, can be reached.
+
+Then when one is searched for, and how long a reason stays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from hadr.handover.grasping.collision import hand_distance
 from hadr.handover.grasping.selection import GraspSelection
+from hadr.handover.logs.replay import replay
+from hadr.handover.logs.run_log import RecordedHandover
+from hadr.handover.observation import Observation
 from hadr.handover.poses import camera_at
-from hadr.handover.robot import SimulatedUR5
-from hadr.simulation.trials.rehearsal import rehearsed_scene, visible_points
+from hadr.handover.simulated_ur5 import SimulatedUR5
+from hadr.handover.stages import ChosenGrasp, HandoverConfig, Stage
+from hadr.simulation.trials.rehearsal import MovingHand, rehearse, rehearsed_scene, visible_points
 
 SCENE = rehearsed_scene()
-EYE = camera_at(np.array([0.0, -0.55, 0.65]), np.array([0.55, 0.0, 0.3]))[:3, 3]
+CAMERA = camera_at(np.array([0.0, -0.55, 0.65]), np.array([0.55, 0.0, 0.3]))
+EYE = CAMERA[:3, 3]
+STILL = MovingHand(SCENE, CAMERA, drift=0.0, turn=0.0)
+DT = 0.02
 
 
 def test_it_faces_the_human_and_keeps_off_the_hand() -> None:
@@ -53,3 +69,154 @@ def test_it_keeps_off_measured_points() -> None:
     shell = points.mean(axis=0) + 0.16 * out / np.linalg.norm(out, axis=1, keepdims=True)
     shut = GraspSelection(np.random.default_rng(0), EYE, rounds=1)
     assert shut(points, SCENE.keypoints, robot, shell) is None
+
+
+def grasp() -> ChosenGrasp:
+    pose = np.eye(4)
+    pose[:3, :3] = [[0, 0, 1], [1, 0, 0], [0, 1, 0]]
+    pose[:3, 3] = SCENE.base_from_object[:3, 3] + [-0.033, 0, 0.17]
+    return ChosenGrasp(pose, 0.075, 1.0)
+
+
+def handover_with(
+    choose: Callable[..., object], config: HandoverConfig | None = None
+) -> RecordedHandover:
+    return RecordedHandover(SimulatedUR5(), choose, CAMERA, config or HandoverConfig())  # type: ignore[arg-type]
+
+
+def cautions(
+    handover: RecordedHandover,
+    longest: float,
+    *,
+    hand: MovingHand = STILL,
+    spoil: Callable[[Observation], Observation] = lambda seen: seen,
+) -> list[str]:
+    """What was said after each step that waits for a grasp."""
+    words = []
+
+    def listen(seen: Observation) -> Observation:
+        if seen.time > 0 and handover.stage is Stage.WAIT_AND_OBSERVE:
+            words.append(handover.caution)
+        return spoil(seen)
+
+    rehearse(
+        handover, hand, dt=DT, longest=longest, past_stops=True, picture_every=0.1, spoil=listen
+    )
+    return words
+
+
+def fails_first(error: Exception | None, answer: object = None) -> Callable[..., object]:
+    """Chooses well from the second call on."""
+    calls = []
+
+    def choose(*_: object) -> object:
+        calls.append(1)
+        if len(calls) > 1:
+            return grasp()
+        if error is not None:
+            raise error
+        return answer
+
+    return choose
+
+
+@pytest.mark.parametrize("error", [TypeError("no tensor"), KeyError("scores"), OSError(5)])
+def test_a_detector_that_fails_is_named(error: Exception) -> None:
+    words = cautions(handover_with(fails_first(error)), 0.6)
+    assert f"no grasp: the detector failed: {type(error).__name__}: {error}" in words
+
+
+def test_a_detector_that_fails_is_asked_again() -> None:
+    handover = handover_with(fails_first(RuntimeError("out of memory")))
+    words = cautions(handover, 12.0)
+    assert "no grasp: the detector failed: RuntimeError: out of memory" in words
+    assert handover.stage is Stage.FINISHED
+    assert handover.tries == 0
+    again = replay(handover.log())
+    assert again.transitions == handover.transitions
+
+
+def test_an_answer_that_is_no_grasp_is_a_failure_of_the_detector() -> None:
+    handover = handover_with(fails_first(None, answer=(np.eye(4), 0.08)))
+    assert any("failed: AttributeError" in said for said in cautions(handover, 12.0))
+    assert handover.stage is Stage.FINISHED
+    assert replay(handover.log()).transitions == handover.transitions
+
+
+def test_a_replayed_failure_has_the_same_words() -> None:
+    def choose(*_: object) -> ChosenGrasp:
+        raise RuntimeError("out of memory")
+
+    handover = handover_with(choose)
+    cautions(handover, 1.0)
+    again = replay(handover.log())
+    expected = "no grasp: the detector failed: RuntimeError: out of memory"
+    assert again.choosing.reason == handover.choosing.reason == expected
+    assert again.caution == handover.caution == expected
+
+
+def test_an_interrupt_is_no_failure_of_the_detector() -> None:
+    def choose(*_: object) -> ChosenGrasp:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        cautions(handover_with(choose), 1.0)
+
+
+def test_the_reason_stays_until_the_next_search() -> None:
+    """Between two searches, 0.3 s apart, no step is without a reason."""
+    answers = iter([None, ValueError("too few points")])
+
+    def choose(*_: object) -> ChosenGrasp | None:
+        answer = next(answers, grasp())
+        if isinstance(answer, ValueError):
+            raise answer
+        return answer
+
+    words = cautions(handover_with(choose), 3.0)
+    first = words.index("no grasp: none that is free and within reach")
+    second = words.index("no grasp: too few points")
+    assert set(words[first:second]) == {"no grasp: none that is free and within reach"}
+    assert set(words[second:]) == {"no grasp: too few points"}
+    assert second - first == pytest.approx(0.3 / DT, abs=1)
+
+
+def test_another_obstacle_is_said_first_and_the_reason_after_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("hadr.handover.grasping.selection.CHOOSE_EVERY", 5.0)
+    handover = handover_with(lambda *_: None)
+    words = cautions(
+        handover,
+        1.5,
+        spoil=lambda seen: replace(seen, confidence=0.1) if 0.8 <= seen.time < 1.0 else seen,
+    )
+    lacking, doubt = "no grasp: none that is free and within reach", "restored depth of confidence"
+    told = [said for said, before in zip(words, ["", *words], strict=False) if said != before]
+    assert told[-3] == told[-1] == lacking
+    assert told[-2].startswith(doubt)
+    assert handover.choosing.reason == lacking
+
+
+def test_not_calm_stays_said_between_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hadr.handover.grasping.selection.CALM_SPEED", 1e-9)
+    restless = MovingHand(SCENE, CAMERA, drift=0.04, calm_after=np.inf)
+    handover = handover_with(lambda *_: None)
+    words = cautions(handover, 1.5, hand=restless)
+    assert set(words[20:]) == {"the hand is not calm yet"}
+
+
+def test_a_handover_that_ends_without_a_grasp_names_the_reason() -> None:
+    handover = handover_with(lambda *_: None, HandoverConfig(patience=1.0))
+    cautions(handover, 5.0)
+    assert handover.transitions[0].reason == (
+        "no handover within 1 s; no grasp: none that is free and within reach"
+    )
+
+
+def test_a_new_start_forgets_the_reason() -> None:
+    handover = handover_with(lambda *_: None)
+    cautions(handover, 1.0)
+    assert handover.choosing.reason
+    handover.choosing.start()
+    assert (handover.choosing.reason, handover.choosing.caution) == ("", "")

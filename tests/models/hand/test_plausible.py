@@ -1,5 +1,7 @@
 """Checks of a hand: an adult's flat hand before a wall, and what is wrong with others."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -81,6 +83,34 @@ def test_other_than_human_sizes_are_named(scale, part) -> None:
     depth, glass, _ = scene()
     stretched = (HAND - HAND[0]) * scale + HAND[0]
     assert part in check_hand(stretched, depth, CAMERA, glass).problems[0]
+
+
+def fingers(*order: int) -> list[int]:
+    """The keypoints' numbers with the fingers in another order; the thumb is 0."""
+    return [0, *(4 * finger + joint for finger in order for joint in range(1, 5))]
+
+
+@pytest.mark.parametrize(
+    ("order", "part"),
+    [
+        (fingers(0, 2, 1, 3, 4), "its knuckles are not in a row from index"),
+        (fingers(0, 1, 2, 4, 3), "its knuckles are not in a row"),
+        (fingers(0, 4, 3, 2, 1), "its knuckles are not in a row"),
+        (fingers(1, 0, 2, 3, 4), "its bones have 3. to 2.. % of a hand's proportions"),
+        (fingers(4, 3, 2, 1, 0), "its bones have "),
+        ([*range(5), 5, 7, 6, *range(8, 21)], "its bones have 9. to 2.. % of"),
+    ],
+)
+def test_swapped_keypoints_are_named_where_a_hand_is_given(order: list[int], part: str) -> None:
+    depth, glass, _ = scene()
+    assert check_hand(HAND, depth, CAMERA, glass, given=True).problems == ()
+    assert re.match(part, check_hand(HAND[order], depth, CAMERA, glass, given=True).problems[0])
+
+
+def test_a_hand_s_mask_in_place_of_the_glass_s_is_named() -> None:
+    depth, _, hand = scene(0.9)
+    *_, why = check_hand(HAND, depth, CAMERA, hand).problems
+    assert "lie in the mask: is that the hand's?" in why
 
 
 def test_a_table_a_speck_and_a_doubtful_hand_are_none() -> None:

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from hadr.handover.robot import HOME_JOINTS
+from hadr.handover.simulated_ur5 import HOME_JOINTS
 from hadr.simulation.camera.robot_camera import RobotCamera
 from hadr.simulation.world.scenes import HeldScene, held_scene
 from hadr.simulation.world.state import WorldState

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from hadr.camera import back_project, project, transform_points
 from hadr.figures.depth.corruption_examples import corruption_statistics
-from hadr.handover.robot import HOME_JOINTS, SimulatedUR5
+from hadr.handover.simulated_ur5 import HOME_JOINTS, SimulatedUR5
 from hadr.simulation.camera.robot_camera import (
     EYE,
     RobotCamera,

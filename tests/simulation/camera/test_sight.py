@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from hadr.camera import transform_points
-from hadr.handover.robot import SimulatedUR5
+from hadr.handover.simulated_ur5 import SimulatedUR5
 from hadr.simulation.camera import sight
 from hadr.simulation.camera.robot_camera import CapturedFrame, RobotCamera
 from hadr.simulation.camera.sight import (

@@ -9,7 +9,7 @@ import pytest
 
 from hadr.data.frame import Frame, write_frame
 from hadr.data.transhand import TransHand
-from hadr.handover.robot import HOME_JOINTS
+from hadr.handover.simulated_ur5 import HOME_JOINTS
 from hadr.simulation.camera import training_frames
 from hadr.simulation.camera.robot_camera import EYE, RobotCamera
 from hadr.simulation.camera.training_frames import EYE_SPREAD, FRAME_OBJECTS, HOLDS, camera_frame

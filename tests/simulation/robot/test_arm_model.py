@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from hadr.handover import ur5
-from hadr.handover.gripper import FLANGE_FROM_TOOL
-from hadr.handover.robot import HOME_JOINTS, SimulatedUR5
+from hadr.handover.grasping.gripper import FLANGE_FROM_TOOL
+from hadr.handover.simulated_ur5 import HOME_JOINTS, SimulatedUR5
 from hadr.simulation.robot import arm_model
 
 

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from hadr.handover.poses import pose_distance
-from hadr.handover.robot import ArmConfig
-from hadr.handover.ur5 import UnreachableError
+from hadr.handover.robot import UnreachableError
+from hadr.handover.simulated_ur5 import ArmConfig
 from hadr.simulation.robot.arm_motion import ArmMotion
 from hadr.simulation.robot.motion_limits import CLEARANCE, MARGIN
 

@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from hadr.handover.poses import pose_distance
-from hadr.handover.robot import Robot
-from hadr.handover.ur5 import UnreachableError
+from hadr.handover.robot import Robot, UnreachableError
 from hadr.simulation.robot.physical_arm import PROTECTIVE_FORCE
 from hadr.simulation.world.physics import World
 from hadr.simulation.world.scenes import HeldScene, held_scene

@@ -45,9 +45,10 @@ def test_help_is_a_manual_and_imports_nothing_heavy() -> None:
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (["--arms", "rau"], "arm must be one of raw, inpainted, hadr, hadr-plus, perfect, "
+        (["--conditions", "rau"],
+         "condition must be one of raw, inpainted, hadr, hadr-plus, perfect, "
          "hadr-no-rescoring, hadr-no-tracking, hadr-plus-networks, got 'rau'"),
-        (["--arms", "raw", "raw"], "--arms names raw twice"),
+        (["--conditions", "raw", "raw"], "--conditions names raw twice"),
         (["--jobs", f"1{30 * '0'}"], "--jobs must be from 1 to 1024, got 1000"),
         (["--seed", "-1"], "--seed must be from 0 to 9223372036854775807, got -1"),
         (["--hand-speed", "1000"], "--hand-speed must be from 0.01 to 10.0, got 1000"),
@@ -135,7 +136,7 @@ def test_the_rows_file_says_whose_masks_and_keypoints(
 ) -> None:
     monkeypatch.setattr(experiment, "run_trial", lambda trial: replace(whole, trial=trial))
     words = ["--objects", "0010", "--holds", 922, "--jobs", 1]
-    assert call(out, "--arms", *conditions, *words) == 0
+    assert call(out, "--conditions", *conditions, *words) == 0
     assert says in read_result_file(out / "handover.json").what
 
 
@@ -148,7 +149,7 @@ def test_films_are_drawn_after_the_rows_are_written(
         raise OSError("the disk is full")
 
     monkeypatch.setattr(experiment, "film_of_attempt", broken)
-    words = ["--arms", "raw", "perfect", "--objects", "0010", "--holds", 922, "--jobs", 1]
+    words = ["--conditions", "raw", "perfect", "--objects", "0010", "--holds", 922, "--jobs", 1]
     assert call(out, *words, "--film") == 2
     said = capsys.readouterr()
     assert "the disk is full" in said.err
@@ -164,7 +165,7 @@ def test_a_dry_run_says_what_it_would_do_and_writes_nothing(
         "288 attempts: 8 objects, 6 holds, 6 conditions, 2 at a time\n"
         f"finished already: 0 of 288 in {out}\n"
     )
-    words = ["--arms", "raw", "--objects", "0004", "--holds", 920, "--dry-run", "--jobs", 1]
+    words = ["--conditions", "raw", "--objects", "0004", "--holds", 920, "--dry-run", "--jobs", 1]
     assert call(out, *words) == 0
     assert capsys.readouterr().out.startswith(
         "1 attempt: 1 object, 1 hold, 1 condition, 1 at a time"
@@ -205,12 +206,13 @@ def test_attempts_are_told_and_summed_up(
     whole: Run, out: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def run_trial(trial: Trial) -> Run:
-        verdict = "success" if trial.arm == "perfect" or trial.hold_number == 922 else "drop"
+        verdict = "success" if trial.condition == "perfect" or trial.hold_number == 922 else "drop"
         result = replace(whole.outcome, verdict=verdict, largest_force=1.25)
         return replace(whole, trial=trial, outcome=result)
 
     monkeypatch.setattr(experiment, "run_trial", run_trial)
-    words = ["--arms", "raw", "perfect", "--objects", "0010", "--holds", 922, 923, "--jobs", 1]
+    words = ["--conditions", "raw", "perfect", "--objects", "0010", "--holds", 922, 923,
+             "--jobs", 1]  # fmt: skip
     assert call(out, *words, "--hand-speed", 2) == 0
     said = capsys.readouterr().out
     assert "4 attempts: 1 object, 2 holds, 2 conditions, 1 at a time" in said
@@ -219,8 +221,8 @@ def test_attempts_are_told_and_summed_up(
     assert said.count("largest force 1.2 N") == 2
     assert f"the rows: {out / 'handover.json'}" in said
     file = read_result_file(out / "handover.json")
-    assert [row["arm"] for row in file.rows] == ["raw", "perfect"]
-    assert file.row(arm="raw")["failures"] == {"drop": 1}
+    assert [row["condition"] for row in file.rows] == ["raw", "perfect"]
+    assert file.row(condition="raw")["failures"] == {"drop": 1}
     assert "hand's speed x2, camera turned by 0 degrees" in file.what
     assert {"mujoco", "mink"} <= set(file.provenance["versions"])
     # once more: nothing is run, the same rows

@@ -1,4 +1,4 @@
-"""The experiment: what is run again and what is not, and how an arm's row is summed up."""
+"""The experiment: what is run again and what is not, and how a condition's row is summed up."""
 
 import json
 import math
@@ -22,8 +22,8 @@ import pytest
 import torch
 
 from hadr.data.samples import samples_dir
-from hadr.handover.replay import replay
-from hadr.handover.run_log import read_run_log
+from hadr.handover.logs.replay import replay
+from hadr.handover.logs.run_log import read_run_log
 from hadr.records import dependencies
 from hadr.records.dependencies import modules_behind
 from hadr.records.result_file import digest
@@ -55,15 +55,16 @@ def made(whole: Run, monkeypatch: pytest.MonkeyPatch) -> Counter[Trial]:
     return count
 
 
-def test_attempts_are_paired_between_arms() -> None:
+def test_attempts_are_paired_between_conditions() -> None:
     template = Trial("0000", 920, hand_speed=3.0, time_limit=5.0)
     hadr = attempts("hadr", objects=("0004", "0010"), holds=(921, 920), seed=4, template=template)
     assert [(t.object_id, t.hold_number) for t in hadr] == [
         ("0004", 921), ("0004", 920), ("0010", 921), ("0010", 920),
     ]  # fmt: skip
-    assert {(t.arm, t.seed, t.hand_speed, t.time_limit) for t in hadr} == {("hadr", 4, 3.0, 5.0)}
+    shared = {(t.condition, t.seed, t.hand_speed, t.time_limit) for t in hadr}
+    assert shared == {("hadr", 4, 3.0, 5.0)}
     raw = attempts("raw", objects=("0004", "0010"), holds=(921, 920), seed=4, template=template)
-    assert [replace(t, arm="hadr") for t in raw] == hadr
+    assert [replace(t, condition="hadr") for t in raw] == hadr
     assert len(attempts("raw")) == 48
 
 
@@ -138,13 +139,13 @@ def test_other_networks_are_other_attempts(monkeypatch: pytest.MonkeyPatch, tmp_
     monkeypatch.setattr("hadr.simulation.trials.trial.samples_dir", lambda: tmp_path)
 
     def settings() -> dict[str, str]:
-        return {arm: digest(Trial("0010", 922, arm).record) for arm in CONDITIONS}
+        return {name: digest(Trial("0010", 922, name).record) for name in CONDITIONS}
 
     def changed_by(change: Callable[[], object]) -> set[str]:
         before = settings()
         change()
         after = settings()
-        return {arm for arm in before if before[arm] != after[arm]}
+        return {name for name in before if before[name] != after[name]}
 
     assert settings() == settings()
     of_hadr = {"hadr", "hadr-no-rescoring", "hadr-no-tracking"}
@@ -381,7 +382,7 @@ def outcome(object_id: str, verdict: str, **values: Any) -> dict[str, Any]:
     }
 
 
-def test_an_arms_row_by_hand() -> None:
+def test_a_conditions_row_by_hand() -> None:
     outcomes = [
         # 0000: all of two; 0001: one of two, which is not above 0.5; 0004: none of one
         outcome("0000", "success", decided_at=5.0, largest_force=0.0),
@@ -391,7 +392,7 @@ def test_an_arms_row_by_hand() -> None:
         outcome("0004", "gave up", decided_at=1.0, first_grasp_at=None, largest_force=2.5),
     ]
     row = condition_row("hadr", outcomes)
-    assert (row["arm"], row["attempts"], row["successes"], row["rate"]) == ("hadr", 5, 3, 0.6)
+    assert (row["condition"], row["attempts"], row["successes"], row["rate"]) == ("hadr", 5, 3, 0.6)
     assert row["rate_by_object"] == {"0000": 1.0, "0001": 0.5, "0004": 0.0}
     assert row["objects_at_50_percent"] == 1
     assert row["objects_at_80_percent"] == 1
@@ -449,9 +450,3 @@ def test_means_without_a_success_are_nan_and_no_outcome_is_refused() -> None:
     assert math.isnan(row["mean_seconds"])
     with pytest.raises(ValueError, match="no attempt of condition 'raw' to sum up"):
         condition_row("raw", [])
-
-
-def test_the_rows_digest_is_the_descriptions(made: Counter[Trial], tmp_path: Path) -> None:
-    trial = Trial("0010", 922, "perfect")
-    (row,) = run_attempts([trial], tmp_path)
-    assert row["config_sha256"] == digest(trial.record)

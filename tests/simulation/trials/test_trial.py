@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hadr.handover.replay import replay
+from hadr.handover.logs.replay import replay
 from hadr.handover.stages import Stage, Transition
 from hadr.simulation.camera.sight import BrokenSight, Fault
 from hadr.simulation.trials.trial import CONDITIONS, Outcome, Run, Trial, run_trial
@@ -168,7 +168,7 @@ def test_a_short_fault_is_lived_through() -> None:
         ({"object_id": "../a"}, r"no object '\.\./a'"),
         ({"hold_number": -1}, r"hold_number must be 0 or more, got -1"),
         ({"seed": -2}, r"seed must be 0 or more, got -2"),
-        ({"arm": "rau"}, r"arm must be one of raw, .*got 'rau'"),
+        ({"condition": "rau"}, r"condition must be one of raw, .*got 'rau'"),
         ({"hand_speed": 0.0}, r"hand_speed must be a factor above 0, got 0\.0"),
         ({"hand_speed": -1.0}, r"got -1\.0"),
         ({"hand_speed": float("nan")}, r"hand_speed .* got nan"),
@@ -191,7 +191,9 @@ def test_descriptions_are_told_apart() -> None:
             ("object_id", "0001"), ("hold_number", 923), ("seed", 1), ("hand_speed", 3.0),
             ("extrinsics_error_deg", 3.0), ("time_limit", 5.0),
         ]
-    ] + [replace(BROKEN, arm=arm) for arm in CONDITIONS if arm != BROKEN.arm]  # fmt: skip
+    ] + [
+        replace(BROKEN, condition=name) for name in CONDITIONS if name != BROKEN.condition
+    ]  # fmt: skip
     records = [repr(t.record) for t in [BROKEN, *changed]]
     assert len(set(records)) == len(records)
     assert BROKEN.name == "0004-922"

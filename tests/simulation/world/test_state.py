@@ -8,7 +8,7 @@ import numpy.typing as npt
 import pytest
 from scipy.spatial.transform import Rotation
 
-from hadr.handover.ur5 import check_pose
+from hadr.handover.poses import check_pose
 from hadr.simulation.world.state import WorldState, load_states, save_states
 
 

@@ -6,7 +6,7 @@ import torch
 
 from hadr.data.samples import open_samples
 from hadr.models.hadr_plus import HADRPlusOutput
-from hadr.training.batches import load_frames
+from hadr.training.frames.batches import load_frames
 from hadr.training.tasks.hadr_plus import plus_losses
 
 

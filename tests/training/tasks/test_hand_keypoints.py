@@ -10,7 +10,7 @@ from hadr.models.blocks.resnet import UNetConfig
 from hadr.models.hand.keypoints import HandKeypointConfig
 from hadr.models.hand.weighted_regression import JointMaps, maps_of_joints
 from hadr.models.network_input import HADRInput
-from hadr.training.batches import FrameTensors
+from hadr.training.frames.batches import FrameTensors
 from hadr.training.loop import chance
 from hadr.training.recipe import Preset
 from hadr.training.tasks.hand_keypoints import keypoint_losses, keypoint_scores

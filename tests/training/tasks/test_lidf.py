@@ -10,8 +10,8 @@ from torch import nn
 
 from hadr.models.blocks.dilated_resnet import DilatedResNetConfig
 from hadr.rivals.lidf import LIDF, LIDFConfig
-from hadr.training.batches import FrameTensors
 from hadr.training.checkpoints import load_checkpoint
+from hadr.training.frames.batches import FrameTensors
 from hadr.training.loop import LAST, Trained, train
 from hadr.training.losses import LIDF_WEIGHTS
 from hadr.training.recipe import Preset

@@ -8,7 +8,7 @@ import torch
 from hadr.models.blocks.resnet import UNetConfig
 from hadr.models.network_input import HADRInput
 from hadr.models.segmentation import SegmentationConfig
-from hadr.training.batches import FrameTensors
+from hadr.training.frames.batches import FrameTensors
 from hadr.training.recipe import Preset
 from hadr.training.tasks.segmentation import iou, mask_losses
 from hadr.training.tasks.task import Task

@@ -9,7 +9,7 @@ from torch import Tensor, nn
 from hadr.models.backbone import BackboneConfig
 from hadr.models.network_input import HADRInput
 from hadr.rivals.swindrnet import SwinDRNetConfig
-from hadr.training.batches import FrameTensors
+from hadr.training.frames.batches import FrameTensors
 from hadr.training.recipe import Preset
 from hadr.training.tasks.swindrnet import image_terms
 from hadr.training.tasks.task import Task

@@ -8,7 +8,7 @@ from torch import Tensor, nn
 
 from hadr.models.network_input import HADRInput, ImageOutput
 from hadr.rivals.tode import TODEConfig
-from hadr.training.batches import FrameTensors
+from hadr.training.frames.batches import FrameTensors
 from hadr.training.recipe import Preset
 from hadr.training.tasks.task import Task
 

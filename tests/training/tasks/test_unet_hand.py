@@ -7,7 +7,7 @@ import torch
 from torch import Tensor, nn
 
 from hadr.models.network_input import HADRInput
-from hadr.training.batches import FrameTensors
+from hadr.training.frames.batches import FrameTensors
 from hadr.training.losses import frame_mean
 from hadr.training.presets import preset
 from hadr.training.tasks.task import Task

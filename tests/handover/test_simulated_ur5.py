@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from hadr.handover import ur5
-from hadr.handover.robot import ArmConfig, Robot, SimulatedUR5, Workspace
+from hadr.handover.robot import Robot, UnreachableError, Workspace
+from hadr.handover.simulated_ur5 import ArmConfig, SimulatedUR5
 
 
 def level_pose(x: float, y: float, z: float) -> np.ndarray:
@@ -65,7 +66,7 @@ def test_no_target_makes_it_break_a_limit(seed: int, spread: float) -> None:
         before = robot.joint_positions()
         try:
             robot.servo_to(target, dt)
-        except ur5.UnreachableError:
+        except UnreachableError:
             np.testing.assert_array_equal(robot.joint_positions(), before)
         joints = robot.joint_positions()
         assert (np.abs(joints - before) <= np.pi * dt + 1e-12).all()
@@ -93,18 +94,18 @@ def test_bad_numbers_do_not_move_it(value: float) -> None:
 
 def test_unreachable_targets_name_the_limit() -> None:
     robot = SimulatedUR5()
-    with pytest.raises(ur5.UnreachableError, match="forearm reach"):
+    with pytest.raises(UnreachableError, match="forearm reach"):
         robot.servo_to(level_pose(1.4, 0.0, 0.4), 0.03)
-    with pytest.raises(ur5.UnreachableError, match="outside the workspace box"):
+    with pytest.raises(UnreachableError, match="outside the workspace box"):
         robot.servo_to(level_pose(0.5, 0.0, 0.01), 0.03)
-    with pytest.raises(ur5.UnreachableError, match=r"reach is 0\.85 m"):
+    with pytest.raises(UnreachableError, match=r"reach is 0\.85 m"):
         robot.servo_to(level_pose(0.97, 0.0, 0.4), 0.03)
     assert not robot.reachable(level_pose(1.4, 0.0, 0.4))
     assert robot.reachable(level_pose(0.5, 0.0, 0.3))
 
 
 def test_home_must_be_allowed() -> None:
-    with pytest.raises(ur5.UnreachableError, match="the home pose is not allowed"):
+    with pytest.raises(UnreachableError, match="the home pose is not allowed"):
         SimulatedUR5(ArmConfig(home=np.zeros(6)))
     with pytest.raises(ValueError, match="lower must lie below upper"):
         Workspace(lower=(1, 0, 0), upper=(0, 1, 1))

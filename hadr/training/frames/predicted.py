@@ -19,8 +19,9 @@ from hadr.corruption import CORRUPTIONS
 from hadr.data.folders import FrameSource, check_folders, has_split, open_folder
 from hadr.models.hand.keypoints import keypoints_where_seen
 from hadr.models.network_input import HADRInput
-from hadr.training.batches import FrameList, FrameTensors, load_frames
-from hadr.training.given import TRUE, Given, load_given
+from hadr.training.checkpoints import load_checkpoint
+from hadr.training.frames.batches import FrameList, FrameTensors, load_frames
+from hadr.training.recipe import TRUE, Given
 
 
 def open_split(
@@ -28,9 +29,7 @@ def open_split(
 ) -> FrameSource | None:
     """Open a split of some data folders, joined; None where none of them has it.
 
-    Raises:
-        FileNotFoundError: An object is missing, or a folder has no split at all.
-        ValueError: A folder is named twice.
+    FileNotFoundError for an object or all splits, ValueError for a folder that is named twice.
     """
     check_folders(folders)
     there = [folder for folder in folders if has_split(folder, split)]
@@ -109,6 +108,14 @@ def with_predicted(
     return frames if inputs is frames.inputs else replace(frames, inputs=inputs)
 
 
+def load_given(path: str | Path, kind: str) -> tuple[Any, tuple[int, int]]:
+    """Load a network, and give the (width, height) at which it was trained."""
+    model, meta = load_checkpoint(path)
+    if meta["network"] != kind:
+        raise ValueError(f"{path} holds a network of kind {meta['network']!r}, expected {kind!r}")
+    return model.eval(), (int(meta["width"]), int(meta["height"]))
+
+
 def _with_mask(inputs: HADRInput, masks: Tensor, given: Given) -> HADRInput:
     """Put predicted masks in place of the true ones; depth that is erased in those is in these."""
     mask, depth = resized(masks, inputs.mask), inputs.depth
@@ -143,15 +150,7 @@ def _at(
 
 
 def pixels_of(points: Tensor, intrinsics: Tensor) -> Tensor:
-    """Project keypoints.
-
-    Args:
-        points: Metres, camera frame, shape (N, 21, 3).
-        intrinsics: fx, fy, cx, cy, shape (N, 4).
-
-    Returns:
-        Pixels (column, row), shape (N, 21, 2).
-    """
+    """Project points (N, 21, 3), metres, by fx, fy, cx, cy (N, 4): pixels (N, 21, 2)."""
     focal, centre = intrinsics[:, None, :2], intrinsics[:, None, 2:]
     return points[..., :2] / points[..., 2:].clamp(min=1e-6) * focal + centre
 

@@ -19,8 +19,9 @@ import torch
 from torch import Tensor
 
 from hadr.data.augmentation import augment_color
-from hadr.training.batches import FrameTensors
-from hadr.training.predicted import pixels_of
+from hadr.models.window import WindowConfig, lay_windows, nearest, seen_through
+from hadr.training.frames.batches import FrameTensors
+from hadr.training.frames.predicted import pixels_of
 from hadr.training.recipe import Preset
 
 _TRIES = 5
@@ -193,10 +194,22 @@ def with_keypoint_noise(
     return replace(frame, inputs=replace(frame.inputs, keypoints=moved, keypoints_uv=uv))
 
 
+def through_view(frame: FrameTensors, view: WindowConfig, chance: torch.Generator) -> FrameTensors:
+    """Give one frame as it is seen through its window, laid by chance."""
+    crop = lay_windows(frame.inputs, view, chance)
+    return replace(
+        frame,
+        inputs=seen_through(crop, frame.inputs),
+        true_depth=nearest(crop, frame.true_depth),
+        hand_mask=nearest(crop, frame.hand_mask),
+        object_mask=nearest(crop, frame.object_mask),
+    )
+
+
 def augment_frames(
     batch: FrameTensors, numbers: Sequence[int], recipe: Preset, seed: int, epoch: int
 ) -> FrameTensors:
-    """Augment each frame of a batch by chance of its own.
+    """Augment each frame of a batch by chance of its own; windows are laid at last.
 
     Args:
         batch: The frames, colour in 0..1.
@@ -210,7 +223,8 @@ def augment_frames(
         The augmented frames.
     """
     geometric = recipe.mirror > 0 or recipe.zoom > 1 or recipe.roll_deg > 0
-    if not (recipe.augment or geometric or recipe.keypoint_noise):
+    view: WindowConfig | None = getattr(recipe.model, "view", None)
+    if not (recipe.augment or geometric or recipe.keypoint_noise or view):
         return batch
     frames = []
     for row, number in enumerate(numbers):
@@ -224,5 +238,8 @@ def augment_frames(
             frame = seen_by(frame, draw_camera(frame, recipe, rng))
         if recipe.keypoint_noise:
             frame = with_keypoint_noise(frame, recipe.keypoint_noise, rng)
+        if view:
+            chance = torch.Generator().manual_seed(int(rng.integers(2**63)))
+            frame = through_view(frame, view, chance)
         frames.append(frame)
     return FrameTensors.join(frames)

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from hadr.camera import Intrinsics
-from hadr.confidence import Calibration, ConfidenceRule
-from hadr.frame_features import FEATURES, frame_features
-from hadr.known_ground import BEYOND, Field, Ground, Observation, Sight, shrunk_covariance
+from hadr.confidence.calibration import Calibration, ConfidenceRule
+from hadr.confidence.frame_features import FEATURES, frame_features
+from hadr.confidence.known_ground import BEYOND, Field, Ground, shrunk_covariance
+from hadr.confidence.sight import Observation, Sight
 
 CAMERA = Intrinsics(fx=100, fy=100, cx=39.5, cy=29.5, width=80, height=60)
 
@@ -100,6 +101,22 @@ def test_a_hand_that_is_not_there_agrees_with_nothing() -> None:
     )
     assert away["touch"] > 4
     assert "agree" not in away, "no keypoint is in the picture"
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [
+        ("behind", -0.122, "12.2 cm before the hand, learned 3 cm before to 5 cm behind"),
+        (
+            "tilt",
+            0.25,
+            "points 0.25 of its length away from the camera, learned 0.03 of its",
+        ),
+        ("distance", 3.0, "the glass is 3 m away, learned -0.03 to 0.05 m"),
+    ],
+)
+def test_a_distance_is_said_with_its_side_not_its_sign(name: str, value: float, said: str) -> None:
+    assert said in FEATURES[name].said(value, -0.03, 0.05)
 
 
 def test_frames_of_the_training_are_inside_and_thrice_the_distance_is_not() -> None:

@@ -1,10 +1,10 @@
 """Does a frame look like those that a network has learned from?
 
 A calibrated confidence speaks for frames like those it was fitted on, and for no others. So a
-checkpoint keeps its *ground*: the range of each feature (`hadr.frame_features`) in training, how
-they belong together, and what the network itself usually sees. A frame far beyond a range, or
-farther from the training's mean than nearly all validation frames, lies outside, and gets no
-probability.
+checkpoint keeps its *ground*: the range of each feature (`hadr.confidence.frame_features`) in
+training, how they belong together, and what the network itself usually sees
+(`hadr.confidence.sight`). A frame far beyond a range, or farther from the training's mean than
+nearly all validation frames, lies outside, and gets no probability.
 
 A network that learned from perfect depth is asked about a camera's. Its ground then has two
 *fields*, one of each kind of depth, each with a calibration of its own.
@@ -18,20 +18,16 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from hadr.camera import FloatArray, Intrinsics
-from hadr.confidence import ConfidenceRule, within_learned
-from hadr.frame_features import FEATURES, Features, frame_features
+from hadr.camera import FloatArray
+from hadr.confidence.calibration import ConfidenceRule
+from hadr.confidence.frame_features import FEATURES, Features
+from hadr.confidence.sight import Observation, Sight, rounded
 from hadr.records.reading import structured
-
-if TYPE_CHECKING:
-    from torch import Tensor, nn
-
-    from hadr.models.network_input import HADRInput
 
 Array = npt.NDArray[np.float64]
 
@@ -41,23 +37,6 @@ ENDS = 0.01
 """Share of the training frames that lies beyond either end of a range."""
 BEYOND = 1.5
 """A feature may lie so many half ranges from the middle of its range."""
-DIRECTIONS = 8
-"""Main directions of what a network sees; what lies off them is a feature."""
-
-
-@dataclass(frozen=True)
-class Observation:
-    """What a network answered of one frame, and what is compared with its ground.
-
-    Attributes:
-        output: Its answer.
-        features: What was measured of the frame.
-        seen: What it saw in the glass, shape (E,).
-    """
-
-    output: Any
-    features: dict[str, float]
-    seen: Array
 
 
 @dataclass(frozen=True)
@@ -198,8 +177,8 @@ class Field:
         below = np.tril_indices(len(self.names))
         return {
             "features": list(self.names),
-            **{name: _rounded(getattr(self, name)) for name in _ARRAYS},
-            "correlation": _rounded(self.correlation[below]),
+            **{name: rounded(getattr(self, name)) for name in _ARRAYS},
+            "correlation": rounded(self.correlation[below]),
             "limit": float(f"{self.limit:.5g}"),
             "confidence": None if self.rule is None else self.rule.to_dict(),
         }
@@ -232,51 +211,7 @@ class Field:
         )
 
 
-_SIGHT = ("mean", "spread", "directions")
 _ARRAYS = ("low", "high", "mean", "spread")
-
-
-@dataclass(frozen=True)
-class Sight:
-    """What a network usually sees: mean and main directions of its own features in the glass.
-
-    Attributes:
-        mean: Shape (E,).
-        spread: Standard deviations, shape (E,).
-        directions: Orthonormal, in the standardised features, shape (K, E).
-    """
-
-    mean: Array
-    spread: Array
-    directions: Array
-
-    @classmethod
-    def fit(cls, seen: FloatArray) -> Sight:
-        """Fit it to what the network saw in N training frames, shape (N, E)."""
-        mean, spread = seen.mean(axis=0), np.maximum(seen.std(axis=0), 1e-6)
-        _, _, axes = np.linalg.svd((seen - mean) / spread, full_matrices=False)
-        return cls(mean, spread, axes[:DIRECTIONS])
-
-    def strangeness(self, seen: FloatArray) -> float:
-        """How much of what it sees, shape (E,), lies off the main directions; 1 is usual."""
-        off = (seen - self.mean) / self.spread
-        rest = off - off @ self.directions.T @ self.directions
-        return float(np.sqrt((rest**2).mean()))
-
-    def with_strangeness(self, one: Observation) -> dict[str, float]:
-        """The features of an observation, with that of what the network saw."""
-        return {**one.features, "seen": self.strangeness(one.seen)}
-
-    def to_dict(self) -> dict[str, Any]:
-        """The numbers, rounded, for a checkpoint's record."""
-        return {name: _rounded(getattr(self, name)) for name in _SIGHT}
-
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> Sight:
-        """Build it from `to_dict`, or from the same read from JSON; errors as `Field.from_dict`."""
-        structured(values, _StoredSight, "sight", further=True)
-        mean, spread, directions = (np.asarray(values[name], float) for name in _SIGHT)
-        return cls(mean, spread, directions)
 
 
 @dataclass(frozen=True)
@@ -338,19 +273,6 @@ class _StoredField:
 
 
 @dataclass(frozen=True)
-class _StoredSight:
-    """A sight as records store it."""
-
-    mean: list[float]
-    spread: list[float]
-    directions: list[list[float]]
-
-    def __post_init__(self) -> None:
-        if {len(self.mean)} != {len(self.spread), *map(len, self.directions)}:
-            raise ValueError("mean, spread and directions must be of one length")
-
-
-@dataclass(frozen=True)
 class _StoredGround:
     """A ground as records store it."""
 
@@ -373,55 +295,3 @@ def _on_scale(frames: Sequence[Features], names: Sequence[str]) -> Array:
     """Features of frames on their scales, shape (frames, features); NaN where missing."""
     columns = [FEATURES[n].scale(np.array([one.get(n, np.nan) for one in frames])) for n in names]
     return np.stack(columns, axis=1)
-
-
-def _rounded(values: Array) -> Any:
-    return np.vectorize(lambda x: float(f"{x:.4g}"))(values).tolist()
-
-
-def observe(
-    network: nn.Module,
-    part: str,
-    inputs: HADRInput,
-    measured: FloatArray,
-    depth_range_m: tuple[float, float] | None,
-) -> Observation:
-    """Ask a network about one frame, and measure the frame.
-
-    Args:
-        network: A depth network.
-        part: Name of the part whose map, shape (1, E, h, w), is what it sees.
-        inputs: The frame, a batch of one; its mask has a pixel.
-        measured: z-depth at this size as the camera measured it, in the glass too, metres, shape
-            (H, W); 0 = missing.
-        depth_range_m: Depths of the object in training, metres; None if unknown.
-    """
-    import torch
-    from torch.nn import functional
-
-    maps: list[Tensor] = []
-
-    def keep(_module: nn.Module, _given: Any, found: Any) -> None:
-        maps.append(found[0] if isinstance(found, tuple) else found)
-
-    handle = network.get_submodule(part).register_forward_hook(keep)
-    try:
-        output = network(inputs)
-    finally:
-        handle.remove()
-    seen = maps[0]  # (1, E, h, w)
-    weight = torch.ones_like(seen[:, :1])
-    if not hasattr(network, "crop"):  # a crop lies around the glass; a picture shows more
-        weight = functional.adaptive_avg_pool2d(
-            inputs.mask[:, None].to(seen.dtype), (seen.shape[2], seen.shape[3])
-        )
-    vector = (seen * weight).sum(dim=(2, 3)) / weight.sum()  # (1, E)
-    found = (output.depth * within_learned(output, depth_range_m))[0]  # (H, W)
-    height, width = inputs.depth.shape[1:]
-    fx, fy, cx, cy = inputs.intrinsics[0].tolist()
-    camera = Intrinsics(fx, fy, cx, cy, width, height)
-    hand = inputs.keypoints[0].double().numpy()
-    features = frame_features(
-        measured, found.numpy(), camera, inputs.mask[0].numpy(), hand if hand.any() else None
-    )
-    return Observation(output, features, vector[0].double().numpy())

@@ -8,7 +8,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hadr.confidence import (
+from hadr.confidence.calibration import (
     FLOOR_M,
     Calibration,
     ConfidenceRule,

@@ -10,13 +10,12 @@ from hadr.data.samples import open_samples
 from hadr.models.hadr import HADR
 from hadr.models.hand.keypoints import HandKeypointNet
 from hadr.models.segmentation import SegmentationNet
-from hadr.training import predicted
-from hadr.training.batches import FrameTensors, load_frames
 from hadr.training.checkpoints import save_checkpoint
-from hadr.training.given import Given
-from hadr.training.predicted import pixels_of, with_predicted
+from hadr.training.frames import predicted
+from hadr.training.frames.batches import FrameTensors, load_frames
+from hadr.training.frames.predicted import pixels_of, with_predicted
 from hadr.training.presets import preset
-from hadr.training.recipe import Preset
+from hadr.training.recipe import Given, Preset
 
 SIZE, OWN = (64, 36), (128, 72)
 """Size of the frames, and that at which the helpers were trained."""

@@ -1,12 +1,14 @@
 import hashlib
+from dataclasses import replace
 
 import pytest
 
 from hadr.data.samples import samples_dir
 from hadr.data.splits import UNKNOWN_OBJECTS
 from hadr.data.transhand import SPLITS
-from hadr.experiments.splits import data_digest, open_part
+from hadr.experiments.protocol import LONG_RUN, data_digest, open_part, system
 from hadr.synthesis.glass.objects import OBJECTS
+from hadr.training.losses import CODED
 
 
 @pytest.fixture(scope="module")
@@ -51,3 +53,28 @@ def test_digest_is_that_of_names_and_contents(tmp_path):
     assert data_digest(tmp_path / "set") != before
     with pytest.raises(FileNotFoundError, match="no files in the data folder"):
         data_digest(tmp_path / "nowhere")
+
+
+def test_systems_differ_from_hadr_in_one_thing():
+    base = system("hadr", "mini").recipe
+    long, handless = system("hadr-long", "mini").recipe, system("no-hand", "mini").recipe
+    assert (long.epochs, long.drop_epoch) == (LONG_RUN * base.epochs, LONG_RUN * base.drop_epoch)
+    assert replace(long, epochs=base.epochs, drop_epoch=base.drop_epoch) == base
+    assert handless.model.hand == "none"
+    assert replace(handless, model=replace(handless.model, hand="3d")) == base
+    assert system("raw", "mini").recipe is None
+    for name, fields in {
+        "no-aggregation": {"aggregation": True},
+        "no-point-fusion": {"point_fusion": True},
+        "hand-2d": {"hand": "3d"},
+        "wrist-translation": {"wrist_rotation": True},
+        "clamped-probability": {"clamp_probability": False},
+    }.items():
+        changed = system(name, "mini").recipe
+        assert changed != base
+        assert replace(changed, model=replace(changed.model, **fields)) == base
+    coded = system("coded-weights", "mini").recipe
+    assert coded.weights == CODED
+    assert replace(coded, weights=base.weights) == base
+    with pytest.raises(ValueError, match=r"method must be one of .* got 'gan'"):
+        system("gan", "mini")

@@ -24,10 +24,9 @@ from scipy.spatial import cKDTree
 
 from hadr.handover.grasping.collision import hand_points
 from hadr.handover.observation import Observation, cleaned
-from hadr.handover.robot import Robot
+from hadr.handover.robot import Robot, UnreachableError
 from hadr.handover.safety import hand_problem
 from hadr.handover.stages import ChooseGrasp, ChosenGrasp, Stage, Transition
-from hadr.handover.ur5 import UnreachableError
 from hadr.handover.workflow import Handover
 from hadr.records.reading import parse_json, read_arrays, structured
 from hadr.records.writing import write_arrays

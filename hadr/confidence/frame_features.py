@@ -48,6 +48,7 @@ class Feature:
         unit: Behind the value, where it is said.
         factor: From metres, or a share, to that unit.
         slack: What counts as equal, on that scale: half of a range is no less.
+        sides: Of a value with a sign, what is said behind a positive and a negative one.
     """
 
     words: str
@@ -55,13 +56,26 @@ class Feature:
     unit: str = ""
     factor: float = 1.0
     slack: float = 0.05
+    sides: tuple[str, str] | None = None
 
     def said(self, value: float, low: float, high: float) -> str:
         """Say the value and the range that was learned."""
-        here, least, most = (f"{self.factor * v:.3g}" for v in (value, low, high))
-        learned = least if least == most else f"{least} to {most}"
-        return f"{self.words.format(f'{here}{self.unit}')}, learned {learned}{self.unit}"
+        here, least, most = (self._number(v) for v in (value, low, high))
+        side = self._side
+        learned = f"{least}{self.unit}{side(low)} to {most}{self.unit}{side(high)}"
+        if side(low) == side(high):
+            both = least if least == most else f"{least} to {most}"
+            learned = f"{both}{self.unit}{side(low)}"
+        return f"{self.words.format(f'{here}{self.unit}{side(value)}')}, learned {learned}"
 
+    def _number(self, value: float) -> str:
+        return f"{self.factor * (value if self.sides is None else abs(value)):.3g}"
+
+    def _side(self, value: float) -> str:
+        return "" if self.sides is None else f" {self.sides[bool(value < 0)]}"
+
+
+_BEHIND = ("behind", "before")
 
 FEATURES: dict[str, Feature] = {
     "distance": Feature("the glass is {} away", _log(), " m"),
@@ -71,7 +85,9 @@ FEATURES: dict[str, Feature] = {
     "near_around": Feature(
         "{} of the depth around the glass is within 10 cm of it", _share, " %", 100
     ),
-    "depth_around": Feature("what is around the glass is {} behind it", _signed(0.1), " cm", 100),
+    "depth_around": Feature(
+        "what is around the glass is {} it", _signed(0.1), " cm", 100, sides=_BEHIND
+    ),
     "rough": Feature("the measured depth is rough by {} at 1 m", _log(1e-4), " mm", 1000),
     "even": Feature("{} of the measured depth has no noise at all", _share, " %", 100),
     "known_in": Feature("depth is known on {} of the glass", _share, " %", 100),
@@ -86,12 +102,20 @@ FEATURES: dict[str, Feature] = {
     ),
     "hand": Feature("the hand's bones measure {} in the mean", _log(), " mm", 1000),
     "fingers": Feature("the hand's bones differ by {} in length", _log(), " %", 100),
-    "tilt": Feature("the hand points away from the camera by {} of its length", _signed(1), ""),
+    "tilt": Feature(
+        "the hand points {} the camera", _signed(1), " of its length", sides=("away from", "toward")
+    ),
     "touch": Feature("the hand's nearest joints are {} beside the glass", _log(0.002), " cm", 100),
     "beside": Feature("the hand's middle is {} beside the glass's", _log(0.01), " cm", 100),
-    "behind": Feature("the glass is restored {} behind the hand", _signed(0.05), " cm", 100),
+    "behind": Feature(
+        "the glass is restored {} the hand", _signed(0.05), " cm", 100, sides=_BEHIND
+    ),
     "off": Feature(
-        "the hand's joints lie {} behind the depth measured there", _signed(0.02), " cm", 100
+        "the hand's joints lie {} the depth measured there",
+        _signed(0.02),
+        " cm",
+        100,
+        sides=_BEHIND,
     ),
     "agree": Feature("measured depth agrees with {} of the hand's joints", _share, " %", 100),
     "seen": Feature(

@@ -9,7 +9,7 @@ import torch
 
 from hadr.corruption import Corruption
 from hadr.data.frame import Frame
-from hadr.training.batches import FrameTensors, load_frames
+from hadr.training.frames.batches import FrameTensors, load_frames
 
 
 def test_oracle_erases_the_object_and_nothing_else(glass_frame: Callable[..., Frame]) -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hadr.handover.gripper import fork, fork_points, gripper_boxes
+from hadr.handover.grasping.gripper import fork, fork_points, gripper_boxes
 
 
 def test_fork_has_the_gripper_s_size() -> None:

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from hadr.handover.grasping.grasps import forward_of
+from hadr.handover.logs.replay import logged_observation, replay
+from hadr.handover.logs.run_log import RecordedHandover, RunLog, read_run_log
 from hadr.handover.observation import Observation
 from hadr.handover.poses import camera_at
-from hadr.handover.replay import logged_observation, replay
-from hadr.handover.robot import SimulatedUR5
-from hadr.handover.run_log import RecordedHandover, RunLog, read_run_log
+from hadr.handover.simulated_ur5 import SimulatedUR5
 from hadr.handover.stages import ChosenGrasp, HandoverConfig, Stage
 from hadr.simulation.trials.rehearsal import MovingHand, rehearse, rehearsed_scene
 

@@ -10,11 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from hadr.handover import ur5
+from hadr.handover.logs.run_log import COMMANDS, READINGS, RunLog
 from hadr.handover.observation import Observation
-from hadr.handover.robot import Robot
-from hadr.handover.run_log import COMMANDS, READINGS, RunLog
+from hadr.handover.robot import Robot, UnreachableError
 from hadr.handover.stages import ChosenGrasp, HandoverConfig
-from hadr.handover.ur5 import UnreachableError
 from hadr.handover.workflow import Handover
 from hadr.records.reading import structured
 

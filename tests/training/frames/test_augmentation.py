@@ -7,13 +7,13 @@ import pytest
 import torch
 
 from hadr.models.network_input import HADRInput, ray_points
-from hadr.training.batches import FrameTensors
-from hadr.training.frame_augmentation import (
+from hadr.training.frames.augmentation import (
     augment_frames,
     draw_camera,
     other_camera,
     seen_by,
 )
+from hadr.training.frames.batches import FrameTensors
 from hadr.training.recipe import Preset
 
 INTRINSICS = (70.0, 55.0, 30.0, 25.0)  # a squashed camera: fx and fy differ

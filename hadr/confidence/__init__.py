@@ -1,0 +1,1 @@
+"""How sure a network is of its answer, and on which frames that holds."""

@@ -1,0 +1,175 @@
+"""The protocol: on which frames the systems are compared, and which systems, by their rows' names.
+
+Known: trained, tuned and tested on all objects, with other holding poses in each part. Unknown:
+trained and tuned on six objects, tested on every frame of the two that were held out. By frame:
+the same frames as known and as many in each part, but dealt out one by one, so that most test
+frames have a sister of the same hold in training. It is there to measure how that flatters.
+
+Source: paper, "Comparison with SOTA"; ledger, rows 14 and 22.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import numpy as np
+
+from hadr.data.folders import FrameSource, open_folder
+from hadr.data.splits import OBJECT_IDS, UNKNOWN_OBJECTS, split_by_frame
+from hadr.data.transhand import SPLITS
+from hadr.models.hadr import HADRConfig
+from hadr.models.networks import RIVALS
+from hadr.training.losses import CODED
+from hadr.training.presets import preset
+from hadr.training.recipe import Preset
+
+Experiment = Literal["known", "unknown", "by-frame"]
+Part = Literal["train", "val", "test"]
+EXPERIMENTS: tuple[Experiment, ...] = get_args(Experiment)
+PARTS_OF_DATA: tuple[Part, ...] = get_args(Part)
+CHEAP = ("raw", "inpainting", "nearest", "hand-median")
+"""Methods that learn nothing; what a learned one must beat."""
+LEARNED = ("hadr", "no-hand", "unet-hand", "hadr-plus", *RIVALS, "hadr-long")
+"""Networks of the two tables, in the order in which they are trained: the long run last."""
+METHODS = (*CHEAP, *LEARNED)
+"""What the tables of known and of unknown objects compare."""
+PARTS: Mapping[str, Mapping[str, Any]] = {
+    "no-hand": {"hand": "none"},
+    "no-aggregation": {"aggregation": False},
+    "no-point-fusion": {"point_fusion": False},
+    "hand-2d": {"hand": "2d"},
+}
+"""The paper's ablation of HADR, and what each row changes in its configuration."""
+SWITCHES: Mapping[str, Mapping[str, Any]] = {
+    "coded-weights": {"weights": CODED},
+    "wrist-translation": {"model": {"wrist_rotation": False}},
+    "clamped-probability": {"model": {"clamp_probability": True}},
+}
+"""Rows of the ledger that are measured by a training, and what each changes in HADR's recipe."""
+LONG_RUN = 4
+"""How many times as many epochs the long run has."""
+
+
+def open_part(roots: Sequence[str | Path], experiment: Experiment, part: Part) -> FrameSource:
+    """Open one part of an experiment's frames.
+
+    Args:
+        roots: Data folders, joined in this order.
+        experiment: "known", "unknown" or "by-frame".
+        part: "train", "val" or "test".
+
+    Returns:
+        The frames.
+
+    Raises:
+        ValueError: There is no data folder, or the experiment is unknown.
+        FileNotFoundError: A folder is missing or lacks an object.
+    """
+    if experiment not in EXPERIMENTS:
+        raise ValueError(f"experiment must be one of {EXPERIMENTS}, got {experiment!r}")
+    if not roots:
+        raise ValueError("no data folder given")
+    unseen = set(UNKNOWN_OBJECTS)
+    splits: tuple[str, ...] = (part,)
+    if experiment == "known":
+        wanted = list(OBJECT_IDS)
+    elif experiment == "by-frame":
+        return _dealt_out(roots, part)
+    elif part == "test":
+        wanted, splits = sorted(unseen), SPLITS
+    else:
+        wanted = [name for name in OBJECT_IDS if name not in unseen]
+    return FrameSource([open_folder(root, splits, wanted) for root in roots])
+
+
+def _dealt_out(roots: Sequence[str | Path], part: Part) -> FrameSource:
+    """Deal the known objects' frames out to the parts one by one, always in the same way."""
+    sizes = [len(open_part(roots, "known", each)) for each in PARTS_OF_DATA]
+    whole = FrameSource([open_folder(root, SPLITS, list(OBJECT_IDS)) for root in roots])
+    dealt = split_by_frame(len(whole), np.random.default_rng(0), sizes)
+    return FrameSource(whole.folders, np.flatnonzero(dealt == part).tolist())
+
+
+def data_digest(root: str | Path) -> str:
+    """SHA-256 over the names and contents of all files of a data folder, in the names' order.
+
+    Args:
+        root: The folder; hidden files are left out.
+
+    Returns:
+        64 hexadecimal digits.
+
+    Raises:
+        FileNotFoundError: There is no such folder, or it is empty.
+    """
+    root = Path(root)
+    found = hashlib.sha256()
+    files = sorted(
+        path for path in root.rglob("*") if path.is_file() and not path.name.startswith(".")
+    )
+    if not files:
+        raise FileNotFoundError(f"no files in the data folder {root}")
+    for path in files:
+        found.update(path.relative_to(root).as_posix().encode())
+        found.update(hashlib.sha256(path.read_bytes()).digest())
+    return found.hexdigest()
+
+
+@dataclass(frozen=True)
+class System:
+    """A system under test.
+
+    Args:
+        method: Its name in the tables.
+        recipe: How it is trained; None for a method that learns nothing.
+    """
+
+    method: str
+    recipe: Preset | None
+
+
+def system(method: str, size: str) -> System:
+    """Describe a system at the size of a preset.
+
+    Args:
+        method: One of `METHODS`, `PARTS` or `SWITCHES`.
+        size: "tiny", "mini" or "paper".
+
+    Returns:
+        The system; `hadr-long` is HADR with `LONG_RUN` times as many epochs, those of `PARTS` and
+        `SWITCHES` are HADR with one change, the others are the recipes of their networks.
+
+    Raises:
+        ValueError: The method or the preset is unknown.
+    """
+    if method not in (*METHODS, *PARTS, *SWITCHES):
+        raise ValueError(
+            f"method must be one of {', '.join((*METHODS, *PARTS, *SWITCHES))}, got {method!r}"
+        )
+    if method in CHEAP:
+        return System(method, None)
+    if method in ("hadr-plus", "unet-hand", *RIVALS):
+        return System(method, preset(size, method))
+    recipe = preset(size, "hadr")
+    if method == "hadr-long":
+        recipe = replace(
+            recipe, epochs=LONG_RUN * recipe.epochs, drop_epoch=LONG_RUN * recipe.drop_epoch
+        )
+    if method in PARTS:
+        recipe = replace(recipe, model=_changed(recipe, PARTS[method]))
+    if method in SWITCHES:
+        changes = dict(SWITCHES[method])
+        if "model" in changes:
+            changes["model"] = _changed(recipe, changes["model"])
+        recipe = replace(recipe, **changes)
+    return System(method, recipe)
+
+
+def _changed(recipe: Preset, changes: Mapping[str, Any]) -> HADRConfig:
+    if not isinstance(recipe.model, HADRConfig):
+        raise TypeError(f"recipe {recipe.name!r} of HADR has a {type(recipe.model).__name__}")
+    return replace(recipe.model, **changes)

@@ -1,0 +1,151 @@
+"""A square window around hand and glass, through which a network looks at a frame.
+
+A glass covers a few per cent of a picture. Squashed to a network's size it has some hundred pixels,
+and its rim is gone. Through a window it has thousands. A window is a camera that really could have
+taken the picture, one with a longer focal length that looks aside: depth, keypoints and rays in
+metres stay what they are, and only pixels and intrinsics change.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import wraps
+from typing import Any, TypeVar
+
+import torch
+from torch import Tensor
+
+from hadr.models.hand.crop import HandCrop
+from hadr.models.network_input import HADRInput, masked_rays
+
+Forward = TypeVar("Forward", bound=Callable[..., Any])
+
+
+@dataclass(frozen=True)
+class WindowConfig:
+    """How a network looks through a window.
+
+    Args:
+        size: Side of what it sees, pixels.
+        margin: Side of the window, as a factor on the longer side of the box around the mask and
+            the keypoints in the picture.
+        jitter: In training the window is laid by chance: its side grows or shrinks by up to this
+            share, and its centre moves by up to this share of its side in either direction. Masks
+            and keypoints that are predicted lay it no better.
+
+    Raises:
+        ValueError: The size is not positive, the margin below 1, or the jitter not in 0..0.5.
+    """
+
+    size: int = 128
+    margin: float = 1.3
+    jitter: float = 0.1
+
+    def __post_init__(self) -> None:
+        if self.size < 1 or self.margin < 1 or not 0 <= self.jitter <= 0.5:
+            raise ValueError(
+                "a window's size must be at least 1, its margin at least 1 and its jitter 0 to "
+                f"0.5, got {self.size}, {self.margin} and {self.jitter}"
+            )
+
+
+def lay_windows(
+    inputs: HADRInput, config: WindowConfig, chance: torch.Generator | None = None
+) -> HandCrop:
+    """Lay a window in each frame; the whole picture where there is neither mask nor hand.
+
+    Args:
+        inputs: The frames.
+        config: How to.
+        chance: Where the jitter comes from; None lays the windows without.
+    """
+    height, width = inputs.mask.shape[1:]
+    boxes = []
+    for mask, uv in zip(inputs.mask, inputs.keypoints_uv, strict=True):
+        rows, columns = mask.nonzero(as_tuple=True)
+        pixels = torch.stack((columns, rows), dim=1).to(uv.dtype)  # (pixels, 2)
+        known = (uv != 0).any(dim=1)
+        inside = ((uv >= 0) & (uv < uv.new_tensor([width, height]))).all(dim=1)
+        pixels = torch.cat((pixels, uv[known & inside]))
+        if not len(pixels):
+            pixels = uv.new_tensor([[0, 0], [width - 1, height - 1]])
+        boxes.append(torch.stack((pixels.amin(dim=0), pixels.amax(dim=0))))
+    box = torch.stack(boxes)  # (B, 2, 2)
+    center = box.mean(dim=1)  # (B, 2)
+    side = config.margin * ((box[:, 1] - box[:, 0]).amax(dim=1, keepdim=True) + 1)  # (B, 1)
+    if chance is not None:
+        draw = config.jitter * (2 * torch.rand(len(box), 3, generator=chance) - 1)
+        side = side * (1 + draw[:, :1])
+        center = center + draw[:, 1:] * side
+    step = (side / config.size).expand(-1, 2)
+    return HandCrop(center, step, inputs.keypoints[:, 0, 2], config.size)
+
+
+def seen_through(crop: HandCrop, inputs: HADRInput) -> HADRInput:
+    """Give the frames as they are seen through their windows; zeros beyond the picture."""
+    focal, middle = inputs.intrinsics[:, :2], inputs.intrinsics[:, 2:]
+    known = (inputs.keypoints_uv != 0).any(dim=2, keepdim=True)  # (B, 21, 1)
+    return HADRInput(
+        color=crop.sample(inputs.color, "bilinear"),
+        depth=nearest(crop, inputs.depth),
+        mask=nearest(crop, inputs.mask),
+        intrinsics=torch.cat((focal / crop.step, _inside(crop, middle[:, None])[:, 0]), dim=1),
+        keypoints=inputs.keypoints,
+        keypoints_uv=_inside(crop, inputs.keypoints_uv) * known,
+    )
+
+
+def nearest(crop: HandCrop, images: Tensor) -> Tensor:
+    """Cut single-channel images (B, H, W) by their nearest pixels; 0 beyond the picture."""
+    return crop.sample(images[:, None].float())[:, 0].to(images.dtype)
+
+
+def _inside(crop: HandCrop, pixels: Tensor) -> Tensor:
+    """Bring pixels (column, row) of the frames, (B, N, 2), into their windows."""
+    return (pixels - crop.center[:, None]) / crop.step[:, None] + (crop.size - 1) / 2
+
+
+def through_window(forward: Forward) -> Forward:
+    """Let a depth network look through the window of its configuration, if that has one.
+
+    In training the frames are windows already (`hadr.training.frames.augmentation`). Otherwise the
+    network is given each frame's window, and its answer is put back into the frame: interpolated
+    between the pixels that were restored, and restored where the nearest of them is. Then `depth`,
+    `restored` and `clamped` lie in the frame, and all other parts of the answer in the window.
+    """
+
+    @wraps(forward)
+    def look(self: Any, inputs: HADRInput, **further: Any) -> Any:
+        window: WindowConfig | None = self.config.view
+        if window is None or self.training:
+            return forward(self, inputs, **further)
+        crop = lay_windows(inputs, window)
+        answer = forward(self, seen_through(crop, inputs), **further)
+        parts = [answer.depth, answer.restored.to(answer.depth.dtype)]
+        if hasattr(answer, "clamped"):
+            parts.append(answer.clamped.to(answer.depth.dtype))
+        rays = masked_rays(inputs.mask)  # (rays, 3)
+        found = _put_back(crop, torch.stack(parts, dim=1), rays)  # (rays, 2 or 3)
+        where, blank = rays.unbind(dim=1), torch.zeros_like(inputs.depth)
+        names = ("depth", "restored", "clamped")
+        images = {
+            name: blank.index_put(where, values)
+            for name, values in zip(names, found.unbind(dim=1), strict=False)
+        }
+        marks = {name: image > 0 for name, image in images.items() if name != "depth"}
+        return replace(answer, depth=images["depth"], **marks)
+
+    return look  # type: ignore[return-value]
+
+
+def _put_back(crop: HandCrop, parts: Tensor, rays: Tensor) -> Tensor:
+    """Look up depth, restored (and clamped), (B, 2 or 3, S, S), at the frames' pixels, (R, 3)."""
+    depth, restored = parts[:, :1], parts[:, 1:2]
+    sums, weight = crop.look_up(torch.cat((depth * restored, restored), dim=1), rays).unbind(dim=1)
+    at = crop.place(rays[:, [2, 1]].to(parts.dtype), rays[:, 0]).round().long()
+    within = ((at >= 0) & (at < crop.size)).all(dim=1)
+    column, row = at.clamp(0, crop.size - 1).unbind(dim=1)
+    near = parts[rays[:, 0], 1:, row, column] * within[:, None]  # (rays, 1 or 2)
+    value = sums / weight.clamp(min=1e-3) * near[:, 0]
+    return torch.cat((value[:, None], near), dim=1)

