@@ -50,9 +50,9 @@ def by_split(axis: plt.Axes, values: np.ndarray, split: np.ndarray, bins: np.nda
 def plot_views(found: FrameStatistics, folder: Path) -> None:
     split = np.asarray(found.split)
     figure, axes = plt.subplots(1, 3, figsize=(9, 2.7))
-    by_split(axes[0], found.distance_m, split, np.linspace(0.35, 1.1, 26))
+    by_split(axes[0], found.distance_m, split, np.linspace(0.2, 1.1, 31))
     axes[0].set_xlabel("camera to hand, m")
-    by_split(axes[1], 100 * found.glass_share, split, np.linspace(0, 10, 26))
+    by_split(axes[1], 100 * found.glass_share, split, np.linspace(0, 20, 41))
     axes[1].set_xlabel("pixels of glass, % of the picture")
     by_split(axes[2], 100 * found.visible_share, split, np.linspace(0, 100, 26))
     axes[2].set_xlabel("glass that the hand leaves free, %")
@@ -202,7 +202,9 @@ def row(name: str, values: np.ndarray, unit: str) -> list[str]:
 def statistics_table(found: FrameStatistics) -> str:
     rows = [
         row("camera to hand", found.distance_m, "m"),
+        row("glass (median depth)", found.glass_depth_m, "m"),
         row("pixels of glass, of all", 100 * found.glass_share, "%"),
+        row("pixels of hand and forearm, of all", 100 * found.hand_share, "%"),
         row("glass that the hand leaves free", 100 * found.visible_share, "%"),
         row("glass without raw depth", 100 * found.missing_share, "%"),
         row("raw minus true depth on glass (median)", 1000 * found.bias_m, "mm"),

@@ -211,7 +211,7 @@ def test_a_large_preset_is_planned_without_its_data(
     assert run("--dry-run", "--preset", "mini", "--out", "out", *data) == 0
     said = capsys.readouterr().out
     steps = {line.split("  ")[1]: line for line in said.splitlines() if line.startswith("  ")}
-    assert "4,000 frames" in steps["hadr generate --preset mini --out DIR"]
+    assert "6,000 frames" in steps["hadr generate --preset mini --out DIR"]
     assert "12 epochs" in steps["known/hadr/seed-0"]
     row = read_result_file(checkout_root() / "results/mini/known.json").row(method="hadr")
     took = seconds_text(row["training_s"] + row["evaluation_s"])

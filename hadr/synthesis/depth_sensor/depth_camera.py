@@ -62,7 +62,7 @@ class StereoCamera:
     left_imager: float = 0.015
     projector_place: float = 0.029
     focal: float = 425.0
-    closest: float = 0.25
+    closest: float = 0.17
     farthest: float = 4.0
     step: float = 0.001
     blur: float = 0.55

@@ -37,7 +37,7 @@ class Matching:
     """
 
     block: int = 7
-    disparities: int = 96
+    disparities: int = 128
     uniqueness: int = 12
     left_right: int = 1
     window: float = 2.2

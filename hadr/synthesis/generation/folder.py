@@ -16,7 +16,7 @@ from hadr import __version__
 from hadr.data.frame import frame_log_path, frame_places
 from hadr.records.output_folder import check_file, check_folder
 from hadr.records.writing import sole_owner, write_whole
-from hadr.synthesis.generation.settings import FrameRecipe, GenerationSettings
+from hadr.synthesis.generation.settings import EDITION, FrameRecipe, GenerationSettings
 from hadr.synthesis.recordings.recording import companions, find_recordings
 from hadr.synthesis.textures.backgrounds import find_backgrounds
 
@@ -46,7 +46,7 @@ def settings_record(settings: GenerationSettings) -> dict[str, Any]:
     if settings.backgrounds is not None:
         photographs = find_backgrounds(settings.backgrounds)
         record["backgrounds"] = _digest(settings.backgrounds, photographs)
-    return {"hadr": __version__, **record}
+    return {"hadr": __version__, "edition": EDITION, **record}
 
 
 def whole_frames(

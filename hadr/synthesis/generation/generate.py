@@ -31,6 +31,7 @@ from hadr.synthesis.generation.frames import (
     stored_raw_depth,
 )
 from hadr.synthesis.generation.settings import (
+    EDITION,
     MOST_FRAMES,
     FrameRecipe,
     GenerationSettings,
@@ -94,6 +95,7 @@ def _make_frame(recipe: FrameRecipe, root: Path, settings: GenerationSettings) -
         "skin_albedo": [] if hand is None else np.median(hand.albedo, axis=0).round(4).tolist(),
         "engine": settings.engine,
         "generator": f"hadr {hadr.__version__}",
+        "edition": EDITION,
     }
     write_frame(
         root,

@@ -27,7 +27,9 @@ class FrameStatistics:
         split: The split of each frame.
         hold_id: The holding pose, or an empty name.
         distance_m: From the camera to the mean of the hand's keypoints, metres.
+        glass_depth_m: Median true depth of the glass, metres.
         glass_share: Pixels of glass over all pixels.
+        hand_share: Pixels of hand and forearm over all pixels.
         visible_share: Pixels of glass over those of the same glass without hand or arm.
         missing_share: Pixels of glass without raw depth over all pixels of glass.
         bias_m: Median of raw minus true depth on the glass, metres; plus lies behind.
@@ -39,7 +41,9 @@ class FrameStatistics:
     split: tuple[str, ...]
     hold_id: tuple[str, ...]
     distance_m: Array
+    glass_depth_m: Array
     glass_share: Array
+    hand_share: Array
     visible_share: Array
     missing_share: Array
     bias_m: Array
@@ -63,7 +67,9 @@ def frame_statistics(frames: Iterable[Frame]) -> FrameStatistics:
         rows.append(
             [
                 float(np.linalg.norm(frame.keypoints.mean(axis=0))),
+                _middle(frame.depth[frame.object_mask]),
                 float(frame.object_mask.mean()),
+                float(frame.hand_mask.mean()),
                 visible_share(frame),
                 *_raw_errors(frame),
             ]
@@ -105,14 +111,15 @@ def _raw_errors(frame: Frame) -> tuple[float, float, float, float]:
     error = raw - true
     glass, hand = frame.object_mask, frame.hand_mask
     rest = ~(glass | hand)
-
-    def middle(values: npt.NDArray[np.float32]) -> float:
-        return float(np.median(values)) if values.size else nan
-
     missing = 1.0 - float((raw > 0)[glass].mean())
     return (
         missing,
-        middle(error[glass & seen]),
-        middle(np.abs(error[hand & seen])),
-        middle(np.abs(error[rest & seen])),
+        _middle(error[glass & seen]),
+        _middle(np.abs(error[hand & seen])),
+        _middle(np.abs(error[rest & seen])),
     )
+
+
+def _middle(values: npt.NDArray[np.float32]) -> float:
+    """The median, NaN of nothing."""
+    return float(np.median(values)) if values.size else float("nan")

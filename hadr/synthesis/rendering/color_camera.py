@@ -25,7 +25,7 @@ class ColorCamera:
         read_noise: Standard deviation of the electronics' noise, electrons.
     """
 
-    brightness: float = 0.42
+    brightness: float = 0.36
     exposures: tuple[float, float] = (0.6, 2.2)
     vignetting: float = 0.10
     blur: float = 0.35
@@ -44,7 +44,7 @@ def exposure(light: Light, camera: ColorCamera) -> float:
     """The factor on the light that automatic exposure chooses; few pixels may become white."""
     mean = float(np.minimum(light, 1.0).mean())
     bright = float(np.percentile(light, 96))
-    factor = min(camera.brightness / max(mean, 1e-6), 1.15 / max(bright, 1e-6))
+    factor = min(camera.brightness / max(mean, 1e-6), 0.85 / max(bright, 1e-6))
     return float(np.clip(factor, *camera.exposures))
 
 

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from hadr.camera import Intrinsics
 from hadr.synthesis.glass.surfaces import Surface
 from hadr.synthesis.hand.mesh import HandMesh
 from hadr.synthesis.rendering.optics import GLASS_INDEX
@@ -111,9 +110,8 @@ def _surroundings(mi: Any, around: Surroundings, eye: Array, pixel: float) -> di
         level = int(np.clip(np.floor(np.log2(max(nearest * pixel / texel, 1.0))), 0, 4))
         linear = (levels[level].astype(np.float32) / 255.0) ** 2.2 * groups[number, 1:4]
         matte = _matte(mi, np.minimum(linear, 0.9))
-        # Mitsuba turns pictures upside down, ours have their first row at v = 0.
-        uv = around.uv[used] * np.array([1.0, -1.0])
-        shapes[f"surroundings{number}"] = _mesh(mi, f"surroundings{number}", part, matte, uv)
+        name, uv = f"surroundings{number}", around.uv[used]
+        shapes[name] = _mesh(mi, name, part, matte, uv)
     # Mitsuba compiles its kernels anew where the number of meshes differs: fill them up.
     spare = Surface(
         eye + np.array([0, 0, -50.0]) + 1e-3 * np.eye(3), np.array([[0, 1, 2]]), np.eye(3)
@@ -154,28 +152,40 @@ def _lights(mi: Any, scene: Scene) -> dict[str, Any]:
     return lights
 
 
-def mitsuba_sensor(
-    camera: Intrinsics, world_from_camera: Array, samples: int, seed: int
-) -> dict[str, Any]:
-    """A pinhole camera with a box filter, as Mitsuba's dictionary.
+def mitsuba_sensor(scene: Scene, samples: int, seed: int) -> dict[str, Any]:
+    """A scene's camera with a box filter, as Mitsuba's dictionary.
 
     Raises:
-        ValueError: The pixels are not square.
+        ValueError: The pixels are not square, or a lens has its principal point off the middle.
     """
     import mitsuba as mi
 
+    camera = scene.camera
     if abs(camera.fx / camera.fy - 1) > 1e-3:
         raise ValueError(
             f"a path-traced picture needs square pixels, got fx {camera.fx} and fy {camera.fy}"
         )
-    pose = world_from_camera @ np.diag([-1.0, -1.0, 1.0, 1.0])
+    pose = scene.world_from_camera @ np.diag([-1.0, -1.0, 1.0, 1.0])
     width, height = camera.width, camera.height
+    offset = 0.5 - (camera.cx + 0.5) / width, 0.5 - (camera.cy + 0.5) / height
+    if not scene.aperture:
+        lens = {
+            "type": "perspective",
+            "principal_point_offset_x": offset[0],
+            "principal_point_offset_y": offset[1],
+        }
+    elif max(map(abs, offset)) < 1e-6:
+        lens = {
+            "type": "thinlens",
+            "aperture_radius": scene.aperture,
+            "focus_distance": scene.focus,
+        }
+    else:
+        raise ValueError(f"a lens needs its principal point in the middle, got {camera}")
     return {
-        "type": "perspective",
+        **lens,
         "fov_axis": "x",
         "fov": float(np.rad2deg(2 * np.arctan(width / (2 * camera.fx)))),
-        "principal_point_offset_x": 0.5 - (camera.cx + 0.5) / width,
-        "principal_point_offset_y": 0.5 - (camera.cy + 0.5) / height,
         "near_clip": 0.01,
         "far_clip": 100.0,
         "to_world": mi.ScalarTransform4f(pose.tolist()),

@@ -52,7 +52,7 @@ def trace(
     mi = mitsuba(variant)
     with _one_order(mi):
         description = scene_to_mitsuba(scene)
-        description["sensor"] = mitsuba_sensor(scene.camera, scene.world_from_camera, samples, seed)
+        description["sensor"] = mitsuba_sensor(scene, samples, seed)
         loaded = mi.load_dict(description)
         paths = mi.load_dict({"type": "path", "max_depth": _SURFACES, "rr_depth": 3})
         # One integrator for both would trace every path twice.
@@ -88,7 +88,7 @@ def _look_through_glass(scene: Scene, albedo: Light) -> None:
     total = np.zeros((len(v), 3))
     for du, dv in ((-0.3, -0.1), (0.1, -0.3), (0.3, 0.1), (-0.1, 0.3)):
         rays = rays_through(np.stack([u + du, v + dv], axis=1), camera, pose)
-        total += tracer.reflectance(*rays, 1.0 / camera.fx)
+        total += tracer.reflectance(*rays, 1.0 / camera.fx + scene.aperture / scene.focus)
     albedo[v, u] = total / 4
 
 

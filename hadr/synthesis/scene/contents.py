@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -66,8 +66,12 @@ class Scene:
         contents: The surfaces, lights and materials, world frame.
         camera: Intrinsics.
         world_from_camera: Pose of the OpenCV camera, shape (4, 4).
+        aperture: Radius of the lens, metres; 0 is a pinhole. Only path-traced colour is blurred.
+        focus: z-depth that is sharp, metres.
     """
 
     contents: Contents
     camera: Intrinsics
     world_from_camera: Array
+    aperture: float = field(default=0.0, kw_only=True)
+    focus: float = field(default=1.0, kw_only=True)

@@ -37,6 +37,7 @@ class TextureChoice:
             return -1 - int(self.rng.integers(self.photographs))
         names = [f.name for f in FAMILIES if f.place == "view"] + ["leaf_wall", "flowers"]
         weight = {"garden": 3.2, "room": 3.2, "foliage": 1.6, "bookshelf": 1.8, "leaf_wall": 1.4}
+        weight |= {"painting": 0.4, "magazine": 0.4}
         return self.draw(names, [weight.get(name, 1.0) for name in names])
 
     def ground(self) -> int:
@@ -44,8 +45,8 @@ class TextureChoice:
         if self.rng.random() < 0.32:
             return self.view()
         names = ["wood", "tiles", "marble", "terrazzo", "plaid", "print_cloth", "carpet"]
-        names += ["pebbles", "grass"]
-        return self.draw(names, [3.2, 1.5, 1.2, 0.7, 1.3, 1.4, 1.2, 0.6, 0.5])
+        names += ["pebbles", "grass", "plaster"]
+        return self.draw(names, [3.2, 1.0, 1.2, 0.3, 0.5, 0.4, 0.6, 0.6, 0.5, 2.4])
 
     def wall(self) -> int:
         """A wall beside the backdrop."""
@@ -57,7 +58,7 @@ class TextureChoice:
         if len(self.kept) < 3:
             names = ["wood", "plaid", "print_cloth", "magazine", "marble", "terrazzo"]
             names += ["painting", "plaster", "big_leaves"]
-            odds = [1.0, 1.0, 1.0, 0.6, 0.7, 0.6, 0.8, 1.6, 0.5]
+            odds = [1.4, 0.4, 0.3, 0.6, 0.7, 0.2, 0.4, 3.2, 0.2]
             self.kept.append(self.draw(names, odds, FEW))
             return self.kept[-1]
         return int(self.rng.choice(self.kept))
@@ -143,7 +144,7 @@ def put_sheet(stage: Stage, choice: TextureChoice, place: Array) -> None:
     """A magazine, a cloth or a print that lies on the table."""
     rng = choice.rng
     names = ["magazine", "painting", "print_cloth", "plaid", "carpet"]
-    number = choice.draw([*names, "garden", "room"], [2, 1, 1, 1, 0.5, 0.7, 0.7], FEW)
+    number = choice.draw([*names, "garden", "room"], [2, 0.4, 0.4, 0.6, 0.3, 1, 1], FEW)
     if choice.photographs and rng.random() < 0.6:
         number = choice.view()
     tall = rng.uniform(0.16, 0.5)

@@ -216,18 +216,21 @@ def make_lights(
         )
     lamps = []
     for number in range(2 if rng.random() < 0.35 else 1):
-        toward = 0.9 * back + np.array([0, 0, 0.7]) + 0.55 * rng.normal(size=3)
+        # From above and mostly from one side: what is held throws a shadow, soft at its edges.
+        toward = 0.4 * back + np.array([0, 0, 0.8]) + 0.65 * rng.normal(size=3)
+        toward[2] = abs(toward[2])
+        toward += max(0.1 - toward @ back, 0) * back
         toward /= np.linalg.norm(toward)
         center = middle + toward * rng.uniform(1.5, 2.2)
         side = np.cross(_off_axis(toward), toward)
         side /= np.linalg.norm(side)
-        wide, tall = rng.uniform(0.22, 0.5, 2)
+        wide, tall = rng.uniform(0.25, 0.55, 2)
         warm = rng.uniform(-1, 1)
         tone = np.array([1 + 0.08 * warm, 1.0, 1 - 0.10 * warm])
-        color = tone * (rng.uniform(9, 15) if number == 0 else rng.uniform(2, 5))
+        color = tone * (rng.uniform(14, 34) if number == 0 else rng.uniform(2, 5))
         # It shines toward what is held.
         lamps.append(AreaLight(center, side * wide, np.cross(side, toward) * tall, color))
-    environment = Environment(image.astype(np.float32))
+    environment = Environment((image * rng.uniform(0.25, 0.7)).astype(np.float32))
     normals = np.stack([back, back + np.array([0, 0, 0.8])])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     total = environment.irradiance(normals)

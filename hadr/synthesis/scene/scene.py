@@ -29,7 +29,11 @@ Array = npt.NDArray[np.float64]
 #: How often each of the skin tones is drawn, light to dark.
 SKIN_TONE_WEIGHTS = (0.30, 0.27, 0.17, 0.12, 0.08, 0.06)
 #: Least and greatest distance of the camera from what is held, metres.
-CLOSEST, FARTHEST = 0.51, 0.96
+CLOSEST, FARTHEST = 0.29, 0.62
+#: Least and greatest part of the glass that a view is to leave unhidden by the hand.
+FREE = 0.45, 1.0
+#: Least and greatest radius of the lens's opening, metres; it blurs what is far behind the hand.
+APERTURE = 0.0015, 0.006
 
 
 @dataclass(frozen=True)
@@ -96,8 +100,10 @@ class _Held:
     elbow: Array
 
 
-def _view_score(held: _Held, small: Intrinsics, pose: Array, full: Intrinsics) -> float:
-    """How well a view shows the glass in the hand; 1 is good, below 0.5 something is wrong."""
+def _view_score(
+    held: _Held, small: Intrinsics, pose: Array, full: Intrinsics, free: float
+) -> float:
+    """How well a view shows the glass in the hand, about a part ``free`` of it unhidden; best 1."""
     rays = rays_through(pixel_grid(small).reshape(-1, 2), small, pose)
     seen = held.caster.kind(held.caster.first(*rays).mesh)
     glass = held.caster.glass_alone(*rays)
@@ -106,7 +112,7 @@ def _view_score(held: _Held, small: Intrinsics, pose: Array, full: Intrinsics) -
     cut = border[0].any() or border[-1].any() or border[:, 0].any() or border[:, -1].any()
     hand = float((seen == HAND).mean())
     area = float((seen == GLASS).mean())
-    score = min(visible, 0.62) + 0.4 * min(area / 0.016, 1.0) - 0.8 * cut
+    score = 1 - abs(visible - free) - 0.4 * max(1 - area / 0.05, 0.0) - 0.8 * cut
     score -= 0.4 * (hand < 0.02) + 0.5 * (hand > 0.40) + 0.8 * (area == 0)
     # The elbow must lie outside of the picture, or behind the camera.
     elbow = (held.elbow - pose[:3, 3]) @ pose[:3, :3]
@@ -123,8 +129,9 @@ def _choose_camera(held: _Held, camera: Intrinsics, rng: np.random.Generator) ->
     """The first of some random views from which enough of the glass is seen, else the best."""
     small = camera.resized(48, 27)
     best, best_score = np.eye(4), -np.inf
+    free = rng.uniform(*FREE)
     for _ in range(28):
-        distance = CLOSEST + (FARTHEST - CLOSEST) * rng.random() ** 1.5
+        distance = CLOSEST + (FARTHEST - CLOSEST) * rng.random() ** 2.0
         azimuth = rng.uniform(0, 2 * np.pi)
         elevation = np.deg2rad(rng.uniform(-6, 40) if rng.random() < 0.75 else rng.uniform(40, 72))
         offset = np.array(
@@ -139,15 +146,15 @@ def _choose_camera(held: _Held, camera: Intrinsics, rng: np.random.Generator) ->
         roll = np.deg2rad(float(np.clip(rng.normal() * 19, -42, 42)))
         pose = look_at(eye, target, roll)
         # No forearm that passes close by the camera.
-        along = np.clip((eye - held.wrist) @ (held.elbow - held.wrist), 0, None)
+        along = max(float((eye - held.wrist) @ (held.elbow - held.wrist)), 0.0)
         length = float(np.linalg.norm(held.elbow - held.wrist))
         nearest = held.wrist + (held.elbow - held.wrist) * min(along / length**2, 1.0)
         if np.linalg.norm(eye - nearest) < 0.24:
             continue
-        score = _view_score(held, small, pose, camera)
+        score = _view_score(held, small, pose, camera, free)
         if score > best_score:
             best, best_score = pose, score
-        if score > 0.97:
+        if score > 0.95:
             break
     if not np.isfinite(best_score):
         raise ValueError("no camera position keeps clear of the forearm")
@@ -201,4 +208,13 @@ def make_scene(
     surroundings = make_surroundings(eye, middle, lowest, rng, backgrounds)
     environment, lamps = make_lights(eye, middle, rng)
     contents = replace(contents, surroundings=surroundings, lamps=lamps, environment=environment)
-    return HoldScene(contents, camera, pose, keypoints, world_from_object, hold)
+    return HoldScene(
+        contents,
+        camera,
+        pose,
+        keypoints,
+        world_from_object,
+        hold,
+        aperture=rng.uniform(*APERTURE),
+        focus=float((middle - eye) @ pose[:3, 2]),
+    )

@@ -119,10 +119,12 @@ def _add_walls(stage: Stage, choice: TextureChoice, view: _View, beyond: float) 
     else:
         corner = np.array([*(center + left * along)[:2], floor + tall])
         stage.quad(corner, across, -tall * UP, number, natural_size(number), rng.random(2))
-    if rng.random() < 0.6:
+    sign = rng.choice([-1.0, 1.0])
+    end = right if sign > 0 else left
+    # Not where it would stand before the camera or cut through what is held.
+    if rng.random() < 0.6 and sign * (end + beyond * np.sin(yaw)) > 0.6:
         number = choice.wall()
-        sign = rng.choice([-1.0, 1.0])
-        edge = center + (right if sign > 0 else left) * along
+        edge = center + end * along
         toward = -np.cos(yaw) * view.flat + np.sin(yaw) * view.side
         toward = toward / np.linalg.norm(toward)
         ends = (edge, edge + 1.8 * toward) if sign > 0 else (edge + 1.8 * toward, edge)

@@ -82,7 +82,8 @@ def test_normals_have_the_colours_that_the_text_names():
 
 def test_histograms_count_every_frame_and_tell_the_median():
     rng = np.random.default_rng(0)
-    columns = {name: rng.random(50) for name in ("distance_m", "glass_share", "visible_share")}
+    views = ("distance_m", "glass_depth_m", "glass_share", "hand_share", "visible_share")
+    columns = {name: rng.random(50) for name in views}
     raw = {name: rng.random(50) for name in ("missing_share", "bias_m", "hand_error_m")}
     names = ("0000",) * 50
     table = FrameStatistics(

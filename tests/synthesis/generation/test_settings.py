@@ -19,8 +19,8 @@ def test_presets_say_what_the_data_card_promises():
     assert max(number for _, number in holds) == 29
     recipes = [mini.settings.recipe(i) for i in range(mini.frames)]
     holds = {(r.object_id, r.hold_number) for r in recipes}
-    assert mini.frames >= 4000
-    assert len(holds) >= 1500
+    assert mini.frames >= 6000
+    assert len(holds) >= 3000
     assert mini.settings.seed != samples.settings.seed
     assert (paper.frames, paper.settings.width, paper.settings.height) == (14100, 1280, 720)
     gallery = PRESETS["gallery"]

@@ -52,7 +52,9 @@ def test_counted_by_hand():
     assert len(found) == 1
     assert found.hold_id == ("0000-side-0001",)
     np.testing.assert_allclose(found.distance_m, [0.5])
+    np.testing.assert_allclose(found.glass_depth_m, [0.5])
     np.testing.assert_allclose(found.glass_share, [600 / 14400])
+    np.testing.assert_allclose(found.hand_share, [400 / 14400])
     np.testing.assert_allclose(found.missing_share, [0.25])
     np.testing.assert_allclose(found.bias_m, [0.03], atol=1e-6)
     np.testing.assert_allclose(found.hand_error_m, [0.002], atol=1e-6)

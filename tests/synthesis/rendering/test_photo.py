@@ -70,6 +70,39 @@ def test_a_grey_wall_under_even_light_has_its_reflectance(tmp_path):
     np.testing.assert_allclose(cast_light, expected, rtol=0.01)
 
 
+def test_a_photograph_stands_upright_as_the_ray_caster_draws_it(tmp_path):
+    colors = np.arange(4 * 4 * 3, dtype=np.uint8).reshape(4, 4, 3) * 5
+    path = tmp_path / "colors.png"
+    cv2.imwrite(str(path), cv2.resize(colors, (512, 512), interpolation=cv2.INTER_NEAREST))
+    contents = Contents(
+        None, (), surroundings=wall(path, 2.0, -0.56, 0.56, -0.33, 0.33), environment=light_of(1.0)
+    )
+    _, albedo, _ = photo.trace(scene_of(contents), seed=1, samples=4)
+    directions = ray_directions(CAMERA).reshape(-1, 3)
+    cast = RayTracer(contents).reflectance(np.zeros_like(directions), directions, 1 / 60.0)
+    wrong = np.abs(albedo.reshape(-1, 3) - cast).max(1) > 0.02
+    assert wrong.mean() < 0.3  # at the borders of the patches
+
+
+def test_a_lens_blurs_what_is_out_of_focus(tmp_path):
+    """The step at a wall's edge is as wide as the lens's circle of confusion."""
+    cv2.imwrite(str(tmp_path / "grey.png"), np.full((64, 64, 3), 188, np.uint8))
+    contents = Contents(
+        None, (), surroundings=wall(tmp_path / "grey.png", 2.0, -9, 0, -9, 9),
+        environment=light_of(0.0),
+    )  # fmt: skip
+
+    def between(focus):
+        lens = Scene(contents, CAMERA, np.eye(4), aperture=0.05, focus=focus)
+        _, albedo, _ = photo.trace(lens, seed=1, samples=64)
+        row = albedo[10:26, :, 0].mean(0) / albedo[..., 0].max()
+        return ((row > 0.05) & (row < 0.95)).sum()
+
+    assert between(2.0) <= 1
+    # The circle is as many pixels wide: 60 x 2 x 0.05 x (1 / 0.5 - 1 / 2).
+    assert 6 <= between(0.5) <= 9
+
+
 def test_clear_glass_in_even_light_cannot_be_seen():
     """The white furnace: what glass mirrors and lets through is all of the light, and no more."""
     mesh = trimesh.creation.icosphere(4, 0.1)

@@ -25,8 +25,8 @@ SETTINGS = GenerationSettings(width=WIDTH, height=HEIGHT, quality="fast")
 @pytest.fixture(scope="module", params=["centred", "off the axis"])
 def scene(request):
     if request.param == "centred":
-        return build_scene(SETTINGS.recipe(0), SETTINGS)
-    scene = build_scene(SETTINGS.recipe(6), SETTINGS)
+        return replace(build_scene(SETTINGS.recipe(0), SETTINGS), aperture=0.0)
+    scene = replace(build_scene(SETTINGS.recipe(6), SETTINGS), aperture=0.0)
     # As after a crop: the axis meets the picture 9 pixels beside its middle.
     camera = scene.camera
     return replace(scene, camera=replace(camera, cx=camera.cx + 8.3, cy=camera.cy - 5.6))
@@ -64,7 +64,7 @@ def mitsuba_depth(scene):
 
     mi = mitsuba("scalar_rgb")
     description = scene_to_mitsuba(scene)
-    description["sensor"] = mitsuba_sensor(scene.camera, scene.world_from_camera, 1, 0)
+    description["sensor"] = mitsuba_sensor(scene, 1, 0)
     loaded = mi.load_dict(description)
     sensor = loaded.sensors()[0]
     forward = scene.world_from_camera[:3, 2]

@@ -28,7 +28,7 @@ def scene(request):
 
 def test_the_camera_is_as_far_as_the_published_one(scene):
     eye = scene.world_from_camera[:3, 3]
-    assert 0.45 <= np.linalg.norm(scene.keypoints.mean(0) - eye) <= 1.0
+    assert 0.22 <= np.linalg.norm(scene.keypoints.mean(0) - eye) <= 0.70
     assert scene.camera.fx / scene.camera.width == pytest.approx(1137.7778 / 1280, rel=1e-4)
 
 
