@@ -14,6 +14,8 @@ from hadr.corruption import CORRUPTIONS, Corruption
 
 DEEPEST_MEDIAN_M = 20.0
 NEAREST_MEDIAN_M = 0.02
+FARTHEST_M = 100.0
+"""Where more is measured, a number stands for "missing"."""
 
 
 def checked_depth(
@@ -66,6 +68,11 @@ def checked_metres(name: str, depth: FloatArray) -> NDArray[np.float32]:
             f"{name} has a median of {median:g}, expected metres between {NEAREST_MEDIAN_M:g} and "
             f"{DEEPEST_MEDIAN_M:g}; it would be {nearer:.3g} m with a scale {factor} times {than} "
             "(on the command line: --depth-scale)"
+        )
+    if far := int((clean > FARTHEST_M).sum()):
+        raise ValueError(
+            f"{name} is beyond {FARTHEST_M:g} m in {far} pixels (up to {float(clean.max()):g} m); "
+            "expected z-depth in metres, and 0, NaN or infinity where it is missing"
         )
     return clean
 

@@ -230,7 +230,8 @@ def _check_harmless(name: str, value: Any) -> None:
         raise ValueError(f"the camera has a skew ({said}), expected none")
     if not any(kind.fullmatch(name) for kind in (_DISTORTION, _MODEL, _SKEW, _NOTES)):
         raise ValueError(
-            f"{said} is not understood: leave it out if the camera is a pinhole without it"
+            f"{said} is not understood, expected fx fy cx cy width height, or K width height; "
+            "nothing else may change how pixels and rays belong together"
         )
 
 
@@ -244,7 +245,7 @@ def _is_zero(value: Any) -> bool:
 
 
 def read_mask(path: str | Path, name: str = "mask") -> BoolArray:
-    """Read a mask: pixels that are not zero in an 8-bit PNG or a `.npy` array.
+    """Read a mask: pixels that are not zero in an 8-bit PNG or a `.npy` array of two values.
 
     Args:
         path: The file; no JPEG, whose compression puts small values around the mask, and no picture
@@ -256,8 +257,8 @@ def read_mask(path: str | Path, name: str = "mask") -> BoolArray:
 
     Raises:
         FileNotFoundError: No such file.
-        ValueError: Not a whole image, a JPEG, in colours, not of 8 bits, transparent, or not
-            numbers.
+        ValueError: Not a whole image, a JPEG, in colours, not of 8 bits, transparent, not
+            numbers, or of more values than 0 and another.
     """
     if Path(path).suffix.lower() == ".npy":
         stored: NDArray[Any] = _read_npy(Path(path), name)
@@ -276,6 +277,12 @@ def read_mask(path: str | Path, name: str = "mask") -> BoolArray:
             )
     if stored.ndim != 2:
         raise ValueError(f"{name} {path} must be (H, W), got {stored.shape} {stored.dtype}")
+    values = np.unique(stored)
+    if values.size > 2 or (values.size == 2 and values[0] != 0):
+        raise ValueError(
+            f"{name} {path} must hold 0 and one other value, got {values.size} of them "
+            f"({short(values.tolist())}): a soft border, or several objects"
+        )
     return np.asarray(stored != 0)
 
 

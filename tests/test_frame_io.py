@@ -76,12 +76,22 @@ def test_depth_npy_whole_numbers_are_millimetres_floats_are_metres(
 
 
 def test_mask_is_everything_not_zero(tmp_path) -> None:
-    cv2.imwrite(str(tmp_path / "mask.png"), np.array([[0, 1], [255, 0]], np.uint8))
+    cv2.imwrite(str(tmp_path / "mask.png"), np.array([[0, 7], [7, 0]], np.uint8))
     assert read_mask(tmp_path / "mask.png").tolist() == [[False, True], [True, False]]
     grey = np.zeros((2, 2, 3), np.uint8)
     grey[0, 0] = 9
     cv2.imwrite(str(tmp_path / "mask3.png"), grey)
     assert read_mask(tmp_path / "mask3.png").tolist() == [[True, False], [False, False]]
+
+
+@pytest.mark.parametrize("values", [(0, 1, 255), (1, 255), (0, 60, 200)])
+def test_a_soft_mask_or_one_of_several_objects_is_refused(tmp_path, values):
+    mask = np.resize(np.array(values, np.uint8), (6, 6))
+    cv2.imwrite(str(tmp_path / "mask.png"), mask)
+    np.save(tmp_path / "mask.npy", mask)
+    for name in ("mask.png", "mask.npy"):
+        with pytest.raises(ValueError, match=r"must hold 0 and one other value, got \d of them"):
+            read_mask(tmp_path / name)
 
 
 def test_hand_in_all_its_forms(tmp_path) -> None:

@@ -114,6 +114,7 @@ def comparison_figure(
             _show_error(top_right, result, truth)
         else:
             _show_confidence(top_right, result)
+            figure.supxlabel(f"in the outline: {confidence_means(result)}", fontsize=11)
         if target.any():
             for ax in (top_left, top_right, left, right):
                 ax.contour(target, [0.5], colors=[panels.COLORS["hand"]], linewidths=0.9, zorder=3)
@@ -121,7 +122,6 @@ def comparison_figure(
         if result.ground is not None and result.ground.inside is False:
             title += "; the frame is unlike those it learned from"
         figure.suptitle(title, fontsize=14, fontweight="bold")
-        figure.supxlabel(f"in the outline: {confidence_means(result)}", fontsize=11)
     return figure
 
 
