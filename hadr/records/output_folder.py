@@ -19,9 +19,9 @@ from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
 
 from hadr.records.checkout import checkout_root
-from hadr.records.writing import LOCK, PART
 
 MARKER = ".made-by-hadr"
+_OURS = ".hadr-"  # how locks and drafts begin (`hadr.records.writing`)
 CACHE = "hadr-cache"
 """Name of the folder in which the Makefile and the chapters keep caches: no output of its own."""
 SOURCES = (
@@ -185,7 +185,7 @@ def check_removable(folder: str | Path) -> Path:
 def check_own(folder: str | Path) -> None:
     """Refuse a folder for results in which somebody else's files lie; errors as above."""
     target = check_output_folder(folder)
-    if target.exists() and any(not e.name.startswith((LOCK, PART)) for e in target.iterdir()):
+    if target.exists() and any(not e.name.startswith(_OURS) for e in target.iterdir()):
         check_removable(folder)
 
 
