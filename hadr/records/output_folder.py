@@ -212,13 +212,11 @@ def _same(one: Path, other: Path) -> bool:
 
 
 def _is_own(folder: Path) -> bool:
-    """Whether a folder is or lies in a marked one or the checkout's ``build``, or holds caches."""
-    around = (folder, *folder.parents)
+    """Whether a folder is marked, is or lies in the checkout's ``build``, or holds caches alone."""
     with contextlib.suppress(FileNotFoundError):
-        if (checkout_root() / "build").resolve() in around:
+        if (checkout_root() / "build").resolve() in (folder, *folder.parents):
             return True
-    marked = any((part / MARKER).is_file() for part in around)
-    return marked or {entry.name for entry in folder.iterdir()} == {CACHE}
+    return (folder / MARKER).is_file() or {entry.name for entry in folder.iterdir()} == {CACHE}
 
 
 def _is_free(folder: Path) -> bool:

@@ -26,7 +26,7 @@ what is written into OUT
   last.safetensors   the network after the last epoch, and what --resume needs
   best.safetensors   that with the best score on split val, if there is one
   *.json             how each came about: recipe, data, seed, versions
-  history.csv        losses, scores, and whether the network sees, a row an epoch
+  history.csv        losses, scores, whether the network sees; a row an epoch
   pictures           restored depth beside the truth, now and then
 
 examples

@@ -152,6 +152,10 @@ def test_folders_of_caches_and_of_what_was_made_count_as_made(checkout):
     make_output_folder("made")
     assert Path("made", MARKER).is_file()
     check_removable("made")
+    (checkout / "made" / "book").mkdir()  # somebody's own, in a folder that hadr made
+    (checkout / "made" / "book" / "novel.txt").write_text("years of work")
+    with pytest.raises(ValueError, match="was not made by hadr"):
+        remove_output_folder("made/book")
     (checkout / "empty").mkdir()
     with pytest.raises(ValueError, match="was not made by hadr"):
         remove_output_folder("empty")
