@@ -22,7 +22,7 @@ The network between is a plain U-Net.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import torch
 from torch import Tensor, nn
@@ -30,9 +30,11 @@ from torch.nn import functional
 
 from hadr.hand import FINGERS
 from hadr.models.blocks.crop_unet import CropUNet, layer
+from hadr.models.blocks.efficientnet_lite import EfficientNetLite0, LiteConfig
 from hadr.models.config import NetworkConfig
 from hadr.models.hand.crop import HandCrop, hand_crop, keypoint_maps, relative_depth
 from hadr.models.network_input import DepthOutput, HADRInput, float_color, masked_rays
+from hadr.records.provenance import IF_CHANGED
 
 GROUPS: tuple[tuple[int, ...], ...] = ((0,), *FINGERS.values())
 """Keypoints that share a map: the wrist, and each finger."""
@@ -63,6 +65,7 @@ class HADRPlusConfig(NetworkConfig):
         color: Colour is seen.
         hand_vector: The keypoints are given as a vector, too.
         plane: Candidates are relative to a plane that is guessed from the whole crop.
+        lite: An EfficientNet-Lite0 looks at the colour too, and its maps join the U-Net's.
 
     Raises:
         ValueError: The crop is not divisible.
@@ -79,6 +82,7 @@ class HADRPlusConfig(NetworkConfig):
     color: bool = True
     hand_vector: bool = True
     plane: bool = True
+    lite: LiteConfig | None = field(default=None, metadata=IF_CHANGED)
 
     def __post_init__(self) -> None:
         if self.crop < 32 or self.crop % 32:
@@ -155,7 +159,10 @@ class HADRPlus(nn.Module):
     def __init__(self, config: HADRPlusConfig | None = None) -> None:
         super().__init__()
         self.config = config = config or HADRPlusConfig()
-        self.unet = CropUNet(self.channels, config.width, config.blocks, self.given, 3)
+        if config.lite:
+            self.lite = EfficientNetLite0(config.lite)
+        further = config.lite.channels if config.lite else ()
+        self.unet = CropUNet(self.channels, config.width, config.blocks, self.given, 3, further)
         # Of each candidate: depth, score and scale at every fourth ray, and at each of the 16 rays
         # between them a step in depth and in score.
         count = config.candidates
@@ -171,9 +178,10 @@ class HADRPlus(nn.Module):
         Raises:
             ValueError: A frame has no hand.
         """
-        crop, count = self.crop(inputs), self.config.candidates
+        config, crop, count = self.config, self.crop(inputs), self.config.candidates
         seen, known = self.pictures(inputs, crop), self.keypoints(inputs, crop)
-        values, whole = self.unet(seen, known)  # (B, width, S/4, S/4), (B, 3)
+        maps = self.lite(seen[:, :3] + 0.5) if config.lite else []
+        values, whole = self.unet(seen, known, maps)  # (B, width, S/4, S/4), (B, 3)
         coarse = functional.interpolate(
             self.coarse(values), scale_factor=4, mode="bilinear", align_corners=False
         ).float()  # (B, 3 M, S, S)
@@ -184,7 +192,7 @@ class HADRPlus(nn.Module):
         relative, logits, scale = crop.look_up(maps, rays).chunk(3, dim=1)  # (rays, M) each
         base = crop.prior.index_select(0, rays[:, 0])  # (rays,)
         guessed = None
-        if self.config.plane:
+        if config.plane:
             lying = whole.float() * whole.new_tensor(UNITS, dtype=torch.float32)  # (B, 3)
             picture = plane_picture(lying, self._pixel_m(inputs, crop), crop.size)  # (B, S, S)
             guessed = base = base + crop.look_up(picture.unsqueeze(1), rays)[:, 0]  # (rays,)

@@ -50,6 +50,11 @@ class Network:
     encoders: tuple[str, ...] = ()
 
     @property
+    def slow(self) -> tuple[str, ...]:
+        """Those encoders that `Preset.encoder_rate` is for: Swin Transformers and Lite0."""
+        return tuple(name for name in self.encoders if name.endswith(("swin", "lite")))
+
+    @property
     def modules(self) -> tuple[str, str]:
         """The modules with which its code begins."""
         return self.module, self.training
@@ -74,7 +79,8 @@ NETWORKS: dict[str, Network] = {
     ),
     "lidf": Network(
         "LIDF", "hadr.rivals.lidf", "LIDF", "LIDFConfig", "hadr.training.tasks.lidf",
-        published="LIDF+Refine", sees="first.backbone", encoders=("first.backbone.resnet",),
+        published="LIDF+Refine", sees="first.backbone",
+        encoders=("first.backbone.resnet", "first.backbone.lite"),
     ),
     "dfnet": Network(
         "DFNet", "hadr.rivals.dfnet", "DFNet", "DFNetConfig", "hadr.training.tasks.dfnet",
@@ -83,7 +89,7 @@ NETWORKS: dict[str, Network] = {
     "swindrnet": Network(
         "SwinDRNet", "hadr.rivals.swindrnet", "SwinDRNet", "SwinDRNetConfig",
         "hadr.training.tasks.swindrnet", published="SwinDRNet", sees="fusions.0",
-        encoders=("color_swin", "depth_swin"),
+        encoders=("color_swin", "lite", "depth_swin"),
     ),
     "tode": Network(
         "TODE-Trans", "hadr.rivals.tode", "TODETrans", "TODEConfig", "hadr.training.tasks.tode",
@@ -91,12 +97,12 @@ NETWORKS: dict[str, Network] = {
     ),
     "unet-hand": Network(
         "U-Net with the hand", "hadr.rivals.unet_hand", "UNetHand", "UNetHandConfig",
-        "hadr.training.tasks.unet_hand", sees="up.0", skips_mask=True, encoders=("down",),
+        "hadr.training.tasks.unet_hand", sees="up.0", skips_mask=True, encoders=("lite", "down"),
     ),
     "hadr-plus": Network(
         "HADR-plus", "hadr.models.hadr_plus", "HADRPlus", "HADRPlusConfig",
         "hadr.training.tasks.hadr_plus", can_say=True, sees="unet", skips_mask=True,
-        encoders=("unet.left",),
+        encoders=("lite", "unet.left"),
     ),
     "hand-keypoints": Network(
         "hand keypoints", "hadr.models.hand.keypoints", "HandKeypointNet", "HandKeypointConfig",
@@ -106,7 +112,7 @@ NETWORKS: dict[str, Network] = {
     "segmentation": Network(
         "segmentation", "hadr.models.segmentation", "SegmentationNet", "SegmentationConfig",
         "hadr.training.tasks.segmentation", answer="masks",
-        encoders=("unet.resnet",),
+        encoders=("unet.resnet", "unet.lite"),
     ),
 }  # fmt: skip
 """The networks by their kind, as checkpoints and commands name it, in the tables' order."""

@@ -14,8 +14,13 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from hadr.models.backbone import imagenet_normal
+from hadr.models.blocks.efficientnet_lite import CHANNELS, LiteConfig
 from hadr.models.blocks.resnet import ResNetUNet, UNetConfig
 from hadr.models.config import NetworkConfig
+from hadr.models.hand.crop import HandCrop
+from hadr.models.network_input import masked_rays
+from hadr.models.window import WindowConfig, whole_windows, windows_around
+from hadr.records.provenance import IF_CHANGED
 
 RESNET_34 = UNetConfig(depths=(3, 4, 6, 3), decoder=(256, 128, 64, 32))
 
@@ -27,17 +32,24 @@ class SegmentationConfig(NetworkConfig):
     Args:
         unet: Size of the U-Net, and the name of its encoder's published weights if any.
         classes: Names of the classes, the object's first.
+        lite: An EfficientNet-Lite0 of four stages in the ResNet's place.
+        view: Look twice, at the whole picture and then at a window around the object that was found
+            there; None looks once.
 
     Raises:
-        ValueError: The first class is not the object.
+        ValueError: The first class is not the object, or the EfficientNet-Lite0 lacks stages.
     """
 
     unet: UNetConfig = field(default_factory=lambda: RESNET_34)
     classes: tuple[str, ...] = ("object", "hand")
+    lite: LiteConfig | None = field(default=None, metadata=IF_CHANGED)
+    view: WindowConfig | None = field(default=None, metadata=IF_CHANGED)
 
     def __post_init__(self) -> None:
         if self.classes[:1] != ("object",):
             raise ValueError(f"the first class must be 'object', got {self.classes}")
+        if self.lite and self.lite.stages < len(CHANNELS):
+            raise ValueError(f"lite must have {len(CHANNELS)} stages, got {self.lite.stages}")
 
 
 class SegmentationNet(nn.Module):
@@ -50,7 +62,7 @@ class SegmentationNet(nn.Module):
     def __init__(self, config: SegmentationConfig) -> None:
         super().__init__()
         self.config = config
-        self.unet = ResNetUNet(config.unet, 3)
+        self.unet = ResNetUNet(config.unet, 3, config.lite)
         self.head = nn.Conv2d(config.unet.decoder[-1], 4 * len(config.classes), 3, padding=1)
 
     def forward(self, color: Tensor) -> Tensor:
@@ -59,7 +71,8 @@ class SegmentationNet(nn.Module):
         A positive logit says that the pixel belongs to the class.
         """
         height, width = color.shape[2:]
-        features = self.unet(imagenet_normal(color))  # (B, C, ceil(H / 2), ceil(W / 2))
+        seen = color if self.config.lite else imagenet_normal(color)
+        features = self.unet(seen)  # (B, C, ceil(H / 2), ceil(W / 2)) or more
         logits = functional.pixel_shuffle(self.head(features), 2)  # (B, classes, H', W')
         return logits[:, :, :height, :width]
 
@@ -79,6 +92,35 @@ def predict_logits(model: SegmentationNet, color: Tensor) -> Tensor:
     if not bool(((color >= 0) & (color <= 1)).all()):
         low, high = float(color.min()), float(color.max())
         raise ValueError(f"color must be in 0..1, got {low:.4g} to {high:.4g}")
+    view = model.config.view
     with torch.no_grad():
-        logits: Tensor = model(color)
-    return logits
+        if view is None:
+            logits: Tensor = model(color)
+            return logits
+        everything = whole_windows(color, view.size)
+        rays = masked_rays(torch.ones_like(color[:, 0], dtype=torch.bool))  # (B H W, 3)
+        logits = _seen_by(model, everything, color, rays)  # (B, classes, H, W)
+        crop = _around(logits[:, 0] > 0, view)
+        again = _seen_by(model, crop, color, rays)
+        at = crop.place(rays[:, [2, 1]].float(), rays[:, 0])
+        within = ((at > -0.5) & (at < view.size - 0.5)).all(dim=1).view_as(color[:, :1])
+        return torch.where(within, again, logits)
+
+
+def _seen_by(model: SegmentationNet, crop: HandCrop, color: Tensor, rays: Tensor) -> Tensor:
+    """Logits of pictures (B, 3, H, W) that are seen through windows, (B, classes, H, W)."""
+    count, _, height, width = color.shape
+    found = crop.look_up(model(crop.sample(color, "bilinear")), rays)  # (B H W, classes)
+    return found.view(count, height, width, -1).permute(0, 3, 1, 2)
+
+
+def _around(found: Tensor, view: WindowConfig) -> HandCrop:
+    """Lay windows around what was found, (B, H, W) bool, less its outermost fiftieths."""
+    height, width = found.shape[1:]
+    boxes = []
+    for mask in found:
+        at = mask.nonzero().flip(1).float()  # (pixels, 2): column, row
+        if not len(at):
+            at = at.new_tensor([[0, 0], [width - 1, height - 1]])
+        boxes.append(torch.quantile(at, at.new_tensor([0.02, 0.98]), dim=0))
+    return windows_around(torch.stack(boxes), view)

@@ -33,20 +33,27 @@ class WindowConfig:
         jitter: In training the window is laid by chance: its side grows or shrinks by up to this
             share, and its centre moves by up to this share of its side in either direction. Masks
             and keypoints that are predicted lay it no better.
+        hand: The box is around the keypoints too, not around the mask alone.
+        whole: Share of the training frames that are seen as a whole, 0..1.
 
     Raises:
-        ValueError: The size is not positive, the margin below 1, or the jitter not in 0..0.5.
+        ValueError: The size is not positive, the margin below 1, the jitter not in 0..0.5, or the
+            share not in 0..1.
     """
 
     size: int = 128
     margin: float = 1.3
     jitter: float = 0.1
+    hand: bool = True
+    whole: float = 0.0
 
     def __post_init__(self) -> None:
-        if self.size < 1 or self.margin < 1 or not 0 <= self.jitter <= 0.5:
+        shares = 0 <= self.jitter <= 0.5 and 0 <= self.whole <= 1
+        if self.size < 1 or self.margin < 1 or not shares:
             raise ValueError(
-                "a window's size must be at least 1, its margin at least 1 and its jitter 0 to "
-                f"0.5, got {self.size}, {self.margin} and {self.jitter}"
+                "a window's size must be at least 1, its margin at least 1, its jitter 0 to 0.5 "
+                f"and its whole 0 to 1, got {self.size}, {self.margin}, {self.jitter} and "
+                f"{self.whole}"
             )
 
 
@@ -65,21 +72,41 @@ def lay_windows(
     for mask, uv in zip(inputs.mask, inputs.keypoints_uv, strict=True):
         rows, columns = mask.nonzero(as_tuple=True)
         pixels = torch.stack((columns, rows), dim=1).to(uv.dtype)  # (pixels, 2)
-        known = (uv != 0).any(dim=1)
+        known = (uv != 0).any(dim=1) & config.hand
         inside = ((uv >= 0) & (uv < uv.new_tensor([width, height]))).all(dim=1)
         pixels = torch.cat((pixels, uv[known & inside]))
         if not len(pixels):
             pixels = uv.new_tensor([[0, 0], [width - 1, height - 1]])
         boxes.append(torch.stack((pixels.amin(dim=0), pixels.amax(dim=0))))
-    box = torch.stack(boxes)  # (B, 2, 2)
-    center = box.mean(dim=1)  # (B, 2)
+    crop = windows_around(torch.stack(boxes), config)
+    if chance is None:
+        return crop
+    draw = config.jitter * (2 * torch.rand(len(crop.center), 3, generator=chance) - 1)
+    step = crop.step * (1 + draw[:, :1])
+    center = crop.center + draw[:, 1:] * step * config.size
+    whole = torch.rand(len(center), 1, generator=chance) < config.whole
+    everything = whole_windows(inputs.color, config.size)
+    return replace(
+        crop,
+        center=torch.where(whole, everything.center, center),
+        step=torch.where(whole, everything.step, step),
+    )
+
+
+def windows_around(box: Tensor, config: WindowConfig) -> HandCrop:
+    """Lay windows around boxes (B, 2, 2): first and last column and row that are inside."""
     side = config.margin * ((box[:, 1] - box[:, 0]).amax(dim=1, keepdim=True) + 1)  # (B, 1)
-    if chance is not None:
-        draw = config.jitter * (2 * torch.rand(len(box), 3, generator=chance) - 1)
-        side = side * (1 + draw[:, :1])
-        center = center + draw[:, 1:] * side
     step = (side / config.size).expand(-1, 2)
-    return HandCrop(center, step, inputs.keypoints[:, 0, 2], config.size)
+    return HandCrop(box.mean(dim=1), step, step.new_zeros(len(step)), config.size)
+
+
+def whole_windows(images: Tensor, size: int) -> HandCrop:
+    """Lay windows that hold whole images (B, C, H, W), with nothing beside the shorter side."""
+    height, width = images.shape[2:]
+    center = images.new_tensor([(width - 1) / 2, (height - 1) / 2], dtype=torch.float32)
+    step = torch.full_like(center, max(height, width) / size)
+    count = len(images)
+    return HandCrop(center.expand(count, 2), step.expand(count, 2), step.new_zeros(count), size)
 
 
 def seen_through(crop: HandCrop, inputs: HADRInput) -> HADRInput:

@@ -43,6 +43,7 @@ from torch import Tensor, nn
 
 from hadr.models.backbone import imagenet_normal
 from hadr.models.blocks.dilated_resnet import DilatedResNet, DilatedResNetConfig
+from hadr.models.blocks.efficientnet_lite import LiteConfig
 from hadr.models.config import NetworkConfig
 from hadr.models.decoders import OffsetDecoder, encode_position
 from hadr.models.hadr import HADR, POSITION_LEVELS, HADRConfig, HADROutput, Seen
@@ -74,6 +75,7 @@ class LIDFConfig(NetworkConfig):
         perturb_probability: Chance that the ends of a training batch are perturbed before the
             refinement, 0..1.
         view: Look at a window around hand and glass; None looks at the whole picture.
+        lite: An EfficientNet-Lite0, as HADR's, in the dilated ResNet's place.
         voxel_relu: End the voxel encoders' layers on voxels in a ReLU (ledger, row 28).
     """
 
@@ -92,11 +94,12 @@ class LIDFConfig(NetworkConfig):
     first_share: float = 2 / 3
     perturb_probability: float = 0.8
     view: WindowConfig | None = field(default=None, metadata=IF_CHANGED)
+    lite: LiteConfig | None = field(default=None, metadata=IF_CHANGED)
     voxel_relu: bool = field(default=False, metadata=IF_CHANGED)
 
     @property
     def first_stage(self) -> HADRConfig:
-        """The first stage as `HADR` takes it; its own backbone is not used."""
+        """The first stage as `HADR` takes it; its Swin Transformer is not used."""
         return HADRConfig(
             hand="none",
             point_fusion=False,
@@ -107,6 +110,7 @@ class LIDFConfig(NetworkConfig):
             offset_steps=self.offset_steps,
             max_points=self.max_points,
             voxel_relu=self.voxel_relu,
+            lite=self.lite,
         )
 
     @property
@@ -206,7 +210,8 @@ class LIDF(nn.Module):
         super().__init__()
         self.config = config = config or LIDFConfig()
         self.first = HADR(
-            config.first_stage, DilatedResNet(config.backbone, config.feature_channels)
+            config.first_stage,
+            None if config.lite else DilatedResNet(config.backbone, config.feature_channels),
         )
         self.refinement = Refinement(config) if config.refine else None
         self.register_buffer("stage", torch.tensor(1))

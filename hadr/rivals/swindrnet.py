@@ -31,6 +31,7 @@ from torch import Tensor, nn
 
 from hadr.models.backbone import BackboneConfig, build_swin, enlarge, imagenet_normal
 from hadr.models.blocks.cross_fusion import CrossFusion
+from hadr.models.blocks.efficientnet_lite import EfficientNetLite0, LiteConfig
 from hadr.models.blocks.pyramid_head import PyramidHead
 from hadr.models.config import NetworkConfig
 from hadr.models.network_input import HADRInput, ImageOutput, float_color
@@ -59,6 +60,11 @@ class SwinDRNetConfig(NetworkConfig):
             share.
         start_m: Depth in metres around which the untrained depth head answers; 0 is published.
         view: Look at a window around hand and glass; None looks at the whole picture.
+        lite: An EfficientNet-Lite0 sees colour in the Swin Transformer's place, with as many
+            stages; 1x1 convolutions bring its maps to the stages' channels.
+
+    Raises:
+        ValueError: The EfficientNet-Lite0 has another number of stages.
     """
 
     hand: ClassVar[str] = "none"
@@ -71,6 +77,14 @@ class SwinDRNetConfig(NetworkConfig):
     mix_missing: bool = False
     start_m: float = 0.5
     view: WindowConfig | None = field(default=None, metadata=IF_CHANGED)
+    lite: LiteConfig | None = field(default=None, metadata=IF_CHANGED)
+
+    def __post_init__(self) -> None:
+        if self.lite and self.lite.stages != len(self.backbone.depths):
+            raise ValueError(
+                f"lite must have {len(self.backbone.depths)} stages as the Swin Transformer of "
+                f"depth has, got {self.lite.stages}"
+            )
 
 
 @dataclass(frozen=True)
@@ -100,10 +114,17 @@ class SwinDRNet(nn.Module):
         super().__init__()
         self.config = config = config or SwinDRNetConfig()
         stages = config.backbone.channels
-        self.color_swin = build_swin(config.backbone)
+        if config.lite:
+            self.lite = EfficientNetLite0(config.lite)
+            self.align = nn.ModuleList(
+                nn.Conv2d(own, channels, 1)
+                for own, channels in zip(config.lite.channels, stages, strict=True)
+            )
+        else:
+            self.color_swin = build_swin(config.backbone)
         self.depth_swin = build_swin(config.backbone)
         if config.backbone.pretrained is None:
-            for swin in (self.color_swin, self.depth_swin):
+            for swin in [self.depth_swin] if config.lite else [self.color_swin, self.depth_swin]:
                 _start_patches(swin)
         self.fusions = nn.ModuleList(
             CrossFusion(channels, config.fusion_heads, config.backbone.window)
@@ -120,10 +141,15 @@ class SwinDRNet(nn.Module):
         raw = inputs.depth  # (B, H, W)
         size, patch = raw.shape[1:], self.config.backbone.patch
         color = float_color(inputs.color)  # (B, 3, H, W)
-        if self.config.backbone.normalize_color:
-            color = imagenet_normal(color)
-        seen = self.color_swin(color).feature_maps  # each (B, C_i, H_i, W_i)
         measured = self.depth_swin(raw.unsqueeze(1).expand(-1, 3, -1, -1)).feature_maps
+        if self.config.lite:
+            seen = [
+                align(values)[:, :, : other.shape[2], : other.shape[3]]
+                for align, values, other in zip(self.align, self.lite(color), measured, strict=True)
+            ]  # each (B, C_i, H_i, W_i)
+        else:
+            normal = self.config.backbone.normalize_color
+            seen = self.color_swin(imagenet_normal(color) if normal else color).feature_maps
         stages = [
             torch.cat((fuse(one, other), one, other), dim=1)
             for fuse, one, other in zip(self.fusions, seen, measured, strict=True)

@@ -16,6 +16,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from hadr.models.backbone import enlarge
+from hadr.models.blocks.efficientnet_lite import EfficientNetLite0, LiteConfig
 from hadr.models.config import NetworkConfig
 from hadr.models.hand.crop import hand_depth, keypoint_maps, relative_depth
 from hadr.models.network_input import DepthOutput, HADRInput, float_color
@@ -36,11 +37,13 @@ class UNetHandConfig(NetworkConfig):
         width: Channels at half of the input's resolution, twice as many at each coarser one.
         levels: Number of resolutions, the first included.
         view: Look at a window around hand and glass; None looks at the whole picture.
+        lite: An EfficientNet-Lite0, whose maps join the levels of their size (strides 4, 8, ...).
     """
 
     width: int = 38
     levels: int = 4
     view: WindowConfig | None = field(default=None, metadata=IF_CHANGED)
+    lite: LiteConfig | None = field(default=None, metadata=IF_CHANGED)
 
 
 def _twice(channels: int, out: int) -> nn.Sequential:
@@ -61,6 +64,10 @@ class UNetHand(nn.Module):
         self.config = config = config or UNetHandConfig()
         widths = [config.width * 2**level for level in range(config.levels)]
         before = [4 * self.channels, *widths[:-1]]
+        if config.lite:
+            self.lite = EfficientNetLite0(config.lite)
+            for level, channels in enumerate(config.lite.channels[: config.levels - 1], start=1):
+                before[level] += channels
         self.down = nn.ModuleList(_twice(b, w) for b, w in zip(before, widths, strict=True))
         self.up = nn.ModuleList(_twice(coarse + fine, fine) for fine, coarse in pairwise(widths))
         self.head = nn.Conv2d(widths[0], 4, 1)
@@ -77,10 +84,14 @@ class UNetHand(nn.Module):
             raise ValueError(f"height and width must be even, got {height} x {width}")
         hand = hand_depth(inputs)  # (B,)
         values = functional.pixel_unshuffle(self.pictures(inputs, hand), 2)  # (B, 32, H/2, W/2)
+        maps = self.lite(float_color(inputs.color)) if self.config.lite else []  # strides 4, 8, ...
         skipped: list[Tensor] = []
         for level, layers in enumerate(self.down):
             if level:
                 values = functional.max_pool2d(values, 2, ceil_mode=True)
+            if 0 < level <= len(maps):
+                rows, columns = values.shape[2:]
+                values = torch.cat((values, maps[level - 1][:, :, :rows, :columns]), dim=1)
             values = layers(values)  # (B, width * 2^level, H / 2^(level + 1), ...)
             skipped.append(values)
         for level in reversed(range(len(self.up))):

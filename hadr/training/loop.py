@@ -215,7 +215,7 @@ def average_of(network: nn.Module, decay: float) -> AveragedModel:
 
 def optimizer_of(recipe: Preset, network: nn.Module) -> torch.optim.Adam:
     """Build the recipe's optimiser; the loop schedules the rate of each of its groups."""
-    parts = tuple(f"{name}." for name in network_of(recipe.network).encoders)
+    parts = tuple(f"{name}." for name in network_of(recipe.network).slow)
     slow, fast = list[Tensor](), list[Tensor]()
     for name, weight in network.named_parameters():
         (slow if recipe.encoder_rate != 1 and name.startswith(parts) else fast).append(weight)

@@ -75,7 +75,7 @@ class Preset:
         decay: Factor at each milestone.
         restarts: With "cosine", shares of the training, 0..1 and rising, at each of which the
             cosine begins anew, for trainings in stages.
-        encoder_rate: Factor on the rate of the network's encoders (`hadr.models.networks`): a
+        encoder_rate: Factor on the rate of the network's slow encoders (`hadr.models.networks`): a
             Swin Transformer from random weights collapses at 1e-3 and not at 1e-4 (ledger, row 29).
         validation_frames: At most so many validation frames, evenly spread, are scored after each
             epoch; None scores all.

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from typing import Any
 
 import pytest
 import torch
 from torch import nn
 
+from hadr.models.blocks.efficientnet_lite import LiteConfig
 from hadr.models.network_input import HADRInput
 from hadr.models.networks import DEPTH_NETWORKS, NETWORKS
 from hadr.training.presets import preset
@@ -33,10 +35,19 @@ def frames(height: int = 36, width: int = 64) -> HADRInput:
     )
 
 
-@pytest.fixture(scope="module", params=DEPTH_NETWORKS)
+WITH_LITE = [kind for kind in DEPTH_NETWORKS if hasattr(NETWORKS[kind].config_class()(), "lite")]
+
+
+@pytest.fixture(
+    scope="module", params=[*DEPTH_NETWORKS, *(f"{kind} with Lite0" for kind in WITH_LITE)]
+)
 def network(request: pytest.FixtureRequest) -> nn.Module:
     torch.manual_seed(0)
-    made: nn.Module = NETWORKS[request.param].network_class()(preset("tiny", request.param).model)
+    kind, _, lite = request.param.partition(" ")
+    config: Any = preset("tiny", kind).model
+    if lite:
+        config = replace(config, lite=LiteConfig(stages=2, pretrained=False))
+    made: nn.Module = NETWORKS[kind].network_class()(config)
     return made.eval()
 
 
@@ -71,6 +82,20 @@ def test_bytes_are_colours_and_a_frame_without_mask_keeps_its_depth(network: nn.
     assert torch.equal(network(replace(inputs, color=bytes_)).depth, as_floats)
     empty = network(replace(inputs, mask=torch.zeros_like(inputs.mask)))
     assert not empty.restored.any()
+
+
+@pytest.mark.parametrize("kind", WITH_LITE)
+def test_slow_encoders_see_colour_and_learn(kind: str) -> None:
+    config: Any = preset("tiny", kind).model
+    torch.manual_seed(0)
+    config = replace(config, lite=LiteConfig(stages=2, pretrained=False, frozen=0))
+    network = NETWORKS[kind].network_class()(config).eval()
+    (name, lite), *_ = NETWORKS[kind].encoders_of(network).items()
+    assert name.endswith("lite")
+    assert name in NETWORKS[kind].slow
+    network(frames()).depth.sum().backward()
+    for weight in (lite.stem[1].weight, [*lite.parameters()][-1]):
+        assert float(weight.grad.abs().sum()) > 0
 
 
 def test_configurations_go_through_json() -> None:

@@ -3,8 +3,10 @@
 import pytest
 import torch
 
+from hadr.models.blocks.efficientnet_lite import LiteConfig
 from hadr.models.blocks.resnet import ResNetUNet, UNetConfig, build_resnet
 from hadr.models.segmentation import RESNET_34, SegmentationConfig, SegmentationNet, predict_logits
+from hadr.models.window import WindowConfig
 
 SMALL = UNetConfig((1, 1, 1, 1), widths=(4, 4, 8, 8), decoder=(8, 8, 8, 8))
 
@@ -15,6 +17,52 @@ def test_any_size_comes_back(size: tuple[int, int]) -> None:
     logits = model(torch.rand(2, 3, *size))
     assert logits.shape == (2, 2, *size)
     assert torch.isfinite(logits).all()
+
+
+@pytest.mark.parametrize("size", [(64, 96), (45, 63)])
+def test_a_lite0_s_change_stays_at_its_place_in_any_size(size: tuple[int, int]) -> None:
+    torch.manual_seed(0)
+    lite = LiteConfig(stages=4, pretrained=False)
+    model = SegmentationNet(SegmentationConfig(SMALL, lite=lite)).eval()
+    picture = torch.zeros(1, 3, *size)
+    other = picture.clone()
+    other[0, :, 20:22, 40:42] = 1
+    with torch.no_grad():
+        change = (model(other) - model(picture)).abs().sum(dim=1)[0]
+    assert change.shape == size
+    row, column = divmod(int(change.argmax()), size[1])
+    assert abs(row - 20) <= 5
+    assert abs(column - 40) <= 5
+
+
+class _Bright(SegmentationNet):
+    """Takes bright pixels for the object, and notes what it is shown."""
+
+    def __init__(self, config: SegmentationConfig) -> None:
+        super().__init__(config)
+        self.shown: list[torch.Tensor] = []
+
+    def forward(self, color: torch.Tensor) -> torch.Tensor:
+        self.shown.append(color)
+        return color[:, :2] - 0.5
+
+
+def test_it_looks_again_where_it_found_the_object() -> None:
+    view = WindowConfig(size=64, margin=2, hand=False)
+    model = _Bright(SegmentationConfig(SMALL, view=view)).eval()
+    row, column = torch.arange(180)[:, None], torch.arange(320)
+    disc = ((row - 60) ** 2 + (column - 200) ** 2 < 20**2).float()
+    color = disc.expand(2, 3, 180, 320).clone()
+    color[1] = 0  # nothing is found there
+    found = predict_logits(model, color)
+    assert found.shape == (2, 2, 180, 320)
+    both = ((found[0, 0] > 0) & (disc > 0)).sum() / ((found[0, 0] > 0) | (disc > 0)).sum()
+    assert float(both) > 0.95
+    assert not bool((found[1] > 0).any())
+    whole, near = (shown[0, 0].mean() * shown[0, 0].numel() for shown in model.shown)
+    # The disc's 1257 pixels: a cell of the first look spans 5 x 5 of them, of the second some 1.2.
+    assert float(whole) == pytest.approx(1257 / 25, rel=0.2)
+    assert float(near) == pytest.approx(1257 / 1.2**2, rel=0.2)
 
 
 def test_the_paper_s_encoders_are_resnet_18_and_34() -> None:

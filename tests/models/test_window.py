@@ -66,6 +66,16 @@ def test_the_jitter_stays_in_its_range() -> None:
     assert 0.18 < float(moved.max()) <= 0.2 + 1e-5
 
 
+def test_some_training_frames_are_seen_whole() -> None:
+    config = WindowConfig(size=40, margin=1.5, jitter=0, whole=0.25)
+    crop = lay_windows(wall(400), config, torch.Generator().manual_seed(1))
+    whole = crop.step[:, 0] == WIDTH / 40
+    assert 70 <= int(whole.sum()) <= 130
+    assert crop.center[whole][0].tolist() == [(WIDTH - 1) / 2, (HEIGHT - 1) / 2]
+    assert set(crop.step[~whole][:, 0].tolist()) == {0.75}
+    assert not bool((lay_windows(wall(9), config).step == 2).any())
+
+
 def test_the_window_is_a_camera_that_sees_the_same_points() -> None:
     frame = wall()
     crop = lay_windows(frame, WindowConfig(size=60, margin=1.5))  # half a pixel a step
@@ -167,7 +177,7 @@ def test_each_network_can_look_through_a_window(kind: str) -> None:
     assert network_of(kind).config_class()().view is None
 
 
-@pytest.mark.parametrize("wrong", [{"size": 0}, {"margin": 0.9}, {"jitter": 0.6}])
+@pytest.mark.parametrize("wrong", [{"size": 0}, {"margin": 0.9}, {"jitter": 0.6}, {"whole": 2}])
 def test_wrong_numbers_are_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(ValueError, match="a window's size must be at least 1"):
         WindowConfig(**wrong)  # type: ignore[arg-type]

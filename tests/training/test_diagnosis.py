@@ -90,7 +90,7 @@ def test_only_colors_change_places(make_frames: Callable[..., FrameTensors]) -> 
 @pytest.mark.parametrize("kind", [kind for kind in NETWORKS if NETWORKS[kind].encoders])
 def test_of_each_encoder_a_map_a_stage_is_kept(kind: str) -> None:
     network = Task(preset("tiny", kind)).build().eval()
-    encoder: Any = network.get_submodule(NETWORKS[kind].encoders[0])
+    encoder: Any = next(iter(NETWORKS[kind].encoders_of(network).values()))
     kept: list[list[Tensor]]
 
     @torch.no_grad()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
@@ -41,12 +43,24 @@ class CropUNet(nn.Module):
         blocks: Residual blocks at each resolution.
         given: Length of the vector of what else is known.
         whole: Length of the answer for the whole crop.
+        further: Channels of another network's maps of strides 4, 8 and 16, of as many as it has.
     """
 
-    def __init__(self, channels: int, width: int, blocks: int, given: int, whole: int) -> None:
+    def __init__(
+        self,
+        channels: int,
+        width: int,
+        blocks: int,
+        given: int,
+        whole: int,
+        further: Sequence[int] = (),
+    ) -> None:
         super().__init__()
         widths = (width, 2 * width, 3 * width)
         self.stem = nn.Sequential(layer(4 * channels, width // 2), layer(width // 2, width, 2))
+        self.further = nn.ModuleList(
+            nn.Conv2d(own, w, 1) for own, w in zip(further, widths, strict=False)
+        )
         self.down = nn.ModuleList(layer(widths[n], widths[n + 1], 2) for n in range(2))
         self.left = nn.ModuleList(
             nn.Sequential(*(ResidualBlock(w) for _ in range(blocks))) for w in widths
@@ -63,16 +77,22 @@ class CropUNet(nn.Module):
         self.up = nn.ModuleList(layer(widths[n + 1] + widths[n], widths[n]) for n in range(2))
         self.right = nn.ModuleList(ResidualBlock(widths[n]) for n in range(2))
 
-    def forward(self, crop: Tensor, given: Tensor) -> tuple[Tensor, Tensor]:
-        """Look at crops (B, channels, S, S), with what else is known, (B, given).
+    def forward(
+        self, crop: Tensor, given: Tensor, maps: Sequence[Tensor] = ()
+    ) -> tuple[Tensor, Tensor]:
+        """Look at crops (B, channels, S, S), with what else is known, (B, given), and further maps.
 
         Returns:
             A map, shape (B, width, S/4, S/4), and the answer for the whole crop, (B, whole).
         """
-        values: Tensor = self.left[0](self.stem(functional.pixel_unshuffle(crop, 2)))  # S/4
-        skipped = [values]
-        for number in range(2):
-            values = self.left[number + 1](self.down[number](values))  # S/8, S/16
+        values: Tensor = self.stem(functional.pixel_unshuffle(crop, 2))
+        skipped = []
+        for number, blocks in enumerate(self.left):  # S/4, S/8, S/16
+            if number:
+                values = self.down[number - 1](values)
+            if number < len(self.further):
+                values = values + self.further[number](maps[number])
+            values = blocks(values)
             skipped.append(values)
         view = functional.adaptive_avg_pool2d(self.seen(values), 4).flatten(1)  # (B, 16 width)
         joined = self.join(torch.cat((view, given), dim=1))  # (B, 4 width)

