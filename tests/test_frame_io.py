@@ -11,7 +11,6 @@ import trimesh
 
 from hadr.camera import Intrinsics
 from hadr.frame_io import (
-    load_intrinsics,
     read_color,
     read_depth,
     read_hand,
@@ -283,75 +282,3 @@ def test_a_truncated_exr_is_one_sentence(tmp_path, capfd):
     with pytest.raises(ValueError, match=r"is not a whole OpenEXR image: its [0-9]+ bytes"):
         read_depth(tmp_path / "half.exr")
     assert capfd.readouterr() == ("", "")
-
-
-CAMERA = Intrinsics(fx=40.0, fy=50.0, cx=3.0, cy=1.5, width=8, height=4)
-
-
-def test_load_intrinsics_in_three_forms(tmp_path: Path) -> None:
-    named = tmp_path / "camera.json"
-    named.write_text(json.dumps(CAMERA.to_dict()))
-    matrix = tmp_path / "matrix.yml"
-    matrix.write_text("K: [[40, 0, 3], [0, 50, 1.5], [0, 0, 1]]\nwidth: 8\nheight: 4\n")
-    sized = tmp_path / "camera.yaml"
-    sized.write_text("xres: 8\nyres: 4\nfx: 40\nfy: 50\ncx: 3\ncy: 1.5\n")
-    assert (
-        load_intrinsics(named) == load_intrinsics(matrix) == load_intrinsics(str(sized)) == CAMERA
-    )
-
-
-NAMED = "fy: 80\ncx: 3\ncy: 1\nwidth: 8\nheight: 4\n"
-
-
-def test_a_plain_lens_notes_and_what_is_told_twice_alike(tmp_path: Path) -> None:
-    path = tmp_path / "camera.yaml"
-    more = (
-        "xres: 8\nyres: 4\ndistortion_model: plumb_bob\nD: [0, 0.0, 0]\ndist: {cols: 5, data: [0]}"
-        "\ncamera_name: D435\nmodel: null\nskew: 0.0\nfps: 30"
-    )
-    path.write_text(f"{NAMED}fx: 80\nK: [[80, 0, 3], [0, 80, 1], [0, 0, 1]]\n{more}")
-    assert load_intrinsics(path) == Intrinsics(80, 80, 3, 1, 8, 4)
-
-
-@pytest.mark.parametrize(
-    ("name", "text", "message"),
-    [
-        ("a.json", "{fx: ", "neither valid YAML nor JSON"),
-        ("a.yaml", "[1, 2, 3]", "must hold named values"),
-        ("a.json", '{"fx": 1, "fy": 1, "cx": 0}', "lack cy, width, height"),
-        ("a.json", '{"K": [[1,0,0],[0,1,0],[0,0,1]], "width": 4}', "lack height"),
-        ("a.json", '{"a": ' * 100_000, "neither valid YAML nor JSON"),
-        ("a.yaml", "[" * 100_000, "neither valid YAML nor JSON"),
-        ("a.json", '{"fx": 1, "fx": 2}', "the name 'fx' stands there twice"),
-        ("a.yaml", "fx: 1\nfx: 2", "the name 'fx' stands there twice"),
-        ("a.yaml", NAMED + "fx: wide", "fx must be a number, got 'wide'"),
-        ("a.yaml", NAMED + "fx: true", "fx must be a number, got True"),
-        ("a.yaml", NAMED + f"fx: {10**400}", "fx must be a number, got 1000"),
-        ("a.yaml", NAMED + "fx: 80\nxres: 128", "width is 8, but also 128"),
-        ("a.yaml", NAMED + "fx: 80\nK: [[9, 0, 3], [0, 9, 1], [0, 0, 1]]", "fx is 80, but also 9"),
-        ("a.yaml", NAMED + "fx: 80\nk1: 0.2", r"the lens distorts \(k1 = 0.2\), .* undistorted"),
-        ("a.yaml", NAMED + "fx: 80\nD: [0, 0, 0, 0, 1.0e-3]", r"the lens distorts \(D = "),
-        ("a.yaml", NAMED + "fx: 80\ndistortion: {rows: 1, data: [1]}", "the lens distorts"),
-        ("a.yaml", NAMED + "fx: 80\nmodel: fisheye", r"no pinhole \(model = 'fisheye'\)"),
-        ("a.yaml", NAMED + "fx: 80\ndistortion_model: equidistant", "the camera is no pinhole"),
-        ("a.yaml", NAMED + "fx: 80\ncamera_type: 3", "the camera is no pinhole"),
-        ("a.yaml", NAMED + "fx: 80\nskew: 50", r"has a skew \(skew = 50\)"),
-        ("a.yaml", NAMED + "fx: 80\ndepth_scale: 0.1", "depth_scale = 0.1 is not understood"),
-    ],
-)
-def test_bad_intrinsics_files(tmp_path: Path, name: str, text: str, message: str) -> None:
-    path = tmp_path / name
-    path.write_text(text)
-    with pytest.raises(ValueError, match=message) as caught:
-        load_intrinsics(path)
-    assert name in str(caught.value)
-
-
-def test_missing_intrinsics_file(tmp_path: Path) -> None:
-    with pytest.raises(FileNotFoundError, match=r"intrinsics file .*nowhere\.yaml does not exist"):
-        load_intrinsics(tmp_path / "nowhere.yaml")
-
-
-def test_cleargrasp_intrinsics(realdata: Path) -> None:
-    camera = load_intrinsics(realdata / "cleargrasp_d435" / "camera_intrinsics.yaml")
-    assert camera == Intrinsics(921.0, 921.0, 642.0, 359.0, 1280, 720)
