@@ -8,7 +8,10 @@ from __future__ import annotations
 
 import io
 import os
+import re
 import sys
+import tempfile
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
@@ -19,6 +22,7 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from PIL import ExifTags, Image
 
 from hadr.camera import (
     LARGEST_IMAGE,
@@ -35,6 +39,8 @@ from hadr.records.reading import read_json
 
 DEFAULT_DEPTH_SCALE = 0.001
 _QUIET = Lock()
+_JPEG_DAMAGE = re.compile("Corrupt JPEG|Premature end of JPEG|Inconsistent progression|Invalid SOS")
+"""How libjpeg's warnings begin where it goes on with what it made up; OpenCV has no other sign."""
 
 
 def read_color(path: str | Path) -> NDArray[np.uint8]:
@@ -45,7 +51,8 @@ def read_color(path: str | Path) -> NDArray[np.uint8]:
 
     Raises:
         FileNotFoundError: No such file.
-        ValueError: Not a whole image, not 8-bit colour, or transparent somewhere.
+        ValueError: Not a whole image, not 8-bit colour, transparent somewhere, or stored turned
+            (EXIF).
     """
     image = _read_image(path, "colour")
     if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] not in (3, 4):
@@ -127,18 +134,22 @@ def _read_exr(path: Path, name: str) -> NDArray[Any]:
 
 
 @contextmanager
-def quiet() -> Iterator[None]:
-    """Hold back what a compiled library prints; its error reaches the user as one sentence."""
-    with _QUIET:  # of two threads the second would put the first one's silence back
+def quiet() -> Iterator[list[str]]:
+    """Hold back what a compiled library prints; its lines stand in the list when it has ended."""
+    told: list[str] = []
+    # Of two threads the second would put the first one's silence back.
+    with _QUIET, tempfile.TemporaryFile() as said:
         sys.stderr.flush()
         kept = os.dup(2)
         try:
-            with open(os.devnull, "wb") as nowhere, redirect_stdout(io.StringIO()):
-                os.dup2(nowhere.fileno(), 2)
-                yield
+            with redirect_stdout(io.StringIO()):
+                os.dup2(said.fileno(), 2)
+                yield told
         finally:
             os.dup2(kept, 2)
             os.close(kept)
+            said.seek(0)
+            told += said.read().decode(errors="replace").splitlines()
 
 
 def read_mask(path: str | Path, name: str = "mask") -> BoolArray:
@@ -286,9 +297,20 @@ def _read_image(path: str | Path, name: str, *, lossless: bool = False) -> NDArr
             "(0 or 255) or a .npy"
         )
     try:
-        image = decode_image(data, cv2.IMREAD_UNCHANGED)
+        with quiet() as told:
+            image = decode_image(data, cv2.IMREAD_UNCHANGED)
     except ValueError as error:
         raise ValueError(f"{name} {path} is not a whole image, PNG or JPEG: {error}") from error
+    if damage := [line for line in told if _JPEG_DAMAGE.match(line)]:
+        raise ValueError(
+            f"{name} {path} is a damaged JPEG, whose decoder made a part of it up ({damage[0]}); "
+            "if it looks right, save it anew"
+        )
+    if (turn := _orientation(data)) != 1:
+        raise ValueError(
+            f"{name} {path} is stored turned or mirrored (its EXIF orientation is {turn}, expected "
+            "1 or none): save it upright, as depth, mask and intrinsics must be, too"
+        )
     alpha = image[..., 3:] if image.ndim == 3 else image[:0]
     if clear := int((alpha < np.iinfo(image.dtype).max).sum()):
         raise ValueError(
@@ -296,6 +318,17 @@ def _read_image(path: str | Path, name: str, *, lossless: bool = False) -> NDArr
             "most), expected an opaque picture"
         )
     return image
+
+
+def _orientation(data: bytes) -> int:
+    """How a picture is to be turned to be shown, as its EXIF says; 1: as it is stored."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # damage in what stands beside the picture
+        try:
+            with Image.open(io.BytesIO(data)) as picture:
+                return int(picture.getexif().get(ExifTags.Base.Orientation, 1))
+        except Exception:
+            return 1
 
 
 def _kind(image: NDArray[Any]) -> str:

@@ -8,6 +8,7 @@ import numpy as np
 import OpenEXR
 import pytest
 import trimesh
+from PIL import ExifTags, Image
 
 from hadr.camera import Intrinsics
 from hadr.frame_io import (
@@ -144,6 +145,34 @@ def test_image_errors_name_the_file_and_the_reason(tmp_path) -> None:
     jpeg = cv2.imencode(".jpg", np.zeros((40, 50, 3), np.uint8))[1].tobytes()
     path.write_bytes(jpeg[: len(jpeg) // 2])  # OpenCV would make a picture with a grey end of it
     with pytest.raises(ValueError, match=r"the JPEG is cut off after"):
+        read_color(path)
+
+
+@pytest.mark.parametrize("progressive", [0, 1])
+def test_a_jpeg_damaged_in_its_middle(tmp_path: Path, progressive: int, capfd) -> None:
+    picture = np.random.default_rng(0).integers(0, 255, (60, 80, 3)).astype(np.uint8)
+    options = [cv2.IMWRITE_JPEG_PROGRESSIVE, progressive]
+    data = bytearray(cv2.imencode(".jpg", picture, options)[1].tobytes())
+    (tmp_path / "a.jpg").write_bytes(data)
+    read_color(tmp_path / "a.jpg")
+    at = 2 * len(data) // 3
+    data[at : at + 64] = bytes(64)
+    (tmp_path / "a.jpg").write_bytes(data)
+    with pytest.raises(ValueError, match=r"a\.jpg is a damaged JPEG, .*\(Corrupt JPEG data: "):
+        read_color(tmp_path / "a.jpg")
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("kind", ["jpg", "png"])
+def test_a_picture_that_is_stored_turned_is_refused(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / f"phone.{kind}"
+    for orientation in (1, 6):
+        about = Image.Exif()
+        about[ExifTags.Base.Orientation] = orientation
+        Image.new("RGB", (8, 4)).save(path, exif=about)
+        if orientation == 1:
+            assert read_color(path).shape == (4, 8, 3)
+    with pytest.raises(ValueError, match=r"stored turned or mirrored \(its EXIF orientation is 6"):
         read_color(path)
 
 
