@@ -27,6 +27,7 @@ from hadr.frame_checks import (
     checked_mask,
     depth_to_use,
     note_measured,
+    note_size,
 )
 from hadr.models.networks import DEPTH_NETWORKS
 from hadr.rivals import classical
@@ -246,6 +247,8 @@ class Restorer:
                     f"the mask covers all {int(target.sum())} pixels that could have depth, "
                     "expected at least one pixel with depth outside of it"
                 )
+            if mask is not None or self.segmentation is not None:
+                note_size(target, clean, camera, notes)
             known = _Known(color, clean, camera, target, mask is not None, hand_mask, presence)
             if given is not None:
                 hand = given_hand(given, clean, camera, target, notes)
