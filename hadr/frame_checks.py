@@ -81,7 +81,7 @@ def checked_metres(name: str, depth: FloatArray) -> NDArray[np.float32]:
         raise ValueError(
             f"{name} has a median of {median:g}, expected metres between {NEAREST_MEDIAN_M:g} and "
             f"{DEEPEST_MEDIAN_M:g}; it would be {nearer:.3g} m with a scale {factor} times {than} "
-            "(on the command line: --depth-scale)"
+            "(on the command line: --depth-scale), if it is depth and no disparity"
         )
     if far := int((clean > FARTHEST_M).sum()):
         raise ValueError(

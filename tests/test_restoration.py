@@ -376,7 +376,9 @@ def test_a_calibrated_checkpoint_says_what_its_confidence_means_where_it_holds(t
     unknown = restore(color, depth, CAMERA, mask, hand(), checkpoint=path)
     assert unknown.tolerance_m is None
     assert (unknown.confidence[mask] == 0).all()
-    assert any("it is not known which frames plus.safetensors learned" in n for n in unknown.notes)
+    assert any(
+        "plus.safetensors does not say which frames it learned from" in n for n in unknown.notes
+    )
     assert confidence_means(unknown).startswith("no probability: it is not known")
     known = size | {"confidence": rule, "ground": ground_of_frame(path)}
     save_checkpoint(path, depth_network("hadr-plus"), known)
@@ -429,8 +431,8 @@ def test_depth_beyond_the_learned_range_is_left_missing(tmp_path) -> None:
     assert (result.depth[mask] == 0).all()
     assert (result.confidence[mask] == 0).all()
     np.testing.assert_array_equal(result.depth[~mask], depth[~mask])
-    told = "HADR gives 100.0 % a depth outside of what it has learned (0.20 to 0.30 m)"
-    assert f"of the mask's pixels {told}, and stay missing" in result.notes
+    told = "stay missing: their depth would lie outside of what it has learned (0.20 to 0.30 m)"
+    assert f"of the mask's pixels 100.0 % {told}" in result.notes
     assert "400 of 400 pixels of the mask could not be restored" in result.notes
 
 
@@ -452,9 +454,7 @@ def test_hadr_plus_keeps_its_depth_beyond_the_learned_range_without_probability(
     assert (held.confidence[mask] == 0).all()
     assert not any("outside of what it has learned" in note for note in free.notes)
     assert any(
-        n.endswith(
-            "outside of what it has learned (0.20 to 0.30 m), and keep it without probability"
-        )
+        n.endswith("outside of what it has learned (0.20 to 0.30 m), and no probability")
         for n in held.notes
     )
     assert any("at the edge of what it has learned" in note for note in held.notes)
