@@ -20,8 +20,9 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from hadr.camera import Intrinsics, valid_depth
+from hadr.camera_file import load_intrinsics
 from hadr.corruption import ANALYTIC, corrupt
-from hadr.frame_io import load_intrinsics, read_depth, read_mask
+from hadr.frame_io import read_depth, read_mask
 from hadr.records.provenance import machine_text, provenance
 from hadr.records.result_file import write_sealed
 from hadr.synthesis.depth_sensor.depth_camera import StereoCamera, capture_depth

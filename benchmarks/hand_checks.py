@@ -27,10 +27,10 @@ import numpy.typing as npt
 from real_frames import SCENES, read_scene, real_folder
 
 from hadr.camera import Intrinsics
+from hadr.camera_file import load_intrinsics
 from hadr.data.frame import Frame
 from hadr.data.samples import open_samples, samples_dir
 from hadr.data.transhand import SPLITS, TransHand
-from hadr.frame_io import load_intrinsics
 from hadr.models.hand.mediapipe_hand import MediaPipeHand
 from hadr.restoration import Restoration, Restorer
 

@@ -23,12 +23,12 @@ import numpy.typing as npt
 import real_frames as real
 
 from hadr.camera import Intrinsics, transform_points
+from hadr.camera_file import load_intrinsics
 from hadr.confidence.calibration import TOLERANCE_M
 from hadr.confidence.known_ground import BEYOND
 from hadr.data.frame import Frame, frame_log_path, write_frame
 from hadr.data.samples import open_gallery, open_samples, samples_dir
 from hadr.data.transhand import TransHand
-from hadr.frame_io import load_intrinsics
 from hadr.models.hand.plausible import NoHandError
 from hadr.records.provenance import machine_text, provenance
 from hadr.records.result_file import write_result_file

@@ -28,8 +28,9 @@ import numpy as np
 import numpy.typing as npt
 
 from hadr.camera import Intrinsics, back_project, unproject, valid_depth
+from hadr.camera_file import load_intrinsics
 from hadr.data.samples import open_samples, samples_dir
-from hadr.frame_io import load_intrinsics, read_color, read_depth, read_mask
+from hadr.frame_io import read_color, read_depth, read_mask
 from hadr.metrics import frame_metrics
 from hadr.records.provenance import machine_text, provenance
 from hadr.records.result_file import write_result_file

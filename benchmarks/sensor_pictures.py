@@ -20,8 +20,9 @@ import numpy as np
 import numpy.typing as npt
 
 from hadr.camera import Intrinsics, back_project, ray_directions
+from hadr.camera_file import load_intrinsics
 from hadr.figures.depth.corruption_examples import CorruptionExample, write_examples
-from hadr.frame_io import load_intrinsics, read_depth, read_mask
+from hadr.frame_io import read_depth, read_mask
 from hadr.records.provenance import machine_text, provenance
 from hadr.synthesis.depth_sensor.depth_camera import StereoCamera, capture_depth
 from hadr.synthesis.rendering.shading import RayTracer

@@ -20,7 +20,7 @@ __version__ = "0.1.0"
 
 FRONT_DOOR = {
     "Intrinsics": "camera",
-    "load_intrinsics": "frame_io",
+    "load_intrinsics": "camera_file",
     "read_color": "frame_io",
     "read_depth": "frame_io",
     "read_hand": "frame_io",

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from hadr.camera import BoolArray, FloatArray, Intrinsics, project
 from hadr.corruption import CORRUPTIONS, Corruption
@@ -16,6 +17,12 @@ DEEPEST_MEDIAN_M = 20.0
 NEAREST_MEDIAN_M = 0.02
 FARTHEST_M = 100.0
 """Where more is measured, a number stands for "missing"."""
+LEAST_CONTRAST = 16
+"""Between the darkest and the brightest hundredth of a picture's values, of 255; the bundled frames
+have 84 and more."""
+GLASS_M = (0.025, 0.30)
+"""How large a glass is, the root of its area; those of the bundled training frames seem 5.0 to 11.3
+cm, so that a depth in decimetres or centimetres lies outside."""
 
 
 def checked_depth(
@@ -35,6 +42,13 @@ def checked_depth(
         raise ValueError(
             f"the intrinsics are of a {camera.width}x{camera.height} image but colour and depth "
             f"are {_size(depth.shape)}; expected intrinsics of the same size"
+        )
+    dark, bright = np.percentile(color[::4, ::4], (1, 99))
+    if bright - dark < LEAST_CONTRAST:
+        notes.append(
+            f"the colour picture shows nothing (98 % of its values lie between {dark:.0f} and "
+            f"{bright:.0f} of 255): what is found in it, or restored from it, means nothing; was "
+            "the lens covered, or the light off?"
         )
     for name, odd in (("NaN", np.isnan(depth)), ("infinite", np.isinf(depth))):
         if odd.any():
@@ -67,7 +81,7 @@ def checked_metres(name: str, depth: FloatArray) -> NDArray[np.float32]:
         raise ValueError(
             f"{name} has a median of {median:g}, expected metres between {NEAREST_MEDIAN_M:g} and "
             f"{DEEPEST_MEDIAN_M:g}; it would be {nearer:.3g} m with a scale {factor} times {than} "
-            "(on the command line: --depth-scale)"
+            "(on the command line: --depth-scale), if it is depth and no disparity"
         )
     if far := int((clean > FARTHEST_M).sum()):
         raise ValueError(
@@ -121,6 +135,26 @@ def note_measured(
     if measured:
         notes.append(
             f"{measured} of the mask's {int(mask.sum())} pixels had a measured depth; it is {fate}"
+        )
+
+
+def note_size(
+    mask: BoolArray, depth: NDArray[np.float32], camera: Intrinsics, notes: list[str]
+) -> None:
+    """Say if a glass of the mask's pixels, as near as what is nearest around it, can't be one."""
+    side = float(np.sqrt(mask.sum()))
+    reach = max(2, round(0.2 * side))
+    ring = ndimage.maximum_filter(mask, 2 * reach + 1) & ~mask & (depth > 0)
+    if not ring.any():
+        return
+    away = float(np.percentile(depth[ring], 5))
+    size = side * away / np.sqrt(camera.fx * camera.fy)
+    if not GLASS_M[0] <= size <= GLASS_M[1]:
+        notes.append(
+            f"the glass would measure {100 * size:.2g} cm, if it is as near as what was measured "
+            f"around it ({away:.3g} m); expected {100 * GLASS_M[0]:g} to {100 * GLASS_M[1]:g} cm: "
+            "is the depth in metres (on the command line: --depth-scale), are intrinsics and mask "
+            "of this picture?"
         )
 
 

@@ -10,9 +10,10 @@ import io
 import os
 import re
 import sys
-from collections.abc import Iterator, Mapping
+import tempfile
+import warnings
+from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
-from dataclasses import fields
 from pathlib import Path
 from reprlib import repr as short
 from threading import Lock
@@ -20,8 +21,8 @@ from typing import Any
 
 import cv2
 import numpy as np
-import yaml
 from numpy.typing import NDArray
+from PIL import ExifTags, Image
 
 from hadr.camera import (
     LARGEST_IMAGE,
@@ -29,7 +30,6 @@ from hadr.camera import (
     FloatArray,
     Intrinsics,
     back_project,
-    checked_matrix,
     checked_number,
     valid_depth,
 )
@@ -39,6 +39,8 @@ from hadr.records.reading import read_json
 
 DEFAULT_DEPTH_SCALE = 0.001
 _QUIET = Lock()
+_JPEG_DAMAGE = re.compile("Corrupt JPEG|Premature end of JPEG|Inconsistent progression|Invalid SOS")
+"""How libjpeg's warnings begin where it goes on with what it made up; OpenCV has no other sign."""
 
 
 def read_color(path: str | Path) -> NDArray[np.uint8]:
@@ -49,7 +51,8 @@ def read_color(path: str | Path) -> NDArray[np.uint8]:
 
     Raises:
         FileNotFoundError: No such file.
-        ValueError: Not a whole image, not 8-bit colour, or transparent somewhere.
+        ValueError: Not a whole image, not 8-bit colour, transparent somewhere, or stored turned
+            (EXIF).
     """
     image = _read_image(path, "colour")
     if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] not in (3, 4):
@@ -106,7 +109,7 @@ def _read_exr(path: Path, name: str) -> NDArray[Any]:
     """The channel Z of an OpenEXR image, or what its channels agree on, shape (H, W)."""
     import OpenEXR
 
-    _check_file(path, name)
+    check_there(path, name)
     try:
         with quiet():
             opened = OpenEXR.File(str(path), separate_channels=True).channels()
@@ -131,117 +134,22 @@ def _read_exr(path: Path, name: str) -> NDArray[Any]:
 
 
 @contextmanager
-def quiet() -> Iterator[None]:
-    """Hold back what a compiled library prints; its error reaches the user as one sentence."""
-    with _QUIET:  # of two threads the second would put the first one's silence back
+def quiet() -> Iterator[list[str]]:
+    """Hold back what a compiled library prints; its lines stand in the list when it has ended."""
+    told: list[str] = []
+    # Of two threads the second would put the first one's silence back.
+    with _QUIET, tempfile.TemporaryFile() as said:
         sys.stderr.flush()
         kept = os.dup(2)
         try:
-            with open(os.devnull, "wb") as nowhere, redirect_stdout(io.StringIO()):
-                os.dup2(nowhere.fileno(), 2)
-                yield
+            with redirect_stdout(io.StringIO()):
+                os.dup2(said.fileno(), 2)
+                yield told
         finally:
             os.dup2(kept, 2)
             os.close(kept)
-
-
-def load_intrinsics(path: str | Path) -> Intrinsics:
-    """Read intrinsics from a ``.yaml``, ``.yml`` or ``.json`` file.
-
-    Three forms are understood: ``fx fy cx cy width height``; the same with ``xres yres`` for
-    the size, as ClearGrasp publishes them; and ``K`` (3, 3) with ``width height``. Beside them may
-    stand a distortion or skew of zero, a pinhole's model, and what `_NOTES` names.
-
-    Raises:
-        FileNotFoundError: There is no such file.
-        ValueError: The file can't be parsed, a number is missing, stands there twice or in
-            conflict with another; the lens distorts, is no pinhole or has a skew; or there is an
-            entry of unknown meaning.
-    """
-    path = Path(path)
-    _check_file(path, "intrinsics")
-    try:
-        if path.suffix.lower() == ".json":
-            values = read_json(path)
-        else:
-            values = yaml.load(path.read_text(encoding="utf-8", errors="replace"), _EachOnce)
-    except (ValueError, yaml.YAMLError, RecursionError) as error:
-        why = " ".join(str(error).split())[:300]
-        raise ValueError(f"intrinsics {path} are neither valid YAML nor JSON: {why}") from error
-    if not isinstance(values, Mapping):
-        raise ValueError(f"{path} must hold named values (fx, fy, cx, cy, width, height)")
-    try:
-        return _one_camera(values)
-    except (TypeError, ValueError, RecursionError) as error:
-        raise ValueError(f"intrinsics {path}: {error}") from error
-
-
-class _EachOnce(yaml.SafeLoader):  # type: ignore[misc]
-    """Refuses what the plain loader takes the last one of."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        names = [str(key.value) for key, _ in node.value]
-        if twice := [name for name in names if names.count(name) > 1]:
-            raise ValueError(f"the name {twice[0]!r} stands there twice")
-        return dict(super().construct_mapping(node, deep))
-
-
-#: Names that calibrations give to a lens's distortion: OpenCV's, ROS's, librealsense's, COLMAP's.
-_DISTORTION = re.compile(r"(.*distortion(?!_model).*|dist(_?coeffs?)?|coeffs|d|k[1-6]|p[12])", re.I)
-_SKEW = re.compile(r"skew.*|s|gamma", re.I)
-_MODEL = re.compile(r"((camera|lens|distortion|projection)_?)?(model|type)|projection", re.I)
-_PINHOLE = re.compile(
-    r".*pinhole|perspective|rectilinear|none|plumb_bob|rational_polynomial|.*brown_conrady", re.I
-)
-"""Models that are a pinhole where nothing distorts."""
-_NOTES = re.compile(
-    r"((camera|sensor)_?)?(name|id)|serial(_?number)?|comment|notes?|fps|date", re.I
-)
-_SIZES = {"xres": "width", "yres": "height"}
-
-
-def _one_camera(values: Mapping[str, Any]) -> Intrinsics:
-    """The intrinsics that all of the values agree on, of a lens that does not distort."""
-    others = {new: values[old] for old, new in _SIZES.items() if old in values}
-    if "K" in values:
-        others |= checked_matrix(values["K"])
-    for name, value in others.items():
-        if values.get(name, value) != value:
-            raise ValueError(f"{name} is {short(values[name])}, but also {short(value)}")
-    known = {"K", *_SIZES, *(field.name for field in fields(Intrinsics))}
-    for name, value in values.items():
-        if name not in known:
-            _check_harmless(str(name), value)
-    return Intrinsics.from_dict({**others, **values})
-
-
-def _check_harmless(name: str, value: Any) -> None:
-    """Refuse what makes another camera of the same numbers, or might."""
-    said = f"{name} = {short(value)}"
-    if _DISTORTION.fullmatch(name) and not _is_zero(value):
-        raise ValueError(
-            f"the lens distorts ({said}), which is not undone here: give undistorted images "
-            "(OpenCV's undistort for the colour, initUndistortRectifyMap and remap with "
-            "INTER_NEAREST for depth and mask) and their intrinsics"
-        )
-    if _MODEL.fullmatch(name) and value is not None and not _PINHOLE.fullmatch(str(value)):
-        raise ValueError(f"the camera is no pinhole ({said}): give undistorted images")
-    if _SKEW.fullmatch(name) and not _is_zero(value):
-        raise ValueError(f"the camera has a skew ({said}), expected none")
-    if not any(kind.fullmatch(name) for kind in (_DISTORTION, _MODEL, _SKEW, _NOTES)):
-        raise ValueError(
-            f"{said} is not understood, expected fx fy cx cy width height, or K width height; "
-            "nothing else may change how pixels and rays belong together"
-        )
-
-
-def _is_zero(value: Any) -> bool:
-    """Whether nothing but zeros stands there."""
-    if isinstance(value, Mapping):
-        return _is_zero(value.get("data", list(value.values())))
-    if isinstance(value, list):
-        return all(map(_is_zero, value))
-    return value is None or bool(value == 0)
+            said.seek(0)
+            told += said.read().decode(errors="replace").splitlines()
 
 
 def read_mask(path: str | Path, name: str = "mask") -> BoolArray:
@@ -299,7 +207,7 @@ def read_hand(path: str | Path) -> NDArray[np.float64]:
         ValueError: Not 21 times 3 finite numbers.
     """
     path = Path(path)
-    _check_file(path, "hand")
+    check_there(path, "hand")
     try:
         if path.suffix.lower() == ".npy":
             stored = _read_npy(path, "hand")
@@ -358,7 +266,8 @@ def write_point_cloud(
     return int(valid.sum())
 
 
-def _check_file(path: Path, name: str) -> None:
+def check_there(path: Path, name: str) -> None:
+    """Raise a ValueError for a folder, a FileNotFoundError for nothing; `name` is what it holds."""
     if path.is_dir():
         raise ValueError(f"{name} {path} is a folder, expected a file")
     if not path.is_file():
@@ -366,7 +275,7 @@ def _check_file(path: Path, name: str) -> None:
 
 
 def _read_npy(path: Path, name: str) -> NDArray[Any]:
-    _check_file(path, name)
+    check_there(path, name)
     try:
         # Without setting aside what the header says; neither .npz nor pickle.
         stored = np.lib.format.open_memmap(path, mode="r")
@@ -380,7 +289,7 @@ def _read_npy(path: Path, name: str) -> NDArray[Any]:
 
 def _read_image(path: str | Path, name: str, *, lossless: bool = False) -> NDArray[Any]:
     path = Path(path)
-    _check_file(path, name)
+    check_there(path, name)
     data = path.read_bytes()
     if lossless and data.startswith(JPEG_START):
         raise ValueError(
@@ -388,9 +297,20 @@ def _read_image(path: str | Path, name: str, *, lossless: bool = False) -> NDArr
             "(0 or 255) or a .npy"
         )
     try:
-        image = decode_image(data, cv2.IMREAD_UNCHANGED)
+        with quiet() as told:
+            image = decode_image(data, cv2.IMREAD_UNCHANGED)
     except ValueError as error:
         raise ValueError(f"{name} {path} is not a whole image, PNG or JPEG: {error}") from error
+    if damage := [line for line in told if _JPEG_DAMAGE.match(line)]:
+        raise ValueError(
+            f"{name} {path} is a damaged JPEG, whose decoder made a part of it up ({damage[0]}); "
+            "if it looks right, save it anew"
+        )
+    if (turn := _orientation(data)) != 1:
+        raise ValueError(
+            f"{name} {path} is stored turned or mirrored (its EXIF orientation is {turn}, expected "
+            "1 or none): save it upright, as depth, mask and intrinsics must be, too"
+        )
     alpha = image[..., 3:] if image.ndim == 3 else image[:0]
     if clear := int((alpha < np.iinfo(image.dtype).max).sum()):
         raise ValueError(
@@ -398,6 +318,17 @@ def _read_image(path: str | Path, name: str, *, lossless: bool = False) -> NDArr
             "most), expected an opaque picture"
         )
     return image
+
+
+def _orientation(data: bytes) -> int:
+    """How a picture is to be turned to be shown, as its EXIF says; 1: as it is stored."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # damage in what stands beside the picture
+        try:
+            with Image.open(io.BytesIO(data)) as picture:
+                return int(picture.getexif().get(ExifTags.Base.Orientation, 1))
+        except Exception:
+            return 1
 
 
 def _kind(image: NDArray[Any]) -> str:

@@ -27,6 +27,7 @@ from hadr.frame_checks import (
     checked_mask,
     depth_to_use,
     note_measured,
+    note_size,
 )
 from hadr.models.networks import DEPTH_NETWORKS
 from hadr.rivals import classical
@@ -104,11 +105,12 @@ class _Known:
     def unlike_training(self, network: DepthNetwork, trusted: Corruption) -> Iterator[str]:
         """What the network is given in another way than in training, in words."""
         if CORRUPTIONS[trusted].erase != network.erases and not network.skips_mask:
-            yield f"depth in the mask is {'kept, learned without' if network.erases else 'erased'}"
+            was, now = ("none", "is") if network.erases else ("some", "is none")
+            yield f"there {now} measured depth in the mask, in training there was {was}"
         if not self.given_mask:
-            yield "the mask is not given, learned with true ones"
+            yield "the mask is not given, in training it was the true one"
         if self.hand is not None and self.hand.source != GIVEN:
-            yield f"the hand was found by {self.hand.source}, learned with true ones"
+            yield f"the hand was found by {self.hand.source}, in training it was the true one"
 
     @property
     def keypoints(self) -> Points | None:
@@ -246,6 +248,8 @@ class Restorer:
                     f"the mask covers all {int(target.sum())} pixels that could have depth, "
                     "expected at least one pixel with depth outside of it"
                 )
+            if mask is not None or self.segmentation is not None:
+                note_size(target, clean, camera, notes)
             known = _Known(color, clean, camera, target, mask is not None, hand_mask, presence)
             if given is not None:
                 hand = given_hand(given, clean, camera, target, notes)

@@ -286,7 +286,8 @@ class DepthNetwork:
             notes.append(f"{self.title} cannot say how sure it is: its confidence is 0")
         elif self.rule is None:
             notes.append(
-                f"the confidence is the network's own score; {self.name} was never calibrated"
+                f"the confidence is no probability but the network's own score, which only orders "
+                f"pixels: {self.name} was never calibrated"
             )
         if answer.ground.inside is False:
             less = "there is no probability of being right" if self.rule else "expect larger errors"
@@ -296,12 +297,14 @@ class DepthNetwork:
             )
         elif self.rule is not None and answer.tolerance_m is None:
             notes.append(
-                f"it is not known which frames {self.name} learned from, so there is no "
-                "probability of being right; `hadr calibrate` adds it"
+                f"there is no probability of being right: {self.name} does not say which frames it "
+                "learned from, so that it can't be told whether this one is like them; `hadr "
+                "calibrate` adds that"
             )
         if answer.no_answer == 1:
             notes.append(
-                f"no ray of the mask met an occupied voxel, so {self.title} restored nothing"
+                f"{self.title} restored nothing: along no ray of the mask's pixels was depth "
+                "measured from which it could begin (none met an occupied voxel)"
             )
             return notes
         learned = "what it has learned"
@@ -315,11 +318,11 @@ class DepthNetwork:
                     f"{self.title}"
                 )
         shares = (
-            (answer.no_answer, "no answer, and stay missing"),
-            (answer.out_of_range, f"a depth outside of {learned}, and stay missing"),
-            (answer.beyond, f"a depth outside of {learned}, and keep it without probability"),
+            (answer.no_answer, f"stay missing: {self.title} has no answer"),
+            (answer.out_of_range, f"stay missing: their depth would lie outside of {learned}"),
+            (answer.beyond, f"have a depth outside of {learned}, and no probability"),
         )
         told = [f"{100 * share:.1f} % {what}" for share, what in shares if share]
         if told:
-            notes.append(f"of the mask's pixels {self.title} gives {'; '.join(told)}")
+            notes.append(f"of the mask's pixels {'; '.join(told)}")
         return notes

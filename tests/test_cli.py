@@ -208,7 +208,7 @@ def test_nothing_restored_is_exit_status_1_with_the_reasons(frame, capsys) -> No
     assert told.startswith("hadr restore: error: nothing could be restored: all 400 pixels")
     report = json.loads((frame / "out" / "report.json").read_text())
     assert any(
-        "HADR gives 100.0 % a depth outside of what it has learned" in n for n in report["notes"]
+        "100.0 % stay missing: their depth would lie outside of what" in n for n in report["notes"]
     )
 
 

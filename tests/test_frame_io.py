@@ -8,10 +8,10 @@ import numpy as np
 import OpenEXR
 import pytest
 import trimesh
+from PIL import ExifTags, Image
 
 from hadr.camera import Intrinsics
 from hadr.frame_io import (
-    load_intrinsics,
     read_color,
     read_depth,
     read_hand,
@@ -145,6 +145,34 @@ def test_image_errors_name_the_file_and_the_reason(tmp_path) -> None:
     jpeg = cv2.imencode(".jpg", np.zeros((40, 50, 3), np.uint8))[1].tobytes()
     path.write_bytes(jpeg[: len(jpeg) // 2])  # OpenCV would make a picture with a grey end of it
     with pytest.raises(ValueError, match=r"the JPEG is cut off after"):
+        read_color(path)
+
+
+@pytest.mark.parametrize("progressive", [0, 1])
+def test_a_jpeg_damaged_in_its_middle(tmp_path: Path, progressive: int, capfd) -> None:
+    picture = np.random.default_rng(0).integers(0, 255, (60, 80, 3)).astype(np.uint8)
+    options = [cv2.IMWRITE_JPEG_PROGRESSIVE, progressive]
+    data = bytearray(cv2.imencode(".jpg", picture, options)[1].tobytes())
+    (tmp_path / "a.jpg").write_bytes(data)
+    read_color(tmp_path / "a.jpg")
+    at = 2 * len(data) // 3
+    data[at : at + 64] = bytes(64)
+    (tmp_path / "a.jpg").write_bytes(data)
+    with pytest.raises(ValueError, match=r"a\.jpg is a damaged JPEG, .*\(Corrupt JPEG data: "):
+        read_color(tmp_path / "a.jpg")
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("kind", ["jpg", "png"])
+def test_a_picture_that_is_stored_turned_is_refused(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / f"phone.{kind}"
+    for orientation in (1, 6):
+        about = Image.Exif()
+        about[ExifTags.Base.Orientation] = orientation
+        Image.new("RGB", (8, 4)).save(path, exif=about)
+        if orientation == 1:
+            assert read_color(path).shape == (4, 8, 3)
+    with pytest.raises(ValueError, match=r"stored turned or mirrored \(its EXIF orientation is 6"):
         read_color(path)
 
 
@@ -283,75 +311,3 @@ def test_a_truncated_exr_is_one_sentence(tmp_path, capfd):
     with pytest.raises(ValueError, match=r"is not a whole OpenEXR image: its [0-9]+ bytes"):
         read_depth(tmp_path / "half.exr")
     assert capfd.readouterr() == ("", "")
-
-
-CAMERA = Intrinsics(fx=40.0, fy=50.0, cx=3.0, cy=1.5, width=8, height=4)
-
-
-def test_load_intrinsics_in_three_forms(tmp_path: Path) -> None:
-    named = tmp_path / "camera.json"
-    named.write_text(json.dumps(CAMERA.to_dict()))
-    matrix = tmp_path / "matrix.yml"
-    matrix.write_text("K: [[40, 0, 3], [0, 50, 1.5], [0, 0, 1]]\nwidth: 8\nheight: 4\n")
-    sized = tmp_path / "camera.yaml"
-    sized.write_text("xres: 8\nyres: 4\nfx: 40\nfy: 50\ncx: 3\ncy: 1.5\n")
-    assert (
-        load_intrinsics(named) == load_intrinsics(matrix) == load_intrinsics(str(sized)) == CAMERA
-    )
-
-
-NAMED = "fy: 80\ncx: 3\ncy: 1\nwidth: 8\nheight: 4\n"
-
-
-def test_a_plain_lens_notes_and_what_is_told_twice_alike(tmp_path: Path) -> None:
-    path = tmp_path / "camera.yaml"
-    more = (
-        "xres: 8\nyres: 4\ndistortion_model: plumb_bob\nD: [0, 0.0, 0]\ndist: {cols: 5, data: [0]}"
-        "\ncamera_name: D435\nmodel: null\nskew: 0.0\nfps: 30"
-    )
-    path.write_text(f"{NAMED}fx: 80\nK: [[80, 0, 3], [0, 80, 1], [0, 0, 1]]\n{more}")
-    assert load_intrinsics(path) == Intrinsics(80, 80, 3, 1, 8, 4)
-
-
-@pytest.mark.parametrize(
-    ("name", "text", "message"),
-    [
-        ("a.json", "{fx: ", "neither valid YAML nor JSON"),
-        ("a.yaml", "[1, 2, 3]", "must hold named values"),
-        ("a.json", '{"fx": 1, "fy": 1, "cx": 0}', "lack cy, width, height"),
-        ("a.json", '{"K": [[1,0,0],[0,1,0],[0,0,1]], "width": 4}', "lack height"),
-        ("a.json", '{"a": ' * 100_000, "neither valid YAML nor JSON"),
-        ("a.yaml", "[" * 100_000, "neither valid YAML nor JSON"),
-        ("a.json", '{"fx": 1, "fx": 2}', "the name 'fx' stands there twice"),
-        ("a.yaml", "fx: 1\nfx: 2", "the name 'fx' stands there twice"),
-        ("a.yaml", NAMED + "fx: wide", "fx must be a number, got 'wide'"),
-        ("a.yaml", NAMED + "fx: true", "fx must be a number, got True"),
-        ("a.yaml", NAMED + f"fx: {10**400}", "fx must be a number, got 1000"),
-        ("a.yaml", NAMED + "fx: 80\nxres: 128", "width is 8, but also 128"),
-        ("a.yaml", NAMED + "fx: 80\nK: [[9, 0, 3], [0, 9, 1], [0, 0, 1]]", "fx is 80, but also 9"),
-        ("a.yaml", NAMED + "fx: 80\nk1: 0.2", r"the lens distorts \(k1 = 0.2\), .* undistorted"),
-        ("a.yaml", NAMED + "fx: 80\nD: [0, 0, 0, 0, 1.0e-3]", r"the lens distorts \(D = "),
-        ("a.yaml", NAMED + "fx: 80\ndistortion: {rows: 1, data: [1]}", "the lens distorts"),
-        ("a.yaml", NAMED + "fx: 80\nmodel: fisheye", r"no pinhole \(model = 'fisheye'\)"),
-        ("a.yaml", NAMED + "fx: 80\ndistortion_model: equidistant", "the camera is no pinhole"),
-        ("a.yaml", NAMED + "fx: 80\ncamera_type: 3", "the camera is no pinhole"),
-        ("a.yaml", NAMED + "fx: 80\nskew: 50", r"has a skew \(skew = 50\)"),
-        ("a.yaml", NAMED + "fx: 80\ndepth_scale: 0.1", "depth_scale = 0.1 is not understood"),
-    ],
-)
-def test_bad_intrinsics_files(tmp_path: Path, name: str, text: str, message: str) -> None:
-    path = tmp_path / name
-    path.write_text(text)
-    with pytest.raises(ValueError, match=message) as caught:
-        load_intrinsics(path)
-    assert name in str(caught.value)
-
-
-def test_missing_intrinsics_file(tmp_path: Path) -> None:
-    with pytest.raises(FileNotFoundError, match=r"intrinsics file .*nowhere\.yaml does not exist"):
-        load_intrinsics(tmp_path / "nowhere.yaml")
-
-
-def test_cleargrasp_intrinsics(realdata: Path) -> None:
-    camera = load_intrinsics(realdata / "cleargrasp_d435" / "camera_intrinsics.yaml")
-    assert camera == Intrinsics(921.0, 921.0, 642.0, 359.0, 1280, 720)

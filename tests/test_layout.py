@@ -21,6 +21,7 @@ METHOD = (
     "hand",
     "data",
     "frame_io",
+    "camera_file",
     "models",
     "confidence",
     "rivals",

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hadr.camera import Intrinsics
-from hadr.frame_io import load_intrinsics
+from hadr.camera_file import load_intrinsics
 from hadr.records.result_file import read_result_file
 from hadr.restoration import restore
 

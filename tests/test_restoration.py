@@ -4,6 +4,7 @@ import pytest
 from hadr import restoration
 from hadr.camera import Intrinsics
 from hadr.confidence.calibration import Calibration, ConfidenceRule
+from hadr.data.samples import open_samples
 from hadr.hand import forward_kinematics, keypoints_from_skeleton
 from hadr.models.hand.plausible import NoHandError
 from hadr.models.networks import DEPTH_NETWORKS
@@ -106,6 +107,33 @@ def test_nan_and_infinity_count_as_missing_and_are_noted() -> None:
     assert any(
         "4 pixels outside the mask have no depth and stay missing" in n for n in result.notes
     )
+
+
+@pytest.mark.parametrize("factor", [0.1, 1, 10])
+def test_a_glass_of_an_impossible_size_is_noted(factor: float) -> None:
+    color, depth, mask = frame()
+    notes = restore(color, depth * np.float32(factor), CAMERA, mask, method="nearest").notes
+    expected = f"the glass would measure {16 * factor:.2g} cm, if it is as near as"
+    assert any(note.startswith(expected) for note in notes) == (factor != 1)
+    assert not any("would measure" in note for note in restore(color, 0.1 * depth, CAMERA).notes)
+
+
+def test_the_bundled_glasses_have_a_glass_s_size_and_a_picture() -> None:
+    for one in open_samples("train")[::20]:
+        for depth in (one.raw_depth, one.depth):
+            notes = restore(one.color, depth, one.camera, one.object_mask, method="nearest").notes
+            assert not any("would measure" in n or "shows nothing" in n for n in notes)
+
+
+@pytest.mark.parametrize("value", [0, 128])
+def test_a_picture_of_nothing_is_noted(value: int) -> None:
+    color, depth, mask = frame()
+    color[:] = value
+    notes = restore(color, depth, CAMERA, mask).notes
+    expected = f"shows nothing (98 % of its values lie between {value} and {value} of 255)"
+    assert any(expected in note for note in notes)
+    color[:30] = 255 - value // 2
+    assert not any("shows nothing" in note for note in restore(color, depth, CAMERA, mask).notes)
 
 
 def test_the_input_is_never_changed() -> None:
@@ -348,7 +376,9 @@ def test_a_calibrated_checkpoint_says_what_its_confidence_means_where_it_holds(t
     unknown = restore(color, depth, CAMERA, mask, hand(), checkpoint=path)
     assert unknown.tolerance_m is None
     assert (unknown.confidence[mask] == 0).all()
-    assert any("it is not known which frames plus.safetensors learned" in n for n in unknown.notes)
+    assert any(
+        "plus.safetensors does not say which frames it learned from" in n for n in unknown.notes
+    )
     assert confidence_means(unknown).startswith("no probability: it is not known")
     known = size | {"confidence": rule, "ground": ground_of_frame(path)}
     save_checkpoint(path, depth_network("hadr-plus"), known)
@@ -401,8 +431,8 @@ def test_depth_beyond_the_learned_range_is_left_missing(tmp_path) -> None:
     assert (result.depth[mask] == 0).all()
     assert (result.confidence[mask] == 0).all()
     np.testing.assert_array_equal(result.depth[~mask], depth[~mask])
-    told = "HADR gives 100.0 % a depth outside of what it has learned (0.20 to 0.30 m)"
-    assert f"of the mask's pixels {told}, and stay missing" in result.notes
+    told = "stay missing: their depth would lie outside of what it has learned (0.20 to 0.30 m)"
+    assert f"of the mask's pixels 100.0 % {told}" in result.notes
     assert "400 of 400 pixels of the mask could not be restored" in result.notes
 
 
@@ -424,9 +454,7 @@ def test_hadr_plus_keeps_its_depth_beyond_the_learned_range_without_probability(
     assert (held.confidence[mask] == 0).all()
     assert not any("outside of what it has learned" in note for note in free.notes)
     assert any(
-        n.endswith(
-            "outside of what it has learned (0.20 to 0.30 m), and keep it without probability"
-        )
+        n.endswith("outside of what it has learned (0.20 to 0.30 m), and no probability")
         for n in held.notes
     )
     assert any("at the edge of what it has learned" in note for note in held.notes)

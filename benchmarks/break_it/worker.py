@@ -35,7 +35,7 @@ def of(module: str, name: str) -> Callable[..., Any]:
 
 
 for where in (
-    "frame_io:read_color read_depth read_mask read_hand load_intrinsics",
+    "frame_io:read_color read_depth read_mask read_hand", "camera_file:load_intrinsics",
     "training.checkpoints:load_checkpoint load_training_state",
     "handover.logs.run_log:read_run_log", "simulation.world.state:load_states",
     "synthesis.recordings.recording:read_recording", "data.samples:verify_manifest",

@@ -42,7 +42,7 @@ from hadr.press.report import (
 from hadr.records.output_folder import check_removable, make_output_folder
 from hadr.records.provenance import machine_text
 from hadr.records.reading import read_json, structured
-from hadr.records.writing import whole_folder, write_whole
+from hadr.records.writing import PART, whole_folder, write_whole
 
 RUNTIME_TOKEN = "*stands here in the built book*"
 TABLE_TOKEN = "{{RUNTIME_TABLE}}"
@@ -183,25 +183,35 @@ def _drop_absent_chapters(target: Path) -> None:
 
 
 def build_html(staged: Path, output: Path, *, strict: bool) -> Path:
-    """Build the HTML book with Jupyter Book; where strict, a warning is an error."""
+    """Build the HTML book with Jupyter Book; where strict, a warning is an error.
+
+    The book that is there from another time stays until the new one is whole.
+    """
     if importlib.util.find_spec("jupyter_book") is None:
         raise RuntimeError("Jupyter Book is not installed here: pip install -e '.[book]'")
     program = "from jupyter_book.cli.main import main; main()"
     command = [sys.executable, "-P", "-c", program, "build", str(staged)]
-    command += ["--path-output", str(output), "--all"]
+    draft = output / f"{PART}book"  # a killed run's is swept with the build folder
+    command += ["--path-output", str(draft), "--all"]
     command += ["-W", "--keep-going", "-n"] if strict else []
     environment = os.environ | {"PYDEVD_DISABLE_FILE_VALIDATION": "1", "NO_COLOR": "1"}
-    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
-    log = without_ansi(done.stdout + done.stderr)
     output.mkdir(parents=True, exist_ok=True)
-    (output / "build.log").write_text(log, encoding="utf-8")
-    index = output / "_build" / "html" / "index.html"
-    if done.returncode != 0 or not index.exists():
-        wanted = re.compile(r"WARNING:|ERROR:|CRITICAL:|Exception|Error:")
-        lines = [line for line in log.splitlines() if wanted.search(line)]
-        told = "\n".join(lines[-40:] or log.splitlines()[-40:])
-        raise RuntimeError(f"the book did not build:\n{told}\nall of it: {output / 'build.log'}")
-    return index
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+        log = without_ansi(done.stdout + done.stderr)
+        (output / "build.log").write_text(log, encoding="utf-8")
+        if done.returncode != 0 or not (draft / "_build" / "html" / "index.html").exists():
+            wanted = re.compile(r"WARNING:|ERROR:|CRITICAL:|Exception|Error:")
+            lines = [line for line in log.splitlines() if wanted.search(line)]
+            told = "\n".join(lines[-40:] or log.splitlines()[-40:])
+            raise RuntimeError(
+                f"the book did not build:\n{told}\nall of it: {output / 'build.log'}"
+            )
+        shutil.rmtree(output / "_build", ignore_errors=True)
+        (draft / "_build").rename(output / "_build")
+    finally:
+        shutil.rmtree(draft, ignore_errors=True)
+    return output / "_build" / "html" / "index.html"
 
 
 def update_readme(readme: Path, table: str) -> None:

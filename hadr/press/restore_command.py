@@ -17,11 +17,11 @@ import tyro
 from numpy.typing import NDArray
 
 from hadr.camera import Intrinsics, valid_depth
+from hadr.camera_file import load_intrinsics
 from hadr.corruption import Corruption
 from hadr.data.frame_pictures import encode_depth_array
 from hadr.frame_checks import checked_metres
 from hadr.frame_io import (
-    load_intrinsics,
     read_color,
     read_depth,
     read_hand,
@@ -153,7 +153,8 @@ class Options:
     depth_scale: float | None = None
     """metres per stored unit; unset: 0.001 for whole numbers, 1 for floats"""
     intrinsics: Annotated[str, FILE]
-    """YAML or JSON: fx fy cx cy in pixels and width height (or xres yres), or K"""
+    """YAML or JSON: fx fy cx cy in pixels and width height (or xres yres), or K; what ROS prints of
+    camera_info or its camera_calibration writes; OpenCV's FileStorage. The lens may not distort"""
     mask: Annotated[str | None, FILE] = None
     """the transparent object's pixels, 8-bit PNG, not 0 = object; without it they are predicted
     (--segmentation), or the pixels that have no depth are restored"""

@@ -12,8 +12,10 @@ import io
 import os
 import shutil
 import socket
+import sys
 import threading
 from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -36,10 +38,23 @@ def whole_file(path: Path) -> Iterator[Path]:
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f"{PART}{os.getpid()}-{threading.get_ident()}{path.suffix}")
     try:
-        yield part
-        os.replace(part, path)
+        with _told_of(path, part):
+            yield part
+            os.replace(part, path)
     finally:
         part.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def _told_of(target: Path, draft: Path) -> Iterator[None]:
+    """Have errors of a draft name what was to be written, which is what the caller knows."""
+    try:
+        yield
+    except OSError as error:
+        if error.filename is not None and str(error.filename).startswith(str(draft)):
+            words = f"it can't be written ({os.strerror(error.errno or 0)})"
+            raise OSError(error.errno, words, str(target)) from error
+        raise
 
 
 def write_whole(path: Path, content: str | bytes) -> None:
@@ -81,7 +96,7 @@ def whole_folder(target: Path, command: str, check: Callable[[], object]) -> Ite
             shutil.rmtree(left, ignore_errors=True)
 
     try:
-        with sole_owner(workshop, command):
+        with _told_of(target, workshop), sole_owner(workshop, command):
             tidy()
             try:
                 draft.mkdir()
@@ -102,7 +117,7 @@ def sole_owner(folder: str | Path, command: str) -> Iterator[Path]:
     """Have a folder to oneself, and sweep what is unfinished in it: a killed run's, and one's own.
 
     The lock is the operating system's: it ends with the process, however that ends. Where there
-    is none (Windows, some network file systems) nothing is locked.
+    is none (Windows, some network file systems) nothing is locked, which is said once.
 
     Args:
         folder: It is made where it is missing, and removed again if nothing is put into it.
@@ -117,7 +132,8 @@ def sole_owner(folder: str | Path, command: str) -> Iterator[Path]:
     if not made and os.listdir(folder) == [LOCK]:  # a run was killed before it wrote anything
         made = [folder]
     try:
-        handle = _taken(folder)
+        with _told_of(folder, folder):
+            handle = _taken(folder)
         try:
             _sweep(folder)
             since = datetime.datetime.now().astimezone().isoformat(" ", "seconds")
@@ -143,7 +159,8 @@ def _taken(folder: Path) -> int:
         folder.mkdir(parents=True, exist_ok=True)
         handle = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)
         try:
-            _lock(handle)
+            if not _lock(handle):
+                _say_unlocked()
         except BlockingIOError:
             owner = os.pread(handle, 1000, 0).decode(errors="replace") or "another run"
             os.close(handle)
@@ -156,8 +173,8 @@ def _taken(folder: Path) -> int:
         os.close(handle)  # its owner has ended meanwhile, and removed it
 
 
-def _lock(handle: int) -> None:
-    """Lock a file where that can be done; BlockingIOError where another process has."""
+def _lock(handle: int) -> bool:
+    """Lock a file, and tell whether that can be done; BlockingIOError where another process has."""
     try:
         import fcntl
 
@@ -165,7 +182,17 @@ def _lock(handle: int) -> None:
     except BlockingIOError:
         raise
     except (ImportError, OSError):
-        pass
+        return False
+    return True
+
+
+@cache
+def _say_unlocked() -> None:
+    print(
+        "hadr: there are no locks on this system or disk, so nothing stops a second run in the "
+        "same folder, which would mix the two results: start none",
+        file=sys.stderr,
+    )
 
 
 def _sweep(folder: Path) -> None:

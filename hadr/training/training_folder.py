@@ -54,6 +54,9 @@ class _Reached:
             raise ValueError(f"epochs is {self.epochs}, but history has {len(self.history)} rows")
         if self.score is not None and any(self.score not in row for row in self.history):
             raise ValueError(f"score is {self.score!r}, which is no column of history")
+        scored = [name for name in self.history[0] if name.startswith("validation")]
+        if self.score is None and scored:
+            raise ValueError(f"score is null, but history has scores ({scored[0]})")
 
 
 @dataclass(frozen=True)

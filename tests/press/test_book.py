@@ -181,12 +181,19 @@ def test_times_of_some_chapters_or_of_two_machines_are_no_table(
     assert (tmp_path / "README.md").read_text() == readme
 
 
-def test_a_warning_stops_the_build_and_is_told(tmp_path):
+def test_a_warning_stops_the_build_and_is_told_and_the_earlier_book_stays(tmp_path):
     pytest.importorskip("jupyter_book", reason="needs the extra: pip install -e '.[book]'")
     pages = tmp_path / "pages"
     pages.mkdir()
     (pages / "_config.yml").write_text("title: t\nauthor: a\nexecute:\n  execute_notebooks: off\n")
     (pages / "_toc.yml").write_text("format: jb-book\nroot: index\n")
     (pages / "index.md").write_text("# Title\n\n{ref}`nowhere`\n")
+    earlier = tmp_path / "out/_build/html/index.html"
+    earlier.parent.mkdir(parents=True)
+    earlier.write_text("earlier")
     with pytest.raises(RuntimeError, match=r"WARNING: undefined label: 'nowhere'"):
         book.build_html(pages, tmp_path / "out", strict=True)
+    assert earlier.read_text() == "earlier"
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["_build", "build.log"]
+    assert book.build_html(pages, tmp_path / "out", strict=False) == earlier
+    assert "Title" in earlier.read_text()

@@ -1,12 +1,23 @@
 """What is written is whole or not there, and is one run's at a time."""
 
+import errno
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from hadr.records.writing import LOCK, PART, sole_owner, whole_folder, write_arrays, write_whole
+from hadr.records import writing
+from hadr.records.writing import (
+    LOCK,
+    PART,
+    sole_owner,
+    whole_file,
+    whole_folder,
+    write_arrays,
+    write_whole,
+)
 
 
 def names(folder):
@@ -105,3 +116,37 @@ def test_an_owner_that_wrote_nothing_leaves_nothing(tmp_path):
     with sole_owner(tmp_path / "a", "test"):
         pass
     assert names(tmp_path) == []
+
+
+def test_errors_name_what_was_to_be_written(tmp_path):
+    said = r"it can't be written \(No such file or directory\): '{}'$"
+
+    def refused(name):
+        return pytest.raises(FileNotFoundError, match=said.format(tmp_path / name))
+
+    with refused("a.txt"), whole_file(tmp_path / "a.txt"):
+        pass  # there is nothing to take its place
+    with refused("b"), whole_folder(tmp_path / "b", "test", lambda: None) as draft:
+        (draft / "no" / "file").touch()
+    with (
+        pytest.raises(FileNotFoundError, match=r"No such .*: '/other'"),
+        whole_file(tmp_path / "c"),
+    ):
+        Path("/other").read_text()
+    assert names(tmp_path) == []
+
+
+def test_where_there_are_no_locks_it_is_said_once(tmp_path, monkeypatch, capsys):
+    fcntl = pytest.importorskip("fcntl", reason="folders are locked on POSIX systems alone")
+
+    def flock(*_):
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr(fcntl, "flock", flock)
+    writing._say_unlocked.cache_clear()
+    for name in "ab":
+        with sole_owner(tmp_path / name, "test"):
+            pass
+    told = capsys.readouterr().err
+    assert told.startswith("hadr: there are no locks on this system or disk")
+    assert told.count("\n") == 1

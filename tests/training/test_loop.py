@@ -104,6 +104,7 @@ def test_what_a_training_cannot_go_on_from_is_refused(
         ("history", [], "epochs is 1, but history has 0 rows"),
         ("epochs", 9, "epochs is 9, but history has 1 rows"),
         ("score", "x", "score is 'x', which is no column of history"),
+        ("score", None, r"score is null, but history has scores \(validation_rmse_m\)"),
         ("seed", None, "seed: must be a whole number, got None"),
         ("preset", 7, "preset: must be named values, got 7"),
     ):
