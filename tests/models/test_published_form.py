@@ -1,9 +1,9 @@
 """HADR computes what it computed when its forward was compared with the published code.
 
-With the ReLUs of the ledger's row 28 the network equals the published one from the same weights, up
-to what the ledger's rows 4, 7, 10, 11 and 30 name. That code is not here; `hadr_forward.safetensors`
-keeps what our own forward gave then, of a small network with weights and frames of chance. Written
-by ``python tests/models/test_published_form.py``.
+With the ReLUs of the ledger's row 28 the network equals the published one from the same weights,
+up to what the ledger's rows 4, 7, 10, 11 and 30 name. That code is not here; the file
+`hadr_forward.safetensors` keeps what our own forward gave then, of a small network with weights
+and frames of chance. Written by ``python tests/models/test_published_form.py``.
 """
 
 from __future__ import annotations
