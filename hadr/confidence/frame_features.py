@@ -35,6 +35,8 @@ SKIN_M = (-0.02, 0.07)
 below the skin, more where a finger hides it."""
 OUTLINE_WIDTH = 448
 """Width at which the mask's outline is looked at, pixels: of the bundled training frames."""
+FAINT = 2.0
+"""A step of brightness, per pixel, that is none; of 255."""
 
 
 def _log(unit: float = 0.0) -> Callable[[Array], Array]:
@@ -113,6 +115,7 @@ FEATURES: dict[str, Feature] = {
         "half of the depth measured in the glass is spread over {}", _log(0.003), " cm", 100
     ),
     "outline": Feature("the mask follows the glass's outline to {}", _share, " %", 100),
+    "faint": Feature("the mask's outline follows nothing on {} of its length", _share, " %", 100),
     "clear_in": Feature(
         "the picture changes {} times as much on the mask's outline as in the mask", _log()
     ),
@@ -219,6 +222,7 @@ def outline_features(color: npt.NDArray[np.uint8], mask: BoolArray) -> dict[str,
     on, near = (ndimage.maximum_filter(step, reach)[rim] for reach in (3, 9))
     found = {
         "outline": _mean(on[near > 0] / near[near > 0]),
+        "faint": _mean(on < FAINT),
         "clear_in": _mean(change[rim]) / (_mean(change[beyond < -3]) + 0.1),
     }
     return {name: value for name, value in found.items() if np.isfinite(value)}
