@@ -37,6 +37,8 @@ from hadr.handover.ur5 import Array
 HALF_TURN: Array = np.diag([-1.0, -1.0, 1.0, 1.0])
 """Turns the gripper about its approach axis; a parallel gripper grasps the same either way."""
 
+NO_GRASP = (NoCandidateError, UnreachableError, np.linalg.LinAlgError)
+"""What a search may raise that says there is no grasp now; anything else is a defect."""
 CandidateSource = Callable[[Array], Grasps]
 """From the object's points in the base frame (n, 3), metres, to candidates in the base frame."""
 
@@ -88,21 +90,26 @@ class GraspSelection:
             None where no candidate is left.
 
         Raises:
+            NoCandidateError: There were none from the start.
             ValueError: The points are too few or not finite, see `sample_grasps`.
         """
         seen = np.asarray(points, dtype=np.float64)
         whole, normals = completed(self.rng.permutation(seen)[:2000], self.viewpoint)
         taken = np.concatenate([whole, turned_about_axis(whole, normals)])  # where it may be
         scene = np.zeros((0, 3)) if scene_points is None else _thinned(scene_points)
+        none: NoCandidateError | None = None
         for number in range(self.rounds):
             try:
-                grasps = self.candidates(seen)
-            except NoCandidateError:
+                grasps, none = self.candidates(seen), None
+            except NoCandidateError as error:
+                none = error
                 continue
             aside = _ASIDE if number < self.rounds - 1 else _ASIDE[:1]  # at last: as it stands
             chosen = self._best(grasps, taken, keypoints, robot, scene, aside)
             if chosen is not None:
                 return chosen
+        if none is not None:
+            raise none
         return None
 
     def candidates(self, points: Array) -> Grasps:
@@ -270,8 +277,11 @@ class Choosing:
         """Search for a grasp in an observation without an `obstacle`.
 
         Returns:
-            The grasp in the base frame; None, and the reason in `caution`, where there is none or
-            the detector failed, in whatever way.
+            The grasp in the base frame; None, and the reason in `caution`, where there is none.
+
+        Raises:
+            RuntimeError: The search raised a ValueError that does not say there is no grasp. Such
+                an error would pass for a bad picture; all others pass through as they are.
         """
         self._searched_at = now
         chosen, why = self._chosen(observation, robot)
@@ -294,8 +304,8 @@ class Choosing:
             chosen = self.choose_grasp(points, watch.keypoints, robot, scene)
             if chosen is not None:
                 check_pose(chosen.pose, "the chosen grasp")
-        except (UnreachableError, ValueError, np.linalg.LinAlgError) as error:
+        except NO_GRASP as error:
             return None, f"no grasp: {error}"
-        except Exception as error:  # a user's detector may raise anything; the arm goes on
-            return None, f"no grasp: the detector failed: {type(error).__name__}: {error}"
+        except ValueError as error:
+            raise RuntimeError(f"the choice of a grasp failed: {error}") from error
         return chosen, "" if chosen else "no grasp: none that is free and within reach"

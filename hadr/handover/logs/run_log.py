@@ -23,6 +23,7 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from hadr.handover.grasping.collision import hand_points
+from hadr.handover.grasping.selection import NO_GRASP
 from hadr.handover.observation import Observation, cleaned
 from hadr.handover.robot import Robot, UnreachableError
 from hadr.handover.safety import hand_problem
@@ -118,7 +119,7 @@ def _is_event(event: Any) -> bool:
         case [int(), "tool_wrench", *forces]:
             return _is_array(forces, (6,))
         case [int(), str(name), *given]:
-            if name.endswith(("_error", "_failed")):
+            if name.endswith("_error"):
                 return [type(words) for words in given] == [str, str]
             told = name in ("chose", "protective_stop")
             return not told and all(isinstance(value, int | float) for value in given)
@@ -341,7 +342,7 @@ class RecordedHandover(Handover):
         _: Robot,
         scene: Array | None,
     ) -> ChosenGrasp | None:
-        """Choose a grasp, and note it or what went wrong; what the search asks is not noted."""
+        """Choose a grasp, and note it or why there is none; what the search asks is not noted."""
         events = self.recorded.step.events
         try:
             grasp = choose(points, keypoints, self.recorded.robot, scene)
@@ -349,10 +350,8 @@ class RecordedHandover(Handover):
             if grasp is not None:
                 pose = np.asarray(grasp.pose, dtype=np.float64).tolist()
                 chose = [pose, float(grasp.width), float(grasp.score)]
-        except Exception as error:
-            refused = isinstance(error, UnreachableError | ValueError)
-            name = "choose_error" if refused else "choose_failed"
-            events.append([name, type(error).__name__, str(error)])
+        except NO_GRASP as error:
+            events.append(["choose_error", type(error).__name__, str(error)])
             raise
         events.append(["chose", *chose])
         return grasp
