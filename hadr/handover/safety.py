@@ -1,13 +1,12 @@
 """The safety checks, each a small function of numbers, and all their thresholds in one place.
 
-Distances are free space between the gripper's surface and the skin. The rule for speed is that of
+Distances are free space between the robot's surface and the skin. The rule for speed is that of
 speed and separation monitoring (ISO/TS 15066): the robot may close in on the hand only as fast as
 it could still react to.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -15,8 +14,7 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from hadr.hand import check_keypoints
-from hadr.handover.grasping.collision import FLESH, hand_points
-from hadr.handover.grasping.gripper import FINGER_WIDTH, fork_points
+from hadr.handover.grasping.collision import hand_points
 
 Array = npt.NDArray[np.float64]
 
@@ -104,13 +102,6 @@ def line_velocity(times: Array, points: Array) -> Array:
     since = times - times.mean()
     slope: Array = since @ (points - points.mean(axis=0)) / (since @ since)
     return slope
-
-
-def path_distance(poses: Iterable[Array], width: float, keypoints: Array) -> float:
-    """Least free space between gripper and hand over tool poses, metres; <= 0: they touch."""
-    tree = cKDTree(hand_points(keypoints))
-    path = np.concatenate([fork_points(pose, width) for pose in poses])
-    return float(tree.query(path)[0].min()) - FLESH - FINGER_WIDTH / 2
 
 
 def closing_speed(hand_velocity: Array | None, hand: Array, tool: Array) -> float:

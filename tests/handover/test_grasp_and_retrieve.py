@@ -74,6 +74,11 @@ def advancing(config: HandoverConfig, **block: object) -> tuple[Touching, Advanc
     return robot, advance, robot.start
 
 
+def small_hand(spot: np.ndarray, aside: np.ndarray) -> np.ndarray:
+    """A hand of 2 mm at a spot, whose forearm goes off along a unit vector."""
+    return spot - 1e-4 * np.arange(21)[:, None] * aside
+
+
 def closing_pose(robot: Touching, advance: Advance, start: np.ndarray) -> np.ndarray:
     """Run the final move; where the fingers close, relative to the pre-grasp."""
     for _ in range(600):
@@ -231,7 +236,7 @@ def test_beside_the_hand_it_does_not_go_on() -> None:
     robot, advance, start = advancing(FEELING)
     ahead = forward_of(start, FEELING.back + FEELING.forward + 0.035)
     spot = ahead[:3, 3] + 0.0475 * ahead[:3, 0]
-    advance.arm.watch.keypoints = spot + 1e-4 * np.arange(63).reshape(21, 3)
+    advance.arm.watch.keypoints = small_hand(spot, ahead[:3, 2])
     advance.arm.watch.middle = advance.arm.watch.keypoints.mean(axis=0)
     end = closing_pose(robot, advance, start)
     way = end[2, 3] - FEELING.back - FEELING.forward
@@ -294,8 +299,8 @@ def test_a_hand_behind_the_gripper_stops_the_drawing_back() -> None:
         advance.arm.read()
         advance.step(start, DT)
     tool = robot.tool_pose()
-    spot = tool[:3, 3] + 0.0475 * tool[:3, 0] - 0.09 * tool[:3, 2]  # 3 cm behind the fingers' bar
-    advance.arm.watch.keypoints = spot + 1e-4 * np.arange(63).reshape(21, 3)
+    spot = tool[:3, 3] + 0.052 * tool[:3, 0] - 0.095 * tool[:3, 2]  # 15 mm behind the bar
+    advance.arm.watch.keypoints = small_hand(spot, tool[:3, 0])
     advance.arm.watch.middle = spot
     advance.arm.read()
     with pytest.raises(HaltError, match=r"hand .* mm from the gripper's path"):
@@ -311,7 +316,7 @@ def test_a_hand_in_front_lets_it_draw_back() -> None:
         advance.step(start, DT)
     tool = robot.tool_pose()
     spot = tool[:3, 3] + 0.0475 * tool[:3, 0] + 0.016 * tool[:3, 2]
-    advance.arm.watch.keypoints = spot + 1e-5 * np.arange(63).reshape(21, 3)
+    advance.arm.watch.keypoints = small_hand(spot, tool[:3, 2])
     advance.arm.watch.middle = spot
     for _ in range(5):
         advance.arm.read()

@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-from hadr.handover.grasping.collision import FLESH
-from hadr.handover.grasping.gripper import FINGER_WIDTH
 from hadr.handover.safety import (
     SafetyConfig,
     closing_speed,
@@ -12,7 +10,6 @@ from hadr.handover.safety import (
     line_velocity,
     low_confidence,
     object_in_hand,
-    path_distance,
     something_held,
     speed_factor,
     withdrawal,
@@ -50,15 +47,6 @@ def test_speed_of_a_line_and_of_noise_around_it() -> None:
     np.testing.assert_allclose(line_velocity(times, points), [0.1, 0.0, -0.2], atol=1e-12)
     points[[0, 3], 1] += 0.01  # even about the middle: no slope
     np.testing.assert_allclose(line_velocity(times, points), [0.1, 0.0, -0.2], atol=1e-12)
-
-
-def test_free_space_on_a_path_is_that_of_its_nearest_pose() -> None:
-    far, near = np.eye(4), np.eye(4)
-    far[2, 3], near[2, 3] = 0.30 + 0.12, 0.10 + 0.12  # the stem's end stands 12 cm below the tool
-    expected = 0.10 - FLESH - FINGER_WIDTH / 2
-    hand = flat_hand()  # the stem's line x = y = 0 meets the wrist
-    assert path_distance([far, near], 0.05, hand) == pytest.approx(expected)
-    assert path_distance([far], 0.05, hand) == pytest.approx(expected + 0.20)
 
 
 def test_closing_speed_counts_only_what_comes_nearer() -> None:

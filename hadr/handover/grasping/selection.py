@@ -13,9 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hadr.camera import transform_points
-from hadr.handover import safety
+from hadr.handover import safety, ur5
 from hadr.handover.grasping.candidates import NoCandidateError, completed, sample_grasps
-from hadr.handover.grasping.collision import free_of_object, free_of_scene, way_to_hand
+from hadr.handover.grasping.collision import (
+    free_of_object,
+    free_of_scene,
+    links_distance,
+    person,
+    way_to_hand,
+)
 from hadr.handover.grasping.grasps import BACK, FORWARD, Grasps, forward_of
 from hadr.handover.grasping.gripper import LARGEST_OPENING
 from hadr.handover.grasping.rescoring import Directions, rescore
@@ -131,9 +137,11 @@ class GraspSelection:
         aside: Array,
     ) -> ChosenGrasp | None:
         """The best of some candidates that is free and can be reached, moved aside (n, 3) too."""
-        grasps = grasps.select(way_to_hand(grasps, keypoints) >= min(CLEARANCES))
-        grasps = grasps.select(_free(grasps, points, scene))
         room = way_to_hand(grasps, keypoints)
+        near = room >= min(CLEARANCES)
+        grasps, room = grasps.select(near), room[near]
+        free = _free(grasps, points, scene)
+        grasps, room = grasps.select(free), room[free]
         scores = rescore(grasps, Directions()) if self.rescoring else grasps.scores
         best_first = np.argsort(-scores, kind="stable")
         tried: list[Array] = []
@@ -147,6 +155,8 @@ class GraspSelection:
                     continue
                 tried.append(pose)
                 for reached in _turned(pose, robot, aside):
+                    if not _arm_clear(reached, robot, keypoints, clearance):
+                        continue
                     one = grasps.select(np.array([row]))
                     width = _opening(one, points, keypoints, scene, clearance)
                     found = ChosenGrasp(reached, width, float(scores[row]))
@@ -186,6 +196,13 @@ def _turned(pose: Array, robot: Robot, aside: Array) -> list[Array]:
         for option in both
         if all(robot.reachable(_moved(forward_of(option, s), side)) for s, side in stops)
     ]
+
+
+def _arm_clear(pose: Array, robot: Robot, keypoints: Array, clearance: float) -> bool:
+    """Whether wrist and forearm keep off the person from the pre-grasp to the end."""
+    whole = person(keypoints)
+    stops = (robot.joints_at(forward_of(pose, s)) for s in (-BACK, 0.0, FORWARD))
+    return all(links_distance(ur5.near_links(joints), whole) >= clearance for joints in stops)
 
 
 _ASIDE = 0.03 * np.array([[0, 0, 0], [0, 0, 1], [0, 0, -1], [0, 1, 0], [0, -1, 0]])
