@@ -231,6 +231,14 @@ def test_a_gripper_that_would_leave_its_reach_does_not_go_on() -> None:
     assert end[2, 3] == pytest.approx(FEELING.back + FEELING.forward, abs=2e-3)
 
 
+@pytest.mark.parametrize(("free", "goes"), [(0.0, 0.0), (0.02, 0.02), (np.inf, 0.04)])
+def test_it_feels_only_as_far_as_the_way_was_found_free(free: float, goes: float) -> None:
+    robot, advance, start = advancing(FEELING)
+    advance.begin(free)
+    end = closing_pose(robot, advance, start)
+    assert end[2, 3] == pytest.approx(FEELING.back + FEELING.forward + goes, abs=0.003)
+
+
 def test_beside_the_hand_it_does_not_go_on() -> None:
     """The hand stands where the fingers would come only by feeling ahead."""
     robot, advance, start = advancing(FEELING)

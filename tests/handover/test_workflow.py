@@ -236,7 +236,7 @@ def test_out_of_reach_stops_it() -> None:
     far = fixed_grasp()
     far[:3, 3] = [0.6, 0.8, 0.35]  # in the workspace's box, beside the hand, 1 m from the base
     handover = Handover(
-        SimulatedUR5(), lambda p, k, r, s: ChosenGrasp(far, 0.07, 1.0), CAMERA, HandoverConfig()
+        SimulatedUR5(), lambda *_: ChosenGrasp(far, 0.07, 1.0), CAMERA, HandoverConfig()
     )
     run(handover, longest=2.0)
     assert "out of reach" in first_stop(handover)[1]

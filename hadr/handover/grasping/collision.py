@@ -7,8 +7,7 @@ pre-grasp to the end is checked at once and exactly. The person is the skeleton 
 flesh around it, and a forearm that goes on straight behind the wrist: how the wrist is bent, 21
 keypoints do not say.
 
-Points, keypoints (21, 3) and grasps are written in one frame, metres. `back` is the distance of the
-pre-grasp, `forward` how far past the grasp's point the fingertips end.
+Points, keypoints (21, 3) and grasps are written in one frame, metres.
 """
 
 import numpy as np
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from hadr.hand import BONES, check_keypoints
-from hadr.handover.grasping.grasps import BACK, FORWARD, Grasps
+from hadr.handover.grasping.grasps import PAPER_WAY, Grasps, Way
 from hadr.handover.grasping.gripper import gripper_boxes
 
 Array = NDArray[np.float64]
@@ -94,9 +93,9 @@ def links_distance(links: Array, whole: tuple[Array, Array]) -> float:
     return float(gap.min())
 
 
-def way_to_hand(grasps: Grasps, keypoints: Array) -> Array:
+def way_to_hand(grasps: Grasps, keypoints: Array, way: Way = PAPER_WAY) -> Array:
     """Smallest free space between gripper and skin on each grasp's way in: metres, shape (n,)."""
-    boxes = gripper_boxes(grasps.widths, behind=BACK, ahead=FORWARD)
+    boxes = gripper_boxes(grasps.widths, behind=way.back, ahead=way.last)
     middles, radii = person(keypoints)
     gap: Array = (_gaps(grasps.poses, boxes, middles) - radii).min(axis=1, initial=np.inf)
     return gap
@@ -108,20 +107,24 @@ def free_of_hand(grasps: Grasps, keypoints: Array) -> NDArray[np.bool_]:
     return free
 
 
-def free_of_object(grasps: Grasps, points: Array) -> NDArray[np.bool_]:
+def free_of_object(grasps: Grasps, points: Array, way: Way = PAPER_WAY) -> NDArray[np.bool_]:
     """Which grasps get the object between the fingers without running into it on their way.
 
     Beside the fingers the grasp's own width says what is free; to the bar and the palm 3 mm are
     kept. A few points may be met (noise).
     """
-    boxes = gripper_boxes(grasps.widths, behind=BACK, ahead=FORWARD)
+    boxes = gripper_boxes(grasps.widths, behind=way.back, ahead=way.forward)
     boxes[:, 2:, 0] -= 0.003
     boxes[:, 2:, 1] += 0.003
     return _count_inside(grasps, boxes, points) <= NOISE
 
 
 def free_of_scene(
-    grasps: Grasps, scene_points: Array, object_points: Array, clearance: float = 0.01
+    grasps: Grasps,
+    scene_points: Array,
+    object_points: Array,
+    clearance: float = 0.01,
+    way: Way = PAPER_WAY,
 ) -> NDArray[np.bool_]:
     """Which grasps keep a clearance to everything else that was measured: hand, arm, table.
 
@@ -129,7 +132,7 @@ def free_of_scene(
     cuts exactly; a few may be nearer than the clearance (noise).
     """
     beside = cKDTree(object_points).query(scene_points, distance_upper_bound=0.008)[0]
-    boxes = gripper_boxes(grasps.widths, behind=BACK, ahead=FORWARD)
+    boxes = gripper_boxes(grasps.widths, behind=way.back, ahead=way.last)
     boxes[:, :, 0] -= clearance
     boxes[:, :, 1] += clearance
     return _count_inside(grasps, boxes, scene_points[np.isinf(beside)]) <= NOISE

@@ -17,7 +17,7 @@ from hadr.handover.grasping.collision import (
     person,
     way_to_hand,
 )
-from hadr.handover.grasping.grasps import Grasps, forward_of
+from hadr.handover.grasping.grasps import Grasps, Way, forward_of
 from hadr.handover.guarded_arm import GuardedArm
 from hadr.handover.simulated_ur5 import SimulatedUR5
 from hadr.handover.stages import HandoverConfig
@@ -110,6 +110,16 @@ def test_the_way_counts_and_not_only_its_end() -> None:
     # 8 cm past the grasp's point: the tips stop 3 cm before it
     ahead = np.tile([0.08, 0.035, 0.0], (21, 1))
     assert way_to_hand(grasp(), ahead)[0] == pytest.approx(0.03 - 0.01)
+
+
+def test_a_longer_way_is_checked_to_its_end() -> None:
+    hand, rim = np.tile([0.10, 0.035, 0.0], (21, 1)), points_at(0.075, 0.035, 0.0)
+    for forward, feel in ((0.05, 0.0), (0.07, 0.0), (0.05, 0.02)):
+        way = Way(forward=forward, feel=feel)
+        assert way_to_hand(grasp(), hand, way)[0] == pytest.approx(0.10 - way.last - 0.01)
+        assert free_of_scene(grasp(), rim, FAR, way=way)[0] == (way.last < 0.065)
+        # the object is what the fingers feel for: only the planned way must be free of it
+        assert free_of_object(grasp(), points_at(0.06, 0.035, 0.0), way)[0] == (forward < 0.06)
 
 
 @pytest.mark.parametrize(

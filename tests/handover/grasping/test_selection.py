@@ -11,9 +11,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hadr.handover import ur5
 from hadr.handover.grasping.candidates import NoCandidateError
 from hadr.handover.grasping.collision import hand_distance
-from hadr.handover.grasping.grasps import Grasps
+from hadr.handover.grasping.grasps import Grasps, Way, forward_of
 from hadr.handover.grasping.selection import GraspSelection
 from hadr.handover.logs.replay import replay
 from hadr.handover.logs.run_log import RecordedHandover
@@ -39,6 +40,30 @@ def test_it_faces_the_human_and_keeps_off_the_hand() -> None:
     assert chosen.pose[0, 2] > 0.4  # approaches forward, to the human
     assert robot.reachable(chosen.pose)
     assert hand_distance(chosen.pose, chosen.width, SCENE.keypoints) > 0.02
+
+
+@pytest.mark.parametrize("forward", [0.05, 0.055])
+def test_the_way_that_is_gone_is_the_way_that_was_checked(forward: float) -> None:
+    asked = []
+
+    def choose(*given: object) -> ChosenGrasp | None:
+        asked.append(given[-1])
+        return GraspSelection(np.random.default_rng(0), EYE)(*given)  # type: ignore[arg-type]
+
+    config = HandoverConfig(forward=forward, feel_ahead=0.05)
+    handover = handover_with(choose, config)
+    cautions(handover, 1.2)
+    assert asked[0] == config.way == Way(0.10, pytest.approx(forward), 0.05)
+    chosen, robot = handover.grasp, SimulatedUR5()
+    assert chosen is not None
+    ends = [forward_of(chosen.pose, forward + s) for s in (0.0, chosen.feel, chosen.feel + 0.01)]
+    for end in ends[:2]:
+        links = ur5.near_links(robot.joints_at(end))
+        assert hand_distance(end, chosen.width, SCENE.keypoints, links) > 0.011
+    assert 0 <= chosen.feel <= 0.05
+    if chosen.feel < 0.05:  # a centimetre more is too near, or out of reach
+        blocked = not robot.reachable(ends[2])
+        assert blocked or hand_distance(ends[2], chosen.width, SCENE.keypoints) < 0.02
 
 
 def test_none_is_returned_where_nothing_can_be_reached() -> None:

@@ -177,7 +177,7 @@ def test_settings_of_another_version_are_named(path: Path) -> None:
 def test_another_format_is_refused(path: Path, tmp_path: Path) -> None:
     log = read_run_log(path)
     other = RunLog(log.arrays, {**log.header, "format": 99}).save(tmp_path / "other.npz")
-    with pytest.raises(ValueError, match="format is 99, this version reads 1"):
+    with pytest.raises(ValueError, match="format is 99, this version reads 2"):
         read_run_log(other)
 
 
