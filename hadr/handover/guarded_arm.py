@@ -144,10 +144,12 @@ class GuardedArm:
             raise HaltError(f"hand {where}, at least {1000 * least:.0f} mm are needed", back=True)
         velocity = watch.velocity(0.15)
         closing = safety.closing_speed(velocity, watch.middle, self.reading.tool[:3, 3])
-        reaction = self.config.safety.reaction_time
-        factor = safety.speed_factor(free, least, speed, closing, reaction)
-        if closing < CRAWL_SPEED and free > least + CRAWL_SPEED * reaction:
-            factor = max(factor, min(1.0, CRAWL_SPEED / speed))
+        c = self.config.safety
+        factor = min(1.0, safety.allowed_speed(free, closing, watch.age, least, c) / speed)
+        crawl = CRAWL_SPEED - closing
+        way = safety.separation(crawl, 0.0, 0.0, least, c)
+        if crawl > 0 and free > least + way.robot + way.stopping:
+            factor = max(factor, min(1.0, crawl / speed))
         if factor < 1:
             self.caution = f"hand {1000 * free:.0f} mm away: {100 * factor:.0f} % of the speed"
         return factor

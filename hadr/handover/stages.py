@@ -32,8 +32,8 @@ CHOOSE_EVERY = 0.3
 ARRIVE_DISTANCE, ARRIVE_ANGLE, SETTLE_TIME = 0.01, float(np.deg2rad(5.0)), 0.2
 """The tool is at the pre-grasp within this distance, metres, and angle, radians, for this long,
 seconds."""
-CRAWL_SPEED = 0.02
-"""Beside a hand that does not come nearer, no slower than this, metres per second."""
+CRAWL_SPEED = 0.05
+"""Below the separation distance hand and robot together may be this fast, metres per second."""
 GRASP_TIMEOUT, HOME_TIMEOUT = 13.0, 10.0
 """Longest third stage, and longest way home, seconds. HandoverSim's attempts end after 13 s."""
 LARGEST_PUSH = 0.02

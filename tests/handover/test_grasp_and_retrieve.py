@@ -67,7 +67,11 @@ def advancing(config: HandoverConfig, **block: object) -> tuple[Touching, Advanc
     away = robot.start[:3, 3] + [0.0, 0.6, 0.3] + np.zeros((21, 3))
     away += 0.01 * np.arange(63).reshape(21, 3) / 63
     watch = SimpleNamespace(
-        keypoints=away, problem="", middle=away.mean(axis=0), velocity=lambda window: np.zeros(3)
+        keypoints=away,
+        problem="",
+        age=0.1,
+        middle=away.mean(axis=0),
+        velocity=lambda window: np.zeros(3),
     )
     advance = Advance(GuardedArm(robot, config, watch))
     advance.begin()

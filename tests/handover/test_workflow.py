@@ -220,7 +220,7 @@ def test_hand_beside_the_path_stops_it_and_it_backs_off(monkeypatch: pytest.Monk
 
 
 def test_it_slows_down_beside_the_hand_and_says_so() -> None:
-    handover = fixed_handover(HandoverConfig(safety=SafetyConfig(reaction_time=0.5)))
+    handover = fixed_handover(HandoverConfig(safety=SafetyConfig(human_uncertainty=0.06)))
     said = []
     run(handover, spoil=lambda seen: (said.append(handover.caution), seen)[1])
     slow = [words for words in said if words.endswith("% of the speed")]
