@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hadr.handover import safety
-from hadr.handover.grasping.grasps import final_travel, forward_of
+from hadr.handover.grasping.grasps import FEELING_STEP, forward_of
 from hadr.handover.guarded_arm import NO_NEARER, GuardedArm, HaltError
 from hadr.handover.poses import pose_distance
 from hadr.handover.stages import ARRIVE_DISTANCE, CLOSE_TIMEOUT, LET_GO_TIME, RETREAT
@@ -26,8 +26,6 @@ Array = npt.NDArray[np.float64]
 
 FAR_FROM_GOAL = 0.02
 """The final move waits for a tool that is farther behind than this, metres."""
-FEELING_STEP = 0.01
-"""Past its end the final move is made longer by this at a time, metres, while nothing is felt."""
 DRAW_BACK = 0.03
 """So far the gripper draws back before it goes to the side, metres."""
 TOO_SOON = 0.03
@@ -63,6 +61,7 @@ class Advance:
     all_corrections: int = field(default=0, init=False)
     travelled: float = field(default=0.0, init=False)
     _end: float = field(default=0.0, init=False)
+    _feel: float = field(default=0.0, init=False)
     _back_to: float | None = field(default=None, init=False)
     _side: float = field(default=0.0, init=False)
     _felt: str = field(default="", init=False)
@@ -84,12 +83,12 @@ class Advance:
     @property
     def _planned(self) -> float:
         """The final move's end without feeling, metres from the pre-grasp."""
-        c = self.arm.config
-        return final_travel(c.final_move, back=c.back, forward=c.forward)
+        way = self.arm.config.way
+        return way.back + way.forward
 
-    def begin(self) -> None:
-        """Start at the pre-grasp."""
-        self._end = self._planned
+    def begin(self, feel: float = np.inf) -> None:
+        """Start at the pre-grasp of a grasp whose way is free so far past its end, metres."""
+        self._end, self._feel = self._planned, feel
         self.travelled = self.aside = self._side = 0.0
         self.corrections, self._back_to, self._felt = 0, None, ""
 
@@ -211,7 +210,7 @@ class Advance:
 
     def _farther(self, target: Array) -> bool:
         """Whether the fingers may go on, feeling for the object; the end of the way moves on."""
-        last = self._planned + self.arm.config.feel_ahead
+        last = self._planned + min(self.arm.config.way.feel, self._feel)
         end = min(last, self._end + FEELING_STEP)
         if end <= self._end or not self._clear(forward_of(target, end)):
             return False

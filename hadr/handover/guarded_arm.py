@@ -15,7 +15,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from hadr.handover import safety
+from hadr.handover import safety, ur5
+from hadr.handover.grasping.collision import hand_distance
 from hadr.handover.observation import HandWatch
 from hadr.handover.poses import between, pose_distance, toward
 from hadr.handover.robot import Robot
@@ -143,23 +144,31 @@ class GuardedArm:
             raise HaltError(f"hand {where}, at least {1000 * least:.0f} mm are needed", back=True)
         velocity = watch.velocity(0.15)
         closing = safety.closing_speed(velocity, watch.middle, self.reading.tool[:3, 3])
-        reaction = self.config.safety.reaction_time
-        factor = safety.speed_factor(free, least, speed, closing, reaction)
-        if closing < CRAWL_SPEED and free > least + CRAWL_SPEED * reaction:
-            factor = max(factor, min(1.0, CRAWL_SPEED / speed))
+        c = self.config.safety
+        factor = min(1.0, safety.allowed_speed(free, closing, watch.age, least, c) / speed)
+        crawl = CRAWL_SPEED - closing
+        way = safety.separation(crawl, 0.0, 0.0, least, c)
+        if crawl > 0 and free > least + way.robot + way.stopping:
+            factor = max(factor, min(1.0, crawl / speed))
         if factor < 1:
             self.caution = f"hand {1000 * free:.0f} mm away: {100 * factor:.0f} % of the speed"
         return factor
 
     def free(self, *path: Array, width: float | None = None) -> float:
-        """Least free space between gripper and skin over tool poses, metres.
+        """Least free space between robot and skin, metres.
+
+        It is that of the gripper on all tool poses, of wrist and forearm now and at the last one.
 
         Left out, poses and opening (metres) are those of now; infinity where no hand is known.
         """
         if self.watch.keypoints is None:
             return np.inf
         width = self.reading.width if width is None else width
-        return safety.path_distance(path or [self.reading.tool], width, self.watch.keypoints)
+        tool, links = self.reading.tool, ur5.near_links(self.reading.joints)
+        if path:
+            motion = path[-1] @ np.linalg.inv(tool)
+            links = np.concatenate([links, ur5.carried_links(links, motion)])
+        return hand_distance(np.array(path or [tool]), width, self.watch.keypoints, links)
 
     def ahead(self, goal: Array, *, within: float | None = None) -> list[Array]:
         """Poses from the tool on toward a goal, within so many metres; `look_ahead` if left out."""

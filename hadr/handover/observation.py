@@ -112,6 +112,7 @@ class HandWatch:
     keypoints: Array | None = field(default=None, init=False)
     frame_time: float = field(default=float("nan"), init=False)
     problem: str = field(default="", init=False)
+    _looked: float = field(default=float("nan"), init=False)
     _started: float = field(default=float("nan"), init=False)
     _frame_came: float = field(default=float("nan"), init=False)
     _hand_came: float = field(default=float("nan"), init=False)
@@ -125,6 +126,7 @@ class HandWatch:
         A picture from the future, one older than `oldest_picture` or older than the one before is
         none.
         """
+        self._looked = now
         if np.isnan(self._started):
             self._started = now
         taken = observation.taken
@@ -153,15 +155,21 @@ class HandWatch:
         """Mean of the newest hand's keypoints in the base frame, shape (3,), metres."""
         return self._path[-1][1]
 
+    @property
+    def age(self) -> float:
+        """Of the newest picture when it was last looked, seconds."""
+        return self._looked - self.frame_time
+
     def velocity(self, window: float) -> Array | None:
         """Velocity (3,) of the hand's middle over the last seconds, m/s, base frame.
 
-        None where the pictures do not reach back over half of the window.
+        It is over two pictures at least. None where they do not reach back over half of the window.
         """
         if not self._path:
             return None
         newest = self._path[-1][0]
         recent = [p for p in self._path if p[0] >= newest - window - 1e-6]
+        recent = recent if len(recent) > 1 else self._path[-2:]
         if newest - recent[0][0] < window / 2:
             return None
         times = np.array([p[0] for p in recent])

@@ -3,7 +3,8 @@
 The workflow knows only `Robot`. `hadr.handover.simulated_ur5`, a driver for a real arm and a
 physics engine offer the same methods. Poses are written in the robot's base frame (ROS
 `base_link`: x forward, z up) and end at the gripper's tool point, whose z axis points out of the
-gripper: the approach axis.
+gripper: the approach axis. Joint angles are those of a UR5: from them the guard knows where wrist
+and forearm are.
 """
 
 from dataclasses import dataclass
@@ -27,11 +28,15 @@ class Robot(Protocol):
         ...
 
     def joint_positions(self) -> Array:
-        """Return the joint angles now, shape (n,), radians."""
+        """Return the joint angles now, shape (6,), radians."""
         ...
 
     def singularity(self, joints: Array) -> float:
-        """Return how far joint angles (n,) are from a singular pose: 0 there, infinity: never."""
+        """Return how far joint angles (6,) are from a singular pose: 0 there, infinity: never."""
+        ...
+
+    def joints_at(self, base_from_tool: Array) -> Array:
+        """Return the joint angles (6,) with which it would stand there; `UnreachableError`."""
         ...
 
     def reachable(self, base_from_tool: Array) -> bool:

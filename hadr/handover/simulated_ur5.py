@@ -100,6 +100,11 @@ class SimulatedUR5:
             raise UnreachableError(f"no joint angles keep every limit: {problems[0]}")
         return allowed
 
+    def joints_at(self, base_from_tool: Array) -> Array:
+        """Return the nearest joint angles (6,) for a tool pose, see `joint_solutions`."""
+        nearest: Array = self.joint_solutions(base_from_tool)[0]
+        return nearest
+
     def reachable(self, base_from_tool: Array) -> bool:
         """Say whether the tool could stand at this pose, shape (4, 4), within all limits."""
         try:

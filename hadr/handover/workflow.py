@@ -209,6 +209,7 @@ class Handover:
         if not self._see(new, dt):
             return
         assert self.target is not None  # set before this stage is entered
+        assert self.grasp is not None
         path, least = self.arm.ahead(self.target), c.safety.approach_distance
         factor = self.arm.allowed(path, least, c.approach_speed)
         self.arm.go(self.target, c.approach_speed, dt, factor=factor)
@@ -230,7 +231,7 @@ class Handover:
         if now - self._arrived[0] < SETTLE_TIME - 1e-9 and not restless:
             return
         self._began, self.retrieval = self.target, Retrieval(self.arm)
-        self.advance.begin()
+        self.advance.begin(self.grasp.feel)
         reason = f"at the pre-grasp within {1000 * distance:.1f} mm, {np.rad2deg(angle):.1f} deg"
         self._enter(Stage.GRASP_AND_RETRIEVE, reason + (", the hand not calm" if restless else ""))
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from hadr.handover import ur5
 from hadr.handover.guarded_arm import GuardedArm
 from hadr.handover.observation import HandWatch, Observation
 from hadr.handover.recovery import Recovery
@@ -53,9 +54,17 @@ class Watched:
         self.hand, self.steps = hand, 0
 
     def put(self, free: float, direction: np.ndarray) -> None:
-        """Bring the hand so near that its skin is so far from the gripper, to one side of it."""
+        """Bring the hand so near that its skin is so far from the robot, to one side of it.
+
+        In front its forearm points away; behind the wrist a child's hand reaches up.
+        """
         beside = GuardedArm(self.arm.robot, CONFIG, HandWatch(np.eye(4), SafetyConfig()))
-        hand = FAR_HAND - FAR_HAND.mean(axis=0) + beside.reading.tool[:3, 3]
+        hand = FAR_HAND - FAR_HAND.mean(axis=0)  # its forearm points along +x
+        if direction[0] > 0:
+            hand += beside.reading.tool[:3, 3]
+        else:
+            hand = 0.45 * hand @ [[0, 0, -1], [0, 1, 0], [1, 0, 0]]
+            hand += ur5.near_links(beside.reading.joints)[3, 3:6] - [0, 0, 0.02]
         low, high = 0.0, 0.5
         for _ in range(18):  # to 2 micrometres
             middle = (low + high) / 2

@@ -220,7 +220,7 @@ def test_hand_beside_the_path_stops_it_and_it_backs_off(monkeypatch: pytest.Monk
 
 
 def test_it_slows_down_beside_the_hand_and_says_so() -> None:
-    handover = fixed_handover(HandoverConfig(safety=SafetyConfig(reaction_time=0.5)))
+    handover = fixed_handover(HandoverConfig(safety=SafetyConfig(human_uncertainty=0.06)))
     said = []
     run(handover, spoil=lambda seen: (said.append(handover.caution), seen)[1])
     slow = [words for words in said if words.endswith("% of the speed")]
@@ -236,7 +236,7 @@ def test_out_of_reach_stops_it() -> None:
     far = fixed_grasp()
     far[:3, 3] = [0.6, 0.8, 0.35]  # in the workspace's box, beside the hand, 1 m from the base
     handover = Handover(
-        SimulatedUR5(), lambda p, k, r, s: ChosenGrasp(far, 0.07, 1.0), CAMERA, HandoverConfig()
+        SimulatedUR5(), lambda *_: ChosenGrasp(far, 0.07, 1.0), CAMERA, HandoverConfig()
     )
     run(handover, longest=2.0)
     assert "out of reach" in first_stop(handover)[1]

@@ -23,6 +23,8 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from hadr.handover.grasping.collision import hand_points
+from hadr.handover.grasping.grasps import Way
+from hadr.handover.grasping.selection import NO_GRASP
 from hadr.handover.observation import Observation, cleaned
 from hadr.handover.robot import Robot, UnreachableError
 from hadr.handover.safety import hand_problem
@@ -32,7 +34,7 @@ from hadr.records.reading import parse_json, read_arrays, structured
 from hadr.records.writing import write_arrays
 
 Array = npt.NDArray[np.float64]
-FORMAT = 1
+FORMAT = 2
 KEPT_POINTS = 32
 """So many points of a cloud are stored, and the one next to the hand."""
 
@@ -113,12 +115,12 @@ def _is_event(event: Any) -> bool:
     match event:
         case [int(), "protective_stop", str()] | [int(), "chose", None]:
             return True
-        case [int(), "chose", pose, float() | int(), float() | int()]:
-            return _is_array(pose, (4, 4))
+        case [int(), "chose", pose, *numbers]:
+            return _is_array(pose, (4, 4)) and _is_array(numbers, (3,))
         case [int(), "tool_wrench", *forces]:
             return _is_array(forces, (6,))
         case [int(), str(name), *given]:
-            if name.endswith(("_error", "_failed")):
+            if name.endswith("_error"):
                 return [type(words) for words in given] == [str, str]
             told = name in ("chose", "protective_stop")
             return not told and all(isinstance(value, int | float) for value in given)
@@ -340,19 +342,18 @@ class RecordedHandover(Handover):
         keypoints: Array,
         _: Robot,
         scene: Array | None,
+        way: Way,
     ) -> ChosenGrasp | None:
-        """Choose a grasp, and note it or what went wrong; what the search asks is not noted."""
+        """Choose a grasp, and note it or why there is none; what the search asks is not noted."""
         events = self.recorded.step.events
         try:
-            grasp = choose(points, keypoints, self.recorded.robot, scene)
+            grasp = choose(points, keypoints, self.recorded.robot, scene, way)
             chose: list[Any] = [None]
             if grasp is not None:
                 pose = np.asarray(grasp.pose, dtype=np.float64).tolist()
-                chose = [pose, float(grasp.width), float(grasp.score)]
-        except Exception as error:
-            refused = isinstance(error, UnreachableError | ValueError)
-            name = "choose_error" if refused else "choose_failed"
-            events.append([name, type(error).__name__, str(error)])
+                chose = [pose, float(grasp.width), float(grasp.score), float(grasp.feel)]
+        except NO_GRASP as error:
+            events.append(["choose_error", type(error).__name__, str(error)])
             raise
         events.append(["chose", *chose])
         return grasp

@@ -122,13 +122,17 @@ class PhysicalUR5:
         joints: Array = self._data.qpos[self._joints].copy()
         return joints
 
+    def joints_at(self, base_from_tool: Array) -> Array:
+        """Return the nearest joint angles (6,) for a tool pose; `UnreachableError`."""
+        return next(self._motion.joint_goals(base_from_tool))
+
     def reachable(self, base_from_tool: Array) -> bool:
         """Say whether the tool could stand at this pose, shape (4, 4), within all limits.
 
         A pose at which the arm is nearly singular counts as one that it can't reach.
         """
         try:
-            joints = next(self._motion.joint_goals(base_from_tool))
+            joints = self.joints_at(base_from_tool)
         except UnreachableError:
             return False
         return self.singularity(joints) >= LEAST_SINGULAR_VALUE
