@@ -8,7 +8,8 @@ stops or too long a time the arm goes home. The logic knows a robot and observat
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -40,7 +41,8 @@ from hadr.handover.tracking import HandMotion, hand_motion
 
 Array = npt.NDArray[np.float64]
 CLOCK_JUMP = 1.0
-"""An observation's time this much later than the one before, seconds, is not believed."""
+"""An observation's time that stands still, runs back, or is this much later than the one before,
+seconds, is another clock's: the handover's own goes on, and counts from there."""
 BLIND = 0.5
 """Part of the speed on the ways back while the camera shows nothing."""
 
@@ -58,7 +60,7 @@ class Handover:
         transitions: Every change of stage with its reason, oldest first.
         caution: Why the robot is slower than it could be or waits; empty where it is not.
         tries: How often it was stopped.
-        time: Its clock, seconds: the observations' time as far as that runs forward.
+        time: Its clock, seconds: the observations' time, less all its jumps.
         target: Tool pose that the robot is sent to, shape (4, 4); None before a grasp is chosen.
         motion: The hand's motion since the grasp was chosen; None before.
         grasp: The grasp that was chosen, where the object was then; None before.
@@ -76,6 +78,7 @@ class Handover:
     target: Array | None = field(default=None, init=False)
     motion: HandMotion | None = field(default=None, init=False)
     grasp: ChosenGrasp | None = field(default=None, init=False)
+    _offset: float = field(default=0.0, init=False)
     _first_seen: float = field(default=float("inf"), init=False)
     _chosen_hand: Array = field(init=False)
     _away: Array = field(init=False)
@@ -118,35 +121,56 @@ class Handover:
 
         Raises:
             ValueError: dt is out of range.
+            Exception: Whatever else the robot's driver raises, after the robot was stopped for good.
         """
         if not 0 < dt <= 0.1:
             raise ValueError(f"dt must be more than 0 and at most 0.1 seconds, got {dt}")
         if self.over:
             return self.stage
-        observation = cleaned(observation)
-        self._tick(observation.time, dt)
-        new = self.watch.look(observation, self.time)
+        try:
+            self._step(cleaned(observation), dt)
+        except Exception as error:  # of a driver, or our own: whatever it is, nothing moves on
+            with suppress(Exception):
+                self.robot.stop()
+            what = f"{type(error).__name__}: {error}"
+            self._enter(Stage.GAVE_UP, f"stands where it is: {what}")
+            raise
+        return self.stage
+
+    def _step(self, observation: Observation, dt: float) -> None:
+        jump = self._tick(observation.time, dt)
+        taken = observation.taken + self._offset
+        new = not jump and self.watch.look(replace(observation, frame_time=taken), self.time)
         if self.watch.keypoints is not None:
             self._first_seen = min(self._first_seen, self.time)
         self.arm.read()
-        self.caution = ""
+        self.caution = jump
         try:
-            self._act(observation, new, dt)
+            if jump:
+                self.arm.hold(dt)
+            else:
+                self._act(observation, new, dt)
         except HaltError as halt:
             self._stop(str(halt), back=halt.back)
         except UnreachableError as error:
             self._stop(f"out of reach: {error}")
         except (ValueError, np.linalg.LinAlgError) as error:
             self._stop(str(error))
-        return self.stage
 
-    def _tick(self, time: float, dt: float) -> None:
+    def _tick(self, time: float, dt: float) -> str:
+        """Move the clock on; say where the observations' clock jumped."""
         if np.isnan(self.time):
             self.time = time if np.isfinite(time) else 0.0
-        elif self.time < time <= self.time + CLOCK_JUMP:
-            self.time = time
-        else:
-            self.time += dt
+            return ""
+        ahead = time + self._offset - self.time
+        if 0 < ahead <= CLOCK_JUMP:
+            self.time = time + self._offset
+            return ""
+        self.time += dt
+        if not np.isfinite(time):
+            return "an observation without a time"
+        self._offset = self.time - time
+        return f"the clock jumped by {ahead - dt:+.2f} s"
 
     def _act(self, observation: Observation, new: bool, dt: float) -> None:
         c, halted = self.config, self.arm.reading.protective_stop

@@ -339,6 +339,56 @@ def test_protective_stop_opens_the_fingers_and_backs_off() -> None:
     assert handover.stage is Stage.FINISHED
 
 
+@pytest.mark.parametrize("jump", [1.5, -1.8, 3600.0])
+@pytest.mark.parametrize("once", [True, False])
+def test_a_clock_that_jumps_is_said_and_forgiven(jump: float, once: bool) -> None:
+    """Once wrong, or of another clock from then on: a slow picture, a garbled one, a reset."""
+    said: list[tuple[float, str]] = []
+
+    def late(seen: Observation) -> Observation:
+        said.append((seen.time, handover.caution))
+        wrong = abs(seen.time - 1.0) < 1e-6 if once else seen.time > 0.99
+        return replace(seen, time=seen.time + jump, frame_time=seen.taken + jump) if wrong else seen
+
+    handover = fixed_handover()
+    run(handover, spoil=late)
+    jumps = [time for time, words in said if "clock jumped by" in words]
+    assert jumps == pytest.approx([1.02, 1.04] if once else [1.02])  # heard in the step after
+    assert afters(handover) == STAGES
+
+
+@pytest.mark.parametrize("method", ["servo_to", "tool_pose", "stop"])
+def test_a_drivers_exception_leaves_the_robot_stopped(
+    method: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    handover = fixed_handover()
+    stops: list[float] = []
+
+    def stop() -> None:
+        stops.append(handover.time)
+        if method == "stop":
+            raise ConnectionError("the cable")
+
+    def torn(*_: object) -> None:
+        raise ConnectionError("the cable")
+
+    def tear(seen: Observation) -> Observation:
+        if seen.time > 1.0:
+            monkeypatch.setattr(handover.robot, "stop", stop)
+            if method != "stop":
+                monkeypatch.setattr(handover.robot, method, torn)
+            else:  # where it was to stop anyway
+                return replace(seen, keypoints=None, frame_time=seen.time)
+        return seen
+
+    with pytest.raises(ConnectionError, match="the cable"):
+        run(handover, spoil=tear)
+    assert handover.stage is Stage.GAVE_UP
+    assert stops[0] == handover.time
+    assert handover.transitions[-1].reason == "stands where it is: ConnectionError: the cable"
+    assert handover.step(STILL.observe(9.0), DT) is Stage.GAVE_UP
+
+
 def test_three_stops_send_it_home() -> None:
     handover = fixed_handover(HandoverConfig(approach_timeout=0.2))
     run(handover)

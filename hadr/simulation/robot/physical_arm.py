@@ -35,11 +35,11 @@ LEAST_SINGULAR_VALUE = 0.005
 
 @dataclass(frozen=True)
 class _Stretch:
-    """One piece of the commanded path: a cubic between two states, seconds and radians."""
+    """One piece of the commanded path: from one joint velocity to the next at even acceleration."""
 
     start: float
     length: float
-    joints: tuple[Array, Array]
+    joints: Array
     velocities: tuple[Array, Array]
 
     @property
@@ -48,21 +48,10 @@ class _Stretch:
 
     def at(self, time: float) -> tuple[Array, Array]:
         """Joint angles and velocities at a time within the stretch, each of shape (6,)."""
-        s = float(np.clip((time - self.start) / self.length, 0.0, 1.0))
-        (a, b), (va, vb) = self.joints, self.velocities
-        u, w = s * self.length * va, s * self.length * vb
-        joints = (
-            (1 + 2 * s) * (1 - s) ** 2 * a
-            + (1 - s) ** 2 * u
-            + s * s * (3 - 2 * s) * b
-            + s * (s - 1) * w
-        )
-        velocity = (
-            6 * s * (1 - s) * (b - a) / self.length
-            + (1 - s) * (1 - 3 * s) * va
-            + s * (3 * s - 2) * vb
-        )
-        return joints, velocity
+        since = float(np.clip(time - self.start, 0.0, self.length))
+        (first, last) = self.velocities
+        velocity = first + (last - first) * since / self.length
+        return self.joints + (first + velocity) / 2 * since, velocity
 
 
 class PhysicalUR5:
@@ -85,7 +74,7 @@ class PhysicalUR5:
         arm: ArmConfig,
         motion: MotionConfig,
     ) -> None:
-        self.arm, self.motion = arm, motion
+        self.arm = arm
         self.protective_stop = ""
         self._model, self._data = model, data
         self._motion = ArmMotion(arm, motion)
@@ -104,8 +93,7 @@ class PhysicalUR5:
         home = arm.home
         data.qpos[self._joints] = home
         data.qpos[self._fingers] = self._opening / 2
-        still = (np.zeros(6), np.zeros(6))
-        self._stretch = _Stretch(data.time - 0.02, 0.02, (home, home), still)
+        self._stretch = _Stretch(data.time - 0.02, 0.02, home, (np.zeros(6), np.zeros(6)))
         self.home_pose: Array = self._motion.tool_pose_at(home)
         self._force = self._wanted_force = GENTLE_FORCE
         self.drive()
@@ -154,8 +142,8 @@ class PhysicalUR5:
         joints, velocity = self._stretch.at(self._data.time)
         self._motion.put(joints, velocity)
         self._motion.advance(target, dt)
-        after = (self._motion.joints, self._motion.velocity)
-        self._stretch = _Stretch(self._data.time, dt, (joints, after[0]), (velocity, after[1]))
+        speeds = (velocity, self._motion.velocity)
+        self._stretch = _Stretch(self._data.time, dt, joints, speeds)
 
     def stop(self) -> None:
         """Brake and stand still; later commands do nothing until `release`."""
@@ -243,11 +231,10 @@ class PhysicalUR5:
             joints, velocity = self._stretch.at(now)
             self._motion.put(joints, velocity)
             urgent = bool(self.protective_stop)
-            rate = EMERGENCY_DECELERATION if urgent else self.motion.joint_acceleration
+            rate = EMERGENCY_DECELERATION if urgent else self._motion.rows.acceleration
             step = self._model.opt.timestep
             self._motion.brake(step, rate)
-            after = (self._motion.joints, self._motion.velocity)
-            self._stretch = _Stretch(now, step, (joints, after[0]), (velocity, after[1]))
+            self._stretch = _Stretch(now, step, joints, (velocity, self._motion.velocity))
         joints, velocity = self._stretch.at(now + self._model.opt.timestep)
         self._data.ctrl[self._position] = joints
         self._data.ctrl[self._speed] = velocity

@@ -171,6 +171,7 @@ class World:
             raise ValueError(
                 f"dt must be a multiple of {self._model.opt.timestep} seconds, got {dt}"
             )
+        self._largest_force = 0.0
         for _ in range(round(steps)):
             self.robot.drive()
             self._move_hand()
@@ -184,8 +185,7 @@ class World:
         return self._model, self._data
 
     def state(self) -> WorldState:
-        """What is true now; the largest force on the hand counts from the call before."""
-        force, self._largest_force = self._largest_force, 0.0
+        """What is true now; the force on the hand is the largest of the last `step`."""
         return WorldState(
             time=self.time,
             joints=self.robot.joint_positions(),
@@ -193,7 +193,7 @@ class World:
             base_from_wrist=self._pose(self._hand),
             base_from_object=self._pose(self._object),
             holder=self.holder(),
-            hand_force=force,
+            hand_force=self._largest_force,
             hand_distance=self._hand_distance(),
         )
 

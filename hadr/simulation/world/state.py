@@ -32,7 +32,7 @@ class WorldState:
         base_from_wrist: Pose of the hand, shape (4, 4).
         base_from_object: Pose of the object, shape (4, 4).
         holder: Who holds the object.
-        hand_force: Largest force of the robot on the hand since the state before, newtons.
+        hand_force: Largest force of the robot on the hand in the world's last step, newtons.
         hand_distance: Smallest distance of robot and hand now; 0 where they touch.
     """
 

@@ -8,6 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from hadr.handover.poses import pose_distance
 from hadr.handover.robot import Robot, UnreachableError
+from hadr.handover.simulated_ur5 import ArmConfig
+from hadr.simulation.robot.motion_limits import MotionConfig
 from hadr.simulation.robot.physical_arm import PROTECTIVE_FORCE
 from hadr.simulation.world.physics import World
 from hadr.simulation.world.scenes import HeldScene, held_scene
@@ -37,7 +39,7 @@ def test_arrives_and_stands_still(scene: HeldScene) -> None:
     target = moved(robot.tool_pose(), 0.05, -0.2, -0.1)
     target[:3, :3] = target[:3, :3] @ Rotation.from_euler("y", 0.3).as_matrix()
     assert robot.reachable(target)
-    drive(world, target, 2.0)
+    drive(world, target, 2.2)
     distance, angle = pose_distance(robot.tool_pose(), target)
     assert distance < 0.001
     assert angle < np.deg2rad(0.3)
@@ -60,6 +62,24 @@ def test_no_number_is_no_target_and_the_arm_does_not_move(scene: HeldScene) -> N
     world.step(0.2)
     np.testing.assert_allclose(world.robot.tool_pose(), before, atol=1e-5)
     assert not world.robot.reachable(moved(before, 3, 0, 0))
+
+
+def test_the_joints_themselves_keep_speed_and_acceleration(scene: HeldScene) -> None:
+    """The physical ones, by differences over 10 ms: a command's corners are the motors' business."""
+    arm, motion = ArmConfig(speed_fraction=0.6), MotionConfig(joint_acceleration=9.0)
+    world = World(scene, None, arm, motion)
+    places, home = [world.robot.joint_positions()], world.robot.tool_pose()
+    for shift in ([0.1, -0.3, 0.1], [-0.05, 0.2, -0.15], [0.1, -0.1, 0.15]):
+        target = moved(home, *shift)
+        target[:3, :3] = target[:3, :3] @ Rotation.from_euler("xz", [0.6, -0.8]).as_matrix()
+        for _ in range(40):
+            world.robot.servo_to(target, 0.02)
+            for _ in range(2):
+                world.step(0.01)
+                places.append(world.robot.joint_positions())
+    speed = np.diff(places, axis=0) / 0.01
+    assert 0.8 < np.abs(speed).max() / (0.6 * np.pi) <= 1.0
+    assert 0.8 < np.abs(np.diff(speed, axis=0)).max() / 0.01 / 9.0 <= 1.0
 
 
 def test_a_silent_client_makes_the_arm_brake(scene: HeldScene) -> None:
@@ -136,6 +156,7 @@ def test_a_push_into_the_hand_stays_gentle(scene: HeldScene, speed: float, keypo
         world.robot.servo_to(moved(start, *(way / length * far)), 0.02)
         world.step(0.02)
         forces.append(world.state().hand_force)
+        assert world.state().hand_force == forces[-1]  # looking changes nothing
     assert 2.0 < max(forces) < 20.0
     if max(forces) > PROTECTIVE_FORCE:
         assert "N on the hand" in world.robot.protective_stop
