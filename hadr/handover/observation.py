@@ -19,8 +19,8 @@ Array = npt.NDArray[np.float64]
 FEWEST_POINTS = 30
 """An object of fewer points is none."""
 FASTEST_HAND, NEAR_HAND = 0.8, 0.02
-"""A hand that would have moved faster, m/s, and more than so far, metres, since it was last believed
-is doubted: until it is back, or has had the time to go there."""
+"""A hand that would have moved faster, m/s, and more than so far, metres, since it was believed is
+doubted: until it is back, or has had the time to go there."""
 FARTHEST_POINT = 5.0
 """Points farther than this from the camera, metres, are none."""
 

@@ -18,7 +18,7 @@ from hadr.handover import safety
 from hadr.handover.grasp_and_retrieve import ADVANCING, Advance, Retrieval
 from hadr.handover.grasping.grasps import forward_of
 from hadr.handover.grasping.selection import Choosing
-from hadr.handover.guarded_arm import NO_NEARER, GuardedArm, HaltError
+from hadr.handover.guarded_arm import GuardedArm, HaltError
 from hadr.handover.observation import HandWatch, Observation, cleaned
 from hadr.handover.poses import check_pose, pose_distance
 from hadr.handover.recovery import Recovery
@@ -27,6 +27,7 @@ from hadr.handover.stages import (
     ARRIVE_ANGLE,
     ARRIVE_DISTANCE,
     BACK_OFF,
+    GENTLE_FORCE,
     GRASP_TIMEOUT,
     HOME_TIMEOUT,
     LARGEST_PUSH,
@@ -43,8 +44,6 @@ Array = npt.NDArray[np.float64]
 CLOCK_JUMP = 1.0
 """An observation's time that stands still, runs back, or is this much later than the one before,
 seconds, is another clock's: the handover's own goes on, and counts from there."""
-BLIND = 0.5
-"""Part of the speed on the ways back while the camera shows nothing."""
 
 
 @dataclass
@@ -121,7 +120,7 @@ class Handover:
 
         Raises:
             ValueError: dt is out of range.
-            Exception: Whatever else the robot's driver raises, after the robot was stopped for good.
+            Exception: Whatever else the robot's driver raises; the robot is stopped for good then.
         """
         if not 0 < dt <= 0.1:
             raise ValueError(f"dt must be more than 0 and at most 0.1 seconds, got {dt}")
@@ -222,7 +221,7 @@ class Handover:
         way = self.watch.middle - self.arm.reading.tool[:3, 3]
         self._away = way / max(float(np.linalg.norm(way)), 1e-9)
         self._arrived = self._there_since = None
-        self.robot.set_gripper(chosen.width)
+        self.robot.set_gripper(chosen.width, GENTLE_FORCE)
 
     # Approach & React
 
@@ -300,11 +299,8 @@ class Handover:
         if now - self._entered > GRASP_TIMEOUT:
             raise HaltError(f"grasp not finished within {GRASP_TIMEOUT:.1f} s", back=True)
         if self.part not in ADVANCING:
-            self.caution = self.watch.camera_trouble(now)
-            pulled_back = self.retrieval.step(now, dt, factor=BLIND if self.caution else 1.0)
-            if pulled_back:
-                reason = "object pulled back to where it can be carried off, still held"
-                self._enter(Stage.FINISHED, reason)
+            if self.retrieval.step(now, dt):
+                self._enter(Stage.FINISHED, "at home with the object, still held")
             return
         if not self._see(new, dt):
             return
@@ -318,8 +314,7 @@ class Handover:
 
     def _stop(self, reason: str, *, back: bool = False) -> None:
         if self.stage is Stage.GOING_HOME:
-            self.robot.stop()
-            self._enter(Stage.GAVE_UP, f"stands where it is: {reason}")
+            self._give_up(reason)
             return
         if self.stage is Stage.STOPPED and self.part == "back" and not back:
             self.recovery.stay(self.time)  # no way farther back: stand
@@ -339,17 +334,30 @@ class Handover:
     def _recover(self, observation: Observation, dt: float) -> None:
         clear = self.recovery.step(self.time, dt)
         self.caution = self.recovery.trouble
-        if clear and self.tries >= self.config.tries:
+        if not clear:
+            return
+        if self.tries >= self.config.tries:
             self._leave(f"stopped {self.tries} times", observation)
-        elif clear:
+        elif self.retrieval.part and self.arm.around_something:
+            self.arm.release()
+            self.retrieval.enter(self.retrieval.part, self.time)
+            self._enter(Stage.GRASP_AND_RETRIEVE, "the cause of the stop is gone, object held")
+        else:
             self.arm.release()
             self._observe_again("the cause of the stop is gone")
+
+    def _give_up(self, reason: str) -> None:
+        self.robot.stop()
+        self._enter(Stage.GAVE_UP, f"stands where it is: {reason}")
 
     def _observe_again(self, reason: str) -> None:
         self.choosing.start()
         self._enter(Stage.WAIT_AND_OBSERVE, reason)
 
     def _leave(self, reason: str, observation: Observation) -> None:
+        if self.arm.around_something:
+            self._give_up(f"{reason} with an object in the gripper")
+            return
         why = self.choosing.obstacle(observation, self.time)
         if not why and self.stage is Stage.WAIT_AND_OBSERVE:
             why = self.choosing.reason
@@ -357,20 +365,12 @@ class Handover:
         self._enter(Stage.GOING_HOME, reason + (f"; {why}" if why else ""))
 
     def _go_home(self, dt: float) -> None:
-        c, home = self.config, self.arm.home
-        distance, angle = pose_distance(self.arm.reading.tool, home)
-        if distance < ARRIVE_DISTANCE and angle < ARRIVE_ANGLE:
+        if self.arm.homeward(self.time, dt):
             self.robot.stop()
             self._enter(Stage.GAVE_UP, "at home without the object")
-            return
-        if self.time - self._entered > HOME_TIMEOUT:
+        elif self.time - self._entered > HOME_TIMEOUT:
             raise HaltError(f"home not reached within {HOME_TIMEOUT:.0f} s")
-        factor, self.caution = BLIND, self.watch.trouble(self.time) or self.watch.problem
-        if not self.caution:
-            least = min(0.0, self.arm.free() - NO_NEARER)
-            factor = self.arm.allowed(self.arm.ahead(home), least, c.approach_speed)
-            self.caution = self.arm.caution
-        self.arm.go(home, c.approach_speed, dt, factor=factor)
+        self.caution = self.arm.caution
 
     def _enter(self, stage: Stage, reason: str) -> None:
         self.transitions.append(Transition(self.time, self.stage, stage, reason))
