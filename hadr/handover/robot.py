@@ -14,6 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+UNLOCK_AFTER = 5.0
+"""The simulated person releases a protective stop after this time, seconds: no sooner does a UR5's
+dashboard server let anyone ("Cannot unlock protective stop until 5s after occurrence")."""
 
 
 class UnreachableError(ValueError):
@@ -52,24 +55,31 @@ class Robot(Protocol):
         ...
 
     def stop(self) -> None:
-        """Stand still; no later command moves the arm until a person has released it."""
+        """Stand still; no later command moves the arm until `release`."""
         ...
 
     def release(self) -> None:
-        """Let the arm move again after a stop, and clear a protective stop."""
+        """Let the arm move again after `stop`. From a protective stop only a person releases it."""
         ...
 
     @property
     def protective_stop(self) -> str:
-        """Why the arm stopped by itself, such as a contact force; empty while it did not."""
+        """Why the arm stopped by itself, such as a contact force; empty while it did not.
+
+        Nothing moves in it. It stays until a person has looked and released it at the arm.
+        """
         ...
 
-    def set_gripper(self, width: float) -> None:
-        """Open or close the fingers to a width in metres."""
+    def set_gripper(self, width: float, force: float) -> None:
+        """Open or close the fingers to a width in metres, pressing by at most a force, newtons."""
         ...
 
     def gripper_width(self) -> float:
         """Return the distance between the fingers now, metres."""
+        ...
+
+    def finger_force(self) -> float:
+        """Return how hard both fingers press on what is between them, newtons; 0: on nothing."""
         ...
 
     def tool_wrench(self) -> Array:

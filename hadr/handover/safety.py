@@ -30,6 +30,12 @@ Array = npt.NDArray[np.float64]
 
 FARTHEST_HAND = 5.0
 """A keypoint farther from the camera than this, metres, belongs to no hand."""
+LARGEST_WEIGHT = 4.0
+"""What the gripper carries pulls it down by no more, newtons: the heaviest glass weighs 3.6."""
+HAND_PULL = 3.0
+"""What pulls at the gripper harder is a person who holds the object, newtons."""
+PRESSED = 0.5
+"""Fingers that press harder are around something, newtons."""
 PALM = (0.03, 0.20)
 """Shortest and longest way from wrist to the middle finger's knuckle, metres."""
 HUMAN_SPEED = 1.6
@@ -223,6 +229,12 @@ def object_in_hand(points: Array, keypoints: Array, near: float) -> bool:
 def something_held(width: float, commanded: float, margin: float) -> bool:
     """Say whether the fingers were kept from closing as far as commanded; all in metres."""
     return bool(width > commanded + margin)
+
+
+def hand_pull(force: Array) -> float:
+    """How hard somebody pulls, N: the force on the gripper (3,), base frame, less a weight."""
+    weight = np.clip(-force[2], 0.0, LARGEST_WEIGHT)
+    return float(np.linalg.norm(force + np.array([0.0, 0.0, weight])))
 
 
 def pushed_away(began: Array, now: Array, most: float) -> float:

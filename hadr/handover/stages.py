@@ -40,9 +40,15 @@ LARGEST_PUSH = 0.02
 """In the final move the target goes along with the hand by no more than this away from the robot,
 metres: beyond, it is the gripper that pushes."""
 CLOSE_TIMEOUT, LET_GO_TIME = 1.5, 0.3
-"""Longest closing of the fingers, and time for the human to let go, seconds."""
-RETREAT = 0.15
-"""How far back the object is pulled before it is carried off, metres."""
+"""Longest closing of the fingers, and how long nobody may pull before they draw back, seconds."""
+GENTLE_FORCE, FIRM_FORCE = 7.0, 22.0
+"""Force of a finger, newtons: while the human may still hold the object, and once the gripper alone
+does."""
+RETREAT, ALONE_AFTER = 0.15, 0.02
+"""How far back the object is pulled before it is carried home, metres; and after how much of that
+the gripper alone holds it, if nobody pulled."""
+PULL_TIME = 2.0
+"""After being pulled at for so long, seconds, the robot stops and gives back what it holds."""
 STAND_TIME = 0.5
 """How long the robot stands after a stop, and how long the cause must be gone, seconds."""
 BACK_OFF = 0.08

@@ -73,8 +73,6 @@ class LoggedRobot:
                 return np.concatenate([read, [[0.0, 0.0, 0.0, 1.0]]])
             return read if read.ndim else float(read)
         found = self._take(name)
-        if name == "tool_wrench":
-            return np.array(found or np.zeros(6), dtype=np.float64)
         return found[0] if found else True
 
     def choose(self, *_: object) -> ChosenGrasp | None:

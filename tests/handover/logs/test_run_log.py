@@ -187,7 +187,6 @@ def test_another_format_is_refused(path: Path, tmp_path: Path) -> None:
         ("transitions", [[0, "Nowhere", "Finished", ""]], "transitions.*'Nowhere' is not a valid"),
         ("cautions", None, "cautions: must be a list, got None"),
         ("events", [[0, "chose", 7]], r"events has \[0, 'chose', 7\], which is none"),
-        ("events", [[0, "tool_wrench", 1.0]], "events has .*tool_wrench"),
         ("odd_keypoints", {"0": 7}, "odd_keypoints"),
         ("odd_keypoints", {"x": []}, "odd_keypoints must be named by steps, got 'x'"),
         ("config", 7, "config: must be named values, got 7"),
