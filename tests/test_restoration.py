@@ -353,7 +353,7 @@ def ground_of_frame(path) -> dict:
     given = np.where(mask, 0, depth)
     inputs = frame_to_input(color, given, mask, hand(), CAMERA, network.size)
     small = resize_depth(depth, *network.size)
-    one = observe(network.model.requires_grad_(False), "unet", inputs, small, None)
+    one = observe(network.model.requires_grad_(False), "unet", inputs, small, None, color, mask)
     sight = Sight.fit(np.stack((one.seen, one.seen + 1)))
     features = [sight.with_strangeness(one)]
     return Ground({"measured depth": Field.fit(features, features)}, sight).to_dict()

@@ -1,7 +1,8 @@
 """What can be measured of a frame: how far the glass is, where the hand is, what the camera says.
 
 Each feature has a scale on which steps are alike, and words in which it is said. They are measured
-at the size at which a network works, so that they don't depend on the picture's.
+at the size at which a network works, so that they don't depend on the picture's; how the mask
+follows the picture (`outline_features`), at one size for all networks, since it needs finer pixels.
 """
 
 from __future__ import annotations
@@ -14,7 +15,16 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-from hadr.camera import BoolArray, FloatArray, Intrinsics, project, unproject
+from hadr.camera import (
+    BoolArray,
+    FloatArray,
+    Intrinsics,
+    project,
+    resize_color,
+    resize_mask,
+    unproject,
+    window_around,
+)
 
 Array = npt.NDArray[np.float64]
 Features = Mapping[str, float]
@@ -23,6 +33,10 @@ NEAR_M = 0.03
 SKIN_M = (-0.02, 0.07)
 """A hand's joint lies so far behind the depth that is measured at its pixel, metres: 1 to 2 cm
 below the skin, more where a finger hides it."""
+OUTLINE_WIDTH = 448
+"""Width at which the mask's outline is looked at, pixels: of the bundled training frames."""
+FAINT = 2.0
+"""A step of brightness, per pixel, that is none; of 255."""
 
 
 def _log(unit: float = 0.0) -> Callable[[Array], Array]:
@@ -100,6 +114,11 @@ FEATURES: dict[str, Feature] = {
     "spread_in": Feature(
         "half of the depth measured in the glass is spread over {}", _log(0.003), " cm", 100
     ),
+    "outline": Feature("the mask follows the glass's outline to {}", _share, " %", 100),
+    "faint": Feature("the mask's outline follows nothing on {} of its length", _share, " %", 100),
+    "clear_in": Feature(
+        "the picture changes {} times as much on the mask's outline as in the mask", _log()
+    ),
     "hand": Feature("the hand's bones measure {} in the mean", _log(), " mm", 1000),
     "fingers": Feature("the hand's bones differ by {} in length", _log(), " %", 100),
     "tilt": Feature(
@@ -172,6 +191,40 @@ def frame_features(
         }
     if keypoints is not None:
         found |= {"behind": answer - away, **_hand_features(depth, camera, mask, keypoints)}
+    return {name: value for name, value in found.items() if np.isfinite(value)}
+
+
+def outline_features(color: npt.NDArray[np.uint8], mask: BoolArray) -> dict[str, float]:
+    """Measure whether a mask ends where the picture changes.
+
+    Across the outline of glass its brightness makes a step. Where a mask is too wide, or of another
+    shape, there are steeper ones beside its outline. A hand's skin is smoother than glass.
+
+    Args:
+        color: RGB, shape (H, W, 3) uint8.
+        mask: Pixels to restore, shape (H, W) bool.
+
+    Returns:
+        Features by name; what can't be measured is left out.
+    """
+    size = OUTLINE_WIDTH, max(round(mask.shape[0] * OUTLINE_WIDTH / mask.shape[1]), 1)
+    mask = resize_mask(mask, *size)
+    if not mask.any():
+        return {}
+    window = window_around(mask, 16)
+    mask, gray = mask[window], resize_color(color, *size)[window].mean(axis=2)
+    beyond = ndimage.distance_transform_edt(~mask) - ndimage.distance_transform_edt(mask)
+    steps = np.stack([ndimage.gaussian_filter(gray, 0.7, order=o) for o in ((1, 0), (0, 1))])
+    across = np.stack(np.gradient(ndimage.gaussian_filter(beyond, 1)))
+    across /= np.maximum(np.linalg.norm(across, axis=0), 1e-3)
+    step = np.abs((steps * across).sum(axis=0))
+    rim, change = np.abs(beyond) <= 1, np.hypot(*steps)
+    on, near = (ndimage.maximum_filter(step, reach)[rim] for reach in (3, 9))
+    found = {
+        "outline": _mean(on[near > 0] / near[near > 0]),
+        "faint": _mean(on < FAINT),
+        "clear_in": _mean(change[rim]) / (_mean(change[beyond < -3]) + 0.1),
+    }
     return {name: value for name, value in found.items() if np.isfinite(value)}
 
 

@@ -147,7 +147,7 @@ class Options:
     """
 
     rgb: Annotated[str, FILE]
-    """colour image, PNG or JPEG"""
+    """colour image, PNG or JPEG, stored upright (no EXIF orientation)"""
     depth: Annotated[str, FILE]
     """depth: 16-bit PNG, .npy (H, W) or OpenEXR"""
     depth_scale: float | None = None
