@@ -107,6 +107,7 @@ def stage_notebook(notebook: Any, run_time: str) -> Any:
         cell.outputs = [output for output in cell.outputs if _is_for_readers(output)]
         cell.outputs = _captioned_films(cell.outputs)
         _name_fold(cell)
+        cells += _beside_a_figure(cell)
     notebook.cells = cells
     notebook.metadata.pop("widgets", None)
     notebook.metadata.pop("papermill", None)
@@ -134,6 +135,22 @@ def _captioned_films(outputs: Sequence[Any]) -> list[Any]:
             output["data"]["text/html"] = f'<figure class="film">{html}{caption}</figure>'
         shown.append(output)
     return shown
+
+
+def _beside_a_figure(cell: Any) -> list[Any]:
+    """A cell of its own for what a figure's cell shows besides, which else were a figure, too."""
+    import nbformat
+
+    kept = [output for output in cell.outputs if "image/png" in output.get("data", ["image/png"])]
+    others = [output for output in cell.outputs if output not in kept]
+    if "figure" not in cell.metadata.get("mystnb", {}) or not others:
+        return []
+    cell.outputs = kept
+    return [
+        nbformat.v4.new_code_cell(
+            id=f"{cell.id}-beside", metadata={"tags": ["remove-input"]}, outputs=others
+        )
+    ]
 
 
 def _name_fold(cell: Any) -> None:

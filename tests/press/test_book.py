@@ -66,6 +66,21 @@ def test_what_a_page_cannot_run_is_folded_and_folds_say_what_is_in_them():
     }
 
 
+def test_only_the_picture_of_a_captioned_cell_is_a_figure():
+    new = nbformat.v4
+    kinds = ("image/png", "text/markdown")
+    outputs = [new.new_output("display_data", data={kind: "AA"}) for kind in kinds]
+    outputs.append(new.new_output("stream", name="stdout", text="a number"))
+    cell = new.new_code_cell("draw()", outputs=outputs)
+    notebook = new.new_notebook(cells=[cell])
+    assert len(book.stage_notebook(notebook, "3 s").cells) == 1
+    cell.metadata["mystnb"] = {"figure": {"caption": "What to look at."}}
+    drawn, beside = book.stage_notebook(notebook, "3 s").cells
+    assert (drawn.outputs, beside.outputs) == ([outputs[0], outputs[2]], [outputs[1]])
+    assert beside.metadata["tags"] == ["remove-input"]
+    nbformat.validate(notebook)
+
+
 def test_a_film_is_named_by_the_words_before_it():
     new = nbformat.v4
     outputs = []
