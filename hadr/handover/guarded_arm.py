@@ -110,9 +110,7 @@ class GuardedArm:
             )
 
     def check_target(self, target: Array) -> None:
-        """HaltError where a tool pose cannot be gone to."""
-        if not self.config.workspace.contains(target[:3, 3]):
-            raise HaltError(f"target {np.round(target[:3, 3], 2)} m lies outside the workspace")
+        """HaltError where a tool pose is beyond the arm's reach or workspace."""
         if not self.robot.reachable(target):
             raise HaltError(f"target {np.round(target[:3, 3], 2)} m is out of reach")
 
