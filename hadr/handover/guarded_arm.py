@@ -144,10 +144,8 @@ class GuardedArm:
         closing = safety.closing_speed(velocity, watch.middle, self.reading.tool[:3, 3])
         c = self.config.safety
         factor = min(1.0, safety.allowed_speed(free, closing, watch.age, least, c) / speed)
-        crawl = CRAWL_SPEED - closing
-        way = safety.separation(crawl, 0.0, 0.0, least, c)
-        if crawl > 0 and free > least + way.robot + way.stopping:
-            factor = max(factor, min(1.0, crawl / speed))
+        crawl = min(CRAWL_SPEED - closing, safety.stopping_speed(free - least, 0.0, c))
+        factor = max(factor, min(1.0, crawl / speed))
         if factor < 1:
             self.caution = f"hand {1000 * free:.0f} mm away: {100 * factor:.0f} % of the speed"
         return factor
