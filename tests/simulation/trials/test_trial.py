@@ -38,9 +38,10 @@ def timeless(run: Run) -> str:
 
 def test_a_whole_attempt(whole: Run) -> None:
     assert whole.outcome.verdict == "success"
-    assert [t.after for t in whole.transitions] == [
+    # the judge is content before the arm is home
+    assert [t.after for t in whole.transitions][-2:] == [
         Stage.APPROACH_AND_REACT,
-        Stage.GRASP_AND_RETRIEVE,  # the judge is content before the arm is home
+        Stage.GRASP_AND_RETRIEVE,
     ]
     assert whole.outcome.largest_force == 0
     assert whole.outcome.first_grasp_at == whole.transitions[0].time
