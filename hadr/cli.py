@@ -37,7 +37,11 @@ from hadr import __version__
 COMMANDS: dict[str, tuple[str, str]] = {
     "restore": (
         "hadr.press.restore_command",
-        "restore the depth of a transparent object in one frame",
+        "restore the depth of a transparent object in a frame",
+    ),
+    "view": (
+        "hadr.press.view_command",
+        "turn a restored cloud in the browser",
     ),
     "hand-model": (
         "hadr.models.hand.hand_model_command",
