@@ -37,6 +37,9 @@ from break_it.worker import differences, snapshot
 
 TIMEOUT = 30.0
 """After so many seconds of the processor a case has no answer."""
+IDLE = 40
+"""After so many seconds without work neither; a Dask scheduler that does not answer is given up
+after 10."""
 
 
 class Worker:
@@ -63,13 +66,16 @@ class Worker:
         self.stop()
         if died is not None:
             return {"verdict": "died", "detail": f"exit status {died}"}
-        return {"verdict": "no answer", "detail": f"{timeout:.0f} s of work, or 10 s of waiting"}
+        return {
+            "verdict": "no answer",
+            "detail": f"{timeout:.0f} s of work, or {IDLE} s of waiting",
+        }
 
     def answers(self, timeout: float) -> bool:
-        """Whether it has answered before it worked too long, or did nothing for 10 s."""
+        """Whether it has answered before it worked too long, or did nothing for `IDLE` seconds."""
         begun = last = self.worked()
         idle = 0
-        while idle < 10 and last - begun < timeout:
+        while idle < IDLE and last - begun < timeout:
             if select.select([self.process.stdout], [], [], 1)[0]:
                 return True
             now = self.worked()

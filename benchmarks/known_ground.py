@@ -18,9 +18,11 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 import real_frames as real
+from scipy import ndimage
 
 from hadr.camera import Intrinsics, transform_points
 from hadr.camera_file import load_intrinsics
@@ -195,6 +197,29 @@ def shifted(frame: Frame, rng: np.random.Generator) -> Shown:
     return shown(frame, keypoints=hand)
 
 
+def other_masks(frame: Frame, rng: np.random.Generator) -> dict[str, npt.NDArray[np.bool_]]:
+    """Masks that are not the glass's, by name; in pixels of the samples' 448x252."""
+    mask = frame.object_mask
+    rows, columns = np.nonzero(mask)
+    middle = np.array([rows.mean(), columns.mean()])
+    mirrored = ndimage.shift(mask[:, ::-1], (0, 2 * middle[1] - mask.shape[1] + 1), order=0)
+    hull = np.zeros(mask.shape, np.uint8)
+    corners = cv2.convexHull(np.stack((columns, rows), axis=1).astype(np.int32))
+    cv2.fillConvexPoly(hull, corners, 1)
+    way = rng.uniform(0, 2 * np.pi)
+    away = np.linalg.norm(np.indices(mask.shape) - middle[:, None, None], axis=0)
+    return {
+        "mask wider by 3 px": ndimage.distance_transform_edt(~mask) <= 3,
+        "mask mirrored": mirrored,
+        "mask moved by 4 px": ndimage.shift(
+            mask, 4 * np.array([np.sin(way), np.cos(way)]), order=0
+        ),
+        "a disc in place of the mask": away <= np.sqrt(mask.sum() / np.pi),
+        "the hand's mask": frame.hand_mask,
+        "the mask's convex hull": hull > 0,
+    }
+
+
 @cache
 def finders() -> tuple[Segmentation, HandKeypoints]:
     """The bundled networks that find mask and keypoints."""
@@ -255,6 +280,11 @@ def all_sets(
                 invented = [one for f in frames for one in found_hand(f, glass=False)]
                 sets["no-hand, keypoints found by the networks"] = (False, invented)
     sets["keypoints shifted"] = (False, [shifted(f, rng) for f in samples])
+    for frame in samples:
+        for name, mask in other_masks(frame, rng).items():
+            # Of a glass without a hollow the hull is the mask.
+            where = None if "hull" in name else False
+            sets.setdefault(name, (where, []))[1].append(shown(frame, mask=mask))
     found = [one for f in samples for one in found_hand(f, glass=True)]
     sets["samples, mask and keypoints found by the networks"] = (None, found)
     if real_folder.is_dir():

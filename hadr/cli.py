@@ -86,7 +86,7 @@ commands
 
 a first try
   hadr restore --rgb rgb.png --depth depth.png --intrinsics camera.yaml \\
-      --mask glass.png --out restored
+      --mask glass.png --hand hand.json --out restored
 
 exit status
   0 done   1 failed   2 unusable input or a wrong call   130 interrupted"""

@@ -213,7 +213,7 @@ class DepthNetwork:
                 depth = np.where(seen, 0, depth)
         with torch.inference_mode():
             inputs = frame_to_input(color, depth, seen, keypoints, camera, self.size)
-            output, ground, rule = self._ask(inputs, measured, unlike)
+            output, ground, rule = self._ask(inputs, measured, unlike, color, mask)
             asked = inputs.mask[0].numpy()
             answered = (output.restored & (output.depth > 0))[0].numpy() & asked
             within = within_learned(output, self.learned_range_m)[0].numpy() & asked
@@ -248,7 +248,12 @@ class DepthNetwork:
         )
 
     def _ask(
-        self, inputs: HADRInput, measured: NDArray[np.float32] | None, unlike: tuple[str, ...]
+        self,
+        inputs: HADRInput,
+        measured: NDArray[np.float32] | None,
+        unlike: tuple[str, ...],
+        color: NDArray[np.uint8],
+        mask: BoolArray,
     ) -> tuple[Any, Verdict, ConfidenceRule | None]:
         """The answer, whether the frame lies on the ground, and what the confidence means there."""
         if measured is None:
@@ -257,7 +262,7 @@ class DepthNetwork:
             return self.model(inputs), Verdict(False if unlike else None, why=unlike), None
         small = np.nan_to_num(resize_depth(measured, *self.size))
         part = NETWORKS[self.kind].sees
-        seen = observe(self.model, part, inputs, small, self.learned_range_m)
+        seen = observe(self.model, part, inputs, small, self.learned_range_m, color, mask)
         verdict = self.ground.judge(seen)
         if unlike:
             verdict = replace(verdict, inside=False, why=unlike + verdict.why)

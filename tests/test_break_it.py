@@ -37,6 +37,8 @@ SENTENCE = "hadr restore: error: depth d.png does not exist\n"
         ("fine", "safe", 0, "", {"out/depth.png": "1"}),
         ("fine", "refused", 2, "\r50%|#  | 1/2\r" + SENTENCE, {}),
         ("accepted", "refused", 0, "", {"out/depth.png": "1"}),
+        ("accepted", "noted", 0, "note: it is dark", {"out/depth.png": "1"}),
+        ("fine", "noted", 0, "note: d.png is dark", {"out/depth.png": "1"}),
         ("damaged", "refused", 2, SENTENCE, {"d.png": "other"}),
         ("damaged", "safe", 0, "", {"d.png": None}),
         ("left over", "refused", 2, SENTENCE, {".out-x": "1"}),

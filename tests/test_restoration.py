@@ -353,7 +353,7 @@ def ground_of_frame(path) -> dict:
     given = np.where(mask, 0, depth)
     inputs = frame_to_input(color, given, mask, hand(), CAMERA, network.size)
     small = resize_depth(depth, *network.size)
-    one = observe(network.model.requires_grad_(False), "unet", inputs, small, None)
+    one = observe(network.model.requires_grad_(False), "unet", inputs, small, None, color, mask)
     sight = Sight.fit(np.stack((one.seen, one.seen + 1)))
     features = [sight.with_strangeness(one)]
     return Ground({"measured depth": Field.fit(features, features)}, sight).to_dict()
@@ -416,7 +416,7 @@ def test_a_calibrated_checkpoint_says_what_its_confidence_means_where_it_holds(t
     assert far.tolerance_m is None
     said = next(n for n in far.notes if "is unlike those that HADR-plus learned from" in n)
     assert ", so there is no probability of being right: " in said
-    assert said.count(", learned ") == len(far.ground.why)
+    assert said.count(", in training ") == len(far.ground.why)
     assert confidence_means(far).startswith("no probability: ")
     listed = report(depth, CAMERA, far, None, {}, {})["ground"]
     assert listed["inside"] is False

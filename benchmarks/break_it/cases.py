@@ -22,7 +22,8 @@ class Case:
     """One try.
 
     `expect` is "refused": exit status 2 and one sentence; "safe": that, or a result, as long as
-    nothing breaks; "works": a right input, which keeps the others honest.
+    nothing breaks; "noted": a result that says so; "works": a right input, which keeps the others
+    honest.
     """
 
     kind: str

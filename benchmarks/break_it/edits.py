@@ -122,6 +122,16 @@ def _write_picture(path: Path, pixels: Any, kind: str = ".png") -> None:
     path.write_bytes(cv2.imencode(kind, pixels)[1].tobytes())
 
 
+def turned(path: Path, orientation: int) -> None:
+    """Write into a picture how it is to be turned."""
+    from PIL import ExifTags, Image
+
+    with Image.open(path) as picture:
+        about = picture.getexif()
+        about[ExifTags.Base.Orientation] = orientation
+        picture.save(path, exif=about)
+
+
 def exr(path: Path, channels: str) -> None:
     """Write an EXR with channels of these names."""
     import OpenEXR
@@ -143,6 +153,9 @@ def noise(path: Path, how: str, seed: int) -> None:
         data = bytearray(rng.randbytes(len(data)))
     elif how == "zeros":
         data = bytearray(len(data))
+    elif how == "blot":  # behind what a picture begins with
+        at = rng.randrange(len(data) // 2, len(data) - 100)
+        data[at : at + 64] = rng.randbytes(64)
     elif how == "hole":
         at = rng.randrange(len(data))
         del data[at : at + 16]
@@ -237,8 +250,8 @@ EDITS = {
     "text": lambda path, text: (path.parent.mkdir(parents=True, exist_ok=True),
                                 path.write_text(text.replace(DEEP, "[" * 100_000))),
     "field": field, "weights": weights, "record": flipped_record, "array": array,
-    "exr": exr, "noise": noise, "replaced": replaced, "header": header, "size": size,
-    "column": column, "log": log, "log_array": log_array, "sealed": sealed,
+    "exr": exr, "turned": turned, "noise": noise, "replaced": replaced, "header": header,
+    "size": size, "column": column, "log": log, "log_array": log_array, "sealed": sealed,
     "swap": lambda path, old, new: path.write_text(path.read_text().replace(old, new)),
     "unreadable": lambda path: path.chmod(0),
     "lossy": lambda path, kind: _write_picture(path, _picture(path), kind),

@@ -3,6 +3,7 @@
 # fmt: off
 # ruff: noqa: E501
 
+from pathlib import Path
 from typing import Any
 
 from break_it.cases import (
@@ -56,6 +57,33 @@ ARRAYS = {
     (NEAREST, "mask", "mask.png"): ("a[::2]", "a * 0 + 255", "a[:1, :1]", "np.dstack([a, a, a, a])"),
     (HAND, "hand-mask", "arm.png"): ("a[::2]", "a[:1, :1]"),
 }
+#: Right camera files of others: what ROS prints, its calibration, OpenCV's FileStorage.
+CAMERA_INFO = """header: {stamp: {sec: 1, nanosec: 2}, frame_id: camera}
+height: 48
+width: 64
+distortion_model: plumb_bob
+d: [0.0, 0.0, 0.0, 0.0, 0.0]
+k: [80.0, 0.0, 31.5, 0.0, 80.0, 23.5, 0.0, 0.0, 1.0]
+r: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
+p: [80.0, 0.0, 31.5, 0.0, 0.0, 80.0, 23.5, 0.0, 0.0, 0.0, 1.0, 0.0]
+binning_x: 0
+binning_y: 0
+roi: {x_offset: 0, y_offset: 0, height: 0, width: 0, do_rectify: false}
+---
+"""
+OPENCV = """%YAML:1.0
+---
+image_width: 64
+image_height: 48
+camera_matrix: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [80., 0., 31.5, 0., 80., 23.5, 0., 0., 1.]
+distortion_coefficients: !!opencv-matrix {rows: 1, cols: 5, dt: d, data: [0., 0., 0., 0., 0.]}
+fisheye_model: 0
+avg_reprojection_error: 3.2e-01
+"""
 CAMERAS = (
     "fx: 80\nfy: 80\ncx: 31.5\ncy: 23.5\n", "fx 80", "- 80\n- 80\n", "!!python/object/apply:os.system ['touch executed-yaml']\n",
     "fx: 80\nfy: 80\nfx: 90\ncx: 31.5\ncy: 23.5\nwidth: 64\nheight: 48\n",
@@ -75,6 +103,14 @@ CAMERAS = (
     *(f"fx: 80\nfy: 80\ncx: 31.5\ncy: 23.5\nwidth: 64\nheight: 48\n{more}\n" for more in (
         "model: fisheye", "distortion_model: equidistant", "camera_model: KANNALA_BRANDT", "projection: equirectangular",
         "skew: 50", "skew_c: 0.5", "depth_scale: 0.0001", "binning_x: 2", "R: [[0, 1, 0], [1, 0, 0], [0, 0, 1]]", "unit: mm")),
+    *(CAMERA_INFO.replace(old, new) for old, new in (
+        ("d: [0.0", "d: [0.1"), ("plumb_bob", "equidistant"), ("r: [1.0", "r: [0.9"), ("p: [80", "p: [90"),
+        ("binning_x: 0", "binning_x: 2"), ("x_offset: 0", "x_offset: 8"), ("height: 0", "height: 24"), ("k: [80.0, ", "k: ["),
+        ("k: [80.0", "k: [0.0"), ("roi: {", "roi: 7\nregion: {"), ("---\n", "---\nwidth: 64\n"))),
+    *(OPENCV.replace(old, new) for old, new in (
+        ("[0., 0.", "[-0.3, 0."), ("fisheye_model: 0", "fisheye_model: 1"), ("rows: 3", "rows: 4"), ("!!opencv", "!!python/object:os."),
+        ("image_width: 64", "image_width: 128"), ("data: [80.", "given: [80."))),
+    *(f"fx: {x}\nfy: 80\ncx: 31.5\ncy: 23.5\nwidth: 64\nheight: 48\n" for x in ("6:38", "1:20.0", "8_0", "0x50", "0b1010000", "0o120")),
     "fx: 2026-01-01\nfy: 80\ncx: 31.5\ncy: 23.5\nwidth: 64\nheight: 48\n",
 )
 HEADERS = (  # of an .npy
@@ -213,6 +249,20 @@ def many() -> list[Case]:
 
 FOUND_ONE_BY_ONE = [
     *many(),
+    *(NEAREST.case("camera", f"{name}, as it should be", ("camera.yaml", "text", text), intrinsics="camera.yaml",
+                   expect="works") for name, text in (("camera_info", CAMERA_INFO), ("two messages", CAMERA_INFO * 2),
+                                                      ("OpenCV's", OPENCV), ("upper case", CAMERA_INFO.replace("k:", "K:")))),
+    *(NEAREST.case("picture", f"a JPEG with a blot {n}", ("rgb.jpg", "noise", "blot", n), rgb="rgb.jpg", says=("rgb.jpg",))
+      for n in range(6)),
+    *(NEAREST.case("picture", f"{file} turned by EXIF {n}", (file, "turned", n), rgb=file, says=("orientation",))
+      for file in ("rgb.jpg", "rgb.png") for n in (3, 6, 8)),
+    *(NEAREST.case("noted", f"a picture of nothing: {e}", ("rgb.png", "array", e), expect="noted",
+                   says=("shows nothing",)) for e in ("a * 0", "a * 0 + 200", "a // 60")),
+    *(call.case("noted", f"depth {e}", ("depth.png", "array", e), expect="noted", says=("would measure",))
+      for call, e in ((NEAREST, "a // 10"), (NEAREST, "a * 10"), (NETWORK, "a // 10"))),
+    *(call.case("place", f"--{option}: where nothing can be", **{option: "/proc/x"}, says=("'/proc/x'",))
+      for call, option in ((NEAREST, "out"), (GENERATE, "out"), (TRAIN, "out"), (EVALUATE, "out"), (COURSE, "out"))
+      if Path("/proc/self").exists()),
     *(NEAREST.case("picture", f"mask of {kind} named .png", ("mask.png", "lossy", kind), says=("mask",))
       for kind in (".jpg", ".webp")),
     *(NEAREST.case("picture", f"EXR with {c}", ("d.exr", "exr", c), depth="d.exr", says=("d.exr",))

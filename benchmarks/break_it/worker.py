@@ -100,7 +100,8 @@ def judged(case: dict[str, Any], before: dict[str, str], after: dict[str, str],
         return "damaged", f"{gone[:5]} (exit status {status})"
     if status == 0:
         strange = [n for n in new if n.split("/")[0] not in case["out"]]
-        if case["expect"] == "refused":
+        noted = case["expect"] == "noted" and any(word in told for word in case["says"])
+        if case["expect"] in ("refused", "noted") and not noted:
             return "accepted", told.strip()[-200:]
         return ("left over", f"{strange[:5]}") if strange else ("fine", "")
     if case["expect"] == "works":
@@ -177,6 +178,8 @@ def tried(case: dict[str, Any], fixtures: Path, folder: Path) -> dict[str, Any]:
     if "Traceback (most recent call last)" in told and status == 1:  # the command's own word
         found = re.findall(r'/(hadr/[\w/]+\.py)", line (\d+)', told)
         status, place = told.strip()[-400:], ":".join(found[-1]) if found else "?"
+    if case["expect"] == "noted" and status == 0:
+        told += (folder / "1.stream").read_text(errors="replace")
     verdict, detail = judged(case, before, snapshot(work), status, told)
     return {"verdict": verdict, "detail": detail, "place": place}
 

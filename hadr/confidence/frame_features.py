@@ -1,7 +1,8 @@
 """What can be measured of a frame: how far the glass is, where the hand is, what the camera says.
 
 Each feature has a scale on which steps are alike, and words in which it is said. They are measured
-at the size at which a network works, so that they don't depend on the picture's.
+at the size at which a network works, so that they don't depend on the picture's; how the mask
+follows the picture (`outline_features`), at one size for all networks, since it needs finer pixels.
 """
 
 from __future__ import annotations
@@ -14,7 +15,16 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-from hadr.camera import BoolArray, FloatArray, Intrinsics, project, unproject
+from hadr.camera import (
+    BoolArray,
+    FloatArray,
+    Intrinsics,
+    project,
+    resize_color,
+    resize_mask,
+    unproject,
+    window_around,
+)
 
 Array = npt.NDArray[np.float64]
 Features = Mapping[str, float]
@@ -23,6 +33,10 @@ NEAR_M = 0.03
 SKIN_M = (-0.02, 0.07)
 """A hand's joint lies so far behind the depth that is measured at its pixel, metres: 1 to 2 cm
 below the skin, more where a finger hides it."""
+OUTLINE_WIDTH = 448
+"""Width at which the mask's outline is looked at, pixels: of the bundled training frames."""
+FAINT = 2.0
+"""A step of brightness, per pixel, that is none; of 255."""
 
 
 def _log(unit: float = 0.0) -> Callable[[Array], Array]:
@@ -66,7 +80,7 @@ class Feature:
         if side(low) == side(high):
             both = least if least == most else f"{least} to {most}"
             learned = f"{both}{self.unit}{side(low)}"
-        return f"{self.words.format(f'{here}{self.unit}{side(value)}')}, learned {learned}"
+        return f"{self.words.format(f'{here}{self.unit}{side(value)}')}, in training {learned}"
 
     def _number(self, value: float) -> str:
         return f"{self.factor * (value if self.sides is None else abs(value)):.3g}"
@@ -80,17 +94,25 @@ _BEHIND = ("behind", "before")
 FEATURES: dict[str, Feature] = {
     "distance": Feature("the glass is {} away", _log(), " m"),
     "size": Feature("the glass measures {} across", _log(), " cm", 100),
-    "lens": Feature("the focal length is {} of the picture's width", _log(), " %", 100, 0.08),
-    "known_around": Feature("depth is known on {} around the glass", _share, " %", 100),
+    "lens": Feature(
+        "the camera sees another angle: focal length {} of the picture's width",
+        _log(),
+        " %",
+        100,
+        0.08,
+    ),
+    "known_around": Feature(
+        "the camera measured depth on {} of what is around the glass", _share, " %", 100
+    ),
     "near_around": Feature(
         "{} of the depth around the glass is within 10 cm of it", _share, " %", 100
     ),
     "depth_around": Feature(
         "what is around the glass is {} it", _signed(0.1), " cm", 100, sides=_BEHIND
     ),
-    "rough": Feature("the measured depth is rough by {} at 1 m", _log(1e-4), " mm", 1000),
-    "even": Feature("{} of the measured depth has no noise at all", _share, " %", 100),
-    "known_in": Feature("depth is known on {} of the glass", _share, " %", 100),
+    "rough": Feature("the depth camera's noise is another: {} at 1 m", _log(1e-4), " mm", 1000),
+    "even": Feature("{} of the measured depth has no noise, as if computed", _share, " %", 100),
+    "known_in": Feature("the camera measured depth on {} of the glass", _share, " %", 100),
     "near_in": Feature(
         "{} of the depth measured in the glass is within 3 cm of the answer", _share, " %", 100
     ),
@@ -100,8 +122,25 @@ FEATURES: dict[str, Feature] = {
     "spread_in": Feature(
         "half of the depth measured in the glass is spread over {}", _log(0.003), " cm", 100
     ),
-    "hand": Feature("the hand's bones measure {} in the mean", _log(), " mm", 1000),
-    "fingers": Feature("the hand's bones differ by {} in length", _log(), " %", 100),
+    "outline": Feature(
+        "the mask may not follow the glass: {} of what changes near its outline lies on it",
+        _share,
+        " %",
+        100,
+    ),
+    "faint": Feature(
+        "the mask may not follow the glass: {} of its outline follow nothing", _share, " %", 100
+    ),
+    "clear_in": Feature(
+        "the mask may not follow the glass: its outline changes {} times as much as its inside",
+        _log(),
+    ),
+    "hand": Feature(
+        "the hand has another size: its bones measure {} in the mean", _log(), " mm", 1000
+    ),
+    "fingers": Feature(
+        "the hand has other proportions: the lengths of its bones differ by {}", _log(), " %", 100
+    ),
     "tilt": Feature(
         "the hand points {} the camera", _signed(1), " of its length", sides=("away from", "toward")
     ),
@@ -119,7 +158,7 @@ FEATURES: dict[str, Feature] = {
     ),
     "agree": Feature("measured depth agrees with {} of the hand's joints", _share, " %", 100),
     "seen": Feature(
-        "what the network sees in the glass differs by {} from what is usual", _log(0.05)
+        "the glass looks unlike those in training: what is seen there is off by {}", _log(0.05)
     ),
 }
 """The features by name."""
@@ -172,6 +211,40 @@ def frame_features(
         }
     if keypoints is not None:
         found |= {"behind": answer - away, **_hand_features(depth, camera, mask, keypoints)}
+    return {name: value for name, value in found.items() if np.isfinite(value)}
+
+
+def outline_features(color: npt.NDArray[np.uint8], mask: BoolArray) -> dict[str, float]:
+    """Measure whether a mask ends where the picture changes.
+
+    Across the outline of glass its brightness makes a step. Where a mask is too wide, or of another
+    shape, there are steeper ones beside its outline. A hand's skin is smoother than glass.
+
+    Args:
+        color: RGB, shape (H, W, 3) uint8.
+        mask: Pixels to restore, shape (H, W) bool.
+
+    Returns:
+        Features by name; what can't be measured is left out.
+    """
+    size = OUTLINE_WIDTH, max(round(mask.shape[0] * OUTLINE_WIDTH / mask.shape[1]), 1)
+    mask = resize_mask(mask, *size)
+    if not mask.any():
+        return {}
+    window = window_around(mask, 16)
+    mask, gray = mask[window], resize_color(color, *size)[window].mean(axis=2)
+    beyond = ndimage.distance_transform_edt(~mask) - ndimage.distance_transform_edt(mask)
+    steps = np.stack([ndimage.gaussian_filter(gray, 0.7, order=o) for o in ((1, 0), (0, 1))])
+    across = np.stack(np.gradient(ndimage.gaussian_filter(beyond, 1)))
+    across /= np.maximum(np.linalg.norm(across, axis=0), 1e-3)
+    step = np.abs((steps * across).sum(axis=0))
+    rim, change = np.abs(beyond) <= 1, np.hypot(*steps)
+    on, near = (ndimage.maximum_filter(step, reach)[rim] for reach in (3, 9))
+    found = {
+        "outline": _mean(on[near > 0] / near[near > 0]),
+        "faint": _mean(on < FAINT),
+        "clear_in": _mean(change[rim]) / (_mean(change[beyond < -3]) + 0.1),
+    }
     return {name: value for name, value in found.items() if np.isfinite(value)}
 
 

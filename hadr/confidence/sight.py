@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from hadr.camera import FloatArray, Intrinsics
+from hadr.camera import BoolArray, FloatArray, Intrinsics
 from hadr.confidence.calibration import within_learned
-from hadr.confidence.frame_features import frame_features
+from hadr.confidence.frame_features import frame_features, outline_features
 from hadr.records.reading import structured
 
 if TYPE_CHECKING:
@@ -108,6 +108,8 @@ def observe(
     inputs: HADRInput,
     measured: FloatArray,
     depth_range_m: tuple[float, float] | None,
+    color: npt.NDArray[np.uint8],
+    mask: BoolArray,
 ) -> Observation:
     """Ask a network about one frame, and measure the frame.
 
@@ -118,6 +120,8 @@ def observe(
         measured: z-depth at this size as the camera measured it, in the glass too, metres, shape
             (H, W); 0 = missing.
         depth_range_m: Depths of the object in training, metres; None if unknown.
+        color: The frame's picture at its own size, RGB, uint8.
+        mask: Its mask at that size, bool.
     """
     import torch
     from torch.nn import functional
@@ -138,9 +142,9 @@ def observe(
     weight = torch.ones_like(seen[:, :1])
     if not hasattr(network, "crop"):  # a crop lies around the glass; a picture shows more
         view = network.config.view
-        mask = inputs.mask if view is None else nearest(lay_windows(inputs, view), inputs.mask)
+        glass = inputs.mask if view is None else nearest(lay_windows(inputs, view), inputs.mask)
         weight = functional.adaptive_avg_pool2d(
-            mask[:, None].to(seen.dtype), (seen.shape[2], seen.shape[3])
+            glass[:, None].to(seen.dtype), (seen.shape[2], seen.shape[3])
         )
     vector = (seen * weight).sum(dim=(2, 3)) / weight.sum()  # (1, E)
     found = (output.depth * within_learned(output, depth_range_m))[0]  # (H, W)
@@ -151,6 +155,7 @@ def observe(
     features = frame_features(
         measured, found.numpy(), camera, inputs.mask[0].numpy(), hand if hand.any() else None
     )
+    features |= outline_features(color, mask)
     return Observation(output, features, vector[0].double().numpy())
 
 

@@ -6,7 +6,8 @@ the object, the gripper draws back and goes in again farther to that side (half 
 the side changes, so that it does not swing between two places); and where nothing was met at the
 end, it goes on until the object meets the palm. Which of hand and object it met, it can't feel: a
 hand as near as that has already stopped it, as far as the hand's place is known. Then the fingers
-close, feel whether they hold something, wait for the hand to let go, and pull back.
+close, feel whether they hold something, and draw back gently. Whenever somebody pulls at the object
+they wait. Once they have come a little way without, they hold it firmly and carry it home.
 """
 
 from __future__ import annotations
@@ -17,17 +18,24 @@ import numpy as np
 import numpy.typing as npt
 
 from hadr.handover import safety
-from hadr.handover.grasping.grasps import final_travel, forward_of
+from hadr.handover.grasping.grasps import FEELING_STEP, forward_of
 from hadr.handover.guarded_arm import NO_NEARER, GuardedArm, HaltError
 from hadr.handover.poses import pose_distance
-from hadr.handover.stages import ARRIVE_DISTANCE, CLOSE_TIMEOUT, LET_GO_TIME, RETREAT
+from hadr.handover.stages import (
+    ALONE_AFTER,
+    ARRIVE_DISTANCE,
+    CLOSE_TIMEOUT,
+    FIRM_FORCE,
+    GENTLE_FORCE,
+    LET_GO_TIME,
+    PULL_TIME,
+    RETREAT,
+)
 
 Array = npt.NDArray[np.float64]
 
 FAR_FROM_GOAL = 0.02
 """The final move waits for a tool that is farther behind than this, metres."""
-FEELING_STEP = 0.01
-"""Past its end the final move is made longer by this at a time, metres, while nothing is felt."""
 DRAW_BACK = 0.03
 """So far the gripper draws back before it goes to the side, metres."""
 TOO_SOON = 0.03
@@ -63,6 +71,7 @@ class Advance:
     all_corrections: int = field(default=0, init=False)
     travelled: float = field(default=0.0, init=False)
     _end: float = field(default=0.0, init=False)
+    _feel: float = field(default=0.0, init=False)
     _back_to: float | None = field(default=None, init=False)
     _side: float = field(default=0.0, init=False)
     _felt: str = field(default="", init=False)
@@ -84,12 +93,12 @@ class Advance:
     @property
     def _planned(self) -> float:
         """The final move's end without feeling, metres from the pre-grasp."""
-        c = self.arm.config
-        return final_travel(c.final_move, back=c.back, forward=c.forward)
+        way = self.arm.config.way
+        return way.back + way.forward
 
-    def begin(self) -> None:
-        """Start at the pre-grasp."""
-        self._end = self._planned
+    def begin(self, feel: float = np.inf) -> None:
+        """Start at the pre-grasp of a grasp whose way is free so far past its end, metres."""
+        self._end, self._feel = self._planned, feel
         self.travelled = self.aside = self._side = 0.0
         self.corrections, self._back_to, self._felt = 0, None, ""
 
@@ -147,12 +156,10 @@ class Advance:
 
     def _met_at(self) -> float | None:
         """Where something presses against the gripper: metres along the closing axis, or None."""
-        arm, c = self.arm, self.arm.config
+        c, tool = self.arm.config, self.arm.reading.tool
         if c.feel_ahead <= 0 and c.feel_aside <= 0:
             return None
-        tool, wrench = arm.reading.tool, np.asarray(arm.robot.tool_wrench(), dtype=np.float64)
-        if wrench.shape != (6,) or not np.isfinite(wrench).all():
-            raise HaltError("the sensor at the wrist gives no number", back=True)
+        wrench = self.arm.wrench()
         force = -float(wrench[:3] @ tool[:3, 2])
         if force <= c.contact_force:
             return None
@@ -211,7 +218,7 @@ class Advance:
 
     def _farther(self, target: Array) -> bool:
         """Whether the fingers may go on, feeling for the object; the end of the way moves on."""
-        last = self._planned + self.arm.config.feel_ahead
+        last = self._planned + min(self.arm.config.way.feel, self._feel)
         end = min(last, self._end + FEELING_STEP)
         if end <= self._end or not self._clear(forward_of(target, end)):
             return False
@@ -232,7 +239,7 @@ class Retrieval:
 
     Attributes:
         arm: The arm.
-        part: close, let go, retreat.
+        part: close, let go, retreat, carry.
     """
 
     arm: GuardedArm
@@ -240,21 +247,23 @@ class Retrieval:
     _pose: Array = field(init=False)
     _told: float = field(default=0.0, init=False)
     _since: float = field(default=0.0, init=False)
+    _pulled_from: float = field(default=0.0, init=False)
     _still: tuple[float, float] = field(default=(0.0, 0.0), init=False)
     _travelled: float = field(default=0.0, init=False)
 
     def begin(self, now: float, pose: Array, width: float) -> None:
         """Tell the fingers of a grasp's width, metres, to close at a tool pose (4, 4)."""
         self._pose, self._told = pose, max(0.0, width - self.arm.config.squeeze)
-        self.arm.robot.set_gripper(self._told)
+        self.arm.robot.set_gripper(self._told, GENTLE_FORCE)
         self._still = (now, self.arm.reading.width)
-        self._enter("close", now)
+        self.enter("close", now)
 
-    def step(self, now: float, dt: float, *, factor: float = 1.0) -> bool:
-        """Go on for dt seconds, back at a part of the speed; True once the object is pulled back.
+    def step(self, now: float, dt: float) -> bool:
+        """Go on for dt seconds; True once the object is home.
 
         Raises:
-            HaltError: Nothing is between the fingers.
+            HaltError: Nothing is between the fingers, somebody pulls at it for long, the hand is in
+                the way, or the sensor at the wrist gives no number.
         """
         arm, c = self.arm, self.arm.config
         if self.part == "close":
@@ -263,21 +272,44 @@ class Retrieval:
                 self._still = (now, arm.reading.width)
             if now - self._still[0] >= STILL_FOR or now - self._since > CLOSE_TIMEOUT:
                 self._check_held("the fingers closed on nothing")
-                self._enter("let go", now)
+                self.enter("let go", now)
+            return False
+        slipped, dropped = "slipped out of the fingers", "was dropped on the way back"
+        self._check_held(f"the object {slipped if self.part == 'let go' else dropped}")
+        if self._pulled(now):
+            arm.hold(dt)
         elif self.part == "let go":
-            self._check_held("the object slipped out of the fingers")
             arm.go(self._pose, c.advance_speed, dt)
             if now - self._since >= LET_GO_TIME - 1e-9:
                 self._travelled = 0.0
-                self._enter("retreat", now)
+                self.enter("retreat", now)
+        elif self.part == "carry":
+            return arm.homeward(now, dt)
         else:
-            self._check_held("the object was dropped on the way back")
-            self._travelled = min(RETREAT, self._travelled + factor * c.advance_speed * dt)
+            goal, held = forward_of(self._pose, -RETREAT), self._travelled
+            factor = arm.leaving(*arm.ahead(goal), speed=c.advance_speed, now=now)
+            self._travelled = min(RETREAT, held + factor * c.advance_speed * dt)
             goal = forward_of(self._pose, -self._travelled)
             arm.go(goal, 2 * c.advance_speed, dt)
+            if held < ALONE_AFTER <= self._travelled:
+                arm.robot.set_gripper(self._told, FIRM_FORCE)
             near = pose_distance(arm.reading.tool, goal)[0] < ARRIVE_DISTANCE
-            return self._travelled >= RETREAT and near
+            if self._travelled >= RETREAT and near:
+                self.enter("carry", now)
         return False
+
+    def _pulled(self, now: float) -> bool:
+        """Whether somebody pulls at the object; the wait for the hand to let go begins anew."""
+        pull = safety.hand_pull(self.arm.wrench()[:3])
+        if pull <= safety.HAND_PULL:
+            self._pulled_from = now
+            return False
+        words = f"somebody pulls at the object with {pull:.1f} N"
+        if now - self._pulled_from > PULL_TIME:
+            raise HaltError(words, back=True)
+        self.arm.caution = words
+        self._since = now
+        return True
 
     def _check_held(self, words: str) -> None:
         width = self.arm.reading.width
@@ -285,5 +317,6 @@ class Retrieval:
             gap = f"{1000 * width:.0f} mm apart, told {1000 * self._told:.0f}"
             raise HaltError(f"{words}: object dropped or lost (fingers {gap})", back=True)
 
-    def _enter(self, part: str, now: float) -> None:
-        self.part, self._since = part, now
+    def enter(self, part: str, now: float) -> None:
+        """Begin a part, or go on with it after a stop."""
+        self.part, self._since, self._pulled_from = part, now, now

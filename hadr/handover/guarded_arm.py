@@ -15,17 +15,20 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from hadr.handover import safety
+from hadr.handover import safety, ur5
+from hadr.handover.grasping.collision import hand_distance
 from hadr.handover.observation import HandWatch
 from hadr.handover.poses import between, pose_distance, toward
 from hadr.handover.robot import Robot
-from hadr.handover.stages import CRAWL_SPEED, HandoverConfig
+from hadr.handover.stages import ARRIVE_ANGLE, ARRIVE_DISTANCE, CRAWL_SPEED, HandoverConfig
 
 Array = npt.NDArray[np.float64]
 
 
 NO_NEARER = 0.004
 """Beside a hand that touches the gripper the arm may move, but not nearer by more, metres."""
+BLIND = 0.5
+"""Part of the speed on the ways back while the camera shows no hand."""
 LEAD, LEAD_ANGLE = 0.05, 0.3
 """The reference runs ahead of the tool by no more than this, metres and radians."""
 
@@ -39,11 +42,13 @@ class HaltError(Exception):
 
 
 class Reading(NamedTuple):
-    """What the robot says at the start of a step: tool pose, joints, width, protective stop."""
+    """What the robot says at the start of a step; a wrench that is none is NaN."""
 
     tool: Array
     joints: Array
     width: float
+    press: float
+    wrench: Array
     protective_stop: str
 
 
@@ -79,8 +84,14 @@ class GuardedArm:
     def read(self) -> None:
         """Ask the robot once; everything in this step goes by the answer."""
         robot = self.robot
+        wrench = np.asarray(robot.tool_wrench(), dtype=np.float64)
         self.reading = Reading(
-            robot.tool_pose(), robot.joint_positions(), robot.gripper_width(), robot.protective_stop
+            robot.tool_pose(),
+            robot.joint_positions(),
+            robot.gripper_width(),
+            robot.finger_force(),
+            wrench if wrench.shape == (6,) else np.full(6, np.nan),
+            robot.protective_stop,
         )
         self.caution = ""
         tool = self.reading.tool
@@ -143,23 +154,68 @@ class GuardedArm:
             raise HaltError(f"hand {where}, at least {1000 * least:.0f} mm are needed", back=True)
         velocity = watch.velocity(0.15)
         closing = safety.closing_speed(velocity, watch.middle, self.reading.tool[:3, 3])
-        reaction = self.config.safety.reaction_time
-        factor = safety.speed_factor(free, least, speed, closing, reaction)
-        if closing < CRAWL_SPEED and free > least + CRAWL_SPEED * reaction:
-            factor = max(factor, min(1.0, CRAWL_SPEED / speed))
+        c = self.config.safety
+        factor = min(1.0, safety.allowed_speed(free, closing, watch.age, least, c) / speed)
+        crawl = CRAWL_SPEED - closing
+        way = safety.separation(crawl, 0.0, 0.0, least, c)
+        if crawl > 0 and free > least + way.robot + way.stopping:
+            factor = max(factor, min(1.0, crawl / speed))
         if factor < 1:
             self.caution = f"hand {1000 * free:.0f} mm away: {100 * factor:.0f} % of the speed"
         return factor
 
-    def free(self, *path: Array, width: float | None = None) -> float:
-        """Least free space between gripper and skin over tool poses, metres.
+    def leaving(self, *path: Array, speed: float, now: float) -> float:
+        """Part of a speed on a way off the hand, over tool poses: `BLIND` where none is seen.
 
-        Left out, poses and opening (metres) are those of now; infinity where no hand is known.
+        Raises:
+            HaltError: It leads into the hand, or into where one was last seen.
         """
-        if self.watch.keypoints is None:
+        watch = self.watch
+        trouble = watch.trouble(now) or watch.problem
+        here, there = (self.free(*poses, hand=watch.last) for poses in ((), path))
+        if there < here - NO_NEARER:
+            least = min(0.0, here - NO_NEARER)
+            if not trouble:
+                return self.allowed(path, least, speed)
+            if there < least:
+                where = f"{1000 * there:.0f} mm from the gripper's path"
+                raise HaltError(f"the hand was last seen {where}; {trouble}", back=True)
+        self.caution = trouble
+        return BLIND if trouble else 1.0
+
+    def homeward(self, now: float, dt: float) -> bool:
+        """Go on home for dt seconds, but not into the hand; True once there."""
+        home, speed = self.home, self.config.approach_speed
+        self.go(home, speed, dt, factor=self.leaving(*self.ahead(home), speed=speed, now=now))
+        distance, angle = pose_distance(self.reading.tool, home)
+        return distance < ARRIVE_DISTANCE and angle < ARRIVE_ANGLE
+
+    def wrench(self) -> Array:
+        """Force in newtons and torque in N m on the gripper, shape (6,); HaltError without them."""
+        if not np.isfinite(self.reading.wrench).all():
+            raise HaltError("the sensor at the wrist gives no number", back=True)
+        return self.reading.wrench
+
+    @property
+    def around_something(self) -> bool:
+        """True where both fingers press."""
+        return self.reading.press > safety.PRESSED
+
+    def free(self, *path: Array, width: float | None = None, hand: Array | None = None) -> float:
+        """Least free space between robot and skin, metres.
+
+        It is that of the gripper on all tool poses, of wrist and forearm now and at the last one.
+        Left out, poses, opening (metres) and hand are those of now; infinity where none is known.
+        """
+        hand = self.watch.keypoints if hand is None else hand
+        if hand is None:
             return np.inf
         width = self.reading.width if width is None else width
-        return safety.path_distance(path or [self.reading.tool], width, self.watch.keypoints)
+        tool, links = self.reading.tool, ur5.near_links(self.reading.joints)
+        if path:
+            motion = path[-1] @ np.linalg.inv(tool)
+            links = np.concatenate([links, ur5.carried_links(links, motion)])
+        return hand_distance(np.array(path or [tool]), width, hand, links)
 
     def ahead(self, goal: Array, *, within: float | None = None) -> list[Array]:
         """Poses from the tool on toward a goal, within so many metres; `look_ahead` if left out."""
@@ -193,6 +249,6 @@ class GuardedArm:
         self.robot.servo_to(self._reference, dt)
 
     def release(self) -> None:
-        """May move again after a stop, from wherever the tool is."""
+        """Move again after a stop, from wherever the tool is."""
         self.robot.release()
         self._reference, self._holding = None, False

@@ -18,6 +18,9 @@ Array = npt.NDArray[np.float64]
 
 FEWEST_POINTS = 30
 """An object of fewer points is none."""
+FASTEST_HAND, NEAR_HAND = 0.8, 0.02
+"""A hand that would have moved faster, m/s, and more than so far, metres, since it was believed is
+doubted: until it is back, or has had the time to go there."""
 FARTHEST_POINT = 5.0
 """Points farther than this from the camera, metres, are none."""
 
@@ -103,6 +106,7 @@ class HandWatch:
         config: Limits.
         keypoints: The hand in the newest picture, base frame, shape (21, 3), metres; None where
             there is none that can be used.
+        last: The newest hand that could be used, as `keypoints`; None before the first.
         frame_time: When the newest picture was taken, seconds; NaN before the first.
         problem: What is wrong with the newest picture's hand; empty where nothing is.
     """
@@ -110,8 +114,10 @@ class HandWatch:
     base_from_camera: Array
     config: SafetyConfig
     keypoints: Array | None = field(default=None, init=False)
+    last: Array | None = field(default=None, init=False)
     frame_time: float = field(default=float("nan"), init=False)
     problem: str = field(default="", init=False)
+    _looked: float = field(default=float("nan"), init=False)
     _started: float = field(default=float("nan"), init=False)
     _frame_came: float = field(default=float("nan"), init=False)
     _hand_came: float = field(default=float("nan"), init=False)
@@ -125,6 +131,7 @@ class HandWatch:
         A picture from the future, one older than `oldest_picture` or older than the one before is
         none.
         """
+        self._looked = now
         if np.isnan(self._started):
             self._started = now
         taken = observation.taken
@@ -142,9 +149,15 @@ class HandWatch:
         same = self._in_camera is not None and np.array_equal(in_camera, self._in_camera)
         self._equal = self._equal + 1 if same else 1
         self._in_camera = in_camera
-        self.keypoints = transform_points(self.base_from_camera, in_camera)
+        hand = transform_points(self.base_from_camera, in_camera)
+        middle: Array = hand.mean(axis=0)
+        if self._path:
+            since, moved = taken - self._path[-1][0], np.linalg.norm(middle - self.middle)
+            if moved > NEAR_HAND + FASTEST_HAND * since:
+                self.problem = f"the hand jumped {100 * moved:.0f} cm within {since:.2f} s"
+                return True
+        self.keypoints = self.last = hand
         self._hand_came = now
-        middle: Array = self.keypoints.mean(axis=0)
         self._path = [p for p in self._path if p[0] > taken - 1.0] + [(taken, middle)]
         return True
 
@@ -153,15 +166,21 @@ class HandWatch:
         """Mean of the newest hand's keypoints in the base frame, shape (3,), metres."""
         return self._path[-1][1]
 
+    @property
+    def age(self) -> float:
+        """Of the newest picture when it was last looked, seconds."""
+        return self._looked - self.frame_time
+
     def velocity(self, window: float) -> Array | None:
         """Velocity (3,) of the hand's middle over the last seconds, m/s, base frame.
 
-        None where the pictures do not reach back over half of the window.
+        It is over two pictures at least. None where they do not reach back over half of the window.
         """
         if not self._path:
             return None
         newest = self._path[-1][0]
         recent = [p for p in self._path if p[0] >= newest - window - 1e-6]
+        recent = recent if len(recent) > 1 else self._path[-2:]
         if newest - recent[0][0] < window / 2:
             return None
         times = np.array([p[0] for p in recent])

@@ -1,7 +1,9 @@
 """What the arm does after a stop, until it may start again.
 
-It stands. Beside the hand it opens the fingers and backs off; from a hand that is then still too
-near it backs off farther, where that brings it no nearer.
+It stands; after a protective stop, until a person has released it. Fingers that are around
+something stay so, unless somebody pulls at it: they never drop what the gripper alone may hold.
+Else, beside the hand, they open and the arm backs off; from a hand that is then still too near it
+backs off farther. No way back brings it nearer to the hand.
 """
 
 from __future__ import annotations
@@ -11,17 +13,17 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
+from hadr.handover import safety
 from hadr.handover.grasping.grasps import forward_of
 from hadr.handover.guarded_arm import NO_NEARER, GuardedArm
 from hadr.handover.poses import between, pose_distance
-from hadr.handover.stages import BACK_OFF, STAND_TIME
+from hadr.handover.stages import BACK_OFF, GENTLE_FORCE, STAND_TIME
 
 Array = npt.NDArray[np.float64]
 MOST_YIELDS = 3
 """So often the gripper backs off farther from a hand that follows it."""
-LONGEST_OPENING, PRESSED_OPENING = 1.5, 0.2
-"""Longest wait for the fingers to open, seconds; the second one after a protective stop, where the
-gripper is pressed against the hand and the next stop would come."""
+LONGEST_OPENING = 1.5
+"""Longest wait for the fingers to open, seconds."""
 
 
 @dataclass
@@ -38,7 +40,6 @@ class Recovery:
     part: str = field(default="", init=False)
     trouble: str = field(default="", init=False)
     _since: float = field(default=0.0, init=False)
-    _pressed: bool = field(default=False, init=False)
     _apart_at: float = field(default=0.0, init=False)
     _yields: int = field(default=0, init=False)
     _clear_from: float = field(default=0.0, init=False)
@@ -50,15 +51,13 @@ class Recovery:
     _travelled: float = field(default=0.0, init=False)
 
     def begin(self, now: float, *, back: float, opening: float | None, straight: bool) -> None:
-        """Stop the arm, then open the fingers to a width and back off so many metres, or none.
+        """Stop the arm; then open the fingers to a width and back off so many metres, or none.
 
         Straight is along the approach axis; else it goes along the way that the tool came.
         """
         self.arm.robot.stop()
         self._back, self._opening, self._straight = back, opening, straight
-        self._pressed, self._yields = bool(self.arm.reading.protective_stop), 0
-        if opening is not None:
-            self.arm.robot.set_gripper(opening)
+        self._yields = 0
         self._enter("still", now)
 
     def step(self, now: float, dt: float) -> bool:
@@ -66,25 +65,32 @@ class Recovery:
         arm, watch = self.arm, self.arm.watch
         free = arm.free()
         self.trouble = watch.trouble(now) or watch.problem
-        if not self.trouble and free < arm.config.safety.approach_distance:
+        holds = arm.around_something  # then the hand may be as near as it was when it gave
+        if not (self.trouble or holds) and free < arm.config.safety.approach_distance:
             self.trouble = f"hand {1000 * free:.0f} mm from the gripper"
-        if self.part == "still" and now - self._since >= STAND_TIME - 1e-9:
-            if self._back > 0:
+        if arm.reading.protective_stop:
+            self.trouble = "a person must release the protective stop"
+        elif self.part == "still" and now - self._since >= STAND_TIME - 1e-9:
+            pulled = safety.hand_pull(arm.reading.wrench[:3]) > safety.HAND_PULL
+            leaves = self._back > 0 and (pulled or not holds)
+            if leaves:
                 arm.release()
-                if self._opening is not None:  # fingers take no command in a protective stop
-                    arm.robot.set_gripper(self._opening)
-            self._enter("open" if self._back > 0 else "clear", now)
+                if self._opening is not None:
+                    arm.robot.set_gripper(self._opening, GENTLE_FORCE)
+            self._enter("open" if leaves else "clear", now)
         elif self.part == "open":
             arm.hold(dt)
             wide = self._opening is None or arm.reading.width >= self._opening - 0.002
-            longest = PRESSED_OPENING if self._pressed else LONGEST_OPENING
-            if wide or now - self._since > longest:
+            if wide or now - self._since > LONGEST_OPENING:
                 self._from, self._travelled = arm.reading.tool, 0.0
                 self._goal = forward_of(self._from, -self._back)
                 if not self._straight:
                     self._goal = arm.came_from(self._back)
                 self._enter("back", now)
         elif self.part == "back":
+            if self._nearer(self._goal):
+                self.stay(now)
+                return False
             speed = arm.config.back_speed
             self._travelled = min(self._back, self._travelled + speed * dt)
             goal = between(self._from, self._goal, self._travelled / self._back)
@@ -93,7 +99,7 @@ class Recovery:
             late = now - self._since > self._back / speed + 1.0
             if self._travelled >= self._back and (near or late):
                 self.stay(now)
-        elif self.part == "clear":
+        elif self.part == "clear" and not holds:
             self._yield(now, free)
         if self.trouble or self.part in ("open", "back"):
             self._clear_from = now
@@ -114,14 +120,19 @@ class Recovery:
             return
         tool = arm.reading.tool
         back = forward_of(tool, -BACK_OFF)
-        way = [between(tool, back, part) for part in (0.25, 0.5, 1.0)]
         self._apart_at = now
-        if arm.free(*way) < free - NO_NEARER:
+        if self._nearer(back):
             return
         arm.release()
         self._yields += 1
         self._from, self._goal, self._back, self._travelled = tool, back, BACK_OFF, 0.0
         self._enter("back", now)
+
+    def _nearer(self, goal: Array) -> bool:
+        """Whether the way to a pose (4, 4) leads to the hand, as it was last seen."""
+        arm, hand = self.arm, self.arm.watch.last
+        way = arm.ahead(goal, within=BACK_OFF)
+        return arm.free(*way, hand=hand) < arm.free(hand=hand) - NO_NEARER
 
     def _enter(self, part: str, now: float) -> None:
         if part == "still":

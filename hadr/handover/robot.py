@@ -3,7 +3,8 @@
 The workflow knows only `Robot`. `hadr.handover.simulated_ur5`, a driver for a real arm and a
 physics engine offer the same methods. Poses are written in the robot's base frame (ROS
 `base_link`: x forward, z up) and end at the gripper's tool point, whose z axis points out of the
-gripper: the approach axis.
+gripper: the approach axis. Joint angles are those of a UR5: from them the guard knows where wrist
+and forearm are.
 """
 
 from dataclasses import dataclass
@@ -13,6 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+UNLOCK_AFTER = 5.0
+"""The simulated person releases a protective stop after this time, seconds: no sooner does a UR5's
+dashboard server let anyone ("Cannot unlock protective stop until 5s after occurrence")."""
 
 
 class UnreachableError(ValueError):
@@ -27,11 +31,15 @@ class Robot(Protocol):
         ...
 
     def joint_positions(self) -> Array:
-        """Return the joint angles now, shape (n,), radians."""
+        """Return the joint angles now, shape (6,), radians."""
         ...
 
     def singularity(self, joints: Array) -> float:
-        """Return how far joint angles (n,) are from a singular pose: 0 there, infinity: never."""
+        """Return how far joint angles (6,) are from a singular pose: 0 there, infinity: never."""
+        ...
+
+    def joints_at(self, base_from_tool: Array) -> Array:
+        """Return the joint angles (6,) with which it would stand there; `UnreachableError`."""
         ...
 
     def reachable(self, base_from_tool: Array) -> bool:
@@ -47,24 +55,31 @@ class Robot(Protocol):
         ...
 
     def stop(self) -> None:
-        """Stand still; no later command moves the arm until a person has released it."""
+        """Stand still; no later command moves the arm until `release`."""
         ...
 
     def release(self) -> None:
-        """Let the arm move again after a stop, and clear a protective stop."""
+        """Let the arm move again after `stop`. From a protective stop only a person releases it."""
         ...
 
     @property
     def protective_stop(self) -> str:
-        """Why the arm stopped by itself, such as a contact force; empty while it did not."""
+        """Why the arm stopped by itself, such as a contact force; empty while it did not.
+
+        Nothing moves in it. It stays until a person has looked and released it at the arm.
+        """
         ...
 
-    def set_gripper(self, width: float) -> None:
-        """Open or close the fingers to a width in metres."""
+    def set_gripper(self, width: float, force: float) -> None:
+        """Open or close the fingers to a width in metres, pressing by at most a force, newtons."""
         ...
 
     def gripper_width(self) -> float:
         """Return the distance between the fingers now, metres."""
+        ...
+
+    def finger_force(self) -> float:
+        """Return how hard both fingers press on what is between them, newtons; 0: on nothing."""
         ...
 
     def tool_wrench(self) -> Array:

@@ -1,29 +1,45 @@
 """The safety checks, each a small function of numbers, and all their thresholds in one place.
 
-Distances are free space between the gripper's surface and the skin. The rule for speed is that of
-speed and separation monitoring (ISO/TS 15066): the robot may close in on the hand only as fast as
-it could still react to.
+Distances are free space between the robot's surface and the skin. The rule for speed has the form
+of speed and separation monitoring in ISO/TS 15066:2016, 5.5.4.2.3, with the standard's terms
+(`Separation`). It is not a safety function in the standard's sense:
+
+- The hand counts with the speed that was measured, where it was; the standard asks for 1.6 m/s
+  where the person's speed is not monitored, by rated means: one camera is none.
+- Only the hand that offers and its forearm are watched: no other hand, no head, no second person.
+- The robot's speed is that of the tool point: what a turn adds at the wrist does not count.
+- In the final move the gripper goes between a person's fingers. Below the protective distance hand
+  and robot together may crawl (`stages.CRAWL_SPEED`) down to the least free space; a contact there
+  is a matter of the standard's other mode, power and force limiting, and of the protective stop.
+- No part of it is redundant or rated (ISO 13849-1, performance level d).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, fields
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from hadr.hand import check_keypoints
-from hadr.handover.grasping.collision import FLESH, hand_points
-from hadr.handover.grasping.gripper import FINGER_WIDTH, fork_points
+from hadr.handover.grasping.collision import hand_points
 
 Array = npt.NDArray[np.float64]
 
 FARTHEST_HAND = 5.0
 """A keypoint farther from the camera than this, metres, belongs to no hand."""
+LARGEST_WEIGHT = 4.0
+"""What the gripper carries pulls it down by no more, newtons: the heaviest glass weighs 3.6."""
+HAND_PULL = 3.0
+"""What pulls at the gripper harder is a person who holds the object, newtons."""
+PRESSED = 0.5
+"""Fingers that press harder are around something, newtons."""
 PALM = (0.03, 0.20)
 """Shortest and longest way from wrist to the middle finger's knuckle, metres."""
+HUMAN_SPEED = 1.6
+"""Of a person whose speed is not known, m/s: ISO/TS 15066, 5.5.4.2.3."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +57,11 @@ class SafetyConfig:
         approach_distance: Least free space to the skin on the way to the pre-grasp.
         grasp_distance: Least free space in the final move. The fingers go around what the hand
             holds, so it is smaller.
-        reaction_time: The hand may come no nearer than the least free space within this time.
+        reaction_time: From a picture's arrival to the begin of braking: two steps of the workflow
+            and the arm's own controller. The picture's age comes on top, see `separation`.
+        deceleration: How hard the tool surely brakes, metres per second squared.
+        human_uncertainty: Of the keypoints: twice the standard deviation of 4 mm.
+        robot_uncertainty: Of the tool's place and of the camera's calibration.
         look_ahead: How much of the path before the gripper is checked.
         withdraw_speed: A hand that moves away faster is being withdrawn ...
         withdraw_distance: ... and one that went farther than this, since the grasp was chosen.
@@ -60,7 +80,10 @@ class SafetyConfig:
     largest_residual: float = 0.02
     approach_distance: float = 0.015
     grasp_distance: float = 0.005
-    reaction_time: float = 0.15
+    reaction_time: float = 0.10
+    deceleration: float = 0.8
+    human_uncertainty: float = 0.008
+    robot_uncertainty: float = 0.002
     look_ahead: float = 0.05
     withdraw_speed: float = 0.20
     withdraw_distance: float = 0.15
@@ -75,6 +98,8 @@ class SafetyConfig:
             value = getattr(self, item.name)
             if not value >= 0:
                 raise ValueError(f"{item.name} must be 0 or more, got {value}")
+        if self.deceleration == 0:
+            raise ValueError("deceleration must be more than 0")
 
 
 def hand_problem(keypoints: npt.ArrayLike) -> str:
@@ -106,32 +131,76 @@ def line_velocity(times: Array, points: Array) -> Array:
     return slope
 
 
-def path_distance(poses: Iterable[Array], width: float, keypoints: Array) -> float:
-    """Least free space between gripper and hand over tool poses, metres; <= 0: they touch."""
-    tree = cKDTree(hand_points(keypoints))
-    path = np.concatenate([fork_points(pose, width) for pose in poses])
-    return float(tree.query(path)[0].min()) - FLESH - FINGER_WIDTH / 2
-
-
 def closing_speed(hand_velocity: Array | None, hand: Array, tool: Array) -> float:
-    """The hand's own speed toward the tool, m/s from vectors (3,); 0 where away or not known."""
+    """The hand's own speed toward the tool, m/s from vectors (3,); `HUMAN_SPEED` if not known."""
     way = tool - hand
-    length = float(np.linalg.norm(way))
-    if hand_velocity is None or length < 1e-9:
-        return 0.0
-    return max(0.0, float(hand_velocity @ way) / length)
+    if hand_velocity is None:
+        return HUMAN_SPEED
+    return max(0.0, float(hand_velocity @ way) / max(float(np.linalg.norm(way)), 1e-9))
 
 
-def speed_factor(free: float, least: float, speed: float, closing: float, reaction: float) -> float:
-    """Part of a speed, 0 to 1, that the robot may use; metres, m/s, seconds.
+class Separation(NamedTuple):
+    """The protective separation distance S_p and its terms in ISO/TS 15066, metres.
 
-    Within the reaction time robot and hand together may use up the free space but for the least:
-    (factor * speed + closing) * reaction <= free - least.
+    Attributes:
+        human: S_h, by which the hand comes nearer from the picture to the robot's rest.
+        robot: S_r, by which the robot does in its reaction time.
+        stopping: S_s, its stopping distance.
+        intrusion: C, by which a hand may be nearer than it is seen: our least free space.
+        human_uncertainty: Z_d, of the hand's place.
+        robot_uncertainty: Z_r, of the robot's place.
     """
-    if reaction * speed == 0:
-        return 1.0 if free > least else 0.0
-    allowed = (free - least) / reaction - closing
-    return float(np.clip(allowed / speed, 0.0, 1.0))
+
+    human: float
+    robot: float
+    stopping: float
+    intrusion: float
+    human_uncertainty: float
+    robot_uncertainty: float
+
+    @property
+    def distance(self) -> float:
+        """S_p = S_h + S_r + S_s + C + Z_d + Z_r."""
+        return sum(self)
+
+
+def separation(
+    speed: float, closing: float, age: float, least: float, c: SafetyConfig
+) -> Separation:
+    """The distance that a robot at a speed must keep from a hand.
+
+    Args:
+        speed: Of the tool, metres per second.
+        closing: The hand's own speed toward it, metres per second.
+        age: Of the picture that the hand was seen in, seconds.
+        least: The least free space, metres.
+        c: Settings.
+    """
+    unseen = age + c.reaction_time + speed / c.deceleration
+    return Separation(
+        human=closing * unseen,
+        robot=speed * c.reaction_time,
+        stopping=speed**2 / (2 * c.deceleration),
+        intrusion=least,
+        human_uncertainty=c.human_uncertainty,
+        robot_uncertainty=c.robot_uncertainty,
+    )
+
+
+def allowed_speed(free: float, closing: float, age: float, least: float, c: SafetyConfig) -> float:
+    """The largest speed, m/s, whose `separation` is kept; 0 where none is.
+
+    The free space, metres, is the least one over the next `look_ahead` of the path. The robot's own
+    way there, S_r + S_s, is thereby measured; only what it needs beyond that is subtracted.
+    """
+    room = free - separation(0.0, closing, age, least, c).distance
+    if not room > 0:
+        return 0.0
+    by_hand = c.deceleration * room / closing if closing > 0 else np.inf
+    # room + look_ahead = slope v + v^2 / 2a
+    slope = c.reaction_time + closing / c.deceleration
+    root = np.sqrt(slope**2 + 2 * (room + c.look_ahead) / c.deceleration)
+    return float(min(by_hand, c.deceleration * (root - slope)))
 
 
 def withdrawal(since_chosen: Array, velocity: Array | None, away: Array, c: SafetyConfig) -> str:
@@ -160,6 +229,12 @@ def object_in_hand(points: Array, keypoints: Array, near: float) -> bool:
 def something_held(width: float, commanded: float, margin: float) -> bool:
     """Say whether the fingers were kept from closing as far as commanded; all in metres."""
     return bool(width > commanded + margin)
+
+
+def hand_pull(force: Array) -> float:
+    """How hard somebody pulls, N: the force on the gripper (3,), base frame, less a weight."""
+    weight = np.clip(-force[2], 0.0, LARGEST_WEIGHT)
+    return float(np.linalg.norm(force + np.array([0.0, 0.0, weight])))
 
 
 def pushed_away(began: Array, now: Array, most: float) -> float:

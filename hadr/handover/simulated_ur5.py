@@ -46,7 +46,9 @@ class SimulatedUR5:
     Attributes:
         between_fingers: Width of what stands between the fingers, metres: they close no further.
             Whoever knows the object sets it; there is no contact in this arm.
-        protective_stop: Always empty: this arm feels no force. A test may write a reason here.
+        wrench: What `tool_wrench` returns. Whoever plays a hand that pulls sets it.
+        protective_stop: Empty, as this arm feels no force. Whoever plays one writes its reason
+            here, and clears it as a person would.
 
     Raises:
         UnreachableError: The home pose breaks a limit.
@@ -57,7 +59,9 @@ class SimulatedUR5:
         self._joints = self.config.home.copy()
         self._opening = self._target_opening = LARGEST_OPENING
         self._stopped = False
+        self._force = 0.0
         self.between_fingers = 0.0
+        self.wrench: Array = np.zeros(6)
         self.protective_stop = ""
         problem = self._broken_limit(self._joints)
         if problem:
@@ -100,6 +104,11 @@ class SimulatedUR5:
             raise UnreachableError(f"no joint angles keep every limit: {problems[0]}")
         return allowed
 
+    def joints_at(self, base_from_tool: Array) -> Array:
+        """Return the nearest joint angles (6,) for a tool pose, see `joint_solutions`."""
+        nearest: Array = self.joint_solutions(base_from_tool)[0]
+        return nearest
+
     def reachable(self, base_from_tool: Array) -> bool:
         """Say whether the tool could stand at this pose, shape (4, 4), within all limits."""
         try:
@@ -126,7 +135,7 @@ class SimulatedUR5:
         """
         if not 0 < dt <= 0.1:
             raise ValueError(f"dt must be more than 0 and at most 0.1 seconds, got {dt}")
-        if self._stopped:
+        if self._stopped or self.protective_stop:
             return
         found = self._solutions_by_way(base_from_tool)
         goal = next((joints for joints in found if not self._broken_limit(joints)), None)
@@ -150,10 +159,9 @@ class SimulatedUR5:
     def release(self) -> None:
         """Let the arm move again after a stop."""
         self._stopped = False
-        self.protective_stop = ""
 
-    def set_gripper(self, width: float) -> None:
-        """Open or close the fingers to a width in metres, within what they can do.
+    def set_gripper(self, width: float, force: float) -> None:
+        """Open or close the fingers to a width in metres; the force in newtons is what they feel.
 
         Raises:
             ValueError: The width is not finite or lies outside 0 to the largest opening.
@@ -162,15 +170,20 @@ class SimulatedUR5:
             raise ValueError(
                 f"gripper width must lie between 0 and {LARGEST_OPENING} m, got {width}"
             )
-        self._target_opening = width
+        self._target_opening, self._force = width, force
 
     def gripper_width(self) -> float:
         """Return the distance between the fingers now, metres."""
         return self._opening
 
+    def finger_force(self) -> float:
+        """Return the fingers' force, newtons, where something keeps them from closing."""
+        pressed = self._target_opening < self._opening <= self.between_fingers + 1e-9
+        return self._force if pressed else 0.0
+
     def tool_wrench(self) -> Array:
-        """Return no force and torque, shape (6,): nothing is touched without physics."""
-        return np.zeros(6)
+        """Return `wrench`, shape (6,): nothing is touched without physics."""
+        return self.wrench.copy()
 
     def _solutions_by_way(self, base_from_tool: Array) -> Array:
         """Joint angles (n, 6) for a tool pose, limits not yet checked, the shortest way first."""

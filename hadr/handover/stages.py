@@ -15,7 +15,7 @@ from typing import NamedTuple, get_args
 import numpy as np
 import numpy.typing as npt
 
-from hadr.handover.grasping.grasps import FinalMove
+from hadr.handover.grasping.grasps import FinalMove, Way, final_travel
 from hadr.handover.grasping.gripper import LARGEST_OPENING
 from hadr.handover.robot import Robot, Workspace
 from hadr.handover.safety import SafetyConfig
@@ -32,17 +32,23 @@ CHOOSE_EVERY = 0.3
 ARRIVE_DISTANCE, ARRIVE_ANGLE, SETTLE_TIME = 0.01, float(np.deg2rad(5.0)), 0.2
 """The tool is at the pre-grasp within this distance, metres, and angle, radians, for this long,
 seconds."""
-CRAWL_SPEED = 0.02
-"""Beside a hand that does not come nearer, no slower than this, metres per second."""
+CRAWL_SPEED = 0.05
+"""Below the separation distance hand and robot together may be this fast, metres per second."""
 GRASP_TIMEOUT, HOME_TIMEOUT = 13.0, 10.0
 """Longest third stage, and longest way home, seconds. HandoverSim's attempts end after 13 s."""
 LARGEST_PUSH = 0.02
 """In the final move the target goes along with the hand by no more than this away from the robot,
 metres: beyond, it is the gripper that pushes."""
 CLOSE_TIMEOUT, LET_GO_TIME = 1.5, 0.3
-"""Longest closing of the fingers, and time for the human to let go, seconds."""
-RETREAT = 0.15
-"""How far back the object is pulled before it is carried off, metres."""
+"""Longest closing of the fingers, and how long nobody may pull before they draw back, seconds."""
+GENTLE_FORCE, FIRM_FORCE = 7.0, 22.0
+"""Force of a finger, newtons: while the human may still hold the object, and once the gripper alone
+does."""
+RETREAT, ALONE_AFTER = 0.15, 0.02
+"""How far back the object is pulled before it is carried home, metres; and after how much of that
+the gripper alone holds it, if nobody pulled."""
+PULL_TIME = 2.0
+"""After being pulled at for so long, seconds, the robot stops and gives back what it holds."""
 STAND_TIME = 0.5
 """How long the robot stands after a stop, and how long the cause must be gone, seconds."""
 BACK_OFF = 0.08
@@ -72,14 +78,22 @@ class Transition(NamedTuple):
 
 @dataclass(frozen=True)
 class ChosenGrasp:
-    """The grasp to go for, in the base frame: tool pose (4, 4), opening in metres, final score."""
+    """The grasp to go for, in the base frame.
+
+    Attributes:
+        pose: Tool pose, shape (4, 4), metres.
+        width: Opening of the fingers on the way in, metres.
+        score: Final score.
+        feel: How far the way on past the final move was found free, see `Way`, metres.
+    """
 
     pose: Array
     width: float
     score: float
+    feel: float = 0.0
 
 
-ChooseGrasp = Callable[[Array, Array, Robot, Array | None], ChosenGrasp | None]
+ChooseGrasp = Callable[[Array, Array, Robot, Array | None, Way], ChosenGrasp | None]
 """From object points (n, 3), keypoints (21, 3), the robot, and the scene's points (m, 3) or None;
 points in the base frame, metres. A ValueError says that the points allow no grasp."""
 
@@ -151,6 +165,12 @@ class HandoverConfig:
         if self.final_move not in get_args(FinalMove):
             known = ", ".join(get_args(FinalMove))
             raise ValueError(f"final_move must be one of {known}, got {self.final_move!r}")
+
+    @property
+    def way(self) -> Way:
+        """The final move, for who plans it and who goes it."""
+        travel = final_travel(self.final_move, back=self.back, forward=self.forward)
+        return Way(self.back, travel - self.back, self.feel_ahead)
 
 
 _ABOVE_ZERO = ("approach_speed", "turn_speed", "advance_speed", "back_speed", "patience")

@@ -7,7 +7,7 @@ keypoints that move as one body and leaves out the others.
 """
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,10 @@ LEAST_CUT = 0.006
 """Keypoints that miss the fit by less than this are never left out, metres."""
 LARGEST_CUT = 0.015
 """Keypoints that miss it by more always are, metres."""
+FEWEST = 4
+"""Fewer keypoints than this are no group that moves as one body."""
+LONGEST_PALM = 2.0
+"""A wrist farther than this from the middle finger's knuckle is not written in metres."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +44,8 @@ class HandMotion:
             figure by the letter, X' = R X + (X_c0 - X_i0), and turns about the frame's origin,
             which throws a grasp off as soon as R is not the identity (ledger row 19).
         outliers: Names of the keypoints that the robust form left out.
+        robust: Whether the robust form was asked for and found a group that moves as one body;
+            where it found none the plain form stands here.
     """
 
     rotation: Array
@@ -48,6 +54,7 @@ class HandMotion:
     residual: float
     about: About = "wrist"
     outliers: tuple[str, ...] = ()
+    robust: bool = False
 
     @property
     def translation(self) -> Array:
@@ -120,6 +127,48 @@ def best_rotation(
     return rotation
 
 
+class Similarity(NamedTuple):
+    """What carries points x onto scale * rotation @ x + shift."""
+
+    scale: float
+    rotation: Array
+    shift: Array
+
+
+def best_similarity(
+    initial: Array,
+    current: Array,
+    *,
+    scaled: bool = False,
+    flip: Flip = "v",
+    weights: Array | None = None,
+) -> Similarity:
+    """Carry one point set (n, 3) onto another about their centroids, by least squares.
+
+    Source: Umeyama, Least-squares estimation of transformation parameters between two point
+    patterns, 1991, equations 38 to 43.
+
+    Args:
+        initial: Points, shape (n, 3), metres.
+        current: The same points later.
+        scaled: Fit a scale too; else it is 1.
+        flip: As in `best_rotation`.
+        weights: Of the points, shape (n,), 0 or more; all 1 if left out.
+
+    Raises:
+        ValueError: The rotation is not determined, see `best_rotation`.
+    """
+    share = np.ones(len(initial)) if weights is None else weights
+    share = share / share.sum()
+    before, now = initial - share @ initial, current - share @ current
+    rotation = best_rotation(before, now, flip=flip, weights=share)
+    turned = before @ rotation.T
+    scale = 1.0
+    if scaled:
+        scale = float(share @ (turned * now).sum(axis=1) / (share @ (turned**2).sum(axis=1)))
+    return Similarity(scale, rotation, share @ current - scale * rotation @ (share @ initial))
+
+
 def hand_motion(
     initial: Array,
     current: Array,
@@ -132,47 +181,54 @@ def hand_motion(
 
     `robust` looks for the largest group of keypoints that moves as one body; the others are left
     out and named. The fit turns about the group's middle, so that an error of the wrist's keypoint
-    does not shift everything; `current_wrist` is then where the fit puts the wrist. `about` is as
-    in `HandMotion`, `flip` as in `best_rotation`.
+    does not shift everything; `current_wrist` is then where the fit puts the wrist. Where no four
+    keypoints move as one body, as in keypoints of much noise, the plain form is used, and `robust`
+    of the answer is False. `about` is as in `HandMotion`, `flip` as in `best_rotation`.
 
     Raises:
-        ValueError: Keypoints of another shape or with NaN, or all on one line or in one place.
+        ValueError: Keypoints of another shape, with NaN or not in metres, or all on one line or in
+            one place.
     """
     before, now = check_keypoints(initial), check_keypoints(current)
-    if robust:
-        return _robust_motion(before, now, about, flip)
+    for keypoints in (before, now):
+        palm = float(np.linalg.norm(keypoints[9] - keypoints[0]))
+        if palm > LONGEST_PALM:
+            raise ValueError(
+                f"keypoints must be metres: a palm of {palm:.3g} looks like "
+                + ("centimetres" if palm < 30 else "millimetres")
+            )
+    found = _robust_motion(before, now, about, flip) if robust else None
+    if found is not None:
+        return found
     rotation = best_rotation(before - before[0], now - now[0], flip=flip)
     misfit = (((before - before[0]) @ rotation.T + now[0] - now) ** 2).sum(axis=1)
     return HandMotion(rotation, before[0], now[0], float(np.sqrt(misfit.mean())), about)
 
 
-def _robust_motion(before: Array, now: Array, about: About, flip: Flip) -> HandMotion:
-    """The better of two fits: one begun from the palm, one from all keypoints."""
+def _robust_motion(before: Array, now: Array, about: About, flip: Flip) -> HandMotion | None:
+    """The better of two fits: one begun from the palm, one from all keypoints; None without any."""
     palm = np.zeros(len(before))
     palm[list(PALM)] = 1.0
     fits = [_trimmed(before, now, start, flip) for start in (palm, np.ones(len(before)))]
-    rotation, shift, inlier, miss = min(
-        fits, key=lambda fit: float((np.minimum(fit[3], LARGEST_CUT) ** 2).sum())
-    )
-    residual = float(np.sqrt(np.average(miss**2, weights=inlier)))
+    fit, inlier, miss = min(fits, key=lambda f: float((np.minimum(f[2], LARGEST_CUT) ** 2).sum()))
+    if np.count_nonzero(inlier) < FEWEST:
+        return None
+    residual = float(np.sqrt((miss[inlier] ** 2).mean()))
     outliers = tuple(KEYPOINT_NAMES[i] for i in np.flatnonzero(~inlier))
-    wrist = rotation @ before[0] + shift
-    return HandMotion(rotation, before[0], wrist, residual, about, outliers)
+    wrist = fit.rotation @ before[0] + fit.shift
+    return HandMotion(fit.rotation, before[0], wrist, residual, about, outliers, robust=True)
 
 
 def _trimmed(
     before: Array, now: Array, used: Array, flip: Flip
-) -> tuple[Array, Array, NDArray[np.bool_], Array]:
-    """Fit, leave out what misses by three spreads, until nothing changes: R, t, kept, misses."""
+) -> tuple[Similarity, NDArray[np.bool_], Array]:
+    """Fit, leave out what misses by three spreads, until nothing changes: fit, kept, misses."""
     for _ in range(12):
-        share = used / used.sum()
-        first, then = share @ before, share @ now
-        rotation = best_rotation(before - first, now - then, flip=flip, weights=share)
-        shift = then - rotation @ first
-        miss = np.linalg.norm(before @ rotation.T + shift - now, axis=1)
+        fit = best_similarity(before, now, flip=flip, weights=used)
+        miss = np.linalg.norm(before @ fit.rotation.T + fit.shift - now, axis=1)
         spread = 1.4826 * float(np.median(miss[used > 0]))
         inlier: NDArray[np.bool_] = miss <= np.clip(3 * spread, LEAST_CUT, LARGEST_CUT)
-        if np.count_nonzero(inlier) < 4 or np.array_equal(inlier, used):
+        if np.count_nonzero(inlier) < FEWEST or np.array_equal(inlier, used):
             break
         used = inlier.astype(np.float64)
-    return rotation, shift, inlier, miss
+    return fit, inlier, miss

@@ -135,6 +135,46 @@ def link_outline(joints: Array) -> Array:
     )
 
 
+LINK_RADII: tuple[float, ...] = (0.060, 0.054, 0.045, 0.040, 0.040, 0.038)
+"""Radius of each moving link, shoulder to third wrist, metres: capsules along `link_outline`."""
+LINK_LINES: tuple[tuple[int, int, int], ...] = (
+    *((0, 0, 1), (0, 1, 2), (1, 2, 3), (2, 3, 4), (2, 4, 5)),
+    *((3, 5, 6), (4, 6, 7), (5, 7, 8)),
+)
+"""Each capsule's link, and the two points of the outline between which it runs."""
+
+
+def link_capsules(joints: Array) -> Array:
+    """The moving links at joint angles (6,): rows of start, end and radius, (8, 7), `dh_base`.
+
+    The first begins 4 cm above the base's foot; the last one's cap is around the gripper's root.
+    """
+    points = link_outline(joints)
+    links, first, last = np.array(LINK_LINES).T
+    radii = np.array(LINK_RADII)[links][:, None]
+    rows: Array = np.concatenate([points[first], points[last], radii], axis=1)
+    rows[0, 2] += 0.04
+    return rows
+
+
+def near_links(joints: Array) -> Array:
+    """Forearm and wrist, which a person may meet: rows of `link_capsules`, (5, 7), `base_link`."""
+    rows, turn = link_capsules(joints)[3:], BASE_LINK_FROM_DH_BASE[:3, :3]
+    return np.concatenate([rows[:, :3] @ turn.T, rows[:, 3:6] @ turn.T, rows[:, 6:]], axis=1)
+
+
+def carried_links(links: Array, motion: Array) -> Array:
+    """About where `near_links` will be once the tool has moved by a short rigid motion (4, 4).
+
+    The wrist goes with the tool and the elbow stays. Third wrist: exact; beside the base's axis
+    first wrist: 3 cm off for 5 cm to the side.
+    """
+    moved = links.copy()
+    moved[2:, :3] = links[2:, :3] @ motion[:3, :3].T + motion[:3, 3]
+    moved[1:, 3:6] = links[1:, 3:6] @ motion[:3, :3].T + motion[:3, 3]
+    return moved
+
+
 def inverse_kinematics(dh_base_from_flange: Array, free_angle: float = 0.0) -> Array:
     """All joint angles that bring the flange to a pose.
 

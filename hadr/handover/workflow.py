@@ -8,7 +8,8 @@ stops or too long a time the arm goes home. The logic knows a robot and observat
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +18,7 @@ from hadr.handover import safety
 from hadr.handover.grasp_and_retrieve import ADVANCING, Advance, Retrieval
 from hadr.handover.grasping.grasps import forward_of
 from hadr.handover.grasping.selection import Choosing
-from hadr.handover.guarded_arm import NO_NEARER, GuardedArm, HaltError
+from hadr.handover.guarded_arm import GuardedArm, HaltError
 from hadr.handover.observation import HandWatch, Observation, cleaned
 from hadr.handover.poses import check_pose, pose_distance
 from hadr.handover.recovery import Recovery
@@ -26,6 +27,7 @@ from hadr.handover.stages import (
     ARRIVE_ANGLE,
     ARRIVE_DISTANCE,
     BACK_OFF,
+    GENTLE_FORCE,
     GRASP_TIMEOUT,
     HOME_TIMEOUT,
     LARGEST_PUSH,
@@ -40,9 +42,8 @@ from hadr.handover.tracking import HandMotion, hand_motion
 
 Array = npt.NDArray[np.float64]
 CLOCK_JUMP = 1.0
-"""An observation's time this much later than the one before, seconds, is not believed."""
-BLIND = 0.5
-"""Part of the speed on the ways back while the camera shows nothing."""
+"""An observation's time that stands still, runs back, or is this much later than the one before,
+seconds, is another clock's: the handover's own goes on, and counts from there."""
 
 
 @dataclass
@@ -58,7 +59,7 @@ class Handover:
         transitions: Every change of stage with its reason, oldest first.
         caution: Why the robot is slower than it could be or waits; empty where it is not.
         tries: How often it was stopped.
-        time: Its clock, seconds: the observations' time as far as that runs forward.
+        time: Its clock, seconds: the observations' time, less all its jumps.
         target: Tool pose that the robot is sent to, shape (4, 4); None before a grasp is chosen.
         motion: The hand's motion since the grasp was chosen; None before.
         grasp: The grasp that was chosen, where the object was then; None before.
@@ -76,6 +77,7 @@ class Handover:
     target: Array | None = field(default=None, init=False)
     motion: HandMotion | None = field(default=None, init=False)
     grasp: ChosenGrasp | None = field(default=None, init=False)
+    _offset: float = field(default=0.0, init=False)
     _first_seen: float = field(default=float("inf"), init=False)
     _chosen_hand: Array = field(init=False)
     _away: Array = field(init=False)
@@ -118,35 +120,56 @@ class Handover:
 
         Raises:
             ValueError: dt is out of range.
+            Exception: Whatever else the robot's driver raises; the robot is stopped for good then.
         """
         if not 0 < dt <= 0.1:
             raise ValueError(f"dt must be more than 0 and at most 0.1 seconds, got {dt}")
         if self.over:
             return self.stage
-        observation = cleaned(observation)
-        self._tick(observation.time, dt)
-        new = self.watch.look(observation, self.time)
+        try:
+            self._step(cleaned(observation), dt)
+        except Exception as error:  # of a driver, or our own: whatever it is, nothing moves on
+            with suppress(Exception):
+                self.robot.stop()
+            what = f"{type(error).__name__}: {error}"
+            self._enter(Stage.GAVE_UP, f"stands where it is: {what}")
+            raise
+        return self.stage
+
+    def _step(self, observation: Observation, dt: float) -> None:
+        jump = self._tick(observation.time, dt)
+        taken = observation.taken + self._offset
+        new = not jump and self.watch.look(replace(observation, frame_time=taken), self.time)
         if self.watch.keypoints is not None:
             self._first_seen = min(self._first_seen, self.time)
         self.arm.read()
-        self.caution = ""
+        self.caution = jump
         try:
-            self._act(observation, new, dt)
+            if jump:
+                self.arm.hold(dt)
+            else:
+                self._act(observation, new, dt)
         except HaltError as halt:
             self._stop(str(halt), back=halt.back)
         except UnreachableError as error:
             self._stop(f"out of reach: {error}")
         except (ValueError, np.linalg.LinAlgError) as error:
             self._stop(str(error))
-        return self.stage
 
-    def _tick(self, time: float, dt: float) -> None:
+    def _tick(self, time: float, dt: float) -> str:
+        """Move the clock on; say where the observations' clock jumped."""
         if np.isnan(self.time):
             self.time = time if np.isfinite(time) else 0.0
-        elif self.time < time <= self.time + CLOCK_JUMP:
-            self.time = time
-        else:
-            self.time += dt
+            return ""
+        ahead = time + self._offset - self.time
+        if 0 < ahead <= CLOCK_JUMP:
+            self.time = time + self._offset
+            return ""
+        self.time += dt
+        if not np.isfinite(time):
+            return "an observation without a time"
+        self._offset = self.time - time
+        return f"the clock jumped by {ahead - dt:+.2f} s"
 
     def _act(self, observation: Observation, new: bool, dt: float) -> None:
         c, halted = self.config, self.arm.reading.protective_stop
@@ -198,7 +221,7 @@ class Handover:
         way = self.watch.middle - self.arm.reading.tool[:3, 3]
         self._away = way / max(float(np.linalg.norm(way)), 1e-9)
         self._arrived = self._there_since = None
-        self.robot.set_gripper(chosen.width)
+        self.robot.set_gripper(chosen.width, GENTLE_FORCE)
 
     # Approach & React
 
@@ -209,6 +232,7 @@ class Handover:
         if not self._see(new, dt):
             return
         assert self.target is not None  # set before this stage is entered
+        assert self.grasp is not None
         path, least = self.arm.ahead(self.target), c.safety.approach_distance
         factor = self.arm.allowed(path, least, c.approach_speed)
         self.arm.go(self.target, c.approach_speed, dt, factor=factor)
@@ -230,7 +254,7 @@ class Handover:
         if now - self._arrived[0] < SETTLE_TIME - 1e-9 and not restless:
             return
         self._began, self.retrieval = self.target, Retrieval(self.arm)
-        self.advance.begin()
+        self.advance.begin(self.grasp.feel)
         reason = f"at the pre-grasp within {1000 * distance:.1f} mm, {np.rad2deg(angle):.1f} deg"
         self._enter(Stage.GRASP_AND_RETRIEVE, reason + (", the hand not calm" if restless else ""))
 
@@ -276,11 +300,8 @@ class Handover:
         if now - self._entered > GRASP_TIMEOUT:
             raise HaltError(f"grasp not finished within {GRASP_TIMEOUT:.1f} s", back=True)
         if self.part not in ADVANCING:
-            self.caution = self.watch.camera_trouble(now)
-            pulled_back = self.retrieval.step(now, dt, factor=BLIND if self.caution else 1.0)
-            if pulled_back:
-                reason = "object pulled back to where it can be carried off, still held"
-                self._enter(Stage.FINISHED, reason)
+            if self.retrieval.step(now, dt):
+                self._enter(Stage.FINISHED, "at home with the object, still held")
             return
         if not self._see(new, dt):
             return
@@ -294,8 +315,7 @@ class Handover:
 
     def _stop(self, reason: str, *, back: bool = False) -> None:
         if self.stage is Stage.GOING_HOME:
-            self.robot.stop()
-            self._enter(Stage.GAVE_UP, f"stands where it is: {reason}")
+            self._give_up(reason)
             return
         if self.stage is Stage.STOPPED and self.part == "back" and not back:
             self.recovery.stay(self.time)  # no way farther back: stand
@@ -315,17 +335,30 @@ class Handover:
     def _recover(self, observation: Observation, dt: float) -> None:
         clear = self.recovery.step(self.time, dt)
         self.caution = self.recovery.trouble
-        if clear and self.tries >= self.config.tries:
+        if not clear:
+            return
+        if self.tries >= self.config.tries:
             self._leave(f"stopped {self.tries} times", observation)
-        elif clear:
+        elif self.retrieval.part and self.arm.around_something:
+            self.arm.release()
+            self.retrieval.enter(self.retrieval.part, self.time)
+            self._enter(Stage.GRASP_AND_RETRIEVE, "the cause of the stop is gone, object held")
+        else:
             self.arm.release()
             self._observe_again("the cause of the stop is gone")
+
+    def _give_up(self, reason: str) -> None:
+        self.robot.stop()
+        self._enter(Stage.GAVE_UP, f"stands where it is: {reason}")
 
     def _observe_again(self, reason: str) -> None:
         self.choosing.start()
         self._enter(Stage.WAIT_AND_OBSERVE, reason)
 
     def _leave(self, reason: str, observation: Observation) -> None:
+        if self.arm.around_something:
+            self._give_up(f"{reason} with an object in the gripper")
+            return
         why = self.choosing.obstacle(observation, self.time)
         if not why and self.stage is Stage.WAIT_AND_OBSERVE:
             why = self.choosing.reason
@@ -333,20 +366,12 @@ class Handover:
         self._enter(Stage.GOING_HOME, reason + (f"; {why}" if why else ""))
 
     def _go_home(self, dt: float) -> None:
-        c, home = self.config, self.arm.home
-        distance, angle = pose_distance(self.arm.reading.tool, home)
-        if distance < ARRIVE_DISTANCE and angle < ARRIVE_ANGLE:
+        if self.arm.homeward(self.time, dt):
             self.robot.stop()
             self._enter(Stage.GAVE_UP, "at home without the object")
-            return
-        if self.time - self._entered > HOME_TIMEOUT:
+        elif self.time - self._entered > HOME_TIMEOUT:
             raise HaltError(f"home not reached within {HOME_TIMEOUT:.0f} s")
-        factor, self.caution = BLIND, self.watch.trouble(self.time) or self.watch.problem
-        if not self.caution:
-            least = min(0.0, self.arm.free() - NO_NEARER)
-            factor = self.arm.allowed(self.arm.ahead(home), least, c.approach_speed)
-            self.caution = self.arm.caution
-        self.arm.go(home, c.approach_speed, dt, factor=factor)
+        self.caution = self.arm.caution
 
     def _enter(self, stage: Stage, reason: str) -> None:
         self.transitions.append(Transition(self.time, self.stage, stage, reason))

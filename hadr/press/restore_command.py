@@ -109,11 +109,8 @@ the hand
   fit, the notes say by how much, and no probability is stated.
 
 examples
-  A RealSense frame, depth PNG in millimetres:
+  A RealSense frame, depth PNG in millimetres, with a hand, which HADR needs:
     hadr restore --rgb rgb.png --depth depth.png --intrinsics camera.yaml \\
-        --mask glass.png --out restored
-  The same with a hand, so that HADR can be used:
-    hadr restore --rgb rgb.png --depth depth.npy --intrinsics camera.json \\
         --mask glass.png --hand hand.json --out restored
   The same, with MediaPipe finding the hand in the colour:
     pip install 'hadr[mediapipe]'
@@ -126,7 +123,7 @@ examples
         --mask mask --hand hand --out restored
   Compare with a known depth and print the errors:
     hadr restore --rgb rgb.jpg --depth depth.exr --intrinsics camera.yaml \\
-        --mask glass.png --truth opaque.exr --out restored
+        --mask glass.png --hand hand.json --truth opaque.exr --out restored
 
 exit status
   0 done   1 nothing could be restored in a frame, or one of a folder was
@@ -160,7 +157,7 @@ class Options:
     """
 
     rgb: Annotated[str, FILE]
-    """colour image, PNG or JPEG, or a folder of them"""
+    """colour image, PNG or JPEG, stored upright (no EXIF orientation); or a folder of them"""
     depth: Annotated[str, FILE]
     """depth: 16-bit PNG, .npy (H, W) or OpenEXR"""
     depth_scale: float | None = None

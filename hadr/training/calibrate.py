@@ -259,7 +259,8 @@ def _observe(
         return None
     small = np.nan_to_num(resize_depth(measured, *size))
     with torch.inference_mode():
-        return observe(model, NETWORKS[kind_of(model)].sees, inputs, small, depth_range_m)
+        sees = NETWORKS[kind_of(model)].sees
+        return observe(model, sees, inputs, small, depth_range_m, frame.color, mask)
 
 
 def _measured_rule(

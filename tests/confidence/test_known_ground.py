@@ -5,12 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from hadr.camera import Intrinsics
 from hadr.confidence.calibration import Calibration, ConfidenceRule
-from hadr.confidence.frame_features import FEATURES, frame_features
+from hadr.confidence.frame_features import FEATURES, frame_features, outline_features
 from hadr.confidence.known_ground import BEYOND, Field, Ground, shrunk_covariance
 from hadr.confidence.sight import Observation, Sight
+from hadr.data.samples import open_samples, samples_dir
+from hadr.restoration import Restorer
 
 CAMERA = Intrinsics(fx=100, fy=100, cx=39.5, cy=29.5, width=80, height=60)
 
@@ -103,16 +106,44 @@ def test_a_hand_that_is_not_there_agrees_with_nothing() -> None:
     assert "agree" not in away, "no keypoint is in the picture"
 
 
+@pytest.mark.parametrize("times", [1, 3])
+def test_a_mask_follows_the_steps_of_brightness_or_not(times: int) -> None:
+    color, glass = np.full((112, 224, 3), 60, np.uint8), np.zeros((112, 224), bool)
+    glass[40:80, 90:120] = True
+    color[glass] = 150
+    color, glass = (np.repeat(np.repeat(one, times, 0), times, 1) for one in (color, glass))
+    right = outline_features(color, glass)
+    assert right["outline"] == pytest.approx(1, abs=0.02)
+    assert right["clear_in"] > 10
+    wide = outline_features(color, ndimage.maximum_filter(glass, 4 * times + 1))
+    assert wide["outline"] < 0.3
+    assert (right["faint"], wide["faint"]) == (0, pytest.approx(1, abs=0.2))
+    assert outline_features(0 * color, glass) == {"faint": 1, "clear_in": 0}
+    assert outline_features(color, ~glass & glass) == {}
+    assert set(right) <= set(FEATURES)
+
+
+def test_a_mask_that_is_three_pixels_wider_than_the_glass_gets_no_probability() -> None:
+    frame = open_samples("val")[3]
+    networks = Restorer("hadr-plus", samples_dir() / "checkpoints" / "hadr-plus-mini.safetensors")
+    seen = frame.color, frame.raw_depth, frame.camera
+    assert networks(*seen, frame.object_mask, frame.keypoints).tolerance_m == 0.02
+    wide = ndimage.distance_transform_edt(~frame.object_mask) <= 3
+    answer = networks(*seen, wide, frame.keypoints)
+    assert answer.tolerance_m is None
+    assert any("the mask may not follow the glass: " in note for note in answer.notes)
+
+
 @pytest.mark.parametrize(
     ("name", "value", "said"),
     [
-        ("behind", -0.122, "12.2 cm before the hand, learned 3 cm before to 5 cm behind"),
+        ("behind", -0.122, "12.2 cm before the hand, in training 3 cm before to 5 cm behind"),
         (
             "tilt",
             0.25,
-            "points 0.25 of its length away from the camera, learned 0.03 of its",
+            "points 0.25 of its length away from the camera, in training 0.03 of its",
         ),
-        ("distance", 3.0, "the glass is 3 m away, learned -0.03 to 0.05 m"),
+        ("distance", 3.0, "the glass is 3 m away, in training -0.03 to 0.05 m"),
     ],
 )
 def test_a_distance_is_said_with_its_side_not_its_sign(name: str, value: float, said: str) -> None:
@@ -134,7 +165,9 @@ def test_what_is_outside_is_said_in_words_that_a_user_can_act_on() -> None:
     field = Field.fit(
         [{"distance": z} for z in np.linspace(0.375, 0.915, 100)] * 2, [{"distance": 0.6}]
     )
-    assert field.why({"distance": 1.44}) == ("the glass is 1.44 m away, learned 0.38 to 0.91 m",)
+    assert field.why({"distance": 1.44}) == (
+        "the glass is 1.44 m away, in training 0.38 to 0.91 m",
+    )
 
 
 def test_a_combination_that_was_never_seen_is_outside_of_no_range() -> None:
@@ -198,10 +231,11 @@ def test_a_record_with_an_unknown_feature_is_refused() -> None:
 
 def test_a_range_is_said_in_the_units_of_readers() -> None:
     assert FEATURES["distance"].said(1.04, 0.38, 0.91) == (
-        "the glass is 1.04 m away, learned 0.38 to 0.91 m"
+        "the glass is 1.04 m away, in training 0.38 to 0.91 m"
     )
     assert FEATURES["lens"].said(0.5, 0.8889, 0.8889) == (
-        "the focal length is 50 % of the picture's width, learned 88.9 %"
+        "the camera sees another angle: focal length 50 % of the picture's width, "
+        "in training 88.9 %"
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 import torch
 from torch import nn
@@ -36,6 +37,7 @@ def test_what_is_seen_is_that_of_the_glass(view: WindowConfig | None) -> None:
     intrinsics = torch.tensor([[60.0, 60.0, 31.5, 23.5]])
     nothing = torch.zeros(1, 21, 3), torch.zeros(1, 21, 2)
     inputs = HADRInput(color, 0.8 * ~mask, mask, intrinsics, *nothing)
-    one = observe(Echo(view).eval(), "eye", inputs, (0.8 * ~mask)[0].numpy(), None)
+    picture = np.zeros((48, 64, 3), np.uint8), mask[0].numpy()
+    one = observe(Echo(view).eval(), "eye", inputs, (0.8 * ~mask)[0].numpy(), None, *picture)
     assert one.seen.tolist() == pytest.approx([1, 0, 0], abs=0.06)
     assert torch.equal(one.output.restored, mask)

@@ -67,11 +67,20 @@ def advancing(config: HandoverConfig, **block: object) -> tuple[Touching, Advanc
     away = robot.start[:3, 3] + [0.0, 0.6, 0.3] + np.zeros((21, 3))
     away += 0.01 * np.arange(63).reshape(21, 3) / 63
     watch = SimpleNamespace(
-        keypoints=away, problem="", middle=away.mean(axis=0), velocity=lambda window: np.zeros(3)
+        keypoints=away,
+        problem="",
+        age=0.1,
+        middle=away.mean(axis=0),
+        velocity=lambda window: np.zeros(3),
     )
     advance = Advance(GuardedArm(robot, config, watch))
     advance.begin()
     return robot, advance, robot.start
+
+
+def small_hand(spot: np.ndarray, aside: np.ndarray) -> np.ndarray:
+    """A hand of 2 mm at a spot, whose forearm goes off along a unit vector."""
+    return spot - 1e-4 * np.arange(21)[:, None] * aside
 
 
 def closing_pose(robot: Touching, advance: Advance, start: np.ndarray) -> np.ndarray:
@@ -226,12 +235,20 @@ def test_a_gripper_that_would_leave_its_reach_does_not_go_on() -> None:
     assert end[2, 3] == pytest.approx(FEELING.back + FEELING.forward, abs=2e-3)
 
 
+@pytest.mark.parametrize(("free", "goes"), [(0.0, 0.0), (0.02, 0.02), (np.inf, 0.04)])
+def test_it_feels_only_as_far_as_the_way_was_found_free(free: float, goes: float) -> None:
+    robot, advance, start = advancing(FEELING)
+    advance.begin(free)
+    end = closing_pose(robot, advance, start)
+    assert end[2, 3] == pytest.approx(FEELING.back + FEELING.forward + goes, abs=0.003)
+
+
 def test_beside_the_hand_it_does_not_go_on() -> None:
     """The hand stands where the fingers would come only by feeling ahead."""
     robot, advance, start = advancing(FEELING)
     ahead = forward_of(start, FEELING.back + FEELING.forward + 0.035)
     spot = ahead[:3, 3] + 0.0475 * ahead[:3, 0]
-    advance.arm.watch.keypoints = spot + 1e-4 * np.arange(63).reshape(21, 3)
+    advance.arm.watch.keypoints = small_hand(spot, ahead[:3, 2])
     advance.arm.watch.middle = advance.arm.watch.keypoints.mean(axis=0)
     end = closing_pose(robot, advance, start)
     way = end[2, 3] - FEELING.back - FEELING.forward
@@ -294,8 +311,8 @@ def test_a_hand_behind_the_gripper_stops_the_drawing_back() -> None:
         advance.arm.read()
         advance.step(start, DT)
     tool = robot.tool_pose()
-    spot = tool[:3, 3] + 0.0475 * tool[:3, 0] - 0.09 * tool[:3, 2]  # 3 cm behind the fingers' bar
-    advance.arm.watch.keypoints = spot + 1e-4 * np.arange(63).reshape(21, 3)
+    spot = tool[:3, 3] + 0.052 * tool[:3, 0] - 0.095 * tool[:3, 2]  # 15 mm behind the bar
+    advance.arm.watch.keypoints = small_hand(spot, tool[:3, 0])
     advance.arm.watch.middle = spot
     advance.arm.read()
     with pytest.raises(HaltError, match=r"hand .* mm from the gripper's path"):
@@ -311,7 +328,7 @@ def test_a_hand_in_front_lets_it_draw_back() -> None:
         advance.step(start, DT)
     tool = robot.tool_pose()
     spot = tool[:3, 3] + 0.0475 * tool[:3, 0] + 0.016 * tool[:3, 2]
-    advance.arm.watch.keypoints = spot + 1e-5 * np.arange(63).reshape(21, 3)
+    advance.arm.watch.keypoints = small_hand(spot, tool[:3, 2])
     advance.arm.watch.middle = spot
     for _ in range(5):
         advance.arm.read()

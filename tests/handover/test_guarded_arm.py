@@ -16,7 +16,7 @@ def test_the_reference_moves_at_its_speed_and_does_not_run_ahead() -> None:
     robot = SimpleNamespace(
         tool_pose=tool.copy, joint_positions=lambda: np.zeros(6), gripper_width=lambda: 0.08,
         protective_stop="", servo_to=lambda pose, dt: told.append(pose.copy()),
-        release=lambda: None,
+        release=lambda: None, finger_force=lambda: 0.0, tool_wrench=lambda: np.zeros(6),
     )  # fmt: skip
     arm = GuardedArm(robot, HandoverConfig(), HandWatch(np.eye(4), SafetyConfig()))
     for _ in range(4):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from hadr.handover.observation import HandWatch, Observation, cleaned
 from hadr.handover.safety import SafetyConfig
@@ -62,3 +63,32 @@ def test_watch_gives_the_hand_in_the_base_frame_and_its_speed() -> None:
     assert watch.keypoints is not None
     np.testing.assert_allclose(watch.keypoints[0], [1.0, 0.14, 0.0], atol=1e-12)
     np.testing.assert_allclose(watch.velocity(0.3), [0.0, 0.2, 0.0], atol=1e-9)
+
+
+def test_five_pictures_a_second_give_a_speed_and_an_age_too() -> None:
+    watch = HandWatch(np.eye(4), SafetyConfig())
+    for k in range(2):
+        assert watch.velocity(0.15) is None
+        watch.look(Observation(0.2 * k, noisy(0) + np.array([0.0, 0.0, 0.03 * k])), 0.2 * k)
+    np.testing.assert_allclose(watch.velocity(0.15), [0.0, 0.0, 0.15], atol=1e-9)
+    watch.look(Observation(0.35, noisy(1), frame_time=0.2), 0.35)
+    assert watch.age == pytest.approx(0.15)
+
+
+@pytest.mark.parametrize("jump", [0.12, 0.3, 0.5])
+def test_a_hand_that_jumps_is_doubted_until_it_could_be_there(jump: float) -> None:
+    watch = HandWatch(np.eye(4), SafetyConfig())
+    doubted = 0
+    for k in range(12):
+        away = jump * (k > 3) * np.array([0.6, 0.8, 0.0])
+        watch.look(Observation(0.1 * k, noisy(k) + away), 0.1 * k)
+        if k > 3 and watch.keypoints is None:
+            doubted += 1
+            assert watch.problem.startswith(f"the hand jumped {100 * jump:.0f} cm within 0.")
+            np.testing.assert_array_equal(watch.last, noisy(3))
+    # believed once it could have gone there at 0.8 m/s, less 2 cm
+    assert doubted == int((jump - 0.02) / 0.8 / 0.1 - 1e-9)
+    np.testing.assert_array_equal(watch.keypoints, noisy(11) + away)
+    for k in range(4):  # and once in a picture only: back at once
+        watch.look(Observation(1.2 + 0.1 * k, noisy(k) + away + jump * (k == 1)), 1.2 + 0.1 * k)
+        assert (watch.keypoints is None) == (k == 1)

@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
+from hadr.handover import ur5
 from hadr.handover.guarded_arm import GuardedArm
 from hadr.handover.observation import HandWatch, Observation
 from hadr.handover.recovery import Recovery
+from hadr.handover.robot import UNLOCK_AFTER
 from hadr.handover.safety import SafetyConfig
 from hadr.handover.simulated_ur5 import SimulatedUR5
 from hadr.handover.stages import ARRIVE_DISTANCE, BACK_OFF, ChosenGrasp, HandoverConfig, Stage
@@ -20,29 +22,26 @@ FAR_HAND = rehearsed_scene().keypoints + np.array([0.5, 0.0, 0.3])
 class PressedUR5(SimulatedUR5):
     """Feels a hand until it is 15 mm away from where it was pressed, as the physical arm does.
 
-    After a release it bears the force for half a second; in a protective stop the fingers take no
-    command.
+    A person releases it after 5 s; in a protective stop the fingers take no command.
     """
 
     def __init__(self) -> None:
         super().__init__()
         self.pressed_at = self.tool_pose()[:3, 3]
-        self.time, self.released, self.stops, self.stuck = 0.0, -1.0, 0, False
+        self.time, self.halted, self.stops, self.stuck = 0.0, -9.0, 0, False
 
     def feel(self) -> None:
         self.time += DT
         pressed = float(np.linalg.norm(self.tool_pose()[:3, 3] - self.pressed_at)) < 0.015
-        if pressed and self.time > self.released + 0.5 and not self.protective_stop:
-            self.protective_stop = "10 N on the hand"
+        if self.protective_stop and self.time > self.halted + UNLOCK_AFTER:
+            self.protective_stop = ""
+        elif pressed and self.time > self.halted + UNLOCK_AFTER + 3.0:  # the hand yields meanwhile
+            self.protective_stop, self.halted = "10 N on the arm", self.time
             self.stops += 1
 
-    def release(self) -> None:
-        super().release()
-        self.released = self.time
-
-    def set_gripper(self, width: float) -> None:
+    def set_gripper(self, width: float, force: float) -> None:
         if not self.protective_stop and not self.stuck:
-            super().set_gripper(width)
+            super().set_gripper(width, force)
 
 
 class Watched:
@@ -53,9 +52,17 @@ class Watched:
         self.hand, self.steps = hand, 0
 
     def put(self, free: float, direction: np.ndarray) -> None:
-        """Bring the hand so near that its skin is so far from the gripper, to one side of it."""
+        """Bring the hand so near that its skin is so far from the robot, to one side of it.
+
+        In front its forearm points away; behind the wrist a child's hand reaches up.
+        """
         beside = GuardedArm(self.arm.robot, CONFIG, HandWatch(np.eye(4), SafetyConfig()))
-        hand = FAR_HAND - FAR_HAND.mean(axis=0) + beside.reading.tool[:3, 3]
+        hand = FAR_HAND - FAR_HAND.mean(axis=0)  # its forearm points along +x
+        if direction[0] > 0:
+            hand += beside.reading.tool[:3, 3]
+        else:
+            hand = 0.45 * hand @ [[0, 0, -1], [0, 1, 0], [1, 0, 0]]
+            hand += ur5.near_links(beside.reading.joints)[3, 3:6] - [0, 0, 0.02]
         low, high = 0.0, 0.5
         for _ in range(18):  # to 2 micrometres
             middle = (low + high) / 2
@@ -93,16 +100,16 @@ def recover(robot: PressedUR5, *, seconds: float) -> tuple[Recovery, float]:
 @pytest.mark.parametrize("stuck", [False, True], ids=["fingers open", "fingers stuck"])
 def test_a_pressed_arm_backs_off_after_one_stop(stuck: bool) -> None:
     robot = PressedUR5()
-    robot.set_gripper(0.02)
+    robot.set_gripper(0.02, 7.0)
     robot._opening = robot._target_opening = 0.02
     robot.stuck = stuck
     start = robot.tool_pose()
     robot.feel()
     assert robot.protective_stop
-    recovery, restarted = recover(robot, seconds=5.0)
+    recovery, restarted = recover(robot, seconds=12.0)
     assert robot.stops == 1
-    # stand 0.5 s, open (0.65 s at 0.1 m/s, cut short at 0.2 s), back 0.8 s, stand 0.5 s
-    assert restarted == pytest.approx(2.1, abs=0.2)
+    # stand 5 s, open 0.65 s at 0.1 m/s (stuck: 1.5 s), back 0.8 s, stand 0.5 s
+    assert restarted == pytest.approx(5.0 + (1.5 if stuck else 0.65) + 1.3, abs=0.2)
     moved = start[:3, :3].T @ (robot.tool_pose()[:3, 3] - start[:3, 3])
     np.testing.assert_allclose(moved, [0, 0, -BACK_OFF], atol=0.003)
     assert recovery.trouble == ""

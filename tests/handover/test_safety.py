@@ -3,18 +3,16 @@
 import numpy as np
 import pytest
 
-from hadr.handover.grasping.collision import FLESH
-from hadr.handover.grasping.gripper import FINGER_WIDTH
 from hadr.handover.safety import (
     SafetyConfig,
+    allowed_speed,
     closing_speed,
     hand_problem,
     line_velocity,
     low_confidence,
     object_in_hand,
-    path_distance,
+    separation,
     something_held,
-    speed_factor,
     withdrawal,
 )
 
@@ -52,30 +50,47 @@ def test_speed_of_a_line_and_of_noise_around_it() -> None:
     np.testing.assert_allclose(line_velocity(times, points), [0.1, 0.0, -0.2], atol=1e-12)
 
 
-def test_free_space_on_a_path_is_that_of_its_nearest_pose() -> None:
-    far, near = np.eye(4), np.eye(4)
-    far[2, 3], near[2, 3] = 0.30 + 0.12, 0.10 + 0.12  # the stem's end stands 12 cm below the tool
-    expected = 0.10 - FLESH - FINGER_WIDTH / 2
-    hand = flat_hand()  # the stem's line x = y = 0 meets the wrist
-    assert path_distance([far, near], 0.05, hand) == pytest.approx(expected)
-    assert path_distance([far], 0.05, hand) == pytest.approx(expected + 0.20)
-
-
 def test_closing_speed_counts_only_what_comes_nearer() -> None:
     hand, tool = np.array([1.0, 0, 0]), np.zeros(3)
     assert closing_speed(np.array([-0.3, 0.4, 0]), hand, tool) == pytest.approx(0.3)
     assert closing_speed(np.array([0.3, 0.4, 0]), hand, tool) == 0.0
-    assert closing_speed(None, hand, tool) == 0.0
+    assert closing_speed(None, hand, tool) == 1.6  # not known: as fast as people walk
+    assert closing_speed(np.ones(3), hand, hand) == 0.0
 
 
-def test_speed_factor_keeps_the_least_distance_for_the_reaction_time() -> None:
-    # 35 mm free, 5 needed, 0.2 s to react: together 0.15 m/s are allowed
-    assert speed_factor(0.035, 0.005, 0.3, 0.0, 0.2) == pytest.approx(0.5)
-    assert speed_factor(0.035, 0.005, 0.3, 0.09, 0.2) == pytest.approx(0.2)
-    assert speed_factor(0.035, 0.005, 0.3, 0.2, 0.2) == 0.0
-    assert speed_factor(0.035, 0.005, 0.1, 0.0, 0.2) == 1.0
-    assert speed_factor(0.004, 0.005, 0.1, 0.0, 0.2) == 0.0
-    assert speed_factor(0.006, 0.005, 0.1, 0.0, 0.0) == 1.0
+def test_separation_has_the_standard_s_terms_by_hand() -> None:
+    # 0.35 m/s, brakes at 0.8 m/s2: 0.4375 s and 77 mm; the hand comes at 0.2 m/s
+    terms = separation(0.35, 0.2, 0.15, 0.005, C)
+    assert terms.stopping == pytest.approx(0.0765625)
+    assert terms.robot == pytest.approx(0.035)
+    assert terms.human == pytest.approx(0.2 * (0.15 + 0.10 + 0.4375))
+    assert terms[3:] == (0.005, 0.008, 0.002)
+    assert terms.distance == pytest.approx(0.0765625 + 0.035 + 0.1375 + 0.015)
+
+
+@pytest.mark.parametrize("closing", [0.0, 0.05, 0.3])
+@pytest.mark.parametrize("age", [0.02, 0.3])
+def test_a_robot_that_brakes_at_the_allowed_speed_keeps_the_least_distance(
+    closing: float, age: float
+) -> None:
+    """Both move on, step by step, from when the picture was taken until the robot stands."""
+    for free in (0.02, 0.08, 0.2, 0.5):
+        start = speed = allowed_speed(free, closing, age, 0.005, C)
+        time = way = 0.0
+        dt = 1e-4
+        while speed > 0:
+            if time >= C.reaction_time:
+                speed = max(0.0, speed - C.deceleration * dt)
+            time, way = time + dt, way + speed * dt
+        # what was measured on the first 5 cm of the path, and straight at the hand beyond
+        gap = min(free, free + C.look_ahead - way) - closing * (age + time)
+        if start > 0:
+            kept = 0.005 + 0.008 + 0.002
+            assert gap > kept - 2e-4
+            if closing > 0 or way > C.look_ahead:
+                assert gap == pytest.approx(kept, abs=2e-4)
+        else:
+            assert separation(0.0, closing, age, 0.005, C).distance >= free
 
 
 def test_withdrawal_by_speed_and_by_distance_along_the_way() -> None:
@@ -99,5 +114,7 @@ def test_confidence_held_and_object_in_hand() -> None:
 def test_thresholds_are_checked() -> None:
     with pytest.raises(ValueError, match="reaction_time must be 0 or more, got -1"):
         SafetyConfig(reaction_time=-1)
+    with pytest.raises(ValueError, match="deceleration must be more than 0"):
+        SafetyConfig(deceleration=0.0)
     with pytest.raises(ValueError, match="hand_lost_after must be 0 or more, got nan"):
         SafetyConfig(hand_lost_after=float("nan"))

@@ -126,7 +126,7 @@ def test_stop_holds_until_released() -> None:
 
 def test_gripper_closes_at_its_speed_and_refuses_nonsense() -> None:
     robot = SimulatedUR5()
-    robot.set_gripper(0.05)
+    robot.set_gripper(0.05, 7.0)
     for _ in range(3):
         robot.servo_to(robot.tool_pose(), 0.1)
     assert robot.gripper_width() == pytest.approx(0.055)  # 0.085 - 3 * 0.1 s * 0.1 m/s
@@ -134,4 +134,4 @@ def test_gripper_closes_at_its_speed_and_refuses_nonsense() -> None:
     assert robot.gripper_width() == pytest.approx(0.05)
     for width in (-0.01, 0.2, np.nan):
         with pytest.raises(ValueError, match="gripper width must lie between"):
-            robot.set_gripper(width)
+            robot.set_gripper(width, 7.0)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from hadr.hand import FINGERS, KEYPOINT_NAMES, forward_kinematics, keypoints_from_skeleton
-from hadr.handover.tracking import best_rotation, hand_motion
+from hadr.handover.tracking import best_rotation, best_similarity, hand_motion
 
 HAND = np.random.default_rng(7).normal(size=(21, 3)) * 0.05 + [0.1, -0.05, 0.7]
 
@@ -168,3 +168,86 @@ def test_robust_form_gives_a_proper_rotation_for_a_mirrored_hand() -> None:
     rotation = hand_motion(HAND, mirrored, robust=True).rotation
     np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(rotation) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("sigma", [0.03, 0.1])
+def test_robust_form_falls_back_to_the_plain_one_where_no_group_moves_as_one(sigma: float) -> None:
+    before, now, _ = moved_hand(())
+    plain = 0
+    for seed in range(40):
+        seen = now + np.random.default_rng(seed).normal(0, sigma, now.shape)
+        robust = hand_motion(before, seen, robust=True)
+        assert np.isfinite(robust.current_from_initial).all()
+        if not robust.robust:
+            plain += 1
+            assert robust.outliers == ()
+            np.testing.assert_array_equal(robust.rotation, hand_motion(before, seen).rotation)
+    assert plain > 0
+    assert hand_motion(before, now, robust=True).robust
+    assert not hand_motion(before, now).robust
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(100, "centimetres"), (1000, "millimetres")])
+def test_keypoints_in_another_unit_are_noticed(factor: float, unit: str) -> None:
+    before, now, _ = moved_hand(())
+    with pytest.raises(ValueError, match=f"must be metres: a palm of .* looks like {unit}"):
+        hand_motion(before, factor * now)
+
+
+def horn(before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """Rotation by the eigenvector of Horn's matrix of 1987: no singular values are used."""
+    s = (before - before.mean(axis=0)).T @ (after - after.mean(axis=0))
+    cross = np.array([s[1, 2] - s[2, 1], s[2, 0] - s[0, 2], s[0, 1] - s[1, 0]])
+    matrix = np.empty((4, 4))
+    matrix[0, 0], matrix[0, 1:], matrix[1:, 0] = np.trace(s), cross, cross
+    matrix[1:, 1:] = s + s.T - np.trace(s) * np.eye(3)
+    w, *xyz = np.linalg.eigh(matrix)[1][:, -1]
+    return Rotation.from_quat([*xyz, w]).as_matrix()
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_similarity_is_that_of_horn_s_quaternion_and_of_derivatives_that_vanish(
+    mirrored: bool,
+) -> None:
+    rng = np.random.default_rng(5)
+    turn = Rotation.random(rng=rng).as_matrix()
+    before = rng.normal(size=(30, 3))
+    after = 1.7 * before @ turn.T + [0.4, -2.0, 3.0] + rng.normal(0, 0.2, (30, 3))
+    if mirrored:
+        after[:, 1] *= -1
+    for scaled in (False, True):
+        scale, rotation, shift = best_similarity(before, after, scaled=scaled)
+        np.testing.assert_allclose(rotation, horn(before, after), atol=1e-9)
+
+        def misfit(s: float, t: np.ndarray, rotation: np.ndarray = rotation) -> float:
+            return float(((s * before @ rotation.T + t - after) ** 2).sum())
+
+        best = misfit(scale, shift)
+        for way in np.eye(3):
+            assert misfit(scale, shift + 1e-3 * way) > best < misfit(scale, shift - 1e-3 * way)
+        if scaled:
+            assert misfit(scale + 1e-3, shift) > best < misfit(scale - 1e-3, shift)
+        else:
+            assert scale == 1.0
+
+
+def test_similarity_of_a_triangle_by_hand() -> None:
+    # a quarter turn about z, twice as large, moved by (1, 2, 3)
+    before = np.array([[0.0, 0, 0], [1, 0, 0], [0, 2, 0]])
+    after = np.array([[1.0, 2, 3], [1, 4, 3], [-3, 2, 3]])
+    scale, rotation, shift = best_similarity(before, after, scaled=True)
+    assert scale == pytest.approx(2.0)
+    np.testing.assert_allclose(rotation, [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-12)
+    np.testing.assert_allclose(shift, [1, 2, 3], atol=1e-12)
+    # without a scale the centroids still meet: (1/3, 2/3, 0) -> (-1/3, 8/3, 3)
+    plain = best_similarity(before, after)
+    np.testing.assert_allclose(plain.shift, [1 / 3, 7 / 3, 3], atol=1e-12)
+
+
+def test_points_of_no_weight_do_not_turn_the_similarity() -> None:
+    before = np.vstack([np.eye(3), np.zeros(3)])
+    after = before.copy()
+    after[3] += [5.0, -2.0, 1.0]
+    found = best_similarity(before, after, weights=np.array([1.0, 1.0, 1.0, 0.0]))
+    np.testing.assert_allclose(found.rotation, np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(found.shift, 0.0, atol=1e-12)

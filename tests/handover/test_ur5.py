@@ -154,3 +154,22 @@ def test_singular_value_is_the_smallest_stretch_of_the_jacobian() -> None:
         jacobian[3:, i] = [turn[2, 1], turn[0, 2], turn[1, 0]]
     expected = np.linalg.svd(jacobian, compute_uv=False)[-1]
     assert ur5.singularity(HOME_JOINTS) == pytest.approx(expected, rel=1e-5)
+
+
+def test_links_are_where_the_outline_says_and_go_with_the_tool() -> None:
+    joints = np.deg2rad([6.0, -130, 121, 9, 96, 20])
+    turn = ur5.BASE_LINK_FROM_DH_BASE[:3, :3]
+    outline, links = ur5.link_outline(joints) @ turn.T, ur5.near_links(joints)
+    np.testing.assert_allclose(links[:, :3], outline[3:8], atol=1e-12)
+    np.testing.assert_allclose(links[:, 3:6], outline[4:9], atol=1e-12)
+    flange = ur5.BASE_LINK_FROM_DH_BASE @ ur5.forward_kinematics(joints)
+    for shift, most in (([0.03, 0.0, 0.0], 0.008), ([0.0, 0.05, 0.0], 0.031)):
+        goal = flange.copy()
+        goal[:3, 3] += shift
+        found = ur5.inverse_kinematics(ur5.BASE_LINK_FROM_DH_BASE @ goal, joints[5])
+        after = min(ur5.nearest_turns(found, joints), key=lambda q: np.abs(q - joints).max())
+        guess = ur5.carried_links(links, goal @ np.linalg.inv(flange))
+        true = ur5.near_links(after)
+        np.testing.assert_allclose(guess[4], true[4], atol=1e-9)  # fixed to the tool
+        assert np.abs(guess[2:, :6] - true[2:, :6]).max() < most
+        assert np.abs(true[2:, :6] - links[2:, :6]).max() > 0.02

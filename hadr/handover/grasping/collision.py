@@ -1,11 +1,13 @@
-"""Whether a gripper would touch the hand, the object or anything else: distances to boxes.
+"""Whether the robot would touch the person, the object or anything else: the one geometry of all.
 
-The gripper is four boxes (`hadr.handover.grasping.gripper`). Whoever
-moves straight along the approach axis sweeps a box out of a box, so the whole way from the
-pre-grasp to the end is checked at once and exactly. The hand is its skeleton with flesh around it.
+Planning and guard ask here, and the physics is built of the same bodies. The gripper is four boxes
+(`hadr.handover.grasping.gripper`); wrist and forearm of the arm are capsules (`ur5.near_links`).
+Whoever moves straight along the approach axis sweeps a box out of a box, so the whole way from the
+pre-grasp to the end is checked at once and exactly. The person is the skeleton of the hand with
+flesh around it, and a forearm that goes on straight behind the wrist: how the wrist is bent, 21
+keypoints do not say.
 
-Points, keypoints (21, 3) and grasps are written in one frame, metres. `back` is the distance of the
-pre-grasp, `forward` how far past the grasp's point the fingertips end.
+Points, keypoints (21, 3) and grasps are written in one frame, metres.
 """
 
 import numpy as np
@@ -13,13 +15,17 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from hadr.hand import BONES, check_keypoints
-from hadr.handover.grasping.grasps import BACK, FORWARD, Grasps
+from hadr.handover.grasping.grasps import PAPER_WAY, Grasps, Way
 from hadr.handover.grasping.gripper import gripper_boxes
 
 Array = NDArray[np.float64]
 
+PALM_LINES = ((1, 5), (5, 9), (9, 13), (13, 17))
+"""Keypoints between which the palm's flesh is, besides the bones."""
 FLESH = 0.010
 """Thickness of flesh around the bones of the hand, metres."""
+FOREARM_RADIUS, FOREARM_LENGTH = 0.035, 0.24
+"""The person's forearm: radius, and how far it reaches behind the wrist, metres."""
 NOISE = 3
 """So many points may be met."""
 
@@ -27,28 +33,72 @@ NOISE = 3
 def hand_points(keypoints: Array) -> Array:
     """Points (m, 3) along the hand's twenty bones and across the palm, from keypoints (21, 3)."""
     points = check_keypoints(keypoints)
-    bones = [*BONES, (5, 9), (9, 13), (13, 17)]
-    start, end = (points[[bone[i] for bone in bones]] for i in (0, 1))
-    along = np.linspace(0.0, 1.0, 5)[None, :, None]
-    line: Array = (start[:, None] * (1 - along) + end[:, None] * along).reshape(-1, 3)
+    start, end = points[_LINES[:, 0]], points[_LINES[:, 1]]
+    line: Array = (start[:, None] * (1 - _ALONG) + end[:, None] * _ALONG).reshape(-1, 3)
     return line
 
 
-def hand_distance(base_from_tool: Array, width: float, keypoints: Array) -> float:
-    """Free space between the gripper's surface and the skin, metres; 0 or less where they touch.
+_LINES = np.array([*BONES, *PALM_LINES])
+_BEHIND = np.linspace(FOREARM_RADIUS, FOREARM_LENGTH, 21)[:, None]
+_ALONG = np.linspace(0.0, 1.0, 12)[:, None]  # 8 mm apart at most: skin less than 1 mm too low
 
-    The tool's pose (4, 4) and the keypoints (21, 3) are written in one frame, metres.
+
+def person(keypoints: Array) -> tuple[Array, Array]:
+    """Hand and forearm as balls: middles (m, 3) in the keypoints' frame and radii (m,), metres.
+
+    Keypoints all in one place tell no direction and have no forearm.
     """
-    boxes = gripper_boxes(np.array([width]))
-    gap = _gaps(np.asarray(base_from_tool)[None], boxes, hand_points(keypoints))
-    return float(gap.min()) - FLESH
+    hand, back = hand_points(keypoints), keypoints[0] - keypoints[9]
+    palm = float(np.linalg.norm(back))
+    behind = _BEHIND if palm > 0 else _BEHIND[:0]
+    radii = np.repeat([FLESH, FOREARM_RADIUS], [len(hand), len(behind)])
+    return np.concatenate([hand, keypoints[0] + behind * (back / max(palm, 1e-9))]), radii
 
 
-def way_to_hand(grasps: Grasps, keypoints: Array) -> Array:
+def hand_distance(
+    poses: Array, width: float, keypoints: Array, links: Array | None = None
+) -> float:
+    """Free space between the robot's surface and the skin, metres; 0 or less where they touch.
+
+    Args:
+        poses: Tool pose, or all poses on a way, shape (4, 4) or (n, 4, 4), metres.
+        width: Opening of the fingers, metres.
+        keypoints: The hand in the same frame, shape (21, 3), metres.
+        links: Capsules of the arm, see `ur5.near_links`, shape (k, 7); the gripper alone where left
+            out.
+
+    Raises:
+        ValueError: A pose, the width or a link is no number.
+    """
+    whole, tools = person(keypoints), np.reshape(poses, (-1, 4, 4))
+    gap = _gaps(tools, gripper_boxes(np.full(len(tools), width)), whole[0]) - whole[1]
+    least = float(gap.min())
+    if links is not None:
+        least = min(least, links_distance(links, whole))
+    if not np.isfinite(least):
+        raise ValueError(f"the distance to the hand is no number: {least}")
+    return least
+
+
+def links_distance(links: Array, whole: tuple[Array, Array]) -> float:
+    """Free space between capsules (k, 7) of the arm and a `person`'s skin, metres, in one frame."""
+    middles, radii = whole
+    start, way = links[:, :3], links[:, 3:6] - links[:, :3]
+    from_start = middles - start[:, None]  # (k, m, 3)
+    along = np.einsum("kmi,ki->km", from_start, way)
+    length = np.maximum(np.einsum("ki,ki->k", way, way), 1e-12)[:, None]
+    part = np.clip(along / length, 0.0, 1.0)
+    squares = np.einsum("kmi,kmi->km", from_start, from_start) + part * (part * length - 2 * along)
+    gap = np.sqrt(np.maximum(squares, 0.0)) - links[:, 6:] - radii
+    return float(gap.min())
+
+
+def way_to_hand(grasps: Grasps, keypoints: Array, way: Way = PAPER_WAY) -> Array:
     """Smallest free space between gripper and skin on each grasp's way in: metres, shape (n,)."""
-    boxes = gripper_boxes(grasps.widths, behind=BACK, ahead=FORWARD)
-    gap: Array = _gaps(grasps.poses, boxes, hand_points(keypoints)).min(axis=1, initial=np.inf)
-    return gap - FLESH
+    boxes = gripper_boxes(grasps.widths, behind=way.back, ahead=way.last)
+    middles, radii = person(keypoints)
+    gap: Array = (_gaps(grasps.poses, boxes, middles) - radii).min(axis=1, initial=np.inf)
+    return gap
 
 
 def free_of_hand(grasps: Grasps, keypoints: Array) -> NDArray[np.bool_]:
@@ -57,20 +107,24 @@ def free_of_hand(grasps: Grasps, keypoints: Array) -> NDArray[np.bool_]:
     return free
 
 
-def free_of_object(grasps: Grasps, points: Array) -> NDArray[np.bool_]:
+def free_of_object(grasps: Grasps, points: Array, way: Way = PAPER_WAY) -> NDArray[np.bool_]:
     """Which grasps get the object between the fingers without running into it on their way.
 
     Beside the fingers the grasp's own width says what is free; to the bar and the palm 3 mm are
     kept. A few points may be met (noise).
     """
-    boxes = gripper_boxes(grasps.widths, behind=BACK, ahead=FORWARD)
+    boxes = gripper_boxes(grasps.widths, behind=way.back, ahead=way.forward)
     boxes[:, 2:, 0] -= 0.003
     boxes[:, 2:, 1] += 0.003
     return _count_inside(grasps, boxes, points) <= NOISE
 
 
 def free_of_scene(
-    grasps: Grasps, scene_points: Array, object_points: Array, clearance: float = 0.01
+    grasps: Grasps,
+    scene_points: Array,
+    object_points: Array,
+    clearance: float = 0.01,
+    way: Way = PAPER_WAY,
 ) -> NDArray[np.bool_]:
     """Which grasps keep a clearance to everything else that was measured: hand, arm, table.
 
@@ -78,7 +132,7 @@ def free_of_scene(
     cuts exactly; a few may be nearer than the clearance (noise).
     """
     beside = cKDTree(object_points).query(scene_points, distance_upper_bound=0.008)[0]
-    boxes = gripper_boxes(grasps.widths, behind=BACK, ahead=FORWARD)
+    boxes = gripper_boxes(grasps.widths, behind=way.back, ahead=way.last)
     boxes[:, :, 0] -= clearance
     boxes[:, :, 1] += clearance
     return _count_inside(grasps, boxes, scene_points[np.isinf(beside)]) <= NOISE

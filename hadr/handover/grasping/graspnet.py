@@ -8,7 +8,7 @@ t (3), object_id.
 import warnings
 import zipfile
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from hadr.camera import transform_points
+from hadr.handover.grasping.candidates import NoCandidateError
 from hadr.handover.grasping.grasps import Grasps
 from hadr.handover.grasping.gripper import LARGEST_OPENING
 from hadr.handover.poses import check_pose
@@ -23,6 +24,8 @@ from hadr.handover.poses import check_pose
 Array = NDArray[np.float64]
 Detect = Callable[[Array], ArrayLike]
 """From the object's points in the camera frame (n, 3), metres, to rows (m, 17)."""
+ROUNDING = 1e-6
+"""A width above the largest opening by less than this, metres, is that opening in float32."""
 METRES = 0.5
 """No parallel gripper opens wider, metres: a larger number is a width in millimetres."""
 SCORES = (-1.0, 3.0)
@@ -34,7 +37,8 @@ not 0 to 1, and what a network predicts may be a little below 0. Percentages do 
 def from_graspnet(source: str | Path | ArrayLike, base_from_camera: Array | None = None) -> Grasps:
     """Read a detector's grasps; those that need a wider opening than the gripper has are left out.
 
-    The network was trained for 100 mm; a warning says how many are left out.
+    The network was trained for 100 mm, to which it cuts its widths; a warning says how many are
+    left out.
 
     Args:
         source: A `.npy` file of `GraspGroup.save_npy`, or its array `grasp_group_array`, shape
@@ -76,12 +80,15 @@ def from_graspnet(source: str | Path | ArrayLike, base_from_camera: Array | None
     if base_from_camera is not None:
         grasps = grasps.in_frame(check_pose(base_from_camera, "base_from_camera"), "base")
     order = np.argsort(-grasps.scores, kind="stable")
-    if wide := int((grasps.widths > LARGEST_OPENING).sum()):
-        warnings.warn(
-            f"{wide} of {len(grasps)} grasps are left out: they need more than {LARGEST_OPENING} m",
-            stacklevel=2,
-        )
-    return grasps.select(order[grasps.widths[order] <= LARGEST_OPENING])
+    fits = grasps.widths <= LARGEST_OPENING + ROUNDING
+    if not fits.all():
+        warnings.warn(_left_out(fits, f"they need more than {LARGEST_OPENING} m"), stacklevel=2)
+    kept = grasps.select(order[fits[order]])
+    return replace(kept, widths=np.minimum(kept.widths, LARGEST_OPENING))
+
+
+def _left_out(kept: NDArray[np.bool_], why: str) -> str:
+    return f"{np.count_nonzero(~kept)} of {len(kept)} grasps are left out: {why}"
 
 
 def _read(path: Path) -> NDArray[np.generic]:
@@ -121,12 +128,23 @@ class DetectedGrasps:
         check_pose(self.base_from_camera, "base_from_camera")
 
     def __call__(self, points: Array) -> Grasps:
-        """The detector's grasps of an object's points (n, 3), metres, base frame, best first."""
+        """The detector's grasps of an object's points (n, 3), metres, base frame, best first.
+
+        Warns how many lie beside the object; NoCandidateError where no grasp is left.
+        """
         camera_from_base = np.linalg.inv(self.base_from_camera)
         rows = self.detect(transform_points(camera_from_base, points))
         grasps = from_graspnet(rows, self.base_from_camera)
         # the grasp's point stands before the surface: look at the fingertips too
         tips = grasps.translations + grasps.depths[:, None] * grasps.axis("approach")
         tree = cKDTree(points)
-        away = np.minimum(tree.query(grasps.translations)[0], tree.query(tips)[0])
-        return grasps.select(away <= self.nearest)
+        near = np.minimum(tree.query(grasps.translations)[0], tree.query(tips)[0]) <= self.nearest
+        if not near.any():
+            raise NoCandidateError(
+                f"of the detector's {np.shape(rows)[0]} grasps {len(grasps)} fit the gripper, "
+                f"and none of them lies within {self.nearest} m of the object"
+            )
+        if not near.all():
+            far = f"they lie more than {self.nearest} m from the object"
+            warnings.warn(_left_out(near, far), stacklevel=2)
+        return grasps.select(near)

@@ -6,7 +6,7 @@ one convention becomes the other.
 """
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,6 +24,30 @@ ROW_NAMES: tuple[str, ...] = (
 BACK, FORWARD = 0.10, 0.05
 """The paper's way in: from so far before the predicted grasp to so far past it, metres."""
 
+
+class Way(NamedTuple):
+    """The final move of a grasp: what is checked in planning is what is gone.
+
+    Attributes:
+        back: It begins so far before the predicted grasp, metres.
+        forward: It ends so far past it.
+        feel: So much farther the fingers may go on, feeling for the object, metres: as far as hand
+            and scene leave free and the arm reaches; the object itself is what they feel for.
+    """
+
+    back: float = BACK
+    forward: float = FORWARD
+    feel: float = 0.0
+
+    @property
+    def last(self) -> float:
+        """How far past the predicted grasp the fingers may come, metres."""
+        return self.forward + self.feel
+
+
+PAPER_WAY = Way()
+FEELING_STEP = 0.01
+"""While nothing is felt the final move is made longer by this at a time, metres."""
 _COLUMN = {"approach": 0, "closing": 1, "height": 2}
 
 

@@ -1,8 +1,7 @@
-"""Our gripper: its sizes, its lines for drawings, its boxes for the checks; metres.
+"""Our gripper: sizes, the boxes of planning, guard and physics, lines for drawings; metres.
 
-Two fingers as far apart as a Robotiq 2F-85 opens, on a bar before a round body. All else imports
-the sizes from here. Checks, physics and pictures simplify it in different ways; where they differ,
-each value has a name of its own, so that the difference can be seen.
+Two fingers as far apart as a Robotiq 2F-85 opens, on a bar before a palm. All else imports the
+sizes from here.
 """
 
 from __future__ import annotations
@@ -22,13 +21,14 @@ FINGER_WIDTH, FINGER_HEIGHT, FINGER_LENGTH = 0.01, 0.02, 0.06
 PAD_THICKNESS = 0.003
 """Of the pad on a finger, a part of the finger's width; in pictures."""
 BAR_LENGTH = 0.02
-"""The bar behind the fingers along the approach axis; in checks it is as high as a finger."""
+"""The bar behind the fingers along the approach axis; the fingers slide along it."""
 BAR_HEIGHT = 0.025
-"""Its height in physics."""
-PALM_SIZE: tuple[float, float, float] = (0.08, 0.06, 0.10)
-"""The body behind the fingers along closing, height and approach, as checks have it: a box."""
-STEM_RADIUS, STEM_LENGTH = 0.03, 0.06
-"""The same in physics: a cylinder behind the bar; and the line that stands for it in drawings."""
+"""Its height."""
+PALM_SIZE: tuple[float, float, float] = (0.08, 0.06, 0.085)
+"""The body behind the fingers along closing, height and approach. Behind it, up to the flange, is
+the cap of the arm's last link."""
+STEM_LENGTH = 0.06
+"""The line that stands for the palm in drawings."""
 
 
 def fork(width: float) -> Array:
@@ -48,14 +48,6 @@ def fork(width: float) -> Array:
     return np.array(ends, dtype=np.float64)
 
 
-def fork_points(base_from_tool: Array, width: float) -> Array:
-    """Points along the fork's four lines at a tool pose (4, 4): (36, 3), metres."""
-    along = np.linspace(0.0, 1.0, 9)[None, :, None]
-    segments = fork(width)
-    points = (segments[:, None, 0] * (1 - along) + segments[:, None, 1] * along).reshape(-1, 3)
-    return points @ base_from_tool[:3, :3].T + base_from_tool[:3, 3]
-
-
 def gripper_boxes(widths: Array, *, behind: float = 0.0, ahead: float = 0.0) -> Array:
     """The gripper's body, or what it sweeps along its approach axis.
 
@@ -70,13 +62,13 @@ def gripper_boxes(widths: Array, *, behind: float = 0.0, ahead: float = 0.0) -> 
     """
     inner = np.asarray(widths, dtype=np.float64) / 2
     outer, one = inner + FINGER_WIDTH, np.ones(len(inner))
-    tall, wide, thick = FINGER_HEIGHT / 2, PALM_SIZE[0] / 2, PALM_SIZE[1] / 2
-    bar, palm = -FINGER_LENGTH - BAR_LENGTH, -FINGER_LENGTH - PALM_SIZE[2]
+    tall, bar, palm = FINGER_HEIGHT / 2, LARGEST_OPENING / 2 + FINGER_WIDTH, PALM_SIZE[0] / 2
+    root = -FINGER_LENGTH
     rows = [
-        (-outer, -inner, tall, -FINGER_LENGTH, 0.0),
-        (inner, outer, tall, -FINGER_LENGTH, 0.0),
-        (-outer, outer, tall, bar, -FINGER_LENGTH),
-        (-wide * one, wide * one, thick, palm, -FINGER_LENGTH),
+        (-outer, -inner, tall, root, 0.0),
+        (inner, outer, tall, root, 0.0),
+        (-bar * one, bar * one, BAR_HEIGHT / 2, root - BAR_LENGTH, root),
+        (-palm * one, palm * one, PALM_SIZE[1] / 2, root - PALM_SIZE[2], root),
     ]
     boxes = np.empty((len(inner), 4, 2, 3))
     for i, (low, high, half, back, front) in enumerate(rows):

@@ -13,10 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hadr.camera import transform_points
-from hadr.handover import safety
+from hadr.handover import safety, ur5
 from hadr.handover.grasping.candidates import NoCandidateError, completed, sample_grasps
-from hadr.handover.grasping.collision import free_of_object, free_of_scene, way_to_hand
-from hadr.handover.grasping.grasps import BACK, FORWARD, Grasps, forward_of
+from hadr.handover.grasping.collision import (
+    free_of_object,
+    free_of_scene,
+    links_distance,
+    person,
+    way_to_hand,
+)
+from hadr.handover.grasping.grasps import FEELING_STEP, PAPER_WAY, Grasps, Way, forward_of
 from hadr.handover.grasping.gripper import LARGEST_OPENING
 from hadr.handover.grasping.rescoring import Directions, rescore
 from hadr.handover.grasping.unseen_side import turned_about_axis
@@ -37,6 +43,8 @@ from hadr.handover.ur5 import Array
 HALF_TURN: Array = np.diag([-1.0, -1.0, 1.0, 1.0])
 """Turns the gripper about its approach axis; a parallel gripper grasps the same either way."""
 
+NO_GRASP = (NoCandidateError, UnreachableError, np.linalg.LinAlgError)
+"""What a search may raise that says there is no grasp now; anything else is a defect."""
 CandidateSource = Callable[[Array], Grasps]
 """From the object's points in the base frame (n, 3), metres, to candidates in the base frame."""
 
@@ -73,6 +81,7 @@ class GraspSelection:
         keypoints: Array,
         robot: Robot,
         scene_points: Array | None = None,
+        way: Way = PAPER_WAY,
     ) -> ChosenGrasp | None:
         """Choose a grasp.
 
@@ -81,6 +90,8 @@ class GraspSelection:
             keypoints: Hand in the base frame, shape (21, 3), metres.
             robot: Says what it can reach.
             scene_points: Measured points of anything else (hand, arm, table), as the object's.
+            way: The final move, which must be free and within reach; of the way on past its end the
+                grasp says how much is.
 
         Returns:
             The best grasp whose pre-grasp, grasp and final pose can all be reached, and to whose
@@ -88,21 +99,27 @@ class GraspSelection:
             None where no candidate is left.
 
         Raises:
+            NoCandidateError: There were none from the start.
             ValueError: The points are too few or not finite, see `sample_grasps`.
         """
         seen = np.asarray(points, dtype=np.float64)
         whole, normals = completed(self.rng.permutation(seen)[:2000], self.viewpoint)
         taken = np.concatenate([whole, turned_about_axis(whole, normals)])  # where it may be
         scene = np.zeros((0, 3)) if scene_points is None else _thinned(scene_points)
+        none: NoCandidateError | None = None
         for number in range(self.rounds):
             try:
-                grasps = self.candidates(seen)
-            except NoCandidateError:
+                grasps, none = self.candidates(seen), None
+            except NoCandidateError as error:
+                none = error
                 continue
             aside = _ASIDE if number < self.rounds - 1 else _ASIDE[:1]  # at last: as it stands
-            chosen = self._best(grasps, taken, keypoints, robot, scene, aside)
+            around = _Surroundings(taken, scene, keypoints, robot, Way(*way[:2]), way.feel)
+            chosen = self._best(grasps, around, aside)
             if chosen is not None:
                 return chosen
+        if none is not None:
+            raise none
         return None
 
     def candidates(self, points: Array) -> Grasps:
@@ -114,19 +131,13 @@ class GraspSelection:
             points, self.rng, viewpoint=self.viewpoint, toward=toward, frame="base"
         )
 
-    def _best(
-        self,
-        grasps: Grasps,
-        points: Array,
-        keypoints: Array,
-        robot: Robot,
-        scene: Array,
-        aside: Array,
-    ) -> ChosenGrasp | None:
+    def _best(self, grasps: Grasps, around: _Surroundings, aside: Array) -> ChosenGrasp | None:
         """The best of some candidates that is free and can be reached, moved aside (n, 3) too."""
-        grasps = grasps.select(way_to_hand(grasps, keypoints) >= min(CLEARANCES))
-        grasps = grasps.select(_free(grasps, points, scene))
-        room = way_to_hand(grasps, keypoints)
+        room = around.room(grasps)
+        near = room >= min(CLEARANCES)
+        grasps, room = grasps.select(near), room[near]
+        free = around.free(grasps)
+        grasps, room = grasps.select(free), room[free]
         scores = rescore(grasps, Directions()) if self.rescoring else grasps.scores
         best_first = np.argsort(-scores, kind="stable")
         tried: list[Array] = []
@@ -139,46 +150,86 @@ class GraspSelection:
                 if any(_alike(pose, other) for other in tried):
                     continue
                 tried.append(pose)
-                for reached in _turned(pose, robot, aside):
+                for reached in around.turned(pose, aside):
+                    ends = (forward_of(reached, s) for s in (-around.way.back, around.way.last))
+                    if not all(around.arm_clear(end, clearance) for end in ends):
+                        continue
                     one = grasps.select(np.array([row]))
-                    width = _opening(one, points, keypoints, scene, clearance)
-                    found = ChosenGrasp(reached, width, float(scores[row]))
-                    if robot.straight_way(forward_of(reached, -BACK)):
+                    one = replace(one, widths=np.array([around.opening(one, clearance)]))
+                    feel = around.feeling(one, reached, clearance)
+                    found = ChosenGrasp(reached, float(one.widths[0]), float(scores[row]), feel)
+                    if around.robot.straight_way(forward_of(reached, -around.way.back)):
                         return found
                     roundabout = roundabout or found
         return roundabout
 
 
-def _free(grasps: Grasps, points: Array, scene: Array) -> NDArray[np.bool_]:
-    """Which keep off the object's points and those of anything else on the way in, (n,)."""
-    return free_of_object(grasps, points) & free_of_scene(grasps, scene, points)
+@dataclass(frozen=True)
+class _Surroundings:
+    """What a grasp must keep off, and the arm that must reach it; base frame, metres.
 
+    `way` is without feeling, `feel` the most of that.
+    """
 
-def _opening(
-    grasp: Grasps, points: Array, keypoints: Array, scene: Array, clearance: float
-) -> float:
-    """How wide the fingers may open on the way in, metres: an error to the side is forgiven."""
-    least = float(grasp.widths[0])
-    for width in np.linspace(LARGEST_OPENING, least, 4)[:-1]:
-        if width <= least:
-            break
-        wide = replace(grasp, widths=np.array([width]))
-        near_hand = way_to_hand(wide, keypoints)[0] < clearance
-        if not near_hand and _free(wide, points, scene)[0]:
-            return float(width)
-    return least
+    points: Array
+    scene: Array
+    keypoints: Array
+    robot: Robot
+    way: Way
+    feel: float
 
+    def room(self, grasps: Grasps) -> Array:
+        """Free space to the skin on the way in, (n,)."""
+        return way_to_hand(grasps, self.keypoints, self.way)
 
-def _turned(pose: Array, robot: Robot, aside: Array) -> list[Array]:
-    """The reachable ones of a pose and its half turn, the nearer to the tool's turn first."""
-    closing = robot.tool_pose()[:3, 0]
-    both = sorted((pose, pose @ HALF_TURN), key=lambda p: -float(p[:3, 0] @ closing))
-    stops = [(-BACK, side) for side in aside] + [(0.0, np.zeros(3)), (FORWARD, np.zeros(3))]
-    return [
-        option
-        for option in both
-        if all(robot.reachable(_moved(forward_of(option, s), side)) for s, side in stops)
-    ]
+    def free(self, grasps: Grasps) -> NDArray[np.bool_]:
+        """Which keep off the object's points and those of anything else on the way in, (n,)."""
+        off_scene = free_of_scene(grasps, self.scene, self.points, way=self.way)
+        return free_of_object(grasps, self.points, self.way) & off_scene
+
+    def opening(self, grasp: Grasps, clearance: float) -> float:
+        """How wide the fingers may open on the way in: an error to the side is forgiven."""
+        least = float(grasp.widths[0])
+        for width in np.linspace(LARGEST_OPENING, least, 4)[:-1]:
+            if width <= least:
+                break
+            wide = replace(grasp, widths=np.array([width]))
+            if self.room(wide)[0] >= clearance and self.free(wide)[0]:
+                return float(width)
+        return least
+
+    def turned(self, pose: Array, aside: Array) -> list[Array]:
+        """The reachable ones of a pose and its half turn, the nearer to the tool's turn first."""
+        closing, way = self.robot.tool_pose()[:3, 0], self.way
+        both = sorted((pose, pose @ HALF_TURN), key=lambda p: -float(p[:3, 0] @ closing))
+        stops = [(-way.back, side) for side in aside]
+        stops += [(0.0, np.zeros(3)), (way.last, np.zeros(3))]
+        return [
+            option
+            for option in both
+            if all(self.robot.reachable(_moved(forward_of(option, s), side)) for s, side in stops)
+        ]
+
+    def arm_clear(self, pose: Array, clearance: float) -> bool:
+        """Whether wrist and forearm keep off the person with the tool at a pose."""
+        links = ur5.near_links(self.robot.joints_at(pose))
+        return links_distance(links, person(self.keypoints)) >= clearance
+
+    def feeling(self, grasp: Grasps, pose: Array, clearance: float) -> float:
+        """How far on past the final move a grasp, turned to a pose, is free and within reach."""
+        feel = 0.0
+        while feel + FEELING_STEP <= self.feel + 1e-9:
+            way = self.way._replace(feel=feel + FEELING_STEP)
+            end = forward_of(pose, way.last)
+            if not (
+                way_to_hand(grasp, self.keypoints, way)[0] >= clearance
+                and free_of_scene(grasp, self.scene, self.points, way=way)[0]
+                and self.robot.reachable(end)
+                and self.arm_clear(end, clearance)
+            ):
+                break
+            feel += FEELING_STEP
+        return feel
 
 
 _ASIDE = 0.03 * np.array([[0, 0, 0], [0, 0, 1], [0, 0, -1], [0, 1, 0], [0, -1, 0]])
@@ -270,8 +321,11 @@ class Choosing:
         """Search for a grasp in an observation without an `obstacle`.
 
         Returns:
-            The grasp in the base frame; None, and the reason in `caution`, where there is none or
-            the detector failed, in whatever way.
+            The grasp in the base frame; None, and the reason in `caution`, where there is none.
+
+        Raises:
+            RuntimeError: The search raised a ValueError that does not say there is no grasp. Such
+                an error would pass for a bad picture; all others pass through as they are.
         """
         self._searched_at = now
         chosen, why = self._chosen(observation, robot)
@@ -291,11 +345,11 @@ class Choosing:
             scene = transform_points(watch.base_from_camera, scene)
         points = transform_points(watch.base_from_camera, points)
         try:
-            chosen = self.choose_grasp(points, watch.keypoints, robot, scene)
+            chosen = self.choose_grasp(points, watch.keypoints, robot, scene, self.config.way)
             if chosen is not None:
                 check_pose(chosen.pose, "the chosen grasp")
-        except (UnreachableError, ValueError, np.linalg.LinAlgError) as error:
+        except NO_GRASP as error:
             return None, f"no grasp: {error}"
-        except Exception as error:  # a user's detector may raise anything; the arm goes on
-            return None, f"no grasp: the detector failed: {type(error).__name__}: {error}"
+        except ValueError as error:
+            raise RuntimeError(f"the choice of a grasp failed: {error}") from error
         return chosen, "" if chosen else "no grasp: none that is free and within reach"

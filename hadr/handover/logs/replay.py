@@ -10,9 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from hadr.handover import ur5
+from hadr.handover.grasping.selection import NO_GRASP
 from hadr.handover.logs.run_log import COMMANDS, READINGS, RunLog
 from hadr.handover.observation import Observation
-from hadr.handover.robot import Robot, UnreachableError
+from hadr.handover.robot import Robot
 from hadr.handover.stages import ChosenGrasp, HandoverConfig
 from hadr.handover.workflow import Handover
 from hadr.records.reading import structured
@@ -72,16 +73,11 @@ class LoggedRobot:
                 return np.concatenate([read, [[0.0, 0.0, 0.0, 1.0]]])
             return read if read.ndim else float(read)
         found = self._take(name)
-        if name == "tool_wrench":
-            return np.array(found or np.zeros(6), dtype=np.float64)
         return found[0] if found else True
 
     def choose(self, *_: object) -> ChosenGrasp | None:
         """Choose what was chosen then."""
         self._fail("choose_error")
-        failed = self._take("choose_failed")
-        if failed:  # neither of the errors that say there is no grasp
-            raise type(failed[0], (Exception,), {})(failed[1])
         chose = self._take("chose")
         if not chose or chose[0] is None:
             return None
@@ -90,8 +86,8 @@ class LoggedRobot:
     def _fail(self, name: str) -> None:
         failed = self._take(name)
         if failed:
-            kind = UnreachableError if failed[0] == "UnreachableError" else ValueError
-            raise kind(failed[1])
+            kinds = {kind.__name__: kind for kind in NO_GRASP}
+            raise kinds.get(failed[0], ValueError)(failed[1])
 
 
 def logged_observation(log: RunLog, step: int) -> Observation:

@@ -23,6 +23,8 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from hadr.handover.grasping.collision import hand_points
+from hadr.handover.grasping.grasps import Way
+from hadr.handover.grasping.selection import NO_GRASP
 from hadr.handover.observation import Observation, cleaned
 from hadr.handover.robot import Robot, UnreachableError
 from hadr.handover.safety import hand_problem
@@ -32,7 +34,7 @@ from hadr.records.reading import parse_json, read_arrays, structured
 from hadr.records.writing import write_arrays
 
 Array = npt.NDArray[np.float64]
-FORMAT = 1
+FORMAT = 2
 KEPT_POINTS = 32
 """So many points of a cloud are stored, and the one next to the hand."""
 
@@ -45,8 +47,8 @@ class RunLog:
         arrays: `keypoints` (frames, 21, 3) and `points` (clouds, 33, 3) in the camera frame,
             metres. For each step: `time`, `taken` (of the picture), `dt`, seconds; `confidence`
             (infinity: not known); `hand` and `cloud`, a row of keypoints and of points, -1 for
-            none; `tool` (3, 4), `joints` and `width` as the robot said; `servo` (3, 4), the
-            command, NaN where there was none.
+            none; `tool` (3, 4), `joints`, `width`, `press` (of the fingers) and `wrench` (6,) as
+            the robot said; `servo` (3, 4), the command, NaN where there was none.
         header: Format, configuration, calibration, transitions, cautions, and the rare events,
             each with the number of its step: odd keypoints, commands to gripper and stops,
             answers, errors, chosen grasps.
@@ -82,6 +84,7 @@ _SCHEMA = {
     **dict.fromkeys(("hand", "cloud"), "i4 steps"),
     "keypoints": "f4 hands 21 3", "points": f"f4 clouds {KEPT_POINTS + 1} 3",
     "tool": "f4 answers 3 4", "joints": "f4 answers 6", "width": "f4 answers",
+    "press": "f4 answers", "wrench": "f4 answers 6",
     "servo": "f4 steps 3 4", "header": "U", "checksum": "U",
 }  # fmt: skip
 
@@ -113,12 +116,10 @@ def _is_event(event: Any) -> bool:
     match event:
         case [int(), "protective_stop", str()] | [int(), "chose", None]:
             return True
-        case [int(), "chose", pose, float() | int(), float() | int()]:
-            return _is_array(pose, (4, 4))
-        case [int(), "tool_wrench", *forces]:
-            return _is_array(forces, (6,))
+        case [int(), "chose", pose, *numbers]:
+            return _is_array(pose, (4, 4)) and _is_array(numbers, (3,))
         case [int(), str(name), *given]:
-            if name.endswith(("_error", "_failed")):
+            if name.endswith("_error"):
                 return [type(words) for words in given] == [str, str]
             told = name in ("chose", "protective_stop")
             return not told and all(isinstance(value, int | float) for value in given)
@@ -173,7 +174,10 @@ def _single(values: npt.ArrayLike) -> Array:
     return np.asarray(values, dtype=np.float32).astype(np.float64)
 
 
-READINGS = {"tool_pose": "tool", "joint_positions": "joints", "gripper_width": "width"}
+READINGS = {
+    "tool_pose": "tool", "joint_positions": "joints", "gripper_width": "width",
+    "finger_force": "press", "tool_wrench": "wrench",
+}  # fmt: skip
 """What is read of the robot in each step, and the array that keeps it."""
 COMMANDS = ("stop", "release", "set_gripper")
 """Commands that a replay must give again."""
@@ -186,6 +190,8 @@ class StepNotes:
     tool: Array = field(default_factory=lambda: np.eye(4))
     joints: Array = field(default_factory=lambda: np.zeros(0))
     width: Array = field(default_factory=lambda: np.zeros(()))
+    press: Array = field(default_factory=lambda: np.zeros(()))
+    wrench: Array = field(default_factory=lambda: np.zeros(6))
     servo: Array | None = None
     events: list[list[Any]] = field(default_factory=list)
 
@@ -228,8 +234,6 @@ class RecordedRobot:
         if name in READINGS:
             setattr(notes, READINGS[name], _single(answer))
             return _single(answer) if np.ndim(answer) else float(_single(answer))
-        if name == "tool_wrench":
-            answer = _single(answer)
         if name == "reachable" or np.any(answer):
             notes.events.append([name, *np.atleast_1d(answer).tolist()])
         return answer
@@ -284,6 +288,8 @@ class RecordedHandover(Handover):
             "tool": np.stack([notes.tool[:3] for notes in steps]),
             "joints": np.reshape([notes.joints for notes in steps], (-1, joints)),
             "width": np.array([notes.width for notes in steps]),
+            "press": np.array([notes.press for notes in steps]),
+            "wrench": np.stack([notes.wrench for notes in steps]),
             "servo": np.reshape(servo, (-1, 3, 4)),
         }
         with np.errstate(over="ignore"):
@@ -340,19 +346,18 @@ class RecordedHandover(Handover):
         keypoints: Array,
         _: Robot,
         scene: Array | None,
+        way: Way,
     ) -> ChosenGrasp | None:
-        """Choose a grasp, and note it or what went wrong; what the search asks is not noted."""
+        """Choose a grasp, and note it or why there is none; what the search asks is not noted."""
         events = self.recorded.step.events
         try:
-            grasp = choose(points, keypoints, self.recorded.robot, scene)
+            grasp = choose(points, keypoints, self.recorded.robot, scene, way)
             chose: list[Any] = [None]
             if grasp is not None:
                 pose = np.asarray(grasp.pose, dtype=np.float64).tolist()
-                chose = [pose, float(grasp.width), float(grasp.score)]
-        except Exception as error:
-            refused = isinstance(error, UnreachableError | ValueError)
-            name = "choose_error" if refused else "choose_failed"
-            events.append([name, type(error).__name__, str(error)])
+                chose = [pose, float(grasp.width), float(grasp.score), float(grasp.feel)]
+        except NO_GRASP as error:
+            events.append(["choose_error", type(error).__name__, str(error)])
             raise
         events.append(["chose", *chose])
         return grasp

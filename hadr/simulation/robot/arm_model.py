@@ -1,7 +1,7 @@
 """The UR5 with a two-finger gripper as a MuJoCo model, written by program from the DH numbers.
 
 Nothing here is a mesh from a manufacturer: the joints come from `hadr.handover.ur5`, the masses are
-the published ones, and each link is a capsule where `ur5.link_outline` says that it runs. Body i
+the published ones, and each link is made of the capsules of `ur5.link_capsules`. Body i
 stands in DH frame i - 1 and turns about its z axis, so that MuJoCo's forward kinematics is the DH
 product itself.
 """
@@ -27,9 +27,6 @@ LINK_MASSES: tuple[float, ...] = (3.7, 8.393, 2.33, 1.219, 1.219, 0.1879)
 ARM_TORQUES: tuple[float, ...] = (150.0, 150.0, 150.0, 28.0, 28.0, 28.0)
 """Largest joint torques in newton metres."""
 
-_TUBE = (0.060, 0.054, 0.045, 0.040, 0.040, 0.038)
-_SIDE = ur5.SHOULDER_OFFSET
-_FORE_SIDE = ur5.SHOULDER_OFFSET + ur5.ELBOW_OFFSET
 _POSITION_GAINS = (6000.0, 6000.0, 4000.0, 900.0, 900.0, 500.0)
 _SPEED_GAINS = (450.0, 450.0, 260.0, 40.0, 40.0, 18.0)
 _ARMATURES = (0.2, 0.2, 0.2, 0.05, 0.05, 0.05)
@@ -77,7 +74,7 @@ def add_arm(spec: mujoco.MjSpec, *, sliding: bool = True) -> None:
                 name=name if part == 0 else f"{name}_{part}",
                 type=mujoco.mjtGeom.mjGEOM_CAPSULE,
                 fromto=[*start, *end],
-                size=[_TUBE[index], 0, 0],
+                size=[ur5.LINK_RADII[index], 0, 0],
                 mass=LINK_MASSES[index] * lengths[part] / sum(lengths),
                 **_touch(on_table=index == 0),
             )
@@ -138,32 +135,27 @@ def add_table(spec: mujoco.MjSpec) -> None:
     )
 
 
+_LINK_OF = np.array([link for link, _, _ in ur5.LINK_LINES])
+"""The link of each row of `ur5.link_capsules`."""
+
+
 def _segments(index: int) -> list[tuple[Array, Array]]:
     """Centre lines of one link in its body's frame, metres."""
-    a, d = float(ur5.DH_A[index]), float(ur5.DH_D[index])
-    along: dict[int, list[tuple[list[float], list[float]]]] = {
-        0: [([0, 0, 0.04], [0, 0, d]), ([0, 0, d], [0, -_SIDE, d])],
-        1: [([0, 0, _SIDE], [a, 0, _SIDE])],
-        2: [([0, 0, _SIDE], [0, 0, _FORE_SIDE]), ([0, 0, _FORE_SIDE], [a, 0, _FORE_SIDE])],
-        3: [([0, 0, _FORE_SIDE], [0, 0, d])],
-        4: [([0, 0, 0], [0, 0, d])],
-        5: [([0, 0, 0], [0, 0, d - 0.038])],
-    }
-    return [(np.array(start, float), np.array(end, float)) for start, end in along[index]]
+    rows = ur5.link_capsules(np.zeros(6))[index == _LINK_OF]
+    return list(zip(_in_body(index, rows[:, :3]), _in_body(index, rows[:, 3:6]), strict=True))
 
 
-def _joint_points(index: int) -> list[Array]:
+def _joint_points(index: int) -> Array:
     """The points of `ur5.link_outline` beyond the shoulder that this link carries, metres."""
-    a, d = float(ur5.DH_A[index]), float(ur5.DH_D[index])
-    points: dict[int, list[list[float]]] = {
-        0: [],
-        1: [[a, 0, _SIDE]],
-        2: [[0, 0, _FORE_SIDE], [a, 0, _FORE_SIDE]],
-        3: [[0, 0, d]],
-        4: [[0, 0, d]],
-        5: [[0, 0, d]],
-    }
-    return [np.array(point, dtype=np.float64) for point in points[index]]
+    ends = [end for link, _, end in ur5.LINK_LINES if link == index > 0]
+    return _in_body(index, ur5.link_outline(np.zeros(6))[ends])
+
+
+def _in_body(index: int, points: Array) -> Array:
+    """Points (n, 3) of a link at joint angles 0, from `dh_base` into its body's frame."""
+    frame = ur5.joint_frames(np.zeros(6))[index]
+    local: Array = (points - frame[:3, 3]) @ frame[:3, :3]
+    return local
 
 
 def _touch(*, on_table: bool = False) -> dict[str, int]:

@@ -164,13 +164,13 @@ class ArmMotion:
         """
         target = check_pose(base_from_tool, "base_from_tool")
         self._plan(target)
-        now, c = self._pose(self._configuration), self.motion
+        now = self._pose(self._configuration)
         distance, angle = _difference(now, target)
         self._choose_way(target, distance, angle, dt)
         self._frame.set_target(mink.SE3.from_matrix(self._reference(now, target, dt)))
         way = (self._way[0] if self._by_joints else self._way[-1]) - self.joints
         longest = float(np.abs(way).max())
-        fast = _slowing(longest, self.rows.speed, 0.5 * c.joint_acceleration, dt)
+        fast = _slowing(longest, self.rows.speed, 0.5 * self.rows.acceleration, dt)
         self._posture.set_target(self.joints + way * fast * dt / max(longest, 1e-9))
         tasks = [self._posture] if self._by_joints else [self._frame, self._posture]
         self.rows.velocity = self.velocity
@@ -180,7 +180,7 @@ class ArmMotion:
             )
         except mink.NoSolutionFound:
             velocity = self.velocity * (1.0 - dt / self.rows.braking_time)
-        self.put(self.joints + velocity * dt, velocity)
+        self._speed_up(velocity, dt)
 
     def _reference(self, now: Array, target: Array, dt: float) -> Array:
         """The tool pose for the next moment, on the way's line; slower while joints push it off."""
@@ -210,7 +210,11 @@ class ArmMotion:
         """Slow all joints down in step for dt seconds, at most at an acceleration in rad/s2."""
         fastest = float(np.abs(self.velocity).max())
         velocity = self.velocity * max(0.0, 1.0 - acceleration * dt / max(fastest, 1e-12))
-        self.put(self.joints + velocity * dt, velocity)
+        self._speed_up(velocity, dt)
+
+    def _speed_up(self, velocity: Array, dt: float) -> None:
+        """Come to joint velocities (6,) in dt seconds, evenly: at the rows' acceleration."""
+        self.put(self.joints + (self.velocity + velocity) / 2 * dt, velocity)
 
     def forget(self) -> None:
         """Look for a way anew at the next call: the arm was stopped on the one before."""

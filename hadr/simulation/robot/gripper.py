@@ -7,16 +7,13 @@ from typing import Any
 import numpy as np
 
 from hadr.handover.grasping.gripper import (
-    BAR_HEIGHT,
-    BAR_LENGTH,
     FINGER_HEIGHT,
     FINGER_LENGTH,
     FINGER_WIDTH,
     FLANGE_FROM_TOOL,
     LARGEST_OPENING,
     PAD_THICKNESS,
-    STEM_LENGTH,
-    STEM_RADIUS,
+    gripper_boxes,
 )
 from hadr.records.caches import kept
 from hadr.simulation.robot.solids import (
@@ -32,16 +29,16 @@ from hadr.simulation.robot.solids import (
     rounded_block,
 )
 
-GRIPPER_MASSES: dict[str, float] = {"stem": 0.5, "bar": 0.25, "finger": 0.06}
+GRIPPER_MASSES: dict[str, float] = {"palm": 0.5, "bar": 0.25, "finger": 0.06}
 """Masses in kilograms; one finger."""
-GRIPPER_GEOMS: tuple[str, ...] = ("left_finger", "right_finger", "bar", "stem")
+GRIPPER_GEOMS: tuple[str, ...] = ("left_finger", "right_finger", "bar", "palm")
 """Names of the collision shapes."""
 _GIVE = 0.002
 _BODY_TOP, _BODY_END = -0.145, -0.082
 
 
 def add_gripper(spec: Any, tool: Any, touch: dict[str, int], *, sliding: bool) -> None:
-    """Add stem, bar and two fingers to the physics.
+    """Add palm, bar and two fingers to the physics, the boxes of `gripper_boxes`.
 
     Args:
         spec: The model, a `mujoco.MjSpec`.
@@ -51,23 +48,16 @@ def add_gripper(spec: Any, tool: Any, touch: dict[str, int], *, sliding: bool) -
     """
     import mujoco  # the look needs none
 
-    back = -FINGER_LENGTH - BAR_LENGTH
-    tool.add_geom(
-        name="stem",
-        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
-        fromto=[0, 0, back, 0, 0, min(back - 0.01, -FINGER_LENGTH - STEM_LENGTH)],
-        size=[STEM_RADIUS, 0, 0],
-        mass=GRIPPER_MASSES["stem"],
-        **touch,
-    )
-    tool.add_geom(
-        name="bar",
-        type=mujoco.mjtGeom.mjGEOM_BOX,
-        pos=[0, 0, -FINGER_LENGTH - BAR_LENGTH / 2],
-        size=[LARGEST_OPENING / 2 + FINGER_WIDTH, BAR_HEIGHT / 2, BAR_LENGTH / 2],
-        mass=GRIPPER_MASSES["bar"],
-        **touch,
-    )
+    boxes = gripper_boxes(np.array([LARGEST_OPENING]))[0]
+    for name, (low, high) in zip(GRIPPER_GEOMS[2:], boxes[2:], strict=True):
+        tool.add_geom(
+            name=name,
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            pos=(low + high) / 2,
+            size=(high - low) / 2,
+            mass=GRIPPER_MASSES[name],
+            **touch,
+        )
     for name, side in (("left", -1.0), ("right", 1.0)):
         # at joint position 0 the finger closes in the middle
         middle = side * (FINGER_WIDTH / 2 + (0.0 if sliding else LARGEST_OPENING / 2))

@@ -16,17 +16,18 @@ from hadr.handover.grasping.gripper import LARGEST_OPENING
 from hadr.handover.poses import check_pose
 from hadr.handover.robot import UnreachableError
 from hadr.handover.simulated_ur5 import ArmConfig
+from hadr.handover.stages import GENTLE_FORCE
 from hadr.handover.ur5 import Array
 from hadr.simulation.robot.arm_motion import ArmMotion
 from hadr.simulation.robot.motion_limits import MotionConfig
 
-GENTLE_FORCE, FIRM_FORCE, OPENING_FORCE = 7.0, 22.0, 3.0
-"""Force of a finger, newtons: while the human still holds the object, once the gripper alone holds
-it, and while it opens in a protective stop."""
 FORCE_RISE = 20.0
 """How fast the fingers' force may grow, newtons per second."""
 PROTECTIVE_FORCE = 9.0
-"""Force on the hand at which the arm freezes, newtons."""
+"""Force at the wrist, or on the links behind it, at which the arm freezes, newtons."""
+SENSOR_NOISE = np.array([0.1, 0.1, 0.1, 0.005, 0.005, 0.005])
+"""Standard deviation of the wrist's sensor, newtons and N m, and of the fingers' (the first): the
+resolution that is published for a Robotiq FT 300-S is 0.1 N; the torque is our choice."""
 EMERGENCY_DECELERATION = 20.0
 """Of the joints in a protective stop, rad/s2."""
 LEAST_SINGULAR_VALUE = 0.005
@@ -35,11 +36,11 @@ LEAST_SINGULAR_VALUE = 0.005
 
 @dataclass(frozen=True)
 class _Stretch:
-    """One piece of the commanded path: a cubic between two states, seconds and radians."""
+    """One piece of the commanded path: from one joint velocity to the next at even acceleration."""
 
     start: float
     length: float
-    joints: tuple[Array, Array]
+    joints: Array
     velocities: tuple[Array, Array]
 
     @property
@@ -48,21 +49,10 @@ class _Stretch:
 
     def at(self, time: float) -> tuple[Array, Array]:
         """Joint angles and velocities at a time within the stretch, each of shape (6,)."""
-        s = float(np.clip((time - self.start) / self.length, 0.0, 1.0))
-        (a, b), (va, vb) = self.joints, self.velocities
-        u, w = s * self.length * va, s * self.length * vb
-        joints = (
-            (1 + 2 * s) * (1 - s) ** 2 * a
-            + (1 - s) ** 2 * u
-            + s * s * (3 - 2 * s) * b
-            + s * (s - 1) * w
-        )
-        velocity = (
-            6 * s * (1 - s) * (b - a) / self.length
-            + (1 - s) * (1 - 3 * s) * va
-            + s * (3 * s - 2) * vb
-        )
-        return joints, velocity
+        since = float(np.clip(time - self.start, 0.0, self.length))
+        (first, last) = self.velocities
+        velocity = first + (last - first) * since / self.length
+        return self.joints + (first + velocity) / 2 * since, velocity
 
 
 class PhysicalUR5:
@@ -73,6 +63,7 @@ class PhysicalUR5:
         data: The world's state; this robot writes its controls.
         arm: Home, speed, fingers and workspace.
         motion: How it may move.
+        rng: Draws the sensors' noise.
 
     Attributes:
         protective_stop: Why the arm has frozen; empty while it has not.
@@ -84,8 +75,9 @@ class PhysicalUR5:
         data: mujoco.MjData,
         arm: ArmConfig,
         motion: MotionConfig,
+        rng: np.random.Generator,
     ) -> None:
-        self.arm, self.motion = arm, motion
+        self.arm, self._rng = arm, rng
         self.protective_stop = ""
         self._model, self._data = model, data
         self._motion = ArmMotion(arm, motion)
@@ -98,14 +90,12 @@ class PhysicalUR5:
             [model.joint(f"{side}_finger").qposadr[0] for side in ("left", "right")]
         )
         self._stopped = False
-        self._touch = np.zeros(6)
-        self._released_at = -np.inf
+        self._touch, self._press, self._links = np.zeros(6), 0.0, 0.0
         self._opening = self._target_opening = LARGEST_OPENING
         home = arm.home
         data.qpos[self._joints] = home
         data.qpos[self._fingers] = self._opening / 2
-        still = (np.zeros(6), np.zeros(6))
-        self._stretch = _Stretch(data.time - 0.02, 0.02, (home, home), still)
+        self._stretch = _Stretch(data.time - 0.02, 0.02, home, (np.zeros(6), np.zeros(6)))
         self.home_pose: Array = self._motion.tool_pose_at(home)
         self._force = self._wanted_force = GENTLE_FORCE
         self.drive()
@@ -122,13 +112,17 @@ class PhysicalUR5:
         joints: Array = self._data.qpos[self._joints].copy()
         return joints
 
+    def joints_at(self, base_from_tool: Array) -> Array:
+        """Return the nearest joint angles (6,) for a tool pose; `UnreachableError`."""
+        return next(self._motion.joint_goals(base_from_tool))
+
     def reachable(self, base_from_tool: Array) -> bool:
         """Say whether the tool could stand at this pose, shape (4, 4), within all limits.
 
         A pose at which the arm is nearly singular counts as one that it can't reach.
         """
         try:
-            joints = next(self._motion.joint_goals(base_from_tool))
+            joints = self.joints_at(base_from_tool)
         except UnreachableError:
             return False
         return self.singularity(joints) >= LEAST_SINGULAR_VALUE
@@ -154,8 +148,8 @@ class PhysicalUR5:
         joints, velocity = self._stretch.at(self._data.time)
         self._motion.put(joints, velocity)
         self._motion.advance(target, dt)
-        after = (self._motion.joints, self._motion.velocity)
-        self._stretch = _Stretch(self._data.time, dt, (joints, after[0]), (velocity, after[1]))
+        speeds = (velocity, self._motion.velocity)
+        self._stretch = _Stretch(self._data.time, dt, joints, speeds)
 
     def stop(self) -> None:
         """Brake and stand still; later commands do nothing until `release`."""
@@ -172,19 +166,19 @@ class PhysicalUR5:
             return False
 
     def release(self) -> None:
-        """Let the arm move again after a stop or a protective stop.
-
-        For half a second it then bears half as much again, so that it can draw back from a hand
-        that still leans on it.
-        """
+        """Let the arm move again after `stop`; see `unlock` for a protective stop."""
         self._stopped = False
         self._motion.forget()
-        self.protective_stop = ""
-        self._released_at = self._data.time
-        self.set_firm_grip(False)
 
-    def set_gripper(self, width: float) -> None:
+    def unlock(self) -> None:
+        """Release a protective stop, as only a person does: at the arm, after having looked."""
+        self.protective_stop = ""
+        self._motion.forget()
+
+    def set_gripper(self, width: float, force: float) -> None:
         """Open or close the fingers to a width in metres; an object between them stops them.
+
+        They press by at most a force, newtons, which grows by `FORCE_RISE` at most.
 
         In a protective stop this does nothing.
 
@@ -196,7 +190,7 @@ class PhysicalUR5:
                 f"gripper width must lie between 0 and {LARGEST_OPENING} m, got {width}"
             )
         if not self.protective_stop:
-            self._target_opening = width
+            self._target_opening, self._wanted_force = width, force
 
     def gripper_width(self) -> float:
         """Return the distance between the fingers now, metres."""
@@ -205,35 +199,29 @@ class PhysicalUR5:
 
     def tool_wrench(self) -> Array:
         """Return force and torque about the tool point of what the gripper touches on it, (6,)."""
-        return self._touch.copy()
+        wrench: Array = self._touch + self._rng.normal(0.0, SENSOR_NOISE)
+        return wrench
 
-    def touched(self, wrench: Array, dt: float) -> None:
-        """Tell the wrist's sensor what touched the gripper in dt seconds; it smooths over 20 ms."""
-        self._touch += (wrench - self._touch) * min(1.0, dt / 0.02)
+    def finger_force(self) -> float:
+        """Return the force of the finger that presses less, newtons."""
+        return max(0.0, self._press + float(self._rng.normal(0.0, SENSOR_NOISE[0])))
 
-    def set_firm_grip(self, firm: bool) -> None:
-        """Let the fingers press firmly (the gripper alone holds), or only gently."""
-        force = FIRM_FORCE if firm else GENTLE_FORCE
-        if self.protective_stop and not firm:
-            force = min(force, OPENING_FORCE)
-        self._wanted_force = force
-
-    def feel(self, force: float, *, open_fingers: bool) -> None:
-        """Freeze when the force on the hand, newtons, is too large, as real arms do.
+    def touched(self, wrench: Array, press: float, links: float, dt: float) -> None:
+        """Tell the sensors what touched the arm in dt seconds; they smooth over 20 ms.
 
         Args:
-            force: Now, newtons.
-            open_fingers: Whether a protective stop opens the fingers: not with an object in them
-                that nobody else holds.
+            wrench: On the gripper, about the tool point, shape (6,): what the wrist feels.
+            press: Of the finger that presses less, newtons.
+            links: On the links behind the wrist, newtons: what the joints' motors feel.
+            dt: Seconds.
         """
-        released = self._data.time < self._released_at + 0.5
-        allowed = PROTECTIVE_FORCE * (1.5 if released else 1.0)
-        if force <= allowed or self.protective_stop:
-            return
-        self.protective_stop = f"{force:.1f} N on the hand, more than {allowed:.1f} N"
-        if open_fingers:
-            self.set_firm_grip(False)
-            self._target_opening = LARGEST_OPENING
+        share = min(1.0, dt / 0.02)
+        self._touch += (wrench - self._touch) * share
+        self._press += (press - self._press) * share
+        self._links += (links - self._links) * share
+        force = max(float(np.linalg.norm(self._touch[:3])), self._links)
+        if force > PROTECTIVE_FORCE and not self.protective_stop:
+            self.protective_stop = f"{force:.1f} N on the arm, more than {PROTECTIVE_FORCE:.1f} N"
 
     def drive(self) -> None:
         """Write the motors' commands for this moment; the world calls it before each step."""
@@ -243,11 +231,10 @@ class PhysicalUR5:
             joints, velocity = self._stretch.at(now)
             self._motion.put(joints, velocity)
             urgent = bool(self.protective_stop)
-            rate = EMERGENCY_DECELERATION if urgent else self.motion.joint_acceleration
+            rate = EMERGENCY_DECELERATION if urgent else self._motion.rows.acceleration
             step = self._model.opt.timestep
             self._motion.brake(step, rate)
-            after = (self._motion.joints, self._motion.velocity)
-            self._stretch = _Stretch(now, step, (joints, after[0]), (velocity, after[1]))
+            self._stretch = _Stretch(now, step, joints, (velocity, self._motion.velocity))
         joints, velocity = self._stretch.at(now + self._model.opt.timestep)
         self._data.ctrl[self._position] = joints
         self._data.ctrl[self._speed] = velocity

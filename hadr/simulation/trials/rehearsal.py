@@ -17,6 +17,7 @@ from hadr.handover.grasping.gripper import FINGER_HEIGHT, FINGER_LENGTH
 from hadr.handover.logs.run_log import RecordedRobot
 from hadr.handover.observation import Observation
 from hadr.handover.poses import pose_distance
+from hadr.handover.robot import UNLOCK_AFTER
 from hadr.handover.simulated_ur5 import SimulatedUR5
 from hadr.handover.stages import Stage
 from hadr.handover.ur5 import Array
@@ -29,6 +30,7 @@ from hadr.synthesis.glass.shape import GlassObject
 from hadr.synthesis.hand.mesh import SKIN_TONES
 from hadr.synthesis.holding.hold import Hold
 
+_GRIPPED = ("let go", "retreat", "carry")
 HOLDING_ANGLES: Array = np.deg2rad(
     [-22, -15, -10, 31, 0, 53, 103, 12, 0, 59, 110, 25, 0, 50, 103, 28, 0, 60, 100, 45]
 )
@@ -177,7 +179,8 @@ def rehearse(
     """Run the workflow against the moving hand until it finishes, stops or time is up.
 
     Once the fingers are closed and the arm pulls back, the hand lets go: the glass stays with
-    the tool. There is no contact and no force in this; it shows the logic, not the success.
+    the tool, as long as the fingers press. There is no contact and no force in this; it shows the
+    logic, not the success. A protective stop is released as soon as a person may.
 
     Args:
         handover: The workflow over a `SimulatedUR5`.
@@ -201,13 +204,18 @@ def rehearse(
     if not isinstance(robot, SimulatedUR5):
         raise TypeError(f"a rehearsal needs a SimulatedUR5, got {type(robot).__name__}")
     moments: list[Moment] = []
-    tool_from_glass = np.eye(4)
+    tool_from_glass, gripped, unlocked = np.eye(4), False, 0.0
     newest = hand.observe(0.0)
     for step in range(round(longest / dt) + 1):
         time = step * dt
         moved = hand.moved(time)
         tool = robot.tool_pose()
-        if handover.part not in ("let go", "retreat"):
+        if not robot.protective_stop:
+            unlocked = time
+        elif time - unlocked >= UNLOCK_AFTER:  # a person has looked and released it
+            robot.protective_stop = ""
+        gripped = handover.part in _GRIPPED or (gripped and robot.finger_force() > 0)
+        if not gripped:
             tool_from_glass = np.linalg.inv(tool) @ moved @ hand.scene.base_from_object
         glass = tool @ tool_from_glass
         robot.between_fingers = width_between(tool, glass, hand.scene.item)
@@ -216,7 +224,7 @@ def rehearse(
         seen = replace(newest, time=time, frame_time=newest.time)
         handover.step(seen if spoil is None else spoil(seen), dt)
         tool = robot.tool_pose()
-        if handover.part in ("let go", "retreat"):
+        if handover.part in _GRIPPED:
             glass = tool @ tool_from_glass
         keypoints = transform_points(moved, hand.scene.keypoints)
         to_target = np.nan

@@ -67,8 +67,7 @@ ATTEMPT_CONFIG = HandoverConfig(
     largest_drift=0.012,
     restless_after=1.0,
     squeeze=0.085,
-    forward=0.06,
-    feel_ahead=0.04,
+    feel_ahead=0.05,
     feel_aside=0.02,
     back_speed=0.12,
     safety=SafetyConfig(smallest_singular_value=0.001, longest_singular=0.3),
@@ -169,8 +168,8 @@ class Outcome:
 
     Attributes:
         verdict: The judge's word.
-        reason: The last transition's reason; without one, why no grasp was chosen. For a time-out
-            where the robot then was, and why it was slow or stood.
+        reason: Why it failed: the last transition's reason; without one, why no grasp was chosen.
+            For a time-out where the robot then was, and why it was slow or stood.
         decided_at: Simulated time of the verdict.
         first_grasp_at: Simulated time at which the first grasp was chosen; NaN without one.
         grasps_chosen: How often one was chosen.
@@ -255,7 +254,7 @@ def run_trial(
     started = clock.perf_counter()
     scene = held_scene(trial.object_id, trial.hold_number, trial.seed)
     motion = motion_for(scene, trial.hold_number, trial.seed, speed=trial.hand_speed)
-    world = World(scene, motion.moved, ATTEMPT_ARM, ATTEMPT_MOTION)
+    world = World(scene, motion.moved, ATTEMPT_ARM, ATTEMPT_MOTION, trial.seed)
     camera = RobotCamera().miscalibrated(trial.extrinsics_error_deg, trial.seed)
     base_from_camera = camera.calibration
     finder = bundled_finder() if finds_by_networks(trial.condition) else None
@@ -268,7 +267,6 @@ def run_trial(
         )
     )
     config = replace(ATTEMPT_CONFIG, tracking=trial.condition != "hadr-no-tracking")
-    home = world.robot.tool_pose()
     handover = RecordedHandover(world.robot, select, base_from_camera, config)
     judge = Judge(scene.item.height, trial.time_limit)
     states = [world.state()]
@@ -280,10 +278,7 @@ def run_trial(
             if step > 0:  # the first picture is there already
                 waits = handover.stage is Stage.WAIT_AND_OBSERVE
                 arriving = sight.look(states[-1], with_points=waits)
-        if handover.stage is Stage.FINISHED:
-            world.robot.servo_to(home, CONTROL_STEP)  # carries the object to the goal
-        else:
-            handover.step(replace(observation, time=world.time), CONTROL_STEP)
+        handover.step(replace(observation, time=world.time), CONTROL_STEP)
         world.step(CONTROL_STEP)
         state = world.state()
         states.append(state)
@@ -318,6 +313,8 @@ def _reason(verdict: Verdict, handover: Handover) -> str:
     if not handover.transitions:
         return f"no grasp was chosen: {handover.choosing.caution or handover.caution}"
     last = handover.transitions[-1].reason
+    if verdict == "success":
+        return "the object is at the goal, still held"
     if verdict != "time-out":
         return last
     stage, part = handover.stage, ""

@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 
 from hadr.hand import BONES, keypoints_from_skeleton
+from hadr.handover.grasping.collision import FOREARM_LENGTH, FOREARM_RADIUS, PALM_LINES
 from hadr.handover.ur5 import Array
 from hadr.simulation.robot.arm_model import GROUND, HAND, OBJECT, ROBOT, add_arm, add_table
 from hadr.simulation.world.object_parts import convex_parts, handle_capsules, mass_properties
@@ -24,12 +25,6 @@ HAND_MASS = 0.6
 """Effective mass of a hand in kilograms, as ISO/TS 15066 has it."""
 HAND_INERTIA = 0.003
 """Moment of inertia of the hand about each axis, kg m2."""
-FOREARM_RADIUS = 0.035
-"""Radius of the forearm, metres."""
-FOREARM_LENGTH = 0.24
-"""Length of the forearm behind the wrist, metres."""
-
-_PALM = ((5, 9), (9, 13), (13, 17), (1, 5))
 _KNUCKLES = (0, 1, 5, 9, 13, 17)
 
 
@@ -70,7 +65,7 @@ def hand_capsules(scene: HeldScene) -> list[tuple[str, Array, Array, float]]:
     points = keypoints_from_skeleton(scene.skeleton.joints)
     girth = scene.hold.shape.scale * scene.hold.shape.girth
     shapes = []
-    for parent, child in (*BONES, *_PALM):
+    for parent, child in (*BONES, *PALM_LINES):
         radius = 0.010 if parent in _KNUCKLES and child in _KNUCKLES else 0.0085
         name = f"bone_{parent}_{child}"
         shapes.append((name, points[parent], points[child], radius * girth))

@@ -14,6 +14,7 @@ import mujoco
 import numpy as np
 
 from hadr.camera import transform_points
+from hadr.handover.robot import UNLOCK_AFTER
 from hadr.handover.simulated_ur5 import ArmConfig
 from hadr.handover.ur5 import Array
 from hadr.simulation.robot.arm_model import HAND, OBJECT, ROBOT
@@ -110,6 +111,7 @@ class World:
             None keeps it where it is.
         arm: Settings of the arm; slow ones where left out.
         motion: How it may move.
+        seed: Of the noise of the arm's sensors, which differs from hold to hold.
 
     Attributes:
         robot: The arm; its last command runs while the world is stepped.
@@ -122,6 +124,7 @@ class World:
         path: Callable[[float], Array] | None = None,
         arm: ArmConfig | None = None,
         motion: MotionConfig | None = None,
+        seed: int = 0,
     ) -> None:
         self.scene, self._path = scene, path
         self._model = world_model(scene)
@@ -131,6 +134,7 @@ class World:
             self._data,
             arm or ArmConfig(speed_fraction=0.35),
             motion or MotionConfig(),
+            np.random.default_rng([seed, 71, *scene.hold.hold_id.encode()]),
         )
         model, data = self._model, self._data
         self._hand, self._object = model.body("hand").id, model.body("object").id
@@ -150,7 +154,7 @@ class World:
         self._pressing_since: float | None = None
         self._released_at: float | None = None
         self._forearm = np.zeros(3)
-        self._largest_force, self._touched_at = 0.0, -np.inf
+        self._largest_force = self._largest_through = self._halted_at = 0.0
         self._velocity = np.zeros(6)
         self._course = _Course.between(0.0, self._hand_target(0.0), self._hand_target(_KNOT))
         mujoco.mj_forward(model, data)
@@ -171,11 +175,13 @@ class World:
             raise ValueError(
                 f"dt must be a multiple of {self._model.opt.timestep} seconds, got {dt}"
             )
+        self._largest_force = self._largest_through = 0.0
         for _ in range(round(steps)):
             self.robot.drive()
             self._move_hand()
             mujoco.mj_step(self._model, self._data)
             self._look_at_contacts()
+            self._release_protective_stop()
         mujoco.mj_kinematics(self._model, self._data)
 
     @property
@@ -184,8 +190,7 @@ class World:
         return self._model, self._data
 
     def state(self) -> WorldState:
-        """What is true now; the largest force on the hand counts from the call before."""
-        force, self._largest_force = self._largest_force, 0.0
+        """What is true now; the forces on the hand are the largest of the last `step`."""
         return WorldState(
             time=self.time,
             joints=self.robot.joint_positions(),
@@ -193,7 +198,8 @@ class World:
             base_from_wrist=self._pose(self._hand),
             base_from_object=self._pose(self._object),
             holder=self.holder(),
-            hand_force=force,
+            hand_force=self._largest_force,
+            through_force=self._largest_through,
             hand_distance=self._hand_distance(),
         )
 
@@ -254,34 +260,45 @@ class World:
         data.xfrc_applied[body, :3] = force
         data.xfrc_applied[body, 3:] = torque
 
+    def _release_protective_stop(self) -> None:
+        """Play the person who looks at a stopped arm and releases it as soon as that is allowed."""
+        if not self.robot.protective_stop:
+            self._halted_at = self.time
+        elif self.time - self._halted_at >= UNLOCK_AFTER:
+            self.robot.unlock()
+
     def _look_at_contacts(self) -> None:
         """Sum up the forces on the hand, note who presses on the object, and let go in time."""
-        on_hand, on_object, on_gripper = 0.0, np.zeros(2), np.zeros(6)
-        wrench = np.zeros(6)
+        on_hand, on_links, on_object, on_gripper = 0.0, 0.0, np.zeros(2), np.zeros(6)
+        wrench, pads, through = np.zeros(6), np.zeros(2), np.zeros(3)
         pairs = self._data.contact.geom if self._data.ncon else ()
         for index, (first, second) in enumerate(pairs):
             kinds = self._kinds[first] | self._kinds[second]
+            if kinds not in (ROBOT | HAND, ROBOT | OBJECT):
+                continue
+            mujoco.mj_contactForce(self._model, self._data, index, wrench)
+            force, felt = float(np.linalg.norm(wrench[:3])), np.zeros(6)
+            if self._gripper[first] or self._gripper[second]:
+                felt = self._on_gripper(index, first, second, wrench)
+            else:
+                on_links += force
+            on_gripper += felt
+            finger = max(self._finger[first], self._finger[second])
+            if finger >= 0:
+                pads[finger] += force
             if kinds == ROBOT | HAND:
-                mujoco.mj_contactForce(self._model, self._data, index, wrench)
-                on_hand += float(np.linalg.norm(wrench[:3]))
-                on_gripper += self._on_gripper(index, first, second, wrench)
-            elif kinds == ROBOT | OBJECT:
-                mujoco.mj_contactForce(self._model, self._data, index, wrench)
-                on_gripper += self._on_gripper(index, first, second, wrench)
-                finger = max(self._finger[first], self._finger[second])
+                on_hand += force
+            else:
+                through += felt[:3]
                 if finger >= 0:
-                    on_object[finger] += float(np.linalg.norm(wrench[:3]))
+                    on_object[finger] += force
         self._largest_force = max(self._largest_force, on_hand)
-        self.robot.touched(on_gripper, self._model.opt.timestep)
+        self.robot.touched(on_gripper, float(pads.min()), on_links, self._model.opt.timestep)
         pressing = on_object > RELEASE_FORCE
         self._pressed[pressing] = self.time
-        if on_hand > 0:
-            self._touched_at = self.time
-        self.robot.feel(on_hand, open_fingers=self._released_at is None)
         if self._released_at is not None:
-            clear = self.time - max(self._touched_at, self._released_at)
-            self.robot.set_firm_grip(clear > RELEASE_AFTER)
             return
+        self._largest_through = max(self._largest_through, float(np.linalg.norm(through)))
         if not pressing.all():
             self._pressing_since = None
         elif self._pressing_since is None:
@@ -290,10 +307,8 @@ class World:
             self._let_go()
 
     def _on_gripper(self, index: int, first: int, second: int, wrench: Array) -> Array:
-        """A contact's force and torque about the tool point, (6,); 0 where it is no gripper's."""
+        """Force and torque about the tool point of a contact of the gripper, shape (6,)."""
         sign = int(self._gripper[second]) - int(self._gripper[first])
-        if sign == 0:
-            return np.zeros(6)
         force = sign * (self._data.contact.frame[index].reshape(3, 3).T @ wrench[:3])
         lever = self._data.contact.pos[index] - self._data.site_xpos[self._tool]
         return np.concatenate([force, _cross(lever, force)])

@@ -6,7 +6,7 @@ A run's states are kept as one compressed .npz, single precision, some kilobytes
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -32,7 +32,10 @@ class WorldState:
         base_from_wrist: Pose of the hand, shape (4, 4).
         base_from_object: Pose of the object, shape (4, 4).
         holder: Who holds the object.
-        hand_force: Largest force of the robot on the hand since the state before, newtons.
+        hand_force: Largest force of the robot on the hand in the world's last step, newtons.
+        through_force: Largest force of the gripper on the object while the hand held it, in that
+            step, newtons: the hand feels it through the object, but for the glass's own inertia.
+            Files do not have it.
         hand_distance: Smallest distance of robot and hand now; 0 where they touch.
     """
 
@@ -44,6 +47,7 @@ class WorldState:
     holder: Holder
     hand_force: float
     hand_distance: float
+    through_force: float = field(default=0.0, kw_only=True)
 
 
 _VERSION = 1
@@ -53,7 +57,7 @@ _SCHEMA = {
     "base_from_wrist": "f4 states 4 4", "base_from_object": "f4 states 4 4",
     "hand_force": "f4 states", "hand_distance": "f4 states", "holder": "u1 states", "version": "i8",
 }  # fmt: skip
-_NUMBERS = [field.name for field in fields(WorldState) if field.name != "holder"]
+_NUMBERS = [f.name for f in fields(WorldState) if f.name not in ("holder", "through_force")]
 
 
 def save_states(path: Path, states: Sequence[WorldState]) -> None:

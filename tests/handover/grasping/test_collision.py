@@ -1,17 +1,26 @@
 """How near the gripper comes to the hand on its way, and what is in its way."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from hadr.camera import transform_points
 from hadr.hand import forward_kinematics, keypoints_from_skeleton
+from hadr.handover import ur5
 from hadr.handover.grasping.collision import (
     free_of_hand,
     free_of_object,
     free_of_scene,
     hand_distance,
+    links_distance,
+    person,
     way_to_hand,
 )
-from hadr.handover.grasping.grasps import Grasps
+from hadr.handover.grasping.grasps import Grasps, Way, forward_of
+from hadr.handover.guarded_arm import GuardedArm
+from hadr.handover.simulated_ur5 import SimulatedUR5
+from hadr.handover.stages import HandoverConfig
 
 FAR = np.array([[5.0, 5.0, 5.0]])
 
@@ -44,14 +53,73 @@ def test_distance_to_a_hand_in_one_place(place: tuple[float, float, float], free
     assert hand_distance(np.eye(4), 0.06, keypoints) == pytest.approx(free)
 
 
+def test_the_guard_sees_the_same_body_as_the_planning() -> None:
+    """A gripper of lines left 30 mm to a hand that touched the palm's side by 5."""
+    keypoints = np.tile([0.045, 0.0, -0.14], (21, 1))  # 5 mm beside the palm, flesh is 10
+    robot = SimulatedUR5()
+    tool = robot.tool_pose()
+    watch = SimpleNamespace(keypoints=transform_points(tool, keypoints))
+    arm = GuardedArm(robot, HandoverConfig(), watch)
+    assert hand_distance(np.eye(4), 0.06, keypoints) == pytest.approx(-0.005)
+    assert arm.free(width=0.06) == pytest.approx(-0.005)
+    far = forward_of(tool, -0.3)
+    assert arm.free(far, tool, width=0.06) == pytest.approx(-0.005)
+
+
+def test_the_forearm_goes_on_behind_the_wrist() -> None:
+    hand = keypoints_from_skeleton(forward_kinematics(np.zeros(20)).joints)  # wrist 0, knuckle +y
+    tool = np.eye(4)
+    tool[:3, 3] = [0.0, -0.20, -0.10]  # fingertips 10 cm below the forearm's middle line
+    assert hand_distance(tool, 0.06, hand) == pytest.approx(np.hypot(0.03, 0.10) - 0.035, abs=5e-4)
+    tool[1, 3] = -0.24 - 0.10 - 0.01  # 10 cm beyond the elbow, a finger is 2 cm high
+    nearest = np.linalg.norm([0.03, 0.10, 0.10]) - 0.035
+    assert hand_distance(tool, 0.06, hand) == pytest.approx(nearest, abs=5e-4)
+
+
+def test_wrist_and_forearm_of_the_arm_count() -> None:
+    robot = SimulatedUR5()
+    links, tool = ur5.near_links(robot.joint_positions()), robot.tool_pose()
+    outline = robot.outline()
+    for start, end, radius in ((4, 5, 0.045), (5, 6, 0.040), (6, 7, 0.040)):
+        middle = (outline[start] + outline[end]) / 2
+        across = np.cross(outline[end] - outline[start], [0.3, 0.5, 0.7])
+        for away in (0.06, 0.02):
+            place = middle + away * across / np.linalg.norm(across)
+            keypoints = np.tile(place, (21, 1))
+            alone = hand_distance(tool, 0.085, keypoints)
+            free = hand_distance(tool, 0.085, keypoints, links)
+            assert free <= min(alone, away - radius - 0.01) + 1e-9
+            assert free > -0.06
+    with pytest.raises(ValueError, match="no number: nan"):
+        hand_distance(np.full((4, 4), np.nan), 0.085, keypoints)
+
+
+def test_links_at_a_known_distance() -> None:
+    capsule = np.array([[0.0, 0, 0, 0.4, 0, 0, 0.045]])
+    beside = np.tile([0.2, 0.1, 0.0], (21, 1))
+    assert links_distance(capsule, person(beside)) == pytest.approx(0.1 - 0.045 - 0.01)
+    beyond = np.tile([0.43, 0.04, 0.0], (21, 1))
+    assert links_distance(capsule, person(beyond)) == pytest.approx(0.05 - 0.045 - 0.01)
+
+
 def test_the_way_counts_and_not_only_its_end() -> None:
-    # beside where the palm passes: 16 + 10 cm behind the grasp's point
-    passed = np.tile([-0.25, 0.0, 0.06], (21, 1))
+    # beside where the palm passes: 14.5 + 10 cm behind the grasp's point
+    passed = np.tile([-0.24, 0.0, 0.06], (21, 1))
     way = way_to_hand(grasp(), passed)
     assert way[0] == pytest.approx(0.06 - 0.03 - 0.01)
     # 8 cm past the grasp's point: the tips stop 3 cm before it
     ahead = np.tile([0.08, 0.035, 0.0], (21, 1))
     assert way_to_hand(grasp(), ahead)[0] == pytest.approx(0.03 - 0.01)
+
+
+def test_a_longer_way_is_checked_to_its_end() -> None:
+    hand, rim = np.tile([0.10, 0.035, 0.0], (21, 1)), points_at(0.075, 0.035, 0.0)
+    for forward, feel in ((0.05, 0.0), (0.07, 0.0), (0.05, 0.02)):
+        way = Way(forward=forward, feel=feel)
+        assert way_to_hand(grasp(), hand, way)[0] == pytest.approx(0.10 - way.last - 0.01)
+        assert free_of_scene(grasp(), rim, FAR, way=way)[0] == (way.last < 0.065)
+        # the object is what the fingers feel for: only the planned way must be free of it
+        assert free_of_object(grasp(), points_at(0.06, 0.035, 0.0), way)[0] == (forward < 0.06)
 
 
 @pytest.mark.parametrize(

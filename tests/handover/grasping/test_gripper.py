@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hadr.handover.grasping.gripper import fork, fork_points, gripper_boxes
+from hadr.handover.grasping.gripper import fork, gripper_boxes
 
 
 def test_fork_has_the_gripper_s_size() -> None:
@@ -14,21 +14,11 @@ def test_fork_has_the_gripper_s_size() -> None:
     assert stem[1, 2] == pytest.approx(-0.12)
 
 
-def test_fork_points_are_in_the_pose_s_frame() -> None:
-    pose = np.eye(4)
-    pose[:3, :3] = [[0, 0, 1], [1, 0, 0], [0, 1, 0]]  # approach along x
-    pose[:3, 3] = [1, 2, 3]
-    points = fork_points(pose, 0.06)
-    assert points[:, 0].min() == pytest.approx(1 - 0.12)
-    assert points[:, 0].max() == pytest.approx(1.0)
-    np.testing.assert_allclose([points[:, 1].min(), points[:, 1].max()], [2 - 0.035, 2 + 0.035])
-
-
 def test_boxes_of_the_gripper() -> None:
     left, right, bar, palm = gripper_boxes(np.array([0.06]))[0]
     np.testing.assert_allclose(left, [[-0.04, -0.01, -0.06], [-0.03, 0.01, 0.0]])
     np.testing.assert_allclose(right, [[0.03, -0.01, -0.06], [0.04, 0.01, 0.0]])
-    np.testing.assert_allclose(bar, [[-0.04, -0.01, -0.08], [0.04, 0.01, -0.06]])
-    np.testing.assert_allclose(palm, [[-0.04, -0.03, -0.16], [0.04, 0.03, -0.06]])
+    np.testing.assert_allclose(bar, [[-0.0525, -0.0125, -0.08], [0.0525, 0.0125, -0.06]])
+    np.testing.assert_allclose(palm, [[-0.04, -0.03, -0.145], [0.04, 0.03, -0.06]])
     swept = gripper_boxes(np.array([0.06]), behind=0.1, ahead=0.05)[0]
     np.testing.assert_allclose(swept[1], [[0.03, -0.01, -0.16], [0.04, 0.01, 0.05]])

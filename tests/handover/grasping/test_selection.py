@@ -11,12 +11,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hadr.handover import ur5
+from hadr.handover.grasping.candidates import NoCandidateError
 from hadr.handover.grasping.collision import hand_distance
+from hadr.handover.grasping.grasps import Grasps, Way, forward_of
 from hadr.handover.grasping.selection import GraspSelection
 from hadr.handover.logs.replay import replay
 from hadr.handover.logs.run_log import RecordedHandover
 from hadr.handover.observation import Observation
 from hadr.handover.poses import camera_at
+from hadr.handover.robot import UnreachableError
 from hadr.handover.simulated_ur5 import SimulatedUR5
 from hadr.handover.stages import ChosenGrasp, HandoverConfig, Stage
 from hadr.simulation.trials.rehearsal import MovingHand, rehearse, rehearsed_scene, visible_points
@@ -36,6 +40,30 @@ def test_it_faces_the_human_and_keeps_off_the_hand() -> None:
     assert chosen.pose[0, 2] > 0.4  # approaches forward, to the human
     assert robot.reachable(chosen.pose)
     assert hand_distance(chosen.pose, chosen.width, SCENE.keypoints) > 0.02
+
+
+@pytest.mark.parametrize("forward", [0.05, 0.055])
+def test_the_way_that_is_gone_is_the_way_that_was_checked(forward: float) -> None:
+    asked = []
+
+    def choose(*given: object) -> ChosenGrasp | None:
+        asked.append(given[-1])
+        return GraspSelection(np.random.default_rng(0), EYE)(*given)  # type: ignore[arg-type]
+
+    config = HandoverConfig(forward=forward, feel_ahead=0.05)
+    handover = handover_with(choose, config)
+    cautions(handover, 1.2)
+    assert asked[0] == config.way == Way(0.10, pytest.approx(forward), 0.05)
+    chosen, robot = handover.grasp, SimulatedUR5()
+    assert chosen is not None
+    ends = [forward_of(chosen.pose, forward + s) for s in (0.0, chosen.feel, chosen.feel + 0.01)]
+    for end in ends[:2]:
+        links = ur5.near_links(robot.joints_at(end))
+        assert hand_distance(end, chosen.width, SCENE.keypoints, links) > 0.011
+    assert 0 <= chosen.feel <= 0.05
+    if chosen.feel < 0.05:  # a centimetre more is too near, or out of reach
+        blocked = not robot.reachable(ends[2])
+        assert blocked or hand_distance(ends[2], chosen.width, SCENE.keypoints) < 0.02
 
 
 def test_none_is_returned_where_nothing_can_be_reached() -> None:
@@ -120,56 +148,63 @@ def fails_first(error: Exception | None, answer: object = None) -> Callable[...,
     return choose
 
 
-@pytest.mark.parametrize("error", [TypeError("no tensor"), KeyError("scores"), OSError(5)])
-def test_a_detector_that_fails_is_named(error: Exception) -> None:
-    words = cautions(handover_with(fails_first(error)), 0.6)
-    assert f"no grasp: the detector failed: {type(error).__name__}: {error}" in words
+NONE = NoCandidateError("no candidate among 800 attempts")
 
 
-def test_a_detector_that_fails_is_asked_again() -> None:
-    handover = handover_with(fails_first(RuntimeError("out of memory")))
+@pytest.mark.parametrize("error", [NONE, UnreachableError("out"), np.linalg.LinAlgError("flat")])
+def test_a_search_without_a_grasp_is_made_again_and_replayed(error: Exception) -> None:
+    handover = handover_with(fails_first(error))
     words = cautions(handover, 12.0)
-    assert "no grasp: the detector failed: RuntimeError: out of memory" in words
+    assert f"no grasp: {error}" in words
     assert handover.stage is Stage.FINISHED
     assert handover.tries == 0
-    again = replay(handover.log())
-    assert again.transitions == handover.transitions
-
-
-def test_an_answer_that_is_no_grasp_is_a_failure_of_the_detector() -> None:
-    handover = handover_with(fails_first(None, answer=(np.eye(4), 0.08)))
-    assert any("failed: AttributeError" in said for said in cautions(handover, 12.0))
-    assert handover.stage is Stage.FINISHED
     assert replay(handover.log()).transitions == handover.transitions
 
 
-def test_a_replayed_failure_has_the_same_words() -> None:
+def test_a_replayed_search_without_a_grasp_has_the_same_words() -> None:
     def choose(*_: object) -> ChosenGrasp:
-        raise RuntimeError("out of memory")
+        raise NONE
 
     handover = handover_with(choose)
     cautions(handover, 1.0)
     again = replay(handover.log())
-    expected = "no grasp: the detector failed: RuntimeError: out of memory"
-    assert again.choosing.reason == handover.choosing.reason == expected
-    assert again.caution == handover.caution == expected
+    assert again.choosing.reason == handover.choosing.reason == f"no grasp: {NONE}"
+    assert again.caution == handover.caution == f"no grasp: {NONE}"
 
 
-def test_an_interrupt_is_no_failure_of_the_detector() -> None:
-    def choose(*_: object) -> ChosenGrasp:
-        raise KeyboardInterrupt
+@pytest.mark.parametrize("error", [TypeError("no tensor"), KeyError("scores"), IndexError(5)])
+def test_a_defect_of_the_choice_is_no_missing_grasp(error: Exception) -> None:
+    handover = handover_with(fails_first(error))
+    with pytest.raises(type(error)):
+        cautions(handover, 1.0)
+    assert handover.stage is Stage.GAVE_UP  # and the robot stands
 
-    with pytest.raises(KeyboardInterrupt):
-        cautions(handover_with(choose), 1.0)
+
+@pytest.mark.parametrize(
+    "answer", [ValueError("shapes (3,) (4,)"), ChosenGrasp(np.ones((4, 4)), 0.08, 1.0)]
+)
+def test_a_value_error_of_the_choice_is_a_defect_too(answer: object) -> None:
+    error = answer if isinstance(answer, Exception) else None
+    with pytest.raises(RuntimeError, match=r"choice of a grasp failed: (shapes|the chosen grasp)"):
+        cautions(handover_with(fails_first(error, answer)), 1.0)
+
+
+def test_no_candidates_in_any_round_say_why() -> None:
+    def source(points: np.ndarray) -> Grasps:
+        raise NONE
+
+    choose = GraspSelection(np.random.default_rng(0), EYE, source=source)
+    with pytest.raises(NoCandidateError, match="among 800"):
+        choose(visible_points(SCENE, EYE), SCENE.keypoints, SimulatedUR5())
 
 
 def test_the_reason_stays_until_the_next_search() -> None:
     """Between two searches, 0.3 s apart, no step is without a reason."""
-    answers = iter([None, ValueError("too few points")])
+    answers = iter([None, NoCandidateError("too few points")])
 
     def choose(*_: object) -> ChosenGrasp | None:
         answer = next(answers, grasp())
-        if isinstance(answer, ValueError):
+        if isinstance(answer, NoCandidateError):
             raise answer
         return answer
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hadr.handover.grasping.candidates import NoCandidateError
 from hadr.handover.grasping.grasps import forward_of
 from hadr.handover.logs.replay import logged_observation, replay
 from hadr.handover.logs.run_log import RecordedHandover, RunLog, read_run_log
@@ -45,11 +46,11 @@ def troubled(seen: Observation) -> Observation:
 
 @pytest.fixture(scope="module")
 def run() -> RecordedHandover:
-    failures = iter([ValueError("too few points"), None])
+    failures = iter([NoCandidateError("too few points"), None])
 
     def choose(*_: object) -> ChosenGrasp | None:
         failure = next(failures, grasp())
-        if isinstance(failure, ValueError):
+        if isinstance(failure, NoCandidateError):
             raise failure
         return None if failure is None else ChosenGrasp(grasp(), 0.075, 1.25)
 
@@ -176,7 +177,7 @@ def test_settings_of_another_version_are_named(path: Path) -> None:
 def test_another_format_is_refused(path: Path, tmp_path: Path) -> None:
     log = read_run_log(path)
     other = RunLog(log.arrays, {**log.header, "format": 99}).save(tmp_path / "other.npz")
-    with pytest.raises(ValueError, match="format is 99, this version reads 1"):
+    with pytest.raises(ValueError, match="format is 99, this version reads 2"):
         read_run_log(other)
 
 
@@ -186,7 +187,6 @@ def test_another_format_is_refused(path: Path, tmp_path: Path) -> None:
         ("transitions", [[0, "Nowhere", "Finished", ""]], "transitions.*'Nowhere' is not a valid"),
         ("cautions", None, "cautions: must be a list, got None"),
         ("events", [[0, "chose", 7]], r"events has \[0, 'chose', 7\], which is none"),
-        ("events", [[0, "tool_wrench", 1.0]], "events has .*tool_wrench"),
         ("odd_keypoints", {"0": 7}, "odd_keypoints"),
         ("odd_keypoints", {"x": []}, "odd_keypoints must be named by steps, got 'x'"),
         ("config", 7, "config: must be named values, got 7"),

@@ -65,6 +65,17 @@ def test_a_hand_off_the_measured_depth_is_named_with_its_distance(factor, words)
     assert any("cm away from the hand's pixels" in why for why in found.problems), found
 
 
+@pytest.mark.parametrize(
+    ("shift_m", "words"),
+    [(-0.03, "16 of its keypoints lie 2.0 cm before what"), (0.03, "cm deeper under the skin")],
+)
+def test_a_given_hand_that_is_three_centimetres_too_near_or_far_is_named(shift_m, words) -> None:
+    depth, glass, _ = scene(0.9)
+    moved = HAND * (0.6 + shift_m) / 0.6  # along the rays
+    assert words in "".join(check_hand(moved, depth, CAMERA, glass, given=True).problems)
+    assert check_hand(moved, depth, CAMERA, glass).problems == (), "a network errs by as much"
+
+
 def test_of_a_hand_without_depth_at_its_pixels_nothing_is_said() -> None:
     depth, glass, hand = scene()
     depth[:] = 0

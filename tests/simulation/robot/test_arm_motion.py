@@ -127,7 +127,7 @@ def nearest_links(motion: ArmMotion) -> float:
     motion.tool_pose_at(motion.joints)
     gaps = [
         mujoco.mj_geomDistance(model, data, model.geom(a).id, model.geom(b).id, 1.0, None)
-        for a in ("left_finger", "right_finger", "bar", "stem", "wrist_2")
+        for a in ("left_finger", "right_finger", "bar", "palm", "wrist_2")
         for b in ("base", "shoulder", "shoulder_1", "upper_arm", "table")
     ]
     return min(gaps)

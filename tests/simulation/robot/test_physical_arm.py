@@ -8,6 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from hadr.handover.poses import pose_distance
 from hadr.handover.robot import Robot, UnreachableError
+from hadr.handover.simulated_ur5 import ArmConfig
+from hadr.simulation.robot.motion_limits import MotionConfig
 from hadr.simulation.robot.physical_arm import PROTECTIVE_FORCE
 from hadr.simulation.world.physics import World
 from hadr.simulation.world.scenes import HeldScene, held_scene
@@ -37,7 +39,7 @@ def test_arrives_and_stands_still(scene: HeldScene) -> None:
     target = moved(robot.tool_pose(), 0.05, -0.2, -0.1)
     target[:3, :3] = target[:3, :3] @ Rotation.from_euler("y", 0.3).as_matrix()
     assert robot.reachable(target)
-    drive(world, target, 2.0)
+    drive(world, target, 2.2)
     distance, angle = pose_distance(robot.tool_pose(), target)
     assert distance < 0.001
     assert angle < np.deg2rad(0.3)
@@ -56,10 +58,28 @@ def test_no_number_is_no_target_and_the_arm_does_not_move(scene: HeldScene) -> N
     with pytest.raises(UnreachableError, match=r"forearm reach from"):
         world.robot.servo_to(moved(before, 3, 0, 0), 0.02)
     with pytest.raises(ValueError, match="gripper width must lie between"):
-        world.robot.set_gripper(np.nan)
+        world.robot.set_gripper(np.nan, 7.0)
     world.step(0.2)
     np.testing.assert_allclose(world.robot.tool_pose(), before, atol=1e-5)
     assert not world.robot.reachable(moved(before, 3, 0, 0))
+
+
+def test_the_joints_themselves_keep_speed_and_acceleration(scene: HeldScene) -> None:
+    """The physical ones, by differences over 10 ms."""
+    arm, motion = ArmConfig(speed_fraction=0.6), MotionConfig(joint_acceleration=9.0)
+    world = World(scene, None, arm, motion)
+    places, home = [world.robot.joint_positions()], world.robot.tool_pose()
+    for shift in ([0.1, -0.3, 0.1], [-0.05, 0.2, -0.15], [0.1, -0.1, 0.15]):
+        target = moved(home, *shift)
+        target[:3, :3] = target[:3, :3] @ Rotation.from_euler("xz", [0.6, -0.8]).as_matrix()
+        for _ in range(40):
+            world.robot.servo_to(target, 0.02)
+            for _ in range(2):
+                world.step(0.01)
+                places.append(world.robot.joint_positions())
+    speed = np.diff(places, axis=0) / 0.01
+    assert 0.8 < np.abs(speed).max() / (0.6 * np.pi) <= 1.0
+    assert 0.8 < np.abs(np.diff(speed, axis=0)).max() / 0.01 / 9.0 <= 1.0
 
 
 def test_a_silent_client_makes_the_arm_brake(scene: HeldScene) -> None:
@@ -113,7 +133,7 @@ def test_the_tool_never_leaves_its_workspace(scene: HeldScene, seed: int) -> Non
 def test_fingers_move_together_at_their_speed(scene: HeldScene) -> None:
     world = World(scene)
     assert world.robot.gripper_width() == pytest.approx(0.085, abs=1e-4)
-    world.robot.set_gripper(0.025)
+    world.robot.set_gripper(0.025, 7.0)
     world.step(0.3)  # 0.1 m/s: half of the way of 60 mm
     assert world.robot.gripper_width() == pytest.approx(0.055, abs=0.004)
     world.step(0.5)
@@ -136,14 +156,18 @@ def test_a_push_into_the_hand_stays_gentle(scene: HeldScene, speed: float, keypo
         world.robot.servo_to(moved(start, *(way / length * far)), 0.02)
         world.step(0.02)
         forces.append(world.state().hand_force)
+        assert world.state().hand_force == forces[-1]  # looking changes nothing
     assert 2.0 < max(forces) < 20.0
     if max(forces) > PROTECTIVE_FORCE:
-        assert "N on the hand" in world.robot.protective_stop
+        assert "N on the arm" in world.robot.protective_stop
         stood = world.robot.tool_pose()
         drive(world, start, 0.2)  # commands do nothing now
         assert pose_distance(world.robot.tool_pose(), stood)[0] < 0.005
         world.robot.release()
-        drive(world, start, 2.5)
+        assert world.robot.protective_stop  # that is a person's business
+        drive(world, start, 4.7)
+        assert world.robot.protective_stop
+        drive(world, start, 12.0)  # a hand that still leans on it stops it once more
         assert pose_distance(world.robot.tool_pose(), start)[0] < 0.005
 
 
@@ -151,14 +175,16 @@ def test_the_wrist_feels_what_the_gripper_pushes(scene: HeldScene) -> None:
     """Closed fingers run into the glass: the hand's spring says how hard."""
     world = World(scene)
     robot = world.robot
-    assert not robot.tool_wrench().any()
-    robot.set_gripper(0.0)
+    silent = np.array([robot.tool_wrench() for _ in range(400)])
+    np.testing.assert_allclose(silent.mean(axis=0), 0.0, atol=0.02)
+    np.testing.assert_allclose(silent.std(axis=0), [0.1] * 3 + [0.005] * 3, rtol=0.2)
+    robot.set_gripper(0.0, 7.0)
     drive(world, robot.tool_pose(), 1.2)
     start = robot.tool_pose()
     middle = scene.base_from_object @ [0.0, 0.0, scene.item.height / 2, 1.0]
     start[:3, 3] = middle[:3] - [0.16, 0.0, 0.0]
     drive(world, start, 2.0)
-    assert np.linalg.norm(robot.tool_wrench()[:3]) < 0.05
+    assert np.linalg.norm(robot.tool_wrench()[:3]) < 0.6  # noise
     felt = np.zeros(6)
     for step in range(60):
         world.robot.servo_to(moved(start, 0.002 * step, 0.0, 0.0), 0.02)

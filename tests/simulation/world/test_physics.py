@@ -116,7 +116,7 @@ def handed_over() -> tuple[World, list[WorldState], np.ndarray]:
     states = drive(world, forward_of(grasp, -0.1), 2.5)
     for step in range(60):
         states += drive(world, forward_of(grasp, -0.1 + 0.002 * (step + 1)), 0.02)
-    world.robot.set_gripper(0.055)
+    world.robot.set_gripper(0.055, 7.0)
     states += drive(world, forward_of(grasp, 0.02), 1.0)
     lifted = forward_of(grasp, 0.02)
     lifted[2, 3] += 0.1
@@ -156,7 +156,7 @@ def test_open_fingers_drop_it_and_the_ground_bears_it(handed_over: Handed) -> No
     back = world.robot.home_pose.copy()  # over the robot's own table
     back[2, 3] = 0.2
     drive(world, back, 2.5)
-    world.robot.set_gripper(0.085)
+    world.robot.set_gripper(0.085, 7.0)
     world.step(1.5)
     state = world.state()
     assert state.holder == "nobody"
