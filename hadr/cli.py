@@ -37,7 +37,11 @@ from hadr import __version__
 COMMANDS: dict[str, tuple[str, str]] = {
     "restore": (
         "hadr.press.restore_command",
-        "restore the depth of a transparent object in one frame",
+        "restore the depth of a transparent object in a frame",
+    ),
+    "view": (
+        "hadr.press.view_command",
+        "turn a restored cloud in the browser",
     ),
     "hand-model": (
         "hadr.models.hand.hand_model_command",
@@ -82,7 +86,7 @@ commands
 
 a first try
   hadr restore --rgb rgb.png --depth depth.png --intrinsics camera.yaml \\
-      --mask glass.png --out restored
+      --mask glass.png --hand hand.json --out restored
 
 exit status
   0 done   1 failed   2 unusable input or a wrong call   130 interrupted"""

@@ -266,6 +266,23 @@ def write_point_cloud(
     return int(valid.sum())
 
 
+def read_point_colors(path: Path) -> NDArray[np.uint8]:
+    """Read the colours of what `write_point_cloud` wrote, shape (N, 3).
+
+    Raises:
+        FileNotFoundError: No such file.
+        ValueError: Not a whole PLY file with colours.
+    """
+    import trimesh
+
+    check_there(path, "cloud")
+    try:
+        colors = np.asarray(trimesh.load(path).colors, dtype=np.uint8)
+    except Exception as error:  # whatever the library says of a damaged file
+        raise ValueError(f"cloud {path} is not a whole PLY file: {error!r}") from error
+    return colors.reshape(-1, 4)[:, :3] if colors.size else np.zeros((0, 3), np.uint8)
+
+
 def check_there(path: Path, name: str) -> None:
     """Raise a ValueError for a folder, a FileNotFoundError for nothing; `name` is what it holds."""
     if path.is_dir():

@@ -416,7 +416,7 @@ def test_a_calibrated_checkpoint_says_what_its_confidence_means_where_it_holds(t
     assert far.tolerance_m is None
     said = next(n for n in far.notes if "is unlike those that HADR-plus learned from" in n)
     assert ", so there is no probability of being right: " in said
-    assert said.count(", learned ") == len(far.ground.why)
+    assert said.count(", in training ") == len(far.ground.why)
     assert confidence_means(far).startswith("no probability: ")
     listed = report(depth, CAMERA, far, None, {}, {})["ground"]
     assert listed["inside"] is False

@@ -1,4 +1,4 @@
-"""A Sphinx extension for the pages on the library: modules and commands, from the code itself.
+"""A Sphinx extension: the pages on the library from the code itself, and each page's footer.
 
 A page names its modules once, in a fence ``{modules}``; each becomes a line in a list and a
 section with its documented names. The fence ``{commands}`` becomes the description of the command
@@ -171,6 +171,10 @@ def setup(app: Any) -> dict[str, Any]:
     def on_source(_app: Any, _page: str, source: list[str]) -> None:
         source[0] = expand(source[0])
 
+    def on_page(_app: Any, _page: str, _template: str, context: dict[str, Any], _tree: Any) -> None:
+        link = f'<a href="{context["pathto"]("licences")}">Licences</a>'
+        context["theme_extra_footer"] = f"{link} of code, data, weights and pictures"
+
     def on_signature(*told: Any) -> tuple[str | None, str | None]:
         signature, returned = told[-2:]
         return readable_types(signature), readable_types(returned)
@@ -186,6 +190,7 @@ def setup(app: Any) -> dict[str, Any]:
     printed = autodoc.stringify_annotation
     autodoc.stringify_annotation = lambda *args: readable_types(printed(*args))
     app.connect("source-read", on_source)
+    app.connect("html-page-context", on_page)
     app.connect("autodoc-process-signature", on_signature)
     app.connect("autodoc-process-docstring", on_docstring)
     return {"parallel_read_safe": True}

@@ -80,7 +80,7 @@ class Feature:
         if side(low) == side(high):
             both = least if least == most else f"{least} to {most}"
             learned = f"{both}{self.unit}{side(low)}"
-        return f"{self.words.format(f'{here}{self.unit}{side(value)}')}, learned {learned}"
+        return f"{self.words.format(f'{here}{self.unit}{side(value)}')}, in training {learned}"
 
     def _number(self, value: float) -> str:
         return f"{self.factor * (value if self.sides is None else abs(value)):.3g}"
@@ -94,17 +94,25 @@ _BEHIND = ("behind", "before")
 FEATURES: dict[str, Feature] = {
     "distance": Feature("the glass is {} away", _log(), " m"),
     "size": Feature("the glass measures {} across", _log(), " cm", 100),
-    "lens": Feature("the focal length is {} of the picture's width", _log(), " %", 100, 0.08),
-    "known_around": Feature("depth is known on {} around the glass", _share, " %", 100),
+    "lens": Feature(
+        "the camera sees another angle: focal length {} of the picture's width",
+        _log(),
+        " %",
+        100,
+        0.08,
+    ),
+    "known_around": Feature(
+        "the camera measured depth on {} of what is around the glass", _share, " %", 100
+    ),
     "near_around": Feature(
         "{} of the depth around the glass is within 10 cm of it", _share, " %", 100
     ),
     "depth_around": Feature(
         "what is around the glass is {} it", _signed(0.1), " cm", 100, sides=_BEHIND
     ),
-    "rough": Feature("the measured depth is rough by {} at 1 m", _log(1e-4), " mm", 1000),
-    "even": Feature("{} of the measured depth has no noise at all", _share, " %", 100),
-    "known_in": Feature("depth is known on {} of the glass", _share, " %", 100),
+    "rough": Feature("the depth camera's noise is another: {} at 1 m", _log(1e-4), " mm", 1000),
+    "even": Feature("{} of the measured depth has no noise, as if computed", _share, " %", 100),
+    "known_in": Feature("the camera measured depth on {} of the glass", _share, " %", 100),
     "near_in": Feature(
         "{} of the depth measured in the glass is within 3 cm of the answer", _share, " %", 100
     ),
@@ -114,13 +122,25 @@ FEATURES: dict[str, Feature] = {
     "spread_in": Feature(
         "half of the depth measured in the glass is spread over {}", _log(0.003), " cm", 100
     ),
-    "outline": Feature("the mask follows the glass's outline to {}", _share, " %", 100),
-    "faint": Feature("the mask's outline follows nothing on {} of its length", _share, " %", 100),
-    "clear_in": Feature(
-        "the picture changes {} times as much on the mask's outline as in the mask", _log()
+    "outline": Feature(
+        "the mask may not follow the glass: {} of what changes near its outline lies on it",
+        _share,
+        " %",
+        100,
     ),
-    "hand": Feature("the hand's bones measure {} in the mean", _log(), " mm", 1000),
-    "fingers": Feature("the hand's bones differ by {} in length", _log(), " %", 100),
+    "faint": Feature(
+        "the mask may not follow the glass: {} of its outline follow nothing", _share, " %", 100
+    ),
+    "clear_in": Feature(
+        "the mask may not follow the glass: its outline changes {} times as much as its inside",
+        _log(),
+    ),
+    "hand": Feature(
+        "the hand has another size: its bones measure {} in the mean", _log(), " mm", 1000
+    ),
+    "fingers": Feature(
+        "the hand has other proportions: the lengths of its bones differ by {}", _log(), " %", 100
+    ),
     "tilt": Feature(
         "the hand points {} the camera", _signed(1), " of its length", sides=("away from", "toward")
     ),
@@ -138,7 +158,7 @@ FEATURES: dict[str, Feature] = {
     ),
     "agree": Feature("measured depth agrees with {} of the hand's joints", _share, " %", 100),
     "seen": Feature(
-        "what the network sees in the glass differs by {} from what is usual", _log(0.05)
+        "the glass looks unlike those in training: what is seen there is off by {}", _log(0.05)
     ),
 }
 """The features by name."""

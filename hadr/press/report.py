@@ -26,7 +26,12 @@ _EFFECTS = (
     (1, "loss weights as coded", "ledger", "coded-weights"),
     (4, "probability clamped", "ledger", "clamped-probability"),
     (7, "wrist frame without rotation", "ledger", "wrist-translation"),
-    (8, "simulated sensor instead of erased depth", "segmentation", "simulated sensor"),
+    (
+        8,
+        "simulated sensor around the glass, in it no depth as before",
+        "segmentation",
+        "simulated sensor",
+    ),
     (9, "predicted keypoints", "keypoints", "predicted keypoints"),
     (14, "split by frame instead of by hold", "ledger", "split by frame"),
     (15, "metrics pooled over all pixels", "ledger", None),

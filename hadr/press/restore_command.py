@@ -1,4 +1,4 @@
-"""`hadr restore`: read one frame's files, restore its depth, write the result's files."""
+"""`hadr restore`: read a frame's files, restore its depth, write the result's files."""
 
 from __future__ import annotations
 
@@ -62,6 +62,8 @@ OUTPUTS = {
     "report.json": "method, notes, counts, errors, versions, inputs' SHA-256, times",
 }
 """The files that are written, and what they hold."""
+VIEW = "view.html"
+"""What `hadr view` adds to them."""
 _WRITTEN = "\n".join(
     textwrap.fill(text, 79, initial_indent=f"  {name:<16}  ", subsequent_indent=20 * " ")
     for name, text in OUTPUTS.items()
@@ -84,12 +86,20 @@ methods
   inpaint      OpenCV's inpainting (Telea)
   hand-median  one depth for the whole object: the median of the hand's pixels
 
+a folder of frames
+  Where --rgb is a folder, so are --depth and, where given, --mask, --hand,
+  --hand-mask and --truth, and files of one frame have one name (rgb/0007.jpg,
+  depth/0007.png). Each frame gets a folder with all files below; beside them
+  stand a film of the comparisons and sequence.json, which says of every frame
+  how it was restored, or why it was refused.
+
 what is written
 {_WRITTEN}
   A pixel that a network can't know (no candidate, or a depth outside of what it
   learned) stays missing, 0 in depth.*; it is never a depth of zero metres.
   hadr-plus keeps such a depth, without probability.
-  The folder appears complete or not at all.
+  The folder appears complete or not at all. 'hadr view FOLDER' turns its cloud
+  in the browser.
 
 the hand
   Networks need it to know where the glass is. A hand that is found (--hand
@@ -99,11 +109,8 @@ the hand
   fit, the notes say by how much, and no probability is stated.
 
 examples
-  A RealSense frame, depth PNG in millimetres:
+  A RealSense frame, depth PNG in millimetres, with a hand, which HADR needs:
     hadr restore --rgb rgb.png --depth depth.png --intrinsics camera.yaml \\
-        --mask glass.png --out restored
-  The same with a hand, so that HADR can be used:
-    hadr restore --rgb rgb.png --depth depth.npy --intrinsics camera.json \\
         --mask glass.png --hand hand.json --out restored
   The same, with MediaPipe finding the hand in the colour:
     pip install 'hadr[mediapipe]'
@@ -111,13 +118,16 @@ examples
     hadr restore --rgb rgb.png --depth depth.png --intrinsics camera.yaml \\
         --mask glass.png --hand mediapipe --hand-model hand_landmarker.task \\
         --out restored
+  A recorded sequence, with its film:
+    hadr restore --rgb color --depth depth --intrinsics camera.yaml \\
+        --mask mask --hand hand --out restored
   Compare with a known depth and print the errors:
     hadr restore --rgb rgb.jpg --depth depth.exr --intrinsics camera.yaml \\
-        --mask glass.png --truth opaque.exr --out restored
+        --mask glass.png --hand hand.json --truth opaque.exr --out restored
 
 exit status
-  0 done   1 nothing could be restored (the result says why), or the disk is
-  full   2 unusable input"""
+  0 done   1 nothing could be restored in a frame, or one of a folder was
+  refused (the result says why), or the disk is full   2 unusable input"""
 
 MEDIAPIPE = "mediapipe"
 """What `hand` says to have MediaPipe find it; a file of that name is ./mediapipe."""
@@ -139,7 +149,7 @@ INPUTS = (
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """Restore the depth of a transparent object in one RGB-D frame.
+    """Restore the depth of a transparent object in an RGB-D frame, or in a folder of them.
 
     A depth camera sees through glass: inside a glass the depth is missing, or it
     is the depth of what stands behind. This command replaces the depth inside the
@@ -147,7 +157,7 @@ class Options:
     """
 
     rgb: Annotated[str, FILE]
-    """colour image, PNG or JPEG, stored upright (no EXIF orientation)"""
+    """colour image, PNG or JPEG, stored upright (no EXIF orientation); or a folder of them"""
     depth: Annotated[str, FILE]
     """depth: 16-bit PNG, .npy (H, W) or OpenEXR"""
     depth_scale: float | None = None
@@ -188,6 +198,19 @@ class Options:
     """print nothing but errors"""
 
 
+@dataclass(frozen=True)
+class Made:
+    """A restored frame, with what was read for it and how long that took."""
+
+    color: NDArray[np.uint8]
+    depth: NDArray[np.float32]
+    camera: Intrinsics
+    truth: NDArray[np.float32] | None
+    files: dict[str, str | None]
+    result: Restoration
+    seconds: dict[str, float]
+
+
 def run(options: Options) -> int:
     """Run the command.
 
@@ -195,62 +218,86 @@ def run(options: Options) -> int:
         ValueError: Unusable input, in one sentence.
         OSError: A file that does not exist, or can't be written.
     """
-    from hadr.press import restore_report  # loads matplotlib, which --help need not wait for
+    if Path(options.rgb).is_dir():
+        from hadr.press.restore_sequence import run_sequence
 
-    started = time.perf_counter()
-    files = {name: getattr(options, name) for name in INPUTS}
-    if options.hand == MEDIAPIPE:
-        files["hand"] = None
+        return run_sequence(options)
+    from hadr.press.restore_report import (
+        summary,
+    )  # loads matplotlib, which --help need not wait for
+
+    files = input_files(options)
 
     def check() -> None:
-        replaced = OUTPUTS if options.overwrite else None
+        replaced = (*OUTPUTS, VIEW) if options.overwrite else None
         read = filter(None, files.values())
         check_replaceable(Path(options.out), replaced, "report.json", read, command="hadr restore")
 
     check()
-    color = read_color(options.rgb)
-    depth = read_depth(options.depth, options.depth_scale)
-    camera = load_intrinsics(options.intrinsics)
-    mask = None if options.mask is None else read_mask(options.mask)
-    searched = options.hand == MEDIAPIPE
-    hand = None if options.hand is None or searched else read_hand(options.hand)
-    arm = None if options.hand_mask is None else read_mask(options.hand_mask, "hand mask")
-    truth = _read_truth(options, depth.shape)
-    read = time.perf_counter()
-    with _hand_finder(options) as finder:
-        restorer = Restorer(
-            options.method,
-            options.checkpoint,
-            corruption=options.corruption,
-            segmentation=options.segmentation,
-            keypoint_network=finder,
-        )
-        result = restorer(color, depth, camera, mask, hand, arm)
-    restored = time.perf_counter()
-    unknown = {"hand_mask.png": result.hand_mask is None, "hand.json": result.hand is None}
-    outputs = {name: text for name, text in OUTPUTS.items() if not unknown.get(name)}
-    report = restore_report.report(depth, camera, result, truth, files, outputs)
+    with restorer_of(options) as restorer:
+        made = restored_frame(options, restorer)
     with whole_folder(Path(options.out), "hadr restore", check) as folder:
-        _write(folder, color, camera, result, report["hand"])
-        figure = restore_report.comparison_figure(color, depth, camera, result, truth)
-        figure.savefig(folder / "comparison.png", dpi=130)
-        finished = time.perf_counter()
-        report["seconds"] = {
-            "read": round(read - started, 3),
-            "restore": round(restored - read, 3),
-            "write": round(finished - restored, 3),
-        }
-        _write_json(folder / "report.json", report)
+        report = write_frame(folder, made)
     if not options.quiet:
-        print(restore_report.summary(report, options.out))
-    if result.mask.any() and not valid_depth(result.depth[result.mask]).any():
+        print(summary(report, options.out))
+    if found_nothing(made.result):
         print(
-            f"hadr restore: error: nothing could be restored: all {int(result.mask.sum())} pixels "
-            f"of the mask stay missing; the notes in {options.out}/report.json say why",
+            "hadr restore: error: nothing could be restored: all "
+            f"{int(made.result.mask.sum())} pixels of the mask stay missing; the notes in "
+            f"{options.out}/report.json say why",
             file=sys.stderr,
         )
         return 1
     return 0
+
+
+def found_nothing(result: Restoration) -> bool:
+    """Whether there was something to restore, and none of it was."""
+    return bool(result.mask.any()) and not valid_depth(result.depth[result.mask]).any()
+
+
+def input_files(options: Options) -> dict[str, str | None]:
+    """What is read, by option."""
+    files = {name: getattr(options, name) for name in INPUTS}
+    if options.hand == MEDIAPIPE:
+        files["hand"] = None
+    return files
+
+
+def restored_frame(options: Options, restorer: Restorer) -> Made:
+    """Read one frame and restore it; errors as `run`."""
+    started = time.perf_counter()
+    color = read_color(options.rgb)
+    depth = read_depth(options.depth, options.depth_scale)
+    camera = load_intrinsics(options.intrinsics)
+    mask = None if options.mask is None else read_mask(options.mask)
+    files = input_files(options)
+    hand = None if files["hand"] is None else read_hand(files["hand"])
+    arm = None if options.hand_mask is None else read_mask(options.hand_mask, "hand mask")
+    truth = _read_truth(options, depth.shape)
+    read = time.perf_counter()
+    result = restorer(color, depth, camera, mask, hand, arm)
+    seconds = {"read": read - started, "restore": time.perf_counter() - read}
+    return Made(color, depth, camera, truth, files, result, seconds)
+
+
+def write_frame(folder: Path, made: Made) -> dict[str, Any]:
+    """Write a result's files into an empty folder: the report that stands in one of them."""
+    from hadr.press import restore_report
+
+    started, result = time.perf_counter(), made.result
+    unknown = {"hand_mask.png": result.hand_mask is None, "hand.json": result.hand is None}
+    outputs = {name: text for name, text in OUTPUTS.items() if not unknown.get(name)}
+    report = restore_report.report(made.depth, made.camera, result, made.truth, made.files, outputs)
+    _write(folder, made.color, made.camera, result, report["hand"])
+    figure = restore_report.comparison_figure(
+        made.color, made.depth, made.camera, result, made.truth
+    )
+    figure.savefig(folder / "comparison.png", dpi=130)
+    seconds = made.seconds | {"write": time.perf_counter() - started}
+    report["seconds"] = {name: round(value, 3) for name, value in seconds.items()}
+    write_json(folder / "report.json", report)
+    return report
 
 
 def _write(
@@ -269,15 +316,27 @@ def _write(
     if result.hand_mask is not None:
         write_image(folder / "hand_mask.png", result.hand_mask.astype(np.uint8) * 255)
     if result.hand is not None:
-        _write_json(
-            folder / "hand.json", {"keypoints": result.hand.keypoints.tolist(), **told_hand}
-        )
+        write_json(folder / "hand.json", {"keypoints": result.hand.keypoints.tolist(), **told_hand})
     write_point_cloud(folder / "cloud.ply", result.depth, color, camera)
 
 
-def _write_json(path: Path, content: dict[str, Any]) -> None:
+def write_json(path: Path, content: dict[str, Any]) -> None:
+    """Write JSON that a person can read."""
     text = json.dumps(content, indent=2, allow_nan=False)
     path.write_text(text + "\n", encoding="utf-8")
+
+
+@contextmanager
+def restorer_of(options: Options) -> Iterator[Restorer]:
+    """What restores one frame after another, with its networks."""
+    with _hand_finder(options) as finder:
+        yield Restorer(
+            options.method,
+            options.checkpoint,
+            corruption=options.corruption,
+            segmentation=options.segmentation,
+            keypoint_network=finder,
+        )
 
 
 @contextmanager

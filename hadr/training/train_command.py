@@ -224,6 +224,13 @@ def _train(options: Options) -> int:
         ("learning-rate", recipe.learning_rate, 1e-9, 10),
     ):
         check_range(option, number, least, most)
+    devices = options.machine.devices
+    started = int(os.environ.get("LOCAL_WORLD_SIZE") or devices)
+    if started != devices:  # else each would train alone, into the one folder
+        raise ValueError(
+            f"torchrun has started {started} processes on this machine and --devices is {devices}: "
+            f"add --devices {started}"
+        )
     accelerator = chosen_accelerator(options.machine.accelerator)
     if options.tensorboard and importlib.util.find_spec("tensorboard") is None:
         raise ValueError("--tensorboard needs a package that is not here: pip install tensorboard")
@@ -239,7 +246,6 @@ def _train(options: Options) -> int:
         home.check_begun()
         if options.drop_epoch is None:
             recipe = with_recorded_drop(recipe, out / LAST)
-    devices = options.machine.devices
     fabric = Fabric(
         accelerator=accelerator,
         strategy=OneMachine(out / f"{PART}meeting") if devices > 1 else "auto",

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hadr.figures.solids.turntable import held_glass, turntable
+from hadr.figures.solids.turntable import Cloud, held_glass, turntable
 from hadr.synthesis.holding.hold import make_hold
 
 pytestmark = pytest.mark.browser
@@ -89,3 +89,32 @@ def test_a_browser_without_webgl_says_so_and_stays_quiet(tab, table, tmp_path):
     tab.visit(tmp_path / "table.html")
     assert tab.console == []
     assert "no WebGL" in tab.evaluate("document.body.innerText")
+
+
+def test_a_cloud_turns_and_keeps_its_view_beside_another(tab, tmp_path):
+    """A red square before a blue one: from the camera it hides it, from the side both are seen."""
+    grid = np.stack(np.meshgrid(*2 * [np.linspace(-0.05, 0.05, 60)]), -1).reshape(-1, 2)
+    place = np.concatenate([np.insert(grid, 2, z, axis=1) for z in (0.5, 0.6)])
+    ink = np.repeat(np.uint8([[220, 20, 20], [20, 20, 220]]), len(grid), axis=0)
+    shown = [Cloud(name, "", place, ink, np.array([0, 0, 0.55]), 0.1, 0.003) for name in "ab"]
+    turntable(shown, "clouds").save(tmp_path / "clouds.html")
+    tab.visit(tmp_path / "clouds.html")
+    tab.needs_webgl()
+    assert tab.console == []
+    assert tab.foreign() == []
+
+    def shares():
+        picture = tab.picture()
+        redder = picture[..., 0] - picture[..., 2]
+        return (redder > 120).mean(), (redder < -120).mean()
+
+    red, blue = shares()
+    assert red > 0.02
+    assert blue < 0.002
+    tab.evaluate("turn(.9, 0)")
+    assert min(shares()) > 0.01
+    turned = tab.evaluate("yaw")
+    tab.evaluate("document.querySelectorAll('#tabs button')[1].click()")
+    assert tab.evaluate("[at, yaw]") == [1, turned]
+    assert min(shares()) > 0.01
+    assert tab.evaluate("byId('bones').offsetParent === null"), "a cloud has no bones"

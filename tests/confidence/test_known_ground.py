@@ -131,19 +131,19 @@ def test_a_mask_that_is_three_pixels_wider_than_the_glass_gets_no_probability() 
     wide = ndimage.distance_transform_edt(~frame.object_mask) <= 3
     answer = networks(*seen, wide, frame.keypoints)
     assert answer.tolerance_m is None
-    assert any("the mask follows the glass's outline to" in note for note in answer.notes)
+    assert any("the mask may not follow the glass: " in note for note in answer.notes)
 
 
 @pytest.mark.parametrize(
     ("name", "value", "said"),
     [
-        ("behind", -0.122, "12.2 cm before the hand, learned 3 cm before to 5 cm behind"),
+        ("behind", -0.122, "12.2 cm before the hand, in training 3 cm before to 5 cm behind"),
         (
             "tilt",
             0.25,
-            "points 0.25 of its length away from the camera, learned 0.03 of its",
+            "points 0.25 of its length away from the camera, in training 0.03 of its",
         ),
-        ("distance", 3.0, "the glass is 3 m away, learned -0.03 to 0.05 m"),
+        ("distance", 3.0, "the glass is 3 m away, in training -0.03 to 0.05 m"),
     ],
 )
 def test_a_distance_is_said_with_its_side_not_its_sign(name: str, value: float, said: str) -> None:
@@ -165,7 +165,9 @@ def test_what_is_outside_is_said_in_words_that_a_user_can_act_on() -> None:
     field = Field.fit(
         [{"distance": z} for z in np.linspace(0.375, 0.915, 100)] * 2, [{"distance": 0.6}]
     )
-    assert field.why({"distance": 1.44}) == ("the glass is 1.44 m away, learned 0.38 to 0.91 m",)
+    assert field.why({"distance": 1.44}) == (
+        "the glass is 1.44 m away, in training 0.38 to 0.91 m",
+    )
 
 
 def test_a_combination_that_was_never_seen_is_outside_of_no_range() -> None:
@@ -229,10 +231,11 @@ def test_a_record_with_an_unknown_feature_is_refused() -> None:
 
 def test_a_range_is_said_in_the_units_of_readers() -> None:
     assert FEATURES["distance"].said(1.04, 0.38, 0.91) == (
-        "the glass is 1.04 m away, learned 0.38 to 0.91 m"
+        "the glass is 1.04 m away, in training 0.38 to 0.91 m"
     )
     assert FEATURES["lens"].said(0.5, 0.8889, 0.8889) == (
-        "the focal length is 50 % of the picture's width, learned 88.9 %"
+        "the camera sees another angle: focal length 50 % of the picture's width, "
+        "in training 88.9 %"
     )
 
 

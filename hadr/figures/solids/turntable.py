@@ -1,4 +1,4 @@
-"""Hands on glass that a reader turns in the browser, without a kernel and without a network.
+"""Hands on glass, and clouds, that a reader turns in the browser without kernel and network.
 
 The page draws with plain WebGL: no library, no other host.
 """
@@ -38,6 +38,8 @@ Array = npt.NDArray[np.float64]
 #: Longest forearm that is shown, metres behind the wrist; it fades out over the last third.
 FOREARM_SHOWN = 0.13
 _MOST_VERTICES = 65535
+# z up, from OpenCV's camera frame.
+_UP_FROM_CAMERA = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
 # object_from_wrist of a hand without an object: z along the fingers, y into the back of the hand.
 _UPRIGHT = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
 
@@ -74,6 +76,29 @@ class HandOnGlass:
         points = np.concatenate([self.glass.vertices, self.joints])
         center: Array = (points.min(axis=0) + points.max(axis=0)) / 2
         return center, float(np.linalg.norm(points - center, axis=1).max())
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """Points as the turntable shows them, in the camera's frame.
+
+    Args:
+        name: What the reader chooses by.
+        note: A line below the picture.
+        points: Metres, shape (N, 3), at least one.
+        colors: sRGB, shape (N, 3) uint8.
+        center: What the view turns around, metres, shape (3,).
+        radius: What fits into the picture, metres around it.
+        spacing: How far neighbouring points are apart, metres.
+    """
+
+    name: str
+    note: str
+    points: npt.NDArray[np.floating]
+    colors: npt.NDArray[np.uint8]
+    center: npt.NDArray[np.floating]
+    radius: float
+    spacing: float
 
 
 def simplified(surface: Surface, tolerance: float) -> Surface:
@@ -190,33 +215,51 @@ def _srgb(linear: npt.ArrayLike) -> Array:
     return np.asarray(bent, dtype=float)
 
 
-def turntable(scenes: Sequence[HandOnGlass]) -> Page:
-    """Make the page that turns the holds; the reader chooses among them by their names."""
+def turntable(scenes: Sequence[HandOnGlass | Cloud], title: str = "Hands on glass") -> Page:
+    """Make the page that turns holds or clouds; the reader chooses among them by their names."""
     names: dict[str, str] = {}  # of arrays
     inks = [to_rgb(FINGER_COLORS.get(name.split("_")[0], "#404040")) for name in SKELETON_NAMES]
-    told = [
-        {
-            "name": scene.name,
-            "note": scene.note,
-            "yaw": float(np.deg2rad(scene.azimuth_deg)),
-            "pitch": float(np.deg2rad(scene.elevation_deg)),
-            "center": np.round(scene.sphere[0], 5).tolist(),
-            "radius": round(scene.sphere[1], 5),
-            "hand": _mesh(scene.hand, names, scene.hand_colors),
-            "glass": _mesh(scene.glass, names),
-            "joints": np.round(scene.joints, 5).tolist(),
-            "fade": np.round(scene.fade, 5).tolist(),
-        }
-        for scene in scenes
-    ]
     data = {
-        "scenes": told,
+        "scenes": [
+            _cloud(scene, names) if isinstance(scene, Cloud) else _hold(scene, names)
+            for scene in scenes
+        ],
         "arrays": {name: text for text, name in names.items()},
         "parents": SKELETON_PARENTS,
         "jointNames": [name.replace("_", " ") for name in SKELETON_NAMES],
         "jointColors": np.rint(255 * np.array(inks)).astype(int).tolist(),
     }
-    return filled_page("turntable.html", "Hands on glass", data, "height:480px")
+    return filled_page("turntable.html", title, data, "height:480px")
+
+
+def _hold(scene: HandOnGlass, names: dict[str, str]) -> dict[str, Any]:
+    return {
+        "name": scene.name,
+        "note": scene.note,
+        "yaw": float(np.deg2rad(scene.azimuth_deg)),
+        "pitch": float(np.deg2rad(scene.elevation_deg)),
+        "center": np.round(scene.sphere[0], 5).tolist(),
+        "radius": round(scene.sphere[1], 5),
+        "hand": _mesh(scene.hand, names, scene.hand_colors),
+        "glass": _mesh(scene.glass, names),
+        "joints": np.round(scene.joints, 5).tolist(),
+        "fade": np.round(scene.fade, 5).tolist(),
+    }
+
+
+def _cloud(scene: Cloud, names: dict[str, str]) -> dict[str, Any]:
+    """A cloud, z up, first seen from the camera."""
+    told = _positions(scene.points @ _UP_FROM_CAMERA.T, names)
+    return {
+        "name": scene.name,
+        "note": scene.note,
+        "yaw": -np.pi / 2,
+        "pitch": 0.0,
+        "center": np.round(_UP_FROM_CAMERA @ scene.center, 5).tolist(),
+        "radius": round(scene.radius, 5),
+        "spacing": round(scene.spacing, 6),
+        "points": told | {"colors": _kept(scene.colors, names)},
+    }
 
 
 def _mesh(
@@ -228,18 +271,20 @@ def _mesh(
             f"a surface of {len(surface.vertices)} vertices is too fine for a page: at most "
             f"{_MOST_VERTICES}; simplify it"
         )
-    low = surface.vertices.min(axis=0)
-    step = float(np.ptp(surface.vertices, axis=0).max()) / _MOST_VERTICES or 1.0
-
-    def keep(values: npt.NDArray[Any]) -> str:
-        text = base64.b64encode(np.ascontiguousarray(values).tobytes()).decode()
-        return names.setdefault(text, f"a{len(names)}")
-
-    told: dict[str, Any] = {
-        "low": low.tolist(),
-        "step": step,
-        "positions": keep(np.round((surface.vertices - low) / step).astype("<u2")),
-        "normals": keep(np.round(127 * surface.normals).astype("i1")),
-        "faces": keep(surface.faces.astype("<u2")),
+    told = _positions(surface.vertices, names) | {
+        "normals": _kept(np.round(127 * surface.normals).astype("i1"), names),
+        "faces": _kept(surface.faces.astype("<u2"), names),
     }
-    return told if colors is None else told | {"colors": keep(colors)}
+    return told if colors is None else told | {"colors": _kept(colors, names)}
+
+
+def _positions(points: npt.NDArray[Any], names: dict[str, str]) -> dict[str, Any]:
+    low = points.min(axis=0)
+    step = float(np.ptp(points, axis=0).max()) / _MOST_VERTICES or 1.0
+    stored = _kept(np.round((points - low) / step).astype("<u2"), names)
+    return {"low": low.tolist(), "step": step, "positions": stored}
+
+
+def _kept(values: npt.NDArray[Any], names: dict[str, str]) -> str:
+    text = base64.b64encode(np.ascontiguousarray(values).tobytes()).decode()
+    return names.setdefault(text, f"a{len(names)}")

@@ -177,7 +177,7 @@ def test_a_defect_of_the_choice_is_no_missing_grasp(error: Exception) -> None:
     handover = handover_with(fails_first(error))
     with pytest.raises(type(error)):
         cautions(handover, 1.0)
-    assert handover.stage is Stage.WAIT_AND_OBSERVE
+    assert handover.stage is Stage.GAVE_UP  # and the robot stands
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,151 @@
+"""`hadr restore` on a folder of frames: a result for each of them, and a film."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from tqdm import tqdm
+
+from hadr.frame_io import read_color
+from hadr.press.restore_command import (
+    MEDIAPIPE,
+    OUTPUTS,
+    VIEW,
+    Options,
+    found_nothing,
+    input_files,
+    restored_frame,
+    restorer_of,
+    write_frame,
+    write_json,
+)
+from hadr.records.output_folder import check_replaceable
+from hadr.records.writing import whole_folder
+
+RECORD = "sequence.json"
+FILMS = ("film.mp4", "film.gif")
+"""The film; a GIF where there is no ffmpeg."""
+RATE = 10.0
+"""Its frames a second."""
+_A_FRAME = ("rgb", "depth", "mask", "hand", "hand_mask", "truth")
+"""Options that name a folder with a file for each frame."""
+
+
+def run_sequence(options: Options) -> int:
+    """Restore all frames of a folder.
+
+    Returns:
+        0; 1 where a frame was refused, or nothing could be restored in one.
+
+    Raises:
+        ValueError: A folder is missing, empty, lacks a frame's file, or no frame is usable.
+        OSError: A file can't be read or written.
+    """
+    from hadr.simulation.film.film import write_film  # --help need not wait for it
+
+    frames = sequence_frames(options)
+    out = Path(options.out)
+
+    def check() -> None:
+        names = (*frames, *FILMS, RECORD) if options.overwrite else None
+        read = [path for one in frames.values() for path in input_files(one).values() if path]
+        check_replaceable(out, names, RECORD, read, command="hadr restore")
+        for part in (out / name for name in frames):
+            check_replaceable(part, (*OUTPUTS, VIEW), "report.json", (), command="hadr restore")
+
+    check()
+    told: dict[str, dict[str, Any]] = {}
+    with restorer_of(options) as restorer, whole_folder(out, "hadr restore", check) as folder:
+        bar = tqdm(frames.items(), unit="frame", disable=options.quiet or None, file=sys.stderr)
+        for name, one in bar:
+            try:
+                made = restored_frame(one, restorer)
+            except ValueError as error:
+                told[name] = {"refused": str(error)}
+                continue
+            (folder / name).mkdir()
+            report = write_frame(folder / name, made)
+            told[name] = {key: report[key] for key in ("method", "method_title", "counts", "notes")}
+            told[name]["nothing"] = found_nothing(made.result)
+        done = [name for name in told if "refused" not in told[name]]
+        if not done:
+            first, why = next(iter(told.items()))
+            raise ValueError(f"none of the {len(told)} frames is usable; {first}: {why['refused']}")
+        film = folder / FILMS[find_spec("imageio_ffmpeg") is None]
+        write_film(film, _pictures(folder / name / "comparison.png" for name in done), RATE)
+        write_json(folder / RECORD, {"command": "hadr restore", "film": film.name, "frames": told})
+    if not options.quiet:
+        print("\n".join((*_summary(told), f"written   {out}, with {film.name}")))
+    bad = [name for name, one in told.items() if one.get("nothing", True)]
+    if bad:
+        print(
+            f"hadr restore: error: {len(bad)} of {len(told)} frames were refused, or nothing could "
+            f"be restored in them ({', '.join(bad[:5])}{', ...' * (len(bad) > 5)}); {out}/{RECORD} "
+            "says why",
+            file=sys.stderr,
+        )
+    return int(bool(bad))
+
+
+def sequence_frames(options: Options) -> dict[str, Options]:
+    """The options of each frame, by the name that its files have in common, in their order.
+
+    Raises:
+        ValueError: An option names no folder, two files have one name, or a frame lacks a file.
+    """
+    files: dict[str, dict[str, str]] = {}
+    for option in _A_FRAME:
+        given = getattr(options, option)
+        if given is None or (option == "hand" and given == MEDIAPIPE):
+            continue
+        if not Path(given).is_dir():
+            raise ValueError(
+                f"--rgb {options.rgb} is a folder, so --{option.replace('_', '-')} {given} must be "
+                "one, too"
+            )
+        files[option] = found = {}
+        for path in sorted(Path(given).iterdir()):
+            if path.name.startswith(".") or not path.is_file():
+                continue
+            if path.stem in found:
+                raise ValueError(f"{given} holds two files of frame {path.stem}: expected one")
+            found[path.stem] = str(path)
+    names = list(files["rgb"])
+    if not names:
+        raise ValueError(f"--rgb {options.rgb} holds no frame")
+    for option, found in files.items():
+        if lacking := [name for name in names if name not in found]:
+            raise ValueError(
+                f"--{option.replace('_', '-')} {getattr(options, option)} has no file of frame "
+                f"{lacking[0]} ({len(lacking)} of {len(names)} lack one): the files of a frame "
+                "have one name"
+            )
+    own: dict[str, dict[str, Any]] = {
+        name: {option: found[name] for option, found in files.items()} for name in names
+    }
+    return {name: replace(options, **given) for name, given in own.items()}
+
+
+def _pictures(paths: Iterable[Path]) -> Iterator[npt.NDArray[np.uint8]]:
+    """Pictures without a last odd row or column, as a film needs them."""
+    for path in paths:
+        picture = read_color(path)
+        height, width = (length - length % 2 for length in picture.shape[:2])
+        yield picture[:height, :width]
+
+
+def _summary(told: dict[str, dict[str, Any]]) -> Iterator[str]:
+    """How many frames were restored by which method."""
+    by: dict[str, list[str]] = {}
+    for name, one in told.items():
+        by.setdefault(one.get("method_title", "refused"), []).append(name)
+    for title, names in by.items():
+        few = ", ".join(names[:5]) + ", ..." * (len(names) > 5)
+        yield f"{len(names)} of {len(told)} frames: {title} ({few})"

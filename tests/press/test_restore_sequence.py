@@ -1,0 +1,92 @@
+"""A folder of frames: each has its result, the film shows all, and what is refused is named."""
+
+import json
+
+import cv2
+import imageio.v3 as iio
+import numpy as np
+import pytest
+
+from hadr.cli import main
+
+NAMES = ("0001", "0002", "0010")
+
+
+@pytest.fixture
+def frames(tmp_path):
+    """Three small frames, a plane that comes nearer with a hole in it, and the words for them."""
+    for part in ("rgb", "depth", "mask"):
+        (tmp_path / part).mkdir()
+    mask = np.zeros((48, 64), np.uint8)
+    mask[10:30, 20:40] = 255
+    for number, name in enumerate(NAMES):
+        depth = np.where(mask, 0, 900 - 100 * number).astype(np.uint16)
+        color = np.random.default_rng(number).integers(0, 255, (48, 64, 3)).astype(np.uint8)
+        for part, image in (("rgb", color), ("depth", depth), ("mask", mask)):
+            cv2.imwrite(str(tmp_path / part / f"{name}.png"), image)
+    (tmp_path / "camera.json").write_text(
+        json.dumps({"fx": 80, "fy": 80, "cx": 31.5, "cy": 23.5, "width": 64, "height": 48})
+    )
+    words = [f"--{part}={tmp_path / part}" for part in ("rgb", "depth", "mask")]
+    words += [f"--intrinsics={tmp_path / 'camera.json'}", f"--out={tmp_path / 'out'}"]
+    return tmp_path, ["restore", *words]
+
+
+def content(folder):
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def test_each_frame_has_a_result_and_the_film_shows_all(frames, capsys):
+    folder, words = frames
+    assert main(words) == 0
+    out = folder / "out"
+    assert sorted(path.name for path in out.iterdir()) == [*NAMES, "film.mp4", "sequence.json"]
+    for number, name in enumerate(NAMES):
+        assert np.load(out / name / "depth.npy").max() == pytest.approx(0.9 - 0.1 * number)
+        assert json.loads((out / name / "report.json").read_text())["method"] == "nearest"
+        assert (out / name / "cloud.ply").stat().st_size > 48 * 64 * 12
+    assert len(iio.imread(out / "film.mp4")) == len(NAMES)
+    assert "3 of 3 frames: nearest valid depth (not HADR) (0001, 0002, 0010)" in (
+        capsys.readouterr().out
+    )
+    assert main(["view", str(out / "0010"), "--no-browser"]) == 0
+    assert main(words) == 2
+    assert "already holds 0001 and 4 more" in capsys.readouterr().err
+    assert main([*words, "--overwrite"]) == 0
+    (out / "0002" / "thesis.txt").write_text("years of work")
+    before = content(out)
+    assert main([*words, "--overwrite"]) == 2
+    assert "holds thesis.txt, which no earlier run wrote" in capsys.readouterr().err
+    assert content(out) == before
+
+
+def test_a_frame_that_is_refused_is_named_and_the_others_are_restored(frames, capsys):
+    folder, words = frames
+    cv2.imwrite(str(folder / "mask" / "0002.png"), np.zeros((48, 64), np.uint8))
+    assert main(words) == 1
+    assert "1 of 3 frames were refused" in capsys.readouterr().err
+    told = json.loads((folder / "out" / "sequence.json").read_text())["frames"]
+    assert "the mask is empty" in told["0002"]["refused"]
+    assert not (folder / "out" / "0002").exists()
+    assert (folder / "out" / "0010" / "cloud.ply").exists()
+    for name in ("0001", "0010"):
+        cv2.imwrite(str(folder / "mask" / f"{name}.png"), np.zeros((48, 64), np.uint8))
+    assert main([*words, "--out", str(folder / "none")]) == 2
+    assert "none of the 3 frames is usable; 0001: the mask is empty" in capsys.readouterr().err
+    assert not (folder / "none").exists()
+
+
+def test_files_that_do_not_belong_together_are_refused_before_anything_is_made(frames, capsys):
+    folder, words = frames
+    whole = words.index(f"--mask={folder / 'mask'}")
+    single = [*words[:whole], f"--mask={folder / 'mask' / '0001.png'}", *words[whole + 1 :]]
+    assert main(single) == 2
+    assert "so --mask" in capsys.readouterr().err
+    (folder / "rgb" / "0001.jpg").write_bytes(b"")
+    assert main(words) == 2
+    assert "two files of frame 0001" in capsys.readouterr().err
+    (folder / "rgb" / "0001.jpg").unlink()
+    (folder / "depth" / "0010.png").unlink()
+    assert main(words) == 2
+    assert "no file of frame 0010 (1 of 3 lack one)" in capsys.readouterr().err
+    assert not (folder / "out").exists()
