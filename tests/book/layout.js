@@ -41,7 +41,7 @@
     }
     // Figures are drawn with letters of 10 points, 15 pixels, at their natural size or the one stated.
     for (const image of doc.querySelectorAll(".cell_output img, #stage img")) {
-      const meant = parseFloat(image.style.width) || image.naturalWidth;
+      const meant = image.style.width.endsWith("px") ? parseFloat(image.style.width) : image.naturalWidth;
       const scale = image.getBoundingClientRect().width / meant;
       if (image.naturalWidth && scale > 0 && scale < 0.55)
         small.push(`${(image.alt || image.src).slice(0, 60)}: at ${scale.toFixed(2)} of its size`);

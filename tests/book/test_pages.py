@@ -83,7 +83,8 @@ DAMAGED = """<html data-theme="light"><head><title>t</title>
 <p style="color:#949494; background:#fff; font-size:16px" id="short">3.03 to 1</p>
 <p style="color:#949494; background:#fff; font-size:24px" id="large">3.03 to 1</p>
 <p style="color:#fff; background:#fff; visibility:hidden" id="unseen">unseen</p>
-<div class="cell_output"><img alt="a figure" src="FIGURE" style="width:340px; height:auto"></div>
+<div class="cell_output">
+<img alt="a figure" src="FIGURE" style="max-width:340px; height:auto"></div>
 <iframe title="squeezed" style="width:350px;height:120px" srcdoc="<title>inner</title><body
   style='margin:0;height:100%;background:#fff'><div id='stage'><img alt='b' src='FIGURE'
   style='height:60px;width:100%;object-fit:contain'></div><p style='color:#ccc' id='inner'>pale</p>
