@@ -120,9 +120,7 @@ class GuardedArm:
             )
 
     def check_target(self, target: Array) -> None:
-        """HaltError where a tool pose cannot be gone to."""
-        if not self.config.workspace.contains(target[:3, 3]):
-            raise HaltError(f"target {np.round(target[:3, 3], 2)} m lies outside the workspace")
+        """HaltError where a tool pose is beyond the arm's reach or workspace."""
         if not self.robot.reachable(target):
             raise HaltError(f"target {np.round(target[:3, 3], 2)} m is out of reach")
 
@@ -156,10 +154,8 @@ class GuardedArm:
         closing = safety.closing_speed(velocity, watch.middle, self.reading.tool[:3, 3])
         c = self.config.safety
         factor = min(1.0, safety.allowed_speed(free, closing, watch.age, least, c) / speed)
-        crawl = CRAWL_SPEED - closing
-        way = safety.separation(crawl, 0.0, 0.0, least, c)
-        if crawl > 0 and free > least + way.robot + way.stopping:
-            factor = max(factor, min(1.0, crawl / speed))
+        crawl = min(CRAWL_SPEED - closing, safety.stopping_speed(free - least, 0.0, c))
+        factor = max(factor, min(1.0, crawl / speed))
         if factor < 1:
             self.caution = f"hand {1000 * free:.0f} mm away: {100 * factor:.0f} % of the speed"
         return factor

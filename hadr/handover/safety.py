@@ -197,10 +197,14 @@ def allowed_speed(free: float, closing: float, age: float, least: float, c: Safe
     if not room > 0:
         return 0.0
     by_hand = c.deceleration * room / closing if closing > 0 else np.inf
-    # room + look_ahead = slope v + v^2 / 2a
-    slope = c.reaction_time + closing / c.deceleration
-    root = np.sqrt(slope**2 + 2 * (room + c.look_ahead) / c.deceleration)
-    return float(min(by_hand, c.deceleration * (root - slope)))
+    return float(min(by_hand, stopping_speed(room + c.look_ahead, closing, c)))
+
+
+def stopping_speed(way: float, closing: float, c: SafetyConfig) -> float:
+    """The speed, m/s, at which S_r + S_s, and what the hand goes while it brakes, is a way, m."""
+    slope = c.reaction_time + closing / c.deceleration  # way = slope v + v^2 / 2a
+    root = np.sqrt(slope**2 + 2 * max(0.0, way) / c.deceleration)
+    return c.deceleration * float(root - slope)
 
 
 def withdrawal(since_chosen: Array, velocity: Array | None, away: Array, c: SafetyConfig) -> str:

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from hadr.handover.grasping.grasps import FinalMove, Way, final_travel
 from hadr.handover.grasping.gripper import LARGEST_OPENING
-from hadr.handover.robot import Robot, Workspace
+from hadr.handover.robot import Robot
 from hadr.handover.safety import SafetyConfig
 
 Array = npt.NDArray[np.float64]
@@ -130,7 +130,6 @@ class HandoverConfig:
         tries: After so many stops, go home.
         patience: Go home where the object is not in the gripper so long after a hand was seen.
         safety: Thresholds of the safety checks.
-        workspace: The box that no target may leave.
 
     Raises:
         ValueError: A setting is no number, not finite or too small; the message names it.
@@ -156,7 +155,6 @@ class HandoverConfig:
     tries: int = 3
     patience: float = 20.0
     safety: SafetyConfig = field(default_factory=SafetyConfig)
-    workspace: Workspace = field(default_factory=Workspace)
 
     def __post_init__(self) -> None:
         for item in fields(self):

@@ -62,11 +62,17 @@ REPORTS: dict[str, Callable[[Path], str]] = {
 """Words on pages in whose place stands what is made from the result files or the chapters."""
 TABLE_BEGIN = "<!-- run times: begin (written by `make readme-times`) -->"
 TABLE_END = "<!-- run times: end -->"
-WIDGET_NOTE = (
-    "```{note}\n:class: needs-kernel\n"
-    "The control of this cell needs a running kernel: open the chapter with the rocket button "
-    "above, or on your own machine. The figure beside it tells the same story.\n```"
-)
+CONTROL = "A control, for a running kernel: the rocket button above opens the chapter with one"
+CHECK = "Check of your answer, for a running kernel (it holds the solution)"
+FOLDS = {
+    "<video": "these films",
+    "<iframe": "this moving figure",
+    "image/png": "this figure",
+    "text/markdown": "this table",
+    "text/html": "this table",
+    "'stream'": "these numbers",
+}
+"""What the code of a folded cell makes, by what stands in its outputs, the first that does."""
 _WIDGET_VIEW = "application/vnd.jupyter.widget-view+json"
 
 
@@ -83,11 +89,10 @@ def stage_notebook(notebook: Any, run_time: str) -> Any:
     """Make an executed notebook ready for a page without a kernel.
 
     The token for the run time is replaced; papermill's injected parameters, warnings and other
-    text on stderr, and the outputs and state of widgets are dropped; films get a name for screen
-    readers; each cell tagged ``interactive`` is followed by a note. The notebook is changed.
+    text on stderr, and the outputs and state of widgets are dropped; films get their captions;
+    cells that only a kernel brings to life are folded, and folds say what is in them. The notebook
+    is changed.
     """
-    import nbformat
-
     cells = []
     for cell in notebook.cells:
         tags = cell.metadata.get("tags", [])
@@ -97,11 +102,12 @@ def stage_notebook(notebook: Any, run_time: str) -> Any:
         if cell.cell_type != "code":
             cell.source = cell.source.replace(RUNTIME_TOKEN, run_time)
             continue
-        cell.outputs = [output for output in cell.outputs if _is_for_readers(output)]
-        _label_films(cell.outputs)
         if "interactive" in tags:
             cell.outputs = []
-            cells.append(nbformat.v4.new_markdown_cell(WIDGET_NOTE, id=f"note-{len(cells)}"))
+        cell.outputs = [output for output in cell.outputs if _is_for_readers(output)]
+        cell.outputs = _captioned_films(cell.outputs)
+        _name_fold(cell)
+        cells += _beside_a_figure(cell)
     notebook.cells = cells
     notebook.metadata.pop("widgets", None)
     notebook.metadata.pop("papermill", None)
@@ -114,17 +120,57 @@ def _is_for_readers(output: Any) -> bool:
     return _WIDGET_VIEW not in output.get("data", {})
 
 
-def _label_films(outputs: Sequence[Any]) -> None:
-    """Give each film the words displayed before it as its name, which screen readers say."""
-    words = ""
+def _captioned_films(outputs: Sequence[Any]) -> list[Any]:
+    """Each film as a figure: the words displayed before it are its caption and its spoken name."""
+    shown: list[Any] = []
     for output in outputs:
-        shown = output.get("data", {})
-        if "text/markdown" in shown:
-            words = re.sub(r"[*_`]", "", shown["text/markdown"])
-        found = shown.get("text/html", "")
-        if words and "<video" in found and "aria-label" not in found:
-            label = f'<video aria-label="Film: {escape(words)}"'
-            shown["text/html"] = found.replace("<video", label, 1)
+        html = output.get("data", {}).get("text/html", "")
+        words = shown[-1].get("data", {}).get("text/markdown", "") if shown else ""
+        if words and "<video" in html:
+            shown.pop()
+            name = escape(re.sub(r"[*_`]", "", words))
+            caption = re.sub(r"\*\*(.+?)\*\*", r"<strong>\1</strong>", escape(words))
+            html = html.replace("<video", f'<video aria-label="Film: {name}"', 1)
+            caption = f"<figcaption>{caption}</figcaption>"
+            output["data"]["text/html"] = f'<figure class="film">{html}{caption}</figure>'
+        shown.append(output)
+    return shown
+
+
+def _beside_a_figure(cell: Any) -> list[Any]:
+    """A cell of its own for what a figure's cell shows besides, which else were a figure, too."""
+    import nbformat
+
+    kept = [output for output in cell.outputs if "image/png" in output.get("data", ["image/png"])]
+    others = [output for output in cell.outputs if output not in kept]
+    if "figure" not in cell.metadata.get("mystnb", {}) or not others:
+        return []
+    cell.outputs = kept
+    return [
+        nbformat.v4.new_code_cell(
+            id=f"{cell.id}-beside", metadata={"tags": ["remove-input"]}, outputs=others
+        )
+    ]
+
+
+def _name_fold(cell: Any) -> None:
+    """Fold what a page cannot run, and let each fold say what is in it."""
+    tags, metadata = cell.metadata.get("tags", []), cell.metadata
+    made = str([(output.output_type, output.get("data")) for output in cell.outputs])
+    if re.search(r"\bcheck\(\s*answer\b", cell.source):
+        words, tags = CHECK, [*tags, "hide-cell"]
+    elif "interactive" in tags:
+        words, tags = CONTROL, [*tags, "hide-input"]
+    elif "parameters" in tags:
+        words = "Code: what can be set"
+    else:
+        what = next(
+            (words for kind, words in FOLDS.items() if kind in made), "what comes next needs"
+        )
+        words = f"Code: {what}"
+    if any(tag.startswith("hide-") for tag in tags):
+        shown = metadata.get("mystnb", {}) | {"code_prompt_show": words, "code_prompt_hide": words}
+        metadata.update(tags=tags, mystnb=shown)
 
 
 def stage_book(book: Path, runs: Sequence[ChapterRun], target: Path) -> Path:

@@ -13,6 +13,7 @@ from hadr.handover.safety import (
     object_in_hand,
     separation,
     something_held,
+    stopping_speed,
     withdrawal,
 )
 
@@ -56,6 +57,12 @@ def test_closing_speed_counts_only_what_comes_nearer() -> None:
     assert closing_speed(np.array([0.3, 0.4, 0]), hand, tool) == 0.0
     assert closing_speed(None, hand, tool) == 1.6  # not known: as fast as people walk
     assert closing_speed(np.ones(3), hand, hand) == 0.0
+
+
+def test_the_speed_that_stops_within_a_way_by_hand() -> None:
+    # 0.1 s at 0.05 m/s, and 0.05^2 / 1.6 to brake
+    assert stopping_speed(0.0065625, 0.0, C) == pytest.approx(0.05)
+    assert stopping_speed(-0.01, 0.0, C) == stopping_speed(0.0, 0.3, C) == 0.0
 
 
 def test_separation_has_the_standard_s_terms_by_hand() -> None:

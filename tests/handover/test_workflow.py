@@ -18,7 +18,7 @@ from hadr.handover.observation import Observation
 from hadr.handover.poses import camera_at, pose_distance
 from hadr.handover.robot import Workspace
 from hadr.handover.safety import SafetyConfig
-from hadr.handover.simulated_ur5 import SimulatedUR5
+from hadr.handover.simulated_ur5 import ArmConfig, SimulatedUR5
 from hadr.handover.stages import ChosenGrasp, HandoverConfig, Stage
 from hadr.handover.tracking import hand_motion
 from hadr.handover.workflow import Handover
@@ -242,10 +242,11 @@ def test_out_of_reach_stops_it() -> None:
     )
     run(handover, longest=2.0)
     assert "out of reach" in first_stop(handover)[1]
-    box = HandoverConfig(workspace=Workspace(upper=(0.4, 0.85, 1.1)))
-    handover = fixed_handover(box)
+    box = ArmConfig(workspace=Workspace(upper=(0.4, 0.85, 1.1)))
+    handover = Handover(SimulatedUR5(box), lambda *_: ChosenGrasp(far, 0.07, 1.0), CAMERA)
+    far[:3, 3] = fixed_grasp()[:3, 3]
     run(handover, longest=2.0)
-    assert "outside the workspace" in first_stop(handover)[1]
+    assert "out of reach" in first_stop(handover)[1]
 
 
 def test_too_slow_an_approach_stops_it() -> None:

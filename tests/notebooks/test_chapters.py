@@ -200,7 +200,7 @@ def test_parameters_and_imports_are_folded(cells):
     assert "hide-input" in tags(imports)
 
 
-def test_the_last_cell_keeps_the_results_and_shows_nothing(chapter, cells):
+def test_the_last_cell_keeps_the_results_and_no_page_shows_it(chapter, cells):
     last = cells[-1]
     assert last.cell_type == "code"
     calls = [
@@ -213,4 +213,4 @@ def test_the_last_cell_keeps_the_results_and_shows_nothing(chapter, cells):
     assert (folder, name) == ("out_dir", repr(chapter.stem))
     given = {word.arg: ast.unparse(word.value) for word in calls[0].keywords}
     assert given == {"preset": "preset", "seed": "seed"}
-    assert "remove-output" in tags(last)
+    assert "remove-cell" in tags(last)

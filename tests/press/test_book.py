@@ -30,6 +30,10 @@ def executed():
             new.new_code_cell("work()", outputs=[stderr, stdout]),
             new.new_code_cell("bar()", outputs=[widget, stdout]),
             new.new_code_cell("slide()", outputs=[stdout], metadata={"tags": ["interactive"]}),
+            new.new_code_cell("print(1)", outputs=[stdout], metadata={"tags": ["hide-input"]}),
+            new.new_code_cell("answer = ..."),
+            new.new_code_cell("check(\n    answer, 3)", outputs=[stdout]),
+            new.new_code_cell("check(solution, 3)", outputs=[stdout]),
         ]
     )
     notebook.metadata["widgets"] = {"application/vnd.jupyter.widget-state+json": {}}
@@ -41,13 +45,40 @@ def test_a_page_shows_what_needs_no_kernel():
     sources = [cell.source for cell in staged.cells]
     assert sources[0].endswith("**Measured run time:** 3 s")
     assert sources[1:5] == ["seed = 0", "work()", "bar()", "slide()"]
+    assert len(sources) == 9
     assert [output.text for output in staged.cells[2].outputs] == ["a number"]
     assert [output.output_type for output in staged.cells[3].outputs] == ["stream"]
     assert staged.cells[4].outputs == []
-    assert "needs a running kernel" in sources[5]
-    assert staged.cells[5].id == book.stage_notebook(executed(), "3 s").cells[5].id
     assert "widgets" not in staged.metadata
     nbformat.validate(staged)
+
+
+def test_what_a_page_cannot_run_is_folded_and_folds_say_what_is_in_them():
+    folds = {
+        cell.source.replace("\n    ", ""): (cell.metadata["tags"][-1], shown["code_prompt_show"])
+        for cell in book.stage_notebook(executed(), "3 s").cells
+        if (shown := cell.metadata.get("mystnb"))
+    }
+    assert folds == {
+        "slide()": ("hide-input", book.CONTROL),
+        "print(1)": ("hide-input", "Code: these numbers"),
+        "check(answer, 3)": ("hide-cell", book.CHECK),
+    }
+
+
+def test_only_the_picture_of_a_captioned_cell_is_a_figure():
+    new = nbformat.v4
+    kinds = ("image/png", "text/markdown")
+    outputs = [new.new_output("display_data", data={kind: "AA"}) for kind in kinds]
+    outputs.append(new.new_output("stream", name="stdout", text="a number"))
+    cell = new.new_code_cell("draw()", outputs=outputs)
+    notebook = new.new_notebook(cells=[cell])
+    assert len(book.stage_notebook(notebook, "3 s").cells) == 1
+    cell.metadata["mystnb"] = {"figure": {"caption": "What to look at."}}
+    drawn, beside = book.stage_notebook(notebook, "3 s").cells
+    assert (drawn.outputs, beside.outputs) == ([outputs[0], outputs[2]], [outputs[1]])
+    assert beside.metadata["tags"] == ["remove-input"]
+    nbformat.validate(notebook)
 
 
 def test_a_film_is_named_by_the_words_before_it():
@@ -58,15 +89,14 @@ def test_a_film_is_named_by_the_words_before_it():
         film = '<video controls muted src="data:video/mp4;base64,AA"></video>'
         outputs.append(new.new_output("display_data", data={"text/html": film}))
     notebook = new.new_notebook(cells=[new.new_code_cell("films()", outputs=outputs)])
-    shown = book.stage_notebook(notebook, "3 s").cells[0].outputs
-    assert (
-        shown[1]
-        .data["text/html"]
-        .startswith('<video aria-label="Film: success after 7.1 s: &quot;raw&quot; depth" controls')
+    first, second = book.stage_notebook(notebook, "3 s").cells[0].outputs
+    assert first.data["text/html"].startswith(
+        '<figure class="film"><video aria-label="Film: success after 7.1 s: &quot;raw&quot; depth"'
     )
-    assert 'aria-label="Film: contact after 3 s"' in shown[3].data["text/html"]
-    again = book.stage_notebook(notebook, "3 s").cells[0].outputs[1].data["text/html"]
-    assert again.count("aria-label") == 1
+    caption = "<figcaption><strong>contact</strong> after 3 s</figcaption></figure>"
+    assert second.data["text/html"].endswith(caption)
+    again = book.stage_notebook(notebook, "3 s").cells[0].outputs
+    assert [output.data for output in again] == [first.data, second.data]
 
 
 @pytest.fixture

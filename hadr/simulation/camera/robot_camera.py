@@ -34,6 +34,10 @@ EYE: Array = np.array([0.32, 0.52, 0.54])
 side that a gripper at the object seldom hides the hand."""
 
 
+UNDER_SKIN = 0.025
+"""No keypoint lies deeper under its own skin, metres: a palm's half thickness and more."""
+
+
 @dataclass(frozen=True)
 class CapturedFrame:
     """One picture with its exact labels; all images (H, W).
@@ -148,6 +152,18 @@ class RobotCamera:
             hits = search_tree(arm).run(np.zeros_like(rays), rays, query="INTERSECT", output=True)
             found = found & ((hits["primID"] < 0) | (hits["tfar"] > 1))
         return found
+
+    def behind_hand_or_glass(self, points: Array, state: WorldState, scene: HeldScene) -> Mask:
+        """Which points of the hand lie deeper behind skin or glass than under their own skin, (n,).
+
+        Points in the camera frame, metres, shape (n, 3).
+        """
+        view = self._view(scene).at(state.base_from_wrist, state.base_from_object, [])
+        rays = points @ self.base_from_camera[:3, :3].T
+        eyes = np.broadcast_to(self.base_from_camera[:3, 3], rays.shape)
+        behind = 1.0 - view.first(eyes, rays).distance
+        hidden: Mask = behind * np.linalg.norm(rays, axis=1) > UNDER_SKIN
+        return hidden
 
     def _arm_in_view(self, state: WorldState) -> list[Part]:
         """The arm's parts that a ray of this camera may meet: most of it is beside the picture."""

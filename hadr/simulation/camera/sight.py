@@ -50,10 +50,10 @@ NOISE_LASTS = 0.3
 MASK_JITTER = 0.6
 """Standard deviation of the mask's outline, pixels."""
 HIDDEN_NOISE = 2.0
-"""Factor on the error of keypoints that the robot hides or that lie outside of the picture: they
-are guessed from the others."""
+"""Factor on the error of keypoints that the robot, the glass or another part of the hand hides, or
+that lie outside of the picture: they are guessed from the others."""
 SMALLEST_VISIBLE = 5
-"""With fewer keypoints in view no hand is found."""
+"""With fewer keypoints in the picture and not behind the robot no hand is found."""
 
 
 class Looks(Protocol):
@@ -129,7 +129,8 @@ class Sight:
         """The simulator's keypoints with noise, or None where too few are in view."""
         true = self.camera.true_keypoints(state, self.scene)
         seen = self.camera.visible(true, state)
-        factor = np.where(seen, 1.0, HIDDEN_NOISE)[:, None]
+        hidden = ~seen | self.camera.behind_hand_or_glass(true, state, self.scene)
+        factor = np.where(hidden, HIDDEN_NOISE, 1.0)[:, None]
         keypoints: Array = true + factor * self._keypoint_noise(state.time)
         return None if seen.sum() < SMALLEST_VISIBLE else keypoints
 

@@ -301,8 +301,8 @@ def condition_row(condition: str, outcomes: Sequence[dict[str, Any]]) -> dict[st
     Returns:
         Attempts, successes, their rate with Wilson's 95 % interval, how many objects reach 0.5,
         0.8 and 1.0 as in the paper's table, failures by kind, mean times in seconds, the smallest
-        distance to the hand in metres, the largest force on it in newtons, and each attempt's
-        verdict.
+        distance to the hand in metres, the largest force on it in newtons, also by way and stage,
+        and each attempt's verdict.
 
     Raises:
         ValueError: There is no outcome, or an attempt is there twice.
@@ -340,5 +340,9 @@ def condition_row(condition: str, outcomes: Sequence[dict[str, Any]]) -> dict[st
         "mean_wall_seconds": mean("wall_seconds", outcomes),
         "smallest_hand_distance_m": min(row["smallest_distance"] for row in outcomes),
         "largest_force_n": max(row["largest_force"] for row in outcomes),
+        "largest_forces_n": {
+            name: max(row["forces"].get(name, 0.0) for row in outcomes)
+            for name in sorted({name for row in outcomes for name in row["forces"]})
+        },
         "verdicts": verdicts(outcomes),
     }

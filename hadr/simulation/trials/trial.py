@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 import time as clock
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Any, Literal, cast, get_args
@@ -56,6 +56,12 @@ Condition = Literal[
 CONDITIONS: tuple[Condition, ...] = get_args(Condition)
 CODE = ("hadr.simulation.trials.trial", "hadr.models.hadr", "hadr.models.hadr_plus")
 """Modules with which an attempt begins: this one, and those of networks that are loaded by name."""
+PLANNING_TIME = 0.13
+"""Seconds of the simulated world that a search for a grasp takes; the arm stands meanwhile. It is
+the measured mean with perfect depth on two cores (`results/mini/handover.json` of 2026-11-22), but
+a constant, so that an attempt ends in the same way on every machine."""
+AFTER_TOUCH = 1.0
+"""So long goes an attempt on after the robot has touched the hand, to tell the force, seconds."""
 CONTROL_STEP, SIGHT_STEP = 0.02, 0.1
 """Seconds between two steps of the workflow, and between two pictures."""
 
@@ -174,13 +180,14 @@ class Outcome:
         first_grasp_at: Simulated time at which the first grasp was chosen; NaN without one.
         grasps_chosen: How often one was chosen.
         smallest_distance: Of robot and hand.
-        largest_force: Of the robot on the hand, up to the verdict: the first contact ends the
-            attempt, so this is that contact's first force, not what would have followed.
+        largest_force: Of the robot on the hand, up to `AFTER_TOUCH` after a first touch.
         motion: Kind of the hand's motion.
         kind: Kind of the hold.
         planning_wall_seconds: Mean real time of one search for a grasp; NaN without one.
         wall_seconds: Real time of the whole attempt.
         corrections: How often a finger met the object and the gripper went in again beside.
+        forces: Largest force on the hand by way and stage, newtons, such as "touch, Stopped" or
+            "through the glass, Grasp & Retrieve", up to the same time.
     """
 
     verdict: Verdict
@@ -195,6 +202,7 @@ class Outcome:
     planning_wall_seconds: float
     wall_seconds: float
     corrections: int = 0
+    forces: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -271,18 +279,29 @@ def run_trial(
     judge = Judge(scene.item.height, trial.time_limit)
     states = [world.state()]
     arriving = sight.look(states[0], with_points=True)
-    step = 0
-    while not judge.verdict:
+    step = ready = 0
+    forces: dict[str, float] = {}
+    while not judge.verdict or (
+        judge.verdict == "human contact" and world.time < judge.decided_at + AFTER_TOUCH
+    ):
         if step % round(SIGHT_STEP / CONTROL_STEP) == 0:
             observation = arriving
             if step > 0:  # the first picture is there already
                 waits = handover.stage is Stage.WAIT_AND_OBSERVE
                 arriving = sight.look(states[-1], with_points=waits)
-        handover.step(replace(observation, time=world.time), CONTROL_STEP)
+        if step >= ready:
+            searches = len(select.seconds)
+            handover.step(replace(observation, time=world.time), CONTROL_STEP)
+            if len(select.seconds) > searches:
+                ready = step + 1 + round(PLANNING_TIME / CONTROL_STEP)
         world.step(CONTROL_STEP)
         state = world.state()
         states.append(state)
         judge.look(state)
+        for way, force in (("touch", state.hand_force), ("through the glass", state.through_force)):
+            if force > 0:
+                name = f"{way}, {handover.stage.value}"
+                forces[name] = max(force, forces.get(name, 0.0))
         if handover.stage is Stage.GAVE_UP:
             judge.give_up(world.time)
         if on_step is not None:
@@ -302,6 +321,7 @@ def run_trial(
         planning_wall_seconds=float(np.mean(select.seconds)) if select.seconds else float("nan"),
         wall_seconds=clock.perf_counter() - started,
         corrections=handover.advance.all_corrections,
+        forces=forces,
     )
     return Run(
         trial, scene, outcome, tuple(states[::2]), tuple(handover.transitions), handover.log()

@@ -121,8 +121,32 @@ def test_keypoints_behind_the_gripper_are_guessed(
     assert Sight(scene, camera, "raw").look(state, with_points=False).keypoints is None
     monkeypatch.setattr(RobotCamera, "_arm_in_view", lambda self, state: [])
     in_view = Sight(scene, camera, "raw", seed=1).look(state, with_points=False).keypoints
-    factor = np.where(free, 1.0, 2.0)[:, None]
+    guessed_anyway = camera.behind_hand_or_glass(true, state, scene)
+    factor = np.where(free | guessed_anyway, 1.0, 2.0)[:, None]
     np.testing.assert_allclose(hidden - true, factor * (in_view - true), atol=1e-12)
+
+
+def test_keypoints_behind_glass_or_hand_are_guessed(
+    scene: HeldScene,
+    camera: RobotCamera,
+    at: Callable[..., WorldState],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    state = at(scene, 0.0)
+    true = camera.true_keypoints(state, scene)
+    hidden = camera.behind_hand_or_glass(true, state, scene)
+    assert 2 < hidden.sum() < 19
+    # with the hand alone fewer are, and none of a point before everything
+    away = scene.base_from_object.copy()
+    away[2, 3] += 1.0
+    alone = camera.behind_hand_or_glass(true, replace(state, base_from_object=away), scene)
+    assert (hidden | ~alone).all()
+    assert not camera.behind_hand_or_glass(0.5 * true, state, scene).any()
+    seen = Sight(scene, camera, "raw", seed=1).look(state, with_points=False).keypoints
+    monkeypatch.setattr(sight, "HIDDEN_NOISE", 1.0)
+    plain = Sight(scene, camera, "raw", seed=1).look(state, with_points=False).keypoints
+    factor = np.where(hidden, 2.0, 1.0)[:, None]
+    np.testing.assert_allclose(seen - true, factor * (plain - true), atol=1e-12)
 
 
 def test_the_same_seed_sees_the_same(

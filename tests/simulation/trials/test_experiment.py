@@ -378,6 +378,7 @@ def outcome(object_id: str, verdict: str, **values: Any) -> dict[str, Any]:
         "wall_seconds": 4.0,
         "smallest_distance": 0.04,
         "largest_force": 0.0,
+        "forces": {},
         **values,
     }
 
@@ -391,6 +392,8 @@ def test_a_conditions_row_by_hand() -> None:
         outcome("0001", "drop", decided_at=9.0, first_grasp_at=4.0, wall_seconds=9.0),
         outcome("0004", "gave up", decided_at=1.0, first_grasp_at=None, largest_force=2.5),
     ]
+    outcomes[0]["forces"] = {"through the glass, Grasp & Retrieve": 3.0}
+    outcomes[1]["forces"] = {"through the glass, Grasp & Retrieve": 4.0, "touch, Stopped": 2.5}
     row = condition_row("hadr", outcomes)
     assert (row["condition"], row["attempts"], row["successes"], row["rate"]) == ("hadr", 5, 3, 0.6)
     assert row["rate_by_object"] == {"0000": 1.0, "0001": 0.5, "0004": 0.0}
@@ -404,6 +407,7 @@ def test_a_conditions_row_by_hand() -> None:
     assert row["mean_wall_seconds"] == pytest.approx(5.0)
     assert row["smallest_hand_distance_m"] == 0.01
     assert row["largest_force_n"] == 2.5
+    assert row["largest_forces_n"] == {**outcomes[1]["forces"]}
     names = [f"{o['trial']['object_id']}-{o['trial']['hold_number']}" for o in outcomes]
     assert list(row["verdicts"]) == names
     assert list(row["verdicts"].values()) == ["success"] * 3 + ["drop", "gave up"]

@@ -9,7 +9,16 @@ import pytest
 from hadr.handover.logs.replay import replay
 from hadr.handover.stages import Stage, Transition
 from hadr.simulation.camera.sight import BrokenSight, Fault
-from hadr.simulation.trials.trial import CONDITIONS, Outcome, Run, Trial, run_trial
+from hadr.simulation.trials.trial import (
+    AFTER_TOUCH,
+    CONDITIONS,
+    PLANNING_TIME,
+    Outcome,
+    Run,
+    Trial,
+    run_trial,
+)
+from hadr.simulation.world.judge import Judge
 from hadr.simulation.world.state import WorldState
 
 BROKEN = Trial("0004", 922, "perfect")
@@ -29,12 +38,16 @@ def timeless(run: Run) -> str:
 
 def test_a_whole_attempt(whole: Run) -> None:
     assert whole.outcome.verdict == "success"
-    assert [t.after for t in whole.transitions] == [
+    # the judge is content before the arm is home
+    assert [t.after for t in whole.transitions][-2:] == [
         Stage.APPROACH_AND_REACT,
-        Stage.GRASP_AND_RETRIEVE,  # the judge is content before the arm is home
+        Stage.GRASP_AND_RETRIEVE,
     ]
     assert whole.outcome.largest_force == 0
     assert whole.outcome.first_grasp_at == whole.transitions[0].time
+    (way,) = whole.outcome.forces  # the fingers close on the glass, and the hand feels it
+    assert way == "through the glass, Grasp & Retrieve"
+    assert 0.5 < whole.outcome.forces[way] < 20
     times = np.array([state.time for state in whole.states])
     assert np.diff(times) == pytest.approx(0.04)
     assert whole.states[0].holder == "hand"
@@ -62,6 +75,31 @@ def test_another_seed_is_another_attempt(whole: Run) -> None:
     held = [np.linalg.inv(s.base_from_wrist) @ s.base_from_object
             for s in (other.states[0], whole.states[0])]  # fmt: skip
     np.testing.assert_allclose(*held, atol=1e-6)
+
+
+def test_a_search_for_a_grasp_takes_its_time_and_the_arm_stands(whole: Run) -> None:
+    times, servo = whole.log.arrays["time"], whole.log.arrays["servo"]
+    chosen = int(np.searchsorted(times, whole.transitions[0].time - 1e-9))
+    assert times[chosen + 1] - times[chosen] == pytest.approx(PLANNING_TIME + STEP, abs=0.011)
+    during = [s.joints for s in whole.states if times[chosen] <= s.time <= times[chosen + 1] + 1e-6]
+    assert len(during) >= 3
+    assert np.abs(np.diff(during, axis=0)).max() < 1e-4
+    assert np.isfinite(servo[chosen + 1]).all()
+
+
+def test_an_attempt_goes_on_for_a_while_after_a_touch(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The hand is put in the robot's way: what follows the first touch is seen and told."""
+    looked = Judge.look
+
+    def touched(judge: Judge, state: WorldState) -> str:
+        force = 3.0 if state.time > 1.0 else 0.0
+        return looked(judge, replace(state, hand_force=force + (state.time > 1.5)))
+
+    monkeypatch.setattr(Judge, "look", touched)
+    run = run_trial(BROKEN)
+    assert run.outcome.verdict == "human contact"
+    assert run.states[-1].time == pytest.approx(run.outcome.decided_at + AFTER_TOUCH, abs=0.05)
+    assert run.outcome.largest_force == 4.0
 
 
 def test_a_watcher_sees_each_step_and_changes_nothing(whole: Run) -> None:
