@@ -90,7 +90,10 @@ def clouds(folder: Path) -> list[Cloud]:
     from hadr.figures.solids.turntable import Cloud
 
     if not wrote(folder / "report.json", command="hadr restore"):
-        raise ValueError(f"{folder} holds no result of 'hadr restore' (no report.json of it)")
+        raise ValueError(
+            f"{folder} holds no result of 'hadr restore' (no report.json of it); of a sequence, "
+            "name the folder of one frame"
+        )
     report = read_json(folder / "report.json")
     try:
         camera = Intrinsics.from_dict(report["intrinsics"])
