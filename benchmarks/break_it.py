@@ -35,6 +35,9 @@ from break_it.fixtures import make_fixtures
 from break_it.processes import Bench, Job, all_jobs
 from break_it.worker import differences, snapshot
 
+from hadr.records.provenance import machine_text, provenance
+from hadr.records.result_file import write_result_file
+
 TIMEOUT = 30.0
 """After so many seconds of the processor a case has no answer."""
 IDLE = 40
@@ -183,7 +186,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--only", nargs="+", help="cases of these classes")
     parser.add_argument("--command", nargs="+", help="cases of these commands or readers")
-    parser.add_argument("--out", type=Path, help="a JSON file for the summary and what failed")
+    parser.add_argument("--out", type=Path, help="result file of the summary and what failed")
     parser.add_argument("--list", action="store_true", help="print the cases and stop")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--timeout", type=float, default=TIMEOUT)
@@ -227,11 +230,20 @@ def main() -> None:
     seconds = time.perf_counter() - started
     print(f"{len(tried)} cases, {len(failed)} failed, {seconds:.0f} s")
     if args.out:
-        args.out.parent.mkdir(parents=True, exist_ok=True)
-        slow = sorted(((t["seconds"], t["command"], t["name"]) for t in tried), reverse=True)[:20]
-        report = {"table": table, "failed": failed, "sources": [*lost, *new], "slow": slow}
-        report["seconds"] = round(seconds)
-        args.out.write_text(json.dumps(report, indent=1))
+        what = (
+            "bad inputs, kills, full disks, two at once: by command, how many were tried and how "
+            "many ended as they should; what failed is named"
+        )
+        rows = [
+            {"command": command, **row, "failed": [
+                {name: str(one[name])[:200] for name in ("kind", "name", "verdict", "detail")}
+                for one in failed
+                if command == one["command"]
+            ]}
+            for command, row in table.items()
+        ]  # fmt: skip
+        about = {**provenance(), "machine": machine_text(), "workers": args.workers}
+        write_result_file(args.out, what, rows, about | {"seconds": round(seconds)})
     raise SystemExit(1 if failed or lost or new else 0)
 
 

@@ -1,4 +1,4 @@
-"""A UR5 that moves in time without physics: exactly as told, at most as fast as its joints can."""
+"""A UR5 that moves in time without physics: as told, within its limits."""
 
 from dataclasses import dataclass, field
 
@@ -12,6 +12,11 @@ from hadr.handover.ur5 import Array
 
 HOME_JOINTS: Array = np.deg2rad([5.99, -130.74, 121.43, 9.32, 95.99, 0.0])
 """Waiting pose: elbow up, the tool at (0.34, 0.12, 0.38) m, level and facing forward along x."""
+
+TOOL_SPEED = 0.25
+"""Largest speed of the tool point, m/s: ISO 10218-1's reduced speed."""
+JOINT_ACCELERATION = 5.0
+"""Largest acceleration of a joint, rad/s2: our choice, as the physical arm's."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +43,7 @@ class ArmConfig:
 
 
 class SimulatedUR5:
-    """A UR5 that moves exactly as told, at most as fast as its joints can: no forces, no inertia.
+    """A UR5 that moves as told, as fast as joints and tool may: no forces, no inertia.
 
     Args:
         config: Settings; the standard ones where left out.
@@ -56,7 +61,7 @@ class SimulatedUR5:
 
     def __init__(self, config: ArmConfig | None = None) -> None:
         self.config = config or ArmConfig()
-        self._joints = self.config.home.copy()
+        self._joints, self._velocity = self.config.home.copy(), np.zeros(6)
         self._opening = self._target_opening = LARGEST_OPENING
         self._stopped = False
         self._force = 0.0
@@ -124,33 +129,52 @@ class SimulatedUR5:
     def servo_to(self, base_from_tool: Array, dt: float) -> None:
         """Move toward a tool pose for a short time, all joints in step, in joint space.
 
+        Where the arm may not go on it brakes; before a limit it stands at once.
+
         Args:
             base_from_tool: Target, shape (4, 4), metres.
             dt: Time in seconds, more than 0 and at most 0.1.
 
         Raises:
-            UnreachableError: The target, or the next point on the way to it, breaks a limit; the
-                arm has not moved.
+            UnreachableError: The target, or the next point on the way to it, breaks a limit.
             ValueError: The target is no rigid transform, or dt is out of range.
         """
         if not 0 < dt <= 0.1:
             raise ValueError(f"dt must be more than 0 and at most 0.1 seconds, got {dt}")
         if self._stopped or self.protective_stop:
+            self._speed_up(np.zeros(6), dt)
             return
         found = self._solutions_by_way(base_from_tool)
         goal = next((joints for joints in found if not self._broken_limit(joints)), None)
         if goal is None:
+            self._speed_up(np.zeros(6), dt)
             problem = self._broken_limit(found[0])
             raise UnreachableError(f"no joint angles keep every limit: {problem}")
         way = goal - self._joints
-        longest = float(np.abs(way).max())
-        largest_step = ur5.JOINT_SPEED * self.config.speed_fraction * dt
-        joints = self._joints + way * min(1.0, largest_step / max(longest, 1e-12))
-        problem = self._broken_limit(joints)
+        longest = max(float(np.abs(way).max()), 1e-12)
+        # so fast that from the end of this step on it can brake before the goal
+        braking = JOINT_ACCELERATION * (np.sqrt(dt**2 + 2 * longest / JOINT_ACCELERATION) - dt)
+        speed = min(ur5.JOINT_SPEED * self.config.speed_fraction, float(braking))
+        problem = self._speed_up(way * speed / longest, dt)
         if problem:
             raise UnreachableError(f"the way to the target breaks a limit: {problem}")
-        self._joints = joints
         self._move_fingers(dt)
+
+    def _speed_up(self, wanted: Array, dt: float) -> str:
+        """Come nearer to joint velocities (6,) and move with them; name a limit that stops it."""
+        change = self._slowed(wanted, 0.9 * TOOL_SPEED, dt) - self._velocity
+        most = JOINT_ACCELERATION * dt / max(float(np.abs(change).max()), 1e-12)
+        velocity = self._slowed(self._velocity + min(1.0, most) * change, TOOL_SPEED, dt)
+        problem = self._broken_limit(self._joints + velocity * dt)
+        self._velocity = np.zeros(6) if problem else velocity
+        self._joints = self._joints + self._velocity * dt
+        return problem
+
+    def _slowed(self, velocity: Array, speed: float, dt: float) -> Array:
+        """Joint velocities (6,), all smaller where the tool point would move faster than that."""
+        ahead = self.tool_pose_at(self._joints + velocity * dt)[:3, 3]
+        way = float(np.linalg.norm(ahead - self.tool_pose()[:3, 3]))
+        return velocity * min(1.0, speed * dt / max(way, 1e-12))
 
     def stop(self) -> None:
         """Stand still; later commands do nothing until `release`."""

@@ -27,7 +27,9 @@ TEXT_HEADER = {
 
 COLAB = """\
 # On Colab only: fetch the book, install its library, compare its samples with their checksums.
-import os, subprocess, sys
+import os
+import subprocess
+import sys
 
 if "google.colab" in sys.modules:
     if not os.path.isdir("hadr-book"):

@@ -39,9 +39,10 @@
       if (drawn < 0.9 * Math.min(width, stage.naturalWidth))
         squeezed.push(`${doc.title}: ${Math.round(drawn)} px wide in a frame of ${width}`);
     }
-    // Figures are drawn at their natural size with letters of 10 points, 15 pixels.
+    // Figures are drawn with letters of 10 points, 15 pixels, at their natural size or the one stated.
     for (const image of doc.querySelectorAll(".cell_output img, #stage img")) {
-      const scale = image.getBoundingClientRect().width / image.naturalWidth;
+      const meant = parseFloat(image.style.width) || image.naturalWidth;
+      const scale = image.getBoundingClientRect().width / meant;
       if (image.naturalWidth && scale > 0 && scale < 0.55)
         small.push(`${(image.alt || image.src).slice(0, 60)}: at ${scale.toFixed(2)} of its size`);
     }

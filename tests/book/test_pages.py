@@ -286,6 +286,25 @@ def test_pages_have_text_and_formulas(pages):
     assert sum(page.facts["formulas"] for page in pages) > 5
 
 
+def test_heads_tell_of_the_page_and_its_title_stands_once(tab, html):
+    tab.visit(html / "index.html")
+    read = "s => document.querySelector(s)"
+    assert tab.page.title().count("Depth for glass in a hand") == 1
+    for name in ('name="description"', 'property="og:description"'):
+        assert len(tab.page.evaluate(f"({read})('meta[{name}]').content")) > 60
+    picture = tab.page.evaluate(f"""({read})('meta[property="og:image"]').content""")
+    assert (html / picture).exists()
+    icon = tab.page.evaluate(f"""({read})('link[rel="icon"]').getAttribute("href")""")
+    assert (html / icon).exists()
+
+
+def test_every_term_is_found_by_its_selector(tab, html):
+    """The search page asks for it so."""
+    tab.visit(html / "glossary.html")
+    found = "[...document.querySelectorAll('dt[id]')].map(e => document.querySelector('#' + e.id))"
+    assert all(tab.evaluate(f"{found}.map(Boolean)"))
+
+
 def test_the_reader_can_choose_the_dark_theme(tab, html):
     tab.visit(html / "index.html")
     button = "document.querySelector('.theme-switch-button').click()"

@@ -330,7 +330,7 @@ def test_a_hand_in_front_lets_it_draw_back() -> None:
     spot = tool[:3, 3] + 0.0475 * tool[:3, 0] + 0.016 * tool[:3, 2]
     advance.arm.watch.keypoints = small_hand(spot, tool[:3, 2])
     advance.arm.watch.middle = spot
-    for _ in range(5):
+    for _ in range(12):
         advance.arm.read()
         advance.step(start, DT)
     assert (tool[:3, 3] - robot.tool_pose()[:3, 3]) @ tool[:3, 2] > 0.005

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hadr.handover import ur5
-from hadr.handover.guarded_arm import GuardedArm
+from hadr.handover.guarded_arm import GuardedArm, HaltError
 from hadr.handover.observation import HandWatch, Observation
 from hadr.handover.recovery import Recovery
 from hadr.handover.robot import UNLOCK_AFTER
@@ -160,18 +160,34 @@ def test_it_leaves_a_hand_that_is_too_near(follows: bool) -> None:
         assert restarted == pytest.approx(2.8, abs=0.15)
 
 
-def test_it_does_not_back_into_a_hand_behind_it() -> None:
+@pytest.mark.parametrize("back", [0.0, BACK_OFF], ids=["from a hand that stays", "after a stop"])
+def test_it_does_not_back_into_a_hand_behind_it(back: float) -> None:
     robot = SimulatedUR5()
     watched = Watched(robot)
     start = robot.tool_pose()
     watched.put(0.008, -start[:3, 2])
     recovery = Recovery(watched.arm)
-    recovery.begin(0.0, back=0.0, opening=None, straight=True)
+    recovery.begin(0.0, back=back, opening=None, straight=True)
     for _ in range(150):
         now = watched.look()
         assert not recovery.step(now, DT)
     assert np.linalg.norm(robot.tool_pose()[:3, 3] - start[:3, 3]) < 1e-9
     assert recovery.trouble == "hand 8 mm from the gripper"
+
+
+def test_a_way_off_the_hand_remembers_where_it_was_last_seen() -> None:
+    watched = Watched(SimulatedUR5())
+    arm, tool = watched.arm, watched.arm.reading.tool
+    watched.put(0.008, tool[:3, 2])
+    now = watched.look()
+    off, into = tool.copy(), tool.copy()
+    off[:3, 3] -= 0.05 * tool[:3, 2]
+    into[:3, 3] += 0.05 * tool[:3, 2]
+    assert arm.leaving(*arm.ahead(off), speed=0.1, now=now) == 1.0
+    arm.watch.keypoints, arm.watch.problem = None, "no hand in the picture"
+    assert arm.leaving(*arm.ahead(off), speed=0.1, now=now) == 0.5
+    with pytest.raises(HaltError, match=r"the hand was last seen -\d+ mm from the gripper's path"):
+        arm.leaving(*arm.ahead(into), speed=0.1, now=now)
 
 
 @pytest.mark.parametrize(("side", "leaves"), [(1.0, True), (-1.0, False)])

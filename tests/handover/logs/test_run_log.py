@@ -108,7 +108,7 @@ def test_replay_names_what_differs(path: Path) -> None:
         replay(RunLog(log.arrays, header))
     hands = log.arrays["keypoints"].copy()
     hands[60:] += 0.3
-    with pytest.raises(ValueError, match="differs: the log has"):
+    with pytest.raises(ValueError, match=r"differs: the log has|the log has \d+ transitions"):
         replay(RunLog({**log.arrays, "keypoints": hands}, log.header))
 
 
