@@ -64,7 +64,8 @@ def test_the_same_attempt_again_is_the_same_to_the_last_bit(whole: Run) -> None:
     assert again.transitions == whole.transitions
     assert len(again.states) == len(whole.states)
     assert all(map(equal, again.states, whole.states))
-    assert all(np.array_equal(again.log.arrays[k], a) for k, a in whole.log.arrays.items())
+    for name, values in whole.log.arrays.items():
+        np.testing.assert_array_equal(again.log.arrays[name], values, err_msg=name)
 
 
 def test_another_seed_is_another_attempt(whole: Run) -> None:
