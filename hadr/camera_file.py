@@ -25,6 +25,7 @@ from hadr.records.reading import read_json
 _DISTORTION = re.compile(
     r"(.*distortion(?!_model).*|dist(_?coeffs?)?|coeffs|d|k[1-6]|p[12]|fisheye(_model)?)", re.I
 )
+_FORM = ("rows", "cols", "dt", "type_id")
 _SKEW = re.compile(r"skew.*|s|gamma", re.I)
 _MODEL = re.compile(r"((camera|lens|distortion|projection)_?)?(model|type)|projection", re.I)
 _PINHOLE = re.compile(
@@ -92,20 +93,31 @@ class _Loader(yaml.SafeLoader):  # type: ignore[misc]
         return dict(super().construct_mapping(node, deep))
 
 
-_FLOAT = "tag:yaml.org,2002:float"
+_FLOAT, _INT = "tag:yaml.org,2002:float", "tag:yaml.org,2002:int"
 _Loader.yaml_implicit_resolvers = {
-    first: [kind for kind in kinds if kind[0] not in (_FLOAT, "tag:yaml.org,2002:int")]
+    first: [kind for kind in kinds if kind[0] not in (_FLOAT, _INT)]
     for first, kinds in yaml.SafeLoader.yaml_implicit_resolvers.items()
 }  # YAML 1.1 reads 6:38 as 398, 0640 as 416, and 1e-5 as a word
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:int", re.compile(r"-?(0|[1-9][0-9]*)$"), [*"-0123456789"]
-)
+_Loader.add_implicit_resolver(_INT, re.compile(r"-?(0|[1-9][0-9]*)$"), [*"-0123456789"])
 _Loader.add_implicit_resolver(
     _FLOAT,
     re.compile(r"[-+]?((\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|\.(inf|Inf|INF))$|\.nan$"),
     [*"-+.0123456789"],
 )
 _Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", _Loader.construct_yaml_map)
+
+
+def _plain_number(loader: _Loader, node: yaml.Node) -> Any:
+    """A number with an explicit tag, as without one."""
+    plain = loader.resolve(yaml.ScalarNode, node.value, (True, False))
+    if plain not in (_FLOAT, _INT):
+        raise ValueError(f"{node.value!r} is no number")
+    build = loader.construct_yaml_int if plain == _INT else loader.construct_yaml_float
+    return build(node)
+
+
+_Loader.add_constructor(_INT, _plain_number)
+_Loader.add_constructor(_FLOAT, _plain_number)
 
 
 def _read_yaml(text: str) -> Any:
@@ -173,7 +185,12 @@ def _check_whole_image(given: dict[str, Any]) -> None:
     if not isinstance(roi, Mapping):
         raise ValueError(f"roi must hold named values, got {short(roi)}")
     whole = {"width": (0, given.get("width")), "height": (0, given.get("height"))}
-    for name in ("x_offset", "y_offset", *whole):
+    places = ("x_offset", "y_offset", *whole)
+    if strange := [name for name in roi if name not in (*places, "do_rectify")]:
+        raise ValueError(
+            f"roi: {short(strange[0])} is not understood, expected {', '.join(places)}"
+        )
+    for name in places:
         if roi.get(name, 0) not in whole.get(name, (0,)):
             raise ValueError(
                 f"roi: {name} = {short(roi[name])}: the image is a part of another one"
@@ -203,7 +220,7 @@ def _check_harmless(name: str, value: Any) -> None:
 def _is_zero(value: Any) -> bool:
     """Whether nothing but zeros stands there."""
     if isinstance(value, Mapping):
-        return _is_zero(value.get("data", list(value.values())))
+        return all(_is_zero(v) for name, v in value.items() if name not in _FORM)
     if isinstance(value, list):
         return all(map(_is_zero, value))
     return value is None or bool(value == 0)

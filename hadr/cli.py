@@ -286,7 +286,7 @@ def _run_command(name: str, words: list[str]) -> int:
         full = isinstance(error, OSError) and error.errno in FULL
         told = re.sub(r"^\[Errno \d+\] ", "", str(error))
         if full:
-            told = f"the disk is full ({told}); nothing is half-written, make room, run it again"
+            told = f"the disk is full ({told}); no file is half-written: make room, run it again"
         sentence = " ".join("; ".join((told, *getattr(error, "__notes__", ()))).split())
         print(f"{program}: error: {sentence}", file=sys.stderr)
         return 1 if full else 2

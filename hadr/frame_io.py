@@ -219,7 +219,12 @@ def read_hand(path: str | Path) -> NDArray[np.float64]:
             if isinstance(values, dict):
                 if "keypoints" not in values:
                     raise ValueError(f"no entry 'keypoints' among {sorted(values)}")
-                if values.get("accepted") is False:
+                for name, meant in (("unit", "m"), ("frame", "camera")):
+                    if values.get(name, meant) != meant:
+                        raise ValueError(f"{name} must be {meant!r}, got {short(values[name])}")
+                if not isinstance(accepted := values.get("accepted", True), bool):
+                    raise ValueError(f"accepted must be true or false, got {short(accepted)}")
+                if not accepted:
                     raise ValueError(
                         "what 'hadr restore' found there was not accepted as a hand: "
                         f"{short(values.get('problems'))}"

@@ -105,7 +105,7 @@ def test_a_plain_lens_notes_and_what_is_told_twice_alike(tmp_path: Path) -> None
     assert load_intrinsics(path) == Intrinsics(80, 80, 3, 1, 8, 4)
 
 
-@pytest.mark.parametrize("number", ["0640", "64e1", "+640", "640."])
+@pytest.mark.parametrize("number", ["0640", "64e1", "+640", "640.", "!!int 0640", "!!float 640"])
 def test_numbers_are_those_of_yaml_1_2(tmp_path: Path, number: str) -> None:
     (tmp_path / "a.yaml").write_text(f"{NAMED}fx: {number}")
     assert load_intrinsics(tmp_path / "a.yaml").fx == 640
@@ -150,6 +150,9 @@ def test_numbers_are_those_of_yaml_1_2(tmp_path: Path, number: str) -> None:
         ("a.yaml", NAMED + "fx: 80\nmodel: fisheye", r"no pinhole \(model = 'fisheye'\)"),
         ("a.yaml", NAMED + "fx: 80\ndistortion_model: equidistant", "the camera is no pinhole"),
         ("a.yaml", NAMED + "fx: 80\ncamera_type: 3", "the camera is no pinhole"),
+        ("a.yaml", NAMED + "fx: 80\nD: {data: [0, 0], k1: 0.3}", "the lens distorts"),
+        ("a.yaml", NAMED + "fx: 80\nroi: {x: 10}", "roi: 'x' is not understood"),
+        ("a.yaml", NAMED + "fx: !!int 6:38", "neither valid YAML nor JSON: '6:38' is no number"),
         ("a.yaml", NAMED + "fx: 80\nskew: 50", r"has a skew \(skew = 50\)"),
         ("a.yaml", NAMED + "fx: 80\ndepth_scale: 0.1", "depth_scale = 0.1 is not understood"),
     ],

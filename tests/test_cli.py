@@ -295,6 +295,11 @@ def test_an_earlier_result_is_only_replaced_when_asked(frame, capsys) -> None:
     assert main([*words(frame), "--overwrite"]) == 2
     assert "holds cloud.ply, which no earlier run wrote" in capsys.readouterr().err
     (frame / "report.json").rename(frame / "out" / "report.json")
+    (frame / "out" / "hand.json").write_text("mine")  # of a hand that this run was not given
+    assert main([*words(frame), "--overwrite"]) == 2
+    assert "holds hand.json, which no earlier run wrote" in capsys.readouterr().err
+    assert (frame / "out" / "hand.json").read_text() == "mine"
+    (frame / "out" / "hand.json").unlink()
     (frame / "out" / "mine.txt").write_text("keep")
     assert main([*words(frame), "--overwrite"]) == 2
     assert "holds mine.txt, which no earlier run wrote" in capsys.readouterr().err
@@ -309,7 +314,7 @@ def test_a_crash_while_writing_leaves_nothing(frame, capsys, monkeypatch) -> Non
     before = sorted(p.name for p in frame.iterdir())
     assert main(words(frame)) == 1
     assert capsys.readouterr().err == (
-        "hadr restore: error: the disk is full (No space left on device); nothing is half-written, "
+        "hadr restore: error: the disk is full (No space left on device); no file is half-written: "
         "make room, run it again\n"
     )
     assert sorted(p.name for p in frame.iterdir()) == before

@@ -295,6 +295,21 @@ def test_depth_without_a_channel_is_refused(tmp_path):
         read_depth(tmp_path / "depth.npy")
 
 
+@pytest.mark.parametrize(
+    ("field", "message"),
+    [
+        ({"unit": "mm"}, "unit must be 'm', got 'mm'"),
+        ({"frame": "world"}, "frame must be 'camera', got 'world'"),
+        ({"accepted": "false"}, "accepted must be true or false, got 'false'"),
+    ],
+)
+def test_a_hand_that_says_it_is_another_is_refused(tmp_path, field, message):
+    path = tmp_path / "hand.json"
+    path.write_text(json.dumps({"keypoints": [[0.01 * n, 0, 0.5] for n in range(21)], **field}))
+    with pytest.raises(ValueError, match=message):
+        read_hand(path)
+
+
 def test_a_hand_of_words_is_refused_with_its_file(tmp_path):
     np.save(tmp_path / "hand.npy", np.full((21, 3), "x"))
     with pytest.raises(ValueError, match=r"hand\.npy must hold 21 keypoints"):

@@ -230,8 +230,8 @@ def run(options: Options) -> int:
 
     def check() -> None:
         replaced = (*OUTPUTS, VIEW) if options.overwrite else None
-        read = filter(None, files.values())
-        check_replaceable(Path(options.out), replaced, "report.json", read, command="hadr restore")
+        read, out = filter(None, files.values()), Path(options.out)
+        check_replaceable(out, replaced, "report.json", read, [VIEW], command="hadr restore")
 
     check()
     with restorer_of(options) as restorer:

@@ -58,7 +58,8 @@ def run_sequence(options: Options) -> int:
         read = [path for one in frames.values() for path in input_files(one).values() if path]
         check_replaceable(out, names, RECORD, read, command="hadr restore")
         for part in (out / name for name in frames):
-            check_replaceable(part, (*OUTPUTS, VIEW), "report.json", (), command="hadr restore")
+            names = (*OUTPUTS, VIEW)
+            check_replaceable(part, names, "report.json", (), [VIEW], command="hadr restore")
 
     check()
     told: dict[str, dict[str, Any]] = {}

@@ -86,15 +86,22 @@ def check_folder(path: str | Path) -> None:
 
 
 def check_replaceable(
-    folder: Path, names: Collection[str] | None, record: str, inputs: Iterable[str], **fields: str
+    folder: Path,
+    names: Collection[str] | None,
+    record: str,
+    inputs: Iterable[str],
+    added: Collection[str] = (),
+    **fields: str,
 ) -> None:
     """Refuse to replace a folder that is not an earlier result.
 
     Args:
         folder: It may be missing or empty.
         names: Names of all files that a result has; None replaces no result.
-        record: The one of them that is known by `fields`.
+        record: The one of them that is known by `fields`; where it lists `outputs`, only these
+            and what is `added` later count as a result's.
         inputs: Files that are read.
+        added: Names of files that another command adds.
         fields: As `wrote`.
 
     Raises:
@@ -110,8 +117,14 @@ def check_replaceable(
             f"output folder {folder} already holds {present[0]}{more}; choose a new name, or "
             "--overwrite to replace an earlier result"
         )
-    strange = [name for name in present if name not in names]
-    if strange or not wrote(folder / record, **fields):
+    own = wrote(folder / record, **fields)
+    told = json.loads((folder / record).read_text(encoding="utf-8")) if own else {}
+    if isinstance(told.get("outputs"), dict):  # what that very run did not write is somebody's
+        names = {*told["outputs"], *added}
+    strange = [
+        name for name in present if name not in names or ("." in name and (folder / name).is_dir())
+    ]
+    if strange or not own:
         raise ValueError(
             f"output folder {folder} holds {(strange or present)[0]}, which no earlier run wrote; "
             "it is not replaced, choose another folder"
