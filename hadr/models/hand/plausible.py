@@ -44,6 +44,10 @@ FINGERS_M = {"thumb": 0.0995, "index": 0.0780, "middle": 0.0884, "ring": 0.0843,
 """The means of an adult finger's three bones together, the thumb's with its metacarpal."""
 SIZES = (0.5, 1.6)
 """Smallest and largest factor on both: a child's or a large man's, and what a network errs."""
+FOUND_BONES = 4.2
+"""Longest bone of a hand that a network found, as a share of what the others let expect: 4.16 is
+the largest of the bundled keypoint network's on every third training frame. It is a weak limit,
+for a weak network."""
 BONE_SIZES = (0.5, 1.75)
 """Smallest and largest factor on a bone, against the hand's others: true bundled hands have 0.93 to
 1.08; a finger's two middle joints swapped give 1.89 and more, thumb and index swapped 2.56."""
@@ -172,6 +176,8 @@ def check_hand(
     ]
     if given:
         problems += _deformed(keypoints, shortest, longest)
+    elif longest > FOUND_BONES:
+        problems.append(f"one of its bones has {100 * longest:.0f} % of a hand's proportions")
     if glass > FARTHEST_FROM_GLASS_M:
         problems.append(f"it is {100 * glass:.1f} cm away from the glass in the picture")
     if gap is not None:

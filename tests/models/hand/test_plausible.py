@@ -118,6 +118,16 @@ def test_swapped_keypoints_are_named_where_a_hand_is_given(order: list[int], par
     assert re.match(part, check_hand(HAND[order], depth, CAMERA, glass, given=True).problems[0])
 
 
+@pytest.mark.parametrize(("factor", "problems"), [(3.9, 0), (4.8, 1)])
+def test_a_bone_that_is_far_too_long_is_named_where_a_hand_is_found(factor, problems) -> None:
+    """The little finger's last bone, drawn out along itself."""
+    glass, depth, hand = scene()
+    stretched = HAND.copy()
+    stretched[20] = HAND[19] + factor * (HAND[20] - HAND[19])
+    found = [p for p in check_hand(stretched, depth, CAMERA, glass, hand).problems if "bones" in p]
+    assert len(found) == problems
+
+
 def test_a_hand_s_mask_in_place_of_the_glass_s_is_named() -> None:
     depth, _, hand = scene(0.9)
     *_, why = check_hand(HAND, depth, CAMERA, hand).problems
