@@ -148,7 +148,10 @@ def _beside_a_figure(cell: Any) -> list[Any]:
     cell.outputs = kept
     return [
         nbformat.v4.new_code_cell(
-            id=f"{cell.id}-beside", metadata={"tags": ["remove-input"]}, outputs=others
+            "# nothing is shown of a cell without a source",
+            id=f"{cell.id}-beside",
+            metadata={"tags": ["remove-input"]},
+            outputs=others,
         )
     ]
 

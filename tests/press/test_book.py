@@ -78,6 +78,7 @@ def test_only_the_picture_of_a_captioned_cell_is_a_figure():
     drawn, beside = book.stage_notebook(notebook, "3 s").cells
     assert (drawn.outputs, beside.outputs) == ([outputs[0], outputs[2]], [outputs[1]])
     assert beside.metadata["tags"] == ["remove-input"]
+    assert beside.source  # of a cell without one the page shows nothing
     nbformat.validate(notebook)
 
 
