@@ -36,11 +36,11 @@ from hadr import __version__
 
 COMMANDS: dict[str, tuple[str, str]] = {
     "restore": (
-        "hadr.press.restore_command",
+        "hadr.press.own_frames.restore_command",
         "restore the depth of a transparent object in a frame",
     ),
     "view": (
-        "hadr.press.view_command",
+        "hadr.press.own_frames.view_command",
         "turn a restored cloud in the browser",
     ),
     "hand-model": (

@@ -349,7 +349,7 @@ def _orientation(data: bytes) -> int:
         try:
             with Image.open(io.BytesIO(data)) as picture:
                 return int(picture.getexif().get(ExifTags.Base.Orientation, 1))
-        except Exception:
+        except Exception:  # what Pillow says of a damaged EXIF is of many kinds; it then turns none
             return 1
 
 

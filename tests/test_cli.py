@@ -310,7 +310,7 @@ def test_a_crash_while_writing_leaves_nothing(frame, capsys, monkeypatch) -> Non
     def full_disk(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("hadr.press.restore_command.write_point_cloud", full_disk)
+    monkeypatch.setattr("hadr.press.own_frames.restore_command.write_point_cloud", full_disk)
     before = sorted(p.name for p in frame.iterdir())
     assert main(words(frame)) == 1
     assert capsys.readouterr().err == (
@@ -341,7 +341,7 @@ def test_a_folder_that_another_run_has_is_refused(tmp_path, capfd, line) -> None
 
 
 def test_what_nobody_expected_is_a_bug_and_says_so(frame, capsys, monkeypatch) -> None:
-    monkeypatch.setattr("hadr.press.restore_command.write_point_cloud", None)
+    monkeypatch.setattr("hadr.press.own_frames.restore_command.write_point_cloud", None)
     assert main(words(frame)) == 1
     told = capsys.readouterr().err
     assert "TypeError: 'NoneType' object is not callable\nhadr restore: this is a bug in" in told

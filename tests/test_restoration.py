@@ -361,7 +361,7 @@ def ground_of_frame(path) -> dict:
 
 def test_a_calibrated_checkpoint_says_what_its_confidence_means_where_it_holds(tmp_path) -> None:
     """The rule says 0.3 whatever the network's score; the raw score is another."""
-    from hadr.press.restore_report import confidence_means, report
+    from hadr.press.own_frames.restore_report import confidence_means, report
     from hadr.training.checkpoints import save_checkpoint
 
     color, depth, mask = frame()

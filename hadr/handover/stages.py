@@ -95,7 +95,8 @@ class ChosenGrasp:
 
 ChooseGrasp = Callable[[Array, Array, Robot, Array | None, Way], ChosenGrasp | None]
 """From object points (n, 3), keypoints (21, 3), the robot, and the scene's points (m, 3) or None;
-points in the base frame, metres. A ValueError says that the points allow no grasp."""
+points in the base frame, metres, and the final move. `selection.NO_GRASP` are the errors that say
+that there is no grasp; any other is a defect."""
 
 
 @dataclass(frozen=True)

@@ -119,11 +119,10 @@ def check_replaceable(
         )
     own = wrote(folder / record, **fields)
     told = json.loads((folder / record).read_text(encoding="utf-8")) if own else {}
+    strange = [name for name in present if name not in names]
     if isinstance(told.get("outputs"), dict):  # what that very run did not write is somebody's
-        names = {*told["outputs"], *added}
-    strange = [
-        name for name in present if name not in names or ("." in name and (folder / name).is_dir())
-    ]
+        written = {*told["outputs"], *added}
+        strange = [n for n in present if n not in written or not (folder / n).is_file()]
     if strange or not own:
         raise ValueError(
             f"output folder {folder} holds {(strange or present)[0]}, which no earlier run wrote; "

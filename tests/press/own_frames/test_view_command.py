@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from hadr.cli import main
-from hadr.press import view_command
-from hadr.press.view_command import clouds
+from hadr.press.own_frames import view_command
+from hadr.press.own_frames.view_command import clouds
 
 HOLE = (slice(10, 30), slice(20, 40))
 

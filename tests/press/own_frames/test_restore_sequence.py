@@ -9,7 +9,7 @@ import pytest
 
 from hadr.cli import main
 
-NAMES = ("0001", "0002", "0010")
+NAMES = ("0001", "0002", "0010.5")
 
 
 @pytest.fixture
@@ -46,10 +46,10 @@ def test_each_frame_has_a_result_and_the_film_shows_all(frames, capsys):
         assert json.loads((out / name / "report.json").read_text())["method"] == "nearest"
         assert (out / name / "cloud.ply").stat().st_size > 48 * 64 * 12
     assert len(iio.imread(out / "film.mp4")) == len(NAMES)
-    assert "3 of 3 frames: nearest valid depth (not HADR) (0001, 0002, 0010)" in (
+    assert "3 of 3 frames: nearest valid depth (not HADR) (0001, 0002, 0010.5)" in (
         capsys.readouterr().out
     )
-    assert main(["view", str(out / "0010"), "--no-browser"]) == 0
+    assert main(["view", str(out / "0010.5"), "--no-browser"]) == 0
     assert main(words) == 2
     assert "already holds 0001 and 4 more" in capsys.readouterr().err
     assert main([*words, "--overwrite"]) == 0
@@ -68,8 +68,8 @@ def test_a_frame_that_is_refused_is_named_and_the_others_are_restored(frames, ca
     told = json.loads((folder / "out" / "sequence.json").read_text())["frames"]
     assert "the mask is empty" in told["0002"]["refused"]
     assert not (folder / "out" / "0002").exists()
-    assert (folder / "out" / "0010" / "cloud.ply").exists()
-    for name in ("0001", "0010"):
+    assert (folder / "out" / "0010.5" / "cloud.ply").exists()
+    for name in ("0001", "0010.5"):
         cv2.imwrite(str(folder / "mask" / f"{name}.png"), np.zeros((48, 64), np.uint8))
     assert main([*words, "--out", str(folder / "none")]) == 2
     assert "none of the 3 frames is usable; 0001: the mask is empty" in capsys.readouterr().err
@@ -86,7 +86,7 @@ def test_files_that_do_not_belong_together_are_refused_before_anything_is_made(f
     assert main(words) == 2
     assert "two files of frame 0001" in capsys.readouterr().err
     (folder / "rgb" / "0001.jpg").unlink()
-    (folder / "depth" / "0010.png").unlink()
+    (folder / "depth" / "0010.5.png").unlink()
     assert main(words) == 2
-    assert "no file of frame 0010 (1 of 3 lack one)" in capsys.readouterr().err
+    assert "no file of frame 0010.5 (1 of 3 lack one)" in capsys.readouterr().err
     assert not (folder / "out").exists()

@@ -219,12 +219,11 @@ def run(options: Options) -> int:
         OSError: A file that does not exist, or can't be written.
     """
     if Path(options.rgb).is_dir():
-        from hadr.press.restore_sequence import run_sequence
+        from hadr.press.own_frames.restore_sequence import run_sequence
 
         return run_sequence(options)
-    from hadr.press.restore_report import (
-        summary,
-    )  # loads matplotlib, which --help need not wait for
+    # It loads matplotlib, for which --help need not wait.
+    from hadr.press.own_frames.restore_report import summary
 
     files = input_files(options)
 
@@ -283,7 +282,7 @@ def restored_frame(options: Options, restorer: Restorer) -> Made:
 
 def write_frame(folder: Path, made: Made) -> dict[str, Any]:
     """Write a result's files into an empty folder: the report that stands in one of them."""
-    from hadr.press import restore_report
+    from hadr.press.own_frames import restore_report
 
     started, result = time.perf_counter(), made.result
     unknown = {"hand_mask.png": result.hand_mask is None, "hand.json": result.hand is None}

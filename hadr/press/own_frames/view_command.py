@@ -14,7 +14,7 @@ import tyro
 
 from hadr.camera import Intrinsics, back_project, valid_depth
 from hadr.frame_io import read_depth, read_mask, read_point_colors
-from hadr.press.restore_command import VIEW
+from hadr.press.own_frames.restore_command import VIEW
 from hadr.records.option_words import FILE, FOLDER
 from hadr.records.output_folder import check_file, wrote
 from hadr.records.reading import read_json

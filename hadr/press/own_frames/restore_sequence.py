@@ -14,7 +14,7 @@ import numpy.typing as npt
 from tqdm import tqdm
 
 from hadr.frame_io import read_color
-from hadr.press.restore_command import (
+from hadr.press.own_frames.restore_command import (
     MEDIAPIPE,
     OUTPUTS,
     VIEW,

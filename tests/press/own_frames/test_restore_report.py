@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hadr.camera import Intrinsics
-from hadr.press.restore_report import comparison_figure
+from hadr.press.own_frames.restore_report import comparison_figure
 from hadr.restoration import restore
 
 

@@ -1,0 +1,1 @@
+"""What users make of their own frames: `hadr restore` and `hadr view`."""
