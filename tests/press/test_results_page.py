@@ -43,10 +43,11 @@ def test_commands_exist_take_these_options_and_write_the_files(
     script, last = "", ""
     for command in commands:
         program, *words = shlex.split(command)
+        last = command
         if program == "hadr":
             parse_options(words[0], words[1:])
             continue
-        script, last = (ROOT / words[0]).read_text(encoding="utf-8"), command
+        script = (ROOT / words[0]).read_text(encoding="utf-8")
         if "import arguments" in script:
             script += (ROOT / "benchmarks" / "finished_runs.py").read_text(encoding="utf-8")
         options = [word for word in words[1:] if word.startswith("--")]
