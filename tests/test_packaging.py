@@ -163,7 +163,6 @@ def test_everything_the_library_imports_is_a_dependency(on_import):
             lines += extra
     declared = {canonicalize_name(Requirement(r).name) for r in lines}
     physics = {canonicalize_name(Requirement(r).name) for r in extras["handover"]}
-    declared.add("pillow")  # matplotlib's own dependency, used through it
     comes_with = {"distributed": "dask", "drjit": "mitsuba"}
     declared |= {name for name, parent in comes_with.items() if parent in declared}
     missing = {}
