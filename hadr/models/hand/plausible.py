@@ -18,10 +18,10 @@ is. So keypoints are held against what else is known, and what does not fit is s
 
 The limits are from the bundled training and validation frames. Of the 492 true hands of all bundled
 frames they leave 490 in, held against the raw depth, and 482 where they are given, which costs
-their probability alone; of 144 training and validation hands, 128 that the small networks find; of
-19 computed frames and two photographs without a hand they accept none (`benchmarks/hand_checks.py`),
-nor of 80 crops and mirror images of photographs. To lose a hand that
-is found costs the restoration that needs it, to invent one gives a wrong depth.
+their probability alone; of 144 training and validation hands, 128 that the small networks find. Of
+19 computed frames and two photographs without a hand they accept none, nor of the photographs' 80
+crops and mirror images (`benchmarks/hand_checks.py`). To lose a hand that is found costs the
+restoration that needs it, to invent one gives a wrong depth.
 
 Source of the lengths: Buryanov and Kotiuk 2010, "Proportions of hand segments", table I.
 """
