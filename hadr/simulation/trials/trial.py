@@ -72,6 +72,7 @@ ATTEMPT_CONFIG = HandoverConfig(
     advance_speed=0.12,
     largest_drift=0.012,
     restless_after=1.0,
+    about="centroid",
     squeeze=0.085,
     feel_ahead=0.05,
     feel_aside=0.02,
