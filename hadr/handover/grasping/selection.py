@@ -14,7 +14,12 @@ from numpy.typing import NDArray
 
 from hadr.camera import transform_points
 from hadr.handover import safety, ur5
-from hadr.handover.grasping.candidates import NoCandidateError, completed, sample_grasps
+from hadr.handover.grasping.candidates import (
+    FINGER_REACH,
+    NoCandidateError,
+    completed,
+    sample_grasps,
+)
 from hadr.handover.grasping.collision import (
     free_of_object,
     free_of_scene,
@@ -52,6 +57,9 @@ CandidateSource = Callable[[Array], Grasps]
 CLEARANCES = (0.02, 0.012)
 """Free space to keep to the skin, metres: the second is tried where the first leaves no grasp that
 can be reached."""
+REACHES = (0.05, 0.035, 0.025, 0.025)
+"""How far the fingers reach over the object in each round of candidates, metres: on what a hand
+holds nearly all around, only the rim is free. GraspNet's depths are 1 to 4 cm."""
 MOST_CHECKED = 25
 """How many of the best of one round are asked for their reach, at most."""
 
@@ -64,7 +72,6 @@ class GraspSelection:
         rng: Source of the candidates' draws.
         viewpoint: Where the camera stands in the base frame, shape (3,), metres.
         rescoring: False orders the candidates by their own score alone.
-        rounds: How often candidates are drawn anew while none is left.
         source: Where the candidates come from instead of `sample_grasps`, such as
             `hadr.handover.grasping.graspnet.DetectedGrasps`.
     """
@@ -72,7 +79,6 @@ class GraspSelection:
     rng: np.random.Generator
     viewpoint: Array
     rescoring: bool = True
-    rounds: int = 4
     source: CandidateSource | None = None
 
     def __call__(
@@ -107,13 +113,13 @@ class GraspSelection:
         taken = np.concatenate([whole, turned_about_axis(whole, normals)])  # where it may be
         scene = np.zeros((0, 3)) if scene_points is None else _thinned(scene_points)
         none: NoCandidateError | None = None
-        for number in range(self.rounds):
+        for number, reach in enumerate(REACHES):
             try:
-                grasps, none = self.candidates(seen), None
+                grasps, none = self.candidates(seen, reach), None
             except NoCandidateError as error:
                 none = error
                 continue
-            aside = _ASIDE if number < self.rounds - 1 else _ASIDE[:1]  # at last: as it stands
+            aside = _ASIDE if number < len(REACHES) - 1 else _ASIDE[:1]  # at last: as it stands
             around = _Surroundings(taken, scene, keypoints, robot, Way(*way[:2]), way.feel)
             chosen = self._best(grasps, around, aside)
             if chosen is not None:
@@ -122,13 +128,16 @@ class GraspSelection:
             raise none
         return None
 
-    def candidates(self, points: Array) -> Grasps:
-        """Candidates around points (n, 3) in the base frame, before any filter."""
+    def candidates(self, points: Array, reach: float = FINGER_REACH) -> Grasps:
+        """Candidates around points (n, 3) in the base frame, before any filter.
+
+        A source of its own has its own depths and is not told the fingers' reach, metres.
+        """
         if self.source is not None:
             return self.source(points)
         toward = Directions().robot_to_human if self.rescoring else None
         return sample_grasps(
-            points, self.rng, viewpoint=self.viewpoint, toward=toward, frame="base"
+            points, self.rng, viewpoint=self.viewpoint, toward=toward, reach=reach, frame="base"
         )
 
     def _best(self, grasps: Grasps, around: _Surroundings, aside: Array) -> ChosenGrasp | None:
@@ -203,7 +212,7 @@ class _Surroundings:
         closing, way = self.robot.tool_pose()[:3, 0], self.way
         both = sorted((pose, pose @ HALF_TURN), key=lambda p: -float(p[:3, 0] @ closing))
         stops = [(-way.back, side) for side in aside]
-        stops += [(0.0, np.zeros(3)), (way.last, np.zeros(3))]
+        stops += [(s, np.zeros(3)) for s in np.linspace(-way.back, way.last, 4)[1:]]
         return [
             option
             for option in both

@@ -95,7 +95,7 @@ def test_it_keeps_off_measured_points() -> None:
     assert other is None or np.abs(other.pose - free.pose).max() > 0.01
     out = np.random.default_rng(1).normal(size=(4000, 3))
     shell = points.mean(axis=0) + 0.16 * out / np.linalg.norm(out, axis=1, keepdims=True)
-    shut = GraspSelection(np.random.default_rng(0), EYE, rounds=1)
+    shut = GraspSelection(np.random.default_rng(0), EYE)
     assert shut(points, SCENE.keypoints, robot, shell) is None
 
 
