@@ -2,6 +2,7 @@
 
     python benchmarks/hand_checks.py [--splits train val] [--every 4] [--mediapipe FILE]
         [--without DIR ...] [--real DIR]
+    python benchmarks/hand_checks.py --moved [--splits val]
 
 True keypoints are given; then the bundled networks find masks and keypoints in the raw depth, once
 with the true mask of the glass and once with the predicted one; MediaPipe finds them where its
@@ -12,12 +13,15 @@ checked: its limits are to leave the frames of `train` and `val` inside.
 The folders of `--without` hold frames without a hand, in the data set's form (`known_ground.py draw
 DIR --sets no-hand` makes some); `--real` has ClearGrasp's (`real_frames.py`). All of these must be
 "no hand found".
+
+With `--moved` hands are given that are not the frame's: its own, turned, mirrored or moved, and
+another frame's at its place. Printed is the share of which something is said.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import nullcontext
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -25,13 +29,16 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 from real_frames import SCENES, read_scene, real_folder
+from scipy.spatial.transform import Rotation
 
 from hadr.camera import Intrinsics
 from hadr.camera_file import load_intrinsics
 from hadr.data.frame import Frame
 from hadr.data.samples import open_samples, samples_dir
 from hadr.data.transhand import SPLITS, TransHand
+from hadr.hand import FINGERS
 from hadr.models.hand.mediapipe_hand import MediaPipeHand
+from hadr.models.hand.plausible import check_hand
 from hadr.restoration import Restoration, Restorer
 
 
@@ -123,6 +130,41 @@ def measure(title: str, shots: Iterable[Shot], by: dict[str, Way]) -> None:
             print(f"    {name:<9} {low:7.3f} {middle:7.3f} {high:7.3f}")
 
 
+def others(
+    hand: npt.NDArray[np.float64], stranger: npt.NDArray[np.float64], rng: np.random.Generator
+) -> Iterator[tuple[str, npt.NDArray[np.float64]]]:
+    """A hand, and hands that are not this one; keypoints in the camera's frame, metres."""
+    middle = hand.mean(axis=0)
+    yield "true", hand
+    for axis in range(3):
+        turn = Rotation.from_rotvec(np.radians(40) * np.eye(3)[axis])
+        yield f"turned by 40 degrees about {'xyz'[axis]}", turn.apply(hand - middle) + middle
+    for axis in (0, 2):
+        yield f"mirrored in {'xyz'[axis]}", np.where(np.eye(3)[axis] > 0, 2 * middle - hand, hand)
+    yield "another frame's at its place", stranger - stranger.mean(axis=0) + middle
+    side = rng.normal(size=2)
+    for far in (0.03, 0.06):
+        yield f"{100 * far:.0f} cm aside", hand + np.append(far * side / np.linalg.norm(side), 0)
+        for way in (-far, far):
+            yield f"{100 * way:+.0f} cm in depth", hand + np.array([0, 0, way])
+    index = np.isin(np.arange(len(hand)), FINGERS["index"])
+    yield "index 3 cm deeper", hand + np.outer(index, (0, 0, 0.03))
+
+
+def measure_moved(frames: Sequence[Frame]) -> None:
+    """Print of which share of hands something is said."""
+    rng = np.random.default_rng(0)
+    said: dict[str, list[bool]] = {}
+    for number, frame in enumerate(frames):
+        one, stranger = shot(frame), frames[(7 * number + 13) % len(frames)]
+        assert one.keypoints is not None
+        for name, hand in others(one.keypoints, stranger.keypoints, rng):
+            check = check_hand(hand, one.depth, one.camera, one.mask, given=True)
+            said.setdefault(name, []).append(bool(check.problems))
+    for name, noticed in said.items():
+        print(f"  {name:32} {100 * np.mean(noticed):5.1f} % of {len(noticed)}")
+
+
 def main() -> None:
     """Run the script."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -131,7 +173,13 @@ def main() -> None:
     parser.add_argument("--mediapipe", type=Path, help="MediaPipe's model")
     parser.add_argument("--without", nargs="*", type=Path, default=[], help="frames without hand")
     parser.add_argument("--real", type=Path, default=real_folder(), help="ClearGrasp's frames")
+    parser.add_argument("--moved", action="store_true", help="give hands that are not the frame's")
     args = parser.parse_args()
+    if args.moved:
+        for split in args.splits:
+            print(split)
+            measure_moved(open_samples(split)[:: args.every])
+        return
     with nullcontext() if args.mediapipe is None else MediaPipeHand(args.mediapipe) as landmarker:
         measure_all(args, ways(landmarker))
 

@@ -301,6 +301,8 @@ def _read_npy(path: Path, name: str) -> NDArray[Any]:
     try:
         # Without setting aside what the header says; neither .npz nor pickle.
         stored = np.lib.format.open_memmap(path, mode="r")
+        if further := path.stat().st_size - stored.offset - stored.nbytes:
+            raise ValueError(f"behind its first array are {further} further bytes")
     except Exception as error:  # whatever Python's parser says of a damaged header
         why = str(error).partition("\n")[0] or type(error).__name__
         raise ValueError(f"{name} {path} is not a whole .npy file of numbers: {why}") from error

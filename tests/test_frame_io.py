@@ -190,8 +190,10 @@ def test_wrong_kinds_of_images_are_named(tmp_path) -> None:
         with pytest.raises(ValueError, match=r"must be \(H, W\) numbers of 16 bits or more, got"):
             read_depth(tmp_path / "other.npy")
     (tmp_path / "cut.npy").write_bytes((tmp_path / "line.npy").read_bytes()[:-8])
-    with pytest.raises(ValueError, match=r"not a whole .npy file"):
-        read_depth(tmp_path / "cut.npy")
+    (tmp_path / "two.npy").write_bytes(2 * (tmp_path / "line.npy").read_bytes())
+    for name, why in (("cut", ""), ("two", r".*behind its first array are 168 further bytes")):
+        with pytest.raises(ValueError, match=rf"not a whole .npy file{why}"):
+            read_depth(tmp_path / f"{name}.npy")
     with pytest.raises(ValueError, match=r"must be 0.000001 to 1 metres per unit, got 0"):
         read_depth(tmp_path / "line.npy", 0)
 

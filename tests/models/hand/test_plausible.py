@@ -4,9 +4,11 @@ import re
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
-from hadr.camera import Intrinsics
-from hadr.hand import forward_kinematics, keypoints_from_skeleton
+from hadr.camera import Intrinsics, project
+from hadr.hand import BONES, forward_kinematics, keypoints_from_skeleton
 from hadr.models.hand.plausible import check_hand
 
 CAMERA = Intrinsics(200.0, 200.0, 79.5, 59.5, 160, 120)
@@ -65,15 +67,26 @@ def test_a_hand_off_the_measured_depth_is_named_with_its_distance(factor, words)
     assert any("cm away from the hand's pixels" in why for why in found.problems), found
 
 
-@pytest.mark.parametrize(
-    ("shift_m", "words"),
-    [(-0.03, "16 of its keypoints lie 2.0 cm before what"), (0.03, "cm deeper under the skin")],
-)
-def test_a_given_hand_that_is_three_centimetres_too_near_or_far_is_named(shift_m, words) -> None:
-    depth, glass, _ = scene(0.9)
-    moved = HAND * (0.6 + shift_m) / 0.6  # along the rays
-    assert words in "".join(check_hand(moved, depth, CAMERA, glass, given=True).problems)
-    assert check_hand(moved, depth, CAMERA, glass).problems == (), "a network errs by as much"
+MIDDLE = HAND.mean(axis=0)
+OTHERS = {
+    "true": HAND,
+    "3 cm nearer": HAND * 0.57 / 0.6,  # along the rays
+    "3 cm farther": HAND * 0.63 / 0.6,
+    "turned": Rotation.from_rotvec((0, 0, -1)).apply(HAND - MIDDLE) + MIDDLE,
+}
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_a_given_hand_is_held_against_the_one_that_is_seen(name) -> None:
+    glass = scene()[1]
+    bones = np.linspace(*HAND[np.array(BONES).T], 20).reshape(-1, 3)
+    away, _ = cKDTree(project(bones, CAMERA)).query(np.argwhere(np.ones(CAMERA.shape))[:, ::-1])
+    depth = np.where(away < 3, 0.588, 0.9).reshape(CAMERA.shape).astype(np.float32)
+    told = "".join(check_hand(OTHERS[name], depth, CAMERA, glass, given=True).problems)
+    assert ("not the hand that the depth camera saw" in told) == (name != "true")
+    assert check_hand(OTHERS[name], depth, CAMERA, glass).problems == (), (
+        "a network errs by as much"
+    )
 
 
 def test_of_a_hand_without_depth_at_its_pixels_nothing_is_said() -> None:
