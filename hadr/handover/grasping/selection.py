@@ -23,6 +23,7 @@ from hadr.handover.grasping.candidates import (
 from hadr.handover.grasping.collision import (
     free_of_object,
     free_of_scene,
+    hand_distance,
     links_distance,
     person,
     way_to_hand,
@@ -57,7 +58,7 @@ CandidateSource = Callable[[Array], Grasps]
 CLEARANCES = (0.02, 0.012)
 """Free space to keep to the skin, metres: the second is tried where the first leaves no grasp that
 can be reached."""
-REACHES = (0.05, 0.035, 0.025, 0.025)
+REACHES = (0.05, 0.04, 0.03, 0.025)
 """How far the fingers reach over the object in each round of candidates, metres: on what a hand
 holds nearly all around, only the rim is free. GraspNet's depths are 1 to 4 cm."""
 MOST_CHECKED = 25
@@ -100,9 +101,9 @@ class GraspSelection:
                 grasp says how much is.
 
         Returns:
-            The best grasp whose pre-grasp, grasp and final pose can all be reached, and to whose
-            pre-grasp a straight way leads, or, without such a one, the best to which any way does;
-            None where no candidate is left.
+            The best grasp whose pre-grasp, grasp and final pose can all be reached, past which the
+            hand can draw back along its forearm, and to whose pre-grasp a straight way leads, or,
+            without such a one, the best to which any way does; None where no candidate is left.
 
         Raises:
             NoCandidateError: There were none from the start.
@@ -167,6 +168,8 @@ class GraspSelection:
                     one = replace(one, widths=np.array([around.opening(one, clearance)]))
                     feel = around.feeling(one, reached, clearance)
                     found = ChosenGrasp(reached, float(one.widths[0]), float(scores[row]), feel)
+                    if not around.hand_leaves(found):
+                        continue
                     if around.robot.straight_way(forward_of(reached, -around.way.back)):
                         return found
                     roundabout = roundabout or found
@@ -224,6 +227,16 @@ class _Surroundings:
         links = ur5.near_links(self.robot.joints_at(pose))
         return links_distance(links, person(self.keypoints)) >= clearance
 
+    def hand_leaves(self, grasp: ChosenGrasp) -> bool:
+        """Whether the hand that has given can draw back along its forearm past gripper and arm."""
+        pose, back = forward_of(grasp.pose, self.way.last), self.keypoints[0] - self.keypoints[9]
+        back = back / max(float(np.linalg.norm(back)), 1e-9)
+        links = ur5.near_links(self.robot.joints_at(pose))
+        return all(
+            hand_distance(pose, grasp.width, self.keypoints + way * back, links) >= _PASSES
+            for way in _DRAWN_BACK
+        )
+
     def feeling(self, grasp: Grasps, pose: Array, clearance: float) -> float:
         """How far on past the final move a grasp, turned to a pose, is free and within reach."""
         feel = 0.0
@@ -241,6 +254,8 @@ class _Surroundings:
         return feel
 
 
+_DRAWN_BACK, _PASSES = (0.03, 0.06, 0.10, 0.15), 0.006
+"""How far a hand that has given draws back, and the free space that it then needs, metres."""
 _ASIDE = 0.03 * np.array([[0, 0, 0], [0, 0, 1], [0, 0, -1], [0, 1, 0], [0, -1, 0]])
 """So far the pre-grasp may move with the hand and must still be within reach, metres."""
 
