@@ -9,13 +9,24 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
 
-from hadr.figures.panels import BONE_COLORS, COLORS
-from hadr.hand import BONES
+from hadr.figures.panels import COLORS
+from hadr.hand import FINGERS, HandShape, forward_kinematics, keypoints_from_skeleton
 from hadr.handover.grasping.gripper import LARGEST_OPENING, fork
 from hadr.synthesis.glass.shape import GlassObject, profile
+from hadr.synthesis.glass.surfaces import Surface, vertex_normals
+from hadr.synthesis.hand.skinning import posed_vertices
+from hadr.synthesis.hand.template import hand_template
 
 Array = npt.NDArray[np.float64]
+SKIN = np.array([0.95, 0.76, 0.64])
+"""Colour of a hand in full light, sRGB."""
+LIGHT = np.array([-0.3, -0.5, 0.8])
+"""Toward the light, where z points up."""
+SKIN_STEP = 0.006
+"""Distance of the drawn skin's vertices, metres."""
 
 
 def show_grippers(
@@ -58,18 +69,38 @@ def show_glass(
         ax.plot(*rings[:, side].T, color=COLORS["hadr"], lw=0.6, alpha=0.45)
 
 
+def hand_skin(keypoints: Array) -> Surface:
+    """The skin of a right hand with such keypoints (21, 3), metres, in their frame.
+
+    Joint angles, pose and size are those with the smallest squared distance to the keypoints.
+    """
+    flat = keypoints_from_skeleton(forward_kinematics(np.zeros(20)).joints)
+    palm = [joints[0] for joints in FINGERS.values()]
+    turn, _ = Rotation.align_vectors(*(k[palm] - k[palm].mean(axis=0) for k in (keypoints, flat)))
+    there = keypoints[palm].mean(axis=0) - turn.apply(flat[palm]).mean(axis=0)
+
+    def off(found: Array) -> Array:
+        posed = keypoints_from_skeleton(forward_kinematics(found[:20]).joints)
+        turned = Rotation.from_rotvec(found[20:23]).apply(found[26] * posed)
+        return np.asarray(turned + found[23:26] - keypoints).ravel()
+
+    start = np.concatenate([np.full(20, 0.3), turn.as_rotvec(), there, [1.0]])
+    found = least_squares(off, start, x_scale=[1.0] * 23 + [0.1] * 3 + [1.0]).x
+    skin = posed_vertices(forward_kinematics(found[:20]), HandShape(), SKIN_STEP)
+    vertices = Rotation.from_rotvec(found[20:23]).apply(found[26] * skin) + found[23:26]
+    faces = hand_template(SKIN_STEP).faces
+    return Surface(vertices, faces, vertex_normals(vertices, faces))
+
+
 def show_hand(ax: Any, keypoints: Array, *, alpha: float = 1.0) -> None:
-    """Draw a hand's keypoints (21, 3), metres, with its flesh and a forearm."""
-    wrist, middle = keypoints[0], keypoints[9]
-    forearm = np.stack([wrist - 0.8 * (middle - wrist), wrist])
-    palm = [(5, 9), (9, 13), (13, 17), (0, 1)]
-    bones = [keypoints[list(bone)] for bone in (*BONES, *palm)]
-    for line in (*bones, forearm):
-        wide = 14.4 if line is forearm else 8.0
-        ax.plot(*line.T, color="#f0c9a8", lw=wide, alpha=alpha, solid_capstyle="round")
-    for bone, color in zip(BONES, BONE_COLORS, strict=True):
-        ax.plot(*keypoints[list(bone)].T, color=color, lw=2.2, alpha=alpha)
-    ax.scatter(*keypoints.T, s=10, color="black", depthshade=False, alpha=alpha)
+    """Draw the skin of a hand with such keypoints (21, 3), metres, and the keypoints as dots."""
+    skin = hand_skin(keypoints)
+    corners = skin.vertices[skin.faces]
+    normals = skin.normals[skin.faces].mean(axis=1)
+    light = 0.68 + 0.32 * np.clip(normals @ LIGHT / np.linalg.norm(LIGHT), -0.6, 1)
+    colors = 1 - alpha * (1 - light[:, None] * SKIN)
+    ax.add_collection3d(Poly3DCollection(corners, facecolors=colors, edgecolors=colors, lw=0.3))
+    ax.scatter(*keypoints.T, s=5, color="black", depthshade=False, alpha=0.7 * alpha, lw=0)
 
 
 def show_arm(
