@@ -1,7 +1,8 @@
 """The book's figure style: the same colours for the same things, labelled axes, units.
 
-Colours are Okabe and Ito's, which colour-blind readers can tell apart. Depth is drawn in one
-sequential map (near is bright), signed errors in a diverging one that is white at zero.
+Colours are Okabe and Ito's, which colour-blind readers can tell apart, and a dark brown. Depth is
+drawn in one sequential map (near is bright), signed errors in a diverging one that is white at
+zero.
 """
 
 from __future__ import annotations
@@ -37,6 +38,7 @@ COLORS: dict[str, str] = {
     "ray": "#D55E00",
     "highlight": "#F0E442",
     "background": "#B8B8B8",
+    "rival": "#661100",
 }
 #: Colours of the five fingers, thumb to little finger.
 FINGER_COLORS: dict[str, str] = {

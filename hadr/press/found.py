@@ -225,7 +225,7 @@ def _handover_claims(results: Path, paper: Mapping[str, Any]) -> Iterator[Claim]
     before, after = (printed[title][0] for title in ("GraspNet", "HADR + GraspNet"))
     pairs = {
         "restored depth helps the handover": (
-            f"With HADR's depth {after} of {of_all} attempts succeed, with the sensor's {before}.",
+            f"With HADR's depth {after} of {of_all} attempts succeed, with sensor depth {before}.",
             "abstract, IV-B, table III", "hadr", "raw"),
         "following the hand helps": (
             "The robot reacts to the moving hand in a closed loop.", "III-C", "hadr",
@@ -237,7 +237,7 @@ def _handover_claims(results: Path, paper: Mapping[str, Any]) -> Iterator[Claim]
     for short, (words, place, one, other) in pairs.items():
         won, lost = found[one], found[other]
         spread = sum(row["rate"] * (1 - row["rate"]) / row["attempts"] for row in (won, lost))
-        label = {"raw": "the sensor's depth", "hadr-no-tracking": "without following",
+        label = {"raw": "with sensor depth", "hadr-no-tracking": "without following",
                  "hadr-no-rescoring": "without rescoring"}[other]  # fmt: skip
         yield Claim(
             short, words, place,
