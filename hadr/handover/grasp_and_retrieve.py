@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from hadr.handover import safety
 from hadr.handover.grasping.grasps import FEELING_STEP, forward_of
-from hadr.handover.guarded_arm import NO_NEARER, GuardedArm, HaltError
+from hadr.handover.guarded_arm import NO_NEARER, GuardedArm, HaltError, too_near
 from hadr.handover.poses import pose_distance
 from hadr.handover.stages import (
     ALONE_AFTER,
@@ -36,6 +36,8 @@ Array = npt.NDArray[np.float64]
 
 FAR_FROM_GOAL = 0.02
 """The final move waits for a tool that is farther behind than this, metres."""
+BLOCKED_TIME = 1.0
+"""So long it stands where the hand is in the rest of its way, but not near, seconds."""
 DRAW_BACK = 0.03
 """So far the gripper draws back before it goes to the side, metres."""
 TOO_SOON = 0.03
@@ -72,6 +74,7 @@ class Advance:
     travelled: float = field(default=0.0, init=False)
     _end: float = field(default=0.0, init=False)
     _feel: float = field(default=0.0, init=False)
+    _blocked: float = field(default=0.0, init=False)
     _back_to: float | None = field(default=None, init=False)
     _side: float = field(default=0.0, init=False)
     _felt: str = field(default="", init=False)
@@ -99,7 +102,7 @@ class Advance:
     def begin(self, feel: float = np.inf) -> None:
         """Start at the pre-grasp of a grasp whose way is free so far past its end, metres."""
         self._end, self._feel = self._planned, feel
-        self.travelled = self.aside = self._side = 0.0
+        self.travelled = self.aside = self._side = self._blocked = 0.0
         self.corrections, self._back_to, self._felt = 0, None, ""
 
     def step(self, pre_grasp: Array, dt: float) -> Array | None:
@@ -130,7 +133,8 @@ class Advance:
         soon = forward_of(target, min(self._end, self.travelled + c.safety.look_ahead))
         later = [forward_of(target, s) for s in np.linspace(self.travelled, self._end, 4)]
         near = [arm.reading.tool, here, soon]
-        factor = arm.allowed(near, c.safety.grasp_distance, c.advance_speed, far=later)
+        factor = arm.allowed(near, c.safety.grasp_distance, c.advance_speed)
+        factor *= self._free_later(later, dt)
         if pose_distance(arm.reading.tool, here)[0] < FAR_FROM_GOAL:
             self.travelled = min(self._end, self.travelled + factor * c.advance_speed * dt)
         here = forward_of(target, self.travelled)
@@ -153,6 +157,16 @@ class Advance:
         if self.travelled >= self._end and arrived and not self._farther(target):
             return here
         return None
+
+    def _free_later(self, path: list[Array], dt: float) -> float:
+        """1 where the rest of the way is free; else 0 for a while, as keypoints err for a while."""
+        free, least = self.arm.free(*path), self.arm.config.safety.grasp_distance
+        self._blocked = self._blocked + dt if free < least else 0.0
+        if self._blocked > BLOCKED_TIME + 1e-9:
+            raise HaltError(too_near(free, least), back=True)
+        if self._blocked:
+            self.arm.caution = f"waits: {too_near(free, least)}"
+        return float(not self._blocked)
 
     def _met_at(self) -> float | None:
         """Where something presses against the gripper: metres along the closing axis, or None."""

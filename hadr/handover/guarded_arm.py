@@ -41,6 +41,12 @@ class HaltError(Exception):
         self.back = back
 
 
+def too_near(free: float, least: float) -> str:
+    """Say that the hand leaves less free space than the least, metres."""
+    where = f"{1000 * free:.0f} mm from the gripper's path"
+    return f"hand {where}, at least {1000 * least:.0f} mm are needed"
+
+
 class Reading(NamedTuple):
     """What the robot says at the start of a step; a wrench that is none is NaN."""
 
@@ -124,16 +130,13 @@ class GuardedArm:
         if not self.robot.reachable(target):
             raise HaltError(f"target {np.round(target[:3, 3], 2)} m is out of reach")
 
-    def allowed(
-        self, near: Sequence[Array], least: float, speed: float, far: Sequence[Array] = ()
-    ) -> float:
+    def allowed(self, near: Sequence[Array], least: float, speed: float) -> float:
         """Part of a speed that the hand beside the path leaves.
 
         Args:
             near: Tool poses that come next.
             least: Least free space to the skin, metres.
             speed: Speed wanted, metres per second.
-            far: Poses later on the path: the hand may not be there, but does not slow it yet.
 
         Returns:
             0 to 1; 0 where no hand is known.
@@ -146,10 +149,8 @@ class GuardedArm:
             self.caution = watch.problem
             return 0.0
         free = self.free(*near)
-        later = self.free(*far) if far else free
-        where = f"{1000 * min(free, later):.0f} mm from the gripper's path"
-        if min(free, later) < least:
-            raise HaltError(f"hand {where}, at least {1000 * least:.0f} mm are needed", back=True)
+        if free < least:
+            raise HaltError(too_near(free, least), back=True)
         velocity = watch.velocity(0.15)
         closing = safety.closing_speed(velocity, watch.middle, self.reading.tool[:3, 3])
         c = self.config.safety

@@ -19,6 +19,7 @@ from hadr.handover.grasping.grasps import FinalMove, Way, final_travel
 from hadr.handover.grasping.gripper import LARGEST_OPENING
 from hadr.handover.robot import Robot
 from hadr.handover.safety import SafetyConfig
+from hadr.handover.tracking import About
 
 Array = npt.NDArray[np.float64]
 
@@ -117,6 +118,7 @@ class HandoverConfig:
         contact_force: What the sensor at the wrist must feel against the approach, newtons.
         tracking: False: the target stays where it was when the grasp was chosen.
         final_tracking: False: the final move does not follow the hand, as in the paper.
+        about: Where the hand's motion turns about, see `hadr.handover.tracking.HandMotion`.
         largest_drift: The pre-grasp may move by no more than this in the settle time, so that the
             final move starts from a calm hand. Infinity: the paper, which does not ask for it.
         restless_after: Within three times the arrival's distance and angle for this long, go on
@@ -145,6 +147,7 @@ class HandoverConfig:
     contact_force: float = 1.5
     tracking: bool = True
     final_tracking: bool = True
+    about: About = "wrist"
     largest_drift: float = 0.005
     restless_after: float = 2.0
     approach_speed: float = 0.25
@@ -161,9 +164,10 @@ class HandoverConfig:
         for item in fields(self):
             if item.type in ("float", "int"):
                 _check_number(item.name, getattr(self, item.name), whole=item.type == "int")
-        if self.final_move not in get_args(FinalMove):
-            known = ", ".join(get_args(FinalMove))
-            raise ValueError(f"final_move must be one of {known}, got {self.final_move!r}")
+        for name, words in (("final_move", FinalMove), ("about", About)):
+            if getattr(self, name) not in get_args(words):
+                known = ", ".join(get_args(words))
+                raise ValueError(f"{name} must be one of {known}, got {getattr(self, name)!r}")
 
     @property
     def way(self) -> Way:

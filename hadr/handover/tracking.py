@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from hadr.hand import FINGERS, KEYPOINT_NAMES, check_keypoints
 
 Array = NDArray[np.float64]
-About = Literal["wrist", "origin"]
+About = Literal["wrist", "origin", "centroid"]
 Flip = Literal["v", "r"]
 
 PALM: tuple[int, ...] = (0, *(FINGERS[finger][0] for finger in FINGERS))
@@ -42,7 +42,10 @@ class HandMotion:
             current ones: what is not rigid (fingers, noise). Outliers do not count.
         about: "wrist" turns about the wrist, X' = R (X - X_i0) + X_c0. "origin" reads the paper's
             figure by the letter, X' = R X + (X_c0 - X_i0), and turns about the frame's origin,
-            which throws a grasp off as soon as R is not the identity (ledger row 19).
+            which throws a grasp off as soon as R is not the identity (ledger row 19). "centroid"
+            turns about the keypoints' middle, the least squares of them all: an error of the
+            wrist's keypoint does not shift everything; `current_wrist` is then where the fit puts
+            the wrist.
         outliers: Names of the keypoints that the robust form left out.
         robust: Whether the robust form was asked for and found a group that moves as one body;
             where it found none the plain form stands here.
@@ -67,7 +70,7 @@ class HandMotion:
         transform = np.eye(4)
         transform[:3, :3] = self.rotation
         transform[:3, 3] = self.translation
-        if self.about == "wrist":
+        if self.about != "origin":
             transform[:3, 3] = self.current_wrist - self.rotation @ self.initial_wrist
         return transform
 
@@ -200,9 +203,13 @@ def hand_motion(
     found = _robust_motion(before, now, about, flip) if robust else None
     if found is not None:
         return found
-    rotation = best_rotation(before - before[0], now - now[0], flip=flip)
-    misfit = (((before - before[0]) @ rotation.T + now[0] - now) ** 2).sum(axis=1)
-    return HandMotion(rotation, before[0], now[0], float(np.sqrt(misfit.mean())), about)
+    if about == "centroid":
+        fit = best_similarity(before, now, flip=flip)
+        rotation, wrist = fit.rotation, fit.rotation @ before[0] + fit.shift
+    else:
+        rotation, wrist = best_rotation(before - before[0], now - now[0], flip=flip), now[0]
+    misfit = (((before - before[0]) @ rotation.T + wrist - now) ** 2).sum(axis=1)
+    return HandMotion(rotation, before[0], wrist, float(np.sqrt(misfit.mean())), about)
 
 
 def _robust_motion(before: Array, now: Array, about: About, flip: Flip) -> HandMotion | None:

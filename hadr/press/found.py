@@ -19,7 +19,6 @@ import pandas as pd
 from hadr.figures.tables.comparison import PUBLISHED_NAMES
 from hadr.figures.tables.results import NAMES, markdown
 from hadr.metrics import METRICS
-from hadr.press.chapters import chapter_paths
 from hadr.records.reading import read_json
 from hadr.records.result_file import ResultFile, read_result_file
 
@@ -260,9 +259,8 @@ def _handover_claims(results: Path, paper: Mapping[str, Any]) -> Iterator[Claim]
 
 def found_table(results: Path) -> str:
     """The claims as Markdown, a line a claim, with links to chapter and result file."""
-    chapters = {
-        path.stem.partition("_")[2]: path for path in chapter_paths(results.parent / "notebooks")
-    }
+    notebooks = (results.parent / "notebooks").glob("[0-9][0-9]_*.ipynb")
+    chapters = {path.stem.partition("_")[2]: path for path in notebooks}
     lines = []
     for number, claim in enumerate(claims(results), start=1):
         path = chapters[claim.chapter]

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from hadr.handover.grasp_and_retrieve import DRAW_BACK, Advance
+from hadr.handover.grasp_and_retrieve import BLOCKED_TIME, DRAW_BACK, Advance
 from hadr.handover.grasping.grasps import forward_of
 from hadr.handover.guarded_arm import GuardedArm, HaltError
 from hadr.handover.simulated_ur5 import SimulatedUR5
@@ -253,6 +253,30 @@ def test_beside_the_hand_it_does_not_go_on() -> None:
     end = closing_pose(robot, advance, start)
     way = end[2, 3] - FEELING.back - FEELING.forward
     assert 0.009 < way < 0.021  # 1 cm of flesh and 5 mm to spare leave 2 cm
+
+
+@pytest.mark.parametrize("leaves", [True, False])
+def test_a_hand_farther_on_its_way_is_waited_for_and_then_halts_it(leaves: bool) -> None:
+    robot, advance, start = advancing(PLAIN)
+    away = advance.arm.watch.keypoints
+    end = forward_of(start, PLAIN.back + PLAIN.forward)
+    spot = end[:3, 3] + 0.0475 * end[:3, 0]
+    advance.arm.watch.keypoints = small_hand(spot, end[:3, 2])
+    advance.arm.watch.middle = spot
+    for _ in range(round(BLOCKED_TIME / DT)):
+        advance.arm.read()
+        assert advance.step(start, DT) is None
+        assert "waits: hand" in advance.arm.caution
+    assert advance.travelled == 0
+    assert np.linalg.norm(robot.tool_pose()[:3, 3] - start[:3, 3]) < 1e-6
+    if leaves:
+        advance.arm.watch.keypoints = away
+        advance.arm.watch.middle = away.mean(axis=0)
+        assert closing_pose(robot, advance, start)[2, 3] == pytest.approx(0.15, abs=2e-3)
+    else:
+        advance.arm.read()
+        with pytest.raises(HaltError, match=r"hand .* mm from the gripper's path"):
+            advance.step(start, DT)
 
 
 def test_where_the_side_changes_it_goes_half_as_far() -> None:

@@ -39,6 +39,26 @@ def test_quarter_turn_by_hand() -> None:
     np.testing.assert_allclose(origin.move_points(np.array([2.0, 0, 0])), [0, 4, 0], atol=1e-12)
 
 
+def test_about_the_centroid_an_error_of_the_wrist_shifts_by_a_21st() -> None:
+    rotation = Rotation.from_euler("xyz", [0.3, -0.4, 1.0]).as_matrix()
+    now = HAND @ rotation.T + [0.1, 0.2, -0.3]
+    true = hand_motion(HAND, now, about="centroid")
+    np.testing.assert_allclose(true.current_from_initial[:3, :3], rotation, atol=1e-9)
+    np.testing.assert_allclose(true.current_from_initial[:3, 3], [0.1, 0.2, -0.3], atol=1e-9)
+    off = now.copy()
+    off[0] += [0.021, 0.0, 0.0]
+    middle = HAND.mean(axis=0)
+    shifts = {
+        about: hand_motion(HAND, off, about=about).move_points(middle) - now.mean(axis=0)
+        for about in ("wrist", "centroid")
+    }
+    np.testing.assert_allclose(shifts["centroid"], [0.001, 0.0, 0.0], atol=1e-9)
+    assert np.linalg.norm(shifts["wrist"]) > 0.01
+    # the least squares of all: no other motion leaves less, the wrist's not either
+    residual = hand_motion(HAND, off, about="centroid").residual
+    assert 0 < residual < hand_motion(HAND, off).residual
+
+
 def test_pose_moves_with_the_hand() -> None:
     rotation = Rotation.from_euler("xyz", [0.3, -0.4, 1.0]).as_matrix()
     moved = np.eye(4)

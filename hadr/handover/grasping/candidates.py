@@ -65,6 +65,7 @@ def sample_grasps(
     most: int = 500,
     largest_width: float = LARGEST_OPENING,
     friction: float = 0.6,
+    reach: float = FINGER_REACH,
     frame: str = "camera",
 ) -> Grasps:
     """Draw grasp candidates around an object's points.
@@ -86,12 +87,13 @@ def sample_grasps(
         largest_width: Widest opening of the gripper, metres.
         friction: Coefficient of friction between pad and object; rubber on dry glass has 0.6 or
             more.
+        reach: How far past the first touched point the fingertips end, metres.
         frame: Name of the points' frame.
 
     Returns:
         Candidates, highest score first. The fingertips are to end 5 cm past a grasp's point. It
-        lies where the object is met first; on things less than 3 cm thick it lies before that, so
-        that the tips end 3.5 cm past the contacts.
+        lies where the object is met first, or before that: by what `reach` is less, and on things
+        less than 3 cm thick so that the tips end 3.5 cm past the contacts.
 
     Raises:
         NoCandidateError: Nothing was found that fits between the fingers.
@@ -114,9 +116,9 @@ def sample_grasps(
         axes[axes[:, :, 0] @ np.asarray(toward) < 0] *= [-1.0, 1.0, -1.0]
     seeds = np.repeat(seeds, turns)
     # a look at every fourth point rules most out: fewer points never reach further apart
-    coarse = _Slabs(cloud[::4], cloud[seeds], axes, largest_width)
+    coarse = _Slabs(cloud[::4], cloud[seeds], axes, largest_width, reach)
     likely = np.flatnonzero(coarse.fits(3, 0.0, largest_width))[:most]
-    slabs = _Slabs(cloud, cloud[seeds[likely]], axes[likely], largest_width)
+    slabs = _Slabs(cloud, cloud[seeds[likely]], axes[likely], largest_width, reach)
     kept = np.flatnonzero(slabs.fits(8, 0.003, largest_width))
     table = _rows(cloud, normals, slabs, kept, largest_width, friction)
     if not len(table):
@@ -180,8 +182,10 @@ class _Slabs:
         low, high, extent: Ends along the closing axis and their distance, (k,).
     """
 
-    def __init__(self, cloud: Array, contacts: Array, axes: Array, largest_width: float) -> None:
-        self.axes, self.contacts = axes, contacts
+    def __init__(
+        self, cloud: Array, contacts: Array, axes: Array, largest_width: float, reach: float
+    ) -> None:
+        self.axes, self.contacts, self.reach = axes, contacts, reach
         middle = cloud.mean(axis=0)
         flat = axes.transpose(2, 0, 1).astype(np.float32)  # (3, k, 3)
         near = (cloud - middle).T.astype(np.float32)
@@ -191,7 +195,7 @@ class _Slabs:
         slab &= np.abs(self.along) < largest_width
         big = np.float32(1e3)
         self.first = np.where(slab, approach, big).min(axis=1)
-        slab &= approach < (self.first + FINGER_REACH)[:, None]
+        slab &= approach < (self.first + reach)[:, None]
         self.inside = slab
         self.count = slab.sum(axis=1)
         self.low = np.where(slab, self.along, big).min(axis=1)
@@ -237,8 +241,8 @@ def _rows(
     # across: the middle of the slab; along the approach: the first touch, or before it where the
     # contacts are so near that the tips would end far behind them
     touch = ((middle - slabs.contacts[kept]) * axes[:, :, 0]).sum(axis=1)
-    start = np.minimum(slabs.first[kept], touch - (FINGER_REACH - PAST_CONTACT))
-    shift = np.stack([start, (low + high) / 2, np.zeros(len(kept))], axis=1)
+    tips = np.minimum(slabs.first[kept] + slabs.reach, touch + PAST_CONTACT)
+    shift = np.stack([tips - FINGER_REACH, (low + high) / 2, np.zeros(len(kept))], axis=1)
     point = slabs.contacts[kept] + np.einsum("kij,kj->ki", axes, shift)
     table = np.zeros((len(kept), 17))
     table[:, 0] = scores

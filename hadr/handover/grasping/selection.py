@@ -14,10 +14,16 @@ from numpy.typing import NDArray
 
 from hadr.camera import transform_points
 from hadr.handover import safety, ur5
-from hadr.handover.grasping.candidates import NoCandidateError, completed, sample_grasps
+from hadr.handover.grasping.candidates import (
+    FINGER_REACH,
+    NoCandidateError,
+    completed,
+    sample_grasps,
+)
 from hadr.handover.grasping.collision import (
     free_of_object,
     free_of_scene,
+    hand_distance,
     links_distance,
     person,
     way_to_hand,
@@ -52,6 +58,9 @@ CandidateSource = Callable[[Array], Grasps]
 CLEARANCES = (0.02, 0.012)
 """Free space to keep to the skin, metres: the second is tried where the first leaves no grasp that
 can be reached."""
+REACHES = (0.05, 0.04, 0.03, 0.025)
+"""How far the fingers reach over the object in each round of candidates, metres: on what a hand
+holds nearly all around, only the rim is free. GraspNet's depths are 1 to 4 cm."""
 MOST_CHECKED = 25
 """How many of the best of one round are asked for their reach, at most."""
 
@@ -64,7 +73,6 @@ class GraspSelection:
         rng: Source of the candidates' draws.
         viewpoint: Where the camera stands in the base frame, shape (3,), metres.
         rescoring: False orders the candidates by their own score alone.
-        rounds: How often candidates are drawn anew while none is left.
         source: Where the candidates come from instead of `sample_grasps`, such as
             `hadr.handover.grasping.graspnet.DetectedGrasps`.
     """
@@ -72,7 +80,6 @@ class GraspSelection:
     rng: np.random.Generator
     viewpoint: Array
     rescoring: bool = True
-    rounds: int = 4
     source: CandidateSource | None = None
 
     def __call__(
@@ -94,9 +101,9 @@ class GraspSelection:
                 grasp says how much is.
 
         Returns:
-            The best grasp whose pre-grasp, grasp and final pose can all be reached, and to whose
-            pre-grasp a straight way leads, or, without such a one, the best to which any way does;
-            None where no candidate is left.
+            The best grasp whose pre-grasp, grasp and final pose can all be reached, past which the
+            hand can draw back along its forearm, and to whose pre-grasp a straight way leads, or,
+            without such a one, the best to which any way does; None where no candidate is left.
 
         Raises:
             NoCandidateError: There were none from the start.
@@ -107,13 +114,13 @@ class GraspSelection:
         taken = np.concatenate([whole, turned_about_axis(whole, normals)])  # where it may be
         scene = np.zeros((0, 3)) if scene_points is None else _thinned(scene_points)
         none: NoCandidateError | None = None
-        for number in range(self.rounds):
+        for number, reach in enumerate(REACHES):
             try:
-                grasps, none = self.candidates(seen), None
+                grasps, none = self.candidates(seen, reach), None
             except NoCandidateError as error:
                 none = error
                 continue
-            aside = _ASIDE if number < self.rounds - 1 else _ASIDE[:1]  # at last: as it stands
+            aside = _ASIDE if number < len(REACHES) - 1 else _ASIDE[:1]  # at last: as it stands
             around = _Surroundings(taken, scene, keypoints, robot, Way(*way[:2]), way.feel)
             chosen = self._best(grasps, around, aside)
             if chosen is not None:
@@ -122,13 +129,16 @@ class GraspSelection:
             raise none
         return None
 
-    def candidates(self, points: Array) -> Grasps:
-        """Candidates around points (n, 3) in the base frame, before any filter."""
+    def candidates(self, points: Array, reach: float = FINGER_REACH) -> Grasps:
+        """Candidates around points (n, 3) in the base frame, before any filter.
+
+        A source of its own has its own depths and is not told the fingers' reach, metres.
+        """
         if self.source is not None:
             return self.source(points)
         toward = Directions().robot_to_human if self.rescoring else None
         return sample_grasps(
-            points, self.rng, viewpoint=self.viewpoint, toward=toward, frame="base"
+            points, self.rng, viewpoint=self.viewpoint, toward=toward, reach=reach, frame="base"
         )
 
     def _best(self, grasps: Grasps, around: _Surroundings, aside: Array) -> ChosenGrasp | None:
@@ -158,6 +168,8 @@ class GraspSelection:
                     one = replace(one, widths=np.array([around.opening(one, clearance)]))
                     feel = around.feeling(one, reached, clearance)
                     found = ChosenGrasp(reached, float(one.widths[0]), float(scores[row]), feel)
+                    if not around.hand_leaves(found):
+                        continue
                     if around.robot.straight_way(forward_of(reached, -around.way.back)):
                         return found
                     roundabout = roundabout or found
@@ -203,7 +215,7 @@ class _Surroundings:
         closing, way = self.robot.tool_pose()[:3, 0], self.way
         both = sorted((pose, pose @ HALF_TURN), key=lambda p: -float(p[:3, 0] @ closing))
         stops = [(-way.back, side) for side in aside]
-        stops += [(0.0, np.zeros(3)), (way.last, np.zeros(3))]
+        stops += [(s, np.zeros(3)) for s in np.linspace(-way.back, way.last, 4)[1:]]
         return [
             option
             for option in both
@@ -214,6 +226,16 @@ class _Surroundings:
         """Whether wrist and forearm keep off the person with the tool at a pose."""
         links = ur5.near_links(self.robot.joints_at(pose))
         return links_distance(links, person(self.keypoints)) >= clearance
+
+    def hand_leaves(self, grasp: ChosenGrasp) -> bool:
+        """Whether the hand that has given can draw back along its forearm past gripper and arm."""
+        pose, back = forward_of(grasp.pose, self.way.last), self.keypoints[0] - self.keypoints[9]
+        back = back / max(float(np.linalg.norm(back)), 1e-9)
+        links = ur5.near_links(self.robot.joints_at(pose))
+        return all(
+            hand_distance(pose, grasp.width, self.keypoints + way * back, links) >= _PASSES
+            for way in _DRAWN_BACK
+        )
 
     def feeling(self, grasp: Grasps, pose: Array, clearance: float) -> float:
         """How far on past the final move a grasp, turned to a pose, is free and within reach."""
@@ -232,6 +254,8 @@ class _Surroundings:
         return feel
 
 
+_DRAWN_BACK, _PASSES = (0.03, 0.06, 0.10, 0.15), 0.006
+"""How far a hand that has given draws back, and the free space that it then needs, metres."""
 _ASIDE = 0.03 * np.array([[0, 0, 0], [0, 0, 1], [0, 0, -1], [0, 1, 0], [0, -1, 0]])
 """So far the pre-grasp may move with the hand and must still be within reach, metres."""
 

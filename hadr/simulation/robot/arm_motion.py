@@ -24,6 +24,9 @@ from hadr.simulation.robot.motion_limits import TOOL_SPEED, MotionConfig, Motion
 
 TOOL_ACCELERATION = 0.8
 """How hard the tool slows down before its target, m/s2."""
+LEAST_SINGULAR_VALUE = 0.005
+"""A straight way past a pose of a smaller `hadr.handover.ur5.singularity` leads nowhere, and such a
+pose counts as out of reach."""
 
 
 @dataclass
@@ -118,6 +121,8 @@ class ArmMotion:
     def straight_way(self, target: Array) -> Array | None:
         """Joint angles (6,) at the end of the tool's straight way, None where it leads nowhere.
 
+        Nor does it past a pose at which the arm is nearly singular.
+
         Raises:
             UnreachableError: The target itself breaks a limit.
         """
@@ -131,26 +136,36 @@ class ArmMotion:
                 goal = next(self.joint_goals(_between(here, target, share, share), joints))
             except UnreachableError:
                 return None
-            if np.abs(goal - joints).max() > 0.7:
+            if np.abs(goal - joints).max() > 0.7 or ur5.singularity(goal) < LEAST_SINGULAR_VALUE:
                 return None
             joints = goal
         return joints
 
     def _find_way(self, target: Array) -> None:
-        """Look for a way in joint space from here to a target that keeps every limit."""
+        """Look for a way in joint space from here to a target that keeps every limit.
+
+        Rather one that is nowhere nearly singular.
+        """
         goals = list(self.joint_goals(target))
         ways = [[goal] for goal in goals] + [[self.arm.home, goal] for goal in goals]
-        self._way = next((way for way in ways if self._free(way)), ways[len(goals)])
+        free = (
+            way for least in (LEAST_SINGULAR_VALUE, 0.0) for way in ways if self._free(way, least)
+        )
+        self._way = next(free, ways[len(goals)])
         self._goal, self._goal_pose = self._way[-1], target.copy()
 
-    def _free(self, way: list[Array]) -> bool:
-        """Whether straight ways in joint space from here past these points keep every limit."""
+    def _free(self, way: list[Array], least: float) -> bool:
+        """Whether joints that turn evenly from here past these points keep every limit.
+
+        And are never nearer to singular than a value.
+        """
         start = self.joints
         for end in way:
             count = int(np.ceil(np.abs(end - start).max() / 0.2))
             for share in np.arange(1, count) / max(count, 1):
-                self._trial.update(start + share * (end - start))
-                if self.rows.broken(self._trial):
+                joints = start + share * (end - start)
+                self._trial.update(joints)
+                if ur5.singularity(joints) < least or self.rows.broken(self._trial):
                     return False
             start = end
         return True

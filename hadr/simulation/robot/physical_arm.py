@@ -18,7 +18,7 @@ from hadr.handover.robot import UnreachableError
 from hadr.handover.simulated_ur5 import ArmConfig
 from hadr.handover.stages import GENTLE_FORCE
 from hadr.handover.ur5 import Array
-from hadr.simulation.robot.arm_motion import ArmMotion
+from hadr.simulation.robot.arm_motion import LEAST_SINGULAR_VALUE, ArmMotion
 from hadr.simulation.robot.motion_limits import MotionConfig
 
 FORCE_RISE = 20.0
@@ -30,8 +30,6 @@ SENSOR_NOISE = np.array([0.1, 0.1, 0.1, 0.005, 0.005, 0.005])
 resolution that is published for a Robotiq FT 300-S is 0.1 N; the torque is our choice."""
 EMERGENCY_DECELERATION = 20.0
 """Of the joints in a protective stop, rad/s2."""
-LEAST_SINGULAR_VALUE = 0.005
-"""A pose of a smaller `hadr.handover.ur5.singularity` counts as out of reach."""
 
 
 @dataclass(frozen=True)

@@ -42,6 +42,19 @@ def test_it_faces_the_human_and_keeps_off_the_hand() -> None:
     assert hand_distance(chosen.pose, chosen.width, SCENE.keypoints) > 0.02
 
 
+def test_it_leaves_the_hand_its_way_back() -> None:
+    points, robot = visible_points(SCENE, EYE), SimulatedUR5()
+    # by the scores alone the first one that can be reached stands 5.6 mm beside that way
+    choose = GraspSelection(np.random.default_rng(1), EYE, rescoring=False)
+    chosen = choose(points, SCENE.keypoints, robot)
+    assert chosen is not None
+    pose, back = forward_of(chosen.pose, 0.05), SCENE.keypoints[0] - SCENE.keypoints[9]
+    links = ur5.near_links(robot.joints_at(pose))
+    for way in (0.03, 0.06, 0.10, 0.15):
+        hand = SCENE.keypoints + way * back / np.linalg.norm(back)
+        assert hand_distance(pose, chosen.width, hand, links) >= 0.006
+
+
 @pytest.mark.parametrize("forward", [0.05, 0.055])
 def test_the_way_that_is_gone_is_the_way_that_was_checked(forward: float) -> None:
     asked = []
@@ -95,7 +108,7 @@ def test_it_keeps_off_measured_points() -> None:
     assert other is None or np.abs(other.pose - free.pose).max() > 0.01
     out = np.random.default_rng(1).normal(size=(4000, 3))
     shell = points.mean(axis=0) + 0.16 * out / np.linalg.norm(out, axis=1, keepdims=True)
-    shut = GraspSelection(np.random.default_rng(0), EYE, rounds=1)
+    shut = GraspSelection(np.random.default_rng(0), EYE)
     assert shut(points, SCENE.keypoints, robot, shell) is None
 
 

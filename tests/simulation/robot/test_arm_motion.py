@@ -7,10 +7,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from hadr.handover.poses import pose_distance
+from hadr.handover import ur5
+from hadr.handover.poses import between, pose_distance
 from hadr.handover.robot import UnreachableError
 from hadr.handover.simulated_ur5 import ArmConfig
-from hadr.simulation.robot.arm_motion import ArmMotion
+from hadr.simulation.robot.arm_motion import LEAST_SINGULAR_VALUE, ArmMotion
 from hadr.simulation.robot.motion_limits import CLEARANCE, MARGIN
 
 DT = 0.02
@@ -66,6 +67,28 @@ def test_arrives_at_random_poses_also_past_obstacles(motion: ArmMotion) -> None:
     home(motion)
     targets = [pose for pose in (random_pose(rng) for _ in range(100)) if reachable(motion, pose)]
     assert all(arrives(motion, target) for target in targets[1:30:2])
+
+
+def test_no_way_leads_past_a_singular_pose_where_another_does(motion: ArmMotion) -> None:
+    rng = np.random.default_rng(7)
+    straight = roundabout = 0
+    for target in (pose for pose in (random_pose(rng) for _ in range(60))):
+        home(motion)
+        if not reachable(motion, target):
+            continue
+        start = motion.tool_pose_at(motion.joints)
+        if motion.straight_way(target) is None:
+            roundabout += 1
+            continue
+        straight += 1
+        joints = motion.joints
+        for share in np.linspace(0, 1, 30)[1:]:
+            joints = next(motion.joint_goals(between(start, target, float(share)), joints))
+            assert (
+                ur5.singularity(joints) > 0.8 * LEAST_SINGULAR_VALUE
+            )  # between the 4 cm looked at
+    assert straight > 5
+    assert roundabout > 5
 
 
 def test_short_ways_are_straight_and_as_fast_as_allowed(motion: ArmMotion) -> None:
