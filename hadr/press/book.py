@@ -52,7 +52,7 @@ REPOSITORY_TOKEN = "{{REPOSITORY}}"
 REPORTS: dict[str, Callable[[Path], str]] = {
     "{{REPORT}}": lambda results: report(results / "mini", results / "paper_tables.json"),
     "{{FOUND}}": found_table,
-    "{{FOUND_RULES}}": lambda results: found_rules(),
+    "{{FOUND_RULES}}": found_rules,
     "{{CONDITIONS}}": lambda results: conditions_table(results / "mini"),
     "{{TUNING}}": lambda results: tuning_table(results / "mini" / "tuning.json"),
     "{{SPEED}}": lambda results: speed_table(results / "speed" / "side_by_side.json"),

@@ -8,6 +8,7 @@ of the two rows, which on the same frames is too large and so on the safe side.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -114,7 +115,7 @@ def _depth_claims(results: Path, paper: Mapping[str, Any]) -> Iterator[Claim]:
             refined = file.row(method="lidf")
             yield Claim(
                 "HADR needs no refinement",
-                f"Unlike LIDF HADR is good without a second stage: {own:.1f} cm against "
+                f"Unlike LIDF, HADR is good without a second stage: {own:.1f} cm against "
                 f"{100 * paper[split]['LIDF+Refine'][0]:.1f}.",
                 "IV-A", f"HADR {_cm(ours)} cm, LIDF with its refinement {_cm(refined)}",
                 _better(ours, [refined]), "comparison", name,
@@ -265,16 +266,19 @@ def found_table(results: Path) -> str:
         path = chapters[claim.chapter]
         shown = f"[chapter {int(path.stem[:2])}](notebooks/{path.name})"
         lines.append({
-            "": str(number), "the paper claims": f"{claim.words} ({claim.place})",
-            "ours": f"{claim.ours}. {claim.remark}", "verdict": f"**{claim.verdict}**",
-            "evidence": f"{shown}<br/>`{claim.file}`" if claim.file else shown,
+            "the paper claims": f"{number}. {claim.words} ({claim.place})",
+            "ours": f"{claim.ours}. {claim.remark}<br/>{shown}"
+            + (f", `{claim.file}`" if claim.file else ""),
+            "verdict": f"**{claim.verdict}**",
         })  # fmt: skip
     return markdown(pd.DataFrame(lines), "l")
 
 
-def found_rules() -> str:
-    """What each verdict means, as a Markdown list."""
-    return "\n".join(f"- **{word}**: {rule};" for word, rule in VERDICTS.items())[:-1] + "."
+def found_rules(results: Path) -> str:
+    """What each verdict means, and how many claims got it, as a Markdown list."""
+    counts = Counter(claim.verdict for claim in claims(results))
+    lines = [f"- **{word}** ({counts[word]}): {rule}" for word, rule in VERDICTS.items()]
+    return ";\n".join(lines) + "."
 
 
 def found_paragraph(results: Path) -> str:
