@@ -31,6 +31,8 @@ VERDICTS = {
 }
 RIVALS = ("lidf", "dfnet", "swindrnet", "tode")
 """The systems that the paper compares with."""
+COMPARISON, HANDOVER = "metrics_and_comparison", "handover_experiment"
+"""The notebooks of most claims, without their numbers."""
 Row = Mapping[str, Any]
 
 
@@ -108,7 +110,7 @@ def _depth_claims(results: Path, paper: Mapping[str, Any]) -> Iterator[Claim]:
             f"{claimed}: {own:.1f} cm against {min(theirs):.1f} to {max(theirs):.1f}.",
             "abstract, IV-A, table I",
             f"HADR {_cm(ours)} cm, the next, {NAMES[nearest['method']]}, {_cm(nearest)}",
-            _better(ours, others), "metrics_and_comparison", name,
+            _better(ours, others), COMPARISON, name,
         )  # fmt: skip
         if split == "known":
             yield from _second(file, paper[split])
@@ -118,11 +120,11 @@ def _depth_claims(results: Path, paper: Mapping[str, Any]) -> Iterator[Claim]:
                 f"Unlike LIDF, HADR is good without a second stage: {own:.1f} cm against "
                 f"{100 * paper[split]['LIDF+Refine'][0]:.1f}.",
                 "IV-A", f"HADR {_cm(ours)} cm, LIDF with its refinement {_cm(refined)}",
-                _better(ours, [refined]), "metrics_and_comparison", name,
+                _better(ours, [refined]), COMPARISON, name,
             )  # fmt: skip
         yield Claim(
             f"the published error on {split} objects", f"HADR's RMSE is {own:.1f} cm.", "table I",
-            f"{_cm(ours)} cm", UNTESTED, "metrics_and_comparison", name,
+            f"{_cm(ours)} cm", UNTESTED, COMPARISON, name,
             "On other pictures, by a smaller network that learned for minutes: the digits may not "
             "be compared.",
         )  # fmt: skip
@@ -148,7 +150,7 @@ def _second(file: ResultFile, printed: Mapping[str, Sequence[float]]) -> Iterato
     yield Claim(
         "SwinDRNet a little before HADR in two metrics",
         f"In two metrics of six HADR is a little behind SwinDRNet ({told[0]}).",
-        "IV-A, table I", told[1], word, "metrics_and_comparison",
+        "IV-A, table I", told[1], word, COMPARISON,
         "mini/known.json", "Judged by the two signs alone.",
     )  # fmt: skip
 
@@ -174,7 +176,7 @@ def _ablation_claims(results: Path, paper: Mapping[str, Any]) -> Iterator[Claim]
             "cm.",
             "IV-A, table II",
             f"{_cm(full)} to {_cm(row)} cm, {100 * mean:+.2f} ± {100 * doubt:.2f}",
-            verdict(mean, doubt), "metrics_and_comparison" if method == "no-hand" else "training",
+            verdict(mean, doubt), COMPARISON if method == "no-hand" else "training",
             name, "" if method == "no-hand" else blind,
         )  # fmt: skip
     flat, without = (file.row(method=m)["against_full"] for m in ("hand-2d", "no-hand"))
@@ -212,7 +214,7 @@ def _untested_claims(results: Path, paper: Mapping[str, Any]) -> Iterator[Claim]
     yield Claim(
         "perception in real time",
         "Mask, hand and depth run at 11 frames a second on an NVIDIA 3080.", "IV-B",
-        f"{1000 / took:.0f} frames a second", UNTESTED, "metrics_and_comparison",
+        f"{1000 / took:.0f} frames a second", UNTESTED, COMPARISON,
         "speed/perception.json",
         "On two cores without a GPU, with small networks of preset mini.",
     )  # fmt: skip
@@ -243,7 +245,7 @@ def _handover_claims(results: Path, paper: Mapping[str, Any]) -> Iterator[Claim]
         yield Claim(
             short, words, place,
             f"{won['successes']} of {won['attempts']} attempts, {label} {lost['successes']}",
-            verdict(won["rate"] - lost["rate"], math.sqrt(spread)), "handover_experiment", name,
+            verdict(won["rate"] - lost["rate"], math.sqrt(spread)), HANDOVER, name,
             "Simulated robot and hand, grasps of a sampler of our own.",
         )  # fmt: skip
     yield Claim(
@@ -253,7 +255,7 @@ def _handover_claims(results: Path, paper: Mapping[str, Any]) -> Iterator[Claim]
         "IV-B, table III",
         f"{100 * found['hadr']['rate']:.1f} %, {found['hadr']['objects_at_50_percent']} of "
         f"{len(found['hadr']['rate_by_object'])} objects",
-        UNTESTED, "handover_experiment", name, "No real robot was at hand.",
+        UNTESTED, HANDOVER, name, "No real robot was at hand.",
     )  # fmt: skip
 
 
