@@ -1,5 +1,9 @@
-"""A Sphinx extension: the network and the frames of the page on which a reader restores a glass."""
+"""A Sphinx extension: scripts, network and frames of the page on which a reader restores a glass.
 
+The scripts stand beside this file, since Jupyter Book puts all of `_static` on every page.
+"""
+
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +26,8 @@ def setup(app: Any) -> dict[str, Any]:
         frames = [every[n * len(every) // FRAMES] for n in range(FRAMES)]
         folder = Path(app.outdir) / "_static"
         size = DepthNetwork.load(checkpoint).size
+        for script in ("live_network.js", "live_page.js"):
+            shutil.copyfile(Path(__file__).with_name(script), folder / script)
         (folder / "live_frames.js").write_text(frames_script(frames, size), encoding="utf-8")
         (folder / "live_weights.js").write_text(weights_script(checkpoint), encoding="utf-8")
 

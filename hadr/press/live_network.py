@@ -1,7 +1,7 @@
 """What the page on which a reader restores a glass needs: a network and frames, as scripts.
 
-The page's arithmetic is `book/_static/live_network.js`. It runs where the book is opened as a file,
-too: nothing is fetched but scripts beside it.
+The page's arithmetic is `book/extensions/live_network.js`. It runs where the book is opened as a
+file, too: nothing is fetched but scripts beside it.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ from hadr.trained_networks import DepthNetwork
 
 pytestmark = pytest.mark.browser
 
-STATIC = Path(__file__).parents[2] / "book" / "_static"
+NETWORK = Path(__file__).parents[2] / "book" / "extensions" / "live_network.js"
 CHECKPOINTS = samples_dir() / "checkpoints"
 RESTORED = """([number, move, rounds]) => {
   const frame = live.unpacked(live.frames[number]), { width } = frame;
@@ -42,7 +42,7 @@ def network():
 def page(tab, tmp_path, frames, network):
     """The page's arithmetic with the bundled weights, without the page."""
     scripts = (
-        (STATIC / "live_network.js").read_text(encoding="utf-8"),
+        NETWORK.read_text(encoding="utf-8"),
         "live.frames = []; live.frame = (stored) => live.frames.push(stored);",
         weights_script(CHECKPOINTS / "hadr-plus-mini.safetensors"),
         frames_script(frames, network.size),
