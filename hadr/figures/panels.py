@@ -1,7 +1,8 @@
 """The book's figure style: the same colours for the same things, labelled axes, units.
 
-Colours are Okabe and Ito's, which colour-blind readers can tell apart. Depth is drawn in one
-sequential map (near is bright), signed errors in a diverging one that is white at zero.
+Colours are Okabe and Ito's, which colour-blind readers can tell apart, and a dark brown. Depth is
+drawn in one sequential map (near is bright), signed errors in a diverging one that is white at
+zero.
 """
 
 from __future__ import annotations
@@ -37,6 +38,7 @@ COLORS: dict[str, str] = {
     "ray": "#D55E00",
     "highlight": "#F0E442",
     "background": "#B8B8B8",
+    "rival": "#661100",
 }
 #: Colours of the five fingers, thumb to little finger.
 FINGER_COLORS: dict[str, str] = {
@@ -50,7 +52,7 @@ FINGER_COLORS: dict[str, str] = {
 BONE_COLORS: tuple[str, ...] = tuple(FINGER_COLORS[f] for f in FINGERS for _ in range(4))
 DEPTH_MAP = "viridis_r"
 ERROR_MAP = "RdBu_r"
-_MISSING = "#d9d9d9"
+MISSING = "#d9d9d9"
 
 
 def use_style() -> None:
@@ -113,7 +115,7 @@ def show_depth(
     Where no limits are given, they are the 1st and 99th percentile of the valid depth.
     """
     low, high = _limits(depth, vmin, vmax)
-    cmap = mpl.colormaps[DEPTH_MAP].with_extremes(bad=_MISSING)
+    cmap = mpl.colormaps[DEPTH_MAP].with_extremes(bad=MISSING)
     shown = np.ma.masked_where(~valid_depth(depth), depth)
     image = ax.imshow(shown, cmap=cmap, vmin=low, vmax=high)
     bare_axes(ax, title)
@@ -140,7 +142,7 @@ def show_error(
 
     The colour bar is in centimetres and ends at plus and minus ``limit`` metres.
     """
-    cmap = mpl.colormaps[ERROR_MAP].with_extremes(bad=_MISSING)
+    cmap = mpl.colormaps[ERROR_MAP].with_extremes(bad=MISSING)
     shown = np.ma.masked_invalid(np.asarray(error) * 100)
     image = ax.imshow(shown, cmap=cmap, vmin=-limit * 100, vmax=limit * 100)
     bare_axes(ax, title)

@@ -30,6 +30,7 @@ from hadr.press.chapters import (
 )
 from hadr.press.course.chapter import read_chapters
 from hadr.press.course.teaching import chapters_text, plans_text
+from hadr.press.found import found_rules, found_table
 from hadr.press.notebook_twins import repository
 from hadr.press.paper_report import report
 from hadr.press.report import (
@@ -49,6 +50,8 @@ TABLE_TOKEN = "{{RUNTIME_TABLE}}"
 REPOSITORY_TOKEN = "{{REPOSITORY}}"
 REPORTS: dict[str, Callable[[Path], str]] = {
     "{{REPORT}}": lambda results: report(results / "mini", results / "paper_tables.json"),
+    "{{FOUND}}": found_table,
+    "{{FOUND_RULES}}": found_rules,
     "{{CONDITIONS}}": lambda results: conditions_table(results / "mini"),
     "{{TUNING}}": lambda results: tuning_table(results / "mini" / "tuning.json"),
     "{{SPEED}}": lambda results: speed_table(results / "speed" / "side_by_side.json"),

@@ -36,7 +36,7 @@ NAMES: dict[str, str] = {
 }
 """How a method of a result file is called in tables and pictures, in the order of the tables."""
 _SIGNS = (
-    ("hadr", "o"), ("voxel", "^"), ("highlight", "v"), ("truth", "s"), ("ray", "X"),
+    ("hadr", "o"), ("voxel", "^"), ("highlight", "v"), ("truth", "s"), ("rival", "X"),
     ("baseline", "P"), ("robot", "*"), ("glass", "d"), ("hand", "p"),
 )  # fmt: skip
 """Colour and marker of the depth networks, in the order of their table; the last are to spare."""

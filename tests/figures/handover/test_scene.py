@@ -11,7 +11,7 @@ from hadr.hand import FINGERS, HandShape, forward_kinematics, keypoints_from_ske
 def test_the_skin_lies_around_the_keypoints_wherever_the_hand_is() -> None:
     angles = np.linspace(0.1, 0.7, 20)
     hand = 1.2 * keypoints_from_skeleton(forward_kinematics(angles, HandShape()).joints)
-    moved = Rotation.from_rotvec((0.4, -2.0, 0.9)).apply(hand) + (0.3, -0.1, 0.8)
+    moved = Rotation.from_rotvec((0.4, -2.0, 0.9)).apply(hand) + np.array([0.3, -0.1, 0.8])
     skin = hand_skin(moved)
     away, _ = cKDTree(skin.vertices).query(moved)
     assert away.max() < 0.03  # inside of a wrist

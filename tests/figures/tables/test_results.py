@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import re
 
+import cv2
 import matplotlib.pyplot as plt
+import numpy as np
 import pytest
+from matplotlib.colors import to_rgb
 
 from hadr.figures.tables.comparison import (
     ablation_table,
@@ -25,7 +28,9 @@ from hadr.figures.tables.results import (
     margins_table,
     parts_table,
     results_table,
+    system_color,
 )
+from hadr.models.networks import DEPTH_NETWORKS
 
 PAPER = {split: {"HADR": [0.009, 0.016, 0.005, 95.22]} for split in ("known", "unknown")}
 
@@ -206,3 +211,27 @@ def test_a_memory_is_shown_under_both_splits() -> None:
         ["the most similar hand's glass", "4.00 ± 0.20", "-1.00 ± 0.10",
          "3.00 ± 0.20", "-2.00 ± 0.10"],
     ]  # fmt: skip
+
+
+LOSSES = {
+    "none": np.eye(3),
+    "protan": [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216],
+               [-0.003882, -0.048116, 1.051998]],
+    "deutan": [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413],
+               [-0.011820, 0.042940, 0.968881]],
+    "tritan": [[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602],
+               [0.004733, 0.691367, 0.303900]],
+}  # fmt: skip
+"""Linear RGB as it is seen without one kind of cones: Machado, Oliveira and Fernandes (2009)."""
+
+
+@pytest.mark.parametrize("loss", LOSSES)
+def test_methods_have_colors_that_colour_blind_readers_tell_apart(loss: str) -> None:
+    names = [*DEPTH_NETWORKS, "no-hand", "hand-median"]
+    colors = np.array([to_rgb(system_color(name)) for name in names])
+    linear = np.where(colors <= 0.04045, colors / 12.92, ((colors + 0.055) / 1.055) ** 2.4)
+    seen = np.clip(linear @ np.array(LOSSES[loss]).T, 0, 1)
+    back = np.where(seen <= 0.0031308, 12.92 * seen, 1.055 * seen ** (1 / 2.4) - 0.055)
+    lab = cv2.cvtColor(back[None].astype(np.float32), cv2.COLOR_RGB2LAB)[0]
+    apart = np.linalg.norm(lab[:, None] - lab[None], axis=2)[np.triu_indices(len(names), 1)]
+    assert apart.min() > 15
