@@ -31,7 +31,7 @@ VERDICTS = {
 }
 RIVALS = ("lidf", "dfnet", "swindrnet", "tode")
 """The systems that the paper compares with."""
-COMPARISON, HANDOVER = "metrics_and_comparison", "handover_experiment"
+COMPARISON, HANDOVER = "comparison", "handover_experiment"
 """The notebooks of most claims, without their numbers."""
 Row = Mapping[str, Any]
 
