@@ -54,14 +54,11 @@ class Sheet:
         patch.set_linewidth(lw)
         self.page.add_patch(patch)
 
-    def arrow(
-        self, start: tuple[float, float], end: tuple[float, float], bend: float = 0.0, **look: Any
-    ) -> None:
-        """Draw an arrow, straight or bent to its left by a share of its length."""
-        options: dict[str, Any] = {"lw": 2.2, "color": INK, "shrinkA": 0, "shrinkB": 0} | look
+    def arrow(self, *places: tuple[float, float], color: str = INK) -> None:
+        """Draw an arrow along a line of two places or more."""
+        way = Path(list(places))
         head = "-|>,head_width=4,head_length=7"
-        way = f"arc3,rad={bend}"
-        patch = FancyArrowPatch(start, end, arrowstyle=head, connectionstyle=way, **options)
+        patch = FancyArrowPatch(path=way, arrowstyle=head, lw=2.2, color=color)
         self.page.add_patch(patch)
 
     def dim_all_but(self, boxes: Sequence[Box]) -> None:

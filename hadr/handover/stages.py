@@ -68,6 +68,36 @@ class Stage(Enum):
     GAVE_UP = "Gave up"
 
 
+CHANGES: dict[Stage, dict[Stage, str]] = {
+    Stage.WAIT_AND_OBSERVE: {
+        Stage.APPROACH_AND_REACT: "a grasp is chosen",
+        Stage.STOPPED: "something is wrong",
+        Stage.GOING_HOME: "no handover for too long",
+    },
+    Stage.APPROACH_AND_REACT: {
+        Stage.GRASP_AND_RETRIEVE: "there, and all calm",
+        Stage.WAIT_AND_OBSERVE: "held in another way",
+        Stage.STOPPED: "something is wrong",
+        Stage.GOING_HOME: "no handover for too long",
+    },
+    Stage.GRASP_AND_RETRIEVE: {
+        Stage.FINISHED: "home with the object",
+        Stage.STOPPED: "something is wrong",
+    },
+    Stage.STOPPED: {
+        Stage.WAIT_AND_OBSERVE: "the cause is gone",
+        Stage.GRASP_AND_RETRIEVE: "the cause is gone, the object held",
+        Stage.STOPPED: "another cause",
+        Stage.GOING_HOME: "too many stops, or too long",
+    },
+    Stage.GOING_HOME: {Stage.GAVE_UP: "at home, or no way there"},
+    Stage.FINISHED: {},
+    Stage.GAVE_UP: {},
+}
+"""Which stage may follow which, and when. Besides, each but the last two may give up at once: where
+the robot's driver fails, or where it would go home with an object in the gripper."""
+
+
 class Transition(NamedTuple):
     """One change of stage: when (seconds), from, to, and why in words."""
 

@@ -27,6 +27,7 @@ from hadr.handover.stages import (
     ARRIVE_ANGLE,
     ARRIVE_DISTANCE,
     BACK_OFF,
+    CHANGES,
     GENTLE_FORCE,
     GRASP_TIMEOUT,
     HOME_TIMEOUT,
@@ -374,5 +375,7 @@ class Handover:
         self.caution = self.arm.caution
 
     def _enter(self, stage: Stage, reason: str) -> None:
+        if stage is not Stage.GAVE_UP and stage not in CHANGES[self.stage]:
+            raise RuntimeError(f"{stage.value} may not follow {self.stage.value}: {reason}")
         self.transitions.append(Transition(self.time, self.stage, stage, reason))
         self.stage, self._entered = stage, self.time

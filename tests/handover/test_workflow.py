@@ -565,3 +565,10 @@ def test_camera_pose_and_dt_are_checked() -> None:
         fixed_handover().step(Observation(0.0), 0.2)
     with pytest.raises(ValueError, match="tries must be 1 or more, got 0"):
         HandoverConfig(tries=0)
+
+
+def test_only_the_tables_changes_of_stage_happen() -> None:
+    handover = fixed_handover()
+    with pytest.raises(RuntimeError, match="Finished may not follow Wait & Observe: by mistake"):
+        handover._enter(Stage.FINISHED, "by mistake")
+    assert handover.stage is Stage.WAIT_AND_OBSERVE

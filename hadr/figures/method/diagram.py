@@ -29,21 +29,23 @@ from hadr.handover.grasping.gripper import fork
 from hadr.handover.grasping.rescoring import Directions, rescore
 from hadr.models.hadr import HADR, HADROutput
 from hadr.models.network_input import HADRInput, frame_to_input
+from hadr.records.checkout import checkout_root
 from hadr.restoration import CHECKPOINT_NAME, restore
 from hadr.training.checkpoints import load_checkpoint
 
 Array = npt.NDArray[np.float64]
 
-PARTS: dict[str, tuple[str, str, Box]] = {
-    "input": ("1, 2", "a frame and a hand go in", (0.08, 3.5, 5.3, 2.42)),
-    "pairs": ("3", "rays, voxels, pairs", (5.78, 3.5, 5.54, 2.42)),
-    "ray": ("4", "ray feature", (0.08, 1.02, 1.68, 2.08)),
-    "voxel": ("4", "voxel feature", (1.89, 1.02, 1.68, 2.08)),
-    "hand": ("5", "hand feature", (3.7, 1.02, 1.68, 2.08)),
-    "answer": ("6", "probability, offset, depth", (5.78, 0.08, 3.68, 3.02)),
-    "grasp": ("10–13", "grasp", (9.6, 0.08, 1.72, 3.02)),
-}
-"""The parts by name: the chapters that explain it, its title, and its place on the sheet."""
+PARTS: dict[str, tuple[tuple[str, ...], str, Box]] = {
+    "input": (
+        ("depth_corruption", "transhand_data"), "a frame and a hand go in", (0.08, 3.5, 5.3, 2.42)),
+    "pairs": (("ray_voxels",), "rays, voxels, pairs", (5.78, 3.5, 5.54, 2.42)),
+    "ray": (("ray_and_voxel_features",), "ray feature", (0.08, 1.02, 1.68, 2.08)),
+    "voxel": (("ray_and_voxel_features",), "voxel feature", (1.89, 1.02, 1.68, 2.08)),
+    "hand": (("hand_features",), "hand feature", (3.7, 1.02, 1.68, 2.08)),
+    "answer": (("training",), "probability, offset, depth", (5.78, 0.08, 3.68, 3.02)),
+    "grasp": (("grasp_rescoring", "handover_experiment"), "grasp", (9.6, 0.08, 1.72, 3.02)),
+}  # fmt: skip
+"""The parts by name: the first and last notebook on it, its title, and its place on the sheet."""
 STRIP: Box = (0.08, 0.08, 5.3, 0.82)
 FLOWS = (
     ((0.92, 3.5), (0.92, 3.1)), ((2.73, 3.5), (2.73, 3.1)), ((4.54, 3.5), (4.54, 3.1)),
@@ -133,10 +135,13 @@ def method_diagram(*lit: str) -> Sheet:
     if unknown := set(lit) - set(PARTS):
         raise ValueError(f"no part {sorted(unknown)}; the parts are {', '.join(PARTS)}")
     sheet = Sheet(11.4, 6.0)
-    for name, (chapters, title, box) in PARTS.items():
+    notebooks = (checkout_root() / "notebooks").glob("[0-9][0-9]_*.ipynb")
+    numbers = {path.stem[3:]: str(int(path.stem[:2])) for path in notebooks}
+    for name, (about, title, box) in PARTS.items():
         sheet.card(box, **({"edge": RAY, "lw": 2.5} if name in lit else {}))  # type: ignore[arg-type]
         left, top = box[0] + 0.14, box[1] + box[3] - 0.21
         label = {"boxstyle": "round,pad=0.25", "fc": INK, "ec": "none"}
+        chapters = "–".join(numbers[notebook] for notebook in about)
         chip = sheet.write(left, top, chapters, color="white", weight="bold", bbox=label)
         wide = chip.get_window_extent().width / sheet.figure.dpi
         sheet.write(left + wide + 0.14, top, title, fontsize=FONT + 0.5, weight="bold")

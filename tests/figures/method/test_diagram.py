@@ -49,7 +49,7 @@ def test_a_sheet_is_shown_as_vectors_and_bitmap_the_same_each_time(monkeypatch):
     for _ in range(2):
         sheet = Sheet(2, 1)
         sheet.card((0.1, 0.1, 1, 0.5))
-        sheet.arrow((0.2, 0.2), (1, 0.8), bend=0.2)
+        sheet.arrow((0.2, 0.2), (1, 0.2), (1, 0.8))
         sheet.write(0.2, 0.3, "words")
         sheet.show()
     assert shown[0] == shown[1]
