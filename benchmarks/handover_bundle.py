@@ -1,4 +1,4 @@
-"""Put the handover experiment's results, and the recordings of chapter 11, where they belong.
+"""Put the handover experiment's results, and the recordings of chapter 13, where they belong.
 
     hadr handover --out build/handover                                          (the table)
     hadr handover --conditions perfect --extrinsics-error 3 --out build/turned        (made worse)

@@ -352,7 +352,7 @@ def test_the_handover_has_all_arms_and_their_attempts_add_up() -> None:
         assert row["largest_force_n"] < 20  # "stays far below the 20 N"
 
 
-def test_readme_and_chapter_11_say_what_the_handover_file_says() -> None:
+def test_readme_and_chapter_13_say_what_the_handover_file_says() -> None:
     rows = handover_rows()
     text = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
     conditions = ("hadr", "hadr-plus", "perfect", "raw")
@@ -371,7 +371,7 @@ def test_readme_and_chapter_11_say_what_the_handover_file_says() -> None:
     assert max(row["largest_force_n"] for row in rows.values()) < 10  # "far below the 20 N"
 
 
-def test_chapter_11_says_which_differences_could_be_chance() -> None:
+def test_chapter_13_says_which_differences_could_be_chance() -> None:
     rows = handover_rows()
     ahead, behind, chance = paired(rows["perfect"], rows["hadr"])
     assert ahead > behind
@@ -384,7 +384,7 @@ def test_chapter_11_says_which_differences_could_be_chance() -> None:
     assert rows["inpainted"]["successes"] < rows["raw"]["successes"]  # "worse than doing nothing"
 
 
-def test_chapter_11_says_what_makes_it_worse() -> None:
+def test_chapter_13_says_what_makes_it_worse() -> None:
     rows = read_result_file(RESULTS / "mini" / "handover_worse.json").rows
     same = {len(row["rate_by_object"]) for row in rows} | {row["attempts"] for row in rows}
     assert same == {8, 24}
@@ -396,7 +396,7 @@ def test_chapter_11_says_what_makes_it_worse() -> None:
     assert 2 <= won[0.0, 1.0] - won[0.0, 3.0] <= 5  # "perhaps a little"
 
 
-def test_chapter_11_says_how_far_the_depth_is_off() -> None:
+def test_chapter_13_says_how_far_the_depth_is_off() -> None:
     file = read_result_file(RESULTS / "mini" / "handover_depth.json")
     hadr = file.row(condition="hadr")
     plus = file.row(condition="hadr-plus")

@@ -48,6 +48,9 @@ ON_A_FINGER = 0.25
 SMALLEST_STEP = 0.3
 """A step aside of less than this part of the first is not made."""
 
+THINNEST = 0.001
+"""Fingers that both press and are farther apart than they were told to, by so much, metres, hold
+something."""
 STILL, STILL_FOR = 0.0005, 0.2
 """Fingers that move by less than this, metres, for so long, seconds, stand."""
 
@@ -326,8 +329,10 @@ class Retrieval:
         return True
 
     def _check_held(self, words: str) -> None:
-        width = self.arm.reading.width
-        if not safety.something_held(width, self._told, self.arm.config.safety.held_margin):
+        width, margin = self.arm.reading.width, self.arm.config.safety.held_margin
+        if self.arm.around_something:  # a stem is thin
+            margin = min(margin, THINNEST)
+        if not safety.something_held(width, self._told, margin):
             gap = f"{1000 * width:.0f} mm apart, told {1000 * self._told:.0f}"
             raise HaltError(f"{words}: object dropped or lost (fingers {gap})", back=True)
 

@@ -29,7 +29,7 @@ class Network:
         published: Its name in the paper's tables; "" where it is not in them.
         can_say: It predicts a distribution of depth, so that it can say how sure it is. HADR's and
             LIDF's probability is that of a voxel of 25 cm and says next to nothing about
-            centimetres (chapter 6); the others have no opinion.
+            centimetres (chapter 7); the others have no opinion.
         skips_mask: It never looks at depth that was measured inside the mask.
         sees: Of one that restores depth, the part whose map is what it sees
             (`hadr.confidence.sight`).

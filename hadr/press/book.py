@@ -35,6 +35,7 @@ from hadr.press.notebook_twins import repository
 from hadr.press.paper_report import report
 from hadr.press.report import (
     conditions_table,
+    generation_table,
     ledger_effects,
     ledger_table,
     speed_table,
@@ -55,6 +56,7 @@ REPORTS: dict[str, Callable[[Path], str]] = {
     "{{CONDITIONS}}": lambda results: conditions_table(results / "mini"),
     "{{TUNING}}": lambda results: tuning_table(results / "mini" / "tuning.json"),
     "{{SPEED}}": lambda results: speed_table(results / "speed" / "side_by_side.json"),
+    "{{GENERATION}}": lambda results: generation_table(results / "generation"),
     "{{LEDGER_EFFECTS}}": lambda results: ledger_effects(results / "mini"),
     "{{LEDGER_TABLE}}": lambda results: ledger_table(results / "mini" / "ledger.json"),
     "{{TEACHING_PLANS}}": lambda results: plans_text(read_chapters(results.parent)),

@@ -31,7 +31,7 @@ VERDICTS = {
 }
 RIVALS = ("lidf", "dfnet", "swindrnet", "tode")
 """The systems that the paper compares with."""
-COMPARISON, HANDOVER = "metrics_and_comparison", "handover_experiment"
+COMPARISON, HANDOVER = "comparison", "handover_experiment"
 """The notebooks of most claims, without their numbers."""
 Row = Mapping[str, Any]
 
@@ -208,7 +208,7 @@ def _untested_claims(results: Path, paper: Mapping[str, Any]) -> Iterator[Claim]
         "HADR best on real frames",
         "On real pictures of hand-held glass HADR's point clouds are truer than the rivals'.",
         "IV-B, figure 7",
-        "two real frames of glass on a table", UNTESTED, "training",
+        "two real frames of glass on a table", UNTESTED, "what_training_brings",
         "real/cleargrasp_d435.json",
         "There is no public real frame of glass in a hand with true depth.",
     )  # fmt: skip

@@ -14,7 +14,7 @@ import pandas as pd
 from hadr.experiments.tables import DEFAULT
 from hadr.figures.tables.results import NAMES, markdown, with_doubt
 from hadr.metrics import METRICS
-from hadr.records.result_file import read_result_file, read_result_files
+from hadr.records.result_file import read_result_file, read_result_files, read_sealed
 
 _SWITCHED = {
     "coded-weights": "loss weights as coded",
@@ -138,3 +138,27 @@ def speed_table(path: str | Path) -> str:
             "weights (M)": f"{row['parameters'] / 1e6:.2f}",
         })  # fmt: skip
     return markdown(pd.DataFrame(lines), "llr")
+
+
+def generation_table(folder: str | Path) -> str:
+    """What generated frames cost, of `benchmark.json` and `mini_run.json`, as Markdown."""
+    cost, run = (read_sealed(Path(folder) / f"{name}.json") for name in ("benchmark", "mini_run"))
+    lines = []
+    for row in cost["seconds_a_frame"]:
+        parts = {part: f"{spent:.2f}" for part, spent in row["cpu_seconds_by_part"].items()}
+        whole = {"a frame (s)": f"{row['seconds_a_frame']:.1f}",
+                 "kB": f"{row['kilobytes_a_frame']:.0f}"}  # fmt: skip
+        lines.append(
+            {"engine": row["engine"], "size": f"{row['width']}x{row['height']}"} | parts | whole
+        )
+    paper, work = cost["paper_frames"], cost["efficiency_of_2_workers"]
+    hours = ", ".join(f"{row['hours']:.1f} h on {row['cores']}" for row in paper["cost"])
+    few, size = cost["workers"][1]["frames"], "{width}x{height}".format(**run["folder_settings"])
+    calm = run["minutes_at_the_pace_of_the_quickest_tenth"]
+    return f"""{markdown(pd.DataFrame(lines), "llr")}
+
+Two workers do {2 * work["at_work"]:.2f} times the work of one, {2 * work["with_start"]:.2f} times
+with their start in a run of {few} frames. The paper's {paper["frames"]:,} frames of 1280x720 would
+take {hours} cores, if many workers do as well as two. A whole set of {run["frames"]:,} frames of
+{size} took {run["seconds"] / 60:.0f} minutes with two workers ({run["note"]}; {calm:.0f} minutes at
+the pace of its quickest tenth)."""

@@ -1,5 +1,6 @@
 """Links inside of the built book, with their anchors; no browser is needed to follow them."""
 
+import re
 from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
@@ -70,3 +71,16 @@ def test_every_page_of_the_contents_was_built(html):
     entries += [section for entry in entries for section in entry.get("sections", [])]
     names = [contents["root"], *(entry["file"] for entry in entries)]
     assert [name for name in names if not (html / f"{name}.html").exists()] == []
+
+
+def test_links_name_the_number_of_their_chapter():
+    folders = ("book", "notebooks/text", "data_samples")
+    pages = [ROOT / "README.md", *(p for name in folders for p in (ROOT / name).rglob("*.md"))]
+    said = r"\[[Cc]hapter (\d+)\]\([^)\s]*?(?:notebooks/)?(\d\d)_\w+\.(?:ipynb|md)"
+    wrong = [
+        f"{path.name}: {found[0]}"
+        for path in pages
+        for found in re.finditer(said, path.read_text(encoding="utf-8"))
+        if int(found[1]) != int(found[2])
+    ]
+    assert wrong == []

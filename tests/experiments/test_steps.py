@@ -62,7 +62,7 @@ def test_a_row_that_is_no_steps_is_named(tmp_path: Path) -> None:
 
 
 def test_the_repository_knows_how_long_its_own_runs_took(tmp_path: Path) -> None:
-    for size, step in (("tiny", "11_handover_experiment"), ("mini", "handover/hadr")):
+    for size, step in (("tiny", "13_handover_experiment"), ("mini", "handover/hadr")):
         times = last_run_times(tmp_path, size)
         assert {"known/hadr/seed-0", step} <= times.keys()
         assert all(seconds > 0 for seconds in times.values())

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from hadr.handover.grasp_and_retrieve import BLOCKED_TIME, DRAW_BACK, Advance
+from hadr.handover.grasp_and_retrieve import BLOCKED_TIME, DRAW_BACK, Advance, Retrieval
 from hadr.handover.grasping.grasps import forward_of
 from hadr.handover.guarded_arm import GuardedArm, HaltError
 from hadr.handover.simulated_ur5 import SimulatedUR5
@@ -358,3 +358,21 @@ def test_a_hand_in_front_lets_it_draw_back() -> None:
         advance.arm.read()
         advance.step(start, DT)
     assert (tool[:3, 3] - robot.tool_pose()[:3, 3]) @ tool[:3, 2] > 0.005
+
+
+def test_a_thin_stem_that_both_fingers_press_is_held() -> None:
+    robot, advance, start = advancing(replace(PLAIN, squeeze=0.085))
+    robot.between_fingers = 0.002
+    retrieval, now = Retrieval(advance.arm), 0.0
+    retrieval.begin(now, start, 0.03)
+    while retrieval.part == "close":
+        advance.arm.read()
+        retrieval.step(now, DT)
+        now += DT
+    assert retrieval.part == "let go"
+    robot.between_fingers = 0.0
+    for _ in range(10):
+        robot.servo_to(start, DT)
+    advance.arm.read()
+    with pytest.raises(HaltError, match="slipped out of the fingers"):
+        retrieval.step(now, DT)

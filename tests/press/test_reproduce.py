@@ -173,16 +173,16 @@ def test_the_plan_is_printed_first_and_what_is_finished_is_not_repeated(
 @pytest.mark.parametrize(
     ("wishes", "said", "unsaid"),
     [
-        ([], ["preset tiny, seed 0", "known/hadr-plus", "handover/perfect", "07_metrics"], []),
+        ([], ["preset tiny, seed 0", "known/hadr-plus", "handover/perfect", "08_metrics"], []),
         (
             ["known/hadr"],
             ["known/hadr/seed-0", "everything goes to"],
-            ["known/hadr-plus", "07_metrics", "handover/"],
+            ["known/hadr-plus", "08_metrics", "handover/"],
         ),
-        (["tables"], ["unknown/raw/seed-0", "known/hadr-long/seed-0"], ["07_metrics", "handover/"]),
-        (["chapters"], ["07_metrics"], ["known/", "handover/"]),
-        (["handover"], ["handover/raw", " 1 attempt "], ["known/", "07_metrics"]),
-        (["3", "raw"], ["03_ray", "known/raw", "unknown/raw"], ["07_metrics", "nearest"]),
+        (["tables"], ["unknown/raw/seed-0", "known/hadr-long/seed-0"], ["08_metrics", "handover/"]),
+        (["chapters"], ["08_metrics"], ["known/", "handover/"]),
+        (["handover"], ["handover/raw", " 1 attempt "], ["known/", "08_metrics"]),
+        (["3", "raw"], ["03_ray", "known/raw", "unknown/raw"], ["08_metrics", "nearest"]),
     ],
 )
 def test_a_dry_run_plans_what_is_asked_for_and_makes_nothing(

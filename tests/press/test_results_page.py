@@ -10,6 +10,8 @@ import pytest
 
 from hadr.cli import parse_options
 from hadr.experiments.tables import FILES
+from hadr.press.report import generation_table
+from hadr.records.result_file import read_sealed
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "book" / "results.md").read_text(encoding="utf-8")
@@ -55,3 +57,14 @@ def test_commands_exist_take_these_options_and_write_the_files(
     for file in map(Path, files if commands else ()):
         named = file.name in script or f'"{file.stem}"' in script or file.stem in last
         assert f"--json results/{file}" in last or ("--json" not in last and named)
+
+
+def test_the_cost_of_a_frame_has_a_row_for_each_engine_and_size() -> None:
+    folder = ROOT / "results" / "generation"
+    measured = read_sealed(folder / "benchmark.json")["seconds_a_frame"]
+    table = generation_table(folder).split("\n\n")[0].splitlines()[2:]
+    for line, row in zip(table, measured, strict=True):
+        cells = [cell.strip() for cell in line.strip("|").split("|")]
+        assert cells[:2] == [row["engine"], f"{row['width']}x{row['height']}"]
+        assert float(cells[-2]) == pytest.approx(row["seconds_a_frame"], abs=0.05)
+        assert sum(map(float, cells[2:-2])) == pytest.approx(row["cpu_seconds_a_frame"], abs=0.05)

@@ -135,7 +135,7 @@ def restored_clouds(frame: Frame, depths: Mapping[str, FloatArray]) -> list[Clou
         points = back_project(depth, frame.camera)
         near = valid_depth(depth) & (np.linalg.norm(points - center, axis=-1) <= _AROUND_M)
         off = _words(_error(depth, frame), frame.object_mask).replace("\n", ", ")
-        note = "the true surface" if name == "truth" else f"{name}: {off} (RMSE on the glass)"
+        note = "the true surface" if name == "truth" else f"{name}, on the glass: {off}"
         view: tuple[Any, ...] = (center, _SEEN_M, float(center[2] / frame.camera.fx))
         clouds.append(Cloud(name, note, points[near], colors[near], *view))
     return clouds

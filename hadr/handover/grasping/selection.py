@@ -114,6 +114,7 @@ class GraspSelection:
         taken = np.concatenate([whole, turned_about_axis(whole, normals)])  # where it may be
         scene = np.zeros((0, 3)) if scene_points is None else _thinned(scene_points)
         none: NoCandidateError | None = None
+        roundabout: ChosenGrasp | None = None
         for number, reach in enumerate(REACHES):
             try:
                 grasps, none = self.candidates(seen, reach), None
@@ -122,12 +123,13 @@ class GraspSelection:
                 continue
             aside = _ASIDE if number < len(REACHES) - 1 else _ASIDE[:1]  # at last: as it stands
             around = _Surroundings(taken, scene, keypoints, robot, Way(*way[:2]), way.feel)
-            chosen = self._best(grasps, around, aside)
-            if chosen is not None:
+            chosen, straight = self._best(grasps, around, aside)
+            if straight:
                 return chosen
-        if none is not None:
+            roundabout = roundabout or chosen
+        if none is not None and roundabout is None:
             raise none
-        return None
+        return roundabout
 
     def candidates(self, points: Array, reach: float = FINGER_REACH) -> Grasps:
         """Candidates around points (n, 3) in the base frame, before any filter.
@@ -141,8 +143,13 @@ class GraspSelection:
             points, self.rng, viewpoint=self.viewpoint, toward=toward, reach=reach, frame="base"
         )
 
-    def _best(self, grasps: Grasps, around: _Surroundings, aside: Array) -> ChosenGrasp | None:
-        """The best of some candidates that is free and can be reached, moved aside (n, 3) too."""
+    def _best(
+        self, grasps: Grasps, around: _Surroundings, aside: Array
+    ) -> tuple[ChosenGrasp | None, bool]:
+        """The best of some candidates that is free and can be reached, moved aside (n, 3) too.
+
+        And whether a straight way leads to its pre-grasp.
+        """
         room = around.room(grasps)
         near = room >= min(CLEARANCES)
         grasps, room = grasps.select(near), room[near]
@@ -156,7 +163,7 @@ class GraspSelection:
             for row in best_first[room[best_first] >= clearance]:
                 pose = grasps.poses[row]
                 if len(tried) >= MOST_CHECKED:
-                    return roundabout
+                    return roundabout, False
                 if any(_alike(pose, other) for other in tried):
                     continue
                 tried.append(pose)
@@ -171,9 +178,9 @@ class GraspSelection:
                     if not around.hand_leaves(found):
                         continue
                     if around.robot.straight_way(forward_of(reached, -around.way.back)):
-                        return found
+                        return found, True
                     roundabout = roundabout or found
-        return roundabout
+        return roundabout, False
 
 
 @dataclass(frozen=True)

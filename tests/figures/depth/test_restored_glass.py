@@ -56,8 +56,8 @@ def test_clouds_have_what_is_near_the_glass_and_mark_it(glass):
     depths = {"hole": hole, "ours": glass.depth - np.float32(0.01), "truth": glass.depth}
     clouds = restored_clouds(glass, depths)
     assert [len(cloud.points) for cloud in clouds] == [1, 200, 200]
-    assert clouds[0].note == "hole: all missing (RMSE on the glass)"
-    assert clouds[1].note == "ours: 1.0 cm (RMSE on the glass)"
+    assert clouds[0].note == "hole, on the glass: all missing"
+    assert clouds[1].note == "ours, on the glass: 1.0 cm"
     assert (clouds[0].colors == glass.color[10, 29]).all()
     assert (clouds[2].colors != glass.color[glass.object_mask]).any()
     for cloud in clouds:

@@ -13,24 +13,24 @@ def content(folder):
 
 def test_writes_a_course_and_the_same_again(tmp_path, capsys):
     out = tmp_path / "course"
-    words = ["course", "--out", str(out), "--only", "3", "11", "--no-slides", "--preset", "mini"]
+    words = ["course", "--out", str(out), "--only", "3", "13", "--no-slides", "--preset", "mini"]
     assert main(words) == 0
     assert "2 chapters, 5 exercises" in capsys.readouterr().out
     first = content(out)
     assert set(first) == {
         "course.json", "instructor.md", "nbgrader_config.py",
-        "student/03_ray_voxels.ipynb", "student/11_handover_experiment.ipynb",
-        "solutions/03_ray_voxels.ipynb", "solutions/11_handover_experiment.ipynb",
+        "student/03_ray_voxels.ipynb", "student/13_handover_experiment.ipynb",
+        "solutions/03_ray_voxels.ipynb", "solutions/13_handover_experiment.ipynb",
         "tests/03_ray_voxels/ex-03-1.py", "tests/03_ray_voxels/ex-03-2.py",
-        "tests/03_ray_voxels/ex-03-3.py", "tests/11_handover_experiment/ex-11-1.py",
-        "tests/11_handover_experiment/ex-11-2.py",
+        "tests/03_ray_voxels/ex-03-3.py", "tests/13_handover_experiment/ex-13-1.py",
+        "tests/13_handover_experiment/ex-13-2.py",
     }  # fmt: skip
     for name, data in first.items():
         assert b"{cite}" not in data, name
     about = json.loads(first["course.json"])
     assert (about["preset"], about["chapters"]) == (
         "mini",
-        ["03_ray_voxels", "11_handover_experiment"],
+        ["03_ray_voxels", "13_handover_experiment"],
     )
     for name, data in first.items():
         if name.endswith(".ipynb"):
