@@ -274,11 +274,11 @@ def found_table(results: Path) -> str:
     for number, claim in enumerate(claims(results), start=1):
         path = chapters[claim.chapter]
         shown = f"[chapter {int(path.stem[:2])}](notebooks/{path.name})"
+        place = claim.place.replace("-", "\N{NON-BREAKING HYPHEN}")
+        evidence = f"{shown}, `{claim.file}`" if claim.file else shown
         lines.append({
-            "the paper claims": f"{number}. {claim.words} ({claim.place})",
-            "ours": f"{claim.ours}. {claim.remark}<br/>{shown}"
-            + (f", `{claim.file}`" if claim.file else ""),
-            "verdict": f"**{claim.verdict}**",
+            "the paper claims": f"{number}. {claim.words} ({place})",
+            "ours": f"**{claim.verdict}**<br/>{claim.ours}. {claim.remark}<br/>{evidence}",
         })  # fmt: skip
     return markdown(pd.DataFrame(lines), "l")
 
