@@ -1,15 +1,18 @@
 """The pages in a reader's browser, without a network: on a desktop and a phone, light and dark."""
 
 import functools
+import re
 import urllib.parse
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import cv2
+import matplotlib as mpl
 import numpy as np
 import pytest
 from axe_playwright_python.sync_playwright import Axe
+from matplotlib.figure import Figure
 
 pytestmark = pytest.mark.browser
 
@@ -172,6 +175,12 @@ def lost_on(picture, behind):
     return float((np.abs(np.subtract(255, behind[::-1])) * (1 - alpha)).max(axis=2).mean()) > 8
 
 
+def on_paper(path):
+    """Whether matplotlib's drawing begins with a filled patch, the figure's own."""
+    text = path.read_text(encoding="utf-8")
+    return bool(re.search(r'<g id="patch_1">\s*<path d="[^"]*" style="fill: #', text))
+
+
 def pale_pictures(page):
     """Pictures with transparent parts that stand on something dark in one of the shades."""
     lost = []
@@ -181,7 +190,10 @@ def pale_pictures(page):
             if source.scheme != "file" or min(picture["behind"]) > 215:
                 continue
             path = Path(urllib.parse.unquote(source.path))
-            if path.suffix == ".svg" or lost_on(drawing(path), picture["behind"]):
+            clear = not on_paper(path) if path.suffix == ".svg" else lost_on(
+                drawing(path), picture["behind"]
+            )  # fmt: skip
+            if clear:
                 lost.append(f"{path.name} on {picture['behind']} in {shade}")
     return lost
 
@@ -243,6 +255,13 @@ def test_damage_to_the_contrast_is_noticed(damaged):
         assert "unseen" not in weak
     assert {line.split(" ")[0] for line in pale_pictures(damaged)} == {"figure.png"}
     assert all("('dark'" in line for line in pale_pictures(damaged))
+
+
+@pytest.mark.parametrize("clear", [False, True])
+def test_a_drawing_is_opaque_where_it_has_paper(tmp_path, clear):
+    with mpl.rc_context({"savefig.transparent": clear}):
+        Figure().savefig(tmp_path / "drawing.svg")
+    assert on_paper(tmp_path / "drawing.svg") != clear
 
 
 def test_an_opaque_picture_may_stand_on_anything(tmp_path):
