@@ -8,10 +8,9 @@ const reach = (box) => {
 };
 // Unfolding gives a box its size; the theme sets its own tab stops on loading.
 const sizes = new ResizeObserver((changed) => changed.forEach(({ target }) => reach(target)));
-addEventListener("load", () => setTimeout(() => {
-  for (const box of document.querySelectorAll(".bd-article :is(pre, figure, div)")) {
-    reach(box);
-    sizes.observe(box);
-    box.addEventListener("scroll", () => reach(box), { passive: true });
-  }
-}, 300));
+const boxes = () => document.querySelectorAll(".bd-article :is(pre, figure, div)");
+addEventListener("DOMContentLoaded", () => boxes().forEach((box) => {
+  sizes.observe(box);
+  box.addEventListener("scroll", () => reach(box), { passive: true });
+}));
+addEventListener("load", () => setTimeout(() => boxes().forEach(reach), 300));
