@@ -361,26 +361,28 @@ def test_readme_and_chapter_13_say_what_the_handover_file_says() -> None:
         f"succeeds in {perfect} with perfect depth, in {plus} with HADR-plus's, in {hadr} with "
         f"HADR's, and in {raw} with the sensor depth" in text
     )
-    assert plus == 2 * raw  # "twice as many as with raw depth"
-    assert rows["hadr-plus"]["interval"][0] < 34 / 48 < rows["hadr-plus"]["interval"][1]
-    assert rows["hadr-plus"]["rate_by_object"]["0012"] == 0  # "of the coupe ... none"
-    assert rows["hadr"]["interval"][1] < 34 / 48  # "The paper's 70.8 % are not reached here"
-    assert rows["perfect"]["interval"][0] < 34 / 48 < rows["perfect"]["interval"][1]
-    assert 0.5 < hadr / perfect < 0.6  # "little more than half of that"
+    for name in ("hadr", "hadr-plus"):  # "lie within the intervals of our HADR and of HADR-plus"
+        assert rows[name]["interval"][0] < 34 / 48 < rows[name]["interval"][1]
+    assert perfect == max(row["successes"] for row in rows.values())  # "that is the ceiling"
     assert raw > 5  # "Raw depth does better than in the paper, too"
     assert max(row["largest_force_n"] for row in rows.values()) < 10  # "far below the 20 N"
 
 
 def test_chapter_13_says_which_differences_could_be_chance() -> None:
     rows = handover_rows()
-    ahead, behind, chance = paired(rows["perfect"], rows["hadr"])
-    assert ahead > behind
-    assert chance < 0.001
-    assert paired(rows["hadr-plus"], rows["raw"])[2] < 0.01  # "which is no chance"
-    assert paired(rows["hadr"], rows["raw"])[2] > 0.05  # "could be chance"
-    for condition in ("hadr-no-rescoring", "hadr-no-tracking"):
-        assert paired(rows["hadr"], rows[condition])[2] > 0.05  # "cannot say"
-        assert abs(rows[condition]["successes"] - rows["hadr"]["successes"]) <= 4  # "about as many"
+    ahead, behind, _ = paired(rows["hadr"], rows["raw"])
+    assert ahead > 3 * behind  # "in most of the attempts in which they differ"
+    assert paired(rows["hadr-plus"], rows["raw"])[2] < 0.05 / 8  # "which is no chance"
+    assert paired(rows["hadr-plus"], rows["hadr"])[2] > 0.05  # "cannot tell"
+    assert paired(rows["hadr"], rows["hadr-no-rescoring"])[2] > 0.05  # "about as many"
+    assert paired(rows["hadr"], rows["hadr-no-tracking"])[2] < 0.05  # "fewer"
+    still, swing, withdrawn = (
+        [rows[name]["by_motion"][kind][0] for name in ("hadr", "hadr-no-tracking")]
+        for kind in ("still", "swing", "give-and-withdraw")
+    )
+    assert still[1] >= still[0]  # "as good"
+    assert swing[1] <= 1 < 4 <= swing[0]  # "next to nothing is left of it"
+    assert withdrawn[1] <= 1 < 4 <= withdrawn[0]
     assert rows["inpainted"]["successes"] < rows["raw"]["successes"]  # "worse than doing nothing"
 
 

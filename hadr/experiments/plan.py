@@ -59,9 +59,10 @@ TABLE_RUNS: dict[str, Sequence[tuple[str, str]]] = {
 }
 """The runs that those result files need which are none of an experiment's."""
 REPRODUCED: tuple[Condition, ...] = (
-    "raw", "inpainted", "hadr", "hadr-plus", "perfect", "hadr-no-rescoring", "hadr-no-tracking",
+    "raw", "inpainted", "hadr", "hadr-plus", "hadr-plus-networks", "perfect", "hadr-no-rescoring",
+    "hadr-no-tracking",
 )  # fmt: skip
-"""The conditions of results/mini/handover.json; `hadr handover` alone leaves out hadr-plus."""
+"""The conditions of results/mini/handover.json; `hadr handover` alone leaves out hadr-plus's."""
 
 
 def plan(

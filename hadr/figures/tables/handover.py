@@ -79,6 +79,17 @@ def conditions_table(rows: Sequence[Row], published: Mapping[str, Sequence[int]]
     return markdown(pd.DataFrame(lines, columns=head))
 
 
+def motions_table(rows: Sequence[Row]) -> str:
+    """List each condition's successes by the motion of the hand."""
+    kinds = list(rows[0]["by_motion"])
+    lines = [
+        [CONDITIONS.get(row["condition"], row["condition"])]
+        + ["{}/{}".format(*row["by_motion"][kind]) for kind in kinds]
+        for row in rows
+    ]
+    return markdown(pd.DataFrame(lines, columns=["depth", *kinds]))
+
+
 def paired(first: Row, second: Row) -> tuple[int, int, float]:
     """Compare two rows of `results/mini/handover.json` attempt by attempt.
 

@@ -300,9 +300,9 @@ def condition_row(condition: str, outcomes: Sequence[dict[str, Any]]) -> dict[st
 
     Returns:
         Attempts, successes, their rate with Wilson's 95 % interval, how many objects reach 0.5,
-        0.8 and 1.0 as in the paper's table, failures by kind, mean times in seconds, the smallest
-        distance to the hand in metres, the largest force on it in newtons, also by way and stage,
-        and each attempt's verdict.
+        0.8 and 1.0 as in the paper's table, successes and attempts by the hand's motion, failures
+        by kind, mean times in seconds, the smallest distance to the hand in metres, the largest
+        force on it in newtons, also by way and stage, and each attempt's verdict.
 
     Raises:
         ValueError: There is no outcome, or an attempt is there twice.
@@ -311,6 +311,7 @@ def condition_row(condition: str, outcomes: Sequence[dict[str, Any]]) -> dict[st
         raise ValueError(f"no attempt of condition {condition!r} to sum up")
     won = np.array([row["verdict"] == "success" for row in outcomes])
     objects = np.array([row["trial"]["object_id"] for row in outcomes])
+    motions = np.array([row["motion"] for row in outcomes])
     by_object = {name: float(won[objects == name].mean()) for name in sorted(set(objects))}
     from scipy.stats import binomtest  # takes a second to import, which no worker needs
 
@@ -331,6 +332,10 @@ def condition_row(condition: str, outcomes: Sequence[dict[str, Any]]) -> dict[st
         "objects_at_80_percent": sum(rate > 0.8 for rate in by_object.values()),
         "objects_at_100_percent": sum(rate >= 1.0 for rate in by_object.values()),
         "rate_by_object": by_object,
+        "by_motion": {
+            kind: [sum(won[motions == kind].tolist()), int((motions == kind).sum())]
+            for kind in sorted(set(motions))
+        },
         "failures": dict(
             sorted(Counter(r["verdict"] for r in outcomes if r["verdict"] != "success").items())
         ),

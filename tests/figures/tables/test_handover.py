@@ -7,6 +7,7 @@ from hadr.figures.tables.handover import (
     draw_degradation,
     draw_outcomes,
     draw_success,
+    motions_table,
     paired,
 )
 
@@ -39,6 +40,11 @@ def test_each_condition_has_its_numbers_and_the_paper_stands_below():
     assert cells(lines[3])[:3] == ["sensor depth", "0/48", "0.0 %"]
     assert cells(lines[3])[7] == "none"
     assert cells(lines[4]) == ["*paper: GraspNet*", "5/48", "10.4 %", "", "0/8", "0/8", "0/8", ""]
+
+
+def test_each_condition_has_its_successes_by_motion():
+    rows = [{"condition": "raw", "by_motion": {"still": [3, 10], "turn": [0, 9]}}]
+    assert cells(motions_table(rows).splitlines()[-1]) == ["sensor depth", "3/10", "0/9"]
 
 
 def test_two_conditions_are_compared_attempt_by_attempt():

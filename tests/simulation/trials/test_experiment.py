@@ -372,6 +372,7 @@ def outcome(object_id: str, verdict: str, **values: Any) -> dict[str, Any]:
     return {
         "trial": {"object_id": object_id, "hold_number": next(HOLDS)},
         "verdict": verdict,
+        "motion": "still",
         "decided_at": 6.0,
         "first_grasp_at": 1.0,
         "planning_wall_seconds": 0.1,
@@ -394,7 +395,9 @@ def test_a_conditions_row_by_hand() -> None:
     ]
     outcomes[0]["forces"] = {"through the glass, Grasp & Retrieve": 3.0}
     outcomes[1]["forces"] = {"through the glass, Grasp & Retrieve": 4.0, "touch, Stopped": 2.5}
+    outcomes[0]["motion"], outcomes[3]["motion"] = "turn", "turn"
     row = condition_row("hadr", outcomes)
+    assert row["by_motion"] == {outcomes[1]["motion"]: [2, 3], "turn": [1, 2]}
     assert (row["condition"], row["attempts"], row["successes"], row["rate"]) == ("hadr", 5, 3, 0.6)
     assert row["rate_by_object"] == {"0000": 1.0, "0001": 0.5, "0004": 0.0}
     assert row["objects_at_50_percent"] == 1
