@@ -1,3 +1,5 @@
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -405,6 +407,10 @@ def test_a_calibrated_checkpoint_says_what_its_confidence_means_where_it_holds(t
     assert odd.ground.why[0].startswith("the mask is not given")
     assert odd.tolerance_m is None
     assert (odd.confidence[odd.restored] == 0).all()
+    oblong = dataclasses.replace(CAMERA, fy=1.1 * CAMERA.fy)
+    stretched = restore(color, depth, oblong, mask, hand(), checkpoint=path)
+    assert stretched.ground.why[0] == "fy is 1.10 times fx, in training pixels were square"
+    assert stretched.tolerance_m is None
     # HADR-plus looks at no depth in the mask, so it is the same to it whether that is kept.
     kept = restore(color, depth, CAMERA, mask, hand(), checkpoint=path, corruption="sensor")
     assert kept.ground.inside

@@ -7,7 +7,7 @@ live.open = (home, weights) => {
   const find = (name) => home.querySelector(`[data-part="${name}"]`);
   const picture = find("picture"), cloud = find("cloud"), told = find("told"), view = { turn: 0.5, lift: 0.25 };
   const sliders = ["right", "up", "away"].map((name) => find(name));
-  const FINGERS = [[1, 2, 3, 4], [5, 6, 7, 8], [9, 10, 11, 12], [13, 14, 15, 16], [17, 18, 19, 20]];
+  const brush = find("brush"), FINGERS = [[1, 2, 3, 4], [5, 6, 7, 8], [9, 10, 11, 12], [13, 14, 15, 16], [17, 18, 19, 20]];
   let frame, mask, window_, shown, restored = null, ready = false, wanted = 0;
 
   const hand = () => {
@@ -16,10 +16,12 @@ live.open = (home, weights) => {
   };
   const uv = ([x, y, z]) => [(frame.camera[0] * x) / z + frame.camera[2], (frame.camera[1] * y) / z + frame.camera[3]];
 
+  const say = (slider) => { slider.nextElementSibling.textContent = `${slider.value} cm`; };
+
   live.show = (number) => {
     frame = live.unpacked(live.frames[number]);
     mask = frame.inside.slice();
-    sliders.forEach((slider) => { slider.value = 0; });
+    for (const slider of sliders) { slider.value = 0; say(slider); }
     // A square around glass and hand, in pixels of the frame.
     const spots = frame.keypoints.map(uv);
     mask.forEach((inside, i) => { if (inside) spots.push([i % frame.width, Math.floor(i / frame.width)]); });
@@ -53,19 +55,29 @@ live.open = (home, weights) => {
       for (const [color, wide] of [["white", 5], ["#D55E00", 2.5]]) { pen.strokeStyle = color; pen.lineWidth = wide; pen.stroke(); }
     }
   };
-  let drawn = null;
-  const paint = (event) => {
-    const box = picture.getBoundingClientRect(), { left, top, side } = window_;
-    const u = left + ((event.clientX - box.left) / box.width) * side, v = top + ((event.clientY - box.top) / box.height) * side;
+  let drawn = null, last = null;
+  const dab = (u, v) => {
+    const { left, top, side } = window_;
     for (let j = -3; j <= 3; j++) for (let i = -3; i <= 3; i++) {
       const [column, row] = [Math.round(u - 0.5) + i, Math.round(v - 0.5) + j];
-      if (i * i + j * j <= 9 && column >= 0 && row >= 0 && column < frame.width && row < frame.height)
-        mask[row * frame.width + column] = drawn;
+      const seen = column >= left && row >= top && column < Math.min(left + side, frame.width) && row < Math.min(top + side, frame.height);
+      if (i * i + j * j <= 9 && seen) mask[row * frame.width + column] = drawn;
     }
+  };
+  // A stroke is drawn from one place of the pointer to the next.
+  const paint = (event) => {
+    const box = picture.getBoundingClientRect(), { left, top, side } = window_;
+    const here = [left + ((event.clientX - box.left) / box.width) * side, top + ((event.clientY - box.top) / box.height) * side];
+    const from = last ?? here, steps = Math.ceil(Math.hypot(here[0] - from[0], here[1] - from[1]));
+    for (let n = 0; n <= steps; n++) dab(...here.map((end, axis) => from[axis] + ((end - from[axis]) * n) / Math.max(steps, 1)));
+    last = here;
     drawPicture();
   };
+  brush.addEventListener("change", () => { picture.style.touchAction = brush.value ? "none" : "auto"; });
   picture.addEventListener("pointerdown", (event) => {
-    drawn = find("erase").checked ? 0 : 1;
+    if (!brush.value) return;
+    drawn = brush.value === "adds" ? 1 : 0;
+    last = null;
     picture.setPointerCapture(event.pointerId);
     paint(event);
   });
@@ -96,7 +108,7 @@ live.open = (home, weights) => {
       const started = performance.now();
       try { restored = live.restore(frame, hand(), mask); } catch (problem) {
         restored = null;
-        told.textContent = `No answer: ${problem.message}.`;
+        told.textContent = `No answer: ${problem.message}. The button "as it was" begins anew.`;
         return drawCloud();
       }
       const spent = performance.now() - started;
@@ -177,7 +189,7 @@ live.open = (home, weights) => {
   const choice = find("frame");
   live.frames.forEach((one, n) => choice.add(new Option(`${n + 1} of ${live.frames.length} (${one.name})`, n)));
   choice.addEventListener("change", () => live.show(+choice.value));
-  sliders.forEach((slider) => slider.addEventListener("input", ask));
+  sliders.forEach((slider) => slider.addEventListener("input", () => { say(slider); ask(); }));
   find("truth").addEventListener("change", drawCloud);
   find("wider").addEventListener("click", () => grown(1));
   find("narrower").addEventListener("click", () => grown(0));
