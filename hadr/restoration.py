@@ -46,8 +46,6 @@ from hadr.trained_networks import DepthNetwork
 METHODS = ("auto", *DEPTH_NETWORKS, "nearest", "inpaint", "hand-median")
 CHECKPOINT_NAME = "hadr-mini.safetensors"
 """The sample checkpoint that is taken where none is named."""
-SQUARE = 0.03
-"""Focal lengths may differ by this share: what a calibration errs, and no resized picture."""
 Depth = NDArray[np.float32]
 Points = NDArray[np.float64]
 
@@ -109,7 +107,7 @@ class _Known:
         if CORRUPTIONS[trusted].erase != network.erases and not network.skips_mask:
             was, now = ("none", "is") if network.erases else ("some", "is none")
             yield f"there {now} measured depth in the mask, in training there was {was}"
-        if abs((pixels := self.camera.fy / self.camera.fx) - 1) > SQUARE:
+        if abs((pixels := self.camera.fy / self.camera.fx) - 1) > 0.03:  # no calibration errs so
             yield f"fy is {pixels:.2f} times fx, in training pixels were square"
         if not self.given_mask:
             yield "the mask is not given, in training it was the true one"

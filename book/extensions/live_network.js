@@ -25,7 +25,7 @@ live.weights = (config, constants, names, text) => {
 // What live_frames.js holds, with its pictures as arrays; depth in metres.
 live.unpacked = (stored) => {
   const bits = live.bytes(stored.mask), size = stored.width * stored.height;
-  const metres = (text) => Float32Array.from(new Uint16Array(live.bytes(text).buffer), (step) => step * 1e-4);
+  const metres = (text) => Float32Array.from(new Uint16Array(live.bytes(text).buffer), (step) => step * stored.unit);
   const inside = Uint8Array.from({ length: size }, (_, i) => (bits[i >> 3] >> (7 - (i & 7))) & 1);
   return { ...stored, inside, color: live.bytes(stored.color), depth: metres(stored.depth), truth: metres(stored.truth) };
 };

@@ -17,6 +17,7 @@ from typing import Any
 import pandas as pd
 
 from hadr.figures.tables.comparison import PUBLISHED_NAMES
+from hadr.figures.tables.handover import paired
 from hadr.figures.tables.results import NAMES, markdown
 from hadr.metrics import METRICS
 from hadr.records.reading import read_json
@@ -248,13 +249,16 @@ def _handover_claims(results: Path, paper: Mapping[str, Any]) -> Iterator[Claim]
     }  # fmt: skip
     for short, (words, place, one, other) in pairs.items():
         won, lost = found[one], found[other]
-        spread = sum(row["rate"] * (1 - row["rate"]) / row["attempts"] for row in (won, lost))
+        ahead, behind, _ = paired(won, lost)  # of the same attempts
+        count = won["attempts"]
+        gap = (ahead - behind) / count
+        doubt = math.sqrt(((ahead + behind) / count - gap**2) / count)
         label = {"raw": "with sensor depth", "hadr-no-tracking": "without following",
                  "hadr-no-rescoring": "without rescoring"}[other]  # fmt: skip
         yield Claim(
             short, words, place,
             f"{won['successes']} of {won['attempts']} attempts, {label} {lost['successes']}",
-            verdict(won["rate"] - lost["rate"], math.sqrt(spread)), HANDOVER, name,
+            verdict(gap, doubt), HANDOVER, name,
             "Simulated robot and hand, grasps of a sampler of our own.",
         )  # fmt: skip
     yield Claim(
@@ -304,10 +308,10 @@ def found_paragraph(results: Path) -> str:
     hadr, plain = known.row(method="hadr"), known.row(method="unet-hand")
     nearer = "nearer to" if plain["rmse_m"] < hadr["rmse_m"] else "no nearer to"
     return (
-        f"Of {sum(count.values())} claims of the paper, **{count[AGREES]} come out here as well**: "
-        f"{told[AGREES]}. **{count[CONTRADICTS]} are contradicted**: {told[CONTRADICTS]}. "
-        f"**{count[UNDECIDED]} stay undecided**, the difference lying within its error: "
-        f"{told[UNDECIDED]}. **{count[UNTESTED]} could not be tested**: {told[UNTESTED]}. And what "
+        f"Of {sum(count.values())} claims of the paper, **also found here, {count[AGREES]}**: "
+        f"{told[AGREES]}. **Contradicted, {count[CONTRADICTS]}**: {told[CONTRADICTS]}. "
+        f"**Undecided, {count[UNDECIDED]}**, the difference lying within its error: "
+        f"{told[UNDECIDED]}. **Not tested, {count[UNTESTED]}**: {told[UNTESTED]}. And what "
         f"the paper did not ask: a plain U-Net that is told where the hand is comes {nearer} the "
         f"truth than HADR ({_cm(plain)} cm against {_cm(hadr)} on known objects). All these errors "
         "are RMSE, the root of the mean squared error."

@@ -12,12 +12,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
 from hadr.camera import resize_color
 from hadr.data.frame import Frame
+from hadr.data.frame_pictures import encode_color
 from hadr.models import hadr_plus
 from hadr.models.network_input import frame_to_input
 from hadr.trained_networks import DepthNetwork
@@ -50,10 +50,9 @@ def weights_script(checkpoint: str | Path) -> str:
     config = {n: getattr(model.config, n) for n in ("crop", "pixel_m", "candidates", "plane")}
     constants = {n: getattr(hadr_plus, n) for n in ("DEPTH_M", "NEAR_M", "GROUPS", "UNITS")}
     names = [(name, value.shape) for name, value in tensors.items()]
-    size = dict(zip(("width", "height"), network.size, strict=True))
     return _call(
         "live.weights",
-        config | size,
+        config,
         constants,
         names,
         _text(b"".join(value.tobytes() for value in tensors.values())),
@@ -94,9 +93,10 @@ def _frame(frame: Frame, size: tuple[int, int]) -> dict[str, Any]:
         "camera": [fx, fy, cx - left, cy],
         "keypoints": seen.keypoints[0].tolist(),
         "color": _text(color.tobytes()),
-        "shown": _text(_jpeg(shown[:, SHOWN * left : SHOWN * (left + height)])),
+        "shown": _text(encode_color(shown[:, SHOWN * left : SHOWN * (left + height)], 85)),
         "depth": _text(_steps(seen.depth[0, :, part].numpy())),
         "truth": _text(_steps(true.depth[0, :, part].numpy())),
+        "unit": DEPTH_UNIT,
         "mask": _text(np.packbits(seen.mask[0, :, part].numpy()).tobytes()),
     }
 
@@ -104,10 +104,6 @@ def _frame(frame: Frame, size: tuple[int, int]) -> dict[str, Any]:
 def _steps(depth: npt.NDArray[np.float32]) -> bytes:
     steps = np.clip(np.rint(depth / DEPTH_UNIT), 0, 65535).astype("<u2")
     return bytes(steps.tobytes())
-
-
-def _jpeg(color: npt.NDArray[np.uint8]) -> bytes:
-    return bytes(cv2.imencode(".jpg", color[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 85])[1])
 
 
 def _text(data: bytes) -> str:

@@ -55,9 +55,12 @@ def test_a_better_rival_and_a_hand_that_harms_turn_the_verdicts(results: Path) -
 
 def test_more_attempts_won_decide_the_handover(results: Path) -> None:
     path = results / "mini" / "handover.json"
-    for rate, word in ((0.9, found.AGREES), (0.1, found.CONTRADICTS)):
-        change(path, {"condition": "hadr"}, rate=rate, successes=round(48 * rate))
-        change(path, {"condition": "raw"}, rate=0.5, successes=24)
+    names = list(read_result_file(path).row(condition="raw")["verdicts"])
+    ends = {few: {name: "success" if n < few else "drop" for n, name in enumerate(names)}
+            for few in (5, 24, 43)}  # fmt: skip
+    for won, word in ((43, found.AGREES), (5, found.CONTRADICTS), (24, found.UNDECIDED)):
+        change(path, {"condition": "hadr"}, verdicts=ends[won])
+        change(path, {"condition": "raw"}, verdicts=ends[24])
         assert verdicts(results)["restored depth helps the handover"] == word
 
 
