@@ -21,14 +21,14 @@ from hadr.press.chapters import (
     run_time_table,
 )
 from hadr.records.checkout import checkout_root
-from hadr.records.option_words import CHAPTER, FOLDER, LARGEST_SEED, check_range
+from hadr.records.option_words import CHAPTER, FOLDER, LARGEST_SEED, MOST_JOBS, check_range
 from hadr.records.output_folder import (
     check_file,
     check_output_folder,
     check_removable,
     make_output_folder,
 )
-from hadr.records.provenance import IF_CHANGED, machine_text
+from hadr.records.provenance import IF_CHANGED, machine_text, usable_cores
 from hadr.records.reading import structured
 from hadr.records.writing import sole_owner
 
@@ -54,6 +54,8 @@ class Options:
     """The chapters' seed."""
     only: Annotated[tuple[str, ...], CHAPTER] = ()
     """Only these chapters, such as `03 04`; links to the others are not checked."""
+    jobs: int = min(2, usable_cores())
+    """Chapters at a time; 1 for run times that nothing beside them lengthens."""
     html_only: bool = False
     """Build from the notebooks executed last time."""
     readme_times: bool = False
@@ -67,6 +69,7 @@ def run(options: Options) -> int:
     root, say = checkout_root(), partial(print, flush=True)
     try:
         check_range("seed", options.seed, 0, LARGEST_SEED)
+        check_range("jobs", options.jobs, 1, MOST_JOBS)
         build = check_output_folder(options.build)
         if options.readme_times:
             update_readme(root / "README.md", readme_table(build, root))
@@ -83,7 +86,12 @@ def run(options: Options) -> int:
             else:
                 say(f"executing {len(paths)} notebooks, preset {options.preset}")
                 runs = run_notebooks(
-                    paths, build, preset=options.preset, seed=options.seed, say=say
+                    paths,
+                    build,
+                    preset=options.preset,
+                    seed=options.seed,
+                    say=say,
+                    jobs=options.jobs,
                 )
                 keep_results(build, every, options.preset, options.seed, say=say)
             say("building the HTML book")

@@ -7,6 +7,7 @@ import re
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from hadr.press.chapter_record import (
     finished_chapter,
     keep_chapter,
 )
-from hadr.press.private_kernel import private_jupyter, register_engine
+from hadr.press.private_kernel import end_kernels, private_jupyter, register_engine
 from hadr.records.output_folder import CACHE
 from hadr.records.reading import parse_json, read_bytes
 
@@ -87,8 +88,9 @@ def run_notebooks(
     seed: int = 0,
     say: Callable[[str], None] = print,
     resume: bool = False,
+    jobs: int = 1,
 ) -> list[ChapterRun]:
-    """Execute notebooks with papermill, one after the other.
+    """Execute notebooks with papermill, each on a kernel of its own.
 
     Args:
         notebooks: Notebooks to execute; their files are not changed.
@@ -99,6 +101,7 @@ def run_notebooks(
         say: Receives one line per notebook.
         resume: Leave out those that were executed already, if since then neither they nor the
             library nor the data that they read have changed.
+        jobs: So many notebooks at a time.
 
     Returns:
         One entry per notebook, in order.
@@ -108,26 +111,38 @@ def run_notebooks(
             notebook is kept.
     """
     out_dir = out_dir.resolve()
+
+    def run(notebook: Path) -> tuple[ChapterRun, bool]:
+        target, folder, results = _places(notebook, out_dir)
+        configuration = chapter_configuration(notebook, preset, seed)
+        before = finished_chapter(folder, configuration, target) if resume else None
+        duration = before
+        if duration is None:
+            folder.mkdir(parents=True, exist_ok=True)
+            target.parent.mkdir(parents=True, exist_ok=True)
+            for stale in (results, folder / RECORD):
+                stale.unlink(missing_ok=True)
+            parameters = {"preset": preset, "seed": seed, "out_dir": str(folder)}
+            duration = _execute(notebook, target, parameters, shown=jobs == 1)
+            keep_chapter(folder, configuration, duration)
+        found = results if results.exists() else None
+        return ChapterRun(notebook.stem, duration, target, found), before is not None
+
     runs = []
-    with private_jupyter(out_dir / CACHE):
-        for number, notebook in enumerate(notebooks, start=1):
-            label = f"[{number:2d}/{len(notebooks)}] {notebook.stem}"
-            target, folder, results = _places(notebook, out_dir)
-            configuration = chapter_configuration(notebook, preset, seed)
-            before = finished_chapter(folder, configuration, target) if resume else None
-            if before is None:
-                folder.mkdir(parents=True, exist_ok=True)
-                target.parent.mkdir(parents=True, exist_ok=True)
-                for stale in (results, folder / RECORD):
-                    stale.unlink(missing_ok=True)
-                parameters = {"preset": preset, "seed": seed, "out_dir": str(folder)}
-                duration = _execute(notebook, target, parameters, label)
-                keep_chapter(folder, configuration, duration)
-            else:
-                duration = before
-            say(f"{label:<40} {duration:6.1f} s" + (" (was there)" if before is not None else ""))
-            found = results if results.exists() else None
-            runs.append(ChapterRun(notebook.stem, duration, target, found))
+    with private_jupyter(out_dir / CACHE), ThreadPoolExecutor(jobs) as pool:
+        waiting = [pool.submit(run, notebook) for notebook in notebooks]
+        try:
+            for number, done in enumerate(waiting, start=1):
+                chapter, was_there = done.result()
+                label = f"[{number:2d}/{len(notebooks)}] {chapter.name}"
+                say(f"{label:<40} {chapter.duration_s:6.1f} s" + " (was there)" * was_there)
+                runs.append(chapter)
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            while not all(one.done() for one in waiting):
+                end_kernels()
+                time.sleep(0.2)
+            raise
     return runs
 
 
@@ -137,12 +152,14 @@ def _places(notebook: Path, out_dir: Path) -> tuple[Path, Path, Path]:
     return out_dir / "executed" / notebook.name, folder, folder / "results.json"
 
 
-def _execute(source: Path, target: Path, parameters: dict[str, Any], label: str) -> float:
+def _execute(source: Path, target: Path, parameters: dict[str, Any], shown: bool) -> float:
     import papermill
     from nbclient.exceptions import CellTimeoutError, DeadKernelError
     from papermill.exceptions import PapermillExecutionError
 
-    progress = {"desc": label, "leave": False, "disable": None, "file": sys.stderr}
+    progress = {
+        "desc": source.stem, "leave": False, "disable": None if shown else True, "file": sys.stderr
+    }  # fmt: skip
     started = time.perf_counter()
     try:
         done = papermill.execute_notebook(

@@ -5,10 +5,13 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import signal
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+
+_RUNNING: set[Any] = set()  # nbclient's clients
 
 
 @contextlib.contextmanager
@@ -68,7 +71,19 @@ def register_engine() -> str:
         def execute_managed_notebook(
             cls, nb_man: Any, kernel_name: str, *, execution_timeout: int, **_: Any
         ) -> None:
-            Client(nb_man, kernel_name=kernel_name, timeout=execution_timeout).execute()
+            client = Client(nb_man, kernel_name=kernel_name, timeout=execution_timeout)
+            _RUNNING.add(client)
+            try:
+                client.execute()
+            finally:
+                _RUNNING.discard(client)
 
     papermill_engines.register("hadr", WidgetsApart)
     return "hadr"
+
+
+def end_kernels() -> None:
+    """End all kernels under way; their notebooks fail with "the kernel died"."""
+    for client in tuple(_RUNNING):
+        with contextlib.suppress(AttributeError, TypeError, ProcessLookupError):  # not there
+            os.kill(client.km.provisioner.pid, signal.SIGKILL)

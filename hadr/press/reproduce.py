@@ -80,7 +80,7 @@ class Options:
     seeds: tuple[int, ...] | None = None
     """Seeds of the trainings; unset: 0, but 0 1 2 where mini and paper ask what a hand is worth."""
     jobs: int = 1
-    """Trainings or attempts at a time, each with one thread; 1: one training with all threads."""
+    """Trainings, attempts or chapters at a time; trainings of several have one thread each."""
     accelerator: Accelerator = "auto"
     """auto: cuda if any; numbers of a GPU are near to those of a CPU, not equal to them."""
     again: Annotated[tuple[str, str] | None, tyro.conf.arg(metavar="FILE METHOD")] = None
@@ -157,7 +157,12 @@ def run(options: Options) -> int:
                 write_report(options.out, options.preset)
             if paths:
                 done = run_notebooks(
-                    paths, options.out, preset=options.preset, seed=options.seed, resume=True
+                    paths,
+                    options.out,
+                    preset=options.preset,
+                    seed=options.seed,
+                    resume=True,
+                    jobs=options.jobs,
                 )
                 every = chapter_paths(checkout_root() / "notebooks")
                 keep_results(options.out, every, options.preset, options.seed)

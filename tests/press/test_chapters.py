@@ -82,6 +82,28 @@ def test_a_chapter_that_failed_is_not_finished(notebook_of, folder, tmp_path):
     assert len(said) == 1
 
 
+def test_two_at_a_time_come_in_the_books_order(notebook_of, tmp_path):
+    """The first waits for what the second leaves, so one after the other they would hang."""
+    there = tmp_path / "there"
+    wait = f"import pathlib, time\nwhile not pathlib.Path({str(there)!r}).exists(): time.sleep(.05)"
+    for name, cell in (("00_waits", wait), ("01_leaves", f"open({str(there)!r}, 'w').close()")):
+        nbformat.write(notebook_of(cell), tmp_path / f"{name}.ipynb")
+    said = []
+    paths = chapters.chapter_paths(tmp_path)
+    runs = chapters.run_notebooks(paths, tmp_path / "out", say=said.append, jobs=2)
+    assert [run.name for run in runs] == ["00_waits", "01_leaves"]
+    assert [line.split()[1] for line in said] == ["1/2]", "2/2]"]
+
+
+def test_a_failure_ends_the_chapter_beside_it(notebook_of, tmp_path):
+    """It would go on for an hour."""
+    nbformat.write(notebook_of("1 / 0"), tmp_path / "00_fails.ipynb")
+    nbformat.write(notebook_of("import time\ntime.sleep(3600)"), tmp_path / "01_sleeps.ipynb")
+    paths = chapters.chapter_paths(tmp_path)
+    with pytest.raises(ChapterError, match="00_fails"):
+        chapters.run_notebooks(paths, tmp_path / "out", say=lambda line: None, jobs=2)
+
+
 @pytest.mark.parametrize(
     ("wish", "names"),
     [
