@@ -1,0 +1,335 @@
+"""Does the workflow ever move unsafely while things break? Random faults, and a judge of its own.
+
+    python benchmarks/random_faults.py --runs 1000 --json results/speed/random_faults.json
+
+Each run is a rehearsal on the arm without physics: a hand that swings, and one to three faults of
+perception, robot or person that begin and end at random. The judge shares nothing with the guard:
+speeds are finite differences of the recorded joints, the arm is the surface that pictures show, the
+person the skin of the same pictures, where they truly are. Runs that are in the file are not made
+again.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from functools import cache
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import trimesh
+from scipy.spatial import ConvexHull
+
+from hadr.camera import transform_points
+from hadr.handover import ur5
+from hadr.handover.grasping.selection import GraspSelection
+from hadr.handover.observation import Observation
+from hadr.handover.poses import camera_at
+from hadr.handover.simulated_ur5 import SimulatedUR5
+from hadr.handover.workflow import Handover
+from hadr.records.provenance import machine_text, provenance
+from hadr.records.result_file import read_result_file, write_result_file
+from hadr.simulation.robot.arm_shape import _links
+from hadr.simulation.robot.gripper import gripper_surfaces
+from hadr.simulation.robot.solids import Part
+from hadr.simulation.trials.rehearsal import Moment, MovingHand, rehearse, rehearsed_scene
+
+Array = npt.NDArray[np.float64]
+DT = 1 / 30
+SPEED, ACCELERATION, TOOL_SPEED = np.pi, 5.0, 0.25
+"""Limits of joints, rad/s and rad/s2, and of the tool point, m/s."""
+TOLERANCE = 1.001
+FAR = 0.05
+"""Farther from the arm a hand is not measured, metres."""
+INTO_SKIN, BLIND_WAY = 0.002, 0.010
+"""The arm's own way into the skin, or toward it while blind, that counts as unsafe, metres."""
+BLIND_AFTER = 0.3 + 0.15 + 2 * DT
+"""Unseen for so long, seconds, a hand must have stopped the arm: its own limit, time to brake."""
+
+
+@dataclass(frozen=True)
+class Fault:
+    """What breaks, from when to when (seconds), and how much."""
+
+    kind: str
+    since: float
+    until: float
+    size: float
+    direction: Array
+
+    def on(self, time: float) -> bool:
+        """Whether it lasts at a time in seconds."""
+        return self.since <= time < self.until
+
+
+def seen(fault: Fault, o: Observation, held: list[Observation], rng: np.random.Generator) -> Any:
+    """What arrives of an observation under a fault of perception."""
+    points, keypoints = o.object_points, o.keypoints
+    shift = fault.size * fault.direction
+    match fault.kind:
+        case "no hand":
+            return replace(o, keypoints=None)
+        case "one keypoint is NaN":
+            return replace(o, keypoints=np.where(np.arange(21)[:, None] == 8, np.nan, keypoints))
+        case "keypoints frozen":
+            return replace(o, keypoints=held[-1].keypoints)
+        case "pictures hang":
+            return replace(held[-1], time=o.time)
+        case "pictures late":
+            late = [h for h in held if h.taken <= o.time - 0.5 * fault.size]
+            return replace((late or held)[-1 if late else 0], time=o.time)
+        case "hand reported elsewhere":
+            return replace(o, keypoints=keypoints + 0.5 * shift)
+        case "keypoints noisy":
+            return replace(o, keypoints=keypoints + rng.normal(0, 0.03 * fault.size, (21, 3)))
+        case "millimetres for metres":
+            return replace(o, keypoints=1000 * keypoints, object_points=1000 * points)
+        case "keypoints of another shape":
+            return replace(o, keypoints=keypoints[:20])
+        case "no points of the glass":
+            return replace(o, object_points=None)
+        case "points elsewhere":
+            return replace(o, object_points=points + shift)
+        case "confidence NaN":
+            return replace(o, confidence=float("nan"))
+        case "clock jumps":
+            jump = float(np.sign(fault.direction[0]) * 10 ** (3 * fault.size - 1))
+            return replace(o, time=o.time + jump, frame_time=o.taken + jump)
+        case "no time":
+            return replace(o, time=float("nan"))
+        case "picture from the future":
+            return replace(o, frame_time=o.taken + fault.size)
+    raise ValueError(fault.kind)
+
+
+PERCEPTION = (
+    "no hand", "one keypoint is NaN", "keypoints frozen", "pictures hang", "pictures late",
+    "hand reported elsewhere", "keypoints noisy", "millimetres for metres",
+    "keypoints of another shape", "no points of the glass", "points elsewhere", "confidence NaN",
+    "clock jumps", "no time", "picture from the future",
+)  # fmt: skip
+ROBOT = ("protective stop", "pull at the gripper", "fingers stuck", "driver fails")
+PERSON = ("the hand comes", "the hand goes", "the hand never rests")
+
+
+class BrokenUR5(SimulatedUR5):
+    """The arm, of which things break."""
+
+    def __init__(self, faults: list[Fault]) -> None:
+        super().__init__()
+        self.faults, self.time, self.failed = faults, 0.0, False
+
+    def _has(self, kind: str) -> Fault | None:
+        return next((f for f in self.faults if f.kind == kind and f.on(self.time)), None)
+
+    def servo_to(self, base_from_tool: Array, dt: float) -> None:
+        """As the arm does, or with a driver's error."""
+        if self._has("driver fails"):
+            self.failed = True
+            raise OSError("the connection was lost")
+        super().servo_to(base_from_tool, dt)
+
+    def tool_wrench(self) -> Array:
+        """As the arm does, or with somebody who pulls."""
+        pull = self._has("pull at the gripper")
+        return (
+            super().tool_wrench()
+            if pull is None
+            else np.append(30 * pull.size * pull.direction, [0, 0, 0])
+        )
+
+    def _move_fingers(self, dt: float) -> None:
+        if self._has("fingers stuck") is None:
+            super()._move_fingers(dt)
+
+
+@dataclass(frozen=True)
+class Person(MovingHand):
+    """A hand that may also come or go, metres a second along a direction, from some time on."""
+
+    fault: Fault | None = None
+
+    def moved(self, time: float) -> Array:
+        """As `MovingHand.moved`, with that way."""
+        pose = super().moved(time)
+        if self.fault is not None and time > self.fault.since:
+            gone = min(time, self.fault.until) - self.fault.since
+            sign = -1.0 if self.fault.kind == "the hand comes" else 1.0
+            pose[0, 3] += sign * min(0.6 * self.fault.size * gone, 0.35)
+        return pose
+
+
+def faults_of(rng: np.random.Generator) -> list[Fault]:
+    """Draw one to three faults."""
+    found = []
+    for _ in range(rng.integers(1, 4)):
+        group = [PERCEPTION, ROBOT, PERSON][rng.choice(3, p=(0.65, 0.2, 0.15))]
+        since, d = rng.uniform(0, 9), rng.normal(size=3)
+        until = since + float(rng.choice([DT, 0.2, 0.6, 2.0, 30.0]))
+        kind = str(rng.choice(group))
+        found.append(Fault(kind, since, until, rng.uniform(0.1, 1), d / np.linalg.norm(d)))
+    return found
+
+
+def run(number: int) -> dict[str, Any]:
+    """Rehearse once, with the faults of this number, and judge it."""
+    rng = np.random.default_rng([number, 83])
+    faults = faults_of(rng)
+    scene, camera = (
+        rehearsed_scene(),
+        camera_at(np.array([0, -0.55, 0.65]), np.array([0.55, 0, 0.3])),
+    )
+    moves = next((f for f in faults if f.kind in ("the hand comes", "the hand goes")), None)
+    calm = np.inf if any(f.kind == "the hand never rests" for f in faults) else 2.0
+    hand = Person(
+        scene, camera, seed=number, drift=rng.uniform(0, 0.06), turn=rng.uniform(0, 0.3),
+        calm_after=calm, noise=0.002, fault=moves,
+    )  # fmt: skip
+    robot = BrokenUR5(faults)
+    handover = Handover(robot, GraspSelection(rng, camera[:3, 3]), camera)
+    held: list[Observation] = []
+    unseen: list[bool] = []
+
+    def spoil(o: Observation) -> Observation:
+        robot.time = o.time
+        if (stop := robot._has("protective stop")) and o.time < stop.since + 1.5 * DT:
+            robot.protective_stop = "a person pushed"
+        held.append(o)
+        blind = False
+        for fault in faults:
+            if fault.kind in PERCEPTION and fault.on(o.time):
+                blind |= fault.kind in PERCEPTION[:4] or fault.kind in (
+                    "millimetres for metres", "keypoints of another shape",
+                )  # fmt: skip
+                if o.keypoints is None or o.object_points is None:
+                    continue
+                o = seen(fault, o, held[:-1] or held, rng)
+        unseen.append(blind)
+        return o
+
+    raised, moments = "", []
+    try:
+        moments = rehearse(handover, hand, dt=DT, past_stops=True, spoil=spoil, longest=40.0)
+    except OSError as error:
+        raised = str(error)
+        if robot._velocity.any() and not robot._stopped:
+            raised += ", and the robot was not stopped"
+    return {
+        "run": number,
+        "faults": [f.kind for f in faults],
+        "end": handover.stage.value,
+        "stops": handover.tries,
+        "raised": raised,
+        "unsafe": unsafe(moments, unseen, scene.hand(0.01).surface.vertices),
+    }
+
+
+def unsafe(moments: list[Moment], unseen: list[bool], skin: Array) -> dict[str, float]:
+    """What a run did that must not be, with its worst value; skin in the wrist frame, metres."""
+    found: dict[str, float] = {}
+    if len(moments) < 3:
+        return found
+    joints = np.stack([m.joints for m in moments])
+    velocity = np.diff(joints, axis=0) / DT
+    tool = np.linalg.norm(np.diff([m.tool[:3, 3] for m in moments], axis=0), axis=1) / DT
+    for name, worst, most in (
+        ("joint speed, rad/s", np.abs(velocity).max(), SPEED),
+        ("tool speed, m/s", tool.max(), TOOL_SPEED),
+        ("joint angle, rad", np.abs(joints).max(), 2 * np.pi),
+        ("tool below the table, m", max(-m.tool[2, 3] for m in moments), 0.0),
+    ):
+        if worst > most * TOLERANCE:
+            found[name] = float(worst)
+    # a stop is at once; whoever speeds up or turns round keeps the limit
+    change = np.abs(np.diff(velocity, axis=0)) / DT
+    moving = (np.abs(velocity[1:]) > 1e-9).any(axis=1)
+    if moving.any() and (worst := change[moving].max()) > ACCELERATION * TOLERANCE:
+        found["joint acceleration, rad/s2"] = float(worst)
+    blind_for, toward = 0.0, 0.0
+    for k, (before, now) in enumerate(pairwise(moments), start=1):
+        blind_for = blind_for + DT if k < len(unseen) and unseen[k] else 0.0
+        toward = toward if blind_for > BLIND_AFTER else 0.0
+        moved = now.stage.value != "Grasp & Retrieve" or now.holder != "gripper"
+        if np.allclose(before.joints, now.joints, atol=1e-9) or not moved:
+            continue
+        points = transform_points(now.base_from_wrist, skin)
+        if np.linalg.norm(points - now.tool[:3, 3], axis=1).min() > 0.30:
+            continue
+        gap = depth_in(now, points)
+        if gap > -INTO_SKIN and blind_for <= BLIND_AFTER:
+            continue
+        its = depth_in(before, points)
+        if -gap > INTO_SKIN and gap < its - 5e-4:
+            found["into the skin, m"] = max(found.get("into the skin, m", 0.0), -gap)
+        if blind_for > BLIND_AFTER:
+            toward += max(0.0, its - gap)
+            if toward > BLIND_WAY:
+                found["toward a hand unseen, m"] = toward
+    return found
+
+
+def depth_in(moment: Moment, points: Array) -> float:
+    """Free space of wrist and gripper as they are drawn to points (n, 3), metres; minus: inside."""
+    frames = ur5.BASE_LINK_FROM_DH_BASE @ ur5.joint_frames(moment.joints)
+    near = [(frame, faces) for frame, faces in zip(frames[4:], wrist(), strict=True)]
+    near.append((moment.tool, gripper(round(moment.gripper_width, 3))))
+    least = FAR
+    for frame, solids in near:
+        own = transform_points(np.linalg.inv(frame), points)
+        for faces, low, high in solids:
+            some = own[((own > low - least) & (own < high + least)).all(axis=1)]
+            if len(some):  # a convex solid is behind all of its faces
+                gaps = (some @ faces[:, :3].T + faces[:, 3]).max(axis=1)
+                least = min(least, float(gaps.min()))
+    return least
+
+
+def convex(parts: Iterable[Part]) -> list[tuple[Array, Array, Array]]:
+    """Planes (k, 4) of each connected piece's convex hull, and the corners of its box."""
+    pieces = [
+        piece
+        for surface, _ in parts
+        for piece in trimesh.Trimesh(surface.vertices, surface.faces).split(only_watertight=False)
+    ]
+    return [
+        (np.unique(ConvexHull(p.vertices).equations.round(6), axis=0), *p.bounds) for p in pieces
+    ]
+
+
+@cache
+def wrist() -> list[list[tuple[Array, Array, Array]]]:
+    """The last three links' solids, each in its link's frame."""
+    return [convex(link) for link in _links()[4:]]
+
+
+@cache
+def gripper(width: float) -> list[tuple[Array, Array, Array]]:
+    """The gripper's solids, open by a width in metres, in the tool's frame."""
+    return convex(gripper_surfaces(np.eye(4), width))
+
+
+def main() -> None:
+    """Run the benchmark."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--runs", type=int, default=1000)
+    parser.add_argument("--json", type=Path, required=True)
+    args = parser.parse_args()
+    rows = list(read_result_file(args.json).rows) if args.json.exists() else []
+    what = "runs of the workflow on the arm without physics, with random faults, judged by geometry"
+    for number in range(len(rows), args.runs):
+        rows.append(run(number))
+        if rows[-1]["unsafe"] or rows[-1]["raised"]:
+            print(rows[-1], flush=True)
+        if number % 20 == 19 or number == args.runs - 1:
+            write_result_file(args.json, what, rows, {**provenance(), "machine": machine_text()})
+    print(Counter(row["end"] for row in rows))
+    print("unsafe:", Counter(name for row in rows for name in row["unsafe"]))
+
+
+if __name__ == "__main__":
+    main()
