@@ -71,15 +71,16 @@ def seen(fault: Fault, o: Observation, held: list[Observation], rng: np.random.G
     """What arrives of an observation under a fault of perception."""
     points, keypoints = o.object_points, o.keypoints
     shift = fault.size * fault.direction
+    before = ([h for h in held if h.time < fault.since] or held[:1])[-1]
     match fault.kind:
         case "no hand":
             return replace(o, keypoints=None)
         case "one keypoint is NaN":
             return replace(o, keypoints=np.where(np.arange(21)[:, None] == 8, np.nan, keypoints))
         case "keypoints frozen":
-            return replace(o, keypoints=held[-1].keypoints)
+            return replace(o, keypoints=before.keypoints)
         case "pictures hang":
-            return replace(held[-1], time=o.time)
+            return replace(before, time=o.time)
         case "pictures late":
             late = [h for h in held if h.taken <= o.time - 0.5 * fault.size]
             return replace((late or held)[-1 if late else 0], time=o.time)
@@ -208,7 +209,7 @@ def run(number: int) -> dict[str, Any]:
                 )  # fmt: skip
                 if o.keypoints is None or o.object_points is None:
                     continue
-                o = seen(fault, o, held[:-1] or held, rng)
+                o = seen(fault, o, held, rng)
         unseen.append(blind)
         return o
 

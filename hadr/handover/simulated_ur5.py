@@ -181,8 +181,8 @@ class SimulatedUR5:
         self._stopped = True
 
     def release(self) -> None:
-        """Let the arm move again after a stop."""
-        self._stopped = False
+        """Let the arm move again after a stop, from rest."""
+        self._stopped, self._velocity = False, np.zeros(6)
 
     def set_gripper(self, width: float, force: float) -> None:
         """Open or close the fingers to a width in metres; the force in newtons is what they feel.

@@ -130,6 +130,20 @@ def test_home_must_be_allowed() -> None:
         ArmConfig(speed_fraction=2.0)
 
 
+def test_after_a_stop_the_arm_begins_from_rest() -> None:
+    """Whoever stops and releases a moving arm must not see it jump to its old speed."""
+    robot = SimulatedUR5()
+    goal = robot.tool_pose()
+    goal[2, 3] -= 0.15
+    for _ in range(12):
+        robot.servo_to(goal, 1 / 30)
+    robot.stop()
+    robot.release()
+    before = robot.joint_positions()
+    robot.servo_to(goal, 1 / 30)
+    assert np.abs(robot.joint_positions() - before).max() <= JOINT_ACCELERATION / 900 + 1e-9
+
+
 def test_stop_holds_until_released() -> None:
     robot = SimulatedUR5()
     before = robot.joint_positions()
