@@ -1,19 +1,29 @@
-"""What the ledger's switches are worth: HADR trained once for each, on the bundled frames.
+"""What becomes of a network if one thing in its recipe is changed: a short training for each.
 
-    python benchmarks/switches.py --json results/training/switches.json
+    python benchmarks/switches.py ledger --json results/training/switches.json
+    python benchmarks/switches.py collapse --json results/training/collapse.json
+    python benchmarks/switches.py plus --data DIR data_samples/frames \\
+        --json results/mini/hadr-plus-ablation.json
 
-The recipe is that of `benchmarks/collapse.py` whose encoder does not collapse: EfficientNet-Lite0
-from ImageNet's weights at a tenth of the rate, behind a (smaller) window. Each row turns one switch of it,
-learns from the 336 training frames, and is scored on the 144 others as the tables score, with true
-and with predicted keypoints. A row that the file has is not run again, so a stopped run goes on.
+`ledger`: HADR with the ledger's switches, one at a time, on the 336 bundled training frames, scored
+on the 144 others as the tables score, with true and with predicted keypoints. What stays is the
+recipe in which its encoder does not collapse: EfficientNet-Lite0 from ImageNet's weights at a tenth
+of the rate, behind a window of 96 pixels. Its three seeds show what chance is worth.
+`collapse`: four ways to begin on the same frames, measured after each epoch and before the first
+(`hadr.training.tasks.diagnosis`): in how many directions the features of the stages vary, and
+what it costs to see another frame's colours. One seed; an hour of one core.
+`plus`: HADR-plus with one part taken out, on the training frames of DIR (which `hadr generate
+--preset mini` has made), scored on validation frames; no test frame is read.
+
+A row that the file has, of the same recipe, is not run again, so a stopped run goes on.
 """
 
 from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,49 +32,56 @@ from torch import nn
 
 from hadr.data.folders import FrameSource
 from hadr.data.samples import open_samples, samples_dir
+from hadr.experiments.averages import paired
 from hadr.experiments.errors import frame_error
-from hadr.experiments.scoring import EVALUATION_SIZE, restored_depth, score_depth
+from hadr.experiments.protocol import open_part
+from hadr.experiments.scoring import (
+    EVALUATION_SIZE,
+    restored_depth,
+    score_depth,
+    score_network,
+)
 from hadr.models.blocks.efficientnet_lite import LiteConfig
-from hadr.models.hadr import HADRConfig
 from hadr.models.window import WindowConfig
 from hadr.ray_voxels import VoxelGrid
 from hadr.records.provenance import machine_text, plain, provenance
 from hadr.records.result_file import read_result_file, write_result_file
-from hadr.training.diagnosis import diagnose
 from hadr.training.frames.batches import FrameTensors, load_frames
 from hadr.training.frames.predicted import with_predicted
 from hadr.training.loop import train
 from hadr.training.losses import CODED, LossWeights
 from hadr.training.presets import preset
 from hadr.training.recipe import Given, Preset
+from hadr.training.tasks.diagnosis import diagnose
 from hadr.training.tasks.task import Task
 
-BASE = "as it is"
-NATIVE = (448, 252)
-"""Size of the bundled frames, through a window of which the network looks."""
-SQUASHED = (96, 96)
-"""Size of the whole picture where there is no window, as many pixels as that has."""
-
-WHAT = (
-    "HADR with one switch of the ledger turned at a time, {} epochs of the bundled training "
-    "frames, scored on the bundled validation and test frames (means over frames, metres)"
-)
+NATIVE = {"width": 448, "height": 252}
+"""Size of the bundled frames, through a window of which a network looks."""
+RANDOM_LITE = LiteConfig(frozen=0, pretrained=False)
+SEES = {"voxel_relu": True, "lite": LiteConfig(), "encoder_rate": 0.1, **NATIVE}
+"""With ImageNet's weights at a tenth of the rate HADR's encoder doesn't collapse."""
 
 
 @dataclass(frozen=True)
-class Switch:
-    """A row: what is turned, and in which row of the ledger it stands (0: in none)."""
+class Change:
+    """A row: what is changed, and in which row of the ledger it stands (0: in none)."""
 
-    row: int
     turned: str
-    recipe: dict[str, Any]
-    """Fields of the recipe that change."""
-    model: dict[str, Any]
-    """Fields of the network's configuration that change."""
+    fields: dict[str, Any] = field(default_factory=dict)
+    """Fields that change, of the recipe or of its network's configuration."""
+    row: int = 0
     predicted: bool = False
     """Learn from predicted keypoints."""
     begin: Callable[[Any], None] | None = None
     """Changes the weights with which the network begins."""
+
+
+def changed(recipe: Preset, fields: dict[str, Any]) -> Preset:
+    """Give a recipe in which some fields differ, of its own or of the network's configuration."""
+    own = {name: value for name, value in fields.items() if hasattr(recipe, name)}
+    rest = {name: value for name, value in fields.items() if name not in own}
+    model: Any = recipe.model
+    return replace(recipe, **own, model=replace(model, **rest))
 
 
 def begin_as_published(network: Any) -> None:
@@ -79,82 +96,86 @@ def begin_as_published(network: Any) -> None:
                 nn.init.zeros_(layer.bias)
 
 
-SWITCHES = (
-    Switch(0, BASE, {}, {}),
-    Switch(1, "loss weights as coded", {"weights": CODED}, {}),
-    Switch(28, "no ReLU on voxels", {}, {"voxel_relu": False}),
-    Switch(29, "encoder from random weights", {}, {"lite": LiteConfig(frozen=0, pretrained=False)}),
-    Switch(29, "one rate for all layers", {"encoder_rate": 1.0}, {}),
-    Switch(32, "predicted keypoints in training", {}, {}, predicted=True),
-    Switch(3, "6 cells", {}, {"grid": VoxelGrid(cells=6)}),
-    Switch(2, "depth loss over z alone", {"weights": LossWeights(depth_over="z")}, {}),
-    Switch(10, "no epochs with the true voxel", {"true_voxel_epochs": 0}, {}),
-    Switch(
-        12,
-        "whole picture, squashed",
-        dict(zip(("width", "height"), SQUASHED, strict=True)),
-        {"view": None},
+BASE = Change("as it is")
+LEDGER = (
+    BASE,
+    Change("loss weights as coded", {"weights": CODED}, 1),
+    Change("no ReLU on voxels", {"voxel_relu": False}, 28),
+    Change("encoder from random weights", {"lite": RANDOM_LITE}, 29),
+    Change("one rate for all layers", {"encoder_rate": 1.0}, 29),
+    Change("predicted keypoints in training", {}, 32, predicted=True),
+    Change("6 cells", {"grid": VoxelGrid(cells=6)}, 3),
+    Change("depth loss over z alone", {"weights": LossWeights(depth_over="z")}, 2),
+    Change("no epochs with the true voxel", {"true_voxel_epochs": 0}, 10),
+    Change("whole picture, squashed", {"width": 96, "height": 96, "view": None}, 12),
+    Change("offset in one step", {"offset_steps": 1}, 4),
+    Change("keypoints with 1 cm of noise", {"keypoint_noise": 0.01}, 32),
+    Change("other layers begin as published", {}, 31, begin=begin_as_published),
+    Change("12 cells", {"grid": VoxelGrid(cells=12)}, 3),
+    Change("10,000 points", {"max_points": 10_000}, 10),
+    Change("probability clamped", {"clamp_probability": True}, 4),
+    Change("wrist frame without rotation", {"wrist_rotation": False}, 7),
+    Change("no hand", {"hand": "none"}),
+    Change("colours not augmented", {"augment": False}),
+)
+LEDGER_RUNS = [(change, 0) for change in LEDGER]
+LEDGER_RUNS[6:6] = [(BASE, 1)]
+LEDGER_RUNS[9:9] = [(BASE, 2)]
+WAYS = (
+    Change("Swin, random, one rate", {"voxel_relu": True}),
+    Change("Swin, random, a tenth", {"voxel_relu": True, "encoder_rate": 0.1}),
+    Change(
+        "Lite0, random, one rate",
+        {**SEES, "lite": RANDOM_LITE, "view": WindowConfig(), "encoder_rate": 1.0},
     ),
-    Switch(4, "offset in one step", {}, {"offset_steps": 1}),
-    Switch(32, "keypoints with 1 cm of noise", {"keypoint_noise": 0.01}, {}),
-    Switch(31, "other layers begin as published", {}, {}, begin=begin_as_published),
-    Switch(3, "12 cells", {}, {"grid": VoxelGrid(cells=12)}),
-    Switch(10, "10,000 points", {}, {"max_points": 10_000}),
-    Switch(4, "probability clamped", {}, {"clamp_probability": True}),
-    Switch(7, "wrist frame without rotation", {}, {"wrist_rotation": False}),
-    Switch(0, "no hand", {}, {"hand": "none"}),
-    Switch(0, "colours not augmented", {"augment": False}, {}),
+    Change("Lite0, ImageNet, a tenth", {**SEES, "view": WindowConfig()}),
 )
-RUNS = (
-    (BASE, 0),
-    *((switch.turned, 0) for switch in SWITCHES[1:6]),
-    (BASE, 1),
-    *((switch.turned, 0) for switch in SWITCHES[6:8]),
-    (BASE, 2),
-    *((switch.turned, 0) for switch in SWITCHES[8:]),
+PLUS = (
+    Change("full"),
+    Change("no plane", {"plane": False}),
+    Change("no hand vector", {"hand_vector": False}),
+    Change("no keypoint maps", {"keypoint_maps": False}),
+    Change("no hand at all", {"hand_vector": False, "keypoint_maps": False}),
+    Change("no depth relative to the hand's", {"hand_depth": False}),
+    Change("no metric crop", {"metric_crop": False}),
+    Change("one candidate", {"candidates": 1}),
+    Change("no colour", {"color": False}),
+    Change("no mirror, no roll", {"mirror": 0.0, "roll_deg": 0.0}),
 )
-"""What is run, in this order: name and seed."""
-
-
-def recipe_of(switch: Switch, epochs: int) -> Preset:
-    """Give the recipe of a row."""
-    mini = preset("mini")
-    assert isinstance(mini.model, HADRConfig)
-    model = replace(mini.model, voxel_relu=True, lite=LiteConfig(), view=WindowConfig(SQUASHED[0]))
-    base = replace(
-        mini,
-        epochs=epochs,
-        width=NATIVE[0],
-        height=NATIVE[1],
-        true_voxel_epochs=1,
-        encoder_rate=0.1,
-    )
-    return replace(base, **switch.recipe, model=replace(model, **switch.model))
 
 
 class Frames:
-    """The bundled frames at each size that is asked for, with true and predicted keypoints."""
+    """The frames of a benchmark at each size that is asked for; keypoints true or predicted."""
 
-    def __init__(self) -> None:
+    def __init__(self, learned: FrameSource, others: FrameSource) -> None:
         keypoints = samples_dir() / "checkpoints" / "hand-keypoints-mini.safetensors"
         self.given = Given(keypoints=str(keypoints))
-        self.learned = FrameSource([open_samples("train")])
-        self.others = FrameSource([open_samples(split) for split in ("val", "test")])
+        self.sources = {"learned": learned, "others": others}
         self.kept: dict[Any, FrameTensors] = {}
 
     def read(self, part: str, size: tuple[int, int], *, predicted: bool = False) -> FrameTensors:
         """Give the frames "learned" or "others"."""
-        if (part, size, predicted) not in self.kept:
-            source: FrameSource = getattr(self, part)
+        key = (part, size, predicted)
+        if key not in self.kept:
             if predicted:
-                frames = with_predicted(self.read(part, size), source, self.given)
+                known = self.read(part, size)
+                self.kept[key] = with_predicted(known, self.sources[part], self.given)
             else:
-                frames = load_frames(source, size, keep_all=part == "others")
-            self.kept[part, size, predicted] = frames
-        return self.kept[part, size, predicted]
+                every = part == "others"
+                self.kept[key] = load_frames(self.sources[part], size, keep_all=every)
+        return self.kept[key]
+
+    def origin(self) -> dict[str, Any]:
+        """Which frames are measured, and the hold of each."""
+        stems = self.read("others", EVALUATION_SIZE).stems
+        return {
+            "learned": len(self.sources["learned"]),
+            "measured": list(stems),
+            "holds": self.sources["others"].holds(stems),
+        }
 
 
-def measure(network: Any, frames: FrameTensors, truth: FrameTensors) -> dict[str, Any]:
+def taken_apart(network: Any, frames: FrameTensors, truth: FrameTensors) -> dict[str, Any]:
     """Score a network as the tables do, and take each frame's error apart."""
     depth, restored = restored_depth(network, frames, truth)
     masks, true = truth.object_mask.numpy(), truth.true_depth.numpy()
@@ -173,15 +194,15 @@ def measure(network: Any, frames: FrameTensors, truth: FrameTensors) -> dict[str
     return {**{name: scores[name] for name in wanted}, **means, "per_frame": errors}
 
 
-def learn(switch: Switch, seed: int, recipe: Preset, frames: Frames) -> dict[str, Any]:
-    """Train one row and score it."""
+def ledger_row(change: Change, seed: int, recipe: Preset, frames: Frames) -> dict[str, Any]:
+    """Train a row of the ledger and score it."""
     began = time.perf_counter()
     task, start = Task(recipe), None
-    if switch.begin is not None:
+    if change.begin is not None:
         torch.manual_seed(seed)
         start = task.build()
-        switch.begin(start)
-    learned = frames.read("learned", recipe.size, predicted=switch.predicted)
+        change.begin(start)
+    learned = frames.read("learned", recipe.size, predicted=change.predicted)
     trained = train(recipe, learned, seed=seed, start=start, progress=False)
     seconds = time.perf_counter() - began
     truth = frames.read("others", EVALUATION_SIZE)
@@ -189,48 +210,132 @@ def learn(switch: Switch, seed: int, recipe: Preset, frames: Frames) -> dict[str
         "true keypoints": frames.read("others", recipe.size),
         "predicted keypoints": frames.read("others", recipe.size, predicted=True),
     }
-    row = {
-        "turned": switch.turned,
-        "row": switch.row,
-        "seed": seed,
-        "recipe": recipe.to_dict(),
+    return {
+        "row": change.row,
         "seconds": round(seconds, 1),
         "loss": trained.history[-1]["loss"],
-        "given": {name: measure(trained.model, each, truth) for name, each in given.items()},
+        "given": {name: taken_apart(trained.model, each, truth) for name, each in given.items()},
         "sees": diagnose(trained.model, task.kind, given["true keypoints"], recipe.batch_size),
     }
-    rmse = [f"{100 * each['rmse_m']:.3f}" for each in row["given"].values()]
-    print(f"{switch.turned}, seed {seed}: {rmse} cm after {seconds:.0f} s", flush=True)
-    return row
+
+
+def way_row(change: Change, seed: int, recipe: Preset, frames: Frames) -> dict[str, Any]:
+    """Train one way to begin and keep what was measured after each epoch."""
+    learned, probed = (frames.read(part, recipe.size) for part in ("learned", "others"))
+    task, began = Task(recipe), time.perf_counter()
+    torch.manual_seed(seed)
+    before = task.validate(task.build().eval(), probed, recipe.batch_size)
+    history = train(recipe, learned, probed, seed=seed).history
+    return {
+        "way": change.turned,
+        "frames": {"learned": len(learned), "measured": len(probed)},
+        "steps_an_epoch": -(-len(learned) // recipe.batch_size),
+        "seconds": time.perf_counter() - began,
+        "epochs": [before, *({key: row[key] for key in before} for row in history)],
+    }
+
+
+def plus_row(change: Change, seed: int, recipe: Preset, frames: Frames) -> dict[str, Any]:
+    """Train HADR-plus without a part and score it."""
+    began = time.perf_counter()
+    trained = train(recipe, frames.read("learned", recipe.size), seed=seed)
+    seconds = time.perf_counter() - began
+    given, truth = (frames.read("others", size) for size in (recipe.size, EVALUATION_SIZE))
+    scores = score_network(trained.model, given, truth)
+    return {
+        "network": change.turned,
+        "out": change.fields,
+        "parameters": sum(p.numel() for p in trained.model.parameters()),
+        "training_s": round(seconds, 1),
+        **scores.columns(),
+        "per_frame": scores.per_frame(),
+    }
+
+
+@dataclass(frozen=True)
+class Bench:
+    """One of the benchmarks here."""
+
+    what: str
+    recipe: Preset
+    runs: list[tuple[Change, int]]
+    measure: Callable[[Change, int, Preset, Frames], dict[str, Any]]
+    epochs: int
+
+
+MINI = replace(preset("mini"), validation_frames=None)
+BENCHES = {
+    "ledger": Bench(
+        "HADR with one switch of the ledger turned at a time, {} epochs of the bundled training "
+        "frames, scored on the bundled validation and test frames (means over frames, metres)",
+        changed(preset("mini"), {**SEES, "view": WindowConfig(96), "true_voxel_epochs": 1}),
+        LEDGER_RUNS,
+        ledger_row,
+        epochs=6,
+    ),
+    "collapse": Bench(
+        "the encoder's rank and the worth of colours while HADR learns, four ways to begin, {} "
+        "epochs",
+        MINI,
+        [(way, 0) for way in WAYS],
+        way_row,
+        epochs=20,
+    ),
+    "plus": Bench(
+        "HADR-plus of preset mini trained for {} epochs on the known objects' training frames, one "
+        "part taken out, scored on their validation frames (means over frames, metres); one seed",
+        preset("mini", "hadr-plus"),
+        [(change, 0) for change in PLUS],
+        plus_row,
+        epochs=4,
+    ),
+}
+
+
+def rows_of(
+    bench: Bench, epochs: int, known: list[dict[str, Any]], frames: Frames
+) -> Iterator[Any]:
+    """Run what is not known, and give all rows each time there is one more."""
+    rows = []
+    for change, seed in bench.runs:
+        recipe = replace(changed(bench.recipe, change.fields), epochs=epochs)
+        same = {"turned": change.turned, "seed": seed, "recipe": plain(recipe.to_dict())}
+        row = next((row for row in known if same.items() <= row.items()), None)
+        fresh = row is None
+        row = row or {**same, **bench.measure(change, seed, recipe, frames)}
+        if "per_frame" in row:
+            first = (rows or [row])[0]["per_frame"]
+            row["against_full"] = paired(row["per_frame"], first, frames.origin()["holds"])
+        rows.append(row)
+        if fresh:
+            print(f"{change.turned}, seed {seed}", flush=True)
+            later = [row for row in known if row not in rows]
+            yield [*rows, *later]
 
 
 def main() -> None:
-    """Run the benchmark."""
+    """Run a benchmark."""
     parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("bench", choices=BENCHES)
     parser.add_argument("--json", type=Path, required=True, help="file of the results")
-    parser.add_argument("--epochs", type=int, default=6)
-    parser.add_argument("--most", type=int, default=len(RUNS), help="rows to run at most")
+    parser.add_argument("--data", type=Path, nargs="+", help="of plus: folders with its frames")
+    parser.add_argument("--epochs", type=int)
     args = parser.parse_args()
     torch.set_num_threads(1)
-    frames, known = Frames(), {switch.turned: switch for switch in SWITCHES}
-    truth = frames.read("others", EVALUATION_SIZE)
-    rows = list(read_result_file(args.json).rows) if args.json.exists() else []
-    about = {
-        **provenance(),
-        "machine": machine_text(),
-        "learned": len(frames.learned),
-        "measured": list(truth.stems),
-        "holds": frames.others.holds(truth.stems),
-    }
-    ran = 0
-    for turned, seed in RUNS:
-        recipe = recipe_of(known[turned], args.epochs)
-        same = {"turned": turned, "seed": seed, "recipe": plain(recipe.to_dict())}
-        if any(same.items() <= row.items() for row in rows) or ran == args.most:
-            continue
-        rows.append(learn(known[turned], seed, recipe, frames))
-        ran += 1
-        write_result_file(args.json, WHAT.format(args.epochs), rows, about)
+    bench = BENCHES[args.bench]
+    if args.bench == "plus":
+        frames = Frames(*(open_part(args.data or [], "known", part) for part in ("train", "val")))
+    else:
+        frames = Frames(
+            FrameSource([open_samples("train")]),
+            FrameSource([open_samples("val"), open_samples("test")]),
+        )
+    epochs = args.epochs or bench.epochs
+    kept = read_result_file(args.json).rows if args.json.exists() else ()
+    known = [row for row in kept if "turned" in row]  # not those of an earlier form
+    about = {**provenance(), "machine": machine_text(), "threads": 1, **frames.origin()}
+    for rows in rows_of(bench, epochs, known, frames):
+        write_result_file(args.json, bench.what.format(epochs), rows, about)
 
 
 if __name__ == "__main__":

@@ -25,6 +25,7 @@ class Network:
         network: Name of its class.
         config: Name of its configuration's class.
         training: Dotted name of the module with its loss (`hadr.training.tasks.task.Task`).
+        loss: Name of its loss there.
         answer: What it says of a frame.
         published: Its name in the paper's tables; "" where it is not in them.
         can_say: It predicts a distribution of depth, so that it can say how sure it is. HADR's and
@@ -42,6 +43,7 @@ class Network:
     network: str
     config: str
     training: str
+    loss: str = "losses"
     answer: Literal["depth", "keypoints", "masks"] = "depth"
     published: str = ""
     can_say: bool = False
@@ -83,21 +85,22 @@ NETWORKS: dict[str, Network] = {
         encoders=("first.backbone.resnet", "first.backbone.lite"),
     ),
     "dfnet": Network(
-        "DFNet", "hadr.rivals.dfnet", "DFNet", "DFNetConfig", "hadr.training.tasks.dfnet",
-        published="TransCG", sees="final",
+        "DFNet", "hadr.rivals.dfnet", "DFNet", "DFNetConfig", "hadr.training.tasks.images",
+        loss="dfnet", published="TransCG", sees="final",
     ),
     "swindrnet": Network(
         "SwinDRNet", "hadr.rivals.swindrnet", "SwinDRNet", "SwinDRNetConfig",
-        "hadr.training.tasks.swindrnet", published="SwinDRNet", sees="fusions.0",
+        "hadr.training.tasks.images", loss="swindrnet", published="SwinDRNet", sees="fusions.0",
         encoders=("color_swin", "lite", "depth_swin"),
     ),
     "tode": Network(
-        "TODE-Trans", "hadr.rivals.tode", "TODETrans", "TODEConfig", "hadr.training.tasks.tode",
-        published="TODE-Trans", sees="decoder.0", encoders=("swin",),
+        "TODE-Trans", "hadr.rivals.tode", "TODETrans", "TODEConfig", "hadr.training.tasks.images",
+        loss="tode", published="TODE-Trans", sees="decoder.0", encoders=("swin",),
     ),
     "unet-hand": Network(
         "U-Net with the hand", "hadr.rivals.unet_hand", "UNetHand", "UNetHandConfig",
-        "hadr.training.tasks.unet_hand", sees="up.0", skips_mask=True, encoders=("lite", "down"),
+        "hadr.training.tasks.images", loss="unet_hand", sees="up.0", skips_mask=True,
+        encoders=("lite", "down"),
     ),
     "hadr-plus": Network(
         "HADR-plus", "hadr.models.hadr_plus", "HADRPlus", "HADRPlusConfig",

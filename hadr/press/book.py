@@ -38,7 +38,9 @@ from hadr.press.report import (
     generation_table,
     ledger_effects,
     ledger_table,
+    real_table,
     speed_table,
+    switches_table,
     tuning_table,
 )
 from hadr.records.output_folder import check_removable, make_output_folder
@@ -54,6 +56,8 @@ REPORTS: dict[str, Callable[[Path], str]] = {
     "{{FOUND}}": found_table,
     "{{FOUND_RULES}}": found_rules,
     "{{CONDITIONS}}": lambda results: conditions_table(results / "mini"),
+    "{{REAL}}": lambda results: real_table(results / "real" / "cleargrasp_d435.json"),
+    "{{SWITCHES}}": lambda results: switches_table(results / "training" / "switches.json"),
     "{{TUNING}}": lambda results: tuning_table(results / "mini" / "tuning.json"),
     "{{SPEED}}": lambda results: speed_table(results / "speed" / "side_by_side.json"),
     "{{GENERATION}}": lambda results: generation_table(results / "generation"),

@@ -9,8 +9,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
+from hadr.experiments.averages import standard_error
 from hadr.experiments.tables import DEFAULT
 from hadr.figures.tables.results import NAMES, markdown, with_doubt
 from hadr.metrics import METRICS
@@ -87,6 +89,63 @@ def ledger_effects(folder: str | Path) -> str:
             "from": f"`{name}.json`",
         })  # fmt: skip
     return markdown(pd.DataFrame(lines), "llrrrl")
+
+
+def switches_table(path: str | Path) -> str:
+    """What the switches of `switches.json` are worth in a short training, as Markdown.
+
+    A difference is that from the mean of the trainings without a switch; its doubt adds the paired
+    standard error over holds and the standard deviation over these trainings' seeds. Bold is what
+    is more than twice its doubt.
+    """
+    file = read_result_file(path)
+    holds, names = file.provenance["holds"], [row["turned"] for row in file.rows]
+    columns = {
+        "RMSE": ("true keypoints", "rmse_m"),
+        "shape": ("true keypoints", "shape_m"),
+        "RMSE with predicted keypoints": ("predicted keypoints", "rmse_m"),
+    }
+    lines = {}
+    for name in dict.fromkeys(names):
+        own = [row for row in file.rows if row["turned"] == name]
+        number = own[0]["row"]
+        line = {"row": f"[{number}](#ledger-{number})" if number else "", "what is turned": name}
+        for title, (given, part) in columns.items():
+            frames, base = (
+                np.array([row["given"][given]["per_frame"][part] for row in rows])
+                for rows in (own, [row for row in file.rows if row["turned"] == names[0]])
+            )  # (seeds, frames)
+            seeds = base.mean(axis=1)
+            if name == names[0]:
+                line[f"{title} (cm)"] = with_doubt(seeds.mean(), seeds.std(ddof=1))
+                continue
+            gaps = frames.mean(axis=0) - base.mean(axis=0)
+            among = seeds.var(ddof=1) * (1 / len(frames) + 1 / len(base))
+            doubt = float(np.hypot(standard_error(gaps.tolist(), holds) or 0, among**0.5))
+            cell = with_doubt(gaps.mean(), doubt, sign="+")
+            line[f"{title} (cm)"] = f"**{cell}**" if abs(gaps.mean()) > 2 * doubt else cell
+        lines[name] = line
+    return markdown(pd.DataFrame(lines.values()), "llr")
+
+
+def real_table(path: str | Path) -> str:
+    """Each method's error on the two real frames of `cleargrasp_d435.json`, as Markdown.
+
+    A line a method, the RMSE in centimetres with its range over the stand-in hands, and the share
+    of the glass that got a depth.
+    """
+    file = read_result_file(path)
+    lines: dict[str, dict[str, str]] = {}
+    named = {**NAMES, "raw": "the sensor's own depth"}
+    for row in file.rows:
+        name = row["method"]
+        line = lines.setdefault(name, {"method": named.get(name, name)})
+        ends = [f"{100 * row[key]:.1f}" for key in ("rmse_low_m", "rmse_high_m") if key in row]
+        hands = f" ({' to '.join(ends)})" if ends else ""
+        glasses = file.provenance["scenes"][row["scene"]]["glasses"]
+        line[f"{glasses} glasses: RMSE (cm)"] = f"{100 * row['rmse_m']:.1f}{hands}"
+        line[f"of {glasses} restored"] = f"{100 * row['coverage']:.0f} %"
+    return markdown(pd.DataFrame(lines.values()))
 
 
 def conditions_table(folder: str | Path) -> str:

@@ -27,12 +27,12 @@ from tqdm import tqdm
 from hadr.models.blocks.shared_batch_norm import share_batch_norm
 from hadr.models.blocks.stochastic_depth import set_share
 from hadr.models.networks import network_of
-from hadr.training.diagnosis import gradient_norms
 from hadr.training.frames.augmentation import augment_frames
 from hadr.training.frames.batches import FrameTensors
-from hadr.training.pictures import save_png
 from hadr.training.processes import average_gradients, average_numbers, shares
 from hadr.training.recipe import Preset
+from hadr.training.tasks.diagnosis import gradient_norms
+from hadr.training.tasks.pictures import save_png
 from hadr.training.tasks.task import Task
 from hadr.training.training_folder import BEST, LAST, TrainingFolder
 

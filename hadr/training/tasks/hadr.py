@@ -9,7 +9,7 @@ from torch import Tensor, nn
 
 from hadr.models.network_input import masked_rays
 from hadr.training.frames.batches import FrameTensors
-from hadr.training.losses import hadr_losses
+from hadr.training.losses import LossTerms, hadr_losses
 from hadr.training.recipe import Preset
 
 
@@ -17,14 +17,33 @@ def losses(
     recipe: Preset, model: nn.Module, batch: FrameTensors, epoch: int, generator: torch.Generator
 ) -> dict[str, Tensor]:
     """Score a batch: the weighted sum and its terms (`hadr.training.tasks.task.Loss`)."""
+    start = torch.randint(recipe.ray_stride, (2,), generator=generator).tolist()
+    told = epoch < recipe.true_voxel_epochs
+    _, terms = ray_terms(recipe, model, batch, start, told=told)
+    return {"loss": terms.total(recipe.weights), **vars(terms)}
+
+
+def ray_terms(
+    recipe: Preset,
+    model: nn.Module,
+    batch: FrameTensors,
+    start: list[int],
+    *,
+    told: bool,
+    **more: Any,
+) -> tuple[Any, LossTerms]:
+    """Restore strided rays from a first row and column on, and score them; more for the model.
+
+    Where `told`, each ray takes its true voxel.
+    """
     config: Any = recipe.model
-    row, column = torch.randint(recipe.ray_stride, (2,), generator=generator).tolist()
     output = model(
         batch.inputs,
-        rays=masked_rays(batch.inputs.mask, recipe.ray_stride, row, column),
-        true_depth=batch.true_depth if epoch < recipe.true_voxel_epochs else None,
+        rays=masked_rays(batch.inputs.mask, recipe.ray_stride, *start),
+        true_depth=batch.true_depth if told else None,
+        **more,
     )
-    terms = hadr_losses(
+    return output, hadr_losses(
         output,
         batch.true_depth,
         batch.inputs.intrinsics,
@@ -32,4 +51,3 @@ def losses(
         depth_over=recipe.weights.depth_over,
         ray_stride=recipe.ray_stride,
     )
-    return {"loss": terms.total(recipe.weights), **vars(terms)}

@@ -17,11 +17,11 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from hadr.models.network_input import masked_rays, ray_points
-from hadr.rivals.lidf import LIDFOutput
+from hadr.models.network_input import ray_points
 from hadr.training.frames.batches import FrameTensors
-from hadr.training.losses import depth_loss, hadr_losses
+from hadr.training.losses import depth_loss
 from hadr.training.recipe import Preset
+from hadr.training.tasks.hadr import ray_terms
 
 PERTURBATIONS: tuple[tuple[float, float, float], ...] = (
     (0.5, -0.05, 0.0),
@@ -61,7 +61,7 @@ def losses(
     """
     network: Any = model
     config: Any = recipe.model
-    learns, stride, weights = stage(recipe, epoch), recipe.ray_stride, recipe.weights
+    learns, weights = stage(recipe, epoch), recipe.weights
     if learns == 1 and network.refines:
         raise ValueError(
             f"the refinement has begun already, but of {recipe.epochs} epochs the first "
@@ -69,23 +69,10 @@ def losses(
         )
     if learns == 2 and not network.refines:
         network.set_stage(2)
-    row, column = torch.randint(stride, (2,), generator=generator).tolist()
+    start = torch.randint(recipe.ray_stride, (2,), generator=generator).tolist()
     told = learns == 1 and epoch < recipe.true_voxel_epochs
     moved_m = draw_perturbation(generator, config.perturb_probability) if learns == 2 else 0.0
-    output: LIDFOutput = model(
-        batch.inputs,
-        rays=masked_rays(batch.inputs.mask, stride, row, column),
-        true_depth=batch.true_depth if told else None,
-        perturbation_m=moved_m,
-    )
-    terms = hadr_losses(
-        output,
-        batch.true_depth,
-        batch.inputs.intrinsics,
-        config.grid,
-        depth_over=weights.depth_over,
-        ray_stride=stride,
-    )
+    output, terms = ray_terms(recipe, model, batch, start, told=told, perturbation_m=moved_m)
     loss = terms.total(weights if learns == 1 else replace(weights, probability=0.0))
     found = {"loss": loss, **vars(terms)}
     if learns == 2:

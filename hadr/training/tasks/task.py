@@ -2,8 +2,8 @@
 
 One loop (`hadr.training.loop`) trains every network. What differs from one network to the next is
 the module that the table of networks (`hadr.models.networks`) names for its training: a function
-`losses` (see `Loss`) and, where the network does not restore depth, a function
-`validate(model, frames, batch_size)`.
+(see `Loss`), `losses` if nothing else is said, and, where the network does not restore depth, a
+function `validate(model, frames, batch_size)`.
 
 **Means.** With several processes each sees its share of a batch, and the loop averages their
 gradients. An average of averages is the average over the whole batch only where each counts the
@@ -26,11 +26,11 @@ from torch import Tensor, nn
 
 from hadr.metrics import mean_over_frames
 from hadr.models.networks import network_of
-from hadr.training.diagnosis import diagnose
 from hadr.training.evaluation import evaluate
 from hadr.training.frames.batches import FrameTensors
-from hadr.training.pictures import Picture, depth_picture
 from hadr.training.recipe import Preset
+from hadr.training.tasks.diagnosis import diagnose
+from hadr.training.tasks.pictures import Picture, depth_picture
 
 Loss = Callable[[Preset, nn.Module, FrameTensors, int, torch.Generator], dict[str, Tensor]]
 """Scores a batch in training: recipe, network (called as a whole, never its parts), some frames,
@@ -67,7 +67,7 @@ class Task:
         self, model: nn.Module, batch: FrameTensors, epoch: int, generator: torch.Generator
     ) -> dict[str, Tensor]:
         """Score a batch in training, see `Loss`."""
-        loss: Loss = self._module.losses
+        loss: Loss = getattr(self._module, self.kind.loss)
         return loss(self.recipe, model, batch, epoch, generator)
 
     def validate(self, model: nn.Module, frames: FrameTensors, batch_size: int) -> dict[str, float]:

@@ -11,7 +11,7 @@ from hadr.models.network_input import HADRInput
 from hadr.rivals.swindrnet import SwinDRNetConfig
 from hadr.training.frames.batches import FrameTensors
 from hadr.training.recipe import Preset
-from hadr.training.tasks.swindrnet import image_terms
+from hadr.training.tasks.images import image_terms
 from hadr.training.tasks.task import Task
 
 MICRO = Preset(

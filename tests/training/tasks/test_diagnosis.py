@@ -13,16 +13,16 @@ from torch import Tensor, nn
 
 from hadr.models.network_input import DepthOutput, HADRInput
 from hadr.models.networks import DEPTH_NETWORKS, NETWORKS
-from hadr.training.diagnosis import (
+from hadr.training.frames.batches import FrameTensors
+from hadr.training.loop import Trained
+from hadr.training.presets import preset
+from hadr.training.tasks.diagnosis import (
     diagnose,
     effective_rank,
     gradient_norms,
     recorded_stages,
     with_other_colors,
 )
-from hadr.training.frames.batches import FrameTensors
-from hadr.training.loop import Trained
-from hadr.training.presets import preset
 from hadr.training.tasks.task import Task
 
 

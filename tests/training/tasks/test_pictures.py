@@ -10,7 +10,7 @@ from torch import nn
 
 from hadr.models.network_input import HADRInput
 from hadr.training.frames.batches import FrameTensors
-from hadr.training.pictures import _window, depth_picture, save_png
+from hadr.training.tasks.pictures import _window, depth_picture, save_png
 
 
 class Off(nn.Module):
