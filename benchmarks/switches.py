@@ -10,8 +10,8 @@ on the 144 others as the tables score, with true and with predicted keypoints. W
 recipe in which its encoder does not collapse: EfficientNet-Lite0 from ImageNet's weights at a tenth
 of the rate, behind a window of 96 pixels. Its three seeds show what chance is worth.
 `collapse`: four ways to begin on the same frames, measured after each epoch and before the first
-(`hadr.training.tasks.diagnosis`): in how many directions the features of the stages vary, and
-what it costs to see another frame's colours. One seed; an hour of one core.
+(`hadr.training.tasks.diagnosis`): in how many directions the features of the encoder's stages
+vary, and what it costs to see another frame's colours. One seed; an hour of one core.
 `plus`: HADR-plus with one part taken out, on the training frames of DIR (which `hadr generate
 --preset mini` has made), scored on validation frames; no test frame is read.
 
@@ -296,7 +296,7 @@ def rows_of(
     bench: Bench, epochs: int, known: list[dict[str, Any]], frames: Frames
 ) -> Iterator[Any]:
     """Run what is not known, and give all rows each time there is one more."""
-    rows = []
+    rows = list[dict[str, Any]]()
     for change, seed in bench.runs:
         recipe = replace(changed(bench.recipe, change.fields), epochs=epochs)
         same = {"turned": change.turned, "seed": seed, "recipe": plain(recipe.to_dict())}

@@ -198,22 +198,42 @@ def learn_ground(
         validation: Frames that it has not: they set the limit.
         seed: Of the analytic corruption.
     """
+    kind, config = NETWORKS[kind_of(model)], CORRUPTIONS[corruption]
+
+    def depths(frame: Frame, rng: np.random.Generator) -> Iterator[tuple[str, FloatArray]]:
+        """The depths with which a frame is shown, by field: in the glass too."""
+        if not config.captured:
+            seen = (frame.depth, frame.object_mask, frame.camera, rng, config)
+            yield LEARNED, corrupt(*seen, frame.background_depth)
+        if frame.raw_depth is not None:
+            yield MEASURED, frame.raw_depth
 
     def look(frames: Sequence[Frame]) -> dict[str, list[Observation]]:
+        """Show the network all frames but those of whose glass no pixel is left at its size."""
         found = defaultdict(list)
         for number, frame in enumerate(frames):
-            for field, measured in _depths(
-                frame, corruption, np.random.default_rng((seed, number))
-            ):
-                one = _observe(model, size, corruption, depth_range_m, frame, measured)
-                if one is not None:
-                    found[field].append(one)
+            mask = frame.object_mask
+            for field, measured in depths(frame, np.random.default_rng((seed, number))):
+                given = erase_mask(measured, mask) if config.erase else measured
+                inputs = frame_to_input(
+                    frame.color, given, mask, frame.keypoints, frame.camera, size
+                )
+                if not inputs.mask.any():
+                    continue
+                small = np.nan_to_num(resize_depth(measured, *size))
+                with torch.inference_mode():
+                    one = observe(model, kind.sees, inputs, small, depth_range_m, frame.color, mask)
+                found[field].append(one)
         return found
 
     learned, checked = look(training), look(validation)
     rule = None
-    if len(learned) > 1 and NETWORKS[kind_of(model)].can_say:
-        rule = _measured_rule(model, size, corruption, depth_range_m, validation)
+    if len(learned) > 1 and kind.can_say:
+        measured = [frame for frame in validation if frame.raw_depth is not None]
+        shown = load_frames(measured, size, "erased" if config.erase else "sensor")
+        pixels = restored_pixels(model, shown, depth_range_m)
+        assert pixels.signal is not None  # for the type checker
+        rule = fit_confidence(pixels.signal, pixels.error_m, frames=len(measured))
     seen = np.stack([one.seen for field in learned.values() for one in field])
     sight = Sight.fit(seen)
     fields = {}
@@ -225,54 +245,3 @@ def learn_ground(
         )
     counts = {"training": len(training), "validation": len(validation)}
     return {**Ground(fields, sight).to_dict(), "frames": counts}
-
-
-def _depths(
-    frame: Frame, corruption: Corruption, rng: np.random.Generator
-) -> Iterator[tuple[str, FloatArray]]:
-    """The depths with which a frame is shown, by field: in the glass too."""
-    if not CORRUPTIONS[corruption].captured:
-        config = CORRUPTIONS[corruption]
-        yield (
-            LEARNED,
-            corrupt(
-                frame.depth, frame.object_mask, frame.camera, rng, config, frame.background_depth
-            ),
-        )
-    if frame.raw_depth is not None:
-        yield MEASURED, frame.raw_depth
-
-
-def _observe(
-    model: nn.Module,
-    size: tuple[int, int],
-    corruption: Corruption,
-    depth_range_m: tuple[float, float],
-    frame: Frame,
-    measured: FloatArray,
-) -> Observation | None:
-    """Show the network a frame; None where no pixel of the glass is left at its size."""
-    mask = frame.object_mask
-    given = erase_mask(measured, mask) if CORRUPTIONS[corruption].erase else measured
-    inputs = frame_to_input(frame.color, given, mask, frame.keypoints, frame.camera, size)
-    if not inputs.mask.any():
-        return None
-    small = np.nan_to_num(resize_depth(measured, *size))
-    with torch.inference_mode():
-        sees = NETWORKS[kind_of(model)].sees
-        return observe(model, sees, inputs, small, depth_range_m, frame.color, mask)
-
-
-def _measured_rule(
-    model: nn.Module,
-    size: tuple[int, int],
-    corruption: Corruption,
-    depth_range_m: tuple[float, float],
-    validation: Sequence[Frame],
-) -> ConfidenceRule:
-    """What the network's confidence means on the frames that have raw depth."""
-    shown: Corruption = "erased" if CORRUPTIONS[corruption].erase else "sensor"
-    measured = [frame for frame in validation if frame.raw_depth is not None]
-    pixels = restored_pixels(model, load_frames(measured, size, shown), depth_range_m)
-    assert pixels.signal is not None  # for the type checker: the caller looks
-    return fit_confidence(pixels.signal, pixels.error_m, frames=len(measured))

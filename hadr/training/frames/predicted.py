@@ -98,10 +98,11 @@ def with_predicted(
         if given.masks != TRUE:
             seen = replace(seen, inputs=_with_mask(seen.inputs, found[:, 0], given))
         hands = seen.hand_mask if hand is None else resized(hand, seen.hand_mask)
-        keypoints = torch.cat([
-            _keypoints(model, part, hands[first * batch_size : (first + 1) * batch_size])
-            for first, part in enumerate(_parts(seen, batch_size))
-        ])  # fmt: skip
+        parts = zip(_parts(seen, batch_size), torch.split(hands, batch_size), strict=True)
+        with torch.no_grad():
+            keypoints = torch.cat(
+                [keypoints_where_seen(model, part.inputs, own) for part, own in parts]
+            )
         uv = pixels_of(keypoints, inputs.intrinsics) * (keypoints != 0).any(dim=-1, keepdim=True)
         inputs = replace(inputs, keypoints=keypoints, keypoints_uv=uv)
     if hand is not None:
@@ -166,8 +167,3 @@ def _parts(frames: FrameTensors, batch_size: int) -> list[FrameTensors]:
 def _masks(model: Any, frames: FrameTensors) -> Tensor:
     """Masks of the object and, if the network knows it, the hand: bool (B, classes, H, W)."""
     return predict_logits(model, frames.inputs.color) > 0
-
-
-def _keypoints(model: Any, frames: FrameTensors, hand: Tensor) -> Tensor:
-    with torch.no_grad():
-        return keypoints_where_seen(model, frames.inputs, hand)

@@ -84,8 +84,9 @@ def tode(
 
 def _turned(image: Tensor, batch: FrameTensors, known: Tensor) -> tuple[Tensor, Tensor]:
     """How far the normals are turned, and where that is known (`normals_apart`)."""
-    clouds = (image_points(z, batch.inputs.intrinsics) for z in (image, batch.true_depth))
-    return normals_apart(*clouds, known)
+    camera = batch.inputs.intrinsics
+    truth = image_points(batch.true_depth, camera)
+    return normals_apart(image_points(image, camera), truth, known)
 
 
 def unet_hand(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -22,6 +23,7 @@ ERROR_M = 0.05
 _HEIGHT = 160
 _GAP = 4
 _TITLES = ("colour", "corrupted", "restored", "truth", "error")
+_BLACK, _WHITE = (0, 0, 0), (255, 255, 255)
 
 
 def depth_picture(model: nn.Module, frames: FrameTensors) -> Picture:
@@ -34,23 +36,17 @@ def depth_picture(model: nn.Module, frames: FrameTensors) -> Picture:
     """
     chosen = [int(n) for n in np.unique(np.linspace(0, len(frames) - 1, 4).round())]
     some = frames.take(chosen)
-    device = next(model.parameters()).device
     with torch.no_grad():
-        found = model(some.inputs.to(device)).depth.cpu()
+        found = model(some.inputs.to(next(model.parameters()).device)).depth.cpu()
     restored = torch.where(some.inputs.mask, found, some.inputs.depth)
-    lines = []
-    for number in range(len(some)):
-        color = some.inputs.color[number].permute(1, 2, 0).numpy()
-        lines.append(
-            _line(
-                np.round(color * 255).astype(np.uint8),
-                some.inputs.depth[number].numpy(),
-                restored[number].numpy(),
-                some.true_depth[number].numpy(),
-                some.object_mask[number].numpy(),
-            )
-        )
-    return np.vstack([_header(lines[0].shape[1]), *lines])
+    colors = (some.inputs.color.permute(0, 2, 3, 1) * 255).round().to(torch.uint8)
+    parts = (colors, some.inputs.depth, restored, some.true_depth, some.object_mask)
+    lines = [_line(*images) for images in zip(*(part.numpy() for part in parts), strict=True)]
+    strip = np.full((22, lines[0].shape[1], 3), 255, np.uint8)
+    step = (strip.shape[1] + _GAP) / len(_TITLES)
+    for number, title in enumerate(_TITLES):
+        _write(strip, title, (round(number * step) + 4, 16), ((_BLACK, 1),))
+    return np.vstack([strip, *lines])
 
 
 def save_png(path: Path, picture: Picture) -> None:
@@ -64,27 +60,24 @@ def _line(
 ) -> Picture:
     """One frame: five pictures beside each other, of the half around the glass where it fits."""
     window = _window(mask)
-    color = color[window]
+    color, mask = color[window], mask[window]
     corrupted, restored, truth = corrupted[window], restored[window], truth[window]
-    mask = mask[window]
     on_glass = mask & (truth > 0)
     middle = float(np.median(truth[on_glass])) if on_glass.any() else 1.0
     error = np.where(on_glass, restored - truth, 0)
     rmse = float(np.sqrt(np.mean(error[on_glass] ** 2))) if on_glass.any() else 0.0
-    panels = [
-        color,
-        *(_depth_colors(image, middle) for image in (corrupted, restored, truth)),
-        _error_colors(error, on_glass),
+    depths = (_depth_colors(image, middle) for image in (corrupted, restored, truth))
+    size = (round(mask.shape[1] * _HEIGHT / mask.shape[0]), _HEIGHT)
+    big = [
+        cv2.resize(panel, size, interpolation=cv2.INTER_NEAREST)
+        for panel in (color, *depths, _error_colors(error, on_glass))
     ]
-    scale = _HEIGHT / mask.shape[0]
-    size = (round(mask.shape[1] * scale), _HEIGHT)
-    big = [cv2.resize(panel, size, interpolation=cv2.INTER_NEAREST) for panel in panels]
-    _write(big[-1], f"{rmse * 100:.1f} cm", (6, _HEIGHT - 8), dark=True)
-    _write(big[3], f"{middle:.2f} m", (6, _HEIGHT - 8), dark=False)
-    gap = np.full((_HEIGHT, _GAP, 3), 255, np.uint8)
-    parts = [part for panel in big for part in (panel, gap)][:-1]
-    line = np.hstack(parts)
-    return np.vstack([line, np.full((_GAP, line.shape[1], 3), 255, np.uint8)])
+    where = (6, _HEIGHT - 8)
+    _write(big[-1], f"{rmse * 100:.1f} cm", where, ((_WHITE, 3), (_BLACK, 1)))
+    _write(big[3], f"{middle:.2f} m", where, ((_BLACK, 3), (_WHITE, 1)))
+    edge = ((0, _GAP), (0, _GAP), (0, 0))
+    padded = [np.pad(panel, edge, constant_values=255) for panel in big]
+    return np.hstack(padded)[:, :-_GAP]
 
 
 def _window(mask: BoolArray) -> tuple[slice, slice]:
@@ -101,27 +94,14 @@ def _window(mask: BoolArray) -> tuple[slice, slice]:
     return slices[0], slices[1]
 
 
-def _header(width: int) -> Picture:
-    strip = np.full((22, width, 3), 255, np.uint8)
-    step = (width + _GAP) / len(_TITLES)
-    for number, title in enumerate(_TITLES):
-        cv2.putText(
-            strip,
-            title,
-            (round(number * step) + 4, 16),
-            cv2.FONT_HERSHEY_SIMPLEX,
-            0.5,
-            (0, 0, 0),
-            1,
-            cv2.LINE_AA,
-        )
-    return strip
-
-
-def _write(picture: Picture, text: str, where: tuple[int, int], dark: bool) -> None:
-    black, white = (0, 0, 0), (255, 255, 255)
-    pen, edge = (black, white) if dark else (white, black)
-    for color, thick in ((edge, 3), (pen, 1)):
+def _write(
+    picture: Picture,
+    text: str,
+    where: tuple[int, int],
+    pens: Sequence[tuple[tuple[int, int, int], int]],
+) -> None:
+    """Write in one colour and width upon the other."""
+    for color, thick in pens:
         cv2.putText(picture, text, where, cv2.FONT_HERSHEY_SIMPLEX, 0.5, color, thick, cv2.LINE_AA)
 
 
