@@ -8,9 +8,6 @@ network is given a frame's mask, depth and hand, but the colours of the frame ha
 which shows another object in another hand. What its error gains is what it had from the colours.
 """
 
-from dataclasses import replace
-
-import torch
 from finished_runs import arguments, open_runs, write_rows
 
 from hadr.experiments.averages import paired
@@ -18,14 +15,8 @@ from hadr.experiments.protocol import METHODS, PARTS, system
 from hadr.experiments.runner import Run
 from hadr.experiments.scoring import EVALUATION_SIZE, score_network
 from hadr.training.checkpoints import load_checkpoint
-from hadr.training.frames.batches import FrameTensors
 from hadr.training.loop import LAST
-
-
-def with_colors_of_others(frames: FrameTensors) -> FrameTensors:
-    """Give each frame the colours of the one half the list away."""
-    color = torch.roll(frames.inputs.color, len(frames) // 2, dims=0)
-    return replace(frames, inputs=replace(frames.inputs, color=color))
+from hadr.training.tasks.diagnosis import with_other_colors
 
 
 def main() -> None:
@@ -42,7 +33,7 @@ def main() -> None:
         frames = bench.frames(run, "test", recipe.size)
         truth = bench.frames(run, "test", EVALUATION_SIZE)
         own = score_network(model.eval(), frames, truth)
-        other = score_network(model, with_colors_of_others(frames), truth)
+        other = score_network(model, with_other_colors(frames), truth)
         holds = bench.holds("known", own.per_frame()["stems"])
         row = {
             "method": method,

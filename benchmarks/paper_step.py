@@ -17,6 +17,7 @@ import time
 from pathlib import Path
 
 import torch
+from measuring import peak_rss_bytes
 
 from hadr.data.samples import open_samples
 from hadr.records.provenance import machine_text, provenance
@@ -25,11 +26,6 @@ from hadr.training.frames.batches import load_frames
 from hadr.training.loop import chance
 from hadr.training.presets import preset
 from hadr.training.tasks.task import Task
-
-
-def peak_mib() -> float:
-    """Largest resident set of this process so far, MiB."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
 def free_mib() -> int:
@@ -54,7 +50,7 @@ def measure(batch_size: int, steps: int) -> dict[str, object]:
     torch.manual_seed(0)
     model = task.build().train()
     optimizer = torch.optim.Adam(model.parameters(), lr=recipe.learning_rate)
-    before, seconds, cpu = peak_mib(), [], []
+    before, seconds, cpu = peak_rss_bytes() / 2**20, [], []
     for step in range(steps):
         started, used = time.perf_counter(), time.process_time()
         batch = frames.take([n % len(frames) for n in range(batch_size)])
@@ -72,7 +68,7 @@ def measure(batch_size: int, steps: int) -> dict[str, object]:
         "seconds": seconds,
         "cpu_seconds": cpu,
         "load_average": os.getloadavg()[0],
-        "peak_mib": peak_mib(),
+        "peak_mib": peak_rss_bytes() / 2**20,
         "peak_before_the_step_mib": before,
     }
 

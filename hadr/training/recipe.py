@@ -118,14 +118,10 @@ class Preset:
         for name in ("width", "height", "epochs", "batch_size", "ray_stride"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
-        if self.schedule not in get_args(Schedule):
-            raise ValueError(f"schedule must be 'step' or 'cosine', got {self.schedule!r}")
-        if self.precision not in get_args(Precision):
-            raise ValueError(
-                f"precision must be one of {get_args(Precision)}, got {self.precision!r}"
-            )
-        if self.optimizer not in get_args(Optimizer):
-            raise ValueError(f"optimizer must be 'adam' or 'adamw', got {self.optimizer!r}")
+        choices = {"schedule": Schedule, "precision": Precision, "optimizer": Optimizer}
+        for name, kinds in choices.items():
+            if (chosen := getattr(self, name)) not in (known := get_args(kinds)):
+                raise ValueError(f"{name} must be {' or '.join(map(repr, known))}, got {chosen!r}")
         if self.optimizer == "adam" and self.weight_decay:
             raise ValueError(f"weight_decay is AdamW's, got {self.weight_decay} with 'adam'")
         for name, shares in (("milestones", self.milestones), ("restarts", self.restarts)):
