@@ -38,7 +38,7 @@ from hadr.synthesis.depth_sensor.depth_camera import StereoCamera, capture_depth
 from hadr.synthesis.depth_sensor.infrared import Projector
 from hadr.synthesis.generation.frames import build_scene, frame_of
 from hadr.synthesis.generation.settings import FrameRecipe, GenerationSettings
-from hadr.synthesis.glass.surfaces import Surface
+from hadr.synthesis.glass.surfaces import merged
 from hadr.synthesis.hand.mesh import HandMesh
 from hadr.synthesis.rendering.photo import photograph
 from hadr.synthesis.rendering.shading import RayTracer
@@ -112,15 +112,9 @@ def opaque(scene: HoldScene, rng: np.random.Generator) -> HoldScene:
 
 def joined(one: HandMesh, other: HandMesh) -> HandMesh:
     """Two opaque surfaces as one."""
-    a, b = one.surface, other.surface
-    faces = np.concatenate((a.faces, b.faces + len(a.vertices)))
-    return HandMesh(
-        Surface(
-            np.concatenate((a.vertices, b.vertices)), faces, np.concatenate((a.normals, b.normals))
-        ),
-        np.concatenate((one.albedo, other.albedo)),
-        np.concatenate((one.gloss, other.gloss)),
-    )
+    surface = merged((one.surface, other.surface))
+    albedo = np.concatenate((one.albedo, other.albedo))
+    return HandMesh(surface, albedo, np.concatenate((one.gloss, other.gloss)))
 
 
 def unchanged(scene: HoldScene, _: np.random.Generator) -> HoldScene:
@@ -152,8 +146,7 @@ def drawn(name: str, part: str, number: int) -> Frame:
     labelled = replace(scene, contents=plain.contents) if name == "opaque" else scene
     labels = RayTracer(labelled.contents).labels(scene.camera, scene.world_from_camera)
     color = photograph(scene, seed=settings.seed + number, samples=settings.samples)
-    camera = COARSE if name == "sensor" else None
-    raw = capture_depth(scene, settings.seed + number, camera)
+    raw = capture_depth(scene, settings.seed + number, COARSE if name == "sensor" else None)
     return frame_of(scene, recipe, color, labels, raw)
 
 

@@ -8,9 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from hadr.press.report import ledger_effects
+from hadr.press.report import ledger_effects, switch_effects
 
 ROOT = Path(__file__).resolve().parents[1]
+SHORT = ROOT / "results" / "training" / "switches.json"
 TEXT = (ROOT / "book" / "ledger.md").read_text(encoding="utf-8")
 NAMED = sorted(set(re.findall(r"`(hadr(?:\.\w+)+)(?:\(([\w, ]+)\))?`", TEXT)))
 
@@ -76,9 +77,13 @@ def test_what_was_measured_is_counted_as_the_table_has_it():
     shown = [chapters.fullmatch(measured) for _, _, measured in rows if "chapter" in measured]
     assert all(match and int(match[1]) == int(match[3]) for match in shown)
     assert all((ROOT / f"{match[2]}.ipynb").is_file() for match in shown)
+    tried = {effect["row"] for effect in switch_effects(SHORT)} - {0}
+    short = [number for number, _, measured in rows if measured == "short, below"]
+    assert short == sorted(tried - set(below))
     unmeasured = [number for number, _, measured in rows if measured == "no"]
-    assert len(below) + len(shown) + len(unmeasured) == len(rows)
+    assert len(below) + len(short) + len(shown) + len(unmeasured) == len(rows)
     text = " ".join(TEXT.split())
+    assert f" {len(short)} more were tried in short trainings" in text
     assert f"Of the {len(rows)} rows, {len(below)} were measured" in text
     assert f" {len(shown)} more are about the robot" in text
     assert f"The other {len(unmeasured)} were not measured at all" in text

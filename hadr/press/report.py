@@ -91,41 +91,59 @@ def ledger_effects(folder: str | Path) -> str:
     return markdown(pd.DataFrame(lines), "llrrrl")
 
 
-def switches_table(path: str | Path) -> str:
-    """What the switches of `switches.json` are worth in a short training, as Markdown.
+_MEASURED = {
+    "RMSE": ("true keypoints", "rmse_m"),
+    "shape": ("true keypoints", "shape_m"),
+    "RMSE with predicted keypoints": ("predicted keypoints", "rmse_m"),
+}
+"""What short trainings are compared by, and where it stands in a row of `switches.json`."""
 
-    A difference is that from the mean of the trainings without a switch; its doubt adds the paired
-    standard error over holds and the standard deviation over these trainings' seeds. Bold is what
-    is more than twice its doubt.
+
+def switch_effects(path: str | Path) -> list[dict[str, Any]]:
+    """What the switches of `switches.json` are worth in a short training.
+
+    Returns:
+        One a switch, first the trainings without: `turned`, the ledger's `row`, and by the names of
+        `_MEASURED` a length with its doubt, metres: of the first the mean and the standard
+        deviation over the seeds; of the others the difference from that mean, whose doubt adds the
+        paired standard error over holds and the deviation over the first one's seeds.
     """
     file = read_result_file(path)
-    holds, names = file.provenance["holds"], [row["turned"] for row in file.rows]
-    columns = {
-        "RMSE": ("true keypoints", "rmse_m"),
-        "shape": ("true keypoints", "shape_m"),
-        "RMSE with predicted keypoints": ("predicted keypoints", "rmse_m"),
-    }
-    lines = {}
-    for name in dict.fromkeys(names):
-        own = [row for row in file.rows if row["turned"] == name]
-        number = own[0]["row"]
-        line = {"row": f"[{number}](#ledger-{number})" if number else "", "what is turned": name}
-        for title, (given, part) in columns.items():
-            frames, base = (
-                np.array([row["given"][given]["per_frame"][part] for row in rows])
-                for rows in (own, [row for row in file.rows if row["turned"] == names[0]])
+    groups: dict[str, list[dict[str, Any]]] = {}
+    for row in file.rows:
+        groups.setdefault(row["turned"], []).append(row)
+    effects = list[dict[str, Any]]()
+    for turned, rows in groups.items():
+        effect: dict[str, Any] = {"turned": turned, "row": rows[0]["row"]}
+        for name, (given, part) in _MEASURED.items():
+            own, base = (
+                np.array([row["given"][given]["per_frame"][part] for row in some])
+                for some in (rows, next(iter(groups.values())))
             )  # (seeds, frames)
             seeds = base.mean(axis=1)
-            if name == names[0]:
-                line[f"{title} (cm)"] = with_doubt(seeds.mean(), seeds.std(ddof=1))
-                continue
-            gaps = frames.mean(axis=0) - base.mean(axis=0)
-            among = seeds.var(ddof=1) * (1 / len(frames) + 1 / len(base))
-            doubt = float(np.hypot(standard_error(gaps.tolist(), holds) or 0, among**0.5))
-            cell = with_doubt(gaps.mean(), doubt, sign="+")
-            line[f"{title} (cm)"] = f"**{cell}**" if abs(gaps.mean()) > 2 * doubt else cell
-        lines[name] = line
-    return markdown(pd.DataFrame(lines.values()), "llr")
+            effect[name] = float(seeds.mean()), float(seeds.std(ddof=1))
+            if effects:
+                gaps = own.mean(axis=0) - base.mean(axis=0)
+                among = effect[name][1] * (1 / len(own) + 1 / len(base)) ** 0.5
+                of_frames = standard_error(gaps.tolist(), file.provenance["holds"]) or 0
+                effect[name] = float(gaps.mean()), float(np.hypot(of_frames, among))
+        effects.append(effect)
+    return effects
+
+
+def switches_table(path: str | Path) -> str:
+    """`switch_effects` as Markdown, in centimetres; bold is more than twice its doubt."""
+    lines = []
+    for number, effect in enumerate(switch_effects(path)):
+        row = effect["row"]
+        line = {"row": f"[{row}](#ledger-{row})" if row else "", "what is turned": effect["turned"]}
+        for name in _MEASURED:
+            value, doubt = effect[name]
+            cell = with_doubt(value, doubt, sign="+" if number else "")
+            clear = number and abs(value) > 2 * doubt
+            line[f"{name} (cm)"] = f"**{cell}**" if clear else cell
+        lines.append(line)
+    return markdown(pd.DataFrame(lines), "llr")
 
 
 def real_table(path: str | Path) -> str:
