@@ -5,7 +5,8 @@
     python benchmarks/handover_bundle.py --out build/handover --worse build/turned \\
         --films success=hadr/0004-904 failure=raw/0006-900
 
-Rows are summed up from the attempts' own sealed files; films are drawn from their states.
+Rows are summed up from the attempts' own sealed files; films are drawn from their states. With the
+films go the recordings of the attempt that the chapter shows with four kinds of depth.
 """
 
 import argparse
@@ -15,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from hadr.data.samples import samples_dir, write_manifest
+from hadr.figures.tables.handover import SEEN, commonest_parting
 from hadr.records.provenance import machine_text
 from hadr.records.result_file import read_result_file, write_result_file
 from hadr.simulation.film.film import film_frames, write_film
@@ -55,6 +57,14 @@ def worse_row(condition: str, outcomes: list[dict[str, Any]]) -> dict[str, Any]:
     return {**condition_row(condition, outcomes), **made}
 
 
+def keep(out: Path, kept: Path, trial: Trial) -> None:
+    """Copy an attempt's row and states."""
+    (kept / trial.condition).mkdir(parents=True, exist_ok=True)
+    for ending in (".json", ".npz"):
+        name = f"{trial.condition}/{trial.name}{ending}"
+        shutil.copy(out / name, kept / name)
+
+
 def main() -> None:
     """Run the script."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -91,16 +101,15 @@ def main() -> None:
         object_id, _, hold = attempt.partition("-")
         trial = Trial(object_id, int(hold), condition=condition)
         row, states, changes, scene = finished_attempt(args.out, trial)
-        (kept / condition).mkdir(parents=True, exist_ok=True)
-        for ending in (".json", ".npz"):
-            shutil.copy(
-                args.out / condition / f"{attempt}{ending}", kept / condition / f"{attempt}{ending}"
-            )
+        keep(args.out, kept, trial)
         view = side_view(480, 270)
         frames = film_frames(states, scene, changes, view=view, rate=10, ending=ending_of(row))
         write_film(kept / f"{name}.mp4", frames, rate=10)
         films[name] = [condition, object_id, int(hold)]
     if films:
+        object_id, _, hold = commonest_parting(full, SEEN).partition("-")
+        for seen in SEEN:
+            keep(args.out, kept, Trial(object_id, int(hold), condition=seen))
         (kept / "films.json").write_text(json.dumps(films, indent=1) + "\n", encoding="utf-8")
         write_manifest(samples_dir())
 

@@ -6,6 +6,7 @@ Rows are dicts with ``condition``, ``attempts``, ``successes``, ``rate`` (0 to 1
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -32,6 +33,8 @@ CONDITIONS: dict[str, str] = {
     "perfect": "perfect depth",
 }
 """How a condition of the experiment is called, in the order of the pictures."""
+SEEN = ("raw", "hadr", "hadr-plus", "perfect")
+"""The kinds of depth that chapter 13 shows side by side."""
 _STYLE: dict[str, tuple[str, str]] = {
     "raw": ("raw", "D"),
     "inpainted": ("baseline", "s"),
@@ -60,7 +63,7 @@ def condition_color(condition: str) -> str:
 def conditions_table(rows: Sequence[Row], published: Mapping[str, Sequence[int]]) -> str:
     """List each condition's attempts in the paper's columns, and a success's mean time."""
     lines = []
-    for row in rows:
+    for row in _ordered(rows):
         low, high = row["interval"]
         reached = (row[f"objects_at_{share}_percent"] for share in (50, 80, 100))
         lines.append([
@@ -85,7 +88,7 @@ def motions_table(rows: Sequence[Row]) -> str:
     lines = [
         [CONDITIONS.get(row["condition"], row["condition"])]
         + ["{}/{}".format(*row["by_motion"][kind]) for kind in kinds]
-        for row in rows
+        for row in _ordered(rows)
     ]
     return markdown(pd.DataFrame(lines, columns=["depth", *kinds]))
 
@@ -108,6 +111,22 @@ def paired(first: Row, second: Row) -> tuple[int, int, float]:
     ahead, behind = won.count((True, False)), won.count((False, True))
     doubt = float(binomtest(ahead, ahead + behind).pvalue) if ahead + behind else 1.0
     return ahead, behind, doubt
+
+
+def commonest_parting(rows: Sequence[Row], conditions: Sequence[str]) -> str:
+    """Name the attempt on which conditions differ as they do most often, such as "0001-905".
+
+    The ways to differ are told apart by which conditions succeed; of the attempts with the
+    commonest one it is the first by name.
+    """
+    of = {row["condition"]: row["verdicts"] for row in rows}
+    ways: dict[str, tuple[bool, ...]] = {
+        name: tuple(of[condition][name] == "success" for condition in conditions)
+        for name in sorted(of[conditions[0]])
+    }
+    counts = Counter(way for way in ways.values() if len(set(way)) > 1)
+    commonest = counts.most_common(1)[0][0]
+    return next(name for name, way in ways.items() if way == commonest)
 
 
 def _seconds(value: float | None) -> str:

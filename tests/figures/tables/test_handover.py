@@ -3,6 +3,7 @@ import numpy as np
 import pytest
 
 from hadr.figures.tables.handover import (
+    commonest_parting,
     conditions_table,
     draw_degradation,
     draw_outcomes,
@@ -36,9 +37,9 @@ def cells(line):
 
 def test_each_condition_has_its_numbers_and_the_paper_stands_below():
     lines = conditions_table([ROW, NEVER], {"GraspNet": [5, 0, 0, 0]}).splitlines()
-    assert cells(lines[2]) == ["HADR", "30/48", "62.5 %", "48 to 75", "3/4", "2/4", "1/4", "7.2 s"]
-    assert cells(lines[3])[:3] == ["sensor depth", "0/48", "0.0 %"]
-    assert cells(lines[3])[7] == "none"
+    assert cells(lines[3]) == ["HADR", "30/48", "62.5 %", "48 to 75", "3/4", "2/4", "1/4", "7.2 s"]
+    assert cells(lines[2])[:3] == ["sensor depth", "0/48", "0.0 %"]
+    assert cells(lines[2])[7] == "none"
     assert cells(lines[4]) == ["*paper: GraspNet*", "5/48", "10.4 %", "", "0/8", "0/8", "0/8", ""]
 
 
@@ -59,6 +60,18 @@ def test_two_conditions_are_compared_attempt_by_attempt():
     assert paired(first, first) == (0, 0, 1.0)
     with pytest.raises(ValueError, match="a and d have not made the same attempts"):
         paired(first, {"condition": "d", "verdicts": {"1": "drop"}})
+
+
+def test_the_attempt_shown_is_the_first_on_which_conditions_differ_in_the_commonest_way():
+    won = {"a": (1, 1, 0, 0, 1, 0), "b": (1, 0, 1, 1, 1, 0)}  # alike, a, b, b, alike, alike
+    rows = [
+        {
+            "condition": name,
+            "verdicts": {f"000{k}-900": "success" if w else "drop" for k, w in enumerate(column)},
+        }
+        for name, column in won.items()
+    ]
+    assert commonest_parting(rows, ("a", "b")) == "0002-900"
 
 
 def row(

@@ -1,0 +1,159 @@
+"""What a robot had before it when it chose its first grasp: the cloud of points and the gripper."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import matplotlib.pyplot as plt
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.figure import Figure
+from scipy.spatial import cKDTree
+
+from hadr.camera import project, transform_points
+from hadr.figures.panels import COLORS, bare_axes
+from hadr.hand import BONES
+from hadr.handover.grasping.gripper import fork
+from hadr.handover.observation import Observation
+from hadr.simulation.camera.sight import Looks, Sight
+from hadr.simulation.film.film import Picture
+from hadr.simulation.film.world_view import view_from
+from hadr.simulation.trials.trial import Trial, run_trial
+from hadr.simulation.world.state import WorldState
+from hadr.synthesis.glass.surfaces import Surface, merged
+
+Array = npt.NDArray[np.float64]
+_REST = "#9c8f7d"  # table and forearm
+
+
+@dataclass(frozen=True)
+class FirstChoice:
+    """The picture in which a robot chose its first grasp, base frame, metres.
+
+    Attributes:
+        glass: The points that it takes for the glass, shape (n, 3).
+        rest: The measured points of anything else, shape (m, 3).
+        keypoints: Its hand, shape (21, 3).
+        pose: The chosen tool pose, shape (4, 4).
+        width: Opening of the fingers.
+        truth: Where the glass really was.
+    """
+
+    glass: Array
+    rest: Array
+    keypoints: Array
+    pose: Array
+    width: float
+    truth: Surface
+
+    @property
+    def off(self) -> float:
+        """Median distance of the glass's points from the true glass's nearest vertex."""
+        return float(np.median(cKDTree(self.truth.vertices).query(self.glass)[0]))
+
+
+class _Noted:
+    """A sight that keeps what it saw, with the world that it looked at."""
+
+    def __init__(self, sight: Looks) -> None:
+        self.sight, self.seen = sight, dict[float, tuple[Observation, WorldState]]()
+
+    def look(self, state: WorldState, *, with_points: bool) -> Observation:
+        """As the sight."""
+        found = self.sight.look(state, with_points=with_points)
+        self.seen[found.taken] = found, state
+        return found
+
+
+def first_choice(trial: Trial, chosen_at: float) -> FirstChoice:
+    """Make an attempt up to its first grasp, whose time in seconds is known of an earlier run.
+
+    Raises:
+        ValueError: No grasp is chosen until then.
+    """
+    notes: list[_Noted] = []
+
+    def noted(sight: Sight) -> Looks:
+        notes.append(_Noted(sight))
+        return notes[0]
+
+    run = run_trial(replace(trial, time_limit=chosen_at + 0.1), spoil=noted)
+    grasps = [e for e in run.log.header["events"] if e[1] == "chose" and e[2] is not None]
+    if not grasps:
+        raise ValueError(f"no grasp is chosen in the first {chosen_at:.2f} s of {trial.name}")
+    step, _, pose, width, *_ = grasps[0]
+    seen, state = notes[0].seen[float(run.log.arrays["taken"][step])]
+    camera = np.array(run.log.header["base_from_camera"])
+    clouds = (seen.object_points, seen.scene_points, seen.keypoints)
+    glass, rest, hand = (transform_points(camera, c) for c in clouds if c is not None)
+    truth = merged(run.scene.glass()).moved(state.base_from_object)
+    return FirstChoice(glass, rest, hand, np.array(pose), float(width), truth)
+
+
+def draw_choices(
+    choices: Mapping[str, FirstChoice], ends: Mapping[str, tuple[Picture, str]]
+) -> Figure:
+    """Draw a column a kind of depth: what the robot had when it chose, and what became of it.
+
+    Args:
+        choices: By the title of the column.
+        ends: By the same titles a picture of the attempt's end, and the words below it.
+    """
+    fig: Figure
+    fig, axes = plt.subplots(2, len(choices), figsize=(9, 5.4), height_ratios=(1.1, 1))
+    for (above, below), (title, choice) in zip(axes.T, choices.items(), strict=True):
+        draw_choice(above, choice)
+        above.set(title=title, xlabel=f"glass off by {100 * choice.off:.1f} cm")
+        picture, words = ends[title]
+        below.imshow(picture, interpolation="antialiased")
+        bare_axes(below)
+        below.set_xlabel(words)
+    fig.legend(
+        *axes[0, 0].get_legend_handles_labels(),
+        loc="outside lower center",
+        ncols=5,
+        markerscale=1.5,
+        fontsize=9,
+    )
+    return fig
+
+
+def draw_choice(ax: Axes, choice: FirstChoice) -> None:
+    """Draw the points, the hand and the gripper over the faint true glass, the camera at the left.
+
+    The view is across the camera's line of sight, where errors along it can be seen.
+    """
+    middle = (choice.truth.vertices.min(axis=0) + choice.truth.vertices.max(axis=0)) / 2
+    x, y, z = middle
+    view = view_from(
+        (x - 0.8, y - 0.5, z + 0.35), (x, y, z - 0.01), width=300, height=320, across=0.3
+    )
+    camera_from_base = np.linalg.inv(view.base_from_camera)
+
+    def uv(points: Array) -> Array:
+        return project(transform_points(camera_from_base, points), view.camera)
+
+    pose, bones = choice.pose, choice.keypoints[np.array(BONES)]
+    corners = uv(choice.truth.vertices)[choice.truth.faces]
+    ax.add_collection(PolyCollection(list(corners), facecolors="#60758a", alpha=0.06, lw=0))
+    for points, name, color, size in (
+        (choice.glass, "taken for the glass", COLORS["hadr"], 5),
+        (choice.rest, "measured besides", _REST, 14),
+    ):
+        u, v = uv(points).T
+        ax.scatter(u, v, s=size, color=color, lw=0, alpha=0.7, label=name)
+    for lines, name, color, width in (
+        (bones, "the hand's keypoints", COLORS["hand"], 2.5),
+        (fork(choice.width) @ pose[:3, :3].T + pose[:3, 3], "chosen grasp", COLORS["robot"], 4.5),
+    ):
+        ends = list(uv(lines))
+        ax.add_collection(LineCollection(ends, colors="white", lw=width + 2, capstyle="round"))
+        ax.add_collection(
+            LineCollection(ends, colors=color, lw=width, capstyle="round", label=name)
+        )
+    ax.scatter([], [], s=60, c="#c3ccd6", label="the true glass")
+    ax.set(xlim=(0, view.camera.width), ylim=(view.camera.height, 0), aspect="equal")
+    bare_axes(ax)
