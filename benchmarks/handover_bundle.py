@@ -5,8 +5,8 @@
     python benchmarks/handover_bundle.py --out build/handover --worse build/turned \\
         --films success=hadr/0004-904 failure=raw/0006-900
 
-Rows are summed up from the attempts' own sealed files; films are drawn from their states. With the
-films go the recordings of the attempt that the chapter shows with four kinds of depth.
+Rows are summed up from the attempts' own sealed files; films, each with the picture
+of the moment that decided it, are drawn from their states. With the films go the recordings of the attempt that the chapter shows with four kinds of depth.
 """
 
 import argparse
@@ -15,12 +15,15 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+from PIL import Image
+
 from hadr.data.samples import samples_dir, write_manifest
+from hadr.figures.handover.film import decisive_state
 from hadr.figures.tables.handover import SEEN, commonest_parting
 from hadr.records.provenance import machine_text
 from hadr.records.result_file import read_result_file, write_result_file
-from hadr.simulation.film.film import film_frames, write_film
-from hadr.simulation.film.world_view import side_view
+from hadr.simulation.film.film import captioned, film_frames, write_film
+from hadr.simulation.film.world_view import FilmSet, side_view
 from hadr.simulation.trials.experiment import (
     condition_row,
     ending_of,
@@ -105,6 +108,10 @@ def main() -> None:
         view = side_view(480, 270)
         frames = film_frames(states, scene, changes, view=view, rate=10, ending=ending_of(row))
         write_film(kept / f"{name}.mp4", frames, rate=10)
+        state = decisive_state(states, row)
+        drawn, span = FilmSet(scene, view).draw(state), (states[0].time, states[-1].time)
+        still = captioned(drawn, state.time, changes, span, ending_of(row))
+        Image.fromarray(still).save(kept / f"{name}.jpg", quality=80)
         films[name] = [condition, object_id, int(hold)]
     if films:
         object_id, _, hold = commonest_parting(full, SEEN).partition("-")

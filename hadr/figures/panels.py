@@ -224,6 +224,9 @@ def show_both_splits(
     fig, axes = plt.subplots(1, 2, figsize=(9, height), sharey=same_scale)
     for ax, split in zip(axes, ("known", "unknown"), strict=True):
         draw(ax, split)
+    ends = np.array([ax.get_xlim() for ax in axes])
+    for ax in axes:  # lengths side by side can be compared
+        ax.set_xlim(ends.min(), ends.max())
     if legend:
         legend_below(fig, axes[0], columns=legend)
     plt.show()

@@ -198,6 +198,8 @@ def _stage(book: Path, runs: Sequence[ChapterRun], target: Path) -> None:
 
     left_out = shutil.ignore_patterns("_build", ".*")
     shutil.copytree(book, target, ignore=left_out, dirs_exist_ok=True)
+    for film in (book.parent / "data_samples" / "handover").glob("success.*"):
+        shutil.copy(film, target / "_static")  # the first page shows it
     (target / "notebooks").mkdir()
     titles = {}
     for run in runs:

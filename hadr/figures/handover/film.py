@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import io
 import textwrap
 from collections.abc import Sequence
 from typing import Any
@@ -12,13 +10,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from PIL import Image
 
 from hadr.figures.panels import COLORS
 from hadr.handover.stages import Stage, Transition
-from hadr.simulation.film.film import captioned, nearest_state, stage_at, stage_color
-from hadr.simulation.film.world_view import FilmSet, View, side_view, view_from
-from hadr.simulation.trials.experiment import ending_of
+from hadr.simulation.film.film import nearest_state, stage_at, stage_color
+from hadr.simulation.film.world_view import FilmSet, View, view_from
 from hadr.simulation.world.scenes import HeldScene
 from hadr.simulation.world.state import WorldState
 
@@ -87,22 +83,6 @@ def decisive_state(states: Sequence[WorldState], row: dict[str, Any]) -> WorldSt
     """The state that decided a recorded attempt: where it was taken, or that of the failure."""
     taken = (s for s in states if row["verdict"] == "success" and s.holder == "gripper")
     return next(taken, nearest_state(states, row["decided_at"]))
-
-
-def poster(
-    states: Sequence[WorldState],
-    scene: HeldScene,
-    transitions: Sequence[Transition],
-    row: dict[str, Any],
-) -> str:
-    """What a film shows before it plays: its decisive picture with the verdict, as a data URL."""
-    state = decisive_state(states, row)
-    picture = FilmSet(scene, side_view(480, 270)).draw(state)
-    span = (states[0].time, states[-1].time)
-    shown = captioned(picture, state.time, transitions, span, ending_of(row))
-    written = io.BytesIO()
-    Image.fromarray(shown).save(written, "JPEG", quality=80)
-    return f"data:image/jpeg;base64,{base64.b64encode(written.getvalue()).decode()}"
 
 
 def show_run(states: Sequence[WorldState], transitions: Sequence[Transition]) -> Figure:

@@ -55,7 +55,8 @@ def draw_ablation(ax: Axes, rows: Sequence[Record]) -> None:
     pairs = [row["against_full"] for row in others]
     gaps = 100 * np.array([pair["mean_difference_m"] for pair in pairs])
     doubt = 100 * np.array([pair["standard_error_m"] for pair in pairs])
-    colors = [COLORS["robot" if sure else "raw"] for sure in gaps > 2 * doubt]
+    worth, harm = gaps > 2 * doubt, gaps < -2 * doubt
+    colors = [COLORS[c] for c in np.where(worth, "robot", np.where(harm, "hand", "raw"))]
     ends = np.stack([gaps - doubt, gaps + doubt], axis=1)
     names = [row["network"] for row in others]
     draw_dot_rows(ax, names, [Dots(gaps, colors, ends=ends, text="{:+.2f}")])

@@ -227,7 +227,7 @@ def draw_by_object(
              NAMES.get(str(row["method"]), str(row["method"])), hollow=row["method"] == "hadr-long")
         for row in chosen
     ]  # fmt: skip
-    draw_dot_rows(ax, [f"{n} {names.get(n, '')}".strip() for n in objects], series)
+    draw_dot_rows(ax, [names.get(n, n) for n in objects], series)
     ax.set(xlabel=xlabel, title=f"{split} objects")
     if part == "bias_m":
         ax.axvline(0, color=COLORS["truth"], lw=0.8)

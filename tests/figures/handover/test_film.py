@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import base64
-import io
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from PIL import Image
 
-from hadr.figures.handover.film import decisive_state, film_strip, poster, show_run
+from hadr.figures.handover.film import decisive_state, film_strip, show_run
 from hadr.handover.simulated_ur5 import HOME_JOINTS
 from hadr.handover.stages import Stage, Transition
-from hadr.simulation.film.film import CAPTION_HEIGHT
 from hadr.simulation.film.world_view import side_view
 from hadr.simulation.world.scenes import HeldScene, held_scene
 from hadr.simulation.world.state import WorldState
@@ -79,13 +75,3 @@ def test_what_decides_an_attempt_is_the_taking_or_the_failure(states: list[World
     assert decisive_state(states, {"verdict": "success", "decided_at": 3.5}).time == 3.0
     assert decisive_state(states, {"verdict": "drop", "decided_at": 3.4}).time == 3.5
     assert decisive_state(states[:2], {"verdict": "time-out", "decided_at": 9.0}).time == 0.5
-
-
-def test_a_poster_is_a_picture_of_the_films_size(
-    scene: HeldScene, states: list[WorldState]
-) -> None:
-    kind, _, data = poster(
-        states, scene, CHANGES, {"verdict": "success", "decided_at": 3.5}
-    ).partition(",")
-    assert kind == "data:image/jpeg;base64"
-    assert Image.open(io.BytesIO(base64.b64decode(data))).size == (480, 270 + CAPTION_HEIGHT)
