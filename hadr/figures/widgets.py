@@ -112,18 +112,6 @@ def corrupt_glass(depth: FloatArray, background_depth: FloatArray, mask: BoolArr
     return _live(draw, missing=("missing", *share), background=("background", *share))
 
 
-def step_through(pictures: dict[str, FloatArray], truth: FloatArray) -> Any:
-    """Step through titled depth images, each beside the truth."""
-    low, high = float(truth[truth > 0].min()), float(np.median(truth[truth > 0])) + 0.15
-
-    def draw(stage: str) -> None:
-        _, axes = plt.subplots(1, 2, figsize=(7, 3))
-        show_depth(axes[0], pictures[stage], stage, vmin=low, vmax=high, colorbar=False)
-        show_depth(axes[1], truth, "truth", vmin=low, vmax=high)
-
-    return _live(draw, stage=widgets.SelectionSlider(options=list(pictures), description="after"))
-
-
 def weigh_wishes(scene: HeldScene, grasps: Grasps, directions: Directions) -> Any:
     """Weigh the intended score's two wishes: its sphere and the grasp it chooses, base frame."""
 
@@ -133,12 +121,3 @@ def weigh_wishes(scene: HeldScene, grasps: Grasps, directions: Directions) -> An
 
     ends = (0.0, 1.0, 0.1)
     return _live(draw, human=("w_r2h", 0.4, *ends), down=("w_u2d", 0.2, *ends))
-
-
-def turn_frame(scene: HeldScene, grasps: Grasps, directions: Directions) -> Any:
-    """Turn the frame in which the printed formula's rotation is written."""
-
-    def draw(turn: float) -> None:
-        candidate_choice(scene, grasps, directions, Weights(), tilt_deg=turn)
-
-    return _live(draw, turn=("turn (°)", 90.0, 0.0, 360.0, 5.0))

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -11,9 +10,6 @@ from matplotlib.image import AxesImage
 
 from hadr.camera import BoolArray, FloatArray
 from hadr.figures.panels import COLORS, bare_axes
-from hadr.figures.rows import Dots, draw_dot_rows
-
-_SENSOR = {"raw": "sensor depth"}  # what a camera measured; a result file calls it raw
 
 
 def draw_reliability(
@@ -88,23 +84,3 @@ def show_confidence(
     bare_axes(ax, title)
     ax.figure.colorbar(image, ax=ax, shrink=0.75, pad=0.02, label="confidence")
     return image
-
-
-def draw_real_errors(ax: Axes, rows: Sequence[Mapping[str, Any]], scenes: Sequence[str]) -> None:
-    """Draw each method's RMSE on real frames as dots, one a scene; bars span the stand-in hands."""
-    methods = list(dict.fromkeys(str(row["method"]) for row in rows))
-    series = []
-    for number, (scene, tone) in enumerate(zip(scenes, ("truth", "raw"), strict=False)):
-        own = {str(row["method"]): row for row in rows if row["scene"] == scene}
-        values, low, high = (
-            [100 * (own.get(method, {}).get(part) or np.nan) for method in methods]
-            for part in ("rmse_m", "rmse_low_m", "rmse_high_m")
-        )
-        ends, aside = np.stack([low, high], axis=1), 0.32 * number - 0.16
-        label = f"scene {scene[-3:]}"
-        series.append(Dots(values, COLORS[tone], "os"[number], label, ends=ends, aside=aside))
-    draw_dot_rows(ax, [_SENSOR.get(name, name) for name in methods], series)
-    ax.set(xlabel="RMSE inside the mask (cm)")
-    ax.set_xlim(left=0)
-    ax.grid(axis="x", alpha=0.3)
-    ax.legend(loc="upper right")

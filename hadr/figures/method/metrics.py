@@ -5,7 +5,7 @@ Every length comes in metres, as everywhere in the library, and is drawn in cent
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,8 +13,8 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 
 from hadr.camera import BoolArray, FloatArray
-from hadr.figures.panels import COLORS, show_color, show_error
-from hadr.figures.rows import Dots, draw_bar_rows, draw_dot_rows, name_rows
+from hadr.figures.panels import COLORS, show_error
+from hadr.figures.rows import name_rows
 from hadr.metrics import DepthMetrics
 
 _THRESHOLD_COLORS = {1.05: COLORS["hadr"], 1.10: COLORS["robot"], 1.25: COLORS["baseline"]}
@@ -33,22 +33,6 @@ def draw_scored_errors(
         ax.set_xlabel(text, fontsize=9.5)
     axes[0].figure.colorbar(image, ax=list(axes), shrink=0.7, pad=0.01, extend="both",
                             label="error (cm)")  # fmt: skip
-
-
-def draw_error_rows(
-    axes: npt.NDArray[Any],
-    colors: Sequence[npt.NDArray[np.uint8]],
-    errors: Sequence[Mapping[str, FloatArray]],
-) -> None:
-    """Draw a row a frame, its colour image and each method's error map: (frames, 1 + methods)."""
-    for row, color, maps in zip(axes, colors, errors, strict=True):
-        show_color(row[0], color)
-        for ax, error in zip(row[1:], maps.values(), strict=True):
-            image = show_error(ax, error, limit=0.1, colorbar=False)
-    for ax, title in zip(axes[0], ("colour", *errors[0]), strict=True):
-        ax.set_title(title)
-    axes[0, 0].figure.colorbar(image, ax=list(axes[:, -1]), shrink=0.8, pad=0.05, extend="both",
-                               label="error (cm)")  # fmt: skip
 
 
 def wide_window(mask: BoolArray) -> tuple[slice, slice]:
@@ -126,32 +110,3 @@ def draw_object_dots(
     ax.set_xticks(range(len(objects)), [name.replace(" ", "\n") for name in objects])
     ax.set(ylabel="MAE (cm)", ylim=(0, None))
     ax.legend()
-
-
-def draw_known_unknown(
-    ax: Axes, known: Mapping[str, float], unknown: Mapping[str, float], xlabel: str
-) -> None:
-    """Draw for each method a filled dot (known objects) joined to an empty one (unknown)."""
-    colors = [COLORS["hadr" if name == "HADR" else "raw"] for name in known]
-    series = [
-        Dots([values[name] for name in known], colors, label=label, hollow=label == "unknown")
-        for label, values in {"known": known, "unknown": unknown}.items()
-    ]
-    draw_dot_rows(ax, list(known), series, joined=True)
-    ax.set_xlabel(xlabel)
-
-
-def draw_intervals(
-    ax: Axes,
-    intervals: Mapping[str, tuple[float, float]],
-    colors: Mapping[str, str],
-    xlabel: str,
-    hollow: Container[str],
-) -> None:
-    """Draw named intervals as bars below each other; colours are names of `panels.COLORS`."""
-    low, high = np.array(list(intervals.values())).T
-    edges = [COLORS[colors[name]] for name in intervals]
-    fills = ["white" if name in hollow else COLORS[colors[name]] for name in intervals]
-    rows = list(intervals)
-    draw_bar_rows(ax, rows, {"": high - low}, [fills], edges=edges, left=low, height=0.5)
-    ax.set_xlabel(xlabel)
