@@ -177,12 +177,12 @@ class SimulatedUR5:
         return velocity * min(1.0, speed * dt / max(way, 1e-12))
 
     def stop(self) -> None:
-        """Stand still; later commands do nothing until `release`."""
-        self._stopped = True
+        """Stand still at once; later commands do nothing until `release`."""
+        self._stopped, self._velocity = True, np.zeros(6)
 
     def release(self) -> None:
         """Let the arm move again after a stop, from rest."""
-        self._stopped, self._velocity = False, np.zeros(6)
+        self._stopped = False
 
     def set_gripper(self, width: float, force: float) -> None:
         """Open or close the fingers to a width in metres; the force in newtons is what they feel.
