@@ -5,8 +5,9 @@
     python benchmarks/handover_bundle.py --out build/handover --worse build/turned \\
         --films success=hadr/0004-904 failure=raw/0006-900
 
-Rows are summed up from the attempts' own sealed files; films, each with the picture
-of the moment that decided it, are drawn from their states. With the films go the recordings of the attempt that the chapter shows with four kinds of depth.
+Rows are summed up from the attempts' own sealed files; films, each with the picture of the moment
+that decided it, are drawn from their states. With the films go the recordings of the attempt that
+the chapter shows with four kinds of depth.
 """
 
 import argparse
