@@ -15,6 +15,7 @@ import numpy as np
 
 from hadr.data.samples import open_samples
 from hadr.figures import panels
+from hadr.figures.depth.restored_glass import draw_cloud, restored_clouds
 from hadr.metrics import frame_metrics
 from hadr.restoration import restore
 
@@ -61,17 +62,20 @@ def main() -> None:
     limits = {"vmin": float(near) - 0.05, "vmax": float(far) + 0.1}
 
     panels.use_style()
-    fig, axes = plt.subplots(1, 5, figsize=(12.5, 2.3))
-    panels.show_color(axes[0], frame.color[window], "what the camera sees")
-    panels.show_depth(axes[1], depth[window], "its depth (simulated)", colorbar=False, **limits)
-    for ax, (title, result) in zip(axes[2:], done.items(), strict=False):
-        last = ax is axes[3]
+    fig, axes = plt.subplots(2, 3, figsize=(9.6, 5.0))
+    panels.show_color(axes[0, 0], frame.color[window], "what the camera sees")
+    panels.show_depth(axes[0, 1], depth[window], "its depth (simulated)", colorbar=False, **limits)
+    for ax, (title, result) in zip(axes.flat[2:], done.items(), strict=False):
         scored = frame_metrics(result.depth, frame.depth, frame.object_mask)
         text = f"{title}: {100 * scored.mae_m:.1f} cm off"
-        panels.show_depth(ax, result.depth[window], text, colorbar=last, **limits)
-    best = list(done.values())[-1].depth
+        panels.show_depth(ax, result.depth[window], text, colorbar=ax is axes[0, 2], **limits)
+    title, best = list(done)[-1], list(done.values())[-1].depth
+    (cloud,) = restored_clouds(frame, {title: best})
+    draw_cloud(axes[1, 1], cloud, f"{title}, from the side")
+    wide = 100 * cloud.radius
+    axes[1, 1].set(xlim=(-4 / 3 * wide, 4 / 3 * wide), ylim=(-wide, wide))
     error = np.where(frame.object_mask & (best > 0), best - frame.depth, np.nan)
-    panels.show_error(axes[4], error[window], f"error of {list(done)[-1]}")
+    panels.show_error(axes[1, 2], error[window], f"error of {title}")
     args.out.parent.mkdir(parents=True, exist_ok=True)
     fig.savefig(args.out, dpi=140)
     print(f"{args.out}: frame {frame.object_id}/{frame.stem}")
