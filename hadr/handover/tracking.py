@@ -6,11 +6,12 @@ A finger that moves by itself turns that fit. The robust form, off unless asked 
 keypoints that move as one body and leaves out the others.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from hadr.hand import FINGERS, KEYPOINT_NAMES, check_keypoints
 
@@ -239,3 +240,81 @@ def _trimmed(
             break
         used = inlier.astype(np.float64)
     return fit, inlier, miss
+
+
+FORGOTTEN_AFTER = 0.5
+"""After so long without a hand that could be followed `HandFilter` begins anew, seconds."""
+PLACE_GAIN, TURN_GAIN, SHAPE_GAIN = 0.5, 0.25, 0.2
+"""Least share of the newest picture in the filtered place, turn and shape."""
+FULL_PLACE, FULL_TURN = 0.02, np.deg2rad(40)
+"""So far from what was expected, metres and radians, the newest picture is taken as it is."""
+FARTHEST_STEP = 0.1
+"""A hand this far from where it was expected is not followed but given as it is seen, metres."""
+
+
+@dataclass
+class HandFilter:
+    """Steadies keypoints that a network finds anew in each picture, of a hand that moves as a body.
+
+    Place and turn are those of an alpha-beta filter, the shape is a fading mean. What is given lies
+    at most `FULL_PLACE` / 4 and `FULL_TURN` / 4 from the picture's own place and turn: so much may
+    its noise hide. A hand that jumps is left to `hadr.handover.observation.HandWatch`.
+
+    Source: Benedict and Bordner 1962, "Synthesis of an optimal set of radar track-while-scan
+    smoothing equations", for the relation of the two gains.
+    """
+
+    _time: float = field(default=float("nan"), init=False)
+    _seen: int = field(default=0, init=False)
+    _place: Array = field(default_factory=lambda: np.zeros(3), init=False)
+    _velocity: Array = field(default_factory=lambda: np.zeros(3), init=False)
+    _turn: Array = field(default_factory=lambda: np.eye(3), init=False)
+    _spin: Array = field(default_factory=lambda: np.zeros(3), init=False)
+    _shape: Array = field(default_factory=lambda: np.zeros((21, 3)), init=False)
+
+    def steadied(self, time: float, keypoints: Array) -> Array:
+        """Take in a picture's keypoints; give the steadied ones.
+
+        Args:
+            time: When the picture was taken, seconds; rises from call to call.
+            keypoints: Shape (21, 3), metres, in a frame that does not move.
+        """
+        since, middle = time - self._time, keypoints.mean(axis=0)
+        if not np.isfinite(middle).all():
+            return keypoints
+        if not self._seen or not 0 < since <= FORGOTTEN_AFTER:
+            return self._begin(time, keypoints)
+        place = self._place + since * self._velocity
+        turn = Rotation.from_rotvec(since * self._spin).as_matrix() @ self._turn
+        missed = middle - place
+        if np.linalg.norm(missed) > FARTHEST_STEP:
+            return keypoints
+        try:
+            found = best_rotation(self._shape, keypoints - middle)
+        except ValueError:  # no hand: for whoever looks at it
+            return keypoints
+        turned = Rotation.from_matrix(found @ turn.T).as_rotvec()
+        share, slope = _gains(float(np.linalg.norm(missed)), PLACE_GAIN, FULL_PLACE)
+        self._place, self._velocity = (
+            place + share * missed,
+            self._velocity + slope / since * missed,
+        )
+        share, slope = _gains(float(np.linalg.norm(turned)), TURN_GAIN, FULL_TURN)
+        self._turn = Rotation.from_rotvec(share * turned).as_matrix() @ turn
+        self._spin = self._spin + slope / since * turned
+        self._seen, self._time = self._seen + 1, time
+        own = (keypoints - middle) @ found  # as it would be unturned
+        self._shape = self._shape + max(SHAPE_GAIN, 1 / self._seen) * (own - self._shape)
+        return self._place + self._shape @ self._turn.T
+
+    def _begin(self, time: float, keypoints: Array) -> Array:
+        self._time, self._seen, self._place = time, 1, keypoints.mean(axis=0)
+        self._velocity, self._spin, self._turn = np.zeros(3), np.zeros(3), np.eye(3)
+        self._shape = keypoints - self._place
+        return keypoints
+
+
+def _gains(missed: float, least: float, full: float) -> tuple[float, float]:
+    """Gains of place and of velocity times the step, for what was missed by so much."""
+    share = float(np.clip(missed / full, least, 1.0))
+    return share, share**2 / (2 - share)

@@ -7,7 +7,15 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from hadr.hand import FINGERS, KEYPOINT_NAMES, forward_kinematics, keypoints_from_skeleton
-from hadr.handover.tracking import best_rotation, best_similarity, hand_motion
+from hadr.handover.tracking import (
+    FARTHEST_STEP,
+    FULL_PLACE,
+    FULL_TURN,
+    HandFilter,
+    best_rotation,
+    best_similarity,
+    hand_motion,
+)
 
 HAND = np.random.default_rng(7).normal(size=(21, 3)) * 0.05 + [0.1, -0.05, 0.7]
 
@@ -271,3 +279,76 @@ def test_points_of_no_weight_do_not_turn_the_similarity() -> None:
     found = best_similarity(before, after, weights=np.array([1.0, 1.0, 1.0, 0.0]))
     np.testing.assert_allclose(found.rotation, np.eye(3), atol=1e-12)
     np.testing.assert_allclose(found.shift, 0.0, atol=1e-12)
+
+
+def steady_hand() -> np.ndarray:
+    """A hand of a random form about the origin, metres."""
+    shape: np.ndarray = np.random.default_rng(5).normal(0, 0.04, (21, 3))
+    return shape - shape.mean(axis=0)
+
+
+def test_filter_follows_a_hand_that_drifts_and_turns_evenly() -> None:
+    steadies, shape = HandFilter(), steady_hand()
+    for number in range(60):
+        time = 0.1 * number
+        turn = Rotation.from_rotvec([0, 0, np.deg2rad(20) * time]).as_matrix()
+        true = shape @ turn.T + [0.1 * time, 0.02 * time, 0.5]
+        found = steadies.steadied(time, true)
+    np.testing.assert_allclose(found, true, atol=1e-4)
+
+
+def test_filter_of_one_picture_s_error_by_hand() -> None:
+    steadies, shape = HandFilter(), steady_hand()
+    for number in range(50):
+        steadies.steadied(0.1 * number, shape)
+    turn = Rotation.from_rotvec([0, 0, np.deg2rad(8)]).as_matrix()
+    found = steadies.steadied(5.0, shape @ turn.T + [0.004, 0, 0])
+    motion = hand_motion(shape, found, about="centroid")
+    assert np.rad2deg(motion.angle) == pytest.approx(2.0, abs=1e-6)  # a quarter of the turn
+    np.testing.assert_allclose(found.mean(axis=0), [0.002, 0, 0], atol=1e-9)  # half of the way
+
+
+@settings(deadline=None)
+@given(st.integers(0, 10_000))
+def test_filter_hides_no_more_of_a_hand_s_motion_than_it_says(seed: int) -> None:
+    rng, steadies, shape = np.random.default_rng(seed), HandFilter(), steady_hand()
+    for number in range(15):
+        turn = Rotation.from_rotvec(rng.normal(0, 0.4, 3)).as_matrix()
+        seen = shape @ turn.T + rng.normal(0, 0.02, 3)
+        found = steadies.steadied(0.1 * number, seen)
+        off = np.linalg.norm(found.mean(axis=0) - seen.mean(axis=0))
+        assert off <= FULL_PLACE / 4 + 1e-9
+        assert hand_motion(seen, found, about="centroid").angle <= FULL_TURN / 4 + 1e-6
+
+
+def test_filter_gives_a_hand_that_jumps_as_it_is_seen_and_then_begins_anew() -> None:
+    steadies, shape = HandFilter(), steady_hand()
+    for number in range(5):
+        steadies.steadied(0.1 * number, shape)
+    away = shape + [2 * FARTHEST_STEP, 0, 0]
+    np.testing.assert_array_equal(steadies.steadied(0.5, away), away)
+    np.testing.assert_allclose(steadies.steadied(0.6, shape), shape, atol=1e-9)
+    for number in range(7, 12):  # it stays there
+        np.testing.assert_array_equal(steadies.steadied(0.1 * number, away), away)
+    np.testing.assert_allclose(steadies.steadied(1.2, away), away, atol=1e-9)
+
+
+def test_filter_follows_a_finger_that_lets_go() -> None:
+    steadies, shape = HandFilter(), steady_hand()
+    for number in range(20):
+        steadies.steadied(0.1 * number, shape)
+    other = shape.copy()
+    other[5:9] += [0.0, 0.03, 0.0]
+    for number in range(20, 35):
+        found = steadies.steadied(0.1 * number, other)
+    assert np.linalg.norm(found - other, axis=1).max() < 0.003
+
+
+def test_filter_leaves_what_is_no_hand_to_others() -> None:
+    steadies, shape = HandFilter(), steady_hand()
+    broken = shape.copy()
+    broken[3] = np.nan
+    np.testing.assert_array_equal(steadies.steadied(0.0, broken), broken)
+    steadies.steadied(0.1, shape)
+    np.testing.assert_array_equal(steadies.steadied(0.2, np.zeros((21, 3))), np.zeros((21, 3)))
+    np.testing.assert_allclose(steadies.steadied(0.3, shape), shape, atol=1e-9)

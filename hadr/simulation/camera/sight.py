@@ -21,6 +21,7 @@ from hadr.corruption import smooth_noise
 from hadr.data.samples import samples_dir
 from hadr.frame_checks import depth_to_use
 from hadr.handover.observation import Observation
+from hadr.handover.tracking import HandFilter
 from hadr.models.hand.plausible import NoHandError
 from hadr.rivals import classical
 from hadr.simulation.camera.robot_camera import CapturedFrame, RobotCamera
@@ -74,8 +75,8 @@ class Sight:
             "inpainted" fills the mask from around it, "hadr" and "hadr-plus" restore it, "perfect"
             knows it.
         seed: Seed of all noise, which differs from hold to hold.
-        finder: Networks that find mask and keypoints in each picture; the simulator's, with noise,
-            where it is left out.
+        finder: Networks that find mask and keypoints in each picture, which are then steadied from
+            picture to picture; the simulator's, with noise, where it is left out.
     """
 
     def __init__(
@@ -93,6 +94,7 @@ class Sight:
             np.random.default_rng([seed, part, 83, *name]) for part in range(3)
         )
         self._noise: tuple[float, Array] | None = None
+        self._steady = HandFilter()
 
     def look(self, state: WorldState, *, with_points: bool) -> Observation:
         """Take a picture of the world.
@@ -107,6 +109,8 @@ class Sight:
         if self._finder is not None:
             frame = self.camera.capture(state, self.scene, self._sensor_rng)
             mask, hand, keypoints = self._finder.find(frame)
+            if keypoints is not None:
+                keypoints = self._steady.steadied(state.time, keypoints)
             # the depth camera's masks of the arm are the robot's own knowledge, the hand's are not
             frame = replace(frame, hand_mask=hand)
         else:
