@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 from collections import Counter
 from collections.abc import Iterable
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import pairwise
@@ -318,16 +319,20 @@ def main() -> None:
     """Run the benchmark."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=int, default=1000)
+    parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--json", type=Path, required=True)
     args = parser.parse_args()
     rows = list(read_result_file(args.json).rows) if args.json.exists() else []
     what = "runs of the workflow on the arm without physics, with random faults, judged by geometry"
-    for number in range(len(rows), args.runs):
-        rows.append(run(number))
-        if rows[-1]["unsafe"] or rows[-1]["raised"]:
-            print(rows[-1], flush=True)
-        if number % 20 == 19 or number == args.runs - 1:
-            write_result_file(args.json, what, rows, {**provenance(), "machine": machine_text()})
+    with ProcessPoolExecutor(args.jobs) as pool:
+        for row in pool.map(run, range(len(rows), args.runs)):
+            rows.append(row)
+            if row["unsafe"]:
+                print(row, flush=True)
+            if len(rows) % 20 == 0 or len(rows) == args.runs:
+                write_result_file(
+                    args.json, what, rows, {**provenance(), "machine": machine_text()}
+                )
     print(Counter(row["end"] for row in rows))
     print("unsafe:", Counter(name for row in rows for name in row["unsafe"]))
 

@@ -363,6 +363,7 @@ class Handover:
         why = self.choosing.obstacle(observation, self.time)
         if not why and self.stage is Stage.WAIT_AND_OBSERVE:
             why = self.choosing.reason
+        self.robot.stop()  # it may be on its way back
         self.arm.release()
         self._enter(Stage.GOING_HOME, reason + (f"; {why}" if why else ""))
 
