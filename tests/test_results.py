@@ -409,3 +409,18 @@ def test_chapter_13_says_how_far_the_depth_is_off() -> None:
     for row in (hadr, plus):
         assert row["confidence_rank_correlation"] > -0.5  # "would have a correlation near -1"
     assert file.row(condition="perfect")["median_error_m"] == 0
+
+
+def test_the_first_pages_film_is_what_its_words_say() -> None:
+    films = json.loads((ROOT / "data_samples/handover/films.json").read_text(encoding="utf-8"))
+    condition, object_id, hold = films["success"]
+    row = json.loads(
+        (ROOT / f"data_samples/handover/{condition}/{object_id}-{hold}.json").read_text("utf-8")
+    )
+    text = (ROOT / "book" / "index.md").read_text(encoding="utf-8")
+    said = re.search(
+        r"with ([\w-]+)'s depth the robot takes an? ([\w ]+) out of a hand\s+that (\w+)s\.", text
+    )
+    assert said is not None
+    assert said.groups() == ("HADR-plus", OBJECTS[object_id].name, row["motion"])
+    assert (condition, row["verdict"]) == ("hadr-plus", "success")
