@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -21,9 +22,11 @@ from hadr.handover.observation import Observation
 from hadr.simulation.camera.sight import Looks, Sight
 from hadr.simulation.film.film import Picture
 from hadr.simulation.film.world_view import view_from
-from hadr.simulation.trials.trial import Trial, run_trial
 from hadr.simulation.world.state import WorldState
 from hadr.synthesis.glass.surfaces import Surface, merged
+
+if TYPE_CHECKING:
+    from hadr.simulation.trials.trial import Trial
 
 Array = npt.NDArray[np.float64]
 _REST = "#9c8f7d"  # table and forearm
@@ -74,6 +77,8 @@ def first_choice(trial: Trial, chosen_at: float) -> FirstChoice:
     Raises:
         ValueError: No grasp is chosen until then.
     """
+    from hadr.simulation.trials.trial import run_trial  # needs the physics
+
     notes: list[_Noted] = []
 
     def noted(sight: Sight) -> Looks:
