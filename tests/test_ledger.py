@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from hadr.press.report import ledger_effects, switch_effects
+from hadr.records.result_file import read_result_file
 
 ROOT = Path(__file__).resolve().parents[1]
 SHORT = ROOT / "results" / "training" / "switches.json"
@@ -87,6 +88,32 @@ def test_what_was_measured_is_counted_as_the_table_has_it():
     assert f"Of the {len(rows)} rows, {len(below)} were measured" in text
     assert f" {len(shown)} more are about the robot" in text
     assert f"The other {len(unmeasured)} were not measured at all" in text
+
+
+def test_what_the_page_says_of_short_trainings_is_so():
+    effects = {effect["turned"]: effect for effect in switch_effects(SHORT)}
+    file = read_result_file(SHORT)
+    rows = {row["turned"]: row for row in reversed(file.rows)}  # the first seed's
+    effects.pop("as it is")
+    seeds = sum(row["turned"] == "as it is" for row in file.rows)
+    assert f"trained with {('two', 'three')[seeds - 2]} seeds" in " ".join(TEXT.split())
+    assert len(file.provenance["measured"]) == 144
+    clear = {name for name, effect in effects.items()
+             if abs(effect["RMSE"][0]) > 2 * effect["RMSE"][1]}  # fmt: skip
+    assert clear == {"loss weights as coded", "one rate for all layers"}
+    assert all(effects[name]["RMSE"][0] > 0 for name in clear)
+    coded = effects["loss weights as coded"]
+    assert coded["shape"][0] < 2 * coded["shape"][1]  # "its shape is no worse"
+    place = [rows[name]["given"]["true keypoints"]["place_m"] for name in rows]
+    assert rows["loss weights as coded"]["given"]["true keypoints"]["place_m"] == max(place)
+    sees = {name: row["sees"] for name, row in rows.items()}
+    random, one_rate = sees["encoder from random weights"], sees["one rate for all layers"]
+    assert abs(random["color_gain_m"]) < 0.0005 < 0.002 < sees["as it is"]["color_gain_m"] < 0.009
+    assert max(rank for name, rank in random.items() if name.startswith("rank")) < 10
+    assert 0.5 < one_rate["rank_3"] / sees["as it is"]["rank_3"] < 0.6
+    learned = effects["predicted keypoints in training"]
+    for name in ("RMSE", "RMSE with predicted keypoints"):
+        assert abs(learned[name][0]) < learned[name][1]
 
 
 def test_the_library_points_to_rows_that_exist():

@@ -135,6 +135,25 @@ def test_what_chapter_5_says_of_2d_keypoints_is_so() -> None:
     assert gain < turned["rmse_standard_error_m"] / 2
 
 
+def test_what_chapter_9_says_of_real_frames_is_so() -> None:
+    real = read_result_file(RESULTS / "real" / "cleargrasp_d435.json")
+    known = read_result_file(RESULTS / "mini" / "known.json")
+    first, second = real.provenance["scenes"]
+    for scene in (first, second):
+        error = {row["method"]: row for row in real.rows if row["scene"] == scene}
+        for method in ("hadr", "hadr-plus"):
+            title = {"hadr": "HADR", "hadr-plus": "HADR-plus"}[method]
+            bad = error[f"{title}, stand-in hand"]
+            assert 1.85 < bad["rmse_m"] / known.row(method=method)["rmse_m"] < 4  # "two to four"
+            assert bad["rmse_high_m"] - bad["rmse_low_m"] > 0.015  # "by centimetres"
+        fill = min(error[name]["rmse_m"] for name in ("inpainting", "nearest"))
+        mine = [error[f"{title}, stand-in hand"]["rmse_m"] for title in ("HADR", "HADR-plus")]
+        assert max(mine) < fill - 0.01 if scene == first else abs(mine[0] - fill) < 0.005
+        assert mine[1] < fill - 0.01
+        assert error["raw"]["rmse_m"] < min(mine)
+        assert error["raw"]["coverage"] < 0.6
+
+
 def test_what_chapter_7_says_of_the_rivals_is_so() -> None:
     mini = RESULTS / "mini"
     error = {
