@@ -120,7 +120,7 @@ LEDGER = (
 )
 LEDGER_RUNS = [(change, 0) for change in LEDGER]
 LEDGER_RUNS[6:6] = [(BASE, 1)]
-LEDGER_RUNS[9:9] = [(BASE, 2)]
+LEDGER_RUNS[8:8] = [(BASE, 2)]
 WAYS = (
     Change("Swin, random, one rate", {"voxel_relu": True}),
     Change("Swin, random, a tenth", {"voxel_relu": True, "encoder_rate": 0.1}),
