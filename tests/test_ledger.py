@@ -79,7 +79,7 @@ def test_what_was_measured_is_counted_as_the_table_has_it():
     assert all(match and int(match[1]) == int(match[3]) for match in shown)
     assert all((ROOT / f"{match[2]}.ipynb").is_file() for match in shown)
     tried = {effect["row"] for effect in switch_effects(SHORT)} - {0}
-    short = [number for number, _, measured in rows if measured == "short, below"]
+    short = [number for number, _, measured in rows if measured == "in a trial, below"]
     assert short == sorted(tried - set(below))
     unmeasured = [number for number, _, measured in rows if measured == "no"]
     assert len(below) + len(short) + len(shown) + len(unmeasured) == len(rows)
@@ -111,6 +111,7 @@ def test_what_the_page_says_of_short_trainings_is_so():
     assert abs(random["color_gain_m"]) < 0.0005 < 0.002 < sees["as it is"]["color_gain_m"] < 0.009
     assert max(rank for name, rank in random.items() if name.startswith("rank")) < 10
     assert 0.5 < one_rate["rank_3"] / sees["as it is"]["rank_3"] < 0.6
+    assert {1, 3, 28, 29, 32} <= {effect["row"] for effect in effects.values()}
     learned = effects["predicted keypoints in training"]
     for name in ("RMSE", "RMSE with predicted keypoints"):
         assert abs(learned[name][0]) < learned[name][1]
