@@ -232,14 +232,25 @@ def read_hand(path: str | Path) -> NDArray[np.float64]:
                 values = values["keypoints"]
             rows = [[checked_number("a coordinate", x) for x in row] for row in values]
             return check_keypoints(rows)
-        lines = path.read_text(encoding="utf-8").splitlines()
-        rows = [[float(x) for x in line.replace(",", " ").split()] for line in lines]
-        return check_keypoints([row for row in rows if row])
+        return check_keypoints(list(_rows(path.read_bytes())))
     except (ValueError, TypeError, RecursionError) as error:
         raise ValueError(
             f"hand {path} must hold 21 keypoints x y z in metres as JSON, text or .npy: "
             f"{str(error)[:300]}"
         ) from error
+
+
+def _rows(data: bytes) -> Iterator[list[float]]:
+    """The numbers of each line of a text that is not empty."""
+    for number, line in enumerate(data.splitlines(), 1):
+        try:
+            if row := [float(x) for x in line.decode("utf-8").replace(",", " ").split()]:
+                yield row
+        except UnicodeDecodeError as error:
+            raise ValueError("it is no text") from error
+        except ValueError as error:
+            said = short(line.decode("utf-8"))
+            raise ValueError(f"line {number} holds {said}, expected three numbers") from error
 
 
 def write_depth_png(path: Path, depth: FloatArray, scale: float = DEFAULT_DEPTH_SCALE) -> None:
@@ -330,29 +341,32 @@ def _read_image(path: str | Path, name: str, *, lossless: bool = False) -> NDArr
             f"{name} {path} is a damaged JPEG, whose decoder made a part of it up ({damage[0]}); "
             "if it looks right, save it anew"
         )
-    if (turn := _orientation(data)) != 1:
+    turn, grey = _marks(data)
+    if turn != 1:
         raise ValueError(
             f"{name} {path} is stored turned or mirrored (its EXIF orientation is {turn}, expected "
             "1 or none): save it upright, as depth, mask and intrinsics must be, too"
         )
-    alpha = image[..., 3:] if image.ndim == 3 else image[:0]
-    if clear := int((alpha < np.iinfo(image.dtype).max).sum()):
+    flat = image.ndim == 2
+    clear = image == grey if flat else image[..., 3:] < np.iinfo(image.dtype).max
+    if (not flat or grey) and clear.any():
         raise ValueError(
-            f"{name} {path} is transparent in {clear} of its {alpha.size} pixels (alpha below its "
-            "most), expected an opaque picture"
+            f"{name} {path} is transparent in {int(clear.sum())} of its {clear.size} pixels, "
+            "expected an opaque picture"
         )
     return image
 
 
-def _orientation(data: bytes) -> int:
-    """How a picture is to be turned to be shown, as its EXIF says; 1: as it is stored."""
+def _marks(data: bytes) -> tuple[int, Any]:
+    """How a picture is to be turned to be shown (EXIF; 1: not), and what grey is transparent."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # damage in what stands beside the picture
         try:
             with Image.open(io.BytesIO(data)) as picture:
-                return int(picture.getexif().get(ExifTags.Base.Orientation, 1))
+                turn = int(picture.getexif().get(ExifTags.Base.Orientation, 1))
+                return turn, picture.info.get("transparency")
         except Exception:  # what Pillow says of a damaged EXIF is of many kinds; it then turns none
-            return 1
+            return 1, None
 
 
 def _kind(image: NDArray[Any]) -> str:

@@ -42,6 +42,23 @@ def test_alpha_may_not_mean_anything(tmp_path: Path, read) -> None:
         read(path)
 
 
+@pytest.mark.parametrize(("read", "kind"), [(read_mask, np.uint8), (read_depth, np.uint16)])
+def test_a_grey_that_is_marked_as_transparent_is_none(tmp_path: Path, read, kind) -> None:
+    """OpenCV leaves the mark aside; that of 0, which is missing, says nothing new."""
+    path, picture = tmp_path / "picture.png", np.zeros((4, 5), kind)
+    picture[1, 1:4] = 200
+    whole = cv2.imencode(".png", picture)[1].tobytes()
+    start = whole.index(b"IDAT") - 4
+    for grey in (0, 200):
+        mark = b"tRNS" + grey.to_bytes(2, "big")
+        mark = b"\0\0\0\2" + mark + zlib.crc32(mark).to_bytes(4, "big")
+        path.write_bytes(whole[:start] + mark + whole[start:])
+        if grey == 0:
+            assert np.count_nonzero(read(path)) == 3
+    with pytest.raises(ValueError, match=r"picture\.png is transparent in 3 of its 20 pixels"):
+        read(path)
+
+
 def test_depth_png_is_millimetres_by_default_and_scales(tmp_path) -> None:
     path = tmp_path / "depth.png"
     cv2.imwrite(str(path), np.array([[0, 500], [1234, 65535]], np.uint16))
@@ -121,6 +138,20 @@ def test_hand_that_is_no_hand(tmp_path, name: str, content: str) -> None:
     (tmp_path / name).write_text(content)
     with pytest.raises(ValueError, match=f"{name} must hold 21 keypoints x y z in metres"):
         read_hand(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"x,y,z\n" + b"0,0,0.5\n" * 21, "line 1 holds 'x,y,z', expected three numbers"),
+        (b"\x89PNG\r\n\x1a\n", "it is no text"),
+        (b"0 0 0.5\n" * 20 + b"\n0 0 0.5m\n", "line 22 holds '0 0 0.5m', expected three"),
+    ],
+)
+def test_a_hand_s_line_that_is_no_keypoint_is_said(tmp_path, content: bytes, said: str) -> None:
+    (tmp_path / "hand.csv").write_bytes(content)
+    with pytest.raises(ValueError, match=rf"or \.npy: {said}"):
+        read_hand(tmp_path / "hand.csv")
 
 
 def test_image_errors_name_the_file_and_the_reason(tmp_path) -> None:

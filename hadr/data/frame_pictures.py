@@ -230,7 +230,7 @@ def decode_disparity(data: bytes, scale: DisparityScale) -> Depth:
 def encode_depth_array(depth: Depth) -> bytes:
     """Encode depth as a NumPy file, float32 metres."""
     stream = io.BytesIO()
-    np.save(stream, depth.astype(np.float32))
+    np.save(stream, depth.astype(np.float32, order="C"))
     return stream.getvalue()
 
 

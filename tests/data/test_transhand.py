@@ -1,5 +1,6 @@
 """The reader and the writer of TransHand-14K's layout, and a frame made by hand in its form."""
 
+import io
 import json
 import shutil
 import tempfile
@@ -16,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from hadr.camera import TRANSHAND_CAMERA, project
 from hadr.data.camera_log import camera_log, camera_pose
 from hadr.data.frame import Frame, write_frame
-from hadr.data.frame_pictures import DisparityScale
+from hadr.data.frame_pictures import DisparityScale, encode_depth_array
 from hadr.data.transhand import TransHand
 
 W, H = 64, 36
@@ -543,3 +544,10 @@ def test_a_frame_of_another_shape_is_refused(tmp_path):
     frame = make_frame()
     with pytest.raises(ValueError, match=r"depth has shape \(36, 32\), the camera \(36, 64\)"):
         write_frame(tmp_path, replace(frame, depth=frame.depth[:, :32]))
+
+
+def test_a_depth_array_lies_row_by_row_in_its_file() -> None:
+    depth = np.asfortranarray(np.arange(6, dtype=np.float32).reshape(2, 3))
+    stored = np.load(io.BytesIO(encode_depth_array(depth)))
+    assert stored.flags.c_contiguous
+    np.testing.assert_array_equal(stored, depth)
