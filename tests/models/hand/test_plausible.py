@@ -145,6 +145,13 @@ def test_a_hand_s_mask_in_place_of_the_glass_s_is_named() -> None:
     depth, _, hand = scene(0.9)
     *_, why = check_hand(HAND, depth, CAMERA, hand).problems
     assert "lie in the mask: is that the hand's?" in why
+    before = np.zeros(CAMERA.shape, bool)
+    before[:60] = True  # a glass before the fingers
+    hidden = project(HAND, CAMERA)[:, 1] < 59.5
+    assert 10 < hidden.sum() <= 16
+    assert not any(
+        "lie in the mask" in p for p in check_hand(0.5 * HAND, depth, CAMERA, before).problems
+    )
 
 
 def test_a_table_a_speck_and_a_doubtful_hand_are_none() -> None:
