@@ -26,7 +26,7 @@ from hadr.press.own_frames.restore_command import (
     write_frame,
     write_json,
 )
-from hadr.records.output_folder import check_replaceable
+from hadr.records.output_folder import check_file, check_replaceable
 from hadr.records.writing import whole_folder
 
 RECORD = "sequence.json"
@@ -57,6 +57,8 @@ def run_sequence(options: Options) -> int:
         names = (*frames, *FILMS, RECORD) if options.overwrite else None
         read = [path for one in frames.values() for path in input_files(one).values() if path]
         check_replaceable(out, names, RECORD, read, command="hadr restore")
+        for name in (*FILMS, RECORD):
+            check_file(out / name)
         for part in (out / name for name in frames):
             names = (*OUTPUTS, VIEW)
             check_replaceable(part, names, "report.json", (), [VIEW], command="hadr restore")

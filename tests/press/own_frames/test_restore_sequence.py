@@ -76,6 +76,18 @@ def test_a_frame_that_is_refused_is_named_and_the_others_are_restored(frames, ca
     assert not (folder / "none").exists()
 
 
+def test_a_folder_in_place_of_the_film_is_somebody_s(frames, capsys):
+    folder, words = frames
+    assert main(words) == 0
+    film = next((folder / "out").glob("film.*"))
+    film.unlink()
+    film.mkdir()
+    (film / "mine.txt").write_text("kept")
+    assert main([*words, "--overwrite"]) == 2
+    assert f"{film} is a folder" in capsys.readouterr().err
+    assert (film / "mine.txt").read_text() == "kept"
+
+
 def test_files_that_do_not_belong_together_are_refused_before_anything_is_made(frames, capsys):
     folder, words = frames
     whole = words.index(f"--mask={folder / 'mask'}")
