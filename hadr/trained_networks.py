@@ -28,6 +28,7 @@ from hadr.confidence.calibration import ConfidenceRule, signal_of, within_learne
 from hadr.confidence.known_ground import Ground, Verdict
 from hadr.confidence.sight import observe
 from hadr.corruption import CORRUPTIONS, Corruption
+from hadr.frame_checks import torn
 from hadr.models.networks import DEPTH_NETWORKS, NETWORKS
 
 if TYPE_CHECKING:
@@ -258,6 +259,7 @@ class DepthNetwork:
         """The answer, whether the frame lies on the ground, and what the confidence means there."""
         if measured is None:
             return self.model(inputs), Verdict(None), self.rule
+        unlike += torn(mask)
         if self.ground is None or not inputs.mask.any():
             return self.model(inputs), Verdict(False if unlike else None, why=unlike), None
         small = np.nan_to_num(resize_depth(measured, *self.size))

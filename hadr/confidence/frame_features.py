@@ -37,6 +37,10 @@ OUTLINE_WIDTH = 448
 """Width at which the mask's outline is looked at, pixels: of the bundled training frames."""
 FAINT = 2.0
 """A step of brightness, per pixel, that is none; of 255."""
+STRETCH = 0.2
+"""Half of a stretch of the outline, of the root of the mask's area."""
+WEAKEST = 0.15
+"""Share of the stretches that are weaker than the one that counts."""
 
 
 def _log(unit: float = 0.0) -> Callable[[Array], Array]:
@@ -58,7 +62,7 @@ class Feature:
 
     Args:
         words: What it is, with `{}` in place of its value.
-        scale: Brings it to a scale on which steps are alike.
+        scale: Brings it to a scale on which steps are alike; it is a share where none is named.
         unit: Behind the value, where it is said.
         factor: From metres, or a share, to that unit.
         slack: What counts as equal, on that scale: half of a range is no less.
@@ -66,9 +70,9 @@ class Feature:
     """
 
     words: str
-    scale: Callable[[Array], Array]
-    unit: str = ""
-    factor: float = 1.0
+    scale: Callable[[Array], Array] = _share
+    unit: str = " %"
+    factor: float = 100.0
     slack: float = 0.05
     sides: tuple[str, str] | None = None
 
@@ -92,7 +96,7 @@ class Feature:
 _BEHIND = ("behind", "before")
 
 FEATURES: dict[str, Feature] = {
-    "distance": Feature("the glass is {} away", _log(), " m"),
+    "distance": Feature("the glass is {} away", _log(), " m", 1),
     "size": Feature("the glass measures {} across", _log(), " cm", 100),
     "lens": Feature(
         "the camera sees another angle: focal length {} of the picture's width",
@@ -101,39 +105,32 @@ FEATURES: dict[str, Feature] = {
         100,
         0.08,
     ),
-    "known_around": Feature(
-        "the camera measured depth on {} of what is around the glass", _share, " %", 100
-    ),
-    "near_around": Feature(
-        "{} of the depth around the glass is within 10 cm of it", _share, " %", 100
-    ),
+    "known_around": Feature("the camera measured depth on {} of what is around the glass"),
+    "near_around": Feature("{} of the depth around the glass is within 10 cm of it"),
     "depth_around": Feature(
         "what is around the glass is {} it", _signed(0.1), " cm", 100, sides=_BEHIND
     ),
     "rough": Feature("the depth camera's noise is another: {} at 1 m", _log(1e-4), " mm", 1000),
-    "even": Feature("{} of the measured depth has no noise, as if computed", _share, " %", 100),
-    "known_in": Feature("the camera measured depth on {} of the glass", _share, " %", 100),
-    "near_in": Feature(
-        "{} of the depth measured in the glass is within 3 cm of the answer", _share, " %", 100
-    ),
-    "behind_in": Feature(
-        "{} of the depth measured in the glass is over 3 cm behind the answer", _share, " %", 100
-    ),
+    "even": Feature("{} of the measured depth has no noise, as if computed"),
+    "known_in": Feature("the camera measured depth on {} of the glass"),
+    "near_in": Feature("{} of the depth measured in the glass is within 3 cm of the answer"),
+    "behind_in": Feature("{} of the depth measured in the glass is over 3 cm behind the answer"),
     "spread_in": Feature(
         "half of the depth measured in the glass is spread over {}", _log(0.003), " cm", 100
     ),
     "outline": Feature(
-        "the mask may not follow the glass: {} of what changes near its outline lies on it",
-        _share,
-        " %",
-        100,
+        "the mask may not follow the glass: {} of what changes near its outline lies on it"
     ),
-    "faint": Feature(
-        "the mask may not follow the glass: {} of its outline follow nothing", _share, " %", 100
+    "faint": Feature("the mask may not follow the glass: {} of its outline follow nothing"),
+    "across": Feature(
+        "the mask may not follow the glass: on its outline's weakest stretch {} of what changes "
+        "does so across it"
     ),
     "clear_in": Feature(
         "the mask may not follow the glass: its outline changes {} times as much as its inside",
         _log(),
+        "",
+        1,
     ),
     "hand": Feature(
         "the hand has another size: its bones measure {} in the mean", _log(), " mm", 1000
@@ -142,7 +139,11 @@ FEATURES: dict[str, Feature] = {
         "the hand has other proportions: the lengths of its bones differ by {}", _log(), " %", 100
     ),
     "tilt": Feature(
-        "the hand points {} the camera", _signed(1), " of its length", sides=("away from", "toward")
+        "the hand points {} the camera",
+        _signed(1),
+        " of its length",
+        1,
+        sides=("away from", "toward"),
     ),
     "touch": Feature("the hand's nearest joints are {} beside the glass", _log(0.002), " cm", 100),
     "beside": Feature("the hand's middle is {} beside the glass's", _log(0.01), " cm", 100),
@@ -156,9 +157,12 @@ FEATURES: dict[str, Feature] = {
         100,
         sides=_BEHIND,
     ),
-    "agree": Feature("measured depth agrees with {} of the hand's joints", _share, " %", 100),
+    "agree": Feature("measured depth agrees with {} of the hand's joints"),
     "seen": Feature(
-        "the glass looks unlike those in training: what is seen there is off by {}", _log(0.05)
+        "the glass looks unlike those in training: what is seen there is off by {}",
+        _log(0.05),
+        "",
+        1,
     ),
 }
 """The features by name."""
@@ -218,7 +222,8 @@ def outline_features(color: npt.NDArray[np.uint8], mask: BoolArray) -> dict[str,
     """Measure whether a mask ends where the picture changes.
 
     Across the outline of glass its brightness makes a step. Where a mask is too wide, or of another
-    shape, there are steeper ones beside its outline. A hand's skin is smoother than glass.
+    shape, there are steeper ones beside its outline; where it cuts through the glass, as many along
+    it as across. A hand's skin is smoother than glass.
 
     Args:
         color: RGB, shape (H, W, 3) uint8.
@@ -239,10 +244,19 @@ def outline_features(color: npt.NDArray[np.uint8], mask: BoolArray) -> dict[str,
     across /= np.maximum(np.linalg.norm(across, axis=0), 1e-3)
     step = np.abs((steps * across).sum(axis=0))
     rim, change = np.abs(beyond) <= 1, np.hypot(*steps)
-    on, near = (ndimage.maximum_filter(step, reach)[rim] for reach in (3, 9))
+    on, near, any_way = (
+        ndimage.maximum_filter(image, reach) for image, reach in ((step, 3), (step, 9), (change, 3))
+    )
+    stretch = 2 * max(2, round(STRETCH * float(np.sqrt(mask.sum())))) + 1
+    share, count = (
+        ndimage.uniform_filter(image, stretch, mode="constant")[rim]
+        for image in (rim * on / (any_way + FAINT / 4), rim.astype(float))
+    )
+    on, near = on[rim], near[rim]
     found = {
         "outline": _mean(on[near > 0] / near[near > 0]),
         "faint": _mean(on < FAINT),
+        "across": float(np.quantile(share / count, WEAKEST)),
         "clear_in": _mean(change[rim]) / (_mean(change[beyond < -3]) + 0.1),
     }
     return {name: value for name, value in found.items() if np.isfinite(value)}

@@ -13,6 +13,7 @@ from hadr.confidence.frame_features import FEATURES, frame_features, outline_fea
 from hadr.confidence.known_ground import BEYOND, Field, Ground, shrunk_covariance
 from hadr.confidence.sight import Observation, Sight
 from hadr.data.samples import open_samples, samples_dir
+from hadr.frame_checks import torn
 from hadr.restoration import Restorer
 
 CAMERA = Intrinsics(fx=100, fy=100, cx=39.5, cy=29.5, width=80, height=60)
@@ -118,9 +119,53 @@ def test_a_mask_follows_the_steps_of_brightness_or_not(times: int) -> None:
     wide = outline_features(color, ndimage.maximum_filter(glass, 4 * times + 1))
     assert wide["outline"] < 0.3
     assert (right["faint"], wide["faint"]) == (0, pytest.approx(1, abs=0.2))
-    assert outline_features(0 * color, glass) == {"faint": 1, "clear_in": 0}
+    assert outline_features(0 * color, glass) == {"faint": 1, "across": 0, "clear_in": 0}
     assert outline_features(color, ~glass & glass) == {}
     assert set(right) <= set(FEATURES)
+
+
+def test_a_cut_through_the_glass_is_the_weakest_stretch_of_the_outline() -> None:
+    """Every second pixel of the glass's rows is darker, so that nothing changes along its columns.
+
+    A cut along a row meets changes along itself alone; one along a column changes across alone.
+    """
+    color, glass = np.full((224, 448, 3), 60, np.uint8), np.zeros((224, 448), bool)
+    glass[80:140, 180:260] = True
+    color[glass] = 220
+    color[80:140, 180:260:8] = 140
+    color[80:140, 181:260:8] = 140
+    whole = outline_features(color, glass)["across"]
+    rows, columns = np.indices(glass.shape)
+    assert whole > 0.8
+    assert outline_features(color, glass & (rows < 110))["across"] < 0.5
+    assert outline_features(color, glass & (columns < 221))["across"] == pytest.approx(
+        whole, abs=0.1
+    )
+
+
+def test_a_torn_mask_is_named_with_its_pieces_and_holes() -> None:
+    whole = np.zeros((40, 60), bool)
+    whole[10:30, 10:50] = True
+    assert torn(whole) == ()
+    whole[12:28:2, 12:32:4] = False  # 8 rows of 5 holes
+    whole[0, 0] = whole[39, 59] = True
+    assert torn(whole) == ("the mask is torn: 3 pieces and 40 holes, expected a handful",)
+    whole[12:28, 16:32] = True  # 8 holes are left
+    assert torn(whole) == ()
+
+
+@pytest.mark.parametrize("split", ["train", "val"])
+def test_no_bundled_glass_has_a_torn_mask(split: str) -> None:
+    assert not any(torn(frame.object_mask) for frame in open_samples(split))
+
+
+def test_a_mask_of_which_pixels_were_taken_out_gets_no_probability() -> None:
+    frame = open_samples("val")[3]
+    networks = Restorer("hadr-plus", samples_dir() / "checkpoints" / "hadr-plus-mini.safetensors")
+    mask = frame.object_mask & (np.random.default_rng(0).random(frame.object_mask.shape) >= 0.3)
+    answer = networks(frame.color, frame.raw_depth, frame.camera, mask, frame.keypoints)
+    assert answer.tolerance_m is None
+    assert any("the mask is torn: " in note for note in answer.notes)
 
 
 def test_a_mask_that_is_three_pixels_wider_than_the_glass_gets_no_probability() -> None:
