@@ -210,6 +210,8 @@ def other_masks(frame: Frame, rng: np.random.Generator) -> dict[str, npt.NDArray
         "a disc in place of the mask": away <= np.sqrt(mask.sum() / np.pi),
         "the hand's mask": frame.hand_mask,
         "the mask's convex hull": hull > 0,
+        "the mask's upper half": mask & (np.indices(mask.shape)[0] < middle[0]),
+        "30 % taken out of the mask": mask & (np.random.default_rng(0).random(mask.shape) >= 0.3),
     }
 
 

@@ -232,7 +232,9 @@ def read_hand(path: str | Path) -> NDArray[np.float64]:
                 values = values["keypoints"]
             rows = [[checked_number("a coordinate", x) for x in row] for row in values]
             return check_keypoints(rows)
-        return check_keypoints(list(_rows(path.read_bytes())))
+        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+        rows = [_numbers(number, line) for number, line in enumerate(lines, 1)]
+        return check_keypoints([row for row in rows if row])
     except (ValueError, TypeError, RecursionError) as error:
         raise ValueError(
             f"hand {path} must hold 21 keypoints x y z in metres as JSON, text or .npy: "
@@ -240,17 +242,12 @@ def read_hand(path: str | Path) -> NDArray[np.float64]:
         ) from error
 
 
-def _rows(data: bytes) -> Iterator[list[float]]:
-    """The numbers of each line of a text that is not empty."""
-    for number, line in enumerate(data.splitlines(), 1):
-        try:
-            if row := [float(x) for x in line.decode("utf-8").replace(",", " ").split()]:
-                yield row
-        except UnicodeDecodeError as error:
-            raise ValueError("it is no text") from error
-        except ValueError as error:
-            said = short(line.decode("utf-8"))
-            raise ValueError(f"line {number} holds {said}, expected three numbers") from error
+def _numbers(number: int, line: str) -> list[float]:
+    """What stands in a line of text, which may be empty."""
+    try:
+        return [float(x) for x in line.replace(",", " ").split()]
+    except ValueError as error:
+        raise ValueError(f"line {number} holds {short(line)}, expected three numbers") from error
 
 
 def write_depth_png(path: Path, depth: FloatArray, scale: float = DEFAULT_DEPTH_SCALE) -> None:

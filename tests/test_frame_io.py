@@ -144,7 +144,7 @@ def test_hand_that_is_no_hand(tmp_path, name: str, content: str) -> None:
     ("content", "said"),
     [
         (b"x,y,z\n" + b"0,0,0.5\n" * 21, "line 1 holds 'x,y,z', expected three numbers"),
-        (b"\x89PNG\r\n\x1a\n", "it is no text"),
+        (b"\x89PNG\r\n\x1a\n", "line 1 holds '.PNG', expected three numbers"),
         (b"0 0 0.5\n" * 20 + b"\n0 0 0.5m\n", "line 22 holds '0 0 0.5m', expected three"),
     ],
 )

@@ -97,18 +97,14 @@ _BEHIND = ("behind", "before")
 
 FEATURES: dict[str, Feature] = {
     "distance": Feature("the glass is {} away", _log(), " m", 1),
-    "size": Feature("the glass measures {} across", _log(), " cm", 100),
+    "size": Feature("the glass measures {} across", _log(), " cm"),
     "lens": Feature(
-        "the camera sees another angle: focal length {} of the picture's width",
-        _log(),
-        " %",
-        100,
-        0.08,
+        "the camera sees another angle: focal length {} of the picture's width", _log(), slack=0.08
     ),
     "known_around": Feature("the camera measured depth on {} of what is around the glass"),
     "near_around": Feature("{} of the depth around the glass is within 10 cm of it"),
     "depth_around": Feature(
-        "what is around the glass is {} it", _signed(0.1), " cm", 100, sides=_BEHIND
+        "what is around the glass is {} it", _signed(0.1), " cm", sides=_BEHIND
     ),
     "rough": Feature("the depth camera's noise is another: {} at 1 m", _log(1e-4), " mm", 1000),
     "even": Feature("{} of the measured depth has no noise, as if computed"),
@@ -116,7 +112,7 @@ FEATURES: dict[str, Feature] = {
     "near_in": Feature("{} of the depth measured in the glass is within 3 cm of the answer"),
     "behind_in": Feature("{} of the depth measured in the glass is over 3 cm behind the answer"),
     "spread_in": Feature(
-        "half of the depth measured in the glass is spread over {}", _log(0.003), " cm", 100
+        "half of the depth measured in the glass is spread over {}", _log(0.003), " cm"
     ),
     "outline": Feature(
         "the mask may not follow the glass: {} of what changes near its outline lies on it"
@@ -136,7 +132,7 @@ FEATURES: dict[str, Feature] = {
         "the hand has another size: its bones measure {} in the mean", _log(), " mm", 1000
     ),
     "fingers": Feature(
-        "the hand has other proportions: the lengths of its bones differ by {}", _log(), " %", 100
+        "the hand has other proportions: the lengths of its bones differ by {}", _log()
     ),
     "tilt": Feature(
         "the hand points {} the camera",
@@ -145,17 +141,11 @@ FEATURES: dict[str, Feature] = {
         1,
         sides=("away from", "toward"),
     ),
-    "touch": Feature("the hand's nearest joints are {} beside the glass", _log(0.002), " cm", 100),
-    "beside": Feature("the hand's middle is {} beside the glass's", _log(0.01), " cm", 100),
-    "behind": Feature(
-        "the glass is restored {} the hand", _signed(0.05), " cm", 100, sides=_BEHIND
-    ),
+    "touch": Feature("the hand's nearest joints are {} beside the glass", _log(0.002), " cm"),
+    "beside": Feature("the hand's middle is {} beside the glass's", _log(0.01), " cm"),
+    "behind": Feature("the glass is restored {} the hand", _signed(0.05), " cm", sides=_BEHIND),
     "off": Feature(
-        "the hand's joints lie {} the depth measured there",
-        _signed(0.02),
-        " cm",
-        100,
-        sides=_BEHIND,
+        "the hand's joints lie {} the depth measured there", _signed(0.02), " cm", sides=_BEHIND
     ),
     "agree": Feature("measured depth agrees with {} of the hand's joints"),
     "seen": Feature(

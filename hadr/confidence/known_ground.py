@@ -190,24 +190,18 @@ class Field:
         Raises:
             ValueError: It has unknown features, lacks a field or has a wrong one.
         """
-        structured(values, _StoredField, "field", further=True)
-        names = tuple(values["features"])
-        unknown = sorted(set(names) - set(FEATURES))
-        if unknown:
+        stored = structured(values, _StoredField, "field", further=True)
+        names = tuple(stored.features)
+        if unknown := sorted(set(names) - set(FEATURES)):
             raise ValueError(f"a ground has the features {', '.join(FEATURES)}, got {unknown}")
         square = np.zeros((len(names), len(names)))
-        square[np.tril_indices(len(names))] = values["correlation"]
-        rule = values["confidence"]
-        low, high, mean, spread = (np.asarray(values[name], float) for name in _ARRAYS)
+        square[np.tril_indices(len(names))] = stored.correlation
         return cls(
             names,
-            low,
-            high,
-            mean,
-            spread,
+            *(np.asarray(getattr(stored, name)) for name in _ARRAYS),
             correlation=square + np.tril(square, -1).T,
-            limit=float(values["limit"]),
-            rule=None if rule is None else ConfidenceRule.from_dict(rule),
+            limit=stored.limit,
+            rule=None if stored.confidence is None else ConfidenceRule.from_dict(stored.confidence),
         )
 
 
@@ -263,13 +257,9 @@ class _StoredField:
 
     def __post_init__(self) -> None:
         count = len(self.features)
-        for name in _ARRAYS:
-            if len(getattr(self, name)) != count:
-                raise ValueError(
-                    f"{name} must hold {count} numbers, got {len(getattr(self, name))}"
-                )
-        if len(self.correlation) != count * (count + 1) // 2:
-            raise ValueError(f"correlation must be that of {count} features")
+        held = {len(getattr(self, name)) for name in _ARRAYS}
+        if held != {count} or len(self.correlation) != count * (count + 1) // 2:
+            raise ValueError(f"{', '.join(_ARRAYS)} and correlation must be of {count} features")
 
 
 @dataclass(frozen=True)

@@ -288,25 +288,6 @@ def write_frame(folder: Path, made: Made) -> dict[str, Any]:
     unknown = {"hand_mask.png": result.hand_mask is None, "hand.json": result.hand is None}
     outputs = {name: text for name, text in OUTPUTS.items() if not unknown.get(name)}
     report = restore_report.report(made.depth, made.camera, result, made.truth, made.files, outputs)
-    _write(folder, made.color, made.camera, result, report["hand"])
-    figure = restore_report.comparison_figure(
-        made.color, made.depth, made.camera, result, made.truth
-    )
-    figure.savefig(folder / "comparison.png", dpi=130)
-    seconds = made.seconds | {"write": time.perf_counter() - started}
-    report["seconds"] = {name: round(value, 3) for name, value in seconds.items()}
-    write_json(folder / "report.json", report)
-    return report
-
-
-def _write(
-    folder: Path,
-    color: NDArray[np.uint8],
-    camera: Intrinsics,
-    result: Restoration,
-    told_hand: dict[str, Any],
-) -> None:
-    """Write what the result holds; the picture and the report come from elsewhere."""
     write_depth_png(folder / "depth.png", result.depth)
     (folder / "depth.npy").write_bytes(encode_depth_array(result.depth))
     write_image(folder / "confidence.png", np.rint(result.confidence * 255).astype(np.uint8))
@@ -315,8 +296,17 @@ def _write(
     if result.hand_mask is not None:
         write_image(folder / "hand_mask.png", result.hand_mask.astype(np.uint8) * 255)
     if result.hand is not None:
-        write_json(folder / "hand.json", {"keypoints": result.hand.keypoints.tolist(), **told_hand})
-    write_point_cloud(folder / "cloud.ply", result.depth, color, camera)
+        keypoints = result.hand.keypoints.tolist()
+        write_json(folder / "hand.json", {"keypoints": keypoints, **report["hand"]})
+    write_point_cloud(folder / "cloud.ply", result.depth, made.color, made.camera)
+    figure = restore_report.comparison_figure(
+        made.color, made.depth, made.camera, result, made.truth
+    )
+    figure.savefig(folder / "comparison.png", dpi=130)
+    seconds = made.seconds | {"write": time.perf_counter() - started}
+    report["seconds"] = {name: round(value, 3) for name, value in seconds.items()}
+    write_json(folder / "report.json", report)
+    return report
 
 
 def write_json(path: Path, content: dict[str, Any]) -> None:
