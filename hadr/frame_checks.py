@@ -24,9 +24,6 @@ GLASS_M = (0.025, 0.30)
 """How large a glass is, the root of its area; those of the bundled training frames seem 5.0 to 11.3
 cm, so that a depth in decimetres or centimetres lies outside."""
 
-MOST_PARTS = 18
-"""Pieces and holes of a mask of glass; those of the bundled training frames have up to 9."""
-
 
 def checked_depth(
     color: NDArray[np.uint8], depth: FloatArray, camera: Intrinsics, notes: list[str]
@@ -159,15 +156,6 @@ def note_size(
             "is the depth in metres (on the command line: --depth-scale), are intrinsics and mask "
             "of this picture?"
         )
-
-
-def torn(mask: BoolArray) -> tuple[str, ...]:
-    """Say if a mask, (H, W) bool, has more pieces and holes than one of glass."""
-    pieces = ndimage.label(mask, np.ones((3, 3)))[1]
-    holes = ndimage.label(np.pad(~mask, 1, constant_values=True))[1] - 1
-    if pieces + holes <= MOST_PARTS:
-        return ()
-    return (f"the mask is torn: {pieces} pieces and {holes} holes, expected a handful",)
 
 
 def check_mask_form(name: str, mask: BoolArray, clean: NDArray[np.float32]) -> None:

@@ -25,10 +25,10 @@ from hadr.camera import (
     window_around,
 )
 from hadr.confidence.calibration import ConfidenceRule, signal_of, within_learned
+from hadr.confidence.frame_features import torn
 from hadr.confidence.known_ground import Ground, Verdict
 from hadr.confidence.sight import observe
 from hadr.corruption import CORRUPTIONS, Corruption
-from hadr.frame_checks import torn
 from hadr.models.networks import DEPTH_NETWORKS, NETWORKS
 
 if TYPE_CHECKING:

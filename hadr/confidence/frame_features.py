@@ -41,6 +41,8 @@ STRETCH = 0.2
 """Half of a stretch of the outline, of the root of the mask's area."""
 WEAKEST = 0.15
 """Share of the stretches that are weaker than the one that counts."""
+MOST_PARTS = 18
+"""Pieces and holes of a mask of glass; those of the bundled training frames have up to 9."""
 
 
 def _log(unit: float = 0.0) -> Callable[[Array], Array]:
@@ -250,6 +252,15 @@ def outline_features(color: npt.NDArray[np.uint8], mask: BoolArray) -> dict[str,
         "clear_in": _mean(change[rim]) / (_mean(change[beyond < -3]) + 0.1),
     }
     return {name: value for name, value in found.items() if np.isfinite(value)}
+
+
+def torn(mask: BoolArray) -> tuple[str, ...]:
+    """Say if a mask, (H, W) bool, has more pieces and holes than one of glass."""
+    pieces = ndimage.label(mask, np.ones((3, 3)))[1]
+    holes = ndimage.label(np.pad(~mask, 1, constant_values=True))[1] - 1
+    if pieces + holes <= MOST_PARTS:
+        return ()
+    return (f"the mask is torn: {pieces} pieces and {holes} holes, expected a handful",)
 
 
 def _mean(values: npt.NDArray[Any]) -> float:

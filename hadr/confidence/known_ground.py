@@ -196,9 +196,13 @@ class Field:
             raise ValueError(f"a ground has the features {', '.join(FEATURES)}, got {unknown}")
         square = np.zeros((len(names), len(names)))
         square[np.tril_indices(len(names))] = stored.correlation
+        low, high, mean, spread = (np.asarray(getattr(stored, name)) for name in _ARRAYS)
         return cls(
             names,
-            *(np.asarray(getattr(stored, name)) for name in _ARRAYS),
+            low,
+            high,
+            mean,
+            spread,
             correlation=square + np.tril(square, -1).T,
             limit=stored.limit,
             rule=None if stored.confidence is None else ConfidenceRule.from_dict(stored.confidence),

@@ -9,11 +9,10 @@ from scipy import ndimage
 
 from hadr.camera import Intrinsics
 from hadr.confidence.calibration import Calibration, ConfidenceRule
-from hadr.confidence.frame_features import FEATURES, frame_features, outline_features
+from hadr.confidence.frame_features import FEATURES, frame_features, outline_features, torn
 from hadr.confidence.known_ground import BEYOND, Field, Ground, shrunk_covariance
 from hadr.confidence.sight import Observation, Sight
 from hadr.data.samples import open_samples, samples_dir
-from hadr.frame_checks import torn
 from hadr.restoration import Restorer
 
 CAMERA = Intrinsics(fx=100, fy=100, cx=39.5, cy=29.5, width=80, height=60)
