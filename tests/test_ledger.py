@@ -100,8 +100,9 @@ def test_what_the_page_says_of_short_trainings_is_so():
     assert len(file.provenance["measured"]) == 144
     clear = {name for name, effect in effects.items()
              if abs(effect["RMSE"][0]) > 2 * effect["RMSE"][1]}  # fmt: skip
-    assert clear == {"loss weights as coded", "one rate for all layers"}
-    assert all(effects[name]["RMSE"][0] > 0 for name in clear)
+    worse = {name for name in clear if effects[name]["RMSE"][0] > 0}
+    assert worse == {"loss weights as coded", "one rate for all layers"}
+    assert clear - worse == {"depth loss over z alone"}
     coded = effects["loss weights as coded"]
     assert coded["shape"][0] < 2 * coded["shape"][1]  # "its shape is no worse"
     place = [rows[name]["given"]["true keypoints"]["place_m"] for name in rows]
@@ -111,7 +112,7 @@ def test_what_the_page_says_of_short_trainings_is_so():
     assert abs(random["color_gain_m"]) < 0.0005 < 0.002 < sees["as it is"]["color_gain_m"] < 0.009
     assert max(rank for name, rank in random.items() if name.startswith("rank")) < 10
     assert 0.5 < one_rate["rank_3"] / sees["as it is"]["rank_3"] < 0.6
-    assert {1, 3, 28, 29, 32} <= {effect["row"] for effect in effects.values()}
+    assert {1, 2, 3, 28, 29, 32} <= {effect["row"] for effect in effects.values()}
     learned = effects["predicted keypoints in training"]
     for name in ("RMSE", "RMSE with predicted keypoints"):
         assert abs(learned[name][0]) < learned[name][1]
