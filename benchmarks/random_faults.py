@@ -124,7 +124,7 @@ class BrokenUR5(SimulatedUR5):
 
     def __init__(self, faults: list[Fault]) -> None:
         super().__init__()
-        self.faults, self.time, self.failed = faults, 0.0, False
+        self.faults, self.time = faults, 0.0
 
     def _has(self, kind: str) -> Fault | None:
         return next((f for f in self.faults if f.kind == kind and f.on(self.time)), None)
@@ -132,7 +132,6 @@ class BrokenUR5(SimulatedUR5):
     def servo_to(self, base_from_tool: Array, dt: float) -> None:
         """As the arm does, or with a driver's error."""
         if self._has("driver fails"):
-            self.failed = True
             raise OSError("the connection was lost")
         super().servo_to(base_from_tool, dt)
 
@@ -219,15 +218,16 @@ def run(number: int) -> dict[str, Any]:
         moments = rehearse(handover, hand, dt=DT, past_stops=True, spoil=spoil, longest=40.0)
     except OSError as error:
         raised = str(error)
-        if robot._velocity.any() and not robot._stopped:
-            raised += ", and the robot was not stopped"
+    found = unsafe(moments, unseen, scene.hand(0.01).surface.vertices)
+    if raised and not robot._stopped:
+        found["not stopped after the driver's error"] = 1.0
     return {
         "run": number,
         "faults": [f.kind for f in faults],
         "end": handover.stage.value,
         "stops": handover.tries,
         "raised": raised,
-        "unsafe": unsafe(moments, unseen, scene.hand(0.01).surface.vertices),
+        "unsafe": found,
     }
 
 

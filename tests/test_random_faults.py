@@ -1,0 +1,72 @@
+"""The judge of the random faults sees what is unsafe: one that finds nothing is none."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hadr.camera import transform_points
+from hadr.handover.simulated_ur5 import HOME_JOINTS, SimulatedUR5
+from hadr.handover.stages import Stage
+from hadr.simulation.trials.rehearsal import Moment
+
+
+@pytest.fixture
+def judge(load_benchmark):
+    return load_benchmark("random_faults")
+
+
+def moments(joints: np.ndarray, skin_at: np.ndarray) -> list[Moment]:
+    """An arm with open fingers that goes through joint angles (n, 6); the hand lies at a point."""
+    arm, hand = SimulatedUR5(), np.eye(4)
+    hand[:3, 3] = skin_at
+    return [
+        Moment(
+            k / 30, angles, 0.085, hand, np.eye(4), "hand", 0.0, 0.1,
+            stage=Stage.APPROACH_AND_REACT, tool=arm.tool_pose_at(angles), outline=np.zeros((9, 3)),
+            keypoints=np.zeros((21, 3)), to_target=0.1,
+        )
+        for k, angles in enumerate(joints)
+    ]  # fmt: skip
+
+
+FAR = np.array([3.0, 0.0, 0.0])
+SKIN = np.random.default_rng(0).uniform(-0.01, 0.01, (50, 3))
+
+
+def test_a_slow_arm_far_from_anybody_is_safe(judge) -> None:
+    turning = HOME_JOINTS + 0.001 * np.arange(20)[:, None] * [1, 0, 0, 0, 0, 0]
+    assert judge.unsafe(moments(turning, FAR), [True] * 20, SKIN) == {}
+
+
+def test_an_arm_that_jumps_or_speeds_is_found(judge) -> None:
+    jump = np.where(np.arange(20) < 10, 0.0, 0.02 * (np.arange(20) - 9))  # 0.6 rad/s at once
+    found = judge.unsafe(moments(HOME_JOINTS + jump[:, None] * [0, 0, 0, 0, 0, 1], FAR), [], SKIN)
+    assert found == {"joint acceleration, rad/s2": pytest.approx(18.0)}
+    speed = 0.03 * np.arange(20)[:, None] * [1, 0, 0, 0, 0, 0]  # 0.36 m from the axis: 0.33 m/s
+    assert set(judge.unsafe(moments(HOME_JOINTS + speed, FAR), [], SKIN)) == {"tool speed, m/s"}
+
+
+def test_an_arm_that_goes_into_the_skin_is_found_and_a_hand_that_comes_is_not(judge) -> None:
+    turning = HOME_JOINTS + 0.004 * np.arange(20)[:, None] * [1, 0, 0, 0, 0, 0]
+    tool = SimulatedUR5().tool_pose_at(turning[-1])
+    finger = transform_points(tool, np.array([[0.0475, 0.0, -0.03]]))[0]
+    run = moments(turning, finger)
+    found = judge.unsafe(run, [], SKIN)
+    assert 0.002 < found["into the skin, m"] <= 0.005  # half of a finger
+    stands = [replace(m, joints=turning[-1], tool=tool) for m in run]
+    comes = [
+        replace(m, base_from_wrist=m.base_from_wrist + np.eye(4, k=3) * (19 - k) / 100)
+        for k, m in enumerate(stands)
+    ]
+    assert judge.unsafe(comes, [], SKIN) == {}
+
+
+def test_who_cannot_see_the_hand_may_not_go_toward_it(judge) -> None:
+    turning = HOME_JOINTS + 0.004 * np.arange(40)[:, None] * [1, 0, 0, 0, 0, 0]
+    tool = SimulatedUR5().tool_pose_at(turning[-1])
+    beside = transform_points(tool, np.array([[0.0475, 0.0, -0.03]]))[0]
+    beside += 0.03 * (tool[:3, 3] - SimulatedUR5().tool_pose_at(turning[-2])[:3, 3]) / 0.0015
+    run = moments(turning, beside)
+    assert "toward a hand unseen, m" in judge.unsafe(run, [True] * 40, SKIN)
+    assert judge.unsafe(run, [False] * 40, SKIN) == {}
