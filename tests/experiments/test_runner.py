@@ -113,7 +113,7 @@ def test_code_that_scores_keeps_a_training_and_code_that_trains_sets_it_aside(
     assert (bench.finished(run), bench.epochs_done(run)) == (None, 1)
     assert bench.measure(run)["rmse_m"] == row["rmse_m"]
     assert last.read_bytes() == weights
-    append(code / "training" / "tasks" / "unet_hand.py")
+    append(code / "training" / "tasks" / "images.py")
     assert (bench.finished(run), bench.epochs_done(run)) == (None, 0)
     bench.measure(run)
     assert (bench.finished(run) or {})["epochs"] == 1
