@@ -83,10 +83,13 @@ def without_hand(scene: HoldScene, _: np.random.Generator) -> HoldScene:
 
 def elsewhere(scene: HoldScene, rng: np.random.Generator) -> HoldScene:
     """The hand, or a second one that is taken for it, is 15 to 45 cm away from the glass."""
-    way = rng.normal(size=3)
-    way = rng.uniform(0.15, 0.45) * way / np.linalg.norm(way)
+    pose, way = scene.world_from_camera, np.full(3, -1.0)
+    depth = transform_points(np.linalg.inv(pose), scene.keypoints)[:, 2].min()
+    while depth + way[2] < 0.1:  # the hand stands before the camera
+        way = rng.normal(size=3)
+        way = rng.uniform(0.15, 0.45) * way / np.linalg.norm(way)
     moved = np.eye(4)
-    moved[:3, 3] = scene.world_from_camera[:3, :3] @ way
+    moved[:3, 3] = pose[:3, :3] @ way
     hand = scene.contents.hand
     assert hand is not None
     there = replace(hand, surface=hand.surface.moved(moved))
