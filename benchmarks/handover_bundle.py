@@ -5,9 +5,13 @@
     python benchmarks/handover_bundle.py --out build/handover --worse build/turned \\
         --films success=hadr/0004-904 failure=raw/0006-900
 
+    hadr handover --conditions hadr-plus-networks --out build/again            (some rows again)
+    python benchmarks/handover_bundle.py --again build/again
+
 Rows are summed up from the attempts' own sealed files; films, each with the picture of the moment
 that decided it, are drawn from their states. With the films go the recordings of the attempt that
-the chapter shows with four kinds of depth.
+the chapter shows with four kinds of depth. A row that was measured again says itself where it comes
+from; the file's provenance is the others'.
 """
 
 import argparse
@@ -69,14 +73,34 @@ def keep(out: Path, kept: Path, trial: Trial) -> None:
         shutil.copy(out / name, kept / name)
 
 
+def measure_again(path: Path, folder: Path) -> None:
+    """Put rows that were measured again into a table, each with a provenance of its own.
+
+    ValueError where they are of other attempts than the rows that they replace, or of none.
+    """
+    table, again = read_result_file(path), read_result_file(folder / "handover.json")
+    own = {key: value for key, value in again.provenance.items() if key != "sha256"}
+    new = {row["condition"]: {**row, "provenance": own} for row in again.rows}
+    for condition, row in new.items():
+        if set(table.row(condition=condition)["verdicts"]) != set(row["verdicts"]):
+            raise ValueError(f"{folder} has other attempts of {condition} than {path}")
+    rows = [new.get(row["condition"], row) for row in table.rows]
+    write_result_file(path, table.what, rows, table.provenance)
+
+
 def main() -> None:
     """Run the script."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, required=True, help="folder of the table's attempts")
+    which = parser.add_mutually_exclusive_group(required=True)
+    which.add_argument("--out", type=Path, help="folder of the table's attempts")
+    which.add_argument("--again", type=Path, help="folder of rows that were measured again")
     parser.add_argument("--worse", type=Path, nargs="*", default=[], help="folders made worse")
     parser.add_argument("--films", nargs="*", default=[], metavar="NAME=CONDITION/OBJECT-HOLD")
     parser.add_argument("--results", type=Path, default=Path("results/mini"))
     args = parser.parse_args()
+    if args.again is not None:
+        measure_again(args.results / "handover.json", args.again)
+        return
     table = read_result_file(args.out / "handover.json")
     full = [with_verdicts(row, args.out) for row in table.rows]
     write_result_file(args.results / "handover.json", table.what, full, table.provenance)

@@ -1,6 +1,7 @@
-"""Train the networks that find glass, hand and keypoints in pictures of the camera beside the robot.
+"""Train the networks that find glass, hand and keypoints in pictures of the handover's camera.
 
-    python benchmarks/handover_frames.py --out CAMERA --seed 1 --views 8 --train 768 --val 128
+    python benchmarks/handover_frames.py --out CAMERA --seed 1 --views 8 \
+        --train 576 --val 128 --test 0
     python benchmarks/handover_finders.py --data CAMERA --out OUT/handover
 
 The segmentation has an EfficientNet-Lite0 with ImageNet's weights and looks twice; the keypoints'
@@ -78,7 +79,6 @@ def main() -> None:
             data=data,
             start=start,
             progress=False,
-            watch=lambda epoch, _: print(network, epoch, flush=True),
         )
 
 

@@ -325,7 +325,7 @@ def test_filter_gives_a_hand_that_jumps_as_it_is_seen_and_then_begins_anew() -> 
     steadies, shape = HandFilter(), steady_hand()
     for number in range(5):
         steadies.steadied(0.1 * number, shape)
-    away = shape + [2 * FARTHEST_STEP, 0, 0]
+    away = shape + np.array([2 * FARTHEST_STEP, 0, 0])
     np.testing.assert_array_equal(steadies.steadied(0.5, away), away)
     np.testing.assert_allclose(steadies.steadied(0.6, shape), shape, atol=1e-9)
     for number in range(7, 12):  # it stays there
