@@ -10,13 +10,19 @@
         --only hadr-mini hadr-mini-unknown hadr-plus-mini hand-keypoints-mini segmentation-mini
 
     python benchmarks/handover_frames.py --out CAMERA
-    for network in hadr hadr-plus hand-keypoints segmentation; do  # options: each record has them
+    for network in hadr hadr-plus hand-keypoints; do  # options: each record has them
         hadr train --network $network --preset mini --data CAMERA --corruption erased \\
             --start-from data_samples/checkpoints/$network-mini.safetensors \\
             --out OUT/handover/$network
     done
     python benchmarks/bundle_checkpoints.py --made OUT --data CAMERA --only hadr-handover \\
-        hadr-plus-handover hand-keypoints-handover segmentation-handover
+        hadr-plus-handover hand-keypoints-handover
+
+    python benchmarks/handover_frames.py --out VIEWS --seed 1 --views 8 \\
+        --train 576 --val 128 --test 0
+    python benchmarks/handover_finders.py --data VIEWS --out LATER/handover
+    python benchmarks/bundle_checkpoints.py --made LATER --data VIEWS --only \\
+        hand-keypoints-handover segmentation-handover
 
 DIR is what `hadr generate --preset mini` has made. The last epoch's weights are taken, which was
 fixed beforehand, and stored as 16-bit floats. Depth networks are calibrated on validation frames;

@@ -1,6 +1,6 @@
 """Train the networks that find glass, hand and keypoints in pictures of the handover's camera.
 
-    python benchmarks/handover_frames.py --out CAMERA --seed 1 --views 8 \
+    python benchmarks/handover_frames.py --out CAMERA --seed 1 --views 8 \\
         --train 576 --val 128 --test 0
     python benchmarks/handover_finders.py --data CAMERA --out OUT/handover
 
