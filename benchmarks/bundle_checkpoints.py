@@ -20,9 +20,8 @@
 
     python benchmarks/handover_frames.py --out VIEWS --seed 1 --views 8 \\
         --train 576 --val 128 --test 0
-    python benchmarks/handover_finders.py --data VIEWS --out LATER/handover
-    python benchmarks/bundle_checkpoints.py --made LATER --data VIEWS --only \\
-        hand-keypoints-handover segmentation-handover
+    python benchmarks/handover_segmentation.py --data VIEWS --out OUT/handover/segmentation
+    python benchmarks/bundle_checkpoints.py --made OUT --data VIEWS --only segmentation-handover
 
 DIR is what `hadr generate --preset mini` has made. The last epoch's weights are taken, which was
 fixed beforehand, and stored as 16-bit floats. Depth networks are calibrated on validation frames;

@@ -256,3 +256,28 @@ def test_a_robot_with_networks_is_told_nothing_by_the_simulator(
     assert seen.keypoints is None
     assert seen.object_points is None
     assert told[0].color is not None
+
+
+def test_keypoints_of_networks_are_steadied_and_the_simulator_s_are_not(
+    scene: HeldScene, camera: RobotCamera, at: Callable[..., WorldState]
+) -> None:
+    class Shaky:
+        """Finds the hand three millimetres to one side, then to the other."""
+
+        count = 0
+
+        def find(self, frame: CapturedFrame):
+            self.count += 1
+            side = 0.003 * (-1) ** self.count
+            blank = np.zeros_like(frame.object_mask)
+            return blank, blank, frame.keypoints + np.array([side, 0.0, 0.0])
+
+    sight = Sight(scene, camera, "raw", finder=Shaky())
+    seen = [sight.look(at(scene, 0.1 * number), with_points=False) for number in range(12)]
+    middles = np.array(
+        [look.keypoints.mean(axis=0)[0] for look in seen if look.keypoints is not None]
+    )
+    steps = np.abs(np.diff(middles))
+    assert steps[0] == pytest.approx(0.003, abs=1e-6)  # half of the way, see HandFilter
+    assert (steps[5:] < 0.0045).all()
+    assert np.ptp(middles[6:]) < 0.0045
