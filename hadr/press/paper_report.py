@@ -182,13 +182,14 @@ def _handover(file: ResultFile, paper: Mapping[str, Any], size: str) -> str:
             command += f" --objects {' '.join(there)}"
         took = seconds_text(row["attempts"] * row["mean_wall_seconds"])
         low, high = (100 * edge for edge in row["interval"])
+        origin = row.get("provenance", file.provenance)  # of a row that was measured again
         told = {
             f"command, {took}, origin": "",
             "command": _code(command),
             "run time": f"{took} for {row['attempts']} attempts, one at a time",
             "rate": f"95 % interval {low:.0f} to {high:.0f} %",
-            "commit": _code((file.provenance["commit"] or "unknown")[:7]),
-            "machine": str(file.provenance["machine"]),
+            "commit": _code((origin["commit"] or "unknown")[:7]),
+            "machine": str(origin["machine"]),
         }
         listed.append((label, lines, told))
     words = (
