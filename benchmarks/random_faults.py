@@ -1,6 +1,6 @@
 """Does the workflow ever move unsafely while things break? Random faults, and a judge of its own.
 
-    python benchmarks/random_faults.py --runs 1000 --json results/speed/random_faults.json
+    python benchmarks/random_faults.py --runs 1000 --jobs 2 --json results/random_faults.json
 
 Each run is a rehearsal on the arm without physics: a hand that swings, and one to three faults of
 perception, robot or person that begin and end at random. The judge shares nothing with the guard:

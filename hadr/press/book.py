@@ -337,4 +337,4 @@ def readme_table(build: Path, root: Path) -> str:
         titles[name] = f"[{chapter_title(notebook)}](notebooks/{name}.ipynb)"
     if len(machines := sorted({timed[run.name].machine for run in runs})) > 1:
         raise ValueError(f"{path} has times of {' and of '.join(machines)}: run `make book` again")
-    return f"{run_time_table(runs, titles)}\n\nMeasured on {machines[0]}, two chapters at a time."
+    return f"{run_time_table(runs, titles)}\n\nMeasured on {machines[0]}."

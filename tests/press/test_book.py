@@ -180,7 +180,7 @@ def test_the_readme_table_comes_from_the_measurement(tmp_path):
     table = book.readme_table(tmp_path, tmp_path)
     assert "00_old" not in table
     assert "| [A *title*](notebooks/00_a.ipynb) | 1 min 01 s |" in table
-    assert table.endswith("Measured on two cores, two chapters at a time.")
+    assert table.endswith("Measured on two cores.")
 
 
 @pytest.mark.parametrize(
