@@ -54,6 +54,7 @@ def trace(
         description = scene_to_mitsuba(scene)
         description["sensor"] = mitsuba_sensor(scene, samples, seed)
         loaded = mi.load_dict(description)
+        _any_lens(mi, loaded)
         paths = mi.load_dict({"type": "path", "max_depth": _SURFACES, "rr_depth": 3})
         # One integrator for both would trace every path twice.
         first = mi.load_dict({"type": "aov", "aovs": "albedo:albedo,normal:sh_normal"})
@@ -66,6 +67,17 @@ def trace(
     albedo, normal = np.clip(guides[..., -6:-3], 0, 1), guides[..., -3:]
     _look_through_glass(scene, albedo)
     return light[..., :3], albedo, normal
+
+
+def _any_lens(mi: Any, loaded: Any) -> None:
+    """Hand the lens over as data: its numbers would compile the kernels anew for each picture."""
+    if mi.variant() != LLVM:
+        return
+    drjit = importlib.import_module("drjit")
+    lens = mi.traverse(loaded.sensors()[0])
+    for name in {"aperture_radius", "focus_distance"} & set(lens.keys()):
+        lens[name] = drjit.opaque(mi.Float, float(lens[name][0]))
+    lens.update()
 
 
 def _one_order(mi: Any) -> AbstractContextManager[None]:

@@ -15,7 +15,7 @@ from hadr.synthesis.scene.lights import AreaLight, Environment
 
 
 def trial_scene(lamps: int) -> Scene:
-    """Skin, glass, a textured wall, lamps and a sky, seen along z; no hold was searched for it.
+    """Skin, glass, a wall, lamps and a sky, seen through a lens; no hold was searched for it.
 
     Mitsuba's kernels for it are those for our frames with so many lamps, one or two, but for the
     numbers of the camera.
@@ -42,7 +42,7 @@ def trial_scene(lamps: int) -> Scene:
     sky = Environment(np.full((128, 256, 3), 0.5, dtype=np.float32))
     things = Contents(hand, glass, surroundings=wall, lamps=light[:lamps], environment=sky)
     camera = Intrinsics(40.0, 40.0, 23.5, 13.0, 48, 27)
-    return Scene(things, camera, np.eye(4))
+    return Scene(things, camera, np.eye(4), aperture=0.003, focus=0.5)
 
 
 def draw_trial() -> str:

@@ -182,8 +182,11 @@ def test_the_trial_runs_the_kernels_that_a_frame_needs(held):
         trials = [replace(trial_scene(lamps), camera=held.camera) for lamps in (1, 2)]
         tried = kernels(trials[0]) | kernels(trials[1])
         needed = kernels(held)
+        lenses = [replace(held, aperture=0.003 + 0.001 * i, focus=0.4 + 0.2 * i) for i in (0, 1)]
+        first, second = map(kernels, lenses)
     assert len(needed) > 2
     assert needed <= tried
+    assert second <= first, "another lens must not compile the kernels anew"
 
 
 # The picture ---------------------------------------------------------------------------------
