@@ -38,6 +38,9 @@ from hadr.simulation.trials.experiment import (
 )
 from hadr.simulation.trials.trial import Trial
 
+WORSE = ("extrinsics_error_deg", "hand_speed", "picture_rate", "latency", "restless")
+"""What can be made worse."""
+
 
 def outcomes_below(folder: Path, condition: str) -> list[dict[str, Any]]:
     """All finished attempts of a condition, in the order of their names."""
@@ -60,8 +63,8 @@ def with_verdicts(row: dict[str, Any], folder: Path) -> dict[str, Any]:
 
 def worse_row(condition: str, outcomes: list[dict[str, Any]]) -> dict[str, Any]:
     """A condition's row with what was made worse."""
-    trial = outcomes[0]["trial"]
-    made = {"extrinsics_deg": trial["extrinsics_error_deg"], "hand_speed": trial["hand_speed"]}
+    trial = Trial(**outcomes[0]["trial"])
+    made = {name: getattr(trial, name) for name in WORSE}
     return {**condition_row(condition, outcomes), **made}
 
 

@@ -58,15 +58,21 @@ COARSE = StereoCamera(
 )
 
 
-def at_distance(least: float, most: float) -> Change:
+def moved(scene: HoldScene, distance: float) -> HoldScene:
     """Move the camera along its line to the glass, which stands at the world's origin, metres."""
+    pose = scene.world_from_camera.copy()
+    pose[:3, 3] *= distance / np.linalg.norm(pose[:3, 3])
+    return replace(scene, world_from_camera=pose)
 
-    def change(scene: HoldScene, rng: np.random.Generator) -> HoldScene:
-        pose = scene.world_from_camera.copy()
-        pose[:3, 3] *= rng.uniform(least, most) / np.linalg.norm(pose[:3, 3])
-        return replace(scene, world_from_camera=pose)
 
-    return change
+def at_distance(least: float, most: float) -> Change:
+    """Move the camera to a distance from the glass, metres."""
+    return lambda scene, rng: moved(scene, rng.uniform(least, most))
+
+
+def as_trained(scene: HoldScene, rng: np.random.Generator) -> HoldScene:
+    """The first edition's distances and pinhole: the bundled networks learned from its frames."""
+    return replace(moved(scene, 0.51 + 0.45 * rng.random() ** 1.5), aperture=0.0)
 
 
 def other_lens(scene: HoldScene, rng: np.random.Generator) -> HoldScene:
@@ -143,7 +149,9 @@ def drawn(name: str, part: str, number: int) -> Frame:
     if name in SMALL:
         settings = replace(settings, width=256, height=144)
     recipe: FrameRecipe = replace(settings.recipe(number), split="test")
-    plain = build_scene(recipe, settings)
+    plain = as_trained(
+        build_scene(recipe, settings), np.random.default_rng([settings.seed, number, 1])
+    )
     scene = SETS[name](plain, np.random.default_rng([settings.seed, number, 99]))
     # A painted glass has the labels of the glass.
     labelled = replace(scene, contents=plain.contents) if name == "opaque" else scene

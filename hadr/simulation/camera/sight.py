@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-from hadr.camera import window_around
+from hadr.camera import project, window_around
 from hadr.corruption import smooth_noise
 from hadr.data.samples import samples_dir
 from hadr.frame_checks import depth_to_use
@@ -53,6 +53,8 @@ MASK_JITTER = 0.6
 HIDDEN_NOISE = 2.0
 """Factor on the error of keypoints that the robot, the glass or another part of the hand hides, or
 that lie outside of the picture: they are guessed from the others."""
+RIGHT_M = 0.02
+"""So far off may a point of the object be that counts as right, metres."""
 SMALLEST_VISIBLE = 5
 """With fewer keypoints in the picture and not behind the robot no hand is found."""
 
@@ -95,6 +97,8 @@ class Sight:
         )
         self._noise: tuple[float, Array] | None = None
         self._steady = HandFilter()
+        self.points_right = float("nan")
+        """Share of the last object points within `RIGHT_M` of the true depth along their rays."""
 
     def look(self, state: WorldState, *, with_points: bool) -> Observation:
         """Take a picture of the world.
@@ -127,6 +131,7 @@ class Sight:
             return replace(found, scene_points=scene)
         depth, confidence = object_depth(self.source, frame, mask, keypoints)
         points = object_points(depth, mask, frame.camera, self._mask_rng)
+        self.points_right = float("nan") if points is None else _share_right(points, frame)
         return replace(found, object_points=points, scene_points=scene, confidence=confidence)
 
     def _seen_keypoints(self, state: WorldState) -> Array | None:
@@ -188,6 +193,12 @@ def object_depth(
     answer = network.restore(frame.color, given, frame.camera, mask, keypoints)
     sure = float(answer.confidence[mask].mean()) if network.can_say else None
     return answer.depth, sure
+
+
+def _share_right(points: Array, frame: CapturedFrame) -> float:
+    """Share of points (n, 3), camera frame, within `RIGHT_M` of what the picture truly shows."""
+    u, v = np.rint(project(points, frame.camera)).astype(int).T
+    return float((np.abs(points[:, 2] - frame.depth[v, u]) < RIGHT_M).mean())
 
 
 @lru_cache(maxsize=2)

@@ -104,6 +104,12 @@ class Options:
     """Factor on the hand's speed."""
     extrinsics_error: float = 0.0
     """Turn the camera by so many degrees from its calibration."""
+    restless: bool = False
+    """Hands that drift, swing or turn never come to rest."""
+    picture_rate: float = 10.0
+    """Pictures a second, 50 divided by a whole number."""
+    latency: float = 0.1
+    """Seconds from a picture to what is seen in it."""
     film: bool = False
     """Write an MP4 of each attempt, one by one: about a minute each."""
     watch: bool = False
@@ -150,6 +156,9 @@ def run(options: Options) -> int:
         options.holds[0],
         hand_speed=options.hand_speed,
         extrinsics_error_deg=options.extrinsics_error,
+        restless=options.restless,
+        picture_rate=options.picture_rate,
+        latency=options.latency,
     )
     which: dict[str, Any] = {"objects": options.objects, "holds": options.holds}
     plan = {
@@ -293,7 +302,9 @@ def _what(options: Options) -> str:
     return (
         f"{_WHAT}: objects {' '.join(options.objects)}, holds "
         f"{' '.join(map(str, options.holds))}, seed {options.seed}, hand's speed "
-        f"x{options.hand_speed:g}, camera turned by {options.extrinsics_error:g} degrees; "
+        f"x{options.hand_speed:g}{', restless' * options.restless}, camera turned by "
+        f"{options.extrinsics_error:g} degrees, {options.picture_rate:g} pictures a second, "
+        f"latency {options.latency:g} s; "
         f"{_origin_of_masks(options.conditions)}; success by HandoverSim's rules"
     )
 

@@ -302,7 +302,8 @@ def condition_row(condition: str, outcomes: Sequence[dict[str, Any]]) -> dict[st
         Attempts, successes, their rate with Wilson's 95 % interval, how many objects reach 0.5,
         0.8 and 1.0 as in the paper's table, successes and attempts by the hand's motion, failures
         by kind, mean times in seconds, the smallest distance to the hand in metres, the largest
-        force on it in newtons, also by way and stage, and each attempt's verdict.
+        force on it in newtons, also by way and stage, the mean share of the object's points that
+        were right to 2 cm in successes and in failures, and each attempt's verdict.
 
     Raises:
         ValueError: There is no outcome, or an attempt is there twice.
@@ -317,9 +318,10 @@ def condition_row(condition: str, outcomes: Sequence[dict[str, Any]]) -> dict[st
 
     interval = binomtest(int(won.sum()), len(won)).proportion_ci(0.95, "wilson")
     succeeded = [row for row in outcomes if row["verdict"] == "success"]
+    failed = [row for row in outcomes if row["verdict"] != "success"]
 
     def mean(name: str, rows: Sequence[dict[str, Any]]) -> float:
-        values = [row[name] for row in rows if row[name] is not None]
+        values = [row[name] for row in rows if row.get(name) is not None]
         return float(np.mean(values)) if values else float("nan")
 
     return {
@@ -348,6 +350,10 @@ def condition_row(condition: str, outcomes: Sequence[dict[str, Any]]) -> dict[st
         "largest_forces_n": {
             name: max(row["forces"].get(name, 0.0) for row in outcomes)
             for name in sorted({name for row in outcomes for name in row["forces"]})
+        },
+        "points_right": {
+            "success": mean("points_right", succeeded),
+            "failure": mean("points_right", failed),
         },
         "verdicts": verdicts(outcomes),
     }

@@ -1,14 +1,15 @@
 """One attempt, closed loop: world, camera, sight, workflow and judge, stepped together.
 
 The world is stepped at 50 Hz beside the workflow. The camera takes a picture ten times a second,
-and what it says arrives one picture later, as a real pipeline's answer does. Everything random
-comes from the attempt's seed, so the same attempt ends in the same way.
+and what is seen in it arrives 0.1 s later, as a real pipeline's answer does; both can be changed.
+Everything random comes from the attempt's seed, so the same attempt ends in the same way.
 """
 
 from __future__ import annotations
 
 import re
 import time as clock
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -26,7 +27,7 @@ from hadr.handover.stages import ChosenGrasp, HandoverConfig, Stage, Transition
 from hadr.handover.workflow import Handover
 from hadr.records.caches import file_sha256
 from hadr.records.dependencies import code_digest
-from hadr.records.provenance import record_of
+from hadr.records.provenance import IF_CHANGED, record_of
 from hadr.simulation.camera.robot_camera import RobotCamera
 from hadr.simulation.camera.sight import (
     CHECKPOINTS,
@@ -63,8 +64,10 @@ scenes of which none is the experiment's; but a constant, so that an attempt end
 every machine."""
 AFTER_TOUCH = 1.0
 """So long goes an attempt on after the robot has touched the hand, to tell the force, seconds."""
-CONTROL_STEP, SIGHT_STEP = 0.02, 0.1
-"""Seconds between two steps of the workflow, and between two pictures."""
+CONTROL_STEP = 0.02
+"""Seconds between two steps of the workflow."""
+LARGEST_LATENCY = 2.0
+"""Later than this, seconds, no picture is answered."""
 
 
 ATTEMPT_CONFIG = HandoverConfig(
@@ -100,6 +103,9 @@ class Trial:
         hand_speed: Factor on the speed of the hand's motion.
         extrinsics_error_deg: The camera stands turned by this angle from what its calibration says.
         time_limit: Seconds until the attempt has failed.
+        restless: What moves never comes to rest; else it dies down over two seconds.
+        picture_rate: Pictures a second: 50 divided by a whole number.
+        latency: Seconds from a picture to what is seen in it, in whole steps of 0.02 s.
     """
 
     object_id: str
@@ -109,6 +115,9 @@ class Trial:
     hand_speed: float = 1.0
     extrinsics_error_deg: float = 0.0
     time_limit: float = 13.0
+    restless: bool = field(default=False, metadata=IF_CHANGED)
+    picture_rate: float = field(default=10.0, metadata=IF_CHANGED)
+    latency: float = field(default=0.1, metadata=IF_CHANGED)
 
     def __post_init__(self) -> None:
         glass_object(self.object_id)  # says which there are
@@ -126,11 +135,25 @@ class Trial:
             )
         if not (np.isfinite(self.time_limit) and self.time_limit > 0):
             raise ValueError(f"time_limit must be seconds above 0, got {self.time_limit}")
+        if not (0 < self.picture_rate <= 1 / CONTROL_STEP and _whole(self.picture_steps)):
+            raise ValueError(
+                f"picture_rate must be 50 divided by a whole number, got {self.picture_rate}"
+            )
+        if not (0 <= self.latency <= LARGEST_LATENCY and _whole(self.latency / CONTROL_STEP)):
+            raise ValueError(
+                f"latency must lie in 0..{LARGEST_LATENCY:g}, a multiple of {CONTROL_STEP}, got "
+                f"{self.latency}"
+            )
 
     @property
     def name(self) -> str:
         """Name of the attempt's files, such as ``0004-902``."""
         return f"{self.object_id}-{self.hold_number}"
+
+    @property
+    def picture_steps(self) -> float:
+        """Steps of the workflow from one picture to the next."""
+        return 1 / (self.picture_rate * CONTROL_STEP)
 
     @property
     def record(self) -> dict[str, Any]:
@@ -144,6 +167,10 @@ class Trial:
         """
         sums = {name: file_sha256(path) for name, path in network_files(self.condition).items()}
         return {**record_of(self), "networks": sums, "code": _code()}
+
+
+def _whole(number: float) -> bool:
+    return abs(number - round(number)) < 1e-9
 
 
 @cache  # what this process has loaded does not change
@@ -190,6 +217,8 @@ class Outcome:
         corrections: How often a finger met the object and the gripper went in again beside.
         forces: Largest force on the hand by way and stage, newtons, such as "touch, Stopped" or
             "through the glass, Grasp & Retrieve", up to the same time.
+        points_right: Share of the object's points that lie within 2 cm of its true surface, along
+            their rays, when the last grasp was chosen; NaN without one.
     """
 
     verdict: Verdict
@@ -205,6 +234,7 @@ class Outcome:
     wall_seconds: float
     corrections: int = 0
     forces: dict[str, float] = field(default_factory=dict)
+    points_right: float = float("nan")
 
 
 @dataclass(frozen=True)
@@ -263,7 +293,9 @@ def run_trial(
     """
     started = clock.perf_counter()
     scene = held_scene(trial.object_id, trial.hold_number, trial.seed)
-    motion = motion_for(scene, trial.hold_number, trial.seed, speed=trial.hand_speed)
+    motion = motion_for(
+        scene, trial.hold_number, trial.seed, speed=trial.hand_speed, restless=trial.restless
+    )
     world = World(scene, motion.moved, ATTEMPT_ARM, ATTEMPT_MOTION, trial.seed)
     camera = RobotCamera().miscalibrated(trial.extrinsics_error_deg, trial.seed)
     base_from_camera = camera.calibration
@@ -280,22 +312,26 @@ def run_trial(
     handover = RecordedHandover(world.robot, select, base_from_camera, config)
     judge = Judge(scene.item.height, trial.time_limit)
     states = [world.state()]
-    arriving = sight.look(states[0], with_points=True)
+    observation, shown_right = sight.look(states[0], with_points=True), whole.points_right
+    arriving = deque([(0, observation, shown_right)])
+    points_right = float("nan")
     step = ready = 0
     forces: dict[str, float] = {}
     while not judge.verdict or (
         judge.verdict == "human contact" and world.time < judge.decided_at + AFTER_TOUCH
     ):
-        if step % round(SIGHT_STEP / CONTROL_STEP) == 0:
-            observation = arriving
-            if step > 0:  # the first picture is there already
-                waits = handover.stage is Stage.WAIT_AND_OBSERVE
-                arriving = sight.look(states[-1], with_points=waits)
+        if step > 0 and step % round(trial.picture_steps) == 0:  # the first one is there already
+            seen = sight.look(states[-1], with_points=handover.stage is Stage.WAIT_AND_OBSERVE)
+            arriving.append((step + round(trial.latency / CONTROL_STEP), seen, whole.points_right))
+        while arriving and arriving[0][0] <= step:
+            _, observation, shown_right = arriving.popleft()
         if step >= ready:
-            searches = len(select.seconds)
+            searches, before = len(select.seconds), len(handover.transitions)
             handover.step(replace(observation, time=world.time), CONTROL_STEP)
             if len(select.seconds) > searches:
                 ready = step + 1 + round(PLANNING_TIME / CONTROL_STEP)
+            if any(t.after is Stage.APPROACH_AND_REACT for t in handover.transitions[before:]):
+                points_right = shown_right
         world.step(CONTROL_STEP)
         state = world.state()
         states.append(state)
@@ -324,6 +360,7 @@ def run_trial(
         wall_seconds=clock.perf_counter() - started,
         corrections=handover.advance.all_corrections,
         forces=forces,
+        points_right=points_right,
     )
     return Run(
         trial, scene, outcome, tuple(states[::2]), tuple(handover.transitions), handover.log()

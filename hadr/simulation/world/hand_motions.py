@@ -1,7 +1,8 @@
 """How the hand moves while it holds something out: five kinds, each reproducible from its seed.
 
-People who hand something over come to rest, so every motion but the tremor dies down; the hand of
-`give-and-withdraw` offers, pulls back, waits, and offers again. All in the robot's base frame.
+People who hand something over come to rest, so every motion but the tremor dies down, unless the
+hand is restless; the hand of `give-and-withdraw` offers, pulls back, waits, and offers again. All
+in the robot's base frame.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ PERIODS: dict[str, tuple[float, float]] = {"swing": (2.0, 3.0), "turn": (3.0, 4.
 DRIFT_PERIODS = (3.0, 6.0)
 """Shortest and longest period, seconds; of a drift, and of kinds that `PERIODS` has not."""
 CALM_AFTER = 2.0
-"""A motion dies down over about this long, seconds; infinity keeps the hand moving."""
+"""A motion dies down over about this long, seconds."""
 TREMOR, TREMOR_TURN = 0.001, float(np.deg2rad(0.2))
 """Root mean square of the tremor's displacement, metres, and rotation, radians."""
 WITHDRAW, GIVEN_AGAIN = (0.15, 0.25), 0.02
@@ -72,12 +73,14 @@ class SeededMotion:
         seed: Chooses directions, periods and times.
         speed: 1 is normal; 3 goes through the same motion three times as fast. When a hand comes
             to rest, and when it withdraws, does not depend on it.
+        restless: A drift, a swing or a turn goes on for good.
     """
 
     kind: MotionKind
     wrist: Array
     seed: int = 0
     speed: float = 1.0
+    restless: bool = False
 
     def moved(self, time: float) -> Array:
         """base_now_from_base_start (4, 4) at a time in seconds; the identity up to time 0."""
@@ -89,7 +92,7 @@ class SeededMotion:
     def _displaced(self, time: float) -> Array:
         """Displacement in metres and rotation vector in radians, shape (2, 3)."""
         drawn = self._drawn
-        lasted = calmed(time, CALM_AFTER)
+        lasted = calmed(time, np.inf if self.restless else CALM_AFTER)
         wave = drawn.signs * np.sin(2 * np.pi * self.speed * lasted / drawn.periods)  # (2, 3)
         out = self._tremor(time)
         if self.kind == "drift":
@@ -164,10 +167,15 @@ def kind_for(object_id: str, hold_number: int, seed: int = 0) -> MotionKind:
 
 
 def motion_for(
-    scene: HeldScene, hold_number: int, seed: int = 0, *, speed: float = 1.0
+    scene: HeldScene,
+    hold_number: int,
+    seed: int = 0,
+    *,
+    speed: float = 1.0,
+    restless: bool = False,
 ) -> SeededMotion:
     """The hand's motion in one attempt at a scene; `seed` is the experiment's."""
     object_id = scene.hold.object_id
     number = int(np.random.SeedSequence([seed, int(object_id), hold_number]).generate_state(1)[0])
     kind = kind_for(object_id, hold_number, seed)
-    return SeededMotion(kind, scene.base_from_wrist[:3, 3].copy(), number, speed)
+    return SeededMotion(kind, scene.base_from_wrist[:3, 3].copy(), number, speed, restless)

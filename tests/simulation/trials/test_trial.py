@@ -117,6 +117,19 @@ def test_a_watcher_sees_each_step_and_changes_nothing(whole: Run) -> None:
     assert {stage for t, stage in seen if t > chosen + STEP} == {Stage.APPROACH_AND_REACT}
 
 
+@pytest.mark.parametrize(("rate", "latency"), [(10.0, 0.1), (5.0, 0.1), (25.0, 0.3), (50.0, 0.0)])
+def test_pictures_come_at_their_rate_and_late(rate: float, latency: float) -> None:
+    run = run_trial(replace(BROKEN, picture_rate=rate, latency=latency, time_limit=0.8))
+    times, taken = (np.rint(run.log.arrays[n] * 50) for n in ("time", "taken"))  # whole steps
+    between = 50 / rate
+    expected = between * np.floor((times - 50 * latency) / between)
+    np.testing.assert_array_equal(taken, np.maximum(expected, 0))
+
+
+def test_points_of_true_depth_are_right_but_for_the_outline(whole: Run) -> None:
+    assert 0.8 < whole.outcome.points_right <= 1
+
+
 def test_the_log_of_an_attempt_replays(whole: Run) -> None:
     again = replay(whole.log)
     assert tuple(again.transitions) == whole.transitions
@@ -215,6 +228,12 @@ def test_a_short_fault_is_lived_through() -> None:
         ({"extrinsics_error_deg": float("nan")}, r"extrinsics_error_deg .* got nan"),
         ({"extrinsics_error_deg": 200.0}, r"got 200\.0"),
         ({"time_limit": 0.0}, r"time_limit must be seconds above 0, got 0\.0"),
+        ({"picture_rate": 30.0}, r"picture_rate must be 50 divided by a whole number, got 30\.0"),
+        ({"picture_rate": 0.0}, r"got 0\.0"),
+        ({"picture_rate": 100.0}, r"got 100\.0"),
+        ({"latency": -0.1}, r"latency must lie in 0\.\.2, a multiple of 0\.02, got -0\.1"),
+        ({"latency": 0.13}, r"got 0\.13"),
+        ({"latency": float("nan")}, r"got nan"),
     ],
 )
 def test_what_is_wrong_with_a_description_is_named(wrong: dict[str, object], says: str) -> None:
@@ -227,7 +246,8 @@ def test_descriptions_are_told_apart() -> None:
         replace(BROKEN, **{name: value})
         for name, value in [
             ("object_id", "0001"), ("hold_number", 923), ("seed", 1), ("hand_speed", 3.0),
-            ("extrinsics_error_deg", 3.0), ("time_limit", 5.0),
+            ("extrinsics_error_deg", 3.0), ("time_limit", 5.0), ("restless", True),
+            ("picture_rate", 5.0), ("latency", 0.3),
         ]
     ] + [
         replace(BROKEN, condition=name) for name in CONDITIONS if name != BROKEN.condition

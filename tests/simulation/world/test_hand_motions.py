@@ -27,11 +27,6 @@ def no_tremor(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(hand_motions, "TREMOR_TURN", 0.0)
 
 
-@pytest.fixture
-def restless(no_tremor: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(hand_motions, "CALM_AFTER", np.inf)
-
-
 def wrist_path(motion: SeededMotion, times: np.ndarray = TIMES) -> np.ndarray:
     poses = np.array([motion.moved(float(t)) for t in times])
     return poses[:, :3, :3] @ WRIST + poses[:, :3, 3]
@@ -70,21 +65,18 @@ def test_a_still_hand_trembles_by_about_a_millimetre() -> None:
 
 
 @pytest.mark.parametrize("kind", ["drift", "swing", "turn"])
-def test_motions_calm_down(
-    kind: MotionKind, no_tremor: None, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    motion = SeededMotion(kind, WRIST, 2)
+def test_motions_calm_down_unless_the_hand_is_restless(kind: MotionKind, no_tremor: None) -> None:
+    motion, restless = SeededMotion(kind, WRIST, 2), SeededMotion(kind, WRIST, 2, restless=True)
     poses = np.array([motion.moved(float(t))[:3] for t in TIMES])
     change = np.abs(np.diff(poses, axis=0)).max(axis=(1, 2)) / 0.02
     assert change[TIMES[:-1] < 2].max() > 0.03
     assert change[TIMES[:-1] > 10].max() < 1e-3
-    monkeypatch.setattr(hand_motions, "CALM_AFTER", np.inf)
-    poses = np.array([motion.moved(t)[:3] for t in TIMES])
+    poses = np.array([restless.moved(t)[:3] for t in TIMES])
     assert np.abs(np.diff(poses[-250:], axis=0)).max() / 0.02 > 0.03
 
 
-def test_each_kind_moves_as_it_is_called(restless: None) -> None:
-    drift, swing, turn = (SeededMotion(k, WRIST, 4) for k in KINDS[1:4])
+def test_each_kind_moves_as_it_is_called(no_tremor: None) -> None:
+    drift, swing, turn = (SeededMotion(k, WRIST, 4, restless=True) for k in KINDS[1:4])
     away = np.abs(wrist_path(drift) - WRIST).max(axis=0)
     np.testing.assert_allclose(away, hand_motions.DRIFT, rtol=0.01)
     assert turned(drift).max() < 1e-7
@@ -115,8 +107,8 @@ def test_a_hand_gives_withdraws_and_gives_again(seed: int, no_tremor: None) -> N
     np.testing.assert_array_equal(path[-1], path[-100])
 
 
-def test_speed_goes_through_the_same_motion_faster(restless: None) -> None:
-    slow, fast = (SeededMotion("drift", WRIST, 7, speed) for speed in (1.0, 3.0))
+def test_speed_goes_through_the_same_motion_faster(no_tremor: None) -> None:
+    slow, fast = (SeededMotion("drift", WRIST, 7, speed, restless=True) for speed in (1.0, 3.0))
     for time in (0.3, 1.0, 2.2):
         np.testing.assert_allclose(fast.moved(time), slow.moved(3 * time), atol=1e-12)
     slow, fast = (SeededMotion("give-and-withdraw", WRIST, 7, speed) for speed in (1.0, 3.0))
