@@ -1,9 +1,12 @@
 """Put the handover experiment's results, and the recordings of chapter 13, where they belong.
 
     hadr handover --out build/handover                                          (the table)
-    hadr handover --conditions perfect --extrinsics-error 3 --out build/turned        (made worse)
-    python benchmarks/handover_bundle.py --out build/handover --worse build/turned \\
+    python benchmarks/handover_bundle.py --out build/handover \\
         --films success=hadr/0004-904 failure=raw/0006-900
+
+    hadr handover --conditions perfect --out build/perfect                    (made worse)
+    hadr handover --conditions perfect --extrinsics-error 3 --out build/turned
+    python benchmarks/handover_bundle.py --worse build/perfect build/turned
 
     hadr handover --conditions hadr-plus-networks --out build/again            (some rows again)
     python benchmarks/handover_bundle.py --again build/again
@@ -91,37 +94,40 @@ def measure_again(path: Path, folder: Path) -> None:
     write_result_file(path, table.what, rows, table.provenance)
 
 
+def bundle_worse(path: Path, folders: list[Path]) -> None:
+    """Sum up attempts that were made worse, and those of the folder in which nothing was."""
+    files = [read_result_file(folder / "handover.json") for folder in folders]
+    rows = [
+        worse_row(row["condition"], outcomes_below(folder, row["condition"]))
+        for folder, file in zip(folders, files, strict=True)
+        for row in file.rows
+    ]
+    commits = {file.provenance["commit"] for file in files}
+    if len(commits) > 1:
+        raise ValueError(f"the folders are of different commits: {', '.join(sorted(commits))}")
+    what = "handover attempts in simulation, made worse one by one; success by HandoverSim's rules"
+    write_result_file(path, what, rows, {**files[0].provenance, "machine": machine_text()})
+
+
 def main() -> None:
     """Run the script."""
     parser = argparse.ArgumentParser(description=__doc__)
     which = parser.add_mutually_exclusive_group(required=True)
     which.add_argument("--out", type=Path, help="folder of the table's attempts")
     which.add_argument("--again", type=Path, help="folder of rows that were measured again")
-    parser.add_argument("--worse", type=Path, nargs="*", default=[], help="folders made worse")
+    which.add_argument("--worse", type=Path, nargs="+", help="folders made worse, and one not")
     parser.add_argument("--films", nargs="*", default=[], metavar="NAME=CONDITION/OBJECT-HOLD")
     parser.add_argument("--results", type=Path, default=Path("results/mini"))
     args = parser.parse_args()
     if args.again is not None:
         measure_again(args.results / "handover.json", args.again)
         return
+    if args.worse is not None:
+        bundle_worse(args.results / "handover_worse.json", args.worse)
+        return
     table = read_result_file(args.out / "handover.json")
     full = [with_verdicts(row, args.out) for row in table.rows]
     write_result_file(args.results / "handover.json", table.what, full, table.provenance)
-    made_worse = [read_result_file(folder / "handover.json") for folder in args.worse]
-    rows, names = [], set[str]()
-    for folder, file in zip(args.worse, made_worse, strict=True):
-        for row in file.rows:
-            rows.append(worse_row(row["condition"], outcomes_below(folder, row["condition"])))
-            names = set(rows[-1]["verdicts"])
-    for condition in dict.fromkeys(
-        row["condition"] for row in rows
-    ):  # the same attempts, not made worse
-        same = [r for r in outcomes_below(args.out, condition) if set(verdicts([r])) <= names]
-        rows.append(worse_row(condition, same))
-    what = table.what + "; the same with the camera turned or a faster hand"
-    if args.worse:
-        write_result_file(args.results / "handover_worse.json", what, rows,
-                          {**table.provenance, "machine": machine_text()})  # fmt: skip
     kept = samples_dir() / "handover"
     films = {}
     if args.films:

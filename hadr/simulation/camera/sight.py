@@ -30,6 +30,7 @@ from hadr.simulation.world.scenes import HeldScene
 from hadr.simulation.world.state import WorldState
 from hadr.trained_finders import HandKeypoints, Segmentation
 from hadr.trained_networks import DepthNetwork
+from hadr.training.checkpoints import read_record
 
 Array = npt.NDArray[np.float64]
 Depth = npt.NDArray[np.float32]
@@ -248,6 +249,18 @@ def bundled_finder() -> HandAndGlass:
         Segmentation.load(folder / CHECKPOINTS["segmentation"]),
         HandKeypoints.load(folder / CHECKPOINTS["keypoints"]),
     )
+
+
+def keypoint_uncertainty(*, by_networks: bool) -> float:
+    """Twice the standard deviation of a keypoint's coordinate, metres: what a guard reckons with.
+
+    That of the simulator's noise; or of the bundled network, from its mean distance on validation
+    frames as if errors were normal and alike in all directions: sqrt(8 / pi) deviations then.
+    """
+    if not by_networks:
+        return 2 * KEYPOINT_NOISE
+    record = read_record(samples_dir() / "checkpoints" / CHECKPOINTS["keypoints"])
+    return 2 * float(record["validation"]["keypoints_m"]) / float(np.sqrt(8 / np.pi))
 
 
 Fault = Literal["no hand", "nan keypoints", "frozen keypoints", "no frames", "low confidence"]

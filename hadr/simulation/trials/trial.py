@@ -35,6 +35,7 @@ from hadr.simulation.camera.sight import (
     Looks,
     Sight,
     bundled_finder,
+    keypoint_uncertainty,
 )
 from hadr.simulation.robot.motion_limits import MotionConfig
 from hadr.simulation.world.hand_motions import motion_for
@@ -308,7 +309,14 @@ def run_trial(
             rng, base_from_camera[:3, 3], rescoring=trial.condition != "hadr-no-rescoring"
         )
     )
-    config = replace(ATTEMPT_CONFIG, tracking=trial.condition != "hadr-no-tracking")
+    config = replace(
+        ATTEMPT_CONFIG,
+        tracking=trial.condition != "hadr-no-tracking",
+        safety=replace(
+            ATTEMPT_CONFIG.safety,
+            human_uncertainty=keypoint_uncertainty(by_networks=finder is not None),
+        ),
+    )
     handover = RecordedHandover(world.robot, select, base_from_camera, config)
     judge = Judge(scene.item.height, trial.time_limit)
     states = [world.state()]

@@ -13,10 +13,12 @@ from hadr.simulation.camera import sight
 from hadr.simulation.camera.robot_camera import CapturedFrame, RobotCamera
 from hadr.simulation.camera.sight import (
     FAULTS,
+    KEYPOINT_NOISE,
     SOURCES,
     BrokenSight,
     Sight,
     bundled_finder,
+    keypoint_uncertainty,
     object_depth,
 )
 from hadr.simulation.camera.training_frames import camera_frame
@@ -281,3 +283,13 @@ def test_keypoints_of_networks_are_steadied_and_the_simulator_s_are_not(
     assert steps[0] == pytest.approx(0.003, abs=1e-6)  # half of the way, see HandFilter
     assert (steps[5:] < 0.0045).all()
     assert np.ptp(middles[6:]) < 0.0045
+
+
+def test_the_guard_reckons_with_the_error_of_what_finds_the_keypoints(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    assert keypoint_uncertainty(by_networks=False) == pytest.approx(2 * KEYPOINT_NOISE)
+    errors = np.random.default_rng(0).normal(scale=0.011, size=(100_000, 3))
+    record = {"validation": {"keypoints_m": np.linalg.norm(errors, axis=1).mean()}}
+    monkeypatch.setattr(sight, "read_record", lambda path: record)
+    assert keypoint_uncertainty(by_networks=True) == pytest.approx(0.022, rel=0.01)

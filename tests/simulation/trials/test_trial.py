@@ -8,7 +8,7 @@ import pytest
 
 from hadr.handover.logs.replay import replay
 from hadr.handover.stages import Stage, Transition
-from hadr.simulation.camera.sight import BrokenSight, Fault
+from hadr.simulation.camera.sight import BrokenSight, Fault, keypoint_uncertainty
 from hadr.simulation.trials.trial import (
     AFTER_TOUCH,
     CONDITIONS,
@@ -124,6 +124,14 @@ def test_pictures_come_at_their_rate_and_late(rate: float, latency: float) -> No
     between = 50 / rate
     expected = between * np.floor((times - 50 * latency) / between)
     np.testing.assert_array_equal(taken, np.maximum(expected, 0))
+
+
+@pytest.mark.parametrize("condition", ["perfect", "hadr-plus-networks"])
+def test_the_guard_knows_how_far_off_keypoints_are(condition: str) -> None:
+    run = run_trial(replace(BROKEN, condition=condition, time_limit=0.1))
+    safety = run.log.header["config"]["safety"]
+    expected = keypoint_uncertainty(by_networks=condition != "perfect")
+    assert safety["human_uncertainty"] == pytest.approx(expected)
 
 
 def test_points_of_true_depth_are_right_but_for_the_outline(whole: Run) -> None:
