@@ -411,6 +411,27 @@ def test_chapter_13_says_which_differences_could_be_chance() -> None:
     assert rows["inpainted"]["successes"] < rows["raw"]["successes"]  # "worse than doing nothing"
 
 
+def test_pages_say_what_a_ground_tells() -> None:
+    file = read_result_file(RESULTS / "confidence" / "known_ground.json")
+    of = {(row["network"].partition(".")[0], row["set"]): row for row in file.rows}
+    right = {
+        name: [100 * (of[name, where]["share_right"] or 0) for where in ("inside", "near", "far")]
+        for name in ("hadr-mini", "hadr-plus-mini")
+    }
+    (hadr, hadr_near, hadr_far), (plus, plus_near, _) = right.values()
+    page = (ROOT / "book" / "own_frames.md").read_text(encoding="utf-8")
+    assert f"HADR {hadr:.0f} % and HADR-plus {plus:.0f} % on frames like those" in page
+    assert f"{hadr_near:.0f} % and {plus_near:.0f} % at 0.22 to 0.36 m" in page
+    assert hadr_far == 0  # "none of HADR's"
+    assert of["hadr-plus-mini", "far"]["share_right"] is None  # "no depth at all"
+    masks = ("mask mirrored", "mask moved by 4 px", "a disc in place of the mask")
+    kept = [
+        of["hadr-plus-mini", name]["share_inside"] for name in (*masks, "the mask's upper half")
+    ]
+    assert 1 / 12.5 < min(kept) < max(kept) < 1 / 6.5  # "one in twelve to one in seven is not"
+    assert of["hadr-plus-mini", "30 % taken out of the mask"]["share_inside"] == 0  # "always"
+
+
 def test_chapter_13_says_what_makes_it_worse() -> None:
     rows = read_result_file(RESULTS / "mini" / "handover_worse.json").rows
     same = {len(row["rate_by_object"]) for row in rows} | {row["attempts"] for row in rows}
