@@ -22,8 +22,8 @@ class Case:
     """One try.
 
     `expect` is "refused": exit status 2 and one sentence; "safe": that, or a result, as long as
-    nothing breaks; "noted": a result that says so; "works": a right input, which keeps the others
-    honest.
+    nothing breaks; "noted": a result that says so; "partly": a result of what is right, exit status
+    1 and one sentence, or refused; "works": a right input, which keeps the others honest.
     """
 
     kind: str
@@ -70,10 +70,12 @@ class Call:
 
 
 FLAGS = ("no-slides", "readme-times", "html-only", "dry-run", "overwrite", "resume", "quiet",
-         "sensor", "no-sensor", "film", "watch", "tensorboard", "no-aggregation")
+         "sensor", "no-sensor", "film", "watch", "restless", "tensorboard", "no-aggregation")
 FRAME = {"rgb": "rgb.png", "depth": "depth.png", "intrinsics": "camera.json", "mask": "mask.png",
          "out": "out"}
 NEAREST = Call("restore", {**FRAME, "method": "nearest"})
+SEQUENCE = Call("restore", {"rgb": "frames/rgb", "depth": "frames/depth", "mask": "frames/mask", "out": "out",
+                            "intrinsics": "camera.json", "method": "nearest"})
 HAND = Call("restore", {**FRAME, "method": "hand-median", "hand": "hand.json"})
 NETWORK = Call("restore", {**FRAME, "hand": "hand.json", "checkpoint": "net.safetensors"})
 PLUS = Call("restore", {**FRAME, "hand": "hand.json", "checkpoint": "plus.safetensors"})
@@ -100,11 +102,13 @@ HTML = Call("book", {"build": "build", "html-only": "", "only": "03"}, out=("bui
 COURSE = Call("course", {"out": "out", "only": "03", "no-slides": ""})
 EXECUTED = Call("course", {"out": "out", "only": "03", "executed": "build"})
 #: Right inputs, each once.
-RIGHT = (NEAREST, HAND, NETWORK, PLUS, FOUND, GENERATE, TRAIN, RESUME, EVALUATE, CALIBRATE, REPLAY,
+RIGHT = (NEAREST, SEQUENCE, HAND, NETWORK, PLUS, FOUND, GENERATE, TRAIN, RESUME, EVALUATE, CALIBRATE, REPLAY,
          HANDOVER, ATTEMPT, REPRODUCE, AGAIN, COURSE)
 #: Options that name a file or a folder to read: the call, the option, the file that stands there.
 READ = (
     *((NEAREST, name, FRAME[name]) for name in ("rgb", "depth", "intrinsics", "mask")),
+    *((SEQUENCE, name, f"frames/{name}") for name in ("rgb", "depth", "mask")),
+    *((SEQUENCE, name, f"frames/{name}/1.png") for name in ("rgb", "depth", "mask")),
     (NEAREST, "truth", "truth.npy"), (HAND, "hand", "hand.json"), (HAND, "hand-mask", "arm.png"),
     (NETWORK, "checkpoint", "net.safetensors"), (FOUND, "segmentation", "seg.safetensors"),
     (FOUND, "keypoint-network", "kpt.safetensors"), (GENERATE, "recordings", "recordings"),
@@ -225,6 +229,7 @@ OPTIONS = (
     (HANDOVER, "objects", ("9999", "", "../0004", "0004\t0004")),
     (HANDOVER, "holds", (*WHOLE, "902\t902")), (HANDOVER, "jobs", (*WHOLE, "0")),
     (HANDOVER, "hand-speed", (*REAL, "1000")), (HANDOVER, "extrinsics-error", (*REAL[:-1], "400")),
+    (HANDOVER, "picture-rate", (*REAL, "0", "30", "100")), (HANDOVER, "latency", (*REAL, "0.13", "3")),
     (REPRODUCE, "seed", SEEDS), (REPRODUCE, "seeds", (*SEEDS, "0\t-1", "0\t0")),
     (REPRODUCE, "jobs", (*WHOLE, "0")), (REPRODUCE, "only", ("99", "", "foo/bar", "known/foo")),
     (REPRODUCE, "preset", ("foo",)), (REPRODUCE, "accelerator", ("tpu",)),
@@ -269,18 +274,20 @@ def all_cases() -> list[Case]:
     for call, option, file in READ:
         old = call.options.get(option, "")
         given = {option: None if not option else old.replace(file, "") + file}
-        changes: dict[str, Any] = given if option else {}
+        changes: dict[str, Any] = {"says": (file, option or file), **(given if option else {})}
+        if file.startswith(f"{old}/"):  # one of a folder's files: the others are restored
+            changes = {"expect": "partly", "says": ("1 of 3",)}
         for wrong in WRONG:
-            if wrong == f"copy {file}":
+            if wrong == f"copy {file}" or ("/" in file and "copy" in wrong):
                 continue
-            made.append(call.case("wrong file", f"--{option}: {wrong}", (file, "replaced", wrong),
-                                  says=(file, option or file), **changes))
+            made.append(call.case("wrong file", f"--{option} {file}: {wrong}",
+                                  (file, "replaced", wrong), **changes))
         for text in ("", "no number at all\n", DEEP, '{"a": ' * 50, "\x00\x01"):
             edits = ((file, "replaced", "missing"), (file, "text", text))
-            made.append(call.case("wrong text", f"--{option}: {text[:12]!r}", *edits,
-                                  says=(file, option or file), **changes))
+            made.append(call.case("wrong text", f"--{option} {file}: {text[:12]!r}", *edits,
+                                  **changes))
         edits = ((file, "unreadable"),)
-        made.append(call.case("unreadable", f"--{option}", *edits, says=(file,), **changes))
+        made.append(call.case("unreadable", f"--{option} {file}", *edits, **changes))
     for reader, file, summed in READERS:
         one = Case("", reader, "", (file,), says=(file,))
         for wrong in WRONG:

@@ -80,6 +80,10 @@ def make_frame(root: Path) -> None:
     for name, image in (("rgb.png", color), ("rgb.jpg", color), ("depth.png", depth),
                         ("mask.png", mask), ("arm.png", 255 - mask)):  # fmt: skip
         cv2.imwrite(str(root / name), image)
+    for name in ("rgb", "depth", "mask"):
+        (root / "frames" / name).mkdir(parents=True)
+        for number in "012":
+            shutil.copy(root / f"{name}.png", root / "frames" / name / f"{number}.png")
     metres = np.where(mask > 0, 0.75, 0.8).astype(np.float32)
     np.save(root / "truth.npy", metres)
     np.save(root / "mask.npy", mask > 0)

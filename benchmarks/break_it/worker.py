@@ -101,12 +101,13 @@ def judged(case: dict[str, Any], before: dict[str, str], after: dict[str, str],
     if status == 0:
         strange = [n for n in new if n.split("/")[0] not in case["out"]]
         noted = case["expect"] == "noted" and any(word in told for word in case["says"])
-        if case["expect"] in ("refused", "noted") and not noted:
+        if case["expect"] in ("refused", "noted", "partly") and not noted:
             return "accepted", told.strip()[-200:]
         return ("left over", f"{strange[:5]}") if strange else ("fine", "")
     if case["expect"] == "works":
         return "refused a right one", told.strip()[-400:]
-    if new:
+    partly = case["expect"] == "partly" and status == 1
+    if new and not (partly and all(n.split("/")[0] in case["out"] for n in new)):
         return "left over", f"{new[:5]} after a refusal"
     if status not in (1, 2):
         return "wrong status", f"exit status {status}"

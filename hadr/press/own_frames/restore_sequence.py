@@ -120,9 +120,9 @@ def sequence_frames(options: Options) -> dict[str, Options]:
             if path.stem in found:
                 raise ValueError(f"{given} holds two files of frame {path.stem}: expected one")
             found[path.stem] = str(path)
-    names = list(files["rgb"])
-    if not names:
+    if not files["rgb"]:
         raise ValueError(f"--rgb {options.rgb} holds no frame")
+    names = sorted(set().union(*files.values()))
     for option, found in files.items():
         if lacking := [name for name in names if name not in found]:
             raise ValueError(

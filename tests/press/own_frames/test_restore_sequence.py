@@ -98,7 +98,13 @@ def test_files_that_do_not_belong_together_are_refused_before_anything_is_made(f
     assert main(words) == 2
     assert "two files of frame 0001" in capsys.readouterr().err
     (folder / "rgb" / "0001.jpg").unlink()
+    lost = folder / "rgb" / "0010.5.png"
+    assert lost.is_file()
+    lost.rename(folder / "kept.png")
+    assert main(words) == 2
+    assert "rgb has no file of frame 0010.5 (1 of 3 lack one)" in capsys.readouterr().err
+    (folder / "kept.png").rename(lost)
     (folder / "depth" / "0010.5.png").unlink()
     assert main(words) == 2
-    assert "no file of frame 0010.5 (1 of 3 lack one)" in capsys.readouterr().err
+    assert "depth has no file of frame 0010.5 (1 of 3 lack one)" in capsys.readouterr().err
     assert not (folder / "out").exists()
