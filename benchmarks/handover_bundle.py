@@ -27,7 +27,7 @@ from PIL import Image
 
 from hadr.data.samples import samples_dir, write_manifest
 from hadr.figures.handover.film import decisive_state
-from hadr.figures.tables.handover import SEEN, commonest_parting
+from hadr.figures.tables.handover import SEEN, WORSE, commonest_parting
 from hadr.records.provenance import machine_text
 from hadr.records.result_file import read_result_file, write_result_file
 from hadr.simulation.film.film import captioned, film_frames, write_film
@@ -40,9 +40,6 @@ from hadr.simulation.trials.experiment import (
     verdicts,
 )
 from hadr.simulation.trials.trial import Trial
-
-WORSE = ("extrinsics_error_deg", "hand_speed", "picture_rate", "latency", "restless")
-"""What can be made worse."""
 
 
 def outcomes_below(folder: Path, condition: str) -> list[dict[str, Any]]:
@@ -67,7 +64,7 @@ def with_verdicts(row: dict[str, Any], folder: Path) -> dict[str, Any]:
 def worse_row(condition: str, outcomes: list[dict[str, Any]]) -> dict[str, Any]:
     """A condition's row with what was made worse."""
     trial = Trial(**outcomes[0]["trial"])
-    made = {name: getattr(trial, name) for name in WORSE}
+    made = {name: getattr(trial, name) for name in (*WORSE, "restless")}
     return {**condition_row(condition, outcomes), **made}
 
 

@@ -35,6 +35,13 @@ CONDITIONS: dict[str, str] = {
 """How a condition of the experiment is called, in the order of the pictures."""
 SEEN = ("raw", "hadr", "hadr-plus", "perfect")
 """The kinds of depth that chapter 13 shows side by side."""
+WORSE: dict[str, tuple[str, float]] = {
+    "extrinsics_error_deg": ("camera turned by (degrees)", 0.0),
+    "hand_speed": ("speed of the hand (times normal)", 1.0),
+    "picture_rate": ("pictures a second", 10.0),
+    "latency": ("from a picture to its answer (s)", 0.1),
+}
+"""What can be made worse: how it is called, and what it is in the experiment."""
 _STYLE: dict[str, tuple[str, str]] = {
     "raw": ("raw", "D"),
     "inpainted": ("baseline", "s"),
@@ -180,10 +187,14 @@ def draw_outcomes(ax: Axes, rows: Sequence[Row]) -> None:
     ax.set(xlim=(0, max((row["attempts"] for row in chosen), default=1)), xlabel="attempts")
 
 
-def draw_degradation(
-    ax: Axes, rows: Sequence[Row], key: str, xlabel: str, *, standard: float
-) -> None:
-    """Draw the rate of success over something that is made worse, with 95 % intervals."""
+def draw_degradation(ax: Axes, rows: Sequence[Row], key: str) -> None:
+    """Draw the rate of success over one thing that is made worse, with 95 % intervals.
+
+    Of the rows those in which all else is as in the experiment; `WORSE` has the keys.
+    """
+    xlabel, standard = WORSE[key]
+    usual = {name: value for name, (_, value) in WORSE.items() if name != key}
+    rows = [r for r in rows if not r["restless"] and all(r[n] == v for n, v in usual.items())]
     conditions = list(dict.fromkeys(row["condition"] for row in _ordered(rows)))
     values = sorted({float(row[key]) for row in rows})
     gap = min(np.diff(values), default=1.0) * 0.05

@@ -3,6 +3,7 @@ import numpy as np
 import pytest
 
 from hadr.figures.tables.handover import (
+    WORSE,
     commonest_parting,
     conditions_table,
     draw_degradation,
@@ -117,12 +118,15 @@ def test_outcomes_fill_the_attempts() -> None:
 
 def test_degradation_has_a_line_a_condition_with_its_intervals() -> None:
     _, ax = plt.subplots()
+    usual = {name: value for name, (_, value) in WORSE.items()} | {"restless": False}
     rows = [
-        row("hadr", 36, 0.61, 0.85, hand_speed=1),
-        row("hadr", 12, 0.15, 0.39, hand_speed=3),
-        row("perfect", 40, 0.70, 0.92, hand_speed=1),
+        row("hadr", 36, 0.61, 0.85, **usual),
+        row("hadr", 12, 0.15, 0.39, **usual | {"hand_speed": 3}),
+        row("perfect", 40, 0.70, 0.92, **usual),
+        row("perfect", 1, 0.01, 0.02, **usual | {"hand_speed": 3, "latency": 0.3}),
+        row("perfect", 2, 0.01, 0.02, **usual | {"hand_speed": 3, "restless": True}),
     ]
-    draw_degradation(ax, rows[::-1], "hand_speed", "hand's speed", standard=1)
+    draw_degradation(ax, rows[::-1], "hand_speed")
     first, second = (container.lines for container in ax.containers)
     np.testing.assert_allclose(first[0].get_ydata(), [75, 25])
     np.testing.assert_allclose(first[0].get_xdata(), [1, 3], atol=0.1)
