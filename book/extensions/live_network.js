@@ -234,3 +234,22 @@ live.restore = (frame, keypoints, mask) => {
   });
   return depth;
 };
+
+// What `hadr restore` does without a hand: each pixel of the hole takes the nearest measured depth.
+live.nearest = (frame, mask) => {
+  const { width } = frame, depth = new Float32Array(mask.length);
+  const known = Array.from(mask.keys()).filter((p) => !mask[p] && frame.depth[p] > 0);
+  if (!known.length) throw new Error("nothing was measured outside of the hole");
+  const columns = known.map((p) => p % width), rows = known.map((p) => Math.floor(p / width));
+  mask.forEach((inside, p) => {
+    if (!inside) return;
+    const u = p % width, v = Math.floor(p / width);
+    let best = 0, least = Infinity;
+    for (let n = 0; n < known.length; n++) {
+      const far = (columns[n] - u) ** 2 + (rows[n] - v) ** 2;
+      if (far < least) { least = far; best = n; }
+    }
+    depth[p] = frame.depth[known[best]];
+  });
+  return depth;
+};
