@@ -4,6 +4,9 @@ const reach = (box) => {
   const hidden = box.scrollWidth - box.clientWidth;
   const scrolls = hidden > 1 && ["auto", "scroll"].includes(getComputedStyle(box).overflowX);
   if (scrolls && box.tabIndex < 0) box.tabIndex = 0;
+  const caption = scrolls && box.querySelector(":scope > figcaption");  // stays as it is
+  const [top, under] = [box, caption].map((part) => part && part.getBoundingClientRect().top);
+  if (caption) box.style.setProperty("--above", `${under - top}px`);
   box.classList.toggle("goes-on", scrolls && box.scrollLeft < hidden - 4);
 };
 // Unfolding gives a box its size; the theme sets its own tab stops on loading.

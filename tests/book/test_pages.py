@@ -318,6 +318,26 @@ def test_heads_tell_of_the_page_and_its_title_stands_once(tab, html):
     assert (html / icon).exists()
 
 
+#: Of figures that scroll: whether they fade, and where the fading ends above the caption.
+FADING = """async () => {
+  await Promise.all([...document.images].map((i) => (i.loading = "eager", i.decode().catch(() => 0))));
+  await new Promise((done) => setTimeout(done, 400));
+  return [...document.querySelectorAll("article figure")].filter((f) => f.scrollWidth > f.clientWidth + 1)
+    .map((figure) => {
+      const [top, caption] = [figure, figure.querySelector("figcaption")].map((e) => e.getBoundingClientRect().top);
+      const above = parseFloat(figure.style.getPropertyValue("--above"));
+      return [getComputedStyle(figure).maskImage.includes("gradient"), Math.abs(caption - top - above) < 1];
+    });
+}"""  # noqa: E501
+
+
+def test_figures_that_scroll_fade_where_they_go_on_and_their_captions_do_not(phone, html):
+    phone.visit(html / "notebooks" / "00_introduction.html")
+    found = phone.page.evaluate(FADING)
+    assert len(found) > 0
+    assert all(fades and ends for fades, ends in found)
+
+
 def test_every_term_is_found_by_its_selector(tab, html):
     """The search page asks for it so."""
     tab.visit(html / "glossary.html")
