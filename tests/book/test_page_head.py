@@ -1,0 +1,48 @@
+"""A link's picture has the whole address of where the book is published, or there is none."""
+
+import importlib.util
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+PATH = Path(__file__).parents[2] / "book" / "extensions" / "page_head.py"
+
+
+@pytest.mark.parametrize(
+    ("setting", "environment", "picture"),
+    [
+        ("", {}, None),
+        ("https://a.example/book", {}, "https://a.example/book/_images/restored_frame.png"),
+        ("", {"HADR_BOOK_URL": "https://b.example/"}, "https://b.example/_images/restored_frame.png"),
+        (
+            "",
+            {"READTHEDOCS_CANONICAL_URL": "https://c.example/en/"},
+            "https://c.example/en/_images/restored_frame.png",
+        ),
+        (
+            "https://a.example/",
+            {"HADR_BOOK_URL": "https://b.example/"},
+            "https://a.example/_images/restored_frame.png",
+        ),
+    ],
+)
+def test_a_links_picture_is_absolute_or_absent(monkeypatch, setting, environment, picture):
+    spec = importlib.util.spec_from_file_location("page_head", PATH)
+    extension = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(extension)
+    for name in ("HADR_BOOK_URL", "READTHEDOCS_CANONICAL_URL"):
+        monkeypatch.delenv(name, raising=False)
+    for name, value in environment.items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.setattr(extension.std, "make_id", extension.std.make_id)  # put back afterwards
+    hooks = {}
+    config = SimpleNamespace(html_baseurl=setting, root_doc="index")
+    app = SimpleNamespace(config=config, connect=hooks.__setitem__)
+    extension.setup(app)
+    hooks["config-inited"](app, config)
+    context = {"title": "A title"}
+    hooks["html-page-context"](app, "notebooks/03", "page.html", context, None)
+    told = f'<meta property="og:image" content="{picture}" />'
+    assert (told in context["metatags"]) == (picture is not None)
+    assert ("og:image" in context["metatags"]) == (picture is not None)
