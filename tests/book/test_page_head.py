@@ -14,7 +14,11 @@ PATH = Path(__file__).parents[2] / "book" / "extensions" / "page_head.py"
     [
         ("", {}, None),
         ("https://a.example/book", {}, "https://a.example/book/_images/restored_frame.png"),
-        ("", {"HADR_BOOK_URL": "https://b.example/"}, "https://b.example/_images/restored_frame.png"),
+        (
+            "",
+            {"HADR_BOOK_URL": "https://b.example/"},
+            "https://b.example/_images/restored_frame.png",
+        ),
         (
             "",
             {"READTHEDOCS_CANONICAL_URL": "https://c.example/en/"},
