@@ -42,19 +42,20 @@ _NOTES = re.compile(
 _NAMES = {
     **{name: "width" for name in ("xres", "image_width")},
     **{name: "height" for name in ("yres", "image_height")},
+    **{"ppx": "cx", "ppy": "cy"},
     **{name: "K" for name in ("k", "camera_matrix")},
     **{name: "P" for name in ("p", "projection_matrix")},
     **{name: "R" for name in ("r", "rectification_matrix")},
 }
-"""What ClearGrasp, ROS and OpenCV call things."""
+"""What ClearGrasp, librealsense, ROS and OpenCV call things."""
 
 
 def load_intrinsics(path: str | Path) -> Intrinsics:
     """Read intrinsics from a ``.yaml``, ``.yml`` or ``.json`` file.
 
     These forms are understood: ``fx fy cx cy width height``; the same with ``xres yres`` for
-    the size, as ClearGrasp publishes them; ``K`` (3, 3) with ``width height``; ROS's
-    ``camera_info``, as ``rostopic echo`` and ``ros2 topic echo`` print it, and the file of its
+    the size, as ClearGrasp publishes them; librealsense's ``ppx ppy`` for the centre; ``K`` (3, 3)
+    with ``width height``; ROS's ``camera_info``, as ``rostopic echo`` and ``ros2 topic echo`` print it, and the file of its
     ``camera_calibration``; OpenCV's FileStorage with ``camera_matrix image_width image_height``.
     Beside them may stand a distortion or skew of zero, a pinhole's model, a rectification that
     changes nothing, the whole image as region, and what `_NOTES` names.

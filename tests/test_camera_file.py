@@ -13,16 +13,17 @@ from hadr.camera_file import load_intrinsics
 CAMERA = Intrinsics(fx=40.0, fy=50.0, cx=3.0, cy=1.5, width=8, height=4)
 
 
-def test_load_intrinsics_in_three_forms(tmp_path: Path) -> None:
+def test_load_intrinsics_in_four_forms(tmp_path: Path) -> None:
     named = tmp_path / "camera.json"
     named.write_text(json.dumps(CAMERA.to_dict()))
     matrix = tmp_path / "matrix.yml"
     matrix.write_text("K: [[40, 0, 3], [0, 50, 1.5], [0, 0, 1]]\nwidth: 8\nheight: 4\n")
     sized = tmp_path / "camera.yaml"
     sized.write_text("xres: 8\nyres: 4\nfx: 40\nfy: 50\ncx: 3\ncy: 1.5\n")
-    assert (
-        load_intrinsics(named) == load_intrinsics(matrix) == load_intrinsics(str(sized)) == CAMERA
-    )
+    sdk = tmp_path / "camera.txt"
+    sdk.write_text("fx: 40\nfy: 50\nppx: 3\nppy: 1.5\nwidth: 8\nheight: 4\ncoeffs: [0, 0.0, 0]\n")
+    forms = (named, matrix, str(sized), sdk)
+    assert [load_intrinsics(form) for form in forms] == [CAMERA] * 4
 
 
 ROS_1 = """\
