@@ -55,10 +55,10 @@ def load_intrinsics(path: str | Path) -> Intrinsics:
 
     These forms are understood: ``fx fy cx cy width height``; the same with ``xres yres`` for
     the size, as ClearGrasp publishes them; librealsense's ``ppx ppy`` for the centre; ``K`` (3, 3)
-    with ``width height``; ROS's ``camera_info``, as ``rostopic echo`` and ``ros2 topic echo`` print it, and the file of its
-    ``camera_calibration``; OpenCV's FileStorage with ``camera_matrix image_width image_height``.
-    Beside them may stand a distortion or skew of zero, a pinhole's model, a rectification that
-    changes nothing, the whole image as region, and what `_NOTES` names.
+    with ``width height``; ROS's ``camera_info``, as ``rostopic echo`` and ``ros2 topic echo``
+    print it, and the file of its ``camera_calibration``; OpenCV's FileStorage with ``camera_matrix
+    image_width image_height``. Beside them may stand a distortion or skew of zero, a pinhole's
+    model, a rectification that changes nothing, the whole image as region, and what `_NOTES` names.
 
     Raises:
         FileNotFoundError: There is no such file.
