@@ -414,6 +414,13 @@ def test_chapter_13_says_which_differences_could_be_chance() -> None:
     assert rows["inpainted"]["successes"] < rows["raw"]["successes"]  # "worse than doing nothing"
 
 
+def test_own_frames_says_how_many_calls_were_tried_to_be_broken() -> None:
+    row = read_result_file(RESULTS / "break_it.json").row(command="restore")
+    assert row["tried"] == row["fine"]  # "all ended as they should"
+    page = (ROOT / "book" / "own_frames.md").read_text(encoding="utf-8")
+    assert f"Of {row['tried']} calls of\n`hadr restore`" in page
+
+
 def test_pages_say_what_a_ground_tells() -> None:
     file = read_result_file(RESULTS / "confidence" / "known_ground.json")
     of = {(row["network"].partition(".")[0], row["set"]): row for row in file.rows}

@@ -133,7 +133,7 @@ class Bench:
             stderr=subprocess.PIPE, start_new_session=True, **more,
         )
 
-    def ended(self, process: subprocess.Popen[str], timeout: float = 300) -> tuple[int, str]:
+    def ended(self, process: subprocess.Popen[str], timeout: float = 900) -> tuple[int, str]:
         """Exit status and stderr; after the time limit it is killed."""
         try:
             told = process.communicate(timeout=timeout)[1]
