@@ -17,14 +17,18 @@ differ, and no table here mixes them.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
-from typing import Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
 
 from hadr.camera import BoolArray, FloatArray, valid_depth
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Missing = Literal["exclude", "zero", "error"]
 Averaging = Literal["frame", "per-frame mean", "pooled"]
@@ -267,10 +271,36 @@ def pooled(
     return total.metrics(sum(s.pixels > 0 for s in parts), "pooled")
 
 
-def format_table(rows: Mapping[str, DepthMetrics]) -> str:
+_SMALLER = ("RMSE", "MAE", "REL", "error", "shape", "pooled", "loss", "time of", "memory")
+_LARGER = ("δ", "success", "rate", ">", "1.0", "100 %")
+"""Words in a column's heading that tell which of its numbers is best."""
+
+
+def best_in_bold(table: pd.DataFrame, groups: Iterable[Iterable[int]]) -> pd.DataFrame:
+    """Set the best number of each column in bold, by the words in the column's heading.
+
+    Args:
+        table: Cells of text that begin with their number; a cell without one is left alone.
+        groups: Numbers of the rows that compete with each other; rows in no group never do.
+    """
+    table, together = table.copy(), [list(group) for group in groups]
+    for column, heading in enumerate(table.columns):
+        sign = -1 if any(word in heading for word in _LARGER) else 1
+        if sign > 0 and not any(word in heading for word in _SMALLER):
+            continue
+        for group in together:
+            found = {row: re.match(r"[-+]?\d+(\.\d+)?", table.iat[row, column]) for row in group}
+            numbers = {row: sign * float(text[0]) for row, text in found.items() if text}
+            for row, number in numbers.items():
+                if number == min(numbers.values()):
+                    table.iat[row, column] = f"**{table.iat[row, column]}**"
+    return table
+
+
+def format_table(rows: Mapping[str, DepthMetrics], best: Iterable[str] = ()) -> str:
     """Set metrics as a Markdown table, one row a method, and say how they were averaged.
 
-    A number that does not exist is a dash.
+    A number that does not exist is a dash; among the rows ``best`` the best are bold.
 
     Raises:
         ValueError: There is no row, or the rows are averaged in different ways.
@@ -286,6 +316,7 @@ def format_table(rows: Mapping[str, DepthMetrics]) -> str:
     for name, metric in METRICS.items():
         cells[metric.heading] = [metric.text(getattr(row, name)) for row in rows.values()]
     cells["coverage (%)"] = [f"{100 * row.coverage:.1f}" for row in rows.values()]
+    cells = best_in_bold(cells, [[list(rows).index(name) for name in best]])
     sides = ["left"] + ["right"] * (len(METRICS) + 1)
     table = cells.to_markdown(index=False, disable_numparse=True, colalign=sides)
     counts = sorted({m.frames for m in rows.values()})

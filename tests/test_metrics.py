@@ -6,6 +6,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -16,6 +17,7 @@ from hadr.frame_io import read_depth
 from hadr.metrics import (
     DepthMetrics,
     depth_errors,
+    best_in_bold,
     format_table,
     frame_metrics,
     mean_over_frames,
@@ -194,6 +196,27 @@ def test_format_table():
     assert format_table({"a": mean}).endswith("Mean of the frames' numbers, 2 frames.")
     with pytest.raises(ValueError, match="no rows"):
         format_table({})
+
+
+def test_the_best_of_those_that_compete_is_bold():
+    table = pd.DataFrame(
+        [["a", "2.0 ± 0.1", "9.1", "3/8", "1"], ["b", "1.5 ± 0.3", "10.0", "3/8", "2"],
+         ["truth", "0.0", "100.0", "8/8", "0"], ["c", "-", "–", "", "3"]],
+        columns=["method", "RMSE (cm)", "δ1.05 (%)", "> 0.5", "weights"],
+    )  # fmt: skip
+    shown = best_in_bold(table, [[0, 1, 3]])
+    assert shown.to_numpy().tolist() == [
+        ["a", "2.0 ± 0.1", "9.1", "**3/8**", "1"],
+        ["b", "**1.5 ± 0.3**", "**10.0**", "**3/8**", "2"],
+        ["truth", "0.0", "100.0", "8/8", "0"], ["c", "-", "–", "", "3"],
+    ]  # fmt: skip
+    assert "**" not in "".join(table.to_numpy().ravel())
+    apart = best_in_bold(table, [[0], [1]])
+    assert list(apart["RMSE (cm)"][:2]) == ["**2.0 ± 0.1**", "**1.5 ± 0.3**"]
+    far, near = two_frames()
+    rows = {"far": frame_metrics(*far), "near": frame_metrics(*near)}
+    assert format_table(rows, best=rows).count("**") >= 6
+    assert "**" not in format_table(rows)
 
 
 def test_a_new_metric_needs_a_row_and_a_field(monkeypatch):

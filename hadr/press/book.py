@@ -35,7 +35,7 @@ from hadr.press.notebook_twins import repository
 from hadr.press.paper_report import report
 from hadr.press.report import (
     conditions_table,
-    generation_table,
+    generation_text,
     ledger_effects,
     ledger_table,
     real_table,
@@ -46,6 +46,7 @@ from hadr.press.report import (
 from hadr.records.output_folder import check_removable, make_output_folder
 from hadr.records.provenance import machine_text
 from hadr.records.reading import read_json, structured
+from hadr.records.result_file import read_sealed
 from hadr.records.writing import PART, whole_folder, write_whole
 
 RUNTIME_TOKEN = "*stands here in the built book*"
@@ -58,9 +59,12 @@ REPORTS: dict[str, Callable[[Path], str]] = {
     "{{CONDITIONS}}": lambda results: conditions_table(results / "mini"),
     "{{REAL}}": lambda results: real_table(results / "real" / "cleargrasp_d435.json"),
     "{{SWITCHES}}": lambda results: switches_table(results / "training" / "switches.json"),
-    "{{TUNING}}": lambda results: tuning_table(results / "mini" / "tuning.json"),
+    "{{TUNING}}": lambda results: captioned(
+        tuning_table(results / "mini" / "tuning.json"),
+        "RMSE on validation frames (cm) after each trial, the best of each network in bold.",
+    ),
     "{{SPEED}}": lambda results: speed_table(results / "speed" / "side_by_side.json"),
-    "{{GENERATION}}": lambda results: generation_table(results / "generation"),
+    "{{GENERATION}}": lambda results: generation_text(results / "generation"),
     "{{LEDGER_EFFECTS}}": lambda results: ledger_effects(results / "mini"),
     "{{LEDGER_TABLE}}": lambda results: ledger_table(results / "mini" / "ledger.json"),
     "{{TEACHING_PLANS}}": lambda results: plans_text(read_chapters(results.parent)),
@@ -69,6 +73,8 @@ REPORTS: dict[str, Callable[[Path], str]] = {
     ),
 }
 """Words on pages in whose place stands what is made from the result files or the chapters."""
+COSTS = "images/frame_costs.svg"
+"""A picture that a page shows, drawn when it is staged."""
 TABLE_BEGIN = "<!-- run times: begin (written by `make readme-times`) -->"
 TABLE_END = "<!-- run times: end -->"
 CONTROL = "A control, for a running kernel: the rocket button above opens the chapter with one"
@@ -94,6 +100,13 @@ def chapter_title(notebook: Path) -> str:
     return notebook.stem
 
 
+def _entry(notebook: Path) -> str:
+    """A chapter's number, and its title as a link."""
+    number = re.match(r"\d+", notebook.name)
+    before = f"{int(number[0])}. " if number else ""
+    return f"{before}[{chapter_title(notebook)}](notebooks/{notebook.name})"
+
+
 def stage_notebook(notebook: Any, run_time: str) -> Any:
     """Make an executed notebook ready for a page without a kernel.
 
@@ -115,6 +128,7 @@ def stage_notebook(notebook: Any, run_time: str) -> Any:
             cell.outputs = []
         cell.outputs = [output for output in cell.outputs if _is_for_readers(output)]
         cell.outputs = _captioned_films(cell.outputs)
+        _caption_table(cell)
         _name_fold(cell)
         cells += _beside_a_figure(cell)
     notebook.cells = cells
@@ -144,6 +158,22 @@ def _captioned_films(outputs: Sequence[Any]) -> list[Any]:
             output["data"]["text/html"] = f'<figure class="film">{html}{caption}</figure>'
         shown.append(output)
     return shown
+
+
+def captioned(table: str, caption: str, name: str = "") -> str:
+    """A Markdown table with a caption, to be numbered; a note below the table joins the caption."""
+    rows, _, note = table.partition("\n\n")
+    words = " ".join(f"{caption} {note}".split())
+    return "\n".join([f"```{{table}} {words}", *([f":name: {name}"] if name else []), "", rows, "```"])
+
+
+def _caption_table(cell: Any) -> None:
+    """Give the table that a cell shows the caption in its metadata, beside a figure's."""
+    for data in (output.get("data", {}) for output in cell.outputs):
+        if (text := data.get("text/markdown", "")).startswith("|"):
+            if "table" not in cell.metadata.get("mystnb", {}):
+                raise ValueError(f"this cell's table has no caption: {cell.source}")
+            data["text/markdown"] = captioned(text, **cell.metadata["mystnb"]["table"])
 
 
 def _beside_a_figure(cell: Any) -> list[Any]:
@@ -204,7 +234,7 @@ def _stage(book: Path, runs: Sequence[ChapterRun], target: Path) -> None:
     titles = {}
     for run in runs:
         name = run.notebook.name
-        titles[run.name] = f"[{chapter_title(run.notebook)}](notebooks/{name})"
+        titles[run.name] = _entry(run.notebook)
         measured = f"{seconds_text(run.duration_s)} ({machine_text()})"
         staged = stage_notebook(read_notebook(run.notebook), measured)
         nbformat.write(staged, target / "notebooks" / name)
@@ -219,6 +249,8 @@ def _stage(book: Path, runs: Sequence[ChapterRun], target: Path) -> None:
     for token, make in REPORTS.items():
         if any(token in text for text in pages.values()):
             words[token] = make(results)
+    if any(COSTS in text for text in pages.values()):
+        _draw_costs(results / "generation" / "benchmark.json", target / COSTS)
     for page, text in pages.items():
         for token, word in words.items():
             text = text.replace(token, word)
@@ -226,6 +258,21 @@ def _stage(book: Path, runs: Sequence[ChapterRun], target: Path) -> None:
             raise ValueError(f"{page.name} has {left.group()}, which nothing fills")
         page.write_text(text, encoding="utf-8")
     _drop_absent_chapters(target)
+
+
+def _draw_costs(measured: Path, picture: Path) -> None:
+    """Draw what a generated frame costs, as a vector picture."""
+    import matplotlib.pyplot as plt
+
+    from hadr.figures.panels import use_style
+    from hadr.figures.tables.benchmarks import draw_frame_costs
+
+    with plt.rc_context():
+        use_style()
+        figure, ax = plt.subplots(figsize=(8.2, 3.3))
+        draw_frame_costs(ax, read_sealed(measured)["seconds_a_frame"])
+        figure.savefig(picture, facecolor="white", metadata={"Date": None})
+        plt.close(figure)
 
 
 def _drop_absent_chapters(target: Path) -> None:
@@ -334,7 +381,7 @@ def readme_table(build: Path, root: Path) -> str:
     for notebook in notebooks:
         name = notebook.stem
         runs.append(ChapterRun(name, timed[name].duration_s, notebook, None))
-        titles[name] = f"[{chapter_title(notebook)}](notebooks/{name}.ipynb)"
+        titles[name] = _entry(notebook)
     if len(machines := sorted({timed[run.name].machine for run in runs})) > 1:
         raise ValueError(f"{path} has times of {' and of '.join(machines)}: run `make book` again")
     return f"{run_time_table(runs, titles)}\n\nMeasured on {machines[0]}."

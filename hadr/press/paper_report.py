@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 from jinja2 import Environment
 from markupsafe import Markup
 
@@ -19,7 +20,7 @@ from hadr.experiments.steps import seconds_text
 from hadr.figures.tables.comparison import PUBLISHED_NAMES
 from hadr.figures.tables.handover import CONDITIONS
 from hadr.figures.tables.results import NAMES
-from hadr.metrics import METRICS
+from hadr.metrics import METRICS, best_in_bold
 from hadr.records.result_file import ResultFile, read_result_file
 
 TITLES = {
@@ -115,7 +116,7 @@ def _depth(name: str, file: ResultFile, paper: Mapping[str, Mapping[str, float]]
     frames = " or ".join(str(n) for n in sorted({row["frames"] for row in file.rows}))
     words = f"{frames} test frames; ours is the mean over them. The difference is ours minus the "
     heads = [metric.heading for metric in METRICS.values()]
-    return _section(f"{words}paper's.", heads, listed, "Rows of ours")
+    return _section(f"{words}paper's.", heads, listed, TITLES[name], "rows of ours")
 
 
 def _making(name: str, row: Mapping[str, Any], size: str) -> dict[str, str]:
@@ -199,7 +200,7 @@ def _handover(file: ResultFile, paper: Mapping[str, Any], size: str) -> str:
         "columns count the objects of which more than half, more than 80 %, or all attempts "
         "succeed."
     )
-    return _section(words, HANDOVER_COLUMNS, listed, "Conditions of ours")
+    return _section(words, HANDOVER_COLUMNS, listed, TITLES["handover"], "conditions of ours")
 
 
 def _both(title: str, own: str) -> str:
@@ -215,21 +216,36 @@ def _code(text: str) -> Markup:
     return Markup("<code>{}</code>").format(text)
 
 
-def _section(words: str, heads: Sequence[str], listed: Sequence[Method], more: str) -> str:
+def _section(
+    words: str, heads: Sequence[str], listed: Sequence[Method], title: str, more: str
+) -> str:
     """The paper's rows as a table, and below it those that only we have."""
     paper, ours = (
         [one for one in listed if ("paper" in one[1]) is there] for there in (True, False)
     )
-    titles = [title.partition(" (") for title in heads]
-    parts = [words, _TABLE.render(heads=titles, listed=paper, missing=NOT_RUN)]
+    titles = [head.partition(" (") for head in heads]
+    for kind in ("paper", "ours"):
+        _embolden(listed, kind, heads)
+    about = f"{title}: the paper's rows beside ours; the best of each is bold."
+    parts = [words, _TABLE.render(heads=titles, listed=paper, missing=NOT_RUN, caption=about)]
     if ours:
-        parts += [f"{more} that the paper's table does not have:",
-                  _TABLE.render(heads=titles, listed=ours)]  # fmt: skip
+        about = f"{title}: {more} that the paper's table does not have."
+        parts.append(_TABLE.render(heads=titles, listed=ours, caption=about))
     return "\n\n".join(parts)
+
+
+def _embolden(listed: Sequence[Method], kind: str, heads: Sequence[str]) -> None:
+    """Set the best of the paper's numbers, or of ours, in bold; perfect depth does not compete."""
+    rows = [lines for name, lines, _ in listed if kind in lines and name != CONDITIONS["perfect"]]
+    cells = pd.DataFrame([lines[kind] for lines in rows], columns=list(heads))
+    for lines, row in zip(rows, best_in_bold(cells, [range(len(rows))]).to_numpy(), strict=True):
+        bold = Markup("<b>{}</b>")
+        lines[kind] = [bold.format(cell[2:-2]) if "**" in cell else cell for cell in row]
 
 
 _TABLE = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True).from_string("""\
 <table class="table paper-table">
+<caption>{{ caption }}</caption>
 <thead><tr><td></td>
 {%- for name, bracket, unit in heads -%}
 <th scope="col">{{ name }}{% if unit %}<br/>({{ unit }}{% endif %}</th>

@@ -162,8 +162,9 @@ def real_table(path: str | Path) -> str:
         hands = f" ({' to '.join(ends)})" if ends else ""
         glasses = file.provenance["scenes"][row["scene"]]["glasses"]
         line[f"{glasses} glasses: RMSE (cm)"] = f"{100 * row['rmse_m']:.1f}{hands}"
-        line[f"of {glasses} restored"] = f"{100 * row['coverage']:.0f} %"
-    return markdown(pd.DataFrame(lines.values()))
+        line[f"of {glasses} restored (%)"] = f"{100 * row['coverage']:.0f}"
+    own = [place for place, name in enumerate(lines) if name != "raw"]  # covers only a part
+    return markdown(pd.DataFrame(lines.values()), best=[own])
 
 
 def conditions_table(folder: str | Path) -> str:
@@ -177,11 +178,13 @@ def conditions_table(folder: str | Path) -> str:
     rows = rows.drop_duplicates(["method", "given"])
     table = rows.pivot(index="method", columns="given", values="error")
     table = table.reindex(index=rows["method"].unique(), columns=rows["given"].unique())
+    own = range(len(table))
     shared = rows.drop_duplicates("given").set_index("given")
     table.loc["*IoU of the masks given*"] = shared["mask_iou"].map("{:.2f}".format)
     hands = (100 * shared["keypoints_m"]).map("{:.1f}".format)
     table.loc["*error of the keypoints given (cm)*"] = hands
-    return markdown(table.rename(index=NAMES).fillna("-").reset_index())
+    table = table.rename(index=NAMES, columns="{}: RMSE (cm)".format).fillna("-").reset_index()
+    return markdown(table, best=[own])
 
 
 def tuning_table(path: str | Path) -> str:
@@ -203,8 +206,8 @@ def tuning_table(path: str | Path) -> str:
 
 def speed_table(path: str | Path) -> str:
     """Time, memory and weights of all methods of `side_by_side.json`, as Markdown."""
-    lines = []
-    for row in read_result_file(path).rows:
+    lines, rows = [], read_result_file(path).rows
+    for row in rows:
         memory = row.get("peak_rss_bytes")
         lines.append({
             "method": NAMES.get(row["method"], row["method"]),
@@ -214,28 +217,20 @@ def speed_table(path: str | Path) -> str:
             "memory (MiB)": "-" if memory is None else f"{memory / 2**20:.0f}",
             "weights (M)": f"{row['parameters'] / 1e6:.2f}",
         })  # fmt: skip
-    return markdown(pd.DataFrame(lines), "llr")
+    presets = [row["preset"] for row in rows]
+    best = [[k for k, preset in enumerate(presets) if preset == size] for size in ("paper", "mini")]
+    return markdown(pd.DataFrame(lines), "llr", best)
 
 
-def generation_table(folder: str | Path) -> str:
-    """What generated frames cost, of `benchmark.json` and `mini_run.json`, as Markdown."""
+def generation_text(folder: str | Path) -> str:
+    """What many frames cost, of `benchmark.json` and `mini_run.json`, in a paragraph."""
     cost, run = (read_sealed(Path(folder) / f"{name}.json") for name in ("benchmark", "mini_run"))
-    lines = []
-    for row in cost["seconds_a_frame"]:
-        parts = {part: f"{spent:.2f}" for part, spent in row["cpu_seconds_by_part"].items()}
-        whole = {"a frame (s)": f"{row['seconds_a_frame']:.1f}",
-                 "kB": f"{row['kilobytes_a_frame']:.0f}"}  # fmt: skip
-        lines.append(
-            {"engine": row["engine"], "size": f"{row['width']}x{row['height']}"} | parts | whole
-        )
     paper, work = cost["paper_frames"], cost["efficiency_of_2_workers"]
     hours = ", ".join(f"{row['hours']:.1f} h on {row['cores']}" for row in paper["cost"])
     few, size = cost["workers"][1]["frames"], "{width}x{height}".format(**run["folder_settings"])
     calm = run["minutes_at_the_pace_of_the_quickest_tenth"]
-    return f"""{markdown(pd.DataFrame(lines), "llr")}
-
-Two workers do {2 * work["at_work"]:.2f} times the work of one, {2 * work["with_start"]:.2f} times
-with their start in a run of {few} frames. The paper's {paper["frames"]:,} frames of 1280x720 would
+    return f"""Two workers do {2 * work["at_work"]:.2f} times the work of one,
+{2 * work["with_start"]:.2f} times with their start in a run of {few} frames. The paper's {paper["frames"]:,} frames of 1280x720 would
 take {hours} cores, if many workers do as well as two. A whole set of {run["frames"]:,} frames of
 {size} took {run["seconds"] / 60:.0f} minutes with two workers ({run["note"]}; {calm:.0f} minutes at
 the pace of its quickest tenth)."""

@@ -82,6 +82,21 @@ def test_only_the_picture_of_a_captioned_cell_is_a_figure():
     nbformat.validate(notebook)
 
 
+def test_a_table_gets_the_caption_of_its_cell_and_its_own_note():
+    new = nbformat.v4
+    table = new.new_output("display_data", data={"text/markdown": "| a |\n|---|\n| 1 |\n\nOf 2 frames."})
+    words = new.new_output("display_data", data={"text/markdown": "No table."})
+    cell = new.new_code_cell("show()", outputs=[words, table])
+    with pytest.raises(ValueError, match="no caption: show"):
+        book.stage_notebook(new.new_notebook(cells=[cell]), "3 s")
+    cell.metadata["mystnb"] = {"table": {"caption": "What\nto see.", "name": "table-a"}}
+    shown = book.stage_notebook(new.new_notebook(cells=[cell]), "3 s").cells[0].outputs
+    assert shown[0].data["text/markdown"] == "No table."
+    assert shown[1].data["text/markdown"].splitlines() == [
+        "```{table} What to see. Of 2 frames.", ":name: table-a", "", "| a |", "|---|", "| 1 |", "```"
+    ]  # fmt: skip
+
+
 def test_a_film_is_named_by_the_words_before_it():
     new = nbformat.v4
     outputs = []

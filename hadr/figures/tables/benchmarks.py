@@ -1,4 +1,4 @@
-"""What the benchmarks measured, as Markdown and pictures: learning by heart, ablation, speed."""
+"""What the benchmarks measured, as Markdown and pictures: learning by heart, ablation, costs."""
 
 from __future__ import annotations
 
@@ -108,3 +108,24 @@ def draw_pairing(ax: Axes, pairing: Record) -> None:
     ax.set_xticks(batches, [str(number) for number in batches])
     ax.minorticks_off()
     ax.legend(loc="upper left")
+
+
+def draw_frame_costs(ax: Axes, rows: Sequence[Record]) -> None:
+    """Draw the processor time of one generated frame by its parts, a bar for each engine and size.
+
+    `rows` are those of `results/generation/benchmark.json`.
+    """
+    names = [
+        "{engine}, {width}x{height} ({kilobytes_a_frame:.0f} kB)".format(**row) for row in rows
+    ]
+    parts = {
+        part: [row["cpu_seconds_by_part"][part] for row in rows]
+        for part in rows[0]["cpu_seconds_by_part"]
+    }
+    colors = [COLORS[color] for color in _PART_COLORS]
+    draw_bar_rows(ax, names, parts, colors, edges="white")
+    for place, row in enumerate(rows):
+        whole = row["cpu_seconds_a_frame"]
+        ax.text(whole + 0.15, place, f"{whole:.1f} s", va="center", fontsize=9)
+    ax.set_xlabel("processor time of one frame (s)")
+    ax.legend(loc="upper right", ncols=3)

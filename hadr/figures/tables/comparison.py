@@ -153,14 +153,14 @@ def ablation_table(rows: Sequence[Row], published: Mapping[str, Any]) -> str:
                 f"{row['delta_105']:.2f}",
             ]
         )
-    return markdown(pd.DataFrame(lines, columns=head))
+    return markdown(pd.DataFrame(lines, columns=head), best=[range(len(lines))])
 
 
 def memory_table(rows: Sequence[Row]) -> str:
     """Set each method's error with whole holds held out beside that with frames dealt out."""
     head = [
-        "method", "whole holds: RMSE (cm)", "minus the hand's median", "frame by frame: RMSE (cm)",
-        "minus the hand's median",
+        "method", "whole holds: RMSE (cm)", "minus the hand's median (cm)",
+        "frame by frame: RMSE (cm)", "minus the hand's median (cm)",
     ]  # fmt: skip
     lines = []
     for one in ordered(rows, "known"):
@@ -173,7 +173,7 @@ def memory_table(rows: Sequence[Row]) -> str:
             cells.append(with_doubt(row["rmse_m"], row["rmse_standard_error_m"]))
             cells.append(difference_cell(None if itself else row["against_hand_median"]))
         lines.append([NAMES[one["method"]], *cells])
-    return markdown(pd.DataFrame(lines, columns=head))
+    return markdown(pd.DataFrame(lines, columns=head), best=[range(len(lines))])
 
 
 def averages_table(rows: Sequence[Row]) -> str:

@@ -76,17 +76,19 @@ def conditions_table(rows: Sequence[Row], published: Mapping[str, Sequence[int]]
         lines.append([
             str(CONDITIONS.get(row["condition"], row["condition"])),
             f"{row['successes']}/{row['attempts']}",
-            f"{100 * row['rate']:.1f}\N{NO-BREAK SPACE}%",
+            f"{100 * row['rate']:.1f}",
             f"{100 * low:.0f}\N{NO-BREAK SPACE}to\N{NO-BREAK SPACE}{100 * high:.0f}",
             *(f"{count}/{len(row['rate_by_object'])}" for count in reached),
-            _seconds(row["mean_seconds"]),
+            "-" if row["mean_seconds"] is None else f"{row['mean_seconds']:.1f}",
         ])  # fmt: skip
     for name, (won, *objects) in published.items():
-        rate = f"{100 * won / 48:.1f}\N{NO-BREAK SPACE}%"
+        rate = f"{100 * won / 48:.1f}"
         counts = [f"{count}/8" for count in objects]
         lines.append([f"*paper: {name}*", f"{won}/48", rate, "", *counts, ""])
-    head = ["depth", "successes", "rate", "95 % interval", "> 0.5", "> 0.8", "1.0", "time"]
-    return markdown(pd.DataFrame(lines, columns=head))
+    head = ["depth", "successes", "rate (%)", "95 % interval", "> 0.5", "> 0.8", "1.0", "time (s)"]
+    own = [row["condition"] for row in _ordered(rows)]
+    best = [[place for place, condition in enumerate(own) if condition != "perfect"]]
+    return markdown(pd.DataFrame(lines, columns=head), best=best)
 
 
 def motions_table(rows: Sequence[Row]) -> str:
@@ -134,12 +136,6 @@ def commonest_parting(rows: Sequence[Row], conditions: Sequence[str]) -> str:
     counts = Counter(way for way in ways.values() if len(set(way)) > 1)
     commonest = counts.most_common(1)[0][0]
     return next(name for name, way in ways.items() if way == commonest)
-
-
-def _seconds(value: float | None) -> str:
-    if value is None:
-        return "none"
-    return f"{value:.1f} s" if value >= 1 else f"{1000 * value:.0f} ms"
 
 
 def _ordered(rows: Sequence[Row]) -> list[Row]:

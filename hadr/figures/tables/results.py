@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import cycle
 from typing import Any
 
@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from hadr.camera import FloatArray
 from hadr.figures.panels import COLORS
 from hadr.figures.rows import Dots, draw_dot_rows
-from hadr.metrics import METRICS
+from hadr.metrics import METRICS, best_in_bold
 from hadr.models.networks import DEPTH_NETWORKS, NETWORKS
 
 Row = Mapping[str, Any]
@@ -49,8 +49,18 @@ _SIGN: dict[str, tuple[str, str]] = {
 _OTHER = ("raw", "o")
 
 
-def markdown(table: pd.DataFrame, align: str = "lr") -> str:
-    """A table of cells as Markdown; `align` has a letter a column, the last one for all others."""
+def markdown(
+    table: pd.DataFrame, align: str = "lr", best: Iterable[Iterable[int]] | None = None
+) -> str:
+    """A table of cells as Markdown.
+
+    `align` has a letter a column, the last one for all others; `best` names the rows that compete
+    (`hadr.metrics.best_in_bold`), all that share their first cell where it is left out and the
+    first column is that of the objects.
+    """
+    if best is None and table.columns[0] == "objects":
+        best = [np.flatnonzero(table["objects"] == split) for split in table["objects"].unique()]
+    table = best_in_bold(table, best or ())
     sides = [{"l": "left", "r": "right"}[side] for side in align.ljust(table.shape[1], align[-1])]
     return str(table.to_markdown(index=False, disable_numparse=True, colalign=sides))
 
@@ -103,8 +113,8 @@ def _in_rows(rows: Sequence[Row], split: str, part: str) -> tuple[list[str], Flo
 
 def results_table(rows: Sequence[Row], published: Mapping[str, Mapping[str, Any]]) -> str:
     """Set the rows of both splits side by side, the paper's HADR below."""
-    head = ["method", "known: RMSE", "MAE", "δ1.05", "unknown: RMSE", "MAE", "δ1.05", "weights",
-            "time"]  # fmt: skip
+    head = ["method", "known: RMSE (cm)", "MAE (cm)", "δ1.05 (%)", "unknown: RMSE (cm)", "MAE (cm)",
+            "δ1.05 (%)", "weights (M)", "training (min)"]  # fmt: skip
     lines = []
     found = {(row["split"], row["method"]): row for row in rows}
     for method, name in NAMES.items():
@@ -121,7 +131,7 @@ def results_table(rows: Sequence[Row], published: Mapping[str, Mapping[str, Any]
         rmse, _, mae, delta = published[split]["HADR"][:4]
         cells += [f"{100 * rmse:.1f}", f"{100 * mae:.1f}", f"{delta:.2f}"]
     lines.append(["*HADR as published*", *cells, "-", "-"])
-    return markdown(pd.DataFrame(lines, columns=head))
+    return markdown(pd.DataFrame(lines, columns=head), best=[range(len(lines) - 1)])
 
 
 def _scores(row: Row | None) -> list[str]:
