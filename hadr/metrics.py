@@ -292,7 +292,7 @@ def best_in_bold(table: pd.DataFrame, groups: Iterable[Iterable[int]]) -> pd.Dat
             found = {row: re.match(r"[-+]?\d+(\.\d+)?", table.iat[row, column]) for row in group}
             numbers = {row: sign * float(text[0]) for row, text in found.items() if text}
             for row, number in numbers.items():
-                if number == min(numbers.values()):
+                if number == min(numbers.values()) < max(numbers.values()):
                     table.iat[row, column] = f"**{table.iat[row, column]}**"
     return table
 

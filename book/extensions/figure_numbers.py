@@ -6,10 +6,11 @@ that a page has as HTML, with a caption, is counted like any other.
 """
 
 import re
+from html import unescape
 from typing import Any
 
 from docutils import nodes
-from sphinx.environment.collectors.toctree import TocTreeCollector
+from sphinx_external_toc.collectors import TocTreeCollectorWithStyles
 
 LATE = 900  # after Sphinx has numbered them
 HTML_TABLE = re.compile(
@@ -46,7 +47,9 @@ def count_html_tables(doctree: nodes.document) -> None:
     for raw in list(doctree.findall(nodes.raw)):
         if found := HTML_TABLE.fullmatch(raw.astext()):
             classes, caption, rows = found.groups()
-            table = nodes.table("", nodes.title("", caption), nodes.raw("", rows, format="html"))
+            table = nodes.table(
+                "", nodes.title("", unescape(caption)), nodes.raw("", rows, format="html")
+            )
             table["classes"] = classes.split()
             doctree.set_id(table)
             raw.replace_self(table)
@@ -54,7 +57,7 @@ def count_html_tables(doctree: nodes.document) -> None:
 
 def setup(app: Any) -> dict[str, Any]:
     """Hook into Sphinx."""
-    numbered = TocTreeCollector.assign_section_numbers
+    numbered = TocTreeCollectorWithStyles.assign_section_numbers
 
     def assign_section_numbers(collector: Any, env: Any) -> Any:
         changed = numbered(collector, env)
@@ -65,7 +68,7 @@ def setup(app: Any) -> dict[str, Any]:
         restart(env.toc_fignumbers)
         return []
 
-    TocTreeCollector.assign_section_numbers = assign_section_numbers
+    TocTreeCollectorWithStyles.assign_section_numbers = assign_section_numbers
     app.connect("doctree-read", lambda _app, doctree: count_html_tables(doctree))
     app.connect("env-get-updated", on_updated, priority=LATE)
     return {"parallel_read_safe": True}

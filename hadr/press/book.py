@@ -164,7 +164,9 @@ def captioned(table: str, caption: str, name: str = "") -> str:
     """A Markdown table with a caption, to be numbered; a note below the table joins the caption."""
     rows, _, note = table.partition("\n\n")
     words = " ".join(f"{caption} {note}".split())
-    return "\n".join([f"```{{table}} {words}", *([f":name: {name}"] if name else []), "", rows, "```"])
+    return "\n".join(
+        [f"```{{table}} {words}", *([f":name: {name}"] if name else []), "", rows, "```"]
+    )
 
 
 def _caption_table(cell: Any) -> None:

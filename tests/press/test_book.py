@@ -84,7 +84,9 @@ def test_only_the_picture_of_a_captioned_cell_is_a_figure():
 
 def test_a_table_gets_the_caption_of_its_cell_and_its_own_note():
     new = nbformat.v4
-    table = new.new_output("display_data", data={"text/markdown": "| a |\n|---|\n| 1 |\n\nOf 2 frames."})
+    table = new.new_output(
+        "display_data", data={"text/markdown": "| a |\n|---|\n| 1 |\n\nOf 2 frames."}
+    )
     words = new.new_output("display_data", data={"text/markdown": "No table."})
     cell = new.new_code_cell("show()", outputs=[words, table])
     with pytest.raises(ValueError, match="no caption: show"):
@@ -143,7 +145,7 @@ def test_staging_puts_notebooks_where_the_repository_has_them(small_book, tmp_pa
     assert (staged / "notebooks" / "00_a.ipynb").is_file()
     index = (staged / "index.md").read_text()
     assert "clone https://example.org/a" in index
-    assert "| [A *title*](notebooks/00_a.ipynb) | 12 s |" in index
+    assert "| 0. [A *title*](notebooks/00_a.ipynb) | 12 s |" in index
     contents = yaml.safe_load((staged / "_toc.yml").read_text())
     parts = {part["caption"]: part["chapters"] for part in contents["parts"]}
     assert parts == {"A": [{"file": "notebooks/00_a"}], "C": [{"file": "more"}]}
@@ -194,7 +196,7 @@ def test_the_readme_table_comes_from_the_measurement(tmp_path):
     )
     table = book.readme_table(tmp_path, tmp_path)
     assert "00_old" not in table
-    assert "| [A *title*](notebooks/00_a.ipynb) | 1 min 01 s |" in table
+    assert "| 0. [A *title*](notebooks/00_a.ipynb) | 1 min 01 s |" in table
     assert table.endswith("Measured on two cores.")
 
 

@@ -53,7 +53,7 @@ def test_a_real_scene_is_a_column_and_a_hand_a_range(tmp_path: Path) -> None:
         path, "what", rows, {"scenes": {"0001": {"glasses": 4}, "0002": {"glasses": 2}}}
     )
     head, _, raw, hadr = cells(real_table(path))
-    assert head == ["method", "4 glasses: RMSE (cm)", "of 4 restored", "2 glasses: RMSE (cm)",
-                    "of 2 restored"]  # fmt: skip
-    assert raw == ["the sensor's own depth", "6.0", "50 %", "3.0", "50 %"]
-    assert hadr[1:] == ["10.0 (7.0 to 14.0)", "50 %", "5.0 (4.0 to 6.0)", "50 %"]
+    assert head == ["method", "4 glasses: RMSE (cm)", "of 4 restored (%)", "2 glasses: RMSE (cm)",
+                    "of 2 restored (%)"]  # fmt: skip
+    assert raw == ["the sensor's own depth", "6.0", "50", "3.0", "50"]
+    assert hadr[1:] == ["10.0 (7.0 to 14.0)", "50", "5.0 (4.0 to 6.0)", "50"]

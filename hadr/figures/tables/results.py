@@ -42,7 +42,7 @@ _SIGNS = (
 """Colour and marker of the depth networks, in the order of their table; the last are to spare."""
 _SIGN: dict[str, tuple[str, str]] = {
     **dict(zip(DEPTH_NETWORKS, cycle(_SIGNS), strict=False)),
-    "hadr-long": ("hadr", "o"),
+    "hadr-long": ("voxel", "s"),
     "no-hand": ("glass", "o"),
     "hand-median": ("hand", "D"),
 }
