@@ -229,8 +229,11 @@ def generation_text(folder: str | Path) -> str:
     hours = ", ".join(f"{row['hours']:.1f} h on {row['cores']}" for row in paper["cost"])
     few, size = cost["workers"][1]["frames"], "{width}x{height}".format(**run["folder_settings"])
     calm = run["minutes_at_the_pace_of_the_quickest_tenth"]
-    return f"""Two workers do {2 * work["at_work"]:.2f} times the work of one,
-{2 * work["with_start"]:.2f} times with their start in a run of {few} frames. The paper's {paper["frames"]:,} frames of 1280x720 would
-take {hours} cores, if many workers do as well as two. A whole set of {run["frames"]:,} frames of
-{size} took {run["seconds"] / 60:.0f} minutes with two workers ({run["note"]}; {calm:.0f} minutes at
-the pace of its quickest tenth)."""
+    return (
+        f"Two workers do {2 * work['at_work']:.2f} times the work of one, "
+        f"{2 * work['with_start']:.2f} times with their start in a run of {few} frames. The "
+        f"paper's {paper['frames']:,} frames of 1280x720 would take {hours} cores, if many "
+        f"workers do as well as two. A whole set of {run['frames']:,} frames of {size} took "
+        f"{run['seconds'] / 60:.0f} minutes with two workers ({run['note']}; {calm:.0f} minutes "
+        "at the pace of its quickest tenth)."
+    )
