@@ -43,7 +43,7 @@ def sections_of(chapter: Chapter) -> list[Section]:
         if piece.label:
             continue
         if piece.is_code:
-            if found and "mystnb" in piece.metadata:
+            if found and "image" in piece.metadata.get("mystnb", {}):
                 found[-1].figures.append(piece)
             continue
         for block in re.split(r"\n\s*\n", piece.source):

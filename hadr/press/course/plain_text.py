@@ -8,6 +8,8 @@ from pathlib import Path
 
 _CITE = re.compile(r"\{cite(?::\w+)?\}`([^`]+)`")
 _DOC = re.compile(r"\{doc\}`(?:([^`<]+?)\s*<([^`>]+)>|([^`]+))`")
+_NUMBER = re.compile(r"\{numref\}`[^`]+`")
+_TABLE = re.compile(r"^:::\{table\} (.+)\n(?::name: .+\n)?\n(?s:(.+?))^:::$", re.MULTILINE)
 _PAGE = re.compile(r"\]\(\.\./([\w/-]+\.md)(#[\w-]+)?\)")
 
 
@@ -41,5 +43,6 @@ def plain_markdown(text: str, citations: Mapping[str, str], pages: str) -> str:
             return f"[{words}]({pages}/{Path(target).name}.md)"
         return f"[{words}]({target}.ipynb)"
 
+    text = _TABLE.sub(r"*\1*\n\n\2", _NUMBER.sub("the table", text))
     text = _DOC.sub(linked, _CITE.sub(cited, text))
     return _PAGE.sub(lambda found: f"]({pages}/{found.group(1)}{found.group(2) or ''})", text)

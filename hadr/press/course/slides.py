@@ -76,7 +76,7 @@ def pictures_of(executed: Path, chapter: Chapter, folder: Path) -> dict[str, str
     folder.mkdir(parents=True, exist_ok=True)
     found: dict[str, str] = {}
     for piece in chapter.pieces:
-        if not piece.is_code or piece.label or "mystnb" not in piece.metadata:
+        if not piece.is_code or piece.label or "image" not in piece.metadata.get("mystnb", {}):
             continue
         if piece.source not in outputs:
             first = piece.source.splitlines()[0]

@@ -61,7 +61,9 @@ def test_the_solution_is_in_the_speakers_notes_alone(small):
 
 def test_decks_of_the_book(book):
     for chapter in book:
-        drawn = {p.source: "a.png" for p in chapter.pieces if "mystnb" in p.metadata}
+        drawn = {
+            p.source: "a.png" for p in chapter.pieces if "image" in p.metadata.get("mystnb", {})
+        }
         marks = {exercise.label: 2 for exercise in chapter.exercises}
         deck = deck_text(chapter, drawn, marks, str)
         shown = re.sub(r"````.*?````", "", deck, flags=re.DOTALL)

@@ -36,6 +36,11 @@ def test_roles_become_words_and_links():
     assert told("{doc}`03_a`, {doc}`this <03_a>`, {doc}`../ledger`") == (
         "[03_a](03_a.ipynb), [this](03_a.ipynb), [ledger](https://example.org/book/ledger.md)"
     )
+    table = (
+        ":::{table} What it {cite}`one` is.\n:name: table-a\n\n| a |\n|---|\n| 1 |\n:::\n\nText."
+    )
+    assert told(table) == "*What it (Dollar, 2017) is.*\n\n| a |\n|---|\n| 1 |\n\n\nText."
+    assert told("(compare {numref}`table-a`)") == "(compare the table)"
 
 
 def test_no_role_of_the_book_is_left(root):
