@@ -12,8 +12,14 @@ const reach = (box) => {
 // Unfolding gives a box its size; the theme sets its own tab stops on loading.
 const sizes = new ResizeObserver((changed) => changed.forEach(({ target }) => reach(target)));
 const boxes = () => document.querySelectorAll(".bd-article :is(pre, figure, div)");
-addEventListener("DOMContentLoaded", () => boxes().forEach((box) => {
+const watch = (box) => {
   sizes.observe(box);
   box.addEventListener("scroll", () => reach(box), { passive: true });
-}));
-addEventListener("load", () => setTimeout(() => boxes().forEach(reach), 300));
+};
+addEventListener("DOMContentLoaded", () => boxes().forEach(watch));
+addEventListener("load", () => {
+  setTimeout(() => boxes().forEach(reach), 300);
+  // Equations are set later.
+  window.MathJax?.startup?.promise?.then(() =>
+    document.querySelectorAll(".bd-article mjx-container").forEach(watch));
+});
