@@ -165,7 +165,7 @@ def captioned(table: str, caption: str, name: str = "") -> str:
     rows, _, note = table.partition("\n\n")
     words = " ".join(f"{caption} {note}".split())
     return "\n".join(
-        [f"```{{table}} {words}", *([f":name: {name}"] if name else []), "", rows, "```"]
+        [f":::{{table}} {words}", *([f":name: {name}"] if name else []), "", rows, ":::"]
     )
 
 

@@ -226,7 +226,8 @@ def _section(
     titles = [head.partition(" (") for head in heads]
     for kind in ("paper", "ours"):
         _embolden(listed, kind, heads)
-    about = f"{title}: the paper's rows beside ours; the best of each is bold."
+    where = " (it may stand in the next table)" if ours else ""
+    about = f"{title}: the paper's rows beside ours; the best of either{where} is bold."
     parts = [words, _TABLE.render(heads=titles, listed=paper, missing=NOT_RUN, caption=about)]
     if ours:
         about = f"{title}: {more} that the paper's table does not have."

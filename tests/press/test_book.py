@@ -95,8 +95,8 @@ def test_a_table_gets_the_caption_of_its_cell_and_its_own_note():
     shown = book.stage_notebook(new.new_notebook(cells=[cell]), "3 s").cells[0].outputs
     assert shown[0].data["text/markdown"] == "No table."
     assert shown[1].data["text/markdown"].splitlines() == [
-        "```{table} What to see. Of 2 frames.", ":name: table-a", "",
-        "| a |", "|---|", "| 1 |", "```",
+        ":::{table} What to see. Of 2 frames.", ":name: table-a", "",
+        "| a |", "|---|", "| 1 |", ":::",
     ]  # fmt: skip
 
 

@@ -73,7 +73,7 @@ def speed_table(restoration: Record, perception: Record) -> str:
     forms = list(dict.fromkeys(t.split(", ", 1)[1] for t in times if ", " in t))
     head = [
         "form", "`mini` (ms)", "`paper` (ms)", "`paper` against Swin-T",
-        "RMSE of the bundled HADR", "whole perception, `mini` (frames a second)",
+        "change of the bundled HADR's RMSE", "whole perception, `mini` (frames a second)",
     ]  # fmt: skip
     swin = f"{times['Swin-T']['wall_median_ms']:.0f}"
     lines = [["*plain Swin-T*", "-", swin, "1.00", "-", "-"]]

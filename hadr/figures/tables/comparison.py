@@ -197,7 +197,7 @@ def averages_table(rows: Sequence[Row]) -> str:
 def poses_table(rows: Sequence[Row]) -> str:
     """Set each method's error on familiar and on new hand poses."""
     head = [
-        "objects", "method", "RMSE, most familiar third (cm)", "newest third (cm)",
+        "objects", "method", "RMSE, most familiar third (cm)", "RMSE, newest third (cm)",
         "rank correlation",
     ]  # fmt: skip
     lines = []

@@ -142,10 +142,13 @@ def marks_of(exercise: Exercise) -> int:
     return MARKS.get(exercise.label, DEFAULT_MARKS)
 
 
-def numbers_in_the_book(chapters: Sequence[Chapter]) -> dict[str, int]:
-    """The number that the book's pages, which count through, show above each exercise, by label."""
-    labels = [exercise.label for chapter in chapters for exercise in chapter.exercises]
-    return {label: number for number, label in enumerate(labels, start=1)}
+def numbers_in_the_book(chapters: Sequence[Chapter]) -> dict[str, str]:
+    """The number that the book's pages show above each exercise, such as "4.3", by label."""
+    return {
+        exercise.label: f"{chapter.number}.{place}"
+        for chapter in chapters
+        for place, exercise in enumerate(chapter.exercises, start=1)
+    }
 
 
 def plans_text(chapters: Sequence[Chapter]) -> str:
@@ -172,16 +175,14 @@ def plans_text(chapters: Sequence[Chapter]) -> str:
 def chapters_text(
     chapters: Sequence[Chapter],
     link: Callable[[Chapter], str],
-    every: Sequence[Chapter] | None = None,
 ) -> str:
     """Goals, exercises, marks and common mistakes of each chapter, as Markdown.
 
     Args:
         chapters: The chapters, in order.
         link: Where a chapter's title leads.
-        every: All chapters of the book, for the exercises' numbers; None where these are all.
     """
-    numbers = numbers_in_the_book(chapters if every is None else every)
+    numbers = numbers_in_the_book(chapters)
     parts = []
     for chapter in chapters:
         total = sum(marks_of(exercise) for exercise in chapter.exercises)
@@ -243,5 +244,5 @@ c.ExecutePreprocessor.timeout = 900
 
 def instructor_text(chapters: Sequence[Chapter], every: Sequence[Chapter]) -> str:
     """The page that lies beside the notebooks of some chapters; the plans are of every chapter."""
-    told = chapters_text(chapters, lambda chapter: f"student/{chapter.name}.ipynb", every)
+    told = chapters_text(chapters, lambda chapter: f"student/{chapter.name}.ipynb")
     return f"{FOLDER}\n## Plans\n\n{plans_text(every)}\n\n## The chapters\n\n{told}\n"
