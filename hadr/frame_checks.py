@@ -15,7 +15,7 @@ from hadr.corruption import CORRUPTIONS, Corruption
 
 DEEPEST_MEDIAN_M = 20.0
 NEAREST_MEDIAN_M = 0.02
-FARTHEST_M = 100.0
+FARTHEST_M = 30.0
 """Where more is measured, a number stands for "missing"."""
 LEAST_CONTRAST = 16
 """Between the darkest and the brightest hundredth of a picture's values, of 255; the bundled frames

@@ -182,7 +182,7 @@ BAD = {
         dict(mask=np.ones((60, 80), bool), hand_mask=np.ones((60, 80), bool)),
         "mask and hand mask share 4800 of the mask's 4800 pixels",
     ),
-    "far": (dict(depth=np.where(np.eye(60, 80) > 0, 1e30, 0.8)), "depth is beyond 100 m in 60 pix"),
+    "far": (dict(depth=np.where(np.eye(60, 80) > 0, 1e30, 0.8)), "depth is beyond 30 m in 60 pix"),
     "negative": (dict(depth=np.full((60, 80), -0.8)), "depth must not be negative, got -0.8 m in"),
     "empty mask": (dict(mask=np.zeros((60, 80), bool)), "mask is empty: none of its 4800 pixels"),
     "mask of another size": (

@@ -106,9 +106,8 @@ def read_arrays(path: str | Path, schema: Mapping[str, str]) -> dict[str, npt.ND
         with np.load(io.BytesIO(data), allow_pickle=False) as file:
             arrays = {name: np.asarray(file[name]) for name in file.files}
     except Exception as error:  # zipfile, zlib and NumPy's header raise a dozen kinds
-        raise ValueError(f"{path} is no .npz of arrays, or is cut off or damaged: {error}") from (
-            error
-        )
+        why = "" if "allow_pickle" in str(error) else f": {error}"  # which is no advice for a user
+        raise ValueError(f"{path} is no .npz of arrays, or is cut off or damaged{why}") from error
     if wrong := sorted(arrays.keys() ^ schema.keys()):
         said = "lacks the array" if wrong[0] in schema else "has an unknown array,"
         raise ValueError(f"{path} {said} {wrong[0]!r}")

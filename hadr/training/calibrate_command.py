@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -62,6 +63,22 @@ class Options:
     """Write what was measured as JSON into this file."""
 
 
+def _check_beside(checkpoint: Path) -> None:
+    """Check that the file in whose place the record is written is one, if there is a file."""
+    beside = checkpoint.with_suffix(".json")
+    if not beside.exists():
+        return
+    try:
+        found = json.loads(beside.read_text(encoding="utf-8"))
+    except ValueError:
+        found = None
+    if not isinstance(found, dict) or not {"network", "sha256"} <= found.keys():
+        raise ValueError(
+            f"{beside} is no checkpoint's record, but that of {checkpoint.name} would be written in "
+            "its place: move it away"
+        )
+
+
 def run(options: Options) -> int:
     """Run `hadr calibrate`."""
     from hadr.confidence.calibration import ConfidenceRule
@@ -80,6 +97,7 @@ def run(options: Options) -> int:
     check_file(options.out, what=_WHAT)
     check_folders(options.data)
     model, meta = load_checkpoint(options.checkpoint)
+    _check_beside(options.checkpoint)
     name, kind = options.checkpoint.name, kind_of(model)
     if NETWORKS[kind].answer != "depth":
         raise ValueError(f"{name} holds a network of kind {kind!r}, which restores no depth")

@@ -152,3 +152,8 @@ def test_what_cannot_be_calibrated_is_left_as_it_is(model, tmp_path) -> None:
     with pytest.raises(ValueError, match="is a folder, expected the name of a file"):
         subject.run(parsed(str(path), frames, "--out", str(tmp_path)))
     assert path.read_bytes() == before
+    notes = tmp_path / "small.json"
+    notes.write_text("my notes")
+    with pytest.raises(ValueError, match=r"small\.json is no checkpoint's record"):
+        subject.run(parsed(str(path), frames))
+    assert (path.read_bytes(), notes.read_text()) == (before, "my notes")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
@@ -115,14 +116,20 @@ def sequence_frames(options: Options) -> dict[str, Options]:
             )
         files[option] = found = {}
         for path in sorted(Path(given).iterdir()):
-            if path.name.startswith(".") or not path.is_file():
+            if path.name.startswith(".") or path.is_dir():
                 continue
+            if not path.is_file():
+                raise ValueError(f"{path} is no file that can be read, but a pipe or a broken link")
             if path.stem in found:
                 raise ValueError(f"{given} holds two files of frame {path.stem}: expected one")
             found[path.stem] = str(path)
     if not files["rgb"]:
         raise ValueError(f"--rgb {options.rgb} holds no frame")
-    names = sorted(set().union(*files.values()))
+    # 2 comes before 10
+    names = sorted(
+        set().union(*files.values()),
+        key=lambda name: [int(t) if t.isdecimal() else t for t in re.split(r"(\d+)", name)],
+    )
     for option, found in files.items():
         if lacking := [name for name in names if name not in found]:
             raise ValueError(

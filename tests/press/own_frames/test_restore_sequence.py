@@ -107,4 +107,8 @@ def test_files_that_do_not_belong_together_are_refused_before_anything_is_made(f
     (folder / "depth" / "0010.5.png").unlink()
     assert main(words) == 2
     assert "depth has no file of frame 0010.5 (1 of 3 lack one)" in capsys.readouterr().err
+    for part in ("rgb", "depth", "mask"):
+        (folder / part / "0012.png").symlink_to("nowhere.png")
+    assert main(words) == 2
+    assert "0012.png is no file that can be read" in capsys.readouterr().err
     assert not (folder / "out").exists()

@@ -26,6 +26,7 @@ from hadr.handover.logs.replay import replay
 from hadr.handover.logs.run_log import read_run_log
 from hadr.records import dependencies
 from hadr.records.dependencies import modules_behind
+from hadr.records.provenance import record_of
 from hadr.records.result_file import digest
 from hadr.simulation.camera.sight import CHECKPOINTS
 from hadr.simulation.trials import experiment
@@ -72,7 +73,7 @@ def test_a_finished_attempt_is_read_back(whole: Run, made: Counter[Trial], tmp_p
     trial = whole.trial
     (row,) = run_attempts([trial], tmp_path)
     assert row["verdict"] == "success"
-    assert row["trial"] == json.loads(json.dumps(vars(trial)))
+    assert row["trial"] == json.loads(json.dumps(record_of(trial)))
     assert sorted(p.name for p in (tmp_path / "perfect").iterdir()) == [
         "0010-922-log.npz", "0010-922.json", "0010-922.npz",
     ]  # fmt: skip
