@@ -74,8 +74,8 @@ def _check_beside(checkpoint: Path) -> None:
         found = None
     if not isinstance(found, dict) or not {"network", "sha256"} <= found.keys():
         raise ValueError(
-            f"{beside} is no checkpoint's record, but that of {checkpoint.name} would be written in "
-            "its place: move it away"
+            f"{beside} is no checkpoint's record, but that of {checkpoint.name} would take its place: "
+            "move it away"
         )
 
 

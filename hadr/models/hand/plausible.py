@@ -194,9 +194,7 @@ def check_hand(
         elif given:
             problems += _unlike(keypoints, seen, camera)
     elif given:
-        problems.append(
-            f"depth was measured at {int(known.sum())} of its 21 keypoints, so it could not be compared"
-        )
+        problems.append(f"it could not be compared: {int(known.sum())} of its keypoints meet depth")
     if skin is not None and skin > FARTHEST_FROM_SKIN_M:
         problems.append(f"its keypoints lie {100 * skin:.1f} cm away from the hand's pixels")
     if area is not None and not AREA_M2[0] <= area <= AREA_M2[1]:
