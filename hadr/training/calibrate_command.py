@@ -74,7 +74,7 @@ def _check_beside(checkpoint: Path) -> None:
         found = None
     if not isinstance(found, dict) or not {"network", "sha256"} <= found.keys():
         raise ValueError(
-            f"{beside} is no checkpoint's record, but that of {checkpoint.name} would take its place: "
+            f"{beside} is no checkpoint's record, but the place of that of {checkpoint.name}: "
             "move it away"
         )
 
