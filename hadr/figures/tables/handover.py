@@ -85,7 +85,8 @@ def conditions_table(rows: Sequence[Row], published: Mapping[str, Sequence[int]]
         rate = f"{100 * won / 48:.1f}"
         counts = [f"{count}/8" for count in objects]
         lines.append([f"*paper: {name}*", f"{won}/48", rate, "", *counts, ""])
-    head = "condition|successes|rate (%)|95 % interval|> 0.5|> 0.8|1.0|time (s)".split("|")
+    shares = ("> 0.5", "> 0.8", "1.0")
+    head = ["condition", "successes", "rate (%)", "95 % interval", *shares, "time (s)"]
     own = [row["condition"] for row in _ordered(rows)]
     best = [[place for place, condition in enumerate(own) if condition != "perfect"]]
     return markdown(pd.DataFrame(lines, columns=head), best=best)
