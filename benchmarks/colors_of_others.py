@@ -26,7 +26,7 @@ def main() -> None:
     rows = []
     for method in dict.fromkeys((*METHODS, *PARTS)):
         run = Run("known", method, 0)
-        recipe = system(method, "mini").recipe
+        recipe = system(method, bench.size).recipe
         if recipe is None or bench.finished(run) is None:
             continue  # it learns nothing, or was not trained
         model, _ = load_checkpoint(args.runs / run.name / LAST)

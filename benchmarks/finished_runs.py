@@ -18,14 +18,15 @@ def arguments(description: str | None) -> argparse.ArgumentParser:
     parser.add_argument("--runs", type=Path, required=True, help="OUT/runs of hadr reproduce")
     parser.add_argument("--data", type=Path, nargs="+", required=True)
     parser.add_argument("--json", type=Path, required=True)
+    parser.add_argument("--preset", default="mini", help="of the runs")
     parser.add_argument("--threads", type=int, default=torch.get_num_threads())
     return parser
 
 
-def open_runs(args: argparse.Namespace, preset: str = "mini") -> Bench:
+def open_runs(args: argparse.Namespace) -> Bench:
     """Set the number of threads, and open the bench of the runs."""
     torch.set_num_threads(args.threads)
-    return Bench(args.data, args.runs, preset)
+    return Bench(args.data, args.runs, args.preset)
 
 
 def write_rows(path: Path, what: str, rows: Sequence[Mapping[str, Any]], bench: Bench) -> None:

@@ -138,7 +138,7 @@ def main() -> None:
     bench = open_runs(args)
     rows = []
     for split, method in ((split, method) for split in TABLES for method in LEARNED):
-        run, recipe = Run(split, method), system(method, "mini").recipe
+        run, recipe = Run(split, method), system(method, bench.size).recipe
         if recipe is None or bench.finished(run) is None:
             continue
         model = load_checkpoint(args.runs / run.name / LAST)[0]

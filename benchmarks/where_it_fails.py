@@ -24,10 +24,10 @@ from hadr.training.frames.batches import FrameTensors
 from hadr.training.loop import LAST
 
 
-def row_of(bench: Bench, run: Run, size: str) -> dict[str, Any]:
+def row_of(bench: Bench, run: Run) -> dict[str, Any]:
     """Take apart the errors of one run's network, or of the hand's median depth."""
     truth = bench.frames(run, "test", EVALUATION_SIZE)
-    recipe = system(run.method, size).recipe
+    recipe = system(run.method, bench.size).recipe
     more: dict[str, Any] = {}
     if recipe is None:
         restorer = CLASSICAL[run.method]
@@ -66,12 +66,10 @@ def what_refinement_does(
 
 def main() -> None:
     """Run the analysis."""
-    parser = arguments(__doc__)
-    parser.add_argument("--preset", default="mini")
-    args = parser.parse_args()
-    bench = open_runs(args, args.preset)
+    args = arguments(__doc__).parse_args()
+    bench = open_runs(args)
     rows = [
-        row_of(bench, run, args.preset)
+        row_of(bench, run)
         for experiment in TABLES
         for method in ("hand-median", *LEARNED)
         if bench.finished(run := Run(experiment, method)) is not None

@@ -21,6 +21,7 @@ import numpy as np
 from hadr.data.folders import FrameSource, open_folder
 from hadr.data.splits import OBJECT_IDS, UNKNOWN_OBJECTS, split_by_frame
 from hadr.data.transhand import SPLITS
+from hadr.models.blocks.efficientnet_lite import LiteConfig
 from hadr.models.hadr import HADRConfig
 from hadr.models.networks import RIVALS
 from hadr.training.losses import CODED
@@ -50,6 +51,11 @@ SWITCHES: Mapping[str, Mapping[str, Any]] = {
     "clamped-probability": {"model": {"clamp_probability": True}},
 }
 """Rows of the ledger that are measured by a training, and what each changes in HADR's recipe."""
+SEEING: Mapping[str, Mapping[str, Any]] = {
+    "random-encoder": {"model": {"lite": LiteConfig(frozen=0, pretrained=False)}},
+    "whole-picture": {"width": 128, "height": 72, "model": {"view": None}},
+}
+"""What preset imagenet is without its weights, and without its window."""
 LONG_RUN = 4
 """How many times as many epochs the long run has."""
 
@@ -136,20 +142,19 @@ def system(method: str, size: str) -> System:
     """Describe a system at the size of a preset.
 
     Args:
-        method: One of `METHODS`, `PARTS` or `SWITCHES`.
-        size: "tiny", "mini" or "paper".
+        method: One of `METHODS`, `PARTS`, `SWITCHES` or, with "imagenet", `SEEING`.
+        size: "tiny", "mini", "imagenet" or "paper".
 
     Returns:
-        The system; `hadr-long` is HADR with `LONG_RUN` times as many epochs, those of `PARTS` and
-        `SWITCHES` are HADR with one change, the others are the recipes of their networks.
+        The system; `hadr-long` is HADR with `LONG_RUN` times as many epochs, those of `PARTS`,
+        `SWITCHES` and `SEEING` are HADR with one change, the others are their networks' recipes.
 
     Raises:
         ValueError: The method or the preset is unknown.
     """
-    if method not in (*METHODS, *PARTS, *SWITCHES):
-        raise ValueError(
-            f"method must be one of {', '.join((*METHODS, *PARTS, *SWITCHES))}, got {method!r}"
-        )
+    switches = switches_of(size)
+    if method not in (known := (*METHODS, *PARTS, *switches)):
+        raise ValueError(f"method must be one of {', '.join(known)}, got {method!r}")
     if method in CHEAP:
         return System(method, None)
     if method in ("hadr-plus", "unet-hand", *RIVALS):
@@ -161,12 +166,17 @@ def system(method: str, size: str) -> System:
         )
     if method in PARTS:
         recipe = replace(recipe, model=_changed(recipe, PARTS[method]))
-    if method in SWITCHES:
-        changes = dict(SWITCHES[method])
+    if method in switches:
+        changes = dict(switches[method])
         if "model" in changes:
             changes["model"] = _changed(recipe, changes["model"])
         recipe = replace(recipe, **changes)
     return System(method, recipe)
+
+
+def switches_of(size: str) -> Mapping[str, Mapping[str, Any]]:
+    """What is changed in HADR's recipe in the rows of the ledger that a preset has."""
+    return {**SWITCHES, **SEEING} if size == "imagenet" else SWITCHES
 
 
 def _changed(recipe: Preset, changes: Mapping[str, Any]) -> HADRConfig:

@@ -19,7 +19,7 @@ from typing import Any
 
 from hadr.experiments.averages import against, table_rows
 from hadr.experiments.conditions import KEYPOINTS, MASKS, condition_rows
-from hadr.experiments.protocol import EXPERIMENTS, METHODS, PARTS, SWITCHES, Experiment
+from hadr.experiments.protocol import EXPERIMENTS, METHODS, PARTS, SEEING, SWITCHES, Experiment
 from hadr.experiments.runner import Bench, Run
 from hadr.experiments.scoring import EVALUATION_SIZE
 from hadr.models.networks import RIVALS
@@ -35,7 +35,7 @@ ABLATION = {**{part: part for part in PARTS}, "full": "hadr"}
 DEFAULT = "as by default"
 LEDGER = {
     DEFAULT: ("known", "hadr"),
-    **{switch: ("known", switch) for switch in SWITCHES},
+    **{switch: ("known", switch) for switch in (*SWITCHES, *SEEING)},
     "split by frame": ("by-frame", "hadr"),
 }
 """Rows of the ledger's table, and which run each is."""
@@ -106,7 +106,7 @@ def against_next(
 
 def finished_rows(bench: Bench) -> list[dict[str, Any]]:
     """All finished runs of a bench with their learning curves, the methods in the tables' order."""
-    order = [*METHODS, *PARTS, *SWITCHES]
+    order = [*METHODS, *PARTS, *SWITCHES, *SEEING]
     runs = sorted(
         runs_in(bench.out), key=lambda run: (order.index(run.method), run.experiment, run.seed)
     )
@@ -119,7 +119,7 @@ def finished_rows(bench: Bench) -> list[dict[str, Any]]:
 
 def runs_in(out: Path) -> Iterator[Run]:
     """The runs that have a row, finished with the present configuration or not."""
-    known = {*METHODS, *PARTS, *SWITCHES}
+    known = {*METHODS, *PARTS, *SWITCHES, *SEEING}
     for path in sorted(out.glob("*/*/seed-*/row.json")):
         experiment, method, seed = path.parts[-4:-1]
         number = seed.removeprefix("seed-")

@@ -147,7 +147,7 @@ def _making(name: str, row: Mapping[str, Any], size: str) -> dict[str, str]:
 
 
 def _command(name: str, run: str, size: str) -> str:
-    data = "" if size == "tiny" else " --data DIR data_samples/frames"
+    data = {"tiny": "", "imagenet": " --data DIR"}.get(size, " --data DIR data_samples/frames")
     wish = run if "/" in run else f"{'known' if name == 'ablation' else name}/{run}"
     if name == "ablation" and run == "full":
         wish = "known/hadr"

@@ -67,8 +67,8 @@ class Options:
 
     out: Annotated[Path, FOLDER]
     """Folder for notebooks and results."""
-    preset: Literal["tiny", "mini", "paper"] = "tiny"
-    """Size of networks and data; tiny takes minutes on a laptop."""
+    preset: Literal["tiny", "mini", "imagenet", "paper"] = "tiny"
+    """Size of networks and data; tiny takes minutes on a laptop, imagenet has tables alone."""
     seed: int = 0
     """Seed of every chapter and of the attempts."""
     only: Annotated[tuple[str, ...], tyro.conf.arg(metavar="PART")] = ()
@@ -116,6 +116,10 @@ def run(options: Options) -> int:
     if options.again:
         return _run_again(options, *options.again)
     asked = set(options.only)
+    if options.preset == "imagenet":
+        asked = asked or {"tables"}
+        if others := [wish for wish in asked if wish != "tables" and not is_table_wish(wish)]:
+            raise ValueError(f"preset imagenet has tables alone, got --only {' '.join(others)}")
     rows = [wish for wish in options.only if is_table_wish(wish)]
     chapters = [w for w in options.only if w not in WHOLE and w not in rows]
     bench = runs = attempts = None
@@ -178,9 +182,9 @@ def run(options: Options) -> int:
 def is_table_wish(wish: str) -> bool:
     """Say whether a word of ``--only`` means a table's run and not a chapter."""
     from hadr.experiments.plan import TABLE_RUNS
-    from hadr.experiments.protocol import EXPERIMENTS, METHODS, PARTS, SWITCHES
+    from hadr.experiments.protocol import EXPERIMENTS, METHODS, PARTS, SEEING, SWITCHES
 
-    names = (*EXPERIMENTS, *METHODS, *PARTS, *SWITCHES, *TABLE_RUNS, "full")
+    names = (*EXPERIMENTS, *METHODS, *PARTS, *SWITCHES, *SEEING, *TABLE_RUNS, "full")
     return "/" in wish or wish.lower() in names
 
 
@@ -200,8 +204,7 @@ def open_bench(options: Options) -> Bench:
     elif not roots and not options.dry_run:
         raise ValueError(
             f"the tables of preset {options.preset} need --data DIR; make one with "
-            f"'hadr generate --preset {options.preset} --out DIR', and name data_samples/frames "
-            "beside it for more training frames"
+            f"'hadr generate --preset {_frames_of(options.preset)} --out DIR'"
         )
     for root in roots:
         if not root.is_dir():
@@ -219,10 +222,14 @@ def _data_step(size: str, times: dict[str, float]) -> Step:
     """The step that makes the data of a preset, for a plan without them: nothing else is done."""
     from hadr.synthesis.generation.settings import PRESETS
 
-    name = f"hadr generate --preset {size} --out DIR"
-    return Step(
-        "data", name, f"{PRESETS[size].frames:,} frames", times.get(name), "DIR, for --data"
-    )
+    name = f"hadr generate --preset {_frames_of(size)} --out DIR"
+    frames = f"{PRESETS[_frames_of(size)].frames:,} frames"
+    return Step("data", name, frames, times.get(name), "DIR, for --data")
+
+
+def _frames_of(size: str) -> str:
+    """The generator's preset whose frames a preset of networks learns from."""
+    return "mini" if size == "imagenet" else size
 
 
 def _run_again(options: Options, file: str, method: str) -> int:

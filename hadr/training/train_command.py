@@ -81,8 +81,8 @@ class Options:
     """Folders in TransHand's layout, joined; the bundled frames where it is left out."""
     network: Kind = "hadr"
     """What to train."""
-    preset: Literal["tiny", "mini", "paper"] = "mini"
-    """Size of network, pictures and schedule."""
+    preset: Literal["tiny", "mini", "imagenet", "paper"] = "mini"
+    """Size of network, pictures and schedule; imagenet is mini with a pretrained encoder."""
     epochs: int | None = None
     """In place of the preset's; the rate's drop moves along."""
     drop_epoch: int | None = None

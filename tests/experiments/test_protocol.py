@@ -78,3 +78,13 @@ def test_systems_differ_from_hadr_in_one_thing():
     assert replace(coded, weights=base.weights) == base
     with pytest.raises(ValueError, match=r"method must be one of .* got 'gan'"):
         system("gan", "mini")
+
+
+def test_preset_imagenet_is_measured_without_its_weights_and_without_its_window():
+    base = system("hadr", "imagenet").recipe
+    unlearned, whole = (system(n, "imagenet").recipe for n in ("random-encoder", "whole-picture"))
+    assert (unlearned.model.lite.pretrained, unlearned.model.lite.frozen) == (False, 0)
+    assert replace(unlearned, model=replace(unlearned.model, lite=base.model.lite)) == base
+    assert (whole.model.view, whole.size) == (None, (128, 72))
+    with pytest.raises(ValueError, match="got 'random-encoder'"):
+        system("random-encoder", "mini")  # it has no such encoder

@@ -83,6 +83,8 @@ def test_a_row_that_gives_other_numbers_is_told(
         (["--only", "known/hadr/seed-7"], "seeds are chosen with --seeds"),
         (["--preset", "mini", "--only", "known"], "hadr generate --preset mini --out DIR"),
         (["--data", "nowhere"], "there is no data folder nowhere"),
+        (["--preset", "imagenet"], "hadr generate --preset mini --out DIR"),
+        (["--preset", "imagenet", "--only", "07"], "has tables alone, got --only 07"),
     ],
 )
 def test_wrong_words_are_told_in_one_line(

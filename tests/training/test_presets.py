@@ -38,7 +38,7 @@ def test_paper_preset_has_the_papers_figures() -> None:
 
 
 def test_an_unknown_preset_names_the_known_ones() -> None:
-    with pytest.raises(ValueError, match="one of tiny, mini, paper, got 'huge'"):
+    with pytest.raises(ValueError, match="one of tiny, mini, paper, imagenet, got 'huge'"):
         preset("huge")
 
 
