@@ -18,7 +18,7 @@ import pandas as pd
 
 from hadr.figures.tables.comparison import PUBLISHED_NAMES
 from hadr.figures.tables.handover import paired
-from hadr.figures.tables.results import NAMES, markdown
+from hadr.figures.tables.results import NAMES, markdown, with_doubt
 from hadr.metrics import METRICS
 from hadr.records.reading import read_json
 from hadr.records.result_file import ResultFile, read_result_file
@@ -96,7 +96,7 @@ def _first(metric: str, ours: Row, others: Sequence[Row]) -> bool:
 
 
 def _cm(row: Row) -> str:
-    return f"{100 * row['rmse_m']:.2f}"
+    return with_doubt(row["rmse_m"], row["rmse_standard_error_m"])
 
 
 def _depth_claims(results: Path, paper: Mapping[str, Any]) -> Iterator[Claim]:
