@@ -67,7 +67,7 @@ def main() -> None:
     panels.show_depth(axes[0, 1], depth[window], "its depth (simulated)", colorbar=False, **limits)
     for ax, (title, result) in zip(axes.flat[2:], done.items(), strict=False):
         scored = frame_metrics(result.depth, frame.depth, frame.object_mask)
-        text = f"{title}: {100 * scored.mae_m:.1f} cm off"
+        text = f"{title}: RMSE {100 * scored.rmse_m:.1f} cm"
         panels.show_depth(ax, result.depth[window], text, colorbar=ax is axes[0, 2], **limits)
     title, best = list(done)[-1], list(done.values())[-1].depth
     (cloud,) = restored_clouds(frame, {title: best})
