@@ -11,7 +11,7 @@ which shows another object in another hand. What its error gains is what it had 
 from finished_runs import arguments, open_runs, write_rows
 
 from hadr.experiments.averages import paired
-from hadr.experiments.protocol import METHODS, PARTS, system
+from hadr.experiments.protocol import METHODS, PARTS, SEEING, system
 from hadr.experiments.runner import Run
 from hadr.experiments.scoring import EVALUATION_SIZE, score_network
 from hadr.training.checkpoints import load_checkpoint
@@ -24,7 +24,8 @@ def main() -> None:
     args = arguments(__doc__).parse_args()
     bench = open_runs(args)
     rows = []
-    for method in dict.fromkeys((*METHODS, *PARTS)):
+    seeing = SEEING if bench.size == "imagenet" else {}
+    for method in dict.fromkeys((*METHODS, *PARTS, *seeing)):
         run = Run("known", method, 0)
         recipe = system(method, bench.size).recipe
         if recipe is None or bench.finished(run) is None:
@@ -51,7 +52,7 @@ def main() -> None:
         )
         rows.append(row)
     what = (
-        "RMSE on the test frames of known objects, preset mini, with each frame's own colours and "
+        f"RMSE on the test frames of known objects, preset {bench.size}, with each frame's own colours and "
         "with those of another frame (mask, depth and hand stay); differences frame by frame, "
         "standard errors over holds"
     )

@@ -13,7 +13,7 @@ from finished_runs import arguments, open_runs, write_rows
 
 from hadr.experiments.averages import paired
 from hadr.experiments.errors import frame_error, hand_poses, pose_distance, summary
-from hadr.experiments.protocol import LEARNED, system
+from hadr.experiments.protocol import LEARNED, PARTS, SEEING, system
 from hadr.experiments.runner import Bench, Run
 from hadr.experiments.scoring import EVALUATION_SIZE, restored_depth, score_network
 from hadr.experiments.tables import TABLES
@@ -68,10 +68,11 @@ def main() -> None:
     """Run the analysis."""
     args = arguments(__doc__).parse_args()
     bench = open_runs(args)
+    changed = dict.fromkeys((*PARTS, *SEEING)) if bench.size == "imagenet" else {}
     rows = [
         row_of(bench, run)
         for experiment in TABLES
-        for method in ("hand-median", *LEARNED)
+        for method in dict.fromkeys(("hand-median", *LEARNED, *changed))
         if bench.finished(run := Run(experiment, method)) is not None
     ]
     write_rows(

@@ -32,6 +32,8 @@ NAMES: dict[str, str] = {
     "no-aggregation": "HADR without aggregation of scales",
     "no-point-fusion": "HADR without point fusion",
     "hand-2d": "HADR with the 2D hand feature",
+    "random-encoder": "HADR, its encoder from random weights",
+    "whole-picture": "HADR, without a window",
     "full": "HADR, the full model",
 }
 """How a method of a result file is called in tables and pictures, in the order of the tables."""
@@ -171,6 +173,23 @@ def parts_table(rows: Sequence[Row]) -> str:
     ]
     head = ["objects", "method", *parts.values()]
     return markdown(pd.DataFrame(lines, columns=head), "llr")
+
+
+def seeing_table(rows: Sequence[Row], parts: Sequence[Row], colors: Sequence[Row]) -> str:
+    """List what each method sees: its error, of place and of shape, and what colours are worth."""
+    place = {row["method"]: row for row in parts}
+    worth = {row["method"]: difference_cell(row["others_minus_own"]) for row in colors}
+    head = ["method", "RMSE (cm)", "δ1.05 (%)", "place (cm)", "shape (cm)",
+            "another frame's colours cost (cm)"]  # fmt: skip
+    lines = []
+    for row in ordered(rows, "known"):
+        method, found = row["method"], place.get(row["method"])
+        apart = [f"{100 * found[part]:.2f}" for part in ("place_m", "shape_m")] if found else ["-", "-"]
+        rmse = with_doubt(row["rmse_m"], row["rmse_standard_error_m"])
+        lines.append(
+            [NAMES[method], rmse, f"{row['delta_105']:.1f}", *apart, worth.get(method, "-")]
+        )
+    return markdown(pd.DataFrame(lines, columns=head))
 
 
 def draw_systems(ax: Axes, rows: Sequence[Row], split: str, published_rmse_m: float) -> None:

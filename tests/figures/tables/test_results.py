@@ -28,6 +28,7 @@ from hadr.figures.tables.results import (
     margins_table,
     parts_table,
     results_table,
+    seeing_table,
     system_color,
 )
 from hadr.models.networks import DEPTH_NETWORKS
@@ -114,6 +115,18 @@ def cells(line: str) -> list[str]:
     """Cells of a line without bold; the spaces that hold a number and its doubt as plain ones."""
     line = line.strip("|").replace("\N{NO-BREAK SPACE}", " ").replace("**", "")
     return [cell.strip() for cell in line.split("|")]
+
+
+def test_what_a_network_sees_is_joined_by_method_and_what_was_not_measured_is_a_dash() -> None:
+    parts = [{"method": "hadr", "split": "known", "place_m": 0.01, "shape_m": 0.02}]
+    gap = {"mean_difference_m": 0.005, "standard_error_m": 0.001}
+    colors = [{"method": "hadr", "others_minus_own": gap}]
+    lines = seeing_table(ROWS, parts, colors).replace("\N{NO-BREAK SPACE}", " ").splitlines()
+    cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines[2:]]
+    assert cells == [
+        ["nothing", "65.00 ± 0.10", "70.0", "-", "-", "-"],
+        ["HADR", "3.12 ± 0.10", "70.0", "1.00", "2.00", "+0.50 ± 0.10"],
+    ]
 
 
 def test_orders_are_those_of_the_methods_that_both_tables_have() -> None:
