@@ -52,9 +52,9 @@ def main() -> None:
         )
         rows.append(row)
     what = (
-        f"RMSE on the test frames of known objects, preset {bench.size}, with each frame's own colours and "
-        "with those of another frame (mask, depth and hand stay); differences frame by frame, "
-        "standard errors over holds"
+        f"RMSE on the test frames of known objects, preset {bench.size}, with each frame's own "
+        "colours and with those of another frame (mask, depth and hand stay); differences frame by "
+        "frame, standard errors over holds"
     )
     write_rows(args.json, what, rows, bench)
 

@@ -184,11 +184,10 @@ def seeing_table(rows: Sequence[Row], parts: Sequence[Row], colors: Sequence[Row
     lines = []
     for row in ordered(rows, "known"):
         method, found = row["method"], place.get(row["method"])
-        apart = [f"{100 * found[part]:.2f}" for part in ("place_m", "shape_m")] if found else ["-", "-"]
+        apart = [f"{100 * found[p]:.2f}" if found else "-" for p in ("place_m", "shape_m")]
         rmse = with_doubt(row["rmse_m"], row["rmse_standard_error_m"])
-        lines.append(
-            [NAMES[method], rmse, f"{row['delta_105']:.1f}", *apart, worth.get(method, "-")]
-        )
+        cells = [rmse, f"{row['delta_105']:.1f}", *apart, worth.get(method, "-")]
+        lines.append([NAMES[method], *cells])
     return markdown(pd.DataFrame(lines, columns=head))
 
 
