@@ -18,7 +18,7 @@ import numpy as np
 from finished_runs import arguments, open_runs, write_rows
 
 from hadr.data.transhand import FrameFiles, TransHand
-from hadr.experiments.protocol import LEARNED, system
+from hadr.experiments.protocol import LEARNED, SEEING, system
 from hadr.experiments.runner import Run
 from hadr.figures.depth.restored_glass import frames_at
 from hadr.metrics import frame_metrics
@@ -53,7 +53,7 @@ def main() -> None:
             if f"{files.object_id}/{files.stem}" in names:
                 copy_frame(files, root, args.near)
     kept, rows = {}, []
-    for method in LEARNED:
+    for method in (*LEARNED, *(SEEING if bench.size == "imagenet" else ())):
         run, recipe = Run("known", method), system(method, bench.size).recipe
         if recipe is None or bench.finished(run) is None:
             continue
