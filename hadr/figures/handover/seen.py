@@ -19,7 +19,6 @@ from hadr.figures.panels import COLORS, bare_axes
 from hadr.hand import BONES
 from hadr.handover.grasping.gripper import fork
 from hadr.handover.observation import Observation
-from hadr.simulation.camera.sight import Looks, Sight
 from hadr.simulation.film.film import Picture
 from hadr.simulation.film.world_view import view_from
 from hadr.simulation.world.state import WorldState
@@ -58,19 +57,6 @@ class FirstChoice:
         return float(np.median(cKDTree(self.truth.vertices).query(self.glass)[0]))
 
 
-class _Noted:
-    """A sight that keeps what it saw, with the world that it looked at."""
-
-    def __init__(self, sight: Looks) -> None:
-        self.sight, self.seen = sight, dict[float, tuple[Observation, WorldState]]()
-
-    def look(self, state: WorldState, *, with_points: bool) -> Observation:
-        """As the sight."""
-        found = self.sight.look(state, with_points=with_points)
-        self.seen[found.taken] = found, state
-        return found
-
-
 def first_choice(trial: Trial, chosen_at: float) -> FirstChoice:
     """Make an attempt up to its first grasp, whose time in seconds is known of an earlier run.
 
@@ -79,18 +65,18 @@ def first_choice(trial: Trial, chosen_at: float) -> FirstChoice:
     """
     from hadr.simulation.trials.trial import run_trial  # needs the physics
 
-    notes: list[_Noted] = []
+    notes: dict[float, tuple[Observation, WorldState]] = {}
 
-    def noted(sight: Sight) -> Looks:
-        notes.append(_Noted(sight))
-        return notes[0]
+    def noted(state: WorldState, seen: Observation) -> Observation:
+        notes[seen.taken] = seen, state
+        return seen
 
     run = run_trial(replace(trial, time_limit=chosen_at + 0.1), spoil=noted)
     grasps = [e for e in run.log.header["events"] if e[1] == "chose" and e[2] is not None]
     if not grasps:
         raise ValueError(f"no grasp is chosen in the first {chosen_at:.2f} s of {trial.name}")
     step, _, pose, width, *_ = grasps[0]
-    seen, state = notes[0].seen[float(run.log.arrays["taken"][step])]
+    seen, state = notes[float(run.log.arrays["taken"][step])]
     camera = np.array(run.log.header["base_from_camera"])
     clouds = (seen.object_points, seen.scene_points, seen.keypoints)
     glass, rest, hand = (transform_points(camera, c) for c in clouds if c is not None)

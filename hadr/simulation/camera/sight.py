@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Literal, Protocol, get_args
+from typing import Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -58,14 +58,6 @@ RIGHT_M = 0.02
 """So far off may a point of the object be that counts as right, metres."""
 SMALLEST_VISIBLE = 5
 """With fewer keypoints in the picture and not behind the robot no hand is found."""
-
-
-class Looks(Protocol):
-    """Whatever looks at the world for the workflow: `Sight`, or one that breaks."""
-
-    def look(self, state: WorldState, *, with_points: bool) -> Observation:
-        """Look at the world, see `Sight.look`."""
-        ...
 
 
 class Sight:
@@ -261,56 +253,3 @@ def keypoint_uncertainty(*, by_networks: bool) -> float:
         return 2 * KEYPOINT_NOISE
     record = read_record(samples_dir() / "checkpoints" / CHECKPOINTS["keypoints"])
     return 2 * float(record["validation"]["keypoints_m"]) / float(np.sqrt(8 / np.pi))
-
-
-Fault = Literal["no hand", "nan keypoints", "frozen keypoints", "no frames", "low confidence"]
-FAULTS: tuple[Fault, ...] = get_args(Fault)
-
-
-class BrokenSight:
-    """Perception that breaks at a given time: for tests of what the robot does then.
-
-    Args:
-        sight: The perception that works until then.
-        fault: How it breaks. "no hand": none is found. "nan keypoints": one keypoint is NaN.
-            "frozen keypoints": new pictures, but always the same hand. "no frames": the camera
-            stops, so the last picture is all there is. "low confidence": 0.02.
-        since: From this time on, seconds.
-        until: Until this time, seconds.
-
-    Raises:
-        ValueError: The fault is unknown, or it would end before it begins.
-    """
-
-    def __init__(
-        self, sight: Looks, fault: Fault, since: float = 0.0, until: float = np.inf
-    ) -> None:
-        if fault not in FAULTS:
-            raise ValueError(f"fault must be one of {', '.join(FAULTS)}, got {fault!r}")
-        if not since <= until:
-            raise ValueError(f"since must not be later than until, got {since} and {until}")
-        self.sight, self.fault, self.since, self.until = sight, fault, since, until
-        self._held: Observation | None = None
-
-    def look(self, state: WorldState, *, with_points: bool) -> Observation:
-        """As `Sight.look`, with the fault while it lasts."""
-        broken = self.since <= state.time < self.until
-        if broken and self.fault == "no frames":
-            held = self._held or Observation(state.time, frame_time=-np.inf)
-            return replace(held, time=state.time)
-        found = self.sight.look(state, with_points=with_points)
-        if not broken:
-            self._held = found
-            return found
-        if self.fault == "no hand":
-            return replace(found, keypoints=None)
-        if self.fault == "low confidence":
-            return replace(found, confidence=0.02)
-        if self.fault == "frozen keypoints":
-            self._held = self._held or found
-            return replace(found, keypoints=self._held.keypoints)
-        if found.keypoints is None:
-            return found
-        keypoints = found.keypoints.copy()
-        keypoints[8] = np.nan
-        return replace(found, keypoints=keypoints)

@@ -21,6 +21,7 @@ import numpy as np
 from hadr.data.samples import samples_dir
 from hadr.handover.grasping.selection import GraspSelection
 from hadr.handover.logs.run_log import RecordedHandover, RunLog
+from hadr.handover.observation import Observation
 from hadr.handover.safety import SafetyConfig
 from hadr.handover.simulated_ur5 import ArmConfig
 from hadr.handover.stages import ChosenGrasp, HandoverConfig, Stage, Transition
@@ -32,7 +33,6 @@ from hadr.simulation.camera.robot_camera import RobotCamera
 from hadr.simulation.camera.sight import (
     CHECKPOINTS,
     DepthSource,
-    Looks,
     Sight,
     bundled_finder,
     keypoint_uncertainty,
@@ -276,14 +276,14 @@ class _Timed:
 def run_trial(
     trial: Trial,
     *,
-    spoil: Callable[[Sight], Looks] | None = None,
+    spoil: Callable[[WorldState, Observation], Observation] | None = None,
     on_step: Callable[[World, WorldState, Stage], None] | None = None,
 ) -> Run:
     """Make one attempt.
 
     Args:
         trial: What to try.
-        spoil: Puts something between the world and its sight, such as a `BrokenSight`.
+        spoil: What stands between the robot's sight of a state and its workflow, such as a fault.
         on_step: Told of the world, its state and the stage after each step, for watching.
 
     Returns:
@@ -301,8 +301,12 @@ def run_trial(
     camera = RobotCamera().miscalibrated(trial.extrinsics_error_deg, trial.seed)
     base_from_camera = camera.calibration
     finder = bundled_finder() if finds_by_networks(trial.condition) else None
-    whole = Sight(scene, camera, depth_source(trial.condition), seed=trial.seed, finder=finder)
-    sight: Looks = whole if spoil is None else spoil(whole)
+    sight = Sight(scene, camera, depth_source(trial.condition), seed=trial.seed, finder=finder)
+
+    def look(state: WorldState, *, with_points: bool) -> Observation:
+        seen = sight.look(state, with_points=with_points)
+        return seen if spoil is None else spoil(state, seen)
+
     rng = np.random.default_rng([trial.seed, int(trial.object_id), trial.hold_number, 67])
     select = _Timed(
         GraspSelection(
@@ -320,7 +324,7 @@ def run_trial(
     handover = RecordedHandover(world.robot, select, base_from_camera, config)
     judge = Judge(scene.item.height, trial.time_limit)
     states = [world.state()]
-    observation, shown_right = sight.look(states[0], with_points=True), whole.points_right
+    observation, shown_right = look(states[0], with_points=True), sight.points_right
     arriving = deque([(0, observation, shown_right)])
     points_right = float("nan")
     step = ready = 0
@@ -329,8 +333,8 @@ def run_trial(
         judge.verdict == "human contact" and world.time < judge.decided_at + AFTER_TOUCH
     ):
         if step > 0 and step % round(trial.picture_steps) == 0:  # the first one is there already
-            seen = sight.look(states[-1], with_points=handover.stage is Stage.WAIT_AND_OBSERVE)
-            arriving.append((step + round(trial.latency / CONTROL_STEP), seen, whole.points_right))
+            seen = look(states[-1], with_points=handover.stage is Stage.WAIT_AND_OBSERVE)
+            arriving.append((step + round(trial.latency / CONTROL_STEP), seen, sight.points_right))
         while arriving and arriving[0][0] <= step:
             _, observation, shown_right = arriving.popleft()
         if step >= ready:

@@ -1,4 +1,4 @@
-"""What the robot sees: sources that differ by depth alone, noise that lasts, faults on demand."""
+"""What the robot sees: sources that differ by depth alone, noise that lasts."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -12,10 +12,8 @@ from hadr.handover.simulated_ur5 import SimulatedUR5
 from hadr.simulation.camera import sight
 from hadr.simulation.camera.robot_camera import CapturedFrame, RobotCamera
 from hadr.simulation.camera.sight import (
-    FAULTS,
     KEYPOINT_NOISE,
     SOURCES,
-    BrokenSight,
     Sight,
     bundled_finder,
     keypoint_uncertainty,
@@ -191,40 +189,6 @@ def test_the_masks_outline_wavers_without_a_bias(
 
     far = ndimage.binary_dilation(true, iterations=4)
     assert not (seen & ~far).any()
-
-
-@pytest.mark.parametrize("fault", FAULTS)
-def test_sight_breaks_on_demand(
-    scene: HeldScene, camera: RobotCamera, fault: str, at: Callable[..., WorldState]
-) -> None:
-    broken_sight = BrokenSight(Sight(scene, camera, "raw", seed=1), fault, 0.2, 0.45)  # type: ignore[arg-type]
-    seen = [broken_sight.look(at(scene, 0.1 * k), with_points=False) for k in range(7)]
-    works = [0, 1, 5, 6]
-    for k in works:
-        assert seen[k].keypoints is not None
-        assert np.isfinite(seen[k].keypoints).all()
-        assert seen[k].frame_time == pytest.approx(0.1 * k)
-        assert seen[k].confidence is None
-    broken = seen[2:5]
-    if fault == "no hand":
-        assert all(s.keypoints is None for s in broken)
-    elif fault == "nan keypoints":
-        assert all(np.isnan(s.keypoints).any() for s in broken)
-    elif fault == "frozen keypoints":
-        assert all(s.keypoints is seen[1].keypoints for s in broken)
-        assert [s.frame_time for s in broken] == pytest.approx([0.2, 0.3, 0.4])
-    elif fault == "no frames":
-        assert all(s.frame_time == seen[1].frame_time for s in broken)
-        assert [s.time for s in broken] == pytest.approx([0.2, 0.3, 0.4])
-    else:
-        assert all(s.confidence == 0.02 for s in broken)
-
-
-def test_wrong_names_are_refused(scene: HeldScene, camera: RobotCamera) -> None:
-    with pytest.raises(ValueError, match="got 'asleep'"):
-        BrokenSight(Sight(scene, camera, "raw"), "asleep")  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match=r"since must not be later than until, got 2\.0 and 1\.0"):
-        BrokenSight(Sight(scene, camera, "raw"), "no hand", 2.0, 1.0)
 
 
 def test_networks_find_glass_and_hand_in_a_picture_of_this_camera() -> None:
