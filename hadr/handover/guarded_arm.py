@@ -116,7 +116,7 @@ class GuardedArm:
     def check_joints(self, now: float) -> None:
         """HaltError an arm that is nearly singular for too long, seconds, and gets more so."""
         limits = self.config.safety
-        value, before = self.robot.singularity(self.reading.joints), self._singular
+        value, before = ur5.singularity(self.reading.joints), self._singular
         self._singular = value
         if value >= limits.smallest_singular_value:
             self._regular_at = now

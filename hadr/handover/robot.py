@@ -4,7 +4,7 @@ The workflow knows only `Robot`. `hadr.handover.simulated_ur5`, a driver for a r
 physics engine offer the same methods. Poses are written in the robot's base frame (ROS
 `base_link`: x forward, z up) and end at the gripper's tool point, whose z axis points out of the
 gripper: the approach axis. Joint angles are those of a UR5: from them the guard knows where wrist
-and forearm are.
+and forearm are, and how nearly singular the arm is.
 """
 
 from dataclasses import dataclass
@@ -32,10 +32,6 @@ class Robot(Protocol):
 
     def joint_positions(self) -> Array:
         """Return the joint angles now, shape (6,), radians."""
-        ...
-
-    def singularity(self, joints: Array) -> float:
-        """Return how far joint angles (6,) are from a singular pose: 0 there, infinity: never."""
         ...
 
     def joints_at(self, base_from_tool: Array) -> Array:
@@ -109,6 +105,7 @@ class Workspace:
         if not np.all(np.asarray(self.lower) < np.asarray(self.upper)):
             raise ValueError(f"lower must lie below upper, got {self.lower} and {self.upper}")
 
-    def contains(self, point: Array) -> bool:
-        """Say whether a point (3,) in metres lies in the box."""
-        return bool(np.all(point >= self.lower) and np.all(point <= self.upper))
+    def contains(self, point: Array, margin: float = 0.0) -> bool:
+        """Say whether a point (3,) lies in the box, by a margin; metres."""
+        low, high = np.add(self.lower, margin), np.subtract(self.upper, margin)
+        return bool(np.all(point >= low) and np.all(point <= high))

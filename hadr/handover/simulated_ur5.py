@@ -42,6 +42,36 @@ class ArmConfig:
             raise ValueError(f"speed_fraction must lie in (0, 1], got {self.speed_fraction}")
 
 
+def solutions_by_way(base_from_tool: Array, start: Array) -> Array:
+    """Joint angles (n, 6) for a tool pose (4, 4), limits unchecked, the shortest way first."""
+    target = check_pose(base_from_tool, "base_from_tool")
+    flange = ur5.BASE_LINK_FROM_DH_BASE @ target @ np.linalg.inv(FLANGE_FROM_TOOL)
+    found = ur5.inverse_kinematics(flange, free_angle=float(start[5]))
+    found = ur5.nearest_turns(found, start)
+    by_way: Array = found[np.abs(found - start).max(axis=1).argsort(kind="stable")]
+    return by_way
+
+
+def broken_limit(
+    space: Workspace, joints: Array, tool: Array, to_flange: Array, lowest: float, margin: float = 0
+) -> str:
+    """Name the limit that joint angles (6,) break, or return an empty string.
+
+    Of them come the tool point (3,), which stays inside the space by a margin, the way to the
+    flange (3,) from the shoulder, and the height of the lowest link beyond it; metres, base frame.
+    """
+    if np.any(joints < ur5.JOINT_LOWER) or np.any(joints > ur5.JOINT_UPPER):
+        return f"joint angles {np.round(joints, 3)} rad lie outside the joint limits"
+    if not space.contains(tool, margin):
+        return f"tool point {np.round(tool, 3)} m lies outside the workspace box"
+    reach = float(np.linalg.norm(to_flange))
+    if reach > ur5.REACH:
+        return f"flange {reach:.3f} m from the shoulder, reach is {ur5.REACH} m"
+    if lowest < space.table:
+        return f"a link would be at height {lowest:.3f} m, the table at {space.table} m"
+    return ""
+
+
 class SimulatedUR5:
     """A UR5 that moves as told, as fast as joints and tool may: no forces, no inertia.
 
@@ -85,10 +115,6 @@ class SimulatedUR5:
         """Return the six joint angles now, radians."""
         return self._joints.copy()
 
-    def singularity(self, joints: Array) -> float:
-        """See `hadr.handover.ur5.singularity`."""
-        return ur5.singularity(joints)
-
     def outline(self) -> Array:
         """Return points along the links in the base frame, shape (9, 3), metres."""
         rotation = ur5.BASE_LINK_FROM_DH_BASE[:3, :3]
@@ -102,7 +128,7 @@ class SimulatedUR5:
             UnreachableError: None is left; the message names the limit that the nearest breaks.
             ValueError: The target is no rigid transform.
         """
-        found = self._solutions_by_way(base_from_tool)
+        found = solutions_by_way(base_from_tool, self._joints)
         problems = [self._broken_limit(joints) for joints in found]
         allowed: Array = found[[problem == "" for problem in problems]]
         if not len(allowed):
@@ -144,7 +170,7 @@ class SimulatedUR5:
         if self._stopped or self.protective_stop:
             self._speed_up(np.zeros(6), dt)
             return
-        found = self._solutions_by_way(base_from_tool)
+        found = solutions_by_way(base_from_tool, self._joints)
         goal = next((joints for joints in found if not self._broken_limit(joints)), None)
         if goal is None:
             self._speed_up(np.zeros(6), dt)
@@ -209,15 +235,6 @@ class SimulatedUR5:
         """Return `wrench`, shape (6,): nothing is touched without physics."""
         return self.wrench.copy()
 
-    def _solutions_by_way(self, base_from_tool: Array) -> Array:
-        """Joint angles (n, 6) for a tool pose, limits not yet checked, the shortest way first."""
-        target = check_pose(base_from_tool, "base_from_tool")
-        flange = ur5.BASE_LINK_FROM_DH_BASE @ target @ np.linalg.inv(FLANGE_FROM_TOOL)
-        found = ur5.inverse_kinematics(flange, free_angle=float(self._joints[5]))
-        found = ur5.nearest_turns(found, self._joints)
-        by_way: Array = found[np.abs(found - self._joints).max(axis=1).argsort(kind="stable")]
-        return by_way
-
     def _move_fingers(self, dt: float) -> None:
         step = self.config.finger_speed * dt
         blocked = min(self._opening, self.between_fingers)
@@ -226,17 +243,6 @@ class SimulatedUR5:
 
     def _broken_limit(self, joints: Array) -> str:
         """Name the limit that joint angles (6,) break, or return an empty string."""
-        if np.any(joints < ur5.JOINT_LOWER) or np.any(joints > ur5.JOINT_UPPER):
-            return f"joint angles {np.round(joints, 3)} rad lie outside the joint limits"
-        workspace = self.config.workspace
-        tool = self.tool_pose_at(joints)[:3, 3]
-        if not workspace.contains(tool):
-            return f"tool point {np.round(tool, 3)} m lies outside the workspace box"
-        outline = ur5.link_outline(joints)
-        reach = float(np.linalg.norm(outline[-1] - outline[1]))
-        if reach > ur5.REACH:
-            return f"flange {reach:.3f} m from the shoulder, reach is {ur5.REACH} m"
-        lowest = float(outline[2:, 2].min())
-        if lowest < workspace.table:
-            return f"a link would be at height {lowest:.3f} m, the table at {workspace.table} m"
-        return ""
+        outline, tool = ur5.link_outline(joints), self.tool_pose_at(joints)[:3, 3]
+        reach, lowest = outline[-1] - outline[1], outline[2:, 2].min()
+        return broken_limit(self.config.workspace, joints, tool, reach, lowest)

@@ -9,7 +9,6 @@ from typing import Any, cast
 import numpy as np
 import numpy.typing as npt
 
-from hadr.handover import ur5
 from hadr.handover.grasping.selection import NO_GRASP
 from hadr.handover.logs.run_log import COMMANDS, READINGS, RunLog
 from hadr.handover.observation import Observation
@@ -50,10 +49,6 @@ class LoggedRobot:
     def protective_stop(self) -> str:
         """As the robot said then."""
         return "".join(self._take("protective_stop"))
-
-    def singularity(self, joints: Array) -> float:
-        """As it follows from the joints: logs are of UR5s."""
-        return ur5.singularity(joints)
 
     def __getattr__(self, name: str) -> Callable[..., Any]:
         if name.startswith("_"):

@@ -210,10 +210,6 @@ class RecordedRobot:
             self.step.events.append(["protective_stop", reason])
         return reason
 
-    def singularity(self, joints: Array) -> float:
-        """As the robot says; it follows from the joints, which are noted."""
-        return self.robot.singularity(joints)
-
     def __getattr__(self, name: str) -> Callable[..., Any]:
         if name.startswith("_"):
             raise AttributeError(name)

@@ -14,10 +14,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from hadr.handover import ur5
-from hadr.handover.grasping.gripper import FLANGE_FROM_TOOL
-from hadr.handover.poses import check_pose
 from hadr.handover.robot import UnreachableError
-from hadr.handover.simulated_ur5 import ArmConfig
+from hadr.handover.simulated_ur5 import ArmConfig, solutions_by_way
 from hadr.handover.ur5 import Array
 from hadr.simulation.robot.arm_model import kinematic_model
 from hadr.simulation.robot.motion_limits import TOOL_SPEED, MotionConfig, MotionRows
@@ -82,17 +80,12 @@ class ArmMotion:
             UnreachableError: None keeps every limit; the message names one of them.
             ValueError: The target is no rigid transform.
         """
-        start = self.joints if near is None else near
-        target = check_pose(base_from_tool, "base_from_tool")
-        flange = ur5.BASE_LINK_FROM_DH_BASE @ target @ np.linalg.inv(FLANGE_FROM_TOOL)
-        found = ur5.inverse_kinematics(flange, free_angle=float(start[5]))
-        found = ur5.nearest_turns(found, start)
         problems = []
-        for row in np.abs(found - start).max(axis=1).argsort(kind="stable"):
-            self._trial.update(found[row])
+        for joints in solutions_by_way(base_from_tool, self.joints if near is None else near):
+            self._trial.update(joints)
             problems.append(self.rows.broken(self._trial))
             if not problems[-1]:
-                yield found[row]
+                yield joints
         if all(problems):
             raise UnreachableError(f"no joint angles keep every limit: {problems[0]}")
 
@@ -170,14 +163,11 @@ class ArmMotion:
             start = end
         return True
 
-    def advance(self, base_from_tool: Array, dt: float) -> None:
-        """Move the command toward a tool pose for one step of dt seconds.
+    def advance(self, target: Array, dt: float) -> None:
+        """Move the command toward a tool pose (4, 4) for one step of dt seconds.
 
-        Raises:
-            UnreachableError: The target breaks a limit; the command has not changed.
-            ValueError: The target is no rigid transform.
+        UnreachableError where the target breaks a limit; the command has not changed then.
         """
-        target = check_pose(base_from_tool, "base_from_tool")
         self._plan(target)
         now = self._pose(self._configuration)
         distance, angle = _difference(now, target)

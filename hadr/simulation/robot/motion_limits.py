@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 
 from hadr.handover import ur5
-from hadr.handover.simulated_ur5 import ArmConfig
+from hadr.handover.simulated_ur5 import ArmConfig, broken_limit
 from hadr.handover.ur5 import Array
 from hadr.simulation.robot.gripper import GRIPPER_GEOMS
 
@@ -88,19 +88,11 @@ class MotionRows(mink.Limit):  # type: ignore[misc]
     def broken(self, configuration: mink.Configuration) -> str:
         """Name the limit that a configuration breaks, or return an empty string."""
         data, space = configuration.data, self.arm.workspace
-        joints = data.qpos
-        if np.any(joints < ur5.JOINT_LOWER) or np.any(joints > ur5.JOINT_UPPER):
-            return f"joint angles {np.round(joints, 3)} rad lie outside the joint limits"
-        tool = data.site_xpos[self._tool]
-        low, high = np.add(space.lower, MARGIN), np.add(space.upper, -MARGIN)
-        if not (np.all(tool >= low) and np.all(tool <= high)):
-            return f"tool point {np.round(tool, 3)} m lies outside the workspace box"
-        reach = float(np.linalg.norm(data.site_xpos[self._flange] - self._shoulder))
-        if reach > ur5.REACH:
-            return f"flange {reach:.3f} m from the shoulder, reach is {ur5.REACH} m"
-        lowest = float(data.site_xpos[self._points, 2].min())
-        if lowest < space.table:
-            return f"a link would be at height {lowest:.3f} m, the table at {space.table} m"
+        tool, reach = data.site_xpos[self._tool], data.site_xpos[self._flange] - self._shoulder
+        lowest = data.site_xpos[self._points, 2].min()
+        problem = broken_limit(space, data.qpos, tool, reach, lowest, MARGIN)
+        if problem:
+            return problem
         model = configuration.model
         for first, second in self._apart.geom_id_pairs:
             gap = mujoco.mj_geomDistance(model, data, first, second, 0.02, None)

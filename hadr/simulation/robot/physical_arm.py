@@ -123,11 +123,7 @@ class PhysicalUR5:
             joints = self.joints_at(base_from_tool)
         except UnreachableError:
             return False
-        return self.singularity(joints) >= LEAST_SINGULAR_VALUE
-
-    def singularity(self, joints: Array) -> float:
-        """See `hadr.handover.ur5.singularity`."""
-        return ur5.singularity(joints)
+        return ur5.singularity(joints) >= LEAST_SINGULAR_VALUE
 
     def servo_to(self, base_from_tool: Array, dt: float) -> None:
         """Set the command for the next dt seconds, at most 0.1: move toward a tool pose (4, 4).
