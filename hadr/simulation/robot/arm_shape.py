@@ -25,7 +25,6 @@ from hadr.simulation.robot.solids import (
 )
 from hadr.synthesis.glass.surfaces import Surface
 
-
 _S = ur5.SHOULDER_OFFSET
 _E = _S + ur5.ELBOW_OFFSET
 _ELBOW, _WRIST = -ur5.DH_A[1], -ur5.DH_A[2]
