@@ -27,6 +27,11 @@ LEAST_SPARE = 0.003
 """Least opening beyond the object's width, both sides together, metres."""
 LEVER = 0.10
 """Distance from the object's middle at which the balance of a grasp falls to 1/e, metres."""
+ATTEMPTS, TURNS, MOST_SCORED = 800, 3, 500
+"""Contacts tried, approach directions at each, evenly about the closing axis, and how many of the
+candidates that a quick look leaves are scored."""
+FRICTION = 0.6
+"""Coefficient of friction between pad and object; rubber on dry glass has this or more."""
 _MOST_POINTS = 500
 _MOST_NEIGHBOURS = 2000
 _STRIPS = 4  # over the pad's height
@@ -60,11 +65,6 @@ def sample_grasps(
     *,
     viewpoint: Array | None = None,
     toward: Array | None = None,
-    attempts: int = 800,
-    turns: int = 3,
-    most: int = 500,
-    largest_width: float = LARGEST_OPENING,
-    friction: float = 0.6,
     reach: float = FINGER_REACH,
     frame: str = "camera",
 ) -> Grasps:
@@ -81,12 +81,6 @@ def sample_grasps(
         viewpoint: Where the camera stood, shape (3,), metres; the frame's origin if left out.
         toward: Only approaches at less than 90 degrees to this direction, shape (3,): an arm
             cannot reach round the object. All directions if left out.
-        attempts: How many contacts to try.
-        turns: Approach directions tried at each, evenly about the closing axis.
-        most: How many of the candidates that a quick look leaves are scored.
-        largest_width: Widest opening of the gripper, metres.
-        friction: Coefficient of friction between pad and object; rubber on dry glass has 0.6 or
-            more.
         reach: How far past the first touched point the fingertips end, metres.
         frame: Name of the points' frame.
 
@@ -97,34 +91,31 @@ def sample_grasps(
 
     Raises:
         NoCandidateError: Nothing was found that fits between the fingers.
-        ValueError: Fewer than 30 points, another shape, NaN, or no friction.
+        ValueError: Fewer than 30 points, another shape, or NaN.
     """
     cloud = np.asarray(points, dtype=np.float64)
     if cloud.ndim != 2 or cloud.shape[1] != 3 or len(cloud) < 30:
         raise ValueError(f"points must be at least 30 rows of 3 metres, got shape {cloud.shape}")
     if not np.isfinite(cloud).all():
         raise ValueError("points must be finite, got NaN or infinity; drop the missing ones first")
-    if not friction > 0:
-        raise ValueError(f"friction must be more than 0, got {friction}")
     cloud = cloud[rng.permutation(len(cloud))[:_MOST_NEIGHBOURS]]
     eye = np.zeros(3) if viewpoint is None else np.asarray(viewpoint, dtype=np.float64)
     cloud, normals = completed(cloud, eye)
-    places = _narrow_places(cloud, normals, largest_width)
-    seeds = rng.choice(places, attempts) if len(places) else np.zeros(0, dtype=np.int64)
-    axes = _axes(normals[seeds], rng, turns, friction)
+    places = _narrow_places(cloud, normals)
+    seeds = rng.choice(places, ATTEMPTS) if len(places) else np.zeros(0, dtype=np.int64)
+    axes = _axes(normals[seeds], rng)
     if toward is not None:  # half a turn about the closing axis
         axes[axes[:, :, 0] @ np.asarray(toward) < 0] *= [-1.0, 1.0, -1.0]
-    seeds = np.repeat(seeds, turns)
+    seeds = np.repeat(seeds, TURNS)
     # a look at every fourth point rules most out: fewer points never reach further apart
-    coarse = _Slabs(cloud[::4], cloud[seeds], axes, largest_width, reach)
-    likely = np.flatnonzero(coarse.fits(3, 0.0, largest_width))[:most]
-    slabs = _Slabs(cloud, cloud[seeds[likely]], axes[likely], largest_width, reach)
-    kept = np.flatnonzero(slabs.fits(8, 0.003, largest_width))
-    table = _rows(cloud, normals, slabs, kept, largest_width, friction)
+    coarse = _Slabs(cloud[::4], cloud[seeds], axes, reach)
+    likely = np.flatnonzero(coarse.fits(3, 0.0))[:MOST_SCORED]
+    slabs = _Slabs(cloud, cloud[seeds[likely]], axes[likely], reach)
+    table = _rows(cloud, normals, slabs, np.flatnonzero(slabs.fits(8, 0.003)))
     if not len(table):
         raise NoCandidateError(
-            f"no candidate among {attempts} attempts: the object is wider than the gripper's "
-            f"{largest_width} m in every direction tried, or its points are too sparse"
+            f"no candidate among {ATTEMPTS} attempts: the object is wider than the gripper's "
+            f"{LARGEST_OPENING} m in every direction tried, or its points are too sparse"
         )
     return Grasps.from_rows(table[np.argsort(-table[:, 0], kind="stable")], frame)
 
@@ -142,7 +133,7 @@ def completed(points: Array, viewpoint: Array) -> tuple[Array, Array]:
     return np.concatenate([kept, more]), np.concatenate([normals, more_normals])
 
 
-def _narrow_places(cloud: Array, normals: Array, widest: float) -> NDArray[np.int64]:
+def _narrow_places(cloud: Array, normals: Array) -> NDArray[np.int64]:
     """Points behind which, straight along their normal, the object ends within the gripper."""
     near = (cloud - cloud.mean(axis=0)).astype(np.float32)
     n = normals.astype(np.float32)
@@ -151,21 +142,21 @@ def _narrow_places(cloud: Array, normals: Array, widest: float) -> NDArray[np.in
     squares = (near**2).sum(axis=1)[:, None] + (others**2).sum(axis=1) - 2 * near @ others.T
     beside = squares - along**2 > (FINGER_HEIGHT / 2) ** 2
     reach = np.where(beside, 0, np.abs(along)).max(axis=1)
-    return np.flatnonzero(reach < widest)
+    return np.flatnonzero(reach < LARGEST_OPENING)
 
 
-def _axes(normals: Array, rng: np.random.Generator, turns: int, friction: float) -> Array:
-    """Axes (n * turns, 3, 3) near the normals (n, 3): approach, closing and height as columns."""
+def _axes(normals: Array, rng: np.random.Generator) -> Array:
+    """Axes (n * TURNS, 3, 3) near the normals (n, 3): approach, closing and height as columns."""
     n = len(normals)
-    closing = normals + 0.5 * friction * rng.uniform(-1, 1, size=(n, 3))
+    closing = normals + 0.5 * FRICTION * rng.uniform(-1, 1, size=(n, 3))
     closing /= np.linalg.norm(closing, axis=1, keepdims=True)
     side = np.cross(closing, np.eye(3)[np.abs(closing).argmin(axis=1)])
     side /= np.linalg.norm(side, axis=1, keepdims=True)
     other = np.cross(closing, side)
-    angle = rng.uniform(0, 2 * np.pi, size=(n, 1)) + np.arange(turns) * 2 * np.pi / turns
+    angle = rng.uniform(0, 2 * np.pi, size=(n, 1)) + np.arange(TURNS) * 2 * np.pi / TURNS
     approach = np.cos(angle)[..., None] * side[:, None] + np.sin(angle)[..., None] * other[:, None]
     approach = approach.reshape(-1, 3)
-    closing = np.repeat(closing, turns, axis=0)
+    closing = np.repeat(closing, TURNS, axis=0)
     return np.stack([approach, closing, np.cross(approach, closing)], axis=2)
 
 
@@ -182,9 +173,7 @@ class _Slabs:
         low, high, extent: Ends along the closing axis and their distance, (k,).
     """
 
-    def __init__(
-        self, cloud: Array, contacts: Array, axes: Array, largest_width: float, reach: float
-    ) -> None:
+    def __init__(self, cloud: Array, contacts: Array, axes: Array, reach: float) -> None:
         self.axes, self.contacts, self.reach = axes, contacts, reach
         middle = cloud.mean(axis=0)
         flat = axes.transpose(2, 0, 1).astype(np.float32)  # (3, k, 3)
@@ -192,7 +181,7 @@ class _Slabs:
         own = np.einsum("aki,ki->ak", flat, (contacts - middle).astype(np.float32))
         approach, self.along, self.height = (flat[i] @ near - own[i][:, None] for i in range(3))
         slab = np.abs(self.height) < FINGER_HEIGHT / 2
-        slab &= np.abs(self.along) < largest_width
+        slab &= np.abs(self.along) < LARGEST_OPENING
         big = np.float32(1e3)
         self.first = np.where(slab, approach, big).min(axis=1)
         slab &= approach < (self.first + reach)[:, None]
@@ -200,24 +189,16 @@ class _Slabs:
         self.count = slab.sum(axis=1)
         self.low = np.where(slab, self.along, big).min(axis=1)
         self.high = np.where(slab, self.along, -big).max(axis=1)
-
         self.extent = self.high - self.low
 
-    def fits(self, points: int, narrowest: float, widest: float) -> Mask:
+    def fits(self, points: int, narrowest: float) -> Mask:
         """Which have that many points between the fingers and an extent that fits, (k,)."""
         fits: Mask = (self.count >= points) & (self.extent >= narrowest)
-        fits &= self.extent < widest - LEAST_SPARE
+        fits &= self.extent < LARGEST_OPENING - LEAST_SPARE
         return fits
 
 
-def _rows(
-    cloud: Array,
-    normals: Array,
-    slabs: _Slabs,
-    kept: NDArray[np.int64],
-    largest_width: float,
-    friction: float,
-) -> Array:
+def _rows(cloud: Array, normals: Array, slabs: _Slabs, kept: NDArray[np.int64]) -> Array:
     """Rows of 17 numbers for those of the kept slabs that friction holds."""
     axes, closing = slabs.axes[kept], slabs.axes[kept, :, 1]
     along, inside = slabs.along[kept], slabs.inside[kept]
@@ -235,8 +216,8 @@ def _rows(
     line = contact[1] - contact[0]
     worst = np.maximum.reduce([*used, _tangent(line, closing)])
     middle = (contact[0] + contact[1]) / 2
-    room = (largest_width - extent) / SPARE
-    scores = _scores(worst / friction, np.minimum(*touched), room, middle, closing, cloud)
+    room = (LARGEST_OPENING - extent) / SPARE
+    scores = _scores(worst / FRICTION, np.minimum(*touched), room, middle, closing, cloud)
     good = scores > 0
     # across: the middle of the slab; along the approach: the first touch, or before it where the
     # contacts are so near that the tips would end far behind them
@@ -246,7 +227,7 @@ def _rows(
     point = slabs.contacts[kept] + np.einsum("kij,kj->ki", axes, shift)
     table = np.zeros((len(kept), 17))
     table[:, 0] = scores
-    table[:, 1] = np.minimum(extent.astype(np.float64) + SPARE, largest_width)
+    table[:, 1] = np.minimum(extent.astype(np.float64) + SPARE, LARGEST_OPENING)
     table[:, 2:4] = FINGER_HEIGHT, 0.02
     table[:, 4:13] = axes.reshape(-1, 9)
     table[:, 13:16] = point

@@ -60,15 +60,8 @@ def hand_distance(
 ) -> float:
     """Free space between the robot's surface and the skin, metres; 0 or less where they touch.
 
-    Args:
-        poses: Tool pose, or all poses on a way, shape (4, 4) or (n, 4, 4), metres.
-        width: Opening of the fingers, metres.
-        keypoints: The hand in the same frame, shape (21, 3), metres.
-        links: Capsules of the arm, see `ur5.near_links`, shape (k, 7); the gripper alone where left
-            out.
-
-    Raises:
-        ValueError: A pose, the width or a link is no number.
+    Of the gripper, open by a width, at a tool pose (4, 4) or all those on a way (n, 4, 4), and of
+    the arm's capsules (k, 7), see `ur5.near_links`, if given. ValueError where one is no number.
     """
     whole, tools = person(keypoints), np.reshape(poses, (-1, 4, 4))
     gap = _gaps(tools, gripper_boxes(np.full(len(tools), width)), whole[0]) - whole[1]
@@ -110,8 +103,7 @@ def free_of_hand(grasps: Grasps, keypoints: Array) -> NDArray[np.bool_]:
 def free_of_object(grasps: Grasps, points: Array, way: Way = PAPER_WAY) -> NDArray[np.bool_]:
     """Which grasps get the object between the fingers without running into it on their way.
 
-    Beside the fingers the grasp's own width says what is free; to the bar and the palm 3 mm are
-    kept. A few points may be met (noise).
+    Beside the fingers the grasp's own width counts; to bar and palm 3 mm are kept, noise aside.
     """
     boxes = gripper_boxes(grasps.widths, behind=way.back, ahead=way.forward)
     boxes[:, 2:, 0] -= 0.003
@@ -120,21 +112,17 @@ def free_of_object(grasps: Grasps, points: Array, way: Way = PAPER_WAY) -> NDArr
 
 
 def free_of_scene(
-    grasps: Grasps,
-    scene_points: Array,
-    object_points: Array,
-    clearance: float = 0.01,
-    way: Way = PAPER_WAY,
+    grasps: Grasps, scene_points: Array, object_points: Array, way: Way = PAPER_WAY
 ) -> NDArray[np.bool_]:
-    """Which grasps keep a clearance to everything else that was measured: hand, arm, table.
+    """Which grasps keep 1 cm to everything else that was measured: hand, arm, table.
 
     Scene points nearer than 8 mm to the object's points are taken for its rim, which a mask never
-    cuts exactly; a few may be nearer than the clearance (noise).
+    cuts exactly; a few may be nearer than 1 cm (noise).
     """
     beside = cKDTree(object_points).query(scene_points, distance_upper_bound=0.008)[0]
     boxes = gripper_boxes(grasps.widths, behind=way.back, ahead=way.last)
-    boxes[:, :, 0] -= clearance
-    boxes[:, :, 1] += clearance
+    boxes[:, :, 0] -= 0.01
+    boxes[:, :, 1] += 0.01
     return _count_inside(grasps, boxes, scene_points[np.isinf(beside)]) <= NOISE
 
 

@@ -28,6 +28,9 @@ ROUNDING = 1e-6
 """A width above the largest opening by less than this, metres, is that opening in float32."""
 METRES = 0.5
 """No parallel gripper opens wider, metres: a larger number is a width in millimetres."""
+FARTHEST = 0.03
+"""Grasps further than this from the object's points belong to something else and are left out: the
+filter by the object's mask. Metres."""
 SCORES = (-1.0, 3.0)
 """Where a score must lie to be weighed against the other two terms of the rescoring.
 graspnet-baseline is trained on ln(u_max / u), u the friction that a grasp needs: 0 to about 2.5,
@@ -116,13 +119,10 @@ class DetectedGrasps:
         detect: From the object's points in the camera frame, (n, 3) in metres, to rows (m, 17); it
             may leave the points aside and work on a picture of its own.
         base_from_camera: The camera's calibration, shape (4, 4), metres.
-        nearest: Grasps whose point is further than this from the object's points belong to
-            something else and are left out: the filter by the object's mask. Metres.
     """
 
     detect: Detect
     base_from_camera: Array
-    nearest: float = 0.03
 
     def __post_init__(self) -> None:
         check_pose(self.base_from_camera, "base_from_camera")
@@ -138,13 +138,13 @@ class DetectedGrasps:
         # the grasp's point stands before the surface: look at the fingertips too
         tips = grasps.translations + grasps.depths[:, None] * grasps.axis("approach")
         tree = cKDTree(points)
-        near = np.minimum(tree.query(grasps.translations)[0], tree.query(tips)[0]) <= self.nearest
+        near = np.minimum(tree.query(grasps.translations)[0], tree.query(tips)[0]) <= FARTHEST
         if not near.any():
             raise NoCandidateError(
                 f"of the detector's {np.shape(rows)[0]} grasps {len(grasps)} fit the gripper, "
-                f"and none of them lies within {self.nearest} m of the object"
+                f"and none of them lies within {FARTHEST} m of the object"
             )
         if not near.all():
-            far = f"they lie more than {self.nearest} m from the object"
+            far = f"they lie more than {FARTHEST} m from the object"
             warnings.warn(_left_out(near, far), stacklevel=2)
         return grasps.select(near)

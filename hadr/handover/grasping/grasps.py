@@ -5,7 +5,7 @@ closing, R[:, 2] height. The paper calls the approach axis z. `Grasps.poses` is 
 one convention becomes the other.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -100,14 +100,11 @@ class Grasps:
 
     @classmethod
     def from_rows(cls, rows: ArrayLike, frame: str = "camera") -> "Grasps":
-        """Read graspnetAPI's array.
+        """Read graspnetAPI's array, shape (n, 17), columns as in `ROW_NAMES`.
 
         Args:
-            rows: Shape (n, 17): score, width, height, depth, R (9, row by row), t (3), object_id.
+            rows: Metres.
             frame: Name of the frame they are written in.
-
-        Returns:
-            The grasps.
 
         Raises:
             ValueError: Not 17 columns, NaN or infinity, or R is no rotation; the row is named.
@@ -124,29 +121,14 @@ class Grasps:
             raise ValueError(
                 f"grasp {row}: {ROW_NAMES[column]} must be finite, got {table[row, column]}"
             )
-        return cls(
-            scores=table[:, 0],
-            widths=table[:, 1],
-            heights=table[:, 2],
-            depths=table[:, 3],
-            rotations=table[:, 4:13].reshape(-1, 3, 3),
-            translations=table[:, 13:16],
-            object_ids=table[:, 16].astype(np.int64),
-            frame=frame,
-        )
+        rotations, ids = table[:, 4:13].reshape(-1, 3, 3), table[:, 16].astype(np.int64)
+        return cls(*table[:, :4].T, rotations, table[:, 13:16], ids, frame)
 
     def to_rows(self) -> Array:
         """Write graspnetAPI's array, shape (n, 17)."""
-        columns = [self.scores, self.widths, self.heights, self.depths]
-        return np.concatenate(
-            [
-                np.stack(columns, axis=1),
-                self.rotations.reshape(-1, 9),
-                self.translations,
-                self.object_ids[:, None].astype(np.float64),
-            ],
-            axis=1,
-        )
+        rotations = self.rotations.reshape(-1, 9)
+        columns = (self.scores, self.widths, self.heights, self.depths, rotations)
+        return np.column_stack([*columns, self.translations, self.object_ids])
 
     def axis(self, name: Axis) -> Array:
         """Unit vectors of an axis by its name, in the grasps' frame, shape (n, 3)."""
@@ -167,38 +149,14 @@ class Grasps:
 
     def select(self, index: NDArray[np.bool_] | NDArray[np.int64]) -> "Grasps":
         """The grasps at a boolean mask (n,) or at indices, in that order."""
-        return Grasps(
-            self.scores[index],
-            self.widths[index],
-            self.heights[index],
-            self.depths[index],
-            self.rotations[index],
-            self.translations[index],
-            self.object_ids[index],
-            self.frame,
-        )
+        names = [field.name for field in fields(self) if field.name != "frame"]
+        return replace(self, **{name: getattr(self, name)[index] for name in names})
 
     def in_frame(self, new_from_old: Array, frame: str) -> "Grasps":
-        """The same grasps written in another frame.
-
-        Args:
-            new_from_old: Transform from the present frame to the new one, shape (4, 4), metres.
-            frame: Name of the new frame.
-
-        Returns:
-            Grasps in the new frame.
-        """
+        """The same grasps in the frame of a name, to which a transform (4, 4) leads, metres."""
         rotation, shift = new_from_old[:3, :3], new_from_old[:3, 3]
-        return Grasps(
-            self.scores,
-            self.widths,
-            self.heights,
-            self.depths,
-            rotation @ self.rotations,
-            self.translations @ rotation.T + shift,
-            self.object_ids,
-            frame,
-        )
+        turned, moved = rotation @ self.rotations, self.translations @ rotation.T + shift
+        return replace(self, rotations=turned, translations=moved, frame=frame)
 
 
 def pre_grasp(grasps: Grasps, distance: float = BACK, *, axis: Axis = "approach") -> Array:

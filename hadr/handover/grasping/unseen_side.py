@@ -15,6 +15,7 @@ Array = NDArray[np.float64]
 
 LARGEST_MISS = 0.006
 """Normals that pass the axis by more than this on the whole belong to no turned surface, metres."""
+_MOST_POINTS = 200  # evenly over their order
 _SPREAD = 0.2  # least mean squared sine between normals and axis: a flat disc has no axis
 
 
@@ -34,7 +35,7 @@ class SymmetryAxis:
     miss: float
 
 
-def symmetry_axis(points: Array, normals: Array, most: int = 200) -> SymmetryAxis:
+def symmetry_axis(points: Array, normals: Array) -> SymmetryAxis:
     """The line that the normals of a surface point at best.
 
     For a direction d the distances of the normals from a line along d are linear in where the line
@@ -43,12 +44,11 @@ def symmetry_axis(points: Array, normals: Array, most: int = 200) -> SymmetryAxi
     Args:
         points: Shape (n, 3), metres.
         normals: Unit normals, shape (n, 3); their signs do not matter.
-        most: How many of the points are used, evenly over their order.
 
     Returns:
         The axis; `miss` is infinite where no direction gives one (a flat thing).
     """
-    chosen = np.linspace(0, len(points) - 1, min(most, len(points))).astype(np.int64)
+    chosen = np.linspace(0, len(points) - 1, min(_MOST_POINTS, len(points))).astype(np.int64)
     middle = points.mean(axis=0)
     near, n = points[chosen] - middle, normals[chosen]
     best = _fitted(_half_sphere(120), near, n)
@@ -105,15 +105,12 @@ def unseen_side(points: Array, normals: Array, viewpoint: Array) -> tuple[Array,
     return mirrored, turned
 
 
-def turned_about_axis(points: Array, normals: Array, copies: int = 7) -> Array:
-    """Guess the space that an object may take: its seen points turned about its axis.
+def turned_about_axis(points: Array, normals: Array) -> Array:
+    """Guess the space that an object may take: its seen points (n, 3) turned about its axis.
 
     What the hand hides on one side is often seen on another. Points whose normals pass the axis by
-    more than 1 cm (a handle) are not turned.
-
-    Returns:
-        The turned points without the seen ones, shape (m, 3), metres; m is 0 where the normals give
-        no clear axis.
+    more than 1 cm (a handle) are not turned. Seven copies (m, 3) without the seen ones, metres;
+    none where the normals give no clear axis.
     """
     axis = symmetry_axis(points, normals)
     if axis.miss > LARGEST_MISS:
@@ -121,7 +118,7 @@ def turned_about_axis(points: Array, normals: Array, copies: int = 7) -> Array:
     from_axis = points - axis.point
     off = np.abs((np.cross(axis.direction, normals) * from_axis).sum(axis=1))
     turned = from_axis[off < 0.01]
-    angles = 2 * np.pi * np.arange(1, copies + 1) / (copies + 1)
+    angles = 2 * np.pi * np.arange(1, 8) / 8
     turns = Rotation.from_rotvec(angles[:, None] * axis.direction).as_matrix()
     return np.concatenate([turned @ turn.T for turn in turns]) + axis.point
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, cast
@@ -183,31 +183,25 @@ COMMANDS = ("stop", "release", "set_gripper")
 """Commands that a replay must give again."""
 
 
-@dataclass
-class StepNotes:
-    """What the robot said and was told in one step."""
-
-    tool: Array = field(default_factory=lambda: np.eye(4))
-    joints: Array = field(default_factory=lambda: np.zeros(0))
-    width: Array = field(default_factory=lambda: np.zeros(()))
-    press: Array = field(default_factory=lambda: np.zeros(()))
-    wrench: Array = field(default_factory=lambda: np.zeros(6))
-    servo: Array | None = None
-    events: list[list[Any]] = field(default_factory=list)
+def _blank() -> dict[str, Any]:
+    """The notes of a step in which the robot has not said anything yet."""
+    shapes = {"joints": 6, "width": (), "press": (), "wrench": 6}
+    silent = {name: np.zeros(shape) for name, shape in shapes.items()}
+    return {**silent, "tool": np.eye(4), "servo": np.full((3, 4), np.nan), "events": []}
 
 
 class RecordedRobot:
     """A `hadr.handover.robot.Robot` that notes every question, answer and command."""
 
     def __init__(self, robot: Robot) -> None:
-        self.robot, self.step = robot, StepNotes()
+        self.robot, self.step = robot, _blank()
 
     @property
     def protective_stop(self) -> str:
         """As the robot says."""
         reason = self.robot.protective_stop
         if reason:
-            self.step.events.append(["protective_stop", reason])
+            self.step["events"].append(["protective_stop", reason])
         return reason
 
     def __getattr__(self, name: str) -> Callable[..., Any]:
@@ -219,19 +213,19 @@ class RecordedRobot:
         """Call a method of the robot and note it."""
         notes = self.step
         if name in COMMANDS:
-            notes.events.append([name, *given])
+            notes["events"].append([name, *given])
         elif name == "servo_to":
-            notes.servo = np.array(given[0])
+            notes["servo"] = np.array(given[0])[:3]
         try:
             answer = getattr(self.robot, name)(*given)
         except (UnreachableError, ValueError) as error:
-            notes.events.append([f"{name}_error", type(error).__name__, str(error)])
+            notes["events"].append([f"{name}_error", type(error).__name__, str(error)])
             raise
         if name in READINGS:
-            setattr(notes, READINGS[name], _single(answer))
-            return _single(answer) if np.ndim(answer) else float(_single(answer))
+            read = notes[READINGS[name]] = _single(answer)
+            return read if read.ndim else float(read)
         if name == "reachable" or np.any(answer):
-            notes.events.append([name, *np.atleast_1d(answer).tolist()])
+            notes["events"].append([name, *np.atleast_1d(answer).tolist()])
         return answer
 
 
@@ -257,7 +251,7 @@ class RecordedHandover(Handover):
         """Look once and move for dt seconds, see `Handover.step`."""
         if self.over:
             return self.stage
-        notes = self.recorded.step = StepNotes()
+        notes = self.recorded.step = _blank()
         given, row, cloud = self._keep(cleaned(observation))
         stage = super().step(given, dt)
         self._steps.append(notes)
@@ -269,24 +263,16 @@ class RecordedHandover(Handover):
 
     def log(self) -> RunLog:
         """The run up to now."""
-        steps, joints = self._steps, len(self._steps[0].joints)
-        none = np.full((3, 4), np.nan)
-        servo = [none if notes.servo is None else notes.servo[:3] for notes in steps[1:]]
-        table = np.array(self._given, dtype=np.float64).reshape(-1, 6)
-        arrays: dict[str, npt.NDArray[Any]] = {
-            name: table[:, column]
-            for column, name in enumerate(("time", "taken", "dt", "confidence"))
-        }
-        arrays["hand"], arrays["cloud"] = table[:, 4].astype(np.int32), table[:, 5].astype(np.int32)
-        lists = {
+        steps, table = self._steps, np.array(self._given, dtype=np.float64).reshape(-1, 6)
+        names = ("time", "taken", "dt", "confidence", "hand", "cloud")
+        arrays: dict[str, npt.NDArray[Any]] = dict(zip(names, table.T, strict=True))
+        arrays |= {name: arrays[name].astype(np.int32) for name in names[4:]}
+        lists = {name: np.stack([notes[name] for notes in steps]) for name in READINGS.values()}
+        lists |= {
             "keypoints": np.reshape(self._hands, (-1, 21, 3)),
             "points": np.reshape(self._clouds, (-1, KEPT_POINTS + 1, 3)),
-            "tool": np.stack([notes.tool[:3] for notes in steps]),
-            "joints": np.reshape([notes.joints for notes in steps], (-1, joints)),
-            "width": np.array([notes.width for notes in steps]),
-            "press": np.array([notes.press for notes in steps]),
-            "wrench": np.stack([notes.wrench for notes in steps]),
-            "servo": np.reshape(servo, (-1, 3, 4)),
+            "tool": lists["tool"][:, :3],
+            "servo": np.reshape([notes["servo"] for notes in steps[1:]], (-1, 3, 4)),
         }
         with np.errstate(over="ignore"):
             arrays |= {name: values.astype(np.float32) for name, values in lists.items()}
@@ -300,7 +286,7 @@ class RecordedHandover(Handover):
             "cautions": [list(item) for item in self._cautions],
             "odd_keypoints": self._odd,
             "events": [
-                [step - 1, *event] for step, notes in enumerate(steps) for event in notes.events
+                [step - 1, *event] for step, notes in enumerate(steps) for event in notes["events"]
             ],
         }
         return RunLog(arrays, header)
@@ -345,7 +331,7 @@ class RecordedHandover(Handover):
         way: Way,
     ) -> ChosenGrasp | None:
         """Choose a grasp, and note it or why there is none; what the search asks is not noted."""
-        events = self.recorded.step.events
+        events = self.recorded.step["events"]
         try:
             grasp = choose(points, keypoints, self.recorded.robot, scene, way)
             chose: list[Any] = [None]

@@ -126,16 +126,12 @@ def test_scores_are_shares_in_falling_order() -> None:
     assert grasps.frame == "camera"
 
 
-def test_less_friction_leaves_fewer_and_lower_scores() -> None:
-    points = sphere(0.03)
-    rough, smooth = (
-        sample_grasps(points, np.random.default_rng(0), viewpoint=EYE, friction=value)
-        for value in (0.6, 0.3)
-    )
+def test_less_friction_leaves_fewer(monkeypatch: pytest.MonkeyPatch) -> None:
+    rough = sample_grasps(sphere(0.03), np.random.default_rng(0), viewpoint=EYE)
+    monkeypatch.setattr("hadr.handover.grasping.candidates.FRICTION", 0.3)
+    smooth = sample_grasps(sphere(0.03), np.random.default_rng(0), viewpoint=EYE)
     # with little friction the draws are straighter, and still fewer pass
     assert len(smooth) < len(rough)
-    with pytest.raises(ValueError, match=r"friction must be more than 0, got 0\.0"):
-        sample_grasps(points, np.random.default_rng(0), friction=0.0)
 
 
 def test_toward_leaves_the_other_half_of_the_directions_out() -> None:
@@ -203,5 +199,3 @@ def test_bad_points_are_refused() -> None:
     broken[3] = np.nan
     with pytest.raises(ValueError, match="must be finite"):
         sample_grasps(broken, rng)
-    with pytest.raises(ValueError, match="wider than the gripper"):
-        sample_grasps(half_cylinder(), rng, largest_width=0.014)
