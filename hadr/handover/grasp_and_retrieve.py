@@ -109,14 +109,9 @@ class Advance:
         self.corrections, self._back_to, self._felt = 0, None, ""
 
     def step(self, pre_grasp: Array, dt: float) -> Array | None:
-        """Go on for dt seconds.
+        """Go on for dt seconds; give the pose at which the fingers shall close, None before.
 
-        Args:
-            pre_grasp: As it has moved with the hand, shape (4, 4), metres, base frame.
-            dt: Seconds.
-
-        Returns:
-            Where the fingers shall close, a pose too; None while they shall not.
+        The pre-grasp (4, 4) is given as it has moved with the hand, metres, base frame.
 
         Raises:
             HaltError: The hand is too near (on the way on or back), the object does not fit between

@@ -131,18 +131,9 @@ class GuardedArm:
             raise HaltError(f"target {np.round(target[:3, 3], 2)} m is out of reach")
 
     def allowed(self, near: Sequence[Array], least: float, speed: float) -> float:
-        """Part of a speed that the hand beside the path leaves.
+        """Part of a wanted speed, m/s, that the hand beside the next tool poses leaves, 0 to 1.
 
-        Args:
-            near: Tool poses that come next.
-            least: Least free space to the skin, metres.
-            speed: Speed wanted, metres per second.
-
-        Returns:
-            0 to 1; 0 where no hand is known.
-
-        Raises:
-            HaltError: The hand is nearer to the path than that.
+        0 where no hand is known; HaltError where it leaves less than the least free space, metres.
         """
         watch = self.watch
         if watch.keypoints is None:
@@ -222,14 +213,7 @@ class GuardedArm:
         return [between(self.reading.tool, goal, part * step) for step in (0.0, 0.5, 1.0)]
 
     def go(self, goal: Array, speed: float, dt: float, *, factor: float = 1.0) -> None:
-        """Move toward a goal for dt seconds.
-
-        Args:
-            goal: Tool pose.
-            speed: Metres per second.
-            dt: Seconds.
-            factor: Part of speed and of the turn's speed that is used.
-        """
+        """Move toward a tool pose for dt seconds, at a part of a speed, m/s, and of the turn's."""
         if factor <= 0:
             self.hold(dt)
             return

@@ -55,11 +55,10 @@ class Observation:
 
 
 def cleaned(observation: Observation) -> Observation:
-    """The same without what is no number and no point; the keypoints are `HandWatch`'s business.
+    """The same, times and confidence as finite numbers or NaN, and without what is no point.
 
-    Returns:
-        Times and confidence as finite numbers, NaN for anything else; of each cloud the finite
-        points within `FARTHEST_POINT`, None where fewer than `FEWEST_POINTS` are left.
+    Of each cloud the finite points within `FARTHEST_POINT`, None where fewer than `FEWEST_POINTS`
+    are left; the keypoints are `HandWatch`'s business.
     """
     confidence = observation.confidence
     return Observation(

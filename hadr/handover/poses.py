@@ -10,17 +10,9 @@ Array = npt.NDArray[np.float64]
 
 
 def check_pose(pose: Array, name: str = "pose") -> Array:
-    """Check that a matrix is a rigid transform.
+    """A pose as float64; ValueError, with its name, for what is no rigid transform.
 
-    Args:
-        pose: Homogeneous transform, shape (4, 4), metres.
-        name: What to call it in the error.
-
-    Returns:
-        The pose as float64.
-
-    Raises:
-        ValueError: Not (4, 4), not finite, or the upper left block is no proper rotation.
+    That is not (4, 4), not finite, or the upper left block is no proper rotation.
     """
     matrix = np.asarray(pose, dtype=np.float64)
     if matrix.shape != (4, 4):

@@ -60,10 +60,7 @@ class Robot(Protocol):
 
     @property
     def protective_stop(self) -> str:
-        """Why the arm stopped by itself, such as a contact force; empty while it did not.
-
-        Nothing moves in it. It stays until a person has looked and released it at the arm.
-        """
+        """Why the arm stopped by itself, until a person at the arm releases it; else empty."""
         ...
 
     def set_gripper(self, width: float, force: float) -> None:
@@ -79,10 +76,9 @@ class Robot(Protocol):
         ...
 
     def tool_wrench(self) -> Array:
-        """Return what pushes and twists the gripper now, shape (6,), base frame.
+        """Return force and torque about the tool point on the gripper, shape (6,), base frame.
 
-        Force in newtons, then torque about the tool point in newton metres. The gripper's own
-        weight is taken off, as a zeroed sensor at the wrist does.
+        Newtons and newton metres, less the gripper's own weight, as of a zeroed sensor.
         """
         ...
 

@@ -103,14 +103,7 @@ class SafetyConfig:
 
 
 def hand_problem(keypoints: npt.ArrayLike) -> str:
-    """Say why keypoints are no hand, or nothing.
-
-    Args:
-        keypoints: Anything; a hand in the camera frame is (21, 3) metres.
-
-    Returns:
-        An empty string for a hand; else the wrong value in words.
-    """
+    """Say what is wrong with anything that is no hand (21, 3) in the camera frame, metres."""
     try:
         points = check_keypoints(keypoints)
     except (TypeError, ValueError) as error:
@@ -167,14 +160,10 @@ class Separation(NamedTuple):
 def separation(
     speed: float, closing: float, age: float, least: float, c: SafetyConfig
 ) -> Separation:
-    """The distance that a robot at a speed must keep from a hand.
+    """The distance that a robot must keep from a hand.
 
-    Args:
-        speed: Of the tool, metres per second.
-        closing: The hand's own speed toward it, metres per second.
-        age: Of the picture that the hand was seen in, seconds.
-        least: The least free space, metres.
-        c: Settings.
+    Of the tool's speed and the hand's own toward it, m/s, the age of the picture that it was seen
+    in, seconds, and the least free space, metres.
     """
     unseen = age + c.reaction_time + speed / c.deceleration
     return Separation(
@@ -242,10 +231,6 @@ def hand_pull(force: Array) -> float:
 
 
 def pushed_away(began: Array, now: Array, most: float) -> float:
-    """Metres that a pre-grasp (4, 4) has gone past `most` along its approach axis, 0 or more.
-
-    A gripper that pushes the object pushes the hand with it; a robot that follows the hand would
-    then chase it.
-    """
-    gone = float((now[:3, 3] - began[:3, 3]) @ now[:3, 2])
-    return max(0.0, gone - most)
+    """Metres that a pre-grasp (4, 4) has gone past `most` along its approach axis, 0 or more."""
+    # a gripper that pushes the object pushes the hand; a robot that follows it would chase it
+    return max(0.0, float((now[:3, 3] - began[:3, 3]) @ now[:3, 2]) - most)

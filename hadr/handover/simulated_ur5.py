@@ -153,13 +153,9 @@ class SimulatedUR5:
         return self.reachable(base_from_tool)
 
     def servo_to(self, base_from_tool: Array, dt: float) -> None:
-        """Move toward a tool pose for a short time, all joints in step, in joint space.
+        """Move toward a tool pose (4, 4) for dt seconds, at most 0.1, all joints in step.
 
         Where the arm may not go on it brakes; before a limit it stands at once.
-
-        Args:
-            base_from_tool: Target, shape (4, 4), metres.
-            dt: Time in seconds, more than 0 and at most 0.1.
 
         Raises:
             UnreachableError: The target, or the next point on the way to it, breaks a limit.

@@ -147,20 +147,11 @@ def best_similarity(
     flip: Flip = "v",
     weights: Array | None = None,
 ) -> Similarity:
-    """Carry one point set (n, 3) onto another about their centroids, by least squares.
+    """Carry points (n, 3) onto the same ones later, about their centroids, by least squares.
 
+    The scale is 1 unless it shall be fitted too; flip, weights and errors as of `best_rotation`.
     Source: Umeyama, Least-squares estimation of transformation parameters between two point
     patterns, 1991, equations 38 to 43.
-
-    Args:
-        initial: Points, shape (n, 3), metres.
-        current: The same points later.
-        scaled: Fit a scale too; else it is 1.
-        flip: As in `best_rotation`.
-        weights: Of the points, shape (n,), 0 or more; all 1 if left out.
-
-    Raises:
-        ValueError: The rotation is not determined, see `best_rotation`.
     """
     share = np.ones(len(initial)) if weights is None else weights
     share = share / share.sum()
@@ -273,11 +264,9 @@ class HandFilter:
     _shape: Array = field(default_factory=lambda: np.zeros((21, 3)), init=False)
 
     def steadied(self, time: float, keypoints: Array) -> Array:
-        """Take in a picture's keypoints; give the steadied ones.
+        """Take in a picture's keypoints (21, 3), metres, and the time it was taken at; steady them.
 
-        Args:
-            time: When the picture was taken, seconds; rises from call to call.
-            keypoints: Shape (21, 3), metres, in a frame that does not move.
+        Times, in seconds, rise from call to call; the keypoints' frame does not move.
         """
         since, middle = time - self._time, keypoints.mean(axis=0)
         if not np.isfinite(middle).all():
@@ -295,10 +284,8 @@ class HandFilter:
             return keypoints
         turned = Rotation.from_matrix(found @ turn.T).as_rotvec()
         share, slope = _gains(float(np.linalg.norm(missed)), PLACE_GAIN, FULL_PLACE)
-        self._place, self._velocity = (
-            place + share * missed,
-            self._velocity + slope / since * missed,
-        )
+        self._place = place + share * missed
+        self._velocity = self._velocity + slope / since * missed
         share, slope = _gains(float(np.linalg.norm(turned)), TURN_GAIN, FULL_TURN)
         self._turn = Rotation.from_rotvec(share * turned).as_matrix() @ turn
         self._spin = self._spin + slope / since * turned

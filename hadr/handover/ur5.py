@@ -72,11 +72,7 @@ def link_transform(index: int, angle: float) -> Array:
 
 
 def joint_frames(joints: Array) -> Array:
-    """Poses of frames 0 (the base) to 6 (the flange) in `dh_base` for joint angles (6,) in radians.
-
-    Returns:
-        Shape (7, 4, 4), metres.
-    """
+    """Poses (7, 4, 4), metres, of base to flange in `dh_base` for joint angles (6,) in radians."""
     frames = [np.eye(4)]
     for index, angle in enumerate(check_joints(joints)):
         frames.append(frames[-1] @ link_transform(index, float(angle)))
@@ -106,33 +102,17 @@ def singularity(joints: Array) -> float:
 
 
 def link_outline(joints: Array) -> Array:
-    """Points along the arm's real links, which the DH frames put all into one plane.
+    """Points (9, 3) along the arm's real links from the base's foot to the flange, `dh_base`.
 
-    Upper arm and forearm stand beside the shoulder's plane, not in it; the DH table folds both
-    offsets into d_4. A picture or a check against the table wants them where they are.
-
-    Args:
-        joints: Joint angles in radians, shape (6,).
-
-    Returns:
-        Points in `dh_base`, shape (9, 3), metres, from the base's foot to the flange.
+    Metres, for joint angles (6,) in radians. Upper arm and forearm stand beside the shoulder's
+    plane, into which the DH frames put all links. A picture or a check against the table wants
+    them where they are.
     """
     frames = joint_frames(joints)
     origin, sideways = frames[:, :3, 3], frames[1, :3, 2]
     upper, fore = sideways * SHOULDER_OFFSET, sideways * (SHOULDER_OFFSET + ELBOW_OFFSET)
-    return np.stack(
-        [
-            origin[0],
-            origin[1],
-            origin[1] + upper,
-            origin[2] + upper,
-            origin[2] + fore,
-            origin[3] + fore,
-            origin[4],
-            origin[5],
-            origin[6],
-        ]
-    )
+    arm = origin[1] + upper, origin[2] + upper, origin[2] + fore, origin[3] + fore
+    return np.stack([origin[0], origin[1], *arm, *origin[4:]])
 
 
 LINK_RADII: tuple[float, ...] = (0.060, 0.054, 0.045, 0.040, 0.040, 0.038)

@@ -110,14 +110,10 @@ class Handover:
         return ""
 
     def step(self, observation: Observation, dt: float) -> Stage:
-        """Look once and move for dt seconds.
+        """Look once and move until the next call, dt seconds, at most 0.1; give the stage then.
 
-        Args:
-            observation: What perception says now; it may be of the same picture as the one before.
-            dt: Time until the next call, seconds, more than 0 and at most 0.1.
-
-        Returns:
-            The stage after this step. Nothing raises on bad observations: they stop the robot.
+        The observation may be of the same picture as the one before. Nothing raises on bad ones:
+        they stop the robot.
 
         Raises:
             ValueError: dt is out of range.

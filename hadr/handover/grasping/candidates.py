@@ -46,8 +46,7 @@ def surface_normals(
 ) -> Array:
     """Unit normals (n, 3) of points (n, 3), turned to the side of a viewpoint (3,), metres.
 
-    The nearest neighbours span the tangent plane; they are taken from `among` (m, 3), a denser
-    cloud of the same surface, or from the points themselves.
+    Of the plane of their nearest neighbours, in a denser cloud `among` (m, 3) where one is given.
     """
     cloud = points if among is None else among
     _, near = cKDTree(cloud).query(points, k=min(neighbours, len(cloud)))
@@ -79,8 +78,8 @@ def sample_grasps(
         points: Points of the object alone, shape (n, 3), metres; seen from one side is enough.
         rng: Source of the draws.
         viewpoint: Where the camera stood, shape (3,), metres; the frame's origin if left out.
-        toward: Only approaches at less than 90 degrees to this direction, shape (3,): an arm
-            cannot reach round the object. All directions if left out.
+        toward: A direction (3,): only approaches at less than 90 degrees to it, as an arm cannot
+            reach round the object.
         reach: How far past the first touched point the fingertips end, metres.
         frame: Name of the points' frame.
 
@@ -238,11 +237,8 @@ def _rows(cloud: Array, normals: Array, slabs: _Slabs, kept: NDArray[np.int64]) 
 def _scores(
     used: Array, touched: Array, room: Array, middle: Array, closing: Array, cloud: Array
 ) -> Array:
-    """Score of grasps, 0 to 1: geometric mean of friction, pad that touches, room and balance.
-
-    `used` is the share of the friction cone at the worse contact. Balance is exp(-(l / 10 cm)^2),
-    l the distance of the object's middle from the line between the contacts.
-    """
+    """Geometric mean of friction not used at the worse contact, pad that touches, room, balance."""
+    # balance: how far the object's middle lies from the line between the contacts
     away = middle - cloud.mean(axis=0)
     away -= (away * closing).sum(axis=1, keepdims=True) * closing
     balance = np.exp(-(away**2).sum(axis=1) / LEVER**2)

@@ -103,9 +103,8 @@ def intended_score(
 ) -> Array:
     """What the text describes: C = w_s s + w_r2h (a . v) + w_u2d (a . u), shape (n,).
 
-    It is the printed formula with R_g taken relative to a gripper that already approaches along the
-    direction in question: R_g R_0^T with R_0 a pose whose approach axis is v, then u. The unit
-    approach axes a (n, 3) are written in the directions' frame.
+    The printed formula with R_g R_0^T for R_g, R_0 a pose whose approach axis is v, then u. The
+    unit approach axes a (n, 3) are written in the directions' frame.
     """
     w = weights or Weights()
     wish = w.robot_to_human * directions.robot_to_human + w.up_to_down * directions.up_to_down

@@ -90,20 +90,13 @@ class GraspSelection:
         scene_points: Array | None = None,
         way: Way = PAPER_WAY,
     ) -> ChosenGrasp | None:
-        """Choose a grasp.
-
-        Args:
-            points: Object's points in the base frame, shape (n, 3), metres.
-            keypoints: Hand in the base frame, shape (21, 3), metres.
-            robot: Says what it can reach.
-            scene_points: Measured points of anything else (hand, arm, table), as the object's.
-            way: The final move, which must be free and within reach; of the way on past its end the
-                grasp says how much is.
+        """Choose a grasp; see `ChooseGrasp` for what is given.
 
         Returns:
             The best grasp whose pre-grasp, grasp and final pose can all be reached, past which the
             hand can draw back along its forearm, and to whose pre-grasp a straight way leads, or,
-            without such a one, the best to which any way does; None where no candidate is left.
+            without such a one, the best to which any way does; None where no candidate is left. It
+            says how much of the way on past the final move is free and within reach.
 
         Raises:
             NoCandidateError: There were none from the start.
@@ -146,10 +139,7 @@ class GraspSelection:
     def _best(
         self, grasps: Grasps, around: _Surroundings, aside: Array
     ) -> tuple[ChosenGrasp | None, bool]:
-        """The best of some candidates that is free and can be reached, moved aside (n, 3) too.
-
-        And whether a straight way leads to its pre-grasp.
-        """
+        """The best that is free and within reach, also moved aside (n, 3); is the way straight?"""
         room = around.room(grasps)
         near = room >= min(CLEARANCES)
         grasps, room = grasps.select(near), room[near]
@@ -349,14 +339,10 @@ class Choosing:
         return now - self._searched_at >= CHOOSE_EVERY - 1e-9
 
     def search(self, observation: Observation, now: float, robot: Robot) -> ChosenGrasp | None:
-        """Search for a grasp in an observation without an `obstacle`.
+        """Search an observation without an `obstacle`; None, and a `caution`, without a grasp.
 
-        Returns:
-            The grasp in the base frame; None, and the reason in `caution`, where there is none.
-
-        Raises:
-            RuntimeError: The search raised a ValueError that does not say there is no grasp. Such
-                an error would pass for a bad picture; all others pass through as they are.
+        RuntimeError where the search raised a ValueError that does not say there is no grasp: it
+        would pass for a bad picture. All other errors pass through as they are.
         """
         self._searched_at = now
         chosen, why = self._chosen(observation, robot)

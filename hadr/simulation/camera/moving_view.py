@@ -13,14 +13,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from embreex.mesh_construction import TriangleMesh
-from embreex.rtcore_scene import EmbreeScene
 
-from hadr.camera import Intrinsics, ray_directions
+from hadr.camera import Intrinsics, project, ray_directions
 from hadr.simulation.camera.room import Room, with_parts
+from hadr.simulation.robot.solids import Part, search_tree
 from hadr.simulation.world.scenes import HeldScene
-from hadr.synthesis.glass.surfaces import Surface, merged
-from hadr.synthesis.hand.mesh import HandMesh
+from hadr.synthesis.glass.surfaces import merged
 from hadr.synthesis.rendering.raycast import GLASS, HAND, SURROUNDINGS
 from hadr.synthesis.rendering.shading import RayTracer
 from hadr.synthesis.scene.contents import Contents
@@ -45,13 +43,6 @@ class SeenLabels(NamedTuple):
     hand_mask: Mask
     object_mask: Mask
     arm_mask: Mask
-
-
-def search_tree(surface: Surface) -> Any:
-    """Embree's search tree over one surface."""
-    tree = EmbreeScene(robust=True)
-    TriangleMesh(tree, surface.vertices.astype(np.float32), surface.faces.astype(np.int32))
-    return tree
 
 
 class _MovedTree:
@@ -84,75 +75,45 @@ class _JoinedTree:
 
 
 class MovingView(RayTracer):
-    """A held object in a room, seen at any moment.
-
-    Args:
-        scene: Hand and object.
-        room: What stands around them.
-    """
+    """A held object in a room, seen at any moment."""
 
     def __init__(self, scene: HeldScene, room: Room) -> None:
         self._own_hand, self._own_glass = scene.hand(0.004), scene.glass()  # metres of a step
-        super().__init__(
-            Contents(
-                self._own_hand,
-                self._own_glass,
-                scene.item.transmittance,
-                room.surroundings,
-                room.lamps,
-                room.environment,
-            )
-        )
+        things = self._own_hand, self._own_glass, scene.item.transmittance
+        super().__init__(Contents(*things, room.surroundings, room.lamps, room.environment))
         # the order in which RayCaster lists its trees: surroundings, hand, then glass
         self._room, (_, self._hand_tree) = room, self._solid[1]
         self._glass_tree = self._clear[0][1]
 
     def at(
-        self,
-        base_from_wrist: Array,
-        base_from_object: Array,
-        arm: Sequence[tuple[Surface, tuple[float, float, float]]],
+        self, base_from_wrist: Array, base_from_object: Array, arm: Sequence[Part]
     ) -> MovingView:
-        """Give the same scene at another moment.
+        """Give the same scene at another moment: poses (4, 4) of hand and object, metres.
 
-        Args:
-            base_from_wrist: Pose of the hand, shape (4, 4), metres.
-            base_from_object: Pose of the object, shape (4, 4), metres.
-            arm: The robot's surfaces in the base frame with their linear RGB.
+        The robot's surfaces are written in the base frame, with their linear RGB.
         """
         now = copy.copy(self)
         hand, around = self._own_hand, self._room.surroundings
-        hand = HandMesh(hand.surface.moved(base_from_wrist), hand.albedo, hand.gloss)
+        hand = replace(hand, surface=hand.surface.moved(base_from_wrist))
         glass = tuple(body.moved(base_from_object) for body in self._own_glass)
-        room_tree = self._solid[0]
+        number, room_tree = self._solid[0]
         if arm:
-            parts = [
-                (part.vertices, part.faces, part.normals, np.asarray(color)) for part, color in arm
-            ]
-            around = with_parts(around, parts)
-            tree = search_tree(merged(tuple(part for part, _ in arm)))
-            number, of_room = self._solid[0]
-            room_tree = (
-                number,
-                _JoinedTree(of_room, tree, len(self._room.surroundings.surface.faces)),
-            )
+            tree = search_tree(merged([part for part, _ in arm]))
+            room_tree = _JoinedTree(room_tree, tree, len(around.surface.faces))
+            around = with_parts(around, arm)
         now.contents = replace(self.contents, hand=hand, glass=glass, surroundings=around)
         now._opaque = [(SURROUNDINGS, around.surface), (HAND, hand.surface)]
         now.meshes = [*now._opaque, *((GLASS, body) for body in glass)]
-        now._solid = [room_tree, (1, _MovedTree(self._hand_tree, base_from_wrist))]
+        now._solid = [(number, room_tree), (1, _MovedTree(self._hand_tree, base_from_wrist))]
         now._clear = [(2, _MovedTree(self._glass_tree, base_from_object))]
         now._all = [*now._solid, *now._clear]
         return now
 
     def seen(self, camera: Intrinsics, base_from_camera: Array) -> SeenLabels:
-        """Cast one ray through every pixel's centre.
+        """Cast one ray through every pixel's centre of a camera at a pose (4, 4), metres.
 
         In single precision, as Embree computes: exact to some micrometres, and several times as
         fast as `hadr.synthesis.rendering.raycast.RayCaster.labels`.
-
-        Args:
-            camera: Intrinsics.
-            base_from_camera: Pose of the camera, shape (4, 4), metres.
         """
         local = ray_directions(camera).reshape(-1, 3)
         directions = local @ base_from_camera[:3, :3].T
@@ -184,11 +145,10 @@ class MovingView(RayTracer):
         numbers = np.arange(camera.height * camera.width).reshape(camera.shape)
         if (own[:, 2] < 0.05).any():
             return numbers.ravel()
-        u = camera.fx * own[:, 0] / own[:, 2] + camera.cx
-        v = camera.fy * own[:, 1] / own[:, 2] + camera.cy
-        low = np.floor([v.min(), u.min()]).astype(int).clip(0)
-        high = np.ceil([v.max(), u.max()]).astype(int).clip(-1) + 1
-        return numbers[low[0] : high[0], low[1] : high[1]].ravel()
+        uv = project(own, camera)
+        left, top = np.floor(uv.min(axis=0)).astype(int).clip(0)
+        right, bottom = np.ceil(uv.max(axis=0)).astype(int).clip(-1) + 1
+        return numbers[top:bottom, left:right].ravel()
 
     def light(
         self, camera: Intrinsics, base_from_camera: Array, rng: np.random.Generator | None

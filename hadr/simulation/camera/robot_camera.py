@@ -16,10 +16,10 @@ from scipy.spatial.transform import Rotation
 from hadr.camera import TRANSHAND_CAMERA, Intrinsics, project, transform_points
 from hadr.handover.poses import camera_at
 from hadr.simulation.camera.depth_sensor import DepthSensor
-from hadr.simulation.camera.moving_view import MovingView, search_tree
+from hadr.simulation.camera.moving_view import MovingView
 from hadr.simulation.camera.room import make_room
 from hadr.simulation.robot.arm_shape import arm_surfaces
-from hadr.simulation.robot.solids import Part
+from hadr.simulation.robot.solids import Part, search_tree
 from hadr.simulation.world.scenes import MIDDLE, HeldScene
 from hadr.simulation.world.state import WorldState
 from hadr.synthesis.glass.surfaces import merged
@@ -105,14 +105,7 @@ class RobotCamera:
         *,
         color: bool = True,
     ) -> CapturedFrame:
-        """Take a picture.
-
-        Args:
-            state: The world now.
-            scene: What is held, by which hand.
-            rng: Draws the sensors' noise.
-            color: Draw the colour too, which takes most of the time.
-        """
+        """Take a picture; `rng` draws the sensors' noise, colour takes most of the time."""
         arm = self._arm_in_view(state)
         view = self._view(scene).at(state.base_from_wrist, state.base_from_object, arm)
         labels = view.seen(self.intrinsics, self.base_from_camera)
@@ -134,12 +127,7 @@ class RobotCamera:
         return points
 
     def visible(self, points: Array, state: WorldState) -> Mask:
-        """Which points lie within the picture and are not hidden by the robot's arm, shape (n,).
-
-        Args:
-            points: Camera frame, metres, shape (n, 3).
-            state: The world now.
-        """
+        """Which points (n, 3), camera frame, metres, are in the picture and behind no arm, (n,)."""
         uv = project(points, self.intrinsics)
         size = [self.intrinsics.width - 0.5, self.intrinsics.height - 0.5]
         inside: Mask = (uv >= -0.5) & (uv <= size)  # NaN is outside
@@ -154,10 +142,7 @@ class RobotCamera:
         return found
 
     def behind_hand_or_glass(self, points: Array, state: WorldState, scene: HeldScene) -> Mask:
-        """Which points of the hand lie deeper behind skin or glass than under their own skin, (n,).
-
-        Points in the camera frame, metres, shape (n, 3).
-        """
+        """Which points (n, 3) of the hand, camera frame, metres, skin or glass hides, (n,)."""
         view = self._view(scene).at(state.base_from_wrist, state.base_from_object, [])
         rays = points @ self.base_from_camera[:3, :3].T
         eyes = np.broadcast_to(self.base_from_camera[:3, 3], rays.shape)

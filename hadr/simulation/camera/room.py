@@ -6,14 +6,16 @@ ray of a camera beside the robot ends on something.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from hadr.records.caches import kept
+from hadr.simulation.robot.solids import Part
 from hadr.simulation.world.scenes import FLOOR, MIDDLE, TABLE_FAR, TABLE_NEAR
-from hadr.synthesis.glass.surfaces import Surface
+from hadr.synthesis.glass.surfaces import merged
 from hadr.synthesis.scene.contents import Surroundings
 from hadr.synthesis.scene.furnishing import UP, TextureChoice, natural_size, put_thing
 from hadr.synthesis.scene.lights import AreaLight, Environment, make_lights
@@ -107,22 +109,15 @@ def _add_sideboard(stage: Stage, choice: TextureChoice, rng: np.random.Generator
             put_thing(stage, choice, spot, float(rng.uniform(0.07, 0.15)))
 
 
-def with_parts(
-    room: Surroundings, parts: list[tuple[Array, npt.NDArray[np.int64], Array, Array]]
-) -> Surroundings:
-    """Put parts (vertices, faces, normals, linear RGB) into a room."""
+def with_parts(room: Surroundings, parts: Sequence[Part]) -> Surroundings:
+    """Put parts into a room."""
     stage = Stage()
-    for vertices, faces, normals, _ in parts:
-        stage.add(Surface(vertices, faces, normals), np.zeros((len(vertices), 2)), _PLAIN, 1.0)
+    for surface, _ in parts:
+        stage.add(surface, np.zeros((len(surface.vertices), 2)), _PLAIN, 1.0)
     added = stage.surroundings()
-    tints = [np.tile(color / _plain_color(), (len(faces), 1)) for _, faces, _, color in parts]
-    surface = type(room.surface)(
-        np.concatenate([room.surface.vertices, added.surface.vertices]),
-        np.concatenate([room.surface.faces, added.surface.faces + len(room.surface.vertices)]),
-        np.concatenate([room.surface.normals, added.surface.normals]),
-    )
+    tints = [np.tile(color / _plain_color(), (len(surface.faces), 1)) for surface, color in parts]
     return Surroundings(
-        surface,
+        merged([room.surface, added.surface]),
         np.concatenate([room.uv, added.uv]),
         np.concatenate([room.texture, added.texture]),
         np.concatenate([room.tint, *tints]),

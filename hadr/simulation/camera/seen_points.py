@@ -49,16 +49,9 @@ def without_outliers(points: Array) -> Array:
 def scene_points(frame: CapturedFrame, mask: Mask, keypoints: Array | None) -> Array:
     """Measured points that the gripper must not touch: what stands around, and the forearm.
 
-    The robot knows its own arm and leaves it out; the hand itself is known by its keypoints.
-
-    Args:
-        frame: The picture.
-        mask: The object's pixels, shape (H, W) bool.
-        keypoints: The hand, camera frame, metres, shape (21, 3), or None.
-
-    Returns:
-        Camera frame, metres, shape (n, 3): one a cube of 1.5 cm, within 0.5 m of the hand, or of
-        the picture's middle where none was found.
+    The robot knows its own arm and leaves it out, as it does the object's mask (H, W); the hand
+    itself is known by its keypoints (21, 3). Camera frame, metres, shape (n, 3): one a cube of
+    1.5 cm, within 0.5 m of the hand, or of the picture's middle where none was found.
     """
     near_own = ndimage.binary_dilation(mask | frame.arm_mask, iterations=3)
     points = back_project(np.where(near_own, 0, frame.raw_depth), frame.camera).reshape(-1, 3)

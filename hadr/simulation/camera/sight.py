@@ -94,15 +94,7 @@ class Sight:
         """Share of the last object points within `RIGHT_M` of the true depth along their rays."""
 
     def look(self, state: WorldState, *, with_points: bool) -> Observation:
-        """Take a picture of the world.
-
-        Args:
-            state: The world now.
-            with_points: Also take the points of object and surroundings, which costs most.
-
-        Returns:
-            What is seen, in the camera frame.
-        """
+        """What is seen of the world, camera frame; points of object and surroundings cost most."""
         if self._finder is not None:
             frame = self.camera.capture(state, self.scene, self._sensor_rng)
             mask, hand, keypoints = self._finder.find(frame)
@@ -213,14 +205,9 @@ class HandAndGlass:
     keypoints: HandKeypoints
 
     def find(self, frame: CapturedFrame) -> tuple[Mask, Mask, Array | None]:
-        """Find them.
+        """The object's and the hand's pixels (H, W) in a picture with colour, and the keypoints.
 
-        Args:
-            frame: The picture, with colour.
-
-        Returns:
-            The object's and the hand's pixels, shape (H, W) bool, and the keypoints, camera frame,
-            metres, shape (21, 3), or None where there is no hand with depth.
+        Those are in the camera frame, metres, (21, 3), or None where there is no hand with depth.
         """
         if frame.color is None:
             raise ValueError("networks find mask and keypoints in a picture with colour, got none")

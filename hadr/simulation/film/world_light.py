@@ -11,10 +11,9 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from embreex.mesh_construction import TriangleMesh
-from embreex.rtcore_scene import EmbreeScene
 
 from hadr.simulation.film.world_parts import ARM, CLOTH, FLOOR, HAND, NOTHING, TABLE, Piece, cloth
+from hadr.simulation.robot.solids import search_tree
 from hadr.synthesis.glass.surfaces import Surface, merged
 from hadr.synthesis.rendering.raycast import RayCaster
 from hadr.synthesis.rendering.refraction import Beams, cross
@@ -69,8 +68,7 @@ class Solid:
         self.looks = np.concatenate([surface.normals, np.concatenate(albedo)], 1).astype(np.float32)
         self.kind = np.concatenate([np.full(len(s.vertices), k) for s, _, k in pieces])
         self.faces = surface.faces
-        self.tree = EmbreeScene(robust=True)
-        TriangleMesh(self.tree, surface.vertices.astype(np.float32), surface.faces.astype(np.int32))
+        self.tree = search_tree(surface)
 
     def meet(self, origins: Array, directions: Array, seen: Seen) -> Seen:
         """Add what N rays meet here nearer than what they have met, float32."""

@@ -51,14 +51,10 @@ def table() -> list[Piece]:
 
 
 def cloth(points: Array, blur: Array) -> Array:
-    """The cloth's pattern: what its reflectance is multiplied with.
+    """What the cloth's reflectance is multiplied with at points (N, 3) of the table's top, metres.
 
-    Args:
-        points: On the table's top, base frame, metres, shape (N, 3).
-        blur: Width of what one ray stands for, metres, shape (N,): edges are as soft as that.
-
-    Returns:
-        Shape (N, 3): stripes of two widths both ways, darker where they cross.
+    Stripes of two widths both ways, darker where they cross, shape (N, 3); their edges are as soft
+    as what one ray stands for is wide, metres, shape (N,).
     """
     factor = np.ones((len(points), 3))
     for axis in (0, 1):
@@ -72,13 +68,9 @@ def cloth(points: Array, blur: Array) -> Array:
 
 
 def sleeve(arm: Surface) -> Piece:
-    """A sleeve over the forearm of a hand.
+    """A sleeve over the forearm, which lies along minus y: a tube from the cuff to its end.
 
-    Args:
-        arm: The hand's surface in the wrist frame; the forearm lies along minus y.
-
-    Returns:
-        A tube from the cuff to the arm's end, in the wrist frame.
+    The hand's surface and the sleeve are written in the wrist frame.
     """
     end = float(arm.vertices[:, 1].min()) - 0.02
     along = np.linspace(_CUFF_AT, end, _RINGS)

@@ -77,12 +77,7 @@ def close_view(point: tuple[float, float, float], width: int = 640, height: int 
 
 
 class FilmSet:
-    """One held scene, looked at from one view: draws any moment of it.
-
-    Args:
-        scene: Hand and object.
-        view: From where; the side view where left out.
-    """
+    """One held scene, looked at from one view, the side view if left out: draws any moment."""
 
     def __init__(self, scene: HeldScene, view: View | None = None) -> None:
         self.view = view or side_view()
@@ -113,11 +108,7 @@ class FilmSet:
         return self.render(state)[0]
 
     def render(self, state: WorldState) -> tuple[Picture, npt.NDArray[np.int64]]:
-        """Draw one moment and say what each pixel's centre shows.
-
-        Returns:
-            sRGB, shape (H, W, 3) uint8, and the kinds, shape (H, W): ARM, HAND, GLASS, ...
-        """
+        """Draw one moment, see `draw`, and say what each pixel's centre shows: ARM, HAND, ..."""
         glass = tuple(body.moved(state.base_from_object) for body in self._glass)
         moment = Moment(self._room, Solid(self._pieces(state)), glass, self._tint)
         shape = self.view.camera.shape
@@ -176,14 +167,7 @@ def _edges(
     edge = np.zeros(shape, dtype=bool)
     for axis in (0, 1):
         a, b = (slice(None, -1), slice(1, None))
-        first, second = (
-            ((a, slice(None)), (b, slice(None)))
-            if axis == 0
-            else (
-                (slice(None), a),
-                (slice(None), b),
-            )
-        )
+        first, second = ((a,), (b,)) if axis == 0 else ((slice(None), a), (slice(None), b))
         differs = k[first] != k[second]
         differs |= np.abs(z[first] - z[second]) > 0.02
         solid = (k[first] == ARM) | (k[first] == HAND)

@@ -33,12 +33,7 @@ _ARMATURES = (0.2, 0.2, 0.2, 0.05, 0.05, 0.05)
 
 
 def add_arm(spec: mujoco.MjSpec, *, sliding: bool = True) -> None:
-    """Add the arm, its base at the world's origin in the frame `base_link`, and its gripper.
-
-    Args:
-        spec: What to add it to.
-        sliding: Let the fingers slide; False fixes them as wide open as they go.
-    """
+    """Add arm and gripper, the base at the world's origin in `base_link`; see `add_gripper`."""
     spec.compiler.autolimits, spec.compiler.degree = False, False
     base = spec.worldbody.add_body(name="base_link", quat=_quaternion(ur5.BASE_LINK_FROM_DH_BASE))
     base.add_geom(

@@ -67,14 +67,9 @@ class ArmMotion:
         return self._pose(self._trial)
 
     def joint_goals(self, base_from_tool: Array, near: Array | None = None) -> Iterator[Array]:
-        """Joint angles that reach a pose within every limit.
+        """Joint angles (6,) that reach a pose (4, 4) within every limit, the shortest way first.
 
-        Args:
-            base_from_tool: Target, shape (4, 4), metres.
-            near: Joint angles (6,) to start from; where the arm stands if left out.
-
-        Yields:
-            Joint angles (6,) in radians, the shortest way first; at least one.
+        The way begins at joint angles `near`, or where the arm stands.
 
         Raises:
             UnreachableError: None keeps every limit; the message names one of them.
@@ -114,10 +109,7 @@ class ArmMotion:
     def straight_way(self, target: Array) -> Array | None:
         """Joint angles (6,) at the end of the tool's straight way, None where it leads nowhere.
 
-        Nor does it past a pose at which the arm is nearly singular.
-
-        Raises:
-            UnreachableError: The target itself breaks a limit.
+        Nor does it past a nearly singular pose. UnreachableError: the target breaks a limit.
         """
         next(self.joint_goals(target))
         here = self._pose(self._configuration)
@@ -135,10 +127,7 @@ class ArmMotion:
         return joints
 
     def _find_way(self, target: Array) -> None:
-        """Look for a way in joint space from here to a target that keeps every limit.
-
-        Rather one that is nowhere nearly singular.
-        """
+        """Look for a way in joint space that keeps every limit, rather a nowhere singular one."""
         goals = list(self.joint_goals(target))
         ways = [[goal] for goal in goals] + [[self.arm.home, goal] for goal in goals]
         free = (
@@ -148,10 +137,7 @@ class ArmMotion:
         self._goal, self._goal_pose = self._way[-1], target.copy()
 
     def _free(self, way: list[Array], least: float) -> bool:
-        """Whether joints that turn evenly from here past these points keep every limit.
-
-        And are never nearer to singular than a value.
-        """
+        """Whether turning evenly past these points keeps every limit, and off singular poses."""
         start = self.joints
         for end in way:
             count = int(np.ceil(np.abs(end - start).max() / 0.2))

@@ -38,13 +38,9 @@ _BODY_TOP, _BODY_END = -0.145, -0.082
 
 
 def add_gripper(spec: Any, tool: Any, touch: dict[str, int], *, sliding: bool) -> None:
-    """Add palm, bar and two fingers to the physics, the boxes of `gripper_boxes`.
+    """Add palm, bar and two fingers, the boxes of `gripper_boxes`, to the body of the tool frame.
 
-    Args:
-        spec: The model, a `mujoco.MjSpec`.
-        tool: Body of the tool frame.
-        touch: What the shapes collide with.
-        sliding: Let the fingers slide; False fixes them as wide open as they go.
+    `spec` is a `mujoco.MjSpec`; `touch` says what collides. Fingers that do not slide stand open.
     """
     import mujoco  # the look needs none
 
@@ -158,8 +154,7 @@ def _finger() -> tuple[Part, ...]:
 def gripper_surfaces(tool: Array, width: float) -> list[Part]:
     """The gripper's look at a tool pose (4, 4), open by a width, metres.
 
-    Raises:
-        ValueError: The width is not from 0 to 85 mm; 2 mm beyond pass, since soft pads give way.
+    ValueError for a width beyond 0 to 85 mm by more than 2 mm: soft pads give way by so much.
     """
     if not -_GIVE <= width <= LARGEST_OPENING + _GIVE:
         raise ValueError(f"gripper_width must lie between 0 and {LARGEST_OPENING} m, got {width}")

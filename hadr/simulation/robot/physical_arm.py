@@ -54,17 +54,10 @@ class _Stretch:
 
 
 class PhysicalUR5:
-    """The arm and gripper of a `hadr.simulation.world.physics.World`.
+    """The arm and gripper of a `hadr.simulation.world.physics.World`; `rng` draws sensors' noise.
 
-    Args:
-        model: The world's model; this robot changes the motor limits of its gripper.
-        data: The world's state; this robot writes its controls.
-        arm: Home, speed, fingers and workspace.
-        motion: How it may move.
-        rng: Draws the sensors' noise.
-
-    Attributes:
-        protective_stop: Why the arm has frozen; empty while it has not.
+    It writes the controls into the world's state, and the gripper's motor limits into its model.
+    `protective_stop` says why the arm has frozen.
     """
 
     def __init__(
@@ -170,14 +163,10 @@ class PhysicalUR5:
         self._motion.forget()
 
     def set_gripper(self, width: float, force: float) -> None:
-        """Open or close the fingers to a width in metres; an object between them stops them.
+        """Open or close the fingers to a width in metres, unless in a protective stop.
 
-        They press by at most a force, newtons, which grows by `FORCE_RISE` at most.
-
-        In a protective stop this does nothing.
-
-        Raises:
-            ValueError: The width is not finite or lies outside 0 to the largest opening.
+        They press by at most a force, newtons, which grows by `FORCE_RISE` at most. ValueError for
+        a width that is not finite or lies outside 0 to the largest opening.
         """
         if not 0 <= width <= LARGEST_OPENING:
             raise ValueError(
@@ -203,11 +192,8 @@ class PhysicalUR5:
     def touched(self, wrench: Array, press: float, links: float, dt: float) -> None:
         """Tell the sensors what touched the arm in dt seconds; they smooth over 20 ms.
 
-        Args:
-            wrench: On the gripper, about the tool point, shape (6,): what the wrist feels.
-            press: Of the finger that presses less, newtons.
-            links: On the links behind the wrist, newtons: what the joints' motors feel.
-            dt: Seconds.
+        The wrist feels the wrench (6,) on the gripper about the tool point, the joints' motors the
+        force on the links, newtons; the press, newtons, is that of the weaker finger.
         """
         share = min(1.0, dt / 0.02)
         self._touch += (wrench - self._touch) * share

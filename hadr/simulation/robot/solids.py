@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 import trimesh
+from embreex.mesh_construction import TriangleMesh
+from embreex.rtcore_scene import EmbreeScene
 
 from hadr.synthesis.glass.surfaces import Surface, merged, revolve
 
@@ -89,3 +93,10 @@ def box(low: npt.ArrayLike, high: npt.ArrayLike) -> Surface:
     vertices = np.array(solid.triangles).reshape(-1, 3)
     faces = np.arange(len(vertices)).reshape(-1, 3)
     return Surface(vertices, faces, np.repeat(np.array(solid.face_normals), 3, axis=0))
+
+
+def search_tree(surface: Surface) -> Any:
+    """Embree's search tree over one surface."""
+    tree = EmbreeScene(robust=True)
+    TriangleMesh(tree, surface.vertices.astype(np.float32), surface.faces.astype(np.int32))
+    return tree

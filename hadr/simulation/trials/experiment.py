@@ -11,7 +11,6 @@ missing or damaged.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import multiprocessing
 import os
@@ -22,6 +21,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import closing, contextmanager
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +29,7 @@ import numpy as np
 import torch
 
 from hadr.handover.stages import Stage, Transition
+from hadr.records.caches import file_sha256
 from hadr.records.provenance import plain, record_of
 from hadr.records.result_file import digest, seal_row, sealed_row
 from hadr.simulation.film.film import film_frames, write_film
@@ -65,7 +66,7 @@ def attempts(
 def run_attempts(
     trials: Iterable[Trial], out: Path, *, jobs: int = 1, report: Report | None = None
 ) -> list[dict[str, Any]]:
-    """Run attempts, each one that is not finished yet.
+    """Run attempts, each one that is not finished yet, and give all outcomes in their order.
 
     Args:
         trials: The attempts.
@@ -73,35 +74,33 @@ def run_attempts(
         jobs: So many at a time, each with one thread: in this process, or each in its own.
         report: Told of each one as it is finished.
 
-    Returns:
-        The outcomes in the attempts' order.
-
     Raises:
         KeyboardInterrupt: Interrupted. What was under way is lost, what was finished stays.
     """
     trials = list(trials)
-    found = [_finished_row(out, t) for t in trials]
-    missing = [i for i, row in enumerate(found) if row is None]
-    for i, row in enumerate(found):
-        if row is not None and report is not None:
-            report(trials[i], row)
-    if jobs == 1:
-        threads = torch.get_num_threads()
-        _one_thread()
-        try:
-            for i in missing:
-                found[i] = _attempt(trials[i], out)
-                if report is not None:
-                    report(trials[i], found[i] or {})
-        finally:
-            torch.set_num_threads(threads)
-    elif missing:
-        with closing(_in_processes(trials, missing, out, min(jobs, len(missing)))) as finished:
-            for i, row in finished:
-                found[i] = row
-                if report is not None:
-                    report(trials[i], row)
-    return [row for row in found if row is not None]
+    rows = {i: row for i, trial in enumerate(trials) if (row := _finished_row(out, trial))}
+    missing = [i for i in range(len(trials)) if i not in rows]
+    jobs = min(jobs, len(missing))
+    made = _in_processes(trials, missing, out, jobs) if jobs > 1 else _here(trials, missing, out)
+    with closing(made) as finished:
+        for i, row in chain(list(rows.items()), finished):
+            rows[i] = row
+            if report is not None:
+                report(trials[i], row)
+    return [rows[i] for i in range(len(trials))]
+
+
+def _here(
+    trials: Sequence[Trial], missing: Iterable[int], out: Path
+) -> Generator[tuple[int, dict[str, Any]]]:
+    """As `_in_processes`, in this one."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)  # sums have one order then, whatever the number of jobs
+    try:
+        for i in missing:
+            yield i, _attempt(trials[i], out)
+    finally:
+        torch.set_num_threads(threads)
 
 
 def _in_processes(
@@ -136,16 +135,11 @@ def _interrupts_wait() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _one_thread() -> None:
-    """Sums have one order then, whatever the number of jobs."""
-    torch.set_num_threads(1)
-
-
 def _begin_worker() -> None:
     """Make a process ready for attempts: Ctrl-C is its parent's business, and it ends with it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    _one_thread()
+    torch.set_num_threads(1)
 
 
 def _end_with_parent() -> None:
@@ -177,13 +171,9 @@ def _finished_row(out: Path, trial: Trial) -> dict[str, Any] | None:
     if row is None:
         return None
     for name, file in _companions(path).items():
-        if not file.is_file() or row.get(name) != _checksum(file):
+        if not file.is_file() or row.get(name) != file_sha256(file):
             return None
     return row
-
-
-def _checksum(file: Path) -> str:
-    return hashlib.sha256(file.read_bytes()).hexdigest()
 
 
 def _attempt(trial: Trial, out: Path) -> dict[str, Any]:
@@ -194,7 +184,7 @@ def _attempt(trial: Trial, out: Path) -> dict[str, Any]:
     files = _companions(path)
     save_states(files["states_sha256"], run.states)
     run.log.save(files["log_sha256"])
-    sums = {name: _checksum(file) for name, file in files.items()}
+    sums = {name: file_sha256(file) for name, file in files.items()}
     outcome = plain({**record_of(run.outcome), "config_sha256": sha})
     changes = [[t.time, t.before.value, t.after.value, t.reason] for t in run.transitions]
     described = {"trial": plain(record_of(trial)), **outcome, **sums}
@@ -204,11 +194,7 @@ def _attempt(trial: Trial, out: Path) -> dict[str, Any]:
 def finished_attempt(
     out: Path, trial: Trial
 ) -> tuple[dict[str, Any], list[WorldState], list[Transition], HeldScene]:
-    """Read a finished attempt, whatever the settings were that all attempts shared then.
-
-    Args:
-        out: The folder that `run_attempts` wrote to.
-        trial: Which attempt.
+    """Read an attempt below the folder of `run_attempts`, whatever settings all attempts shared.
 
     Returns:
         Its row, its states, its changes of stage and what was held out.
@@ -229,7 +215,7 @@ def finished_attempt(
     file = path.with_suffix(".npz")
     if not file.is_file():
         raise FileNotFoundError(f"{file} is missing: hadr handover makes the attempt again")
-    if row.get("states_sha256") != _checksum(file):
+    if row.get("states_sha256") != file_sha256(file):
         raise ValueError(f"{file} is cut off or was changed: hadr handover makes the attempt again")
     states = load_states(file)
     changes = [Transition(t, Stage(a), Stage(b), why) for t, a, b, why in row["transitions"]]
@@ -292,11 +278,7 @@ def verdicts(outcomes: Sequence[dict[str, Any]]) -> dict[str, str]:
 
 
 def condition_row(condition: str, outcomes: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Sum a condition's attempts up as a row of the result file.
-
-    Args:
-        condition: The condition's name.
-        outcomes: What `run_attempts` gave.
+    """Sum a condition's outcomes of `run_attempts` up as a row of the result file.
 
     Returns:
         Attempts, successes, their rate with Wilson's 95 % interval, how many objects reach 0.5,

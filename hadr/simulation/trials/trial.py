@@ -158,13 +158,9 @@ class Trial:
 
     @property
     def record(self) -> dict[str, Any]:
-        """All that the attempt depends on (`hadr.records.dependencies`).
+        """All that the attempt depends on; what all attempts share is part of the code.
 
-        What all attempts share, such as `ATTEMPT_CONFIG` and the settings of the grasps' selection,
-        is part of the code.
-
-        Raises:
-            FileNotFoundError: A bundled network of this condition is not there.
+        FileNotFoundError where a bundled network of this condition is not there.
         """
         sums = {name: file_sha256(path) for name, path in network_files(self.condition).items()}
         return {**record_of(self), "networks": sums, "code": _code()}

@@ -52,14 +52,7 @@ class Judge:
     _unheld_since: float | None = field(default=None, init=False)
 
     def look(self, state: WorldState) -> Verdict:
-        """Take one more state into account and say what is decided.
-
-        Args:
-            state: The world now; states come in the order of their times.
-
-        Returns:
-            The verdict; once it is not empty it stays the same.
-        """
+        """Take one more state into account, in the order of time, and say what is decided."""
         self.largest_force = max(self.largest_force, state.hand_force)
         if not self.verdict:  # afterwards a hand may come as near as it likes
             self.smallest_distance = min(self.smallest_distance, state.hand_distance)

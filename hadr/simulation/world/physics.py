@@ -109,13 +109,9 @@ class World:
         scene: Hand and object at rest.
         path: How the hand has moved at a time in seconds, base_now_from_base_start, shape (4, 4);
             None keeps it where it is.
-        arm: Settings of the arm; slow ones where left out.
+        arm: Settings of the arm, `robot`, whose last command runs while the world is stepped.
         motion: How it may move.
         seed: Of the noise of the arm's sensors, which differs from hold to hold.
-
-    Attributes:
-        robot: The arm; its last command runs while the world is stepped.
-        scene: As given.
     """
 
     def __init__(
