@@ -71,16 +71,10 @@ class Advance:
     """
 
     arm: GuardedArm
-    aside: float = field(default=0.0, init=False)
-    corrections: int = field(default=0, init=False)
     all_corrections: int = field(default=0, init=False)
-    travelled: float = field(default=0.0, init=False)
-    _end: float = field(default=0.0, init=False)
-    _feel: float = field(default=0.0, init=False)
-    _blocked: float = field(default=0.0, init=False)
-    _back_to: float | None = field(default=None, init=False)
-    _side: float = field(default=0.0, init=False)
-    _felt: str = field(default="", init=False)
+
+    def __post_init__(self) -> None:
+        self.begin()
 
     @property
     def part(self) -> str:
@@ -106,7 +100,8 @@ class Advance:
         """Start at the pre-grasp of a grasp whose way is free so far past its end, metres."""
         self._end, self._feel = self._planned, feel
         self.travelled = self.aside = self._side = self._blocked = 0.0
-        self.corrections, self._back_to, self._felt = 0, None, ""
+        self.corrections, self._felt = 0, ""
+        self._back_to: float | None = None
 
     def step(self, pre_grasp: Array, dt: float) -> Array | None:
         """Go on for dt seconds; give the pose at which the fingers shall close, None before.
@@ -249,23 +244,16 @@ class Advance:
 class Retrieval:
     """The end of the third stage, from the closing of the fingers on.
 
-    Attributes:
-        arm: The arm.
-        part: close, let go, retreat, carry.
+    Its `part` is close, let go, retreat, carry.
     """
 
     arm: GuardedArm
     part: str = field(default="", init=False)
-    _pose: Array = field(init=False)
-    _told: float = field(default=0.0, init=False)
-    _since: float = field(default=0.0, init=False)
-    _pulled_from: float = field(default=0.0, init=False)
-    _still: tuple[float, float] = field(default=(0.0, 0.0), init=False)
-    _travelled: float = field(default=0.0, init=False)
 
     def begin(self, now: float, pose: Array, width: float) -> None:
         """Tell the fingers of a grasp's width, metres, to close at a tool pose (4, 4)."""
         self._pose, self._told = pose, max(0.0, width - self.arm.config.squeeze)
+        self._travelled = 0.0
         self.arm.robot.set_gripper(self._told, GENTLE_FORCE)
         self._still = (now, self.arm.reading.width)
         self.enter("close", now)
@@ -293,7 +281,6 @@ class Retrieval:
         elif self.part == "let go":
             arm.go(self._pose, c.advance_speed, dt)
             if now - self._since >= LET_GO_TIME - 1e-9:
-                self._travelled = 0.0
                 self.enter("retreat", now)
         elif self.part == "carry":
             return arm.homeward(now, dt)

@@ -116,13 +116,11 @@ class HandWatch:
     last: Array | None = field(default=None, init=False)
     frame_time: float = field(default=float("nan"), init=False)
     problem: str = field(default="", init=False)
-    _looked: float = field(default=float("nan"), init=False)
-    _started: float = field(default=float("nan"), init=False)
-    _frame_came: float = field(default=float("nan"), init=False)
-    _hand_came: float = field(default=float("nan"), init=False)
-    _in_camera: Array | None = field(default=None, init=False)
-    _equal: int = field(default=1, init=False)
-    _path: list[tuple[float, Array]] = field(default_factory=list, init=False)
+
+    def __post_init__(self) -> None:
+        self._looked = self._started = self._frame_came = self._hand_came = float("nan")
+        self._in_camera: Array | None = None
+        self._equal, self._path = 1, list[tuple[float, Array]]()
 
     def look(self, observation: Observation, now: float) -> bool:
         """Take in an observation at a time in seconds; say whether it shows a new picture.

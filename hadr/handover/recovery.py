@@ -28,27 +28,14 @@ LONGEST_OPENING = 1.5
 
 @dataclass
 class Recovery:
-    """What happens after a stop.
+    """What happens after a stop; its `part` is still, open, back, clear.
 
-    Attributes:
-        arm: The arm.
-        part: still, open, back, clear.
-        trouble: What forbids to start again; empty where nothing does.
+    `trouble` says what forbids to start again; empty where nothing does.
     """
 
     arm: GuardedArm
     part: str = field(default="", init=False)
     trouble: str = field(default="", init=False)
-    _since: float = field(default=0.0, init=False)
-    _apart_at: float = field(default=0.0, init=False)
-    _yields: int = field(default=0, init=False)
-    _clear_from: float = field(default=0.0, init=False)
-    _back: float = field(default=0.0, init=False)
-    _opening: float | None = field(default=None, init=False)
-    _straight: bool = field(default=True, init=False)
-    _from: Array = field(init=False)
-    _goal: Array = field(init=False)
-    _travelled: float = field(default=0.0, init=False)
 
     def begin(self, now: float, *, back: float, opening: float | None, straight: bool) -> None:
         """Stop the arm; then open the fingers to a width and back off so many metres, or none.
@@ -57,7 +44,7 @@ class Recovery:
         """
         self.arm.robot.stop()
         self._back, self._opening, self._straight = back, opening, straight
-        self._yields = 0
+        self._yields, self._clear_from = 0, now
         self._enter("still", now)
 
     def step(self, now: float, dt: float) -> bool:
@@ -82,11 +69,8 @@ class Recovery:
             arm.hold(dt)
             wide = self._opening is None or arm.reading.width >= self._opening - 0.002
             if wide or now - self._since > LONGEST_OPENING:
-                self._from, self._travelled = arm.reading.tool, 0.0
-                self._goal = forward_of(self._from, -self._back)
-                if not self._straight:
-                    self._goal = arm.came_from(self._back)
-                self._enter("back", now)
+                straight = forward_of(arm.reading.tool, -self._back)
+                self._back_to(straight if self._straight else arm.came_from(self._back), now)
         elif self.part == "back":
             if self._nearer(self._goal):
                 self.stay(now)
@@ -118,14 +102,18 @@ class Recovery:
             return
         if now - self._apart_at < 2 * STAND_TIME or self._yields >= MOST_YIELDS:
             return
-        tool = arm.reading.tool
-        back = forward_of(tool, -BACK_OFF)
+        back = forward_of(arm.reading.tool, -BACK_OFF)
         self._apart_at = now
         if self._nearer(back):
             return
         arm.release()
         self._yields += 1
-        self._from, self._goal, self._back, self._travelled = tool, back, BACK_OFF, 0.0
+        self._back = BACK_OFF
+        self._back_to(back, now)
+
+    def _back_to(self, goal: Array, now: float) -> None:
+        """Begin to back off to a pose (4, 4), `_back` metres away."""
+        self._from, self._goal, self._travelled = self.arm.reading.tool, goal, 0.0
         self._enter("back", now)
 
     def _nearer(self, goal: Array) -> bool:
@@ -135,6 +123,4 @@ class Recovery:
         return arm.free(*way, hand=hand) < arm.free(hand=hand) - NO_NEARER
 
     def _enter(self, part: str, now: float) -> None:
-        if part == "still":
-            self._clear_from = now
         self.part, self._since, self._apart_at = part, now, now

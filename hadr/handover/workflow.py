@@ -80,11 +80,6 @@ class Handover:
     grasp: ChosenGrasp | None = field(default=None, init=False)
     _offset: float = field(default=0.0, init=False)
     _first_seen: float = field(default=float("inf"), init=False)
-    _chosen_hand: Array = field(init=False)
-    _away: Array = field(init=False)
-    _began: Array = field(init=False)
-    _arrived: tuple[float, Array] | None = field(default=None, init=False)
-    _there_since: float | None = field(default=None, init=False)
     _entered: float = field(default=0.0, init=False)
 
     def __post_init__(self) -> None:
@@ -217,7 +212,8 @@ class Handover:
         self.target = forward_of(chosen.pose, -self.config.back)
         way = self.watch.middle - self.arm.reading.tool[:3, 3]
         self._away = way / max(float(np.linalg.norm(way)), 1e-9)
-        self._arrived = self._there_since = None
+        self._arrived: tuple[float, Array] | None = None
+        self._there_since: float | None = None
         self.robot.set_gripper(chosen.width, GENTLE_FORCE)
 
     # Approach & React

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from types import SimpleNamespace
 from typing import Literal, get_args
 
 import numpy as np
@@ -44,22 +45,6 @@ offer again along each axis, metres."""
 WITHDRAW_AT, WITHDRAW_LASTS, WITHDRAWN_FOR = (1.5, 3.0), 1.0, (1.0, 2.0)
 """Earliest and latest time at which it starts to; how long the way back takes, and the way forth;
 shortest and longest wait between the two, seconds."""
-
-
-@dataclass(frozen=True)
-class _Drawn:
-    """The random numbers of one motion."""
-
-    periods: Array  # (2, 3): of displacement and rotation along each axis
-    signs: Array  # (2, 3)
-    aside: Array  # (3,): unit direction of a swing
-    axis: Array  # (3,): unit axis of a turn
-    tremor_frequencies: Array  # (2, 3, 3): displacement or rotation, axis, band
-    tremor_phases: Array  # (2, 3, 3)
-    way_back: Array  # (3,): where the withdrawn hand is
-    leaves: float
-    waits: float
-    again: Array  # (3,): where the hand offers again
 
 
 @dataclass(frozen=True)
@@ -119,21 +104,21 @@ class SeededMotion:
         return tremor
 
     @cached_property
-    def _drawn(self) -> _Drawn:
+    def _drawn(self) -> SimpleNamespace:
+        """The random numbers of the motion; (2, 3) is displacement and rotation, axis."""
         rng = np.random.default_rng([self.seed, KINDS.index(self.kind), 17])
         periods = rng.uniform(*PERIODS.get(self.kind, DRIFT_PERIODS), size=(2, 3))
         signs = rng.choice([-1.0, 1.0], size=(2, 3))
         bearing = np.pi / 2 + rng.uniform(-0.5, 0.5)  # sideways, seen from the robot
         axis = rng.normal(size=3)
         back = np.array([1.0, *rng.uniform(-0.3, 0.3, size=2)])
-        return _Drawn(
+        bands = [rng.uniform(low, high, size=(2, 3)) for low, high in _TREMOR_BANDS]
+        return SimpleNamespace(
             periods=periods,
             signs=signs,
-            aside=np.array([np.cos(bearing), np.sin(bearing), 0.0]),
-            axis=axis / np.linalg.norm(axis),
-            tremor_frequencies=np.stack(
-                [rng.uniform(low, high, size=(2, 3)) for low, high in _TREMOR_BANDS], axis=2
-            ),
+            aside=np.array([np.cos(bearing), np.sin(bearing), 0.0]),  # of a swing
+            axis=axis / np.linalg.norm(axis),  # of a turn
+            tremor_frequencies=np.stack(bands, axis=2),  # (2, 3, 3)
             tremor_phases=rng.uniform(0, 2 * np.pi, size=(2, 3, 3)),
             way_back=rng.uniform(*WITHDRAW) * back / np.linalg.norm(back),
             leaves=float(rng.uniform(*WITHDRAW_AT)),
