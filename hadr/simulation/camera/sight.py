@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from pathlib import Path
 from typing import Literal, get_args
 
 import numpy as np
@@ -186,20 +187,20 @@ def _share_right(points: Array, frame: CapturedFrame) -> float:
     return float((np.abs(points[:, 2] - frame.depth[v, u]) < RIGHT_M).mean())
 
 
+def bundled_file(name: str) -> Path:
+    """Where the bundled network of a name in `CHECKPOINTS` is."""
+    return samples_dir() / "checkpoints" / CHECKPOINTS[name]
+
+
 @lru_cache(maxsize=2)
 def bundled_network(name: str) -> DepthNetwork:
     """The bundled network of that name, loaded once; FileNotFoundError without `data_samples`."""
-    return DepthNetwork.load(samples_dir() / "checkpoints" / CHECKPOINTS[name])
+    return DepthNetwork.load(bundled_file(name))
 
 
 @dataclass(frozen=True)
 class HandAndGlass:
-    """Networks that find glass, hand and keypoints in one picture.
-
-    Attributes:
-        segmentation: Finds the masks in the colour.
-        keypoints: Finds the keypoints in the depth around the hand.
-    """
+    """Networks that find masks in a picture's colour, keypoints in its depth around the hand."""
 
     segmentation: Segmentation
     keypoints: HandKeypoints
@@ -223,11 +224,8 @@ class HandAndGlass:
 @lru_cache(maxsize=1)
 def bundled_finder() -> HandAndGlass:
     """The bundled networks of this camera, loaded once; as `bundled_network`."""
-    folder = samples_dir() / "checkpoints"
-    return HandAndGlass(
-        Segmentation.load(folder / CHECKPOINTS["segmentation"]),
-        HandKeypoints.load(folder / CHECKPOINTS["keypoints"]),
-    )
+    keypoints = HandKeypoints.load(bundled_file("keypoints"))
+    return HandAndGlass(Segmentation.load(bundled_file("segmentation")), keypoints)
 
 
 def keypoint_uncertainty(*, by_networks: bool) -> float:
@@ -238,5 +236,5 @@ def keypoint_uncertainty(*, by_networks: bool) -> float:
     """
     if not by_networks:
         return 2 * KEYPOINT_NOISE
-    record = read_record(samples_dir() / "checkpoints" / CHECKPOINTS["keypoints"])
+    record = read_record(bundled_file("keypoints"))
     return 2 * float(record["validation"]["keypoints_m"]) / float(np.sqrt(8 / np.pi))

@@ -36,13 +36,13 @@ STAGE_COLORS: dict[str, str] = {
 """Colours of the stages by the name that people read; Okabe and Ito's."""
 CAPTION_HEIGHT = 72
 """Rows below each picture of a film, pixels."""
-_OTHER_STAGE, _PAPER, _INK, _QUIET = "#CC79A7", "#ffffff", "#1a1a1a", "#555555"
+_PAPER, _INK, _QUIET = "#ffffff", "#1a1a1a", "#555555"
 _MARGIN, _RIBBON = 12, 10
 
 
 def stage_color(stage: Stage) -> str:
-    """The colour of a stage; one colour for all that `STAGE_COLORS` doesn't name."""
-    return STAGE_COLORS.get(stage.value, _OTHER_STAGE)
+    """The colour of a stage."""
+    return STAGE_COLORS[stage.value]
 
 
 def stage_at(time: float, transitions: Sequence[Transition]) -> tuple[Stage, str]:
@@ -77,19 +77,10 @@ def captioned(
     span: tuple[float, float],
     note: str = "",
 ) -> Picture:
-    """Put the stage, the time, the reason and the ribbon of stages above a picture.
+    """Put stage, time, reason or a note in its place, and the ribbon of stages above a picture.
 
-    Above, because a player's controls cover what is below.
-
-    Args:
-        picture: sRGB, shape (H, W, 3) uint8.
-        time: Seconds.
-        transitions: Changes of stage, oldest first.
-        span: First and last time of the ribbon, seconds.
-        note: What stands in place of the stage's reason.
-
-    Returns:
-        Shape (H + CAPTION_HEIGHT, W, 3) uint8.
+    Above, because a player's controls cover what is below: sRGB (H, W, 3) uint8 becomes
+    (H + CAPTION_HEIGHT, W, 3). The span is the ribbon's first and last time, seconds.
     """
     rows, width = picture.shape[:2]
     whole = Image.new("RGB", (width, rows + CAPTION_HEIGHT), _PAPER)
@@ -120,14 +111,13 @@ def captioned(
     square = (_MARGIN, top + 3, _MARGIN + 13, top + 16)
     draw.rectangle(square, fill=stage_color(stage))
     draw.text((_MARGIN + 21, top), stage.value, _INK, _font(17, True))
-    text = note or reason
-    size = 13
     strong = stage is Stage.STOPPED
     letter = 0.66 if strong else 0.56  # width over size
-    lines = textwrap.wrap(text, max(20, int((width - 2 * _MARGIN) / (letter * size))))[:2]
-    if len(lines) == 2:
-        size = 11
-        lines = textwrap.wrap(text, max(20, int((width - 2 * _MARGIN) / (letter * size))))[:2]
+    for size in (13, 11):
+        letters = int((width - 2 * _MARGIN) / (letter * size))
+        lines = textwrap.wrap(note or reason, max(20, letters))[:2]
+        if len(lines) < 2:
+            break
     for number, line in enumerate(lines):
         place = (_MARGIN, top + 23 + number * 14)
         draw.text(place, line, _INK if strong else _QUIET, _font(size, strong))

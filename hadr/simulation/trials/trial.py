@@ -18,7 +18,6 @@ from typing import Any, Literal, cast, get_args
 
 import numpy as np
 
-from hadr.data.samples import samples_dir
 from hadr.handover.grasping.selection import GraspSelection
 from hadr.handover.logs.run_log import RecordedHandover, RunLog
 from hadr.handover.observation import Observation
@@ -34,6 +33,7 @@ from hadr.simulation.camera.sight import (
     CHECKPOINTS,
     DepthSource,
     Sight,
+    bundled_file,
     bundled_finder,
     keypoint_uncertainty,
 )
@@ -184,9 +184,8 @@ def depth_source(condition: Condition) -> DepthSource:
 def network_files(condition: Condition) -> dict[str, Path]:
     """The bundled checkpoints that a condition uses, by their names in `sight`."""
     found = ("segmentation", "keypoints") if finds_by_networks(condition) else ()
-    names = [depth_source(condition), *found]
-    used = [name for name in names if name in CHECKPOINTS]
-    return {name: samples_dir() / "checkpoints" / CHECKPOINTS[name] for name in used}
+    names = (depth_source(condition), *found)
+    return {name: bundled_file(name) for name in names if name in CHECKPOINTS}
 
 
 def finds_by_networks(condition: str) -> bool:

@@ -118,12 +118,12 @@ def _add_object(spec: mujoco.MjSpec, scene: HeldScene) -> None:
             meshname=f"part_{index}",
             **touch,
         )
-    for index, capsule in enumerate(handle_capsules(item)):
+    for index, (start, end, radius) in enumerate(handle_capsules(item)):
         body.add_geom(
             name=f"handle_{index}",
             type=mujoco.mjtGeom.mjGEOM_CAPSULE,
-            fromto=[*capsule.start, *capsule.end],
-            size=[capsule.radius, 0, 0],
+            fromto=[*start, *end],
+            size=[radius, 0, 0],
             **touch,
         )
 

@@ -7,8 +7,8 @@ reliefs (facets, thread, spout) move no part: they are about as fine as that.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -30,25 +30,12 @@ SIDES = 32
 """Corners of a part's cross-section."""
 
 
-@dataclass(frozen=True)
-class MassProperties:
-    """Mass in kilograms, centre (3,) in metres, inertia (3, 3) in kg m2 about the centre.
-
-    Centre and inertia are written in the object's frame.
-    """
+class MassProperties(NamedTuple):
+    """Mass in kilograms, centre (3,) in metres, inertia (3, 3) in kg m2 about it; object frame."""
 
     mass: float
     center: Array
     inertia: Array
-
-
-@dataclass(frozen=True)
-class Capsule:
-    """A capsule from start to end, both (3,) in metres in the object's frame."""
-
-    start: Array
-    end: Array
-    radius: float
 
 
 @kept(32)
@@ -136,11 +123,11 @@ def convex_parts(item: GlassObject) -> tuple[Array, ...]:
     return tuple(parts)
 
 
-def handle_capsules(item: GlassObject) -> tuple[Capsule, ...]:
-    """The handle as a chain of nine capsules; none without a handle."""
+def handle_capsules(item: GlassObject) -> list[tuple[Array, Array, float]]:
+    """The handle as nine capsules, none without one: start, end (3,), radius; metres, own frame."""
     line, thickness, _ = handle_sections(item)
     if not len(line):
-        return ()
+        return []
     radius = float(np.median(thickness))
     knots = line[np.linspace(0, len(line) - 1, 10).round().astype(int)]
-    return tuple(Capsule(a, b, radius) for a, b in pairwise(knots))
+    return [(start, end, radius) for start, end in pairwise(knots)]

@@ -8,7 +8,6 @@ and draws back along its forearm.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -40,29 +39,18 @@ WITHDRAW_SPEED, WITHDRAW_DISTANCE = 0.05, 0.15
 """How fast the hand draws back after it has let go, m/s, and how far, metres."""
 
 
-@dataclass(frozen=True)
 class _Course:
-    """The hand's wanted motion over one short time: constant speed (3,) and spin (3,)."""
+    """The hand's motion between two wrist poses (4, 4): constant speed (3,) and spin (3,)."""
 
-    start: float
-    first: Array
-    end: Array
-    speed: Array
-    spin: Array
-    quaternion: Array
-    turn: Array
-
-    @classmethod
-    def between(cls, start: float, first: Array, end: Array) -> _Course:
-        """The motion from one wrist pose (4, 4) to the next, base frame."""
+    def __init__(self, start: float, first: Array, end: Array) -> None:
+        self.start, self.first, self.end = start, first, end
         quaternions = np.zeros((2, 4))
         for pose, quaternion in zip((first, end), quaternions, strict=True):
             mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(pose[:3, :3]).ravel())
-        turn = np.zeros(3)
-        mujoco.mju_subQuat(turn, quaternions[1], quaternions[0])
-        turn /= _KNOT
-        speed = (end[:3, 3] - first[:3, 3]) / _KNOT
-        return cls(start, first, end, speed, first[:3, :3] @ turn, quaternions[0], turn)
+        self.turn, self.quaternion = np.zeros(3), quaternions[0]
+        mujoco.mju_subQuat(self.turn, quaternions[1], quaternions[0])
+        self.turn /= _KNOT
+        self.speed, self.spin = (end[:3, 3] - first[:3, 3]) / _KNOT, first[:3, :3] @ self.turn
 
     def origin(self, elapsed: float) -> Array:
         """Where the wrist should be, shape (3,)."""
@@ -152,7 +140,7 @@ class World:
         self._forearm = np.zeros(3)
         self._largest_force = self._largest_through = self._halted_at = 0.0
         self._velocity = np.zeros(6)
-        self._course = _Course.between(0.0, self._hand_target(0.0), self._hand_target(_KNOT))
+        self._course = _Course(0.0, self._hand_target(0.0), self._hand_target(_KNOT))
         mujoco.mj_forward(model, data)
 
     @property
@@ -231,7 +219,7 @@ class World:
         """Pull the hand toward its path by a damped spring, and let it carry the object."""
         now, body, data = self.time, self._hand, self._data
         if now >= self._course.start + _KNOT - 1e-9:
-            self._course = _Course.between(now, self._course.end, self._hand_target(now + _KNOT))
+            self._course = _Course(now, self._course.end, self._hand_target(now + _KNOT))
         course, rotation = self._course, data.xmat[body].reshape(3, 3)
         elapsed = now - course.start
         mujoco.mj_objectVelocity(

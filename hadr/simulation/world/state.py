@@ -92,10 +92,7 @@ def load_states(path: Path) -> list[WorldState]:
         left, _, right = np.linalg.svd(columns[name][:, :3, :3])
         columns[name][:, :3, :3] = left @ right
     rows: list[dict[str, Any]] = [
-        {
-            name: values[k] if values.ndim > 1 else float(values[k])
-            for name, values in columns.items()
-        }
+        {name: v[k] if v.ndim > 1 else float(v[k]) for name, v in columns.items()}
         for k in range(len(holders))
     ]
     return [WorldState(holder=holder, **row) for holder, row in zip(holders, rows, strict=True)]

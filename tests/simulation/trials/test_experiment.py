@@ -137,7 +137,7 @@ def test_other_networks_are_other_attempts(monkeypatch: pytest.MonkeyPatch, tmp_
     (tmp_path / "checkpoints").mkdir()
     for file in CHECKPOINTS.values():
         (tmp_path / "checkpoints" / file).write_bytes(b"one")
-    monkeypatch.setattr("hadr.simulation.trials.trial.samples_dir", lambda: tmp_path)
+    monkeypatch.setattr("hadr.simulation.camera.sight.samples_dir", lambda: tmp_path)
 
     def settings() -> dict[str, str]:
         return {name: digest(Trial("0010", 922, name).record) for name in CONDITIONS}
