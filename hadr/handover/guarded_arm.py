@@ -62,13 +62,8 @@ class Reading(NamedTuple):
 class GuardedArm:
     """A robot with a reference that runs before it; poses (4, 4) in metres, base frame.
 
-    Attributes:
-        robot: The arm.
-        config: Settings.
-        watch: Knows the hand.
-        reading: What the robot said at the start of this step.
-        home: Where the tool was at the start.
-        caution: Why it is slower than it could be; empty where it is not.
+    `reading` is what it said at the start of this step, `home` where the tool was at the start;
+    `caution` says why it is slower than it could be.
     """
 
     robot: Robot

@@ -56,17 +56,9 @@ class DepthSensor:
         camera: Intrinsics,
         rng: np.random.Generator,
     ) -> Depth:
-        """Measure a depth image.
+        """The z-depth that is measured, metres, shape (H, W) float32; 0 where nothing is.
 
-        Args:
-            depth: True z-depth, metres, shape (H, W); 0 where there is none.
-            background_depth: The same with the object taken away.
-            object_mask: The glass, shape (H, W) bool.
-            camera: Intrinsics of the images.
-            rng: Draws the errors.
-
-        Returns:
-            Measured z-depth, metres, shape (H, W) float32; 0 where nothing is measured.
+        From the true z-depth, with and without the glass, and the glass's mask, each (H, W).
         """
         # what passes the glass is bent: the match lies between its surface and the background
         share = np.clip(1.15 + 0.45 * smooth_noise(depth.shape, 3.0, rng), 0.1, 1.0)

@@ -34,13 +34,7 @@ _PLAIN = texture_number("plaster", 2)
 
 @dataclass(frozen=True)
 class Room:
-    """What stands around robot and human, and the light.
-
-    Attributes:
-        surroundings: Table, floor, walls, things; base frame.
-        environment: Light from far away.
-        lamps: Panels that shine.
-    """
+    """What stands around robot and human, in the base frame, and the light, near and far."""
 
     surroundings: Surroundings
     environment: Environment

@@ -38,7 +38,7 @@ FRAME_OBJECTS: tuple[str, ...] = tuple(OBJECTS)
 
 
 def camera_frame(split: str, number: int, seed: int = 0, views: int = 1) -> Frame:
-    """Draw one frame.
+    """Draw one frame at the camera's 256x144; the same for the same arguments.
 
     Args:
         split: "train", "val" or "test"; they share no hold and no room.
@@ -46,9 +46,6 @@ def camera_frame(split: str, number: int, seed: int = 0, views: int = 1) -> Fram
         seed: Seed of all of them.
         views: So many of an object's frames in a row show one hold, which takes longer to find than
             a frame to draw; place, camera, arm and noise are each frame's own.
-
-    Returns:
-        The frame at the camera's 256x144; the same for the same arguments.
 
     Raises:
         ValueError: The split has no frames of this camera, the number is negative, or the views are
@@ -70,26 +67,14 @@ def camera_frame(split: str, number: int, seed: int = 0, views: int = 1) -> Fram
         of_group = np.random.default_rng([seed, group, int(object_id), len(split), 101])
         hold = int(of_group.choice(HOLDS[split]))
     scene = held_scene(object_id, hold, seed=int(rng.integers(1 << 30)))
-    camera = RobotCamera(
-        base_from_camera=camera_at(
-            EYE + rng.uniform(-EYE_SPREAD, EYE_SPREAD, 3),
-            MIDDLE + rng.uniform(-AIM_SPREAD, AIM_SPREAD, 3),
-        ),
-        room=room,
-    )
+    eye = EYE + rng.uniform(-EYE_SPREAD, EYE_SPREAD, 3)
+    aim = MIDDLE + rng.uniform(-AIM_SPREAD, AIM_SPREAD, 3)
+    camera = RobotCamera(base_from_camera=camera_at(eye, aim), room=room)
     joints = HOME_JOINTS.copy()
     if rng.random() > ARM_AT_HOME:
         joints += rng.normal(0, JOINT_SPREAD, 6)
-    state = WorldState(
-        0.0,
-        joints,
-        float(rng.uniform(0.0, LARGEST_OPENING)),
-        scene.base_from_wrist,
-        scene.base_from_object,
-        "hand",
-        0.0,
-        1.0,
-    )
+    opening, held = float(rng.uniform(0.0, LARGEST_OPENING)), scene.base_from_object
+    state = WorldState(0.0, joints, opening, scene.base_from_wrist, held, "hand", 0.0, 1.0)
     seen = camera.capture(state, scene, rng)
     assert seen.color is not None
     return Frame(

@@ -38,12 +38,7 @@ _HAND_STEP = 0.0035
 
 @dataclass(frozen=True)
 class View:
-    """From where the world is looked at.
-
-    Attributes:
-        base_from_camera: Pose of the OpenCV camera, shape (4, 4), metres.
-        camera: Intrinsics of the picture.
-    """
+    """From where the world is looked at: pose (4, 4) of an OpenCV camera, metres."""
 
     base_from_camera: Array
     camera: Intrinsics

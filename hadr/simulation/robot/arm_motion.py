@@ -29,19 +29,13 @@ pose counts as out of reach."""
 
 @dataclass
 class ArmMotion:
-    """The commanded motion: joint angles and velocities now, and the way to a target.
+    """The commanded motion: joint angles (6,) and velocities now, radians, and the way to a target.
 
-    Attributes:
-        arm: Settings of the arm.
-        motion: How it may move.
-        joints: Commanded joint angles, shape (6,), radians.
-        velocity: Commanded joint velocities, shape (6,), rad/s.
+    `arm` has its settings, `motion` how it may move.
     """
 
     arm: ArmConfig
     motion: MotionConfig = field(default_factory=MotionConfig)
-    joints: Array = field(init=False)
-    velocity: Array = field(init=False)
 
     def __post_init__(self) -> None:
         model = kinematic_model()

@@ -121,15 +121,7 @@ class Options:
 
 
 def run(options: Options) -> int:
-    """Run the command.
-
-    Returns:
-        0.
-
-    Raises:
-        ValueError: An option is out of range or unknown, or a package is missing; the message
-            names it.
-    """
+    """Run the command; ValueError names an option out of range or unknown, or a missing package."""
     if (options.out is None) == (options.replay is None):
         raise ValueError("give one of --out and --replay")
     if options.replay is not None:
@@ -160,26 +152,29 @@ def run(options: Options) -> int:
         picture_rate=options.picture_rate,
         latency=options.latency,
     )
-    which: dict[str, Any] = {"objects": options.objects, "holds": options.holds}
     plan = {
-        condition: attempts(
-            cast("Condition", condition), **which, seed=options.seed, template=shared
+        name: attempts(
+            cast("Condition", name),
+            objects=options.objects,
+            holds=options.holds,
+            seed=options.seed,
+            template=shared,
         )
-        for condition in options.conditions
+        for name in options.conditions
     }
-    total = sum(map(len, plan.values()))
+    every = [trial for trials in plan.values() for trial in trials]
     print(
-        f"{_count(total, 'attempt')}: {_count(len(options.objects), 'object')}, "
+        f"{_count(len(every), 'attempt')}: {_count(len(options.objects), 'object')}, "
         f"{_count(len(options.holds), 'hold')}, {_count(len(plan), 'condition')}, "
         f"{1 if options.watch else jobs} at a time"
     )
     if not options.watch:
-        done = sum(is_finished(out, trial) for trials in plan.values() for trial in trials)
-        print(f"finished already: {done} of {total} in {out}")
+        done = sum(is_finished(out, trial) for trial in every)
+        print(f"finished already: {done} of {len(every)} in {out}")
     if options.dry_run:
         return 0
     if options.watch:
-        for trial in (trial for trials in plan.values() for trial in trials):
+        for trial in every:
             _say(trial, record_of(watch_trial(trial).outcome))
         return 0
     make_output_folder(out)
@@ -191,7 +186,7 @@ def run(options: Options) -> int:
         write_result_file(path, _what(options), rows, {**provenance(), "machine": machine_text()})
         print(f"the rows: {path}")
         if options.film:
-            for trial in (trial for trials in plan.values() for trial in trials):
+            for trial in every:
                 print(f"drawing {film_path(out, trial)}", flush=True)
                 film_of_attempt(out, trial)
     return 0
@@ -244,11 +239,7 @@ def _check(options: Options, out: Path, path: Path) -> None:
 
 
 def check_packages() -> None:
-    """Check that the physical world's packages are installed.
-
-    Raises:
-        ValueError: One is not; the message says how to get it.
-    """
+    """ValueError, with how to get it, where a package of the physical world is not installed."""
     missing = [n for n in ("mujoco", "mink", "daqp") if importlib.util.find_spec(n) is None]
     if missing:
         raise ValueError(
@@ -257,11 +248,7 @@ def check_packages() -> None:
 
 
 def check_display() -> None:
-    """Check that a window can be opened.
-
-    Raises:
-        ValueError: There is no display; the message says what to do instead.
-    """
+    """ValueError, with what to do instead, where no window can be opened."""
     seen = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     if sys.platform.startswith("linux") and not seen:
         raise ValueError(
@@ -313,15 +300,11 @@ def _origin_of_masks(conditions: Sequence[str]) -> str:
     """Say of which conditions masks and keypoints are the simulator's, and of which networks'."""
     from hadr.simulation.trials.trial import finds_by_networks
 
-    told = [name for name in conditions if not finds_by_networks(name)]
-    found = [name for name in conditions if finds_by_networks(name)]
-    words = []
-    if told:
-        of = f" for {', '.join(told)}" if found else ""
-        words.append(f"from the simulator with noise{of}")
-    if found:
-        words.append(f"from networks for {', '.join(found)}")
-    return f"masks and keypoints {' and '.join(words)}"
+    told = ", ".join(name for name in conditions if not finds_by_networks(name))
+    found = ", ".join(name for name in conditions if finds_by_networks(name))
+    by_simulator = f"from the simulator with noise{f' for {told}' if found else ''}" if told else ""
+    by_networks = f"from networks for {found}" if found else ""
+    return f"masks and keypoints {' and '.join(filter(None, (by_simulator, by_networks)))}"
 
 
 def _say(trial: Any, row: dict[str, Any]) -> None:

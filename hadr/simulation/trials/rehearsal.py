@@ -42,16 +42,10 @@ def rehearsed_scene() -> HeldScene:
     base_from_wrist = [[0, -1, 0, 0.65], [0, 0, -1, 0.03], [1, 0, 0, 0.27], [0, 0, 0, 1]]
     # the glass's axis passes the palm along the wrist's x, its stem 6.5 cm up beside the wrist
     wrist_from_glass = [[0, 0, 1, -0.065], [1, 0, 0, 0.0865], [0, 1, 0, 0.030], [0, 0, 0, 1]]
-    hold = Hold(
-        "0004-rehearsal",
-        "0004",
-        "stem",
-        HandShape(),
-        HOLDING_ANGLES.copy(),
-        np.array(wrist_from_glass, dtype=np.float64),
-        {},
-    )
-    return HeldScene(hold, np.array(base_from_wrist, dtype=np.float64), np.asarray(SKIN_TONES[1]))
+    wrist, glass = (np.array(p, dtype=np.float64) for p in (base_from_wrist, wrist_from_glass))
+    angles = HOLDING_ANGLES.copy()
+    hold = Hold("0004-rehearsal", "0004", "stem", HandShape(), angles, glass, {})
+    return HeldScene(hold, wrist, np.asarray(SKIN_TONES[1]))
 
 
 def visible_points(scene: HeldScene, viewpoint: Array) -> Array:
@@ -139,9 +133,8 @@ def width_between(base_from_tool: Array, base_from_glass: Array, glass: GlassObj
 
     The tool pose and that of the glass, (4, 4), are in the base frame, metres.
     """
-    points = transform_points(
-        np.linalg.inv(base_from_tool) @ base_from_glass, bodies(glass)[0].vertices
-    )
+    tool_from_glass = np.linalg.inv(base_from_tool) @ base_from_glass
+    points = transform_points(tool_from_glass, bodies(glass)[0].vertices)
     inside = (np.abs(points[:, 1]) < FINGER_HEIGHT / 2) & (np.abs(points[:, 0]) < 0.06)
     inside &= (points[:, 2] < 0) & (points[:, 2] > -FINGER_LENGTH)
     return float(np.ptp(points[inside, 0])) if inside.any() else 0.0
@@ -183,20 +176,17 @@ def rehearse(
     logic, not the success. A protective stop is released as soon as a person may.
 
     Args:
-        handover: The workflow over a `SimulatedUR5`.
+        handover: The workflow over a `SimulatedUR5`; TypeError for another robot.
         hand: The moving hand.
         dt: Time between two observations, seconds.
         longest: Give up after this long, seconds.
         past_stops: Go on after a stop, until the workflow has finished or given up.
         picture_every: Time between two pictures, seconds, in whole steps; 0: one every step.
-        spoil: What breaks between the camera and the workflow; nothing where left out.
+        spoil: What breaks between the camera and the workflow.
 
     Returns:
         One moment a step, without forces. The gripper holds the object once that is no longer
         where the hand would have it.
-
-    Raises:
-        TypeError: The handover's robot is not a `SimulatedUR5`.
     """
     robot = handover.robot
     if isinstance(robot, RecordedRobot):

@@ -122,29 +122,21 @@ class Trial:
 
     def __post_init__(self) -> None:
         glass_object(self.object_id)  # says which there are
-        for name in ("hold_number", "seed"):
-            if getattr(self, name) < 0:
-                raise ValueError(f"{name} must be 0 or more, got {getattr(self, name)}")
-        if self.condition not in CONDITIONS:
-            known = ", ".join(CONDITIONS)
-            raise ValueError(f"condition must be one of {known}, got {self.condition!r}")
-        if not (np.isfinite(self.hand_speed) and self.hand_speed > 0):
-            raise ValueError(f"hand_speed must be a factor above 0, got {self.hand_speed}")
-        if not 0 <= self.extrinsics_error_deg <= 90:
-            raise ValueError(
-                f"extrinsics_error_deg must lie in 0..90, got {self.extrinsics_error_deg}"
-            )
-        if not (np.isfinite(self.time_limit) and self.time_limit > 0):
-            raise ValueError(f"time_limit must be seconds above 0, got {self.time_limit}")
-        if not (0 < self.picture_rate <= 1 / CONTROL_STEP and _whole(self.picture_steps)):
-            raise ValueError(
-                f"picture_rate must be 50 divided by a whole number, got {self.picture_rate}"
-            )
-        if not (0 <= self.latency <= LARGEST_LATENCY and _whole(self.latency / CONTROL_STEP)):
-            raise ValueError(
-                f"latency must lie in 0..{LARGEST_LATENCY:g}, a multiple of {CONTROL_STEP}, got "
-                f"{self.latency}"
-            )
+        rate, latency = self.picture_rate, self.latency
+        even = 0 < rate <= 1 / CONTROL_STEP and _whole(self.picture_steps)
+        in_steps = 0 <= latency <= LARGEST_LATENCY and _whole(latency / CONTROL_STEP)
+        for name, fine, words in (
+            ("hold_number", self.hold_number >= 0, "be 0 or more"),
+            ("seed", self.seed >= 0, "be 0 or more"),
+            ("condition", self.condition in CONDITIONS, f"be one of {', '.join(CONDITIONS)}"),
+            ("hand_speed", 0 < self.hand_speed < np.inf, "be a factor above 0"),
+            ("extrinsics_error_deg", 0 <= self.extrinsics_error_deg <= 90, "lie in 0..90"),
+            ("time_limit", 0 < self.time_limit < np.inf, "be seconds above 0"),
+            ("picture_rate", even, "be 50 divided by a whole number"),
+            ("latency", in_steps, f"lie in 0..{LARGEST_LATENCY:g}, a multiple of {CONTROL_STEP}"),
+        ):
+            if not fine:
+                raise ValueError(f"{name} must {words}, got {getattr(self, name)!r}")
 
     @property
     def name(self) -> str:
@@ -254,38 +246,18 @@ class Run:
     log: RunLog
 
 
-class _Timed:
-    """A grasp selection that measures how long it takes."""
-
-    def __init__(self, select: GraspSelection) -> None:
-        self.select, self.seconds = select, list[float]()
-
-    def __call__(self, *args: object) -> ChosenGrasp | None:
-        started = clock.perf_counter()
-        try:
-            return self.select(*args)  # type: ignore[arg-type]
-        finally:
-            self.seconds.append(clock.perf_counter() - started)
-
-
 def run_trial(
     trial: Trial,
     *,
     spoil: Callable[[WorldState, Observation], Observation] | None = None,
     on_step: Callable[[World, WorldState, Stage], None] | None = None,
 ) -> Run:
-    """Make one attempt.
+    """Make one attempt; the same for the same description, but for its wall-clock times.
 
     Args:
         trial: What to try.
         spoil: What stands between the robot's sight of a state and its workflow, such as a fault.
         on_step: Told of the world, its state and the stage after each step, for watching.
-
-    Returns:
-        The attempt; the same for the same description, but for its wall-clock times.
-
-    Raises:
-        ValueError: The object is unknown.
     """
     started = clock.perf_counter()
     scene = held_scene(trial.object_id, trial.hold_number, trial.seed)
@@ -303,11 +275,17 @@ def run_trial(
         return seen if spoil is None else spoil(state, seen)
 
     rng = np.random.default_rng([trial.seed, int(trial.object_id), trial.hold_number, 67])
-    select = _Timed(
-        GraspSelection(
-            rng, base_from_camera[:3, 3], rescoring=trial.condition != "hadr-no-rescoring"
-        )
-    )
+    by_wishes = trial.condition != "hadr-no-rescoring"
+    choose = GraspSelection(rng, base_from_camera[:3, 3], rescoring=by_wishes)
+    searches: list[float] = []  # seconds
+
+    def select(*given: Any) -> ChosenGrasp | None:
+        before = clock.perf_counter()
+        try:
+            return choose(*given)
+        finally:
+            searches.append(clock.perf_counter() - before)
+
     config = replace(
         ATTEMPT_CONFIG,
         tracking=trial.condition != "hadr-no-tracking",
@@ -333,9 +311,9 @@ def run_trial(
         while arriving and arriving[0][0] <= step:
             _, observation, shown_right = arriving.popleft()
         if step >= ready:
-            searches, before = len(select.seconds), len(handover.transitions)
+            searched, before = len(searches), len(handover.transitions)
             handover.step(replace(observation, time=world.time), CONTROL_STEP)
-            if len(select.seconds) > searches:
+            if len(searches) > searched:
                 ready = step + 1 + round(PLANNING_TIME / CONTROL_STEP)
             if any(t.after is Stage.APPROACH_AND_REACT for t in handover.transitions[before:]):
                 points_right = shown_right
@@ -363,7 +341,7 @@ def run_trial(
         largest_force=judge.largest_force,
         motion=motion.kind,
         kind=scene.hold.kind,
-        planning_wall_seconds=float(np.mean(select.seconds)) if select.seconds else float("nan"),
+        planning_wall_seconds=float(np.mean(searches)) if searches else float("nan"),
         wall_seconds=clock.perf_counter() - started,
         corrections=handover.advance.all_corrections,
         forces=forces,
