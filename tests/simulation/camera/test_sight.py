@@ -1,4 +1,4 @@
-"""What the robot sees: sources that differ by depth alone, noise that lasts."""
+"""What the robot sees: sources that differ by depth alone, noise that lasts; its clouds of points."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from hadr.camera import transform_points
+from hadr.camera import back_project, transform_points
 from hadr.handover.simulated_ur5 import SimulatedUR5
 from hadr.simulation.camera import sight
 from hadr.simulation.camera.robot_camera import CapturedFrame, RobotCamera
@@ -18,6 +18,9 @@ from hadr.simulation.camera.sight import (
     bundled_finder,
     keypoint_uncertainty,
     object_depth,
+    object_points,
+    scene_points,
+    without_outliers,
 )
 from hadr.simulation.camera.training_frames import camera_frame
 from hadr.simulation.world.scenes import HeldScene
@@ -257,3 +260,50 @@ def test_the_guard_reckons_with_the_error_of_what_finds_the_keypoints(
     record = {"validation": {"keypoints_m": np.linalg.norm(errors, axis=1).mean()}}
     monkeypatch.setattr(sight, "read_record", lambda path: record)
     assert keypoint_uncertainty(by_networks=True) == pytest.approx(0.022, rel=0.01)
+
+
+def test_scene_points_hold_the_forearm_but_neither_hand_nor_arm_nor_object(
+    scene: HeldScene, camera: RobotCamera, at: Callable[..., WorldState]
+) -> None:
+    frame = camera.capture(at(scene, 0.0), scene, np.random.default_rng(0), color=False)
+    exact = replace(frame, raw_depth=frame.depth)
+    points = scene_points(exact, frame.object_mask, frame.keypoints)
+    distance, _ = cKDTree(frame.keypoints).query(points)
+    assert distance.min() > 0.06
+    assert np.linalg.norm(points - frame.keypoints.mean(axis=0), axis=1).max() < 0.5
+    images = {
+        name: back_project(np.where(mask, frame.depth, 0), frame.camera)[mask]
+        for name, mask in (("hand", frame.hand_mask), ("arm", frame.arm_mask))
+    }
+    on_forearm, _ = cKDTree(points).query(images["hand"])
+    beyond, _ = cKDTree(frame.keypoints).query(images["hand"])
+    assert (on_forearm[beyond > 0.08] < 0.03).mean() > 0.9
+    off_arm, _ = cKDTree(images["arm"]).query(points)
+    assert off_arm.min() > 0.005
+    cubes = np.floor(points / 0.015)
+    assert len(np.unique(cubes, axis=0)) == len(points)
+
+
+def test_outliers_are_dropped_and_a_sheet_stays_whole() -> None:
+    grid = np.stack(np.meshgrid(np.arange(20), np.arange(20)), axis=-1).reshape(-1, 2) * 0.003
+    sheet = np.column_stack([grid, np.full(400, 0.6)])
+    cloud = np.vstack([sheet, [[0.03, 0.03, 0.9], [0.2, 0.0, 0.6]]])
+    kept = without_outliers(cloud)
+    assert (kept[:, 2] == 0.6).all()
+    assert kept[:, 0].max() < 0.1
+    assert len(kept) >= 396
+    assert len(without_outliers(sheet[:5])) == 5
+
+
+def test_object_points_are_thinned_and_too_few_are_none(camera: RobotCamera) -> None:
+    depth = np.full(camera.intrinsics.shape, 0.6, np.float32)
+    mask = np.zeros(depth.shape, bool)
+    mask[20:80, 50:110] = True
+    points = object_points(depth, mask, camera.intrinsics, np.random.default_rng(0))
+    assert points is not None
+    assert 1400 < len(points) <= 1500
+    depth[:] = 0
+    depth[30, 60:69] = np.nan
+    assert object_points(depth, mask, camera.intrinsics, np.random.default_rng(0)) is None
+    depth[30, 60:69] = 0.6
+    assert object_points(depth, mask, camera.intrinsics, np.random.default_rng(0)) is None
