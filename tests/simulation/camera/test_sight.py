@@ -1,4 +1,4 @@
-"""What the robot sees: sources that differ by depth alone, noise that lasts; its clouds of points."""
+"""What the robot sees: sources that differ by depth alone, noise that lasts, clouds of points."""
 
 from collections.abc import Callable
 from dataclasses import replace
