@@ -35,9 +35,7 @@ from hadr.handover.simulated_ur5 import SimulatedUR5
 from hadr.handover.workflow import Handover
 from hadr.records.provenance import machine_text, provenance
 from hadr.records.result_file import read_result_file, write_result_file
-from hadr.simulation.robot.arm_shape import _links
-from hadr.simulation.robot.gripper import gripper_surfaces
-from hadr.simulation.robot.solids import Part
+from hadr.simulation.robot.arm_shape import Part, _links, gripper_surfaces
 from hadr.simulation.trials.rehearsal import Moment, MovingHand, rehearse, rehearsed_scene
 
 Array = npt.NDArray[np.float64]

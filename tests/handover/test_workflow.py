@@ -15,7 +15,7 @@ from hadr.handover import ur5
 from hadr.handover.grasping.grasps import forward_of
 from hadr.handover.grasping.selection import GraspSelection
 from hadr.handover.observation import Observation
-from hadr.handover.poses import camera_at, pose_distance
+from hadr.handover.poses import pose_distance
 from hadr.handover.robot import Workspace
 from hadr.handover.safety import SafetyConfig
 from hadr.handover.simulated_ur5 import ArmConfig, SimulatedUR5
@@ -23,26 +23,20 @@ from hadr.handover.stages import ChosenGrasp, HandoverConfig, Stage
 from hadr.handover.tracking import hand_motion
 from hadr.handover.workflow import Handover
 from hadr.simulation.trials.rehearsal import (
+    REHEARSAL_CAMERA,
     Moment,
     MovingHand,
     rehearse,
+    rehearsed_grasp,
     rehearsed_scene,
 )
 
 SCENE = rehearsed_scene()
-CAMERA = camera_at(np.array([0.0, -0.55, 0.65]), np.array([0.55, 0.0, 0.3]))
+CAMERA = REHEARSAL_CAMERA
 DT = 0.02
 STAGES = [Stage.APPROACH_AND_REACT, Stage.GRASP_AND_RETRIEVE, Stage.FINISHED]
 STILL = MovingHand(SCENE, CAMERA, drift=0.0, turn=0.0)
 Spoil = Callable[[Observation], Observation]
-
-
-def fixed_grasp() -> np.ndarray:
-    """A grasp in front of the glass that faces the human."""
-    pose = np.eye(4)
-    pose[:3, :3] = [[0, 0, 1], [1, 0, 0], [0, 1, 0]]
-    pose[:3, 3] = SCENE.base_from_object[:3, 3] + [-0.033, 0, 0.17]
-    return pose
 
 
 def fixed_handover(config: HandoverConfig | None = None) -> Handover:
@@ -50,7 +44,7 @@ def fixed_handover(config: HandoverConfig | None = None) -> Handover:
 
     def choose(_: object, keypoints: np.ndarray, *__: object) -> ChosenGrasp:
         moved = hand_motion(SCENE.keypoints, keypoints)
-        return ChosenGrasp(moved.move_pose(fixed_grasp()), 0.075, 1.0)
+        return ChosenGrasp(moved.move_pose(rehearsed_grasp()), 0.075, 1.0)
 
     return Handover(SimulatedUR5(), choose, CAMERA, config or HandoverConfig())
 
@@ -103,7 +97,7 @@ def test_approach_follows_the_moved_hand_and_without_tracking_does_not(
 ) -> None:
     monkeypatch.setattr("hadr.handover.grasping.selection.CALM_SPEED", np.inf)
     hand = MovingHand(SCENE, CAMERA, seed=2, noise=0.0)
-    start = forward_of(fixed_grasp(), -0.10)
+    start = forward_of(rehearsed_grasp(), -0.10)
     for tracking in (True, False):
         handover = fixed_handover(HandoverConfig(tracking=tracking))
         chosen_at = None
@@ -125,7 +119,7 @@ def test_approach_follows_the_moved_hand_and_without_tracking_does_not(
 def test_final_move_travels_as_read(reading: str, travel: float) -> None:
     handover = fixed_handover(HandoverConfig(final_move=reading, tries=1))
     moments = run(handover)
-    waiting = forward_of(fixed_grasp(), -0.10)
+    waiting = forward_of(rehearsed_grasp(), -0.10)
     far = max(
         (m.tool[:3, 3] - waiting[:3, 3]) @ waiting[:3, 2]
         for m in moments
@@ -235,7 +229,7 @@ def test_it_slows_down_beside_the_hand_and_says_so() -> None:
 
 
 def test_out_of_reach_stops_it() -> None:
-    far = fixed_grasp()
+    far = rehearsed_grasp()
     far[:3, 3] = [0.6, 0.8, 0.35]  # in the workspace's box, beside the hand, 1 m from the base
     handover = Handover(
         SimulatedUR5(), lambda *_: ChosenGrasp(far, 0.07, 1.0), CAMERA, HandoverConfig()
@@ -244,7 +238,7 @@ def test_out_of_reach_stops_it() -> None:
     assert "out of reach" in first_stop(handover)[1]
     box = ArmConfig(workspace=Workspace(upper=(0.4, 0.85, 1.1)))
     handover = Handover(SimulatedUR5(box), lambda *_: ChosenGrasp(far, 0.07, 1.0), CAMERA)
-    far[:3, 3] = fixed_grasp()[:3, 3]
+    far[:3, 3] = rehearsed_grasp()[:3, 3]
     run(handover, longest=2.0)
     assert "out of reach" in first_stop(handover)[1]
 

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from hadr.camera import Intrinsics, project, ray_directions
 from hadr.simulation.camera.room import Room, with_parts
-from hadr.simulation.robot.solids import Part, search_tree
+from hadr.simulation.robot.arm_shape import Part, search_tree
 from hadr.simulation.world.scenes import HeldScene
 from hadr.synthesis.glass.surfaces import merged
 from hadr.synthesis.rendering.raycast import GLASS, HAND, SURROUNDINGS

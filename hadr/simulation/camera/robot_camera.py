@@ -18,8 +18,7 @@ from hadr.handover.poses import camera_at
 from hadr.simulation.camera.depth_sensor import DepthSensor
 from hadr.simulation.camera.moving_view import MovingView
 from hadr.simulation.camera.room import make_room
-from hadr.simulation.robot.arm_shape import arm_surfaces
-from hadr.simulation.robot.solids import Part, search_tree
+from hadr.simulation.robot.arm_shape import Part, arm_surfaces, search_tree
 from hadr.simulation.world.scenes import MIDDLE, HeldScene
 from hadr.simulation.world.state import WorldState
 from hadr.synthesis.glass.surfaces import merged

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hadr.records.caches import kept
-from hadr.simulation.robot.solids import Part
+from hadr.simulation.robot.arm_shape import Part
 from hadr.simulation.world.scenes import FLOOR, MIDDLE, TABLE_FAR, TABLE_NEAR
 from hadr.synthesis.glass.surfaces import merged
 from hadr.synthesis.scene.contents import Surroundings

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hadr.simulation.film.world_parts import ARM, CLOTH, FLOOR, HAND, NOTHING, TABLE, Piece, cloth
-from hadr.simulation.robot.solids import search_tree
+from hadr.simulation.robot.arm_shape import search_tree
 from hadr.synthesis.glass.surfaces import Surface, merged
 from hadr.synthesis.rendering.raycast import RayCaster
 from hadr.synthesis.rendering.refraction import Beams, cross

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
-from hadr.simulation.robot.solids import box
+from hadr.simulation.robot.arm_shape import box
 from hadr.simulation.world.scenes import TABLE_FAR, TABLE_NEAR
 from hadr.synthesis.glass.surfaces import Surface, vertex_normals
 

@@ -8,13 +8,21 @@ product itself.
 
 from __future__ import annotations
 
+from typing import Any
+
 import mujoco
 import numpy as np
 
 from hadr.handover import ur5
-from hadr.handover.grasping.gripper import FLANGE_FROM_TOOL
+from hadr.handover.grasping.gripper import (
+    FINGER_HEIGHT,
+    FINGER_LENGTH,
+    FINGER_WIDTH,
+    FLANGE_FROM_TOOL,
+    LARGEST_OPENING,
+    gripper_boxes,
+)
 from hadr.handover.ur5 import Array
-from hadr.simulation.robot.gripper import add_gripper
 from hadr.simulation.world.scenes import TABLE_FAR, TABLE_NEAR
 
 ROBOT, HAND, OBJECT, GROUND = 1, 2, 4, 8
@@ -27,13 +35,17 @@ LINK_MASSES: tuple[float, ...] = (3.7, 8.393, 2.33, 1.219, 1.219, 0.1879)
 ARM_TORQUES: tuple[float, ...] = (150.0, 150.0, 150.0, 28.0, 28.0, 28.0)
 """Largest joint torques in newton metres."""
 
+GRIPPER_MASSES: dict[str, float] = {"palm": 0.5, "bar": 0.25, "finger": 0.06}
+"""Masses in kilograms; one finger."""
+GRIPPER_GEOMS: tuple[str, ...] = ("left_finger", "right_finger", "bar", "palm")
+"""Names of the collision shapes."""
 _POSITION_GAINS = (6000.0, 6000.0, 4000.0, 900.0, 900.0, 500.0)
 _SPEED_GAINS = (450.0, 450.0, 260.0, 40.0, 40.0, 18.0)
 _ARMATURES = (0.2, 0.2, 0.2, 0.05, 0.05, 0.05)
 
 
 def add_arm(spec: mujoco.MjSpec, *, sliding: bool = True) -> None:
-    """Add arm and gripper, the base at the world's origin in `base_link`; see `add_gripper`."""
+    """Add arm and gripper, its base at the world's origin; fingers that do not slide stand open."""
     spec.compiler.autolimits, spec.compiler.degree = False, False
     base = spec.worldbody.add_body(name="base_link", quat=_quaternion(ur5.BASE_LINK_FROM_DH_BASE))
     base.add_geom(
@@ -90,7 +102,79 @@ def add_arm(spec: mujoco.MjSpec, *, sliding: bool = True) -> None:
         gravcomp=1.0,
     )
     tool.add_site(name="tool", pos=[0, 0, 0], size=[0.002, 0, 0])
-    add_gripper(spec, tool, _touch(), sliding=sliding)
+    _add_gripper(spec, tool, _touch(), sliding=sliding)
+
+
+def _add_gripper(spec: mujoco.MjSpec, tool: Any, touch: dict[str, int], *, sliding: bool) -> None:
+    """Add palm, bar and two fingers, the boxes of `gripper_boxes`, to the body of the tool frame."""
+    boxes = gripper_boxes(np.array([LARGEST_OPENING]))[0]
+    for name, (low, high) in zip(GRIPPER_GEOMS[2:], boxes[2:], strict=True):
+        tool.add_geom(
+            name=name,
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            pos=(low + high) / 2,
+            size=(high - low) / 2,
+            mass=GRIPPER_MASSES[name],
+            **touch,
+        )
+    for name, side in (("left", -1.0), ("right", 1.0)):
+        # at joint position 0 the finger closes in the middle
+        middle = side * (FINGER_WIDTH / 2 + (0.0 if sliding else LARGEST_OPENING / 2))
+        body = tool.add_body(
+            name=f"{name}_finger", pos=[middle, 0, -FINGER_LENGTH / 2], gravcomp=1.0
+        )
+        if sliding:
+            body.add_joint(
+                name=f"{name}_finger",
+                type=mujoco.mjtJoint.mjJNT_SLIDE,
+                axis=[side, 0, 0],
+                limited=True,
+                range=[0.0, LARGEST_OPENING / 2],
+                armature=0.1,
+                damping=2.0,
+            )
+        body.add_geom(
+            name=f"{name}_finger",
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            size=[FINGER_WIDTH / 2, FINGER_HEIGHT / 2, FINGER_LENGTH / 2],
+            mass=GRIPPER_MASSES["finger"],
+            # rubber pads: they give way by about a millimetre and resist twisting
+            condim=4,
+            friction=[1.0, 0.02, 0.001],
+            solref=[0.015, 1.0],
+            solimp=[0.8, 0.95, 0.002, 0.5, 2.0],
+            priority=1,
+            **touch,
+        )
+    if sliding:
+        _couple_fingers(spec)
+
+
+def _couple_fingers(spec: mujoco.MjSpec) -> None:
+    """Both fingers move by the same way, drawn by one motor; its length is half the opening."""
+    spec.add_equality(
+        name="fingers",
+        type=mujoco.mjtEq.mjEQ_JOINT,
+        objtype=mujoco.mjtObj.mjOBJ_JOINT,
+        name1="left_finger",
+        name2="right_finger",
+        data=[0, 1, *[0] * 10],
+        solref=[0.005, 1.0],
+    )
+    tendon = spec.add_tendon(name="fingers")
+    tendon.wrap_joint("left_finger", 0.5)
+    tendon.wrap_joint("right_finger", 0.5)
+    motor = spec.add_actuator(
+        name="fingers",
+        target="fingers",
+        trntype=mujoco.mjtTrn.mjTRN_TENDON,
+        gaintype=mujoco.mjtGain.mjGAIN_FIXED,
+        biastype=mujoco.mjtBias.mjBIAS_AFFINE,
+        forcelimited=True,
+        forcerange=[-14.0, 14.0],
+    )
+    motor.gainprm[0] = 6000.0
+    motor.biasprm[:3] = [0.0, -6000.0, -60.0]
 
 
 def _add_servo(spec: mujoco.MjSpec, index: int) -> None:

@@ -1,29 +1,120 @@
 """What the arm looks like: the UR5's housings and tubes, and the gripper on its flange.
 
 Each link is built once in its own DH frame; a pose only moves it. The parts are for pictures and
-for the camera's depth: rounded solids of about the real sizes, a centimetre off in places.
+for the camera's depth: rounded solids of about the real sizes, a centimetre off in places. Metres.
 """
 
 from __future__ import annotations
 
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import trimesh
+from embreex.mesh_construction import TriangleMesh
+from embreex.rtcore_scene import EmbreeScene
+
 from hadr.handover import ur5
-from hadr.handover.grasping.gripper import FLANGE_FROM_TOOL
-from hadr.records.caches import kept
-from hadr.simulation.robot.gripper import gripper_surfaces
-from hadr.simulation.robot.solids import (
-    LID,
-    METAL,
-    SEAM,
-    SHELL,
-    TUBE,
-    Array,
-    Color,
-    Part,
-    bar,
-    colored,
-    round_bar,
+from hadr.handover.grasping.gripper import (
+    FINGER_HEIGHT,
+    FINGER_LENGTH,
+    FINGER_WIDTH,
+    FLANGE_FROM_TOOL,
+    LARGEST_OPENING,
+    PAD_THICKNESS,
 )
-from hadr.synthesis.glass.surfaces import Surface
+from hadr.records.caches import kept
+from hadr.synthesis.glass.surfaces import Surface, merged, revolve
+
+Array = npt.NDArray[np.float64]
+Color = tuple[float, float, float]
+Part = tuple[Surface, Color]
+
+SHELL: Color = (0.50, 0.52, 0.54)
+"""Light grey of the housings, linear RGB reflectance."""
+TUBE: Color = (0.40, 0.415, 0.43)
+"""The two long tubes."""
+LID: Color = (0.16, 0.33, 0.50)
+"""Grey-blue of the joints' lids."""
+SEAM: Color = (0.05, 0.055, 0.06)
+"""Dark rings between the links, and the gripper's pads."""
+METAL: Color = (0.34, 0.35, 0.36)
+"""Aluminium of flange and fingers."""
+BODY: Color = (0.09, 0.095, 0.105)
+"""The gripper's dark housing."""
+
+
+def round_bar(sections: tuple[tuple[float, float], ...], fillet: float, sides: int = 40) -> Surface:
+    """A solid of revolution about z from its corners (r, z), rounded; metres."""
+    corners = np.array([(0.0, sections[0][1]), *sections, (0.0, sections[-1][1])])
+    curve = [corners[:1]]
+    for before, corner, after in zip(corners, corners[1:], corners[2:], strict=False):
+        back, on = before - corner, after - corner
+        room = float(min(np.linalg.norm(back), np.linalg.norm(on))) / 2
+        cut = min(fillet, 0.98 * room)
+        start, end = (corner + cut * leg / np.linalg.norm(leg) for leg in (back, on))
+        t = np.linspace(0.0, 1.0, 4)[:, None]
+        arc = (1 - t) ** 2 * start + 2 * t * (1 - t) * corner + t**2 * end
+        # one point close to each end keeps the straight sides' normals straight
+        curve += [start + 0.02 * cut * back / np.linalg.norm(back) + np.zeros((1, 2)), arc]
+        curve += [end + 0.02 * cut * on / np.linalg.norm(on) + np.zeros((1, 2))]
+    return revolve(np.concatenate([*curve, corners[-1:]]), segments=sides)
+
+
+def _along(axis: str, at: tuple[float, float, float]) -> Array:
+    """The pose that turns z into one of the axes x, y, z and then shifts; shape (4, 4)."""
+    columns = {"x": (1, 2, 0), "y": (2, 0, 1), "z": (0, 1, 2)}[axis]
+    pose = np.eye(4)
+    pose[:3, :3] = np.eye(3)[:, list(columns)]
+    pose[:3, 3] = at
+    return pose
+
+
+def bar(
+    axis: str,
+    radius: float,
+    low: float,
+    high: float,
+    at: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    fillet: float = 0.006,
+) -> Surface:
+    """A round bar along an axis through a point, from low to high along it; metres."""
+    return round_bar(((radius, low), (radius, high)), fillet).moved(_along(axis, at))
+
+
+def rounded_block(half_x: float, half_y: float, low: float, high: float) -> Surface:
+    """A block along z whose section is a superellipse, with rounded ends; metres."""
+    solid = round_bar(((1.0, low), (1.0, high)), 0.008, 64)
+    x, y = solid.vertices[:, 0], solid.vertices[:, 1]
+    radius = np.hypot(x, y)
+    angle = np.arctan2(y, x)
+    stretch = (np.abs(np.cos(angle)) ** 5 + np.abs(np.sin(angle)) ** 5) ** (-1 / 5)
+    vertices = solid.vertices.copy()
+    vertices[:, 0] = half_x * radius * stretch * np.cos(angle)
+    vertices[:, 1] = half_y * radius * stretch * np.sin(angle)
+    mesh = trimesh.Trimesh(vertices, solid.faces, process=False)
+    return Surface(vertices, solid.faces, np.array(mesh.vertex_normals))
+
+
+def colored(*parts: tuple[Color, list[Surface]]) -> tuple[Part, ...]:
+    """Parts, each of several surfaces of one colour."""
+    return tuple((merged(tuple(surfaces)), color) for color, surfaces in parts)
+
+
+def box(low: npt.ArrayLike, high: npt.ArrayLike) -> Surface:
+    """A box between two corners (3,) in metres, with flat sides."""
+    solid = trimesh.creation.box(bounds=np.array([low, high], dtype=np.float64))
+    vertices = np.array(solid.triangles).reshape(-1, 3)
+    faces = np.arange(len(vertices)).reshape(-1, 3)
+    return Surface(vertices, faces, np.repeat(np.array(solid.face_normals), 3, axis=0))
+
+
+def search_tree(surface: Surface) -> Any:
+    """Embree's search tree over one surface."""
+    tree = EmbreeScene(robust=True)
+    TriangleMesh(tree, surface.vertices.astype(np.float32), surface.faces.astype(np.int32))
+    return tree
+
 
 _S = ur5.SHOULDER_OFFSET
 _E = _S + ur5.ELBOW_OFFSET
@@ -75,6 +166,59 @@ def _links() -> tuple[tuple[Part, ...], ...]:
         solid = bar(axis, radius, low, high, (x, 0, z), fillet)
         looks[link].setdefault(color, []).append(solid)
     return tuple(colored(*look.items()) for look in looks)
+
+
+_GIVE = 0.002
+_BODY_TOP, _BODY_END = -0.145, -0.082
+
+
+@kept(1)
+def _housing() -> tuple[Part, ...]:
+    """The fixed parts in the tool frame."""
+    reach = LARGEST_OPENING / 2 + FINGER_WIDTH + 0.004
+    rail = box((-reach, -0.009, _BODY_END - 0.012), (reach, 0.009, _BODY_END + 0.008))
+    return colored(
+        (
+            BODY,
+            [
+                rounded_block(0.042, 0.034, _BODY_TOP, _BODY_END - 0.004),
+                rounded_block(0.057, 0.020, _BODY_END - 0.018, _BODY_END),
+            ],
+        ),
+        (METAL, [bar("z", 0.0335, -FLANGE_FROM_TOOL[2, 3], _BODY_TOP + 0.006, fillet=0.003), rail]),
+        (LID, [bar("z", 0.0352, _BODY_TOP - 0.006, _BODY_TOP - 0.002, fillet=0.001)]),
+    )
+
+
+@kept(1)
+def _finger() -> tuple[Part, ...]:
+    """The finger on the side of +x in the tool frame, its pad's face in the plane x = 0."""
+    y, tip = FINGER_HEIGHT / 2, FINGER_LENGTH
+    return colored(
+        (
+            METAL,
+            [
+                box((PAD_THICKNESS, -y, -tip), (FINGER_WIDTH, y, 0.0)),
+                box((0.0, -0.009, 0.001 - tip), (PAD_THICKNESS + 0.001, 0.009, -0.042)),
+                box((-0.002, -0.013, -tip - 0.014), (FINGER_WIDTH + 0.003, 0.013, -tip)),
+            ],
+        ),
+        (SEAM, [box((0.0, -y, -0.042), (PAD_THICKNESS, y, 0.0))]),
+    )
+
+
+def gripper_surfaces(tool: Array, width: float) -> list[Part]:
+    """The gripper's look at a tool pose (4, 4), open by a width, metres.
+
+    ValueError for a width beyond 0 to 85 mm by more than 2 mm: soft pads give way by so much.
+    """
+    if not -_GIVE <= width <= LARGEST_OPENING + _GIVE:
+        raise ValueError(f"gripper_width must lie between 0 and {LARGEST_OPENING} m, got {width}")
+    parts = [(surface.moved(tool), color) for surface, color in _housing()]
+    for turn in (np.diag([1.0, 1.0, 1.0, 1.0]), np.diag([-1.0, -1.0, 1.0, 1.0])):
+        turn[0, 3] = turn[0, 0] * max(0.0, width) / 2
+        parts += [(surface.moved(tool @ turn), color) for surface, color in _finger()]
+    return parts
 
 
 def arm_surfaces(joints: Array, gripper_width: float) -> list[Part]:

@@ -17,7 +17,7 @@ import numpy as np
 from hadr.handover import ur5
 from hadr.handover.simulated_ur5 import ArmConfig, broken_limit
 from hadr.handover.ur5 import Array
-from hadr.simulation.robot.gripper import GRIPPER_GEOMS
+from hadr.simulation.robot.arm_model import GRIPPER_GEOMS
 
 
 @dataclass(frozen=True)

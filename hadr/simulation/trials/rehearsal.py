@@ -16,7 +16,7 @@ from hadr.handover.grasping.collision import hand_distance
 from hadr.handover.grasping.gripper import FINGER_HEIGHT, FINGER_LENGTH
 from hadr.handover.logs.run_log import RecordedRobot
 from hadr.handover.observation import Observation
-from hadr.handover.poses import pose_distance
+from hadr.handover.poses import camera_at, pose_distance
 from hadr.handover.robot import UNLOCK_AFTER
 from hadr.handover.simulated_ur5 import SimulatedUR5
 from hadr.handover.stages import Stage
@@ -30,6 +30,8 @@ from hadr.synthesis.glass.shape import GlassObject
 from hadr.synthesis.hand.mesh import SKIN_TONES
 from hadr.synthesis.holding.hold import Hold
 
+REHEARSAL_CAMERA: Array = camera_at(np.array([0.0, -0.55, 0.65]), np.array([0.55, 0.0, 0.3]))
+"""base_from_camera of a camera beside the rehearsed scene, shape (4, 4), metres."""
 _GRIPPED = ("let go", "retreat", "carry")
 HOLDING_ANGLES: Array = np.deg2rad(
     [-22, -15, -10, 31, 0, 53, 103, 12, 0, 59, 110, 25, 0, 50, 103, 28, 0, 60, 100, 45]
@@ -46,6 +48,14 @@ def rehearsed_scene() -> HeldScene:
     angles = HOLDING_ANGLES.copy()
     hold = Hold("0004-rehearsal", "0004", "stem", HandShape(), angles, glass, {})
     return HeldScene(hold, wrist, np.asarray(SKIN_TONES[1]))
+
+
+def rehearsed_grasp() -> Array:
+    """A tool pose (4, 4), base frame, before the flute of `rehearsed_scene`, facing the human."""
+    pose = np.eye(4)
+    pose[:3, :3] = [[0, 0, 1], [1, 0, 0], [0, 1, 0]]
+    pose[:3, 3] = rehearsed_scene().base_from_object[:3, 3] + [-0.033, 0, 0.17]
+    return pose
 
 
 def visible_points(scene: HeldScene, viewpoint: Array) -> Array:

@@ -16,8 +16,7 @@ from hadr.camera import transform_points
 from hadr.handover.robot import UNLOCK_AFTER
 from hadr.handover.simulated_ur5 import ArmConfig
 from hadr.handover.ur5 import Array
-from hadr.simulation.robot.arm_model import HAND, OBJECT, ROBOT
-from hadr.simulation.robot.gripper import GRIPPER_GEOMS
+from hadr.simulation.robot.arm_model import GRIPPER_GEOMS, HAND, OBJECT, ROBOT
 from hadr.simulation.robot.motion_limits import MotionConfig
 from hadr.simulation.robot.physical_arm import PhysicalUR5
 from hadr.simulation.world.model import HAND_INERTIA, HAND_MASS, world_model

@@ -8,9 +8,8 @@ import pytest
 from hadr.handover.grasping.candidates import NoCandidateError
 from hadr.handover.grasping.graspnet import DetectedGrasps, from_graspnet
 from hadr.handover.grasping.selection import GraspSelection
-from hadr.handover.poses import camera_at
 from hadr.handover.simulated_ur5 import SimulatedUR5
-from hadr.simulation.trials.rehearsal import rehearsed_scene, visible_points
+from hadr.simulation.trials.rehearsal import REHEARSAL_CAMERA, rehearsed_scene, visible_points
 
 TOO_WIDE = pytest.mark.filterwarnings("ignore:.* need more than 0.085 m")
 # the camera stands 1 m before the base and 0.5 m above it, level, and looks back at it
@@ -165,7 +164,7 @@ def test_what_is_no_real_number_is_refused(source: object) -> None:
 
 def test_detector_in_the_sampler_s_place() -> None:
     scene = rehearsed_scene()
-    base_from_camera = camera_at(np.array([0.0, -0.55, 0.65]), np.array([0.55, 0.0, 0.3]))
+    base_from_camera = REHEARSAL_CAMERA
     points = visible_points(scene, base_from_camera[:3, 3])
     sampled = GraspSelection(np.random.default_rng(0), base_from_camera[:3, 3]).candidates(points)
     asked = []

@@ -19,14 +19,20 @@ from hadr.handover.grasping.selection import GraspSelection
 from hadr.handover.logs.replay import replay
 from hadr.handover.logs.run_log import RecordedHandover
 from hadr.handover.observation import Observation
-from hadr.handover.poses import camera_at
 from hadr.handover.robot import UnreachableError
 from hadr.handover.simulated_ur5 import SimulatedUR5
 from hadr.handover.stages import ChosenGrasp, HandoverConfig, Stage
-from hadr.simulation.trials.rehearsal import MovingHand, rehearse, rehearsed_scene, visible_points
+from hadr.simulation.trials.rehearsal import (
+    REHEARSAL_CAMERA,
+    MovingHand,
+    rehearse,
+    rehearsed_grasp,
+    rehearsed_scene,
+    visible_points,
+)
 
 SCENE = rehearsed_scene()
-CAMERA = camera_at(np.array([0.0, -0.55, 0.65]), np.array([0.55, 0.0, 0.3]))
+CAMERA = REHEARSAL_CAMERA
 EYE = CAMERA[:3, 3]
 STILL = MovingHand(SCENE, CAMERA, drift=0.0, turn=0.0)
 DT = 0.02
@@ -113,10 +119,7 @@ def test_it_keeps_off_measured_points() -> None:
 
 
 def grasp() -> ChosenGrasp:
-    pose = np.eye(4)
-    pose[:3, :3] = [[0, 0, 1], [1, 0, 0], [0, 1, 0]]
-    pose[:3, 3] = SCENE.base_from_object[:3, 3] + [-0.033, 0, 0.17]
-    return ChosenGrasp(pose, 0.075, 1.0)
+    return ChosenGrasp(rehearsed_grasp(), 0.075, 1.0)
 
 
 def handover_with(

@@ -12,21 +12,18 @@ from hadr.handover.grasping.grasps import forward_of
 from hadr.handover.logs.replay import logged_observation, replay
 from hadr.handover.logs.run_log import RecordedHandover, RunLog, read_run_log
 from hadr.handover.observation import Observation
-from hadr.handover.poses import camera_at
 from hadr.handover.simulated_ur5 import SimulatedUR5
 from hadr.handover.stages import ChosenGrasp, HandoverConfig, Stage
-from hadr.simulation.trials.rehearsal import MovingHand, rehearse, rehearsed_scene
+from hadr.simulation.trials.rehearsal import (
+    REHEARSAL_CAMERA,
+    MovingHand,
+    rehearse,
+    rehearsed_grasp,
+    rehearsed_scene,
+)
 
-SCENE = rehearsed_scene()
-CAMERA = camera_at(np.array([0.0, -0.55, 0.65]), np.array([0.55, 0.0, 0.3]))
-HAND = MovingHand(SCENE, CAMERA, drift=0.005, turn=0.01, noise=0.001)
-
-
-def grasp() -> np.ndarray:
-    pose = np.eye(4)
-    pose[:3, :3] = [[0, 0, 1], [1, 0, 0], [0, 1, 0]]
-    pose[:3, 3] = SCENE.base_from_object[:3, 3] + [-0.033, 0, 0.17]
-    return pose
+CAMERA = REHEARSAL_CAMERA
+HAND = MovingHand(rehearsed_scene(), CAMERA, drift=0.005, turn=0.01, noise=0.001)
 
 
 def troubled(seen: Observation) -> Observation:
@@ -49,10 +46,10 @@ def run() -> RecordedHandover:
     failures = iter([NoCandidateError("too few points"), None])
 
     def choose(*_: object) -> ChosenGrasp | None:
-        failure = next(failures, grasp())
+        failure = next(failures, rehearsed_grasp())
         if isinstance(failure, NoCandidateError):
             raise failure
-        return None if failure is None else ChosenGrasp(grasp(), 0.075, 1.25)
+        return None if failure is None else ChosenGrasp(rehearsed_grasp(), 0.075, 1.25)
 
     handover = RecordedHandover(SimulatedUR5(), choose, CAMERA, HandoverConfig(restless_after=1.0))
     rehearse(handover, HAND, dt=0.02, past_stops=True, picture_every=0.1, spoil=troubled)
@@ -227,10 +224,10 @@ def test_a_replay_compares_the_commands_to_the_arm(path: Path) -> None:
 
 def test_forces_and_refusals_of_the_robot_are_replayed() -> None:
     arm = SimulatedUR5()
-    far = grasp()
+    far = rehearsed_grasp()
     far[:3, 3] = [0.6, 0.8, 0.35]
-    chosen = iter([far, forward_of(grasp(), 0.0)])
-    last = ChosenGrasp(grasp(), 0.075, 1.0)
+    chosen = iter([far, forward_of(rehearsed_grasp(), 0.0)])
+    last = ChosenGrasp(rehearsed_grasp(), 0.075, 1.0)
     handover = RecordedHandover(
         arm, lambda *_: ChosenGrasp(next(chosen, last.pose), 0.075, 1.0), CAMERA
     )
@@ -252,7 +249,7 @@ def test_forces_and_refusals_of_the_robot_are_replayed() -> None:
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_run_on_garbage_is_replayed(tmp_path: Path, seed: int) -> None:
     rng = np.random.default_rng(seed)
-    last = ChosenGrasp(grasp(), 0.075, 1.0)
+    last = ChosenGrasp(rehearsed_grasp(), 0.075, 1.0)
     handover = RecordedHandover(SimulatedUR5(), lambda *_: last, CAMERA)
     odd = (np.nan, np.inf, -np.inf, 1e300, 1e-300, -1.0)
 
