@@ -96,22 +96,18 @@ def hand() -> Results:
 def ur5() -> Results:
     """The UR5's kinematics, a rehearsed handover, and an attempt in the physical world."""
     from hadr.handover.grasping.selection import GraspSelection
+    from hadr.handover.poses import camera_at
     from hadr.handover.simulated_ur5 import SimulatedUR5
     from hadr.handover.ur5 import forward_kinematics, inverse_kinematics
     from hadr.handover.workflow import Handover
-    from hadr.simulation.trials.rehearsal import (
-        REHEARSAL_CAMERA,
-        MovingHand,
-        rehearse,
-        rehearsed_scene,
-    )
+    from hadr.simulation.trials.rehearsal import MovingHand, rehearse, rehearsed_scene
     from hadr.simulation.trials.trial import Trial, run_trial
 
     joints = np.random.default_rng(0).uniform(-2, 2, (20, 6))
     flanges = np.array([forward_kinematics(row) for row in joints])
     yield "forward kinematics", flanges
     yield "inverse kinematics", np.concatenate([inverse_kinematics(pose) for pose in flanges])
-    camera = REHEARSAL_CAMERA
+    camera = camera_at(np.array([0.0, -0.55, 0.65]), np.array([0.55, 0.0, 0.3]))
     selection = GraspSelection(np.random.default_rng(3), camera[:3, 3])
     handover = Handover(SimulatedUR5(), selection, camera)
     moments = rehearse(handover, MovingHand(rehearsed_scene(), camera, seed=3))

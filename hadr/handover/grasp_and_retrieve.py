@@ -15,12 +15,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 
 from hadr.handover import safety
 from hadr.handover.grasping.grasps import FEELING_STEP, forward_of
 from hadr.handover.guarded_arm import NO_NEARER, GuardedArm, HaltError, too_near
-from hadr.handover.poses import pose_distance
+from hadr.handover.poses import Array, pose_distance
 from hadr.handover.stages import (
     ALONE_AFTER,
     ARRIVE_DISTANCE,
@@ -31,8 +30,6 @@ from hadr.handover.stages import (
     PULL_TIME,
     RETREAT,
 )
-
-Array = npt.NDArray[np.float64]
 
 FAR_FROM_GOAL = 0.02
 """The final move waits for a tool that is farther behind than this, metres."""

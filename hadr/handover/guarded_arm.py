@@ -13,17 +13,13 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from hadr.handover import safety, ur5
 from hadr.handover.grasping.collision import hand_distance
 from hadr.handover.observation import HandWatch
-from hadr.handover.poses import between, pose_distance, toward
+from hadr.handover.poses import Array, between, pose_distance, toward
 from hadr.handover.robot import Robot
 from hadr.handover.stages import ARRIVE_ANGLE, ARRIVE_DISTANCE, CRAWL_SPEED, HandoverConfig
-
-Array = npt.NDArray[np.float64]
-
 
 NO_NEARER = 0.004
 """Beside a hand that touches the gripper the arm may move, but not nearer by more, metres."""

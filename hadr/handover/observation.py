@@ -12,9 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from hadr.camera import transform_points
+from hadr.handover.poses import Array
 from hadr.handover.safety import SafetyConfig, hand_problem, line_velocity
-
-Array = npt.NDArray[np.float64]
 
 FEWEST_POINTS = 30
 """An object of fewer points is none."""

@@ -10,16 +10,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-import numpy as np
-import numpy.typing as npt
-
 from hadr.handover import safety
 from hadr.handover.grasping.grasps import forward_of
 from hadr.handover.guarded_arm import NO_NEARER, GuardedArm
-from hadr.handover.poses import between, pose_distance
+from hadr.handover.poses import Array, between, pose_distance
 from hadr.handover.stages import BACK_OFF, GENTLE_FORCE, STAND_TIME
 
-Array = npt.NDArray[np.float64]
 MOST_YIELDS = 3
 """So often the gripper backs off farther from a hand that follows it."""
 LONGEST_OPENING = 1.5

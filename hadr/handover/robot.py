@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from hadr.handover.poses import Array
+
 UNLOCK_AFTER = 5.0
 """The simulated person releases a protective stop after this time, seconds: no sooner does a UR5's
 dashboard server let anyone ("Cannot unlock protective stop until 5s after occurrence")."""

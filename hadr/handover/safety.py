@@ -25,8 +25,7 @@ from scipy.spatial import cKDTree
 
 from hadr.hand import check_keypoints
 from hadr.handover.grasping.collision import hand_points
-
-Array = npt.NDArray[np.float64]
+from hadr.handover.poses import Array
 
 FARTHEST_HAND = 5.0
 """A keypoint farther from the camera than this, metres, belongs to no hand."""

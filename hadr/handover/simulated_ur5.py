@@ -6,9 +6,8 @@ import numpy as np
 
 from hadr.handover import ur5
 from hadr.handover.grasping.gripper import FLANGE_FROM_TOOL, LARGEST_OPENING
-from hadr.handover.poses import check_pose
+from hadr.handover.poses import Array, check_pose
 from hadr.handover.robot import UnreachableError, Workspace
-from hadr.handover.ur5 import Array
 
 HOME_JOINTS: Array = np.deg2rad([5.99, -130.74, 121.43, 9.32, 95.99, 0.0])
 """Waiting pose: elbow up, the tool at (0.34, 0.12, 0.38) m, level and facing forward along x."""

@@ -13,16 +13,13 @@ from numbers import Integral, Real
 from typing import NamedTuple, get_args
 
 import numpy as np
-import numpy.typing as npt
 
 from hadr.handover.grasping.grasps import FinalMove, Way, final_travel
 from hadr.handover.grasping.gripper import LARGEST_OPENING
+from hadr.handover.poses import Array
 from hadr.handover.robot import Robot
 from hadr.handover.safety import SafetyConfig
 from hadr.handover.tracking import About
-
-Array = npt.NDArray[np.float64]
-
 
 CALM_SPEED, CALM_WINDOW = 0.05, 0.3
 """A grasp is chosen once the hand was slower than this, m/s, for so long, seconds, ..."""

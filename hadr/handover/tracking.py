@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from hadr.hand import FINGERS, KEYPOINT_NAMES, check_keypoints
+from hadr.handover.poses import Array
 
-Array = NDArray[np.float64]
 About = Literal["wrist", "origin", "centroid"]
 Flip = Literal["v", "r"]
 

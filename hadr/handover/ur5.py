@@ -8,12 +8,9 @@ mistake. Everything here is written in the Denavit-Hartenberg (DH) frames, `dh_b
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
-from hadr.handover.poses import check_pose
+from hadr.handover.poses import Array, check_pose
 from hadr.handover.robot import UnreachableError
-
-Array = NDArray[np.float64]
 
 DH_A: Array = np.array([0.0, -0.425, -0.39225, 0.0, 0.0, 0.0])
 """Link lengths a_i in metres."""

@@ -12,7 +12,6 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from hadr.handover import safety
 from hadr.handover.grasp_and_retrieve import ADVANCING, Advance, Retrieval
@@ -20,7 +19,7 @@ from hadr.handover.grasping.grasps import forward_of
 from hadr.handover.grasping.selection import Choosing
 from hadr.handover.guarded_arm import GuardedArm, HaltError
 from hadr.handover.observation import HandWatch, Observation, cleaned
-from hadr.handover.poses import check_pose, pose_distance
+from hadr.handover.poses import Array, check_pose, pose_distance
 from hadr.handover.recovery import Recovery
 from hadr.handover.robot import Robot, UnreachableError
 from hadr.handover.stages import (
@@ -41,7 +40,6 @@ from hadr.handover.stages import (
 )
 from hadr.handover.tracking import HandMotion, hand_motion
 
-Array = npt.NDArray[np.float64]
 CLOCK_JUMP = 1.0
 """An observation's time that stands still, runs back, or is this much later than the one before,
 seconds, is another clock's: the handover's own goes on, and counts from there."""

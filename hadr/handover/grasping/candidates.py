@@ -13,8 +13,8 @@ from scipy.spatial import cKDTree
 from hadr.handover.grasping.grasps import Grasps
 from hadr.handover.grasping.gripper import FINGER_HEIGHT, LARGEST_OPENING
 from hadr.handover.grasping.unseen_side import unseen_side
+from hadr.handover.poses import Array
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 FINGER_REACH = 0.05

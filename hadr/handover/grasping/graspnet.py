@@ -19,9 +19,8 @@ from hadr.camera import transform_points
 from hadr.handover.grasping.candidates import NoCandidateError
 from hadr.handover.grasping.grasps import Grasps
 from hadr.handover.grasping.gripper import LARGEST_OPENING
-from hadr.handover.poses import check_pose
+from hadr.handover.poses import Array, check_pose
 
-Array = NDArray[np.float64]
 Detect = Callable[[Array], ArrayLike]
 """From the object's points in the camera frame (n, 3), metres, to rows (m, 17)."""
 ROUNDING = 1e-6

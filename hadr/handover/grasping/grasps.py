@@ -11,7 +11,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Array = NDArray[np.float64]
+from hadr.handover.poses import Array
+
 Axis = Literal["approach", "closing", "height"]
 FinalMove = Literal["past_grasp", "from_pre_grasp"]
 

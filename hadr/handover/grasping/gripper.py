@@ -7,9 +7,8 @@ sizes from here.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from hadr.handover.poses import Array
 
 LARGEST_OPENING = 0.085
 """Widest distance between the fingers, as of a Robotiq 2F-85."""

@@ -10,11 +10,11 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from hadr.handover.grasping.grasps import Grasps
+from hadr.handover.poses import Array
 
-Array = NDArray[np.float64]
 Form = Literal["literal", "intended"]
 AxisOrder = Literal["paper", "graspnet"]
 

@@ -33,7 +33,7 @@ from hadr.handover.grasping.gripper import LARGEST_OPENING
 from hadr.handover.grasping.rescoring import Directions, rescore
 from hadr.handover.grasping.unseen_side import turned_about_axis
 from hadr.handover.observation import HandWatch, Observation
-from hadr.handover.poses import check_pose
+from hadr.handover.poses import Array, check_pose
 from hadr.handover.robot import Robot, UnreachableError
 from hadr.handover.stages import (
     CALM_SPEED,
@@ -44,7 +44,6 @@ from hadr.handover.stages import (
     ChosenGrasp,
     HandoverConfig,
 )
-from hadr.handover.ur5 import Array
 
 HALF_TURN: Array = np.diag([-1.0, -1.0, 1.0, 1.0])
 """Turns the gripper about its approach axis; a parallel gripper grasps the same either way."""

@@ -8,10 +8,9 @@ that the seen normals point at best gives the plane in which the seen half is mi
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-Array = NDArray[np.float64]
+from hadr.handover.poses import Array
 
 LARGEST_MISS = 0.006
 """Normals that pass the axis by more than this on the whole belong to no turned surface, metres."""

@@ -7,7 +7,6 @@ from functools import partial
 from typing import Any, cast
 
 import numpy as np
-import numpy.typing as npt
 
 from hadr.handover.grasping.selection import NO_GRASP
 from hadr.handover.logs.run_log import COMMANDS, READINGS, RunLog
@@ -17,7 +16,6 @@ from hadr.handover.stages import ChosenGrasp, HandoverConfig
 from hadr.handover.workflow import Handover
 from hadr.records.reading import structured
 
-Array = npt.NDArray[np.float64]
 SAME_PLACE = 1e-4
 """A replay's commands to the arm are the log's within this, metres; the log is rounded."""
 

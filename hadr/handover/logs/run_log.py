@@ -26,6 +26,7 @@ from hadr.handover.grasping.collision import hand_points
 from hadr.handover.grasping.grasps import Way
 from hadr.handover.grasping.selection import NO_GRASP
 from hadr.handover.observation import Observation, cleaned
+from hadr.handover.poses import Array
 from hadr.handover.robot import Robot, UnreachableError
 from hadr.handover.safety import hand_problem
 from hadr.handover.stages import ChooseGrasp, ChosenGrasp, Stage, Transition
@@ -33,7 +34,6 @@ from hadr.handover.workflow import Handover
 from hadr.records.reading import parse_json, read_arrays, structured
 from hadr.records.writing import write_arrays
 
-Array = npt.NDArray[np.float64]
 FORMAT = 2
 KEPT_POINTS = 32
 """So many points of a cloud are stored, and the one next to the hand."""

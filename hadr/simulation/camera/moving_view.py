@@ -12,9 +12,10 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from hadr.camera import Intrinsics, project, ray_directions
+from hadr.handover.poses import Array
+from hadr.simulation.camera.depth_sensor import Depth, Mask
 from hadr.simulation.camera.room import Room, with_parts
 from hadr.simulation.robot.arm_shape import Part, search_tree
 from hadr.simulation.world.scenes import HeldScene
@@ -22,11 +23,6 @@ from hadr.synthesis.glass.surfaces import merged
 from hadr.synthesis.rendering.raycast import GLASS, HAND, SURROUNDINGS
 from hadr.synthesis.rendering.shading import RayTracer
 from hadr.synthesis.scene.contents import Contents
-
-Array = npt.NDArray[np.float64]
-Depth = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
-
 
 _USED = ("tfar", "primID", "geomID", "u", "v")
 """What the ray caster reads of a tree's answer."""

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from hadr.handover.poses import Array
 from hadr.records.caches import kept
 from hadr.simulation.robot.arm_shape import Part
 from hadr.simulation.world.scenes import FLOOR, MIDDLE, TABLE_FAR, TABLE_NEAR
@@ -21,8 +21,6 @@ from hadr.synthesis.scene.furnishing import UP, TextureChoice, natural_size, put
 from hadr.synthesis.scene.lights import AreaLight, Environment, make_lights
 from hadr.synthesis.scene.stage import Stage
 from hadr.synthesis.textures.families import pyramid, texture_number
-
-Array = npt.NDArray[np.float64]
 
 _TABLE_LOWER: Array = np.array([TABLE_NEAR, -0.65, -0.04])
 _TABLE_UPPER: Array = np.array([TABLE_FAR, 0.65, 0.0])

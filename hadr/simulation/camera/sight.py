@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Literal, get_args
 
 import numpy as np
-import numpy.typing as npt
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
@@ -23,9 +22,11 @@ from hadr.corruption import smooth_noise
 from hadr.data.samples import samples_dir
 from hadr.frame_checks import depth_to_use
 from hadr.handover.observation import Observation
+from hadr.handover.poses import Array
 from hadr.handover.tracking import HandFilter
 from hadr.models.hand.plausible import NoHandError
 from hadr.rivals import classical
+from hadr.simulation.camera.depth_sensor import Depth, Mask
 from hadr.simulation.camera.robot_camera import CapturedFrame, RobotCamera
 from hadr.simulation.world.scenes import HeldScene
 from hadr.simulation.world.state import WorldState
@@ -33,9 +34,6 @@ from hadr.trained_finders import HandKeypoints, Segmentation
 from hadr.trained_networks import DepthNetwork
 from hadr.training.checkpoints import read_record
 
-Array = npt.NDArray[np.float64]
-Depth = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
 DepthSource = Literal["raw", "inpainted", "hadr", "hadr-plus", "perfect"]
 SOURCES: tuple[DepthSource, ...] = get_args(DepthSource)
 CHECKPOINTS = {

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 import trimesh
 
+from hadr.handover.poses import Array
 from hadr.simulation.robot.arm_shape import box
 from hadr.simulation.world.scenes import TABLE_FAR, TABLE_NEAR
 from hadr.synthesis.glass.surfaces import Surface, vertex_normals
 
-Array = npt.NDArray[np.float64]
 Piece = tuple[Surface, Array, int]
 """A surface, its linear RGB reflectance of shape (1, 3) or (V, 3), and its kind."""
 

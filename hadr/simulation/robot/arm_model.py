@@ -22,7 +22,7 @@ from hadr.handover.grasping.gripper import (
     LARGEST_OPENING,
     gripper_boxes,
 )
-from hadr.handover.ur5 import Array
+from hadr.handover.poses import Array
 from hadr.simulation.world.scenes import TABLE_FAR, TABLE_NEAR
 
 ROBOT, HAND, OBJECT, GROUND = 1, 2, 4, 8
@@ -106,7 +106,7 @@ def add_arm(spec: mujoco.MjSpec, *, sliding: bool = True) -> None:
 
 
 def _add_gripper(spec: mujoco.MjSpec, tool: Any, touch: dict[str, int], *, sliding: bool) -> None:
-    """Add palm, bar and two fingers, the boxes of `gripper_boxes`, to the body of the tool frame."""
+    """Add palm, bar and two fingers, the boxes of `gripper_boxes`, to the tool frame's body."""
     boxes = gripper_boxes(np.array([LARGEST_OPENING]))[0]
     for name, (low, high) in zip(GRIPPER_GEOMS[2:], boxes[2:], strict=True):
         tool.add_geom(

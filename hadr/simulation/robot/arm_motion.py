@@ -14,9 +14,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from hadr.handover import ur5
+from hadr.handover.poses import Array
 from hadr.handover.robot import UnreachableError
 from hadr.handover.simulated_ur5 import ArmConfig, solutions_by_way
-from hadr.handover.ur5 import Array
 from hadr.simulation.robot.arm_model import kinematic_model
 from hadr.simulation.robot.motion_limits import TOOL_SPEED, MotionConfig, MotionRows
 

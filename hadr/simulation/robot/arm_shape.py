@@ -23,10 +23,10 @@ from hadr.handover.grasping.gripper import (
     LARGEST_OPENING,
     PAD_THICKNESS,
 )
+from hadr.handover.poses import Array
 from hadr.records.caches import kept
 from hadr.synthesis.glass.surfaces import Surface, merged, revolve
 
-Array = npt.NDArray[np.float64]
 Color = tuple[float, float, float]
 Part = tuple[Surface, Color]
 

@@ -15,8 +15,8 @@ import mujoco
 import numpy as np
 
 from hadr.handover import ur5
+from hadr.handover.poses import Array
 from hadr.handover.simulated_ur5 import ArmConfig, broken_limit
-from hadr.handover.ur5 import Array
 from hadr.simulation.robot.arm_model import GRIPPER_GEOMS
 
 

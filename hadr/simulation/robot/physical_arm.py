@@ -13,11 +13,10 @@ import numpy as np
 
 from hadr.handover import ur5
 from hadr.handover.grasping.gripper import LARGEST_OPENING
-from hadr.handover.poses import check_pose
+from hadr.handover.poses import Array, check_pose
 from hadr.handover.robot import UnreachableError
 from hadr.handover.simulated_ur5 import ArmConfig
 from hadr.handover.stages import GENTLE_FORCE
-from hadr.handover.ur5 import Array
 from hadr.simulation.robot.arm_motion import LEAST_SINGULAR_VALUE, ArmMotion
 from hadr.simulation.robot.motion_limits import MotionConfig
 

@@ -16,11 +16,10 @@ from hadr.handover.grasping.collision import hand_distance
 from hadr.handover.grasping.gripper import FINGER_HEIGHT, FINGER_LENGTH
 from hadr.handover.logs.run_log import RecordedRobot
 from hadr.handover.observation import Observation
-from hadr.handover.poses import camera_at, pose_distance
+from hadr.handover.poses import Array, camera_at, pose_distance
 from hadr.handover.robot import UNLOCK_AFTER
 from hadr.handover.simulated_ur5 import SimulatedUR5
 from hadr.handover.stages import Stage
-from hadr.handover.ur5 import Array
 from hadr.handover.workflow import Handover
 from hadr.simulation.world.hand_motions import calmed, turned_about
 from hadr.simulation.world.scenes import HeldScene

@@ -13,12 +13,11 @@ from types import SimpleNamespace
 from typing import Literal, get_args
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
+from hadr.handover.poses import Array
 from hadr.simulation.world.scenes import HeldScene
 
-Array = npt.NDArray[np.float64]
 MotionKind = Literal["still", "drift", "swing", "turn", "give-and-withdraw"]
 KINDS: tuple[MotionKind, ...] = get_args(MotionKind)
 

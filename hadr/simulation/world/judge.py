@@ -11,11 +11,10 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
+from hadr.handover.poses import Array
 from hadr.simulation.world.state import WorldState
 
-Array = npt.NDArray[np.float64]
 Verdict = Literal["", "success", "human contact", "drop", "time-out", "gave up"]
 """Empty while nothing is decided. "gave up": the robot ended the attempt by itself, without the
 object; HandoverSim would let it stand until the time is out."""

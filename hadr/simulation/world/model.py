@@ -13,7 +13,7 @@ import numpy as np
 
 from hadr.hand import BONES, keypoints_from_skeleton
 from hadr.handover.grasping.collision import FOREARM_LENGTH, FOREARM_RADIUS, PALM_LINES
-from hadr.handover.ur5 import Array
+from hadr.handover.poses import Array
 from hadr.simulation.robot.arm_model import GROUND, HAND, OBJECT, ROBOT, add_arm, add_table
 from hadr.simulation.world.object_parts import convex_parts, handle_capsules, mass_properties
 from hadr.simulation.world.scenes import FLOOR, HeldScene

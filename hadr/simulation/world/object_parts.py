@@ -11,14 +11,12 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 import trimesh
 
+from hadr.handover.poses import Array
 from hadr.records.caches import kept
 from hadr.synthesis.glass.objects import bodies
 from hadr.synthesis.glass.shape import GlassObject, handle_sections, profile
-
-Array = npt.NDArray[np.float64]
 
 GLASS_DENSITY = 2500.0
 """Kilograms per cubic metre of soda-lime glass."""

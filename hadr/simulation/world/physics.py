@@ -13,9 +13,9 @@ import mujoco
 import numpy as np
 
 from hadr.camera import transform_points
+from hadr.handover.poses import Array
 from hadr.handover.robot import UNLOCK_AFTER
 from hadr.handover.simulated_ur5 import ArmConfig
-from hadr.handover.ur5 import Array
 from hadr.simulation.robot.arm_model import GRIPPER_GEOMS, HAND, OBJECT, ROBOT
 from hadr.simulation.robot.motion_limits import MotionConfig
 from hadr.simulation.robot.physical_arm import PhysicalUR5

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from hadr.camera import transform_points
 from hadr.hand import Skeleton, forward_kinematics, keypoints_from_skeleton
+from hadr.handover.poses import Array
 from hadr.records.caches import read_only
 from hadr.synthesis.glass.objects import bodies, glass_object
 from hadr.synthesis.glass.shape import GlassObject
@@ -22,7 +22,6 @@ from hadr.synthesis.glass.surfaces import Surface
 from hadr.synthesis.hand.mesh import SKIN_TONES, HandMesh, hand_mesh
 from hadr.synthesis.holding.hold import Hold, make_hold
 
-Array = npt.NDArray[np.float64]
 TABLE_NEAR, TABLE_FAR, FLOOR = -0.40, 0.42, -0.75
 """Edges of the robot's table along x, whose top lies at z = 0, and the floor's height, metres."""
 MIDDLE: Array = np.array([0.62, 0.0, 0.32])

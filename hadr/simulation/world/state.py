@@ -13,10 +13,10 @@ from typing import Any, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
+from hadr.handover.poses import Array
 from hadr.records.reading import read_arrays
 from hadr.records.writing import write_arrays
 
-Array = npt.NDArray[np.float64]
 Holder = Literal["hand", "both", "gripper", "nobody"]
 """Who holds the object: the hand alone, hand and fingers, the fingers alone, or it is falling."""
 
