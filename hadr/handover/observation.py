@@ -101,7 +101,6 @@ class HandWatch:
 
     Attributes:
         base_from_camera: The camera's calibration, shape (4, 4), metres.
-        config: Limits.
         keypoints: The hand in the newest picture, base frame, shape (21, 3), metres; None where
             there is none that can be used.
         last: The newest hand that could be used, as `keypoints`; None before the first.
@@ -124,8 +123,7 @@ class HandWatch:
     def look(self, observation: Observation, now: float) -> bool:
         """Take in an observation at a time in seconds; say whether it shows a new picture.
 
-        A picture from the future, one older than `oldest_picture` or older than the one before is
-        none.
+        One from the future, older than `oldest_picture` or than the one before is none.
         """
         self._looked = now
         if np.isnan(self._started):

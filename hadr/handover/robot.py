@@ -85,12 +85,9 @@ class Robot(Protocol):
 
 @dataclass(frozen=True)
 class Workspace:
-    """The box in the base frame that the tool point may not leave.
+    """The box in the base frame that the tool point may not leave: two corners in metres.
 
-    Attributes:
-        lower: Lowest x, y, z in metres.
-        upper: Highest x, y, z in metres.
-        table: Height in metres that no part of the arm beyond the shoulder may go below.
+    No part of the arm beyond the shoulder may go below the table's height, metres.
     """
 
     lower: tuple[float, float, float] = (-0.85, -0.85, 0.05)

@@ -74,9 +74,6 @@ def broken_limit(
 class SimulatedUR5:
     """A UR5 that moves as told, as fast as joints and tool may: no forces, no inertia.
 
-    Args:
-        config: Settings; the standard ones where left out.
-
     Attributes:
         between_fingers: Width of what stands between the fingers, metres: they close no further.
             Whoever knows the object sets it; there is no contact in this arm.
@@ -123,9 +120,7 @@ class SimulatedUR5:
     def joint_solutions(self, base_from_tool: Array) -> Array:
         """Joint angles (n, 6) that reach a tool pose (4, 4) within every limit, nearest first.
 
-        Raises:
-            UnreachableError: None is left; the message names the limit that the nearest breaks.
-            ValueError: The target is no rigid transform.
+        UnreachableError, where none is left, names the limit that the nearest breaks.
         """
         found = solutions_by_way(base_from_tool, self._joints)
         problems = [self._broken_limit(joints) for joints in found]
@@ -208,8 +203,7 @@ class SimulatedUR5:
     def set_gripper(self, width: float, force: float) -> None:
         """Open or close the fingers to a width in metres; the force in newtons is what they feel.
 
-        Raises:
-            ValueError: The width is not finite or lies outside 0 to the largest opening.
+        ValueError for a width that is not finite or lies outside 0 to the largest opening.
         """
         if not 0 <= width <= LARGEST_OPENING:
             raise ValueError(

@@ -37,7 +37,7 @@ not 0 to 1, and what a network predicts may be a little below 0. Percentages do 
 
 
 def from_graspnet(source: str | Path | ArrayLike, base_from_camera: Array | None = None) -> Grasps:
-    """Read a detector's grasps; those that need a wider opening than the gripper has are left out.
+    """Read a detector's grasps, best first; those too wide for the gripper are left out.
 
     The network was trained for 100 mm, to which it cuts its widths; a warning says how many are
     left out.
@@ -47,9 +47,6 @@ def from_graspnet(source: str | Path | ArrayLike, base_from_camera: Array | None
             (n, 17), or (n, 16) without object_id.
         base_from_camera: The camera's calibration, shape (4, 4), metres; where left out the grasps
             stay in the camera frame.
-
-    Returns:
-        The grasps, highest score first, in frame "base" or "camera".
 
     Raises:
         FileNotFoundError: There is no such file.

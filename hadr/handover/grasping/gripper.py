@@ -33,9 +33,7 @@ STEM_LENGTH = 0.06
 def fork(width: float) -> Array:
     """The gripper's centre lines for an opening in metres: left and right finger, bar, stem.
 
-    Returns:
-        Segments in the tool frame (x closing, z approach, origin between the fingertips), shape
-        (4, 2, 3), metres.
+    Segments (4, 2, 3) in the tool frame: x closing, z approach, origin between the fingertips.
     """
     x, back = width / 2 + FINGER_WIDTH / 2, -FINGER_LENGTH
     ends = [
@@ -48,16 +46,10 @@ def fork(width: float) -> Array:
 
 
 def gripper_boxes(widths: Array, *, behind: float = 0.0, ahead: float = 0.0) -> Array:
-    """The gripper's body, or what it sweeps along its approach axis.
+    """The gripper's body, or what it sweeps along its approach axis, for openings (n,), metres.
 
-    Args:
-        widths: Openings, shape (n,), metres.
-        behind: The way begins this far behind the tool pose, metres.
-        ahead: It ends this far past the tool pose, metres.
-
-    Returns:
-        Lower and upper corners in the tool frame (x closing, y height, z approach), shape
-        (n, 4, 2, 3), metres: left finger, right finger, bar, palm.
+    The way begins so far behind the tool pose and ends so far ahead. Lower and upper corners in the
+    tool frame (x closing, y height, z approach), (n, 4, 2, 3): left and right finger, bar, palm.
     """
     inner = np.asarray(widths, dtype=np.float64) / 2
     outer, one = inner + FINGER_WIDTH, np.ones(len(inner))

@@ -281,13 +281,8 @@ def _thinned(points: Array) -> Array:
 class Choosing:
     """Decides when to search for a grasp, and keeps what went wrong in words.
 
-    Attributes:
-        choose_grasp: Searches, such as a `GraspSelection`.
-        watch: The newest hand.
-        config: Settings.
-        caution: Why there is no grasp; empty after one was found.
-        reason: What the newest picture that a grasp could have been chosen from lacked. It stays,
-            unlike `caution`, while a picture is bad for another reason, until the next search.
+    `caution` says why there is no grasp, `reason` what the newest picture that one could have been
+    chosen from lacked: it stays while a picture is bad for another reason, until the next search.
     """
 
     choose_grasp: ChooseGrasp

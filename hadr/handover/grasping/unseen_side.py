@@ -40,12 +40,8 @@ def symmetry_axis(points: Array, normals: Array) -> SymmetryAxis:
     For a direction d the distances of the normals from a line along d are linear in where the line
     passes, so each of some hundred directions costs one equation of two unknowns.
 
-    Args:
-        points: Shape (n, 3), metres.
-        normals: Unit normals, shape (n, 3); their signs do not matter.
-
-    Returns:
-        The axis; `miss` is infinite where no direction gives one (a flat thing).
+    Points (n, 3) are in metres, the signs of their unit normals (n, 3) do not matter; `miss` is
+    infinite where no direction gives an axis (a flat thing).
     """
     chosen = np.linspace(0, len(points) - 1, min(_MOST_POINTS, len(points))).astype(np.int64)
     middle = points.mean(axis=0)
@@ -71,14 +67,8 @@ def unseen_side(points: Array, normals: Array, viewpoint: Array) -> tuple[Array,
     Where the normals give no clear axis, as those of a box, they are mirrored in the middle of
     what is seen: each seen side has its like opposite.
 
-    Args:
-        points: Seen points of one object, shape (n, 3), metres.
-        normals: Their unit normals, shape (n, 3).
-        viewpoint: Where the camera stood, shape (3,), metres.
-
-    Returns:
-        Guessed points (m, 3) in metres and their unit normals (m, 3). m is 0 where the camera
-        looks along the axis.
+    Given are seen points (n, 3), their unit normals and where the camera stood (3,), metres; guessed
+    points (m, 3) come back with theirs. m is 0 where the camera looks along the axis.
     """
     axis = symmetry_axis(points, normals)
     view = viewpoint - points.mean(axis=0)

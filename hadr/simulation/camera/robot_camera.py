@@ -35,18 +35,13 @@ UNDER_SKIN = 0.025
 
 @dataclass(frozen=True)
 class CapturedFrame:
-    """One picture with its exact labels; all images (H, W).
+    """One picture with its exact labels, see `SeenLabels`; all images (H, W).
 
     Attributes:
         color: sRGB, shape (H, W, 3) uint8, or None where no colour was asked for.
-        raw_depth: Measured z-depth, metres, float32; 0 is missing.
-        depth: True z-depth, metres, float32.
-        background_depth: True z-depth with the object taken away.
+        raw_depth: Measured z-depth, metres, float32; 0 is missing. The others are true.
         hand_mask: The hand's and forearm's pixels.
-        object_mask: The object's pixels.
-        arm_mask: The robot's pixels, also where the object is before it.
         keypoints: True keypoints, camera frame, metres, shape (21, 3).
-        camera: Intrinsics.
     """
 
     color: npt.NDArray[np.uint8] | None

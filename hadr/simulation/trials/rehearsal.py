@@ -153,12 +153,8 @@ def width_between(base_from_tool: Array, base_from_glass: Array, glass: GlassObj
 class Moment(WorldState):
     """One recorded step of a rehearsal: the state of its world, and what the workflow did.
 
-    Attributes:
-        stage: The workflow's.
-        tool: Tool pose, base frame, shape (4, 4), metres.
-        outline: Points along the arm's links, base frame, shape (9, 3), metres.
-        keypoints: The hand, base frame, shape (21, 3), metres.
-        to_target: Distance from the tool to the pre-grasp, metres; NaN before there is one.
+    Tool pose (4, 4), points along the arm's links (9, 3) and keypoints (21, 3) are in the base
+    frame; `to_target` is the tool's way to the pre-grasp, NaN before there is one; metres.
     """
 
     stage: Stage

@@ -227,15 +227,9 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Run:
-    """An attempt that has been made.
+    """An attempt that has been made: what was held out, how it ended, every change of stage.
 
-    Attributes:
-        trial: Its description.
-        scene: What was held out.
-        outcome: How it ended.
-        states: The world, 25 times a second.
-        transitions: Every change of stage, with its reason.
-        log: What the workflow saw and commanded, for a replay.
+    The states are of the world 25 times a second, the log is for a replay.
     """
 
     trial: Trial

@@ -37,8 +37,7 @@ class Judge:
         time_limit: An attempt that takes longer, seconds, has failed.
         verdict: The first thing that was decided; it stays.
         decided_at: When, seconds; NaN before.
-        largest_force: Largest force on the hand so far, newtons.
-        smallest_distance: Smallest distance of robot and hand so far, metres.
+        largest_force: On the hand so far, newtons; `smallest_distance`: to it, metres.
     """
 
     height: float

@@ -30,12 +30,9 @@ MIDDLE: Array = np.array([0.62, 0.0, 0.32])
 
 @dataclass(frozen=True)
 class HeldScene:
-    """A hand that holds an object out to the robot.
+    """A hand at a pose (4, 4), metres, that holds an object out to the robot.
 
-    Attributes:
-        hold: The holding pose: object, hand's size, joint angles, object in the wrist frame.
-        base_from_wrist: Pose of the hand, shape (4, 4), metres.
-        tone: Linear RGB reflectance of the skin, shape (3,).
+    The skin's tone (3,) is its linear RGB reflectance.
     """
 
     hold: Hold
