@@ -67,7 +67,7 @@ def unseen_side(points: Array, normals: Array, viewpoint: Array) -> tuple[Array,
     Where the normals give no clear axis, as those of a box, they are mirrored in the middle of
     what is seen: each seen side has its like opposite.
 
-    Given are seen points (n, 3), their unit normals and where the camera stood (3,), metres; guessed
+    Given are seen points (n, 3), their unit normals and where the camera stood, metres; guessed
     points (m, 3) come back with theirs. m is 0 where the camera looks along the axis.
     """
     axis = symmetry_axis(points, normals)
