@@ -78,19 +78,38 @@ def advancing(config: HandoverConfig, **block: object) -> tuple[Touching, Advanc
     return robot, advance, robot.start
 
 
-def small_hand(spot: np.ndarray, aside: np.ndarray) -> np.ndarray:
-    """A hand of 2 mm at a spot, whose forearm goes off along a unit vector."""
-    return spot - 1e-4 * np.arange(21)[:, None] * aside
+def put_hand(advance: Advance, spot: np.ndarray, aside: np.ndarray) -> None:
+    """Put a hand of 2 mm to a spot, whose forearm goes off along a unit vector."""
+    advance.arm.watch.keypoints = spot - 1e-4 * np.arange(21)[:, None] * aside
+    advance.arm.watch.middle = spot
+
+
+def step(advance: Advance, start: np.ndarray) -> np.ndarray | None:
+    advance.arm.read()
+    return advance.step(start, DT)
+
+
+def final_move(advance: Advance, start: np.ndarray) -> tuple[np.ndarray, list[tuple[str, str]]]:
+    """Where the fingers close, relative to the pre-grasp; parts and words up to there, each once."""
+    heard = [(advance.part, advance.words)]
+    for _ in range(600):
+        pose = step(advance, start)
+        if heard[-1] != (advance.part, advance.words):
+            heard.append((advance.part, advance.words))
+        if pose is not None:
+            return np.linalg.inv(start) @ pose, heard
+    raise AssertionError("the final move does not end")
 
 
 def closing_pose(robot: Touching, advance: Advance, start: np.ndarray) -> np.ndarray:
-    """Run the final move; where the fingers close, relative to the pre-grasp."""
-    for _ in range(600):
-        advance.arm.read()
-        pose = advance.step(start, DT)
-        if pose is not None:
-            return np.linalg.inv(start) @ pose
-    raise AssertionError("the final move does not end")
+    return final_move(advance, start)[0]
+
+
+def draw_back(robot: Touching, advance: Advance, start: np.ndarray) -> np.ndarray:
+    """Go on until the gripper draws back; the tool pose there."""
+    while advance.part != "draw back":
+        step(advance, start)
+    return robot.tool_pose()
 
 
 def test_without_feeling_it_ends_where_the_paper_says() -> None:
@@ -126,13 +145,10 @@ def test_a_finger_on_the_object_sends_the_gripper_to_that_side(side: int) -> Non
 
 def test_it_draws_back_before_it_goes_aside() -> None:
     robot, advance, start = advancing(FEELING, block=(0.030, 0.062, 0.11))
-    deepest, drawn, ways = 0.0, False, []
-    for _ in range(400):
-        advance.arm.read()
-        local = np.linalg.inv(start) @ robot.tool_pose()
-        ways.append(local[[0, 2], 3])
-        if advance.step(start, DT) is not None:
-            break
+    ways, pose = [], None
+    while pose is None:
+        ways.append((np.linalg.inv(start) @ robot.tool_pose())[[0, 2], 3])
+        pose = step(advance, start)
     x, z = np.array(ways).T
     first_aside = int(np.argmax(x > 0.002))
     deepest = z[:first_aside].max()
@@ -142,16 +158,7 @@ def test_it_draws_back_before_it_goes_aside() -> None:
 
 
 def said(robot: Touching, advance: Advance, start: np.ndarray) -> list[tuple[str, str]]:
-    """The parts and words of the final move, each once, up to the closing."""
-    heard = [(advance.part, advance.words)]
-    for _ in range(600):
-        advance.arm.read()
-        pose = advance.step(start, DT)
-        if heard[-1] != (advance.part, advance.words):
-            heard.append((advance.part, advance.words))
-        if pose is not None:
-            return heard
-    raise AssertionError("the final move does not end")
+    return final_move(advance, start)[1]
 
 
 def test_on_the_papers_way_there_is_nothing_to_say() -> None:
@@ -247,9 +254,7 @@ def test_beside_the_hand_it_does_not_go_on() -> None:
     """The hand stands where the fingers would come only by feeling ahead."""
     robot, advance, start = advancing(FEELING)
     ahead = forward_of(start, FEELING.back + FEELING.forward + 0.035)
-    spot = ahead[:3, 3] + 0.0475 * ahead[:3, 0]
-    advance.arm.watch.keypoints = small_hand(spot, ahead[:3, 2])
-    advance.arm.watch.middle = advance.arm.watch.keypoints.mean(axis=0)
+    put_hand(advance, ahead[:3, 3] + 0.0475 * ahead[:3, 0], ahead[:3, 2])
     end = closing_pose(robot, advance, start)
     way = end[2, 3] - FEELING.back - FEELING.forward
     assert 0.009 < way < 0.021  # 1 cm of flesh and 5 mm to spare leave 2 cm
@@ -260,12 +265,9 @@ def test_a_hand_farther_on_its_way_is_waited_for_and_then_halts_it(leaves: bool)
     robot, advance, start = advancing(PLAIN)
     away = advance.arm.watch.keypoints
     end = forward_of(start, PLAIN.back + PLAIN.forward)
-    spot = end[:3, 3] + 0.0475 * end[:3, 0]
-    advance.arm.watch.keypoints = small_hand(spot, end[:3, 2])
-    advance.arm.watch.middle = spot
+    put_hand(advance, end[:3, 3] + 0.0475 * end[:3, 0], end[:3, 2])
     for _ in range(round(BLOCKED_TIME / DT)):
-        advance.arm.read()
-        assert advance.step(start, DT) is None
+        assert step(advance, start) is None
         assert "waits: hand" in advance.arm.caution
     assert advance.travelled == 0
     assert np.linalg.norm(robot.tool_pose()[:3, 3] - start[:3, 3]) < 1e-6
@@ -274,9 +276,8 @@ def test_a_hand_farther_on_its_way_is_waited_for_and_then_halts_it(leaves: bool)
         advance.arm.watch.middle = away.mean(axis=0)
         assert closing_pose(robot, advance, start)[2, 3] == pytest.approx(0.15, abs=2e-3)
     else:
-        advance.arm.read()
         with pytest.raises(HaltError, match=r"hand .* mm from the gripper's path"):
-            advance.step(start, DT)
+            step(advance, start)
 
 
 def test_where_the_side_changes_it_goes_half_as_far() -> None:
@@ -306,9 +307,8 @@ def test_while_no_hand_is_known_it_stands(when: str, monkeypatch: pytest.MonkeyP
     if when == "at the end":
         robot.block = None
         advance.arm.config = PLAIN
-        monkeypatch.setattr(
-            "hadr.handover.grasp_and_retrieve.ARRIVE_DISTANCE", 0.0
-        )  # so that it does not end yet
+        # so that it does not end yet
+        monkeypatch.setattr("hadr.handover.grasp_and_retrieve.ARRIVE_DISTANCE", 0.0)
     end = PLAIN.back + PLAIN.forward
     reached = {
         "on the way": lambda: advance.travelled > 0.05,
@@ -316,14 +316,12 @@ def test_while_no_hand_is_known_it_stands(when: str, monkeypatch: pytest.MonkeyP
         "drawing back": lambda: advance.part == "draw back",
     }
     while not reached[when]():
-        advance.arm.read()
-        assert advance.step(start, DT) is None
+        assert step(advance, start) is None
     monkeypatch.setattr("hadr.handover.grasp_and_retrieve.ARRIVE_DISTANCE", 0.05)
     advance.arm.watch.keypoints, advance.arm.watch.problem = None, "no hand in the picture"
     held, way = robot.tool_pose(), advance.travelled
     for _ in range(20):
-        advance.arm.read()
-        assert advance.step(start, DT) is None
+        assert step(advance, start) is None
         assert advance.arm.caution == "no hand in the picture"
     assert advance.travelled == way
     assert np.linalg.norm(robot.tool_pose()[:3, 3] - held[:3, 3]) < 2e-3
@@ -331,32 +329,21 @@ def test_while_no_hand_is_known_it_stands(when: str, monkeypatch: pytest.MonkeyP
 
 def test_a_hand_behind_the_gripper_stops_the_drawing_back() -> None:
     robot, advance, start = advancing(FEELING, block=(0.030, 0.062, 0.11))
-    while advance.part != "draw back":
-        advance.arm.read()
-        advance.step(start, DT)
-    tool = robot.tool_pose()
+    tool = draw_back(robot, advance, start)
     spot = tool[:3, 3] + 0.052 * tool[:3, 0] - 0.095 * tool[:3, 2]  # 15 mm behind the bar
-    advance.arm.watch.keypoints = small_hand(spot, tool[:3, 0])
-    advance.arm.watch.middle = spot
-    advance.arm.read()
+    put_hand(advance, spot, tool[:3, 0])
     with pytest.raises(HaltError, match=r"hand .* mm from the gripper's path"):
-        advance.step(start, DT)
+        step(advance, start)
     assert np.linalg.norm(robot.tool_pose()[:3, 3] - tool[:3, 3]) < 2e-3
 
 
 def test_a_hand_in_front_lets_it_draw_back() -> None:
     """Nearer to the hand than it may go on, but on the way away from it."""
     robot, advance, start = advancing(FEELING, block=(0.030, 0.062, 0.11))
-    while advance.part != "draw back":
-        advance.arm.read()
-        advance.step(start, DT)
-    tool = robot.tool_pose()
-    spot = tool[:3, 3] + 0.0475 * tool[:3, 0] + 0.016 * tool[:3, 2]
-    advance.arm.watch.keypoints = small_hand(spot, tool[:3, 2])
-    advance.arm.watch.middle = spot
+    tool = draw_back(robot, advance, start)
+    put_hand(advance, tool[:3, 3] + 0.0475 * tool[:3, 0] + 0.016 * tool[:3, 2], tool[:3, 2])
     for _ in range(12):
-        advance.arm.read()
-        advance.step(start, DT)
+        step(advance, start)
     assert (tool[:3, 3] - robot.tool_pose()[:3, 3]) @ tool[:3, 2] > 0.005
 
 

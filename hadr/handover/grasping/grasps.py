@@ -77,14 +77,7 @@ class Grasps:
     frame: str = "camera"
 
     def __post_init__(self) -> None:
-        n = len(self.scores)
-        for name in ("scores", "widths", "heights", "depths"):
-            _check_column(getattr(self, name), (n,), name)
-        _check_column(self.rotations, (n, 3, 3), "rotations")
-        _check_column(self.translations, (n, 3), "translations")
-        if np.shape(self.object_ids) != (n,):
-            raise ValueError(f"object_ids must have shape {(n,)}, got {np.shape(self.object_ids)}")
-        if n and (self.widths < 0).any():
+        if (self.widths < 0).any():
             raise ValueError(f"widths must be 0 or more metres, got {self.widths.min()}")
         product = np.einsum("nij,nkj->nik", self.rotations, self.rotations)
         off = np.abs(product - np.eye(3)).max(axis=(1, 2), initial=0.0)
@@ -190,11 +183,3 @@ def final_travel(
     if reading not in ("past_grasp", "from_pre_grasp"):
         raise ValueError(f"reading must be past_grasp or from_pre_grasp, got {reading!r}")
     return back + forward if reading == "past_grasp" else forward
-
-
-def _check_column(values: Array, shape: tuple[int, ...], name: str) -> None:
-    if np.shape(values) != shape:
-        raise ValueError(f"{name} must have shape {shape}, got {np.shape(values)}")
-    if not np.isfinite(values).all():
-        row = int(np.argwhere(~np.isfinite(values))[0][0])
-        raise ValueError(f"grasp {row}: {name} must be finite, got {values[row]}")

@@ -296,6 +296,7 @@ def condition_row(condition: str, outcomes: Sequence[dict[str, Any]]) -> dict[st
     objects = np.array([row["trial"]["object_id"] for row in outcomes])
     motions = np.array([row["motion"] for row in outcomes])
     by_object = {name: float(won[objects == name].mean()) for name in sorted(set(objects))}
+    forces = sorted({name for row in outcomes for name in row["forces"]})
     from scipy.stats import binomtest  # takes a second to import, which no worker needs
 
     interval = binomtest(int(won.sum()), len(won)).proportion_ci(0.95, "wilson")
@@ -320,19 +321,14 @@ def condition_row(condition: str, outcomes: Sequence[dict[str, Any]]) -> dict[st
             kind: [sum(won[motions == kind].tolist()), int((motions == kind).sum())]
             for kind in sorted(set(motions))
         },
-        "failures": dict(
-            sorted(Counter(r["verdict"] for r in outcomes if r["verdict"] != "success").items())
-        ),
+        "failures": dict(sorted(Counter(row["verdict"] for row in failed).items())),
         "mean_seconds": mean("decided_at", succeeded),
         "mean_seconds_to_first_grasp": mean("first_grasp_at", outcomes),
         "mean_planning_wall_seconds": mean("planning_wall_seconds", outcomes),
         "mean_wall_seconds": mean("wall_seconds", outcomes),
         "smallest_hand_distance_m": min(row["smallest_distance"] for row in outcomes),
         "largest_force_n": max(row["largest_force"] for row in outcomes),
-        "largest_forces_n": {
-            name: max(row["forces"].get(name, 0.0) for row in outcomes)
-            for name in sorted({name for row in outcomes for name in row["forces"]})
-        },
+        "largest_forces_n": {n: max(row["forces"].get(n, 0.0) for row in outcomes) for n in forces},
         "points_right": {
             "success": mean("points_right", succeeded),
             "failure": mean("points_right", failed),

@@ -287,7 +287,9 @@ class World:
         elif self._pressing_since is None:
             self._pressing_since = self.time
         elif self.time - self._pressing_since >= RELEASE_AFTER - 1e-9:
-            self._let_go()
+            self._released_at = self.time
+            self._data.eq_active[self._grip] = 0
+            self._forearm = -self._data.xmat[self._hand].reshape(3, 3)[:, 1]
 
     def _on_gripper(self, index: int, first: int, second: int, wrench: Array) -> Array:
         """Force and torque about the tool point of a contact of the gripper, shape (6,)."""
@@ -295,11 +297,6 @@ class World:
         force = sign * (self._data.contact.frame[index].reshape(3, 3).T @ wrench[:3])
         lever = self._data.contact.pos[index] - self._data.site_xpos[self._tool]
         return np.concatenate([force, _cross(lever, force)])
-
-    def _let_go(self) -> None:
-        self._released_at = self.time
-        self._data.eq_active[self._grip] = 0
-        self._forearm = -self._data.xmat[self._hand].reshape(3, 3)[:, 1]
 
     def _hand_distance(self) -> float:
         """Smallest distance of gripper, wrist and forearm to the hand, metres; 0 in contact."""

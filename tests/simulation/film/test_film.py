@@ -1,6 +1,6 @@
 """Pictures and films of the handover: what stands where, and what comes back from the files."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from hadr.camera import project, transform_points
-from hadr.handover.simulated_ur5 import HOME_JOINTS, SimulatedUR5
+from hadr.handover.simulated_ur5 import SimulatedUR5
 from hadr.handover.stages import Stage, Transition
 from hadr.simulation.film.film import (
     CAPTION_HEIGHT,
@@ -40,17 +40,8 @@ def scene() -> HeldScene:
 
 
 @pytest.fixture(scope="module")
-def start(scene: HeldScene) -> WorldState:
-    return WorldState(
-        time=0.0,
-        joints=HOME_JOINTS,
-        gripper_width=0.06,
-        base_from_wrist=scene.base_from_wrist,
-        base_from_object=scene.base_from_object,
-        holder="hand",
-        hand_force=0.0,
-        hand_distance=0.2,
-    )
+def start(scene: HeldScene, at: Callable[..., WorldState]) -> WorldState:
+    return at(scene, 0.0, gripper_width=0.06)
 
 
 @pytest.fixture(scope="module")
