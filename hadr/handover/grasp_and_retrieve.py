@@ -16,20 +16,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from hadr.handover import safety
+from hadr.handover import safety, stages
 from hadr.handover.grasping.grasps import FEELING_STEP, forward_of
 from hadr.handover.guarded_arm import NO_NEARER, GuardedArm, HaltError, too_near
 from hadr.handover.poses import Array, pose_distance
-from hadr.handover.stages import (
-    ALONE_AFTER,
-    ARRIVE_DISTANCE,
-    CLOSE_TIMEOUT,
-    FIRM_FORCE,
-    GENTLE_FORCE,
-    LET_GO_TIME,
-    PULL_TIME,
-    RETREAT,
-)
 
 FAR_FROM_GOAL = 0.02
 """The final move waits for a tool that is farther behind than this, metres."""
@@ -129,7 +119,7 @@ class Advance:
             self.travelled = min(self._end, self.travelled + factor * c.advance_speed * dt)
         here = forward_of(target, self.travelled)
         arm.go(here, 2 * c.advance_speed, dt, factor=factor)
-        arrived = pose_distance(arm.reading.tool, here)[0] < ARRIVE_DISTANCE
+        arrived = pose_distance(arm.reading.tool, here)[0] < stages.ARRIVE_DISTANCE
         met = self._met_at()
         if met is not None:
             on_finger = abs(met) > ON_A_FINGER * arm.reading.width
@@ -215,7 +205,7 @@ class Advance:
         self.travelled = max(self._back_to, self.travelled - factor * c.advance_speed * dt)
         here = forward_of(target, self.travelled)
         arm.go(here, 2 * c.advance_speed, dt, factor=factor)
-        near = pose_distance(arm.reading.tool, here)[0] < ARRIVE_DISTANCE
+        near = pose_distance(arm.reading.tool, here)[0] < stages.ARRIVE_DISTANCE
         if self.travelled <= self._back_to and near:
             self.aside += self._side
             self._back_to, self._felt = None, ""
@@ -251,7 +241,7 @@ class Retrieval:
         """Tell the fingers of a grasp's width, metres, to close at a tool pose (4, 4)."""
         self._pose, self._told = pose, max(0.0, width - self.arm.config.squeeze)
         self._travelled = 0.0
-        self.arm.robot.set_gripper(self._told, GENTLE_FORCE)
+        self.arm.robot.set_gripper(self._told, stages.GENTLE_FORCE)
         self._still = (now, self.arm.reading.width)
         self.enter("close", now)
 
@@ -267,7 +257,7 @@ class Retrieval:
             arm.go(self._pose, c.advance_speed, dt)
             if abs(arm.reading.width - self._still[1]) > STILL:
                 self._still = (now, arm.reading.width)
-            if now - self._still[0] >= STILL_FOR or now - self._since > CLOSE_TIMEOUT:
+            if now - self._still[0] >= STILL_FOR or now - self._since > stages.CLOSE_TIMEOUT:
                 self._check_held("the fingers closed on nothing")
                 self.enter("let go", now)
             return False
@@ -277,20 +267,20 @@ class Retrieval:
             arm.hold(dt)
         elif self.part == "let go":
             arm.go(self._pose, c.advance_speed, dt)
-            if now - self._since >= LET_GO_TIME - 1e-9:
+            if now - self._since >= stages.LET_GO_TIME - 1e-9:
                 self.enter("retreat", now)
         elif self.part == "carry":
             return arm.homeward(now, dt)
         else:
-            goal, held = forward_of(self._pose, -RETREAT), self._travelled
+            goal, held = forward_of(self._pose, -stages.RETREAT), self._travelled
             factor = arm.leaving(*arm.ahead(goal), speed=c.advance_speed, now=now)
-            self._travelled = min(RETREAT, held + factor * c.advance_speed * dt)
+            self._travelled = min(stages.RETREAT, held + factor * c.advance_speed * dt)
             goal = forward_of(self._pose, -self._travelled)
             arm.go(goal, 2 * c.advance_speed, dt)
-            if held < ALONE_AFTER <= self._travelled:
-                arm.robot.set_gripper(self._told, FIRM_FORCE)
-            near = pose_distance(arm.reading.tool, goal)[0] < ARRIVE_DISTANCE
-            if self._travelled >= RETREAT and near:
+            if held < stages.ALONE_AFTER <= self._travelled:
+                arm.robot.set_gripper(self._told, stages.FIRM_FORCE)
+            near = pose_distance(arm.reading.tool, goal)[0] < stages.ARRIVE_DISTANCE
+            if self._travelled >= stages.RETREAT and near:
                 self.enter("carry", now)
         return False
 
@@ -301,7 +291,7 @@ class Retrieval:
             self._pulled_from = now
             return False
         words = f"somebody pulls at the object with {pull:.1f} N"
-        if now - self._pulled_from > PULL_TIME:
+        if now - self._pulled_from > stages.PULL_TIME:
             raise HaltError(words, back=True)
         self.arm.caution = words
         self._since = now

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from hadr.handover import safety
+from hadr.handover import safety, stages
 from hadr.handover.grasp_and_retrieve import ADVANCING, Advance, Retrieval
 from hadr.handover.grasping.grasps import forward_of
 from hadr.handover.grasping.selection import Choosing
@@ -22,22 +22,7 @@ from hadr.handover.observation import HandWatch, Observation, cleaned
 from hadr.handover.poses import Array, check_pose, pose_distance
 from hadr.handover.recovery import Recovery
 from hadr.handover.robot import Robot, UnreachableError
-from hadr.handover.stages import (
-    ARRIVE_ANGLE,
-    ARRIVE_DISTANCE,
-    BACK_OFF,
-    CHANGES,
-    GENTLE_FORCE,
-    GRASP_TIMEOUT,
-    HOME_TIMEOUT,
-    LARGEST_PUSH,
-    SETTLE_TIME,
-    ChooseGrasp,
-    ChosenGrasp,
-    HandoverConfig,
-    Stage,
-    Transition,
-)
+from hadr.handover.stages import ChooseGrasp, ChosenGrasp, HandoverConfig, Stage, Transition
 from hadr.handover.tracking import HandMotion, hand_motion
 
 CLOCK_JUMP = 1.0
@@ -210,7 +195,7 @@ class Handover:
         self._away = way / max(float(np.linalg.norm(way)), 1e-9)
         self._arrived: tuple[float, Array] | None = None
         self._there_since: float | None = None
-        self.robot.set_gripper(chosen.width, GENTLE_FORCE)
+        self.robot.set_gripper(chosen.width, stages.GENTLE_FORCE)
 
     # Approach & React
 
@@ -226,13 +211,13 @@ class Handover:
         factor = self.arm.allowed(path, least, c.approach_speed)
         self.arm.go(self.target, c.approach_speed, dt, factor=factor)
         distance, angle = pose_distance(self.arm.reading.tool, self.target)
-        if distance > 3 * ARRIVE_DISTANCE or angle > 3 * ARRIVE_ANGLE:
+        if distance > 3 * stages.ARRIVE_DISTANCE or angle > 3 * stages.ARRIVE_ANGLE:
             self._there_since = None
         elif self._there_since is None:
             self._there_since = now
         waited = 0.0 if self._there_since is None else now - self._there_since
         restless = waited >= c.restless_after
-        if not restless and (distance > ARRIVE_DISTANCE or angle > ARRIVE_ANGLE):
+        if not restless and (distance > stages.ARRIVE_DISTANCE or angle > stages.ARRIVE_ANGLE):
             self._arrived = None
             return
         if (
@@ -240,7 +225,7 @@ class Handover:
             or pose_distance(self._arrived[1], self.target)[0] > c.largest_drift
         ):
             self._arrived = (now, self.target)
-        if now - self._arrived[0] < SETTLE_TIME - 1e-9 and not restless:
+        if now - self._arrived[0] < stages.SETTLE_TIME - 1e-9 and not restless:
             return
         self._began, self.retrieval = self.target, Retrieval(self.arm)
         self.advance.begin(self.grasp.feel)
@@ -275,7 +260,7 @@ class Handover:
             return False
         self.target = self.motion.move_pose(forward_of(self.grasp.pose, -c.back))
         if self.stage is Stage.GRASP_AND_RETRIEVE:
-            pushed = safety.pushed_away(self._began, self.target, LARGEST_PUSH)
+            pushed = safety.pushed_away(self._began, self.target, stages.LARGEST_PUSH)
             self.target = forward_of(self.target, -pushed)
         self.arm.check_target(self.target)
         return True
@@ -286,8 +271,8 @@ class Handover:
         now = self.time
         assert self.grasp is not None  # set before this stage is entered
         assert self.target is not None
-        if now - self._entered > GRASP_TIMEOUT:
-            raise HaltError(f"grasp not finished within {GRASP_TIMEOUT:.1f} s", back=True)
+        if now - self._entered > stages.GRASP_TIMEOUT:
+            raise HaltError(f"grasp not finished within {stages.GRASP_TIMEOUT:.1f} s", back=True)
         if self.part not in ADVANCING:
             if self.retrieval.step(now, dt):
                 self._enter(Stage.FINISHED, "at home with the object, still held")
@@ -311,7 +296,7 @@ class Handover:
             self.caution = reason
             return
         self.tries += 1
-        distance = BACK_OFF
+        distance = stages.BACK_OFF
         straight = self.stage is Stage.GRASP_AND_RETRIEVE
         if straight:  # beside the object: out as it came in
             back, distance = True, max(distance, self.advance.travelled)
@@ -359,12 +344,12 @@ class Handover:
         if self.arm.homeward(self.time, dt):
             self.robot.stop()
             self._enter(Stage.GAVE_UP, "at home without the object")
-        elif self.time - self._entered > HOME_TIMEOUT:
-            raise HaltError(f"home not reached within {HOME_TIMEOUT:.0f} s")
+        elif self.time - self._entered > stages.HOME_TIMEOUT:
+            raise HaltError(f"home not reached within {stages.HOME_TIMEOUT:.0f} s")
         self.caution = self.arm.caution
 
     def _enter(self, stage: Stage, reason: str) -> None:
-        if stage is not Stage.GAVE_UP and stage not in CHANGES[self.stage]:
+        if stage is not Stage.GAVE_UP and stage not in stages.CHANGES[self.stage]:
             raise RuntimeError(f"{stage.value} may not follow {self.stage.value}: {reason}")
         self.transitions.append(Transition(self.time, self.stage, stage, reason))
         self.stage, self._entered = stage, self.time

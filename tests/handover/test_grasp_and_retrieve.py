@@ -23,7 +23,7 @@ FEELING = replace(PLAIN, feel_ahead=0.04, feel_aside=0.02, contact_force=2.0)
 @pytest.fixture(autouse=True)
 def _close_to_the_goal(monkeypatch: pytest.MonkeyPatch) -> None:
     """The fingers close where they were sent, within 2 mm."""
-    monkeypatch.setattr("hadr.handover.grasp_and_retrieve.ARRIVE_DISTANCE", 0.002)
+    monkeypatch.setattr("hadr.handover.stages.ARRIVE_DISTANCE", 0.002)
 
 
 class Touching(SimulatedUR5):
@@ -90,7 +90,7 @@ def step(advance: Advance, start: np.ndarray) -> np.ndarray | None:
 
 
 def final_move(advance: Advance, start: np.ndarray) -> tuple[np.ndarray, list[tuple[str, str]]]:
-    """Where the fingers close, relative to the pre-grasp; parts and words up to there, each once."""
+    """Where the fingers close, seen from the pre-grasp; parts and words up to there, each once."""
     heard = [(advance.part, advance.words)]
     for _ in range(600):
         pose = step(advance, start)
@@ -308,7 +308,7 @@ def test_while_no_hand_is_known_it_stands(when: str, monkeypatch: pytest.MonkeyP
         robot.block = None
         advance.arm.config = PLAIN
         # so that it does not end yet
-        monkeypatch.setattr("hadr.handover.grasp_and_retrieve.ARRIVE_DISTANCE", 0.0)
+        monkeypatch.setattr("hadr.handover.stages.ARRIVE_DISTANCE", 0.0)
     end = PLAIN.back + PLAIN.forward
     reached = {
         "on the way": lambda: advance.travelled > 0.05,
@@ -317,7 +317,7 @@ def test_while_no_hand_is_known_it_stands(when: str, monkeypatch: pytest.MonkeyP
     }
     while not reached[when]():
         assert step(advance, start) is None
-    monkeypatch.setattr("hadr.handover.grasp_and_retrieve.ARRIVE_DISTANCE", 0.05)
+    monkeypatch.setattr("hadr.handover.stages.ARRIVE_DISTANCE", 0.05)
     advance.arm.watch.keypoints, advance.arm.watch.problem = None, "no hand in the picture"
     held, way = robot.tool_pose(), advance.travelled
     for _ in range(20):

@@ -95,7 +95,7 @@ def test_same_seed_same_handover() -> None:
 def test_approach_follows_the_moved_hand_and_without_tracking_does_not(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("hadr.handover.grasping.selection.CALM_SPEED", np.inf)
+    monkeypatch.setattr("hadr.handover.stages.CALM_SPEED", np.inf)
     hand = MovingHand(SCENE, CAMERA, seed=2, noise=0.0)
     start = forward_of(rehearsed_grasp(), -0.10)
     for tracking in (True, False):
@@ -202,7 +202,7 @@ def test_another_holding_pose_is_observed_again() -> None:
 
 
 def test_hand_beside_the_path_stops_it_and_it_backs_off(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hadr.handover.workflow.BACK_OFF", 0.05)
+    monkeypatch.setattr("hadr.handover.stages.BACK_OFF", 0.05)
     handover = fixed_handover(HandoverConfig(safety=SafetyConfig(grasp_distance=0.06)))
     moments = run(handover, longest=7.0)
     reason = first_stop(handover)[1]
@@ -473,7 +473,7 @@ def test_a_grasp_is_chosen_in_a_calm_hand_or_after_two_seconds(
     run(handover, longest=1.0)
     assert handover.transitions[0].time == pytest.approx(0.2)  # half of the window is enough
     restless = MovingHand(SCENE, CAMERA, drift=0.04, calm_after=np.inf)
-    monkeypatch.setattr("hadr.handover.grasping.selection.CALM_SPEED", 1e-9)
+    monkeypatch.setattr("hadr.handover.stages.CALM_SPEED", 1e-9)
     handover = fixed_handover()
     run(handover, restless, longest=3.0)
     assert handover.transitions[0].time == pytest.approx(2.0)

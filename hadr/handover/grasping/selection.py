@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hadr.camera import transform_points
-from hadr.handover import safety, ur5
+from hadr.handover import safety, stages, ur5
 from hadr.handover.grasping.candidates import (
     FINGER_REACH,
     NoCandidateError,
@@ -35,15 +35,7 @@ from hadr.handover.grasping.unseen_side import turned_about_axis
 from hadr.handover.observation import HandWatch, Observation
 from hadr.handover.poses import Array, check_pose
 from hadr.handover.robot import Robot, UnreachableError
-from hadr.handover.stages import (
-    CALM_SPEED,
-    CALM_WINDOW,
-    CHOOSE_EVERY,
-    LONGEST_WAIT,
-    ChooseGrasp,
-    ChosenGrasp,
-    HandoverConfig,
-)
+from hadr.handover.stages import ChooseGrasp, ChosenGrasp, HandoverConfig
 
 HALF_TURN: Array = np.diag([-1.0, -1.0, 1.0, 1.0])
 """Turns the gripper about its approach axis; a parallel gripper grasps the same either way."""
@@ -324,13 +316,13 @@ class Choosing:
         self.caution = obstacle or self.reason
         if obstacle or not new:
             return False
-        velocity = watch.velocity(CALM_WINDOW)
-        calm = velocity is not None and bool(np.linalg.norm(velocity) < CALM_SPEED)
-        if not calm and now - self._hand_from < LONGEST_WAIT:
+        velocity = watch.velocity(stages.CALM_WINDOW)
+        calm = velocity is not None and bool(np.linalg.norm(velocity) < stages.CALM_SPEED)
+        if not calm and now - self._hand_from < stages.LONGEST_WAIT:
             self.caution = self.reason = "the hand is not calm yet"
             return False
         self.caution = self.reason = self._found
-        return now - self._searched_at >= CHOOSE_EVERY - 1e-9
+        return now - self._searched_at >= stages.CHOOSE_EVERY - 1e-9
 
     def search(self, observation: Observation, now: float, robot: Robot) -> ChosenGrasp | None:
         """Search an observation without an `obstacle`; None, and a `caution`, without a grasp.

@@ -235,7 +235,7 @@ def test_the_reason_stays_until_the_next_search() -> None:
 def test_another_obstacle_is_said_first_and_the_reason_after_it(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("hadr.handover.grasping.selection.CHOOSE_EVERY", 5.0)
+    monkeypatch.setattr("hadr.handover.stages.CHOOSE_EVERY", 5.0)
     handover = handover_with(lambda *_: None)
     words = cautions(
         handover,
@@ -250,7 +250,7 @@ def test_another_obstacle_is_said_first_and_the_reason_after_it(
 
 
 def test_not_calm_stays_said_between_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hadr.handover.grasping.selection.CALM_SPEED", 1e-9)
+    monkeypatch.setattr("hadr.handover.stages.CALM_SPEED", 1e-9)
     restless = MovingHand(SCENE, CAMERA, drift=0.04, calm_after=np.inf)
     handover = handover_with(lambda *_: None)
     words = cautions(handover, 1.5, hand=restless)
