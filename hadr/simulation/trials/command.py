@@ -131,14 +131,7 @@ def run(options: Options) -> int:
     _check(options, out, path)
     jobs = usable_cores() if options.jobs is None else options.jobs
     check_packages()
-    from hadr.simulation.trials.experiment import (
-        attempts,
-        condition_row,
-        film_of_attempt,
-        film_path,
-        is_finished,
-        run_attempts,
-    )
+    from hadr.simulation.trials import experiment
     from hadr.simulation.trials.trial import Trial
 
     if options.watch:
@@ -153,7 +146,7 @@ def run(options: Options) -> int:
         latency=options.latency,
     )
     plan = {
-        name: attempts(
+        name: experiment.attempts(
             cast("Condition", name),
             objects=options.objects,
             holds=options.holds,
@@ -169,7 +162,7 @@ def run(options: Options) -> int:
         f"{1 if options.watch else jobs} at a time"
     )
     if not options.watch:
-        done = sum(is_finished(out, trial) for trial in every)
+        done = sum(experiment.is_finished(out, trial) for trial in every)
         print(f"finished already: {done} of {len(every)} in {out}")
     if options.dry_run:
         return 0
@@ -181,14 +174,15 @@ def run(options: Options) -> int:
     with sole_owner(out, "hadr handover"):
         rows = []
         for condition, trials in plan.items():
-            rows.append(condition_row(condition, run_attempts(trials, out, jobs=jobs, report=_say)))
+            outcomes = experiment.run_attempts(trials, out, jobs=jobs, report=_say)
+            rows.append(experiment.condition_row(condition, outcomes))
             print(_sum_up(rows[-1]))
         write_result_file(path, _what(options), rows, {**provenance(), "machine": machine_text()})
         print(f"the rows: {path}")
         if options.film:
             for trial in every:
-                print(f"drawing {film_path(out, trial)}", flush=True)
-                film_of_attempt(out, trial)
+                print(f"drawing {experiment.film_path(out, trial)}", flush=True)
+                experiment.film_of_attempt(out, trial)
     return 0
 
 
