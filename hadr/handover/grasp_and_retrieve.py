@@ -93,11 +93,9 @@ class Advance:
     def step(self, pre_grasp: Array, dt: float) -> Array | None:
         """Go on for dt seconds; give the pose at which the fingers shall close, None before.
 
-        The pre-grasp (4, 4) is given as it has moved with the hand, metres, base frame.
-
-        Raises:
-            HaltError: The hand is too near (on the way on or back), the object does not fit between
-                the fingers, or the sensor at the wrist gives no number.
+        The pre-grasp (4, 4) is given as it has moved with the hand, metres, base frame. HaltError
+        where the hand is too near (on the way on or back), the object does not fit between the
+        fingers, or the sensor at the wrist gives no number.
         """
         arm, c = self.arm, self.arm.config
         target = pre_grasp.copy()
@@ -248,9 +246,8 @@ class Retrieval:
     def step(self, now: float, dt: float) -> bool:
         """Go on for dt seconds; True once the object is home.
 
-        Raises:
-            HaltError: Nothing is between the fingers, somebody pulls at it for long, the hand is in
-                the way, or the sensor at the wrist gives no number.
+        HaltError where nothing is between the fingers, somebody pulls at it for long, the hand is
+        in the way, or the sensor at the wrist gives no number.
         """
         arm, c = self.arm, self.arm.config
         if self.part == "close":

@@ -146,8 +146,7 @@ class GuardedArm:
     def leaving(self, *path: Array, speed: float, now: float) -> float:
         """Part of a speed on a way off the hand, over tool poses: `BLIND` where none is seen.
 
-        Raises:
-            HaltError: It leads into the hand, or into where one was last seen.
+        HaltError where it leads into the hand, or into where one was last seen.
         """
         watch = self.watch
         trouble = watch.trouble(now) or watch.problem

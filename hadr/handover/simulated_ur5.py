@@ -80,9 +80,6 @@ class SimulatedUR5:
         wrench: What `tool_wrench` returns. Whoever plays a hand that pulls sets it.
         protective_stop: Empty, as this arm feels no force. Whoever plays one writes its reason
             here, and clears it as a person would.
-
-    Raises:
-        UnreachableError: The home pose breaks a limit.
     """
 
     def __init__(self, config: ArmConfig | None = None) -> None:
@@ -149,11 +146,9 @@ class SimulatedUR5:
     def servo_to(self, base_from_tool: Array, dt: float) -> None:
         """Move toward a tool pose (4, 4) for dt seconds, at most 0.1, all joints in step.
 
-        Where the arm may not go on it brakes; before a limit it stands at once.
-
-        Raises:
-            UnreachableError: The target, or the next point on the way to it, breaks a limit.
-            ValueError: The target is no rigid transform, or dt is out of range.
+        Where the arm may not go on it brakes; before a limit it stands at once. UnreachableError
+        where the target, or the next point on the way to it, breaks a limit; ValueError for no
+        rigid transform, or dt out of range.
         """
         if not 0 < dt <= 0.1:
             raise ValueError(f"dt must be more than 0 and at most 0.1 seconds, got {dt}")

@@ -160,9 +160,6 @@ class HandoverConfig:
         tries: After so many stops, go home.
         patience: Go home where the object is not in the gripper so long after a hand was seen.
         safety: Thresholds of the safety checks.
-
-    Raises:
-        ValueError: A setting is no number, not finite or too small; the message names it.
     """
 
     back: float = 0.10

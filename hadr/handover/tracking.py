@@ -48,8 +48,7 @@ class HandMotion:
             wrist's keypoint does not shift everything; `current_wrist` is then where the fit puts
             the wrist.
         outliers: Names of the keypoints that the robust form left out.
-        robust: Whether the robust form was asked for and found a group that moves as one body;
-            where it found none the plain form stands here.
+        robust: Whether the robust form was asked for and found a group that moves as one body.
     """
 
     rotation: Array
@@ -161,11 +160,8 @@ def hand_motion(
     out and named. The fit turns about the group's middle, so that an error of the wrist's keypoint
     does not shift everything; `current_wrist` is then where the fit puts the wrist. Where no four
     keypoints move as one body, as in keypoints of much noise, the plain form is used, and `robust`
-    of the answer is False. `about` is as in `HandMotion`, `flip` as in `best_rotation`.
-
-    Raises:
-        ValueError: Keypoints of another shape, with NaN or not in metres, or all on one line or in
-            one place.
+    of the answer is False. `about` is as in `HandMotion`, `flip` as in `best_rotation`. ValueError
+    for keypoints of another shape, with NaN or not in metres, or all on one line or in one place.
     """
     before, now = check_keypoints(initial), check_keypoints(current)
     for keypoints in (before, now):

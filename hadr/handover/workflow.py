@@ -89,11 +89,7 @@ class Handover:
         """Look once and move until the next call, dt seconds, at most 0.1; give the stage then.
 
         The observation may be of the same picture as the one before. Nothing raises on bad ones:
-        they stop the robot.
-
-        Raises:
-            ValueError: dt is out of range.
-            Exception: Whatever else the robot's driver raises; the robot is stopped for good then.
+        they stop the robot. Whatever the robot's driver raises stops it for good, and goes on.
         """
         if not 0 < dt <= 0.1:
             raise ValueError(f"dt must be more than 0 and at most 0.1 seconds, got {dt}")

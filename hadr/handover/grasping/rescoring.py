@@ -124,9 +124,7 @@ def rescore(
 
     `axes` is the order of columns that R_g has in the literal form: the paper's (z approaches) or
     graspnetAPI's (x approaches). The intended form, the workflow's, does not depend on it.
-
-    Raises:
-        ValueError: Grasps and directions are written in different frames, or an unknown form.
+    ValueError for grasps and directions in different frames, or an unknown form.
     """
     if grasps.frame != directions.frame:
         raise ValueError(

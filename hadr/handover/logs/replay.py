@@ -103,9 +103,8 @@ def logged_observation(log: RunLog, step: int) -> Observation:
 def replay(log: RunLog) -> Handover:
     """Run the workflow on a log; give the handover at its end.
 
-    Raises:
-        ValueError: Another transition or command comes out than is in the log, or its settings are
-            not those of this version.
+    ValueError where another transition or command comes out than is in the log, or its settings
+    are not those of this version.
     """
     robot = LoggedRobot(log)
     header = log.header

@@ -136,10 +136,7 @@ def _is_array(values: Any, shape: tuple[int, ...]) -> bool:
 def read_run_log(path: str | Path) -> RunLog:
     """Read what `RunLog.save` wrote.
 
-    Raises:
-        ValueError: The file is cut off, was changed, or is no log of this format; the message
-            names the file and what is wrong in it.
-        FileNotFoundError: There is no such file.
+    ValueError names the file that is cut off, was changed or is no log of this format.
     """
     arrays = read_arrays(path, _SCHEMA)
     text, sealed = str(arrays.pop("header")), str(arrays.pop("checksum"))

@@ -125,11 +125,7 @@ def captioned(
 
 
 def film_times(states: Sequence[WorldState], rate: float) -> list[float]:
-    """Times in seconds of a film's pictures, the last state's included.
-
-    Raises:
-        ValueError: There is no state, or the rate (pictures a second) is not positive.
-    """
+    """Times in seconds of a film's pictures, so many a second, the last state's included."""
     if not states:
         raise ValueError("a film needs at least one state, got none")
     if not rate > 0:

@@ -63,11 +63,8 @@ class ArmMotion:
     def joint_goals(self, base_from_tool: Array, near: Array | None = None) -> Iterator[Array]:
         """Joint angles (6,) that reach a pose (4, 4) within every limit, the shortest way first.
 
-        The way begins at joint angles `near`, or where the arm stands.
-
-        Raises:
-            UnreachableError: None keeps every limit; the message names one of them.
-            ValueError: The target is no rigid transform.
+        The way begins at joint angles `near`, or where the arm stands. UnreachableError, where none
+        keeps every limit, names one of them.
         """
         problems = []
         for joints in solutions_by_way(base_from_tool, self.joints if near is None else near):

@@ -120,11 +120,8 @@ class PhysicalUR5:
     def servo_to(self, base_from_tool: Array, dt: float) -> None:
         """Set the command for the next dt seconds, at most 0.1: move toward a tool pose (4, 4).
 
-        Without a new one the arm brakes after it; and where this one raises.
-
-        Raises:
-            UnreachableError: The target breaks a limit.
-            ValueError: The target is no rigid transform, or dt is out of range.
+        Without a new one the arm brakes after it; and where this one raises: UnreachableError for a
+        target that breaks a limit, ValueError for no rigid transform or dt out of range.
         """
         if not 0 < dt <= 0.1:
             raise ValueError(f"dt must be more than 0 and at most 0.1 seconds, got {dt}")

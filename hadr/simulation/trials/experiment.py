@@ -224,11 +224,7 @@ def finished_attempt(
 
 
 def read_row(path: Path) -> dict[str, Any]:
-    """Read an attempt's row, whatever attempt it is of.
-
-    Raises:
-        ValueError: It is cut off, or no row at all; the message has the path and what to do.
-    """
+    """Read an attempt's row, whatever attempt it is of; ValueError where it is cut off or none."""
     try:
         row = json.loads(path.read_text(encoding="utf-8"))
     except ValueError as error:
@@ -248,10 +244,7 @@ def film_path(out: Path, trial: Trial) -> Path:
 
 
 def film_of_attempt(out: Path, trial: Trial) -> Path:
-    """Write a finished attempt's film beside its files; its last caption says the verdict.
-
-    Raises as `finished_attempt`.
-    """
+    """Write a finished attempt's film beside its files; errors as of `finished_attempt`."""
     row, states, changes, scene = finished_attempt(out, trial)
     frames = film_frames(states, scene, changes, ending=ending_of(row))
     return write_film(film_path(out, trial), frames)
@@ -263,11 +256,7 @@ def ending_of(row: dict[str, Any]) -> str:
 
 
 def verdicts(outcomes: Sequence[dict[str, Any]]) -> dict[str, str]:
-    """The judge's word on each attempt of `run_attempts`, by its name, such as ``0004-902``.
-
-    Raises:
-        ValueError: An attempt is there twice.
-    """
+    """The judge's word on each attempt of `run_attempts`, by its name; ValueError if it is twice."""
     found: dict[str, str] = {}
     for row in outcomes:
         name = f"{row['trial']['object_id']}-{row['trial']['hold_number']}"

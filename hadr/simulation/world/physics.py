@@ -148,11 +148,7 @@ class World:
         return float(self._data.time)
 
     def step(self, dt: float) -> None:
-        """Let dt seconds pass.
-
-        Raises:
-            ValueError: dt is no positive multiple of the physics' step.
-        """
+        """Let dt seconds pass; ValueError where they are no positive multiple of a step's."""
         steps = dt / self._model.opt.timestep
         if not (np.isfinite(steps) and round(steps) >= 1 and abs(steps - round(steps)) < 1e-6):
             raise ValueError(

@@ -76,10 +76,8 @@ def held_scene(object_id: str, hold_number: int, seed: int = 0) -> HeldScene:
 
     The object leans by up to 20 degrees. Of all turns about the vertical the one is taken in which
     the forearm points away from the robot, but for up to 35 degrees to either side. The seed
-    chooses the place, the lean and the skin, not the holding pose.
-
-    Raises:
-        ValueError: The object is unknown or the number negative.
+    chooses the place, the lean and the skin, not the holding pose. ValueError for an unknown object
+    or a negative number.
     """
     hold = make_hold(object_id, hold_number)
     rng = np.random.default_rng([seed, int(object_id), hold_number, 61])

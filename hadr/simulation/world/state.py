@@ -26,12 +26,10 @@ class WorldState:
     """The world at one moment; base frame, metres, radians, newtons, seconds.
 
     Attributes:
-        time: Since the start.
         joints: The arm's joint angles, shape (6,).
         gripper_width: Distance between the fingers' pads.
         base_from_wrist: Pose of the hand, shape (4, 4).
         base_from_object: Pose of the object, shape (4, 4).
-        holder: Who holds the object.
         hand_force: Largest force of the robot on the hand in the world's last step, newtons.
         through_force: Largest force of the gripper on the object while the hand held it, in that
             step, newtons: the hand feels it through the object, but for the glass's own inertia.
@@ -75,11 +73,7 @@ def load_states(path: Path) -> list[WorldState]:
     """Read what `save_states` wrote; who calls compares the file's checksum.
 
     Numbers come back in single precision, but poses are made rigid again to double precision, so
-    that they pass the checks of poses.
-
-    Raises:
-        FileNotFoundError: There is no such file.
-        ValueError: The file is cut off or damaged, of another version, or no file of states.
+    that they pass the checks of poses. Errors as of `read_arrays`, and for another version.
     """
     arrays = read_arrays(path, _SCHEMA)
     if arrays["version"] != _VERSION:
