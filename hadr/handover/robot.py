@@ -7,10 +7,7 @@ gripper: the approach axis. Joint angles are those of a UR5: from them the guard
 and forearm are, and how nearly singular the arm is.
 """
 
-from dataclasses import dataclass
 from typing import Protocol
-
-import numpy as np
 
 from hadr.handover.poses import Array
 
@@ -81,24 +78,3 @@ class Robot(Protocol):
         Newtons and newton metres, less the gripper's own weight, as of a zeroed sensor.
         """
         ...
-
-
-@dataclass(frozen=True)
-class Workspace:
-    """The box in the base frame that the tool point may not leave: two corners in metres.
-
-    No part of the arm beyond the shoulder may go below the table's height, metres.
-    """
-
-    lower: tuple[float, float, float] = (-0.85, -0.85, 0.05)
-    upper: tuple[float, float, float] = (1.0, 0.85, 1.1)
-    table: float = 0.03
-
-    def __post_init__(self) -> None:
-        if not np.all(np.asarray(self.lower) < np.asarray(self.upper)):
-            raise ValueError(f"lower must lie below upper, got {self.lower} and {self.upper}")
-
-    def contains(self, point: Array, margin: float = 0.0) -> bool:
-        """Say whether a point (3,) lies in the box, by a margin; metres."""
-        low, high = np.add(self.lower, margin), np.subtract(self.upper, margin)
-        return bool(np.all(point >= low) and np.all(point <= high))

@@ -1,17 +1,21 @@
 """A UR5 that moves in time without physics: as told, within its limits."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from hadr.handover import ur5
 from hadr.handover.grasping.gripper import FLANGE_FROM_TOOL, LARGEST_OPENING
 from hadr.handover.poses import Array, check_pose
-from hadr.handover.robot import UnreachableError, Workspace
+from hadr.handover.robot import UnreachableError
 
 HOME_JOINTS: Array = np.deg2rad([5.99, -130.74, 121.43, 9.32, 95.99, 0.0])
 """Waiting pose: elbow up, the tool at (0.34, 0.12, 0.38) m, level and facing forward along x."""
 
+WORKSPACE = (-0.85, -0.85, 0.05), (1.0, 0.85, 1.1)
+"""The box in the base frame that the tool point may not leave: two corners, metres."""
+TABLE = 0.03
+"""Height that no part of the arm beyond the shoulder may go below, metres."""
 TOOL_SPEED = 0.25
 """Largest speed of the tool point, m/s: ISO 10218-1's reduced speed."""
 JOINT_ACCELERATION = 5.0
@@ -23,20 +27,15 @@ class ArmConfig:
     """Settings of the simulated arm.
 
     Attributes:
-        home: Joint angles at the start, shape (6,), radians.
         speed_fraction: Part of the joints' top speed (180 degrees per second) that is used;
             a quarter is slow enough to be watched beside a person.
         finger_speed: Speed of opening and closing, metres per second.
-        workspace: Where the tool may go.
     """
 
-    home: Array = field(default_factory=lambda: HOME_JOINTS.copy())
     speed_fraction: float = 0.25
     finger_speed: float = 0.1
-    workspace: Workspace = field(default_factory=Workspace)
 
     def __post_init__(self) -> None:
-        ur5.check_joints(self.home)
         if not 0 < self.speed_fraction <= 1:
             raise ValueError(f"speed_fraction must lie in (0, 1], got {self.speed_fraction}")
 
@@ -51,23 +50,29 @@ def solutions_by_way(base_from_tool: Array, start: Array) -> Array:
     return by_way
 
 
+def in_workspace(point: Array, margin: float = 0.0) -> bool:
+    """Say whether a point (3,) lies in the `WORKSPACE`, by a margin; metres."""
+    low, high = np.add(WORKSPACE[0], margin), np.subtract(WORKSPACE[1], margin)
+    return bool(np.all(point >= low) and np.all(point <= high))
+
+
 def broken_limit(
-    space: Workspace, joints: Array, tool: Array, to_flange: Array, lowest: float, margin: float = 0
+    joints: Array, tool: Array, to_flange: Array, lowest: float, margin: float = 0.0
 ) -> str:
     """Name the limit that joint angles (6,) break, or return an empty string.
 
-    Of them come the tool point (3,), which stays inside the space by a margin, the way to the
-    flange (3,) from the shoulder, and the height of the lowest link beyond it; metres, base frame.
+    Of them come the tool point (3,), in the workspace by a margin, the way to the flange (3,) from
+    the shoulder, and the height of the lowest link beyond it; metres, base frame.
     """
     if np.any(joints < ur5.JOINT_LOWER) or np.any(joints > ur5.JOINT_UPPER):
         return f"joint angles {np.round(joints, 3)} rad lie outside the joint limits"
-    if not space.contains(tool, margin):
+    if not in_workspace(tool, margin):
         return f"tool point {np.round(tool, 3)} m lies outside the workspace box"
     reach = float(np.linalg.norm(to_flange))
     if reach > ur5.REACH:
         return f"flange {reach:.3f} m from the shoulder, reach is {ur5.REACH} m"
-    if lowest < space.table:
-        return f"a link would be at height {lowest:.3f} m, the table at {space.table} m"
+    if lowest < TABLE:
+        return f"a link would be at height {lowest:.3f} m, the table at {TABLE} m"
     return ""
 
 
@@ -84,16 +89,13 @@ class SimulatedUR5:
 
     def __init__(self, config: ArmConfig | None = None) -> None:
         self.config = config or ArmConfig()
-        self._joints, self._velocity = self.config.home.copy(), np.zeros(6)
+        self._joints, self._velocity = HOME_JOINTS.copy(), np.zeros(6)
         self._opening = self._target_opening = LARGEST_OPENING
         self._stopped = False
         self._force = 0.0
         self.between_fingers = 0.0
         self.wrench: Array = np.zeros(6)
         self.protective_stop = ""
-        problem = self._broken_limit(self._joints)
-        if problem:
-            raise UnreachableError(f"the home pose is not allowed: {problem}")
 
     def tool_pose(self) -> Array:
         """Return base_from_tool now, shape (4, 4), metres."""
@@ -229,4 +231,4 @@ class SimulatedUR5:
         """Name the limit that joint angles (6,) break, or return an empty string."""
         outline, tool = ur5.link_outline(joints), self.tool_pose_at(joints)[:3, 3]
         reach, lowest = outline[-1] - outline[1], outline[2:, 2].min()
-        return broken_limit(self.config.workspace, joints, tool, reach, lowest)
+        return broken_limit(joints, tool, reach, lowest)

@@ -129,7 +129,7 @@ that there is no grasp; any other is a defect."""
 
 @dataclass(frozen=True)
 class HandoverConfig:
-    """Distances, times and limits of the workflow; metres, radians, seconds.
+    """Distances, times, limits of the workflow; metres, radians, seconds. ValueError for a bad one.
 
     Attributes:
         back: Pre-grasp's distance behind the grasp (the paper's 10 cm).

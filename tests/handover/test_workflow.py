@@ -16,9 +16,8 @@ from hadr.handover.grasping.grasps import forward_of
 from hadr.handover.grasping.selection import GraspSelection
 from hadr.handover.observation import Observation
 from hadr.handover.poses import pose_distance
-from hadr.handover.robot import Workspace
 from hadr.handover.safety import SafetyConfig
-from hadr.handover.simulated_ur5 import ArmConfig, SimulatedUR5
+from hadr.handover.simulated_ur5 import TABLE, SimulatedUR5, in_workspace
 from hadr.handover.stages import ChosenGrasp, HandoverConfig, Stage
 from hadr.handover.tracking import hand_motion
 from hadr.handover.workflow import Handover
@@ -228,7 +227,7 @@ def test_it_slows_down_beside_the_hand_and_says_so() -> None:
     assert final[-1] > fast.transitions[-1].time + 0.3
 
 
-def test_out_of_reach_stops_it() -> None:
+def test_out_of_reach_stops_it(monkeypatch: pytest.MonkeyPatch) -> None:
     far = rehearsed_grasp()
     far[:3, 3] = [0.6, 0.8, 0.35]  # in the workspace's box, beside the hand, 1 m from the base
     handover = Handover(
@@ -236,8 +235,8 @@ def test_out_of_reach_stops_it() -> None:
     )
     run(handover, longest=2.0)
     assert "out of reach" in first_stop(handover)[1]
-    box = ArmConfig(workspace=Workspace(upper=(0.4, 0.85, 1.1)))
-    handover = Handover(SimulatedUR5(box), lambda *_: ChosenGrasp(far, 0.07, 1.0), CAMERA)
+    monkeypatch.setattr("hadr.handover.simulated_ur5.WORKSPACE", ((-1, -1, 0), (0.4, 0.85, 1.1)))
+    handover = Handover(SimulatedUR5(), lambda *_: ChosenGrasp(far, 0.07, 1.0), CAMERA)
     far[:3, 3] = rehearsed_grasp()[:3, 3]
     run(handover, longest=2.0)
     assert "out of reach" in first_stop(handover)[1]
@@ -546,8 +545,8 @@ def test_garbage_neither_raises_nor_leaves_the_workspace(data: st.DataObject, st
         )
         before = arm.joint_positions()
         handover.step(garbage, DT)
-        assert arm.config.workspace.contains(arm.tool_pose()[:3, 3])
-        assert arm.outline()[2:, 2].min() >= arm.config.workspace.table
+        assert in_workspace(arm.tool_pose()[:3, 3])
+        assert arm.outline()[2:, 2].min() >= TABLE
         turned = np.abs(arm.joint_positions() - before).max()
         assert turned <= 0.25 * ur5.JOINT_SPEED * DT + 1e-9
 

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from hadr.handover import ur5
 from hadr.handover.poses import Array
 from hadr.handover.robot import UnreachableError
-from hadr.handover.simulated_ur5 import ArmConfig, solutions_by_way
+from hadr.handover.simulated_ur5 import HOME_JOINTS, ArmConfig, solutions_by_way
 from hadr.simulation.robot.arm_model import kinematic_model
 from hadr.simulation.robot.motion_limits import TOOL_SPEED, MotionConfig, MotionRows
 
@@ -39,7 +39,7 @@ class ArmMotion:
 
     def __post_init__(self) -> None:
         model = kinematic_model()
-        self.joints, self.velocity = self.arm.home.copy(), np.zeros(6)
+        self.joints, self.velocity = HOME_JOINTS.copy(), np.zeros(6)
         self._configuration = mink.Configuration(model, self.joints)
         self._trial = mink.Configuration(model, self.joints)
         self.rows = MotionRows(model, self.arm, self.motion)
@@ -51,9 +51,6 @@ class ArmMotion:
         self._way = [self.joints]
         self._start = np.zeros(3)
         self._idle, self._best, self._by_joints = 0.0, np.inf, False
-        problem = self.rows.broken(self._configuration)
-        if problem:
-            raise UnreachableError(f"the home pose is not allowed: {problem}")
 
     def tool_pose_at(self, joints: Array) -> Array:
         """Return base_from_tool (4, 4) in metres for joint angles (6,) in radians."""
@@ -120,7 +117,7 @@ class ArmMotion:
     def _find_way(self, target: Array) -> None:
         """Look for a way in joint space that keeps every limit, rather a nowhere singular one."""
         goals = list(self.joint_goals(target))
-        ways = [[goal] for goal in goals] + [[self.arm.home, goal] for goal in goals]
+        ways = [[goal] for goal in goals] + [[HOME_JOINTS, goal] for goal in goals]
         free = (
             way for least in (LEAST_SINGULAR_VALUE, 0.0) for way in ways if self._free(way, least)
         )

@@ -16,7 +16,7 @@ import numpy as np
 
 from hadr.handover import ur5
 from hadr.handover.poses import Array
-from hadr.handover.simulated_ur5 import ArmConfig, broken_limit
+from hadr.handover.simulated_ur5 import TABLE, WORKSPACE, ArmConfig, broken_limit
 from hadr.simulation.robot.arm_model import GRIPPER_GEOMS
 
 
@@ -62,7 +62,6 @@ class MotionRows(mink.Limit):  # type: ignore[misc]
     """All limits as rows G dq <= h; see the module's text for why they never contradict."""
 
     def __init__(self, model: mujoco.MjModel, arm: ArmConfig, motion: MotionConfig) -> None:
-        self.arm = arm
         self.speed = ur5.JOINT_SPEED * arm.speed_fraction / OVERSHOOT[0]
         self.acceleration = motion.joint_acceleration / OVERSHOOT[1]
         self.braking_time = max(0.2, 1.1 * self.speed / self.acceleration)
@@ -87,10 +86,10 @@ class MotionRows(mink.Limit):  # type: ignore[misc]
 
     def broken(self, configuration: mink.Configuration) -> str:
         """Name the limit that a configuration breaks, or return an empty string."""
-        data, space = configuration.data, self.arm.workspace
+        data = configuration.data
         tool, reach = data.site_xpos[self._tool], data.site_xpos[self._flange] - self._shoulder
         lowest = data.site_xpos[self._points, 2].min()
-        problem = broken_limit(space, data.qpos, tool, reach, lowest, MARGIN)
+        problem = broken_limit(data.qpos, tool, reach, lowest, MARGIN)
         if problem:
             return problem
         model = configuration.model
@@ -105,7 +104,7 @@ class MotionRows(mink.Limit):  # type: ignore[misc]
         self, configuration: mink.Configuration, dt: float
     ) -> mink.Constraint:
         """Rows for one step of dt seconds from a configuration."""
-        model, data, space = configuration.model, configuration.data, self.arm.workspace
+        model, data = configuration.model, configuration.data
         share = dt / self.braking_time
         step = self.acceleration * dt
         up = np.minimum(self.speed, self.velocity + step) * dt
@@ -117,7 +116,7 @@ class MotionRows(mink.Limit):  # type: ignore[misc]
         along = _DIRECTIONS @ tool
         fast = np.full(len(along), TOOL_SPEED * _ROUNDNESS * dt)
         heights = np.stack([self._jacobian(model, data, i)[2] for i in self._points])
-        above = (data.site_xpos[self._points, 2] - space.table) * share
+        above = (data.site_xpos[self._points, 2] - TABLE) * share
         away = data.site_xpos[self._flange] - self._shoulder
         reach = float(np.linalg.norm(away))
         out = (away / reach) @ self._jacobian(model, data, self._flange)
@@ -126,8 +125,8 @@ class MotionRows(mink.Limit):  # type: ignore[misc]
         near = np.isfinite(apart.h)
         rows = [np.eye(6), -np.eye(6), tool, -tool, along, -along, -heights, out[None]]
         bounds = [up, down]
-        bounds += [(np.asarray(space.upper) - MARGIN - place) * share]
-        bounds += [(place - np.asarray(space.lower) - MARGIN) * share]
+        bounds += [(np.asarray(WORKSPACE[1]) - MARGIN - place) * share]
+        bounds += [(place - np.asarray(WORKSPACE[0]) - MARGIN) * share]
         bounds += [fast, fast, above, np.array([(ur5.REACH - reach) * share])]
         G = np.concatenate([*rows, apart.G[near]])
         h = np.concatenate([*bounds, apart.h[near]])

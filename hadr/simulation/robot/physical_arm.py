@@ -15,7 +15,7 @@ from hadr.handover import ur5
 from hadr.handover.grasping.gripper import LARGEST_OPENING
 from hadr.handover.poses import Array, check_pose
 from hadr.handover.robot import UnreachableError
-from hadr.handover.simulated_ur5 import ArmConfig
+from hadr.handover.simulated_ur5 import HOME_JOINTS, ArmConfig
 from hadr.handover.stages import GENTLE_FORCE
 from hadr.simulation.robot.arm_motion import LEAST_SINGULAR_VALUE, ArmMotion
 from hadr.simulation.robot.motion_limits import MotionConfig
@@ -82,8 +82,7 @@ class PhysicalUR5:
         self._stopped = False
         self._touch, self._press, self._links = np.zeros(6), 0.0, 0.0
         self._opening = self._target_opening = LARGEST_OPENING
-        home = arm.home
-        data.qpos[self._joints] = home
+        data.qpos[self._joints] = home = HOME_JOINTS
         data.qpos[self._fingers] = self._opening / 2
         self._stretch = _Stretch(data.time - 0.02, 0.02, home, (np.zeros(6), np.zeros(6)))
         self.home_pose: Array = self._motion.tool_pose_at(home)

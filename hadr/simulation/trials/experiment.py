@@ -256,7 +256,7 @@ def ending_of(row: dict[str, Any]) -> str:
 
 
 def verdicts(outcomes: Sequence[dict[str, Any]]) -> dict[str, str]:
-    """The judge's word on each attempt of `run_attempts`, by its name; ValueError if it is twice."""
+    """The judge's word on each attempt of `run_attempts`, by name; ValueError if one is twice."""
     found: dict[str, str] = {}
     for row in outcomes:
         name = f"{row['trial']['object_id']}-{row['trial']['hold_number']}"

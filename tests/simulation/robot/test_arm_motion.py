@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from hadr.handover import ur5
 from hadr.handover.poses import between, pose_distance
 from hadr.handover.robot import UnreachableError
-from hadr.handover.simulated_ur5 import ArmConfig
+from hadr.handover.simulated_ur5 import HOME_JOINTS, ArmConfig, in_workspace
 from hadr.simulation.robot.arm_motion import LEAST_SINGULAR_VALUE, ArmMotion
 from hadr.simulation.robot.motion_limits import CLEARANCE, MARGIN
 
@@ -25,7 +25,7 @@ def motion() -> ArmMotion:
 
 
 def home(motion: ArmMotion) -> ArmMotion:
-    motion.put(motion.arm.home.copy(), np.zeros(6))
+    motion.put(HOME_JOINTS.copy(), np.zeros(6))
     return motion
 
 
@@ -113,9 +113,8 @@ def test_short_ways_are_straight_and_as_fast_as_allowed(motion: ArmMotion) -> No
 @given(st.integers(0, 2**32 - 1), st.floats(0.1, 1.5))
 def test_no_target_breaks_a_limit(seed: int, spread: float) -> None:
     rng = np.random.default_rng(seed)
-    config = ArmConfig(speed_fraction=0.35)
-    motion = shared(config)
-    space, limits = config.workspace, motion.motion
+    motion = shared(ArmConfig(speed_fraction=0.35))
+    limits = motion.motion
     for _ in range(5):
         target = np.eye(4)
         target[:3, :3] = Rotation.random(rng=rng).as_matrix()
@@ -130,7 +129,7 @@ def test_no_target_breaks_a_limit(seed: int, spread: float) -> None:
             assert np.abs(motion.velocity).max() <= np.pi * 0.35 + SOLVER
             step = np.abs(motion.velocity - before).max()
             assert step <= limits.joint_acceleration * DT + SOLVER
-            assert space.contains(motion.tool_pose_at(motion.joints)[:3, 3])
+            assert in_workspace(motion.tool_pose_at(motion.joints)[:3, 3])
             assert nearest_links(motion) > CLEARANCE - 1e-3
 
 
@@ -170,7 +169,7 @@ def test_the_edge_of_the_workspace_holds_a_target_on_it(motion: ArmMotion) -> No
 
 def test_braking_takes_the_time_of_the_acceleration(motion: ArmMotion) -> None:
     velocity = np.array([1.0, -0.5, 0.2, 0, 0, 0])
-    motion.put(motion.arm.home.copy(), velocity)
+    motion.put(HOME_JOINTS.copy(), velocity)
     motion.brake(DT, 5.0)
     np.testing.assert_allclose(motion.velocity, 0.9 * velocity)  # 1 rad/s less 5 rad/s2 x 0.02 s
     for _ in range(9):
