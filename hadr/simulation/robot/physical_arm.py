@@ -76,16 +76,14 @@ class PhysicalUR5:
         self._speed = np.array([model.actuator(f"speed_{i}").id for i in range(1, 7)])
         self._grip = model.actuator("fingers").id
         self._joints = np.array([model.joint(f"joint_{i}").qposadr[0] for i in range(1, 7)])
-        self._fingers = np.array(
-            [model.joint(f"{side}_finger").qposadr[0] for side in ("left", "right")]
-        )
+        sides = ("left", "right")
+        self._fingers = np.array([model.joint(f"{s}_finger").qposadr[0] for s in sides])
         self._stopped = False
         self._touch, self._press, self._links = np.zeros(6), 0.0, 0.0
         self._opening = self._target_opening = LARGEST_OPENING
-        data.qpos[self._joints] = home = HOME_JOINTS
-        data.qpos[self._fingers] = self._opening / 2
-        self._stretch = _Stretch(data.time - 0.02, 0.02, home, (np.zeros(6), np.zeros(6)))
-        self.home_pose: Array = self._motion.tool_pose_at(home)
+        data.qpos[self._joints], data.qpos[self._fingers] = HOME_JOINTS, self._opening / 2
+        self._stretch = _Stretch(data.time - 0.02, 0.02, HOME_JOINTS, (np.zeros(6), np.zeros(6)))
+        self.home_pose: Array = self._motion.tool_pose_at(HOME_JOINTS)
         self._force = self._wanted_force = GENTLE_FORCE
         self.drive()
 

@@ -80,9 +80,8 @@ def run_attempts(
     trials = list(trials)
     rows = {i: row for i, trial in enumerate(trials) if (row := _finished_row(out, trial))}
     missing = [i for i in range(len(trials)) if i not in rows]
-    jobs = min(jobs, len(missing))
-    made = _in_processes(trials, missing, out, jobs) if jobs > 1 else _here(trials, missing, out)
-    with closing(made) as finished:
+    make = _here if jobs == 1 or not missing else _in_processes
+    with closing(make(trials, missing, out, min(jobs, len(missing)))) as finished:
         for i, row in chain(list(rows.items()), finished):
             rows[i] = row
             if report is not None:
@@ -91,7 +90,7 @@ def run_attempts(
 
 
 def _here(
-    trials: Sequence[Trial], missing: Iterable[int], out: Path
+    trials: Sequence[Trial], missing: Iterable[int], out: Path, _: int
 ) -> Generator[tuple[int, dict[str, Any]]]:
     """As `_in_processes`, in this one."""
     threads = torch.get_num_threads()
