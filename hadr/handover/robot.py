@@ -25,56 +25,43 @@ class Robot(Protocol):
 
     def tool_pose(self) -> Array:
         """Return base_from_tool now, shape (4, 4), metres."""
-        ...
 
     def joint_positions(self) -> Array:
         """Return the joint angles now, shape (6,), radians."""
-        ...
 
     def joints_at(self, base_from_tool: Array) -> Array:
         """Return the joint angles (6,) with which it would stand there; `UnreachableError`."""
-        ...
 
     def reachable(self, base_from_tool: Array) -> bool:
         """Say whether the tool could stand at this pose, shape (4, 4), within all limits."""
-        ...
 
     def straight_way(self, base_from_tool: Array) -> bool:
         """Say whether it could go from here to a pose, shape (4, 4), without a detour."""
-        ...
 
     def servo_to(self, base_from_tool: Array, dt: float) -> None:
         """Move toward a tool pose, shape (4, 4), for dt seconds, keeping every limit."""
-        ...
 
     def stop(self) -> None:
         """Stand still; no later command moves the arm until `release`."""
-        ...
 
     def release(self) -> None:
         """Let the arm move again after `stop`. From a protective stop only a person releases it."""
-        ...
 
     @property
     def protective_stop(self) -> str:
-        """Why the arm stopped by itself, until a person at the arm releases it; else empty."""
-        ...
+        """Why the arm stopped by itself and stands until a person releases it there; else empty."""
 
     def set_gripper(self, width: float, force: float) -> None:
         """Open or close the fingers to a width in metres, pressing by at most a force, newtons."""
-        ...
 
     def gripper_width(self) -> float:
         """Return the distance between the fingers now, metres."""
-        ...
 
     def finger_force(self) -> float:
         """Return how hard both fingers press on what is between them, newtons; 0: on nothing."""
-        ...
 
     def tool_wrench(self) -> Array:
         """Return force and torque about the tool point on the gripper, shape (6,), base frame.
 
         Newtons and newton metres, less the gripper's own weight, as of a zeroed sensor.
         """
-        ...

@@ -116,7 +116,8 @@ class Grasps:
                 f"grasp {row}: {ROW_NAMES[column]} must be finite, got {table[row, column]}"
             )
         rotations, ids = table[:, 4:13].reshape(-1, 3, 3), table[:, 16].astype(np.int64)
-        return cls(*table[:, :4].T, rotations, table[:, 13:16], ids, frame)
+        scores, widths, heights, depths = table[:, :4].T
+        return cls(scores, widths, heights, depths, rotations, table[:, 13:16], ids, frame)
 
     def to_rows(self) -> Array:
         """Write graspnetAPI's array, shape (n, 17)."""
