@@ -60,7 +60,8 @@ def hand_distance(
     """Free space between the robot's surface and the skin, metres; 0 or less where they touch.
 
     Of the gripper, open by a width, at a tool pose (4, 4) or all those on a way (n, 4, 4), and of
-    the arm's capsules (k, 7), see `ur5.near_links`, if given. ValueError where one is no number.
+    the arm's capsules (k, 7), see `ur5.near_links`, if given, to a hand's keypoints (21, 3), all in
+    one frame. ValueError where one is no number.
     """
     whole, tools = person(keypoints), np.reshape(poses, (-1, 4, 4))
     gap = _gaps(tools, gripper_boxes(np.full(len(tools), width)), whole[0]) - whole[1]

@@ -94,14 +94,9 @@ class Grasps:
 
     @classmethod
     def from_rows(cls, rows: ArrayLike, frame: str = "camera") -> "Grasps":
-        """Read graspnetAPI's array, shape (n, 17), columns as in `ROW_NAMES`.
+        """Read graspnetAPI's array, shape (n, 17), columns as in `ROW_NAMES`, metres.
 
-        Args:
-            rows: Metres.
-            frame: Name of the frame they are written in.
-
-        Raises:
-            ValueError: Not 17 columns, NaN or infinity, or R is no rotation; the row is named.
+        ValueError names the row with NaN or infinity, or whose R is no rotation.
         """
         table = np.asarray(rows, dtype=np.float64)
         if table.ndim != 2 or table.shape[1] != 17:
