@@ -219,7 +219,8 @@ class RecordedRobot:
             notes["events"].append([f"{name}_error", type(error).__name__, str(error)])
             raise
         if name in READINGS:
-            read = notes[READINGS[name]] = _single(answer)
+            read = _single(answer)
+            notes[READINGS[name]] = read.copy()
             return read if read.ndim else float(read)
         if name == "reachable" or np.any(answer):
             notes["events"].append([name, *np.atleast_1d(answer).tolist()])
