@@ -40,7 +40,7 @@ class Recovery:
         """
         self.arm.robot.stop()
         self._back, self._opening, self._straight = back, opening, straight
-        self._yields, self._clear_from = 0, now
+        self._yields, self._clear_from, self._travelled = 0, now, 0.0
         self._enter("still", now)
 
     def step(self, now: float, dt: float) -> bool:

@@ -46,7 +46,7 @@ class _Course:
         quaternions = np.zeros((2, 4))
         for pose, quaternion in zip((first, end), quaternions, strict=True):
             mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(pose[:3, :3]).ravel())
-        self.turn, self.quaternion = np.zeros(3), quaternions[0]
+        self.turn, self.quaternion = np.zeros(3), np.array(quaternions[0])
         mujoco.mju_subQuat(self.turn, quaternions[1], quaternions[0])
         self.turn /= _KNOT
         self.speed, self.spin = (end[:3, 3] - first[:3, 3]) / _KNOT, first[:3, :3] @ self.turn
