@@ -106,13 +106,9 @@ class Transition(NamedTuple):
 
 @dataclass(frozen=True)
 class ChosenGrasp:
-    """The grasp to go for, in the base frame.
+    """The grasp to go for: tool pose (4, 4) in the base frame, opening on the way in, metres.
 
-    Attributes:
-        pose: Tool pose, shape (4, 4), metres.
-        width: Opening of the fingers on the way in, metres.
-        score: Final score.
-        feel: How far the way on past the final move was found free, see `Way`, metres.
+    `feel`: how far the way on past the final move was found free, see `Way`, metres.
     """
 
     pose: Array

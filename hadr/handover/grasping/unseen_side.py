@@ -20,13 +20,10 @@ _SPREAD = 0.2  # least mean squared sine between normals and axis: a flat disc h
 
 @dataclass(frozen=True)
 class SymmetryAxis:
-    """A line that a surface is turned about.
+    """A line through a point (3,), metres, that a surface is turned about; its sign has no meaning.
 
-    Attributes:
-        direction: Unit vector, shape (3,); its sign has no meaning.
-        point: A point on the line, shape (3,), metres.
-        miss: Root mean square distance at which the nearest two thirds of the normals pass the
-            line, metres; what is left out may be a handle.
+    It is missed by the nearest two thirds of the normals by so much, root mean square, metres; what
+    is left out may be a handle.
     """
 
     direction: Array

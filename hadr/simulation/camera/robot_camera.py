@@ -63,7 +63,6 @@ class RobotCamera:
         base_from_camera: Where it really stands, shape (4, 4), metres.
         calibrated: Where the robot believes it stands; the truth where it is left out.
         room: Number of the room in which all of this happens.
-        intrinsics: Of colour and depth.
     """
 
     base_from_camera: Array = field(default_factory=lambda: camera_at(EYE, MIDDLE))

@@ -68,8 +68,6 @@ class Sight:
     """Perception through one camera, with one way to the object's depth.
 
     Args:
-        scene: What is held.
-        camera: The camera.
         source: Where the object's depth comes from: "raw" takes what the sensor measured,
             "inpainted" fills the mask from around it, "hadr" and "hadr-plus" restore it, "perfect"
             knows it.

@@ -165,9 +165,7 @@ def film_frames(
 def write_film(path: str | Path, frames: Iterable[Picture], rate: float = 12.5) -> Path:
     """Write sRGB pictures (H, W, 3) uint8 as a film, .mp4 or .gif, whole or not at all.
 
-    Raises:
-        ValueError: Another ending, no picture, or pictures of an odd (MP4) or another size.
-        ImportError: MP4 without imageio-ffmpeg (``pip install hadr[handover]``).
+    ValueError for another ending, no picture, or pictures of an odd (MP4) or another size.
     """
     path = Path(path)
     if path.suffix not in (".mp4", ".gif"):

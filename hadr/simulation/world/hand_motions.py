@@ -51,9 +51,7 @@ class SeededMotion:
     """A hand's motion about where it started.
 
     Attributes:
-        kind: One of `KINDS`.
-        wrist: Where the wrist is at the start, base frame, metres, shape (3,): what turns, turns
-            about it.
+        wrist: Its place at the start, base frame, metres, (3,): what turns, turns about it.
         seed: Chooses directions, periods and times.
         speed: 1 is normal; 3 goes through the same motion three times as fast. When a hand comes
             to rest, and when it withdraws, does not depend on it.
