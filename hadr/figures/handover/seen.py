@@ -19,6 +19,7 @@ from hadr.figures.panels import COLORS, bare_axes
 from hadr.hand import BONES
 from hadr.handover.grasping.gripper import fork
 from hadr.handover.observation import Observation
+from hadr.simulation.camera.sight import Look
 from hadr.simulation.film.film import Picture
 from hadr.simulation.film.world_view import view_from
 from hadr.simulation.world.state import WorldState
@@ -67,9 +68,13 @@ def first_choice(trial: Trial, chosen_at: float) -> FirstChoice:
 
     notes: dict[float, tuple[Observation, WorldState]] = {}
 
-    def noted(state: WorldState, seen: Observation) -> Observation:
-        notes[seen.taken] = seen, state
-        return seen
+    def noted(look: Look) -> Look:
+        def noting(state: WorldState, with_points: bool) -> Observation:
+            seen = look(state, with_points)
+            notes[seen.taken] = seen, state
+            return seen
+
+        return noting
 
     run = run_trial(replace(trial, time_limit=chosen_at + 0.1), spoil=noted)
     grasps = [e for e in run.log.header["events"] if e[1] == "chose" and e[2] is not None]

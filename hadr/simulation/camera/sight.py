@@ -8,6 +8,7 @@ the glass, the mask and the keypoints.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -291,3 +292,49 @@ def keypoint_uncertainty(*, by_networks: bool) -> float:
         return 2 * KEYPOINT_NOISE
     record = read_record(bundled_file("keypoints"))
     return 2 * float(record["validation"]["keypoints_m"]) / float(np.sqrt(8 / np.pi))
+
+
+Fault = Literal["no hand", "nan keypoints", "frozen keypoints", "no frames", "low confidence"]
+FAULTS: tuple[Fault, ...] = get_args(Fault)
+Look = Callable[[WorldState, bool], Observation]
+"""Looks at the world, with the points of object and surroundings or without, as `Sight.look`."""
+
+
+def broken_sight(fault: Fault, since: float = 0.0, until: float = np.inf) -> Callable[[Look], Look]:
+    """Perception that breaks for a span of time, seconds, to see what the robot does then.
+
+    "no hand": none is found. "nan keypoints": one is NaN. "frozen keypoints": new pictures, but
+    always the same hand. "no frames": the camera stops, so the last picture is all there is. "low
+    confidence": 0.02. ValueError for another fault, or one that would end before it begins.
+    """
+    if fault not in FAULTS:
+        raise ValueError(f"fault must be one of {', '.join(FAULTS)}, got {fault!r}")
+    if not since <= until:
+        raise ValueError(f"since must not be later than until, got {since} and {until}")
+
+    def spoil(look: Look) -> Look:
+        last = Observation(0.0, frame_time=-np.inf)
+
+        def broken(state: WorldState, with_points: bool) -> Observation:
+            nonlocal last
+            breaks = since <= state.time < until
+            if breaks and fault == "no frames":
+                return replace(last, time=state.time)
+            found = look(state, with_points)
+            if not breaks:
+                last = found
+                return found
+            if fault == "low confidence":
+                return replace(found, confidence=0.02)
+            if fault == "frozen keypoints":
+                last = last if np.isfinite(last.taken) else found
+                return replace(found, keypoints=last.keypoints)
+            keypoints = None
+            if fault == "nan keypoints" and found.keypoints is not None:
+                keypoints = found.keypoints.copy()
+                keypoints[8] = np.nan
+            return replace(found, keypoints=keypoints)
+
+        return broken
+
+    return spoil

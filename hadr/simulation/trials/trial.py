@@ -32,6 +32,7 @@ from hadr.simulation.camera.robot_camera import RobotCamera
 from hadr.simulation.camera.sight import (
     CHECKPOINTS,
     DepthSource,
+    Look,
     Sight,
     bundled_file,
     bundled_finder,
@@ -243,14 +244,14 @@ class Run:
 def run_trial(
     trial: Trial,
     *,
-    spoil: Callable[[WorldState, Observation], Observation] | None = None,
+    spoil: Callable[[Look], Look] | None = None,
     on_step: Callable[[World, WorldState, Stage], None] | None = None,
 ) -> Run:
     """Make one attempt; the same for the same description, but for its wall-clock times.
 
     Args:
         trial: What to try.
-        spoil: What stands between the robot's sight of a state and its workflow, such as a fault.
+        spoil: Puts something between the world and its sight, such as `broken_sight`.
         on_step: Told of the world, its state and the stage after each step, for watching.
     """
     started = clock.perf_counter()
@@ -264,10 +265,10 @@ def run_trial(
     finder = bundled_finder() if finds_by_networks(trial.condition) else None
     sight = Sight(scene, camera, depth_source(trial.condition), seed=trial.seed, finder=finder)
 
-    def look(state: WorldState, *, with_points: bool) -> Observation:
-        seen = sight.look(state, with_points=with_points)
-        return seen if spoil is None else spoil(state, seen)
+    def whole(state: WorldState, with_points: bool) -> Observation:
+        return sight.look(state, with_points=with_points)
 
+    look = whole if spoil is None else spoil(whole)
     rng = np.random.default_rng([trial.seed, int(trial.object_id), trial.hold_number, 67])
     by_wishes = trial.condition != "hadr-no-rescoring"
     choose = GraspSelection(rng, base_from_camera[:3, 3], rescoring=by_wishes)
@@ -291,7 +292,7 @@ def run_trial(
     handover = RecordedHandover(world.robot, select, base_from_camera, config)
     judge = Judge(scene.item.height, trial.time_limit)
     states = [world.state()]
-    observation, shown_right = look(states[0], with_points=True), sight.points_right
+    observation, shown_right = look(states[0], True), sight.points_right
     arriving = deque([(0, observation, shown_right)])
     points_right = float("nan")
     step = ready = 0
@@ -300,7 +301,7 @@ def run_trial(
         judge.verdict == "human contact" and world.time < judge.decided_at + AFTER_TOUCH
     ):
         if step > 0 and step % round(trial.picture_steps) == 0:  # the first one is there already
-            seen = look(states[-1], with_points=handover.stage is Stage.WAIT_AND_OBSERVE)
+            seen = look(states[-1], handover.stage is Stage.WAIT_AND_OBSERVE)
             arriving.append((step + round(trial.latency / CONTROL_STEP), seen, sight.points_right))
         while arriving and arriving[0][0] <= step:
             _, observation, shown_right = arriving.popleft()

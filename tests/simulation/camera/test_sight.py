@@ -12,9 +12,12 @@ from hadr.handover.simulated_ur5 import SimulatedUR5
 from hadr.simulation.camera import sight
 from hadr.simulation.camera.robot_camera import CapturedFrame, RobotCamera
 from hadr.simulation.camera.sight import (
+    FAULTS,
     KEYPOINT_NOISE,
     SOURCES,
+    Fault,
     Sight,
+    broken_sight,
     bundled_finder,
     keypoint_uncertainty,
     object_depth,
@@ -192,6 +195,37 @@ def test_the_masks_outline_wavers_without_a_bias(
 
     far = ndimage.binary_dilation(true, iterations=4)
     assert not (seen & ~far).any()
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_sight_breaks_on_demand(
+    scene: HeldScene, camera: RobotCamera, fault: Fault, at: Callable[..., WorldState]
+) -> None:
+    raw = Sight(scene, camera, "raw", seed=1)
+    look = broken_sight(fault, 0.2, 0.45)(lambda state, points: raw.look(state, with_points=points))
+    seen = [look(at(scene, 0.1 * k), False) for k in range(7)]
+    for k in (0, 1, 5, 6):
+        assert np.isfinite(seen[k].keypoints).all()
+        assert seen[k].frame_time == pytest.approx(0.1 * k)
+        assert seen[k].confidence is None
+    broken = seen[2:5]
+    assert [s.time for s in broken] == pytest.approx([0.2, 0.3, 0.4])
+    taken = [0.1, 0.1, 0.1] if fault == "no frames" else [0.2, 0.3, 0.4]
+    assert [s.frame_time for s in broken] == pytest.approx(taken)
+    assert all({
+        "no hand": s.keypoints is None,
+        "nan keypoints": s.keypoints is not None and np.isnan(s.keypoints).any(),
+        "frozen keypoints": s.keypoints is seen[1].keypoints,
+        "no frames": s.keypoints is seen[1].keypoints,
+        "low confidence": s.confidence == 0.02,
+    }[fault] for s in broken)  # fmt: skip
+
+
+def test_wrong_faults_are_refused() -> None:
+    with pytest.raises(ValueError, match="got 'asleep'"):
+        broken_sight("asleep")  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=r"since must not be later than until, got 2\.0 and 1\.0"):
+        broken_sight("no hand", 2.0, 1.0)
 
 
 def test_networks_find_glass_and_hand_in_a_picture_of_this_camera() -> None:

@@ -1,16 +1,14 @@
 """Attempts: the same twice, replayed from their log, and what the robot does when sight breaks."""
 
 import re
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from hadr.handover.logs.replay import replay
-from hadr.handover.observation import Observation
 from hadr.handover.stages import Stage, Transition
-from hadr.simulation.camera.sight import keypoint_uncertainty
+from hadr.simulation.camera.sight import Fault, broken_sight, keypoint_uncertainty
 from hadr.simulation.trials.trial import (
     AFTER_TOUCH,
     CONDITIONS,
@@ -149,31 +147,7 @@ def test_the_log_of_an_attempt_replays(whole: Run) -> None:
         replay(replace(whole.log, arrays=other))
 
 
-def broken(
-    fault: str, since: float = 0.0, until: float = np.inf
-) -> Callable[[WorldState, Observation], Observation]:
-    """A sight that breaks for a span of time, seconds."""
-    before = [Observation(0.0)]
-
-    def spoil(state: WorldState, seen: Observation) -> Observation:
-        if not since <= state.time < until:
-            before[0] = seen
-            return seen
-        if fault == "no frames":
-            return replace(before[0], time=state.time)
-        if fault == "low confidence":
-            return replace(seen, confidence=0.02)
-        keypoints = {"no hand": None, "frozen keypoints": before[0].keypoints}.get(fault)
-        if fault == "nan keypoints":
-            assert seen.keypoints is not None
-            keypoints = seen.keypoints.copy()
-            keypoints[8] = np.nan
-        return replace(seen, keypoints=keypoints)
-
-    return spoil
-
-
-STOPS = [
+STOPS: list[tuple[Fault, float, float, str]] = [
     # what breaks, when, after how long the robot may still move on it, what it says
     ("no hand", 2.0, 0.3, r"^no hand seen for 0\.3. s: no hand in the picture$"),
     ("nan keypoints", 2.0, 0.3, r"^no hand seen for 0\.3. s: keypoints .*finite.*index_tip"),
@@ -185,10 +159,10 @@ STOPS = [
 
 @pytest.mark.parametrize(("fault", "since", "limit", "reason"), STOPS)
 def test_broken_sight_stops_the_robot_in_time(
-    fault: str, since: float, limit: float, reason: str
+    fault: Fault, since: float, limit: float, reason: str
 ) -> None:
     latest = since + PICTURE + LATENCY + limit + STEP
-    run = run_trial(replace(BROKEN, time_limit=latest + 0.5), spoil=broken(fault, since))
+    run = run_trial(replace(BROKEN, time_limit=latest + 0.5), spoil=broken_sight(fault, since))
     stop = only_stop(run)
     assert stop.before is (Stage.APPROACH_AND_REACT if since < 3 else Stage.GRASP_AND_RETRIEVE)
     assert since < stop.time <= latest + 1e-9
@@ -221,7 +195,7 @@ def only_stop(run: Run) -> Transition:
 
 def test_depth_of_low_confidence_is_not_grasped_at() -> None:
     trial = replace(BROKEN, time_limit=1.5)  # with whole sight it chooses after 0.9 s
-    run = run_trial(trial, spoil=broken("low confidence"))
+    run = run_trial(trial, spoil=broken_sight("low confidence"))
     assert run.transitions == ()
     assert run.outcome.grasps_chosen == 0
     assert np.isnan(run.outcome.first_grasp_at)
@@ -235,7 +209,7 @@ def test_depth_of_low_confidence_is_not_grasped_at() -> None:
 
 def test_a_short_fault_is_lived_through() -> None:
     """Two pictures without a hand: it holds, follows again, and stops nowhere."""
-    run = run_trial(replace(BROKEN, time_limit=3.0), spoil=broken("no hand", 2.0, 2.15))
+    run = run_trial(replace(BROKEN, time_limit=3.0), spoil=broken_sight("no hand", 2.0, 2.15))
     assert Stage.STOPPED not in {t.after for t in run.transitions}
     assert any("no hand" in why for _, why in run.log.header["cautions"])
 
