@@ -36,29 +36,32 @@ CAMERA = REHEARSAL_CAMERA
 EYE = CAMERA[:3, 3]
 STILL = MovingHand(SCENE, CAMERA, drift=0.0, turn=0.0)
 DT = 0.02
+POINTS = visible_points(SCENE, EYE)
+
+
+def chosen(seed: int = 0, **more: bool) -> ChosenGrasp:
+    """The grasp that is chosen of the rehearsed scene by an arm at home."""
+    choose = GraspSelection(np.random.default_rng(seed), EYE, **more)
+    found = choose(POINTS, SCENE.keypoints, SimulatedUR5())
+    assert found is not None
+    return found
 
 
 def test_it_faces_the_human_and_keeps_off_the_hand() -> None:
-    points, robot = visible_points(SCENE, EYE), SimulatedUR5()
-    choose = GraspSelection(np.random.default_rng(0), EYE)
-    chosen = choose(points, SCENE.keypoints, robot)
-    assert chosen is not None
-    assert chosen.pose[0, 2] > 0.4  # approaches forward, to the human
-    assert robot.reachable(chosen.pose)
-    assert hand_distance(chosen.pose, chosen.width, SCENE.keypoints) > 0.02
+    found = chosen()
+    assert found.pose[0, 2] > 0.4  # approaches forward, to the human
+    assert SimulatedUR5().reachable(found.pose)
+    assert hand_distance(found.pose, found.width, SCENE.keypoints) > 0.02
 
 
 def test_it_leaves_the_hand_its_way_back() -> None:
-    points, robot = visible_points(SCENE, EYE), SimulatedUR5()
     # by the scores alone the first one that can be reached stands 5.6 mm beside that way
-    choose = GraspSelection(np.random.default_rng(1), EYE, rescoring=False)
-    chosen = choose(points, SCENE.keypoints, robot)
-    assert chosen is not None
-    pose, back = forward_of(chosen.pose, 0.05), SCENE.keypoints[0] - SCENE.keypoints[9]
-    links = ur5.near_links(robot.joints_at(pose))
+    found = chosen(1, rescoring=False)
+    pose, back = forward_of(found.pose, 0.05), SCENE.keypoints[0] - SCENE.keypoints[9]
+    links = ur5.near_links(SimulatedUR5().joints_at(pose))
     for way in (0.03, 0.06, 0.10, 0.15):
         hand = SCENE.keypoints + way * back / np.linalg.norm(back)
-        assert hand_distance(pose, chosen.width, hand, links) >= 0.006
+        assert hand_distance(pose, found.width, hand, links) >= 0.006
 
 
 @pytest.mark.parametrize("forward", [0.05, 0.055])
@@ -73,49 +76,42 @@ def test_the_way_that_is_gone_is_the_way_that_was_checked(forward: float) -> Non
     handover = handover_with(choose, config)
     cautions(handover, 1.2)
     assert asked[0] == config.way == Way(0.10, pytest.approx(forward), 0.05)
-    chosen, robot = handover.grasp, SimulatedUR5()
-    assert chosen is not None
-    ends = [forward_of(chosen.pose, forward + s) for s in (0.0, chosen.feel, chosen.feel + 0.01)]
+    found, robot = handover.grasp, SimulatedUR5()
+    assert found is not None
+    ends = [forward_of(found.pose, forward + s) for s in (0.0, found.feel, found.feel + 0.01)]
     for end in ends[:2]:
         links = ur5.near_links(robot.joints_at(end))
-        assert hand_distance(end, chosen.width, SCENE.keypoints, links) > 0.011
-    assert 0 <= chosen.feel <= 0.05
-    if chosen.feel < 0.05:  # a centimetre more is too near, or out of reach
+        assert hand_distance(end, found.width, SCENE.keypoints, links) > 0.011
+    assert 0 <= found.feel <= 0.05
+    if found.feel < 0.05:  # a centimetre more is too near, or out of reach
         blocked = not robot.reachable(ends[2])
-        assert blocked or hand_distance(ends[2], chosen.width, SCENE.keypoints) < 0.02
+        assert blocked or hand_distance(ends[2], found.width, SCENE.keypoints) < 0.02
 
 
 def test_none_is_returned_where_nothing_can_be_reached() -> None:
-    points = visible_points(SCENE, EYE) + np.array([1.0, 0, 0])
-    choose = GraspSelection(np.random.default_rng(0), EYE + np.array([1.0, 0, 0]))
-    assert choose(points, SCENE.keypoints + np.array([1.0, 0, 0]), SimulatedUR5()) is None
+    away = np.array([1.0, 0, 0])
+    choose = GraspSelection(np.random.default_rng(0), EYE + away)
+    assert choose(POINTS + away, SCENE.keypoints + away, SimulatedUR5()) is None
 
 
 def test_without_rescoring_it_takes_the_score_alone() -> None:
-    points, robot = visible_points(SCENE, EYE), SimulatedUR5()
-    plain = GraspSelection(np.random.default_rng(0), EYE, rescoring=False)
-    chosen = plain(points, SCENE.keypoints, robot)
-    assert chosen is not None
-    assert 0 < chosen.score <= 1
-    rescored = GraspSelection(np.random.default_rng(0), EYE)(points, SCENE.keypoints, robot)
-    assert rescored is not None
-    wish = np.array([0.4, 0.0, -0.2])
-    assert rescored.pose[:3, 2] @ wish >= chosen.pose[:3, 2] @ wish - 1e-9
+    plain, rescored, wish = chosen(rescoring=False), chosen(), np.array([0.4, 0.0, -0.2])
+    assert 0 < plain.score <= 1
+    assert rescored.pose[:3, 2] @ wish >= plain.pose[:3, 2] @ wish - 1e-9
 
 
 def test_it_keeps_off_measured_points() -> None:
-    points, robot = visible_points(SCENE, EYE), SimulatedUR5()
-    free = GraspSelection(np.random.default_rng(0), EYE)(points, SCENE.keypoints, robot)
-    assert free is not None
+    free = chosen()
     # a wall where that gripper waits; then walls all around
     wall = np.random.default_rng(0).normal(0, 0.02, (200, 3)) + free.pose[:3, 3]
     wall -= 0.12 * free.pose[:3, 2]
-    other = GraspSelection(np.random.default_rng(0), EYE)(points, SCENE.keypoints, robot, wall)
+    choose, robot = GraspSelection(np.random.default_rng(0), EYE), SimulatedUR5()
+    other = choose(POINTS, SCENE.keypoints, robot, wall)
     assert other is None or np.abs(other.pose - free.pose).max() > 0.01
     out = np.random.default_rng(1).normal(size=(4000, 3))
-    shell = points.mean(axis=0) + 0.16 * out / np.linalg.norm(out, axis=1, keepdims=True)
+    shell = POINTS.mean(axis=0) + 0.16 * out / np.linalg.norm(out, axis=1, keepdims=True)
     shut = GraspSelection(np.random.default_rng(0), EYE)
-    assert shut(points, SCENE.keypoints, robot, shell) is None
+    assert shut(POINTS, SCENE.keypoints, robot, shell) is None
 
 
 def grasp() -> ChosenGrasp:
@@ -211,7 +207,7 @@ def test_no_candidates_in_any_round_say_why() -> None:
 
     choose = GraspSelection(np.random.default_rng(0), EYE, source=source)
     with pytest.raises(NoCandidateError, match="among 800"):
-        choose(visible_points(SCENE, EYE), SCENE.keypoints, SimulatedUR5())
+        choose(POINTS, SCENE.keypoints, SimulatedUR5())
 
 
 def test_the_reason_stays_until_the_next_search() -> None:
