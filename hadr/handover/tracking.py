@@ -7,7 +7,7 @@ keypoints that move as one body and leaves out the others.
 """
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -130,20 +130,37 @@ def best_rotation(
     return rotation
 
 
-def best_motion(
-    initial: Array, current: Array, *, flip: Flip = "v", weights: Array | None = None
-) -> tuple[Array, Array]:
-    """Rotation (3, 3) and shift (3,) that carry points (n, 3) onto the same later, least squares.
+class Similarity(NamedTuple):
+    """What carries points x onto scale * rotation @ x + shift."""
 
-    About their centroids; flip, weights and errors as of `best_rotation`. Source: Umeyama,
-    Least-squares estimation of transformation parameters between two point patterns, 1991,
-    equations 38 to 43, without a scale.
+    scale: float
+    rotation: Array
+    shift: Array
+
+
+def best_similarity(
+    initial: Array,
+    current: Array,
+    *,
+    scaled: bool = False,
+    flip: Flip = "v",
+    weights: Array | None = None,
+) -> Similarity:
+    """Carry points (n, 3) onto the same ones later, about their centroids, by least squares.
+
+    The scale is 1 unless it shall be fitted too; flip, weights and errors as of `best_rotation`.
+    Source: Umeyama, Least-squares estimation of transformation parameters between two point
+    patterns, 1991, equations 38 to 43.
     """
     share = np.ones(len(initial)) if weights is None else weights
     share = share / share.sum()
     before, now = initial - share @ initial, current - share @ current
     rotation = best_rotation(before, now, flip=flip, weights=share)
-    return rotation, share @ current - rotation @ (share @ initial)
+    turned = before @ rotation.T
+    scale = 1.0
+    if scaled:
+        scale = float(share @ (turned * now).sum(axis=1) / (share @ (turned**2).sum(axis=1)))
+    return Similarity(scale, rotation, share @ current - scale * rotation @ (share @ initial))
 
 
 def hand_motion(
@@ -175,8 +192,8 @@ def hand_motion(
     if found is not None:
         return found
     if about == "centroid":
-        rotation, shift = best_motion(before, now, flip=flip)
-        wrist = rotation @ before[0] + shift
+        fit = best_similarity(before, now, flip=flip)
+        rotation, wrist = fit.rotation, fit.rotation @ before[0] + fit.shift
     else:
         rotation, wrist = best_rotation(before - before[0], now - now[0], flip=flip), now[0]
     misfit = (((before - before[0]) @ rotation.T + wrist - now) ** 2).sum(axis=1)
@@ -188,30 +205,28 @@ def _robust_motion(before: Array, now: Array, about: About, flip: Flip) -> HandM
     palm = np.zeros(len(before))
     palm[list(PALM)] = 1.0
     fits = [_trimmed(before, now, start, flip) for start in (palm, np.ones(len(before)))]
-    (rotation, shift), inlier, miss = min(
-        fits, key=lambda f: float((np.minimum(f[2], LARGEST_CUT) ** 2).sum())
-    )
+    fit, inlier, miss = min(fits, key=lambda f: float((np.minimum(f[2], LARGEST_CUT) ** 2).sum()))
     if np.count_nonzero(inlier) < FEWEST:
         return None
     residual = float(np.sqrt((miss[inlier] ** 2).mean()))
     outliers = tuple(KEYPOINT_NAMES[i] for i in np.flatnonzero(~inlier))
-    wrist = rotation @ before[0] + shift
-    return HandMotion(rotation, before[0], wrist, residual, about, outliers, robust=True)
+    wrist = fit.rotation @ before[0] + fit.shift
+    return HandMotion(fit.rotation, before[0], wrist, residual, about, outliers, robust=True)
 
 
 def _trimmed(
     before: Array, now: Array, used: Array, flip: Flip
-) -> tuple[tuple[Array, Array], NDArray[np.bool_], Array]:
+) -> tuple[Similarity, NDArray[np.bool_], Array]:
     """Fit, leave out what misses by three spreads, until nothing changes: fit, kept, misses."""
     for _ in range(12):
-        rotation, shift = best_motion(before, now, flip=flip, weights=used)
-        miss = np.linalg.norm(before @ rotation.T + shift - now, axis=1)
+        fit = best_similarity(before, now, flip=flip, weights=used)
+        miss = np.linalg.norm(before @ fit.rotation.T + fit.shift - now, axis=1)
         spread = 1.4826 * float(np.median(miss[used > 0]))
         inlier: NDArray[np.bool_] = miss <= np.clip(3 * spread, LEAST_CUT, LARGEST_CUT)
         if np.count_nonzero(inlier) < FEWEST or np.array_equal(inlier, used):
             break
         used = inlier.astype(np.float64)
-    return (rotation, shift), inlier, miss
+    return fit, inlier, miss
 
 
 FORGOTTEN_AFTER = 0.5

@@ -12,8 +12,8 @@ from hadr.handover.tracking import (
     FULL_PLACE,
     FULL_TURN,
     HandFilter,
-    best_motion,
     best_rotation,
+    best_similarity,
     hand_motion,
 )
 
@@ -234,39 +234,51 @@ def horn(before: np.ndarray, after: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("mirrored", [False, True])
-def test_motion_is_that_of_horn_s_quaternion_and_of_derivatives_that_vanish(mirrored: bool) -> None:
+def test_similarity_is_that_of_horn_s_quaternion_and_of_derivatives_that_vanish(
+    mirrored: bool,
+) -> None:
     rng = np.random.default_rng(5)
     turn = Rotation.random(rng=rng).as_matrix()
     before = rng.normal(size=(30, 3))
-    after = before @ turn.T + [0.4, -2.0, 3.0] + rng.normal(0, 0.2, (30, 3))
+    after = 1.7 * before @ turn.T + [0.4, -2.0, 3.0] + rng.normal(0, 0.2, (30, 3))
     if mirrored:
         after[:, 1] *= -1
-    rotation, shift = best_motion(before, after)
-    np.testing.assert_allclose(rotation, horn(before, after), atol=1e-9)
+    for scaled in (False, True):
+        scale, rotation, shift = best_similarity(before, after, scaled=scaled)
+        np.testing.assert_allclose(rotation, horn(before, after), atol=1e-9)
 
-    def misfit(t: np.ndarray) -> float:
-        return float(((before @ rotation.T + t - after) ** 2).sum())
+        def misfit(s: float, t: np.ndarray, rotation: np.ndarray = rotation) -> float:
+            return float(((s * before @ rotation.T + t - after) ** 2).sum())
 
-    for way in np.eye(3):
-        assert misfit(shift + 1e-3 * way) > misfit(shift) < misfit(shift - 1e-3 * way)
+        best = misfit(scale, shift)
+        for way in np.eye(3):
+            assert misfit(scale, shift + 1e-3 * way) > best < misfit(scale, shift - 1e-3 * way)
+        if scaled:
+            assert misfit(scale + 1e-3, shift) > best < misfit(scale - 1e-3, shift)
+        else:
+            assert scale == 1.0
 
 
-def test_motion_of_a_triangle_by_hand() -> None:
-    # a quarter turn about z and twice as large: the centroids meet, (1/3, 2/3, 0) -> (-1/3, 8/3, 3)
+def test_similarity_of_a_triangle_by_hand() -> None:
+    # a quarter turn about z, twice as large, moved by (1, 2, 3)
     before = np.array([[0.0, 0, 0], [1, 0, 0], [0, 2, 0]])
     after = np.array([[1.0, 2, 3], [1, 4, 3], [-3, 2, 3]])
-    rotation, shift = best_motion(before, after)
+    scale, rotation, shift = best_similarity(before, after, scaled=True)
+    assert scale == pytest.approx(2.0)
     np.testing.assert_allclose(rotation, [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-12)
-    np.testing.assert_allclose(shift, [1 / 3, 7 / 3, 3], atol=1e-12)
+    np.testing.assert_allclose(shift, [1, 2, 3], atol=1e-12)
+    # without a scale the centroids still meet: (1/3, 2/3, 0) -> (-1/3, 8/3, 3)
+    plain = best_similarity(before, after)
+    np.testing.assert_allclose(plain.shift, [1 / 3, 7 / 3, 3], atol=1e-12)
 
 
-def test_points_of_no_weight_do_not_turn_the_motion() -> None:
+def test_points_of_no_weight_do_not_turn_the_similarity() -> None:
     before = np.vstack([np.eye(3), np.zeros(3)])
     after = before.copy()
     after[3] += [5.0, -2.0, 1.0]
-    rotation, shift = best_motion(before, after, weights=np.array([1.0, 1.0, 1.0, 0.0]))
-    np.testing.assert_allclose(rotation, np.eye(3), atol=1e-12)
-    np.testing.assert_allclose(shift, 0.0, atol=1e-12)
+    found = best_similarity(before, after, weights=np.array([1.0, 1.0, 1.0, 0.0]))
+    np.testing.assert_allclose(found.rotation, np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(found.shift, 0.0, atol=1e-12)
 
 
 def steady_hand() -> np.ndarray:
