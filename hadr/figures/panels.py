@@ -5,8 +5,6 @@ drawn in one sequential map (near is bright), signed errors in a diverging one t
 zero.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

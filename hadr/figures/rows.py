@@ -1,7 +1,5 @@
 """Plots with one named row a thing, the first at the top: dots with their doubt, and bars."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """A sheet for diagrams: cards, words and arrows, placed in inches, shown as a vector picture."""
 
-from __future__ import annotations
-
 import base64
 import io
 from collections.abc import Sequence

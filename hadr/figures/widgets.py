@@ -4,8 +4,6 @@ Lengths are metres, depth images (H, W), keypoints (21, 3) and rays (R, 3) in th
 Each function returns a widget: show it as a cell's last value.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """`hadr book`: execute the chapters, or take those of the last time, and build the HTML book."""
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Sequence

@@ -4,8 +4,6 @@
 (`hadr.records.dependencies`), how long it took, and on which machine.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Callable, Iterable, Sequence

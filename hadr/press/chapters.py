@@ -1,7 +1,5 @@
 """Run the chapters with papermill and time them; a failure says where, and keeps what was done."""
 
-from __future__ import annotations
-
 import json
 import re
 import sys

@@ -1,7 +1,5 @@
 """Check cells for the book's exercises: is the learner right, plausibly wrong, or not done yet."""
 
-from __future__ import annotations
-
 import html
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ are compared by their difference over its standard error: paired where the file 
 of the two rows, which on the same frames is too large and so on the safe side.
 """
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence

@@ -4,8 +4,6 @@ The page's arithmetic is `book/extensions/live_network.js`. It runs where the bo
 file, too: nothing is fetched but scripts beside it.
 """
 
-from __future__ import annotations
-
 import base64
 import json
 from collections.abc import Sequence

@@ -5,8 +5,6 @@ what `hadr reproduce` has just written, and the book's page *The paper's tables,
 The tables are HTML, for their rows of one method belong together, and must fit on a phone.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path

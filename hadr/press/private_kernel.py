@@ -1,7 +1,5 @@
 """Notebooks on a Jupyter kernel of this very Python, out of reach of a user's settings."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

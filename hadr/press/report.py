@@ -3,8 +3,6 @@
 The paper's own tables beside ours are made by `hadr.press.paper_report`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any

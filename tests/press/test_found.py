@@ -1,7 +1,5 @@
 """The page of findings: verdicts follow from the numbers, and every claim has its evidence."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 from typing import Any

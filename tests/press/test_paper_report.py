@@ -1,7 +1,5 @@
 """The report beside the paper: every number of its tables, ours, the difference, the origin."""
 
-from __future__ import annotations
-
 import json
 import re
 import shlex

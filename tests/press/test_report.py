@@ -1,7 +1,5 @@
 """The report's smaller tables, from result files made by hand."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """`hadr reproduce` from the command line: its plan, what it makes, says and returns."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

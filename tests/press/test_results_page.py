@@ -1,7 +1,5 @@
 """Every file in results/ has a command: `hadr reproduce`, or the one that the book's page names."""
 
-from __future__ import annotations
-
 import re
 import shlex
 from pathlib import Path

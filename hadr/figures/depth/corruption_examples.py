@@ -4,8 +4,6 @@ A file holds several frames: depth in steps of 0.5 mm as 16-bit numbers, masks a
 by numpy. What its numbers mean and where they come from stands beside it in a sealed JSON file.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass

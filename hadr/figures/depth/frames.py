@@ -1,7 +1,5 @@
 """Pictures of a data set's frames: contact sheets, one frame with all its labels, histograms."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

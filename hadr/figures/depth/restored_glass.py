@@ -1,7 +1,5 @@
 """What methods restore of a glass: depth and error beside the truth, and as clouds that turn."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

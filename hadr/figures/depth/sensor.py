@@ -1,7 +1,5 @@
 """Pictures of a depth camera: how it sees glass, and simulated errors beside real ones."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

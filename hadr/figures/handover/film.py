@@ -1,7 +1,5 @@
 """Figures of one recorded handover: a strip of stills, and what happens over time."""
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Sequence
 from typing import Any

@@ -4,8 +4,6 @@ A point of the unit sphere is the direction in which a gripper would move; its c
 Directions are those of the robot's base frame: x to the human, z up.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The handover's state machine as a diagram, drawn from the workflow's own table of changes."""
 
-from __future__ import annotations
-
 from textwrap import fill
 
 from hadr.figures.sheet import FONT, Box, Sheet

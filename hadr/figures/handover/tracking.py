@@ -1,7 +1,5 @@
 """A hand that moves with its glass, and grippers carried along by what is known of the motion."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """How two ways of averaging answer one bad frame: the mean over frames, and all pixels pooled."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import matplotlib.pyplot as plt

@@ -1,7 +1,5 @@
 """Pictures of a confidence: is it honest, and does it know where the errors are?"""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

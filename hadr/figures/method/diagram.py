@@ -4,8 +4,6 @@ All of it is computed from one bundled frame by the bundled HADR: the pictures, 
 voxels that it crosses, what the network says about them, and a grasp on the restored points.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache
 from typing import Any

@@ -1,7 +1,5 @@
 """Errors of depth by kind: real, simulated and analytic side by side, in one set of colours."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Figures of features for the book: cells, false colours, boxes, influence and widths."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -4,8 +4,6 @@ They stand on the bones and views of :mod:`hadr.figures.method.hands`. Hands are
 drawn in centimetres.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np

@@ -4,8 +4,6 @@ A view is a rotation ``screen_from_frame`` (3, 3) whose rows are the screen's ri
 the viewer, written in the frame in which the hand is given. The axes are in centimetres.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

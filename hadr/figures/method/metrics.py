@@ -3,8 +3,6 @@
 Every length comes in metres, as everywhere in the library, and is drawn in centimetres.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

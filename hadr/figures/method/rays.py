@@ -3,8 +3,6 @@
 The figures from above show the camera frame's z to the right and its x upward.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A training as a film: what a network says of some frames before it and after each epoch."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import matplotlib.pyplot as plt

@@ -1,7 +1,5 @@
 """A walk along one ray, cell by cell: the cells that it crosses, occupied or not, and its stay."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import matplotlib.pyplot as plt

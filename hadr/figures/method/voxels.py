@@ -4,8 +4,6 @@ They use the camera frame turned for the eye: x to the right, z (away from the c
 page, and -y up.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A camera that circles a held glass: which hand features it changes, what it loses sight of."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The glass objects with their sections, and a sheet of the ways in which hands hold them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import matplotlib.pyplot as plt

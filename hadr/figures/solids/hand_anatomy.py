@@ -1,7 +1,5 @@
 """Drawings of the hand's skeleton with its names, of its joint angles, and of a recording."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

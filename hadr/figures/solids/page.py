@@ -3,8 +3,6 @@
 In a notebook it stands in a frame of its own; the built book keeps it as it is.
 """
 
-from __future__ import annotations
-
 import html
 import json
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """Sliders over pictures drawn beforehand: they work on a page without a kernel and a network."""
 
-from __future__ import annotations
-
 import base64
 import io
 import itertools

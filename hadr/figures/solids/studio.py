@@ -1,7 +1,5 @@
 """Stills of hands on glass: the turntable's light, paper and glass, drawn by casting rays."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

@@ -3,8 +3,6 @@
 The page draws with plain WebGL: no library, no other host.
 """
 
-from __future__ import annotations
-
 import base64
 from collections.abc import Sequence
 from dataclasses import dataclass

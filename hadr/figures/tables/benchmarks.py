@@ -1,7 +1,5 @@
 """What the benchmarks measured, as Markdown and pictures: learning by heart, ablation, costs."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

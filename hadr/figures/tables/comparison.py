@@ -1,7 +1,5 @@
 """Our tables beside the paper's, and what else the comparison found; all from result files."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -4,8 +4,6 @@ Rows are dicts with ``condition``, ``attempts``, ``successes``, ``rate`` (0 to 1
 ``interval`` (low, high of 95 %) and ``failures`` (kind to count).
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any

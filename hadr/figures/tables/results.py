@@ -1,7 +1,5 @@
 """The measured tables as pictures and Markdown, drawn from result files and nothing else."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import cycle
 from typing import Any

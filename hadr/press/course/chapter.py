@@ -6,8 +6,6 @@ cell that ends with ``check(answer, ...)``, and ``{solution-start}`` to ``{solut
 the solution, whose last line is ``check(RESULT, ...)``.
 """
 
-from __future__ import annotations
-
 import ast
 import re
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """``hadr course``: everything a teacher hands out, made from the chapters."""
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

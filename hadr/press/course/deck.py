@@ -5,8 +5,6 @@ below it, under the same heading, stand the section's formulas and figures. Exer
 each. What the chapter says at length goes into the speaker's notes.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field

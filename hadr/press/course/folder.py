@@ -4,8 +4,6 @@ Everything is written beside the target and takes its place at the end. A list o
 folder says what was written, so a later run knows its own files from changed and foreign ones.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import json

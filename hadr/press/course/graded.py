@@ -7,8 +7,6 @@ TESTS``. The student's is what nbgrader releases from it. For otter-grader each 
 test file in its exception-based format.
 """
 
-from __future__ import annotations
-
 import ast
 import re
 from collections.abc import Callable, Mapping

@@ -1,7 +1,5 @@
 """The book's Markdown, without what only the book's own builder understands."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from pathlib import Path

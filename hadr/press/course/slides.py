@@ -4,8 +4,6 @@ The package sphinx-revealjs carries reveal.js, and sphinx-mathjax-offline carrie
 deck opens from a folder without a network.
 """
 
-from __future__ import annotations
-
 import base64
 import importlib.util
 import os

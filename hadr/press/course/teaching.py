@@ -4,8 +4,6 @@ Goals and mistakes are read from the chapters, so the page says what the noteboo
 mistake is what a check cell answers to a plausible wrong result.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """What `hadr restore` tells about a result: the comparison picture, counts, errors, provenance."""
 
-from __future__ import annotations
-
 import hashlib
 import platform
 import sys

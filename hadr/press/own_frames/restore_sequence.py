@@ -1,7 +1,5 @@
 """`hadr restore` on a folder of frames: a result for each of them, and a film."""
 
-from __future__ import annotations
-
 import re
 import sys
 from collections.abc import Iterable, Iterator

@@ -1,7 +1,5 @@
 """Figures of recorded handovers say what the states and the rows say."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

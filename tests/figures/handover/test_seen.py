@@ -1,7 +1,5 @@
 """What a robot had before it when it chose a grasp, and how it is drawn."""
 
-from __future__ import annotations
-
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Figures of features: they show what they are given."""
 
-from __future__ import annotations
-
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest

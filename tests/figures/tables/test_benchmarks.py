@@ -1,7 +1,5 @@
 """What the benchmarks measured is shown with its unit, and what is missing is said."""
 
-from __future__ import annotations
-
 import re
 
 import matplotlib.pyplot as plt

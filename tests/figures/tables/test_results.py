@@ -1,7 +1,5 @@
 """Tables and pictures show what the result file says, and say what is missing."""
 
-from __future__ import annotations
-
 import re
 
 import cv2
