@@ -1,10 +1,19 @@
-"""Sliders over pictures drawn beforehand: they work on a page without a kernel and a network."""
+"""Sliders over pictures drawn beforehand: they work on a page without a kernel and a network.
+
+Such a page is one HTML file with all its data inside. In a notebook it stands in a frame of its
+own; the built book keeps it as it is.
+"""
 
 import base64
+import html
 import io
 import itertools
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
 
 import cv2
 import matplotlib.pyplot as plt
@@ -13,9 +22,33 @@ from matplotlib.figure import Figure
 from matplotlib.transforms import Bbox, BboxBase
 from mpl_toolkits.mplot3d import Axes3D
 
-from hadr.figures.solids.page import Page, filled_page
-
 _CONTROLS = 44  # CSS pixels below the picture
+
+
+@dataclass(frozen=True)
+class Page:
+    """A whole HTML document that a notebook shows in a frame with a title and some CSS."""
+
+    page: str = field(repr=False)
+    title: str
+    style: str
+
+    def _repr_html_(self) -> str:
+        source, title = (html.escape(text, quote=True) for text in (self.page, self.title))
+        style = f"width:100%;border:0;display:block;{self.style}"
+        return f'<iframe title="{title}" style="{style}" srcdoc="{source}"></iframe>'
+
+    def save(self, path: str | Path) -> None:
+        """Write the page as a file that any browser opens."""
+        Path(path).write_text(self.page, encoding="utf-8")
+
+
+def filled_page(template: str, title: str, data: Mapping[str, Any], style: str) -> Page:
+    """Fill a template of this folder with a title, and with data as JSON; the frame's style."""
+    text = files("hadr.figures.solids").joinpath(template).read_text(encoding="utf-8")
+    told = json.dumps(data, separators=(",", ":")).replace("</", "<\\/")
+    text = text.replace("__TITLE__", html.escape(title)).replace("__DATA__", told)
+    return Page(text, title, style)
 
 
 @dataclass(frozen=True)

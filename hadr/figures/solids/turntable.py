@@ -15,7 +15,7 @@ from matplotlib.colors import to_rgb
 from scipy.spatial import cKDTree
 
 from hadr.figures.panels import FINGER_COLORS
-from hadr.figures.solids.page import Page, filled_page
+from hadr.figures.solids.scrubber import Page, filled_page
 from hadr.hand import (
     SKELETON_NAMES,
     SKELETON_PARENTS,

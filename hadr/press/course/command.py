@@ -1,19 +1,27 @@
 """``hadr course``: everything a teacher hands out, made from the chapters."""
 
+import contextlib
+import hashlib
+import json
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from hadr.press.chapters import ChapterError, chapter_paths, run_notebooks
-from hadr.press.course.chapter import Chapter, read_chapters
-from hadr.press.course.folder import check_target, written_whole
-from hadr.press.course.plain_text import plain_markdown, short_citations
+from hadr.press.course.chapter import Chapter, plain_markdown, read_chapters, short_citations
 from hadr.press.course.slides import build_slides, missing_packages
 from hadr.records.checkout import checkout_root
 from hadr.records.option_words import CHAPTER, FOLDER, LARGEST_SEED, check_range
+from hadr.records.output_folder import check_output_folder, wrote
+from hadr.records.reading import read_json
+from hadr.records.writing import whole_folder
 
+MANIFEST = "course.json"
+"""Checksums of what was written: a later run knows its own files from changed and foreign ones."""
+MADE_BY = "hadr course"
 EPILOG = """\
 examples
   hadr course --out course                     all chapters, some minutes
@@ -140,3 +148,45 @@ def _executed(
     paths = [solutions / f"{chapter.name}.ipynb" for chapter in chapters]
     runs = run_notebooks(paths, work / "run", preset=options.preset, seed=options.seed)
     return {run.name: run.notebook for run in runs}
+
+
+def _checksums(folder: Path) -> dict[str, str]:
+    return {
+        path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file() and path != folder / MANIFEST
+    }
+
+
+def check_target(out: Path) -> None:
+    """Refuse a folder that is neither missing, nor empty, nor as an earlier run left it."""
+    check_output_folder(out)
+    if not out.exists() or not any(out.iterdir()):
+        return
+    own = wrote(out / MANIFEST, made_by=MADE_BY, files="")
+    files = read_json(out / MANIFEST)["files"] if own else None
+    if not isinstance(files, dict):
+        raise ValueError(
+            f"--out {out} is not empty, and `{MADE_BY}` did not write it; name a new folder"
+        )
+    present = _checksums(out)
+    changed = sorted(name for name, checksum in present.items() if files.get(name) != checksum)
+    if changed:
+        listed = ", ".join(changed[:3]) + (f" and {len(changed) - 3} more" if changed[3:] else "")
+        raise ValueError(
+            f"--out {out} holds files that were added or changed since `{MADE_BY}` wrote it: "
+            f"{listed}; move them away or name a new folder"
+        )
+
+
+@contextlib.contextmanager
+def written_whole(out: Path, about: Mapping[str, Any]) -> Iterator[Path]:
+    """Give a folder to write into that becomes ``out`` with a list of checksums, or nothing does.
+
+    ``about`` is what else the list says.
+    """
+    with whole_folder(out, MADE_BY, partial(check_target, out)) as fresh:
+        yield fresh
+        content = {"made_by": MADE_BY, **about, "files": _checksums(fresh)}
+        text = json.dumps(content, indent=1, ensure_ascii=False) + "\n"
+        (fresh / MANIFEST).write_text(text, encoding="utf-8")
