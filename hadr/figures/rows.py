@@ -11,17 +11,11 @@ from matplotlib.axes import Axes
 
 @dataclass(frozen=True)
 class Dots:
-    """One dot a row.
+    """One dot a row, at values of shape (N,), where NaN leaves a row free.
 
-    Attributes:
-        values: Where the dots stand, shape (N,); NaN leaves a row free.
-        colors: One for all rows, or one a row.
-        markers: Likewise.
-        label: What the legend says; nothing where left out.
-        ends: Lower and upper end of a bar through each dot, shape (N, 2); NaN is none.
-        hollow: Whether the dots are white inside.
-        aside: How far below its row's middle a dot stands, rows.
-        text: Format of the number beside each dot, for example ``"{:.1f}"``; none where left out.
+    Colours and markers are one for all rows or one a row; `label` is what the legend says. Through
+    each dot goes a bar between its ends, (N, 2), NaN for none. It stands `aside` rows below its
+    row's middle. `text` formats the number beside it, for example ``"{:.1f}"``.
     """
 
     values: npt.ArrayLike
@@ -43,14 +37,9 @@ def name_rows(ax: Axes, names: Sequence[str]) -> None:
 def draw_dot_rows(
     ax: Axes, names: Sequence[str], series: Sequence[Dots], *, size: float = 7, joined: bool = False
 ) -> None:
-    """Draw series of dots in named rows.
+    """Draw series of dots, `size` points large, in N named rows.
 
-    Args:
-        ax: Ordinary 2D axes.
-        names: The N rows.
-        series: The dots.
-        size: Of the dots, points.
-        joined: Whether a line joins the dots of each row, in the first series' colour.
+    Where they are joined, a line in the first series' colour joins the dots of each row.
     """
     if joined:
         every = np.array([dots.values for dots in series], dtype=float)

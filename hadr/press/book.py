@@ -108,12 +108,9 @@ def _entry(notebook: Path) -> str:
 
 
 def stage_notebook(notebook: Any, run_time: str) -> Any:
-    """Make an executed notebook ready for a page without a kernel.
+    """Make an executed notebook ready for a page without a kernel, in place.
 
-    The token for the run time is replaced; papermill's injected parameters, warnings and other
-    text on stderr, and the outputs and state of widgets are dropped; films get their captions;
-    cells that only a kernel brings to life are folded, and folds say what is in them. The notebook
-    is changed.
+    Papermill's injected parameters, text on stderr, and outputs and state of widgets are dropped.
     """
     cells = []
     for cell in notebook.cells:
@@ -355,13 +352,7 @@ class _Timed:
 
 
 def readme_table(build: Path, root: Path) -> str:
-    """The chapter list with the run times that the last ``make book`` measured.
-
-    Raises:
-        FileNotFoundError: No book was built yet.
-        ValueError: The record is broken, or its times are not of all chapters, of preset tiny and
-            of one machine; the message says which.
-    """
+    """The chapters with the run times of the last ``make book``: all, of one machine, at tiny."""
     path = build / "results.json"
     if not path.exists():
         raise FileNotFoundError(f"{path} is missing: run `make book` first")

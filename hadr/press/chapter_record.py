@@ -51,20 +51,11 @@ def keep_chapter(folder: Path, configuration: dict[str, Any], duration_s: float)
 def keep_results(
     out: Path, notebooks: Sequence[Path], preset: str, seed: int, say: Callable[[str], None] = print
 ) -> dict[str, Any]:
-    """Gather what the chapters measured in one file, ``OUT/results.json``.
+    """Gather what all chapters measured in one file, ``OUT/results.json``, and give what it holds.
 
     Chapters that were executed before are in it as well, each with its machine and provenance, if
-    they are finished with this preset and seed and as they are now (`hadr.records.dependencies`).
-
-    Args:
-        out: The folder into which they were executed.
-        notebooks: The notebooks of all chapters; of any other nothing is gathered.
-        preset: The preset.
-        seed: The seed.
-        say: Receives a line where the file does not have all chapters.
-
-    Returns:
-        What was written.
+    they are finished with this preset and seed and as they are now (`hadr.records.dependencies`);
+    a line says where some are missing.
     """
     chapters = {}
     for notebook in notebooks:

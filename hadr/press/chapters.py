@@ -30,14 +30,7 @@ _ANSI = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
 
 @dataclass(frozen=True)
 class ChapterRun:
-    """One executed chapter.
-
-    Args:
-        name: The notebook's name without suffix, such as ``03_ray_voxels``.
-        duration_s: Wall-clock time that papermill measured, seconds.
-        notebook: The executed notebook.
-        results: The chapter's ``results.json``, or None where it wrote none.
-    """
+    """One executed chapter, such as ``03_ray_voxels``, and its ``results.json`` if it wrote one."""
 
     name: str
     duration_s: float
@@ -50,14 +43,10 @@ class ChapterError(RuntimeError):
 
 
 def chapter_paths(notebooks: Path, only: Sequence[str] = ()) -> list[Path]:
-    """The chapters' notebooks in the book's order.
+    """The chapters' notebooks, NN_name.ipynb of a folder, in the book's order.
 
-    Args:
-        notebooks: Folder with NN_name.ipynb.
-        only: Numbers or beginnings of names (``03``, ``3``, ``03_ray``); empty takes all.
-
-    Raises:
-        ValueError: A wish is empty or fits no chapter, or there is no chapter at all.
+    `only` has numbers or beginnings of names (``03``, ``3``, ``03_ray``); empty takes all.
+    ValueError where one is empty or fits no chapter, or there is no chapter at all.
     """
     paths = sorted(notebooks.glob("[0-9][0-9]_*.ipynb"))
     if not paths:
@@ -88,21 +77,11 @@ def run_notebooks(
     resume: bool = False,
     jobs: int = 1,
 ) -> list[ChapterRun]:
-    """Execute notebooks with papermill, each on a kernel of its own.
+    """Execute notebooks with papermill, each on a kernel of its own, `jobs` at a time.
 
-    Args:
-        notebooks: Notebooks to execute; their files are not changed.
-        out_dir: Takes ``executed/NAME.ipynb`` and, as each notebook's own ``out_dir``,
-            ``results/NAME/``.
-        preset: Value of the notebooks' parameter ``preset``.
-        seed: Value of the notebooks' parameter ``seed``.
-        say: Receives one line per notebook.
-        resume: Leave out those that were executed already, if since then neither they nor the
-            library nor the data that they read have changed.
-        jobs: So many notebooks at a time.
-
-    Returns:
-        One entry per notebook, in order.
+    The folder takes ``executed/NAME.ipynb`` and, as each notebook's own ``out_dir``,
+    ``results/NAME/``. To resume leaves out those that were executed already, if since then neither
+    they nor the library nor the data that they read have changed.
 
     Raises:
         ChapterError: A cell raised, took too long, or its kernel died. The half-executed
@@ -183,12 +162,7 @@ def _execute(source: Path, target: Path, parameters: dict[str, Any], shown: bool
 
 
 def read_notebook(path: Path) -> Any:
-    """Read a notebook.
-
-    Raises:
-        FileNotFoundError: There is no such file.
-        ValueError: It is no notebook of a known version; the message names it.
-    """
+    """Read a notebook; ValueError names one that is none of a known version."""
     import nbformat
 
     content = parse_json(read_bytes(path), path)
@@ -229,12 +203,7 @@ def without_ansi(text: str) -> str:
 
 
 def run_time_table(runs: Sequence[ChapterRun], titles: Mapping[str, str] | None = None) -> str:
-    """The measured run times as a Markdown table.
-
-    Args:
-        runs: Executed chapters.
-        titles: Optional titles by notebook name.
-    """
+    """The measured run times as a Markdown table, perhaps with titles by the notebooks' names."""
     lines = ["| chapter | measured run time |", "| :-- | --: |"]
     for run in runs:
         title = (titles or {}).get(run.name, run.name)

@@ -37,17 +37,10 @@ Row = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Claim:
-    """A claim of the paper.
+    """A claim of the paper by a few words for it, what it says and where, and our numbers.
 
-    Attributes:
-        name: A few words for it.
-        words: What the paper claims, with its numbers.
-        place: Where it stands in the paper.
-        ours: Our numbers.
-        verdict: One of `VERDICTS`.
-        chapter: The notebook that shows it, without its number.
-        file: The result file, in `results/`; empty where there is none.
-        remark: What must be known to read the numbers.
+    The verdict is one of `VERDICTS`, the chapter a notebook without its number, the file in
+    `results/`, or none; the remark is what must be known to read the numbers.
     """
 
     name: str

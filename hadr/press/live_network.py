@@ -58,18 +58,12 @@ def weights_script(checkpoint: str | Path) -> str:
 
 
 def frames_script(frames: Sequence[Frame], size: tuple[int, int]) -> str:
-    """Frames as calls of ``live.frame``, at a network's size (width, height), with their truth.
-
-    Of each only a square around the mask, as high as the frame.
-
-    Raises:
-        ValueError: A frame has no depth of a camera.
-    """
+    """Frames as calls of ``live.frame``, at a network's size (width, height), with their truth."""
     return "".join(_call("live.frame", _frame(one, size)) for one in frames)
 
 
 def _frame(frame: Frame, size: tuple[int, int]) -> dict[str, Any]:
-    """A frame's middle part around the mask, as high as wide."""
+    """Of a frame a square around the mask, as high as the frame; ValueError without raw depth."""
     if frame.raw_depth is None:
         raise ValueError(f"frame {frame.stem} has no raw depth")
     raw = np.where(frame.object_mask, 0, frame.raw_depth)

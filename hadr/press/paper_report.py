@@ -39,17 +39,12 @@ Method = tuple[str, dict[str, list[str]], dict[str, str]]
 
 
 def report(results: str | Path, published: str | Path, size: str = "mini") -> str:
-    """Set the paper's tables beside those of a folder of result files.
+    """Set the published tables, `paper_tables.json`, beside those of a folder of result files.
 
-    Args:
-        results: The folder, with any of known.json, unknown.json, ablation.json, handover.json.
-        published: The paper's tables, `results/paper_tables.json`.
-        size: The preset, for the commands.
-
-    Returns:
-        Markdown with one section a table, the tables in HTML: the paper's rows with the paper's
-        number, ours and the difference; then the rows that the paper has not. Below each stand
-        command, run time and provenance.
+    Gives Markdown with one section for each of known.json, unknown.json, ablation.json and
+    handover.json that is there: the paper's rows with the paper's number, ours and the difference,
+    then the rows that the paper has not; below each stand command, for a preset, run time and
+    provenance.
     """
     paper = json.loads(Path(published).read_text(encoding="utf-8"))
     parts = []

@@ -90,12 +90,7 @@ class Options:
 
 
 def run(options: Options) -> int:
-    """Carry out ``hadr reproduce``: print the plan, then do what is left of it.
-
-    Returns:
-        0 when all was done, 1 when a row that was run again gave other numbers, 2 when a chapter
-        or a training failed.
-    """
+    """Carry out ``hadr reproduce``: print the plan, do what is left of it, give the status."""
     from hadr.experiments.plan import (
         handover_steps,
         make_handover_table,

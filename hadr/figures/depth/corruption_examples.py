@@ -41,13 +41,8 @@ PLACES: tuple[str, ...] = ("in the glass", "at outlines", "elsewhere")
 class CorruptionExample:
     """One frame with what a camera measured and what it should have.
 
-    Attributes:
-        name: What the frame shows.
-        camera: Intrinsics of all pictures.
-        measured: What the camera measured, z-depth in metres, 0 = missing, shape (H, W).
-        truth: True z-depth, metres, 0 = unknown, shape (H, W).
-        background: True z-depth without the glass, metres, 0 = unknown, shape (H, W).
-        mask: Pixels of the glass, shape (H, W).
+    Pictures have the shape (H, W), depths are z-depths in metres: in what was measured 0 is
+    missing, in the truth and in the background, that without the glass, it is unknown.
     """
 
     name: str
@@ -134,13 +129,9 @@ def kind_shares(kinds: npt.NDArray[np.int64], where: BoolArray) -> npt.NDArray[n
 
 @dataclass(frozen=True)
 class CorruptionStatistics:
-    """What is left of the depth inside a mask.
+    """What is left of the depth in the pixels of a mask that have a true one; shares are 0..1.
 
-    Attributes:
-        pixels: Pixels of the mask that have a true depth.
-        missing_share: Share of them without a measured depth, 0..1.
-        bias_m: Median of measured minus true depth over the rest, metres (positive: behind).
-        within_1cm_share: Share of all of them measured within 1 cm of the truth, 0..1.
+    The bias is the median of measured minus true depth, positive behind, where one was measured.
     """
 
     pixels: int

@@ -45,10 +45,7 @@ def draw_restored(
 ) -> Figure:
     """Draw a column a frame: colour, each method's depth and its error on the glass, the truth.
 
-    Args:
-        frames: With labels.
-        depths: By the method's name a depth image, (H, W) metres, for each frame; 0 is missing.
-        titles: A line above each column.
+    By a method's name stands a depth image for each frame, (H, W) metres; 0 is missing.
     """
     names = ["colour", *(name for method in depths for name in (method, "error")), "truth"]
     side, wide = (9.0 - _LEFT) / len(frames), 9.0
@@ -120,9 +117,7 @@ def _words(error: FloatArray, mask: BoolArray) -> str:
 def restored_clouds(frame: Frame, depths: Mapping[str, FloatArray]) -> list[Cloud]:
     """The points around a glass for each depth image, (H, W) metres; those of the glass are blue.
 
-    Args:
-        frame: With labels; its true depth says around what the view turns.
-        depths: By what the reader chooses; 0 is missing.
+    The images stand by what the reader chooses; the view turns around the true glass.
     """
     truth = back_project(frame.depth, frame.camera)
     center = np.median(truth[frame.object_mask & valid_depth(frame.depth)], axis=0)

@@ -35,20 +35,11 @@ def film_strip(
     view: View | None = None,
     width: float = 10.0,
 ) -> tuple[Figure, str]:
-    """Draw stills of one run with time and stage below.
+    """Draw stills of one run, at times in seconds, with time and stage below.
 
-    Args:
-        states: In the order of time.
-        times: Seconds, one a still.
-        scene: Hand and object.
-        transitions: Changes of stage, oldest first.
-        columns: Stills side by side.
-        names: What happens in each still; the stage's name where left out.
-        view: From where; `strip_view` where left out.
-        width: Of the figure, inches.
-
-    Returns:
-        The figure, and a text that says the same to who cannot see it.
+    States and changes of stage come oldest first. `names` say what happens in each still; the
+    figure is `width` inches wide and seen from `strip_view` where nothing else is told. With it
+    comes a text that says the same to who cannot see it.
     """
     drawn = FilmSet(scene, view or strip_view())
     rows_px, columns_px = drawn.view.camera.shape

@@ -205,20 +205,11 @@ def candidate_choice(
     tilt_deg: float | None = None,
     limit: float = 0.6,
 ) -> Figure:
-    """Draw a sphere of one form of the score, and the grasp that this form chooses.
+    """Draw a sphere of one form of the score, and the grasp that this form chooses, base frame.
 
-    Args:
-        scene: Hand and glass, base frame, as all the rest.
-        grasps: Candidates.
-        directions: To the human and down.
-        weights: Of the three terms.
-        tilt_deg: None draws the intended form. A number draws the printed formula, with the
-            rotation written in a frame that is the base frame turned by so many degrees about its
-            y axis: 0 is the base frame, 90 a frame whose z axis points to the human.
-        limit: The colours go from minus to plus this score.
-
-    Returns:
-        The figure; all of them have one size.
+    Without a tilt it is the intended form, with one the printed formula, its rotation written in a
+    frame that is the base frame turned by so many degrees about its y axis: 0 is the base frame,
+    90 a frame whose z axis points to the human. Colours go from minus to plus the limit.
     """
     frame: Array | None = None
     if tilt_deg is None:

@@ -36,13 +36,8 @@ _REST = "#9c8f7d"  # table and forearm
 class FirstChoice:
     """The picture in which a robot chose its first grasp, base frame, metres.
 
-    Attributes:
-        glass: The points that it takes for the glass, shape (n, 3).
-        rest: The measured points of anything else, shape (m, 3).
-        keypoints: Its hand, shape (21, 3).
-        pose: The chosen tool pose, shape (4, 4).
-        width: Opening of the fingers.
-        truth: Where the glass really was.
+    The points that it takes for the glass, (n, 3), and those of anything else, (m, 3), its hand,
+    (21, 3), the chosen tool pose, (4, 4), with the fingers' opening, and where the glass was.
     """
 
     glass: Array
@@ -92,11 +87,9 @@ def first_choice(trial: Trial, chosen_at: float) -> FirstChoice:
 def draw_choices(
     choices: Mapping[str, FirstChoice], ends: Mapping[str, tuple[Picture, str]]
 ) -> Figure:
-    """Draw a column a kind of depth: what the robot had when it chose, and what became of it.
+    """Draw a titled column a kind of depth: what the robot had when it chose, and its end below.
 
-    Args:
-        choices: By the title of the column.
-        ends: By the same titles a picture of the attempt's end, and the words below it.
+    An end is a picture, and the words below it.
     """
     fig: Figure
     fig, axes = plt.subplots(2, len(choices), figsize=(9, 5.4), height_ratios=(1.1, 1))

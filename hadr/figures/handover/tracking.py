@@ -28,14 +28,9 @@ class Carried:
 
 @dataclass(frozen=True)
 class HandFilm:
-    """What happens: the hand and the glass in it at each moment, base frame.
+    """What happens: the hand, its glass and where the grasp belongs at each moment, base frame.
 
-    Args:
-        times: Seconds, ascending, shape (t,).
-        keypoints: Shape (t, 21, 3), metres.
-        glass: Which object.
-        base_from_glass: Its pose at each moment, shape (t, 4, 4).
-        true_poses: Where the grasp belongs at each moment, shape (t, 4, 4).
+    Times are seconds, ascending, (t,), keypoints metres, (t, 21, 3), and poses (t, 4, 4).
     """
 
     times: Array

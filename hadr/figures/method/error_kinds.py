@@ -37,14 +37,10 @@ _EDGE = "#404040"
 
 @dataclass(frozen=True)
 class Source:
-    """One column of the comparison: a depth picture and what is true.
+    """One column of the comparison: a depth picture, (H, W), what is true, and the glass's mask.
 
-    Attributes:
-        title: Where the picture comes from.
-        measured: z-depth, metres, 0 = missing, shape (H, W); None where there is no such picture.
-        truth: True z-depth, metres, 0 = unknown, shape (H, W).
-        mask: Pixels of the glass, shape (H, W).
-        note: What stands in the column if there is no picture.
+    Depths are z-depths in metres: 0 is missing where measured and unknown in the truth. Where
+    nothing was measured there is no such picture, and the note stands in the column.
     """
 
     title: str

@@ -41,19 +41,12 @@ def draw_walk(
     truth: float | None = None,
     numbers: bool = True,
 ) -> None:
-    """Draw one ray and its candidate voxels from above: z to the right, x up.
+    """Draw one ray, a unit vector (3,), and its candidate voxels from above: z to the right, x up.
 
-    Args:
-        ax: 2D axes.
-        direction: Unit vector, camera frame, shape (3,).
-        cells: Centres of the candidate voxels in metres, camera frame, shape (K, 3).
-        t_in: Where the ray enters them, metres along it, shape (K,).
-        t_out: Where it leaves them, shape (K,).
-        size: Side of a voxel in metres.
-        reached: How far the walk has come; the candidate in which it is gets a stronger colour.
-            None = the whole ray.
-        truth: Distance of the true surface, if it is drawn.
-        numbers: Whether to write the distances beside the crossings.
+    All is in the camera frame and metres: the voxels' centres, (K, 3), their size, and where the
+    ray enters and leaves them, (K,). The candidate in which the walk is when it has reached so far
+    gets a stronger colour; None is the whole ray. The true surface is drawn where it is given, and
+    `numbers` are the distances beside the crossings.
     """
     d = np.asarray(direction, dtype=float)
     centers, starts, ends = (np.asarray(a, dtype=float) for a in (cells, t_in, t_out))
@@ -194,16 +187,11 @@ _BESIDE = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])  # up, 
 
 @dataclass(frozen=True)
 class VoxelWalk:
-    """All cells of the grid that one ray crosses, from near to far.
+    """All cells of the grid that one ray, a unit vector (3,), crosses, from near to far.
 
-    Attributes:
-        direction: Unit vector, camera frame, shape (3,).
-        cells: Indices along x, y, z, shape (K, 3).
-        centers: Their centres, camera frame, metres, shape (K, 3).
-        t_in: Where the ray enters them, metres along it, shape (K,).
-        t_out: Where it leaves them, shape (K,).
-        candidate: For each cell its number among the ray's candidates, shape (K,); -1 = empty.
-        size: Side of a cell in metres.
+    Their indices along x, y, z, (K, 3), their centres, camera frame, (K, 3), where the ray enters
+    and leaves them, (K,), their numbers among the ray's candidates, (K,), where -1 is empty, and
+    their size; metres.
     """
 
     direction: FloatArray

@@ -43,15 +43,10 @@ _FLESH = 0.022
 
 @dataclass(frozen=True)
 class Orbit:
-    """A camera at several places around a held glass.
+    """A camera at N places around a held glass, by how far it has gone around the glass's axis.
 
-    Attributes:
-        scene: Hand and glass, object frame.
-        turns_deg: How far the camera has gone around the glass's axis, shape (N,).
-        views: The places as the studio has them.
-        camera: Intrinsics of all pictures.
-        camera_from_object: Poses, shape (N, 4, 4), OpenCV's camera frame.
-        keypoints: Camera frame, metres, shape (N, 21, 3).
+    The places are there as the studio has them and as poses, (N, 4, 4); the keypoints are in the
+    camera's frame, metres, (N, 21, 3).
     """
 
     scene: HandOnGlass

@@ -44,18 +44,12 @@ _UPRIGHT = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
 
 @dataclass(frozen=True)
 class HandOnGlass:
-    """One hold as the turntable shows it, in the object's frame: z is the glass's axis.
+    """One hold as the turntable shows it, in the object's frame, metres: z is the glass's axis.
 
-    Args:
-        name: What the reader chooses by.
-        note: A line below the picture.
-        glass: Closed surface, metres.
-        hand: Closed surface, metres.
-        hand_colors: sRGB per vertex of the hand, shape (V, 3) uint8.
-        joints: The skeleton, metres, shape (22, 3).
-        azimuth_deg: Where the viewer stands first, degrees about z from x.
-        elevation_deg: How far he is raised.
-        fade: (n, d), shape (4,): the hand's opacity at p is n . p + d, kept within 0 and 1.
+    The reader chooses by the name; the note stands below the picture. Both surfaces are closed; the
+    hand has a colour per vertex, sRGB, (V, 3) uint8, and 22 joints, (22, 3). The viewer stands
+    first at an azimuth about z from x and raised by an elevation, degrees. The hand's opacity at p
+    is n . p + d, kept within 0 and 1, with (n, d) the fade.
     """
 
     name: str
@@ -78,16 +72,10 @@ class HandOnGlass:
 
 @dataclass(frozen=True)
 class Cloud:
-    """Points as the turntable shows them, in the camera's frame.
+    """Points, (N, 3), at least one, as the turntable shows them, in the camera's frame, metres.
 
-    Args:
-        name: What the reader chooses by.
-        note: A line below the picture.
-        points: Metres, shape (N, 3), at least one.
-        colors: sRGB, shape (N, 3) uint8.
-        center: What the view turns around, metres, shape (3,).
-        radius: What fits into the picture, metres around it.
-        spacing: How far neighbouring points are apart, metres.
+    The reader chooses by the name; the note stands below the picture. Colours are sRGB, uint8. The
+    view turns around the center and shows what lies within the radius; spacing is the neighbours'.
     """
 
     name: str

@@ -136,14 +136,7 @@ def build_slides(
 
 @dataclass
 class Section:
-    """One section of a chapter, sorted by what a slide can show.
-
-    Args:
-        heading: Its heading.
-        paragraphs: Its prose, without formulas on lines of their own.
-        formulas: The sentence that leads to a displayed formula, and the formula.
-        figures: Code cells that draw.
-    """
+    """One section of a chapter by what a slide can show; a formula with its leading sentence."""
 
     heading: str
     paragraphs: list[str] = field(default_factory=list)
@@ -209,11 +202,7 @@ def deck_text(
 ) -> str:
     """Write a chapter's deck as MyST Markdown: ``#`` and ``##`` begin columns, ``###`` slides.
 
-    Args:
-        chapter: The chapter.
-        pictures: Image file, relative to the deck, by the code of the cell that drew it.
-        marks: Marks by exercise label.
-        plain: Turns the book's Markdown into such as needs none of the book's extensions.
+    Pictures are files, relative to the deck, by the code of the cell that drew them.
     """
     goals = "\n".join(f"- {goal}" for goal in chapter.goals)
     slides = [

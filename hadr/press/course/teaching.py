@@ -174,12 +174,7 @@ def chapters_text(
     chapters: Sequence[Chapter],
     link: Callable[[Chapter], str],
 ) -> str:
-    """Goals, exercises, marks and common mistakes of each chapter, as Markdown.
-
-    Args:
-        chapters: The chapters, in order.
-        link: Where a chapter's title leads.
-    """
+    """Goals, exercises, marks and common mistakes of each chapter, as Markdown with links."""
     numbers = numbers_in_the_book(chapters)
     parts = []
     for chapter in chapters:

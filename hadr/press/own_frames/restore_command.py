@@ -212,12 +212,7 @@ class Made:
 
 
 def run(options: Options) -> int:
-    """Run the command.
-
-    Raises:
-        ValueError: Unusable input, in one sentence.
-        OSError: A file that does not exist, or can't be written.
-    """
+    """Run the command: 1 where nothing could be restored; an error names unusable input."""
     if Path(options.rgb).is_dir():
         from hadr.press.own_frames.restore_sequence import run_sequence
 

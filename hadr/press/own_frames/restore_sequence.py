@@ -38,15 +38,7 @@ _A_FRAME = ("rgb", "depth", "mask", "hand", "hand_mask", "truth")
 
 
 def run_sequence(options: Options) -> int:
-    """Restore all frames of a folder.
-
-    Returns:
-        0; 1 where a frame was refused, or nothing could be restored in one.
-
-    Raises:
-        ValueError: A folder is missing, empty, lacks a frame's file, or no frame is usable.
-        OSError: A file can't be read or written.
-    """
+    """Restore all frames of a folder: 1 where one was refused, or nothing was restored in one."""
     from hadr.simulation.film.film import write_film  # --help need not wait for it
 
     frames = sequence_frames(options)
@@ -97,11 +89,7 @@ def run_sequence(options: Options) -> int:
 
 
 def sequence_frames(options: Options) -> dict[str, Options]:
-    """The options of each frame, by the name that its files have in common, in their order.
-
-    Raises:
-        ValueError: An option names no folder, two files have one name, or a frame lacks a file.
-    """
+    """The options of each frame, by the name that its files have in common, in their order."""
     files: dict[str, dict[str, str]] = {}
     for option in _A_FRAME:
         given = getattr(options, option)

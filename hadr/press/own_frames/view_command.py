@@ -60,13 +60,7 @@ class Options:
 
 
 def run(options: Options) -> int:
-    """Write the page and open it.
-
-    Raises:
-        ValueError: The folder holds no result of `hadr restore`, or a damaged one; or something
-            else stands where the page is to be written.
-        OSError: The page can't be written.
-    """
+    """Write the page, where nothing else stands, and open it."""
     from hadr.figures.solids.turntable import turntable  # loads matplotlib: --help need not wait
 
     path = options.out or options.result / VIEW
@@ -82,11 +76,7 @@ def run(options: Options) -> int:
 
 
 def clouds(folder: Path) -> list[Cloud]:
-    """What the page of a result shows: its points, the restored ones marked, and without them.
-
-    Raises:
-        ValueError: The folder holds no result of `hadr restore`, or a damaged one.
-    """
+    """What the page of a result shows: its points, the restored ones marked, and without them."""
     from hadr.figures.solids.turntable import Cloud
 
     if not wrote(folder / "report.json", command="hadr restore"):
