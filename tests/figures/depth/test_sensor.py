@@ -1,6 +1,5 @@
 """The depth camera's comparison as figure and as text."""
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
@@ -63,9 +62,8 @@ def test_a_glass_seen_through_shows_the_chosen_shares(frame_of):
 
 
 @pytest.mark.parametrize("glass", [False, True])
-def test_the_camera_measures_the_wall_but_not_through_glass(glass: bool) -> None:
+def test_the_camera_measures_the_wall_but_not_through_glass(glass: bool, ax) -> None:
     """Without glass the imagers' rays are straight; with it their continuations meet before."""
-    _, ax = plt.subplots()
     draw_stereo_camera(ax, glass, "title")
     lines = [line.get_xydata() for line in ax.lines if len(line.get_xdata()) == 3]
     assert len(lines) == 3, "the projector's ray and one for each imager"

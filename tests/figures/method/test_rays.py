@@ -46,23 +46,22 @@ def test_a_cube_has_twelve_edges_of_its_size() -> None:
     assert first.max(axis=0).tolist() == [0.125, 1.125, 0.125]
 
 
-def test_walk_marks_the_candidate_in_which_the_ray_is() -> None:
+@pytest.mark.parametrize(
+    ("reached", "dark"), [(0.3, []), (0.7, [0]), (1.0, [1]), (1.3, []), (1.7, [2])]
+)
+def test_walk_marks_the_candidate_in_which_the_ray_is(ax, reached, dark) -> None:
     directions, occupied, pairs = scene()
     mine = (pairs.ray == 0).nonzero().squeeze(1)
     stay = (pairs.t_in[mine], pairs.t_out[mine])
-    for reached, dark in ((0.3, []), (0.7, [0]), (1.0, [1]), (1.3, []), (1.7, [2])):
-        _, ax = plt.subplots()
-        centers = occupied.center[pairs.voxel[mine]]
-        draw_walk(ax, directions[0], centers, *stay, 0.25, reached=reached)
-        opacity = [patch.get_facecolor()[3] for patch in ax.patches]
-        assert [k for k, a in enumerate(opacity) if a > 0.4] == dark
-        passed = sum(float(t) <= reached for t in torch.cat(stay))
-        assert len(ax.texts) == passed
+    centers = occupied.center[pairs.voxel[mine]]
+    draw_walk(ax, directions[0], centers, *stay, 0.25, reached=reached)
+    opacity = [patch.get_facecolor()[3] for patch in ax.patches]
+    assert [k for k, a in enumerate(opacity) if a > 0.4] == dark
+    assert len(ax.texts) == sum(float(t) <= reached for t in torch.cat(stay))
 
 
-def test_strip_has_a_bar_for_each_pair_and_a_star_for_each_ray() -> None:
+def test_strip_has_a_bar_for_each_pair_and_a_star_for_each_ray(ax) -> None:
     _, occupied, pairs = scene()
-    _, ax = plt.subplots()
     draw_strip(ax, pairs, occupied, [0.7, 0.9], [0, 1])
     ends = sorted((p.get_x(), p.get_x() + p.get_width()) for p in ax.patches)
     expected = sorted(zip(pairs.t_in.tolist(), pairs.t_out.tolist(), strict=True))
@@ -71,8 +70,7 @@ def test_strip_has_a_bar_for_each_pair_and_a_star_for_each_ray() -> None:
     assert {line.get_color() for line in ax.lines} == {COLORS["truth"]}
 
 
-def test_slabs_show_the_stay_in_each_and_what_they_share() -> None:
-    _, ax = plt.subplots()
+def test_slabs_show_the_stay_in_each_and_what_they_share(ax) -> None:
     draw_slabs(ax, [1.0417, -np.inf, 1.09375], [1.4583, np.inf, 1.40625])
     bars = [(p.get_x(), p.get_x() + p.get_width()) for p in ax.patches]
     low, high = ax.get_xlim()

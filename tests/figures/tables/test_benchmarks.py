@@ -2,8 +2,6 @@
 
 import re
 
-import matplotlib.pyplot as plt
-
 from hadr.figures.tables.benchmarks import (
     by_heart_table,
     draw_ablation,
@@ -64,14 +62,13 @@ def test_metres_and_overlap_in_the_units_a_reader_knows() -> None:
     assert masks == ["segmentation", "600", "0.996 IoU", "0.980 IoU", "yes", ""]
 
 
-def test_an_ablation_is_drawn_against_the_full_network() -> None:
+def test_an_ablation_is_drawn_against_the_full_network(ax) -> None:
     against = {"mean_difference_m": 0.004, "standard_error_m": 0.001}
     rows = [
         {"network": "full", "rmse_m": 0.02, "against_full": None},
         {"network": "no plane", "against_full": against},
         {"network": "no colour", "against_full": {**against, "mean_difference_m": -0.001}},
     ]
-    _, ax = plt.subplots()
     draw_ablation(ax, rows)
     assert [t.get_text() for t in ax.get_yticklabels()] == ["no plane", "no colour"]
     assert [t.get_text() for t in ax.texts] == ["+0.40", "-0.10"]

@@ -1,4 +1,3 @@
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
@@ -94,8 +93,7 @@ def row(
 ROWS = [row("perfect", 40, 0.70, 0.92), row("hadr", 36, 0.61, 0.85), row("raw", 12, 0.15, 0.39)]
 
 
-def test_bars_are_as_long_as_the_rates_and_stand_in_order() -> None:
-    _, ax = plt.subplots()
+def test_bars_are_as_long_as_the_rates_and_stand_in_order(ax) -> None:
     draw_success(ax, ROWS, published=34 / 48)
     names = [label.get_text() for label in ax.get_yticklabels()]
     assert names == ["sensor depth", "HADR", "perfect depth"]
@@ -107,8 +105,7 @@ def test_bars_are_as_long_as_the_rates_and_stand_in_order() -> None:
     assert ax.lines[-1].get_xdata()[0] == pytest.approx(70.83, abs=0.01)
 
 
-def test_outcomes_fill_the_attempts() -> None:
-    _, ax = plt.subplots()
+def test_outcomes_fill_the_attempts(ax) -> None:
     draw_outcomes(ax, ROWS)
     ends = {}
     for bar in ax.patches:
@@ -118,8 +115,7 @@ def test_outcomes_fill_the_attempts() -> None:
     assert [t.get_text() for t in ax.get_legend().texts] == ["success", "drop", "timeout"]
 
 
-def test_degradation_has_a_line_a_condition_with_its_intervals() -> None:
-    _, ax = plt.subplots()
+def test_degradation_has_a_line_a_condition_with_its_intervals(ax) -> None:
     usual = {name: value for name, (_, value) in WORSE.items()} | {"restless": False}
     rows = [
         row("hadr", 36, 0.61, 0.85, **usual),

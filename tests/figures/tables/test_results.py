@@ -66,8 +66,7 @@ def test_a_run_that_one_split_lacks_leaves_its_line_empty() -> None:
     assert number.xy[1] == axes[1].get_yticks()[1]  # HADR's line
 
 
-def test_curves_are_in_minutes_and_centimetres() -> None:
-    _, ax = plt.subplots()
+def test_curves_are_in_minutes_and_centimetres(ax) -> None:
     draw_learning(ax, ROWS, "known")
     (line,) = ax.lines
     assert line.get_xdata().tolist() == pytest.approx([1, 2])
@@ -160,8 +159,7 @@ def test_reasons_stand_beside_the_differences() -> None:
         reasons_table(tables, {**FIVE, "known": {}, "unknown": {}}, {"lidf": ("", "")})
 
 
-def test_published_dots_are_hollow_and_ours_full() -> None:
-    _, ax = plt.subplots()
+def test_published_dots_are_hollow_and_ours_full(ax) -> None:
     draw_against_paper(ax, RIVALS, FIVE, "known")
     dots = {(round(float(line.get_xdata()[0]), 2), line.get_markerfacecolor() == "white")
             for line in ax.lines if line.get_marker() in ("o", "X")}  # fmt: skip
@@ -169,10 +167,9 @@ def test_published_dots_are_hollow_and_ours_full() -> None:
     assert [t.get_text() for t in ax.get_yticklabels()] == ["HADR", "TODE-Trans"]
 
 
-def test_times_are_those_of_the_networks_that_were_scored() -> None:
+def test_times_are_those_of_the_networks_that_were_scored(ax) -> None:
     speed = [{"method": "hadr", "preset": size, "wall_median_ms": ms}
              for size, ms in (("paper", 125.0), ("mini", 20.0))]  # fmt: skip
-    _, ax = plt.subplots()
     draw_error_over_time(ax, RIVALS, speed, "known")
     (line,) = ax.lines
     assert (line.get_xdata()[0], line.get_ydata()[0]) == (20.0, pytest.approx(3.12))
@@ -192,10 +189,9 @@ def test_tables_of_parts_averages_and_poses() -> None:
     assert cells(poses_table(poses).splitlines()[2]) == ["known", "HADR", "2.00", "4.00", "+0.25"]
 
 
-def test_a_hole_moves_the_glass_in_centimetres_beside_the_line_of_size_alone() -> None:
+def test_a_hole_moves_the_glass_in_centimetres_beside_the_line_of_size_alone(ax) -> None:
     shares = [{"grown": s, "moved_m": -s / 10, "standard_error_m": 0.001} for s in (-0.2, 0.25)]
     rows = [row("tode", "known", 0.04, depth_m=0.6, by_share=shares, elsewhere={})]
-    _, ax = plt.subplots()
     draw_hole(ax, rows, "known")
     drawn = {line.get_label(): line for line in ax.lines}
     (bars,) = ax.containers
