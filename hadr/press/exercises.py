@@ -49,12 +49,9 @@ def _as_array(value: Any) -> npt.NDArray[Any] | None:
     return array if array.dtype.kind in "biufc" else None
 
 
-def _close(
-    answer: npt.NDArray[Any], expected: npt.NDArray[Any], rtol: float, atol: float
-) -> np.bool_ | bool:
-    if answer.shape != expected.shape:
-        return False
-    return bool(np.allclose(answer, expected, rtol=rtol, atol=atol, equal_nan=True))
+def _close(answer: npt.NDArray[Any], expected: npt.ArrayLike, rtol: float, atol: float) -> bool:
+    same = answer.shape == np.shape(expected)
+    return same and bool(np.allclose(answer, expected, rtol=rtol, atol=atol, equal_nan=True))
 
 
 def _same_words(answer: Any, expected: Any) -> bool:
@@ -115,7 +112,7 @@ def check(
     if _close(array, target, rtol, atol):
         return Verdict("right", "Right.")
     for value, hint in wrong:
-        if _close(array, np.asarray(value), rtol, atol):
+        if _close(array, value, rtol, atol):
             return Verdict("wrong", hint)
     if not np.isfinite(array.astype(complex)).all() and np.isfinite(target.astype(complex)).all():
         return Verdict("wrong", "The answer holds NaN or infinite values; it should not.")

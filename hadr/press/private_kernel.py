@@ -8,6 +8,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 _RUNNING: set[Any] = set()  # nbclient's clients
 
@@ -33,17 +34,9 @@ def private_jupyter(folder: Path) -> Iterator[None]:
         # epochs of preset tiny beside four busy loops on two cores took 145 s, and 18 s so.
         "OMP_WAIT_POLICY": os.environ.get("OMP_WAIT_POLICY", "PASSIVE"),
     }
-    before = {key: os.environ.get(key) for key in [*changes, "MPLBACKEND"]}
-    os.environ.update(changes)
-    os.environ.pop("MPLBACKEND", None)
-    try:
+    with patch.dict(os.environ, changes):
+        os.environ.pop("MPLBACKEND", None)
         yield
-    finally:
-        for key, value in before.items():
-            if value is None:
-                os.environ.pop(key, None)
-            else:
-                os.environ[key] = value
 
 
 def register_engine() -> str:

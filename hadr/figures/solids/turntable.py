@@ -156,7 +156,10 @@ def _hand_shown(
     cut = _without_elbow(full.surface, length, closed=tolerance > 0)
     hand = simplified(cut, tolerance)
     _, nearest = cKDTree(full.surface.vertices).query(hand.vertices)
-    return hand, np.round(255 * _srgb(full.albedo[nearest])).astype(np.uint8)
+    linear = np.clip(full.albedo[nearest], 0.0, 1.0)
+    bent = 1.055 * linear ** (1 / 2.4) - 0.055
+    srgb = np.where(linear <= 0.0031308, 12.92 * linear, bent)
+    return hand, np.round(255 * srgb).astype(np.uint8)
 
 
 @kept(32)
@@ -193,12 +196,6 @@ def held_glass(hold: Hold, *, tolerance: float = 0.0003, step: float = MIDDLE_ST
         float(np.rad2deg(np.arctan2(looked_from[1], looked_from[0]))),
         fade=_fade(hold.shape, hold.wrist_from_object),
     )
-
-
-def _srgb(linear: npt.ArrayLike) -> Array:
-    value = np.clip(np.asarray(linear, dtype=float), 0.0, 1.0)
-    bent = np.where(value <= 0.0031308, 12.92 * value, 1.055 * value ** (1 / 2.4) - 0.055)
-    return np.asarray(bent, dtype=float)
 
 
 def turntable(scenes: Sequence[HandOnGlass | Cloud], title: str = "Hands on glass") -> Page:

@@ -275,7 +275,8 @@ def draw_hole(ax: Axes, rows: Sequence[Row], split: str) -> None:
         ax.errorbar(share, moved, doubt, color=color, marker=marker, ms=5, lw=1.4, label=name)
     shown = [row for row in rows if row["split"] == split]
     if shown:
-        shares = np.linspace(*_ends(shown), 40)
+        grown = [100 * point["grown"] for row in shown for point in row["by_share"]]
+        shares = np.linspace(min(*grown, 0.0), max(*grown, 0.0), 40)
         distance = float(np.mean([row["depth_m"] for row in shown]))
         ruler = 100 * distance * (1 / (1 + shares / 100) - 1)
         ax.plot(shares, ruler, "--", color=COLORS["raw"], lw=1, label="size alone", zorder=0)
@@ -286,8 +287,3 @@ def draw_hole(ax: Axes, rows: Sequence[Row], split: str) -> None:
         title=f"{split} objects",
     )
     ax.label_outer()
-
-
-def _ends(rows: Sequence[Row]) -> tuple[float, float]:
-    shares = [100 * point["grown"] for row in rows for point in row["by_share"]]
-    return min(*shares, 0.0), max(*shares, 0.0)

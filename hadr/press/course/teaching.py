@@ -14,34 +14,14 @@ from hadr.press.course.chapter import Chapter, Exercise, hints, marks_text
 from hadr.press.course.graded import STUB
 
 DEFAULT_MARKS = 2
-MARKS = {
-    "ex-00-1": 1,
-    "ex-01-1": 1,
-    "ex-01-2": 1,
-    "ex-01-3": 1,
-    "ex-02-2": 1,
-    "ex-03-3": 3,
-    "ex-04-2": 1,
-    "ex-05-2": 1,
-    "ex-06-1": 1,
-    "ex-06-3": 1,
-    "ex-07-1": 1,
-    "ex-08-1": 1,
-    "ex-08-3": 3,
-    "ex-08-4": 1,
-    "ex-09-1": 1,
-    "ex-10-1": 1,
-    "ex-10-3": 1,
-    "ex-11-1": 1,
-    "ex-11-2": 1,
-    "ex-11-3": 3,
-    "ex-12-1": 1,
-    "ex-12-3": 3,
-    "ex-13-1": 1,
-    "ex-13-2": 1,
+WORTH = {
+    1: "00-1 01-1 01-2 01-3 02-2 04-2 05-2 06-1 06-3 07-1 08-1 08-4 09-1 10-1 10-3 11-1 11-2 12-1 "
+    "13-1 13-2",
+    3: "03-3 08-3 11-3 12-3",
 }
-"""Marks of the exercises that are not worth two: one for pencil and paper, three for a small
-experiment of one's own."""
+"""Exercises that are not worth two marks: one for pencil and paper, three for a small experiment of
+one's own."""
+MARKS = {f"ex-{name}": marks for marks, listed in WORTH.items() for name in listed.split()}
 
 
 @dataclass(frozen=True)

@@ -26,8 +26,6 @@ from hadr.models.networks import DEPTH_NETWORKS, NETWORKS
 from hadr.restoration import Restoration
 from hadr.trained_finders import GIVEN, Hand
 
-_MISSING = "#d9d9d9"
-
 METHOD_TITLES = {
     **{kind: f"{NETWORKS[kind].title} (not HADR)" for kind in DEPTH_NETWORKS},
     "hadr": "HADR",
@@ -133,7 +131,7 @@ def _show_error(ax: Axes, result: Restoration, truth: NDArray[np.floating]) -> N
     image.set(cmap=panels.ERROR_MAP, zorder=2)  # clear where there is no error to show
     _mark(ax, "outside the mask", ~result.mask, "white")
     _mark(ax, "the truth is not known", known & ~valid_depth(truth), "white", "////")
-    _mark(ax, "no depth", result.mask & ~known, _MISSING)
+    _mark(ax, "no depth", result.mask & ~known, panels.MISSING)
 
 
 def _show_confidence(ax: Axes, result: Restoration) -> None:
@@ -145,7 +143,7 @@ def _show_confidence(ax: Axes, result: Restoration) -> None:
     image = ax.imshow(shades, cmap="plasma", vmin=0, vmax=1, zorder=2)
     panels.bare_axes(ax, "confidence" if said else "confidence: none where restored")
     ax.figure.colorbar(image, ax=ax, shrink=0.75, pad=0.02, label="confidence (1 = measured)")
-    _mark(ax, "no depth", ~there, _MISSING)
+    _mark(ax, "no depth", ~there, panels.MISSING)
     _mark(ax, "restored, without probability", unsaid, "white", "////")
 
 
@@ -174,7 +172,7 @@ def _show_hand(ax: Axes, camera: Intrinsics, result: Restoration) -> None:
         panels.show_keypoints(ax, uv, size=5)
     else:
         for bone in BONES:
-            ax.plot(*uv[list(bone)].T, color="#d9d9d9", linewidth=1, linestyle="dashed")
+            ax.plot(*uv[list(bone)].T, color=panels.MISSING, linewidth=1, linestyle="dashed")
     height, width = camera.shape
     ax.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5))
     ax.set_xlabel(said, fontsize=9)
