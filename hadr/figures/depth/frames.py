@@ -19,9 +19,7 @@ from hadr.figures.panels import (
     show_keypoints,
     show_mask,
 )
-from hadr.synthesis.generation.statistics import FrameStatistics
-
-Array = npt.NDArray[np.float64]
+from hadr.synthesis.generation.statistics import Array, FrameStatistics
 
 TIGHT = {"w_pad": 0.015, "h_pad": 0.015, "hspace": 0.0, "wspace": 0.0}
 """A constrained layout for sheets of pictures."""

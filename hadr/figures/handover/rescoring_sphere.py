@@ -20,7 +20,7 @@ from scipy.ndimage import distance_transform_edt
 from scipy.spatial.transform import Rotation
 
 from hadr.figures.handover.scene import bare_axes_3d, show_glass, show_grippers, show_hand
-from hadr.figures.method.hands import upright_view
+from hadr.figures.method.hands import Array, upright_view
 from hadr.figures.panels import COLORS
 from hadr.handover.grasping.grasps import Grasps, forward_of
 from hadr.handover.grasping.gripper import FINGER_LENGTH, STEM_LENGTH, fork
@@ -33,7 +33,6 @@ from hadr.handover.grasping.rescoring import (
 )
 from hadr.simulation.world.scenes import HeldScene
 
-Array = npt.NDArray[np.float64]
 Score = Callable[[Array], Array]
 
 VIEW = (12.0, -52.0)

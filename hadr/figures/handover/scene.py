@@ -16,11 +16,10 @@ from hadr.figures.panels import COLORS
 from hadr.hand import FINGERS, HandShape, forward_kinematics, keypoints_from_skeleton
 from hadr.handover.grasping.gripper import LARGEST_OPENING, fork
 from hadr.synthesis.glass.shape import GlassObject, profile
-from hadr.synthesis.glass.surfaces import Surface, vertex_normals
+from hadr.synthesis.glass.surfaces import Array, Surface, vertex_normals
 from hadr.synthesis.hand.skinning import posed_vertices
 from hadr.synthesis.hand.template import hand_template
 
-Array = npt.NDArray[np.float64]
 SKIN = np.array([0.95, 0.76, 0.64])
 """Colour of a hand in full light, sRGB."""
 LIGHT = np.array([-0.3, -0.5, 0.8])

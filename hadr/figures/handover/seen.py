@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import matplotlib.pyplot as plt
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
@@ -23,12 +22,11 @@ from hadr.simulation.camera.sight import Look
 from hadr.simulation.film.film import Picture
 from hadr.simulation.film.world_view import view_from
 from hadr.simulation.world.state import WorldState
-from hadr.synthesis.glass.surfaces import Surface, merged
+from hadr.synthesis.glass.surfaces import Array, Surface, merged
 
 if TYPE_CHECKING:
     from hadr.simulation.trials.trial import Trial
 
-Array = npt.NDArray[np.float64]
 _REST = "#9c8f7d"  # table and forearm
 
 

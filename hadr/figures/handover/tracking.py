@@ -6,15 +6,12 @@ from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from hadr.figures.handover.scene import bare_axes_3d, show_glass, show_grippers, show_hand
-from hadr.handover.grasping.grasps import forward_of
+from hadr.handover.grasping.grasps import Array, forward_of
 from hadr.synthesis.glass.shape import GlassObject
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from matplotlib.ticker import MaxNLocator
 from hadr.camera import BoolArray, valid_depth, window_around
 from hadr.figures.depth.corruption_examples import (
     KINDS,
+    Depth,
     error_kinds,
     error_places,
     kind_shares,
@@ -23,8 +24,6 @@ from hadr.figures.depth.corruption_examples import (
 from hadr.figures.panels import COLORS, ERROR_MAP, bare_axes, show_depth
 from hadr.figures.rows import draw_bar_rows
 from hadr.records.caches import read_only
-
-Depth = npt.NDArray[np.float32]
 
 _BLUE, *_REDS = (mpl.colors.to_hex(mpl.colormaps[ERROR_MAP](x)) for x in (0.12, 0.66, 0.82, 0.97))
 #: Colours of the kinds of error: light grey is missing, as in all depth pictures; blue and red are

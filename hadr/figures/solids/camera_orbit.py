@@ -21,11 +21,9 @@ from hadr.hand import (
     relative_hand_feature,
 )
 from hadr.ray_voxels import VoxelGrid
-from hadr.synthesis.hand.mesh import HandMesh
+from hadr.synthesis.hand.mesh import Array, HandMesh
 from hadr.synthesis.rendering.raycast import Labels, RayCaster
 from hadr.synthesis.scene.contents import Contents
-
-Array = npt.NDArray[np.float64]
 
 #: The features in their order: title, colour, whether it is given in centimetres.
 FEATURES: dict[str, tuple[str, str, bool]] = {

@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 
 import matplotlib.pyplot as plt
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
@@ -16,10 +15,8 @@ from hadr.figures.solids.studio import PLAIN, studio_picture, studio_view
 from hadr.figures.solids.turntable import bare_glass, held_glass, solid_of
 from hadr.synthesis.glass.objects import bodies
 from hadr.synthesis.glass.shape import GlassObject
-from hadr.synthesis.glass.surfaces import Surface
+from hadr.synthesis.glass.surfaces import Array, Surface
 from hadr.synthesis.holding.hold import Hold
-
-Array = npt.NDArray[np.float64]
 
 # Vertices of a small picture's hand, metres apart.
 _QUICK_STEP = 0.004

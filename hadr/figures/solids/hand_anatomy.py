@@ -5,7 +5,6 @@ from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -23,9 +22,7 @@ from hadr.hand import (
     Skeleton,
     forward_kinematics,
 )
-from hadr.synthesis.recordings.recording import Recording
-
-Array = npt.NDArray[np.float64]
+from hadr.synthesis.recordings.recording import Array, Recording
 
 _PALM = SKELETON_NAMES.index("palm")
 # Parents of the joints without the virtual one.

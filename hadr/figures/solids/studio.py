@@ -9,11 +9,10 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from scipy.ndimage import map_coordinates
 
-from hadr.figures.method.hands import upright_view
+from hadr.figures.method.hands import Array, upright_view
 from hadr.figures.solids.turntable import HandOnGlass
 from hadr.synthesis.glass.surfaces import Surface
 
-Array = npt.NDArray[np.float64]
 Index = npt.NDArray[np.int64]
 
 #: Grey of the plain background, sRGB in 0..1.

@@ -26,12 +26,10 @@ from hadr.hand import (
 from hadr.records.caches import kept
 from hadr.synthesis.glass.objects import bodies, glass_object
 from hadr.synthesis.glass.shape import GlassObject
-from hadr.synthesis.glass.surfaces import Surface, merged
+from hadr.synthesis.glass.surfaces import Array, Surface, merged
 from hadr.synthesis.hand.mesh import SKIN_TONES, hand_mesh
 from hadr.synthesis.hand.template import MIDDLE_STEP
 from hadr.synthesis.holding.hold import Hold
-
-Array = npt.NDArray[np.float64]
 
 #: Longest forearm that is shown, metres behind the wrist; it fades out over the last third.
 FOREARM_SHOWN = 0.13
