@@ -130,7 +130,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     Raises:
         SystemExit: After --help and --version (status 0) and wrong calls (status 2).
     """
-    # Before a library starts its threads: see `hadr.press.private_kernel`.
+    # Before a library starts its threads: see `hadr.press.chapters`.
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     if argv is None:
         os.environ["PYTHONSAFEPATH"] = "1"  # no child process imports from the current folder
