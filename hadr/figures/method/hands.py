@@ -1,9 +1,11 @@
-"""Pictures of hands: bones in a parallel projection, axes as arrows.
+"""Pictures of hands and their features: bones in a parallel projection, axes, arrows of a voxel.
 
 A view is a rotation ``screen_from_frame`` (3, 3) whose rows are the screen's right, up and toward
-the viewer, written in the frame in which the hand is given. The axes are in centimetres.
+the viewer, written in the frame in which the hand is given. Hands are given in metres, and drawn in
+centimetres.
 """
 
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,13 +13,19 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from scipy.spatial.transform import Rotation
 
-from hadr.figures.panels import BONE_COLORS
-from hadr.hand import BONES, check_keypoints
+from hadr.figures.method.voxels import cube_edges
+from hadr.figures.panels import BONE_COLORS, COLORS
+from hadr.hand import BONES, FINGERS, check_keypoints
 
 Array = npt.NDArray[np.float64]
 
 #: Colours of the axes x, y and z.
 AXIS_COLORS: dict[str, str] = {"x": "#D55E00", "y": "#009E73", "z": "#0072B2"}
+#: The two forms of the absolute feature, in the colours that they keep throughout a chapter.
+FRAME_COLORS: dict[str, str] = {
+    "wrist frame": COLORS["hadr"],
+    "wrist subtracted only": COLORS["baseline"],
+}
 
 
 def orbit_view(azimuth_deg: float, elevation_deg: float) -> Array:
@@ -85,3 +93,130 @@ def frame_hand_axes(ax: Axes, title: str | None = None) -> None:
     ax.set_axis_off()
     if title is not None:
         ax.set_title(title)
+
+
+def draw_depth_hint(
+    axes: Sequence[Axes],
+    glass_m: npt.ArrayLike,
+    hand_m: npt.ArrayLike,
+    background_m: npt.ArrayLike,
+) -> None:
+    """Hold the depth (N,) of each frame's glass against those of hand and background, metres."""
+    glass, hand, rest = (np.asarray(a, dtype=float) for a in (glass_m, hand_m, background_m))
+    scatter, histogram = axes
+    low, high = np.nanmin(glass) - 0.05, np.nanmax(hand) + 0.1
+    scatter.plot([low, high], [low, high], color="black", lw=1, label="equal")
+    scatter.scatter(hand, glass, color=COLORS["hand"], s=22, label="hand")
+    label = "background beside the glass"
+    scatter.scatter(rest, glass, color=COLORS["background"], s=22, label=label)
+    scatter.set_xlabel("median depth of the surroundings (m)")
+    scatter.set_ylabel("median depth of the glass (m)")
+    scatter.set_ylim(top=high + 0.25)
+    scatter.legend(loc="upper right")
+    gap = (glass - hand) * 100
+    histogram.hist(gap[np.isfinite(gap)], bins=15, color=COLORS["hand"])
+    histogram.axvline(0, color="black", lw=1)
+    histogram.set(xlabel="glass minus hand (cm)", ylabel="frames")
+
+
+def draw_numbered_joints(
+    ax: Axes,
+    points: npt.ArrayLike,
+    bones: Iterable[tuple[int, int]],
+    title: str,
+    *,
+    first: int = 0,
+    highlight: int | None = None,
+) -> None:
+    """Draw joints (J, 3), metres, as discs numbered from ``first``, seen along the frame's -z."""
+    flat = 100.0 * np.asarray(points, dtype=float)[:, :2]
+    for parent, child in bones:
+        ax.plot(*flat[[parent, child]].T, color=COLORS["raw"], zorder=1)
+    fill = [COLORS["highlight"] if i == highlight else "white" for i in range(len(flat))]
+    ax.scatter(flat[:, 0], flat[:, 1], s=190, c=fill, edgecolors="black", zorder=2)
+    for number, (x, y) in enumerate(flat, first):
+        ax.text(x, y, str(number), ha="center", va="center", fontsize=8.5)
+    ax.set(xlabel="x (cm)", aspect="equal", title=title)
+
+
+def draw_wrist_frame(
+    ax: Axes,
+    keypoints: npt.ArrayLike,
+    rotation: Array,
+    names: str,
+    screen_from_frame: Array,
+    title: str,
+) -> None:
+    """Draw some axes of the wrist frame over the hand; with z among them, the palm's triangle."""
+    points = check_keypoints(keypoints)
+    from_wrist = points - points[0]
+    show_bones(ax, from_wrist, screen_from_frame, alpha=0.55)
+    if "z" in names:
+        corners = from_wrist[[0, FINGERS["index"][0], FINGERS["little"][0]]]
+        triangle = on_screen(corners, screen_from_frame)
+        ax.fill(*triangle.T, color=COLORS["highlight"], alpha=0.6, zorder=2)
+    for name in names:
+        show_axis(ax, name, rotation[:, "xyz".index(name)], screen_from_frame)
+    frame_hand_axes(ax, title)
+
+
+def draw_feature_hands(
+    axes: Sequence[Axes], hands: npt.ArrayLike, screen_from_frame: Array, label: str
+) -> None:
+    """Draw features as the hands (N, 21, 3) that they are, one a panel, all in one window."""
+    points = np.asarray(hands, dtype=float)
+    flat = on_screen(points, screen_from_frame).reshape(-1, 2)
+    middle = (flat.min(axis=0) + flat.max(axis=0)) / 2
+    half = np.maximum((flat.max(axis=0) - flat.min(axis=0)) / 2 + 1, (11, 10))
+    for ax, hand in zip(axes, points, strict=True):
+        show_bones(ax, hand, screen_from_frame, lw=2)
+        frame_hand_axes(ax)
+        ax.set_xlim(middle[0] - half[0], middle[0] + half[0])
+        ax.set_ylim(middle[1] - half[1], middle[1] + half[1])
+    axes[0].text(middle[0] - half[0] - 1, middle[1], label, rotation=90, ha="right", va="center")
+
+
+def draw_both_frames(
+    ax: Axes, x: npt.ArrayLike, values: Mapping[str, npt.ArrayLike], xlabel: str, ylabel: str
+) -> None:
+    """Draw one line for each form of the absolute feature."""
+    for name, line in values.items():
+        ax.plot(x, line, color=FRAME_COLORS[name], label=name, marker="o", ms=3.5)
+    ax.set(xlabel=xlabel, ylabel=ylabel)
+    ax.legend()
+
+
+def draw_voxel_arrows(
+    ax: Axes,
+    keypoints: npt.ArrayLike,
+    center: npt.ArrayLike,
+    size_m: float,
+    screen_from_frame: Array,
+    title: str,
+    *,
+    color: str,
+) -> None:
+    """Draw a voxel, the hand, and the 21 arrows from the voxel's centre to the keypoints."""
+    points = check_keypoints(keypoints)
+    middle = np.asarray(center, dtype=float)
+    for edge in on_screen(cube_edges(middle, size_m), screen_from_frame):
+        ax.plot(*edge.T, color=color, lw=1.3)
+    show_bones(ax, points, screen_from_frame, lw=2.5, alpha=0.45, joints=False)
+    start = on_screen(middle, screen_from_frame)
+    arrow = {"arrowstyle": "-|>", "color": color, "lw": 0.9, "shrinkA": 0, "shrinkB": 0}
+    for end in on_screen(points, screen_from_frame):
+        ax.annotate("", tuple(end), tuple(start), annotation_clip=False, zorder=5, arrowprops=arrow)
+    ax.scatter(start[0], start[1], s=40, color="black", zorder=5)
+    frame_hand_axes(ax, title)
+
+
+def draw_wrist_depths(ax: Axes, errors_m: npt.ArrayLike, seen: npt.ArrayLike) -> None:
+    """Draw the histogram of the depth read for the wrist minus the keypoint's depth."""
+    errors_cm, visible = 100 * np.asarray(errors_m, dtype=float), np.asarray(seen, dtype=bool)
+    bins = np.linspace(errors_cm.min(), errors_cm.max(), 24).tolist()
+    ax.hist(errors_cm[visible], bins, color=COLORS["hand"], label="wrist seen")
+    label = "wrist hidden or outside"
+    ax.hist(errors_cm[~visible], bins, color=COLORS["raw"], label=label, alpha=0.8)
+    ax.axvline(0, color="black", lw=1)
+    ax.set(xlabel="depth read for the wrist minus keypoint (cm)", ylabel="frames")
+    ax.legend()
