@@ -228,3 +228,23 @@ def show_both_splits(
     if legend:
         legend_below(fig, axes[0], columns=legend)
     plt.show()
+
+
+def live_figure(draw: Callable[..., object], **sliders: Any) -> Any:
+    """Sliders for draw's arguments, each (label, start, least, most, step) or a widget.
+
+    Show it as a cell's last value, beside a static figure that tells the same story.
+    """
+    import ipywidgets as widgets  # only notebooks need it
+
+    def show(**values: Any) -> None:
+        draw(**values)
+        plt.show()
+
+    made = {}
+    for name, given in sliders.items():
+        if isinstance(given, tuple):
+            options = dict(zip(("description", "value", "min", "max", "step"), given, strict=True))
+            given = widgets.FloatSlider(continuous_update=False, **options)
+        made[name] = given
+    return widgets.interactive(show, **made)

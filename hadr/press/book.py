@@ -50,8 +50,6 @@ from hadr.records.result_file import read_sealed
 from hadr.records.writing import PART, whole_folder, write_whole
 
 RUNTIME_TOKEN = "*stands here in the built book*"
-TABLE_TOKEN = "{{RUNTIME_TABLE}}"
-REPOSITORY_TOKEN = "{{REPOSITORY}}"
 REPORTS: dict[str, Callable[[Path], str]] = {
     "{{REPORT}}": lambda results: report(results / "mini", results / "paper_tables.json"),
     "{{FOUND}}": found_table,
@@ -238,9 +236,9 @@ def _stage(book: Path, runs: Sequence[ChapterRun], target: Path) -> None:
         staged = stage_notebook(read_notebook(run.notebook), measured)
         nbformat.write(staged, target / "notebooks" / name)
     words = {
-        TABLE_TOKEN: run_time_table(runs, titles),
+        "{{RUNTIME_TABLE}}": run_time_table(runs, titles),
         RUNTIME_TOKEN: seconds_text(sum(run.duration_s for run in runs)),
-        REPOSITORY_TOKEN: repository(book)["url"],
+        "{{REPOSITORY}}": repository(book)["url"],
         "{{MACHINE}}": machine_text(),
     }
     pages = {page: page.read_text(encoding="utf-8") for page in target.glob("*.md")}

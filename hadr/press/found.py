@@ -16,7 +16,7 @@ import pandas as pd
 
 from hadr.figures.tables.comparison import PUBLISHED_NAMES
 from hadr.figures.tables.handover import paired
-from hadr.figures.tables.results import NAMES, markdown, with_doubt
+from hadr.figures.tables.results import NAMES, Row, markdown, with_doubt
 from hadr.metrics import METRICS
 from hadr.records.reading import read_json
 from hadr.records.result_file import ResultFile, read_result_file
@@ -32,7 +32,6 @@ RIVALS = ("lidf", "dfnet", "swindrnet", "tode")
 """The systems that the paper compares with."""
 COMPARISON, HANDOVER = "comparison", "handover_experiment"
 """The notebooks of most claims, without their numbers."""
-Row = Mapping[str, Any]
 
 
 @dataclass(frozen=True)

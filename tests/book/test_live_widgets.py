@@ -26,7 +26,7 @@ LAB = [sys.executable, "-m", "jupyterlab"]
 pytestmark = pytest.mark.browser
 
 GLASS = """import numpy as np
-from hadr.figures.widgets import corrupt_glass
+from hadr.figures.depth.sensor import corrupt_glass
 row, column = np.mgrid[:48, :64]
 mask = (abs(row - 24) < 14) & (abs(column - 32) < 9)
 wall = np.full((48, 64), 0.9)

@@ -10,11 +10,11 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from hadr.camera import window_around
+from hadr.camera import BoolArray, FloatArray, window_around
 from hadr.corruption import see_through
 from hadr.data.frame import Frame
 from hadr.figures.depth.corruption_examples import corruption_statistics
-from hadr.figures.panels import COLORS, bare_axes, show_color, show_depth, show_error
+from hadr.figures.panels import COLORS, bare_axes, live_figure, show_color, show_depth, show_error
 from hadr.figures.tables.results import markdown
 
 #: What is compared: key in the results, title, factor, unit.
@@ -156,3 +156,20 @@ def _draw_ghost(ax: Axes) -> None:
     aside = (0.3, float(ghost[1]) + 0.16)  # between glass and wall
     line = {"arrowstyle": "-", "color": COLORS["hand"], "shrinkB": 6}
     ax.annotate("measured", ghost, aside, va="center", color=COLORS["hand"], arrowprops=line)
+
+
+def corrupt_glass(depth: FloatArray, background_depth: FloatArray, mask: BoolArray) -> Any:
+    """Mix missing and background depth inside a glass."""
+    window = window_around(mask, 14)
+    near, far = np.percentile(background_depth[window], 2), np.percentile(depth[window], 98)
+
+    def draw(missing: float, background: float) -> None:
+        shares = {"missing_share": missing, "background_share": (1 - missing) * background}
+        seen = see_through(depth, background_depth, mask, np.random.default_rng(0), **shares)
+        found = corruption_statistics(seen, depth, mask)
+        _, ax = plt.subplots(figsize=(5.0, 3.6))
+        title = f"{found.missing_share:.0%} missing, median error {found.bias_m * 100:+.1f} cm"
+        show_depth(ax, seen[window], title, vmin=float(near) - 0.1, vmax=float(far))
+
+    share = (0.5, 0.0, 1.0, 0.05)
+    return live_figure(draw, missing=("missing", *share), background=("background", *share))

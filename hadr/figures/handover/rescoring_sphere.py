@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 
 from hadr.figures.handover.scene import bare_axes_3d, show_glass, show_grippers, show_hand
 from hadr.figures.method.hands import Array, upright_view
-from hadr.figures.panels import COLORS
+from hadr.figures.panels import COLORS, live_figure
 from hadr.handover.grasping.grasps import Grasps, forward_of
 from hadr.handover.grasping.gripper import FINGER_LENGTH, STEM_LENGTH, fork
 from hadr.handover.grasping.rescoring import (
@@ -257,3 +257,14 @@ def in_tilted_frame(
         grasps.in_frame(tilted_from_base, "tilted"),
         directions.in_frame(tilted_from_base[:3, :3], "tilted"),
     )
+
+
+def weigh_wishes(scene: HeldScene, grasps: Grasps, directions: Directions) -> Any:
+    """Weigh the intended score's two wishes: its sphere and the grasp it chooses, base frame."""
+
+    def draw(human: float, down: float) -> None:
+        weights = Weights(robot_to_human=human, up_to_down=down)
+        candidate_choice(scene, grasps, directions, weights, limit=1.2)
+
+    ends = (0.0, 1.0, 0.1)
+    return live_figure(draw, human=("w_r2h", 0.4, *ends), down=("w_u2d", 0.2, *ends))

@@ -8,14 +8,16 @@ centimetres.
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+import matplotlib.pyplot as plt
 import numpy as np
 import numpy.typing as npt
+import torch
 from matplotlib.axes import Axes
 from scipy.spatial.transform import Rotation
 
 from hadr.figures.method.voxels import cube_edges
-from hadr.figures.panels import BONE_COLORS, COLORS
-from hadr.hand import BONES, FINGERS, check_keypoints
+from hadr.figures.panels import BONE_COLORS, COLORS, live_figure
+from hadr.hand import BONES, FINGERS, absolute_hand_feature, check_keypoints
 
 Array = npt.NDArray[np.float64]
 
@@ -220,3 +222,28 @@ def draw_wrist_depths(ax: Axes, errors_m: npt.ArrayLike, seen: npt.ArrayLike) ->
     ax.axvline(0, color="black", lw=1)
     ax.set(xlabel="depth read for the wrist minus keypoint (cm)", ylabel="frames")
     ax.legend()
+
+
+def orbit_hand(keypoints: npt.ArrayLike) -> Any:
+    """Turn the camera around a hand and watch both forms of the absolute hand feature."""
+    points = check_keypoints(keypoints)
+    center = points.mean(axis=0)
+
+    def draw(sideways: float, upwards: float) -> None:
+        turn = Rotation.from_euler("yx", [sideways, upwards], degrees=True).as_matrix()
+        moved = (points - center) @ turn.T + center
+        both = torch.from_numpy(np.stack([points, moved]))
+        _, (view, bars) = plt.subplots(1, 2, figsize=(8.0, 3.4))
+        show_bones(view, moved - center, np.diag([1.0, -1.0, -1.0]))  # y of the camera points down
+        frame_hand_axes(view, "the hand, seen by the turned camera")
+        view.set(xlim=(-12, 12), ylim=(-12, 12))
+        for offset, rotation, label in ((-0.2, True, "wrist frame"), (0.2, False, "wrist only")):
+            feature = absolute_hand_feature(both, wrist_rotation=rotation)
+            change = (feature[1] - feature[0]).reshape(21, 3).norm(dim=1).numpy() * 100
+            color = COLORS["hadr" if rotation else "baseline"]
+            bars.bar(np.arange(21) + offset, change, 0.4, label=label, color=color)
+        bars.set(xlabel="keypoint", ylabel="change of the feature (cm)", ylim=(0, 30))
+        bars.legend()
+
+    degrees = (0.0, -90.0, 90.0, 5.0)
+    return live_figure(draw, sideways=("sideways (°)", *degrees), upwards=("upwards (°)", *degrees))

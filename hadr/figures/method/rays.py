@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import ipywidgets as widgets
 import matplotlib.pyplot as plt
 import numpy as np
 import numpy.typing as npt
@@ -18,7 +19,7 @@ from matplotlib.patches import Rectangle
 from torch import Tensor
 
 from hadr.camera import BoolArray, FloatArray
-from hadr.figures.panels import COLORS, show_color
+from hadr.figures.panels import COLORS, live_figure, show_color
 from hadr.figures.rows import name_rows
 from hadr.ray_voxels import (
     OccupiedVoxels,
@@ -285,3 +286,26 @@ def _draw_view(ax: Axes, walk: VoxelWalk, view: FloatArray, truth: float, place:
     ax.set_aspect("equal", adjustable="box")
     low, high = centers.min(axis=0) - half - 0.05, centers.max(axis=0) + half + 0.05
     ax.set(xlim=(low[2], high[2]), ylim=(low[0], high[0]))
+
+
+def walk_along_ray(
+    directions: Tensor,
+    pairs: RayVoxelPairs,
+    occupied: OccupiedVoxels,
+    true_distance: Tensor,
+    grid: VoxelGrid,
+) -> Any:
+    """Choose a ray and how far to walk along it through its candidate voxels."""
+    rays = sorted(set(pairs.ray.tolist()))
+
+    def draw(ray: int, distance: float) -> None:
+        mine = (pairs.ray == ray).nonzero().squeeze(1)
+        cells = occupied.center[pairs.voxel[mine]]
+        _, ax = plt.subplots(figsize=(8, 3.6))
+        draw_walk(ax, directions[ray], cells, pairs.t_in[mine], pairs.t_out[mine],
+                  grid.voxel_size, reached=distance, truth=float(true_distance[ray]))  # fmt: skip
+        ax.set_title(f"ray {ray}, {distance:.2f} m from the camera")
+
+    ray = widgets.SelectionSlider(options=rays, value=rays[len(rays) // 2], description="ray")
+    farthest = float(pairs.t_out.max()) + 0.05
+    return live_figure(draw, ray=ray, distance=("metres", farthest / 2, 0.0, farthest, 0.01))

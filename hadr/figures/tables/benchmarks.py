@@ -1,7 +1,6 @@
 """What the benchmarks measured, as Markdown and pictures: learning by heart, ablation, costs."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
@@ -9,15 +8,13 @@ from matplotlib.axes import Axes
 
 from hadr.figures.panels import COLORS
 from hadr.figures.rows import Dots, draw_bar_rows, draw_dot_rows
-from hadr.figures.tables.results import markdown
-
-Record = Mapping[str, Any]
+from hadr.figures.tables.results import Row, markdown
 
 _PART_COLORS = ("hadr", "glass", "voxel", "highlight", "robot", "baseline", "hand", "raw")
 _PAIRING = {"walk": ("walk through the grid", "hadr"), "dense": ("all rays x all voxels", "hand")}
 
 
-def by_heart_table(rows: Sequence[Record]) -> str:
+def by_heart_table(rows: Sequence[Row]) -> str:
     """List what each network reaches on four frames that it learns by heart."""
     lines = []
     for row in rows:
@@ -29,7 +26,7 @@ def by_heart_table(rows: Sequence[Record]) -> str:
     return markdown(pd.DataFrame(lines, columns=head), "lrrrll")
 
 
-def _within_reach(row: Record) -> str:
+def _within_reach(row: Row) -> str:
     """What a network that misses its goal can express at all."""
     if row["is_reached"]:
         return ""
@@ -47,7 +44,7 @@ def _by_heart(counts: str, value: float) -> str:
     return f"{1000 * value:.1f} mm" if counts.endswith("_m") else f"{1 - value:.3f} IoU"
 
 
-def draw_ablation(ax: Axes, rows: Sequence[Record]) -> None:
+def draw_ablation(ax: Axes, rows: Sequence[Row]) -> None:
     """Draw the RMSE without each part minus that of the full network, which is the first row."""
     full, others = rows[0], rows[1:]
     pairs = [row["against_full"] for row in others]
@@ -63,7 +60,7 @@ def draw_ablation(ax: Axes, rows: Sequence[Record]) -> None:
     ax.set_xlabel(f"RMSE (cm) more than that of the full network, {100 * full['rmse_m']:.2f} cm")
 
 
-def speed_table(restoration: Record, perception: Record) -> str:
+def speed_table(restoration: Row, perception: Row) -> str:
     """List the time of one 224x224 frame: HADR against a Swin-T, and the whole perception."""
     times, ratios = restoration["times"], restoration["against_swin"]["wall_median_ms"]
     cost = restoration.get("accuracy", {}).get("change_percent", {})
@@ -85,7 +82,7 @@ def speed_table(restoration: Record, perception: Record) -> str:
     return markdown(pd.DataFrame(lines, columns=head))
 
 
-def draw_parts_of_time(ax: Axes, restoration: Record) -> None:
+def draw_parts_of_time(ax: Axes, restoration: Row) -> None:
     """Draw where the processor time of one frame goes, a bar for each preset."""
     presets = restoration["parts_cpu_ms"]
     names = dict.fromkeys(name for parts in presets.values() for name in parts if name != "all")
@@ -95,7 +92,7 @@ def draw_parts_of_time(ax: Axes, restoration: Record) -> None:
     ax.set_xlabel("processor time of one frame (ms)")
 
 
-def draw_pairing(ax: Axes, pairing: Record) -> None:
+def draw_pairing(ax: Axes, pairing: Row) -> None:
     """Draw the time of pairing rays with voxels over the frames of a batch."""
     batches = [row["frames"] for row in pairing["by_batch"]]
     for name, (label, color) in _PAIRING.items():
@@ -108,7 +105,7 @@ def draw_pairing(ax: Axes, pairing: Record) -> None:
     ax.legend(loc="upper left")
 
 
-def draw_frame_costs(ax: Axes, rows: Sequence[Record]) -> None:
+def draw_frame_costs(ax: Axes, rows: Sequence[Row]) -> None:
     """Draw the processor time of one generated frame by its parts, a bar for each engine and size.
 
     `rows` are those of `results/generation/benchmark.json`.

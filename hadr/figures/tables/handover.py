@@ -6,7 +6,6 @@ Rows are dicts with ``condition``, ``attempts``, ``successes``, ``rate`` (0 to 1
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -16,9 +15,7 @@ from scipy.stats import binomtest
 
 from hadr.figures.panels import COLORS
 from hadr.figures.rows import draw_bar_rows
-from hadr.figures.tables.results import markdown
-
-Row = Mapping[str, Any]
+from hadr.figures.tables.results import Row, markdown
 
 CONDITIONS: dict[str, str] = {
     "raw": "sensor depth",

@@ -1,10 +1,12 @@
 """The depth camera's comparison as figure and as text."""
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
 from hadr.figures.depth.sensor import (
     SENSOR_ROWS,
+    corrupt_glass,
     draw_sensor_comparison,
     draw_stereo_camera,
     see_through_picture,
@@ -76,3 +78,15 @@ def test_the_camera_measures_the_wall_but_not_through_glass(glass: bool, ax) -> 
     assert len(ghosts) == int(glass)
     if glass:
         assert 0.55 < ghosts[0][1] < 1.0, "between glass and wall"
+
+
+def test_the_sliders_mix_missing_and_background() -> None:
+    depth, background = np.full((40, 40), 0.6, np.float32), np.full((40, 40), 0.9, np.float32)
+    mask = np.zeros((40, 40), bool)
+    mask[10:30, 10:30] = True
+    sliders = corrupt_glass(depth, background, mask)
+    assert [child.description for child in sliders.children[:2]] == ["missing", "background"]
+    sliders.f(missing=0.25, background=1.0)
+    assert plt.gca().get_title() == "25% missing, median error +30.0 cm"
+    sliders.f(missing=0.5, background=0.0)
+    assert plt.gca().get_title() == "50% missing, median error +0.0 cm"

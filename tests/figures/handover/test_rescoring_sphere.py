@@ -85,9 +85,7 @@ def test_pictures_of_the_choice_name_the_winner(two_grasps, human, down, winner)
 
 
 def test_sliders_draw_what_they_say(two_grasps):
-    from hadr.figures.widgets import weigh_wishes
-
-    weigh = weigh_wishes(rehearsed_scene(), two_grasps, DIRECTIONS)
+    weigh = sphere.weigh_wishes(rehearsed_scene(), two_grasps, DIRECTIONS)
     assert [child.description for child in weigh.children[:2]] == ["w_r2h", "w_u2d"]
     weigh.f(human=0.0, down=1.0)
     assert any("candidate 0" in text.get_text() for text in plt.gcf().texts)

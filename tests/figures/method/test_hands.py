@@ -8,6 +8,7 @@ from hadr.figures.method.hands import (
     draw_voxel_arrows,
     draw_wrist_frame,
     on_screen,
+    orbit_hand,
     orbit_view,
     show_bones,
     upright_view,
@@ -54,8 +55,6 @@ def test_bones_are_where_the_keypoints_are(ax):
 
 
 def test_orbit_widget_moves_one_feature_and_not_the_other():
-    from hadr.figures.widgets import orbit_hand
-
     posed = keypoints_from_skeleton(forward_kinematics(np.full(20, 0.2)).joints)
     keypoints = posed + np.array([0.0, 0.0, 0.7])
     sliders = orbit_hand(keypoints)

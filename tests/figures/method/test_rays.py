@@ -12,11 +12,11 @@ from hadr.figures.method.rays import (
     draw_walk,
     stages_figure,
     voxel_walk,
+    walk_along_ray,
     walk_picture,
 )
 from hadr.figures.method.voxels import draw_cubes, upright
 from hadr.figures.panels import COLORS
-from hadr.figures.widgets import walk_along_ray
 from hadr.ray_voxels import VoxelGrid, occupied_voxels, ray_voxel_pairs
 
 GRID = VoxelGrid()
