@@ -1,7 +1,7 @@
 """Check cells for the book's exercises: is the learner right, plausibly wrong, or not done yet."""
 
 import html
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -63,9 +63,8 @@ def _same_words(answer: Any, expected: Any) -> bool:
 
 
 def _pairs(wrong: Iterable[tuple[npt.ArrayLike, str]]) -> list[tuple[npt.ArrayLike, str]]:
-    pairs = [] if isinstance(wrong, str | Mapping) else list(wrong)
-    good = (isinstance(pair, tuple) and len(pair) == 2 for pair in pairs)
-    if isinstance(wrong, str | Mapping) or not all(good):
+    pairs = list(wrong)
+    if not all(isinstance(pair, tuple) and len(pair) == 2 for pair in pairs):
         raise ValueError(f"wrong must list pairs (value, 'hint'), got {wrong!r}")
     return pairs
 

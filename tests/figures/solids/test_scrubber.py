@@ -29,11 +29,9 @@ def data_of(page):
     return json.loads(re.search(r"const DATA = (.*);\n", page).group(1))
 
 
-def middle_colour(data, row, column):
-    place = row * len(data["sliders"][1]["labels"]) + column
+def picture_at(data, place):
     raw = base64.b64decode(data["pictures"][data["order"][place]])
-    picture = cv2.imdecode(np.frombuffer(raw, np.uint8), cv2.IMREAD_COLOR)[..., ::-1].astype(int)
-    return picture[picture.shape[0] // 2, picture.shape[1] // 2]
+    return cv2.imdecode(np.frombuffer(raw, np.uint8), cv2.IMREAD_COLOR)[..., ::-1].astype(int)
 
 
 @pytest.fixture
@@ -47,7 +45,8 @@ def test_each_place_shows_its_own_picture(two):
     for row in range(3):
         for column in range(2):
             wanted = 255 * np.array(mpl.colors.to_rgb(SHADES[row][column]))
-            np.testing.assert_allclose(middle_colour(data, row, column), wanted, atol=12)
+            height, width = (picture := picture_at(data, 2 * row + column)).shape[:2]
+            np.testing.assert_allclose(picture[height // 2, width // 2], wanted, atol=12)
     assert [s["start"] for s in data["sliders"]] == [1, 0]
     assert plt.get_fignums() == []
     assert data["milliseconds"] == 0
@@ -105,9 +104,8 @@ def test_a_figure_with_3d_axes_is_turned_about_its_vertical():
     assert data["milliseconds"] > 0
     columns, rows = [], []
     for place in range(4):
-        raw = base64.b64decode(data["pictures"][data["order"][place]])
-        picture = cv2.imdecode(np.frombuffer(raw, np.uint8), cv2.IMREAD_COLOR).astype(int)
-        red = (picture[..., 2] > 180) & (picture[..., :2].max(axis=2) < 120)
+        picture = picture_at(data, place)
+        red = (picture[..., 0] > 180) & (picture[..., 1:].max(axis=2) < 120)
         rows.append(np.argwhere(red)[:, 0].mean())
         columns.append(np.argwhere(red)[:, 1].mean())
     # the dot goes around: opposite places lie on opposite sides of the middle, at like heights
