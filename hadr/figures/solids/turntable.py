@@ -73,7 +73,8 @@ class Cloud:
     """Points, (N, 3), at least one, as the turntable shows them, in the camera's frame, metres.
 
     The reader chooses by the name; the note stands below the picture. Colours are sRGB, uint8. The
-    view turns around the center and shows what lies within the radius; spacing is the neighbours'.
+    view turns around the center and shows what lies within the radius; neighbours are `spacing`
+    apart.
     """
 
     name: str
