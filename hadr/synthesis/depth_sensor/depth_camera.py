@@ -73,6 +73,9 @@ class StereoCamera:
     matching: Matching = field(default_factory=Matching)
 
 
+_D435 = StereoCamera()
+
+
 @dataclass(frozen=True)
 class InfraredPair:
     """What the two imagers saw.
@@ -90,44 +93,39 @@ class InfraredPair:
     margin: int
 
 
-def _imager(color: Intrinsics, camera: StereoCamera) -> tuple[Intrinsics, int]:
-    """The drawn part of the imagers' field, and the margin of the search range."""
-    f, margin = camera.focal, camera.matching.disparities
-    shift = camera.left_imager / camera.closest
+def _imager(color: Intrinsics, camera: StereoCamera) -> Intrinsics:
+    """The drawn part of the imagers' field, with the margin of the search range on its left."""
+    f, shift = camera.focal, camera.left_imager / camera.closest
     low_x = int(np.floor(f * (-(color.cx + 0.5) / color.fx - shift))) - 2
+    low_x -= camera.matching.disparities
     high_x = int(np.ceil(f * (color.width - 0.5 - color.cx) / color.fx)) + 2
     low_y = int(np.floor(-f * (color.cy + 0.5) / color.fy)) - 2
     high_y = int(np.ceil(f * (color.height - 0.5 - color.cy) / color.fy)) + 2
-    low_x -= margin
-    imager = Intrinsics(f, f, -low_x, -low_y, high_x - low_x + 1, high_y - low_y + 1)
-    return imager, margin
+    return Intrinsics(f, f, -low_x, -low_y, high_x - low_x + 1, high_y - low_y + 1)
 
 
-def infrared_pair(scene: Scene, seed: int, camera: StereoCamera | None = None) -> InfraredPair:
+def infrared_pair(scene: Scene, seed: int, camera: StereoCamera = _D435) -> InfraredPair:
     """Draw what the two infrared imagers of a depth camera see; ``seed`` is that of their noise."""
-    camera = camera or StereoCamera()
-    imager, margin = _imager(scene.camera, camera)
+    imager, margin = _imager(scene.camera, camera), camera.matching.disparities
     pose = scene.world_from_camera
     projector = pose[:3, 3] + pose[:3, 0] * (camera.left_imager + camera.projector_place)
     infrared = InfraredScene(scene.contents, camera.projector, projector, pose[:3, :3])
     height, width = imager.shape
     uv = pixel_grid(imager)
     # The left imager's margin is never matched, so it is not drawn.
-    left, right = uv[:, margin:].reshape(-1, 2), uv.reshape(-1, 2)
     rays = (
-        rays_through(left, imager, pose, camera.left_imager),
-        rays_through(right, imager, pose, camera.left_imager + camera.baseline),
+        rays_through(uv[:, margin:], imager, pose, camera.left_imager),
+        rays_through(uv, imager, pose, camera.left_imager + camera.baseline),
     )
     origins, directions = (np.concatenate(both) for both in zip(*rays, strict=True))
     light = infrared.radiance(origins, directions, 1.0 / imager.fx)
     rng = np.random.default_rng([seed, 435])
     gain = camera.exposure / max(float(np.minimum(light, 2.0).mean()), 1e-3)
-    pictures = []
-    for part, columns in ((light[: len(left)], width - margin), (light[len(left) :], width)):
-        image = part.reshape(height, columns)
-        pictures.append(_expose(np.minimum(image, 8.0) * gain, camera, rng))
-    padded = np.pad(pictures[0], ((0, 0), (margin, 0)))
-    return InfraredPair(padded, pictures[1], imager, margin)
+    left, right = (
+        _expose(np.minimum(part.reshape(height, -1), 8.0) * gain, camera, rng)
+        for part in np.split(light, [height * (width - margin)])
+    )
+    return InfraredPair(np.pad(left, ((0, 0), (margin, 0))), right, imager, margin)
 
 
 def _expose(light: Array, camera: StereoCamera, rng: np.random.Generator) -> Picture:
@@ -138,13 +136,11 @@ def _expose(light: Array, camera: StereoCamera, rng: np.random.Generator) -> Pic
     return np.asarray(np.clip(np.rint(noisy), 0, 255), dtype=np.uint8)
 
 
-def capture_depth(scene: Scene, seed: int, camera: StereoCamera | None = None) -> Float:
-    """Measure a scene's depth with a simulated active-stereo camera, a D435 if none is named.
+def capture_depth(scene: Scene, seed: int, camera: StereoCamera = _D435) -> Float:
+    """Measure a scene's depth, metres, aligned to its colour camera, (H, W) float32; 0 is missing.
 
-    z-depth in metres, aligned to the scene's colour camera, shape (H, W) float32; 0 is missing. The
-    same seed (of the imagers' noise) gives the same depth.
+    The same seed (of the imagers' noise) gives the same depth.
     """
-    camera = camera or StereoCamera()
     return depth_of_pair(infrared_pair(scene, seed, camera), scene.camera, camera)
 
 

@@ -56,25 +56,19 @@ class Projector:
     @property
     def reach(self) -> tuple[float, float]:
         """Half of the field as tangents, horizontal and vertical."""
-        return (
-            float(np.tan(np.deg2rad(self.field[0]) / 2)),
-            float(np.tan(np.deg2rad(self.field[1]) / 2)),
-        )
+        across, down = np.tan(np.deg2rad(self.field) / 2)
+        return float(across), float(down)
 
+    @kept(4)
     def directions(self) -> Array:
         """Where the dots go, as tangents (x, y), shape (N, 2): a jittered grid, always the same."""
-        return _dot_grid(self.dots, self.reach)
-
-
-@kept(4)
-def _dot_grid(dots: int, reach: tuple[float, float]) -> Array:
-    rng = np.random.default_rng(435)
-    columns = max(round(np.sqrt(dots * reach[0] / reach[1])), 1)
-    rows = max(round(dots / columns), 1)
-    y, x = np.mgrid[0:rows, 0:columns].astype(float)
-    x = (x + 0.5 + rng.uniform(-0.5, 0.5, x.shape)) / columns
-    y = (y + 0.5 + rng.uniform(-0.5, 0.5, y.shape)) / rows
-    return np.stack([(2 * x.ravel() - 1) * reach[0], (2 * y.ravel() - 1) * reach[1]], axis=1)
+        rng, reach = np.random.default_rng(435), self.reach
+        columns = max(round(np.sqrt(self.dots * reach[0] / reach[1])), 1)
+        rows = max(round(self.dots / columns), 1)
+        y, x = np.mgrid[0:rows, 0:columns].astype(float)
+        x = (x + 0.5 + rng.uniform(-0.5, 0.5, x.shape)) / columns
+        y = (y + 0.5 + rng.uniform(-0.5, 0.5, y.shape)) / rows
+        return np.stack([(2 * x.ravel() - 1) * reach[0], (2 * y.ravel() - 1) * reach[1]], axis=1)
 
 
 @kept(4)
@@ -210,7 +204,7 @@ class InfraredScene:
         light = np.full(len(ends.crossed), _BEYOND)
         missed = np.flatnonzero(ends.hits.mesh < 0)
         environment = self._caster.contents.environment
-        if environment is not None and len(missed):
+        if environment is not None:
             color = environment.radiance(ends.beams.direction[missed])
             light[missed] = np.minimum(color @ _GREY, 2.0)
         return light
@@ -221,13 +215,13 @@ class InfraredScene:
         albedo = np.full(len(hits.mesh), 0.5)
         kind = self._caster.kind(hits.mesh)
         around, hand = self._caster.contents.surroundings, self._caster.contents.hand
-        rows = np.flatnonzero(kind == SURROUNDINGS)
-        if around is not None and len(rows):
+        if around is not None:
+            rows = np.flatnonzero(kind == SURROUNDINGS)
             length = ends.beams.travelled[rows] + hits.distance[rows]
             color = texture_color(around, hits.take(rows), length * pixel)
             albedo[rows] = 0.25 + 0.55 * np.clip(color @ _GREY, 0.0, 1.0)
-        rows = np.flatnonzero(kind == HAND)
-        if hand is not None and len(rows):
+        if hand is not None:
+            rows = np.flatnonzero(kind == HAND)
             corners = hand.surface.faces[hits.face[rows]]
             albedo[rows] = 0.45 + 0.25 * hand.albedo[corners[:, 0]].mean(axis=1)
         return albedo

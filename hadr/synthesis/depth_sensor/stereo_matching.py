@@ -31,9 +31,9 @@ class Matching:
         likeness: Least normalised cross-correlation (NCC) of the two matched windows, -1..1.
         texture: Least root mean square of the horizontal gradient in it, grey values a pixel.
         jump: Disparity step that counts as an edge, pixels.
-        edge: Pixels on both sides of such an edge that are refused.
+        edge: Pixels on both sides of such an edge that are refused, 0 or more.
         speckle: Isolated patches of fewer pixels are refused.
-        median: Side of the median filter, 3 or 5; 0 leaves it out.
+        median: Side of the median filter, 3 or 5.
     """
 
     block: int = 7
@@ -53,13 +53,8 @@ class Matching:
 def match(left: Picture, right: Picture, how: Matching) -> Float:
     """Find the disparity of every pixel of the left picture by semi-global matching.
 
-    Args:
-        left: Left picture, grey, shape (H, W) uint8.
-        right: Right picture of the same rows, shape (H, W) uint8.
-        how: Window, search range and checks.
-
-    Returns:
-        Disparity in pixels, shape (H, W) float32, in steps of 1/32; 0 where there is none.
+    Both are rectified grey pictures, (H, W) uint8. Disparity in pixels, (H, W) float32, in steps of
+    1/32; 0 where there is none.
 
     Raises:
         ValueError: The pictures differ in shape or are no grey pictures of 8 bits.
@@ -89,9 +84,8 @@ def match(left: Picture, right: Picture, how: Matching) -> Float:
     found = np.where(sure, np.rint(disparity * STEPS), 0).astype(np.int16)
     found = _without_edges(found, how)
     cv2.filterSpeckles(found, 0, how.speckle, STEPS)
-    if how.median:
-        smooth = cv2.medianBlur(found, how.median)
-        found = np.where((found > 0) & (smooth > 0), smooth, 0).astype(np.int16)
+    smooth = cv2.medianBlur(found, how.median)
+    found = np.where((found > 0) & (smooth > 0), smooth, 0).astype(np.int16)
     return np.asarray(found / np.float32(STEPS), dtype=np.float32)
 
 
@@ -132,8 +126,6 @@ def _without_mean(picture: Picture) -> Float:
 
 def _without_edges(found: npt.NDArray[np.int16], how: Matching) -> npt.NDArray[np.int16]:
     """Refuse what lies beside a disparity step or beside a gap."""
-    if how.edge < 1:
-        return found
     square = np.ones((3, 3), np.uint8)
     near = cv2.dilate(found, square)
     far = cv2.erode(np.where(found > 0, found, np.int16(32767)), square)

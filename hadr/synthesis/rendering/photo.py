@@ -92,7 +92,7 @@ def _look_through_glass(scene: Scene, albedo: Light) -> None:
     """Put the reflectance of what is behind glass into its pixels, from four rays each."""
     camera, pose = scene.camera, scene.world_from_camera
     tracer = RayTracer(scene.contents)
-    glass = tracer.glass_alone(*rays_through(pixel_grid(camera).reshape(-1, 2), camera, pose))
+    glass = tracer.glass_alone(*rays_through(pixel_grid(camera), camera, pose))
     wide = cv2.dilate(glass.reshape(camera.shape).astype(np.uint8), np.ones((3, 3), np.uint8))
     v, u = np.nonzero(wide)
     if not len(v):

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -54,8 +54,17 @@ def _tree(surfaces: tuple[Surface, ...]) -> Any:
     return tree
 
 
+class Rows:
+    """A dataclass whose fields have one row each for every ray."""
+
+    def take(self, rows: Any) -> Self:
+        """Some of the rows."""
+        columns = vars(self).values()
+        return type(self)(*(c.take(rows) if isinstance(c, Rows) else c[rows] for c in columns))
+
+
 @dataclass(frozen=True)
-class Hits:
+class Hits(Rows):
     """First surfaces along N rays: distance (inf on a miss), mesh number, face, barycentrics."""
 
     distance: Array
@@ -63,10 +72,6 @@ class Hits:
     face: npt.NDArray[np.int64]
     u: Array
     v: Array
-
-    def take(self, rows: Any) -> Hits:
-        """Some of them."""
-        return Hits(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
 
     def mixed(self, values: Array, faces: npt.NDArray[np.int64]) -> Array:
         """Values of a mesh's vertices (V, C) where it is hit, between its vertices, (N, C)."""
@@ -117,11 +122,12 @@ def _chosen(second: npt.NDArray[np.bool_], a: Hits, b: Hits) -> Hits:
 def rays_through(
     uv: Array, camera: Intrinsics, world_from_camera: Array, beside: float = 0.0
 ) -> tuple[Array, Array]:
-    """Rays of looking through pixels (N, 2), which need not be whole: origins and unit directions.
+    """Rays of looking through pixels (..., 2), which may be broken: origins and unit directions.
 
     World frame, metres, each (N, 3); the eye is moved ``beside`` metres to the camera's right.
     """
-    x, y = (uv[:, 0] - camera.cx) / camera.fx, (uv[:, 1] - camera.cy) / camera.fy
+    u, v = uv.reshape(-1, 2).T
+    x, y = (u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy
     local = np.stack([x, y, np.ones_like(x)], axis=1)
     local /= np.linalg.norm(local, axis=1, keepdims=True)
     rotation, eye = world_from_camera[:3, :3], world_from_camera[:3, 3]
@@ -206,8 +212,7 @@ class RayCaster:
 
     def labels(self, camera: Intrinsics, world_from_camera: Array) -> Labels:
         """Depth, masks and normals, from one ray through every pixel's centre."""
-        uv = pixel_grid(camera).reshape(-1, 2)
-        origins, directions = rays_through(uv, camera, world_from_camera)
+        origins, directions = rays_through(pixel_grid(camera), camera, world_from_camera)
         hits, behind = self._first_hits(origins, directions)
         kind = self._kinds[hits.mesh]
         smooth, _ = self.normals(hits)

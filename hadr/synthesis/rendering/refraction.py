@@ -6,17 +6,18 @@ glass, and what passes and what is mirrored is followed to where it ends on some
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from hadr.synthesis.rendering.optics import GLASS_INDEX, reflect, refract
-from hadr.synthesis.rendering.raycast import GLASS, Hits, RayCaster
+from hadr.synthesis.rendering.raycast import GLASS, Hits, RayCaster, Rows
 
 Array = npt.NDArray[np.float64]
-Columns = TypeVar("Columns", "Beams", Hits)
+Table = TypeVar("Table", bound=Rows)
 
 _NUDGE = 2e-6
 #: Most interfaces that a ray of a picture crosses.
@@ -26,7 +27,7 @@ FAINTEST = 0.015
 
 
 @dataclass(frozen=True)
-class Beams:
+class Beams(Rows):
     """Rays on their way.
 
     Args:
@@ -52,10 +53,6 @@ class Beams:
         nowhere = np.zeros(n, dtype=np.int64)
         o, d = np.array(origins, dtype=float), np.array(directions, dtype=float)
         return cls(o, d, np.ones((n, colors)), np.zeros(n), nowhere, np.arange(n))
-
-    def take(self, rows: Any) -> Beams:
-        """Some of them."""
-        return Beams(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
 
 
 def cross(caster: RayCaster, beams: Beams, hits: Hits) -> tuple[Beams, Beams]:
@@ -122,7 +119,7 @@ def ray_path(caster: RayCaster, origin: Array, direction: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Ends:
+class Ends(Rows):
     """Where rays end, on opaque surfaces or nowhere; a ray that glass splits has several ends.
 
     Args:
@@ -141,21 +138,13 @@ class Ends:
         length = np.minimum(self.hits.distance, 1e3)
         return np.asarray(self.beams.origin + length[:, None] * self.beams.direction)
 
-    def take(self, rows: Any) -> Ends:
-        """Some of them."""
-        return Ends(self.beams.take(rows), self.hits.take(rows), self.crossed[rows])
-
 
 def follow(
     caster: RayCaster, origins: Array, directions: Array, *, surfaces: int = 9
 ) -> tuple[Ends, Beams]:
-    """Follow rays through glass to all of their ends.
+    """Follow rays through glass, so many surfaces of it at most, to all of their ends.
 
-    Args:
-        caster: The surfaces.
-        origins: World frame, metres, shape (N, 3).
-        directions: Unit directions of travel, shape (N, 3).
-        surfaces: Most glass surfaces on a path.
+    Rays start at ``origins`` in unit ``directions``, world frame, metres, each (N, 3).
 
     Returns:
         The ends, in no order of the rays, and what the first glass surfaces on the way mirror.
@@ -167,7 +156,7 @@ def follow(
         hits = caster.first(beams.origin, beams.direction)
         clear = caster.kind(hits.mesh) == GLASS
         k = np.flatnonzero(~clear)
-        ends.append(Ends(beams.take(k), hits.take(k), np.full(len(k), crossed)))
+        ends.append(Ends(beams, hits, np.full(len(clear), crossed)).take(k))
         k = np.flatnonzero(clear)
         if crossed == surfaces or not len(k):
             break
@@ -175,11 +164,11 @@ def follow(
         if crossed == 0:
             mirrored = both[1]
         beams = _joined([b.take(np.flatnonzero(b.weight.max(1) > FAINTEST)) for b in both])
-    last = _joined([e.beams for e in ends]), _joined([e.hits for e in ends])
-    return Ends(*last, np.concatenate([e.crossed for e in ends])), mirrored
+    return _joined(ends), mirrored
 
 
-def _joined(parts: list[Columns]) -> Columns:
+def _joined(tables: Sequence[Table]) -> Table:
     """The rows of several tables, one below the other."""
-    names = parts[0].__dataclass_fields__
-    return type(parts[0])(*(np.concatenate([getattr(p, name) for p in parts]) for name in names))
+    columns = zip(*(vars(table).values() for table in tables), strict=True)
+    kind = type(tables[0])
+    return kind(*(_joined(c) if isinstance(c[0], Rows) else np.concatenate(c) for c in columns))

@@ -6,6 +6,8 @@ and bent by Snell's law at each interface, until it reaches something opaque.
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import numpy.typing as npt
 
@@ -27,9 +29,12 @@ from hadr.synthesis.textures.noise import SIZE
 
 Array = npt.NDArray[np.float64]
 
-
 #: Light from all sides, linear RGB, where there is no environment.
 _AMBIENT = np.full(3, 0.5)
+
+
+def _unit(vectors: Array) -> Array:
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
 
 
 def texture_color(around: Surroundings, hits: Hits, footprint: Array) -> Array:
@@ -50,9 +55,7 @@ def _skin(
     wrap = np.array([0.42, 0.22, 0.16])
     facing = (normal * key).sum(1)
     color = albedo * (sky + light * np.maximum((facing[:, None] + wrap) / (1 + wrap), 0.0))
-    half = key - d
-    half /= np.linalg.norm(half, axis=1, keepdims=True)
-    shine = np.maximum((normal * half).sum(1), 0.0)
+    shine = np.maximum((normal * _unit(key - d)).sum(1), 0.0)
     sharp = np.where(gloss[:, 0] > 0.6, 70.0, 18.0)
     rim = (1 - np.clip(-(normal * d).sum(1), 0, 1)) ** 4
     spark = gloss[:, 0] * 0.5 * shine**sharp * np.maximum(facing, 0)
@@ -64,10 +67,9 @@ class RayTracer(RayCaster):
 
     def _lamp_light(self, origins: Array, directions: Array, before: Array) -> Array:
         """Light of lamps that rays meet before they have travelled so far."""
-        light = np.zeros((len(directions), 3))
-        for lamp in self.contents.lamps:
-            light += lamp.radiance(origins, directions, before)
-        return light
+        lamps = self.contents.lamps
+        none = np.zeros((len(directions), 3))
+        return sum((lamp.radiance(origins, directions, before) for lamp in lamps), none)
 
     def _beyond(self, directions: Array) -> Array:
         """Linear RGB from where there is no surface."""
@@ -88,8 +90,7 @@ class RayTracer(RayCaster):
         if not self.contents.lamps:
             return np.broadcast_to([0.0, 0.0, 1.0], points.shape), np.ones_like(points)
         lamp = self.contents.lamps[0]
-        toward = lamp.center - points
-        toward = toward / np.linalg.norm(toward, axis=1, keepdims=True)
+        toward = _unit(lamp.center - points)
         return toward, lamp.irradiance(points, toward) / np.pi
 
     def _shade(
@@ -107,23 +108,18 @@ class RayTracer(RayCaster):
         color[miss] = self._beyond(directions[miss])
         for number, (kind, _) in enumerate(self._opaque):
             rows = np.flatnonzero(hits.mesh == number)
-            if not len(rows):
-                continue
-            some = hits.take(rows)
+            some, d = hits.take(rows), directions[rows]
             smooth, flat = self.normals(some)
-            d = directions[rows]
             toward = -np.sign((flat * d).sum(1, keepdims=True))
             normal, flat = smooth * toward, flat * toward
             point = origins[rows] + some.distance[:, None] * d
             key, key_light = self._key(point)
-            facing = (normal * key).sum(1)
-            lit = np.ones(len(rows))
-            open_sky = np.ones(len(rows))
+            facing, sky = (normal * key).sum(1), self._sky(normal)
+            lit, open_sky = np.ones((2, len(rows)))
             if rng is not None:
                 lit = self._sunlit(point + 3e-4 * flat, key, rng, facing > -0.4)
                 if kind == HAND:
                     open_sky = self._openness(point + 4e-4 * flat, normal, rng)
-            sky = self._sky(normal)
             if kind == SURROUNDINGS and self.contents.surroundings is not None:
                 footprint = (travelled[rows] + some.distance) * pixel
                 color[rows] = texture_color(self.contents.surroundings, some, footprint)
@@ -139,8 +135,7 @@ class RayTracer(RayCaster):
         """One jittered shadow ray per point toward the key light: 1 lit, 0 in shadow."""
         lit = np.ones(len(points))
         rows = np.flatnonzero(wanted)
-        d = key[rows] + 0.05 * rng.normal(size=(len(rows), 3))
-        d /= np.linalg.norm(d, axis=1, keepdims=True)
+        d = _unit(key[rows] + 0.05 * rng.normal(size=(len(rows), 3)))
         hits = self._trace(self._solid, points[rows], d)
         blocked = self._kinds[hits.mesh] == HAND
         lit[rows] = np.where(blocked & (hits.distance < 0.9), 0.0, 1.0)
@@ -150,10 +145,7 @@ class RayTracer(RayCaster):
         """Share of the half space over a point that is free of the hand, from three rays."""
         free = np.zeros(len(points))
         for _ in range(3):
-            d = rng.normal(size=points.shape)
-            d /= np.linalg.norm(d, axis=1, keepdims=True)
-            d = d + 1.02 * normal
-            d /= np.linalg.norm(d, axis=1, keepdims=True)
+            d = _unit(_unit(rng.normal(size=points.shape)) + 1.02 * normal)
             hits = self._trace(self._solid, points, d)
             blocked = (self._kinds[hits.mesh] == HAND) & (hits.distance < 0.12)
             free += ~blocked
@@ -177,41 +169,28 @@ class RayTracer(RayCaster):
         color = np.zeros((len(origins), 3))
         beams = Beams.start(origins, directions)
         for depth in range(BOUNCES + 1):
-            hits = self.first(beams.origin, beams.direction)
+            trees = self._all if depth < BOUNCES else self._solid
+            hits = self._trace(trees, beams.origin, beams.direction)
             clear = self._kinds[hits.mesh] == GLASS
-            done = ~clear if depth < BOUNCES else np.ones(len(beams.row), dtype=bool)
-            if done.any():
-                k = np.flatnonzero(done)
-                last, ends = beams.take(k), hits.take(k)
-                if depth == BOUNCES:
-                    ends = self._trace(self._solid, last.origin, last.direction)
-                light = self._shade(last.origin, last.direction, ends, last.travelled, pixel, rng)
-                color[last.row] += last.weight * light
-            k = np.flatnonzero(~done)
+            k = np.flatnonzero(~clear)
+            last, ends = beams.take(k), hits.take(k)
+            light = self._shade(last.origin, last.direction, ends, last.travelled, pixel, rng)
+            color[last.row] += last.weight * light
+            k = np.flatnonzero(clear)
             if not len(k):
                 break
-            row = beams.row[k]
             beams, mirrored = cross(self, beams.take(k), hits.take(k))
-            if rng is not None and depth < 5:
-                self._add_reflections(color, row, mirrored, pixel)
-            elif rng is None:
-                far = np.full(len(row), np.inf)
+            if rng is None:
+                far = np.full(len(k), np.inf)
                 light = self._lamp_light(mirrored.origin, mirrored.direction, far)
                 light = light + 0.45 * self._beyond(mirrored.direction)
-                np.add.at(color, row, mirrored.weight * light)
+                np.add.at(color, mirrored.row, mirrored.weight * light)
+            elif depth < 5:  # what glass mirrors, where it is worth while
+                some = mirrored.take(np.flatnonzero(mirrored.weight.max(1) > 0.012))
+                seen = self._trace(self._solid, some.origin, some.direction)
+                light = self._shade(some.origin, some.direction, seen, some.travelled, pixel, None)
+                np.add.at(color, some.row, some.weight * light)
         return color
-
-    def _add_reflections(
-        self, color: Array, row: npt.NDArray[np.int64], mirrored: Beams, pixel: float
-    ) -> None:
-        """Add what glass mirrors, where it is worth while."""
-        strong = np.flatnonzero(mirrored.weight.max(1) > 0.012)
-        if not len(strong):
-            return
-        start, toward = mirrored.origin[strong], mirrored.direction[strong]
-        seen = self._trace(self._solid, start, toward)
-        light = self._shade(start, toward, seen, mirrored.travelled[strong], pixel, None)
-        np.add.at(color, row[strong], mirrored.weight[strong] * light)
 
     def reflectance(self, origins: Array, directions: Array, pixel: float) -> Array:
         """Reflectance of what rays end on, through the glass and tinted by it, (N, 3)."""
@@ -219,17 +198,15 @@ class RayTracer(RayCaster):
         beams = Beams.start(origins, directions)
         for _ in range(BOUNCES):
             hits = self.first(beams.origin, beams.direction)
-            for number, (kind, _) in enumerate(self._opaque):
-                k = np.flatnonzero(hits.mesh == number)
-                if not len(k):
-                    continue
-                if kind == SURROUNDINGS and self.contents.surroundings is not None:
-                    footprint = (beams.travelled[k] + hits.distance[k]) * pixel
-                    found = texture_color(self.contents.surroundings, hits.take(k), footprint)
-                elif self.contents.hand is not None:
-                    found = self.contents.hand.albedo[
-                        self.contents.hand.surface.faces[hits.face[k], 0]
-                    ]
+            around, hand = self.contents.surroundings, self.contents.hand
+            if around is not None:
+                k = np.flatnonzero(self._kinds[hits.mesh] == SURROUNDINGS)
+                footprint = (beams.travelled[k] + hits.distance[k]) * pixel
+                found = texture_color(around, hits.take(k), footprint)
+                result[beams.row[k]] = beams.weight[k] * found
+            if hand is not None:
+                k = np.flatnonzero(self._kinds[hits.mesh] == HAND)
+                found = hand.albedo[hand.surface.faces[hits.face[k], 0]]
                 result[beams.row[k]] = beams.weight[k] * found
             k = np.flatnonzero(self._kinds[hits.mesh] == GLASS)
             if not len(k):
@@ -248,17 +225,11 @@ class RayTracer(RayCaster):
         With a generator, which jitters shadow rays, four rays a pixel; faster without it: one ray a
         pixel and no shadows.
         """
-        uv = pixel_grid(camera).reshape(-1, 2)
+        uv = pixel_grid(camera)
         offsets = (0.0,) if rng is None else (-0.25, 0.25)
-        total = np.zeros((len(uv), 3))
-        for dv in offsets:
-            for du in offsets:
-                origins, directions = rays_through(
-                    uv + np.array([du, dv]), camera, world_from_camera
-                )
-                light = self.radiance(origins, directions, 1.0 / camera.fx, rng)
-                total += film(light)
+        total = np.zeros((camera.height * camera.width, 3))
+        for dv, du in product(offsets, offsets):
+            rays = rays_through(uv + np.array([du, dv]), camera, world_from_camera)
+            total += film(self.radiance(*rays, 1.0 / camera.fx, rng))
         srgb = (total / len(offsets) ** 2) ** (1 / 2.2)
-        return np.asarray((srgb * 255).round().clip(0, 255), dtype=np.uint8).reshape(
-            *camera.shape, 3
-        )
+        return (srgb * 255).round().clip(0, 255).astype(np.uint8).reshape(*camera.shape, 3)

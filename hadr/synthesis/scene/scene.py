@@ -104,7 +104,7 @@ def _view_score(
     held: _Held, small: Intrinsics, pose: Array, full: Intrinsics, free: float
 ) -> float:
     """How well a view shows the glass in the hand, about a part ``free`` of it unhidden; best 1."""
-    rays = rays_through(pixel_grid(small).reshape(-1, 2), small, pose)
+    rays = rays_through(pixel_grid(small), small, pose)
     seen = held.caster.kind(held.caster.first(*rays).mesh)
     glass = held.caster.glass_alone(*rays)
     visible = (seen == GLASS).sum() / max(glass.sum(), 1)
