@@ -59,13 +59,9 @@ class ClearanceTable:
         """Distance from the filled object, object frame, metres, shape of the points less one."""
         distance = self.outside.take(self._cells(points))
         if self.handle.size:
-            index = np.stack(
-                [
-                    (points[..., 0] - self.handle_from[0]) / _HANDLE_CELL + 0.5,
-                    np.abs(points[..., 1]) / _HANDLE_CELL + 0.5,
-                    (points[..., 2] - self.handle_from[2]) / _HANDLE_CELL + 0.5,
-                ]
-            ).astype(np.intp)
+            x, y, z = np.moveaxis(points, -1, 0)
+            beside = (x - self.handle_from[0], np.abs(y), z - self.handle_from[2])
+            index = np.stack([way / _HANDLE_CELL + 0.5 for way in beside]).astype(np.intp)
             size = np.array(self.handle.shape).reshape((3,) + (1,) * (index.ndim - 1))
             near = ((index >= 0) & (index < size)).all(axis=0)
             distance[near] = self.handle[tuple(index[:, near])]
@@ -121,14 +117,10 @@ def clearance_table(object_id: str) -> ClearanceTable:
     # The half plane opposite to a handle.
     points = np.stack([-rr.ravel(), np.zeros(rr.size), zz.ravel()], axis=1)
     parts = np.array_split(points, 16)
-    finer = (
-        (len(r) - 1) * round(_COARSE / _CELL) + 1,
-        (len(z) - 1) * round(_COARSE / _CELL) + 1,
-    )
 
     def table(values: list[Array]) -> Floats:
         grid = np.concatenate(values).reshape(rr.shape)
-        scale = [n / s for n, s in zip(finer, grid.shape, strict=True)]
+        scale = [((n - 1) * round(_COARSE / _CELL) + 1) / n for n in grid.shape]
         return np.asarray(zoom(grid, scale, order=1, grid_mode=False), dtype=np.float32)
 
     outside = table([signed_distance(item, p, filled=True) for p in parts])

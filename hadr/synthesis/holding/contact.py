@@ -95,10 +95,7 @@ def _edges() -> npt.NDArray[np.int64]:
 
 
 def passes_through_wall(item: GlassObject, points: Array, edges: npt.NDArray[np.int64]) -> bool:
-    """Whether a connected skin runs from the outside of the glass to its hollow through the wall.
-
-    An edge whose ends lie on different sides may pass over the rim, but not through glass.
-    """
+    """Whether skin, joined by edges, runs from outside to the hollow not over the rim alone."""
     around = signed_distance(item, points, filled=True)
     if (around > 0).all():
         return False
@@ -118,27 +115,21 @@ def passes_through_wall(item: GlassObject, points: Array, edges: npt.NDArray[np.
 def _finger_overlap(angles: Array, shape: HandShape, vertices: Array, part: Part) -> float:
     """Deepest overlap of a right hand's skin with another finger or with the palm, metres."""
     skins = {finger: finger_skin(finger, shape) for finger in FINGERS}
+    beyond = {f: vertices[skin.rows[skin.bone > 0]] for f, skin in skins.items()}
     deepest = 0.0
-    spheres = {}
-    for i, finger in enumerate(FINGERS):
-        _, joints = skins[finger].bones(angles[None, 4 * i : 4 * i + 4])
-        spheres[finger] = bone_spheres(joints * shape.scale, skins[finger].girth)
-    for finger, (centers, radii) in spheres.items():
-        at = centers[0]
-        for other, skin in skins.items():
-            if other == finger:
-                continue
-            away = np.linalg.norm(vertices[skin.rows[skin.bone > 0]][:, None] - at[None], axis=-1)
-            deepest = max(deepest, float((radii - away).max()))
+    for i, (finger, skin) in enumerate(skins.items()):
+        _, joints = skin.bones(angles[None, 4 * i : 4 * i + 4])
+        centers, radii = bone_spheres(joints * shape.scale, skin.girth)
+        others = np.concatenate([points for other, points in beyond.items() if other != finger])
+        away = np.linalg.norm(others[:, None] - centers, axis=-1)
+        deepest = max(deepest, float((radii - away).max()))
     palm = vertices[part == 5]
     normals = vertex_normals(vertices, hand_template(COARSE_STEP).faces)[part == 5]
-    tips = np.concatenate([vertices[s.rows[s.bone > 0]] for f, s in skins.items() if f != "thumb"])
+    tips = np.concatenate([points for f, points in beyond.items() if f != "thumb"])
     distance, nearest = cKDTree(palm).query(tips, distance_upper_bound=0.012)
     near = np.isfinite(distance)
-    if near.any():
-        offset = tips[near] - palm[nearest[near]]
-        deepest = max(deepest, float(-(offset * normals[nearest[near]]).sum(1).min()))
-    return deepest
+    offset, facing = tips[near] - palm[nearest[near]], normals[nearest[near]]
+    return max(deepest, float(-(offset * facing).sum(1).min(initial=0.0)))
 
 
 def check_contact(
@@ -148,14 +139,10 @@ def check_contact(
     wrist_from_object: Array,
     inside: tuple[str, ...] = (),
 ) -> ContactReport:
-    """Check how a hand meets an object.
+    """Check how a hand with twenty joint angles, radians, meets an object.
 
-    Args:
-        object_id: The object.
-        shape: The hand.
-        angles: The twenty joint angles, radians, shape (20,).
-        wrist_from_object: Pose of the object in the wrist frame, shape (4, 4).
-        inside: Fingers that may be in the mouth.
+    ``wrist_from_object`` is the object's pose in the wrist frame, (4, 4); the fingers ``inside``
+    may be in the mouth.
     """
     item = glass_object(object_id)
     q = np.asarray(angles, dtype=float)

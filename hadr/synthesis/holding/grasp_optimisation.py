@@ -30,6 +30,8 @@ _THUMB_REST = np.deg2rad([10.0, 8, 14, 18])
 _LIBRARY, _NEAR = 420, 150
 _LEVEL = ("index", "middle")
 _ORDER = ("middle", "index", "ring", "little", "thumb")
+#: Whose posture a finger's own is like.
+_NEIGHBOURS = {"index": "middle", "ring": "middle", "little": "ring"}
 #: How the end joint follows the middle one.
 DIP_FOLLOWS_PIP = 0.62
 #: Skin may be pressed in so far before it costs, millimetres.
@@ -74,13 +76,8 @@ def hand_skins(shape: HandShape) -> HandSkins:
     plain = replace(shape, side="right")
     vertices, part = skin_vertices(forward_kinematics(_open_hand(), plain), plain)
     palm = vertices[(part == 5) | ((part == 6) & (vertices[:, 1] > -0.20))]
-    return HandSkins(
-        shape,
-        skins,
-        few,
-        {finger: posture_library(finger) for finger in FINGERS},
-        palm.astype(np.float32),
-    )
+    library = {finger: posture_library(finger) for finger in FINGERS}
+    return HandSkins(shape, skins, few, library, palm.astype(np.float32))
 
 
 def _open_hand() -> Array:
@@ -119,37 +116,23 @@ def push_onto_palm(hand: HandSkins, table: ClearanceTable, placement: Placement)
     return Placement(pose, placement.plan, placement.palm_gap)
 
 
-def _through_handle(item: GlassObject, joints: Array, pose: Array) -> npt.NDArray[np.bool_]:
-    """Whether a finger's bones go through the handle's opening, shape (N,)."""
-    line = np.asarray(item.handle)
-    inverse = object_from_wrist(pose)
-    local = joints @ inverse[:3, :3].T + inverse[:3, 3]
-    found = np.zeros(len(joints), bool)
-    inside, outside = float(line[:, 0].min()), float(line[:, 0].max()) - item.handle_radius
-    low = float(line[:, 1].min()) + item.handle_radius
-    high = float(line[:, 1].max()) - item.handle_radius
-    for bone in range(3):
-        a, b = local[:, bone], local[:, bone + 1]
-        crosses = a[:, 1] * b[:, 1] < 0
-        fraction = a[:, 1] / np.where(crosses, a[:, 1] - b[:, 1], 1.0)
-        at = a + fraction[:, None] * (b - a)
-        found |= (
-            crosses
-            & (at[:, 0] > inside)
-            & (at[:, 0] < outside)
-            & (at[:, 2] > low)
-            & (at[:, 2] < high)
-        )
-    return found
+def _through_handle(item: GlassObject, joints: Array) -> npt.NDArray[np.bool_]:
+    """Whether bones between joints (N, 4, 3), object frame, go through the handle's opening."""
+    inside, low = np.add(np.min(item.handle, 0), [0, item.handle_radius])
+    outside, high = np.max(item.handle, 0) - item.handle_radius
+    a, b = joints[:, :-1], joints[:, 1:]
+    crosses = a[..., 1] * b[..., 1] < 0
+    fraction = a[..., 1] / np.where(crosses, a[..., 1] - b[..., 1], 1.0)
+    x, _, z = np.moveaxis(a + fraction[..., None] * (b - a), -1, 0)
+    found = crosses & (x > inside) & (x < outside) & (z > low) & (z < high)
+    return np.asarray(found.any(1))
 
 
 def bone_spheres(joints: Array, girth: Array) -> tuple[Array, Array]:
     """Spheres along a finger beyond its web: centres (N, 7, 3) and radii (7,)."""
-    centers, radii = [], []
-    for bone, fraction in ((0, 0.55), (0, 0.8), (1, 0.05), (1, 0.5), (2, 0.0), (2, 0.4), (2, 0.8)):
-        centers.append(joints[:, bone] * (1 - fraction) + joints[:, bone + 1] * fraction)
-        radii.append(girth[bone])
-    return np.stack(centers, axis=1), np.asarray(radii)
+    bone = np.array([0, 0, 1, 1, 2, 2, 2])
+    fraction = np.array([0.55, 0.8, 0.05, 0.5, 0.0, 0.4, 0.8])[:, None]
+    return joints[:, bone] * (1 - fraction) + joints[:, bone + 1] * fraction, girth[bone]
 
 
 class GraspOptimisation:
@@ -159,6 +142,9 @@ class GraspOptimisation:
         self.item, self.table = glass_object(object_id), clearance_table(object_id)
         self.hand, self.placement = hand, placement
         self.inverse = object_from_wrist(placement.wrist_from_object)
+        #: Of each finger that is closed.
+        self.angles, self.joints = dict[str, Array](), dict[str, Array]()
+        self.costs = dict[str, float]()
 
     def _clearance(
         self, action: Action, points: Floats, bone: npt.NDArray[np.int64]
@@ -212,16 +198,11 @@ class GraspOptimisation:
                 touch = np.abs(touch_gap[pad & (bone == number)]).min(0)
                 cost = cost + weight * np.minimum(touch, 20)
         else:
-            touch = np.minimum(
-                np.abs(gap[pad & (bone == 1)]).min(0), np.abs(gap[pad & (bone == 0)]).min(0)
-            )
-            outside = ~_through_handle(self.item, joints, self.placement.wrist_from_object)
-            cost = (
-                cost
-                + 1.2 * np.minimum(touch, 20)
-                + 0.25 * np.abs(gap[pad & (bone == 2)]).min(0).clip(0, 20)
-            )
-            cost = cost + 40.0 * outside
+            first, middle, last = (np.abs(gap[pad & (bone == b)]).min(0) for b in range(3))
+            local = joints @ self.inverse[:3, :3].T + self.inverse[:3, 3]
+            outside = ~_through_handle(self.item, local)
+            cost = cost + 1.2 * np.minimum(np.minimum(middle, first), 20)
+            cost = cost + 0.25 * last.clip(0, 20) + 40.0 * outside
         return np.asarray(cost)
 
     def _overlap(self, finger: str, joints: Array, closed: dict[str, Array]) -> Array:
@@ -268,87 +249,73 @@ class GraspOptimisation:
         finger: str,
         angles: Array,
         chosen: npt.NDArray[np.int64],
-        closed: dict[str, Array],
-        neighbour: Array | None,
         bias: tuple[Floats, Floats] | None = None,
-    ) -> tuple[Array, float, Array]:
+        *,
+        alone: bool = False,
+    ) -> None:
+        """Close a finger by the best of some angle sets, ``alone`` without regard to others."""
         skin, action = self.hand.skins[finger], self.placement.plan[finger]
+        closed = {} if alone else {f: j for f, j in self.joints.items() if f != finger}
         points, joints = skin.pose(angles, self.inverse, chosen)
         clearance, near = self._clearance(action, points, skin.bone[chosen])
         if bias is not None:
             clearance, near = clearance + bias[0][:, None], near + bias[1][:, None]
         cost = self._contact(skin, action, clearance, near, chosen, joints)
+        neighbour = None if alone else self.angles.get(_NEIGHBOURS.get(finger, ""))
         cost += self._habit(finger, angles, neighbour)
         if closed:
             cost += self._overlap(finger, joints, closed)
         if finger == "thumb" and closed:
             cost += self._opposition(joints, closed)
-        winner = int(np.argmin(cost))
-        return angles[winner], float(cost[winner]), joints[winner]
+        best = int(np.argmin(cost))
+        self.angles[finger], self.joints[finger] = angles[best], joints[best]
+        self.costs[finger] = float(cost[best])
 
     def screen(self) -> float:
         """Cost of the best posture in each finger's library: how promising the placement is."""
-        total, joints = 0.0, dict[str, Array]()
         for finger in _ORDER:
-            few = self.hand.few[finger]
-            beside = joints if finger == "thumb" else {}
-            _, cost, where = self._best(finger, self.hand.library[finger][::2], few, beside, None)
-            total, joints[finger] = total + cost, where
-        return total
-
-    def _neighbour(self, finger: str, angles: dict[str, Array]) -> Array | None:
-        beside = {"index": "middle", "ring": "middle", "little": "ring"}.get(finger)
-        return angles.get(beside) if beside else None
+            some = self.hand.library[finger][::2]
+            self._best(finger, some, self.hand.few[finger], alone=finger != "thumb")
+        return sum(self.costs.values())
 
     def run(self, rng: np.random.Generator) -> tuple[Array, float]:
-        """Close the fingers: the twenty angles of a right hand, radians, and their cost."""
-        angles: dict[str, Array] = {}
-        joints: dict[str, Array] = {}
-        costs: dict[str, float] = {}
+        """Close the open fingers: the twenty angles of a right hand, radians, and their cost."""
         for finger in _ORDER:
-            few, near = self.hand.few[finger], self._neighbour(finger, angles)
-            best, cost, where = self._best(finger, self.hand.library[finger], few, joints, near)
-            angles[finger], costs[finger], joints[finger] = best, cost, where
-            self._improve(finger, 0.22, rng, angles, joints, costs, few, None)
-        return self.settle(np.concatenate([angles[f] for f in FINGERS]), rng, (0.10, 0.05, 0.03))
+            few = self.hand.few[finger]
+            self._best(finger, self.hand.library[finger], few)
+            self._improve(finger, 0.22, rng, few)
+        return self.settle(self._all_angles(), rng, (0.10, 0.05, 0.03))
+
+    def _all_angles(self) -> Array:
+        return np.concatenate([self.angles[f] for f in FINGERS])
 
     def settle(
         self, start: Array, rng: np.random.Generator, widths: tuple[float, ...]
     ) -> tuple[Array, float]:
-        """Improve angles that are near already, on the skin itself.
+        """Improve a right hand's twenty angles (radians) that are near already, on the skin itself.
 
-        Args:
-            start: The twenty angles of a right hand, radians.
-            rng: Source of the variations that are tried.
-            widths: How far they go in each round, as fractions of a joint's range.
-
-        Returns:
-            The improved angles and their cost.
+        Variations go as far as ``widths`` in each round, in fractions of a joint's range. The
+        improved angles and their cost.
         """
-        angles = {f: start[4 * i : 4 * i + 4] for i, f in enumerate(FINGERS)}
-        joints = {
-            f: skin.bones(angles[f][None])[1][0] * skin.scale for f, skin in self.hand.skins.items()
-        }
-        costs = dict.fromkeys(FINGERS, 0.0)
+        self.joints = {}  # costs are summed in the order of fingers, whatever was closed before
+        for i, (finger, skin) in enumerate(self.hand.skins.items()):
+            self.angles[finger] = angles = start[4 * i : 4 * i + 4]
+            self.joints[finger] = skin.bones(angles[None])[1][0] * skin.scale
         for width in widths:
-            truth = self._true_skin(angles).astype(np.float32)
+            truth = self._true_skin().astype(np.float32)
             for finger in _ORDER:
                 skin, action = self.hand.skins[finger], self.placement.plan[finger]
-                blended = self._clearance(
-                    action, skin.pose(angles[finger][None], self.inverse)[0], skin.bone
-                )
+                points, _ = skin.pose(self.angles[finger][None], self.inverse)
+                blended = self._clearance(action, points, skin.bone)
                 exact = self._clearance(action, truth[skin.rows][:, None], skin.bone)
                 bias = (exact[0] - blended[0])[:, 0], (exact[1] - blended[1])[:, 0]
-                everything = np.arange(len(skin.rows))
-                self._improve(finger, width, rng, angles, joints, costs, everything, bias)
-        return np.concatenate([angles[f] for f in FINGERS]), sum(costs.values())
+                self._improve(finger, width, rng, np.arange(len(skin.rows)), bias)
+        return self._all_angles(), sum(self.costs[f] for f in FINGERS)
 
-    def _true_skin(self, angles: dict[str, Array]) -> Array:
+    def _true_skin(self) -> Array:
         """The whole skin of the pose in the object's frame."""
-        shape = self.hand.shape
-        plain = replace(shape, side="right")
-        skeleton = forward_kinematics(np.concatenate([angles[f] for f in FINGERS]), plain)
-        vertices, _ = skin_vertices(skeleton, plain)
+        plain = replace(self.hand.shape, side="right")
+        vertices, _ = skin_vertices(forward_kinematics(self._all_angles(), plain), plain)
         return vertices @ self.inverse[:3, :3].T + self.inverse[:3, 3]
 
     def _improve(
@@ -356,17 +323,11 @@ class GraspOptimisation:
         finger: str,
         width: float,
         rng: np.random.Generator,
-        angles: dict[str, Array],
-        joints: dict[str, Array],
-        costs: dict[str, float],
         chosen: npt.NDArray[np.int64],
-        bias: tuple[Floats, Floats] | None,
+        bias: tuple[Floats, Floats] | None = None,
     ) -> None:
         low, high = (_THUMB_RANGE if finger == "thumb" else _FINGER_RANGE).T
-        near = angles[finger] + rng.normal(size=(_NEAR, 4)) * width * (high - low) * 0.5
-        near = np.clip(near, low, high)
-        near[0] = angles[finger]
-        others = {f: j for f, j in joints.items() if f != finger}
-        angles[finger], costs[finger], joints[finger] = self._best(
-            finger, near, chosen, others, self._neighbour(finger, angles), bias
-        )
+        angles = self.angles[finger]
+        near = np.clip(angles + rng.normal(size=(_NEAR, 4)) * width * (high - low) * 0.5, low, high)
+        near[0] = angles
+        self._best(finger, near, chosen, bias)

@@ -17,8 +17,7 @@ import numpy.typing as npt
 from hadr.hand import HandShape, Side
 from hadr.records.caches import kept
 from hadr.synthesis.glass.objects import glass_object
-from hadr.synthesis.glass.shape import GlassObject
-from hadr.synthesis.holding.clearance import ClearanceTable, clearance_table
+from hadr.synthesis.holding.clearance import clearance_table
 from hadr.synthesis.holding.contact import TOUCH, ContactReport, check_contact
 from hadr.synthesis.holding.grasp_optimisation import (
     GraspOptimisation,
@@ -72,33 +71,24 @@ class Hold:
 
 def check_hold(hold: Hold) -> ContactReport:
     """Run all checks on a hold; its ``problems`` are empty when it is good."""
-    return check_contact(
-        hold.object_id,
-        hold.shape,
-        hold.angles,
-        hold.wrist_from_object,
-        fingers_inside(hold.kind),
-    )
+    placed = hold.angles, hold.wrist_from_object
+    return check_contact(hold.object_id, hold.shape, *placed, fingers_inside(hold.kind))
 
 
 def _candidates(
-    item: GlassObject,
-    kind: str,
-    hand: HandSkins,
-    table: ClearanceTable,
-    rng: np.random.Generator,
+    object_id: str, kind: str, hand: HandSkins, rng: np.random.Generator
 ) -> list[Placement]:
     """Placements of the object, the most promising first."""
-    found: list[tuple[float, int, Placement]] = []
-    for number in range(_PLACEMENTS):
+    item, table = glass_object(object_id), clearance_table(object_id)
+    found: list[tuple[float, Placement]] = []
+    for _ in range(_PLACEMENTS):
         placement = draw_placement(item, kind, hand.shape.scale, rng)
         if placement.palm_gap == 0:
             placement = push_onto_palm(hand, table, placement)
         elif palm_clearance(hand, table, placement.wrist_from_object) < placement.palm_gap:
             continue
-        cost = GraspOptimisation(item.object_id, hand, placement).screen()
-        found.append((cost, number, placement))
-    return [placement for _, _, placement in sorted(found, key=lambda f: f[:2])]
+        found.append((GraspOptimisation(object_id, hand, placement).screen(), placement))
+    return [placement for _, placement in sorted(found, key=lambda f: f[0])]
 
 
 def search_hold(
@@ -108,26 +98,20 @@ def search_hold(
 
     Where all attempts fail it is the best failure, and its report has problems.
     """
-    item, table = glass_object(object_id), clearance_table(object_id)
     right = replace(shape, side="right")
     hand = hand_skins(right)
     best: tuple[float, Array, Array, ContactReport] | None = None
     for _ in range(_ROUNDS):
-        for placement in _candidates(item, kind, hand, table, rng)[:_TRIES]:
+        for placement in _candidates(object_id, kind, hand, rng)[:_TRIES]:
+            pose = placement.wrist_from_object
             angles, cost = GraspOptimisation(object_id, hand, placement).run(rng)
-            report = check_contact(
-                object_id, right, angles, placement.wrist_from_object, fingers_inside(kind)
-            )
+            report = check_contact(object_id, right, angles, pose, fingers_inside(kind))
             wanted = {f for f, action in placement.plan.items() if action != "free"}
-            missed = wanted - set(report.touching)
-            good = (
-                not report.problems
-                and report.depth < _AIM
-                and len(missed) <= (1 if len(wanted) > 3 else 0)
-            )
+            missed = len(wanted - set(report.touching))
+            good = not report.problems and report.depth < _AIM and missed <= (len(wanted) > 3)
             total = cost + (0 if good else 100) + 1000 * len(report.problems)
             if best is None or total < best[0]:
-                best = (total, angles, placement.wrist_from_object, report)
+                best = (total, angles, pose, report)
             if good:
                 break
         if best is not None and best[0] < 100:
@@ -143,11 +127,7 @@ def mirrored_pose(wrist_from_object: Array) -> Array:
 
 
 def hold_kind(object_id: str, number: int) -> str:
-    """The kind of an object's hold number ``number``.
-
-    Raises:
-        ValueError: The object is unknown, or the number is negative.
-    """
+    """The kind of an object's hold by its number, from 0."""
     kinds = glass_object(object_id).holds
     if number < 0:
         raise ValueError(f"number of a hold starts at 0, got {number}")
@@ -172,12 +152,7 @@ def draw_hand_shape(rng: np.random.Generator, side: Side) -> HandShape:
 
 @kept(64)
 def make_hold(object_id: str, number: int, seed: int = 0) -> Hold:
-    """Make the holding pose number ``number`` of an object; the same for the same arguments.
-
-    Args:
-        object_id: One of the objects' ids.
-        number: Which pose, from 0; the eight kinds of hold of the object alternate.
-        seed: Seed of the whole data set.
+    """Make the holding pose of an object by its number, from 0; its eight kinds of hold alternate.
 
     Raises:
         ValueError: The object is unknown, the number is negative, or five hands in turn fail.

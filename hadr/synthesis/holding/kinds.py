@@ -48,12 +48,9 @@ def pose_from_axis(
 ) -> Array:
     """``wrist_from_object`` (4, 4) whose axis has a direction and passes a point at a height.
 
-    Args:
-        up: Direction of the object's axis, wrist frame, shape (3,).
-        point: Where the axis is at ``height``, wrist frame, metres.
-        height: Metres above the table in the object's frame.
-        toward: Direction in which the object's x axis (and a handle) points.
-        roll: Further rotation about the axis, radians.
+    The axis points ``up``, and is at ``point`` at the ``height`` above the object's table; its x
+    axis, and a handle, points ``toward``, but for a rotation by ``roll``. Wrist frame, metres,
+    radians.
     """
     z = _unit(up)
     helper = np.asarray(toward, dtype=float)
@@ -155,10 +152,9 @@ def _rim(item: GlassObject, kind: str, s: float, draw: _Draw) -> Array:
     side = -1.0 if kind == "lip" else 1.0
     out = np.array([draw(*aside), side * np.cos(slope), -side * np.sin(slope)])
     up = np.array([draw(-0.25, 0.25), -np.sin(slope), -np.cos(slope)])
-    depth = draw(*below)
+    height = item.height - draw(*below)
     up = _unit(up)
     out = _unit(out - (out @ up) * up)
-    height = item.height - depth
     radius = item.outer_radius(height) - 0.001
     return pose_from_axis(up, pinch - radius * out, height, -out, draw(-0.3, 0.3))
 
@@ -204,14 +200,14 @@ class Kind:
         palm_gap: See `Placement`.
     """
 
-    actions: tuple[Action, Action, Action, Action, Action]
+    actions: tuple[Action, ...]
     draw_pose: Callable[[GlassObject, str, float, _Draw], Array]
     palm_gap: float = 0.0
 
 
-_WRAP: tuple[Action, Action, Action, Action, Action] = ("tip", "wrap", "wrap", "wrap", "wrap")
-_TIPS: tuple[Action, Action, Action, Action, Action] = ("tip",) * 5
-_TWO_TIPS: tuple[Action, Action, Action, Action, Action] = ("tip", "tip", "tip", "free", "free")
+_WRAP: tuple[Action, ...] = ("tip", "wrap", "wrap", "wrap", "wrap")
+_TIPS: tuple[Action, ...] = ("tip",) * 5
+_TWO_TIPS: tuple[Action, ...] = ("tip", "tip", "tip", "free", "free")
 
 #: The kinds of hold by their names.
 KINDS: dict[str, Kind] = {
@@ -256,11 +252,7 @@ def fingers_inside(kind: str) -> tuple[str, ...]:
 def draw_placement(
     item: GlassObject, kind: str, scale: float, rng: np.random.Generator
 ) -> Placement:
-    """Put the object into a hand of a size as a kind of hold wants it, with some freedom.
-
-    Raises:
-        ValueError: The kind is unknown.
-    """
+    """Put the object into a hand of a size as a kind of hold wants it, with some freedom."""
     if kind not in KINDS:
         raise ValueError(f"no kind of hold {kind!r}; there are {', '.join(KINDS)}")
     known = KINDS[kind]
