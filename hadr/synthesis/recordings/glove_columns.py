@@ -13,38 +13,16 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-from hadr.hand import ANGLE_NAMES, Side
+from hadr.hand import ANGLE_NAMES, FINGERS, Side
 
-_FINGER_WORDS = {
-    "thumb": "thumb",
-    "index": "index",
-    "pointer": "index",
-    "middle": "middle",
-    "ring": "ring",
-    "little": "little",
-    "pinky": "little",
-    "pinkie": "little",
-}
-_KIND_WORDS = {
-    "spread": "spread",
-    "abduction": "spread",
-    "abd": "spread",
-    "splay": "spread",
-    "stretch": "stretch",
-    "flex": "stretch",
-    "flexion": "stretch",
-    "bend": "stretch",
-}
+_FINGER_WORDS = {f: f for f in FINGERS}
+_FINGER_WORDS |= {"pointer": "index", "pinky": "little", "pinkie": "little"}
+_KIND_WORDS = dict.fromkeys(("spread", "abduction", "abd", "splay"), "spread")
+_KIND_WORDS |= dict.fromkeys(("stretch", "flex", "flexion", "bend"), "stretch")
 #: Joints from the root to the tip; where a thumb has three of them this is their order.
 _JOINT_WORDS = ("cmc", "mcp", "pip", "ip", "dip")
-_SIDE_WORDS: dict[str, Side] = {
-    "left": "left",
-    "l": "left",
-    "lefthand": "left",
-    "right": "right",
-    "r": "right",
-    "righthand": "right",
-}
+_SIDE_WORDS: dict[str, Side] = dict.fromkeys(("left", "l", "lefthand"), "left")
+_SIDE_WORDS |= dict.fromkeys(("right", "r", "righthand"), "right")
 #: Units and fillers that a name may carry.
 _FILLERS = ("deg", "degree", "degrees", "angle", "finger", "joint", "hand", "value")
 _WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
@@ -56,20 +34,12 @@ ANGLE_COLUMNS: tuple[str, ...] = tuple(
     )
     for name in ANGLE_NAMES
 )
-POSITION_COLUMNS = ("Object_Position_X", "Object_Position_Y", "Object_Position_Z")
-ROTATION_COLUMNS = (
-    "Object_Rotation_W",
-    "Object_Rotation_X",
-    "Object_Rotation_Y",
-    "Object_Rotation_Z",
-)
+POSITION_COLUMNS = tuple(f"Object_Position_{axis}" for axis in "XYZ")
+ROTATION_COLUMNS = tuple(f"Object_Rotation_{axis}" for axis in "WXYZ")
 
 
 def read_column_name(name: str) -> tuple[Side | None, str, str, str] | None:
-    """What a column's name says: side (or None), finger, joint (or empty), spread or stretch.
-
-    None for a column that is no joint angle.
-    """
+    """Side (or None), finger, joint (or empty), spread or stretch; None of no joint's angle."""
     side: Side | None = None
     found: dict[str, str] = {}
     for word in (w.lower() for w in _WORD.findall(name)):
@@ -91,10 +61,9 @@ def read_column_name(name: str) -> tuple[Side | None, str, str, str] | None:
 
 
 def find_angle_columns(header: Sequence[str]) -> dict[Side | None, dict[str, int]]:
-    """Find the joint angles of each hand in a header.
+    """Find each hand's angles of ``ANGLE_NAMES`` in a header: their positions by side.
 
-    For each side that the names tell (None where they tell none) the position of each angle of
-    ``ANGLE_NAMES`` that is there.
+    The side is None where names tell none.
 
     Raises:
         ValueError: Two columns are the same angle of the same hand.

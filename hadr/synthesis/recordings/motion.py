@@ -10,6 +10,7 @@ import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import numpy.typing as npt
@@ -34,6 +35,8 @@ Array = npt.NDArray[np.float64]
 #: Frequency of a hand's tremor, Hz.
 _TREMOR = (7.5, 11.0)
 _KNOTS = 4
+#: Rows a second.
+_RATE = 10.0
 
 
 def _drifted(pose: Array, move: Array, rotvec: Array, about: Array) -> Array:
@@ -79,71 +82,36 @@ def _motion(
     return angles_now, poses
 
 
-def record_hold(
-    hold: Hold, seed: int = 0, *, seconds: float = 2.0, rate: float = 10.0
-) -> Recording:
+def record_hold(hold: Hold, seed: int = 0, *, seconds: float = 2.0) -> Recording:
     """Record a hold for some seconds, with small variation, every row in contact, as it reads back.
 
     Raises:
-        ValueError: The hold itself does not pass the checks, or the length or rate is wrong.
+        ValueError: The hold itself does not pass the checks, or there are less than two rows.
     """
-    if seconds <= 0 or rate <= 0 or round(seconds * rate) < 2:
-        raise ValueError(f"need at least two rows, got {seconds} s at {rate} Hz")
-    problems = check_hold(hold).problems
-    if problems:
+    if seconds * _RATE < 2:
+        raise ValueError(f"need at least two rows, got {seconds} s at {_RATE} Hz")
+    if problems := check_hold(hold).problems:
         raise ValueError(f"{hold.hold_id} is no good hold: {'; '.join(problems)}")
-    time = np.arange(round(seconds * rate)) / rate
+    time = np.arange(round(seconds * _RATE)) / _RATE
     rng = np.random.default_rng([seed, zlib.crc32(hold.hold_id.encode()), 17])
     for amount in (1.0, 0.6, 0.3, 0.1, 0.0):
         angles, poses = _motion(hold, time, amount, rng)
         if hold.shape.side == "left":
             poses = np.stack([mirrored_pose(pose) for pose in poses])
-        recording = _rounded(
-            Recording(hold.hold_id, hold.object_id, hold.kind, hold.shape, time, angles, poses)
-        )
+        whole = Recording(hold.hold_id, hold.object_id, hold.kind, hold.shape, time, angles, poses)
+        with TemporaryDirectory() as folder:
+            write_recording(whole, path := Path(folder) / "rounded.csv")
+            recording = read_recording(path)
         if next(failing_rows(recording), None) is None:
             return recording
     raise ValueError(f"{hold.hold_id} does not pass the checks once its numbers are rounded")
 
 
-def _rounded(recording: Recording) -> Recording:
-    """The recording as it will be read from its file."""
-    quaternions = Rotation.from_matrix(recording.wrist_from_object[:, :3, :3]).as_quat()
-    poses = recording.wrist_from_object.copy()
-    poses[:, :3, :3] = Rotation.from_quat(np.round(quaternions, 5)).as_matrix()
-    poses[:, :3, 3] = np.round(poses[:, :3, 3], 5)
-    shape = recording.shape
-    shape = replace(
-        shape,
-        scale=round(shape.scale, 4),
-        girth=round(shape.girth, 4),
-        roots={f: _mm(v) for f, v in shape.roots.items()},
-        lengths={f: _mm(v) for f, v in shape.lengths.items()},
-    )
-    angles = np.deg2rad(np.round(np.rad2deg(recording.angles), 2))
-    return replace(recording, shape=shape, angles=angles, wrist_from_object=poses)
-
-
-def _mm(values: Sequence[float]) -> tuple[float, float, float]:
-    a, b, c = (round(1000 * float(v), 2) / 1000 for v in values)
-    return a, b, c
-
-
 def failing_rows(recording: Recording) -> Iterator[tuple[int, tuple[str, ...]]]:
     """Rows of a recording that do not pass the checks of a hold, and why."""
     for row in range(len(recording.time)):
-        problems = recording.checked(row)[1].problems
-        if problems:
+        if problems := recording.checked(row)[1].problems:
             yield row, problems
-
-
-def verify_recordings(folder: str | Path) -> list[str]:
-    """Check every row of every recording in a folder; the problems, in words."""
-    found = []
-    for path in find_recordings(folder):
-        for row, problems in failing_rows(read_recording(path)):
-            found.append(f"{path.name} row {row + 1}: {'; '.join(problems)}")
-    return found
 
 
 def write_recordings(
@@ -151,8 +119,7 @@ def write_recordings(
 ) -> Iterator[tuple[Path, bool]]:
     """Make the recordings of each object's first holds, ``{object}/{hold_id}.csv``.
 
-    Yields:
-        Each file's path, and whether it was made now; those that are there are left.
+    Gives each file's path, and whether it was made now; those that are there are left.
     """
     for object_id in objects:
         for number in range(holds):
@@ -189,7 +156,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
         config=(tyro.conf.FlagCreatePairsOff,),
     )
     if given.check:
-        problems = verify_recordings(given.out)
+        problems = [
+            f"{path.name} row {row + 1}: {'; '.join(found)}"
+            for path in find_recordings(given.out)
+            for row, found in failing_rows(read_recording(path))
+        ]
         print("\n".join(problems) or "every row of every recording passes")
         raise SystemExit(int(bool(problems)))
     made = [new for _, new in write_recordings(given.out, given.objects, given.holds, given.seed)]

@@ -72,11 +72,7 @@ class Recording:
     wrist_from_object: Array
 
     def at(self, row: int) -> Hold:
-        """The hold at a row.
-
-        Raises:
-            IndexError: There is no such row.
-        """
+        """The hold at a row; an ``IndexError`` where there is none."""
         if not 0 <= row < len(self.time):
             raise IndexError(f"row {row} of {self.hold_id}, which has {len(self.time)} rows")
         return self.checked(row)[0]
@@ -126,33 +122,23 @@ def _times(table: Table, notes: Mapping[str, Any]) -> Array:
             f"{table.path.name} has no time: expected a column Elapsed_Time_In_Milliseconds or "
             "Time_s, or a column Frame and the frame_rate beside it"
         )
-    backward = np.flatnonzero(np.diff(time) <= 0)
-    if len(backward):
-        row = int(backward[0]) + 1
-        raise ValueError(
-            f"{table.path.name}: row {row + 1} (line {table.lines[row]}): time does not grow"
-        )
+    for row in np.flatnonzero(np.diff(time) <= 0).tolist():
+        raise ValueError(f"{table.place(row + 1)}: time does not grow")
     return np.asarray(time - time[0])
 
 
 def _poses(table: Table, positions: list[int], rotations: list[int]) -> Array:
     quaternions = np.stack([table.column(i) for i in rotations], axis=1)
     norms = np.linalg.norm(quaternions, axis=1)
-    wrong = np.flatnonzero(np.abs(norms - 1) > 0.01)
-    if len(wrong):
-        row = int(wrong[0])
-        raise ValueError(
-            f"{table.path.name}: row {row + 1} (line {table.lines[row]}), columns "
-            f"{ROTATION_COLUMNS[0]}...: a quaternion of length {norms[row]:.3f}, not 1"
-        )
+    for row in np.flatnonzero(np.abs(norms - 1) > 0.01).tolist():
+        where = table.place(row, f", columns {ROTATION_COLUMNS[0]}...")
+        raise ValueError(f"{where}: a quaternion of length {norms[row]:.3f}, not 1")
     places = np.stack([table.column(i) for i in positions], axis=1)
-    far = np.flatnonzero(np.abs(places).max(axis=1) > REACH_M)
-    if len(far):
-        row = int(far[0])
+    for row in np.flatnonzero(np.abs(places).max(axis=1) > REACH_M).tolist():
         raise ValueError(
-            f"{table.path.name}: row {row + 1} (line {table.lines[row]}), columns "
-            f"{POSITION_COLUMNS[0]}...: the object is at {places[row].tolist()} m from the wrist, "
-            f"which no hand reaches (at most {REACH_M} m); are these metres?"
+            f"{table.place(row, f', columns {POSITION_COLUMNS[0]}...')}: the object is at "
+            f"{places[row].tolist()} m from the wrist, which no hand reaches (at most {REACH_M} "
+            "m); are these metres?"
         )
     poses = np.tile(np.eye(4), (len(quaternions), 1, 1))
     poses[:, :3, :3] = Rotation.from_quat(quaternions[:, [1, 2, 3, 0]]).as_matrix()
@@ -167,11 +153,8 @@ def _placement(table: Table, time: Array) -> Array:
         raise ValueError(f"{table.path.name} has the column {twice[0]} twice")
     _, side_file = companions(table.path)
     own = [name for name in wanted if name in table.header]
-    source = table
-    if not own and side_file.is_file():
-        source = read_table(side_file)
-    missing = [name for name in wanted if name not in source.header]
-    if missing:
+    source = read_table(side_file) if not own and side_file.is_file() else table
+    if missing := [name for name in wanted if name not in source.header]:
         what = "where the object is" if not own else ", ".join(missing)
         raise ValueError(
             f"{source.path.name} does not say {what}: "
@@ -216,12 +199,10 @@ def _angles(table: Table, columns: Mapping[str, int]) -> Array:
     angles = np.deg2rad(np.stack([table.column(columns[a]) for a in ANGLE_NAMES], axis=1))
     low, high = ANGLE_LIMITS.T
     wrong = np.argwhere((angles < low - BEYOND_LIMITS) | (angles > high + BEYOND_LIMITS))
-    for row, joint in wrong[:1]:
-        raise ValueError(
-            f"{table.path.name}: row {row + 1} (line {table.lines[row]}), column "
-            f"{table.header[columns[ANGLE_NAMES[joint]]]}: no joint bends to "
-            f"{np.rad2deg(angles[row, joint]):g} degrees"
-        )
+    for row, joint in wrong.tolist():
+        where = table.place(row, f", column {table.header[columns[ANGLE_NAMES[joint]]]}")
+        bend = np.rad2deg(angles[row, joint])
+        raise ValueError(f"{where}: no joint bends to {bend:g} degrees")
     if np.abs(angles).max() < LEAST_BEND:
         raise ValueError(
             f"{table.path.name}: no joint bends by more than {np.rad2deg(np.abs(angles).max()):.2f}"
@@ -272,8 +253,7 @@ def read_recording(path: str | Path) -> Recording:
     table = read_table(Path(path))
     notes = _notes(table)
     name = table.path.name
-    missing = [key for key in ("object", "kind", "scale") if key not in notes]
-    if missing:
+    if missing := [key for key in ("object", "kind", "scale") if key not in notes]:
         raise ValueError(
             f"{name} does not say {', '.join(missing)}: add comment lines such as "
             f"'# object: 0000' above the header, or {table.path.stem}.json"
@@ -283,28 +263,20 @@ def read_recording(path: str | Path) -> Recording:
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from error
     hands = find_angle_columns(table.header)
-    side = notes.get("side")
-    if side is None:
-        sides = [s for s in hands if s is not None]
-        if len(sides) != 1:
-            raise ValueError(f"{name} does not say which hand holds: add '# side: right' or left")
-        side = sides[0]
+    named = notes.get("side")
+    sides = [s for s in hands if s is not None] if named is None else [named]
+    if len(sides) != 1:
+        raise ValueError(f"{name} does not say which hand holds: add '# side: right' or left")
+    side = sides[0]
     if side not in ("right", "left"):
         raise ValueError(f"{name}: side must be 'right' or 'left', got {side!r}")
     columns = hands.get(side, hands.get(None, {}))
-    absent = [a for a in ANGLE_NAMES if a not in columns]
-    if absent:
+    if absent := [a for a in ANGLE_NAMES if a not in columns]:
         raise ValueError(f"{name} lacks {len(absent)} angles of the {side} hand: {absent[0]} ...")
     time = _times(table, notes)
-    return Recording(
-        str(notes.get("hold_id", table.path.stem)),
-        str(notes["object"]),
-        str(notes["kind"]),
-        _shape(notes, side, name),
-        time,
-        _angles(table, columns),
-        _placement(table, time),
-    )
+    hold_id, shape = str(notes.get("hold_id", table.path.stem)), _shape(notes, side, name)
+    what = hold_id, str(notes["object"]), str(notes["kind"])
+    return Recording(*what, shape, time, _angles(table, columns), _placement(table, time))
 
 
 def recording_text(recording: Recording) -> str:
@@ -324,13 +296,8 @@ def recording_text(recording: Recording) -> str:
         if value != getattr(usual, field):
             mm = {f: [round(1000 * float(v), 2) for v in value[f]] for f in FINGERS}
             notes.append((field, json.dumps(mm)))
-    header = [
-        "Frame",
-        "Elapsed_Time_In_Milliseconds",
-        *ANGLE_COLUMNS,
-        *POSITION_COLUMNS,
-        *ROTATION_COLUMNS,
-    ]
+    header = ["Frame", "Elapsed_Time_In_Milliseconds", *ANGLE_COLUMNS]
+    header += [*POSITION_COLUMNS, *ROTATION_COLUMNS]
     quaternions = Rotation.from_matrix(recording.wrist_from_object[:, :3, :3]).as_quat()
     # One sign for the whole recording, so that the columns are smooth.
     quaternions = quaternions[:, [3, 0, 1, 2]]

@@ -43,6 +43,10 @@ class Table:
     lines: list[int]
     decimal_comma: bool
 
+    def place(self, row: int, columns: str = "") -> str:
+        """A row, and perhaps its columns, as errors name them."""
+        return f"{self.path.name}: row {row + 1} (line {self.lines[row]}){columns}"
+
     def number(self, row: int, column: int) -> float:
         """The number in a cell; a ValueError names a cell without one."""
         text = self.rows[row][column].strip()
@@ -51,10 +55,8 @@ class Table:
         except ValueError:
             value = float("nan")
         if not np.isfinite(value):
-            raise ValueError(
-                f"{self.path.name}: row {row + 1} (line {self.lines[row]}), column "
-                f"{self.header[column]}: {text!r} is not a finite number"
-            )
+            where = self.place(row, f", column {self.header[column]}")
+            raise ValueError(f"{where}: {text!r} is not a finite number")
         return value
 
     def column(self, position: int) -> npt.NDArray[np.float64]:

@@ -6,11 +6,7 @@ import pytest
 
 from hadr.synthesis.holding.hold import check_hold, make_hold
 from hadr.synthesis.recordings.motion import failing_rows, main, record_hold, write_recordings
-from hadr.synthesis.recordings.recording import (
-    find_recordings,
-    read_recording,
-    write_recording,
-)
+from hadr.synthesis.recordings.recording import find_recordings, read_recording, write_recording
 
 
 @pytest.fixture(scope="module")

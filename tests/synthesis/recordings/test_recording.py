@@ -65,9 +65,8 @@ def test_an_export_is_read_unchanged_with_its_sheets_beside_it(tmp_path):
     np.testing.assert_allclose(recording.time, [0, 0.04166667, 0.08333334])
     np.testing.assert_allclose(np.rad2deg(recording.angles[0]), FIRST, atol=1e-9)
     np.testing.assert_allclose(np.rad2deg(recording.angles[2]), np.add(FIRST, 2), atol=1e-9)
-    np.testing.assert_allclose(
-        recording.wrist_from_object[:, 0, 3], [0.1, 0.14166667, 0.18333334], atol=1e-9
-    )
+    x = recording.wrist_from_object[:, 0, 3]
+    np.testing.assert_allclose(x, [0.1, 0.14166667, 0.18333334], atol=1e-9)
     assert find_recordings(tmp_path) == [export]
 
 
@@ -118,9 +117,8 @@ def test_writing_then_reading_gives_the_same(tmp_path_factory, seed, side, own_s
     recording = _recording()
     shape = HandShape(side, round(float(rng.uniform(0.88, 1.07)), 4))
     if own_sizes:
-        lengths = {
-            f: tuple(round(float(v), 2) / 1000 for v in rng.uniform(20, 50, 3)) for f in FINGERS
-        }
+        sizes = rng.uniform(20, 50, (len(FINGERS), 3)).round(2) / 1000
+        lengths = {f: tuple(map(float, size)) for f, size in zip(FINGERS, sizes, strict=True)}
         shape = replace(shape, lengths=lengths, girth=0.97)
     recording = replace(recording, shape=shape)
     path = tmp_path_factory.mktemp("r") / "a" / "x.csv"
@@ -165,14 +163,8 @@ def _times(lines, start, columns, factor):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (
-            lambda t, s: _set(t, s + 2, 8, "abc"),
-            r"row 2 \(line 8\), column Index_PIP_Stretch: 'abc",
-        ),
-        (
-            lambda t, s: _set(t, s + 1, 5, ""),
-            r"row 1 \(line 7\), column Thumb_IP_Stretch: '' is not",
-        ),
+        (lambda t, s: _set(t, s + 2, 8, "abc"), r"row 2 \(line 8\), column Index_PIP_.*: 'abc"),
+        (lambda t, s: _set(t, s + 1, 5, ""), r"row 1 \(line 7\), column Thumb_IP_.*: '' is not"),
         (lambda t, s: _set(t, s + 1, 5, "nan"), r"column Thumb_IP_Stretch: 'nan' is not a finite"),
         (lambda t, s: _set(t, s + 3, 25, "2"), r"row 3 \(line 9\).*a quaternion of length"),
         (lambda t, s: _set(t, s + 3, 1, "50"), r"row 3 \(line 9\): time does not grow"),
@@ -182,30 +174,15 @@ def _times(lines, start, columns, factor):
         (lambda t, s: [r.replace("Pinky_DIP_Stretch", "Other") for r in t], "lacks 1 angles of"),
         (lambda t, s: [r.replace("Rotation_Z", "Other") for r in t], "say Object_Rotation_Z: add"),
         (lambda t, s: [r.replace("Elapsed_Time", "Other") for r in t], "has no time: expected"),
-        (
-            lambda t, s: [r.replace("Ring_MCP_S", "Index_MCP_S") for r in t],
-            "are both the index_mcp",
-        ),
-        (
-            lambda t, s: _set(t, s + 2, 8, "500"),
-            r"row 2 .*Index_PIP_Stretch: no joint bends to 500",
-        ),
-        (
-            lambda t, s: _set(t, s + 2, 8, "-61"),
-            r"row 2 .*Index_PIP_Stretch: no joint bends to -61",
-        ),
+        (lambda t, s: [r.replace("Ring_MCP_S", "Index_MCP_S") for r in t], "both the index_mcp"),
+        (lambda t, s: _set(t, s + 2, 8, "500"), r"row 2 .*Index_PIP_.*: no joint bends to 500"),
+        (lambda t, s: _set(t, s + 2, 8, "-61"), r"row 2 .*Index_PIP_.*: no joint bends to -61"),
         (lambda t, s: _times(t, s, range(2, 22), 0.0174), "in degrees, not radians"),
         (lambda t, s: _times(t, s, range(22, 25), 1000), r"row 1 .*no hand reaches .*metres\?"),
-        (
-            lambda t, s: [_LENGTHS.replace("44", "-44"), *t],
-            r"broken\.csv: lengths of the th",
-        ),
+        (lambda t, s: [_LENGTHS.replace("44", "-44"), *t], r"broken\.csv: lengths of the th"),
         (lambda t, s: ["# lengths: [", *t], r"broken\.csv: lengths is not valid JSON"),
         (lambda t, s: ["# girth: big", *t], r"broken\.csv: girth must be a number, got 'big'"),
-        (
-            lambda t, s: [r.replace("Position_Z", "Position_X") for r in t],
-            "column Object_Pos.* twice",
-        ),
+        (lambda t, s: [r.replace("Position_Z", "Position_X") for r in t], "column Obj.* twice"),
     ],
 )
 def test_broken_files_are_named_with_row_and_column(tmp_path, change, message):
