@@ -19,11 +19,7 @@ _NAMED = 10
 
 
 def find_backgrounds(folder: str | Path) -> tuple[Path, ...]:
-    """The photographs of a folder (JPEG, PNG, BMP, WebP, TIFF), by name, not of its subfolders.
-
-    Raises:
-        ValueError: There is no such folder, or no photograph in it.
-    """
+    """The photographs of a folder by name, not of its subfolders; a ``ValueError`` without any."""
     folder = Path(folder)
     if not folder.is_dir():
         raise ValueError(f"no folder of photographs at {folder}")
@@ -35,11 +31,7 @@ def find_backgrounds(folder: str | Path) -> tuple[Path, ...]:
 
 
 def check_backgrounds(folder: str | Path) -> None:
-    """Load each photograph of a folder once, so that none of them stops a long run.
-
-    Raises:
-        ValueError: There is no photograph, or some can't be used; the message names those.
-    """
+    """Load each photograph of a folder once; a ``ValueError`` names those that can't be used."""
     problems = []
     for path in find_backgrounds(folder):
         try:
@@ -55,11 +47,7 @@ def check_backgrounds(folder: str | Path) -> None:
 
 
 def load_background(path: Path) -> Image:
-    """A photograph, at most 1024 pixels wide or high, sRGB, (H, W, 3) uint8.
-
-    Raises:
-        ValueError: The file is no whole picture that can be read, or smaller than 16 pixels.
-    """
+    """A photograph, at most 1024 pixels wide or high, sRGB, (H, W, 3) uint8; errors name it."""
     image = _read_photograph(path)
     scale = min(_LARGEST / max(image.shape[:2]), 1.0)
     if scale < 1:

@@ -87,12 +87,10 @@ def texture_number(name: str, variant: int) -> int:
 
 
 def _halved(image: Image) -> tuple[Image, ...]:
-    levels = [image]
+    levels: list[Image] = [image]
     for _ in range(LEVELS - 1):
-        height, width = levels[-1].shape[:2]
-        half = (max(width // 2, 1), max(height // 2, 1))
-        smaller = cv2.resize(levels[-1], half, interpolation=cv2.INTER_AREA)
-        levels.append(np.asarray(smaller, dtype=np.uint8))
+        half = [max(side // 2, 1) for side in levels[-1].shape[1::-1]]
+        levels.append(cv2.resize(levels[-1], half, interpolation=cv2.INTER_AREA))
     return tuple(levels)
 
 

@@ -116,8 +116,8 @@ def marble(rng: np.random.Generator) -> Canvas:
 def terrazzo(rng: np.random.Generator) -> Canvas:
     """Chips of stone in a pale ground."""
     colors = room_colors(rng, 6, pale=0.3)
-    canvas = np.full((SIZE, SIZE, 3), 0.86, dtype=np.float32) * (0.7 + 0.3 * colors[0])
-    canvas = canvas.astype(np.float32)
+    ground = np.full((SIZE, SIZE, 3), 0.86, dtype=np.float32) * (0.7 + 0.3 * colors[0])
+    canvas = ground.astype(np.float32)
     n = 700
     angle = np.sort(rng.random((n, 6)) * 2 * np.pi, axis=1)
     size = rng.gamma(2.5, 2.4, n)
@@ -178,14 +178,9 @@ def carpet(rng: np.random.Generator) -> Canvas:
     steps = np.round(half * 7) / 7
     top = np.concatenate([steps, steps[:, ::-1]], axis=1)
     image = np.concatenate([top, top[::-1]], axis=0).astype(np.float32)
-    for k, inset in enumerate((4, 16, 22, 44)):
-        cv2.rectangle(
-            image,
-            (inset, inset),
-            (SIZE - inset, SIZE - inset),
-            colors[k].tolist(),
-            int(rng.integers(2, 11)),
-        )
+    for color, inset in zip(colors, (4, 16, 22, 44), strict=False):
+        ends = (inset, inset), (SIZE - inset, SIZE - inset)
+        cv2.rectangle(image, *ends, color.tolist(), int(rng.integers(2, 11)))
     pile = 0.93 + 0.14 * rng.random((SIZE, SIZE), dtype=np.float32)
     return np.asarray(cv2.GaussianBlur(image, (0, 0), 0.8) * pile[..., None], dtype=np.float32)
 

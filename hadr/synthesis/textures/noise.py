@@ -13,7 +13,9 @@ Array = npt.NDArray[np.float64]
 #: A texture in the making: sRGB in [0, 1], float32, shape (H, W, 3).
 Canvas = npt.NDArray[np.float32]
 Field = npt.NDArray[np.float32]
-Color = Sequence[float] | npt.NDArray[np.floating]
+Color = float | Sequence[float] | npt.NDArray[np.floating]
+#: Left, top, right and bottom, in fractions of a picture's sides.
+Box = tuple[float, float, float, float]
 
 SIZE = 512
 _SHIFT = 4
@@ -34,16 +36,13 @@ def noise(
     height, width = shape
     total = np.zeros(shape, dtype=np.float32)
     for octave in range(octaves):
-        rows = min(cells[0] * 2**octave, height)
-        columns = min(cells[1] * 2**octave, width)
+        rows, columns = min(cells[0] * 2**octave, height), min(cells[1] * 2**octave, width)
         grid = np.pad(rng.random((rows, columns), dtype=np.float32), 2, mode="wrap")
         down, across = height / rows, width / columns
+        at = np.array([[1 / across, 0, 1.5 + 0.5 / across], [0, 1 / down, 1.5 + 0.5 / down]])
+        how = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
         large = cv2.warpAffine(
-            grid,
-            np.array([[1 / across, 0, 1.5 + 0.5 / across], [0, 1 / down, 1.5 + 0.5 / down]]),
-            (width, height),
-            flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP,
-            borderMode=cv2.BORDER_REPLICATE,
+            grid, at, (width, height), flags=how, borderMode=cv2.BORDER_REPLICATE
         )
         total += np.float32(roughness**octave) * large
     low, high = float(total.min()), float(total.max())
@@ -52,13 +51,9 @@ def noise(
 
 def ramp(value: Field, colors: Sequence[Color]) -> Canvas:
     """Colours between stops, evenly spread over [0, 1]."""
-    table = np.stack(
-        [
-            np.interp(np.linspace(0, 1, 256), np.linspace(0, 1, len(colors)), c)
-            for c in np.asarray(colors, dtype=float).T
-        ],
-        axis=-1,
-    ).astype(np.float32)
+    at, stops = np.linspace(0, 1, 256), np.linspace(0, 1, len(colors))
+    channels = [np.interp(at, stops, c) for c in np.asarray(colors, dtype=float).T]
+    table = np.stack(channels, axis=-1).astype(np.float32)
     return np.asarray(table[np.clip(value * 255, 0, 255).astype(np.uint8)])
 
 
@@ -110,8 +105,8 @@ def leaf_polygons(centers: Array, lengths: Array, widths: Array, angles: Array) 
     return np.stack([x * cos - y * sin, x * sin + y * cos], axis=-1) + centers[:, None]
 
 
-def rectangle(canvas: Canvas, box: tuple[float, float, float, float], color: Color) -> None:
-    """Fill a rectangle (left, top, right, bottom) in fractions of the picture's sides."""
+def rectangle(canvas: Canvas, box: Box, color: Color) -> None:
+    """Fill a rectangle."""
     height, width = canvas.shape[:2]
     x0, y0, x1, y1 = box
     left, right = round(x0 * width), round(x1 * width)
@@ -119,16 +114,14 @@ def rectangle(canvas: Canvas, box: tuple[float, float, float, float], color: Col
     canvas[max(top, 0) : max(bottom, 0), max(left, 0) : max(right, 0)] = np.asarray(color)
 
 
-def shadow(
-    canvas: Canvas, box: tuple[float, float, float, float], depth: float, blur: float
-) -> None:
+def shadow(canvas: Canvas, box: Box, depth: float, blur: float) -> None:
     """Darken softly around a box as a thing before a wall does: a fraction ``depth`` of the light.
 
-    The softness ``blur`` is in fractions of the picture's height, the box in those of its sides.
+    The softness ``blur`` is in fractions of the picture's height.
     """
     height, width = canvas.shape[:2]
     small = np.zeros((max(height // 4, 1), max(width // 4, 1), 3), dtype=np.float32)
-    rectangle(small, box, (depth, depth, depth))
+    rectangle(small, box, depth)
     soft = cv2.GaussianBlur(small[..., 0], (0, 0), max(blur * height / 4, 0.5))
     canvas *= 1 - cv2.resize(soft, (width, height))[..., None]
 

@@ -8,6 +8,7 @@ import numpy as np
 from hadr.synthesis.textures.noise import (
     SIZE,
     Array,
+    Box,
     Canvas,
     hsv,
     leaf_polygons,
@@ -24,30 +25,27 @@ SEASONS = ((96.0, 14.0, 0.62), (84.0, 18.0, 0.55), (48.0, 9.0, 0.75), (26.0, 14.
 def season_colors(rng: np.random.Generator, count: int, season: int) -> Array:
     """Colours of leaves in one season, shape (count, 3), brightness around 1 before shading."""
     hue, spread, saturation = SEASONS[season]
-    table = np.stack(
-        [
-            hsv(hue + rng.normal() * spread, saturation * rng.uniform(0.65, 1.05), 1.0)
-            for _ in range(24)
-        ]
-    )
-    return np.asarray(table[rng.integers(0, 24, count)])
+    table = [
+        hsv(hue + rng.normal() * spread, saturation * rng.uniform(0.65, 1.05), 1.0)
+        for _ in range(24)
+    ]
+    return np.asarray(table)[rng.integers(0, 24, count)]
 
 
 def paint_leaves(
     rng: np.random.Generator,
     canvas: Canvas,
-    box: tuple[float, float, float, float],
+    box: Box,
     size: float,
     count: int,
     season: int,
     *,
-    light: float = 1.0,
+    light: float,
     round_off: bool = True,
 ) -> None:
-    """Paint a mass of leaves, the deep ones dark, those on top bright.
+    """Paint a mass of leaves, ``size`` pixels long, the deep ones dark, those on top bright.
 
-    The box (left, top, right, bottom) is in fractions of the picture's sides, the leaves' ``size``
-    in pixels. They make up a crown or bush of several balls, or fill the box without ``round_off``.
+    They make up a crown or bush of several balls, or fill the box without ``round_off``.
     """
     height, width = canvas.shape[:2]
     x0, y0, x1, y1 = box
@@ -109,10 +107,9 @@ def big_leaves(rng: np.random.Generator) -> Canvas:
         a, b = center - tip * length * 0.5, center + tip * length * 0.48
         lines = [np.stack([a, b])]
         for along in np.linspace(0.15, 0.85, 7):
-            start = a + (b - a) * along
-            reach = width * 0.42 * np.sin(np.pi * along)
-            for sign in (-1, 1):
-                lines.append(np.stack([start, start + sign * side * reach + tip * reach * 0.7]))
+            start, reach = a + (b - a) * along, width * 0.42 * np.sin(np.pi * along)
+            ends = (start + sign * side * reach + tip * reach * 0.7 for sign in (-1, 1))
+            lines += [np.stack([start, end]) for end in ends]
         drawn = [np.round(line * 16).astype(np.int32) for line in lines]
         cv2.polylines(canvas, drawn, False, rib, 1, cv2.LINE_AA, 4)
     return canvas
@@ -167,14 +164,11 @@ def grass(rng: np.random.Generator) -> Canvas:
     lengths = rng.uniform(9, 24, n)
     shade = np.linspace(0.3, 0.95, n) * rng.uniform(0.75, 1.1, n)
     colors = season_colors(rng, n, int(rng.integers(0, 2))) * shade[:, None]
-    shapes(
-        canvas, leaf_polygons(rng.random((n, 2)) * SIZE, lengths, 0.13 * lengths, angles), colors
-    )
+    blades = leaf_polygons(rng.random((n, 2)) * SIZE, lengths, 0.13 * lengths, angles)
+    shapes(canvas, blades, colors)
     count = int(rng.integers(30, 260))
-    lengths = rng.uniform(8, 17, count)
-    fallen = leaf_polygons(
-        rng.random((count, 2)) * SIZE, lengths, 0.6 * lengths, rng.uniform(0, 7, count)
-    )
+    lengths, places = rng.uniform(8, 17, count), rng.random((count, 2)) * SIZE
+    fallen = leaf_polygons(places, lengths, 0.6 * lengths, rng.uniform(0, 7, count))
     tone = season_colors(rng, count, max(season, 1) + int(rng.integers(0, 2)))
     shapes(canvas, fallen, np.clip(tone * rng.uniform(0.7, 1.05, (count, 1)), 0, 1))
     return canvas
@@ -191,12 +185,10 @@ def flowers(rng: np.random.Generator) -> Canvas:
     angle = rng.random((count, 1)) * 7 + np.arange(petals) * 2 * np.pi / petals
     spokes = np.stack([np.cos(angle), np.sin(angle)], -1)
     middle = centers[:, None] + 0.5 * reach[:, None, None] * spokes
-    n = count * petals
     size = np.repeat(reach, petals)
     tone = np.repeat(colors[rng.integers(0, 3, count)], petals, axis=0)
-    tone = np.clip(tone * rng.uniform(0.75, 1.15, (n, 1)), 0, 1)
+    tone = np.clip(tone * rng.uniform(0.75, 1.15, (len(size), 1)), 0, 1)
     shapes(canvas, leaf_polygons(middle.reshape(-1, 2), size, 0.6 * size, angle.ravel()), tone)
-    one = np.full(count, 0.5)
-    heart = leaf_polygons(centers, reach * one, reach * one, np.zeros(count))
+    heart = leaf_polygons(centers, reach * 0.5, reach * 0.5, np.zeros(count))
     shapes(canvas, heart, np.tile([0.93, 0.78, 0.25], (count, 1)))
     return canvas

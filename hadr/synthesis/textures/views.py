@@ -9,6 +9,7 @@ from hadr.synthesis.textures.materials import boards, carpet, plaid, shingles, w
 from hadr.synthesis.textures.noise import (
     SIZE,
     Array,
+    Box,
     Canvas,
     grid,
     lit,
@@ -24,14 +25,12 @@ from hadr.synthesis.textures.plants import paint_leaves, season_colors
 _SHAPE = (SIZE, SIZE + SIZE // 2)
 
 
-def _blank(color: Array | float = 0.9) -> Canvas:
-    canvas = np.empty((*_SHAPE, 3), dtype=np.float32)
-    canvas[:] = np.asarray(color, dtype=np.float32)
-    return canvas
+def _blank(color: Array) -> Canvas:
+    return np.full((*_SHAPE, 3), color, dtype=np.float32)
 
 
-def _paste(canvas: Canvas, picture: Canvas, box: tuple[float, float, float, float]) -> None:
-    """Put a picture into a box (left, top, right, bottom, in fractions), cut off at the border."""
+def _paste(canvas: Canvas, picture: Canvas, box: Box) -> None:
+    """Put a picture into a box, cut off at the border."""
     height, width = canvas.shape[:2]
     left, right = round(box[0] * width), round(box[2] * width)
     top, bottom = round(box[1] * height), round(box[3] * height)
@@ -55,9 +54,12 @@ def _sky(rng: np.random.Generator) -> Canvas:
     return np.asarray(sky * (1 - 0.8 * cloud) + 0.8 * cloud * 0.98, dtype=np.float32)
 
 
-def _window(
-    rng: np.random.Generator, canvas: Canvas, box: tuple[float, float, float, float]
-) -> None:
+def _grown(box: Box, x: float, y: float) -> Box:
+    """A box with a frame around it."""
+    return box[0] - x, box[1] - y, box[2] + x, box[3] + y
+
+
+def _window(rng: np.random.Generator, canvas: Canvas, box: Box) -> None:
     """A house's window: frame, panes that mirror the sky, curtains, a sill and its shadow."""
     x0, y0, x1, y1 = box
     shadow(canvas, (x0, y0, x1 + 0.006, y1 + 0.02), 0.4, 0.02)
@@ -81,8 +83,7 @@ def _house(
     """A house with siding or bricks, windows, a door, and a roof with shingles."""
     eaves = rng.uniform(0.12, 0.30)
     wall = boards(rng) if rng.random() < 0.7 else shingles(rng)
-    rows = np.tile(wall, (1, 2, 1))
-    _paste(canvas, rows, (left, eaves, right, ground))
+    _paste(canvas, np.tile(wall, (1, 2, 1)), (left, eaves, right, ground))
     shadow(canvas, (left, eaves, right, eaves + 0.05), 0.45, 0.03)
     columns = int(rng.integers(2, 5))
     pitch = (right - left) / columns
@@ -95,22 +96,15 @@ def _house(
     door = left + pitch * (int(rng.integers(columns)) + 0.25)
     tone = room_colors(rng, 1, pale=0.1)[0]
     top = ground - 0.34 * (ground - eaves)
-    rectangle(
-        canvas, (door - 0.01, top - 0.015, door + 0.45 * pitch + 0.01, ground), np.full(3, 0.93)
-    )
+    rectangle(canvas, (door - 0.01, top - 0.015, door + 0.45 * pitch + 0.01, ground), 0.93)
     rectangle(canvas, (door, top, door + 0.45 * pitch, ground), tone)
     peak = rng.uniform(-0.15, 0.05)
     height, width = canvas.shape[:2]
-    roof = np.tile(shingles(rng), (1, 2, 1))[:, :width]
-    roof = cv2.resize(roof, (width, height))
-    corners = np.array(
-        [
-            [left - 0.03, eaves + 0.012],
-            [left + rng.uniform(0.02, 0.2), peak],
-            [right - rng.uniform(0.02, 0.2), peak],
-            [right + 0.03, eaves + 0.012],
-        ]
-    ) * [width, height]
+    roof = cv2.resize(np.tile(shingles(rng), (1, 2, 1))[:, :width], (width, height))
+    ridge = left + rng.uniform(0.02, 0.2), right - rng.uniform(0.02, 0.2)
+    places = [left - 0.03, *ridge, right + 0.03]
+    heights = [eaves + 0.012, peak, peak, eaves + 0.012]
+    corners = np.stack([places, heights], axis=1) * [width, height]
     mask = np.zeros(canvas.shape[:2], dtype=np.float32)
     cv2.fillPoly(mask, [np.round(corners).astype(np.int32)], 1.0, cv2.LINE_AA)
     canvas *= 1 - mask[..., None]
@@ -197,10 +191,8 @@ def bookshelf(rng: np.random.Generator) -> Canvas:
             block[:] = color * (1 - 0.45 * across**2)[None, :, None]
             for _ in range(int(rng.integers(1, 4))):
                 y = top + int(tall * rng.uniform(0.06, 0.85))
-                mark = color * 0.4 + (0.55 if rng.random() < 0.6 else 0.05)
-                canvas[max(y, 0) : y + int(rng.integers(2, 14)), x0 + 2 : x1 - 2] = np.clip(
-                    mark, 0, 1
-                )
+                mark = np.clip(color * 0.4 + (0.55 if rng.random() < 0.6 else 0.05), 0, 1)
+                canvas[max(y, 0) : y + int(rng.integers(2, 14)), x0 + 2 : x1 - 2] = mark
         rectangle(canvas, (0, floor / height, 1, (floor + 7) / height), timber)
         shade = slice(floor + 7, min(floor + 7 + int(pitch * 0.2), height))
         canvas[shade] *= np.linspace(0.45, 1, shade.stop - shade.start)[:, None, None]
@@ -219,13 +211,11 @@ def room(rng: np.random.Generator) -> Canvas:
         left, wide = rng.uniform(0.02, 0.6), rng.uniform(0.22, 0.42)
         box = (left, rng.uniform(0.04, 0.16), left + wide, floor - rng.uniform(0.02, 0.25))
         view = garden(rng) if rng.random() < 0.3 else _sky(rng)
-        rectangle(
-            canvas, (box[0] - 0.012, box[1] - 0.02, box[2] + 0.012, box[3] + 0.02), np.full(3, 0.95)
-        )
+        rectangle(canvas, _grown(box, 0.012, 0.02), 0.95)
         _paste(canvas, np.minimum(view * 1.1 + 0.05, 1.0).astype(np.float32), box)
         for k in range(1, 3):
             x = box[0] + wide * k / 3
-            rectangle(canvas, (x - 0.005, box[1], x + 0.005, box[3]), np.full(3, 0.93))
+            rectangle(canvas, (x - 0.005, box[1], x + 0.005, box[3]), 0.93)
         cloth = room_colors(rng, 1, pale=0.5)[0]
         for x in (box[0] - 0.05, box[2] - 0.05):
             columns = np.sin(np.linspace(0, rng.uniform(18, 34), int(0.10 * _SHAPE[1])))
@@ -235,13 +225,12 @@ def room(rng: np.random.Generator) -> Canvas:
         x, y = rng.uniform(0, 0.85), rng.uniform(0.04, 0.35)
         w, h = rng.uniform(0.07, 0.2), rng.uniform(0.12, 0.3)
         shadow(canvas, (x, y, x + w + 0.01, y + h + 0.02), 0.35, 0.02)
-        rectangle(canvas, (x, y, x + w, y + h), rng.choice([0.12, 0.4, 0.93]) * np.ones(3))
+        box = (x, y, x + w, y + h)
+        rectangle(canvas, box, rng.choice([0.12, 0.4, 0.93]))
         inner = ramp(noise(rng, (3, 3), 4, 0.6, (96, 96)), list(room_colors(rng, 4)))
-        _paste(canvas, inner, (x + 0.012, y + 0.018, x + w - 0.012, y + h - 0.018))
-    planks = (
-        np.tile(wood(rng), (1, 2, 1)) if rng.random() < 0.7 else np.tile(carpet(rng), (1, 2, 1))
-    )
-    _paste(canvas, planks, (0, floor, 1, 1))
+        _paste(canvas, inner, _grown(box, -0.012, -0.018))
+    planks = wood(rng) if rng.random() < 0.7 else carpet(rng)
+    _paste(canvas, np.tile(planks, (1, 2, 1)), (0, floor, 1, 1))
     rectangle(canvas, (0, floor - 0.025, 1, floor), np.clip(wall * 1.1, 0, 0.95))
     for _ in range(int(rng.integers(1, 4))):
         x, w = rng.uniform(-0.1, 0.8), rng.uniform(0.2, 0.5)
@@ -249,13 +238,11 @@ def room(rng: np.random.Generator) -> Canvas:
         shadow(canvas, (x - 0.01, top + 0.05, x + w + 0.02, base + 0.03), 0.5, 0.04)
         kind = rng.random()
         if kind < 0.4:
-            shelf = bookshelf(rng)
-            _paste(canvas, shelf, (x, top - 0.15, x + w, base))
+            _paste(canvas, bookshelf(rng), (x, top - 0.15, x + w, base))
         elif kind < 0.7:
             color = room_colors(rng, 1, pale=0.2)[0]
-            fabric = (
-                plaid(rng) if rng.random() < 0.3 else np.tile(color.astype(np.float32), (64, 64, 1))
-            )
+            plain = np.tile(color.astype(np.float32), (64, 64, 1))
+            fabric = plaid(rng) if rng.random() < 0.3 else plain
             count = int(rng.integers(2, 4))
             for k in range(count):
                 a, b = x + w * k / count, x + w * (k + 1) / count - 0.004
@@ -270,9 +257,7 @@ def room(rng: np.random.Generator) -> Canvas:
             for k in range(count):
                 y = top + (base - top) * k / count
                 rectangle(canvas, (x, y, x + w, y + 0.008), timber.mean((0, 1)) * 0.4)
-                rectangle(
-                    canvas, (x + w * 0.46, y + 0.03, x + w * 0.54, y + 0.042), np.full(3, 0.8)
-                )
+                rectangle(canvas, (x + w * 0.46, y + 0.03, x + w * 0.54, y + 0.042), 0.8)
     x = rng.uniform(0.05, 0.9)
     pot = room_colors(rng, 1, pale=0.4)[0]
     rectangle(canvas, (x, floor - 0.08, x + 0.08, floor + 0.04), pot)
@@ -307,7 +292,7 @@ def street(rng: np.random.Generator) -> Canvas:
         for k in range(int(rng.integers(4, 9))):
             a = x + 0.03 + 0.025 * k
             if a < x + w - 0.04:
-                rectangle(canvas, (a, 0.64, a + 0.015, 0.67), np.full(3, 0.95))
+                rectangle(canvas, (a, 0.64, a + 0.015, 0.67), 0.95)
         inside = ramp(noise(rng, (4, 6), 3, 0.7, (64, 128)), list(room_colors(rng, 4)))
         _paste(canvas, inside, (x + 0.02, 0.70, x + w - 0.02, 0.85))
         shadow(canvas, (x, 0.69, x + w, 0.71), 0.6, 0.01)
@@ -366,7 +351,7 @@ def magazine(rng: np.random.Generator) -> Canvas:
             else:
                 for _ in range(int(rng.integers(3, 8))):
                     right = x0 + (x1 - x0) * (1 if rng.random() < 0.8 else rng.random())
-                    rectangle(canvas, (x0, y, right, y + 0.006), np.full(3, 0.35))
+                    rectangle(canvas, (x0, y, right, y + 0.006), 0.35)
                     y += 0.015
                 y += 0.01
     return canvas
