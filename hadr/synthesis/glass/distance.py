@@ -26,9 +26,8 @@ def _outline(item: GlassObject, filled: bool) -> tuple[Array, cKDTree, npt.NDArr
     length = np.linalg.norm(np.diff(curve, axis=0), axis=1)
     count = np.ceil(length / _SAMPLES).astype(int)
     piece = np.repeat(np.arange(len(length)), count)
-    fraction = (np.arange(len(piece)) - np.repeat(np.cumsum(count) - count, count) + 0.5) / count[
-        piece
-    ]
+    within = np.arange(len(piece)) - (np.cumsum(count) - count)[piece]
+    fraction = (within + 0.5) / count[piece]
     samples = curve[piece] + fraction[:, None] * (curve[piece + 1] - curve[piece])
     return curve, cKDTree(samples), piece
 
@@ -64,14 +63,10 @@ def _with_handle(item: GlassObject, p: Array, distance: Array) -> Array:
     if not len(line):
         return distance
     low, high = line.min(0) - 0.06, line.max(0) + 0.06
-    near = np.flatnonzero(((p > low) & (p < high)).all(1))
-    far = np.ones(len(p), dtype=bool)
-    far[near] = False
-    tube = np.full(len(p), np.inf)
-    if len(near):
-        tube[near] = _tube_distance(p[near], line, thickness, width)
-    if far.any():
-        tube[far] = _tube_distance(p[far], line[::4], thickness[::4], width[::4])
+    near = ((p > low) & (p < high)).all(1)
+    tube = np.empty(len(p))
+    tube[near] = _tube_distance(p[near], line, thickness, width)
+    tube[~near] = _tube_distance(p[~near], line[::4], thickness[::4], width[::4])
     # The handle ends flat, inside the wall.
     r = np.hypot(p[:, 0], p[:, 1])
     return np.asarray(np.minimum(distance, np.maximum(tube, line[:, 0].min() - r)))
@@ -108,14 +103,11 @@ def _ellipse_distance(x: Array, y: Array, a: Array, b: Array) -> Array:
 
 
 def signed_distance(item: GlassObject, points: npt.ArrayLike, *, filled: bool = False) -> Array:
-    """Distance from the glass, metres, shape (N,), negative inside of it.
+    """Distance of points (N, 3), object frame, from the glass, metres, (N,), negative inside.
 
     Exact for bodies of revolution, and on every surface within 0.07 mm; beside relief (facets,
     thread, spout) distances come out too large, by up to a half where it is steepest. ``filled``
     closes the mouth: the hollow counts as inside.
-
-    Raises:
-        ValueError: The points (object frame, metres) have another shape than (N, 3).
     """
     p = np.asarray(points, dtype=float)
     if p.ndim != 2 or p.shape[1] != 3:

@@ -17,17 +17,16 @@ from hadr.synthesis.glass.surfaces import Surface, revolve, tube_around, united
 @kept(32)
 def bodies(item: GlassObject) -> tuple[Surface, ...]:
     """The closed surface of the object in its own frame; a handle and its body are one."""
+    body = revolve(profile(item))
     if item.reliefs:
         body = revolve(profile(item), lambda angle, rz: relieved(item, angle, rz), 160)
-    else:
-        body = revolve(profile(item))
     if item.handle:
         body = united((body, tube_around(*handle_sections(item))))
     return (body,)
 
 
 def _mm(*corners: tuple[float, ...]) -> Corners:
-    """Points given in millimetres."""
+    """Points in metres from millimetres."""
     return tuple(tuple(value / 1000 for value in corner) for corner in corners)
 
 
@@ -187,11 +186,7 @@ NOVEL_OBJECTS: dict[str, GlassObject] = {
 
 
 def glass_object(object_id: str) -> GlassObject:
-    """Look up an object by its four digits.
-
-    Raises:
-        ValueError: There is no such object; the message lists them.
-    """
+    """Look up an object by its four digits; a ``ValueError`` lists them where there is none."""
     known = OBJECTS | NOVEL_OBJECTS
     if object_id not in known:
         raise ValueError(f"no object {object_id!r}; there are {', '.join(known)}")

@@ -32,13 +32,8 @@ def _corner(before: Array, at: Array, after: Array, radius: float | None) -> Arr
     side = np.sign(start[0] * end[1] - start[1] * end[0])
     count = max(int(np.ceil(2 * half / _TURN)), 2)
     angle = side * np.linspace(0.0, 2 * half, count + 1)
-    rotation = np.stack(
-        [
-            np.stack([np.cos(angle), -np.sin(angle)], -1),
-            np.stack([np.sin(angle), np.cos(angle)], -1),
-        ],
-        axis=1,
-    )
+    cos, sin = np.cos(angle), np.sin(angle)
+    rotation = np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], axis=1)
     return np.asarray(center + rotation @ start)
 
 
@@ -57,12 +52,9 @@ def rounded_path(corners: Corners, spacing: float) -> Array:
     gaps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     if (gaps < 1e-9).any():
         raise ValueError(f"corner {int(np.argmin(gaps)) + 1} repeats the one before: {corners!r}")
-    pieces: list[Array] = [points[:1]]
-    for i in range(1, len(points) - 1):
-        radius = corners[i][2] if len(corners[i]) > 2 else None
-        pieces.append(_corner(points[i - 1], points[i], points[i + 1], radius))
-    pieces.append(points[-1:])
-    return subdivided(np.concatenate(pieces), spacing)
+    radii = (corner[2] if len(corner) > 2 else None for corner in corners[1:-1])
+    arcs = map(_corner, points[:-2], points[1:-1], points[2:], radii)
+    return subdivided(np.concatenate([points[:1], *arcs, points[-1:]]), spacing)
 
 
 def subdivided(

@@ -45,14 +45,10 @@ def _rise(x: Array) -> Array:
 def facets(
     count: int, apothem: float, slope: float, top: float, rounding: float = 0.0005
 ) -> Relief:
-    """Planes ground into the outside.
+    """So many planes ground into the outside; lengths in metres.
 
-    Args:
-        count: Number of planes around the axis.
-        apothem: Distance of the planes from the axis at the table, metres.
-        slope: Growth of that distance per metre of height.
-        top: Height where the planes end, metres; they fade out over the last fifth.
-        rounding: Width over which edges are rounded, metres.
+    They stand ``apothem`` from the axis at the table and ``slope`` more per metre of height, and
+    fade out over the last fifth of the way to ``top``. Edges are rounded over ``rounding``.
     """
 
     def shift(angle: Array, z: Array, radius: Array) -> Array:
@@ -67,14 +63,9 @@ def facets(
 
 
 def thread(start: float, pitch: float, laps: float, height: float, half_width: float) -> Relief:
-    """A screw thread: a ridge that climbs around the neck.
+    """A screw thread: a ridge from a height on that climbs by ``pitch`` per lap, metres.
 
-    Args:
-        start: Height where it begins, metres.
-        pitch: Climb per lap, metres.
-        laps: Around the neck.
-        height: How far the ridge stands out, metres.
-        half_width: Half of the ridge's width at its foot, metres.
+    It stands out by ``height``; ``half_width`` is at its foot.
     """
 
     def shift(angle: Array, z: Array, radius: Array) -> Array:
@@ -91,13 +82,9 @@ def thread(start: float, pitch: float, laps: float, height: float, half_width: f
 
 
 def spout(reach: float, half_angle: float, low: float, high: float) -> Relief:
-    """A lip drawn outward at angle 0, inside and outside together.
+    """A lip drawn outward at angle 0, inside and outside together, by ``reach`` at the rim, metres.
 
-    Args:
-        reach: How far the rim is drawn out, metres.
-        half_angle: Half of the angle that it takes, radians.
-        low: Height where it begins, metres.
-        high: Height of the rim, metres.
+    It takes twice the ``half_angle``, radians, and the heights from ``low`` to the rim's, ``high``.
     """
 
     def shift(angle: Array, z: Array, radius: Array) -> Array:
@@ -115,14 +102,10 @@ def marks(
     height: float = 0.0004,
     half_width: float = 0.0009,
 ) -> Relief:
-    """Raised lines of a measuring glass.
+    """Raised lines of a measuring glass at some heights, metres.
 
-    Args:
-        heights: Of the lines, metres; every second one is long.
-        start: Where their left end is, radians.
-        long: Angle that a long line takes, radians; a short one takes half of it.
-        height: How far they stand out, metres.
-        half_width: Half of a line's width at its foot, metres.
+    Each begins at the angle ``start``; every second one takes the angle ``long``, radians, the
+    others half of it. They stand out by ``height``; ``half_width`` is at their foot.
     """
 
     def shift(angle: Array, z: Array, radius: Array) -> Array:

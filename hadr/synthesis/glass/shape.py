@@ -15,7 +15,7 @@ import numpy.typing as npt
 from hadr.records.caches import kept
 from hadr.synthesis.glass.outlines import Corners, rounded_path, subdivided
 from hadr.synthesis.glass.relief import Relief
-from hadr.synthesis.glass.surfaces import smooth_curve
+from hadr.synthesis.glass.surfaces import lengths_along, smooth_curve
 
 Array = npt.NDArray[np.float64]
 
@@ -96,7 +96,7 @@ def handle_sections(item: GlassObject) -> tuple[Array, Array, Array]:
         return np.zeros((0, 3)), np.zeros(0), np.zeros(0)
     rz = smooth_curve(item.handle, 0.002)
     line = np.stack([rz[:, 0], np.zeros(len(rz)), rz[:, 1]], axis=1)
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+    along = lengths_along(line)
     flare = 0.55 * np.exp(-((np.minimum(along, along[-1] - along) / 0.0042) ** 2))
     thickness = item.handle_radius * (1 + flare)
     return line, thickness, (item.handle_width or item.handle_radius) * (1 + 0.5 * flare)
@@ -124,13 +124,8 @@ def _walls(item: GlassObject) -> tuple[Array, Array, Array]:
 def relieved(item: GlassObject, angle: Array, rz: Array, *, back: bool = False) -> Array:
     """Move points of the body of revolution to where the reliefs put them, or back: the new radius.
 
-    Between the inner and the outer wall the shift fades out, so that the inside stays round.
-
-    Args:
-        item: The object.
-        angle: Around the axis, radians, shape (...,).
-        rz: Radius and height, metres, shape (..., 2).
-        back: True takes the relief away instead.
+    Points are angles around the axis, radians, shape (...,), and radius with height, metres, shape
+    (..., 2). Between the inner and the outer wall the shift fades out: the inside stays round.
     """
     r, z = rz[..., 0], rz[..., 1]
     if not item.reliefs:

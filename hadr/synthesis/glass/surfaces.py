@@ -42,30 +42,27 @@ def vertex_normals(vertices: Array, faces: npt.NDArray[np.int64]) -> Array:
     """Unit outward normals per vertex, the faces' normals weighted by area, shape (V, 3)."""
     a, b, c = (vertices[faces[:, i]] for i in range(3))
     flat = np.cross(b - a, c - a)
-    normals = np.stack(
-        [
-            np.bincount(faces.ravel(), np.repeat(flat[:, i], 3), minlength=len(vertices))
-            for i in range(3)
-        ],
-        axis=1,
-    )
+    corners, count = faces.ravel(), len(vertices)
+    sums = [np.bincount(corners, np.repeat(column, 3), minlength=count) for column in flat.T]
+    normals = np.stack(sums, axis=1)
     length = np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
     return np.asarray(normals / length, dtype=float)
+
+
+def lengths_along(line: Array) -> Array:
+    """How far each of a line's points (N, K) lies from its first, along the line, shape (N,)."""
+    steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
+    return np.concatenate([[0.0], np.cumsum(steps)])
 
 
 def smooth_curve(points: Sequence[Sequence[float]], spacing: float) -> Array:
     """A monotone curve through control points, sampled every ``spacing`` metres."""
     p = np.asarray(points, dtype=float)
-    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(p, axis=0), axis=1))])
+    length = lengths_along(p)
     steps = np.maximum(np.ceil(np.diff(length) / spacing), 3).astype(int)
-    at = np.concatenate(
-        [
-            np.linspace(a, b, n, endpoint=False)
-            for a, b, n in zip(length, length[1:], steps, strict=False)
-        ]
-        + [length[-1:]]
-    )
-    return np.asarray(PchipInterpolator(length, p)(at), dtype=float)
+    pieces = zip(length, length[1:], steps, strict=False)
+    at = [np.linspace(a, b, n, endpoint=False) for a, b, n in pieces]
+    return np.asarray(PchipInterpolator(length, p)(np.append(np.concatenate(at), length[-1])))
 
 
 def revolve(
@@ -73,13 +70,10 @@ def revolve(
     relief: Callable[[Array, Array], Array] | None = None,
     segments: int = SEGMENTS,
 ) -> Surface:
-    """Turn an outline that starts and ends on the axis into a closed surface.
+    """Turn an outline (r, z), shape (N, 2), that starts and ends on the axis, into a surface.
 
-    Args:
-        curve: Outline (r, z), shape (N, 2), the inside of the solid on its left.
-        relief: Gives the radius, shape (N - 2, S), from angles of shape (N - 2, S) and outline
-            points of shape (N - 2, S, 2); None for a body of revolution.
-        segments: Number S of meridians.
+    The inside of the solid is on the outline's left. A relief gives the radius on each of S
+    meridians, shape (N - 2, S), from angles of that shape and outline points (N - 2, S, 2).
     """
     rings = len(curve) - 2
     angle = np.broadcast_to(np.arange(segments) * 2 * np.pi / segments, (rings, segments))
@@ -88,15 +82,9 @@ def revolve(
     grid = np.stack([radius * np.cos(angle), radius * np.sin(angle), rz[..., 1]], axis=-1)
     ends = np.array([[0.0, 0.0, curve[0, 1]], [0.0, 0.0, curve[-1, 1]]])
     # Normals from the derivatives along both parameters, exact for lines and arcs of the outline.
-    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(curve, axis=0), axis=1))])
-    padded = np.concatenate(
-        [
-            np.broadcast_to(ends[:1, None], (1, segments, 3)),
-            grid,
-            np.broadcast_to(ends[1:, None], (1, segments, 3)),
-        ]
-    )
-    along = np.gradient(padded, length, axis=0)[1:-1]
+    first, last = (np.broadcast_to(end, (1, segments, 3)) for end in ends)
+    padded = np.concatenate([first, grid, last])
+    along = np.gradient(padded, lengths_along(curve), axis=0)[1:-1]
     around = np.roll(grid, -1, axis=1) - np.roll(grid, 1, axis=1)
     normal = np.cross(around, along)
     normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-18)
@@ -138,11 +126,7 @@ def tube_around(line: Array, thickness: Array, width: Array) -> Surface:
 
 
 def united(surfaces: tuple[Surface, ...]) -> Surface:
-    """The union of closed surfaces: one closed surface without walls inside of it.
-
-    Away from the cuts vertices and normals stay what they were; on a cut the normals of both
-    sides are averaged.
-    """
+    """The union of closed surfaces: one without walls inside; on a cut normals are averaged."""
     total = manifold3d.Manifold()
     for surface in surfaces:
         both = np.concatenate([surface.vertices, surface.normals], axis=1)

@@ -88,21 +88,13 @@ class FingerSkin:
         object_from_wrist: Array,
         chosen: npt.NDArray[np.int64] | slice = slice(None),
     ) -> tuple[Floats, Array]:
-        """Skin in the object's frame, metres, for N angle sets.
+        """Chosen points of the skin for angle sets (N, 4), radians, in the object's frame.
 
-        Args:
-            angles: Shape (N, 4), radians.
-            object_from_wrist: Where the hand is, shape (4, 4).
-            chosen: Which of the vertices.
-
-        Returns:
-            Points (V, N, 3) in the object's frame; the joints (N, 4, 3) in the wrist frame.
+        Metres, shape (V, N, 3); and the joints (N, 4, 3) in the wrist frame.
         """
         frames, joints = self.bones(angles)
-        motions = np.concatenate(
-            [np.broadcast_to(np.eye(4), (len(angles), 1, 4, 4)), frames @ self.bone_from_wrist],
-            axis=1,
-        )
+        palm = np.broadcast_to(np.eye(4), (len(angles), 1, 4, 4))
+        motions = np.concatenate([palm, frames @ self.bone_from_wrist], axis=1)
         rotation = object_from_wrist[:3, :3] * self.scale
         moved = rotation @ motions[:, :, :3]
         matrix = moved.transpose(1, 3, 0, 2).reshape(16, -1).astype(np.float32)
@@ -112,13 +104,9 @@ class FingerSkin:
         return points, joints * self.scale
 
 
-def _plain(shape: HandShape) -> HandShape:
-    return replace(shape, side="right", scale=1.0)
-
-
 def finger_skin(finger: str, shape: HandShape) -> FingerSkin:
     """The skin of a finger, ``thumb`` to ``little``, as a right hand's whatever the hand's side."""
-    plain = _plain(shape)
+    plain = replace(shape, side="right", scale=1.0)
     number = list(FINGERS).index(finger)
     template = hand_template(COARSE_STEP)
     sized, bone_from_wrist = sized_template(shape, COARSE_STEP)
@@ -134,22 +122,12 @@ def finger_skin(finger: str, shape: HandShape) -> FingerSkin:
     own = np.einsum("vij,vj->vi", local_rest[bone], points)
     normals = np.einsum("vij,vj->vi", local_rest[bone][:, :3, :3], skin_normals()[rows])
     pad = normals[:, 2] > 0.55
-    last = plain.lengths[finger][2]
-    tip_pad = (bone == 2) & (normals[:, 2] > 0.25) & (own[:, 1] > 0.30 * last)
-    middle = np.array([plain.lengths[finger][b] for b in range(3)])[bone] / 2
-    around = np.abs(own[:, 1] - middle) < 0.012
-    girth = np.array(
-        [np.median(np.linalg.norm(own[around & (bone == b)][:, [0, 2]], axis=1)) for b in range(3)]
-    )
-    return FingerSkin(
-        rows,
-        bone,
-        pad,
-        tip_pad,
-        rest.frames[1 + FINGERS[finger][0]],
-        plain.lengths[finger],
-        shape.scale,
-        local_rest,
-        packed,
-        girth * shape.scale,
-    )
+    tip = (bone == 2) & (own[:, 1] > 0.30 * plain.lengths[finger][2])
+    tip_pad = tip & (normals[:, 2] > 0.25)
+    middle = np.array(plain.lengths[finger])[bone] / 2
+    around, away = np.abs(own[:, 1] - middle) < 0.012, np.linalg.norm(own[:, [0, 2]], axis=1)
+    girth = np.array([np.median(away[around & (bone == b)]) for b in range(3)])
+    sizes = plain.lengths[finger], shape.scale
+    root = rest.frames[1 + FINGERS[finger][0]]
+    girth = girth * shape.scale
+    return FingerSkin(rows, bone, pad, tip_pad, root, *sizes, local_rest, packed, girth)

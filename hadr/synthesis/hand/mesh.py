@@ -81,10 +81,7 @@ def hand_mesh(
         skeleton: The pose.
         shape: The sizes that posed it; an adult's right hand where it is left out.
         tone: Linear RGB reflectance of the skin, shape (3,).
-        step: Coarsest distance of vertices, metres: 1.3 mm shows creases, 3.8 mm checks contact.
-
-    Raises:
-        ValueError: The step is not between 1 and 10 mm.
+        step: Coarsest distance of vertices, 1 to 10 mm: 1.3 shows creases, 3.8 checks contact.
     """
     if not 0.001 <= step <= 0.010:
         raise ValueError(f"step must lie between 0.001 and 0.010 metres, got {step}")

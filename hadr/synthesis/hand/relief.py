@@ -100,20 +100,17 @@ def skin_map(points: Array, normals: Array, shape: HandShape) -> SkinMap:
     maps = {name: np.zeros(count) for name in SkinMap.__dataclass_fields__}
     rest = rest_skeleton(shape)
     _draw_palm(points, normals, maps)
-    fingers = list(FINGERS)
-    local, away = [], []
-    for finger in fingers:
-        frame = rest.frames[1 + FINGERS[finger][0]]
-        place = (points - frame[:3, 3]) @ frame[:3, :3]
-        local.append(place)
+    frames = [rest.frames[1 + joints[0]] for joints in FINGERS.values()]
+    local = [(points - frame[:3, 3]) @ frame[:3, :3] for frame in frames]
+    away = []
+    for finger, place in zip(FINGERS, local, strict=True):
         before = 0.030 if finger == "thumb" else 0.0
         off = place - [0, 1, 0] * np.clip(place[:, 1:2], before, sum(shape.lengths[finger]))
         away.append(np.linalg.norm(off, axis=1))
-    nearest = np.argmin(away, axis=0)
-    for i, finger in enumerate(fingers):
-        rows = np.flatnonzero((nearest == i) & (np.min(away, axis=0) < 0.020))
-        rotation = rest.frames[1 + FINGERS[finger][0]][:3, :3]
-        _draw_finger(finger, local[i][rows], normals[rows] @ rotation, rows, maps, shape)
+    nearest, least = np.argmin(away, axis=0), np.min(away, axis=0)
+    for i, finger in enumerate(FINGERS):
+        rows = np.flatnonzero((nearest == i) & (least < 0.020))
+        _draw_finger(finger, local[i][rows], normals[rows] @ frames[i][:3, :3], rows, maps, shape)
     coarse, fine = noise(points, 0.016, 3), noise(points, 0.0045, 4)
     maps["mottle"] = 0.6 * coarse + 0.4 * fine
     maps["height"] += 0.00005 * noise(points, 0.0031, 5) * (points[:, 1] > -0.03)
@@ -121,10 +118,9 @@ def skin_map(points: Array, normals: Array, shape: HandShape) -> SkinMap:
 
 
 def pose_correctives(points: Array, normals: Array, shape: HandShape) -> Array:
-    """How much the back of each joint rises along the normals when it bends by a right angle.
+    """How much the back of each joint rises when it bends by a right angle: `HandTemplate`'s.
 
-    Bone ends push the skin out; between the four knuckles it sinks. Metres, shape (V, 15); column
-    3 i + j is joint j of finger i, the thumb's CMC is flat.
+    Bone ends push the skin out; between the four knuckles it sinks. The thumb's CMC is flat.
     """
     rest = rest_skeleton(shape)
     rises = np.zeros((len(points), 15))
@@ -182,9 +178,8 @@ def _draw_palm(points: Array, normals: Array, maps: dict[str, Array]) -> None:
     for root, up in ((24, 88), (0, 90), (-19, 84), (-36, 74)):
         distance = np.hypot(x - root * 1e-3, y - up * 1e-3)
         maps["red"] += 0.6 * back * _bump(distance, 0.0090)
-    balls = _bump(np.hypot(x - 0.024, y - 0.030), 0.018) + _bump(
-        np.hypot(x + 0.033, y - 0.035), 0.020
-    )
+    balls = _bump(np.hypot(x - 0.024, y - 0.030), 0.018)
+    balls = balls + _bump(np.hypot(x + 0.033, y - 0.035), 0.020)
     heads = _bump(y - 0.084, 0.010) * (x > -0.045)
     maps["red"] += (0.35 * balls + 0.35 * heads) * inner
 
@@ -209,12 +204,8 @@ def _draw_finger(
     # Folds on the palm's side: (place along the finger, depth, curve).
     folds = [(joints[1] - 0.001, 0.7), (joints[2] - 0.001, 0.9)]
     if not thumb:
-        folds = [
-            (0.44 * lengths[0], 0.9),
-            (joints[1] - 0.0024, 0.8),
-            (joints[1] + 0.0016, 0.7),
-            (joints[2] - 0.0008, 0.9),
-        ]
+        folds = [(0.44 * lengths[0], 0.9), (joints[1] - 0.0024, 0.8)]
+        folds += [(joints[1] + 0.0016, 0.7), (joints[2] - 0.0008, 0.9)]
     for at, depth in folds:
         bent = s - at + 0.0012 * np.cos(across / 0.005)
         deep = depth * inner * (0.75 + 0.25 * np.cos(across / 0.0045))

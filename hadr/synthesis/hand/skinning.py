@@ -48,11 +48,9 @@ def _palm_stretch(before: Skeleton, after: Skeleton, girth: float) -> Array:
 
 
 def sized_template(shape: HandShape, step: float) -> tuple[npt.NDArray[np.float32], Array]:
-    """The template's vertices at rest in a hand's proportions, and its rest bones.
+    """The template at rest in a hand's proportions, as a right hand of scale 1.
 
-    Returns:
-        Vertices of a right hand of scale 1, shape (V, 3), whatever the hand's side and scale; and
-        ``bone_from_wrist`` of its 16 bones at rest, shape (16, 4, 4).
+    Vertices, shape (V, 3), and ``bone_from_wrist`` of its 16 bones, shape (16, 4, 4).
     """
     sizes = (tuple((f, tuple(v)) for f, v in s.items()) for s in (shape.roots, shape.lengths))
     return _sized(*sizes, tuple(shape.fan.items()), shape.girth, step)
@@ -75,9 +73,8 @@ def _sized(
             ratio = plain.lengths[finger][j] / standard.lengths[finger][j]
             bone = 1 + 3 * i + j
             moves[bone] = new[bone] @ np.diag([girth, ratio, girth, 1.0]) @ np.linalg.inv(old[bone])
-    rows = (template.weights @ moves[:, :3].reshape(BONE_COUNT, 12).astype(np.float32)).reshape(
-        -1, 3, 4
-    )
+    packed = moves[:, :3].reshape(BONE_COUNT, 12).astype(np.float32)
+    rows = (template.weights @ packed).reshape(-1, 3, 4)
     points = template.vertices.astype(np.float32)
     # The palm's stretch ends at the wrist; the forearm only takes the girth.
     arm = np.diag([girth, 1.0, girth]).astype(np.float32) - moves[0, :3, :3].astype(np.float32)
@@ -142,11 +139,9 @@ def posed_vertices(skeleton: Skeleton, shape: HandShape, step: float) -> npt.NDA
 
 
 def skin_vertices(skeleton: Skeleton, shape: HandShape) -> tuple[Array, npt.NDArray[np.int8]]:
-    """Points of the skin in a pose, some 4 mm apart, for contact checks.
+    """Points of the skin in a pose, some 4 mm apart, wrist frame, metres, shape (V, 3).
 
-    Returns:
-        Vertices in the wrist frame, metres, (V, 3), in the same order for every pose and shape; and
-        the part of each: 0..4 thumb to little finger, 5 palm, 6 forearm, (V,).
+    Their order is that of every pose; each one's part is 0..4 thumb to little, 5 palm, 6 forearm.
     """
     vertices = posed_vertices(skeleton, shape, COARSE_STEP)
     return vertices.astype(float), hand_template(COARSE_STEP).part

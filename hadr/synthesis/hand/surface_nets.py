@@ -21,7 +21,7 @@ def surface_nets(
         Vertices, shape (V, 3), and faces, counter-clockwise from outside, shape (F, 3).
     """
     inside = values < 0
-    corners = [(i, j, k) for i in (0, 1) for j in (0, 1) for k in (0, 1)]
+    corners = list(np.ndindex(2, 2, 2))
     shape = tuple(n - 1 for n in values.shape)
     count = np.zeros(shape, dtype=np.int8)
     for i, j, k in corners:
@@ -43,25 +43,16 @@ def surface_nets(
             total += np.where(cross[:, None], point, 0.0)
             crossings += cross
     place = cells + total / crossings[:, None]
-    vertices = np.stack(
-        [np.interp(place[:, a], np.arange(len(axes[a])), axes[a]) for a in range(3)], axis=1
-    )
+    columns = zip(place.T, axes, strict=True)
+    vertices = np.stack([np.interp(p, np.arange(len(a)), a) for p, a in columns], axis=1)
 
     quads = []
     for axis in range(3):
-        u, v = (axis + 1) % 3, (axis + 2) % 3
-        low = [slice(None)] * 3
-        high = [slice(None)] * 3
-        low[axis], high[axis] = slice(None, -1), slice(1, None)
-        a, b = inside[tuple(low)], inside[tuple(high)]
-        for flip, edges in ((False, np.argwhere(a & ~b)), (True, np.argwhere(~a & b))):
-            around = []
-            for du, dv in ((0, 0), (-1, 0), (-1, -1), (0, -1)):
-                cell = edges.copy()
-                cell[:, u] += du
-                cell[:, v] += dv
-                around.append(number[tuple(cell.T)])
-            quad = np.stack(around, axis=1)
-            quads.append(quad[:, ::-1] if flip else quad)
+        u, v = np.roll(np.eye(3, dtype=int), -axis, axis=0)[1:]  # unit steps across the edge
+        along = np.moveaxis(inside, axis, 0)
+        a, b = (np.moveaxis(part, 0, axis) for part in (along[:-1], along[1:]))
+        for turn, edges in ((1, np.argwhere(a & ~b)), (-1, np.argwhere(~a & b))):
+            around = [number[tuple((edges + cell).T)] for cell in (0 * u, -u, -u - v, -v)]
+            quads.append(np.stack(around, axis=1)[:, ::turn])
     quad = np.concatenate(quads)
     return vertices, np.concatenate([quad[:, [0, 1, 2]], quad[:, [0, 2, 3]]])

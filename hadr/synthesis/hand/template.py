@@ -65,8 +65,7 @@ def _hinge(distance: Array, radius: float, reach: float = 1.5) -> Array:
 def _to_segments(points: Array, starts: Array, ends: Array) -> Array:
     """Distance of each point from each segment, shape (V, S)."""
     columns = []
-    for a, b in zip(starts, ends, strict=True):
-        edge = b - a
+    for a, edge in zip(starts, ends - starts, strict=True):
         fraction = np.clip((points - a) @ edge / (edge @ edge), 0, 1)
         columns.append(np.linalg.norm(points - a - fraction[:, None] * edge, axis=1))
     return np.stack(columns, axis=1)
@@ -85,10 +84,8 @@ def bone_weights(points: Array, shape: HandShape) -> Array:
     # The thumb moves what lies nearer to its metacarpal than to the palm's.
     carpal = np.array([[0.008, 0.010, 0.0], [0.0, 0.008, 0.0], [-0.010, 0.008, 0.0]])
     to_palm = _to_segments(points, np.vstack([carpal, carpal[-1:]]), roots[1:]).min(1) - 0.011
-    to_palm = np.minimum(
-        to_palm, _to_segments(points, np.array([[0, -0.5, 0]]), np.zeros((1, 3)))[:, 0] - 0.02
-    )
-    to_palm = np.minimum(to_palm, to_finger.min(1) - 0.009)
+    to_arm = _to_segments(points, np.array([[0, -0.5, 0]]), np.zeros((1, 3)))[:, 0] - 0.02
+    to_palm = np.minimum(np.minimum(to_palm, to_arm), to_finger.min(1) - 0.009)
     to_thumb = _to_segments(points, roots[:1], tips[:1])[:, 0] - 0.012
     thumb = 1 / (1 + np.exp(-np.clip((to_palm - to_thumb) / 0.005, -40, 40)))
 
@@ -99,21 +96,14 @@ def bone_weights(points: Array, shape: HandShape) -> Array:
         l1, l2, _ = shape.lengths[finger]
         girth = GIRTH[finger]
         if finger == "thumb":
-            bends = [
-                thumb * _hinge(s - 0.002, 0.014, 1.6),
-                _hinge(s - l1, 0.0110),
-                _hinge(s - l1 - l2, 0.0095),
-            ]
+            first, radii = thumb * _hinge(s - 0.002, 0.014, 1.6), (0.0110, 0.0095)
         else:
-            bends = [
-                (1 - thumb) * nearest[:, i - 1] * _hinge(s, 0.0112 * girth),
-                _hinge(s - l1, 0.0086 * girth),
-                _hinge(s - l1 - l2, 0.0074 * girth),
-            ]
-        first = 1 + 3 * i
-        weights[:, first] = bends[0] * (1 - bends[1])
-        weights[:, first + 1] = bends[0] * bends[1] * (1 - bends[2])
-        weights[:, first + 2] = bends[0] * bends[1] * bends[2]
+            first = (1 - thumb) * nearest[:, i - 1] * _hinge(s, 0.0112 * girth)
+            radii = 0.0086 * girth, 0.0074 * girth
+        second, third = _hinge(s - l1, radii[0]), _hinge(s - l1 - l2, radii[1])
+        weights[:, 1 + 3 * i] = first * (1 - second)
+        weights[:, 2 + 3 * i] = first * second * (1 - third)
+        weights[:, 3 + 3 * i] = first * second * third
     weights[:, 0] = np.maximum(1 - weights[:, 1:].sum(1), 0)
     return np.asarray(weights / weights.sum(1, keepdims=True), dtype=float)
 
@@ -125,12 +115,8 @@ def _axes(step: float) -> tuple[Array, Array, Array]:
         wide = min(wide * 1.07, max(4 * step, 0.009))
         at -= wide
         y.append(at)
-    fine = np.arange(-0.02, 0.222, step)
-    return (
-        np.arange(-0.076, 0.118, step),
-        np.concatenate([y[::-1], fine]),
-        np.arange(-0.052, 0.088, step),
-    )
+    across, deep = np.arange(-0.076, 0.118, step), np.arange(-0.052, 0.088, step)
+    return across, np.concatenate([y[::-1], np.arange(-0.02, 0.222, step)]), deep
 
 
 def _sampled(
@@ -181,12 +167,6 @@ def hand_template(step: float = COARSE_STEP) -> HandTemplate:
     weights = bone_weights(smooth, shape)
     by_part = np.column_stack([weights[:, 1 + 3 * i : 4 + 3 * i].sum(1) for i in range(5)])
     part = np.where(by_part.max(1) > 0.5, by_part.argmax(1), np.where(vertices[:, 1] < 0, 6, 5))
-    return HandTemplate(
-        vertices,
-        faces,
-        weights.astype(np.float32),
-        part.astype(np.int8),
-        normals.astype(np.float32),
-        pose_correctives(smooth, normals, shape).astype(np.float32),
-        skin,
-    )
+    correctives = pose_correctives(smooth, normals, shape).astype(np.float32)
+    bound = weights.astype(np.float32), part.astype(np.int8), normals.astype(np.float32)
+    return HandTemplate(vertices, faces, *bound, correctives, skin)

@@ -66,13 +66,11 @@ def test_bending_keeps_the_volume(amount):
 
 
 def test_a_left_hand_is_the_mirror_image():
-    poses = {}
-    for side in ("right", "left"):
-        shape = HandShape(side)
-        poses[side] = skin_vertices(forward_kinematics(curled(0.6), shape), shape)
-    np.testing.assert_allclose(poses["left"][0], poses["right"][0] * [-1, 1, 1], atol=1e-7)
-    assert (poses["left"][1] == poses["right"][1]).all()
-    meshes = [solid(curled(0.6), HandShape(side)) for side in ("right", "left")]
+    shapes = HandShape("right"), HandShape("left")
+    right, left = (skin_vertices(forward_kinematics(curled(0.6), s), s) for s in shapes)
+    np.testing.assert_allclose(left[0], right[0] * [-1, 1, 1], atol=1e-7)
+    assert (left[1] == right[1]).all()
+    meshes = [solid(curled(0.6), shape) for shape in shapes]
     assert meshes[1].volume == pytest.approx(meshes[0].volume, rel=1e-5)
 
 
