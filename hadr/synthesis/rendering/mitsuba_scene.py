@@ -23,27 +23,14 @@ Array = npt.NDArray[np.float64]
 MESHES = 24
 
 
-def _mesh(
-    mi: Any,
-    name: str,
-    surface: Surface,
-    bsdf: Any,
-    uv: Array | None = None,
-    emitter: Any | None = None,
-) -> Any:
-    """A Mitsuba mesh of a surface."""
-    properties = mi.Properties()
-    properties["mesh_bsdf"] = bsdf
-    if emitter is not None:
-        properties["mesh_emitter"] = emitter
-    mesh = mi.Mesh(
-        name,
-        vertex_count=len(surface.vertices),
-        face_count=len(surface.faces),
-        has_vertex_normals=True,
-        has_vertex_texcoords=uv is not None,
-        props=properties,
-    )
+def _mesh(mi: Any, name: str, surface: Surface, uv: Array | None = None, **properties: Any) -> Any:
+    """A Mitsuba mesh of a surface, with a ``bsdf`` and perhaps an ``emitter``."""
+    props = mi.Properties()
+    for key, value in properties.items():
+        props[f"mesh_{key}"] = value
+    counts = len(surface.vertices), len(surface.faces)
+    has = {"has_vertex_normals": True, "has_vertex_texcoords": uv is not None}
+    mesh = mi.Mesh(name, *counts, props=props, **has)
     parameters = mi.traverse(mesh)
     parameters["vertex_positions"] = surface.vertices.astype(np.float32).ravel()
     parameters["vertex_normals"] = surface.normals.astype(np.float32).ravel()
@@ -55,15 +42,10 @@ def _mesh(
 
 
 def _hand(mi: Any, hand: HandMesh) -> Any:
-    skin = mi.load_dict(
-        {
-            "type": "principled",
-            "base_color": {"type": "mesh_attribute", "name": "vertex_color"},
-            "roughness": {"type": "mesh_attribute", "name": "vertex_roughness"},
-            "specular": 0.5,
-        }
-    )
-    mesh = _mesh(mi, "hand", hand.surface, skin)
+    color = {"type": "mesh_attribute", "name": "vertex_color"}
+    matt = {"type": "mesh_attribute", "name": "vertex_roughness"}
+    skin = {"type": "principled", "base_color": color, "roughness": matt, "specular": 0.5}
+    mesh = _mesh(mi, "hand", hand.surface, bsdf=mi.load_dict(skin))
     mesh.add_attribute("vertex_color", 3, hand.albedo.astype(np.float32).ravel())
     roughness = np.clip(0.62 - 0.42 * hand.gloss, 0.15, 0.9)
     mesh.add_attribute("vertex_roughness", 1, roughness.astype(np.float32))
@@ -72,16 +54,10 @@ def _hand(mi: Any, hand: HandMesh) -> Any:
 
 def _glass(mi: Any, number: int, body: Surface, transmittance: tuple[float, ...]) -> Any:
     # A wall of two millimetres absorbs half of what it does at each of its two surfaces.
-    passed = [float(t) ** 0.1 for t in transmittance]
-    glass = mi.load_dict(
-        {
-            "type": "dielectric",
-            "int_ior": GLASS_INDEX,
-            "ext_ior": 1.0,
-            "specular_transmittance": {"type": "rgb", "value": passed},
-        }
-    )
-    return _mesh(mi, f"glass{number}", body, glass)
+    passed = {"type": "rgb", "value": [float(t) ** 0.1 for t in transmittance]}
+    glass = {"type": "dielectric", "int_ior": GLASS_INDEX, "ext_ior": 1.0}
+    glass = mi.load_dict({**glass, "specular_transmittance": passed})
+    return _mesh(mi, f"glass{number}", body, bsdf=glass)
 
 
 def _matte(mi: Any, linear: npt.NDArray[Any]) -> Any:
@@ -99,26 +75,22 @@ def _surroundings(mi: Any, around: Surroundings, eye: Array, pixel: float) -> di
     for number in range(len(groups)):
         faces = around.surface.faces[which.ravel() == number]
         used, renumbered = np.unique(faces, return_inverse=True)
-        part = Surface(
-            around.surface.vertices[used],
-            renumbered.reshape(faces.shape),
-            around.surface.normals[used],
-        )
+        places, normals = around.surface.vertices[used], around.surface.normals[used]
+        part = Surface(places, renumbered.reshape(faces.shape), normals)
         levels = pyramid(int(groups[number, 0]), around.photographs)
         nearest = float(np.linalg.norm(part.vertices - eye, axis=1).min())
         texel = groups[number, 4] / levels[0].shape[0]
         level = int(np.clip(np.floor(np.log2(max(nearest * pixel / texel, 1.0))), 0, 4))
         linear = (levels[level].astype(np.float32) / 255.0) ** 2.2 * groups[number, 1:4]
         matte = _matte(mi, np.minimum(linear, 0.9))
-        name, uv = f"surroundings{number}", around.uv[used]
-        shapes[name] = _mesh(mi, name, part, matte, uv)
+        name = f"surroundings{number}"
+        shapes[name] = _mesh(mi, name, part, around.uv[used], bsdf=matte)
     # Mitsuba compiles its kernels anew where the number of meshes differs: fill them up.
-    spare = Surface(
-        eye + np.array([0, 0, -50.0]) + 1e-3 * np.eye(3), np.array([[0, 1, 2]]), np.eye(3)
-    )
+    below = eye + np.array([0, 0, -50.0]) + 1e-3 * np.eye(3)
+    spare = Surface(below, np.array([[0, 1, 2]]), np.eye(3))
     for number in range(len(groups), MESHES):
-        matte = _matte(mi, np.full((2, 2, 3), 0.5))
-        shapes[f"spare{number}"] = _mesh(mi, f"spare{number}", spare, matte, np.zeros((3, 2)))
+        matte, name = _matte(mi, np.full((2, 2, 3), 0.5)), f"spare{number}"
+        shapes[name] = _mesh(mi, name, spare, np.zeros((3, 2)), bsdf=matte)
     return shapes
 
 
@@ -127,10 +99,7 @@ def _lights(mi: Any, scene: Scene) -> dict[str, Any]:
     transform = mi.ScalarTransform4f
     environment = scene.contents.environment
     if environment is None:
-        lights["sky"] = {
-            "type": "constant",
-            "radiance": {"type": "rgb", "value": 0.5},
-        }
+        lights["sky"] = {"type": "constant", "radiance": {"type": "rgb", "value": 0.5}}
     else:
         # Mitsuba's y is up, and its azimuth starts elsewhere and runs the other way.
         image = np.roll(environment.image[:, ::-1], environment.image.shape[1] // 4, axis=1)
@@ -148,7 +117,8 @@ def _lights(mi: Any, scene: Scene) -> dict[str, Any]:
         radiance = {"type": "rgb", "value": np.asarray(lamp.color).tolist()}
         emitter = mi.load_dict({"type": "area", "radiance": radiance})
         black = mi.load_dict({"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}})
-        lights[f"lamp{number}"] = _mesh(mi, f"lamp{number}", panel, black, emitter=emitter)
+        name = f"lamp{number}"
+        lights[name] = _mesh(mi, name, panel, bsdf=black, emitter=emitter)
     return lights
 
 
@@ -168,18 +138,13 @@ def mitsuba_sensor(scene: Scene, samples: int, seed: int) -> dict[str, Any]:
     pose = scene.world_from_camera @ np.diag([-1.0, -1.0, 1.0, 1.0])
     width, height = camera.width, camera.height
     offset = 0.5 - (camera.cx + 0.5) / width, 0.5 - (camera.cy + 0.5) / height
+    lens: dict[str, Any]
     if not scene.aperture:
-        lens = {
-            "type": "perspective",
-            "principal_point_offset_x": offset[0],
-            "principal_point_offset_y": offset[1],
-        }
+        lens = {f"principal_point_offset_{axis}": o for axis, o in zip("xy", offset, strict=True)}
+        lens["type"] = "perspective"
     elif max(map(abs, offset)) < 1e-6:
-        lens = {
-            "type": "thinlens",
-            "aperture_radius": scene.aperture,
-            "focus_distance": scene.focus,
-        }
+        lens = {"aperture_radius": scene.aperture, "focus_distance": scene.focus}
+        lens["type"] = "thinlens"
     else:
         raise ValueError(f"a lens needs its principal point in the middle, got {camera}")
     return {

@@ -30,11 +30,7 @@ PATIENCE = 120.0
 
 
 def mitsuba(variant: str | None = None) -> Any:
-    """Import Mitsuba and choose its variant (:func:`mitsuba_variant` where it is left out).
-
-    Raises:
-        ValueError: Mitsuba is not installed, there is no such variant, or it can't be used here.
-    """
+    """Import Mitsuba and choose its variant, :func:`mitsuba_variant` where it is left out."""
     check_installed()
     variant = variant or mitsuba_variant()
     check_variant(variant)
@@ -62,11 +58,7 @@ def mitsuba_variant() -> str:
 
 
 def wanted_variant() -> str | None:
-    """The variant that ``HADR_MITSUBA_VARIANT`` names, None where it names none.
-
-    Raises:
-        ValueError: It names none that we use.
-    """
+    """The variant that ``HADR_MITSUBA_VARIANT`` names, if any; a ``ValueError`` for a wrong one."""
     wanted = os.environ.get(VARIANT_VARIABLE) or None
     if wanted:
         _check_name(wanted, VARIANT_VARIABLE)
@@ -74,11 +66,7 @@ def wanted_variant() -> str | None:
 
 
 def check_variant(variant: str) -> None:
-    """Check that a variant can be used on this machine.
-
-    Raises:
-        ValueError: It can't, or there is no such variant; the message names machine and reason.
-    """
+    """Check that a variant can be used here; a ``ValueError`` names the machine and the reason."""
     _check_name(variant)
     if variant == SCALAR:
         return
@@ -113,10 +101,7 @@ def why_not_llvm() -> str:
 
 
 def llvm_problem() -> str:
-    """What is wrong with the LLVM that Dr.Jit finds; empty where it is there and new enough.
-
-    It is loaded into this process, and nothing is compiled with it.
-    """
+    """What is wrong with the LLVM that Dr.Jit loads, or nothing; it compiles nothing here."""
     drjit = importlib.import_module("drjit")
     # Three numbers as a tuple, in Dr.Jit 1.0 as text; -1 where there is no LLVM.
     version = re.findall(r"-?\d+", str(drjit.detail.llvm_version()))

@@ -32,17 +32,11 @@ Light = npt.NDArray[np.float32]
 def trace(
     scene: Scene, *, seed: int, samples: int = 8, variant: str | None = None
 ) -> tuple[Light, Light, Light]:
-    """The light that reaches the camera, with the noise of few samples.
+    """The light that reaches the camera, with the noise of few samples (paths a pixel).
 
-    Args:
-        scene: The scene.
-        seed: Of the paths.
-        samples: Paths a pixel.
-        variant: Of Mitsuba; the fastest that works where it is left out.
-
-    Returns:
-        Linear RGB, and as guides for a denoiser the reflectance and the normals of what is seen
-        first; each (H, W, 3) float32.
+    Drawn by a variant of Mitsuba, the fastest that works where none is named; ``seed`` is that of
+    the paths. Linear RGB, and as guides for a denoiser the reflectance and the normals of what is
+    seen first; each (H, W, 3) float32.
 
     Raises:
         ValueError: The number of samples is not positive, or the variant can't be used here.
@@ -134,17 +128,12 @@ def _denoising_device() -> Any:
 
 
 def photograph(
-    scene: Scene,
-    *,
-    seed: int,
-    samples: int = 8,
-    variant: str | None = None,
+    scene: Scene, *, seed: int, samples: int = 8, variant: str | None = None
 ) -> npt.NDArray[np.uint8]:
     """Take a path-traced picture of a scene, sRGB, (H, W, 3) uint8; :func:`trace` has the options.
 
     The same seed (of the paths and of the camera's noise) gives the same bytes.
     """
     seed = int(np.random.SeedSequence(seed).generate_state(1)[0])
-    light, albedo, normal = trace(scene, seed=seed, samples=samples, variant=variant)
-    light = denoise(light, albedo, normal)
+    light = denoise(*trace(scene, seed=seed, samples=samples, variant=variant))
     return develop(light, np.random.default_rng(seed), ColorCamera())

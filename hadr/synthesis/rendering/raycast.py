@@ -225,10 +225,6 @@ class RayCaster:
             z = np.where(np.isfinite(found.distance), found.distance * ahead, 0.0)
             return z.astype(np.float32).reshape(shape)
 
-        return Labels(
-            depth(hits),
-            depth(behind),
-            (kind == HAND).reshape(shape),
-            (kind == GLASS).reshape(shape),
-            normals.astype(np.float32).reshape(*shape, 3),
-        )
+        hand, glass = ((kind == thing).reshape(shape) for thing in (HAND, GLASS))
+        facing = normals.astype(np.float32).reshape(*shape, 3)
+        return Labels(depth(hits), depth(behind), hand, glass, facing)

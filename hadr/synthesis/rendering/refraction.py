@@ -56,12 +56,7 @@ class Beams(Rows):
 
 
 def cross(caster: RayCaster, beams: Beams, hits: Hits) -> tuple[Beams, Beams]:
-    """Carry rays that meet glass over the interface.
-
-    Args:
-        caster: The surfaces; overlapping glass bodies count as one.
-        beams: The rays.
-        hits: Where each meets the glass.
+    """Carry rays over the interface where they hit glass; overlapping bodies count as one.
 
     Returns:
         The rays behind the interface, or before it where all light is reflected; and those that

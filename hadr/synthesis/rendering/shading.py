@@ -160,11 +160,9 @@ class RayTracer(RayCaster):
     ) -> Array:
         """Linear RGB that arrives along rays, shape (N, 3).
 
-        Args:
-            origins: World frame, metres, shape (N, 3).
-            directions: Unit directions of looking, shape (N, 3).
-            pixel: Width of a pixel as a tangent, for the choice of the texture's level.
-            rng: Jitters shadow rays; None leaves out shadows and the weaker reflections.
+        Origins (world frame, metres) and unit directions of looking are (N, 3); a pixel's width as
+        a tangent chooses textures' levels. ``rng`` jitters shadow rays; None leaves out shadows and
+        the weaker reflections.
         """
         color = np.zeros((len(origins), 3))
         beams = Beams.start(origins, directions)

@@ -17,8 +17,7 @@ from hadr.synthesis.scene.lights import AreaLight, Environment
 def trial_scene(lamps: int) -> Scene:
     """Skin, glass, a wall, lamps and a sky, seen through a lens; no hold was searched for it.
 
-    Mitsuba's kernels for it are those for our frames with so many lamps, one or two, but for the
-    numbers of the camera.
+    Mitsuba's kernels for it are those for frames with so many lamps, but for the camera's numbers.
     """
     angle = np.linspace(-np.pi / 2, np.pi / 2, 17)
     ball = revolve(0.05 * np.stack([np.cos(angle), np.sin(angle)], axis=1), segments=24)
@@ -30,13 +29,9 @@ def trial_scene(lamps: int) -> Scene:
     glass = tuple(body.moved(place) for body in bodies(glass_object("0000")))
     corners = np.array([[-2, -2, 1.5], [-2, 2, 1.5], [2, 2, 1.5], [2, -2, 1.5]])
     faces = np.array([[0, 1, 2], [0, 2, 3]])
-    wall = Surroundings(
-        Surface(corners, faces, np.tile([0.0, 0.0, -1.0], (4, 1))),
-        np.array([[0, 0], [0, 4], [4, 4], [4, 0.0]]),
-        np.zeros(2, dtype=np.int64),
-        np.ones((2, 3)),
-        np.ones(2),
-    )
+    flat = Surface(corners, faces, np.tile([0.0, 0.0, -1.0], (4, 1)))
+    uv = np.array([[0, 0], [0, 4], [4, 4], [4, 0.0]])
+    wall = Surroundings(flat, uv, np.zeros(2, dtype=np.int64), np.ones((2, 3)), np.ones(2))
     sides = np.array([0.2, 0, 0]), np.array([0, 0.2, 0])
     light = tuple(AreaLight(np.array([x, -0.8, 0]), *sides, np.full(3, 9.0)) for x in (-0.5, 0.5))
     sky = Environment(np.full((128, 256, 3), 0.5, dtype=np.float32))

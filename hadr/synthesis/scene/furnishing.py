@@ -55,13 +55,12 @@ class TextureChoice:
 
     def thing(self) -> int:
         """What a small thing is covered with; few different ones a scene."""
-        if len(self.kept) < 3:
-            names = ["wood", "plaid", "print_cloth", "magazine", "marble", "terrazzo"]
-            names += ["painting", "plaster", "big_leaves"]
-            odds = [1.4, 0.4, 0.3, 0.6, 0.7, 0.2, 0.4, 3.2, 0.2]
-            self.kept.append(self.draw(names, odds, FEW))
-            return self.kept[-1]
-        return int(self.rng.choice(self.kept))
+        if len(self.kept) == 3:
+            return int(self.rng.choice(self.kept))
+        names = ["wood", "plaid", "print_cloth", "magazine", "marble", "terrazzo"]
+        names += ["painting", "plaster", "big_leaves"]
+        self.kept.append(self.draw(names, [1.4, 0.4, 0.3, 0.6, 0.7, 0.2, 0.4, 3.2, 0.2], FEW))
+        return self.kept[-1]
 
 
 def is_view(number: int) -> bool:
@@ -95,10 +94,8 @@ def _plant(stage: Stage, rng: np.random.Generator, place: Array, size: float, nu
         t = np.linspace(0, 1, 6)
         out = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
         side = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
-        bend = rng.uniform(0.2, 0.9)
-        line = place + length * (
-            t[:, None] * np.cos(rise) * out + (t * np.sin(rise) - bend * t**2 * 0.5)[:, None] * UP
-        )
+        high = t * np.sin(rise) - rng.uniform(0.2, 0.9) * t**2 * 0.5
+        line = place + length * (t[:, None] * np.cos(rise) * out + high[:, None] * UP)
         half = (width * np.sin(np.pi * np.clip(t, 0.03, 0.97)) ** 0.7)[:, None]
         vertices = np.stack([line - half * side, line + half * side], axis=1).reshape(-1, 3)
         tangent = np.gradient(line, axis=0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import cv2
@@ -23,20 +23,9 @@ _BANDS = np.array([np.pi] + [2 * np.pi / 3] * 3 + [np.pi / 4] * 5)
 def _harmonics(d: Array) -> Array:
     """The nine real spherical harmonics up to the second degree, shape (..., 9)."""
     x, y, z = d[..., 0], d[..., 1], d[..., 2]
-    return np.stack(
-        [
-            np.full_like(x, 0.282095),
-            0.488603 * y,
-            0.488603 * z,
-            0.488603 * x,
-            1.092548 * x * y,
-            1.092548 * y * z,
-            0.315392 * (3 * z**2 - 1),
-            1.092548 * x * z,
-            0.546274 * (x**2 - y**2),
-        ],
-        axis=-1,
-    )
+    low = [np.full_like(x, 0.282095), 0.488603 * y, 0.488603 * z, 0.488603 * x]
+    high = [1.092548 * x * y, 1.092548 * y * z, 0.315392 * (3 * z**2 - 1), 1.092548 * x * z]
+    return np.stack([*low, *high, 0.546274 * (x**2 - y**2)], axis=-1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,10 +102,8 @@ class AreaLight:
     def radiance(self, origins: Array, directions: Array, before: Array) -> Array:
         """Linear RGB radiance along rays that meet its shining side, else 0, shape (N, 3).
 
-        Args:
-            origins: World frame, metres, shape (N, 3).
-            directions: Unit directions of looking, shape (N, 3).
-            before: How far each ray reaches, metres, shape (N,).
+        Origins (world frame, metres) and unit directions of looking are (N, 3); each ray reaches to
+        ``before``, metres, shape (N,).
         """
         normal = self.normal
         facing = directions @ normal
@@ -203,17 +190,13 @@ def make_lights(
     image = np.zeros((*_SHAPE, 3), dtype=np.float32)
     indoors = rng.random() < 0.55
     (_indoors if indoors else _outdoors)(rng, image, sun)
-    image = np.asarray(
-        cv2.GaussianBlur(np.concatenate([image] * 3, axis=1), (0, 0), 0.8)[
-            :, _SHAPE[1] : 2 * _SHAPE[1]
-        ]
-    )
+    around = cv2.GaussianBlur(np.concatenate([image] * 3, axis=1), (0, 0), 0.8)
+    image = np.asarray(np.split(around, 3, axis=1)[1])
     if not indoors:
         toward = Environment(image).directions() @ sun
         glow = 14.0 * np.exp(-(((1 - toward) / 0.006) ** 2)) + 1.2 * np.exp(-(1 - toward) / 0.12)
-        image = image + glow[..., None].astype(np.float32) * np.array(
-            [1.0, 0.95, 0.85], dtype=np.float32
-        )
+        sunny = np.array([1.0, 0.95, 0.85], dtype=np.float32)
+        image = image + glow[..., None].astype(np.float32) * sunny
     lamps = []
     for number in range(2 if rng.random() < 0.35 else 1):
         # From above and mostly from one side: what is held throws a shadow, soft at its edges.
@@ -222,7 +205,8 @@ def make_lights(
         toward += max(0.1 - toward @ back, 0) * back
         toward /= np.linalg.norm(toward)
         center = middle + toward * rng.uniform(1.5, 2.2)
-        side = np.cross(_off_axis(toward), toward)
+        off_axis = [0.0, 0.0, 1.0] if abs(toward[2]) < 0.9 else [0.0, 1.0, 0.0]
+        side = np.cross(off_axis, toward)
         side /= np.linalg.norm(side)
         wide, tall = rng.uniform(0.25, 0.55, 2)
         warm = rng.uniform(-1, 1)
@@ -237,9 +221,5 @@ def make_lights(
     for lamp in lamps:
         total = total + lamp.irradiance(np.tile(middle, (2, 1)), normals)
     gain = np.pi * rng.uniform(0.95, 1.25) / float(total.mean())
-    lamps = [AreaLight(p.center, p.half_width, p.half_height, p.color * gain) for p in lamps]
-    return Environment(environment.image * np.float32(gain)), tuple(lamps)
-
-
-def _off_axis(direction: Array) -> Array:
-    return np.array([0.0, 0.0, 1.0]) if abs(direction[2]) < 0.9 else np.array([0.0, 1.0, 0.0])
+    brighter = tuple(replace(lamp, color=lamp.color * gain) for lamp in lamps)
+    return Environment(environment.image * np.float32(gain)), brighter

@@ -52,12 +52,9 @@ class HoldScene(Scene):
 
 
 def look_at(eye: Array, target: Array, roll: float) -> Array:
-    """Pose ``world_from_camera`` of an OpenCV camera that looks at a point, shape (4, 4).
+    """Pose ``world_from_camera`` of an OpenCV camera at ``eye`` that looks at a target, (4, 4).
 
-    Args:
-        eye: Camera centre, world, metres.
-        target: The point in the image's middle, world, metres.
-        roll: Rotation about the optical axis, radians; 0 keeps the world's z up in the image.
+    World frame, metres; ``roll`` is about the optical axis, radians; 0 keeps the world's z up.
     """
     forward = (target - eye) / np.linalg.norm(target - eye)
     right = np.cross(forward, [0.0, 0.0, 1.0])
@@ -73,15 +70,9 @@ def _place_hold(hold: Hold, rng: np.random.Generator) -> tuple[Array, Array]:
     """World poses of object and wrist: mostly upright or tilted; the object's middle is at 0."""
     item = glass_object(hold.object_id)
     kind = rng.random()
-    if kind < 0.62:
-        degrees = rng.uniform(0, 25)
-    elif kind < 0.87:
-        degrees = rng.uniform(25, 60)
-    elif kind < 0.96:
-        degrees = rng.uniform(60, 105)
-    else:
-        degrees = rng.uniform(140, 180)
-    lean = Rotation.from_euler("x", np.deg2rad(degrees))
+    tilts = ((0.62, (0, 25)), (0.87, (25, 60)), (0.96, (60, 105)), (1.0, (140, 180)))
+    degrees = next(bounds for below, bounds in tilts if kind < below)
+    lean = Rotation.from_euler("x", np.deg2rad(rng.uniform(*degrees)))
     heading = Rotation.from_euler("z", rng.uniform(0, 2 * np.pi))
     spin = Rotation.from_euler("z", rng.uniform(0, 2 * np.pi))
     world_from_object = np.eye(4)
@@ -134,21 +125,16 @@ def _choose_camera(held: _Held, camera: Intrinsics, rng: np.random.Generator) ->
         distance = CLOSEST + (FARTHEST - CLOSEST) * rng.random() ** 2.0
         azimuth = rng.uniform(0, 2 * np.pi)
         elevation = np.deg2rad(rng.uniform(-6, 40) if rng.random() < 0.75 else rng.uniform(40, 72))
-        offset = np.array(
-            [
-                np.cos(elevation) * np.cos(azimuth),
-                np.cos(elevation) * np.sin(azimuth),
-                np.sin(elevation),
-            ]
-        )
-        eye = held.middle + distance * offset
+        level = np.cos(elevation)
+        offset = [level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)]
+        eye = held.middle + distance * np.array(offset)
         target = held.middle + rng.normal(size=3) * 0.045 * distance
         roll = np.deg2rad(float(np.clip(rng.normal() * 19, -42, 42)))
         pose = look_at(eye, target, roll)
         # No forearm that passes close by the camera.
-        along = max(float((eye - held.wrist) @ (held.elbow - held.wrist)), 0.0)
-        length = float(np.linalg.norm(held.elbow - held.wrist))
-        nearest = held.wrist + (held.elbow - held.wrist) * min(along / length**2, 1.0)
+        arm = held.elbow - held.wrist
+        along = max(float((eye - held.wrist) @ arm), 0.0) / float(np.linalg.norm(arm)) ** 2
+        nearest = held.wrist + arm * min(along, 1.0)
         if np.linalg.norm(eye - nearest) < 0.24:
             continue
         score = _view_score(held, small, pose, camera, free)
@@ -170,34 +156,25 @@ def make_scene(
     hand_step: float = 0.0025,
     backgrounds: Sequence[Path] = (),
 ) -> HoldScene:
-    """Build the scene of one frame; the same for the same hold and generator state.
+    """Build the scene of one frame, a picture of so many pixels.
 
-    Args:
-        hold: The holding pose.
-        rng: Everything that varies from frame to frame is drawn from it.
-        width: Image width, pixels.
-        height: Image height, pixels.
-        hand_step: Grid of the hand's surface, metres.
-        backgrounds: Photographs for backdrops, tables and floors; painted textures without.
-
-    Raises:
-        ValueError: A photograph can't be read.
+    Everything that varies from frame to frame is drawn from ``rng``. The hand's surface has a grid
+    of ``hand_step`` metres; backdrops, tables and floors show ``backgrounds``, photographs, or
+    painted textures without them.
     """
     camera = TRANSHAND_CAMERA.resized(width, height)
     world_from_object, world_from_wrist = _place_hold(hold, rng)
     skeleton = forward_kinematics(hold.angles, hold.shape)
     tone = np.asarray(SKIN_TONES[int(rng.choice(6, p=SKIN_TONE_WEIGHTS))])
-    skin = hand_mesh(
-        skeleton, hold.shape, tone=tone * (1 + 0.05 * rng.normal(size=3)), step=hand_step
-    )
+    tone = tone * (1 + 0.05 * rng.normal(size=3))
+    skin = hand_mesh(skeleton, hold.shape, tone=tone, step=hand_step)
     hand = HandMesh(skin.surface.moved(world_from_wrist), skin.albedo, skin.gloss)
     item = glass_object(hold.object_id)
     glass = tuple(body.moved(world_from_object) for body in bodies(item))
     joints = transform_points(world_from_wrist, skeleton.joints)
     keypoints = keypoints_from_skeleton(joints)
-    middle = 0.62 * transform_points(world_from_object, [0, 0, item.height / 2]) + 0.38 * (
-        keypoints[[5, 9, 13, 17]].mean(0)
-    )
+    middle = transform_points(world_from_object, [0, 0, item.height / 2])
+    middle = 0.62 * middle + 0.38 * keypoints[[5, 9, 13, 17]].mean(0)
     wrist = world_from_wrist[:3, 3]
     elbow = wrist - world_from_wrist[:3, 1] * FOREARM_LENGTH * hold.shape.scale
     contents = Contents(hand, glass, item.transmittance)
@@ -208,13 +185,5 @@ def make_scene(
     surroundings = make_surroundings(eye, middle, lowest, rng, backgrounds)
     environment, lamps = make_lights(eye, middle, rng)
     contents = replace(contents, surroundings=surroundings, lamps=lamps, environment=environment)
-    return HoldScene(
-        contents,
-        camera,
-        pose,
-        keypoints,
-        world_from_object,
-        hold,
-        aperture=rng.uniform(*APERTURE),
-        focus=float((middle - eye) @ pose[:3, 2]),
-    )
+    lens = {"aperture": rng.uniform(*APERTURE), "focus": float((middle - eye) @ pose[:3, 2])}
+    return HoldScene(contents, camera, pose, keypoints, world_from_object, hold, **lens)

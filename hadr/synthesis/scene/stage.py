@@ -44,11 +44,10 @@ class Stage:
     def quad(
         self, corner: Array, right: Array, down: Array, number: int, repeat: float, start: Array
     ) -> None:
-        """Put up a parallelogram whose texture repeats.
+        """Put up a parallelogram whose texture repeats, each ``repeat`` metres high.
 
-        Its edges ``right`` and ``down`` start at the upper left ``corner`` of what is looked at,
-        metres. A repeat of the texture ``number`` is ``repeat`` metres high; at the corner it is
-        ``start`` in repeats, shape (2,).
+        Its edges start at the upper left ``corner`` of what is looked at, metres; the texture is at
+        ``start`` there, shape (2,), in repeats.
         """
         wide = np.linalg.norm(right) / (repeat * self.aspect(number))
         tall = np.linalg.norm(down) / repeat
@@ -98,24 +97,16 @@ class Stage:
         for axis in range(3):
             u, v = (axis + 1) % 3, (axis + 2) % 3
             for sign in (-1.0, 1.0):
-                normal = np.zeros(3)
-                normal[axis] = sign
-                right, down = np.zeros(3), np.zeros(3)
+                normal = np.where(np.arange(3) == axis, sign, 0.0)
                 # The texture stands upright on the sides.
-                right[u if v == 2 or axis == 2 else v] = 1.0
+                right = np.eye(3)[u if v == 2 or axis == 2 else v]
                 down = np.cross(right, normal)
                 if abs(down[2]) > 0.5 and down[2] > 0:
                     right, down = -right, -down
                 wide, tall = size @ np.abs(right), size @ np.abs(down)
                 corner = normal * size[axis] - right * wide - down * tall
-                self.quad(
-                    rotation @ corner + place,
-                    rotation @ (right * 2 * wide),
-                    rotation @ (down * 2 * tall),
-                    number,
-                    repeat,
-                    start,
-                )
+                sides = rotation @ (right * 2 * wide), rotation @ (down * 2 * tall)
+                self.quad(rotation @ corner + place, *sides, number, repeat, start)
 
     def revolved(self, curve: Array, place: Array, number: int, repeat: float) -> None:
         """Put up a vase, pot, ball or can: an outline (radius, height) around z."""
@@ -130,11 +121,7 @@ class Stage:
     def surroundings(self) -> Surroundings:
         """All of it as one."""
         counts = [len(part.faces) for part in self.parts]
-        return Surroundings(
-            merged(self.parts),
-            np.concatenate(self.uvs),
-            np.repeat(np.asarray(self.numbers, dtype=np.int64), counts),
-            np.ones((sum(counts), 3)),
-            np.repeat(np.asarray(self.repeats), counts),
-            self.photographs,
-        )
+        numbers = np.repeat(np.asarray(self.numbers, dtype=np.int64), counts)
+        repeats, tint = np.repeat(np.asarray(self.repeats), counts), np.ones((sum(counts), 3))
+        surface, uv = merged(self.parts), np.concatenate(self.uvs)
+        return Surroundings(surface, uv, numbers, tint, repeats, self.photographs)

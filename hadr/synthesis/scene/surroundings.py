@@ -31,23 +31,14 @@ _REACH, _PANELS = 1.9, 20
 
 @dataclass(frozen=True)
 class _View:
-    """Where the camera is and what is ahead of it, world frame.
-
-    Args:
-        eye: The camera, metres.
-        middle: What it looks at, metres.
-        flat: Level unit direction ahead.
-        side: Level unit direction to the right.
-        distance: From the camera to the middle, metres.
-        floor: The floor's height, metres.
-    """
+    """Where the camera is and what is ahead of it, world frame, metres."""
 
     eye: Array
-    middle: Array
-    flat: Array
-    side: Array
-    distance: float
-    floor: float
+    middle: Array  # what it looks at
+    flat: Array  # level unit direction ahead
+    side: Array  # level unit direction to the right
+    distance: float  # from the camera to the middle
+    floor: float  # the floor's height
 
 
 def _add_backdrop(stage: Stage, choice: TextureChoice, view: _View) -> None:
@@ -82,18 +73,11 @@ def _add_floor(stage: Stage, choice: TextureChoice, view: _View) -> None:
     number = choice.ground()
     reach = FARTHEST + 0.3
     repeat = natural_size(number) * float(rng.uniform(0.8, 1.6))
-    rotation = Rotation.from_euler(
-        "z", rng.choice([0.0, np.pi / 2]) + rng.normal() * 0.4
-    ).as_matrix()
-    center = np.array([view.eye[0], view.eye[1], view.floor])
-    stage.quad(
-        center + rotation @ (1.5 * np.array([-reach, reach, 0])),
-        rotation @ np.array([3 * reach, 0, 0]),
-        rotation @ np.array([0, -3 * reach, 0]),
-        number,
-        repeat,
-        rng.random(2),
-    )
+    heading = rng.choice([0.0, np.pi / 2]) + rng.normal() * 0.4
+    rotation = Rotation.from_euler("z", heading).as_matrix()
+    corner = np.array([*view.eye[:2], view.floor]) + rotation @ [-1.5 * reach, 1.5 * reach, 0]
+    right, down = rotation @ [3 * reach, 0, 0], rotation @ [0, -3 * reach, 0]
+    stage.quad(corner, right, down, number, repeat, rng.random(2))
 
 
 def _add_walls(stage: Stage, choice: TextureChoice, view: _View, beyond: float) -> None:

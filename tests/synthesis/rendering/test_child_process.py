@@ -22,9 +22,8 @@ def test_it_runs_elsewhere_and_its_result_comes_back(capfd):
 
 def test_its_environment_may_be_other():
     environment = {"HADR_TEST": "here"}
-    assert (
-        call_in_child(os.getenv, "HADR_TEST", environment=environment, timeout=PATIENCE) == "here"
-    )
+    told = call_in_child(os.getenv, "HADR_TEST", environment=environment, timeout=PATIENCE)
+    assert told == "here"
     assert "HADR_TEST" not in os.environ
 
 

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -33,9 +35,7 @@ def test_automatic_exposure_reaches_its_brightness_within_its_limits():
 
 
 def test_noise_is_that_of_electrons():
-    camera = ColorCamera(
-        brightness=0.3, vignetting=0.0, blur=0.0, full_well=5000.0, read_noise=20.0
-    )
+    camera = replace(CLEAN, full_well=5000.0, read_noise=20.0)
     picture = develop(np.full((300, 300, 3), 0.3), np.random.default_rng(1), camera)
     light = (picture / 255.0) ** 2.2
     assert light.mean() == pytest.approx(0.3, rel=0.01)
@@ -44,7 +44,7 @@ def test_noise_is_that_of_electrons():
 
 
 def test_corners_lose_their_share_of_light():
-    camera = ColorCamera(brightness=0.3, vignetting=0.2, blur=0.0, full_well=1e12, read_noise=0.0)
+    camera = replace(CLEAN, vignetting=0.2)
     light = (develop(np.full((90, 160, 3), 0.3), np.random.default_rng(0), camera) / 255.0) ** 2.2
     assert light[45, 80, 0] == pytest.approx(0.3, rel=0.02)
     assert light[0, 0, 0] == pytest.approx(0.3 * 0.8, rel=0.03)

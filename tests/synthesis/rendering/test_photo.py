@@ -42,6 +42,13 @@ def wall(path, depth, left, right, top, bottom) -> Surroundings:
     return Surroundings(surface, uv, number, tint, np.full(2, depth * (bottom - top)), (path,))
 
 
+@pytest.fixture
+def grey(tmp_path) -> Path:
+    """A photograph of one grey."""
+    cv2.imwrite(str(tmp_path / "grey.png"), np.full((64, 64, 3), 188, np.uint8))
+    return tmp_path / "grey.png"
+
+
 def light_of(value) -> Environment:
     return Environment(np.full((32, 64, 3), value, dtype=np.float32))
 
@@ -55,10 +62,9 @@ def held():
 # Energy --------------------------------------------------------------------------------------
 
 
-def test_a_grey_wall_under_even_light_has_its_reflectance(tmp_path):
+def test_a_grey_wall_under_even_light_has_its_reflectance(grey):
     """Radiance = reflectance x irradiance / pi: a flat wall in light 1 from all sides."""
-    cv2.imwrite(str(tmp_path / "grey.png"), np.full((64, 64, 3), 188, np.uint8))
-    around = wall(tmp_path / "grey.png", 2.0, -9, 9, -9, 9)
+    around = wall(grey, 2.0, -9, 9, -9, 9)
     contents = Contents(None, (), surroundings=around, environment=light_of(1.0))
     expected = (188 / 255) ** 2.2
     light, albedo, normal = photo.trace(scene_of(contents), seed=1, samples=16)
@@ -74,9 +80,8 @@ def test_a_photograph_stands_upright_as_the_ray_caster_draws_it(tmp_path):
     colors = np.arange(4 * 4 * 3, dtype=np.uint8).reshape(4, 4, 3) * 5
     path = tmp_path / "colors.png"
     cv2.imwrite(str(path), cv2.resize(colors, (512, 512), interpolation=cv2.INTER_NEAREST))
-    contents = Contents(
-        None, (), surroundings=wall(path, 2.0, -0.56, 0.56, -0.33, 0.33), environment=light_of(1.0)
-    )
+    around = wall(path, 2.0, -0.56, 0.56, -0.33, 0.33)
+    contents = Contents(None, (), surroundings=around, environment=light_of(1.0))
     _, albedo, _ = photo.trace(scene_of(contents), seed=1, samples=4)
     directions = ray_directions(CAMERA).reshape(-1, 3)
     cast = RayTracer(contents).reflectance(np.zeros_like(directions), directions, 1 / 60.0)
@@ -84,13 +89,10 @@ def test_a_photograph_stands_upright_as_the_ray_caster_draws_it(tmp_path):
     assert wrong.mean() < 0.3  # at the borders of the patches
 
 
-def test_a_lens_blurs_what_is_out_of_focus(tmp_path):
+def test_a_lens_blurs_what_is_out_of_focus(grey):
     """The step at a wall's edge is as wide as the lens's circle of confusion."""
-    cv2.imwrite(str(tmp_path / "grey.png"), np.full((64, 64, 3), 188, np.uint8))
-    contents = Contents(
-        None, (), surroundings=wall(tmp_path / "grey.png", 2.0, -9, 0, -9, 9),
-        environment=light_of(0.0),
-    )  # fmt: skip
+    around = wall(grey, 2.0, -9, 0, -9, 9)
+    contents = Contents(None, (), surroundings=around, environment=light_of(0.0))
 
     def between(focus):
         lens = Scene(contents, CAMERA, np.eye(4), aperture=0.05, focus=focus)
@@ -106,9 +108,7 @@ def test_a_lens_blurs_what_is_out_of_focus(tmp_path):
 def test_clear_glass_in_even_light_cannot_be_seen():
     """The white furnace: what glass mirrors and lets through is all of the light, and no more."""
     mesh = trimesh.creation.icosphere(4, 0.1)
-    ball = Surface(
-        mesh.vertices + np.array([0, 0, 0.5]), np.asarray(mesh.faces), mesh.vertices / 0.1
-    )
+    ball = Surface(np.add(mesh.vertices, [0, 0, 0.5]), np.asarray(mesh.faces), mesh.vertices / 0.1)
     contents = Contents(None, (ball,), (1.0, 1.0, 1.0), environment=light_of(0.8))
     light, _, _ = photo.trace(scene_of(contents), seed=1, samples=64)
     assert light.mean() == pytest.approx(0.8, rel=0.01)
@@ -116,14 +116,13 @@ def test_clear_glass_in_even_light_cannot_be_seen():
     np.testing.assert_allclose(block, 0.8, rtol=0.05)
 
 
-def test_a_panel_lights_a_wall_by_the_inverse_square(tmp_path):
+def test_a_panel_lights_a_wall_by_the_inverse_square(grey):
     """E = L A cos cos / d^2: a small panel of 10 cm beside the camera, 2 m from a grey wall."""
-    cv2.imwrite(str(tmp_path / "grey.png"), np.full((64, 64, 3), 188, np.uint8))
     lamp = AreaLight(
         np.array([0, -0.8, 0.0]), np.array([0.05, 0, 0]), np.array([0, 0.05, 0]), np.full(3, 90.0)
     )
     assert lamp.normal == pytest.approx([0, 0, 1])
-    around = wall(tmp_path / "grey.png", 2.0, -9, 9, -9, 9)
+    around = wall(grey, 2.0, -9, 9, -9, 9)
     contents = Contents(None, (), surroundings=around, lamps=(lamp,), environment=light_of(0.0))
     light, _, _ = photo.trace(scene_of(contents), seed=1, samples=64)
     squared = 2.0**2 + 0.8**2
@@ -238,11 +237,8 @@ def test_a_photograph_is_bright_and_shows_what_the_ray_caster_shows(held):
     """Both engines draw the same scene: the light of each block agrees roughly."""
     picture = photo.photograph(held, seed=1).astype(float)
     assert 80 < picture.mean() < 210
-    cast_light = (
-        RayTracer(held.contents)
-        .picture(held.camera, held.world_from_camera, np.random.default_rng(0))
-        .astype(float)
-    )
+    view = held.camera, held.world_from_camera, np.random.default_rng(0)
+    cast_light = RayTracer(held.contents).picture(*view).astype(float)
 
     def pattern(image):
         small = cv2.resize(image, (16, 9), interpolation=cv2.INTER_AREA)
@@ -264,13 +260,12 @@ def test_the_denoiser_takes_noise_away_and_keeps_an_edge():
     assert clean[:, 65].mean() > 0.72
 
 
-def test_the_guide_looks_through_glass(tmp_path):
+def test_the_guide_looks_through_glass(grey):
     """Behind a pane the guide has the wall's reflectance, dimmed by what two surfaces mirror."""
-    cv2.imwrite(str(tmp_path / "grey.png"), np.full((64, 64, 3), 188, np.uint8))
     mesh = trimesh.creation.box(bounds=[[-3, -3, 0.5], [3, 3, 0.52]])
     mesh.unmerge_vertices()
     pane = Surface(mesh.vertices, np.asarray(mesh.faces), np.asarray(mesh.vertex_normals))
-    around = wall(tmp_path / "grey.png", 2.0, -9, 9, -9, 9)
+    around = wall(grey, 2.0, -9, 9, -9, 9)
     contents = Contents(None, (pane,), (1.0, 1.0, 1.0), around, environment=light_of(1.0))
     _, albedo, _ = photo.trace(scene_of(contents), seed=1, samples=1)
     assert albedo[18, 32].mean() == pytest.approx(0.96**2 * (188 / 255) ** 2.2, rel=0.02)

@@ -5,20 +5,13 @@ import trimesh
 from hadr.synthesis.glass.surfaces import Surface
 from hadr.synthesis.rendering.raycast import GLASS, SURROUNDINGS, RayCaster
 from hadr.synthesis.rendering.refraction import follow, ray_path
-from hadr.synthesis.scene.contents import Contents, Surroundings
+from hadr.synthesis.scene.contents import Contents
 
 MIRRORED = ((1.5 - 1) / (1.5 + 1)) ** 2  # Fresnel at normal incidence: 4 %
 
 
-def wall(z: float) -> Surroundings:
-    corners = np.array([[-9.0, -9, z], [9, -9, z], [9, 9, z], [-9, 9, z]])
-    surface = Surface(corners, np.array([[0, 1, 2], [0, 2, 3]]), np.tile([0, 0, -1.0], (4, 1)))
-    return Surroundings(surface, corners[:, :2], np.zeros(2, int), np.ones((2, 3)), np.ones(2))
-
-
 def pane(near: float, far: float) -> Surface:
-    mesh = trimesh.creation.box((4, 4, far - near))
-    mesh.apply_translation((0, 0, (near + far) / 2))
+    mesh = trimesh.creation.box(bounds=[[-2, -2, near], [2, 2, far]])
     mesh.unmerge_vertices()
     normals = np.repeat(np.asarray(mesh.face_normals), 3, axis=0)
     return Surface(np.asarray(mesh.vertices), np.asarray(mesh.faces), normals)
@@ -29,12 +22,13 @@ def straight(x: float = 0.0) -> np.ndarray:
     return d / np.linalg.norm(d)
 
 
-def caster(*glass: Surface) -> RayCaster:
-    """A wall at 2 m behind clear glass, in light of one colour."""
-    return RayCaster(Contents(None, glass, (1.0,), wall(2.0)))
+@pytest.fixture
+def caster(plane):
+    """Make clear glass before a wall at 2 m, in light of one colour."""
+    return lambda *glass: RayCaster(Contents(None, glass, (1.0,), plane([0, 0, 1], 2.0)))
 
 
-def test_a_pane_lets_through_what_it_does_not_mirror():
+def test_a_pane_lets_through_what_it_does_not_mirror(caster):
     ends, mirrored = follow(caster(pane(0.5, 0.6)), np.zeros((1, 3)), straight())
     on_wall, weight = ends.hits.mesh >= 0, ends.beams.weight[:, 0]
     assert weight[on_wall].max() == pytest.approx((1 - MIRRORED) ** 2, abs=1e-3)
@@ -47,7 +41,7 @@ def test_a_pane_lets_through_what_it_does_not_mirror():
 
 
 @pytest.mark.parametrize("x", [0.0, 0.3, 0.8])
-def test_a_pane_moves_a_ray_aside_by_snells_law(x):
+def test_a_pane_moves_a_ray_aside_by_snells_law(caster, x):
     thickness = 0.1
     d = straight(x)
     ends, _ = follow(caster(pane(0.5, 0.5 + thickness)), np.zeros((1, 3)), d)
@@ -59,7 +53,7 @@ def test_a_pane_moves_a_ray_aside_by_snells_law(x):
     assert np.hypot(*point[:2]) == pytest.approx(exact, abs=1e-5)
 
 
-def test_overlapping_panes_are_one():
+def test_overlapping_panes_are_one(caster):
     rays = np.zeros((1, 3)), straight(0.3)
     one, _ = follow(caster(pane(0.5, 0.6)), *rays)
     two, _ = follow(caster(pane(0.5, 0.57), pane(0.54, 0.6)), *rays)
@@ -67,7 +61,7 @@ def test_overlapping_panes_are_one():
     np.testing.assert_allclose(*brightest, atol=1e-5)
 
 
-def test_without_glass_a_ray_has_one_end():
+def test_without_glass_a_ray_has_one_end(caster):
     ends, mirrored = follow(caster(), np.zeros((3, 3)), np.repeat(straight(), 3, axis=0))
     np.testing.assert_array_equal(ends.beams.row, [0, 1, 2])
     np.testing.assert_allclose(ends.beams.weight, 1)
@@ -82,7 +76,7 @@ def test_an_empty_scene_has_no_surface():
     assert np.isinf(hits.distance).all()
 
 
-def test_total_reflection_keeps_the_light_inside():
+def test_total_reflection_keeps_the_light_inside(caster):
     """From inside the pane at 60 degrees to the normal, beyond the critical 41.8 degrees."""
     within = caster(pane(0.5, 0.6))
     d = np.array([[np.sin(np.pi / 3), 0.01, np.cos(np.pi / 3)]])
@@ -94,7 +88,7 @@ def test_total_reflection_keeps_the_light_inside():
     assert not len(ends.crossed)
 
 
-def test_the_path_through_a_pane_by_hand():
+def test_the_path_through_a_pane_by_hand(caster):
     """At 30 degrees: in at 0.5 m, bent to asin(sin 30 / 1.5), out at 0.52 m as it came."""
     scene = caster(pane(0.5, 0.52))
     sine, cosine = np.sin(np.pi / 6), np.cos(np.pi / 6)

@@ -157,22 +157,12 @@ def test_opengls_depth_of_a_steep_plane_is_that_of_the_pixel_centres():
 
 @needs_mitsuba
 def test_both_engines_give_a_frame_the_same_labels():
+    small = replace(SETTINGS, width=48, height=27, samples=1)
     traced, cast = (
-        render_frame(
-            SETTINGS.recipe(6), replace(SETTINGS, width=48, height=27, engine=engine, samples=1)
-        )
+        render_frame(SETTINGS.recipe(6), replace(small, engine=engine))
         for engine in ("photo", "raycast")
     )
     assert (traced.color != cast.color).any()
-    for part in (
-        "depth",
-        "hand_mask",
-        "object_mask",
-        "background_depth",
-        "normals",
-        "keypoints",
-        "keypoints_uv",
-        "world_from_camera",
-        "world_from_object",
-    ):
+    parts = ["depth", "hand_mask", "object_mask", "background_depth", "normals", "keypoints"]
+    for part in (*parts, "keypoints_uv", "world_from_camera", "world_from_object"):
         np.testing.assert_array_equal(getattr(traced, part), getattr(cast, part), err_msg=part)

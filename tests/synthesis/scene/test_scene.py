@@ -79,13 +79,11 @@ def test_the_same_generator_gives_the_same_scene():
         for s in (4, 4, 5)
     )
     np.testing.assert_array_equal(first.world_from_camera, second.world_from_camera)
-    for a, b in zip(
-        RayTracer(first.contents).meshes, RayTracer(second.contents).meshes, strict=True
-    ):
+    meshes = [RayTracer(scene.contents).meshes for scene in (first, second)]
+    for a, b in zip(*meshes, strict=True):
         np.testing.assert_array_equal(a[1].vertices, b[1].vertices)
-    np.testing.assert_array_equal(
-        first.contents.environment.image, second.contents.environment.image
-    )
+    skies = [scene.contents.environment.image for scene in (first, second)]
+    np.testing.assert_array_equal(*skies)
     assert not np.allclose(first.world_from_camera, other.world_from_camera)
 
 

@@ -19,9 +19,8 @@ def corner_colours(around: Surroundings, point):
 
 def test_a_quads_picture_runs_right_and_down():
     stage = Stage()
-    stage.quad(
-        np.array([-1, 2, 3.0]), np.array([2.0, 0, 0]), np.array([0, 0, -1.0]), 0, 0.5, np.zeros(2)
-    )
+    right, down = np.array([2.0, 0, 0]), np.array([0, 0, -1.0])
+    stage.quad(np.array([-1, 2, 3.0]), right, down, 0, 0.5, np.zeros(2))
     around = stage.surroundings()
     np.testing.assert_allclose(corner_colours(around, [-1, 2, 3]), [0, 0], atol=1e-9)
     # Half a metre is one repeat: two metres to the right are four, one metre down is two.
