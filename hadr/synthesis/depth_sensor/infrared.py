@@ -94,13 +94,9 @@ def _pattern(projector: Projector) -> npt.NDArray[np.float32]:
 
 
 class InfraredScene:
-    """A scene as infrared light sees it.
+    """A scene as infrared light sees it, with a projector at a position, world frame, metres.
 
-    Args:
-        contents: Its surfaces, and the light from far away.
-        projector: The dot projector.
-        position: The projector's place, world frame, metres, shape (3,).
-        rotation: Its orientation: columns are its x, y and viewing axes in the world, (3, 3).
+    The columns of its ``rotation`` (3, 3) are its x, y and viewing axes in the world.
     """
 
     def __init__(
@@ -179,10 +175,8 @@ class InfraredScene:
     def radiance(self, origins: Array, directions: Array, pixel: float) -> Array:
         """Infrared light that arrives along rays, (N,); 1 is a white wall in the room's light.
 
-        Args:
-            origins: World frame, metres, shape (N, 3).
-            directions: Unit directions of looking, shape (N, 3).
-            pixel: Width of a pixel as a tangent.
+        Origins (world frame, metres) and unit directions of looking are (N, 3); a pixel's width is
+        a tangent.
         """
         ends, mirrored = follow(self._caster, origins, directions)
         light = self._beyond(ends)

@@ -39,12 +39,7 @@ MOST_WORKERS = 1024
 
 
 def check_workers(workers: int, scheduler: str | None = None) -> None:
-    """Check that so many processes, or a cluster, can work, before anything is done.
-
-    Raises:
-        ValueError: ``workers`` is not positive, both are asked for, Dask is not installed, or the
-            script that asks has no guard against being run again by each worker.
-    """
+    """Check that so many processes, or a cluster, can work; a ``ValueError`` says why not."""
     if not 1 <= workers <= MOST_WORKERS:
         raise ValueError(f"workers must be from 1 to {MOST_WORKERS}, got {workers}")
     if scheduler is not None and workers > 1:
@@ -70,11 +65,7 @@ def check_workers(workers: int, scheduler: str | None = None) -> None:
 
 @contextmanager
 def connected(scheduler: str | None) -> Iterator[Any]:
-    """Stay connected to a running Dask cluster, where there is an address; yields its client.
-
-    Raises:
-        OSError: The cluster does not answer.
-    """
+    """Stay connected to a running Dask cluster, where there is an address; yields its client."""
     if scheduler is None:
         yield None
         return
@@ -118,12 +109,9 @@ def run_tasks(
 ) -> Iterator[Result]:
     """Carry out a function on each task, and give the results as they become ready.
 
-    Args:
-        function: What to do; it and its results travel between processes.
-        tasks: One argument each. Which worker takes which is left open.
-        workers: Processes on this machine, checked before; one is this process, without Dask.
-        client: Of a running Dask cluster (:func:`connected`) that takes the tasks instead. Its
-            workers need the same version of this package, and see the same files.
+    Function and results travel between ``workers`` processes of this machine, checked before; one
+    is this process, without Dask. The ``client`` of a cluster (:func:`connected`) takes the tasks
+    instead; its workers need the same version of this package, and see the same files.
 
     Raises:
         ChildProcessError: Workers died over a task; the message names the last one and the reason.

@@ -15,6 +15,7 @@ from typing import Any
 from hadr import __version__
 from hadr.data.frame import frame_log_path, frame_places
 from hadr.records.output_folder import check_file, check_folder
+from hadr.records.reading import read_json, structured
 from hadr.records.writing import sole_owner, write_whole
 from hadr.synthesis.generation.settings import EDITION, FrameRecipe, GenerationSettings
 from hadr.synthesis.recordings.recording import companions, find_recordings
@@ -38,8 +39,7 @@ def settings_record(settings: GenerationSettings) -> dict[str, Any]:
     """The settings as plain values; folders that are read from stand for their contents."""
     record = json.loads(json.dumps(asdict(settings)))
     if settings.recordings is not None:
-        found = find_recordings(settings.recordings)
-        if not found:
+        if not (found := find_recordings(settings.recordings)):
             raise ValueError(f"{settings.recordings} holds no recording (.csv)")
         beside = (path for one in found for path in companions(one) if path.is_file())
         record["recordings"] = _digest(settings.recordings, {*found, *beside})
@@ -80,22 +80,12 @@ def whole_frames(
 
 
 def recorded_settings(root: Path) -> dict[str, Any]:
-    """The settings of a folder's frames as plain values; empty where there are no frames.
-
-    Raises:
-        ValueError: The file that says them is broken.
-    """
+    """The settings of a folder's frames as plain values; empty where there are no frames."""
     path = root / SETTINGS_FILE
     frames = (log for split in _SPLITS for log in (root / split).glob("*/depth/log_json/*.json"))
     if not path.is_file() or next(frames, None) is None:  # perhaps a run ended before the first
         return {}
-    try:
-        recorded = json.loads(path.read_text(encoding="utf-8"))
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path} is not valid JSON: {error}") from error
-    if not isinstance(recorded, dict):
-        raise ValueError(f"{path} must hold an object with settings, got {recorded!r:.60}")
-    return recorded
+    return structured(read_json(path), dict[str, Any], path)
 
 
 def _check_settings(root: Path, record: dict[str, Any]) -> None:
@@ -108,12 +98,11 @@ def _check_settings(root: Path, record: dict[str, Any]) -> None:
     if not before:
         check_file(root / SETTINGS_FILE, hadr="")
         return
-    differing = [
+    if differing := [
         f"{name} is {before.get(name)!r} there, {record.get(name)!r} here"
-        for name in [*record, *(n for n in before if n not in record)]
+        for name in record | before
         if before.get(name) != record.get(name)
-    ]
-    if differing:
+    ]:
         raise ValueError(
             f"the frames in {root} are made with other settings: {'; '.join(differing)}. "
             "Go on with the same settings, or choose another folder"

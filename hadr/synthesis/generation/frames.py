@@ -69,12 +69,7 @@ def _recording(path: Path, *_: Path) -> Recording:
 
 
 def recipe_recording(recipe: FrameRecipe, settings: GenerationSettings) -> Recording:
-    """The recording of which a frame shows a moment.
-
-    Raises:
-        ValueError: It is broken, or there are fewer recordings of the object than the frame's hold
-            number asks.
-    """
+    """The recording of which a frame shows a moment; a ``ValueError`` where there is none."""
     folder = settings.recordings or ""
     files = _recordings_by_object(folder).get(recipe.object_id, ())
     if recipe.hold_number >= len(files):
@@ -113,29 +108,21 @@ def draw_frame(scene: HoldScene, recipe: FrameRecipe, settings: GenerationSettin
     tracer = RayTracer(scene.contents)
     labels = tracer.labels(scene.camera, scene.world_from_camera)
     if settings.engine == "photo":
-        color = photograph(
-            scene,
-            seed=_number(settings.seed, recipe.index, 5),
-            samples=settings.samples,
-            variant=settings.variant,
-        )
+        seed, samples = _number(settings.seed, recipe.index, 5), settings.samples
+        color = photograph(scene, seed=seed, samples=samples, variant=settings.variant)
     else:
         fine = settings.quality == "fine"
-        color = tracer.picture(
-            scene.camera,
-            scene.world_from_camera,
-            np.random.default_rng([settings.seed, recipe.index, 5]) if fine else None,
-        )
-    raw = None
-    if settings.sensor:
-        raw = capture_depth(scene, _number(settings.seed, recipe.index, 7))
+        rng = np.random.default_rng([settings.seed, recipe.index, 5]) if fine else None
+        color = tracer.picture(scene.camera, scene.world_from_camera, rng)
+    seed = _number(settings.seed, recipe.index, 7)
+    raw = capture_depth(scene, seed) if settings.sensor else None
     return frame_of(scene, recipe, color, labels, raw)
 
 
 def frame_of(
     scene: HoldScene,
     recipe: FrameRecipe,
-    color: npt.NDArray[np.uint8],
+    color: Color,
     labels: Labels,
     raw_depth: npt.NDArray[np.float32] | None,
 ) -> Frame:

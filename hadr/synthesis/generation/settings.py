@@ -24,14 +24,7 @@ _HOLD_CYCLE = ("train", "train", "test", "train", "val", "train", "train", "trai
 
 @dataclass(frozen=True)
 class FrameRecipe:
-    """What frame ``index`` of a data set shows.
-
-    Args:
-        index: Position in the data set.
-        object_id: Which object.
-        hold_number: Which of its holding poses.
-        split: Where the frame belongs.
-    """
+    """What frame ``index`` of a data set shows: an object, one of its holds; and its split."""
 
     index: int
     object_id: str
@@ -162,19 +155,13 @@ class GenerationSettings:
 
 @dataclass(frozen=True)
 class Preset:
-    """A data set by name.
-
-    Args:
-        frames: How many frames it has.
-        settings: What they have in common.
-        purpose: One line for the command's help.
-        bundled_recordings: Poses come from the recordings that are part of the project.
-    """
+    """A data set by name: how many frames, what they have in common, a line for the help."""
 
     frames: int
     settings: GenerationSettings
     purpose: str
     bundled_recordings: bool = False
+    """Poses come from the recordings that are part of the project."""
 
 
 _TRACED = GenerationSettings(engine="photo", sensor=True, depth_format="png")

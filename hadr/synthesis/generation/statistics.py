@@ -55,25 +55,15 @@ class FrameStatistics:
 
 
 def frame_statistics(frames: Iterable[Frame]) -> FrameStatistics:
-    """Measure frames one after the other, one row a frame.
-
-    Raises:
-        ValueError: There is no frame.
-    """
+    """Measure frames one after the other, one row a frame; at least one."""
     names: list[tuple[str, str, str]] = []
     rows: list[list[float]] = []
     for frame in frames:
         names.append((frame.object_id, frame.split, frame.hold_id or ""))
-        rows.append(
-            [
-                float(np.linalg.norm(frame.keypoints.mean(axis=0))),
-                _middle(frame.depth[frame.object_mask]),
-                float(frame.object_mask.mean()),
-                float(frame.hand_mask.mean()),
-                visible_share(frame),
-                *_raw_errors(frame),
-            ]
-        )
+        glass, hand = frame.object_mask, frame.hand_mask
+        row = [float(np.linalg.norm(frame.keypoints.mean(axis=0))), _middle(frame.depth[glass])]
+        row += [float(glass.mean()), float(hand.mean()), visible_share(frame)]
+        rows.append([*row, *_raw_errors(frame)])
     if not rows:
         raise ValueError("no frames to measure")
     object_ids, splits, holds = zip(*names, strict=True)
@@ -81,10 +71,7 @@ def frame_statistics(frames: Iterable[Frame]) -> FrameStatistics:
 
 
 def visible_share(frame: Frame) -> float:
-    """How much of the glass's silhouette inside the picture hand and arm leave free, 0 to 1.
-
-    NaN where the frame does not know the object's pose.
-    """
+    """How much of the glass's silhouette inside the picture is free, 0 to 1; NaN of no pose."""
     if frame.world_from_object is None:
         return float("nan")
     width = min(_SILHOUETTE_WIDTH, frame.camera.width)
@@ -112,12 +99,8 @@ def _raw_errors(frame: Frame) -> tuple[float, float, float, float]:
     glass, hand = frame.object_mask, frame.hand_mask
     rest = ~(glass | hand)
     missing = 1.0 - float((raw > 0)[glass].mean())
-    return (
-        missing,
-        _middle(error[glass & seen]),
-        _middle(np.abs(error[hand & seen])),
-        _middle(np.abs(error[rest & seen])),
-    )
+    on_hand, beyond = (_middle(np.abs(error[part & seen])) for part in (hand, rest))
+    return missing, _middle(error[glass & seen]), on_hand, beyond
 
 
 def _middle(values: npt.NDArray[np.float32]) -> float:

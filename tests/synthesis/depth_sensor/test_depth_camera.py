@@ -42,17 +42,13 @@ def wall(z: float, slope: float = 0.0) -> Surroundings:
 
 
 def opaque(mesh: trimesh.Trimesh) -> HandMesh:
-    surface = Surface(
-        np.asarray(mesh.vertices), np.asarray(mesh.faces), np.asarray(mesh.vertex_normals)
-    )
+    surface = Surface(*map(np.asarray, (mesh.vertices, mesh.faces, mesh.vertex_normals)))
     count = len(mesh.vertices)
     return HandMesh(surface, np.full((count, 3), 0.5), np.zeros(count))
 
 
 def box(low, high) -> trimesh.Trimesh:
-    low, high = np.asarray(low, float), np.asarray(high, float)
-    mesh = trimesh.creation.box(high - low)
-    mesh.apply_translation((low + high) / 2)
+    mesh = trimesh.creation.box(bounds=[low, high])
     mesh.unmerge_vertices()
     return mesh
 
@@ -155,15 +151,11 @@ def test_dots_fall_through_glass_with_the_light_that_passes_it():
     grid = np.mgrid[-0.15:0.15:100j, -0.12:0.12:80j].reshape(2, -1).T
     points = np.column_stack([grid, np.full(len(grid), 0.8)])
     normals = np.tile([0.0, 0, -1], (len(points), 1))
-    light = [
-        InfraredScene(
-            Contents(None, glass, surroundings=wall(0.8)),
-            Projector(),
-            np.zeros(3),
-            np.eye(3),
-        ).dots(points, normals)
-        for glass in ((), (pane,))
-    ]
+    light = []
+    for glass in ((), (pane,)):
+        seen = Contents(None, glass, surroundings=wall(0.8))
+        drawn = InfraredScene(seen, Projector(), np.zeros(3), np.eye(3))
+        light.append(drawn.dots(points, normals))
     share = light[1].mean() / light[0].mean()
     assert share == pytest.approx((1 - 0.04) / (1 + 0.04), abs=0.05)
 

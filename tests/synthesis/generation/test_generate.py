@@ -64,12 +64,8 @@ def test_a_run_goes_on_where_it_ended(six, tmp_path):
 def test_killed_and_started_again_the_tree_is_the_same(tmp_path):
     script = Path(__file__).parents[3] / "benchmarks/kill_generator.py"
     line = "--kills 2 --frames 8 --workers 1 -- --width 48 --height 27 --objects 0000 0005"
-    done = subprocess.run(
-        [sys.executable, str(script), "--json", str(tmp_path / "r.json"), *line.split()],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    words = [sys.executable, str(script), "--json", str(tmp_path / "r.json"), *line.split()]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     report = json.loads((tmp_path / "r.json").read_text())
     assert report["same"]
@@ -112,14 +108,11 @@ def test_a_frame_that_lost_a_file_is_made_again(six, tmp_path, folder):
     assert contents(tmp_path) == contents(six)
 
 
-@pytest.mark.parametrize(
-    "more",
-    [
-        {},
-        {"sensor": True, "depth_format": "png", "jpeg_quality": 90, "normals": "none"},
-        {"sensor": True, "raw_format": "disparity", "normals": "object"},
-    ],
-)
+PNG = {"sensor": True, "depth_format": "png", "jpeg_quality": 90, "normals": "none"}
+DISPARITY = {"sensor": True, "raw_format": "disparity", "normals": "object"}
+
+
+@pytest.mark.parametrize("more", [{}, PNG, DISPARITY])
 def test_a_whole_frame_has_the_files_that_its_settings_promise(tmp_path, more):
     settings = GenerationSettings(width=48, height=27, quality="fast", **more)
     generate(tmp_path, 1, settings)
@@ -175,10 +168,7 @@ def test_a_cluster_that_does_not_answer_leaves_the_folder_alone(tmp_path, monkey
 def test_the_command_refuses_workers_beside_a_cluster_and_names_what_is_wrong(tmp_path, capsys):
     start = ["generate", "--preset", "tiny", "--out", str(tmp_path / "set")]
     for line, message in (
-        (
-            "--workers 2 --scheduler tcp://h:1",
-            "2 workers of this machine or the cluster at tcp://h:",
-        ),
+        ("--workers 2 --scheduler tcp://h:1", "2 workers of this machine or the cluster at tcp:"),
         ("--workers 0", "workers must be from 1 to 1024, got 0"),
         ("--frames 0", "the number of frames must be from 1 to 1000000, got 0"),
         ("--frames 1000000000", "the number of frames must be from 1 to 1000000"),

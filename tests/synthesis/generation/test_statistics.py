@@ -34,11 +34,10 @@ def frame(**changes):
     return Frame(**(made | changes))
 
 
-def tumbler_frame():
-    labels = RayCaster(Contents(None, bodies(glass_object("0000")))).labels(
-        CAMERA, WORLD_FROM_CAMERA
-    )
-    return frame(object_mask=labels.object_mask, world_from_object=np.eye(4))
+def tumbler_frame(pose=np.eye(4)):  # noqa: B008
+    glass = tuple(body.moved(pose) for body in bodies(glass_object("0000")))
+    labels = RayCaster(Contents(None, glass)).labels(CAMERA, WORLD_FROM_CAMERA)
+    return frame(object_mask=labels.object_mask, world_from_object=pose)
 
 
 def test_counted_by_hand():
@@ -81,11 +80,7 @@ def test_a_glass_alone_is_wholly_visible_and_half_of_it_by_half():
 def test_the_object_pose_is_used():
     moved = np.eye(4)
     moved[:3, 3] = (0.0, 0.08, 0.02)
-    labels = RayCaster(
-        Contents(None, tuple(b.moved(moved) for b in bodies(glass_object("0000"))))
-    ).labels(CAMERA, WORLD_FROM_CAMERA)
-    seen = frame(object_mask=labels.object_mask, world_from_object=moved)
-    assert visible_share(seen) == pytest.approx(1.0, abs=0.03)
+    assert visible_share(tumbler_frame(moved)) == pytest.approx(1.0, abs=0.03)
 
 
 def test_no_frame_is_refused():

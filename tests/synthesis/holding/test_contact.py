@@ -6,10 +6,7 @@ from hadr.hand import ANGLE_NAMES, HandShape
 from hadr.synthesis.glass.distance import signed_distance
 from hadr.synthesis.glass.objects import glass_object
 from hadr.synthesis.holding.contact import check_contact, passes_through_wall
-from hadr.synthesis.holding.hold import (
-    check_hold,
-    make_hold,
-)
+from hadr.synthesis.holding.hold import check_hold, make_hold
 
 
 def test_a_hand_pushed_into_the_wall_is_found():

@@ -3,11 +3,7 @@ import numpy as np
 from hadr.hand import HandShape
 from hadr.synthesis.holding.contact import check_contact
 from hadr.synthesis.holding.grasp_optimisation import GraspOptimisation, hand_skins
-from hadr.synthesis.holding.kinds import (
-    Placement,
-    finger_plan,
-    pose_from_axis,
-)
+from hadr.synthesis.holding.kinds import Placement, finger_plan, pose_from_axis
 
 
 def test_the_fingers_do_not_reach_what_is_too_far():

@@ -1,9 +1,7 @@
 import numpy as np
 import pytest
 
-from hadr.synthesis.holding.kinds import (
-    pose_from_axis,
-)
+from hadr.synthesis.holding.kinds import pose_from_axis
 
 
 def test_poses_from_an_axis():
