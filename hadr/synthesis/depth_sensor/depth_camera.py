@@ -78,19 +78,13 @@ _D435 = StereoCamera()
 
 @dataclass(frozen=True)
 class InfraredPair:
-    """What the two imagers saw.
-
-    Args:
-        left: Left picture, shape (H, W) uint8; the margin of the search range on its left is 0.
-        right: Right picture, same shape.
-        imager: Intrinsics of both.
-        margin: Columns of the left picture that were not drawn.
-    """
+    """What the two imagers saw, each (H, W) uint8, with the intrinsics of both."""
 
     left: Picture
     right: Picture
     imager: Intrinsics
     margin: int
+    """Columns on the left of the left picture, the search range, that were not drawn: 0."""
 
 
 def _imager(color: Intrinsics, camera: StereoCamera) -> Intrinsics:

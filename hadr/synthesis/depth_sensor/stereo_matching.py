@@ -139,9 +139,8 @@ def _without_edges(found: npt.NDArray[np.int16], how: Matching) -> npt.NDArray[n
 def align_to_color(depth: Float, imager: Intrinsics, color: Intrinsics, imager_x: float) -> Float:
     """Look at a depth image (metres, 0 missing) from the colour camera, nearest surface first.
 
-    Each depth pixel is a small square at its depth; the colour pixels whose centres it covers take
-    it. What the imager could not see behind a near surface stays empty: the occlusion shadow. The
-    imager stands ``imager_x`` metres to the colour camera's right.
+    Each depth pixel is a small square; colour pixels whose centres it covers take its depth. What
+    the imager, ``imager_x`` metres to the right, could not see stays empty: the occlusion shadow.
     """
     rows, columns = np.nonzero(depth > 0)
     z = depth[rows, columns].astype(float)

@@ -133,12 +133,8 @@ def _is_of_a_frame(path: Path) -> bool:
 def generation_folder(root: Path, settings: GenerationSettings) -> Iterator[Path]:
     """Take a folder for making frames, alone: check that it is meant for them, and tidy it.
 
-    The settings of a run that ended before its first frame bind nobody.
-
-    Raises:
-        ValueError: It holds frames of other settings (the message names what differs), or
-            frames of another origin, or another run is at work there; or a file is in its place.
-        OSError: The folder can't be made or written.
+    The settings of a run that ended before its first frame bind nobody. A ``ValueError`` says which
+    settings differ from those of the frames there, that these are not ours, or who works there.
     """
     record = settings_record(settings)
     check_folder(root)

@@ -149,9 +149,6 @@ def generate(
         scheduler: Address of a Dask cluster that does the work instead.
         progress: Shows a bar with the remaining time.
 
-    Returns:
-        What was done.
-
     Raises:
         ValueError: A value is out of range, something is not installed, a photograph or Mitsuba's
             variant can't be used, the folder holds frames of other settings, or a script asks for

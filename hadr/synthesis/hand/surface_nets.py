@@ -14,11 +14,9 @@ def surface_nets(
 ) -> tuple[Array, npt.NDArray[np.int64]]:
     """Triangulate the zero level of a field, negative inside, sampled at increasing places.
 
-    One vertex per cell that the surface crosses, the mean of the crossings on its edges; one quad
-    per grid edge whose ends differ in sign. The surface is closed where it stays off the border.
-
-    Returns:
-        Vertices, shape (V, 3), and faces, counter-clockwise from outside, shape (F, 3).
+    One vertex (V, 3) per cell that the surface crosses, the mean of the crossings on its edges; one
+    quad per grid edge whose ends differ in sign, as two faces (F, 3), counter-clockwise from
+    outside. The surface is closed where it stays off the border.
     """
     inside = values < 0
     corners = list(np.ndindex(2, 2, 2))

@@ -192,12 +192,9 @@ def _handle(item: GlassObject, kind: str, s: float, draw: _Draw) -> Array:
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of hold.
+    """A kind of hold: what each finger does, thumb to little, and how far the palm stays away.
 
-    Args:
-        actions: What each finger does, thumb to little.
-        draw_pose: Draws the object's pose for an object, this kind's name and a hand's scale.
-        palm_gap: See `Placement`.
+    An object's pose is drawn for the object, this kind's name and a hand's scale.
     """
 
     actions: tuple[Action, ...]

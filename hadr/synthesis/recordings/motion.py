@@ -83,11 +83,7 @@ def _motion(
 
 
 def record_hold(hold: Hold, seed: int = 0, *, seconds: float = 2.0) -> Recording:
-    """Record a hold for some seconds, with small variation, every row in contact, as it reads back.
-
-    Raises:
-        ValueError: The hold itself does not pass the checks, or there are less than two rows.
-    """
+    """Record a hold for some seconds as it reads back, every row a little other and in contact."""
     if seconds * _RATE < 2:
         raise ValueError(f"need at least two rows, got {seconds} s at {_RATE} Hz")
     if problems := check_hold(hold).problems:

@@ -123,11 +123,7 @@ def _lights(mi: Any, scene: Scene) -> dict[str, Any]:
 
 
 def mitsuba_sensor(scene: Scene, samples: int, seed: int) -> dict[str, Any]:
-    """A scene's camera with a box filter, as Mitsuba's dictionary.
-
-    Raises:
-        ValueError: The pixels are not square, or a lens has its principal point off the middle.
-    """
+    """A scene's camera of square pixels with a box filter, as Mitsuba's dictionary."""
     import mitsuba as mi
 
     camera = scene.camera

@@ -117,10 +117,7 @@ def ray_path(caster: RayCaster, origin: Array, direction: Array) -> Array:
 class Ends(Rows):
     """Where rays end, on opaque surfaces or nowhere; a ray that glass splits has several ends.
 
-    Args:
-        beams: The rays on their last piece, M of them.
-        hits: What that meets.
-        crossed: Number of glass surfaces met on the way, shape (M,).
+    Beams on their last piece, M of them, what that hits, and how many glass surfaces were crossed.
     """
 
     beams: Beams

@@ -120,16 +120,10 @@ def sample(
     texels: Array,
     photographs: Sequence[Path] = (),
 ) -> Array:
-    """Look colours up, bilinearly in the level whose pixels are about as large as asked for.
+    """Linear RGB in [0, 1], (N, 3), bilinearly from the level of about the asked coarseness.
 
-    Args:
-        number: Texture of each look-up, whole numbers, shape (N,).
-        uv: Coordinates; one unit is one repeat, shape (N, 2).
-        texels: Size of a look-up in pixels of the finest level, shape (N,).
-        photographs: Files that negative numbers stand for.
-
-    Returns:
-        Linear RGB in [0, 1], shape (N, 3).
+    Each look-up has a texture's number, coordinates (one unit is one repeat, (N, 2)), and a size in
+    pixels of the finest level, (N,). Negative numbers stand for photographs.
     """
     level = np.clip(np.round(np.log2(np.maximum(texels, 1.0))), 0, LEVELS - 1).astype(np.int64)
     keys = np.asarray(number).astype(np.int64) * LEVELS + level
