@@ -8,9 +8,8 @@ from __future__ import annotations
 
 from hadr.data.splits import OBJECT_IDS
 from hadr.records.caches import kept
-from hadr.synthesis.glass.outlines import Corners
 from hadr.synthesis.glass.relief import facets, marks, spout, thread
-from hadr.synthesis.glass.shape import GlassObject, handle_sections, profile, relieved
+from hadr.synthesis.glass.shape import Corners, GlassObject, handle_sections, profile, relieved
 from hadr.synthesis.glass.surfaces import Surface, revolve, tube_around, united
 
 

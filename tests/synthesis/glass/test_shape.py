@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hadr.synthesis.glass.outlines import rounded_path, subdivided
+from hadr.synthesis.glass.shape import rounded_path, subdivided
 
 
 def test_a_right_angle_rounded_with_2_by_hand():
