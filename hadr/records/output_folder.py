@@ -60,6 +60,29 @@ def check_file(path: str | Path | None, **fields: str) -> None:
         )
 
 
+def check_free(path: Path | None) -> None:
+    """Refuse a file in a folder that a run has to itself, such as a training: it may write it.
+
+    Raises:
+        ValueError: A run has it (`hadr.records.writing.sole_owner`); the message says which.
+    """
+    from hadr.records.writing import LOCK  # `make clean` does without
+
+    with contextlib.suppress(FileNotFoundError, ImportError):
+        import fcntl  # no locks on Windows
+
+        if path is not None:
+            with (path.parent / LOCK).open("rb") as lock:
+                try:
+                    fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
+                except BlockingIOError:
+                    owner = lock.read(1000).decode(errors="replace") or "another run"
+                    raise ValueError(
+                        f"{path} is left alone: {path.parent} is taken by {owner}; wait for its "
+                        "end, or name a file elsewhere"
+                    ) from None
+
+
 def wrote(path: Path, **fields: str) -> bool:
     """Whether a file is JSON with these fields, each of which begins so: a command's own record."""
     try:

@@ -16,11 +16,13 @@ from hadr.records.output_folder import (
     SOURCES,
     check_file,
     check_folder,
+    check_free,
     check_output_folder,
     check_removable,
     make_output_folder,
     remove_output_folder,
 )
+from hadr.records.writing import sole_owner
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -265,3 +267,13 @@ def test_caches_go_into_the_build_folder_whatever_its_name(checkout, make, build
     cache = (checkout / build).absolute() / output_folder.CACHE
     said = make("show", f"BUILD={build}").stdout
     assert said.splitlines() == [str(cache / "matplotlib"), str(cache)]
+
+
+def test_a_file_in_a_folder_that_a_run_has_to_itself_is_left_alone(tmp_path):
+    check_free(None)
+    check_free(tmp_path / "nowhere" / "out.json")
+    with sole_owner(tmp_path / "run", "hadr train"):
+        with pytest.raises(ValueError, match=r"run is taken by hadr train, process \d+ on"):
+            check_free(tmp_path / "run" / "last.json")
+        check_free(tmp_path / "out.json")
+    check_free(tmp_path / "run" / "last.json")
