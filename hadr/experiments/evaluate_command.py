@@ -11,7 +11,7 @@ import tyro
 
 from hadr.models.networks import DEPTH_NETWORKS
 from hadr.records.option_words import FILE, FOLDER, ID
-from hadr.records.output_folder import check_file
+from hadr.records.output_folder import check_file, check_free
 from hadr.records.provenance import provenance, write_json
 from hadr.training.recipe import Given
 
@@ -112,13 +112,19 @@ def figures(checkpoint: Checkpoint, source: Any, given: Given) -> dict[str, floa
 
 def run(options: Options) -> int:
     """Run `hadr evaluate`."""
+    from hadr.data.folder_checks import check_data
     from hadr.data.samples import samples_dir
     from hadr.experiments.scoring import EVALUATION_SIZE
     from hadr.metrics import format_table, mean_over_frames
     from hadr.training.frames.predicted import open_split
 
-    check_file(options.out, split="", given="", frames="")
+    def check() -> None:
+        check_file(options.out, split="", given="", frames="")
+        check_free(options.out)
+
+    check()
     folders = options.data or (samples_dir() / "frames",)
+    check_data(folders, (options.split,), options.objects or None)
     source = open_split(folders, options.split, options.objects or None)
     if source is None:
         raise FileNotFoundError(f"no folder {options.split} in {', '.join(map(str, folders))}")
@@ -156,6 +162,7 @@ def run(options: Options) -> int:
             print("\n".join(f"  {name:<24} {value:.4f}" for name, value in found.items()) + "\n")
             content.setdefault("figures", {})[one.name] = {"network": one.kind, **found}
     if options.out:
+        check()  # another run may have begun there meanwhile
         write_json(options.out, {**content, "provenance": provenance()})
     return 0
 

@@ -185,8 +185,10 @@ def is_table_wish(wish: str) -> bool:
 
 def open_bench(options: Options) -> Bench:
     """Open the bench that the options describe; for a plan alone, its data may be missing."""
+    from hadr.data.folder_checks import check_data
     from hadr.data.folders import has_split
     from hadr.data.samples import samples_dir
+    from hadr.data.transhand import SPLITS
     from hadr.experiments.runner import Bench
     from hadr.training.processes import chosen_accelerator
 
@@ -206,6 +208,8 @@ def open_bench(options: Options) -> Bench:
             raise FileNotFoundError(f"there is no data folder {root}")
         if not has_split(root, "train"):
             raise FileNotFoundError(f"{root} has no split 'train': its layout is not known")
+    if roots and not options.dry_run:
+        check_data(roots, SPLITS)
     limit = TINY_FRAMES if tiny else None
     accelerator = chosen_accelerator(options.accelerator)
     return Bench(

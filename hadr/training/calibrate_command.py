@@ -13,7 +13,7 @@ import tyro
 from hadr.corruption import Corruption
 from hadr.models.networks import NETWORKS
 from hadr.records.option_words import FILE, FOLDER, ID, LARGEST_SEED, check_range
-from hadr.records.output_folder import check_file
+from hadr.records.output_folder import check_file, check_free
 from hadr.records.provenance import provenance
 
 if TYPE_CHECKING:
@@ -23,6 +23,10 @@ _WHAT = "Confidence of"
 """How the file of measured numbers begins."""
 RANGE_FRAMES = 600
 """At most so many training frames, evenly taken, are read for range and ground."""
+
+LEAST_FRAMES = 10
+"""So many frames each split needs for it: a confidence is fitted on some thousand pixels, which are
+much alike in a frame."""
 
 EPILOG = """
 examples
@@ -82,7 +86,7 @@ def _check_beside(checkpoint: Path) -> None:
 def run(options: Options) -> int:
     """Run `hadr calibrate`."""
     from hadr.confidence.calibration import ConfidenceRule
-    from hadr.data.folders import check_folders
+    from hadr.data.folder_checks import check_data
     from hadr.records.result_file import write_result_file
     from hadr.training.calibrate import calibrate, learn_ground, measure_confidence, restored_pixels
     from hadr.training.checkpoints import (
@@ -94,8 +98,13 @@ def run(options: Options) -> int:
     from hadr.training.frames.batches import load_frames
 
     check_range("seed", options.seed, 0, LARGEST_SEED)
-    check_file(options.out, what=_WHAT)
-    check_folders(options.data)
+
+    def check() -> None:
+        check_file(options.out, what=_WHAT)
+        check_free(options.out)
+        check_free(options.checkpoint)
+
+    check()
     model, meta = load_checkpoint(options.checkpoint)
     _check_beside(options.checkpoint)
     name, kind = options.checkpoint.name, kind_of(model)
@@ -111,12 +120,20 @@ def run(options: Options) -> int:
         raise ValueError(f"{name} was never calibrated: leave --only-ground out")
     size = int(meta["width"]), int(meta["height"])
     tested = options.test_objects or options.objects
+    check_data(options.data, ("train", "val"), options.objects)
+    check_data(options.data, ("test",), tested)
     learned_from, held_back, unseen = (
         _frames(options, split, objects)
         for split, objects in (
             ("train", options.objects), ("val", options.objects), ("test", tested)
         )
     )  # fmt: skip
+    for split, frames in (("train", learned_from), ("val", held_back)):
+        if len(frames) < LEAST_FRAMES:
+            raise ValueError(
+                f"split {split} has {len(frames)} frames of it, expected {LEAST_FRAMES} or more: "
+                "what is fitted on fewer says nothing of others"
+            )
     additions: dict[str, Any] = {}
     if not options.only_ground:
         train, validation, test = (
@@ -129,6 +146,7 @@ def run(options: Options) -> int:
     additions["ground"] = learn_ground(
         model, size, options.corruption, (near, far), learned_from, held_back, options.seed
     )
+    check()  # another run may have begun there meanwhile
     update_record(options.checkpoint, additions)
     print(f"learned range  {near:.3f} to {far:.3f} m")
     print(f"ground         of {', '.join(additions['ground']['fields'])}")

@@ -210,7 +210,9 @@ def run(options: Options) -> int:
 def _train(options: Options) -> int:
     from lightning_fabric import Fabric
 
+    from hadr.data.folder_checks import check_data
     from hadr.data.samples import samples_dir
+    from hadr.training.checkpoints import read_record
     from hadr.training.frames.predicted import read_split
     from hadr.training.loop import train
     from hadr.training.processes import OneMachine, chosen_accelerator
@@ -255,6 +257,9 @@ def _train(options: Options) -> int:
     fabric.launch()
     folders = options.data or (samples_dir() / "frames",)
     first = fabric.is_global_zero
+    content = {"frames_sha256": check_data(folders, ("train", "val"), options.objects)}
+    if options.resume and "frames_sha256" not in (read_record(out / LAST).get("data") or {}):
+        content = {}  # its training began before this was noted
     parts = {
         split: read_split(folders, split, recipe.size, given, options.objects, progress=first)
         for split in ("train", "val")
@@ -274,6 +279,7 @@ def _train(options: Options) -> int:
             "frames": {split: len(part) for split, part in parts.items() if part is not None},
             "processes": fabric.world_size,
             "precision": recipe.precision,
+            **content,
             **({"start_from": options.start_from.name} if options.start_from else {}),
         },
         start=start,

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hadr.camera import Intrinsics
+from hadr.camera import Intrinsics, project
 from hadr.cli import parse_options
 from hadr.data.frame import Frame, write_frame
 from hadr.experiments.evaluate_command import run
@@ -28,7 +28,8 @@ def frame(stem: str, hand_off_m: float) -> Frame:
     glass[12:24, 20:40] = True
     hand[12:24, 8:20] = True
     depth[glass], depth[hand] = 0.5, 0.5 + hand_off_m
-    keypoints = np.stack([np.full(21, -0.15), np.linspace(-0.04, 0.04, 21)], axis=1)
+    line = np.stack([np.full(21, -0.15), np.linspace(-0.04, 0.04, 21)], axis=1)
+    keypoints = np.column_stack([line, np.full(21, 0.5 + hand_off_m)])
     return Frame(
         stem=stem,
         object_id="0004",
@@ -37,8 +38,8 @@ def frame(stem: str, hand_off_m: float) -> Frame:
         depth=depth,
         hand_mask=hand,
         object_mask=glass,
-        keypoints=np.column_stack([keypoints, np.full(21, 0.5 + hand_off_m)]),
-        keypoints_uv=np.zeros((21, 2)),
+        keypoints=keypoints,
+        keypoints_uv=project(keypoints, CAMERA),
         camera=CAMERA,
         world_from_camera=np.eye(4),
     )

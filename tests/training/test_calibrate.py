@@ -157,3 +157,17 @@ def test_what_cannot_be_calibrated_is_left_as_it_is(model, tmp_path) -> None:
     with pytest.raises(ValueError, match=r"small\.json is no checkpoint's record"):
         subject.run(parsed(str(path), frames))
     assert (path.read_bytes(), notes.read_text()) == (before, "my notes")
+
+
+def test_a_handful_of_frames_teaches_no_confidence(plus, tmp_path) -> None:
+    for split, count in (("train", 12), ("val", 1), ("test", 1)):
+        for part in (samples_dir() / "frames" / split / "0006/depth").iterdir():
+            (place := tmp_path / "few" / split / "0006/depth" / part.name).mkdir(parents=True)
+            for file in sorted(part.iterdir())[:count]:
+                (place / file.name).write_bytes(file.read_bytes())
+    path = tmp_path / "a.safetensors"
+    save_checkpoint(path, plus, {"width": 32, "height": 24})
+    before = path.read_bytes()
+    with pytest.raises(ValueError, match="split val has 1 frames of it, expected 10 or more"):
+        subject.run(parsed(str(path), str(tmp_path / "few")))
+    assert path.read_bytes() == before

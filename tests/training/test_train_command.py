@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import importlib.util
+import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -123,3 +125,23 @@ def test_a_start_must_be_a_network_of_the_same_form() -> None:
         starting_weights(
             checkpoints / "hadr-mini.safetensors", recipe_from(parsed("--hand", "none"))
         )
+
+
+def test_a_training_goes_on_with_the_same_frames_alone(tmp_path: Path) -> None:
+    source, data = samples_dir() / "frames/train/0000/depth", tmp_path / "data"
+    for file in [file for part in source.iterdir() for file in sorted(part.iterdir())[:2]]:
+        place = data / "train/0000/depth" / file.parent.name / file.name
+        place.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(file, place)
+    words = ("--preset", "tiny", "--network", "segmentation", "--data", str(data), "--epochs", "1")
+    out = tmp_path / "out"
+    assert run(parsed(*words, out=out)) == 0
+    two = sorted((data / "train/0000/depth/rgb").iterdir())
+    pictures = [path.read_bytes() for path in two]
+    two[0].write_bytes(pictures[1])
+    with pytest.raises(ValueError, match=r"was trained with frames_sha256 = .*; resume it with"):
+        run(parsed(*words, "--resume", out=out))
+    two[0].write_bytes(pictures[0])
+    assert run(parsed(*words, "--resume", out=out)) == 0
+    record = json.loads((out / "last.json").read_text())
+    assert len(record["data"]["frames_sha256"]) == 64
