@@ -38,6 +38,8 @@ from hadr.hand import check_keypoints
 from hadr.records.reading import read_json
 
 DEFAULT_DEPTH_SCALE = 0.001
+_HAND_WORDS = ("keypoints", "unit", "frame", "accepted", "problems", "source", "measured")
+"""What a hand's JSON may say; another word may mean what is not looked at, such as a scale."""
 _QUIET = Lock()
 _JPEG_DAMAGE = re.compile("Corrupt JPEG|Premature end of JPEG|Inconsistent progression|Invalid SOS")
 """How libjpeg's warnings begin where it goes on with what it made up; OpenCV has no other sign."""
@@ -219,6 +221,10 @@ def read_hand(path: str | Path) -> NDArray[np.float64]:
             if isinstance(values, dict):
                 if "keypoints" not in values:
                     raise ValueError(f"no entry 'keypoints' among {sorted(values)}")
+                if unknown := sorted(values.keys() - _HAND_WORDS):
+                    raise ValueError(
+                        f"unknown entry {short(unknown[0])}, expected {', '.join(_HAND_WORDS)}"
+                    )
                 for name, meant in (("unit", "m"), ("frame", "camera")):
                     if values.get(name, meant) != meant:
                         raise ValueError(f"{name} must be {meant!r}, got {short(values[name])}")

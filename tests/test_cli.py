@@ -166,6 +166,19 @@ def test_truth_prints_the_errors_of_both(frame, capsys) -> None:
     assert "RMSE (cm) 5.00" in told
 
 
+def test_a_truth_that_is_the_input_depth_is_named(frame) -> None:
+    depth = np.full((48, 64), 0.8, np.float32)
+    np.save(frame / "depth.npy", depth)
+    assert main(words(frame, depth=frame / "depth.npy", truth=frame / "depth.npy")) == 0
+    notes = json.loads((frame / "out" / "report.json").read_text())["notes"]
+    assert "the truth is the input depth itself, in all 400 pixels" in notes[-1]
+    depth[15, 25] = 0.81
+    np.save(frame / "truth.npy", depth)
+    again = words(frame, depth=frame / "depth.npy", truth=frame / "truth.npy", out=frame / "b")
+    assert main(again) == 0
+    assert "input depth itself" not in (frame / "b" / "report.json").read_text()
+
+
 @pytest.mark.parametrize(
     ("truth", "sentence"),
     [

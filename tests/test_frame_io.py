@@ -334,6 +334,7 @@ def test_depth_without_a_channel_is_refused(tmp_path):
         ({"unit": "mm"}, "unit must be 'm', got 'mm'"),
         ({"frame": "world"}, "frame must be 'camera', got 'world'"),
         ({"accepted": "false"}, "accepted must be true or false, got 'false'"),
+        ({"scale": 0.001}, "unknown entry 'scale', expected keypoints, unit, frame, accepted"),
     ],
 )
 def test_a_hand_that_says_it_is_another_is_refused(tmp_path, field, message):

@@ -55,6 +55,13 @@ def report(
             f"no errors can be stated: the truth is known in {known} of the mask's "
             f"{int(result.mask.sum())} pixels, and no depth was measured or restored in these"
         )
+    if truth is not None:
+        both = result.mask & valid_depth(truth) & valid_depth(depth)
+        if both.any() and (truth == depth)[both].all():
+            notes.append(
+                f"the truth is the input depth itself, in all {int(both.sum())} pixels of the mask "
+                "in which both are known: where a camera measured it, the errors mean nothing"
+            )
     return {
         "command": "hadr restore",
         "method": result.method,

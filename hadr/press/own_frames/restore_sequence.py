@@ -108,6 +108,8 @@ def sequence_frames(options: Options) -> dict[str, Options]:
                 raise ValueError(f"{path} is no file that can be read, but a pipe or a broken link")
             if path.stem in found:
                 raise ValueError(f"{given} holds two files of frame {path.stem}: expected one")
+            if path.stem in (RECORD, *FILMS):
+                raise ValueError(f"{path}: no frame can have the name of a result's file")
             found[path.stem] = str(path)
     if not files["rgb"]:
         raise ValueError(f"--rgb {options.rgb} holds no frame")

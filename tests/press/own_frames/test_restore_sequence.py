@@ -112,3 +112,12 @@ def test_files_that_do_not_belong_together_are_refused_before_anything_is_made(f
     assert main(words) == 2
     assert "0012.png is no file that can be read" in capsys.readouterr().err
     assert not (folder / "out").exists()
+
+
+def test_no_frame_is_named_as_a_file_of_the_result(frames, capsys):
+    folder, words = frames
+    for part in ("rgb", "depth", "mask"):
+        (folder / part / "0001.png").rename(folder / part / "sequence.json.png")
+    assert main(words) == 2
+    assert "sequence.json.png: no frame can have the name of a result's" in capsys.readouterr().err
+    assert not (folder / "out").exists()
