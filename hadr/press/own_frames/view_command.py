@@ -88,8 +88,9 @@ def clouds(folder: Path) -> list[Cloud]:
     try:
         camera = Intrinsics.from_dict(report["intrinsics"])
         title, size = str(report["method_title"]), camera.shape
-    except (KeyError, TypeError) as error:
-        raise ValueError(f"{folder / 'report.json'} is damaged: {error!r}") from error
+    except (KeyError, TypeError, ValueError) as error:
+        said = error if isinstance(error, ValueError) else repr(error)
+        raise ValueError(f"{folder / 'report.json'} is damaged: {said}") from error
     depth, mask = read_depth(folder / "depth.npy"), read_mask(folder / "mask.png")
     sure = read_depth(folder / "confidence.npy")  # an image of numbers like depth
     there = valid_depth(depth)
