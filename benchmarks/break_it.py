@@ -107,6 +107,7 @@ def environment_of(work: Path) -> dict[str, str]:
         **{k: v for k, v in os.environ.items() if not k.startswith("HADR_")},
         "PYTHONPATH": os.pathsep.join(map(str, paths)), "PYTHONDONTWRITEBYTECODE": "1",
         "OMP_NUM_THREADS": "1", "MPLBACKEND": "Agg", "MPLCONFIGDIR": str(work / "cache"),
+        "PIP_NO_INDEX": "1", "PIP_FIND_LINKS": "wheels",  # of the case's own folder
         "XDG_CACHE_HOME": str(work / "cache"), "TMPDIR": str(work / "tmp"),
     }  # fmt: skip
 
@@ -169,13 +170,18 @@ def summary(tried: list[dict[str, Any]]) -> dict[str, dict[str, int]]:
     table: dict[str, dict[str, int]] = {}
     for command in (*sorted({t["command"] for t in tried}), "all"):
         some = [t for t in tried if command in (t["command"], "all")]
-        table[command] = {"tried": len(some), **Counter(t["verdict"] for t in some)}
+        killed = sum(t["kind"] == "kill" and t["name"][-1].isdigit() for t in some)  # in time
+        table[command] = {
+            "tried": len(some),
+            "kills": killed,
+            **Counter(t["verdict"] for t in some),
+        }
     return table
 
 
 def summary_text(table: dict[str, dict[str, int]]) -> str:
-    columns = sorted({name for row in table.values() for name in row} - {"tried", "fine"})
-    columns = ["tried", "fine", *columns]
+    first = ["tried", "kills", "fine"]
+    columns = [*first, *sorted({name for row in table.values() for name in row} - {*first})]
     lines = ["".join(["".ljust(22), *(f"{name:>12}" for name in columns)])]
     for command, row in table.items():
         lines.append(command.ljust(22) + "".join(f"{row.get(name, 0):12d}" for name in columns))
@@ -231,8 +237,9 @@ def main() -> None:
     print(f"{len(tried)} cases, {len(failed)} failed, {seconds:.0f} s")
     if args.out:
         what = (
-            "bad inputs, kills, full disks, two at once: by command, how many were tried and how "
-            "many ended as they should; what failed is named"
+            "bad inputs, kills, full disks, two at once: by command, how many were tried, how many "
+            "of these were kills of a running command, and how many ended as they should; what "
+            "failed is named"
         )
         rows = [
             {"command": command, **row, "failed": [

@@ -1,5 +1,6 @@
 """The attempt to break hadr: that there is enough of it, and that its judge sees what breaks."""
 
+import importlib.util
 import re
 import subprocess
 import sys
@@ -58,3 +59,22 @@ def test_the_judge_sees(worker, verdict, expect, status, told, after) -> None:
     before = {"d.png": "as it was"}
     left = {name: kind for name, kind in {**before, **after}.items() if kind}
     assert worker.judged(case, before, left, status, told)[0] == verdict
+
+
+def test_the_summary_counts_the_kills_that_came_in_time(worker) -> None:
+    place = BENCHMARKS / "break_it.py"  # a script beside the package of its name
+    spec = importlib.util.spec_from_file_location("break_it_script", place)
+    script = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(script)
+    names = ("train: kill 1", "train: kill 2, came too late", "train: the end")
+    rows = [{"command": "train", "kind": "kill", "name": n, "verdict": "fine"} for n in names]
+    rows.append({"command": "view", "kind": "field", "name": "fx = 1", "verdict": "accepted"})
+    table = script.summary(rows)
+    assert table["train"] == {"tried": 3, "kills": 1, "fine": 3}
+    assert table["all"] == {"tried": 4, "kills": 1, "fine": 3, "accepted": 1}
+    assert script.summary_text(table).splitlines()[0].split() == [
+        "tried",
+        "kills",
+        "fine",
+        "accepted",
+    ]

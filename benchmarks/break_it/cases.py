@@ -70,7 +70,7 @@ class Call:
 
 
 FLAGS = ("no-slides", "readme-times", "html-only", "dry-run", "overwrite", "resume", "quiet",
-         "sensor", "no-sensor", "film", "watch", "restless", "tensorboard", "no-aggregation")
+         "no-browser", "sensor", "no-sensor", "film", "watch", "restless", "tensorboard", "no-aggregation")
 FRAME = {"rgb": "rgb.png", "depth": "depth.png", "intrinsics": "camera.json", "mask": "mask.png",
          "out": "out"}
 NEAREST = Call("restore", {**FRAME, "method": "nearest"})
@@ -100,10 +100,12 @@ AGAIN = Call("reproduce", {"out": "out", "again": "result.json\tnearest"})
 BOOK = Call("book", {"build": "build", "readme-times": ""}, out=("build",))
 HTML = Call("book", {"build": "build", "html-only": "", "only": "03"}, out=("build",))
 COURSE = Call("course", {"out": "out", "only": "03", "no-slides": ""})
+VIEW = Call("view", {"": "restored", "no-browser": ""}, out=("restored",))
+HAND_MODEL = Call("hand-model", {"out": "hand.task"}, needs=("wheels",), out=("hand.task",))
 EXECUTED = Call("course", {"out": "out", "only": "03", "executed": "build"})
 #: Right inputs, each once.
 RIGHT = (NEAREST, SEQUENCE, HAND, NETWORK, PLUS, FOUND, GENERATE, TRAIN, RESUME, EVALUATE, CALIBRATE, REPLAY,
-         HANDOVER, ATTEMPT, REPRODUCE, AGAIN, COURSE)
+         HANDOVER, ATTEMPT, REPRODUCE, AGAIN, COURSE, VIEW)
 #: Options that name a file or a folder to read: the call, the option, the file that stands there.
 READ = (
     *((NEAREST, name, FRAME[name]) for name in ("rgb", "depth", "intrinsics", "mask")),
@@ -117,7 +119,7 @@ READ = (
     (TRAIN, "keypoints", "kpt.safetensors"), (EVALUATE, "", "net.safetensors"),
     (EVALUATE, "data", "data"), (EVALUATE, "masks", "seg.safetensors"),
     (EVALUATE, "keypoints", "kpt.safetensors"), (CALIBRATE, "", "plus.safetensors"),
-    (REPLAY, "replay", "log.npz"), (AGAIN, "again", "result.json"),
+    (REPLAY, "replay", "log.npz"), (AGAIN, "again", "result.json"), (VIEW, "", "restored"),
 )
 #: What stands there instead of a right file or folder.
 WRONG = ("missing", "folder", "loop", "fifo", "->/dev/null", "->/dev/zero", "->nowhere",
@@ -238,12 +240,13 @@ OPTIONS = (
     (BOOK, "preset", ("foo", "")), (BOOK, "seed", ("abc", "", "1.5")),
     (HTML, "only", ("99", "", "../03")), (COURSE, "only", ("99", "", "../03", "-1")),
     (COURSE, "preset", ("foo", "")), (COURSE, "seed", (*WORD, "1.5", "-1")),
+    (VIEW, "", ("nowhere", "", "folder", "frames")), (HAND_MODEL, "version", ("0.10.20", "", "x")),
     (EXECUTED, "executed", ("nowhere", "", "rgb.png", "folder")),
 )
 #: Where each command writes: the call, its option.
 WRITES = ((NEAREST, "out"), (GENERATE, "out"), (TRAIN, "out"), (EVALUATE, "out"),
           (CALIBRATE, "out"), (HANDOVER, "out"), (ATTEMPT, "json"), (REPRODUCE, "out"),
-          (COURSE, "out"), (HTML, "build"))
+          (COURSE, "out"), (HTML, "build"), (VIEW, "out"), (HAND_MODEL, "out"))
 #: What lies where the result should go, and the edits that put it there.
 PLACES = (
     ("", "", ()), ("a file in its path", "taken/out", (("taken", "text", "mine"),)),

@@ -6,6 +6,7 @@ import os
 import pickle
 import random
 import re
+import shutil
 import struct
 import zlib
 from pathlib import Path
@@ -246,12 +247,42 @@ def sealed(path: Path, dotted: str, given: Any) -> None:
     write_sealed(path, content)
 
 
+def scaled(path: Path, name: str, factor: Any) -> None:
+    """Multiply all numbers of a field of a JSON file."""
+    content = json.loads(path.read_text())
+    old = content[name]
+    new = (
+        {k: np.multiply(v, factor).tolist() for k, v in old.items()}
+        if isinstance(old, dict)
+        else (np.multiply(old, factor).tolist())
+    )
+    path.write_text(json.dumps({**content, name: new}))
+
+
+def swapped(path: Path, other: str) -> None:
+    """Two files or folders take each other's name."""
+    path.rename(path.with_name("aside"))
+    path.with_name(other).rename(path)
+    path.with_name("aside").rename(path.with_name(other))
+
+
+def locked(path: Path) -> None:
+    """A run has the folder in which this file lies to itself, as long as this process lives."""
+    from hadr.records.writing import sole_owner
+
+    HELD.append(owner := sole_owner(path.parent, "hadr train"))
+    owner.__enter__()
+
+
+HELD: list[Any] = []
 EDITS = {
     "text": lambda path, text: (path.parent.mkdir(parents=True, exist_ok=True),
                                 path.write_text(text.replace(DEEP, "[" * 100_000))),
     "field": field, "weights": weights, "record": flipped_record, "array": array,
     "exr": exr, "turned": turned, "noise": noise, "replaced": replaced, "header": header,
     "size": size, "column": column, "log": log, "log_array": log_array, "sealed": sealed,
+    "scaled": scaled, "swapped": swapped, "locked": locked,
+    "tree": lambda path, source: shutil.copytree(path.parent / source, path),
     "swap": lambda path, old, new: path.write_text(path.read_text().replace(old, new)),
     "unreadable": lambda path: path.chmod(0),
     "lossy": lambda path, kind: _write_picture(path, _picture(path), kind),

@@ -4,18 +4,21 @@ import json
 import shutil
 import subprocess
 import sys
+import zipfile
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 
-from break_it.cases import CHECKOUT, GENERATE
+from break_it.cases import CHECKOUT, GENERATE, NEAREST
 from break_it.worker import snapshot
+from hadr.models.hand.hand_model_command import PARTS
 
 COPIED = ("hadr", "notebooks", "book", "results", "data_samples", "README.md", "pyproject.toml",
           "LICENSE", "CITATION.cff", "Makefile")  # fmt: skip
-FRAMES = (("train", "0000", 2), ("val", "0000", 1), ("test", "0000", 1))
+FRAMES = (("train", "0000", 10), ("val", "0000", 10), ("test", "0000", 1))
+WHEEL = "wheels/mediapipe-0.10.21-cp311-cp311-manylinux_2_17_x86_64.whl"
 
 
 def hadr(words: Sequence[str], folder: Path, environment: dict[str, str]) -> None:
@@ -41,6 +44,7 @@ def make_fixtures(work: Path, environment: dict[str, str]) -> dict[str, str]:
             shutil.copy(source, target)
     make_frame(root)
     make_data(root)
+    make_wheel(root / WHEEL)
     commands = [
         *(["train", "--preset", "tiny", "--network", network, "--epochs", "1", "--data", "data",
            "--out", f"train-{name}"]
@@ -50,6 +54,7 @@ def make_fixtures(work: Path, environment: dict[str, str]) -> dict[str, str]:
          "1", "--out", "attempt"],
         ["reproduce", "--only", "known/nearest", "--out", "reproduced"],
         ["generate", *GENERATE.words(out="made")],
+        ["restore", *NEAREST.words(out="restored")],
     ]  # fmt: skip
     with ThreadPoolExecutor(2) as pool:
         list(pool.map(lambda words: hadr(words, root, environment), commands))
@@ -99,12 +104,13 @@ def make_frame(root: Path) -> None:
 def make_data(root: Path) -> None:
     """Some of the bundled frames, a recording, and a photograph for backgrounds."""
     samples = CHECKOUT / "data_samples"
-    for split, thing, count in FRAMES:
+    wanted = [("data", *one) for one in FRAMES] + [("few", *one[:2], 1) for one in FRAMES]
+    for folder, split, thing, count in wanted:
         source = samples / "frames" / split / thing / "depth"
         stems = sorted(p.stem for p in (source / "rgb").iterdir())[:count]
         for file in source.glob("*/*"):
             if file.stem in stems:
-                target = root / "data" / split / thing / "depth" / file.parent.name / file.name
+                target = root / folder / split / thing / "depth" / file.parent.name / file.name
                 target.parent.mkdir(parents=True, exist_ok=True)
                 shutil.copy(file, target)
     shutil.copy(samples / "frames/generation.json", root / "data/generation.json")
@@ -113,6 +119,20 @@ def make_data(root: Path) -> None:
     shutil.copy(root / "recordings/0000.csv", root / "recording.csv")
     (root / "photos").mkdir()
     shutil.copy(root / "rgb.jpg", root / "photos/wall.jpg")
+
+
+def make_wheel(path: Path) -> None:
+    """A wheel as pip takes it, with other networks than MediaPipe's."""
+    path.parent.mkdir()
+    with zipfile.ZipFile(path, "w") as wheel:
+        about = "mediapipe-0.10.21.dist-info"
+        wheel.writestr(
+            f"{about}/METADATA", "Metadata-Version: 2.1\nName: mediapipe\nVersion: 0.10.21\n"
+        )
+        wheel.writestr(f"{about}/WHEEL", "Wheel-Version: 1.0\nRoot-Is-Purelib: false\n")
+        wheel.writestr(f"{about}/RECORD", "")
+        for place, _ in PARTS.values():
+            wheel.writestr(place, "another network")
 
 
 def make_build(build: Path) -> None:

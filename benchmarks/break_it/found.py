@@ -17,10 +17,12 @@ from break_it.cases import (
     FOUND,
     GENERATE,
     HAND,
+    HAND_MODEL,
     HANDOVER,
     HTML,
     HUGE,
     INF,
+    LOG,
     NAN,
     NEAREST,
     NETWORK,
@@ -28,7 +30,9 @@ from break_it.cases import (
     REPLAY,
     REPRODUCE,
     RESUME,
+    SEQUENCE,
     TRAIN,
+    VIEW,
     Call,
     Case,
 )
@@ -185,6 +189,27 @@ TIMES = (
 )
 
 
+#: What `hadr view` reads of a result, and arrays that are none of it; fields of its report.
+VIEWED = {
+    "report.json": (), "cloud.ply": (), "mask.png": ("a[::2]", "a.astype(np.uint16)"),
+    "depth.npy": ("a[::2]", "a.astype(np.uint8)", "a * 0", "a * nan", "np.dstack([a, a])", "a.astype(object)"),
+    "confidence.npy": ("a[::2]", "a.astype(str)", "np.float64(1)"),
+}
+REPORT = (
+    ("", (None, [], 7, "x", DEEP)), ("command", (None, 7, "x", [], "@DROP")), ("method_title", ("@DROP",)),
+    ("intrinsics", (None, [], {}, 7, "@DROP")), ("intrinsics.fx", (None, "x", -1, NAN, HUGE, "@DROP")),
+    ("intrinsics.width", (None, 1.5, 10**7, 63, "@DROP")),
+)
+WHEEL = "wheels/mediapipe-0.10.21-cp311-cp311-manylinux_2_17_x86_64.whl"
+#: Frames whose logs are of another unit or camera than their pictures: the field, and the factor.
+LOG_IN_TRAINING = "data/train/0000/depth/log_json/000000.json"
+LABELS = (
+    ("hand_keypoint", 1000), ("hand_keypoint", 100), ("hand_keypoint", 10), ("hand_keypoint", 0.1), ("camera point", 1000),
+    ("camera point", 10), ("camera angle", 0.0174533), ("depth_png scale", 10), ("depth_png scale", 0.1),
+    ("camera internal", [[2.5], [2.5], [1]]), ("camera internal", [[0.5], [0.5], [1]]),
+)
+
+
 def many() -> list[Case]:
     """The cases of this module's tables."""
     made: list[Case] = []
@@ -231,6 +256,25 @@ def many() -> list[Case]:
         for value in values:
             add(BOOK, "times", f"{name or 'all'} = {str(value)[:30]}",
                 ("build/results.json", "field", name, value), says=("results.json",))
+    for file, expressions in VIEWED.items():
+        for wrong in ("missing", "folder", "loop", "fifo", "->/dev/null", "->/dev/zero"):
+            add(VIEW, "wrong file", f"{file}: {wrong}", (f"restored/{file}", "replaced", wrong), says=(file, "restored"))
+        for how in ("cut", "junk", "zeros", "hole", "flip"):
+            add(VIEW, "noise", f"{file}: {how}", (f"restored/{file}", "noise", how, 1), says=(file, "restored"),
+                expect="safe" if how == "flip" or (how, file) == ("hole", "report.json") else "refused")
+        for e in expressions:
+            add(VIEW, "array", f"{file}: {e}", (f"restored/{file}", "array", e), says=(file, "restored"))
+    for name, values in REPORT:
+        for value in values:
+            add(VIEW, "field", f"{name or 'all'} = {str(value)[:30]}", ("restored/report.json", "field", name, value),
+                says=("report.json", "restored"))
+    for wrong in ("missing", "folder", "pickle", "copy ../rgb.png"):
+        add(HAND_MODEL, "wrong file", f"the wheel: {wrong}", (WHEEL, "replaced", wrong), says=("mediapipe",))
+    for how, n in (("cut", 0), ("cut", 2), ("cut", 4), ("junk", 0), ("zeros", 0), ("hole", 0), ("flip", 0), ("flip", 1)):
+        add(HAND_MODEL, "noise", f"the wheel: {how} {n}", (WHEEL, "noise", how, n), says=("mediapipe",))
+    for name, factor in LABELS:
+        for call, file in ((EVALUATE, LOG), (TRAIN, LOG_IN_TRAINING)):
+            add(call, "labels", f"{name} times {str(factor)[:30]}", (file, "scaled", name, factor), says=(Path(file).stem,))
     for how in ("nan", "flip"):
         for call, file in ((NETWORK, "net.safetensors"), (PLUS, "plus.safetensors"), (FOUND, "seg.safetensors"),
                            (FOUND, "kpt.safetensors"), (EVALUATE, "net.safetensors"),
@@ -247,6 +291,7 @@ def many() -> list[Case]:
     return made
 
 
+FINGER = [[0.01 * n, 0, 0.5] for n in range(21)]
 FOUND_ONE_BY_ONE = [
     *many(),
     *(NEAREST.case("camera", f"{name}, as it should be", ("camera.yaml", "text", text), intrinsics="camera.yaml",
@@ -272,6 +317,26 @@ FOUND_ONE_BY_ONE = [
     NEAREST.case("picture", "an .npy that begins with PK", ("truth.npy", "bytes", "504b0304" + "00" * 60),
                  depth="truth.npy", says=("truth.npy",)),
     NEAREST.case("picture", "mask of nothing", ("mask.png", "array", "a * 0"), expect="safe"),
+    # Folders of frames that are not what they are taken for.
+    TRAIN.case("labels", "masks swapped", ("data/train/0000/depth/hand_mask", "swapped", "obj_mask"), says=("swapped",)),
+    *(call.case("labels", "the same frames twice", ("same", "tree", "data"), says=("same",), **{o: old + "data\tsame"})
+      for call, o, old in ((EVALUATE, "data", ""), (TRAIN, "data", ""), (CALIBRATE, "", "plus.safetensors\t"))),
+    CALIBRATE.case("labels", "a single frame", **{"": "plus.safetensors\tfew"}, says=("split train", "split val")),
+    RESUME.case("resume", "a picture has changed", ("data/train/0000/depth/rgb/000000.jpg", "array", "a[:, ::-1]"), epochs="3",
+                says=("frames_sha256",)),
+    EVALUATE.case("loss", "--out is a training's file to come", ("busy/last.json", "locked"), out="busy/last.json", says=("busy",)),
+    CALIBRATE.case("loss", "a training has the checkpoint's folder", ("plus.safetensors", "locked"), says=("taken by hadr train",)),
+    SEQUENCE.case("place", "a frame is named sequence.json", *((f"frames/{part}/sequence.json.png", "replaced", "copy 1.png")
+                  for part in ("rgb", "depth", "mask")), says=("sequence.json",)),
+    NEAREST.case("noted", "the truth is the input", depth="truth.npy", truth="truth.npy", expect="noted", says=("itself",)),
+    *(HAND.case("field", f"a hand's {word}", ("hand.json", "text", f'{{"keypoints": {FINGER}, "{word}": 1}}'), hand="hand.json",
+                says=(word,)) for word in ("scale", "units", "depth_scale", "side")),
+    # What `hadr view` and `hadr hand-model` would replace, and a wheel with another network.
+    VIEW.case("loss", "view.html is mine", ("restored/view.html", "text", "mine"), says=("view.html",)),
+    VIEW.case("loss", "--out is the report", out="restored/report.json", says=("report.json",)),
+    HAND_MODEL.case("weights", "another network", says=("SHA-256",)),
+    HAND_MODEL.case("loss", "--out is another model", ("hand.task", "text", "mine"),
+                    says=("hand.task",)),
     # An output never replaces what is not its own.
     EVALUATE.case("loss", "--out is the checkpoint", out="net.safetensors", says=("net.safetensors",)),
     EVALUATE.case("loss", "--out is the checkpoint's record", ("net.json", "text", "{}"), out="net.json",

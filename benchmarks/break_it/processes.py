@@ -33,6 +33,7 @@ from break_it.cases import (
     HTML,
     NEAREST,
     TRAIN,
+    VIEW,
 )
 from break_it.worker import complaint, differences, snapshot
 
@@ -85,6 +86,7 @@ RUNS = (
     Run("calibrate", ("calibrate", *CALIBRATE.words()), ("plus.safetensors", "plus.json", "data"),
         ("out.json", "plus.safetensors", "plus.json")),
     Run("course", ("course", *COURSE.words()), (), kills=4),
+    Run("view", ("view", *VIEW.words()), ("restored",), ("restored",), kills=3),
     Run("book", ("book", *HTML.words()), ("build",), ("build",), kills=3),
 )
 Job = tuple[str, Run, Callable[["Bench"], list[Row]]]

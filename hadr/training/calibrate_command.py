@@ -128,10 +128,10 @@ def run(options: Options) -> int:
             ("train", options.objects), ("val", options.objects), ("test", tested)
         )
     )  # fmt: skip
-    for split, frames in (("train", learned_from), ("val", held_back)):
-        if len(frames) < LEAST_FRAMES:
+    for split, source in (("train", learned_from), ("val", held_back)):
+        if len(source) < LEAST_FRAMES:
             raise ValueError(
-                f"split {split} has {len(frames)} frames of it, expected {LEAST_FRAMES} or more: "
+                f"split {split} has {len(source)} frames of it, expected {LEAST_FRAMES} or more: "
                 "what is fitted on fewer says nothing of others"
             )
     additions: dict[str, Any] = {}
@@ -140,8 +140,8 @@ def run(options: Options) -> int:
             load_frames(frames, size, options.corruption, options.seed)
             for frames in (learned_from, held_back, unseen)
         )
-        source = f"split val of {len(options.data)} folder(s), corruption {options.corruption}"
-        additions = calibrate(model, train, validation, source)
+        words = f"split val of {len(options.data)} folder(s), corruption {options.corruption}"
+        additions = calibrate(model, train, validation, words)
     near, far = (additions or meta)["learned_range"]["depth_m"]
     additions["ground"] = learn_ground(
         model, size, options.corruption, (near, far), learned_from, held_back, options.seed
