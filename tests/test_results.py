@@ -442,6 +442,20 @@ def test_pages_say_what_a_ground_tells() -> None:
     assert of["hadr-plus-mini", "30 % taken out of the mask"]["share_inside"] == 0  # "always"
 
 
+def test_networks_know_the_ground_on_which_they_are_right() -> None:
+    """What is made unlike training is told, and nothing likely is said where nothing is right."""
+    rows = read_result_file(RESULTS / "confidence" / "known_ground.json").rows
+    unlike = ("far", "near", "lens", "no-hand", "elsewhere", "sensor", "opaque", "real scene 080")
+    found = [row for row in rows if row["set"].partition(",")[0] in unlike]
+    assert len(found) == 3 * (len(unlike) + 1)  # a hand that is none is looked for, too
+    for row in found:
+        assert row["auc"] >= 0.95, (row["network"], row["set"])
+    wrong = [row for row in rows if row.get("share_right") is not None and row["share_right"] < 0.1]
+    assert len(wrong) > 5
+    for row in wrong:
+        assert (row["said"] or 0) <= 0.2, (row["network"], row["set"])
+
+
 def test_chapter_13_says_what_makes_it_worse() -> None:
     rows = read_result_file(RESULTS / "mini" / "handover_worse.json").rows
     usual = {name: value for name, (_, value) in WORSE.items()}

@@ -65,6 +65,8 @@ def check_data(
         for split in splits:
             if has_split(folder, split):
                 frames = open_folder(folder, split, objects)
+                if not len(frames):
+                    raise ValueError(f"{Path(folder) / split} holds no frame")
                 _check_split(frames, str(folder))
                 digests = frame_digests(frames)
                 every.update(f"{split} {digests}".encode())
@@ -98,8 +100,7 @@ def _digest(files: FrameFiles) -> str:
 
 def _check_split(frames: FrameFolder, where: str) -> None:
     looked_at = np.unique(np.linspace(0, len(frames) - 1, min(len(frames), LOOKED_AT)).astype(int))
-    counts = []
-    name = ""
+    counts, name = [], ""
     for number in looked_at:
         frame = frames[int(number)]
         name = f"{where}/{frame.split}/{frame.object_id}: frame {frame.stem}"
@@ -107,7 +108,7 @@ def _check_split(frames: FrameFolder, where: str) -> None:
             counts.append(_counts(frame))
         except ValueError as error:
             raise ValueError(f"{name}: {error}") from error
-    hand, glass, hand_area, glass_area = np.sum(counts, axis=0) if counts else (0, 0, 0, 0)
+    hand, glass, hand_area, glass_area = np.sum(counts, axis=0)
     if len(counts) >= LEAST_FRAMES and hand < glass and hand_area < glass_area:
         raise ValueError(
             f"{name}, and {len(counts) - 1} others looked at: {hand} of the hands' keypoints lie "

@@ -110,6 +110,12 @@ def test_frames_that_come_twice_are_refused(folder, tmp_path):
         check_data([frames, moved], ["val", "test"])
 
 
+def test_a_split_without_a_frame_is_named(folder):
+    shutil.rmtree(folder / "test/0000")
+    with pytest.raises(ValueError, match="data/test holds no frame"):
+        check_data([folder], ["train", "test"])
+
+
 def test_a_frames_digest_is_of_its_content(folder):
     before = frame_digests(TransHand(folder, "test"))
     assert len(set(before)) == 6
