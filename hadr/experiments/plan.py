@@ -30,8 +30,8 @@ from hadr.experiments.protocol import (
     METHODS,
     PARTS,
     Experiment,
+    recipe_of,
     switches_of,
-    system,
 )
 from hadr.experiments.runner import ROW, Bench, Run
 from hadr.experiments.steps import Step, left_text
@@ -142,12 +142,9 @@ def _seeds(
 
 
 def table_steps(bench: Bench, runs: Sequence[Run], times: Mapping[str, float]) -> list[Step]:
-    """Describe the runs as steps of a plan, and the scores of their networks in other conditions.
+    """Describe runs as steps of a plan, with the scores of their networks in other conditions.
 
-    Args:
-        bench: Where they run.
-        runs: The runs.
-        times: Seconds of the last runs, by the step's name.
+    The seconds of last runs are found by the step's name.
     """
     steps = []
     for run in runs:
@@ -173,7 +170,7 @@ def table_steps(bench: Bench, runs: Sequence[Run], times: Mapping[str, float]) -
 
 def _epochs_left(bench: Bench, run: Run) -> tuple[int, int]:
     """How many epochs a run still needs, and how many it has in all."""
-    recipe = system(run.method, bench.size).recipe
+    recipe = recipe_of(run.method, bench.size)
     return (0, 0) if recipe is None else (
         max(recipe.epochs - bench.epochs_done(run), 0), recipe.epochs
     )  # fmt: skip
@@ -193,17 +190,9 @@ def _conditions(bench: Bench, runs: Sequence[Run]) -> list[tuple[Run, str, Given
 def measure_all(bench: Bench, runs: Sequence[Run], tables: str | Path, *, jobs: int = 1) -> None:
     """Make the runs that are missing, say each in a line, and write the tables after it.
 
-    Args:
-        bench: Where they run.
-        runs: The runs.
-        tables: Folder of the result files (`hadr.experiments.tables`); they hold every run of the
-            bench that is finished, also those that were not asked for.
-        jobs: So many runs at a time, each in a process of its own with one thread.
-
-    Raises:
-        ValueError: `jobs` is not positive.
-        RuntimeError: A run failed in a process of its own; those beside it were brought to an
-            end, and the tables have them.
+    So many `jobs` run at a time, each in a process of its own with one thread. The tables hold
+    every run of the bench that is finished, also those that were not asked for. RuntimeError where
+    a run failed in its process; those beside it were brought to an end, and the tables have them.
     """
     if jobs < 1:
         raise ValueError(f"jobs must be at least 1, got {jobs}")

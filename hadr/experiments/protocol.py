@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -61,19 +61,10 @@ LONG_RUN = 4
 
 
 def open_part(roots: Sequence[str | Path], experiment: Experiment, part: Part) -> FrameSource:
-    """Open one part of an experiment's frames.
+    """Open one part of an experiment's frames, of all data folders in this order.
 
-    Args:
-        roots: Data folders, joined in this order.
-        experiment: "known", "unknown" or "by-frame".
-        part: "train", "val" or "test".
-
-    Returns:
-        The frames.
-
-    Raises:
-        ValueError: There is no data folder, or the experiment is unknown.
-        FileNotFoundError: A folder is missing or lacks an object.
+    ValueError where there is no folder, or no such experiment; FileNotFoundError where a folder is
+    missing or lacks an object.
     """
     if experiment not in EXPERIMENTS:
         raise ValueError(f"experiment must be one of {EXPERIMENTS}, got {experiment!r}")
@@ -125,40 +116,20 @@ def data_digest(root: str | Path) -> str:
     return found.hexdigest()
 
 
-@dataclass(frozen=True)
-class System:
-    """A system under test.
+def recipe_of(method: str, size: str) -> Preset | None:
+    """Say how a system is trained at the size of a preset; None: it learns nothing.
 
-    Args:
-        method: Its name in the tables.
-        recipe: How it is trained; None for a method that learns nothing.
-    """
-
-    method: str
-    recipe: Preset | None
-
-
-def system(method: str, size: str) -> System:
-    """Describe a system at the size of a preset.
-
-    Args:
-        method: One of `METHODS`, `PARTS`, `SWITCHES` or, with "imagenet", `SEEING`.
-        size: "tiny", "mini", "imagenet" or "paper".
-
-    Returns:
-        The system; `hadr-long` is HADR with `LONG_RUN` times as many epochs, those of `PARTS`,
-        `SWITCHES` and `SEEING` are HADR with one change, the others are their networks' recipes.
-
-    Raises:
-        ValueError: The method or the preset is unknown.
+    `hadr-long` is HADR with `LONG_RUN` times as many epochs, those of `PARTS`, `SWITCHES` and, with
+    "imagenet", `SEEING` are HADR with one change, the others are their networks' recipes.
+    ValueError for an unknown method or preset.
     """
     switches = switches_of(size)
     if method not in (known := (*METHODS, *PARTS, *switches)):
         raise ValueError(f"method must be one of {', '.join(known)}, got {method!r}")
     if method in CHEAP:
-        return System(method, None)
+        return None
     if method in ("hadr-plus", "unet-hand", *RIVALS):
-        return System(method, preset(size, method))
+        return preset(size, method)
     recipe = preset(size, "hadr")
     if method == "hadr-long":
         recipe = replace(
@@ -171,7 +142,7 @@ def system(method: str, size: str) -> System:
         if "model" in changes:
             changes["model"] = _changed(recipe, changes["model"])
         recipe = replace(recipe, **changes)
-    return System(method, recipe)
+    return recipe
 
 
 def switches_of(size: str) -> Mapping[str, Mapping[str, Any]]:

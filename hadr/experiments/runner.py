@@ -27,7 +27,7 @@ from lightning_fabric import Fabric
 from torch import nn
 
 from hadr.corruption import Corruption
-from hadr.experiments.protocol import Experiment, Part, data_digest, open_part, system
+from hadr.experiments.protocol import Experiment, Part, data_digest, open_part, recipe_of
 from hadr.experiments.scoring import EVALUATION_SIZE, Scores, score_cheap, score_network
 from hadr.models.networks import network_of
 from hadr.records.dependencies import code_digest
@@ -116,11 +116,6 @@ class Bench:
         """Name of what networks are trained and scored on."""
         return "cpu" if self.accelerator == "cpu" else torch.cuda.get_device_name()
 
-    def count(self, run: Run, part: Part) -> int:
-        """Count the frames of one part without reading them."""
-        number = len(open_part(self.roots, run.experiment, part))
-        return number if self.limit is None else min(number, self.limit)
-
     def source(self, run: Run, part: Part) -> Any:
         """Open one part of a run's frames, read when asked for."""
         source = open_part(self.roots, run.experiment, part)
@@ -152,7 +147,7 @@ class Bench:
 
     def configuration(self, run: Run) -> dict[str, Any]:
         """Everything on which a run's numbers depend."""
-        recipe = system(run.method, self.size).recipe
+        recipe = recipe_of(run.method, self.size)
         return {
             "run": run.name,
             "recipe": None if recipe is None else recipe.to_dict(),
@@ -174,7 +169,7 @@ class Bench:
 
     def epochs_done(self, run: Run) -> int:
         """Count a training's epochs so far; 0 if it would be set aside, or can't be read."""
-        recipe = system(run.method, self.size).recipe
+        recipe = recipe_of(run.method, self.size)
         try:
             if recipe and _is_another(self.out / run.name, recipe, self.data_of(run, recipe)):
                 return 0
@@ -207,7 +202,7 @@ class Bench:
         if found is not None:
             return found
         folder = self.out / run.name
-        recipe = system(run.method, self.size).recipe
+        recipe = recipe_of(run.method, self.size)
         columns: dict[str, Any] = {}
         started = time.perf_counter()
         if recipe is None:

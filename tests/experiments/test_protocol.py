@@ -6,7 +6,7 @@ import pytest
 from hadr.data.samples import samples_dir
 from hadr.data.splits import UNKNOWN_OBJECTS
 from hadr.data.transhand import SPLITS
-from hadr.experiments.protocol import LONG_RUN, data_digest, open_part, system
+from hadr.experiments.protocol import LONG_RUN, data_digest, open_part, recipe_of
 from hadr.synthesis.glass.objects import OBJECTS
 from hadr.training.losses import CODED
 
@@ -56,13 +56,13 @@ def test_digest_is_that_of_names_and_contents(tmp_path):
 
 
 def test_systems_differ_from_hadr_in_one_thing():
-    base = system("hadr", "mini").recipe
-    long, handless = system("hadr-long", "mini").recipe, system("no-hand", "mini").recipe
+    base = recipe_of("hadr", "mini")
+    long, handless = recipe_of("hadr-long", "mini"), recipe_of("no-hand", "mini")
     assert (long.epochs, long.drop_epoch) == (LONG_RUN * base.epochs, LONG_RUN * base.drop_epoch)
     assert replace(long, epochs=base.epochs, drop_epoch=base.drop_epoch) == base
     assert handless.model.hand == "none"
     assert replace(handless, model=replace(handless.model, hand="3d")) == base
-    assert system("raw", "mini").recipe is None
+    assert recipe_of("raw", "mini") is None
     for name, fields in {
         "no-aggregation": {"aggregation": True},
         "no-point-fusion": {"point_fusion": True},
@@ -70,21 +70,21 @@ def test_systems_differ_from_hadr_in_one_thing():
         "wrist-translation": {"wrist_rotation": True},
         "clamped-probability": {"clamp_probability": False},
     }.items():
-        changed = system(name, "mini").recipe
+        changed = recipe_of(name, "mini")
         assert changed != base
         assert replace(changed, model=replace(changed.model, **fields)) == base
-    coded = system("coded-weights", "mini").recipe
+    coded = recipe_of("coded-weights", "mini")
     assert coded.weights == CODED
     assert replace(coded, weights=base.weights) == base
     with pytest.raises(ValueError, match=r"method must be one of .* got 'gan'"):
-        system("gan", "mini")
+        recipe_of("gan", "mini")
 
 
 def test_preset_imagenet_is_measured_without_its_weights_and_without_its_window():
-    base = system("hadr", "imagenet").recipe
-    unlearned, whole = (system(n, "imagenet").recipe for n in ("random-encoder", "whole-picture"))
+    base = recipe_of("hadr", "imagenet")
+    unlearned, whole = (recipe_of(n, "imagenet") for n in ("random-encoder", "whole-picture"))
     assert (unlearned.model.lite.pretrained, unlearned.model.lite.frozen) == (False, 0)
     assert replace(unlearned, model=replace(unlearned.model, lite=base.model.lite)) == base
     assert (whole.model.view, whole.size) == (None, (128, 72))
     with pytest.raises(ValueError, match="got 'random-encoder'"):
-        system("random-encoder", "mini")  # it has no such encoder
+        recipe_of("random-encoder", "mini")  # it has no such encoder

@@ -15,23 +15,23 @@ import pytest
 from hadr.data.samples import open_samples, samples_dir
 from hadr.experiments import runner
 from hadr.experiments.averages import paired, standard_error, table_rows
-from hadr.experiments.protocol import CHEAP, System, system
+from hadr.experiments.protocol import CHEAP, recipe_of
 from hadr.experiments.runner import Bench, Run
 from hadr.experiments.tables import write_tables
 from hadr.records import dependencies
 from hadr.records.result_file import read_result_file
+from hadr.training.recipe import Preset
 
 
-def small(method: str, size: str) -> System:
-    """The system of preset tiny, trained for one epoch."""
-    found = system(method, size)
-    recipe = found.recipe and replace(found.recipe, epochs=1, drop_epoch=1, true_voxel_epochs=1)
-    return replace(found, recipe=recipe)
+def small(method: str, size: str) -> Preset | None:
+    """The recipe of preset tiny, for one epoch."""
+    found = recipe_of(method, size)
+    return found and replace(found, epochs=1, drop_epoch=1, true_voxel_epochs=1)
 
 
 @pytest.fixture
 def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Bench:
-    monkeypatch.setattr(runner, "system", small)
+    monkeypatch.setattr(runner, "recipe_of", small)
     return Bench([samples_dir() / "frames"], tmp_path / "runs", "tiny", limit=4)
 
 

@@ -23,28 +23,28 @@ from hadr.experiments.conditions import (
     measure_condition,
 )
 from hadr.experiments.plan import measure_all, plan, table_steps
-from hadr.experiments.protocol import System, system
+from hadr.experiments.protocol import recipe_of
 from hadr.experiments.runner import Bench, Run
 from hadr.experiments.tables import ABLATION, FILES, against_next, write_tables
 from hadr.press.paper_report import report
 from hadr.press.report import DEFAULT, ledger_table, tuning_table
 from hadr.records.result_file import read_result_file, seal_row, write_result_file
+from hadr.training.recipe import Preset
 
 PUBLISHED = Path(__file__).resolve().parents[2] / "results" / "paper_tables.json"
 
 
-def small(method: str, size: str) -> System:
-    """The system of preset tiny, trained for one epoch."""
-    found = system(method, size)
-    recipe = found.recipe and replace(found.recipe, epochs=1, drop_epoch=1, true_voxel_epochs=1)
-    return replace(found, recipe=recipe)
+def small(method: str, size: str) -> Preset | None:
+    """The recipe of preset tiny, for one epoch."""
+    found = recipe_of(method, size)
+    return found and replace(found, epochs=1, drop_epoch=1, true_voxel_epochs=1)
 
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Bench, Path]:
     """A bench with some runs of one epoch, and the folder of its tables."""
     patch = pytest.MonkeyPatch()
-    patch.setattr(runner, "system", small)
+    patch.setattr(runner, "recipe_of", small)
     home = tmp_path_factory.mktemp("tables")
     bench = Bench([samples_dir() / "frames"], home / "runs", "tiny", limit=4)
     wishes = ["known/hand-median", "known/hadr", "known/no-hand", "known/hand-2d"]
@@ -162,7 +162,7 @@ def test_frames_dealt_out_are_as_many_and_have_sisters(made: tuple[Bench, Path])
             source = whole.source(run, part)
             names[part] = source.names
             holds[part] = set(source.holds(source.names))
-            assert len(names[part]) == whole.count(known, part)
+            assert len(names[part]) == len(whole.source(known, part))
         assert len({name for listed in names.values() for name in listed}) == sum(
             len(listed) for listed in names.values()
         )
@@ -203,7 +203,7 @@ def test_a_row_runs_again_from_its_record(
 ) -> None:
     bench, folder = made
     # The present recipe is another one: what counts is the recorded one.
-    monkeypatch.setattr(runner, "system", lambda *_: pytest.fail("the present recipe was asked"))
+    monkeypatch.setattr(runner, "recipe_of", lambda *_: pytest.fail("the present recipe was asked"))
     said: list[str] = []
     assert measure_again(bench, folder / f"{file}.json", method, said.append), said
     assert not (bench.out / "again" / said[0].split()[0]).exists()  # the next time trains again
@@ -291,7 +291,7 @@ def test_trials_that_one_network_alone_had_stand_below_the_table(tmp_path: Path)
 def test_another_training_is_another_condition(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(runner, "system", small)
+    monkeypatch.setattr(runner, "recipe_of", small)
     bench = Bench([samples_dir() / "frames"], tmp_path, "tiny", limit=4)
     run, name = Run("known", "unet-hand"), "predicted keypoints"
     row = bench.measure(run)
@@ -308,17 +308,15 @@ def test_another_training_is_another_condition(
 def test_a_training_of_another_recipe_is_set_aside(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def longer(method: str, size: str) -> System:
-        found = small(method, size)
-        assert found.recipe is not None
-        return replace(found, recipe=replace(found.recipe, epochs=2))
+    def longer(method: str, size: str) -> Preset:
+        return replace(small(method, size), epochs=2)
 
     bench = Bench([samples_dir() / "frames"], tmp_path, "tiny", limit=4)
     run = Run("known", "unet-hand")
-    monkeypatch.setattr(runner, "system", longer)
+    monkeypatch.setattr(runner, "recipe_of", longer)
     assert bench.measure(run)["epochs"] == 2
     assert bench.epochs_done(run) == 2
-    monkeypatch.setattr(runner, "system", small)
+    monkeypatch.setattr(runner, "recipe_of", small)
     assert bench.finished(run) is None
     assert bench.epochs_done(run) == 0  # those epochs were another recipe's
     row = bench.measure(run)
