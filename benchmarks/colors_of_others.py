@@ -8,14 +8,11 @@ network is given a frame's mask, depth and hand, but the colours of the frame ha
 which shows another object in another hand. What its error gains is what it had from the colours.
 """
 
-from finished_runs import arguments, open_runs, write_rows
+from finished_runs import arguments, open_runs, trained, write_rows
 
 from hadr.experiments.averages import paired
-from hadr.experiments.protocol import METHODS, PARTS, SEEING, system
-from hadr.experiments.runner import Run
+from hadr.experiments.protocol import METHODS, PARTS, SEEING
 from hadr.experiments.scoring import EVALUATION_SIZE, score_network
-from hadr.training.checkpoints import load_checkpoint
-from hadr.training.loop import LAST
 from hadr.training.tasks.diagnosis import with_other_colors
 
 
@@ -24,20 +21,14 @@ def main() -> None:
     args = arguments(__doc__).parse_args()
     bench = open_runs(args)
     rows = []
-    seeing = SEEING if bench.size == "imagenet" else {}
-    for method in dict.fromkeys((*METHODS, *PARTS, *seeing)):
-        run = Run("known", method, 0)
-        recipe = system(method, bench.size).recipe
-        if recipe is None or bench.finished(run) is None:
-            continue  # it learns nothing, or was not trained
-        model, _ = load_checkpoint(args.runs / run.name / LAST)
+    for run, recipe, model in trained(bench, "known", (*METHODS, *PARTS, *SEEING)):
         frames = bench.frames(run, "test", recipe.size)
         truth = bench.frames(run, "test", EVALUATION_SIZE)
-        own = score_network(model.eval(), frames, truth)
+        own = score_network(model, frames, truth)
         other = score_network(model, with_other_colors(frames), truth)
         holds = bench.holds("known", own.per_frame()["stems"])
         row = {
-            "method": method,
+            "method": run.method,
             "split": "known",
             "frames": len(truth),
             "rmse_m": own.columns()["rmse_m"],
@@ -46,7 +37,7 @@ def main() -> None:
         }
         gap = row["others_minus_own"]
         print(
-            f"{method}: {row['rmse_m']:.4f} m, with another frame's colours "
+            f"{run.method}: {row['rmse_m']:.4f} m, with another frame's colours "
             f"{gap['mean_difference_m']:+.4f} +- {gap['standard_error_m']:.4f} m",
             flush=True,
         )

@@ -107,12 +107,16 @@ def summary(frames: list[dict[str, float]]) -> dict[str, Any]:
 
 def real_frames(folder: Path = REAL) -> list[dict[str, float]]:
     """Errors of the real frames; their truth is the same camera's depth of sprayed twins."""
-    found = []
-    for name in REAL_SCENES:
-        truth = np.nan_to_num(read_depth(folder / f"{name}-opaque-depth-img.exr"))
-        raw = np.nan_to_num(read_depth(folder / f"{name}-transparent-depth-img.exr"))
-        found.append(errors(raw, truth, read_mask(folder / f"{name}-mask.png")))
-    return found
+    return [errors(*read_real(folder, name)) for name in REAL_SCENES]
+
+
+def read_real(folder: Path, scene: str) -> tuple[Float, Float, Mask]:
+    """Raw depth and true depth, metres, 0 = missing, and mask of a real frame."""
+    raw, truth = (
+        np.nan_to_num(read_depth(folder / f"{scene}-{kind}-depth-img.exr"))
+        for kind in ("transparent", "opaque")
+    )
+    return raw, truth, read_mask(folder / f"{scene}-mask.png")
 
 
 def _quad(corner: Array, along: Array, down: Array) -> tuple[Array, Array]:

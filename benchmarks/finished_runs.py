@@ -1,15 +1,20 @@
 """What benchmarks that look at finished runs share: their arguments, their bench, their file."""
 
 import argparse
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import torch
 
-from hadr.experiments.runner import Bench
+from hadr.experiments.protocol import Experiment, recipe_of
+from hadr.experiments.runner import Bench, Run
+from hadr.experiments.tables import runs_in
 from hadr.records.provenance import machine_text, provenance
 from hadr.records.result_file import write_result_file
+from hadr.training.checkpoints import load_checkpoint
+from hadr.training.loop import LAST
+from hadr.training.recipe import Preset
 
 
 def arguments(description: str | None) -> argparse.ArgumentParser:
@@ -27,6 +32,18 @@ def open_runs(args: argparse.Namespace) -> Bench:
     """Set the number of threads, and open the bench of the runs."""
     torch.set_num_threads(args.threads)
     return Bench(args.data, args.runs, args.preset)
+
+
+def trained(
+    bench: Bench, split: Experiment, methods: Iterable[str]
+) -> Iterator[tuple[Run, Preset, Any]]:
+    """Give the finished trainings among some methods: run, recipe, and network to be asked."""
+    there = set(runs_in(bench.out))
+    for run in (Run(split, method) for method in dict.fromkeys(methods)):
+        if run not in there or bench.finished(run) is None:
+            continue
+        if (recipe := recipe_of(run.method, bench.size)) is not None:
+            yield run, recipe, load_checkpoint(bench.out / run.name / LAST)[0].eval()
 
 
 def write_rows(path: Path, what: str, rows: Sequence[Mapping[str, Any]], bench: Bench) -> None:

@@ -8,15 +8,12 @@ Points are those that a camera beside the robot would see of the first eight dev
 
 from __future__ import annotations
 
-import argparse
-import itertools
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from measuring import interleaved
+from measuring import arguments, interleaved, turning
 
 from hadr.handover.grasping.candidates import sample_grasps
 from hadr.handover.grasping.selection import GraspSelection
@@ -48,19 +45,8 @@ def seen_points(scene: HeldScene, rng: np.random.Generator, most: int = 3000) ->
     return points
 
 
-def turning(work: Callable[[int], Any], count: int) -> Callable[[], Any]:
-    """A call that works on the next of the scenes."""
-    numbers = itertools.cycle(range(count))
-    return lambda: work(next(numbers))
-
-
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--json", type=Path)
-    parser.add_argument("--threads", type=int, default=2)
-    parser.add_argument("--turns", type=int, default=40)
-    parser.add_argument("--seconds", type=float, default=60.0)
-    args = parser.parse_args()
+    args = arguments(__doc__, turns=40, seconds=60.0).parse_args()
     torch.set_num_threads(args.threads)
 
     rng = np.random.default_rng(0)

@@ -73,17 +73,9 @@ def written(path: Path) -> int:
 
 
 def kill_once(line: list[str], folder: Path, epochs: int, wait: float, watched: str) -> bool:
-    """Start a training, let it go so many epochs, and kill it.
+    """Start a training, let so many more epochs through, and kill it: whether it was running.
 
-    Args:
-        line: The training's command.
-        folder: Its folder.
-        epochs: So many more epochs are let through.
-        wait: Then so many seconds.
-        watched: Or until this checkpoint is being written; "" takes the seconds.
-
-    Returns:
-        Whether it was still running.
+    It is killed after so many seconds, or while the checkpoint `watched` is being written.
     """
     process = subprocess.Popen(
         line, start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL

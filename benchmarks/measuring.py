@@ -7,6 +7,7 @@ processor's (`time.process_time`, all threads together), which another program d
 
 from __future__ import annotations
 
+import argparse
 import functools
 import itertools
 import json
@@ -27,6 +28,27 @@ from hadr.data.samples import open_samples
 from hadr.training.frames.batches import FrameTensors, load_frames
 
 
+def arguments(
+    description: str | None, *, turns: int, seconds: float | None = None, threads: int = 2
+) -> argparse.ArgumentParser:
+    """Give a parser of what benchmarks of time take; one may add its own."""
+    parser = argparse.ArgumentParser(description=description)
+    parser.add_argument("--json", type=Path)
+    parser.add_argument("--threads", type=int, default=threads)
+    parser.add_argument("--turns", type=int, default=turns)
+    if seconds is not None:
+        parser.add_argument(
+            "--seconds", type=float, default=seconds, help="for all timings together"
+        )
+    return parser
+
+
+def turning(work: Callable[[int], Any], count: int) -> Callable[[], Any]:
+    """A call that works on the next of so many things."""
+    numbers = itertools.cycle(range(count))
+    return lambda: work(next(numbers))
+
+
 @functools.cache
 def sample_frames(size: tuple[int, int] = (224, 224), every: int = 12) -> FrameTensors:
     """Validation frames, of small and large glasses; eight of them with 12."""
@@ -38,9 +60,8 @@ def sample_frames(size: tuple[int, int] = (224, 224), every: int = 12) -> FrameT
 def in_turns(network: nn.Module, size: tuple[int, int] = (224, 224)) -> Callable[[], Any]:
     """A call that restores the next of the sample frames."""
     frames = sample_frames(size)
-    numbers = itertools.cycle(range(len(frames)))
     inputs = [frames.take([number]).inputs for number in range(len(frames))]
-    return lambda: network(inputs[next(numbers)])
+    return turning(lambda number: network(inputs[number]), len(frames))
 
 
 def interleaved(

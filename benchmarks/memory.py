@@ -35,15 +35,10 @@ Array = npt.NDArray[np.float64]
 
 
 def rigid_fits(hand: Array, others: Array) -> tuple[Array, Array, Array]:
-    """Fit other hands to one, rigidly.
+    """Fit the keypoints of M other hands (M, 21, 3) to those of one (21, 3), rigidly; metres.
 
-    Args:
-        hand: Keypoints, shape (21, 3), metres.
-        others: Keypoints of M hands, shape (M, 21, 3), metres.
-
-    Returns:
-        Rotations (M, 3, 3) and translations (M, 3) that bring the others upon the hand, and the
-        root mean square distance that is left, shape (M,), metres.
+    Gives rotations (M, 3, 3) and translations (M, 3) that bring the others upon the hand, and the
+    root mean square distance that is left, (M,).
     """
     middle, middles = hand.mean(axis=0), others.mean(axis=1)
     near, far = hand - middle, others - middles[:, None]
@@ -73,15 +68,8 @@ def nearest_hand(
 
     The remembered points, seen from the test camera, the nearest in each pixel; pixels of the mask
     that none of them meets take the depth of the nearest one that is met, and the median of all
-    points where none is met.
-
-    Args:
-        train: The frames that are remembered.
-        test: The frames that are restored.
-        left_out: Which training frames a test frame may not be reminded of, shape (test, train).
-
-    Returns:
-        The scores, and the training frame that each test frame was reminded of.
+    points where none is met. Of training frames that are `left_out`, (test, train) bool, a test
+    frame is not reminded. Gives the training frame of each test frame too.
     """
     learned = train.true_keypoints.numpy().astype(np.float64)
     depths = np.zeros(tuple(test.true_depth.shape), np.float32)

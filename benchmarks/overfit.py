@@ -120,14 +120,11 @@ def learn_frozen(recipe: Preset, model: torch.nn.Module, frames: FrameTensors, s
 
 
 def least_error_of_a_quarter(frames: FrameTensors, steps: int = 1500) -> float:
-    """Find the smallest mean absolute error of a depth image drawn at a quarter of the size.
+    """Find the least mean absolute error, metres, of depth images of a quarter of the size.
 
     SwinDRNet's heads answer at a quarter of the picture's width and height, and their answer is
     enlarged: not even the best one follows a rim. The error of such an image is convex in its
     pixels, so gradient steps find the least.
-
-    Returns:
-        Metres, the mean over the frames.
     """
     true, mask = frames.true_depth, frames.object_mask & (frames.true_depth > 0)
     height, width = true.shape[1:]

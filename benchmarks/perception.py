@@ -9,14 +9,11 @@ does its work on the true ones: segmentation runs, and the true masks go on to t
 
 from __future__ import annotations
 
-import argparse
-import itertools
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import torch
-from measuring import interleaved
+from measuring import arguments, interleaved, turning
 from torch import Tensor
 
 from hadr.data.samples import open_samples
@@ -40,10 +37,6 @@ def stages(
 ) -> dict[str, Callable[[], Any]]:
     """Calls of the three parts and of all, each on the next of the frames."""
 
-    def turning(work: Callable[[int], Any]) -> Callable[[], Any]:
-        numbers = itertools.cycle(range(len(full)))
-        return lambda: work(next(numbers))
-
     def mask(number: int) -> Any:
         return segmentation(seen[number].inputs.color) > 0
 
@@ -53,21 +46,17 @@ def stages(
     def depth(number: int) -> Any:
         return restoration(full[number].inputs)
 
-    return {
-        "mask": turning(mask),
-        "keypoints": turning(hand),
-        "restoration": turning(depth),
-        "all": turning(lambda number: (mask(number), hand(number), depth(number))),
+    works: dict[str, Callable[[int], Any]] = {
+        "mask": mask,
+        "keypoints": hand,
+        "restoration": depth,
+        "all": lambda number: (mask(number), hand(number), depth(number)),
     }
+    return {name: turning(work, len(full)) for name, work in works.items()}
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--json", type=Path)
-    parser.add_argument("--threads", type=int, default=2)
-    parser.add_argument("--turns", type=int, default=40)
-    parser.add_argument("--seconds", type=float, default=60.0)
-    args = parser.parse_args()
+    args = arguments(__doc__, turns=40, seconds=60.0).parse_args()
     torch.set_num_threads(args.threads)
 
     recipes = {name: preset("mini", name) for name in ("hadr", "segmentation", "hand-keypoints")}

@@ -26,11 +26,12 @@ from typing import Any
 import cv2
 import numpy as np
 import numpy.typing as npt
+from depth_camera import read_real
 
 from hadr.camera import Intrinsics, back_project, unproject, valid_depth
 from hadr.camera_file import load_intrinsics
 from hadr.data.samples import open_samples, samples_dir
-from hadr.frame_io import read_color, read_depth, read_mask
+from hadr.frame_io import read_color
 from hadr.metrics import frame_metrics
 from hadr.records.provenance import machine_text, provenance
 from hadr.records.result_file import write_result_file
@@ -58,11 +59,8 @@ def real_folder() -> Path:
 def read_scene(folder: Path, scene: str) -> tuple[npt.NDArray[np.uint8], Float, Float, Mask]:
     """Colour, raw depth and true depth (0 = missing), and mask of one scene."""
     color = read_color(folder / f"{scene}-transparent-rgb-img.jpg")
-    raw, truth = (
-        np.nan_to_num(read_depth(folder / f"{scene}-{kind}-depth-img.exr")).astype(np.float32)
-        for kind in ("transparent", "opaque")
-    )
-    return color, raw, truth, read_mask(folder / f"{scene}-mask.png")
+    raw, truth, mask = read_real(folder, scene)
+    return color, raw.astype(np.float32), truth.astype(np.float32), mask
 
 
 def held_hands(count: int = HANDS) -> list[npt.NDArray[np.float64]]:
@@ -87,13 +85,9 @@ def glasses(mask: Mask) -> list[Mask]:
 def place_beside(
     relative: npt.NDArray[np.float64], glass: Mask, known: Float, camera: Intrinsics
 ) -> npt.NDArray[np.float64]:
-    """Move a hand to a glass that stands at the depth of what surrounds it: (21, 3), metres.
+    """Move a hand (21, 3), relative to the glass that it held, to a glass (H, W); metres.
 
-    Args:
-        relative: Hand relative to the glass that it held, shape (21, 3).
-        glass: Pixels of the glass, shape (H, W).
-        known: Raw depth with all glass erased, metres, shape (H, W).
-        camera: Intrinsics.
+    It stands at the depth of what surrounds it, of raw depth with all glass erased.
     """
     box = np.ones((2 * RING + 1, 2 * RING + 1), np.uint8)
     around = (cv2.dilate(glass.astype(np.uint8), box) > 0) & valid_depth(known)

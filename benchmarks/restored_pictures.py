@@ -15,16 +15,14 @@ from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
-from finished_runs import arguments, open_runs, write_rows
+from finished_runs import arguments, open_runs, trained, write_rows
 
 from hadr.data.transhand import FrameFiles, TransHand
-from hadr.experiments.protocol import LEARNED, SEEING, system
+from hadr.experiments.protocol import LEARNED, SEEING
 from hadr.experiments.runner import Run
 from hadr.figures.depth.restored_glass import frames_at
 from hadr.metrics import frame_metrics
-from hadr.training.checkpoints import load_checkpoint
 from hadr.training.evaluation import predict_depth
-from hadr.training.loop import LAST
 
 SHARES = (0.05, 0.25, 0.5, 0.75, 0.95)
 STEP_M = 1e-4
@@ -53,19 +51,16 @@ def main() -> None:
             if f"{files.object_id}/{files.stem}" in names:
                 copy_frame(files, root, args.near)
     kept, rows = {}, []
-    for method in (*LEARNED, *(SEEING if bench.size == "imagenet" else ())):
-        run, recipe = Run("known", method), system(method, bench.size).recipe
-        if recipe is None or bench.finished(run) is None:
-            continue
-        model, _ = load_checkpoint(bench.out / run.name / LAST)
+    for run, recipe, model in trained(bench, "known", (*LEARNED, *SEEING)):
         frames = bench.frames(run, "test", recipe.size)
         given = frames.take([frames.stems.index(name) for name in names])
-        for n, depth in enumerate(predict_depth(model.eval(), given)):
+        for n, depth in enumerate(predict_depth(model, given)):
             mask, truth = given.object_mask[n].numpy(), given.true_depth[n].numpy()
-            kept[f"{method}/{names[n]}"] = np.rint(np.where(mask, depth, 0) / STEP_M).astype("<u2")
+            steps = np.rint(np.where(mask, depth, 0) / STEP_M)
+            kept[f"{run.method}/{names[n]}"] = steps.astype("<u2")
             error = frame_metrics(depth, truth, mask, missing="zero").rmse_m
-            rows.append({"method": method, "frame": names[n], "rmse_m": error})
-        print(method, flush=True)
+            rows.append({"method": run.method, "frame": names[n], "rmse_m": error})
+        print(run.method, flush=True)
     np.savez_compressed(args.json.with_suffix(".npz"), **kept)
     what = "RMSE of five test frames at their own size, metres, chosen by their place in HADR's"
     write_rows(args.json, what, rows, bench)

@@ -11,45 +11,29 @@ Simulated: two of the tables of `depth_camera.py`.
 from __future__ import annotations
 
 import argparse
-import importlib.util
-import sys
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import numpy.typing as npt
+from depth_camera import REAL, read_real, table_scene
 
 from hadr.camera import Intrinsics, back_project, ray_directions
 from hadr.camera_file import load_intrinsics
 from hadr.figures.depth.corruption_examples import CorruptionExample, write_examples
-from hadr.frame_io import read_depth, read_mask
 from hadr.records.provenance import machine_text, provenance
 from hadr.synthesis.depth_sensor.depth_camera import StereoCamera, capture_depth
 from hadr.synthesis.rendering.shading import RayTracer
 
-HERE = Path(__file__).resolve().parent
 SIZE = (448, 252)
 WHAT = {"000000080": "bottles on a table", "000000130": "cups on a table"}
-
-
-def depth_camera_script() -> ModuleType:
-    """The benchmark that sets the scenes."""
-    spec = importlib.util.spec_from_file_location("depth_camera", HERE / "depth_camera.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
 
 
 def fitted_plane(
     points: npt.NDArray[np.float64], seed: int = 0, *, within_m: float = 0.004
 ) -> tuple[npt.NDArray[np.float64], float, float]:
-    """Find the plane n . p = d of most points, shape (N, 3), by random triples and least squares.
+    """Find the plane n . p = d of most points (N, 3), and the share of them within the tolerance.
 
-    Returns:
-        Unit normal (3,), distance in metres, and the share of points within the tolerance.
+    By random triples and least squares; n is a unit normal (3,), d in metres.
     """
     rng, best = np.random.default_rng(seed), np.zeros(len(points), bool)
     for _ in range(300):
@@ -73,9 +57,7 @@ def real_example(folder: Path, scene: str) -> tuple[CorruptionExample, dict[str,
         for small, large in zip(SIZE, (whole.width, whole.height), strict=True)
     )
     pick = np.ix_(rows, columns)
-    truth = np.nan_to_num(read_depth(folder / f"{scene}-opaque-depth-img.exr"))[pick]
-    raw = np.nan_to_num(read_depth(folder / f"{scene}-transparent-depth-img.exr"))[pick]
-    mask = read_mask(folder / f"{scene}-mask.png")[pick]
+    raw, truth, mask = (image[pick] for image in read_real(folder, scene))
     camera = whole.resized(*SIZE)
     around = (truth > 0.3) & (truth < 1.0) & ~mask
     points = back_project(truth, camera)[around].astype(np.float64)
@@ -93,9 +75,9 @@ def real_example(folder: Path, scene: str) -> tuple[CorruptionExample, dict[str,
     return example, known
 
 
-def simulated_example(script: ModuleType, seed: int, camera: Intrinsics) -> CorruptionExample:
+def simulated_example(seed: int, camera: Intrinsics) -> CorruptionExample:
     """A table of the simulation, measured by the simulated camera."""
-    scene = script.table_scene(seed, camera)
+    scene = table_scene(seed, camera)
     labels = RayTracer(scene.contents).labels(scene.camera, scene.world_from_camera)
     raw = np.nan_to_num(capture_depth(scene, seed, StereoCamera())).astype(np.float32)
     return CorruptionExample(
@@ -110,9 +92,8 @@ def simulated_example(script: ModuleType, seed: int, camera: Intrinsics) -> Corr
 
 def main() -> None:
     """Make the examples and write them."""
-    script = depth_camera_script()
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--real", type=Path, default=script.REAL)
+    parser.add_argument("--real", type=Path, default=REAL)
     parser.add_argument("--seed", type=int, default=1435)
     parser.add_argument("--out", type=Path, default=Path("results/sensor"))
     args = parser.parse_args()
@@ -120,7 +101,7 @@ def main() -> None:
     camera = next(iter(real.values()))[0].camera
     examples = {f"real-{scene[-3:]}": example for scene, (example, _) in real.items()}
     for number in range(2):
-        examples[f"simulated-{number}"] = simulated_example(script, args.seed + number, camera)
+        examples[f"simulated-{number}"] = simulated_example(args.seed + number, camera)
     content = {
         "what": "Depth measured by a real and by the simulated camera beside the true one, for "
         "chapter 1. Real: two D435 frames of ClearGrasp (Sajjan et al. 2020), from the sample "

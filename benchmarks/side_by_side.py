@@ -11,14 +11,21 @@ built; Linux tells it, elsewhere it is left out.
 from __future__ import annotations
 
 import argparse
-import itertools
 import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import torch
-from measuring import in_a_process, in_turns, interleaved, peak_tensor_bytes, sample_frames
+from measuring import (
+    arguments,
+    in_a_process,
+    in_turns,
+    interleaved,
+    peak_tensor_bytes,
+    sample_frames,
+    turning,
+)
 from torch import nn
 
 from hadr.experiments.protocol import CHEAP
@@ -44,8 +51,7 @@ def build(network: str, size: str) -> nn.Module:
 def cheap_in_turns(method: str) -> Callable[[], Any]:
     """A call that restores the next of the frames without a network."""
     frames = sample_frames((224, 224))
-    numbers = itertools.cycle(range(len(frames)))
-    return lambda: CLASSICAL[method](frames, next(numbers))
+    return turning(lambda number: CLASSICAL[method](frames, number), len(frames))
 
 
 def resident_peak(*, restart: bool = False) -> int | None:
@@ -77,11 +83,7 @@ def memory(network: str, size: str) -> dict[str, Any]:
 
 def main() -> None:
     """Run the benchmark."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--json", type=Path)
-    parser.add_argument("--threads", type=int, default=2)
-    parser.add_argument("--turns", type=int, default=24)
-    parser.add_argument("--seconds", type=float, default=240.0, help="for all timings together")
+    parser = arguments(__doc__, turns=24, seconds=240.0)
     parser.add_argument("--measure", nargs=2, help=argparse.SUPPRESS)
     args = parser.parse_args()
     torch.set_num_threads(args.threads)

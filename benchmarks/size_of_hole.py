@@ -17,24 +17,23 @@ the areas' ratio, minus 1).
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import chain
 from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 import torch
-from finished_runs import arguments, open_runs, write_rows
+from finished_runs import arguments, open_runs, trained, write_rows
 from torch import Tensor
 
 from hadr.experiments.averages import standard_error
-from hadr.experiments.protocol import LEARNED, system
-from hadr.experiments.runner import Run
+from hadr.experiments.protocol import LEARNED
 from hadr.experiments.tables import TABLES
 from hadr.rivals.classical import nearest_valid
-from hadr.training.checkpoints import load_checkpoint
 from hadr.training.evaluation import predict
 from hadr.training.frames.batches import FrameTensors
-from hadr.training.loop import LAST, evenly
+from hadr.training.loop import evenly
 
 SHARES = (-0.25, -0.15, 0.15, 0.25, 0.35)
 """By which share of its radius the hole grows or shrinks."""
@@ -137,18 +136,14 @@ def main() -> None:
     args = parser.parse_args()
     bench = open_runs(args)
     rows = []
-    for split, method in ((split, method) for split in TABLES for method in LEARNED):
-        run, recipe = Run(split, method), system(method, bench.size).recipe
-        if recipe is None or bench.finished(run) is None:
-            continue
-        model = load_checkpoint(args.runs / run.name / LAST)[0]
+    for run, recipe, model in chain(*(trained(bench, split, LEARNED) for split in TABLES)):
         frames = evenly(bench.frames(run, "test", recipe.size), args.frames)
         cores = [resized(mask, min(SHARES)) for mask in frames.inputs.mask.numpy()]
         counted = [number for number, core in enumerate(cores) if core.sum() >= LEAST_PIXELS]
         frames = frames.take(counted)
         core = torch.from_numpy(np.stack([cores[number] for number in counted]))
-        columns = measure(model, frames, core, bench.holds(split, frames.stems))
-        rows.append({"method": method, "split": split, **columns})
+        columns = measure(model, frames, core, bench.holds(run.experiment, frames.stems))
+        rows.append({"method": run.method, "split": run.experiment, **columns})
         widest = columns["by_share"][-1]["moved_m"]
         print(
             f"{run.name}: a hole wider by {max(SHARES):.0%} moves the glass by {widest:+.4f} m, "

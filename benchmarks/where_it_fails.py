@@ -13,7 +13,7 @@ from finished_runs import arguments, open_runs, write_rows
 
 from hadr.experiments.averages import paired
 from hadr.experiments.errors import frame_error, hand_poses, pose_distance, summary
-from hadr.experiments.protocol import LEARNED, PARTS, SEEING, system
+from hadr.experiments.protocol import LEARNED, PARTS, SEEING, recipe_of
 from hadr.experiments.runner import Bench, Run
 from hadr.experiments.scoring import EVALUATION_SIZE, restored_depth, score_network
 from hadr.experiments.tables import TABLES
@@ -27,7 +27,7 @@ from hadr.training.loop import LAST
 def row_of(bench: Bench, run: Run) -> dict[str, Any]:
     """Take apart the errors of one run's network, or of the hand's median depth."""
     truth = bench.frames(run, "test", EVALUATION_SIZE)
-    recipe = system(run.method, bench.size).recipe
+    recipe = recipe_of(run.method, bench.size)
     more: dict[str, Any] = {}
     if recipe is None:
         restorer = CLASSICAL[run.method]

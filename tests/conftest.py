@@ -1,7 +1,7 @@
 """Fixtures that every part of the suite shares."""
 
 import copy
-import importlib.util
+import importlib
 import os
 import sys
 from collections.abc import Callable
@@ -36,14 +36,11 @@ def load_benchmark() -> Callable[[str], ModuleType]:
     """Import a script of the folder `benchmarks`, which is no package, by its name."""
 
     def load(name: str) -> ModuleType:
-        path = Path(__file__).resolve().parents[1] / "benchmarks" / f"{name}.py"
-        spec = importlib.util.spec_from_file_location(f"benchmark_{name}", path)
-        assert spec is not None
-        assert spec.loader is not None
-        module = importlib.util.module_from_spec(spec)
-        sys.modules[spec.name] = module
-        spec.loader.exec_module(module)
-        return module
+        sys.path.append(str(Path(__file__).resolve().parents[1] / "benchmarks"))
+        try:
+            return importlib.import_module(name)
+        finally:
+            sys.path.pop()
 
     return load
 
