@@ -80,10 +80,6 @@ class VoxelGrid:
         origin = torch.tensor(self.origin, dtype=dtype, device=cells.device)
         return origin + (cells.to(dtype) + 0.5) * self.voxel_size
 
-    def contains(self, points: Tensor) -> Tensor:
-        """Say which points (N, 3), metres, lie in the grid: bool (N,)."""
-        return self.cell_of(points)[:, 0] >= 0
-
 
 @dataclass(frozen=True)
 class OccupiedVoxels:
@@ -251,8 +247,7 @@ def voxels_at(
 ) -> Tensor:
     """Find the occupied voxel in which each point (N, 3), metres, of a frame (N,) lies.
 
-    Returns:
-        Row of the voxel, shape (N,), long; -1 where the point's cell is not occupied in its frame.
+    Gives the voxel's row, (N,), long; -1 where the point's cell is not occupied in its frame.
     """
     shape = (occupied.n_frames, *grid.shape)
     table = torch.full(shape, -1, dtype=torch.long, device=points.device)
@@ -269,14 +264,8 @@ def pair_of_true_point(
 ) -> Tensor:
     """Find, for each ray, the pair whose voxel holds the ray's true surface point.
 
-    Args:
-        pairs: The pairs of R rays.
-        occupied: The occupied voxels with which `pairs` was made.
-        true_points: True point of each ray in metres, shape (R, 3); NaN = unknown.
-        grid: The voxel grid.
-
-    Returns:
-        Row of the true pair, shape (R,), long; -1 where no candidate holds the point.
+    From the pairs of R rays, the voxels that they were made with, and the true points in metres,
+    (R, 3), NaN = unknown, to the row of each true pair, (R,), long; -1 where no candidate holds it.
     """
     true_cell = grid.cell_of(true_points)
     same = (occupied.cell[pairs.voxel] == true_cell[pairs.ray]).all(dim=1)
@@ -289,15 +278,8 @@ def pair_of_true_point(
 def select_points(depth: Tensor, maximum: int) -> Tensor:
     """Pick valid pixels for the point cloud, at most so many a frame, evenly in raster order.
 
-    Args:
-        depth: z-depth in metres, shape (B, H, W); 0, negative, NaN or infinite = missing.
-        maximum: Largest number of pixels of one frame.
-
-    Returns:
-        Rows (frame, row, column) of the chosen pixels, shape (N, 3), long; sorted.
-
-    Raises:
-        ValueError: `maximum` is not positive.
+    From z-depth in metres, (B, H, W); 0, negative, NaN or infinite = missing. Gives rows (frame,
+    row, column), (N, 3), long, sorted; ValueError for a maximum below 1.
     """
     if maximum < 1:
         raise ValueError(f"maximum must be at least 1, got {maximum}")
@@ -312,15 +294,9 @@ def select_points(depth: Tensor, maximum: int) -> Tensor:
 
 
 def segment_max(values: Tensor, segment: Tensor, n: int) -> Tensor:
-    """Take the maximum of the rows of each segment, channel by channel.
+    """Take the maximum of the rows (N, C) of each segment (N,), in any order, channel by channel.
 
-    Args:
-        values: Rows, shape (N, C).
-        segment: Segment of each row, shape (N,), long, in [0, n); in any order.
-        n: Number of segments.
-
-    Returns:
-        Maxima, shape (n, C); 0 for a segment without a row.
+    Gives (n, C); 0 for a segment without a row.
     """
     result = values.new_zeros(n, values.shape[1])
     index = segment.unsqueeze(1).expand_as(values)

@@ -56,13 +56,10 @@ class Segmentation:
 
     @classmethod
     def load(cls, path: str | Path) -> Segmentation:
-        """Read a segmentation checkpoint.
+        """Read a segmentation checkpoint; errors as `hadr.training.checkpoints.load_kind`."""
+        from hadr.training.checkpoints import load_kind
 
-        Raises:
-            FileNotFoundError: There is no such file.
-            ValueError: It is damaged, or a checkpoint of another kind of network.
-        """
-        return cls(*_read_kind(path, "segmentation"), Path(path).name)
+        return cls(*load_kind(path, "segmentation"), Path(path).name)
 
     def masks(self, color: NDArray[np.uint8]) -> SeenMasks:
         """Find the glass, and the hand with the arm, in RGB (H, W, 3) uint8."""
@@ -100,7 +97,9 @@ class HandKeypoints:
     @classmethod
     def load(cls, path: str | Path) -> HandKeypoints:
         """Read a hand-keypoint checkpoint; errors as `Segmentation.load`."""
-        return cls(*_read_kind(path, "hand-keypoints"), Path(path).name)
+        from hadr.training.checkpoints import load_kind
+
+        return cls(*load_kind(path, "hand-keypoints"), Path(path).name)
 
     def find(
         self,
@@ -213,24 +212,11 @@ def find_hand(
     presence: float | None,
     notes: list[str],
 ) -> Hand | None:
-    """Have a hand found, and note whether it is one.
+    """Have a hand found, and note whether it is one; None: none was found.
 
-    Args:
-        finder: What finds it.
-        color: RGB, shape (H, W, 3) uint8.
-        seen: z-depth that the finder may use, metres, shape (H, W); 0 = missing.
-        camera: Intrinsics of all images.
-        glass: The glass's pixels, shape (H, W) bool; one at least.
-        hand_mask: Pixels of hand and arm, shape (H, W) bool; None: not known.
-        measured: z-depth as it was measured, metres, shape (H, W); 0 = missing.
-        presence: Mean probability of a hand in `hand_mask`; None: it is not from a network.
-        notes: Gets a sentence on what was found.
-
-    Returns:
-        The hand, also one that is not accepted; None: none was found.
-
-    Raises:
-        ValueError: The finder needs a hand mask and there is none.
+    `seen` is the depth that the finder may use, `measured` as the camera gave it, z-depth in
+    metres, (H, W), 0 = missing; `presence` is the mean probability of a hand in the mask, None
+    where that is not a network's. ValueError where the finder needs a hand mask and there is none.
     """
     if finder.needs_hand_mask and hand_mask is None:
         raise ValueError(
@@ -255,13 +241,3 @@ def find_hand(
             "find the hand"
         )
     return hand
-
-
-def _read_kind(path: str | Path, kind: str) -> tuple[Any, tuple[int, int]]:
-    """A checkpoint's network of one kind, ready to be asked, and its size."""
-    from hadr.training.checkpoints import load_checkpoint
-
-    model, meta = load_checkpoint(path)
-    if meta["network"] != kind:
-        raise ValueError(f"{path} holds a network of kind {meta['network']!r}, expected {kind!r}")
-    return model.eval(), (int(meta["width"]), int(meta["height"]))

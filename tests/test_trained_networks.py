@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 from hadr.camera import Intrinsics, resize_mask
 from hadr.confidence.calibration import Calibration, ConfidenceRule
-from hadr.models.network_input import enlarge_known, enlarge_restored
+from hadr.models.network_input import enlarge_restored
 from hadr.trained_finders import HandKeypoints, Segmentation
 from hadr.trained_networks import DepthNetwork
 from hadr.training.checkpoints import trained_corruption
@@ -179,9 +179,8 @@ def test_enlarging_is_the_common_resizing_of_values_and_masks(seed, small, heigh
     values = rng.random((small, small + 1)).astype(np.float32)
     all_known = np.ones(values.shape, bool)
     expected = cv2.resize(values, (width, height), interpolation=cv2.INTER_LINEAR)
-    np.testing.assert_allclose(
-        enlarge_known(values, all_known, (height, width)), expected, atol=1e-5
-    )
+    (whole,), _ = enlarge_restored(values[None], all_known, all_known, (height, width))
+    np.testing.assert_allclose(whole, expected, atol=1e-5)
     known = rng.random(values.shape) < 0.5
     _, restored = enlarge_restored(values[None], known, all_known, (height, width))
     if known.any():
@@ -193,12 +192,12 @@ def test_enlarging_is_the_common_resizing_of_values_and_masks(seed, small, heigh
     np.testing.assert_array_equal(part[1], whole[1][window])
 
 
-def test_enlarge_known_is_bilinear_inside_and_nearest_outside() -> None:
+def test_enlarging_is_bilinear_inside_and_nearest_outside() -> None:
     known = np.zeros((10, 10), bool)
     known[2:8, 2:8] = True
     v, u = np.indices((10, 10))
     values = np.where(known, 1.0 + 0.1 * u + 0.01 * v, 99.0)
-    large = enlarge_known(values, known, (40, 40))
+    (large,), _ = enlarge_restored(values[None], known, known, (40, 40))
     v, u = np.indices((40, 40))
     exact = 1.0 + 0.1 * ((u + 0.5) / 4 - 0.5) + 0.01 * ((v + 0.5) / 4 - 0.5)
     np.testing.assert_allclose(large[12:28, 12:28], exact[12:28, 12:28], atol=1e-5)

@@ -21,7 +21,7 @@ from hadr.data.samples import samples_dir
 from hadr.experiments.averages import paired, standard_error
 from hadr.experiments.runner import Bench, Run, code_of
 from hadr.experiments.scoring import EVALUATION_SIZE, Scores, score_depth, score_network
-from hadr.models.network_input import enlarge_known
+from hadr.models.network_input import enlarge_restored
 from hadr.models.networks import RIVALS
 from hadr.records.caches import file_sha256
 from hadr.records.provenance import machine_text, provenance
@@ -156,7 +156,7 @@ def hand_median(truth: FrameTensors) -> Scores:
     for number in range(len(truth)):
         depth = CLASSICAL["hand-median"](truth, number)
         known = truth.inputs.mask[number].numpy() & (depth > 0)
-        images.append(enlarge_known(depth, known, known.shape))
+        images.append(enlarge_restored(depth[None], known, known, known.shape)[0][0])
         own.append(known)
     return score_depth(np.stack(images), truth, np.stack(own))
 
@@ -164,16 +164,11 @@ def hand_median(truth: FrameTensors) -> Scores:
 def condition_rows(
     bench: Bench, conditions: Mapping[str, Given], holds: Sequence[str] | None
 ) -> list[dict[str, Any]]:
-    """Gather the finished rows of some conditions, the methods in the tables' order.
+    """Gather the finished rows of `KEYPOINTS` or `MASKS`, the methods in the tables' order.
 
-    Args:
-        bench: Where they are.
-        conditions: `KEYPOINTS` or `MASKS`.
-        holds: Hold of each test frame.
-
-    Returns:
-        Rows with ``against_true``: the same method compared, frame by frame, with itself when
-        all is true, and ``against_hadr``: with HADR under the same condition.
+    Each has ``against_true``: the same method compared, frame by frame, with itself when all is
+    true, and ``against_hadr``: with HADR under the same condition. `holds` is the hold of each test
+    frame.
     """
     found = {}
     for method in WITH_HAND if conditions is KEYPOINTS else IN_CONDITIONS:

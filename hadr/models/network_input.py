@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -85,20 +84,6 @@ def float_color(color: Tensor) -> Tensor:
     return color.float() / 255 if color.dtype == torch.uint8 else color
 
 
-def stack_inputs(inputs: Sequence[HADRInput]) -> HADRInput:
-    """Join batches of the same image size into one.
-
-    Raises:
-        ValueError: There is none, or the sizes differ.
-    """
-    sizes = sorted({tuple(one.color.shape[2:]) for one in inputs})
-    if len(sizes) != 1:
-        raise ValueError(f"a batch needs frames of one size (H, W), got {sizes}")
-    return HADRInput(
-        **{f.name: torch.cat([getattr(one, f.name) for one in inputs]) for f in fields(HADRInput)}
-    )
-
-
 def frame_to_input(
     color: npt.NDArray[np.uint8],
     depth: FloatArray,
@@ -150,16 +135,9 @@ def frame_to_input(
 
 
 def masked_rays(mask: Tensor, stride: int = 1, row_start: int = 0, column_start: int = 0) -> Tensor:
-    """List the pixels of a mask (B, H, W), or those of every n-th row and column.
+    """List the pixels of a mask (B, H, W), or those of every n-th row and column from a first one.
 
-    Args:
-        mask: Shape (B, H, W), bool.
-        stride: n; with 2 a quarter of the pixels remains.
-        row_start: First row that counts.
-        column_start: First column that counts.
-
-    Returns:
-        Rows (frame, row, column), shape (R, 3), long, in raster order.
+    Gives rows (frame, row, column), shape (R, 3), long, in raster order.
     """
     kept = mask[:, row_start::stride, column_start::stride].nonzero()
     scale = kept.new_tensor([1, stride, stride])
@@ -167,30 +145,14 @@ def masked_rays(mask: Tensor, stride: int = 1, row_start: int = 0, column_start:
 
 
 def ray_points(pixels: Tensor, depth: Tensor, intrinsics: Tensor) -> Tensor:
-    """Lift pixels to points in metres, camera frame, shape (N, 3).
+    """Lift pixels (frame, row, column), (N, 3), of z-depth (N,) to points (N, 3), camera frame.
 
-    Args:
-        pixels: Rows (frame, row, column), shape (N, 3), long.
-        depth: z-depth of each pixel in metres, shape (N,).
-        intrinsics: fx, fy, cx, cy of each frame, shape (B, 4).
+    In metres; the intrinsics are fx, fy, cx, cy of each frame, shape (B, 4).
     """
     fx, fy, cx, cy = intrinsics.index_select(0, pixels[:, 0]).unbind(dim=1)
     x = (pixels[:, 2] - cx) / fx
     y = (pixels[:, 1] - cy) / fy
     return torch.stack((x * depth, y * depth, depth), dim=1)
-
-
-def enlarge_known(
-    values: FloatArray, known: BoolArray, shape: tuple[int, ...]
-) -> npt.NDArray[np.float32]:
-    """Enlarge an image (h, w) of which only some pixels, (h, w) bool, are known, to (H, W) float32.
-
-    Bilinear between the known pixels (unknown ones get no weight), and the nearest known pixel
-    where all four neighbours are unknown; one at least is known.
-    """
-    images, _ = enlarge_restored(values[None], known, known, shape)
-    large: npt.NDArray[np.float32] = images[0]
-    return large
 
 
 def enlarge_restored(
@@ -202,9 +164,10 @@ def enlarge_restored(
 ) -> tuple[npt.NDArray[np.float32], BoolArray]:
     """Enlarge images, and the answer to the question where they hold something.
 
-    Values are interpolated as by `enlarge_known`. A pixel of the result counts as restored where
-    the nearest of the small pixels that were asked for is known: so beyond the mask's rim the
-    neighbour inside of it decides, and a hole within the mask stays a hole.
+    Values are bilinear between the known pixels (unknown ones get no weight), and those of the
+    nearest known pixel where all four neighbours are unknown. A pixel of the result counts as
+    restored where the nearest of the small pixels that were asked for is known: so beyond the
+    mask's rim the neighbour inside of it decides, and a hole within the mask stays a hole.
 
     Args:
         values: K images, shape (K, h, w).
@@ -241,10 +204,7 @@ def enlarge_restored(
 def _neighbours(
     target: int, source: int, wanted: slice
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.float32]]:
-    """Between which pixels the pixels of a resized line lie: both indices and the second's weight.
-
-    A new pixel's centre c looks at (c + 0.5) * source / target - 0.5, as in `hadr.camera`.
-    """
+    """Both pixels between which those of a resized line lie, and the second's weight."""
     centre = (np.arange(target)[wanted] + 0.5) * source / target - 0.5
     first = np.floor(centre).astype(np.int64)
     part = (centre - first).astype(np.float32)

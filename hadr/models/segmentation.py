@@ -78,20 +78,7 @@ class SegmentationNet(nn.Module):
 
 
 def predict_logits(model: SegmentationNet, color: Tensor) -> Tensor:
-    """Give the logits (B, classes, H, W) of each class, the object's first, then the hand's.
-
-    Args:
-        model: The network in evaluation mode.
-        color: sRGB in 0..1, shape (B, 3, H, W).
-
-    Raises:
-        ValueError: The colour is of another shape, or not in 0..1 (NaN included).
-    """
-    if color.ndim != 4 or color.shape[1] != 3:
-        raise ValueError(f"color must be (B, 3, H, W), got {tuple(color.shape)}")
-    if not bool(((color >= 0) & (color <= 1)).all()):
-        low, high = float(color.min()), float(color.max())
-        raise ValueError(f"color must be in 0..1, got {low:.4g} to {high:.4g}")
+    """Give the logits (B, classes, H, W), the object's first, of sRGB in 0..1, (B, 3, H, W)."""
     view = model.config.view
     with torch.no_grad():
         if view is None:

@@ -38,7 +38,6 @@ class VoxelFeatures(nn.Module):
         super().__init__()
         self.bend = functional.relu if voxel_relu else nn.Identity()
         self.point_fusion = point_fusion
-        self.color_channels = color_channels if point_fusion else 3
         self.width = width
         if point_fusion:
             self.embed_position = nn.Linear(3, 16)
@@ -68,14 +67,7 @@ class VoxelFeatures(nn.Module):
 
         Returns:
             Voxel features, shape (V, width).
-
-        Raises:
-            ValueError: The colour has another number of channels than this encoder takes.
         """
-        if color.shape[1] != self.color_channels:
-            raise ValueError(
-                f"color must be (points, {self.color_channels}), got {tuple(color.shape)}"
-            )
         kept = (point_voxel >= 0).nonzero().squeeze(1)
         voxel = point_voxel[kept]
         relative = points.index_select(0, kept) - centers.index_select(0, voxel)  # (points, 3)

@@ -166,16 +166,11 @@ class Refinement(nn.Module):
         seen: Seen,
         occupied: OccupiedVoxels,
     ) -> Tensor:
-        """Compute each ray's move in each iteration, metres along the ray, (R, iterations).
+        """Compute the moves of R rays in each iteration, metres along the ray, (R, iterations).
 
-        Args:
-            distance: Distance of each ray's answer along the ray, metres, shape (R,).
-            color: Colour at each ray's pixel, shape (R, 3).
-            frame: Frame of each ray, shape (R,), long.
-            end: Row of the voxel that counts as the answer's where it lies in no occupied one,
-                shape (R,), long.
-            seen: What the first stage saw on these R rays, and the measured points.
-            occupied: The occupied voxels.
+        From each answer's distance along the ray, metres, (R,), the colour at its pixel, (R, 3),
+        its frame, (R,), and `end`, the row of the voxel that counts as the answer's where it lies
+        in no occupied one, (R,); what the first stage saw on these rays; and the occupied voxels.
         """
         config = self.config
         own = torch.arange(len(distance), device=distance.device)
@@ -223,15 +218,7 @@ class LIDF(nn.Module):
         return self.refinement is not None and int(self.stage) == 2
 
     def set_stage(self, stage: int) -> None:
-        """Go to stage 1, the first stage alone, or 2, the refinement with the first stage frozen.
-
-        Raises:
-            ValueError: There is no such stage, or the network has no refinement.
-        """
-        if stage not in (1, 2):
-            raise ValueError(f"stage must be 1 or 2, got {stage}")
-        if stage == 2 and self.refinement is None:
-            raise ValueError("stage 2 needs the refinement, got a configuration with refine=False")
+        """Go to stage 1, the first stage alone, or 2, the refinement with that frozen."""
         self.stage.fill_(stage)
         self.train(self.training)
 

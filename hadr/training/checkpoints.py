@@ -76,18 +76,12 @@ def save_checkpoint(
     half: bool = False,
     training_state: Mapping[str, Tensor] | None = None,
 ) -> None:
-    """Write a checkpoint and the record beside it.
+    """Write a checkpoint, `.safetensors`, and the record beside it, `.json`.
 
-    Args:
-        path: A `.safetensors` file; the record goes to the same name with `.json`.
-        model: The network, with its configuration as `config`.
-        meta: What should be known about it; the key "network" is set to its kind and "model" to
-            its configuration.
-        half: Store the weights as 16-bit floats, half the size and rounded to 3 digits.
-        training_state: Further tensors that a resumed training needs.
-
-    Raises:
-        ValueError: The name does not end with `.safetensors`, or the network is of no known kind.
+    The record is `meta` with "network", the network's kind, and "model", its configuration; `half`
+    stores the weights as 16-bit floats, half the size and rounded to 3 digits; `training_state` are
+    further tensors that a resumed training needs. ValueError for another name or an unknown
+    network.
     """
     path = Path(path)
     if path.suffix != ".safetensors":
@@ -157,12 +151,19 @@ def load_checkpoint(path: str | Path) -> tuple[Any, dict[str, Any]]:
     return model, meta
 
 
-def kind_of(model: nn.Module) -> str:
-    """Give the kind of a network, such as "hadr".
+def load_kind(path: str | Path, kind: str) -> tuple[Any, tuple[int, int]]:
+    """Load a network of one kind, with the (width, height) at which it was trained.
 
-    Raises:
-        ValueError: It is of no known kind.
+    ValueError where it is one of another kind; else errors as `load_checkpoint`.
     """
+    model, meta = load_checkpoint(path)
+    if meta["network"] != kind:
+        raise ValueError(f"{path} holds a network of kind {meta['network']!r}, expected {kind!r}")
+    return model, (int(meta["width"]), int(meta["height"]))
+
+
+def kind_of(model: nn.Module) -> str:
+    """Give the kind of a network, such as "hadr"; ValueError where it is of no known kind."""
     for kind, network in NETWORKS.items():
         if type(model).__name__ == network.network:
             return kind

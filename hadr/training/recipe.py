@@ -197,25 +197,16 @@ class Given:
     """Seed of everything that is drawn by chance."""
 
     def check(self) -> None:
-        """Check the seed, and load the checkpoints that are named, before frames are read.
-
-        Raises:
-            FileNotFoundError: A checkpoint does not exist.
-            ValueError: A checkpoint is damaged or one of another network; or the seed is negative.
-        """
+        """Check the seed, and load the checkpoints that are named, before frames are read."""
         check_range("seed", self.seed, 0, LARGEST_SEED)
         for path, kind in ((self.masks, "segmentation"), (self.keypoints, "hand-keypoints")):
             if path != TRUE:
-                from hadr.training.frames.predicted import load_given
+                from hadr.training.checkpoints import load_kind
 
-                load_given(path, kind)
+                load_kind(path, kind)
 
     def check_network(self, network: str) -> None:
-        """Refuse predictions for a network to which they would not be given.
-
-        Raises:
-            ValueError: The network restores no depth, and something is predicted.
-        """
+        """Refuse predictions for a network that restores no depth: it would not get them."""
         predicted = self.masks != TRUE or self.keypoints != TRUE
         if predicted and network in ("segmentation", "hand-keypoints"):
             raise ValueError(

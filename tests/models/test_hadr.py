@@ -23,7 +23,6 @@ from hadr.models.network_input import (
     frame_to_input,
     masked_rays,
     ray_points,
-    stack_inputs,
 )
 
 MICRO = HADRConfig(
@@ -306,8 +305,6 @@ def test_frame_to_input_names_what_is_wrong() -> None:
         frame_to_input(color, depth, np.ones((2, 2), bool), None, CAMERA, (16, 8))
     unknown = frame_to_input(color, depth, depth > 0, None, CAMERA, (16, 8))
     assert torch.all(unknown.keypoints == 0)
-    with pytest.raises(ValueError, match="one size"):
-        stack_inputs([unknown, frame_to_input(color, depth, depth > 0, None, CAMERA, (8, 8))])
 
 
 def test_an_unknown_hand_feature_is_named() -> None:

@@ -143,9 +143,3 @@ def test_all_weights_learn() -> None:
         assert parameter.grad.abs().sum() > 0, name
     assert color.grad is not None
     assert color.grad.abs().sum() > 0
-
-
-def test_wrong_color_is_refused() -> None:
-    points, color, voxel, centers = cloud(channels=3)
-    with pytest.raises(ValueError, match=r"color must be \(points, 32\), got \(200, 3\)"):
-        encoder()(points, color, voxel, centers)

@@ -311,7 +311,3 @@ def test_without_refinement_there_is_one_stage() -> None:
     model = LIDF(replace(MICRO, refine=False)).eval()
     assert not any(name.startswith("refinement") for name, _ in model.named_parameters())
     assert model(scene()).restored.any()
-    with pytest.raises(ValueError, match=r"stage 2 needs the refinement, got .*refine=False"):
-        model.set_stage(2)
-    with pytest.raises(ValueError, match="stage must be 1 or 2, got 3"):
-        LIDF(MICRO).set_stage(3)

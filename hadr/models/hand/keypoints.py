@@ -66,34 +66,21 @@ class HandKeypointNet(nn.Module):
 
 
 def hand_cube(config: HandKeypointConfig, inputs: HADRInput, hand: Tensor) -> HandCube:
-    """Lay the cube around each frame's hand, by its mask (B, H, W) and the object's.
-
-    Raises:
-        ValueError: A hand has no pixel with depth; the message says which.
-    """
+    """Lay the cube around each frame's hand, by its mask (B, H, W) and the object's."""
     center = hand_center(inputs.depth, hand, inputs.mask, inputs.intrinsics)
     return HandCube(center, inputs.intrinsics, config.cube_m, config.crop)
 
 
 def keypoints_where_seen(model: HandKeypointNet, inputs: HADRInput, hand: Tensor) -> Tensor:
-    """Find the hands' keypoints in those frames that show enough of a hand.
+    """Find keypoints as `predict_keypoints` in those frames that show enough of a hand.
 
-    Args:
-        model: The network in evaluation mode.
-        inputs: As in `predict_keypoints`.
-        hand: Pixels of hand and arm, shape (B, H, W), bool.
-
-    Returns:
-        Metres, camera frame, shape (B, 21, 3); zeros, which mean "unknown", where no depth was
-        measured on a hand, or so little that none of it is left in the crop.
+    Zeros, which mean "unknown", where no depth was measured on a hand, or so little that none of it
+    is left in the crop.
     """
     found = inputs.depth.new_zeros(len(inputs), 21, 3)
     there = (hand & (inputs.depth > 0)).flatten(1).any(dim=1).nonzero().squeeze(1)
     if len(there):
-        some = inputs.take(there)
-        cube = hand_cube(model.config, some, hand[there])
-        crop = cube.crop(torch.where(hand[there], some.depth, torch.zeros_like(some.depth)))
-        _, valid = cube.points(crop, MAP_STRIDE)  # (frames, h, w)
+        *_, valid = _crop(model.config, inputs.take(there), hand[there])
         there = there[valid.flatten(1).any(dim=1)]
     if len(there):
         found[there] = predict_keypoints(model, inputs.take(there), hand[there])
@@ -101,37 +88,22 @@ def keypoints_where_seen(model: HandKeypointNet, inputs: HADRInput, hand: Tensor
 
 
 def predict_keypoints(model: HandKeypointNet, inputs: HADRInput, hand: Tensor) -> Tensor:
-    """Find the hands' keypoints in whole frames.
+    """Find the hands' keypoints in whole frames: metres, camera frame, (B, 21, 3).
 
-    Args:
-        model: The network in evaluation mode.
-        inputs: Colour is not looked at, nor are the keypoints; depth, intrinsics and the object's
-            mask are.
-        hand: Pixels of hand and arm, shape (B, H, W), bool: true or predicted ones. A detector's
-            box does as well, as a mask that is filled within it, if little else lies in the cube.
-
-    Returns:
-        Metres, camera frame, shape (B, 21, 3).
-
-    Raises:
-        ValueError: The mask has another form, depth is not finite, or a frame shows no hand; the
-            message says which.
+    Depth, intrinsics and the object's mask are looked at, and the pixels of hand and arm, (B, H, W)
+    bool, true or predicted. A detector's box does as well, as a mask that is filled within it, if
+    little else lies in the cube. ValueError for a frame that shows no hand.
     """
-    depth = inputs.depth
-    if hand.shape != depth.shape or hand.dtype != torch.bool:
-        raise ValueError(
-            f"hand must be {tuple(depth.shape)} bool as the depth, got {tuple(hand.shape)} "
-            f"{hand.dtype}"
-        )
-    broken = ~depth.isfinite().flatten(1).all(dim=1)
-    if bool(broken.any()):
-        raise ValueError(
-            f"the depth of frame {int(broken.nonzero()[0])} of the batch is not finite; a missing "
-            "depth is 0"
-        )
-    cube = hand_cube(model.config, inputs, hand)
-    crop = cube.crop(torch.where(hand, depth, torch.zeros_like(depth)))  # (B, 1, S, S)
-    points, valid = cube.points(crop, MAP_STRIDE)  # (B, 3, h, w) and (B, h, w)
+    cube, crop, points, valid = _crop(model.config, inputs, hand)
     with torch.no_grad():
         joints = joints_of_maps(model(crop), points, valid, model.config.reach)  # (B, 21, 3)
     return cube.out_of(joints)
+
+
+def _crop(
+    config: HandKeypointConfig, inputs: HADRInput, hand: Tensor
+) -> tuple[HandCube, Tensor, Tensor, Tensor]:
+    """The cubes, what is seen in them, (B, 1, S, S), and its points, (B, 3, h, w), and where."""
+    cube = hand_cube(config, inputs, hand)
+    crop = cube.crop(torch.where(hand, inputs.depth, torch.zeros_like(inputs.depth)))
+    return cube, crop, *cube.points(crop, MAP_STRIDE)

@@ -9,15 +9,14 @@ MediaPipe is no part of this library: it is the extra "mediapipe", and `hadr han
 model's file. Only `MediaPipeHand` needs them; what follows on its result (`lift_landmarks`) does
 not.
 
-What is the default was the nearest to the truth. Of the two depths relative to the wrist's that
-MediaPipe gives, "image" erred by 16.9 mm and "world" by 20.6 mm on 117 photographs of real hands,
-of which it found 116. On the bundled computed frames it finds 394 of 480 hands; the median frame
-errs by 30 mm with "image" and 32 mm with "world", lifted by the wrist alone by 47 and 56 mm.
+Of the two depths relative to the wrist's that MediaPipe gives, the landmarks' own is taken: it
+erred by 16.9 mm on 117 photographs of real hands, of which it found 116, that of its world
+landmarks by 20.6 mm. On the bundled computed frames it finds 394 of 480 hands; the median frame
+errs by 30 mm, lifted by the wrist alone by 47 mm (32 and 56 mm by the world landmarks).
 
 Source: paper, "Implementation" of the real-world experiments; MediaPipe, hand landmark detection:
 landmarks have x and y in 0..1 of the picture's width and height, and z relative to the wrist's in
-about the unit of x; world landmarks are metres, relative to the hand's middle. The order of the 21
-is that of `hadr.hand.KEYPOINT_NAMES`.
+about the unit of x. The order of the 21 is that of `hadr.hand.KEYPOINT_NAMES`.
 """
 
 from __future__ import annotations
@@ -37,7 +36,6 @@ from hadr.frame_io import quiet
 from hadr.hand import KEYPOINT_NAMES, lift_keypoints, wrist_depth_at
 from hadr.models.hand.plausible import LEAST_SEEN, NoHandError, median_depth
 
-Relative = Literal["image", "world"]
 By = Literal["all", "wrist"]
 NEAR_PIXELS = 2
 """How many pixels around a landmark's are looked at for its depth."""
@@ -46,31 +44,17 @@ HANDS = 4
 
 
 class Landmark(Protocol):
-    """A point that MediaPipe found."""
+    """A point that MediaPipe found: to the right, down, and away from the camera."""
 
-    @property
-    def x(self) -> float | None:
-        """To the right."""
-
-    @property
-    def y(self) -> float | None:
-        """Down."""
-
-    @property
-    def z(self) -> float | None:
-        """Away from the camera."""
+    x: float | None
+    y: float | None
+    z: float | None
 
 
 class LandmarkResult(Protocol):
-    """What MediaPipe's hand landmarker gives for one picture."""
+    """What MediaPipe's hand landmarker gives for one picture: 21 landmarks a hand."""
 
-    @property
-    def hand_landmarks(self) -> Sequence[Sequence[Landmark]]:
-        """21 landmarks a hand in the picture's coordinates."""
-
-    @property
-    def hand_world_landmarks(self) -> Sequence[Sequence[Landmark]]:
-        """The same in metres around the hand's middle."""
+    hand_landmarks: Sequence[Sequence[Landmark]]
 
 
 def lift_landmarks(
@@ -81,7 +65,6 @@ def lift_landmarks(
     *,
     beside: BoolArray | None = None,
     by: By = "all",
-    relative: Relative = "image",
 ) -> npt.NDArray[np.float64]:
     """Lift the landmarks of a hand to 3D by the depth at their pixels.
 
@@ -97,9 +80,6 @@ def lift_landmarks(
             landmarks are the nearest to them is taken; the first one where it is left out.
         by: "all": each landmark at whose pixel depth was measured says how far away the wrist is,
             and their median counts; "wrist": the depth at the wrist's pixel, as in the paper.
-        relative: Where each point's depth relative to the wrist's comes from: "image": its
-            landmark's z, which is in picture widths at the wrist's depth; "world": its world
-            landmark, metres.
 
     Returns:
         Camera frame, metres, shape (21, 3).
@@ -113,25 +93,15 @@ def lift_landmarks(
         raise ValueError(f"depth must be {camera.shape} as the intrinsics, got {depth.shape}")
     if hand_mask is not None and hand_mask.shape != camera.shape:
         raise ValueError(f"hand_mask must be {camera.shape}, got {hand_mask.shape}")
-    if relative not in ("world", "image"):
-        raise ValueError(f"relative must be 'world' or 'image', got {relative!r}")
     if not result.hand_landmarks:
         raise NoHandError("it sees none in the picture")
-    hands = [_coordinates(hand, "landmarks") for hand in result.hand_landmarks]  # (21, 3) each
+    hands = [_coordinates(hand) for hand in result.hand_landmarks]  # (21, 3) each
     size = np.array([camera.width, camera.height])
     pixels = [hand[:, :2] * size - 0.5 for hand in hands]  # from the edges to pixel centres
     chosen = 0 if beside is None else _nearest(pixels, beside)
     picture, uv = hands[chosen], pixels[chosen]
-    away, per_metre = np.zeros(
-        (2, 21)
-    )  # of the wrist's depth: so much more, and so many times more
-    if relative == "image":
-        per_metre = (picture[:, 2] - picture[0, 2]) * camera.width / camera.fx
-    elif result.hand_world_landmarks:
-        world = _coordinates(result.hand_world_landmarks[chosen], "world landmarks")
-        away = world[:, 2] - world[0, 2]
-    else:
-        raise ValueError("the result has no world landmarks; take relative='image'")
+    # Of the wrist's depth so many times more: z is in picture widths at that depth.
+    deeper = (picture[:, 2] - picture[0, 2]) * camera.width / camera.fx
     try:
         if by == "wrist":
             wrist = _at_wrist(depth, uv[0], camera, hand_mask)
@@ -141,8 +111,8 @@ def lift_landmarks(
             known = np.isfinite(measured)
             if known.sum() < LEAST_SEEN:
                 raise ValueError(f"depth is known at {known.sum()} of its 21 landmarks alone")
-            wrist = float(np.median(((measured - away) / (1 + per_metre))[known]))
-        return lift_keypoints(uv, away + per_metre * wrist, wrist, camera)
+            wrist = float(np.median((measured / (1 + deeper))[known]))
+        return lift_keypoints(uv, deeper * wrist, wrist, camera)
     except ValueError as error:
         raise NoHandError(f"what it sees can't be lifted to 3D: {error}") from error
 
@@ -160,14 +130,14 @@ def _at_wrist(
     return wrist_depth_at(depth, pixel, hand_mask)
 
 
-def _coordinates(landmarks: Sequence[Landmark], name: str) -> npt.NDArray[np.float64]:
+def _coordinates(landmarks: Sequence[Landmark]) -> npt.NDArray[np.float64]:
     if len(landmarks) != len(KEYPOINT_NAMES):
-        raise ValueError(f"a hand has {len(KEYPOINT_NAMES)} {name}, got {len(landmarks)}")
+        raise ValueError(f"a hand has {len(KEYPOINT_NAMES)} landmarks, got {len(landmarks)}")
     points = np.array([[p.x, p.y, p.z] for p in landmarks], dtype=float)
     bad = ~np.isfinite(points).all(axis=1)
     if bad.any():
         names = ", ".join(KEYPOINT_NAMES[i] for i in np.flatnonzero(bad))
-        raise ValueError(f"{name} must be finite; not so: {names}")
+        raise ValueError(f"landmarks must be finite; not so: {names}")
     return points
 
 
@@ -238,19 +208,8 @@ class MediaPipeHand:
     ) -> npt.NDArray[np.float64]:
         """Find the keypoints of the hand in one frame that is the nearest to the glass.
 
-        Args:
-            color: RGB, shape (H, W, 3) uint8.
-            depth: As `lift_landmarks`.
-            camera: As `lift_landmarks`.
-            mask: The glass's pixels, shape (H, W) bool; where left out, the first hand is taken.
-            hand_mask: As `lift_landmarks`.
-
-        Returns:
-            Camera frame, metres, shape (21, 3).
-
-        Raises:
-            NoHandError: As `lift_landmarks`.
-            ValueError: The colour has another form, or as `lift_landmarks`.
+        From RGB (H, W, 3) uint8 and the glass's mask (H, W), without which the first hand is taken;
+        depth, camera, hand mask, result and errors as of `lift_landmarks`.
         """
         if color.shape != (*camera.shape, 3) or color.dtype != np.uint8:
             raise ValueError(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
@@ -14,7 +14,7 @@ from tqdm import tqdm
 
 from hadr.camera import resize_depth, resize_mask
 from hadr.corruption import CORRUPTIONS, Corruption, corrupt
-from hadr.models.network_input import HADRInput, frame_to_input, stack_inputs
+from hadr.models.network_input import HADRInput, frame_to_input
 from hadr.records.provenance import usable_cores
 
 if TYPE_CHECKING:
@@ -65,6 +65,11 @@ class FrameTensors:
         stems = tuple(self.stems[number] for number in numbers)
         return FrameTensors(inputs=self.inputs.take(index), stems=stems, **parts)
 
+    def batches(self, size: int) -> Iterator[FrameTensors]:
+        """Give all of them, at most so many at a time."""
+        for first in range(0, len(self), size):
+            yield self.take(range(first, min(first + size, len(self))))
+
     def to(self, device: torch.device | str) -> FrameTensors:
         """Give the frames on another device."""
         parts = {name: getattr(self, name).to(device) for name in _TENSORS}
@@ -72,15 +77,14 @@ class FrameTensors:
 
     @staticmethod
     def join(parts: Sequence[FrameTensors]) -> FrameTensors:
-        """Join frames of one size, in their order.
-
-        Raises:
-            ValueError: There is none, or the sizes differ.
-        """
-        inputs = stack_inputs([part.inputs for part in parts])
+        """Join frames of one size, in their order."""
+        inputs = {
+            field.name: torch.cat([getattr(part.inputs, field.name) for part in parts])
+            for field in fields(HADRInput)
+        }
         tensors = {name: torch.cat([getattr(part, name) for part in parts]) for name in _TENSORS}
         stems = tuple(stem for part in parts for stem in part.stems)
-        return FrameTensors(inputs=inputs, stems=stems, **tensors)
+        return FrameTensors(inputs=HADRInput(**inputs), stems=stems, **tensors)
 
 
 _TENSORS = ("true_depth", "hand_mask", "object_mask", "true_keypoints")

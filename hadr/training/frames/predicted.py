@@ -20,7 +20,7 @@ from hadr.data.folders import FrameSource, check_folders, has_split, open_folder
 from hadr.models.hand.keypoints import keypoints_where_seen
 from hadr.models.network_input import HADRInput
 from hadr.models.segmentation import predict_logits
-from hadr.training.checkpoints import load_checkpoint
+from hadr.training.checkpoints import load_kind
 from hadr.training.frames.batches import FrameList, FrameTensors, load_frames
 from hadr.training.recipe import TRUE, Given
 
@@ -62,60 +62,41 @@ def with_predicted(
 ) -> FrameTensors:
     """Put predicted masks and keypoints in the place of the true ones, where asked for.
 
-    Each network works at the size it was trained at, whatever the size of the frames, so that
-    all systems of a table are given the same masks and keypoints. With the corruptions "oracle"
-    and "erased" the depth is missing in the true mask already; it is erased in the predicted
-    one as well. The keypoints' network looks where the predicted hand is, or the true one where
-    masks are true, and so does the hand's median depth; a frame in which too little of a hand
-    is seen gets zeros, which mean "unknown".
+    Each network works at the size it was trained at, whatever the size of the frames, so that all
+    systems of a table are given the same masks and keypoints. With the corruptions "oracle" and
+    "erased" the depth is missing in the true mask already; it is erased in the predicted one as
+    well. The keypoints' network looks where the predicted hand is, or the true one where masks are
+    true, and so does the hand's median depth; a frame in which too little of a hand is seen gets
+    zeros, which mean "unknown".
 
-    Args:
-        frames: The frames with true masks and keypoints, in the order of the source.
-        source: What they were read from; it may have more frames.
-        given: What is asked for.
-        batch_size: Frames at a time.
-
-    Returns:
-        The frames, or the same ones where nothing is to be predicted.
-
-    Raises:
-        FileNotFoundError: A checkpoint does not exist.
-        ValueError: A checkpoint is one of another network; a frame is not in the source; or the
-            segmentation network finds an object in none of the frames.
+    The source is what the frames were read from, in their order; it may have more. ValueError where
+    it lacks one, or the segmentation network finds an object in none of them.
     """
     inputs, hand = frames.inputs, None
     if given.masks != TRUE:
-        model, size = load_given(given.masks, "segmentation")
+        model, size = load_kind(given.masks, "segmentation")
         seen = _at(size, frames, source, given)
-        found = torch.cat([_masks(model, part) for part in _parts(seen, batch_size)])
+        found = torch.cat([_masks(model, part) for part in seen.batches(batch_size)])
         if not found[:, 0].any():
             raise ValueError(f"{given.masks} finds no object in any of the {len(frames)} frames")
         inputs = _with_mask(inputs, found[:, 0], given)
         hand = found[:, 1] if found.shape[1] > 1 else None
     if given.keypoints != TRUE:
-        model, size = load_given(given.keypoints, "hand-keypoints")
+        model, size = load_kind(given.keypoints, "hand-keypoints")
         seen = _at(size, frames, source, given)
         if given.masks != TRUE:
             seen = replace(seen, inputs=_with_mask(seen.inputs, found[:, 0], given))
         hands = seen.hand_mask if hand is None else resized(hand, seen.hand_mask)
-        parts = zip(_parts(seen, batch_size), torch.split(hands, batch_size), strict=True)
+        both = zip(seen.batches(batch_size), torch.split(hands, batch_size), strict=True)
         with torch.no_grad():
             keypoints = torch.cat(
-                [keypoints_where_seen(model, part.inputs, own) for part, own in parts]
+                [keypoints_where_seen(model, part.inputs, own) for part, own in both]
             )
         uv = pixels_of(keypoints, inputs.intrinsics) * (keypoints != 0).any(dim=-1, keepdim=True)
         inputs = replace(inputs, keypoints=keypoints, keypoints_uv=uv)
     if hand is not None:
         frames = replace(frames, hand_mask=resized(hand, frames.hand_mask))
     return frames if inputs is frames.inputs else replace(frames, inputs=inputs)
-
-
-def load_given(path: str | Path, kind: str) -> tuple[Any, tuple[int, int]]:
-    """Load a network, and give the (width, height) at which it was trained."""
-    model, meta = load_checkpoint(path)
-    if meta["network"] != kind:
-        raise ValueError(f"{path} holds a network of kind {meta['network']!r}, expected {kind!r}")
-    return model.eval(), (int(meta["width"]), int(meta["height"]))
 
 
 def _with_mask(inputs: HADRInput, masks: Tensor, given: Given) -> HADRInput:
@@ -155,13 +136,6 @@ def pixels_of(points: Tensor, intrinsics: Tensor) -> Tensor:
     """Project points (N, 21, 3), metres, by fx, fy, cx, cy (N, 4): pixels (N, 21, 2)."""
     focal, centre = intrinsics[:, None, :2], intrinsics[:, None, 2:]
     return points[..., :2] / points[..., 2:].clamp(min=1e-6) * focal + centre
-
-
-def _parts(frames: FrameTensors, batch_size: int) -> list[FrameTensors]:
-    return [
-        frames.take(range(first, min(first + batch_size, len(frames))))
-        for first in range(0, len(frames), batch_size)
-    ]
 
 
 def _masks(model: Any, frames: FrameTensors) -> Tensor:

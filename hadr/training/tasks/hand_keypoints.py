@@ -6,7 +6,7 @@ cube a little, scales it, and adds noise to the depth, the same for all frames o
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, cast
 
 import torch
@@ -72,10 +72,10 @@ def validate(model: nn.Module, frames: FrameTensors, batch_size: int) -> dict[st
     network = cast(HandKeypointNet, model)
     device = next(model.parameters()).device
     found = []
-    for first in range(0, len(frames), batch_size):
-        part = frames.take(range(first, min(first + batch_size, len(frames)))).to(device)
+    for batch in frames.batches(batch_size):
+        part = batch.to(device)
         found.append(predict_keypoints(network, part.inputs, part.hand_mask).cpu())
-    return keypoint_scores(torch.cat(found), frames.true_keypoints.cpu()).named()
+    return keypoint_scores(torch.cat(found), frames.true_keypoints.cpu())
 
 
 def _change(cube: HandCube, depth: Tensor, generator: torch.Generator) -> tuple[HandCube, Tensor]:
@@ -112,62 +112,21 @@ def keypoint_losses(
     return {"loss": terms["joints"] + DENSE_WEIGHT * terms["maps"], **terms}
 
 
-@dataclass(frozen=True)
-class KeypointScores:
-    """How far predicted keypoints are from the true ones.
+def keypoint_scores(found: Tensor, truth: Tensor) -> dict[str, float]:
+    """Score keypoints (N, 21, 3), metres: numbers by their names in a training's history.
 
-    Attributes:
-        error_m: Mean distance over frames and joints, metres.
-        median_m: Median of each frame's mean distance, metres.
-        within_20mm: Share of the keypoints nearer than 20 mm.
-        auc_50mm: Area under the curve "share nearer than t", t from 0 to 50 mm, divided by 50 mm.
-        wrist_m: Mean distance of the wrist, metres.
-        fingers_m: Mean distance of each finger's four keypoints, metres.
-        relative_m: Mean distance where both hands are moved to their wrists, metres.
+    The first is the mean distance over frames and joints, in metres as all that end in ``_m``;
+    "within_20mm": the share nearer than 20 mm; "auc_50mm": the area under the curve "share nearer
+    than t", t from 0 to 50 mm, divided by 50 mm; "relative_m": both hands moved to their wrists.
     """
-
-    error_m: float
-    median_m: float
-    within_20mm: float
-    auc_50mm: float
-    wrist_m: float
-    fingers_m: dict[str, float]
-    relative_m: float
-
-    def named(self) -> dict[str, float]:
-        """Give the numbers by their names in a training's history."""
-        return {
-            "validation_keypoints_m": self.error_m,
-            "validation_within_20mm": self.within_20mm,
-            "validation_auc_50mm": self.auc_50mm,
-            "validation_wrist_m": self.wrist_m,
-            **{f"validation_{finger}_m": value for finger, value in self.fingers_m.items()},
-            "validation_relative_m": self.relative_m,
-        }
-
-
-def keypoint_scores(found: Tensor, truth: Tensor) -> KeypointScores:
-    """Score keypoints (N, 21, 3), metres.
-
-    Raises:
-        ValueError: The shapes differ, there is no frame, or a number is not finite.
-    """
-    if found.shape != truth.shape or found.shape[1:] != (21, 3) or len(found) == 0:
-        raise ValueError(
-            f"keypoints must be (N, 21, 3), got {tuple(found.shape)} and {tuple(truth.shape)}"
-        )
-    for name, points in (("found", found), ("truth", truth)):
-        broken = ~points.isfinite().flatten(1).all(dim=1)
-        if bool(broken.any()):
-            raise ValueError(f"{name} holds NaN or infinity in frame {int(broken.nonzero()[0])}")
     distance = (found - truth).norm(dim=2)  # (N, 21)
     moved = (found - found[:, :1]) - (truth - truth[:, :1])
-    return KeypointScores(
-        error_m=float(distance.mean()),
-        median_m=float(distance.mean(dim=1).median()),
-        within_20mm=float((distance < NEAR_M).float().mean()),
-        auc_50mm=float((1 - distance / AUC_TO_M).clamp(min=0).mean()),
-        wrist_m=float(distance[:, 0].mean()),
-        fingers_m={name: float(distance[:, list(f)].mean()) for name, f in FINGERS.items()},
-        relative_m=float(moved.norm(dim=2)[:, 1:].mean()),
-    )
+    scores = {
+        "keypoints_m": distance.mean(),
+        "within_20mm": (distance < NEAR_M).float().mean(),
+        "auc_50mm": (1 - distance / AUC_TO_M).clamp(min=0).mean(),
+        "wrist_m": distance[:, 0].mean(),
+        **{f"{name}_m": distance[:, list(joints)].mean() for name, joints in FINGERS.items()},
+        "relative_m": moved.norm(dim=2)[:, 1:].mean(),
+    }
+    return {f"validation_{name}": float(value) for name, value in scores.items()}

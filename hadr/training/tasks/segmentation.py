@@ -28,8 +28,8 @@ def validate(model: nn.Module, frames: FrameTensors, batch_size: int) -> dict[st
     network = cast(SegmentationNet, model)
     device = next(model.parameters()).device
     both, either = [], []
-    for first in range(0, len(frames), batch_size):
-        part = frames.take(range(first, min(first + batch_size, len(frames)))).to(device)
+    for batch in frames.batches(batch_size):
+        part = batch.to(device)
         found, truth = predict_logits(network, part.inputs.color) > 0, _truth(model, part)
         both.append((found & truth).sum(dim=(2, 3)).cpu())
         either.append((found | truth).sum(dim=(2, 3)).cpu())

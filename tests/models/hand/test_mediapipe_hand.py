@@ -23,7 +23,6 @@ class Point:
 @dataclass
 class Result:
     hand_landmarks: list[list[Point]] = field(default_factory=list)
-    hand_world_landmarks: list[list[Point]] = field(default_factory=list)
 
 
 def hand() -> np.ndarray:
@@ -32,23 +31,21 @@ def hand() -> np.ndarray:
     return points
 
 
-def result_of(points: np.ndarray, world_from_points: float = 1.0) -> Result:
-    """What a perfect landmarker would say; its world landmarks lie around the hand's middle."""
+def result_of(points: np.ndarray) -> Result:
+    """What a perfect landmarker would say."""
     u = CAMERA.fx * points[:, 0] / points[:, 2] + CAMERA.cx
     v = CAMERA.fy * points[:, 1] / points[:, 2] + CAMERA.cy
     z = (points[:, 2] - points[0, 2]) * CAMERA.fx / (CAMERA.width * points[0, 2])
     image = [Point((a + 0.5) / 160, (b + 0.5) / 120, c) for a, b, c in zip(u, v, z, strict=True)]
-    around = (points - points.mean(axis=0)) * world_from_points
-    return Result([image], [[Point(*row) for row in around]])
+    return Result([image])
 
 
 def wall(z: float = 0.6) -> np.ndarray:
     return np.full((120, 160), z, dtype=np.float32)
 
 
-@pytest.mark.parametrize("relative", ["world", "image"])
-def test_perfect_landmarks_and_depth_give_the_hand_back(relative: str) -> None:
-    found = lift_landmarks(result_of(hand()), wall(), CAMERA, by="wrist", relative=relative)
+def test_perfect_landmarks_and_depth_give_the_hand_back() -> None:
+    found = lift_landmarks(result_of(hand()), wall(), CAMERA, by="wrist")
     np.testing.assert_allclose(found, hand(), atol=1e-7)
 
 
@@ -68,40 +65,28 @@ def skin_of(points: np.ndarray) -> np.ndarray:
     return depth
 
 
-@pytest.mark.parametrize("relative", ["world", "image"])
-def test_all_landmarks_with_depth_say_how_far_the_hand_is(relative: str) -> None:
+def test_all_landmarks_with_depth_say_how_far_the_hand_is() -> None:
     """The wrist is hidden, five landmarks lie behind what is before them, and two on the wall."""
     depth = skin_of(spread())
     for number, seen in {0: 0.0, 1: 0.4, 2: 0.4, 3: 0.41, 4: 0.42, 5: 0.38, 6: 2.0, 7: 2.0}.items():
         depth[(near := skin_of(spread()[[number]]) > 0)] = seen
         assert near.sum() == 25
-    found = lift_landmarks(result_of(spread()), depth, CAMERA, relative=relative)
+    found = lift_landmarks(result_of(spread()), depth, CAMERA)
     np.testing.assert_allclose(found, spread(), atol=1e-6)
     with pytest.raises(NoHandError, match="no valid depth around the wrist"):
-        lift_landmarks(result_of(spread()), depth, CAMERA, by="wrist", relative=relative)
+        lift_landmarks(result_of(spread()), depth, CAMERA, by="wrist")
     fingers = skin_of(spread()[8:]) > 0
     few = np.where(skin_of(spread()[:4]) > 0, depth, 0)
     with pytest.raises(NoHandError, match="depth is known at 3 of its 21 landmarks"):
         lift_landmarks(result_of(spread()), few, CAMERA)
     away = np.where(fingers, depth, 3.0).astype(np.float32)
-    found = lift_landmarks(result_of(spread()), away, CAMERA, fingers, relative=relative)
+    found = lift_landmarks(result_of(spread()), away, CAMERA, fingers)
     np.testing.assert_allclose(found, spread(), atol=1e-6)
 
 
-def test_the_depth_at_the_wrist_moves_the_whole_hand_along_its_rays() -> None:
-    found = lift_landmarks(result_of(hand()), wall(0.58), CAMERA, by="wrist", relative="world")
-    z = hand()[:, 2] - 0.02
-    np.testing.assert_allclose(found[:, 2], z, atol=1e-7)
-    np.testing.assert_allclose(found[:, 0] / z, hand()[:, 0] / hand()[:, 2], atol=1e-7)
-
-
-def test_world_and_image_differ_where_the_world_landmarks_are_of_another_size() -> None:
-    result = result_of(hand(), world_from_points=1.2)
-    np.testing.assert_allclose(
-        lift_landmarks(result, wall(), CAMERA, by="wrist"), hand(), atol=1e-7
-    )
-    large = lift_landmarks(result, wall(), CAMERA, by="wrist", relative="world")
-    np.testing.assert_allclose(large[:, 2] - 0.6, 1.2 * (hand()[:, 2] - 0.6), atol=1e-7)
+def test_the_depth_at_the_wrist_moves_and_scales_the_whole_hand_along_its_rays() -> None:
+    found = lift_landmarks(result_of(hand()), wall(0.58), CAMERA, by="wrist")
+    np.testing.assert_allclose(found, hand() * 0.58 / 0.6, atol=1e-7)
 
 
 def test_a_wrist_without_depth_takes_the_hand_s_and_without_a_mask_is_an_error() -> None:
@@ -119,14 +104,12 @@ def test_of_several_hands_the_one_at_the_glass_is_taken() -> None:
     near, far = hand(), hand() + np.array([0.15, 0.0, 0.0])
     both = result_of(far)
     both.hand_landmarks += result_of(near).hand_landmarks
-    both.hand_world_landmarks += result_of(near).hand_world_landmarks
     glass = np.zeros((120, 160), dtype=bool)
     glass[50:70, 60:70] = True  # left of the nearer hand's wrist, at pixel (80, 60)
-    for relative in ("image", "world"):
-        found = lift_landmarks(both, wall(), CAMERA, by="wrist", beside=glass, relative=relative)
-        np.testing.assert_allclose(found, near, atol=1e-7)
-        found = lift_landmarks(both, wall(), CAMERA, by="wrist", relative=relative)
-        np.testing.assert_allclose(found, far, atol=1e-7)
+    found = lift_landmarks(both, wall(), CAMERA, by="wrist", beside=glass)
+    np.testing.assert_allclose(found, near, atol=1e-7)
+    found = lift_landmarks(both, wall(), CAMERA, by="wrist")
+    np.testing.assert_allclose(found, far, atol=1e-7)
     found = lift_landmarks(both, wall(), CAMERA, by="wrist", beside=np.zeros_like(glass))
     np.testing.assert_allclose(found, far, atol=1e-7)
 
@@ -149,10 +132,6 @@ def test_wrong_results_are_named() -> None:
     outside.hand_landmarks[0][0].x = 1.1
     with pytest.raises(NoHandError, match=r"outside of the picture, at pixel \(176, 60\)"):
         lift_landmarks(outside, wall(), CAMERA, by="wrist")
-    flat = result_of(hand())
-    flat.hand_world_landmarks = []
-    with pytest.raises(ValueError, match="relative='image'"):
-        lift_landmarks(flat, wall(), CAMERA, relative="world")
     with pytest.raises(ValueError, match=r"depth must be \(120, 160\).*got \(4, 4\)"):
         lift_landmarks(result_of(hand()), np.ones((4, 4)), CAMERA)
 
