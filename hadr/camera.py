@@ -93,11 +93,7 @@ class Intrinsics:
 
     @classmethod
     def from_matrix(cls, matrix: npt.ArrayLike, width: int, height: int) -> Intrinsics:
-        """Build intrinsics from a calibration matrix K, shape (3, 3), pixels.
-
-        Raises:
-            ValueError: The matrix has another shape, a skew, or a last row other than 0 0 1.
-        """
+        """Build intrinsics from K, (3, 3), pixels; ValueError for a skew or another form."""
         return cls(**checked_matrix(matrix), width=width, height=height)
 
     @classmethod
@@ -234,10 +230,7 @@ def project(points: npt.ArrayLike, camera: Intrinsics) -> npt.NDArray[np.float64
 
 
 def ray_directions(camera: Intrinsics) -> npt.NDArray[np.float64]:
-    """Unit directions of the rays through all pixel centres, camera frame, shape (H, W, 3).
-
-    The point at distance t along a ray is ``t * direction``; its depth is ``t * direction[2]``.
-    """
+    """Unit directions of the rays through all pixel centres, camera frame, shape (H, W, 3)."""
     d = unproject(pixel_grid(camera), np.ones(camera.shape), camera)
     return np.asarray(d / np.linalg.norm(d, axis=-1, keepdims=True))
 

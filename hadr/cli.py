@@ -157,13 +157,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def command_parser(name: str) -> argparse.ArgumentParser:
-    """The parser of one command: its help, its errors, and what the book's page is written from.
+    """The parser of one of `COMMANDS`: its help, its errors, and what the book's page is from.
 
-    Args:
-        name: A key of ``COMMANDS``.
-
-    Raises:
-        ModuleNotFoundError: This installation lacks what the command needs.
+    ModuleNotFoundError where this installation lacks what the command needs.
     """
     module = importlib.import_module(COMMANDS[name][0])
     with warnings.catch_warnings():
@@ -218,19 +214,7 @@ def _add(group: argparse._ActionsContainer, declared: Any) -> argparse.Action:
 
 
 def parse_options(name: str, words: Sequence[str]) -> Any:
-    """Read one command's words.
-
-    Args:
-        name: A key of ``COMMANDS``.
-        words: What follows ``hadr NAME``.
-
-    Returns:
-        What the command's `run` takes: its ``Options``.
-
-    Raises:
-        SystemExit: After --help (status 0) and wrong calls (status 2).
-        ModuleNotFoundError: This installation lacks what the command needs.
-    """
+    """Read what follows ``hadr NAME`` into the command's ``Options``; SystemExit as `main`."""
     parser = command_parser(name)
     for word in words:
         option = word.partition("=")[0]

@@ -188,11 +188,7 @@ def forward_kinematics(angles: npt.ArrayLike, shape: HandShape | None = None) ->
 
 
 def keypoints_from_skeleton(joints: npt.ArrayLike) -> npt.NDArray[np.float64]:
-    """Drop the virtual palm point: (22, 3) skeleton joints to (21, 3) keypoints.
-
-    Raises:
-        ValueError: There are not 22 joints.
-    """
+    """Drop the virtual palm point: skeleton joints, which must be (22, 3), to keypoints (21, 3)."""
     joints = np.asarray(joints, dtype=float)
     if joints.shape != (22, 3):
         raise ValueError(f"a skeleton has 22 joints, shape (22, 3); got {joints.shape}")
@@ -266,16 +262,11 @@ def wrist_frame(keypoints: npt.ArrayLike, side: Side = "right") -> npt.NDArray[n
 
 
 def absolute_hand_feature(keypoints: torch.Tensor, *, wrist_rotation: bool = True) -> torch.Tensor:
-    """The holding pose itself, F_hand^abs: keypoints in the wrist frame.
+    """The holding pose itself, F_hand^abs: keypoints (B, 21, 3) in the wrist frame, m, (B, 63).
 
-    Args:
-        keypoints: Camera frame, metres, shape (B, 21, 3).
-        wrist_rotation: True turns them into the wrist frame, as the paper describes: the feature
-            does not change when the camera moves or turns. False only subtracts the wrist, as the
-            published code does: it changes when the camera turns.
-
-    Returns:
-        Shape (B, 63), metres. Source: paper, section III-B; the ledger's row on the wrist frame.
+    So the paper describes it: the feature does not change when the camera moves or turns. Without
+    `wrist_rotation` only the wrist is subtracted, as the published code does: it changes when the
+    camera turns. Source: paper, section III-B; the ledger's row on the wrist frame.
     """
     centred = keypoints - keypoints[:, :1]  # (B, 21, 3)
     if wrist_rotation:
@@ -286,12 +277,8 @@ def absolute_hand_feature(keypoints: torch.Tensor, *, wrist_rotation: bool = Tru
 def relative_hand_feature(keypoints: torch.Tensor, centers: torch.Tensor) -> torch.Tensor:
     """Where the hand is seen from a voxel, F_hand^rel: keypoints minus the voxel's centre.
 
-    Args:
-        keypoints: Camera frame, metres, shape (P, 21, 3) or (1, 21, 3).
-        centers: Voxel centres, camera frame, metres, shape (P, 3).
-
-    Returns:
-        Shape (P, 63), metres. Source: paper, section III-B.
+    From keypoints (P, 21, 3) or (1, 21, 3) and centres (P, 3), camera frame, to (P, 63), all
+    metres. Source: paper, section III-B.
     """
     return (keypoints - centers[:, None]).flatten(1)
 
@@ -301,18 +288,10 @@ def lift_keypoints(
 ) -> npt.NDArray[np.float64]:
     """Lift 2.5D keypoints to 3D by the wrist's depth, as the paper's real system does.
 
-    Args:
-        uv: Pixel coordinates, shape (21, 2).
-        relative_depth: Depth minus the wrist's depth, metres, shape (21,).
-        wrist_depth: z-depth of the wrist keypoint, metres.
-        camera: Intrinsics of the image that ``uv`` refers to.
-
-    Returns:
-        Keypoints in the camera frame, metres, shape (21, 3).
-
-    Raises:
-        ValueError: A shape differs, the wrist's depth is not positive and finite, or a keypoint
-            would lie behind the camera.
+    From pixels (21, 2), depths relative to the wrist's, metres, (21,), the wrist's z-depth, and the
+    intrinsics of that image, to the camera frame, metres, (21, 3). ValueError where a shape
+    differs, the wrist's depth is not positive and finite, or a keypoint would lie behind the
+    camera.
     """
     pixels, relative = np.asarray(uv, dtype=float), np.asarray(relative_depth, dtype=float)
     if pixels.shape != (21, 2):

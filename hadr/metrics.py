@@ -205,13 +205,10 @@ def _sums(predicted: FloatArray, truth: FloatArray, mask: BoolArray, missing: Mi
 def frame_metrics(
     predicted: FloatArray, truth: FloatArray, mask: BoolArray, *, missing: Missing = "exclude"
 ) -> DepthMetrics:
-    """Score one frame.
+    """Score one frame; errors as :func:`depth_errors`.
 
     A negative depth is not missing: it is scored, and fails every delta. Where nothing was
     predicted and ``exclude`` is set, the numbers are NaN and ``pixels`` is 0.
-
-    Raises:
-        ValueError: As :func:`depth_errors`.
     """
     return _sums(predicted, truth, mask, missing).metrics(1, "frame")
 

@@ -131,12 +131,7 @@ class DepthNetwork:
 
     @classmethod
     def load(cls, path: str | Path) -> DepthNetwork:
-        """Read a checkpoint of any depth network.
-
-        Raises:
-            FileNotFoundError: There is no such file.
-            ValueError: The file is damaged, or a checkpoint of another kind of network.
-        """
+        """Read a depth network's checkpoint; errors as `load_checkpoint`, and for another kind."""
         from hadr.training.checkpoints import load_checkpoint
 
         return cls.of(*load_checkpoint(path), Path(path).name)

@@ -84,22 +84,12 @@ class Calibration:
 def fit_calibration(
     score: FloatArray, error_m: FloatArray, *, bins: int = 20, frames: int = 0
 ) -> Calibration:
-    """Fit the map from score to the share of pixels whose error is below `TOLERANCE_M`.
+    """Fit the map from score, 0..1, to the share of pixels whose error is below `TOLERANCE_M`.
 
-    The pixels are sorted by score and cut into bins of equal number; the bins' shares of small
-    errors are made to rise by pooling neighbours (isotonic regression), and each pool becomes one
-    knot at its mean score. Pooling needs no shape to be assumed, and few knots do not follow the
-    chance of single frames.
-
-    Args:
-        score: The network's score of each pixel, 0..1, shape (N,).
-        error_m: Error of each pixel in metres, signed or not, shape (N,).
-        bins: Number of bins.
-        frames: Number of frames the pixels come from, for the record.
-
-    Raises:
-        ValueError: There is no pixel, the shapes differ, a value is not finite, or a score lies
-            outside 0..1.
+    The N pixels, from so many `frames`, are sorted by score and cut into `bins` of equal number;
+    the bins' shares of small errors are made to rise by pooling neighbours (isotonic regression),
+    and each pool becomes one knot at its mean score. Pooling needs no shape to be assumed, and few
+    knots do not follow the chance of single frames. ValueError for unusable numbers.
     """
     s, e = np.asarray(score, float).ravel(), np.abs(np.asarray(error_m, float)).ravel()
     if s.size == 0 or s.shape != e.shape:
@@ -212,15 +202,10 @@ def signal_of(output: Any, signal: Signal = "candidates") -> Any:
 def fit_confidence(
     spread_signal: FloatArray, error_m: FloatArray, *, frames: int = 0
 ) -> ConfidenceRule:
-    """Fit the rule of a network that predicts a distribution.
+    """Fit the rule of a network that predicts a distribution, on pixels of so many frames.
 
-    Args:
-        spread_signal: Signal "candidates" of each restored pixel, shape (N,).
-        error_m: Restored minus true depth in metres, shape (N,).
-        frames: Number of frames the pixels come from, for the record.
-
-    Raises:
-        ValueError: There is no pixel, the shapes differ, or a value is not finite.
+    From the signal "candidates" and the error in metres of each restored pixel, (N,); ValueError
+    where there is none, the shapes differ, or a value is not finite.
     """
     values = np.asarray(spread_signal, np.float64)
     if not values.size or not np.isfinite(values).all():
@@ -335,15 +320,7 @@ def sparsification(
 
 
 def learned_range(true_depth: FloatArray) -> tuple[float, float]:
-    """The nearest and farthest depth at which a network has seen objects, and 2 cm more, metres.
-
-    Args:
-        true_depth: True z-depth of the objects' pixels in the training frames, metres, shape
-            (N,); zeros and NaN are left out.
-
-    Raises:
-        ValueError: No pixel has a depth.
-    """
+    """The nearest and farthest known depth (N,) of objects in training, and 2 cm more, metres."""
     known = true_depth[np.isfinite(true_depth) & (true_depth > 0)]
     if not known.size:
         raise ValueError("no depth of any object: the learned range is unknown")

@@ -211,18 +211,11 @@ def frame_features(
 
 
 def outline_features(color: npt.NDArray[np.uint8], mask: BoolArray) -> dict[str, float]:
-    """Measure whether a mask ends where the picture changes.
+    """Measure whether a mask (H, W) ends where the picture, RGB (H, W, 3) uint8, changes.
 
     Across the outline of glass its brightness makes a step. Where a mask is too wide, or of another
     shape, there are steeper ones beside its outline; where it cuts through the glass, as many along
-    it as across. A hand's skin is smoother than glass.
-
-    Args:
-        color: RGB, shape (H, W, 3) uint8.
-        mask: Pixels to restore, shape (H, W) bool.
-
-    Returns:
-        Features by name; what can't be measured is left out.
+    it as across. A hand's skin is smoother than glass. What can't be measured is left out.
     """
     size = OUTLINE_WIDTH, max(round(mask.shape[0] * OUTLINE_WIDTH / mask.shape[1]), 1)
     mask = resize_mask(mask, *size)

@@ -101,13 +101,8 @@ class Field:
     ) -> Field:
         """Fit ranges and density on training frames, and the limit on validation frames.
 
-        Args:
-            training: Features of frames that the network has learned from.
-            validation: Features of frames that it has not.
-            rule: What the network's confidence means on such frames.
-
-        Raises:
-            ValueError: There is no frame of one of them.
+        The rule says what the network's confidence means on such frames. ValueError where there is
+        no frame of one of them.
         """
         if not training or not validation:
             raise ValueError(

@@ -62,23 +62,16 @@ def samples_dir() -> Path:
 
 
 def open_samples(split: str, objects: Sequence[str] | None = None) -> TransHand:
-    """Open one split of the bundled frames, of all objects or of some.
-
-    Raises:
-        FileNotFoundError: The samples are not there.
-    """
+    """Open one split of the bundled frames, of all objects or of some."""
     return TransHand(samples_dir() / "frames", split, objects)
 
 
 def open_known_unknown(root: Path | None = None) -> dict[str, TransHand]:
     """Open a data set (the bundled one) as the paper's experiment with unknown objects.
 
-    Returns:
-        ``train``, ``val`` and ``known`` (the test holds) of six objects, and ``unknown``, all holds
-        of 0004 and 0007; no holding pose occurs in two of them.
-
-    Raises:
-        FileNotFoundError: The frames, or some of the objects, are not there.
+    ``train``, ``val`` and ``known`` (the test holds) are of six objects, ``unknown`` of all holds
+    of 0004 and 0007; no holding pose occurs in two of them. FileNotFoundError where some are
+    missing.
     """
     root = samples_dir() / "frames" if root is None else root
     six = [name for name in OBJECT_IDS if name not in UNKNOWN_OBJECTS]

@@ -34,16 +34,8 @@ def split_by_frame(
 ) -> npt.NDArray[np.str_]:
     """Give each of so many frames a split at random, whatever it shows.
 
-    Args:
-        n_frames: How many frames there are.
-        rng: The generator that shuffles.
-        ratio: Weights of train, val and test.
-
-    Returns:
-        ``train``, ``val`` or ``test`` per frame, shape (n_frames,).
-
-    Raises:
-        ValueError: The ratio is not three weights.
+    The weights are of train, val and test. Gives ``train``, ``val`` or ``test`` per frame, shape
+    (n_frames,); ValueError where the ratio is not three weights.
     """
     names = np.repeat(np.asarray(_NAMES), _counts(n_frames, ratio))
     return rng.permutation(names)
@@ -78,12 +70,8 @@ def split_by_object(
 def leaked_share(split: npt.NDArray[np.str_], groups: Sequence[str]) -> float:
     """Share of the test frames whose group (holding pose or object) also occurs in training, 0..1.
 
-    Args:
-        split: Split per frame, shape (N,).
-        groups: Group of each frame, N names.
-
-    Raises:
-        ValueError: The lengths differ, or there is no test frame.
+    From the split and the group of each frame, N names; ValueError where their numbers differ, or
+    there is no test frame.
     """
     names = np.asarray(groups)
     if names.shape != split.shape:

@@ -15,17 +15,13 @@ REFERENCE = "hand-median"
 def table_rows(
     rows: Sequence[Mapping[str, Any]], holds: Mapping[str, Sequence[str]] | None = None
 ) -> list[dict[str, Any]]:
-    """Bring runs to the rows of a result file: one a method and split, seeds averaged.
+    """Bring rows of `Bench.measure` to those of a result file: one a method and split.
 
-    Args:
-        rows: Rows of `Bench.measure`.
-        holds: Hold of each frame, by split; without it each frame counts as a hold of its own.
-
-    Returns:
-        In the order of their first appearance; numbers are means over the seeds, beside them each
-        seed's (``by_seed``), their standard deviation (``seed_sd``, n - 1; None for one seed), and
-        the first seed's configuration; each frame's mean over the seeds is compared with the
-        hand's median depth (``against_hand_median``, `paired`).
+    In the order of their first appearance; numbers are means over the seeds, beside them each
+    seed's (``by_seed``), their standard deviation (``seed_sd``, n - 1; None for one seed), and the
+    first seed's configuration; each frame's mean over the seeds is compared with the hand's median
+    depth (``against_hand_median``, `paired`). Without the holds of each split's frames each frame
+    is one.
     """
     groups: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
     for row in rows:

@@ -63,10 +63,7 @@ def _root_mean_square(values: FloatArray) -> float:
 
 
 def hand_poses(frames: FrameTensors) -> Tensor:
-    """Describe how each hand holds its object: keypoints around their median, metres, (N, 63).
-
-    The camera's direction counts (two views of one hold differ), the place in the picture not.
-    """
+    """Describe each hand in the camera's directions: keypoints around their median, m, (N, 63)."""
     points = frames.true_keypoints
     return (points - points.median(dim=1, keepdim=True).values).flatten(1)
 
@@ -88,15 +85,10 @@ def pose_distance(poses: Tensor, learned: Tensor) -> Tensor:
 def summary(errors: list[FrameError], distance: Tensor) -> dict[str, Any]:
     """Summarise frames: parts of the error, each object, and near and far poses.
 
-    Args:
-        errors: Of each frame.
-        distance: Of each frame from the nearest learned pose in metres, shape (N,).
-
-    Returns:
-        ``rmse_m``, ``place_m``, ``bias_m``, ``shape_m``, ``tilt_m``: means over the frames;
-        ``by_object`` the same for each; ``by_pose``: thirds of the frames from the nearest to the
-        farthest pose, each with its mean distance and RMSE; ``rank_correlation`` of distance and
-        RMSE.
+    From each frame's error and its distance from the nearest learned pose, metres, (N,):
+    ``rmse_m``, ``place_m``, ``bias_m``, ``shape_m``, ``tilt_m``, means over the frames;
+    ``by_object`` the same for each; ``by_pose``: thirds of the frames from the nearest to the
+    farthest pose, each with its mean distance and RMSE; ``rank_correlation`` of distance and RMSE.
     """
     far = distance.numpy()
     thirds = np.array_split(np.argsort(far, kind="stable"), 3)

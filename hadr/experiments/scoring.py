@@ -99,16 +99,9 @@ def restored_depth(
 ) -> tuple[FloatArray, BoolArray]:
     """Let a depth network restore frames, and enlarge its depth to the truth's size.
 
-    Args:
-        model: A network whose output has ``depth`` and ``restored``.
-        given: The frames at the network's own size.
-        truth: The same frames at the evaluation size.
-
-    Returns:
-        z-depth in metres, 0 where none is, and where it is the network's own, both (N, H, W).
-
-    Raises:
-        ValueError: The frames are not the same.
+    `given` are the frames at the network's own size, `truth` the same ones at the evaluation size;
+    ValueError where they are others. Gives z-depth in metres, 0 where none is, and where it is the
+    network's own, both (N, H, W).
     """
     if given.stems != truth.stems:
         raise ValueError("the frames at the network's size are not those at the evaluation size")

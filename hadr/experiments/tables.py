@@ -42,17 +42,9 @@ LEDGER = {
 
 
 def write_tables(bench: Bench, folder: str | Path) -> list[Path]:
-    """Write those result files for which a run is finished, and remove the others.
+    """Write, in the order of `FILES`, those for which a run is finished, and remove the others.
 
-    Args:
-        bench: Where the runs are.
-        folder: Where the files go.
-
-    Returns:
-        The files, in the order of `FILES`.
-
-    Raises:
-        ValueError: No run is finished.
+    ValueError where none is.
     """
     rows = finished_rows(bench)
     if not rows:

@@ -99,13 +99,9 @@ def load_published(kind: Any, name: str, **options: Any) -> Any:
 
 
 def build_swin(config: BackboneConfig) -> nn.Module:
-    """Build a module that turns colour (B, 3, H, W) into one feature map a stage.
+    """Build a module that turns colour (B, 3, H, W) into one feature map a stage; takes seconds.
 
-    Importing `transformers` takes some seconds.
-
-    Raises:
-        OSError: The named weights can't be fetched or are not in the local cache.
-        ValueError: The named weights are of another size than the configuration says.
+    OSError where the named weights can't be had, ValueError where they are of another size.
     """
     from transformers import SwinBackbone, SwinConfig
 

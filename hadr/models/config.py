@@ -18,12 +18,7 @@ class NetworkConfig:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any], where: str = "model") -> Self:
-        """Build the configuration from `to_dict`, or from the same read from JSON.
-
-        Raises:
-            ValueError: A value is of the wrong kind, missing, or unknown; the message begins with
-                `where` and names it.
-        """
+        """Build it from `to_dict`, or the same read from JSON; a ValueError names what is wrong."""
         config = structured(values, cls, where)
         for name, value in vars(config).items():
             if isinstance(value, int | float) and value < 0:

@@ -21,14 +21,10 @@ SLOPE = 0.02
 
 
 def encode_position(values: Tensor, levels: int) -> Tensor:
-    """Append sines and cosines of rising frequency: gamma in the paper.
+    """Append to (N, D) sines and cosines of rising frequency: gamma in the paper.
 
-    Args:
-        values: Coordinates, shape (N, D).
-        levels: Number of frequencies 2^0, ..., 2^(levels - 1), in radians per unit (no pi).
-
-    Returns:
-        Shape (N, D * (1 + 2 * levels)): the values, then sine and cosine of each frequency.
+    Frequencies are 2^0, ..., 2^(levels - 1) radians per unit (no pi). Gives (N, D (1 + 2 levels)):
+    the values, then sine and cosine of each frequency.
     """
     parts = [values]
     for level in range(levels):
@@ -80,17 +76,10 @@ class PairDecoder(nn.Module):
     def begin(
         self, ray: Tensor, voxel: Tensor, pair: Tensor, ray_of: Tensor, voxel_of: Tensor
     ) -> Tensor:
-        """Compute the first layer, before its activation, from the three parts.
+        """Compute the first layer, before its activation, of each pair: (pairs, hidden[0]).
 
-        Args:
-            ray: What belongs to the rays, shape (rays, parts[0]).
-            voxel: What belongs to the voxels, shape (voxels, parts[1]).
-            pair: What belongs to the pairs alone, shape (pairs, parts[2]).
-            ray_of: Row of each pair's ray, shape (pairs,), long.
-            voxel_of: Row of each pair's voxel, shape (pairs,), long.
-
-        Returns:
-            Shape (pairs, hidden[0]).
+        From what belongs to the rays, (rays, parts[0]), the voxels, (voxels, parts[1]), and the
+        pairs alone, (pairs, parts[2]), and each pair's ray and voxel, (pairs,), long.
         """
         from_ray = self.first.part(0, ray).index_select(0, ray_of)  # (pairs, 256)
         from_voxel = self.first.part(1, voxel).index_select(0, voxel_of)  # (pairs, 256)

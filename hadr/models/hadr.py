@@ -190,13 +190,10 @@ class HADR(nn.Module):
     ) -> HADROutput:
         """Restore the depth of masked pixels.
 
-        Args:
-            inputs: A batch of frames.
-            rays: Rows (frame, row, column) of the pixels to restore, shape (R, 3), long; all
-                pixels of the mask where they are left out.
-            true_depth: True z-depth in metres, shape (B, H, W), 0 = unknown. Where it is given,
-                each ray takes the voxel in which its true point lies (if that is a candidate)
-                instead of the most probable one: how the first epochs of training go.
+        Of the pixels `rays`, (frame, row, column), (R, 3) long, where they are named. With true
+        depth, metres, (B, H, W), 0 = unknown, each ray takes the voxel in which its true point
+        lies, if that is a candidate, instead of the most probable one: how the first epochs of
+        training go.
         """
         return self.restore(inputs, rays=rays, true_depth=true_depth)[0]
 

@@ -126,11 +126,7 @@ RIVALS = tuple(kind for kind, network in NETWORKS.items() if network.published a
 
 
 def network_of(kind: str) -> Network:
-    """Give the row of a kind of network.
-
-    Raises:
-        ValueError: There is no such network.
-    """
+    """Give the row of a kind of network; ValueError where there is no such network."""
     if kind not in NETWORKS:
         raise ValueError(f"network must be one of {', '.join(NETWORKS)}, got {kind!r}")
     return NETWORKS[kind]

@@ -45,12 +45,8 @@ class RayFeatures(nn.Module):
     def boxes(self, pixels: Tensor, height: int, width: int) -> Tensor:
         """Give the boxes of pixels (frame, row, column), (R, 3) long, in a map of this size.
 
-        Returns:
-            Boxes (left, top, right, bottom) in ROI align's continuous coordinates, inside of the
-            image, shape (R, 4), long.
-
-        Raises:
-            ValueError: The image is smaller than the box.
+        They are (left, top, right, bottom) in ROI align's continuous coordinates, inside of the
+        image, (R, 4), long; ValueError for an image that is smaller than the box.
         """
         if min(height, width) < BOX:
             raise ValueError(f"the feature map must be at least {BOX}x{BOX}, got {height}x{width}")

@@ -33,12 +33,8 @@ copyreg.pickle(MappingProxyType, _as_dictionary)
 def read_only(value: Result) -> Result:
     """Forbid writing to an array, or to all arrays in a tuple, list, dictionary or dataclass.
 
-    Args:
-        value: What is to be kept; in the place of a dataclass's dictionaries stand views of them,
-            and anything else in it stays as it is.
-
-    Returns:
-        The same object.
+    In the place of a dataclass's dictionaries stand views of them, and anything else in what is
+    kept stays as it is; gives the same object.
     """
     parts: Any = ()
     if isinstance(value, np.ndarray):
@@ -78,14 +74,9 @@ def kept(maxsize: int) -> Callable[[Callable[..., Result]], _lru_cache_wrapper[R
 def kept_by_file(
     maxsize: int,
 ) -> Callable[[Callable[..., Result]], Callable[..., Result]]:
-    """Decorate a function of files as `kept` does; a result holds until one of them changes.
+    """Decorate a function of paths alone as `kept` does, of so many results.
 
-    Args:
-        maxsize: How many results are kept.
-
-    Returns:
-        The function, whose arguments are paths alone; it is called anew where the time or size of
-        a file differs, or a file has come or gone.
+    It is called anew where the time or size of a file differs, or a file has come or gone.
     """
 
     def decorate(function: Callable[..., Result]) -> Callable[..., Result]:

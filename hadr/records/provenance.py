@@ -158,16 +158,10 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
 def write_results(
     out_dir: str | Path, name: str, results: Mapping[str, Any], **parameters: str | int
 ) -> dict[str, Any]:
-    """Keep what a chapter measured, as ``results.json`` with its provenance.
+    """Keep what a chapter, such as ``03_ray_voxels``, measured, as ``results.json``.
 
-    Args:
-        out_dir: Folder for the file; empty writes nothing, for readers who only look.
-        name: The chapter's name, such as ``03_ray_voxels``.
-        results: Numbers, strings, lists, arrays, nested as you like.
-        **parameters: The run's parameters worth keeping, such as ``preset`` and ``seed``.
-
-    Returns:
-        What was, or would have been, written.
+    Numbers, strings, lists and arrays may be nested; parameters are the run's. An empty `out_dir`
+    writes nothing, for readers who only look. Gives what was, or would have been, written.
     """
     content: dict[str, Any] = {
         "chapter": name,

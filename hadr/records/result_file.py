@@ -67,12 +67,7 @@ def digest(content: Any) -> str:
 def write_result_file(
     path: str | Path, what: str, rows: Sequence[Mapping[str, Any]], provenance: Mapping[str, Any]
 ) -> None:
-    """Write a result file, whole or not at all; its folder is made, NaN becomes null.
-
-    Raises:
-        ValueError: There is no row.
-        TypeError: A value has no form in JSON.
-    """
+    """Write a result file of rows, one at least, whole or not at all; NaN becomes null."""
     if not rows:
         raise ValueError(f"no rows for {path}: nothing was measured")
     write_sealed(path, {"what": what, "rows": list(rows), "provenance": dict(provenance)})

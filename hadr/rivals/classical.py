@@ -129,16 +129,8 @@ def fill(
 ) -> FloatArray:
     """Fill the mask with a method by its name: nearest, inpaint or hand-median.
 
-    Args:
-        method: The name.
-        depth: z-depth in metres, shape (H, W); 0 = missing.
-        mask: Pixels to restore, shape (H, W) bool.
-        camera: Intrinsics of the depth.
-        keypoints: 21 hand keypoints, camera frame, metres, shape (21, 3).
-        hand_mask: Pixels of hand and arm, shape (H, W) bool; None: not known.
-
-    Raises:
-        ValueError: The method needs keypoints and there are none, or no pixel has depth.
+    From z-depth in metres, keypoints (21, 3) in the camera frame, and the hand's mask, if they are
+    known; ValueError where the method needs keypoints and there are none, or no pixel has depth.
     """
     if method == "nearest":
         return nearest_valid(depth, mask)

@@ -64,10 +64,7 @@ class DFNetConfig(NetworkConfig):
 
 
 def fill_nearest(depth: Tensor, known: Tensor) -> Tensor:
-    """Give each pixel of depth (B, H, W) that of the nearest known one (B, H, W) in its own frame.
-
-    A frame in which none is known becomes zeros.
-    """
+    """Give each pixel of depth (B, H, W) that of the nearest known one; zeros without any."""
     filled = torch.zeros_like(depth)
     for number, there in enumerate(known.cpu().numpy()):
         if there.any():
@@ -80,10 +77,7 @@ def fill_nearest(depth: Tensor, known: Tensor) -> Tensor:
 
 
 def frame_range(depth: Tensor) -> tuple[Tensor, Tensor]:
-    """Give the depths that become 0 and 1: half a standard deviation beyond each frame's own.
-
-    From metres (B, H, W) to the lower and upper end in metres, (B,) each.
-    """
+    """Give the depths (B,), metres, that become 0 and 1: half a deviation beyond a frame's own."""
     values = depth.flatten(1)  # (B, H W)
     margin = 0.5 * values.std(dim=1, correction=0) + MARGIN_M
     return values.amin(dim=1) - margin, values.amax(dim=1) + margin

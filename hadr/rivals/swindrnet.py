@@ -171,9 +171,5 @@ class SwinDRNet(nn.Module):
 
 
 def _start_patches(swin: Any) -> None:
-    """Start the first layer as torch starts a convolution.
-
-    `transformers` starts it without a bias. The layer normalisation behind it then makes the same
-    of a flat patch at any depth.
-    """
+    """Start the first layer as torch does: without a bias flat patches of all depths look alike."""
     swin.swin.embeddings.patch_embeddings.projection.reset_parameters()

@@ -104,10 +104,8 @@ def _build_swin(config: TODEConfig) -> nn.Module:
 def fuse_levels(stages: Sequence[Tensor], gate: float) -> list[Tensor]:
     """Multiply each level by the mean over the channels of the finer one, itself fused before.
 
-    Args:
-        stages: Feature maps, the finest first, each (B, C_i, H_i, W_i) and half the size of the
-            one before, rounded up; the first stays.
-        gate: How much passes the gate, 0..1; the rest passes as it is.
+    The finest comes first and stays, each (B, C_i, H_i, W_i) is half the size of the one before,
+    rounded up; `gate`, 0..1, passes the gate, the rest passes as it is.
     """
     fused = [stages[0]]
     for coarse in stages[1:]:

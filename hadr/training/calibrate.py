@@ -95,16 +95,11 @@ def restored_pixels(
 
 
 def measure_confidence(rule: ConfidenceRule, pixels: RestoredPixels) -> dict[str, Any]:
-    """Measure how honest a confidence is on some frames, and what it knows.
+    """Measure how honest a confidence is on pixels of frames that it was not fitted on.
 
-    Args:
-        rule: The confidence.
-        pixels: Pixels of other frames than those it was fitted on.
-
-    Returns:
-        Numbers by name: lengths in metres; RMSE of all pixels and of those that remain when a
-        tenth is dropped (the least sure, or the worst: the oracle), their means over all shares
-        dropped, and the curves themselves.
+    Gives numbers by name: lengths in metres; RMSE of all pixels and of those that remain when a
+    tenth is dropped (the least sure, or the worst: the oracle), their means over all shares
+    dropped, and the curves themselves.
     """
     if pixels.signal is None:
         raise ValueError("these pixels are of a network that cannot say how sure it is")
@@ -150,16 +145,11 @@ def measure_confidence(rule: ConfidenceRule, pixels: RestoredPixels) -> dict[str
 def calibrate(
     model: nn.Module, train: FrameTensors, validation: FrameTensors, source: str
 ) -> dict[str, Any]:
-    """Make the first two additions to a checkpoint's record.
+    """Make the first two additions to the record of a depth network's checkpoint.
 
-    Args:
-        model: A depth network.
-        train: Frames that it has learned from, at its size; some of them are enough.
-        validation: Frames that it has not learned from.
-        source: What the validation frames are, for the record.
-
-    Returns:
-        The keys ``learned_range`` and, for a network that can say, ``confidence``.
+    Some of the frames that it has learned from, at its size, are enough; it has not learned from
+    those of validation, which `source` names. Gives ``learned_range`` and, for a network that can
+    say, ``confidence``.
     """
     seen = train.true_depth[train.object_mask]
     near, far = learned_range(seen.numpy())
@@ -187,16 +177,9 @@ def learn_ground(
     """Make the ground of a depth network, for its checkpoint's record.
 
     A network that learned from computed depth will be asked about a camera's. So frames that have
-    raw depth are looked at with it as well, and there the confidence has a meaning of its own.
-
-    Args:
-        model: A depth network.
-        size: (width, height) that it runs at, pixels.
-        corruption: Of the frames that it learned from.
-        depth_range_m: Depths of the object in training, metres.
-        training: Frames that it has learned from; some of them are enough.
-        validation: Frames that it has not: they set the limit.
-        seed: Of the analytic corruption.
+    raw depth are looked at with it as well, and there the confidence has a meaning of its own. Some
+    of the frames that it learned from are enough; those of validation set the limit. The size is
+    (width, height) that it runs at, the range that of the objects' depth in training, metres.
     """
     kind, config = NETWORKS[kind_of(model)], CORRUPTIONS[corruption]
 

@@ -24,16 +24,7 @@ Restorer = Callable[[FrameTensors, int], FloatArray]
 
 
 def predict(model: nn.Module, frames: FrameTensors, batch_size: int = 8) -> list[HADROutput]:
-    """Restore all frames, in batches.
-
-    Args:
-        model: The network; it is put into evaluation mode, and back afterwards.
-        frames: The frames.
-        batch_size: Frames at a time.
-
-    Returns:
-        One output a batch.
-    """
+    """Restore all frames; one output a batch. The network is in evaluation mode meanwhile."""
     was_training = model.training
     device = next(model.parameters()).device
     model.eval()

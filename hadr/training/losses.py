@@ -120,10 +120,7 @@ def probability_loss(log_probability: Tensor, true_pair: Tensor) -> Tensor:
 
 
 def normals(cloud: Tensor) -> Tensor:
-    """Unit normals (B, H - 1, W - 1, 3) of an organised point cloud (B, H, W, 3).
-
-    The step to the next column cross that to the next row; meaningless where a point is.
-    """
+    """Unit normals (B, H - 1, W - 1, 3) of a cloud (B, H, W, 3): a column's step cross a row's."""
     to_column = cloud[:, :-1, 1:] - cloud[:, :-1, :-1]
     to_row = cloud[:, 1:, :-1] - cloud[:, :-1, :-1]
     return functional.normalize(torch.linalg.cross(to_column, to_row), dim=-1, eps=1e-9)
@@ -132,8 +129,7 @@ def normals(cloud: Tensor) -> Tensor:
 def normals_apart(cloud: Tensor, true_cloud: Tensor, known: Tensor) -> tuple[Tensor, Tensor]:
     """Compare the normals of two organised point clouds (B, H, W, 3), known (B, H, W) where bool.
 
-    Gives 1 - cos of the angle between them, (B, H - 1, W - 1): 0 = parallel, 2 = opposite; and
-    where the pixel and the next ones in column and row are known.
+    Gives 1 - cos of the angle between them, (B, H - 1, W - 1), and where both neighbours are known.
     """
     whole = known[:, :-1, :-1] & known[:, :-1, 1:] & known[:, 1:, :-1]
     return 1 - (normals(cloud) * normals(true_cloud)).sum(dim=-1), whole

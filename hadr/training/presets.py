@@ -353,9 +353,7 @@ def preset(name: str, network: str = "hadr") -> Preset:
 def recipe_from_dict(values: Mapping[str, Any]) -> Preset:
     """Build the recipe that a record describes: what `Preset.to_dict` gave, also through JSON.
 
-    Raises:
-        ValueError: It is of an unknown network, or a number is out of range.
-        TypeError: A field is unknown.
+    ValueError for an unknown network or a number out of range, TypeError for an unknown field.
     """
     model = network_of(str(values.get("network"))).config_class()
     own = {name: tuple(v) if isinstance(v, list) else v for name, v in values.items()}

@@ -19,11 +19,7 @@ from torch import Tensor, distributed, nn
 
 
 def chosen_accelerator(wish: str) -> str:
-    """Give "cuda" or "cpu" for "auto", "cpu" or "cuda".
-
-    Raises:
-        ValueError: "cuda" is wished where there is none.
-    """
+    """Give "cuda" or "cpu" for "auto", "cpu" or "cuda"; ValueError for a CUDA that is not there."""
     cuda = torch.cuda.is_available()
     if wish == "cuda" and not cuda:
         raise ValueError("--accelerator cuda: PyTorch finds no CUDA device on this machine")
@@ -76,15 +72,9 @@ class Share:
 def shares(frames: int, batch_size: int, process: int, processes: int) -> list[Share]:
     """Cut an epoch into steps and each step into stretches as even as possible.
 
-    Args:
-        frames: Frames in the epoch.
-        batch_size: Frames in a step, of all processes together.
-        process: Number of this process, from 0.
-        processes: How many there are.
-
-    Returns:
-        This process's stretch of each step. The last step may be smaller; one with fewer frames
-        than processes is left out.
+    Gives the stretch of process number `process`, from 0, of each step of `batch_size` frames of
+    all processes together. The last may be smaller; one with fewer frames than processes is left
+    out.
     """
     found = []
     for first in range(0, frames, batch_size):
@@ -97,11 +87,7 @@ def shares(frames: int, batch_size: int, process: int, processes: int) -> list[S
 
 
 def average_gradients(network: nn.Module, processes: int) -> None:
-    """Replace each gradient by its mean over the processes; one process changes nothing.
-
-    A weight without gradient in some processes has gradient 0 there; one without in all of them
-    keeps none.
-    """
+    """Replace each gradient by its mean over the processes; where some have none, theirs is 0."""
     if processes == 1:
         return
     weights = [weight for weight in network.parameters() if weight.requires_grad]

@@ -95,11 +95,7 @@ class TrainingFolder:
                 )
 
     def check_begun(self) -> None:
-        """Refuse a folder in which there is nothing to go on from.
-
-        Raises:
-            FileNotFoundError: It holds no finished epoch.
-        """
+        """Refuse, by a FileNotFoundError, a folder without an epoch to go on from."""
         if not (last := self.path / LAST).is_file():
             raise FileNotFoundError(f"there is no {last} to go on from; leave out --resume")
 

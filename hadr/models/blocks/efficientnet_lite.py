@@ -174,12 +174,7 @@ class EfficientNetLite0(nn.Module):
 
 
 def load_imagenet(network: EfficientNetLite0) -> None:
-    """Put ImageNet's weights into the encoder; those of stages that it lacks are left aside.
-
-    Raises:
-        ImportError: The package is not installed.
-        ValueError: Its file is not the one that is known.
-    """
+    """Put ImageNet's weights into the encoder; those of stages that it lacks are left aside."""
     found = importlib.util.find_spec(PACKAGE.replace("-", "_"))
     if found is None or found.origin is None:
         raise ImportError(

@@ -55,10 +55,7 @@ def build_resnet(config: UNetConfig, channels: int) -> nn.Module:
 
     Published weights are for 3 channels: with another number the first convolution's kernels are
     summed over the colours, as if a grey picture were given three times, and shared among them.
-
-    Raises:
-        OSError: The named weights can't be fetched or are not in the local cache.
-        ValueError: The named weights are of another size than the configuration says.
+    OSError where the weights can't be had, ValueError where they are of another size.
     """
     from transformers import ResNetBackbone, ResNetConfig
 

@@ -50,10 +50,7 @@ class HandCrop:
         )
 
     def place(self, pixels: Tensor, frame: Tensor) -> Tensor:
-        """Bring pixels (column, row), shape (N, 2), of frames (N,), long, into their crops.
-
-        Inside of a crop they are 0..size-1.
-        """
+        """Bring pixels (column, row), (N, 2), of frames (N,) into their crops: 0..size-1 inside."""
         center, step = self.center.index_select(0, frame), self.step.index_select(0, frame)
         return (pixels - center) / step + (self.size - 1) / 2
 
@@ -80,15 +77,9 @@ class HandCrop:
 
 
 def hand_crop(inputs: HADRInput, size: int, pixel_m: float) -> HandCrop:
-    """Lay a crop around each frame's mask; around the image's centre where a mask is empty.
+    """Lay crops of so many pixels around each frame's mask; around the centre where it is empty.
 
-    Args:
-        inputs: Frames with keypoints and a mask.
-        size: Side of the crops in pixels.
-        pixel_m: Metres that a crop pixel spans at the hand's depth.
-
-    Raises:
-        ValueError: A frame has no hand: its keypoints' median depth is not positive.
+    A crop pixel spans `pixel_m` metres at the hand's depth; ValueError for a frame without a hand.
     """
     prior = hand_depth(inputs)
     center = torch.stack([_middle(inputs.mask.any(dim=1)), _middle(inputs.mask.any(dim=2))], dim=1)
@@ -126,14 +117,9 @@ def hand_depth(inputs: HADRInput) -> Tensor:
 def relative_depth(depth: Tensor, hand: Tensor, reach: float) -> Tensor:
     """Turn measured depth into two pictures: how far from the hand's, and whether it is near.
 
-    Args:
-        depth: z-depth in metres, shape (B, H, W); 0 = missing.
-        hand: The hand's depth in metres, shape (B,).
-        reach: Farthest distance from the hand's depth that is told apart, metres.
-
-    Returns:
-        Shape (B, 2, H, W): the difference in units of `reach`, cut off at -1 and 1 and 0 where
-        depth is missing; 1 where depth was measured within `reach`.
+    From z-depth (B, H, W), 0 = missing, and the hand's (B,), metres, to (B, 2, H, W): the
+    difference in units of `reach`, cut off at -1 and 1 and 0 where depth is missing; 1 where it is
+    within `reach`.
     """
     difference = (depth - hand[:, None, None]) / reach  # (B, H, W)
     known = (depth > 0).to(depth.dtype)
@@ -148,18 +134,17 @@ def keypoint_maps(
     radius: float,
     groups: Sequence[Sequence[int]] = (tuple(range(21)),),
 ) -> Tensor:
-    """Draw keypoints as blobs.
+    """Draw keypoints as blobs: (B, 2 G, rows, columns).
+
+    For each of G groups that share a picture the sum of its blobs, then for each of them the sum of
+    the blobs times their values.
 
     Args:
         uv: Their pixels (column, row), shape (B, 21, 2).
         height: A value of each, such as its relative depth, shape (B, 21).
         size: (rows, columns) of the pictures.
         radius: Standard deviation of a blob in pixels.
-        groups: Keypoints that share a picture.
-
-    Returns:
-        Shape (B, 2 G, rows, columns): for each of the G groups the sum of its blobs, then for
-        each of them the sum of the blobs times their values.
+        groups: Numbers of the keypoints of each group.
     """
     rows, columns = (torch.arange(n, device=uv.device, dtype=uv.dtype) for n in size)
     across = torch.exp(-((uv[:, :, :1] - columns) ** 2) / (2 * radius**2))  # (B, 21, columns)

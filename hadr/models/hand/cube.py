@@ -61,15 +61,9 @@ class HandCube:
         return torch.where(inside, relative, torch.ones_like(relative))
 
     def points(self, crop: Tensor, stride: int = 1) -> tuple[Tensor, Tensor]:
-        """Give the surface points of a crop's pixels, in the cube's coordinates.
+        """Give the surface point (u, v, d) of every n-th pixel of what `crop` gave, (B, 3, h, w).
 
-        Args:
-            crop: What `crop` gave, shape (B, 1, size, size).
-            stride: Only every n-th row and column, from the first.
-
-        Returns:
-            Points (u, v, d), shape (B, 3, h, w), and which of them are on a surface in the cube,
-            (B, h, w), bool.
+        And which of them are on a surface in the cube, (B, h, w), bool.
         """
         depth = crop[:, 0, ::stride, ::stride]  # (B, h, w)
         across = (torch.arange(0, self.size, stride, device=crop.device) + 0.5) * (
@@ -104,23 +98,11 @@ class HandCube:
 
 
 def hand_center(depth: Tensor, hand: Tensor, held: Tensor, intrinsics: Tensor) -> Tensor:
-    """Find the hand's centre without knowing its keypoints.
+    """Find the hand's centre without knowing its keypoints: camera frame, metres, (B, 3).
 
-    The mask of a hand goes on along the arm, whose middle is no hand. But the hand holds the
-    object: the centre is the median of the hand's points beside the object, or of all of them
-    where none is beside it.
-
-    Args:
-        depth: Corrupted z-depth in metres, shape (B, H, W); 0 = missing.
-        hand: Pixels of hand and arm, shape (B, H, W), bool.
-        held: Pixels of the held object, shape (B, H, W), bool; may be empty.
-        intrinsics: fx, fy, cx, cy in pixels, shape (B, 4).
-
-    Returns:
-        Camera frame, metres, shape (B, 3).
-
-    Raises:
-        ValueError: A hand has no pixel with depth; the message says which.
+    The mask of a hand, (B, H, W) bool, goes on along the arm, whose middle is no hand. But the hand
+    holds the object (`held`, which may be empty): the centre is the median of the hand's points
+    beside the object, or of all of them where none is. ValueError for a hand without any depth.
     """
     seen = hand & (depth > 0)
     _check_seen(hand, seen)

@@ -95,15 +95,7 @@ def run(options: Options) -> int:
 
 
 def write_hand_model(wheel: Path, out: Path) -> None:
-    """Take the two networks out of a wheel and write them as one model, whole or not at all.
-
-    Args:
-        wheel: A wheel of mediapipe.
-        out: The file to write; its folder is made where it is missing.
-
-    Raises:
-        ValueError: The wheel is damaged, lacks a network, or holds another one.
-    """
+    """Take the two networks out of a wheel and write them as one model, whole or not at all."""
     with whole_file(out) as part, zipfile.ZipFile(part, "w") as model:
         for name, content in _networks(wheel).items():
             model.writestr(zipfile.ZipInfo(name), content)  # stored, and of no date

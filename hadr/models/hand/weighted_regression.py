@@ -36,17 +36,11 @@ class JointMaps:
 
 
 def maps_of_joints(joints: Tensor, points: Tensor, valid: Tensor, reach: float) -> JointMaps:
-    """Compute the maps that say exactly where the joints are.
+    """Compute the maps that say exactly where joints (B, J, 3) are, in the unit of the points.
 
-    Args:
-        joints: Shape (B, J, 3), in the unit of `points`.
-        points: Surface point of each pixel, shape (B, 3, h, w).
-        valid: Pixels that have one, shape (B, h, w), bool.
-        reach: k, in the same unit.
-
-    Returns:
-        The maps; zero in invalid pixels, and the offset also where the joint is beyond `reach`.
-        The weight is zero.
+    From each pixel's surface point (B, 3, h, w), which pixels have one (B, h, w), and the reach k.
+    The maps are zero in invalid pixels, the offset also where a joint is beyond reach; the weight
+    is zero.
     """
     away = joints[:, :, :, None, None] - points[:, None]  # (B, J, 3, h, w)
     distance = away.norm(dim=2)  # (B, J, h, w)
@@ -58,19 +52,10 @@ def maps_of_joints(joints: Tensor, points: Tensor, valid: Tensor, reach: float) 
 
 
 def joints_of_maps(maps: JointMaps, points: Tensor, valid: Tensor, reach: float) -> Tensor:
-    """Average the pixels' proposals for each joint.
+    """Average the pixels' proposals for each joint: (B, J, 3), in the unit of the points.
 
-    Args:
-        maps: Predicted maps.
-        points: Surface point of each pixel, shape (B, 3, h, w).
-        valid: Pixels that have one, shape (B, h, w), bool.
-        reach: k, in the unit of `points`.
-
-    Returns:
-        Joints, shape (B, J, 3).
-
-    Raises:
-        ValueError: A crop has no valid pixel; the message says which.
+    Points, valid pixels and reach as of `maps_of_joints`; ValueError for a crop without valid
+    pixel.
     """
     check_valid(valid)
     score = SHARPNESS * maps.heat + maps.weight  # (B, J, h, w)

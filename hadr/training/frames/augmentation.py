@@ -53,19 +53,16 @@ def other_camera(
     corner: tuple[float, float] = (0.0, 0.0),
     roll: float = 0.0,
 ) -> OtherCamera:
-    """Describe a camera that looks elsewhere.
+    """Describe a camera that looks elsewhere; sizes are (width, height), intrinsics in pixels.
 
     Args:
-        intrinsics: fx, fy, cx, cy of the old camera in pixels.
-        size: (width, height) of both pictures, pixels.
+        intrinsics: fx, fy, cx, cy of the old camera.
+        size: Of both pictures.
         mirror: Swap left and right, at last.
         zoom: How much larger everything becomes.
         corner: Upper left corner of the part that stays, (column, row) from the picture's edge
             in pixels, after the roll.
         roll: Angle about the optical axis in radians, from x to y.
-
-    Returns:
-        The camera.
     """
     fx, fy, cx, cy = np.asarray(intrinsics, dtype=np.float64)
     sine, cosine = np.sin(roll), np.cos(roll)
@@ -91,10 +88,7 @@ def _matrix(intrinsics: Matrix) -> Matrix:
 
 
 def seen_by(frame: FrameTensors, camera: OtherCamera) -> FrameTensors:
-    """Give one frame as the other camera sees it.
-
-    Beyond the old picture's edge depth is missing, masks are empty, and colour is that of the edge.
-    """
+    """Give one frame as the other camera sees it; beyond the old edge there is only its colour."""
     given = frame.inputs
     turn = torch.from_numpy(camera.camera_from_old).float()
     pixel = torch.from_numpy(camera.pixel_from_old).float()
@@ -181,10 +175,7 @@ def draw_camera(frame: FrameTensors, recipe: Preset, rng: np.random.Generator) -
 def with_keypoint_noise(
     frame: FrameTensors, deviation: float, rng: np.random.Generator
 ) -> FrameTensors:
-    """Give one frame's keypoints an error of this deviation (metres) in each coordinate.
-
-    Half of the variance is common to the whole hand, as where it is taken for nearer than it is.
-    """
+    """Give one frame's keypoints an error of this deviation, metres; half is the whole hand's."""
     keypoints = frame.inputs.keypoints
     if not bool((keypoints != 0).any()):
         return frame  # no hand is known
@@ -209,18 +200,10 @@ def through_view(frame: FrameTensors, view: WindowConfig, chance: torch.Generato
 def augment_frames(
     batch: FrameTensors, numbers: Sequence[int], recipe: Preset, seed: int, epoch: int
 ) -> FrameTensors:
-    """Augment each frame of a batch by chance of its own; windows are laid at last.
+    """Augment each frame of a batch, colour in 0..1, by chance of its own; windows come last.
 
-    Args:
-        batch: The frames, colour in 0..1.
-        numbers: Number of each frame among the training frames; with seed and epoch it decides
-            everything, so that it does not matter which process does it.
-        recipe: What may change.
-        seed: Seed of the training.
-        epoch: Number of the epoch.
-
-    Returns:
-        The augmented frames.
+    A frame's number among the training frames decides, with seed and epoch, everything, so that it
+    does not matter which process does it.
     """
     geometric = recipe.mirror > 0 or recipe.zoom > 1 or recipe.roll_deg > 0
     view: WindowConfig | None = getattr(recipe.model, "view", None)

@@ -29,12 +29,9 @@ PROBED = 48
 
 
 def effective_rank(features: Tensor) -> float:
-    """Say in how many directions features vary: 1 to C, and 0 where they don't vary at all.
+    """Say in how many directions rows (N, C), or maps (B, C, H, W), vary: 1 to C, 0 in none.
 
     The exponential of the entropy of the variance's distribution over the principal directions.
-
-    Args:
-        features: Rows of C numbers, shape (N, C), or maps, shape (B, C, H, W).
     """
     if features.ndim == 4:
         features = features.permute(0, 2, 3, 1).flatten(0, 2)  # (N, C)
@@ -87,17 +84,10 @@ def with_other_colors(frames: FrameTensors) -> FrameTensors:
 def diagnose(
     network: nn.Module, kind: Network, frames: FrameTensors, batch_size: int
 ) -> dict[str, float]:
-    """Measure whether a network sees.
+    """Measure whether a depth network sees, on at most `PROBED` of some frames, evenly spread.
 
-    Args:
-        network: A network that restores depth.
-        kind: Its row in the table of networks.
-        frames: Frames that it does not learn from; at most `PROBED` are taken, evenly spread.
-        batch_size: Frames at a time.
-
-    Returns:
-        `rank_1`, `rank_2`, ... of the stages of its first encoder, if it has one; `color_gain_m`:
-        by how much the RMSE, metres, grows with another frame's colours.
+    Gives `rank_1`, `rank_2`, ... of the stages of its first encoder, if it has one, and
+    `color_gain_m`: by how much the RMSE, metres, grows with another frame's colours.
     """
     step = -(-len(frames) // PROBED)
     probed = frames.take(range(0, len(frames), step))
@@ -110,11 +100,7 @@ def diagnose(
 
 
 def gradient_norms(network: nn.Module, encoders: Iterable[str]) -> dict[str, Tensor]:
-    """Give the length of the loss's gradient by part: `gradient_NAME` of each.
-
-    Parts are the encoders by their dotted names and the network's other children, less what is an
-    encoder's.
-    """
+    """Give the length of the gradient, `gradient_NAME`, of each encoder and other child."""
     parts: dict[str, list[Tensor]] = {}
     for name, weight in network.named_parameters():
         if weight.grad is None:

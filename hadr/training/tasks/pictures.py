@@ -29,10 +29,9 @@ _BLACK, _WHITE = (0, 0, 0), (255, 255, 255)
 def depth_picture(model: nn.Module, frames: FrameTensors) -> Picture:
     """Draw colour, corrupted, restored and true depth and the error of four frames, evenly spread.
 
-    Each row shows the half of a frame in which the glass is (all of it for a large one). Depth has
-    one colour scale a row, `AROUND_M` to both sides of the glass's median; black is missing. The
-    error is blue in front of the surface and red behind it, `ERROR_M` at most; the number is the
-    frame's RMSE.
+    Each row shows the half of a frame in which the glass is (all of it for a large one), in one
+    colour scale, `AROUND_M` to both sides of the glass's median; black is missing. The error is
+    blue before the surface and red behind it, `ERROR_M` at most; the number is the frame's RMSE.
     """
     chosen = [int(n) for n in np.unique(np.linspace(0, len(frames) - 1, 4).round())]
     some = frames.take(chosen)
