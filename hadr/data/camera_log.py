@@ -40,18 +40,17 @@ def camera_log(world_from_camera: npt.ArrayLike) -> tuple[list[float], list[floa
 
 def native_pixels(uv: npt.ArrayLike, camera: Intrinsics) -> Array:
     """Pixels of an image resized from 1280x720 back to pixels at 1280x720, shape (..., 2)."""
-    scale = np.array(
-        [TRANSHAND_CAMERA.width / camera.width, TRANSHAND_CAMERA.height / camera.height]
-    )
-    return np.asarray((np.asarray(uv, dtype=float) + 0.5) * scale - 0.5)
+    return _rescaled(uv, camera, TRANSHAND_CAMERA)
 
 
 def image_pixels(uv: Array, camera: Intrinsics) -> Array:
     """The inverse of :func:`native_pixels`."""
-    scale = np.array(
-        [camera.width / TRANSHAND_CAMERA.width, camera.height / TRANSHAND_CAMERA.height]
-    )
-    return np.asarray((uv + 0.5) * scale - 0.5)
+    return _rescaled(uv, TRANSHAND_CAMERA, camera)
+
+
+def _rescaled(uv: npt.ArrayLike, of: Intrinsics, to: Intrinsics) -> Array:
+    scale = np.array([to.width / of.width, to.height / of.height])
+    return np.asarray((np.asarray(uv, dtype=float) + 0.5) * scale - 0.5)
 
 
 def read_log(path: Path) -> dict[str, Any]:

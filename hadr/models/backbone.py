@@ -103,34 +103,45 @@ def build_swin(config: BackboneConfig) -> nn.Module:
 
     OSError where the named weights can't be had, ValueError where they are of another size.
     """
-    from transformers import SwinBackbone, SwinConfig
-
-    stages = [f"stage{number + 1}" for number in range(len(config.depths))]
     if config.pretrained is None:
-        size = SwinConfig(
-            embed_dim=config.embed_dim,
-            patch_size=config.patch,
-            depths=list(config.depths),
-            num_heads=list(config.heads),
-            window_size=config.window,
-            drop_path_rate=config.drop_path,
-            out_features=stages,
+        return random_swin(config)  # type: ignore[no-any-return]
+    from transformers import SwinBackbone
+
+    chosen = {"out_features": _stages(config), "drop_path_rate": config.drop_path}
+    swin: nn.Module = load_published(SwinBackbone, config.pretrained, **chosen)
+    own: Any = swin.config
+    found = (own.embed_dim, tuple(own.depths), own.window_size, own.patch_size)
+    wanted = (config.embed_dim, config.depths, config.window, config.patch)
+    if found != wanted:
+        raise ValueError(
+            f"{config.pretrained!r} has embed_dim, depths, window and patch {found}, but "
+            f"{wanted} is configured"
         )
-        swin: nn.Module = SwinBackbone(size)
-    else:
-        swin = load_published(
-            SwinBackbone, config.pretrained, out_features=stages, drop_path_rate=config.drop_path
-        )
-        own: Any = swin.config
-        found = (own.embed_dim, tuple(own.depths), own.window_size, own.patch_size)
-        wanted = (config.embed_dim, config.depths, config.window, config.patch)
-        if found != wanted:
-            raise ValueError(
-                f"{config.pretrained!r} has embed_dim, depths, window and patch {found}, but "
-                f"{wanted} is configured"
-            )
     replace_drop_path(swin, "SwinDropPath")
     return swin
+
+
+def random_swin(config: Any, **more: Any) -> Any:
+    """Build a Swin Transformer with random weights, of a size, and with more for `SwinConfig`."""
+    from transformers import SwinBackbone, SwinConfig
+
+    size = SwinConfig(
+        embed_dim=config.embed_dim,
+        patch_size=config.patch,
+        depths=list(config.depths),
+        num_heads=list(config.heads),
+        window_size=config.window,
+        drop_path_rate=config.drop_path,
+        out_features=_stages(config),
+        **more,
+    )
+    swin = SwinBackbone(size)
+    replace_drop_path(swin, "SwinDropPath")
+    return swin
+
+
+def _stages(config: Any) -> list[str]:
+    return [f"stage{number + 1}" for number in range(len(config.depths))]
 
 
 def enlarge(features: Tensor, factor: int, size: Sequence[int]) -> Tensor:

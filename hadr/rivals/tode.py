@@ -25,13 +25,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from hadr.models.blocks.stochastic_depth import replace_drop_path
+from hadr.models.backbone import random_swin
 from hadr.models.config import NetworkConfig
 from hadr.models.network_input import HADRInput, ImageOutput, float_color
 from hadr.models.window import WindowConfig, through_window
@@ -76,31 +76,6 @@ class TODEConfig(NetworkConfig):
         return tuple(self.embed_dim * 2**stage for stage in range(len(self.depths)))
 
 
-def _build_swin(config: TODEConfig) -> nn.Module:
-    """Build the Swin Transformer for colour and depth; its stages are not normalised."""
-    from transformers import SwinBackbone, SwinConfig
-
-    stages = [f"stage{number + 1}" for number in range(len(config.depths))]
-    size = SwinConfig(
-        num_channels=4,
-        patch_size=config.patch,
-        embed_dim=config.embed_dim,
-        depths=list(config.depths),
-        num_heads=list(config.heads),
-        window_size=config.window,
-        drop_path_rate=config.drop_path,
-        hidden_act="relu",
-        out_features=stages,
-    )
-    swin: Any = SwinBackbone(size)
-    for stage in stages:
-        swin.hidden_states_norms[stage] = nn.Identity()
-    swin.swin.layernorm = nn.Identity()
-    replace_drop_path(swin, "SwinDropPath")
-    backbone: nn.Module = swin
-    return backbone
-
-
 def fuse_levels(stages: Sequence[Tensor], gate: float) -> list[Tensor]:
     """Multiply each level by the mean over the channels of the finer one, itself fused before.
 
@@ -141,7 +116,10 @@ class TODETrans(nn.Module):
     def __init__(self, config: TODEConfig | None = None) -> None:
         super().__init__()
         self.config = config = config or TODEConfig()
-        self.swin = _build_swin(config)
+        self.swin = random_swin(config, num_channels=4, hidden_act="relu")  # colour and depth
+        for stage in self.swin.hidden_states_norms:
+            self.swin.hidden_states_norms[stage] = nn.Identity()
+        self.swin.swin.layernorm = nn.Identity()
         width, half = config.width, config.width // 2
         skips = [0, *[width] * (len(config.depths) - 1)]  # what comes from the coarser level
         before = [a + b for a, b in zip(skips, reversed(config.channels), strict=True)]

@@ -108,11 +108,6 @@ class InDouble:
 
     inner: Task
 
-    @property
-    def network(self) -> str:
-        """The inner task's."""
-        return self.inner.network
-
     def build(self) -> nn.Module:
         """The network with numbers of 64 bits."""
         return self.inner.build().double()
