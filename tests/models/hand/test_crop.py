@@ -73,17 +73,9 @@ def test_an_empty_mask_centres_the_crop():
 
 def given(depths: list[list[float]]) -> HADRInput:
     """Frames of 4x6 pixels whose keypoints have these z-depths."""
-    count = len(depths)
-    keypoints = torch.zeros(count, 21, 3)
-    keypoints[..., 2] = torch.tensor(depths)
-    return HADRInput(
-        color=torch.zeros(count, 3, 4, 6),
-        depth=torch.zeros(count, 4, 6),
-        mask=torch.zeros(count, 4, 6, dtype=torch.bool),
-        intrinsics=torch.ones(count, 4),
-        keypoints=keypoints,
-        keypoints_uv=torch.zeros(count, 21, 2),
-    )
+    inputs = frames([0.0] * len(depths), (4, 6))
+    inputs.keypoints[..., 2] = torch.tensor(depths)
+    return inputs
 
 
 def test_the_hands_depth_is_the_middle_keypoints() -> None:

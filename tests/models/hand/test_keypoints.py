@@ -1,5 +1,7 @@
 """The keypoint network around its maps: crops, truth in and out, mirrored hands, errors."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 from torch import nn
@@ -82,13 +84,11 @@ def test_what_is_not_hand_has_no_say() -> None:
 def test_a_mirrored_hand_gives_the_mirrored_keypoints_of_mirrored_maps() -> None:
     """The same camera mirrored: pixels and x change sign, the depths and distances stay."""
     inputs, keypoints = frames()
-    left = HADRInput(
-        color=inputs.color,
+    left = replace(
+        inputs,
         depth=inputs.depth.flip(2),
         mask=inputs.mask.flip(2),
         intrinsics=inputs.intrinsics * torch.tensor([1, 1, -1, 1]) + torch.tensor([0, 0, 159.0, 0]),
-        keypoints=inputs.keypoints,
-        keypoints_uv=inputs.keypoints_uv,
     )
     mirror = torch.tensor([-1.0, 1.0, 1.0])
     centers = [hand_cube(SMALL, i, hand_of(i)).center for i in (inputs, left)]
@@ -101,13 +101,11 @@ def test_moving_hand_and_camera_s_principal_point_together_changes_no_crop() -> 
     torch.manual_seed(0)
     inputs, _ = frames(1)
     model = HandKeypointNet(SMALL).eval()
-    moved = HADRInput(
-        color=inputs.color,
+    moved = replace(
+        inputs,
         depth=inputs.depth.roll(16, dims=2),
         mask=inputs.mask.roll(16, dims=2),
         intrinsics=inputs.intrinsics + torch.tensor([0, 0, 16.0, 0]),
-        keypoints=inputs.keypoints,
-        keypoints_uv=inputs.keypoints_uv,
     )
     torch.testing.assert_close(
         predict_keypoints(model, moved, hand_of(moved)),
