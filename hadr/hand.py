@@ -262,11 +262,12 @@ def wrist_frame(keypoints: npt.ArrayLike, side: Side = "right") -> npt.NDArray[n
 
 
 def absolute_hand_feature(keypoints: torch.Tensor, *, wrist_rotation: bool = True) -> torch.Tensor:
-    """The holding pose itself, F_hand^abs: keypoints (B, 21, 3) in the wrist frame, m, (B, 63).
+    """The holding pose itself, F_hand^abs, (B, 63): keypoints in the wrist frame, metres.
 
-    So the paper describes it: the feature does not change when the camera moves or turns. Without
-    `wrist_rotation` only the wrist is subtracted, as the published code does: it changes when the
-    camera turns. Source: paper, section III-B; the ledger's row on the wrist frame.
+    Those of the camera frame, metres, (B, 21, 3), are turned into it, as the paper describes: the
+    feature does not change when the camera moves or turns. Without `wrist_rotation` only the wrist
+    is subtracted, as the published code does: it changes when the camera turns. Source: paper,
+    section III-B; the ledger's row on the wrist frame.
     """
     centred = keypoints - keypoints[:, :1]  # (B, 21, 3)
     if wrist_rotation:

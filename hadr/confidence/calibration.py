@@ -222,13 +222,11 @@ class Reliability:
     """What a confidence says and what is true, bin by bin.
 
     Attributes:
-        edges: Edges of the bins, shape (11,), 0 to 1.
         said: Mean confidence in each bin, shape (10,); NaN in an empty one.
         true: Share of the pixels that are right, shape (10,); NaN in an empty one.
         count: Pixels in each bin, shape (10,).
     """
 
-    edges: npt.NDArray[np.float64]
     said: npt.NDArray[np.float64]
     true: npt.NDArray[np.float64]
     count: npt.NDArray[np.int64]
@@ -259,7 +257,7 @@ def reliability(confidence: FloatArray, right: BoolArray) -> Reliability:
     with np.errstate(invalid="ignore"):
         said = np.bincount(place, weights=c, minlength=10) / count
         true = np.bincount(place, weights=r, minlength=10) / count
-    return Reliability(np.linspace(0, 1, 11), said, true, count)
+    return Reliability(said, true, count)
 
 
 @dataclass(frozen=True)

@@ -190,10 +190,9 @@ class HADR(nn.Module):
     ) -> HADROutput:
         """Restore the depth of masked pixels.
 
-        Of the pixels `rays`, (frame, row, column), (R, 3) long, where they are named. With true
-        depth, metres, (B, H, W), 0 = unknown, each ray takes the voxel in which its true point
-        lies, if that is a candidate, instead of the most probable one: how the first epochs of
-        training go.
+        Of all, or of the `rays`, rows (frame, row, column), (R, 3) long. With true depth, metres,
+        (B, H, W), 0 = unknown, each ray takes the voxel in which its true point lies, if that is a
+        candidate, instead of the most probable one: how the first epochs of training go.
         """
         return self.restore(inputs, rays=rays, true_depth=true_depth)[0]
 
