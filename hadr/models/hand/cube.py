@@ -105,7 +105,13 @@ def hand_center(depth: Tensor, hand: Tensor, held: Tensor, intrinsics: Tensor) -
     beside the object, or of all of them where none is. ValueError for a hand without any depth.
     """
     seen = hand & (depth > 0)
-    _check_seen(hand, seen)
+    blind = (~seen.flatten(1).any(dim=1)).nonzero().flatten()
+    if len(blind):
+        number = int(blind[0])
+        raise ValueError(
+            f"frame {number} of the batch shows no hand: of the {int(hand[number].sum())} pixels "
+            "of its hand mask none has a depth"
+        )
     height, width = depth.shape[1:]
     rows, columns = round(height * BESIDE * 16 / 9), round(width * BESIDE)
     around = functional.max_pool2d(
@@ -120,13 +126,3 @@ def hand_center(depth: Tensor, hand: Tensor, held: Tensor, intrinsics: Tensor) -
         points = ray_points(pixels, z, intrinsics[number : number + 1])  # (n, 3)
         centers.append(points.quantile(0.5, dim=0))
     return torch.stack(centers)
-
-
-def _check_seen(hand: Tensor, seen: Tensor) -> None:
-    blind = ~seen.flatten(1).any(dim=1)
-    if bool(blind.any()):
-        number = int(blind.nonzero()[0])
-        raise ValueError(
-            f"frame {number} of the batch shows no hand: of the {int(hand[number].sum())} pixels "
-            "of its hand mask none has a depth"
-        )

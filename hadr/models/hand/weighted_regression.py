@@ -57,7 +57,12 @@ def joints_of_maps(maps: JointMaps, points: Tensor, valid: Tensor, reach: float)
     Points, valid pixels and reach as of `maps_of_joints`; ValueError for a crop without valid
     pixel.
     """
-    check_valid(valid)
+    empty = (~valid.flatten(1).any(dim=1)).nonzero().flatten()
+    if len(empty):
+        raise ValueError(
+            f"crop {int(empty[0])} of the batch has no valid pixel: no depth was measured on a "
+            "hand there"
+        )
     score = SHARPNESS * maps.heat + maps.weight  # (B, J, h, w)
     score = score.masked_fill(~valid[:, None], -torch.inf).flatten(2)  # (B, J, h w)
     share = score.softmax(dim=2)
@@ -65,13 +70,3 @@ def joints_of_maps(maps: JointMaps, points: Tensor, valid: Tensor, reach: float)
     known = torch.where(valid[:, None], points, torch.zeros_like(points))
     proposal = (known[:, None] + step).flatten(3)  # (B, J, 3, h w)
     return torch.einsum("bjn,bjcn->bjc", share, proposal)
-
-
-def check_valid(valid: Tensor) -> None:
-    """Raise a ValueError that names the crop unless each has a valid pixel."""
-    empty = ~valid.flatten(1).any(dim=1)
-    if bool(empty.any()):
-        number = int(empty.nonzero()[0])
-        raise ValueError(
-            f"crop {number} of the batch has no valid pixel: no depth was measured on a hand there"
-        )
