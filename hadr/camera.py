@@ -98,11 +98,7 @@ class Intrinsics:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Intrinsics:
-        """Build intrinsics from ``fx fy cx cy width height``; the inverse of :meth:`to_dict`.
-
-        Raises:
-            ValueError: A value is missing or no number; the message names it.
-        """
+        """Build intrinsics from ``fx fy cx cy width height``; a ValueError names what is wrong."""
         names = [field.name for field in fields(cls)]
         missing = [key for key in names if key not in values]
         if missing:

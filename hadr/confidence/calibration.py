@@ -170,11 +170,7 @@ class ConfidenceRule:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> ConfidenceRule:
-        """Build the rule from `to_dict` or from the same read from JSON; further keys are left.
-
-        Raises:
-            ValueError: The record joins several signals, lacks a field or has a wrong one.
-        """
+        """Build the rule from a record; ValueError where it joins several signals or is none."""
         stored = structured(values, _StoredRule, "confidence", further=True)
         (signal,), (center,), (scale,) = stored.signals, stored.center, stored.scale
         return cls(signal, center, scale, stored.calibration)

@@ -180,11 +180,7 @@ class Field:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Field:
-        """Build it from `to_dict`, or from the same read from JSON.
-
-        Raises:
-            ValueError: It has unknown features, lacks a field or has a wrong one.
-        """
+        """Build it from `to_dict`, also through JSON; ValueError for unknown features or fields."""
         stored = structured(values, _StoredField, "field", further=True)
         names = tuple(stored.features)
         if unknown := sorted(set(names) - set(FEATURES)):

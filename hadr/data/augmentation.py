@@ -74,11 +74,7 @@ CHANGES = (
 
 
 def augment_color(color: npt.NDArray[Any], rng: np.random.Generator) -> npt.NDArray[np.uint8]:
-    """Augment one sRGB picture, (H, W, 3) uint8; everything random is drawn from `rng`.
-
-    Raises:
-        ValueError: The picture has another shape or type.
-    """
+    """Augment one sRGB picture, (H, W, 3) uint8; everything random is drawn from `rng`."""
     if color.ndim != 3 or color.shape[2] != 3 or color.dtype != np.uint8:
         raise ValueError(f"color must be (H, W, 3) uint8, got {color.shape} {color.dtype}")
     picture = color.astype(np.float32) / 255.0

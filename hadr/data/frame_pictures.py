@@ -71,11 +71,7 @@ def _jpeg_size(data: bytes) -> tuple[int, int]:
 
 
 def check_whole(data: bytes) -> None:
-    """Check that a PNG or JPEG file is complete, before anything of its size is set aside.
-
-    Raises:
-        ValueError: The file is empty, cut off, damaged, too large, or neither PNG nor JPEG.
-    """
+    """Check that a PNG or JPEG is complete and not too large, before room for it is set aside."""
     if not data:
         raise ValueError("the file is empty")
     if data.startswith(JPEG_START):
@@ -135,11 +131,7 @@ def decode_color(data: bytes) -> npt.NDArray[np.uint8]:
 
 
 def encode_depth(depth: Depth, scale: float) -> bytes:
-    """Encode z-depth in metres, (H, W), 0 where missing, as 16-bit PNG of steps of `scale` metres.
-
-    Raises:
-        ValueError: The depth is negative, not finite, or does not fit into 16 bits.
-    """
+    """Encode z-depth, metres, (H, W), 0 = missing, as 16-bit PNG of steps of `scale` metres."""
     if not np.isfinite(depth).all() or depth.min(initial=0.0) < 0:
         raise ValueError("depth must be finite and not negative; 0 marks a missing value")
     farthest = float(np.max(depth, initial=0.0))
@@ -207,11 +199,7 @@ class DisparityScale:
 
 
 def encode_disparity(depth: Depth, scale: DisparityScale) -> bytes:
-    """Encode depth that whole disparities give as the 16-bit PNG of those, a third smaller.
-
-    Raises:
-        ValueError: The depth is not one that these disparities give.
-    """
+    """Encode depth as the 16-bit PNG, a third smaller, of the disparities that give it."""
     steps = scale.steps(depth).astype(np.uint16)
     off = float(np.abs(scale.depth(steps) - depth).max(initial=0.0))
     if not off < 1e-6:

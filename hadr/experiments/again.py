@@ -82,10 +82,8 @@ class _Row:
 def row_to_run(bench: Bench, file: str | Path, method: str) -> dict[str, Any]:
     """Find a row of a result file that can be run again on a bench.
 
-    Raises:
-        ValueError: The file was edited, has no such row, or the row has no recipe recorded; or
-            the bench's data, corruption or limit are others than the row's.
-        FileNotFoundError: There is no such file.
+    ValueError where the file was edited, has no such row, or the row has no recipe recorded; or
+    where the bench's data, corruption or limit are others than the row's.
     """
     try:
         row = read_result_file(file).row(method=method)

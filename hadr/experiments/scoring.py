@@ -67,11 +67,9 @@ def score_depth(
 ) -> Scores:
     """Score depth images (N, H, W), metres, 0 = not restored, at the size of the truth.
 
-    Frames without a pixel of the object are left out. `restored` (N, H, W) bool says where the
-    depth is the system's own and not filled from around it; where there is any, if left out.
-
-    Raises:
-        ValueError: The shapes differ, or no frame shows an object.
+    Frames without a pixel of the object are left out; ValueError where none is left. `restored` (N,
+    H, W) bool says where the depth is the system's own and not filled from around it; where there
+    is any, if left out.
     """
     true, masks = truth.true_depth.numpy(), truth.object_mask.numpy()
     own = depth if restored is None else np.where(restored, depth, 0)

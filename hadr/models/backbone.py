@@ -81,11 +81,7 @@ def imagenet_normal(color: Tensor) -> Tensor:
 
 
 def load_published(kind: Any, name: str, **options: Any) -> Any:
-    """Load a network of `transformers` with published weights.
-
-    Raises:
-        OSError: The weights can't be fetched or are not in the local cache.
-    """
+    """Load a network of `transformers` with published weights; OSError if they can't be had."""
     # What it tries in vain is one sentence in the end.
     logging.getLogger("huggingface_hub").setLevel(logging.ERROR)
     try:

@@ -171,11 +171,7 @@ def kind_of(model: nn.Module) -> str:
 
 
 def trained_corruption(meta: Mapping[str, Any]) -> Corruption:
-    """Read from a checkpoint's record of which corruption it learned.
-
-    Raises:
-        ValueError: It is none of `CORRUPTIONS`.
-    """
+    """Read from a checkpoint's record of which corruption it learned; ValueError if of none."""
     stored = (meta.get("data") or {}).get("corruption", meta.get("corruption", "oracle"))
     for name in CORRUPTIONS:
         if name == str(stored).partition(":")[0]:

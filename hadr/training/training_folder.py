@@ -76,11 +76,7 @@ class TrainingFolder:
     data: Mapping[str, Any] | None
 
     def check_empty(self) -> None:
-        """Refuse a folder that holds a training already, or what a training would replace.
-
-        Raises:
-            ValueError: It does.
-        """
+        """Refuse a folder that holds a training, or what one would replace, by a ValueError."""
         if (self.path / LAST).exists():
             raise ValueError(
                 f"{self.path} holds a training already ({LAST}); go on with it (--resume), or name "

@@ -55,10 +55,9 @@ class HandCrop:
         return (pixels - center) / step + (self.size - 1) / 2
 
     def look_up(self, crops: Tensor, rays: Tensor) -> Tensor:
-        """Interpolate crops (B, C, size, size) at pixels (frame, row, column), (R, 3) long.
+        """Interpolate crops (B, C, size, size) at pixels (frame, row, column), (R, 3) long: (R, C).
 
-        Returns:
-            Shape (R, C); beyond the border the border's values.
+        Beyond the border are the border's values.
         """
         at = self.place(rays[:, [2, 1]].to(crops.dtype), rays[:, 0])
         at = at.clamp(0, self.size - 1)
