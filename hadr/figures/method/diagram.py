@@ -22,9 +22,10 @@ from hadr.figures.panels import COLORS, DEPTH_MAP, MISSING, bare_axes, show_keyp
 from hadr.figures.sheet import FONT, INK, Box, Sheet
 from hadr.handover.grasping.candidates import sample_grasps
 from hadr.handover.grasping.collision import free_of_hand, free_of_object
-from hadr.handover.grasping.grasps import PAPER_WAY, Array, forward_of
+from hadr.handover.grasping.grasps import PAPER_WAY, forward_of
 from hadr.handover.grasping.gripper import fork
 from hadr.handover.grasping.rescoring import Directions, rescore
+from hadr.handover.poses import Array
 from hadr.models.hadr import HADR, HADROutput
 from hadr.models.network_input import HADRInput, frame_to_input
 from hadr.records.checkout import checkout_root
