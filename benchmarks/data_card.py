@@ -177,7 +177,7 @@ def holds_table(frames: TransHand, logs: list[dict]) -> str:
 
 def sizes_table(root: Path) -> str:
     rows, whole = [], 0
-    for name in ("frames", "gallery", "recordings", "checkpoints", "card", "handover"):
+    for name in ("frames", "gallery", "near", "recordings", "checkpoints", "card", "handover"):
         files = [p for p in (root / name).rglob("*") if p.is_file()]
         size = sum(p.stat().st_size for p in files)
         whole += size

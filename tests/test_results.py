@@ -71,6 +71,42 @@ def test_the_readmes_words_on_predicted_masks_are_the_result_files() -> None:
         assert number == f"{100 * row['rmse_m']:.1f}"
 
 
+def test_what_is_said_of_networks_that_see_is_so() -> None:
+    """README's numbers, and chapter 6's "more than half", "a fifth", "four fifths" and so on."""
+    folder = RESULTS / "imagenet"
+    known, parts, colors, ablation, ledger = (
+        read_result_file(folder / f"{name}.json")
+        for name in ("known", "errors", "colors", "ablation", "ledger")
+    )
+    hadr, median = (known.row(method=m)["rmse_m"] for m in ("hadr", "hand-median"))
+    cost = {row["method"]: row["others_minus_own"]["mean_difference_m"] for row in colors.rows}
+    more = {
+        m: ablation.row(method=m)["against_full"] for m in ("no-aggregation", "no-point-fusion")
+    }
+    text = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
+    said = re.search(
+        r"HADR reaches ([\d.]+) cm where the hand's median has ([\d.]+), .*? cost it ([\d.]+) cm, "
+        r"and .*?worth ([\d.]+) cm\]",
+        text,
+    )
+    assert said is not None
+    told = [hadr, median, cost["hadr"], more["no-aggregation"]["mean_difference_m"]]
+    for words, value in zip(said.groups(), told, strict=True):
+        assert words == f"{100 * value:.{len(words.partition('.')[2])}f}"
+    assert cost["hadr"] > 0.5 * hadr
+    assert cost["no-aggregation"] < 0.15 * cost["hadr"]
+    assert more["no-aggregation"]["mean_difference_m"] == pytest.approx(0.2 * hadr, rel=0.15)
+    fusion = more["no-point-fusion"]
+    assert abs(fusion["mean_difference_m"]) < 2 * fusion["standard_error_m"]
+    bare = ledger.row(method="random-encoder")
+    same = ablation.row(method="no-aggregation")["rmse_m"]
+    assert abs(bare["rmse_m"] - same) < bare["rmse_standard_error_m"]
+    flat, own, plus = (parts.row(method=m)["shape_m"] for m in ("hand-median", "hadr", "hadr-plus"))
+    assert (own / flat, plus / flat) == pytest.approx((0.8, 0.6), abs=0.03)
+    assert known.row(method="unet-hand")["rmse_m"] < hadr
+    assert min(cost["unet-hand"], cost["hadr-plus"]) > 0.01
+
+
 def test_the_readmes_frames_a_second_are_the_result_files() -> None:
     speed = json.loads((RESULTS / "speed" / "perception.json").read_text(encoding="utf-8"))
     rate = speed["frames_per_second"]["as it is"]["wall_median"]

@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 @pytest.fixture
 def results(tmp_path: Path) -> Path:
-    for name in ("mini", "speed", "paper_tables.json"):
+    for name in ("mini", "imagenet", "speed", "paper_tables.json"):
         source = ROOT / "results" / name
         (shutil.copytree if source.is_dir() else shutil.copy)(source, tmp_path / name)
     return tmp_path
@@ -42,7 +42,7 @@ def test_a_better_rival_and_a_hand_that_harms_turn_the_verdicts(results: Path) -
     hadr = read_result_file(results / "mini" / "known.json").row(method="hadr")
     change(results / "mini" / "known.json", {"method": "dfnet"}, rmse_m=hadr["rmse_m"] / 2)
     gap = {"mean_difference_m": -0.01, "standard_error_m": 0.001}
-    change(results / "mini" / "ablation.json", {"method": "no-hand"}, against_full=gap)
+    change(results / "imagenet" / "ablation.json", {"method": "no-hand"}, against_full=gap)
     after = verdicts(results)
     assert {name for name in after if after[name] != before[name]} >= {
         "HADR before the four rivals on known objects", "the hand feature helps",

@@ -23,6 +23,7 @@ APART = [
 ]
 BY_REPRODUCE = {
     *(f"mini/{name}.json" for name in (*FILES, "handover", "run_times")), "tiny/run_times.json",
+    *(f"imagenet/{name}.json" for name in ("known", "ablation", "ledger")),
 }  # fmt: skip
 
 
@@ -49,13 +50,15 @@ def test_commands_exist_take_these_options_and_write_the_files(
             parse_options(words[0], words[1:])
             continue
         script = (ROOT / words[0]).read_text(encoding="utf-8")
-        if "import arguments" in script:
-            script += (ROOT / "benchmarks" / "finished_runs.py").read_text(encoding="utf-8")
+        for shared in ("finished_runs", "measuring"):
+            if f"from {shared} import" in script:
+                script += (ROOT / "benchmarks" / f"{shared}.py").read_text(encoding="utf-8")
         options = [word for word in words[1:] if word.startswith("--")]
         assert [option for option in options if f'"{option}"' not in script] == []
     for file in map(Path, files if commands else ()):
         named = file.name in script or f'"{file.stem}"' in script or file.stem in last
-        assert f"--json results/{file}" in last or ("--json" not in last and named)
+        told = f"--json results/{file.with_suffix('.json')}" in last
+        assert told or ("--json" not in last and named)
 
 
 def test_the_cost_of_a_frame_has_a_bar_for_each_engine_and_size_as_long_as_its_time() -> None:
