@@ -177,7 +177,7 @@ def seeing_table(rows: Sequence[Row], parts: Sequence[Row], colors: Sequence[Row
     """List what each method sees: its error, of place and of shape, and what colours are worth."""
     place = {row["method"]: row for row in parts}
     worth = {row["method"]: difference_cell(row["others_minus_own"]) for row in colors}
-    head = ["method", "RMSE (cm)", "δ1.05 (%)", "place (cm)", "shape (cm)",
+    head = ["method", "RMSE (cm)", "δ1.05 (%)", "error of place (cm)", "of shape (cm)",
             "another frame's colours cost (cm)"]  # fmt: skip
     lines = []
     for row in ordered(rows, "known"):
@@ -186,7 +186,7 @@ def seeing_table(rows: Sequence[Row], parts: Sequence[Row], colors: Sequence[Row
         rmse = with_doubt(row["rmse_m"], row["rmse_standard_error_m"])
         cells = [rmse, f"{row['delta_105']:.1f}", *apart, worth.get(method, "-")]
         lines.append([NAMES[method], *cells])
-    return markdown(pd.DataFrame(lines, columns=head))
+    return markdown(pd.DataFrame(lines, columns=head), best=[range(len(lines))])
 
 
 def draw_systems(ax: Axes, rows: Sequence[Row], split: str, published_rmse_m: float) -> None:

@@ -122,7 +122,7 @@ def test_what_a_network_sees_is_joined_by_method_and_what_was_not_measured_is_a_
     cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines[2:]]
     assert cells == [
         ["nothing", "65.00 ± 0.10", "70.0", "-", "-", "-"],
-        ["HADR", "3.12 ± 0.10", "70.0", "1.00", "2.00", "+0.50 ± 0.10"],
+        ["HADR", "**3.12 ± 0.10**", "70.0", "1.00", "2.00", "+0.50 ± 0.10"],
     ]
 
 
