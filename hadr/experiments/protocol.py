@@ -54,8 +54,10 @@ SWITCHES: Mapping[str, Mapping[str, Any]] = {
 SEEING: Mapping[str, Mapping[str, Any]] = {
     "random-encoder": {"model": {"lite": LiteConfig(frozen=0, pretrained=False)}},
     "whole-picture": {"width": 128, "height": 72, "model": {"view": None}},
+    "no-aggregation-thawed": {"model": {"aggregation": False, "lite": LiteConfig(frozen=0)}},
 }
-"""What preset imagenet is without its weights, and without its window."""
+"""What preset imagenet is without its weights, and without its window; and without aggregation,
+which leaves the encoder one stage: its frozen one, so here nothing is frozen."""
 LONG_RUN = 4
 """How many times as many epochs the long run has."""
 

@@ -86,5 +86,8 @@ def test_preset_imagenet_is_measured_without_its_weights_and_without_its_window(
     assert (unlearned.model.lite.pretrained, unlearned.model.lite.frozen) == (False, 0)
     assert replace(unlearned, model=replace(unlearned.model, lite=base.model.lite)) == base
     assert (whole.model.view, whole.size) == (None, (128, 72))
+    lone, thawed = (recipe_of(n, "imagenet") for n in ("no-aggregation", "no-aggregation-thawed"))
+    assert (lone.model.lite.frozen, thawed.model.lite.frozen) == (1, 0)
+    assert replace(thawed, model=replace(thawed.model, lite=base.model.lite)) == lone
     with pytest.raises(ValueError, match="got 'random-encoder'"):
         recipe_of("random-encoder", "mini")  # it has no such encoder

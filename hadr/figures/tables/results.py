@@ -32,6 +32,7 @@ NAMES: dict[str, str] = {
     "hand-2d": "HADR with the 2D hand feature",
     "random-encoder": "HADR, its encoder from random weights",
     "whole-picture": "HADR, without a window",
+    "no-aggregation-thawed": "HADR without aggregation, no stage frozen",
     "full": "HADR, the full model",
 }
 """How a method of a result file is called in tables and pictures, in the order of the tables."""
