@@ -13,28 +13,14 @@ from pathlib import Path
 
 import torch
 
-from hadr.models.blocks.efficientnet_lite import LiteConfig
-from hadr.models.blocks.resnet import UNetConfig
-from hadr.models.segmentation import SegmentationConfig
-from hadr.models.window import WindowConfig
 from hadr.training.frames.predicted import read_split
 from hadr.training.loop import train
 from hadr.training.presets import preset
 from hadr.training.recipe import Given
 
+SIZE = preset("mini", "segmentation").size
 RECIPE = replace(
-    preset("mini", "segmentation"),
-    model=SegmentationConfig(
-        UNetConfig(decoder=(64, 32, 24, 16)),
-        lite=LiteConfig(stages=4),
-        view=WindowConfig(size=128, margin=2.0, jitter=0.2, hand=False, whole=0.3),
-    ),
-    epochs=10,
-    optimizer="adamw",
-    weight_decay=0.01,
-    average_decay=0.98,
-    batch_size=8,
-    precision="32-true",
+    preset("imagenet", "segmentation"), width=SIZE[0], height=SIZE[1], epochs=10, encoder_rate=1.0
 )
 
 
