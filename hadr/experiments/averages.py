@@ -156,7 +156,11 @@ def _averaged(group: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "seed_sd": {name: _spread([r[name] for r in group if name in r]) for name in METRICS},
         "config_sha256": [r["config_sha256"] for r in group],
         "provenance": {
-            "commit": sorted({r["provenance"].get("commit") or "unknown" for r in group}),
+            **{
+                name: sorted({r["provenance"].get(name) or "unknown" for r in group})
+                for name in ("commit", "trained_at")
+                if name in first["provenance"]
+            },
             "uncommitted_changes": _any(r["provenance"].get("uncommitted_changes") for r in group),
             "versions": first["provenance"].get("versions"),
             "machine": first["provenance"]["machine"],

@@ -6,7 +6,8 @@
 A row is measured again when its recipe, its data, its protocol or its code is another than the file
 says (`hadr.records.dependencies`), or when the file was changed by another hand: it ends with a
 checksum. A training of another recipe, of other data or by other code is set aside
-(``seed-0.old-1``) before a new one begins; code that only scores does not count there.
+(``seed-0.old-1``) before a new one begins; code that only scores does not count there. On demand a
+finished training of other code counts too: its row says at which commit it was trained.
 """
 
 from __future__ import annotations
@@ -82,6 +83,8 @@ class Bench:
         corruption: How the frames' depth is corrupted, in training and test.
         limit: Take at most so many frames of each part, evenly spread; None takes all.
         accelerator: Where networks are trained and scored: "cpu", or "cuda" for the first GPU.
+        keep_trained: A finished training of the same recipe, data and seed counts also where other
+            code has made it.
     """
 
     def __init__(
@@ -92,9 +95,10 @@ class Bench:
         corruption: Corruption = "oracle",
         limit: int | None = None,
         accelerator: str = "cpu",
+        keep_trained: bool = False,
     ) -> None:
         self.roots = tuple(Path(root) for root in roots)
-        self.accelerator = accelerator
+        self.accelerator, self.keep_trained = accelerator, keep_trained
         self.out, self.size, self.corruption, self.limit = Path(out), size, corruption, limit
         self._frames: dict[Hashable, FrameTensors] = {}
         self._digest: str | None = None
@@ -109,7 +113,15 @@ class Bench:
     def data_of(self, run: Run, recipe: Preset) -> dict[str, Any]:
         """What a run is trained on and by which code, for the record of its training."""
         code = code_of("hadr.training.loop", recipe.network)
-        return {"experiment": run.experiment, **self.data, "code": code}
+        now = {"experiment": run.experiment, **self.data, "code": code}
+        there = self.out / run.name / LAST
+        if self.keep_trained and there.is_file():
+            record = read_record(there)
+            then = {**now, "code": record["data"].get("code")}
+            whole = record["epochs"] == recipe.epochs
+            if whole and not _is_another(there.parent, recipe, then):
+                return then
+        return now
 
     @property
     def device(self) -> str:
@@ -204,12 +216,14 @@ class Bench:
         folder = self.out / run.name
         recipe = recipe_of(run.method, self.size)
         columns: dict[str, Any] = {}
+        trained_at: dict[str, Any] = {}
         started = time.perf_counter()
         if recipe is None:
             scores = score_cheap(self.frames(run, "test", EVALUATION_SIZE), run.method)
         else:
             set_aside_another(folder, recipe, self.data_of(run, recipe))
             trained = self.train(run, recipe, folder)
+            trained_at = {"trained_at": read_record(folder / LAST)["made_with"].get("commit")}
             started = time.perf_counter()
             scores = self.score(run, recipe, trained.model)
             columns = {
@@ -231,7 +245,7 @@ class Bench:
             "configuration": self.configuration(run),
             "curve": self.curve(run),
             "per_frame": scores.per_frame(),
-            "provenance": {**provenance(), "machine": machine_text()},
+            "provenance": {**provenance(), "machine": machine_text(), **trained_at},
         }
         return seal_row(self.out / run.name / ROW, row)
 

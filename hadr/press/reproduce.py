@@ -87,6 +87,8 @@ class Options:
     """Result file and method: run that row once more as it is recorded there, and compare."""
     corruption: Corruption = "oracle"
     """Depth inside the glass."""
+    keep_trained: bool = False
+    """Score finished trainings of other code too, and train only what is missing."""
 
 
 def run(options: Options) -> int:
@@ -213,7 +215,13 @@ def open_bench(options: Options) -> Bench:
     limit = TINY_FRAMES if tiny else None
     accelerator = chosen_accelerator(options.accelerator)
     return Bench(
-        roots, options.out / "runs", options.preset, options.corruption, limit, accelerator
+        roots,
+        options.out / "runs",
+        options.preset,
+        options.corruption,
+        limit,
+        accelerator,
+        options.keep_trained,
     )
 
 

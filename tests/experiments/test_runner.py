@@ -121,6 +121,30 @@ def test_code_that_scores_keeps_a_training_and_code_that_trains_sets_it_aside(
     assert (aside / "last.safetensors").read_bytes() == weights
 
 
+def test_a_whole_training_of_other_code_counts_where_that_is_asked_for(
+    bench: Bench, code: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = Run("known", "unet-hand")
+    row, last = bench.measure(run), bench.out / run.name / "last.safetensors"
+    weights = last.read_bytes()
+    append(code / "training" / "tasks" / "images.py")
+    keeping = Bench(bench.roots, bench.out, "tiny", limit=4, keep_trained=True)
+    assert (bench.epochs_done(run), keeping.epochs_done(run)) == (0, 1)
+    assert keeping.finished(run) is None  # it is scored by the code of now
+    again = keeping.measure(run)
+    assert last.read_bytes() == weights
+    assert (again["rmse_m"], again["training_s"]) == (row["rmse_m"], row["training_s"])
+    assert again["provenance"]["trained_at"] == row["provenance"]["trained_at"]
+    assert bench.finished(run) == again
+    # not one of another recipe, and not one that was stopped
+    append(code / "training" / "tasks" / "images.py", "VALUE = 2")
+    longer = lambda method, size: replace(small(method, size), epochs=2)  # noqa: E731
+    monkeypatch.setattr(runner, "recipe_of", longer)
+    assert (keeping.epochs_done(run), keeping.measure(run)["epochs"]) == (0, 2)
+    aside = bench.out / "known" / "unet-hand" / "seed-0.old-1"
+    assert (aside / "last.safetensors").read_bytes() == weights
+
+
 def test_what_one_seed_did_not_restore_has_no_mean() -> None:
     def row(error: float | None) -> dict[str, object]:
         return {

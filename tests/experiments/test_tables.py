@@ -72,7 +72,7 @@ def test_each_file_has_its_rows(made: tuple[Bench, Path]) -> None:
     assert gap == pytest.approx(part["rmse_m"] - full["rmse_m"])
     assert own["configuration"]["recipe"]["epochs"] == 1
     assert set(own["provenance"]) == {
-        "commit", "uncommitted_changes", "versions", "machine", "data_sha256",
+        "commit", "trained_at", "uncommitted_changes", "versions", "machine", "data_sha256",
     }  # fmt: skip
     keypoints = found["keypoints"]
     assert {(r["method"], r["given"]) for r in keypoints.rows} == {
