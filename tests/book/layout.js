@@ -62,8 +62,12 @@
     if (doc !== document && doc.documentElement.scrollHeight > doc.documentElement.clientHeight + 1)
       squeezed.push(`${doc.title}: ${doc.documentElement.scrollHeight} px high in ${doc.documentElement.clientHeight}`);
   }
-  // On a desktop what is printed and what stands in a table is seen without scrolling.
-  const cut = window.innerWidth < 1200 ? [] :
+  // On a desktop what is printed and what stands in a table is seen without scrolling; on a phone
+  // a table's caption is.
+  const cut = window.innerWidth < 1200 ?
+    [...document.querySelectorAll(".pst-scrollable-table-container caption")]
+      .filter((words) => words.getBoundingClientRect().right >
+        words.closest(".pst-scrollable-table-container").getBoundingClientRect().right + 1).map(told) :
     [...document.querySelectorAll(".cell_output pre, .pst-scrollable-table-container")]
       .filter((box) => box.scrollWidth > box.clientWidth + 1).map(told);
   return { cut, outside: [...new Set(outside)], hidden: [...new Set(hidden)], squeezed, small, overlapping };

@@ -81,6 +81,8 @@ DAMAGED = """<html data-theme="light"><head><title>t</title>
 <div id="box" style="overflow:hidden"><div id="lost" style="width:700px">lost</div></div>
 <div style="overflow-x:auto"><video width="640" class="film"></video></div>
 <div style="overflow-x:auto"><div id="fine" style="width:800px">scrolls</div></div>
+<div class="pst-scrollable-table-container" style="overflow-x:auto"><table style="width:700px">
+<caption>as wide as its table</caption><tr><td>cell</td></tr></table></div>
 <p id="stays">black on black</p><p id="system">grey</p><p style="opacity:.4" id="faint">faint</p>
 <p style="color:#767676; background:#fff; font-size:16px" id="enough">4.54 to 1</p>
 <p style="color:#949494; background:#fff; font-size:16px" id="short">3.03 to 1</p>
@@ -240,6 +242,7 @@ def test_damage_to_the_layout_is_noticed(damaged):
     assert "at 0.38 of its size" in damaged.layout["small"][0]
     assert len(damaged.layout["overlapping"]) == 1
     assert "under" in damaged.layout["overlapping"][0]
+    assert "as wide as its table" in damaged.layout["cut"][0]
 
 
 def test_damage_to_the_contrast_is_noticed(damaged):
