@@ -17,7 +17,7 @@ from hadr.figures.panels import DEPTH_MAP, bare_axes, show_color, show_error
 from hadr.figures.solids.turntable import Cloud
 
 _DEPTH_CM, _ERROR_M = 8.0, 0.05  # where the bars end
-_LEFT, _TOP, _BOTTOM = 0.3, 0.5, 0.75  # inches around the pictures
+_LEFT, _TOP, _BOTTOM = 0.45, 0.45, 0.75  # inches around the pictures
 _GREY = 0.85
 _AROUND_M, _SEEN_M = 0.16, 0.085  # of a cloud, around the glass: what there is, what a view shows
 _GLASS = np.array([0, 114, 178])
@@ -43,27 +43,31 @@ def square_window(mask: BoolArray, margin: float = 1.25) -> tuple[slice, slice]:
 def draw_restored(
     frames: Sequence[Frame], depths: Mapping[str, Sequence[FloatArray]], titles: Sequence[str]
 ) -> Figure:
-    """Draw a column a frame: colour, each method's depth and its error on the glass, the truth.
+    """Draw two rows a frame: each method's depth, above its error on the glass.
 
-    By a method's name stands a depth image for each frame, (H, W) metres; 0 is missing.
+    The first column has the colours above the true depth. By a method's name stands a depth image
+    for each frame, (H, W) metres; 0 is missing.
     """
-    names = ["colour", *(name for method in depths for name in (method, "error")), "truth"]
-    side, wide = (9.0 - _LEFT) / len(frames), 9.0
-    high = _TOP + side * len(names) + _BOTTOM
+    wide, columns = 9.0, 1 + len(depths)
+    side = (wide - _LEFT) / columns
+    high = _TOP + side * 2 * len(frames) + _BOTTOM
     fig: Figure = plt.figure(figsize=(wide, high), layout="none")
     grid = {"left": _LEFT / wide, "right": 1, "top": 1 - _TOP / high, "bottom": _BOTTOM / high}
     axes = fig.subplots(
-        len(names), len(frames), squeeze=False, gridspec_kw=grid | {"wspace": 0.04, "hspace": 0.04}
+        2 * len(frames), columns, squeeze=False, gridspec_kw=grid | {"wspace": 0.04, "hspace": 0.04}
     )
     for k, (frame, title) in enumerate(zip(frames, titles, strict=True)):
         window = square_window(frame.object_mask)
-        show_color(axes[0, k], frame.color[window], title).set_interpolation("antialiased")
-        for row, listed in enumerate(depths.values()):
-            _show_near(axes[2 * row + 1, k], listed[k], frame, window)
-            off = _show_error(axes[2 * row + 2, k], listed[k], frame, window)
-        near = _show_near(axes[-1, k], frame.depth, frame, window)
-    for ax, name in zip(axes[:, 0], names, strict=True):
-        ax.set_ylabel(name)
+        above, below = axes[2 * k], axes[2 * k + 1]
+        show_color(above[0], frame.color[window], "").set_interpolation("antialiased")
+        near = _show_near(below[0], frame.depth, frame, window)
+        for column, listed in enumerate(depths.values(), start=1):
+            _show_near(above[column], listed[k], frame, window)
+            off = _show_error(below[column], listed[k], frame, window)
+        above[0].annotate(title, (-0.08, 0), xycoords="axes fraction", rotation=90, ha="right",
+                          va="center", multialignment="center")  # fmt: skip
+    for ax, name in zip(axes[0], ("colour and\ntruth", *depths), strict=True):
+        ax.set_title(name, fontsize=9.5)
     for image, left, label in (
         (near, 0.1, "behind the glass's middle (cm)"),
         (off, 0.57, "error (cm)"),
@@ -94,7 +98,7 @@ def _show_error(
     image = show_error(ax, error[window], limit=_ERROR_M, colorbar=False)
     ax.contour(frame.object_mask[window], [0.5], colors="black", linewidths=0.8)
     ax.text(0.97, 0.03, _words(error, frame.object_mask), transform=ax.transAxes, ha="right",
-            fontsize=9.5, bbox={"color": "white", "alpha": 0.85, "pad": 1.5})  # fmt: skip
+            fontsize=8.5, bbox={"color": "white", "alpha": 0.85, "pad": 1})  # fmt: skip
     return image
 
 

@@ -41,13 +41,14 @@ def test_a_method_has_its_depth_and_its_error_of_the_glass_alone(glass):
     off = glass.depth + np.float32(0.02)
     off[10:15] = 0
     fig = draw_restored([glass], {"theirs": [off]}, ["a frame"])
-    cells = fig.axes[:4]
-    assert [ax.get_ylabel() for ax in cells] == ["colour", "theirs", "error", "truth"]
-    error = cells[2].images[0].get_array()
+    color, theirs, truth, below = fig.axes[:4]
+    assert [ax.get_title() for ax in (color, theirs)] == ["colour and\ntruth", "theirs"]
+    error = below.images[0].get_array()
     assert error.count() == 100  # neither the wall nor what is missing
     np.testing.assert_allclose(error.compressed(), 2, rtol=1e-4)
-    assert cells[2].texts[0].get_text() == "50 % missing\n2.0 cm"
-    np.testing.assert_allclose(cells[3].images[1].get_array().compressed(), 0, atol=1e-4)
+    assert below.texts[0].get_text() == "50 % missing\n2.0 cm"
+    np.testing.assert_allclose(theirs.images[1].get_array().compressed(), 2, rtol=1e-4)
+    np.testing.assert_allclose(truth.images[1].get_array().compressed(), 0, atol=1e-4)
 
 
 def test_clouds_have_what_is_near_the_glass_and_mark_it(glass):
