@@ -9,6 +9,13 @@
     python benchmarks/bundle_checkpoints.py --made OUT --data DIR data_samples/frames \\
         --only hadr-mini hadr-mini-unknown hadr-plus-mini hand-keypoints-mini segmentation-mini
 
+    hadr reproduce --preset imagenet --data NEAR --only known/hadr known/hadr-plus --out OUT
+    for network in hand-keypoints segmentation; do
+        hadr train --network $network --preset imagenet --data NEAR --out OUT/near/$network
+    done
+    python benchmarks/bundle_checkpoints.py --made OUT --data NEAR --only hadr-imagenet \\
+        hadr-plus-imagenet hand-keypoints-imagenet segmentation-imagenet
+
     python benchmarks/handover_frames.py --out CAMERA
     for network in hadr hadr-plus hand-keypoints; do  # options: each record has them
         hadr train --network $network --preset mini --data CAMERA --corruption erased \\
@@ -23,7 +30,8 @@
     python benchmarks/handover_segmentation.py --data VIEWS --out OUT/handover/segmentation
     python benchmarks/bundle_checkpoints.py --made OUT --data VIEWS --only segmentation-handover
 
-DIR is what `hadr generate --preset mini` has made. The last epoch's weights are taken, which was
+DIR is what `hadr generate --preset mini` has made, NEAR the same by the generator's second edition,
+3,000 frames. The last epoch's weights are taken, which was
 fixed beforehand, and stored as 16-bit floats. Depth networks are calibrated on validation frames;
 what that measured goes to results/confidence.
 """
@@ -47,6 +55,10 @@ SOURCES: dict[str, tuple[str, Experiment | None]] = {
     "hadr-plus-mini": ("runs/known/hadr-plus/seed-0", "known"),
     "hand-keypoints-mini": ("nets/hand-keypoints", None),
     "segmentation-mini": ("nets/segmentation", None),
+    "hadr-imagenet": ("runs/known/hadr/seed-0", "known"),
+    "hadr-plus-imagenet": ("runs/known/hadr-plus/seed-0", "known"),
+    "hand-keypoints-imagenet": ("near/hand-keypoints", None),
+    "segmentation-imagenet": ("near/segmentation", None),
     "hadr-handover": ("handover/hadr", None),
     "hadr-plus-handover": ("handover/hadr-plus", None),
     "hand-keypoints-handover": ("handover/hand-keypoints", None),
@@ -100,7 +112,9 @@ def bundle(name: str, made: Path, data: list[Path], folder: Path) -> None:
             "name": name,
             "provenance": f"preset {record['preset']['name']}, epoch {record['epochs']} of "
             f"{record['preset']['epochs']}, trained on {parts['train']} frames of "
-            f"{len(objects)} objects " + ("before the robot" if camera else "of TransHand-mini"),
+            f"{len(objects)} objects "
+            + ("before the robot" if camera else "of TransHand-mini")
+            + (", second edition" if name.endswith("-imagenet") else ""),
             "corruption": (ERASED if camera else GIVEN)[record["network"]],
             "data": {**record["data"], "frames": parts, "objects": list(objects)},
             "training": {

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 
 SAMPLE_CHECKPOINTS = (
     "hadr-mini.safetensors", "hadr-mini-unknown.safetensors", "hadr-plus-mini.safetensors",
+    "hadr-imagenet.safetensors", "hadr-plus-imagenet.safetensors",
     "hadr-handover.safetensors", "hadr-plus-handover.safetensors",
 )  # fmt: skip
 """The bundled checkpoints that restore depth."""
