@@ -307,7 +307,8 @@ def check_there(path: Path, name: str) -> None:
     if path.is_dir():
         raise ValueError(f"{name} {path} is a folder, expected a file")
     if not path.is_file():
-        raise FileNotFoundError(f"{name} file {path} does not exist")
+        what = "is a pipe or a device" if path.exists() else "does not exist"
+        raise FileNotFoundError(f"{name} file {path} {what}")
 
 
 def _read_npy(path: Path, name: str) -> NDArray[Any]:

@@ -61,7 +61,7 @@ def run_sequence(options: Options) -> int:
         for name, one in bar:
             try:
                 made = restored_frame(one, restorer)
-            except ValueError as error:
+            except (ValueError, FileNotFoundError) as error:
                 told[name] = {"refused": str(error)}
                 continue
             (folder / name).mkdir()
@@ -104,8 +104,6 @@ def sequence_frames(options: Options) -> dict[str, Options]:
         for path in sorted(Path(given).iterdir()):
             if path.name.startswith(".") or path.is_dir():
                 continue
-            if not path.is_file():
-                raise ValueError(f"{path} is no file that can be read, but a pipe or a broken link")
             if path.stem in found:
                 raise ValueError(f"{given} holds two files of frame {path.stem}: expected one")
             if path.stem in (RECORD, *FILMS):

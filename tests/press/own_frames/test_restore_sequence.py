@@ -76,6 +76,23 @@ def test_a_frame_that_is_refused_is_named_and_the_others_are_restored(frames, ca
     assert not (folder / "none").exists()
 
 
+@pytest.mark.parametrize(
+    ("wrong", "words"), [("/dev/zero", "is a pipe or a device"), ("nowhere", "does not exist")]
+)
+def test_a_link_to_no_file_is_one_refused_frame(frames, wrong, words, capsys):
+    folder, line = frames
+    (folder / "mask" / "0002.png").unlink()
+    (folder / "mask" / "0002.png").symlink_to(wrong)
+    for part in ("rgb", "depth", "mask"):
+        (folder / part / "0012.png").symlink_to(wrong)
+    assert main(line) == 1
+    told = json.loads((folder / "out" / "sequence.json").read_text())["frames"]
+    assert words in told["0002"]["refused"]
+    assert words in told["0012"]["refused"]
+    assert [name for name in told if "refused" not in told[name]] == ["0001", "0010.5"]
+    assert "2 of 4 frames were refused" in capsys.readouterr().err
+
+
 def test_a_folder_in_place_of_the_film_is_somebody_s(frames, capsys):
     folder, words = frames
     assert main(words) == 0
@@ -107,10 +124,6 @@ def test_files_that_do_not_belong_together_are_refused_before_anything_is_made(f
     (folder / "depth" / "0010.5.png").unlink()
     assert main(words) == 2
     assert "depth has no file of frame 0010.5 (1 of 3 lack one)" in capsys.readouterr().err
-    for part in ("rgb", "depth", "mask"):
-        (folder / part / "0012.png").symlink_to("nowhere.png")
-    assert main(words) == 2
-    assert "0012.png is no file that can be read" in capsys.readouterr().err
     assert not (folder / "out").exists()
 
 
