@@ -1,13 +1,13 @@
 """Put the small checkpoints into data_samples/checkpoints, calibrated, with their records.
 
     hadr reproduce --preset mini --data DIR data_samples/frames \\
-        --only known/hadr-long unknown/hadr known/hadr-plus --out OUT
+        --only known/hadr-long known/hadr-plus --out OUT
     for network in hand-keypoints segmentation; do
         hadr train --network $network --preset mini --data DIR data_samples/frames \\
             --out OUT/nets/$network
     done
     python benchmarks/bundle_checkpoints.py --made OUT --data DIR data_samples/frames \\
-        --only hadr-mini hadr-mini-unknown hadr-plus-mini hand-keypoints-mini segmentation-mini
+        --only hadr-mini hadr-plus-mini hand-keypoints-mini segmentation-mini
 
     hadr reproduce --preset imagenet --data NEAR --only known/hadr known/hadr-plus --out OUT
     for network in hand-keypoints segmentation; do
@@ -43,7 +43,6 @@ from pathlib import Path
 
 from hadr.cli import main as hadr
 from hadr.data.samples import samples_dir, write_manifest
-from hadr.data.splits import UNKNOWN_OBJECTS
 from hadr.experiments.protocol import Experiment, open_part
 from hadr.press.reproduce import checkout_root
 from hadr.synthesis.glass.objects import OBJECTS
@@ -51,7 +50,6 @@ from hadr.training.checkpoints import load_checkpoint, strip_checkpoint, update_
 
 SOURCES: dict[str, tuple[str, Experiment | None]] = {
     "hadr-mini": ("runs/known/hadr-long/seed-0", "known"),
-    "hadr-mini-unknown": ("runs/unknown/hadr/seed-0", "unknown"),
     "hadr-plus-mini": ("runs/known/hadr-plus/seed-0", "known"),
     "hand-keypoints-mini": ("nets/hand-keypoints", None),
     "segmentation-mini": ("nets/segmentation", None),
@@ -128,11 +126,7 @@ def bundle(name: str, made: Path, data: list[Path], folder: Path) -> None:
     )
     if experiment is not None or (camera and record["network"].startswith("hadr")):
         result = checkout_root() / "results" / "confidence" / f"{name}.json"
-        only = []
-        if experiment == "unknown":
-            only = ["--objects", *objects, "--test-objects", *UNKNOWN_OBJECTS]
-        elif camera:
-            only = ["--corruption", "erased"]
+        only = ["--corruption", "erased"] if camera else []
         command = ["calibrate", str(small), *map(str, data), "--out", str(result), *only]
         if hadr(command) != 0:
             raise SystemExit(f"hadr {' '.join(command)} failed")

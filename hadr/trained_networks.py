@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from hadr.models.network_input import HADRInput
 
 SAMPLE_CHECKPOINTS = (
-    "hadr-mini.safetensors", "hadr-mini-unknown.safetensors", "hadr-plus-mini.safetensors",
+    "hadr-mini.safetensors", "hadr-plus-mini.safetensors",
     "hadr-imagenet.safetensors", "hadr-plus-imagenet.safetensors",
     "hadr-handover.safetensors", "hadr-plus-handover.safetensors",
 )  # fmt: skip
