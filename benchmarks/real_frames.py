@@ -179,7 +179,8 @@ def measure(
         for network in networks:
             found = with_hands(network, color, raw, mask, camera, hands)
             scores = [score(depth, raw, truth, mask) for depth, _ in found]
-            name = f"{network.title}, stand-in hand"
+            title = network.title + " that sees" * ("imagenet" in network.name)
+            name = f"{title}, stand-in hand"
             rows.append({"method": name, "scene": scene, **mean_row(scores)})
             few = hands[:3]
             nearer, farther = (
@@ -199,7 +200,7 @@ def measure(
             if network.can_say:
                 lesson["mean_confidence"] = float(np.concatenate(sure).mean())
             lesson["share_right"] = float(np.concatenate(right).mean())
-            lessons[scene]["networks"][network.title] = lesson
+            lessons[scene]["networks"][title] = lesson
     return rows, lessons
 
 
@@ -211,7 +212,11 @@ def main() -> None:
         "--checkpoints",
         type=Path,
         nargs="+",
-        default=[bundled / "hadr-mini.safetensors", bundled / "hadr-plus-mini.safetensors"],
+        default=[
+            bundled / f"{kind}-{size}.safetensors"
+            for size in ("mini", "imagenet")
+            for kind in ("hadr", "hadr-plus")
+        ],
     )
     out = ROOT / "results" / "real" / "cleargrasp_d435.json"
     parser.add_argument("--out", type=Path, default=out)
