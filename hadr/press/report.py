@@ -161,8 +161,7 @@ def real_table(path: str | Path) -> str:
         glasses = file.provenance["scenes"][row["scene"]]["glasses"]
         line[f"{glasses} glasses: RMSE (cm)"] = f"{100 * row['rmse_m']:.1f}{hands}"
         line[f"of {glasses} restored (%)"] = f"{100 * row['coverage']:.0f}"
-    own = [place for place, name in enumerate(lines) if name != "raw"]  # covers only a part
-    return markdown(pd.DataFrame(lines.values()), best=[own])
+    return markdown(pd.DataFrame(lines.values()))
 
 
 def conditions_table(folder: str | Path) -> str:
