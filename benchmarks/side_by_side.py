@@ -2,7 +2,7 @@
 
     python benchmarks/side_by_side.py [--json results/speed/side_by_side.json] [--threads 2]
 
-Each network with its recipes `paper` and `mini`, at the recipe's own input size, random weights
+Each network with its recipes `paper`, `mini` and `imagenet`, at the recipe's own input size, random weights
 (the time does not depend on them), on validation samples in turns; the methods that learn nothing
 at 224x224. Memory is that of a process of its own, beyond what it held before the network was
 built; Linux tells it, elsewhere it is left out.
@@ -36,7 +36,7 @@ from hadr.training.evaluation import CLASSICAL
 from hadr.training.presets import preset
 from hadr.training.tasks.task import Task
 
-SIZES = ("paper", "mini")
+SIZES = ("paper", "mini", "imagenet")
 
 
 def build(network: str, size: str) -> nn.Module:
@@ -115,7 +115,7 @@ def main() -> None:
     ]
     for row in rows:
         print(
-            f"{row['method']:12s} {row['preset'] or '-':6s} {row['wall_median_ms']:8.1f} ms, "
+            f"{row['method']:12s} {row['preset'] or '-':8s} {row['wall_median_ms']:8.1f} ms, "
             f"{row['parameters'] / 1e6:7.2f} M, "
             f"{(row.get('peak_rss_bytes') or 0) / 2**20:7.0f} MiB"
         )

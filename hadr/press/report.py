@@ -215,7 +215,10 @@ def speed_table(path: str | Path) -> str:
             "weights (M)": f"{row['parameters'] / 1e6:.2f}",
         })  # fmt: skip
     presets = [row["preset"] for row in rows]
-    best = [[k for k, preset in enumerate(presets) if preset == size] for size in ("paper", "mini")]
+    best = [
+        [k for k, preset in enumerate(presets) if preset == size]
+        for size in dict.fromkeys(filter(None, presets))
+    ]
     return markdown(pd.DataFrame(lines), "llr", best)
 
 
