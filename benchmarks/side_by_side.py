@@ -2,9 +2,9 @@
 
     python benchmarks/side_by_side.py [--json results/speed/side_by_side.json] [--threads 2]
 
-Each network with its recipes `paper`, `mini` and `imagenet`, at the recipe's own input size, random weights
-(the time does not depend on them), on validation samples in turns; the methods that learn nothing
-at 224x224. Memory is that of a process of its own, beyond what it held before the network was
+Each network with its recipes `paper`, `mini` and `imagenet`, at the recipe's own input size, random
+weights (the time does not depend on them), on validation samples in turns; the methods that learn
+nothing at 224x224. Memory is that of a process of its own, beyond what it held before the network was
 built; Linux tells it, elsewhere it is left out.
 """
 
