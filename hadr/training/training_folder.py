@@ -131,7 +131,7 @@ class TrainingFolder:
         last = self.path / LAST
         earlier, meta = load_checkpoint(last)
         reached = structured(meta, _Reached, last, further=True)
-        self._check_same(earlier, network, meta)
+        self._check_same(meta)
         state = load_training_state(last)
         raw = {n.removeprefix(_RAW): t for n, t in state.items() if n.startswith(_RAW)}
         moments = {n: t for n, t in state.items() if not n.startswith(_RAW)}
@@ -180,12 +180,14 @@ class TrainingFolder:
         writer.writerows(history)
         write_whole(self.path / HISTORY, text.getvalue())
 
-    def _check_same(self, earlier: nn.Module, network: nn.Module, meta: Mapping[str, Any]) -> None:
+    def _check_same(self, meta: Mapping[str, Any]) -> None:
         """Refuse to go on with another network, recipe, seed or other data."""
         last, recipe = self.path / LAST, self.recipe
         if meta["seed"] != self.seed:
             raise ValueError(f"{last} was trained with seed {meta['seed']}, not {self.seed}")
-        if earlier.config != network.config or meta["preset"].get("name") != recipe.name:
+        # as it was recorded: what is loaded was built without fetching published weights
+        config = type(recipe.model).from_dict(meta["model"])
+        if config != recipe.model or meta["preset"].get("name") != recipe.name:
             raise ValueError(
                 f"{last} holds a training of preset {meta['preset'].get('name')!r} with another "
                 f"network than preset {recipe.name!r} asks for"

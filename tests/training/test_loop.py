@@ -46,6 +46,17 @@ def test_a_resumed_training_ends_with_the_same_weights(
         assert {**one, "seconds": 0} == {**two, "seconds": 0}
 
 
+def test_a_training_that_began_with_published_weights_is_resumed(
+    tmp_path: Path, frames: FrameTensors
+) -> None:
+    recipe = replace(preset("imagenet", "unet-hand"), width=64, height=36, epochs=2)
+    train(recipe, frames, folder=tmp_path, stop_after=1, progress=False)
+    resumed = train(recipe, frames, folder=tmp_path, resume=True, progress=False)
+    assert [row["epoch"] for row in resumed.history] == [0, 1]
+    at_once = train(recipe, frames, progress=False)
+    assert same_weights(at_once.model, resumed.model)
+
+
 def test_encoders_follow_the_schedule_from_their_own_rate(
     tmp_path: Path, micro: Preset, frames: FrameTensors, monkeypatch: pytest.MonkeyPatch
 ) -> None:
