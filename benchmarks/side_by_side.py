@@ -4,8 +4,8 @@
 
 Each network with its recipes `paper`, `mini` and `imagenet`, at the recipe's own input size, random
 weights (the time does not depend on them), on validation samples in turns; the methods that learn
-nothing at 224x224. Memory is that of a process of its own, beyond what it held before the network was
-built; Linux tells it, elsewhere it is left out.
+nothing at 224x224. Memory is that of a process of its own, beyond what it held before the network
+was built; Linux tells it, elsewhere it is left out.
 """
 
 from __future__ import annotations

@@ -51,7 +51,9 @@ from hadr.records.writing import PART, whole_folder, write_whole
 
 RUNTIME_TOKEN = "*stands here in the built book*"
 REPORTS: dict[str, Callable[[Path], str]] = {
-    "{{REPORT}}": lambda results: report(results / "mini", results / "paper_tables.json"),
+    "{{REPORT}}": lambda results: "\n".join(
+        report(results / size, results / "paper_tables.json", size) for size in ("imagenet", "mini")
+    ),
     "{{FOUND}}": found_table,
     "{{FOUND_RULES}}": found_rules,
     "{{CONDITIONS}}": lambda results: conditions_table(results / "mini"),

@@ -60,7 +60,8 @@ def report(results: str | Path, published: str | Path, size: str = "mini") -> st
                     for row, numbers in paper[name].items()
                 }
                 section = _depth(name, file, theirs, size)
-            parts.append(f"## {title}\n\n{section}\n\n{_origin(path)}")
+            sees = ", networks that see" * (size == "imagenet")
+            parts.append(f"## {title}{sees}\n\n{section}\n\n{_origin(path)}")
     if not parts:
         raise ValueError(f"{results} has none of the files {', '.join(TITLES)}")
     return "\n\n".join(parts) + "\n"

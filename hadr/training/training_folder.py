@@ -186,8 +186,8 @@ class TrainingFolder:
         if meta["seed"] != self.seed:
             raise ValueError(f"{last} was trained with seed {meta['seed']}, not {self.seed}")
         # as it was recorded: what is loaded was built without fetching published weights
-        config = type(recipe.model).from_dict(meta["model"])
-        if config != recipe.model or meta["preset"].get("name") != recipe.name:
+        same = meta["network"] == recipe.network and meta["preset"].get("name") == recipe.name
+        if not same or type(recipe.model).from_dict(meta["model"]) != recipe.model:
             raise ValueError(
                 f"{last} holds a training of preset {meta['preset'].get('name')!r} with another "
                 f"network than preset {recipe.name!r} asks for"

@@ -39,8 +39,8 @@ def test_two_standard_errors_decide(difference: float, word: str) -> None:
 
 def test_a_better_rival_and_a_hand_that_harms_turn_the_verdicts(results: Path) -> None:
     before = verdicts(results)
-    hadr = read_result_file(results / "mini" / "known.json").row(method="hadr")
-    change(results / "mini" / "known.json", {"method": "dfnet"}, rmse_m=hadr["rmse_m"] / 2)
+    hadr = read_result_file(results / "imagenet" / "known.json").row(method="hadr")
+    change(results / "imagenet" / "known.json", {"method": "dfnet"}, rmse_m=hadr["rmse_m"] / 2)
     gap = {"mean_difference_m": -0.01, "standard_error_m": 0.001}
     change(results / "imagenet" / "ablation.json", {"method": "no-hand"}, against_full=gap)
     after = verdicts(results)

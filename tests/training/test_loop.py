@@ -160,6 +160,9 @@ def test_resume_refuses_another_training(
     other = replace(short, model=replace(short.model, hand="none"))
     with pytest.raises(ValueError, match=r"preset 'micro' with another\s+network"):
         train(other, frames, folder=tmp_path, resume=True, progress=False)
+    another = replace(preset("tiny", "unet-hand"), name="micro", epochs=1)
+    with pytest.raises(ValueError, match=r"preset 'micro' with another\s+network"):
+        train(another, frames, folder=tmp_path, resume=True, progress=False)
     with pytest.raises(ValueError, match="resume and tensorboard need the folder"):
         train(short, frames, resume=True, progress=False)
 

@@ -176,7 +176,7 @@ def parts_table(rows: Sequence[Row]) -> str:
 
 def seeing_table(rows: Sequence[Row], parts: Sequence[Row], colors: Sequence[Row]) -> str:
     """List what each method sees: its error, of place and of shape, and what colours are worth."""
-    place = {row["method"]: row for row in parts}
+    place = {row["method"]: row for row in parts if row["split"] == "known"}
     worth = {row["method"]: difference_cell(row["others_minus_own"]) for row in colors}
     head = ["method", "RMSE (cm)", "δ1.05 (%)", "error of place (cm)", "of shape (cm)",
             "another frame's colours cost (cm)"]  # fmt: skip
