@@ -10,11 +10,8 @@
         --only hadr-mini hadr-plus-mini hand-keypoints-mini segmentation-mini
 
     hadr reproduce --preset imagenet --data NEAR --only known/hadr known/hadr-plus --out OUT
-    for network in hand-keypoints segmentation; do
-        hadr train --network $network --preset imagenet --data NEAR --out OUT/near/$network
-    done
-    python benchmarks/bundle_checkpoints.py --made OUT --data NEAR --only hadr-imagenet \\
-        hadr-plus-imagenet hand-keypoints-imagenet segmentation-imagenet
+    python benchmarks/bundle_checkpoints.py --made OUT --data NEAR \\
+        --only hadr-imagenet hadr-plus-imagenet
 
     python benchmarks/handover_frames.py --out CAMERA
     for network in hadr hadr-plus hand-keypoints; do  # options: each record has them
@@ -31,9 +28,9 @@
     python benchmarks/bundle_checkpoints.py --made OUT --data VIEWS --only segmentation-handover
 
 DIR is what `hadr generate --preset mini` has made, NEAR the same by the generator's second edition,
-3,000 frames. The last epoch's weights are taken, which was
-fixed beforehand, and stored as 16-bit floats. Depth networks are calibrated on validation frames;
-what that measured goes to results/confidence.
+3,000 frames. The last epoch's weights are taken, which was fixed beforehand, and stored as 16-bit
+floats. Depth networks are calibrated on validation frames; what that measured goes to
+results/confidence.
 """
 
 import argparse
@@ -55,8 +52,6 @@ SOURCES: dict[str, tuple[str, Experiment | None]] = {
     "segmentation-mini": ("nets/segmentation", None),
     "hadr-imagenet": ("runs/known/hadr/seed-0", "known"),
     "hadr-plus-imagenet": ("runs/known/hadr-plus/seed-0", "known"),
-    "hand-keypoints-imagenet": ("near/hand-keypoints", None),
-    "segmentation-imagenet": ("near/segmentation", None),
     "hadr-handover": ("handover/hadr", None),
     "hadr-plus-handover": ("handover/hadr-plus", None),
     "hand-keypoints-handover": ("handover/hand-keypoints", None),
