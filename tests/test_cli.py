@@ -81,7 +81,7 @@ def test_all_files_are_written_and_agree(frame, capsys) -> None:
     assert report["counts"]["still_missing"] == 0
     assert report["versions"]["hadr"] == __version__
     assert len(report["inputs"]["depth"]["sha256"]) == 64
-    assert "0.001 m per unit" in report["outputs"]["depth.png"]
+    assert "0.001 m per unit" in report["outputs"]["depth.png"]["holds"]
     printed = capsys.readouterr().out
     for said in (printed, " ".join(report["notes"])):
         assert "no checkpoint fits" in said
@@ -293,17 +293,29 @@ def test_bad_input_is_one_sentence_and_leaves_nothing(frame, capfd, case: str) -
 
 def test_an_earlier_result_is_only_replaced_when_asked(frame, capsys) -> None:
     assert main(words(frame)) == 0
-    (frame / "out" / "cloud.ply").write_text("old")
+    cloud = frame / "out" / "cloud.ply"
+    earlier = cloud.read_bytes()
     assert main(words(frame)) == 2
     assert "already holds cloud.ply and 7 more; choose a new name" in capsys.readouterr().err
     again = [*words(frame, depth=frame / "out" / "depth.png"), "--overwrite"]
     assert main(again) == 2
     assert "out is not replaced: " in capsys.readouterr().err  # it would replace its own input
-    assert (frame / "out" / "cloud.ply").read_text() == "old"
+    for name, content in (
+        ("cloud.ply", b"edited"),
+        ("report.json", b'{"command": "hadr restore"}'),
+    ):
+        kept = (frame / "out" / name).read_bytes()
+        (frame / "out" / name).write_bytes(content)
+        assert main([*words(frame), "--overwrite"]) == 2
+        assert "or which was changed since" in capsys.readouterr().err
+        assert (frame / "out" / name).read_bytes() == content
+        (frame / "out" / name).write_bytes(kept)
+    depth = cv2.imread(str(frame / "depth.png"), cv2.IMREAD_UNCHANGED)
+    cv2.imwrite(str(frame / "depth.png"), depth + np.uint16(3) * (depth > 0))
     assert main([*words(frame), "--overwrite", "--quiet"]) == 0
     assert capsys.readouterr().out == ""
     assert json.loads((frame / "out" / "report.json").read_text())["method"] == "nearest"
-    assert (frame / "out" / "cloud.ply").read_bytes() != b"old"
+    assert cloud.read_bytes() != earlier
     (frame / "out" / "report.json").rename(frame / "report.json")
     assert main([*words(frame), "--overwrite"]) == 2
     assert "holds cloud.ply, which no earlier run wrote" in capsys.readouterr().err

@@ -12,7 +12,8 @@ import tyro
 from hadr.models.networks import DEPTH_NETWORKS
 from hadr.records.option_words import FILE, FOLDER, ID
 from hadr.records.output_folder import check_file, check_free
-from hadr.records.provenance import provenance, write_json
+from hadr.records.provenance import provenance
+from hadr.records.result_file import write_sealed
 from hadr.training.recipe import Given
 
 if TYPE_CHECKING:
@@ -163,7 +164,7 @@ def run(options: Options) -> int:
             content.setdefault("figures", {})[one.name] = {"network": one.kind, **found}
     if options.out:
         check()  # another run may have begun there meanwhile
-        write_json(options.out, {**content, "provenance": provenance()})
+        write_sealed(options.out, {**content, "provenance": provenance()})
     return 0
 
 

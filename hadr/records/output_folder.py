@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import hashlib
 import json
 import os
 import shutil
@@ -36,7 +37,7 @@ def check_file(path: str | Path | None, **fields: str) -> None:
 
     Args:
         path: The file; None is always right. What is there is replaced only if it is a file of
-            `fields`: never an input, a checkpoint, a link or a device.
+            `fields`, as it was written: never an input, a checkpoint, a link or a device.
         fields: As `wrote`; without them no file that is there is opened.
 
     Raises:
@@ -56,7 +57,8 @@ def check_file(path: str | Path | None, **fields: str) -> None:
         raise ValueError(f"{path} is a link or a device, which is not replaced; name another file")
     if path.exists() and fields and not wrote(path, **fields):
         raise ValueError(
-            f"{path} is not replaced: no earlier run of this command wrote it; name another file"
+            f"{path} is not replaced: no earlier run of this command wrote it, or it was changed "
+            "since; name another file"
         )
 
 
@@ -84,14 +86,22 @@ def check_free(path: Path | None) -> None:
 
 
 def wrote(path: Path, **fields: str) -> bool:
-    """Whether a file is JSON with these fields, each of which begins so: a command's own record."""
+    """Whether a file is a command's own record: JSON with these fields, each of which begins so.
+
+    Where it is closed by a checksum (`hadr.records.result_file`), it must still fit.
+    """
+    from hadr.records.result_file import unchanged  # `make clean` does without
+
     try:
         found = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else None
     except (OSError, ValueError, RecursionError):
         return False
-    return isinstance(found, dict) and all(
-        name in found and str(found[name]).startswith(words) for name, words in fields.items()
-    )
+    if not isinstance(found, dict):
+        return False
+    where = found.get("provenance")
+    sealed = "sha256" in found or (isinstance(where, dict) and "sha256" in where)
+    own = all(name in found and str(found[name]).startswith(text) for name, text in fields.items())
+    return own and (not sealed or unchanged(found))
 
 
 def check_folder(path: str | Path) -> None:
@@ -110,46 +120,58 @@ def check_folder(path: str | Path) -> None:
 
 def check_replaceable(
     folder: Path,
-    names: Collection[str] | None,
+    asked: bool,
     record: str,
     inputs: Iterable[str],
-    added: Collection[str] = (),
+    pages: Collection[str] = (),
+    parts: Collection[str] = (),
     **fields: str,
 ) -> None:
     """Refuse to replace a folder that is not an earlier result.
 
     Args:
         folder: It may be missing or empty.
-        names: Names of all files that a result has; None replaces no result.
-        record: The one of them that is known by `fields`; where it lists `outputs`, only these
-            and what is `added` later count as a result's.
+        asked: Whether a result may be replaced at all.
+        record: The file that is known by `fields`; its `outputs` have the ``sha256`` of each other.
         inputs: Files that are read.
-        added: Names of files that another command adds.
+        pages: Names of pages that another command adds (`hadr.records.result_file.sealed_page`).
+        parts: Names of folders that are results of their own.
         fields: As `wrote`.
 
     Raises:
-        ValueError: As `check_folder`; or it holds something else, or an input.
+        ValueError: As `check_folder`; or it holds something else, a file that was changed since,
+            or an input.
     """
+    from hadr.records.result_file import is_sealed_page
+
     check_folder(folder)
     present = sorted(entry.name for entry in folder.iterdir()) if folder.exists() else []
     if not present:
         return
     more = f" and {len(present) - 1} more" if len(present) > 1 else ""
-    if names is None:
+    if not asked:
         raise ValueError(
             f"output folder {folder} already holds {present[0]}{more}; choose a new name, or "
             "--overwrite to replace an earlier result"
         )
     own = wrote(folder / record, **fields)
     told = json.loads((folder / record).read_text(encoding="utf-8")) if own else {}
-    strange = [name for name in present if name not in names]
-    if isinstance(told.get("outputs"), dict):  # what that very run did not write is somebody's
-        written = {*told["outputs"], *added}
-        strange = [n for n in present if n not in written or not (folder / n).is_file()]
-    if strange or not own:
+    written = told.get("outputs") or {}
+
+    def as_written(name: str) -> bool:
+        path = folder / name
+        if not path.is_file():
+            return name in parts
+        if name in pages:
+            return is_sealed_page(path)
+        checksum = hashlib.sha256(path.read_bytes()).hexdigest()
+        return name == record or (name in written and written[name]["sha256"] == checksum)
+
+    strange = [name for name in present if not (own and as_written(name))]
+    if strange:
         raise ValueError(
-            f"output folder {folder} holds {(strange or present)[0]}, which no earlier run wrote; "
-            "it is not replaced, choose another folder"
+            f"output folder {folder} holds {strange[0]}, which no earlier run wrote, or which was "
+            "changed since; it is not replaced, choose another folder"
         )
     for path in inputs:
         if folder.resolve() in Path(path).resolve().parents:

@@ -99,12 +99,11 @@ def read_sealed(path: str | Path) -> dict[str, Any]:
         raise FileNotFoundError(f"there is no result file {path}")
     content = read_json(path)
     sealed = structured(content, _Sealed, path, further=True)
-    provenance = {k: v for k, v in sealed.provenance.items() if k != "sha256"}
     if (stored := sealed.provenance.get("sha256")) is None:
         raise ValueError(f"{path}: provenance: lacks sha256")
     if plain(content) != content:
         raise ValueError(f"{path} holds NaN or infinity, which is not JSON")
-    if digest({**content, "provenance": provenance}) != stored:
+    if not unchanged(content):
         raise ValueError(
             f"{path} was changed after it was measured: its content does not fit its checksum "
             f"{str(stored)[:12]}...; measure it again instead of editing it"
@@ -133,13 +132,33 @@ class _Result(_Sealed):
     rows: list[dict[str, Any]]
 
 
+def unchanged(content: Mapping[str, Any]) -> bool:
+    """Whether JSON that was read still fits its checksum, at the top or under ``provenance``."""
+    where = content.get("provenance")
+    if isinstance(where, dict) and "sha256" in where:
+        rest = {**content, "provenance": {k: v for k, v in where.items() if k != "sha256"}}
+        return digest(rest) == where["sha256"]
+    rest = {k: v for k, v in content.items() if k != "sha256"}
+    return digest(rest) == content.get("sha256")
+
+
+def sealed_page(page: str) -> str:
+    """An HTML page with a checksum as its last line, by which `is_sealed_page` knows it."""
+    return f"{page}\n<!-- sha256 {hashlib.sha256(page.encode()).hexdigest()} -->\n"
+
+
+def is_sealed_page(path: Path) -> bool:
+    """Whether a file is what `sealed_page` gave, unchanged."""
+    page, seal, _ = path.read_bytes().rpartition(b"\n<!-- sha256 ")
+    return seal != b"" and path.read_bytes() == sealed_page(page.decode(errors="replace")).encode()
+
+
 def sealed_row(path: Path, configuration: Mapping[str, Any]) -> dict[str, Any] | None:
     """Read a row, if it is there, whole, untouched, and was measured with this configuration."""
     with contextlib.suppress(OSError, ValueError):
         row = read_json(path)
         if isinstance(row, dict) and row.get("config_sha256") == digest(configuration):
-            sealed = {name: value for name, value in row.items() if name != "sha256"}
-            return row if row.get("sha256") == digest(sealed) else None
+            return row if unchanged(row) else None
     return None
 
 

@@ -22,6 +22,7 @@ from hadr.records.output_folder import (
     make_output_folder,
     remove_output_folder,
 )
+from hadr.records.result_file import seal_row, write_sealed
 from hadr.records.writing import sole_owner
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -105,6 +106,12 @@ def test_only_a_file_of_the_same_command_is_replaced(tmp_path):
     own.write_text('{"what": "Confidence of net", "rows": []}')
     check_file(own, what="Confidence of", rows="")
     check_file(tmp_path / "new.json", what="Confidence of")
+    sealed, row = tmp_path / "sealed.json", tmp_path / "row.json"
+    write_sealed(sealed, {"what": "Confidence of net", "provenance": {"commit": "a"}})
+    seal_row(row, {"what": "Confidence of net"})
+    for path in (sealed, row):
+        check_file(path, what="Confidence of")
+        path.write_text(path.read_text().replace("of net", "of nets"))
     (tmp_path / "link.json").symlink_to(own)
     os.mkfifo(tmp_path / "fifo")
     (tmp_path / "net.safetensors").write_bytes(b"\x80 years of work")
@@ -112,6 +119,8 @@ def test_only_a_file_of_the_same_command_is_replaced(tmp_path):
     for path, fields, says in (
         (own, {"what": "handover attempts"}, "is not replaced: no earlier run"),
         (own, {"what": "", "split": ""}, "is not replaced: no earlier run"),
+        (sealed, {"what": ""}, "is not replaced: .* or it was changed since"),
+        (row, {"what": ""}, "is not replaced: .* or it was changed since"),
         (tmp_path / "net.safetensors", {"what": ""}, "is not replaced: no earlier run"),
         (tmp_path / "list.json", {"what": ""}, "is not replaced: no earlier run"),
         (tmp_path / "link.json", {"what": ""}, "is a link or a device"),

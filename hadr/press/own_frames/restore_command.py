@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 import textwrap
 import time
@@ -31,8 +30,11 @@ from hadr.frame_io import (
     write_point_cloud,
 )
 from hadr.models.networks import RIVALS
+from hadr.records.caches import file_sha256
 from hadr.records.option_words import FILE, FOLDER
 from hadr.records.output_folder import check_replaceable
+from hadr.records.provenance import write_json
+from hadr.records.result_file import seal_row
 from hadr.records.writing import whole_folder
 from hadr.restoration import METHODS, Restoration, Restorer
 
@@ -223,9 +225,9 @@ def run(options: Options) -> int:
     files = input_files(options)
 
     def check() -> None:
-        replaced = (*OUTPUTS, VIEW) if options.overwrite else None
         read, out = filter(None, files.values()), Path(options.out)
-        check_replaceable(out, replaced, "report.json", read, [VIEW], command="hadr restore")
+        again = options.overwrite
+        check_replaceable(out, again, "report.json", read, [VIEW], command="hadr restore")
 
     check()
     with restorer_of(options) as restorer:
@@ -280,9 +282,7 @@ def write_frame(folder: Path, made: Made) -> dict[str, Any]:
     from hadr.press.own_frames import restore_report
 
     started, result = time.perf_counter(), made.result
-    unknown = {"hand_mask.png": result.hand_mask is None, "hand.json": result.hand is None}
-    outputs = {name: text for name, text in OUTPUTS.items() if not unknown.get(name)}
-    report = restore_report.report(made.depth, made.camera, result, made.truth, made.files, outputs)
+    report = restore_report.report(made.depth, made.camera, result, made.truth, made.files)
     write_depth_png(folder / "depth.png", result.depth)
     (folder / "depth.npy").write_bytes(encode_depth_array(result.depth))
     write_image(folder / "confidence.png", np.rint(result.confidence * 255).astype(np.uint8))
@@ -300,14 +300,14 @@ def write_frame(folder: Path, made: Made) -> dict[str, Any]:
     figure.savefig(folder / "comparison.png", dpi=130)
     seconds = made.seconds | {"write": time.perf_counter() - started}
     report["seconds"] = {name: round(value, 3) for name, value in seconds.items()}
-    write_json(folder / "report.json", report)
-    return report
+    report["outputs"] = outputs(folder)
+    return seal_row(folder / "report.json", report)
 
 
-def write_json(path: Path, content: dict[str, Any]) -> None:
-    """Write JSON that a person can read."""
-    text = json.dumps(content, indent=2, allow_nan=False)
-    path.write_text(text + "\n", encoding="utf-8")
+def outputs(folder: Path) -> dict[str, dict[str, str]]:
+    """What the files of a result hold, by name, and by what they are known as unchanged."""
+    names = sorted(path.name for path in folder.iterdir() if path.is_file())
+    return {n: {"holds": OUTPUTS.get(n, ""), "sha256": file_sha256(folder / n)} for n in names}
 
 
 @contextmanager

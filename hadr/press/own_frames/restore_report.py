@@ -43,9 +43,8 @@ def report(
     result: Restoration,
     truth: NDArray[np.float32] | None,
     files: Mapping[str, str | None],
-    outputs: Mapping[str, str],
 ) -> dict[str, Any]:
-    """All that `report.json` holds but for the times; `files` are what was read, by option."""
+    """What `report.json` says of what was made; `files` are what was read, by option."""
     given = {name: path for name, path in files.items() if path is not None}
     scores = {} if truth is None else errors(depth, result.depth, truth, result.mask)
     notes = list(result.notes)
@@ -78,7 +77,6 @@ def report(
             name: {"file": path, "sha256": hashlib.sha256(Path(path).read_bytes()).hexdigest()}
             for name, path in given.items()
         },
-        "outputs": dict(outputs),
         "versions": versions(),
     }
 

@@ -15,17 +15,17 @@ from tqdm import tqdm
 from hadr.frame_io import read_color
 from hadr.press.own_frames.restore_command import (
     MEDIAPIPE,
-    OUTPUTS,
     VIEW,
     Options,
     found_nothing,
     input_files,
+    outputs,
     restored_frame,
     restorer_of,
     write_frame,
-    write_json,
 )
-from hadr.records.output_folder import check_file, check_replaceable
+from hadr.records.output_folder import check_replaceable
+from hadr.records.result_file import seal_row
 from hadr.records.writing import whole_folder
 
 RECORD = "sequence.json"
@@ -45,14 +45,11 @@ def run_sequence(options: Options) -> int:
     out = Path(options.out)
 
     def check() -> None:
-        names = (*frames, *FILMS, RECORD) if options.overwrite else None
+        again = options.overwrite
         read = [path for one in frames.values() for path in input_files(one).values() if path]
-        check_replaceable(out, names, RECORD, read, command="hadr restore")
-        for name in (*FILMS, RECORD):
-            check_file(out / name)
+        check_replaceable(out, again, RECORD, read, parts=frames, command="hadr restore")
         for part in (out / name for name in frames):
-            names = (*OUTPUTS, VIEW)
-            check_replaceable(part, names, "report.json", (), [VIEW], command="hadr restore")
+            check_replaceable(part, True, "report.json", (), [VIEW], command="hadr restore")
 
     check()
     told: dict[str, dict[str, Any]] = {}
@@ -74,7 +71,8 @@ def run_sequence(options: Options) -> int:
             raise ValueError(f"none of the {len(told)} frames is usable; {first}: {why['refused']}")
         film = folder / FILMS[find_spec("imageio_ffmpeg") is None]
         write_film(film, _pictures(folder / name / "comparison.png" for name in done), RATE)
-        write_json(folder / RECORD, {"command": "hadr restore", "film": film.name, "frames": told})
+        record = {"command": "hadr restore", "film": film.name, "frames": told}
+        seal_row(folder / RECORD, {**record, "outputs": outputs(folder)})
     if not options.quiet:
         print("\n".join((*_summary(told), f"written   {out}, with {film.name}")))
     bad = [name for name, one in told.items() if one.get("nothing", True)]

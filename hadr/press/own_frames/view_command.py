@@ -18,6 +18,7 @@ from hadr.press.own_frames.restore_command import VIEW
 from hadr.records.option_words import FILE, FOLDER
 from hadr.records.output_folder import check_file, wrote
 from hadr.records.reading import read_json
+from hadr.records.result_file import is_sealed_page, sealed_page
 from hadr.records.writing import write_whole
 
 if TYPE_CHECKING:
@@ -65,10 +66,13 @@ def run(options: Options) -> int:
 
     path = options.out or options.result / VIEW
     check_file(path)
-    if path.exists() and f"<title>{_TITLE}".encode() not in path.read_bytes()[:1000]:
-        raise ValueError(f"{path} is no page of this command: it is not replaced, name another")
+    if path.exists() and not is_sealed_page(path):
+        raise ValueError(
+            f"{path} is no page of this command, or was changed since: it is not replaced, name "
+            "another"
+        )
     title = _TITLE + (options.result.resolve().name or "result")
-    write_whole(path, turntable(clouds(options.result), title).page)
+    write_whole(path, sealed_page(turntable(clouds(options.result), title).page))
     shows = sys.platform in ("darwin", "win32") or {"DISPLAY", "WAYLAND_DISPLAY"} & set(os.environ)
     opened = bool(shows) and not options.no_browser and webbrowser.open(path.resolve().as_uri())
     print(f"{path} is opened in the browser" if opened else f"{path}: open it in a browser")

@@ -1,6 +1,7 @@
 """A folder of frames: each has its result, the film shows all, and what is refused is named."""
 
 import json
+from pathlib import Path
 
 import cv2
 import imageio.v3 as iio
@@ -53,11 +54,18 @@ def test_each_frame_has_a_result_and_the_film_shows_all(frames, capsys):
     assert main(words) == 2
     assert "already holds 0001 and 4 more" in capsys.readouterr().err
     assert main([*words, "--overwrite"]) == 0
-    (out / "0002" / "thesis.txt").write_text("years of work")
-    before = content(out)
-    assert main([*words, "--overwrite"]) == 2
-    assert "holds thesis.txt, which no earlier run wrote" in capsys.readouterr().err
-    assert content(out) == before
+    made = content(out)
+    for name in ("0002/thesis.txt", "0002/depth.png", "sequence.json", "film.mp4"):
+        (out / name).write_text("years of work")
+        before = content(out)
+        assert main([*words, "--overwrite"]) == 2
+        own = Path(name).name if name != "sequence.json" else "0001"  # nothing says what was made
+        assert f"holds {own}, which no earlier run wrote" in capsys.readouterr().err
+        assert content(out) == before
+        (out / name).unlink()
+        if out / name in made:
+            (out / name).write_bytes(made[out / name])
+    assert main([*words, "--overwrite"]) == 0
 
 
 def test_a_frame_that_is_refused_is_named_and_the_others_are_restored(frames, capsys):
@@ -101,7 +109,7 @@ def test_a_folder_in_place_of_the_film_is_somebody_s(frames, capsys):
     film.mkdir()
     (film / "mine.txt").write_text("kept")
     assert main([*words, "--overwrite"]) == 2
-    assert f"{film} is a folder" in capsys.readouterr().err
+    assert f"holds {film.name}, which no earlier run wrote" in capsys.readouterr().err
     assert (film / "mine.txt").read_text() == "kept"
 
 

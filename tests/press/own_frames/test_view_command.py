@@ -70,6 +70,12 @@ def test_one_page_is_written_and_opened(restored, monkeypatch, capsys):
     assert "open it in a browser" in capsys.readouterr().out
     again = ["restore", *(f"--{n}={restored / n}.png" for n in ("rgb", "depth", "mask"))]
     again += [f"--intrinsics={restored / 'camera.json'}", f"--out={out}", "--overwrite"]
+    page.write_text(text.replace("<title>hadr view: out", "<title>hadr view: mine"))
+    assert main(["view", str(out), "--no-browser"]) == main(again) == 2
+    errors = capsys.readouterr().err
+    assert "view.html is no page of this command, or was changed since" in errors
+    assert "holds view.html, which no earlier run wrote, or which was changed since" in errors
+    page.write_text(text)
     assert main(again) == 0
     assert not page.exists(), "it showed the former result"
 
