@@ -6,6 +6,8 @@ raises a ValueError that names the value and what is expected.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
@@ -20,6 +22,18 @@ FARTHEST_M = 30.0
 LEAST_CONTRAST = 16
 """Between the darkest and the brightest hundredth of a picture's values, of 255; the bundled frames
 have 84 and more."""
+SQUARE = 0.03
+"""How far from square a calibrated camera's pixels may seem."""
+OFF_CENTER = 0.15
+"""How far from a picture's middle the optical axis may pass, of its width or height: a few
+hundredths for a whole picture, more for a part cut out of one."""
+SEES_DEG = (40, 125)
+"""Angle across a depth camera's picture: 55 to 90 degrees for most, 120 for the widest."""
+LARGEST_MASK = 0.75
+"""Share of the picture that glass may cover; what covers more is an inverted mask."""
+LEAST_WARM = 5.0
+"""Red less blue at the hand's joints, of 255, in the median: 23 to 90 in the bundled frames, for
+skin of any kind is redder than blue; 0 in a gray picture, negative where the two are swapped."""
 GLASS_M = (0.025, 0.30)
 """How large a glass is, the root of its area; those of the bundled training frames seem 5.0 to 11.3
 cm, so that a depth in decimetres or centimetres lies outside."""
@@ -43,6 +57,7 @@ def checked_depth(
             f"the intrinsics are of a {camera.width}x{camera.height} image but colour and depth "
             f"are {_size(depth.shape)}; expected intrinsics of the same size"
         )
+    note_camera(camera, notes)
     dark, bright = np.percentile(color[::4, ::4], (1, 99))
     if bright - dark < LEAST_CONTRAST:
         notes.append(
@@ -54,6 +69,26 @@ def checked_depth(
         if odd.any():
             notes.append(f"{int(odd.sum())} pixels of the depth are {name} and count as missing")
     return checked_metres("depth", depth)
+
+
+def note_camera(camera: Intrinsics, notes: list[str]) -> None:
+    """Say if a camera with these numbers would be an odd one: a file's numbers may be swapped."""
+    odd = []
+    if abs((stretched := camera.fy / camera.fx) - 1) > SQUARE:
+        odd.append(f"its pixels would not be square (fy is {stretched:.2f} times fx)")
+    for name, middle, length in (("cx", camera.cx, camera.width), ("cy", camera.cy, camera.height)):
+        if abs(share := (middle + 0.5) / length - 0.5) > OFF_CENTER:
+            odd.append(f"{name} = {middle:g} is {100 * abs(share):.0f} % of the picture off center")
+    angle = 2 * math.degrees(math.atan(camera.width / camera.fx / 2))
+    if not SEES_DEG[0] <= angle <= SEES_DEG[1]:
+        odd.append(
+            f"it would see {angle:.0f} degrees across, expected {SEES_DEG[0]} to {SEES_DEG[1]}"
+        )
+    if odd:
+        notes.append(
+            f"the intrinsics are of an odd camera: {'; '.join(odd)}; are they of this picture, at "
+            "this size, and is each number in its place?"
+        )
 
 
 def checked_metres(name: str, depth: FloatArray) -> NDArray[np.float32]:
@@ -106,7 +141,28 @@ def checked_mask(mask: BoolArray | None, clean: NDArray[np.float32], notes: list
             f"the mask is empty: none of its {mask.size} pixels is set, expected the transparent "
             "object's pixels"
         )
+    if (share := float(mask.mean())) > LARGEST_MASK:
+        raise ValueError(
+            f"the mask covers {100 * share:.0f} % of the picture, expected a glass: is it "
+            "inverted? What is not 0 is restored"
+        )
     return mask
+
+
+def told_color(
+    color: NDArray[np.uint8], camera: Intrinsics, mask: BoolArray, keypoints: FloatArray
+) -> tuple[str, ...]:
+    """Say if the hand's skin, at the joints (21, 3) outside of the mask, has no skin's colour."""
+    columns, rows = np.rint(project(keypoints, camera)).astype(int).T
+    there = (columns >= 0) & (columns < camera.width) & (rows >= 0) & (rows < camera.height)
+    rows, columns = rows[there], columns[there]
+    skin = color[rows, columns][~mask[rows, columns]].astype(float)
+    if not len(skin) or (warm := float(np.median(skin[:, 0] - skin[:, 2]))) >= LEAST_WARM:
+        return ()
+    return (
+        f"where the hand is, red exceeds blue by {warm:.0f} of 255, by 23 and more in training: is "
+        "the picture gray, are red and blue swapped, or is there no hand?",
+    )
 
 
 def depth_to_use(

@@ -20,6 +20,7 @@ from hadr.camera import BoolArray, FloatArray, Intrinsics, valid_depth
 from hadr.confidence.known_ground import Verdict
 from hadr.corruption import CORRUPTIONS, Corruption
 from hadr.frame_checks import (
+    SQUARE,
     check_apart,
     check_mask_form,
     checked_depth,
@@ -28,6 +29,7 @@ from hadr.frame_checks import (
     depth_to_use,
     note_measured,
     note_size,
+    told_color,
 )
 from hadr.models.networks import DEPTH_NETWORKS
 from hadr.rivals import classical
@@ -107,12 +109,14 @@ class _Known:
         if CORRUPTIONS[trusted].erase != network.erases and not network.skips_mask:
             was, now = ("none", "is") if network.erases else ("some", "is none")
             yield f"there {now} measured depth in the mask, in training there was {was}"
-        if abs((pixels := self.camera.fy / self.camera.fx) - 1) > 0.03:  # no calibration errs so
+        if abs((pixels := self.camera.fy / self.camera.fx) - 1) > SQUARE:
             yield f"fy is {pixels:.2f} times fx, in training pixels were square"
         if not self.given_mask:
             yield "the mask is not given, in training it was the true one"
         if self.hand is not None and self.hand.source != GIVEN:
             yield f"the hand was found by {self.hand.source}, in training it was the true one"
+        if self.hand is not None:
+            yield from told_color(self.color, self.camera, self.target, self.hand.keypoints)
 
     @property
     def keypoints(self) -> Points | None:
@@ -174,6 +178,11 @@ class Restorer:
             if value not in known:
                 expected = ", ".join(str(one) for one in known if one)
                 raise ValueError(f"{name} must be one of {expected}, got {value!r}")
+        if network is not None and method != "auto" and method not in DEPTH_NETWORKS:
+            raise ValueError(
+                f"method {method} uses no depth network, but one is named; leave out either "
+                "(on the command line: --method, --checkpoint)"
+            )
         self.method, self.corruption, self._given = method, corruption, network
         if isinstance(segmentation, str | Path):
             segmentation = Segmentation.load(segmentation)
@@ -281,6 +290,8 @@ class Restorer:
         needed = needed and hand_mask is None
         presence = None
         if self.segmentation is None or not (mask is None or needed):
+            if self.segmentation is not None:
+                notes.append(f"the mask is given: {self.segmentation.name} was not used")
             return checked_mask(mask, clean, notes), hand_mask, presence
         found = self.segmentation.masks(color)
         if needed:

@@ -1,4 +1,5 @@
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ CAMERA = Intrinsics(fx=100, fy=100, cx=39.5, cy=29.5, width=80, height=60)
 
 def frame() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Colour, depth with a hole and a mask twice as wide as the hole."""
-    color = np.full((60, 80, 3), 128, np.uint8)
+    color = np.full((60, 80, 3), (150, 128, 100), np.uint8)  # as skin is
     depth = np.full((60, 80), 0.8, np.float32)
     mask = np.zeros((60, 80), bool)
     mask[20:40, 30:50] = True
@@ -193,7 +194,9 @@ BAD = {
         dict(mask=np.ones((60, 80), np.uint8)),
         r"mask must be \(H, W\) bool, got \(60, 80\) uint8",
     ),
-    "mask over everything": (dict(mask=np.ones((60, 80), bool)), "the mask covers all 4800 pixels"),
+    "mask over everything": (dict(mask=np.ones((60, 80), bool)), "the mask covers 100 % of the"),
+    "mask inverted": (dict(mask=~frame()[2]), "the mask covers 92 % of the .* is it inverted"),
+    "a network without use": (dict(checkpoint="net", method="nearest"), "method nearest uses no"),
     "20 keypoints": (dict(keypoints=hand()[:20]), r"21 keypoints.*got \(20, 3\)"),
     "NaN in the hand": (
         dict(keypoints=np.where(np.arange(21)[:, None] == 4, np.nan, hand())),
@@ -332,6 +335,48 @@ def test_measured_depth_in_the_mask_counts_where_it_is_trusted(tmp_path) -> None
     assert any("pixels had a measured depth; it is trusted" in n for n in told.notes)
 
 
+@pytest.mark.parametrize(
+    ("changed", "says"),
+    [
+        (dict(fx=75.0), r"not be square \(fy is 1.33 times fx\)"),
+        (dict(fx=50.0, cx=80.0), r"not be square \(fy is 2.00 times fx\); cx = 80 is 51 %"),
+        (dict(cx=30.0, cy=42.0), "camera: cy = 42 is 21 % of the picture off center; are"),
+        (dict(fx=160.0, fy=160.0), "would see 28 degrees across, expected 40 to 125"),
+        ({}, None),
+    ],
+)
+def test_an_odd_camera_is_noted_whatever_the_method(changed: dict, says: str | None) -> None:
+    color, depth, mask = frame()
+    camera = dataclasses.replace(CAMERA, **changed)
+    notes = [n for n in restore(color, depth, camera, mask, method="nearest").notes if "odd" in n]
+    assert len(notes) == (says is not None)
+    assert says is None or re.search(says, notes[0])
+
+
+def test_skin_that_is_gray_or_blue_gives_no_probability(tmp_path) -> None:
+    from hadr.training.checkpoints import save_checkpoint
+
+    color, depth, mask = frame()
+    path, size = tmp_path / "plus.safetensors", {"width": 64, "height": 40}
+    rule = ConfidenceRule("candidates", 0.0, 1.0, Calibration((0.2, 0.8), (0.3, 0.3))).to_dict()
+    save_checkpoint(path, depth_network("hadr-plus"), size)
+    ground = {"confidence": rule, "ground": ground_of_frame(path)}
+    save_checkpoint(path, depth_network("hadr-plus"), size | ground)
+    said = {}
+    gray = np.repeat(color[..., 1:2], 3, axis=2)
+    for name, picture in (
+        ("as it is", color),
+        ("swapped", color[..., ::-1].copy()),
+        ("gray", gray),
+    ):
+        result = restore(picture, depth, CAMERA, mask, hand(), checkpoint=path)
+        said[name] = result.tolerance_m, [n for n in result.notes if "red exceeds blue" in n]
+    assert said["as it is"] == (0.02, [])
+    for name, excess in (("swapped", -50), ("gray", 0)):
+        assert said[name][0] is None
+        assert f"red exceeds blue by {excess} of 255" in said[name][1][0]
+
+
 @pytest.mark.parametrize("method", ["nearest", "inpaint", "hand-median"])
 def test_without_learning_trust_means_to_keep_what_was_measured(method: str) -> None:
     color, depth, mask = frame()
@@ -424,7 +469,7 @@ def test_a_calibrated_checkpoint_says_what_its_confidence_means_where_it_holds(t
     assert ", so there is no probability of being right: " in said
     assert said.count(", in training ") == len(far.ground.why)
     assert confidence_means(far).startswith("no probability: ")
-    listed = report(depth, CAMERA, far, None, {}, {})["ground"]
+    listed = report(depth, CAMERA, far, None, {})["ground"]
     assert listed["inside"] is False
     assert listed["features"]["distance"] == pytest.approx(1.4)
 

@@ -81,6 +81,7 @@ def make_frame(root: Path) -> None:
     mask = np.zeros((48, 64), np.uint8)
     mask[10:30, 20:40] = 255
     color = np.random.default_rng(0).integers(0, 255, (48, 64, 3)).astype(np.uint8)
+    color.sort(axis=2)  # red above blue, as skin is, in OpenCV's order
     hand = np.zeros((21, 3)) + np.linspace(0, 0.15, 21)[:, None] + (-0.1, -0.05, 0.65)
     for name, image in (("rgb.png", color), ("rgb.jpg", color), ("depth.png", depth),
                         ("mask.png", mask), ("arm.png", 255 - mask)):  # fmt: skip

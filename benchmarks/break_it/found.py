@@ -3,6 +3,7 @@
 # fmt: off
 # ruff: noqa: E501
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -291,6 +292,7 @@ def many() -> list[Case]:
     return made
 
 
+SMALL = {"fx": 80, "fy": 80, "cx": 31.5, "cy": 23.5, "width": 64, "height": 48}
 FINGER = [[0.01 * n, 0, 0.5] for n in range(21)]
 FOUND_ONE_BY_ONE = [
     *many(),
@@ -305,6 +307,20 @@ FOUND_ONE_BY_ONE = [
                    says=("shows nothing",)) for e in ("a * 0", "a * 0 + 200", "a // 60")),
     *(call.case("noted", f"depth {e}", ("depth.png", "array", e), expect="noted", says=("would measure",))
       for call, e in ((NEAREST, "a // 10"), (NEAREST, "a * 10"), (NETWORK, "a // 10"))),
+    *(NEAREST.case("noted", f"camera: {name}", ("camera.json", "text", json.dumps(SMALL | changed)), expect="noted",
+                   says=("odd camera",)) for name, changed in (
+        ("fx and cx swapped", {"fx": 31.5, "cx": 80}), ("cx and cy swapped", {"cx": 23.5, "cy": 31.5}),
+        ("of twice the size", {"fx": 160, "fy": 160}), ("fx and fy swapped", {"fx": 80, "fy": 60}))),
+    *(call.case("noted", f"colour: {e}", ("rgb.png", "array", e), expect="noted", says=("red exceeds blue",))
+      for call in (NETWORK, PLUS) for e in ("a[..., ::-1]", "a[..., [1, 1, 1]]")),
+    *(call.case("picture", "the mask is inverted", ("mask.png", "array", "255 - a"), says=("inverted",))
+      for call in (NEAREST, HAND, NETWORK)),
+    NEAREST.case("together", "--checkpoint of no network", checkpoint="net.safetensors", says=("--checkpoint",)),
+    NETWORK.case("noted", "a segmentation without use", segmentation="seg.safetensors", expect="noted", says=("not used",)),
+    *(NEAREST.case("loss", f"--overwrite of {name}, edited", (f"restored/{name}", "text", "mine"), overwrite="", out="restored",
+                   says=(name,)) for name in ("depth.png", "cloud.ply", "view.html", "hand.json")),
+    NEAREST.case("loss", "--overwrite of report.json, edited", ("restored/report.json", "field", "method", "mine"), overwrite="",
+                 out="restored", says=("restored",)),
     *(call.case("place", f"--{option}: where nothing can be", **{option: "/proc/x"}, says=("'/proc/x'",))
       for call, option in ((NEAREST, "out"), (GENERATE, "out"), (TRAIN, "out"), (EVALUATE, "out"), (COURSE, "out"))
       if Path("/proc/self").exists()),

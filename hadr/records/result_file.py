@@ -137,9 +137,9 @@ def unchanged(content: Mapping[str, Any]) -> bool:
     where = content.get("provenance")
     if isinstance(where, dict) and "sha256" in where:
         rest = {**content, "provenance": {k: v for k, v in where.items() if k != "sha256"}}
-        return digest(rest) == where["sha256"]
+        return bool(digest(rest) == where["sha256"])
     rest = {k: v for k, v in content.items() if k != "sha256"}
-    return digest(rest) == content.get("sha256")
+    return bool(digest(rest) == content.get("sha256"))
 
 
 def sealed_page(page: str) -> str:

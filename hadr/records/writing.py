@@ -52,7 +52,7 @@ def _told_of(target: Path, draft: Path) -> Iterator[None]:
         yield
     except OSError as error:
         if error.filename is not None and str(error.filename).startswith(str(draft)):
-            words = f"it can't be written ({os.strerror(error.errno or 0)})"
+            words = f"the output can't be written ({os.strerror(error.errno or 0)})"
             raise OSError(error.errno, words, str(target)) from error
         raise
 

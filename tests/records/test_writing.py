@@ -119,7 +119,7 @@ def test_an_owner_that_wrote_nothing_leaves_nothing(tmp_path):
 
 
 def test_errors_name_what_was_to_be_written(tmp_path):
-    said = r"it can't be written \(No such file or directory\): '{}'$"
+    said = r"the output can't be written \(No such file or directory\): '{}'$"
 
     def refused(name):
         return pytest.raises(FileNotFoundError, match=said.format(tmp_path / name))
