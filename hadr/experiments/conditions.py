@@ -43,19 +43,34 @@ def _checkpoints() -> Path:
 
 
 CHECKPOINTS = _checkpoints()
-SEGMENTATION = str(CHECKPOINTS / "segmentation-mini.safetensors")
-HANDS = str(CHECKPOINTS / "hand-keypoints-mini.safetensors")
 TRUE = "all true"
-KEYPOINTS: Mapping[str, Given] = {TRUE: Given(), "predicted keypoints": Given(keypoints=HANDS)}
-"""What the table of keypoints compares."""
-MASKS: Mapping[str, Given] = {
-    TRUE: Given(),
-    "predicted mask": Given(masks=SEGMENTATION),
-    "simulated sensor": Given("sensor"),
-    "predicted mask and keypoints": Given(masks=SEGMENTATION, keypoints=HANDS),
-    "simulated sensor, predicted mask and keypoints": Given("sensor", SEGMENTATION, HANDS),
-}
-"""What the table of masks compares."""
+
+
+def keypoints_given(size: str) -> dict[str, Given]:
+    """What the table of keypoints compares, by its words, with a preset."""
+    return {TRUE: Given(), "predicted keypoints": Given(keypoints=_finder("hand-keypoints", size))}
+
+
+def masks_given(size: str) -> dict[str, Given]:
+    """What the table of masks compares; no sensor was simulated for preset imagenet's frames."""
+    masks, hands = (_finder(kind, size) for kind in ("segmentation", "hand-keypoints"))
+    both = "predicted mask and keypoints"
+    found = {
+        TRUE: Given(),
+        "predicted mask": Given(masks=masks),
+        "simulated sensor": Given("sensor"),
+        both: Given(masks=masks, keypoints=hands),
+        f"simulated sensor, {both}": Given("sensor", masks, hands),
+    }
+    return {n: g for n, g in found.items() if size != "imagenet" or g.corruption != "sensor"}
+
+
+def _finder(kind: str, size: str) -> str:
+    """The bundled network that finds masks or keypoints in frames like those of a preset."""
+    of = "imagenet" if size == "imagenet" else "mini"
+    return str(CHECKPOINTS / f"{kind}-{of}.safetensors")
+
+
 WITH_HAND = ("hand-median", "hadr", "hadr-long", "unet-hand", "hadr-plus")
 """Methods that are given keypoints."""
 IN_CONDITIONS = ("hand-median", "hadr", "hadr-long", *RIVALS, "unet-hand", "hadr-plus")
@@ -162,16 +177,19 @@ def hand_median(truth: FrameTensors) -> Scores:
 
 
 def condition_rows(
-    bench: Bench, conditions: Mapping[str, Given], holds: Sequence[str] | None
+    bench: Bench,
+    conditions: Mapping[str, Given],
+    methods: Sequence[str],
+    holds: Sequence[str] | None,
 ) -> list[dict[str, Any]]:
-    """Gather the finished rows of `KEYPOINTS` or `MASKS`, the methods in the tables' order.
+    """Gather the finished rows of a table of conditions, the methods in the tables' order.
 
     Each has ``against_true``: the same method compared, frame by frame, with itself when all is
     true, and ``against_hadr``: with HADR under the same condition. `holds` is the hold of each test
     frame.
     """
     found = {}
-    for method in WITH_HAND if conditions is KEYPOINTS else IN_CONDITIONS:
+    for method in methods:
         run = Run("known", method, _first_seed(bench, method))
         found[method] = {n: finished_condition(bench, run, n, g) for n, g in conditions.items()}
     rows = []
@@ -209,16 +227,17 @@ def _first_seed(bench: Bench, method: str) -> int:
     return min(numbers, default=0)
 
 
-def conditions_of(seeds: Mapping[str, int]) -> list[tuple[Run, str, Given]]:
+def conditions_of(seeds: Mapping[str, int], size: str) -> list[tuple[Run, str, Given]]:
     """List the conditions that the two tables need for some methods, each once."""
+    masks, keypoints = masks_given(size), keypoints_given(size)
     wanted = {
         (name, method): given
-        for conditions, those in ((KEYPOINTS, WITH_HAND), (MASKS, IN_CONDITIONS))
+        for conditions, those in ((keypoints, WITH_HAND), (masks, IN_CONDITIONS))
         for name, given in conditions.items()
         for method in those
         if method in seeds
     }
-    order = [*MASKS, *KEYPOINTS]
+    order = [*masks, *keypoints]
     return [
         (Run("known", method, seeds[method]), name, given)
         for (name, method), given in sorted(wanted.items(), key=lambda w: order.index(w[0][0]))

@@ -177,14 +177,11 @@ def _epochs_left(bench: Bench, run: Run) -> tuple[int, int]:
 
 
 def _conditions(bench: Bench, runs: Sequence[Run]) -> list[tuple[Run, str, Given]]:
-    """What the tables of conditions need of these runs; with another corruption, nothing.
-
-    With preset imagenet neither: the bundled finders never saw glass as near as in its frames.
-    """
-    if bench.corruption != "oracle" or bench.size == "imagenet":
+    """What the tables of conditions need of these runs; with another corruption, nothing."""
+    if bench.corruption != "oracle":
         return []
     seeds = {run.method: run.seed for run in reversed(runs) if run.experiment == "known"}
-    return list(conditions_of(seeds))
+    return conditions_of(seeds, bench.size)
 
 
 def measure_all(bench: Bench, runs: Sequence[Run], tables: str | Path, *, jobs: int = 1) -> None:

@@ -18,7 +18,13 @@ from pathlib import Path
 from typing import Any
 
 from hadr.experiments.averages import against, table_rows
-from hadr.experiments.conditions import KEYPOINTS, MASKS, condition_rows
+from hadr.experiments.conditions import (
+    IN_CONDITIONS,
+    WITH_HAND,
+    condition_rows,
+    keypoints_given,
+    masks_given,
+)
 from hadr.experiments.protocol import EXPERIMENTS, METHODS, PARTS, SEEING, SWITCHES, Experiment
 from hadr.experiments.runner import Bench, Run
 from hadr.experiments.scoring import EVALUATION_SIZE
@@ -57,6 +63,10 @@ def write_tables(bench: Bench, folder: str | Path) -> list[Path]:
             found[split, method]["against_next"] = pair
     gaps = against(rows, "known", ABLATION["full"], holds.get("known"))
     oracle = bench.corruption == "oracle"
+    conditions = {
+        "keypoints": (keypoints_given(bench.size), WITH_HAND),
+        "segmentation": (masks_given(bench.size), IN_CONDITIONS),
+    }
     tables: dict[str, list[dict[str, Any]]] = {
         "known": [found[key] for m in METHODS if (key := ("known", m)) in found],
         "unknown": [found[key] for m in METHODS if (key := ("unknown", m)) in found],
@@ -66,8 +76,10 @@ def write_tables(bench: Bench, folder: str | Path) -> list[Path]:
             if (key := ("known", method)) in found
         ],
         "ledger": [{**found[key], "method": name} for name, key in LEDGER.items() if key in found],
-        "keypoints": condition_rows(bench, KEYPOINTS, holds.get("known")) if oracle else [],
-        "segmentation": condition_rows(bench, MASKS, holds.get("known")) if oracle else [],
+        **{
+            name: condition_rows(bench, *those, holds.get("known")) if oracle else []
+            for name, those in conditions.items()
+        },
     }
     written = []
     origin = {**provenance(), "machine": machine_text(), "data": bench.data}

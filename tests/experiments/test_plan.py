@@ -5,7 +5,7 @@ import pytest
 
 from hadr.data.samples import samples_dir
 from hadr.experiments.averages import table_rows
-from hadr.experiments.conditions import KEYPOINTS, MASKS
+from hadr.experiments.conditions import keypoints_given, masks_given
 from hadr.experiments.plan import (
     handover_steps,
     make_handover_table,
@@ -68,7 +68,8 @@ def test_every_system_has_every_preset_and_a_step(size, tmp_path):
     bench = Bench([samples_dir() / "frames"], tmp_path, size)
     runs = plan(size=size)
     steps = table_steps(bench, runs, {"known/hadr/seed-0": 5.0, "given all true": 3.0})
-    given = [] if size == "imagenet" else [f"given {n}" for n in {**MASKS, **KEYPOINTS}]
+    given = [f"given {n}" for n in {**masks_given(size), **keypoints_given(size)}]
+    assert any("sensor" in n for n in given) == (size != "imagenet")  # its frames have none
     assert [step.name for step in steps[: len(plan(size=size))]] == [
         run.name for run in plan(size=size)
     ]

@@ -14,12 +14,12 @@ from hadr.data.samples import samples_dir
 from hadr.experiments import runner
 from hadr.experiments.again import measure_again
 from hadr.experiments.conditions import (
-    KEYPOINTS,
-    MASKS,
     TRUE,
     condition_of,
     conditions_of,
     finished_condition,
+    keypoints_given,
+    masks_given,
     measure_condition,
 )
 from hadr.experiments.plan import measure_all, plan, table_steps
@@ -31,6 +31,7 @@ from hadr.press.report import DEFAULT, ledger_table, tuning_table
 from hadr.records.result_file import read_result_file, seal_row, write_result_file
 from hadr.training.recipe import Preset
 
+KEYPOINTS, MASKS = keypoints_given("tiny"), masks_given("tiny")
 PUBLISHED = Path(__file__).resolve().parents[2] / "results" / "paper_tables.json"
 
 
@@ -189,8 +190,8 @@ def test_conditions_are_measured_once_and_sealed(made: tuple[Bench, Path]) -> No
 
 def test_each_condition_is_listed_once() -> None:
     seeds = {"hadr": 2, "dfnet": 0, "raw": 0}
-    assert {run.seed for run, _, _ in conditions_of(seeds) if run.method == "hadr"} == {2}
-    listed = [(run.method, name) for run, name, _ in conditions_of(seeds)]
+    assert {run.seed for run, _, _ in conditions_of(seeds, "tiny") if run.method == "hadr"} == {2}
+    listed = [(run.method, name) for run, name, _ in conditions_of(seeds, "tiny")]
     assert len(listed) == len(set(listed))
     assert {name for method, name in listed if method == "hadr"} == {*KEYPOINTS, *MASKS}
     assert {name for method, name in listed if method == "dfnet"} == set(MASKS)
